@@ -1,0 +1,45 @@
+// Clusters of points by distance, exactly as PCL and scikit-learn define them.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+namespace unlidar {
+
+enum class ClusterMethod { kEuclidean, kDbscan };
+enum class ClusterEngine { kGrid, kPcl };
+
+struct ClusteringConfig {
+  ClusterMethod method = ClusterMethod::kEuclidean;
+  ClusterEngine engine = ClusterEngine::kGrid;
+  double tolerance_m = 0.5;  // eps of DBSCAN; 1e-6 to 1e6
+  int min_neighbours = 5;    // DBSCAN only: a core point has so many within eps, itself included
+  int min_cluster_size = 1;  // smaller clusters become noise
+};
+
+inline constexpr std::int32_t kNoise = -1;
+
+struct Clustering {
+  std::vector<std::int32_t> labels;  // (N) kNoise or 0 ... num_clusters - 1, see Cluster()
+  std::int32_t num_clusters = 0;
+};
+
+// Labels N points, in metres.
+//
+// kEuclidean is the partition of pcl::EuclideanClusterExtraction: connected components of the graph
+// that joins two points when their squared distance, accumulated in float as FLANN does, is *below*
+// float(tolerance)^2.
+//
+// kDbscan is sklearn.cluster.DBSCAN (Ester et al., KDD 1996) on the same coordinates as doubles:
+// neighbours are at most `tolerance_m` apart, a point counts among its own, and a border point goes
+// to the cluster, of those whose core points reach it, that holds the lowest core index.
+//
+// Clusters are numbered by their lowest core index (each point of a Euclidean cluster is core), as
+// scikit-learn does, after those below `min_cluster_size` were dropped. Both engines give the same
+// labels. Points that are not finite, or have a coordinate beyond 1e37 m, are noise.
+//
+// Throws ConfigError for a tolerance outside [1e-6, 1e6] m or counts below 1.
+Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const ClusteringConfig& config);
+
+}  // namespace unlidar

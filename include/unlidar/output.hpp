@@ -1,0 +1,37 @@
+// The bytes of the output files. The same result gives the same bytes, whatever the locale.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "unlidar/config.hpp"
+#include "unlidar/pipeline.hpp"
+
+namespace unlidar {
+
+// timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support - one row per track and output
+// time, in order of (time, track). Seconds with nine digits, metres, m/s; header only without a
+// track.
+std::string TrajectoryCsv(const std::vector<Track>& tracks);
+
+// `timestamp tx ty tz qx qy qz qw` lines of one track, the format of the TUM RGB-D benchmark.
+// Returns of a point-like target say nothing about its attitude: the quaternion is always
+// identity. Null for no track: the comment line only.
+std::string TrajectoryTum(const Track* track);
+
+// One row per global cluster, best first: every number of the paper's equations, see ClusterScore.
+// Times in seconds, `eligible` is 1 or 0.
+std::string ClustersCsv(const std::vector<ClusterScore>& clusters);
+
+// The returns of all tracks, track by track, as binary PCD.
+std::string TargetPointsPcd(const Recording& recording, const std::vector<Track>& tracks);
+
+// Version, effective config, inputs, counts and times per stage, tracks as JSON. Times stand in
+// this output only.
+std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
+                        const PipelineResult& result);
+
+// "1706255621.600227000": exact, from integers.
+std::string SecondsText(TimeNs time_ns);
+
+}  // namespace unlidar

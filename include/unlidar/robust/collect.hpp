@@ -1,0 +1,32 @@
+// Going back for the rest: all returns of a target, once it is known where it flew.
+#pragma once
+
+#include <vector>
+
+#include "unlidar/robust/background.hpp"
+#include "unlidar/robust/plots.hpp"
+#include "unlidar/trajectory.hpp"
+#include "unlidar/types.hpp"
+
+namespace unlidar {
+
+struct CollectConfig {
+  int rounds = 3;                   // of fit and collection
+  double body_sigma_m = 0.15;       // spread of the returns over the body, per axis
+  double centre_sigma_m = 0.04;     // of the mean of a frame's returns: which side is seen
+  double beam_sigma_rad = 0.002;    // growth of the spread with range
+  double gate = 4.0;                // standard deviations in which a return may lie
+  double max_search_sigma_m = 1.0;  // where the trajectory is less sure, nothing is collected
+  double max_extension_s = 2.0;     // beyond the ends, per round
+  RangeRadius presence{1.5, 0.03};  // the target's stay at a place says nothing of its clutter
+  double sensor_bias_m = 0.2;       // prior standard deviation of how far two sensors disagree
+  double sensor_overlap_s = 0.3;    // longest pause of the first across which they are compared
+};
+
+// The target of a path: its returns, and per frame their mean. `excluded` returns (N) are left
+// alone. Empty measurements where nothing fits.
+Target CollectTarget(const Recording& recording, const Background& background,
+                     const std::vector<Plot>& path, const std::vector<char>& excluded,
+                     const CollectConfig& config, const TrajectoryConfig& trajectory_config);
+
+}  // namespace unlidar

@@ -1,0 +1,47 @@
+// The path of plots that a flying target explains best: a search over all times at once.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "unlidar/robust/plots.hpp"
+
+namespace unlidar {
+
+struct TrackerConfig {
+  std::vector<double> sigma_a_mps2 = {1.0, 3.0, 8.0};  // agility tried: hover, transit, sport
+  double acceleration_time_s = 2.0;                    // how long an acceleration lasts
+  double manoeuvre_factor = 3.0;  // between two plots it may be so much more agile,
+  double manoeuvre_log = -2.3;    // with this log probability
+  std::vector<double> birth_speeds_mps = {1.0, 8.0};  // standard deviations per axis tried
+  double max_speed_mps = 35.0;
+  double max_gap_s = 5.0;          // without a plot
+  int hypotheses_per_plot = 3;     // kept at each plot and agility
+  double echo_m2 = 400.0;          // expected returns per frame of a typical drone, times range^2;
+  double echo_shape = 0.7;         // shape of the gamma distribution about it
+  double shadow_log = -5.0;        // log probability of being hidden behind something,
+  double shadow_log_per_s = -0.5;  // and of staying there
+  double max_extent_m = 1.2;       // a drone is no larger; more costs extent_log_per_m
+  double extent_log_per_m = -0.8;
+  double max_returns_log = 2.0;  // the most that many returns in a plot speak for it
+  int max_hypotheses = 1000;     // carried on at any time, the best first
+  int max_paths = 20;
+  double min_fragment_log = 7.0;  // weaker paths are not looked at
+  double birth_cost = 12.0;       // what a further target must explain
+  double min_exchange_log = 1.0;  // least gain of an exchange or a join
+  double give_up_log = -6.0;      // a hypothesis worse than this is dropped
+};
+
+struct Path {
+  std::vector<std::uint32_t> plots;  // ascending
+  double score = 0.0;  // log likelihood ratio against clutter, the first plot taken as given
+};
+
+// Paths by falling score. Each is found by dynamic programming over plots, where every plot keeps
+// the best few ways to reach it, each with its Kalman state (Singer's model); then the next in what
+// is left. As this takes the best first, pairs of paths then exchange tails, or join, as long as
+// the sum of their scores grows: crossing targets find their own continuation.
+std::vector<Path> FindPaths(const std::vector<Plot>& plots, double period_s,
+                            const TrackerConfig& config);
+
+}  // namespace unlidar

@@ -1,0 +1,36 @@
+// Rows of a fitted trajectory at the output times.
+#pragma once
+
+#include <vector>
+
+#include "unlidar/trajectory.hpp"
+#include "unlidar/types.hpp"
+
+namespace unlidar {
+
+struct TimeInterval {
+  TimeNs begin_ns = 0;
+  TimeNs end_ns = 0;
+};
+
+// From first to last measurement, widened to the whole frames, of any sensor, in which they lie: a
+// stamp names all of its frame, whose returns were measured a little before or after it.
+TimeInterval EvidenceInterval(const Recording& recording, const Trajectory& trajectory);
+
+// One row per output time inside the interval, except where the largest sigma exceeds max_sigma_m
+// or a number is not finite. `times_ns` ascends.
+std::vector<TrajectoryRow> SampleTrajectory(const Trajectory& trajectory,
+                                            const TimeInterval& interval,
+                                            const std::vector<TimeNs>& times_ns,
+                                            double max_sigma_m);
+
+// Sets the support of each row: the returns of the target whose frames' stamps are nearer to it
+// than to any other row, the earlier one of two equally near. (The middle of a frame lies halfway
+// between two stamps: by it, jitter would decide.) The sum over the rows is the number of returns.
+void CountSupport(const Recording& recording, const std::vector<std::uint32_t>& returns,
+                  std::vector<TrajectoryRow>& rows);
+
+// Length of the path between first and last measurement.
+double PathLength(const Trajectory& trajectory);
+
+}  // namespace unlidar

@@ -1,0 +1,31 @@
+// Symmetric positive definite matrices of a narrow band, as splines give them: everything is linear
+// in their size.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+namespace unlidar {
+
+// Four neighbouring control points of three coordinates each hang together.
+inline constexpr int kBandRows = 12;
+
+// Lower triangle: entry p of column j is element (j + p, j). Columns beyond the matrix are zero, so
+// that no loop has to stop early at its end.
+using BandedMatrix = std::vector<Eigen::Matrix<double, kBandRows, 1>>;
+
+BandedMatrix ZeroBandedMatrix(int size);
+
+// L of L L' = A, in place. False where A is not positive definite.
+bool FactoriseBanded(BandedMatrix& matrix);
+
+// log det A from its factor L.
+double LogDeterminantBanded(const BandedMatrix& factor);
+
+// x of A x = b, in place, from the factor L of A.
+void SolveBanded(const BandedMatrix& factor, Eigen::VectorXd& x);
+
+// The elements of inv(A) within the band, from the factor L of A (Takahashi, Fagan and Chen 1973).
+BandedMatrix InvertWithinBand(const BandedMatrix& factor);
+
+}  // namespace unlidar

@@ -1,0 +1,153 @@
+#include "frame_directory.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <optional>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "unlidar/error.hpp"
+#include "unlidar/stamp.hpp"
+
+namespace unlidar {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::string_view kFrameSuffix = ".pcd";
+constexpr const char* kStampFile = "timestamps.csv";
+constexpr std::string_view kStampHeader = "file,timestamp";
+constexpr const char* kExpectedStamp =
+    "expected seconds with a point, or a whole number of s, ms, us or ns since 1970";
+
+using StampsByFile = std::map<std::string, TimeNs, std::less<>>;
+
+// What a shell's *.pcd matches: no hidden files.
+bool IsFrameName(const std::string& name) {
+  return name.size() > kFrameSuffix.size() && name.front() != '.' &&
+         name.compare(name.size() - kFrameSuffix.size(), kFrameSuffix.size(), kFrameSuffix) == 0;
+}
+
+std::vector<std::string> FrameNames(const std::string& directory) {
+  std::error_code error;
+  std::vector<std::string> names;
+  fs::directory_iterator entry(directory, error);
+  for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
+    std::error_code broken_link;  // stays in the list, so that reading it is an error
+    const std::string name = entry->path().filename().string();
+    if (IsFrameName(name) && !entry->is_directory(broken_link)) names.push_back(name);
+  }
+  if (error) {
+    throw InputError(directory + ": " + error.message() + ", expected a directory of .pcd frames");
+  }
+  if (names.empty()) {
+    throw InputError(directory + ": holds no .pcd file, expected at least one frame");
+  }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+std::optional<TimeNs> StampInRange(std::string_view text) {
+  const std::optional<TimeNs> stamp_ns = ParseStamp(text);
+  if (!stamp_ns || *stamp_ns > kMaxStampNs || *stamp_ns < -kMaxStampNs) return std::nullopt;
+  return stamp_ns;
+}
+
+std::string_view Trimmed(std::string_view text) {
+  constexpr std::string_view kBlanks = " \t\r";
+  const std::size_t begin = text.find_first_not_of(kBlanks);
+  if (begin == std::string_view::npos) return {};
+  return text.substr(begin, text.find_last_not_of(kBlanks) + 1 - begin);
+}
+
+// Empty if the directory has no such file.
+std::optional<StampsByFile> ReadStampFile(const std::string& directory,
+                                          const std::vector<std::string>& names) {
+  const fs::path path = fs::path(directory) / kStampFile;
+  std::error_code error;
+  if (!fs::exists(path, error) && !error) return std::nullopt;
+  std::ifstream file(path);
+  std::size_t line_number = 0;
+  const auto fail = [&](const std::string& what) {
+    throw InputError(path.string() + ":" + std::to_string(line_number) + ": " + what);
+  };
+  std::string buffer;
+  StampsByFile stamps;
+  while (std::getline(file, buffer)) {
+    ++line_number;
+    const std::string_view line = Trimmed(buffer);
+    if (line_number == 1) {
+      if (line != kStampHeader) {
+        fail("the header is '" + std::string(line.substr(0, 40)) + "', expected '" +
+             std::string(kStampHeader) + "'");
+      }
+      continue;
+    }
+    if (line.empty()) continue;
+    const std::size_t comma = line.rfind(',');
+    if (comma == std::string_view::npos) {
+      fail("'" + std::string(line.substr(0, 80)) +
+           "' has one value, expected a file and its stamp");
+    }
+    const std::string name(Trimmed(line.substr(0, comma)));
+    const std::string stamp(Trimmed(line.substr(comma + 1)));
+    const std::optional<TimeNs> stamp_ns = StampInRange(stamp);
+    if (!stamp_ns) fail("the timestamp is '" + stamp.substr(0, 40) + "', " + kExpectedStamp);
+    if (!std::binary_search(names.begin(), names.end(), name)) {
+      fail("'" + name.substr(0, 80) +
+           "' is no frame in this directory, expected the name of a "
+           ".pcd file in it");
+    }
+    if (!stamps.emplace(name, *stamp_ns).second) {
+      fail("'" + name + "' is listed a second time, expected one stamp for each file");
+    }
+  }
+  if (line_number == 0) {
+    throw InputError(path.string() + ": cannot be read or is empty, expected the header '" +
+                     std::string(kStampHeader) + "'");
+  }
+  for (const std::string& name : names) {
+    if (stamps.count(name) == 0) {
+      fail("the last line, and no stamp for '" + name + "', expected one for every .pcd file");
+    }
+  }
+  return stamps;
+}
+
+}  // namespace
+
+std::vector<FrameFile> ListFrames(const std::string& directory) {
+  const std::vector<std::string> names = FrameNames(directory);
+  const std::optional<StampsByFile> listed = ReadStampFile(directory, names);
+  std::vector<FrameFile> frames;
+  for (const std::string& name : names) {
+    const std::string path = (fs::path(directory) / name).string();
+    if (listed) {
+      frames.push_back({path, listed->at(name)});
+      continue;
+    }
+    const std::string stem = name.substr(0, name.size() - kFrameSuffix.size());
+    const std::optional<TimeNs> stamp_ns = StampInRange(stem);
+    if (!stamp_ns) {
+      throw InputError(path + ": '" + stem + "' is no stamp, " + kExpectedStamp +
+                       ", or a row of timestamps.csv");
+    }
+    frames.push_back({path, *stamp_ns});
+  }
+  const auto before = [](const FrameFile& a, const FrameFile& b) {
+    return a.stamp_ns < b.stamp_ns;
+  };
+  std::stable_sort(frames.begin(), frames.end(), before);
+  for (std::size_t i = 1; i < frames.size(); ++i) {
+    if (frames[i].stamp_ns == frames[i - 1].stamp_ns) {
+      throw InputError(frames[i].path + ": has the stamp " + std::to_string(frames[i].stamp_ns) +
+                       " ns of " + frames[i - 1].path + ", expected one frame for each stamp");
+    }
+  }
+  return frames;
+}
+
+}  // namespace unlidar

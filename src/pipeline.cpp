@@ -1,0 +1,95 @@
+#include "unlidar/pipeline.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+#include "format.hpp"
+#include "unlidar/sampling.hpp"
+
+namespace unlidar {
+namespace {
+
+// Runs one stage after the other and takes their times.
+class StageTimer {
+ public:
+  StageTimer(const ProgressCallback& progress, std::vector<StageTime>& times)
+      : progress_(progress), times_(times) {}
+
+  // Ends the stage that began with the end of the one before.
+  void End(const std::string& stage, const std::string& found) {
+    const auto now = std::chrono::steady_clock::now();
+    times_.push_back({stage, std::chrono::duration<double>(now - begin_).count()});
+    begin_ = now;
+    progress_(times_.back(), found);
+  }
+
+ private:
+  const ProgressCallback& progress_;
+  std::vector<StageTime>& times_;
+  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+};
+
+// Tracks are numbered in this order.
+bool IsSeenEarlier(const Target& a, const Target& b) {
+  const auto key = [](const Target& target) {
+    return std::make_pair(target.measurements.front().time_ns, target.returns);
+  };
+  return key(a) < key(b);
+}
+
+Track FitTrack(const Recording& recording, const Target& target,
+               const std::vector<TimeNs>& times_ns, const TrajectoryConfig& config) {
+  const Trajectory trajectory = FitTrajectory(target.measurements, config);
+  Track track;
+  track.begin_ns = trajectory.begin_ns();
+  track.end_ns = trajectory.end_ns();
+  track.score = target.score;
+  track.length_m = PathLength(trajectory);
+  track.returns = target.returns;
+  track.rows = SampleTrajectory(trajectory, EvidenceInterval(recording, trajectory), times_ns,
+                                config.max_sigma_m);
+  CountSupport(recording, track.returns, track.rows);
+  return track;
+}
+
+}  // namespace
+
+PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
+                           const ProgressCallback& progress) {
+  PipelineResult result;
+  StageTimer timer(progress, result.times);
+
+  result.recording = ReadRecording(request.sources, config.input, config.sensors);
+  const Recording& recording = result.recording;
+  timer.End("read", Count(recording.frames.size(), "frame") + ", " +
+                        Count(recording.points_m.size(), "return"));
+
+  std::vector<Target> targets;
+  if (config.method == Method::kPaper) {
+    targets = FindTargetsPaper(recording, config.paper, &result.clusters);
+  } else {
+    RobustResult robust = FindTargetsRobust(recording, config.robust, config.trajectory);
+    targets = std::move(robust.targets);
+    result.robust_counts = robust.counts;
+  }
+  std::sort(targets.begin(), targets.end(), IsSeenEarlier);
+  timer.End("targets", Count(targets.size(), "target"));
+
+  if (request.score_clusters && config.method != Method::kPaper) {
+    result.clusters = ScoreClusters(recording, config.paper);
+    timer.End("clusters", Count(result.clusters.size(), "cluster"));
+  }
+
+  const std::vector<TimeNs> times_ns = ResolveOutputTimes(request.output_times, recording);
+  for (const Target& target : targets) {
+    Track track = FitTrack(recording, target, times_ns, config.trajectory);
+    track.id = static_cast<int>(result.tracks.size());
+    for (TrajectoryRow& row : track.rows) row.track_id = track.id;
+    result.tracks.push_back(std::move(track));
+  }
+  timer.End("trajectories", Count(result.tracks.size(), "track"));
+  return result;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,96 @@
+#include "unlidar/robust.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace unlidar {
+namespace {
+
+std::vector<Plot> PlotsOf(const Path& path, const std::vector<Plot>& plots) {
+  std::vector<Plot> members;
+  for (const std::uint32_t i : path.plots) members.push_back(plots[i]);
+  return members;
+}
+
+bool IsTaken(const Plot& plot, const std::vector<char>& excluded) {
+  return std::any_of(plot.returns.begin(), plot.returns.end(),
+                     [&](std::uint32_t i) { return excluded[i] != 0; });
+}
+
+// Whether a path is that of something that flies: people and cars are never off the ground. Their
+// lower parts are not hit in every frame, so heights are the lowest of a while.
+bool Flies(const std::vector<Plot>& path, const RobustConfig& config) {
+  const auto window_ns = static_cast<TimeNs>(config.off_ground_window_s * 1e9);
+  std::size_t num_high = 0;
+  for (const Plot& plot : path) {
+    double lowest_m = plot.lowest_m;
+    for (const Plot& other : path) {
+      if (std::abs(other.time_ns - plot.time_ns) <= window_ns) {
+        lowest_m = std::min(lowest_m, other.lowest_m);
+      }
+    }
+    if (lowest_m > config.off_ground_m) ++num_high;
+  }
+  return static_cast<double>(num_high) > config.off_ground_share * static_cast<double>(path.size());
+}
+
+}  // namespace
+
+RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,
+                               const TrajectoryConfig& trajectory_config) {
+  RobustResult result;
+  if (recording.points_m.empty()) return result;
+  const Background background(recording, config.background);
+  const Ground ground(background.StructurePoints(recording), config.ground);
+  std::vector<char> excluded;  // returns of bodies, then also of targets found
+  std::vector<Plot> plots = MakePlots(recording, background, ground, config.plots, &excluded);
+  // A score is a log likelihood ratio, so by Ville's inequality clutter reaches the threshold from
+  // any one plot with a probability of at most exp(-threshold).
+  const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1));
+  const double threshold = std::log(num_starts / config.false_alarms_per_recording);
+  const double period_s =
+      static_cast<double>(recording.sensors.front().frame_period_ns) * kSecondsPerNs;
+  const auto is_target = [&](const Path& path) {
+    return path.score >= threshold && static_cast<int>(path.plots.size()) >= config.min_plots &&
+           Flies(PlotsOf(path, plots), config);
+  };
+
+  // What the first round finds is clutter no more for the second, which then sees farther.
+  std::vector<char> explained(plots.size(), 0);
+  std::vector<Path> paths;
+  for (int round = 0; round < config.rounds; ++round) {
+    EstimateClutter(recording, background, config.plots, explained, &plots);
+    paths = FindPaths(plots, period_s, config.tracker);
+    const std::vector<char> before = explained;
+    for (const Path& path : paths) {
+      if (!is_target(path)) continue;
+      for (const std::uint32_t i : path.plots) explained[i] = 1;
+    }
+    if (explained == before) break;
+  }
+
+  result.counts = {background.unexplained().size(),
+                   static_cast<std::size_t>(std::count(excluded.begin(), excluded.end(), 1)),
+                   plots.size(), paths.size(), threshold};
+  for (const Path& path : paths) {
+    if (!is_target(path)) continue;
+    // A drone that shows as two plots in a frame leaves a second path beside its first.
+    std::vector<Plot> members = PlotsOf(path, plots);
+    members.erase(std::remove_if(members.begin(), members.end(),
+                                 [&](const Plot& plot) { return IsTaken(plot, excluded); }),
+                  members.end());
+    if (2 * members.size() < path.plots.size() ||
+        static_cast<int>(members.size()) < config.min_plots) {
+      continue;
+    }
+    Target target =
+        CollectTarget(recording, background, members, excluded, config.collect, trajectory_config);
+    if (target.measurements.empty()) continue;
+    target.score = path.score;
+    for (const std::uint32_t i : target.returns) excluded[i] = 1;
+    result.targets.push_back(std::move(target));
+  }
+  return result;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,206 @@
+#include "unlidar/robust/collect.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+namespace unlidar {
+namespace {
+
+// The covariance of one return about the target, without that of the trajectory.
+double ReturnVarianceM2(double range_m, const CollectConfig& config) {
+  const double beam_m = config.beam_sigma_rad * range_m;
+  return config.body_sigma_m * config.body_sigma_m + beam_m * beam_m;
+}
+
+// How far the target moves while the returns of a frame, whose own times are not known, arrive.
+Eigen::Matrix3d StreakM2(const Recording& recording, const FrameInfo& frame,
+                         const Eigen::Vector3d& velocity_mps) {
+  const bool has_point_times =
+      frame.last_return - frame.first_return > 1 &&
+      recording.times_ns[frame.first_return] != recording.times_ns[frame.last_return - 1];
+  if (has_point_times) return Eigen::Matrix3d::Zero();
+  const Eigen::Vector3d along_m =
+      velocity_mps * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+  return along_m * along_m.transpose() / 12.0;
+}
+
+Measurement Measure(const Recording& recording, const FrameInfo& frame,
+                    const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
+                    const CollectConfig& config) {
+  Measurement m;
+  const auto n = static_cast<double>(returns.size());
+  double offset_ns = 0.0;
+  for (const std::uint32_t i : returns) {
+    m.position_m += recording.points_m[i].cast<double>() / n;
+    offset_ns += static_cast<double>(recording.times_ns[i] - frame.begin_ns) / n;
+  }
+  m.time_ns = frame.begin_ns + std::llround(offset_ns);
+  m.support = static_cast<int>(returns.size());
+  const double variance = config.centre_sigma_m * config.centre_sigma_m +
+                          ReturnVarianceM2(m.position_m.norm(), config) / n;
+  m.covariance_m2 =
+      variance * Eigen::Matrix3d::Identity() + StreakM2(recording, frame, velocity_mps) / n;
+  return m;
+}
+
+struct Sighting {
+  Measurement measurement;
+  std::uint32_t sensor;
+};
+
+// How far each sensor sees the target from where the first sensor that saw it does: sensors are
+// never aligned perfectly. The mean difference, shrunk towards none as far as it is uncertain.
+std::vector<Eigen::Vector3d> SensorBiases(const std::vector<Sighting>& sightings,
+                                          std::size_t num_sensors, const CollectConfig& config) {
+  const std::uint32_t first =
+      std::min_element(sightings.begin(), sightings.end(),
+                       [](const Sighting& a, const Sighting& b) { return a.sensor < b.sensor; })
+          ->sensor;
+  std::vector<Eigen::Vector3d> sums(num_sensors, Eigen::Vector3d::Zero());
+  std::vector<double> information(num_sensors, 1.0 / (config.sensor_bias_m * config.sensor_bias_m));
+  const Measurement* before = nullptr;
+  for (std::size_t i = 0; i < sightings.size(); ++i) {
+    const Measurement& m = sightings[i].measurement;
+    if (sightings[i].sensor == first) {
+      before = &m;
+      continue;
+    }
+    std::size_t k = i;
+    while (k < sightings.size() && sightings[k].sensor != first) ++k;
+    if (before == nullptr || k == sightings.size()) continue;
+    const Measurement& after = sightings[k].measurement;
+    const double pause_s = static_cast<double>(after.time_ns - before->time_ns) * kSecondsPerNs;
+    if (pause_s > config.sensor_overlap_s || pause_s <= 0.0) continue;
+    const double share = static_cast<double>(m.time_ns - before->time_ns) * kSecondsPerNs / pause_s;
+    const Eigen::Vector3d reference = (1.0 - share) * before->position_m + share * after.position_m;
+    const double variance =
+        (m.covariance_m2 + (1.0 - share) * before->covariance_m2 + share * after.covariance_m2)
+            .trace() /
+        3.0;
+    sums[sightings[i].sensor] += (m.position_m - reference) / variance;
+    information[sightings[i].sensor] += 1.0 / variance;
+  }
+  for (std::size_t sensor = 0; sensor < num_sensors; ++sensor) sums[sensor] /= information[sensor];
+  return sums;
+}
+
+// The interval about `time_ns` in which the target is within `reach_m` of a place: its presence
+// says nothing of the clutter there.
+std::pair<TimeNs, TimeNs> Presence(const Trajectory& trajectory, TimeNs time_ns,
+                                   const Eigen::Vector3d& place_m, double reach_m) {
+  constexpr TimeNs kStep_ns = 250'000'000;
+  TimeNs from = time_ns;
+  while (from > trajectory.begin_ns() &&
+         (trajectory.At(from - kStep_ns).position_m - place_m).norm() < reach_m) {
+    from -= kStep_ns;
+  }
+  TimeNs to = time_ns;
+  while (to < trajectory.end_ns() &&
+         (trajectory.At(to + kStep_ns).position_m - place_m).norm() < reach_m) {
+    to += kStep_ns;
+  }
+  return {from, to};
+}
+
+// What is looked for in a frame: the returns that are likelier the target's than their place's.
+class Collector {
+ public:
+  Collector(const Recording& recording, const Background& background,
+            const std::vector<char>& excluded, const CollectConfig& config)
+      : recording_(recording), background_(background), excluded_(excluded), config_(config) {}
+
+  std::vector<std::uint32_t> Collect(const FrameInfo& frame, const Trajectory& trajectory,
+                                     const TrajectoryRow& expected,
+                                     double returns_per_frame) const {
+    const TimeNs middle_ns = expected.time_ns;
+    Eigen::Matrix3d s =
+        trajectory.CovarianceAt(middle_ns) + StreakM2(recording_, frame, expected.velocity_mps);
+    s.diagonal().array() += ReturnVarianceM2(expected.position_m.norm(), config_);
+    const Eigen::Matrix3d information = s.inverse();
+    const double log_peak =
+        std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
+    const auto reach_m = static_cast<float>(config_.gate * std::sqrt(s.trace()));
+    const Eigen::Vector3f centre = expected.position_m.cast<float>();
+    std::vector<std::uint32_t> members;
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      const Eigen::Vector3f d = recording_.points_m[i] - centre;
+      if (d.squaredNorm() > reach_m * reach_m || excluded_[i]) continue;
+      // With point times the return belongs to another place on the trajectory.
+      const TimeNs time_ns = recording_.times_ns[i];
+      const Eigen::Vector3d e =
+          d.cast<double>() -
+          expected.velocity_mps * (static_cast<double>(time_ns - middle_ns) * kSecondsPerNs);
+      const double distance2 = e.dot(information * e);
+      if (distance2 > config_.gate * config_.gate) continue;
+      const Eigen::Vector3d place_m = recording_.points_m[i].cast<double>();
+      const auto [from, to] =
+          Presence(trajectory, time_ns, place_m, config_.presence.At(place_m.norm()));
+      const double rate = background_.RateOutside(recording_.points_m[i], from, to);
+      if (rate <= 0.0 || log_peak - 0.5 * distance2 > std::log(rate)) members.push_back(i);
+    }
+    return members;
+  }
+
+ private:
+  const Recording& recording_;
+  const Background& background_;
+  const std::vector<char>& excluded_;
+  const CollectConfig& config_;
+};
+
+}  // namespace
+
+Target CollectTarget(const Recording& recording, const Background& background,
+                     const std::vector<Plot>& path, const std::vector<char>& excluded,
+                     const CollectConfig& config, const TrajectoryConfig& trajectory_config) {
+  Target target;
+  for (const Plot& plot : path) {
+    target.measurements.push_back(Measure(recording, recording.frames[plot.frame], plot.returns,
+                                          Eigen::Vector3d::Zero(), config));
+    target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
+  }
+  std::sort(target.returns.begin(), target.returns.end());
+
+  const Collector collector(recording, background, excluded, config);
+  const auto extension_ns = static_cast<TimeNs>(config.max_extension_s * 1e9);
+  std::vector<Eigen::Vector3d> biases(recording.sensors.size(), Eigen::Vector3d::Zero());
+  for (int round = 0; round < config.rounds; ++round) {
+    const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
+    const double returns_per_frame = static_cast<double>(target.returns.size()) /
+                                     static_cast<double>(target.measurements.size());
+    std::vector<Sighting> sightings;
+    Target next;
+    for (const FrameInfo& frame : recording.frames) {
+      const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
+      if (middle_ns < trajectory.begin_ns() - extension_ns) continue;
+      if (middle_ns > trajectory.end_ns() + extension_ns) continue;
+      TrajectoryRow expected = trajectory.At(middle_ns);
+      if (expected.sigma_m.maxCoeff() > config.max_search_sigma_m) continue;
+      expected.position_m += biases[frame.sensor];
+      const std::vector<std::uint32_t> members =
+          collector.Collect(frame, trajectory, expected, returns_per_frame);
+      if (members.empty()) continue;
+      sightings.push_back(
+          {Measure(recording, frame, members, expected.velocity_mps, config), frame.sensor});
+      next.returns.insert(next.returns.end(), members.begin(), members.end());
+    }
+    if (sightings.empty()) return next;
+    std::stable_sort(sightings.begin(), sightings.end(), [](const Sighting& a, const Sighting& b) {
+      return a.measurement.time_ns < b.measurement.time_ns;
+    });
+    biases = SensorBiases(sightings, recording.sensors.size(), config);
+    for (Sighting& sighting : sightings) {
+      sighting.measurement.position_m -= biases[sighting.sensor];
+      next.measurements.push_back(sighting.measurement);
+    }
+    std::sort(next.returns.begin(), next.returns.end());
+    const bool is_settled = next.returns == target.returns;
+    target = std::move(next);
+    if (is_settled && round > 0) break;
+  }
+  return target;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,255 @@
+#include "unlidar/robust/plots.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace unlidar {
+namespace {
+
+// Single linkage of points with a radius that grows with range; labels by lowest index.
+std::vector<std::vector<std::uint32_t>> Link(const Recording& recording,
+                                             const std::vector<std::uint32_t>& returns,
+                                             const RangeRadius& radius) {
+  const std::size_t n = returns.size();
+  std::vector<std::size_t> order(n);
+  std::iota(order.begin(), order.end(), 0);
+  const auto point = [&](std::size_t i) -> const Eigen::Vector3f& {
+    return recording.points_m[returns[i]];
+  };
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return point(a).x() < point(b).x() || (point(a).x() == point(b).x() && a < b);
+  });
+  std::vector<std::size_t> parent(n);
+  std::iota(parent.begin(), parent.end(), 0);
+  const auto find = [&](std::size_t i) {
+    while (parent[i] != i) i = parent[i] = parent[parent[i]];
+    return i;
+  };
+  for (std::size_t a = 0; a < n; ++a) {
+    const std::size_t i = order[a];
+    const float reach = static_cast<float>(radius.At(static_cast<double>(point(i).norm())));
+    for (std::size_t b = a + 1; b < n && point(order[b]).x() - point(i).x() < reach; ++b) {
+      const std::size_t j = order[b];
+      if ((point(i) - point(j)).squaredNorm() >= reach * reach) continue;
+      const std::size_t p = find(i);
+      const std::size_t q = find(j);
+      parent[std::max(p, q)] = std::min(p, q);
+    }
+  }
+  std::vector<std::vector<std::uint32_t>> groups;
+  std::vector<std::size_t> group_of(n, n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t root = find(i);
+    if (group_of[root] == n) {
+      group_of[root] = groups.size();
+      groups.emplace_back();
+    }
+    groups[group_of[root]].push_back(returns[i]);
+  }
+  return groups;
+}
+
+Eigen::Vector3d MeanOf(const Recording& recording, const std::vector<std::uint32_t>& returns) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const std::uint32_t i : returns) sum += recording.points_m[i].cast<double>();
+  return sum / static_cast<double>(returns.size());
+}
+
+// The elevation below which a station sees nothing: near it, people lack their legs.
+double LowestElevationRad(const Recording& recording) {
+  constexpr double kShare = 0.01;
+  std::vector<float> sines(recording.points_m.size());
+  for (std::size_t i = 0; i < sines.size(); ++i) {
+    sines[i] = recording.points_m[i].z() / recording.points_m[i].norm();
+  }
+  const auto k = static_cast<std::ptrdiff_t>(kShare * static_cast<double>(sines.size()));
+  std::nth_element(sines.begin(), sines.begin() + k, sines.end());
+  return std::asin(static_cast<double>(sines[static_cast<std::size_t>(k)]));
+}
+
+bool IsBody(const Recording& recording, const std::vector<std::uint32_t>& returns,
+            const Ground& ground, double lowest_elevation_rad, const PlotConfig& config) {
+  const int n = static_cast<int>(returns.size());
+  if (n >= config.body_contact_returns) {
+    for (const std::uint32_t i : returns) {
+      const Eigen::Vector3f& p = recording.points_m[i];
+      const double height_m = ground.HeightAbove(p);
+      if (height_m < config.body_contact_m) return true;
+      const double elevation_rad = std::asin(static_cast<double>(p.z() / p.norm()));
+      if (height_m < config.body_height_m &&
+          elevation_rad < lowest_elevation_rad + config.body_edge_rad) {
+        return true;
+      }
+    }
+  }
+  if (n < config.body_spread_returns) return false;
+  const Eigen::Vector3d mean = MeanOf(recording, returns);
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  for (const std::uint32_t i : returns) {
+    const Eigen::Vector3d d = recording.points_m[i].cast<double>() - mean;
+    covariance += d * d.transpose() / n;
+  }
+  // The second axis, not the first: a fast target leaves a streak in one direction.
+  const Eigen::Vector3d variances =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance, Eigen::EigenvaluesOnly)
+          .eigenvalues();
+  return variances[1] > config.body_spread_m * config.body_spread_m;
+}
+
+// The volume in which the plots of one point-like thing lie: that of a Gaussian of their noise.
+double PlotVolumeM3(const Plot& plot) {
+  return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
+}
+
+// Where a group of returns lies, and when its first was measured.
+struct Box {
+  TimeNs time_ns;
+  Eigen::Array3f low_m;
+  Eigen::Array3f high_m;
+};
+
+Box BoxOf(const Recording& recording, const std::vector<std::uint32_t>& returns) {
+  const Eigen::Array3f first = recording.points_m[returns.front()].array();
+  Box box{recording.times_ns[returns.front()], first, first};
+  for (const std::uint32_t i : returns) {
+    box.low_m = box.low_m.min(recording.points_m[i].array());
+    box.high_m = box.high_m.max(recording.points_m[i].array());
+  }
+  return box;
+}
+
+// Drops the plots next to a body: what of it was too sparse, or too far from the rest, to be known.
+void DropNearBodies(const std::vector<Box>& bodies, const PlotConfig& config,
+                    std::vector<Plot>* plots) {
+  const auto margin_ns = static_cast<TimeNs>(config.body_margin_s * 1e9);
+  const auto is_near = [&](const Plot& plot) {
+    const Eigen::Array3f p = plot.position_m.cast<float>().array();
+    auto body =
+        std::lower_bound(bodies.begin(), bodies.end(), plot.time_ns - margin_ns,
+                         [](const Box& box, TimeNs time_ns) { return box.time_ns < time_ns; });
+    for (; body != bodies.end() && body->time_ns <= plot.time_ns + margin_ns; ++body) {
+      const float margin_m = std::max(
+          static_cast<float>(config.body_min_margin_m),
+          static_cast<float>(config.body_margin) * (body->high_m - body->low_m).maxCoeff());
+      if ((p > body->low_m - margin_m).all() && (p < body->high_m + margin_m).all()) return true;
+    }
+    return false;
+  };
+  plots->erase(std::remove_if(plots->begin(), plots->end(), is_near), plots->end());
+}
+
+double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& config) {
+  const double beam_m = config.noise_per_range * range_m;
+  return config.noise_m * config.noise_m +
+         config.noise_per_return_m * config.noise_per_return_m / static_cast<double>(num_returns) +
+         beam_m * beam_m;
+}
+
+}  // namespace
+
+std::vector<Plot> MakePlots(const Recording& recording, const Background& background,
+                            const Ground& ground, const PlotConfig& config,
+                            std::vector<char>* is_body) {
+  std::vector<Plot> plots;
+  is_body->assign(recording.points_m.size(), 0);
+  const double lowest_elevation_rad = LowestElevationRad(recording);
+  std::vector<Box> bodies;
+  std::vector<std::uint32_t> members;
+  std::size_t next = 0;
+  for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
+    const FrameInfo& frame = recording.frames[f];
+    members.clear();
+    while (next < background.unexplained().size() &&
+           background.unexplained()[next] < frame.last_return) {
+      members.push_back(background.unexplained()[next++]);
+    }
+    for (const auto& body : Link(recording, members, config.body_link)) {
+      if (!IsBody(recording, body, ground, lowest_elevation_rad, config)) continue;
+      for (const std::uint32_t i : body) (*is_body)[i] = 1;
+      bodies.push_back(BoxOf(recording, body));
+    }
+    members.erase(std::remove_if(members.begin(), members.end(),
+                                 [&](std::uint32_t i) { return (*is_body)[i] != 0; }),
+                  members.end());
+    for (auto& returns : Link(recording, members, config.link)) {
+      Plot plot;
+      plot.frame = f;
+      plot.position_m = MeanOf(recording, returns);
+      plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config);
+      const Box box = BoxOf(recording, returns);
+      TimeNs time_sum = 0;
+      plot.lowest_m = std::numeric_limits<double>::infinity();
+      for (const std::uint32_t i : returns) {
+        plot.lowest_m = std::min(plot.lowest_m, ground.HeightAbove(recording.points_m[i]));
+        time_sum += recording.times_ns[i] - frame.begin_ns;
+      }
+      plot.extent_m = static_cast<double>((box.high_m - box.low_m).matrix().norm());
+      plot.time_ns = frame.begin_ns + time_sum / static_cast<TimeNs>(returns.size());
+      plot.returns = std::move(returns);
+      plots.push_back(std::move(plot));
+    }
+  }
+  std::stable_sort(bodies.begin(), bodies.end(),
+                   [](const Box& a, const Box& b) { return a.time_ns < b.time_ns; });
+  DropNearBodies(bodies, config, &plots);
+  std::stable_sort(plots.begin(), plots.end(),
+                   [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; });
+  return plots;
+}
+
+void EstimateClutter(const Recording& recording, const Background& background,
+                     const PlotConfig& config, const std::vector<char>& explained,
+                     std::vector<Plot>* plots) {
+  // From wide to narrow: each level is the prior of the next, so that an empty neighbourhood still
+  // has the rate of its surroundings, and a rate is believed only as far as its exposure goes.
+  const std::size_t num_bins = background.num_bins();
+  const std::vector<double>& frames_in_bin = background.frames_in_bin();
+  const auto bin_of = [&](const Plot& plot) { return background.BinOf(plot.time_ns); };
+
+  const auto exclusion = static_cast<std::size_t>(config.clutter_exclusion_bins);
+  std::vector<double> rate(plots->size(), 1e-6);
+  std::vector<std::uint32_t> profile(num_bins);
+  for (const RangeRadius& radius :
+       {config.clutter_wide, config.clutter_middle, config.clutter_narrow}) {
+    RangeGrid grid(radius, num_bins);
+    for (std::size_t i = 0; i < plots->size(); ++i) {
+      if (!explained[i]) grid.Add((*plots)[i].position_m.cast<float>(), bin_of((*plots)[i]));
+    }
+    for (std::size_t i = 0; i < plots->size(); ++i) {
+      const Plot& plot = (*plots)[i];
+      std::fill(profile.begin(), profile.end(), 0);
+      grid.Collect(plot.position_m.cast<float>(), &profile);
+      const std::size_t own = bin_of(plot);
+      double count = 0.0;
+      double frames = 0.0;
+      for (std::size_t b = 0; b < num_bins; ++b) {
+        if (std::max(b, own) - std::min(b, own) <= exclusion) continue;
+        count += profile[b];
+        frames += frames_in_bin[b];
+      }
+      const double exposure = frames * grid.VolumeM3(plot.position_m.cast<float>());
+      rate[i] =
+          (count + config.clutter_prior_plots) / (exposure + config.clutter_prior_plots / rate[i]);
+    }
+  }
+  // A static thing that is seldom hit would give the plots of its place at the rate at which they
+  // came, the plot itself left out.
+  const auto num_frames = static_cast<double>(recording.frames.size());
+  RangeGrid spots(config.spot, 1);
+  for (std::size_t i = 0; i < plots->size(); ++i) {
+    if (!explained[i]) spots.Add((*plots)[i].position_m.cast<float>(), 0);
+  }
+  std::vector<std::uint32_t> num_plots(1);
+  for (std::size_t i = 0; i < plots->size(); ++i) {
+    Plot& plot = (*plots)[i];
+    num_plots[0] = 0;
+    spots.Collect(plot.position_m.cast<float>(), &num_plots);
+    const double spot_rate =
+        (num_plots[0] - (explained[i] ? 0.0 : 1.0)) / num_frames / PlotVolumeM3(plot);
+    plot.log_clutter = std::log(std::max(spot_rate, rate[i]));
+  }
+}
+
+}  // namespace unlidar

@@ -1,0 +1,141 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <vector>
+
+#include "synthetic_recording.hpp"
+#include "unlidar/robust/plots.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kPeriodS;
+using testing::MiddleS;
+using testing::RecordingMaker;
+
+constexpr int kDrone = 1;
+
+// Plots of clutter, `per_frame` in a box of the sky on average, and its recording.
+struct Clutter {
+  RecordingMaker maker{12};
+  std::vector<Plot> plots;
+
+  void AddPlot(const Eigen::Vector3d& position_m, int label = 0) {
+    Plot plot;
+    plot.frame = static_cast<std::uint32_t>(maker.recording.frames.size() - 1);
+    plot.position_m = position_m;
+    plot.returns = {static_cast<std::uint32_t>(maker.recording.points_m.size())};
+    maker.Add(position_m, label);
+    plot.time_ns = maker.recording.times_ns.back();
+    const double beam_m = PlotConfig().noise_per_range * position_m.norm();
+    plot.variance_m2 = 0.06 * 0.06 + 0.12 * 0.12 + beam_m * beam_m;
+    plots.push_back(plot);
+  }
+};
+
+const Eigen::Vector3d kSkyLow_m(10, -30, 5);
+const Eigen::Vector3d kSkyHigh_m(60, 30, 45);
+
+void Estimate(const std::vector<char>& explained, Clutter* clutter) {
+  const Background background(clutter->maker.recording, BackgroundConfig());
+  EstimateClutter(clutter->maker.recording, background, PlotConfig(), explained, &clutter->plots);
+}
+
+Clutter UniformClutter(
+    double per_frame, int num_frames,
+    const std::function<void(int, Clutter*)>& fill = [](int, Clutter*) {}) {
+  Clutter clutter;
+  for (int i = 0; i < num_frames; ++i) {
+    clutter.maker.BeginFrame(i * kPeriodS);
+    const int count = clutter.maker.random.Poisson(per_frame);
+    for (int k = 0; k < count; ++k) {
+      clutter.AddPlot(clutter.maker.random.InBox(kSkyLow_m, kSkyHigh_m));
+    }
+    fill(i, &clutter);
+  }
+  Estimate(std::vector<char>(clutter.plots.size(), 0), &clutter);
+  return clutter;
+}
+
+// The median over the plots with a label that are well inside the box.
+double MedianLogClutter(const Clutter& clutter, int label = 0) {
+  std::vector<double> logs;
+  for (const Plot& plot : clutter.plots) {
+    const Eigen::Array3d p = plot.position_m.array();
+    if (clutter.maker.labels[plot.returns.front()] != label) continue;
+    if ((p < kSkyLow_m.array() + 5.0).any() || (p > kSkyHigh_m.array() - 5.0).any()) continue;
+    logs.push_back(plot.log_clutter);
+  }
+  std::nth_element(logs.begin(), logs.begin() + static_cast<std::ptrdiff_t>(logs.size() / 2),
+                   logs.end());
+  return logs[logs.size() / 2];
+}
+
+double LogRate(double per_frame) { return std::log(per_frame / (kSkyHigh_m - kSkyLow_m).prod()); }
+
+TEST(EstimateClutter, ApproachesTheRateOfUniformClutter) {
+  // About 0.3 plots a neighbourhood and frame: over 150 frames it is known to 15 %, and the median
+  // of hundreds of neighbourhoods better.
+  EXPECT_NEAR(MedianLogClutter(UniformClutter(200.0, 150)), LogRate(200.0), 0.1);
+}
+
+TEST(EstimateClutter, GrowsWithTheRate) {
+  double before = -std::numeric_limits<double>::infinity();
+  for (const double per_frame : {2.0, 10.0, 50.0, 250.0}) {
+    const double found = MedianLogClutter(UniformClutter(per_frame, 100));
+    EXPECT_GT(found, before + 1.0);
+    before = found;
+  }
+}
+
+TEST(EstimateClutter, ATargetThatPassesDoesNotRaiseItsOwnClutter) {
+  const auto pass = [](int i, Clutter* clutter) {
+    clutter->AddPlot({20.0, 8.0 * (MiddleS(i) - 10.0), 20.0}, kDrone);
+  };
+  const Clutter clutter = UniformClutter(20.0, 200, pass);
+  EXPECT_NEAR(MedianLogClutter(clutter, kDrone), LogRate(20.0), 0.7);
+  // Here its plots are all there are: next to nothing is to be expected.
+  EXPECT_LT(MedianLogClutter(UniformClutter(0.0, 200, pass), kDrone), LogRate(0.5));
+}
+
+TEST(EstimateClutter, AThingThatIsSeldomHitHasTheRateAtWhichItIsHit) {
+  const Eigen::Vector3d thing_m(25.0, 3.0, 20.0);
+  const auto hit = [&](int i, Clutter* clutter) {
+    if (i % 12 != 0) return;
+    clutter->AddPlot(thing_m + clutter->maker.random.NormalVector(0.05), kDrone);
+  };
+  const Clutter clutter = UniformClutter(5.0, 240, hit);
+  // In one frame of twelve a plot, somewhere within its own noise.
+  const double volume_m3 = std::pow(2.0 * M_PI * std::exp(1.0) * 0.0236, 1.5);
+  EXPECT_NEAR(MedianLogClutter(clutter, kDrone), std::log(1.0 / 12.0 / volume_m3), 0.3);
+  EXPECT_GT(MedianLogClutter(clutter, kDrone), MedianLogClutter(clutter) + 5.0);
+}
+
+TEST(EstimateClutter, WhatIsExplainedIsNoClutter) {
+  // A target that circles comes by the same places again and again.
+  const auto circle = [](int i, Clutter* clutter) {
+    const double angle = 2.0 * M_PI * MiddleS(i) / 5.0;
+    clutter->AddPlot({35.0 + 6.0 * std::cos(angle), 6.0 * std::sin(angle), 25.0}, kDrone);
+  };
+  Clutter clutter = UniformClutter(20.0, 200, circle);
+  EXPECT_GT(MedianLogClutter(clutter, kDrone), LogRate(20.0) + 0.7);
+  std::vector<char> explained(clutter.plots.size());
+  for (std::size_t i = 0; i < explained.size(); ++i) {
+    explained[i] = clutter.maker.labels[clutter.plots[i].returns.front()] == kDrone ? 1 : 0;
+  }
+  Estimate(explained, &clutter);
+  EXPECT_NEAR(MedianLogClutter(clutter, kDrone), LogRate(20.0), 0.5);
+}
+
+TEST(EstimateClutter, OfNoPlotsIsNothing) {
+  std::vector<Plot> plots;
+  const Recording recording;
+  EstimateClutter(recording, Background(recording, BackgroundConfig()), PlotConfig(), {}, &plots);
+  EXPECT_TRUE(plots.empty());
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -1,0 +1,258 @@
+#include "unlidar/robust/collect.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <vector>
+
+#include "synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kBeginNs;
+using testing::kPeriodNs;
+using testing::kPeriodS;
+using testing::RecordingMaker;
+using testing::SecondsSinceBegin;
+
+constexpr int kWall = 1;
+constexpr int kDrone = 2;
+constexpr int kFrames = 100;
+
+Eigen::Vector3d DroneAt(double time_s) {
+  return {15.0 + std::sin(0.5 * time_s), 2.0 * time_s - 10.0, 8.0 + 0.2 * time_s};
+}
+
+// What a tracker would hand over: the returns of the drone in each frame from `first` to `last`
+// in which there are any.
+std::vector<Plot> PathOf(const RecordingMaker& maker, std::uint32_t first, std::uint32_t last) {
+  std::vector<Plot> path;
+  const Recording& recording = maker.recording;
+  for (std::uint32_t f = first; f <= last; ++f) {
+    Plot plot;
+    plot.frame = f;
+    const FrameInfo& frame = recording.frames[f];
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      if (maker.labels[i] == kDrone) plot.returns.push_back(i);
+    }
+    if (plot.returns.empty()) continue;
+    for (const std::uint32_t i : plot.returns) {
+      plot.position_m +=
+          recording.points_m[i].cast<double>() / static_cast<double>(plot.returns.size());
+    }
+    plot.time_ns = recording.times_ns[plot.returns.front()];
+    path.push_back(plot);
+  }
+  return path;
+}
+
+Target Collect(const RecordingMaker& maker, const std::vector<Plot>& path,
+               std::vector<char> excluded = {}) {
+  excluded.resize(maker.labels.size(), 0);
+  return CollectTarget(maker.recording, Background(maker.recording, BackgroundConfig()), path,
+                       excluded, CollectConfig(), TrajectoryConfig());
+}
+
+double ShareFound(const RecordingMaker& maker, const Target& target, int label) {
+  double found = 0.0;
+  for (const std::uint32_t i : target.returns) found += maker.labels[i] == label ? 1.0 : 0.0;
+  return found / static_cast<double>(std::count(maker.labels.begin(), maker.labels.end(), label));
+}
+
+// Root mean square distance of the measurements from the drone's truth.
+double RmseM(const Target& target) {
+  double sum = 0.0;
+  for (const Measurement& m : target.measurements) {
+    sum += (m.position_m - DroneAt(SecondsSinceBegin(m.time_ns))).squaredNorm();
+  }
+  return std::sqrt(sum / static_cast<double>(target.measurements.size()));
+}
+
+RecordingMaker Flight(std::uint32_t seed, double returns_per_frame) {
+  RecordingMaker maker(seed);
+  for (int i = 0; i < kFrames; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    maker.AddBlob(DroneAt(testing::MiddleS(i)), 0.1, maker.random.Poisson(returns_per_frame),
+                  kDrone);
+  }
+  return maker;
+}
+
+TEST(CollectTarget, FindsTheReturnsThatThePathMissed) {
+  const RecordingMaker maker = Flight(1, 4.0);
+  std::vector<Plot> path = PathOf(maker, 0, kFrames - 1);
+  for (std::size_t k = 0; k < path.size(); ++k) path[k].returns.resize(1);  // one each,
+  for (std::size_t k = path.size(); k-- > 0;) {                             // of every third frame
+    if (k % 3 != 0) path.erase(path.begin() + static_cast<std::ptrdiff_t>(k));
+  }
+  const Target target = Collect(maker, path);
+  EXPECT_GT(ShareFound(maker, target, kDrone), 0.97);
+  EXPECT_LT(RmseM(target), 0.15);
+}
+
+TEST(CollectTarget, MeasurementsAreTheMeansOfTheReturnsOfAFrame) {
+  const RecordingMaker maker = Flight(2, 4.0);
+  const Recording& recording = maker.recording;
+  const Target target = Collect(maker, PathOf(maker, 0, kFrames - 1));
+  ASSERT_TRUE(std::is_sorted(target.returns.begin(), target.returns.end()));
+  int support = 0;
+  for (std::size_t k = 0; k < target.measurements.size(); ++k) {
+    const Measurement& m = target.measurements[k];
+    if (k > 0) {
+      EXPECT_GT(m.time_ns, target.measurements[k - 1].time_ns);
+    }
+    Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+    int count = 0;
+    for (const std::uint32_t i : target.returns) {
+      if (std::abs(recording.times_ns[i] - m.time_ns) > kPeriodNs / 2) continue;
+      sum_m += recording.points_m[i].cast<double>();
+      ++count;
+    }
+    ASSERT_EQ(m.support, count);
+    EXPECT_LT((m.position_m - sum_m / count).norm(), 1e-6);
+    support += count;
+  }
+  EXPECT_EQ(static_cast<std::size_t>(support), target.returns.size());
+}
+
+TEST(CollectTarget, MoreReturnsGiveASmallerCovariance) {
+  const RecordingMaker maker = Flight(3, 3.0);
+  std::vector<double> least(20, 1e9);
+  std::vector<double> most(20, 0.0);
+  for (const Measurement& m : Collect(maker, PathOf(maker, 0, kFrames - 1)).measurements) {
+    const auto n = static_cast<std::size_t>(m.support);
+    // Upwards, where it hardly moves within a frame.
+    least[n] = std::min(least[n], m.covariance_m2(2, 2));
+    most[n] = std::max(most[n], m.covariance_m2(2, 2));
+  }
+  EXPECT_LT(most[4], least[2]);
+  EXPECT_LT(most[2], least[1]);
+}
+
+TEST(CollectTarget, AConstantDisagreementOfTwoSensorsIsTakenOut) {
+  const Eigen::Vector3d offset_m(0.25, -0.2, 0.15);
+  RecordingMaker maker(4, 2);
+  for (int i = 0; i < 2 * kFrames; ++i) {
+    const auto sensor = static_cast<std::uint32_t>(i % 2);
+    const double begin_s = 0.5 * i * kPeriodS;
+    maker.BeginFrame(begin_s, sensor);
+    Eigen::Vector3d at_m = DroneAt(begin_s + 0.5 * kPeriodS);
+    if (sensor == 1) at_m += offset_m;
+    maker.AddBlob(at_m, 0.1, 6, kDrone);
+  }
+  const Target target = Collect(maker, PathOf(maker, 0, 2 * kFrames - 1));
+  EXPECT_GT(ShareFound(maker, target, kDrone), 0.97);
+  EXPECT_LT(RmseM(target), 0.12);  // the noise of means of six returns is 0.07
+  // Without it, each step from one sensor to the other would be as long as the disagreement.
+  Eigen::Vector3d mean_step_m = Eigen::Vector3d::Zero();
+  int num_steps = 0;
+  for (std::size_t k = 1; k < target.measurements.size(); ++k) {
+    const auto error_at = [&](std::size_t j) -> Eigen::Vector3d {
+      const Measurement& m = target.measurements[j];
+      return m.position_m - DroneAt(SecondsSinceBegin(m.time_ns));
+    };
+    // Even measurements come from the first sensor as long as none is missing.
+    mean_step_m += (k % 2 == 1 ? 1.0 : -1.0) * (error_at(k) - error_at(k - 1));
+    ++num_steps;
+  }
+  ASSERT_EQ(target.measurements.size(), 2U * kFrames);
+  EXPECT_LT((mean_step_m / num_steps).norm(), 0.04);
+}
+
+TEST(CollectTarget, LeavesTheReturnsOfAWallBesideTheTrack) {
+  RecordingMaker maker(5);
+  for (int i = 0; i < kFrames; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    maker.AddBlob(DroneAt(testing::MiddleS(i)), 0.1, 5, kDrone);
+    maker.AddBox({16.3, -12.0, 5.0}, {16.35, 12.0, 12.0}, 300, kWall);
+  }
+  const Target target = Collect(maker, PathOf(maker, 0, kFrames - 1));
+  // It passes within 0.3 m of the wall twice.
+  EXPECT_GT(ShareFound(maker, target, kDrone), 0.8);
+  EXPECT_LT(ShareFound(maker, target, kWall) * 300 * kFrames, 0.04 * 5 * kFrames);
+}
+
+TEST(CollectTarget, LeavesWhatIsExcluded) {
+  const RecordingMaker maker = Flight(6, 4.0);
+  std::vector<char> excluded(maker.labels.size(), 0);
+  for (std::size_t i = 0; i < excluded.size(); i += 2) excluded[i] = 1;
+  const Target target = Collect(maker, PathOf(maker, 0, kFrames - 1), excluded);
+  EXPECT_GT(target.returns.size(), excluded.size() / 3);
+  for (const std::uint32_t i : target.returns) EXPECT_EQ(excluded[i], 0);
+}
+
+TEST(CollectTarget, GoesOnBeyondTheEndsOfThePathWhereTheReturnsAre) {
+  const RecordingMaker maker = Flight(7, 4.0);
+  const Target target = Collect(maker, PathOf(maker, 20, 80));
+  EXPECT_GT(ShareFound(maker, target, kDrone), 0.97);
+  EXPECT_LT(SecondsSinceBegin(target.measurements.front().time_ns), 0.3);
+  EXPECT_GT(SecondsSinceBegin(target.measurements.back().time_ns), 9.7);
+}
+
+TEST(CollectTarget, EndsWhereTheReturnsEnd) {
+  RecordingMaker maker(8);
+  for (int i = 0; i < kFrames; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    if (i >= 30 && i < 70) maker.AddBlob(DroneAt(testing::MiddleS(i)), 0.1, 4, kDrone);
+    maker.AddBox({5, -15, 2}, {30, 15, 25}, 10);  // clutter goes on
+  }
+  const Target target = Collect(maker, PathOf(maker, 30, 69));
+  EXPECT_GT(SecondsSinceBegin(target.measurements.front().time_ns), 2.5);
+  EXPECT_LT(SecondsSinceBegin(target.measurements.back().time_ns), 7.5);
+}
+
+TEST(CollectTarget, UsesTheTimesOfTheReturnsWhereTheyAreKnown) {
+  // 20 m/s: within a frame 2 m. The returns of each frame come from its first half only, so that
+  // the middle of the frame would be half a metre late.
+  const Eigen::Vector3d velocity_mps(0.0, 20.0, 1.0);
+  const auto at = [&](double time_s) -> Eigen::Vector3d {
+    return Eigen::Vector3d(20.0, -60.0, 8.0) + velocity_mps * time_s;
+  };
+  RecordingMaker maker(9);
+  for (int i = 0; i < 60; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    const TimeNs begin_ns = maker.recording.frames.back().begin_ns;
+    for (int k = 0; k < 5; ++k) {
+      const TimeNs time_ns = begin_ns + k * kPeriodNs / 10;
+      maker.AddAt(time_ns, at(SecondsSinceBegin(time_ns)) + maker.random.NormalVector(0.05),
+                  kDrone);
+    }
+  }
+  std::vector<Plot> path = PathOf(maker, 0, 59);
+  const Target target = Collect(maker, path);
+  EXPECT_GT(ShareFound(maker, target, kDrone), 0.97);
+  for (const Measurement& m : target.measurements) {
+    EXPECT_LT((m.position_m - at(SecondsSinceBegin(m.time_ns))).norm(), 0.15);
+  }
+}
+
+TEST(CollectTarget, WithoutPointTimesAFastTargetIsUncertainAlongItsMotion) {
+  RecordingMaker maker(11);
+  for (int i = 0; i < 60; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    for (int k = 0; k < 3; ++k) {
+      const double time_s = testing::MiddleS(i) + maker.random.Uniform(-0.5, 0.5) * kPeriodS;
+      maker.Add(Eigen::Vector3d(20.0, 20.0 * (time_s - 3.0), 8.0) + maker.random.NormalVector(0.05),
+                kDrone);
+    }
+  }
+  const Target target = Collect(maker, PathOf(maker, 0, 59));
+  ASSERT_GT(target.measurements.size(), 50U);
+  for (const Measurement& m : target.measurements) {
+    // 2 m within a frame: uniformly distributed, that is a variance of 4 / 12 for each return.
+    const double streak_m2 = m.covariance_m2(1, 1) - m.covariance_m2(0, 0);
+    EXPECT_NEAR(streak_m2, 4.0 / 12.0 / m.support, 0.2 / m.support);
+  }
+}
+
+TEST(CollectTarget, IsEmptyWhereAllReturnsAreExcluded) {
+  const RecordingMaker maker = Flight(10, 4.0);
+  const std::vector<char> all(maker.labels.size(), 1);
+  EXPECT_TRUE(Collect(maker, PathOf(maker, 0, kFrames - 1), all).measurements.empty());
+}
+
+}  // namespace
+}  // namespace unlidar

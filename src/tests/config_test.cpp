@@ -1,0 +1,347 @@
+#include "unlidar/config.hpp"
+
+#include <gtest/gtest.h>
+#include <yaml-cpp/yaml.h>
+
+#include <algorithm>
+#include <clocale>
+#include <functional>
+#include <set>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "temporary_folder.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+using ::unlidar::testing::TemporaryFolder;
+
+const char* const kDefaultYaml = UNLIDAR_SOURCE_DIR "/configs/default.yaml";
+
+// The one line of the error of this class that an action must throw.
+template <class ErrorType>
+std::string ReasonOf(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const ErrorType& error) {
+    std::string reason = error.what();
+    EXPECT_EQ(reason.find('\n'), std::string::npos) << reason;
+    return reason;
+  } catch (const std::exception& error) {
+    ADD_FAILURE() << "another class of error: " << error.what();
+    return "";
+  }
+  ADD_FAILURE() << "no error";
+  return "";
+}
+
+std::string ReasonOfFile(const std::string& text) {
+  const TemporaryFolder folder;
+  const std::string path = folder.Write("c.yaml", text);
+  std::string reason = ReasonOf<ConfigError>([&] { LoadConfig(path, {}); });
+  EXPECT_EQ(reason.find(path), 0U) << reason;
+  return reason.substr(std::min(reason.size(), path.size()));
+}
+
+std::string ReasonOfSet(const std::string& assignment) {
+  return ReasonOf<ConfigError>([&] { LoadConfig("", {assignment}); });
+}
+
+Config FromText(const std::string& text) {
+  const TemporaryFolder folder;
+  return LoadConfig(folder.Write("c.yaml", text), {});
+}
+
+// "key: value" of every key.
+std::vector<std::string> Listed(const Config& config) {
+  std::vector<std::string> lines;
+  for (const ConfigEntry& entry : ListConfig(config)) {
+    YAML::Emitter text;
+    text << YAML::Flow;
+    std::visit([&](const auto& value) { text << value; }, entry.value);
+    lines.push_back(entry.key + ": " + text.c_str());
+  }
+  return lines;
+}
+
+void CollectKeys(const YAML::Node& node, const std::string& prefix, std::set<std::string>& keys) {
+  for (const auto& item : node) {
+    const std::string key = prefix + item.first.Scalar();
+    if (item.second.IsMap()) {
+      CollectKeys(item.second, key + ".", keys);
+    } else {
+      keys.insert(key);
+    }
+  }
+}
+
+// Converts to any type: T{Anything{}, Anything{}} compiles if T is an aggregate of two fields or
+// more.
+struct Anything {
+  template <class T>
+  operator T() const;  // NOLINT(google-explicit-constructor): that it converts is its purpose
+};
+
+template <class T, class Indices, class = void>
+struct HasFields : std::false_type {};
+template <class T, std::size_t... kIndex>
+struct HasFields<T, std::index_sequence<kIndex...>,
+                 std::void_t<decltype(T{(static_cast<void>(kIndex), Anything{})...})>>
+    : std::true_type {};
+
+template <class T, std::size_t kCount = 64>
+constexpr std::size_t NumFields() {
+  if constexpr (HasFields<T, std::make_index_sequence<kCount>>::value) {
+    return kCount;
+  } else {
+    return NumFields<T, kCount - 1>();
+  }
+}
+
+// Keys and sections right below a section.
+std::size_t NumNamesBelow(const std::string& section) {
+  std::set<std::string> names;
+  for (const ConfigEntry& entry : ListConfig(Config())) {
+    if (entry.key.compare(0, section.size(), section) != 0) continue;
+    const std::string rest = entry.key.substr(section.size());
+    names.insert(rest.substr(0, rest.find('.')));
+  }
+  return names.size();
+}
+
+#define EXPECT_CONTAINS(text, part) \
+  EXPECT_NE((text).find(part), std::string::npos) << "'" << (text) << "' lacks '" << (part) << "'"
+
+TEST(ConfigKeys, ReachEveryFieldOfTheStages) {
+  EXPECT_EQ(NumNamesBelow("input."), NumFields<InputConfig>());
+  EXPECT_EQ(NumNamesBelow("robust."), NumFields<RobustConfig>());
+  EXPECT_EQ(NumNamesBelow("robust.background."), NumFields<BackgroundConfig>());
+  EXPECT_EQ(NumNamesBelow("robust.background.place."), NumFields<RangeRadius>());
+  EXPECT_EQ(NumNamesBelow("robust.ground."), NumFields<GroundConfig>());
+  EXPECT_EQ(NumNamesBelow("robust.plots."), NumFields<PlotConfig>());
+  EXPECT_EQ(NumNamesBelow("robust.tracker."), NumFields<TrackerConfig>());
+  EXPECT_EQ(NumNamesBelow("robust.collect."), NumFields<CollectConfig>());
+  EXPECT_EQ(NumNamesBelow("trajectory."), NumFields<TrajectoryConfig>());
+  EXPECT_EQ(NumNamesBelow("paper."), NumFields<PaperConfig>());
+  EXPECT_EQ(NumNamesBelow("paper.global_clusters."), NumFields<ClusteringConfig>());
+  EXPECT_EQ(NumNamesBelow("paper.local_clusters."), NumFields<ClusteringConfig>());
+}
+
+TEST(DefaultYaml, HoldsEveryKeyAndNoOther) {
+  std::set<std::string> documented;
+  CollectKeys(YAML::LoadFile(kDefaultYaml), "", documented);
+  std::set<std::string> known;
+  for (const ConfigEntry& entry : ListConfig(Config())) known.insert(entry.key);
+  EXPECT_EQ(documented, known);
+}
+
+TEST(DefaultYaml, HoldsTheDefaultsOfTheStructs) {
+  const std::vector<std::string> documented = Listed(LoadConfig(kDefaultYaml, {}));
+  const std::vector<std::string> defaults = Listed(Config());
+  ASSERT_EQ(documented.size(), defaults.size());
+  for (std::size_t i = 0; i < defaults.size(); ++i) EXPECT_EQ(documented[i], defaults[i]);
+}
+
+TEST(DefaultYaml, ShowsASensorThatIsTheDefaultSensor) {
+  const Config config = FromText(
+      "sensors:\n  avia:\n    translation_m: [0.0, 0.0, 0.0]\n"
+      "    rotation: [0.0, 0.0, 0.0, 1.0]\n    time_offset_s: 0.0\n");
+  const SensorConfig shown = config.sensors.at("avia");
+  const SensorConfig sensor;
+  EXPECT_EQ(shown.translation_m, sensor.translation_m);
+  EXPECT_EQ(shown.rotation_xyzw, sensor.rotation_xyzw);
+  EXPECT_EQ(shown.time_offset_s, sensor.time_offset_s);
+}
+
+TEST(LoadConfig, WithoutFileAndAssignmentsGivesTheDefaults) {
+  EXPECT_EQ(Listed(LoadConfig("", {})), Listed(Config()));
+}
+
+TEST(LoadConfig, AFileOfCommentsOrEmptySectionsChangesNothing) {
+  for (const char* text : {"", "# nothing\n", "input:\n", "sensors:\ninput: {}\n", "---\n"}) {
+    EXPECT_EQ(Listed(FromText(text)), Listed(Config())) << text;
+  }
+}
+
+TEST(LoadConfig, SetsValuesOfEveryKind) {
+  const Config config = FromText(
+      "method: paper\ninput: {skip_bad_frames: true, min_range_m: 1e-1, stamp: end}\n"
+      "paper:\n  window_frames: 7\n  global_clusters:\n    method: euclidean\n"
+      "sensors:\n  a:\n    translation_m: [1, -2.5, 3e0]\n    rotation: [0, 0, 0.6, 0.8]\n");
+  EXPECT_EQ(config.method, Method::kPaper);
+  EXPECT_TRUE(config.input.skip_bad_frames);
+  EXPECT_EQ(config.input.min_range_m, 0.1);
+  EXPECT_EQ(config.input.stamp, StampMeaning::kEnd);
+  EXPECT_EQ(config.paper.window_frames, 7);
+  EXPECT_EQ(config.paper.global_clusters.method, ClusterMethod::kEuclidean);
+  EXPECT_EQ(config.sensors.at("a").translation_m, Eigen::Vector3d(1, -2.5, 3));
+  EXPECT_NEAR(config.sensors.at("a").rotation_xyzw.z(), 0.6, 1e-12);
+}
+
+TEST(LoadConfig, EveryKeyCanBeSetToItsOwnDefault) {
+  for (const ConfigEntry& entry : ListConfig(Config())) {
+    YAML::Emitter text;
+    std::visit([&](const auto& value) { text << value; }, entry.value);
+    const Config config = LoadConfig("", {entry.key + "=" + text.c_str()});
+    EXPECT_EQ(Listed(config), Listed(Config())) << entry.key;
+  }
+}
+
+TEST(LoadConfig, AssignmentsGoBeforeTheFileAndTheLastOneWins) {
+  const TemporaryFolder folder;
+  const std::string path = folder.Write("c.yaml", "input:\n  max_range_m: 10\n");
+  EXPECT_EQ(LoadConfig(path, {}).input.max_range_m, 10);
+  EXPECT_EQ(LoadConfig(path, {"input.max_range_m=20", "input.max_range_m=30"}).input.max_range_m,
+            30);
+}
+
+TEST(LoadConfig, AnAssignmentSetsAListOfASensor) {
+  const Config config =
+      LoadConfig("", {"sensors.mid-360_b.translation_m=[1, 2, 3]", "sensors.c.time_offset_s=-0.5"});
+  EXPECT_EQ(config.sensors.at("mid-360_b").translation_m, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(config.sensors.at("c").time_offset_s, -0.5);
+}
+
+TEST(LoadConfig, AListMayHaveAnyLengthButNone) {
+  EXPECT_EQ(FromText("robust: {tracker: {sigma_a_mps2: [2]}}\n").robust.tracker.sigma_a_mps2,
+            std::vector<double>{2.0});
+  EXPECT_EQ(LoadConfig("", {"robust.tracker.birth_speeds_mps=[1, 2e0, 0.5, 4]"})
+                .robust.tracker.birth_speeds_mps,
+            (std::vector<double>{1.0, 2.0, 0.5, 4.0}));
+}
+
+TEST(LoadConfig, ARotationIsNormalised) {
+  const Config config = FromText("sensors: {a: {rotation: [0, 0, 0, 1.0005]}}\n");
+  EXPECT_EQ(config.sensors.at("a").rotation_xyzw, Eigen::Vector4d(0, 0, 0, 1));
+}
+
+TEST(LoadConfig, AnEmptySensorIsTheIdentity) {
+  EXPECT_EQ(FromText("sensors:\n  a:\n  b: {}\n").sensors.size(), 2U);
+}
+
+TEST(LoadConfig, ReadsNumbersTheSameInEveryLocale) {
+  for (const char* name : {"de_DE.UTF-8", "fr_FR.UTF-8"}) std::setlocale(LC_ALL, name);
+  EXPECT_EQ(FromText("input: {min_range_m: 0.25}\n").input.min_range_m, 0.25);
+  std::setlocale(LC_ALL, "C");
+}
+
+TEST(ConfigErrors, NameFileLineKeyValueAndConstraint) {
+  EXPECT_EQ(ReasonOfFile("input:\n  max_range_m: far\n"),
+            ":2: input.max_range_m: 'far', expected a number above 0 to 100000");
+  EXPECT_EQ(ReasonOfFile("\n\nmethod: magic\n"),
+            ":3: method: 'magic', expected one of robust, paper");
+  EXPECT_EQ(ReasonOfFile("paper:\n  window_frames: 2.0\n"),
+            ":2: paper.window_frames: '2.0', expected an integer from 1 to 1000000");
+  EXPECT_EQ(ReasonOfFile("input:\n\n  skip_bad_frames: yes\n"),
+            ":3: input.skip_bad_frames: 'yes', expected true or false");
+  EXPECT_EQ(ReasonOfFile("input:\n  max_range_m:\n"),
+            ":2: input.max_range_m: nothing, expected a number above 0 to 100000");
+}
+
+TEST(ConfigErrors, RefuseEveryWrongNumber) {
+  for (const char* value : {"-3", "0", ".nan", ".inf", "1e400", "0x10", "1,5", "1 m", "''", "[1]",
+                            "{a: 1}", "~", "true", "100001"}) {
+    EXPECT_CONTAINS(ReasonOfFile(std::string("input:\n  max_range_m: ") + value + "\n"),
+                    ":2: input.max_range_m: ");
+  }
+}
+
+TEST(ConfigErrors, RefuseEveryWrongList) {
+  for (const char* value : {"[]", "3", "[1, 2, x]", "[0]", "[1, -1]", "[1, 1001]", "[.nan]",
+                            "[[1]]", "{a: 1}", "~", "''"}) {
+    EXPECT_CONTAINS(
+        ReasonOfFile(std::string("robust:\n  tracker:\n    sigma_a_mps2: ") + value + "\n"),
+        ", expected a list of one or more numbers, each from 0.01 to 1000");
+  }
+}
+
+TEST(ConfigErrors, RefuseEveryWrongPose) {
+  for (const char* line :
+       {"translation_m: [1, 2]", "translation_m: [1, 2, 3, 4]", "translation_m: 1",
+        "translation_m: [1, 2, .nan]", "translation_m: [1, 2, 1e7]", "rotation: [0, 0, 0, 0]",
+        "rotation: [0, 0, 0, 1.002]", "rotation: [0, 0, 1]", "rotation: [1, 1, 1, 1]",
+        "time_offset_s: 1e10"}) {
+    EXPECT_CONTAINS(ReasonOfFile(std::string("sensors:\n  a:\n    ") + line + "\n"),
+                    ":3: sensors.a.");
+  }
+  EXPECT_CONTAINS(ReasonOfFile("sensors:\n  a b:\n    time_offset_s: 1\n"), ":2: sensors: 'a b'");
+}
+
+TEST(ConfigErrors, NameTheNearestKeyForAnUnknownOne) {
+  EXPECT_EQ(ReasonOfFile("input:\n  max_rnge_m: 3\n"),
+            ":2: input.max_rnge_m: unknown key; did you mean input.max_range_m?");
+  EXPECT_CONTAINS(ReasonOfFile("sensors:\n  a:\n    translation: [0, 0, 0]\n"),
+                  "did you mean sensors.a.translation_m?");
+  EXPECT_CONTAINS(ReasonOfFile("max_range_m: 3\n"), "did you mean input.max_range_m?");
+  EXPECT_CONTAINS(ReasonOfSet("colour=red"), "--set colour=red: colour: unknown key");
+  EXPECT_CONTAINS(ReasonOfSet("input=3"), "unknown key");
+  EXPECT_CONTAINS(ReasonOfSet("sensors.a=3"), "unknown key");
+  EXPECT_CONTAINS(ReasonOfSet("sensors.time_offset_s=3"), "unknown key");
+}
+
+TEST(ConfigErrors, RefuseARepeatedOrDottedKey) {
+  EXPECT_CONTAINS(ReasonOfFile("input:\n  max_range_m: 5\n  max_range_m: 5\n"),
+                  ":3: input.max_range_m: repeated");
+  EXPECT_CONTAINS(ReasonOfFile("input: {}\nmethod: paper\ninput: {}\n"), ":3: input: repeated");
+  EXPECT_CONTAINS(ReasonOfFile("input.max_range_m: 5\n"), ":1: 'input.max_range_m' is not a key");
+}
+
+TEST(ConfigErrors, RefuseWhatIsNoMapOrNoYaml) {
+  EXPECT_CONTAINS(ReasonOfFile("- a\n- b\n"), ":1: ");
+  EXPECT_CONTAINS(ReasonOfFile("just text\n"), ":1: 'just text', expected");
+  EXPECT_CONTAINS(ReasonOfFile("input: 3\n"), ":1: input: '3', expected a section");
+  EXPECT_CONTAINS(ReasonOfFile("input:\n  max_range_m: [5\n"), ", expected YAML");
+  EXPECT_CONTAINS(ReasonOfFile("method: paper\n---\nmethod: robust\n"), "2 YAML documents");
+  EXPECT_CONTAINS(ReasonOfFile("? [a, b]\n: c\n"), "is not a key");
+  EXPECT_CONTAINS(ReasonOfFile(std::string(2'000'000, '#')), "1048576 bytes");
+  EXPECT_CONTAINS(ReasonOfFile(std::string(100'000, '[')), ":1: ");
+}
+
+TEST(ConfigErrors, RefuseAFileThatCannotBeRead) {
+  const TemporaryFolder folder;
+  for (const std::string& path : {folder / "none.yaml", folder.path()}) {
+    const std::string reason = ReasonOf<ConfigError>([&] { LoadConfig(path, {}); });
+    EXPECT_CONTAINS(reason, path + ": cannot be read");
+  }
+}
+
+TEST(ConfigErrors, NameTheAssignment) {
+  EXPECT_EQ(ReasonOfSet("input.max_range_m=far"),
+            "--set input.max_range_m=far: input.max_range_m: 'far', expected a number above 0 to "
+            "100000");
+  EXPECT_CONTAINS(ReasonOfSet("input.max_range_m="), "input.max_range_m: nothing, expected");
+  EXPECT_CONTAINS(ReasonOfSet("input.max_range_m=[1"), "--set input.max_range_m=[1: ");
+}
+
+TEST(ConfigErrors, AnAssignmentWithoutKeyOrValueIsWrongUsage) {
+  for (const char* assignment : {"input.max_range_m", "", "=3"}) {
+    const std::string reason = ReasonOf<UsageError>([&] { LoadConfig("", {assignment}); });
+    EXPECT_CONTAINS(reason, "expected section.key=value");
+  }
+}
+
+TEST(ConfigErrors, ConstraintsBetweenKeysNameTheLineThatBrokeThem) {
+  EXPECT_EQ(ReasonOfFile("input:\n  max_range_m: 3\n  min_range_m: 4\n"),
+            ":2: input.max_range_m: '3', expected more than input.min_range_m (4)");
+  EXPECT_CONTAINS(ReasonOfSet("input.min_range_m=3000"), "--set input.min_range_m=3000: ");
+  EXPECT_CONTAINS(ReasonOfSet("trajectory.max_knot_spacing_s=0.01"), "expected more than");
+}
+
+TEST(SensorNames, MayBeMissingOnEitherSideButNotOnBoth) {
+  Config config;
+  EXPECT_NO_THROW(CheckSensorNames(config, {{"avia", "a"}, {"", "b"}}));
+  config.sensors["avia"] = {};
+  EXPECT_NO_THROW(CheckSensorNames(config, {{"avia", "a"}, {"mid360", "b"}}));
+  EXPECT_NO_THROW(CheckSensorNames(config, {{"", "a"}}));
+  const std::string reason = ReasonOf<ConfigError>([&] {
+    CheckSensorNames(config, {{"avai", "a"}});
+  });
+  EXPECT_CONTAINS(reason, "--frames avai=a: the config has no sensors.avai");
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -1,0 +1,263 @@
+#include "unlidar/frames.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <limits>
+
+#include "frame_folder.hpp"
+#include "temporary_folder.hpp"
+#include "unlidar/error.hpp"
+#include "unlidar/pcd.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::InputMessage;
+using testing::kMs;
+using testing::kSecond;
+using testing::OnePoint;
+using testing::Read;
+using testing::TemporaryFolder;
+
+std::vector<TimeNs> Stamps(const Recording& recording) {
+  std::vector<TimeNs> stamps;
+  for (const FrameInfo& frame : recording.frames) stamps.push_back(frame.stamp_ns);
+  return stamps;
+}
+
+TEST(FrameStamps, OrderIsThatOfTheNumbersAndExactToTheNanosecond) {
+  const TemporaryFolder folder;
+  folder.Write("10.000000001.pcd", OnePoint());
+  folder.Write("9.5.pcd", OnePoint());
+  folder.Write("100.25.pcd", OnePoint());
+  folder.Write("1706255621614239001.pcd", OnePoint());
+  EXPECT_EQ(Stamps(Read(folder)), (std::vector<TimeNs>{9'500 * kMs, 10 * kSecond + 1, 100'250 * kMs,
+                                                       1'706'255'621'614'239'001}));
+}
+
+TEST(FrameStamps, OnlyPcdFilesThatAreNotHiddenAreFrames) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", OnePoint());
+  for (const char* other : {"._2.0.pcd", "notes.txt", "3.0.pcd.bak", "4.0.npy", ".pcd"}) {
+    folder.Write(other, "no frame");
+  }
+  folder.Write("5.0.pcd/file", "a folder");
+  EXPECT_EQ(Read(folder).frames.size(), 1U);
+}
+
+TEST(FrameStamps, ATableOverridesTheNames) {
+  const TemporaryFolder folder;
+  folder.Write("b.pcd", OnePoint());
+  folder.Write("1.0.pcd", OnePoint());
+  folder.Write("timestamps.csv", "file,timestamp\r\nb.pcd,12.000000001\r\n\r\n1.0.pcd , 13\r\n");
+  EXPECT_EQ(Stamps(Read(folder)), (std::vector<TimeNs>{12 * kSecond + 1, 13 * kSecond}));
+}
+
+TEST(FrameStamps, ATableWithAWrongLineIsRefusedWithItsNumber) {
+  const std::string header = "file,timestamp\n";
+  const std::pair<std::string, std::string> expected_by_table[] = {
+      {"", "is empty"},
+      {"name,time\n", "timestamps.csv:1: the header is 'name,time'"},
+      {header + "1.0.pcd\n", "timestamps.csv:2: '1.0.pcd' has one value"},
+      {header + "1.0.pcd,soon\n", "timestamps.csv:2: the timestamp is 'soon'"},
+      {header + "1.0.pcd,99999999999\n", "timestamps.csv:2: the timestamp is '99999999999'"},
+      {header + "1.0.pcd,1\n\n3.0.pcd,2\n", "timestamps.csv:4: '3.0.pcd' is no frame"},
+      {header + "1.0.pcd,1\n1.0.pcd,2\n", "timestamps.csv:3: '1.0.pcd' is listed a second time"},
+      {header + "1.0.pcd,1\n", "timestamps.csv:2: the last line, and no stamp for '2.0.pcd'"}};
+  for (const auto& [table, expected] : expected_by_table) {
+    const TemporaryFolder folder;
+    folder.Write("1.0.pcd", OnePoint());
+    folder.Write("2.0.pcd", OnePoint());
+    folder.Write("timestamps.csv", table);
+    EXPECT_NE(InputMessage(folder).find(expected), std::string::npos)
+        << InputMessage(folder) << " | " << expected;
+  }
+}
+
+TEST(FrameStamps, TwoFramesOfOneSensorWithOneStampAreRefused) {
+  const TemporaryFolder folder;
+  folder.Write("01.6.pcd", OnePoint());
+  folder.Write("1.5.pcd", OnePoint());
+  folder.Write("1.6.pcd", OnePoint());
+  const std::string message = InputMessage(folder);
+  EXPECT_NE(message.find("/01.6.pcd"), std::string::npos) << message;
+  EXPECT_NE(message.find("/1.6.pcd"), std::string::npos) << message;
+}
+
+TEST(FrameStamps, AFileWithoutAStampIsRefused) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", OnePoint());
+  folder.Write("map.pcd", OnePoint());
+  InputConfig config;
+  config.skip_bad_frames = true;
+  EXPECT_NE(InputMessage(folder, config).find("'map' is no stamp"), std::string::npos);
+}
+
+TEST(FrameDirectories, MissingAndEmptyOnesAreRefused) {
+  const TemporaryFolder folder;
+  folder.Write("notes.txt", "");
+  EXPECT_NE(InputMessage(folder).find("no .pcd file"), std::string::npos);
+  EXPECT_THROW(ReadRecording({{"", folder / "missing"}}, {}, {}), InputError);
+  EXPECT_THROW(ReadRecording({{"", folder / "notes.txt"}}, {}, {}), InputError);
+}
+
+TEST(FrameDirectories, SourcesWithoutANameHaveThatOfTheirDirectory) {
+  const TemporaryFolder folder;
+  folder.Write("a/mid360/1.0.pcd", OnePoint());
+  folder.Write("b/mid360/1.0.pcd", OnePoint());
+  const Recording recording =
+      ReadRecording({{"", folder / "a/mid360/"}, {"other", folder / "b/mid360/."}}, {}, {});
+  ASSERT_EQ(recording.sensors.size(), 2U);
+  EXPECT_EQ(recording.sensors[0].name, "mid360");
+  EXPECT_EQ(recording.sensors[1].name, "other");
+  EXPECT_THROW(ReadRecording({{"", folder / "a/mid360"}, {"", folder / "b/mid360"}}, {}, {}),
+               UsageError);
+  EXPECT_THROW(ReadRecording({{"x", folder / "a/mid360"}, {"x", folder / "b/mid360"}}, {}, {}),
+               UsageError);
+}
+
+TEST(FrameReturns, RowsAreDroppedByReasonAndCounted) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const float inf = std::numeric_limits<float>::infinity();
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", BinaryPcd({{0, 0, 0},
+                                     {-0.0F, 0, 0},
+                                     {nan, 1, 1},
+                                     {1, 1, inf},
+                                     {0.3F, 0.3F, 0.2F},
+                                     {0.5F, 0, 0},
+                                     {0, -2000.0F, 0},
+                                     {0, -2000.1F, 0},
+                                     {3e38F, 3e38F, 3e38F},
+                                     {1, 2, 3}}));
+  folder.Write("2.0.pcd", BinaryPcd({}));
+  folder.Write("3.0.pcd", BinaryPcd({{0, 0, 0}}));
+  const Recording recording = Read(folder);
+  EXPECT_EQ(recording.points_m,
+            (std::vector<Eigen::Vector3f>{{0.5F, 0, 0}, {0, -2000.0F, 0}, {1, 2, 3}}));
+  const InputCounts& counts = recording.counts;
+  EXPECT_EQ(counts.frames, 3U);
+  EXPECT_EQ(counts.empty_frames, 2U);
+  EXPECT_EQ(counts.bad_frames, 0U);
+  EXPECT_EQ(counts.rows, 11U);
+  EXPECT_EQ(counts.no_return_rows, 3U);
+  EXPECT_EQ(counts.non_finite_rows, 2U);
+  EXPECT_EQ(counts.out_of_range_rows, 3U);
+  EXPECT_EQ(counts.returns, 3U);
+  EXPECT_EQ(recording.frames[1].first_return, 3U);
+  EXPECT_EQ(recording.frames[2].last_return, 3U);
+}
+
+TEST(FrameReturns, ThePoseIsAppliedInDoubleAndRangeIsMeasuredFromTheSensor) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", BinaryPcd({{1.0F, 2.0F, 3.0F}}));
+  SensorConfig sensor;
+  sensor.translation_m = {5000.0, -1.0, 0.25};
+  sensor.rotation_xyzw = {0.0, 0.0, std::sqrt(0.5), std::sqrt(0.5)};  // x to y
+  const Recording recording = Read(folder, {}, sensor);
+  ASSERT_EQ(recording.points_m.size(), 1U);
+  EXPECT_TRUE(recording.points_m[0].isApprox(Eigen::Vector3f(4998.0F, 0.0F, 3.25F), 1e-7F));
+  EXPECT_EQ(recording.sensors[0].origin_m, Eigen::Vector3f(5000.0F, -1.0F, 0.25F));
+  // A sensor that the config does not name stands at the origin.
+  EXPECT_EQ(ReadRecording({{"lidar", folder.path()}}, {}, {{"x", sensor}}).points_m[0],
+            Eigen::Vector3f(1.0F, 2.0F, 3.0F));
+}
+
+TEST(FrameOrder, SensorsAreMergedByStampThenByIndexWithTheirTimeOffsets) {
+  const TemporaryFolder folder;
+  folder.Write("a/1.0.pcd", OnePoint(1));
+  folder.Write("a/2.0.pcd", OnePoint(2));
+  folder.Write("b/1.5.pcd", OnePoint(3));
+  folder.Write("b/2.5.pcd", BinaryPcd({{4, 0, 0}, {5, 0, 0}}));
+  SensorConfig late;
+  late.time_offset_s = -0.5;
+  const Recording recording =
+      ReadRecording({{"", folder / "a"}, {"", folder / "b"}}, {}, {{"b", late}});
+  EXPECT_EQ(Stamps(recording), (std::vector<TimeNs>{kSecond, kSecond, 2 * kSecond, 2 * kSecond}));
+  std::vector<float> x;
+  for (const FrameInfo& frame : recording.frames) {
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      x.push_back(recording.points_m[i].x());
+      EXPECT_EQ(recording.times_ns[i], frame.stamp_ns + kSecond / 2);
+    }
+  }
+  EXPECT_EQ(x, (std::vector<float>{1, 3, 2, 4, 5}));
+  EXPECT_EQ(recording.frames[1].sensor, 1U);
+  EXPECT_EQ(recording.frames.back().last_return, recording.points_m.size());
+}
+
+TEST(FrameIntervals, AreOnePeriodLongAboutTheStampAsConfigured) {
+  const TemporaryFolder folder;
+  for (const char* name : {"10.0.pcd", "10.1.pcd", "10.2.pcd", "15.0.pcd"}) {
+    folder.Write(name, OnePoint());
+  }
+  const std::pair<StampMeaning, TimeNs> cases[] = {{StampMeaning::kBegin, 0},
+                                                   {StampMeaning::kMiddle, -50 * kMs},
+                                                   {StampMeaning::kEnd, -100 * kMs}};
+  for (const auto& [meaning, begin_ns] : cases) {
+    InputConfig config;
+    config.stamp = meaning;
+    const Recording recording = Read(folder, config);
+    EXPECT_EQ(recording.sensors[0].frame_period_ns, 100 * kMs);  // the median, not the mean
+    for (std::size_t i = 0; i < 4; ++i) {
+      const FrameInfo& frame = recording.frames[i];
+      EXPECT_EQ(frame.begin_ns, frame.stamp_ns + begin_ns);
+      EXPECT_EQ(frame.end_ns, frame.begin_ns + 100 * kMs);
+      EXPECT_EQ(recording.times_ns[i], frame.begin_ns + 50 * kMs);
+    }
+  }
+}
+
+TEST(FrameIntervals, OfASingleFrameAreATenthOfASecond) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", OnePoint());
+  EXPECT_EQ(Read(folder).sensors[0].frame_period_ns, 100 * kMs);
+}
+
+TEST(FrameIntervals, StampsAtBothEndsOfTimeDoNotOverflow) {
+  const TemporaryFolder folder;
+  folder.Write("-4000000000.0.pcd", OnePoint());
+  folder.Write("4000000000.0.pcd", OnePoint());
+  InputConfig config;
+  config.stamp = StampMeaning::kEnd;
+  SensorConfig sensor;
+  sensor.time_offset_s = 3.9e9;
+  const Recording recording = Read(folder, config, sensor);
+  EXPECT_EQ(recording.frames[0].end_ns, -100'000'000 * kSecond);
+  EXPECT_EQ(recording.frames[0].begin_ns, recording.frames[0].end_ns - 3600 * kSecond);
+  EXPECT_EQ(recording.frames[1].end_ns, 7'900'000'000 * kSecond);
+  folder.Write("4000000000.1.pcd", OnePoint());
+  EXPECT_NE(InputMessage(folder).find("4000000000.1"), std::string::npos);
+}
+
+TEST(BadFrames, AreErrorsUnlessSkippedAndThenCountedAndReported) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", OnePoint(1));
+  folder.Write("2.0.pcd", "no frame");
+  folder.Write("3.0.pcd", OnePoint(3).substr(0, 150));
+  folder.Write("4.0.pcd", OnePoint(4));
+  EXPECT_NE(InputMessage(folder).find("2.0.pcd"), std::string::npos);
+  InputConfig config;
+  config.skip_bad_frames = true;
+  const Recording recording = Read(folder, config);
+  EXPECT_EQ(Stamps(recording), (std::vector<TimeNs>{kSecond, 4 * kSecond}));
+  EXPECT_EQ(recording.counts.bad_frames, 2U);
+  EXPECT_EQ(recording.counts.frames, 2U);
+  EXPECT_EQ(recording.counts.rows, 2U);
+  ASSERT_EQ(recording.warnings.size(), 2U);
+  EXPECT_NE(recording.warnings[0].find("2.0.pcd"), std::string::npos);
+  EXPECT_NE(recording.warnings[1].find("3.0.pcd"), std::string::npos);
+}
+
+TEST(BadFrames, ASourceWithoutAnyGoodFrameIsRefused) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", "no frame");
+  InputConfig config;
+  config.skip_bad_frames = true;
+  EXPECT_NE(InputMessage(folder, config).find("none of its 1 frames"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -1,0 +1,127 @@
+#include "unlidar/robust/ground.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::Random;
+
+constexpr double kHalf_m = 25.0;
+
+double SlopeAt(double x, double y) { return -1.5 + 0.06 * x - 0.04 * y; }
+
+// Returns of a sloping ground, 30 % of them of what stands on it.
+std::vector<Eigen::Vector3f> SlopeUnderClutter(Random* random) {
+  std::vector<Eigen::Vector3f> points_m;
+  for (int i = 0; i < 8000; ++i) {
+    Eigen::Vector3d p = random->InBox({-kHalf_m, -kHalf_m, 0}, {kHalf_m, kHalf_m, 0});
+    p.z() = SlopeAt(p.x(), p.y()) + random->Normal(0.03);
+    if (i % 10 < 3) p.z() += random->Uniform(0.0, 4.0);
+    points_m.emplace_back(p.cast<float>());
+  }
+  return points_m;
+}
+
+// Returns of level ground at -1.5 m but for a cell-sized patch about (10, 10), which is at
+// `patch_m`.
+std::vector<Eigen::Vector3f> LevelButForAPatch(Random* random, double patch_m) {
+  std::vector<Eigen::Vector3f> points_m;
+  for (int i = 0; i < 8000; ++i) {
+    Eigen::Vector3d p = random->InBox({-kHalf_m, -kHalf_m, 0}, {kHalf_m, kHalf_m, 0});
+    const bool is_patch = p.x() > 8.0 && p.x() < 12.0 && p.y() > 8.0 && p.y() < 12.0;
+    p.z() = (is_patch ? patch_m : -1.5) + random->Normal(0.03);
+    points_m.emplace_back(p.cast<float>());
+  }
+  return points_m;
+}
+
+const Eigen::Vector3f kAbovePatch(10.0F, 10.0F, 4.0F);
+
+// The lowest of a cell of 4 m lies by this much below its middle.
+constexpr double kFallInHalfACell_m = 0.5 * 4.0 * (0.06 + 0.04);
+constexpr double kNoise_m = 0.15;
+
+TEST(Ground, ASlopeIsFoundUnderWhatStandsOnIt) {
+  Random random(1);
+  const Ground ground(SlopeUnderClutter(&random), GroundConfig());
+  for (int i = 0; i < 500; ++i) {
+    const Eigen::Vector3d p = random.InBox({-kHalf_m, -kHalf_m, -2.0}, {kHalf_m, kHalf_m, 30.0});
+    const double height_m = p.z() - SlopeAt(p.x(), p.y());
+    const double found_m = ground.HeightAbove(p.cast<float>());
+    EXPECT_GT(found_m, height_m - kNoise_m);
+    EXPECT_LT(found_m, height_m + 2.0 * kFallInHalfACell_m + kNoise_m);
+  }
+}
+
+TEST(Ground, GoesOnAsAPlaneBeyondWhatWasSeen) {
+  Random random(2);
+  const Ground ground(SlopeUnderClutter(&random), GroundConfig());
+  for (const double x : {-40.0, 0.0, 40.0}) {
+    for (const double y : {-40.0, 40.0}) {
+      const double found_m = ground.HeightAbove(Eigen::Vector3d(x, y, 10.0).cast<float>());
+      EXPECT_GT(found_m, 10.0 - SlopeAt(x, y) - kNoise_m);
+      EXPECT_LT(found_m, 10.0 - SlopeAt(x, y) + kFallInHalfACell_m + kNoise_m);
+    }
+  }
+}
+
+TEST(Ground, ABushOrATruckDoesNotRaiseIt) {
+  for (const double top_m : {-0.5, 0.0, 1.5}) {
+    Random random(3);
+    const Ground ground(LevelButForAPatch(&random, top_m), GroundConfig());
+    EXPECT_NEAR(ground.HeightAbove(kAbovePatch), 5.5, GroundConfig().max_rise_m + 0.1) << top_m;
+  }
+}
+
+TEST(Ground, FollowsHollowsButNoHoles) {
+  Random random(4);
+  const Ground hollow(LevelButForAPatch(&random, -2.5), GroundConfig());
+  EXPECT_NEAR(hollow.HeightAbove(kAbovePatch), 6.5, 0.15);
+  // Returns far below the ground are reflections.
+  const Ground hole(LevelButForAPatch(&random, -8.0), GroundConfig());
+  EXPECT_NEAR(hole.HeightAbove(kAbovePatch), 5.5, 0.15);
+}
+
+TEST(Ground, OfASensorThatLooksUpIsInfinitelyFarBelow) {
+  Random random(5);
+  std::vector<Eigen::Vector3f> few;
+  std::vector<Eigen::Vector3f> narrow_wall;
+  std::vector<Eigen::Vector3f> crowns;  // the lower edge of the view through a wood: a cone
+  for (int i = 0; i < 3000; ++i) {
+    if (i < 50) few.emplace_back(random.InBox({-30, -30, 5}, {30, 30, 40}).cast<float>());
+    narrow_wall.emplace_back(random.InBox({20, -7, 0}, {20.1, 7, 15}).cast<float>());
+    const double range_m = random.Uniform(5.0, 30.0);
+    const double azimuth = random.Uniform(-M_PI / 4, M_PI / 4);
+    crowns.emplace_back(Eigen::Vector3d(range_m * std::cos(azimuth), range_m * std::sin(azimuth),
+                                        range_m * random.Uniform(1.0, 1.2))
+                            .cast<float>());
+  }
+  for (const auto& points_m : {std::vector<Eigen::Vector3f>(), few, narrow_wall, crowns}) {
+    const Ground ground(points_m, GroundConfig());
+    EXPECT_EQ(ground.HeightAbove({3.0F, 4.0F, -100.0F}), std::numeric_limits<double>::infinity())
+        << points_m.size() << " points";
+  }
+}
+
+TEST(Ground, DoesNotDependOnTheOrderOfTheReturns) {
+  Random random(6);
+  std::vector<Eigen::Vector3f> points_m = SlopeUnderClutter(&random);
+  const Ground ground(points_m, GroundConfig());
+  for (std::size_t i = points_m.size(); i > 1; --i) {
+    std::swap(points_m[i - 1], points_m[random.Index(i)]);
+  }
+  const Ground shuffled(points_m, GroundConfig());
+  for (int i = 0; i < 100; ++i) {
+    const Eigen::Vector3f p = random.InBox({-40, -40, -2}, {40, 40, 30}).cast<float>();
+    EXPECT_EQ(ground.HeightAbove(p), shuffled.HeightAbove(p));
+  }
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -1,0 +1,208 @@
+#include "unlidar/pipeline.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <string>
+#include <vector>
+
+#include "temporary_folder.hpp"
+#include "unlidar/error.hpp"
+#include "unlidar/output.hpp"
+#include "unlidar/pcd.hpp"
+#include "unlidar/sampling.hpp"
+
+namespace unlidar {
+namespace {
+
+using ::unlidar::testing::TemporaryFolder;
+
+constexpr TimeNs kSecond = 1'000'000'000;
+constexpr TimeNs kPeriodNs = 100'000'000;
+constexpr TimeNs kBeginNs = 1'700'000'000 * kSecond;
+constexpr int kFrames = 40;
+
+Eigen::Vector3d DroneAt(double time_s) { return {-8.0 + 4.0 * time_s, 10.0, 12.0}; }
+
+// A drone that crosses at 4 m/s with six returns a frame, and a static wall.
+void WriteFlight(const TemporaryFolder& folder, const std::string& name) {
+  for (int i = 0; i < kFrames; ++i) {
+    std::vector<Eigen::Vector3f> points_m;
+    for (int k = 0; k < 6; ++k) {
+      // Returns that see the drone evenly in each direction: their mean is its position.
+      Eigen::Vector3d offset_m = Eigen::Vector3d::Zero();
+      offset_m[k % 3] = k < 3 ? 0.1 : -0.1;
+      points_m.emplace_back((DroneAt(0.1 * i + 0.05) + offset_m).cast<float>());
+    }
+    for (int k = 0; k < 200; ++k) {
+      points_m.emplace_back(20.0F, 0.1F * static_cast<float>(k % 20),
+                            0.1F * static_cast<float>(k / 20) + 0.001F * static_cast<float>(i % 7));
+    }
+    folder.Write(name + "/" + std::to_string(kBeginNs + i * kPeriodNs) + ".pcd",
+                 BinaryPcd(points_m));
+  }
+}
+
+Config PaperMethod() {
+  Config config;
+  config.method = Method::kPaper;
+  return config;
+}
+
+PipelineResult RunQuietly(const PipelineRequest& request, const Config& config) {
+  return RunPipeline(request, config, [](const StageTime&, const std::string&) {});
+}
+
+// A recording of frames with so many returns each.
+Recording FramesOf(const std::vector<std::uint32_t>& returns_of_frames) {
+  Recording recording;
+  recording.sensors.resize(1);
+  TimeNs stamp_ns = 0;
+  for (const std::uint32_t count : returns_of_frames) {
+    FrameInfo frame;
+    frame.stamp_ns = frame.begin_ns = stamp_ns;
+    frame.end_ns = stamp_ns + kPeriodNs;
+    frame.first_return = static_cast<std::uint32_t>(recording.points_m.size());
+    frame.last_return = frame.first_return + count;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      recording.points_m.emplace_back(1.0F, 0.0F, 0.0F);
+      recording.times_ns.push_back(stamp_ns + kPeriodNs / 2);
+    }
+    recording.frames.push_back(frame);
+    stamp_ns += kPeriodNs;
+  }
+  return recording;
+}
+
+std::vector<Measurement> Straight(int count) {
+  std::vector<Measurement> measurements(static_cast<std::size_t>(count));
+  for (int i = 0; i < count; ++i) {
+    Measurement& measurement = measurements[static_cast<std::size_t>(i)];
+    measurement.time_ns = i * kPeriodNs + kPeriodNs / 2;
+    measurement.position_m = {0.3 * i, 0.4 * i, 0.0};
+    measurement.covariance_m2 *= 1e-4;
+  }
+  return measurements;
+}
+
+TEST(Pipeline, FollowsADroneFromFramesToRows) {
+  const TemporaryFolder folder;
+  WriteFlight(folder, "frames");
+  PipelineRequest request;
+  request.sources = {{"", folder / "frames"}};
+  const PipelineResult result = RunQuietly(request, PaperMethod());
+  ASSERT_EQ(result.tracks.size(), 1U);
+  const Track& track = result.tracks.front();
+  EXPECT_EQ(track.id, 0);
+  EXPECT_EQ(track.returns.size(), 6U * kFrames);
+  EXPECT_NEAR(track.length_m, 4.0 * 3.9, 0.05);
+  ASSERT_EQ(track.rows.size(), static_cast<std::size_t>(kFrames));  // the first stamp, too
+  for (const TrajectoryRow& row : track.rows) {
+    const double time_s = static_cast<double>(row.time_ns - kBeginNs) * kSecondsPerNs;
+    EXPECT_LT((row.position_m - DroneAt(time_s)).norm(), 0.05) << time_s;
+    EXPECT_LT((row.velocity_mps - Eigen::Vector3d(4, 0, 0)).norm(), 0.3) << time_s;
+    EXPECT_EQ(row.support, 6);
+    EXPECT_EQ(row.track_id, 0);
+  }
+}
+
+TEST(Pipeline, GivesTheSameBytesTwice) {
+  const TemporaryFolder folder;
+  WriteFlight(folder, "frames");
+  PipelineRequest request;
+  request.sources = {{"", folder / "frames"}};
+  request.output_times = ParseRate("33");
+  EXPECT_EQ(TrajectoryCsv(RunQuietly(request, PaperMethod()).tracks),
+            TrajectoryCsv(RunQuietly(request, PaperMethod()).tracks));
+}
+
+TEST(Pipeline, ScoresClustersOnlyIfAskedToOrByTheirMethod) {
+  const TemporaryFolder folder;
+  WriteFlight(folder, "frames");
+  PipelineRequest request;
+  request.sources = {{"", folder / "frames"}};
+  EXPECT_FALSE(RunQuietly(request, PaperMethod()).clusters.empty());
+  EXPECT_TRUE(RunQuietly(request, Config()).clusters.empty());
+  request.score_clusters = true;
+  EXPECT_EQ(RunQuietly(request, Config()).clusters.size(),
+            RunQuietly(request, PaperMethod()).clusters.size());
+}
+
+TEST(Pipeline, HandsOnWhatTheRobustMethodCounted) {
+  const TemporaryFolder folder;
+  WriteFlight(folder, "frames");
+  PipelineRequest request;
+  request.sources = {{"", folder / "frames"}};
+  EXPECT_FALSE(RunQuietly(request, PaperMethod()).robust_counts.has_value());
+  const PipelineResult result = RunQuietly(request, Config());
+  const RobustCounts counts =
+      FindTargetsRobust(result.recording, RobustConfig(), TrajectoryConfig()).counts;
+  ASSERT_TRUE(result.robust_counts.has_value());
+  EXPECT_GT(result.robust_counts->plots, 0U);
+  EXPECT_EQ(result.robust_counts->plots, counts.plots);
+  EXPECT_EQ(result.robust_counts->score_threshold, counts.score_threshold);
+}
+
+TEST(Pipeline, TellsEachStageOnceAndInOrder) {
+  const TemporaryFolder folder;
+  WriteFlight(folder, "frames");
+  PipelineRequest request;
+  request.sources = {{"", folder / "frames"}};
+  std::vector<std::string> told;
+  const PipelineResult result =
+      RunPipeline(request, PaperMethod(), [&](const StageTime& time, const std::string& found) {
+        told.push_back(time.stage + ": " + found);
+      });
+  EXPECT_EQ(told, (std::vector<std::string>{"read: 40 frames, 8240 returns", "targets: 1 target",
+                                            "trajectories: 1 track"}));
+  EXPECT_EQ(result.times.size(), told.size());
+}
+
+TEST(EvidenceInterval, IsTheWholeFramesOfTheFirstAndLastMeasurement) {
+  const Recording recording = FramesOf({1, 1, 0, 1, 1});
+  const Trajectory trajectory = FitTrajectory(Straight(4), TrajectoryConfig());
+  const TimeInterval interval = EvidenceInterval(recording, trajectory);
+  EXPECT_EQ(interval.begin_ns, 0);
+  EXPECT_EQ(interval.end_ns, 4 * kPeriodNs);
+}
+
+TEST(SampleTrajectory, GivesRowsInsideTheIntervalAndTheSigmaLimit) {
+  const Trajectory trajectory = FitTrajectory(Straight(20), TrajectoryConfig());
+  std::vector<TimeNs> times_ns(100);
+  for (std::size_t i = 0; i < times_ns.size(); ++i) {
+    times_ns[i] = (static_cast<TimeNs>(i) - 40) * kPeriodNs;
+  }
+  const auto rows = SampleTrajectory(trajectory, {0, 5 * kPeriodNs}, times_ns, 1e3);
+  ASSERT_EQ(rows.size(), 6U);
+  EXPECT_EQ(rows.front().time_ns, 0);
+  EXPECT_EQ(rows.back().time_ns, 5 * kPeriodNs);
+  EXPECT_TRUE(SampleTrajectory(trajectory, {0, 5 * kPeriodNs}, times_ns, 1e-9).empty());
+  EXPECT_TRUE(SampleTrajectory(trajectory, {1, 2}, times_ns, 1e3).empty());
+}
+
+TEST(CountSupport, GivesEachReturnToTheRowNearestToItsFramesStamp) {
+  const Recording recording = FramesOf({2, 3, 0, 5, 1});
+  std::vector<std::uint32_t> returns(11);
+  std::iota(returns.begin(), returns.end(), 0U);
+  std::vector<TrajectoryRow> rows(3);
+  rows[0].time_ns = 0;
+  rows[1].time_ns = 2 * kPeriodNs;  // the second frame is as near to the first row
+  rows[2].time_ns = 3 * kPeriodNs;
+  CountSupport(recording, returns, rows);
+  EXPECT_EQ(rows[0].support, 5);
+  EXPECT_EQ(rows[1].support, 0);
+  EXPECT_EQ(rows[2].support, 6);
+  std::vector<TrajectoryRow> none;
+  CountSupport(recording, returns, none);
+  EXPECT_TRUE(none.empty());
+}
+
+TEST(PathLength, OfAStraightFlightIsItsLength) {
+  EXPECT_NEAR(PathLength(FitTrajectory(Straight(20), TrajectoryConfig())), 19 * 0.5, 0.01);
+  EXPECT_EQ(PathLength(FitTrajectory(Straight(1), TrajectoryConfig())), 0.0);
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -1,0 +1,308 @@
+#include "unlidar/robust/plots.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <functional>
+#include <limits>
+#include <set>
+#include <vector>
+
+#include "synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kPeriodS;
+using testing::MiddleS;
+using testing::RecordingMaker;
+
+constexpr int kDrone = 1;
+constexpr int kBody = 2;
+constexpr int kFarSide = 3;
+constexpr double kGround_m = -1.5;
+
+struct Found {
+  std::vector<Plot> plots;
+  std::vector<char> is_body;
+};
+
+Found FindPlots(const Recording& recording, const PlotConfig& config = PlotConfig()) {
+  Found found;
+  const Background background(recording, BackgroundConfig());
+  const Ground ground(background.StructurePoints(recording), GroundConfig());
+  found.plots = MakePlots(recording, background, ground, config, &found.is_body);
+  return found;
+}
+
+// Six seconds of level ground; `fill` adds what moves.
+RecordingMaker OnGround(const std::function<void(double time_s, RecordingMaker*)>& fill) {
+  RecordingMaker maker(1);
+  for (int i = 0; i < 60; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    maker.AddGround(kGround_m, 20.0, 1500);
+    fill(MiddleS(i), &maker);
+  }
+  return maker;
+}
+
+// Share of the returns with a label that are in a plot, and that were taken for a body's.
+double ShareInPlots(const RecordingMaker& maker, const Found& found, int label) {
+  double in_plots = 0.0;
+  for (const Plot& plot : found.plots) {
+    for (const std::uint32_t i : plot.returns) in_plots += maker.labels[i] == label ? 1.0 : 0.0;
+  }
+  return in_plots /
+         static_cast<double>(std::count(maker.labels.begin(), maker.labels.end(), label));
+}
+
+double ShareOfBodies(const RecordingMaker& maker, const Found& found, int label) {
+  double all = 0.0;
+  double bodies = 0.0;
+  for (std::size_t i = 0; i < maker.labels.size(); ++i) {
+    if (maker.labels[i] != label) continue;
+    all += 1.0;
+    bodies += found.is_body[i] != 0 ? 1.0 : 0.0;
+  }
+  return bodies / all;
+}
+
+// A box that stands on the ground (or is cut off below `from_m`) and drives along y.
+void AddStanding(const Eigen::Vector3d& middle_m, const Eigen::Vector3d& size_m, double from_m,
+                 int count, RecordingMaker* maker) {
+  Eigen::Vector3d low = middle_m - 0.5 * size_m;
+  Eigen::Vector3d high = middle_m + 0.5 * size_m;
+  low.z() = std::max(kGround_m, from_m);
+  high.z() = kGround_m + size_m.z();
+  maker->AddBox(low, high, count, kBody);
+}
+
+using Groups = std::set<std::vector<std::uint32_t>>;
+
+// Single linkage: points nearer than the radius at their range are in one group.
+Groups LinkedByBruteForce(const std::vector<Eigen::Vector3f>& points_m, const RangeRadius& radius) {
+  std::vector<std::uint32_t> label(points_m.size());
+  for (std::uint32_t i = 0; i < label.size(); ++i) label[i] = i;
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      const double reach_m = radius.At(static_cast<double>(points_m[i].norm()));
+      if (static_cast<double>((points_m[i] - points_m[j]).norm()) >= reach_m) continue;
+      const std::uint32_t from = label[i];
+      std::replace(label.begin(), label.end(), from, label[j]);
+    }
+  }
+  std::vector<std::vector<std::uint32_t>> members(points_m.size());
+  for (std::uint32_t i = 0; i < label.size(); ++i) members[label[i]].push_back(i);
+  Groups groups(members.begin(), members.end());
+  groups.erase(std::vector<std::uint32_t>());
+  return groups;
+}
+
+// Whether two points are linked or not depends on whose range sets the radius.
+bool IsAmbiguous(const Eigen::Vector3f& a, const Eigen::Vector3f& b, const RangeRadius& radius) {
+  const double at_a = radius.At(static_cast<double>(a.norm()));
+  const double at_b = radius.At(static_cast<double>(b.norm()));
+  const auto distance_m = static_cast<double>((a - b).norm());
+  return distance_m > 0.999 * std::min(at_a, at_b) && distance_m < 1.001 * std::max(at_a, at_b);
+}
+
+TEST(Plots, AreTheSingleLinkageOfTheReturnsOfAFrame) {
+  PlotConfig config;
+  config.body_spread_m = 1e3;  // and without a ground nothing is a body
+  for (const double half_m : {4.0, 8.0, 40.0}) {
+    RecordingMaker maker(7);
+    Recording& recording = maker.recording;
+    for (int i = 0; i < 60; ++i) {
+      maker.BeginFrame(i * kPeriodS);
+      if (i != 30) continue;
+      while (recording.points_m.size() < 300) {
+        const Eigen::Vector3d p =
+            maker.random.InBox({10, -half_m, 5}, {10 + 2 * half_m, half_m, 5 + half_m});
+        if (std::none_of(recording.points_m.begin(), recording.points_m.end(),
+                         [&](const Eigen::Vector3f& q) {
+                           return IsAmbiguous(p.cast<float>(), q, config.link);
+                         })) {
+          maker.Add(p);
+        }
+      }
+    }
+    const Found found = FindPlots(recording, config);
+    Groups groups;
+    for (Plot plot : found.plots) {
+      std::sort(plot.returns.begin(), plot.returns.end());
+      groups.insert(plot.returns);
+    }
+    EXPECT_EQ(groups, LinkedByBruteForce(recording.points_m, config.link));
+    EXPECT_EQ(groups.size(), found.plots.size());
+    EXPECT_GT(groups.size(), 5U);
+  }
+}
+
+TEST(Plots, SayWhereAndWhenTheirReturnsWere) {
+  RecordingMaker maker(8);
+  for (int i = 0; i < 60; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    maker.AddGround(kGround_m, 20.0, 1500);
+    const TimeNs begin_ns = maker.recording.frames.back().begin_ns;
+    for (int k = 0; k < 1 + i % 4; ++k) {
+      maker.AddAt(begin_ns + k * 20'000'000,
+                  Eigen::Vector3d(10.0, 0.5 * i, 8.0) + maker.random.NormalVector(0.05), kDrone);
+    }
+  }
+  const Recording& recording = maker.recording;
+  std::vector<Plot> plots = FindPlots(recording).plots;
+  plots.erase(std::remove_if(
+                  plots.begin(), plots.end(),
+                  [&](const Plot& plot) { return maker.labels[plot.returns.front()] != kDrone; }),
+              plots.end());
+  ASSERT_EQ(plots.size(), 60U);
+  std::vector<double> variances(5, 0.0);
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    const Plot& plot = plots[i];
+    EXPECT_EQ(plot.frame, i);
+    ASSERT_EQ(plot.returns.size(), 1 + i % 4);
+    Eigen::Vector3d mean_m = Eigen::Vector3d::Zero();
+    Eigen::AlignedBox3f box;
+    double time_s = 0.0;
+    double lowest_m = std::numeric_limits<double>::infinity();
+    for (const std::uint32_t r : plot.returns) {
+      const auto n = static_cast<double>(plot.returns.size());
+      mean_m += recording.points_m[r].cast<double>() / n;
+      box.extend(recording.points_m[r]);
+      time_s += testing::SecondsSinceBegin(recording.times_ns[r]) / n;
+      lowest_m = std::min(lowest_m, static_cast<double>(recording.points_m[r].z()) - kGround_m);
+    }
+    EXPECT_LT((plot.position_m - mean_m).norm(), 1e-5);
+    EXPECT_NEAR(testing::SecondsSinceBegin(plot.time_ns), time_s, 2e-9);
+    EXPECT_NEAR(plot.extent_m, static_cast<double>(box.diagonal().norm()), 1e-5);
+    EXPECT_NEAR(plot.lowest_m, lowest_m, 0.1);
+    variances[plot.returns.size()] = plot.variance_m2;
+  }
+  EXPECT_TRUE(std::is_sorted(variances.rbegin(), variances.rend() - 1));
+}
+
+TEST(Plots, ComeInOrderOfTimeAlsoWhereFramesOfTwoSensorsOverlap) {
+  RecordingMaker maker(9, 2);
+  for (int i = 0; i < 120; ++i) {
+    const double begin_s = 0.5 * i * kPeriodS;
+    maker.BeginFrame(begin_s, static_cast<std::uint32_t>(i % 2));
+    const TimeNs begin_ns = maker.recording.frames.back().begin_ns;
+    for (int k = 0; k < 5; ++k) {  // far apart: a plot each
+      maker.AddAt(begin_ns + k * 20'000'000, {12.0, 4.0 * k - 8.0, 5.0 + 0.2 * i}, kDrone);
+    }
+  }
+  const Found found = FindPlots(maker.recording);
+  ASSERT_EQ(found.plots.size(), 600U);
+  EXPECT_TRUE(std::is_sorted(found.plots.begin(), found.plots.end(),
+                             [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; }));
+}
+
+TEST(Plots, WalkersAndCarsAreBodies) {
+  const Eigen::Vector3d person_m(0.5, 0.5, 1.75);
+  const Eigen::Vector3d car_m(1.8, 4.4, 1.5);
+  const RecordingMaker walker = OnGround([&](double time_s, RecordingMaker* maker) {
+    AddStanding({8.0, 1.4 * time_s - 4.0, 0.0}, person_m, kGround_m, 20, maker);
+  });
+  const RecordingMaker car = OnGround([&](double time_s, RecordingMaker* maker) {
+    AddStanding({12.0, 8.0 * (time_s - 3.0), 0.0}, car_m, kGround_m, 60, maker);
+  });
+  for (const RecordingMaker* maker : {&walker, &car}) {
+    const Found found = FindPlots(maker->recording);
+    EXPECT_GT(ShareOfBodies(*maker, found, kBody), 0.7);  // feet and wheels are ground
+    EXPECT_LT(ShareInPlots(*maker, found, kBody), 0.01);
+  }
+}
+
+TEST(Plots, AWalkerWhoseLegsAreBelowTheFieldOfViewIsABody) {
+  // The sensor sees down to -7 degrees: at 5 m that is 0.9 m above the ground, at 6 m 0.76 m.
+  constexpr double kLowest_rad = -7.0 * M_PI / 180.0;
+  RecordingMaker maker(10);
+  for (int i = 0; i < 60; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    for (int k = 0; k < 1500; ++k) {
+      const double range_m = maker.random.Uniform(13.0, 40.0);
+      const double azimuth = maker.random.Uniform(-M_PI, M_PI);
+      maker.Add({range_m * std::cos(azimuth), range_m * std::sin(azimuth), kGround_m});
+    }
+    const double x = 3.7;
+    const double y = 1.4 * (MiddleS(i) - 3.0);
+    const double edge_m = std::tan(kLowest_rad) * std::hypot(x, y);
+    AddStanding({x, y, 0.0}, {0.3, 0.5, 1.75}, edge_m, 20, &maker);
+  }
+  const Found found = FindPlots(maker.recording);
+  EXPECT_GT(ShareOfBodies(maker, found, kBody), 0.95);
+  EXPECT_LT(ShareInPlots(maker, found, kBody), 0.01);
+}
+
+TEST(Plots, ADroneAtThreeMetresAndAFastStreakAreNoBodies) {
+  const RecordingMaker low = OnGround([](double time_s, RecordingMaker* maker) {
+    maker->AddBlob({8.0, 1.5 * (time_s - 3.0), kGround_m + 3.0}, 0.12, 20, kDrone);
+  });
+  const RecordingMaker fast = OnGround([](double time_s, RecordingMaker* maker) {
+    for (int k = 0; k < 20; ++k) {  // 2.5 m within the frame
+      const double at_s = time_s + maker->random.Uniform(-0.5, 0.5) * kPeriodS;
+      maker->Add(Eigen::Vector3d(15.0, 25.0 * (at_s - 3.0), 8.0) + maker->random.NormalVector(0.12),
+                 kDrone);
+    }
+  });
+  for (const RecordingMaker* maker : {&low, &fast}) {
+    const Found found = FindPlots(maker->recording);
+    EXPECT_EQ(ShareOfBodies(*maker, found, kDrone), 0.0);
+    EXPECT_EQ(ShareInPlots(*maker, found, kDrone), 1.0);
+  }
+}
+
+TEST(Plots, WhatIsWideInTwoDirectionsIsABodyAlsoWithoutAGround) {
+  const auto fly = [](const Eigen::Vector3d& half_m) {
+    RecordingMaker maker(11);
+    for (int i = 0; i < 60; ++i) {
+      maker.BeginFrame(i * kPeriodS);
+      const Eigen::Vector3d at(15.0, 8.0 * (MiddleS(i) - 3.0), 6.0);
+      maker.AddBox(at - half_m, at + half_m, 100, kBody);
+    }
+    return maker;
+  };
+  const RecordingMaker sheet = fly({0.1, 2.0, 2.0});
+  EXPECT_EQ(ShareOfBodies(sheet, FindPlots(sheet.recording), kBody), 1.0);
+  const RecordingMaker pole = fly({0.1, 2.0, 0.1});
+  EXPECT_EQ(ShareOfBodies(pole, FindPlots(pole.recording), kBody), 0.0);
+}
+
+TEST(Plots, TheFarSideOfABusGoesWithItButNotADroneAboveIt) {
+  const RecordingMaker maker = OnGround([](double time_s, RecordingMaker* m) {
+    const double y = 6.0 * (time_s - 3.0);
+    m->AddBox({10.0, y - 5.0, kGround_m}, {10.1, y + 5.0, kGround_m + 3.0}, 300, kBody);
+    m->AddBox({12.4, y - 5.0, kGround_m + 2.9}, {12.5, y + 5.0, kGround_m + 3.0}, 1, kFarSide);
+    m->AddBlob({11.0, y, kGround_m + 11.0}, 0.1, 5, kDrone);
+  });
+  const Found found = FindPlots(maker.recording);
+  EXPECT_LT(ShareInPlots(maker, found, kBody), 0.01);
+  EXPECT_LT(ShareInPlots(maker, found, kFarSide), 0.05);
+  EXPECT_EQ(ShareInPlots(maker, found, kDrone), 1.0);
+}
+
+TEST(Plots, EveryUnexplainedReturnIsABodyOrInAPlotUnlessNextToABody) {
+  const RecordingMaker maker = OnGround([](double time_s, RecordingMaker* m) {
+    m->AddBlob({8.0, 2.0 * (time_s - 3.0), 4.0}, 0.1, 5, kDrone);
+    m->AddBox({-30, -30, 1}, {30, 30, 30}, 10);
+  });
+  const Background background(maker.recording, BackgroundConfig());
+  const Found found = FindPlots(maker.recording);
+  std::vector<std::uint32_t> held;
+  for (const Plot& plot : found.plots) {
+    held.insert(held.end(), plot.returns.begin(), plot.returns.end());
+  }
+  for (std::uint32_t i = 0; i < found.is_body.size(); ++i) {
+    if (found.is_body[i] != 0) held.push_back(i);
+  }
+  std::sort(held.begin(), held.end());
+  EXPECT_EQ(std::adjacent_find(held.begin(), held.end()), held.end());
+  EXPECT_TRUE(std::includes(background.unexplained().begin(), background.unexplained().end(),
+                            held.begin(), held.end()));
+  EXPECT_GT(static_cast<double>(held.size()),
+            0.95 * static_cast<double>(background.unexplained().size()));
+}
+
+}  // namespace
+}  // namespace unlidar

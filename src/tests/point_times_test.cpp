@@ -1,0 +1,128 @@
+// What ReadRecording() makes of a time field.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "frame_folder.hpp"
+#include "pcd_writer.hpp"
+#include "temporary_folder.hpp"
+#include "unlidar/frames.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::InputMessage;
+using testing::kMs;
+using testing::kUnix;
+using testing::Read;
+using testing::TemporaryFolder;
+using testing::TestCloud;
+using testing::TestEncoding;
+using testing::TimedFrame;
+
+// The same two frames of 0.1 s, their times written in each of the ways that drivers write them.
+TEST(PointTimes, AreTheSameWhetherWrittenAsOffsetsOrAsUnixTimeInAnyUnit) {
+  struct Writing {
+    const char* what;
+    char type;
+    int size;
+    bool absolute;
+    double per_second;
+  };
+  const Writing writings[] = {
+      {"offset ns u32", 'U', 4, false, 1e9}, {"offset ns u64", 'U', 8, false, 1e9},
+      {"offset ns i32", 'I', 4, false, 1e9}, {"offset s f32", 'F', 4, false, 1.0},
+      {"offset s f64", 'F', 8, false, 1.0},  {"unix s f64", 'F', 8, true, 1.0},
+      {"unix ms f64", 'F', 8, true, 1e3},    {"unix us f64", 'F', 8, true, 1e6},
+      {"unix ns f64", 'F', 8, true, 1e9},    {"unix ns u64", 'U', 8, true, 1e9},
+      {"unix us u64", 'U', 8, true, 1e6},    {"unix ms i64", 'I', 8, true, 1e3}};
+  SensorConfig sensor;
+  sensor.time_offset_s = 0.25;
+  for (const Writing& writing : writings) {
+    SCOPED_TRACE(writing.what);
+    const TemporaryFolder folder;
+    for (const double stamp_s : {1706255621.0, 1706255621.1}) {
+      std::vector<double> times;
+      for (const double offset_s : {0.015625, 0.0, 0.09375}) {
+        times.push_back(((writing.absolute ? stamp_s : 0.0) + offset_s) * writing.per_second);
+      }
+      std::string name = std::to_string(stamp_s);
+      folder.Write(name + ".pcd", TimedFrame(times, writing.type, writing.size, "Timestamp"));
+    }
+    const Recording recording = Read(folder, {}, sensor);
+    ASSERT_EQ(recording.times_ns.size(), 6U);
+    const TimeNs begin_ns = kUnix + 250 * kMs;
+    const TimeNs resolution_ns = writing.per_second == 1e3 ? kMs : 1000;
+    for (std::size_t frame = 0; frame < 2; ++frame) {
+      const TimeNs stamp_ns = begin_ns + static_cast<TimeNs>(frame) * 100 * kMs;
+      EXPECT_EQ(recording.frames[frame].stamp_ns, stamp_ns);
+      EXPECT_NEAR(static_cast<double>(recording.times_ns[3 * frame] - stamp_ns), 15'625'000.0,
+                  static_cast<double>(resolution_ns));
+      EXPECT_EQ(recording.frames[frame].begin_ns, recording.times_ns[3 * frame + 1]);
+      EXPECT_EQ(recording.frames[frame].end_ns, recording.times_ns[3 * frame + 2]);
+    }
+  }
+}
+
+// Clocks that start at zero, as simulators have them: offset and time since start look alike in the
+// first frame, and all frames of a sensor are read alike.
+TEST(PointTimes, AreToldApartOnAClockThatStartsAtZero) {
+  for (const bool absolute : {false, true}) {
+    for (const char type : {'F', 'U'}) {
+      const TemporaryFolder folder;
+      for (int frame = 0; frame < 20; ++frame) {
+        const double stamp_s = 0.0625 * frame;
+        std::vector<double> times;
+        for (const double offset_s : {0.0, 0.03125, 0.05}) {
+          const double time_s = (absolute ? stamp_s : 0.0) + offset_s;
+          times.push_back(type == 'F' ? time_s : std::round(time_s * 1e9));
+        }
+        folder.Write(std::to_string(stamp_s) + ".pcd", TimedFrame(times, type, 8));
+      }
+      const Recording recording = Read(folder);
+      for (const FrameInfo& frame : recording.frames) {
+        EXPECT_EQ(recording.times_ns[frame.first_return + 1], frame.stamp_ns + 31'250'000);
+      }
+    }
+  }
+}
+
+TEST(PointTimes, FarFromTheStampAreRefusedWithFileAndValue) {
+  const TemporaryFolder folder;
+  folder.Write("1706255621.0.pcd", TimedFrame({0.0, 0.05}, 'F', 4));
+  folder.Write("1706255621.1.pcd", TimedFrame({0.0, 1.5}, 'F', 4));
+  const std::string message = InputMessage(folder);
+  EXPECT_NE(message.find("1706255621.1.pcd: row 2 has the time 1.5"), std::string::npos) << message;
+
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  folder.Write("1706255621.1.pcd", TimedFrame({nan}, 'F', 8));
+  EXPECT_NE(InputMessage(folder).find("row 1 has the time nan"), std::string::npos);
+  folder.Write("1706255621.1.pcd", TimedFrame({1e300}, 'F', 8));
+  EXPECT_NE(InputMessage(folder).find("row 1 has the time 1"), std::string::npos);
+
+  InputConfig config;
+  config.skip_bad_frames = true;
+  EXPECT_EQ(Read(folder, config).counts.bad_frames, 1U);
+}
+
+TEST(PointTimes, OfSlowSensorsMayBeTenPeriodsAway) {
+  const TemporaryFolder folder;
+  folder.Write("1706255620.0.pcd", TimedFrame({0.0}, 'F', 4));
+  folder.Write("1706255621.0.pcd", TimedFrame({9.5}, 'F', 4));
+  EXPECT_EQ(Read(folder).times_ns[1], kUnix + 9'500 * kMs);
+}
+
+TEST(PointTimes, OfRowsWithoutAReturnNeedNotBeSound) {
+  TestCloud cloud{{{"x"}, {"y"}, {"z"}, {"t", 'U', 4}}, {}};
+  cloud.values = {{0, 0, 0, 4e9}, {0, 0, 0, 60e6}, {10, 0, 0, 20e6}};
+  const TemporaryFolder folder;
+  folder.Write("1706255621.0.pcd", Encoded(cloud, TestEncoding::kBinary));
+  const Recording recording = Read(folder);
+  EXPECT_EQ(recording.times_ns, (std::vector<TimeNs>{kUnix + 20 * kMs}));
+  EXPECT_EQ(recording.frames[0].begin_ns, kUnix + 20 * kMs);
+  EXPECT_EQ(recording.frames[0].end_ns, kUnix + 60 * kMs);
+}
+
+}  // namespace
+}  // namespace unlidar

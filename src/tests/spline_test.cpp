@@ -1,0 +1,164 @@
+// The pieces below a trajectory: banded matrices, B-splines and the terms given to Ceres.
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "banded.hpp"
+#include "bspline.hpp"
+#include "spline_cost.hpp"
+
+namespace unlidar {
+namespace {
+
+struct DenseAndBanded {
+  Eigen::MatrixXd dense;
+  BandedMatrix banded;
+};
+
+DenseAndBanded RandomPositiveMatrix(int size) {
+  std::mt19937 generator(7);
+  std::normal_distribution<double> normal;
+  Eigen::MatrixXd factor = Eigen::MatrixXd::Zero(size, size);
+  for (int i = 0; i < size; ++i) {
+    for (int j = std::max(0, i - kBandRows + 1); j <= i; ++j) factor(i, j) = normal(generator);
+    factor(i, i) = 3.0 + std::abs(factor(i, i));
+  }
+  DenseAndBanded matrix{factor * factor.transpose(), ZeroBandedMatrix(size)};
+  for (int j = 0; j < size; ++j) {
+    for (int p = 0; p < kBandRows && j + p < size; ++p) {
+      matrix.banded[static_cast<std::size_t>(j)][p] = matrix.dense(j + p, j);
+    }
+  }
+  return matrix;
+}
+
+TEST(Banded, SolutionDeterminantAndInverseAreThoseOfTheDenseMatrix) {
+  constexpr int kSize = 45;
+  auto [dense, banded] = RandomPositiveMatrix(kSize);
+  ASSERT_TRUE(FactoriseBanded(banded));
+  const Eigen::VectorXd right = Eigen::VectorXd::LinSpaced(kSize, -1.0, 2.0);
+  Eigen::VectorXd x = right;
+  SolveBanded(banded, x);
+  EXPECT_LT((dense * x - right).norm(), 1e-10);
+  EXPECT_NEAR(LogDeterminantBanded(banded), std::log(dense.determinant()), 1e-9);
+  const Eigen::MatrixXd inverse = dense.inverse();
+  const BandedMatrix within = InvertWithinBand(banded);
+  for (int j = 0; j < kSize; ++j) {
+    for (int p = 0; p < kBandRows && j + p < kSize; ++p) {
+      EXPECT_NEAR(within[static_cast<std::size_t>(j)][p], inverse(j + p, j), 1e-12);
+    }
+  }
+}
+
+TEST(Banded, AMatrixThatIsNotPositiveDefiniteIsRefused) {
+  auto banded = RandomPositiveMatrix(20).banded;
+  banded[11][0] = -1.0;
+  EXPECT_FALSE(FactoriseBanded(banded));
+}
+
+TEST(BSpline, KnotsAreFineWhereTimesAreDenseAndCoverThemAll) {
+  std::vector<double> times_s;
+  for (int i = 0; i < 500; ++i) times_s.push_back(0.01 * i);  // dense up to 5 s
+  times_s.push_back(8.0);
+  const KnotSpacing spacing{0.05, 0.25, 2, 5.0};
+  const auto knots_s = PlaceKnots(times_s, spacing);
+  EXPECT_LE(knots_s[3], -5.0);
+  EXPECT_GE(knots_s[knots_s.size() - 4], 13.0);
+  for (std::size_t i = 1; i < knots_s.size(); ++i) {
+    const double length_s = knots_s[i] - knots_s[i - 1];
+    EXPECT_GE(length_s, spacing.min_s - 1e-9);
+    EXPECT_LE(length_s, spacing.max_s + 1e-9);
+    if (knots_s[i - 1] > 0.0 && knots_s[i] < 4.9) {
+      EXPECT_NEAR(length_s, 0.05, 1e-9);
+    }
+    if (knots_s[i - 1] > 5.1 && knots_s[i] < 7.9) {
+      EXPECT_NEAR(length_s, 0.25, 1e-9);
+    }
+  }
+}
+
+TEST(BSpline, BasisSumsToOneAndJoinsWithTwoDerivativesAtUnevenKnots) {
+  const std::vector<double> knots_s = {-1.0, -0.4, -0.3, 0.0, 0.2, 0.9, 1.0, 1.05, 2.0, 2.1, 3.0};
+  for (int interval = 0; interval + 1 < static_cast<int>(knots_s.size()) - 7; ++interval) {
+    const auto begin = static_cast<std::size_t>(interval + 3);
+    const double length_s = knots_s[begin + 1] - knots_s[begin];
+    const Eigen::Matrix4d here = BasisPolynomials(knots_s, interval);
+    const Eigen::Matrix4d next = BasisPolynomials(knots_s, interval + 1);
+    EXPECT_NEAR(EvaluateBasis(here, 0.3 * length_s, 0).sum(), 1.0, 1e-12);
+    EXPECT_GE(EvaluateBasis(here, 0.3 * length_s, 0).minCoeff(), 0.0);
+    for (int derivative = 0; derivative <= 2; ++derivative) {
+      const Eigen::Vector4d left = EvaluateBasis(here, length_s, derivative);
+      const Eigen::Vector4d right = EvaluateBasis(next, 0.0, derivative);
+      const double tolerance = 1e-11 * (1.0 + left.norm());
+      EXPECT_NEAR(left[0], 0.0, tolerance);
+      EXPECT_NEAR((left.tail<3>() - right.head<3>()).norm(), 0.0, tolerance);
+      EXPECT_NEAR(right[3], 0.0, tolerance);
+    }
+  }
+}
+
+TEST(BSpline, DerivativesAreThoseOfNumericDifferences) {
+  const std::vector<double> knots_s = {-1.0, -0.4, -0.3, 0.0, 0.2, 0.9, 1.0, 1.05};
+  const Eigen::Matrix4d basis = BasisPolynomials(knots_s, 0);
+  constexpr double kStep_s = 1e-5;
+  for (int derivative = 1; derivative <= 3; ++derivative) {
+    const Eigen::Vector4d numeric = (EvaluateBasis(basis, 0.1 + kStep_s, derivative - 1) -
+                                     EvaluateBasis(basis, 0.1 - kStep_s, derivative - 1)) /
+                                    (2.0 * kStep_s);
+    const Eigen::Vector4d exact = EvaluateBasis(basis, 0.1, derivative);
+    EXPECT_LT((numeric - exact).norm(), 1e-6 * (1.0 + exact.norm()));
+  }
+}
+
+TEST(SplineCost, JacobiansAreThoseOfNumericDifferences) {
+  SplineRow row;
+  row.basis << 0.1, 0.6, 0.28, 0.02;
+  row.sqrt_information << 3.0, 0.0, 0.0, -1.0, 4.0, 0.0, 0.5, 0.7, 9.0;
+  row.value_m << 1.0, -2.0, 0.3;
+  const SplineCost cost(row, 1.5);
+  Eigen::Matrix<double, 3, 4> control;
+  control << 1, 2, 3, 4, -5, 6, 7, 8, 0.1, 0.2, 0.3, 0.4;
+  const double* parameters[4] = {control.col(0).data(), control.col(1).data(),
+                                 control.col(2).data(), control.col(3).data()};
+  Eigen::Matrix<double, 3, 3, Eigen::RowMajor> jacobian[4];
+  double* jacobians[4] = {jacobian[0].data(), jacobian[1].data(), jacobian[2].data(),
+                          jacobian[3].data()};
+  Eigen::Vector3d residual;
+  ASSERT_TRUE(cost.Evaluate(parameters, residual.data(), jacobians));
+  constexpr double kStep_m = 1e-4;
+  for (int j = 0; j < 4; ++j) {
+    for (int c = 0; c < 3; ++c) {
+      const double kept = control(c, j);
+      Eigen::Vector3d low, high;
+      control(c, j) = kept - kStep_m;
+      cost.Evaluate(parameters, low.data(), nullptr);
+      control(c, j) = kept + kStep_m;
+      cost.Evaluate(parameters, high.data(), nullptr);
+      control(c, j) = kept;
+      EXPECT_LT(((high - low) / (2.0 * kStep_m) - jacobian[j].col(c)).norm(), 1e-8);
+    }
+  }
+}
+
+TEST(SplineCost, LossHasTheDerivativesItStatesAndIsBounded) {
+  constexpr double kLimit = 20.0;
+  const TruncatedLossFunction loss(kLimit);
+  for (const double s : {0.5, 9.0, 11.0, 20.0, 39.0, 41.0, 1e6}) {
+    constexpr double kStep = 1e-4;
+    double rho[3], low[3], high[3];
+    loss.Evaluate(s, rho);
+    loss.Evaluate(s - kStep, low);
+    loss.Evaluate(s + kStep, high);
+    EXPECT_NEAR(rho[1], (high[0] - low[0]) / (2.0 * kStep), 1e-5) << s;
+    EXPECT_NEAR(rho[2], (high[1] - low[1]) / (2.0 * kStep), 1e-5) << s;
+    EXPECT_LE(rho[0], kLimit);
+  }
+}
+
+}  // namespace
+}  // namespace unlidar

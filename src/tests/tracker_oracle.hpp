@@ -1,0 +1,127 @@
+// The tracker's model once more, written from its description and sharing no code with it.
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "synthetic_recording.hpp"
+#include "unlidar/robust/tracker.hpp"
+
+namespace unlidar::testing {
+
+// As plainly as can be: a Kalman filter of nine states (x, y, z, their
+// velocities, their accelerations), Singer's model integrated numerically, all densities in full.
+class PlainModel {
+ public:
+  using Vector9 = Eigen::Matrix<double, 9, 1>;
+  using Matrix9 = Eigen::Matrix<double, 9, 9>;
+
+  PlainModel(const TrackerConfig& config, double sigma_a_mps2, double birth_speed_mps)
+      : config_(config), sigma_a_(sigma_a_mps2), birth_speed_(birth_speed_mps) {}
+
+  // Log likelihood ratio of a sequence of plots; minus infinity for one that breaks a limit.
+  double Score(const std::vector<Plot>& plots) const {
+    constexpr double kNever = -std::numeric_limits<double>::infinity();
+    Vector9 x = Vector9::Zero();
+    x.head<3>() = plots.front().position_m;
+    Matrix9 p = Matrix9::Zero();
+    p.diagonal().segment<3>(0).setConstant(plots.front().variance_m2);
+    p.diagonal().segment<3>(3).setConstant(birth_speed_ * birth_speed_);
+    p.diagonal().segment<3>(6).setConstant(sigma_a_ * sigma_a_);
+    double score = 0.0;
+    // The gamma distribution of how many returns it gives, as far as is known by now.
+    double shape = config_.echo_shape;
+    double rate = config_.echo_shape / config_.echo_m2;
+    for (std::size_t k = 1; k < plots.size(); ++k) {
+      const Plot& plot = plots[k];
+      const double dt = static_cast<double>(plot.time_ns - plots[k - 1].time_ns) * 1e-9;
+      if (dt > config_.max_gap_s) return kNever;
+      const double per_frame = 1.0 / std::max(1.0, x.head<3>().squaredNorm());
+      const double missed = std::max(0.0, std::round(dt / kPeriodS) - 1.0);
+      const double unseen = std::pow(rate / (rate + missed * per_frame), shape);
+      const double hidden = std::exp(config_.shadow_log + config_.shadow_log_per_s * dt);
+      const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
+      score += std::log(std::max(unseen, hidden)) + std::log(seen) - plot.log_clutter;
+      shape += 1.0;
+      rate += per_frame * std::max(dt / kPeriodS, 0.5);
+
+      const double speed = std::min(config_.max_speed_mps, x.segment<3>(3).norm());
+      const double streak = speed * kPeriodS;
+      const auto n = static_cast<double>(plot.returns.size());
+      score += std::min(config_.max_returns_log, std::log(n));
+      score +=
+          config_.extent_log_per_m * std::max(0.0, plot.extent_m - config_.max_extent_m - streak);
+
+      const Eigen::Matrix3d noise =
+          (plot.variance_m2 + streak * streak / 12.0 / n / 3.0) * Eigen::Matrix3d::Identity();
+      const Update steady = Updated(x, p, sigma_a_, dt, plot.position_m, noise);
+      Update agile = Updated(x, p, config_.manoeuvre_factor * sigma_a_, dt, plot.position_m, noise);
+      agile.log_density += config_.manoeuvre_log;
+      const Update& better = agile.log_density > steady.log_density ? agile : steady;
+      score += better.log_density;
+      x = better.x;
+      p = better.p;
+      if (x.segment<3>(3).norm() > config_.max_speed_mps) return kNever;
+    }
+    return score;
+  }
+
+ private:
+  struct Update {
+    Vector9 x;
+    Matrix9 p;
+    double log_density;
+  };
+
+  Update Updated(Vector9 x, Matrix9 p, double sigma_a_mps2, double dt,
+                 const Eigen::Vector3d& position_m, const Eigen::Matrix3d& noise) const {
+    Integrate(dt, sigma_a_mps2, &x, &p);
+    Eigen::Matrix<double, 3, 9> h = Eigen::Matrix<double, 3, 9>::Zero();
+    h.leftCols<3>().setIdentity();
+    const Eigen::Matrix3d s = h * p * h.transpose() + noise;
+    const Eigen::Vector3d innovation = position_m - x.head<3>();
+    const Eigen::Matrix<double, 9, 3> gain = p * h.transpose() * s.inverse();
+    return {x + gain * innovation, (Matrix9::Identity() - gain * h) * p,
+            -0.5 * innovation.dot(s.ldlt().solve(innovation)) -
+                0.5 * std::log((2.0 * M_PI * s).determinant())};
+  }
+
+  // x' = A x with white noise on the accelerations, which keeps their variance at sigma_a^2 in the
+  // long run; Runge and Kutta's fourth order.
+  void Integrate(double dt, double sigma_a_mps2, Vector9* x, Matrix9* p) const {
+    const double tau = config_.acceleration_time_s;
+    Matrix9 a = Matrix9::Zero();
+    a.block<3, 3>(0, 3).setIdentity();
+    a.block<3, 3>(3, 6).setIdentity();
+    a.block<3, 3>(6, 6) = -Eigen::Matrix3d::Identity() / tau;
+    Matrix9 q = Matrix9::Zero();
+    q.diagonal().tail<3>().setConstant(2.0 * sigma_a_mps2 * sigma_a_mps2 / tau);
+    const auto x_rate = [&](const Vector9& v) -> Vector9 { return a * v; };
+    const auto p_rate = [&](const Matrix9& m) -> Matrix9 { return a * m + m * a.transpose() + q; };
+    const int steps = 1 + static_cast<int>(dt / 0.1);
+    const double h = dt / steps;
+    for (int i = 0; i < steps; ++i) {
+      Step(x_rate, h, x);
+      Step(p_rate, h, p);
+    }
+  }
+
+  template <class Rate, class Value>
+  static void Step(const Rate& rate, double h, Value* value) {
+    const Value k1 = rate(*value);
+    const Value k2 = rate(*value + 0.5 * h * k1);
+    const Value k3 = rate(*value + 0.5 * h * k2);
+    const Value k4 = rate(*value + h * k3);
+    *value += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
+  }
+
+  const TrackerConfig& config_;
+  double sigma_a_;
+  double birth_speed_;
+};
+
+}  // namespace unlidar::testing

@@ -1,0 +1,380 @@
+#include "unlidar/robust/tracker.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <vector>
+
+#include "synthetic_recording.hpp"
+#include "tracker_oracle.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kBeginNs;
+using testing::kPeriodNs;
+using testing::kPeriodS;
+using testing::PlainModel;
+using testing::Random;
+
+using Flight = std::function<Eigen::Vector3d(double time_s)>;
+
+Plot MakePlot(TimeNs time_ns, const Eigen::Vector3d& position_m, double log_clutter,
+              std::size_t num_returns = 1) {
+  Plot plot;
+  plot.time_ns = time_ns;
+  plot.position_m = position_m;
+  plot.variance_m2 = 0.02 + 0.01 / static_cast<double>(num_returns);
+  plot.extent_m = num_returns > 1 ? 0.3 : 0.0;
+  plot.log_clutter = log_clutter;
+  plot.frame = static_cast<std::uint32_t>((time_ns - kBeginNs) / kPeriodNs);
+  plot.returns.resize(num_returns);
+  return plot;
+}
+
+void SortByTime(std::vector<Plot>* plots) {
+  std::stable_sort(plots->begin(), plots->end(),
+                   [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; });
+}
+
+std::vector<Plot> Members(const std::vector<Plot>& plots, const std::vector<std::uint32_t>& path) {
+  std::vector<Plot> members;
+  for (const std::uint32_t i : path) members.push_back(plots[i]);
+  return members;
+}
+
+double PlainScore(const std::vector<Plot>& members, const TrackerConfig& config) {
+  double best = -std::numeric_limits<double>::infinity();
+  for (const double sigma_a_mps2 : config.sigma_a_mps2) {
+    for (const double speed_mps : config.birth_speeds_mps) {
+      best = std::max(best, PlainModel(config, sigma_a_mps2, speed_mps).Score(members));
+    }
+  }
+  return best;
+}
+
+// The best of all sequences with one plot a time at most.
+Path BestByEnumeration(const std::vector<Plot>& plots, const TrackerConfig& config) {
+  Path best;
+  for (std::uint32_t subset = 1; subset < (1U << plots.size()); ++subset) {
+    std::vector<std::uint32_t> members;
+    bool is_path = true;
+    for (std::uint32_t i = 0; i < plots.size(); ++i) {
+      if ((subset >> i & 1U) == 0) continue;
+      is_path = is_path && (members.empty() || plots[members.back()].time_ns < plots[i].time_ns);
+      members.push_back(i);
+    }
+    if (!is_path) continue;
+    const double score = PlainScore(Members(plots, members), config);
+    if (score > best.score) best = {members, score};
+  }
+  return best;
+}
+
+constexpr double kScoreTolerance = 1e-3;
+
+// Where an acceleration lasts much longer than the pause between two plots, the process noise is
+// known to first order only. Here it does not.
+TrackerConfig WithExactNoise() {
+  TrackerConfig config;
+  config.acceleration_time_s = 1.0;
+  return config;
+}
+
+// Up to ten plots: a few of a target that flies about, the others of clutter near it, some in one
+// frame.
+std::vector<Plot> TinyProblem(Random* random) {
+  const double log_clutter = random->Uniform(-9.0, -3.0);
+  const Eigen::Vector3d start_m = random->InBox({-5, 5, 5}, {5, 15, 15});
+  const Eigen::Vector3d velocity_mps = random->NormalVector(4.0);
+  const Eigen::Vector3d acceleration_mps2 = random->NormalVector(2.0);
+  std::vector<Plot> plots;
+  const std::uint32_t count = 6 + random->Index(5);
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const auto frame = static_cast<TimeNs>(random->Index(12));
+    const double time_s = static_cast<double>(frame) * kPeriodS;
+    Eigen::Vector3d position_m =
+        start_m + velocity_mps * time_s + 0.5 * acceleration_mps2 * time_s * time_s;
+    position_m += random->NormalVector(i % 3 == 2 ? 1.0 : 0.15);
+    plots.push_back(
+        MakePlot(kBeginNs + frame * kPeriodNs, position_m, log_clutter, 1 + random->Index(4)));
+  }
+  SortByTime(&plots);
+  return plots;
+}
+
+// A target at constant velocity that is seen in a share of the frames.
+void AddFlight(const Flight& at, int num_frames, double share, double log_clutter, Random* random,
+               std::vector<Plot>* plots) {
+  for (int i = 0; i < num_frames; ++i) {
+    if (random->Uniform(0.0, 1.0) > share) continue;
+    plots->push_back(MakePlot(kBeginNs + i * kPeriodNs,
+                              at(i * kPeriodS) + random->NormalVector(0.15), log_clutter, 3));
+  }
+}
+
+void AddClutter(double per_frame, int num_frames, const Eigen::Vector3d& low_m,
+                const Eigen::Vector3d& high_m, Random* random, std::vector<Plot>* plots) {
+  const double log_clutter = std::log(per_frame / (high_m - low_m).prod());
+  for (int i = 0; i < num_frames; ++i) {
+    const int count = random->Poisson(per_frame);
+    for (int k = 0; k < count; ++k) {
+      plots->push_back(
+          MakePlot(kBeginNs + i * kPeriodNs, random->InBox(low_m, high_m), log_clutter));
+    }
+  }
+}
+
+TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
+  TrackerConfig few_ways = WithExactNoise();
+  few_ways.min_fragment_log = 0.0;
+  few_ways.max_paths = 1;
+  TrackerConfig all_ways = few_ways;
+  all_ways.hypotheses_per_plot = 1000;
+  all_ways.give_up_log = -1e6;
+  const auto best_of = [](const std::vector<Plot>& plots, const TrackerConfig& config) {
+    const std::vector<Path> paths = FindPaths(plots, kPeriodS, config);
+    EXPECT_LE(paths.size(), 1U);
+    return paths.empty() ? Path() : paths[0];
+  };
+  constexpr int kProblems = 40;
+  Random random(1);
+  int num_long = 0;
+  double lost = 0.0;
+  for (int problem = 0; problem < kProblems; ++problem) {
+    const std::vector<Plot> plots = TinyProblem(&random);
+    const Path expected = BestByEnumeration(plots, all_ways);
+    const Path found = best_of(plots, all_ways);
+    EXPECT_NEAR(found.score, expected.score, kScoreTolerance) << problem;
+    if (!found.plots.empty()) {  // another one may be as good
+      EXPECT_NEAR(PlainScore(Members(plots, found.plots), all_ways), expected.score,
+                  kScoreTolerance)
+          << problem;
+    }
+    num_long += expected.plots.size() >= 4 ? 1 : 0;
+    // Keeping a few ways to each plot loses next to nothing.
+    const double score = best_of(plots, few_ways).score;
+    EXPECT_LE(score, found.score) << problem;
+    lost += found.score - score;
+  }
+  EXPECT_GT(num_long, 15);
+  EXPECT_LT(lost, 0.1 * kProblems);
+}
+
+// Whether a path has its score from one of the agilities and birth speeds.
+bool IsPlainlyScored(const Path& path, const std::vector<Plot>& plots, const TrackerConfig& config,
+                     double tolerance) {
+  const std::vector<Plot> members = Members(plots, path.plots);
+  for (const double sigma_a_mps2 : config.sigma_a_mps2) {
+    for (const double speed_mps : config.birth_speeds_mps) {
+      const double score = PlainModel(config, sigma_a_mps2, speed_mps).Score(members);
+      if (std::abs(score - path.score) < tolerance) return true;
+    }
+  }
+  return false;
+}
+
+TEST(FindPaths, ScoresArePlainlyThoseOfTheModelAlsoOverLongGaps) {
+  for (std::uint32_t seed = 0; seed < 10; ++seed) {
+    Random random(seed);
+    const Eigen::Vector3d velocity_mps = random.NormalVector(5.0);
+    const Flight straight = [&](double t) -> Eigen::Vector3d {
+      return Eigen::Vector3d(0, 10, 10) + velocity_mps * t;
+    };
+    std::vector<Plot> plots;
+    AddFlight(straight, 60, 0.4, -9.0, &random, &plots);
+    plots.erase(std::remove_if(plots.begin(), plots.end(),
+                               [](const Plot& plot) {
+                                 return plot.time_ns > kBeginNs + 20 * kPeriodNs &&
+                                        plot.time_ns < kBeginNs + 45 * kPeriodNs;
+                               }),
+                plots.end());
+    for (const TrackerConfig& config : {WithExactNoise(), TrackerConfig()}) {
+      const double tolerance = config.acceleration_time_s > 1.0 ? 0.1 : kScoreTolerance;
+      const std::vector<Path> paths = FindPaths(plots, kPeriodS, config);
+      ASSERT_FALSE(paths.empty()) << seed;
+      for (const Path& path : paths) {
+        EXPECT_TRUE(IsPlainlyScored(path, plots, config, tolerance)) << seed;
+      }
+    }
+  }
+}
+
+TEST(FindPaths, ScoresArePlainlyThoseOfTheModelAlsoWhereTheTargetIsMoreAgileThanThat) {
+  TrackerConfig config = WithExactNoise();
+  config.sigma_a_mps2 = {1.0};
+  std::size_t num_plots = 0;
+  for (std::uint32_t seed = 0; seed < 10; ++seed) {
+    Random random(seed);
+    const Flight weaving = [](double t) -> Eigen::Vector3d {  // with 8 m/s^2
+      return {15.0 + 2.0 * std::sin(2.0 * t), 3.0 * t, 10.0};
+    };
+    std::vector<Plot> plots;
+    AddFlight(weaving, 80, 0.3, -9.0, &random, &plots);
+    const std::vector<Path> paths = FindPaths(plots, kPeriodS, config);
+    ASSERT_FALSE(paths.empty()) << seed;
+    for (const Path& path : paths) {
+      EXPECT_TRUE(IsPlainlyScored(path, plots, config, kScoreTolerance)) << seed;
+      num_plots += path.plots.size();
+    }
+  }
+  EXPECT_GT(num_plots, 100U);
+}
+
+TEST(FindPaths, OnePathTakesAtMostOnePlotATimeAndNoPlotIsInTwo) {
+  for (std::uint32_t seed = 0; seed < 5; ++seed) {
+    Random random(seed);
+    std::vector<Plot> plots;
+    AddClutter(6.0, 60, {-6, 0, 0}, {6, 12, 12}, &random, &plots);
+    AddFlight([](double t) { return Eigen::Vector3d(-6 + 2 * t, 6, 6); }, 60, 0.8, -6.0, &random,
+              &plots);
+    SortByTime(&plots);
+    std::vector<char> used(plots.size(), 0);
+    double score_before = std::numeric_limits<double>::infinity();
+    for (const Path& path : FindPaths(plots, kPeriodS, TrackerConfig())) {
+      EXPECT_LE(path.score, score_before);
+      score_before = path.score;
+      for (std::size_t k = 0; k < path.plots.size(); ++k) {
+        EXPECT_EQ(used[path.plots[k]], 0);
+        used[path.plots[k]] = 1;
+        if (k == 0) continue;
+        EXPECT_LT(plots[path.plots[k - 1]].time_ns, plots[path.plots[k]].time_ns);
+      }
+    }
+  }
+}
+
+// The share of a path's plots that are of the flight from which most of them are.
+double Purity(const Path& path, const std::vector<Plot>& plots,
+              const std::vector<Flight>& flights) {
+  double most = 0.0;
+  for (const auto& at : flights) {
+    double own = 0.0;
+    for (const std::uint32_t i : path.plots) {
+      const double time_s = testing::SecondsSinceBegin(plots[i].time_ns);
+      const auto distance_m = [&](const Flight& flight) {
+        return (flight(time_s) - plots[i].position_m).norm();
+      };
+      const bool is_nearest = std::all_of(flights.begin(), flights.end(), [&](const auto& other) {
+        return distance_m(at) <= distance_m(other);
+      });
+      own += is_nearest ? 1.0 : 0.0;
+    }
+    most = std::max(most, own);
+  }
+  return most / static_cast<double>(path.plots.size());
+}
+
+TEST(FindPaths, CrossingTargetsKeepTheirOwnContinuation) {
+  for (std::uint32_t seed = 0; seed < 10; ++seed) {
+    Random random(seed);
+    const double speed_mps = random.Uniform(2.0, 8.0);
+    const std::vector<Flight> flights = {
+        [=](double t) { return Eigen::Vector3d(speed_mps * (t - 3.0), 10.0, 10.0); },
+        [=](double t) { return Eigen::Vector3d(0.2, 10.0, 10.2 + speed_mps * (t - 3.0)); }};
+    std::vector<Plot> plots;
+    for (const auto& at : flights) AddFlight(at, 60, 0.8, -9.0, &random, &plots);
+    SortByTime(&plots);
+    const std::vector<Path> paths = FindPaths(plots, kPeriodS, TrackerConfig());
+    ASSERT_EQ(paths.size(), 2U) << seed;
+    for (const Path& path : paths) {
+      EXPECT_GT(path.plots.size(), 40U) << seed;
+      EXPECT_GT(Purity(path, plots, flights), 0.95) << seed;  // at the crossing either may be
+    }
+  }
+}
+
+TEST(FindPaths, TheFlightIsFoundAmongClutter) {
+  const auto at = [](double t) { return Eigen::Vector3d(-15 + 5 * t, 20, 15 + 2 * std::sin(t)); };
+  for (std::uint32_t seed = 0; seed < 3; ++seed) {
+    Random random(seed);
+    std::vector<Plot> plots;
+    AddClutter(10.0, 60, {-20, 5, 5}, {20, 45, 30}, &random, &plots);
+    AddFlight(at, 60, 0.6, plots.front().log_clutter, &random, &plots);
+    SortByTime(&plots);
+    const std::vector<Path> paths = FindPaths(plots, kPeriodS, TrackerConfig());
+    ASSERT_FALSE(paths.empty());
+    EXPECT_GT(paths[0].score, 60.0);
+    std::size_t near = 0;
+    for (const std::uint32_t i : paths[0].plots) {
+      const double time_s = testing::SecondsSinceBegin(plots[i].time_ns);
+      near += (plots[i].position_m - at(time_s)).norm() < 1.0 ? 1U : 0U;
+    }
+    EXPECT_GT(near, 25U);
+    EXPECT_GE(near + 1, paths[0].plots.size());
+  }
+}
+
+TEST(FindPaths, UniformClutterReachesTheThresholdInHardlyAnyRecording) {
+  // Expected at this threshold is one recording of a thousand: two of 200 are 1 in 50.
+  constexpr double kFalseAlarms = 1e-3;
+  int num_alarms = 0;
+  TrackerConfig config;
+  config.min_fragment_log = 1.0;
+  config.max_paths = 1;
+  for (std::uint32_t seed = 0; seed < 200; ++seed) {
+    Random random(seed);
+    std::vector<Plot> plots;
+    AddClutter(random.Uniform(1.0, 8.0), 40, {-20, 5, 5}, {20, 45, 30}, &random, &plots);
+    const std::vector<Path> paths = FindPaths(plots, kPeriodS, config);
+    const double threshold = std::log(static_cast<double>(plots.size()) / kFalseAlarms);
+    if (!paths.empty() && paths[0].score >= threshold) ++num_alarms;
+  }
+  EXPECT_LE(num_alarms, 1);
+}
+
+struct Scenario {
+  std::vector<Plot> plots;
+  std::vector<Path> paths;
+};
+
+Scenario FlightInClutter() {
+  Random random(5);
+  Scenario scenario;
+  AddClutter(4.0, 60, {-10, 5, 5}, {10, 25, 25}, &random, &scenario.plots);
+  AddFlight([](double t) { return Eigen::Vector3d(-9 + 3 * t, 15, 15); }, 60, 0.7, -7.0, &random,
+            &scenario.plots);
+  AddFlight([](double t) { return Eigen::Vector3d(5, 20 - 2 * t, 10 + t); }, 60, 0.7, -7.0, &random,
+            &scenario.plots);
+  SortByTime(&scenario.plots);
+  scenario.paths = FindPaths(scenario.plots, kPeriodS, TrackerConfig());
+  return scenario;
+}
+
+void ExpectSamePaths(const std::vector<Path>& found, const std::vector<Path>& expected,
+                     double tolerance) {
+  ASSERT_EQ(found.size(), expected.size());
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    EXPECT_EQ(found[i].plots, expected[i].plots) << i;
+    EXPECT_NEAR(found[i].score, expected[i].score, tolerance) << i;
+  }
+}
+
+TEST(FindPaths, AreTheSameEachTimeAndAtAnyTimeOfDay) {
+  Scenario scenario = FlightInClutter();
+  ASSERT_GE(scenario.paths.size(), 2U);
+  ExpectSamePaths(FindPaths(scenario.plots, kPeriodS, TrackerConfig()), scenario.paths, 0.0);
+  for (Plot& plot : scenario.plots) plot.time_ns += 123'456'789'012'345;
+  ExpectSamePaths(FindPaths(scenario.plots, kPeriodS, TrackerConfig()), scenario.paths, 0.0);
+}
+
+TEST(FindPaths, AreTheSameInAnyDirection) {
+  Scenario scenario = FlightInClutter();
+  Eigen::Matrix3d turn;  // x -> y -> z -> x
+  turn << 0, 0, 1, 1, 0, 0, 0, 1, 0;
+  for (Plot& plot : scenario.plots) {
+    plot.position_m = turn * plot.position_m;
+  }
+  ExpectSamePaths(FindPaths(scenario.plots, kPeriodS, TrackerConfig()), scenario.paths, 1e-6);
+}
+
+TEST(FindPaths, OfNothingOrOfOnePlotAreNone) {
+  EXPECT_TRUE(FindPaths({}, kPeriodS, TrackerConfig()).empty());
+  EXPECT_TRUE(FindPaths({MakePlot(kBeginNs, {1, 2, 3}, -9.0)}, kPeriodS, TrackerConfig()).empty());
+}
+
+}  // namespace
+}  // namespace unlidar

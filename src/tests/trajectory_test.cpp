@@ -1,0 +1,522 @@
+#include "unlidar/trajectory.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <random>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace unlidar {
+namespace {
+
+using Path = std::function<Eigen::Vector3d(double)>;
+
+constexpr TimeNs kBeginNs = 1'706'255'054'000'000'001;
+
+TimeNs Stamp(double time_s) { return kBeginNs + static_cast<TimeNs>(std::llround(time_s * 1e9)); }
+
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : generator_(seed) {}
+  double Uniform(double low, double high) {
+    return low + (high - low) * static_cast<double>(generator_() >> 11) * 0x1p-53;
+  }
+  Eigen::Vector3d Normal() {
+    return Eigen::Vector3d::NullaryExpr([&] {
+      return std::sqrt(-2.0 * std::log(Uniform(1e-300, 1.0))) *
+             std::cos(2.0 * M_PI * Uniform(0.0, 1.0));
+    });
+  }
+
+ private:
+  std::mt19937_64 generator_;
+};
+
+Measurement At(double time_s, const Eigen::Vector3d& position_m, double sigma_m) {
+  Measurement measurement;
+  measurement.time_ns = Stamp(time_s);
+  measurement.position_m = position_m;
+  measurement.covariance_m2 = sigma_m * sigma_m * Eigen::Matrix3d::Identity();
+  return measurement;
+}
+
+// Noise of sigma_m; times at random, rate_hz of them a second.
+std::vector<Measurement> Measure(const Path& path, double duration_s, double rate_hz,
+                                 double sigma_m, Random& random) {
+  std::vector<double> times_s;
+  for (int i = 0; i < static_cast<int>(duration_s * rate_hz); ++i) {
+    times_s.push_back(random.Uniform(0.0, duration_s));
+  }
+  std::sort(times_s.begin(), times_s.end());
+  std::vector<Measurement> measurements;
+  for (const double time_s : times_s) {
+    measurements.push_back(At(time_s, path(time_s) + sigma_m * random.Normal(), sigma_m));
+  }
+  return measurements;
+}
+
+// Sum of six slow waves with given rms speed and acceleration.
+Path Wander(double speed_mps, double acceleration_mps2, Random& random) {
+  struct Wave {
+    double rate;
+    Eigen::Vector3d sine, cosine;
+  };
+  std::vector<Wave> waves;
+  for (int i = 0; i < 6; ++i) {
+    const double rate = acceleration_mps2 / speed_mps * random.Uniform(0.2, 1.3);
+    const double size_m = speed_mps / rate / 3.0;
+    waves.push_back({rate, size_m * random.Normal(), size_m * random.Normal()});
+  }
+  return [waves](double time_s) {
+    Eigen::Vector3d position_m(3.0, -20.0, 15.0);
+    for (const auto& wave : waves) {
+      position_m +=
+          wave.sine * std::sin(wave.rate * time_s) + wave.cosine * std::cos(wave.rate * time_s);
+    }
+    return position_m;
+  };
+}
+
+Path Circle(double speed_mps, double acceleration_mps2) {
+  const double rate = acceleration_mps2 / speed_mps;
+  return [=](double t) {
+    return Eigen::Vector3d(speed_mps / rate * std::cos(rate * t),
+                           speed_mps / rate * std::sin(rate * t), 10.0 + 0.3 * t);
+  };
+}
+
+Path Line() {
+  return [](double t) { return Eigen::Vector3d(-40.0 + 4.0 * t, 12.0 - 20.0 * t, 20.0 + 0.5 * t); };
+}
+
+double LargestShift(const Trajectory& a, const Trajectory& b, double duration_s) {
+  double largest_m = 0.0;
+  for (double t = 0.0; t <= duration_s; t += 0.05) {
+    largest_m = std::max(largest_m, (a.At(Stamp(t)).position_m - b.At(Stamp(t)).position_m).norm());
+  }
+  return largest_m;
+}
+
+void ExpectFinite(const Trajectory& trajectory) {
+  const double end_s = static_cast<double>(trajectory.end_ns() - kBeginNs) * 1e-9;
+  for (double t = -6.0; t <= end_s + 6.0; t += (end_s + 12.0) / 100.0) {
+    const TrajectoryRow row = trajectory.At(Stamp(t));
+    EXPECT_TRUE(row.position_m.allFinite() && row.velocity_mps.allFinite() &&
+                row.sigma_m.allFinite());
+    EXPECT_GT(row.sigma_m.minCoeff(), 0.0);
+  }
+}
+
+TEST(Trajectory, AStraightLineIsReproduced) {
+  Random random(1);
+  const auto measurements = [&] {
+    auto exact = Measure(Line(), 30.0, 10.0, 0.1, random);
+    for (auto& m : exact) {
+      m.position_m = Line()(static_cast<double>(m.time_ns - kBeginNs) * 1e-9);
+    }
+    return exact;
+  }();
+  const Trajectory trajectory = FitTrajectory(measurements, {});
+  for (double t = 0.2; t < 29.8; t += 0.05) {
+    const TrajectoryRow row = trajectory.At(Stamp(t));
+    EXPECT_LT((row.position_m - Line()(t)).norm(), 1e-6);
+    EXPECT_LT((row.velocity_mps - Eigen::Vector3d(4.0, -20.0, 0.5)).norm(), 1e-5);
+  }
+  EXPECT_TRUE(trajectory.converged);
+}
+
+TEST(Trajectory, OneOutlierOf20MetresMovesItByLessThan5Centimetres) {
+  for (const double rate_hz : {2.0, 10.0}) {
+    Random random(2);
+    const auto clean = Measure(Wander(5.0, 2.0, random), 20.0, rate_hz, 0.05, random);
+    const Trajectory before = FitTrajectory(clean, {});
+    for (std::size_t i = 3; i + 3 < clean.size(); i += clean.size() / 8) {
+      auto spoilt = clean;
+      auto outlier = clean[i];
+      outlier.time_ns += 1'000'000;
+      outlier.position_m += Eigen::Vector3d(12.0, 0.0, 16.0);
+      spoilt.insert(spoilt.begin() + static_cast<std::ptrdiff_t>(i) + 1, outlier);
+      const Trajectory after = FitTrajectory(spoilt, {});
+      EXPECT_LT(LargestShift(before, after, 20.0), 0.05) << rate_hz << " Hz, " << i;
+      EXPECT_EQ(after.weights[i + 1], 0.0);
+    }
+  }
+}
+
+TEST(Trajectory, AnOutlierThatStandsAloneIsLeftOut) {
+  // At 1 Hz the spline could well bend through it.
+  Random random(17);
+  const Path path = Wander(5.0, 2.0, random);
+  for (int i = 5; i < 25; i += 3) {
+    std::vector<Measurement> clean, spoilt;
+    for (int second = 0; second < 30; ++second) {
+      auto measurement = At(second, path(second) + 0.1 * random.Normal(), 0.1);
+      if (second != i) clean.push_back(measurement);
+      if (second == i) measurement.position_m += Eigen::Vector3d(12.0, 0.0, 16.0);
+      spoilt.push_back(measurement);
+    }
+    EXPECT_LT(LargestShift(FitTrajectory(clean, {}), FitTrajectory(spoilt, {}), 29.0), 0.05) << i;
+  }
+}
+
+TEST(Trajectory, ATenthOfOutliersMovesItByLittle) {
+  Random random(3);
+  const auto clean = Measure(Wander(5.0, 2.0, random), 20.0, 10.0, 0.05, random);
+  auto spoilt = clean;
+  for (std::size_t i = 0; i < 20; ++i) {
+    auto outlier = clean[10 * i + i % 7];
+    outlier.position_m += random.Uniform(1.0, 20.0) * random.Normal().normalized();
+    spoilt.push_back(outlier);
+  }
+  std::stable_sort(spoilt.begin(), spoilt.end(), [](const Measurement& a, const Measurement& b) {
+    return a.time_ns < b.time_ns;
+  });
+  EXPECT_LT(LargestShift(FitTrajectory(clean, {}), FitTrajectory(spoilt, {}), 20.0), 0.05);
+}
+
+TEST(Trajectory, SigmaWidensAcrossAGapAndBeyondTheEnds) {
+  Random random(4);
+  auto measurements = Measure(Wander(5.0, 2.0, random), 20.0, 10.0, 0.1, random);
+  measurements.erase(std::remove_if(measurements.begin(), measurements.end(),
+                                    [](const Measurement& m) {
+                                      return m.time_ns > Stamp(10.0) && m.time_ns < Stamp(12.5);
+                                    }),
+                     measurements.end());
+  const Trajectory trajectory = FitTrajectory(measurements, {});
+  const auto sigma_m = [&](double t) { return trajectory.At(Stamp(t)).sigma_m.maxCoeff(); };
+  EXPECT_LT(sigma_m(5.0), 0.1);
+  EXPECT_GT(sigma_m(11.25), 3.0 * sigma_m(5.0));
+  EXPECT_GT(sigma_m(11.25), sigma_m(10.5));
+  EXPECT_GT(sigma_m(11.25), sigma_m(12.0));
+  EXPECT_GT(sigma_m(20.0), sigma_m(15.0));
+  for (double t = 20.0; t < 25.0; t += 0.5) EXPECT_GT(sigma_m(t + 0.5), sigma_m(t));
+  for (double t = 0.0; t > -5.0; t -= 0.5) EXPECT_GT(sigma_m(t - 0.5), sigma_m(t));
+}
+
+// Kalman filter and Rauch-Tung-Striebel smoother of one axis of the same model, at the times of the
+// measurements and of the queries.
+struct Smoothed {
+  double mean = 0.0;
+  double sigma = 0.0;
+};
+
+std::vector<Smoothed> SmoothWithKalman(const std::vector<double>& times_s,
+                                       const std::vector<double>& values,  // NaN: none
+                                       double noise, double acceleration, double tau_s) {
+  const auto transition = [&](double dt_s) {
+    const double decay = std::exp(-dt_s / tau_s);
+    Eigen::Matrix3d f = Eigen::Matrix3d::Identity();
+    f(0, 1) = dt_s;
+    f(0, 2) = tau_s * tau_s * (dt_s / tau_s - 1.0 + decay);
+    f(1, 2) = tau_s * (1.0 - decay);
+    f(2, 2) = decay;
+    return f;
+  };
+  const auto process_noise = [&](double dt_s) {
+    Eigen::Matrix3d q = Eigen::Matrix3d::Zero();
+    constexpr int kSteps = 400;
+    for (int i = 0; i < kSteps; ++i) {
+      const Eigen::Vector3d g = transition(dt_s * (i + 0.5) / kSteps).col(2);
+      q += 2.0 * acceleration * acceleration / tau_s * dt_s / kSteps * g * g.transpose();
+    }
+    return q;
+  };
+  const std::size_t n = times_s.size();
+  std::vector<Eigen::Vector3d> mean(n), predicted(n);
+  std::vector<Eigen::Matrix3d> covariance(n), predicted_covariance(n), step(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    if (i == 0) {
+      predicted[0].setZero();
+      predicted_covariance[0] = Eigen::Vector3d(1e6, 1e5, acceleration * acceleration).asDiagonal();
+    } else {
+      const double dt_s = times_s[i] - times_s[i - 1];
+      step[i] = transition(dt_s);
+      predicted[i] = step[i] * mean[i - 1];
+      predicted_covariance[i] =
+          step[i] * covariance[i - 1] * step[i].transpose() + process_noise(dt_s);
+    }
+    mean[i] = predicted[i];
+    covariance[i] = predicted_covariance[i];
+    if (!std::isnan(values[i])) {
+      const Eigen::Vector3d gain =
+          predicted_covariance[i].col(0) / (predicted_covariance[i](0, 0) + noise * noise);
+      mean[i] += gain * (values[i] - predicted[i][0]);
+      Eigen::Matrix3d keep = Eigen::Matrix3d::Identity();
+      keep.col(0) -= gain;
+      covariance[i] = keep * predicted_covariance[i] * keep.transpose() +
+                      noise * noise * gain * gain.transpose();
+    }
+  }
+  for (std::size_t i = n - 1; i-- > 0;) {
+    const Eigen::Matrix3d gain =
+        covariance[i] * step[i + 1].transpose() * predicted_covariance[i + 1].inverse();
+    mean[i] += gain * (mean[i + 1] - predicted[i + 1]);
+    covariance[i] += gain * (covariance[i + 1] - predicted_covariance[i + 1]) * gain.transpose();
+  }
+  std::vector<Smoothed> smoothed(n);
+  for (std::size_t i = 0; i < n; ++i) smoothed[i] = {mean[i][0], std::sqrt(covariance[i](0, 0))};
+  return smoothed;
+}
+
+TEST(Trajectory, MeanAndSigmaAreThoseOfAKalmanSmootherWithTheSamePrior) {
+  struct Flight {
+    double speed, acceleration, rate_hz, noise, gap_s;
+  };
+  for (const Flight& flight :
+       {Flight{0.1, 0.1, 10.0, 0.1, 0.0}, Flight{5.0, 2.0, 10.0, 0.1, 2.5},
+        Flight{20.0, 10.0, 10.0, 0.05, 1.0}, Flight{20.0, 10.0, 1.0, 0.2, 0.0},
+        Flight{20.0, 30.0, 100.0, 0.05, 0.0}}) {
+    Random random(5);
+    auto measurements = Measure(Wander(flight.speed, flight.acceleration, random), 15.0,
+                                flight.rate_hz, flight.noise, random);
+    const TimeNs gap_ns = Stamp(6.0 + flight.gap_s);
+    measurements.erase(std::remove_if(measurements.begin(), measurements.end(),
+                                      [&](const Measurement& m) {
+                                        return m.time_ns > Stamp(6.0) && m.time_ns < gap_ns;
+                                      }),
+                       measurements.end());
+    TrajectoryConfig config;
+    config.outlier_distance = 1e3;  // the oracle is not robust
+    const TrajectoryScales scales{flight.acceleration, 1.0};
+    const Trajectory trajectory = RefitTrajectory(measurements, scales, config);
+    struct Event {
+      TimeNs time_ns;
+      double value;
+    };
+    std::vector<Event> events;
+    for (const auto& m : measurements) events.push_back({m.time_ns, m.position_m.x()});
+    for (int i = -20; i <= 190; ++i) {
+      events.push_back({Stamp(0.0837 * i), std::numeric_limits<double>::quiet_NaN()});
+    }
+    std::stable_sort(events.begin(), events.end(),
+                     [](const Event& a, const Event& b) { return a.time_ns < b.time_ns; });
+    std::vector<double> times_s, values;
+    for (const auto& event : events) {
+      times_s.push_back(static_cast<double>(event.time_ns - kBeginNs) * 1e-9);
+      values.push_back(event.value);
+    }
+    const auto oracle = SmoothWithKalman(times_s, values, flight.noise, flight.acceleration, 2.0);
+    for (std::size_t i = 0; i < events.size(); ++i) {
+      if (!std::isnan(events[i].value)) continue;
+      const TrajectoryRow row = trajectory.At(events[i].time_ns);
+      EXPECT_NEAR(row.position_m.x(), oracle[i].mean, 0.1 * oracle[i].sigma)
+          << flight.speed << " m/s at " << times_s[i] << " s";
+      EXPECT_NEAR(row.sigma_m.x() / oracle[i].sigma, 1.0, 0.06)
+          << flight.speed << " m/s at " << times_s[i] << " s";
+    }
+  }
+}
+
+TEST(Trajectory, ErrorsAreAsLargeAsSigmaSays) {
+  struct Kind {
+    std::string name;
+    std::function<Path(Random&)> path;
+    double duration_s, rate_hz, noise_m;
+    double outlier_share = 0.0;  // moved by 2 to 20 m
+  };
+  const auto wander = [](double speed, double acceleration) {
+    return [=](Random& random) { return Wander(speed, acceleration, random); };
+  };
+  const auto circle = [](Random&) { return Circle(20.0, 10.0); };
+  const std::vector<Kind> kinds = {
+      {"hover, 10 Hz", wander(0.05, 0.05), 20.0, 10.0, 0.1},
+      {"hover, 1 Hz", wander(0.05, 0.05), 30.0, 1.0, 0.1},
+      {"slow, 5 s", wander(0.2, 0.1), 5.0, 10.0, 0.05},
+      {"5 m/s, 10 Hz", wander(5.0, 3.0), 20.0, 10.0, 0.1},
+      {"5 m/s, 3 Hz", wander(5.0, 3.0), 20.0, 3.0, 0.2},
+      {"20 m/s, 10 Hz", wander(20.0, 10.0), 20.0, 10.0, 0.1},
+      {"20 m/s, 2 Hz", wander(20.0, 10.0), 20.0, 2.0, 0.1},
+      {"20 m/s, 1 Hz", wander(20.0, 10.0), 30.0, 1.0, 0.2},
+      {"5 m/s, 5 measurements", wander(5.0, 3.0), 5.0, 1.0, 0.1},
+      {"hover, 5 measurements", wander(0.05, 0.05), 5.0, 1.0, 0.1},
+      // In sparse data residuals say little of outliers, innovations all.
+      {"10 m/s, 3 Hz, 10 % outliers", wander(10.0, 5.0), 20.0, 3.0, 0.1, 0.1},
+      {"circle, 10 Hz", circle, 20.0, 10.0, 0.05},
+      {"circle, 2 Hz", circle, 20.0, 2.0, 0.2},
+  };
+  for (const auto& kind : kinds) {
+    Random random(6);
+    double sum = 0.0;
+    int count = 0;
+    for (int flight = 0; flight < 30; ++flight) {
+      const Path path = kind.path(random);
+      auto measurements = Measure(path, kind.duration_s, kind.rate_hz, kind.noise_m, random);
+      for (auto& m : measurements) {
+        if (random.Uniform(0.0, 1.0) >= kind.outlier_share) continue;
+        m.position_m += random.Uniform(2.0, 20.0) * random.Normal().normalized();
+      }
+      const Trajectory trajectory = FitTrajectory(measurements, {});
+      const double end_s = static_cast<double>(trajectory.end_ns() - kBeginNs) * 1e-9;
+      for (double t = static_cast<double>(trajectory.begin_ns() - kBeginNs) * 1e-9; t < end_s;
+           t += 0.1) {
+        const Eigen::Vector3d error_m = trajectory.At(Stamp(t)).position_m - path(t);
+        sum += error_m.dot(trajectory.CovarianceAt(Stamp(t)).ldlt().solve(error_m));
+        ++count;
+      }
+    }
+    EXPECT_GT(sum / count, 2.0) << kind.name;
+    EXPECT_LT(sum / count, 4.0) << kind.name;
+  }
+}
+
+TEST(Trajectory, TheNoiseScaleIsFoundWhereCovariancesAreWrongByTwo) {
+  Random random(8);
+  auto measurements = Measure(Wander(5.0, 2.0, random), 20.0, 10.0, 0.1, random);
+  for (const double stated : {0.5, 2.0}) {
+    auto wrong = measurements;
+    for (auto& m : wrong) m.covariance_m2 *= stated * stated;
+    EXPECT_NEAR(FitTrajectory(wrong, {}).scales.noise * stated, 1.0, 0.15);
+  }
+}
+
+TEST(Trajectory, CovariancesWeighTheAxesOfAMeasurement) {
+  // Well known across the ray, badly along it, and the ray turns: the sigma of the fit must follow.
+  Random random(9);
+  auto measurements = Measure(Wander(0.05, 0.05, random), 10.0, 10.0, 0.05, random);
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity() * 0.0025;
+  covariance(0, 1) = covariance(1, 0) = 0.002;
+  for (auto& m : measurements) m.covariance_m2 = covariance;
+  const Eigen::Matrix3d fitted = FitTrajectory(measurements, {}).CovarianceAt(Stamp(5.0));
+  EXPECT_NEAR(fitted(0, 1) / fitted(0, 0), 0.8, 0.1);
+  EXPECT_NEAR(fitted(0, 2) / fitted(0, 0), 0.0, 1e-6);
+}
+
+TEST(Trajectory, AFewMeasurementsGiveALineWithLargeSigma) {
+  const Path line = Line();
+  const Trajectory one = FitTrajectory({At(0.0, line(0.0), 0.1)}, {});
+  ExpectFinite(one);
+  EXPECT_LT((one.At(Stamp(0.0)).position_m - line(0.0)).norm(), 1e-6);
+  EXPECT_NEAR(one.At(Stamp(0.0)).sigma_m.x(), 0.1, 0.03);
+  EXPECT_GT(one.At(Stamp(1.0)).sigma_m.x(), 10.0);
+
+  const Trajectory two = FitTrajectory({At(0.0, line(0.0), 0.1), At(1.0, line(1.0), 0.1)}, {});
+  ExpectFinite(two);
+  EXPECT_LT((two.At(Stamp(0.5)).position_m - line(0.5)).norm(), 0.05);
+  EXPECT_GT(two.At(Stamp(3.0)).sigma_m.x(), 0.5);
+
+  std::vector<Measurement> four;
+  for (const double t : {0.0, 0.9, 2.1, 2.9}) four.push_back(At(t, line(t), 0.1));
+  const Trajectory fitted = FitTrajectory(four, {});
+  ExpectFinite(fitted);
+  EXPECT_LT((fitted.At(Stamp(1.5)).position_m - line(1.5)).norm(), 0.05);
+}
+
+TEST(Trajectory, ManyMeasurementsAtOneTimeAreTheirMean) {
+  Random random(10);
+  std::vector<Measurement> measurements;
+  Eigen::Vector3d mean_m = Eigen::Vector3d::Zero();
+  for (int i = 0; i < 50; ++i) {
+    measurements.push_back(At(1.0, Eigen::Vector3d(1, 2, 3) + 0.1 * random.Normal(), 0.1));
+    mean_m += measurements.back().position_m / 50.0;
+  }
+  const Trajectory trajectory = FitTrajectory(measurements, {});
+  ExpectFinite(trajectory);
+  EXPECT_LT((trajectory.At(Stamp(1.0)).position_m - mean_m).norm(), 0.005);
+  EXPECT_NEAR(trajectory.At(Stamp(1.0)).sigma_m.x(), 0.1 / std::sqrt(50.0), 0.003);
+}
+
+TEST(Trajectory, ManyMeasurementsAndAbsurdGapsStayFinite) {
+  Random random(11);
+  const auto many = Measure(Wander(10.0, 5.0, random), 30.0, 5000.0 / 30.0, 0.1, random);
+  const Trajectory dense = FitTrajectory(many, {});
+  ExpectFinite(dense);
+  EXPECT_EQ(dense.weights.size(), 5000u);
+  const double year_s = 3.2e7;
+  ExpectFinite(FitTrajectory(
+      {At(0.0, {0, 0, 5}, 0.1), At(0.1, {0, 0, 5}, 0.1), At(year_s, {1e6, 0, 5}, 0.1)}, {}));
+}
+
+TEST(Trajectory, AnyMeasurementsGiveFiniteNumbers) {
+  // Positions that are no flight at all, repeated times, sigmas that differ by orders of magnitude.
+  Random random(16);
+  const auto magnitude = [&](double low, double high) {
+    return std::pow(10.0, random.Uniform(low, high));
+  };
+  for (int run = 0; run < 200; ++run) {
+    const double span_s = magnitude(-2.0, 2.5);
+    const double sigma_m = magnitude(-3.0, 1.0);
+    const double size_m = magnitude(-3.0, 3.0);
+    std::vector<double> times_s(static_cast<std::size_t>(magnitude(0.0, 2.0)));
+    for (double& time_s : times_s) time_s = std::max(0.0, random.Uniform(-0.3, 1.0)) * span_s;
+    std::sort(times_s.begin(), times_s.end());
+    std::vector<Measurement> measurements;
+    for (const double time_s : times_s) {
+      measurements.push_back(At(time_s, size_m * random.Normal(), sigma_m));
+      measurements.back().covariance_m2(0, 0) *= magnitude(-2.0, 2.0);
+    }
+    SCOPED_TRACE(run);
+    ExpectFinite(FitTrajectory(measurements, {}));
+  }
+}
+
+TEST(Trajectory, ItDoesNotDependOnTheEpochOrTheOrigin) {
+  Random random(12);
+  const auto measurements = Measure(Wander(5.0, 2.0, random), 20.0, 10.0, 0.1, random);
+  auto moved = measurements;
+  const Eigen::Vector3d far_m(5e5, 4e6, 100.0);
+  for (auto& m : moved) {
+    m.time_ns -= kBeginNs;
+    m.position_m += far_m;
+  }
+  const Trajectory here = FitTrajectory(measurements, {});
+  const Trajectory there = FitTrajectory(moved, {});
+  for (double t = 0.0; t < 20.0; t += 0.1) {
+    const TrajectoryRow a = here.At(Stamp(t));
+    const TrajectoryRow b = there.At(Stamp(t) - kBeginNs);
+    EXPECT_LT((a.position_m + far_m - b.position_m).norm(), 1e-6);
+    EXPECT_LT((a.sigma_m - b.sigma_m).norm(), 1e-6);
+  }
+}
+
+TEST(Trajectory, TheSameMeasurementsGiveTheSameDigits) {
+  Random random(13);
+  const auto measurements = Measure(Wander(5.0, 2.0, random), 20.0, 10.0, 0.1, random);
+  const Trajectory a = FitTrajectory(measurements, {});
+  const Trajectory b = FitTrajectory(measurements, {});
+  EXPECT_EQ(a.control_points_m, b.control_points_m);
+  EXPECT_EQ(a.weights, b.weights);
+}
+
+TEST(Trajectory, ARefitAtTheFoundScalesIsTheFit) {
+  Random random(14);
+  const auto measurements = Measure(Wander(5.0, 2.0, random), 20.0, 10.0, 0.1, random);
+  const Trajectory fitted = FitTrajectory(measurements, {});
+  const Trajectory again = RefitTrajectory(measurements, fitted.scales, {});
+  EXPECT_LT(LargestShift(fitted, again, 20.0), 1e-6);
+}
+
+TEST(Trajectory, VelocityIsTheDerivativeOfPosition) {
+  Random random(15);
+  const Trajectory trajectory =
+      FitTrajectory(Measure(Wander(10.0, 5.0, random), 10.0, 10.0, 0.1, random), {});
+  for (double t = 0.5; t < 9.5; t += 0.1) {
+    const Eigen::Vector3d numeric_mps =
+        (trajectory.At(Stamp(t + 0.001)).position_m - trajectory.At(Stamp(t - 0.001)).position_m) /
+        0.002;
+    EXPECT_LT((numeric_mps - trajectory.At(Stamp(t)).velocity_mps).norm(), 1e-3);
+  }
+}
+
+TEST(Trajectory, WhatIsNoMeasurementIsRefused) {
+  const Measurement good = At(0.0, {1, 2, 3}, 0.1);
+  const Measurement later = At(1.0, {1, 2, 3}, 0.1);
+  Measurement infinite = good;
+  infinite.position_m.x() = std::numeric_limits<double>::infinity();
+  Measurement flat = good;
+  flat.covariance_m2(2, 2) = 0.0;
+  EXPECT_THROW(FitTrajectory({}, {}), std::invalid_argument);
+  EXPECT_THROW(FitTrajectory({later, good}, {}), std::invalid_argument);
+  EXPECT_THROW(FitTrajectory({infinite}, {}), std::invalid_argument);
+  EXPECT_THROW(FitTrajectory({flat}, {}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -1,0 +1,80 @@
+"""The pages for users: their commands work as written, one after another, their links lead on."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from synthetic import PROJECT
+
+PAGES = ("researcher_with_a_bag", "mmaud", "own_sensor")
+BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, program: Path, shared: Path) -> Path:
+    """A project's folder as a user has it who has put recordings into it."""
+    (tmp_path / "build").mkdir()
+    (tmp_path / "build/unlidar_track").symlink_to(program.resolve())
+    (tmp_path / ".venv/bin").mkdir(parents=True)
+    unlidar = tmp_path / ".venv/bin/unlidar"
+    unlidar.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m unlidar_tools "$@"\n')
+    unlidar.chmod(0o755)
+    (tmp_path / "mmaud").symlink_to(shared / "data/mmaud")
+    bag = shared / "data/formats/bags/ros1_pointcloud2.bag"
+    (tmp_path / "flight.bag").symlink_to(bag)
+    (tmp_path / "bags").mkdir()
+    for name in ("noon.bag", "dusk.bag"):
+        (tmp_path / "bags" / name).symlink_to(bag)
+    return tmp_path
+
+
+def run_blocks(page: str, folder: Path) -> str:
+    blocks = BLOCK.findall((PROJECT / "docs" / f"{page}.md").read_text())
+    assert blocks
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", "\n".join(blocks)],
+        cwd=folder,
+        env=os.environ | {"UNLIDAR_TRACK": str(folder / "build/unlidar_track")},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_page_on_bags_works_as_written(folder: Path) -> None:
+    run_blocks("researcher_with_a_bag", folder)
+    for name in ("traj.csv", "figure.png", "summary.json"):
+        assert (folder / "out/flight" / name).is_file()
+    assert "noon.bag" in (folder / "out/flights/table.md").read_text()
+
+
+def test_the_page_on_mmaud_works_as_written(folder: Path) -> None:
+    said = run_blocks("mmaud", folder)
+    assert "| seq0001 | 0.5" in said
+    assert (folder / "out/run/val_begin/table.md").is_file()
+
+
+def test_the_page_on_own_sensors_works_as_written(folder: Path) -> None:
+    frames = sorted((PROJECT.parent / "shared/data/formats/pcd/readable").glob("*.pcd"))
+    minute = folder / "minutes/2026-05-01T1200"
+    minute.mkdir(parents=True)
+    shutil.copy(frames[0], minute / "1777636800.000000.pcd")
+    os.utime(minute, (1, 1))
+    (folder / "minutes/2026-05-01T1201").mkdir()  # is being written
+    run_blocks("own_sensor", folder)
+    assert (folder / "traj.csv").read_text().count("\n") > 50
+    assert [path.name for path in (folder / "tracks").iterdir()] == ["2026-05-01T1200.csv"]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_of_the_pages_lead_to_files(page: str) -> None:
+    links = re.findall(r"\]\(([^)#]+)\)", (PROJECT / "docs" / f"{page}.md").read_text())
+    assert links
+    assert [link for link in links if not (PROJECT / "docs" / link).exists()] == []

@@ -1,0 +1,246 @@
+"""The report page in a real browser: what a reader sees and can do."""
+
+import base64
+import io
+import json
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from report_run import make_run
+from unlidar_tools.cli import main
+
+WIDE, NARROW = (1400, 900), (390, 844)
+SWITCHES = (
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)  # fmt: skip
+WAIT_S = 90  # for a loaded machine; a free one needs two seconds
+
+
+def is_coloured(image: np.ndarray, colour: str) -> bool:
+    """Whether enough pixels have about the hue: markers are shaded at their edges."""
+    red, green, blue = (image[..., i].astype(int) for i in range(3))
+    found = {
+        "red": (red > green + 90) & (red > blue + 90),
+        "green": (green > red + 50) & (green > blue + 50),
+        "blue": (blue > red + 90) & (blue > green + 60),
+        "grey": (abs(red - green) < 8) & (abs(green - blue) < 8) & (red > 60) & (red < 190),
+    }[colour]
+    return int(found.sum()) > 30
+
+
+class Page:
+    """A report that is open in a browser."""
+
+    def __init__(self, driver, path: Path, size: tuple[int, int]):
+        self.driver = driver
+        width, height = size
+        driver.get("about:blank")
+        self.log("browser"), self.log("performance")  # of the page before
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 800}
+        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        driver.get(path.as_uri())
+        self.wait("document.querySelector('#scene canvas') && document.readyState == 'complete'")
+
+    def log(self, name: str) -> list[dict]:
+        return self.driver.get_log(name)
+
+    def run(self, script: str) -> object:
+        return self.driver.execute_script(script)
+
+    def wait(self, condition: str) -> None:
+        end = time.monotonic() + WAIT_S
+        while not self.run(f"return Boolean({condition})"):
+            assert time.monotonic() < end, f"never came: {condition}"
+            time.sleep(0.1)
+
+    def picture(self, selector: str) -> np.ndarray:
+        """(H, W, 3) bytes of an element, as drawn after the next two frames."""
+        self.driver.execute_async_script(
+            "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done))"
+        )
+        x, y, width, height = self.run(
+            f"const b = document.querySelector('{selector}').getBoundingClientRect();"
+            "return [b.x + scrollX, b.y + scrollY, b.width, b.height]"
+        )
+        clip = {"x": x, "y": y, "width": width, "height": height, "scale": 1}
+        taken = self.driver.execute_cdp_cmd(
+            "Page.captureScreenshot", {"clip": clip, "captureBeyondViewport": True}
+        )
+        png = io.BytesIO(base64.b64decode(taken["data"]))
+        image = matplotlib.image.imread(png, format="png")
+        return np.round(image[..., :3] * 255).astype(np.uint8)
+
+    def moment(self) -> list[list[list[float]]]:
+        """x, y and z of the four traces that follow the slider."""
+        return self.run(
+            "return page.traces.moment.map((i) => ['x', 'y', 'z'].map("
+            "(a) => Array.from(byId('scene').data[i][a])))"
+        )
+
+    def slide_to(self, step: int) -> None:
+        self.run(f"const s = byId('time'); s.value = {step}; s.dispatchEvent(new Event('input'))")
+        self.wait(f"byId('now').textContent == page.moments.time[{step}].toFixed(2) + ' s'")
+
+
+@pytest.fixture(scope="module")
+def driver():
+    selenium = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    from selenium.webdriver.chrome.service import Service
+
+    chromium, chromedriver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or chromedriver is None:
+        pytest.skip("no browser: the packages chromium and chromium-driver are not installed")
+    options = selenium.ChromeOptions()
+    options.binary_location = chromium
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        for switch in (*SWITCHES, f"--user-data-dir={profile}"):
+            options.add_argument(switch)
+        browser = selenium.Chrome(options=options, service=Service(chromedriver))
+        browser.set_script_timeout(WAIT_S)
+        yield browser
+        browser.quit()
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory) -> dict[str, Path]:
+    """The page of a run with a drone, and of one with neither a drone nor truth."""
+    root = tmp_path_factory.mktemp("browser")
+    pages = {}
+    for name, known in (("flight", True), ("nothing", False)):
+        run = make_run(root / name, tracked=known, truth=known)
+        assert main(["report", str(run)]) == 0
+        pages[name] = run / "report.html"
+    return pages
+
+
+@pytest.fixture(scope="module", params=[WIDE, NARROW], ids=["1400px", "390px"])
+def page(request, driver, reports) -> Page:
+    """The report of a flight, at two widths."""
+    return Page(driver, reports["flight"], request.param)
+
+
+def complaints(page: Page) -> list[str]:
+    return [entry["message"] for entry in page.log("browser") if entry["level"] == "SEVERE"]
+
+
+def test_it_loads_without_an_error_and_asks_no_other_machine(page):
+    assert complaints(page) == []
+    events = [json.loads(entry["message"])["message"] for entry in page.log("performance")]
+    asked = [e["params"]["request"]["url"] for e in events if e["method"].endswith("BeSent")]
+    assert any(url.startswith("file:") for url in asked)
+    assert all(url.startswith(("file:", "data:", "blob:", "about:")) for url in asked), asked
+
+
+def test_nothing_is_wider_than_the_window(page):
+    inner, whole = page.run("return [innerWidth, document.documentElement.scrollWidth]")
+    assert whole <= inner
+    # Nor is anything cut off at the right, but what scrolls by itself.
+    cut = page.run(
+        "return [...document.querySelectorAll('body *')].filter((e) => !e.closest('.scroll, svg')"
+        " && e.getBoundingClientRect().right > innerWidth + 1).map((e) => e.outerHTML.slice(0, 80))"
+    )
+    assert cut == []
+
+
+def test_the_space_shows_returns_targets_truth_and_estimate(page):
+    image = page.picture("#scene canvas")
+    for colour in ("grey", "green", "red", "blue"):
+        assert is_coloured(image, colour), colour
+
+
+def test_the_slider_moves_the_points_and_the_time_lines(page):
+    truth = page.run("return page.moments.truth")
+    estimate = page.run("return page.moments.estimate")
+    seen, pictures = [], []
+    for step in (3, 20):
+        page.slide_to(step)
+        returns, targets, true_at, found_at = page.moment()
+        assert np.allclose(np.transpose(true_at), truth[step], atol=1e-3)
+        assert np.allclose(np.transpose(found_at), estimate[step], atol=1e-3)
+        # The target's returns of this moment lie about where it is.
+        assert np.linalg.norm(np.mean(targets, axis=1) - truth[step][0]) < 0.3
+        lines = page.run("return byId('over_time').layout.shapes.map((s) => s.x0)")
+        assert lines == [page.run(f"return page.moments.time[{step}]")]
+        seen.append(returns)
+        pictures.append(page.picture("#scene canvas").astype(int))
+    assert len(seen[0][0]) > 500
+    assert seen[0] != seen[1]
+    changed = np.abs(pictures[0] - pictures[1]).max(axis=2) > 40
+    assert changed.sum() > 200
+
+
+def test_playing_goes_through_the_moments_and_pauses(page):
+    page.slide_to(5)
+    page.run("byId('play').click()")
+    page.wait("Number(byId('time').value) >= 8")
+    page.run("byId('play').click()")
+    stopped = page.run("return byId('time').value")
+    time.sleep(0.5)
+    assert page.run("return byId('time').value") == stopped
+    assert page.run("return byId('play').textContent") == "Play"
+
+
+def test_the_view_can_be_widened_and_brought_back(page):
+    spans = []
+    for button in ("wide", "near"):
+        page.run(f"byId('{button}').click()")
+        page.wait(
+            "JSON.stringify(byId('scene').layout.scene.xaxis.range) == JSON.stringify("
+            f"[page.boxes.{button}.low[0], page.boxes.{button}.high[0]])"
+        )
+        low, high = page.run("return byId('scene').layout.scene.xaxis.range")
+        spans.append(high - low)
+    assert spans[0] > spans[1]
+
+
+def test_every_plot_is_drawn_in_its_place(page):
+    for plot in ("over_time", "error_over_time", "error_histogram"):
+        assert page.run(f"return byId('{plot}').querySelectorAll('.trace, .bars').length") > 0
+        width, inner = page.run(f"return [byId('{plot}').clientWidth, innerWidth]")
+        assert width > 0.25 * inner
+
+
+def test_clusters_are_sorted_by_a_click_and_what_is_no_number_stays_last(page):
+    cells = (
+        "return [...document.querySelectorAll('#cluster_rows tr')].map((r) => "
+        "r.cells[{}].textContent)"
+    )
+    heads = page.run(
+        "return [...document.querySelectorAll('th[data-column]')].map((h) => h.innerText)"
+    )
+    column = next(i for i, head in enumerate(heads) if "von Neumann" in head)
+    assert page.run(cells.format(0)) == [str(rank) for rank in range(1, 26)]
+    every = sorted(rank * 7 % 40 / 10 for rank in range(1, 41) if rank != 2)
+    for expected in (every, every[::-1]):
+        page.run(f"document.querySelectorAll('th[data-column]')[{column}].click()")
+        assert [float(v) for v in page.run(cells.format(column))] == expected[:25]
+    page.run("document.querySelectorAll('th[data-column]')[0].click()")
+    assert page.run(cells.format(0))[:2] == ["1", "2"]
+
+
+def test_no_button_sends_the_recording_anywhere(page):
+    titles = page.run(
+        "return [...document.querySelectorAll('.modebar-btn')].map((b) => b.dataset.title || '')"
+    )
+    assert any("png" in title.lower() for title in titles)
+    assert not any(word in t.lower() for t in titles for word in ("cloud", "link", "share", "edit"))
+
+
+@pytest.mark.parametrize("size", [WIDE, NARROW], ids=["1400px", "390px"])
+def test_a_run_without_a_drone_and_without_truth_is_shown_too(driver, reports, size):
+    page = Page(driver, reports["nothing"], size)
+    assert complaints(page) == []
+    assert "No drone was found" in page.run("return document.body.innerText")
+    assert is_coloured(page.picture("#scene canvas"), "grey")
+    page.slide_to(20)
+    assert page.moment()[2:] == [[[], [], []]] * 2
+    inner, whole = page.run("return [innerWidth, document.documentElement.scrollWidth]")
+    assert whole <= inner

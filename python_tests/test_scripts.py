@@ -1,0 +1,208 @@
+"""The shell scripts: what they say when they cannot go on, and that a second run does nothing.
+
+They run in a copy of the project's tools with stand-ins for apt, CMake and Python, so that nothing
+is installed or built here.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import stat
+import subprocess
+from pathlib import Path
+
+import pytest
+from synthetic import PROJECT, run_program
+
+# What the scripts may use of the system; everything else comes from the stand-ins.
+SYSTEM = ["basename", "bash", "cat", "chmod", "cp", "cut", "dirname", "env", "grep", "mkdir"]
+SYSTEM += ["nproc", "realpath", "rm", "sha256sum", "sort", "stat", "tail", "touch", "true", "tr"]
+
+# Pretends that every package is there.
+ALL_INSTALLED = 'shift 2; for p in "$@"; do echo "$p installed"; done'
+# Pretends to be a Python of which -m venv makes a copy.
+PYTHON = """
+case "$*" in
+  *'-m venv'*) for last; do :; done; mkdir -p "$last/bin"
+    cp "$0" "$last/bin/python"; cp "$HERE/unlidar" "$last/bin/unlidar" ;;
+  *'-m pip'*) echo pip >>"$HERE/calls" ;;
+esac
+"""
+
+
+class Sandbox:
+    """A project folder with blanks in its name and a PATH of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root = folder / "the project"
+        self.bin = folder / "bin"
+        self.bin.mkdir()
+        shutil.copytree(PROJECT / "tools", self.root / "tools")
+        for name in SYSTEM:
+            found = shutil.which(name)
+            assert found, f"{name} is missing on this system"
+            (self.bin / name).symlink_to(found)
+        self.put("dpkg-query", ALL_INSTALLED)
+        self.put(
+            "apt-get", 'echo apt-get >>"$HERE/calls"; echo "cannot reach the mirror"; exit 100'
+        )
+        self.put("cmake", 'echo cmake >>"$HERE/calls"')
+        self.put("python3", PYTHON)
+        self.put("unlidar", 'echo "unlidar $*"')
+
+    def put(self, name: str, body: str) -> None:
+        path = self.bin / name
+        path.unlink(missing_ok=True)
+        path.write_text(f"#!{shutil.which('bash')}\nHERE='{self.bin}'\n{body}\n")
+        path.chmod(path.stat().st_mode | stat.S_IXUSR)
+
+    def calls(self) -> list[str]:
+        path = self.bin / "calls"
+        made = path.read_text().split() if path.exists() else []
+        path.unlink(missing_ok=True)
+        return made
+
+    def run(self, script: str, *arguments: str, cwd: Path | None = None):
+        return subprocess.run(
+            [self.root / "tools" / script, *arguments],
+            capture_output=True,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            cwd=cwd or self.bin,
+            env={"PATH": str(self.bin)},
+            timeout=60,
+        )
+
+
+@pytest.fixture
+def sandbox(tmp_path: Path) -> Sandbox:
+    return Sandbox(tmp_path)
+
+
+@pytest.mark.parametrize("script", ["demo.sh", "test.sh"])
+def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> None:
+    shown = sandbox.run(script, "--help")
+    assert shown.returncode == 0 and f"Usage: tools/{script}" in shown.stdout
+    assert sandbox.calls() == []
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments", "reason"),
+    [
+        ("demo.sh", ["no/such/recording"], "no such recording: 'no/such/recording'"),
+        ("demo.sh", ["a", "b"], "at most one recording"),
+        ("demo.sh", ["--fast"], "unknown option '--fast'"),
+        ("test.sh", ["more"], "unexpected argument 'more'"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_anything_is_installed(
+    sandbox: Sandbox, script: str, arguments: list[str], reason: str
+) -> None:
+    refused = sandbox.run(script, *arguments)
+    assert refused.returncode != 0 and reason in refused.stderr
+    assert sandbox.calls() == []
+
+
+def test_the_demo_runs_twice_and_installs_once(sandbox: Sandbox) -> None:
+    first = sandbox.run("demo.sh")
+    assert first.returncode == 0, first.stderr
+    assert sandbox.calls() == ["cmake", "cmake", "pip"]
+    assert "unlidar " in first.stdout
+    again = sandbox.run("demo.sh")
+    assert again.returncode == 0, again.stderr
+    assert sandbox.calls() == ["cmake", "cmake"]
+
+
+def test_a_changed_pyproject_or_a_moved_folder_is_installed_anew(sandbox: Sandbox) -> None:
+    sandbox.run("demo.sh")
+    sandbox.calls()
+    with (sandbox.root / "tools" / "pyproject.toml").open("a") as file:
+        file.write("# changed\n")
+    sandbox.run("demo.sh")
+    assert "pip" in sandbox.calls()
+    sandbox.root = sandbox.root.rename(sandbox.root.with_name("elsewhere"))
+    sandbox.run("demo.sh")
+    assert "pip" in sandbox.calls()
+
+
+def test_a_recording_is_found_relative_to_the_callers_folder(
+    sandbox: Sandbox, tmp_path: Path
+) -> None:
+    recording = tmp_path / "my recordings" / "flight 1"
+    recording.mkdir(parents=True)
+    shown = sandbox.run("demo.sh", "flight 1", cwd=recording.parent)
+    assert shown.returncode == 0, shown.stderr
+    assert str(recording) in shown.stdout
+
+
+def test_without_apt_the_reason_names_the_packages(sandbox: Sandbox) -> None:
+    (sandbox.bin / "apt-get").unlink()
+    refused = sandbox.run("demo.sh")
+    assert refused.returncode != 0
+    assert "not Debian or Ubuntu" in refused.stderr and "libpcl-dev" in refused.stderr
+
+
+def test_a_failing_apt_is_shown_with_the_missing_package(sandbox: Sandbox) -> None:
+    sandbox.put("dpkg-query", ALL_INSTALLED.replace("echo", '[ "$p" = libceres-dev ] || echo'))
+    sandbox.put("sudo", 'case $1 in -*) ;; *) exec "$@" ;; esac')
+    refused = sandbox.run("demo.sh")
+    assert refused.returncode != 0
+    reason = refused.stderr.strip().splitlines()[-1]
+    assert "apt-get could not install libceres-dev; is there a network?" in reason
+    assert "cannot reach the mirror" in refused.stderr
+    assert set(sandbox.calls()) == {"apt-get"}
+
+
+def test_an_old_python_is_named(sandbox: Sandbox) -> None:
+    sandbox.put("python3", 'case "$*" in --version) echo Python 3.9.2 ;; *) exit 1 ;; esac')
+    script = sandbox.root / "tools" / "setup.sh"
+    script.write_text(script.read_text().replace(" /usr/bin/python3;", " /no/such/python3;"))
+    refused = sandbox.run("demo.sh")
+    assert refused.returncode != 0
+    assert "Python 3.11 or newer with venv is needed, found Python 3.9.2" in refused.stderr
+
+
+def test_a_failing_build_ends_with_the_reason(sandbox: Sandbox) -> None:
+    sandbox.put("cmake", 'echo "no CMAKE_CXX_COMPILER could be found"; exit 1')
+    refused = sandbox.run("demo.sh")
+    assert refused.returncode != 0
+    assert "no CMAKE_CXX_COMPILER could be found" in refused.stderr
+    assert "CMake could not configure the build" in refused.stderr.splitlines()[-1]
+
+
+def test_ci_runs_the_test_script_from_any_folder(tmp_path: Path) -> None:
+    (tmp_path / ".ci").mkdir()
+    (tmp_path / "tools").mkdir()
+    shutil.copy(PROJECT / ".ci" / "run", tmp_path / ".ci" / "run")
+    (tmp_path / "tools" / "test.sh").write_text("#!/usr/bin/env bash\necho tested; exit 7\n")
+    (tmp_path / "tools" / "test.sh").chmod(0o755)
+    ran = subprocess.run(
+        ["bash", tmp_path / ".ci" / "run"], capture_output=True, text=True, cwd="/"
+    )
+    assert (ran.returncode, ran.stdout) == (7, "tested\n")
+
+
+def test_the_readme_speaks_of_options_and_files_that_exist() -> None:
+    text = (PROJECT / "README.md").read_text()
+    shown = run_program("--help").stdout
+    table = text.split("| option | meaning |")[1].split("\n\n")[0]
+    named = set(re.findall(r"--[a-z]+", table))
+    assert len(named) >= 15
+    assert [option for option in named if option not in shown] == []
+    links = re.findall(r"\]\(([^)#]+)\)", text)
+    local = [link for link in links if not link.startswith("http")]
+    assert local and [link for link in local if not (PROJECT / link).exists()] == []
+    header = (PROJECT / "python_tests" / "synthetic.py").read_text().split('TRAJ_HEADER = "')[1]
+    columns = header.split('"')[0].split(",")
+    assert [c for c in columns if not re.search(rf"[`,]{c}[`,]", text)] == []
+
+
+def test_settings_in_the_documents_are_keys_of_the_configuration() -> None:
+    # --set of a key that does not exist ends with exit code 3 before any frame is read.
+    sections = ("input", "robust", "trajectory", "paper")
+    pattern = re.compile(rf"`((?:{'|'.join(sections)})\.[a-z_.]+)`")
+    for document in [PROJECT / "README.md", *(PROJECT / "docs").glob("*.md")]:
+        for key in set(pattern.findall(document.read_text())):
+            said = run_program("--frames", "absent", "--out", "x", "--set", f"{key}=").stderr
+            assert "unknown key" not in said, f"{document.name}: {said}"

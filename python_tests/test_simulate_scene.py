@@ -1,0 +1,171 @@
+"""What moves in a simulated scene moves as it should, and the scenarios show what they say."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from unlidar_tools.simulate import Scenario, Simulation, load_scenario
+from unlidar_tools.simulate.flight import make_path
+from unlidar_tools.simulate.recording import STRAY
+from unlidar_tools.simulate.scenario import SCENARIO_DIR, Drone, Flight, Scene, Sensor
+from unlidar_tools.simulate.world import Thing
+
+EMPTY = Scene(random_buildings=0, poles=0, trees=0)
+NAMES = sorted(path.stem for path in SCENARIO_DIR.glob("*.yaml"))
+NOISE_M = 6 * 0.02
+
+
+def simulation(scene: Scene, seed: int = 1, **changes) -> Simulation:
+    sensors = {"mid360": Sensor("mid360", stray_returns=0)}
+    base = Scenario(sensors=sensors, scene=scene, duration_s=4.0)
+    return Simulation(dataclasses.replace(base, **changes), seed)
+
+
+def things(simulated: Simulation, kind: str) -> list[Thing]:
+    return [thing for thing in simulated.things if thing.kind == kind]
+
+
+def speed_mps(thing: Thing, duration_s: float = 4.0) -> np.ndarray:
+    at = np.arange(0, duration_s, 1e-3)
+    return np.linalg.norm(np.diff(thing.centres(at), axis=0), axis=1) / 1e-3
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_cars_pass_straight_on_the_ground_and_never_over_the_station(seed):
+    scene = dataclasses.replace(EMPTY, cars=3)
+    at = np.linspace(0, 4, 200)
+    for car in things(simulation(scene, seed), "car"):
+        way = car.centres(at)
+        assert np.ptp(way[:, 2]) == 0
+        assert way[0, 2] - car.size_m[2] / 2 == pytest.approx(scene.ground_z_m)
+        assert np.linalg.norm(way[:, :2], axis=1).min() > scene.clear_m
+        heading = np.array([math.cos(car.yaw_rad), math.sin(car.yaw_rad)])
+        moved = way[-1, :2] - way[0, :2]
+        np.testing.assert_allclose(moved / np.linalg.norm(moved), heading, atol=1e-9)
+        assert 3.9 < speed_mps(car).max() < 12.1
+
+
+def test_returns_of_a_car_lie_on_its_box_where_it_is_at_their_own_time():
+    simulated = simulation(dataclasses.replace(EMPTY, cars=1), 2)
+    car = things(simulated, "car")[0]
+    index = simulated.things.index(car)
+    along = np.array([math.cos(car.yaw_rad), math.sin(car.yaw_rad), 0.0])
+    aside = np.array([-along[1], along[0], 0.0])
+    seen = 0
+    for frame in simulated.frames("mid360"):
+        hit = frame.thing == index
+        seen += hit.sum()
+        at = (frame.begin_ns + frame.time_ns[hit]) * 1e-9
+        away = frame.xyz_m[hit] - car.centres(at)
+        local = np.abs(np.stack([away @ along, away @ aside, away[:, 2]], axis=1))
+        assert np.all(local < car.size_m / 2 + NOISE_M)
+        assert np.all((np.abs(local - car.size_m / 2) < NOISE_M).any(axis=1))
+    assert seen > 100
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_birds_are_smaller_than_40_cm_fly_like_birds_and_are_no_part_of_the_truth(seed):
+    simulated = simulation(dataclasses.replace(EMPTY, birds=5), seed)
+    birds = things(simulated, "bird")
+    assert len(birds) == 5
+    assert list(simulated.truth()) == []
+    for bird in birds:
+        assert bird.size_m.max() < 0.4
+        assert 2 < speed_mps(bird).mean() < 12
+        assert bird.centres(np.linspace(0, 4, 100))[:, 2].min() > EMPTY.ground_z_m + 2
+        fill = bird.fill_at(np.linspace(0, 4, 1000))
+        beats = (np.diff(np.sign(fill - fill.mean())) != 0).sum() / 2 / 4
+        assert beats == pytest.approx(bird.flap_hz, abs=0.5)
+
+
+def test_insects_stay_about_the_station():
+    for insect in things(simulation(dataclasses.replace(EMPTY, insects=20)), "insect"):
+        away = np.linalg.norm(insect.centres(np.linspace(0, 4, 100)), axis=1)
+        assert away.max() < 8
+        assert insect.size_m.max() < 0.05
+
+
+def test_crowns_sway_about_their_place_by_what_they_are_told():
+    still = simulation(Scene(trees=10))
+    swaying = simulation(Scene(trees=10, sway_m=0.5))
+    at = np.linspace(0, 60, 3000)
+    assert all(crown.path is None for crown in things(still, "crown"))
+    for crown in things(swaying, "crown"):
+        away = crown.centres(at) - crown.centre_m
+        assert np.all(away[:, 2] == 0)
+        assert 0.5 < np.linalg.norm(away, axis=1).max() <= 0.5 * math.sqrt(2) + 1e-9
+        assert np.abs(away.mean(axis=0)).max() < 0.1
+
+
+def test_rain_has_its_rate_is_mostly_near_and_never_behind_what_a_ray_meets():
+    scene = dataclasses.replace(EMPTY, rain_returns=200)
+    frames = list(simulation(scene).frames("mid360"))
+    drops = [frame.xyz_m[frame.thing == STRAY] for frame in frames]
+    away = np.linalg.norm(np.concatenate(drops), axis=1)
+    # Two drops of one ray are one return, and the ground hides those below it.
+    assert np.mean([len(d) for d in drops]) == pytest.approx(195, rel=0.06)
+    assert away.min() > 0.99
+    assert away.max() < 25.1
+    assert np.median(away) == pytest.approx(5.0, rel=0.2)
+    assert np.concatenate(drops)[:, 2].min() > scene.ground_z_m
+
+
+def test_a_path_that_rests_at_its_waypoints_never_leaves_the_line_between_them():
+    points = (
+        (0.0, 1.0, 2.0, -1.6),
+        (2.0, 1.0, 2.0, -1.6),
+        (6.0, 1.0, 2.0, 8.0),
+        (9.0, 5.0, 2.0, 8.0),
+    )
+    path = make_path(Flight(waypoints=points, rest_at_waypoints=True), 9, np.random.default_rng(0))
+    at = np.arange(0, 9, 1e-3)
+    way = path(at)
+    np.testing.assert_allclose(path(np.array([p[0] for p in points])), np.array(points)[:, 1:])
+    assert np.all(way[at <= 2] == way[0])
+    assert way[:, 2].min() >= -1.6
+    assert way[:, 2].max() <= 8.0
+    velocity = np.diff(way, axis=0) / 1e-3
+    assert np.abs(np.diff(velocity, axis=0) / 1e-3).max() < 5.0  # no leap of the velocity
+    np.testing.assert_allclose(velocity[np.searchsorted(at, 6.0)], 0, atol=1e-3)
+
+
+def test_waypoints_are_moved_by_the_spread_at_most_and_differently_with_another_seed():
+    flight = Flight(waypoints=((0, 1, 2, 3), (5, 4, 5, 6)), spread_m=0.5)
+    ends = [
+        make_path(flight, 5, np.random.default_rng(seed))(np.array([0.0, 5.0])) for seed in (1, 2)
+    ]
+    for end in ends:
+        assert np.abs(end - np.array([[1, 2, 3], [4, 5, 6]])).max() <= 0.5
+    assert not np.allclose(*ends)
+
+
+def test_a_clock_error_shifts_the_stamps_and_nothing_else():
+    right = simulation(EMPTY)
+    wrong = simulation(
+        EMPTY, sensors={"mid360": Sensor("mid360", stray_returns=0, clock_error_s=0.06)}
+    )
+    for a, b in zip(right.frames("mid360"), wrong.frames("mid360"), strict=True):
+        assert a.stamp_ns - b.stamp_ns == 60_000_000
+        np.testing.assert_array_equal(a.xyz_m, b.xyz_m)
+
+
+def test_two_drones_have_a_truth_each():
+    drones = tuple(Drone(Flight(waypoints=((0, x, 5, 6), (4, -x, 5, 6)))) for x in (5.0, -5.0))
+    rows = list(simulation(EMPTY, drones=drones).truth())
+    assert {row.target for row in rows} == {0, 1}
+    assert len(rows) == 2 * 200
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_scenario_shows_its_drone_or_an_empty_sky(name):
+    simulated = Simulation(load_scenario(name), 3)
+    if not simulated.drones:
+        assert list(simulated.truth()) == []
+        return
+    first = len(simulated.things) - len(simulated.drones)
+    frames = itertools.chain.from_iterable(map(simulated.frames, simulated.scenario.sensors))
+    returns = itertools.accumulate((frame.thing >= first).sum() for frame in frames)
+    assert any(count > 3 for count in returns)
+    assert np.mean([row.in_view for row in simulated.truth()]) > 0.25

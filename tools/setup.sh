@@ -1,0 +1,127 @@
+# Sourced by demo.sh and test.sh: brings a Debian machine to the point where the program is built
+# and the Python harness installed. Every step is skipped when there is nothing to do, so that a
+# second run needs neither root nor a network.
+# shellcheck shell=bash
+# shellcheck disable=SC2034  # its variables are used by the scripts that source it
+
+root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
+build_dir=$root/build
+venv=$root/.venv
+setup_log=$root/out/setup.log
+
+# What the program and its tests are built with. PCL is needed for its headers and as an oracle of
+# the tests; the program itself links nothing but pcl_common.
+build_packages=(
+  build-essential cmake ninja-build
+  libpcl-dev liblz4-dev libeigen3-dev libceres-dev libyaml-cpp-dev libcli11-dev
+  nlohmann-json3-dev libgtest-dev libbenchmark-dev
+  python3 python3-venv
+)
+check_packages=(clang-format clang-tidy shellcheck chromium chromium-driver)
+
+say() {
+  printf '\n==> %s\n' "$*"
+}
+
+fail() {
+  printf '%s: %s\n' "${0##*/}" "$*" >&2
+  exit 1
+}
+
+# quietly REASON COMMAND...: the command's output goes to the log; when it fails, its last lines
+# are shown and the script ends with REASON.
+quietly() {
+  local reason=$1
+  shift
+  if ! "$@" >"$setup_log" 2>&1 </dev/null; then
+    tail -n 10 -- "$setup_log" >&2
+    fail "$reason (whole output: $setup_log)"
+  fi
+}
+
+check_root_is_writable() {
+  local path
+  mkdir -p -- "$root/out" 2>/dev/null || fail "cannot write in $root: run as its owner or as root"
+  for path in "$root/out" "$build_dir" "$venv" "$setup_log"; do
+    [[ ! -e $path || -w $path ]] ||
+      fail "cannot write $path: it belongs to $(stat -c %U -- "$path"), remove it or run as that user"
+  done
+}
+
+# install_packages PACKAGE...: installs those that are missing, through sudo unless root.
+install_packages() {
+  local installed package as_root=()
+  local -a missing=()
+  { command -v dpkg-query && command -v apt-get; } >/dev/null ||
+    fail "this is not Debian or Ubuntu (no apt-get): install the counterparts of $* by hand"
+  installed=$(dpkg-query -W -f='${Package} ${db:Status-Status}\n' "$@" 2>/dev/null || true)
+  for package in "$@"; do
+    grep -qxF "$package installed" <<<"$installed" || missing+=("$package")
+  done
+  ((${#missing[@]})) || return 0
+
+  if ((EUID != 0)); then
+    command -v sudo >/dev/null ||
+      fail "these packages are missing: ${missing[*]}; neither root nor sudo is at hand to install them"
+    [[ -t 0 ]] || sudo -n true 2>/dev/null ||
+      fail "these packages are missing: ${missing[*]}; sudo asks for a password and there is no terminal"
+    as_root=(sudo)
+    sudo -v || fail "these packages are missing: ${missing[*]}; sudo refused to install them"
+  fi
+  as_root+=(env DEBIAN_FRONTEND=noninteractive)
+  say "Installing ${missing[*]} (once, some minutes)"
+  # An unreachable foreign source must not stop what the others can deliver: the install decides.
+  "${as_root[@]}" apt-get -qq -o DPkg::Lock::Timeout=300 update >/dev/null 2>&1 </dev/null || true
+  quietly "apt-get could not install ${missing[*]}; is there a network?" \
+    "${as_root[@]}" apt-get -qq -y -o DPkg::Lock::Timeout=300 -o Dpkg::Use-Pty=0 \
+    install --no-install-recommends "${missing[@]}"
+}
+
+# build TARGET: Release build in build/.
+build() {
+  # A build folder that came along when the project was copied or moved is of no use here.
+  if [[ -e $build_dir/CMakeCache.txt ]] &&
+    ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$root" "$build_dir/CMakeCache.txt"; then
+    rm -rf -- "$build_dir"
+  fi
+  say "Building in $build_dir"
+  quietly "CMake could not configure the build" \
+    cmake -S "$root" -B "$build_dir" -G Ninja -DCMAKE_BUILD_TYPE=Release
+  cmake --build "$build_dir" --target "$1" </dev/null || fail "the build failed, see above"
+}
+
+# The first Python that is new enough and can make a virtual environment.
+find_python() {
+  local candidate
+  for candidate in python3 /usr/bin/python3; do
+    if "$candidate" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' \
+      >/dev/null 2>&1; then
+      command -v "$candidate"
+      return
+    fi
+  done
+  return 1
+}
+
+# make_venv EXTRA: .venv with unlidar_tools and what its EXTRA needs ('' for the plain package),
+# installed in place. A stamp keeps what was installed from which pyproject.toml; it also names the
+# folder, because environments do not survive a move.
+make_venv() {
+  local extra=$1 python stamp stamp_file=$venv/unlidar_tools.stamp
+  stamp="$root $(sha256sum <"$root/tools/pyproject.toml")"
+  if "$venv/bin/python" -c '' 2>/dev/null && grep -qxF "$stamp" "$stamp_file" 2>/dev/null &&
+    grep -qxF "extra:$extra" "$stamp_file"; then
+    return 0
+  fi
+  python=$(find_python) ||
+    fail "Python 3.11 or newer with venv is needed, found $(python3 --version 2>&1 || true)"
+  say "Installing the Python harness in $venv"
+  if ! "$venv/bin/python" -c '' 2>/dev/null || ! grep -qF "$root " "$stamp_file" 2>/dev/null; then
+    quietly "$python could not make a virtual environment" "$python" -m venv --clear "$venv"
+  fi
+  quietly "pip could not install the harness; is there a network?" \
+    "$venv/bin/python" -m pip install --disable-pip-version-check \
+    --editable "$root/tools${extra:+[$extra]}"
+  # The plain install is part of every one with an extra.
+  printf '%s\nextra:\nextra:%s\n' "$stamp" "$extra" >"$stamp_file"
+}

@@ -1,0 +1,197 @@
+"""One recording of many: what is to be done, whether it is done already, and doing it.
+
+A job runs in a process of its own, so that one that crashes or is killed takes no other with it.
+Its folder of results appears complete or not at all, and holds the key of what it was made from.
+"""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from unlidar_tools import __version__
+from unlidar_tools.errors import InputError, reason
+from unlidar_tools.output import RUN_MARKER
+from unlidar_tools.presets import MMAUD
+
+DONE, DONE_BEFORE, FAILED = "done", "done before", "failed"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is asked of every recording of a run."""
+
+    sensors: list[str] | None
+    config_file: str | None
+    config: str | None  # its text, which is what the jobs get
+    options: list[str]  # further options of the program
+    threads: int  # of the program, for each recording
+
+    def options_with(self, config: str | None) -> list[str]:
+        """All options of the program, with the configuration read from the file `config`."""
+        chosen = [] if config is None else ["--config", config]
+        return [*chosen, *self.options, "--threads", str(self.threads)]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One recording, where its results go, and the key of both."""
+
+    name: str
+    recording: str
+    out: str
+    settings: Settings
+    program: str  # digest of the program, lest another machine runs another one
+    key: str
+
+    def to_json(self) -> str:
+        """For the process that does it."""
+        return json.dumps(asdict(self))
+
+    @staticmethod
+    def from_json(text: str) -> "Job":
+        """What `to_json` wrote."""
+        fields = json.loads(text)
+        return Job(**fields | {"settings": Settings(**fields["settings"])})
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of a job: a row of the table."""
+
+    name: str
+    status: str
+    time_s: float | None = None
+    tracks: int | None = None
+    measures: dict | None = None  # None without truth
+    reason: str = ""  # why it failed
+    exit_code: int = 0
+    preset: str | None = None  # as in RunResult
+
+
+def make_job(name: str, recording: Path, out: Path, settings: Settings, program: str) -> Job:
+    """The job with the key of its input, its settings and the program's version.
+
+    Of the input the files' names, sizes and times of change count, not every byte. The number of
+    threads does not count: it changes no result.
+    """
+    parts = {
+        "input": _files(recording),
+        "sensors": settings.sensors,
+        "config": settings.config,
+        "options": settings.options,
+        "preset": MMAUD.read_text() if settings.config is None else None,
+        "program": program,
+        "harness": __version__,
+    }
+    key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+    return Job(name, str(recording.absolute()), str(out.absolute()), settings, program, key)
+
+
+def digest(program: Path) -> str:
+    """What tells one build of the program from another, also where the version is the same."""
+    try:
+        return hashlib.sha256(program.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"{program}: cannot be read: {reason(error)}") from error
+
+
+def finished(job: Job) -> Row | None:
+    """The row of what was done with the same key, if its results are there."""
+    try:
+        record = json.loads((Path(job.out) / RUN_MARKER).read_text())
+        if record["key"] != job.key:
+            return None
+        return Row(
+            job.name,
+            DONE,
+            record["time_s"],
+            record["tracks"],
+            record["measures"],
+            preset=record["preset"],
+        )
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+class Launcher:
+    """Runs jobs in processes of their own, from any number of threads."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running: set[subprocess.Popen] = set()
+        self._stopped = False
+
+    def __call__(self, job: Job) -> Row:
+        """Does the job and tells what became of it; a failure is a row, too."""
+        begin = time.perf_counter()
+        with self._lock:
+            if self._stopped:
+                return Row(job.name, FAILED, reason="interrupted")
+            process = subprocess.Popen(
+                [sys.executable, "-m", "unlidar_tools.batch.child", str(os.getpid())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+                errors="replace",
+            )
+            self._running.add(process)
+        try:
+            _, said = process.communicate(job.to_json())
+        finally:
+            with self._lock:
+                self._running.discard(process)
+        row = finished(job) if process.returncode == 0 else None
+        if row is not None:
+            return row
+        time_s = round(time.perf_counter() - begin, 3)
+        why, exit_code = _failure(process.returncode, said)
+        return Row(job.name, FAILED, time_s, reason=why, exit_code=exit_code)
+
+    def stop(self) -> None:
+        """Ends what is running and lets nothing begin."""
+        with self._lock:
+            self._stopped = True
+            for process in self._running:
+                process.terminate()
+
+
+def launch(job: Job) -> Row:
+    """Does one job: what a worker of a cluster is asked for, again if a worker was lost."""
+    return finished(job) or Launcher()(job)
+
+
+def _failure(returncode: int, said: str) -> tuple[str, int]:
+    if returncode < 0:
+        name = signal.Signals(-returncode).name
+        hint = " (out of memory?)" if returncode == -signal.SIGKILL else ""
+        return f"its process was ended by {name}{hint}", 1
+    last = (said.strip().splitlines() or ["ended without a result"])[-1]
+    return last.removeprefix("unlidar: error: "), returncode or 1
+
+
+def _files(recording: Path) -> list[tuple[str, int, int]]:
+    """Name, size and time of change in ns of every file, the links followed."""
+    files: list[tuple[str, int, int]] = []
+    seen: set[Path] = set()
+    waiting = [recording]
+    try:
+        while waiting:
+            path = waiting.pop()
+            if not path.is_dir():
+                status = path.stat() if path.exists() else path.lstat()
+                name = path.relative_to(recording).as_posix()
+                files.append((name, status.st_size, status.st_mtime_ns))
+            elif path.resolve() not in seen:
+                seen.add(path.resolve())
+                waiting += path.iterdir()
+    except OSError as error:
+        raise InputError(f"{recording}: cannot be read: {reason(error)}") from error
+    return sorted(files)

@@ -1,0 +1,104 @@
+"""The one table of a run over many recordings. RMSE never stands without coverage."""
+
+import csv
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from unlidar_tools.batch.job import FAILED, Row
+from unlidar_tools.output import write_file
+
+NAME = "table"
+_NUMBERS: dict[str, tuple[str, Callable[[float], str]]] = {
+    "rmse": ("RMSE, m", lambda v: f"{v:.3f}"),
+    "rmse_unbiased": ("without offset, m", lambda v: f"{v:.3f}"),
+    "coverage": ("coverage, %", lambda v: f"{100 * v:.1f}"),
+    "within1m": ("within 1 m, %", lambda v: f"{100 * v:.1f}"),
+    "false": ("false rows, %", lambda v: f"{100 * v:.1f}"),
+    "tracks": ("tracks", lambda v: f"{v:g}"),
+    "time_s": ("time, s", lambda v: f"{v:.1f}"),
+}
+_HEADERS = ["sequence", *(header for header, _ in _NUMBERS.values()), "remark"]
+
+
+def rich_table(rows: list[Row], title: str) -> Table:
+    """For the terminal, where reasons of failures are too long for a column."""
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for header in _HEADERS:
+        if header in ("sequence", "remark"):
+            table.add_column(header, overflow="fold")
+        else:
+            table.add_column(re.sub(r", | (?!m\b)", "\n", header), justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(*_cells(record_of(row) | {"remark": _remark(row).split(":")[0]}))
+    table.add_section()
+    table.add_row(*_cells(_mean(rows)))
+    return table
+
+
+def write_tables(rows: list[Row], folder: Path) -> list[Path]:
+    """The table as Markdown, CSV and JSON; returns the files."""
+    records = [record_of(row) for row in rows]
+    everything = {"sequences": records, "mean": _mean(rows)}
+    text = json.dumps(everything, indent=2) + "\n"
+    lines = [_HEADERS, ["---", *("---:" for _ in _NUMBERS), "---"]]
+    lines += [_cells(record) for record in [*records, _mean(rows)]]
+    markdown = "".join(
+        f"| {' | '.join(cell.replace('|', '/') for cell in line)} |\n" for line in lines
+    )
+    paths = [folder / f"{NAME}.{suffix}" for suffix in ("md", "csv", "json")]
+    write_file(paths[0], lambda work: work.write_text(markdown))
+    write_file(paths[1], lambda work: _write_csv(work, records))
+    write_file(paths[2], lambda work: work.write_text(text))
+    return paths
+
+
+def record_of(row: Row) -> dict:
+    """The row as one flat record; what is not known is None."""
+    known = {"time_s": row.time_s, "tracks": row.tracks} | (row.measures or {})
+    return {
+        "sequence": row.name,
+        "status": row.status,
+        **{name: known.get(name) for name in _NUMBERS},
+        "remark": _remark(row),
+    }
+
+
+def _remark(row: Row) -> str:
+    if row.status == FAILED:
+        return f"failed: {row.reason}"
+    remarks = [row.status] if row.status != "done" else []
+    if row.measures is None:
+        remarks.append("no truth")
+    return ", ".join(remarks)
+
+
+def _mean(rows: list[Row]) -> dict:
+    """Each number over the sequences that have it; the remark says how many are judged."""
+    records = [record_of(row) for row in rows]
+    mean: dict = {"sequence": "mean"}
+    for name in _NUMBERS:
+        values = [record[name] for record in records if record[name] is not None]
+        mean[name] = round(sum(values) / len(values), 4) if values else None
+    judged = sum(row.measures is not None for row in rows)
+    covered = sum(record["rmse"] is not None for record in records)
+    return mean | {"remark": f"{judged} of {len(rows)} judged, RMSE of {covered}"}
+
+
+def _cells(record: dict) -> list[str]:
+    numbers = [
+        "-" if record[name] is None else spell(record[name])
+        for name, (_, spell) in _NUMBERS.items()
+    ]
+    return [record["sequence"], *numbers, record["remark"]]
+
+
+def _write_csv(path: Path, records: list[dict]) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, records[0])
+        writer.writeheader()
+        writer.writerows(records)

@@ -1,0 +1,117 @@
+"""One scene with one seed: simulated if need be, tracked by every variant, measured."""
+
+import json
+import resource
+import signal
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from unlidar_tools.benchmark.scenes import SceneSeed
+from unlidar_tools.benchmark.variants import Variant
+from unlidar_tools.errors import UnlidarError
+from unlidar_tools.evaluate import evaluate
+from unlidar_tools.frames_io import list_frames
+from unlidar_tools.program import run_program
+from unlidar_tools.run import Recording, prepare
+from unlidar_tools.simulate import load_scenario, simulate
+from unlidar_tools.truth import Tracks, Truth, read_tracks, read_truth
+
+
+@dataclass(frozen=True)
+class Job:
+    """What one process does."""
+
+    scene: SceneSeed
+    variants: tuple[Variant, ...]
+    out: Path
+    time_limit_s: float  # of the program, in seconds of CPU
+
+
+@dataclass(frozen=True)
+class Result:
+    """One variant on one recording."""
+
+    scene: str
+    seed: str
+    variant: str
+    measures: dict  # of `evaluate`; as without any track where the run failed
+    failure: str | None
+    cpu_s: float | None  # of the program, one thread
+    duration_s: float  # of the recording
+
+
+def do(job: Job) -> list[Result]:
+    """The results of every variant; a run that fails is one of them."""
+    with tempfile.TemporaryDirectory(prefix="unlidar-benchmark-") as temporary:
+        try:
+            recording = _recording(job.scene, Path(temporary))
+            truth = read_truth(recording.truth)
+            duration_s = _duration_s(recording)
+        except UnlidarError as error:
+            return [_failed(job, variant, {}, 0.0, error) for variant in job.variants]
+        return [_run(job, variant, recording, truth, duration_s) for variant in job.variants]
+
+
+def _recording(scene: SceneSeed, temporary: Path) -> Recording:
+    folder = scene.folder
+    if folder is None:
+        folder = temporary / "frames"
+        simulate(load_scenario(scene.scenario), folder, int(scene.seed))
+    return prepare(folder, temporary)
+
+
+def _duration_s(recording: Recording) -> float:
+    stamps = [f.stamp_ns for folder in recording.sensors.values() for f in list_frames(folder)]
+    return (max(stamps) - min(stamps)) * 1e-9
+
+
+def _run(
+    job: Job, variant: Variant, recording: Recording, truth: Truth, duration_s: float
+) -> Result:
+    out = job.out / "runs" / job.scene.scene / job.scene.seed / variant.name
+    options = [*variant.options, *recording.poses, "--threads", "1", "--quiet"]
+    before = _children_cpu_s()
+    try:
+        with _cpu_limit(job.time_limit_s):
+            outcome = run_program(recording.sensors, out, options)
+        cpu_s = _children_cpu_s() - before
+        measures = evaluate(truth, read_tracks(outcome.trajectory))
+    except UnlidarError as error:
+        failure = error
+        if f"signal {signal.SIGXCPU.value}" in str(error):
+            failure = UnlidarError(f"took more than {job.time_limit_s:g} s of CPU time")
+        nothing = evaluate(truth, Tracks(np.zeros(0), np.zeros(0), np.zeros((0, 3))))
+        return _failed(job, variant, nothing, duration_s, failure)
+    (out / "evaluation.json").write_text(json.dumps(measures, indent=2) + "\n")
+    return Result(job.scene.scene, job.scene.seed, variant.name, measures, None, cpu_s, duration_s)
+
+
+def _failed(
+    job: Job, variant: Variant, measures: dict, duration_s: float, error: Exception
+) -> Result:
+    scene = job.scene
+    return Result(scene.scene, scene.seed, variant.name, measures, str(error), None, duration_s)
+
+
+@contextmanager
+def _cpu_limit(seconds: float) -> Iterator[None]:
+    """Programs started within are ended by SIGXCPU when they have used so much."""
+    # The limit holds for this process too. It has a handler, which a started program has not.
+    handler = signal.signal(signal.SIGXCPU, lambda *_: None)
+    limits = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (max(1, round(seconds)), limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_CPU, limits)
+        signal.signal(signal.SIGXCPU, handler)
+
+
+def _children_cpu_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime

@@ -1,0 +1,157 @@
+"""The table of a benchmark as Markdown and JSON."""
+
+import dataclasses
+import json
+import textwrap
+from pathlib import Path
+
+from ruamel.yaml import YAML
+
+from unlidar_tools import __version__
+from unlidar_tools.benchmark.job import Result
+from unlidar_tools.benchmark.summary import ALL, Estimate, Row
+from unlidar_tools.benchmark.variants import Variant
+from unlidar_tools.output import write_file
+
+MARKDOWN, JSON = "benchmark.md", "benchmark.json"
+_PUBLISHED = Path(__file__).parent / "published.yaml"
+_HEAD = (
+    "scene", "method", "within 1 m", "coverage", "RMSE", "dx", "dy", "dz", "false rows",
+    "tracks, seed by seed", "CPU", "of duration",
+)  # fmt: skip
+_DIFFERENCES = ("scene", "variant", "within 1 m", "coverage", "RMSE", "false rows")
+
+
+def write_report(
+    rows: list[Row], results: list[Result], variants: list[Variant], command: str, out: Path
+) -> list[Path]:
+    """Writes both files to the folder `out` and returns their paths."""
+    published = YAML(typ="safe", pure=True).load(_PUBLISHED.read_text(encoding="utf-8"))
+    document = {
+        "version": __version__,
+        "command": command,
+        "variants": [
+            dataclasses.asdict(v) | {"config": v.config and v.config.name} for v in variants
+        ],
+        "rows": [dataclasses.asdict(row) for row in rows],
+        "results": [dataclasses.asdict(result) for result in results],
+        "published": published,
+    }
+    texts = {
+        out / MARKDOWN: markdown(rows, variants, published, command),
+        out / JSON: json.dumps(document, indent=2) + "\n",
+    }
+    for path, text in texts.items():
+        write_file(path, lambda work, text=text: work.write_text(text, encoding="utf-8"))
+    return list(texts)
+
+
+def markdown(rows: list[Row], variants: list[Variant], published: list[dict], command: str) -> str:
+    """The tables of our runs, the runs that failed, and the published figures."""
+    sections = [f"# Benchmark\n\n    {command}\n", _NOTE, _table(rows)]
+    changed = {v.name: v for v in variants if v.base}
+    compared = [row for row in rows if row.variant in changed]
+    if compared:
+        listed = "\n".join(f"- {name}: `{_keys(v)}`" for name, v in changed.items())
+        sections += [f"## Differences to {next(iter(changed.values())).base}\n", listed + "\n"]
+        sections.append(_difference_table(compared))
+    failures = [(row, failure) for row in rows if row.scene != ALL for failure in row.failures]
+    if failures:
+        listed = "\n".join(f"- {row.variant} on {failure}" for row, failure in failures)
+        sections += [
+            "## Failed runs\n",
+            "They count as runs that found nothing.\n",
+            listed + "\n",
+        ]
+    return "\n".join([*sections, "## Published figures\n", _published(published)])
+
+
+_NOTE = """\
+Means over the seeds, in brackets their 95 % bootstrap interval. *Within 1 m* and *coverage*: shares
+of the time in which a field of view holds the drone. RMSE, dx, dy, dz over the covered time, in
+metres. False rows are farther than 2 m from every drone; in an empty sky any row is. *CPU*: seconds
+of one thread for a recording, *of duration*: the largest share of a recording's duration.
+"""
+
+
+def _table(rows: list[Row]) -> str:
+    lines = [_line(_HEAD), "|---|---|" + "---:|" * (len(_HEAD) - 2)]
+    for row in rows:
+        e = row.estimates
+        lines.append(
+            _line(
+                (
+                    _scene(row),
+                    row.variant,
+                    _percent(e["within1m"]),
+                    _percent(e["coverage"], interval=False),
+                    _metres(e["rmse"]),
+                    *(_metres(e[axis], interval=False) for axis in ("dx", "dy", "dz")),
+                    _percent(e["false"], interval=False),
+                    _tracks(row),
+                    "-" if row.cpu_s is None else f"{row.cpu_s:.2f} s",
+                    "-" if row.share_of_duration is None else f"{row.share_of_duration:.1%}",
+                )
+            )
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _difference_table(rows: list[Row]) -> str:
+    lines = [_line(_DIFFERENCES), "|---|---|" + "---:|" * (len(_DIFFERENCES) - 2)]
+    for row in rows:
+        d = row.differences
+        cells = [_percent(d[name], sign="+") for name in ("within1m", "coverage")]
+        cells += [_metres(d["rmse"], sign="+"), _percent(d["false"], sign="+")]
+        lines.append(_line((_scene(row), row.variant, *cells)))
+    return "\n".join(lines) + "\n"
+
+
+def _published(groups: list[dict]) -> str:
+    parts = []
+    for group in groups:
+        about = f"**{group['title']}**. Measured on: {group['measured_on']}. {group['measure']}."
+        lines = [textwrap.fill(about, 118), "", _line(("", "value", "source")), "|---|---:|---|"]
+        lines += [_line((row["name"], row["value"], row["source"])) for row in group["rows"]]
+        lines += ["", f"Verified in the source: {', '.join(group['verified']) or 'nothing'}."]
+        parts.append("\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+def _scene(row: Row) -> str:
+    failed = f" ({len(row.failures)} of {len(row.seeds)} runs failed)" if row.failures else ""
+    return (f"**{ALL}**" if row.scene == ALL else row.scene) + failed
+
+
+def _tracks(row: Row) -> str:
+    if row.scene != ALL:
+        return " ".join(map(str, row.tracks))
+    if row.tracks_in_empty_sky is None:
+        return ""
+    return "any in {} of {} empty skies".format(*row.tracks_in_empty_sky)
+
+
+def _percent(estimate: Estimate, interval: bool = True, sign: str = "") -> str:
+    if estimate.mean is None:
+        return "-"
+    text = f"{100 * estimate.mean:{sign}.1f} %"
+    if not interval or estimate.low is None:
+        return text
+    return f"{text} ({100 * estimate.low:{sign}.1f}, {100 * estimate.high:{sign}.1f})"
+
+
+def _metres(estimate: Estimate, interval: bool = True, sign: str = "") -> str:
+    if estimate.mean is None:
+        return "-"
+    text = f"{estimate.mean:{sign}.2f}"
+    if not interval or estimate.low is None:
+        return text
+    return f"{text} ({estimate.low:{sign}.2f}, {estimate.high:{sign}.2f})"
+
+
+def _keys(variant: Variant) -> str:
+    return ", ".join(variant.assignments)
+
+
+def _line(cells: tuple[str, ...]) -> str:
+    return f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"

@@ -1,0 +1,182 @@
+"""The command `unlidar`, and the one place that turns errors into exit codes."""
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from unlidar_tools import (
+    __version__,
+    benchmark_command,
+    convert_command,
+    evaluate_command,
+    export_command,
+    report_command,
+    run_command,
+)
+from unlidar_tools.errors import OutputError, UnlidarError, UsageError, reason
+
+_INTERRUPTED = 130
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command and returns its exit code."""
+    return report_errors(lambda: _act(arguments))
+
+
+def report_errors(act: Callable[[], None]) -> int:
+    """Does it and returns the exit code; an error becomes one line on stderr."""
+    signal.signal(signal.SIGTERM, _interrupt)  # so that unfinished output is removed
+    try:
+        act()
+        sys.stdout.flush()
+    except UnlidarError as error:
+        return _fail(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        return _fail("interrupted", _INTERRUPTED)
+    except BrokenPipeError:  # the reader of a pipe has left: nobody is there to be told
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OutputError.exit_code
+    except Exception as error:
+        if os.environ.get("UNLIDAR_DEBUG"):
+            raise
+        return _fail(f"internal: {type(error).__name__}: {reason(error)}", 1)
+    return 0
+
+
+def _act(arguments: Sequence[str] | None) -> None:
+    chosen = _parser().parse_args(arguments)
+    chosen.act(chosen)
+
+
+def _fail(message: str, exit_code: int) -> int:
+    print(f"unlidar: error: {' '.join(message.split())}", file=sys.stderr)
+    return exit_code
+
+
+def _interrupt(_signal: int, _frame: object) -> NoReturn:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one must not break the tidying up
+    raise KeyboardInterrupt
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="unlidar",
+        description="Converts, simulates, tracks and measures LiDAR recordings of drones.",
+        epilog="example: unlidar simulate demo out/demo && unlidar run out/demo",
+    )
+    parser.add_argument("--version", action="version", version=f"unlidar {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
+    _add_convert(commands)
+    _add_simulate(commands)
+    _add_run(commands)
+    _add_evaluate(commands)
+    _add_export(commands)
+    _add_report(commands)
+    _add_benchmark(commands)
+    return parser
+
+
+def _add(commands: argparse._SubParsersAction, name: str, text: str, example: str) -> _Parser:
+    return commands.add_parser(
+        name,
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}.",
+        epilog=f"example:\n  {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def _add_convert(commands: argparse._SubParsersAction) -> None:
+    text = "recording -> frame directories and ground_truth.csv"
+    p = _add(commands, "convert", text, convert_command.EXAMPLE)
+    convert_command.define(p)
+    _add_sensors(p, "default: all LiDARs; radars only if named")
+
+
+def _add_simulate(commands: argparse._SubParsersAction) -> None:
+    p = _add(
+        commands,
+        "simulate",
+        "synthetic flight with exact truth -> frame directories",
+        "unlidar simulate demo out/demo --seed 7",
+    )
+    p.add_argument("scenario", metavar="SCENARIO", help="a .yaml file, or: demo, empty_sky")
+    p.add_argument("out", metavar="OUT", type=Path, help="folder to be written")
+    p.add_argument("--seed", type=_seed, default=1, help="same seed, same bytes (default: 1)")
+    p.add_argument("--force", action="store_true", help="replace OUT if it was simulated before")
+    p.set_defaults(act=_simulate)
+
+
+def _add_run(commands: argparse._SubParsersAction) -> None:
+    text = "converts if need be, tracks, evaluates, draws; one recording or many"
+    p = _add(commands, "run", text, run_command.EXAMPLE)
+    run_command.define(p)
+    _add_sensors(p, "default: all found")
+
+
+def _add_evaluate(commands: argparse._SubParsersAction) -> None:
+    text = "trajectory against truth: RMSE, per axis, coverage, false rows; one or many sequences"
+    evaluate_command.define(_add(commands, "evaluate", text, evaluate_command.EXAMPLE))
+
+
+def _add_export(commands: argparse._SubParsersAction) -> None:
+    text = "trajectory to TUM, CSV, KML, GeoJSON, ROS 1 and 2 recordings, the UG2+ challenge's CSV"
+    export_command.define(_add(commands, "export", text, export_command.EXAMPLE))
+
+
+def _add_report(commands: argparse._SubParsersAction) -> None:
+    text = "results of run -> one HTML page, figures for papers, a recording for rerun"
+    report_command.define(_add(commands, "report", text, report_command.EXAMPLE))
+
+
+def _add_benchmark(commands: argparse._SubParsersAction) -> None:
+    text = "scenes x seeds x methods -> one table, with the published figures beside it"
+    benchmark_command.define(_add(commands, "benchmark", text, benchmark_command.EXAMPLE))
+
+
+def _add_sensors(p: argparse.ArgumentParser, default: str) -> None:
+    p.add_argument(
+        "--sensors",
+        metavar="NAME[,NAME...]",
+        type=_names,
+        help=f"which sensors, the first gives the output times ({default})",
+    )
+
+
+def _names(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    if not names or len(set(names)) != len(names):
+        raise argparse.ArgumentTypeError(f"'{text}', expected different names")
+    return names
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number from 0 on")
+    return int(text)
+
+
+# The sub-commands import what they need themselves: --help need not wait for matplotlib.
+
+
+def _simulate(a: argparse.Namespace) -> None:
+    from unlidar_tools.simulate import load_scenario, simulate
+
+    report = simulate(load_scenario(a.scenario), a.out, a.seed, a.force)
+    print(f"{a.out}: {_counts(report)}, {len(report['scenario']['drones'])} drone(s)")
+
+
+def _counts(report: dict) -> str:
+    return ", ".join(
+        f"{name} {frames} frames with {report['returns'][name]} returns"
+        for name, frames in report["frames"].items()
+    )

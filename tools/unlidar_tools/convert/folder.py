@@ -1,0 +1,237 @@
+"""Folders of one file per frame: PCD, PLY, KITTI's .bin or .npy, of one sensor or of several."""
+
+import re
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from unlidar_tools.convert.files import (
+    TRUTH_FOLDER,
+    StampedFile,
+    in_window,
+    load_rows,
+    refuse_bag_options,
+    truth_of_folder,
+    truth_targets,
+)
+from unlidar_tools.convert.ply import read_ply
+from unlidar_tools.convert.point_times import OFFSET_FIELD, TIME_FIELDS, offsets_ns
+from unlidar_tools.convert.source import Options, SourceFrame, Stream, TruthRow
+from unlidar_tools.errors import InputError, reason
+from unlidar_tools.frames_io import is_return, read_pcd, stamps_of_table
+from unlidar_tools.stamps import format_stamp_ns, parse_stamp_ns
+
+_NS_PER_S = 1_000_000_000
+_DEFAULT_RATE_HZ = 10.0
+# A whole number below this is no Unix time (it would lie before 1973) but the number of a frame.
+_LEAST_UNIX_S = 10**8
+_KITTI_ROW = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
+_KITTI_TIMES = ("timestamps.txt", "times.txt")
+_KITTI_STAMP = re.compile(r"(\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d)\.(\d{1,9})")
+
+
+def _read_kitti(path: Path) -> dict[str, np.ndarray]:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {reason(error)}") from error
+    if len(content) % _KITTI_ROW.itemsize:
+        raise InputError(
+            f"{path}: has {len(content)} bytes, expected rows of 16 (x, y, z, intensity as float32)"
+        )
+    rows = np.frombuffer(content, _KITTI_ROW)
+    return {name: rows[name] for name in ("x", "y", "z")}
+
+
+def _read_npy(path: Path) -> dict[str, np.ndarray]:
+    return dict(zip("xyz", load_rows(path).T, strict=True))
+
+
+_READERS: dict[str, Callable[[Path], dict[str, np.ndarray]]] = {
+    ".pcd": read_pcd,
+    ".ply": read_ply,
+    ".bin": _read_kitti,
+    ".npy": _read_npy,
+}
+
+
+class FrameFolder:
+    """A folder of frames, or a folder with one such folder per sensor."""
+
+    kind: ClassVar[str] = "frames"
+    description: ClassVar[str] = (
+        "a folder of .pcd, .ply, .bin (KITTI) or .npy, or one with such a folder per sensor"
+    )
+    keeps_beginning: ClassVar[bool] = False  # a file can be mended or taken away
+
+    def __init__(self, path: Path, options: Options) -> None:
+        refuse_bag_options(path, options)
+        self._path, self._options = path, options
+        self._notes: list[str] = []
+        self._suffixes: dict[str, str] = {}
+        self._files: dict[str, list[StampedFile]] = {}
+        for directory in _frame_folders(path):
+            at = directory.resolve()
+            name = at.parent.name if at.name == "data" else at.name
+            if name in self._files:
+                raise InputError(f"{path}: has two folders of frames named {name}")
+            self._suffixes[name] = _suffix(directory)
+            self._files[name] = self._stamped(directory, self._suffixes[name])
+        self._begin_ns = min(files[0][0] for files in self._files.values())
+        self.sensors = {
+            name: len(in_window(files, options, self._begin_ns))
+            for name, files in self._files.items()
+        }
+        self.truths = truth_targets(path)
+
+    @classmethod
+    def matches(cls, path: Path) -> bool:
+        """Whether the folder or one below it holds files of frames."""
+        return path.is_dir() and bool(_frame_folders(path))
+
+    def lidars(self) -> list[str]:
+        """All its sensors."""
+        return list(self._files)
+
+    def streams(self) -> list[Stream]:
+        """Its folders."""
+        found = [
+            Stream(name, self._suffixes[name], len(files), "frames")
+            for name, files in self._files.items()
+        ]
+        if self.truths:
+            found.append(Stream(TRUTH_FOLDER, ".npy or .csv", 0, "ground_truth.csv"))
+        return found
+
+    def total(self, sensors: list[str]) -> int:
+        """The files."""
+        return sum(self.sensors[name] for name in sensors)
+
+    def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow]:
+        """The frames, sensor by sensor, then the truth."""
+        for sensor in sensors:
+            read = _READERS[self._suffixes[sensor]]
+            files = in_window(self._files[sensor], self._options, self._begin_ns)
+            for stamp_ns, stamp, path in files:
+                yield _frame(sensor, stamp_ns, stamp, path, read(path))
+        yield from truth_of_folder(self._path, self._options, self._begin_ns)
+
+    def notes(self) -> list[str]:
+        """Where stamps had to be made up."""
+        return self._notes
+
+    def facts(self) -> dict:
+        """Nothing beyond the counts."""
+        return {}
+
+    def close(self) -> None:
+        """Holds no file open."""
+
+    def _stamped(self, directory: Path, suffix: str) -> list[StampedFile]:
+        """By timestamps.csv, KITTI's list of times, or the names, in this order."""
+        paths = sorted(directory.glob(f"*{suffix}"))
+        listed = next(
+            (
+                folder / name
+                for folder in (directory, directory.parent)
+                for name in _KITTI_TIMES
+                if (folder / name).is_file()
+            ),
+            None,
+        )
+        if not (directory / "timestamps.csv").is_file():
+            if listed is not None:
+                return _stamps_of_list(listed, paths)
+            if all(p.stem.isdecimal() and int(p.stem) < _LEAST_UNIX_S for p in paths):
+                return self._numbered(directory, paths)
+        table = stamps_of_table(directory / "timestamps.csv")
+        files = []
+        for path in paths:
+            spelled = table.get(path.name, path.stem)
+            try:
+                stamp_ns = parse_stamp_ns(spelled)
+            except ValueError as error:
+                raise InputError(
+                    f"{path}: the name is no time stamp, and there is no row for it in "
+                    "timestamps.csv and no timestamps.txt or times.txt"
+                ) from error
+            files.append((stamp_ns, format_stamp_ns(stamp_ns), path))
+        return sorted(files)
+
+    def _numbered(self, directory: Path, paths: list[Path]) -> list[StampedFile]:
+        rate_hz = self._options.rate_hz or _DEFAULT_RATE_HZ
+        if self._options.rate_hz is None:
+            self._notes.append(
+                f"{directory}: names are numbers of frames, not stamps: took {rate_hz:g} frames a "
+                "second, --rate HZ for another"
+            )
+        files = []
+        for path in paths:
+            stamp_ns = round(int(path.stem) * _NS_PER_S / rate_hz)
+            files.append((stamp_ns, format_stamp_ns(stamp_ns), path))
+        return sorted(files)
+
+
+def _frame_folders(path: Path) -> list[Path]:
+    """The folder itself, or those of its subfolders (or their `data`) that hold frames."""
+    if _suffixes(path):
+        return [path]
+    found = []
+    for child in sorted(d for d in path.iterdir() if d.is_dir() and d.name != TRUTH_FOLDER):
+        found += [d for d in (child, child / "data") if d.is_dir() and _suffixes(d)][:1]
+    return found
+
+
+def _suffixes(directory: Path) -> list[str]:
+    return [s for s in _READERS if next(directory.glob(f"*{s}"), None) is not None]
+
+
+def _suffix(directory: Path) -> str:
+    found = _suffixes(directory)
+    if len(found) > 1:
+        raise InputError(f"{directory}: holds {' and '.join(found)} files, expected one kind")
+    return found[0]
+
+
+def _frame(
+    sensor: str, stamp_ns: int, stamp: str, path: Path, columns: dict[str, np.ndarray]
+) -> SourceFrame:
+    missing = [axis for axis in "xyz" if axis not in columns]
+    if missing:
+        raise InputError(f"{path}: has no field {missing[0]}, expected x, y and z")
+    xyz_m = np.stack([columns[axis].astype(float) for axis in "xyz"], axis=1)
+    kept = is_return(xyz_m)
+    for name in TIME_FIELDS:
+        if name in columns:
+            offsets = offsets_ns(columns[name][kept], stamp_ns)
+            fields = {} if offsets is None else {OFFSET_FIELD: offsets}
+            return SourceFrame(sensor, stamp, xyz_m[kept], fields)
+    return SourceFrame(sensor, stamp, xyz_m[kept])
+
+
+def _stamps_of_list(listed: Path, paths: list[Path]) -> list[StampedFile]:
+    """One stamp a line for the files in the order of their names, as KITTI has it."""
+    try:
+        lines = [line.strip() for line in listed.read_text().splitlines() if line.strip()]
+        stamps_ns = [_kitti_stamp_ns(line) for line in lines]
+    except (OSError, ValueError) as error:
+        raise InputError(f"{listed}: expected one stamp a line: {reason(error)}") from error
+    if len(stamps_ns) != len(paths):
+        raise InputError(
+            f"{listed}: has {len(stamps_ns)} stamps for {len(paths)} files in {paths[0].parent}"
+        )
+    return sorted(
+        (stamp_ns, format_stamp_ns(stamp_ns), path)
+        for stamp_ns, path in zip(stamps_ns, paths, strict=True)
+    )
+
+
+def _kitti_stamp_ns(text: str) -> int:
+    """`2011-09-26 13:02:25.964389445`, taken as UTC, or a number of seconds."""
+    if not (match := _KITTI_STAMP.fullmatch(text)):
+        return parse_stamp_ns(text)
+    seconds = int(datetime.fromisoformat(match[1]).replace(tzinfo=UTC).timestamp())
+    return seconds * _NS_PER_S + int(match[2].ljust(9, "0"))

@@ -1,0 +1,54 @@
+"""Which time of a message a frame gets, and how far header stamps and log times lie apart."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+# Nearer than this is the way from the sensor to the recorder, no other clock.
+_NOTABLE_NS = 1_000_000_000
+
+
+@dataclass
+class StampsSeen:
+    """The stamps of one topic."""
+
+    choice: Literal["header", "log"]
+    messages: int = 0
+    unset: int = 0  # headers without a stamp
+    least_ns: int = 0  # of log time - header stamp
+    most_ns: int = 0
+
+    def pick(self, header_ns: int, log_ns: int) -> int:
+        """The stamp of a message; its log time if the header has none."""
+        self.messages += 1
+        if header_ns == 0:
+            self.unset += 1
+            return log_ns
+        apart_ns = log_ns - header_ns
+        first = self.messages - self.unset == 1
+        self.least_ns = apart_ns if first else min(self.least_ns, apart_ns)
+        self.most_ns = apart_ns if first else max(self.most_ns, apart_ns)
+        return header_ns if self.choice == "header" else log_ns
+
+    def note(self, topic: str) -> str | None:
+        """What the user should know, if anything."""
+        if self.unset:
+            return (
+                f"{topic}: {self.unset} of {self.messages} headers have no stamp, "
+                "took the log time for them"
+            )
+        if max(abs(self.least_ns), abs(self.most_ns)) < _NOTABLE_NS:
+            return None
+        other = "log" if self.choice == "header" else "header"
+        return (
+            f"{topic}: header stamps and log times differ by {self.least_ns / 1e9:.3f} to "
+            f"{self.most_ns / 1e9:.3f} s (log - header); took the {self.choice}'s, "
+            f"--stamp {other} for the other"
+        )
+
+    def facts(self) -> dict:
+        """For conversion.json."""
+        return {
+            "used": self.choice,
+            "headers_without_stamp": self.unset,
+            "log_minus_header_s": [self.least_ns / 1e9, self.most_ns / 1e9],
+        }

@@ -1,0 +1,32 @@
+"""ground_truth.csv, row by row: a recording's truth may be long."""
+
+from pathlib import Path
+from typing import Self, TextIO
+
+from unlidar_tools.convert.source import TruthRow
+
+
+class TruthFile:
+    """Writes truth with every digit kept; the file appears with its first row."""
+
+    def __init__(self, path: Path, targets: int) -> None:
+        self._path, self._targets = path, targets
+        self._file: TextIO | None = None
+
+    def __enter__(self) -> Self:
+        """Nothing yet: a recording may have no row."""
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        """Ends the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def add(self, row: TruthRow) -> None:
+        """The stamp as its source spells it; a column for the target if there are several."""
+        if self._file is None:
+            self._file = self._path.open("w", newline="")
+            self._file.write(f"timestamp,x,y,z{',target' if self._targets > 1 else ''}\n")
+        columns = [row.stamp, *(repr(v) for v in row.xyz_m)]
+        columns += [str(row.target)] if self._targets > 1 else []
+        self._file.write(",".join(columns) + "\n")

@@ -1,0 +1,46 @@
+"""How far a trajectory is from the truth, and how much of the truth it covers.
+
+Two questions, two sets of numbers:
+
+- At the truth's stamps (`rmse`, `dx` .. `within1m`, `coverage`): at each in-view truth position,
+  where is the nearest track then? Tracks are interpolated between rows at most MAX_STEP_S apart.
+  This counts every moment of the flight once, also those that a method leaves out.
+- At the trajectory's own rows (`rows_*`): how far is each row from the nearest target then? Truth
+  is interpolated. This counts every row once. Rows outside the truth's time span cannot be judged;
+  they are counted in `rows_unjudged` and left out. `false` in contrast judges all rows and takes
+  the nearest end of the truth for those outside its span.
+
+docs/evaluate.md has the formula of every measure.
+"""
+
+from pathlib import Path
+
+from unlidar_tools.evaluate.association import FALSE_BEYOND_M, MAX_STEP_S
+from unlidar_tools.evaluate.judgement import Judgement, judge, judge_files
+from unlidar_tools.evaluate.measures import WITHIN_M, measure
+from unlidar_tools.evaluate_options import Options
+from unlidar_tools.truth import Tracks, Truth
+
+__all__ = [
+    "FALSE_BEYOND_M",
+    "MAX_STEP_S",
+    "WITHIN_M",
+    "Judgement",
+    "Options",
+    "evaluate",
+    "evaluate_files",
+    "judge",
+    "measure",
+]
+
+
+def evaluate_files(truth: Path, tracks: Path, options: Options | None = None) -> dict:
+    """`evaluate` on two CSV files."""
+    options = options or Options()
+    return measure([judge_files(truth, tracks, options)], options)
+
+
+def evaluate(truth: Truth, tracks: Tracks, options: Options | None = None) -> dict:
+    """All measures by name, lengths in m; a measure that is not defined is absent or None."""
+    options = options or Options()
+    return measure([judge(truth, tracks, options)], options)

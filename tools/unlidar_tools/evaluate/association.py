@@ -1,0 +1,139 @@
+"""Which track stands for which target when, and how far apart they are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from unlidar_tools.completion import interpolate
+from unlidar_tools.truth import Tracks, Truth
+
+MAX_STEP_S = 0.6  # tracks and truth are interpolated between samples at most this far apart
+_END_SLACK_S = 0.051  # half a frame beyond its first and last row a track still counts
+FALSE_BEYOND_M = 2.0
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """The nearest track at every row of the truth; inf and NaN where there is none."""
+
+    distance_m: np.ndarray  # (N,)
+    error_m: np.ndarray  # (N, 3) estimate minus truth
+    sigma_m: np.ndarray  # (N, 3) of the estimate, NaN where not known
+
+
+@dataclass(frozen=True)
+class OwnRows:
+    """The nearest target at every row of the tracks."""
+
+    distance_m: np.ndarray  # (M,) the truth's ends held beyond them
+    judged_m: np.ndarray  # (M,) inf where no target has truth then
+    error_m: np.ndarray  # (M, 3) of the judged rows, else NaN
+
+
+@dataclass(frozen=True)
+class Identities:
+    """One-to-one matches of targets and tracks within FALSE_BEYOND_M."""
+
+    matched: np.ndarray  # (N,) bool, per row of the truth
+    switches: int
+
+
+def cover(truth: Truth, tracks: Tracks) -> Coverage:
+    """The nearest track at every row of the truth; one track may serve several targets."""
+    distance = np.full(len(truth), np.inf)
+    error, sigma = np.full((2, len(truth), 3), np.nan)
+    for track, valid, at in _tracks_at(truth.time_s, tracks):
+        away = np.linalg.norm(at - truth.xyz_m, axis=1)
+        nearer = valid & (away < distance)
+        distance[nearer], error[nearer] = away[nearer], (at - truth.xyz_m)[nearer]
+        if tracks.sigma_m is not None:
+            own_s, own_sigma_m = tracks.time_s[track], tracks.sigma_m[track]
+            sigma[nearer] = interpolate(own_s, own_sigma_m, truth.time_s[nearer])
+    return Coverage(distance, error, sigma)
+
+
+def own_rows(truth: Truth, tracks: Tracks) -> OwnRows:
+    """The nearest target at every row of the tracks."""
+    distance, judged = np.full((2, len(tracks)), np.inf)
+    judged_error = np.full((len(tracks), 3), np.nan)
+    for target in np.unique(truth.target):
+        chosen = truth.target == target
+        at = interpolate(truth.time_s[chosen], truth.xyz_m[chosen], tracks.time_s)
+        error = tracks.xyz_m - at
+        away = np.linalg.norm(error, axis=1)
+        distance = np.minimum(distance, away)
+        inside = _inside(np.sort(truth.time_s[chosen]), tracks.time_s)
+        nearer = inside & (away < judged)
+        judged[nearer], judged_error[nearer] = away[nearer], error[nearer]
+    return OwnRows(distance, judged, judged_error)
+
+
+def identities(truth: Truth, tracks: Tracks) -> Identities:
+    """Matches stamp by stamp as in CLEAR MOT (Bernardin and Stiefelhagen 2008).
+
+    A match of the stamp before is kept while it stays within FALSE_BEYOND_M; what is left over is
+    matched anew with the least sum of distances. A target that goes on with another track than
+    the last it had, also after a pause, is an identity switch.
+    """
+    away = np.full((len(truth), len(np.unique(tracks.track_id))), np.inf)
+    for column, (_, valid, at) in enumerate(_tracks_at(truth.time_s, tracks)):
+        away[valid, column] = np.linalg.norm(at - truth.xyz_m, axis=1)[valid]
+    away[away > FALSE_BEYOND_M] = np.inf
+    matched = np.zeros(len(truth), dtype=bool)
+    switches = 0
+    last: dict[float, int] = {}
+    order = np.flatnonzero(truth.in_view)
+    order = order[np.argsort(truth.time_s[order], kind="stable")]
+    for rows in np.split(order, np.flatnonzero(np.diff(truth.time_s[order])) + 1):
+        pairs = _match(away[rows], [last.get(truth.target[row]) for row in rows])
+        for i, track in pairs.items():
+            target = truth.target[rows[i]]
+            switches += last.setdefault(target, track) != track
+            last[target] = track
+            matched[rows[i]] = True
+    return Identities(matched, switches)
+
+
+def _match(away: np.ndarray, last: list[int | None]) -> dict[int, int]:
+    pairs: dict[int, int] = {}
+    for i, track in enumerate(last):
+        if track is not None and np.isfinite(away[i, track]) and track not in pairs.values():
+            pairs[i] = track
+    rows = [i for i in range(len(away)) if i not in pairs]
+    columns = [k for k in range(away.shape[1]) if k not in pairs.values()]
+    left = away[np.ix_(rows, columns)]
+    if not np.isfinite(left).any():
+        return pairs
+    # Far dearer than any sum of real matches, so that as many as possible are made.
+    cost = np.where(np.isfinite(left), left, 10.0 * FALSE_BEYOND_M * (1 + left.size))
+    for i, k in zip(*linear_sum_assignment(cost), strict=True):
+        if np.isfinite(left[i, k]):
+            pairs[rows[i]] = columns[k]
+    return pairs
+
+
+def _tracks_at(time_s: np.ndarray, tracks: Tracks):
+    """Per track: its rows in order of time, where it is known, and (N, 3) where it is then."""
+    for track in np.unique(tracks.track_id):
+        rows = np.flatnonzero(tracks.track_id == track)
+        rows = rows[np.argsort(tracks.time_s[rows], kind="stable")]
+        own_s = tracks.time_s[rows]
+        valid = np.zeros(len(time_s), dtype=bool)
+        if len(rows) >= 2:
+            after = np.clip(np.searchsorted(own_s, time_s), 1, len(rows) - 1)
+            valid = (
+                (time_s >= own_s[0] - _END_SLACK_S)
+                & (time_s <= own_s[-1] + _END_SLACK_S)
+                & (own_s[after] - own_s[after - 1] <= MAX_STEP_S)
+            )
+        yield rows, valid, interpolate(own_s, tracks.xyz_m[rows], time_s)
+
+
+def _inside(samples_s: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+    """Which times lie between two samples that are close enough to interpolate between."""
+    if len(samples_s) < 2:
+        return np.isin(time_s, samples_s)
+    after = np.clip(np.searchsorted(samples_s, time_s), 1, len(samples_s) - 1)
+    spanned = (time_s >= samples_s[0]) & (time_s <= samples_s[-1])
+    return spanned & (samples_s[after] - samples_s[after - 1] <= MAX_STEP_S)

@@ -1,0 +1,97 @@
+"""One trajectory against one truth, row by row: what all measures are computed from."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from unlidar_tools.completion import complete
+from unlidar_tools.errors import InputError
+from unlidar_tools.evaluate.alignment import (
+    IDENTITY,
+    Alignment,
+    align,
+    estimate_time_offset,
+    shift,
+)
+from unlidar_tools.evaluate.association import Coverage, OwnRows, cover, identities, own_rows
+from unlidar_tools.evaluate_options import AUTO, Options
+from unlidar_tools.truth import Tracks, Truth, read_tracks, read_truth
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Errors per row of the truth (N), in order of time, and per row of the tracks (M)."""
+
+    tracks: int
+    time_s: np.ndarray  # (N,)
+    target: np.ndarray  # (N,)
+    seen: np.ndarray  # (N,) bool: in view of a sensor
+    nearest: Coverage  # (N,)
+    nees: np.ndarray  # (N,) NaN where not covered or the trajectory has no sigma
+    matched: np.ndarray  # (N,) bool, one to one
+    switches: int
+    completed_m: np.ndarray  # (N, 3) error of the completed track; NaN without one
+    rows: OwnRows  # (M,)
+    align: str
+    alignment: Alignment
+    time_offset_s: float
+    time_offset_sigma_s: float | None  # None: as given, not estimated
+
+    @property
+    def covered(self) -> np.ndarray:
+        """(N,) bool: in view and with an estimate."""
+        return self.seen & np.isfinite(self.nearest.distance_m)
+
+
+def judge_files(truth: Path, trajectory: Path, options: Options) -> Judgement:
+    """`judge` on two CSV files; what cannot be judged is said with the trajectory's name."""
+    files = read_truth(truth), read_tracks(trajectory)
+    try:
+        return judge(*files, options)
+    except InputError as error:
+        raise InputError(f"{trajectory}: {error}") from error
+
+
+def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
+    """Shifts and aligns the tracks as asked for, then compares them with the truth."""
+    order = np.argsort(truth.time_s, kind="stable")
+    truth = Truth(*(column[order] for column in (
+        truth.time_s, truth.target, truth.xyz_m, truth.in_view)))  # fmt: skip
+    estimated = options.time_offset == AUTO and len(truth) > 0 and len(tracks) > 0
+    offset_s, sigma_s = 0.0, None
+    if estimated:
+        offset_s, sigma_s = estimate_time_offset(options.align, truth, tracks)
+    elif options.time_offset != AUTO:
+        offset_s = float(options.time_offset)
+    if offset_s:
+        tracks = shift(tracks, offset_s)
+    alignment = align(options.align, truth, tracks) if options.align != "none" else IDENTITY
+    moved = alignment.apply(tracks) if options.align != "none" else tracks
+    nearest = cover(truth, moved)
+    who = identities(truth, moved)
+    return Judgement(
+        tracks=len(np.unique(tracks.track_id)),
+        time_s=truth.time_s,
+        target=truth.target,
+        seen=truth.in_view,
+        nearest=nearest,
+        nees=_nees(nearest, alignment),
+        matched=who.matched,
+        switches=who.switches,
+        completed_m=complete(moved, truth.time_s) - truth.xyz_m,
+        rows=own_rows(truth, moved),
+        align=options.align,
+        alignment=alignment,
+        time_offset_s=offset_s,
+        time_offset_sigma_s=sigma_s,
+    )
+
+
+def _nees(nearest: Coverage, alignment: Alignment) -> np.ndarray:
+    """Error squared over variance; the sigmas are those of the axes before the alignment."""
+    error = nearest.error_m @ alignment.rotation
+    known = (nearest.sigma_m > 0).all(axis=1)
+    nees = np.full(len(error), np.nan)
+    nees[known] = ((error[known] / nearest.sigma_m[known]) ** 2).sum(axis=1)
+    return nees

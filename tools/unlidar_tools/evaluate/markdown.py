@@ -1,0 +1,55 @@
+"""Tables for papers and READMEs: one row a sequence or group, in Markdown."""
+
+_HEAD = (
+    "", "Dx", "Dy", "Dz", "RMSE", "95 % interval", "APE", "median", "95th", "coverage",
+    "within 1 m", "false rows", "tracks", "switches", "NEES",
+)  # fmt: skip
+
+
+def markdown_table(rows: list[tuple[str, dict]]) -> str:
+    """Lengths in metres; a dash where a measure is not defined."""
+    lines = [_line(_HEAD), "|---|" + "---:|" * (len(_HEAD) - 1)]
+    lines += [_line((name, *_cells(measures))) for name, measures in rows]
+    return "\n".join(lines) + "\n"
+
+
+def table_rows(result: dict) -> list[tuple[str, dict]]:
+    """Rows of what `evaluate_sequences` found: sequences by group, then the groups, then all."""
+    groups = list(result["groups"])
+    rows = []
+    for group in ("", *groups[:-1]):
+        for one in result["sequences"]:
+            if one["group"] == group:
+                rows.append((f"{group}: {one['sequence']}" if group else one["sequence"], one))
+    return rows + [(f"**{group}**", result["groups"][group]) for group in groups]
+
+
+def _cells(m: dict) -> tuple[str, ...]:
+    ends = m.get("intervals", {}).get("rmse")
+    return (
+        *(_metres(m.get(f"d{axis}")) for axis in "xyz"),
+        _metres(m.get("rmse")),
+        f"{ends[0]:.3f} to {ends[1]:.3f}" if ends else "-",
+        _metres(m.get("ape")),
+        _metres(m.get("median")),
+        _metres(m.get("p95")),
+        percent(m.get("coverage")),
+        percent(m.get("within1m")),
+        percent(m.get("false")),
+        str(m["tracks"]),
+        str(m.get("identity_switches", "-")),
+        "-" if m.get("nees") is None else f"{m['nees']:.2f}",
+    )
+
+
+def _line(cells: tuple[str, ...]) -> str:
+    return f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"
+
+
+def _metres(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def percent(share: float | None) -> str:
+    """A share as it is printed."""
+    return "-" if share is None else f"{100 * share:.1f} %"

@@ -1,0 +1,167 @@
+"""From errors to measures, over one sequence or over several together."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2
+
+from unlidar_tools.evaluate.association import FALSE_BEYOND_M
+from unlidar_tools.evaluate.bootstrap import intervals
+from unlidar_tools.evaluate.judgement import Judgement
+from unlidar_tools.evaluate_options import Options
+
+WITHIN_M = 1.0
+NEES_95 = float(chi2.ppf(0.95, 3))
+
+
+def measure(judged: Sequence[Judgement], options: Options) -> dict:
+    """All measures by name, over all rows of all sequences together."""
+    false = np.concatenate([_false_rows(one) for one in judged])
+    result: dict = {"tracks": sum(one.tracks for one in judged), "rows": len(false)}
+    with_truth = [one for one in judged if len(one.time_s)]
+    if not with_truth:
+        return result | {"false": 1.0 if len(false) else 0.0}
+    result |= _at_truth_stamps(with_truth)
+    result |= _identities(with_truth)
+    result |= _nees(with_truth)
+    result |= _challenge(with_truth)
+    result |= {"false": _rounded(false.mean()) if len(false) else 0.0}
+    result |= _at_own_rows(with_truth)
+    if options.bootstrap:
+        result |= _intervals(with_truth, options)
+    if len(judged) == 1:
+        result |= _per_target(judged[0]) | _applied(judged[0])
+    return result
+
+
+def _error_measures(error: np.ndarray, distance: np.ndarray) -> dict[str, float]:
+    """What is said of the errors (K, 3) at covered rows; distance their lengths."""
+    squared = error**2
+    return {
+        "rmse": float(np.sqrt(squared.sum(axis=1).mean())),
+        "mse": float(squared.sum(axis=1).mean()),
+        "ape": float(distance.mean()),
+        "median": float(np.median(distance)),
+        "p95": float(np.percentile(distance, 95)),
+        **{f"d{axis}": float(np.sqrt(squared[:, i].mean())) for i, axis in enumerate("xyz")},
+    }
+
+
+def _false_rows(one: Judgement) -> np.ndarray:
+    return one.rows.distance_m > FALSE_BEYOND_M
+
+
+def _at_truth_stamps(judged: Sequence[Judgement]) -> dict:
+    seen = np.concatenate([one.seen for one in judged])
+    covered = np.concatenate([one.covered for one in judged])
+    distance = np.concatenate([one.nearest.distance_m for one in judged])
+    result: dict = {
+        "coverage": _rounded(covered.sum() / max(1, seen.sum())),
+        "within1m": _rounded((distance[seen] < WITHIN_M).mean()) if seen.any() else None,
+    }
+    if not covered.any():
+        return result
+    error = np.concatenate([one.nearest.error_m for one in judged])[covered]
+    bias = error.mean(axis=0)
+    return (
+        result
+        | {name: _rounded(v) for name, v in _error_measures(error, distance[covered]).items()}
+        | {f"mae_{axis}": _rounded(np.abs(error[:, i]).mean()) for i, axis in enumerate("xyz")}
+        | {"rmse_unbiased": _rmse(error - bias), "bias": [round(float(v), 3) for v in bias]}
+    )
+
+
+def _identities(judged: Sequence[Judgement]) -> dict:
+    seen = np.concatenate([one.seen for one in judged])
+    matched = np.concatenate([one.matched for one in judged])
+    return {
+        "matched": _rounded(matched[seen].mean()) if seen.any() else None,
+        "identity_switches": sum(one.switches for one in judged),
+    }
+
+
+def _nees(judged: Sequence[Judgement]) -> dict:
+    nees = np.concatenate([one.nees[one.covered] for one in judged])
+    nees = nees[np.isfinite(nees)]
+    if len(nees) == 0:
+        return {}
+    return {
+        "nees": _rounded(nees.mean()),
+        "nees_median": _rounded(np.median(nees)),
+        "nees_within95": _rounded((nees <= NEES_95).mean()),
+    }
+
+
+def _challenge(judged: Sequence[Judgement]) -> dict:
+    """Only where every sequence is one that the challenge could hold: one target, one track."""
+    if any(len(np.unique(one.target)) > 1 for one in judged):
+        return {}
+    error = np.concatenate([one.completed_m for one in judged])
+    if np.isnan(error).any():
+        return {"challenge_mse": None}
+    return {"challenge_mse": _rounded((error**2).sum(axis=1).mean())}
+
+
+def _at_own_rows(judged: Sequence[Judgement]) -> dict:
+    distance = np.concatenate([one.rows.judged_m for one in judged])
+    ours = np.isfinite(distance)
+    result: dict = {"rows_judged": int(ours.sum()), "rows_unjudged": int((~ours).sum())}
+    if ours.any():
+        error = np.concatenate([one.rows.error_m for one in judged])[ours]
+        result["rows_false"] = _rounded((distance[ours] > FALSE_BEYOND_M).mean())
+        result["rows_rmse"] = _rmse(error)
+        result |= {f"rows_d{axis}": _rmse(error[:, [i]]) for i, axis in enumerate("xyz")}
+        result["rows_rmse_unbiased"] = _rmse(error - error.mean(axis=0))
+    return result
+
+
+def _intervals(judged: Sequence[Judgement], options: Options) -> dict:
+    seen = [(one.time_s[one.seen], one.nearest.error_m[one.seen]) for one in judged]
+    found = intervals(seen, WITHIN_M, options)
+    return {"intervals": {name: [_rounded(v) for v in ends] for name, ends in found.items()}}
+
+
+def _per_target(one: Judgement) -> dict:
+    """Coverage and RMSE of each target, where there are several."""
+    targets = np.unique(one.target)
+    if len(targets) < 2:
+        return {}
+    found = []
+    for target in targets:
+        mine = one.target == target
+        seen, covered = one.seen & mine, one.covered & mine
+        entry: dict = {
+            "target": float(target),
+            "coverage": _rounded(covered.sum() / max(1, seen.sum())),
+            "matched": _rounded(one.matched[seen].mean()) if seen.any() else None,
+        }
+        if covered.any():
+            entry["rmse"] = _rmse(one.nearest.error_m[covered])
+        found.append(entry)
+    return {"targets": found}
+
+
+def _applied(one: Judgement) -> dict:
+    result: dict = {}
+    if one.align != "none":
+        result["align"] = one.align
+        result["align_translation_m"] = [round(float(v), 4) for v in one.alignment.translation_m]
+        if one.align != "translation":
+            result["align_rotation"] = [
+                [round(float(v), 6) for v in row] for row in one.alignment.rotation
+            ]
+    estimated = one.time_offset_sigma_s is not None
+    if one.time_offset_s or estimated:
+        result["time_offset_s"] = round(one.time_offset_s, 4)
+        result["time_offset_estimated"] = estimated
+    if estimated:
+        result["time_offset_sigma_s"] = round(one.time_offset_sigma_s, 4)
+    return result
+
+
+def _rmse(error_m: np.ndarray) -> float:
+    return _rounded(np.sqrt((error_m**2).sum(axis=1).mean()))
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 4)

@@ -1,0 +1,111 @@
+"""Many sequences: from a manifest or from folders of results, with the groups they belong to."""
+
+import csv
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from unlidar_tools.errors import InputError, reason
+from unlidar_tools.evaluate.judgement import judge_files
+from unlidar_tools.evaluate.measures import measure
+from unlidar_tools.evaluate_options import Options
+from unlidar_tools.program import TRAJECTORY
+from unlidar_tools.truth import TRUTH_NAME
+
+ALL = "all"
+_COLUMNS = ("truth", "trajectory")
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight to be judged."""
+
+    name: str
+    group: str  # day, night, ...; empty: none
+    truth: Path
+    trajectory: Path
+
+
+def read_manifest(path: Path) -> list[Flight]:
+    """A CSV, or a JSON list of objects: truth, trajectory and optionally sequence and group.
+
+    Paths are relative to the manifest. A sequence without a name is called as its trajectory's
+    folder is.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        is_json = path.suffix.lower() == ".json"
+        rows = json.loads(text) if is_json else list(csv.DictReader(text.splitlines()))
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as a manifest: {reason(error)}") from error
+    if not isinstance(rows, list) or not rows:
+        raise InputError(f"{path}: lists no sequence, expected rows with {', '.join(_COLUMNS)}")
+    return [_of_row(path, number, row) for number, row in enumerate(rows, 1)]
+
+
+def find_results(folder: Path, group: str = "") -> list[Flight]:
+    """The folder itself if it holds a traj.csv, else all folders below it that do."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: is no folder, expected results with a {TRAJECTORY}")
+    if (folder / TRAJECTORY).is_file():
+        return [_of_folder(folder, folder.resolve().name, group)]
+    found = sorted(path.parent for path in folder.rglob(TRAJECTORY))
+    if not found:
+        raise InputError(f"{folder}: holds no {TRAJECTORY}, nor does a folder below it")
+    return [_of_folder(one, one.relative_to(folder).as_posix(), group) for one in found]
+
+
+def evaluate_sequences(sequences: Iterable[Flight], options: Options) -> dict:
+    """Measures of each sequence, of each group's sequences together, and of all together.
+
+    Each sequence is aligned on its own. Within a group every stamp of the truth counts once.
+    """
+    judged = [(one, judge_files(one.truth, one.trajectory, options)) for one in sequences]
+    groups = list(dict.fromkeys(one.group for one, _ in judged if one.group))
+    return {
+        "sequences": [
+            {"sequence": one.name, "group": one.group, **measure([result], options)}
+            for one, result in judged
+        ],
+        "groups": {
+            group: measure([r for one, r in judged if one.group == group], options)
+            for group in groups
+        }
+        | {ALL: measure([result for _, result in judged], options)},
+    }
+
+
+def _of_row(path: Path, number: int, row: object) -> Flight:
+    if not isinstance(row, dict):
+        raise InputError(f"{path}: entry {number} is {row!r}, expected truth and trajectory")
+    for name in _COLUMNS:
+        if not isinstance(row.get(name), str) or not row[name]:
+            raise InputError(f"{path}: entry {number} has no {name}, expected a path")
+    trajectory = path.parent / row["trajectory"]
+    return Flight(
+        str(row.get("sequence") or trajectory.resolve().parent.name),
+        str(row.get("group") or ""),
+        path.parent / row["truth"],
+        trajectory,
+    )
+
+
+def _of_folder(folder: Path, name: str, group: str) -> Flight:
+    places = (folder / TRUTH_NAME, folder / "frames" / TRUTH_NAME)
+    truth = next((place for place in places if place.is_file()), None)
+    if truth is None:
+        raise InputError(
+            f"{folder}: has a {TRAJECTORY} but neither {TRUTH_NAME} nor frames/{TRUTH_NAME}; "
+            "a manifest can name a truth elsewhere"
+        )
+    return Flight(name, group, truth, folder / TRAJECTORY)
+
+
+def names_are_unique(sequences: Sequence[Flight]) -> None:
+    """InputError for two sequences of one group with one name: a table could not tell them."""
+    seen = set()
+    for one in sequences:
+        if (one.group, one.name) in seen:
+            raise InputError(f"{one.trajectory}: a second sequence '{one.name}' in one group")
+        seen.add((one.group, one.name))

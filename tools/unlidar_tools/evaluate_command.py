@@ -1,0 +1,172 @@
+"""`unlidar evaluate`: its options and what it prints."""
+
+import argparse
+import json
+import math
+from pathlib import Path
+
+from unlidar_tools.errors import UsageError
+from unlidar_tools.evaluate_options import ALIGNMENTS, AUTO, Options
+
+EXAMPLE = """unlidar evaluate out/demo/ground_truth.csv out/run/demo/traj.csv --align translation
+  unlidar evaluate --group day=out/run/day --group night=out/run/night --markdown"""
+
+
+def define(p: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    default = Options()
+    p.add_argument(
+        "inputs",
+        metavar="TRUTH TRAJ | RESULTS",
+        type=Path,
+        nargs="*",
+        help="two files, timestamp,x,y,z[,target,in_view] and timestamp,x,y,z[,track_id,...], or "
+        "folders of results: traj.csv beside ground_truth.csv or frames/ground_truth.csv",
+    )
+    p.add_argument(
+        "--group",
+        metavar="NAME=RESULTS",
+        type=_group,
+        action="append",
+        default=[],
+        help="folders of results that get a row together, as day=DIR; may be repeated",
+    )
+    p.add_argument(
+        "--manifest",
+        metavar="FILE",
+        type=Path,
+        help="CSV or JSON with truth,trajectory[,sequence,group] of many sequences",
+    )
+    p.add_argument(
+        "--align",
+        choices=ALIGNMENTS,
+        default=default.align,
+        help="take off first: translation the mean offset, yaw also a turn about z, se3 any turn; "
+        "never a scale (default: %(default)s)",
+    )
+    p.add_argument(
+        "--time-offset",
+        metavar="S|auto",
+        type=_offset,
+        default=default.time_offset,
+        help="add so many seconds to the trajectory's stamps; auto: estimate and report them "
+        "(default: 0)",
+    )
+    p.add_argument(
+        "--bootstrap",
+        metavar="N",
+        type=_count,
+        default=default.bootstrap,
+        help="replicates for the 95 %% intervals, 0: none (default: %(default)s)",
+    )
+    p.add_argument(
+        "--block",
+        metavar="S",
+        type=_positive,
+        default=default.block_s,
+        help="seconds that are drawn together for the intervals (default: %(default)s)",
+    )
+    p.add_argument(
+        "--seed",
+        metavar="N",
+        type=_count,
+        default=default.seed,
+        help="of the intervals: same seed, same numbers (default: %(default)s)",
+    )
+    output = p.add_mutually_exclusive_group()
+    output.add_argument("--json", action="store_true", help="one line of JSON, lengths in metres")
+    output.add_argument("--markdown", action="store_true", help="a Markdown table")
+    p.set_defaults(act=act)
+
+
+def act(a: argparse.Namespace) -> None:
+    """Evaluates one trajectory, or many sequences in groups, and prints the result."""
+    options = Options(a.align, a.time_offset, a.bootstrap, a.block, a.seed)
+    folders = bool(a.inputs) and all(path.is_dir() for path in a.inputs)
+    if a.manifest is not None or a.group or folders:
+        if a.inputs and not folders:
+            raise UsageError(f"{a.inputs[0]}: is no folder; --group and --manifest name the files")
+        _many(a, options)
+    elif len(a.inputs) == 2:
+        _one(a, options)
+    else:
+        raise UsageError(
+            "expected TRUTH and TRAJ, folders of results, --group or --manifest "
+            "(see unlidar evaluate --help)"
+        )
+
+
+def _one(a: argparse.Namespace, options: Options) -> None:
+    from unlidar_tools.evaluate import evaluate_files
+    from unlidar_tools.evaluate.markdown import markdown_table
+    from unlidar_tools.tables import measures_table, print_table
+
+    truth, trajectory = a.inputs
+    measures = evaluate_files(truth, trajectory, options)
+    if a.json:
+        print(json.dumps(measures))
+    elif a.markdown:
+        print(markdown_table([(trajectory.stem, measures)]), end="")
+    else:
+        print_table(measures_table(measures, f"{trajectory} against {truth}"))
+
+
+def _many(a: argparse.Namespace, options: Options) -> None:
+    from unlidar_tools.evaluate.markdown import markdown_table, table_rows
+    from unlidar_tools.evaluate.sequences import (
+        evaluate_sequences,
+        find_results,
+        names_are_unique,
+        read_manifest,
+    )
+    from unlidar_tools.tables import print_table, sequences_table
+
+    flights = read_manifest(a.manifest) if a.manifest is not None else []
+    for folder in a.inputs:
+        flights += find_results(folder)
+    for name, folder in a.group:
+        flights += find_results(folder, name)
+    names_are_unique(flights)
+    result = evaluate_sequences(flights, options)
+    if a.json:
+        print(json.dumps(result))
+    elif a.markdown:
+        print(markdown_table(table_rows(result)), end="")
+    else:
+        print_table(sequences_table(result))
+
+
+def _group(text: str) -> tuple[str, Path]:
+    name, _, folder = text.partition("=")
+    if not name or not folder or name == "all":
+        raise argparse.ArgumentTypeError(f"'{text}', expected NAME=FOLDER, NAME not 'all'")
+    return name, Path(folder)
+
+
+def _offset(text: str) -> float | str:
+    if text == AUTO:
+        return AUTO
+    value = _number(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}', expected seconds or auto")
+    return value
+
+
+def _positive(text: str) -> float:
+    value = _number(text)
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"'{text}', expected seconds above 0")
+    return value
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number from 0 on")
+    return int(text)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -1,0 +1,106 @@
+"""`unlidar export`: its options and what it prints."""
+
+import argparse
+from pathlib import Path
+
+from unlidar_tools.arguments import number
+from unlidar_tools.export_options import FORMATS, Options, check, guess_format
+from unlidar_tools.geodesy import Origin
+
+EXAMPLE = """unlidar export out/run/seq0001 flight.mcap
+  unlidar export out/run/seq0001 flight.kml --origin 1.3483,103.6831,40 --heading 90
+  unlidar export seq1=out/run/seq1 seq2=out/run/seq2 mmaud_results.csv --at stamps.csv"""
+
+
+def define(p: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    default = Options()
+    p.add_argument(
+        "sources",
+        metavar="[NAME=]TRAJ",
+        type=_source,
+        nargs="+",
+        help="a traj.csv or a folder of results; several, each with the sequence's name, for mmaud",
+    )
+    p.add_argument("out", metavar="OUT", type=Path, help="file or folder to be written")
+    p.add_argument(
+        "--format",
+        choices=FORMATS,
+        help="default: by OUT's name. " + "; ".join(f"{k}: {v}" for k, v in FORMATS.items()),
+    )
+    p.add_argument(
+        "--origin",
+        metavar="LAT,LON,HEIGHT",
+        type=_origin,
+        help="where 0,0,0 is: degrees north and east, metres above the WGS 84 ellipsoid; "
+        "--origin=-33.9,18.4,10 if it begins with a minus",
+    )
+    p.add_argument(
+        "--heading",
+        metavar="DEG",
+        type=number,
+        help="compass direction of the x axis (default: 90, x east and y north)",
+    )
+    p.add_argument(
+        "--frame-id",
+        metavar="NAME",
+        default=default.frame_id,
+        help="of the ROS messages (default: %(default)s)",
+    )
+    p.add_argument(
+        "--points",
+        metavar="PCD",
+        type=Path,
+        help="returns to go along in ROS recordings (default: target_returns.pcd of the folder)",
+    )
+    p.add_argument(
+        "--at",
+        metavar="FILE",
+        type=Path,
+        help="mmaud: CSV with the Sequence and Timestamp of every position asked for, or a list "
+        "of stamps for one sequence (default: the trajectory's own stamps)",
+    )
+    p.add_argument(
+        "--uav-type",
+        metavar="N",
+        type=_count,
+        default=default.uav_type,
+        help="mmaud: Classification to be written; nothing here tells types (default: %(default)s)",
+    )
+    p.set_defaults(act=act)
+
+
+def act(a: argparse.Namespace) -> None:
+    """Writes the files and names them."""
+    form = a.format or guess_format(a.out)
+    origin = a.origin
+    if origin is not None and a.heading is not None:
+        origin = Origin(origin.latitude_deg, origin.longitude_deg, origin.height_m, a.heading)
+    options = Options(origin, a.frame_id, a.points, a.at, a.uav_type)
+    check(len(a.sources), form, options)
+
+    from unlidar_tools.export import export
+
+    for path in export(a.sources, a.out, form, options):
+        print(path)
+
+
+def _source(text: str) -> tuple[str, Path]:
+    name, equals, path = text.partition("=")
+    if equals and name and path and not Path(text).exists():
+        return name, Path(path)
+    resolved = Path(text).resolve()
+    return (resolved if resolved.is_dir() else resolved.parent).name, Path(text)
+
+
+def _origin(text: str) -> Origin:
+    parts = [number(part) for part in text.split(",")]
+    if len(parts) != 3 or abs(parts[0]) > 90 or abs(parts[1]) > 360:
+        raise argparse.ArgumentTypeError(f"'{text}', expected LAT,LON,HEIGHT in degrees and metres")
+    return Origin(*parts)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number from 0 on")
+    return int(text)

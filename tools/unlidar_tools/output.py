@@ -1,0 +1,102 @@
+"""Results appear complete or not at all: written beside, then renamed."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from unlidar_tools.errors import OutputError, UsageError, reason
+
+# Every folder this package writes holds one of these; --force replaces no other folder.
+RUN_MARKER = "run.json"
+MARKERS = ("conversion.json", "scenario.json", RUN_MARKER)
+
+
+@contextmanager
+def complete_directory(out: Path, force: bool, source: Path | None = None) -> Iterator[Path]:
+    """Gives a temporary directory that becomes `out` when the block ends without an error.
+
+    An existing non-empty `out` is refused, or with `force` replaced if this package wrote it.
+    `source` is what is being read and must not be replaced.
+    """
+    out = out.absolute()
+    if source is not None and (
+        source.resolve() == out.resolve() or out.resolve() in source.resolve().parents
+    ):
+        raise UsageError(f"{out}: the output would replace its own source {source}")
+    _refuse_foreign(out, force)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written: {reason(error)}") from error
+    try:
+        work.chmod(0o777 & ~_umask())
+        yield work
+        _replace(work, out)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written: {reason(error)}") from error
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def write_file(path: Path, write: Callable[[Path], None]) -> None:
+    """Lets `write` fill a file of the same suffix beside `path`, then renames it to `path`."""
+    work = path.with_name(f".partial-{os.getpid()}-{path.name}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(work)
+        work.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {reason(error)}") from error
+    finally:
+        work.unlink(missing_ok=True)
+
+
+def clear_results(out: Path, names: Iterable[str]) -> None:
+    """Makes the folder `out` and removes files of an earlier run, lest they be taken for new."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name in names:
+            (out / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written: {reason(error)}") from error
+
+
+def _refuse_foreign(out: Path, force: bool) -> None:
+    if not out.exists() and not out.is_symlink():
+        return
+    if not out.is_dir():
+        raise OutputError(f"{out}: exists and is not a folder")
+    if not any(out.iterdir()):
+        return
+    if not force:
+        raise OutputError(f"{out}: exists already; choose another folder or give --force")
+    if not any((out / marker).is_file() for marker in MARKERS):
+        raise OutputError(
+            f"{out}: holds none of {', '.join(MARKERS)}, so it was not written by this command "
+            "and is not replaced"
+        )
+
+
+def _replace(work: Path, out: Path) -> None:
+    if not out.exists():
+        work.rename(out)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{out.name}.old-", dir=out.parent))
+    out.rename(old / out.name)
+    try:
+        work.rename(out)
+    except OSError:
+        (old / out.name).rename(out)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

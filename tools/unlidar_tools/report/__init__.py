@@ -1,0 +1,18 @@
+"""What `unlidar report` makes of a run: one page, figures for papers, a recording for rerun."""
+
+from pathlib import Path
+
+from unlidar_tools.output import write_file
+from unlidar_tools.report.data import RECORD, ReportData, RunRecord, load_run, write_record
+from unlidar_tools.report.page import page_of
+
+PAGE = "report.html"
+
+__all__ = ["PAGE", "RECORD", "ReportData", "RunRecord", "load_run", "write_page", "write_record"]
+
+
+def write_page(data: ReportData, run: Path) -> Path:
+    """Writes `run`/report.html and returns its path."""
+    text = page_of(data)
+    write_file(run / PAGE, lambda work: work.write_text(text, encoding="utf-8"))
+    return run / PAGE

@@ -1,0 +1,138 @@
+"""Tables and notes of the page, as HTML. Every text that comes from a file is escaped."""
+
+from collections.abc import Iterable
+from html import escape
+
+from unlidar_tools.report.data import ReportData
+
+_DIGITS = 4
+_TRACK_HEADS = {
+    "track_id": "track", "begin": "begin [s]", "end": "end [s]", "duration_s": "duration [s]",
+    "length_m": "length [m]", "mean_speed_mps": "mean speed [m/s]",
+}  # fmt: skip
+
+
+def number(value: object) -> str:
+    """Whole numbers with separators, others with four digits; texts as they are."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return str(value)
+    if isinstance(value, int) or (value.is_integer() and abs(value) < 1e15):
+        return f"{int(value):,}"
+    return f"{value:.{_DIGITS}g}"
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """A table in a box that scrolls sideways by itself."""
+    heads = "".join(f"<th scope='col'>{escape(name)}</th>" for name in head)
+    lines = "".join(
+        "<tr>" + "".join(f"<td>{escape(number(value))}</td>" for value in row) + "</tr>"
+        for row in rows
+    )
+    return (
+        f"<div class='scroll'><table><thead><tr>{heads}</tr></thead>"
+        f"<tbody>{lines}</tbody></table></div>"
+    )
+
+
+def pairs(title: str, rows: Iterable[tuple[str, object]]) -> str:
+    """A heading and a table of names and values."""
+    lines = "".join(
+        f"<tr><td class='text'>{escape(name)}</td><td>{escape(number(value))}</td></tr>"
+        for name, value in rows
+    )
+    return f"<div><h3>{escape(title)}</h3><table>{lines}</table></div>"
+
+
+def card(name: str, value: str) -> str:
+    """One number of the overview."""
+    return f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
+
+
+def note(text: str) -> str:
+    """A remark in small print."""
+    return f"<p class='note'>{escape(text)}</p>"
+
+
+def flat(values: dict, prefix: str = "") -> list[tuple[str, object]]:
+    """Nested keys with points between them, in the order of the file."""
+    result: list[tuple[str, object]] = []
+    for key, value in values.items():
+        if isinstance(value, dict):
+            result += flat(value, f"{prefix}{key}.")
+        else:
+            result.append((f"{prefix}{key}", value))
+    return result
+
+
+def cards(data: ReportData) -> str:
+    """The numbers that matter most. RMSE never stands without coverage."""
+    counts, m = data.summary.get("counts", {}), data.measures or {}
+    found = [card("tracks", number(len(set(data.tracks.track_id))))]
+    if m.get("coverage") is not None:
+        found.append(card("coverage", f"{100 * m['coverage']:.1f} %"))
+    if "rmse" in m:
+        found.append(card("RMSE", f"{m['rmse']:.3f} m"))
+        found.append(card("RMSE without mean offset", f"{m['rmse_unbiased']:.3f} m"))
+    if m.get("within1m") is not None:
+        found.append(card("within 1 m", f"{100 * m['within1m']:.1f} %"))
+    if m.get("false") is not None:
+        found.append(card("false rows", f"{100 * m['false']:.1f} %"))
+    found += [
+        card(name, number(counts[key]))
+        for key, name in (
+            ("frames", "frames"), ("returns", "returns"), ("target_returns", "target returns")
+        )
+        if key in counts
+    ]  # fmt: skip
+    return "".join([*found, card("tracking took", f"{data.record.wall_s:.2f} s")])
+
+
+def tracks_table(data: ReportData, begin_s: float) -> str:
+    """A row per track from the program's summary, times after `begin_s`."""
+    tracks = data.summary.get("tracks", [])
+    if not tracks:
+        return "<p>No drone was found, so there is no track.</p>"
+    columns = list(tracks[0])
+    return table(
+        [_TRACK_HEADS.get(column, column.replace("_", " ")) for column in columns],
+        [
+            [_after(track.get(column, ""), column, begin_s) for column in columns]
+            for track in tracks
+        ],
+    )
+
+
+def _after(value: object, column: str, begin_s: float) -> object:
+    return f"{float(str(value)) - begin_s:.3f}" if column in ("begin", "end") else value
+
+
+def run_tables(data: ReportData, versions: list[tuple[str, str]]) -> str:
+    """Input, counts, times, versions and settings."""
+    counts = data.summary.get("counts", {})
+    inputs = [
+        [
+            i.get("name", ""),
+            i.get("frames", ""),
+            i.get("frame_period_s", ""),
+            i.get("directory", ""),
+        ]
+        for i in data.summary.get("inputs", [])
+    ]
+    times = list(data.summary.get("times_s", {}).items())
+    times.append(("whole process", data.record.wall_s))
+    settings = "".join(
+        f"<li><code>{escape(key)}: {escape(str(value))}</code></li>"
+        for key, value in flat(data.summary.get("config", {}))
+    )
+    options = " ".join(data.record.options) or "none"
+    return (
+        "<h3>Input</h3>"
+        + table(["sensor", "frames", "frame period [s]", "folder"], inputs)
+        + "<div class='columns'>"
+        + pairs("Counts", [(k.replace("_", " "), v) for k, v in flat(counts)])
+        + pairs("Time [s]", [(k.replace("_", " "), v) for k, v in times])
+        + pairs("Versions", versions)
+        + "</div>"
+        + f"<p>Options given: <code>{escape(options)}</code></p>"
+        + f"<details><summary>All settings</summary><ul class='settings'>{settings}</ul></details>"
+    )

@@ -1,0 +1,95 @@
+"""A recording for the rerun viewer; needs the extra `rerun`."""
+
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from unlidar_tools.errors import UsageError
+from unlidar_tools.figure import pieces_of
+from unlidar_tools.output import write_file
+from unlidar_tools.report.data import ReportData
+from unlidar_tools.report.moments import target_steps
+
+RECORDING = "recording.rrd"
+_GREY, _GREEN, _RED, _BLUE = (154, 154, 154), (31, 157, 58), (214, 39, 40), (31, 79, 214)
+
+
+def write_rrd(data: ReportData, run: Path) -> Path:
+    """Writes `run`/recording.rrd: the page's points over time, both trajectories with 2 sigma.
+
+    Throws UsageError if rerun-sdk is not installed.
+    """
+    rerun = _rerun()
+    path = run / RECORDING
+    write_file(path, lambda work: _write(rerun, data, work))
+    return path
+
+
+def _rerun() -> ModuleType:
+    try:
+        import rerun
+    except ImportError as error:
+        raise UsageError(
+            "--rerun: the Python package rerun-sdk is not installed, expected "
+            "pip install 'unlidar-tools[rerun]' before"
+        ) from error
+    return rerun
+
+
+def _write(rerun: ModuleType, data: ReportData, path: Path) -> None:
+    with rerun.RecordingStream("unlidar", recording_id=data.record.title) as stream:
+        stream.save(path)
+        up = rerun.ViewCoordinates.RIGHT_HAND_Z_UP
+        stream.log("world", up, static=True)
+        _log_lines(rerun, stream, data)
+        _log_returns(rerun, stream, data)
+        _log_positions(rerun, stream, data)
+
+
+def _log_lines(rerun: ModuleType, stream: object, data: ReportData) -> None:
+    for name, colour, pieces, xyz_m in (
+        ("truth", _RED, pieces_of(data.truth.time_s, data.truth.target), data.truth.xyz_m),
+        ("estimate", _BLUE, pieces_of(data.tracks.time_s, data.tracks.track_id), data.tracks.xyz_m),
+    ):
+        strips = rerun.LineStrips3D([xyz_m[rows] for rows in pieces], colors=colour)
+        stream.log(f"world/{name}/path", strips, static=True)
+
+
+def _log_returns(rerun: ModuleType, stream: object, data: ReportData) -> None:
+    sample = data.sample
+    overall = rerun.Points3D(sample.overall_m, colors=_GREY, radii=rerun.Radius.ui_points(1.0))
+    stream.log("world/returns/all", overall, static=True)
+    step_of = target_steps(sample)
+    for step, time_s in enumerate(sample.steps_s):
+        stream.set_time("time", timestamp=time_s)
+        for name, colour, size, points_m in (
+            ("returns", (60, 64, 67), 1.5, sample.steps_m[step]),
+            ("target_returns", _GREEN, 4.0, sample.target_m[step_of == step]),
+        ):
+            points = rerun.Points3D(points_m, colors=colour, radii=rerun.Radius.ui_points(size))
+            stream.log(f"world/{name}/now", points)
+
+
+def _log_positions(rerun: ModuleType, stream: object, data: ReportData) -> None:
+    for name, colour, time_s, group, xyz_m, sigma_m in (
+        ("truth", _RED, data.truth.time_s, data.truth.target, data.truth.xyz_m, None),
+        ("estimate", _BLUE, data.tracks.time_s, data.tracks.track_id, data.tracks.xyz_m,
+         data.tracks.sigma_m),
+    ):  # fmt: skip
+        for rows in pieces_of(time_s, group):
+            place = f"world/{name}/{int(group[rows[0]])}"
+            for row in rows:
+                stream.set_time("time", timestamp=time_s[row])
+                point = rerun.Points3D(
+                    [xyz_m[row]], colors=colour, radii=rerun.Radius.ui_points(6.0)
+                )
+                stream.log(place, point)
+                if sigma_m is not None:
+                    ellipsoid = rerun.Ellipsoids3D(
+                        centers=[xyz_m[row]], half_sizes=[2 * sigma_m[row]], colors=colour
+                    )
+                    stream.log(f"{place}/two_sigma", ellipsoid)
+            # What has ended is no longer there.
+            stream.set_time("time", timestamp=time_s[rows[-1]] + np.float64(1e-3))
+            stream.log(place, rerun.Clear(recursive=True))

@@ -1,0 +1,150 @@
+"""`unlidar run`: its options and what it prints, for one recording and for many."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from rich.console import Console
+
+from unlidar_tools.errors import BatchError, InputError, UsageError, reason
+
+EXAMPLE = """unlidar simulate demo out/demo && unlidar run out/demo --method robust
+  unlidar run mmaud/val --jobs 2"""
+
+
+def define(p: argparse.ArgumentParser) -> None:
+    """Adds the arguments but --sensors."""
+    p.add_argument(
+        "recording",
+        metavar="RECORDING",
+        type=Path,
+        help="a folder of frame directories (converted or simulated), anything convert reads, or a "
+        "folder with any number of these in it or further below",
+    )
+    p.add_argument(
+        "--out", metavar="DIR", type=Path, help="for the results (default: out/run/RECORDING)"
+    )
+    p.add_argument("--method", choices=("robust", "paper"), help="default: that of the program")
+    p.add_argument(
+        "--config",
+        metavar="FILE",
+        type=Path,
+        help="configuration of the program (default: its own; for MMAUD folders mmaud.yaml)",
+    )
+    p.add_argument(
+        "--set",
+        metavar="SECTION.KEY=VALUE",
+        action="append",
+        default=[],
+        dest="assignments",
+        help="one value of the configuration; may be repeated",
+    )
+    p.add_argument("--threads", metavar="N", type=int, help="of the program, for each recording")
+    many = p.add_argument_group(
+        "many recordings",
+        "Each gets a folder of results, complete or absent: after an interruption the same command "
+        "goes on where it was. What was done with the same input, settings and program is kept.",
+    )
+    many.add_argument(
+        "--jobs", metavar="N", type=int, help="recordings at once (default: one for each core)"
+    )
+    many.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="run them on the workers of this Dask scheduler, which see the same files",
+    )
+    p.set_defaults(act=_run)
+
+
+def _run(a: argparse.Namespace) -> None:
+    from unlidar_tools.batch.discovery import is_recording
+
+    for name, value in (("--jobs", a.jobs), ("--threads", a.threads)):
+        if value is not None and value < 1:
+            raise UsageError(f"{name} {value}: expected a number from 1 on")
+    if a.jobs is not None and a.scheduler is not None:
+        raise UsageError("--jobs and --scheduler: expected one of them")
+    a.out = a.out or Path("out/run") / a.recording.resolve().name
+    if a.recording.is_dir() and not is_recording(a.recording):
+        _run_many(a)
+    elif a.jobs is not None or a.scheduler is not None:
+        raise UsageError(
+            f"{a.recording}: --jobs and --scheduler are for a folder of recordings, this is one"
+        )
+    else:
+        _run_one(a)
+
+
+def _run_one(a: argparse.Namespace) -> None:
+    from unlidar_tools.run import run
+    from unlidar_tools.tables import measures_table
+
+    options = ["--config", str(a.config)] if a.config else []
+    options += _assignments(a)
+    options += ["--threads", str(a.threads)] if a.threads is not None else []
+    result = run(a.recording, a.out, a.sensors, options)
+    sys.stderr.write(result.outcome.messages)
+    title = f"{a.recording.resolve().name} ({', '.join(result.recording.sensors)})"
+    console = Console(highlight=False)
+    if result.measures is None:
+        console.print(f"{title}: no ground_truth.csv, not evaluated")
+    else:
+        console.print(measures_table(result.measures, title))
+    if result.preset is not None:
+        print(f"settings   {_about(result.preset)}")
+    print(f"time       {result.outcome.wall_s:.2f} s")
+    print(f"trajectory {result.outcome.trajectory}")
+    print(f"figure     {result.figure}")
+    print(f"page       {result.page}")
+
+
+def _run_many(a: argparse.Namespace) -> None:
+    from unlidar_tools.batch import run_many
+    from unlidar_tools.batch.job import FAILED, Settings
+    from unlidar_tools.batch.table import rich_table, write_tables
+
+    cores = len(os.sched_getaffinity(0))
+    at_once = a.jobs or cores
+    # A slot of a worker is one core to Dask; here the cores are shared out.
+    threads = a.threads or (1 if a.scheduler else max(1, cores // at_once))
+    config_file = str(a.config) if a.config else None
+    settings = Settings(a.sensors, config_file, _read(a.config), _assignments(a), threads)
+    rows = run_many(a.recording, a.out, settings, at_once, a.scheduler)
+    tables = write_tables(rows, a.out)
+    title = f"{a.recording.resolve().name}: {len(rows)} recording{'s' * (len(rows) != 1)}"
+    Console(highlight=False).print(rich_table(rows, title))
+    failed = [row for row in rows if row.status == FAILED]
+    for row in failed:
+        print(f"failed   {row.name}: {row.reason}")
+    for preset in sorted({row.preset for row in rows if row.preset}):
+        print(f"settings {_about(Path(preset))}")
+    print(f"results  {a.out}")
+    print(f"table    {', '.join(str(path) for path in tables)}")
+    if failed:
+        codes = {row.exit_code for row in failed}
+        raise BatchError(
+            f"{len(failed)} of {len(rows)} recordings failed, for reasons told in {tables[0]}",
+            codes.pop() if len(codes) == 1 else 1,
+        )
+
+
+def _assignments(a: argparse.Namespace) -> list[str]:
+    options = []
+    for assignment in (*([f"method={a.method}"] if a.method else []), *a.assignments):
+        options += ["--set", assignment]
+    return options
+
+
+def _read(config: Path | None) -> str | None:
+    try:
+        return None if config is None else config.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{config}: cannot be read: {reason(error)}") from error
+
+
+def _about(preset: Path) -> str:
+    return (
+        f"{preset.name}, for MMAUD folders: the stamp of a frame is its end, not its begin as by "
+        "default; --config or --set input.stamp=... takes its place"
+    )

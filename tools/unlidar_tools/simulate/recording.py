@@ -1,0 +1,177 @@
+"""Frames of a scenario: rays, hits, noise, and the files of a whole recording."""
+
+import dataclasses
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from unlidar_tools import __version__
+from unlidar_tools.frames_io import write_pcd
+from unlidar_tools.output import complete_directory
+from unlidar_tools.progress import with_progress
+from unlidar_tools.simulate.population import build_world
+from unlidar_tools.simulate.scenario import Scenario, Sensor
+from unlidar_tools.simulate.sensors import (
+    MODELS,
+    SensorModel,
+    detection_probability,
+    in_field_of_view,
+    scan,
+)
+from unlidar_tools.simulate.world import Thing, cast, is_hidden
+from unlidar_tools.stamps import format_stamp
+from unlidar_tools.truth import TRUTH_NAME
+
+_TRUTH_STEP_NS = 20_000_000
+_NS_PER_S = 1_000_000_000
+_WORLD_STREAM = 0  # the random streams of the sensors follow it
+_RAIN_RANGE_M = (1.0, 25.0)  # of a return from a drop
+STRAY = -1  # `thing` of a return from nothing
+
+
+@dataclass(frozen=True)
+class SimulatedFrame:
+    """The returns of one frame, in the order in which they were measured."""
+
+    sensor: str
+    stamp_ns: int  # of its first ray, by the sensor's own clock
+    begin_ns: int  # of its first ray since the begin of the scenario
+    xyz_m: np.ndarray  # (N, 3) relative to the sensor, axes of the station
+    time_ns: np.ndarray  # (N,) after the stamp
+    thing: np.ndarray  # (N,) index of what was hit, or STRAY
+
+
+@dataclass(frozen=True)
+class TruthRow:
+    """Where a drone is."""
+
+    time_ns: int
+    target: int
+    xyz_m: np.ndarray  # (3,)
+    in_view: bool
+
+
+class Simulation:
+    """A scenario with its dice cast: the same seed gives the same world, flights and frames."""
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        self.scenario = scenario
+        self.seed = seed
+        self.things = build_world(scenario, np.random.default_rng([seed, _WORLD_STREAM]))
+
+    @property
+    def drones(self) -> list[Thing]:
+        """In the order of the truth's `target`."""
+        return [thing for thing in self.things if thing.kind == "drone"]
+
+    def frame_count(self, sensor: str) -> int:
+        """Number of frames of a sensor."""
+        frame_ns = MODELS[self.scenario.sensors[sensor].model].frame_ns
+        return round(self.scenario.duration_s * _NS_PER_S / frame_ns)
+
+    def frames(self, sensor: str) -> Iterator[SimulatedFrame]:
+        """The frames of a sensor in order of time."""
+        spec = self.scenario.sensors[sensor]
+        model = MODELS[spec.model]
+        stream = _WORLD_STREAM + 1 + sorted(self.scenario.sensors).index(sensor)
+        rng = np.random.default_rng([self.seed, stream])
+        phase = (float(rng.random()), float(rng.random()))
+        for index in range(self.frame_count(sensor)):
+            yield self._frame(sensor, spec, model, index, phase, rng)
+
+    def truth(self) -> Iterator[TruthRow]:
+        """Every drone 50 times a second, drone by drone.
+
+        A drone is in view where the field of view of a sensor holds its centre and neither the
+        ground nor a building stands before it. Trees are no hindrance here: they have holes.
+        """
+        steps = np.arange(0, round(self.scenario.duration_s * _NS_PER_S), _TRUTH_STEP_NS)
+        for target, drone in enumerate(self.drones):
+            positions = drone.centres(steps * 1e-9)
+            in_view = np.zeros(len(steps), dtype=bool)
+            for sensor in self.scenario.sensors.values():
+                origin = np.array(sensor.position_m)
+                seen = in_field_of_view(MODELS[sensor.model], positions - origin)
+                in_view |= seen & ~is_hidden(self.things, origin, positions)
+            for time_ns, position, seen in zip(steps, positions, in_view, strict=True):
+                stamp_ns = self.scenario.start_time_s * _NS_PER_S + int(time_ns)
+                yield TruthRow(stamp_ns, target, position, bool(seen))
+
+    def _frame(
+        self,
+        name: str,
+        spec: Sensor,
+        model: SensorModel,
+        index: int,
+        phase: tuple[float, float],
+        rng: np.random.Generator,
+    ) -> SimulatedFrame:
+        begin_ns = round(spec.start_s * _NS_PER_S) + index * model.frame_ns
+        direction, time_ns = scan(model, index, phase)
+        hits = cast(
+            self.things, np.array(spec.position_m), direction, (begin_ns + time_ns) * 1e-9, rng
+        )
+        chance = detection_probability(model, hits.distance_m, hits.echo, hits.width_m)
+        returned = (rng.random(len(direction)) < chance) & np.isfinite(hits.distance_m)
+        distance = hits.distance_m + rng.normal(0, model.range_noise_m, len(direction))
+        thing = hits.thing
+
+        # Both stand in for a ray's own return. A stray one lies anywhere on the free way of the
+        # ray; one from a drop as often from 1 to 2 m as from 10 to 20 m, where the way is free.
+        stray = rng.integers(0, len(direction), rng.poisson(spec.stray_returns))
+        reach = np.minimum(hits.distance_m[stray], 2 * model.range_at_10_percent_m)
+        distance[stray] = np.maximum(model.blind_m, reach * rng.random(len(stray)))
+        wet = rng.integers(0, len(direction), rng.poisson(self.scenario.scene.rain_returns))
+        drop = np.exp(rng.uniform(*np.log(_RAIN_RANGE_M), len(wet)))
+        wet, drop = wet[drop < hits.distance_m[wet]], drop[drop < hits.distance_m[wet]]
+        distance[wet] = drop
+        for rays in (stray, wet):
+            thing[rays], returned[rays] = STRAY, True
+
+        offset_ns = round((spec.time_offset_s + spec.clock_error_s) * _NS_PER_S)
+        return SimulatedFrame(
+            sensor=name,
+            stamp_ns=self.scenario.start_time_s * _NS_PER_S + begin_ns - offset_ns,
+            begin_ns=begin_ns,
+            xyz_m=direction[returned] * distance[returned, None],
+            time_ns=time_ns[returned],
+            thing=thing[returned],
+        )
+
+
+def simulate(scenario: Scenario, out: Path, seed: int, force: bool = False) -> dict:
+    """Writes frames, truth and scenario.json to the folder `out` and returns the latter."""
+    simulation = Simulation(scenario, seed)
+    point_times = scenario.point_times
+    counts = {name: simulation.frame_count(name) for name in scenario.sensors}
+    returns = dict.fromkeys(scenario.sensors, 0)
+    with complete_directory(out, force) as work:
+        for name in scenario.sensors:
+            (work / name).mkdir()
+        frames = (frame for name in scenario.sensors for frame in simulation.frames(name))
+        for frame in with_progress(frames, sum(counts.values()), "Simulating"):
+            path = work / frame.sensor / f"{format_stamp(frame.stamp_ns)}.pcd"
+            write_pcd(path, frame.xyz_m, {"t": frame.time_ns.astype("u4")} if point_times else {})
+            returns[frame.sensor] += len(frame.xyz_m)
+        _write_truth(work / TRUTH_NAME, simulation.truth())
+        report = {
+            "version": __version__,
+            "seed": seed,
+            "frames": counts,
+            "returns": returns,
+            "scenario": dataclasses.asdict(scenario),
+        }
+        (work / "scenario.json").write_text(json.dumps(report, indent=2) + "\n")
+    return report
+
+
+def _write_truth(path: Path, rows: Iterator[TruthRow]) -> None:
+    with path.open("w") as file:
+        file.write("timestamp,target,x,y,z,in_view\n")
+        for row in rows:
+            x, y, z = row.xyz_m
+            stamp = format_stamp(row.time_ns)
+            file.write(f"{stamp},{row.target},{x:.6f},{y:.6f},{z:.6f},{int(row.in_view)}\n")

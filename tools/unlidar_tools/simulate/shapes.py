@@ -1,0 +1,69 @@
+"""Where rays meet surfaces. Rays begin at `start` (3,) or (N, 3), seen from the shape's centre."""
+
+import numpy as np
+
+MISS = np.inf
+
+
+def meet_ground(start_z_m: float, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (N,) to the plane z = 0 and cosine of incidence."""
+    down = -direction[:, 2]
+    hits = down > 1e-9
+    distance = np.where(hits, start_z_m / np.where(hits, down, 1.0), MISS)
+    return distance, np.abs(down)
+
+
+def meet_box(
+    start: np.ndarray, direction: np.ndarray, size_m: np.ndarray, yaw_rad: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (N,) to a box turned about z by `yaw_rad`, entered from outside; cosine."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # row vectors: v @ turn
+    start, direction = start @ turn, direction @ turn
+    direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
+    near, far = (-size_m / 2 - start) / direction, (size_m / 2 - start) / direction
+    entries, exits = np.minimum(near, far), np.maximum(near, far)
+    axis = np.argmax(entries, axis=1)
+    entry = np.take_along_axis(entries, axis[:, None], axis=1)[:, 0]
+    hits = (entry <= exits.min(axis=1)) & (entry > 0)
+    cosine = np.abs(np.take_along_axis(direction, axis[:, None], axis=1)[:, 0])
+    return np.where(hits, entry, MISS), cosine
+
+
+def meet_ellipsoid(
+    start: np.ndarray, direction: np.ndarray, size_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distances (N,) at which the rays enter and leave an ellipsoid, and the cosine at entry.
+
+    Both distances are MISS for a ray that passes by or starts inside.
+    """
+    half = size_m / 2
+    p, d = start / half, direction / half  # the ellipsoid is a unit sphere now
+    a = (d * d).sum(axis=1)
+    b = (p * d).sum(axis=1)
+    c = (p * p).sum(axis=-1) - 1.0
+    root = b * b - a * c
+    hits = (root > 0) & (b < 0) & (c > 0)
+    root = np.sqrt(np.where(hits, root, 0.0))
+    entry = np.where(hits, (-b - root) / a, MISS)
+    leave = np.where(hits, (-b + root) / a, MISS)
+    normal = (p + np.where(hits, entry, 0.0)[:, None] * d) / half
+    length = np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+    return entry, leave, np.abs((normal * direction).sum(axis=1)) / length
+
+
+def meet_pole(
+    start: np.ndarray, direction: np.ndarray, radius_m: float, height_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (N,) to the side of an upright cylinder of this height about the centre; cosine."""
+    flat = direction[:, :2]
+    a = np.maximum((flat * flat).sum(axis=1), 1e-12)
+    b = flat @ start[:2]
+    c = start[:2] @ start[:2] - radius_m**2
+    root = b * b - a * c
+    hits = (root > 0) & (b < 0) & (c > 0)
+    entry = np.where(hits, (-b - np.sqrt(np.where(hits, root, 0.0))) / a, MISS)
+    z = start[2] + np.where(hits, entry, 0.0) * direction[:, 2]
+    hits &= np.abs(z) <= height_m / 2
+    cosine = np.sqrt(np.maximum(0.0, root)) / radius_m
+    return np.where(hits, entry, MISS), np.minimum(1.0, cosine)

@@ -1,0 +1,125 @@
+"""The things of a scene, and what each ray of a scan meets first."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from unlidar_tools.simulate import shapes
+from unlidar_tools.simulate.flight import Path
+
+_CROWN_FREE_PATH_M = 1.0  # mean way of a ray into a crown before it meets a leaf
+_FRAME_SAMPLES = 9  # at which the way of a mover within a frame is looked at first
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A shape at a place, or along a path if it moves. The ground is a plane, its centre on it."""
+
+    kind: str  # ground, building, pole, crown, walker, car, bird, insect or drone
+    centre_m: np.ndarray  # (3,)
+    size_m: np.ndarray  # (3,) full extents
+    reflectivity: float
+    yaw_rad: float = 0.0
+    fill: float = 1.0  # share of the rays through the outline that meet it
+    path: Path | None = None
+    flap_hz: float = 0.0  # wings: the fill goes up to its value and down to 0 so often
+
+    def centres(self, time_s: np.ndarray) -> np.ndarray:
+        """Its centre at these times, (N, 3); (3,) for what stands still."""
+        return self.centre_m if self.path is None else self.path(time_s)
+
+    def fill_at(self, time_s: np.ndarray) -> np.ndarray:
+        """Its fill at these times, (N,)."""
+        if self.flap_hz == 0:
+            return np.full(len(time_s), self.fill)
+        return self.fill * (0.5 + 0.5 * np.cos(2 * np.pi * self.flap_hz * time_s))
+
+
+@dataclass(frozen=True)
+class Hits:
+    """What each ray meets first; for a ray that meets nothing distance is inf and thing -1."""
+
+    distance_m: np.ndarray  # (N,)
+    thing: np.ndarray  # (N,) index into the things
+    echo: np.ndarray  # (N,) reflectivity times cosine of incidence
+    width_m: np.ndarray  # (N,) smallest width of what was met
+
+
+def cast(
+    things: list[Thing],
+    origin_m: np.ndarray,
+    direction: np.ndarray,
+    time_s: np.ndarray,
+    rng: np.random.Generator,
+) -> Hits:
+    """The first surface along each ray: directions (N, 3) of unit length, one time per ray (N,)."""
+    n = len(direction)
+    hits = Hits(np.full(n, np.inf), np.full(n, -1), np.zeros(n), np.ones(n))
+    for index, thing in enumerate(things):
+        rays = _rays_towards(thing, time_s, origin_m, direction)
+        if len(rays) == 0:
+            continue
+        start = origin_m - thing.centres(time_s[rays])
+        distance, cosine = _meet(thing, start, direction[rays], time_s[rays], rng)
+        nearer = distance < hits.distance_m[rays]
+        rays = rays[nearer]
+        hits.distance_m[rays] = distance[nearer]
+        hits.thing[rays] = index
+        hits.echo[rays] = thing.reflectivity * cosine[nearer]
+        hits.width_m[rays] = thing.size_m.min()
+    return hits
+
+
+def is_hidden(things: list[Thing], origin_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
+    """Whether the ground or a building stands between the origin and each target (N, 3)."""
+    way = target_m - origin_m
+    length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+    opaque = [thing for thing in things if thing.kind in ("ground", "building")]
+    unused = np.random.default_rng(0)  # nothing opaque rolls dice
+    hits = cast(opaque, origin_m, way / length[:, None], np.zeros(len(way)), unused)
+    return hits.distance_m < length
+
+
+def _rays_towards(
+    thing: Thing, time_s: np.ndarray, origin_m: np.ndarray, direction: np.ndarray
+) -> np.ndarray:
+    """Indices of the rays that may meet the thing: those in a cone about its bounding sphere."""
+    if thing.kind == "ground":
+        return np.flatnonzero(direction[:, 2] < 0)
+    middle, moved = thing.centre_m, 0.0
+    if thing.path is not None:
+        places = thing.path(np.linspace(time_s.min(), time_s.max(), _FRAME_SAMPLES))
+        middle = (places.min(axis=0) + places.max(axis=0)) / 2
+        # Between two samples it may leave the line between them, by less than their distance.
+        step = np.linalg.norm(np.diff(places, axis=0), axis=1).max()
+        moved = np.linalg.norm(places - middle, axis=1).max() + step
+    radius = np.linalg.norm(thing.size_m) / 2 + moved
+    towards = middle - origin_m
+    distance = np.linalg.norm(towards)
+    if distance <= radius:
+        return np.arange(len(direction))
+    return np.flatnonzero(direction @ (towards / distance) >= np.sqrt(1 - (radius / distance) ** 2))
+
+
+def _meet(
+    thing: Thing,
+    start: np.ndarray,
+    direction: np.ndarray,
+    time_s: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    match thing.kind:
+        case "ground":
+            return shapes.meet_ground(start[2], direction)
+        case "building" | "car":
+            return shapes.meet_box(start, direction, thing.size_m, thing.yaw_rad)
+        case "pole":
+            return shapes.meet_pole(start, direction, thing.size_m[0] / 2, thing.size_m[2])
+    entry, leave, cosine = shapes.meet_ellipsoid(start, direction, thing.size_m)
+    if thing.kind == "crown":
+        # A leaf is met anywhere on the way through the crown, at any angle (Beer-Lambert).
+        leaf = entry + rng.exponential(_CROWN_FREE_PATH_M, len(direction))
+        return np.where(leaf < leave, leaf, np.inf), rng.uniform(0.3, 1.0, len(direction))
+    if thing.fill < 1:
+        entry = np.where(rng.random(len(direction)) < thing.fill_at(time_s), entry, np.inf)
+    return entry, cosine

@@ -1,0 +1,139 @@
+"""What is printed about a result. RMSE never stands without coverage."""
+
+import math
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from unlidar_tools.evaluate.markdown import percent, table_rows
+
+
+def print_table(table: Table) -> None:
+    """To stdout, without colours for numbers."""
+    Console(highlight=False).print(table)
+
+
+def sequences_table(result: dict) -> Table:
+    """What `evaluate_sequences` found: a row for each sequence, for each group and for all."""
+    table = Table(
+        title="lengths in metres", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
+    table.add_column("sequence", overflow="fold", min_width=12)
+    for name in ("RMSE", "95 %", "median", "p95", "cover", "false", "tracks", "ID sw"):
+        table.add_column(name, justify="right", no_wrap=True)
+    rows = table_rows(result)
+    for i, (name, m) in enumerate(rows):
+        ends = m.get("intervals", {}).get("rmse")
+        table.add_row(
+            name.strip("*"),
+            _plain(m.get("rmse")),
+            f"{ends[0]:.2f}-{ends[1]:.2f}" if ends else "-",
+            _plain(m.get("median")),
+            _plain(m.get("p95")),
+            percent(m.get("coverage")),
+            percent(m["false"]),
+            str(m["tracks"]),
+            str(m.get("identity_switches", "-")),
+            end_section=i == len(rows) - len(result["groups"]) - 1,
+        )
+    return table
+
+
+def measures_table(measures: dict, title: str) -> Table:
+    """The measures of `evaluate`, one a line with what it means."""
+    table = Table(title=title, title_justify="left")
+    table.add_column("measure")
+    table.add_column("value", justify="right")
+    table.add_column("judged on")
+    for section in _sections(measures):
+        for row in section:
+            table.add_row(*row)
+        table.add_section()
+    return table
+
+
+def _sections(m: dict) -> list[list[tuple[str, str, str]]]:
+    found = [("tracks", str(m["tracks"]), ""), ("rows", str(m["rows"]), "all tracks")]
+    if "coverage" not in m:
+        return [[*found, ("false rows", percent(m["false"]), "all rows: no drone in the truth")]]
+    found.append(("false rows (beyond 2 m)", percent(m["false"]), "all rows"))
+    at_truth = [
+        ("coverage", percent(m["coverage"]), "in-view truth"),
+        ("within 1 m", percent(m["within1m"]), "in-view truth"),
+    ]
+    if "rmse" in m:
+        at_truth += [
+            (name, value, "covered truth")
+            for name, value in (
+                ("RMSE", _metres(m["rmse"])),
+                *_interval(m, "rmse"),
+                ("RMSE without mean offset", _metres(m["rmse_unbiased"])),
+                ("dx, dy, dz", _metres(m["dx"], m["dy"], m["dz"])),
+                ("mean offset", _metres(*m["bias"])),
+                ("median, 95th percentile", _metres(m["median"], m["p95"])),
+                ("mean error (APE)", _metres(m["ape"])),
+            )
+        ]
+    return [found, at_truth, _tracking(m), _own_rows(m)]
+
+
+def _interval(m: dict, name: str) -> list[tuple[str, str]]:
+    ends = m.get("intervals", {}).get(name)
+    return [("its 95 % interval", f"{ends[0]:.3f} to {ends[1]:.3f} m")] if ends else []
+
+
+def _tracking(m: dict) -> list[tuple[str, str, str]]:
+    rows = [
+        ("one track a target, within 2 m", percent(m["matched"]), "in-view truth"),
+        ("identity switches", str(m["identity_switches"]), "in-view truth"),
+    ]
+    if "nees" in m:
+        rows += [
+            ("NEES mean, median", f"{m['nees']:.2f}, {m['nees_median']:.2f}", "honest: 3, 2.37"),
+            ("inside the 95 % ellipsoid", percent(m["nees_within95"]), "honest: 95 %"),
+        ]
+    if m.get("challenge_mse") is not None:
+        rows.append(("UG2+ MSE", f"{m['challenge_mse']:.4f} m²", "all truth, gaps bridged"))
+    return rows
+
+
+def _own_rows(m: dict) -> list[tuple[str, str, str]]:
+    rows = []
+    if m.get("rows_judged"):
+        over = f"{m['rows_judged']} rows with truth"
+        rows += [
+            ("RMSE at own stamps", _metres(m["rows_rmse"]), over),
+            ("same, without mean offset", _metres(m["rows_rmse_unbiased"]), over),
+            ("same, dx, dy, dz", _metres(m["rows_dx"], m["rows_dy"], m["rows_dz"]), over),
+            ("false rows (beyond 2 m)", percent(m["rows_false"]), over),
+        ]
+    if m.get("rows_unjudged"):
+        rows.append(
+            ("rows without truth", str(m["rows_unjudged"]), "not judged: before or after it")
+        )
+    if "align" in m:
+        rows.append(
+            ("tracks moved by", _metres(*m["align_translation_m"]), f"--align {m['align']}")
+        )
+    if "align_rotation" in m:
+        rows.append(("and turned by", f"{_turn_deg(m['align_rotation']):.2f} deg", "before that"))
+    if "time_offset_s" in m:
+        sigma = f" +- {m['time_offset_sigma_s']:.4f}" if m["time_offset_estimated"] else ""
+        how = "estimated" if m["time_offset_estimated"] else "as given"
+        added = f"{m['time_offset_s']:.4f}{sigma} s"
+        rows.append(("added to the stamps", added, f"--time-offset, {how}"))
+    return rows
+
+
+def _turn_deg(rotation: list[list[float]]) -> float:
+    cosine = (sum(rotation[i][i] for i in range(3)) - 1) / 2
+    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+
+
+def _metres(*values: float) -> str:
+    return ", ".join(f"{value:.3f}" for value in values) + " m"
+
+
+def _plain(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"

@@ -1,0 +1,127 @@
+"""Ground truth and trajectories as CSV, read into arrays by column name."""
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from unlidar_tools.errors import InputError, reason
+from unlidar_tools.stamps import seconds_to_ns
+
+TRUTH_NAME = "ground_truth.csv"
+_STAMP_LIMIT_NS = 1 << 63
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Positions of the targets, rows in the order of the file."""
+
+    time_s: np.ndarray  # (N,)
+    target: np.ndarray  # (N,)
+    xyz_m: np.ndarray  # (N, 3)
+    in_view: np.ndarray  # (N,) bool: a sensor could see the target
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.time_s)
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Rows of a trajectory file, in its order."""
+
+    time_s: np.ndarray  # (N,)
+    track_id: np.ndarray  # (N,)
+    xyz_m: np.ndarray  # (N, 3)
+    sigma_m: np.ndarray | None = None  # (N, 3) standard deviations, None where there are none
+    velocity_mps: np.ndarray | None = None  # (N, 3), None where there are none
+    support: np.ndarray | None = None  # (N,) returns behind a row, None where not known
+    stamp_ns: np.ndarray | None = None  # (N,) int64, exact; None where only time_s is known
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.time_s)
+
+
+def read_truth(path: Path) -> Truth:
+    """Columns timestamp, x, y, z and optionally target (0) and in_view (1)."""
+    table = _read_columns(path, {"timestamp", "x", "y", "z"}, {"target": 0.0, "in_view": 1.0})
+    return Truth(table["timestamp"], table["target"], _xyz(table), table["in_view"] > 0)
+
+
+def read_tracks(path: Path) -> Tracks:
+    """Columns timestamp, x, y, z and optionally the others of a `traj.csv`."""
+    others = [*_triple("sigma_{}"), *_triple("v{}"), "support"]
+    table = _read_columns(
+        path, {"timestamp", "x", "y", "z"}, {"track_id": 0.0} | dict.fromkeys(others, math.nan)
+    )
+
+    def known(names: Sequence[str]) -> np.ndarray | None:
+        columns = np.stack([table[name] for name in names], axis=1)
+        return None if np.isnan(columns).any() else columns
+
+    support = known(["support"])
+    return Tracks(
+        table["timestamp"],
+        table["track_id"],
+        _xyz(table),
+        known(_triple("sigma_{}")),
+        known(_triple("v{}")),
+        None if support is None else support[:, 0],
+        table["stamp_ns"],
+    )
+
+
+def _triple(pattern: str) -> list[str]:
+    return [pattern.format(axis) for axis in "xyz"]
+
+
+def _xyz(table: dict[str, np.ndarray]) -> np.ndarray:
+    return np.stack([table["x"], table["y"], table["z"]], axis=1)
+
+
+def _read_columns(
+    path: Path, required: set[str], optional: dict[str, float]
+) -> dict[str, np.ndarray]:
+    columns: dict[str, list[float]] = {name: [] for name in (*required, *optional)}
+    stamps_ns: list[int] = []
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            missing = sorted(required - set(reader.fieldnames or ()))
+            if missing:
+                raise InputError(
+                    f"{path}: has no column {missing[0]}, expected {', '.join(sorted(required))}"
+                )
+            for row in reader:
+                for name, values in columns.items():
+                    values.append(_number(path, reader.line_num, name, row.get(name), optional))
+                stamps_ns.append(_stamp_ns(path, reader.line_num, row["timestamp"]))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read: {reason(error)}") from error
+    table = {name: np.array(values, dtype=float) for name, values in columns.items()}
+    return table | {"stamp_ns": np.array(stamps_ns, dtype=np.int64)}
+
+
+def _stamp_ns(path: Path, line: int, text: str) -> int:
+    stamp_ns = seconds_to_ns(text)
+    if abs(stamp_ns) >= _STAMP_LIMIT_NS:
+        raise InputError(f"{path}:{line}: timestamp is '{text}', expected seconds")
+    return stamp_ns
+
+
+def _number(
+    path: Path, line: int, name: str, text: str | None, optional: dict[str, float]
+) -> float:
+    if not text and name in optional:
+        return optional[name]
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{path}:{line}: {name} is '{text or ''}', expected a finite number")
+    return value

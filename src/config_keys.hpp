@@ -151,6 +151,7 @@ void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.manoeuvre_factor", tracker.manoeuvre_factor, Range{1, 1e3});
   visit("robust.tracker.manoeuvre_log", tracker.manoeuvre_log, Range{-1e3, 0});
   visit("robust.tracker.birth_speeds_mps", tracker.birth_speeds_mps, Elements{{1e-2, 1e3}});
+  visit("robust.tracker.even_birth_share", tracker.even_birth_share, Range{0, 1, false});
   visit("robust.tracker.max_speed_mps", tracker.max_speed_mps, Range{0, 1e4, false});
   visit("robust.tracker.max_gap_s", tracker.max_gap_s, Range{0, 600, false});
   visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});
@@ -216,6 +217,7 @@ void VisitTrajectoryKeys(Visitor&& visit, TrajectoryFields& trajectory) {
   visit("trajectory.max_knot_spacing_s", trajectory.max_knot_spacing_s, Range{1e-3, 10});
   visit("trajectory.measurements_per_knot", trajectory.measurements_per_knot, Range{1, 1000});
   visit("trajectory.max_extrapolation_s", trajectory.max_extrapolation_s, Range{0, 60});
+  visit("trajectory.silence_probability", trajectory.silence_probability, Range{0, 1, false});
   visit("trajectory.max_sigma_m", trajectory.max_sigma_m, Range{0, 1e4, false});
 }
 

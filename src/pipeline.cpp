@@ -47,8 +47,9 @@ Track FitTrack(const Recording& recording, const Target& target,
   track.score = target.score;
   track.length_m = PathLength(trajectory);
   track.returns = target.returns;
-  track.rows = SampleTrajectory(trajectory, EvidenceInterval(recording, trajectory), times_ns,
-                                config.max_sigma_m);
+  track.rows = SampleTrajectory(
+      trajectory, PresenceInterval(recording, target.measurements, config.silence_probability),
+      times_ns, config.max_sigma_m);
   CountSupport(recording, track.returns, track.rows);
   return track;
 }

@@ -1,7 +1,10 @@
 #include "unlidar/sampling.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdlib>
 #include <iterator>
+#include <limits>
 
 namespace unlidar {
 namespace {
@@ -26,20 +29,63 @@ std::uint64_t Distance(TimeNs a, TimeNs b) {
   return static_cast<std::uint64_t>(std::max(a, b)) - static_cast<std::uint64_t>(std::min(a, b));
 }
 
+TimeNs ShortestPeriod(const Recording& recording) {
+  TimeNs period_ns = std::numeric_limits<TimeNs>::max();
+  for (const SensorInfo& sensor : recording.sensors) {
+    if (sensor.frame_period_ns > 0) period_ns = std::min(period_ns, sensor.frame_period_ns);
+  }
+  return period_ns;
+}
+
+// How long the target may have gone unseen beyond one end: as long as a silence is likelier than
+// `probability`, if it is seen per frame period as often as in the nearest measurements. The
+// longest of their pauses is left out: it may be an occlusion.
+template <typename Iterator>
+TimeNs Silence(Iterator first, Iterator last, TimeNs period_ns, double probability) {
+  constexpr int kMaxSlices = 10;  // frame periods with a measurement
+  int num_pauses = 0;
+  TimeNs sum = 0;
+  TimeNs longest = 0;
+  TimeNs slice = first->time_ns / period_ns;
+  for (; first != last && num_pauses + 1 < kMaxSlices; ++first) {
+    const TimeNs pause = std::abs(first->time_ns / period_ns - slice);
+    if (pause == 0) continue;
+    slice = first->time_ns / period_ns;
+    ++num_pauses;
+    sum += pause;
+    longest = std::max(longest, pause);
+  }
+  if (num_pauses < 2) return 0;
+  const double seen = static_cast<double>(num_pauses - 1) / static_cast<double>(sum - longest);
+  if (seen >= 1.0) return 0;
+  return period_ns * static_cast<TimeNs>(std::log(probability) / std::log1p(-seen));
+}
+
 }  // namespace
 
-TimeInterval EvidenceInterval(const Recording& recording, const Trajectory& trajectory) {
-  const TimeInterval fit{trajectory.begin_ns(), trajectory.end_ns()};
-  TimeInterval interval = fit;
+TimeInterval PresenceInterval(const Recording& recording,
+                              const std::vector<Measurement>& measurements,
+                              double silence_probability) {
+  TimeInterval interval{measurements.front().time_ns, measurements.back().time_ns};
+  const TimeInterval seen = interval;
+  TimeInterval watched = interval;
   for (const FrameInfo& frame : recording.frames) {
-    if (frame.begin_ns <= fit.begin_ns && fit.begin_ns <= frame.end_ns) {
+    watched.begin_ns = std::min(watched.begin_ns, frame.begin_ns);
+    watched.end_ns = std::max(watched.end_ns, frame.end_ns);
+    if (frame.begin_ns <= seen.begin_ns && seen.begin_ns <= frame.end_ns) {
       interval.begin_ns = std::min(interval.begin_ns, frame.begin_ns);
     }
-    if (frame.begin_ns <= fit.end_ns && fit.end_ns <= frame.end_ns) {
+    if (frame.begin_ns <= seen.end_ns && seen.end_ns <= frame.end_ns) {
       interval.end_ns = std::max(interval.end_ns, frame.end_ns);
     }
   }
-  return interval;
+  const TimeNs period_ns = ShortestPeriod(recording);
+  const TimeNs before_ns =
+      Silence(measurements.begin(), measurements.end(), period_ns, silence_probability);
+  const TimeNs after_ns =
+      Silence(measurements.rbegin(), measurements.rend(), period_ns, silence_probability);
+  return {std::max(watched.begin_ns, interval.begin_ns - before_ns),
+          std::min(watched.end_ns, interval.end_ns + after_ns)};
 }
 
 std::vector<TrajectoryRow> SampleTrajectory(const Trajectory& trajectory,

@@ -13,9 +13,15 @@ struct TimeInterval {
   TimeNs end_ns = 0;
 };
 
-// From first to last measurement, widened to the whole frames, of any sensor, in which they lie: a
-// stamp names all of its frame, whose returns were measured a little before or after it.
-TimeInterval EvidenceInterval(const Recording& recording, const Trajectory& trajectory);
+// When a target was there: from first to last measurement, widened to the whole frames, of any
+// sensor, in which they lie (a stamp names all of its frame, whose returns were measured a little
+// before or after it), and further by a silence that is likelier than `silence_probability`: a
+// drone that is hit in one frame of five was there for some frames before the first hit. One that
+// is hit in every frame was not, nor is any with a silence_probability of 1. Ends with the
+// recording.
+TimeInterval PresenceInterval(const Recording& recording,
+                              const std::vector<Measurement>& measurements,
+                              double silence_probability);
 
 // One row per output time inside the interval, except where the largest sigma exceeds max_sigma_m
 // or a number is not finite. `times_ns` ascends.

@@ -39,7 +39,9 @@ struct TrajectoryConfig {
   double max_knot_spacing_s = 0.2;
   int measurements_per_knot = 1;
   double max_extrapolation_s = 5.0;  // beyond the measurements, with a sigma that is still true
-  double max_sigma_m = 1.0;          // rows whose largest sigma exceeds it are not written
+  // Rows go on beyond the first and last return through a silence that is likelier than this.
+  double silence_probability = 0.05;
+  double max_sigma_m = 1.0;  // rows whose largest sigma exceeds it are not written
 };
 
 // How far a target may depart from a straight line, and how noisy its measurements are.

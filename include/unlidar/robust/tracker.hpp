@@ -14,8 +14,9 @@ struct TrackerConfig {
   double manoeuvre_factor = 3.0;  // between two plots it may be so much more agile,
   double manoeuvre_log = -2.3;    // with this log probability
   std::vector<double> birth_speeds_mps = {1.0, 8.0};  // standard deviations per axis tried
+  double even_birth_share = 0.1;  // of the births; the others fall in proportion to volume
   double max_speed_mps = 35.0;
-  double max_gap_s = 5.0;          // without a plot
+  double max_gap_s = 10.0;         // without a plot
   int hypotheses_per_plot = 3;     // kept at each plot and agility
   double echo_m2 = 400.0;          // expected returns per frame of a typical drone, times range^2;
   double echo_shape = 0.7;         // shape of the gamma distribution about it
@@ -34,7 +35,8 @@ struct TrackerConfig {
 
 struct Path {
   std::vector<std::uint32_t> plots;  // ascending
-  double score = 0.0;  // log likelihood ratio against clutter, the first plot taken as given
+  // Log likelihood ratio against clutter, relative to that of an even choice of the first plot.
+  double score = 0.0;
 };
 
 // Paths by falling score. Each is found by dynamic programming over plots, where every plot keeps

@@ -1,0 +1,34 @@
+// What a search that takes the best path first gets wrong, put right by comparing whole paths.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "unlidar/robust/tracker.hpp"
+
+namespace unlidar {
+
+// Scores given sequences of plots, which may hold gaps of any length.
+class PathScorer {
+ public:
+  PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births, double period_s,
+             const TrackerConfig& config)
+      : plots_(plots), log_births_(log_births), period_s_(period_s), config_(config) {}
+
+  // The path of these plots, with the score of the agility and birth speed that suit it best.
+  Path Scored(std::vector<std::uint32_t> members) const;
+
+  const std::vector<Plot>& plots() const { return plots_; }
+
+ private:
+  const std::vector<Plot>& plots_;
+  const std::vector<double>& log_births_;
+  double period_s_;
+  const TrackerConfig& config_;
+};
+
+// Lets pairs of paths join or exchange what follows some time, and single paths drop what stands
+// between two pauses, as long as the sum of scores grows. Paths that become empty are removed.
+void ImprovePaths(const PathScorer& scorer, const TrackerConfig& config, std::vector<Path>* paths);
+
+}  // namespace unlidar

@@ -1,0 +1,43 @@
+// The best path through plots: dynamic programming over all of them in order of time.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "track_model.hpp"
+
+namespace unlidar {
+
+class TrackSearch {
+ public:
+  // Searches at once; `free` is kept and may change before Best is asked. Sizes of `log_births` and
+  // `free`: that of `plots`.
+  TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+              const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config);
+
+  // The best path through plots that are still free.
+  Path Best() const;
+
+ private:
+  struct Candidate {
+    double score;
+    Gain gain;
+    std::size_t index;
+  };
+
+  void Predict(double time_s);
+  void KeepBest(double time_s);
+  void Extend(std::int32_t index);
+
+  const std::vector<Plot>& plots_;
+  const std::vector<double>& log_births_;
+  const std::vector<char>& free_;
+  TrackModel model_;
+  const TrackerConfig& config_;
+  std::vector<Hypothesis> history_;
+  std::vector<std::int32_t> active_;
+  std::vector<Prediction> predictions_;
+  std::vector<Candidate> candidates_;
+};
+
+}  // namespace unlidar

@@ -132,7 +132,6 @@ Path PathScorer::Scored(Members members) const {
 }
 
 void ImprovePaths(const PathScorer& scorer, const TrackerConfig& config, std::vector<Path>* paths) {
-  for (Path& path : *paths) path = scorer.Scored(std::move(path.plots));
   for (bool changed = true; changed;) {
     changed = false;
     for (std::size_t i = 0; i < paths->size(); ++i) {

@@ -120,6 +120,14 @@ void VisitGroundKeys(Visitor&& visit, Ground& ground) {
   visit("robust.ground.max_relief_m", ground.max_relief_m, Range{0, 1e3});
 }
 
+template <class Visitor, class Support>
+void VisitSupportKeys(Visitor&& visit, Support& support) {
+  VisitRadiusKeys(visit, "robust.support.reach.", support.reach);
+  visit("robust.support.body_m", support.body_m, Range{0, 100});
+  visit("robust.support.max_range_m", support.max_range_m, Range{0, 1e5});
+  visit("robust.support.voxel_m", support.voxel_m, Range{0.01, 10});
+}
+
 template <class Visitor, class Plots>
 void VisitPlotKeys(Visitor&& visit, Plots& plots) {
   VisitRadiusKeys(visit, "robust.plots.link.", plots.link);
@@ -194,6 +202,7 @@ void VisitRobustKeys(Visitor&& visit, Robust& robust) {
   visit("robust.off_ground_window_s", robust.off_ground_window_s, Range{0, 600});
   VisitBackgroundKeys(visit, robust.background);
   VisitGroundKeys(visit, robust.ground);
+  VisitSupportKeys(visit, robust.support);
   VisitPlotKeys(visit, robust.plots);
   VisitTrackerKeys(visit, robust.tracker);
   VisitCollectKeys(visit, robust.collect);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 namespace unlidar {
 namespace {
@@ -41,9 +42,18 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   RobustResult result;
   if (recording.points_m.empty()) return result;
   const Background background(recording, config.background);
-  const Ground ground(background.StructurePoints(recording), config.ground);
+  const std::vector<Eigen::Vector3f> structure_m = background.StructurePoints(recording);
+  const Ground ground(structure_m, config.ground);
+  const Support support(structure_m, ground, config.support);
+  // What stands still in the air all the time looks like structure, but is none.
+  const std::vector<std::uint32_t> floating =
+      support.FloatingReturns(recording, background.unexplained());
+  std::vector<std::uint32_t> candidates;
+  std::merge(background.unexplained().begin(), background.unexplained().end(), floating.begin(),
+             floating.end(), std::back_inserter(candidates));
   std::vector<char> excluded;  // returns of bodies, then also of targets found
-  std::vector<Plot> plots = MakePlots(recording, background, ground, config.plots, &excluded);
+  std::vector<Plot> plots =
+      MakePlots(recording, candidates, ground, support, config.plots, &excluded);
   // A score is a log likelihood ratio, so by Ville's inequality clutter reaches the threshold from
   // any one plot with a probability of at most exp(-threshold).
   const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1));
@@ -55,8 +65,14 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
            Flies(PlotsOf(path, plots), config);
   };
 
-  // What the first round finds is clutter no more for the second, which then sees farther.
+  // What the first round finds is clutter no more for the second, which then sees farther. What
+  // floats in one place is none from the start.
   std::vector<char> explained(plots.size(), 0);
+  std::vector<char> is_standing(recording.points_m.size(), 0);
+  for (const std::uint32_t i : floating) is_standing[i] = 1;
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    explained[i] = plots[i].is_floating && IsTaken(plots[i], is_standing);
+  }
   std::vector<Path> paths;
   for (int round = 0; round < config.rounds; ++round) {
     EstimateClutter(recording, background, config.plots, explained, &plots);
@@ -69,7 +85,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     if (explained == before) break;
   }
 
-  result.counts = {background.unexplained().size(),
+  result.counts = {candidates.size(),
                    static_cast<std::size_t>(std::count(excluded.begin(), excluded.end(), 1)),
                    plots.size(), paths.size(), threshold};
   for (const Path& path : paths) {

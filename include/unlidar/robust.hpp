@@ -14,6 +14,7 @@
 #include "unlidar/robust/background.hpp"
 #include "unlidar/robust/collect.hpp"
 #include "unlidar/robust/ground.hpp"
+#include "unlidar/robust/support.hpp"
 #include "unlidar/robust/plots.hpp"
 #include "unlidar/robust/tracker.hpp"
 #include "unlidar/trajectory.hpp"
@@ -30,6 +31,7 @@ struct RobustConfig {
   double off_ground_window_s = 0.75;  // (the lowest plot within this time counts)
   BackgroundConfig background;
   GroundConfig ground;
+  SupportConfig support;
   PlotConfig plots;
   TrackerConfig tracker;
   CollectConfig collect;

@@ -140,6 +140,37 @@ void DropNearBodies(const std::vector<Box>& bodies, const PlotConfig& config,
   plots->erase(std::remove_if(plots->begin(), plots->end(), is_near), plots->end());
 }
 
+// Takes back that a place floats where something else was seen beside it at the same time: what is
+// seen too seldom to be structure may hold things up as well. (At other times that may be the
+// target itself.)
+void FindCompany(const SupportConfig& config, std::vector<Plot>* plots) {
+  constexpr TimeNs kSameTimeNs = 300'000'000;
+  const auto is_company = [&](const Plot& plot, const Plot& other) {
+    const double distance_m = (plot.position_m - other.position_m).norm();
+    return distance_m > config.body_m && distance_m < config.reach.At(plot.position_m.norm());
+  };
+  RangeGrid held({config.body_m, 0.01}, 1);
+  for (std::size_t i = 0, first = 0; i < plots->size(); ++i) {
+    const Plot& plot = (*plots)[i];
+    while ((*plots)[first].time_ns < plot.time_ns - kSameTimeNs) ++first;
+    if (!plot.is_floating) continue;
+    for (std::size_t k = first;
+         k < plots->size() && (*plots)[k].time_ns <= plot.time_ns + kSameTimeNs; ++k) {
+      if (is_company(plot, (*plots)[k])) {
+        held.Add(plot.position_m.cast<float>(), 0);
+        break;
+      }
+    }
+  }
+  std::vector<std::uint32_t> count(1);
+  for (Plot& plot : *plots) {
+    if (!plot.is_floating) continue;
+    count[0] = 0;
+    held.Collect(plot.position_m.cast<float>(), &count);
+    plot.is_floating = count[0] == 0;
+  }
+}
+
 double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& config) {
   const double beam_m = config.noise_per_range * range_m;
   return config.noise_m * config.noise_m +
@@ -149,8 +180,9 @@ double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& con
 
 }  // namespace
 
-std::vector<Plot> MakePlots(const Recording& recording, const Background& background,
-                            const Ground& ground, const PlotConfig& config,
+std::vector<Plot> MakePlots(const Recording& recording,
+                            const std::vector<std::uint32_t>& candidates, const Ground& ground,
+                            const Support& support, const PlotConfig& config,
                             std::vector<char>* is_body) {
   std::vector<Plot> plots;
   is_body->assign(recording.points_m.size(), 0);
@@ -161,9 +193,8 @@ std::vector<Plot> MakePlots(const Recording& recording, const Background& backgr
   for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
     const FrameInfo& frame = recording.frames[f];
     members.clear();
-    while (next < background.unexplained().size() &&
-           background.unexplained()[next] < frame.last_return) {
-      members.push_back(background.unexplained()[next++]);
+    while (next < candidates.size() && candidates[next] < frame.last_return) {
+      members.push_back(candidates[next++]);
     }
     for (const auto& body : Link(recording, members, config.body_link)) {
       if (!IsBody(recording, body, ground, lowest_elevation_rad, config)) continue;
@@ -186,6 +217,7 @@ std::vector<Plot> MakePlots(const Recording& recording, const Background& backgr
         time_sum += recording.times_ns[i] - frame.begin_ns;
       }
       plot.extent_m = static_cast<double>((box.high_m - box.low_m).matrix().norm());
+      plot.is_floating = support.IsFloating(plot.position_m.cast<float>());
       plot.time_ns = frame.begin_ns + time_sum / static_cast<TimeNs>(returns.size());
       plot.returns = std::move(returns);
       plots.push_back(std::move(plot));
@@ -196,6 +228,7 @@ std::vector<Plot> MakePlots(const Recording& recording, const Background& backgr
   DropNearBodies(bodies, config, &plots);
   std::stable_sort(plots.begin(), plots.end(),
                    [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; });
+  FindCompany(support.config(), &plots);
   return plots;
 }
 
@@ -244,11 +277,13 @@ void EstimateClutter(const Recording& recording, const Background& background,
   std::vector<std::uint32_t> num_plots(1);
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
+    plot.log_clutter = std::log(rate[i]);
+    if (plot.is_floating) continue;
     num_plots[0] = 0;
     spots.Collect(plot.position_m.cast<float>(), &num_plots);
     const double spot_rate =
         (num_plots[0] - (explained[i] ? 0.0 : 1.0)) / num_frames / PlotVolumeM3(plot);
-    plot.log_clutter = std::log(std::max(spot_rate, rate[i]));
+    if (spot_rate > rate[i]) plot.log_clutter = std::log(spot_rate);
   }
 }
 

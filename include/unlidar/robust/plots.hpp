@@ -7,6 +7,7 @@
 
 #include "unlidar/robust/background.hpp"
 #include "unlidar/robust/ground.hpp"
+#include "unlidar/robust/support.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -46,19 +47,21 @@ struct Plot {
   double extent_m = 0.0;     // diagonal of its bounding box
   double lowest_m = 0.0;     // height of its lowest return above the ground
   double log_clutter = 0.0;  // log of the clutter plots per m^3 and frame
+  bool is_floating = false;  // nothing static can be there
   std::uint32_t frame = 0;
   std::vector<std::uint32_t> returns;
 };
 
-// Plots in order of time; bodies (people, cars) left out, with all that is next to one shortly
+// Plots of `candidates`, returns in ascending order, in order of time; bodies (people, cars) left out, with all that is next to one shortly
 // before or after. `is_body` (N) tells the returns of bodies themselves.
-std::vector<Plot> MakePlots(const Recording& recording, const Background& background,
-                            const Ground& ground, const PlotConfig& config,
+std::vector<Plot> MakePlots(const Recording& recording,
+                            const std::vector<std::uint32_t>& candidates, const Ground& ground,
+                            const Support& support, const PlotConfig& config,
                             std::vector<char>* is_body);
 
 // Sets log_clutter of every plot from the plots that are not `explained` (size of plots): from
 // those at other times in three narrowing neighbourhoods, and from the rate of a static thing at
-// its place.
+// its place unless that floats.
 void EstimateClutter(const Recording& recording, const Background& background,
                      const PlotConfig& config, const std::vector<char>& explained,
                      std::vector<Plot>* plots);

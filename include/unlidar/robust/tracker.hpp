@@ -19,13 +19,13 @@ struct TrackerConfig {
   double max_gap_s = 10.0;         // without a plot
   int hypotheses_per_plot = 3;     // kept at each plot and agility
   double echo_m2 = 400.0;          // expected returns per frame of a typical drone, times range^2;
-  double echo_shape = 0.7;         // shape of the gamma distribution about it
+  double echo_shape = 1.5;         // shape of the gamma distribution about it
   double shadow_log = -5.0;        // log probability of being hidden behind something,
   double shadow_log_per_s = -0.5;  // and of staying there
   double max_extent_m = 1.2;       // a drone is no larger; more costs extent_log_per_m
   double extent_log_per_m = -0.8;
   double max_returns_log = 2.0;  // the most that many returns in a plot speak for it
-  int max_hypotheses = 1000;     // carried on at any time, the best first
+  int max_hypotheses = 400;      // carried on at any time, the best first
   int max_paths = 20;
   double min_fragment_log = 7.0;  // weaker paths are not looked at
   double birth_cost = 12.0;       // what a further target must explain

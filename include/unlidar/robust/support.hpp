@@ -1,0 +1,45 @@
+// What holds things up: nothing that stands still floats in the air, but a drone does.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <unordered_map>
+#include <vector>
+
+#include "unlidar/robust/ground.hpp"
+#include "unlidar/robust/range_grid.hpp"
+#include "unlidar/types.hpp"
+
+namespace unlidar {
+
+struct SupportConfig {
+  // Structure or ground as near as this holds a thing up, whether or not what joins the two is
+  // seen: poles and wires are thin, and far away nothing is seen well.
+  RangeRadius reach{1.5, 0.1};
+  double body_m = 1.5;        // structure nearer than this may be the thing itself
+  double max_range_m = 50.0;  // farther away nobody knows
+  double voxel_m = 0.25;      // resolution of structure
+};
+
+// Whether a place is near enough to structure or ground for a static thing to be there.
+class Support {
+ public:
+  Support(const std::vector<Eigen::Vector3f>& structure_m, const Ground& ground,
+          const SupportConfig& config);
+
+  const SupportConfig& config() const { return config_; }
+
+  bool IsFloating(const Eigen::Vector3f& place_m) const;
+
+  // Structure that floats: indices into the recording, ascending. `unexplained` returns, ascending,
+  // are no structure.
+  std::vector<std::uint32_t> FloatingReturns(const Recording& recording,
+                                             const std::vector<std::uint32_t>& unexplained) const;
+
+ private:
+  const Ground& ground_;
+  SupportConfig config_;
+  std::unordered_map<std::uint64_t, std::vector<Eigen::Vector3f>> cells_;  // voxels of structure
+};
+
+}  // namespace unlidar

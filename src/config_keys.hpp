@@ -169,6 +169,7 @@ void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.shadow_log_per_s", tracker.shadow_log_per_s, Range{-1e3, 0});
   visit("robust.tracker.max_extent_m", tracker.max_extent_m, Range{0, 100});
   visit("robust.tracker.extent_log_per_m", tracker.extent_log_per_m, Range{-1e3, 0});
+  visit("robust.tracker.touch_log", tracker.touch_log, Range{-1e3, 0});
   visit("robust.tracker.max_returns_log", tracker.max_returns_log, Range{0, 100});
   visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});
   visit("robust.tracker.max_paths", tracker.max_paths, Range{1, 1000});

@@ -2,8 +2,11 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <functional>
 #include <numeric>
+#include <unordered_map>
 
 namespace unlidar {
 namespace {
@@ -140,10 +143,58 @@ void DropNearBodies(const std::vector<Box>& bodies, const PlotConfig& config,
   plots->erase(std::remove_if(plots->begin(), plots->end(), is_near), plots->end());
 }
 
+// Whether structure of the same frame is as near to returns as they are to each other.
+bool Touches(const Recording& recording, const FrameInfo& frame,
+             const std::vector<char>& is_candidate, const std::vector<std::uint32_t>& returns,
+             const RangeRadius& link) {
+  const Box box = BoxOf(recording, returns);
+  const auto reach_m =
+      static_cast<float>(link.At(static_cast<double>(recording.points_m[returns.front()].norm())));
+  for (std::uint32_t k = frame.first_return; k < frame.last_return; ++k) {
+    const Eigen::Array3f p = recording.points_m[k].array();
+    if (is_candidate[k] || (p < box.low_m - reach_m).any() || (p > box.high_m + reach_m).any()) {
+      continue;
+    }
+    for (const std::uint32_t i : returns) {
+      if ((recording.points_m[k] - recording.points_m[i]).squaredNorm() < reach_m * reach_m) {
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
+// The share of plots that are nothing but returns that came before or after with the very same
+// coordinates: no LiDAR measures a place twice alike, so these are repetitions of one frame.
+std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot>& plots) {
+  struct Hash {
+    std::size_t operator()(const std::array<float, 3>& p) const {
+      std::size_t h = 0;
+      for (const float x : p) h = h * 1000003U + std::hash<float>()(x);
+      return h;
+    }
+  };
+  const auto key = [&](std::uint32_t i) {
+    const Eigen::Vector3f& p = recording.points_m[i];
+    return std::array<float, 3>{p.x(), p.y(), p.z()};
+  };
+  std::unordered_map<std::array<float, 3>, int, Hash> counts;
+  for (const Plot& plot : plots) {
+    for (const std::uint32_t i : plot.returns) ++counts[key(i)];
+  }
+  std::vector<char> are_replayed;
+  for (const Plot& plot : plots) {
+    are_replayed.push_back(std::all_of(plot.returns.begin(), plot.returns.end(),
+                                       [&](std::uint32_t i) { return counts[key(i)] > 1; }));
+  }
+  return are_replayed;
+}
+
 // Takes back that a place floats where something else was seen beside it at the same time: what is
 // seen too seldom to be structure may hold things up as well. (At other times that may be the
 // target itself.)
-void FindCompany(const SupportConfig& config, std::vector<Plot>* plots) {
+void FindCompany(const Recording& recording, const SupportConfig& config,
+                 std::vector<Plot>* plots) {
   constexpr TimeNs kSameTimeNs = 300'000'000;
   const auto is_company = [&](const Plot& plot, const Plot& other) {
     const double distance_m = (plot.position_m - other.position_m).norm();
@@ -162,12 +213,14 @@ void FindCompany(const SupportConfig& config, std::vector<Plot>* plots) {
       }
     }
   }
+  const std::vector<char> are_replayed = AreReplayed(recording, *plots);
   std::vector<std::uint32_t> count(1);
-  for (Plot& plot : *plots) {
+  for (std::size_t i = 0; i < plots->size(); ++i) {
+    Plot& plot = (*plots)[i];
     if (!plot.is_floating) continue;
     count[0] = 0;
     held.Collect(plot.position_m.cast<float>(), &count);
-    plot.is_floating = count[0] == 0;
+    plot.is_floating = count[0] == 0 && !are_replayed[i];
   }
 }
 
@@ -187,6 +240,8 @@ std::vector<Plot> MakePlots(const Recording& recording,
   std::vector<Plot> plots;
   is_body->assign(recording.points_m.size(), 0);
   const double lowest_elevation_rad = LowestElevationRad(recording);
+  std::vector<char> is_candidate(recording.points_m.size(), 0);
+  for (const std::uint32_t i : candidates) is_candidate[i] = 1;
   std::vector<Box> bodies;
   std::vector<std::uint32_t> members;
   std::size_t next = 0;
@@ -217,6 +272,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
         time_sum += recording.times_ns[i] - frame.begin_ns;
       }
       plot.extent_m = static_cast<double>((box.high_m - box.low_m).matrix().norm());
+      plot.touches_structure = Touches(recording, frame, is_candidate, returns, config.link);
       plot.is_floating = support.IsFloating(plot.position_m.cast<float>());
       plot.time_ns = frame.begin_ns + time_sum / static_cast<TimeNs>(returns.size());
       plot.returns = std::move(returns);
@@ -228,7 +284,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
   DropNearBodies(bodies, config, &plots);
   std::stable_sort(plots.begin(), plots.end(),
                    [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; });
-  FindCompany(support.config(), &plots);
+  FindCompany(recording, support.config(), &plots);
   return plots;
 }
 

@@ -150,7 +150,8 @@ double TrackModel::LogMiss(const Hypothesis& from, double exposure) const {
 double TrackModel::ShapeLog(const Plot& plot, double speed_mps) const {
   const double extent = plot.extent_m - config_.max_extent_m - speed_mps * period_s_;
   return std::min(std::log(static_cast<double>(plot.returns.size())), config_.max_returns_log) +
-         config_.extent_log_per_m * std::max(0.0, extent);
+         config_.extent_log_per_m * std::max(0.0, extent) +
+         (plot.touches_structure ? config_.touch_log : 0.0);
 }
 
 }  // namespace unlidar

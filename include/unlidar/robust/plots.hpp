@@ -47,7 +47,8 @@ struct Plot {
   double extent_m = 0.0;     // diagonal of its bounding box
   double lowest_m = 0.0;     // height of its lowest return above the ground
   double log_clutter = 0.0;  // log of the clutter plots per m^3 and frame
-  bool is_floating = false;  // nothing static can be there
+  bool touches_structure = false;  // of the same frame
+  bool is_floating = false;        // nothing static can be there
   std::uint32_t frame = 0;
   std::vector<std::uint32_t> returns;
 };

@@ -24,6 +24,7 @@ struct TrackerConfig {
   double shadow_log_per_s = -0.5;  // and of staying there
   double max_extent_m = 1.2;       // a drone is no larger; more costs extent_log_per_m
   double extent_log_per_m = -0.8;
+  double touch_log = -2.5;       // of a plot that is one with structure
   double max_returns_log = 2.0;  // the most that many returns in a plot speak for it
   int max_hypotheses = 400;      // carried on at any time, the best first
   int max_paths = 20;

@@ -122,8 +122,9 @@ Path PathScorer::Scored(Members members) const {
       for (std::size_t k = 1; k < path.plots.size(); ++k) {
         const Plot& plot = plots_[path.plots[k]];
         const double time_s = TimeOf(plots_, path.plots[k]);
-        const Prediction p = model.Predict(h, time_s, model.MotionOver(time_s - h.time_s));
-        h = model.Update(p, plot, time_s, model.GainOf(p, plot));
+        const Motion motion = model.MotionOver(time_s - h.time_s);
+        const Prediction p = model.Predict(h, time_s, model.ScoreIfVisible(h, time_s), motion);
+        h = model.Update(h, motion, p, plot, time_s, model.GainOf(p, plot));
       }
       path.score = std::max(path.score, h.score);
     }

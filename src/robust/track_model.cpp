@@ -39,8 +39,14 @@ double StreakVarianceM2(const Plot& plot, double speed_mps, double period_s) {
          along_m * along_m / 12.0 / static_cast<double>(plot.returns.size()) / 3.0;
 }
 
-double SliceExposure(const State& state) {
-  return 1.0 / std::max(state.mean.col(0).squaredNorm(), 1.0);
+// Returns of a target come as a Poisson process whose rate falls with the square of range. Its
+// scale is unknown and has a gamma distribution: log probability of none.
+double LogUnseen(double shape, double rate, double exposure) {
+  return -shape * std::log1p(exposure / rate);
+}
+
+double ExposureAt(const Eigen::Vector3d& position_m) {
+  return 1.0 / std::max(position_m.squaredNorm(), 1.0);
 }
 
 }  // namespace
@@ -52,17 +58,25 @@ double TimeOf(const std::vector<Plot>& plots, std::size_t plot) {
 std::vector<double> LogBirths(const std::vector<Plot>& plots, const TrackerConfig& config) {
   std::vector<double> logs(plots.size());
   if (plots.empty()) return logs;
-  double rarest = plots.front().log_clutter;
-  for (const Plot& plot : plots) rarest = std::min(rarest, plot.log_clutter);
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    const double log_unseen = LogUnseen(config.echo_shape, config.echo_shape / config.echo_m2,
+                                        ExposureAt(plots[i].position_m));
+    logs[i] = std::log(-std::expm1(log_unseen)) - plots[i].log_clutter;
+  }
+  const double largest = *std::max_element(logs.begin(), logs.end());
   double sum = 0.0;
-  for (const Plot& plot : plots) sum += std::exp(rarest - plot.log_clutter);
+  for (const double log : logs) sum += std::exp(log - largest);
   const double even = config.even_birth_share;
   const double scale = (1.0 - even) * static_cast<double>(plots.size()) / sum;
-  for (std::size_t i = 0; i < plots.size(); ++i) {
-    logs[i] = std::log(even + scale * std::exp(rarest - plots[i].log_clutter));
-  }
+  for (double& log : logs) log = std::log(even + scale * std::exp(log - largest));
   return logs;
 }
+
+TrackModel::TrackModel(double sigma_a_mps2, double period_s, const TrackerConfig& config)
+    : sigma_(sigma_a_mps2),
+      period_s_(period_s),
+      log_emerge_(std::log(-std::expm1(config.shadow_log_per_s * period_s))),
+      config_(config) {}
 
 Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, double time_s,
                              double speed_mps) const {
@@ -71,80 +85,98 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, double time_s,
   birth.time_s = time_s;
   birth.state.mean.col(0) = plot.position_m;
   birth.state.covariance.diagonal() << plot.variance_m2, speed_mps * speed_mps, sigma_ * sigma_;
+  SetVisibility(&birth);
   return birth;
 }
 
-double TrackModel::ScoreAt(const Hypothesis& from, double time_s) const {
-  return from.score + std::max(LogMissUntil(from, time_s), LogShadow(time_s - from.time_s));
+double TrackModel::ScoreIfVisible(const Hypothesis& from, double time_s) const {
+  const double missed = std::max(0.0, std::round((time_s - from.time_s) / period_s_) - 1.0);
+  return from.score + LogMiss(from, missed * from.slice_per_m2);
+}
+
+double TrackModel::Score(const Hypothesis& from, double time_s, double score_if_visible) const {
+  return std::max(score_if_visible, from.score + LogShadow(time_s - from.time_s));
 }
 
 Motion TrackModel::MotionOver(double dt_s) const {
   return SingerMotion(dt_s, config_.acceleration_time_s, sigma_);
 }
 
-Prediction TrackModel::Predict(const Hypothesis& from, double time_s, const Motion& motion) const {
-  const double slice = SliceExposure(from.state);
-  // It is seen again, so a shadow has ended.
-  const double log_emerge = std::log(-std::expm1(config_.shadow_log_per_s * period_s_));
+Prediction TrackModel::Predict(const Hypothesis& from, double time_s, double score_if_visible,
+                               const Motion& motion) const {
   Prediction p;
-  p.score = from.score + std::max(LogMissUntil(from, time_s),
-                                  LogShadow(time_s - from.time_s) + log_emerge);
-  p.log_hit = std::log(std::max(-std::expm1(LogMiss(from, slice)), 1e-6));
-  p.hits = from.hits;
-  p.exposure_per_m2 =
-      from.exposure_per_m2 + slice * std::max((time_s - from.time_s) / period_s_, 0.5);
-  p.state.mean = from.state.mean * motion.transition.transpose();
-  p.state.covariance =
-      motion.transition * from.state.covariance * motion.transition.transpose() + motion.noise;
-  p.agile_covariance = p.state.covariance +
-                       (config_.manoeuvre_factor * config_.manoeuvre_factor - 1.0) * motion.noise;
+  // It is seen again, so a shadow has ended.
+  p.score = std::max(score_if_visible,
+                     from.score + LogShadow(time_s - from.time_s) + log_emerge_);
+  p.log_hit = from.log_hit;
   p.speed_mps = std::min(from.state.mean.col(1).norm(), config_.max_speed_mps);
+  const auto onto_position = motion.transition.row(0);
+  p.position_m = from.state.mean * onto_position.transpose();
+  p.variance_m2 = onto_position * from.state.covariance * onto_position.transpose();
+  p.variance_m2 += motion.noise(0, 0);
+  p.agile_variance_m2 = p.variance_m2 + AgileFactor() * motion.noise(0, 0);
   return p;
 }
 
 Gain TrackModel::GainOf(const Prediction& p, const Plot& plot) const {
   const double noise = StreakVarianceM2(plot, p.speed_mps, period_s_);
-  const double distance2 = (plot.position_m - p.state.mean.col(0)).squaredNorm();
+  const double distance2 = (plot.position_m - p.position_m).squaredNorm();
   const auto log_density = [&](double variance) {
     return -1.5 * std::log(2.0 * M_PI * variance) - 0.5 * distance2 / variance;
   };
-  const double steady = log_density(p.state.covariance(0, 0) + noise);
-  const double agile = log_density(p.agile_covariance(0, 0) + noise) + config_.manoeuvre_log;
+  const double steady = log_density(p.variance_m2 + noise);
+  const double agile = log_density(p.agile_variance_m2 + noise) + config_.manoeuvre_log;
   return {std::max(steady, agile) + p.log_hit - plot.log_clutter + ShapeLog(plot, p.speed_mps),
           agile > steady};
 }
 
-Hypothesis TrackModel::Update(const Prediction& p, const Plot& plot, double time_s,
-                              const Gain& gain) const {
+Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, const Prediction& p,
+                              const Plot& plot, double time_s, const Gain& gain) const {
   const double variance = StreakVarianceM2(plot, p.speed_mps, period_s_);
-  const Eigen::Matrix3d& covariance = gain.is_agile ? p.agile_covariance : p.state.covariance;
+  Eigen::Matrix3d covariance =
+      motion.transition * from.state.covariance * motion.transition.transpose() + motion.noise;
+  if (gain.is_agile) covariance += AgileFactor() * motion.noise;
   const Eigen::Vector3d weight = covariance.col(0) / (covariance(0, 0) + variance);
   Hypothesis h;
   h.score = p.score + gain.log;
   h.time_s = time_s;
-  h.hits = p.hits + 1.0;
-  h.exposure_per_m2 = p.exposure_per_m2;
-  h.state.mean = p.state.mean + (plot.position_m - p.state.mean.col(0)) * weight.transpose();
+  h.hits = from.hits + 1.0;
+  h.exposure_per_m2 = from.exposure_per_m2 +
+                      from.slice_per_m2 * std::max((time_s - from.time_s) / period_s_, 0.5);
+  h.state.mean = from.state.mean * motion.transition.transpose();
+  h.state.mean += (plot.position_m - p.position_m) * weight.transpose();
   h.state.covariance = covariance - weight * covariance.row(0);
+  SetVisibility(&h);
   return h;
 }
 
-double TrackModel::LogMissUntil(const Hypothesis& from, double time_s) const {
-  const double missed = std::max(0.0, std::round((time_s - from.time_s) / period_s_) - 1.0);
-  return LogMiss(from, missed * SliceExposure(from.state));
+double TrackModel::GateM2(const Prediction& p, const FrameLimits& frame, double least_gain) const {
+  const double streak_m = p.speed_mps * period_s_;
+  const double smallest = p.variance_m2 + frame.least_variance_m2;
+  const double largest = p.agile_variance_m2 + frame.largest_variance_m2 +
+                         streak_m * streak_m / 36.0;
+  const double at_peak = -1.5 * std::log(2.0 * M_PI * smallest) + p.log_hit -
+                         frame.least_log_clutter + config_.max_returns_log;
+  return 2.0 * largest * (at_peak - least_gain);
 }
 
 double TrackModel::LogShadow(double dt_s) const {
   return config_.shadow_log + config_.shadow_log_per_s * dt_s;
 }
 
-// Returns of a target come as a Poisson process whose rate falls with the square of range. Its
-// scale is unknown and has a gamma prior, so that how often it was seen so far tells how often it
-// should be seen.
+// How often it was seen so far tells how often it should be seen.
 double TrackModel::LogMiss(const Hypothesis& from, double exposure) const {
-  const double shape = config_.echo_shape + from.hits;
-  const double rate = config_.echo_shape / config_.echo_m2 + from.exposure_per_m2;
-  return -shape * std::log1p(exposure / rate);
+  return LogUnseen(config_.echo_shape + from.hits,
+                   config_.echo_shape / config_.echo_m2 + from.exposure_per_m2, exposure);
+}
+
+void TrackModel::SetVisibility(Hypothesis* h) const {
+  h->slice_per_m2 = ExposureAt(h->state.mean.col(0));
+  h->log_hit = std::log(std::max(-std::expm1(LogMiss(*h, h->slice_per_m2)), 1e-6));
+}
+
+double TrackModel::AgileFactor() const {
+  return config_.manoeuvre_factor * config_.manoeuvre_factor - 1.0;
 }
 
 double TrackModel::ShapeLog(const Plot& plot, double speed_mps) const {

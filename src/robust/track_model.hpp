@@ -28,21 +28,22 @@ struct Hypothesis {
   double time_s = 0.0;
   double hits = 0.0;             // plots after the first
   double exposure_per_m2 = 0.0;  // sum over the slices in which it could be seen of 1 / range^2
+  double slice_per_m2 = 0.0;     // 1 / range^2
+  double log_hit = 0.0;          // log probability of being seen in a slice, if nothing hides it
   State state;
   std::int32_t plot = 0;
   std::int32_t parent = kNone;  // index into the history
 };
 
-// A hypothesis carried to the time of the plots at hand.
+// Where a hypothesis expects its next plot: of its state only what the likelihood of a plot needs.
 struct Prediction {
   std::int32_t history = kNone;
   double score = 0.0;  // misses on the way counted
   double log_hit = 0.0;
-  double hits = 0.0;
-  double exposure_per_m2 = 0.0;
   double speed_mps = 0.0;
-  State state;
-  Eigen::Matrix3d agile_covariance = Eigen::Matrix3d::Zero();  // had it manoeuvred on the way
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
+  double variance_m2 = 0.0;        // per axis
+  double agile_variance_m2 = 0.0;  // had it manoeuvred on the way
 };
 
 // What a plot adds to the score of a prediction.
@@ -51,41 +52,58 @@ struct Gain {
   bool is_agile = false;  // a manoeuvre explains it better
 };
 
+// What bounds the gain of any plot of a frame.
+struct FrameLimits {
+  double least_log_clutter = 0.0;
+  double least_variance_m2 = 0.0;
+  double largest_variance_m2 = 0.0;
+};
+
 // Seconds since the first plot.
 double TimeOf(const std::vector<Plot>& plots, std::size_t plot);
 
 // What each plot brings as the first of a path, relative to an even choice among all of them. A
-// target may appear anywhere: with a chance in proportion to volume, so a plot is the likelier to
-// be its first the rarer clutter is at its place. Normalised, so that the mean of exp is 1.
+// target may appear anywhere that it can be seen: with a chance in proportion to volume, so a plot
+// is the likelier to be its first the rarer clutter is at its place. Normalised, so that the mean
+// of exp is 1.
 std::vector<double> LogBirths(const std::vector<Plot>& plots, const TrackerConfig& config);
 
 class TrackModel {
  public:
-  TrackModel(double sigma_a_mps2, double period_s, const TrackerConfig& config)
-      : sigma_(sigma_a_mps2), period_s_(period_s), config_(config) {}
+  TrackModel(double sigma_a_mps2, double period_s, const TrackerConfig& config);
 
   Hypothesis Birth(const Plot& plot, double log_birth, double time_s, double speed_mps) const;
 
-  // Score of a hypothesis that was not seen until `time_s`. A long miss is either bad luck or a
-  // shadow, whichever is likelier.
-  double ScoreAt(const Hypothesis& from, double time_s) const;
+  // Score of a hypothesis that was not seen until `time_s` out of bad luck.
+  double ScoreIfVisible(const Hypothesis& from, double time_s) const;
+
+  // The same out of bad luck or in a shadow, whichever is likelier.
+  double Score(const Hypothesis& from, double time_s, double score_if_visible) const;
 
   Motion MotionOver(double dt_s) const;
 
-  Prediction Predict(const Hypothesis& from, double time_s, const Motion& motion) const;
+  Prediction Predict(const Hypothesis& from, double time_s, double score_if_visible,
+                     const Motion& motion) const;
 
   Gain GainOf(const Prediction& p, const Plot& plot) const;
 
-  Hypothesis Update(const Prediction& p, const Plot& plot, double time_s, const Gain& gain) const;
+  // The hypothesis that goes on with a plot at `time_s`, for which it was predicted.
+  Hypothesis Update(const Hypothesis& from, const Motion& motion, const Prediction& p,
+                    const Plot& plot, double time_s, const Gain& gain) const;
+
+  // Square of the distance beyond which no plot of `frame` can gain so much.
+  double GateM2(const Prediction& p, const FrameLimits& frame, double least_gain) const;
 
  private:
-  double LogMissUntil(const Hypothesis& from, double time_s) const;
+  void SetVisibility(Hypothesis* h) const;
+  double AgileFactor() const;  // further noise of a manoeuvre
   double LogShadow(double dt_s) const;
   double LogMiss(const Hypothesis& from, double exposure) const;
   double ShapeLog(const Plot& plot, double speed_mps) const;
 
   double sigma_;
   double period_s_;
+  double log_emerge_;  // of a shadow to end within a frame
   const TrackerConfig& config_;
 };
 

@@ -1,8 +1,11 @@
 #include "track_search.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <functional>
+#include <limits>
+#include <numeric>
 
 namespace unlidar {
 
@@ -13,14 +16,7 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
   for (std::size_t first = 0; first < plots_.size();) {
     std::size_t last = first;
     while (last < plots_.size() && plots_[last].time_ns == plots_[first].time_ns) ++last;
-    Predict(TimeOf(plots_, first));
-    const std::size_t size_before = history_.size();
-    for (std::size_t i = first; i < last; ++i) {
-      if (free_[i]) Extend(static_cast<std::int32_t>(i));
-    }
-    for (std::size_t h = size_before; h < history_.size(); ++h) {
-      active_.push_back(static_cast<std::int32_t>(h));
-    }
+    Extend(first, last);
     first = last;
   }
 }
@@ -29,12 +25,13 @@ Path TrackSearch::Best() const {
   Path path;
   std::int32_t at = kNone;
   std::vector<char> is_blocked(history_.size(), 0);
+  const double least_hits = config_.min_fragment_plots - 1.0;
   for (std::size_t h = 0; h < history_.size(); ++h) {
     const Hypothesis& hypothesis = history_[h];
     is_blocked[h] =
         !free_[static_cast<std::size_t>(hypothesis.plot)] ||
         (hypothesis.parent != kNone && is_blocked[static_cast<std::size_t>(hypothesis.parent)]);
-    if (!is_blocked[h] && hypothesis.score > path.score) {
+    if (!is_blocked[h] && hypothesis.score > path.score && hypothesis.hits >= least_hits) {
       path.score = hypothesis.score;
       at = static_cast<std::int32_t>(h);
     }
@@ -46,81 +43,117 @@ Path TrackSearch::Best() const {
   return path;
 }
 
-void TrackSearch::Predict(double time_s) {
-  predictions_.clear();
+void TrackSearch::Extend(std::size_t first, std::size_t last) {
+  const double time_s = TimeOf(plots_, first);
+  Retire(time_s);
+  FindCandidates(first, last, time_s);
+  const std::size_t size_before = history_.size();
+  for (std::size_t i = first; i < last; ++i) {
+    if (!free_[i]) continue;
+    std::vector<Candidate>& candidates = candidates_[i - first];
+    const auto kept =
+        std::min(candidates.size(), static_cast<std::size_t>(config_.hypotheses_per_plot));
+    std::partial_sort(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(kept),
+                      candidates.end(), [](const Candidate& a, const Candidate& b) {
+                        return a.score > b.score || (a.score == b.score && a.index < b.index);
+                      });
+    for (std::size_t c = 0; c < kept; ++c) {
+      const Prediction& p = predictions_[candidates[c].index];
+      const Hypothesis& from = history_[static_cast<std::size_t>(p.history)];
+      Hypothesis h = model_.Update(from, model_.MotionOver(time_s - from.time_s), p, plots_[i],
+                                   time_s, candidates[c].gain);
+      if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
+      h.plot = static_cast<std::int32_t>(i);
+      h.parent = p.history;
+      history_.push_back(h);
+    }
+    for (const double speed_mps : config_.birth_speeds_mps) {
+      history_.push_back(model_.Birth(plots_[i], log_births_[i], time_s, speed_mps));
+      history_.back().plot = static_cast<std::int32_t>(i);
+    }
+  }
+  for (std::size_t h = size_before; h < history_.size(); ++h) {
+    active_.push_back({static_cast<std::int32_t>(h), 0.0, 0.0});
+  }
+}
+
+// Drops what is too old or too unlikely. In rain most plots are births that lead nowhere: only the
+// best hypotheses are carried on.
+void TrackSearch::Retire(double time_s) {
   std::size_t kept = 0;
-  double motion_dt = -1.0;
-  Motion motion;
-  for (const std::int32_t h : active_) {
-    const Hypothesis& from = history_[static_cast<std::size_t>(h)];
-    const double dt = time_s - from.time_s;
-    if (dt > config_.max_gap_s || model_.ScoreAt(from, time_s) < config_.give_up_log) continue;
-    active_[kept++] = h;
+  for (Active active : active_) {
+    const Hypothesis& from = history_[static_cast<std::size_t>(active.history)];
+    if (time_s - from.time_s > config_.max_gap_s) continue;
+    active.score_if_visible = model_.ScoreIfVisible(from, time_s);
+    active.score = model_.Score(from, time_s, active.score_if_visible);
+    if (active.score >= config_.give_up_log) active_[kept++] = active;
   }
   active_.resize(kept);
-  KeepBest(time_s);
-  for (const std::int32_t h : active_) {
-    const Hypothesis& from = history_[static_cast<std::size_t>(h)];
+  const auto most = static_cast<std::size_t>(config_.max_hypotheses);
+  if (active_.size() <= most) return;
+  const auto nth = active_.begin() + static_cast<std::ptrdiff_t>(most);
+  std::nth_element(active_.begin(), nth, active_.end(), [](const Active& a, const Active& b) {
+    return a.score > b.score || (a.score == b.score && a.history > b.history);
+  });
+  active_.resize(most);
+  std::sort(active_.begin(), active_.end(),
+            [](const Active& a, const Active& b) { return a.history < b.history; });
+}
+
+// The plots of [first, last) that continue a hypothesis better than a new one would begin there.
+void TrackSearch::FindCandidates(std::size_t first, std::size_t last, double time_s) {
+  candidates_.resize(std::max(candidates_.size(), last - first));
+  for (std::vector<Candidate>& candidates : candidates_) candidates.clear();
+  predictions_.clear();
+  FrameLimits limits{plots_[first].log_clutter, plots_[first].variance_m2,
+                     plots_[first].variance_m2};
+  double least_score = std::numeric_limits<double>::infinity();
+  for (std::size_t i = first; i < last; ++i) {
+    limits.least_log_clutter = std::min(limits.least_log_clutter, plots_[i].log_clutter);
+    limits.least_variance_m2 = std::min(limits.least_variance_m2, plots_[i].variance_m2);
+    limits.largest_variance_m2 = std::max(limits.largest_variance_m2, plots_[i].variance_m2);
+    least_score = std::min(least_score, LeastScore(i));
+  }
+  std::vector<std::size_t> by_x(last - first);
+  std::iota(by_x.begin(), by_x.end(), first);
+  std::sort(by_x.begin(), by_x.end(), [&](std::size_t a, std::size_t b) {
+    return plots_[a].position_m.x() < plots_[b].position_m.x();
+  });
+  double motion_dt = -1.0;
+  Motion motion;
+  for (const Active& active : active_) {
+    const Hypothesis& from = history_[static_cast<std::size_t>(active.history)];
     const double dt = time_s - from.time_s;
     if (dt != motion_dt) {
       motion = model_.MotionOver(dt);
       motion_dt = dt;
     }
-    predictions_.push_back(model_.Predict(from, time_s, motion));
-    predictions_.back().history = h;
-  }
-}
-
-// In rain most plots are births that lead nowhere: only the best hypotheses are carried on.
-void TrackSearch::KeepBest(double time_s) {
-  const auto most = static_cast<std::size_t>(config_.max_hypotheses);
-  if (active_.size() <= most) return;
-  std::vector<double> scores;
-  for (const std::int32_t h : active_) {
-    scores.push_back(model_.ScoreAt(history_[static_cast<std::size_t>(h)], time_s));
-  }
-  std::vector<double> sorted = scores;
-  const auto last = sorted.begin() + static_cast<std::ptrdiff_t>(most - 1);
-  std::nth_element(sorted.begin(), last, sorted.end(), std::greater<>());
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < active_.size() && kept < most; ++i) {
-    if (scores[i] >= *last) active_[kept++] = active_[i];
-  }
-  active_.resize(kept);
-}
-
-void TrackSearch::Extend(std::int32_t index) {
-  const Plot& plot = plots_[static_cast<std::size_t>(index)];
-  const double time_s = TimeOf(plots_, static_cast<std::size_t>(index));
-  candidates_.clear();
-  for (std::size_t k = 0; k < predictions_.size(); ++k) {
-    const Prediction& p = predictions_[k];
-    // Beyond ten standard deviations no gain is left: spares the logarithm for most pairs.
-    const double reach2 = 100.0 * (p.agile_covariance(0, 0) + 1.0);
-    if ((plot.position_m - p.state.mean.col(0)).squaredNorm() > reach2) continue;
-    const Gain gain = model_.GainOf(p, plot);
-    if (p.score + gain.log > config_.give_up_log) {
-      candidates_.push_back({p.score + gain.log, gain, k});
+    Prediction p = model_.Predict(from, time_s, active.score_if_visible, motion);
+    const double gate_m2 = model_.GateM2(p, limits, least_score - p.score);
+    if (gate_m2 < 0.0) continue;
+    const double gate_m = std::sqrt(gate_m2);
+    const auto begin = std::lower_bound(
+        by_x.begin(), by_x.end(), p.position_m.x() - gate_m,
+        [&](std::size_t i, double x) { return plots_[i].position_m.x() < x; });
+    bool is_used = false;
+    for (auto at = begin; at != by_x.end(); ++at) {
+      const std::size_t i = *at;
+      if (plots_[i].position_m.x() > p.position_m.x() + gate_m) break;
+      if (!free_[i]) continue;
+      if ((plots_[i].position_m - p.position_m).squaredNorm() > gate_m2) continue;
+      const Gain gain = model_.GainOf(p, plots_[i]);
+      if (p.score + gain.log < LeastScore(i)) continue;
+      candidates_[i - first].push_back({p.score + gain.log, gain, predictions_.size()});
+      is_used = true;
     }
+    if (!is_used) continue;
+    p.history = active.history;
+    predictions_.push_back(p);
   }
-  const auto kept =
-      std::min(candidates_.size(), static_cast<std::size_t>(config_.hypotheses_per_plot));
-  std::partial_sort(candidates_.begin(), candidates_.begin() + static_cast<std::ptrdiff_t>(kept),
-                    candidates_.end(), [](const Candidate& a, const Candidate& b) {
-                      return a.score > b.score || (a.score == b.score && a.index < b.index);
-                    });
-  for (std::size_t c = 0; c < kept; ++c) {
-    const Prediction& p = predictions_[candidates_[c].index];
-    Hypothesis h = model_.Update(p, plot, time_s, candidates_[c].gain);
-    if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
-    h.plot = index;
-    h.parent = p.history;
-    history_.push_back(h);
-  }
-  for (const double speed_mps : config_.birth_speeds_mps) {
-    history_.push_back(model_.Birth(plot, log_births_[static_cast<std::size_t>(index)], time_s, speed_mps));
-    history_.back().plot = index;
-  }
+}
+
+double TrackSearch::LeastScore(std::size_t plot) const {
+  return std::max(config_.give_up_log, log_births_[plot] + config_.rebirth_log);
 }
 
 }  // namespace unlidar

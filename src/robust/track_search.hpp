@@ -19,15 +19,22 @@ class TrackSearch {
   Path Best() const;
 
  private:
+  struct Active {
+    std::int32_t history;
+    double score_if_visible;
+    double score;
+  };
   struct Candidate {
     double score;
     Gain gain;
     std::size_t index;
   };
 
-  void Predict(double time_s);
-  void KeepBest(double time_s);
-  void Extend(std::int32_t index);
+  // Carries all hypotheses on to the plots [first, last) of one time.
+  void Extend(std::size_t first, std::size_t last);
+  void Retire(double time_s);
+  void FindCandidates(std::size_t first, std::size_t last, double time_s);
+  double LeastScore(std::size_t plot) const;
 
   const std::vector<Plot>& plots_;
   const std::vector<double>& log_births_;
@@ -35,9 +42,9 @@ class TrackSearch {
   TrackModel model_;
   const TrackerConfig& config_;
   std::vector<Hypothesis> history_;
-  std::vector<std::int32_t> active_;
+  std::vector<Active> active_;
   std::vector<Prediction> predictions_;
-  std::vector<Candidate> candidates_;
+  std::vector<std::vector<Candidate>> candidates_;  // per plot of the time at hand
 };
 
 }  // namespace unlidar

@@ -66,8 +66,9 @@ class PathFinder {
         Path best = BestOf(searches);
         if (best.score < config_.min_fragment_log) break;
         SetFree(best, 0);
+        // What a weak path hides is weak, too.
+        found = found || best.score >= config_.birth_cost;
         paths.push_back(std::move(best));
-        found = true;
       }
     }
     return paths;

@@ -28,10 +28,12 @@ struct TrackerConfig {
   double max_returns_log = 2.0;  // the most that many returns in a plot speak for it
   int max_hypotheses = 400;      // carried on at any time, the best first
   int max_paths = 20;
-  double min_fragment_log = 7.0;  // weaker paths are not looked at
+  double min_fragment_log = 7.0;  // weaker paths are not looked at,
+  int min_fragment_plots = 3;     // nor shorter ones
   double birth_cost = 12.0;       // what a further target must explain
   double min_exchange_log = 1.0;  // least gain of an exchange or a join
-  double give_up_log = -6.0;      // a hypothesis worse than this is dropped
+  double give_up_log = -6.0;      // a hypothesis worse than this is dropped,
+  double rebirth_log = -3.0;      // as is one so much worse than a new one at its last plot
 };
 
 struct Path {

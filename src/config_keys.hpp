@@ -172,6 +172,7 @@ void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.touch_log", tracker.touch_log, Range{-1e3, 0});
   visit("robust.tracker.max_returns_log", tracker.max_returns_log, Range{0, 100});
   visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});
+  visit("robust.tracker.max_hypotheses_per_plot", tracker.max_hypotheses_per_plot, Range{0, 1e6});
   visit("robust.tracker.max_paths", tracker.max_paths, Range{1, 1000});
   visit("robust.tracker.min_fragment_log", tracker.min_fragment_log, Range{0, 1e6});
   visit("robust.tracker.min_fragment_plots", tracker.min_fragment_plots, Range{1, 1000});

@@ -150,14 +150,18 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
   return h;
 }
 
-double TrackModel::GateM2(const Prediction& p, const FrameLimits& frame, double least_gain) const {
+ScoreBound TrackModel::BoundOf(const Prediction& p, const VarianceRange& variances) const {
   const double streak_m = p.speed_mps * period_s_;
-  const double smallest = p.variance_m2 + frame.least_variance_m2;
-  const double largest = p.agile_variance_m2 + frame.largest_variance_m2 +
-                         streak_m * streak_m / 36.0;
-  const double at_peak = -1.5 * std::log(2.0 * M_PI * smallest) + p.log_hit -
-                         frame.least_log_clutter + config_.max_returns_log;
-  return 2.0 * largest * (at_peak - least_gain);
+  const double largest_m2 = variances.largest_m2 + streak_m * streak_m / 36.0;
+  const double common = p.score + p.log_hit;
+  const auto peak = [&](double variance) { return -1.5 * std::log(2.0 * M_PI * variance); };
+  return {common + peak(p.variance_m2 + variances.least_m2), 0.5 / (p.variance_m2 + largest_m2),
+          common + peak(p.agile_variance_m2 + variances.least_m2) + config_.manoeuvre_log,
+          0.5 / (p.agile_variance_m2 + largest_m2)};
+}
+
+double TrackModel::PlotBound(const Plot& plot) const {
+  return ShapeLog(plot, config_.max_speed_mps) - plot.log_clutter;
 }
 
 double TrackModel::LogShadow(double dt_s) const {

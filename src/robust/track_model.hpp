@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -52,11 +53,29 @@ struct Gain {
   bool is_agile = false;  // a manoeuvre explains it better
 };
 
-// What bounds the gain of any plot of a frame.
-struct FrameLimits {
-  double least_log_clutter = 0.0;
-  double least_variance_m2 = 0.0;
-  double largest_variance_m2 = 0.0;
+// Least and largest variance of the plots of a frame.
+struct VarianceRange {
+  double least_m2 = 0.0;
+  double largest_m2 = 0.0;
+};
+
+// Upper bound of the score that a prediction and a plot at some distance make, but for what belongs
+// to the plot alone: no logarithm for each pair of them.
+struct ScoreBound {
+  double steady_top = 0.0;
+  double steady_slope = 0.0;  // per squared distance
+  double agile_top = 0.0;
+  double agile_slope = 0.0;
+
+  double At(double distance2_m2) const {
+    return std::max(steady_top - steady_slope * distance2_m2,
+                    agile_top - agile_slope * distance2_m2);
+  }
+
+  // Where the bound falls below `score`, squared; negative if it does everywhere.
+  double ReachM2(double score) const {
+    return std::max((steady_top - score) / steady_slope, (agile_top - score) / agile_slope);
+  }
 };
 
 // Seconds since the first plot.
@@ -91,8 +110,10 @@ class TrackModel {
   Hypothesis Update(const Hypothesis& from, const Motion& motion, const Prediction& p,
                     const Plot& plot, double time_s, const Gain& gain) const;
 
-  // Square of the distance beyond which no plot of `frame` can gain so much.
-  double GateM2(const Prediction& p, const FrameLimits& frame, double least_gain) const;
+  ScoreBound BoundOf(const Prediction& p, const VarianceRange& variances) const;
+
+  // What a plot adds wherever it is expected, at most.
+  double PlotBound(const Plot& plot) const;
 
  private:
   void SetVisibility(Hypothesis* h) const;

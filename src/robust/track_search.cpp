@@ -45,7 +45,7 @@ Path TrackSearch::Best() const {
 
 void TrackSearch::Extend(std::size_t first, std::size_t last) {
   const double time_s = TimeOf(plots_, first);
-  Retire(time_s);
+  Retire(time_s, last - first);
   FindCandidates(first, last, time_s);
   const std::size_t size_before = history_.size();
   for (std::size_t i = first; i < last; ++i) {
@@ -79,7 +79,7 @@ void TrackSearch::Extend(std::size_t first, std::size_t last) {
 
 // Drops what is too old or too unlikely. In rain most plots are births that lead nowhere: only the
 // best hypotheses are carried on.
-void TrackSearch::Retire(double time_s) {
+void TrackSearch::Retire(double time_s, std::size_t num_plots) {
   std::size_t kept = 0;
   for (Active active : active_) {
     const Hypothesis& from = history_[static_cast<std::size_t>(active.history)];
@@ -89,7 +89,8 @@ void TrackSearch::Retire(double time_s) {
     if (active.score >= config_.give_up_log) active_[kept++] = active;
   }
   active_.resize(kept);
-  const auto most = static_cast<std::size_t>(config_.max_hypotheses);
+  const std::size_t most = static_cast<std::size_t>(config_.max_hypotheses) +
+                           static_cast<std::size_t>(config_.max_hypotheses_per_plot) * num_plots;
   if (active_.size() <= most) return;
   const auto nth = active_.begin() + static_cast<std::ptrdiff_t>(most);
   std::nth_element(active_.begin(), nth, active_.end(), [](const Active& a, const Active& b) {
@@ -105,15 +106,15 @@ void TrackSearch::FindCandidates(std::size_t first, std::size_t last, double tim
   candidates_.resize(std::max(candidates_.size(), last - first));
   for (std::vector<Candidate>& candidates : candidates_) candidates.clear();
   predictions_.clear();
-  FrameLimits limits{plots_[first].log_clutter, plots_[first].variance_m2,
-                     plots_[first].variance_m2};
-  double least_score = std::numeric_limits<double>::infinity();
+  VarianceRange variances{plots_[first].variance_m2, plots_[first].variance_m2};
+  // What each plot asks of a prediction.
+  std::vector<double> needs;
   for (std::size_t i = first; i < last; ++i) {
-    limits.least_log_clutter = std::min(limits.least_log_clutter, plots_[i].log_clutter);
-    limits.least_variance_m2 = std::min(limits.least_variance_m2, plots_[i].variance_m2);
-    limits.largest_variance_m2 = std::max(limits.largest_variance_m2, plots_[i].variance_m2);
-    least_score = std::min(least_score, LeastScore(i));
+    variances.least_m2 = std::min(variances.least_m2, plots_[i].variance_m2);
+    variances.largest_m2 = std::max(variances.largest_m2, plots_[i].variance_m2);
+    needs.push_back(LeastScore(i) - model_.PlotBound(plots_[i]));
   }
+  const double least_need = *std::min_element(needs.begin(), needs.end());
   std::vector<std::size_t> by_x(last - first);
   std::iota(by_x.begin(), by_x.end(), first);
   std::sort(by_x.begin(), by_x.end(), [&](std::size_t a, std::size_t b) {
@@ -129,18 +130,20 @@ void TrackSearch::FindCandidates(std::size_t first, std::size_t last, double tim
       motion_dt = dt;
     }
     Prediction p = model_.Predict(from, time_s, active.score_if_visible, motion);
-    const double gate_m2 = model_.GateM2(p, limits, least_score - p.score);
-    if (gate_m2 < 0.0) continue;
-    const double gate_m = std::sqrt(gate_m2);
+    const ScoreBound bound = model_.BoundOf(p, variances);
+    const double reach_m2 = bound.ReachM2(least_need);
+    if (reach_m2 < 0.0) continue;
+    const double reach_m = std::sqrt(reach_m2);
     const auto begin = std::lower_bound(
-        by_x.begin(), by_x.end(), p.position_m.x() - gate_m,
+        by_x.begin(), by_x.end(), p.position_m.x() - reach_m,
         [&](std::size_t i, double x) { return plots_[i].position_m.x() < x; });
     bool is_used = false;
     for (auto at = begin; at != by_x.end(); ++at) {
       const std::size_t i = *at;
-      if (plots_[i].position_m.x() > p.position_m.x() + gate_m) break;
+      if (plots_[i].position_m.x() > p.position_m.x() + reach_m) break;
       if (!free_[i]) continue;
-      if ((plots_[i].position_m - p.position_m).squaredNorm() > gate_m2) continue;
+      const double distance2_m2 = (plots_[i].position_m - p.position_m).squaredNorm();
+      if (bound.At(distance2_m2) < needs[i - first]) continue;
       const Gain gain = model_.GainOf(p, plots_[i]);
       if (p.score + gain.log < LeastScore(i)) continue;
       candidates_[i - first].push_back({p.score + gain.log, gain, predictions_.size()});

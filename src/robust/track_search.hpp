@@ -32,7 +32,7 @@ class TrackSearch {
 
   // Carries all hypotheses on to the plots [first, last) of one time.
   void Extend(std::size_t first, std::size_t last);
-  void Retire(double time_s);
+  void Retire(double time_s, std::size_t num_plots);
   void FindCandidates(std::size_t first, std::size_t last, double time_s);
   double LeastScore(std::size_t plot) const;
 

@@ -192,26 +192,28 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
 
 // Takes back that a place floats where something else was seen beside it at the same time: what is
 // seen too seldom to be structure may hold things up as well. (At other times that may be the
-// target itself.)
+// target itself.) In rain, where the surroundings are as full, that says nothing.
 void FindCompany(const Recording& recording, const SupportConfig& config,
                  std::vector<Plot>* plots) {
   constexpr TimeNs kSameTimeNs = 300'000'000;
-  const auto is_company = [&](const Plot& plot, const Plot& other) {
-    const double distance_m = (plot.position_m - other.position_m).norm();
-    return distance_m > config.body_m && distance_m < config.reach.At(plot.position_m.norm());
-  };
+  constexpr double kSurroundings = 3.0;  // times the reach
+  constexpr double kMaxChance = 1.0;     // company to be expected from what the surroundings hold
   RangeGrid held({config.body_m, 0.01}, 1);
   for (std::size_t i = 0, first = 0; i < plots->size(); ++i) {
     const Plot& plot = (*plots)[i];
     while ((*plots)[first].time_ns < plot.time_ns - kSameTimeNs) ++first;
     if (!plot.is_floating) continue;
+    const double reach_m = config.reach.At(plot.position_m.norm());
+    int company = 0;
+    int others = 0;
     for (std::size_t k = first;
          k < plots->size() && (*plots)[k].time_ns <= plot.time_ns + kSameTimeNs; ++k) {
-      if (is_company(plot, (*plots)[k])) {
-        held.Add(plot.position_m.cast<float>(), 0);
-        break;
-      }
+      const double distance_m = (plot.position_m - (*plots)[k].position_m).norm();
+      if (distance_m <= config.body_m || distance_m >= kSurroundings * reach_m) continue;
+      ++(distance_m < reach_m ? company : others);
     }
+    const double chance = others / (std::pow(kSurroundings, 3) - 1.0);
+    if (company > 0 && chance < kMaxChance) held.Add(plot.position_m.cast<float>(), 0);
   }
   const std::vector<char> are_replayed = AreReplayed(recording, *plots);
   std::vector<std::uint32_t> count(1);

@@ -59,6 +59,7 @@ PipelineResult RunQuietly(const PipelineRequest& request, const Config& config) 
 Recording FramesOf(const std::vector<std::uint32_t>& returns_of_frames) {
   Recording recording;
   recording.sensors.resize(1);
+  recording.sensors.front().frame_period_ns = kPeriodNs;
   TimeNs stamp_ns = 0;
   for (const std::uint32_t count : returns_of_frames) {
     FrameInfo frame;
@@ -160,11 +161,83 @@ TEST(Pipeline, TellsEachStageOnceAndInOrder) {
   EXPECT_EQ(result.times.size(), told.size());
 }
 
-TEST(EvidenceInterval, IsTheWholeFramesOfTheFirstAndLastMeasurement) {
-  const Recording recording = FramesOf({1, 1, 0, 1, 1});
-  const Trajectory trajectory = FitTrajectory(Straight(4), TrajectoryConfig());
-  const TimeInterval interval = EvidenceInterval(recording, trajectory);
-  EXPECT_EQ(interval.begin_ns, 0);
+// In the middle of each of these frames.
+std::vector<Measurement> SeenInFrames(const std::vector<int>& frames) {
+  std::vector<Measurement> measurements(frames.size());
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    measurements[i].time_ns = frames[i] * kPeriodNs + kPeriodNs / 2;
+  }
+  return measurements;
+}
+
+std::vector<int> EveryNth(int n, int from, int count) {
+  std::vector<int> frames;
+  for (int i = 0; i < count; ++i) frames.push_back(from + n * i);
+  return frames;
+}
+
+// The most frames in a row in which nothing is seen with at least this probability.
+int LongestLikelySilence(double seen_per_frame, double probability) {
+  int frames = 0;
+  for (double silence = 1.0 - seen_per_frame; silence >= probability;
+       silence *= 1.0 - seen_per_frame) {
+    ++frames;
+  }
+  return frames;
+}
+
+void ExpectFrames(const TimeInterval& interval, int first, int last) {
+  EXPECT_EQ(interval.begin_ns, first * kPeriodNs);
+  EXPECT_EQ(interval.end_ns, (last + 1) * kPeriodNs);
+}
+
+const Recording kHundredFrames = FramesOf(std::vector<std::uint32_t>(100, 1));
+
+TEST(PresenceInterval, OfATargetSeenInEveryFrameIsItsFirstAndLastFrame) {
+  ExpectFrames(PresenceInterval(kHundredFrames, SeenInFrames(EveryNth(1, 40, 20)), 0.05), 40, 59);
+  ExpectFrames(PresenceInterval(kHundredFrames, SeenInFrames({7}), 0.05), 7, 7);
+}
+
+TEST(PresenceInterval, GoesOnThroughALikelySilence) {
+  for (const int n : {2, 3, 5}) {
+    const std::vector<Measurement> seen = SeenInFrames(EveryNth(n, 40, 6));
+    for (const double probability : {0.3, 0.04, 0.011}) {
+      const int silence = LongestLikelySilence(1.0 / n, probability);
+      ExpectFrames(PresenceInterval(kHundredFrames, seen, probability), 40 - silence,
+                   40 + 5 * n + silence);
+    }
+    ExpectFrames(PresenceInterval(kHundredFrames, seen, 1.0), 40, 40 + 5 * n);
+  }
+}
+
+TEST(PresenceInterval, EachEndHasTheSilenceOfItsOwnMeasurements) {
+  std::vector<int> frames = EveryNth(1, 20, 20);
+  const std::vector<int> sparse = EveryNth(4, 43, 9);
+  frames.insert(frames.end(), sparse.begin(), sparse.end());
+  ExpectFrames(PresenceInterval(kHundredFrames, SeenInFrames(frames), 0.05), 20,
+               sparse.back() + LongestLikelySilence(0.25, 0.05));
+}
+
+TEST(PresenceInterval, OneOcclusionSaysNothingOfHowOftenATargetIsSeen) {
+  ExpectFrames(PresenceInterval(kHundredFrames, SeenInFrames({30, 31, 32, 52, 53}), 0.05), 30, 53);
+}
+
+TEST(PresenceInterval, EndsWithTheRecording) {
+  const Recording recording = FramesOf(std::vector<std::uint32_t>(30, 1));
+  ExpectFrames(PresenceInterval(recording, SeenInFrames(EveryNth(5, 2, 6)), 0.05), 0, 29);
+}
+
+TEST(PresenceInterval, IsWidenedToTheFramesOfAnySensor) {
+  Recording recording = FramesOf({1, 1, 1, 1});
+  recording.sensors.push_back(recording.sensors.front());
+  FrameInfo frame = recording.frames[1];
+  frame.sensor = 1;
+  frame.begin_ns -= kPeriodNs / 2;  // holds the middle of the first frame, too
+  frame.end_ns = 3 * kPeriodNs + kPeriodNs / 2 + 1;
+  frame.first_return = frame.last_return = recording.frames[1].last_return;
+  recording.frames.insert(recording.frames.begin() + 2, frame);
+  const TimeInterval interval = PresenceInterval(recording, SeenInFrames({1, 2, 3}), 0.05);
+  EXPECT_EQ(interval.begin_ns, kPeriodNs / 2);
   EXPECT_EQ(interval.end_ns, 4 * kPeriodNs);
 }
 

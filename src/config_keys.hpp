@@ -187,6 +187,8 @@ void VisitCollectKeys(Visitor&& visit, Collect& collect) {
   visit("robust.collect.rounds", collect.rounds, Range{0, 100});
   visit("robust.collect.body_sigma_m", collect.body_sigma_m, Range{1e-3, 100});
   visit("robust.collect.centre_sigma_m", collect.centre_sigma_m, Range{0, 100});
+  visit("robust.collect.facing_side", collect.facing_side, Range{0, 10});
+  visit("robust.collect.facing_side_sigma", collect.facing_side_sigma, Range{0, 10});
   visit("robust.collect.beam_sigma_rad", collect.beam_sigma_rad, Range{0, 1});
   visit("robust.collect.gate", collect.gate, Range{0, 100, false});
   visit("robust.collect.max_search_sigma_m", collect.max_search_sigma_m, Range{0, 1e3, false});

@@ -49,7 +49,7 @@ Track FitTrack(const Recording& recording, const Target& target,
   track.returns = target.returns;
   track.rows = SampleTrajectory(
       trajectory, PresenceInterval(recording, target.measurements, config.silence_probability),
-      times_ns, config.max_sigma_m);
+      times_ns, target.depth_sigma_m, config.max_sigma_m);
   CountSupport(recording, track.returns, track.rows);
   return track;
 }

@@ -91,12 +91,14 @@ TimeInterval PresenceInterval(const Recording& recording,
 std::vector<TrajectoryRow> SampleTrajectory(const Trajectory& trajectory,
                                             const TimeInterval& interval,
                                             const std::vector<TimeNs>& times_ns,
-                                            double max_sigma_m) {
+                                            double depth_sigma_m, double max_sigma_m) {
   std::vector<TrajectoryRow> rows;
   const auto first = std::lower_bound(times_ns.begin(), times_ns.end(), interval.begin_ns);
   const auto last = std::upper_bound(first, times_ns.end(), interval.end_ns);
   for (auto time_ns = first; time_ns != last; ++time_ns) {
-    const TrajectoryRow row = trajectory.At(*time_ns);
+    TrajectoryRow row = trajectory.At(*time_ns);
+    const Eigen::Vector3d depth_m = depth_sigma_m * row.position_m.stableNormalized();
+    row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2()).cwiseSqrt();
     if (IsFinite(row) && row.sigma_m.maxCoeff() <= max_sigma_m) rows.push_back(row);
   }
   return rows;

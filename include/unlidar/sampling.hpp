@@ -24,11 +24,12 @@ TimeInterval PresenceInterval(const Recording& recording,
                               double silence_probability);
 
 // One row per output time inside the interval, except where the largest sigma exceeds max_sigma_m
-// or a number is not finite. `times_ns` ascends.
+// or a number is not finite. `times_ns` ascends. All rows share an error of depth_sigma_m along the
+// ray from the origin.
 std::vector<TrajectoryRow> SampleTrajectory(const Trajectory& trajectory,
                                             const TimeInterval& interval,
                                             const std::vector<TimeNs>& times_ns,
-                                            double max_sigma_m);
+                                            double depth_sigma_m, double max_sigma_m);
 
 // Sets the support of each row: the returns of the target whose frames' stamps are nearer to it
 // than to any other row, the earlier one of two equally near. (The middle of a frame lies halfway

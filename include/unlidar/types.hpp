@@ -63,7 +63,8 @@ struct Measurement {
 struct Target {
   std::vector<Measurement> measurements;  // in time order
   std::vector<std::uint32_t> returns;     // indices into the recording, ascending
-  double score = 0.0;                     // the method's own, see there
+  double depth_sigma_m = 0.0;  // of all measurements together, along the ray from the origin
+  double score = 0.0;          // the method's own, see there
 };
 
 // One row of the trajectory.

@@ -1,6 +1,7 @@
 #include "unlidar/robust/collect.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -9,9 +10,9 @@ namespace unlidar {
 namespace {
 
 // The covariance of one return about the target, without that of the trajectory.
-double ReturnVarianceM2(double range_m, const CollectConfig& config) {
+double ReturnVarianceM2(double range_m, double body_sigma_m, const CollectConfig& config) {
   const double beam_m = config.beam_sigma_rad * range_m;
-  return config.body_sigma_m * config.body_sigma_m + beam_m * beam_m;
+  return body_sigma_m * body_sigma_m + beam_m * beam_m;
 }
 
 // How far the target moves while the returns of a frame, whose own times are not known, arrive.
@@ -28,7 +29,7 @@ Eigen::Matrix3d StreakM2(const Recording& recording, const FrameInfo& frame,
 
 Measurement Measure(const Recording& recording, const FrameInfo& frame,
                     const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
-                    const CollectConfig& config) {
+                    double body_sigma_m, const CollectConfig& config) {
   Measurement m;
   const auto n = static_cast<double>(returns.size());
   double offset_ns = 0.0;
@@ -39,7 +40,7 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame,
   m.time_ns = frame.begin_ns + std::llround(offset_ns);
   m.support = static_cast<int>(returns.size());
   const double variance = config.centre_sigma_m * config.centre_sigma_m +
-                          ReturnVarianceM2(m.position_m.norm(), config) / n;
+                          ReturnVarianceM2(m.position_m.norm(), body_sigma_m, config) / n;
   m.covariance_m2 =
       variance * Eigen::Matrix3d::Identity() + StreakM2(recording, frame, velocity_mps) / n;
   return m;
@@ -48,6 +49,36 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame,
 struct Sighting {
   Measurement measurement;
   std::uint32_t sensor;
+};
+
+// How far the returns of a body spread across the ray, per axis: its size as it is seen. Across the
+// motion, too, because along it they spread with time.
+class BodySpread {
+ public:
+  explicit BodySpread(const CollectConfig& config)
+      : sum_m2_(kPriorReturns * config.body_sigma_m * config.body_sigma_m) {}
+
+  void Add(const Recording& recording, const std::vector<std::uint32_t>& returns,
+           const TrajectoryRow& expected) {
+    const Eigen::Vector3d ray = expected.position_m.normalized();
+    const Eigen::Vector3d across = ray.cross(expected.velocity_mps).stableNormalized();
+    if (across.squaredNorm() < 0.5) return;  // at rest, or on its way to the sensor
+    const double own_m2 = expected.sigma_m.squaredNorm() / 3.0;
+    for (const std::uint32_t i : returns) {
+      const double offset_m =
+          across.dot(recording.points_m[i].cast<double>() - expected.position_m);
+      sum_m2_ += offset_m * offset_m - own_m2;
+      count_ += 1.0;
+    }
+  }
+
+  double SigmaM() const { return std::sqrt(std::max(sum_m2_, 0.0) / count_); }
+
+ private:
+  static constexpr double kPriorReturns = 10.0;
+
+  double sum_m2_;
+  double count_ = kPriorReturns;
 };
 
 // How far each sensor sees the target from where the first sensor that saw it does: sensors are
@@ -112,12 +143,12 @@ class Collector {
       : recording_(recording), background_(background), excluded_(excluded), config_(config) {}
 
   std::vector<std::uint32_t> Collect(const FrameInfo& frame, const Trajectory& trajectory,
-                                     const TrajectoryRow& expected,
-                                     double returns_per_frame) const {
+                                     const TrajectoryRow& expected, double returns_per_frame,
+                                     double body_sigma_m) const {
     const TimeNs middle_ns = expected.time_ns;
     Eigen::Matrix3d s =
         trajectory.CovarianceAt(middle_ns) + StreakM2(recording_, frame, expected.velocity_mps);
-    s.diagonal().array() += ReturnVarianceM2(expected.position_m.norm(), config_);
+    s.diagonal().array() += ReturnVarianceM2(expected.position_m.norm(), body_sigma_m, config_);
     const Eigen::Matrix3d information = s.inverse();
     const double log_peak =
         std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
@@ -158,7 +189,7 @@ Target CollectTarget(const Recording& recording, const Background& background,
   Target target;
   for (const Plot& plot : path) {
     target.measurements.push_back(Measure(recording, recording.frames[plot.frame], plot.returns,
-                                          Eigen::Vector3d::Zero(), config));
+                                          Eigen::Vector3d::Zero(), config.body_sigma_m, config));
     target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
   }
   std::sort(target.returns.begin(), target.returns.end());
@@ -166,11 +197,13 @@ Target CollectTarget(const Recording& recording, const Background& background,
   const Collector collector(recording, background, excluded, config);
   const auto extension_ns = static_cast<TimeNs>(config.max_extension_s * 1e9);
   std::vector<Eigen::Vector3d> biases(recording.sensors.size(), Eigen::Vector3d::Zero());
+  double body_sigma_m = config.body_sigma_m;
   for (int round = 0; round < config.rounds; ++round) {
     const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
     const double returns_per_frame = static_cast<double>(target.returns.size()) /
                                      static_cast<double>(target.measurements.size());
     std::vector<Sighting> sightings;
+    BodySpread spread(config);
     Target next;
     for (const FrameInfo& frame : recording.frames) {
       const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
@@ -180,10 +213,12 @@ Target CollectTarget(const Recording& recording, const Background& background,
       if (expected.sigma_m.maxCoeff() > config.max_search_sigma_m) continue;
       expected.position_m += biases[frame.sensor];
       const std::vector<std::uint32_t> members =
-          collector.Collect(frame, trajectory, expected, returns_per_frame);
+          collector.Collect(frame, trajectory, expected, returns_per_frame, body_sigma_m);
       if (members.empty()) continue;
+      spread.Add(recording, members, expected);
       sightings.push_back(
-          {Measure(recording, frame, members, expected.velocity_mps, config), frame.sensor});
+          {Measure(recording, frame, members, expected.velocity_mps, body_sigma_m, config),
+           frame.sensor});
       next.returns.insert(next.returns.end(), members.begin(), members.end());
     }
     if (sightings.empty()) return next;
@@ -196,10 +231,16 @@ Target CollectTarget(const Recording& recording, const Background& background,
       next.measurements.push_back(sighting.measurement);
     }
     std::sort(next.returns.begin(), next.returns.end());
+    body_sigma_m = spread.SigmaM();
     const bool is_settled = next.returns == target.returns;
     target = std::move(next);
     if (is_settled && round > 0) break;
   }
+  // Only the side that faces the sensor is seen.
+  for (Measurement& m : target.measurements) {
+    m.position_m += config.facing_side * body_sigma_m * m.position_m.normalized();
+  }
+  target.depth_sigma_m = config.facing_side_sigma * body_sigma_m;
   return target;
 }
 

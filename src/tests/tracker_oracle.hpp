@@ -13,6 +13,25 @@
 
 namespace unlidar::testing {
 
+// What each of all the plots brings as the first of a path: the chance that a target that appears
+// somewhere is seen there, against the clutter of the place, in part the same for all of them, in
+// units of its mean over the plots.
+inline std::vector<double> PlainLogBirths(const std::vector<Plot>& plots,
+                                          const TrackerConfig& config) {
+  std::vector<double> odds;
+  double mean = 0.0;
+  for (const Plot& plot : plots) {
+    const double returns = config.echo_m2 / std::max(1.0, plot.position_m.squaredNorm());
+    // A gamma distribution of the mean of a Poisson process.
+    const double unseen = std::pow(1.0 + returns / config.echo_shape, -config.echo_shape);
+    odds.push_back((1.0 - unseen) / std::exp(plot.log_clutter));
+    mean += odds.back() / static_cast<double>(plots.size());
+  }
+  const double even = config.even_birth_share;
+  for (double& odd : odds) odd = std::log(even + (1.0 - even) * odd / mean);
+  return odds;
+}
+
 // As plainly as can be: a Kalman filter of nine states (x, y, z, their
 // velocities, their accelerations), Singer's model integrated numerically, all densities in full.
 class PlainModel {
@@ -23,8 +42,8 @@ class PlainModel {
   PlainModel(const TrackerConfig& config, double sigma_a_mps2, double birth_speed_mps)
       : config_(config), sigma_a_(sigma_a_mps2), birth_speed_(birth_speed_mps) {}
 
-  // Log likelihood ratio of a sequence of plots; minus infinity for one that breaks a limit.
-  double Score(const std::vector<Plot>& plots) const {
+  // Log likelihood ratio of a sequence of plots; minus infinity for one that is too fast.
+  double Score(const std::vector<Plot>& plots, double log_birth) const {
     constexpr double kNever = -std::numeric_limits<double>::infinity();
     Vector9 x = Vector9::Zero();
     x.head<3>() = plots.front().position_m;
@@ -32,18 +51,19 @@ class PlainModel {
     p.diagonal().segment<3>(0).setConstant(plots.front().variance_m2);
     p.diagonal().segment<3>(3).setConstant(birth_speed_ * birth_speed_);
     p.diagonal().segment<3>(6).setConstant(sigma_a_ * sigma_a_);
-    double score = 0.0;
+    double score = log_birth;
     // The gamma distribution of how many returns it gives, as far as is known by now.
     double shape = config_.echo_shape;
     double rate = config_.echo_shape / config_.echo_m2;
     for (std::size_t k = 1; k < plots.size(); ++k) {
       const Plot& plot = plots[k];
       const double dt = static_cast<double>(plot.time_ns - plots[k - 1].time_ns) * 1e-9;
-      if (dt > config_.max_gap_s) return kNever;
       const double per_frame = 1.0 / std::max(1.0, x.head<3>().squaredNorm());
       const double missed = std::max(0.0, std::round(dt / kPeriodS) - 1.0);
       const double unseen = std::pow(rate / (rate + missed * per_frame), shape);
-      const double hidden = std::exp(config_.shadow_log + config_.shadow_log_per_s * dt);
+      // Hidden until just now: it stayed so for the whole pause, then it did not.
+      const double hidden = std::exp(config_.shadow_log + config_.shadow_log_per_s * dt) *
+                            (1.0 - std::exp(config_.shadow_log_per_s * kPeriodS));
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
       score += std::log(std::max(unseen, hidden)) + std::log(seen) - plot.log_clutter;
       shape += 1.0;
@@ -55,6 +75,7 @@ class PlainModel {
       score += std::min(config_.max_returns_log, std::log(n));
       score +=
           config_.extent_log_per_m * std::max(0.0, plot.extent_m - config_.max_extent_m - streak);
+      if (plot.touches_structure) score += config_.touch_log;
 
       const Eigen::Matrix3d noise =
           (plot.variance_m2 + streak * streak / 12.0 / n / 3.0) * Eigen::Matrix3d::Identity();

@@ -17,6 +17,7 @@ namespace {
 using testing::kBeginNs;
 using testing::kPeriodNs;
 using testing::kPeriodS;
+using testing::PlainLogBirths;
 using testing::PlainModel;
 using testing::Random;
 
@@ -46,17 +47,22 @@ std::vector<Plot> Members(const std::vector<Plot>& plots, const std::vector<std:
   return members;
 }
 
-double PlainScore(const std::vector<Plot>& members, const TrackerConfig& config) {
+// The score of a path at the agility and birth speed that suit it best.
+double PlainScore(const std::vector<Plot>& plots, const std::vector<std::uint32_t>& path,
+                  const TrackerConfig& config) {
+  const std::vector<Plot> members = Members(plots, path);
+  const double log_birth = PlainLogBirths(plots, config)[path.front()];
   double best = -std::numeric_limits<double>::infinity();
   for (const double sigma_a_mps2 : config.sigma_a_mps2) {
     for (const double speed_mps : config.birth_speeds_mps) {
-      best = std::max(best, PlainModel(config, sigma_a_mps2, speed_mps).Score(members));
+      best =
+          std::max(best, PlainModel(config, sigma_a_mps2, speed_mps).Score(members, log_birth));
     }
   }
   return best;
 }
 
-// The best of all sequences with one plot a time at most.
+// The best of all sequences with one plot a time at most, and enough of them.
 Path BestByEnumeration(const std::vector<Plot>& plots, const TrackerConfig& config) {
   Path best;
   for (std::uint32_t subset = 1; subset < (1U << plots.size()); ++subset) {
@@ -67,8 +73,8 @@ Path BestByEnumeration(const std::vector<Plot>& plots, const TrackerConfig& conf
       is_path = is_path && (members.empty() || plots[members.back()].time_ns < plots[i].time_ns);
       members.push_back(i);
     }
-    if (!is_path) continue;
-    const double score = PlainScore(Members(plots, members), config);
+    if (!is_path || static_cast<int>(members.size()) < config.min_fragment_plots) continue;
+    const double score = PlainScore(plots, members, config);
     if (score > best.score) best = {members, score};
   }
   return best;

@@ -16,7 +16,7 @@ struct CollectConfig {
   double centre_sigma_m = 0.04;     // of the mean of a frame's returns: which side is seen
   // The centre of a body lies behind the mean of its returns by this share of their spread: 1.33 for
   // a ball, less for a flat thing with gaps; 0 leaves the mean. How well that is known.
-  double facing_side = 0.35;
+  double facing_side = 0.4;
   double facing_side_sigma = 0.3;
   double beam_sigma_rad = 0.002;    // growth of the spread with range
   double gate = 4.0;                // standard deviations in which a return may lie

@@ -247,12 +247,31 @@ TEST(SampleTrajectory, GivesRowsInsideTheIntervalAndTheSigmaLimit) {
   for (std::size_t i = 0; i < times_ns.size(); ++i) {
     times_ns[i] = (static_cast<TimeNs>(i) - 40) * kPeriodNs;
   }
-  const auto rows = SampleTrajectory(trajectory, {0, 5 * kPeriodNs}, times_ns, 1e3);
+  const auto rows = SampleTrajectory(trajectory, {0, 5 * kPeriodNs}, times_ns, 0.0, 1e3);
   ASSERT_EQ(rows.size(), 6U);
   EXPECT_EQ(rows.front().time_ns, 0);
   EXPECT_EQ(rows.back().time_ns, 5 * kPeriodNs);
-  EXPECT_TRUE(SampleTrajectory(trajectory, {0, 5 * kPeriodNs}, times_ns, 1e-9).empty());
-  EXPECT_TRUE(SampleTrajectory(trajectory, {1, 2}, times_ns, 1e3).empty());
+  EXPECT_TRUE(SampleTrajectory(trajectory, {0, 5 * kPeriodNs}, times_ns, 0.0, 1e-9).empty());
+  EXPECT_TRUE(SampleTrajectory(trajectory, {1, 2}, times_ns, 0.0, 1e3).empty());
+}
+
+TEST(SampleTrajectory, AllRowsShareAnErrorOfDepthAlongTheRay) {
+  const Trajectory trajectory = FitTrajectory(Straight(20), TrajectoryConfig());
+  constexpr double kDepthSigma_m = 0.2;
+  const TimeInterval interval{kPeriodNs, 19 * kPeriodNs};
+  const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
+  const auto plain = SampleTrajectory(trajectory, interval, times_ns, 0.0, 1e3);
+  const auto rows = SampleTrajectory(trajectory, interval, times_ns, kDepthSigma_m, 1e3);
+  ASSERT_EQ(rows.size(), 2U);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    EXPECT_EQ(rows[i].position_m, plain[i].position_m);
+    // The flight leads straight away from the origin, along (0.6, 0.8, 0).
+    const Eigen::Vector3d added_m2 = rows[i].sigma_m.cwiseAbs2() - plain[i].sigma_m.cwiseAbs2();
+    EXPECT_LT((added_m2 - Eigen::Vector3d(0.0144, 0.0256, 0.0)).norm(), 1e-3);
+  }
+  // It counts against the limit.
+  EXPECT_TRUE(SampleTrajectory(trajectory, interval, times_ns, kDepthSigma_m, 0.15).empty());
+  EXPECT_EQ(SampleTrajectory(trajectory, interval, times_ns, 0.0, 0.15).size(), 2U);
 }
 
 TEST(CountSupport, GivesEachReturnToTheRowNearestToItsFramesStamp) {

@@ -5,10 +5,11 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <vector>
 
-#include "synthetic_recording.hpp"
+#include "synthetic_plots.hpp"
 #include "unlidar/robust/tracker.hpp"
 
 namespace unlidar::testing {
@@ -144,5 +145,19 @@ class PlainModel {
   double sigma_a_;
   double birth_speed_;
 };
+
+// The score of a path at the agility and birth speed that suit it best.
+inline double PlainScore(const std::vector<Plot>& plots, const std::vector<std::uint32_t>& path,
+                         const TrackerConfig& config) {
+  const std::vector<Plot> members = Members(plots, path);
+  const double log_birth = PlainLogBirths(plots, config)[path.front()];
+  double best = -std::numeric_limits<double>::infinity();
+  for (const double sigma_a_mps2 : config.sigma_a_mps2) {
+    for (const double speed_mps : config.birth_speeds_mps) {
+      best = std::max(best, PlainModel(config, sigma_a_mps2, speed_mps).Score(members, log_birth));
+    }
+  }
+  return best;
+}
 
 }  // namespace unlidar::testing

@@ -1,0 +1,75 @@
+// Plots with known truth: flights and clutter.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "synthetic_recording.hpp"
+#include "unlidar/robust/tracker.hpp"
+
+namespace unlidar::testing {
+
+using Flight = std::function<Eigen::Vector3d(double time_s)>;
+
+inline Plot MakePlot(TimeNs time_ns, const Eigen::Vector3d& position_m, double log_clutter,
+                     std::size_t num_returns = 1) {
+  Plot plot;
+  plot.time_ns = time_ns;
+  plot.position_m = position_m;
+  plot.variance_m2 = 0.02 + 0.01 / static_cast<double>(num_returns);
+  plot.extent_m = num_returns > 1 ? 0.3 : 0.0;
+  plot.log_clutter = log_clutter;
+  plot.frame = static_cast<std::uint32_t>((time_ns - kBeginNs) / kPeriodNs);
+  plot.returns.resize(num_returns);
+  return plot;
+}
+
+inline void SortByTime(std::vector<Plot>* plots) {
+  std::stable_sort(plots->begin(), plots->end(),
+                   [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; });
+}
+
+inline std::vector<Plot> Members(const std::vector<Plot>& plots,
+                                 const std::vector<std::uint32_t>& path) {
+  std::vector<Plot> members;
+  for (const std::uint32_t i : path) members.push_back(plots[i]);
+  return members;
+}
+
+inline constexpr double kScoreTolerance = 1e-3;
+
+// Where an acceleration lasts much longer than the pause between two plots, the process noise is
+// known to first order only. Here it does not.
+inline TrackerConfig WithExactNoise() {
+  TrackerConfig config;
+  config.acceleration_time_s = 1.0;
+  return config;
+}
+
+// A target that is seen in a share of the frames.
+inline void AddFlight(const Flight& at, int num_frames, double share, double log_clutter,
+                      Random* random, std::vector<Plot>* plots) {
+  for (int i = 0; i < num_frames; ++i) {
+    if (random->Uniform(0.0, 1.0) > share) continue;
+    plots->push_back(MakePlot(kBeginNs + i * kPeriodNs,
+                              at(i * kPeriodS) + random->NormalVector(0.15), log_clutter, 3));
+  }
+}
+
+inline void AddClutter(double per_frame, int num_frames, const Eigen::Vector3d& low_m,
+                       const Eigen::Vector3d& high_m, Random* random, std::vector<Plot>* plots) {
+  const double log_clutter = std::log(per_frame / (high_m - low_m).prod());
+  for (int i = 0; i < num_frames; ++i) {
+    const int count = random->Poisson(per_frame);
+    for (int k = 0; k < count; ++k) {
+      plots->push_back(
+          MakePlot(kBeginNs + i * kPeriodNs, random->InBox(low_m, high_m), log_clutter));
+    }
+  }
+}
+
+}  // namespace unlidar::testing

@@ -1,0 +1,136 @@
+#include "robust/track_search.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "synthetic_plots.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::AddClutter;
+using testing::AddFlight;
+using testing::kPeriodS;
+using testing::Random;
+using testing::SortByTime;
+
+// The same search without bounds and neighbourhoods: every hypothesis is tried with every plot.
+double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                           const TrackModel& model, const TrackerConfig& config) {
+  std::vector<Hypothesis> all;
+  double best = 0.0;
+  for (std::size_t first = 0, last = 0; first < plots.size(); first = last) {
+    while (last < plots.size() && plots[last].time_ns == plots[first].time_ns) ++last;
+    const double time_s = TimeOf(plots, first);
+    const std::size_t num_before = all.size();
+    for (std::size_t i = first; i < last; ++i) {
+      std::vector<Hypothesis> ways;
+      for (std::size_t k = 0; k < num_before; ++k) {
+        const Hypothesis& from = all[k];
+        const double if_visible = model.ScoreIfVisible(from, time_s);
+        if (time_s - from.time_s > config.max_gap_s) continue;
+        if (model.Score(from, time_s, if_visible) < config.give_up_log) continue;
+        const Motion motion = model.MotionOver(time_s - from.time_s);
+        const Prediction p = model.Predict(from, time_s, if_visible, motion);
+        const Gain gain = model.GainOf(p, plots[i]);
+        const double score = p.score + gain.log;
+        if (score < std::max(config.give_up_log, log_births[i] + config.rebirth_log)) continue;
+        ways.push_back(model.Update(from, motion, p, plots[i], time_s, gain));
+      }
+      std::stable_sort(ways.begin(), ways.end(),
+                       [](const Hypothesis& a, const Hypothesis& b) { return a.score > b.score; });
+      ways.resize(std::min(ways.size(), static_cast<std::size_t>(config.hypotheses_per_plot)));
+      for (const Hypothesis& way : ways) {
+        if (way.state.mean.col(1).norm() > config.max_speed_mps) continue;
+        all.push_back(way);
+        if (way.hits + 1.0 >= config.min_fragment_plots) best = std::max(best, way.score);
+      }
+      for (const double speed_mps : config.birth_speeds_mps) {
+        all.push_back(model.Birth(plots[i], log_births[i], time_s, speed_mps));
+      }
+    }
+  }
+  return best;
+}
+
+// Two drones in clutter, with sizes and touches that make plots differ.
+std::vector<Plot> Scene(std::uint32_t seed, int num_frames) {
+  Random random(seed);
+  std::vector<Plot> plots;
+  AddClutter(random.Uniform(1.0, 8.0), num_frames, {-10, 5, 5}, {10, 25, 25}, &random, &plots);
+  AddFlight([](double t) { return Eigen::Vector3d(-9 + 4 * t, 15, 15); }, num_frames, 0.7, -7.0,
+            &random, &plots);
+  AddFlight([](double t) { return Eigen::Vector3d(5, 20 - 2 * t, 10 + t); }, num_frames, 0.3, -7.0,
+            &random, &plots);
+  for (Plot& plot : plots) {
+    plot.variance_m2 *= random.Uniform(1.0, 5.0);
+    plot.log_clutter += random.Uniform(-1.0, 1.0);
+    plot.extent_m = random.Uniform(0.0, 2.0);
+    plot.touches_structure = random.Index(5) == 0;
+  }
+  SortByTime(&plots);
+  return plots;
+}
+
+TEST(TrackSearch, LooksAtEveryPairThatMatters) {
+  TrackerConfig config;
+  config.max_hypotheses = 1'000'000;
+  config.max_gap_s = 1.5;
+  for (std::uint32_t seed = 0; seed < 12; ++seed) {
+    const std::vector<Plot> plots = Scene(seed, 40);
+    const std::vector<double> log_births = LogBirths(plots, config);
+    const std::vector<char> free(plots.size(), 1);
+    const TrackModel model(config.sigma_a_mps2[seed % 3], kPeriodS, config);
+    const Path path = TrackSearch(plots, log_births, free, model, config).Best();
+    EXPECT_NEAR(path.score, BestScoreOfAllPairs(plots, log_births, model, config), 1e-9) << seed;
+    EXPECT_GT(path.score, 20.0) << seed;
+  }
+}
+
+TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
+  const TrackerConfig config;
+  const std::vector<Plot> plots = Scene(1, 60);
+  const std::vector<double> log_births = LogBirths(plots, config);
+  const TrackModel model(config.sigma_a_mps2[1], kPeriodS, config);
+  std::vector<char> free(plots.size(), 1);
+  const TrackSearch search(plots, log_births, free, model, config);
+  double before = 1e9;
+  int num_paths = 0;
+  for (Path path = search.Best(); !path.plots.empty(); path = search.Best(), ++num_paths) {
+    EXPECT_LE(path.score, before);
+    EXPECT_GE(static_cast<int>(path.plots.size()), config.min_fragment_plots);
+    before = path.score;
+    for (const std::uint32_t i : path.plots) {
+      ASSERT_EQ(free[i], 1);
+      free[i] = 0;
+    }
+    // A search from anew may find what the first plots hid, never less.
+    EXPECT_GE(TrackSearch(plots, log_births, free, model, config).Best().score,
+              search.Best().score - 1e-9);
+  }
+  EXPECT_GT(num_paths, 2);
+}
+
+TEST(TrackSearch, OfAFewBestHypothesesFindsNearlyWhatThatOfAllFinds) {
+  const TrackerConfig all;
+  TrackerConfig few = all;
+  few.max_hypotheses = 20;
+  TrackerConfig fewer = few;
+  fewer.max_hypotheses_per_plot = 0;
+  for (std::uint32_t seed = 0; seed < 5; ++seed) {
+    const std::vector<Plot> plots = Scene(seed, 60);
+    const std::vector<double> log_births = LogBirths(plots, all);
+    const std::vector<char> free(plots.size(), 1);
+    const auto score_of = [&](const TrackerConfig& config) {
+      const TrackModel model(config.sigma_a_mps2[1], kPeriodS, config);
+      return TrackSearch(plots, log_births, free, model, config).Best().score;
+    };
+    EXPECT_NEAR(score_of(few), score_of(all), 0.05 * score_of(all)) << seed;
+    EXPECT_LE(score_of(fewer), score_of(all)) << seed;
+  }
+}
+
+}  // namespace
+}  // namespace unlidar

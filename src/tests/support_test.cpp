@@ -1,0 +1,197 @@
+#include "unlidar/robust/support.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kPeriodS;
+using testing::Random;
+using testing::RecordingMaker;
+
+constexpr double kGround_m = -1.5;
+
+std::vector<Eigen::Vector3f> FlatGround() {
+  RecordingMaker maker(1);
+  maker.BeginFrame(0.0);
+  maker.AddGround(kGround_m, 60.0, 20000);
+  return maker.recording.points_m;
+}
+
+// The places of a thing, as it is seen over and over again.
+std::vector<Eigen::Vector3f> Blob(const Eigen::Vector3d& centre_m) {
+  Random random(2);
+  std::vector<Eigen::Vector3f> points_m;
+  for (int i = 0; i < 50; ++i) {
+    points_m.push_back((centre_m + random.NormalVector(0.1)).cast<float>());
+  }
+  return points_m;
+}
+
+// Whether a blob floats above level ground with further structure.
+bool BlobFloats(const Eigen::Vector3d& centre_m, const std::vector<Eigen::Vector3f>& more_m = {},
+                const SupportConfig& config = SupportConfig()) {
+  std::vector<Eigen::Vector3f> structure_m = FlatGround();
+  const Ground ground(structure_m, GroundConfig());
+  const std::vector<Eigen::Vector3f> blob_m = Blob(centre_m);
+  structure_m.insert(structure_m.end(), blob_m.begin(), blob_m.end());
+  structure_m.insert(structure_m.end(), more_m.begin(), more_m.end());
+  return Support(structure_m, ground, config).IsFloating(centre_m.cast<float>());
+}
+
+std::vector<Eigen::Vector3f> Pole(double x_m, double y_m, double top_m) {
+  std::vector<Eigen::Vector3f> points_m;
+  for (double z = kGround_m; z <= top_m; z += 0.1) {
+    points_m.push_back(Eigen::Vector3d(x_m, y_m, z).cast<float>());
+  }
+  return points_m;
+}
+
+TEST(Support, AThingAloneInTheAirFloats) {
+  EXPECT_TRUE(BlobFloats({10, 0, 8}));
+  EXPECT_TRUE(BlobFloats({0, -20, 15}));
+}
+
+TEST(Support, AThingOnAPoleOrNearStructureDoesNotFloat) {
+  const Eigen::Vector3d at_m(10, 0, 8);  // the reach is 2.8 m
+  EXPECT_FALSE(BlobFloats(at_m, Pole(10, 0, 7.9)));
+  EXPECT_FALSE(BlobFloats(at_m, Pole(12.5, 0, 12.0)));  // what joins them may be a wire
+  EXPECT_TRUE(BlobFloats(at_m, Pole(13.1, 0, 12.0)));
+  EXPECT_FALSE(BlobFloats(at_m, {Eigen::Vector3f(10.0F, 2.0F, 8.0F)}));
+}
+
+TEST(Support, StructureOfItsOwnSizeIsTheThingItself) {
+  const Eigen::Vector3d at_m(10, 0, 8);
+  EXPECT_TRUE(BlobFloats(at_m, {Eigen::Vector3f(10.0F, 1.4F, 8.0F)}));
+  EXPECT_FALSE(BlobFloats(at_m, {Eigen::Vector3f(10.0F, 1.6F, 8.0F)}));
+}
+
+TEST(Support, AThingLowAboveTheGroundStandsOnIt) {
+  SupportConfig config;
+  config.reach = {3.0, 0.0};
+  EXPECT_FALSE(BlobFloats({10, 0, kGround_m + 2.8}, {}, config));
+  EXPECT_TRUE(BlobFloats({10, 0, kGround_m + 3.5}, {}, config));
+  // The reach grows with range.
+  config.reach = {3.0, 0.1};
+  EXPECT_FALSE(BlobFloats({30, 0, kGround_m + 3.5}, {}, config));
+}
+
+TEST(Support, FarAwayNobodyKnows) {
+  SupportConfig config;
+  config.reach = {2.0, 0.0};
+  for (const double max_range_m : {30.0, 50.0}) {
+    config.max_range_m = max_range_m;
+    EXPECT_TRUE(BlobFloats({0.6 * max_range_m, 0, 0.79 * max_range_m}, {}, config));
+    EXPECT_FALSE(BlobFloats({0.6 * max_range_m, 0, 0.81 * max_range_m}, {}, config));
+  }
+}
+
+TEST(Support, WithoutStructureEverythingInRangeFloats) {
+  const Ground ground({}, GroundConfig());
+  const Support support({}, ground, SupportConfig());
+  EXPECT_TRUE(support.IsFloating({1.0F, 2.0F, 3.0F}));
+  EXPECT_FALSE(support.IsFloating({51.0F, 2.0F, 3.0F}));
+}
+
+// Clusters of structure, in all octants.
+std::vector<Eigen::Vector3f> RandomStructure(Random* random) {
+  std::vector<Eigen::Vector3f> points_m;
+  for (int cluster = 0; cluster < 40; ++cluster) {
+    const Eigen::Vector3d centre_m = random->InBox({-40, -40, -5}, {40, 40, 35});
+    const double sigma_m = random->Uniform(0.05, 2.0);
+    for (int i = 0; i < 20; ++i) {
+      points_m.push_back((centre_m + random->NormalVector(sigma_m)).cast<float>());
+    }
+  }
+  return points_m;
+}
+
+// A place near structure, or anywhere.
+Eigen::Vector3f RandomPlace(const std::vector<Eigen::Vector3f>& structure_m, Random* random) {
+  if (random->Index(4) == 0) return random->InBox({-40, -40, -5}, {40, 40, 35}).cast<float>();
+  return structure_m[random->Index(structure_m.size())] + random->NormalVector(2.0).cast<float>();
+}
+
+// By the definition, over all structure; limits that are `slack_m` narrower.
+bool Floats(const Eigen::Vector3f& place_m, const std::vector<Eigen::Vector3f>& structure_m,
+            const Ground& ground, const SupportConfig& config, double slack_m = 0.0) {
+  const auto range_m = static_cast<double>(place_m.norm());
+  const double reach_m = config.reach.At(range_m);
+  if (range_m > config.max_range_m || ground.HeightAbove(place_m) < reach_m) return false;
+  return std::none_of(structure_m.begin(), structure_m.end(), [&](const Eigen::Vector3f& other_m) {
+    const auto distance_m = static_cast<double>((place_m - other_m).norm());
+    return distance_m > config.body_m + slack_m && distance_m < reach_m - slack_m;
+  });
+}
+
+TEST(Support, OfRandomStructureIsThatOfAllItsPoints) {
+  for (std::uint32_t seed = 0; seed < 4; ++seed) {
+    Random random(seed);
+    const std::vector<Eigen::Vector3f> structure_m = RandomStructure(&random);
+    // With and without a ground.
+    const Ground ground(seed % 2 == 0 ? FlatGround() : std::vector<Eigen::Vector3f>(),
+                        GroundConfig());
+    SupportConfig config;
+    config.reach = {random.Uniform(0.5, 4.0), random.Uniform(0.0, 0.15)};
+    config.body_m = random.Uniform(0.0, 2.0);
+    config.max_range_m = 45.0;
+    SupportConfig fine = config;
+    fine.voxel_m = 0.01;  // every point has a voxel of its own
+    const Support support(structure_m, ground, config);
+    const Support fine_support(structure_m, ground, fine);
+    const double diagonal_m = std::sqrt(3.0) * config.voxel_m;
+    int num_floating = 0;
+    for (int i = 0; i < 2000; ++i) {
+      const Eigen::Vector3f place_m = RandomPlace(structure_m, &random);
+      const bool floats = Floats(place_m, structure_m, ground, config);
+      num_floating += floats ? 1 : 0;
+      EXPECT_EQ(fine_support.IsFloating(place_m), floats) << place_m.transpose();
+      // Of a voxel one point is enough.
+      if (floats) {
+        EXPECT_TRUE(support.IsFloating(place_m)) << place_m.transpose();
+      }
+      if (!Floats(place_m, structure_m, ground, config, diagonal_m)) {
+        EXPECT_FALSE(support.IsFloating(place_m)) << place_m.transpose();
+      }
+    }
+    EXPECT_GT(num_floating, 100);
+    EXPECT_LT(num_floating, 1900);
+  }
+}
+
+TEST(Support, FloatingReturnsAreTheStructureThatFloats) {
+  Random random(5);
+  const std::vector<Eigen::Vector3f> structure_m = RandomStructure(&random);
+  RecordingMaker maker(6);
+  std::vector<std::uint32_t> unexplained;
+  for (int frame = 0; frame < 20; ++frame) {
+    maker.BeginFrame(frame * kPeriodS);
+    for (int i = 0; i < 100; ++i) {
+      if (random.Index(3) == 0) {
+        unexplained.push_back(static_cast<std::uint32_t>(maker.recording.points_m.size()));
+      }
+      maker.Add(RandomPlace(structure_m, &random).cast<double>());
+    }
+  }
+  const Ground ground(FlatGround(), GroundConfig());
+  SupportConfig config;
+  config.voxel_m = 0.01;
+  std::vector<std::uint32_t> expected;
+  for (std::uint32_t i = 0; i < maker.recording.points_m.size(); ++i) {
+    if (std::binary_search(unexplained.begin(), unexplained.end(), i)) continue;
+    if (Floats(maker.recording.points_m[i], structure_m, ground, config)) expected.push_back(i);
+  }
+  EXPECT_EQ(Support(structure_m, ground, config).FloatingReturns(maker.recording, unexplained),
+            expected);
+  EXPECT_GT(expected.size(), 100U);
+  EXPECT_LT(expected.size(), 1200U);
+}
+
+}  // namespace
+}  // namespace unlidar

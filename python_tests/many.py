@@ -84,7 +84,7 @@ def command(*arguments: object) -> list[str]:
 
 
 def unfinished(out: Path) -> list[Path]:
-    """The folders still being written; os.walk, unlike rglob, bears one that goes while it looks."""
+    """The folders still being written. Unlike rglob, os.walk bears one that vanishes meanwhile."""
     return [
         Path(parent) / name
         for parent, folders, _ in os.walk(out)

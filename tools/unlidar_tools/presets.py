@@ -3,7 +3,9 @@
 import json
 from pathlib import Path
 
-MMAUD = Path(__file__).parent / "mmaud.yaml"
+from unlidar_tools.configs import CONFIG_DIR
+
+MMAUD = CONFIG_DIR / "mmaud.yaml"
 _HOLDS = "input.stamp"
 
 

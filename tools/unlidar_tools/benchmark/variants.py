@@ -5,11 +5,12 @@ from pathlib import Path
 
 from ruamel.yaml import YAML, YAMLError
 
+from unlidar_tools.configs import CONFIG_DIR
 from unlidar_tools.errors import ConfigError, UsageError, reason
 
 ROBUST = "robust"
-_CONFIGS = Path(__file__).parent / "configs"
-_ABLATION = _CONFIGS / "ablation.yaml"
+_PAPER = ("paper", "paper_best")
+_ABLATION = CONFIG_DIR / "ablation.yaml"
 
 
 @dataclass(frozen=True)
@@ -71,13 +72,11 @@ def _method(name: str) -> Variant:
         if not path.is_file():
             raise UsageError(f"--methods {name}: no such file")
         return Variant(path.stem, path)
-    path = _CONFIGS / f"{name}.yaml"
-    if not path.is_file():
-        known = sorted({p.stem for p in _CONFIGS.glob("*.yaml")} - {_ABLATION.stem})
+    if name not in _PAPER:
         raise UsageError(
-            f"--methods {name}: expected a .yaml file or one of {', '.join([ROBUST, *known])}"
+            f"--methods {name}: expected a .yaml file or one of {', '.join([ROBUST, *_PAPER])}"
         )
-    return Variant(name, path)
+    return Variant(name, CONFIG_DIR / f"{name}.yaml")
 
 
 def _split(text: str) -> list[str]:

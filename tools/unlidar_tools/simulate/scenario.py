@@ -10,10 +10,11 @@ from pathlib import Path
 
 from ruamel.yaml import YAML, YAMLError
 
+from unlidar_tools.configs import CONFIG_DIR
 from unlidar_tools.errors import ConfigError, UsageError, reason
 from unlidar_tools.simulate.sensors import MODELS
 
-SCENARIO_DIR = Path(__file__).parents[1] / "scenarios"
+SCENARIO_DIR = CONFIG_DIR / "scenarios"
 
 Vector = tuple[float, float, float]
 

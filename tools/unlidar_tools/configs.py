@@ -1,0 +1,6 @@
+"""Where the configurations and scenarios are that come along."""
+
+from pathlib import Path
+
+_INSTALLED = Path(__file__).parent / "configs"  # tools/setup.py copies them
+CONFIG_DIR = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "configs"

@@ -114,6 +114,24 @@ TEST(EstimateClutter, AThingThatIsSeldomHitHasTheRateAtWhichItIsHit) {
   EXPECT_GT(MedianLogClutter(clutter, kDrone), MedianLogClutter(clutter) + 5.0);
 }
 
+TEST(EstimateClutter, WhatFloatsIsNoStaticThingThatIsSeldomHit) {
+  const Eigen::Vector3d hover_m(25.0, 3.0, 20.0);
+  const auto hit = [&](int i, Clutter* clutter) {
+    if (i % 12 != 0) return;
+    clutter->AddPlot(hover_m + clutter->maker.random.NormalVector(0.05), kDrone);
+  };
+  Clutter clutter = UniformClutter(5.0, 240, hit);
+  const double held = MedianLogClutter(clutter, kDrone);
+  const double others = MedianLogClutter(clutter);
+  for (Plot& plot : clutter.plots) {
+    plot.is_floating = clutter.maker.labels[plot.returns.front()] == kDrone;
+  }
+  Estimate(std::vector<char>(clutter.plots.size(), 0), &clutter);
+  // It is left with the rate of its neighbourhood, of which it is the most.
+  EXPECT_LT(MedianLogClutter(clutter, kDrone), held - 3.0);
+  EXPECT_EQ(MedianLogClutter(clutter), others);
+}
+
 TEST(EstimateClutter, WhatIsExplainedIsNoClutter) {
   // A target that circles comes by the same places again and again.
   const auto circle = [](int i, Clutter* clutter) {

@@ -4,8 +4,10 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <limits>
+#include <numeric>
 #include <set>
 #include <vector>
 
@@ -32,7 +34,9 @@ Found FindPlots(const Recording& recording, const PlotConfig& config = PlotConfi
   Found found;
   const Background background(recording, BackgroundConfig());
   const Ground ground(background.StructurePoints(recording), GroundConfig());
-  found.plots = MakePlots(recording, background, ground, config, &found.is_body);
+  const Support support(background.StructurePoints(recording), ground, SupportConfig());
+  found.plots =
+      MakePlots(recording, background.unexplained(), ground, support, config, &found.is_body);
   return found;
 }
 
@@ -302,6 +306,149 @@ TEST(Plots, EveryUnexplainedReturnIsABodyOrInAPlotUnlessNextToABody) {
                             held.begin(), held.end()));
   EXPECT_GT(static_cast<double>(held.size()),
             0.95 * static_cast<double>(background.unexplained().size()));
+}
+
+TEST(Plots, TouchWhatIsNearInTheirOwnFrameOnly) {
+  PlotConfig config;
+  config.link = {0.7, 0.0};
+  RecordingMaker maker(13);
+  for (int i = 0; i < 120; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    maker.AddGround(kGround_m, 20.0, 800);
+    // A wall that is seen in most frames, and a drone that comes near to it now and then.
+    if (i % 3 != 0) maker.AddBox({12.0, -10.0, 0.0}, {12.05, 10.0, 10.0}, 1500);
+    const double t = MiddleS(i);
+    maker.AddBlob({10.2 + std::sin(0.9 * t), 1.3 * (t - 6.0), 5.0}, 0.1, 5, kDrone);
+  }
+  const Recording& recording = maker.recording;
+  const Background background(recording, BackgroundConfig());
+  std::vector<char> is_structure(recording.points_m.size(), 1);
+  for (const std::uint32_t i : background.unexplained()) is_structure[i] = 0;
+  int num_touching = 0;
+  int num_free = 0;
+  int num_without_wall = 0;
+  for (const Plot& plot : FindPlots(recording, config).plots) {
+    const FrameInfo& frame = recording.frames[plot.frame];
+    double least_m = std::numeric_limits<double>::infinity();
+    double least_m_ever = least_m;
+    for (std::uint32_t k = 0; k < recording.points_m.size(); ++k) {
+      if (is_structure[k] == 0) continue;
+      for (const std::uint32_t i : plot.returns) {
+        const auto distance_m =
+            static_cast<double>((recording.points_m[k] - recording.points_m[i]).norm());
+        least_m_ever = std::min(least_m_ever, distance_m);
+        if (k >= frame.first_return && k < frame.last_return) {
+          least_m = std::min(least_m, distance_m);
+        }
+      }
+    }
+    EXPECT_EQ(plot.touches_structure, least_m < config.link.constant_m) << plot.frame;
+    ++(plot.touches_structure ? num_touching : num_free);
+    num_without_wall += !plot.touches_structure && least_m_ever < config.link.constant_m ? 1 : 0;
+  }
+  EXPECT_GT(num_touching, 10);
+  EXPECT_GT(num_free, 10);
+  EXPECT_GT(num_without_wall, 5);
+}
+
+// A sky without structure: everything would float in it.
+std::vector<Plot> PlotsInTheSky(const Recording& recording) {
+  const Ground ground({}, GroundConfig());
+  const Support support({}, ground, SupportConfig());
+  std::vector<std::uint32_t> candidates(recording.points_m.size());
+  std::iota(candidates.begin(), candidates.end(), 0U);
+  std::vector<char> is_body;
+  return MakePlots(recording, candidates, ground, support, PlotConfig(), &is_body);
+}
+
+// Share of the plots with a label that float.
+double ShareFloating(const RecordingMaker& maker, int label) {
+  double all = 0.0;
+  double floating = 0.0;
+  for (const Plot& plot : PlotsInTheSky(maker.recording)) {
+    if (maker.labels[plot.returns.front()] != label) continue;
+    all += 1.0;
+    floating += plot.is_floating ? 1.0 : 0.0;
+  }
+  EXPECT_GT(all, 0.0);
+  return floating / all;
+}
+
+const Eigen::Vector3d kHover_m(10.0, 0.0, 10.0);  // the reach is 2.9 m
+
+// A drone that hovers, and what `fill` adds.
+RecordingMaker HoverWith(int num_frames, const std::function<void(int, RecordingMaker*)>& fill) {
+  RecordingMaker maker(14);
+  for (int i = 0; i < num_frames; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    maker.AddBlob(kHover_m, 0.1, 4, kDrone);
+    fill(i, &maker);
+  }
+  return maker;
+}
+
+TEST(Plots, FloatWhereNothingIsBesideThem) {
+  EXPECT_EQ(ShareFloating(HoverWith(60, [](int, RecordingMaker*) {}), kDrone), 1.0);
+  // What is farther away is no company.
+  const RecordingMaker far = HoverWith(60, [](int, RecordingMaker* maker) {
+    maker->AddBlob(kHover_m + Eigen::Vector3d(0.0, 4.0, 0.0), 0.1, 4, kBody);
+  });
+  EXPECT_EQ(ShareFloating(far, kDrone), 1.0);
+  EXPECT_EQ(ShareFloating(far, kBody), 1.0);
+  // Nor is what is so near that it is a part of the same thing.
+  const RecordingMaker part = HoverWith(60, [](int, RecordingMaker* maker) {
+    maker->AddBlob(kHover_m + Eigen::Vector3d(0.0, 1.1, 0.0), 0.03, 4, kBody);
+  });
+  EXPECT_EQ(ShareFloating(part, kDrone), 1.0);
+}
+
+TEST(Plots, DoNotFloatWhereAnotherIsBesideThemAtTheSameTime) {
+  const RecordingMaker maker = HoverWith(60, [](int i, RecordingMaker* m) {
+    if (i < 40) m->AddBlob(kHover_m + Eigen::Vector3d(0.0, 2.2, 0.0), 0.1, 4, kBody);
+    m->AddBlob(kHover_m + Eigen::Vector3d(0.0, 15.0, 0.0), 0.1, 4, kFarSide);
+  });
+  EXPECT_EQ(ShareFloating(maker, kDrone), 0.0);  // nor when the other one is not seen
+  EXPECT_EQ(ShareFloating(maker, kBody), 0.0);
+  EXPECT_EQ(ShareFloating(maker, kFarSide), 1.0);
+}
+
+TEST(Plots, WhatWasBesideThemAtOtherTimesIsNoCompany) {
+  RecordingMaker maker(15);
+  for (int i = 0; i < 60; ++i) {  // it flies on by 2.2 m
+    maker.BeginFrame(i * kPeriodS);
+    if (i < 25) maker.AddBlob(kHover_m, 0.1, 4, kDrone);
+    if (i > 30) maker.AddBlob(kHover_m + Eigen::Vector3d(0.0, 2.2, 0.0), 0.1, 4, kDrone);
+  }
+  EXPECT_EQ(ShareFloating(maker, kDrone), 1.0);
+}
+
+TEST(Plots, CompanyInEvenRainSaysNothing) {
+  const auto rain = [](const Eigen::Vector3d& half_m) {
+    return HoverWith(20, [=](int, RecordingMaker* maker) {
+      const int count = maker->random.Poisson(0.004 * 8.0 * half_m.prod());
+      maker->AddBox(kHover_m - half_m, kHover_m + half_m, count, kBody);
+    });
+  };
+  EXPECT_EQ(ShareFloating(rain({18.0, 18.0, 18.0}), kDrone), 1.0);
+  // But where only its own surroundings are full, it is in the middle of something.
+  EXPECT_EQ(ShareFloating(rain({2.5, 2.5, 2.5}), kDrone), 0.0);
+}
+
+TEST(Plots, RepeatedFramesDoNotFloat) {
+  RecordingMaker maker(16);
+  std::vector<Eigen::Vector3d> before_m;
+  for (int i = 0; i < 60; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    std::vector<Eigen::Vector3d> points_m;
+    for (int k = 0; k < 4; ++k) points_m.push_back(kHover_m + maker.random.NormalVector(0.1));
+    const bool is_replay = i % 10 == 9;
+    if (is_replay) points_m = before_m;
+    for (const Eigen::Vector3d& p : points_m) maker.Add(p, kDrone);
+    before_m = points_m;
+  }
+  const std::vector<Plot> plots = PlotsInTheSky(maker.recording);
+  ASSERT_EQ(plots.size(), 60U);
+  for (std::size_t i = 0; i < plots.size(); ++i) EXPECT_EQ(plots[i].is_floating, i % 10 < 8) << i;
 }
 
 }  // namespace

@@ -195,6 +195,7 @@ void VisitCollectKeys(Visitor&& visit, Collect& collect) {
   visit("robust.collect.max_extension_s", collect.max_extension_s, Range{0, 600});
   VisitRadiusKeys(visit, "robust.collect.presence.", collect.presence);
   visit("robust.collect.sensor_bias_m", collect.sensor_bias_m, Range{1e-6, 100});
+  visit("robust.collect.sensor_delay_s", collect.sensor_delay_s, Range{1e-6, 100});
   visit("robust.collect.sensor_overlap_s", collect.sensor_overlap_s, Range{0, 60});
 }
 

@@ -9,6 +9,8 @@
 namespace unlidar {
 namespace {
 
+TimeNs Nanoseconds(double time_s) { return std::llround(time_s * 1e9); }
+
 // The covariance of one return about the target, without that of the trajectory.
 double ReturnVarianceM2(double range_m, double body_sigma_m, const CollectConfig& config) {
   const double beam_m = config.beam_sigma_rad * range_m;
@@ -49,6 +51,7 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame,
 struct Sighting {
   Measurement measurement;
   std::uint32_t sensor;
+  Eigen::Vector3d velocity_mps;  // expected
 };
 
 // How far the returns of a body spread across the ray, per axis: its size as it is seen. Across the
@@ -81,16 +84,26 @@ class BodySpread {
   double count_ = kPriorReturns;
 };
 
-// How far each sensor sees the target from where the first sensor that saw it does: sensors are
-// never aligned perfectly. The mean difference, shrunk towards none as far as it is uncertain.
-std::vector<Eigen::Vector3d> SensorBiases(const std::vector<Sighting>& sightings,
-                                          std::size_t num_sensors, const CollectConfig& config) {
+// How a sensor disagrees with the first one that sees the target: poses and clocks are never exact.
+struct SensorShift {
+  Eigen::Vector3d bias_m = Eigen::Vector3d::Zero();
+  double delay_s = 0.0;  // its stamps are so much late
+};
+
+// The shift of each sensor from the difference d of its measurements to those of the first one just
+// before and after, d = bias - velocity * delay: least squares, shrunk towards none as far as it is
+// uncertain.
+std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
+                                      std::size_t num_sensors, const CollectConfig& config) {
   const std::uint32_t first =
       std::min_element(sightings.begin(), sightings.end(),
                        [](const Sighting& a, const Sighting& b) { return a.sensor < b.sensor; })
           ->sensor;
-  std::vector<Eigen::Vector3d> sums(num_sensors, Eigen::Vector3d::Zero());
-  std::vector<double> information(num_sensors, 1.0 / (config.sensor_bias_m * config.sensor_bias_m));
+  Eigen::Matrix4d prior = Eigen::Matrix4d::Identity();
+  prior.topLeftCorner<3, 3>() /= config.sensor_bias_m * config.sensor_bias_m;
+  prior(3, 3) /= config.sensor_delay_s * config.sensor_delay_s;
+  std::vector<Eigen::Matrix4d> information(num_sensors, prior);
+  std::vector<Eigen::Vector4d> sums(num_sensors, Eigen::Vector4d::Zero());
   const Measurement* before = nullptr;
   for (std::size_t i = 0; i < sightings.size(); ++i) {
     const Measurement& m = sightings[i].measurement;
@@ -110,11 +123,17 @@ std::vector<Eigen::Vector3d> SensorBiases(const std::vector<Sighting>& sightings
         (m.covariance_m2 + (1.0 - share) * before->covariance_m2 + share * after.covariance_m2)
             .trace() /
         3.0;
-    sums[sightings[i].sensor] += (m.position_m - reference) / variance;
-    information[sightings[i].sensor] += 1.0 / variance;
+    Eigen::Matrix<double, 3, 4> design;
+    design << Eigen::Matrix3d::Identity(), -sightings[i].velocity_mps;
+    information[sightings[i].sensor] += design.transpose() * design / variance;
+    sums[sightings[i].sensor] += design.transpose() * (m.position_m - reference) / variance;
   }
-  for (std::size_t sensor = 0; sensor < num_sensors; ++sensor) sums[sensor] /= information[sensor];
-  return sums;
+  std::vector<SensorShift> shifts;
+  for (std::size_t sensor = 0; sensor < num_sensors; ++sensor) {
+    const Eigen::Vector4d shift = information[sensor].ldlt().solve(sums[sensor]);
+    shifts.push_back({shift.head<3>(), shift[3]});
+  }
+  return shifts;
 }
 
 // The interval about `time_ns` in which the target is within `reach_m` of a place: its presence
@@ -195,8 +214,8 @@ Target CollectTarget(const Recording& recording, const Background& background,
   std::sort(target.returns.begin(), target.returns.end());
 
   const Collector collector(recording, background, excluded, config);
-  const auto extension_ns = static_cast<TimeNs>(config.max_extension_s * 1e9);
-  std::vector<Eigen::Vector3d> biases(recording.sensors.size(), Eigen::Vector3d::Zero());
+  const TimeNs extension_ns = Nanoseconds(config.max_extension_s);
+  std::vector<SensorShift> shifts(recording.sensors.size());
   double body_sigma_m = config.body_sigma_m;
   for (int round = 0; round < config.rounds; ++round) {
     const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
@@ -209,27 +228,33 @@ Target CollectTarget(const Recording& recording, const Background& background,
       const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
       if (middle_ns < trajectory.begin_ns() - extension_ns) continue;
       if (middle_ns > trajectory.end_ns() + extension_ns) continue;
-      TrajectoryRow expected = trajectory.At(middle_ns);
+      const SensorShift& shift = shifts[frame.sensor];
+      TrajectoryRow expected = trajectory.At(middle_ns - Nanoseconds(shift.delay_s));
       if (expected.sigma_m.maxCoeff() > config.max_search_sigma_m) continue;
-      expected.position_m += biases[frame.sensor];
+      expected.time_ns = middle_ns;  // by the sensor's clock
+      expected.position_m += shift.bias_m;
       const std::vector<std::uint32_t> members =
           collector.Collect(frame, trajectory, expected, returns_per_frame, body_sigma_m);
       if (members.empty()) continue;
       spread.Add(recording, members, expected);
       sightings.push_back(
           {Measure(recording, frame, members, expected.velocity_mps, body_sigma_m, config),
-           frame.sensor});
+           frame.sensor, expected.velocity_mps});
       next.returns.insert(next.returns.end(), members.begin(), members.end());
     }
     if (sightings.empty()) return next;
     std::stable_sort(sightings.begin(), sightings.end(), [](const Sighting& a, const Sighting& b) {
       return a.measurement.time_ns < b.measurement.time_ns;
     });
-    biases = SensorBiases(sightings, recording.sensors.size(), config);
+    shifts = SensorShifts(sightings, recording.sensors.size(), config);
     for (Sighting& sighting : sightings) {
-      sighting.measurement.position_m -= biases[sighting.sensor];
+      sighting.measurement.position_m -= shifts[sighting.sensor].bias_m;
+      sighting.measurement.time_ns -= Nanoseconds(shifts[sighting.sensor].delay_s);
       next.measurements.push_back(sighting.measurement);
     }
+    std::stable_sort(
+        next.measurements.begin(), next.measurements.end(),
+        [](const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; });
     std::sort(next.returns.begin(), next.returns.end());
     body_sigma_m = spread.SigmaM();
     const bool is_settled = next.returns == target.returns;

@@ -23,7 +23,9 @@ struct CollectConfig {
   double max_search_sigma_m = 1.0;  // where the trajectory is less sure, nothing is collected
   double max_extension_s = 2.0;     // beyond the ends, per round
   RangeRadius presence{1.5, 0.03};  // the target's stay at a place says nothing of its clutter
-  double sensor_bias_m = 0.2;       // prior standard deviation of how far two sensors disagree
+  // How far two sensors disagree, prior standard deviations: in place and clock.
+  double sensor_bias_m = 0.2;
+  double sensor_delay_s = 0.05;
   double sensor_overlap_s = 0.3;    // longest pause of the first across which they are compared
 };
 

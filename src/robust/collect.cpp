@@ -66,16 +66,15 @@ class BodySpread {
     const Eigen::Vector3d ray = expected.position_m.normalized();
     const Eigen::Vector3d across = ray.cross(expected.velocity_mps).stableNormalized();
     if (across.squaredNorm() < 0.5) return;  // at rest, or on its way to the sensor
-    const double own_m2 = expected.sigma_m.squaredNorm() / 3.0;
     for (const std::uint32_t i : returns) {
       const double offset_m =
           across.dot(recording.points_m[i].cast<double>() - expected.position_m);
-      sum_m2_ += offset_m * offset_m - own_m2;
+      sum_m2_ += offset_m * offset_m;
       count_ += 1.0;
     }
   }
 
-  double SigmaM() const { return std::sqrt(std::max(sum_m2_, 0.0) / count_); }
+  double SigmaM() const { return std::sqrt(sum_m2_ / count_); }
 
  private:
   static constexpr double kPriorReturns = 10.0;
@@ -171,7 +170,10 @@ class Collector {
     const Eigen::Matrix3d information = s.inverse();
     const double log_peak =
         std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
-    const auto reach_m = static_cast<float>(config_.gate * std::sqrt(s.trace()));
+    const double half_frame_s =
+        0.5 * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+    const auto reach_m = static_cast<float>(config_.gate * std::sqrt(s.trace()) +
+                                            expected.velocity_mps.norm() * half_frame_s);
     const Eigen::Vector3f centre = expected.position_m.cast<float>();
     std::vector<std::uint32_t> members;
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {

@@ -83,21 +83,22 @@ class BodySpread {
   double count_ = kPriorReturns;
 };
 
-// How a sensor disagrees with the first one that sees the target: poses and clocks are never exact.
+// How a sensor disagrees with the one that sees the target best: poses and clocks are never exact.
 struct SensorShift {
   Eigen::Vector3d bias_m = Eigen::Vector3d::Zero();
   double delay_s = 0.0;  // its stamps are so much late
 };
 
-// The shift of each sensor from the difference d of its measurements to those of the first one just
-// before and after, d = bias - velocity * delay: least squares, shrunk towards none as far as it is
-// uncertain.
+// The shift of each sensor from the difference d of its measurements to those of the main one,
+// which has the most returns, just before and after, d = bias - velocity * delay: least squares,
+// shrunk towards none as far as it is uncertain.
 std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
                                       std::size_t num_sensors, const CollectConfig& config) {
-  const std::uint32_t first =
-      std::min_element(sightings.begin(), sightings.end(),
-                       [](const Sighting& a, const Sighting& b) { return a.sensor < b.sensor; })
-          ->sensor;
+  std::vector<int> support(num_sensors, 0);
+  for (const Sighting& sighting : sightings)
+    support[sighting.sensor] += sighting.measurement.support;
+  const auto main_sensor = static_cast<std::uint32_t>(
+      std::max_element(support.begin(), support.end()) - support.begin());
   Eigen::Matrix4d prior = Eigen::Matrix4d::Identity();
   prior.topLeftCorner<3, 3>() /= config.sensor_bias_m * config.sensor_bias_m;
   prior(3, 3) /= config.sensor_delay_s * config.sensor_delay_s;
@@ -106,12 +107,12 @@ std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
   const Measurement* before = nullptr;
   for (std::size_t i = 0; i < sightings.size(); ++i) {
     const Measurement& m = sightings[i].measurement;
-    if (sightings[i].sensor == first) {
+    if (sightings[i].sensor == main_sensor) {
       before = &m;
       continue;
     }
     std::size_t k = i;
-    while (k < sightings.size() && sightings[k].sensor != first) ++k;
+    while (k < sightings.size() && sightings[k].sensor != main_sensor) ++k;
     if (before == nullptr || k == sightings.size()) continue;
     const Measurement& after = sightings[k].measurement;
     const double pause_s = static_cast<double>(after.time_ns - before->time_ns) * kSecondsPerNs;

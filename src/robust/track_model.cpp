@@ -106,8 +106,7 @@ Prediction TrackModel::Predict(const Hypothesis& from, double time_s, double sco
                                const Motion& motion) const {
   Prediction p;
   // It is seen again, so a shadow has ended.
-  p.score = std::max(score_if_visible,
-                     from.score + LogShadow(time_s - from.time_s) + log_emerge_);
+  p.score = std::max(score_if_visible, from.score + LogShadow(time_s - from.time_s) + log_emerge_);
   p.log_hit = from.log_hit;
   p.speed_mps = std::min(from.state.mean.col(1).norm(), config_.max_speed_mps);
   const auto onto_position = motion.transition.row(0);
@@ -141,8 +140,8 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
   h.score = p.score + gain.log;
   h.time_s = time_s;
   h.hits = from.hits + 1.0;
-  h.exposure_per_m2 = from.exposure_per_m2 +
-                      from.slice_per_m2 * std::max((time_s - from.time_s) / period_s_, 0.5);
+  h.exposure_per_m2 =
+      from.exposure_per_m2 + from.slice_per_m2 * std::max((time_s - from.time_s) / period_s_, 0.5);
   h.state.mean = from.state.mean * motion.transition.transpose();
   h.state.mean += (plot.position_m - p.position_m) * weight.transpose();
   h.state.covariance = covariance - weight * covariance.row(0);

@@ -11,11 +11,11 @@
 namespace unlidar {
 
 struct CollectConfig {
-  int rounds = 3;                   // of fit and collection
-  double body_sigma_m = 0.15;       // spread of the returns over the body, per axis
-  double centre_sigma_m = 0.04;     // of the mean of a frame's returns: which side is seen
-  // The centre of a body lies behind the mean of its returns by this share of their spread: 1.33 for
-  // a ball, less for a flat thing with gaps; 0 leaves the mean. How well that is known.
+  int rounds = 3;                // of fit and collection
+  double body_sigma_m = 0.15;    // spread of the returns over the body, per axis
+  double centre_sigma_m = 0.04;  // of the mean of a frame's returns: which side is seen
+  // The centre of a body lies behind the mean of its returns by this share of their spread: 1.33
+  // for a ball, less for a flat thing with gaps; 0 leaves the mean. How well that is known.
   double facing_side = 0.4;
   double facing_side_sigma = 0.3;
   double beam_sigma_rad = 0.002;    // growth of the spread with range
@@ -26,7 +26,7 @@ struct CollectConfig {
   // How far two sensors disagree, prior standard deviations: in place and clock.
   double sensor_bias_m = 0.2;
   double sensor_delay_s = 0.05;
-  double sensor_overlap_s = 0.3;    // longest pause of the first across which they are compared
+  double sensor_overlap_s = 0.3;  // longest pause of the main one across which they are compared
 };
 
 // The target of a path: its returns, and per frame their mean. `excluded` returns (N) are left

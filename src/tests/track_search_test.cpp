@@ -12,7 +12,10 @@ namespace {
 
 using testing::AddClutter;
 using testing::AddFlight;
+using testing::kBeginNs;
+using testing::kPeriodNs;
 using testing::kPeriodS;
+using testing::MakePlot;
 using testing::Random;
 using testing::SortByTime;
 
@@ -87,6 +90,34 @@ TEST(TrackSearch, LooksAtEveryPairThatMatters) {
     EXPECT_NEAR(path.score, BestScoreOfAllPairs(plots, log_births, model, config), 1e-9) << seed;
     EXPECT_GT(path.score, 20.0) << seed;
   }
+}
+
+TEST(TrackSearch, LooksAtEveryPairThatIsJustGoodEnough) {
+  // A few plots about as far apart as a path of them is worth something: in a long path one pair
+  // that goes missing would hardly be noticed.
+  TrackerConfig config;
+  config.min_fragment_plots = 2;
+  config.rebirth_log = 0.0;
+  const TrackModel model(config.sigma_a_mps2.front(), kPeriodS, config);
+  Random random(9);
+  int num_weak = 0;
+  for (int scene = 0; scene < 3000; ++scene) {
+    std::vector<Plot> plots;
+    for (std::uint32_t i = 2 + random.Index(3); i > 0; --i) {
+      const auto frame = static_cast<TimeNs>(random.Index(6));
+      plots.push_back(MakePlot(kBeginNs + frame * kPeriodNs,
+                               Eigen::Vector3d(5, 8, 8) + random.NormalVector(0.8),
+                               random.Uniform(-8.0, 0.0), 1 + random.Index(8)));
+      plots.back().variance_m2 = random.Uniform(0.005, 0.1);
+    }
+    SortByTime(&plots);
+    const std::vector<double> log_births = LogBirths(plots, config);
+    const std::vector<char> free(plots.size(), 1);
+    const double score = TrackSearch(plots, log_births, free, model, config).Best().score;
+    EXPECT_NEAR(score, BestScoreOfAllPairs(plots, log_births, model, config), 1e-9) << scene;
+    num_weak += score > 0.0 && score < 1.0 ? 1 : 0;
+  }
+  EXPECT_GT(num_weak, 100);
 }
 
 TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {

@@ -2,11 +2,10 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <functional>
 #include <numeric>
-#include <unordered_map>
+
+#include "floating.hpp"
 
 namespace unlidar {
 namespace {
@@ -101,11 +100,6 @@ bool IsBody(const Recording& recording, const std::vector<std::uint32_t>& return
   return variances[1] > config.body_spread_m * config.body_spread_m;
 }
 
-// The volume in which the plots of one point-like thing lie: that of a Gaussian of their noise.
-double PlotVolumeM3(const Plot& plot) {
-  return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
-}
-
 // Where a group of returns lies, and when its first was measured.
 struct Box {
   TimeNs time_ns;
@@ -162,68 +156,6 @@ bool Touches(const Recording& recording, const FrameInfo& frame,
     }
   }
   return false;
-}
-
-// The share of plots that are nothing but returns that came before or after with the very same
-// coordinates: no LiDAR measures a place twice alike, so these are repetitions of one frame.
-std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot>& plots) {
-  struct Hash {
-    std::size_t operator()(const std::array<float, 3>& p) const {
-      std::size_t h = 0;
-      for (const float x : p) h = h * 1000003U + std::hash<float>()(x);
-      return h;
-    }
-  };
-  const auto key = [&](std::uint32_t i) {
-    const Eigen::Vector3f& p = recording.points_m[i];
-    return std::array<float, 3>{p.x(), p.y(), p.z()};
-  };
-  std::unordered_map<std::array<float, 3>, int, Hash> counts;
-  for (const Plot& plot : plots) {
-    for (const std::uint32_t i : plot.returns) ++counts[key(i)];
-  }
-  std::vector<char> are_replayed;
-  for (const Plot& plot : plots) {
-    are_replayed.push_back(std::all_of(plot.returns.begin(), plot.returns.end(),
-                                       [&](std::uint32_t i) { return counts[key(i)] > 1; }));
-  }
-  return are_replayed;
-}
-
-// Takes back that a place floats where something else was seen beside it at the same time: what is
-// seen too seldom to be structure may hold things up as well. (At other times that may be the
-// target itself.) In rain, where the surroundings are as full, that says nothing.
-void FindCompany(const Recording& recording, const SupportConfig& config,
-                 std::vector<Plot>* plots) {
-  constexpr TimeNs kSameTimeNs = 300'000'000;
-  constexpr double kSurroundings = 3.0;  // times the reach
-  constexpr double kMaxChance = 1.0;     // company to be expected from what the surroundings hold
-  RangeGrid held({config.body_m, 0.01}, 1);
-  for (std::size_t i = 0, first = 0; i < plots->size(); ++i) {
-    const Plot& plot = (*plots)[i];
-    while ((*plots)[first].time_ns < plot.time_ns - kSameTimeNs) ++first;
-    if (!plot.is_floating) continue;
-    const double reach_m = config.reach.At(plot.position_m.norm());
-    int company = 0;
-    int others = 0;
-    for (std::size_t k = first;
-         k < plots->size() && (*plots)[k].time_ns <= plot.time_ns + kSameTimeNs; ++k) {
-      const double distance_m = (plot.position_m - (*plots)[k].position_m).norm();
-      if (distance_m <= config.body_m || distance_m >= kSurroundings * reach_m) continue;
-      ++(distance_m < reach_m ? company : others);
-    }
-    const double chance = others / (std::pow(kSurroundings, 3) - 1.0);
-    if (company > 0 && chance < kMaxChance) held.Add(plot.position_m.cast<float>(), 0);
-  }
-  const std::vector<char> are_replayed = AreReplayed(recording, *plots);
-  std::vector<std::uint32_t> count(1);
-  for (std::size_t i = 0; i < plots->size(); ++i) {
-    Plot& plot = (*plots)[i];
-    if (!plot.is_floating) continue;
-    count[0] = 0;
-    held.Collect(plot.position_m.cast<float>(), &count);
-    plot.is_floating = count[0] == 0 && !are_replayed[i];
-  }
 }
 
 double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& config) {
@@ -286,63 +218,8 @@ std::vector<Plot> MakePlots(const Recording& recording,
   DropNearBodies(bodies, config, &plots);
   std::stable_sort(plots.begin(), plots.end(),
                    [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; });
-  FindCompany(recording, support.config(), &plots);
+  ConfirmFloating(recording, support.config(), &plots);
   return plots;
-}
-
-void EstimateClutter(const Recording& recording, const Background& background,
-                     const PlotConfig& config, const std::vector<char>& explained,
-                     std::vector<Plot>* plots) {
-  // From wide to narrow: each level is the prior of the next, so that an empty neighbourhood still
-  // has the rate of its surroundings, and a rate is believed only as far as its exposure goes.
-  const std::size_t num_bins = background.num_bins();
-  const std::vector<double>& frames_in_bin = background.frames_in_bin();
-  const auto bin_of = [&](const Plot& plot) { return background.BinOf(plot.time_ns); };
-
-  const auto exclusion = static_cast<std::size_t>(config.clutter_exclusion_bins);
-  std::vector<double> rate(plots->size(), 1e-6);
-  std::vector<std::uint32_t> profile(num_bins);
-  for (const RangeRadius& radius :
-       {config.clutter_wide, config.clutter_middle, config.clutter_narrow}) {
-    RangeGrid grid(radius, num_bins);
-    for (std::size_t i = 0; i < plots->size(); ++i) {
-      if (!explained[i]) grid.Add((*plots)[i].position_m.cast<float>(), bin_of((*plots)[i]));
-    }
-    for (std::size_t i = 0; i < plots->size(); ++i) {
-      const Plot& plot = (*plots)[i];
-      std::fill(profile.begin(), profile.end(), 0);
-      grid.Collect(plot.position_m.cast<float>(), &profile);
-      const std::size_t own = bin_of(plot);
-      double count = 0.0;
-      double frames = 0.0;
-      for (std::size_t b = 0; b < num_bins; ++b) {
-        if (std::max(b, own) - std::min(b, own) <= exclusion) continue;
-        count += profile[b];
-        frames += frames_in_bin[b];
-      }
-      const double exposure = frames * grid.VolumeM3(plot.position_m.cast<float>());
-      rate[i] =
-          (count + config.clutter_prior_plots) / (exposure + config.clutter_prior_plots / rate[i]);
-    }
-  }
-  // A static thing that is seldom hit would give the plots of its place at the rate at which they
-  // came, the plot itself left out.
-  const auto num_frames = static_cast<double>(recording.frames.size());
-  RangeGrid spots(config.spot, 1);
-  for (std::size_t i = 0; i < plots->size(); ++i) {
-    if (!explained[i]) spots.Add((*plots)[i].position_m.cast<float>(), 0);
-  }
-  std::vector<std::uint32_t> num_plots(1);
-  for (std::size_t i = 0; i < plots->size(); ++i) {
-    Plot& plot = (*plots)[i];
-    plot.log_clutter = std::log(rate[i]);
-    if (plot.is_floating) continue;
-    num_plots[0] = 0;
-    spots.Collect(plot.position_m.cast<float>(), &num_plots);
-    const double spot_rate =
-        (num_plots[0] - (explained[i] ? 0.0 : 1.0)) / num_frames / PlotVolumeM3(plot);
-    if (spot_rate > rate[i]) plot.log_clutter = std::log(spot_rate);
-  }
 }
 
 }  // namespace unlidar

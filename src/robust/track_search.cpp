@@ -134,9 +134,9 @@ void TrackSearch::FindCandidates(std::size_t first, std::size_t last, double tim
     const double reach_m2 = bound.ReachM2(least_need);
     if (reach_m2 < 0.0) continue;
     const double reach_m = std::sqrt(reach_m2);
-    const auto begin = std::lower_bound(
-        by_x.begin(), by_x.end(), p.position_m.x() - reach_m,
-        [&](std::size_t i, double x) { return plots_[i].position_m.x() < x; });
+    const auto begin =
+        std::lower_bound(by_x.begin(), by_x.end(), p.position_m.x() - reach_m,
+                         [&](std::size_t i, double x) { return plots_[i].position_m.x() < x; });
     bool is_used = false;
     for (auto at = begin; at != by_x.end(); ++at) {
       const std::size_t i = *at;

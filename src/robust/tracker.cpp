@@ -84,9 +84,8 @@ class PathFinder {
     }
     bool found = false;
     for (Path& path : *paths) {
-      const bool is_new = std::none_of(before.begin(), before.end(), [&](const Path& old) {
-        return old.plots == path.plots;
-      });
+      const bool is_new = std::none_of(before.begin(), before.end(),
+                                       [&](const Path& old) { return old.plots == path.plots; });
       if (!is_new || !stands(path)) continue;
       SetFree(path, 1);
       Path best = BestOf(SearchFree());

@@ -46,11 +46,11 @@ TimeNs Silence(Iterator first, Iterator last, TimeNs period_ns, double probabili
   int num_pauses = 0;
   TimeNs sum = 0;
   TimeNs longest = 0;
-  TimeNs slice = first->time_ns / period_ns;
+  TimeNs before_ns = first->time_ns;
   for (; first != last && num_pauses + 1 < kMaxSlices; ++first) {
-    const TimeNs pause = std::abs(first->time_ns / period_ns - slice);
+    const TimeNs pause = (std::abs(first->time_ns - before_ns) + period_ns / 2) / period_ns;
     if (pause == 0) continue;
-    slice = first->time_ns / period_ns;
+    before_ns = first->time_ns;
     ++num_pauses;
     sum += pause;
     longest = std::max(longest, pause);

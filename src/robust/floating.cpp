@@ -23,14 +23,22 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
     const Eigen::Vector3f& p = recording.points_m[i];
     return std::array<float, 3>{p.x(), p.y(), p.z()};
   };
-  std::unordered_map<std::array<float, 3>, int, Hash> counts;
+  struct Frames {
+    std::uint32_t first;
+    bool are_more;
+  };
+  std::unordered_map<std::array<float, 3>, Frames, Hash> frames_of;
   for (const Plot& plot : plots) {
-    for (const std::uint32_t i : plot.returns) ++counts[key(i)];
+    for (const std::uint32_t i : plot.returns) {
+      Frames& frames = frames_of.try_emplace(key(i), Frames{plot.frame, false}).first->second;
+      frames.are_more = frames.are_more || frames.first != plot.frame;
+    }
   }
   std::vector<char> are_replayed;
   for (const Plot& plot : plots) {
-    are_replayed.push_back(std::all_of(plot.returns.begin(), plot.returns.end(),
-                                       [&](std::uint32_t i) { return counts[key(i)] > 1; }));
+    are_replayed.push_back(
+        std::all_of(plot.returns.begin(), plot.returns.end(),
+                    [&](std::uint32_t i) { return frames_of.at(key(i)).are_more; }));
   }
   return are_replayed;
 }

@@ -25,12 +25,16 @@ bool IsReachable(const std::vector<Plot>& plots, const Members& from,
   return (b.position_m - a.position_m).norm() < config.max_speed_mps * dt + kSlack_m;
 }
 
+bool IsTooShort(const Path& path, const TrackerConfig& config) {
+  return path.plots.size() < static_cast<std::size_t>(config.min_fragment_plots);
+}
+
 // The best that two paths can become by joining them or by exchanging what follows some time. A
 // path costs `birth_cost`, an empty one nothing.
 bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Path* b) {
   // What is too weak to stand alone is worth nothing.
   const auto value = [&](const Path& path) {
-    return path.plots.empty() ? 0.0 : std::max(0.0, path.score - config.birth_cost);
+    return IsTooShort(path, config) ? 0.0 : std::max(0.0, path.score - config.birth_cost);
   };
   double best = value(*a) + value(*b) + config.min_exchange_log;
   Path best_a;
@@ -149,7 +153,7 @@ void ImprovePaths(const PathScorer& scorer, const TrackerConfig& config, std::ve
     }
   }
   paths->erase(std::remove_if(paths->begin(), paths->end(),
-                              [](const Path& path) { return path.plots.empty(); }),
+                              [&](const Path& path) { return IsTooShort(path, config); }),
                paths->end());
 }
 

@@ -28,7 +28,7 @@ class PathScorer {
 };
 
 // Lets pairs of paths join or exchange what follows some time, and single paths drop what stands
-// between two pauses, as long as the sum of scores grows. Paths that become empty are removed.
+// between two pauses, as long as the sum of scores grows. Paths that become too short are removed.
 void ImprovePaths(const PathScorer& scorer, const TrackerConfig& config, std::vector<Path>* paths);
 
 }  // namespace unlidar

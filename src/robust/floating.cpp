@@ -35,6 +35,7 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
     }
   }
   std::vector<char> are_replayed;
+  are_replayed.reserve(plots.size());
   for (const Plot& plot : plots) {
     are_replayed.push_back(
         std::all_of(plot.returns.begin(), plot.returns.end(),

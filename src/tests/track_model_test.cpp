@@ -150,7 +150,9 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
   for (const double sigma_a_mps2 : config.sigma_a_mps2) {
     const TrackModel model(sigma_a_mps2, kPeriodS, config);
     for (int i = 0; i < 3000; ++i) {
-      const auto [p, plot] = RandomPrediction(model, &random);
+      const PredictedPlot at = RandomPrediction(model, &random);
+      const Prediction& p = at.prediction;
+      const Plot& plot = at.plot;
       const double score = p.score + model.GainOf(p, plot).log;
       const double distance2_m2 = (plot.position_m - p.position_m).squaredNorm();
       const auto slack_of = [&](const VarianceRange& variances) {

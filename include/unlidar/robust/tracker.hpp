@@ -27,7 +27,7 @@ struct TrackerConfig {
   double touch_log = -2.5;       // of a plot that is one with structure
   double max_returns_log = 2.0;  // the most that many returns in a plot speak for it
   // Carried on at any time, the best first: so many, and so many more for each plot of the frame.
-  int max_hypotheses = 400;
+  int max_hypotheses = 250;
   int max_hypotheses_per_plot = 5;
   int max_paths = 20;
   double min_fragment_log = 7.0;  // weaker paths are not looked at,

@@ -55,8 +55,10 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   std::vector<Plot> plots =
       MakePlots(recording, candidates, ground, support, config.plots, &excluded);
   // A score is a log likelihood ratio, so by Ville's inequality clutter reaches the threshold from
-  // any one plot with a probability of at most exp(-threshold).
-  const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1));
+  // any one plot and with any one model with a probability of at most exp(-threshold).
+  const std::size_t num_models =
+      config.tracker.sigma_a_mps2.size() * config.tracker.birth_speeds_mps.size();
+  const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
   const double threshold = std::log(num_starts / config.false_alarms_per_recording);
   const double period_s =
       static_cast<double>(recording.sensors.front().frame_period_ns) * kSecondsPerNs;

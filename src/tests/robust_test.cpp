@@ -284,9 +284,11 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
                 support.FloatingReturns(maker.recording, background.unexplained()).size());
   EXPECT_GE(result.counts.paths, result.targets.size());
   EXPECT_GE(result.counts.plots, result.targets.front().measurements.size());
-  EXPECT_NEAR(
-      result.counts.score_threshold,
-      std::log(static_cast<double>(result.counts.plots) / config.false_alarms_per_recording), 1e-9);
+  constexpr double kModels = 6.0;  // three agilities, two birth speeds
+  EXPECT_NEAR(result.counts.score_threshold,
+              std::log(kModels * static_cast<double>(result.counts.plots) /
+                       config.false_alarms_per_recording),
+              1e-9);
 }
 
 }  // namespace

@@ -43,18 +43,19 @@ struct PlotConfig {
 struct Plot {
   TimeNs time_ns = 0;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  double variance_m2 = 0.0;  // of the position, per axis, for a target at rest
-  double extent_m = 0.0;     // diagonal of its bounding box
-  double lowest_m = 0.0;     // height of its lowest return above the ground
-  double log_clutter = 0.0;  // log of the clutter plots per m^3 and frame
+  double variance_m2 = 0.0;        // of the position, per axis, for a target at rest
+  double extent_m = 0.0;           // diagonal of its bounding box
+  double lowest_m = 0.0;           // height of its lowest return above the ground
+  double log_clutter = 0.0;        // log of the clutter plots per m^3 and frame
   bool touches_structure = false;  // of the same frame
   bool is_floating = false;        // nothing static can be there
   std::uint32_t frame = 0;
   std::vector<std::uint32_t> returns;
 };
 
-// Plots of `candidates`, returns in ascending order, in order of time; bodies (people, cars) left out, with all that is next to one shortly
-// before or after. `is_body` (N) tells the returns of bodies themselves.
+// Plots of `candidates`, returns in ascending order, in order of time; bodies (people, cars) left
+// out, with all that is next to one shortly before or after. `is_body` (N) tells the returns of
+// bodies themselves.
 std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
                             const Support& support, const PlotConfig& config,

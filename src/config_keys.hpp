@@ -123,7 +123,7 @@ void VisitGroundKeys(Visitor&& visit, Ground& ground) {
 template <class Visitor, class Support>
 void VisitSupportKeys(Visitor&& visit, Support& support) {
   VisitRadiusKeys(visit, "robust.support.reach.", support.reach);
-  visit("robust.support.body_m", support.body_m, Range{0, 100});
+  visit("robust.support.body_m", support.body_m, Range{1e-3, 100});
   visit("robust.support.max_range_m", support.max_range_m, Range{0, 1e5});
   visit("robust.support.voxel_m", support.voxel_m, Range{0.01, 10});
 }
@@ -166,7 +166,7 @@ void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.echo_m2", tracker.echo_m2, Range{1e-3, 1e9});
   visit("robust.tracker.echo_shape", tracker.echo_shape, Range{1e-3, 1e3});
   visit("robust.tracker.shadow_log", tracker.shadow_log, Range{-1e3, 0});
-  visit("robust.tracker.shadow_log_per_s", tracker.shadow_log_per_s, Range{-1e3, 0});
+  visit("robust.tracker.shadow_log_per_s", tracker.shadow_log_per_s, Range{-1e3, -1e-3});
   visit("robust.tracker.max_extent_m", tracker.max_extent_m, Range{0, 100});
   visit("robust.tracker.extent_log_per_m", tracker.extent_log_per_m, Range{-1e3, 0});
   visit("robust.tracker.touch_log", tracker.touch_log, Range{-1e3, 0});

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <set>
 
 namespace unlidar {
 namespace {
@@ -16,6 +17,13 @@ std::vector<Plot> PlotsOf(const Path& path, const std::vector<Plot>& plots) {
 bool IsTaken(const Plot& plot, const std::vector<char>& excluded) {
   return std::any_of(plot.returns.begin(), plot.returns.end(),
                      [&](std::uint32_t i) { return excluded[i] != 0; });
+}
+
+// Evidence in so many frames: two plots of one frame are no two pieces of it.
+bool HasFrames(const std::vector<Plot>& path, int least) {
+  std::set<std::uint32_t> frames;
+  for (const Plot& plot : path) frames.insert(plot.frame);
+  return static_cast<int>(frames.size()) >= least;
 }
 
 // Whether a path is that of something that flies: people and cars are never off the ground. Their
@@ -54,17 +62,18 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   std::vector<char> excluded;  // returns of bodies, then also of targets found
   std::vector<Plot> plots =
       MakePlots(recording, candidates, ground, support, config.plots, &excluded);
-  // A score is a log likelihood ratio, so by Ville's inequality clutter reaches the threshold from
-  // any one plot and with any one model with a probability of at most exp(-threshold).
+  // A score is a log likelihood ratio, weighted by how likely its first plot is the first: so by
+  // Ville's inequality clutter reaches the threshold from all plots and with all models together
+  // with a probability of at most false_alarms_per_recording.
   const std::size_t num_models =
       config.tracker.sigma_a_mps2.size() * config.tracker.birth_speeds_mps.size();
   const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
   const double threshold = std::log(num_starts / config.false_alarms_per_recording);
-  const double period_s =
-      static_cast<double>(recording.sensors.front().frame_period_ns) * kSecondsPerNs;
+  const double period_s = static_cast<double>(ShortestPeriodNs(recording)) * kSecondsPerNs;
   const auto is_target = [&](const Path& path) {
-    return path.score >= threshold && static_cast<int>(path.plots.size()) >= config.min_plots &&
-           Flies(PlotsOf(path, plots), config);
+    if (path.score < threshold) return false;
+    const std::vector<Plot> members = PlotsOf(path, plots);
+    return HasFrames(members, config.min_plots) && Flies(members, config);
   };
 
   // What the first round finds is clutter no more for the second, which then sees farther. What
@@ -97,10 +106,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     members.erase(std::remove_if(members.begin(), members.end(),
                                  [&](const Plot& plot) { return IsTaken(plot, excluded); }),
                   members.end());
-    if (2 * members.size() < path.plots.size() ||
-        static_cast<int>(members.size()) < config.min_plots) {
-      continue;
-    }
+    if (2 * members.size() < path.plots.size() || !HasFrames(members, config.min_plots)) continue;
     Target target =
         CollectTarget(recording, background, members, excluded, config.collect, trajectory_config);
     if (target.measurements.empty()) continue;

@@ -29,14 +29,6 @@ std::uint64_t Distance(TimeNs a, TimeNs b) {
   return static_cast<std::uint64_t>(std::max(a, b)) - static_cast<std::uint64_t>(std::min(a, b));
 }
 
-TimeNs ShortestPeriod(const Recording& recording) {
-  TimeNs period_ns = std::numeric_limits<TimeNs>::max();
-  for (const SensorInfo& sensor : recording.sensors) {
-    if (sensor.frame_period_ns > 0) period_ns = std::min(period_ns, sensor.frame_period_ns);
-  }
-  return period_ns;
-}
-
 // How long the target may have gone unseen beyond one end: as long as a silence is likelier than
 // `probability`, if it is seen per frame period as often as in the nearest measurements. The
 // longest of their pauses is left out: it may be an occlusion.
@@ -79,7 +71,7 @@ TimeInterval PresenceInterval(const Recording& recording,
       interval.end_ns = std::max(interval.end_ns, frame.end_ns);
     }
   }
-  const TimeNs period_ns = ShortestPeriod(recording);
+  const TimeNs period_ns = ShortestPeriodNs(recording);
   const TimeNs before_ns =
       Silence(measurements.begin(), measurements.end(), period_ns, silence_probability);
   const TimeNs after_ns =

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -50,6 +52,15 @@ struct Recording {
   InputCounts counts;
   std::vector<std::string> warnings;  // one line for each skipped frame
 };
+
+// Of the sensors; the largest TimeNs where none has a period.
+inline TimeNs ShortestPeriodNs(const Recording& recording) {
+  TimeNs period_ns = std::numeric_limits<TimeNs>::max();
+  for (const SensorInfo& sensor : recording.sensors) {
+    if (sensor.frame_period_ns > 0) period_ns = std::min(period_ns, sensor.frame_period_ns);
+  }
+  return period_ns;
+}
 
 // Where a target was seen: the mean of `support` returns.
 struct Measurement {

@@ -105,7 +105,7 @@ bool Prune(const PathScorer& scorer, const TrackerConfig& config, Path* path) {
     }
     first = last;
   }
-  if (best.score < path->score + config.min_exchange_log) return false;
+  if (best.score <= path->score + config.min_exchange_log) return false;
   *path = std::move(best);
   return true;
 }

@@ -43,7 +43,9 @@ Support::Support(const std::vector<Eigen::Vector3f>& structure_m, const Ground& 
 bool Support::IsFloating(const Eigen::Vector3f& place_m) const {
   const auto range_m = static_cast<double>(place_m.norm());
   if (range_m > config_.max_range_m) return false;
-  if (ground_.HeightAbove(place_m) < config_.reach.At(range_m)) return false;
+  // The station itself may hold it, as the ground may.
+  const double nearest_m = std::min(range_m, ground_.HeightAbove(place_m));
+  if (nearest_m < config_.reach.At(range_m)) return false;
   const auto reach_m = static_cast<float>(config_.reach.At(range_m));
   const auto body_m = static_cast<float>(config_.body_m);
   const auto holds = [&](const Eigen::Vector3f& structure_m) {

@@ -82,6 +82,13 @@ TEST(Support, AThingLowAboveTheGroundStandsOnIt) {
   EXPECT_FALSE(BlobFloats({30, 0, kGround_m + 3.5}, {}, config));
 }
 
+TEST(Support, AThingNextToTheStationIsHeldByIt) {
+  const Ground ground({}, GroundConfig());  // none in view
+  const Support support({}, ground, SupportConfig());
+  EXPECT_FALSE(support.IsFloating({0.6F, 0.3F, 0.8F}));
+  EXPECT_TRUE(support.IsFloating({1.2F, 0.6F, 1.8F}));
+}
+
 TEST(Support, FarAwayNobodyKnows) {
   SupportConfig config;
   config.reach = {2.0, 0.0};

@@ -164,6 +164,18 @@ TEST(FindPaths, ScoresArePlainlyThoseOfTheModelAlsoWhereTheTargetIsMoreAgileThan
   EXPECT_GT(num_plots, 100U);
 }
 
+TEST(FindPaths, EndsWhereAnExchangeNeedsNoGain) {
+  Random random(1);
+  std::vector<Plot> plots;
+  AddClutter(2.0, 60, {-6, 0, 0}, {6, 12, 12}, &random, &plots);
+  AddFlight([](double t) { return Eigen::Vector3d(-6 + 2 * t, 6, 6); }, 60, 0.8, -6.0, &random,
+            &plots);
+  SortByTime(&plots);
+  TrackerConfig config;
+  config.min_exchange_log = 0.0;
+  EXPECT_FALSE(FindPaths(plots, kPeriodS, config).empty());
+}
+
 TEST(FindPaths, OnePathTakesAtMostOnePlotATimeAndNoPlotIsInTwo) {
   for (std::uint32_t seed = 0; seed < 5; ++seed) {
     Random random(seed);

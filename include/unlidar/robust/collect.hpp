@@ -13,7 +13,7 @@ namespace unlidar {
 struct CollectConfig {
   int rounds = 3;                // of fit and collection
   double body_sigma_m = 0.15;    // spread of the returns over the body, per axis
-  double centre_sigma_m = 0.04;  // of the mean of a frame's returns: which side is seen
+  double centre_sigma_m = 0.04;  // of the mean of a frame's returns: which parts are hit
   // The centre of a body lies behind the mean of its returns by this share of their spread: 1.33
   // for a ball, less for a flat thing with gaps; 0 leaves the mean. How well that is known.
   double facing_side = 0.4;

@@ -13,8 +13,8 @@
 namespace unlidar {
 
 struct SupportConfig {
-  // Structure or ground as near as this holds a thing up, whether or not what joins the two is
-  // seen: poles and wires are thin, and far away nothing is seen well.
+  // Structure, ground or station as near as this holds a thing up, whether or not what joins the
+  // two is seen: poles and wires are thin, and far away nothing is seen well.
   RangeRadius reach{1.5, 0.1};
   double body_m = 1.5;        // structure nearer than this may be the thing itself
   double max_range_m = 50.0;  // farther away nobody knows

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
 
 from ruamel.yaml import YAML
@@ -132,21 +133,22 @@ def _tracks(row: Row) -> str:
 
 
 def _percent(estimate: Estimate, interval: bool = True, sign: str = "") -> str:
-    if estimate.mean is None:
-        return "-"
-    text = f"{100 * estimate.mean:{sign}.1f} %"
-    if not interval or estimate.low is None:
-        return text
-    return f"{text} ({100 * estimate.low:{sign}.1f}, {100 * estimate.high:{sign}.1f})"
+    return _text(estimate, interval, lambda value: f"{100 * value:{sign}.1f}", " %")
 
 
 def _metres(estimate: Estimate, interval: bool = True, sign: str = "") -> str:
+    return _text(estimate, interval, lambda value: f"{value:{sign}.2f}")
+
+
+def _text(
+    estimate: Estimate, interval: bool, number: Callable[[float], str], unit: str = ""
+) -> str:
     if estimate.mean is None:
         return "-"
-    text = f"{estimate.mean:{sign}.2f}"
+    text = number(estimate.mean) + unit
     if not interval or estimate.low is None:
         return text
-    return f"{text} ({estimate.low:{sign}.2f}, {estimate.high:{sign}.2f})"
+    return f"{text} ({number(estimate.low)}, {number(estimate.high)})"
 
 
 def _keys(variant: Variant) -> str:

@@ -3,10 +3,11 @@
 import csv
 from collections.abc import Iterator
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
-from unlidar_tools.convert.source import Options, TruthRow
+from unlidar_tools.convert.source import Options, Stream, TruthRow
 from unlidar_tools.errors import InputError, UsageError, reason
 from unlidar_tools.stamps import parse_stamp_ns
 from unlidar_tools.truth import TRUTH_NAME
@@ -82,6 +83,40 @@ def truth_of_folder(recording: Path, options: Options, begin_ns: int) -> Iterato
         window = options.window(begin_ns)
         rows = _rows_of_table(recording / TRUTH_NAME)
         yield from (row for row in rows if parse_stamp_ns(row.stamp) in window)
+
+
+class FileSource:
+    """What sources that are folders of stamped files, by sensor, have in common."""
+
+    keeps_beginning: ClassVar[bool] = False  # a file can be mended or taken away
+
+    def __init__(self, path: Path, options: Options, files: dict[str, list[StampedFile]]) -> None:
+        self._path, self._options, self._files = path, options, files
+        self._begin_ns = min((f[0][0] for f in files.values() if f), default=0)
+        self.sensors = {name: len(self._asked_for(name)) for name in files}
+        self.truths = truth_targets(path)
+
+    def total(self, sensors: list[str]) -> int:
+        """The files."""
+        return sum(self.sensors[name] for name in sensors)
+
+    def facts(self) -> dict:
+        """Nothing beyond the counts."""
+        return {}
+
+    def close(self) -> None:
+        """Holds no file open."""
+
+    def _asked_for(self, sensor: str) -> list[StampedFile]:
+        return in_window(self._files[sensor], self._options, self._begin_ns)
+
+    def _truth_streams(self) -> list[Stream]:
+        if not self.truths:
+            return []
+        return [Stream(TRUTH_FOLDER, ".npy or .csv", 0, "ground_truth.csv")]
+
+    def _truth(self) -> Iterator[TruthRow]:
+        return truth_of_folder(self._path, self._options, self._begin_ns)
 
 
 def _rows_of_table(path: Path) -> list[TruthRow]:

@@ -10,12 +10,10 @@ import numpy as np
 
 from unlidar_tools.convert.files import (
     TRUTH_FOLDER,
+    FileSource,
     StampedFile,
-    in_window,
     load_rows,
     refuse_bag_options,
-    truth_of_folder,
-    truth_targets,
 )
 from unlidar_tools.convert.ply import read_ply
 from unlidar_tools.convert.point_times import OFFSET_FIELD, TIME_FIELDS, offsets_ns
@@ -58,34 +56,27 @@ _READERS: dict[str, Callable[[Path], dict[str, np.ndarray]]] = {
 }
 
 
-class FrameFolder:
+class FrameFolder(FileSource):
     """A folder of frames, or a folder with one such folder per sensor."""
 
     kind: ClassVar[str] = "frames"
     description: ClassVar[str] = (
         "a folder of .pcd, .ply, .bin (KITTI) or .npy, or one with such a folder per sensor"
     )
-    keeps_beginning: ClassVar[bool] = False  # a file can be mended or taken away
 
     def __init__(self, path: Path, options: Options) -> None:
         refuse_bag_options(path, options)
-        self._path, self._options = path, options
         self._notes: list[str] = []
         self._suffixes: dict[str, str] = {}
-        self._files: dict[str, list[StampedFile]] = {}
+        files_of: dict[str, list[StampedFile]] = {}
         for directory in _frame_folders(path):
             at = directory.resolve()
             name = at.parent.name if at.name == "data" else at.name
-            if name in self._files:
+            if name in files_of:
                 raise InputError(f"{path}: has two folders of frames named {name}")
             self._suffixes[name] = _suffix(directory)
-            self._files[name] = self._stamped(directory, self._suffixes[name])
-        self._begin_ns = min(files[0][0] for files in self._files.values())
-        self.sensors = {
-            name: len(in_window(files, options, self._begin_ns))
-            for name, files in self._files.items()
-        }
-        self.truths = truth_targets(path)
+            files_of[name] = self._stamped(directory, self._suffixes[name], options)
+        super().__init__(path, options, files_of)
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -102,35 +93,21 @@ class FrameFolder:
             Stream(name, self._suffixes[name], len(files), "frames")
             for name, files in self._files.items()
         ]
-        if self.truths:
-            found.append(Stream(TRUTH_FOLDER, ".npy or .csv", 0, "ground_truth.csv"))
-        return found
-
-    def total(self, sensors: list[str]) -> int:
-        """The files."""
-        return sum(self.sensors[name] for name in sensors)
+        return found + self._truth_streams()
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow]:
         """The frames, sensor by sensor, then the truth."""
         for sensor in sensors:
             read = _READERS[self._suffixes[sensor]]
-            files = in_window(self._files[sensor], self._options, self._begin_ns)
-            for stamp_ns, stamp, path in files:
+            for stamp_ns, stamp, path in self._asked_for(sensor):
                 yield _frame(sensor, stamp_ns, stamp, path, read(path))
-        yield from truth_of_folder(self._path, self._options, self._begin_ns)
+        yield from self._truth()
 
     def notes(self) -> list[str]:
         """Where stamps had to be made up."""
         return self._notes
 
-    def facts(self) -> dict:
-        """Nothing beyond the counts."""
-        return {}
-
-    def close(self) -> None:
-        """Holds no file open."""
-
-    def _stamped(self, directory: Path, suffix: str) -> list[StampedFile]:
+    def _stamped(self, directory: Path, suffix: str, options: Options) -> list[StampedFile]:
         """By timestamps.csv, KITTI's list of times, or the names, in this order."""
         paths = sorted(directory.glob(f"*{suffix}"))
         listed = next(
@@ -146,7 +123,7 @@ class FrameFolder:
             if listed is not None:
                 return _stamps_of_list(listed, paths)
             if all(p.stem.isdecimal() and int(p.stem) < _LEAST_UNIX_S for p in paths):
-                return self._numbered(directory, paths)
+                return self._numbered(directory, paths, options)
         table = stamps_of_table(directory / "timestamps.csv")
         files = []
         for path in paths:
@@ -161,9 +138,9 @@ class FrameFolder:
             files.append((stamp_ns, format_stamp_ns(stamp_ns), path))
         return sorted(files)
 
-    def _numbered(self, directory: Path, paths: list[Path]) -> list[StampedFile]:
-        rate_hz = self._options.rate_hz or _DEFAULT_RATE_HZ
-        if self._options.rate_hz is None:
+    def _numbered(self, directory: Path, paths: list[Path], options: Options) -> list[StampedFile]:
+        rate_hz = options.rate_hz or _DEFAULT_RATE_HZ
+        if options.rate_hz is None:
             self._notes.append(
                 f"{directory}: names are numbers of frames, not stamps: took {rate_hz:g} frames a "
                 "second, --rate HZ for another"

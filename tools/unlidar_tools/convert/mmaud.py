@@ -5,13 +5,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from unlidar_tools.convert.files import (
-    TRUTH_FOLDER,
+    FileSource,
     files_stamped_by_name,
-    in_window,
     load_rows,
     refuse_bag_options,
-    truth_of_folder,
-    truth_targets,
 )
 from unlidar_tools.convert.source import Options, SourceFrame, Stream, TruthRow
 from unlidar_tools.errors import InputError
@@ -20,29 +17,19 @@ _LIDARS = ("lidar_360", "livox_avia")
 _RADAR = "radar_enhance_pcl"
 
 
-class MmaudFolder:
+class MmaudFolder(FileSource):
     """A sequence of MMAUD: `lidar_360`, `livox_avia`, `radar_enhance_pcl` and `ground_truth`."""
 
     kind: ClassVar[str] = "mmaud"
     description: ClassVar[str] = (
         "a MMAUD sequence (a folder with lidar_360/ or livox_avia/ of <seconds>.npy)"
     )
-    keeps_beginning: ClassVar[bool] = False  # a file can be mended or taken away
 
     def __init__(self, path: Path, options: Options) -> None:
         refuse_bag_options(path, options)
-        self._path, self._options = path, options
-        self._files = {
-            name: files_stamped_by_name(path / name)
-            for name in (*_LIDARS, _RADAR)
-            if (path / name).is_dir()
-        }
-        self._begin_ns = min((files[0][0] for files in self._files.values() if files), default=0)
-        self.sensors = {
-            name: len(in_window(files, options, self._begin_ns))
-            for name, files in self._files.items()
-        }
-        self.truths = truth_targets(path)
+        names = [name for name in (*_LIDARS, _RADAR) if (path / name).is_dir()]
+        files_of = {name: files_stamped_by_name(path / name) for name in names}
+        super().__init__(path, options, files_of)
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -64,28 +51,15 @@ class MmaudFolder:
             Stream(name, ".npy", len(files), "radar, only if named" if name == _RADAR else "frames")
             for name, files in self._files.items()
         ]
-        if self.truths:
-            found.append(Stream(TRUTH_FOLDER, ".npy or .csv", 0, "ground_truth.csv"))
-        return found
-
-    def total(self, sensors: list[str]) -> int:
-        """The files."""
-        return sum(self.sensors[name] for name in sensors)
+        return found + self._truth_streams()
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow]:
         """The frames, sensor by sensor, then the positions of the Leica prism."""
         for sensor in sensors:
-            for _, stamp, path in in_window(self._files[sensor], self._options, self._begin_ns):
+            for _, stamp, path in self._asked_for(sensor):
                 yield SourceFrame(sensor, stamp, load_rows(path))
-        yield from truth_of_folder(self._path, self._options, self._begin_ns)
+        yield from self._truth()
 
     def notes(self) -> list[str]:
         """Nothing is guessed here."""
         return []
-
-    def facts(self) -> dict:
-        """Nothing beyond the counts."""
-        return {}
-
-    def close(self) -> None:
-        """Holds no file open."""

@@ -118,6 +118,7 @@ void VisitGroundKeys(Visitor&& visit, Ground& ground) {
   visit("robust.ground.max_slope", ground.max_slope, Range{0, 10});
   visit("robust.ground.max_rise_m", ground.max_rise_m, Range{0, 100});
   visit("robust.ground.max_relief_m", ground.max_relief_m, Range{0, 1e3});
+  visit("robust.ground.thickness_m", ground.thickness_m, Range{0, 100});
 }
 
 template <class Visitor, class Support>

@@ -72,4 +72,8 @@ double Ground::HeightAbove(const Eigen::Vector3f& point_m) const {
   return p.z() - ground_m;
 }
 
+bool Ground::Holds(const Eigen::Vector3f& point_m) const {
+  return HeightAbove(point_m) < config_.thickness_m;
+}
+
 }  // namespace unlidar

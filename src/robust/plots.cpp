@@ -127,9 +127,12 @@ void DropNearBodies(const std::vector<Box>& bodies, const PlotConfig& config,
         std::lower_bound(bodies.begin(), bodies.end(), plot.time_ns - margin_ns,
                          [](const Box& box, TimeNs time_ns) { return box.time_ns < time_ns; });
     for (; body != bodies.end() && body->time_ns <= plot.time_ns + margin_ns; ++body) {
-      const float margin_m = std::max(
-          static_cast<float>(config.body_min_margin_m),
-          static_cast<float>(config.body_margin) * (body->high_m - body->low_m).maxCoeff());
+      // Its far side may reach as far as its length, its top as its height.
+      const Eigen::Array3f size_m = body->high_m - body->low_m;
+      const float length_m = size_m.head<2>().maxCoeff();
+      const Eigen::Array3f margin_m =
+          (static_cast<float>(config.body_margin) * Eigen::Array3f(length_m, length_m, size_m.z()))
+              .max(static_cast<float>(config.body_min_margin_m));
       if ((p > body->low_m - margin_m).all() && (p < body->high_m + margin_m).all()) return true;
     }
     return false;

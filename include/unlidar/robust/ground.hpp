@@ -18,6 +18,7 @@ struct GroundConfig {
   double max_slope = 0.3;     // a steeper plane is a wall or a crown
   double max_rise_m = 0.5;    // above the plane; more is a bush, a car or the station itself
   double max_relief_m = 1.5;  // a cell farther from the plane is not ground
+  double thickness_m = 0.3;   // what is lower is ground: grass, noise
 };
 
 // Local lowest heights about one plane z = c0 + c1 x + c2 y. Without a ground in view (a sensor
@@ -27,6 +28,9 @@ class Ground {
   Ground(const std::vector<Eigen::Vector3f>& points_m, const GroundConfig& config);
 
   double HeightAbove(const Eigen::Vector3f& point_m) const;
+
+  // Whether a return comes from the ground itself.
+  bool Holds(const Eigen::Vector3f& point_m) const;
 
  private:
   std::pair<int, int> CellOf(double x_m, double y_m) const;

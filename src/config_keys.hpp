@@ -127,6 +127,7 @@ void VisitSupportKeys(Visitor&& visit, Support& support) {
   visit("robust.support.body_m", support.body_m, Range{1e-3, 100});
   visit("robust.support.max_range_m", support.max_range_m, Range{0, 1e5});
   visit("robust.support.voxel_m", support.voxel_m, Range{0.01, 10});
+  visit("robust.support.max_hidden_share", support.max_hidden_share, Range{0, 1});
 }
 
 template <class Visitor, class Plots>
@@ -191,6 +192,7 @@ void VisitCollectKeys(Visitor&& visit, Collect& collect) {
   visit("robust.collect.facing_side", collect.facing_side, Range{0, 10});
   visit("robust.collect.facing_side_sigma", collect.facing_side_sigma, Range{0, 10});
   visit("robust.collect.beam_sigma_rad", collect.beam_sigma_rad, Range{0, 1});
+  visit("robust.collect.min_return_log", collect.min_return_log, Range{-1e3, 1e3});
   visit("robust.collect.gate", collect.gate, Range{0, 100, false});
   visit("robust.collect.max_search_sigma_m", collect.max_search_sigma_m, Range{0, 1e3, false});
   visit("robust.collect.max_extension_s", collect.max_extension_s, Range{0, 600});

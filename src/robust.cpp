@@ -50,12 +50,12 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   RobustResult result;
   if (recording.points_m.empty()) return result;
   const Background background(recording, config.background);
-  const std::vector<Eigen::Vector3f> structure_m = background.StructurePoints(recording);
+  const std::vector<Eigen::Vector3f> structure_m = PointsOf(recording, background.structure());
   const Ground ground(structure_m, config.ground);
   const Support support(structure_m, ground, config.support);
   // What stands still in the air all the time looks like structure, but is none.
   const std::vector<std::uint32_t> floating =
-      support.FloatingReturns(recording, background.unexplained());
+      support.FloatingReturns(recording, background.structure());
   std::vector<std::uint32_t> candidates;
   std::merge(background.unexplained().begin(), background.unexplained().end(), floating.begin(),
              floating.end(), std::back_inserter(candidates));

@@ -53,6 +53,15 @@ struct Recording {
   std::vector<std::string> warnings;  // one line for each skipped frame
 };
 
+// Some of the returns of a recording, by their indices.
+inline std::vector<Eigen::Vector3f> PointsOf(const Recording& recording,
+                                             const std::vector<std::uint32_t>& returns) {
+  std::vector<Eigen::Vector3f> points_m;
+  points_m.reserve(returns.size());
+  for (const std::uint32_t i : returns) points_m.push_back(recording.points_m[i]);
+  return points_m;
+}
+
 // Of the sensors; the largest TimeNs where none has a period.
 inline TimeNs ShortestPeriodNs(const Recording& recording) {
   TimeNs period_ns = std::numeric_limits<TimeNs>::max();

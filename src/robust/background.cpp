@@ -4,55 +4,10 @@
 #include <cmath>
 #include <iterator>
 
+#include "unlidar/robust/depth_map.hpp"
+
 namespace unlidar {
 namespace {
-
-// Median range per direction cell and time bin.
-class DepthMap {
- public:
-  DepthMap(const Recording& recording, const std::vector<std::uint32_t>& bins, std::size_t num_bins,
-           double cell_deg)
-      : num_bins_(num_bins),
-        cell_rad_(cell_deg * M_PI / 180.0),
-        columns_(static_cast<std::size_t>(std::ceil(2.0 * M_PI / cell_rad_)) + 1),
-        rows_(static_cast<std::size_t>(std::ceil(M_PI / cell_rad_)) + 1) {
-    constexpr double kQuantum_m = 0.05;
-    std::vector<std::uint64_t> entries(recording.points_m.size());
-    for (std::size_t i = 0; i < entries.size(); ++i) {
-      const double quanta = std::min(65535.0, recording.points_m[i].norm() / kQuantum_m);
-      entries[i] =
-          (Index(recording.points_m[i], bins[i]) << 16) | static_cast<std::uint64_t>(quanta);
-    }
-    std::sort(entries.begin(), entries.end());
-    median_m_.assign(columns_ * rows_ * num_bins_, 1e9F);
-    for (std::size_t first = 0; first < entries.size();) {
-      std::size_t last = first;
-      while (last < entries.size() && entries[last] >> 16 == entries[first] >> 16) ++last;
-      median_m_[entries[first] >> 16] = static_cast<float>(
-          kQuantum_m * static_cast<double>(entries[(first + last) / 2] & 0xFFFF));
-      first = last;
-    }
-  }
-
-  float MedianM(const Eigen::Vector3f& point_m, std::size_t bin) const {
-    return median_m_[Index(point_m, bin)];
-  }
-
- private:
-  std::uint64_t Index(const Eigen::Vector3f& p, std::size_t bin) const {
-    const double azimuth = std::atan2(p.y(), p.x()) + M_PI;
-    const double elevation = std::atan2(p.z(), std::hypot(p.x(), p.y())) + M_PI / 2;
-    const auto column = static_cast<std::size_t>(azimuth / cell_rad_);
-    const auto row = static_cast<std::size_t>(elevation / cell_rad_);
-    return (row * columns_ + column) * num_bins_ + bin;
-  }
-
-  std::size_t num_bins_;
-  double cell_rad_;
-  std::size_t columns_;
-  std::size_t rows_;
-  std::vector<float> median_m_;
-};
 
 // The bins of the stay that holds `bin`: occupied bins with breaks of at most `max_break` bins.
 std::pair<std::size_t, std::size_t> Stay(const std::vector<std::uint32_t>& profile, std::size_t bin,
@@ -121,7 +76,7 @@ void Background::Classify(const Recording& recording) {
     by_place[i] = {grid_.Key(recording.points_m[i]), static_cast<std::uint32_t>(i)};
   }
   std::sort(by_place.begin(), by_place.end());
-  const DepthMap depth(recording, bins, num_bins(), config_.occluder_cell_deg);
+  const DepthMap depth(recording.points_m, bins, num_bins(), config_.occluder_cell_deg);
 
   const auto max_break = static_cast<std::size_t>(config_.max_break_s / config_.bin_s);
   const double min_exposed = config_.min_exposure * static_cast<double>(watched_bins_.size());
@@ -157,24 +112,12 @@ void Background::Classify(const Recording& recording) {
       if (verdict == Verdict::kUnknown) {
         verdict = is_structure(place_m, bins[index]) ? Verdict::kStructure : Verdict::kUnexplained;
       }
-      if (verdict == Verdict::kUnexplained) unexplained_.push_back(index);
+      (verdict == Verdict::kStructure ? structure_ : unexplained_).push_back(index);
     }
     first = i;
   }
+  std::sort(structure_.begin(), structure_.end());
   std::sort(unexplained_.begin(), unexplained_.end());
-}
-
-std::vector<Eigen::Vector3f> Background::StructurePoints(const Recording& recording) const {
-  std::vector<Eigen::Vector3f> points_m;
-  std::size_t next = 0;
-  for (std::size_t i = 0; i < recording.points_m.size(); ++i) {
-    if (next < unexplained_.size() && unexplained_[next] == i) {
-      ++next;
-    } else {
-      points_m.push_back(recording.points_m[i]);
-    }
-  }
-  return points_m;
 }
 
 double Background::RateOutside(const Eigen::Vector3f& place_m, TimeNs from_ns, TimeNs to_ns) const {

@@ -191,7 +191,9 @@ class Collector {
       const auto [from, to] =
           Presence(trajectory, time_ns, place_m, config_.presence.At(place_m.norm()));
       const double rate = background_.RateOutside(recording_.points_m[i], from, to);
-      if (rate <= 0.0 || log_peak - 0.5 * distance2 > std::log(rate)) members.push_back(i);
+      if (rate <= 0.0 || log_peak - 0.5 * distance2 > std::log(rate) + config_.min_return_log) {
+        members.push_back(i);
+      }
     }
     return members;
   }

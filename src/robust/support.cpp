@@ -8,6 +8,7 @@ namespace unlidar {
 namespace {
 
 constexpr float kCellM = 2.0F;
+constexpr double kDirectionDeg = 2.0;
 
 std::int64_t IndexOf(float coordinate_m, float edge_m) {
   return static_cast<std::int64_t>(std::floor(coordinate_m / edge_m));
@@ -30,7 +31,9 @@ std::uint64_t KeyOf(const Eigen::Vector3f& point_m, float edge_m) {
 
 Support::Support(const std::vector<Eigen::Vector3f>& structure_m, const Ground& ground,
                  const SupportConfig& config)
-    : ground_(ground), config_(config) {
+    : ground_(ground),
+      config_(config),
+      depth_(structure_m, std::vector<std::uint32_t>(structure_m.size(), 0), 1, kDirectionDeg) {
   const auto voxel_m = static_cast<float>(config.voxel_m);
   std::unordered_set<std::uint64_t> seen;
   for (const Eigen::Vector3f& point_m : structure_m) {
@@ -72,20 +75,17 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m) const {
       }
     }
   }
-  return true;
+  // What holds it may be hidden.
+  return depth_.HiddenShare(place_m, config_.reach.At(range_m), config_.body_m) <=
+         config_.max_hidden_share;
 }
 
 std::vector<std::uint32_t> Support::FloatingReturns(
-    const Recording& recording, const std::vector<std::uint32_t>& unexplained) const {
+    const Recording& recording, const std::vector<std::uint32_t>& structure) const {
   const auto voxel_m = static_cast<float>(config_.voxel_m);
   std::unordered_map<std::uint64_t, bool> verdicts;  // by voxel
   std::vector<std::uint32_t> floating;
-  auto next = unexplained.begin();
-  for (std::uint32_t i = 0; i < recording.points_m.size(); ++i) {
-    if (next != unexplained.end() && *next == i) {
-      ++next;
-      continue;
-    }
+  for (const std::uint32_t i : structure) {
     const Eigen::Vector3f& point_m = recording.points_m[i];
     const auto [verdict, is_new] = verdicts.try_emplace(KeyOf(point_m, voxel_m), false);
     if (is_new) verdict->second = IsFloating(point_m);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <numeric>
+#include <utility>
 
 namespace unlidar {
 
@@ -43,9 +44,9 @@ Path TrackSearch::Best() const {
 
 void TrackSearch::Extend(std::size_t first, std::size_t last) {
   const double time_s = TimeOf(plots_, first);
-  Retire(time_s, last - first);
-  FindCandidates(first, last, time_s);
-  const std::size_t size_before = history_.size();
+  Predict(time_s);
+  KeepBest(first, last);
+  FindCandidates(first, last);
   for (std::size_t i = first; i < last; ++i) {
     if (!free_[i]) continue;
     std::vector<Candidate>& candidates = candidates_[i - first];
@@ -63,53 +64,77 @@ void TrackSearch::Extend(std::size_t first, std::size_t last) {
       if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.parent = p.history;
-      history_.push_back(h);
+      Add(h);
     }
     for (const double speed_mps : config_.birth_speeds_mps) {
-      history_.push_back(model_.Birth(plots_[i], log_births_[i], time_s, speed_mps));
-      history_.back().plot = static_cast<std::int32_t>(i);
+      Hypothesis h = model_.Birth(plots_[i], log_births_[i], time_s, speed_mps);
+      h.plot = static_cast<std::int32_t>(i);
+      Add(h);
     }
-  }
-  for (std::size_t h = size_before; h < history_.size(); ++h) {
-    active_.push_back({static_cast<std::int32_t>(h), 0.0, 0.0});
   }
 }
 
-// Drops what is too old or too unlikely. In rain most plots are births that lead nowhere: only the
-// best hypotheses are carried on.
-void TrackSearch::Retire(double time_s, std::size_t num_plots) {
-  std::size_t kept = 0;
-  for (Active active : active_) {
-    const Hypothesis& from = history_[static_cast<std::size_t>(active.history)];
-    if (time_s - from.time_s > config_.max_gap_s) continue;
-    active.score_if_visible = model_.ScoreIfVisible(from, time_s);
-    active.score = model_.Score(from, time_s, active.score_if_visible);
-    if (active.score >= config_.give_up_log) active_[kept++] = active;
+void TrackSearch::Add(const Hypothesis& hypothesis) {
+  active_.push_back(static_cast<std::int32_t>(history_.size()));
+  history_.push_back(hypothesis);
+}
+
+// Carries all hypotheses on to a time. Drops what is too old or too unlikely.
+void TrackSearch::Predict(double time_s) {
+  predictions_.clear();
+  double motion_dt = -1.0;
+  Motion motion;
+  for (const std::int32_t index : active_) {
+    const Hypothesis& from = history_[static_cast<std::size_t>(index)];
+    const double dt = time_s - from.time_s;
+    if (dt > config_.max_gap_s) continue;
+    const double score_if_visible = model_.ScoreIfVisible(from, time_s);
+    if (model_.Score(from, time_s, score_if_visible) < config_.give_up_log) continue;
+    if (dt != motion_dt) {
+      motion = model_.MotionOver(dt);
+      motion_dt = dt;
+    }
+    predictions_.push_back(model_.Predict(from, time_s, score_if_visible, motion));
+    predictions_.back().history = index;
   }
-  active_.resize(kept);
-  const std::size_t most = static_cast<std::size_t>(config_.max_hypotheses) +
-                           static_cast<std::size_t>(config_.max_hypotheses_per_plot) * num_plots;
-  if (active_.size() <= most) return;
-  const auto nth = active_.begin() + static_cast<std::ptrdiff_t>(most);
-  std::nth_element(active_.begin(), nth, active_.end(), [](const Active& a, const Active& b) {
-    return a.score > b.score || (a.score == b.score && a.history > b.history);
-  });
-  active_.resize(most);
-  std::sort(active_.begin(), active_.end(),
-            [](const Active& a, const Active& b) { return a.history < b.history; });
+}
+
+// In rain most plots are births that lead nowhere: only the best hypotheses are carried on, by what
+// a plot just where they expect it could make of them. A birth far away, whose misses cost nothing
+// because it would hardly ever be seen, does not crowd out what is near.
+void TrackSearch::KeepBest(std::size_t first, std::size_t last) {
+  variances_ = {plots_[first].variance_m2, plots_[first].variance_m2};
+  for (std::size_t i = first; i < last; ++i) {
+    variances_.least_m2 = std::min(variances_.least_m2, plots_[i].variance_m2);
+    variances_.largest_m2 = std::max(variances_.largest_m2, plots_[i].variance_m2);
+  }
+  const std::size_t most =
+      static_cast<std::size_t>(config_.max_hypotheses) +
+      static_cast<std::size_t>(config_.max_hypotheses_per_plot) * (last - first);
+  if (predictions_.size() > most) {
+    std::vector<std::pair<double, std::size_t>> promises;
+    for (std::size_t k = 0; k < predictions_.size(); ++k) {
+      promises.emplace_back(-model_.BoundOf(predictions_[k], variances_).steady_top, k);
+    }
+    std::nth_element(promises.begin(), promises.begin() + static_cast<std::ptrdiff_t>(most),
+                     promises.end());
+    promises.resize(most);
+    std::sort(promises.begin(), promises.end(),
+              [](const auto& a, const auto& b) { return a.second < b.second; });
+    for (std::size_t k = 0; k < most; ++k) predictions_[k] = predictions_[promises[k].second];
+    predictions_.resize(most);
+  }
+  active_.clear();
+  for (const Prediction& p : predictions_) active_.push_back(p.history);
 }
 
 // The plots of [first, last) that continue a hypothesis better than a new one would begin there.
-void TrackSearch::FindCandidates(std::size_t first, std::size_t last, double time_s) {
+void TrackSearch::FindCandidates(std::size_t first, std::size_t last) {
   candidates_.resize(std::max(candidates_.size(), last - first));
   for (std::vector<Candidate>& candidates : candidates_) candidates.clear();
-  predictions_.clear();
-  VarianceRange variances{plots_[first].variance_m2, plots_[first].variance_m2};
   // What each plot asks of a prediction.
   std::vector<double> needs;
   for (std::size_t i = first; i < last; ++i) {
-    variances.least_m2 = std::min(variances.least_m2, plots_[i].variance_m2);
-    variances.largest_m2 = std::max(variances.largest_m2, plots_[i].variance_m2);
     needs.push_back(LeastScore(i) - model_.PlotBound(plots_[i]));
   }
   const double least_need = *std::min_element(needs.begin(), needs.end());
@@ -118,24 +143,15 @@ void TrackSearch::FindCandidates(std::size_t first, std::size_t last, double tim
   std::sort(by_x.begin(), by_x.end(), [&](std::size_t a, std::size_t b) {
     return plots_[a].position_m.x() < plots_[b].position_m.x();
   });
-  double motion_dt = -1.0;
-  Motion motion;
-  for (const Active& active : active_) {
-    const Hypothesis& from = history_[static_cast<std::size_t>(active.history)];
-    const double dt = time_s - from.time_s;
-    if (dt != motion_dt) {
-      motion = model_.MotionOver(dt);
-      motion_dt = dt;
-    }
-    Prediction p = model_.Predict(from, time_s, active.score_if_visible, motion);
-    const ScoreBound bound = model_.BoundOf(p, variances);
+  for (std::size_t k = 0; k < predictions_.size(); ++k) {
+    const Prediction& p = predictions_[k];
+    const ScoreBound bound = model_.BoundOf(p, variances_);
     const double reach_m2 = bound.ReachM2(least_need);
     if (reach_m2 < 0.0) continue;
     const double reach_m = std::sqrt(reach_m2);
     const auto begin =
         std::lower_bound(by_x.begin(), by_x.end(), p.position_m.x() - reach_m,
                          [&](std::size_t i, double x) { return plots_[i].position_m.x() < x; });
-    bool is_used = false;
     for (auto at = begin; at != by_x.end(); ++at) {
       const std::size_t i = *at;
       if (plots_[i].position_m.x() > p.position_m.x() + reach_m) break;
@@ -144,12 +160,8 @@ void TrackSearch::FindCandidates(std::size_t first, std::size_t last, double tim
       if (bound.At(distance2_m2) < needs[i - first]) continue;
       const Gain gain = model_.GainOf(p, plots_[i]);
       if (p.score + gain.log < LeastScore(i)) continue;
-      candidates_[i - first].push_back({p.score + gain.log, gain, predictions_.size()});
-      is_used = true;
+      candidates_[i - first].push_back({p.score + gain.log, gain, k});
     }
-    if (!is_used) continue;
-    p.history = active.history;
-    predictions_.push_back(p);
   }
 }
 

@@ -19,21 +19,18 @@ class TrackSearch {
   Path Best() const;
 
  private:
-  struct Active {
-    std::int32_t history;
-    double score_if_visible;
-    double score;
-  };
   struct Candidate {
     double score;
     Gain gain;
-    std::size_t index;
+    std::size_t index;  // of the prediction
   };
 
   // Carries all hypotheses on to the plots [first, last) of one time.
   void Extend(std::size_t first, std::size_t last);
-  void Retire(double time_s, std::size_t num_plots);
-  void FindCandidates(std::size_t first, std::size_t last, double time_s);
+  void Add(const Hypothesis& hypothesis);
+  void Predict(double time_s);
+  void KeepBest(std::size_t first, std::size_t last);
+  void FindCandidates(std::size_t first, std::size_t last);
   double LeastScore(std::size_t plot) const;
 
   const std::vector<Plot>& plots_;
@@ -42,8 +39,9 @@ class TrackSearch {
   TrackModel model_;
   const TrackerConfig& config_;
   std::vector<Hypothesis> history_;
-  std::vector<Active> active_;
-  std::vector<Prediction> predictions_;
+  std::vector<std::int32_t> active_;     // those that may go on: indices into the history
+  std::vector<Prediction> predictions_;  // of the active ones, at the time at hand
+  VarianceRange variances_;              // of the plots at the time at hand
   std::vector<std::vector<Candidate>> candidates_;  // per plot of the time at hand
 };
 

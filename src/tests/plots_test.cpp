@@ -33,8 +33,8 @@ struct Found {
 Found FindPlots(const Recording& recording, const PlotConfig& config = PlotConfig()) {
   Found found;
   const Background background(recording, BackgroundConfig());
-  const Ground ground(background.StructurePoints(recording), GroundConfig());
-  const Support support(background.StructurePoints(recording), ground, SupportConfig());
+  const Ground ground(PointsOf(recording, background.structure()), GroundConfig());
+  const Support support(PointsOf(recording, background.structure()), ground, SupportConfig());
   found.plots =
       MakePlots(recording, background.unexplained(), ground, support, config, &found.is_body);
   return found;

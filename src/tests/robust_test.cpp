@@ -276,12 +276,12 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
   const RecordingMaker maker = Yard(9, DroneOn(Transit, 4.0));
   const RobustResult result = FindTargetsRobust(maker.recording, config, TrajectoryConfig());
   const Background background(maker.recording, config.background);
-  const std::vector<Eigen::Vector3f> structure_m = background.StructurePoints(maker.recording);
+  const std::vector<Eigen::Vector3f> structure_m = PointsOf(maker.recording, background.structure());
   const Ground ground(structure_m, config.ground);
   const Support support(structure_m, ground, config.support);
   EXPECT_EQ(result.counts.unexplained_returns,
             background.unexplained().size() +
-                support.FloatingReturns(maker.recording, background.unexplained()).size());
+                support.FloatingReturns(maker.recording, background.structure()).size());
   EXPECT_GE(result.counts.paths, result.targets.size());
   EXPECT_GE(result.counts.plots, result.targets.front().measurements.size());
   constexpr double kModels = 6.0;  // three agilities, two birth speeds

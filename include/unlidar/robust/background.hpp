@@ -26,11 +26,9 @@ class Background {
  public:
   Background(const Recording& recording, const BackgroundConfig& config);
 
-  // Returns that no structure explains, ascending.
+  // The returns of structure and all others: indices into the recording, ascending.
+  const std::vector<std::uint32_t>& structure() const { return structure_; }
   const std::vector<std::uint32_t>& unexplained() const { return unexplained_; }
-
-  // Returns that structure explains.
-  std::vector<Eigen::Vector3f> StructurePoints(const Recording& recording) const;
 
   // Returns per m^3 and frame at a place, as seen in the bins that do not touch [from, to].
   // Negative where there are too few such bins to know.
@@ -52,6 +50,7 @@ class Background {
   std::vector<char> is_watched_;                // (num_bins)
   std::vector<double> frames_in_bin_;
   RangeGrid grid_;
+  std::vector<std::uint32_t> structure_;
   std::vector<std::uint32_t> unexplained_;
 };
 

@@ -19,6 +19,8 @@ struct CollectConfig {
   double facing_side = 0.4;
   double facing_side_sigma = 0.3;
   double beam_sigma_rad = 0.002;    // growth of the spread with range
+  // By so much a return must be likelier the target's than its place's: the target may be hidden.
+  double min_return_log = 2.0;
   double gate = 4.0;                // standard deviations in which a return may lie
   double max_search_sigma_m = 1.0;  // where the trajectory is less sure, nothing is collected
   double max_extension_s = 2.0;     // beyond the ends, per round

@@ -6,6 +6,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "unlidar/robust/depth_map.hpp"
 #include "unlidar/robust/ground.hpp"
 #include "unlidar/robust/range_grid.hpp"
 #include "unlidar/types.hpp"
@@ -19,6 +20,8 @@ struct SupportConfig {
   double body_m = 1.5;        // structure nearer than this may be the thing itself
   double max_range_m = 50.0;  // farther away nobody knows
   double voxel_m = 0.25;      // resolution of structure
+  // Where more than this of the directions about a thing is hidden, so may be what holds it.
+  double max_hidden_share = 0.2;
 };
 
 // Whether a place is near enough to structure or ground for a static thing to be there.
@@ -31,14 +34,14 @@ class Support {
 
   bool IsFloating(const Eigen::Vector3f& place_m) const;
 
-  // Structure that floats: indices into the recording, ascending. `unexplained` returns, ascending,
-  // are no structure.
+  // The returns of `structure` that float; both are indices into the recording, ascending.
   std::vector<std::uint32_t> FloatingReturns(const Recording& recording,
-                                             const std::vector<std::uint32_t>& unexplained) const;
+                                             const std::vector<std::uint32_t>& structure) const;
 
  private:
   const Ground& ground_;
   SupportConfig config_;
+  DepthMap depth_;  // of structure
   std::unordered_map<std::uint64_t, std::vector<Eigen::Vector3f>> cells_;  // voxels of structure
 };
 

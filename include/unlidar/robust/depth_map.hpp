@@ -1,0 +1,35 @@
+// How far one sees in each direction.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace unlidar {
+
+// Median range of the returns per cell of directions, and per time bin.
+class DepthMap {
+ public:
+  // `bins`: one per point, each below `num_bins`.
+  DepthMap(const std::vector<Eigen::Vector3f>& points_m, const std::vector<std::uint32_t>& bins,
+           std::size_t num_bins, double cell_deg);
+
+  // Infinite where nothing was seen.
+  float MedianM(const Eigen::Vector3f& point_m, std::size_t bin) const;
+
+  // Of the directions within `radius_m` of a place, as seen from the sensor, the share in which
+  // something is nearer than the place by `margin_m`, over all bins.
+  double HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m) const;
+
+ private:
+  std::size_t Index(const Eigen::Vector3f& point_m, std::size_t bin) const;
+
+  std::size_t num_bins_;
+  double cell_rad_;
+  std::size_t columns_;
+  std::size_t rows_;
+  std::vector<float> median_m_;  // (rows, columns, bins)
+};
+
+}  // namespace unlidar

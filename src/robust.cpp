@@ -73,7 +73,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
       config.tracker.sigma_a_mps2.size() * config.tracker.birth_speeds_mps.size();
   const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
   const double threshold = std::log(num_starts / config.false_alarms_per_recording);
-  const double period_s = static_cast<double>(ShortestPeriodNs(recording)) * kSecondsPerNs;
+  const Watch watch{static_cast<double>(ShortestPeriodNs(recording)) * kSecondsPerNs,
+                    static_cast<int>(recording.sensors.size())};
   const auto is_target = [&](const Path& path) {
     if (path.score < threshold) return false;
     const std::vector<Plot> members = PlotsOf(path, plots);
@@ -90,8 +91,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   }
   std::vector<Path> paths;
   for (int round = 0; round < config.rounds; ++round) {
-    EstimateClutter(recording, background, config.plots, explained, &plots);
-    paths = FindPaths(plots, period_s, config.tracker);
+    EstimateClutter(recording, background, config.plots, config.tracker.shape, explained, &plots);
+    paths = FindPaths(plots, watch, config.tracker);
     const std::vector<char> before = explained;
     for (const Path& path : paths) {
       if (!is_target(path)) continue;

@@ -76,13 +76,20 @@ void Background::Classify(const Recording& recording) {
     by_place[i] = {grid_.Key(recording.points_m[i]), static_cast<std::uint32_t>(i)};
   }
   std::sort(by_place.begin(), by_place.end());
+  place_rate_.assign(n, 0.0F);
   const DepthMap depth(recording.points_m, bins, num_bins(), config_.occluder_cell_deg);
 
   const auto max_break = static_cast<std::size_t>(config_.max_break_s / config_.bin_s);
   const double min_exposed = config_.min_exposure * static_cast<double>(watched_bins_.size());
   std::vector<std::uint32_t> profile(num_bins());
+  struct Verdict {
+    bool is_known = false;
+    bool is_structure = false;
+    float hits_per_frame = 0.0F;
+  };
+  const double frames_per_bin = static_cast<double>(recording.frames.size()) / static_cast<double>(watched_bins_.size());
   // Whether the bins outside the stay about `bin` show structure, or too little to tell.
-  const auto is_structure = [&](const Eigen::Vector3f& place_m, std::size_t bin) {
+  const auto judge = [&](const Eigen::Vector3f& place_m, std::size_t bin) {
     const double visible_m = static_cast<double>(place_m.norm()) - config_.occluder_margin_m;
     const auto [stay_first, stay_last] = Stay(profile, bin, max_break);
     double num_exposed = 0.0;
@@ -96,23 +103,28 @@ void Background::Classify(const Recording& recording) {
         num_exposed += 1.0;
       }
     }
-    return num_exposed < min_exposed || num_occupied > config_.max_occupancy * num_exposed;
+    Verdict verdict;
+    verdict.is_known = true;
+    verdict.is_structure =
+        num_exposed < min_exposed || num_occupied > config_.max_occupancy * num_exposed;
+    if (!verdict.is_structure && num_occupied > 1.0) {
+      verdict.hits_per_frame = static_cast<float>(-std::log1p(-(num_occupied - 1.0) / num_exposed) / frames_per_bin);
+    }
+    return verdict;
   };
-  enum class Verdict : char { kUnknown, kStructure, kUnexplained };
   std::vector<Verdict> verdicts(num_bins());
   for (std::size_t first = 0; first < n;) {
     const Eigen::Vector3f& place_m = recording.points_m[by_place[first].second];
     std::fill(profile.begin(), profile.end(), 0);
-    std::fill(verdicts.begin(), verdicts.end(), Verdict::kUnknown);
+    std::fill(verdicts.begin(), verdicts.end(), Verdict());
     grid_.Collect(place_m, &profile);
     std::size_t i = first;
     for (; i < n && by_place[i].first == by_place[first].first; ++i) {
       const std::uint32_t index = by_place[i].second;
       Verdict& verdict = verdicts[bins[index]];
-      if (verdict == Verdict::kUnknown) {
-        verdict = is_structure(place_m, bins[index]) ? Verdict::kStructure : Verdict::kUnexplained;
-      }
-      (verdict == Verdict::kStructure ? structure_ : unexplained_).push_back(index);
+      if (!verdict.is_known) verdict = judge(place_m, bins[index]);
+      (verdict.is_structure ? structure_ : unexplained_).push_back(index);
+      place_rate_[index] = verdict.hits_per_frame / static_cast<float>(grid_.VolumeM3(place_m));
     }
     first = i;
   }

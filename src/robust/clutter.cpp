@@ -1,5 +1,8 @@
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
 
 #include "unlidar/robust/plots.hpp"
 
@@ -11,60 +14,94 @@ double PlotVolumeM3(const Plot& plot) {
   return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
 }
 
+// Plots per place and time bin, in units of kUnit.
+class WeightGrid {
+ public:
+  WeightGrid(RangeRadius radius, std::size_t num_bins) : grid_(radius, num_bins) {}
+
+  void Add(const Plot& plot, std::size_t bin, double weight) {
+    grid_.Add(plot.position_m.cast<float>(), bin,
+              static_cast<std::uint32_t>(std::lround(weight / kUnit)));
+  }
+
+  // Sum over all bins but those of [first, last].
+  double SumOutside(const Plot& plot, std::size_t first, std::size_t last) {
+    profile_.assign(grid_.num_bins(), 0);
+    grid_.Collect(plot.position_m.cast<float>(), &profile_);
+    double sum = 0.0;
+    for (std::size_t b = 0; b < profile_.size(); ++b) {
+      if (b < first || b > last) sum += kUnit * profile_[b];
+    }
+    return sum;
+  }
+
+  double VolumeM3(const Plot& plot) const { return grid_.VolumeM3(plot.position_m.cast<float>()); }
+
+ private:
+  static constexpr double kUnit = 1.0 / 64.0;
+
+  RangeGrid grid_;
+  std::vector<std::uint32_t> profile_;
+};
+
 }  // namespace
 
 void EstimateClutter(const Recording& recording, const Background& background,
-                     const PlotConfig& config, const std::vector<char>& explained,
-                     std::vector<Plot>* plots) {
+                     const PlotConfig& config, const ShapeConfig& shape,
+                     const std::vector<char>& explained, std::vector<Plot>* plots) {
+  const std::size_t num_bins = background.num_bins();
+  const std::size_t num_sensors = recording.sensors.size();
+  std::vector<std::vector<double>> frames_in_bin(num_sensors, std::vector<double>(num_bins, 0.0));
+  std::vector<double> num_frames(num_sensors, 0.0);
+  for (const FrameInfo& frame : recording.frames) {
+    frames_in_bin[frame.sensor][background.BinOf(frame.begin_ns)] += 1.0;
+    num_frames[frame.sensor] += 1.0;
+  }
+  std::vector<double> weights;
+  for (std::size_t i = 0; i < plots->size(); ++i) {
+    weights.push_back(explained[i] ? 0.0 : std::exp(ShapeLog((*plots)[i], 0.0, shape)));
+  }
+
   // From wide to narrow: each level is the prior of the next, so that an empty neighbourhood still
   // has the rate of its surroundings, and a rate is believed only as far as its exposure goes.
-  const std::size_t num_bins = background.num_bins();
-  const std::vector<double>& frames_in_bin = background.frames_in_bin();
-  const auto bin_of = [&](const Plot& plot) { return background.BinOf(plot.time_ns); };
-
-  const auto exclusion = static_cast<std::size_t>(config.clutter_exclusion_bins);
   std::vector<double> rate(plots->size(), 1e-6);
-  std::vector<std::uint32_t> profile(num_bins);
+  const auto exclusion = static_cast<std::size_t>(config.clutter_exclusion_bins);
   for (const RangeRadius& radius :
        {config.clutter_wide, config.clutter_middle, config.clutter_narrow}) {
-    RangeGrid grid(radius, num_bins);
+    std::vector<WeightGrid> grids(num_sensors, WeightGrid(radius, num_bins));
     for (std::size_t i = 0; i < plots->size(); ++i) {
-      if (!explained[i]) grid.Add((*plots)[i].position_m.cast<float>(), bin_of((*plots)[i]));
+      const Plot& plot = (*plots)[i];
+      grids[plot.sensor].Add(plot, background.BinOf(plot.time_ns), weights[i]);
     }
     for (std::size_t i = 0; i < plots->size(); ++i) {
       const Plot& plot = (*plots)[i];
-      std::fill(profile.begin(), profile.end(), 0);
-      grid.Collect(plot.position_m.cast<float>(), &profile);
-      const std::size_t own = bin_of(plot);
-      double count = 0.0;
-      double frames = 0.0;
-      for (std::size_t b = 0; b < num_bins; ++b) {
-        if (std::max(b, own) - std::min(b, own) <= exclusion) continue;
-        count += profile[b];
-        frames += frames_in_bin[b];
-      }
-      const double exposure = frames * grid.VolumeM3(plot.position_m.cast<float>());
-      rate[i] =
-          (count + config.clutter_prior_plots) / (exposure + config.clutter_prior_plots / rate[i]);
+      const std::size_t bin = background.BinOf(plot.time_ns);
+      const std::size_t first = bin - std::min(bin, exclusion);
+      const std::size_t last = std::min(bin + exclusion, num_bins - 1);
+      double frames = num_frames[plot.sensor];
+      for (std::size_t b = first; b <= last; ++b) frames -= frames_in_bin[plot.sensor][b];
+      WeightGrid& grid = grids[plot.sensor];
+      const double exposure = frames * grid.VolumeM3(plot);
+      rate[i] = (grid.SumOutside(plot, first, last) + config.clutter_prior_plots) /
+                (exposure + config.clutter_prior_plots / rate[i]);
     }
   }
   // A static thing that is seldom hit would give the plots of its place at the rate at which they
   // came, the plot itself left out.
-  const auto num_frames = static_cast<double>(recording.frames.size());
-  RangeGrid spots(config.spot, 1);
+  std::vector<WeightGrid> spots(num_sensors, WeightGrid(config.spot, 1));
   for (std::size_t i = 0; i < plots->size(); ++i) {
-    if (!explained[i]) spots.Add((*plots)[i].position_m.cast<float>(), 0);
+    spots[(*plots)[i].sensor].Add((*plots)[i], 0, weights[i]);
   }
-  std::vector<std::uint32_t> num_plots(1);
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
     plot.log_clutter = std::log(rate[i]);
     if (plot.is_floating) continue;
-    num_plots[0] = 0;
-    spots.Collect(plot.position_m.cast<float>(), &num_plots);
-    const double spot_rate =
-        (num_plots[0] - (explained[i] ? 0.0 : 1.0)) / num_frames / PlotVolumeM3(plot);
-    if (spot_rate > rate[i]) plot.log_clutter = std::log(spot_rate);
+    const double others = spots[plot.sensor].SumOutside(plot, 1, 1) - weights[i];
+    const double spot_rate = others / num_frames[plot.sensor] / PlotVolumeM3(plot);
+    double place_rate = 0.0;
+    for (const std::uint32_t r : plot.returns) place_rate += background.PlaceRate(r) / static_cast<double>(plot.returns.size());
+    const double most = std::max(spot_rate, place_rate);
+    if (most > rate[i]) plot.log_clutter = std::log(most);
   }
 }
 

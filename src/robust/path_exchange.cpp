@@ -119,7 +119,7 @@ Path PathScorer::Scored(Members members) const {
   const std::size_t birth = path.plots.front();
   path.score = -std::numeric_limits<double>::infinity();
   for (const double sigma : config_.sigma_a_mps2) {
-    const TrackModel model(sigma, period_s_, config_);
+    const TrackModel model(sigma, watch_, config_);
     for (const double speed_mps : config_.birth_speeds_mps) {
       Hypothesis h =
           model.Birth(plots_[birth], log_births_[birth], TimeOf(plots_, birth), speed_mps);

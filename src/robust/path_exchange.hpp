@@ -11,9 +11,9 @@ namespace unlidar {
 // Scores given sequences of plots, which may hold gaps of any length.
 class PathScorer {
  public:
-  PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births, double period_s,
+  PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births, const Watch& watch,
              const TrackerConfig& config)
-      : plots_(plots), log_births_(log_births), period_s_(period_s), config_(config) {}
+      : plots_(plots), log_births_(log_births), watch_(watch), config_(config) {}
 
   // The path of these plots, with the score of the agility and birth speed that suit it best.
   Path Scored(std::vector<std::uint32_t> members) const;
@@ -23,7 +23,7 @@ class PathScorer {
  private:
   const std::vector<Plot>& plots_;
   const std::vector<double>& log_births_;
-  double period_s_;
+  Watch watch_;
   const TrackerConfig& config_;
 };
 

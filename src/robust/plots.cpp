@@ -170,6 +170,13 @@ double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& con
 
 }  // namespace
 
+double ShapeLog(const Plot& plot, double streak_m, const ShapeConfig& config) {
+  const double excess_m = plot.extent_m - config.max_extent_m - streak_m;
+  return std::min(std::log(static_cast<double>(plot.returns.size())), config.max_returns_log) +
+         config.extent_log_per_m * std::max(0.0, excess_m) +
+         (plot.touches_structure ? config.touch_log : 0.0);
+}
+
 std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
                             const Support& support, const PlotConfig& config,
@@ -199,6 +206,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
     for (auto& returns : Link(recording, members, config.link)) {
       Plot plot;
       plot.frame = f;
+      plot.sensor = frame.sensor;
       plot.position_m = MeanOf(recording, returns);
       plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config);
       const Box box = BoxOf(recording, returns);

@@ -72,10 +72,11 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const TrackerConfi
   return logs;
 }
 
-TrackModel::TrackModel(double sigma_a_mps2, double period_s, const TrackerConfig& config)
+TrackModel::TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config)
     : sigma_(sigma_a_mps2),
-      period_s_(period_s),
-      log_emerge_(std::log(-std::expm1(config.shadow_log_per_s * period_s))),
+      period_s_(watch.period_s),
+      num_sensors_(watch.num_sensors),
+      log_emerge_(std::log(-std::expm1(config.shadow_log_per_s * watch.period_s))),
       config_(config) {}
 
 Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, double time_s,
@@ -83,6 +84,7 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, double time_s,
   Hypothesis birth;
   birth.score = log_birth;
   birth.time_s = time_s;
+  birth.sensor = plot.sensor;
   birth.state.mean.col(0) = plot.position_m;
   birth.state.covariance.diagonal() << plot.variance_m2, speed_mps * speed_mps, sigma_ * sigma_;
   SetVisibility(&birth);
@@ -108,6 +110,7 @@ Prediction TrackModel::Predict(const Hypothesis& from, double time_s, double sco
   // It is seen again, so a shadow has ended.
   p.score = std::max(score_if_visible, from.score + LogShadow(time_s - from.time_s) + log_emerge_);
   p.log_hit = from.log_hit;
+  p.sensor = from.sensor;
   p.speed_mps = std::min(from.state.mean.col(1).norm(), config_.max_speed_mps);
   const auto onto_position = motion.transition.row(0);
   p.position_m = from.state.mean * onto_position.transpose();
@@ -125,7 +128,9 @@ Gain TrackModel::GainOf(const Prediction& p, const Plot& plot) const {
   };
   const double steady = log_density(p.variance_m2 + noise);
   const double agile = log_density(p.agile_variance_m2 + noise) + config_.manoeuvre_log;
-  return {std::max(steady, agile) + p.log_hit - plot.log_clutter + ShapeLog(plot, p.speed_mps),
+  return {std::max(steady, agile) + p.log_hit - plot.log_clutter +
+              ShapeLog(plot, p.speed_mps * period_s_, config_.shape) +
+              SensorLog(p.sensor, plot.sensor),
           agile > steady};
 }
 
@@ -139,6 +144,7 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
   Hypothesis h;
   h.score = p.score + gain.log;
   h.time_s = time_s;
+  h.sensor = plot.sensor;
   h.hits = from.hits + 1.0;
   h.exposure_per_m2 =
       from.exposure_per_m2 + from.slice_per_m2 * std::max((time_s - from.time_s) / period_s_, 0.5);
@@ -160,7 +166,7 @@ ScoreBound TrackModel::BoundOf(const Prediction& p, const VarianceRange& varianc
 }
 
 double TrackModel::PlotBound(const Plot& plot) const {
-  return ShapeLog(plot, config_.max_speed_mps) - plot.log_clutter;
+  return ShapeLog(plot, config_.max_speed_mps * period_s_, config_.shape) - plot.log_clutter;
 }
 
 double TrackModel::LogShadow(double dt_s) const {
@@ -182,11 +188,12 @@ double TrackModel::AgileFactor() const {
   return config_.manoeuvre_factor * config_.manoeuvre_factor - 1.0;
 }
 
-double TrackModel::ShapeLog(const Plot& plot, double speed_mps) const {
-  const double extent = plot.extent_m - config_.max_extent_m - speed_mps * period_s_;
-  return std::min(std::log(static_cast<double>(plot.returns.size())), config_.max_returns_log) +
-         config_.extent_log_per_m * std::max(0.0, extent) +
-         (plot.touches_structure ? config_.touch_log : 0.0);
+// Sensors mostly look different ways: the one that saw a target sees it next. So two sensors are
+// no two chances to be seen.
+double TrackModel::SensorLog(std::uint32_t from, std::uint32_t to) const {
+  if (num_sensors_ == 1) return 0.0;
+  return from == to ? std::log1p(-config_.sensor_change)
+                    : std::log(config_.sensor_change / (num_sensors_ - 1.0));
 }
 
 }  // namespace unlidar

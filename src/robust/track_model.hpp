@@ -32,6 +32,7 @@ struct Hypothesis {
   double slice_per_m2 = 0.0;     // 1 / range^2
   double log_hit = 0.0;          // log probability of being seen in a slice, if nothing hides it
   State state;
+  std::uint32_t sensor = 0;  // of its last plot
   std::int32_t plot = 0;
   std::int32_t parent = kNone;  // index into the history
 };
@@ -42,6 +43,7 @@ struct Prediction {
   double score = 0.0;  // misses on the way counted
   double log_hit = 0.0;
   double speed_mps = 0.0;
+  std::uint32_t sensor = 0;  // that saw it last
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   double variance_m2 = 0.0;        // per axis
   double agile_variance_m2 = 0.0;  // had it manoeuvred on the way
@@ -89,7 +91,7 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const TrackerConfi
 
 class TrackModel {
  public:
-  TrackModel(double sigma_a_mps2, double period_s, const TrackerConfig& config);
+  TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config);
 
   Hypothesis Birth(const Plot& plot, double log_birth, double time_s, double speed_mps) const;
 
@@ -120,10 +122,11 @@ class TrackModel {
   double AgileFactor() const;  // further noise of a manoeuvre
   double LogShadow(double dt_s) const;
   double LogMiss(const Hypothesis& from, double exposure) const;
-  double ShapeLog(const Plot& plot, double speed_mps) const;
+  double SensorLog(std::uint32_t from, std::uint32_t to) const;
 
   double sigma_;
   double period_s_;
+  double num_sensors_;
   double log_emerge_;  // of a shadow to end within a frame
   const TrackerConfig& config_;
 };

@@ -12,16 +12,16 @@ namespace {
 
 class PathFinder {
  public:
-  PathFinder(const std::vector<Plot>& plots, double period_s, const TrackerConfig& config)
+  PathFinder(const std::vector<Plot>& plots, const Watch& watch, const TrackerConfig& config)
       : plots_(plots),
         log_births_(LogBirths(plots, config)),
-        period_s_(period_s),
+        watch_(watch),
         config_(config),
         free_(plots.size(), 1) {}
 
   std::vector<Path> Find() {
     std::vector<Path> paths = TakeBest();
-    const PathScorer scorer(plots_, log_births_, period_s_, config_);
+    const PathScorer scorer(plots_, log_births_, watch_, config_);
     for (Path& path : paths) path = scorer.Scored(std::move(path.plots));
     for (bool changed = true; changed;) {
       const std::vector<Path> before = paths;
@@ -35,7 +35,7 @@ class PathFinder {
   std::vector<TrackSearch> SearchFree() const {
     std::vector<TrackSearch> searches;
     for (const double sigma : config_.sigma_a_mps2) {
-      searches.emplace_back(plots_, log_births_, free_, TrackModel(sigma, period_s_, config_),
+      searches.emplace_back(plots_, log_births_, free_, TrackModel(sigma, watch_, config_),
                             config_);
     }
     return searches;
@@ -109,16 +109,16 @@ class PathFinder {
 
   const std::vector<Plot>& plots_;
   std::vector<double> log_births_;
-  double period_s_;
+  Watch watch_;
   const TrackerConfig& config_;
   std::vector<char> free_;  // plots that no path holds
 };
 
 }  // namespace
 
-std::vector<Path> FindPaths(const std::vector<Plot>& plots, double period_s,
+std::vector<Path> FindPaths(const std::vector<Plot>& plots, const Watch& watch,
                             const TrackerConfig& config) {
-  std::vector<Path> paths = PathFinder(plots, period_s, config).Find();
+  std::vector<Path> paths = PathFinder(plots, watch, config).Find();
   std::stable_sort(paths.begin(), paths.end(),
                    [](const Path& a, const Path& b) { return a.score > b.score; });
   return paths;

@@ -30,6 +30,8 @@ class Background {
   const std::vector<std::uint32_t>& structure() const { return structure_; }
   const std::vector<std::uint32_t>& unexplained() const { return unexplained_; }
 
+  double PlaceRate(std::uint32_t i) const { return static_cast<double>(place_rate_[i]); }
+
   // Returns per m^3 and frame at a place, as seen in the bins that do not touch [from, to].
   // Negative where there are too few such bins to know.
   double RateOutside(const Eigen::Vector3f& place_m, TimeNs from_ns, TimeNs to_ns) const;
@@ -50,6 +52,7 @@ class Background {
   std::vector<char> is_watched_;                // (num_bins)
   std::vector<double> frames_in_bin_;
   RangeGrid grid_;
+  std::vector<float> place_rate_;
   std::vector<std::uint32_t> structure_;
   std::vector<std::uint32_t> unexplained_;
 };

@@ -22,10 +22,8 @@ struct TrackerConfig {
   double echo_shape = 1.5;         // shape of the gamma distribution about it
   double shadow_log = -5.0;        // log probability of being hidden behind something,
   double shadow_log_per_s = -0.5;  // and of staying there
-  double max_extent_m = 1.2;       // a drone is no larger; more costs extent_log_per_m
-  double extent_log_per_m = -0.8;
-  double touch_log = -2.5;       // of a plot that is one with structure
-  double max_returns_log = 2.0;  // the most that many returns in a plot speak for it
+  double sensor_change = 0.2;      // probability that the next plot is that of another sensor
+  ShapeConfig shape;
   // Carried on at any time, the best first: so many, and so many more for each plot of the frame.
   int max_hypotheses = 250;
   int max_hypotheses_per_plot = 5;
@@ -38,6 +36,12 @@ struct TrackerConfig {
   double rebirth_log = -3.0;      // as is one so much worse than a new one at its last plot
 };
 
+// How the air is watched.
+struct Watch {
+  double period_s = 0.1;  // of the frames of the fastest sensor
+  int num_sensors = 1;
+};
+
 struct Path {
   std::vector<std::uint32_t> plots;  // ascending
   // Log likelihood ratio against clutter, relative to that of an even choice of the first plot.
@@ -48,7 +52,7 @@ struct Path {
 // the best few ways to reach it, each with its Kalman state (Singer's model); then the next in what
 // is left. As this takes the best first, pairs of paths then exchange tails, or join, as long as
 // the sum of their scores grows: crossing targets find their own continuation.
-std::vector<Path> FindPaths(const std::vector<Plot>& plots, double period_s,
+std::vector<Path> FindPaths(const std::vector<Plot>& plots, const Watch& watch,
                             const TrackerConfig& config);
 
 }  // namespace unlidar

@@ -124,6 +124,8 @@ void VisitGroundKeys(Visitor&& visit, Ground& ground) {
 template <class Visitor, class Support>
 void VisitSupportKeys(Visitor&& visit, Support& support) {
   VisitRadiusKeys(visit, "robust.support.reach.", support.reach);
+  visit("robust.support.far_m", support.far_m, Range{0, 1e5});
+  VisitRadiusKeys(visit, "robust.support.far_reach.", support.far_reach);
   visit("robust.support.body_m", support.body_m, Range{1e-3, 100});
   visit("robust.support.max_range_m", support.max_range_m, Range{0, 1e5});
   visit("robust.support.voxel_m", support.voxel_m, Range{0.01, 10});

@@ -23,7 +23,7 @@
 namespace unlidar {
 
 struct RobustConfig {
-  double false_alarms_per_recording = 1e-5;  // tracks expected where there is no drone
+  double false_alarms_per_recording = 1e-3;  // tracks expected where there is no drone
   int min_plots = 5;               // frames with evidence: clutter that repeats is not independent
   int rounds = 2;                  // of clutter estimation and search
   double off_ground_m = 2.0;       // a target is higher than this,

@@ -48,8 +48,8 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m) const {
   if (range_m > config_.max_range_m) return false;
   // The station itself may hold it, as the ground may.
   const double nearest_m = std::min(range_m, ground_.HeightAbove(place_m));
-  if (nearest_m < config_.reach.At(range_m)) return false;
-  const auto reach_m = static_cast<float>(config_.reach.At(range_m));
+  const auto reach_m = static_cast<float>(config_.ReachM(range_m));
+  if (nearest_m < static_cast<double>(reach_m)) return false;
   const auto body_m = static_cast<float>(config_.body_m);
   const auto holds = [&](const Eigen::Vector3f& structure_m) {
     const float distance_m = (structure_m - place_m).norm();
@@ -76,7 +76,7 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m) const {
     }
   }
   // What holds it may be hidden.
-  return depth_.HiddenShare(place_m, config_.reach.At(range_m), config_.body_m) <=
+  return depth_.HiddenShare(place_m, config_.ReachM(range_m), config_.body_m) <=
          config_.max_hidden_share;
 }
 

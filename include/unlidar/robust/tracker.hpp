@@ -22,7 +22,7 @@ struct TrackerConfig {
   double echo_shape = 1.5;         // shape of the gamma distribution about it
   double shadow_log = -5.0;        // log probability of being hidden behind something,
   double shadow_log_per_s = -0.5;  // and of staying there
-  double sensor_change = 0.2;      // probability that the next plot is that of another sensor
+  double sensor_change = 0.1;      // probability that the next plot is that of another sensor
   ShapeConfig shape;
   // Carried on at any time, the best first: so many, and so many more for each plot of the frame.
   int max_hypotheses = 250;

@@ -60,9 +60,10 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   std::merge(background.unexplained().begin(), background.unexplained().end(), floating.begin(),
              floating.end(), std::back_inserter(candidates));
   // Ground far away is hit too seldom to be known by its occupancy.
-  candidates.erase(std::remove_if(candidates.begin(), candidates.end(),
-                                  [&](std::uint32_t i) { return ground.Holds(recording.points_m[i]); }),
-                   candidates.end());
+  candidates.erase(
+      std::remove_if(candidates.begin(), candidates.end(),
+                     [&](std::uint32_t i) { return ground.Holds(recording.points_m[i]); }),
+      candidates.end());
   std::vector<char> excluded;  // returns of bodies, then also of targets found
   std::vector<Plot> plots =
       MakePlots(recording, candidates, ground, support, config.plots, &excluded);

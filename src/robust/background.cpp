@@ -82,12 +82,13 @@ void Background::Classify(const Recording& recording) {
   const auto max_break = static_cast<std::size_t>(config_.max_break_s / config_.bin_s);
   const double min_exposed = config_.min_exposure * static_cast<double>(watched_bins_.size());
   std::vector<std::uint32_t> profile(num_bins());
+  const double frames_per_bin =
+      static_cast<double>(recording.frames.size()) / static_cast<double>(watched_bins_.size());
   struct Verdict {
     bool is_known = false;
     bool is_structure = false;
-    float hits_per_frame = 0.0F;
+    double hits_per_frame = 0.0;
   };
-  const double frames_per_bin = static_cast<double>(recording.frames.size()) / static_cast<double>(watched_bins_.size());
   // Whether the bins outside the stay about `bin` show structure, or too little to tell.
   const auto judge = [&](const Eigen::Vector3f& place_m, std::size_t bin) {
     const double visible_m = static_cast<double>(place_m.norm()) - config_.occluder_margin_m;
@@ -107,8 +108,9 @@ void Background::Classify(const Recording& recording) {
     verdict.is_known = true;
     verdict.is_structure =
         num_exposed < min_exposed || num_occupied > config_.max_occupancy * num_exposed;
+    // Poisson, from the share of bins with a hit; a single one may be a passing target's.
     if (!verdict.is_structure && num_occupied > 1.0) {
-      verdict.hits_per_frame = static_cast<float>(-std::log1p(-(num_occupied - 1.0) / num_exposed) / frames_per_bin);
+      verdict.hits_per_frame = -std::log1p(-(num_occupied - 1.0) / num_exposed) / frames_per_bin;
     }
     return verdict;
   };
@@ -124,7 +126,7 @@ void Background::Classify(const Recording& recording) {
       Verdict& verdict = verdicts[bins[index]];
       if (!verdict.is_known) verdict = judge(place_m, bins[index]);
       (verdict.is_structure ? structure_ : unexplained_).push_back(index);
-      place_rate_[index] = verdict.hits_per_frame / static_cast<float>(grid_.VolumeM3(place_m));
+      place_rate_[index] = static_cast<float>(verdict.hits_per_frame / grid_.VolumeM3(place_m));
     }
     first = i;
   }

@@ -99,9 +99,10 @@ void EstimateClutter(const Recording& recording, const Background& background,
     const double others = spots[plot.sensor].SumOutside(plot, 1, 1) - weights[i];
     const double spot_rate = others / num_frames[plot.sensor] / PlotVolumeM3(plot);
     double place_rate = 0.0;
-    for (const std::uint32_t r : plot.returns) place_rate += background.PlaceRate(r) / static_cast<double>(plot.returns.size());
-    const double most = std::max(spot_rate, place_rate);
-    if (most > rate[i]) plot.log_clutter = std::log(most);
+    for (const std::uint32_t r : plot.returns) {
+      place_rate += background.PlaceRate(r) / static_cast<double>(plot.returns.size());
+    }
+    plot.log_clutter = std::log(std::max({rate[i], spot_rate, place_rate}));
   }
 }
 

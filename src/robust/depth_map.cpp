@@ -15,8 +15,7 @@ DepthMap::DepthMap(const std::vector<Eigen::Vector3f>& points_m,
   constexpr double kQuantum_m = 0.05;
   std::vector<std::uint64_t> entries(points_m.size());
   for (std::size_t i = 0; i < entries.size(); ++i) {
-    const double quanta =
-        std::min(65535.0, static_cast<double>(points_m[i].norm()) / kQuantum_m);
+    const double quanta = std::min(65535.0, static_cast<double>(points_m[i].norm()) / kQuantum_m);
     entries[i] = (static_cast<std::uint64_t>(Index(points_m[i], bins[i])) << 16) |
                  static_cast<std::uint64_t>(quanta);
   }

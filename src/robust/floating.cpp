@@ -44,60 +44,88 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
   return are_replayed;
 }
 
+// Which plots stand still: seen at one place again and again, more often than all about it.
+std::vector<char> AreStanding(const std::vector<Plot>& plots) {
+  constexpr RangeRadius kPlace{0.35, 0.012};
+  constexpr double kWider = 3.0;
+  constexpr std::uint32_t kMinPlots = 3;
+  RangeGrid places(kPlace, 1);
+  RangeGrid regions({kWider * kPlace.constant_m, kWider * kPlace.slope}, 1);
+  for (const Plot& plot : plots) {
+    places.Add(plot.position_m.cast<float>(), 0);
+    regions.Add(plot.position_m.cast<float>(), 0);
+  }
+  std::vector<char> are_standing;
+  for (const Plot& plot : plots) {
+    const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+    std::vector<std::uint32_t> here(1, 0);
+    std::vector<std::uint32_t> about(1, 0);
+    places.Collect(place_m, &here);
+    regions.Collect(place_m, &about);
+    const double chance = about[0] * places.VolumeM3(place_m) / regions.VolumeM3(place_m);
+    are_standing.push_back(here[0] >= kMinPlots && here[0] > chance + 3.0 * std::sqrt(chance));
+  }
+  return are_standing;
+}
+
+// What else stands beside each floating plot at the same time, against what does farther about it.
+class Company {
+ public:
+  Company(const std::vector<Plot>& plots, const std::vector<char>& are_standing,
+          const SupportConfig& config)
+      : tallies_({config.body_m, 0.01}, kNumTallies) {
+    constexpr TimeNs kSameTimeNs = 300'000'000;
+    for (std::size_t i = 0, first = 0; i < plots.size(); ++i) {
+      const Plot& plot = plots[i];
+      while (plots[first].time_ns < plot.time_ns - kSameTimeNs) ++first;
+      if (!plot.is_floating) continue;
+      const double reach_m = config.ReachM(plot.position_m.norm());
+      std::array<std::uint32_t, kNumTallies> tally{};
+      tally[kPlots] = 1;
+      for (std::size_t k = first;
+           k < plots.size() && plots[k].time_ns <= plot.time_ns + kSameTimeNs; ++k) {
+        if (!are_standing[k]) continue;
+        const double distance_m = (plot.position_m - plots[k].position_m).norm();
+        if (distance_m >= kSurroundings * reach_m) continue;
+        ++tally[distance_m <= config.body_m ? kSelf : distance_m < reach_m ? kBeside : kAbout];
+      }
+      for (std::size_t t = 0; t < kNumTallies; ++t) {
+        tallies_.Add(plot.position_m.cast<float>(), t, tally[t]);
+      }
+    }
+  }
+
+  // Whether there is more beside a floating plot than by chance.
+  bool Holds(const Plot& plot) const {
+    std::vector<std::uint32_t> sums(kNumTallies, 0);
+    tallies_.Collect(plot.position_m.cast<float>(), &sums);
+    // A plot beside it was counted for every plot of its own that is near in time.
+    const double times = static_cast<double>(sums[kSelf]) / sums[kPlots];
+    const double chance =
+        sums[kAbout] / times / (kSurroundings * kSurroundings * kSurroundings - 1.0);
+    return sums[kBeside] / times > chance + 2.0 * std::sqrt(chance);
+  }
+
+ private:
+  static constexpr double kSurroundings = 3.0;  // times the reach
+  enum Tally : std::size_t { kSelf, kBeside, kAbout, kPlots, kNumTallies };
+
+  RangeGrid tallies_;
+};
+
 }  // namespace
 
-void ConfirmFloating(const Recording& recording, const SupportConfig& config,
-                     std::vector<Plot>* plots) {
-  constexpr TimeNs kSameTimeNs = 300'000'000;
-  constexpr RangeRadius kPlace{0.35, 0.012};
-  constexpr std::uint32_t kMinPlots = 3;
-  // To stand still is to be seen at one place again and again.
-  RangeGrid places(kPlace, 1);
-  for (const Plot& plot : *plots) places.Add(plot.position_m.cast<float>(), 0);
-  std::vector<char> stands;
-  std::vector<std::uint32_t> count(1);
-  for (const Plot& plot : *plots) {
-    count[0] = 0;
-    places.Collect(plot.position_m.cast<float>(), &count);
-    stands.push_back(count[0] >= kMinPlots);
-  }
-  // What is beside each at the same time, against what is farther about it.
-  constexpr double kSurroundings = 3.0;  // times the reach
-  constexpr double kShare = 1.0 / (kSurroundings * kSurroundings * kSurroundings - 1.0);
-  enum Tally : std::size_t { kCompany, kOthers, kSelf, kPlots, kNumTallies };
-  RangeGrid tallies({config.body_m, 0.01}, kNumTallies);
-  for (std::size_t i = 0, first = 0; i < plots->size(); ++i) {
-    const Plot& plot = (*plots)[i];
-    while ((*plots)[first].time_ns < plot.time_ns - kSameTimeNs) ++first;
-    if (!plot.is_floating || !stands[i]) continue;
-    const double reach_m = config.ReachM(plot.position_m.norm());
-    std::array<std::uint32_t, kNumTallies> tally{};
-    tally[kPlots] = 1;
-    for (std::size_t k = first;
-         k < plots->size() && (*plots)[k].time_ns <= plot.time_ns + kSameTimeNs; ++k) {
-      if (!stands[k]) continue;
-      const double distance_m = (plot.position_m - (*plots)[k].position_m).norm();
-      if (distance_m >= kSurroundings * reach_m) continue;
-      ++tally[distance_m <= config.body_m ? kSelf : distance_m < reach_m ? kCompany : kOthers];
-    }
-    for (std::size_t t = 0; t < kNumTallies; ++t) {
-      tallies.Add(plot.position_m.cast<float>(), t, tally[t]);
-    }
-  }
-  const std::vector<char> are_replayed = AreReplayed(recording, *plots);
-  std::vector<std::uint32_t> sums(kNumTallies);
+void MarkFloating(const Recording& recording, const Support& support, std::vector<Plot>* plots) {
+  const std::vector<char> are_standing = AreStanding(*plots);
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
-    plot.is_floating = plot.is_floating && stands[i] != 0;
-    if (!plot.is_floating) continue;
-    std::fill(sums.begin(), sums.end(), 0);
-    tallies.Collect(plot.position_m.cast<float>(), &sums);
-    // A plot beside it counts once for every plot of its own that is near in time.
-    const double times = static_cast<double>(sums[kSelf]) / sums[kPlots];
-    const double company = sums[kCompany] / times;
-    const double chance = kShare * sums[kOthers] / times;
-    const bool is_held = company > chance + 2.0 * std::sqrt(chance);
-    plot.is_floating = !is_held && !are_replayed[i];
+    plot.is_floating = are_standing[i] != 0 && support.IsFloating(plot.position_m.cast<float>());
+  }
+  const Company company(*plots, are_standing, support.config());
+  const std::vector<char> are_replayed = AreReplayed(recording, *plots);
+  for (std::size_t i = 0; i < plots->size(); ++i) {
+    Plot& plot = (*plots)[i];
+    plot.is_floating = plot.is_floating && !company.Holds(plot) && !are_replayed[i];
   }
 }
 

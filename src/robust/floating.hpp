@@ -7,11 +7,11 @@
 
 namespace unlidar {
 
-// Takes back that a plot floats where something else was seen beside it at the same time: what is
-// seen too seldom to be structure may hold things up as well. (At other times that may be the
-// target itself.) In rain, where the surroundings are as full, that says nothing.
-// A repetition of a frame floats no more than what it repeats. `plots` in order of time.
-void ConfirmFloating(const Recording& recording, const SupportConfig& config,
-                     std::vector<Plot>* plots);
+// Sets is_floating of the plots (in order of time) that stand still where nothing holds them up:
+// seen at one place more often than chance has it, and without anything else that stands still
+// beside them at the same time, beyond what the surroundings explain. What is seen too seldom to be
+// structure may hold things up as well. (At other times it may be the target itself.) Rain does not
+// stand still. A repetition of a frame floats no more than what it repeats.
+void MarkFloating(const Recording& recording, const Support& support, std::vector<Plot>* plots);
 
 }  // namespace unlidar

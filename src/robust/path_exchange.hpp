@@ -11,8 +11,8 @@ namespace unlidar {
 // Scores given sequences of plots, which may hold gaps of any length.
 class PathScorer {
  public:
-  PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births, const Watch& watch,
-             const TrackerConfig& config)
+  PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+             const Watch& watch, const TrackerConfig& config)
       : plots_(plots), log_births_(log_births), watch_(watch), config_(config) {}
 
   // The path of these plots, with the score of the agility and birth speed that suit it best.

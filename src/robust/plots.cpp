@@ -218,7 +218,6 @@ std::vector<Plot> MakePlots(const Recording& recording,
       }
       plot.extent_m = static_cast<double>((box.high_m - box.low_m).matrix().norm());
       plot.touches_structure = Touches(recording, frame, is_candidate, returns, config.link);
-      plot.is_floating = support.IsFloating(plot.position_m.cast<float>());
       plot.time_ns = frame.begin_ns + time_sum / static_cast<TimeNs>(returns.size());
       plot.returns = std::move(returns);
       plots.push_back(std::move(plot));
@@ -229,7 +228,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
   DropNearBodies(bodies, config, &plots);
   std::stable_sort(plots.begin(), plots.end(),
                    [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; });
-  ConfirmFloating(recording, support.config(), &plots);
+  MarkFloating(recording, support, &plots);
   return plots;
 }
 

@@ -30,6 +30,9 @@ class Background {
   const std::vector<std::uint32_t>& structure() const { return structure_; }
   const std::vector<std::uint32_t>& unexplained() const { return unexplained_; }
 
+  // Hits per m^3 and frame at the place of return `i` outside its stay; 0 for structure, and where
+  // at most one other bin has any. A place that is seldom hit in the midst of much that is hit
+  // often, as in dense rain near the sensor, is no open air.
   double PlaceRate(std::uint32_t i) const { return static_cast<double>(place_rate_[i]); }
 
   // Returns per m^3 and frame at a place, as seen in the bins that do not touch [from, to].
@@ -52,7 +55,7 @@ class Background {
   std::vector<char> is_watched_;                // (num_bins)
   std::vector<double> frames_in_bin_;
   RangeGrid grid_;
-  std::vector<float> place_rate_;
+  std::vector<float> place_rate_;  // (N)
   std::vector<std::uint32_t> structure_;
   std::vector<std::uint32_t> unexplained_;
 };

@@ -18,7 +18,7 @@ struct CollectConfig {
   // for a ball, less for a flat thing with gaps; 0 leaves the mean. How well that is known.
   double facing_side = 0.4;
   double facing_side_sigma = 0.3;
-  double beam_sigma_rad = 0.002;    // growth of the spread with range
+  double beam_sigma_rad = 0.002;  // growth of the spread with range
   // By so much a return must be likelier the target's than its place's: the target may be hidden.
   double min_return_log = 2.0;
   double gate = 4.0;                // standard deviations in which a return may lie

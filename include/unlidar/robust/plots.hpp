@@ -57,7 +57,7 @@ struct Plot {
   double log_clutter = 0.0;        // log of the clutter plots per m^3 and frame of its sensor,
                                    // each weighted by its shape
   bool touches_structure = false;  // of the same frame
-  bool is_floating = false;        // nothing static can be there
+  bool is_floating = false;        // stands still where nothing holds it up
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;
   std::vector<std::uint32_t> returns;
@@ -75,9 +75,10 @@ std::vector<Plot> MakePlots(const Recording& recording,
                             std::vector<char>* is_body);
 
 // Sets log_clutter of every plot from the plots of its sensor that are not `explained` (size of
-// plots): from those at other times in three narrowing neighbourhoods, and from the rate of a
-// static thing at its place unless that floats. Plots count as much as their shape speaks for a
-// target: shape and place are compared with clutter together.
+// plots): from those at other times in three narrowing neighbourhoods, and, unless it floats, from
+// the rate of a static thing at its place and from that of all returns there. Plots count as much
+// as their shape speaks for a target: shape and place are compared with clutter together, so that
+// the likelihood ratio of a path through clutter is 1 on average.
 void EstimateClutter(const Recording& recording, const Background& background,
                      const PlotConfig& config, const ShapeConfig& shape,
                      const std::vector<char>& explained, std::vector<Plot>* plots);

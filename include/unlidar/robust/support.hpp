@@ -46,7 +46,7 @@ class Support {
  private:
   const Ground& ground_;
   SupportConfig config_;
-  DepthMap depth_;  // of structure
+  DepthMap depth_;                                                         // of structure
   std::unordered_map<std::uint64_t, std::vector<Eigen::Vector3f>> cells_;  // voxels of structure
 };
 

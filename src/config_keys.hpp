@@ -213,6 +213,7 @@ void VisitRobustKeys(Visitor&& visit, Robust& robust) {
   visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
   visit("robust.off_ground_share", robust.off_ground_share, Range{0, 1});
   visit("robust.off_ground_window_s", robust.off_ground_window_s, Range{0, 600});
+  visit("robust.min_echo_m2_per_s", robust.min_echo_m2_per_s, Range{0, 1e9});
   VisitBackgroundKeys(visit, robust.background);
   VisitGroundKeys(visit, robust.ground);
   VisitSupportKeys(visit, robust.support);

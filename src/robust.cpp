@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <iterator>
 #include <set>
 
@@ -43,6 +44,31 @@ bool Flies(const std::vector<Plot>& path, const RobustConfig& config) {
   return static_cast<double>(num_high) > config.off_ground_share * static_cast<double>(path.size());
 }
 
+// What a target returns for its range: returns per second times range^2, of the sensor that sees it
+// best. In pauses it may be hidden: only frames near a plot in time count.
+double EchoM2PerS(const Recording& recording, const std::vector<Plot>& path) {
+  constexpr TimeNs kNearNs = 500'000'000;
+  std::vector<double> returns(recording.sensors.size(), 0.0);
+  std::vector<double> seconds_per_m2(recording.sensors.size(), 0.0);
+  for (const Plot& plot : path) returns[plot.sensor] += static_cast<double>(plot.returns.size());
+  auto next = path.begin();
+  for (const FrameInfo& frame : recording.frames) {
+    const TimeNs time_ns = (frame.begin_ns + frame.end_ns) / 2;
+    while (next + 1 != path.end() &&
+           std::abs((next + 1)->time_ns - time_ns) <= std::abs(next->time_ns - time_ns)) {
+      ++next;
+    }
+    if (std::abs(next->time_ns - time_ns) > kNearNs) continue;
+    seconds_per_m2[frame.sensor] += static_cast<double>(frame.end_ns - frame.begin_ns) *
+                                    kSecondsPerNs / next->position_m.squaredNorm();
+  }
+  double echo = 0.0;
+  for (std::size_t s = 0; s < returns.size(); ++s) {
+    if (returns[s] > 0.0) echo = std::max(echo, returns[s] / seconds_per_m2[s]);
+  }
+  return echo;
+}
+
 }  // namespace
 
 RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,
@@ -79,7 +105,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   const auto is_target = [&](const Path& path) {
     if (path.score < threshold) return false;
     const std::vector<Plot> members = PlotsOf(path, plots);
-    return HasFrames(members, config.min_plots) && Flies(members, config);
+    return HasFrames(members, config.min_plots) && Flies(members, config) &&
+           EchoM2PerS(recording, members) > config.min_echo_m2_per_s;
   };
 
   // What the first round finds is clutter no more for the second, which then sees farther. What

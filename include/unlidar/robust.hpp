@@ -29,6 +29,7 @@ struct RobustConfig {
   double off_ground_m = 2.0;       // a target is higher than this,
   double off_ground_share = 0.42;  // for this share of its plots
   double off_ground_window_s = 0.75;  // (the lowest plot within this time counts)
+  double min_echo_m2_per_s = 150.0;   // returns per second times range^2: less is an insect
   BackgroundConfig background;
   GroundConfig ground;
   SupportConfig support;

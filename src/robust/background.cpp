@@ -92,6 +92,8 @@ void Background::Classify(const Recording& recording) {
   // Whether the bins outside the stay about `bin` show structure, or too little to tell.
   const auto judge = [&](const Eigen::Vector3f& place_m, std::size_t bin) {
     const double visible_m = static_cast<double>(place_m.norm()) - config_.occluder_margin_m;
+    // What is seen through the gaps of something nearer can be seen so at other times, too.
+    const bool is_through_gaps = static_cast<double>(depth.MedianM(place_m, bin)) < visible_m;
     const auto [stay_first, stay_last] = Stay(profile, bin, max_break);
     double num_exposed = 0.0;
     double num_occupied = 0.0;
@@ -100,7 +102,7 @@ void Background::Classify(const Recording& recording) {
       if (profile[b] > 0) {
         num_exposed += 1.0;
         num_occupied += 1.0;
-      } else if (static_cast<double>(depth.MedianM(place_m, b)) >= visible_m) {
+      } else if (is_through_gaps || static_cast<double>(depth.MedianM(place_m, b)) >= visible_m) {
         num_exposed += 1.0;
       }
     }

@@ -100,6 +100,7 @@ void EstimateClutter(const Recording& recording, const Background& background,
     const double spot_rate = others / num_frames[plot.sensor] / PlotVolumeM3(plot);
     double place_rate = 0.0;
     for (const std::uint32_t r : plot.returns) {
+      if (explained[i]) break;  // by a target that may come back to its place
       place_rate += background.PlaceRate(r) / static_cast<double>(plot.returns.size());
     }
     plot.log_clutter = std::log(std::max({rate[i], spot_rate, place_rate}));

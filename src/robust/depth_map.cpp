@@ -58,7 +58,13 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,
       }
     }
   }
-  return all > 0.0 ? hidden / all : 0.0;
+  if (all > 0.0) return hidden / all;
+  // Narrower than a cell: its own has the word.
+  for (std::size_t bin = 0; bin < num_bins_; ++bin) {
+    const bool is_hidden = static_cast<double>(MedianM(place_m, bin)) < range_m - margin_m;
+    hidden += (is_hidden ? 1.0 : 0.0) / static_cast<double>(num_bins_);
+  }
+  return hidden;
 }
 
 std::size_t DepthMap::Index(const Eigen::Vector3f& p, std::size_t bin) const {

@@ -107,7 +107,7 @@ class Company {
   }
 
  private:
-  static constexpr double kSurroundings = 3.0;  // times the reach
+  static constexpr double kSurroundings = 5.0;  // times the reach
   enum Tally : std::size_t { kSelf, kBeside, kAbout, kPlots, kNumTallies };
 
   RangeGrid tallies_;

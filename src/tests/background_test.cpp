@@ -248,6 +248,51 @@ TEST(Background, AWallIsStructureAlsoInBurstsOfFramesBetweenLongPauses) {
   EXPECT_EQ(NumUnexplained(maker, background, kWall), 0U);
 }
 
+TEST(Background, PlaceRateIsThatOfAPoissonProcessThatHitsSoManyOtherBins) {
+  constexpr int kFrames = 300;
+  const Eigen::Vector3d place_m(15.0, 3.0, 8.0);
+  BackgroundConfig config;
+  config.max_break_s = 0.0;  // every hit is a stay of its own
+  double before = 0.0;
+  for (const int spacing : {100, 30, 20, 10, 6, 4, 3}) {  // bins from hit to hit
+    int num_hits = 0;
+    const RecordingMaker maker = MakeFrames(kFrames, [&](int i, RecordingMaker* m) {
+      if (i % (5 * spacing) != 2) return;
+      m->Add(place_m, kTarget);
+      ++num_hits;
+    });
+    const Background background(maker.recording, config);
+    EXPECT_EQ(NumUnexplained(maker, background, kTarget), static_cast<std::size_t>(num_hits));
+    const auto num_bins = static_cast<double>(background.num_bins());
+    const double others = num_hits - 1.0;
+    // Of the others one may be a passing target's.
+    const double hits_per_frame =
+        -std::log(1.0 - std::max(0.0, others - 1.0) / (num_bins - 1.0)) / (kFrames / num_bins);
+    const double expected =
+        hits_per_frame / testing::BlockVolumeM3(config.place, place_m.cast<float>());
+    for (std::uint32_t i = 0; i < maker.recording.points_m.size(); ++i) {
+      EXPECT_NEAR(background.PlaceRate(i), expected, 1e-3 * expected) << spacing;
+    }
+    if (others <= 1.0) {
+      EXPECT_EQ(background.PlaceRate(0), 0.0);
+    } else {
+      EXPECT_GT(background.PlaceRate(0), before);
+    }
+    before = background.PlaceRate(0);
+  }
+}
+
+TEST(Background, PlaceRateOfStructureAndOfWhatPassesIsZero) {
+  const RecordingMaker maker = MakeFrames(120, [](int i, RecordingMaker* m) {
+    AddWall(m);
+    m->AddBlob({15.0, 5.0 * (MiddleS(i) - 6.0), 1.0}, 0.1, 5, kTarget);
+  });
+  const Background background(maker.recording, BackgroundConfig());
+  for (std::uint32_t i = 0; i < maker.recording.points_m.size(); ++i) {
+    EXPECT_EQ(background.PlaceRate(i), 0.0) << maker.labels[i];
+  }
+}
+
 TEST(Background, OfNothingIsNothing) {
   const Background background(Recording{}, BackgroundConfig{});
   EXPECT_TRUE(background.unexplained().empty());

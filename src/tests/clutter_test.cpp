@@ -17,15 +17,19 @@ using testing::MiddleS;
 using testing::RecordingMaker;
 
 constexpr int kDrone = 1;
+constexpr int kOther = 2;
 
 // Plots of clutter, `per_frame` in a box of the sky on average, and its recording.
 struct Clutter {
-  RecordingMaker maker{12};
+  RecordingMaker maker;
   std::vector<Plot> plots;
+
+  explicit Clutter(std::size_t num_sensors = 1) : maker(12, num_sensors) {}
 
   void AddPlot(const Eigen::Vector3d& position_m, int label = 0) {
     Plot plot;
     plot.frame = static_cast<std::uint32_t>(maker.recording.frames.size() - 1);
+    plot.sensor = maker.recording.frames.back().sensor;
     plot.position_m = position_m;
     plot.returns = {static_cast<std::uint32_t>(maker.recording.points_m.size())};
     maker.Add(position_m, label);
@@ -41,13 +45,15 @@ const Eigen::Vector3d kSkyHigh_m(60, 30, 45);
 
 void Estimate(const std::vector<char>& explained, Clutter* clutter) {
   const Background background(clutter->maker.recording, BackgroundConfig());
-  EstimateClutter(clutter->maker.recording, background, PlotConfig(), explained, &clutter->plots);
+  EstimateClutter(clutter->maker.recording, background, PlotConfig(), ShapeConfig(), explained,
+                  &clutter->plots);
 }
 
 Clutter UniformClutter(
     double per_frame, int num_frames,
-    const std::function<void(int, Clutter*)>& fill = [](int, Clutter*) {}) {
-  Clutter clutter;
+    const std::function<void(int, Clutter*)>& fill = [](int, Clutter*) {},
+    std::size_t num_sensors = 1) {
+  Clutter clutter(num_sensors);
   for (int i = 0; i < num_frames; ++i) {
     clutter.maker.BeginFrame(i * kPeriodS);
     const int count = clutter.maker.random.Poisson(per_frame);
@@ -148,10 +154,96 @@ TEST(EstimateClutter, WhatIsExplainedIsNoClutter) {
   EXPECT_NEAR(MedianLogClutter(clutter, kDrone), LogRate(20.0), 0.5);
 }
 
+TEST(EstimateClutter, IsThatOfThePlotsOwnSensorPerFrameOfIt) {
+  // The other sensor makes half as many frames and sees a hundredth of the clutter.
+  const auto add_other = [](int i, Clutter* clutter) {
+    if (i % 2 != 0) return;
+    clutter->maker.BeginFrame(i * kPeriodS, 1);
+    const int count = clutter->maker.random.Poisson(2.0);
+    for (int k = 0; k < count; ++k) {
+      clutter->AddPlot(clutter->maker.random.InBox(kSkyLow_m, kSkyHigh_m), kOther);
+    }
+  };
+  const Clutter clutter = UniformClutter(200.0, 150, add_other, 2);
+  EXPECT_NEAR(MedianLogClutter(clutter), LogRate(200.0), 0.1);
+  EXPECT_NEAR(MedianLogClutter(clutter, kOther), LogRate(2.0), 0.5);
+}
+
+TEST(EstimateClutter, ASensorWithoutClutterHasNextToNoneBesideOneWithMuch) {
+  const auto pass = [](int i, Clutter* clutter) {
+    clutter->maker.BeginFrame(i * kPeriodS, 1);
+    clutter->AddPlot({20.0, 8.0 * (MiddleS(i) - 10.0), 20.0}, kDrone);
+  };
+  const Clutter clutter = UniformClutter(50.0, 200, pass, 2);
+  EXPECT_NEAR(MedianLogClutter(clutter), LogRate(50.0), 0.3);
+  EXPECT_LT(MedianLogClutter(clutter, kDrone), MedianLogClutter(clutter) - 4.0);
+}
+
+TEST(EstimateClutter, PlotsCountAsMuchAsTheirShapeSpeaksForATarget) {
+  Clutter clutter = UniformClutter(200.0, 100);
+  const double before = MedianLogClutter(clutter);
+  const auto change = [&](std::size_t num_returns, double extent_m, bool touches_structure) {
+    for (Plot& plot : clutter.plots) {
+      plot.returns.assign(num_returns, plot.returns.front());
+      plot.extent_m = extent_m;
+      plot.touches_structure = touches_structure;
+    }
+    Estimate(std::vector<char>(clutter.plots.size(), 0), &clutter);
+    return MedianLogClutter(clutter) - before;
+  };
+  const ShapeConfig shape;
+  EXPECT_NEAR(change(1, 0.0, false), 0.0, 1e-9);
+  EXPECT_NEAR(change(3, 0.3, false), std::log(3.0), 0.3);
+  EXPECT_NEAR(change(100, 0.3, false), shape.max_returns_log, 0.3);
+  EXPECT_NEAR(change(3, shape.max_extent_m + 1.0, false), std::log(3.0) + shape.extent_log_per_m,
+              0.3);
+  EXPECT_NEAR(change(5, 0.3, true), std::log(5.0) + shape.touch_log, 0.3);
+}
+
+TEST(EstimateClutter, IsAtLeastTheRateOfAllReturnsAtThePlaceUnlessThePlotFloats) {
+  // The place is hit in a quarter of the time bins by what leaves no plots; of these bins one is
+  // that of the target's plot.
+  const Eigen::Vector3d place_m(25.0, 3.0, 20.0);
+  Clutter clutter;
+  for (int i = 0; i < 240; ++i) {
+    clutter.maker.BeginFrame(i * kPeriodS);
+    if (i / 5 % 8 >= 2 || i % 5 != 2) continue;
+    if (i == 122) {
+      clutter.AddPlot(place_m, kDrone);
+    } else {
+      clutter.maker.Add(place_m, kOther);
+    }
+  }
+  const Background background(clutter.maker.recording, BackgroundConfig());
+  Plot& plot = clutter.plots.front();
+  const double place_rate = background.PlaceRate(plot.returns.front());
+  ASSERT_GT(place_rate, 0.0);
+  Estimate({0}, &clutter);
+  EXPECT_NEAR(plot.log_clutter, std::log(place_rate), 1e-9);
+  // It is the mean over the returns: of a second one, elsewhere, the place is hit at no other time.
+  clutter.maker.recording.frames[122].last_return += 1;
+  for (std::size_t f = 123; f < 240; ++f) {
+    clutter.maker.recording.frames[f].first_return += 1;
+    clutter.maker.recording.frames[f].last_return += 1;
+  }
+  const std::uint32_t second = plot.returns.front() + 1;
+  Recording& recording = clutter.maker.recording;
+  recording.points_m.insert(recording.points_m.begin() + second,
+                            Eigen::Vector3f(25.0F, -20.0F, 20.0F));
+  recording.times_ns.insert(recording.times_ns.begin() + second, plot.time_ns);
+  plot.returns.push_back(second);
+  Estimate({0}, &clutter);
+  EXPECT_NEAR(plot.log_clutter, std::log(place_rate / 2.0), 1e-6);
+  plot.is_floating = true;
+  Estimate({0}, &clutter);
+  EXPECT_LT(plot.log_clutter, std::log(place_rate) - 3.0);
+}
+
 TEST(EstimateClutter, OfNoPlotsIsNothing) {
   std::vector<Plot> plots;
   const Recording recording;
-  EstimateClutter(recording, Background(recording, BackgroundConfig()), PlotConfig(), {}, &plots);
+  EstimateClutter(recording, Background(recording, BackgroundConfig()), PlotConfig(), ShapeConfig(),
+                  {}, &plots);
   EXPECT_TRUE(plots.empty());
 }
 

@@ -88,6 +88,30 @@ TEST(Ground, FollowsHollowsButNoHoles) {
   EXPECT_NEAR(hole.HeightAbove(kAbovePatch), 5.5, 0.15);
 }
 
+TEST(Ground, HoldsWhatIsNoHigherThanItIsThick) {
+  for (const double thickness_m : {0.3, 0.8}) {
+    Random random(7);
+    GroundConfig config;
+    config.thickness_m = thickness_m;
+    const Ground ground(SlopeUnderClutter(&random), config);
+    int num_held = 0;
+    for (int i = 0; i < 500; ++i) {
+      Eigen::Vector3d p = random.InBox({-kHalf_m, -kHalf_m, 0}, {kHalf_m, kHalf_m, 0});
+      p.z() = SlopeAt(p.x(), p.y()) + random.Uniform(-1.0, 2.0);
+      const bool holds = ground.Holds(p.cast<float>());
+      EXPECT_EQ(holds, ground.HeightAbove(p.cast<float>()) < thickness_m);
+      num_held += holds ? 1 : 0;
+    }
+    // Evenly from a metre below the slope to two above it, less the fall within a cell.
+    EXPECT_NEAR(num_held / 500.0, (1.0 + thickness_m) / 3.0, 0.12);
+  }
+}
+
+TEST(Ground, HoldsNothingWhereNoneIsSeen) {
+  const Ground ground({}, GroundConfig());
+  EXPECT_FALSE(ground.Holds({3.0F, 4.0F, -100.0F}));
+}
+
 TEST(Ground, OfASensorThatLooksUpIsInfinitelyFarBelow) {
   Random random(5);
   std::vector<Eigen::Vector3f> few;

@@ -286,6 +286,21 @@ TEST(Plots, TheFarSideOfABusGoesWithItButNotADroneAboveIt) {
   EXPECT_EQ(ShareInPlots(maker, found, kDrone), 1.0);
 }
 
+TEST(Plots, ABodysMarginIsItsLengthSidewaysAndItsHeightUp) {
+  // A flat load, 20 m long.
+  const RecordingMaker maker = OnGround([](double time_s, RecordingMaker* m) {
+    const double y = 10.0 * (time_s - 3.0);
+    m->AddBox({11.0, y - 10.0, kGround_m + 0.5}, {12.0, y + 10.0, kGround_m + 0.9}, 300, kBody);
+    m->AddBlob({11.5, y + 15.0, kGround_m + 1.1}, 0.02, 1, kFarSide);
+    m->AddBlob({11.5, y, kGround_m + 5.8}, 0.1, 5, kDrone);
+  });
+  const Found found = FindPlots(maker.recording);
+  EXPECT_GT(ShareOfBodies(maker, found, kBody), 0.9);
+  EXPECT_LT(ShareOfBodies(maker, found, kFarSide), 0.1);  // it is only near to one
+  EXPECT_LT(ShareInPlots(maker, found, kFarSide), 0.05);
+  EXPECT_EQ(ShareInPlots(maker, found, kDrone), 1.0);
+}
+
 TEST(Plots, EveryUnexplainedReturnIsABodyOrInAPlotUnlessNextToABody) {
   const RecordingMaker maker = OnGround([](double time_s, RecordingMaker* m) {
     m->AddBlob({8.0, 2.0 * (time_s - 3.0), 4.0}, 0.1, 5, kDrone);
@@ -305,7 +320,7 @@ TEST(Plots, EveryUnexplainedReturnIsABodyOrInAPlotUnlessNextToABody) {
   EXPECT_TRUE(std::includes(background.unexplained().begin(), background.unexplained().end(),
                             held.begin(), held.end()));
   EXPECT_GT(static_cast<double>(held.size()),
-            0.95 * static_cast<double>(background.unexplained().size()));
+            0.9 * static_cast<double>(background.unexplained().size()));
 }
 
 TEST(Plots, TouchWhatIsNearInTheirOwnFrameOnly) {
@@ -377,8 +392,9 @@ double ShareFloating(const RecordingMaker& maker, int label) {
 const Eigen::Vector3d kHover_m(10.0, 0.0, 10.0);  // the reach is 2.9 m
 
 // A drone that hovers, and what `fill` adds.
-RecordingMaker HoverWith(int num_frames, const std::function<void(int, RecordingMaker*)>& fill) {
-  RecordingMaker maker(14);
+RecordingMaker HoverWith(int num_frames, const std::function<void(int, RecordingMaker*)>& fill,
+                         std::uint32_t seed = 14) {
+  RecordingMaker maker(seed);
   for (int i = 0; i < num_frames; ++i) {
     maker.BeginFrame(i * kPeriodS);
     maker.AddBlob(kHover_m, 0.1, 4, kDrone);
@@ -430,8 +446,45 @@ TEST(Plots, CompanyInEvenRainSaysNothing) {
     });
   };
   EXPECT_EQ(ShareFloating(rain({18.0, 18.0, 18.0}), kDrone), 1.0);
-  // But where only its own surroundings are full, it is in the middle of something.
-  EXPECT_EQ(ShareFloating(rain({2.5, 2.5, 2.5}), kDrone), 0.0);
+  EXPECT_EQ(ShareFloating(rain({2.5, 2.5, 2.5}), kDrone), 1.0);  // it does not stand still
+}
+
+TEST(Plots, WhatIsSeenAtAPlaceOnceOrTwiceOnlyDoesNotFloat) {
+  for (const int times : {1, 2, 3, 6}) {
+    RecordingMaker maker(17);
+    for (int i = 0; i < 60; ++i) {
+      maker.BeginFrame(i * kPeriodS);
+      if (i % 10 == 4 && i < 10 * times) maker.AddBlob(kHover_m, 0.1, 4, kDrone);
+      maker.AddBlob({10.0, 0.8 * i - 24.0, 4.0}, 0.1, 4, kBody);  // passes at 8 m/s
+    }
+    EXPECT_EQ(ShareFloating(maker, kDrone), times < 3 ? 0.0 : 1.0) << times;
+    EXPECT_EQ(ShareFloating(maker, kBody), 0.0) << times;
+  }
+}
+
+void AddRain(RecordingMaker* maker) {
+  const Eigen::Vector3d half_m(18.0, 18.0, 18.0);
+  maker->AddBox(kHover_m - half_m, kHover_m + half_m, maker->random.Poisson(300.0), kFarSide);
+}
+
+TEST(Plots, ADroneThatHoversFloatsAlsoInRainAndTheRainDoesNot) {
+  for (const std::uint32_t seed : {1U, 8U, 14U}) {
+    const RecordingMaker maker = HoverWith(
+        200, [](int, RecordingMaker* drone_maker) { AddRain(drone_maker); }, seed);
+    EXPECT_GT(ShareFloating(maker, kDrone), 0.95) << seed;
+    EXPECT_LT(ShareFloating(maker, kFarSide), 0.05) << seed;
+  }
+}
+
+TEST(Plots, ALampBesideATwigDoesNotFloatAlsoNotInRain) {
+  for (const bool is_raining : {false, true}) {
+    const RecordingMaker maker = HoverWith(60, [&](int i, RecordingMaker* m) {
+      if (i % 3 == 0) m->AddBlob(kHover_m + Eigen::Vector3d(0.0, 2.2, 0.0), 0.1, 2, kBody);
+      if (is_raining) AddRain(m);
+    });
+    EXPECT_LT(ShareFloating(maker, kDrone), is_raining ? 0.05 : 1e-9);
+    EXPECT_LT(ShareFloating(maker, kBody), is_raining ? 0.05 : 1e-9);
+  }
 }
 
 TEST(Plots, RepeatedFramesDoNotFloat) {

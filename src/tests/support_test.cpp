@@ -92,18 +92,64 @@ TEST(Support, AThingNextToTheStationIsHeldByIt) {
 TEST(Support, FarAwayNobodyKnows) {
   SupportConfig config;
   config.reach = {2.0, 0.0};
-  for (const double max_range_m : {30.0, 50.0}) {
+  config.far_reach = {2.0, 0.0};
+  for (const double max_range_m : {30.0, 70.0}) {
     config.max_range_m = max_range_m;
     EXPECT_TRUE(BlobFloats({0.6 * max_range_m, 0, 0.79 * max_range_m}, {}, config));
     EXPECT_FALSE(BlobFloats({0.6 * max_range_m, 0, 0.81 * max_range_m}, {}, config));
   }
 }
 
+TEST(Support, BeyondFarItIsTheFarReachThatCounts) {
+  SupportConfig config;
+  config.reach = {2.0, 0.0};
+  config.far_reach = {5.0, 0.0};
+  const Eigen::Vector3d near_m(40, 0, 25);  // at 47 m
+  const Eigen::Vector3d far_m(50, 0, 30);   // at 58 m
+  const auto beside = [](const Eigen::Vector3d& at_m, double distance_m) {
+    return Blob(at_m + Eigen::Vector3d(0, distance_m, 0));
+  };
+  EXPECT_TRUE(BlobFloats(near_m, beside(near_m, 3.5), config));
+  EXPECT_FALSE(BlobFloats(far_m, beside(far_m, 3.5), config));
+  EXPECT_TRUE(BlobFloats(far_m, beside(far_m, 6.0), config));
+  config.far_m = 60.0;
+  EXPECT_TRUE(BlobFloats(far_m, beside(far_m, 3.5), config));
+  EXPECT_EQ(config.ReachM(59.9), 2.0);
+  EXPECT_EQ(config.ReachM(60.1), 5.0);
+}
+
+// An upright wall across the view, 10 m ahead, hit densely.
+std::vector<Eigen::Vector3f> WallAhead(double low_y_m, double high_y_m) {
+  std::vector<Eigen::Vector3f> points_m;
+  for (double y = low_y_m; y <= high_y_m; y += 0.1) {
+    for (double z = 1.0; z <= 8.0; z += 0.1) {
+      points_m.push_back(Eigen::Vector3d(10.0, y, z).cast<float>());
+    }
+  }
+  return points_m;
+}
+
+TEST(Support, AThingOfWhoseSurroundingsTooMuchIsHiddenDoesNotFloat) {
+  const Eigen::Vector3d at_m(20, 0, 8);  // the reach is 3.7 m: 1.8 m on the wall
+  EXPECT_TRUE(BlobFloats(at_m));
+  EXPECT_TRUE(BlobFloats(at_m, WallAhead(-8.0, -2.2)));
+  EXPECT_TRUE(BlobFloats(at_m, WallAhead(-8.0, -1.5)));   // a few per cent
+  EXPECT_FALSE(BlobFloats(at_m, WallAhead(-8.0, -0.4)));  // more than a third
+  EXPECT_FALSE(BlobFloats(at_m, WallAhead(0.4, 8.0)));
+  SupportConfig config;
+  config.max_hidden_share = 0.6;
+  EXPECT_TRUE(BlobFloats(at_m, WallAhead(-8.0, -0.4), config));
+  // A wall as far away as the thing hides nothing.
+  std::vector<Eigen::Vector3f> behind_m = WallAhead(-8.0, 8.0);
+  for (Eigen::Vector3f& p : behind_m) p *= 2.6F;
+  EXPECT_TRUE(BlobFloats(at_m, behind_m));
+}
+
 TEST(Support, WithoutStructureEverythingInRangeFloats) {
   const Ground ground({}, GroundConfig());
   const Support support({}, ground, SupportConfig());
   EXPECT_TRUE(support.IsFloating({1.0F, 2.0F, 3.0F}));
-  EXPECT_FALSE(support.IsFloating({51.0F, 2.0F, 3.0F}));
+  EXPECT_FALSE(support.IsFloating({101.0F, 2.0F, 3.0F}));
 }
 
 // Clusters of structure, in all octants.
@@ -125,12 +171,20 @@ Eigen::Vector3f RandomPlace(const std::vector<Eigen::Vector3f>& structure_m, Ran
   return structure_m[random->Index(structure_m.size())] + random->NormalVector(2.0).cast<float>();
 }
 
+DepthMap DepthOf(const std::vector<Eigen::Vector3f>& structure_m) {
+  return {structure_m, std::vector<std::uint32_t>(structure_m.size(), 0), 1, 2.0};
+}
+
 // By the definition, over all structure; limits that are `slack_m` narrower.
 bool Floats(const Eigen::Vector3f& place_m, const std::vector<Eigen::Vector3f>& structure_m,
-            const Ground& ground, const SupportConfig& config, double slack_m = 0.0) {
+            const Ground& ground, const SupportConfig& config, const DepthMap& depth,
+            double slack_m = 0.0) {
   const auto range_m = static_cast<double>(place_m.norm());
-  const double reach_m = config.reach.At(range_m);
-  if (range_m > config.max_range_m || ground.HeightAbove(place_m) < reach_m) return false;
+  const RangeRadius& radius = range_m < config.far_m ? config.reach : config.far_reach;
+  const double reach_m = radius.constant_m + radius.slope * range_m;
+  if (range_m > config.max_range_m || range_m < reach_m) return false;
+  if (ground.HeightAbove(place_m) < reach_m) return false;
+  if (depth.HiddenShare(place_m, reach_m, config.body_m) > config.max_hidden_share) return false;
   return std::none_of(structure_m.begin(), structure_m.end(), [&](const Eigen::Vector3f& other_m) {
     const auto distance_m = static_cast<double>((place_m - other_m).norm());
     return distance_m > config.body_m + slack_m && distance_m < reach_m - slack_m;
@@ -146,24 +200,28 @@ TEST(Support, OfRandomStructureIsThatOfAllItsPoints) {
                         GroundConfig());
     SupportConfig config;
     config.reach = {random.Uniform(0.5, 4.0), random.Uniform(0.0, 0.15)};
+    config.far_m = random.Uniform(20.0, 35.0);
+    config.far_reach = {random.Uniform(0.5, 4.0), random.Uniform(0.0, 0.15)};
+    config.max_hidden_share = random.Uniform(0.1, 0.5);
     config.body_m = random.Uniform(0.0, 2.0);
     config.max_range_m = 45.0;
     SupportConfig fine = config;
     fine.voxel_m = 0.01;  // every point has a voxel of its own
     const Support support(structure_m, ground, config);
     const Support fine_support(structure_m, ground, fine);
+    const DepthMap depth = DepthOf(structure_m);
     const double diagonal_m = std::sqrt(3.0) * config.voxel_m;
     int num_floating = 0;
     for (int i = 0; i < 2000; ++i) {
       const Eigen::Vector3f place_m = RandomPlace(structure_m, &random);
-      const bool floats = Floats(place_m, structure_m, ground, config);
+      const bool floats = Floats(place_m, structure_m, ground, config, depth);
       num_floating += floats ? 1 : 0;
       EXPECT_EQ(fine_support.IsFloating(place_m), floats) << place_m.transpose();
       // Of a voxel one point is enough.
       if (floats) {
         EXPECT_TRUE(support.IsFloating(place_m)) << place_m.transpose();
       }
-      if (!Floats(place_m, structure_m, ground, config, diagonal_m)) {
+      if (!Floats(place_m, structure_m, ground, config, depth, diagonal_m)) {
         EXPECT_FALSE(support.IsFloating(place_m)) << place_m.transpose();
       }
     }
@@ -189,9 +247,11 @@ TEST(Support, FloatingReturnsAreTheStructureThatFloats) {
   const Ground ground(FlatGround(), GroundConfig());
   SupportConfig config;
   config.voxel_m = 0.01;
+  const DepthMap depth = DepthOf(structure_m);
   std::vector<std::uint32_t> expected;
   for (const std::uint32_t i : structure) {
-    if (Floats(maker.recording.points_m[i], structure_m, ground, config)) expected.push_back(i);
+    if (Floats(maker.recording.points_m[i], structure_m, ground, config, depth))
+      expected.push_back(i);
   }
   EXPECT_EQ(Support(structure_m, ground, config).FloatingReturns(maker.recording, structure),
             expected);

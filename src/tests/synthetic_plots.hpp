@@ -13,6 +13,9 @@
 
 namespace unlidar::testing {
 
+// Of one sensor, as all plots here are unless said otherwise.
+inline constexpr Watch kWatch{kPeriodS, 1};
+
 using Flight = std::function<Eigen::Vector3d(double time_s)>;
 
 inline Plot MakePlot(TimeNs time_ns, const Eigen::Vector3d& position_m, double log_clutter,
@@ -26,6 +29,11 @@ inline Plot MakePlot(TimeNs time_ns, const Eigen::Vector3d& position_m, double l
   plot.frame = static_cast<std::uint32_t>((time_ns - kBeginNs) / kPeriodNs);
   plot.returns.resize(num_returns);
   return plot;
+}
+
+// Each plot is that of any of the sensors.
+inline void MixSensors(int num_sensors, Random* random, std::vector<Plot>* plots) {
+  for (Plot& plot : *plots) plot.sensor = random->Index(static_cast<std::size_t>(num_sensors));
 }
 
 inline void SortByTime(std::vector<Plot>* plots) {

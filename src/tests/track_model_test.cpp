@@ -17,7 +17,9 @@ using testing::kBeginNs;
 using testing::kPeriodNs;
 using testing::kPeriodS;
 using testing::kScoreTolerance;
+using testing::kWatch;
 using testing::MakePlot;
+using testing::MixSensors;
 using testing::PlainLogBirths;
 using testing::PlainScore;
 using testing::Random;
@@ -28,6 +30,7 @@ Plot RandomPlot(TimeNs time_ns, const Eigen::Vector3d& position_m, Random* rando
   plot.variance_m2 = random->Uniform(0.005, 0.2);
   plot.extent_m = random->Uniform(0.0, 4.0);
   plot.touches_structure = random->Index(3) == 0;
+  plot.sensor = random->Index(3);
   return plot;
 }
 
@@ -95,17 +98,21 @@ TEST(PathScorer, ScoresAnySequenceAsThePlainModelDoes) {
   int num_hidden = 0;
   for (std::uint32_t seed = 0; seed < 60; ++seed) {
     Random random(seed);
-    const std::vector<Plot> plots = RandomPlots(12, &random);
+    std::vector<Plot> plots = RandomPlots(12, &random);
+    const int num_sensors = 1 + static_cast<int>(seed % 3);
+    MixSensors(num_sensors, &random, &plots);
     std::vector<std::uint32_t> members;
     for (std::uint32_t i = 0; i < plots.size(); ++i) {
       if (members.empty() || random.Index(4) != 0) members.push_back(i);
     }
     const std::vector<double> log_births = LogBirths(plots, config);
-    const Path path = PathScorer(plots, log_births, kPeriodS, config).Scored(members);
+    const Path path =
+        PathScorer(plots, log_births, Watch{kPeriodS, num_sensors}, config).Scored(members);
     EXPECT_EQ(path.plots, members);
-    const double expected = PlainScore(plots, members, config);
+    const double expected = PlainScore(plots, members, config, num_sensors);
     EXPECT_NEAR(path.score, expected, kScoreTolerance + 1e-5 * std::abs(expected)) << seed;
-    num_hidden += PlainScore(plots, members, without_shadows) < expected - 0.01 ? 1 : 0;
+    const double without = PlainScore(plots, members, without_shadows, num_sensors);
+    num_hidden += without < expected - 0.01 ? 1 : 0;
   }
   EXPECT_GT(num_hidden, 20);
 }
@@ -114,7 +121,7 @@ TEST(PathScorer, TheEmptyPathIsWorthNothing) {
   const std::vector<Plot> plots;
   const std::vector<double> log_births;
   const TrackerConfig config;
-  EXPECT_EQ(PathScorer(plots, log_births, kPeriodS, config).Scored({}).score, 0.0);
+  EXPECT_EQ(PathScorer(plots, log_births, kWatch, config).Scored({}).score, 0.0);
 }
 
 struct PredictedPlot {
@@ -147,21 +154,23 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
   Random random(3);
   const TrackerConfig config;
   double least_slack = 1e9;
-  for (const double sigma_a_mps2 : config.sigma_a_mps2) {
-    const TrackModel model(sigma_a_mps2, kPeriodS, config);
-    for (int i = 0; i < 3000; ++i) {
-      const PredictedPlot at = RandomPrediction(model, &random);
-      const Prediction& p = at.prediction;
-      const Plot& plot = at.plot;
-      const double score = p.score + model.GainOf(p, plot).log;
-      const double distance2_m2 = (plot.position_m - p.position_m).squaredNorm();
-      const auto slack_of = [&](const VarianceRange& variances) {
-        return model.BoundOf(p, variances).At(distance2_m2) + model.PlotBound(plot) - score;
-      };
-      EXPECT_GE(slack_of({0.5 * plot.variance_m2, 2.0 * plot.variance_m2}), -1e-9);
-      const double slack = slack_of({plot.variance_m2, plot.variance_m2});
-      EXPECT_GE(slack, -1e-9);
-      least_slack = std::min(least_slack, slack);
+  for (const int num_sensors : {1, 3}) {
+    for (const double sigma_a_mps2 : config.sigma_a_mps2) {
+      const TrackModel model(sigma_a_mps2, Watch{kPeriodS, num_sensors}, config);
+      for (int i = 0; i < 2000; ++i) {
+        const PredictedPlot at = RandomPrediction(model, &random);
+        const Prediction& p = at.prediction;
+        const Plot& plot = at.plot;
+        const double score = p.score + model.GainOf(p, plot).log;
+        const double distance2_m2 = (plot.position_m - p.position_m).squaredNorm();
+        const auto slack_of = [&](const VarianceRange& variances) {
+          return model.BoundOf(p, variances).At(distance2_m2) + model.PlotBound(plot) - score;
+        };
+        EXPECT_GE(slack_of({0.5 * plot.variance_m2, 2.0 * plot.variance_m2}), -1e-9);
+        const double slack = slack_of({plot.variance_m2, plot.variance_m2});
+        EXPECT_GE(slack, -1e-9);
+        least_slack = std::min(least_slack, slack);
+      }
     }
   }
   EXPECT_LT(least_slack, 0.01);
@@ -170,7 +179,7 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
 TEST(ScoreBound, BeyondItsReachItIsLess) {
   Random random(4);
   const TrackerConfig config;
-  const TrackModel model(config.sigma_a_mps2.front(), kPeriodS, config);
+  const TrackModel model(config.sigma_a_mps2.front(), kWatch, config);
   int num_reached = 0;
   for (int i = 0; i < 1000; ++i) {
     const PredictedPlot at = RandomPrediction(model, &random);

@@ -14,7 +14,7 @@ using testing::AddClutter;
 using testing::AddFlight;
 using testing::kBeginNs;
 using testing::kPeriodNs;
-using testing::kPeriodS;
+using testing::kWatch;
 using testing::MakePlot;
 using testing::Random;
 using testing::SortByTime;
@@ -85,7 +85,7 @@ TEST(TrackSearch, LooksAtEveryPairThatMatters) {
     const std::vector<Plot> plots = Scene(seed, 40);
     const std::vector<double> log_births = LogBirths(plots, config);
     const std::vector<char> free(plots.size(), 1);
-    const TrackModel model(config.sigma_a_mps2[seed % 3], kPeriodS, config);
+    const TrackModel model(config.sigma_a_mps2[seed % 3], kWatch, config);
     const Path path = TrackSearch(plots, log_births, free, model, config).Best();
     EXPECT_NEAR(path.score, BestScoreOfAllPairs(plots, log_births, model, config), 1e-9) << seed;
     EXPECT_GT(path.score, 20.0) << seed;
@@ -98,7 +98,7 @@ TEST(TrackSearch, LooksAtEveryPairThatIsJustGoodEnough) {
   TrackerConfig config;
   config.min_fragment_plots = 2;
   config.rebirth_log = 0.0;
-  const TrackModel model(config.sigma_a_mps2.front(), kPeriodS, config);
+  const TrackModel model(config.sigma_a_mps2.front(), kWatch, config);
   Random random(9);
   int num_weak = 0;
   for (int scene = 0; scene < 3000; ++scene) {
@@ -124,7 +124,7 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
   const TrackerConfig config;
   const std::vector<Plot> plots = Scene(1, 60);
   const std::vector<double> log_births = LogBirths(plots, config);
-  const TrackModel model(config.sigma_a_mps2[1], kPeriodS, config);
+  const TrackModel model(config.sigma_a_mps2[1], kWatch, config);
   std::vector<char> free(plots.size(), 1);
   const TrackSearch search(plots, log_births, free, model, config);
   double before = 1e9;
@@ -144,6 +144,38 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
   EXPECT_GT(num_paths, 2);
 }
 
+TEST(TrackSearch, BirthsFarAwayDoNotCrowdOutAWeakPathNearby) {
+  constexpr int kFrames = 120;
+  constexpr int kStrays = 300;
+  Random random(6);
+  std::vector<Plot> plots;
+  std::vector<Plot> own;
+  for (int i = 0; i < kFrames; ++i) {
+    const TimeNs time_ns = kBeginNs + i * kPeriodNs;
+    for (int k = 0; k < kStrays; ++k) {
+      const Eigen::Vector3d towards = random.NormalVector(1.0).normalized();
+      plots.push_back(MakePlot(time_ns, random.Uniform(200.0, 600.0) * towards, -14.0));
+    }
+    if (i % 5 != 0) continue;  // at 28 m
+    const Eigen::Vector3d at_m(20.0, 0.8 * (0.1 * i - 6.0), 19.6);
+    plots.push_back(MakePlot(time_ns, at_m + random.NormalVector(0.1), -6.0));
+    own.push_back(plots.back());
+  }
+  TrackerConfig config;
+  config.max_hypotheses = 250;
+  const std::vector<double> log_births = LogBirths(plots, config);
+  const std::vector<char> free(plots.size(), 1);
+  const TrackModel model(config.sigma_a_mps2.front(), kWatch, config);
+  const Path path = TrackSearch(plots, log_births, free, model, config).Best();
+  EXPECT_EQ(path.plots.size(), own.size());
+  for (const std::uint32_t i : path.plots) EXPECT_LT(plots[i].position_m.norm(), 50.0);
+  // As good as if there were nothing else, but for the first plot's share among all of them.
+  const std::vector<double> own_births(own.size(), log_births[path.plots.front()]);
+  const std::vector<char> own_free(own.size(), 1);
+  const Path alone = TrackSearch(own, own_births, own_free, model, config).Best();
+  EXPECT_NEAR(path.score, alone.score, 1e-6);
+}
+
 TEST(TrackSearch, OfAFewBestHypothesesFindsNearlyWhatThatOfAllFinds) {
   const TrackerConfig all;
   TrackerConfig few = all;
@@ -155,7 +187,7 @@ TEST(TrackSearch, OfAFewBestHypothesesFindsNearlyWhatThatOfAllFinds) {
     const std::vector<double> log_births = LogBirths(plots, all);
     const std::vector<char> free(plots.size(), 1);
     const auto score_of = [&](const TrackerConfig& config) {
-      const TrackModel model(config.sigma_a_mps2[1], kPeriodS, config);
+      const TrackModel model(config.sigma_a_mps2[1], kWatch, config);
       return TrackSearch(plots, log_births, free, model, config).Best().score;
     };
     EXPECT_NEAR(score_of(few), score_of(all), 0.05 * score_of(all)) << seed;

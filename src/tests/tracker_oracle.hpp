@@ -40,8 +40,12 @@ class PlainModel {
   using Vector9 = Eigen::Matrix<double, 9, 1>;
   using Matrix9 = Eigen::Matrix<double, 9, 9>;
 
-  PlainModel(const TrackerConfig& config, double sigma_a_mps2, double birth_speed_mps)
-      : config_(config), sigma_a_(sigma_a_mps2), birth_speed_(birth_speed_mps) {}
+  PlainModel(const TrackerConfig& config, double sigma_a_mps2, double birth_speed_mps,
+             int num_sensors = 1)
+      : config_(config),
+        sigma_a_(sigma_a_mps2),
+        birth_speed_(birth_speed_mps),
+        num_sensors_(num_sensors) {}
 
   // Log likelihood ratio of a sequence of plots; minus infinity for one that is too fast.
   double Score(const std::vector<Plot>& plots, double log_birth) const {
@@ -73,10 +77,11 @@ class PlainModel {
       const double speed = std::min(config_.max_speed_mps, x.segment<3>(3).norm());
       const double streak = speed * kPeriodS;
       const auto n = static_cast<double>(plot.returns.size());
-      score += std::min(config_.max_returns_log, std::log(n));
-      score +=
-          config_.extent_log_per_m * std::max(0.0, plot.extent_m - config_.max_extent_m - streak);
-      if (plot.touches_structure) score += config_.touch_log;
+      const ShapeConfig& form = config_.shape;
+      score += std::min(form.max_returns_log, std::log(n));
+      score += form.extent_log_per_m * std::max(0.0, plot.extent_m - form.max_extent_m - streak);
+      if (plot.touches_structure) score += form.touch_log;
+      score += std::log(SensorShare(plots[k - 1].sensor, plot.sensor));
 
       const Eigen::Matrix3d noise =
           (plot.variance_m2 + streak * streak / 12.0 / n / 3.0) * Eigen::Matrix3d::Identity();
@@ -93,6 +98,12 @@ class PlainModel {
   }
 
  private:
+  // The chance that the one of all sensors which sees it next is `to`.
+  double SensorShare(std::uint32_t from, std::uint32_t to) const {
+    const double change = num_sensors_ > 1 ? config_.sensor_change : 0.0;
+    return from == to ? 1.0 - change : change / (num_sensors_ - 1);
+  }
+
   struct Update {
     Vector9 x;
     Matrix9 p;
@@ -124,7 +135,8 @@ class PlainModel {
     q.diagonal().tail<3>().setConstant(2.0 * sigma_a_mps2 * sigma_a_mps2 / tau);
     const auto x_rate = [&](const Vector9& v) -> Vector9 { return a * v; };
     const auto p_rate = [&](const Matrix9& m) -> Matrix9 { return a * m + m * a.transpose() + q; };
-    const int steps = 1 + static_cast<int>(dt / 0.1);
+    // The noise of a short gap grows with its fifth power, which one step does not follow.
+    const int steps = 5 + static_cast<int>(dt / 0.1);
     const double h = dt / steps;
     for (int i = 0; i < steps; ++i) {
       Step(x_rate, h, x);
@@ -144,17 +156,19 @@ class PlainModel {
   const TrackerConfig& config_;
   double sigma_a_;
   double birth_speed_;
+  int num_sensors_;
 };
 
 // The score of a path at the agility and birth speed that suit it best.
 inline double PlainScore(const std::vector<Plot>& plots, const std::vector<std::uint32_t>& path,
-                         const TrackerConfig& config) {
+                         const TrackerConfig& config, int num_sensors = 1) {
   const std::vector<Plot> members = Members(plots, path);
   const double log_birth = PlainLogBirths(plots, config)[path.front()];
   double best = -std::numeric_limits<double>::infinity();
   for (const double sigma_a_mps2 : config.sigma_a_mps2) {
     for (const double speed_mps : config.birth_speeds_mps) {
-      best = std::max(best, PlainModel(config, sigma_a_mps2, speed_mps).Score(members, log_birth));
+      const PlainModel model(config, sigma_a_mps2, speed_mps, num_sensors);
+      best = std::max(best, model.Score(members, log_birth));
     }
   }
   return best;

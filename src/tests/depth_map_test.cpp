@@ -1,0 +1,147 @@
+#include "unlidar/robust/depth_map.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <vector>
+
+#include "synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::Random;
+
+constexpr double kDegree_rad = M_PI / 180.0;
+constexpr double kMargin_m = 2.0;
+constexpr float kNothing_m = std::numeric_limits<float>::infinity();
+
+Eigen::Vector3f Towards(double azimuth_rad, double elevation_rad, double range_m) {
+  return (range_m * Eigen::Vector3d(std::cos(elevation_rad) * std::cos(azimuth_rad),
+                                    std::cos(elevation_rad) * std::sin(azimuth_rad),
+                                    std::sin(elevation_rad)))
+      .cast<float>();
+}
+
+DepthMap MapOf(const std::vector<Eigen::Vector3f>& points_m) {
+  return {points_m, std::vector<std::uint32_t>(points_m.size(), 0), 1, 2.0};
+}
+
+// A wall 10 m ahead, hit so densely that no direction goes through it.
+std::vector<Eigen::Vector3f> Wall(double low_y_m, double high_y_m) {
+  std::vector<Eigen::Vector3f> points_m;
+  for (double y = low_y_m; y <= high_y_m; y += 0.05) {
+    for (double z = -8.0; z <= 8.0; z += 0.05) {
+      points_m.push_back(Eigen::Vector3d(10.0, y, z).cast<float>());
+    }
+  }
+  return points_m;
+}
+
+// Returns at 10 m in all directions on one side of the zenith.
+std::vector<Eigen::Vector3f> HalfADome() {
+  std::vector<Eigen::Vector3f> points_m;
+  Random random(1);
+  while (points_m.size() < 200'000) {
+    const Eigen::Vector3d p = random.NormalVector(1.0);
+    if (p.x() > 0.0 && p.z() > 0.0) points_m.push_back((10.0 * p.normalized()).cast<float>());
+  }
+  return points_m;
+}
+
+TEST(DepthMap, KnowsTheMedianRangeOfEveryCellAndBin) {
+  constexpr std::size_t kBins = 3;
+  constexpr double kCell_deg = 10.0;
+  Random random(2);
+  std::vector<Eigen::Vector3f> points_m;
+  std::vector<std::uint32_t> bins;
+  // Cells are counted from straight behind, and from straight below.
+  const auto cell_of = [](const Eigen::Vector3f& p, std::size_t bin) {
+    const Eigen::Vector3d d = p.cast<double>();
+    const double azimuth_deg = std::atan2(d.y(), d.x()) / kDegree_rad + 180.0;
+    const double elevation_deg = std::asin(d.z() / d.norm()) / kDegree_rad + 90.0;
+    return std::array<int, 3>{static_cast<int>(azimuth_deg / kCell_deg),
+                              static_cast<int>(elevation_deg / kCell_deg), static_cast<int>(bin)};
+  };
+  std::map<std::array<int, 3>, std::vector<double>> ranges_m;
+  for (int i = 0; i < 4000; ++i) {
+    points_m.push_back(random.NormalVector(20.0).cast<float>());
+    bins.push_back(random.Index(kBins));
+    ranges_m[cell_of(points_m.back(), bins.back())].push_back(
+        static_cast<double>(points_m.back().norm()));
+  }
+  const DepthMap map(points_m, bins, kBins, kCell_deg);
+  int num_empty = 0;
+  for (int i = 0; i < 4000; ++i) {
+    const Eigen::Vector3f place_m = random.NormalVector(20.0).cast<float>();
+    const std::size_t bin = random.Index(kBins);
+    std::vector<double>& in_cell_m = ranges_m[cell_of(place_m, bin)];
+    if (in_cell_m.empty()) {
+      EXPECT_EQ(map.MedianM(place_m, bin), kNothing_m);
+      ++num_empty;
+      continue;
+    }
+    std::sort(in_cell_m.begin(), in_cell_m.end());
+    EXPECT_NEAR(static_cast<double>(map.MedianM(place_m, bin)), in_cell_m[in_cell_m.size() / 2],
+                0.06);
+  }
+  EXPECT_GT(num_empty, 10);
+  EXPECT_LT(num_empty, 2000);
+}
+
+TEST(DepthMap, WithoutReturnsIsInfiniteAndHidesNothing) {
+  const DepthMap map = MapOf({});
+  EXPECT_EQ(map.MedianM({1.0F, 2.0F, 3.0F}, 0), kNothing_m);
+  EXPECT_EQ(map.HiddenShare({10.0F, 2.0F, 3.0F}, 5.0, kMargin_m), 0.0);
+}
+
+TEST(DepthMap, AHalfIsHiddenAtTheEdgeOfANearerWallAllBehindItAndNothingBeside) {
+  const DepthMap map = MapOf(Wall(-8.0, 0.0));
+  const double radius_m = 4.0;
+  EXPECT_NEAR(map.HiddenShare({20.0F, 0.0F, 0.0F}, radius_m, kMargin_m), 0.5, 0.15);
+  EXPECT_EQ(map.HiddenShare({20.0F, -8.0F, 0.0F}, radius_m, kMargin_m), 1.0);
+  EXPECT_EQ(map.HiddenShare({20.0F, 5.5F, 0.0F}, radius_m, kMargin_m), 0.0);
+  EXPECT_EQ(MapOf({}).HiddenShare({20.0F, 0.0F, 0.0F}, radius_m, kMargin_m), 0.0);
+}
+
+TEST(DepthMap, WhatIsNotNearerByTheMarginHidesNothing) {
+  const DepthMap map = MapOf(Wall(-8.0, 8.0));
+  EXPECT_EQ(map.HiddenShare({11.5F, 0.0F, 0.0F}, 2.0, kMargin_m), 0.0);
+  EXPECT_EQ(map.HiddenShare({8.0F, 0.0F, 0.0F}, 2.0, kMargin_m), 0.0);
+  EXPECT_EQ(map.HiddenShare({13.0F, 0.0F, 0.0F}, 2.0, kMargin_m), 1.0);
+}
+
+TEST(DepthMap, CountsDirectionsAlikeAlsoAroundTheZenith) {
+  const DepthMap map = MapOf(HalfADome());
+  for (const double azimuth_rad : {0.3, 1.2, 2.5, -2.0}) {
+    // Half a degree beside the zenith: cells about it are of all azimuths.
+    const Eigen::Vector3f place_m = Towards(azimuth_rad, 89.5 * kDegree_rad, 20.0);
+    EXPECT_NEAR(map.HiddenShare(place_m, 5.0, kMargin_m), 0.5, 0.1) << azimuth_rad;
+  }
+  EXPECT_EQ(map.HiddenShare(Towards(0.0, 60.0 * kDegree_rad, 20.0), 5.0, kMargin_m), 1.0);
+  EXPECT_EQ(map.HiddenShare(Towards(M_PI, 60.0 * kDegree_rad, 20.0), 5.0, kMargin_m), 0.0);
+}
+
+TEST(DepthMap, SeesNoSeamBehindTheSensor) {
+  std::vector<Eigen::Vector3f> behind_m;
+  for (const Eigen::Vector3f& p : Wall(-8.0, 0.0)) behind_m.emplace_back(-p.x(), -p.y(), p.z());
+  const DepthMap map = MapOf(behind_m);
+  EXPECT_NEAR(map.HiddenShare({-20.0F, 0.0F, 0.0F}, 4.0, kMargin_m), 0.5, 0.15);
+  EXPECT_EQ(map.HiddenShare({-20.0F, 8.0F, 0.0F}, 4.0, kMargin_m), 1.0);
+  EXPECT_EQ(map.HiddenShare({-20.0F, -5.5F, 0.0F}, 4.0, kMargin_m), 0.0);
+}
+
+TEST(DepthMap, TheShareIsThatOfAllBins) {
+  std::vector<Eigen::Vector3f> points_m = Wall(-8.0, 8.0);
+  const DepthMap map(points_m, std::vector<std::uint32_t>(points_m.size(), 2), 4, 2.0);
+  EXPECT_NEAR(map.HiddenShare({20.0F, 0.0F, 0.0F}, 4.0, kMargin_m), 0.25, 1e-12);
+}
+
+}  // namespace
+}  // namespace unlidar

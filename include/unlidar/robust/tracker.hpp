@@ -25,7 +25,7 @@ struct TrackerConfig {
   double sensor_change = 0.1;      // probability that the next plot is that of another sensor
   ShapeConfig shape;
   // Carried on at any time, the best first: so many, and so many more for each plot of the frame.
-  int max_hypotheses = 600;
+  int max_hypotheses = 500;
   int max_hypotheses_per_plot = 5;
   int max_paths = 20;
   double min_fragment_log = 7.0;  // weaker paths are not looked at,

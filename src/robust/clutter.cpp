@@ -14,6 +14,13 @@ double PlotVolumeM3(const Plot& plot) {
   return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
 }
 
+// Mean over the returns of a plot.
+double PlaceRate(const Plot& plot, const Background& background) {
+  double sum = 0.0;
+  for (const std::uint32_t i : plot.returns) sum += background.PlaceRate(i);
+  return sum / static_cast<double>(plot.returns.size());
+}
+
 // Plots per place and time bin, in units of kUnit.
 class WeightGrid {
  public:
@@ -98,11 +105,8 @@ void EstimateClutter(const Recording& recording, const Background& background,
     if (plot.is_floating) continue;
     const double others = spots[plot.sensor].SumOutside(plot, 1, 1) - weights[i];
     const double spot_rate = others / num_frames[plot.sensor] / PlotVolumeM3(plot);
-    double place_rate = 0.0;
-    for (const std::uint32_t r : plot.returns) {
-      if (explained[i]) break;  // by a target that may come back to its place
-      place_rate += background.PlaceRate(r) / static_cast<double>(plot.returns.size());
-    }
+    // A target that was found may have come back to its own place.
+    const double place_rate = explained[i] ? 0.0 : PlaceRate(plot, background);
     plot.log_clutter = std::log(std::max({rate[i], spot_rate, place_rate}));
   }
 }

@@ -39,18 +39,20 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,
   const auto range_m = static_cast<double>(place_m.norm());
   const Eigen::Vector3d towards = place_m.cast<double>() / range_m;
   const double radius_rad = std::atan2(radius_m, range_m);
+  const double least_cosine = std::cos(radius_rad);
   const double elevation_rad = std::asin(towards.z());
   double all = 0.0;
   double hidden = 0.0;
   for (std::size_t row = 0; row < rows_; ++row) {
     const double at_rad = (static_cast<double>(row) + 0.5) * cell_rad_ - M_PI / 2;
     if (std::abs(at_rad - elevation_rad) > radius_rad) continue;
+    const double weight = std::cos(at_rad);  // cells are narrower towards the zenith
+    const double sine = std::sin(at_rad);
     for (std::size_t column = 0; column < columns_; ++column) {
       const double azimuth_rad = (static_cast<double>(column) + 0.5) * cell_rad_ - M_PI;
-      const Eigen::Vector3d cell(std::cos(at_rad) * std::cos(azimuth_rad),
-                                 std::cos(at_rad) * std::sin(azimuth_rad), std::sin(at_rad));
-      if (cell.dot(towards) < std::cos(radius_rad)) continue;
-      const double weight = std::cos(at_rad);  // cells are narrower towards the zenith
+      const Eigen::Vector3d cell(weight * std::cos(azimuth_rad), weight * std::sin(azimuth_rad),
+                                 sine);
+      if (cell.dot(towards) < least_cosine) continue;
       for (std::size_t bin = 0; bin < num_bins_; ++bin) {
         const float depth_m = median_m_[(row * columns_ + column) * num_bins_ + bin];
         all += weight;

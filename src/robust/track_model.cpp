@@ -75,9 +75,14 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const TrackerConfi
 TrackModel::TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config)
     : sigma_(sigma_a_mps2),
       period_s_(watch.period_s),
-      num_sensors_(watch.num_sensors),
       log_emerge_(std::log(-std::expm1(config.shadow_log_per_s * watch.period_s))),
-      config_(config) {}
+      config_(config) {
+  if (watch.num_sensors == 1) return;
+  // Sensors mostly look different ways: the one that saw a target sees it next. So two sensors are
+  // no two chances to be seen.
+  log_same_sensor_ = std::log1p(-config.sensor_change);
+  log_other_sensor_ = std::log(config.sensor_change / (watch.num_sensors - 1.0));
+}
 
 Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, double time_s,
                              double speed_mps) const {
@@ -130,7 +135,7 @@ Gain TrackModel::GainOf(const Prediction& p, const Plot& plot) const {
   const double agile = log_density(p.agile_variance_m2 + noise) + config_.manoeuvre_log;
   return {std::max(steady, agile) + p.log_hit - plot.log_clutter +
               ShapeLog(plot, p.speed_mps * period_s_, config_.shape) +
-              SensorLog(p.sensor, plot.sensor),
+              (p.sensor == plot.sensor ? log_same_sensor_ : log_other_sensor_),
           agile > steady};
 }
 
@@ -186,14 +191,6 @@ void TrackModel::SetVisibility(Hypothesis* h) const {
 
 double TrackModel::AgileFactor() const {
   return config_.manoeuvre_factor * config_.manoeuvre_factor - 1.0;
-}
-
-// Sensors mostly look different ways: the one that saw a target sees it next. So two sensors are
-// no two chances to be seen.
-double TrackModel::SensorLog(std::uint32_t from, std::uint32_t to) const {
-  if (num_sensors_ == 1) return 0.0;
-  return from == to ? std::log1p(-config_.sensor_change)
-                    : std::log(config_.sensor_change / (num_sensors_ - 1.0));
 }
 
 }  // namespace unlidar

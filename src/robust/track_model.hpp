@@ -122,12 +122,12 @@ class TrackModel {
   double AgileFactor() const;  // further noise of a manoeuvre
   double LogShadow(double dt_s) const;
   double LogMiss(const Hypothesis& from, double exposure) const;
-  double SensorLog(std::uint32_t from, std::uint32_t to) const;
 
   double sigma_;
   double period_s_;
-  double num_sensors_;
-  double log_emerge_;  // of a shadow to end within a frame
+  double log_emerge_;              // of a shadow to end within a frame
+  double log_same_sensor_ = 0.0;   // of the next plot to be that of the same sensor,
+  double log_other_sensor_ = 0.0;  // or of a certain other one
   const TrackerConfig& config_;
 };
 

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <unordered_map>
 #include <vector>
 
 #include "unlidar/robust/plots.hpp"
@@ -21,7 +22,8 @@ double PlaceRate(const Plot& plot, const Background& background) {
   return sum / static_cast<double>(plot.returns.size());
 }
 
-// Plots per place and time bin, in units of kUnit.
+// Weights of plots per place and time bin. Plots at one place share their neighbourhood, so it is
+// summed once for all of them: in rain there are many.
 class WeightGrid {
  public:
   WeightGrid(RangeRadius radius, std::size_t num_bins) : grid_(radius, num_bins) {}
@@ -31,15 +33,20 @@ class WeightGrid {
               static_cast<std::uint32_t>(std::lround(weight / kUnit)));
   }
 
-  // Sum over all bins but those of [first, last].
+  // Sum in the neighbourhood of a plot over all bins but those of [first, last).
   double SumOutside(const Plot& plot, std::size_t first, std::size_t last) {
-    profile_.assign(grid_.num_bins(), 0);
-    grid_.Collect(plot.position_m.cast<float>(), &profile_);
-    double sum = 0.0;
-    for (std::size_t b = 0; b < profile_.size(); ++b) {
-      if (b < first || b > last) sum += kUnit * profile_[b];
+    const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+    const std::size_t num_bins = grid_.num_bins();
+    const auto [row, is_new] = rows_.try_emplace(grid_.Key(place_m), sums_.size());
+    if (is_new) {
+      profile_.assign(num_bins, 0);
+      grid_.Collect(place_m, &profile_);
+      double sum = 0.0;
+      sums_.push_back(sum);
+      for (const std::uint32_t count : profile_) sums_.push_back(sum += kUnit * count);
     }
-    return sum;
+    const double* before = &sums_[row->second];
+    return before[num_bins] - (before[last] - before[first]);
   }
 
   double VolumeM3(const Plot& plot) const { return grid_.VolumeM3(plot.position_m.cast<float>()); }
@@ -49,6 +56,8 @@ class WeightGrid {
 
   RangeGrid grid_;
   std::vector<std::uint32_t> profile_;
+  std::unordered_map<std::uint64_t, std::size_t> rows_;  // of a place: where its sums begin
+  std::vector<double> sums_;  // of a place: up to, and without, each bin, and of all
 };
 
 }  // namespace
@@ -58,7 +67,8 @@ void EstimateClutter(const Recording& recording, const Background& background,
                      const std::vector<char>& explained, std::vector<Plot>* plots) {
   const std::size_t num_bins = background.num_bins();
   const std::size_t num_sensors = recording.sensors.size();
-  std::vector<std::vector<double>> frames_in_bin(num_sensors, std::vector<double>(num_bins, 0.0));
+  std::vector<std::vector<double>> frames_in_bin(num_sensors);
+  for (std::vector<double>& frames : frames_in_bin) frames.resize(num_bins);
   std::vector<double> num_frames(num_sensors, 0.0);
   for (const FrameInfo& frame : recording.frames) {
     frames_in_bin[frame.sensor][background.BinOf(frame.begin_ns)] += 1.0;
@@ -84,9 +94,9 @@ void EstimateClutter(const Recording& recording, const Background& background,
       const Plot& plot = (*plots)[i];
       const std::size_t bin = background.BinOf(plot.time_ns);
       const std::size_t first = bin - std::min(bin, exclusion);
-      const std::size_t last = std::min(bin + exclusion, num_bins - 1);
+      const std::size_t last = std::min(bin + exclusion + 1, num_bins);
       double frames = num_frames[plot.sensor];
-      for (std::size_t b = first; b <= last; ++b) frames -= frames_in_bin[plot.sensor][b];
+      for (std::size_t b = first; b < last; ++b) frames -= frames_in_bin[plot.sensor][b];
       WeightGrid& grid = grids[plot.sensor];
       const double exposure = frames * grid.VolumeM3(plot);
       rate[i] = (grid.SumOutside(plot, first, last) + config.clutter_prior_plots) /
@@ -103,7 +113,7 @@ void EstimateClutter(const Recording& recording, const Background& background,
     Plot& plot = (*plots)[i];
     plot.log_clutter = std::log(rate[i]);
     if (plot.is_floating) continue;
-    const double others = spots[plot.sensor].SumOutside(plot, 1, 1) - weights[i];
+    const double others = spots[plot.sensor].SumOutside(plot, 0, 0) - weights[i];
     const double spot_rate = others / num_frames[plot.sensor] / PlotVolumeM3(plot);
     // A target that was found may have come back to its own place.
     const double place_rate = explained[i] ? 0.0 : PlaceRate(plot, background);

@@ -72,6 +72,10 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const TrackerConfi
   return logs;
 }
 
+double PlotBound(const Plot& plot, const Watch& watch, const TrackerConfig& config) {
+  return ShapeLog(plot, config.max_speed_mps * watch.period_s, config.shape) - plot.log_clutter;
+}
+
 TrackModel::TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config)
     : sigma_(sigma_a_mps2),
       period_s_(watch.period_s),
@@ -168,10 +172,6 @@ ScoreBound TrackModel::BoundOf(const Prediction& p, const VarianceRange& varianc
   return {common + peak(p.variance_m2 + variances.least_m2), 0.5 / (p.variance_m2 + largest_m2),
           common + peak(p.agile_variance_m2 + variances.least_m2) + config_.manoeuvre_log,
           0.5 / (p.agile_variance_m2 + largest_m2)};
-}
-
-double TrackModel::PlotBound(const Plot& plot) const {
-  return ShapeLog(plot, config_.max_speed_mps * period_s_, config_.shape) - plot.log_clutter;
 }
 
 double TrackModel::LogShadow(double dt_s) const {

@@ -89,6 +89,9 @@ double TimeOf(const std::vector<Plot>& plots, std::size_t plot);
 // of exp is 1.
 std::vector<double> LogBirths(const std::vector<Plot>& plots, const TrackerConfig& config);
 
+// What a plot adds wherever it is expected, at most.
+double PlotBound(const Plot& plot, const Watch& watch, const TrackerConfig& config);
+
 class TrackModel {
  public:
   TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config);
@@ -113,9 +116,6 @@ class TrackModel {
                     const Plot& plot, double time_s, const Gain& gain) const;
 
   ScoreBound BoundOf(const Prediction& p, const VarianceRange& variances) const;
-
-  // What a plot adds wherever it is expected, at most.
-  double PlotBound(const Plot& plot) const;
 
  private:
   void SetVisibility(Hypothesis* h) const;

@@ -3,21 +3,51 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <numeric>
-#include <utility>
 
 namespace unlidar {
+namespace {
+
+// Bounds are exact but for rounding.
+constexpr double kBoundSlack = 1e-9;
+
+}  // namespace
+
+std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                            const Watch& watch, const TrackerConfig& config) {
+  std::vector<Slice> slices;
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    const Plot& plot = plots[i];
+    if (i == 0 || plot.time_ns != plots[i - 1].time_ns) {
+      slices.emplace_back();
+      slices.back().first = i;
+      slices.back().time_s = TimeOf(plots, i);
+      slices.back().variances = {plot.variance_m2, plot.variance_m2};
+    }
+    Slice& slice = slices.back();
+    slice.last = i + 1;
+    slice.variances.least_m2 = std::min(slice.variances.least_m2, plot.variance_m2);
+    slice.variances.largest_m2 = std::max(slice.variances.largest_m2, plot.variance_m2);
+    slice.places.push_back({plot.position_m, PlotBound(plot, watch, config),
+                            std::max(config.give_up_log, log_births[i] + config.rebirth_log), i});
+  }
+  for (Slice& slice : slices) {
+    std::sort(slice.places.begin(), slice.places.end(),
+              [](const Slice::Place& a, const Slice::Place& b) {
+                return a.position_m.x() < b.position_m.x();
+              });
+  }
+  return slices;
+}
 
 TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                         const std::vector<char>& free, const TrackModel& model,
-                         const TrackerConfig& config)
+                         const std::vector<Slice>& slices, const std::vector<char>& free,
+                         const TrackModel& model, const TrackerConfig& config)
     : plots_(plots), log_births_(log_births), free_(free), model_(model), config_(config) {
-  for (std::size_t first = 0; first < plots_.size();) {
-    std::size_t last = first;
-    while (last < plots_.size() && plots_[last].time_ns == plots_[first].time_ns) ++last;
-    Extend(first, last);
-    first = last;
-  }
+  // Room for the births and as many that go on, so that few searches ever move what they hold.
+  history_.reserve(plots.size() * (2 * config.birth_speeds_mps.size()));
+  for (const Slice& slice : slices) Extend(slice);
 }
 
 Path TrackSearch::Best() const {
@@ -42,32 +72,24 @@ Path TrackSearch::Best() const {
   return path;
 }
 
-void TrackSearch::Extend(std::size_t first, std::size_t last) {
-  const double time_s = TimeOf(plots_, first);
-  Predict(time_s);
-  KeepBest(first, last);
-  FindCandidates(first, last);
-  for (std::size_t i = first; i < last; ++i) {
+void TrackSearch::Extend(const Slice& slice) {
+  Predict(slice.time_s);
+  KeepBest(slice);
+  FindCandidates(slice);
+  for (std::size_t i = slice.first; i < slice.last; ++i) {
     if (!free_[i]) continue;
-    std::vector<Candidate>& candidates = candidates_[i - first];
-    const auto kept =
-        std::min(candidates.size(), static_cast<std::size_t>(config_.hypotheses_per_plot));
-    std::partial_sort(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(kept),
-                      candidates.end(), [](const Candidate& a, const Candidate& b) {
-                        return a.score > b.score || (a.score == b.score && a.index < b.index);
-                      });
-    for (std::size_t c = 0; c < kept; ++c) {
-      const Prediction& p = predictions_[candidates[c].index];
+    for (const Candidate& candidate : candidates_[i - slice.first]) {
+      const Prediction& p = predictions_[candidate.index];
       const Hypothesis& from = history_[static_cast<std::size_t>(p.history)];
-      Hypothesis h = model_.Update(from, model_.MotionOver(time_s - from.time_s), p, plots_[i],
-                                   time_s, candidates[c].gain);
+      Hypothesis h = model_.Update(from, model_.MotionOver(slice.time_s - from.time_s), p,
+                                   plots_[i], slice.time_s, candidate.gain);
       if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.parent = p.history;
       Add(h);
     }
     for (const double speed_mps : config_.birth_speeds_mps) {
-      Hypothesis h = model_.Birth(plots_[i], log_births_[i], time_s, speed_mps);
+      Hypothesis h = model_.Birth(plots_[i], log_births_[i], slice.time_s, speed_mps);
       h.plot = static_cast<std::int32_t>(i);
       Add(h);
     }
@@ -102,71 +124,93 @@ void TrackSearch::Predict(double time_s) {
 // In rain most plots are births that lead nowhere: only the best hypotheses are carried on, by what
 // a plot just where they expect it could make of them. A birth far away, whose misses cost nothing
 // because it would hardly ever be seen, does not crowd out what is near.
-void TrackSearch::KeepBest(std::size_t first, std::size_t last) {
-  variances_ = {plots_[first].variance_m2, plots_[first].variance_m2};
-  for (std::size_t i = first; i < last; ++i) {
-    variances_.least_m2 = std::min(variances_.least_m2, plots_[i].variance_m2);
-    variances_.largest_m2 = std::max(variances_.largest_m2, plots_[i].variance_m2);
-  }
+void TrackSearch::KeepBest(const Slice& slice) {
+  bounds_.clear();
+  for (const Prediction& p : predictions_) bounds_.push_back(model_.BoundOf(p, slice.variances));
   const std::size_t most =
       static_cast<std::size_t>(config_.max_hypotheses) +
-      static_cast<std::size_t>(config_.max_hypotheses_per_plot) * (last - first);
+      static_cast<std::size_t>(config_.max_hypotheses_per_plot) * (slice.last - slice.first);
   if (predictions_.size() > most) {
-    std::vector<std::pair<double, std::size_t>> promises;
-    for (std::size_t k = 0; k < predictions_.size(); ++k) {
-      promises.emplace_back(-model_.BoundOf(predictions_[k], variances_).steady_top, k);
+    std::vector<std::size_t> best(predictions_.size());
+    std::iota(best.begin(), best.end(), 0);
+    std::nth_element(best.begin(), best.begin() + static_cast<std::ptrdiff_t>(most), best.end(),
+                     [&](std::size_t a, std::size_t b) {
+                       const double top_a = bounds_[a].steady_top;
+                       const double top_b = bounds_[b].steady_top;
+                       return top_a > top_b || (top_a == top_b && a < b);
+                     });
+    best.resize(most);
+    std::sort(best.begin(), best.end());
+    for (std::size_t k = 0; k < most; ++k) {
+      predictions_[k] = predictions_[best[k]];
+      bounds_[k] = bounds_[best[k]];
     }
-    std::nth_element(promises.begin(), promises.begin() + static_cast<std::ptrdiff_t>(most),
-                     promises.end());
-    promises.resize(most);
-    std::sort(promises.begin(), promises.end(),
-              [](const auto& a, const auto& b) { return a.second < b.second; });
-    for (std::size_t k = 0; k < most; ++k) predictions_[k] = predictions_[promises[k].second];
     predictions_.resize(most);
+    bounds_.resize(most);
   }
   active_.clear();
   for (const Prediction& p : predictions_) active_.push_back(p.history);
 }
 
-// The plots of [first, last) that continue a hypothesis better than a new one would begin there.
-void TrackSearch::FindCandidates(std::size_t first, std::size_t last) {
-  candidates_.resize(std::max(candidates_.size(), last - first));
+// The best ways to go on to each free plot, if they are better than to begin there.
+void TrackSearch::FindCandidates(const Slice& slice) {
+  candidates_.resize(std::max(candidates_.size(), slice.last - slice.first));
   for (std::vector<Candidate>& candidates : candidates_) candidates.clear();
-  // What each plot asks of a prediction.
-  std::vector<double> needs;
-  for (std::size_t i = first; i < last; ++i) {
-    needs.push_back(LeastScore(i) - model_.PlotBound(plots_[i]));
+  places_.clear();
+  for (const Slice::Place& place : slice.places) {
+    if (free_[place.plot]) places_.push_back(place);
   }
-  const double least_need = *std::min_element(needs.begin(), needs.end());
-  std::vector<std::size_t> by_x(last - first);
-  std::iota(by_x.begin(), by_x.end(), first);
-  std::sort(by_x.begin(), by_x.end(), [&](std::size_t a, std::size_t b) {
-    return plots_[a].position_m.x() < plots_[b].position_m.x();
-  });
-  for (std::size_t k = 0; k < predictions_.size(); ++k) {
+  if (places_.empty()) return;
+  // Of what the most promising make of a plot, others fall short.
+  constexpr std::size_t kPromising = 64;
+  order_.resize(predictions_.size());
+  std::iota(order_.begin(), order_.end(), 0);
+  if (order_.size() > kPromising) {
+    std::nth_element(order_.begin(), order_.begin() + kPromising, order_.end(),
+                     [&](std::size_t a, std::size_t b) {
+                       return bounds_[a].steady_top > bounds_[b].steady_top;
+                     });
+  }
+  double least_need = -std::numeric_limits<double>::infinity();
+  bool is_stale = true;  // the place of the least need needs more by now
+  for (const std::size_t k : order_) {
+    if (is_stale) {
+      least_need = std::numeric_limits<double>::infinity();
+      for (const Slice::Place& place : places_) {
+        least_need = std::min(least_need, place.least_score - place.most);
+      }
+      is_stale = false;
+    }
     const Prediction& p = predictions_[k];
-    const ScoreBound bound = model_.BoundOf(p, variances_);
-    const double reach_m2 = bound.ReachM2(least_need);
+    const ScoreBound& bound = bounds_[k];
+    const double reach_m2 = bound.ReachM2(least_need - kBoundSlack);
     if (reach_m2 < 0.0) continue;
     const double reach_m = std::sqrt(reach_m2);
-    const auto begin =
-        std::lower_bound(by_x.begin(), by_x.end(), p.position_m.x() - reach_m,
-                         [&](std::size_t i, double x) { return plots_[i].position_m.x() < x; });
-    for (auto at = begin; at != by_x.end(); ++at) {
-      const std::size_t i = *at;
-      if (plots_[i].position_m.x() > p.position_m.x() + reach_m) break;
-      if (!free_[i]) continue;
-      const double distance2_m2 = (plots_[i].position_m - p.position_m).squaredNorm();
-      if (bound.At(distance2_m2) < needs[i - first]) continue;
-      const Gain gain = model_.GainOf(p, plots_[i]);
-      if (p.score + gain.log < LeastScore(i)) continue;
-      candidates_[i - first].push_back({p.score + gain.log, gain, k});
+    auto place =
+        std::lower_bound(places_.begin(), places_.end(), p.position_m.x() - reach_m,
+                         [](const Slice::Place& at, double x) { return at.position_m.x() < x; });
+    for (; place != places_.end() && place->position_m.x() <= p.position_m.x() + reach_m; ++place) {
+      const double distance2_m2 = (place->position_m - p.position_m).squaredNorm();
+      if (bound.At(distance2_m2) + place->most < place->least_score - kBoundSlack) continue;
+      const Gain gain = model_.GainOf(p, plots_[place->plot]);
+      const double score = p.score + gain.log;
+      if (score < place->least_score) continue;
+      std::vector<Candidate>& best = candidates_[place->plot - slice.first];
+      Keep({score, gain, k}, &best);
+      if (best.size() < static_cast<std::size_t>(config_.hypotheses_per_plot)) continue;
+      is_stale = is_stale || place->least_score - place->most <= least_need;
+      place->least_score = best.back().score;
     }
   }
 }
 
-double TrackSearch::LeastScore(std::size_t plot) const {
-  return std::max(config_.give_up_log, log_births_[plot] + config_.rebirth_log);
+void TrackSearch::Keep(const Candidate& candidate, std::vector<Candidate>* best) const {
+  const auto at = std::upper_bound(
+      best->begin(), best->end(), candidate, [](const Candidate& a, const Candidate& b) {
+        return a.score > b.score || (a.score == b.score && a.index < b.index);
+      });
+  best->insert(at, candidate);
+  if (best->size() > static_cast<std::size_t>(config_.hypotheses_per_plot)) best->pop_back();
 }
 
 }  // namespace unlidar

@@ -8,12 +8,32 @@
 
 namespace unlidar {
 
+// The plots of one time.
+struct Slice {
+  struct Place {
+    Eigen::Vector3d position_m;
+    double most;         // that the plot adds to a score
+    double least_score;  // of a hypothesis that may go on with it
+    std::size_t plot;    // index into all plots
+  };
+
+  std::size_t first = 0;  // index of the first plot,
+  std::size_t last = 0;   // and of the one after the last
+  double time_s = 0.0;
+  VarianceRange variances;
+  std::vector<Place> places;  // by x
+};
+
+// What all searches through the same plots share. Size of `log_births`: that of `plots`.
+std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                            const Watch& watch, const TrackerConfig& config);
+
 class TrackSearch {
  public:
-  // Searches at once; `free` is kept and may change before Best is asked. Sizes of `log_births` and
-  // `free`: that of `plots`.
+  // Searches at once; `free` (size of `plots`) is kept and may change before Best is asked.
   TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-              const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config);
+              const std::vector<Slice>& slices, const std::vector<char>& free,
+              const TrackModel& model, const TrackerConfig& config);
 
   // The best path through plots that are still free.
   Path Best() const;
@@ -25,13 +45,13 @@ class TrackSearch {
     std::size_t index;  // of the prediction
   };
 
-  // Carries all hypotheses on to the plots [first, last) of one time.
-  void Extend(std::size_t first, std::size_t last);
+  // Carries all hypotheses on to the plots of a slice.
+  void Extend(const Slice& slice);
   void Add(const Hypothesis& hypothesis);
   void Predict(double time_s);
-  void KeepBest(std::size_t first, std::size_t last);
-  void FindCandidates(std::size_t first, std::size_t last);
-  double LeastScore(std::size_t plot) const;
+  void KeepBest(const Slice& slice);
+  void FindCandidates(const Slice& slice);
+  void Keep(const Candidate& candidate, std::vector<Candidate>* best) const;
 
   const std::vector<Plot>& plots_;
   const std::vector<double>& log_births_;
@@ -40,9 +60,11 @@ class TrackSearch {
   const TrackerConfig& config_;
   std::vector<Hypothesis> history_;
   std::vector<std::int32_t> active_;     // those that may go on: indices into the history
-  std::vector<Prediction> predictions_;  // of the active ones, at the time at hand
-  VarianceRange variances_;              // of the plots at the time at hand
-  std::vector<std::vector<Candidate>> candidates_;  // per plot of the time at hand
+  std::vector<Prediction> predictions_;  // of the active ones, at the time at hand,
+  std::vector<ScoreBound> bounds_;       // how far they reach,
+  std::vector<std::size_t> order_;       // and which promises most
+  std::vector<Slice::Place> places_;     // of the free plots of the time at hand
+  std::vector<std::vector<Candidate>> candidates_;  // per plot of the time at hand, the best first
 };
 
 }  // namespace unlidar

@@ -15,6 +15,7 @@ class PathFinder {
   PathFinder(const std::vector<Plot>& plots, const Watch& watch, const TrackerConfig& config)
       : plots_(plots),
         log_births_(LogBirths(plots, config)),
+        slices_(SlicesOf(plots, log_births_, watch, config)),
         watch_(watch),
         config_(config),
         free_(plots.size(), 1) {}
@@ -35,7 +36,7 @@ class PathFinder {
   std::vector<TrackSearch> SearchFree() const {
     std::vector<TrackSearch> searches;
     for (const double sigma : config_.sigma_a_mps2) {
-      searches.emplace_back(plots_, log_births_, free_, TrackModel(sigma, watch_, config_),
+      searches.emplace_back(plots_, log_births_, slices_, free_, TrackModel(sigma, watch_, config_),
                             config_);
     }
     return searches;
@@ -109,6 +110,7 @@ class PathFinder {
 
   const std::vector<Plot>& plots_;
   std::vector<double> log_births_;
+  std::vector<Slice> slices_;
   Watch watch_;
   const TrackerConfig& config_;
   std::vector<char> free_;  // plots that no path holds

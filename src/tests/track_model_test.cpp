@@ -164,7 +164,8 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
         const double score = p.score + model.GainOf(p, plot).log;
         const double distance2_m2 = (plot.position_m - p.position_m).squaredNorm();
         const auto slack_of = [&](const VarianceRange& variances) {
-          return model.BoundOf(p, variances).At(distance2_m2) + model.PlotBound(plot) - score;
+          return model.BoundOf(p, variances).At(distance2_m2) + PlotBound(plot, kWatch, config) -
+                 score;
         };
         EXPECT_GE(slack_of({0.5 * plot.variance_m2, 2.0 * plot.variance_m2}), -1e-9);
         const double slack = slack_of({plot.variance_m2, plot.variance_m2});

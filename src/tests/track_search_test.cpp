@@ -58,6 +58,12 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
   return best;
 }
 
+Path BestOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+            const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config) {
+  const std::vector<Slice> slices = SlicesOf(plots, log_births, kWatch, config);
+  return TrackSearch(plots, log_births, slices, free, model, config).Best();
+}
+
 // Two drones in clutter, with sizes and touches that make plots differ.
 std::vector<Plot> Scene(std::uint32_t seed, int num_frames) {
   Random random(seed);
@@ -86,7 +92,7 @@ TEST(TrackSearch, LooksAtEveryPairThatMatters) {
     const std::vector<double> log_births = LogBirths(plots, config);
     const std::vector<char> free(plots.size(), 1);
     const TrackModel model(config.sigma_a_mps2[seed % 3], kWatch, config);
-    const Path path = TrackSearch(plots, log_births, free, model, config).Best();
+    const Path path = BestOf(plots, log_births, free, model, config);
     EXPECT_NEAR(path.score, BestScoreOfAllPairs(plots, log_births, model, config), 1e-9) << seed;
     EXPECT_GT(path.score, 20.0) << seed;
   }
@@ -113,7 +119,7 @@ TEST(TrackSearch, LooksAtEveryPairThatIsJustGoodEnough) {
     SortByTime(&plots);
     const std::vector<double> log_births = LogBirths(plots, config);
     const std::vector<char> free(plots.size(), 1);
-    const double score = TrackSearch(plots, log_births, free, model, config).Best().score;
+    const double score = BestOf(plots, log_births, free, model, config).score;
     EXPECT_NEAR(score, BestScoreOfAllPairs(plots, log_births, model, config), 1e-9) << scene;
     num_weak += score > 0.0 && score < 1.0 ? 1 : 0;
   }
@@ -126,7 +132,8 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
   const std::vector<double> log_births = LogBirths(plots, config);
   const TrackModel model(config.sigma_a_mps2[1], kWatch, config);
   std::vector<char> free(plots.size(), 1);
-  const TrackSearch search(plots, log_births, free, model, config);
+  const std::vector<Slice> slices = SlicesOf(plots, log_births, kWatch, config);
+  const TrackSearch search(plots, log_births, slices, free, model, config);
   double before = 1e9;
   int num_paths = 0;
   for (Path path = search.Best(); !path.plots.empty(); path = search.Best(), ++num_paths) {
@@ -138,8 +145,7 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
       free[i] = 0;
     }
     // A search from anew may find what the first plots hid, never less.
-    EXPECT_GE(TrackSearch(plots, log_births, free, model, config).Best().score,
-              search.Best().score - 1e-9);
+    EXPECT_GE(BestOf(plots, log_births, free, model, config).score, search.Best().score - 1e-9);
   }
   EXPECT_GT(num_paths, 2);
 }
@@ -166,13 +172,13 @@ TEST(TrackSearch, BirthsFarAwayDoNotCrowdOutAWeakPathNearby) {
   const std::vector<double> log_births = LogBirths(plots, config);
   const std::vector<char> free(plots.size(), 1);
   const TrackModel model(config.sigma_a_mps2.front(), kWatch, config);
-  const Path path = TrackSearch(plots, log_births, free, model, config).Best();
+  const Path path = BestOf(plots, log_births, free, model, config);
   EXPECT_EQ(path.plots.size(), own.size());
   for (const std::uint32_t i : path.plots) EXPECT_LT(plots[i].position_m.norm(), 50.0);
   // As good as if there were nothing else, but for the first plot's share among all of them.
   const std::vector<double> own_births(own.size(), log_births[path.plots.front()]);
   const std::vector<char> own_free(own.size(), 1);
-  const Path alone = TrackSearch(own, own_births, own_free, model, config).Best();
+  const Path alone = BestOf(own, own_births, own_free, model, config);
   EXPECT_NEAR(path.score, alone.score, 1e-6);
 }
 
@@ -188,7 +194,7 @@ TEST(TrackSearch, OfAFewBestHypothesesFindsNearlyWhatThatOfAllFinds) {
     const std::vector<char> free(plots.size(), 1);
     const auto score_of = [&](const TrackerConfig& config) {
       const TrackModel model(config.sigma_a_mps2[1], kWatch, config);
-      return TrackSearch(plots, log_births, free, model, config).Best().score;
+      return BestOf(plots, log_births, free, model, config).score;
     };
     EXPECT_NEAR(score_of(few), score_of(all), 0.05 * score_of(all)) << seed;
     EXPECT_LE(score_of(fewer), score_of(all)) << seed;

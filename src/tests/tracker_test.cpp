@@ -91,7 +91,7 @@ TrackerConfig WithAllWays(TrackerConfig config) {
 }
 
 TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
-  constexpr int kProblems = 48;
+  constexpr int kProblems = 60;
   Random random(1);
   Random mixer(2);
   int num_long = 0;
@@ -118,7 +118,7 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
     EXPECT_LE(score, found.score) << problem;
     lost += found.score - score;
   }
-  EXPECT_GT(num_long, 15);
+  EXPECT_GT(num_long, 20);
   EXPECT_LT(lost, 0.1 * kProblems);
 }
 

@@ -53,8 +53,10 @@ void Background::MakeBins(const Recording& recording) {
     is_watched_.push_back(1);
     before = k;
   }
-  frames_in_bin_.assign(is_watched_.size(), 0.0);
-  for (const FrameInfo& frame : recording.frames) frames_in_bin_[BinOf(frame.begin_ns)] += 1.0;
+  frames_in_bin_.assign(recording.sensors.size(), std::vector<double>(num_bins(), 0.0));
+  for (const FrameInfo& frame : recording.frames) {
+    frames_in_bin_[frame.sensor][BinOf(frame.begin_ns)] += 1.0;
+  }
 }
 
 std::size_t Background::BinOf(TimeNs time_ns) const {
@@ -147,7 +149,7 @@ double Background::RateOutside(const Eigen::Vector3f& place_m, TimeNs from_ns, T
   for (std::size_t b = 0; b < num_bins(); ++b) {
     if (!is_watched_[b] || (b >= from && b <= to)) continue;
     returns += profile[b];
-    frames += frames_in_bin_[b];
+    for (const std::vector<double>& of_sensor : frames_in_bin_) frames += of_sensor[b];
     bins += 1.0;
   }
   if (bins < config_.min_exposure * static_cast<double>(watched_bins_.size())) return -1.0;

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <numeric>
 #include <unordered_map>
 #include <vector>
 
@@ -62,17 +63,16 @@ class WeightGrid {
 
 }  // namespace
 
-void EstimateClutter(const Recording& recording, const Background& background,
-                     const PlotConfig& config, const ShapeConfig& shape,
-                     const std::vector<char>& explained, std::vector<Plot>* plots) {
+void EstimateClutter(const Background& background, const PlotConfig& config,
+                     const ShapeConfig& shape, const std::vector<char>& explained,
+                     std::vector<Plot>* plots) {
   const std::size_t num_bins = background.num_bins();
-  const std::size_t num_sensors = recording.sensors.size();
-  std::vector<std::vector<double>> frames_in_bin(num_sensors);
-  for (std::vector<double>& frames : frames_in_bin) frames.resize(num_bins);
-  std::vector<double> num_frames(num_sensors, 0.0);
-  for (const FrameInfo& frame : recording.frames) {
-    frames_in_bin[frame.sensor][background.BinOf(frame.begin_ns)] += 1.0;
-    num_frames[frame.sensor] += 1.0;
+  const std::vector<std::vector<double>>& frames_in_bin = background.frames_in_bin();
+  const std::size_t num_sensors = frames_in_bin.size();
+  std::vector<double> num_frames;
+  num_frames.reserve(num_sensors);
+  for (const std::vector<double>& in_bin : frames_in_bin) {
+    num_frames.push_back(std::accumulate(in_bin.begin(), in_bin.end(), 0.0));
   }
   std::vector<double> weights;
   for (std::size_t i = 0; i < plots->size(); ++i) {

@@ -140,18 +140,26 @@ TEST(Background, EveryReturnIsEitherStructureOrUnexplained) {
   EXPECT_EQ(background.structure(), expected);
 }
 
-TEST(Background, CountsEveryFrameInOneBin) {
-  const RecordingMaker maker = MakeFrames(57, [](int, RecordingMaker* m) { AddWall(m); });
+TEST(Background, CountsEveryFrameInOneBinOfItsSensor) {
+  RecordingMaker maker(1, 2);
+  for (int i = 0; i < 57; ++i) {
+    maker.BeginFrame(i * kPeriodS, i % 3 == 0 ? 1 : 0);
+    AddWall(&maker);
+  }
   const BackgroundConfig config;
   const Background background(maker.recording, config);
+  ASSERT_EQ(background.frames_in_bin().size(), 2U);
   double frames = 0.0;
-  for (std::size_t b = 0; b < background.num_bins(); ++b) {
-    double in_bin = 0.0;
-    for (const FrameInfo& frame : maker.recording.frames) {
-      if (background.BinOf(frame.begin_ns) == b) in_bin += 1.0;
+  for (std::size_t sensor = 0; sensor < 2; ++sensor) {
+    ASSERT_EQ(background.frames_in_bin()[sensor].size(), background.num_bins());
+    for (std::size_t b = 0; b < background.num_bins(); ++b) {
+      double in_bin = 0.0;
+      for (const FrameInfo& frame : maker.recording.frames) {
+        if (frame.sensor == sensor && background.BinOf(frame.begin_ns) == b) in_bin += 1.0;
+      }
+      EXPECT_EQ(background.frames_in_bin()[sensor][b], in_bin);
+      frames += in_bin;
     }
-    EXPECT_EQ(background.frames_in_bin()[b], in_bin);
-    frames += in_bin;
   }
   EXPECT_EQ(frames, 57.0);
   for (const TimeNs time_ns : maker.recording.times_ns) {
@@ -220,7 +228,7 @@ TEST(Background, APauseOfTheRecordingIsNoTimeInWhichAPlaceWasEmpty) {
     EXPECT_EQ(NumUnexplained(maker, background, kWall), 0U) << pause_s;
     EXPECT_EQ(NumUnexplained(maker, background, kTarget), NumOf(maker, kTarget)) << pause_s;
     double frames = 0.0;
-    for (const double in_bin : background.frames_in_bin()) frames += in_bin;
+    for (const double in_bin : background.frames_in_bin().front()) frames += in_bin;
     EXPECT_EQ(frames, 120.0);
   }
 }

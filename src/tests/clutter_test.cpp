@@ -45,8 +45,7 @@ const Eigen::Vector3d kSkyHigh_m(60, 30, 45);
 
 void Estimate(const std::vector<char>& explained, Clutter* clutter) {
   const Background background(clutter->maker.recording, BackgroundConfig());
-  EstimateClutter(clutter->maker.recording, background, PlotConfig(), ShapeConfig(), explained,
-                  &clutter->plots);
+  EstimateClutter(background, PlotConfig(), ShapeConfig(), explained, &clutter->plots);
 }
 
 Clutter UniformClutter(
@@ -241,9 +240,8 @@ TEST(EstimateClutter, IsAtLeastTheRateOfAllReturnsAtThePlaceUnlessThePlotFloats)
 
 TEST(EstimateClutter, OfNoPlotsIsNothing) {
   std::vector<Plot> plots;
-  const Recording recording;
-  EstimateClutter(recording, Background(recording, BackgroundConfig()), PlotConfig(), ShapeConfig(),
-                  {}, &plots);
+  EstimateClutter(Background(Recording(), BackgroundConfig()), PlotConfig(), ShapeConfig(), {},
+                  &plots);
   EXPECT_TRUE(plots.empty());
 }
 

@@ -40,9 +40,11 @@ class Background {
   double RateOutside(const Eigen::Vector3f& place_m, TimeNs from_ns, TimeNs to_ns) const;
 
   // Time bins. A pause between frames takes no more of them than it needs to end every stay.
-  std::size_t num_bins() const { return frames_in_bin_.size(); }
+  std::size_t num_bins() const { return is_watched_.size(); }
   std::size_t BinOf(TimeNs time_ns) const;
-  const std::vector<double>& frames_in_bin() const { return frames_in_bin_; }
+
+  // (sensors, bins): how many frames of a sensor begin in a bin.
+  const std::vector<std::vector<double>>& frames_in_bin() const { return frames_in_bin_; }
 
  private:
   void MakeBins(const Recording& recording);
@@ -53,7 +55,7 @@ class Background {
   TimeNs bin_ns_ = 1;
   std::map<TimeNs, std::size_t> watched_bins_;  // by begin / bin_ns_: those with frames
   std::vector<char> is_watched_;                // (num_bins)
-  std::vector<double> frames_in_bin_;
+  std::vector<std::vector<double>> frames_in_bin_;
   RangeGrid grid_;
   std::vector<float> place_rate_;  // (N)
   std::vector<std::uint32_t> structure_;

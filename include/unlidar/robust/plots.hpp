@@ -79,8 +79,8 @@ std::vector<Plot> MakePlots(const Recording& recording,
 // the rate of a static thing at its place and from that of all returns there. Plots count as much
 // as their shape speaks for a target: shape and place are compared with clutter together, so that
 // the likelihood ratio of a path through clutter is 1 on average.
-void EstimateClutter(const Recording& recording, const Background& background,
-                     const PlotConfig& config, const ShapeConfig& shape,
-                     const std::vector<char>& explained, std::vector<Plot>* plots);
+void EstimateClutter(const Background& background, const PlotConfig& config,
+                     const ShapeConfig& shape, const std::vector<char>& explained,
+                     std::vector<Plot>* plots);
 
 }  // namespace unlidar

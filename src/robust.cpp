@@ -6,6 +6,8 @@
 #include <iterator>
 #include <set>
 
+#include "unlidar/robust/floating.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -78,7 +80,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   const Background background(recording, config.background);
   const std::vector<Eigen::Vector3f> structure_m = PointsOf(recording, background.structure());
   const Ground ground(structure_m, config.ground);
-  const Support support(structure_m, ground, config.support);
+  const Support support(structure_m, ground, config.background.occluder_cell_deg, config.support);
   // What stands still in the air all the time looks like structure, but is none.
   const std::vector<std::uint32_t> floating =
       support.FloatingReturns(recording, background.structure());
@@ -91,8 +93,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                      [&](std::uint32_t i) { return ground.Holds(recording.points_m[i]); }),
       candidates.end());
   std::vector<char> excluded;  // returns of bodies, then also of targets found
-  std::vector<Plot> plots =
-      MakePlots(recording, candidates, ground, support, config.plots, &excluded);
+  std::vector<Plot> plots = MakePlots(recording, candidates, ground, config.plots, &excluded);
+  MarkFloating(recording, support, config.background.place, &plots);
   // A score is a log likelihood ratio, weighted by how likely its first plot is the first: so by
   // Ville's inequality clutter reaches the threshold from all plots and with all models together
   // with a probability of at most false_alarms_per_recording.

@@ -1,4 +1,4 @@
-#include "floating.hpp"
+#include "unlidar/robust/floating.hpp"
 
 #include <algorithm>
 #include <array>
@@ -45,12 +45,11 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
 }
 
 // Which plots stand still: seen at one place again and again, more often than all about it.
-std::vector<char> AreStanding(const std::vector<Plot>& plots) {
-  constexpr RangeRadius kPlace{0.35, 0.012};
+std::vector<char> AreStanding(const std::vector<Plot>& plots, const RangeRadius& place) {
   constexpr double kWider = 3.0;
   constexpr std::uint32_t kMinPlots = 3;
-  RangeGrid places(kPlace, 1);
-  RangeGrid regions({kWider * kPlace.constant_m, kWider * kPlace.slope}, 1);
+  RangeGrid places(place, 1);
+  RangeGrid regions({kWider * place.constant_m, kWider * place.slope}, 1);
   for (const Plot& plot : plots) {
     places.Add(plot.position_m.cast<float>(), 0);
     regions.Add(plot.position_m.cast<float>(), 0);
@@ -115,8 +114,9 @@ class Company {
 
 }  // namespace
 
-void MarkFloating(const Recording& recording, const Support& support, std::vector<Plot>* plots) {
-  const std::vector<char> are_standing = AreStanding(*plots);
+void MarkFloating(const Recording& recording, const Support& support, const RangeRadius& place,
+                  std::vector<Plot>* plots) {
+  const std::vector<char> are_standing = AreStanding(*plots, place);
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
     plot.is_floating = are_standing[i] != 0 && support.IsFloating(plot.position_m.cast<float>());

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <numeric>
 
-#include "floating.hpp"
-
 namespace unlidar {
 namespace {
 
@@ -179,8 +177,7 @@ double ShapeLog(const Plot& plot, double streak_m, const ShapeConfig& config) {
 
 std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
-                            const Support& support, const PlotConfig& config,
-                            std::vector<char>* is_body) {
+                            const PlotConfig& config, std::vector<char>* is_body) {
   std::vector<Plot> plots;
   is_body->assign(recording.points_m.size(), 0);
   const double lowest_elevation_rad = LowestElevationRad(recording);
@@ -228,7 +225,6 @@ std::vector<Plot> MakePlots(const Recording& recording,
   DropNearBodies(bodies, config, &plots);
   std::stable_sort(plots.begin(), plots.end(),
                    [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; });
-  MarkFloating(recording, support, &plots);
   return plots;
 }
 

@@ -8,7 +8,6 @@ namespace unlidar {
 namespace {
 
 constexpr float kCellM = 2.0F;
-constexpr double kDirectionDeg = 2.0;
 
 std::int64_t IndexOf(float coordinate_m, float edge_m) {
   return static_cast<std::int64_t>(std::floor(coordinate_m / edge_m));
@@ -30,10 +29,10 @@ std::uint64_t KeyOf(const Eigen::Vector3f& point_m, float edge_m) {
 }  // namespace
 
 Support::Support(const std::vector<Eigen::Vector3f>& structure_m, const Ground& ground,
-                 const SupportConfig& config)
+                 double cell_deg, const SupportConfig& config)
     : ground_(ground),
       config_(config),
-      depth_(structure_m, std::vector<std::uint32_t>(structure_m.size(), 0), 1, kDirectionDeg) {
+      depth_(structure_m, std::vector<std::uint32_t>(structure_m.size(), 0), 1, cell_deg) {
   const auto voxel_m = static_cast<float>(config.voxel_m);
   std::unordered_set<std::uint64_t> seen;
   for (const Eigen::Vector3f& point_m : structure_m) {

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "synthetic_recording.hpp"
+#include "unlidar/robust/floating.hpp"
 
 namespace unlidar {
 namespace {
@@ -37,11 +38,10 @@ Found FindPlots(const Recording& recording, const PlotConfig& config = PlotConfi
   Found found;
   const Background background(recording, BackgroundConfig());
   const Ground ground(PointsOf(recording, background.structure()), GroundConfig());
-  const Support support(PointsOf(recording, background.structure()), ground, SupportConfig());
   std::copy_if(background.unexplained().begin(), background.unexplained().end(),
                std::back_inserter(found.candidates),
                [&](std::uint32_t i) { return !ground.Holds(recording.points_m[i]); });
-  found.plots = MakePlots(recording, found.candidates, ground, support, config, &found.is_body);
+  found.plots = MakePlots(recording, found.candidates, ground, config, &found.is_body);
   return found;
 }
 
@@ -370,11 +370,14 @@ TEST(Plots, TouchWhatIsNearInTheirOwnFrameOnly) {
 // A sky without structure: everything would float in it.
 std::vector<Plot> PlotsInTheSky(const Recording& recording) {
   const Ground ground({}, GroundConfig());
-  const Support support({}, ground, SupportConfig());
   std::vector<std::uint32_t> candidates(recording.points_m.size());
   std::iota(candidates.begin(), candidates.end(), 0U);
   std::vector<char> is_body;
-  return MakePlots(recording, candidates, ground, support, PlotConfig(), &is_body);
+  std::vector<Plot> plots = MakePlots(recording, candidates, ground, PlotConfig(), &is_body);
+  const BackgroundConfig background;
+  const Support support({}, ground, background.occluder_cell_deg, SupportConfig());
+  MarkFloating(recording, support, background.place, &plots);
+  return plots;
 }
 
 // Share of the plots with a label that float.

@@ -279,7 +279,7 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
   const std::vector<Eigen::Vector3f> structure_m =
       PointsOf(maker.recording, background.structure());
   const Ground ground(structure_m, config.ground);
-  const Support support(structure_m, ground, config.support);
+  const Support support(structure_m, ground, config.background.occluder_cell_deg, config.support);
   // Ground is none of it, whether known by its occupancy or not.
   std::vector<std::uint32_t> candidates =
       support.FloatingReturns(maker.recording, background.structure());

@@ -16,6 +16,7 @@ using testing::Random;
 using testing::RecordingMaker;
 
 constexpr double kGround_m = -1.5;
+constexpr double kCellDeg = 2.0;
 
 std::vector<Eigen::Vector3f> FlatGround() {
   RecordingMaker maker(1);
@@ -42,7 +43,7 @@ bool BlobFloats(const Eigen::Vector3d& centre_m, const std::vector<Eigen::Vector
   const std::vector<Eigen::Vector3f> blob_m = Blob(centre_m);
   structure_m.insert(structure_m.end(), blob_m.begin(), blob_m.end());
   structure_m.insert(structure_m.end(), more_m.begin(), more_m.end());
-  return Support(structure_m, ground, config).IsFloating(centre_m.cast<float>());
+  return Support(structure_m, ground, kCellDeg, config).IsFloating(centre_m.cast<float>());
 }
 
 std::vector<Eigen::Vector3f> Pole(double x_m, double y_m, double top_m) {
@@ -84,7 +85,7 @@ TEST(Support, AThingLowAboveTheGroundStandsOnIt) {
 
 TEST(Support, AThingNextToTheStationIsHeldByIt) {
   const Ground ground({}, GroundConfig());  // none in view
-  const Support support({}, ground, SupportConfig());
+  const Support support({}, ground, kCellDeg, SupportConfig());
   EXPECT_FALSE(support.IsFloating({0.6F, 0.3F, 0.8F}));
   EXPECT_TRUE(support.IsFloating({1.2F, 0.6F, 1.8F}));
 }
@@ -147,7 +148,7 @@ TEST(Support, AThingOfWhoseSurroundingsTooMuchIsHiddenDoesNotFloat) {
 
 TEST(Support, WithoutStructureEverythingInRangeFloats) {
   const Ground ground({}, GroundConfig());
-  const Support support({}, ground, SupportConfig());
+  const Support support({}, ground, kCellDeg, SupportConfig());
   EXPECT_TRUE(support.IsFloating({1.0F, 2.0F, 3.0F}));
   EXPECT_FALSE(support.IsFloating({101.0F, 2.0F, 3.0F}));
 }
@@ -172,7 +173,7 @@ Eigen::Vector3f RandomPlace(const std::vector<Eigen::Vector3f>& structure_m, Ran
 }
 
 DepthMap DepthOf(const std::vector<Eigen::Vector3f>& structure_m) {
-  return {structure_m, std::vector<std::uint32_t>(structure_m.size(), 0), 1, 2.0};
+  return {structure_m, std::vector<std::uint32_t>(structure_m.size(), 0), 1, kCellDeg};
 }
 
 // By the definition, over all structure; limits that are `slack_m` narrower.
@@ -207,8 +208,8 @@ TEST(Support, OfRandomStructureIsThatOfAllItsPoints) {
     config.max_range_m = 45.0;
     SupportConfig fine = config;
     fine.voxel_m = 0.01;  // every point has a voxel of its own
-    const Support support(structure_m, ground, config);
-    const Support fine_support(structure_m, ground, fine);
+    const Support support(structure_m, ground, kCellDeg, config);
+    const Support fine_support(structure_m, ground, kCellDeg, fine);
     const DepthMap depth = DepthOf(structure_m);
     const double diagonal_m = std::sqrt(3.0) * config.voxel_m;
     int num_floating = 0;
@@ -253,8 +254,9 @@ TEST(Support, FloatingReturnsAreTheStructureThatFloats) {
     if (Floats(maker.recording.points_m[i], structure_m, ground, config, depth))
       expected.push_back(i);
   }
-  EXPECT_EQ(Support(structure_m, ground, config).FloatingReturns(maker.recording, structure),
-            expected);
+  EXPECT_EQ(
+      Support(structure_m, ground, kCellDeg, config).FloatingReturns(maker.recording, structure),
+      expected);
   EXPECT_GT(expected.size(), 100U);
   EXPECT_LT(expected.size(), 1200U);
 }

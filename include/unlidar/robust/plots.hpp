@@ -7,7 +7,6 @@
 
 #include "unlidar/robust/background.hpp"
 #include "unlidar/robust/ground.hpp"
-#include "unlidar/robust/support.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -57,7 +56,7 @@ struct Plot {
   double log_clutter = 0.0;        // log of the clutter plots per m^3 and frame of its sensor,
                                    // each weighted by its shape
   bool touches_structure = false;  // of the same frame
-  bool is_floating = false;        // stands still where nothing holds it up
+  bool is_floating = false;        // stands still where nothing holds it up: MarkFloating tells
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;
   std::vector<std::uint32_t> returns;
@@ -71,8 +70,7 @@ double ShapeLog(const Plot& plot, double streak_m, const ShapeConfig& config);
 // bodies themselves.
 std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
-                            const Support& support, const PlotConfig& config,
-                            std::vector<char>* is_body);
+                            const PlotConfig& config, std::vector<char>* is_body);
 
 // Sets log_clutter of every plot from the plots of its sensor that are not `explained` (size of
 // plots): from those at other times in three narrowing neighbourhoods, and, unless it floats, from

@@ -32,7 +32,8 @@ struct SupportConfig {
 // Whether a place is near enough to structure or ground for a static thing to be there.
 class Support {
  public:
-  Support(const std::vector<Eigen::Vector3f>& structure_m, const Ground& ground,
+  // `cell_deg`: resolution of the directions in which structure hides what is behind it.
+  Support(const std::vector<Eigen::Vector3f>& structure_m, const Ground& ground, double cell_deg,
           const SupportConfig& config);
 
   const SupportConfig& config() const { return config_; }

@@ -43,6 +43,13 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,
   const double elevation_rad = std::asin(towards.z());
   double all = 0.0;
   double hidden = 0.0;
+  // `first_bin`: index of the first bin of a cell.
+  const auto add_cell = [&](std::size_t first_bin, double weight) {
+    for (std::size_t i = first_bin; i < first_bin + num_bins_; ++i) {
+      all += weight;
+      if (static_cast<double>(median_m_[i]) < range_m - margin_m) hidden += weight;
+    }
+  };
   for (std::size_t row = 0; row < rows_; ++row) {
     const double at_rad = (static_cast<double>(row) + 0.5) * cell_rad_ - M_PI / 2;
     if (std::abs(at_rad - elevation_rad) > radius_rad) continue;
@@ -53,20 +60,11 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,
       const Eigen::Vector3d cell(weight * std::cos(azimuth_rad), weight * std::sin(azimuth_rad),
                                  sine);
       if (cell.dot(towards) < least_cosine) continue;
-      for (std::size_t bin = 0; bin < num_bins_; ++bin) {
-        const float depth_m = median_m_[(row * columns_ + column) * num_bins_ + bin];
-        all += weight;
-        if (static_cast<double>(depth_m) < range_m - margin_m) hidden += weight;
-      }
+      add_cell((row * columns_ + column) * num_bins_, weight);
     }
   }
-  if (all > 0.0) return hidden / all;
-  // Narrower than a cell: its own has the word.
-  for (std::size_t bin = 0; bin < num_bins_; ++bin) {
-    const bool is_hidden = static_cast<double>(MedianM(place_m, bin)) < range_m - margin_m;
-    hidden += (is_hidden ? 1.0 : 0.0) / static_cast<double>(num_bins_);
-  }
-  return hidden;
+  if (all <= 0.0) add_cell(Index(place_m, 0), 1.0);  // narrower than a cell: its own has the word
+  return hidden / all;
 }
 
 std::size_t DepthMap::Index(const Eigen::Vector3f& p, std::size_t bin) const {

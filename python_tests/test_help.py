@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from many import StandIn
 from unlidar_tools.cli import main
+from unlidar_tools.configs import scenario_names
 
 # In an order in which one makes what the next one reads.
 CHEAP = ("convert", "simulate", "run", "evaluate", "export", "report")
@@ -30,6 +31,13 @@ def test_every_help_shows_examples_of_its_command(capsys) -> None:
     for command in listed:
         shown = examples(capsys, command)
         assert any(words[:2] == ["unlidar", command] for words in shown), command
+
+
+def test_the_help_of_simulate_names_every_scenario(capsys) -> None:
+    with pytest.raises(SystemExit):
+        main(["simulate", "--help"])
+    words = set(re.findall(r"\w+", capsys.readouterr().out))
+    assert {"demo", "empty_sky", "visitor"} <= set(scenario_names()) <= words
 
 
 def test_the_examples_of_help_work_one_after_another(tmp_path, monkeypatch, capsys, shared) -> None:

@@ -6,14 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from unlidar_tools.configs import scenario_names
 from unlidar_tools.simulate import Scenario, Simulation, load_scenario
 from unlidar_tools.simulate.flight import make_path
 from unlidar_tools.simulate.recording import STRAY
-from unlidar_tools.simulate.scenario import SCENARIO_DIR, Drone, Flight, Scene, Sensor
+from unlidar_tools.simulate.scenario import Drone, Flight, Scene, Sensor
 from unlidar_tools.simulate.world import Thing
 
 EMPTY = Scene(random_buildings=0, poles=0, trees=0)
-NAMES = sorted(path.stem for path in SCENARIO_DIR.glob("*.yaml"))
+NAMES = scenario_names()
 NOISE_M = 6 * 0.02
 
 

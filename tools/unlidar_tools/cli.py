@@ -17,6 +17,7 @@ from unlidar_tools import (
     report_command,
     run_command,
 )
+from unlidar_tools.configs import scenario_names
 from unlidar_tools.errors import OutputError, UnlidarError, UsageError, reason
 
 _INTERRUPTED = 130
@@ -109,7 +110,8 @@ def _add_simulate(commands: argparse._SubParsersAction) -> None:
         "synthetic flight with exact truth -> frame directories",
         "unlidar simulate demo out/demo --seed 7",
     )
-    p.add_argument("scenario", metavar="SCENARIO", help="a .yaml file, or: demo, empty_sky")
+    known = ", ".join(scenario_names())
+    p.add_argument("scenario", metavar="SCENARIO", help=f"a .yaml file, or one of {known}")
     p.add_argument("out", metavar="OUT", type=Path, help="folder to be written")
     p.add_argument("--seed", type=_seed, default=1, help="same seed, same bytes (default: 1)")
     p.add_argument("--force", action="store_true", help="replace OUT if it was simulated before")

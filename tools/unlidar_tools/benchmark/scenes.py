@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from unlidar_tools.configs import scenario_names
 from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.frames_io import find_sensors
 from unlidar_tools.simulate import load_scenario
-from unlidar_tools.simulate.scenario import SCENARIO_DIR
 from unlidar_tools.truth import TRUTH_NAME
 
 
@@ -36,7 +36,7 @@ def seeds(text: str) -> list[str]:
 
 def simulated_scenes(names: list[str], seed_names: list[str]) -> list[SceneSeed]:
     """These scenarios (all that come along if none is named) with each seed."""
-    names = names or sorted(path.stem for path in SCENARIO_DIR.glob("*.yaml"))
+    names = names or scenario_names()
     for name in names:
         load_scenario(name)  # a wrong name or key is told before anything runs
     return [

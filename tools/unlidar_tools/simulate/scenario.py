@@ -10,11 +10,9 @@ from pathlib import Path
 
 from ruamel.yaml import YAML, YAMLError
 
-from unlidar_tools.configs import CONFIG_DIR
+from unlidar_tools.configs import SCENARIO_DIR, scenario_names
 from unlidar_tools.errors import ConfigError, UsageError, reason
 from unlidar_tools.simulate.sensors import MODELS
-
-SCENARIO_DIR = CONFIG_DIR / "scenarios"
 
 Vector = tuple[float, float, float]
 
@@ -151,7 +149,7 @@ def load_scenario(name_or_path: str) -> Scenario:
     if path.suffix not in (".yaml", ".yml"):
         path = SCENARIO_DIR / f"{name_or_path}.yaml"
         if not path.is_file():
-            known = ", ".join(sorted(p.stem for p in SCENARIO_DIR.glob("*.yaml")))
+            known = ", ".join(scenario_names())
             raise UsageError(
                 f"no scenario '{name_or_path}', expected a .yaml file or one of {known}"
             )

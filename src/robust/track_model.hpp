@@ -40,7 +40,8 @@ struct Hypothesis {
 // Where a hypothesis expects its next plot: of its state only what the likelihood of a plot needs.
 struct Prediction {
   std::int32_t history = kNone;
-  double score = 0.0;  // misses on the way counted
+  std::uint32_t motion = 0;  // index of that since its last plot
+  double score = 0.0;        // misses on the way counted
   double log_hit = 0.0;
   double speed_mps = 0.0;
   std::uint32_t sensor = 0;  // that saw it last

@@ -81,8 +81,8 @@ void TrackSearch::Extend(const Slice& slice) {
     for (const Candidate& candidate : candidates_[i - slice.first]) {
       const Prediction& p = predictions_[candidate.index];
       const Hypothesis& from = history_[static_cast<std::size_t>(p.history)];
-      Hypothesis h = model_.Update(from, model_.MotionOver(slice.time_s - from.time_s), p,
-                                   plots_[i], slice.time_s, candidate.gain);
+      Hypothesis h =
+          model_.Update(from, motions_[p.motion], p, plots_[i], slice.time_s, candidate.gain);
       if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.parent = p.history;
@@ -104,8 +104,8 @@ void TrackSearch::Add(const Hypothesis& hypothesis) {
 // Carries all hypotheses on to a time. Drops what is too old or too unlikely.
 void TrackSearch::Predict(double time_s) {
   predictions_.clear();
+  motions_.clear();
   double motion_dt = -1.0;
-  Motion motion;
   for (const std::int32_t index : active_) {
     const Hypothesis& from = history_[static_cast<std::size_t>(index)];
     const double dt = time_s - from.time_s;
@@ -113,11 +113,12 @@ void TrackSearch::Predict(double time_s) {
     const double score_if_visible = model_.ScoreIfVisible(from, time_s);
     if (model_.Score(from, time_s, score_if_visible) < config_.give_up_log) continue;
     if (dt != motion_dt) {
-      motion = model_.MotionOver(dt);
+      motions_.push_back(model_.MotionOver(dt));
       motion_dt = dt;
     }
-    predictions_.push_back(model_.Predict(from, time_s, score_if_visible, motion));
+    predictions_.push_back(model_.Predict(from, time_s, score_if_visible, motions_.back()));
     predictions_.back().history = index;
+    predictions_.back().motion = static_cast<std::uint32_t>(motions_.size() - 1);
   }
 }
 

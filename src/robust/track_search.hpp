@@ -61,6 +61,7 @@ class TrackSearch {
   std::vector<Hypothesis> history_;
   std::vector<std::int32_t> active_;     // those that may go on: indices into the history
   std::vector<Prediction> predictions_;  // of the active ones, at the time at hand,
+  std::vector<Motion> motions_;          // one for each time of a last plot,
   std::vector<ScoreBound> bounds_;       // how far they reach,
   std::vector<std::size_t> order_;       // and which promises most
   std::vector<Slice::Place> places_;     // of the free plots of the time at hand

@@ -23,6 +23,14 @@ double PlaceRate(const Plot& plot, const Background& background) {
   return sum / static_cast<double>(plot.returns.size());
 }
 
+// Weights are multiples of this, so that their sums are exact.
+constexpr double kUnit = 1.0 / 64.0;
+
+// How much a plot counts as clutter.
+double WeightOf(const Plot& plot, const ShapeConfig& shape) {
+  return kUnit * std::round(std::exp(ShapeLog(plot, 0.0, shape)) / kUnit);
+}
+
 // Weights of plots per place and time bin. Plots at one place share their neighbourhood, so it is
 // summed once for all of them: in rain there are many.
 class WeightGrid {
@@ -30,35 +38,39 @@ class WeightGrid {
   WeightGrid(RangeRadius radius, std::size_t num_bins) : grid_(radius, num_bins) {}
 
   void Add(const Plot& plot, std::size_t bin, double weight) {
-    grid_.Add(plot.position_m.cast<float>(), bin,
-              static_cast<std::uint32_t>(std::lround(weight / kUnit)));
+    grid_.Add(plot.position_m.cast<float>(), bin, static_cast<std::uint32_t>(weight / kUnit));
   }
 
-  // Sum in the neighbourhood of a plot over all bins but those of [first, last).
+  // In the neighbourhood of a plot over all bins.
+  double Sum(const Plot& plot) { return SumsBefore(plot)[grid_.num_bins()]; }
+
+  // The same without the bins of [first, last).
   double SumOutside(const Plot& plot, std::size_t first, std::size_t last) {
-    const Eigen::Vector3f place_m = plot.position_m.cast<float>();
-    const std::size_t num_bins = grid_.num_bins();
-    const auto [row, is_new] = rows_.try_emplace(grid_.Key(place_m), sums_.size());
-    if (is_new) {
-      profile_.assign(num_bins, 0);
-      grid_.Collect(place_m, &profile_);
-      double sum = 0.0;
-      sums_.push_back(sum);
-      for (const std::uint32_t count : profile_) sums_.push_back(sum += kUnit * count);
-    }
-    const double* before = &sums_[row->second];
-    return before[num_bins] - (before[last] - before[first]);
+    const double* before = SumsBefore(plot);
+    return before[grid_.num_bins()] - (before[last] - before[first]);
   }
 
   double VolumeM3(const Plot& plot) const { return grid_.VolumeM3(plot.position_m.cast<float>()); }
 
  private:
-  static constexpr double kUnit = 1.0 / 64.0;
+  // Sums up to, and without, each bin, and of all: (num_bins + 1).
+  const double* SumsBefore(const Plot& plot) {
+    const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+    const auto [row, is_new] = rows_.try_emplace(grid_.Key(place_m), sums_.size());
+    if (is_new) {
+      profile_.assign(grid_.num_bins(), 0);
+      grid_.Collect(place_m, &profile_);
+      double sum = 0.0;
+      sums_.push_back(sum);
+      for (const std::uint32_t count : profile_) sums_.push_back(sum += kUnit * count);
+    }
+    return &sums_[row->second];
+  }
 
   RangeGrid grid_;
   std::vector<std::uint32_t> profile_;
   std::unordered_map<std::uint64_t, std::size_t> rows_;  // of a place: where its sums begin
-  std::vector<double> sums_;  // of a place: up to, and without, each bin, and of all
+  std::vector<double> sums_;
 };
 
 }  // namespace
@@ -76,7 +88,7 @@ void EstimateClutter(const Background& background, const PlotConfig& config,
   }
   std::vector<double> weights;
   for (std::size_t i = 0; i < plots->size(); ++i) {
-    weights.push_back(explained[i] ? 0.0 : std::exp(ShapeLog((*plots)[i], 0.0, shape)));
+    weights.push_back(explained[i] ? 0.0 : WeightOf((*plots)[i], shape));
   }
 
   // From wide to narrow: each level is the prior of the next, so that an empty neighbourhood still
@@ -113,7 +125,7 @@ void EstimateClutter(const Background& background, const PlotConfig& config,
     Plot& plot = (*plots)[i];
     plot.log_clutter = std::log(rate[i]);
     if (plot.is_floating) continue;
-    const double others = spots[plot.sensor].SumOutside(plot, 0, 0) - weights[i];
+    const double others = spots[plot.sensor].Sum(plot) - weights[i];
     const double spot_rate = others / num_frames[plot.sensor] / PlotVolumeM3(plot);
     // A target that was found may have come back to its own place.
     const double place_rate = explained[i] ? 0.0 : PlaceRate(plot, background);

@@ -9,9 +9,10 @@ namespace unlidar {
 DepthMap::DepthMap(const std::vector<Eigen::Vector3f>& points_m,
                    const std::vector<std::uint32_t>& bins, std::size_t num_bins, double cell_deg)
     : num_bins_(num_bins),
-      cell_rad_(cell_deg * M_PI / 180.0),
-      columns_(static_cast<std::size_t>(std::ceil(2.0 * M_PI / cell_rad_)) + 1),
-      rows_(static_cast<std::size_t>(std::ceil(M_PI / cell_rad_)) + 1) {
+      columns_(static_cast<std::size_t>(std::ceil(360.0 / cell_deg))),
+      rows_(static_cast<std::size_t>(std::ceil(180.0 / cell_deg))),
+      column_rad_(2.0 * M_PI / static_cast<double>(columns_)),
+      row_rad_(M_PI / static_cast<double>(rows_)) {
   constexpr double kQuantum_m = 0.05;
   std::vector<std::uint64_t> entries(points_m.size());
   for (std::size_t i = 0; i < entries.size(); ++i) {
@@ -51,12 +52,12 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,
     }
   };
   for (std::size_t row = 0; row < rows_; ++row) {
-    const double at_rad = (static_cast<double>(row) + 0.5) * cell_rad_ - M_PI / 2;
+    const double at_rad = (static_cast<double>(row) + 0.5) * row_rad_ - M_PI / 2;
     if (std::abs(at_rad - elevation_rad) > radius_rad) continue;
     const double weight = std::cos(at_rad);  // cells are narrower towards the zenith
     const double sine = std::sin(at_rad);
     for (std::size_t column = 0; column < columns_; ++column) {
-      const double azimuth_rad = (static_cast<double>(column) + 0.5) * cell_rad_ - M_PI;
+      const double azimuth_rad = (static_cast<double>(column) + 0.5) * column_rad_ - M_PI;
       const Eigen::Vector3d cell(weight * std::cos(azimuth_rad), weight * std::sin(azimuth_rad),
                                  sine);
       if (cell.dot(towards) < least_cosine) continue;
@@ -70,8 +71,8 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,
 std::size_t DepthMap::Index(const Eigen::Vector3f& p, std::size_t bin) const {
   const double azimuth_rad = std::atan2(p.y(), p.x()) + M_PI;
   const double elevation_rad = std::atan2(p.z(), std::hypot(p.x(), p.y())) + M_PI / 2;
-  const auto column = static_cast<std::size_t>(azimuth_rad / cell_rad_);
-  const auto row = static_cast<std::size_t>(elevation_rad / cell_rad_);
+  const auto column = std::min(static_cast<std::size_t>(azimuth_rad / column_rad_), columns_ - 1);
+  const auto row = std::min(static_cast<std::size_t>(elevation_rad / row_rad_), rows_ - 1);
   return (row * columns_ + column) * num_bins_ + bin;
 }
 

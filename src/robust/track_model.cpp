@@ -12,10 +12,15 @@ Motion SingerMotion(double dt, double tau, double sigma) {
   const double e = std::exp(-x);
   Motion m;
   m.transition << 1, dt, (x - 1 + e) / (a * a), 0, 1, (1 - e) / a, 0, 0, e;
-  if (x < 0.05) {
-    // The exact terms below cancel; to first order the acceleration is a random walk.
-    m.noise << std::pow(dt, 5) / 20, std::pow(dt, 4) / 8, std::pow(dt, 3) / 6, std::pow(dt, 4) / 8,
-        std::pow(dt, 3) / 3, dt * dt / 2, std::pow(dt, 3) / 6, dt * dt / 2, dt;
+  if (x < 0.02) {
+    // The exact terms below cancel: the first two of their series are good to 3e-4.
+    const double dt2 = dt * dt;
+    const double q11 = dt2 * dt2 * dt / 20 * (1 - 5 * x / 9);
+    const double q12 = dt2 * dt2 / 8 * (1 - 2 * x / 3);
+    const double q13 = dt2 * dt / 6 * (1 - x);
+    const double q22 = dt2 * dt / 3 * (1 - 3 * x / 4);
+    const double q23 = dt2 / 2 * (1 - x);
+    m.noise << q11, q12, q13, q12, q22, q23, q13, q23, dt * (1 - x);
     m.noise *= 2.0 * a * sigma * sigma;
     return m;
   }

@@ -137,6 +137,24 @@ TEST(DepthMap, SeesNoSeamBehindTheSensor) {
   EXPECT_EQ(map.HiddenShare({-20.0F, -5.5F, 0.0F}, 4.0, kMargin_m), 0.0);
 }
 
+TEST(DepthMap, WithinASphereAllIsHiddenWhateverTheDirection) {
+  std::vector<Eigen::Vector3f> sphere_m;  // with a return in each cell
+  for (double azimuth_deg = -179.5; azimuth_deg < 180.0; azimuth_deg += 1.0) {
+    for (double elevation_deg = -89.5; elevation_deg < 90.0; elevation_deg += 1.0) {
+      sphere_m.push_back(Towards(azimuth_deg * kDegree_rad, elevation_deg * kDegree_rad, 5.0));
+    }
+  }
+  const DepthMap map = MapOf(sphere_m);
+  for (const double azimuth_deg : {-180.0, -179.0, -90.0, 0.0, 91.0, 179.0, 180.0}) {
+    for (const double elevation_deg : {-89.0, 0.0, 45.0, 84.0, 88.0, 90.0}) {
+      const Eigen::Vector3f place_m =
+          Towards(azimuth_deg * kDegree_rad, elevation_deg * kDegree_rad, 20.0);
+      EXPECT_NEAR(map.HiddenShare(place_m, 2.0, kMargin_m), 1.0, 1e-9)
+          << azimuth_deg << ' ' << elevation_deg;
+    }
+  }
+}
+
 TEST(DepthMap, TheShareIsThatOfAllBins) {
   std::vector<Eigen::Vector3f> points_m = Wall(-8.0, 8.0);
   const DepthMap map(points_m, std::vector<std::uint32_t>(points_m.size(), 2), 4, 2.0);

@@ -50,14 +50,6 @@ inline std::vector<Plot> Members(const std::vector<Plot>& plots,
 
 inline constexpr double kScoreTolerance = 1e-3;
 
-// Where an acceleration lasts much longer than the pause between two plots, the process noise is
-// known to first order only. Here it does not.
-inline TrackerConfig WithExactNoise() {
-  TrackerConfig config;
-  config.acceleration_time_s = 1.0;
-  return config;
-}
-
 // A target that is seen in a share of the frames.
 inline void AddFlight(const Flight& at, int num_frames, double share, double log_clutter,
                       Random* random, std::vector<Plot>* plots) {

@@ -23,7 +23,6 @@ using testing::MixSensors;
 using testing::PlainLogBirths;
 using testing::PlainScore;
 using testing::Random;
-using testing::WithExactNoise;
 
 Plot RandomPlot(TimeNs time_ns, const Eigen::Vector3d& position_m, Random* random) {
   Plot plot = MakePlot(time_ns, position_m, random->Uniform(-10.0, 0.0), 1 + random->Index(20));
@@ -89,8 +88,22 @@ TEST(LogBirths, DoNotOverflowWhereClutterIsOfAnyDensity) {
   EXPECT_TRUE(LogBirths({}, TrackerConfig()).empty());
 }
 
+TEST(TrackModel, TheNoiseOfAMotionHasNoSeam) {
+  const TrackerConfig config;
+  const TrackModel model(3.0, kWatch, config);
+  for (double dt_s = 1e-3; dt_s < 1.0; dt_s *= 1.01) {
+    const Eigen::Array3d before = model.MotionOver(dt_s).noise.diagonal().array();
+    const Eigen::Array3d after = model.MotionOver(1.001 * dt_s).noise.diagonal().array();
+    // Growth with the fifth, third and first power of time, a little less as acceleration decays.
+    const Eigen::Array3d growth = (after / before - 1.0) / 0.001;
+    EXPECT_NEAR(growth[0], 5.0, 0.4) << dt_s;
+    EXPECT_NEAR(growth[1], 3.0, 0.4) << dt_s;
+    EXPECT_NEAR(growth[2], 1.0, 0.6) << dt_s;
+  }
+}
+
 TEST(PathScorer, ScoresAnySequenceAsThePlainModelDoes) {
-  TrackerConfig config = WithExactNoise();
+  TrackerConfig config;
   config.max_speed_mps = 1e3;  // a limit of the search
   config.shadow_log = -1.0;
   TrackerConfig without_shadows = config;

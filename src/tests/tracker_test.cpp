@@ -26,7 +26,6 @@ using testing::MixSensors;
 using testing::PlainScore;
 using testing::Random;
 using testing::SortByTime;
-using testing::WithExactNoise;
 
 // The best of all sequences with one plot a time at most, and enough of them.
 Path BestByEnumeration(const std::vector<Plot>& plots, const TrackerConfig& config,
@@ -101,7 +100,7 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
     const int num_sensors = 1 + problem / 4 % 3;
     MixSensors(num_sensors, &mixer, &plots);
     const Watch watch{kPeriodS, num_sensors};
-    TrackerConfig few_ways = WithExactNoise();
+    TrackerConfig few_ways;
     few_ways.min_fragment_plots = 1 + problem % 4;
     const TrackerConfig all_ways = WithAllWays(few_ways);
     const Path expected = BestByEnumeration(plots, all_ways, num_sensors);
@@ -123,9 +122,9 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
 }
 
 void ExpectPlainScores(const std::vector<Path>& paths, const std::vector<Plot>& plots,
-                       const TrackerConfig& config, double tolerance) {
+                       const TrackerConfig& config) {
   for (const Path& path : paths) {
-    EXPECT_NEAR(path.score, PlainScore(plots, path.plots, config), tolerance);
+    EXPECT_NEAR(path.score, PlainScore(plots, path.plots, config), kScoreTolerance);
   }
 }
 
@@ -144,17 +143,15 @@ TEST(FindPaths, ScoresArePlainlyThoseOfTheModelAlsoOverLongGaps) {
                                         plot.time_ns < kBeginNs + 45 * kPeriodNs;
                                }),
                 plots.end());
-    for (const TrackerConfig& config : {WithExactNoise(), TrackerConfig()}) {
-      const double tolerance = config.acceleration_time_s > 1.0 ? 0.1 : kScoreTolerance;
-      const std::vector<Path> paths = FindPaths(plots, kWatch, config);
-      ASSERT_FALSE(paths.empty()) << seed;
-      ExpectPlainScores(paths, plots, config, tolerance);
-    }
+    const TrackerConfig config;
+    const std::vector<Path> paths = FindPaths(plots, kWatch, config);
+    ASSERT_FALSE(paths.empty()) << seed;
+    ExpectPlainScores(paths, plots, config);
   }
 }
 
 TEST(FindPaths, ScoresArePlainlyThoseOfTheModelAlsoWhereTheTargetIsMoreAgileThanThat) {
-  TrackerConfig config = WithExactNoise();
+  TrackerConfig config;
   config.sigma_a_mps2 = {1.0};
   std::size_t num_plots = 0;
   for (std::uint32_t seed = 0; seed < 10; ++seed) {
@@ -166,7 +163,7 @@ TEST(FindPaths, ScoresArePlainlyThoseOfTheModelAlsoWhereTheTargetIsMoreAgileThan
     AddFlight(weaving, 80, 0.3, -9.0, &random, &plots);
     const std::vector<Path> paths = FindPaths(plots, kWatch, config);
     ASSERT_FALSE(paths.empty()) << seed;
-    ExpectPlainScores(paths, plots, config, kScoreTolerance);
+    ExpectPlainScores(paths, plots, config);
     for (const Path& path : paths) num_plots += path.plots.size();
   }
   EXPECT_GT(num_plots, 100U);

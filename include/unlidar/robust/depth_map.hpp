@@ -26,9 +26,10 @@ class DepthMap {
   std::size_t Index(const Eigen::Vector3f& point_m, std::size_t bin) const;
 
   std::size_t num_bins_;
-  double cell_rad_;
   std::size_t columns_;
   std::size_t rows_;
+  double column_rad_;
+  double row_rad_;
   std::vector<float> median_m_;  // (rows, columns, bins)
 };
 

@@ -9,19 +9,68 @@
 namespace unlidar {
 namespace {
 
-// The bins of the stay that holds `bin`: occupied bins with breaks of at most `max_break` bins.
-std::pair<std::size_t, std::size_t> Stay(const std::vector<std::uint32_t>& profile, std::size_t bin,
-                                         std::size_t max_break) {
-  std::size_t first = bin;
-  for (std::size_t b = bin; b-- > 0 && first - b <= max_break + 1;) {
-    if (profile[b] > 0) first = b;
+// When a place was hit and when it could have been, summed up so that each stay there is judged in
+// constant time, however long the recording.
+class PlaceHistory {
+ public:
+  // What the bins outside a stay show.
+  struct Rest {
+    double num_exposed = 0.0;
+    double num_occupied = 0.0;
+  };
+
+  // All per bin. `profile`: returns at the place; `depths_m`: of what is seen in its direction,
+  // which hides the place if it is nearer than `visible_m`. A stay is occupied bins with breaks of
+  // at most `max_break` bins.
+  void Assign(const std::vector<std::uint32_t>& profile, const std::vector<char>& is_watched,
+              const float* depths_m, double visible_m, std::size_t max_break) {
+    const std::size_t n = profile.size();
+    sums_.assign(n + 1, {});
+    is_behind_.resize(n);
+    stay_of_.resize(n);
+    stays_.clear();
+    for (std::size_t b = 0; b < n; ++b) {
+      is_behind_[b] = static_cast<double>(depths_m[b]) < visible_m;
+      const bool is_occupied = profile[b] > 0;
+      Sums& sums = sums_[b + 1];
+      sums = sums_[b];
+      if (is_watched[b]) {
+        sums.watched += 1U;
+        sums.exposed += is_occupied || !is_behind_[b] ? 1U : 0U;
+        sums.occupied += is_occupied ? 1U : 0U;
+      }
+      if (!is_occupied) continue;
+      if (stays_.empty() || b - stays_.back().second > max_break + 1) stays_.emplace_back(b, b);
+      stays_.back().second = b;
+      stay_of_[b] = stays_.size() - 1;
+    }
   }
-  std::size_t last = bin;
-  for (std::size_t b = bin + 1; b < profile.size() && b - last <= max_break + 1; ++b) {
-    if (profile[b] > 0) last = b;
+
+  // Outside the stay that holds `bin`, an occupied one.
+  Rest Outside(std::size_t bin) const {
+    const auto [first, last] = stays_[stay_of_[bin]];
+    const Sums& all = sums_.back();
+    const Sums& from = sums_[first];
+    const Sums& to = sums_[last + 1];
+    // What is seen through the gaps of something nearer can be seen so at other times, too.
+    const std::uint32_t exposed = is_behind_[bin] ? all.watched - (to.watched - from.watched)
+                                                  : all.exposed - (to.exposed - from.exposed);
+    return {static_cast<double>(exposed),
+            static_cast<double>(all.occupied - (to.occupied - from.occupied))};
   }
-  return {first, last};
-}
+
+ private:
+  struct Sums {
+    std::uint32_t watched = 0;
+    std::uint32_t exposed = 0;
+    std::uint32_t occupied = 0;
+  };
+
+  std::vector<Sums> sums_;       // over the bins before each, and over all
+  std::vector<char> is_behind_;  // something nearer, per bin
+  std::vector<std::size_t> stay_of_;
+  std::vector<std::pair<std::size_t, std::size_t>> stays_;  // first and last bin
+};
 
 }  // namespace
 
@@ -83,54 +132,32 @@ void Background::Classify(const Recording& recording) {
 
   const auto max_break = static_cast<std::size_t>(config_.max_break_s / config_.bin_s);
   const double min_exposed = config_.min_exposure * static_cast<double>(watched_bins_.size());
-  std::vector<std::uint32_t> profile(num_bins());
   const double frames_per_bin =
       static_cast<double>(recording.frames.size()) / static_cast<double>(watched_bins_.size());
-  struct Verdict {
-    bool is_known = false;
-    bool is_structure = false;
-    double hits_per_frame = 0.0;
-  };
-  // Whether the bins outside the stay about `bin` show structure, or too little to tell.
-  const auto judge = [&](const Eigen::Vector3f& place_m, std::size_t bin) {
-    const double visible_m = static_cast<double>(place_m.norm()) - config_.occluder_margin_m;
-    // What is seen through the gaps of something nearer can be seen so at other times, too.
-    const bool is_through_gaps = static_cast<double>(depth.MedianM(place_m, bin)) < visible_m;
-    const auto [stay_first, stay_last] = Stay(profile, bin, max_break);
-    double num_exposed = 0.0;
-    double num_occupied = 0.0;
-    for (std::size_t b = 0; b < num_bins(); ++b) {
-      if (!is_watched_[b] || (b >= stay_first && b <= stay_last)) continue;
-      if (profile[b] > 0) {
-        num_exposed += 1.0;
-        num_occupied += 1.0;
-      } else if (is_through_gaps || static_cast<double>(depth.MedianM(place_m, b)) >= visible_m) {
-        num_exposed += 1.0;
-      }
-    }
-    Verdict verdict;
-    verdict.is_known = true;
-    verdict.is_structure =
-        num_exposed < min_exposed || num_occupied > config_.max_occupancy * num_exposed;
-    // Poisson, from the share of bins with a hit; a single one may be a passing target's.
-    if (!verdict.is_structure && num_occupied > 1.0) {
-      verdict.hits_per_frame = -std::log1p(-(num_occupied - 1.0) / num_exposed) / frames_per_bin;
-    }
-    return verdict;
-  };
-  std::vector<Verdict> verdicts(num_bins());
+  std::vector<std::uint32_t> profile;
+  PlaceHistory history;
   for (std::size_t first = 0; first < n;) {
     const Eigen::Vector3f& place_m = recording.points_m[by_place[first].second];
-    std::fill(profile.begin(), profile.end(), 0);
-    std::fill(verdicts.begin(), verdicts.end(), Verdict());
+    profile.assign(num_bins(), 0);
     grid_.Collect(place_m, &profile);
+    history.Assign(profile, is_watched_, depth.MediansM(place_m),
+                   static_cast<double>(place_m.norm()) - config_.occluder_margin_m, max_break);
+    const double volume_m3 = grid_.VolumeM3(place_m);
     std::size_t i = first;
     for (; i < n && by_place[i].first == by_place[first].first; ++i) {
       const std::uint32_t index = by_place[i].second;
-      Verdict& verdict = verdicts[bins[index]];
-      if (!verdict.is_known) verdict = judge(place_m, bins[index]);
-      (verdict.is_structure ? structure_ : unexplained_).push_back(index);
-      place_rate_[index] = static_cast<float>(verdict.hits_per_frame / grid_.VolumeM3(place_m));
+      const PlaceHistory::Rest rest = history.Outside(bins[index]);
+      // Structure, or too little is known to tell.
+      if (rest.num_exposed < min_exposed ||
+          rest.num_occupied > config_.max_occupancy * rest.num_exposed) {
+        structure_.push_back(index);
+        continue;
+      }
+      unexplained_.push_back(index);
+      if (rest.num_occupied <= 1.0) continue;  // a single one may be a passing target's
+      // Poisson, from the share of bins with a hit.
+      const double hits_per_bin = -std::log1p(-(rest.num_occupied - 1.0) / rest.num_exposed);
+      place_rate_[index] = static_cast<float>(hits_per_bin / frames_per_bin / volume_m3);
     }
     first = i;
   }

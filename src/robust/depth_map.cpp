@@ -31,8 +31,8 @@ DepthMap::DepthMap(const std::vector<Eigen::Vector3f>& points_m,
   }
 }
 
-float DepthMap::MedianM(const Eigen::Vector3f& point_m, std::size_t bin) const {
-  return median_m_[Index(point_m, bin)];
+const float* DepthMap::MediansM(const Eigen::Vector3f& point_m) const {
+  return &median_m_[Index(point_m, 0)];
 }
 
 double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,

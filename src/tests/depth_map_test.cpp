@@ -83,12 +83,12 @@ TEST(DepthMap, KnowsTheMedianRangeOfEveryCellAndBin) {
     const std::size_t bin = random.Index(kBins);
     std::vector<double>& in_cell_m = ranges_m[cell_of(place_m, bin)];
     if (in_cell_m.empty()) {
-      EXPECT_EQ(map.MedianM(place_m, bin), kNothing_m);
+      EXPECT_EQ(map.MediansM(place_m)[bin], kNothing_m);
       ++num_empty;
       continue;
     }
     std::sort(in_cell_m.begin(), in_cell_m.end());
-    EXPECT_NEAR(static_cast<double>(map.MedianM(place_m, bin)), in_cell_m[in_cell_m.size() / 2],
+    EXPECT_NEAR(static_cast<double>(map.MediansM(place_m)[bin]), in_cell_m[in_cell_m.size() / 2],
                 0.06);
   }
   EXPECT_GT(num_empty, 10);
@@ -97,7 +97,7 @@ TEST(DepthMap, KnowsTheMedianRangeOfEveryCellAndBin) {
 
 TEST(DepthMap, WithoutReturnsIsInfiniteAndHidesNothing) {
   const DepthMap map = MapOf({});
-  EXPECT_EQ(map.MedianM({1.0F, 2.0F, 3.0F}, 0), kNothing_m);
+  EXPECT_EQ(map.MediansM({1.0F, 2.0F, 3.0F})[0], kNothing_m);
   EXPECT_EQ(map.HiddenShare({10.0F, 2.0F, 3.0F}, 5.0, kMargin_m), 0.0);
 }
 

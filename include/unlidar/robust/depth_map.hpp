@@ -15,8 +15,8 @@ class DepthMap {
   DepthMap(const std::vector<Eigen::Vector3f>& points_m, const std::vector<std::uint32_t>& bins,
            std::size_t num_bins, double cell_deg);
 
-  // Infinite where nothing was seen.
-  float MedianM(const Eigen::Vector3f& point_m, std::size_t bin) const;
+  // In the direction of a point, per bin (num_bins); infinite where nothing was seen.
+  const float* MediansM(const Eigen::Vector3f& point_m) const;
 
   // Of the directions within `radius_m` of a place, as seen from the sensor, the share in which
   // something is nearer than the place by `margin_m`, over all bins.

@@ -14,19 +14,16 @@ constexpr int kShellMask = (1 << (64 - 3 * kIndexBits)) - 1;
 }  // namespace
 
 RangeGrid::RangeGrid(RangeRadius radius, std::size_t num_bins)
-    : radius_(radius), num_bins_(num_bins) {}
+    : radius_(radius), num_bins_(num_bins) {
+  for (int shell = 0; shell <= Shell(kMaxRange_m); ++shell) {
+    begin_m_.push_back((std::exp2(0.5 * (shell - 0.5)) - 1.0) * radius_.constant_m / radius_.slope);
+    edge_m_.push_back(kEdgePerRadius * radius_.constant_m * std::exp2(0.5 * shell));
+  }
+}
 
 int RangeGrid::Shell(double range_m) const {
   return static_cast<int>(
       std::floor(2.0 * std::log2(radius_.At(range_m) / radius_.constant_m) + 0.5));
-}
-
-double RangeGrid::EdgeM(int shell) const {
-  return kEdgePerRadius * radius_.constant_m * std::exp2(0.5 * shell);
-}
-
-double RangeGrid::BeginM(int shell) const {
-  return (std::exp2(0.5 * (shell - 0.5)) - 1.0) * radius_.constant_m / radius_.slope;
 }
 
 RangeGrid::Cell RangeGrid::CellOf(const Eigen::Vector3f& point_m, int shell) const {
@@ -60,7 +57,7 @@ void RangeGrid::Add(const Eigen::Vector3f& point_m, std::size_t bin, std::uint32
   int first = Shell(range_m);
   int last = first;
   while (first > 0 && range_m - BeginM(first) <= reach_m(first - 1)) --first;
-  const int max_shell = Shell(kMaxRange_m);
+  const int max_shell = static_cast<int>(edge_m_.size()) - 1;
   while (last < max_shell && BeginM(last + 1) - range_m <= reach_m(last + 1)) ++last;
   for (int shell = first; shell <= last; ++shell) {
     const auto [slot, is_new] =

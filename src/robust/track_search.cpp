@@ -127,30 +127,30 @@ void TrackSearch::Predict(double time_s) {
 // because it would hardly ever be seen, does not crowd out what is near.
 void TrackSearch::KeepBest(const Slice& slice) {
   bounds_.clear();
-  for (const Prediction& p : predictions_) bounds_.push_back(model_.BoundOf(p, slice.variances));
+  promises_.clear();
+  for (const Prediction& p : predictions_) {
+    bounds_.push_back(model_.BoundOf(p, slice.variances));
+    promises_.emplace_back(-bounds_.back().steady_top, promises_.size());
+  }
+  const auto best_first = [&](std::size_t count) {
+    if (promises_.size() <= count) return;
+    std::nth_element(promises_.begin(), promises_.begin() + static_cast<std::ptrdiff_t>(count),
+                     promises_.end());
+  };
   const std::size_t most =
       static_cast<std::size_t>(config_.max_hypotheses) +
       static_cast<std::size_t>(config_.max_hypotheses_per_plot) * (slice.last - slice.first);
-  if (predictions_.size() > most) {
-    std::vector<std::size_t> best(predictions_.size());
-    std::iota(best.begin(), best.end(), 0);
-    std::nth_element(best.begin(), best.begin() + static_cast<std::ptrdiff_t>(most), best.end(),
-                     [&](std::size_t a, std::size_t b) {
-                       const double top_a = bounds_[a].steady_top;
-                       const double top_b = bounds_[b].steady_top;
-                       return top_a > top_b || (top_a == top_b && a < b);
-                     });
-    best.resize(most);
-    std::sort(best.begin(), best.end());
-    for (std::size_t k = 0; k < most; ++k) {
-      predictions_[k] = predictions_[best[k]];
-      bounds_[k] = bounds_[best[k]];
-    }
-    predictions_.resize(most);
-    bounds_.resize(most);
-  }
+  best_first(most);
+  promises_.resize(std::min(promises_.size(), most));
+  // Of what the most promising make of a plot, others fall short.
+  constexpr std::size_t kPromising = 64;
+  best_first(kPromising);
+  is_kept_.assign(predictions_.size(), 0);
+  for (const auto& [promise, k] : promises_) is_kept_[k] = 1;
   active_.clear();
-  for (const Prediction& p : predictions_) active_.push_back(p.history);
+  for (std::size_t k = 0; k < predictions_.size(); ++k) {
+    if (is_kept_[k]) active_.push_back(predictions_[k].history);
+  }
 }
 
 // The best ways to go on to each free plot, if they are better than to begin there.
@@ -162,19 +162,9 @@ void TrackSearch::FindCandidates(const Slice& slice) {
     if (free_[place.plot]) places_.push_back(place);
   }
   if (places_.empty()) return;
-  // Of what the most promising make of a plot, others fall short.
-  constexpr std::size_t kPromising = 64;
-  order_.resize(predictions_.size());
-  std::iota(order_.begin(), order_.end(), 0);
-  if (order_.size() > kPromising) {
-    std::nth_element(order_.begin(), order_.begin() + kPromising, order_.end(),
-                     [&](std::size_t a, std::size_t b) {
-                       return bounds_[a].steady_top > bounds_[b].steady_top;
-                     });
-  }
   double least_need = -std::numeric_limits<double>::infinity();
   bool is_stale = true;  // the place of the least need needs more by now
-  for (const std::size_t k : order_) {
+  for (const auto& [promise, k] : promises_) {
     if (is_stale) {
       least_need = std::numeric_limits<double>::infinity();
       for (const Slice::Place& place : places_) {

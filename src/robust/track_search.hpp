@@ -1,7 +1,9 @@
 // The best path through plots: dynamic programming over all of them in order of time.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "track_model.hpp"
@@ -63,8 +65,9 @@ class TrackSearch {
   std::vector<Prediction> predictions_;  // of the active ones, at the time at hand,
   std::vector<Motion> motions_;          // one for each time of a last plot,
   std::vector<ScoreBound> bounds_;       // how far they reach,
-  std::vector<std::size_t> order_;       // and which promises most
-  std::vector<Slice::Place> places_;     // of the free plots of the time at hand
+  std::vector<std::pair<double, std::size_t>> promises_;  // and which are kept: by promise, falling
+  std::vector<char> is_kept_;
+  std::vector<Slice::Place> places_;                // of the free plots of the time at hand
   std::vector<std::vector<Candidate>> candidates_;  // per plot of the time at hand, the best first
 };
 

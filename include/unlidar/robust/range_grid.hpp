@@ -46,13 +46,15 @@ class RangeGrid {
   };
 
   int Shell(double range_m) const;
-  double BeginM(int shell) const;  // least range of a shell but the first
-  double EdgeM(int shell) const;
+  double BeginM(int shell) const { return begin_m_[static_cast<std::size_t>(shell)]; }
+  double EdgeM(int shell) const { return edge_m_[static_cast<std::size_t>(shell)]; }
   Cell CellOf(const Eigen::Vector3f& point_m, int shell) const;
   static std::uint64_t Pack(const Cell& cell);
 
   RangeRadius radius_;
   std::size_t num_bins_;
+  std::vector<double> begin_m_;  // per shell: its least range,
+  std::vector<double> edge_m_;   // and the edge of its voxels
   std::unordered_map<std::uint64_t, std::uint32_t> slots_;
   std::vector<std::uint32_t> counts_;  // (slots x num_bins)
 };

@@ -169,13 +169,7 @@ void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});
   visit("robust.tracker.echo_m2", tracker.echo_m2, Range{1e-3, 1e9});
   visit("robust.tracker.echo_shape", tracker.echo_shape, Range{1e-3, 1e3});
-  visit("robust.tracker.shadow_log", tracker.shadow_log, Range{-1e3, 0});
-  visit("robust.tracker.shadow_log_per_s", tracker.shadow_log_per_s, Range{-1e3, -1e-3});
   visit("robust.tracker.sensor_change", tracker.sensor_change, Range{0, 0.9, false});
-  visit("robust.tracker.shape.max_returns_log", tracker.shape.max_returns_log, Range{0, 100});
-  visit("robust.tracker.shape.max_extent_m", tracker.shape.max_extent_m, Range{0, 100});
-  visit("robust.tracker.shape.extent_log_per_m", tracker.shape.extent_log_per_m, Range{-1e3, 0});
-  visit("robust.tracker.shape.touch_log", tracker.shape.touch_log, Range{-1e3, 0});
   visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});
   visit("robust.tracker.max_hypotheses_per_plot", tracker.max_hypotheses_per_plot, Range{0, 1e6});
   visit("robust.tracker.max_paths", tracker.max_paths, Range{1, 1000});

@@ -121,7 +121,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   }
   std::vector<Path> paths;
   for (int round = 0; round < config.rounds; ++round) {
-    EstimateClutter(background, config.plots, config.tracker.shape, explained, &plots);
+    EstimateClutter(background, config.plots, explained, &plots);
     paths = FindPaths(plots, watch, config.tracker);
     const std::vector<char> before = explained;
     for (const Path& path : paths) {

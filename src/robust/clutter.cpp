@@ -23,61 +23,50 @@ double PlaceRate(const Plot& plot, const Background& background) {
   return sum / static_cast<double>(plot.returns.size());
 }
 
-// Weights are multiples of this, so that their sums are exact.
-constexpr double kUnit = 1.0 / 64.0;
-
-// How much a plot counts as clutter.
-double WeightOf(const Plot& plot, const ShapeConfig& shape) {
-  return kUnit * std::round(std::exp(ShapeLog(plot, 0.0, shape)) / kUnit);
-}
-
-// Weights of plots per place and time bin. Plots at one place share their neighbourhood, so it is
-// summed once for all of them: in rain there are many.
-class WeightGrid {
+// Plots per place and time bin. Those at one place share their neighbourhood, so it is summed once
+// for all of them: in rain there are many.
+class PlotGrid {
  public:
-  WeightGrid(RangeRadius radius, std::size_t num_bins) : grid_(radius, num_bins) {}
+  PlotGrid(RangeRadius radius, std::size_t num_bins) : grid_(radius, num_bins) {}
 
-  void Add(const Plot& plot, std::size_t bin, double weight) {
-    grid_.Add(plot.position_m.cast<float>(), bin, static_cast<std::uint32_t>(weight / kUnit));
-  }
+  void Add(const Plot& plot, std::size_t bin) { grid_.Add(plot.position_m.cast<float>(), bin); }
 
   // In the neighbourhood of a plot over all bins.
-  double Sum(const Plot& plot) { return SumsBefore(plot)[grid_.num_bins()]; }
+  std::uint32_t Count(const Plot& plot) { return CountsBefore(plot)[grid_.num_bins()]; }
 
   // The same without the bins of [first, last).
-  double SumOutside(const Plot& plot, std::size_t first, std::size_t last) {
-    const double* before = SumsBefore(plot);
+  std::uint32_t CountOutside(const Plot& plot, std::size_t first, std::size_t last) {
+    const std::uint32_t* before = CountsBefore(plot);
     return before[grid_.num_bins()] - (before[last] - before[first]);
   }
 
   double VolumeM3(const Plot& plot) const { return grid_.VolumeM3(plot.position_m.cast<float>()); }
 
  private:
-  // Sums up to, and without, each bin, and of all: (num_bins + 1).
-  const double* SumsBefore(const Plot& plot) {
+  // Up to, and without, each bin, and of all: (num_bins + 1).
+  const std::uint32_t* CountsBefore(const Plot& plot) {
     const Eigen::Vector3f place_m = plot.position_m.cast<float>();
-    const auto [row, is_new] = rows_.try_emplace(grid_.Key(place_m), sums_.size());
+    const auto [row, is_new] = rows_.try_emplace(grid_.Key(place_m), counts_.size());
     if (is_new) {
       profile_.assign(grid_.num_bins(), 0);
       grid_.Collect(place_m, &profile_);
-      double sum = 0.0;
-      sums_.push_back(sum);
-      for (const std::uint32_t count : profile_) sums_.push_back(sum += kUnit * count);
+      std::uint32_t sum = 0;
+      counts_.push_back(sum);
+      for (const std::uint32_t count : profile_) counts_.push_back(sum += count);
     }
-    return &sums_[row->second];
+    return &counts_[row->second];
   }
 
   RangeGrid grid_;
   std::vector<std::uint32_t> profile_;
-  std::unordered_map<std::uint64_t, std::size_t> rows_;  // of a place: where its sums begin
-  std::vector<double> sums_;
+  std::unordered_map<std::uint64_t, std::size_t> rows_;  // of a place: where its counts begin
+  std::vector<std::uint32_t> counts_;
 };
 
 }  // namespace
 
 void EstimateClutter(const Background& background, const PlotConfig& config,
-                     const ShapeConfig& shape, const std::vector<char>& explained,
-                     std::vector<Plot>* plots) {
+                     const std::vector<char>& explained, std::vector<Plot>* plots) {
   const std::size_t num_bins = background.num_bins();
   const std::vector<std::vector<double>>& frames_in_bin = background.frames_in_bin();
   const std::size_t num_sensors = frames_in_bin.size();
@@ -86,10 +75,6 @@ void EstimateClutter(const Background& background, const PlotConfig& config,
   for (const std::vector<double>& in_bin : frames_in_bin) {
     num_frames.push_back(std::accumulate(in_bin.begin(), in_bin.end(), 0.0));
   }
-  std::vector<double> weights;
-  for (std::size_t i = 0; i < plots->size(); ++i) {
-    weights.push_back(explained[i] ? 0.0 : WeightOf((*plots)[i], shape));
-  }
 
   // From wide to narrow: each level is the prior of the next, so that an empty neighbourhood still
   // has the rate of its surroundings, and a rate is believed only as far as its exposure goes.
@@ -97,10 +82,10 @@ void EstimateClutter(const Background& background, const PlotConfig& config,
   const auto exclusion = static_cast<std::size_t>(config.clutter_exclusion_bins);
   for (const RangeRadius& radius :
        {config.clutter_wide, config.clutter_middle, config.clutter_narrow}) {
-    std::vector<WeightGrid> grids(num_sensors, WeightGrid(radius, num_bins));
+    std::vector<PlotGrid> grids(num_sensors, PlotGrid(radius, num_bins));
     for (std::size_t i = 0; i < plots->size(); ++i) {
       const Plot& plot = (*plots)[i];
-      grids[plot.sensor].Add(plot, background.BinOf(plot.time_ns), weights[i]);
+      if (!explained[i]) grids[plot.sensor].Add(plot, background.BinOf(plot.time_ns));
     }
     for (std::size_t i = 0; i < plots->size(); ++i) {
       const Plot& plot = (*plots)[i];
@@ -109,23 +94,23 @@ void EstimateClutter(const Background& background, const PlotConfig& config,
       const std::size_t last = std::min(bin + exclusion + 1, num_bins);
       double frames = num_frames[plot.sensor];
       for (std::size_t b = first; b < last; ++b) frames -= frames_in_bin[plot.sensor][b];
-      WeightGrid& grid = grids[plot.sensor];
+      PlotGrid& grid = grids[plot.sensor];
       const double exposure = frames * grid.VolumeM3(plot);
-      rate[i] = (grid.SumOutside(plot, first, last) + config.clutter_prior_plots) /
+      rate[i] = (grid.CountOutside(plot, first, last) + config.clutter_prior_plots) /
                 (exposure + config.clutter_prior_plots / rate[i]);
     }
   }
   // A static thing that is seldom hit would give the plots of its place at the rate at which they
   // came, the plot itself left out.
-  std::vector<WeightGrid> spots(num_sensors, WeightGrid(config.spot, 1));
+  std::vector<PlotGrid> spots(num_sensors, PlotGrid(config.spot, 1));
   for (std::size_t i = 0; i < plots->size(); ++i) {
-    spots[(*plots)[i].sensor].Add((*plots)[i], 0, weights[i]);
+    if (!explained[i]) spots[(*plots)[i].sensor].Add((*plots)[i], 0);
   }
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
     plot.log_clutter = std::log(rate[i]);
     if (plot.is_floating) continue;
-    const double others = spots[plot.sensor].Sum(plot) - weights[i];
+    const double others = spots[plot.sensor].Count(plot) - (explained[i] ? 0.0 : 1.0);
     const double spot_rate = others / num_frames[plot.sensor] / PlotVolumeM3(plot);
     // A target that was found may have come back to its own place.
     const double place_rate = explained[i] ? 0.0 : PlaceRate(plot, background);

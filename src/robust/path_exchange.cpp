@@ -127,7 +127,7 @@ Path PathScorer::Scored(Members members) const {
         const Plot& plot = plots_[path.plots[k]];
         const double time_s = TimeOf(plots_, path.plots[k]);
         const Motion motion = model.MotionOver(time_s - h.time_s);
-        const Prediction p = model.Predict(h, time_s, model.ScoreIfVisible(h, time_s), motion);
+        const Prediction p = model.Predict(h, model.ScoreUnseen(h, time_s), motion);
         h = model.Update(h, motion, p, plot, time_s, model.GainOf(p, plot));
       }
       path.score = std::max(path.score, h.score);

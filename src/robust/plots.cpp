@@ -138,27 +138,6 @@ void DropNearBodies(const std::vector<Box>& bodies, const PlotConfig& config,
   plots->erase(std::remove_if(plots->begin(), plots->end(), is_near), plots->end());
 }
 
-// Whether structure of the same frame is as near to returns as they are to each other.
-bool Touches(const Recording& recording, const FrameInfo& frame,
-             const std::vector<char>& is_candidate, const std::vector<std::uint32_t>& returns,
-             const RangeRadius& link) {
-  const Box box = BoxOf(recording, returns);
-  const auto reach_m =
-      static_cast<float>(link.At(static_cast<double>(recording.points_m[returns.front()].norm())));
-  for (std::uint32_t k = frame.first_return; k < frame.last_return; ++k) {
-    const Eigen::Array3f p = recording.points_m[k].array();
-    if (is_candidate[k] || (p < box.low_m - reach_m).any() || (p > box.high_m + reach_m).any()) {
-      continue;
-    }
-    for (const std::uint32_t i : returns) {
-      if ((recording.points_m[k] - recording.points_m[i]).squaredNorm() < reach_m * reach_m) {
-        return true;
-      }
-    }
-  }
-  return false;
-}
-
 double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& config) {
   const double beam_m = config.noise_per_range * range_m;
   return config.noise_m * config.noise_m +
@@ -168,21 +147,12 @@ double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& con
 
 }  // namespace
 
-double ShapeLog(const Plot& plot, double streak_m, const ShapeConfig& config) {
-  const double excess_m = plot.extent_m - config.max_extent_m - streak_m;
-  return std::min(std::log(static_cast<double>(plot.returns.size())), config.max_returns_log) +
-         config.extent_log_per_m * std::max(0.0, excess_m) +
-         (plot.touches_structure ? config.touch_log : 0.0);
-}
-
 std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
                             const PlotConfig& config, std::vector<char>* is_body) {
   std::vector<Plot> plots;
   is_body->assign(recording.points_m.size(), 0);
   const double lowest_elevation_rad = LowestElevationRad(recording);
-  std::vector<char> is_candidate(recording.points_m.size(), 0);
-  for (const std::uint32_t i : candidates) is_candidate[i] = 1;
   std::vector<Box> bodies;
   std::vector<std::uint32_t> members;
   std::size_t next = 0;
@@ -206,15 +176,12 @@ std::vector<Plot> MakePlots(const Recording& recording,
       plot.sensor = frame.sensor;
       plot.position_m = MeanOf(recording, returns);
       plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config);
-      const Box box = BoxOf(recording, returns);
       TimeNs time_sum = 0;
       plot.lowest_m = std::numeric_limits<double>::infinity();
       for (const std::uint32_t i : returns) {
         plot.lowest_m = std::min(plot.lowest_m, ground.HeightAbove(recording.points_m[i]));
         time_sum += recording.times_ns[i] - frame.begin_ns;
       }
-      plot.extent_m = static_cast<double>((box.high_m - box.low_m).matrix().norm());
-      plot.touches_structure = Touches(recording, frame, is_candidate, returns, config.link);
       plot.time_ns = frame.begin_ns + time_sum / static_cast<TimeNs>(returns.size());
       plot.returns = std::move(returns);
       plots.push_back(std::move(plot));

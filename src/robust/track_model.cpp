@@ -77,15 +77,8 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const TrackerConfi
   return logs;
 }
 
-double PlotBound(const Plot& plot, const Watch& watch, const TrackerConfig& config) {
-  return ShapeLog(plot, config.max_speed_mps * watch.period_s, config.shape) - plot.log_clutter;
-}
-
 TrackModel::TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config)
-    : sigma_(sigma_a_mps2),
-      period_s_(watch.period_s),
-      log_emerge_(std::log(-std::expm1(config.shadow_log_per_s * watch.period_s))),
-      config_(config) {
+    : sigma_(sigma_a_mps2), period_s_(watch.period_s), config_(config) {
   if (watch.num_sensors == 1) return;
   // Sensors mostly look different ways: the one that saw a target sees it next. So two sensors are
   // no two chances to be seen.
@@ -105,24 +98,18 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, double time_s,
   return birth;
 }
 
-double TrackModel::ScoreIfVisible(const Hypothesis& from, double time_s) const {
+double TrackModel::ScoreUnseen(const Hypothesis& from, double time_s) const {
   const double missed = std::max(0.0, std::round((time_s - from.time_s) / period_s_) - 1.0);
   return from.score + LogMiss(from, missed * from.slice_per_m2);
-}
-
-double TrackModel::Score(const Hypothesis& from, double time_s, double score_if_visible) const {
-  return std::max(score_if_visible, from.score + LogShadow(time_s - from.time_s));
 }
 
 Motion TrackModel::MotionOver(double dt_s) const {
   return SingerMotion(dt_s, config_.acceleration_time_s, sigma_);
 }
 
-Prediction TrackModel::Predict(const Hypothesis& from, double time_s, double score_if_visible,
-                               const Motion& motion) const {
+Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motion& motion) const {
   Prediction p;
-  // It is seen again, so a shadow has ended.
-  p.score = std::max(score_if_visible, from.score + LogShadow(time_s - from.time_s) + log_emerge_);
+  p.score = score;
   p.log_hit = from.log_hit;
   p.sensor = from.sensor;
   p.speed_mps = std::min(from.state.mean.col(1).norm(), config_.max_speed_mps);
@@ -143,7 +130,6 @@ Gain TrackModel::GainOf(const Prediction& p, const Plot& plot) const {
   const double steady = log_density(p.variance_m2 + noise);
   const double agile = log_density(p.agile_variance_m2 + noise) + config_.manoeuvre_log;
   return {std::max(steady, agile) + p.log_hit - plot.log_clutter +
-              ShapeLog(plot, p.speed_mps * period_s_, config_.shape) +
               (p.sensor == plot.sensor ? log_same_sensor_ : log_other_sensor_),
           agile > steady};
 }
@@ -177,10 +163,6 @@ ScoreBound TrackModel::BoundOf(const Prediction& p, const VarianceRange& varianc
   return {common + peak(p.variance_m2 + variances.least_m2), 0.5 / (p.variance_m2 + largest_m2),
           common + peak(p.agile_variance_m2 + variances.least_m2) + config_.manoeuvre_log,
           0.5 / (p.agile_variance_m2 + largest_m2)};
-}
-
-double TrackModel::LogShadow(double dt_s) const {
-  return config_.shadow_log + config_.shadow_log_per_s * dt_s;
 }
 
 // How often it was seen so far tells how often it should be seen.

@@ -90,25 +90,19 @@ double TimeOf(const std::vector<Plot>& plots, std::size_t plot);
 // of exp is 1.
 std::vector<double> LogBirths(const std::vector<Plot>& plots, const TrackerConfig& config);
 
-// What a plot adds wherever it is expected, at most.
-double PlotBound(const Plot& plot, const Watch& watch, const TrackerConfig& config);
-
 class TrackModel {
  public:
   TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config);
 
   Hypothesis Birth(const Plot& plot, double log_birth, double time_s, double speed_mps) const;
 
-  // Score of a hypothesis that was not seen until `time_s` out of bad luck.
-  double ScoreIfVisible(const Hypothesis& from, double time_s) const;
-
-  // The same out of bad luck or in a shadow, whichever is likelier.
-  double Score(const Hypothesis& from, double time_s, double score_if_visible) const;
+  // Score of a hypothesis that was not seen until `time_s`.
+  double ScoreUnseen(const Hypothesis& from, double time_s) const;
 
   Motion MotionOver(double dt_s) const;
 
-  Prediction Predict(const Hypothesis& from, double time_s, double score_if_visible,
-                     const Motion& motion) const;
+  // `score`: of the hypothesis unseen until `time_s`.
+  Prediction Predict(const Hypothesis& from, double score, const Motion& motion) const;
 
   Gain GainOf(const Prediction& p, const Plot& plot) const;
 
@@ -121,12 +115,10 @@ class TrackModel {
  private:
   void SetVisibility(Hypothesis* h) const;
   double AgileFactor() const;  // further noise of a manoeuvre
-  double LogShadow(double dt_s) const;
   double LogMiss(const Hypothesis& from, double exposure) const;
 
   double sigma_;
   double period_s_;
-  double log_emerge_;              // of a shadow to end within a frame
   double log_same_sensor_ = 0.0;   // of the next plot to be that of the same sensor,
   double log_other_sensor_ = 0.0;  // or of a certain other one
   const TrackerConfig& config_;

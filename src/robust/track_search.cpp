@@ -15,7 +15,7 @@ constexpr double kBoundSlack = 1e-9;
 }  // namespace
 
 std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                            const Watch& watch, const TrackerConfig& config) {
+                            const TrackerConfig& config) {
   std::vector<Slice> slices;
   for (std::size_t i = 0; i < plots.size(); ++i) {
     const Plot& plot = plots[i];
@@ -29,7 +29,7 @@ std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<do
     slice.last = i + 1;
     slice.variances.least_m2 = std::min(slice.variances.least_m2, plot.variance_m2);
     slice.variances.largest_m2 = std::max(slice.variances.largest_m2, plot.variance_m2);
-    slice.places.push_back({plot.position_m, PlotBound(plot, watch, config),
+    slice.places.push_back({plot.position_m, plot.log_clutter,
                             std::max(config.give_up_log, log_births[i] + config.rebirth_log), i});
   }
   for (Slice& slice : slices) {
@@ -110,13 +110,13 @@ void TrackSearch::Predict(double time_s) {
     const Hypothesis& from = history_[static_cast<std::size_t>(index)];
     const double dt = time_s - from.time_s;
     if (dt > config_.max_gap_s) continue;
-    const double score_if_visible = model_.ScoreIfVisible(from, time_s);
-    if (model_.Score(from, time_s, score_if_visible) < config_.give_up_log) continue;
+    const double score = model_.ScoreUnseen(from, time_s);
+    if (score < config_.give_up_log) continue;
     if (dt != motion_dt) {
       motions_.push_back(model_.MotionOver(dt));
       motion_dt = dt;
     }
-    predictions_.push_back(model_.Predict(from, time_s, score_if_visible, motions_.back()));
+    predictions_.push_back(model_.Predict(from, score, motions_.back()));
     predictions_.back().history = index;
     predictions_.back().motion = static_cast<std::uint32_t>(motions_.size() - 1);
   }
@@ -168,7 +168,7 @@ void TrackSearch::FindCandidates(const Slice& slice) {
     if (is_stale) {
       least_need = std::numeric_limits<double>::infinity();
       for (const Slice::Place& place : places_) {
-        least_need = std::min(least_need, place.least_score - place.most);
+        least_need = std::min(least_need, place.least_score + place.log_clutter);
       }
       is_stale = false;
     }
@@ -182,14 +182,14 @@ void TrackSearch::FindCandidates(const Slice& slice) {
                          [](const Slice::Place& at, double x) { return at.position_m.x() < x; });
     for (; place != places_.end() && place->position_m.x() <= p.position_m.x() + reach_m; ++place) {
       const double distance2_m2 = (place->position_m - p.position_m).squaredNorm();
-      if (bound.At(distance2_m2) + place->most < place->least_score - kBoundSlack) continue;
+      if (bound.At(distance2_m2) - place->log_clutter < place->least_score - kBoundSlack) continue;
       const Gain gain = model_.GainOf(p, plots_[place->plot]);
       const double score = p.score + gain.log;
       if (score < place->least_score) continue;
       std::vector<Candidate>& best = candidates_[place->plot - slice.first];
       Keep({score, gain, k}, &best);
       if (best.size() < static_cast<std::size_t>(config_.hypotheses_per_plot)) continue;
-      is_stale = is_stale || place->least_score - place->most <= least_need;
+      is_stale = is_stale || place->least_score + place->log_clutter <= least_need;
       place->least_score = best.back().score;
     }
   }

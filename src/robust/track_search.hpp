@@ -14,7 +14,7 @@ namespace unlidar {
 struct Slice {
   struct Place {
     Eigen::Vector3d position_m;
-    double most;         // that the plot adds to a score
+    double log_clutter;
     double least_score;  // of a hypothesis that may go on with it
     std::size_t plot;    // index into all plots
   };
@@ -28,7 +28,7 @@ struct Slice {
 
 // What all searches through the same plots share. Size of `log_births`: that of `plots`.
 std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                            const Watch& watch, const TrackerConfig& config);
+                            const TrackerConfig& config);
 
 class TrackSearch {
  public:

@@ -15,7 +15,7 @@ class PathFinder {
   PathFinder(const std::vector<Plot>& plots, const Watch& watch, const TrackerConfig& config)
       : plots_(plots),
         log_births_(LogBirths(plots, config)),
-        slices_(SlicesOf(plots, log_births_, watch, config)),
+        slices_(SlicesOf(plots, log_births_, config)),
         watch_(watch),
         config_(config),
         free_(plots.size(), 1) {}

@@ -45,7 +45,7 @@ const Eigen::Vector3d kSkyHigh_m(60, 30, 45);
 
 void Estimate(const std::vector<char>& explained, Clutter* clutter) {
   const Background background(clutter->maker.recording, BackgroundConfig());
-  EstimateClutter(background, PlotConfig(), ShapeConfig(), explained, &clutter->plots);
+  EstimateClutter(background, PlotConfig(), explained, &clutter->plots);
 }
 
 Clutter UniformClutter(
@@ -178,27 +178,6 @@ TEST(EstimateClutter, ASensorWithoutClutterHasNextToNoneBesideOneWithMuch) {
   EXPECT_LT(MedianLogClutter(clutter, kDrone), MedianLogClutter(clutter) - 4.0);
 }
 
-TEST(EstimateClutter, PlotsCountAsMuchAsTheirShapeSpeaksForATarget) {
-  Clutter clutter = UniformClutter(200.0, 100);
-  const double before = MedianLogClutter(clutter);
-  const auto change = [&](std::size_t num_returns, double extent_m, bool touches_structure) {
-    for (Plot& plot : clutter.plots) {
-      plot.returns.assign(num_returns, plot.returns.front());
-      plot.extent_m = extent_m;
-      plot.touches_structure = touches_structure;
-    }
-    Estimate(std::vector<char>(clutter.plots.size(), 0), &clutter);
-    return MedianLogClutter(clutter) - before;
-  };
-  const ShapeConfig shape;
-  EXPECT_NEAR(change(1, 0.0, false), 0.0, 1e-9);
-  EXPECT_NEAR(change(3, 0.3, false), std::log(3.0), 0.3);
-  EXPECT_NEAR(change(100, 0.3, false), shape.max_returns_log, 0.3);
-  EXPECT_NEAR(change(3, shape.max_extent_m + 1.0, false), std::log(3.0) + shape.extent_log_per_m,
-              0.3);
-  EXPECT_NEAR(change(5, 0.3, true), std::log(5.0) + shape.touch_log, 0.3);
-}
-
 TEST(EstimateClutter, IsAtLeastTheRateOfAllReturnsAtThePlaceUnlessThePlotFloats) {
   // The place is hit in a quarter of the time bins by what leaves no plots; of these bins one is
   // that of the target's plot.
@@ -240,8 +219,7 @@ TEST(EstimateClutter, IsAtLeastTheRateOfAllReturnsAtThePlaceUnlessThePlotFloats)
 
 TEST(EstimateClutter, OfNoPlotsIsNothing) {
   std::vector<Plot> plots;
-  EstimateClutter(Background(Recording(), BackgroundConfig()), PlotConfig(), ShapeConfig(), {},
-                  &plots);
+  EstimateClutter(Background(Recording(), BackgroundConfig()), PlotConfig(), {}, &plots);
   EXPECT_TRUE(plots.empty());
 }
 

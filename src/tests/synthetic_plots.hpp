@@ -24,7 +24,6 @@ inline Plot MakePlot(TimeNs time_ns, const Eigen::Vector3d& position_m, double l
   plot.time_ns = time_ns;
   plot.position_m = position_m;
   plot.variance_m2 = 0.02 + 0.01 / static_cast<double>(num_returns);
-  plot.extent_m = num_returns > 1 ? 0.3 : 0.0;
   plot.log_clutter = log_clutter;
   plot.frame = static_cast<std::uint32_t>((time_ns - kBeginNs) / kPeriodNs);
   plot.returns.resize(num_returns);

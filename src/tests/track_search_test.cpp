@@ -32,11 +32,11 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
       std::vector<Hypothesis> ways;
       for (std::size_t k = 0; k < num_before; ++k) {
         const Hypothesis& from = all[k];
-        const double if_visible = model.ScoreIfVisible(from, time_s);
+        const double unseen = model.ScoreUnseen(from, time_s);
         if (time_s - from.time_s > config.max_gap_s) continue;
-        if (model.Score(from, time_s, if_visible) < config.give_up_log) continue;
+        if (unseen < config.give_up_log) continue;
         const Motion motion = model.MotionOver(time_s - from.time_s);
-        const Prediction p = model.Predict(from, time_s, if_visible, motion);
+        const Prediction p = model.Predict(from, unseen, motion);
         const Gain gain = model.GainOf(p, plots[i]);
         const double score = p.score + gain.log;
         if (score < std::max(config.give_up_log, log_births[i] + config.rebirth_log)) continue;
@@ -60,11 +60,11 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
 
 Path BestOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
             const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config) {
-  const std::vector<Slice> slices = SlicesOf(plots, log_births, kWatch, config);
+  const std::vector<Slice> slices = SlicesOf(plots, log_births, config);
   return TrackSearch(plots, log_births, slices, free, model, config).Best();
 }
 
-// Two drones in clutter, with sizes and touches that make plots differ.
+// Two drones in clutter, with plots that differ.
 std::vector<Plot> Scene(std::uint32_t seed, int num_frames) {
   Random random(seed);
   std::vector<Plot> plots;
@@ -76,8 +76,6 @@ std::vector<Plot> Scene(std::uint32_t seed, int num_frames) {
   for (Plot& plot : plots) {
     plot.variance_m2 *= random.Uniform(1.0, 5.0);
     plot.log_clutter += random.Uniform(-1.0, 1.0);
-    plot.extent_m = random.Uniform(0.0, 2.0);
-    plot.touches_structure = random.Index(5) == 0;
   }
   SortByTime(&plots);
   return plots;
@@ -132,7 +130,7 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
   const std::vector<double> log_births = LogBirths(plots, config);
   const TrackModel model(config.sigma_a_mps2[1], kWatch, config);
   std::vector<char> free(plots.size(), 1);
-  const std::vector<Slice> slices = SlicesOf(plots, log_births, kWatch, config);
+  const std::vector<Slice> slices = SlicesOf(plots, log_births, config);
   const TrackSearch search(plots, log_births, slices, free, model, config);
   double before = 1e9;
   int num_paths = 0;

@@ -66,21 +66,14 @@ class PlainModel {
       const double per_frame = 1.0 / std::max(1.0, x.head<3>().squaredNorm());
       const double missed = std::max(0.0, std::round(dt / kPeriodS) - 1.0);
       const double unseen = std::pow(rate / (rate + missed * per_frame), shape);
-      // Hidden until just now: it stayed so for the whole pause, then it did not.
-      const double hidden = std::exp(config_.shadow_log + config_.shadow_log_per_s * dt) *
-                            (1.0 - std::exp(config_.shadow_log_per_s * kPeriodS));
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
-      score += std::log(std::max(unseen, hidden)) + std::log(seen) - plot.log_clutter;
+      score += std::log(unseen) + std::log(seen) - plot.log_clutter;
       shape += 1.0;
       rate += per_frame * std::max(dt / kPeriodS, 0.5);
 
       const double speed = std::min(config_.max_speed_mps, x.segment<3>(3).norm());
       const double streak = speed * kPeriodS;
       const auto n = static_cast<double>(plot.returns.size());
-      const ShapeConfig& form = config_.shape;
-      score += std::min(form.max_returns_log, std::log(n));
-      score += form.extent_log_per_m * std::max(0.0, plot.extent_m - form.max_extent_m - streak);
-      if (plot.touches_structure) score += form.touch_log;
       score += std::log(SensorShare(plots[k - 1].sensor, plot.sensor));
 
       const Eigen::Matrix3d noise =

@@ -47,7 +47,7 @@ Path BestByEnumeration(const std::vector<Plot>& plots, const TrackerConfig& conf
 }
 
 // Up to ten plots: a few of a target that flies about, the others of clutter near it, some in one
-// frame, some with a pause between them that only a shadow explains.
+// frame, some with a pause between them.
 std::vector<Plot> TinyProblem(Random* random) {
   const double log_clutter = random->Uniform(-9.0, -3.0);
   const Eigen::Vector3d start_m = random->InBox({-5, 5, 5}, {5, 15, 15});
@@ -65,7 +65,6 @@ std::vector<Plot> TinyProblem(Random* random) {
     position_m += random->NormalVector(i % 3 == 2 ? 1.0 : 0.15);
     plots.push_back(MakePlot(kBeginNs + time_ns, position_m,
                              log_clutter + random->Uniform(-1.0, 1.0), 1 + random->Index(4)));
-    plots.back().touches_structure = random->Index(6) == 0;
   }
   SortByTime(&plots);
   return plots;
@@ -112,13 +111,13 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
           << problem;
     }
     num_long += expected.plots.size() >= 4 ? 1 : 0;
-    // Keeping a few ways to each plot loses next to nothing.
+    // Keeping a few ways to each plot, and none that does not outlast a pause, loses little.
     const double score = BestOf(plots, watch, few_ways).score;
     EXPECT_LE(score, found.score) << problem;
     lost += found.score - score;
   }
   EXPECT_GT(num_long, 20);
-  EXPECT_LT(lost, 0.1 * kProblems);
+  EXPECT_LT(lost, 0.2 * kProblems);
 }
 
 void ExpectPlainScores(const std::vector<Path>& paths, const std::vector<Plot>& plots,

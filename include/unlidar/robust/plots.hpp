@@ -39,31 +39,17 @@ struct PlotConfig {
   RangeRadius spot{0.19, 0.006};  // the extent of a static thing that is a point to the sensor
 };
 
-// What the shape of a plot says for a target, as a log likelihood up to a constant.
-struct ShapeConfig {
-  double max_returns_log = 2.0;  // the most that many returns speak for it
-  double max_extent_m = 1.2;     // a drone is no larger; more costs extent_log_per_m
-  double extent_log_per_m = -0.8;
-  double touch_log = -2.5;  // of a plot that is one with structure
-};
-
 struct Plot {
   TimeNs time_ns = 0;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  double variance_m2 = 0.0;        // of the position, per axis, for a target at rest
-  double extent_m = 0.0;           // diagonal of its bounding box
-  double lowest_m = 0.0;           // height of its lowest return above the ground
-  double log_clutter = 0.0;        // log of the clutter plots per m^3 and frame of its sensor,
-                                   // each weighted by its shape
-  bool touches_structure = false;  // of the same frame
-  bool is_floating = false;        // stands still where nothing holds it up: MarkFloating tells
+  double variance_m2 = 0.0;  // of the position, per axis, for a target at rest
+  double lowest_m = 0.0;     // height of its lowest return above the ground
+  double log_clutter = 0.0;  // log of the clutter plots per m^3 and frame of its sensor
+  bool is_floating = false;  // stands still where nothing holds it up: MarkFloating tells
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;
   std::vector<std::uint32_t> returns;
 };
-
-// Of a plot of a target that draws a streak of `streak_m` during the frame.
-double ShapeLog(const Plot& plot, double streak_m, const ShapeConfig& config);
 
 // Plots of `candidates`, returns in ascending order, in order of time; bodies (people, cars) left
 // out, with all that is next to one shortly before or after. `is_body` (N) tells the returns of
@@ -74,11 +60,8 @@ std::vector<Plot> MakePlots(const Recording& recording,
 
 // Sets log_clutter of every plot from the plots of its sensor that are not `explained` (size of
 // plots): from those at other times in three narrowing neighbourhoods, and, unless it floats, from
-// the rate of a static thing at its place and from that of all returns there. Plots count as much
-// as their shape speaks for a target: shape and place are compared with clutter together, so that
-// the likelihood ratio of a path through clutter is 1 on average.
+// the rate of a static thing at its place and from that of all returns there.
 void EstimateClutter(const Background& background, const PlotConfig& config,
-                     const ShapeConfig& shape, const std::vector<char>& explained,
-                     std::vector<Plot>* plots);
+                     const std::vector<char>& explained, std::vector<Plot>* plots);
 
 }  // namespace unlidar

@@ -16,14 +16,11 @@ struct TrackerConfig {
   std::vector<double> birth_speeds_mps = {1.0, 8.0};  // standard deviations per axis tried
   double even_birth_share = 0.1;  // of the births; the others fall in proportion to volume
   double max_speed_mps = 35.0;
-  double max_gap_s = 10.0;         // without a plot
-  int hypotheses_per_plot = 3;     // kept at each plot and agility
-  double echo_m2 = 400.0;          // expected returns per frame of a typical drone, times range^2;
-  double echo_shape = 1.5;         // shape of the gamma distribution about it
-  double shadow_log = -5.0;        // log probability of being hidden behind something,
-  double shadow_log_per_s = -0.5;  // and of staying there
-  double sensor_change = 0.1;      // probability that the next plot is that of another sensor
-  ShapeConfig shape;
+  double max_gap_s = 10.0;      // without a plot
+  int hypotheses_per_plot = 3;  // kept at each plot and agility
+  double echo_m2 = 400.0;       // expected returns per frame of a typical drone, times range^2;
+  double echo_shape = 1.5;      // shape of the gamma distribution about it
+  double sensor_change = 0.1;   // probability that the next plot is that of another sensor
   // Carried on at any time, the best first: so many, and so many more for each plot of the frame.
   int max_hypotheses = 500;
   int max_hypotheses_per_plot = 5;

@@ -48,28 +48,32 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
   // Room for the births and as many that go on, so that few searches ever move what they hold.
   history_.reserve(plots.size() * (2 * config.birth_speeds_mps.size()));
   for (const Slice& slice : slices) Extend(slice);
-}
-
-Path TrackSearch::Best() const {
-  Path path;
-  std::int32_t at = kNone;
-  std::vector<char> is_blocked(history_.size(), 0);
   const double least_hits = config_.min_fragment_plots - 1.0;
   for (std::size_t h = 0; h < history_.size(); ++h) {
-    const Hypothesis& hypothesis = history_[h];
-    is_blocked[h] =
-        !free_[static_cast<std::size_t>(hypothesis.plot)] ||
-        (hypothesis.parent != kNone && is_blocked[static_cast<std::size_t>(hypothesis.parent)]);
-    if (!is_blocked[h] && hypothesis.score > path.score && hypothesis.hits >= least_hits) {
-      path.score = hypothesis.score;
-      at = static_cast<std::int32_t>(h);
+    if (history_[h].score <= 0.0 || history_[h].hits < least_hits) continue;
+    ends_.push_back({history_[h].score, static_cast<std::int32_t>(h)});
+  }
+  std::make_heap(ends_.begin(), ends_.end());
+}
+
+Path TrackSearch::Best() {
+  for (; !ends_.empty(); ends_.pop_back()) {
+    Path path;
+    path.score = ends_.front().score;
+    bool is_free = true;
+    for (std::int32_t at = ends_.front().hypothesis; at != kNone && is_free;) {
+      const Hypothesis& hypothesis = history_[static_cast<std::size_t>(at)];
+      path.plots.push_back(static_cast<std::uint32_t>(hypothesis.plot));
+      is_free = free_[path.plots.back()] != 0;
+      at = hypothesis.parent;
     }
+    if (is_free) {
+      std::reverse(path.plots.begin(), path.plots.end());
+      return path;
+    }
+    std::pop_heap(ends_.begin(), ends_.end());
   }
-  for (; at != kNone; at = history_[static_cast<std::size_t>(at)].parent) {
-    path.plots.push_back(static_cast<std::uint32_t>(history_[static_cast<std::size_t>(at)].plot));
-  }
-  std::reverse(path.plots.begin(), path.plots.end());
-  return path;
+  return {};
 }
 
 void TrackSearch::Extend(const Slice& slice) {

@@ -32,19 +32,29 @@ std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<do
 
 class TrackSearch {
  public:
-  // Searches at once; `free` (size of `plots`) is kept and may change before Best is asked.
+  // Searches at once; `free` (size of `plots`) is kept: plots may cease to be free later on.
   TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
               const std::vector<Slice>& slices, const std::vector<char>& free,
               const TrackModel& model, const TrackerConfig& config);
 
-  // The best path through plots that are still free.
-  Path Best() const;
+  // The best path through plots that are still free; empty if none is worth anything.
+  Path Best();
 
  private:
   struct Candidate {
     double score;
     Gain gain;
     std::size_t index;  // of the prediction
+  };
+
+  // Of a path; the greatest is the best, of equal ones the first.
+  struct End {
+    double score;
+    std::int32_t hypothesis;  // index into the history
+
+    bool operator<(const End& other) const {
+      return score < other.score || (score == other.score && hypothesis > other.hypothesis);
+    }
   };
 
   // Carries all hypotheses on to the plots of a slice.
@@ -61,6 +71,7 @@ class TrackSearch {
   TrackModel model_;
   const TrackerConfig& config_;
   std::vector<Hypothesis> history_;
+  std::vector<End> ends_;                // heap of those that may still be free
   std::vector<std::int32_t> active_;     // those that may go on: indices into the history
   std::vector<Prediction> predictions_;  // of the active ones, at the time at hand,
   std::vector<Motion> motions_;          // one for each time of a last plot,

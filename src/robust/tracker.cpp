@@ -42,9 +42,9 @@ class PathFinder {
     return searches;
   }
 
-  static Path BestOf(const std::vector<TrackSearch>& searches) {
+  static Path BestOf(std::vector<TrackSearch>* searches) {
     Path best;
-    for (const TrackSearch& search : searches) {
+    for (TrackSearch& search : *searches) {
       Path path = search.Best();
       if (path.score > best.score) best = std::move(path);
     }
@@ -62,9 +62,9 @@ class PathFinder {
     const auto max_paths = static_cast<std::size_t>(config_.max_paths);
     for (bool found = true; found && paths.size() < max_paths;) {
       found = false;
-      const std::vector<TrackSearch> searches = SearchFree();
+      std::vector<TrackSearch> searches = SearchFree();
       while (paths.size() < max_paths) {
-        Path best = BestOf(searches);
+        Path best = BestOf(&searches);
         if (best.score < config_.min_fragment_log) break;
         SetFree(best, 0);
         // What a weak path hides is weak, too.
@@ -89,7 +89,8 @@ class PathFinder {
                                        [&](const Path& old) { return old.plots == path.plots; });
       if (!is_new || !stands(path)) continue;
       SetFree(path, 1);
-      Path best = BestOf(SearchFree());
+      std::vector<TrackSearch> searches = SearchFree();
+      Path best = BestOf(&searches);
       if (best.score > path.score + config_.min_exchange_log) {
         path = std::move(best);
         found = true;

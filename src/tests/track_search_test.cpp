@@ -131,7 +131,7 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
   const TrackModel model(config.sigma_a_mps2[1], kWatch, config);
   std::vector<char> free(plots.size(), 1);
   const std::vector<Slice> slices = SlicesOf(plots, log_births, config);
-  const TrackSearch search(plots, log_births, slices, free, model, config);
+  TrackSearch search(plots, log_births, slices, free, model, config);
   double before = 1e9;
   int num_paths = 0;
   for (Path path = search.Best(); !path.plots.empty(); path = search.Best(), ++num_paths) {

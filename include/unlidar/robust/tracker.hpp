@@ -17,7 +17,7 @@ struct TrackerConfig {
   double even_birth_share = 0.1;  // of the births; the others fall in proportion to volume
   double max_speed_mps = 35.0;
   double max_gap_s = 10.0;      // without a plot
-  int hypotheses_per_plot = 3;  // kept at each plot and agility
+  int hypotheses_per_plot = 2;  // kept at each plot and agility
   double echo_m2 = 400.0;       // expected returns per frame of a typical drone, times range^2;
   double echo_shape = 1.5;      // shape of the gamma distribution about it
   double sensor_change = 0.1;   // probability that the next plot is that of another sensor

@@ -62,8 +62,12 @@ void RangeGrid::Add(const Eigen::Vector3f& point_m, std::size_t bin, std::uint32
   for (int shell = first; shell <= last; ++shell) {
     const auto [slot, is_new] =
         slots_.try_emplace(Pack(CellOf(point_m, shell)), static_cast<std::uint32_t>(slots_.size()));
-    if (is_new) counts_.resize(counts_.size() + num_bins_, 0);
-    counts_[slot->second * num_bins_ + bin] += count;
+    if (is_new) counts_.emplace_back();
+    std::vector<BinCount>& counts = counts_[slot->second];
+    if (counts.empty() || counts.back().bin != bin) {
+      counts.push_back({static_cast<std::uint32_t>(bin), 0});
+    }
+    counts.back().count += count;
   }
 }
 
@@ -75,8 +79,7 @@ void RangeGrid::Collect(const Eigen::Vector3f& point_m, std::vector<std::uint32_
         const Cell cell{home.shell, {home.index[0] + dx, home.index[1] + dy, home.index[2] + dz}};
         const auto slot = slots_.find(Pack(cell));
         if (slot == slots_.end()) continue;
-        const std::uint32_t* counts = &counts_[slot->second * num_bins_];
-        for (std::size_t bin = 0; bin < num_bins_; ++bin) (*profile)[bin] += counts[bin];
+        for (const BinCount& at : counts_[slot->second]) (*profile)[at.bin] += at.count;
       }
     }
   }

@@ -45,6 +45,11 @@ class RangeGrid {
     std::array<std::int64_t, 3> index;
   };
 
+  struct BinCount {
+    std::uint32_t bin;
+    std::uint32_t count;
+  };
+
   int Shell(double range_m) const;
   double BeginM(int shell) const { return begin_m_[static_cast<std::size_t>(shell)]; }
   double EdgeM(int shell) const { return edge_m_[static_cast<std::size_t>(shell)]; }
@@ -56,7 +61,9 @@ class RangeGrid {
   std::vector<double> begin_m_;  // per shell: its least range,
   std::vector<double> edge_m_;   // and the edge of its voxels
   std::unordered_map<std::uint64_t, std::uint32_t> slots_;
-  std::vector<std::uint32_t> counts_;  // (slots x num_bins)
+  // Per slot: bins with points, in the order in which they came. Most places are hit in a few bins
+  // only, however long the recording.
+  std::vector<std::vector<BinCount>> counts_;
 };
 
 }  // namespace unlidar

@@ -1,7 +1,8 @@
 // method: robust - targets from a likelihood ratio against the clutter of their place.
 //
 // 1. Background: which places were occupied at other times (structure), and how often.
-// 2. Plots: what structure does not explain, per frame, with the clutter rate at its place.
+// 2. Plots: what structure does not explain, or what floats in the air, per frame, with the clutter
+//    rate at its place.
 // 3. Paths: the sequences of plots that a flying target explains far better than clutter.
 // 4. Collection: all returns along a path, and their mean per frame.
 //

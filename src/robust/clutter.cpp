@@ -24,7 +24,7 @@ double PlaceRate(const Plot& plot, const Background& background) {
 }
 
 // Plots per place and time bin. Those at one place share their neighbourhood, so it is summed once
-// for all of them: in rain there are many.
+// for all of them: in rain there are many. All are added before the first is counted.
 class PlotGrid {
  public:
   PlotGrid(RangeRadius radius, std::size_t num_bins) : grid_(radius, num_bins) {}

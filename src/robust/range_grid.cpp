@@ -7,7 +7,7 @@ namespace unlidar {
 namespace {
 
 constexpr double kEdgePerRadius = 2.0 / 3.0;
-constexpr double kMaxRange_m = 1e6;  // nothing is seen from farther away
+constexpr double kMaxRange_m = 1e6;  // voxels grow no more beyond
 constexpr int kIndexBits = 19;
 constexpr int kShellMask = (1 << (64 - 3 * kIndexBits)) - 1;
 
@@ -15,15 +15,16 @@ constexpr int kShellMask = (1 << (64 - 3 * kIndexBits)) - 1;
 
 RangeGrid::RangeGrid(RangeRadius radius, std::size_t num_bins)
     : radius_(radius), num_bins_(num_bins) {
-  for (int shell = 0; shell <= Shell(kMaxRange_m); ++shell) {
+  const double most = std::log2(radius_.At(kMaxRange_m) / radius_.constant_m);
+  for (int shell = 0; shell <= static_cast<int>(std::floor(2.0 * most + 0.5)); ++shell) {
     begin_m_.push_back((std::exp2(0.5 * (shell - 0.5)) - 1.0) * radius_.constant_m / radius_.slope);
     edge_m_.push_back(kEdgePerRadius * radius_.constant_m * std::exp2(0.5 * shell));
   }
 }
 
 int RangeGrid::Shell(double range_m) const {
-  return static_cast<int>(
-      std::floor(2.0 * std::log2(radius_.At(range_m) / radius_.constant_m) + 0.5));
+  const double growth = std::log2(radius_.At(range_m) / radius_.constant_m);
+  return std::min(static_cast<int>(std::floor(2.0 * growth + 0.5)), LastShell());
 }
 
 RangeGrid::Cell RangeGrid::CellOf(const Eigen::Vector3f& point_m, int shell) const {
@@ -51,23 +52,28 @@ std::uint64_t RangeGrid::Key(const Eigen::Vector3f& point_m) const {
 }
 
 void RangeGrid::Add(const Eigen::Vector3f& point_m, std::size_t bin, std::uint32_t count) {
+  if (count == 0) return;
   // The shells with a place near enough: a block reaches two edges along each axis.
   const double range_m = static_cast<double>(point_m.norm());
   const auto reach_m = [&](int shell) { return 2.0 * std::sqrt(3.0) * EdgeM(shell); };
   int first = Shell(range_m);
   int last = first;
   while (first > 0 && range_m - BeginM(first) <= reach_m(first - 1)) --first;
-  const int max_shell = static_cast<int>(edge_m_.size()) - 1;
-  while (last < max_shell && BeginM(last + 1) - range_m <= reach_m(last + 1)) ++last;
+  while (last < LastShell() && BeginM(last + 1) - range_m <= reach_m(last + 1)) ++last;
   for (int shell = first; shell <= last; ++shell) {
     const auto [slot, is_new] =
         slots_.try_emplace(Pack(CellOf(point_m, shell)), static_cast<std::uint32_t>(slots_.size()));
     if (is_new) counts_.emplace_back();
     std::vector<BinCount>& counts = counts_[slot->second];
-    if (counts.empty() || counts.back().bin != bin) {
-      counts.push_back({static_cast<std::uint32_t>(bin), 0});
+    auto at = counts.end();  // as points mostly come in order of time
+    if (!counts.empty() && counts.back().bin >= bin) {
+      at = std::lower_bound(counts.begin(), counts.end(), bin,
+                            [](const BinCount& a, std::size_t b) { return a.bin < b; });
     }
-    counts.back().count += count;
+    if (at == counts.end() || at->bin != bin) {
+      at = counts.insert(at, {static_cast<std::uint32_t>(bin), 0});
+    }
+    at->count += count;
   }
 }
 

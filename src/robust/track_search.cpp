@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <numeric>
 
 namespace unlidar {
 namespace {
@@ -45,8 +44,9 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
                          const std::vector<Slice>& slices, const std::vector<char>& free,
                          const TrackModel& model, const TrackerConfig& config)
     : plots_(plots), log_births_(log_births), free_(free), model_(model), config_(config) {
-  // Room for the births and as many that go on, so that few searches ever move what they hold.
-  history_.reserve(plots.size() * (2 * config.birth_speeds_mps.size()));
+  // The most there can be: only what is used takes memory, and nothing is ever moved.
+  history_.reserve(plots.size() * (config.birth_speeds_mps.size() +
+                                   static_cast<std::size_t>(config.hypotheses_per_plot)));
   for (const Slice& slice : slices) Extend(slice);
   const double least_hits = config_.min_fragment_plots - 1.0;
   for (std::size_t h = 0; h < history_.size(); ++h) {
@@ -136,7 +136,7 @@ void TrackSearch::KeepBest(const Slice& slice) {
     bounds_.push_back(model_.BoundOf(p, slice.variances));
     promises_.emplace_back(-bounds_.back().steady_top, promises_.size());
   }
-  const auto best_first = [&](std::size_t count) {
+  const auto move_best_to_front = [&](std::size_t count) {
     if (promises_.size() <= count) return;
     std::nth_element(promises_.begin(), promises_.begin() + static_cast<std::ptrdiff_t>(count),
                      promises_.end());
@@ -144,11 +144,12 @@ void TrackSearch::KeepBest(const Slice& slice) {
   const std::size_t most =
       static_cast<std::size_t>(config_.max_hypotheses) +
       static_cast<std::size_t>(config_.max_hypotheses_per_plot) * (slice.last - slice.first);
-  best_first(most);
+  move_best_to_front(most);
   promises_.resize(std::min(promises_.size(), most));
-  // Of what the most promising make of a plot, others fall short.
+  // What the most promising make of a plot bounds the others from the start; the order changes no
+  // result.
   constexpr std::size_t kPromising = 64;
-  best_first(kPromising);
+  move_best_to_front(kPromising);
   is_kept_.assign(predictions_.size(), 0);
   for (const auto& [promise, k] : promises_) is_kept_[k] = 1;
   active_.clear();
@@ -157,7 +158,7 @@ void TrackSearch::KeepBest(const Slice& slice) {
   }
 }
 
-// The best ways to go on to each free plot, if they are better than to begin there.
+// The best ways to go on to each free plot, if they are not much worse than to begin there.
 void TrackSearch::FindCandidates(const Slice& slice) {
   candidates_.resize(std::max(candidates_.size(), slice.last - slice.first));
   for (std::vector<Candidate>& candidates : candidates_) candidates.clear();

@@ -26,7 +26,8 @@ struct Slice {
   std::vector<Place> places;  // by x
 };
 
-// What all searches through the same plots share. Size of `log_births`: that of `plots`.
+// What all searches through the same plots, in order of time, share. Size of `log_births`: that of
+// `plots`.
 std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
                             const TrackerConfig& config);
 
@@ -73,10 +74,10 @@ class TrackSearch {
   std::vector<Hypothesis> history_;
   std::vector<End> ends_;                // heap of those that may still be free
   std::vector<std::int32_t> active_;     // those that may go on: indices into the history
-  std::vector<Prediction> predictions_;  // of the active ones, at the time at hand,
+  std::vector<Prediction> predictions_;  // of all active before, at the time at hand,
   std::vector<Motion> motions_;          // one for each time of a last plot,
   std::vector<ScoreBound> bounds_;       // how far they reach,
-  std::vector<std::pair<double, std::size_t>> promises_;  // and which are kept: by promise, falling
+  std::vector<std::pair<double, std::size_t>> promises_;  // minus promise, index of those kept
   std::vector<char> is_kept_;
   std::vector<Slice::Place> places_;                // of the free plots of the time at hand
   std::vector<std::vector<Candidate>> candidates_;  // per plot of the time at hand, the best first

@@ -148,6 +148,17 @@ TEST(RangeGrid, VolumeIsThatOfTheCountedBlock) {
   }
 }
 
+TEST(RangeGrid, CountsHoweverFarAwayAPlaceIs) {
+  for (const float at_m : {1e5F, 9e5F, 1e6F, 2e6F}) {
+    RangeGrid grid({0.35, 0.012}, kBins);
+    const Eigen::Vector3f place_m(at_m, -at_m, at_m);
+    for (const std::size_t bin : {1U, 2U, 1U, 0U, 2U, 1U}) grid.Add(place_m, bin);
+    std::vector<std::uint32_t> profile(kBins, 0);
+    grid.Collect(place_m, &profile);
+    EXPECT_EQ(profile, (std::vector<std::uint32_t>{1, 3, 2})) << at_m;
+  }
+}
+
 TEST(RangeGrid, AddsCountsToWhatTheProfileHolds) {
   RangeGrid grid({0.35, 0.012}, kBins);
   const Eigen::Vector3f place_m(10.0F, 5.0F, 2.0F);

@@ -68,14 +68,13 @@ class PlainModel {
       const double unseen = std::pow(rate / (rate + missed * per_frame), shape);
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
       score += std::log(unseen) + std::log(seen) - plot.log_clutter;
+      score += std::log(SensorShare(plots[k - 1].sensor, plot.sensor));
       shape += 1.0;
       rate += per_frame * std::max(dt / kPeriodS, 0.5);
 
       const double speed = std::min(config_.max_speed_mps, x.segment<3>(3).norm());
       const double streak = speed * kPeriodS;
       const auto n = static_cast<double>(plot.returns.size());
-      score += std::log(SensorShare(plots[k - 1].sensor, plot.sensor));
-
       const Eigen::Matrix3d noise =
           (plot.variance_m2 + streak * streak / 12.0 / n / 3.0) * Eigen::Matrix3d::Identity();
       const Update steady = Updated(x, p, sigma_a_, dt, plot.position_m, noise);

@@ -11,7 +11,7 @@ namespace unlidar {
 // Median range of the returns per cell of directions, and per time bin.
 class DepthMap {
  public:
-  // `bins`: one per point, each below `num_bins`.
+  // `bins`: one per point, each below `num_bins`, which is at least 1.
   DepthMap(const std::vector<Eigen::Vector3f>& points_m, const std::vector<std::uint32_t>& bins,
            std::size_t num_bins, double cell_deg);
 

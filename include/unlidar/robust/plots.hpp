@@ -58,9 +58,10 @@ std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
                             const PlotConfig& config, std::vector<char>* is_body);
 
-// Sets log_clutter of every plot from the plots of its sensor that are not `explained` (size of
-// plots): from those at other times in three narrowing neighbourhoods, and, unless it floats, from
-// the rate of a static thing at its place and from that of all returns there.
+// Sets log_clutter of every plot, MarkFloating done, from the plots of its sensor that are not
+// `explained` (size of plots): from those at other times in three narrowing neighbourhoods, and,
+// unless it floats, from the rate of a static thing at its place and from that of all returns
+// there.
 void EstimateClutter(const Background& background, const PlotConfig& config,
                      const std::vector<char>& explained, std::vector<Plot>* plots);
 

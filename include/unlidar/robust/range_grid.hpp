@@ -51,6 +51,7 @@ class RangeGrid {
   };
 
   int Shell(double range_m) const;
+  int LastShell() const { return static_cast<int>(edge_m_.size()) - 1; }
   double BeginM(int shell) const { return begin_m_[static_cast<std::size_t>(shell)]; }
   double EdgeM(int shell) const { return edge_m_[static_cast<std::size_t>(shell)]; }
   Cell CellOf(const Eigen::Vector3f& point_m, int shell) const;
@@ -61,8 +62,8 @@ class RangeGrid {
   std::vector<double> begin_m_;  // per shell: its least range,
   std::vector<double> edge_m_;   // and the edge of its voxels
   std::unordered_map<std::uint64_t, std::uint32_t> slots_;
-  // Per slot: bins with points, in the order in which they came. Most places are hit in a few bins
-  // only, however long the recording.
+  // Per slot: the bins with points, ascending. Most places are hit in a few bins only, however long
+  // the recording.
   std::vector<std::vector<BinCount>> counts_;
 };
 

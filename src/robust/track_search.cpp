@@ -44,9 +44,8 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
                          const std::vector<Slice>& slices, const std::vector<char>& free,
                          const TrackModel& model, const TrackerConfig& config)
     : plots_(plots), log_births_(log_births), free_(free), model_(model), config_(config) {
-  // The most there can be: only what is used takes memory, and nothing is ever moved.
-  history_.reserve(plots.size() * (config.birth_speeds_mps.size() +
-                                   static_cast<std::size_t>(config.hypotheses_per_plot)));
+  // Room for the births and as many that go on: rarely are there more, which then have to move.
+  history_.reserve(plots.size() * 2 * config.birth_speeds_mps.size());
   for (const Slice& slice : slices) Extend(slice);
   const double least_hits = config_.min_fragment_plots - 1.0;
   for (std::size_t h = 0; h < history_.size(); ++h) {

@@ -76,6 +76,9 @@ void EstimateClutter(const Background& background, const PlotConfig& config,
     num_frames.push_back(std::accumulate(in_bin.begin(), in_bin.end(), 0.0));
   }
 
+  std::vector<std::size_t> bins;
+  for (const Plot& plot : *plots) bins.push_back(background.BinOf(plot.time_ns));
+
   // From wide to narrow: each level is the prior of the next, so that an empty neighbourhood still
   // has the rate of its surroundings, and a rate is believed only as far as its exposure goes.
   std::vector<double> rate(plots->size(), 1e-6);
@@ -85,13 +88,12 @@ void EstimateClutter(const Background& background, const PlotConfig& config,
     std::vector<PlotGrid> grids(num_sensors, PlotGrid(radius, num_bins));
     for (std::size_t i = 0; i < plots->size(); ++i) {
       const Plot& plot = (*plots)[i];
-      if (!explained[i]) grids[plot.sensor].Add(plot, background.BinOf(plot.time_ns));
+      if (!explained[i]) grids[plot.sensor].Add(plot, bins[i]);
     }
     for (std::size_t i = 0; i < plots->size(); ++i) {
       const Plot& plot = (*plots)[i];
-      const std::size_t bin = background.BinOf(plot.time_ns);
-      const std::size_t first = bin - std::min(bin, exclusion);
-      const std::size_t last = std::min(bin + exclusion + 1, num_bins);
+      const std::size_t first = bins[i] - std::min(bins[i], exclusion);
+      const std::size_t last = std::min(bins[i] + exclusion + 1, num_bins);
       double frames = num_frames[plot.sensor];
       for (std::size_t b = first; b < last; ++b) frames -= frames_in_bin[plot.sensor][b];
       PlotGrid& grid = grids[plot.sensor];

@@ -101,7 +101,7 @@ class TrackModel {
 
   Motion MotionOver(double dt_s) const;
 
-  // `score`: of the hypothesis unseen until `time_s`.
+  // `score`: of the hypothesis, unseen over `motion`.
   Prediction Predict(const Hypothesis& from, double score, const Motion& motion) const;
 
   Gain GainOf(const Prediction& p, const Plot& plot) const;

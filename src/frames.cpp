@@ -18,6 +18,9 @@ namespace {
 
 constexpr TimeNs kSingleFramePeriodNs = 100'000'000;
 constexpr TimeNs kMaxPeriodNs = 3'600'000'000'000;
+// The slowest LiDARs take a second for a frame. Where stamps lie farther apart, frames were left
+// out or the stamps are no times: the sensor did not measure all the while.
+constexpr TimeNs kMaxFrameNs = 1'000'000'000;
 constexpr TimeNs kMinTimeToleranceNs = 1'000'000'000;
 constexpr TimeNs kTimeTolerancePeriods = 10;
 
@@ -119,12 +122,13 @@ void SetTimes(TimeReading reading, TimeNs period_ns, StampMeaning meaning, Loade
   const TimeNs stamp_ns = frame.file.stamp_ns;
   FrameInfo& info = frame.info;
   info.stamp_ns = stamp_ns;
+  const TimeNs length_ns = std::min(period_ns, kMaxFrameNs);
   info.begin_ns = stamp_ns;
-  if (meaning == StampMeaning::kMiddle) info.begin_ns = stamp_ns - period_ns / 2;
-  if (meaning == StampMeaning::kEnd) info.begin_ns = stamp_ns - period_ns;
-  info.end_ns = info.begin_ns + period_ns;
+  if (meaning == StampMeaning::kMiddle) info.begin_ns = stamp_ns - length_ns / 2;
+  if (meaning == StampMeaning::kEnd) info.begin_ns = stamp_ns - length_ns;
+  info.end_ns = info.begin_ns + length_ns;
   if (frame.cloud.time_kind == PcdTimeKind::kNone) {
-    frame.times_ns.assign(frame.points_m.size(), info.begin_ns + period_ns / 2);
+    frame.times_ns.assign(frame.points_m.size(), info.begin_ns + length_ns / 2);
     return;
   }
 

@@ -44,9 +44,10 @@ struct FrameSource {
 // (NsPerUnitByMagnitude). Each return votes for the reading that brings it nearest to its frame's
 // stamp. A return farther from the stamp than the larger of 1 s and 10 frame periods is an error.
 //
-// The interval of a frame spans its point times; without them it is one frame period long, lies
-// about the stamp as config.stamp says, and all its returns have the time of its middle. The frame
-// period is the median difference of a sensor's stamps, at most 1 h, 0.1 s for a single frame.
+// The interval of a frame spans its point times; without them it is one frame period long, but at
+// most 1 s, lies about the stamp as config.stamp says, and all its returns have the time of its
+// middle. The frame period is the median difference of a sensor's stamps, at most 1 h, 0.1 s for a
+// single frame.
 //
 // Rows are dropped and counted where they are not finite, (0, 0, 0), or by their range from the
 // sensor; then the pose of the sensor is applied in double. A frame without returns is data.

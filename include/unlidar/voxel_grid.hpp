@@ -13,17 +13,36 @@ namespace unlidar {
 using VoxelKey = std::uint64_t;
 using VoxelSet = std::vector<VoxelKey>;  // ascending, each voxel once
 
-// The voxel of a point: 21 bits an axis of floor(coordinate / size). Points further out than 2^20
-// voxels (210 km for voxels of 0.2 m) fall into the outermost ones.
-inline VoxelKey VoxelOf(const Eigen::Vector3f& point_m, double voxel_size_m) {
-  constexpr double kHalfRange = 1 << 20;
+// Number of a voxel along each axis.
+struct Voxel {
+  std::int64_t x = 0;
+  std::int64_t y = 0;
+  std::int64_t z = 0;
+};
+
+// The voxel of a point: floor(coordinate / size) along each axis. Points further out than nearly
+// 2^20 voxels (210 km for voxels of 0.2 m) fall into the outermost ones but one: each has
+// neighbours.
+inline Voxel VoxelAt(const Eigen::Vector3f& point_m, double voxel_size_m) {
+  constexpr double kOutermost = (1 << 20) - 2;
+  const auto number = [&](float coordinate_m) {
+    const double voxel = std::floor(static_cast<double>(coordinate_m) / voxel_size_m);
+    return static_cast<std::int64_t>(std::clamp(voxel, -kOutermost, kOutermost));
+  };
+  return {number(point_m.x()), number(point_m.y()), number(point_m.z())};
+}
+
+// 21 bits an axis.
+inline VoxelKey KeyOf(const Voxel& voxel) {
   VoxelKey key = 0;
-  for (Eigen::Index axis = 0; axis < 3; ++axis) {
-    const double cell = std::floor(static_cast<double>(point_m[axis]) / voxel_size_m);
-    const double shifted = std::clamp(cell + kHalfRange, 0.0, 2.0 * kHalfRange - 1.0);
-    key = (key << 21U) | static_cast<VoxelKey>(shifted);
+  for (const std::int64_t number : {voxel.x, voxel.y, voxel.z}) {
+    key = (key << 21U) | static_cast<VoxelKey>(number + (1 << 20));
   }
   return key;
+}
+
+inline VoxelKey VoxelOf(const Eigen::Vector3f& point_m, double voxel_size_m) {
+  return KeyOf(VoxelAt(point_m, voxel_size_m));
 }
 
 inline VoxelSet UniqueVoxels(std::vector<VoxelKey> keys) {

@@ -48,8 +48,8 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
 std::vector<char> AreStanding(const std::vector<Plot>& plots, const RangeRadius& place) {
   constexpr double kWider = 3.0;
   constexpr std::uint32_t kMinPlots = 3;
-  RangeGrid places(place, 1);
-  RangeGrid regions({kWider * place.constant_m, kWider * place.slope}, 1);
+  RangeGrid places(place);
+  RangeGrid regions({kWider * place.constant_m, kWider * place.slope});
   for (const Plot& plot : plots) {
     places.Add(plot.position_m.cast<float>(), 0);
     regions.Add(plot.position_m.cast<float>(), 0);
@@ -57,12 +57,10 @@ std::vector<char> AreStanding(const std::vector<Plot>& plots, const RangeRadius&
   std::vector<char> are_standing;
   for (const Plot& plot : plots) {
     const Eigen::Vector3f place_m = plot.position_m.cast<float>();
-    std::vector<std::uint32_t> here(1, 0);
-    std::vector<std::uint32_t> about(1, 0);
-    places.Collect(place_m, &here);
-    regions.Collect(place_m, &about);
-    const double chance = about[0] * places.VolumeM3(place_m) / regions.VolumeM3(place_m);
-    are_standing.push_back(here[0] >= kMinPlots && here[0] > chance + 3.0 * std::sqrt(chance));
+    const std::uint32_t here = places.Count(place_m);
+    const double chance =
+        regions.Count(place_m) * places.VolumeM3(place_m) / regions.VolumeM3(place_m);
+    are_standing.push_back(here >= kMinPlots && here > chance + 3.0 * std::sqrt(chance));
   }
   return are_standing;
 }
@@ -72,7 +70,7 @@ class Company {
  public:
   Company(const std::vector<Plot>& plots, const std::vector<char>& are_standing,
           const SupportConfig& config)
-      : tallies_({config.body_m, 0.01}, kNumTallies) {
+      : tallies_({config.body_m, 0.01}) {
     constexpr TimeNs kSameTimeNs = 300'000'000;
     for (std::size_t i = 0, first = 0; i < plots.size(); ++i) {
       const Plot& plot = plots[i];
@@ -88,28 +86,29 @@ class Company {
         if (distance_m >= kSurroundings * reach_m) continue;
         ++tally[distance_m <= config.body_m ? kSelf : distance_m < reach_m ? kBeside : kAbout];
       }
-      for (std::size_t t = 0; t < kNumTallies; ++t) {
-        tallies_.Add(plot.position_m.cast<float>(), t, tally[t]);
+      for (std::uint32_t t = 0; t < kNumTallies; ++t) {
+        if (tally[t] > 0) tallies_.Add(plot.position_m.cast<float>(), t, tally[t]);
       }
     }
   }
 
   // Whether there is more beside a floating plot than by chance.
   bool Holds(const Plot& plot) const {
-    std::vector<std::uint32_t> sums(kNumTallies, 0);
-    tallies_.Collect(plot.position_m.cast<float>(), &sums);
+    const auto sum_of = [&](Tally tally) {
+      return tallies_.Count(plot.position_m.cast<float>(), {tally, tally + 1U});
+    };
     // A plot beside it was counted for every plot of its own that is near in time.
-    const double times = static_cast<double>(sums[kSelf]) / sums[kPlots];
+    const double times = static_cast<double>(sum_of(kSelf)) / sum_of(kPlots);
     const double chance =
-        sums[kAbout] / times / (kSurroundings * kSurroundings * kSurroundings - 1.0);
-    return sums[kBeside] / times > chance + 2.0 * std::sqrt(chance);
+        sum_of(kAbout) / times / (kSurroundings * kSurroundings * kSurroundings - 1.0);
+    return sum_of(kBeside) / times > chance + 2.0 * std::sqrt(chance);
   }
 
  private:
   static constexpr double kSurroundings = 5.0;  // times the reach
-  enum Tally : std::size_t { kSelf, kBeside, kAbout, kPlots, kNumTallies };
+  enum Tally : std::uint32_t { kSelf, kBeside, kAbout, kPlots, kNumTallies };
 
-  RangeGrid tallies_;
+  RangeGrid tallies_;  // in the place of time bins: kinds of tallies
 };
 
 }  // namespace

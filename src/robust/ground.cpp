@@ -7,20 +7,20 @@
 namespace unlidar {
 namespace {
 
-double Quantile(std::vector<double>* values, double share) {
+template <class Number>
+double Quantile(std::vector<Number>* values, double share) {
   const auto k = static_cast<std::ptrdiff_t>(share * static_cast<double>(values->size() - 1));
   std::nth_element(values->begin(), values->begin() + k, values->end());
-  return (*values)[static_cast<std::size_t>(k)];
+  return static_cast<double>((*values)[static_cast<std::size_t>(k)]);
 }
 
 }  // namespace
 
 Ground::Ground(const std::vector<Eigen::Vector3f>& points_m, const GroundConfig& config)
     : config_(config) {
-  std::map<std::pair<int, int>, std::vector<double>> heights;
+  std::map<std::pair<int, int>, std::vector<float>> heights;
   for (const Eigen::Vector3f& p : points_m) {
-    heights[CellOf(static_cast<double>(p.x()), static_cast<double>(p.y()))].push_back(
-        static_cast<double>(p.z()));
+    heights[CellOf(static_cast<double>(p.x()), static_cast<double>(p.y()))].push_back(p.z());
   }
   std::vector<double> lowest;
   for (auto& [cell, z] : heights) {

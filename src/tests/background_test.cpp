@@ -26,6 +26,83 @@ void AddWall(RecordingMaker* maker) {
   maker->AddBox({20.0, -3.0, -1.0}, {20.05, 3.0, 3.0}, 120, kWall);
 }
 
+// Which returns are structure, from the definition: over all bins of the time line, one by one, and
+// all returns for each return.
+std::vector<std::uint32_t> StructureByDefinition(const Recording& recording,
+                                                 const BackgroundConfig& config) {
+  const auto bin_ns = static_cast<TimeNs>(config.bin_s * 1e9);
+  TimeNs begin_ns = recording.frames.front().begin_ns;
+  for (const FrameInfo& f : recording.frames) begin_ns = std::min(begin_ns, f.begin_ns);
+  const auto bin_of = [&](TimeNs time_ns) {
+    return static_cast<std::size_t>((time_ns - begin_ns) / bin_ns);
+  };
+  std::vector<char> is_watched;
+  for (const FrameInfo& f : recording.frames) {
+    is_watched.resize(std::max(is_watched.size(), bin_of(f.end_ns) + 1), 0);
+    for (std::size_t b = bin_of(f.begin_ns); b <= bin_of(f.end_ns); ++b) is_watched[b] = 1;
+  }
+  const std::size_t n = is_watched.size();
+  const double all_watched =
+      static_cast<double>(std::count(is_watched.begin(), is_watched.end(), 1));
+  const auto max_break = static_cast<std::size_t>(config.max_break_s / config.bin_s);
+  const auto is_one_place = [&](const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
+    const double radius_m = testing::SteppedRadiusM(config.place, a);
+    const auto voxel = [&](const Eigen::Vector3f& p) {
+      return (p.cast<double>() / (radius_m * 2.0 / 3.0)).array().floor().eval();
+    };
+    return radius_m == testing::SteppedRadiusM(config.place, b) && (voxel(a) == voxel(b)).all();
+  };
+  const auto direction = [&](const Eigen::Vector3f& p) {
+    const double degrees = 180.0 / M_PI;
+    const double azimuth_deg = degrees * static_cast<double>(std::atan2(p.y(), p.x())) + 180.0;
+    const double elevation_deg =
+        degrees * static_cast<double>(std::atan2(p.z(), std::hypot(p.x(), p.y()))) + 90.0;
+    return std::make_pair(std::floor(azimuth_deg / config.occluder_cell_deg),
+                          std::floor(elevation_deg / config.occluder_cell_deg));
+  };
+  const std::vector<Eigen::Vector3f>& points_m = recording.points_m;
+  std::vector<std::uint32_t> structure;
+  for (std::uint32_t i = 0; i < points_m.size(); ++i) {
+    // A place is judged where its first return was.
+    std::size_t first = 0;
+    while (!is_one_place(points_m[first], points_m[i])) ++first;
+    const Eigen::Vector3f& place_m = points_m[first];
+    std::vector<char> is_occupied(n, 0);
+    std::vector<std::vector<double>> ranges_m(n);
+    for (std::size_t k = 0; k < points_m.size(); ++k) {
+      const std::size_t b = bin_of(recording.times_ns[k]);
+      if (IsNeighbour(config.place, place_m, points_m[k])) is_occupied[b] = 1;
+      if (direction(place_m) == direction(points_m[k])) {
+        ranges_m[b].push_back(0.05 * std::floor(static_cast<double>(points_m[k].norm()) / 0.05));
+      }
+    }
+    std::vector<char> is_behind(n, 0);
+    for (std::size_t b = 0; b < n; ++b) {
+      if (ranges_m[b].empty()) continue;
+      std::sort(ranges_m[b].begin(), ranges_m[b].end());
+      is_behind[b] = ranges_m[b][ranges_m[b].size() / 2] <
+                     static_cast<double>(place_m.norm()) - config.occluder_margin_m;
+    }
+    const std::size_t here = bin_of(recording.times_ns[i]);
+    std::size_t from = here;
+    for (std::size_t b = here; b-- > 0 && from - b <= max_break + 1;)
+      from = is_occupied[b] ? b : from;
+    std::size_t to = here;
+    for (std::size_t b = here; ++b < n && b - to <= max_break + 1;) to = is_occupied[b] ? b : to;
+    double exposed = 0.0;
+    double occupied = 0.0;
+    for (std::size_t b = 0; b < n; ++b) {
+      if (!is_watched[b] || (b >= from && b <= to)) continue;
+      if (is_occupied[b] || !is_behind[b] || is_behind[here]) exposed += 1.0;
+      if (is_occupied[b]) occupied += 1.0;
+    }
+    if (exposed < config.min_exposure * all_watched || occupied > config.max_occupancy * exposed) {
+      structure.push_back(i);
+    }
+  }
+  return structure;
+}
+
 // A recording of so many frames, filled by `fill(i)` once the frame has begun.
 RecordingMaker MakeFrames(int num_frames, const std::function<void(int, RecordingMaker*)>& fill) {
   RecordingMaker maker(1);
@@ -140,6 +217,66 @@ TEST(Background, EveryReturnIsEitherStructureOrUnexplained) {
   EXPECT_EQ(background.structure(), expected);
 }
 
+TEST(Background, TellsStructureByItsDefinition) {
+  for (std::uint32_t seed = 0; seed < 6; ++seed) {
+    RecordingMaker maker(seed, 2);
+    testing::Random& random = maker.random;
+    // Things that are there for random stretches of time, some behind others, and strays.
+    std::vector<Eigen::Vector3d> things_m;
+    std::vector<double> shares;
+    for (int k = 0; k < 12; ++k) {
+      things_m.push_back(random.InBox({6.0, -3.0, -1.0}, {24.0, 3.0, 3.0}));
+      shares.push_back(random.Uniform(0.0, 1.0));
+    }
+    double time_s = 0.0;
+    for (int i = 0; i < 50; ++i) {
+      maker.BeginFrame(time_s, random.Index(2));
+      time_s += seed < 2 || i % 7 != 0 ? kPeriodS : random.Uniform(0.1, 6.0);
+      const bool has_bus = i % 16 < 6;
+      if (has_bus) maker.AddBox({5.0, -2.0, -1.0}, {5.1, 1.0, 1.5}, 30, kOccluder);
+      for (std::size_t k = 0; k < things_m.size(); ++k) {
+        const bool is_there = std::fmod(i / 11.0 + shares[k] * 3.0, 1.0) < shares[k];
+        if (is_there) maker.AddBlob(things_m[k], 0.15, 1, kWall);
+      }
+      maker.AddBox({2, -10, -2}, {30, 10, 10}, 4);
+    }
+    const BackgroundConfig config;
+    const std::vector<std::uint32_t> expected = StructureByDefinition(maker.recording, config);
+    const Background background(maker.recording, config);
+    EXPECT_EQ(background.structure(), expected) << seed;
+    EXPECT_GT(background.structure().size(), 100U);
+    EXPECT_GT(background.unexplained().size(), 100U);
+  }
+}
+
+TEST(Background, PausesTakeNoBins) {
+  for (const double pause_s : {2.0, 3600.0, 1e7}) {
+    RecordingMaker maker(7);
+    for (int i = 0; i < 20; ++i) {
+      maker.BeginFrame(i * pause_s);
+      maker.AddBox({5, -10, 0}, {25, 10, 10}, 20);
+    }
+    const Background background(maker.recording, BackgroundConfig());
+    EXPECT_EQ(background.num_bins(), 20U) << pause_s;
+    for (std::uint32_t bin = 0; bin < 20; ++bin) {
+      const BinRange around = background.BinsAround(bin, 2);
+      EXPECT_EQ(around.first, bin);
+      EXPECT_EQ(around.last, bin + 1);
+    }
+  }
+}
+
+TEST(Background, BinsAroundABinAreThoseThatAreNearInTime) {
+  const RecordingMaker maker = MakeFrames(100, [](int, RecordingMaker*) {});
+  const Background background(maker.recording, BackgroundConfig());
+  const std::uint32_t n = background.num_bins();
+  for (std::uint32_t bin = 0; bin < n; ++bin) {
+    const BinRange around = background.BinsAround(bin, 2);
+    EXPECT_EQ(around.first, bin < 2 ? 0 : bin - 2);
+    EXPECT_EQ(around.last, std::min(bin + 3, n));
+  }
+}
+
 TEST(Background, CountsEveryFrameInOneBinOfItsSensor) {
   RecordingMaker maker(1, 2);
   for (int i = 0; i < 57; ++i) {
@@ -148,23 +285,23 @@ TEST(Background, CountsEveryFrameInOneBinOfItsSensor) {
   }
   const BackgroundConfig config;
   const Background background(maker.recording, config);
-  ASSERT_EQ(background.frames_in_bin().size(), 2U);
-  double frames = 0.0;
+  ASSERT_EQ(background.num_sensors(), 2U);
+  std::uint32_t frames = 0;
   for (std::size_t sensor = 0; sensor < 2; ++sensor) {
-    ASSERT_EQ(background.frames_in_bin()[sensor].size(), background.num_bins());
-    for (std::size_t b = 0; b < background.num_bins(); ++b) {
-      double in_bin = 0.0;
+    for (std::uint32_t b = 0; b < background.num_bins(); ++b) {
+      std::uint32_t in_bin = 0;
       for (const FrameInfo& frame : maker.recording.frames) {
-        if (frame.sensor == sensor && background.BinOf(frame.begin_ns) == b) in_bin += 1.0;
+        if (frame.sensor == sensor && background.BinOf(frame.begin_ns) == b) ++in_bin;
       }
-      EXPECT_EQ(background.frames_in_bin()[sensor][b], in_bin);
+      EXPECT_EQ(background.NumFrames(sensor, {b, b + 1}), in_bin);
       frames += in_bin;
     }
+    EXPECT_EQ(background.NumFrames(sensor, {0, background.num_bins()}), sensor == 0 ? 38U : 19U);
   }
-  EXPECT_EQ(frames, 57.0);
+  EXPECT_EQ(frames, 57U);
   for (const TimeNs time_ns : maker.recording.times_ns) {
     EXPECT_EQ(background.BinOf(time_ns),
-              static_cast<std::size_t>(testing::SecondsSinceBegin(time_ns) / config.bin_s));
+              static_cast<std::uint32_t>(testing::SecondsSinceBegin(time_ns) / config.bin_s));
   }
 }
 
@@ -227,9 +364,7 @@ TEST(Background, APauseOfTheRecordingIsNoTimeInWhichAPlaceWasEmpty) {
     EXPECT_LT(background.num_bins(), 40U) << pause_s;
     EXPECT_EQ(NumUnexplained(maker, background, kWall), 0U) << pause_s;
     EXPECT_EQ(NumUnexplained(maker, background, kTarget), NumOf(maker, kTarget)) << pause_s;
-    double frames = 0.0;
-    for (const double in_bin : background.frames_in_bin().front()) frames += in_bin;
-    EXPECT_EQ(frames, 120.0);
+    EXPECT_EQ(background.NumFrames(0, {0, background.num_bins()}), 120U);
   }
 }
 

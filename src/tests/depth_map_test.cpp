@@ -29,8 +29,14 @@ Eigen::Vector3f Towards(double azimuth_rad, double elevation_rad, double range_m
       .cast<float>();
 }
 
-DepthMap MapOf(const std::vector<Eigen::Vector3f>& points_m) {
-  return {points_m, std::vector<std::uint32_t>(points_m.size(), 0), 1, 2.0};
+DepthMap MapOf(const std::vector<Eigen::Vector3f>& points_m) { return {points_m, {}, 1, 2.0}; }
+
+// Infinite where nothing was seen.
+float MedianM(const DepthMap& map, const Eigen::Vector3f& towards_m, std::uint32_t bin) {
+  for (const DepthMap::Depth& depth : map.DepthsAt(towards_m)) {
+    if (depth.bin == bin) return depth.median_m;
+  }
+  return kNothing_m;
 }
 
 // A wall 10 m ahead, hit so densely that no direction goes through it.
@@ -80,15 +86,15 @@ TEST(DepthMap, KnowsTheMedianRangeOfEveryCellAndBin) {
   int num_empty = 0;
   for (int i = 0; i < 4000; ++i) {
     const Eigen::Vector3f place_m = random.NormalVector(20.0).cast<float>();
-    const std::size_t bin = random.Index(kBins);
+    const std::uint32_t bin = random.Index(kBins);
     std::vector<double>& in_cell_m = ranges_m[cell_of(place_m, bin)];
     if (in_cell_m.empty()) {
-      EXPECT_EQ(map.MediansM(place_m)[bin], kNothing_m);
+      EXPECT_EQ(MedianM(map, place_m, bin), kNothing_m);
       ++num_empty;
       continue;
     }
     std::sort(in_cell_m.begin(), in_cell_m.end());
-    EXPECT_NEAR(static_cast<double>(map.MediansM(place_m)[bin]), in_cell_m[in_cell_m.size() / 2],
+    EXPECT_NEAR(static_cast<double>(MedianM(map, place_m, bin)), in_cell_m[in_cell_m.size() / 2],
                 0.06);
   }
   EXPECT_GT(num_empty, 10);
@@ -97,7 +103,7 @@ TEST(DepthMap, KnowsTheMedianRangeOfEveryCellAndBin) {
 
 TEST(DepthMap, WithoutReturnsIsInfiniteAndHidesNothing) {
   const DepthMap map = MapOf({});
-  EXPECT_EQ(map.MediansM({1.0F, 2.0F, 3.0F})[0], kNothing_m);
+  EXPECT_EQ(MedianM(map, {1.0F, 2.0F, 3.0F}, 0), kNothing_m);
   EXPECT_EQ(map.HiddenShare({10.0F, 2.0F, 3.0F}, 5.0, kMargin_m), 0.0);
 }
 
@@ -153,6 +159,18 @@ TEST(DepthMap, WithinASphereAllIsHiddenWhateverTheDirection) {
           << azimuth_deg << ' ' << elevation_deg;
     }
   }
+}
+
+TEST(DepthMap, HoldsTheBinsInWhichSomethingWasSeenOnlyHoweverManyThereAre) {
+  constexpr std::uint32_t kLast = 4'000'000'000U;
+  const Eigen::Vector3f ahead_m(10.0F, 0.1F, 0.1F);
+  const DepthMap map({ahead_m, 2.0F * ahead_m, 3.0F * ahead_m}, {kLast, 5, kLast}, kLast + 1ULL,
+                     2.0);
+  std::vector<std::uint32_t> bins;
+  for (const DepthMap::Depth& depth : map.DepthsAt(ahead_m)) bins.push_back(depth.bin);
+  EXPECT_EQ(bins, (std::vector<std::uint32_t>{5, kLast}));
+  EXPECT_NEAR(static_cast<double>(MedianM(map, ahead_m, kLast)), 30.0, 0.06);
+  EXPECT_NEAR(map.HiddenShare(4.0F * ahead_m, 0.1, kMargin_m), 2.0 / 4e9, 1e-15);
 }
 
 TEST(DepthMap, TheShareIsThatOfAllBins) {

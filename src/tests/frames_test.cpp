@@ -216,6 +216,28 @@ TEST(FrameIntervals, OfASingleFrameAreATenthOfASecond) {
   EXPECT_EQ(Read(folder).sensors[0].frame_period_ns, 100 * kMs);
 }
 
+TEST(FrameIntervals, AreAtMostASecondHoweverFarApartTheStampsAre) {
+  for (const int period_s : {2, 60, 3600, 100'000}) {
+    const TemporaryFolder folder;
+    for (int i = 1; i <= 3; ++i) folder.Write(std::to_string(i * period_s) + ".0.pcd", OnePoint());
+    const std::pair<StampMeaning, TimeNs> cases[] = {{StampMeaning::kBegin, 0},
+                                                     {StampMeaning::kMiddle, -500 * kMs},
+                                                     {StampMeaning::kEnd, -1000 * kMs}};
+    for (const auto& [meaning, begin_ns] : cases) {
+      InputConfig config;
+      config.stamp = meaning;
+      const Recording recording = Read(folder, config);
+      EXPECT_EQ(recording.sensors[0].frame_period_ns, std::min(period_s, 3600) * kSecond);
+      for (std::size_t i = 0; i < 3; ++i) {
+        const FrameInfo& frame = recording.frames[i];
+        EXPECT_EQ(frame.begin_ns, frame.stamp_ns + begin_ns);
+        EXPECT_EQ(frame.end_ns, frame.begin_ns + kSecond);
+        EXPECT_EQ(recording.times_ns[i], frame.begin_ns + kSecond / 2);
+      }
+    }
+  }
+}
+
 TEST(FrameIntervals, StampsAtBothEndsOfTimeDoNotOverflow) {
   const TemporaryFolder folder;
   folder.Write("-4000000000.0.pcd", OnePoint());
@@ -226,7 +248,7 @@ TEST(FrameIntervals, StampsAtBothEndsOfTimeDoNotOverflow) {
   sensor.time_offset_s = 3.9e9;
   const Recording recording = Read(folder, config, sensor);
   EXPECT_EQ(recording.frames[0].end_ns, -100'000'000 * kSecond);
-  EXPECT_EQ(recording.frames[0].begin_ns, recording.frames[0].end_ns - 3600 * kSecond);
+  EXPECT_EQ(recording.frames[0].begin_ns, recording.frames[0].end_ns - kSecond);
   EXPECT_EQ(recording.frames[1].end_ns, 7'900'000'000 * kSecond);
   folder.Write("4000000000.1.pcd", OnePoint());
   EXPECT_NE(InputMessage(folder).find("4000000000.1"), std::string::npos);

@@ -14,7 +14,16 @@ namespace {
 using testing::IsNeighbour;
 using testing::Random;
 
-constexpr std::size_t kBins = 3;
+constexpr std::uint32_t kBins = 3;
+
+// Counts per bin at a place.
+std::vector<std::uint32_t> ProfileAt(const RangeGrid& grid, const Eigen::Vector3f& place_m) {
+  std::vector<std::uint32_t> profile;
+  for (std::uint32_t bin = 0; bin < kBins; ++bin) {
+    profile.push_back(grid.Count(place_m, {bin, bin + 1}));
+  }
+  return profile;
+}
 
 // Points at all ranges up to `reach_m`, as dense near as far.
 std::vector<Eigen::Vector3f> Cloud(Random* random, int count, double reach_m) {
@@ -43,17 +52,15 @@ void ExpectCountsOfTheBlocks(const RangeRadius& radius, double reach_m) {
   std::vector<Eigen::Vector3f> points_m = NeighboursOf(places_m, radius, &random);
   const std::vector<Eigen::Vector3f> others_m = Cloud(&random, 1500, 1.5 * reach_m);
   points_m.insert(points_m.end(), others_m.begin(), others_m.end());
-  RangeGrid grid(radius, kBins);
-  for (std::size_t i = 0; i < points_m.size(); ++i) grid.Add(points_m[i], i % kBins);
+  RangeGrid grid(radius);
+  for (std::uint32_t i = 0; i < points_m.size(); ++i) grid.Add(points_m[i], i % kBins);
   std::uint32_t total = 0;
   for (const Eigen::Vector3f& place_m : places_m) {
-    std::vector<std::uint32_t> profile(kBins, 0);
-    grid.Collect(place_m, &profile);
     std::vector<std::uint32_t> expected(kBins, 0);
     for (std::size_t i = 0; i < points_m.size(); ++i) {
       if (IsNeighbour(radius, place_m, points_m[i])) ++expected[i % kBins];
     }
-    ASSERT_EQ(profile, expected) << "at " << place_m.transpose();
+    ASSERT_EQ(ProfileAt(grid, place_m), expected) << "at " << place_m.transpose();
     for (const std::uint32_t count : expected) total += count;
   }
   EXPECT_GT(total, 100U);  // it was about something
@@ -82,11 +89,9 @@ TEST(RangeGrid, CountsWhatIsNearAndNothingThatIsFar) {
     const double radius_m = radius.At(static_cast<double>(place_m.norm()));
     const Eigen::Vector3f direction = random.NormalVector(1.0).normalized().cast<float>();
     const auto counts_at = [&](double distance_m) {
-      RangeGrid grid(radius, 1);
+      RangeGrid grid(radius);
       grid.Add(place_m + static_cast<float>(distance_m) * direction, 0);
-      std::vector<std::uint32_t> profile(1, 0);
-      grid.Collect(place_m, &profile);
-      return profile[0];
+      return grid.Count(place_m);
     };
     EXPECT_EQ(counts_at(0.999 * surely_in * radius_m), 1U) << place_m.transpose();
     EXPECT_EQ(counts_at(1.001 * surely_out * radius_m), 0U) << place_m.transpose();
@@ -96,37 +101,35 @@ TEST(RangeGrid, CountsWhatIsNearAndNothingThatIsFar) {
 TEST(RangeGrid, TakesNoFarPointForANearOne) {
   const RangeRadius radius{0.35, 0.012};
   Random random(3);
-  RangeGrid grid(radius, 1);
+  RangeGrid grid(radius);
   for (const double range_m : {2e3, 2e4, 1e5, 1e6}) {
     for (int i = 0; i < 2000; ++i) {
       const Eigen::Vector3d direction = random.NormalVector(1.0).normalized();
       grid.Add((range_m * direction).cast<float>(), 0);
     }
   }
-  std::vector<std::uint32_t> profile(1, 0);
   for (const Eigen::Vector3f& place_m : Cloud(&random, 20'000, 1000.0)) {
-    grid.Collect(place_m, &profile);
+    ASSERT_EQ(grid.Count(place_m), 0U) << place_m.transpose();
   }
-  EXPECT_EQ(profile[0], 0U);
 }
 
-TEST(RangeGrid, PlacesWithOneKeyHaveOneNeighbourhood) {
+TEST(RangeGrid, PointsOfOnePlaceHaveOneNeighbourhood) {
   const RangeRadius radius{0.35, 0.012};
   Random random(4);
-  RangeGrid grid(radius, 1);
-  std::vector<Eigen::Vector3f> places_m;
+  RangeGrid grid(radius);
+  std::vector<Eigen::Vector3f> points_m;
+  std::vector<std::uint32_t> places;
   for (int i = 0; i < 3000; ++i) {
-    places_m.emplace_back(random.InBox({55, -2, -2}, {61, 2, 2}).cast<float>());
-    grid.Add(places_m.back(), 0);
+    points_m.emplace_back(random.InBox({55, -2, -2}, {61, 2, 2}).cast<float>());
+    places.push_back(grid.Add(points_m.back(), 0));
   }
-  std::map<std::uint64_t, std::pair<std::uint32_t, double>> of_key;
-  for (const Eigen::Vector3f& place_m : places_m) {
-    std::vector<std::uint32_t> profile(1, 0);
-    grid.Collect(place_m, &profile);
-    const auto found = std::make_pair(profile[0], grid.VolumeM3(place_m));
-    EXPECT_EQ(of_key.try_emplace(grid.Key(place_m), found).first->second, found);
+  std::map<std::uint32_t, std::pair<std::uint32_t, double>> of_place;
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    ASSERT_LT(places[i], grid.num_places());
+    const auto found = std::make_pair(grid.Count(points_m[i]), grid.VolumeM3(points_m[i]));
+    EXPECT_EQ(of_place.try_emplace(places[i], found).first->second, found);
   }
-  EXPECT_LT(of_key.size(), 1500U);
+  EXPECT_LT(of_place.size(), 1500U);
 }
 
 TEST(RangeGrid, VolumeIsThatOfTheCountedBlock) {
@@ -136,37 +139,56 @@ TEST(RangeGrid, VolumeIsThatOfTheCountedBlock) {
     const Eigen::Vector3f place_m(static_cast<float>(range_m), 0.1F, 0.2F);
     const double half_m = 4.0 * radius.At(range_m);
     const Eigen::Vector3d half(half_m, half_m, half_m);
-    RangeGrid grid(radius, 1);
+    RangeGrid grid(radius);
     constexpr int kPoints = 200'000;
     for (int i = 0; i < kPoints; ++i) {
       grid.Add(place_m + random.InBox(-half, half).cast<float>(), 0);
     }
-    std::vector<std::uint32_t> profile(1, 0);
-    grid.Collect(place_m, &profile);
     const double expected = kPoints * grid.VolumeM3(place_m) / std::pow(2.0 * half_m, 3);
-    EXPECT_NEAR(profile[0], expected, 4.0 * std::sqrt(expected)) << range_m;
+    EXPECT_NEAR(grid.Count(place_m), expected, 4.0 * std::sqrt(expected)) << range_m;
   }
 }
 
 TEST(RangeGrid, CountsHoweverFarAwayAPlaceIs) {
   for (const float at_m : {1e5F, 9e5F, 1e6F, 2e6F}) {
-    RangeGrid grid({0.35, 0.012}, kBins);
+    RangeGrid grid({0.35, 0.012});
     const Eigen::Vector3f place_m(at_m, -at_m, at_m);
-    for (const std::size_t bin : {1U, 2U, 1U, 0U, 2U, 1U}) grid.Add(place_m, bin);
-    std::vector<std::uint32_t> profile(kBins, 0);
-    grid.Collect(place_m, &profile);
-    EXPECT_EQ(profile, (std::vector<std::uint32_t>{1, 3, 2})) << at_m;
+    for (const std::uint32_t bin : {1U, 2U, 1U, 0U, 2U, 1U}) grid.Add(place_m, bin);
+    EXPECT_EQ(ProfileAt(grid, place_m), (std::vector<std::uint32_t>{1, 3, 2})) << at_m;
   }
 }
 
-TEST(RangeGrid, AddsCountsToWhatTheProfileHolds) {
-  RangeGrid grid({0.35, 0.012}, kBins);
+TEST(RangeGrid, HoldsTheBinsOfThePointsOnlyHoweverManyThereAre) {
+  constexpr std::uint32_t kLast = 4'000'000'000U;
+  RangeGrid grid({0.35, 0.012});
   const Eigen::Vector3f place_m(10.0F, 5.0F, 2.0F);
-  grid.Add(place_m, 1, 7);
-  grid.Add(place_m, 2);
-  std::vector<std::uint32_t> profile = {1, 1, 1};
-  grid.Collect(place_m, &profile);
-  EXPECT_EQ(profile, (std::vector<std::uint32_t>{1, 8, 2}));
+  grid.Add(place_m, kLast, 7);
+  grid.Add(place_m, 1);
+  EXPECT_EQ(grid.Count(place_m), 8U);
+  EXPECT_EQ(grid.Count(place_m, {0, kLast}), 1U);
+  EXPECT_EQ(grid.Count(place_m, {kLast, kLast + 1}), 7U);
+  EXPECT_EQ(grid.Count(place_m, {2, kLast}), 0U);
+}
+
+TEST(RangeGrid, TheBinsOfAPlaceAreThoseInWhichItHasPoints) {
+  constexpr std::uint32_t kManyBins = 1000;
+  Random random(6);
+  RangeGrid grid({0.35, 0.012});
+  const auto in_box = [&] { return random.InBox({5, -4, 0}, {13, 4, 4}).cast<float>().eval(); };
+  for (int i = 0; i < 20'000; ++i) grid.Add(in_box(), random.Index(kManyBins));
+  BinSet set(kManyBins);  // the same for all places: it is empty again after each
+  for (int trial = 0; trial < 50; ++trial) {
+    const Eigen::Vector3f place_m = in_box();
+    std::vector<std::uint32_t> expected;
+    for (std::uint32_t bin = 0; bin < kManyBins; ++bin) {
+      if (grid.Count(place_m, {bin, bin + 1}) > 0) expected.push_back(bin);
+    }
+    std::vector<std::uint32_t> bins;
+    grid.InsertBins(place_m, &set);
+    set.MoveTo(&bins);
+    EXPECT_EQ(bins, expected);
+    EXPECT_GT(bins.size(), 1U);
+  }
 }
 
 }  // namespace

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <unordered_map>
 #include <vector>
+
+#include "unlidar/voxel_grid.hpp"
 
 namespace unlidar {
 
@@ -18,53 +20,90 @@ struct RangeRadius {
   double At(double range_m) const { return constant_m + slope * range_m; }
 };
 
+// Time bins [first, last).
+struct BinRange {
+  std::uint32_t first = 0;
+  std::uint32_t last = 0;
+};
+
+// A set of time bins that is filled and emptied again and again: in the time of one word per 64 of
+// the bins between the lowest and the highest in it.
+class BinSet {
+ public:
+  explicit BinSet(std::size_t num_bins) : words_(num_bins / kBits + 1, 0) {}
+
+  void Insert(std::uint32_t bin) {
+    const std::size_t word = bin / kBits;
+    words_[word] |= std::uint64_t{1} << (bin % kBits);
+    if (word < first_) first_ = word;
+    if (word >= last_) last_ = word + 1;
+  }
+
+  // Moves all bins to the end of `bins`, in ascending order.
+  void MoveTo(std::vector<std::uint32_t>* bins);
+
+ private:
+  static constexpr std::size_t kBits = 64;
+
+  std::vector<std::uint64_t> words_;
+  std::size_t first_ = words_.size();  // words [first_, last_) may hold bins
+  std::size_t last_ = 0;
+};
+
 // Counts of points per voxel and time bin. A neighbourhood is the block of 3 x 3 x 3 voxels about a
 // point; voxels have an edge of 2/3 of the radius, so that the block reaches from 2/3 to 4/3 of it.
 // Radii are stepped by sqrt(2) in shells of range. A point near a shell's border is counted in
 // both shells, so that no neighbourhood ends there.
+//
+// What a grid holds, and what a look at it costs, is in proportion to the pairs of a voxel and a
+// bin with points in it, however many bins there are.
 class RangeGrid {
  public:
-  RangeGrid(RangeRadius radius, std::size_t num_bins);
+  explicit RangeGrid(RangeRadius radius);
 
-  void Add(const Eigen::Vector3f& point_m, std::size_t bin, std::uint32_t count = 1);
+  // Returns the place of the point: points of one place have one neighbourhood. Places are numbered
+  // from 0; some numbers are those of no point.
+  std::uint32_t Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::uint32_t count = 1);
 
-  // Points per bin in the neighbourhood of `point_m`, added to `profile` (num_bins).
-  void Collect(const Eigen::Vector3f& point_m, std::vector<std::uint32_t>* profile) const;
+  // Points in the neighbourhood of `point_m`, in all bins or in some.
+  std::uint32_t Count(const Eigen::Vector3f& point_m) const;
+  std::uint32_t Count(const Eigen::Vector3f& point_m, BinRange bins) const;
 
-  // The voxel of a point and its shell: points with one key have one neighbourhood.
-  std::uint64_t Key(const Eigen::Vector3f& point_m) const;
+  // The bins in which the neighbourhood of `point_m` has points.
+  void InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const;
 
   // Volume of the neighbourhood of a point, m^3.
   double VolumeM3(const Eigen::Vector3f& point_m) const;
 
-  std::size_t num_bins() const { return num_bins_; }
+  // Above all numbers of places.
+  std::uint32_t num_places() const { return static_cast<std::uint32_t>(profiles_.size()); }
 
  private:
-  struct Cell {
-    int shell;
-    std::array<std::int64_t, 3> index;
-  };
-
   struct BinCount {
     std::uint32_t bin;
     std::uint32_t count;
   };
 
-  int Shell(double range_m) const;
-  int LastShell() const { return static_cast<int>(edge_m_.size()) - 1; }
-  double BeginM(int shell) const { return begin_m_[static_cast<std::size_t>(shell)]; }
-  double EdgeM(int shell) const { return edge_m_[static_cast<std::size_t>(shell)]; }
-  Cell CellOf(const Eigen::Vector3f& point_m, int shell) const;
-  static std::uint64_t Pack(const Cell& cell);
+  struct Profile {
+    std::uint32_t total = 0;
+    std::vector<BinCount> bins;  // those with points, ascending
+  };
+
+  struct Shell {
+    double begin_m;  // its least range
+    double edge_m;   // of its voxels
+    std::unordered_map<VoxelKey, std::uint32_t> places;
+  };
+
+  std::size_t ShellAt(double range_m) const;
+
+  // Calls visit(profile) for the voxels with points of the neighbourhood.
+  template <class Visit>
+  void VisitBlock(const Eigen::Vector3f& point_m, const Visit& visit) const;
 
   RangeRadius radius_;
-  std::size_t num_bins_;
-  std::vector<double> begin_m_;  // per shell: its least range,
-  std::vector<double> edge_m_;   // and the edge of its voxels
-  std::unordered_map<std::uint64_t, std::uint32_t> slots_;
-  // Per slot: the bins with points, ascending. Most places are hit in a few bins only, however long
-  // the recording.
-  std::vector<std::vector<BinCount>> counts_;
+  std::vector<Shell> shells_;
+  std::vector<Profile> profiles_;  // by place
 };
 
 }  // namespace unlidar

@@ -10,6 +10,7 @@
 #include "unlidar/robust/ground.hpp"
 #include "unlidar/robust/range_grid.hpp"
 #include "unlidar/types.hpp"
+#include "unlidar/voxel_grid.hpp"
 
 namespace unlidar {
 
@@ -47,8 +48,8 @@ class Support {
  private:
   const Ground& ground_;
   SupportConfig config_;
-  DepthMap depth_;                                                         // of structure
-  std::unordered_map<std::uint64_t, std::vector<Eigen::Vector3f>> cells_;  // voxels of structure
+  DepthMap depth_;                                                    // of structure
+  std::unordered_map<VoxelKey, std::vector<Eigen::Vector3f>> cells_;  // voxels of structure
 };
 
 }  // namespace unlidar

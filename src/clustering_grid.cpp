@@ -5,9 +5,9 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <numeric>
 
 #include "clustering_engines.hpp"
+#include "disjoint_sets.hpp"
 
 namespace unlidar {
 namespace {
@@ -188,24 +188,6 @@ void SortOutCorePoints(const Rule& rule, std::uint32_t min_neighbours, Grid& gri
   }
 }
 
-class DisjointSets {
- public:
-  explicit DisjointSets(std::size_t size) : parents_(size) {
-    std::iota(parents_.begin(), parents_.end(), std::size_t{0});
-  }
-  std::size_t Find(std::size_t item) {
-    while (parents_[item] != item) {
-      parents_[item] = parents_[parents_[item]];
-      item = parents_[item];
-    }
-    return item;
-  }
-  void Join(std::size_t a, std::size_t b) { parents_[std::max(a, b)] = std::min(a, b); }
-
- private:
-  std::vector<std::size_t> parents_;
-};
-
 // Boxes around the core points of each cell, and whether anything can be near one.
 class CoreBoxes {
  public:
@@ -250,7 +232,7 @@ DisjointSets JoinCells(const Rule& rule, const Grid& grid) {
         if (!boxes.MayTouch(j, grid.points_m[a])) continue;
         for (std::uint32_t b = cell_j.begin; b < cell_j.core_end; ++b) {
           if (rule.Near(grid.points_m[a], grid.points_m[b])) {
-            sets.Join(root_i, root_j);
+            sets.Join(i, j);
             return;
           }
         }

@@ -4,53 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
+
+#include "linkage.hpp"
 
 namespace unlidar {
 namespace {
-
-// Single linkage of points with a radius that grows with range; labels by lowest index.
-std::vector<std::vector<std::uint32_t>> Link(const Recording& recording,
-                                             const std::vector<std::uint32_t>& returns,
-                                             const RangeRadius& radius) {
-  const std::size_t n = returns.size();
-  std::vector<std::size_t> order(n);
-  std::iota(order.begin(), order.end(), 0);
-  const auto point = [&](std::size_t i) -> const Eigen::Vector3f& {
-    return recording.points_m[returns[i]];
-  };
-  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return point(a).x() < point(b).x() || (point(a).x() == point(b).x() && a < b);
-  });
-  std::vector<std::size_t> parent(n);
-  std::iota(parent.begin(), parent.end(), 0);
-  const auto find = [&](std::size_t i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-  };
-  for (std::size_t a = 0; a < n; ++a) {
-    const std::size_t i = order[a];
-    const float reach = static_cast<float>(radius.At(static_cast<double>(point(i).norm())));
-    for (std::size_t b = a + 1; b < n && point(order[b]).x() - point(i).x() < reach; ++b) {
-      const std::size_t j = order[b];
-      if ((point(i) - point(j)).squaredNorm() >= reach * reach) continue;
-      const std::size_t p = find(i);
-      const std::size_t q = find(j);
-      parent[std::max(p, q)] = std::min(p, q);
-    }
-  }
-  std::vector<std::vector<std::uint32_t>> groups;
-  std::vector<std::size_t> group_of(n, n);
-  for (std::size_t i = 0; i < n; ++i) {
-    const std::size_t root = find(i);
-    if (group_of[root] == n) {
-      group_of[root] = groups.size();
-      groups.emplace_back();
-    }
-    groups[group_of[root]].push_back(returns[i]);
-  }
-  return groups;
-}
 
 Eigen::Vector3d MeanOf(const Recording& recording, const std::vector<std::uint32_t>& returns) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
@@ -163,7 +121,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
     while (next < candidates.size() && candidates[next] < frame.last_return) {
       members.push_back(candidates[next++]);
     }
-    for (const auto& body : Link(recording, members, config.body_link)) {
+    for (const auto& body : Link(recording.points_m, members, config.body_link)) {
       if (!IsBody(recording, body, ground, lowest_elevation_rad, config)) continue;
       for (const std::uint32_t i : body) (*is_body)[i] = 1;
       bodies.push_back(BoxOf(recording, body));
@@ -171,7 +129,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
     members.erase(std::remove_if(members.begin(), members.end(),
                                  [&](std::uint32_t i) { return (*is_body)[i] != 0; }),
                   members.end());
-    for (auto& returns : Link(recording, members, config.link)) {
+    for (auto& returns : Link(recording.points_m, members, config.link)) {
       Plot plot;
       plot.frame = f;
       plot.sensor = frame.sensor;

@@ -12,6 +12,14 @@ DepthMap::DepthMap(const std::vector<Eigen::Vector3f>& points_m,
       rows_(static_cast<std::size_t>(std::ceil(180.0 / cell_deg))),
       column_rad_(2.0 * M_PI / static_cast<double>(columns_)),
       row_rad_(M_PI / static_cast<double>(rows_)) {
+  for (std::size_t row = 0; row < rows_; ++row) {
+    const double at_rad = (static_cast<double>(row) + 0.5) * row_rad_ - M_PI / 2;
+    elevations_.push_back({at_rad, std::cos(at_rad), std::sin(at_rad)});
+  }
+  for (std::size_t column = 0; column < columns_; ++column) {
+    const double at_rad = (static_cast<double>(column) + 0.5) * column_rad_ - M_PI;
+    azimuths_.push_back({at_rad, std::cos(at_rad), std::sin(at_rad)});
+  }
   constexpr double kQuantum_m = 0.05;
   std::vector<std::uint64_t> entries(points_m.size());  // (cell, bin) << 16 | range
   for (std::size_t i = 0; i < entries.size(); ++i) {
@@ -53,14 +61,12 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,
                            }));
   };
   for (std::size_t row = 0; row < rows_; ++row) {
-    const double at_rad = (static_cast<double>(row) + 0.5) * row_rad_ - M_PI / 2;
-    if (std::abs(at_rad - elevation_rad) > radius_rad) continue;
-    const double weight = std::cos(at_rad);  // cells are narrower towards the zenith
-    const double sine = std::sin(at_rad);
+    const Angle& elevation = elevations_[row];
+    if (std::abs(elevation.rad - elevation_rad) > radius_rad) continue;
+    const double weight = elevation.cosine;  // cells are narrower towards the zenith
     for (std::size_t column = 0; column < columns_; ++column) {
-      const double azimuth_rad = (static_cast<double>(column) + 0.5) * column_rad_ - M_PI;
-      const Eigen::Vector3d cell(weight * std::cos(azimuth_rad), weight * std::sin(azimuth_rad),
-                                 sine);
+      const Angle& azimuth = azimuths_[column];
+      const Eigen::Vector3d cell(weight * azimuth.cosine, weight * azimuth.sine, elevation.sine);
       if (cell.dot(towards) < least_cosine) continue;
       add_cell(row * columns_ + column, weight);
     }

@@ -6,6 +6,8 @@
 #include <functional>
 #include <unordered_map>
 
+#include "point_tree.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -72,22 +74,25 @@ class Company {
           const SupportConfig& config)
       : tallies_({config.body_m, 0.01}) {
     constexpr TimeNs kSameTimeNs = 300'000'000;
-    for (std::size_t i = 0, first = 0; i < plots.size(); ++i) {
-      const Plot& plot = plots[i];
-      while (plots[first].time_ns < plot.time_ns - kSameTimeNs) ++first;
+    const std::vector<Standing> all_standing = ByTime(plots, are_standing);
+    auto first = all_standing.begin();
+    for (const Plot& plot : plots) {
+      while (first != all_standing.end() && first->time_ns < plot.time_ns - kSameTimeNs) ++first;
       if (!plot.is_floating) continue;
       const double reach_m = config.ReachM(plot.position_m.norm());
-      std::array<std::uint32_t, kNumTallies> tally{};
-      tally[kPlots] = 1;
-      for (std::size_t k = first;
-           k < plots.size() && plots[k].time_ns <= plot.time_ns + kSameTimeNs; ++k) {
-        if (!are_standing[k]) continue;
-        const double distance_m = (plot.position_m - plots[k].position_m).norm();
-        if (distance_m >= kSurroundings * reach_m) continue;
-        ++tally[distance_m <= config.body_m ? kSelf : distance_m < reach_m ? kBeside : kAbout];
+      const auto tally_at = [&](double distance_m) {
+        if (distance_m >= kSurroundings * reach_m) return kNone;
+        return distance_m <= config.body_m ? kSelf : distance_m < reach_m ? kBeside : kAbout;
+      };
+      Tallies tallies{};
+      tallies[kPlots] = 1;
+      for (auto standing = first;
+           standing != all_standing.end() && standing->time_ns <= plot.time_ns + kSameTimeNs;
+           ++standing) {
+        Count(standing->places_m, 0, plot.position_m, tally_at, &tallies);
       }
-      for (std::uint32_t t = 0; t < kNumTallies; ++t) {
-        if (tally[t] > 0) tallies_.Add(plot.position_m.cast<float>(), t, tally[t]);
+      for (std::uint32_t t = 0; t < kNone; ++t) {
+        if (tallies[t] > 0) tallies_.Add(plot.position_m.cast<float>(), t, tallies[t]);
       }
     }
   }
@@ -106,7 +111,51 @@ class Company {
 
  private:
   static constexpr double kSurroundings = 5.0;  // times the reach
-  enum Tally : std::uint32_t { kSelf, kBeside, kAbout, kPlots, kNumTallies };
+  // The first three, and none, in order of distance.
+  enum Tally : std::uint32_t { kSelf, kBeside, kAbout, kPlots, kNone, kNumTallies };
+  using Tallies = std::array<std::uint32_t, kNumTallies>;
+
+  // Where something stands at one time.
+  struct Standing {
+    TimeNs time_ns;
+    PointTree<double> places_m;
+  };
+
+  static std::vector<Standing> ByTime(const std::vector<Plot>& plots,
+                                      const std::vector<char>& are_standing) {
+    std::vector<Standing> all_standing;
+    std::vector<Eigen::Vector3d> places_m;
+    for (std::size_t i = 0; i < plots.size(); ++i) {
+      if (are_standing[i]) places_m.push_back(plots[i].position_m);
+      const bool is_last = i + 1 == plots.size() || plots[i + 1].time_ns != plots[i].time_ns;
+      if (!is_last || places_m.empty()) continue;
+      all_standing.push_back({plots[i].time_ns, PointTree<double>(places_m)});
+      places_m.clear();
+    }
+    return all_standing;
+  }
+
+  // Adds to `tallies` each place of a node by its distance from a position: all at once where the
+  // nearest and the farthest corner of its box agree.
+  template <class TallyAt>
+  static void Count(const PointTree<double>& places_m, std::uint32_t id,
+                    const Eigen::Vector3d& position_m, const TallyAt& tally_at, Tallies* tallies) {
+    const PointTree<double>::Node& node = places_m.nodes()[id];
+    const Eigen::Vector3d below_m = position_m - node.low_m;
+    const Eigen::Vector3d above_m = node.high_m - position_m;
+    const double nearest_m = (-below_m).cwiseMax(-above_m).cwiseMax(0.0).norm();
+    const Tally tally = tally_at(nearest_m);
+    if (tally == tally_at(below_m.cwiseAbs().cwiseMax(above_m.cwiseAbs()).norm())) {
+      (*tallies)[tally] += node.end - node.begin;
+    } else if (node.IsLeaf()) {
+      for (std::uint32_t i = node.begin; i < node.end; ++i) {
+        ++(*tallies)[tally_at((position_m - places_m.points_m()[i]).norm())];
+      }
+    } else {
+      Count(places_m, node.left, position_m, tally_at, tallies);
+      Count(places_m, node.right, position_m, tally_at, tallies);
+    }
+  }
 
   RangeGrid tallies_;  // in the place of time bins: kinds of tallies
 };

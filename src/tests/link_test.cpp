@@ -134,6 +134,10 @@ TEST(Link, DecidesPairsOnTheBoundaryAsItsDefinitionDoes) {
       const Groups groups = Link(points_m, {0, 1}, radius);
       ASSERT_EQ(groups, LinkByDefinition(points_m, {0, 1}, radius));
       num_linked += groups.size() == 1 ? 1 : 0;
+      // Many at each of the two places, in any order.
+      for (int copy = 0; copy < 40; ++copy) points_m.push_back(points_m[random.Index(2)]);
+      ASSERT_EQ(Link(points_m, AllOf(points_m), radius),
+                LinkByDefinition(points_m, AllOf(points_m), radius));
     }
     EXPECT_GT(num_linked, 400);
     EXPECT_LT(num_linked, 3600);

@@ -41,6 +41,12 @@ class DepthMap {
   double HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m) const;
 
  private:
+  struct Angle {
+    double rad;
+    double cosine;
+    double sine;
+  };
+
   std::size_t CellOf(const Eigen::Vector3f& point_m) const;
   Depths DepthsOf(std::size_t cell) const {
     return {depths_.data() + first_[cell], depths_.data() + first_[cell + 1]};
@@ -51,6 +57,8 @@ class DepthMap {
   std::size_t rows_;
   double column_rad_;
   double row_rad_;
+  std::vector<Angle> elevations_;   // (rows) middles
+  std::vector<Angle> azimuths_;     // (columns)
   std::vector<std::size_t> first_;  // depths of a cell, row by row, begin here; and of all, end
   std::vector<Depth> depths_;       // by cell, then by bin
 };

@@ -1,0 +1,144 @@
+#include "unlidar/robust/floating.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "range_grid_oracle.hpp"
+#include "synthetic_recording.hpp"
+#include "unlidar/robust/background.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::BlockVolumeM3;
+using testing::IsNeighbour;
+using testing::RecordingMaker;
+
+// Nothing is held by anything seen.
+struct Sky {
+  Ground ground{{}, GroundConfig()};
+  Support support{{}, ground, BackgroundConfig().occluder_cell_deg, SupportConfig()};
+};
+
+// Plots of a single return each, as MakePlots would order them.
+std::vector<Plot> PlotsOf(const Recording& recording) {
+  std::vector<Plot> plots;
+  for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
+    const FrameInfo& frame = recording.frames[f];
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      Plot plot;
+      plot.time_ns = recording.times_ns[i];
+      plot.position_m = recording.points_m[i].cast<double>();
+      plot.frame = f;
+      plot.returns = {i};
+      plots.push_back(plot);
+    }
+  }
+  return plots;
+}
+
+std::vector<char> FloatingOf(const Recording& recording, const RangeRadius& place) {
+  std::vector<Plot> plots = PlotsOf(recording);
+  MarkFloating(recording, Sky().support, place, &plots);
+  std::vector<char> are_floating;
+  for (const Plot& plot : plots) are_floating.push_back(plot.is_floating ? 1 : 0);
+  return are_floating;
+}
+
+// The same, plot by plot against all others.
+std::vector<char> FloatingByDefinition(const Recording& recording, const RangeRadius& place) {
+  constexpr TimeNs kSameTimeNs = 300'000'000;
+  const std::vector<Plot> plots = PlotsOf(recording);
+  const SupportConfig config;
+  const Sky sky;
+  const auto at = [](const Plot& plot) { return plot.position_m.cast<float>().eval(); };
+  const auto count_about = [&](const Plot& plot, const RangeRadius& radius) {
+    double count = 0.0;
+    for (const Plot& other : plots) count += IsNeighbour(radius, at(plot), at(other)) ? 1.0 : 0.0;
+    return count;
+  };
+  const RangeRadius region{3.0 * place.constant_m, 3.0 * place.slope};
+  std::vector<char> are_standing;
+  for (const Plot& plot : plots) {
+    const double here = count_about(plot, place);
+    const double chance = count_about(plot, region) * BlockVolumeM3(place, at(plot)) /
+                          BlockVolumeM3(region, at(plot));
+    are_standing.push_back(here >= 3.0 && here > chance + 3.0 * std::sqrt(chance));
+  }
+  std::vector<char> seem_to_float;
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    seem_to_float.push_back(are_standing[i] != 0 && sky.support.IsFloating(at(plots[i])) ? 1 : 0);
+  }
+  // Of each plot: itself, beside, about.
+  std::vector<std::array<double, 3>> tallies(plots.size());
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    if (seem_to_float[i] == 0) continue;
+    const double reach_m = config.ReachM(plots[i].position_m.norm());
+    for (std::size_t k = 0; k < plots.size(); ++k) {
+      if (are_standing[k] == 0) continue;
+      if (std::abs(plots[k].time_ns - plots[i].time_ns) > kSameTimeNs) continue;
+      const double distance_m = (plots[i].position_m - plots[k].position_m).norm();
+      if (distance_m >= 5.0 * reach_m) continue;
+      tallies[i][distance_m <= config.body_m ? 0 : distance_m < reach_m ? 1 : 2] += 1.0;
+    }
+  }
+  std::vector<char> are_floating;
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    if (seem_to_float[i] == 0) {
+      are_floating.push_back(0);
+      continue;
+    }
+    double num_plots = 0.0;
+    std::array<double, 3> sums{};
+    for (std::size_t k = 0; k < plots.size(); ++k) {
+      if (seem_to_float[k] == 0) continue;
+      if (!IsNeighbour({config.body_m, 0.01}, at(plots[i]), at(plots[k]))) continue;
+      num_plots += 1.0;
+      for (std::size_t t = 0; t < sums.size(); ++t) sums[t] += tallies[k][t];
+    }
+    const double times = sums[0] / num_plots;
+    const double chance = sums[2] / times / 124.0;
+    const bool has_company = sums[1] / times > chance + 2.0 * std::sqrt(chance);
+    are_floating.push_back(has_company ? 0 : 1);
+  }
+  return are_floating;
+}
+
+TEST(MarkFloating, IsThatOfItsDefinition) {
+  const RangeRadius place = BackgroundConfig().place;
+  for (std::uint32_t seed = 0; seed < 8; ++seed) {
+    RecordingMaker maker(seed);
+    testing::Random& random = maker.random;
+    const bool is_timed = seed % 2 == 1;
+    std::vector<Eigen::Vector3d> things_m;
+    for (int k = 0; k < 14; ++k) things_m.push_back(random.InBox({5, -20, 5}, {45, 20, 30}));
+    // Some have others beside them.
+    for (int k = 0; k < 5; ++k) {
+      things_m.push_back(things_m[random.Index(things_m.size())] + random.NormalVector(2.0));
+    }
+    for (int i = 0; i < 40; ++i) {
+      maker.BeginFrame(i * testing::kPeriodS);
+      TimeNs time_ns = maker.recording.frames.back().begin_ns;
+      const auto add = [&](const Eigen::Vector3d& p) {
+        if (is_timed) time_ns += 1'000'000;
+        maker.AddAt(time_ns, p);
+      };
+      for (std::size_t k = 0; k < things_m.size(); ++k) {
+        const bool is_there = (i / 10 + static_cast<int>(k)) % 4 != 0;
+        if (is_there && random.Index(3) == 0) add(things_m[k] + random.NormalVector(0.05));
+      }
+      for (int k = 0; k < 6; ++k) add(random.InBox({5, -20, 5}, {45, 20, 30}));
+    }
+    const std::vector<char> floating = FloatingOf(maker.recording, place);
+    EXPECT_EQ(floating, FloatingByDefinition(maker.recording, place)) << seed;
+    EXPECT_GT(std::count(floating.begin(), floating.end(), 1), 20);
+    EXPECT_GT(std::count(floating.begin(), floating.end(), 0), 20);
+  }
+}
+
+}  // namespace
+}  // namespace unlidar

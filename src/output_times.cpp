@@ -1,10 +1,11 @@
 #include "unlidar/output_times.hpp"
 
 #include <algorithm>
-#include <fstream>
 #include <optional>
 #include <utility>
 
+#include "format.hpp"
+#include "input_file.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/stamp.hpp"
 
@@ -100,24 +101,20 @@ Rate ParseRate(std::string_view text) {
   // Hertz to nanohertz is the same exact shift by nine digits as seconds to nanoseconds.
   const std::optional<std::int64_t> nanohertz = ParseStamp(text);
   if (!nanohertz || *nanohertz <= 0 || *nanohertz > kMaxRateHz * kGiga) {
-    throw UsageError("--rate '" + std::string(text) + "': expected a number of hertz above 0 to " +
+    throw UsageError("--rate " + Quoted(text) + ": expected a number of hertz above 0 to " +
                      std::to_string(kMaxRateHz));
   }
   return Rate{*nanohertz};
 }
 
 std::vector<TimeNs> ReadStampList(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file || file.peek() == std::ifstream::traits_type::eof()) {
-    throw InputError(path + ": empty or cannot be read, expected one stamp a line");
-  }
+  LineReader lines(path, {"one stamp a line"});
   std::vector<TimeNs> stamps;
-  std::string buffer;
   std::optional<std::size_t> column;  // of a CSV with a header
   bool first = true;
-  for (int number = 1; std::getline(file, buffer); ++number) {
-    std::string_view line = buffer;
-    if (number == 1 && line.substr(0, kByteOrderMark.size()) == kByteOrderMark) {
+  while (lines.Next()) {
+    std::string_view line = lines.line();
+    if (lines.number() == 1 && line.substr(0, kByteOrderMark.size()) == kByteOrderMark) {
       line.remove_prefix(kByteOrderMark.size());
     }
     line = Trim(line);
@@ -130,8 +127,8 @@ std::vector<TimeNs> ReadStampList(const std::string& path) {
     const std::string_view field = column ? Field(line, *column) : line;
     const std::optional<TimeNs> stamp = ParseStamp(field);
     if (!stamp) {
-      throw InputError(path + ":" + std::to_string(number) + ": '" + std::string(field) +
-                       "' is no stamp, expected seconds such as 1706255621.614239" +
+      throw InputError(path + ":" + std::to_string(lines.number()) + ": " + Quoted(field) +
+                       " is no stamp, expected seconds such as 1706255621.614239" +
                        (could_be_header ? " or a header with a column `timestamp`" : ""));
     }
     stamps.push_back(*stamp);

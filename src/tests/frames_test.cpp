@@ -1,9 +1,12 @@
 #include "unlidar/frames.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 
 #include "frame_folder.hpp"
@@ -101,6 +104,55 @@ TEST(FrameDirectories, MissingAndEmptyOnesAreRefused) {
   EXPECT_NE(InputMessage(folder).find("no .pcd file"), std::string::npos);
   EXPECT_THROW(ReadRecording({{"", folder / "missing"}}, {}, {}), InputError);
   EXPECT_THROW(ReadRecording({{"", folder / "notes.txt"}}, {}, {}), InputError);
+}
+
+// As root nothing is forbidden: as nobody, then.
+class WithoutPrivileges {
+ public:
+  WithoutPrivileges() {
+    if (was_root_ && ::seteuid(kNobody) != 0) ADD_FAILURE() << "still root";
+  }
+  ~WithoutPrivileges() {
+    if (was_root_ && ::seteuid(0) != 0) ADD_FAILURE() << "no longer root";
+  }
+  WithoutPrivileges(const WithoutPrivileges&) = delete;
+  WithoutPrivileges& operator=(const WithoutPrivileges&) = delete;
+
+ private:
+  static constexpr uid_t kNobody = 65534;
+  bool was_root_ = ::geteuid() == 0;
+};
+
+TEST(FrameDirectories, OneThatMayBeListedButNotSearchedIsNamedItself) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", OnePoint());
+  std::filesystem::permissions(folder.path(), std::filesystem::perms(0644));
+  std::string message;
+  {
+    const WithoutPrivileges nobody;
+    message = InputMessage(folder);
+  }
+  std::filesystem::permissions(folder.path(), std::filesystem::perms(0755));
+  EXPECT_EQ(message,
+            folder.path() + ": Permission denied, expected a directory whose files can be opened");
+}
+
+TEST(FrameDirectories, StampsThatCannotBeReadAreNotTakenForNone) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", OnePoint());
+  const std::string stamps = folder / "timestamps.csv";
+  const auto expect_refused = [&](const std::string& reason) {
+    EXPECT_EQ(InputMessage(folder).find(stamps + ": cannot be read (" + reason), 0U)
+        << InputMessage(folder);
+    std::filesystem::remove(stamps);
+  };
+  ASSERT_EQ(::mkfifo(stamps.c_str(), 0600), 0);
+  expect_refused("not a regular file");
+  std::filesystem::create_directory(stamps);
+  expect_refused("not a regular file");
+  std::filesystem::create_symlink("none", stamps);
+  expect_refused("No such file");
+  EXPECT_EQ(InputMessage(folder), "");
 }
 
 TEST(FrameDirectories, SourcesWithoutANameHaveThatOfTheirDirectory) {

@@ -74,7 +74,7 @@ TEST(StampList, RefusesWhatIsNoStampByLineAndValue) {
   EXPECT_EQ(ReasonOf("timestamp\nnan\n").find(":2: 'nan' is no stamp"), 0U);
   EXPECT_EQ(ReasonOf("timestamp\n"), ": no stamp in it, expected one a line");
   EXPECT_EQ(ReasonOf("# timestamp\n\n"), ": no stamp in it, expected one a line");
-  EXPECT_EQ(ReasonOf(""), ": empty or cannot be read, expected one stamp a line");
+  EXPECT_EQ(ReasonOf(""), ": no stamp in it, expected one a line");
   EXPECT_THROW(ReadStampList("/nowhere/at"), InputError);
   EXPECT_THROW(ReadStampList("/tmp"), InputError);
 }

@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -13,6 +12,7 @@
 #include "temporary_folder.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/pcd.hpp"
+#include "without_privileges.hpp"
 
 namespace unlidar {
 namespace {
@@ -23,6 +23,7 @@ using testing::kSecond;
 using testing::OnePoint;
 using testing::Read;
 using testing::TemporaryFolder;
+using testing::WithoutPrivileges;
 
 std::vector<TimeNs> Stamps(const Recording& recording) {
   std::vector<TimeNs> stamps;
@@ -105,23 +106,6 @@ TEST(FrameDirectories, MissingAndEmptyOnesAreRefused) {
   EXPECT_THROW(ReadRecording({{"", folder / "missing"}}, {}, {}), InputError);
   EXPECT_THROW(ReadRecording({{"", folder / "notes.txt"}}, {}, {}), InputError);
 }
-
-// As root nothing is forbidden: as nobody, then.
-class WithoutPrivileges {
- public:
-  WithoutPrivileges() {
-    if (was_root_ && ::seteuid(kNobody) != 0) ADD_FAILURE() << "still root";
-  }
-  ~WithoutPrivileges() {
-    if (was_root_ && ::seteuid(0) != 0) ADD_FAILURE() << "no longer root";
-  }
-  WithoutPrivileges(const WithoutPrivileges&) = delete;
-  WithoutPrivileges& operator=(const WithoutPrivileges&) = delete;
-
- private:
-  static constexpr uid_t kNobody = 65534;
-  bool was_root_ = ::geteuid() == 0;
-};
 
 TEST(FrameDirectories, OneThatMayBeListedButNotSearchedIsNamedItself) {
   const TemporaryFolder folder;

@@ -50,7 +50,11 @@ TimeNs Silence(Iterator first, Iterator last, TimeNs period_ns, double probabili
   if (num_pauses < 2) return 0;
   const double seen = static_cast<double>(num_pauses - 1) / static_cast<double>(sum - longest);
   if (seen >= 1.0) return 0;
-  return period_ns * static_cast<TimeNs>(std::log(probability) / std::log1p(-seen));
+  const double periods = std::floor(std::log(probability) / std::log1p(-seen));
+  // Longer than any recording, and no overflow where it is added to a time.
+  constexpr TimeNs kForeverNs = 1'000'000'000'000'000'000;
+  const bool ends = static_cast<double>(period_ns) * periods < static_cast<double>(kForeverNs);
+  return ends ? period_ns * static_cast<TimeNs>(periods) : kForeverNs;
 }
 
 // One row ahead of what it gives: returns belong to the nearer of two rows.

@@ -258,14 +258,37 @@ TEST(FrameIntervals, StampsAtBothEndsOfTimeDoNotOverflow) {
   folder.Write("4000000000.0.pcd", OnePoint());
   InputConfig config;
   config.stamp = StampMeaning::kEnd;
-  SensorConfig sensor;
-  sensor.time_offset_s = 3.9e9;
-  const Recording recording = Read(folder, config, sensor);
-  EXPECT_EQ(recording.frames[0].end_ns, -100'000'000 * kSecond);
+  const Recording recording = Read(folder, config);
+  EXPECT_EQ(recording.frames[0].end_ns, -4'000'000'000 * kSecond);
   EXPECT_EQ(recording.frames[0].begin_ns, recording.frames[0].end_ns - 3600 * kSecond);
-  EXPECT_EQ(recording.frames[1].end_ns, 7'900'000'000 * kSecond);
+  EXPECT_EQ(recording.frames[1].end_ns, 4'000'000'000 * kSecond);
   folder.Write("4000000000.1.pcd", OnePoint());
   EXPECT_NE(InputMessage(folder).find("4000000000.1"), std::string::npos);
+}
+
+// Two sensors with offsets to either side could be farther apart than 64 bits reach.
+TEST(FrameIntervals, ATimeOffsetDoesNotLeadBeyondTheEndsOfTime) {
+  const TemporaryFolder folder;
+  folder.Write("-3999999999.0.pcd", OnePoint());
+  folder.Write("3999999999.0.pcd", OnePoint());
+  InputConfig config;
+  config.skip_bad_frames = true;  // not the frame is bad but the clock
+  for (const double offset_s : {1.0, -1.0}) {
+    SensorConfig sensor;
+    sensor.time_offset_s = offset_s;
+    EXPECT_EQ(Read(folder, config, sensor).frames.size(), 2U);
+    sensor.time_offset_s = 1e9 * offset_s;
+    try {
+      Read(folder, config, sensor);
+      ADD_FAILURE() << offset_s;
+    } catch (const InputError& error) {
+      const std::string message = error.what();
+      EXPECT_EQ(message.find(folder / (offset_s > 0 ? "3999999999.0.pcd" : "-3999999999.0.pcd")),
+                0U)
+          << message;
+      EXPECT_NE(message.find("time offset of"), std::string::npos) << message;
+    }
+  }
 }
 
 TEST(BadFrames, AreErrorsUnlessSkippedAndThenCountedAndReported) {

@@ -239,6 +239,21 @@ TEST(PresenceInterval, OneOcclusionSaysNothingOfHowOftenATargetIsSeen) {
   ExpectFrames(PresenceInterval(kHundredFrames, SeenInFrames({30, 31, 32, 52, 53}), 0.05), 30, 53);
 }
 
+TEST(PresenceInterval, OfPausesOfDecadesDoesNotOverflow) {
+  constexpr TimeNs kDecadesNs = 1'900'000'000 * kSecond;
+  Recording recording = FramesOf({1, 1, 1, 1, 1});
+  std::vector<Measurement> seen(recording.frames.size());
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    FrameInfo& frame = recording.frames[i];
+    frame.stamp_ns = frame.begin_ns = (static_cast<TimeNs>(i) - 2) * kDecadesNs;
+    frame.end_ns = frame.begin_ns + kPeriodNs;
+    seen[i].time_ns = frame.begin_ns + kPeriodNs / 2;
+  }
+  const TimeInterval interval = PresenceInterval(recording, seen, 1e-6);
+  EXPECT_EQ(interval.begin_ns, recording.frames.front().begin_ns);
+  EXPECT_EQ(interval.end_ns, recording.frames.back().end_ns);
+}
+
 TEST(PresenceInterval, EndsWithTheRecording) {
   const Recording recording = FramesOf(std::vector<std::uint32_t>(30, 1));
   ExpectFrames(PresenceInterval(recording, SeenInFrames(EveryNth(5, 2, 6)), 0.05), 0, 29);

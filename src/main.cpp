@@ -2,6 +2,8 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <csignal>
+#include <cstdlib>
+#include <exception>
 #include <filesystem>
 #include <map>
 #include <new>
@@ -11,6 +13,7 @@
 #include <vector>
 
 #include "format.hpp"
+#include "temporary_path.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/output.hpp"
@@ -310,12 +313,27 @@ void TrackDrones(const Arguments& arguments) {
   if (!arguments.quiet) PrintResult(trajectory_paths, result);
 }
 
+// Where an exception cannot be passed on: destructors of some libraries allocate.
+[[noreturn]] void Terminate() {
+  TemporaryPath::RemoveAll();
+  const char* text = "unlidar_track: error: internal: an exception without a handler\n";
+  try {
+    if (const std::exception_ptr error = std::current_exception()) std::rethrow_exception(error);
+  } catch (const std::bad_alloc&) {
+    text = "unlidar_track: error: out of memory\n";
+  } catch (...) {  // NOLINT(bugprone-empty-catch): the text says it
+  }
+  WriteToStderr(text);
+  std::_Exit(static_cast<int>(ExitCode::kInternal));
+}
+
 }  // namespace
 
 int Main(int argc, char** argv) {
   // A reader that has gone and a limit of file sizes are errors of writing like others.
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
+  std::set_terminate(Terminate);
   try {
     Arguments arguments;
     CLI::App app(kDescription, "unlidar_track");

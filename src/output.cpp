@@ -33,7 +33,8 @@ Json ConfigJson(const Config& config) {
     std::size_t begin = 0;
     for (std::size_t dot = entry.key.find('.'); dot != std::string::npos;
          dot = entry.key.find('.', begin)) {
-      node = &(*node)[entry.key.substr(begin, dot - begin)];
+      // A null that operator[] makes an object is no sound one where memory ends.
+      node = &*node->emplace(entry.key.substr(begin, dot - begin), Json::object()).first;
       begin = dot + 1;
     }
     std::visit([&](const auto& value) { (*node)[entry.key.substr(begin)] = value; }, entry.value);

@@ -69,12 +69,35 @@ std::optional<struct stat> Status(const std::string& path) {
   return std::nullopt;
 }
 
+// What a write to the path would replace, with every link followed, also one to nothing.
+fs::path Resolved(const std::string& path, std::error_code& error) {
+  fs::path resolved = fs::weakly_canonical(fs::absolute(path, error), error);
+  for (int links = 0; !error; ++links) {
+    std::error_code status_error;  // set for what is not there, too
+    const fs::file_status status = fs::symlink_status(resolved, status_error);
+    if (status.type() == fs::file_type::none) error = status_error;
+    if (status.type() != fs::file_type::symlink) break;
+    if (links == kMaxLinks) error = std::make_error_code(std::errc::too_many_symbolic_link_levels);
+    if (!error) resolved = resolved.parent_path() / fs::read_symlink(resolved, error);
+    if (!error) resolved = fs::weakly_canonical(resolved, error);
+  }
+  return resolved;
+}
+
+// The same as a text. To take a link for a file would replace it.
+std::string Target(const std::string& path) {
+  std::error_code error;
+  const fs::path resolved = Resolved(path, error);
+  if (error) Fail(path, error.message());
+  return resolved.string();
+}
+
 // A file beside the target that takes its place on Commit, else vanishes.
 class TemporaryFile {
  public:
   explicit TemporaryFile(const std::string& path)
       : path_(path),
-        target_(ResolvedPath(path)),
+        target_(Target(path)),
         old_(Status(target_)),
         temporary_(target_),
         fd_(Create()) {
@@ -126,14 +149,7 @@ ContentWriter Content(std::string bytes) {
 
 std::string ResolvedPath(const std::string& path) {
   std::error_code error;
-  fs::path resolved = fs::weakly_canonical(fs::absolute(path, error), error);
-  // It takes a link to nothing for what is to be made.
-  std::error_code no_link;
-  for (int links = 0; !error && fs::is_symlink(fs::symlink_status(resolved, no_link)); ++links) {
-    if (links == kMaxLinks) return path;
-    const fs::path next = fs::read_symlink(resolved, error);
-    if (!error) resolved = fs::weakly_canonical(resolved.parent_path() / next, error);
-  }
+  const fs::path resolved = Resolved(path, error);
   return error ? path : resolved.string();
 }
 
@@ -152,8 +168,10 @@ void CheckWritable(const std::string& path) {
     return;
   }
   std::error_code error;
-  const fs::path directory = fs::path(ResolvedPath(path)).parent_path();
-  if (!fs::is_directory(directory, error)) {
+  const fs::path directory = fs::path(Target(path)).parent_path();
+  const bool is_directory = fs::is_directory(directory, error);
+  if (error && error != std::errc::no_such_file_or_directory) Fail(path, error.message());
+  if (!is_directory) {
     Fail(path, "'" + directory.string() + "' is no directory, expected an existing one");
   }
   const TemporaryFile probe(path);

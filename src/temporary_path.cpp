@@ -8,6 +8,8 @@
 #include <filesystem>
 #include <random>
 
+#include "descriptor.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -28,6 +30,13 @@ void Exchange(void (*from)(int), void (*to)(int)) {
   }
 }
 
+// Calls only what a signal handler may.
+void RemoveAllAndDie(int signal) {
+  TemporaryPath::RemoveAll();
+  ::signal(signal, SIG_DFL);
+  ::raise(signal);  // it is held back until the end of this function
+}
+
 // A counter or the process' number would come again after a restart, in a container the same.
 std::string RandomPathBeside(const std::string& path) {
   std::random_device random;
@@ -45,7 +54,7 @@ TemporaryPath::TemporaryPath(const std::string& beside)
 }
 
 TemporaryPath::~TemporaryPath() {
-  ::unlink(path_.c_str());
+  Uninterrupted([&] { return ::unlink(path_.c_str()); });
   if (first_path == this) {
     first_path = next_;
   } else {
@@ -56,13 +65,10 @@ TemporaryPath::~TemporaryPath() {
   if (first_path == nullptr) Exchange(RemoveAllAndDie, SIG_DFL);
 }
 
-// Calls only what a signal handler may.
-void TemporaryPath::RemoveAllAndDie(int signal) {
+void TemporaryPath::RemoveAll() {
   for (TemporaryPath* path = first_path; path != nullptr; path = path->next_) {
     ::unlink(path->path_.c_str());
   }
-  ::signal(signal, SIG_DFL);
-  ::raise(signal);  // it is held back until the end of this function
 }
 
 }  // namespace unlidar

@@ -20,9 +20,10 @@ class TemporaryPath {
 
   const char* c_str() const { return path_.c_str(); }
 
- private:
-  static void RemoveAllAndDie(int signal);
+  // The files of all of them. May be called by a signal handler.
+  static void RemoveAll();
 
+ private:
   std::string path_;
   TemporaryPath* next_ = nullptr;
 };

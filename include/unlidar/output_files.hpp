@@ -23,7 +23,7 @@ struct OutputFile {
 ContentWriter Content(std::string bytes);
 
 // The path with symbolic links (also those to nothing) and `.` and `..` resolved: what a write to
-// it would replace.
+// it would replace. The path itself where that cannot be told.
 std::string ResolvedPath(const std::string& path);
 
 // True for a pipe or a device, such as /dev/null or /dev/stdout: written in place. Throws

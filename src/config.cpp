@@ -1,23 +1,27 @@
 #include "unlidar/config.hpp"
 
+#include <yaml-cpp/depthguard.h>
+#include <yaml-cpp/eventhandler.h>
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
-#include <fstream>
 #include <iterator>
 #include <numeric>
 #include <set>
+#include <sstream>
 #include <string_view>
 #include <utility>
 
 #include "config_keys.hpp"
 #include "config_values.hpp"
+#include "format.hpp"
+#include "input_file.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
 
-constexpr std::size_t kMaxConfigBytes = 1 << 20;
+constexpr std::size_t kMaxConfigBytes = 1 << 18;
 constexpr std::string_view kSensorPrefix = "sensors.";
 
 std::size_t EditDistance(std::string_view a, std::string_view b) {
@@ -55,7 +59,7 @@ class Overlay {
       }
       const std::string key = Join(prefix, item.first.Scalar());
       if (!seen.insert(key).second) {
-        throw ConfigError(where(item.first) + ": " + key + ": repeated, expected once");
+        throw ConfigError(where(item.first) + ": " + Shortened(key) + ": repeated, expected once");
       }
       if (IsSection(key)) {
         ApplySection(key, item.second, where(item.first), where);
@@ -71,7 +75,7 @@ class Overlay {
       if (name != key) return;
       known = true;
       if (!Read(node, field, constraint)) {
-        throw ConfigError(place + ": " + key + ": " + Quote(node) + ", expected " +
+        throw ConfigError(place + ": " + Shortened(key) + ": " + Quote(node) + ", expected " +
                           Expected(field, constraint));
       }
       places_[key] = place;
@@ -82,7 +86,9 @@ class Overlay {
       SensorConfig& sensor = SensorOf(key.substr(0, last_dot), place);
       VisitSensorKeys(assign, key.substr(0, last_dot + 1), sensor);
     }
-    if (!known) throw ConfigError(place + ": " + key + ": unknown key" + Suggestion(key));
+    if (!known) {
+      throw ConfigError(place + ": " + Shortened(key) + ": unknown key" + Suggestion(key));
+    }
   }
 
   // Constraints between keys.
@@ -123,7 +129,7 @@ class Overlay {
     if (IsBelowSensors(key)) SensorOf(key, place);  // an empty entry is the identity pose
     if (node.IsNull()) return;                      // a section with all keys commented out
     if (!node.IsMap()) {
-      throw ConfigError(place + ": " + key + ": " + Quote(node) +
+      throw ConfigError(place + ": " + Shortened(key) + ": " + Quote(node) +
                         ", expected a section of `key: value` lines");
     }
     ApplyMap(key, node, where);
@@ -132,8 +138,8 @@ class Overlay {
   SensorConfig& SensorOf(const std::string& key, const std::string& place) {
     const std::string name = key.substr(kSensorPrefix.size());
     if (!IsSensorName(name)) {
-      throw ConfigError(place + ": sensors: '" + name +
-                        "', expected a name of letters, digits, '_' and '-'");
+      throw ConfigError(place + ": sensors: " + Quoted(name) +
+                        ", expected a name of letters, digits, '_' and '-'");
     }
     return config_.sensors[name];
   }
@@ -143,6 +149,7 @@ class Overlay {
     std::string best;
     std::size_t best_distance = std::max<std::size_t>(3, key.size() / 3);
     const auto consider = [&](const std::string& name, const auto&, const auto&) {
+      if (key.size() >= name.size() + best_distance) return;  // it may be endless
       std::size_t distance = EditDistance(key, name);
       // The right name in the wrong section is near, too.
       if (name.substr(name.rfind('.') + 1) == key.substr(key.rfind('.') + 1)) distance = 1;
@@ -173,41 +180,67 @@ class Overlay {
 };
 
 std::string ReadText(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::string text(kMaxConfigBytes + 1, '\0');
-  // A directory opens, but cannot be read.
-  if (!file || (!file.read(text.data(), static_cast<std::streamsize>(text.size())) && file.bad())) {
-    throw ConfigError(path + ": cannot be read, expected a YAML file");
+  try {
+    return ReadWhole(path, {"a YAML file of config keys"}, kMaxConfigBytes);
+  } catch (const InputError& error) {
+    throw ConfigError(error.what());
   }
-  text.resize(static_cast<std::size_t>(file.gcount()));
-  if (text.size() > kMaxConfigBytes) {
-    throw ConfigError(path + ": more than " + std::to_string(kMaxConfigBytes) +
-                      " bytes, expected a YAML file of config keys");
-  }
-  return text;
 }
 
-// The root of the one YAML document in the text; errors are prefixed by name and line.
-YAML::Node ParseYaml(const std::string& text, const std::string& name) {
+// Looks at no value, but at where documents begin.
+class DocumentLines : public YAML::EventHandler {
+ public:
+  // Of the document that was begun last, from 1.
+  int line() const { return line_; }
+
+  void OnDocumentStart(const YAML::Mark& mark) override { line_ = mark.line + 1; }
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                const std::string&) override {}
+  void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                       YAML::EmitterStyle::value) override {}
+  void OnSequenceEnd() override {}
+  void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                  YAML::EmitterStyle::value) override {}
+  void OnMapEnd() override {}
+
+ private:
+  int line_ = 0;
+};
+
+// The root of the one YAML document in the text; errors are prefixed by place(line).
+//
+// YAML::LoadAll has no end where the parser cannot pass a character (a comma outside of a list): it
+// takes an empty document before it, again and again. Two documents are asked for here, whatever
+// the text; what the second one begins with is either another document or such a character.
+template <class Place>
+YAML::Node ParseYaml(const std::string& text, const Place& place) {
   try {
-    const std::vector<YAML::Node> documents = YAML::LoadAll(text);
-    if (documents.size() > 1) {
-      throw ConfigError(name + ": " + std::to_string(documents.size()) +
-                        " YAML documents, expected one");
+    std::istringstream stream(text);
+    YAML::Parser parser(stream);
+    DocumentLines documents;
+    if (parser.HandleNextDocument(documents) && parser.HandleNextDocument(documents)) {
+      throw ConfigError(place(documents.line()) +
+                        ": what stands here is no part of the YAML document before it, expected "
+                        "one document");
     }
-    return documents.empty() ? YAML::Node() : documents.front();
+    return YAML::Load(text);
+  } catch (const YAML::DeepRecursion& error) {
+    throw ConfigError(place(error.mark.line + 1) + ": more than " + std::to_string(error.depth()) +
+                      " levels, expected sections with keys");
   } catch (const YAML::Exception& error) {
-    throw ConfigError(name + ":" + std::to_string(error.mark.line + 1) + ": " + error.msg +
+    throw ConfigError(place(error.mark.line + 1) + ": " + Shortened(error.msg, 200) +
                       ", expected YAML");
   }
 }
 
 void ApplyFile(const std::string& path, Overlay& overlay) {
-  const YAML::Node root = ParseYaml(ReadText(path), path);
+  const auto place = [&](int line) { return path + ":" + std::to_string(line); };
+  const auto where = [&](const YAML::Node& node) { return place(node.Mark().line + 1); };
+  const YAML::Node root = ParseYaml(ReadText(path), place);
   if (root.IsNull()) return;  // nothing but comments
-  const auto where = [&](const YAML::Node& node) {
-    return path + ":" + std::to_string(node.Mark().line + 1);
-  };
   if (!root.IsMap()) {
     throw ConfigError(where(root) + ": " + Quote(root) + ", expected `section: ...` lines");
   }
@@ -215,17 +248,12 @@ void ApplyFile(const std::string& path, Overlay& overlay) {
 }
 
 void ApplyAssignment(const std::string& assignment, Overlay& overlay) {
-  const std::string place = "--set " + assignment;
+  const std::string place = "--set " + Shortened(assignment);
   const std::size_t equals = assignment.find('=');
   if (equals == std::string::npos || equals == 0) {
     throw UsageError(place + ": expected section.key=value");
   }
-  YAML::Node value;
-  try {
-    value = YAML::Load(assignment.substr(equals + 1));
-  } catch (const YAML::Exception& error) {
-    throw ConfigError(place + ": " + error.msg + ", expected a YAML value");
-  }
+  const YAML::Node value = ParseYaml(assignment.substr(equals + 1), [&](int) { return place; });
   overlay.ApplyValue(assignment.substr(0, equals), value, place);
 }
 
@@ -257,9 +285,10 @@ void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sour
   if (unused.empty()) return;
   for (const FrameSource& source : sources) {
     if (source.name.empty() || config.sensors.count(source.name) > 0) continue;
-    throw ConfigError("--frames " + source.name + "=" + source.directory +
-                      ": the config has no sensors." + source.name + " but an unused sensors." +
-                      unused + ", expected the same name (an empty sensors." + source.name +
+    const std::string name = Shortened(source.name);
+    throw ConfigError("--frames " + name + "=" + source.directory + ": the config has no sensors." +
+                      name + " but an unused sensors." + Shortened(unused) +
+                      ", expected the same name (an empty sensors." + name +
                       " is the identity pose)");
   }
 }

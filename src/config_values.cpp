@@ -25,12 +25,12 @@ bool ReadNumbers(const YAML::Node& node, Eigen::Matrix<double, kSize, 1>& field)
 
 std::string Quote(const YAML::Node& node) {
   if (!node.IsDefined() || node.IsNull()) return "nothing";
-  if (node.IsScalar()) return "'" + node.Scalar() + "'";
+  if (node.IsScalar()) return Quoted(node.Scalar());
   YAML::Emitter emitter;
   emitter.SetSeqFormat(YAML::Flow);
   emitter.SetMapFormat(YAML::Flow);
   emitter << node;
-  return "'" + std::string(emitter.c_str()) + "'";
+  return Quoted(emitter.c_str());
 }
 
 std::string NumberText(double value) {

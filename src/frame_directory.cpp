@@ -2,13 +2,14 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <optional>
 #include <string_view>
 #include <system_error>
 #include <utility>
 
+#include "format.hpp"
+#include "input_file.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/stamp.hpp"
 
@@ -66,52 +67,50 @@ std::string_view Trimmed(std::string_view text) {
 // Empty if the directory has no such file.
 std::optional<StampsByFile> ReadStampFile(const std::string& directory,
                                           const std::vector<std::string>& names) {
-  const fs::path path = fs::path(directory) / kStampFile;
+  const std::string path = (fs::path(directory) / kStampFile).string();
   std::error_code error;
-  if (!fs::exists(path, error) && !error) return std::nullopt;
-  std::ifstream file(path);
-  std::size_t line_number = 0;
+  const fs::file_status status = fs::symlink_status(path, error);
+  if (status.type() == fs::file_type::not_found) return std::nullopt;
+  if (error) {  // of the directory: a file that cannot be read has a status
+    throw InputError(directory + ": " + error.message() +
+                     ", expected a directory whose files can be opened");
+  }
+  LineReader lines(path, {"the header '" + std::string(kStampHeader) + "'", true});
   const auto fail = [&](const std::string& what) {
-    throw InputError(path.string() + ":" + std::to_string(line_number) + ": " + what);
+    throw InputError(path + ":" + std::to_string(lines.number()) + ": " + what);
   };
-  std::string buffer;
   StampsByFile stamps;
-  while (std::getline(file, buffer)) {
-    ++line_number;
-    const std::string_view line = Trimmed(buffer);
-    if (line_number == 1) {
+  while (lines.Next()) {
+    const std::string_view line = Trimmed(lines.line());
+    if (lines.number() == 1) {
       if (line != kStampHeader) {
-        fail("the header is '" + std::string(line.substr(0, 40)) + "', expected '" +
-             std::string(kStampHeader) + "'");
+        fail("the header is " + Quoted(line) + ", expected '" + std::string(kStampHeader) + "'");
       }
       continue;
     }
     if (line.empty()) continue;
     const std::size_t comma = line.rfind(',');
     if (comma == std::string_view::npos) {
-      fail("'" + std::string(line.substr(0, 80)) +
-           "' has one value, expected a file and its stamp");
+      fail(Quoted(line) + " has one value, expected a file and its stamp");
     }
     const std::string name(Trimmed(line.substr(0, comma)));
-    const std::string stamp(Trimmed(line.substr(comma + 1)));
+    const std::string_view stamp = Trimmed(line.substr(comma + 1));
     const std::optional<TimeNs> stamp_ns = StampInRange(stamp);
-    if (!stamp_ns) fail("the timestamp is '" + stamp.substr(0, 40) + "', " + kExpectedStamp);
+    if (!stamp_ns) fail("the timestamp is " + Quoted(stamp) + ", " + kExpectedStamp);
     if (!std::binary_search(names.begin(), names.end(), name)) {
-      fail("'" + name.substr(0, 80) +
-           "' is no frame in this directory, expected the name of a "
-           ".pcd file in it");
+      fail(Quoted(name) + " is no frame in this directory, expected the name of a .pcd file in it");
     }
     if (!stamps.emplace(name, *stamp_ns).second) {
-      fail("'" + name + "' is listed a second time, expected one stamp for each file");
+      fail(Quoted(name) + " is listed a second time, expected one stamp for each file");
     }
   }
-  if (line_number == 0) {
-    throw InputError(path.string() + ": cannot be read or is empty, expected the header '" +
-                     std::string(kStampHeader) + "'");
+  if (lines.number() == 0) {
+    throw InputError(path + ": is empty, expected the header '" + std::string(kStampHeader) + "'");
   }
   for (const std::string& name : names) {
     if (stamps.count(name) == 0) {
-      fail("the last line, and no stamp for '" + name + "', expected one for every .pcd file");
+      fail("the last line, and no stamp for " + Quoted(name) +
+           ", expected one for every .pcd file");
     }
   }
   return stamps;
@@ -132,7 +131,7 @@ std::vector<FrameFile> ListFrames(const std::string& directory) {
     const std::string stem = name.substr(0, name.size() - kFrameSuffix.size());
     const std::optional<TimeNs> stamp_ns = StampInRange(stem);
     if (!stamp_ns) {
-      throw InputError(path + ": '" + stem + "' is no stamp, " + kExpectedStamp +
+      throw InputError(path + ": " + Quoted(stem) + " is no stamp, " + kExpectedStamp +
                        ", or a row of timestamps.csv");
     }
     frames.push_back({path, *stamp_ns});

@@ -13,7 +13,8 @@ struct FrameFile {
   TimeNs stamp_ns = 0;
 };
 
-// No stamp is farther from 1970: sums of stamps, offsets and periods must fit into 64 bits.
+// No stamp is farther from 1970, nor with its sensor's time offset: sums and differences of two
+// times, and of times and periods, must fit into 64 bits.
 inline constexpr TimeNs kMaxStampNs = 4'000'000'000'000'000'000;  // the year 2096
 
 // In the order of their stamps, at least one. Throws InputError.

@@ -174,6 +174,17 @@ TimeNs OffsetNs(const std::string& name, const SensorConfig& sensor) {
   return std::llround(offset_ns);
 }
 
+// With the time offset applied as without it: any two times of a recording may be added and
+// subtracted.
+void CheckStamp(const FrameFile& file, TimeNs offset_ns) {
+  const TimeNs stamp_ns = file.stamp_ns + offset_ns;
+  if (-kMaxStampNs <= stamp_ns && stamp_ns <= kMaxStampNs) return;
+  throw InputError(file.path + ": the stamp " + std::to_string(file.stamp_ns) +
+                   " ns with the sensor's time offset of " + std::to_string(offset_ns) +
+                   " ns is farther from 1970 than " + std::to_string(kMaxStampNs) +
+                   " ns, expected a time before 2096");
+}
+
 // One source being read: bad frames are thrown or, if the user wants so, noted.
 class SourceReader {
  public:
@@ -188,6 +199,7 @@ class SourceReader {
     info.origin_m = sensor_.translation_m.cast<float>();
     info.frame_period_ns = MedianPeriod(files);
     const TimeNs offset_ns = OffsetNs(info.name, sensor_);
+    for (const FrameFile& file : {files.front(), files.back()}) CheckStamp(file, offset_ns);
 
     std::vector<LoadedFrame> loaded;
     TimeReadingVote vote;

@@ -1,15 +1,19 @@
 // The command line: arguments in, files out, every error one line and an exit code.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <csignal>
+#include <cstdlib>
+#include <exception>
 #include <filesystem>
-#include <iostream>
 #include <map>
 #include <new>
 #include <set>
+#include <sstream>
 #include <string>
 #include <vector>
 
 #include "format.hpp"
+#include "temporary_path.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/output.hpp"
@@ -49,6 +53,7 @@ constexpr char kFooter[] =
     "5 output cannot be written. Every error is one line on stderr.";
 
 constexpr int kMaxThreads = 1024;
+constexpr std::size_t kMaxUsageErrorBytes = 300;
 
 void AddOptions(CLI::App& app, Arguments& arguments) {
   app.footer(kFooter);
@@ -109,14 +114,12 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
       ->excludes(quiet);
 }
 
-std::string OneLine(std::string text) {
-  for (char& c : text) {
-    if (static_cast<unsigned char>(c) < 0x20) c = ' ';
-  }
-  return text;
-}
+// Two paths of the longest that there are, and what is said of them.
+constexpr std::size_t kMaxMessageBytes = 10'000;
 
-void PrintNote(const std::string& text) { std::cerr << "unlidar_track: " << OneLine(text) << "\n"; }
+void PrintNote(const std::string& text) {
+  WriteToStderr("unlidar_track: " + Shortened(text, kMaxMessageBytes) + "\n");
+}
 
 int Fail(ExitCode code, const std::string& text) {
   PrintNote("error: " + text);
@@ -130,8 +133,8 @@ FrameSource ParseSource(const std::string& text) {
     source.name = text.substr(0, equals);
     source.directory = text.substr(equals + 1);
     if (!IsSensorName(source.name)) {
-      throw UsageError("--frames " + text + ": '" + source.name +
-                       "', expected a name of letters, digits, '_' and '-' before '='");
+      throw UsageError("--frames " + text + ": " + Quoted(source.name) +
+                       ", expected a name of letters, digits, '_' and '-' before '='");
     }
   } else {
     source.directory = text;
@@ -224,18 +227,31 @@ std::string PathOfTrack(const std::string& path, int track_id) {
   return result.string();
 }
 
-std::vector<OutputFile> TrajectoryFiles(const Arguments& arguments,
-                                        const std::vector<Track>& tracks) {
-  if (arguments.format == "csv") return {{arguments.out, TrajectoryCsv(tracks)}};
+std::vector<OutputFile> TrajectoryFiles(const Arguments& arguments, const PipelineResult& result) {
+  const std::vector<Track>& tracks = result.tracks;
+  if (arguments.format == "csv") {
+    return {{arguments.out, [&result](const Sink& sink) {
+               std::vector<RowStream> rows;
+               for (const Track& track : result.tracks) rows.push_back(RowsOf(result, track));
+               WriteTrajectoryCsv(rows, sink);
+             }}};
+  }
+  const auto tum_file = [&result](const std::string& path, const Track& track) {
+    return OutputFile{path, [&result, &track](const Sink& sink) {
+                        WriteTrajectoryTum(RowsOf(result, track), sink);
+                      }};
+  };
   const auto best =
       std::max_element(tracks.begin(), tracks.end(),
                        [](const Track& a, const Track& b) { return a.score < b.score; });
-  if (best == tracks.end()) return {{arguments.out, TrajectoryTum(nullptr)}};
-  std::vector<OutputFile> files = {{arguments.out, TrajectoryTum(&*best)}};
+  if (best == tracks.end()) {
+    return {{arguments.out, [](const Sink& sink) { WriteTrajectoryTum({}, sink); }}};
+  }
+  std::vector<OutputFile> files = {tum_file(arguments.out, *best)};
   if (IsSpecialFile(arguments.out)) return files;  // nothing lies beside a pipe
   for (const Track& track : tracks) {
     if (&track == &*best) continue;
-    files.push_back({PathOfTrack(arguments.out, track.id), TrajectoryTum(&track)});
+    files.push_back(tum_file(PathOfTrack(arguments.out, track.id), track));
   }
   return files;
 }
@@ -244,13 +260,13 @@ void AppendOtherFiles(const Arguments& arguments, const PipelineRequest& request
                       const Config& config, const PipelineResult& result,
                       std::vector<OutputFile>& files) {
   if (!arguments.clusters.empty()) {
-    files.push_back({arguments.clusters, ClustersCsv(result.clusters)});
+    files.push_back({arguments.clusters, Content(ClustersCsv(result.clusters))});
   }
   if (!arguments.points.empty()) {
-    files.push_back({arguments.points, TargetPointsPcd(result.recording, result.tracks)});
+    files.push_back({arguments.points, Content(TargetPointsPcd(result.recording, result.tracks))});
   }
   if (!arguments.summary.empty()) {
-    files.push_back({arguments.summary, SummaryJson(request.sources, config, result)});
+    files.push_back({arguments.summary, Content(SummaryJson(request.sources, config, result))});
   }
 }
 
@@ -265,14 +281,14 @@ void PrintResult(const std::vector<std::string>& trajectory_paths, const Pipelin
               Count(counts.returns, "return"));
   }
   std::size_t rows = 0;
-  for (const Track& track : result.tracks) rows += track.rows.size();
+  for (const Track& track : result.tracks) rows += track.num_rows;
   for (std::size_t i = 1; i < trajectory_paths.size(); ++i) {
     PrintNote("a further track is in " + trajectory_paths[i]);
   }
-  std::cout << OneLine(trajectory_paths.front()) << ": " << Count(result.tracks.size(), "track")
-            << ", " << Count(rows, "row") << ", from " << Count(counts.frames, "frame") << " of "
-            << Count(result.recording.sensors.size(), "LiDAR") << std::endl;
-  if (!std::cout) throw OutputError("stdout: cannot be written");
+  WriteToStdout(Shortened(trajectory_paths.front(), kMaxMessageBytes) + ": " +
+                Count(result.tracks.size(), "track") + ", " + Count(rows, "row") + ", from " +
+                Count(counts.frames, "frame") + " of " +
+                Count(result.recording.sensors.size(), "LiDAR") + "\n");
 }
 
 void TrackDrones(const Arguments& arguments) {
@@ -288,7 +304,7 @@ void TrackDrones(const Arguments& arguments) {
     }
   };
   const PipelineResult result = RunPipeline(request, config, progress);
-  std::vector<OutputFile> files = TrajectoryFiles(arguments, result.tracks);
+  std::vector<OutputFile> files = TrajectoryFiles(arguments, result);
   std::vector<std::string> trajectory_paths;
   trajectory_paths.reserve(files.size());
   for (const OutputFile& file : files) trajectory_paths.push_back(file.path);
@@ -297,9 +313,27 @@ void TrackDrones(const Arguments& arguments) {
   if (!arguments.quiet) PrintResult(trajectory_paths, result);
 }
 
+// Where an exception cannot be passed on: destructors of some libraries allocate.
+[[noreturn]] void Terminate() {
+  TemporaryPath::RemoveAll();
+  const char* text = "unlidar_track: error: internal: an exception without a handler\n";
+  try {
+    if (const std::exception_ptr error = std::current_exception()) std::rethrow_exception(error);
+  } catch (const std::bad_alloc&) {
+    text = "unlidar_track: error: out of memory\n";
+  } catch (...) {  // NOLINT(bugprone-empty-catch): the text says it
+  }
+  WriteToStderr(text);
+  std::_Exit(static_cast<int>(ExitCode::kInternal));
+}
+
 }  // namespace
 
 int Main(int argc, char** argv) {
+  // A reader that has gone and a limit of file sizes are errors of writing like others.
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
+  std::set_terminate(Terminate);
   try {
     Arguments arguments;
     CLI::App app(kDescription, "unlidar_track");
@@ -307,9 +341,13 @@ int Main(int argc, char** argv) {
     try {
       app.parse(argc, argv);
     } catch (const CLI::Success& request) {  // --help, --version
-      return app.exit(request);
+      std::ostringstream text;
+      app.exit(request, text, text);
+      WriteToStdout(text.str());
+      return static_cast<int>(ExitCode::kDone);
     } catch (const CLI::ParseError& error) {
-      throw UsageError(std::string(error.what()) + " (--help lists all options)");
+      throw UsageError(Shortened(error.what(), kMaxUsageErrorBytes) +
+                       " (--help lists all options)");
     }
     TrackDrones(arguments);
     return static_cast<int>(ExitCode::kDone);

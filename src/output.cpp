@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <queue>
 #include <utility>
 
 #include "format.hpp"
@@ -31,7 +33,8 @@ Json ConfigJson(const Config& config) {
     std::size_t begin = 0;
     for (std::size_t dot = entry.key.find('.'); dot != std::string::npos;
          dot = entry.key.find('.', begin)) {
-      node = &(*node)[entry.key.substr(begin, dot - begin)];
+      // A null that operator[] makes an object is no sound one where memory ends.
+      node = &*node->emplace(entry.key.substr(begin, dot - begin), Json::object()).first;
       begin = dot + 1;
     }
     std::visit([&](const auto& value) { (*node)[entry.key.substr(begin)] = value; }, entry.value);
@@ -66,7 +69,7 @@ Json CountsJson(const PipelineResult& result) {
   std::size_t rows = 0;
   std::size_t target_returns = 0;
   for (const Track& track : result.tracks) {
-    rows += track.rows.size();
+    rows += track.num_rows;
     target_returns += track.returns.size();
   }
   Json json = {{"frames", counts.frames},
@@ -92,7 +95,7 @@ Json TrackJson(const Track& track) {
           {"begin", SecondsText(track.begin_ns)},
           {"end", SecondsText(track.end_ns)},
           {"duration_s", duration_s},
-          {"rows", track.rows.size()},
+          {"rows", track.num_rows},
           {"returns", track.returns.size()},
           {"score", track.score},
           {"length_m", track.length_m},
@@ -111,34 +114,39 @@ std::string SecondsText(TimeNs time_ns) {
          std::string(9 - fraction.size(), '0') + fraction;
 }
 
-std::string TrajectoryCsv(const std::vector<Track>& tracks) {
-  std::vector<std::pair<const TrajectoryRow*, int>> rows;
-  for (const Track& track : tracks) {
-    for (const TrajectoryRow& row : track.rows) rows.emplace_back(&row, track.id);
+void WriteTrajectoryCsv(const std::vector<RowStream>& tracks, const Sink& sink) {
+  sink("timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support\n");
+  // The next row of each track, the first of all on top.
+  using Next = std::pair<TrajectoryRow, const RowStream*>;
+  const auto is_later = [](const Next& a, const Next& b) {
+    return std::make_pair(a.first.time_ns, a.first.track_id) >
+           std::make_pair(b.first.time_ns, b.first.track_id);
+  };
+  std::priority_queue<Next, std::vector<Next>, decltype(is_later)> queue(is_later);
+  const auto push_next_of = [&](const RowStream& track) {
+    if (const std::optional<TrajectoryRow> row = track()) queue.emplace(*row, &track);
+  };
+  for (const RowStream& track : tracks) push_next_of(track);
+  while (!queue.empty()) {
+    const auto [row, track] = queue.top();
+    queue.pop();
+    push_next_of(*track);
+    std::string text = SecondsText(row.time_ns) + "," + std::to_string(row.track_id);
+    AppendVector(row.position_m, ',', text);
+    AppendVector(row.velocity_mps, ',', text);
+    AppendVector(row.sigma_m, ',', text);
+    sink(text + "," + std::to_string(row.support) + "\n");
   }
-  std::stable_sort(rows.begin(), rows.end(), [](const auto& a, const auto& b) {
-    return std::make_pair(a.first->time_ns, a.second) < std::make_pair(b.first->time_ns, b.second);
-  });
-  std::string text = "timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support\n";
-  for (const auto& [row, track_id] : rows) {
-    text += SecondsText(row->time_ns) + "," + std::to_string(track_id);
-    AppendVector(row->position_m, ',', text);
-    AppendVector(row->velocity_mps, ',', text);
-    AppendVector(row->sigma_m, ',', text);
-    text += "," + std::to_string(row->support) + "\n";
-  }
-  return text;
 }
 
-std::string TrajectoryTum(const Track* track) {
-  std::string text = "# timestamp tx ty tz qx qy qz qw\n";
-  if (track == nullptr) return text;
-  for (const TrajectoryRow& row : track->rows) {
-    text += SecondsText(row.time_ns);
-    AppendVector(row.position_m, ' ', text);
-    text += " 0 0 0 1\n";
+void WriteTrajectoryTum(const RowStream& track, const Sink& sink) {
+  sink("# timestamp tx ty tz qx qy qz qw\n");
+  if (!track) return;
+  while (const std::optional<TrajectoryRow> row = track()) {
+    std::string text = SecondsText(row->time_ns);
+    AppendVector(row->position_m, ' ', text);
+    sink(text + " 0 0 0 1\n");
   }
-  return text;
 }
 
 std::string ClustersCsv(const std::vector<ClusterScore>& clusters) {

@@ -9,8 +9,11 @@
 #include <cstring>
 #include <deque>
 #include <filesystem>
-#include <string_view>
+#include <optional>
+#include <utility>
 
+#include "descriptor.hpp"
+#include "temporary_path.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -18,40 +21,75 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::size_t kBlockBytes = std::size_t{1} << 16;
+constexpr int kMaxLinks = 40;  // as Linux
+constexpr mode_t kRights = 0777;
+constexpr mode_t kGroupRights = 0070;
+constexpr uid_t kNoChange = static_cast<uid_t>(-1);
+
 [[noreturn]] void Fail(const std::string& path, const std::string& reason) {
   throw OutputError(path + ": cannot be written: " + reason);
 }
 
 [[noreturn]] void FailWithErrno(const std::string& path) { Fail(path, std::strerror(errno)); }
 
-// A file descriptor that closes itself.
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  int get() const { return fd_; }
-
- private:
-  int fd_;
-};
-
-void WriteAll(int fd, std::string_view content, const std::string& path) {
-  while (!content.empty()) {
-    const ssize_t written = ::write(fd, content.data(), content.size());
-    if (written < 0 && errno == EINTR) continue;
+void WriteAll(int fd, std::string_view bytes, const std::string& path) {
+  while (!bytes.empty()) {
+    const ssize_t written = Uninterrupted([&] { return ::write(fd, bytes.data(), bytes.size()); });
     if (written < 0) FailWithErrno(path);
-    content.remove_prefix(static_cast<std::size_t>(written));
+    bytes.remove_prefix(static_cast<std::size_t>(written));
   }
 }
 
+// Hands everything over in blocks.
+void WriteContent(int fd, const OutputFile& file) {
+  std::string block;
+  file.write([&](std::string_view bytes) {
+    block += bytes;
+    if (block.size() < kBlockBytes) return;
+    WriteAll(fd, block, file.path);
+    block.clear();
+  });
+  WriteAll(fd, block, file.path);
+}
+
 void WriteInPlace(const OutputFile& file) {
-  const Descriptor target(::open(file.path.c_str(), O_WRONLY | O_CLOEXEC));
+  Descriptor target(Uninterrupted([&] { return ::open(file.path.c_str(), O_WRONLY | O_CLOEXEC); }));
   if (target.get() < 0) FailWithErrno(file.path);
-  WriteAll(target.get(), file.content, file.path);
+  WriteContent(target.get(), file);
+  if (!target.Close()) FailWithErrno(file.path);
+}
+
+// Of what is there, behind links. An error that says nothing about that is thrown: a device must
+// not be taken for a file that may be replaced.
+std::optional<struct stat> Status(const std::string& path) {
+  struct stat status {};
+  if (::stat(path.c_str(), &status) == 0) return status;
+  if (errno != ENOENT) FailWithErrno(path);
+  return std::nullopt;
+}
+
+// What a write to the path would replace, with every link followed, also one to nothing.
+fs::path Resolved(const std::string& path, std::error_code& error) {
+  fs::path resolved = fs::weakly_canonical(fs::absolute(path, error), error);
+  for (int links = 0; !error; ++links) {
+    std::error_code status_error;  // set for what is not there, too
+    const fs::file_status status = fs::symlink_status(resolved, status_error);
+    if (status.type() == fs::file_type::none) error = status_error;
+    if (status.type() != fs::file_type::symlink) break;
+    if (links == kMaxLinks) error = std::make_error_code(std::errc::too_many_symbolic_link_levels);
+    if (!error) resolved = resolved.parent_path() / fs::read_symlink(resolved, error);
+    if (!error) resolved = fs::weakly_canonical(resolved, error);
+  }
+  return resolved;
+}
+
+// The same as a text. To take a link for a file would replace it.
+std::string Target(const std::string& path) {
+  std::error_code error;
+  const fs::path resolved = Resolved(path, error);
+  if (error) Fail(path, error.message());
+  return resolved.string();
 }
 
 // A file beside the target that takes its place on Commit, else vanishes.
@@ -59,61 +97,81 @@ class TemporaryFile {
  public:
   explicit TemporaryFile(const std::string& path)
       : path_(path),
-        target_(ResolvedPath(path)),
-        temporary_(target_ + ".part-" + std::to_string(::getpid())),
-        fd_(::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666)) {
-    if (fd_.get() < 0) FailWithErrno(path_);
+        target_(Target(path)),
+        old_(Status(target_)),
+        temporary_(target_),
+        fd_(Create()) {
+    if (old_) HandOnPermissions();
   }
-  ~TemporaryFile() {
-    if (!committed_) ::unlink(temporary_.c_str());
-  }
-  TemporaryFile(const TemporaryFile&) = delete;
-  TemporaryFile& operator=(const TemporaryFile&) = delete;
 
-  void Write(std::string_view content) {
-    WriteAll(fd_.get(), content, path_);
+  void Write(const OutputFile& file) {
+    WriteContent(fd_.get(), file);
     // A power cut after the rename must not leave an empty file in the old one's place.
-    if (::fsync(fd_.get()) != 0 && errno != EINVAL) FailWithErrno(path_);
+    const int synced = Uninterrupted([&] { return ::fsync(fd_.get()); });
+    if ((synced != 0 && errno != EINVAL) || !fd_.Close()) FailWithErrno(path_);
   }
 
   void Commit() {
     if (std::rename(temporary_.c_str(), target_.c_str()) != 0) FailWithErrno(path_);
-    committed_ = true;
   }
 
  private:
+  int Create() const {
+    const mode_t mode = old_ ? S_IRUSR | S_IWUSR : 0666;  // the umask takes from the latter
+    const int fd = Uninterrupted(
+        [&] { return ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode); });
+    if (fd < 0) FailWithErrno(path_);
+    return fd;
+  }
+
+  void HandOnPermissions() const {
+    mode_t mode = old_->st_mode & kRights;
+    // Only root may give a file away, others at least to a group of theirs. In a group that is not
+    // the old one, nobody gains a right.
+    const bool has_group = ::fchown(fd_.get(), old_->st_uid, old_->st_gid) == 0 ||
+                           ::fchown(fd_.get(), kNoChange, old_->st_gid) == 0;
+    if (!has_group) mode = (mode & ~kGroupRights) | (mode & (mode << 3) & kGroupRights);
+    if (::fchmod(fd_.get(), mode) != 0) FailWithErrno(path_);
+  }
+
   std::string path_;
   std::string target_;
-  std::string temporary_;
+  std::optional<struct stat> old_;  // of the target, if there is one
+  TemporaryPath temporary_;
   Descriptor fd_;
-  bool committed_ = false;
 };
 
 }  // namespace
 
+ContentWriter Content(std::string bytes) {
+  return [bytes = std::move(bytes)](const Sink& sink) { sink(bytes); };
+}
+
 std::string ResolvedPath(const std::string& path) {
   std::error_code error;
-  const fs::path resolved = fs::weakly_canonical(fs::absolute(path, error), error);
+  const fs::path resolved = Resolved(path, error);
   return error ? path : resolved.string();
 }
 
 bool IsSpecialFile(const std::string& path) {
-  std::error_code error;
-  const fs::file_status status = fs::status(path, error);
-  return fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status);
+  const auto status = Status(path);
+  return status && !S_ISREG(status->st_mode) && !S_ISDIR(status->st_mode);
 }
 
 void CheckWritable(const std::string& path) {
-  std::error_code error;
-  if (!fs::path(path).has_filename() || fs::is_directory(path, error)) {
+  const auto status = Status(path);
+  if (!fs::path(path).has_filename() || (status && S_ISDIR(status->st_mode))) {
     Fail(path, "it names a directory, expected a file");
   }
   if (IsSpecialFile(path)) {
     if (::access(path.c_str(), W_OK) != 0) FailWithErrno(path);
     return;
   }
-  const fs::path directory = fs::path(ResolvedPath(path)).parent_path();
-  if (!fs::is_directory(directory, error)) {
+  std::error_code error;
+  const fs::path directory = fs::path(Target(path)).parent_path();
+  const bool is_directory = fs::is_directory(directory, error);
+  if (error && error != std::errc::no_such_file_or_directory) Fail(path, error.message());
+  if (!is_directory) {
     Fail(path, "'" + directory.string() + "' is no directory, expected an existing one");
   }
   const TemporaryFile probe(path);
@@ -123,12 +181,21 @@ void WriteFiles(const std::vector<OutputFile>& files) {
   std::deque<TemporaryFile> temporaries;
   for (const OutputFile& file : files) {
     if (IsSpecialFile(file.path)) continue;
-    temporaries.emplace_back(file.path).Write(file.content);
+    temporaries.emplace_back(file.path).Write(file);
   }
   for (const OutputFile& file : files) {
     if (IsSpecialFile(file.path)) WriteInPlace(file);
   }
   for (TemporaryFile& temporary : temporaries) temporary.Commit();
+}
+
+void WriteToStdout(std::string_view text) { WriteAll(STDOUT_FILENO, text, "stdout"); }
+
+void WriteToStderr(std::string_view text) {
+  try {
+    WriteAll(STDERR_FILENO, text, "stderr");
+  } catch (const OutputError&) {  // NOLINT(bugprone-empty-catch): see the declaration
+  }
 }
 
 }  // namespace unlidar

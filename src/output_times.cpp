@@ -1,10 +1,11 @@
 #include "unlidar/output_times.hpp"
 
 #include <algorithm>
-#include <fstream>
 #include <optional>
 #include <utility>
 
+#include "format.hpp"
+#include "input_file.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/stamp.hpp"
 
@@ -41,57 +42,29 @@ std::optional<std::size_t> TimestampColumn(std::string_view header) {
   return std::nullopt;
 }
 
-std::vector<TimeNs> RateInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns) {
-  // Unsigned: stamps at both ends of the 64 bits must not overflow.
-  const std::uint64_t span_ns =
-      static_cast<std::uint64_t>(end_ns) - static_cast<std::uint64_t>(begin_ns);
-  const double hertz = static_cast<double>(rate.nanohertz) / static_cast<double>(kGiga);
-  const double span_s = static_cast<double>(span_ns) * kSecondsPerNs;
-  if (span_s * hertz > kMaxInstants) {
-    throw UsageError("--rate " + std::to_string(hertz) + ": a recording of " +
-                     std::to_string(span_s) + " s gives over 10 million output times, expected " +
-                     "fewer");
-  }
-  // Instant k is begin + floor(k * 1e18 / nanohertz), in whole steps and a running remainder.
-  const auto divisor = static_cast<std::uint64_t>(rate.nanohertz);
-  constexpr std::uint64_t kDividend = std::uint64_t{1'000'000'000} * 1'000'000'000;
-  std::vector<TimeNs> instants;
-  std::uint64_t elapsed_ns = 0;
-  std::uint64_t remainder = 0;
-  while (true) {
-    instants.push_back(static_cast<TimeNs>(static_cast<std::uint64_t>(begin_ns) + elapsed_ns));
-    remainder += kDividend % divisor;
-    const std::uint64_t step_ns = kDividend / divisor + remainder / divisor;
-    remainder %= divisor;
-    if (step_ns > span_ns - elapsed_ns) break;
-    elapsed_ns += step_ns;
-  }
-  return instants;
-}
-
 struct InstantsOf {
   const Recording& recording;
 
-  std::vector<TimeNs> operator()(FirstSensorStamps) const {
+  OutputInstants operator()(FirstSensorStamps) const {
     std::vector<TimeNs> stamps;
     for (const FrameInfo& frame : recording.frames) {
       if (frame.sensor == 0) stamps.push_back(frame.stamp_ns);
     }
-    return stamps;
+    return OutputInstants(std::move(stamps));
   }
 
-  std::vector<TimeNs> operator()(const Rate& rate) const {
-    if (recording.frames.empty()) return {};
+  OutputInstants operator()(const Rate& rate) const {
+    if (recording.frames.empty()) return OutputInstants();
     TimeNs begin_ns = recording.frames.front().begin_ns;
     TimeNs end_ns = recording.frames.front().end_ns;
     for (const FrameInfo& frame : recording.frames) {
       begin_ns = std::min(begin_ns, frame.begin_ns);
       end_ns = std::max(end_ns, frame.end_ns);
     }
-    return RateInstants(rate, begin_ns, end_ns);
+    return OutputInstants(rate, begin_ns, end_ns);
   }
 
-  std::vector<TimeNs> operator()(const std::vector<TimeNs>& list) const { return list; }
+  OutputInstants operator()(const std::vector<TimeNs>& list) const { return OutputInstants(list); }
 };
 
 }  // namespace
@@ -100,24 +73,20 @@ Rate ParseRate(std::string_view text) {
   // Hertz to nanohertz is the same exact shift by nine digits as seconds to nanoseconds.
   const std::optional<std::int64_t> nanohertz = ParseStamp(text);
   if (!nanohertz || *nanohertz <= 0 || *nanohertz > kMaxRateHz * kGiga) {
-    throw UsageError("--rate '" + std::string(text) + "': expected a number of hertz above 0 to " +
+    throw UsageError("--rate " + Quoted(text) + ": expected a number of hertz above 0 to " +
                      std::to_string(kMaxRateHz));
   }
   return Rate{*nanohertz};
 }
 
 std::vector<TimeNs> ReadStampList(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file || file.peek() == std::ifstream::traits_type::eof()) {
-    throw InputError(path + ": empty or cannot be read, expected one stamp a line");
-  }
+  LineReader lines(path, {"one stamp a line"});
   std::vector<TimeNs> stamps;
-  std::string buffer;
   std::optional<std::size_t> column;  // of a CSV with a header
   bool first = true;
-  for (int number = 1; std::getline(file, buffer); ++number) {
-    std::string_view line = buffer;
-    if (number == 1 && line.substr(0, kByteOrderMark.size()) == kByteOrderMark) {
+  while (lines.Next()) {
+    std::string_view line = lines.line();
+    if (lines.number() == 1 && line.substr(0, kByteOrderMark.size()) == kByteOrderMark) {
       line.remove_prefix(kByteOrderMark.size());
     }
     line = Trim(line);
@@ -130,8 +99,8 @@ std::vector<TimeNs> ReadStampList(const std::string& path) {
     const std::string_view field = column ? Field(line, *column) : line;
     const std::optional<TimeNs> stamp = ParseStamp(field);
     if (!stamp) {
-      throw InputError(path + ":" + std::to_string(number) + ": '" + std::string(field) +
-                       "' is no stamp, expected seconds such as 1706255621.614239" +
+      throw InputError(path + ":" + std::to_string(lines.number()) + ": " + Quoted(field) +
+                       " is no stamp, expected seconds such as 1706255621.614239" +
                        (could_be_header ? " or a header with a column `timestamp`" : ""));
     }
     stamps.push_back(*stamp);
@@ -142,7 +111,54 @@ std::vector<TimeNs> ReadStampList(const std::string& path) {
   return stamps;
 }
 
-std::vector<TimeNs> ResolveOutputTimes(const OutputTimes& times, const Recording& recording) {
+OutputInstants::OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns)
+    : nanohertz_(static_cast<std::uint64_t>(rate.nanohertz)), begin_ns_(begin_ns) {
+  // Unsigned: stamps at both ends of the 64 bits must not overflow.
+  const std::uint64_t span_ns =
+      static_cast<std::uint64_t>(end_ns) - static_cast<std::uint64_t>(begin_ns);
+  const double hertz = static_cast<double>(rate.nanohertz) / static_cast<double>(kGiga);
+  const double span_s = static_cast<double>(span_ns) * kSecondsPerNs;
+  if (span_s * hertz > kMaxInstants) {
+    throw UsageError("--rate " + std::to_string(hertz) + ": a recording of " +
+                     std::to_string(span_s) + " s gives over 10 million output times, expected " +
+                     "fewer");
+  }
+  // The last instant: from just below where rounding may have it, step by step.
+  auto last = static_cast<std::uint64_t>(std::max(0.0, span_s * hertz - 2.0));
+  while (ElapsedNs(last + 1) - ElapsedNs(last) <= span_ns - ElapsedNs(last)) ++last;
+  size_ = last + 1;
+}
+
+TimeNs OutputInstants::operator[](std::size_t k) const {
+  if (nanohertz_ == 0) return list_[k];
+  return static_cast<TimeNs>(static_cast<std::uint64_t>(begin_ns_) + ElapsedNs(k));
+}
+
+std::size_t OutputInstants::CountBefore(TimeNs time_ns) const {
+  std::size_t before = 0;
+  std::size_t not_before = size_;
+  while (before < not_before) {
+    const std::size_t middle = before + (not_before - before) / 2;
+    if ((*this)[middle] < time_ns) {
+      before = middle + 1;
+    } else {
+      not_before = middle;
+    }
+  }
+  return before;
+}
+
+// floor(k * 1e18 / nanohertz) for k up to some more than kMaxInstants. The remainder of the
+// division, below 1e15, times k does not fit into 64 bits: times the thousands of k it does.
+std::uint64_t OutputInstants::ElapsedNs(std::uint64_t k) const {
+  constexpr std::uint64_t kDividend = std::uint64_t{1'000'000'000} * 1'000'000'000;
+  const std::uint64_t remainder = kDividend % nanohertz_;
+  const std::uint64_t thousands = k / 1000 * remainder;
+  return k * (kDividend / nanohertz_) + thousands / nanohertz_ * 1000 +
+         (thousands % nanohertz_ * 1000 + k % 1000 * remainder) / nanohertz_;
+}
+
+OutputInstants ResolveOutputTimes(const OutputTimes& times, const Recording& recording) {
   return std::visit(InstantsOf{recording}, times);
 }
 

@@ -1,15 +1,11 @@
 #include "unlidar/pcd.hpp"
 
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <cstring>
 #include <limits>
 #include <memory>
 
+#include "input_file.hpp"
 #include "pcd_format.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/lzf.hpp"
@@ -19,6 +15,10 @@ static_assert(sizeof(Eigen::Vector3f) == 12, "points are written as they lie in 
 
 namespace unlidar {
 namespace {
+
+// No LiDAR has a frame of such a size, in the file or unpacked.
+constexpr std::uint64_t kMaxFrameBytes = std::uint64_t{1} << 30;
+constexpr std::size_t kCompressedPrefix = 8;  // two sizes before compressed data
 
 // The values of a field in memory, one every `stride` bytes.
 struct Column {
@@ -117,15 +117,14 @@ PcdCloud ParseCompressed(std::string_view body, const PcdHeader& header, const s
   const auto fail = [&](const std::string& what) {
     throw InputError(name + ": compressed data " + what);
   };
-  constexpr std::size_t kPrefix = 8;
-  if (body.size() < kPrefix) {
+  if (body.size() < kCompressedPrefix) {
     fail("has " + std::to_string(body.size()) + " bytes, expected two sizes of 4 bytes first");
   }
   std::uint32_t compressed_size = 0;
   std::uint32_t size = 0;
   std::memcpy(&compressed_size, body.data(), 4);
   std::memcpy(&size, body.data() + 4, 4);
-  body.remove_prefix(kPrefix);
+  body.remove_prefix(kCompressedPrefix);
   if (compressed_size > body.size()) {
     fail("says it has " + std::to_string(compressed_size) + " bytes, expected at most the " +
          std::to_string(body.size()) + " that are left in the file");
@@ -140,6 +139,10 @@ PcdCloud ParseCompressed(std::string_view body, const PcdHeader& header, const s
   if (size != full_size && size != lean_size) {
     fail("says it unpacks to " + std::to_string(size) + " bytes, expected " +
          std::to_string(full_size) + " for " + std::to_string(header.num_points) + " points");
+  }
+  if (size > kMaxFrameBytes) {
+    fail("unpacks to " + std::to_string(size) + " bytes, expected at most " +
+         std::to_string(kMaxFrameBytes) + " of a frame");
   }
   if (size / kLzfMaxExpansion > compressed_size) {
     fail("says that " + std::to_string(compressed_size) + " bytes unpack to " +
@@ -165,13 +168,35 @@ PcdCloud ParseCompressed(std::string_view body, const PcdHeader& header, const s
   });
 }
 
-struct FileCloser {
-  int descriptor;
-  ~FileCloser() { ::close(descriptor); }
-};
+// Where the last point ends, told by the header and, of compressed data, by the first of the sizes
+// behind it; the whole of a text.
+std::uint64_t BytesNeeded(const PcdHeader& header, std::string_view bytes,
+                          std::uint64_t file_bytes) {
+  switch (header.encoding) {
+    case PcdEncoding::kBinary:
+      return header.body_begin + header.num_points * header.row_bytes;
+    case PcdEncoding::kBinaryCompressed: {
+      if (bytes.size() < header.body_begin + kCompressedPrefix) return bytes.size();
+      std::uint32_t compressed_size = 0;
+      std::memcpy(&compressed_size, bytes.data() + header.body_begin, 4);
+      return header.body_begin + kCompressedPrefix + compressed_size;
+    }
+    case PcdEncoding::kAscii:
+      break;
+  }
+  return file_bytes;
+}
 
-[[noreturn]] void ThrowUnreadable(const std::string& path, const std::string& reason) {
-  throw InputError(path + ": cannot be read (" + reason + "), expected a PCD file");
+PcdCloud ParseBody(std::string_view bytes, const PcdHeader& header, const std::string& name) {
+  switch (header.encoding) {
+    case PcdEncoding::kBinary:
+      return ParseBinary(bytes.substr(header.body_begin), header, name);
+    case PcdEncoding::kBinaryCompressed:
+      return ParseCompressed(bytes.substr(header.body_begin), header, name);
+    case PcdEncoding::kAscii:
+      break;
+  }
+  return ParsePcdAscii(bytes, header, name);
 }
 
 }  // namespace
@@ -194,37 +219,31 @@ PcdCloud EmptyCloud(const PcdHeader& header) {
 }
 
 PcdCloud ParsePcd(std::string_view bytes, const std::string& name) {
-  const PcdHeader header = ParsePcdHeader(bytes, name);
-  switch (header.encoding) {
-    case PcdEncoding::kBinary:
-      return ParseBinary(bytes.substr(header.body_begin), header, name);
-    case PcdEncoding::kBinaryCompressed:
-      return ParseCompressed(bytes.substr(header.body_begin), header, name);
-    case PcdEncoding::kAscii:
-      break;
-  }
-  return ParsePcdAscii(bytes, header, name);
+  return ParseBody(bytes, ParsePcdHeader(bytes, name), name);
 }
 
 // Read, not mapped: a file that shrinks under a map kills the process.
 PcdCloud ReadPcd(const std::string& path) {
-  const FileCloser file{::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
-  if (file.descriptor < 0) ThrowUnreadable(path, std::strerror(errno));
-  struct stat status {};
-  if (::fstat(file.descriptor, &status) != 0) ThrowUnreadable(path, std::strerror(errno));
-  if (!S_ISREG(status.st_mode)) ThrowUnreadable(path, "not a regular file");
+  InputFile file(path, {"a PCD file", true});
+  // Takes most frames whole, and always the header with what tells the size of the rest.
+  std::uint64_t size = std::min<std::uint64_t>(file.size(), kMaxPcdHeaderBytes + kCompressedPrefix);
+  std::unique_ptr<char[]> bytes(new char[size]);
+  size = file.Read(bytes.get(), size);
+  const PcdHeader header = ParsePcdHeader({bytes.get(), size}, path);
 
-  const std::size_t size = static_cast<std::size_t>(status.st_size);
-  const std::unique_ptr<char[]> bytes(new char[size]);
-  std::size_t filled = 0;
-  while (filled < size) {
-    const ssize_t got = ::read(file.descriptor, bytes.get() + filled, size - filled);
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) ThrowUnreadable(path, std::strerror(errno));
-    if (got == 0) break;
-    filled += static_cast<std::size_t>(got);
+  const std::uint64_t needed =
+      std::min(BytesNeeded(header, {bytes.get(), size}, file.size()), file.size());
+  if (needed > kMaxFrameBytes) {
+    throw InputError(path + ": takes " + std::to_string(needed) + " bytes, expected at most " +
+                     std::to_string(kMaxFrameBytes) + " of a frame");
   }
-  return ParsePcd({bytes.get(), filled}, path);
+  if (needed > size) {
+    std::unique_ptr<char[]> whole(new char[needed]);
+    std::memcpy(whole.get(), bytes.get(), size);
+    size += file.Read(whole.get() + size, needed - size);
+    bytes = std::move(whole);
+  }
+  return ParseBody({bytes.get(), size}, header, path);
 }
 
 std::string BinaryPcd(const std::vector<Eigen::Vector3f>& points_m) {

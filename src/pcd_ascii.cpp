@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <limits>
 
+#include "format.hpp"
 #include "pcd_format.hpp"
 #include "unlidar/error.hpp"
 

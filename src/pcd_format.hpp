@@ -25,12 +25,15 @@ struct PcdField {
   bool is_padding() const { return name == "_"; }
 };
 
+// No header is longer. Most of a gigabyte of something else need not be read to see that.
+inline constexpr std::size_t kMaxPcdHeaderBytes = std::size_t{1} << 20;
+
 inline constexpr std::size_t kNoField = static_cast<std::size_t>(-1);
 
 struct PcdHeader {
   std::vector<PcdField> fields;
   std::uint64_t num_points = 0;
-  std::uint64_t row_bytes = 0;   // times num_points below 2^63
+  std::uint64_t row_bytes = 0;   // times num_points below 2^57
   std::uint64_t row_values = 0;  // values on a line of ascii data
   PcdEncoding encoding = PcdEncoding::kAscii;
   std::size_t body_begin = 0;  // byte behind the DATA line
@@ -54,8 +57,5 @@ PcdCloud ParsePcdAscii(std::string_view bytes, const PcdHeader& header, const st
 
 // A cloud of so many points with z = 0, times as the header has them.
 PcdCloud EmptyCloud(const PcdHeader& header);
-
-// `text` in quotes for a message: one line, printable, not endless.
-std::string Quoted(std::string_view text);
 
 }  // namespace unlidar

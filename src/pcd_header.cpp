@@ -5,14 +5,16 @@
 #include <limits>
 #include <optional>
 
+#include "format.hpp"
 #include "pcd_format.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
 
-// Far beyond any sensor; their products with 2^32 points still fit into 64 bits.
+// Far beyond any sensor; the products of rows and points still fit into 64 bits.
 constexpr std::uint64_t kMaxRowBytes = std::uint64_t{1} << 31;
+constexpr std::uint64_t kMaxPoints = std::uint64_t{1} << 26;
 constexpr std::size_t kMaxFields = 4096;
 
 using Tokens = std::vector<std::string_view>;
@@ -43,7 +45,8 @@ std::string Lower(std::string text) {
 
 class HeaderParser {
  public:
-  HeaderParser(std::string_view bytes, const std::string& name) : bytes_(bytes), name_(name) {}
+  HeaderParser(std::string_view bytes, const std::string& name)
+      : bytes_(bytes.substr(0, kMaxPcdHeaderBytes)), name_(name) {}
 
   PcdHeader Parse() {
     ReadLines();
@@ -71,6 +74,7 @@ class HeaderParser {
       at = newline == std::string_view::npos ? bytes_.size() : newline + 1;
       if (tokens.empty()) continue;
       if (tokens[0] == "DATA") {
+        if (at == kMaxPcdHeaderBytes) break;  // the line may go on beyond
         ReadEncoding(tokens);
         header_.body_begin = at;
         header_.body_line = line_number + 1;
@@ -80,7 +84,10 @@ class HeaderParser {
       if (entry) Fail(std::string(tokens[0]) + " appears twice, expected once");
       entry = Tokens(tokens.begin() + 1, tokens.end());
     }
-    Fail("ends without a DATA line, expected DATA ascii, binary or binary_compressed");
+    Fail("has no DATA line, expected DATA ascii, binary or binary_compressed" +
+         (bytes_.size() < kMaxPcdHeaderBytes
+              ? std::string()
+              : " within " + std::to_string(kMaxPcdHeaderBytes) + " bytes"));
   }
 
   // Empty for comments and blank lines.
@@ -206,9 +213,10 @@ class HeaderParser {
     if (!width && !points) Fail("has neither WIDTH nor POINTS, expected the number of points");
     header_.num_points = points ? *points : *width * height.value_or(1);
     const std::uint64_t area = width ? *width * height.value_or(1) : header_.num_points;
-    if (area != header_.num_points || header_.num_points > UINT32_MAX) {
+    if (area != header_.num_points || header_.num_points > kMaxPoints) {
       Fail("WIDTH x HEIGHT is " + std::to_string(area) + " and POINTS is " +
-           std::to_string(header_.num_points) + ", expected the same number below 2^32");
+           std::to_string(header_.num_points) + ", expected the same number, at most " +
+           std::to_string(kMaxPoints));
     }
   }
 
@@ -263,15 +271,6 @@ std::size_t SizeBytes(PcdType type) {
 }
 
 std::uint64_t PcdField::size_bytes() const { return count * SizeBytes(type); }
-
-std::string Quoted(std::string_view text) {
-  constexpr std::size_t kMaxLength = 40;
-  std::string quoted = "'";
-  for (const char c : text.substr(0, kMaxLength)) {
-    quoted += std::isprint(static_cast<unsigned char>(c)) != 0 ? c : '?';
-  }
-  return quoted + (text.size() > kMaxLength ? "...'" : "'");
-}
 
 PcdHeader ParsePcdHeader(std::string_view bytes, const std::string& name) {
   return HeaderParser(bytes, name).Parse();

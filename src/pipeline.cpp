@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "format.hpp"
-#include "unlidar/sampling.hpp"
 
 namespace unlidar {
 namespace {
@@ -38,20 +37,26 @@ bool IsSeenEarlier(const Target& a, const Target& b) {
   return key(a) < key(b);
 }
 
-Track FitTrack(const Recording& recording, const Target& target,
-               const std::vector<TimeNs>& times_ns, const TrajectoryConfig& config) {
-  const Trajectory trajectory = FitTrajectory(target.measurements, config);
+Track FitTrack(const Recording& recording, const Target& target, const TrajectoryConfig& config) {
   Track track;
-  track.begin_ns = trajectory.begin_ns();
-  track.end_ns = trajectory.end_ns();
+  RowSource& rows = track.row_source;
+  rows.trajectory = FitTrajectory(target.measurements, config);
+  rows.presence = PresenceInterval(recording, target.measurements, config.silence_probability);
+  rows.depth_sigma_m = target.depth_sigma_m;
+  rows.max_sigma_m = config.max_sigma_m;
+  rows.support = SupportByFrame(recording, target.returns);
+  track.begin_ns = rows.trajectory.begin_ns();
+  track.end_ns = rows.trajectory.end_ns();
   track.score = target.score;
-  track.length_m = PathLength(trajectory);
+  track.length_m = PathLength(rows.trajectory);
   track.returns = target.returns;
-  track.rows = SampleTrajectory(
-      trajectory, PresenceInterval(recording, target.measurements, config.silence_probability),
-      times_ns, target.depth_sigma_m, config.max_sigma_m);
-  CountSupport(recording, track.returns, track.rows);
   return track;
+}
+
+std::size_t CountRows(const RowStream& next) {
+  std::size_t count = 0;
+  while (next()) ++count;
+  return count;
 }
 
 }  // namespace
@@ -82,11 +87,11 @@ PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
     timer.End("clusters", Count(result.clusters.size(), "cluster"));
   }
 
-  const std::vector<TimeNs> times_ns = ResolveOutputTimes(request.output_times, recording);
+  result.output_instants = ResolveOutputTimes(request.output_times, recording);
   for (const Target& target : targets) {
-    Track track = FitTrack(recording, target, times_ns, config.trajectory);
-    track.id = static_cast<int>(result.tracks.size());
-    for (TrajectoryRow& row : track.rows) row.track_id = track.id;
+    Track track = FitTrack(recording, target, config.trajectory);
+    track.id = track.row_source.track_id = static_cast<int>(result.tracks.size());
+    track.num_rows = CountRows(RowsOf(result, track));
     result.tracks.push_back(std::move(track));
   }
   timer.End("trajectories", Count(result.tracks.size(), "track"));

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <iterator>
-#include <limits>
+#include <optional>
+#include <utility>
 
 namespace unlidar {
 namespace {
@@ -50,8 +50,57 @@ TimeNs Silence(Iterator first, Iterator last, TimeNs period_ns, double probabili
   if (num_pauses < 2) return 0;
   const double seen = static_cast<double>(num_pauses - 1) / static_cast<double>(sum - longest);
   if (seen >= 1.0) return 0;
-  return period_ns * static_cast<TimeNs>(std::log(probability) / std::log1p(-seen));
+  const double periods = std::floor(std::log(probability) / std::log1p(-seen));
+  // Longer than any recording, and no overflow where it is added to a time.
+  constexpr TimeNs kForeverNs = 1'000'000'000'000'000'000;
+  const bool ends = static_cast<double>(period_ns) * periods < static_cast<double>(kForeverNs);
+  return ends ? period_ns * static_cast<TimeNs>(periods) : kForeverNs;
 }
+
+// One row ahead of what it gives: returns belong to the nearer of two rows.
+class RowSampler {
+ public:
+  RowSampler(const RowSource& source, const OutputInstants& instants)
+      : source_(source),
+        instants_(instants),
+        instant_(instants.CountBefore(source.presence.begin_ns)),
+        support_(source.support.begin()),
+        ahead_(Sample()) {}
+
+  std::optional<TrajectoryRow> Next() {
+    std::optional<TrajectoryRow> row = std::move(ahead_);
+    if (!row) return row;
+    ahead_ = Sample();
+    for (; support_ != source_.support.end(); ++support_) {
+      const TimeNs stamp_ns = support_->stamp_ns;
+      if (ahead_ && Distance(ahead_->time_ns, stamp_ns) < Distance(row->time_ns, stamp_ns)) break;
+      row->support += support_->returns;
+    }
+    return row;
+  }
+
+ private:
+  // The next row that may be written, without its support.
+  std::optional<TrajectoryRow> Sample() {
+    while (instant_ < instants_.size()) {
+      const TimeNs time_ns = instants_[instant_];
+      if (time_ns > source_.presence.end_ns) break;
+      ++instant_;
+      TrajectoryRow row = source_.trajectory.At(time_ns);
+      row.track_id = source_.track_id;
+      const Eigen::Vector3d depth_m = source_.depth_sigma_m * row.position_m.stableNormalized();
+      row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2()).cwiseSqrt();
+      if (IsFinite(row) && row.sigma_m.maxCoeff() <= source_.max_sigma_m) return row;
+    }
+    return std::nullopt;
+  }
+
+  const RowSource& source_;
+  const OutputInstants& instants_;
+  std::size_t instant_;
+  std::vector<FrameSupport>::const_iterator support_;
+  std::optional<TrajectoryRow> ahead_;
+};
 
 }  // namespace
 
@@ -80,36 +129,23 @@ TimeInterval PresenceInterval(const Recording& recording,
           std::min(watched.end_ns, interval.end_ns + after_ns)};
 }
 
-std::vector<TrajectoryRow> SampleTrajectory(const Trajectory& trajectory,
-                                            const TimeInterval& interval,
-                                            const std::vector<TimeNs>& times_ns,
-                                            double depth_sigma_m, double max_sigma_m) {
-  std::vector<TrajectoryRow> rows;
-  const auto first = std::lower_bound(times_ns.begin(), times_ns.end(), interval.begin_ns);
-  const auto last = std::upper_bound(first, times_ns.end(), interval.end_ns);
-  for (auto time_ns = first; time_ns != last; ++time_ns) {
-    TrajectoryRow row = trajectory.At(*time_ns);
-    const Eigen::Vector3d depth_m = depth_sigma_m * row.position_m.stableNormalized();
-    row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2()).cwiseSqrt();
-    if (IsFinite(row) && row.sigma_m.maxCoeff() <= max_sigma_m) rows.push_back(row);
+std::vector<FrameSupport> SupportByFrame(const Recording& recording,
+                                         const std::vector<std::uint32_t>& returns) {
+  std::vector<FrameSupport> support;
+  std::uint32_t frame_end = 0;
+  for (const std::uint32_t index : returns) {
+    if (support.empty() || index >= frame_end) {
+      const FrameInfo& frame = FrameOf(recording, index);
+      frame_end = frame.last_return;
+      support.push_back({frame.stamp_ns, 0});
+    }
+    ++support.back().returns;
   }
-  return rows;
+  return support;
 }
 
-void CountSupport(const Recording& recording, const std::vector<std::uint32_t>& returns,
-                  std::vector<TrajectoryRow>& rows) {
-  if (rows.empty()) return;
-  for (const std::uint32_t index : returns) {
-    const TimeNs time_ns = FrameOf(recording, index).stamp_ns;
-    auto row =
-        std::lower_bound(rows.begin(), rows.end(), time_ns,
-                         [](const TrajectoryRow& r, TimeNs time) { return r.time_ns < time; });
-    const bool previous_is_nearer =
-        row == rows.end() || (row != rows.begin() && Distance(std::prev(row)->time_ns, time_ns) <=
-                                                         Distance(row->time_ns, time_ns));
-    if (previous_is_nearer) --row;
-    ++row->support;
-  }
+RowStream SampleRows(const RowSource& source, const OutputInstants& instants) {
+  return [sampler = RowSampler(source, instants)]() mutable { return sampler.Next(); };
 }
 
 double PathLength(const Trajectory& trajectory) {

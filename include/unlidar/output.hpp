@@ -5,19 +5,20 @@
 #include <vector>
 
 #include "unlidar/config.hpp"
+#include "unlidar/output_files.hpp"
 #include "unlidar/pipeline.hpp"
 
 namespace unlidar {
 
 // timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support - one row per track and output
 // time, in order of (time, track). Seconds with nine digits, metres, m/s; header only without a
-// track.
-std::string TrajectoryCsv(const std::vector<Track>& tracks);
+// track. Takes the rows from the streams, one of each track, as it writes.
+void WriteTrajectoryCsv(const std::vector<RowStream>& tracks, const Sink& sink);
 
 // `timestamp tx ty tz qx qy qz qw` lines of one track, the format of the TUM RGB-D benchmark.
 // Returns of a point-like target say nothing about its attitude: the quaternion is always
-// identity. Null for no track: the comment line only.
-std::string TrajectoryTum(const Track* track);
+// identity. Without a track (an empty stream): the comment line only.
+void WriteTrajectoryTum(const RowStream& track, const Sink& sink);
 
 // One row per global cluster, best first: every number of the paper's equations, see ClusterScore.
 // Times in seconds, `eligible` is 1 or 0.

@@ -1,27 +1,51 @@
 // Files that appear whole or not at all.
 #pragma once
 
+#include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace unlidar {
 
+// Takes the bytes of an output, one piece after the other.
+using Sink = std::function<void(std::string_view)>;
+
+// Hands all bytes of an output to a sink.
+using ContentWriter = std::function<void(const Sink&)>;
+
 struct OutputFile {
   std::string path;
-  std::string content;
+  ContentWriter write;
 };
 
-// The path with symbolic links and `.` and `..` resolved: what a write to it would replace.
+// Of bytes that are already there.
+ContentWriter Content(std::string bytes);
+
+// The path with symbolic links (also those to nothing) and `.` and `..` resolved: what a write to
+// it would replace. The path itself where that cannot be told.
 std::string ResolvedPath(const std::string& path);
 
-// True for a pipe or a device, such as /dev/null or /dev/stdout: written in place.
+// True for a pipe or a device, such as /dev/null or /dev/stdout: written in place. Throws
+// OutputError where the system does not tell.
 bool IsSpecialFile(const std::string& path);
 
 // Throws OutputError unless a file can be created beside the target; leaves nothing behind.
 void CheckWritable(const std::string& path);
 
-// Writes every file beside its target, then renames all. Throws OutputError if one of them cannot
-// be written; then every regular file is as it was before and nothing is left behind.
+// Writes every file beside its target, then those that are special, then renames the first ones. A
+// file that is replaced hands on its permissions and, where the system allows it, its owner.
+//
+// Throws OutputError if one of them cannot be written; then every regular file is as it was before.
+// (Of several files, some may be new already if the system fails between two renames.) Nothing is
+// left behind then, nor where a signal ends the process. Where it dies without warning, what it
+// leaves is in no later run's way.
 void WriteFiles(const std::vector<OutputFile>& files);
+
+// Throws OutputError.
+void WriteToStdout(std::string_view text);
+
+// Nobody is left to be told of an error.
+void WriteToStderr(std::string_view text);
 
 }  // namespace unlidar

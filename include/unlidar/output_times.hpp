@@ -3,6 +3,7 @@
 
 #include <string>
 #include <string_view>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -23,9 +24,32 @@ Rate ParseRate(std::string_view text);
 // are skipped. Returns them in ascending order, each once. Throws InputError naming file and line.
 std::vector<TimeNs> ReadStampList(const std::string& path);
 
-// The instants in ascending order. A rate runs from the first frame's begin to the last frame's
-// end: begin + floor(k / rate), in integers and thus without drift. Throws UsageError for a rate
-// that gives more than 10 million instants.
-std::vector<TimeNs> ResolveOutputTimes(const OutputTimes& times, const Recording& recording);
+// Instants in ascending order. Those of a rate are computed when they are asked for.
+class OutputInstants {
+ public:
+  OutputInstants() = default;
+  explicit OutputInstants(std::vector<TimeNs> list) : list_(std::move(list)), size_(list_.size()) {}
+
+  // begin + floor(k / rate) up to the end, in integers and thus without drift. Throws UsageError
+  // for more than 10 million.
+  OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns);
+
+  std::size_t size() const { return size_; }
+  TimeNs operator[](std::size_t k) const;
+
+  // The number of instants before the time: the index of the first one that is not.
+  std::size_t CountBefore(TimeNs time_ns) const;
+
+ private:
+  std::uint64_t ElapsedNs(std::uint64_t k) const;
+
+  std::vector<TimeNs> list_;     // empty for a rate
+  std::uint64_t nanohertz_ = 0;  // 0 for a list
+  TimeNs begin_ns_ = 0;
+  std::size_t size_ = 0;
+};
+
+// A rate runs from the first frame's begin to the last frame's end.
+OutputInstants ResolveOutputTimes(const OutputTimes& times, const Recording& recording);
 
 }  // namespace unlidar

@@ -30,6 +30,8 @@ struct PcdCloud {
 //     and float64 coordinates are converted and not zero.
 // Memory stays in proportion to the size of the file, whatever the header says: LZF unpacks to at
 // most kLzfMaxExpansion times its size, and a row of two bytes or more becomes a point of twelve.
+// No more of the file is read than its points take. Refused are more than 2^26 points, and data of
+// more than 1 GiB, in the file or unpacked.
 // Throws InputError naming the file, the value and what was expected.
 PcdCloud ReadPcd(const std::string& path);
 

@@ -12,6 +12,7 @@
 #include "unlidar/output_times.hpp"
 #include "unlidar/paper.hpp"
 #include "unlidar/robust.hpp"
+#include "unlidar/sampling.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -24,7 +25,8 @@ struct Track {
   double score = 0.0;                  // the method's own, see Target
   double length_m = 0.0;               // along the fitted trajectory
   std::vector<std::uint32_t> returns;  // indices into the recording, ascending
-  std::vector<TrajectoryRow> rows;     // in time order
+  RowSource row_source;
+  std::size_t num_rows = 0;
 };
 
 struct PipelineRequest {
@@ -43,8 +45,14 @@ struct PipelineResult {
   std::optional<RobustCounts> robust_counts;  // with the robust method
   std::vector<ClusterScore> clusters;         // empty unless asked for or needed by the method
   std::vector<Track> tracks;
+  OutputInstants output_instants;  // at which the tracks have rows
   std::vector<StageTime> times;
 };
+
+// The rows of one of the result's tracks; the result must outlive them.
+inline RowStream RowsOf(const PipelineResult& result, const Track& track) {
+  return SampleRows(track.row_source, result.output_instants);
+}
 
 // Called when a stage has ended, with what it found in a few words.
 using ProgressCallback = std::function<void(const StageTime&, const std::string& found)>;

@@ -1,8 +1,11 @@
 // Rows of a fitted trajectory at the output times.
 #pragma once
 
+#include <functional>
+#include <optional>
 #include <vector>
 
+#include "unlidar/output_times.hpp"
 #include "unlidar/trajectory.hpp"
 #include "unlidar/types.hpp"
 
@@ -23,19 +26,35 @@ TimeInterval PresenceInterval(const Recording& recording,
                               const std::vector<Measurement>& measurements,
                               double silence_probability);
 
-// One row per output time inside the interval, except where the largest sigma exceeds max_sigma_m
-// or a number is not finite. `times_ns` ascends. All rows share an error of depth_sigma_m along the
-// ray from the origin.
-std::vector<TrajectoryRow> SampleTrajectory(const Trajectory& trajectory,
-                                            const TimeInterval& interval,
-                                            const std::vector<TimeNs>& times_ns,
-                                            double depth_sigma_m, double max_sigma_m);
+// The returns of a target in one frame.
+struct FrameSupport {
+  TimeNs stamp_ns = 0;
+  int returns = 0;
+};
 
-// Sets the support of each row: the returns of the target whose frames' stamps are nearer to it
-// than to any other row, the earlier one of two equally near. (The middle of a frame lies halfway
-// between two stamps: by it, jitter would decide.) The sum over the rows is the number of returns.
-void CountSupport(const Recording& recording, const std::vector<std::uint32_t>& returns,
-                  std::vector<TrajectoryRow>& rows);
+// Of some of the returns, by their indices in ascending order; in the order of the stamps.
+std::vector<FrameSupport> SupportByFrame(const Recording& recording,
+                                         const std::vector<std::uint32_t>& returns);
+
+// What the rows of a track are computed from. They are not kept: there may be millions of them.
+struct RowSource {
+  int track_id = 0;
+  Trajectory trajectory;
+  TimeInterval presence;
+  double depth_sigma_m = 0.0;  // an error that all rows share, along the ray from the origin
+  double max_sigma_m = 0.0;
+  std::vector<FrameSupport> support;
+};
+
+// Gives a track's rows in time order, one at each call, and then none.
+using RowStream = std::function<std::optional<TrajectoryRow>()>;
+
+// One row per instant within the presence, except where the largest sigma exceeds max_sigma_m or a
+// number is not finite. The support of a row: the returns of the target whose frames' stamps are
+// nearer to it than to any other row, the earlier one of two equally near. (The middle of a frame
+// lies halfway between two stamps: by it, jitter would decide.) The sum over the rows is the number
+// of returns. Both arguments must outlive the stream.
+RowStream SampleRows(const RowSource& source, const OutputInstants& instants);
 
 // Length of the path between first and last measurement.
 double PathLength(const Trajectory& trajectory);

@@ -12,12 +12,14 @@
 #include <utility>
 #include <vector>
 
+#include "synthetic_recording.hpp"
 #include "temporary_folder.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
 
+using ::unlidar::testing::Random;
 using ::unlidar::testing::TemporaryFolder;
 
 const char* const kDefaultYaml = UNLIDAR_SOURCE_DIR "/configs/default.yaml";
@@ -295,17 +297,129 @@ TEST(ConfigErrors, RefuseWhatIsNoMapOrNoYaml) {
   EXPECT_CONTAINS(ReasonOfFile("just text\n"), ":1: 'just text', expected");
   EXPECT_CONTAINS(ReasonOfFile("input: 3\n"), ":1: input: '3', expected a section");
   EXPECT_CONTAINS(ReasonOfFile("input:\n  max_range_m: [5\n"), ", expected YAML");
-  EXPECT_CONTAINS(ReasonOfFile("method: paper\n---\nmethod: robust\n"), "2 YAML documents");
+  EXPECT_CONTAINS(ReasonOfFile("method: paper\n---\nmethod: robust\n"),
+                  ":2: what stands here is no part of the YAML document before it");
   EXPECT_CONTAINS(ReasonOfFile("? [a, b]\n: c\n"), "is not a key");
-  EXPECT_CONTAINS(ReasonOfFile(std::string(2'000'000, '#')), "1048576 bytes");
-  EXPECT_CONTAINS(ReasonOfFile(std::string(100'000, '[')), ":1: ");
+  EXPECT_CONTAINS(ReasonOfFile(std::string(2'000'000, '#')), "262144 bytes");
+  EXPECT_CONTAINS(ReasonOfFile(std::string(100'000, '[')), ":1: more than 500 levels");
+}
+
+// Where the parser cannot pass a character, it gives an empty document before it without end.
+TEST(ConfigErrors, RefuseACharacterThatTheParserNeverPasses) {
+  for (const char* text :
+       {",", ",\n", "\n,a: 1", "method: paper\n---\n,", "]", "}", "%YAML 1.2\n,"}) {
+    EXPECT_CONTAINS(ReasonOfFile(text), ", expected ");
+    EXPECT_CONTAINS(ReasonOfSet(std::string("input.max_range_m=") + text), ", expected ");
+  }
+  EXPECT_CONTAINS(ReasonOfFile("input: {}\n,\n"), ":2: ");
+  EXPECT_CONTAINS(ReasonOfSet("input.max_range_m=5\n---\n6"), "expected one document");
+}
+
+// One token after the other from those that YAML gives a meaning.
+std::string RandomYaml(Random& random) {
+  static const std::vector<std::string> tokens = {",",
+                                                  "[",
+                                                  "]",
+                                                  "{",
+                                                  "}",
+                                                  ":",
+                                                  ": ",
+                                                  "- ",
+                                                  "\n",
+                                                  "\n ",
+                                                  "\n  ",
+                                                  "? ",
+                                                  "&a ",
+                                                  "*a",
+                                                  "|\n",
+                                                  ">\n",
+                                                  "'",
+                                                  "\"",
+                                                  "#",
+                                                  "%",
+                                                  "%YAML 1.2\n",
+                                                  "---\n",
+                                                  "...\n",
+                                                  "!",
+                                                  "!!str ",
+                                                  "!<",
+                                                  "a",
+                                                  "~",
+                                                  "\t",
+                                                  "@",
+                                                  "`",
+                                                  "\r",
+                                                  "\xEF\xBB\xBF",
+                                                  "\x80",
+                                                  "\x01",
+                                                  "1.5",
+                                                  "<<: ",
+                                                  "input: ",
+                                                  "sensors: ",
+                                                  "method: ",
+                                                  "max_range_m: ",
+                                                  "rotation: "};
+  std::string text;
+  for (std::uint32_t left = random.Index(60) + 1; left > 0; --left) {
+    text += tokens[random.Index(tokens.size())];
+  }
+  return text;
+}
+
+TEST(ConfigErrors, EveryTextIsReadOrRefusedInOneLine) {
+  Random random(1);
+  for (int i = 0; i < 800; ++i) {
+    const std::string text = RandomYaml(random);
+    SCOPED_TRACE(text);
+    try {
+      LoadConfig("", {"robust.tracker.sigma_a_mps2=" + text});
+    } catch (const ConfigError& error) {
+      EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
+    }
+    const TemporaryFolder folder;
+    const std::string path = folder.Write("c.yaml", text);
+    try {
+      LoadConfig(path, {});
+    } catch (const ConfigError& error) {
+      EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
+      EXPECT_EQ(std::string(error.what()).find(path), 0U);
+    }
+  }
+}
+
+TEST(ConfigErrors, ShortenWhatTheyQuote) {
+  const std::string endless(200'000, 'x');
+  for (const std::string& text :
+       {endless, endless + ": 1", "input: " + endless, "input: {max_range_m: " + endless + "}",
+        "input: {" + endless + ": 1}", "sensors: {" + endless + ": {time_offset_s: x}}",
+        "sensors: {" + endless + ": {}, " + endless + ": {}}",
+        "sensors: {\"a " + endless + "\": {}}", "input: {max_range_m: [" + endless + "]}",
+        "input: !<" + endless + " {a: *" + endless + "}"}) {
+    EXPECT_LT(ReasonOfFile(text).size(), 400U);
+  }
+  EXPECT_LT(ReasonOfSet("input.max_range_m=" + endless).size(), 400U);
+  EXPECT_LT(ReasonOfSet(endless + "=1").size(), 400U);
+}
+
+TEST(ConfigErrors, AliasesThatGrowWithEachLevelCostNothing) {
+  std::string text = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n";
+  for (int i = 1; i < 60; ++i) {
+    const std::string before = "*a" + std::to_string(i - 1);
+    text += "a" + std::to_string(i) + ": &a" + std::to_string(i) + " [" + before;
+    for (int k = 1; k < 10; ++k) text += ", " + before;
+    text += "]\n";
+  }
+  EXPECT_CONTAINS(ReasonOfFile(text), ":1: a0: unknown key");
+  EXPECT_CONTAINS(ReasonOfFile("input:\n  max_range_m: &a [*a, *a]\n"), ":2: ");
+  const std::string lists = text.substr(0, text.find("a1: "));
+  EXPECT_CONTAINS(ReasonOfFile("method:\n- " + lists.substr(4) + "- [*a0, *a0, *a0]\n"), ":1: ");
 }
 
 TEST(ConfigErrors, RefuseAFileThatCannotBeRead) {
   const TemporaryFolder folder;
   for (const std::string& path : {folder / "none.yaml", folder.path()}) {
     const std::string reason = ReasonOf<ConfigError>([&] { LoadConfig(path, {}); });
-    EXPECT_CONTAINS(reason, path + ": cannot be read");
+    EXPECT_CONTAINS(reason, path + ": cannot be read (");
   }
 }
 

@@ -1,15 +1,18 @@
 #include "unlidar/frames.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 
 #include "frame_folder.hpp"
 #include "temporary_folder.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/pcd.hpp"
+#include "without_privileges.hpp"
 
 namespace unlidar {
 namespace {
@@ -20,6 +23,7 @@ using testing::kSecond;
 using testing::OnePoint;
 using testing::Read;
 using testing::TemporaryFolder;
+using testing::WithoutPrivileges;
 
 std::vector<TimeNs> Stamps(const Recording& recording) {
   std::vector<TimeNs> stamps;
@@ -101,6 +105,38 @@ TEST(FrameDirectories, MissingAndEmptyOnesAreRefused) {
   EXPECT_NE(InputMessage(folder).find("no .pcd file"), std::string::npos);
   EXPECT_THROW(ReadRecording({{"", folder / "missing"}}, {}, {}), InputError);
   EXPECT_THROW(ReadRecording({{"", folder / "notes.txt"}}, {}, {}), InputError);
+}
+
+TEST(FrameDirectories, OneThatMayBeListedButNotSearchedIsNamedItself) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", OnePoint());
+  std::filesystem::permissions(folder.path(), std::filesystem::perms(0644));
+  std::string message;
+  {
+    const WithoutPrivileges nobody;
+    message = InputMessage(folder);
+  }
+  std::filesystem::permissions(folder.path(), std::filesystem::perms(0755));
+  EXPECT_EQ(message,
+            folder.path() + ": Permission denied, expected a directory whose files can be opened");
+}
+
+TEST(FrameDirectories, StampsThatCannotBeReadAreNotTakenForNone) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", OnePoint());
+  const std::string stamps = folder / "timestamps.csv";
+  const auto expect_refused = [&](const std::string& reason) {
+    EXPECT_EQ(InputMessage(folder).find(stamps + ": cannot be read (" + reason), 0U)
+        << InputMessage(folder);
+    std::filesystem::remove(stamps);
+  };
+  ASSERT_EQ(::mkfifo(stamps.c_str(), 0600), 0);
+  expect_refused("not a regular file");
+  std::filesystem::create_directory(stamps);
+  expect_refused("not a regular file");
+  std::filesystem::create_symlink("none", stamps);
+  expect_refused("No such file");
+  EXPECT_EQ(InputMessage(folder), "");
 }
 
 TEST(FrameDirectories, SourcesWithoutANameHaveThatOfTheirDirectory) {
@@ -244,14 +280,37 @@ TEST(FrameIntervals, StampsAtBothEndsOfTimeDoNotOverflow) {
   folder.Write("4000000000.0.pcd", OnePoint());
   InputConfig config;
   config.stamp = StampMeaning::kEnd;
-  SensorConfig sensor;
-  sensor.time_offset_s = 3.9e9;
-  const Recording recording = Read(folder, config, sensor);
-  EXPECT_EQ(recording.frames[0].end_ns, -100'000'000 * kSecond);
+  const Recording recording = Read(folder, config);
+  EXPECT_EQ(recording.frames[0].end_ns, -4'000'000'000 * kSecond);
   EXPECT_EQ(recording.frames[0].begin_ns, recording.frames[0].end_ns - kSecond);
-  EXPECT_EQ(recording.frames[1].end_ns, 7'900'000'000 * kSecond);
+  EXPECT_EQ(recording.frames[1].end_ns, 4'000'000'000 * kSecond);
   folder.Write("4000000000.1.pcd", OnePoint());
   EXPECT_NE(InputMessage(folder).find("4000000000.1"), std::string::npos);
+}
+
+// Two sensors with offsets to either side could be farther apart than 64 bits reach.
+TEST(FrameIntervals, ATimeOffsetDoesNotLeadBeyondTheEndsOfTime) {
+  const TemporaryFolder folder;
+  folder.Write("-3999999999.0.pcd", OnePoint());
+  folder.Write("3999999999.0.pcd", OnePoint());
+  InputConfig config;
+  config.skip_bad_frames = true;  // not the frame is bad but the clock
+  for (const double offset_s : {1.0, -1.0}) {
+    SensorConfig sensor;
+    sensor.time_offset_s = offset_s;
+    EXPECT_EQ(Read(folder, config, sensor).frames.size(), 2U);
+    sensor.time_offset_s = 1e9 * offset_s;
+    try {
+      Read(folder, config, sensor);
+      ADD_FAILURE() << offset_s;
+    } catch (const InputError& error) {
+      const std::string message = error.what();
+      EXPECT_EQ(message.find(folder / (offset_s > 0 ? "3999999999.0.pcd" : "-3999999999.0.pcd")),
+                0U)
+          << message;
+      EXPECT_NE(message.find("time offset of"), std::string::npos) << message;
+    }
+  }
 }
 
 TEST(BadFrames, AreErrorsUnlessSkippedAndThenCountedAndReported) {

@@ -7,8 +7,10 @@
 #include <cstdio>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <sstream>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "format.hpp"
@@ -33,14 +35,23 @@ TrajectoryRow Row(int track_id, TimeNs time_ns) {
   return row;
 }
 
-Track MakeTrack(int id, const std::vector<TimeNs>& times_ns) {
-  Track track;
-  track.id = id;
-  track.begin_ns = times_ns.front();
-  track.end_ns = times_ns.back();
-  track.length_m = 3.0;
-  for (const TimeNs time_ns : times_ns) track.rows.push_back(Row(id, time_ns));
-  return track;
+RowStream Rows(int track_id, const std::vector<TimeNs>& times_ns) {
+  return [=, i = std::size_t{0}]() mutable -> std::optional<TrajectoryRow> {
+    if (i == times_ns.size()) return std::nullopt;
+    return Row(track_id, times_ns[i++]);
+  };
+}
+
+std::string CsvOf(const std::vector<RowStream>& tracks) {
+  std::string text;
+  WriteTrajectoryCsv(tracks, [&](std::string_view bytes) { text += bytes; });
+  return text;
+}
+
+std::string TumOf(const RowStream& track) {
+  std::string text;
+  WriteTrajectoryTum(track, [&](std::string_view bytes) { text += bytes; });
+  return text;
 }
 
 std::vector<std::string> Lines(const std::string& text) {
@@ -70,15 +81,14 @@ TEST(FixedText, IsPlainDecimalInEveryLocaleAndNeverMinusZero) {
   std::setlocale(LC_ALL, "C");
 }
 
-TEST(TrajectoryCsv, WithoutATrackIsTheHeader) {
-  EXPECT_EQ(TrajectoryCsv({}),
-            "timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support\n");
+TEST(WriteTrajectoryCsv, WithoutATrackIsTheHeader) {
+  EXPECT_EQ(CsvOf({}), "timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support\n");
 }
 
-TEST(TrajectoryCsv, ListsRowsInOrderOfTimeThenTrack) {
+TEST(WriteTrajectoryCsv, ListsRowsInOrderOfTimeThenTrack) {
   const std::vector<std::string> lines =
-      Lines(TrajectoryCsv({MakeTrack(0, {kBeginNs, kBeginNs + 2}),
-                           MakeTrack(1, {kBeginNs - 1, kBeginNs, kBeginNs + 1})}));
+      Lines(CsvOf({Rows(0, {kBeginNs, kBeginNs + 2}),
+                   Rows(1, {kBeginNs - 1, kBeginNs, kBeginNs + 1}), Rows(2, {})}));
   ASSERT_EQ(lines.size(), 6U);
   EXPECT_EQ(lines[1].substr(0, 22), "1706255621.600227000,1");
   EXPECT_EQ(lines[2],
@@ -89,12 +99,11 @@ TEST(TrajectoryCsv, ListsRowsInOrderOfTimeThenTrack) {
   EXPECT_EQ(lines[5].substr(0, 22), "1706255621.600227003,0");
 }
 
-TEST(TrajectoryTum, HoldsPositionsAndTheIdentity) {
-  const Track track = MakeTrack(3, {kBeginNs});
-  EXPECT_EQ(TrajectoryTum(&track),
+TEST(WriteTrajectoryTum, HoldsPositionsAndTheIdentity) {
+  EXPECT_EQ(TumOf(Rows(3, {kBeginNs})),
             "# timestamp tx ty tz qx qy qz qw\n"
             "1706255621.600227001 1.500000 -2.250000 0.000000 0 0 0 1\n");
-  EXPECT_EQ(TrajectoryTum(nullptr), "# timestamp tx ty tz qx qy qz qw\n");
+  EXPECT_EQ(TumOf({}), "# timestamp tx ty tz qx qy qz qw\n");
 }
 
 TEST(ClustersCsv, HasAsManyValuesAsNamesAndReadsBackExactly) {
@@ -139,7 +148,12 @@ TEST(SummaryJson, HoldsEveryConfigKeyCountsTimesAndTracks) {
   result.recording.counts.frames = 3;
   result.recording.counts.bad_frames = 2;
   result.times = {{"read", 0.25}};
-  result.tracks = {MakeTrack(0, {kBeginNs, kBeginNs + 1'500'000'000})};
+  Track track;
+  track.begin_ns = kBeginNs;
+  track.end_ns = kBeginNs + 1'500'000'000;
+  track.length_m = 3.0;
+  track.num_rows = 2;
+  result.tracks = {track};
   Config config;
   config.sensors["avia"].translation_m = {1, 2, 3};
   const std::string not_utf8 = "frames\xFF";

@@ -2,10 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <string>
 #include <vector>
 
+#include "synthetic_recording.hpp"
 #include "temporary_folder.hpp"
 #include "unlidar/error.hpp"
 
@@ -74,7 +77,7 @@ TEST(StampList, RefusesWhatIsNoStampByLineAndValue) {
   EXPECT_EQ(ReasonOf("timestamp\nnan\n").find(":2: 'nan' is no stamp"), 0U);
   EXPECT_EQ(ReasonOf("timestamp\n"), ": no stamp in it, expected one a line");
   EXPECT_EQ(ReasonOf("# timestamp\n\n"), ": no stamp in it, expected one a line");
-  EXPECT_EQ(ReasonOf(""), ": empty or cannot be read, expected one stamp a line");
+  EXPECT_EQ(ReasonOf(""), ": no stamp in it, expected one a line");
   EXPECT_THROW(ReadStampList("/nowhere/at"), InputError);
   EXPECT_THROW(ReadStampList("/tmp"), InputError);
 }
@@ -89,26 +92,32 @@ TEST(ParseRate, IsExactAndRefusesWhatIsNoRate) {
   }
 }
 
+std::vector<TimeNs> Resolved(const OutputTimes& times, const Recording& recording) {
+  const OutputInstants instants = ResolveOutputTimes(times, recording);
+  std::vector<TimeNs> times_ns;
+  for (std::size_t k = 0; k < instants.size(); ++k) times_ns.push_back(instants[k]);
+  return times_ns;
+}
+
 TEST(OutputTimes, AreTheStampsOfTheFirstSensorOnly) {
-  EXPECT_EQ(ResolveOutputTimes(FirstSensorStamps{}, RecordingOf(5, 9)), std::vector<TimeNs>{5});
+  EXPECT_EQ(Resolved(FirstSensorStamps{}, RecordingOf(5, 9)), std::vector<TimeNs>{5});
 }
 
 TEST(OutputTimes, OfAListAreTheList) {
   const std::vector<TimeNs> list = {1, 2};
-  EXPECT_EQ(ResolveOutputTimes(list, RecordingOf(5, 9)), list);
+  EXPECT_EQ(Resolved(list, RecordingOf(5, 9)), list);
 }
 
 TEST(OutputTimes, OfARateRunFromTheFirstBeginToTheLastEnd) {
-  EXPECT_EQ(ResolveOutputTimes(ParseRate("4"), RecordingOf(7, 7 + kSecond / 2)),
+  EXPECT_EQ(Resolved(ParseRate("4"), RecordingOf(7, 7 + kSecond / 2)),
             (std::vector<TimeNs>{7, 7 + kSecond / 4, 7 + kSecond / 2}));
-  EXPECT_EQ(ResolveOutputTimes(ParseRate("4"), RecordingOf(7, 7 + kSecond / 2 - 1)).size(), 2U);
-  EXPECT_TRUE(ResolveOutputTimes(ParseRate("4"), Recording()).empty());
+  EXPECT_EQ(Resolved(ParseRate("4"), RecordingOf(7, 7 + kSecond / 2 - 1)).size(), 2U);
+  EXPECT_TRUE(Resolved(ParseRate("4"), Recording()).empty());
 }
 
 TEST(OutputTimes, OfARateDoNotDrift) {
   // 29.97 Hz has no whole period: instant 2997 k is nevertheless 100 k seconds after the first.
-  const auto times_ns =
-      ResolveOutputTimes(ParseRate("29.97"), RecordingOf(11, 11 + 3'600 * kSecond));
+  const auto times_ns = Resolved(ParseRate("29.97"), RecordingOf(11, 11 + 3'600 * kSecond));
   ASSERT_EQ(times_ns.size(), 2997U * 36 + 1);
   for (std::size_t k = 0; k <= 36; ++k) {
     EXPECT_EQ(times_ns[2997 * k], 11 + static_cast<TimeNs>(100 * k) * kSecond);
@@ -123,10 +132,53 @@ TEST(OutputTimes, OfARateDoNotDrift) {
 TEST(OutputTimes, OfARateOverAbsurdStampsEndOrAreRefused) {
   const Recording all_time =
       RecordingOf(std::numeric_limits<TimeNs>::min(), std::numeric_limits<TimeNs>::max());
-  EXPECT_THROW(ResolveOutputTimes(ParseRate("10"), all_time), UsageError);
-  const auto times_ns = ResolveOutputTimes(ParseRate("1e-9"), all_time);
+  EXPECT_THROW(Resolved(ParseRate("10"), all_time), UsageError);
+  const auto times_ns = Resolved(ParseRate("1e-9"), all_time);
   ASSERT_EQ(times_ns.size(), 19U);
   EXPECT_EQ(times_ns[1], times_ns[0] + kSecond * kSecond);
+}
+
+// The definition, in numbers of any length: 1e18 ns / nanohertz by long division.
+TEST(OutputTimes, OfARateAreExactForEveryInstant) {
+  testing::Random random(3);
+  for (int trial = 0; trial < 300; ++trial) {
+    const auto nanohertz = static_cast<std::int64_t>(std::exp(random.Uniform(0.0, std::log(1e15))));
+    const double most_s = std::min(9e9, 9.9e6 / (static_cast<double>(nanohertz) * 1e-9));
+    const auto begin_ns = static_cast<TimeNs>(random.Uniform(-4e18, 4e18));
+    const TimeNs end_ns =
+        begin_ns + static_cast<TimeNs>(random.Uniform(0.0, 1.0) * most_s * 1e9 / 2);
+    const OutputInstants instants(Rate{nanohertz}, begin_ns, end_ns);
+    const auto floor_of = [&](std::uint64_t k) {  // k * 1e18 / nanohertz, digit by digit
+      std::uint64_t quotient = k / static_cast<std::uint64_t>(nanohertz);
+      std::uint64_t rest = k % static_cast<std::uint64_t>(nanohertz);
+      for (int digit = 0; digit < 18; ++digit) {
+        rest *= 10;
+        quotient = quotient * 10 + rest / static_cast<std::uint64_t>(nanohertz);
+        rest %= static_cast<std::uint64_t>(nanohertz);
+      }
+      return static_cast<TimeNs>(quotient);
+    };
+    const std::size_t size = instants.size();
+    ASSERT_GT(size, 0U);
+    EXPECT_EQ(instants[0], begin_ns);
+    for (int i = 0; i < 20; ++i) {
+      const std::size_t k = random.Index(size);
+      EXPECT_EQ(instants[k], begin_ns + floor_of(k)) << nanohertz << " " << k;
+      EXPECT_EQ(instants.CountBefore(instants[k]), k);
+      EXPECT_EQ(instants.CountBefore(instants[k] + 1), k + 1);
+    }
+    EXPECT_LE(instants[size - 1], end_ns);
+    EXPECT_GT(floor_of(size), end_ns - begin_ns) << nanohertz;
+  }
+}
+
+TEST(OutputTimes, OfAListKnowHowManyComeBeforeATime) {
+  const OutputInstants instants(std::vector<TimeNs>{-5, 0, 7});
+  EXPECT_EQ(instants.CountBefore(-6), 0U);
+  EXPECT_EQ(instants.CountBefore(-5), 0U);
+  EXPECT_EQ(instants.CountBefore(1), 2U);
+  EXPECT_EQ(instants.CountBefore(8), 3U);
+  EXPECT_EQ(OutputInstants().CountBefore(8), 0U);
 }
 
 }  // namespace

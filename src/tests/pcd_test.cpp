@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <random>
 
@@ -65,6 +66,77 @@ TEST(PcdFiles, AMissingFileAndADirectoryAreRefused) {
   const TemporaryFolder folder;
   EXPECT_THROW(ReadPcd(folder / "none.pcd"), InputError);
   EXPECT_THROW(ReadPcd(folder.path()), InputError);
+}
+
+// The file with zeros behind it, none of which takes room on the disk.
+std::string WriteSparse(const TemporaryFolder& folder, const std::string& bytes,
+                        std::uintmax_t size) {
+  const std::string path = folder.Write("sparse.pcd", bytes);
+  std::filesystem::resize_file(path, size);
+  return path;
+}
+
+constexpr std::uintmax_t kHundredGigabytes = std::uintmax_t{100} << 30;
+
+TEST(PcdFiles, OfAnEndlessFileNoMoreIsReadThanItsPointsTake) {
+  TestCloud cloud{{{"x"}, {"y"}, {"z"}, {"t", 'U', 4}}, {}};
+  for (int i = 0; i < 200'000; ++i) cloud.values.push_back({1.0 * i, 0.5 * i, -2.0 * i, 1.0 * i});
+  const TemporaryFolder folder;
+  for (const TestEncoding encoding : {TestEncoding::kBinary, TestEncoding::kCompressed}) {
+    const std::string bytes = Encoded(cloud, encoding);
+    EXPECT_GT(bytes.size(), std::size_t{1} << 20);  // more than the first read
+    const PcdCloud expected = ParsePcd(bytes, "memory");
+    for (const std::uintmax_t size : {std::uintmax_t{bytes.size()}, kHundredGigabytes}) {
+      const PcdCloud read = ReadPcd(WriteSparse(folder, bytes, size));
+      EXPECT_EQ(read.points_m, expected.points_m);
+      EXPECT_EQ(read.integer_times, expected.integer_times);
+    }
+  }
+}
+
+TEST(PcdFiles, WhatNoLidarHasInAFrameIsRefusedByNameAndSize) {
+  const auto header = [](const std::string& points, const std::string& data) {
+    return "FIELDS x y z w\nSIZE 8 8 8 8\nTYPE F F F F\nPOINTS " + points + "\nDATA " + data + "\n";
+  };
+  const std::pair<std::string, std::string> expected_by_start[] = {
+      {"", "begins with '????"},
+      {header("2", "ascii") + "1 2 3 4\n5 6 7 8\n", "takes 107374182400 bytes, expected at most"},
+      {header("60000000", "binary"), "takes 19200000"},
+      {header("67108865", "binary"), "at most 67108864"},
+      {header("60000000", "binary_compressed") +
+           testing::WithSizes(std::string(50'000'000, '\0'), 1'920'000'000),
+       "unpacks to 1920000000 bytes, expected at most 1073741824"}};
+  const TemporaryFolder folder;
+  for (const auto& [start, expected] : expected_by_start) {
+    const std::string path = WriteSparse(folder, start, kHundredGigabytes);
+    try {
+      ReadPcd(path);
+      ADD_FAILURE() << expected;
+    } catch (const InputError& error) {
+      const std::string message = error.what();
+      EXPECT_EQ(message.rfind(path + ": ", 0), 0U) << message;
+      EXPECT_NE(message.find(expected), std::string::npos) << message << " | " << expected;
+    }
+  }
+}
+
+// Of any length up to 1 MiB, from a file as from memory.
+TEST(PcdFiles, AHeaderMayBeLongButNotEndless) {
+  const std::string frame = BinaryPcd({{1, 2, 3}, {4, 5, 6}});
+  const std::size_t header_bytes = frame.size() - 24;
+  const TemporaryFolder folder;
+  for (const int excess : {-1000, -13, -1, 0, 1, 5}) {
+    const std::size_t comment_bytes =
+        static_cast<std::size_t>((1 << 20) - static_cast<int>(header_bytes) + excess);
+    const std::string bytes = "#" + std::string(comment_bytes - 2, 'c') + "\n" + frame;
+    if (excess < 0) {
+      EXPECT_EQ(ReadPcd(folder.Write("long.pcd", bytes)).points_m.size(), 2U) << excess;
+      EXPECT_EQ(ParsePcd(bytes, "memory").points_m.size(), 2U) << excess;
+    } else {
+      EXPECT_THROW(ReadPcd(folder.Write("long.pcd", bytes)), InputError) << excess;
+      EXPECT_THROW(ParsePcd(bytes, "memory"), InputError) << excess;
+    }
+  }
 }
 
 // Fields in any order, of any type and count, padding between them, in all encodings: the values

@@ -4,10 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
+#include "synthetic_recording.hpp"
 #include "temporary_folder.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/output.hpp"
@@ -55,6 +57,20 @@ PipelineResult RunQuietly(const PipelineRequest& request, const Config& config) 
   return RunPipeline(request, config, [](const StageTime&, const std::string&) {});
 }
 
+std::vector<TrajectoryRow> Drained(const RowStream& stream) {
+  std::vector<TrajectoryRow> rows;
+  while (const auto row = stream()) rows.push_back(*row);
+  EXPECT_FALSE(stream().has_value());  // at every further call
+  return rows;
+}
+
+std::string CsvOf(const PipelineResult& result) {
+  std::string text;
+  WriteTrajectoryCsv({RowsOf(result, result.tracks.front())},
+                     [&](std::string_view bytes) { text += bytes; });
+  return text;
+}
+
 // A recording of frames with so many returns each.
 Recording FramesOf(const std::vector<std::uint32_t>& returns_of_frames) {
   Recording recording;
@@ -99,8 +115,10 @@ TEST(Pipeline, FollowsADroneFromFramesToRows) {
   EXPECT_EQ(track.id, 0);
   EXPECT_EQ(track.returns.size(), 6U * kFrames);
   EXPECT_NEAR(track.length_m, 4.0 * 3.9, 0.05);
-  ASSERT_EQ(track.rows.size(), static_cast<std::size_t>(kFrames));  // the first stamp, too
-  for (const TrajectoryRow& row : track.rows) {
+  const std::vector<TrajectoryRow> rows = Drained(RowsOf(result, track));
+  ASSERT_EQ(rows.size(), static_cast<std::size_t>(kFrames));  // the first stamp, too
+  EXPECT_EQ(track.num_rows, rows.size());
+  for (const TrajectoryRow& row : rows) {
     const double time_s = static_cast<double>(row.time_ns - kBeginNs) * kSecondsPerNs;
     EXPECT_LT((row.position_m - DroneAt(time_s)).norm(), 0.05) << time_s;
     EXPECT_LT((row.velocity_mps - Eigen::Vector3d(4, 0, 0)).norm(), 0.3) << time_s;
@@ -115,8 +133,7 @@ TEST(Pipeline, GivesTheSameBytesTwice) {
   PipelineRequest request;
   request.sources = {{"", folder / "frames"}};
   request.output_times = ParseRate("33");
-  EXPECT_EQ(TrajectoryCsv(RunQuietly(request, PaperMethod()).tracks),
-            TrajectoryCsv(RunQuietly(request, PaperMethod()).tracks));
+  EXPECT_EQ(CsvOf(RunQuietly(request, PaperMethod())), CsvOf(RunQuietly(request, PaperMethod())));
 }
 
 TEST(Pipeline, ScoresClustersOnlyIfAskedToOrByTheirMethod) {
@@ -222,6 +239,21 @@ TEST(PresenceInterval, OneOcclusionSaysNothingOfHowOftenATargetIsSeen) {
   ExpectFrames(PresenceInterval(kHundredFrames, SeenInFrames({30, 31, 32, 52, 53}), 0.05), 30, 53);
 }
 
+TEST(PresenceInterval, OfPausesOfDecadesDoesNotOverflow) {
+  constexpr TimeNs kDecadesNs = 1'900'000'000 * kSecond;
+  Recording recording = FramesOf({1, 1, 1, 1, 1});
+  std::vector<Measurement> seen(recording.frames.size());
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    FrameInfo& frame = recording.frames[i];
+    frame.stamp_ns = frame.begin_ns = (static_cast<TimeNs>(i) - 2) * kDecadesNs;
+    frame.end_ns = frame.begin_ns + kPeriodNs;
+    seen[i].time_ns = frame.begin_ns + kPeriodNs / 2;
+  }
+  const TimeInterval interval = PresenceInterval(recording, seen, 1e-6);
+  EXPECT_EQ(interval.begin_ns, recording.frames.front().begin_ns);
+  EXPECT_EQ(interval.end_ns, recording.frames.back().end_ns);
+}
+
 TEST(PresenceInterval, EndsWithTheRecording) {
   const Recording recording = FramesOf(std::vector<std::uint32_t>(30, 1));
   ExpectFrames(PresenceInterval(recording, SeenInFrames(EveryNth(5, 2, 6)), 0.05), 0, 29);
@@ -241,27 +273,45 @@ TEST(PresenceInterval, IsWidenedToTheFramesOfAnySensor) {
   EXPECT_EQ(interval.end_ns, 4 * kPeriodNs);
 }
 
-TEST(SampleTrajectory, GivesRowsInsideTheIntervalAndTheSigmaLimit) {
-  const Trajectory trajectory = FitTrajectory(Straight(20), TrajectoryConfig());
+std::vector<TrajectoryRow> Sampled(const RowSource& source, const std::vector<TimeNs>& times_ns) {
+  const OutputInstants instants(times_ns);
+  return Drained(SampleRows(source, instants));
+}
+
+// Of a straight flight, without limits.
+RowSource SourceOf(const TimeInterval& presence) {
+  RowSource source;
+  source.trajectory = FitTrajectory(Straight(20), TrajectoryConfig());
+  source.presence = presence;
+  source.max_sigma_m = 1e3;
+  return source;
+}
+
+TEST(SampleRows, GivesRowsInsideThePresenceAndTheSigmaLimit) {
   std::vector<TimeNs> times_ns(100);
   for (std::size_t i = 0; i < times_ns.size(); ++i) {
     times_ns[i] = (static_cast<TimeNs>(i) - 40) * kPeriodNs;
   }
-  const auto rows = SampleTrajectory(trajectory, {0, 5 * kPeriodNs}, times_ns, 0.0, 1e3);
+  RowSource source = SourceOf({0, 5 * kPeriodNs});
+  source.track_id = 3;
+  const auto rows = Sampled(source, times_ns);
   ASSERT_EQ(rows.size(), 6U);
   EXPECT_EQ(rows.front().time_ns, 0);
   EXPECT_EQ(rows.back().time_ns, 5 * kPeriodNs);
-  EXPECT_TRUE(SampleTrajectory(trajectory, {0, 5 * kPeriodNs}, times_ns, 0.0, 1e-9).empty());
-  EXPECT_TRUE(SampleTrajectory(trajectory, {1, 2}, times_ns, 0.0, 1e3).empty());
+  for (const TrajectoryRow& row : rows) EXPECT_EQ(row.track_id, 3);
+  source.max_sigma_m = 1e-9;
+  EXPECT_TRUE(Sampled(source, times_ns).empty());
+  EXPECT_TRUE(Sampled(SourceOf({1, 2}), times_ns).empty());
+  EXPECT_TRUE(Sampled(SourceOf({0, 5 * kPeriodNs}), {}).empty());
 }
 
-TEST(SampleTrajectory, AllRowsShareAnErrorOfDepthAlongTheRay) {
-  const Trajectory trajectory = FitTrajectory(Straight(20), TrajectoryConfig());
+TEST(SampleRows, AllRowsShareAnErrorOfDepthAlongTheRay) {
   constexpr double kDepthSigma_m = 0.2;
-  const TimeInterval interval{kPeriodNs, 19 * kPeriodNs};
   const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
-  const auto plain = SampleTrajectory(trajectory, interval, times_ns, 0.0, 1e3);
-  const auto rows = SampleTrajectory(trajectory, interval, times_ns, kDepthSigma_m, 1e3);
+  RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
+  const auto plain = Sampled(source, times_ns);
+  source.depth_sigma_m = kDepthSigma_m;
+  const auto rows = Sampled(source, times_ns);
   ASSERT_EQ(rows.size(), 2U);
   for (std::size_t i = 0; i < rows.size(); ++i) {
     EXPECT_EQ(rows[i].position_m, plain[i].position_m);
@@ -270,25 +320,71 @@ TEST(SampleTrajectory, AllRowsShareAnErrorOfDepthAlongTheRay) {
     EXPECT_LT((added_m2 - Eigen::Vector3d(0.0144, 0.0256, 0.0)).norm(), 1e-3);
   }
   // It counts against the limit.
-  EXPECT_TRUE(SampleTrajectory(trajectory, interval, times_ns, kDepthSigma_m, 0.15).empty());
-  EXPECT_EQ(SampleTrajectory(trajectory, interval, times_ns, 0.0, 0.15).size(), 2U);
+  source.max_sigma_m = 0.15;
+  EXPECT_TRUE(Sampled(source, times_ns).empty());
+  source.depth_sigma_m = 0.0;
+  EXPECT_EQ(Sampled(source, times_ns).size(), 2U);
 }
 
-TEST(CountSupport, GivesEachReturnToTheRowNearestToItsFramesStamp) {
+TEST(SupportByFrame, CountsTheReturnsOfEachFrameThatHasOne) {
   const Recording recording = FramesOf({2, 3, 0, 5, 1});
-  std::vector<std::uint32_t> returns(11);
-  std::iota(returns.begin(), returns.end(), 0U);
-  std::vector<TrajectoryRow> rows(3);
-  rows[0].time_ns = 0;
-  rows[1].time_ns = 2 * kPeriodNs;  // the second frame is as near to the first row
-  rows[2].time_ns = 3 * kPeriodNs;
-  CountSupport(recording, returns, rows);
-  EXPECT_EQ(rows[0].support, 5);
-  EXPECT_EQ(rows[1].support, 0);
-  EXPECT_EQ(rows[2].support, 6);
-  std::vector<TrajectoryRow> none;
-  CountSupport(recording, returns, none);
-  EXPECT_TRUE(none.empty());
+  const auto support = SupportByFrame(recording, {1, 2, 4, 9, 10});
+  ASSERT_EQ(support.size(), 4U);
+  const std::pair<TimeNs, int> expected[] = {{0, 1}, {1, 2}, {3, 1}, {4, 1}};
+  for (std::size_t i = 0; i < support.size(); ++i) {
+    EXPECT_EQ(support[i].stamp_ns, expected[i].first * kPeriodNs);
+    EXPECT_EQ(support[i].returns, expected[i].second);
+  }
+  EXPECT_TRUE(SupportByFrame(recording, {}).empty());
+}
+
+std::vector<int> SupportOf(const RowSource& source, const std::vector<TimeNs>& times_ns) {
+  std::vector<int> support;
+  for (const TrajectoryRow& row : Sampled(source, times_ns)) support.push_back(row.support);
+  return support;
+}
+
+TEST(SampleRows, EachReturnSupportsTheRowNearestToItsFramesStamp) {
+  RowSource source = SourceOf({0, 10 * kPeriodNs});
+  source.support = {{0, 2}, {kPeriodNs, 3}, {3 * kPeriodNs, 5}, {4 * kPeriodNs, 1}};
+  // The second frame is as near to the first row as to the second.
+  EXPECT_EQ(SupportOf(source, {0, 2 * kPeriodNs, 3 * kPeriodNs}), (std::vector<int>{5, 0, 6}));
+  EXPECT_EQ(SupportOf(source, {2 * kPeriodNs}), (std::vector<int>{11}));
+  EXPECT_EQ(SupportOf(source, {5 * kPeriodNs, 6 * kPeriodNs}), (std::vector<int>{11, 0}));
+}
+
+// The rule by itself, for each return.
+std::vector<int> NearestRows(const std::vector<TrajectoryRow>& rows,
+                             const std::vector<FrameSupport>& support) {
+  std::vector<int> counts(rows.size());
+  for (const FrameSupport& frame : support) {
+    const auto nearest =
+        std::min_element(rows.begin(), rows.end(), [&](const auto& a, const auto& b) {
+          return std::abs(a.time_ns - frame.stamp_ns) < std::abs(b.time_ns - frame.stamp_ns);
+        });
+    if (nearest != rows.end()) {
+      counts[static_cast<std::size_t>(nearest - rows.begin())] += frame.returns;
+    }
+  }
+  return counts;
+}
+
+TEST(SampleRows, NoReturnIsLostOrCountedTwice) {
+  testing::Random random(7);
+  for (int trial = 0; trial < 200; ++trial) {
+    RowSource source = SourceOf({0, 1000});
+    std::vector<TimeNs> times_ns(random.Index(30));
+    for (TimeNs& time_ns : times_ns) time_ns = random.Index(1100);
+    std::sort(times_ns.begin(), times_ns.end());
+    times_ns.erase(std::unique(times_ns.begin(), times_ns.end()), times_ns.end());
+    source.support.resize(random.Index(30));
+    for (FrameSupport& frame : source.support) {
+      frame = {static_cast<TimeNs>(random.Index(1100)), static_cast<int>(random.Index(5))};
+    }
+    std::sort(source.support.begin(), source.support.end(),
+              [](const auto& a, const auto& b) { return a.stamp_ns < b.stamp_ns; });
+    EXPECT_EQ(SupportOf(source, times_ns), NearestRows(Sampled(source, times_ns), source.support));
+  }
 }
 
 TEST(PathLength, OfAStraightFlightIsItsLength) {

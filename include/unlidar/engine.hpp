@@ -19,6 +19,7 @@ namespace unlidar {
 struct Frame {
   std::uint32_t sensor = 0;  // index into the sensors of the engine
   TimeNs stamp_ns = 0;       // as its source says: the sensor's time offset is not yet applied
+  std::string name;          // what messages call it
   PcdCloud cloud;
 };
 
@@ -44,8 +45,7 @@ struct SensorChanged {
 
 enum class EngineState { kWarmingUp, kRunning };
 
-using EngineEvent =
-    std::variant<TrackConfirmed, RowGiven, TrackEnded, SensorChanged, EngineState>;
+using EngineEvent = std::variant<TrackConfirmed, RowGiven, TrackEnded, SensorChanged, EngineState>;
 
 // Takes frames one by one and gives rows as soon as they are due. Time is that of the stamps, never
 // the wall clock: the same frames give the same events however fast they come.
@@ -61,8 +61,12 @@ class Engine {
   Engine(const Engine&) = delete;
   Engine& operator=(const Engine&) = delete;
 
+  // A sensor that was not known at the beginning: the index of its frames.
+  std::uint32_t AddSensor(const std::string& name);
+
   // Frames of one sensor may come late by up to live.reorder_s; later ones are counted and dropped.
-  // Throws InputError for a frame whose point times make no sense.
+  // Throws InputError for a frame whose point times make no sense or whose stamp its sensor had
+  // already; it is left out then, and the next may follow.
   void Add(Frame frame);
 
   // No frame will follow: gives all rows that are pending and ends all tracks.

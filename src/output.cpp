@@ -111,6 +111,14 @@ std::string SecondsText(TimeNs time_ns) {
          std::string(9 - fraction.size(), '0') + fraction;
 }
 
+void AppendTrajectoryRow(const TrajectoryRow& row, std::int64_t track_id, std::string& text) {
+  text += SecondsText(row.time_ns) + "," + std::to_string(track_id);
+  AppendVector(row.position_m, ',', text);
+  AppendVector(row.velocity_mps, ',', text);
+  AppendVector(row.sigma_m, ',', text);
+  text += "," + std::to_string(row.support) + "\n";
+}
+
 std::string TrajectoryCsv(const std::vector<Track>& tracks) {
   std::vector<std::pair<const TrajectoryRow*, int>> rows;
   for (const Track& track : tracks) {
@@ -119,14 +127,8 @@ std::string TrajectoryCsv(const std::vector<Track>& tracks) {
   std::stable_sort(rows.begin(), rows.end(), [](const auto& a, const auto& b) {
     return std::make_pair(a.first->time_ns, a.second) < std::make_pair(b.first->time_ns, b.second);
   });
-  std::string text = "timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support\n";
-  for (const auto& [row, track_id] : rows) {
-    text += SecondsText(row->time_ns) + "," + std::to_string(track_id);
-    AppendVector(row->position_m, ',', text);
-    AppendVector(row->velocity_mps, ',', text);
-    AppendVector(row->sigma_m, ',', text);
-    text += "," + std::to_string(row->support) + "\n";
-  }
+  std::string text = kTrajectoryHeader;
+  for (const auto& [row, track_id] : rows) AppendTrajectoryRow(*row, track_id, text);
   return text;
 }
 

@@ -1,6 +1,7 @@
 // The bytes of the output files. The same result gives the same bytes, whatever the locale.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,9 @@ namespace unlidar {
 // timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support - one row per track and output
 // time, in order of (time, track). Seconds with nine digits, metres, m/s; header only without a
 // track.
+inline constexpr const char* kTrajectoryHeader =
+    "timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support\n";
+void AppendTrajectoryRow(const TrajectoryRow& row, std::int64_t track_id, std::string& text);
 std::string TrajectoryCsv(const std::vector<Track>& tracks);
 
 // `timestamp tx ty tz qx qy qz qw` lines of one track, the format of the TUM RGB-D benchmark.

@@ -29,6 +29,9 @@ struct LoadedFrame {
 // The name of a source, by default the last component of its directory.
 std::string SourceName(const FrameSource& source);
 
+// Throws UsageError for two sources of one name.
+void CheckNames(const std::vector<FrameSource>& sources);
+
 // The frame period of a sensor with these stamps, which ascend.
 TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns);
 

@@ -38,8 +38,6 @@ std::string SourceName(const FrameSource& source) {
   return (path.has_filename() ? path : path.parent_path()).filename().string();
 }
 
-namespace {
-
 void CheckNames(const std::vector<FrameSource>& sources) {
   std::map<std::string, std::string> directories;
   for (const FrameSource& source : sources) {
@@ -50,8 +48,6 @@ void CheckNames(const std::vector<FrameSource>& sources) {
                      "', expected NAME=DIR with a name of its own for each");
   }
 }
-
-}  // namespace
 
 TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns) {
   if (stamps_ns.size() < 2) return kSingleFramePeriodNs;

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "config_json.hpp"
 #include "format.hpp"
 #include "unlidar/pcd.hpp"
 #include "version.hpp"
@@ -23,7 +24,8 @@ void AppendVector(const Eigen::Vector3d& vector, char separator, std::string& te
   }
 }
 
-// The config nested as in its YAML file.
+}  // namespace
+
 Json ConfigJson(const Config& config) {
   Json root = Json::object();
   for (const ConfigEntry& entry : ListConfig(config)) {
@@ -38,6 +40,8 @@ Json ConfigJson(const Config& config) {
   }
   return root;
 }
+
+namespace {
 
 Json InputsJson(const std::vector<FrameSource>& sources, const Recording& recording) {
   Json inputs = Json::array();

@@ -69,7 +69,7 @@ class Engine::Impl {
       on_event_(EngineState::kRunning);
     }
     TellSensors(frame.sensor, stamp_ns);
-    if (!is_endless_ && newest_ns_ - last_update_ns_ >= kUpdateNs) {
+    if (!is_endless_ && was_warm && newest_ns_ - last_update_ns_ >= kUpdateNs) {
       last_update_ns_ = newest_ns_;
       Update(newest_ns_ - Ns(config_.live.delay_s));
     }

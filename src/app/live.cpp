@@ -184,10 +184,7 @@ class LiveRun {
       }
       if (got == 0) return reader.Finish();
       reader.Append({bytes.data(), static_cast<std::size_t>(got)});
-      while (const std::optional<FrameMessage> message = reader.Next()) {
-        TakeMessage(*message);
-        if (signals_.ShouldEnd()) return;
-      }
+      while (const std::optional<FrameMessage> message = reader.Next()) TakeMessage(*message);
     }
   }
 

@@ -12,7 +12,7 @@
 
 namespace unlidar {
 
-// Each frame goes through NoteStamp(), Load() and Finish(). How point times are read, and the frame
+// Each frame goes through Load(), NoteStamp() and Finish(). How point times are read, and the frame
 // period, follow from what came before: of a recording all stamps are noted and all frames loaded
 // before the first is finished. A stream finishes frames while others come: the first frame with
 // point times decides how they are read, and the last stamps give the period.
@@ -24,7 +24,8 @@ class SensorFrames {
   SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
                const SensorConfig& sensor, Source source = Source::kRecording);
 
-  // Stamps may come in any order; one counts for the frame period even if its frame is bad.
+  // One counts for the frame period even if its frame is bad. Of a stream, stamps are noted when
+  // their frames are finished, in order: so what came late or early changes nothing.
   void NoteStamp(TimeNs stamp_ns);
 
   // The returns of a frame in the common frame, without times.

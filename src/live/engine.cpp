@@ -13,7 +13,7 @@
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kUpdateNs = 1'000'000'000;
+constexpr TimeNs kUpdateNs = 100'000'000;
 constexpr TimeNs kWarmUpNs = 3'000'000'000;
 constexpr double kSameTrack_m = 3.0;
 
@@ -22,7 +22,7 @@ TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
 }  // namespace
 
 // A stand-in: keeps every frame, and tracks all of them as a recording at the end, with a finite
-// delay also each second.
+// delay also ten times a second.
 class Engine::Impl {
  public:
   Impl(Config config, const std::vector<std::string>& sensors, OutputTimes output_times,
@@ -55,27 +55,40 @@ class Engine::Impl {
       throw InputError(frame.name + ": has the stamp " + std::to_string(frame.stamp_ns) +
                        " ns of an earlier frame, expected one frame for each stamp");
     }
-    sensor.frames.NoteStamp(frame.stamp_ns);
-    frames_.push_back(sensor.frames.Load({frame.name, frame.stamp_ns}, std::move(frame.cloud)));
-    frames_.back().info.sensor = frame.sensor;
-    AddCounts(frames_.back().counts, counts_);
+    LoadedFrame loaded = sensor.frames.Load({frame.name, frame.stamp_ns}, std::move(frame.cloud));
+    loaded.info.sensor = frame.sensor;
+    AddCounts(loaded.counts, counts_);
+    newest_ns_ = counts_.frames == 0 ? stamp_ns : std::max(newest_ns_, stamp_ns);
     if (counts_.frames++ == 0) {
-      first_ns_ = newest_ns_ = last_update_ns_ = stamp_ns;
+      first_ns_ = stamp_ns;
       on_event_(EngineState::kWarmingUp);
     }
-    const bool was_warm = newest_ns_ - first_ns_ >= kWarmUpNs;
-    newest_ns_ = std::max(newest_ns_, stamp_ns);
-    if (!is_endless_ && !was_warm && newest_ns_ - first_ns_ >= kWarmUpNs) {
-      on_event_(EngineState::kRunning);
-    }
+    waiting_.emplace(std::make_pair(stamp_ns, frame.sensor), std::move(loaded));
     TellSensors(frame.sensor, stamp_ns);
-    if (!is_endless_ && was_warm && newest_ns_ - last_update_ns_ >= kUpdateNs) {
-      last_update_ns_ = newest_ns_;
-      Update(newest_ns_ - Ns(config_.live.delay_s));
-    }
+    if (is_endless_) return;
+    const TimeNs settled_ns = newest_ns_ - Ns(config_.live.reorder_s);
+    while (!waiting_.empty() && waiting_.begin()->first.first <= settled_ns) ReleaseOne();
+  }
+
+  void ReleaseOne() {
+    auto node = waiting_.extract(waiting_.begin());
+    const TimeNs stamp_ns = node.key().first;
+    Keep(std::move(node.mapped()));
+    if (stamp_ns - first_ns_ < kWarmUpNs) return;
+    if (!std::exchange(is_warm_, true)) on_event_(EngineState::kRunning);
+    if (stamp_ns - last_update_ns_ < kUpdateNs) return;
+    last_update_ns_ = stamp_ns;
+    Update(stamp_ns - Ns(config_.live.delay_s - config_.live.reorder_s));
+  }
+
+  void Keep(LoadedFrame frame) {
+    sensors_[frame.info.sensor].frames.NoteStamp(frame.file.stamp_ns);
+    frames_.push_back(std::move(frame));
   }
 
   void Close() {
+    for (auto& [order, frame] : waiting_) Keep(std::move(frame));
+    waiting_.clear();
     if (frames_.empty()) return;
     Update(std::numeric_limits<TimeNs>::max());
     for (const Given& track : given_) {
@@ -179,10 +192,12 @@ class Engine::Impl {
   bool is_endless_;
   std::vector<Sensor> sensors_;
   std::set<std::pair<std::uint32_t, TimeNs>> stamps_;
+  std::map<std::pair<TimeNs, std::uint32_t>, LoadedFrame> waiting_;  // to be sorted in
   std::vector<LoadedFrame> frames_;
   std::vector<Given> given_;
   TimeNs first_ns_ = 0;
-  TimeNs last_update_ns_ = 0;
+  TimeNs last_update_ns_ = std::numeric_limits<TimeNs>::min() / 2;
+  bool is_warm_ = false;
 };
 
 Engine::Engine(const Config& config, std::vector<std::string> sensors, OutputTimes output_times,

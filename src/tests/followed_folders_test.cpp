@@ -23,17 +23,17 @@ using ::unlidar::testing::TemporaryFolder;
 class Follower {
  public:
   explicit Follower(const std::vector<std::string>& directories,
-                    std::optional<TimeNs> after_ns = std::nullopt)
-      : Follower(AtSameTime(directories), after_ns) {}
-
-  Follower(const std::vector<FollowedFolders::Folder>& watched, std::optional<TimeNs> after_ns)
-      : folders(watched, after_ns,
+                    std::optional<TimeNs> after_ns = std::nullopt,
+                    const std::vector<TimeNs>& offsets_ns = {})
+      : folders(Watched(directories, offsets_ns), after_ns,
                 [this](const InputError& error) { bad.emplace_back(error.what()); }) {}
 
-  static std::vector<FollowedFolders::Folder> AtSameTime(
-      const std::vector<std::string>& directories) {
+  static std::vector<FollowedFolders::Folder> Watched(const std::vector<std::string>& directories,
+                                                      const std::vector<TimeNs>& offsets_ns) {
     std::vector<FollowedFolders::Folder> watched;
-    for (const std::string& directory : directories) watched.push_back({directory, 0});
+    for (std::size_t i = 0; i < directories.size(); ++i) {
+      watched.push_back({directories[i], offsets_ns.empty() ? 0 : offsets_ns[i]});
+    }
     return watched;
   }
 
@@ -97,7 +97,7 @@ TEST(FollowedFolders, MergesFoldersByStampAndOffset) {
   }
   Follower same({folder / "a", folder / "b"});
   EXPECT_EQ(same.Take(), (Names{"a/1.0.pcd", "b/1.0.pcd", "b/1.5.pcd", "a/2.0.pcd"}));
-  Follower late({{folder / "a", 0}, {folder / "b", 10'000'000'000}}, std::nullopt);
+  Follower late({folder / "a", folder / "b"}, std::nullopt, {0, 10'000'000'000});
   EXPECT_EQ(late.Take(), (Names{"a/1.0.pcd", "a/2.0.pcd", "b/1.0.pcd", "b/1.5.pcd"}));
 }
 

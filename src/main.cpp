@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "app/live.hpp"
 #include "format.hpp"
 #include "temporary_path.hpp"
 #include "unlidar/config.hpp"
@@ -35,6 +36,9 @@ struct Arguments {
   std::string clusters;
   std::string points;
   std::string summary;
+  bool follow = false;
+  bool from_stdin = false;
+  std::string events;
   int threads = 1;
   bool quiet = false;
   bool verbose = false;
@@ -49,11 +53,55 @@ constexpr char kFooter[] =
     "  unlidar_track --frames frames/ --out traj.csv\n"
     "  unlidar_track --frames mid360=frames/mid360 --frames avia=frames/avia --out traj.csv \\\n"
     "                --set 'sensors.avia.translation_m=[0.1, 0, 0.05]' --rate 10\n"
+    "  unlidar_track --follow --frames frames/ --out traj.csv --events -\n"
     "\nExit codes: 0 done (a drone or none), 1 internal error, 2 usage, 3 config, 4 input data,\n"
     "5 output cannot be written. Every error is one line on stderr.";
 
 constexpr int kMaxThreads = 1024;
 constexpr std::size_t kMaxUsageErrorBytes = 300;
+
+void AddLiveOptions(CLI::App& app, Arguments& arguments) {
+  CLI::Option* follow = app.add_flag("--follow", arguments.follow,
+                                     "Track while frames are written to the --frames directories;\n"
+                                     "--out grows row by row. SIGTERM ends it, SIGHUP opens the\n"
+                                     "outputs again");
+  app.add_flag("--stdin", arguments.from_stdin,
+               "The same for frames that come by stdin, each a line\n"
+               "`frame NAME STAMP LENGTH` and LENGTH bytes of PCD")
+      ->excludes(follow);
+  app.add_option("--events", arguments.events,
+                 "With --follow and --stdin: JSON lines to write, `-` for stdout:\n"
+                 "tracks, rows, sensors that fall silent, overload")
+      ->type_name("FILE|-");
+}
+
+bool IsLive(const Arguments& arguments) { return arguments.follow || arguments.from_stdin; }
+
+// What goes together: a recording or a live source.
+void CheckMode(const Arguments& arguments) {
+  if (arguments.frames.empty() && !arguments.from_stdin) {
+    throw UsageError("--frames is required (--help lists all options)");
+  }
+  if (!IsLive(arguments)) {
+    if (arguments.events.empty()) return;
+    throw UsageError("--events " + arguments.events + ": expected with --follow or --stdin only");
+  }
+  const std::string mode = arguments.follow ? "--follow" : "--stdin";
+  if (arguments.from_stdin && !arguments.frames.empty()) {
+    throw UsageError("--frames " + arguments.frames.front() +
+                     ": expected none with --stdin, whose frames name their sensor");
+  }
+  const auto refuse = [&](const char* option, const std::string& value, const char* reason) {
+    if (!value.empty())
+      throw UsageError(option + (" " + value) + ": not with " + mode + ", " + reason);
+  };
+  refuse("--at", arguments.at, "expected --rate or the stamps of the first LiDAR");
+  refuse("--clusters", arguments.clusters, "which never has the whole recording");
+  refuse("--points", arguments.points, "which never has the whole recording");
+  if (arguments.format != "csv") {
+    refuse("--format", arguments.format, "expected csv, which holds any number of tracks");
+  }
+}
 
 void AddOptions(CLI::App& app, Arguments& arguments) {
   app.footer(kFooter);
@@ -73,7 +121,6 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
                  "sensors.NAME of the config; a path with '=' in its first part\n"
                  "is written ./PATH")
       ->type_name("[NAME=]DIR")
-      ->required()
       ->allow_extra_args(false);
   add_file("--out", arguments.out, "Trajectory to write")->required();
   add_file("--config", arguments.config, "YAML of config keys, see configs/default.yaml");
@@ -103,6 +150,7 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
   add_file("--summary", arguments.summary,
            "JSON to write: version, effective config, counts and times per\n"
            "stage, tracks");
+  AddLiveOptions(app, arguments);
   app.add_option("--threads", arguments.threads,
                  "Most threads to use, never changes a result; this version uses\n"
                  "one whatever the number")
@@ -173,7 +221,7 @@ std::vector<NamedPath> Outputs(const Arguments& arguments) {
   std::vector<NamedPath> outputs = {{"--out", arguments.out}};
   for (const NamedPath& optional :
        {NamedPath{"--clusters", arguments.clusters}, NamedPath{"--points", arguments.points},
-        NamedPath{"--summary", arguments.summary}}) {
+        NamedPath{"--summary", arguments.summary}, NamedPath{"--events", arguments.events}}) {
     if (!optional.path.empty()) outputs.push_back(optional);
   }
   return outputs;
@@ -194,7 +242,7 @@ void CheckOutputs(const Arguments& arguments, const std::vector<FrameSource>& so
   if (!arguments.config.empty()) taken[ResolvedPath(arguments.config)] = "--config";
   if (!arguments.at.empty()) taken[ResolvedPath(arguments.at)] = "--at";
   for (const auto& [option, path] : Outputs(arguments)) {
-    if (IsSpecialFile(path)) continue;  // several outputs may go to /dev/null
+    if (path == "-" || IsSpecialFile(path)) continue;  // several outputs may go to /dev/null
     const std::string resolved = ResolvedPath(path);
     const auto [other, is_free] = taken.emplace(resolved, option);
     if (!is_free) {
@@ -207,6 +255,7 @@ void CheckOutputs(const Arguments& arguments, const std::vector<FrameSource>& so
                        "--frames directories");
     }
   }
+  if (IsLive(arguments)) return;  // those that grow are opened at once
   for (const NamedPath& output : Outputs(arguments)) CheckWritable(output.path);
 }
 
@@ -291,12 +340,30 @@ void PrintResult(const std::vector<std::string>& trajectory_paths, const Pipelin
                 Count(result.recording.sensors.size(), "LiDAR") + "\n");
 }
 
+void TrackWhileFramesCome(const Arguments& arguments, const std::vector<FrameSource>& sources,
+                          const Config& config) {
+  LiveRequest request;
+  request.sources = sources;
+  if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
+  request.out = arguments.out;
+  request.events = arguments.events;
+  request.summary = arguments.summary;
+  const std::string done = TrackLive(request, config, [&](const std::string& text) {
+    if (!arguments.quiet) PrintNote(text);
+  });
+  if (arguments.quiet || arguments.events == "-") return;
+  std::cout << OneLine(done) << std::endl;
+  if (!std::cout) throw OutputError("stdout: cannot be written");
+}
+
 void TrackDrones(const Arguments& arguments) {
+  CheckMode(arguments);
   const std::vector<FrameSource> sources = ParseSources(arguments.frames);
   const PipelineRequest request = ToRequest(arguments, sources);
   const Config config = LoadConfig(arguments.config, arguments.assignments);
   CheckSensorNames(config, sources);
   CheckOutputs(arguments, sources);
+  if (IsLive(arguments)) return TrackWhileFramesCome(arguments, sources, config);
 
   const auto progress = [&](const StageTime& time, const std::string& found) {
     if (arguments.verbose) {

@@ -6,6 +6,7 @@
 #include <queue>
 #include <utility>
 
+#include "config_json.hpp"
 #include "format.hpp"
 #include "unlidar/pcd.hpp"
 #include "version.hpp"
@@ -25,7 +26,8 @@ void AppendVector(const Eigen::Vector3d& vector, char separator, std::string& te
   }
 }
 
-// The config nested as in its YAML file.
+}  // namespace
+
 Json ConfigJson(const Config& config) {
   Json root = Json::object();
   for (const ConfigEntry& entry : ListConfig(config)) {
@@ -41,6 +43,8 @@ Json ConfigJson(const Config& config) {
   }
   return root;
 }
+
+namespace {
 
 Json InputsJson(const std::vector<FrameSource>& sources, const Recording& recording) {
   Json inputs = Json::array();
@@ -114,8 +118,16 @@ std::string SecondsText(TimeNs time_ns) {
          std::string(9 - fraction.size(), '0') + fraction;
 }
 
+void AppendTrajectoryRow(const TrajectoryRow& row, std::int64_t track_id, std::string& text) {
+  text += SecondsText(row.time_ns) + "," + std::to_string(track_id);
+  AppendVector(row.position_m, ',', text);
+  AppendVector(row.velocity_mps, ',', text);
+  AppendVector(row.sigma_m, ',', text);
+  text += "," + std::to_string(row.support) + "\n";
+}
+
 void WriteTrajectoryCsv(const std::vector<RowStream>& tracks, const Sink& sink) {
-  sink("timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support\n");
+  sink(kTrajectoryHeader);
   // The next row of each track, the first of all on top.
   using Next = std::pair<TrajectoryRow, const RowStream*>;
   const auto is_later = [](const Next& a, const Next& b) {
@@ -131,11 +143,9 @@ void WriteTrajectoryCsv(const std::vector<RowStream>& tracks, const Sink& sink) 
     const auto [row, track] = queue.top();
     queue.pop();
     push_next_of(*track);
-    std::string text = SecondsText(row.time_ns) + "," + std::to_string(row.track_id);
-    AppendVector(row.position_m, ',', text);
-    AppendVector(row.velocity_mps, ',', text);
-    AppendVector(row.sigma_m, ',', text);
-    sink(text + "," + std::to_string(row.support) + "\n");
+    std::string text;
+    AppendTrajectoryRow(row, row.track_id, text);
+    sink(text);
   }
 }
 

@@ -1,6 +1,7 @@
 // The bytes of the output files. The same result gives the same bytes, whatever the locale.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,9 @@ namespace unlidar {
 // time, in order of (time, track). Seconds with nine digits, metres, m/s; header only without a
 // track. Takes the rows from the streams, one of each track, as it writes.
 void WriteTrajectoryCsv(const std::vector<RowStream>& tracks, const Sink& sink);
+inline constexpr const char* kTrajectoryHeader =
+    "timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support\n";
+void AppendTrajectoryRow(const TrajectoryRow& row, std::int64_t track_id, std::string& text);
 
 // `timestamp tx ty tz qx qy qz qw` lines of one track, the format of the TUM RGB-D benchmark.
 // Returns of a point-like target say nothing about its attitude: the quaternion is always

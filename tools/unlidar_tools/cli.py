@@ -14,6 +14,7 @@ from unlidar_tools import (
     convert_command,
     evaluate_command,
     export_command,
+    play_command,
     report_command,
     run_command,
 )
@@ -79,6 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_convert(commands)
     _add_simulate(commands)
     _add_run(commands)
+    _add_play(commands)
     _add_evaluate(commands)
     _add_export(commands)
     _add_report(commands)
@@ -122,6 +124,13 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
     text = "converts if need be, tracks, evaluates, draws; one recording or many"
     p = _add(commands, "run", text, run_command.EXAMPLE)
     run_command.define(p)
+    _add_sensors(p, "default: all found")
+
+
+def _add_play(commands: argparse._SubParsersAction) -> None:
+    text = "a recording as a live source: to a command, a stream or followed folders"
+    p = _add(commands, "play", text, play_command.EXAMPLE)
+    play_command.define(p)
     _add_sensors(p, "default: all found")
 
 

@@ -41,6 +41,11 @@ def define(p: argparse.ArgumentParser) -> None:
         help="one value of the configuration; may be repeated",
     )
     p.add_argument("--threads", metavar="N", type=int, help="of the program, for each recording")
+    p.add_argument(
+        "--live",
+        action="store_true",
+        help="send one recording through the live program as well, and compare",
+    )
     many = p.add_argument_group(
         "many recordings",
         "Each gets a folder of results, complete or absent: after an interruption the same command "
@@ -67,6 +72,10 @@ def _run(a: argparse.Namespace) -> None:
         raise UsageError("--jobs and --scheduler: expected one of them")
     a.out = a.out or Path("out/run") / a.recording.resolve().name
     if a.recording.is_dir() and not is_recording(a.recording):
+        if a.live:
+            raise UsageError(
+                f"{a.recording}: --live is for one recording, this is a folder of them"
+            )
         _run_many(a)
     elif a.jobs is not None or a.scheduler is not None:
         raise UsageError(
@@ -97,6 +106,18 @@ def _run_one(a: argparse.Namespace) -> None:
     print(f"trajectory {result.outcome.trajectory}")
     print(f"figure     {result.figure}")
     print(f"page       {result.page}")
+    if a.live:
+        _run_live(a.out)
+
+
+def _run_live(out: Path) -> None:
+    from unlidar_tools.live_run import live_table, run_live
+    from unlidar_tools.tables import print_table
+
+    result = run_live(out)
+    print_table(live_table(result))
+    print(f"live time  {result.times.wall_s:.2f} s")
+    print(f"live rows  {result.trajectory}")
 
 
 def _run_many(a: argparse.Namespace) -> None:

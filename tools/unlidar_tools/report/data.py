@@ -75,7 +75,7 @@ def load_run(run: Path) -> ReportData:
     Frames or truth that have been moved away are left out. Throws InputError if `run` is no such
     folder or one of its files cannot be read.
     """
-    record = _read_record(run)
+    record = read_record(run)
     summary = _read_json(run / SUMMARY)
     tracks = read_tracks(run / TRAJECTORY)
     truth = _no_truth()
@@ -106,7 +106,8 @@ def _written(path: Path, run: Path) -> str:
     return str(absolute.relative_to(base) if absolute.is_relative_to(base) else absolute)
 
 
-def _read_record(run: Path) -> RunRecord:
+def read_record(run: Path) -> RunRecord:
+    """What `write_record` wrote. Throws InputError."""
     path = run / RECORD
     if not path.is_file():
         raise InputError(f"{run}: has no {RECORD}, expected a folder that 'unlidar run' wrote")

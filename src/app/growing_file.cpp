@@ -1,0 +1,232 @@
+#include "app/growing_file.hpp"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <climits>
+#include <cstring>
+#include <utility>
+
+#include "format.hpp"
+#include "unlidar/error.hpp"
+#include "unlidar/output_files.hpp"
+
+namespace unlidar {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr milliseconds kLookForReader(100);
+// What a reader that takes nothing is given before the program ends without it.
+constexpr milliseconds kLastChance(1000);
+
+// Far longer than any line of an output.
+constexpr std::size_t kMaxLineBytes = std::size_t{1} << 16;
+
+bool IsFullDisk(int error) { return error == ENOSPC || error == EDQUOT; }
+
+ssize_t WriteOnce(int fd, std::string_view bytes) {
+  ssize_t written = 0;
+  do {
+    written = ::write(fd, bytes.data(), bytes.size());
+  } while (written < 0 && errno == EINTR);
+  return written;
+}
+
+}  // namespace
+
+GrowingFile::GrowingFile(std::string path, Format format, Signals& signals, LineCallback on_line,
+                         NoteCallback note)
+    : path_(std::move(path)),
+      format_(std::move(format)),
+      signals_(signals),
+      on_line_(std::move(on_line)),
+      note_(std::move(note)) {
+  Open();
+  if (!is_regular_) {
+    WriteSpecial();
+  } else if (!WriteRegular()) {
+    Fail(std::strerror(ENOSPC));
+  }
+}
+
+GrowingFile::~GrowingFile() {
+  if (fd_ >= 0) ::close(fd_);
+}
+
+void GrowingFile::Flush() {
+  if (!is_regular_) {
+    if (!waiting_.empty()) WriteSpecial();
+    return;
+  }
+  const bool was_full = std::exchange(is_full_, !WriteRegular());
+  if (is_full_) DropOldest();
+  if (is_full_ == was_full) return;
+  note_(is_full_ ? path_ + ": the disk is full, rows wait in memory until there is room"
+                 : path_ + ": there is room again" +
+                       (lost_lines_ > 0 ? ", lost: " + Count(lost_lines_, "line") : ""));
+}
+
+void GrowingFile::Reopen() {
+  if (path_ == "-") return;
+  const int old_fd = std::exchange(fd_, -1);
+  struct stat before {};
+  struct stat now {};
+  const bool is_same = ::fstat(old_fd, &before) == 0 && ::stat(path_.c_str(), &now) == 0 &&
+                       before.st_dev == now.st_dev && before.st_ino == now.st_ino;
+  if (is_same) {
+    fd_ = old_fd;
+    return;
+  }
+  ::close(old_fd);
+  Open();
+  Flush();
+}
+
+void GrowingFile::Close() {
+  Flush();
+  if (is_full_) {
+    const auto lines = std::count(waiting_.begin(), waiting_.end(), '\n');
+    Fail(std::string(std::strerror(ENOSPC)) +
+         ", lost: " + Count(lost_lines_ + static_cast<std::uint64_t>(lines), "line"));
+  }
+}
+
+void GrowingFile::Open() {
+  fd_ = OpenPath();
+  struct stat status {};
+  if (::fstat(fd_, &status) != 0) FailWithErrno();
+  if (S_ISDIR(status.st_mode)) Fail("it is a directory, expected a file");
+  // What stdout is, is not ours: it is only written to, even if it is a file.
+  is_regular_ = S_ISREG(status.st_mode) && path_ != "-";
+  if (!is_regular_) {
+    waiting_.insert(0, format_.header);
+    return;
+  }
+  if (::flock(fd_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+    Fail("another process is writing it, expected a file of its own");
+  }
+  ReadLines();
+}
+
+int GrowingFile::OpenPath() const {
+  if (path_ == "-") {
+    const int fd = ::fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 0);
+    if (fd < 0) FailWithErrno();
+    return fd;
+  }
+  if (IsSpecialFile(path_)) return OpenPipe();
+  const int fd = ::open(path_.c_str(), O_RDWR | O_APPEND | O_CREAT | O_CLOEXEC, 0666);
+  if (fd < 0) FailWithErrno();
+  return fd;
+}
+
+// A pipe without a reader cannot be opened: waits for one.
+int GrowingFile::OpenPipe() const {
+  while (true) {
+    const int fd = ::open(path_.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC);
+    if (fd >= 0) {
+      ::fcntl(fd, F_SETFL, ::fcntl(fd, F_GETFL) & ~O_NONBLOCK);
+      return fd;
+    }
+    if (errno != ENXIO) FailWithErrno();
+    if (signals_.ShouldEnd()) Fail("it has no reader");
+    signals_.Wait({}, kLookForReader);
+  }
+}
+
+// Hands out the lines that are there and cuts off what follows the last of them.
+void GrowingFile::ReadLines() {
+  std::array<char, 1 << 16> block{};
+  std::string line;
+  std::uint64_t number = 0;
+  off_t whole = 0;  // bytes of whole lines
+  while (true) {
+    const ssize_t got =
+        ::pread(fd_, block.data(), block.size(), whole + static_cast<off_t>(line.size()));
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) FailWithErrno();
+    if (got == 0) break;
+    std::string_view rest(block.data(), static_cast<std::size_t>(got));
+    const std::string_view first = rest.substr(0, format_.first_text.size());
+    if (whole == 0 && line.empty() && first != format_.first_text.substr(0, first.size())) {
+      Fail("it holds something else, expected a new file or one that begins with '" +
+           format_.first_text.substr(0, format_.first_text.find('\n')) + "'");
+    }
+    for (std::size_t end = rest.find('\n'); end != std::string_view::npos; end = rest.find('\n')) {
+      line.append(rest.substr(0, end + 1));
+      rest.remove_prefix(end + 1);
+      whole += static_cast<off_t>(line.size());
+      if (++number > 1 || format_.header.empty()) {
+        on_line_(std::string_view(line).substr(0, line.size() - 1), number);
+      }
+      line.clear();
+    }
+    line.append(rest);
+    if (line.size() > kMaxLineBytes) Fail("it has a line that is none of this output");
+  }
+  if (line.empty()) return;
+  note_(path_ + ": its last line was not finished and is cut off");
+  if (::ftruncate(fd_, whole) != 0) FailWithErrno();
+}
+
+// False if the disk is full: then the file is as it was.
+bool GrowingFile::WriteRegular() {
+  struct stat status {};
+  if (::fstat(fd_, &status) != 0) FailWithErrno();
+  // A file may have been emptied meanwhile.
+  const std::string text = (status.st_size == 0 ? format_.header : "") + waiting_;
+  std::string_view rest = text;
+  while (!rest.empty()) {
+    const ssize_t written = WriteOnce(fd_, rest);
+    if (written < 0) {
+      const int error = errno;
+      if (rest.size() < text.size() && ::ftruncate(fd_, status.st_size) != 0) FailWithErrno();
+      if (!IsFullDisk(error)) Fail(std::strerror(error));
+      return false;
+    }
+    rest.remove_prefix(static_cast<std::size_t>(written));
+  }
+  waiting_.clear();
+  return true;
+}
+
+// In pieces that a pipe with room for something takes at once: so that a signal is seen while its
+// reader sleeps.
+void GrowingFile::WriteSpecial() {
+  std::string_view rest = waiting_;
+  while (!rest.empty()) {
+    const bool ends = signals_.ShouldEnd();
+    const auto ready = signals_.Wait({{fd_, POLLOUT, 0}}, ends ? kLastChance : milliseconds(-1));
+    if (ready.front().revents == 0) {
+      if (ends) Fail("its reader takes nothing");
+      continue;
+    }
+    const ssize_t written = WriteOnce(fd_, rest.substr(0, PIPE_BUF));
+    if (written < 0 && errno == EAGAIN) continue;
+    if (written < 0) FailWithErrno();
+    rest.remove_prefix(static_cast<std::size_t>(written));
+  }
+  waiting_.clear();
+}
+
+void GrowingFile::DropOldest() {
+  if (waiting_.size() <= kMaxWaitingBytes) return;
+  const std::size_t end = waiting_.find('\n', waiting_.size() - kMaxWaitingBytes);
+  const auto kept = waiting_.begin() + static_cast<std::ptrdiff_t>(end + 1);
+  lost_lines_ += static_cast<std::uint64_t>(std::count(waiting_.begin(), kept, '\n'));
+  waiting_.erase(waiting_.begin(), kept);
+}
+
+void GrowingFile::Fail(const std::string& reason) const {
+  throw OutputError((path_ == "-" ? "stdout" : path_) + ": cannot be written: " + reason);
+}
+
+void GrowingFile::FailWithErrno() const { Fail(std::strerror(errno)); }
+
+}  // namespace unlidar

@@ -1,0 +1,82 @@
+// An output that grows line by line for weeks.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <string_view>
+
+#include "app/signals.hpp"
+
+namespace unlidar {
+
+// Lines are appended to what an earlier run left; a line that it could not finish is cut off. Each
+// Flush() is one write of whole lines. A pipe or a device is written as its reader takes it.
+//
+// Where the disk is full, lines wait in memory and the file stays as it is, without a torn line;
+// the next Flush() tries again. Of more than kMaxWaitingBytes the oldest lines are lost and
+// counted.
+//
+// Throws OutputError for a file that is not its own (another first line, another process that
+// writes it) and for each error but a full disk.
+class GrowingFile {
+ public:
+  static constexpr std::size_t kMaxWaitingBytes = std::size_t{1} << 22;
+
+  using LineCallback = std::function<void(std::string_view line, std::uint64_t number)>;
+  using NoteCallback = std::function<void(const std::string&)>;
+
+  struct Format {
+    std::string header;      // first line of a new file, with its newline; may be empty
+    std::string first_text;  // what every file of this kind begins with
+  };
+
+  // `path`: `-` is stdout. `on_line` gets each line that is there but the header, with its number,
+  // here and in Reopen().
+  GrowingFile(std::string path, Format format, Signals& signals, LineCallback on_line,
+              NoteCallback note);
+  ~GrowingFile();
+  GrowingFile(const GrowingFile&) = delete;
+  GrowingFile& operator=(const GrowingFile&) = delete;
+
+  // Whole lines, for the next Flush().
+  void Append(std::string_view lines) { waiting_ += lines; }
+
+  void Flush();
+
+  // Opens the path again: a new file where the old one was moved away, else the same.
+  void Reopen();
+
+  // The last Flush(). Throws OutputError if the disk is still full.
+  void Close();
+
+  bool has_waiting_lines() const { return !waiting_.empty(); }
+
+  // To learn that its reader has left; -1 for a regular file.
+  int reader_fd() const { return is_regular_ ? -1 : fd_; }
+
+ private:
+  void Open();
+  int OpenPath() const;
+  int OpenPipe() const;
+  void ReadLines();
+  bool WriteRegular();
+  void WriteSpecial();
+  void DropOldest();
+  [[noreturn]] void Fail(const std::string& reason) const;
+  [[noreturn]] void FailWithErrno() const;
+
+  std::string path_;
+  Format format_;
+  Signals& signals_;
+  LineCallback on_line_;
+  NoteCallback note_;
+  int fd_ = -1;
+  bool is_regular_ = false;
+  bool is_full_ = false;  // the disk
+  std::string waiting_;
+  std::uint64_t lost_lines_ = 0;
+};
+
+}  // namespace unlidar

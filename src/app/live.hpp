@@ -1,0 +1,28 @@
+// Tracking while frames come: --follow and --stdin.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "unlidar/config.hpp"
+#include "unlidar/frames.hpp"
+#include "unlidar/output_times.hpp"
+
+namespace unlidar {
+
+struct LiveRequest {
+  std::vector<FrameSource> sources;  // folders to follow; none: frames come by stdin
+  OutputTimes output_times;
+  std::string out;
+  std::string events;   // empty for none, `-` for stdout
+  std::string summary;  // empty for none
+};
+
+// Runs until stdin ends or SIGTERM or SIGINT comes, then writes what is pending, also where it ends
+// with an InputError. `note` gets lines for the user. Returns what was done, in a line.
+// Throws InputError, ConfigError, OutputError.
+std::string TrackLive(const LiveRequest& request, const Config& config,
+                      const std::function<void(const std::string&)>& note);
+
+}  // namespace unlidar

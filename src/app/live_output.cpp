@@ -1,0 +1,167 @@
+#include "app/live_output.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "format.hpp"
+#include "unlidar/error.hpp"
+#include "unlidar/output.hpp"
+#include "unlidar/stamp.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr int kMetreDigits = 6;  // those of the trajectory
+constexpr int kRowCommas = 11;
+constexpr std::int64_t kMaxTrackId = std::int64_t{1} << 53;  // what a JSON number can tell apart
+
+std::string Quoted(const std::string& text) {
+  // Names of folders need not be UTF-8, JSON must be.
+  return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+void AppendVector(const char* prefix, const char* suffix, const Eigen::Vector3d& vector,
+                  std::string& fields) {
+  constexpr const char* kAxes = "xyz";
+  for (int axis = 0; axis < 3; ++axis) {
+    fields += std::string(",\"") + prefix + kAxes[axis] + suffix +
+              "\":" + FixedText(vector[axis], kMetreDigits);
+  }
+}
+
+const char* Name(LiveState state) {
+  switch (state) {
+    case LiveState::kWarmingUp:
+      return "warming_up";
+    case LiveState::kRunning:
+      return "running";
+    case LiveState::kOverloaded:
+      break;
+  }
+  return "overloaded";
+}
+
+}  // namespace
+
+LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events, Signals& signals,
+                       const NoteCallback& note)
+    : path_(trajectory),
+      trajectory_(
+          trajectory, {kTrajectoryHeader, kTrajectoryHeader}, signals,
+          [this](std::string_view line, std::uint64_t number) { ReadRow(line, number); }, note) {
+  if (events.empty()) return;
+  const auto ignore = [](std::string_view, std::uint64_t) {};
+  events_.emplace(events, GrowingFile::Format{"", "{\"event\":"}, signals, ignore, note);
+}
+
+void LiveOutput::Confirm(TimeNs at_ns, const TrackConfirmed& track) {
+  Confirmed& confirmed = alive_[track.track_id];
+  confirmed.first_evidence_ns = track.first_evidence_ns;
+  const bool may_be_known = left_out_until_ns_ && track.first_evidence_ns <= *left_out_until_ns_;
+  if (!may_be_known) Announced(at_ns, confirmed);
+}
+
+void LiveOutput::Give(TimeNs at_ns, const RowGiven& given) {
+  const TrajectoryRow& row = given.row;
+  if (left_out_until_ns_ && row.time_ns <= *left_out_until_ns_) return;
+  LiveTrack& track = Announced(at_ns, alive_[row.track_id]);
+  ++track.rows;
+  std::string text;
+  AppendTrajectoryRow(row, track.id, text);
+  trajectory_.Append(text);
+
+  std::string fields =
+      ",\"track\":" + std::to_string(track.id) + ",\"timestamp\":" + SecondsText(row.time_ns);
+  AppendVector("", "", row.position_m, fields);
+  AppendVector("v", "", row.velocity_mps, fields);
+  AppendVector("sigma_", "", row.sigma_m, fields);
+  fields += ",\"support\":" + std::to_string(row.support);
+  fields += given.is_late ? ",\"late\":true" : ",\"late\":false";
+  AppendEvent("row", at_ns, fields);
+}
+
+void LiveOutput::End(TimeNs at_ns, const TrackEnded& track) {
+  const Confirmed confirmed = std::exchange(alive_[track.track_id], {});
+  alive_.erase(track.track_id);
+  if (!confirmed.track) return;
+  LiveTrack& ended = tracks_[*confirmed.track];
+  ended.end_ns = track.last_evidence_ns;
+  AppendEvent("end", at_ns,
+              ",\"track\":" + std::to_string(ended.id) +
+                  ",\"timestamp\":" + SecondsText(track.last_evidence_ns));
+}
+
+void LiveOutput::TellSensor(TimeNs at_ns, const std::string& name, bool is_silent) {
+  AppendEvent("sensor", at_ns,
+              ",\"name\":" + Quoted(name) + ",\"state\":" + (is_silent ? "\"silent\"" : "\"ok\""));
+}
+
+void LiveOutput::TellState(TimeNs at_ns, LiveState state, std::uint64_t frames,
+                           std::uint64_t dropped) {
+  AppendEvent("state", at_ns,
+              std::string(",\"state\":\"") + Name(state) + "\",\"frames\":" +
+                  std::to_string(frames) + ",\"dropped\":" + std::to_string(dropped));
+}
+
+void LiveOutput::Flush() {
+  trajectory_.Flush();
+  if (events_) events_->Flush();
+}
+
+void LiveOutput::Reopen() {
+  trajectory_.Reopen();
+  if (events_) events_->Reopen();
+}
+
+void LiveOutput::Close() {
+  Flush();
+  trajectory_.Close();
+  if (events_) events_->Close();
+}
+
+std::vector<int> LiveOutput::reader_fds() const {
+  std::vector<int> fds = {trajectory_.reader_fd()};
+  if (events_) fds.push_back(events_->reader_fd());
+  fds.erase(std::remove(fds.begin(), fds.end(), -1), fds.end());
+  return fds;
+}
+
+void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
+  const std::size_t comma = std::min(line.find(','), line.size());
+  const std::optional<TimeNs> time_ns = ParseStamp(line.substr(0, comma));
+  std::int64_t id = 0;
+  const std::string_view rest = line.substr(std::min(comma + 1, line.size()));
+  const std::string_view id_text = rest.substr(0, rest.find(','));
+  const auto [end, error] = std::from_chars(id_text.data(), id_text.data() + id_text.size(), id);
+  if (!time_ns || error != std::errc() || end != id_text.data() + id_text.size() || id < 0 ||
+      id > kMaxTrackId || std::count(line.begin(), line.end(), ',') != kRowCommas) {
+    constexpr std::size_t kMaxShown = 60;
+    throw OutputError(path_ + ":" + std::to_string(number) + ": '" +
+                      std::string(line.substr(0, kMaxShown)) +
+                      "' is no row of a trajectory, expected one to append to");
+  }
+  next_id_ = std::max(next_id_, id + 1);
+  last_row_ns_ = std::max(last_row_ns_.value_or(*time_ns), *time_ns);
+}
+
+// The track as it is written. The first time its beginning is told.
+LiveTrack& LiveOutput::Announced(TimeNs at_ns, Confirmed& confirmed) {
+  if (!confirmed.track) {
+    confirmed.track = tracks_.size();
+    tracks_.push_back({next_id_++, confirmed.first_evidence_ns, confirmed.first_evidence_ns, 0});
+    AppendEvent("track", at_ns,
+                ",\"track\":" + std::to_string(tracks_.back().id) +
+                    ",\"first_evidence\":" + SecondsText(confirmed.first_evidence_ns));
+  }
+  return tracks_[*confirmed.track];
+}
+
+void LiveOutput::AppendEvent(const char* name, TimeNs at_ns, const std::string& fields) {
+  if (!events_) return;
+  events_->Append(std::string("{\"event\":\"") + name + "\",\"at\":" + SecondsText(at_ns) + fields +
+                  "}\n");
+}
+
+}  // namespace unlidar

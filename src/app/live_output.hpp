@@ -1,0 +1,82 @@
+// What a live run writes: rows of the trajectory and events, as the engine gives them.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "app/growing_file.hpp"
+#include "app/signals.hpp"
+#include "unlidar/engine.hpp"
+
+namespace unlidar {
+
+enum class LiveState { kWarmingUp, kRunning, kOverloaded };
+
+// A track that was written.
+struct LiveTrack {
+  std::int64_t id = 0;
+  TimeNs begin_ns = 0;  // first and last evidence
+  TimeNs end_ns = 0;
+  std::uint64_t rows = 0;
+};
+
+// The engine counts tracks from 0 in each run; those of a file go on counting. Of a run that takes
+// up frames again, rows up to the last one of the file are there already and are left out, and so
+// is a track without any other.
+class LiveOutput {
+ public:
+  using NoteCallback = GrowingFile::NoteCallback;
+
+  // `events`: a path, `-` for stdout, or empty for none. Throws OutputError.
+  LiveOutput(const std::string& trajectory, const std::string& events, Signals& signals,
+             const NoteCallback& note);
+
+  // The time of the last row that an earlier run wrote.
+  std::optional<TimeNs> last_row_ns() const { return last_row_ns_; }
+
+  // Rows up to this time are left out from now on.
+  void LeaveOutUntil(TimeNs time_ns) { left_out_until_ns_ = time_ns; }
+
+  // Each goes to both files with the next Flush(); `at_ns` is the newest stamp taken in.
+  void Confirm(TimeNs at_ns, const TrackConfirmed& track);
+  void Give(TimeNs at_ns, const RowGiven& given);
+  void End(TimeNs at_ns, const TrackEnded& track);
+  void TellSensor(TimeNs at_ns, const std::string& name, bool is_silent);
+  void TellState(TimeNs at_ns, LiveState state, std::uint64_t frames, std::uint64_t dropped);
+
+  // Rows go before the events that tell of them. Throws OutputError.
+  void Flush();
+  void Reopen();
+  void Close();
+
+  // That a reader of one of them has left ends the wait for them.
+  std::vector<int> reader_fds() const;
+
+  // Those of this run, in order of their numbers.
+  const std::vector<LiveTrack>& tracks() const { return tracks_; }
+
+ private:
+  struct Confirmed {
+    TimeNs first_evidence_ns = 0;
+    std::optional<std::size_t> track;  // index into tracks_, once it is announced
+  };
+
+  void ReadRow(std::string_view line, std::uint64_t number);
+  LiveTrack& Announced(TimeNs at_ns, Confirmed& confirmed);
+  void AppendEvent(const char* name, TimeNs at_ns, const std::string& fields);
+
+  std::string path_;
+  std::int64_t next_id_ = 0;
+  std::optional<TimeNs> last_row_ns_;
+  std::optional<TimeNs> left_out_until_ns_;
+  std::map<int, Confirmed> alive_;  // by the engine's number
+  std::vector<LiveTrack> tracks_;
+  GrowingFile trajectory_;
+  std::optional<GrowingFile> events_;
+};
+
+}  // namespace unlidar

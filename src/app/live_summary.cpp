@@ -1,0 +1,51 @@
+#include "app/live_summary.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include "config_json.hpp"
+#include "unlidar/output.hpp"
+#include "version.hpp"
+
+namespace unlidar {
+
+std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
+  using Json = nlohmann::ordered_json;
+  Json inputs = Json::array();
+  for (const LiveInput& input : summary.inputs) {
+    inputs.push_back(
+        {{"name", input.name}, {"directory", input.directory}, {"frames", input.frames}});
+  }
+  Json tracks = Json::array();
+  std::uint64_t rows = 0;
+  for (const LiveTrack& track : summary.tracks) {
+    rows += track.rows;
+    tracks.push_back({{"track_id", track.id},
+                      {"begin", SecondsText(track.begin_ns)},
+                      {"end", SecondsText(track.end_ns)},
+                      {"rows", track.rows}});
+  }
+  const InputCounts& counts = summary.counts;
+  const Json json = {{"version", kVersion},
+                     {"inputs", inputs},
+                     {"config", ConfigJson(config)},
+                     {"counts",
+                      {{"frames", counts.frames},
+                       {"empty_frames", counts.empty_frames},
+                       {"bad_frames", counts.bad_frames},
+                       {"late_frames", summary.late_frames},
+                       {"overload_frames", summary.overload_frames},
+                       {"vanished_frames", summary.vanished_frames},
+                       {"passed_over_frames", summary.passed_over_frames},
+                       {"rows", counts.rows},
+                       {"no_return_rows", counts.no_return_rows},
+                       {"non_finite_rows", counts.non_finite_rows},
+                       {"out_of_range_rows", counts.out_of_range_rows},
+                       {"returns", counts.returns},
+                       {"tracks", summary.tracks.size()},
+                       {"trajectory_rows", rows}}},
+                     {"tracks", tracks}};
+  constexpr int kIndent = 2;
+  return json.dump(kIndent, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace unlidar

@@ -1,0 +1,33 @@
+// The --summary of a live run.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "app/live_output.hpp"
+#include "unlidar/config.hpp"
+#include "unlidar/types.hpp"
+
+namespace unlidar {
+
+struct LiveInput {
+  std::string name;
+  std::string directory;  // empty for stdin
+  std::uint64_t frames = 0;
+};
+
+// Every frame that came is in one of the counts of frames.
+struct LiveSummary {
+  std::vector<LiveInput> inputs;
+  InputCounts counts;
+  std::uint64_t late_frames = 0;         // later than live.reorder_s
+  std::uint64_t overload_frames = 0;     // left out to keep up
+  std::uint64_t vanished_frames = 0;     // removed before they could be read
+  std::uint64_t passed_over_frames = 0;  // repeated
+  std::vector<LiveTrack> tracks;
+};
+
+std::string LiveSummaryJson(const LiveSummary& summary, const Config& config);
+
+}  // namespace unlidar

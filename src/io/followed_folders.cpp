@@ -1,0 +1,255 @@
+#include "io/followed_folders.hpp"
+
+#include <fcntl.h>
+#include <sys/inotify.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <filesystem>
+#include <stdexcept>
+#include <string_view>
+#include <system_error>
+
+namespace unlidar {
+namespace {
+
+namespace fs = std::filesystem;
+
+using Clock = FollowedFrame::Clock;
+
+// IN_MASK_ADD: one folder may be followed and lie above another.
+constexpr std::uint32_t kCommonMask = IN_MOVED_TO | IN_MOVE_SELF | IN_ONLYDIR | IN_MASK_ADD;
+constexpr std::uint32_t kFolderMask = kCommonMask | IN_CLOSE_WRITE;
+constexpr std::uint32_t kAncestorMask = kCommonMask | IN_CREATE;
+
+// Where the system does not tell whether a file is being written, one that was changed so lately
+// is.
+constexpr std::chrono::seconds kSettleTime(1);
+
+enum class FileState { kComplete, kBeingWritten, kUnsettled, kGone };
+
+// A read lease is given only if nobody has the file open for writing.
+FileState StateOf(const std::string& path) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+  if (fd < 0) return errno == ENOENT ? FileState::kGone : FileState::kComplete;
+  FileState state = FileState::kComplete;
+  if (::fcntl(fd, F_SETLEASE, F_RDLCK) == 0) {
+    ::fcntl(fd, F_SETLEASE, F_UNLCK);
+  } else if (errno == EAGAIN) {
+    state = FileState::kBeingWritten;
+  } else {  // another user's file, or a file system without leases
+    struct stat status {};
+    const bool is_recent =
+        ::fstat(fd, &status) == 0 && std::time(nullptr) - status.st_mtime <= kSettleTime.count();
+    if (is_recent) state = FileState::kUnsettled;
+  }
+  ::close(fd);
+  return state;
+}
+
+[[noreturn]] void FailToWatch(const std::string& path, int error) {
+  const std::string reason = error == ENOSPC
+                                 ? "no more watches are allowed, see fs.inotify.max_user_watches"
+                                 : std::strerror(error);
+  throw InputError(path + ": cannot be followed (" + reason + "), expected a folder");
+}
+
+}  // namespace
+
+FollowedFolders::FollowedFolders(const std::vector<Folder>& folders, std::optional<TimeNs> after_ns,
+                                 BadFrameCallback on_bad_frame)
+    : after_ns_(after_ns),
+      on_bad_frame_(std::move(on_bad_frame)),
+      fd_(::inotify_init1(IN_NONBLOCK | IN_CLOEXEC)) {
+  if (fd_ < 0) throw std::runtime_error(std::string("inotify: ") + std::strerror(errno));
+  for (const Folder& folder : folders) {
+    Watched watched;
+    watched.directory = fs::absolute(folder.directory).lexically_normal().string();
+    watched.offset_ns = folder.offset_ns;
+    folders_.push_back(std::move(watched));
+  }
+  for (std::size_t i = 0; i < folders_.size(); ++i) Attach(i);
+}
+
+FollowedFolders::~FollowedFolders() { ::close(fd_); }
+
+void FollowedFolders::Update() {
+  alignas(inotify_event) std::array<char, 1 << 16> buffer{};
+  bool has_lost_events = false;
+  while (true) {
+    const ssize_t got = ::read(fd_, buffer.data(), buffer.size());
+    if (got < 0 && errno == EINTR) continue;
+    if (got <= 0) break;
+    for (std::size_t at = 0; at < static_cast<std::size_t>(got);) {
+      inotify_event event{};
+      std::memcpy(&event, buffer.data() + at, sizeof(event));
+      const char* name = buffer.data() + at + sizeof(event);
+      at += sizeof(event) + event.len;
+      if ((event.mask & IN_Q_OVERFLOW) != 0) {
+        has_lost_events = true;
+      } else {
+        TakeEvent(event.wd, event.mask, event.len > 0 ? name : "");
+      }
+    }
+  }
+  const bool is_due = list_again_ && Clock::now() >= *list_again_;
+  if (has_lost_events || is_due) ListAll();
+}
+
+std::optional<FollowedFrame> FollowedFolders::Next() {
+  if (pending_.empty() && has_more_) ListAll();
+  while (!pending_.empty()) {
+    const auto node = pending_.extract(pending_.begin());
+    const auto [common_ns, index] = node.key();
+    const Pending& next = node.mapped();
+    Watched& folder = folders_[index];
+    const std::string path = (fs::path(folder.directory) / next.name).string();
+    const FileState state = StateOf(path);
+    if (state == FileState::kGone) {
+      ++num_vanished_;
+      continue;
+    }
+    // It is offered again when its writer closes it.
+    if (state == FileState::kBeingWritten) continue;
+    if (state == FileState::kUnsettled && next.is_listed) {
+      if (!list_again_) list_again_ = Clock::now() + kSettleTime;
+      continue;
+    }
+    folder.given_ns.insert(next.stamp_ns);
+    if (folder.given_ns.size() > kMaxGiven) folder.given_ns.erase(folder.given_ns.begin());
+    const bool was_there = backlog_end_ns_ && common_ns <= *backlog_end_ns_;
+    return FollowedFrame{index, {path, next.stamp_ns}, was_there ? std::nullopt : next.came};
+  }
+  return std::nullopt;
+}
+
+// Watches the folder, or the nearest one above it in which it will appear.
+void FollowedFolders::Attach(std::size_t index) {
+  Watched& folder = folders_[index];
+  const std::string directory = folder.directory;
+  while ((folder.watch = AddWatch(directory, kFolderMask)) < 0) {
+    fs::path below = directory;
+    fs::path above = below.parent_path();
+    int watch = -1;
+    while ((watch = AddWatch(above.string(), kAncestorMask)) < 0) {
+      below = above;
+      above = above.parent_path();
+    }
+    const int old_watch = std::exchange(folder.ancestor_watch, watch);
+    if (old_watch != watch) Release(old_watch);
+    // What appeared before there was a watch makes no event.
+    std::error_code error;
+    if (!fs::exists(below, error)) return;
+  }
+  Release(std::exchange(folder.ancestor_watch, -1));
+  List(index);
+}
+
+void FollowedFolders::Detach(std::size_t index) {
+  Release(std::exchange(folders_[index].watch, -1));
+  Release(std::exchange(folders_[index].ancestor_watch, -1));
+}
+
+// Ends a watch that no folder needs any more.
+void FollowedFolders::Release(int watch) {
+  const bool is_needed = std::any_of(folders_.begin(), folders_.end(), [&](const Watched& folder) {
+    return folder.watch == watch || folder.ancestor_watch == watch;
+  });
+  if (watch >= 0 && !is_needed) ::inotify_rm_watch(fd_, watch);
+}
+
+// -1 if there is no such folder.
+int FollowedFolders::AddWatch(const std::string& path, std::uint32_t mask) const {
+  const int watch = ::inotify_add_watch(fd_, path.c_str(), mask);
+  if (watch < 0 && errno != ENOENT) FailToWatch(path, errno);
+  return watch;
+}
+
+void FollowedFolders::List(std::size_t index) {
+  const std::string directory = folders_[index].directory;
+  std::error_code error;
+  fs::directory_iterator entry(directory, error);
+  for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
+    std::error_code ignored;
+    if (entry->is_directory(ignored)) continue;
+    Offer(index, entry->path().filename().string(), true);
+  }
+  // A folder that is gone again makes an event.
+  if (error && error.value() != ENOENT) FailToWatch(directory, error.value());
+  folders_[index].was_listed = true;
+}
+
+void FollowedFolders::ListAll() {
+  has_more_ = false;
+  list_again_.reset();
+  for (std::size_t i = 0; i < folders_.size(); ++i) {
+    if (folders_[i].watch >= 0) List(i);
+  }
+}
+
+void FollowedFolders::TakeEvent(int watch, std::uint32_t mask, const std::string& name) {
+  for (std::size_t i = 0; i < folders_.size(); ++i) {
+    const bool is_folder = folders_[i].watch == watch;
+    const bool is_ancestor = folders_[i].ancestor_watch == watch;
+    if (!is_folder && !is_ancestor) continue;
+    if ((mask & (IN_IGNORED | IN_MOVE_SELF)) != 0) {
+      Detach(i);
+      Attach(i);
+    } else if (is_ancestor) {
+      Attach(i);
+    } else if ((mask & (IN_CLOSE_WRITE | IN_MOVED_TO)) != 0 && (mask & IN_ISDIR) == 0) {
+      Offer(i, name, false);
+    }
+  }
+}
+
+void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_listed) {
+  Watched& folder = folders_[index];
+  const fs::path path = fs::path(folder.directory) / name;
+  if (name == kStampFile) {
+    throw InputError(path.string() +
+                     ": cannot be followed, expected frames whose names are their stamps");
+  }
+  if (!IsFrameName(name)) return;
+  const std::string stem = name.substr(0, name.size() - kFrameSuffix.size());
+  const std::optional<TimeNs> stamp_ns = StampInRange(stem);
+  if (!stamp_ns) {
+    if (is_listed && folder.was_listed) return;  // told before
+    on_bad_frame_(InputError(path.string() + ": '" + stem + "' is no stamp, " + kExpectedStamp));
+    return;
+  }
+  const TimeNs common_ns = *stamp_ns + folder.offset_ns;
+  if (WasGiven(folder, *stamp_ns) || (after_ns_ && common_ns <= *after_ns_)) {
+    if (!is_listed) ++num_passed_over_;
+    return;
+  }
+  if (is_listed && !folder.was_listed) {
+    backlog_end_ns_ = std::max(backlog_end_ns_.value_or(common_ns), common_ns);
+  }
+  const Order order = {common_ns, index};
+  // None may overtake those that there was no room for.
+  if (has_more_ && (pending_.empty() || pending_.rbegin()->first < order)) return;
+  Pending pending{name, *stamp_ns, is_listed, Clock::now()};
+  const auto [place, is_new] = pending_.try_emplace(order, pending);
+  if (!is_new) {
+    place->second.is_listed = place->second.is_listed && is_listed;
+    if (place->second.name != name) ++num_passed_over_;
+  }
+  if (pending_.size() > kMaxPending) {
+    pending_.erase(std::prev(pending_.end()));
+    has_more_ = true;
+  }
+}
+
+bool FollowedFolders::WasGiven(const Watched& folder, TimeNs stamp_ns) const {
+  const std::set<TimeNs>& given_ns = folder.given_ns;
+  if (given_ns.size() == kMaxGiven && stamp_ns < *given_ns.begin()) return true;
+  return given_ns.count(stamp_ns) > 0;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,34 @@
+#include "io/frame_pace.hpp"
+
+#include <algorithm>
+
+namespace unlidar {
+namespace {
+
+constexpr std::uint64_t kMostOneIn = 1024;
+
+}  // namespace
+
+bool FramePace::Keeps(std::size_t sensor, std::optional<Clock::duration> waited,
+                      Clock::time_point now) {
+  if (waited) Adapt(*waited, now);
+  if (seen_.size() <= sensor) seen_.resize(sensor + 1);
+  return seen_[sensor]++ % one_in_ == 0;
+}
+
+void FramePace::Adapt(Clock::duration waited, Clock::time_point now) {
+  shortest_wait_ = std::min(shortest_wait_.value_or(waited), waited);
+  const Clock::duration excess = waited - *shortest_wait_;
+  // A change takes its time to show.
+  const bool has_settled = !changed_ || now - *changed_ >= patience_ / 2;
+  if (!has_settled) return;
+  if (excess > patience_ && one_in_ < kMostOneIn) {
+    one_in_ *= 2;
+    changed_ = now;
+  } else if (excess < patience_ / 4 && one_in_ > 1) {
+    one_in_ /= 2;
+    changed_ = now;
+  }
+}
+
+}  // namespace unlidar

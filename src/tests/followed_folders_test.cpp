@@ -1,0 +1,281 @@
+#include "io/followed_folders.hpp"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <poll.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "temporary_folder.hpp"
+
+namespace unlidar {
+namespace {
+
+namespace fs = std::filesystem;
+
+using ::unlidar::testing::TemporaryFolder;
+
+// Follows folders and collects the names of their frames.
+class Follower {
+ public:
+  explicit Follower(const std::vector<std::string>& directories,
+                    std::optional<TimeNs> after_ns = std::nullopt,
+                    const std::vector<TimeNs>& offsets_ns = {})
+      : folders(Watched(directories, offsets_ns), after_ns,
+                [this](const InputError& error) { bad.emplace_back(error.what()); }) {}
+
+  static std::vector<FollowedFolders::Folder> Watched(const std::vector<std::string>& directories,
+                                                      const std::vector<TimeNs>& offsets_ns) {
+    std::vector<FollowedFolders::Folder> watched;
+    for (std::size_t i = 0; i < directories.size(); ++i) {
+      watched.push_back({directories[i], offsets_ns.empty() ? 0 : offsets_ns[i]});
+    }
+    return watched;
+  }
+
+  // The names of all frames that are complete now; of several folders "FOLDER/NAME".
+  std::vector<std::string> Take() {
+    folders.Update();
+    std::vector<std::string> names;
+    while (const auto frame = folders.Next()) {
+      const fs::path path = frame->file.path;
+      names.push_back((path.parent_path().filename() / path.filename()).string());
+      came.push_back(frame->came.has_value());
+    }
+    return names;
+  }
+
+  std::vector<std::string> bad;
+  std::vector<bool> came;  // of each frame: it came while the folder was followed
+  FollowedFolders folders;
+};
+
+using Names = std::vector<std::string>;
+
+void Rename(const TemporaryFolder& folder, const std::string& name, const std::string& bytes = "") {
+  const std::string temporary = folder.Write("unfinished", bytes);
+  fs::create_directories(fs::path(folder / name).parent_path());
+  fs::rename(temporary, folder / name);
+}
+
+TEST(FollowedFolders, GivesWhatIsThereInOrderOfStampsThenWhatAppears) {
+  const TemporaryFolder folder;
+  for (const char* name : {"f/10.pcd", "f/9.5.pcd", "f/11.0.pcd", "f/.8.pcd", "f/notes.txt"}) {
+    folder.Write(name, "");
+  }
+  fs::create_directories(folder / "f/7.pcd");
+  Follower follower({folder / "f"});
+  EXPECT_EQ(follower.Take(), (Names{"f/9.5.pcd", "f/10.pcd", "f/11.0.pcd"}));
+  EXPECT_EQ(follower.came, (std::vector<bool>{false, false, false}));
+  Rename(folder, "f/12.pcd");
+  folder.Write("f/11.5.pcd", "");  // closed after it was written
+  EXPECT_EQ(follower.Take(), (Names{"f/11.5.pcd", "f/12.pcd"}));
+  EXPECT_TRUE(follower.came.back());
+  EXPECT_TRUE(follower.Take().empty());
+  EXPECT_TRUE(follower.bad.empty());
+}
+
+TEST(FollowedFolders, TellsByItsDescriptorThatSomethingHappened) {
+  const TemporaryFolder folder;
+  Follower follower({folder.path()});
+  pollfd ready = {follower.folders.fd(), POLLIN, 0};
+  EXPECT_EQ(::poll(&ready, 1, 0), 0);
+  folder.Write("1.pcd", "");
+  EXPECT_EQ(::poll(&ready, 1, 0), 1);
+  EXPECT_EQ(follower.Take().size(), 1U);
+  EXPECT_EQ(::poll(&ready, 1, 0), 0);
+}
+
+TEST(FollowedFolders, MergesFoldersByStampAndOffset) {
+  const TemporaryFolder folder;
+  for (const char* name : {"a/1.0.pcd", "a/2.0.pcd", "b/1.5.pcd", "b/1.0.pcd"}) {
+    folder.Write(name, "");
+  }
+  Follower same({folder / "a", folder / "b"});
+  EXPECT_EQ(same.Take(), (Names{"a/1.0.pcd", "b/1.0.pcd", "b/1.5.pcd", "a/2.0.pcd"}));
+  Follower late({folder / "a", folder / "b"}, std::nullopt, {0, 10'000'000'000});
+  EXPECT_EQ(late.Take(), (Names{"a/1.0.pcd", "a/2.0.pcd", "b/1.0.pcd", "b/1.5.pcd"}));
+}
+
+TEST(FollowedFolders, NeverGivesAFileThatIsBeingWritten) {
+  const TemporaryFolder folder;
+  fs::create_directories(folder / "f");
+  std::ofstream before(folder / "f/1.pcd");
+  before << "half" << std::flush;
+  Follower follower({folder / "f"});
+  EXPECT_TRUE(follower.Take().empty());
+  std::ofstream during(folder / "f/2.pcd");
+  during << "half" << std::flush;
+  folder.Write("f/3.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"f/3.pcd"});
+  during.close();
+  EXPECT_EQ(follower.Take(), Names{"f/2.pcd"});
+  before.close();
+  EXPECT_EQ(follower.Take(), Names{"f/1.pcd"});
+}
+
+TEST(FollowedFolders, WaitsForAFolderThatIsNotThereYet) {
+  const TemporaryFolder folder;
+  Follower follower({folder / "a/b/f", folder / "a/g"});
+  EXPECT_TRUE(follower.Take().empty());
+  fs::create_directories(folder / "a");
+  EXPECT_TRUE(follower.Take().empty());
+  fs::create_directories(folder / "a/b/f");
+  folder.Write("a/b/f/1.pcd", "");  // before anybody looks
+  EXPECT_EQ(follower.Take(), Names{"f/1.pcd"});
+  folder.Write("a/b/f/2.pcd", "");
+  Rename(folder, "a/h/3.pcd");
+  fs::rename(folder / "a/h", folder / "a/g");
+  EXPECT_EQ(follower.Take(), (Names{"f/2.pcd", "g/3.pcd"}));
+  folder.Write("a/g/4.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"g/4.pcd"});
+}
+
+TEST(FollowedFolders, OneFolderMayLieInAnother) {
+  const TemporaryFolder folder;
+  Follower follower({folder / "f", folder / "f/inner"});
+  fs::create_directories(folder / "f");
+  folder.Write("f/1.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"f/1.pcd"});
+  folder.Write("f/inner/2.pcd", "");
+  folder.Write("f/3.pcd", "");
+  EXPECT_EQ(follower.Take(), (Names{"inner/2.pcd", "f/3.pcd"}));
+  folder.Write("f/4.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"f/4.pcd"});
+}
+
+TEST(FollowedFolders, AFolderThatIsRemovedMayComeBack) {
+  const TemporaryFolder folder;
+  folder.Write("f/1.pcd", "");
+  Follower follower({folder / "f"});
+  EXPECT_EQ(follower.Take(), Names{"f/1.pcd"});
+  for (int i = 0; i < 3; ++i) {
+    fs::remove_all(folder / "f");
+    EXPECT_TRUE(follower.Take().empty());
+    folder.Write("f/1.pcd", "");  // given already
+    folder.Write("f/" + std::to_string(2 * i + 2) + ".pcd", "");
+    EXPECT_EQ(follower.Take(), Names{"f/" + std::to_string(2 * i + 2) + ".pcd"});
+    folder.Write("f/" + std::to_string(2 * i + 3) + ".pcd", "");
+    EXPECT_EQ(follower.Take(), Names{"f/" + std::to_string(2 * i + 3) + ".pcd"});
+  }
+}
+
+TEST(FollowedFolders, AFolderThatIsMovedAwayIsNotFollowedThere) {
+  const TemporaryFolder folder;
+  folder.Write("f/1.pcd", "");
+  Follower follower({folder / "f"});
+  EXPECT_EQ(follower.Take().size(), 1U);
+  fs::rename(folder / "f", folder / "old");
+  EXPECT_TRUE(follower.Take().empty());
+  folder.Write("old/2.pcd", "");
+  folder.Write("f/3.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"f/3.pcd"});
+}
+
+TEST(FollowedFolders, CountsFilesThatAreGoneBeforeTheyAreRead) {
+  const TemporaryFolder folder;
+  Follower follower({folder.path()});
+  for (const char* name : {"1.pcd", "2.pcd", "3.pcd"}) folder.Write(name, "");
+  fs::remove(folder / "1.pcd");
+  fs::remove(folder / "3.pcd");
+  EXPECT_EQ(follower.Take().size(), 1U);
+  EXPECT_EQ(follower.folders.num_vanished(), 2U);
+}
+
+TEST(FollowedFolders, GivesAFrameOnce) {
+  const TemporaryFolder folder;
+  folder.Write("1.pcd", "");
+  Follower follower({folder.path()});
+  folder.Write("1.pcd", "again, before it was read");
+  EXPECT_EQ(follower.Take().size(), 1U);
+  EXPECT_EQ(follower.folders.num_passed_over(), 0U);
+  folder.Write("1.pcd", "again, after it was read");
+  folder.Write("1.0.pcd", "the same stamp");
+  EXPECT_TRUE(follower.Take().empty());
+  EXPECT_EQ(follower.folders.num_passed_over(), 2U);
+}
+
+TEST(FollowedFolders, PassesOverWhatAnEarlierRunHasWorkedOff) {
+  const TemporaryFolder folder;
+  for (const char* name : {"1.pcd", "2.pcd", "3.pcd"}) folder.Write(name, "");
+  Follower follower({folder.path()}, 2'000'000'000);
+  EXPECT_EQ(follower.Take().size(), 1U);
+  EXPECT_EQ(follower.folders.num_passed_over(), 0U);
+  folder.Write("1.5.pcd", "");
+  EXPECT_TRUE(follower.Take().empty());
+  EXPECT_EQ(follower.folders.num_passed_over(), 1U);
+}
+
+TEST(FollowedFolders, ListsAgainWhatTheSystemLostCountOf) {
+  std::ifstream limit("/proc/sys/fs/inotify/max_queued_events");
+  int events = 0;
+  limit >> events;
+  if (events == 0 || events > 100'000) GTEST_SKIP() << "a queue of " << events << " events";
+  const TemporaryFolder folder;
+  Follower follower({folder.path()});
+  folder.Write("1.pcd", "");
+  for (int i = 0; i < events; ++i) folder.Write(i % 2 == 0 ? "a" : "b", "");
+  for (int i = 2; i < 100; ++i) folder.Write(std::to_string(i) + ".pcd", "");
+  EXPECT_EQ(follower.Take().size(), 99U);
+  folder.Write("100.pcd", "");
+  EXPECT_EQ(follower.Take().size(), 1U);
+}
+
+TEST(FollowedFolders, RemembersNoMoreThanItsBoundAndLosesNone) {
+  const TemporaryFolder folder;
+  const int count = static_cast<int>(FollowedFolders::kMaxPending) + 500;
+  for (int i = 0; i < count; ++i) {
+    const int fd =
+        ::open((folder / (std::to_string(i) + ".pcd")).c_str(), O_CREAT | O_WRONLY, 0600);
+    ::close(fd);
+  }
+  Follower follower({folder.path()});
+  EXPECT_EQ(follower.folders.num_pending(), FollowedFolders::kMaxPending);
+  folder.Write(std::to_string(count) + ".pcd", "");
+  const Names names = follower.Take();
+  ASSERT_EQ(names.size(), static_cast<std::size_t>(count) + 1);
+  for (int i = 0; i <= count; ++i) {
+    const std::string stem = fs::path(names[static_cast<std::size_t>(i)]).stem().string();
+    ASSERT_EQ(stem, std::to_string(i));
+  }
+}
+
+TEST(FollowedFolders, ANameThatIsNoStampIsBad) {
+  const TemporaryFolder folder;
+  folder.Write("map.pcd", "");
+  Follower follower({folder.path()});
+  folder.Write("roof.pcd", "");
+  EXPECT_TRUE(follower.Take().empty());
+  ASSERT_EQ(follower.bad.size(), 2U);
+  EXPECT_NE(follower.bad[0].find("map.pcd: 'map' is no stamp, expected"), std::string::npos);
+  EXPECT_NE(follower.bad[1].find("roof.pcd: 'roof' is no stamp, expected"), std::string::npos);
+}
+
+TEST(FollowedFolders, RefuseStampsInAFile) {
+  const TemporaryFolder folder;
+  folder.Write("f/timestamps.csv", "file,timestamp\n");
+  EXPECT_THROW(Follower({folder / "f"}), InputError);
+  Follower follower({folder / "g"});
+  folder.Write("g/timestamps.csv", "file,timestamp\n");
+  EXPECT_THROW(follower.Take(), InputError);
+}
+
+TEST(FollowedFolders, RefuseWhatIsNoFolder) {
+  const TemporaryFolder folder;
+  const std::string file = folder.Write("file", "");
+  for (const std::string& path : {file, file + "/below"}) {
+    try {
+      const Follower follower({path});
+      ADD_FAILURE() << "no error";
+    } catch (const InputError& error) {
+      EXPECT_NE(std::string(error.what()).find("expected a folder"), std::string::npos);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace unlidar

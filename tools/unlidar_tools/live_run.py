@@ -1,0 +1,126 @@
+"""A recording through the live program, judged beside what the program made of the recording."""
+
+import json
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich import box
+from rich.table import Table
+
+from unlidar_tools.errors import ProgramError
+from unlidar_tools.evaluate import evaluate
+from unlidar_tools.evaluate.markdown import percent
+from unlidar_tools.output import clear_results
+from unlidar_tools.play import MessageSink, frames_in_order, play
+from unlidar_tools.program import NAME, TRAJECTORY, find_program
+from unlidar_tools.report.data import read_record
+from unlidar_tools.truth import read_tracks, read_truth
+
+TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE = "live.csv", "live_events.jsonl", "live_summary.json"
+
+
+@dataclass(frozen=True)
+class LiveTimes:
+    """How soon a live run answers, in seconds of the recording; NaN where there is nothing."""
+
+    confirmation_s: float  # median, from the first evidence of a track to its confirmation
+    delay_s: float  # 99th percentile, of the rows of confirmed tracks
+    wall_s: float  # of the whole run, frames sent as fast as they are taken
+
+
+@dataclass(frozen=True)
+class LiveRun:
+    """What a live run of a recording found, and what the recording's own run had found."""
+
+    trajectory: Path
+    batch: dict | None  # measures of `evaluate`; None without truth
+    live: dict | None
+    times: LiveTimes
+
+
+def run_live(run: Path) -> LiveRun:
+    """Plays the recording of a finished `unlidar run` to the live program, with its options.
+
+    Throws ProgramError with the program's own message and exit code if it fails.
+    """
+    record = read_record(run)
+    clear_results(run, (TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE))
+    trajectory, events = run / TRAJECTORY_LIVE, run / EVENTS_LIVE
+    command = [find_program(), "--stdin", "--out", trajectory, "--events", events]
+    command += ["--summary", run / SUMMARY_LIVE, *record.options]
+    wall_s = _send([str(part) for part in command], record.frames)
+    truth = None if record.truth is None else read_truth(record.truth)
+    batch, live = (
+        None if truth is None else evaluate(truth, read_tracks(path))
+        for path in (run / TRAJECTORY, trajectory)
+    )
+    return LiveRun(trajectory, batch, live, _times(events, wall_s))
+
+
+def live_table(result: LiveRun) -> Table:
+    """Batch and live, a row each."""
+    table = Table(
+        title="recording and live", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
+    table.add_column("run", no_wrap=True)
+    for name in ("within 1 m", "cover", "RMSE", "false", "tracks", "confirm", "p99 delay"):
+        table.add_column(name, justify="right", no_wrap=True)
+    times = result.times
+    for name, measures, told in (
+        ("recording", result.batch, ("", "")),
+        ("live", result.live, (_seconds(times.confirmation_s), _seconds(times.delay_s))),
+    ):
+        m = measures or {}
+        table.add_row(
+            name,
+            percent(m.get("within1m")),
+            percent(m.get("coverage")),
+            f"{m['rmse']:.3f} m" if "rmse" in m else "-",
+            percent(m.get("false")),
+            str(m.get("tracks", "-")),
+            *told,
+        )
+    return table
+
+
+def _send(command: list[str], sensors: dict[str, Path]) -> float:
+    with tempfile.TemporaryFile() as said:
+        begin = time.perf_counter()
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
+        assert process.stdin is not None
+        try:
+            play(frames_in_order(sensors), MessageSink(process.stdin), rate=np.inf)
+            process.stdin.close()
+        except BrokenPipeError:  # it ended on its own: what it said tells why
+            pass
+        except BaseException:
+            process.terminate()
+            process.wait()
+            raise
+        code = process.wait()
+        wall_s = time.perf_counter() - begin
+        if code != 0:
+            said.seek(0)
+            last = (said.read().decode(errors="replace").strip().splitlines() or ["no message"])[-1]
+            text = last.removeprefix(f"{NAME}: ").removeprefix("error: ")
+            raise ProgramError(f"{NAME} --stdin ended with code {code}: {text}", max(code, 1))
+        return wall_s
+
+
+def _times(events: Path, wall_s: float) -> LiveTimes:
+    told = [json.loads(line) for line in events.read_text().splitlines()]
+    waits = [e["at"] - e["first_evidence"] for e in told if e["event"] == "track"]
+    delays = [e["at"] - e["timestamp"] for e in told if e["event"] == "row" and not e["late"]]
+    return LiveTimes(
+        float(np.median(waits)) if waits else np.nan,
+        float(np.percentile(delays, 99)) if delays else np.nan,
+        wall_s,
+    )
+
+
+def _seconds(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.2f} s"

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <deque>
 #include <iterator>
 #include <set>
 
@@ -34,14 +35,19 @@ bool HasFrames(const std::vector<Plot>& path, int least) {
 bool Flies(const std::vector<Plot>& path, const RobustConfig& config) {
   const auto window_ns = static_cast<TimeNs>(config.off_ground_window_s * 1e9);
   std::size_t num_high = 0;
+  std::deque<std::size_t>
+      lowest;  // of those in the window that may be its lowest, by rising height
+  std::size_t next = 0;
   for (const Plot& plot : path) {
-    double lowest_m = plot.lowest_m;
-    for (const Plot& other : path) {
-      if (std::abs(other.time_ns - plot.time_ns) <= window_ns) {
-        lowest_m = std::min(lowest_m, other.lowest_m);
+    for (; next < path.size() && path[next].frame_time_ns <= plot.frame_time_ns + window_ns;
+         ++next) {
+      while (!lowest.empty() && path[lowest.back()].lowest_m >= path[next].lowest_m) {
+        lowest.pop_back();
       }
+      lowest.push_back(next);
     }
-    if (lowest_m > config.off_ground_m) ++num_high;
+    while (path[lowest.front()].frame_time_ns < plot.frame_time_ns - window_ns) lowest.pop_front();
+    if (path[lowest.front()].lowest_m > config.off_ground_m) ++num_high;
   }
   return static_cast<double>(num_high) > config.off_ground_share * static_cast<double>(path.size());
 }
@@ -102,8 +108,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
       config.tracker.sigma_a_mps2.size() * config.tracker.birth_speeds_mps.size();
   const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
   const double threshold = std::log(num_starts / config.false_alarms_per_recording);
-  const Watch watch{static_cast<double>(ShortestPeriodNs(recording)) * kSecondsPerNs,
-                    static_cast<int>(recording.sensors.size())};
+  const Watch watch = WatchOf(recording);
   const auto is_target = [&](const Path& path) {
     if (path.score < threshold) return false;
     const std::vector<Plot> members = PlotsOf(path, plots);

@@ -76,13 +76,13 @@ class Company {
     constexpr TimeNs kSameTimeNs = 300'000'000;
     for (std::size_t i = 0, first = 0; i < plots.size(); ++i) {
       const Plot& plot = plots[i];
-      while (plots[first].time_ns < plot.time_ns - kSameTimeNs) ++first;
+      while (plots[first].frame_time_ns < plot.frame_time_ns - kSameTimeNs) ++first;
       if (!plot.is_floating) continue;
       const double reach_m = config.ReachM(plot.position_m.norm());
       std::array<std::uint32_t, kNumTallies> tally{};
       tally[kPlots] = 1;
       for (std::size_t k = first;
-           k < plots.size() && plots[k].time_ns <= plot.time_ns + kSameTimeNs; ++k) {
+           k < plots.size() && plots[k].frame_time_ns <= plot.frame_time_ns + kSameTimeNs; ++k) {
         if (!are_standing[k]) continue;
         const double distance_m = (plot.position_m - plots[k].position_m).norm();
         if (distance_m >= kSurroundings * reach_m) continue;

@@ -175,6 +175,9 @@ std::vector<Plot> MakePlots(const Recording& recording,
       Plot plot;
       plot.frame = f;
       plot.sensor = frame.sensor;
+      plot.frame_time_ns = frame.middle_ns();
+      plot.streak_s =
+          frame.is_timed ? 0.0 : static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
       plot.position_m = MeanOf(recording, returns);
       plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config);
       TimeNs time_sum = 0;
@@ -192,7 +195,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
                    [](const Box& a, const Box& b) { return a.time_ns < b.time_ns; });
   DropNearBodies(bodies, config, &plots);
   std::stable_sort(plots.begin(), plots.end(),
-                   [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; });
+                   [](const Plot& a, const Plot& b) { return a.frame_time_ns < b.frame_time_ns; });
   return plots;
 }
 

@@ -14,20 +14,25 @@ constexpr double kBoundSlack = 1e-9;
 }  // namespace
 
 std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                            const TrackerConfig& config) {
+                            const Watch& watch, const TrackerConfig& config) {
   std::vector<Slice> slices;
   for (std::size_t i = 0; i < plots.size(); ++i) {
     const Plot& plot = plots[i];
-    if (i == 0 || plot.time_ns != plots[i - 1].time_ns) {
+    if (i == 0 || plot.frame != plots[i - 1].frame) {
       slices.emplace_back();
       slices.back().first = i;
-      slices.back().time_s = TimeOf(plots, i);
-      slices.back().variances = {plot.variance_m2, plot.variance_m2};
+      slices.back().at = MomentOf(plot, plots.front(), watch);
+      slices.back().bounds.least_variance_m2 = plot.variance_m2;
+      slices.back().bounds.streak_s = plot.streak_s;
     }
     Slice& slice = slices.back();
     slice.last = i + 1;
-    slice.variances.least_m2 = std::min(slice.variances.least_m2, plot.variance_m2);
-    slice.variances.largest_m2 = std::max(slice.variances.largest_m2, plot.variance_m2);
+    FrameBounds& bounds = slice.bounds;
+    bounds.least_variance_m2 = std::min(bounds.least_variance_m2, plot.variance_m2);
+    bounds.largest_variance_m2 = std::max(bounds.largest_variance_m2, plot.variance_m2);
+    bounds.half_span_s =
+        std::max(bounds.half_span_s,
+                 static_cast<double>(std::abs(plot.time_ns - plot.frame_time_ns)) * kSecondsPerNs);
     slice.places.push_back({plot.position_m, plot.log_clutter,
                             std::max(config.give_up_log, log_births[i] + config.rebirth_log), i});
   }
@@ -76,7 +81,7 @@ Path TrackSearch::Best() {
 }
 
 void TrackSearch::Extend(const Slice& slice) {
-  Predict(slice.time_s);
+  Predict(slice.at);
   KeepBest(slice);
   FindCandidates(slice);
   for (std::size_t i = slice.first; i < slice.last; ++i) {
@@ -85,14 +90,14 @@ void TrackSearch::Extend(const Slice& slice) {
       const Prediction& p = predictions_[candidate.index];
       const Hypothesis& from = history_[static_cast<std::size_t>(p.history)];
       Hypothesis h =
-          model_.Update(from, motions_[p.motion], p, plots_[i], slice.time_s, candidate.gain);
+          model_.Update(from, motions_[p.motion], p, plots_[i], slice.at, candidate.gain);
       if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.parent = p.history;
       Add(h);
     }
     for (const double speed_mps : config_.birth_speeds_mps) {
-      Hypothesis h = model_.Birth(plots_[i], log_births_[i], slice.time_s, speed_mps);
+      Hypothesis h = model_.Birth(plots_[i], log_births_[i], slice.at, speed_mps);
       h.plot = static_cast<std::int32_t>(i);
       Add(h);
     }
@@ -105,15 +110,15 @@ void TrackSearch::Add(const Hypothesis& hypothesis) {
 }
 
 // Carries all hypotheses on to a time. Drops what is too old or too unlikely.
-void TrackSearch::Predict(double time_s) {
+void TrackSearch::Predict(const Moment& at) {
   predictions_.clear();
   motions_.clear();
   double motion_dt = -1.0;
   for (const std::int32_t index : active_) {
     const Hypothesis& from = history_[static_cast<std::size_t>(index)];
-    const double dt = time_s - from.time_s;
+    const double dt = at.time_s - from.time_s;
     if (dt > config_.max_gap_s) continue;
-    const double score = model_.ScoreUnseen(from, time_s);
+    const double score = model_.ScoreUnseen(from, at);
     if (score < config_.give_up_log) continue;
     if (dt != motion_dt) {
       motions_.push_back(model_.MotionOver(dt));
@@ -132,7 +137,7 @@ void TrackSearch::KeepBest(const Slice& slice) {
   bounds_.clear();
   promises_.clear();
   for (const Prediction& p : predictions_) {
-    bounds_.push_back(model_.BoundOf(p, slice.variances));
+    bounds_.push_back(model_.BoundOf(p, slice.bounds));
     promises_.emplace_back(-bounds_.back().steady_top, promises_.size());
   }
   const auto move_best_to_front = [&](std::size_t count) {
@@ -178,9 +183,8 @@ void TrackSearch::FindCandidates(const Slice& slice) {
     }
     const Prediction& p = predictions_[k];
     const ScoreBound& bound = bounds_[k];
-    const double reach_m2 = bound.ReachM2(least_need - kBoundSlack);
-    if (reach_m2 < 0.0) continue;
-    const double reach_m = std::sqrt(reach_m2);
+    const double reach_m = bound.ReachM(least_need - kBoundSlack);
+    if (reach_m < 0.0) continue;
     auto place =
         std::lower_bound(places_.begin(), places_.end(), p.position_m.x() - reach_m,
                          [](const Slice::Place& at, double x) { return at.position_m.x() < x; });

@@ -10,7 +10,7 @@
 
 namespace unlidar {
 
-// The plots of one time.
+// The plots of one frame.
 struct Slice {
   struct Place {
     Eigen::Vector3d position_m;
@@ -21,15 +21,15 @@ struct Slice {
 
   std::size_t first = 0;  // index of the first plot,
   std::size_t last = 0;   // and of the one after the last
-  double time_s = 0.0;
-  VarianceRange variances;
+  Moment at;
+  FrameBounds bounds;
   std::vector<Place> places;  // by x
 };
 
-// What all searches through the same plots, in order of time, share. Size of `log_births`: that of
-// `plots`.
+// What all searches through the same plots, frame by frame in order of time, share. Size of
+// `log_births`: that of `plots`.
 std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                            const TrackerConfig& config);
+                            const Watch& watch, const TrackerConfig& config);
 
 class TrackSearch {
  public:
@@ -61,7 +61,7 @@ class TrackSearch {
   // Carries all hypotheses on to the plots of a slice.
   void Extend(const Slice& slice);
   void Add(const Hypothesis& hypothesis);
-  void Predict(double time_s);
+  void Predict(const Moment& at);
   void KeepBest(const Slice& slice);
   void FindCandidates(const Slice& slice);
   void Keep(const Candidate& candidate, std::vector<Candidate>* best) const;
@@ -79,8 +79,8 @@ class TrackSearch {
   std::vector<ScoreBound> bounds_;       // how far they reach,
   std::vector<std::pair<double, std::size_t>> promises_;  // minus promise, index of those kept
   std::vector<char> is_kept_;
-  std::vector<Slice::Place> places_;                // of the free plots of the time at hand
-  std::vector<std::vector<Candidate>> candidates_;  // per plot of the time at hand, the best first
+  std::vector<Slice::Place> places_;                // of the free plots of the frame at hand
+  std::vector<std::vector<Candidate>> candidates_;  // per plot of the frame at hand, the best first
 };
 
 }  // namespace unlidar

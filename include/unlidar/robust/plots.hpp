@@ -40,7 +40,9 @@ struct PlotConfig {
 };
 
 struct Plot {
-  TimeNs time_ns = 0;
+  TimeNs time_ns = 0;        // mean of its returns
+  TimeNs frame_time_ns = 0;  // middle of its frame
+  double streak_s = 0.0;     // how long its returns may lie apart: a frame without times of points
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   double variance_m2 = 0.0;  // of the position, per axis, for a target at rest
   double lowest_m = 0.0;     // height of its lowest return above the ground
@@ -51,9 +53,9 @@ struct Plot {
   std::vector<std::uint32_t> returns;
 };
 
-// Plots of `candidates`, returns in ascending order, in order of time; bodies (people, cars) left
-// out, with all that is next to one shortly before or after. `is_body` (N) tells the returns of
-// bodies themselves.
+// Plots of `candidates`, returns in ascending order, frame by frame in order of time; bodies
+// (people, cars) left out, with all that is next to one shortly before or after. `is_body` (N)
+// tells the returns of bodies themselves.
 std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
                             const PlotConfig& config, std::vector<char>* is_body);

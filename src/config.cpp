@@ -96,6 +96,7 @@ class Overlay {
                "trajectory.max_noise_scale", trajectory.max_noise_scale);
     CheckOrder("trajectory.min_knot_spacing_s", trajectory.min_knot_spacing_s,
                "trajectory.max_knot_spacing_s", trajectory.max_knot_spacing_s);
+    CheckOrder("live.reorder_s", config_.live.reorder_s, "live.delay_s", config_.live.delay_s);
   }
 
  private:

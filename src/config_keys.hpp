@@ -17,6 +17,9 @@ struct Range {   // finite numbers between low and high
   double high;
   bool low_is_allowed = true;
 };
+struct RangeOrEndless {  // the same, or infinity, which YAML writes .inf
+  Range finite;
+};
 struct Elements {  // a list of one or more numbers, each in the range
   Range each;
 };
@@ -238,6 +241,16 @@ void VisitTrajectoryKeys(Visitor&& visit, TrajectoryFields& trajectory) {
   visit("trajectory.max_sigma_m", trajectory.max_sigma_m, Range{0, 1e4, false});
 }
 
+template <class Visitor, class Live>
+void VisitLiveKeys(Visitor&& visit, Live& live) {
+  visit("live.delay_s", live.delay_s, RangeOrEndless{{0, 600, false}});
+  visit("live.window_s", live.window_s, RangeOrEndless{{1, 86400}});
+  visit("live.reorder_s", live.reorder_s, Range{0, 60});
+  visit("live.false_alarms_per_hour", live.false_alarms_per_hour, Range{0, 3600, false});
+  visit("live.silent_s", live.silent_s, Range{0, 3600, false});
+  visit("live.overload_s", live.overload_s, Range{0, 600, false});
+}
+
 // Calls visit(key, field, constraint) for every key but those of the sensors.
 template <class Visitor, class AnyConfig>
 void VisitKeys(Visitor&& visit, AnyConfig& config) {
@@ -246,6 +259,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
   VisitInputKeys(visit, config.input);
   VisitRobustKeys(visit, config.robust);
   VisitTrajectoryKeys(visit, config.trajectory);
+  VisitLiveKeys(visit, config.live);
   VisitPaperKeys(visit, config.paper);
 }
 

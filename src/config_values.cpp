@@ -1,6 +1,7 @@
 #include "config_values.hpp"
 
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "format.hpp"
@@ -45,6 +46,10 @@ std::string Interval(const Range& range) {
 
 std::string Expected(const bool&, Flag) { return "true or false"; }
 
+std::string Expected(const double& field, const RangeOrEndless& constraint) {
+  return Expected(field, constraint.finite) + ", or " + kInfinityText;
+}
+
 std::string Expected(const std::vector<double>&, const Elements& constraint) {
   return "a list of one or more numbers, each" + Interval(constraint.each);
 }
@@ -61,6 +66,14 @@ std::string Expected(const Eigen::Vector4d&, UnitQuaternion) {
 bool Read(const YAML::Node& node, bool& field, Flag) {
   if (!node.IsScalar() || (node.Scalar() != "true" && node.Scalar() != "false")) return false;
   field = node.Scalar() == "true";
+  return true;
+}
+
+bool Read(const YAML::Node& node, double& field, const RangeOrEndless& constraint) {
+  if (!node.IsScalar() || node.Scalar() != kInfinityText) {
+    return Read(node, field, constraint.finite);
+  }
+  field = std::numeric_limits<double>::infinity();
   return true;
 }
 

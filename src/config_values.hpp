@@ -4,6 +4,7 @@
 #include <yaml-cpp/yaml.h>
 
 #include <charconv>
+#include <cmath>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -13,6 +14,8 @@
 #include "config_keys.hpp"
 
 namespace unlidar {
+
+inline constexpr const char* kInfinityText = ".inf";
 
 // The value as the user wrote it, for messages.
 std::string Quote(const YAML::Node& node);
@@ -25,6 +28,7 @@ std::string Interval(const Range& range);
 
 // What a key expects, in words that follow "expected".
 std::string Expected(const bool& field, Flag constraint);
+std::string Expected(const double& field, const RangeOrEndless& constraint);
 std::string Expected(const std::vector<double>& field, const Elements& constraint);
 std::string Expected(const Eigen::Vector3d& field, const Vector3& constraint);
 std::string Expected(const Eigen::Vector4d& field, UnitQuaternion constraint);
@@ -60,6 +64,7 @@ std::optional<Number> ParseNumber(const YAML::Node& node) {
 
 // Sets the field and returns true if the node satisfies the constraint.
 bool Read(const YAML::Node& node, bool& field, Flag constraint);
+bool Read(const YAML::Node& node, double& field, const RangeOrEndless& constraint);
 bool Read(const YAML::Node& node, std::vector<double>& field, const Elements& constraint);
 bool Read(const YAML::Node& node, Eigen::Vector3d& field, const Vector3& constraint);
 bool Read(const YAML::Node& node, Eigen::Vector4d& field, UnitQuaternion constraint);
@@ -89,6 +94,10 @@ bool Read(const YAML::Node& node, E& field, const Choices<E>& choices) {
 // The value of a field as it is listed.
 inline ConfigValue ValueOf(bool field, Flag) { return field; }
 inline ConfigValue ValueOf(const std::vector<double>& field, const Elements&) { return field; }
+// Infinity as its text: JSON has no number for it.
+inline ConfigValue ValueOf(double field, const RangeOrEndless&) {
+  return std::isfinite(field) ? ConfigValue(field) : ConfigValue(std::string(kInfinityText));
+}
 inline ConfigValue ValueOf(const Eigen::Vector3d& field, const Vector3&) {
   return std::vector<double>(field.begin(), field.end());
 }

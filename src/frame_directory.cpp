@@ -17,19 +17,18 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kFrameSuffix = ".pcd";
-constexpr const char* kStampFile = "timestamps.csv";
 constexpr std::string_view kStampHeader = "file,timestamp";
-constexpr const char* kExpectedStamp =
-    "expected seconds with a point, or a whole number of s, ms, us or ns since 1970";
 
 using StampsByFile = std::map<std::string, TimeNs, std::less<>>;
 
-// What a shell's *.pcd matches: no hidden files.
+}  // namespace
+
 bool IsFrameName(const std::string& name) {
   return name.size() > kFrameSuffix.size() && name.front() != '.' &&
          name.compare(name.size() - kFrameSuffix.size(), kFrameSuffix.size(), kFrameSuffix) == 0;
 }
+
+namespace {
 
 std::vector<std::string> FrameNames(const std::string& directory) {
   std::error_code error;
@@ -50,11 +49,15 @@ std::vector<std::string> FrameNames(const std::string& directory) {
   return names;
 }
 
+}  // namespace
+
 std::optional<TimeNs> StampInRange(std::string_view text) {
   const std::optional<TimeNs> stamp_ns = ParseStamp(text);
   if (!stamp_ns || *stamp_ns > kMaxStampNs || *stamp_ns < -kMaxStampNs) return std::nullopt;
   return stamp_ns;
 }
+
+namespace {
 
 std::string_view Trimmed(std::string_view text) {
   constexpr std::string_view kBlanks = " \t\r";

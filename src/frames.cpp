@@ -8,8 +8,8 @@
 #include <sstream>
 #include <utility>
 
-#include "frame_directory.hpp"
-#include "point_times.hpp"
+#include "frame_preparation.hpp"
+#include "io/sensor_frames.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/pcd.hpp"
 
@@ -21,18 +21,8 @@ constexpr TimeNs kMaxPeriodNs = 3'600'000'000'000;
 constexpr TimeNs kMinTimeToleranceNs = 1'000'000'000;
 constexpr TimeNs kTimeTolerancePeriods = 10;
 
-// A frame in the common frame, its times still to be told.
-struct LoadedFrame {
-  FrameFile file;
-  PcdCloud cloud;                          // times of all rows; the points have moved on
-  std::vector<std::uint32_t> return_rows;  // (N) rows of the returns, only with point times
-  std::vector<Eigen::Vector3f> points_m;   // (N)
-  std::vector<TimeNs> times_ns;            // (N)
-  InputCounts counts;
-  FrameInfo info;
-};
+}  // namespace
 
-// Adds the rows of one frame; `frames` and `bad_frames` are counted elsewhere.
 void AddCounts(const InputCounts& from, InputCounts& to) {
   to.empty_frames += from.empty_frames;
   to.rows += from.rows;
@@ -48,6 +38,8 @@ std::string SourceName(const FrameSource& source) {
   return (path.has_filename() ? path : path.parent_path()).filename().string();
 }
 
+namespace {
+
 void CheckNames(const std::vector<FrameSource>& sources) {
   std::map<std::string, std::string> directories;
   for (const FrameSource& source : sources) {
@@ -59,22 +51,24 @@ void CheckNames(const std::vector<FrameSource>& sources) {
   }
 }
 
-TimeNs MedianPeriod(const std::vector<FrameFile>& files) {
-  if (files.size() < 2) return kSingleFramePeriodNs;
+}  // namespace
+
+TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns) {
+  if (stamps_ns.size() < 2) return kSingleFramePeriodNs;
   std::vector<TimeNs> periods;
-  for (std::size_t i = 1; i < files.size(); ++i) {
-    periods.push_back(files[i].stamp_ns - files[i - 1].stamp_ns);
+  for (std::size_t i = 1; i < stamps_ns.size(); ++i) {
+    periods.push_back(stamps_ns[i] - stamps_ns[i - 1]);
   }
   const auto middle = periods.begin() + static_cast<std::ptrdiff_t>((periods.size() - 1) / 2);
   std::nth_element(periods.begin(), middle, periods.end());
   return std::min(*middle, kMaxPeriodNs);
 }
 
-LoadedFrame LoadFrame(const FrameFile& file, const InputConfig& config,
+LoadedFrame LoadFrame(const FrameFile& file, PcdCloud cloud, const InputConfig& config,
                       const SensorConfig& sensor) {
   LoadedFrame frame;
   frame.file = file;
-  frame.cloud = ReadPcd(file.path);
+  frame.cloud = std::move(cloud);
   const std::vector<Eigen::Vector3f> rows = std::move(frame.cloud.points_m);
   const Eigen::Vector4d& q = sensor.rotation_xyzw;
   const Eigen::Matrix3d rotation =
@@ -106,6 +100,8 @@ LoadedFrame LoadFrame(const FrameFile& file, const InputConfig& config,
   return frame;
 }
 
+namespace {
+
 std::string Text(const RawTime& raw) {
   if (raw.kind == PcdTimeKind::kInteger) return std::to_string(raw.integer);
   std::ostringstream text;
@@ -114,7 +110,8 @@ std::string Text(const RawTime& raw) {
   return text.str();
 }
 
-// Fills info.begin_ns, info.end_ns and times_ns, all without the sensor's time offset.
+}  // namespace
+
 void SetTimes(TimeReading reading, TimeNs period_ns, StampMeaning meaning, LoadedFrame& frame) {
   const TimeNs stamp_ns = frame.file.stamp_ns;
   FrameInfo& info = frame.info;
@@ -171,6 +168,8 @@ TimeNs OffsetNs(const std::string& name, const SensorConfig& sensor) {
   return std::llround(offset_ns);
 }
 
+namespace {
+
 // One source being read: bad frames are thrown or, if the user wants so, noted.
 class SourceReader {
  public:
@@ -180,34 +179,16 @@ class SourceReader {
   SensorInfo Read(std::uint32_t sensor_index, Recording& recording,
                   std::vector<LoadedFrame>& frames) {
     const std::vector<FrameFile> files = ListFrames(source_.directory);
-    SensorInfo info;
-    info.name = SourceName(source_);
-    info.origin_m = sensor_.translation_m.cast<float>();
-    info.frame_period_ns = MedianPeriod(files);
-    const TimeNs offset_ns = OffsetNs(info.name, sensor_);
-
+    SensorFrames sensor(sensor_index, SourceName(source_), config_, sensor_);
+    for (const FrameFile& file : files) sensor.NoteStamp(file.stamp_ns);
     std::vector<LoadedFrame> loaded;
-    TimeReadingVote vote;
     for (const FrameFile& file : files) {
-      UnlessBad([&] {
-        loaded.push_back(LoadFrame(file, config_, sensor_));
-        const LoadedFrame& frame = loaded.back();
-        for (const std::uint32_t row : frame.return_rows) {
-          vote.Add(RawTimeOf(frame.cloud, row), file.stamp_ns);
-        }
-      });
+      UnlessBad([&] { loaded.push_back(sensor.Load(file, ReadPcd(file.path))); });
     }
-    const TimeReading reading = vote.Winner();
     bool any_frame = false;
     for (LoadedFrame& frame : loaded) {
       UnlessBad([&] {
-        SetTimes(reading, info.frame_period_ns, config_.stamp, frame);
-        frame.cloud = PcdCloud();
-        frame.info.sensor = sensor_index;
-        frame.info.stamp_ns += offset_ns;
-        frame.info.begin_ns += offset_ns;
-        frame.info.end_ns += offset_ns;
-        for (TimeNs& time_ns : frame.times_ns) time_ns += offset_ns;
+        sensor.Finish(frame);
         frames.push_back(std::move(frame));
         any_frame = true;
       });
@@ -218,7 +199,7 @@ class SourceReader {
     }
     recording.counts.bad_frames += warnings_.size();
     recording.warnings.insert(recording.warnings.end(), warnings_.begin(), warnings_.end());
-    return info;
+    return sensor.info();
   }
 
  private:
@@ -238,7 +219,8 @@ class SourceReader {
   std::vector<std::string> warnings_;
 };
 
-// Frames in the order of (stamp, sensor), each freed once its returns are in the recording.
+}  // namespace
+
 void Merge(std::vector<LoadedFrame> frames, Recording& recording) {
   std::sort(frames.begin(), frames.end(), [](const LoadedFrame& a, const LoadedFrame& b) {
     return std::make_pair(a.info.stamp_ns, a.info.sensor) <
@@ -265,8 +247,6 @@ void Merge(std::vector<LoadedFrame> frames, Recording& recording) {
     recording.frames.push_back(info);
   }
 }
-
-}  // namespace
 
 Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& config,
                         const std::map<std::string, SensorConfig>& sensors) {

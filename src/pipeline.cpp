@@ -54,17 +54,10 @@ Track FitTrack(const Recording& recording, const Target& target,
   return track;
 }
 
-}  // namespace
-
-PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
-                           const ProgressCallback& progress) {
-  PipelineResult result;
-  StageTimer timer(progress, result.times);
-
-  result.recording = ReadRecording(request.sources, config.input, config.sensors);
+// All stages behind the reading; result.recording is there.
+void FindTracks(const PipelineRequest& request, const Config& config, StageTimer& timer,
+                PipelineResult& result) {
   const Recording& recording = result.recording;
-  timer.End("read", Count(recording.frames.size(), "frame") + ", " +
-                        Count(recording.points_m.size(), "return"));
 
   std::vector<Target> targets;
   if (config.method == Method::kPaper) {
@@ -90,7 +83,31 @@ PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
     result.tracks.push_back(std::move(track));
   }
   timer.End("trajectories", Count(result.tracks.size(), "track"));
+}
+
+}  // namespace
+
+PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
+                           const ProgressCallback& progress) {
+  PipelineResult result;
+  StageTimer timer(progress, result.times);
+  result.recording = ReadRecording(request.sources, config.input, config.sensors);
+  timer.End("read", Count(result.recording.frames.size(), "frame") + ", " +
+                        Count(result.recording.points_m.size(), "return"));
+  FindTracks(request, config, timer, result);
   return result;
+}
+
+std::vector<Track> TrackRecording(Recording recording, const OutputTimes& output_times,
+                                  const Config& config) {
+  PipelineRequest request;
+  request.output_times = output_times;
+  PipelineResult result;
+  result.recording = std::move(recording);
+  const ProgressCallback quiet = [](const StageTime&, const std::string&) {};
+  StageTimer timer(quiet, result.times);
+  FindTracks(request, config, timer, result);
+  return std::move(result.tracks);
 }
 
 }  // namespace unlidar

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "unlidar/frames.hpp"
+#include "unlidar/live_config.hpp"
 #include "unlidar/paper.hpp"
 #include "unlidar/robust.hpp"
 #include "unlidar/trajectory.hpp"
@@ -25,6 +26,7 @@ struct Config {
   PaperConfig paper;
   RobustConfig robust;
   TrajectoryConfig trajectory;
+  LiveConfig live;
 };
 
 // The defaults, overlaid by the YAML file (none for an empty path), overlaid by `section.key=value`

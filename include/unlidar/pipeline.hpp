@@ -52,4 +52,8 @@ using ProgressCallback = std::function<void(const StageTime&, const std::string&
 PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
                            const ProgressCallback& progress);
 
+// The same for a recording that is in memory, without cluster scores.
+std::vector<Track> TrackRecording(Recording recording, const OutputTimes& output_times,
+                                  const Config& config);
+
 }  // namespace unlidar

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <clocale>
+#include <cmath>
 #include <functional>
 #include <set>
 #include <string>
@@ -126,6 +127,7 @@ TEST(ConfigKeys, ReachEveryFieldOfTheStages) {
   EXPECT_EQ(NumNamesBelow("robust.tracker."), NumFields<TrackerConfig>());
   EXPECT_EQ(NumNamesBelow("robust.collect."), NumFields<CollectConfig>());
   EXPECT_EQ(NumNamesBelow("trajectory."), NumFields<TrajectoryConfig>());
+  EXPECT_EQ(NumNamesBelow("live."), NumFields<LiveConfig>());
   EXPECT_EQ(NumNamesBelow("paper."), NumFields<PaperConfig>());
   EXPECT_EQ(NumNamesBelow("paper.global_clusters."), NumFields<ClusteringConfig>());
   EXPECT_EQ(NumNamesBelow("paper.local_clusters."), NumFields<ClusteringConfig>());
@@ -214,6 +216,13 @@ TEST(LoadConfig, AListMayHaveAnyLengthButNone) {
             (std::vector<double>{1.0, 2.0, 0.5, 4.0}));
 }
 
+TEST(LoadConfig, ADelayAndAWindowMayBeEndless) {
+  const Config config = FromText("live: {delay_s: .inf, window_s: .inf}\n");
+  EXPECT_TRUE(std::isinf(config.live.delay_s) && config.live.delay_s > 0);
+  EXPECT_TRUE(std::isinf(config.live.window_s) && config.live.window_s > 0);
+  EXPECT_EQ(LoadConfig("", {"live.delay_s=.inf"}).live.delay_s, config.live.delay_s);
+}
+
 TEST(LoadConfig, ARotationIsNormalised) {
   const Config config = FromText("sensors: {a: {rotation: [0, 0, 0, 1.0005]}}\n");
   EXPECT_EQ(config.sensors.at("a").rotation_xyzw, Eigen::Vector4d(0, 0, 0, 1));
@@ -248,6 +257,16 @@ TEST(ConfigErrors, RefuseEveryWrongNumber) {
     EXPECT_CONTAINS(ReasonOfFile(std::string("input:\n  max_range_m: ") + value + "\n"),
                     ":2: input.max_range_m: ");
   }
+}
+
+TEST(ConfigErrors, RefuseEveryWrongDelay) {
+  for (const char* value : {"0", "-1", "601", "-.inf", "inf", ".nan", "1 s", "~", "[.inf]"}) {
+    EXPECT_CONTAINS(ReasonOfFile(std::string("live:\n  delay_s: ") + value + "\n"),
+                    ", expected a number above 0 to 600, or .inf");
+  }
+  EXPECT_CONTAINS(ReasonOfSet("live.reorder_s=.inf"), "expected a number from 0 to 60");
+  EXPECT_EQ(ReasonOfSet("live.reorder_s=1"),
+            "--set live.reorder_s=1: live.delay_s: '1', expected more than live.reorder_s (1)");
 }
 
 TEST(ConfigErrors, RefuseEveryWrongList) {

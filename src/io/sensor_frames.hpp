@@ -1,0 +1,57 @@
+// The frames of one sensor, made ready for the stages.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "frame_preparation.hpp"
+
+namespace unlidar {
+
+// Each frame goes through NoteStamp(), Load() and Finish(). How point times are read, and the frame
+// period, follow from what came before: of a recording all stamps are noted and all frames loaded
+// before the first is finished. A stream finishes frames while others come: the first frame with
+// point times decides how they are read, and the last stamps give the period.
+class SensorFrames {
+ public:
+  enum class Source { kRecording, kStream };
+
+  // `index` of the sensor among all. Throws ConfigError for a time offset that no stamp can bear.
+  SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
+               const SensorConfig& sensor, Source source = Source::kRecording);
+
+  // Stamps may come in any order; one counts for the frame period even if its frame is bad.
+  void NoteStamp(TimeNs stamp_ns);
+
+  // The returns of a frame in the common frame, without times.
+  LoadedFrame Load(const FrameFile& file, PcdCloud cloud);
+
+  // Sets the times and the interval of the frame. Throws InputError for a point time that is none.
+  void Finish(LoadedFrame& frame) const;
+
+  // Name, origin, and frame period by the stamps so far.
+  SensorInfo info() const;
+
+  // Added to each stamp.
+  TimeNs offset_ns() const { return offset_ns_; }
+
+ private:
+  TimeNs FramePeriodNs() const;
+
+  std::uint32_t index_;
+  std::string name_;
+  InputConfig input_;
+  SensorConfig sensor_;
+  Source source_;
+  TimeNs offset_ns_;
+  std::vector<TimeNs> stamps_ns_;            // ascending; of a stream the newest
+  mutable std::optional<TimeNs> period_ns_;  // of these stamps, once it was asked for
+  TimeReadingVote vote_;
+  std::optional<TimeReading> reading_;  // once it is settled
+};
+
+}  // namespace unlidar

@@ -52,19 +52,12 @@ std::vector<TimeNs> RateInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_n
                      std::to_string(span_s) + " s gives over 10 million output times, expected " +
                      "fewer");
   }
-  // Instant k is begin + floor(k * 1e18 / nanohertz), in whole steps and a running remainder.
-  const auto divisor = static_cast<std::uint64_t>(rate.nanohertz);
-  constexpr std::uint64_t kDividend = std::uint64_t{1'000'000'000} * 1'000'000'000;
   std::vector<TimeNs> instants;
-  std::uint64_t elapsed_ns = 0;
-  std::uint64_t remainder = 0;
-  while (true) {
-    instants.push_back(static_cast<TimeNs>(static_cast<std::uint64_t>(begin_ns) + elapsed_ns));
-    remainder += kDividend % divisor;
-    const std::uint64_t step_ns = kDividend / divisor + remainder / divisor;
-    remainder %= divisor;
-    if (step_ns > span_ns - elapsed_ns) break;
-    elapsed_ns += step_ns;
+  RateClock clock(rate, begin_ns);
+  for (std::uint64_t left_ns = span_ns;; clock.Step()) {
+    instants.push_back(clock.now_ns());
+    if (clock.StepNs() > left_ns) break;
+    left_ns -= clock.StepNs();
   }
   return instants;
 }

@@ -90,16 +90,17 @@ Moment MomentOf(const Plot& plot, const Plot& first, const Watch& watch) {
   return moment;
 }
 
+double LogBirthOdds(const Plot& plot, const Watch& watch, const TrackerConfig& config) {
+  const double log_unseen = LogUnseen(config.echo_shape, config.echo_shape / config.echo_m2_per_s,
+                                      watch.sensors[plot.sensor].frame_s * PerM2(plot.position_m));
+  return std::log(-std::expm1(log_unseen)) - plot.log_clutter;
+}
+
 std::vector<double> LogBirths(const std::vector<Plot>& plots, const Watch& watch,
                               const TrackerConfig& config) {
   std::vector<double> logs(plots.size());
   if (plots.empty()) return logs;
-  for (std::size_t i = 0; i < plots.size(); ++i) {
-    const double log_unseen =
-        LogUnseen(config.echo_shape, config.echo_shape / config.echo_m2_per_s,
-                  watch.sensors[plots[i].sensor].frame_s * PerM2(plots[i].position_m));
-    logs[i] = std::log(-std::expm1(log_unseen)) - plots[i].log_clutter;
-  }
+  for (std::size_t i = 0; i < plots.size(); ++i) logs[i] = LogBirthOdds(plots[i], watch, config);
   const double largest = *std::max_element(logs.begin(), logs.end());
   double sum = 0.0;
   for (const double log : logs) sum += std::exp(log - largest);
@@ -110,7 +111,7 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const Watch& watch
 }
 
 TrackModel::TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config)
-    : sigma_(sigma_a_mps2), config_(config) {
+    : sigma_(sigma_a_mps2), config_(&config) {
   for (const Watch::Sensor& sensor : watch.sensors) frame_s_.push_back(sensor.frame_s);
   if (frame_s_.size() == 1) return;
   // Sensors mostly look different ways: the one that saw a target sees it next. So two sensors are
@@ -144,7 +145,7 @@ double TrackModel::ScoreUnseen(const Hypothesis& from, const Moment& at) const {
 }
 
 Motion TrackModel::MotionOver(double dt_s) const {
-  return SingerMotion(dt_s, config_.acceleration_time_s, sigma_);
+  return SingerMotion(dt_s, config_->acceleration_time_s, sigma_);
 }
 
 Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motion& motion) const {
@@ -152,7 +153,7 @@ Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motio
   p.score = score;
   p.log_hit = from.log_hit;
   p.sensor = from.sensor;
-  p.speed_mps = std::min(from.state.mean.col(1).norm(), config_.max_speed_mps);
+  p.speed_mps = std::min(from.state.mean.col(1).norm(), config_->max_speed_mps);
   const auto onto_position = motion.transition.row(0);
   const auto onto_velocity = motion.transition.row(1);
   p.position_m = from.state.mean * onto_position.transpose();
@@ -181,7 +182,7 @@ Gain TrackModel::GainOf(const Prediction& p, const Plot& plot) const {
     return -1.5 * std::log(2.0 * M_PI * variance) - 0.5 * distance2 / variance;
   };
   const double steady = log_density(p.steady.At(offset_s) + noise);
-  const double agile = log_density(p.agile.At(offset_s) + noise) + config_.manoeuvre_log;
+  const double agile = log_density(p.agile.At(offset_s) + noise) + config_->manoeuvre_log;
   return {std::max(steady, agile) + p.log_hit - plot.log_clutter +
               (p.sensor == plot.sensor ? log_same_sensor_ : log_other_sensor_),
           agile > steady};
@@ -226,14 +227,14 @@ ScoreBound TrackModel::BoundOf(const Prediction& p, const FrameBounds& frame) co
   const auto slope = [&](const Spread& spread) {
     return 0.5 / (spread.Largest(frame.half_span_s) + largest_m2);
   };
-  return {peak(p.steady), slope(p.steady), peak(p.agile) + config_.manoeuvre_log, slope(p.agile),
+  return {peak(p.steady), slope(p.steady), peak(p.agile) + config_->manoeuvre_log, slope(p.agile),
           frame.half_span_s * p.velocity_mps.norm()};
 }
 
 // How often it was seen so far tells how often it should be seen.
 double TrackModel::LogMiss(const Hypothesis& from, double exposure_s_per_m2) const {
-  return LogUnseen(config_.echo_shape + from.hits,
-                   config_.echo_shape / config_.echo_m2_per_s + from.exposure_s_per_m2,
+  return LogUnseen(config_->echo_shape + from.hits,
+                   config_->echo_shape / config_->echo_m2_per_s + from.exposure_s_per_m2,
                    exposure_s_per_m2);
 }
 
@@ -243,7 +244,7 @@ void TrackModel::SetVisibility(Hypothesis* h) const {
 }
 
 double TrackModel::AgileFactor() const {
-  return config_.manoeuvre_factor * config_.manoeuvre_factor - 1.0;
+  return config_->manoeuvre_factor * config_->manoeuvre_factor - 1.0;
 }
 
 }  // namespace unlidar

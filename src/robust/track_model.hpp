@@ -124,6 +124,10 @@ struct Moment {
 // Of the frame of a plot. The first plot is that of the earliest frame.
 Moment MomentOf(const Plot& plot, const Plot& first, const Watch& watch);
 
+// Log of the chance that a target which appears somewhere is seen at a plot, over the clutter
+// there.
+double LogBirthOdds(const Plot& plot, const Watch& watch, const TrackerConfig& config);
+
 // What each plot brings as the first of a path, relative to an even choice among all of them. A
 // target may appear anywhere that it can be seen: with a chance in proportion to volume, so a plot
 // is the likelier to be its first the rarer clutter is at its place. Normalised, so that the mean
@@ -162,7 +166,7 @@ class TrackModel {
   std::vector<double> frame_s_;    // (sensors)
   double log_same_sensor_ = 0.0;   // of the next plot to be that of the same sensor,
   double log_other_sensor_ = 0.0;  // or of a certain other one
-  const TrackerConfig& config_;
+  const TrackerConfig* config_;
 };
 
 }  // namespace unlidar

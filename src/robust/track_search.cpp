@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <utility>
 
 namespace unlidar {
 namespace {
@@ -13,34 +14,38 @@ constexpr double kBoundSlack = 1e-9;
 
 }  // namespace
 
-std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                            const Watch& watch, const TrackerConfig& config) {
-  std::vector<Slice> slices;
-  for (std::size_t i = 0; i < plots.size(); ++i) {
-    const Plot& plot = plots[i];
-    if (i == 0 || plot.frame != plots[i - 1].frame) {
-      slices.emplace_back();
-      slices.back().first = i;
-      slices.back().at = MomentOf(plot, plots.front(), watch);
-      slices.back().bounds.least_variance_m2 = plot.variance_m2;
-      slices.back().bounds.streak_s = plot.streak_s;
-    }
-    Slice& slice = slices.back();
-    slice.last = i + 1;
-    FrameBounds& bounds = slice.bounds;
+Slice SliceOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+              std::size_t first, Moment at, const TrackerConfig& config) {
+  Slice slice;
+  slice.first = slice.last = first;
+  slice.at = std::move(at);
+  FrameBounds& bounds = slice.bounds;
+  bounds.least_variance_m2 = plots[first].variance_m2;
+  bounds.streak_s = plots[first].streak_s;
+  for (; slice.last < plots.size() && plots[slice.last].frame == plots[first].frame; ++slice.last) {
+    const Plot& plot = plots[slice.last];
     bounds.least_variance_m2 = std::min(bounds.least_variance_m2, plot.variance_m2);
     bounds.largest_variance_m2 = std::max(bounds.largest_variance_m2, plot.variance_m2);
     bounds.half_span_s =
         std::max(bounds.half_span_s,
                  static_cast<double>(std::abs(plot.time_ns - plot.frame_time_ns)) * kSecondsPerNs);
-    slice.places.push_back({plot.position_m, plot.log_clutter,
-                            std::max(config.give_up_log, log_births[i] + config.rebirth_log), i});
+    slice.places.push_back(
+        {plot.position_m, plot.log_clutter,
+         std::max(config.give_up_log, log_births[slice.last] + config.rebirth_log), slice.last});
   }
-  for (Slice& slice : slices) {
-    std::sort(slice.places.begin(), slice.places.end(),
-              [](const Slice::Place& a, const Slice::Place& b) {
-                return a.position_m.x() < b.position_m.x();
-              });
+  std::sort(slice.places.begin(), slice.places.end(),
+            [](const Slice::Place& a, const Slice::Place& b) {
+              return a.position_m.x() < b.position_m.x();
+            });
+  return slice;
+}
+
+std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                            const Watch& watch, const TrackerConfig& config) {
+  std::vector<Slice> slices;
+  for (std::size_t i = 0; i < plots.size(); i = slices.back().last) {
+    slices.push_back(
+        SliceOf(plots, log_births, i, MomentOf(plots[i], plots.front(), watch), config));
   }
   return slices;
 }
@@ -48,7 +53,7 @@ std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<do
 TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
                          const std::vector<Slice>& slices, const std::vector<char>& free,
                          const TrackModel& model, const TrackerConfig& config)
-    : plots_(plots), log_births_(log_births), free_(free), model_(model), config_(config) {
+    : TrackSearch(plots, log_births, free, model, config) {
   // Room for the births and as many that go on: rarely are there more, which then have to move.
   history_.reserve(plots.size() * 2 * config.birth_speeds_mps.size());
   for (const Slice& slice : slices) Extend(slice);
@@ -59,6 +64,11 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
   }
   std::make_heap(ends_.begin(), ends_.end());
 }
+
+TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                         const std::vector<char>& free, const TrackModel& model,
+                         const TrackerConfig& config)
+    : plots_(plots), log_births_(log_births), free_(free), model_(model), config_(config) {}
 
 Path TrackSearch::Best() {
   for (; !ends_.empty(); ends_.pop_back()) {
@@ -80,7 +90,76 @@ Path TrackSearch::Best() {
   return {};
 }
 
+Path TrackSearch::PathTo(std::int32_t hypothesis) const {
+  Path path;
+  path.score = history_[static_cast<std::size_t>(hypothesis)].score;
+  for (std::int32_t at = hypothesis; at != kNone;) {
+    const Hypothesis& h = history_[static_cast<std::size_t>(at)];
+    path.plots.push_back(static_cast<std::uint32_t>(h.plot));
+    at = h.parent;
+  }
+  std::reverse(path.plots.begin(), path.plots.end());
+  return path;
+}
+
+Path TrackSearch::BestOfLastSlice(double least) const {
+  std::int32_t best = kNone;
+  for (std::size_t h = last_slice_; h < history_.size(); ++h) {
+    if (history_[h].score < least) continue;
+    least = history_[h].score;
+    best = static_cast<std::int32_t>(h);
+  }
+  return best == kNone ? Path() : PathTo(best);
+}
+
+void TrackSearch::DropTaken() {
+  std::vector<char> is_taken(history_.size(), 0);
+  for (std::size_t h = 0; h < history_.size(); ++h) {
+    const std::int32_t parent = history_[h].parent;
+    is_taken[h] = !free_[static_cast<std::size_t>(history_[h].plot)] ||
+                  (parent != kNone && is_taken[static_cast<std::size_t>(parent)]);
+  }
+  active_.erase(
+      std::remove_if(active_.begin(), active_.end(),
+                     [&](std::int32_t h) { return is_taken[static_cast<std::size_t>(h)] != 0; }),
+      active_.end());
+}
+
+void TrackSearch::Forget(std::size_t num_plots) {
+  const auto is_kept_plot = [&](std::int32_t h) {
+    return static_cast<std::size_t>(history_[static_cast<std::size_t>(h)].plot) >= num_plots;
+  };
+  active_.erase(std::remove_if(active_.begin(), active_.end(),
+                               [&](std::int32_t h) { return !is_kept_plot(h); }),
+                active_.end());
+  std::vector<std::int32_t> moved(history_.size(), kNone);
+  constexpr std::int32_t kWanted = 0;
+  for (const std::int32_t leaf : active_) {
+    for (std::int32_t h = leaf; h != kNone && is_kept_plot(h);) {
+      std::int32_t& mark = moved[static_cast<std::size_t>(h)];
+      if (mark == kWanted) break;
+      mark = kWanted;
+      h = history_[static_cast<std::size_t>(h)].parent;
+    }
+  }
+  std::size_t kept = 0;
+  for (std::size_t h = 0; h < history_.size(); ++h) {
+    if (moved[h] != kWanted) continue;
+    Hypothesis hypothesis = history_[h];
+    hypothesis.plot -= static_cast<std::int32_t>(num_plots);
+    if (hypothesis.parent != kNone) {
+      hypothesis.parent = moved[static_cast<std::size_t>(hypothesis.parent)];
+    }
+    moved[h] = static_cast<std::int32_t>(kept);
+    history_[kept++] = hypothesis;
+  }
+  history_.resize(kept);
+  last_slice_ = kept;
+  for (std::int32_t& h : active_) h = moved[static_cast<std::size_t>(h)];
+}
+
 void TrackSearch::Extend(const Slice& slice) {
+  last_slice_ = history_.size();
   Predict(slice.at);
   KeepBest(slice);
   FindCandidates(slice);

@@ -26,6 +26,10 @@ struct Slice {
   std::vector<Place> places;  // by x
 };
 
+// Of the frame whose first plot is `first`.
+Slice SliceOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+              std::size_t first, Moment at, const TrackerConfig& config);
+
 // What all searches through the same plots, frame by frame in order of time, share. Size of
 // `log_births`: that of `plots`.
 std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
@@ -34,12 +38,34 @@ std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<do
 class TrackSearch {
  public:
   // Searches at once; `free` (size of `plots`) is kept: plots may cease to be free later on.
+  // Best() and the like may be called then.
   TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
               const std::vector<Slice>& slices, const std::vector<char>& free,
               const TrackModel& model, const TrackerConfig& config);
 
+  // For a stream, whose plots are still to come: Extend() carries the search on to each frame.
+  TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+              const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config);
+
   // The best path through plots that are still free; empty if none is worth anything.
   Path Best();
+
+  // Carries all hypotheses on to the plots of a slice, later than all before.
+  void Extend(const Slice& slice);
+
+  // The best path that ends with a plot of the last slice and has a score of at least `least`;
+  // empty if there is none.
+  Path BestOfLastSlice(double least) const;
+
+  // Drops the hypotheses that hold plots which are free no more.
+  void DropTaken();
+
+  // Forgets what leads nowhere, and the first plots, which the caller erases: what remains moves up
+  // by so many.
+  void Forget(std::size_t num_plots);
+
+  void SetModel(const TrackModel& model) { model_ = model; }
+  std::size_t num_hypotheses() const { return history_.size(); }
 
  private:
   struct Candidate {
@@ -58,8 +84,7 @@ class TrackSearch {
     }
   };
 
-  // Carries all hypotheses on to the plots of a slice.
-  void Extend(const Slice& slice);
+  Path PathTo(std::int32_t hypothesis) const;
   void Add(const Hypothesis& hypothesis);
   void Predict(const Moment& at);
   void KeepBest(const Slice& slice);
@@ -72,6 +97,7 @@ class TrackSearch {
   TrackModel model_;
   const TrackerConfig& config_;
   std::vector<Hypothesis> history_;
+  std::size_t last_slice_ = 0;           // where its hypotheses begin
   std::vector<End> ends_;                // heap of those that may still be free
   std::vector<std::int32_t> active_;     // those that may go on: indices into the history
   std::vector<Prediction> predictions_;  // of all active before, at the time at hand,

@@ -1,0 +1,440 @@
+#include "live/live_tracker.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "robust/flight.hpp"
+#include "unlidar/sampling.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr TimeNs kWarmUpNs = 3'000'000'000;
+constexpr TimeNs kFirstRefitNs = 1'500'000'000;
+constexpr TimeNs kLastRefitNs = 10'000'000'000;
+constexpr double kRatesFadeS = 60.0;
+constexpr double kTidyS = 2.0;
+constexpr double kKeepPathsS = 30.0;  // a path that is not confirmed by then has no older part
+constexpr double kAheadS = 0.3;     // rows are given so much earlier than they are due, if need be
+constexpr double kTogetherS = 0.2;  // and so many at once
+constexpr double kTaken = 0.0;      // gain from which a plot is a track's
+constexpr std::size_t kElevationReturns = 100'000;
+constexpr std::int64_t kMaxPauseBins = 5;
+
+TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
+
+std::uint64_t VoxelKey(const Eigen::Vector3f& point_m, double edge_m) {
+  const auto index = [&](float x) {
+    return static_cast<std::uint64_t>(
+               static_cast<std::int64_t>(std::floor(static_cast<double>(x) / edge_m))) &
+           0x1FFFFF;
+  };
+  return index(point_m.x()) << 42 | index(point_m.y()) << 21 | index(point_m.z());
+}
+
+}  // namespace
+
+SceneSnapshot::SceneSnapshot(std::vector<Eigen::Vector3f> points_m, const RobustConfig& config)
+    : structure_m(std::move(points_m)),
+      ground(structure_m, config.ground),
+      support(structure_m, ground, config.background.occluder_cell_deg, config.support) {}
+
+LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, Engine::Callback on_event)
+    : config_(config),
+      output_times_(std::move(output_times)),
+      on_event_(std::move(on_event)),
+      bin_ns_(Ns(config.robust.background.bin_s)),
+      occupancy_(config.robust.background),
+      snapshot_interval_ns_(kFirstRefitNs),
+      clutter_(config.robust.plots, config.robust.background.place, config.robust.background.bin_s,
+               config.live.window_s) {}
+
+LiveTracker::~LiveTracker() = default;
+
+void LiveTracker::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
+  if (recent_.sensors.size() <= sensor) {
+    recent_.sensors.resize(sensor + 1);
+    watch_.sensors.resize(sensor + 1);
+    moment_.frames_before.resize(sensor + 1, 0);
+  }
+  recent_.sensors[sensor] = info;
+  watch_.sensors[sensor].frame_s = static_cast<double>(info.frame_period_ns) * kSecondsPerNs;
+  const TrackerConfig& tracker = config_.robust.tracker;
+  models_.clear();
+  for (const double sigma : tracker.sigma_a_mps2) models_.emplace_back(sigma, watch_, tracker);
+  for (std::size_t m = 0; m < models_.size(); ++m) {
+    if (searches_.size() <= m) {
+      searches_.emplace_back(plots_, log_births_, free_, models_[m], tracker);
+    }
+    searches_[m].SetModel(models_[m]);
+  }
+}
+
+double LiveTracker::SecondsOf(TimeNs time_ns) const {
+  return static_cast<double>(time_ns - begin_ns_) * kSecondsPerNs;
+}
+
+// A pause between frames takes no more bins than it needs to end every stay.
+std::int64_t LiveTracker::BinOf(TimeNs time_ns) {
+  const std::int64_t slot = (time_ns - begin_ns_) / bin_ns_;
+  if (slot > newest_slot_) {
+    bin_shift_ += std::max<std::int64_t>(0, slot - newest_slot_ - kMaxPauseBins);
+    newest_slot_ = slot;
+  }
+  return std::max<std::int64_t>(0, slot - bin_shift_);
+}
+
+void LiveTracker::Take(LoadedFrame frame) {
+  const TimeNs middle_ns = frame.info.middle_ns();
+  if (!std::exchange(has_begun_, true)) {
+    begin_ns_ = frame.info.begin_ns;
+    front_ns_ = stepped_ns_ = middle_ns;
+  }
+  AddInstants(frame.info);
+  const std::int64_t bin = BinOf(middle_ns);
+  occupancy_.AddFrame(bin);
+  for (const Eigen::Vector3f& point_m : frame.points_m) occupancy_.Add(point_m, bin);
+  front_ns_ = std::max(front_ns_, middle_ns);
+  if (!is_warm()) {
+    for (const Eigen::Vector3f& point_m : frame.points_m) {
+      if (early_returns_m_.size() < kElevationReturns) early_returns_m_.push_back(point_m);
+    }
+    early_.emplace_back(std::move(frame), bin);
+    if (front_ns_ - begin_ns_ >= kWarmUpNs) WarmUp();
+    return;
+  }
+  if (front_ns_ - snapshot_ns_ >= snapshot_interval_ns_) RefitScene();
+  MakePlots(std::move(frame), bin);
+  StepHeld(front_ns_ - Ns(config_.robust.plots.body_margin_s));
+}
+
+// What was kept until the scene is known a little.
+void LiveTracker::WarmUp() {
+  if (!early_returns_m_.empty()) lowest_elevation_rad_ = LowestElevationRad(early_returns_m_);
+  early_returns_m_ = {};
+  for (const auto& [frame, bin] : early_) {
+    for (const Eigen::Vector3f& point_m : frame.points_m) occupancy_.Judge(point_m, bin);
+  }
+  RefitScene();
+  for (auto& [frame, bin] : early_) {
+    const TimeNs middle_ns = frame.info.middle_ns();
+    MakePlots(std::move(frame), bin);
+    StepHeld(middle_ns - Ns(config_.robust.plots.body_margin_s));
+  }
+  early_.clear();
+}
+
+void LiveTracker::RefitScene() {
+  if (is_warm()) snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
+  snapshot_ = std::make_unique<SceneSnapshot>(occupancy_.Structure(), config_.robust);
+  snapshot_ns_ = front_ns_;
+}
+
+bool LiveTracker::Floats(const Eigen::Vector3f& point_m) {
+  const auto [verdict, is_new] =
+      snapshot_->is_floating.try_emplace(VoxelKey(point_m, config_.robust.support.voxel_m), false);
+  if (is_new) verdict->second = snapshot_->support.IsFloating(point_m);
+  return verdict->second;
+}
+
+void LiveTracker::MakePlots(LoadedFrame loaded, std::int64_t bin) {
+  Recording frame;
+  frame.points_m = std::move(loaded.points_m);
+  frame.times_ns = std::move(loaded.times_ns);
+  frame.frames = {loaded.info};
+  frame.frames[0].first_return = 0;
+  frame.frames[0].last_return = static_cast<std::uint32_t>(frame.points_m.size());
+  std::vector<std::uint32_t> candidates;
+  std::vector<float> rates(frame.points_m.size(), 0.0F);
+  for (std::uint32_t i = 0; i < frame.points_m.size(); ++i) {
+    const Eigen::Vector3f& point_m = frame.points_m[i];
+    const Occupancy::Verdict verdict = occupancy_.Judge(point_m, bin);
+    rates[i] = verdict.place_rate;
+    if (verdict.is_structure && !Floats(point_m)) continue;
+    if (!snapshot_->ground.Holds(point_m)) candidates.push_back(i);
+  }
+  FramePlots found = PlotsOfFrame(frame, 0, std::move(candidates), snapshot_->ground,
+                                  lowest_elevation_rad_, config_.robust.plots);
+  HeldFrame held;
+  held.info = frame.frames[0];
+  for (Plot& plot : found.plots) {
+    plot.frame = num_frames_;
+    SeenPlot seen;
+    seen.stamp_ns = held.info.stamp_ns;
+    double rate = 0.0;
+    for (const std::uint32_t i : plot.returns) {
+      const Eigen::Vector3d d = frame.points_m[i].cast<double>() - plot.position_m;
+      seen.scatter_m2 += d * d.transpose();
+      rate += static_cast<double>(rates[i]);
+    }
+    held.place_rates.push_back(rate / static_cast<double>(plot.returns.size()));
+    seen.plot = std::move(plot);
+    held.plots.push_back(std::move(seen));
+  }
+  ++num_frames_;
+  for (const BodyBox& body : found.bodies) {
+    const auto at =
+        std::upper_bound(bodies_.begin(), bodies_.end(), body.time_ns,
+                         [](TimeNs time_ns, const BodyBox& box) { return time_ns < box.time_ns; });
+    bodies_.insert(at, body);
+  }
+  held_.push_back(std::move(held));
+}
+
+void LiveTracker::StepHeld(TimeNs until_ns) {
+  while (!held_.empty() && held_.front().info.middle_ns() <= until_ns) {
+    HeldFrame held = std::move(held_.front());
+    held_.pop_front();
+    Step(std::move(held));
+  }
+}
+
+void LiveTracker::Step(HeldFrame held) {
+  const TimeNs middle_ns = held.info.middle_ns();
+  const double time_s = SecondsOf(middle_ns);
+  const TimeNs margin_ns = Ns(config_.robust.plots.body_margin_s);
+  stepped_ns_ = std::max(stepped_ns_, middle_ns);
+  while (!bodies_.empty() && bodies_.front().time_ns < middle_ns - 2 * margin_ns) {
+    bodies_.pop_front();
+  }
+  moment_.time_s = time_s;
+  recent_.frames.push_back(held.info);
+  clutter_.AddFrame(held.info.sensor, time_s);
+
+  std::vector<Plot> plots;
+  for (const SeenPlot& seen : held.plots) plots.push_back(seen.plot);
+  const std::vector<BodyBox> bodies(bodies_.begin(), bodies_.end());
+  std::vector<Plot> left = plots;
+  DropNearBodies(bodies, config_.robust.plots, &left);
+  std::vector<SeenPlot> seen;
+  std::vector<double> place_rates;
+  for (std::size_t i = 0, k = 0; i < plots.size() && k < left.size(); ++i) {
+    if (plots[i].position_m != left[k].position_m) continue;
+    ++k;
+    seen.push_back(std::move(held.plots[i]));
+    seen.back().at = moment_;
+    place_rates.push_back(held.place_rates[i]);
+  }
+  clutter_.Judge(&snapshot_->support, place_rates, time_s, &left);
+  const TrackerConfig& tracker = config_.robust.tracker;
+  const double fade = std::exp(-std::max(0.0, time_s - rates_s_) / kRatesFadeS);
+  watched_s_ = watched_s_ * fade + std::max(0.0, time_s - rates_s_);
+  odds_ *= fade;
+  num_plots_ *= fade;
+  rates_s_ = std::max(rates_s_, time_s);
+  std::vector<double> odds;
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    seen[i].plot.log_clutter = left[i].log_clutter;
+    seen[i].plot.is_floating = left[i].is_floating;
+    odds.push_back(std::exp(LogBirthOdds(seen[i].plot, watch_, tracker)));
+    odds_ += odds.back();
+    num_plots_ += 1.0;
+  }
+
+  // Each plot is that of one track at most, of the one that it suits best; what no track explains
+  // better than clutter may be another target's.
+  std::vector<char> is_free(seen.size(), 1);
+  std::vector<double> best_gain(seen.size(), -1e9);
+  std::vector<std::size_t> best_track(seen.size(), 0);
+  for (std::size_t t = 0; t < outputs_.size(); ++t) {
+    const std::vector<double> gains = outputs_[t].track->GainsOf(seen, moment_);
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      if (gains[i] <= best_gain[i]) continue;
+      best_gain[i] = gains[i];
+      best_track[i] = t;
+    }
+  }
+  for (std::size_t t = 0; t < outputs_.size(); ++t) {
+    std::vector<char> is_allowed(seen.size());
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      is_allowed[i] = best_track[i] == t || best_gain[i] <= kTaken;
+    }
+    outputs_[t].track->Extend(seen, is_allowed, moment_);
+  }
+  for (std::size_t i = 0; i < seen.size(); ++i) is_free[i] = best_gain[i] <= kTaken;
+
+  // Before it is warm, nobody knows what clutter is: what was seen until then only tells.
+  if (!seen.empty() && middle_ns - begin_ns_ >= kWarmUpNs) {
+    const std::size_t first = plots_.size();
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      const double even = tracker.even_birth_share;
+      log_births_.push_back(std::log(even + (1.0 - even) * odds[i] * num_plots_ / odds_));
+      plots_.push_back(seen[i].plot);
+      seen_.push_back(std::move(seen[i]));
+      free_.push_back(is_free[i]);
+    }
+    const Slice slice = SliceOf(plots_, log_births_, first, moment_, tracker);
+    for (TrackSearch& search : searches_) search.Extend(slice);
+    Confirm();
+  }
+  ++moment_.frames_before[held.info.sensor];
+
+  for (std::size_t t = 0; t < outputs_.size();) {
+    Output& output = outputs_[t];
+    const TimeNs last_ns = output.track->last_evidence_ns();
+    if (middle_ns - last_ns <= Ns(tracker.max_gap_s)) {
+      ++t;
+      continue;
+    }
+    GiveRowsOf(&output, stepped_ns_, stepped_ns_);
+    on_event_(TrackEnded{output.track->id(), last_ns});
+    outputs_.erase(outputs_.begin() + static_cast<std::ptrdiff_t>(t));
+  }
+  if (time_s - tidied_s_ >= kTidyS) Tidy(time_s);
+}
+
+// Clutter alone makes a path of this score so many times an hour, as every plot may be the first of
+// one, with every model.
+void LiveTracker::Confirm() {
+  const TrackerConfig& tracker = config_.robust.tracker;
+  const double plots_per_hour = 3600.0 * num_plots_ / std::max(watched_s_, 1.0);
+  const auto num_models = static_cast<double>(models_.size() * tracker.birth_speeds_mps.size());
+  const double threshold =
+      std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour);
+  while (true) {
+    Path best;
+    best.score = threshold;
+    for (const TrackSearch& search : searches_) {
+      Path path = search.BestOfLastSlice(best.score);
+      if (!path.plots.empty()) best = std::move(path);
+    }
+    if (best.plots.empty()) return;
+    std::vector<Plot> members;
+    std::vector<SeenPlot> path;
+    for (const std::uint32_t i : best.plots) {
+      members.push_back(plots_[i]);
+      path.push_back(seen_[i]);
+    }
+    if (!IsFlight(recent_, members, config_.robust)) return;
+    // A drone that shows as two plots in a frame is no second one.
+    const bool is_known = std::any_of(outputs_.begin(), outputs_.end(), [&](const Output& other) {
+      const auto near = std::count_if(path.begin(), path.end(), [&](const SeenPlot& seen) {
+        return other.track->IsNear(seen.plot.position_m, seen.at.time_s);
+      });
+      return 2 * static_cast<std::size_t>(near) >= path.size();
+    });
+    for (const std::uint32_t i : best.plots) free_[i] = 0;
+    for (TrackSearch& search : searches_) search.DropTaken();
+    if (is_known) return;
+    Output output;
+    output.track =
+        std::make_unique<LiveTrack>(next_id_++, path, log_births_[best.plots.front()], models_,
+                                    tracker, config_.robust.collect, config_.trajectory);
+    outputs_.push_back(std::move(output));
+    return;  // others of this frame have their turn in the next
+  }
+}
+
+void LiveTracker::Tidy(double time_s) {
+  tidied_s_ = time_s;
+  const TimeNs oldest_ns = begin_ns_ + Ns(time_s - kKeepPathsS);
+  const auto first = std::find_if(plots_.begin(), plots_.end(), [&](const Plot& plot) {
+    return plot.frame_time_ns >= oldest_ns;
+  });
+  const std::ptrdiff_t gone = first - plots_.begin();
+  for (TrackSearch& search : searches_) search.Forget(static_cast<std::size_t>(gone));
+  plots_.erase(plots_.begin(), plots_.begin() + gone);
+  seen_.erase(seen_.begin(), seen_.begin() + gone);
+  log_births_.erase(log_births_.begin(), log_births_.begin() + gone);
+  free_.erase(free_.begin(), free_.begin() + gone);
+  const auto frame =
+      std::find_if(recent_.frames.begin(), recent_.frames.end(),
+                   [&](const FrameInfo& info) { return info.begin_ns >= oldest_ns; });
+  recent_.frames.erase(recent_.frames.begin(), frame);
+  clutter_.Sweep(time_s);
+  occupancy_.Sweep();
+  TimeNs given_ns = stepped_ns_ - Ns(kKeepPathsS);
+  for (const Output& output : outputs_) {
+    if (output.is_told) given_ns = std::min(given_ns, output.given_ns);
+  }
+  while (instants_.size() > 2 && instants_[1] < given_ns) instants_.pop_front();
+}
+
+void LiveTracker::AddInstants(const FrameInfo& frame) {
+  if (std::holds_alternative<FirstSensorStamps>(output_times_)) {
+    if (frame.sensor == 0) instants_.push_back(frame.stamp_ns);
+    return;
+  }
+  if (const auto* rate = std::get_if<Rate>(&output_times_)) {
+    if (!rate_) rate_.emplace(*rate, begin_ns_);
+    for (; rate_->now_ns() <= frame.end_ns; rate_->Step()) instants_.push_back(rate_->now_ns());
+    return;
+  }
+  const auto& list = std::get<std::vector<TimeNs>>(output_times_);
+  for (; next_listed_ < list.size() && list[next_listed_] <= frame.end_ns; ++next_listed_) {
+    instants_.push_back(list[next_listed_]);
+  }
+}
+
+int LiveTracker::SupportAt(const LiveTrack& track, std::size_t i) const {
+  const TimeNs at_ns = instants_[i];
+  const TimeNs from_ns = i > 0 ? at_ns - (at_ns - instants_[i - 1]) / 2 : at_ns;
+  const TimeNs to_ns =
+      i + 1 < instants_.size() ? at_ns + (instants_[i + 1] - at_ns) / 2 : at_ns + (at_ns - from_ns);
+  return track.ReturnsBetween(from_ns, to_ns);
+}
+
+void LiveTracker::GiveRows(TimeNs newest_ns) {
+  const TimeNs due_ns = newest_ns - Ns(config_.live.delay_s - kAheadS);
+  for (Output& output : outputs_) {
+    GiveRowsOf(&output, std::min(due_ns, stepped_ns_), newest_ns);
+  }
+}
+
+void LiveTracker::GiveRowsOf(Output* output, TimeNs limit_ns, TimeNs newest_ns) {
+  LiveTrack& track = *output->track;
+  const auto next =
+      std::upper_bound(instants_.begin(), instants_.end(),
+                       output->is_told ? output->given_ns : std::numeric_limits<TimeNs>::min());
+  const auto end = std::upper_bound(next, instants_.end(), limit_ns);
+  // Several at once cost no more than one.
+  if (next == end ||
+      (output->is_told && newest_ns != limit_ns && *next > limit_ns - Ns(kTogetherS))) {
+    return;
+  }
+  track.Fit();
+  const TimeNs period_ns = ShortestPeriodNs(recent_);
+  const double probability = config_.trajectory.silence_probability;
+  const TimeNs half_ns = period_ns / 2;
+  TimeInterval interval;
+  interval.begin_ns = output->is_told
+                          ? output->given_ns + 1
+                          : track.measurements().front().time_ns - half_ns -
+                                SilenceBeforeNs(track.measurements(), period_ns, probability);
+  interval.end_ns =
+      std::min(limit_ns, track.last_evidence_ns() + half_ns +
+                             SilenceAfterNs(track.measurements(), period_ns, probability));
+  if (!std::exchange(output->is_told, true)) {
+    output->given_ns = interval.begin_ns - 1;
+    on_event_(TrackConfirmed{track.id(), track.first_evidence_ns()});
+  }
+  const std::vector<TimeNs> times_ns(next, end);
+  std::vector<TrajectoryRow> rows =
+      SampleTrajectory(track.trajectory(), interval, times_ns, track.depth_sigma_m(),
+                       config_.trajectory.max_sigma_m);
+  const TimeNs late_ns = newest_ns - Ns(config_.live.delay_s);
+  for (TrajectoryRow& row : rows) {
+    row.track_id = track.id();
+    const auto at = std::lower_bound(instants_.begin(), instants_.end(), row.time_ns);
+    row.support = SupportAt(track, static_cast<std::size_t>(at - instants_.begin()));
+    on_event_(RowGiven{row, row.time_ns < late_ns});
+    output->given_ns = row.time_ns;
+  }
+  for (const SeenPlot& seen : track.Settle(SecondsOf(output->given_ns))) {
+    clutter_.Explain(seen.plot.frame, seen.plot.position_m);
+  }
+}
+
+void LiveTracker::Close(TimeNs newest_ns) {
+  if (!has_begun_) return;
+  if (!is_warm()) WarmUp();
+  StepHeld(std::numeric_limits<TimeNs>::max());
+  for (Output& output : outputs_) {
+    GiveRowsOf(&output, std::numeric_limits<TimeNs>::max() / 2, newest_ns);
+    on_event_(TrackEnded{output.track->id(), output.track->last_evidence_ns()});
+  }
+  outputs_.clear();
+}
+
+}  // namespace unlidar

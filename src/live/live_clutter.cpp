@@ -8,6 +8,9 @@ namespace {
 
 constexpr double kWider = 3.0;  // the surroundings of a place, times its radius
 constexpr double kMinStanding = 3.0;
+constexpr double kCompanySlope = 0.01;
+constexpr double kFarther = 5.0;    // the surroundings of a floating thing, times its reach
+constexpr double kSameTimeS = 0.3;  // before it
 
 RangeRadius Wider(const RangeRadius& radius) {
   return {kWider * radius.constant_m, kWider * radius.slope};
@@ -20,13 +23,16 @@ double PlotVolumeM3(const Plot& plot) {
 
 }  // namespace
 
-LiveClutter::LiveClutter(const PlotConfig& config, const RangeRadius& place, double bin_s,
-                         double fade_s)
-    : config_(config),
-      exclusion_s_((config.clutter_exclusion_bins + 0.5) * bin_s),
+LiveClutter::LiveClutter(const RobustConfig& config, double fade_s)
+    : config_(config.plots),
+      exclusion_s_((config.plots.clutter_exclusion_bins + 0.5) * config.background.bin_s),
       fade_s_(fade_s),
-      standing_(place, fade_s),
-      about_(Wider(place), fade_s) {}
+      standing_(config.background.place, fade_s),
+      about_(Wider(config.background.place), fade_s),
+      floating_({config.support.body_m, kCompanySlope}, fade_s),
+      self_({config.support.body_m, kCompanySlope}, fade_s),
+      beside_({config.support.body_m, kCompanySlope}, fade_s),
+      farther_({config.support.body_m, kCompanySlope}, fade_s) {}
 
 LiveClutter::Sensor& LiveClutter::SensorAt(std::uint32_t sensor) {
   while (sensors_.size() <= sensor) {
@@ -77,7 +83,14 @@ void LiveClutter::Judge(const Support* support, const std::vector<double>& place
     const double chance =
         about_.CountAt(place_m, time_s) * standing_.VolumeM3(place_m) / about_.VolumeM3(place_m);
     const bool is_standing = here >= kMinStanding && here > chance + 3.0 * std::sqrt(chance);
+    if (is_standing) standing_plots_.push_back({time_s, plot.position_m});
     plot.is_floating = is_standing && support != nullptr && support->IsFloating(place_m);
+  }
+  while (!standing_plots_.empty() && standing_plots_.front().time_s < time_s - kSameTimeS) {
+    standing_plots_.pop_front();
+  }
+  for (Plot& plot : *plots) {
+    if (plot.is_floating) plot.is_floating = !HasCompany(plot, support->config(), time_s);
   }
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
@@ -101,6 +114,30 @@ void LiveClutter::Judge(const Support* support, const std::vector<double>& place
   }
 }
 
+// Whether more stands beside a floating plot at the same time than by chance: then what holds the
+// one up is likely to hold the other.
+bool LiveClutter::HasCompany(const Plot& plot, const SupportConfig& support, double time_s) {
+  const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+  const double reach_m = support.ReachM(plot.position_m.norm());
+  double self = 0.0;
+  double beside = 0.0;
+  double farther = 0.0;
+  for (const Standing& other : standing_plots_) {
+    const double distance_m = (plot.position_m - other.position_m).norm();
+    if (distance_m >= kFarther * reach_m) continue;
+    (distance_m <= support.body_m ? self : distance_m < reach_m ? beside : farther) += 1.0;
+  }
+  floating_.Add(place_m, time_s);
+  self_.Add(place_m, time_s, self);
+  beside_.Add(place_m, time_s, beside);
+  farther_.Add(place_m, time_s, farther);
+  // What is beside it was counted once for each of its own plots near in time.
+  const double times = self_.CountAt(place_m, time_s) / floating_.CountAt(place_m, time_s);
+  const double chance = farther_.CountAt(place_m, time_s) / times /
+                        (kFarther * kFarther * kFarther - 1.0);
+  return beside_.CountAt(place_m, time_s) / times > chance + 2.0 * std::sqrt(chance);
+}
+
 void LiveClutter::Explain(std::uint32_t frame, const Eigen::Vector3d& position_m) {
   const Eigen::Vector3f place_m = position_m.cast<float>();
   for (auto at = recent_.begin(); at != recent_.end(); ++at) {
@@ -117,8 +154,9 @@ void LiveClutter::Sweep(double time_s) {
       grid->Sweep(time_s);
     }
   }
-  standing_.Sweep(time_s);
-  about_.Sweep(time_s);
+  for (FadingGrid* grid : {&standing_, &about_, &floating_, &self_, &beside_, &farther_}) {
+    grid->Sweep(time_s);
+  }
 }
 
 }  // namespace unlidar

@@ -7,8 +7,7 @@
 #include <vector>
 
 #include "live/fading_grid.hpp"
-#include "unlidar/robust/plots.hpp"
-#include "unlidar/robust/support.hpp"
+#include "unlidar/robust.hpp"
 
 namespace unlidar {
 
@@ -16,7 +15,7 @@ namespace unlidar {
 // last `fade_s` count, but for the last second or so, which may be the target's own.
 class LiveClutter {
  public:
-  LiveClutter(const PlotConfig& config, const RangeRadius& place, double bin_s, double fade_s);
+  LiveClutter(const RobustConfig& config, double fade_s);
 
   // A frame of a sensor was taken, whether or not it shows any plot.
   void AddFrame(std::uint32_t sensor, double time_s);
@@ -49,7 +48,14 @@ class LiveClutter {
     std::deque<double> recent_s;  // frames whose plots are not yet clutter
   };
 
+  // A plot that stands still, and when.
+  struct Standing {
+    double time_s;
+    Eigen::Vector3d position_m;
+  };
+
   Sensor& SensorAt(std::uint32_t sensor);
+  bool HasCompany(const Plot& plot, const SupportConfig& support, double time_s);
   void Settle(double time_s);
 
   PlotConfig config_;
@@ -59,6 +65,13 @@ class LiveClutter {
   std::deque<Recent> recent_;
   FadingGrid standing_;  // plots at one place,
   FadingGrid about_;     // and in a wider one
+  std::deque<Standing> standing_plots_;  // of the last moments
+  // About each floating plot at the same time: it and what stands as near as its own body, beside it
+  // and farther away.
+  FadingGrid floating_;
+  FadingGrid self_;
+  FadingGrid beside_;
+  FadingGrid farther_;
 };
 
 }  // namespace unlidar

@@ -18,6 +18,10 @@ constexpr double kTidyS = 2.0;
 constexpr double kKeepPathsS = 30.0;  // a path that is not confirmed by then has no older part
 constexpr double kAheadS = 0.3;     // rows are given so much earlier than they are due, if need be
 constexpr double kTogetherS = 0.2;  // and so many at once
+// What the clutter of a place is, is hardly known at first: paths of it are more frequent then than
+// its mean rate says, for where one plot was unexpected so is the next.
+constexpr double kUnknownLog = 8.0;
+constexpr double kLearningS = 10.0;
 constexpr double kTaken = 0.0;      // gain from which a plot is a track's
 constexpr std::size_t kElevationReturns = 100'000;
 constexpr std::int64_t kMaxPauseBins = 5;
@@ -47,8 +51,7 @@ LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, Engine:
       bin_ns_(Ns(config.robust.background.bin_s)),
       occupancy_(config.robust.background),
       snapshot_interval_ns_(kFirstRefitNs),
-      clutter_(config.robust.plots, config.robust.background.place, config.robust.background.bin_s,
-               config.live.window_s) {}
+      clutter_(config.robust, config.live.window_s) {}
 
 LiveTracker::~LiveTracker() = default;
 
@@ -291,7 +294,8 @@ void LiveTracker::Confirm() {
   const double plots_per_hour = 3600.0 * num_plots_ / std::max(watched_s_, 1.0);
   const auto num_models = static_cast<double>(models_.size() * tracker.birth_speeds_mps.size());
   const double threshold =
-      std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour);
+      std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) +
+      kUnknownLog * std::exp(-moment_.time_s / kLearningS);
   while (true) {
     Path best;
     best.score = threshold;
@@ -317,6 +321,7 @@ void LiveTracker::Confirm() {
     for (const std::uint32_t i : best.plots) free_[i] = 0;
     for (TrackSearch& search : searches_) search.DropTaken();
     if (is_known) return;
+    if (getenv("DBG")) { int fl=0; double lc=0; for (auto& m: members) { fl+=m.is_floating; lc+=m.log_clutter; } fprintf(stderr,"[score %.1f thr %.1f plots %zu floating %d mean log_clutter %.2f range %.1f span %.2f speed %.2f birth %.2f first %.1f,%.1f,%.1f]\n",best.score,threshold,members.size(),fl,lc/static_cast<double>(members.size()),members[0].position_m.norm(),static_cast<double>(members.back().time_ns-members[0].time_ns)*1e-9,(members.back().position_m-members[0].position_m).norm(),log_births_[best.plots.front()],members[0].position_m[0],members[0].position_m[1],members[0].position_m[2]); }
     Output output;
     output.track =
         std::make_unique<LiveTrack>(next_id_++, path, log_births_[best.plots.front()], models_,

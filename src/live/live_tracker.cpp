@@ -16,26 +16,19 @@ constexpr TimeNs kLastRefitNs = 10'000'000'000;
 constexpr double kRatesFadeS = 60.0;
 constexpr double kTidyS = 2.0;
 constexpr double kKeepPathsS = 30.0;  // a path that is not confirmed by then has no older part
-constexpr double kAheadS = 0.3;     // rows are given so much earlier than they are due, if need be
-constexpr double kTogetherS = 0.2;  // and so many at once
+constexpr double kAheadS = 0.1;     // rows are given so much earlier than they are due, if need be
+constexpr double kTogetherS = 0.0;  // and so many at once
 // What the clutter of a place is, is hardly known at first: paths of it are more frequent then than
 // its mean rate says, for where one plot was unexpected so is the next.
 constexpr double kUnknownLog = 8.0;
 constexpr double kLearningS = 10.0;
+constexpr double kBodyHoldS = 0.1;  // plots wait so long for a body that may show beside them
 constexpr double kTaken = 0.0;      // gain from which a plot is a track's
 constexpr std::size_t kElevationReturns = 100'000;
 constexpr std::int64_t kMaxPauseBins = 5;
+constexpr std::size_t kEarlyFramesAtOnce = 3;  // that wait since the begin, with each new one
 
 TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
-
-std::uint64_t VoxelKey(const Eigen::Vector3f& point_m, double edge_m) {
-  const auto index = [&](float x) {
-    return static_cast<std::uint64_t>(
-               static_cast<std::int64_t>(std::floor(static_cast<double>(x) / edge_m))) &
-           0x1FFFFF;
-  };
-  return index(point_m.x()) << 42 | index(point_m.y()) << 21 | index(point_m.z());
-}
 
 }  // namespace
 
@@ -108,8 +101,8 @@ void LiveTracker::Take(LoadedFrame frame) {
     return;
   }
   if (front_ns_ - snapshot_ns_ >= snapshot_interval_ns_) RefitScene();
-  MakePlots(std::move(frame), bin);
-  StepHeld(front_ns_ - Ns(config_.robust.plots.body_margin_s));
+  early_.emplace_back(std::move(frame), bin);
+  MakeEarlyPlots(kEarlyFramesAtOnce);
 }
 
 // What was kept until the scene is known a little.
@@ -117,28 +110,28 @@ void LiveTracker::WarmUp() {
   if (!early_returns_m_.empty()) lowest_elevation_rad_ = LowestElevationRad(early_returns_m_);
   early_returns_m_ = {};
   for (const auto& [frame, bin] : early_) {
-    for (const Eigen::Vector3f& point_m : frame.points_m) occupancy_.Judge(point_m, bin);
+    for (const Eigen::Vector3f& point_m : frame.points_m) {
+      occupancy_.Judge(point_m, bin, 0, [](const Eigen::Vector3f&) { return false; });
+    }
   }
   RefitScene();
-  for (auto& [frame, bin] : early_) {
+}
+
+void LiveTracker::MakeEarlyPlots(std::size_t most) {
+  for (; !early_.empty() && most > 0; --most) {
+    auto [frame, bin] = std::move(early_.front());
+    early_.pop_front();
     const TimeNs middle_ns = frame.info.middle_ns();
     MakePlots(std::move(frame), bin);
-    StepHeld(middle_ns - Ns(config_.robust.plots.body_margin_s));
+    StepHeld(middle_ns - Ns(kBodyHoldS));
   }
-  early_.clear();
 }
 
 void LiveTracker::RefitScene() {
   if (is_warm()) snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
   snapshot_ = std::make_unique<SceneSnapshot>(occupancy_.Structure(), config_.robust);
   snapshot_ns_ = front_ns_;
-}
-
-bool LiveTracker::Floats(const Eigen::Vector3f& point_m) {
-  const auto [verdict, is_new] =
-      snapshot_->is_floating.try_emplace(VoxelKey(point_m, config_.robust.support.voxel_m), false);
-  if (is_new) verdict->second = snapshot_->support.IsFloating(point_m);
-  return verdict->second;
+  ++num_snapshots_;
 }
 
 void LiveTracker::MakePlots(LoadedFrame loaded, std::int64_t bin) {
@@ -150,11 +143,14 @@ void LiveTracker::MakePlots(LoadedFrame loaded, std::int64_t bin) {
   frame.frames[0].last_return = static_cast<std::uint32_t>(frame.points_m.size());
   std::vector<std::uint32_t> candidates;
   std::vector<float> rates(frame.points_m.size(), 0.0F);
+  const Occupancy::FloatsIn floats = [this](const Eigen::Vector3f& point_m) {
+    return snapshot_->support.IsFloating(point_m);
+  };
   for (std::uint32_t i = 0; i < frame.points_m.size(); ++i) {
     const Eigen::Vector3f& point_m = frame.points_m[i];
-    const Occupancy::Verdict verdict = occupancy_.Judge(point_m, bin);
+    const Occupancy::Verdict verdict = occupancy_.Judge(point_m, bin, num_snapshots_, floats);
     rates[i] = verdict.place_rate;
-    if (verdict.is_structure && !Floats(point_m)) continue;
+    if (verdict.is_structure && !verdict.floats) continue;
     if (!snapshot_->ground.Holds(point_m)) candidates.push_back(i);
   }
   FramePlots found = PlotsOfFrame(frame, 0, std::move(candidates), snapshot_->ground,
@@ -321,7 +317,6 @@ void LiveTracker::Confirm() {
     for (const std::uint32_t i : best.plots) free_[i] = 0;
     for (TrackSearch& search : searches_) search.DropTaken();
     if (is_known) return;
-    if (getenv("DBG")) { int fl=0; double lc=0; for (auto& m: members) { fl+=m.is_floating; lc+=m.log_clutter; } fprintf(stderr,"[score %.1f thr %.1f plots %zu floating %d mean log_clutter %.2f range %.1f span %.2f speed %.2f birth %.2f first %.1f,%.1f,%.1f]\n",best.score,threshold,members.size(),fl,lc/static_cast<double>(members.size()),members[0].position_m.norm(),static_cast<double>(members.back().time_ns-members[0].time_ns)*1e-9,(members.back().position_m-members[0].position_m).norm(),log_births_[best.plots.front()],members[0].position_m[0],members[0].position_m[1],members[0].position_m[2]); }
     Output output;
     output.track =
         std::make_unique<LiveTrack>(next_id_++, path, log_births_[best.plots.front()], models_,
@@ -434,6 +429,7 @@ void LiveTracker::GiveRowsOf(Output* output, TimeNs limit_ns, TimeNs newest_ns) 
 void LiveTracker::Close(TimeNs newest_ns) {
   if (!has_begun_) return;
   if (!is_warm()) WarmUp();
+  MakeEarlyPlots(early_.size());
   StepHeld(std::numeric_limits<TimeNs>::max());
   for (Output& output : outputs_) {
     GiveRowsOf(&output, std::numeric_limits<TimeNs>::max() / 2, newest_ns);

@@ -28,7 +28,6 @@ struct SceneSnapshot {
   std::vector<Eigen::Vector3f> structure_m;
   Ground ground;
   Support support;
-  std::unordered_map<std::uint64_t, bool> is_floating;  // verdicts by voxel
 };
 
 class LiveTracker {
@@ -67,8 +66,8 @@ class LiveTracker {
   std::int64_t BinOf(TimeNs time_ns);
   double SecondsOf(TimeNs time_ns) const;
   void WarmUp();
+  void MakeEarlyPlots(std::size_t most);
   void RefitScene();
-  bool Floats(const Eigen::Vector3f& point_m);
   void MakePlots(LoadedFrame frame, std::int64_t bin);
   void StepHeld(TimeNs until_ns);
   void Step(HeldFrame held);
@@ -95,6 +94,7 @@ class LiveTracker {
   Occupancy occupancy_;
   std::unique_ptr<SceneSnapshot> snapshot_;
   TimeNs snapshot_ns_ = 0;
+  int num_snapshots_ = 0;
   TimeNs snapshot_interval_ns_ = 0;
   std::vector<Eigen::Vector3f> early_returns_m_;  // for the lowest elevation
   double lowest_elevation_rad_ = 0.0;

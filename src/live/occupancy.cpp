@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace unlidar {
 namespace {
 
 // How what lies before the window fades: by a factor of e in so many bins.
 constexpr double kFadeBins = 600.0;
+constexpr int kSettledBins = 10;  // from so many on what is structure remains so for a while
 constexpr float kForgotten = 0.5F;  // faded hits that are none
 
 double Fade(std::int64_t bins) { return std::exp(-static_cast<double>(bins) / kFadeBins); }
@@ -106,12 +108,23 @@ void Occupancy::LookAround(const Eigen::Vector3f& point_m, Place* place) {
   place->older_near = older;
 }
 
-Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t bin) {
+Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
+                                    const FloatsIn& floats) {
   Verdict verdict;
-  const auto at = places_.find(shells_.KeyOf(point_m));
+  const std::uint64_t key = shells_.KeyOf(point_m);
+  const auto at = places_.find(key);
   const std::int64_t age = newest_ - bin;
-  if (at == places_.end() || age < 0 || age >= kWindow) return {true, 0.0F};
+  verdict.is_structure = true;
+  if (at == places_.end() || age < 0 || age >= kWindow) return verdict;
   Place& place = at->second;
+  const auto tell_floating = [&] {
+    if (std::exchange(place.scene, scene) != scene) place.floats = floats(point_m);
+    verdict.floats = place.floats;
+  };
+  if (place.judged_until >= newest_) {
+    tell_floating();
+    return verdict;
+  }
   LookAround(point_m, &place);
   const std::uint64_t word = place.near.word | std::uint64_t{1} << age;
   const Stay stay = StayAt(word, static_cast<int>(age), max_break_);
@@ -134,7 +147,15 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
   verdict.is_structure =
       exposed < min_exposed || occupied > static_cast<float>(config_.max_occupancy) * exposed;
   place.is_structure = verdict.is_structure;
-  if (verdict.is_structure || occupied <= 1.0F) return verdict;
+  if (verdict.is_structure) {
+    // Not all places at once are looked at anew.
+    if (Count(watched_) >= kSettledBins) {
+      place.judged_until = newest_ + 4 + static_cast<std::int64_t>(VoxelHash()(key) % 8);
+    }
+    tell_floating();
+    return verdict;
+  }
+  if (occupied <= 1.0F) return verdict;
   const double hits_per_bin =
       -std::log1p(-std::min(0.999, static_cast<double>((occupied - 1.0F) / exposed)));
   verdict.place_rate =

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <unordered_map>
 #include <vector>
 
@@ -19,8 +20,12 @@ class Occupancy {
  public:
   struct Verdict {
     bool is_structure = false;  // or too little is known to tell
+    bool floats = false;        // structure that nothing holds up
     float place_rate = 0.0F;    // as Background::PlaceRate
   };
+
+  // Whether a place floats in a scene, which is asked once for each place and scene.
+  using FloatsIn = std::function<bool(const Eigen::Vector3f&)>;
 
   explicit Occupancy(const BackgroundConfig& config);
 
@@ -28,8 +33,10 @@ class Occupancy {
   void AddFrame(std::int64_t bin);
   void Add(const Eigen::Vector3f& point_m, std::int64_t bin);
 
-  // Of a return that was measured in `bin`, which is in the window.
-  Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin);
+  // Of a return that was measured in `bin`, which is in the window. `scene` numbers what `floats`
+  // tells of.
+  Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
+                const FloatsIn& floats);
 
   // A return of each place that was last judged to be structure and was hit within the window.
   std::vector<Eigen::Vector3f> Structure() const;
@@ -58,6 +65,9 @@ class Occupancy {
     float past_exposed = 0.0F;
     bool is_stay_long = false;  // it fills the window
     bool is_structure = false;
+    bool floats = false;
+    int scene = -1;                // of which that is true
+    std::int64_t judged_until = -1;  // what is structure is not looked at anew before this bin
     Eigen::Vector3f point_m = Eigen::Vector3f::Zero();
   };
 

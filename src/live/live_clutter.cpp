@@ -10,7 +10,10 @@ constexpr double kWider = 3.0;  // the surroundings of a place, times its radius
 constexpr double kMinStanding = 3.0;
 constexpr double kCompanySlope = 0.01;
 constexpr double kFarther = 5.0;    // the surroundings of a floating thing, times its reach
-constexpr double kSameTimeS = 0.3;  // before it
+constexpr double kSameTimeS = 0.6;  // before it
+constexpr double kLatelyS = 3.0;
+constexpr double kSolidShare = 0.2;   // of the frames of its sensor, in which it has a plot
+constexpr double kFloatKnownS = 5.0;  // earlier nobody knows what holds what up
 
 RangeRadius Wider(const RangeRadius& radius) {
   return {kWider * radius.constant_m, kWider * radius.slope};
@@ -27,6 +30,7 @@ LiveClutter::LiveClutter(const RobustConfig& config, double fade_s)
     : config_(config.plots),
       exclusion_s_((config.plots.clutter_exclusion_bins + 0.5) * config.background.bin_s),
       fade_s_(fade_s),
+      place_(config.background.place),
       standing_(config.background.place, fade_s),
       about_(Wider(config.background.place), fade_s),
       floating_({config.support.body_m, kCompanySlope}, fade_s),
@@ -39,16 +43,17 @@ LiveClutter::Sensor& LiveClutter::SensorAt(std::uint32_t sensor) {
     sensors_.push_back({FadingGrid(config_.clutter_wide, fade_s_),
                         FadingGrid(config_.clutter_middle, fade_s_),
                         FadingGrid(config_.clutter_narrow, fade_s_),
-                        FadingGrid(config_.spot, fade_s_),
-                        0.0,
-                        0.0,
-                        {}});
+                        FadingGrid(config_.spot, fade_s_), FadingGrid(place_, kLatelyS)});
   }
   return sensors_[sensor];
 }
 
 void LiveClutter::AddFrame(std::uint32_t sensor, double time_s) {
-  SensorAt(sensor).recent_s.push_back(time_s);
+  Sensor& seen = SensorAt(sensor);
+  seen.recent_s.push_back(time_s);
+  seen.frames_lately =
+      seen.frames_lately * std::exp(-std::max(0.0, time_s - seen.lately_s) / kLatelyS) + 1.0;
+  seen.lately_s = std::max(seen.lately_s, time_s);
 }
 
 // What is older than the exclusion is clutter from now on.
@@ -71,7 +76,7 @@ void LiveClutter::Settle(double time_s) {
   }
 }
 
-void LiveClutter::Judge(const Support* support, const std::vector<double>& place_rates,
+void LiveClutter::Judge(const Support& support, const std::vector<double>& place_rates,
                         double time_s, std::vector<Plot>* plots) {
   Settle(time_s);
   for (std::size_t i = 0; i < plots->size(); ++i) {
@@ -84,13 +89,19 @@ void LiveClutter::Judge(const Support* support, const std::vector<double>& place
         about_.CountAt(place_m, time_s) * standing_.VolumeM3(place_m) / about_.VolumeM3(place_m);
     const bool is_standing = here >= kMinStanding && here > chance + 3.0 * std::sqrt(chance);
     if (is_standing) standing_plots_.push_back({time_s, plot.position_m});
-    plot.is_floating = is_standing && support != nullptr && support->IsFloating(place_m);
+    Sensor& sensor = SensorAt(plot.sensor);
+    sensor.lately.Add(place_m, time_s);
+    // What is hit now and then in one place is a twig or a wire.
+    const bool is_solid =
+        sensor.lately.CountAt(place_m, time_s) >= kSolidShare * sensor.frames_lately;
+    plot.is_floating =
+        is_standing && is_solid && time_s >= kFloatKnownS && support.IsFloating(place_m);
   }
   while (!standing_plots_.empty() && standing_plots_.front().time_s < time_s - kSameTimeS) {
     standing_plots_.pop_front();
   }
   for (Plot& plot : *plots) {
-    if (plot.is_floating) plot.is_floating = !HasCompany(plot, support->config(), time_s);
+    if (plot.is_floating) plot.is_floating = !HasCompany(plot, support.config(), time_s);
   }
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
@@ -133,8 +144,8 @@ bool LiveClutter::HasCompany(const Plot& plot, const SupportConfig& support, dou
   farther_.Add(place_m, time_s, farther);
   // What is beside it was counted once for each of its own plots near in time.
   const double times = self_.CountAt(place_m, time_s) / floating_.CountAt(place_m, time_s);
-  const double chance = farther_.CountAt(place_m, time_s) / times /
-                        (kFarther * kFarther * kFarther - 1.0);
+  const double chance =
+      farther_.CountAt(place_m, time_s) / times / (kFarther * kFarther * kFarther - 1.0);
   return beside_.CountAt(place_m, time_s) / times > chance + 2.0 * std::sqrt(chance);
 }
 
@@ -150,7 +161,8 @@ void LiveClutter::Explain(std::uint32_t frame, const Eigen::Vector3d& position_m
 
 void LiveClutter::Sweep(double time_s) {
   for (Sensor& sensor : sensors_) {
-    for (FadingGrid* grid : {&sensor.wide, &sensor.middle, &sensor.narrow, &sensor.spot}) {
+    for (FadingGrid* grid :
+         {&sensor.wide, &sensor.middle, &sensor.narrow, &sensor.spot, &sensor.lately}) {
       grid->Sweep(time_s);
     }
   }

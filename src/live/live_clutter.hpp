@@ -22,7 +22,7 @@ class LiveClutter {
 
   // Tells of each plot, of one frame, whether it floats and how much clutter is there.
   // `place_rates`: of each plot, as Background::PlaceRate. Then remembers the plots.
-  void Judge(const Support* support, const std::vector<double>& place_rates, double time_s,
+  void Judge(const Support& support, const std::vector<double>& place_rates, double time_s,
              std::vector<Plot>* plots);
 
   // Plots that are a target's are no clutter. Only those of the last second can still be told.
@@ -43,9 +43,12 @@ class LiveClutter {
     FadingGrid middle;
     FadingGrid narrow;
     FadingGrid spot;
-    double frames = 0.0;  // faded, up to
+    FadingGrid lately;           // plots of the last moments,
+    double frames_lately = 0.0;  // and frames, faded, up to
+    double lately_s = 0.0;
+    double frames = 0.0;  // likewise, all whose plots are clutter by now
     double time_s = 0.0;
-    std::deque<double> recent_s;  // frames whose plots are not yet clutter
+    std::deque<double> recent_s{};  // frames whose plots are not
   };
 
   // A plot that stands still, and when.
@@ -61,13 +64,14 @@ class LiveClutter {
   PlotConfig config_;
   double exclusion_s_;
   double fade_s_;
+  RangeRadius place_;
   std::vector<Sensor> sensors_;
   std::deque<Recent> recent_;
-  FadingGrid standing_;  // plots at one place,
-  FadingGrid about_;     // and in a wider one
+  FadingGrid standing_;                  // plots at one place,
+  FadingGrid about_;                     // and in a wider one
   std::deque<Standing> standing_plots_;  // of the last moments
-  // About each floating plot at the same time: it and what stands as near as its own body, beside it
-  // and farther away.
+  // About each floating plot at the same time: it and what stands as near as its own body, beside
+  // it and farther away.
   FadingGrid floating_;
   FadingGrid self_;
   FadingGrid beside_;

@@ -14,6 +14,7 @@ constexpr TimeNs kWarmUpNs = 3'000'000'000;
 constexpr TimeNs kFirstRefitNs = 1'500'000'000;
 constexpr TimeNs kLastRefitNs = 10'000'000'000;
 constexpr double kRatesFadeS = 60.0;
+constexpr double kPauseS = 1.0;  // without a plot: what is before and after may be two things
 constexpr double kTidyS = 2.0;
 constexpr double kKeepPathsS = 30.0;  // a path that is not confirmed by then has no older part
 constexpr double kAheadS = 0.1;     // rows are given so much earlier than they are due, if need be
@@ -215,7 +216,7 @@ void LiveTracker::Step(HeldFrame held) {
     seen.back().at = moment_;
     place_rates.push_back(held.place_rates[i]);
   }
-  clutter_.Judge(&snapshot_->support, place_rates, time_s, &left);
+  clutter_.Judge(snapshot_->support, place_rates, time_s, &left);
   const TrackerConfig& tracker = config_.robust.tracker;
   const double fade = std::exp(-std::max(0.0, time_s - rates_s_) / kRatesFadeS);
   watched_s_ = watched_s_ * fade + std::max(0.0, time_s - rates_s_);
@@ -292,38 +293,57 @@ void LiveTracker::Confirm() {
   const double threshold =
       std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) +
       kUnknownLog * std::exp(-moment_.time_s / kLearningS);
-  while (true) {
-    Path best;
-    best.score = threshold;
-    for (const TrackSearch& search : searches_) {
-      Path path = search.BestOfLastSlice(best.score);
-      if (!path.plots.empty()) best = std::move(path);
-    }
-    if (best.plots.empty()) return;
-    std::vector<Plot> members;
-    std::vector<SeenPlot> path;
-    for (const std::uint32_t i : best.plots) {
-      members.push_back(plots_[i]);
-      path.push_back(seen_[i]);
-    }
-    if (!IsFlight(recent_, members, config_.robust)) return;
-    // A drone that shows as two plots in a frame is no second one.
-    const bool is_known = std::any_of(outputs_.begin(), outputs_.end(), [&](const Output& other) {
-      const auto near = std::count_if(path.begin(), path.end(), [&](const SeenPlot& seen) {
-        return other.track->IsNear(seen.plot.position_m, seen.at.time_s);
-      });
-      return 2 * static_cast<std::size_t>(near) >= path.size();
-    });
-    for (const std::uint32_t i : best.plots) free_[i] = 0;
-    for (TrackSearch& search : searches_) search.DropTaken();
-    if (is_known) return;
-    Output output;
-    output.track =
-        std::make_unique<LiveTrack>(next_id_++, path, log_births_[best.plots.front()], models_,
-                                    tracker, config_.robust.collect, config_.trajectory);
-    outputs_.push_back(std::move(output));
-    return;  // others of this frame have their turn in the next
+  std::vector<Path> paths;
+  for (const TrackSearch& search : searches_) {
+    for (Path& path : search.PathsToLastSlice(threshold)) paths.push_back(std::move(path));
   }
+  std::sort(paths.begin(), paths.end(), [](const Path& a, const Path& b) {
+    return a.score > b.score || (a.score == b.score && a.plots < b.plots);
+  });
+  for (const Path& path : paths) {
+    const bool is_taken = std::any_of(path.plots.begin(), path.plots.end(),
+                                      [&](std::uint32_t i) { return !free_[i]; });
+    if (!is_taken) ConfirmPath(path, threshold);
+  }
+}
+
+// A track begins with what flies of a path: that may have come from something on the ground.
+void LiveTracker::ConfirmPath(const Path& path, double threshold) {
+  std::vector<SeenPlot> seen;
+  for (const std::uint32_t i : path.plots) seen.push_back(seen_[i]);
+  std::size_t first = 0;
+  for (std::size_t begin = 0; begin < seen.size();) {
+    std::size_t end = begin + 1;
+    while (end < seen.size() && seen[end].at.time_s - seen[end - 1].at.time_s < kPauseS) ++end;
+    const auto low = std::count_if(
+        seen.begin() + static_cast<std::ptrdiff_t>(begin),
+        seen.begin() + static_cast<std::ptrdiff_t>(end),
+        [&](const SeenPlot& at) { return at.plot.lowest_m <= config_.robust.off_ground_m; });
+    if (2 * static_cast<std::size_t>(low) > end - begin) first = end;
+    begin = end;
+  }
+  seen.erase(seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(first));
+  if (seen.empty()) return;
+  std::vector<Plot> members;
+  for (const SeenPlot& at : seen) members.push_back(at.plot);
+  if (!IsFlight(recent_, members, config_.robust)) return;
+  // A drone that shows as two plots in a frame is no second one.
+  const bool is_known = std::any_of(outputs_.begin(), outputs_.end(), [&](const Output& other) {
+    const auto near = std::count_if(seen.begin(), seen.end(), [&](const SeenPlot& at) {
+      return other.track->IsNear(at.plot.position_m, at.at.time_s);
+    });
+    return 2 * static_cast<std::size_t>(near) >= seen.size();
+  });
+  auto track = std::make_unique<LiveTrack>(next_id_, seen, log_births_[path.plots[first]], models_,
+                                           config_.robust.tracker, config_.robust.collect,
+                                           config_.trajectory);
+  if (track->score() < threshold) return;
+  for (const std::uint32_t i : path.plots) free_[i] = 0;
+  for (TrackSearch& search : searches_) search.DropTaken();
+  if (is_known) return;
+  ++next_id_;
+  outputs_.emplace_back();
+  outputs_.back().track = std::move(track);
 }
 
 void LiveTracker::Tidy(double time_s) {

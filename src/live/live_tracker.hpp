@@ -72,6 +72,7 @@ class LiveTracker {
   void StepHeld(TimeNs until_ns);
   void Step(HeldFrame held);
   void Confirm();
+  void ConfirmPath(const Path& path, double threshold);
   void Tidy(double time_s);
   void AddInstants(const FrameInfo& frame);
   void GiveRowsOf(Output* output, TimeNs limit_ns, TimeNs newest_ns);

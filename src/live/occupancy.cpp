@@ -9,7 +9,7 @@ namespace {
 
 // How what lies before the window fades: by a factor of e in so many bins.
 constexpr double kFadeBins = 600.0;
-constexpr int kSettledBins = 10;  // from so many on what is structure remains so for a while
+constexpr int kSettledBins = 10;    // from so many on what is structure remains so for a while
 constexpr float kForgotten = 0.5F;  // faded hits that are none
 
 double Fade(std::int64_t bins) { return std::exp(-static_cast<double>(bins) / kFadeBins); }

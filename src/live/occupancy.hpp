@@ -66,7 +66,7 @@ class Occupancy {
     bool is_stay_long = false;  // it fills the window
     bool is_structure = false;
     bool floats = false;
-    int scene = -1;                // of which that is true
+    int scene = -1;                  // of which that is true
     std::int64_t judged_until = -1;  // what is structure is not looked at anew before this bin
     Eigen::Vector3f point_m = Eigen::Vector3f::Zero();
   };

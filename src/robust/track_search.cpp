@@ -102,14 +102,19 @@ Path TrackSearch::PathTo(std::int32_t hypothesis) const {
   return path;
 }
 
-Path TrackSearch::BestOfLastSlice(double least) const {
-  std::int32_t best = kNone;
-  for (std::size_t h = last_slice_; h < history_.size(); ++h) {
-    if (history_[h].score < least) continue;
-    least = history_[h].score;
-    best = static_cast<std::int32_t>(h);
+std::vector<Path> TrackSearch::PathsToLastSlice(double least) const {
+  std::vector<Path> paths;
+  // Those of one plot come one after the other.
+  for (std::size_t first = last_slice_; first < history_.size();) {
+    std::size_t best = first;
+    std::size_t h = first;
+    for (; h < history_.size() && history_[h].plot == history_[first].plot; ++h) {
+      if (history_[h].score > history_[best].score) best = h;
+    }
+    if (history_[best].score >= least) paths.push_back(PathTo(static_cast<std::int32_t>(best)));
+    first = h;
   }
-  return best == kNone ? Path() : PathTo(best);
+  return paths;
 }
 
 void TrackSearch::DropTaken() {

@@ -53,9 +53,8 @@ class TrackSearch {
   // Carries all hypotheses on to the plots of a slice, later than all before.
   void Extend(const Slice& slice);
 
-  // The best path that ends with a plot of the last slice and has a score of at least `least`;
-  // empty if there is none.
-  Path BestOfLastSlice(double least) const;
+  // The best path to each plot of the last slice, if its score is at least `least`.
+  std::vector<Path> PathsToLastSlice(double least) const;
 
   // Drops the hypotheses that hold plots which are free no more.
   void DropTaken();

@@ -15,6 +15,7 @@ constexpr TimeNs kFirstRefitNs = 1'500'000'000;
 constexpr TimeNs kLastRefitNs = 10'000'000'000;
 constexpr double kRatesFadeS = 60.0;
 constexpr double kPauseS = 1.0;  // without a plot: what is before and after may be two things
+constexpr RangeRadius kLeastMove{0.8, 0.02};
 constexpr double kTidyS = 2.0;
 constexpr double kKeepPathsS = 30.0;  // a path that is not confirmed by then has no older part
 constexpr double kAheadS = 0.1;     // rows are given so much earlier than they are due, if need be
@@ -30,6 +31,22 @@ constexpr std::int64_t kMaxPauseBins = 5;
 constexpr std::size_t kEarlyFramesAtOnce = 3;  // that wait since the begin, with each new one
 
 TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
+
+// A stream does not know how often a place will be hit later on: a twig that is hit more often for
+// a while looks like something new. What neither moves nor floats may be one.
+bool MovesOrFloats(const std::vector<Plot>& path) {
+  const std::size_t third = std::max<std::size_t>(1, path.size() / 3);
+  Eigen::Vector3d begin_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d end_m = Eigen::Vector3d::Zero();
+  std::size_t num_floating = 0;
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    if (i < third) begin_m += path[i].position_m / static_cast<double>(third);
+    if (i >= path.size() - third) end_m += path[i].position_m / static_cast<double>(third);
+    num_floating += path[i].is_floating ? 1U : 0U;
+  }
+  const double least_m = kLeastMove.At(path.front().position_m.norm());
+  return 2 * num_floating >= path.size() || (end_m - begin_m).norm() > least_m;
+}
 
 }  // namespace
 
@@ -326,7 +343,7 @@ void LiveTracker::ConfirmPath(const Path& path, double threshold) {
   if (seen.empty()) return;
   std::vector<Plot> members;
   for (const SeenPlot& at : seen) members.push_back(at.plot);
-  if (!IsFlight(recent_, members, config_.robust)) return;
+  if (!IsFlight(recent_, members, config_.robust) || !MovesOrFloats(members)) return;
   // A drone that shows as two plots in a frame is no second one.
   const bool is_known = std::any_of(outputs_.begin(), outputs_.end(), [&](const Output& other) {
     const auto near = std::count_if(seen.begin(), seen.end(), [&](const SeenPlot& at) {

@@ -16,6 +16,7 @@ constexpr TimeNs kLastRefitNs = 10'000'000'000;
 constexpr double kRatesFadeS = 60.0;
 constexpr double kPauseS = 1.0;  // without a plot: what is before and after may be two things
 constexpr RangeRadius kLeastMove{0.8, 0.02};
+constexpr double kLongStandS = 2.0;
 constexpr double kTidyS = 2.0;
 constexpr double kKeepPathsS = 30.0;  // a path that is not confirmed by then has no older part
 constexpr double kAheadS = 0.1;     // rows are given so much earlier than they are due, if need be
@@ -46,6 +47,24 @@ bool MovesOrFloats(const std::vector<Plot>& path) {
   }
   const double least_m = kLeastMove.At(path.front().position_m.norm());
   return 2 * num_floating >= path.size() || (end_m - begin_m).norm() > least_m;
+}
+
+// How many plots at the begin of a path stand still for long without floating: what flies off from
+// there is another thing than what stands there.
+std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
+  const double least_m = kLeastMove.At(path.front().plot.position_m.norm());
+  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+  std::size_t count = 0;
+  std::size_t num_floating = 0;
+  for (const SeenPlot& seen : path) {
+    const Eigen::Vector3d& at_m = seen.plot.position_m;
+    if (count > 0 && (at_m - sum_m / static_cast<double>(count)).norm() > least_m) break;
+    sum_m += at_m;
+    num_floating += seen.plot.is_floating ? 1U : 0U;
+    ++count;
+  }
+  const bool is_long = path[count - 1].at.time_s - path.front().at.time_s > kLongStandS;
+  return is_long && 2 * num_floating < count && count < path.size() ? count : 0;
 }
 
 }  // namespace
@@ -341,6 +360,9 @@ void LiveTracker::ConfirmPath(const Path& path, double threshold) {
   }
   seen.erase(seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(first));
   if (seen.empty()) return;
+  const std::size_t standing = StandingPrefix(seen);
+  seen.erase(seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(standing));
+  first += standing;
   std::vector<Plot> members;
   for (const SeenPlot& at : seen) members.push_back(at.plot);
   if (!IsFlight(recent_, members, config_.robust) || !MovesOrFloats(members)) return;

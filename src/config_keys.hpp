@@ -170,7 +170,7 @@ void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.max_speed_mps", tracker.max_speed_mps, Range{0, 1e4, false});
   visit("robust.tracker.max_gap_s", tracker.max_gap_s, Range{0, 600, false});
   visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});
-  visit("robust.tracker.echo_m2", tracker.echo_m2, Range{1e-3, 1e9});
+  visit("robust.tracker.echo_m2_per_s", tracker.echo_m2_per_s, Range{1e-2, 1e10});
   visit("robust.tracker.echo_shape", tracker.echo_shape, Range{1e-3, 1e3});
   visit("robust.tracker.sensor_change", tracker.sensor_change, Range{0, 0.9, false});
   visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});

@@ -121,9 +121,10 @@ void SetTimes(TimeReading reading, TimeNs period_ns, StampMeaning meaning, Loade
   if (meaning == StampMeaning::kEnd) info.begin_ns = stamp_ns - length_ns;
   info.end_ns = info.begin_ns + length_ns;
   if (frame.cloud.time_kind == PcdTimeKind::kNone) {
-    frame.times_ns.assign(frame.points_m.size(), info.begin_ns + length_ns / 2);
+    frame.times_ns.assign(frame.points_m.size(), info.middle_ns());
     return;
   }
+  info.is_timed = true;
 
   const TimeNs tolerance_ns = std::max(kMinTimeToleranceNs, kTimeTolerancePeriods * period_ns);
   const auto plausible = [&](const RawTime& raw) {

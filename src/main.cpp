@@ -352,8 +352,7 @@ void TrackWhileFramesCome(const Arguments& arguments, const std::vector<FrameSou
     if (!arguments.quiet) PrintNote(text);
   });
   if (arguments.quiet || arguments.events == "-") return;
-  std::cout << OneLine(done) << std::endl;
-  if (!std::cout) throw OutputError("stdout: cannot be written");
+  WriteToStdout(Shortened(done, kMaxMessageBytes) + "\n");
 }
 
 void TrackDrones(const Arguments& arguments) {

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstddef>
 #include <iterator>
-#include <set>
 
+#include "robust/flight.hpp"
 #include "unlidar/robust/floating.hpp"
 
 namespace unlidar {
@@ -20,55 +20,6 @@ std::vector<Plot> PlotsOf(const Path& path, const std::vector<Plot>& plots) {
 bool IsTaken(const Plot& plot, const std::vector<char>& excluded) {
   return std::any_of(plot.returns.begin(), plot.returns.end(),
                      [&](std::uint32_t i) { return excluded[i] != 0; });
-}
-
-// Evidence in so many frames: two plots of one frame are no two pieces of it.
-bool HasFrames(const std::vector<Plot>& path, int least) {
-  std::set<std::uint32_t> frames;
-  for (const Plot& plot : path) frames.insert(plot.frame);
-  return static_cast<int>(frames.size()) >= least;
-}
-
-// Whether a path is that of something that flies: people and cars are never off the ground. Their
-// lower parts are not hit in every frame, so heights are the lowest of a while.
-bool Flies(const std::vector<Plot>& path, const RobustConfig& config) {
-  const auto window_ns = static_cast<TimeNs>(config.off_ground_window_s * 1e9);
-  std::size_t num_high = 0;
-  for (const Plot& plot : path) {
-    double lowest_m = plot.lowest_m;
-    for (const Plot& other : path) {
-      if (std::abs(other.time_ns - plot.time_ns) <= window_ns) {
-        lowest_m = std::min(lowest_m, other.lowest_m);
-      }
-    }
-    if (lowest_m > config.off_ground_m) ++num_high;
-  }
-  return static_cast<double>(num_high) > config.off_ground_share * static_cast<double>(path.size());
-}
-
-// What a target returns for its range: returns per second times range^2, of the sensor that sees it
-// best. In pauses it may be hidden: only frames near a plot in time count.
-double EchoM2PerS(const Recording& recording, const std::vector<Plot>& path) {
-  constexpr TimeNs kNearNs = 500'000'000;
-  std::vector<double> returns(recording.sensors.size(), 0.0);
-  std::vector<double> seconds_per_m2(recording.sensors.size(), 0.0);
-  for (const Plot& plot : path) returns[plot.sensor] += static_cast<double>(plot.returns.size());
-  auto next = path.begin();
-  for (const FrameInfo& frame : recording.frames) {
-    const TimeNs time_ns = (frame.begin_ns + frame.end_ns) / 2;
-    while (next + 1 != path.end() &&
-           std::abs((next + 1)->time_ns - time_ns) <= std::abs(next->time_ns - time_ns)) {
-      ++next;
-    }
-    if (std::abs(next->time_ns - time_ns) > kNearNs) continue;
-    seconds_per_m2[frame.sensor] += static_cast<double>(frame.end_ns - frame.begin_ns) *
-                                    kSecondsPerNs / next->position_m.squaredNorm();
-  }
-  double echo = 0.0;
-  for (std::size_t s = 0; s < returns.size(); ++s) {
-    if (returns[s] > 0.0) echo = std::max(echo, returns[s] / seconds_per_m2[s]);
-  }
-  return echo;
 }
 
 }  // namespace
@@ -102,13 +53,11 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
       config.tracker.sigma_a_mps2.size() * config.tracker.birth_speeds_mps.size();
   const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
   const double threshold = std::log(num_starts / config.false_alarms_per_recording);
-  const Watch watch{static_cast<double>(ShortestPeriodNs(recording)) * kSecondsPerNs,
-                    static_cast<int>(recording.sensors.size())};
+  const Watch watch = WatchOf(recording);
   const auto is_target = [&](const Path& path) {
     if (path.score < threshold) return false;
     const std::vector<Plot> members = PlotsOf(path, plots);
-    return HasFrames(members, config.min_plots) && Flies(members, config) &&
-           EchoM2PerS(recording, members) > config.min_echo_m2_per_s;
+    return IsFlight(recording, members, config);
   };
 
   // What the first round finds is clutter no more for the second, which then sees farther. What

@@ -104,6 +104,16 @@ class RowSampler {
 
 }  // namespace
 
+TimeNs SilenceBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                       double probability) {
+  return Silence(measurements.begin(), measurements.end(), period_ns, probability);
+}
+
+TimeNs SilenceAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                      double probability) {
+  return Silence(measurements.rbegin(), measurements.rend(), period_ns, probability);
+}
+
 TimeInterval PresenceInterval(const Recording& recording,
                               const std::vector<Measurement>& measurements,
                               double silence_probability) {
@@ -121,10 +131,8 @@ TimeInterval PresenceInterval(const Recording& recording,
     }
   }
   const TimeNs period_ns = ShortestPeriodNs(recording);
-  const TimeNs before_ns =
-      Silence(measurements.begin(), measurements.end(), period_ns, silence_probability);
-  const TimeNs after_ns =
-      Silence(measurements.rbegin(), measurements.rend(), period_ns, silence_probability);
+  const TimeNs before_ns = SilenceBeforeNs(measurements, period_ns, silence_probability);
+  const TimeNs after_ns = SilenceAfterNs(measurements, period_ns, silence_probability);
   return {std::max(watched.begin_ns, interval.begin_ns - before_ns),
           std::min(watched.end_ns, interval.end_ns + after_ns)};
 }

@@ -16,6 +16,13 @@ struct TimeInterval {
   TimeNs end_ns = 0;
 };
 
+// How long a target may have gone unseen before its first and after its last measurement: as long
+// as a silence is likelier than `probability`.
+TimeNs SilenceBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                       double probability);
+TimeNs SilenceAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                      double probability);
+
 // When a target was there: from first to last measurement, widened to the whole frames, of any
 // sensor, in which they lie (a stamp names all of its frame, whose returns were measured a little
 // before or after it), and further by a silence that is likelier than `silence_probability`: a

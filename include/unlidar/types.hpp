@@ -23,6 +23,9 @@ struct FrameInfo {
   TimeNs end_ns = 0;
   std::uint32_t first_return = 0;
   std::uint32_t last_return = 0;
+  bool is_timed = false;  // its returns carry times of their own
+
+  TimeNs middle_ns() const { return begin_ns + (end_ns - begin_ns) / 2; }
 };
 
 struct SensorInfo {

@@ -355,7 +355,7 @@ std::string TrackLive(const LiveRequest& request, const Config& config,
   run.Run();
   const LiveSummary summary = run.Summary();
   if (!request.summary.empty()) {
-    WriteFiles({{request.summary, LiveSummaryJson(summary, config)}});
+    WriteFiles({{request.summary, Content(LiveSummaryJson(summary, config))}});
   }
   NoteLosses(summary, note);
   std::uint64_t rows = 0;

@@ -2,35 +2,32 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <set>
 #include <utility>
 
 #include "io/sensor_frames.hpp"
+#include "live/live_tracker.hpp"
 #include "unlidar/error.hpp"
 #include "unlidar/pipeline.hpp"
 
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kUpdateNs = 100'000'000;
-constexpr TimeNs kWarmUpNs = 3'000'000'000;
-constexpr double kSameTrack_m = 3.0;
-
 TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
 
 }  // namespace
 
-// A stand-in: keeps every frame, and tracks all of them as a recording at the end, with a finite
-// delay also ten times a second.
 class Engine::Impl {
  public:
-  Impl(Config config, const std::vector<std::string>& sensors, OutputTimes output_times,
+  Impl(const Config& config, const std::vector<std::string>& sensors, OutputTimes output_times,
        Callback on_event)
-      : config_(std::move(config)),
+      : config_(config),
         output_times_(std::move(output_times)),
         on_event_(std::move(on_event)),
-        is_endless_(std::isinf(config_.live.delay_s)) {
+        is_endless_(std::isinf(config_.live.delay_s)),
+        tracker_(config_, output_times_, on_event_) {
     for (const std::string& name : sensors) AddSensor(name);
   }
 
@@ -38,9 +35,14 @@ class Engine::Impl {
     const auto known = config_.sensors.find(name);
     const auto index = static_cast<std::uint32_t>(sensors_.size());
     sensors_.push_back(
-        {SensorFrames(index, name, config_.input,
-                      known == config_.sensors.end() ? SensorConfig() : known->second),
-         0, true});
+        {SensorFrames(
+             index, name, config_.input,
+             known == config_.sensors.end() ? SensorConfig() : known->second,
+             is_endless_ ? SensorFrames::Source::kRecording : SensorFrames::Source::kStream),
+         0,
+         true,
+         0,
+         {}});
     return index;
   }
 
@@ -51,49 +53,33 @@ class Engine::Impl {
       ++late_frames_;
       return;
     }
-    if (!stamps_.emplace(frame.sensor, frame.stamp_ns).second) {
+    if (!sensor.stamps_ns.insert(frame.stamp_ns).second) {
       throw InputError(frame.name + ": has the stamp " + std::to_string(frame.stamp_ns) +
                        " ns of an earlier frame, expected one frame for each stamp");
     }
+    if (is_endless_) sensor.frames.NoteStamp(frame.stamp_ns);
     LoadedFrame loaded = sensor.frames.Load({frame.name, frame.stamp_ns}, std::move(frame.cloud));
     loaded.info.sensor = frame.sensor;
     AddCounts(loaded.counts, counts_);
-    newest_ns_ = counts_.frames == 0 ? stamp_ns : std::max(newest_ns_, stamp_ns);
     if (counts_.frames++ == 0) {
-      first_ns_ = stamp_ns;
+      newest_ns_ = stamp_ns;
       on_event_(EngineState::kWarmingUp);
     }
-    waiting_.emplace(std::make_pair(stamp_ns, frame.sensor), std::move(loaded));
+    newest_ns_ = std::max(newest_ns_, stamp_ns);
     TellSensors(frame.sensor, stamp_ns);
+    waiting_.emplace(std::make_pair(stamp_ns, frame.sensor), std::move(loaded));
     if (is_endless_) return;
-    const TimeNs settled_ns = newest_ns_ - Ns(config_.live.reorder_s);
-    while (!waiting_.empty() && waiting_.begin()->first.first <= settled_ns) ReleaseOne();
-  }
-
-  void ReleaseOne() {
-    auto node = waiting_.extract(waiting_.begin());
-    const TimeNs stamp_ns = node.key().first;
-    Keep(std::move(node.mapped()));
-    if (stamp_ns - first_ns_ < kWarmUpNs) return;
-    if (!std::exchange(is_warm_, true)) on_event_(EngineState::kRunning);
-    if (stamp_ns - last_update_ns_ < kUpdateNs) return;
-    last_update_ns_ = stamp_ns;
-    Update(stamp_ns - Ns(config_.live.delay_s - config_.live.reorder_s));
-  }
-
-  void Keep(LoadedFrame frame) {
-    sensors_[frame.info.sensor].frames.NoteStamp(frame.file.stamp_ns);
-    frames_.push_back(std::move(frame));
+    Release(newest_ns_ - Ns(config_.live.reorder_s));
   }
 
   void Close() {
-    for (auto& [order, frame] : waiting_) Keep(std::move(frame));
-    waiting_.clear();
-    if (frames_.empty()) return;
-    Update(std::numeric_limits<TimeNs>::max());
-    for (const Given& track : given_) {
-      on_event_(TrackEnded{track.id, track.last_evidence_ns});
+    if (waiting_.empty() && counts_.frames == 0) return;
+    if (is_endless_) {
+      TrackAll();
+      return;
     }
+    Release(std::numeric_limits<TimeNs>::max());
+    tracker_.Close(newest_ns_);
   }
 
   TimeNs newest_ns_ = 0;
@@ -105,12 +91,8 @@ class Engine::Impl {
     SensorFrames frames;
     TimeNs newest_ns;
     bool is_silent;
-  };
-  struct Given {
-    int id;
-    TimeNs last_evidence_ns;
-    TimeNs last_row_ns;
-    std::map<TimeNs, Eigen::Vector3d> rows_m;
+    TimeNs told_period_ns;
+    std::set<TimeNs> stamps_ns;  // of the frames that may still come twice
   };
 
   void TellSensors(std::uint32_t index, TimeNs stamp_ns) {
@@ -125,65 +107,67 @@ class Engine::Impl {
     }
   }
 
-  Recording MergedFrames() {
+  // Hands on the frames up to a stamp in order: none of an earlier stamp will come. Rows depend on
+  // what was handed on alone, so that they are the same in whatever order the frames came.
+  void Release(TimeNs until_ns) {
+    while (!waiting_.empty() && waiting_.begin()->first.first <= until_ns) {
+      LoadedFrame frame = std::move(waiting_.begin()->second);
+      waiting_.erase(waiting_.begin());
+      Sensor& sensor = sensors_[frame.info.sensor];
+      while (!sensor.stamps_ns.empty() &&
+             *sensor.stamps_ns.begin() + sensor.frames.offset_ns() < until_ns) {
+        sensor.stamps_ns.erase(sensor.stamps_ns.begin());
+      }
+      sensor.frames.NoteStamp(frame.file.stamp_ns);
+      const TimeNs now_ns =
+          frame.file.stamp_ns + sensor.frames.offset_ns() + Ns(config_.live.reorder_s);
+      try {
+        sensor.frames.Finish(frame);
+      } catch (const InputError&) {
+        if (!config_.input.skip_bad_frames) throw;
+        ++counts_.bad_frames;
+        continue;
+      }
+      const SensorInfo info = sensor.frames.info();
+      if (info.frame_period_ns != std::exchange(sensor.told_period_ns, info.frame_period_ns)) {
+        tracker_.SetSensor(frame.info.sensor, info);
+      }
+      const bool was_warm = tracker_.is_warm();
+      tracker_.Take(std::move(frame));
+      if (!was_warm && tracker_.is_warm()) on_event_(EngineState::kRunning);
+      tracker_.GiveRows(now_ns);
+    }
+  }
+
+  // With an endless delay no row is due before the end, and then all that there is to know is
+  // known: the frames are a recording.
+  void TrackAll() {
     Recording recording;
     for (const Sensor& sensor : sensors_) recording.sensors.push_back(sensor.frames.info());
     std::vector<LoadedFrame> frames;
-    for (const LoadedFrame& loaded : frames_) {
-      frames.push_back(loaded);
+    for (auto& [key, loaded] : waiting_) {
       try {
-        sensors_[loaded.info.sensor].frames.Finish(frames.back());
+        sensors_[loaded.info.sensor].frames.Finish(loaded);
+        frames.push_back(std::move(loaded));
       } catch (const InputError&) {
         if (!config_.input.skip_bad_frames) throw;
-        frames.pop_back();
+        ++counts_.bad_frames;
       }
     }
-    counts_.bad_frames = frames_.size() - frames.size();
+    waiting_.clear();
     Merge(std::move(frames), recording);
-    return recording;
-  }
-
-  Given* KnownTrack(const Track& track) {
-    for (Given& given : given_) {
-      int same = 0;
-      for (const TrajectoryRow& row : track.rows) {
-        const auto at = given.rows_m.find(row.time_ns);
-        if (at == given.rows_m.end()) continue;
-        same += (at->second - row.position_m).norm() < kSameTrack_m ? 1 : -1;
-      }
-      if (same > 0) return &given;
+    const PipelineResult result = TrackRecording(std::move(recording), output_times_, config_);
+    std::vector<TrajectoryRow> rows;
+    for (const Track& track : result.tracks) {
+      on_event_(TrackConfirmed{track.id, track.begin_ns});
+      const RowStream next = RowsOf(result, track);
+      while (const std::optional<TrajectoryRow> row = next()) rows.push_back(*row);
     }
-    return nullptr;
-  }
-
-  // Gives the rows up to this instant that were not given yet.
-  void Update(TimeNs due_ns) {
-    const std::vector<Track> tracks = TrackRecording(MergedFrames(), output_times_, config_);
-    std::vector<RowGiven> rows;
-    for (const Track& track : tracks) {
-      Given* given = KnownTrack(track);
-      const bool is_new = given == nullptr;
-      if (is_new) {
-        given_.push_back(
-            {static_cast<int>(given_.size()), 0, std::numeric_limits<TimeNs>::min(), {}});
-        given = &given_.back();
-        on_event_(TrackConfirmed{given->id, track.begin_ns});
-      }
-      given->last_evidence_ns = track.end_ns;
-      for (TrajectoryRow row : track.rows) {
-        if (row.time_ns <= given->last_row_ns || row.time_ns > due_ns) continue;
-        row.track_id = given->id;
-        rows.push_back(
-            {row, is_new && !is_endless_ && row.time_ns < newest_ns_ - Ns(config_.live.delay_s)});
-        given->last_row_ns = row.time_ns;
-        given->rows_m[row.time_ns] = row.position_m;
-      }
-    }
-    std::stable_sort(rows.begin(), rows.end(), [](const RowGiven& a, const RowGiven& b) {
-      return std::make_pair(a.row.time_ns, a.row.track_id) <
-             std::make_pair(b.row.time_ns, b.row.track_id);
+    std::stable_sort(rows.begin(), rows.end(), [](const TrajectoryRow& a, const TrajectoryRow& b) {
+      return std::make_pair(a.time_ns, a.track_id) < std::make_pair(b.time_ns, b.track_id);
     });
-    for (const RowGiven& row : rows) on_event_(row);
+    for (const TrajectoryRow& row : rows) on_event_(RowGiven{row, false});
+    for (const Track& track : result.tracks) on_event_(TrackEnded{track.id, track.end_ns});
   }
 
   Config config_;
@@ -191,13 +175,8 @@ class Engine::Impl {
   Callback on_event_;
   bool is_endless_;
   std::vector<Sensor> sensors_;
-  std::set<std::pair<std::uint32_t, TimeNs>> stamps_;
-  std::map<std::pair<TimeNs, std::uint32_t>, LoadedFrame> waiting_;  // to be sorted in
-  std::vector<LoadedFrame> frames_;
-  std::vector<Given> given_;
-  TimeNs first_ns_ = 0;
-  TimeNs last_update_ns_ = std::numeric_limits<TimeNs>::min() / 2;
-  bool is_warm_ = false;
+  std::map<std::pair<TimeNs, std::uint32_t>, LoadedFrame> waiting_;
+  LiveTracker tracker_;
 };
 
 Engine::Engine(const Config& config, std::vector<std::string> sensors, OutputTimes output_times,

@@ -18,12 +18,8 @@ double ReturnVarianceM2(double range_m, double body_sigma_m, const CollectConfig
 }
 
 // How far the target moves while the returns of a frame, whose own times are not known, arrive.
-Eigen::Matrix3d StreakM2(const Recording& recording, const FrameInfo& frame,
-                         const Eigen::Vector3d& velocity_mps) {
-  const bool has_point_times =
-      frame.last_return - frame.first_return > 1 &&
-      recording.times_ns[frame.first_return] != recording.times_ns[frame.last_return - 1];
-  if (has_point_times) return Eigen::Matrix3d::Zero();
+Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity_mps) {
+  if (frame.is_timed) return Eigen::Matrix3d::Zero();
   const Eigen::Vector3d along_m =
       velocity_mps * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
   return along_m * along_m.transpose() / 12.0;
@@ -43,10 +39,11 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame,
   m.support = static_cast<int>(returns.size());
   const double variance = config.centre_sigma_m * config.centre_sigma_m +
                           ReturnVarianceM2(m.position_m.norm(), body_sigma_m, config) / n;
-  m.covariance_m2 =
-      variance * Eigen::Matrix3d::Identity() + StreakM2(recording, frame, velocity_mps) / n;
+  m.covariance_m2 = variance * Eigen::Matrix3d::Identity() + StreakM2(frame, velocity_mps) / n;
   return m;
 }
+
+bool IsEarlier(const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; }
 
 struct Sighting {
   Measurement measurement;
@@ -165,8 +162,7 @@ class Collector {
                                      const TrajectoryRow& expected, double returns_per_frame,
                                      double body_sigma_m) const {
     const TimeNs middle_ns = expected.time_ns;
-    Eigen::Matrix3d s =
-        trajectory.CovarianceAt(middle_ns) + StreakM2(recording_, frame, expected.velocity_mps);
+    Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) + StreakM2(frame, expected.velocity_mps);
     s.diagonal().array() += ReturnVarianceM2(expected.position_m.norm(), body_sigma_m, config_);
     const Eigen::Matrix3d information = s.inverse();
     const double log_peak =
@@ -216,6 +212,7 @@ Target CollectTarget(const Recording& recording, const Background& background,
                                           Eigen::Vector3d::Zero(), config.body_sigma_m, config));
     target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
   }
+  std::stable_sort(target.measurements.begin(), target.measurements.end(), IsEarlier);
   std::sort(target.returns.begin(), target.returns.end());
 
   const Collector collector(recording, background, excluded, config);
@@ -257,9 +254,7 @@ Target CollectTarget(const Recording& recording, const Background& background,
       sighting.measurement.time_ns -= Nanoseconds(shifts[sighting.sensor].delay_s);
       next.measurements.push_back(sighting.measurement);
     }
-    std::stable_sort(
-        next.measurements.begin(), next.measurements.end(),
-        [](const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; });
+    std::stable_sort(next.measurements.begin(), next.measurements.end(), IsEarlier);
     std::sort(next.returns.begin(), next.returns.end());
     body_sigma_m = spread.SigmaM();
     const bool is_settled = next.returns == target.returns;

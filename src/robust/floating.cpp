@@ -77,7 +77,8 @@ class Company {
     const std::vector<Standing> all_standing = ByTime(plots, are_standing);
     auto first = all_standing.begin();
     for (const Plot& plot : plots) {
-      while (first != all_standing.end() && first->time_ns < plot.time_ns - kSameTimeNs) ++first;
+      while (first != all_standing.end() && first->time_ns < plot.frame_time_ns - kSameTimeNs)
+        ++first;
       if (!plot.is_floating) continue;
       const double reach_m = config.ReachM(plot.position_m.norm());
       const auto tally_at = [&](double distance_m) {
@@ -87,7 +88,7 @@ class Company {
       Tallies tallies{};
       tallies[kPlots] = 1;
       for (auto standing = first;
-           standing != all_standing.end() && standing->time_ns <= plot.time_ns + kSameTimeNs;
+           standing != all_standing.end() && standing->time_ns <= plot.frame_time_ns + kSameTimeNs;
            ++standing) {
         Count(standing->places_m, 0, plot.position_m, tally_at, &tallies);
       }
@@ -127,9 +128,10 @@ class Company {
     std::vector<Eigen::Vector3d> places_m;
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (are_standing[i]) places_m.push_back(plots[i].position_m);
-      const bool is_last = i + 1 == plots.size() || plots[i + 1].time_ns != plots[i].time_ns;
+      const bool is_last =
+          i + 1 == plots.size() || plots[i + 1].frame_time_ns != plots[i].frame_time_ns;
       if (!is_last || places_m.empty()) continue;
-      all_standing.push_back({plots[i].time_ns, PointTree<double>(places_m)});
+      all_standing.push_back({plots[i].frame_time_ns, PointTree<double>(places_m)});
       places_m.clear();
     }
     return all_standing;

@@ -118,17 +118,21 @@ Path PathScorer::Scored(Members members) const {
   if (path.plots.empty()) return path;
   const std::size_t birth = path.plots.front();
   path.score = -std::numeric_limits<double>::infinity();
+  std::vector<Moment> moments;
+  for (std::size_t k = 0; k < path.plots.size(); ++k) {
+    const Plot& plot = plots_[path.plots[k]];
+    if (k > 0 && plot.frame == plots_[path.plots[k - 1]].frame) return path;
+    moments.push_back(MomentOf(plot, plots_.front(), watch_));
+  }
   for (const double sigma : config_.sigma_a_mps2) {
     const TrackModel model(sigma, watch_, config_);
     for (const double speed_mps : config_.birth_speeds_mps) {
-      Hypothesis h =
-          model.Birth(plots_[birth], log_births_[birth], TimeOf(plots_, birth), speed_mps);
+      Hypothesis h = model.Birth(plots_[birth], log_births_[birth], moments.front(), speed_mps);
       for (std::size_t k = 1; k < path.plots.size(); ++k) {
         const Plot& plot = plots_[path.plots[k]];
-        const double time_s = TimeOf(plots_, path.plots[k]);
-        const Motion motion = model.MotionOver(time_s - h.time_s);
-        const Prediction p = model.Predict(h, model.ScoreUnseen(h, time_s), motion);
-        h = model.Update(h, motion, p, plot, time_s, model.GainOf(p, plot));
+        const Motion motion = model.MotionOver(moments[k].time_s - h.time_s);
+        const Prediction p = model.Predict(h, model.ScoreUnseen(h, moments[k]), motion);
+        h = model.Update(h, motion, p, plot, moments[k], model.GainOf(p, plot));
       }
       path.score = std::max(path.score, h.score);
     }

@@ -15,7 +15,8 @@ class PathScorer {
              const Watch& watch, const TrackerConfig& config)
       : plots_(plots), log_births_(log_births), watch_(watch), config_(config) {}
 
-  // The path of these plots, with the score of the agility and birth speed that suit it best.
+  // The path of these plots, with the score of the agility and birth speed that suit it best; minus
+  // infinity where two of them are of one frame.
   Path Scored(std::vector<std::uint32_t> members) const;
 
   const std::vector<Plot>& plots() const { return plots_; }

@@ -1,13 +1,11 @@
 #include "unlidar/robust/range_grid.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 namespace unlidar {
 namespace {
 
-constexpr double kEdgePerRadius = 2.0 / 3.0;
-constexpr double kMaxRange_m = 1e6;  // voxels grow no more beyond
+constexpr std::uint32_t kNoPlace = ~std::uint32_t{0};
 
 }  // namespace
 
@@ -22,41 +20,16 @@ void BinSet::MoveTo(std::vector<std::uint32_t>* bins) {
   last_ = 0;
 }
 
-RangeGrid::RangeGrid(RangeRadius radius) : radius_(radius) {
-  const double most = std::log2(radius_.At(kMaxRange_m) / radius_.constant_m);
-  for (int shell = 0; shell <= static_cast<int>(std::floor(2.0 * most + 0.5)); ++shell) {
-    shells_.push_back({(std::exp2(0.5 * (shell - 0.5)) - 1.0) * radius_.constant_m / radius_.slope,
-                       kEdgePerRadius * radius_.constant_m * std::exp2(0.5 * shell),
-                       {}});
-  }
-}
-
-std::size_t RangeGrid::ShellAt(double range_m) const {
-  const double growth = std::log2(radius_.At(range_m) / radius_.constant_m);
-  return std::min(static_cast<std::size_t>(std::floor(2.0 * growth + 0.5)), shells_.size() - 1);
-}
-
 std::uint32_t RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin,
                              std::uint32_t count) {
-  // The shells with a place near enough: a block reaches two edges along each axis.
-  const double range_m = static_cast<double>(point_m.norm());
-  const auto reach_m = [&](std::size_t shell) {
-    return 2.0 * std::sqrt(3.0) * shells_[shell].edge_m;
-  };
-  const std::size_t home = ShellAt(range_m);
-  std::size_t first = home;
-  std::size_t last = home;
-  while (first > 0 && range_m - shells_[first].begin_m <= reach_m(first - 1)) --first;
-  while (last + 1 < shells_.size() && shells_[last + 1].begin_m - range_m <= reach_m(last + 1)) {
-    ++last;
-  }
-  std::uint32_t place_of_home = 0;
-  for (std::size_t shell = first; shell <= last; ++shell) {
-    const VoxelKey key = VoxelOf(point_m, shells_[shell].edge_m);
-    const auto [place, is_new] = shells_[shell].places.try_emplace(key, num_places());
-    if (is_new) profiles_.emplace_back();
-    if (shell == home) place_of_home = place->second;
-    Profile& profile = profiles_[place->second];
+  std::uint32_t own_place = 0;
+  places_.VisitHomes(point_m, kNoPlace, [&](std::uint32_t& place, bool is_own) {
+    if (place == kNoPlace) {
+      place = num_places();
+      profiles_.emplace_back();
+    }
+    if (is_own) own_place = place;
+    Profile& profile = profiles_[place];
     profile.total += count;
     auto at = profile.bins.end();  // as points mostly come in order of time
     if (at != profile.bins.begin() && profile.bins.back().bin >= bin) {
@@ -65,33 +38,20 @@ std::uint32_t RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin,
     }
     if (at == profile.bins.end() || at->bin != bin) at = profile.bins.insert(at, {bin, 0});
     at->count += count;
-  }
-  return place_of_home;
-}
-
-template <class Visit>
-void RangeGrid::VisitBlock(const Eigen::Vector3f& point_m, const Visit& visit) const {
-  const Shell& shell = shells_[ShellAt(static_cast<double>(point_m.norm()))];
-  const Voxel home = VoxelAt(point_m, shell.edge_m);
-  for (int dx = -1; dx <= 1; ++dx) {
-    for (int dy = -1; dy <= 1; ++dy) {
-      for (int dz = -1; dz <= 1; ++dz) {
-        const auto place = shell.places.find(KeyOf({home.x + dx, home.y + dy, home.z + dz}));
-        if (place != shell.places.end()) visit(profiles_[place->second]);
-      }
-    }
-  }
+  });
+  return own_place;
 }
 
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m) const {
   std::uint32_t sum = 0;
-  VisitBlock(point_m, [&](const Profile& profile) { sum += profile.total; });
+  places_.VisitBlock(point_m, [&](std::uint32_t place) { sum += profiles_[place].total; });
   return sum;
 }
 
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) const {
   std::uint32_t sum = 0;
-  VisitBlock(point_m, [&](const Profile& profile) {
+  places_.VisitBlock(point_m, [&](std::uint32_t place) {
+    const Profile& profile = profiles_[place];
     auto at = std::lower_bound(profile.bins.begin(), profile.bins.end(), bins.first,
                                [](const BinCount& a, std::uint32_t b) { return a.bin < b; });
     for (; at != profile.bins.end() && at->bin < bins.last; ++at) sum += at->count;
@@ -100,13 +60,9 @@ std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) co
 }
 
 void RangeGrid::InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const {
-  VisitBlock(point_m, [&](const Profile& profile) {
-    for (const BinCount& at : profile.bins) bins->Insert(at.bin);
+  places_.VisitBlock(point_m, [&](std::uint32_t place) {
+    for (const BinCount& at : profiles_[place].bins) bins->Insert(at.bin);
   });
-}
-
-double RangeGrid::VolumeM3(const Eigen::Vector3f& point_m) const {
-  return std::pow(3.0 * shells_[ShellAt(static_cast<double>(point_m.norm()))].edge_m, 3);
 }
 
 }  // namespace unlidar

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -26,15 +27,37 @@ struct Motion {
 
 struct Hypothesis {
   double score = 0.0;
-  double time_s = 0.0;
-  double hits = 0.0;             // plots after the first
-  double exposure_per_m2 = 0.0;  // sum over the slices in which it could be seen of 1 / range^2
-  double slice_per_m2 = 0.0;     // 1 / range^2
-  double log_hit = 0.0;          // log probability of being seen in a slice, if nothing hides it
+  double time_s = 0.0;              // middle of the frame of its last plot
+  double hits = 0.0;                // plots after the first
+  double exposure_s_per_m2 = 0.0;   // sum over the frames in which it could be seen, of
+  double per_frame_s_per_m2 = 0.0;  // how long a frame lasts over range^2
+  double log_hit = 0.0;             // log probability of being seen in a frame of its sensor
   State state;
   std::uint32_t sensor = 0;  // of its last plot
+  std::uint32_t frames = 0;  // of that sensor so far
   std::int32_t plot = 0;
   std::int32_t parent = kNone;  // index into the history
+};
+
+// Variances per axis of a position and a velocity, and their covariance.
+struct Spread {
+  double position_m2 = 0.0;
+  double covariance_m2_per_s = 0.0;
+  double velocity_m2_per_s2 = 0.0;
+
+  // Of the position so much later, at that velocity.
+  double At(double dt_s) const {
+    return position_m2 + dt_s * (2.0 * covariance_m2_per_s + dt_s * velocity_m2_per_s2);
+  }
+
+  // The least and largest of At within [-half_span_s, half_span_s].
+  double Least(double half_span_s) const {
+    if (std::abs(covariance_m2_per_s) >= half_span_s * velocity_m2_per_s2) {
+      return std::min(At(-half_span_s), At(half_span_s));
+    }
+    return At(-covariance_m2_per_s / velocity_m2_per_s2);
+  }
+  double Largest(double half_span_s) const { return std::max(At(-half_span_s), At(half_span_s)); }
 };
 
 // Where a hypothesis expects its next plot: of its state only what the likelihood of a plot needs.
@@ -43,11 +66,13 @@ struct Prediction {
   std::uint32_t motion = 0;  // index of that since its last plot
   double score = 0.0;        // misses on the way counted
   double log_hit = 0.0;
-  double speed_mps = 0.0;
+  double speed_mps = 0.0;    // of the hypothesis
   std::uint32_t sensor = 0;  // that saw it last
+  // At the middle of the frame; a plot may lie before or after it.
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  double variance_m2 = 0.0;        // per axis
-  double agile_variance_m2 = 0.0;  // had it manoeuvred on the way
+  Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
+  Spread steady;
+  Spread agile;  // had it manoeuvred on the way
 };
 
 // What a plot adds to the score of a prediction.
@@ -56,10 +81,12 @@ struct Gain {
   bool is_agile = false;  // a manoeuvre explains it better
 };
 
-// Least and largest variance of the plots of a frame.
-struct VarianceRange {
-  double least_m2 = 0.0;
-  double largest_m2 = 0.0;
+// What the plots of a frame have in common, and how far they differ.
+struct FrameBounds {
+  double least_variance_m2 = 0.0;
+  double largest_variance_m2 = 0.0;
+  double streak_s = 0.0;
+  double half_span_s = 0.0;  // no plot is farther from the middle of the frame
 };
 
 // Upper bound of the score that a prediction and a plot at some distance make, but for what belongs
@@ -69,35 +96,53 @@ struct ScoreBound {
   double steady_slope = 0.0;  // per squared distance
   double agile_top = 0.0;
   double agile_slope = 0.0;
+  double travel_m = 0.0;  // within the frame, either way from its middle
 
   double At(double distance2_m2) const {
+    if (travel_m > 0.0) {
+      const double left_m = std::max(0.0, std::sqrt(distance2_m2) - travel_m);
+      distance2_m2 = left_m * left_m;
+    }
     return std::max(steady_top - steady_slope * distance2_m2,
                     agile_top - agile_slope * distance2_m2);
   }
 
-  // Where the bound falls below `score`, squared; negative if it does everywhere.
-  double ReachM2(double score) const {
-    return std::max((steady_top - score) / steady_slope, (agile_top - score) / agile_slope);
+  // Where the bound falls below `score`; negative if it does everywhere.
+  double ReachM(double score) const {
+    const double reach_m2 =
+        std::max((steady_top - score) / steady_slope, (agile_top - score) / agile_slope);
+    return reach_m2 < 0.0 ? -1.0 : std::sqrt(reach_m2) + travel_m;
   }
 };
 
-// Seconds since the first plot.
-double TimeOf(const std::vector<Plot>& plots, std::size_t plot);
+// The middle of a frame, and how often it could have been seen until then.
+struct Moment {
+  double time_s = 0.0;                       // since the frame of the first plot
+  std::vector<std::uint32_t> frames_before;  // (sensors)
+};
+
+// Of the frame of a plot. The first plot is that of the earliest frame.
+Moment MomentOf(const Plot& plot, const Plot& first, const Watch& watch);
+
+// Log of the chance that a target which appears somewhere is seen at a plot, over the clutter
+// there.
+double LogBirthOdds(const Plot& plot, const Watch& watch, const TrackerConfig& config);
 
 // What each plot brings as the first of a path, relative to an even choice among all of them. A
 // target may appear anywhere that it can be seen: with a chance in proportion to volume, so a plot
 // is the likelier to be its first the rarer clutter is at its place. Normalised, so that the mean
 // of exp is 1.
-std::vector<double> LogBirths(const std::vector<Plot>& plots, const TrackerConfig& config);
+std::vector<double> LogBirths(const std::vector<Plot>& plots, const Watch& watch,
+                              const TrackerConfig& config);
 
 class TrackModel {
  public:
   TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config);
 
-  Hypothesis Birth(const Plot& plot, double log_birth, double time_s, double speed_mps) const;
+  Hypothesis Birth(const Plot& plot, double log_birth, const Moment& at, double speed_mps) const;
 
-  // Score of a hypothesis that was not seen until `time_s`.
-  double ScoreUnseen(const Hypothesis& from, double time_s) const;
+  // Score of a hypothesis that was not seen in the frames until `at`.
+  double ScoreUnseen(const Hypothesis& from, const Moment& at) const;
 
   Motion MotionOver(double dt_s) const;
 
@@ -106,22 +151,22 @@ class TrackModel {
 
   Gain GainOf(const Prediction& p, const Plot& plot) const;
 
-  // The hypothesis that goes on with a plot at `time_s`, for which it was predicted.
+  // The hypothesis that goes on with a plot of the frame at `at`, for which it was predicted.
   Hypothesis Update(const Hypothesis& from, const Motion& motion, const Prediction& p,
-                    const Plot& plot, double time_s, const Gain& gain) const;
+                    const Plot& plot, const Moment& at, const Gain& gain) const;
 
-  ScoreBound BoundOf(const Prediction& p, const VarianceRange& variances) const;
+  ScoreBound BoundOf(const Prediction& p, const FrameBounds& frame) const;
 
  private:
   void SetVisibility(Hypothesis* h) const;
   double AgileFactor() const;  // further noise of a manoeuvre
-  double LogMiss(const Hypothesis& from, double exposure) const;
+  double LogMiss(const Hypothesis& from, double exposure_s_per_m2) const;
 
   double sigma_;
-  double period_s_;
+  std::vector<double> frame_s_;    // (sensors)
   double log_same_sensor_ = 0.0;   // of the next plot to be that of the same sensor,
   double log_other_sensor_ = 0.0;  // or of a certain other one
-  const TrackerConfig& config_;
+  const TrackerConfig* config_;
 };
 
 }  // namespace unlidar

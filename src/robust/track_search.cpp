@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <utility>
 
 namespace unlidar {
 namespace {
@@ -13,29 +14,38 @@ constexpr double kBoundSlack = 1e-9;
 
 }  // namespace
 
-std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                            const TrackerConfig& config) {
-  std::vector<Slice> slices;
-  for (std::size_t i = 0; i < plots.size(); ++i) {
-    const Plot& plot = plots[i];
-    if (i == 0 || plot.time_ns != plots[i - 1].time_ns) {
-      slices.emplace_back();
-      slices.back().first = i;
-      slices.back().time_s = TimeOf(plots, i);
-      slices.back().variances = {plot.variance_m2, plot.variance_m2};
-    }
-    Slice& slice = slices.back();
-    slice.last = i + 1;
-    slice.variances.least_m2 = std::min(slice.variances.least_m2, plot.variance_m2);
-    slice.variances.largest_m2 = std::max(slice.variances.largest_m2, plot.variance_m2);
-    slice.places.push_back({plot.position_m, plot.log_clutter,
-                            std::max(config.give_up_log, log_births[i] + config.rebirth_log), i});
+Slice SliceOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+              std::size_t first, Moment at, const TrackerConfig& config) {
+  Slice slice;
+  slice.first = slice.last = first;
+  slice.at = std::move(at);
+  FrameBounds& bounds = slice.bounds;
+  bounds.least_variance_m2 = plots[first].variance_m2;
+  bounds.streak_s = plots[first].streak_s;
+  for (; slice.last < plots.size() && plots[slice.last].frame == plots[first].frame; ++slice.last) {
+    const Plot& plot = plots[slice.last];
+    bounds.least_variance_m2 = std::min(bounds.least_variance_m2, plot.variance_m2);
+    bounds.largest_variance_m2 = std::max(bounds.largest_variance_m2, plot.variance_m2);
+    bounds.half_span_s =
+        std::max(bounds.half_span_s,
+                 static_cast<double>(std::abs(plot.time_ns - plot.frame_time_ns)) * kSecondsPerNs);
+    slice.places.push_back(
+        {plot.position_m, plot.log_clutter,
+         std::max(config.give_up_log, log_births[slice.last] + config.rebirth_log), slice.last});
   }
-  for (Slice& slice : slices) {
-    std::sort(slice.places.begin(), slice.places.end(),
-              [](const Slice::Place& a, const Slice::Place& b) {
-                return a.position_m.x() < b.position_m.x();
-              });
+  std::sort(slice.places.begin(), slice.places.end(),
+            [](const Slice::Place& a, const Slice::Place& b) {
+              return a.position_m.x() < b.position_m.x();
+            });
+  return slice;
+}
+
+std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                            const Watch& watch, const TrackerConfig& config) {
+  std::vector<Slice> slices;
+  for (std::size_t i = 0; i < plots.size(); i = slices.back().last) {
+    slices.push_back(
+        SliceOf(plots, log_births, i, MomentOf(plots[i], plots.front(), watch), config));
   }
   return slices;
 }
@@ -43,7 +53,7 @@ std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<do
 TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
                          const std::vector<Slice>& slices, const std::vector<char>& free,
                          const TrackModel& model, const TrackerConfig& config)
-    : plots_(plots), log_births_(log_births), free_(free), model_(model), config_(config) {
+    : TrackSearch(plots, log_births, free, model, config) {
   // Room for the births and as many that go on: rarely are there more, which then have to move.
   history_.reserve(plots.size() * 2 * config.birth_speeds_mps.size());
   for (const Slice& slice : slices) Extend(slice);
@@ -54,6 +64,11 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
   }
   std::make_heap(ends_.begin(), ends_.end());
 }
+
+TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                         const std::vector<char>& free, const TrackModel& model,
+                         const TrackerConfig& config)
+    : plots_(plots), log_births_(log_births), free_(free), model_(model), config_(config) {}
 
 Path TrackSearch::Best() {
   for (; !ends_.empty(); ends_.pop_back()) {
@@ -75,8 +90,82 @@ Path TrackSearch::Best() {
   return {};
 }
 
+Path TrackSearch::PathTo(std::int32_t hypothesis) const {
+  Path path;
+  path.score = history_[static_cast<std::size_t>(hypothesis)].score;
+  for (std::int32_t at = hypothesis; at != kNone;) {
+    const Hypothesis& h = history_[static_cast<std::size_t>(at)];
+    path.plots.push_back(static_cast<std::uint32_t>(h.plot));
+    at = h.parent;
+  }
+  std::reverse(path.plots.begin(), path.plots.end());
+  return path;
+}
+
+std::vector<Path> TrackSearch::PathsToLastSlice(double least) const {
+  std::vector<Path> paths;
+  // Those of one plot come one after the other.
+  for (std::size_t first = last_slice_; first < history_.size();) {
+    std::size_t best = first;
+    std::size_t h = first;
+    for (; h < history_.size() && history_[h].plot == history_[first].plot; ++h) {
+      if (history_[h].score > history_[best].score) best = h;
+    }
+    if (history_[best].score >= least) paths.push_back(PathTo(static_cast<std::int32_t>(best)));
+    first = h;
+  }
+  return paths;
+}
+
+void TrackSearch::DropTaken() {
+  std::vector<char> is_taken(history_.size(), 0);
+  for (std::size_t h = 0; h < history_.size(); ++h) {
+    const std::int32_t parent = history_[h].parent;
+    is_taken[h] = !free_[static_cast<std::size_t>(history_[h].plot)] ||
+                  (parent != kNone && is_taken[static_cast<std::size_t>(parent)]);
+  }
+  active_.erase(
+      std::remove_if(active_.begin(), active_.end(),
+                     [&](std::int32_t h) { return is_taken[static_cast<std::size_t>(h)] != 0; }),
+      active_.end());
+}
+
+void TrackSearch::Forget(std::size_t num_plots) {
+  const auto is_kept_plot = [&](std::int32_t h) {
+    return static_cast<std::size_t>(history_[static_cast<std::size_t>(h)].plot) >= num_plots;
+  };
+  active_.erase(std::remove_if(active_.begin(), active_.end(),
+                               [&](std::int32_t h) { return !is_kept_plot(h); }),
+                active_.end());
+  std::vector<std::int32_t> moved(history_.size(), kNone);
+  constexpr std::int32_t kWanted = 0;
+  for (const std::int32_t leaf : active_) {
+    for (std::int32_t h = leaf; h != kNone && is_kept_plot(h);) {
+      std::int32_t& mark = moved[static_cast<std::size_t>(h)];
+      if (mark == kWanted) break;
+      mark = kWanted;
+      h = history_[static_cast<std::size_t>(h)].parent;
+    }
+  }
+  std::size_t kept = 0;
+  for (std::size_t h = 0; h < history_.size(); ++h) {
+    if (moved[h] != kWanted) continue;
+    Hypothesis hypothesis = history_[h];
+    hypothesis.plot -= static_cast<std::int32_t>(num_plots);
+    if (hypothesis.parent != kNone) {
+      hypothesis.parent = moved[static_cast<std::size_t>(hypothesis.parent)];
+    }
+    moved[h] = static_cast<std::int32_t>(kept);
+    history_[kept++] = hypothesis;
+  }
+  history_.resize(kept);
+  last_slice_ = kept;
+  for (std::int32_t& h : active_) h = moved[static_cast<std::size_t>(h)];
+}
+
 void TrackSearch::Extend(const Slice& slice) {
-  Predict(slice.time_s);
+  last_slice_ = history_.size();
+  Predict(slice.at);
   KeepBest(slice);
   FindCandidates(slice);
   for (std::size_t i = slice.first; i < slice.last; ++i) {
@@ -85,14 +174,14 @@ void TrackSearch::Extend(const Slice& slice) {
       const Prediction& p = predictions_[candidate.index];
       const Hypothesis& from = history_[static_cast<std::size_t>(p.history)];
       Hypothesis h =
-          model_.Update(from, motions_[p.motion], p, plots_[i], slice.time_s, candidate.gain);
+          model_.Update(from, motions_[p.motion], p, plots_[i], slice.at, candidate.gain);
       if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.parent = p.history;
       Add(h);
     }
     for (const double speed_mps : config_.birth_speeds_mps) {
-      Hypothesis h = model_.Birth(plots_[i], log_births_[i], slice.time_s, speed_mps);
+      Hypothesis h = model_.Birth(plots_[i], log_births_[i], slice.at, speed_mps);
       h.plot = static_cast<std::int32_t>(i);
       Add(h);
     }
@@ -105,15 +194,15 @@ void TrackSearch::Add(const Hypothesis& hypothesis) {
 }
 
 // Carries all hypotheses on to a time. Drops what is too old or too unlikely.
-void TrackSearch::Predict(double time_s) {
+void TrackSearch::Predict(const Moment& at) {
   predictions_.clear();
   motions_.clear();
   double motion_dt = -1.0;
   for (const std::int32_t index : active_) {
     const Hypothesis& from = history_[static_cast<std::size_t>(index)];
-    const double dt = time_s - from.time_s;
+    const double dt = at.time_s - from.time_s;
     if (dt > config_.max_gap_s) continue;
-    const double score = model_.ScoreUnseen(from, time_s);
+    const double score = model_.ScoreUnseen(from, at);
     if (score < config_.give_up_log) continue;
     if (dt != motion_dt) {
       motions_.push_back(model_.MotionOver(dt));
@@ -132,7 +221,7 @@ void TrackSearch::KeepBest(const Slice& slice) {
   bounds_.clear();
   promises_.clear();
   for (const Prediction& p : predictions_) {
-    bounds_.push_back(model_.BoundOf(p, slice.variances));
+    bounds_.push_back(model_.BoundOf(p, slice.bounds));
     promises_.emplace_back(-bounds_.back().steady_top, promises_.size());
   }
   const auto move_best_to_front = [&](std::size_t count) {
@@ -178,9 +267,8 @@ void TrackSearch::FindCandidates(const Slice& slice) {
     }
     const Prediction& p = predictions_[k];
     const ScoreBound& bound = bounds_[k];
-    const double reach_m2 = bound.ReachM2(least_need - kBoundSlack);
-    if (reach_m2 < 0.0) continue;
-    const double reach_m = std::sqrt(reach_m2);
+    const double reach_m = bound.ReachM(least_need - kBoundSlack);
+    if (reach_m < 0.0) continue;
     auto place =
         std::lower_bound(places_.begin(), places_.end(), p.position_m.x() - reach_m,
                          [](const Slice::Place& at, double x) { return at.position_m.x() < x; });

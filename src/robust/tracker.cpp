@@ -14,8 +14,8 @@ class PathFinder {
  public:
   PathFinder(const std::vector<Plot>& plots, const Watch& watch, const TrackerConfig& config)
       : plots_(plots),
-        log_births_(LogBirths(plots, config)),
-        slices_(SlicesOf(plots, log_births_, config)),
+        log_births_(LogBirths(plots, watch, config)),
+        slices_(SlicesOf(plots, log_births_, watch, config)),
         watch_(watch),
         config_(config),
         free_(plots.size(), 1) {}

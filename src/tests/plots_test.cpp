@@ -187,7 +187,7 @@ TEST(Plots, SayWhereAndWhenTheirReturnsWere) {
   EXPECT_TRUE(std::is_sorted(variances.rbegin(), variances.rend() - 1));
 }
 
-TEST(Plots, ComeInOrderOfTimeAlsoWhereFramesOfTwoSensorsOverlap) {
+TEST(Plots, ComeFrameByFrameAlsoWhereFramesOfTwoSensorsOverlap) {
   RecordingMaker maker(9, 2);
   for (int i = 0; i < 120; ++i) {
     const double begin_s = 0.5 * i * kPeriodS;
@@ -200,7 +200,24 @@ TEST(Plots, ComeInOrderOfTimeAlsoWhereFramesOfTwoSensorsOverlap) {
   const Found found = FindPlots(maker.recording);
   ASSERT_EQ(found.plots.size(), 600U);
   EXPECT_TRUE(std::is_sorted(found.plots.begin(), found.plots.end(),
-                             [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; }));
+                             [](const Plot& a, const Plot& b) { return a.frame < b.frame; }));
+  EXPECT_TRUE(std::is_sorted(
+      found.plots.begin(), found.plots.end(),
+      [](const Plot& a, const Plot& b) { return a.frame_time_ns < b.frame_time_ns; }));
+}
+
+TEST(Plots, LeaveAStreakOnlyWhereReturnsHaveNoTimesOfTheirOwn) {
+  for (const bool is_timed : {false, true}) {
+    RecordingMaker maker(9, 1);
+    for (int i = 0; i < 20; ++i) {
+      maker.BeginFrame(i * kPeriodS, 0);
+      maker.recording.frames.back().is_timed = is_timed;
+      maker.AddAt(maker.recording.frames.back().begin_ns, {12.0, 0.3 * i, 5.0}, kDrone);
+    }
+    const Found found = FindPlots(maker.recording);
+    ASSERT_EQ(found.plots.size(), 20U);
+    for (const Plot& plot : found.plots) EXPECT_EQ(plot.streak_s, is_timed ? 0.0 : kPeriodS);
+  }
 }
 
 TEST(Plots, WalkersAndCarsAreBodies) {

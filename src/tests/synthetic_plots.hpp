@@ -13,21 +13,32 @@
 
 namespace unlidar::testing {
 
-// Of one sensor, as all plots here are unless said otherwise.
-inline constexpr Watch kWatch{kPeriodS, 1};
-
 using Flight = std::function<Eigen::Vector3d(double time_s)>;
 
 inline Plot MakePlot(TimeNs time_ns, const Eigen::Vector3d& position_m, double log_clutter,
                      std::size_t num_returns = 1) {
   Plot plot;
   plot.time_ns = time_ns;
+  plot.frame_time_ns = time_ns;
+  plot.streak_s = kPeriodS;
   plot.position_m = position_m;
   plot.variance_m2 = 0.02 + 0.01 / static_cast<double>(num_returns);
   plot.log_clutter = log_clutter;
   plot.frame = static_cast<std::uint32_t>((time_ns - kBeginNs) / kPeriodNs);
   plot.returns.resize(num_returns);
   return plot;
+}
+
+// Of sensors that watch without a pause from the first plot to the last, all at the same times.
+inline Watch WatchOver(const std::vector<Plot>& plots, int num_sensors = 1) {
+  Watch::Sensor sensor{kPeriodS, {}};
+  if (!plots.empty()) {
+    for (TimeNs time_ns = plots.front().frame_time_ns; time_ns <= plots.back().frame_time_ns;
+         time_ns += kPeriodNs) {
+      sensor.frame_times_ns.push_back(time_ns);
+    }
+  }
+  return {std::vector<Watch::Sensor>(static_cast<std::size_t>(num_sensors), sensor)};
 }
 
 // Each plot is that of any of the sensors.
@@ -37,7 +48,7 @@ inline void MixSensors(int num_sensors, Random* random, std::vector<Plot>* plots
 
 inline void SortByTime(std::vector<Plot>* plots) {
   std::stable_sort(plots->begin(), plots->end(),
-                   [](const Plot& a, const Plot& b) { return a.time_ns < b.time_ns; });
+                   [](const Plot& a, const Plot& b) { return a.frame_time_ns < b.frame_time_ns; });
 }
 
 inline std::vector<Plot> Members(const std::vector<Plot>& plots,

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "robust/path_exchange.hpp"
@@ -17,17 +18,21 @@ using testing::kBeginNs;
 using testing::kPeriodNs;
 using testing::kPeriodS;
 using testing::kScoreTolerance;
-using testing::kWatch;
 using testing::MakePlot;
 using testing::MixSensors;
 using testing::PlainLogBirths;
 using testing::PlainScore;
 using testing::Random;
+using testing::WatchOver;
 
 Plot RandomPlot(TimeNs time_ns, const Eigen::Vector3d& position_m, Random* random) {
   Plot plot = MakePlot(time_ns, position_m, random->Uniform(-10.0, 0.0), 1 + random->Index(20));
   plot.variance_m2 = random->Uniform(0.005, 0.2);
   plot.sensor = random->Index(3);
+  if (random->Index(2) == 0) {  // with times of the points
+    plot.time_ns += static_cast<TimeNs>(random->Index(100'000'000)) - kPeriodNs / 2;
+    plot.streak_s = 0.0;
+  }
   return plot;
 }
 
@@ -39,7 +44,7 @@ std::vector<Plot> RandomPlots(std::size_t count, Random* random) {
   for (std::size_t i = 0; i < count; ++i) {
     plots.push_back(RandomPlot(time_ns, position_m, random));
     const auto pause = 1 + static_cast<TimeNs>(random->Index(random->Index(3) == 0 ? 150 : 4));
-    time_ns += pause * kPeriodNs + static_cast<TimeNs>(random->Index(20'000'000));
+    time_ns += pause * kPeriodNs;
     position_m += random->NormalVector(0.1 + 0.3 * static_cast<double>(pause));
   }
   return plots;
@@ -58,7 +63,7 @@ TEST(LogBirths, AreThoseOfThePlainModelAndOneOnAverage) {
     config.even_birth_share = even;
     config.echo_shape = random.Uniform(0.5, 3.0);
     const std::vector<Plot> plots = RandomPlots(100, &random);
-    const std::vector<double> logs = LogBirths(plots, config);
+    const std::vector<double> logs = LogBirths(plots, WatchOver(plots, 3), config);
     const std::vector<double> expected = PlainLogBirths(plots, config);
     ASSERT_EQ(logs.size(), plots.size());
     for (std::size_t i = 0; i < plots.size(); ++i) EXPECT_NEAR(logs[i], expected[i], 1e-9);
@@ -72,7 +77,7 @@ TEST(LogBirths, AreRarelyInClutterAndSeldomFarAway) {
   const std::vector<Plot> plots = {MakePlot(kBeginNs, {0, 10, 10}, -9.0),
                                    MakePlot(kBeginNs, {0, 10, 10}, -5.0),
                                    MakePlot(kBeginNs, {0, 80, 80}, -9.0)};
-  const std::vector<double> logs = LogBirths(plots, config);
+  const std::vector<double> logs = LogBirths(plots, WatchOver(plots), config);
   EXPECT_GT(logs[0], logs[1] + 1.0);
   EXPECT_GT(logs[0], logs[2] + 1.0);
 }
@@ -80,15 +85,15 @@ TEST(LogBirths, AreRarelyInClutterAndSeldomFarAway) {
 TEST(LogBirths, DoNotOverflowWhereClutterIsOfAnyDensity) {
   std::vector<Plot> plots = {MakePlot(kBeginNs, {0, 10, 10}, -800.0),
                              MakePlot(kBeginNs, {0, 10, 10}, 800.0)};
-  const std::vector<double> logs = LogBirths(plots, TrackerConfig());
+  const std::vector<double> logs = LogBirths(plots, WatchOver(plots), TrackerConfig());
   EXPECT_NEAR(MeanOfExp(logs), 1.0, 1e-12);
   EXPECT_NEAR(logs[1], std::log(TrackerConfig().even_birth_share), 1e-12);
-  EXPECT_TRUE(LogBirths({}, TrackerConfig()).empty());
+  EXPECT_TRUE(LogBirths({}, WatchOver({}), TrackerConfig()).empty());
 }
 
 TEST(TrackModel, TheNoiseOfAMotionHasNoSeam) {
   const TrackerConfig config;
-  const TrackModel model(3.0, kWatch, config);
+  const TrackModel model(3.0, WatchOver({}), config);
   constexpr double kStep = 1.001;
   for (double dt_s = 1e-3; dt_s < 1.0; dt_s *= kStep) {
     const Eigen::Array33d before = model.MotionOver(dt_s).noise.array();
@@ -116,20 +121,65 @@ TEST(PathScorer, ScoresAnySequenceAsThePlainModelDoes) {
     for (std::uint32_t i = 0; i < plots.size(); ++i) {
       if (members.empty() || random.Index(4) != 0) members.push_back(i);
     }
-    const std::vector<double> log_births = LogBirths(plots, config);
-    const Path path =
-        PathScorer(plots, log_births, Watch{kPeriodS, num_sensors}, config).Scored(members);
+    const Watch watch = WatchOver(plots, num_sensors);
+    const std::vector<double> log_births = LogBirths(plots, watch, config);
+    const Path path = PathScorer(plots, log_births, watch, config).Scored(members);
     EXPECT_EQ(path.plots, members);
     const double expected = PlainScore(plots, members, config, num_sensors);
     EXPECT_NEAR(path.score, expected, kScoreTolerance + 1e-5 * std::abs(expected)) << seed;
   }
 }
 
+TEST(PathScorer, TwoPlotsOfOneFrameAreNoPath) {
+  std::vector<Plot> plots;
+  for (int i = 0; i < 5; ++i) {
+    plots.push_back(MakePlot(kBeginNs + i * kPeriodNs, {0.1 * i, 10, 10}, -9.0));
+  }
+  plots.push_back(plots.back());  // of the same frame, a little later in it
+  plots.back().time_ns += kPeriodNs / 4;
+  const TrackerConfig config;
+  const Watch watch = WatchOver(plots);
+  const PathScorer scorer(plots, std::vector<double>(plots.size(), 0.0), watch, config);
+  EXPECT_GT(scorer.Scored({0, 1, 2, 3, 4}).score, 0.0);
+  EXPECT_GT(scorer.Scored({0, 1, 2, 3, 5}).score, 0.0);
+  EXPECT_EQ(scorer.Scored({0, 1, 2, 3, 4, 5}).score, -std::numeric_limits<double>::infinity());
+}
+
+TEST(PathScorer, OnlyFramesThatWereTakenCanMissATarget) {
+  std::vector<Plot> plots;
+  for (const int frame : {0, 1, 2, 3, 33, 34, 35, 36}) {
+    plots.push_back(MakePlot(kBeginNs + frame * kPeriodNs, {0.1 * frame, 10, 10}, -9.0));
+  }
+  const TrackerConfig config;
+  const std::vector<std::uint32_t> all = {0, 1, 2, 3, 4, 5, 6, 7};
+  const std::vector<double> log_births(plots.size(), 0.0);
+  const Watch watched = WatchOver(plots);
+  Watch paused = watched;  // the recorder stood still between the plots
+  std::vector<TimeNs>& times_ns = paused.sensors[0].frame_times_ns;
+  times_ns.erase(times_ns.begin() + 4, times_ns.begin() + 33);
+  const double score_watched = PathScorer(plots, log_births, watched, config).Scored(all).score;
+  const double score_paused = PathScorer(plots, log_births, paused, config).Scored(all).score;
+  EXPECT_GT(score_paused, score_watched + 5.0);
+}
+
+TEST(LogBirths, ExpectReturnsByTheSecondWhateverTheFrameRate) {
+  // Half as long frames hold half as many returns: far away, where one is rare, half the chance.
+  const TrackerConfig config;
+  const std::vector<Plot> plots = {MakePlot(kBeginNs, {0, 600, 600}, -9.0)};
+  const auto chance = [&](double frame_s) {
+    Watch watch = WatchOver(plots);
+    watch.sensors[0].frame_s = frame_s;
+    const TrackModel model(1.0, watch, config);
+    return std::exp(model.Birth(plots[0], 0.0, {0.0, {0}}, 1.0).log_hit);
+  };
+  EXPECT_NEAR(chance(0.1) / chance(0.05), 2.0, 1e-3);
+}
+
 TEST(PathScorer, TheEmptyPathIsWorthNothing) {
   const std::vector<Plot> plots;
   const std::vector<double> log_births;
   const TrackerConfig config;
-  EXPECT_EQ(PathScorer(plots, log_births, kWatch, config).Scored({}).score, 0.0);
+  EXPECT_EQ(PathScorer(plots, log_births, WatchOver({}), config).Scored({}).score, 0.0);
 }
 
 struct PredictedPlot {
@@ -140,20 +190,25 @@ struct PredictedPlot {
 // A plot near where a hypothesis expects one, or anywhere.
 PredictedPlot RandomPrediction(const TrackModel& model, Random* random) {
   Plot first = RandomPlot(kBeginNs, random->InBox({-40, -40, 0}, {40, 40, 40}), random);
-  Hypothesis h = model.Birth(first, 0.0, 0.0, random->Uniform(0.5, 10.0));
-  double time_s = 0.0;
+  first.sensor = 0;
+  Moment at{0.0, {0, 0, 0}};
+  const auto move_on = [&](double dt_s) {
+    at.time_s += dt_s;
+    at.frames_before[0] += static_cast<std::uint32_t>(std::ceil(dt_s / kPeriodS));
+  };
+  Hypothesis h = model.Birth(first, 0.0, at, random->Uniform(0.5, 10.0));
   for (std::uint32_t k = random->Index(5); k > 0; --k) {
     const double dt_s = random->Uniform(0.05, 0.5);
-    time_s += dt_s;
+    move_on(dt_s);
     first.position_m += random->NormalVector(5.0 * dt_s);
     const Motion motion = model.MotionOver(dt_s);
-    const Prediction p = model.Predict(h, model.ScoreUnseen(h, time_s), motion);
-    h = model.Update(h, motion, p, first, time_s, model.GainOf(p, first));
+    const Prediction p = model.Predict(h, model.ScoreUnseen(h, at), motion);
+    h = model.Update(h, motion, p, first, at, model.GainOf(p, first));
   }
   const double dt_s = random->Uniform(0.05, 3.0);
-  time_s += dt_s;
-  const Prediction p = model.Predict(h, model.ScoreUnseen(h, time_s), model.MotionOver(dt_s));
-  const double spread_m = std::sqrt(p.variance_m2) * random->Uniform(0.0, 10.0);
+  move_on(dt_s);
+  const Prediction p = model.Predict(h, model.ScoreUnseen(h, at), model.MotionOver(dt_s));
+  const double spread_m = std::sqrt(p.steady.position_m2) * random->Uniform(0.0, 10.0);
   return {p, RandomPlot(kBeginNs, p.position_m + random->NormalVector(spread_m), random)};
 }
 
@@ -163,18 +218,23 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
   double least_slack = 1e9;
   for (const int num_sensors : {1, 3}) {
     for (const double sigma_a_mps2 : config.sigma_a_mps2) {
-      const TrackModel model(sigma_a_mps2, Watch{kPeriodS, num_sensors}, config);
+      const TrackModel model(sigma_a_mps2, WatchOver({}, num_sensors), config);
       for (int i = 0; i < 2000; ++i) {
         const PredictedPlot at = RandomPrediction(model, &random);
         const Prediction& p = at.prediction;
         const Plot& plot = at.plot;
         const double score = p.score + model.GainOf(p, plot).log;
         const double distance2_m2 = (plot.position_m - p.position_m).squaredNorm();
-        const auto slack_of = [&](const VarianceRange& variances) {
-          return model.BoundOf(p, variances).At(distance2_m2) - plot.log_clutter - score;
+        const double offset_s =
+            std::abs(static_cast<double>(plot.time_ns - plot.frame_time_ns)) * 1e-9;
+        const auto slack_of = [&](const FrameBounds& frame) {
+          return model.BoundOf(p, frame).At(distance2_m2) - plot.log_clutter - score;
         };
-        EXPECT_GE(slack_of({0.5 * plot.variance_m2, 2.0 * plot.variance_m2}), -1e-9);
-        const double slack = slack_of({plot.variance_m2, plot.variance_m2});
+        EXPECT_GE(slack_of({0.5 * plot.variance_m2, 2.0 * plot.variance_m2, plot.streak_s,
+                            offset_s + random.Uniform(0.0, 0.05)}),
+                  -1e-9);
+        const double slack =
+            slack_of({plot.variance_m2, plot.variance_m2, plot.streak_s, offset_s});
         EXPECT_GE(slack, -1e-9);
         least_slack = std::min(least_slack, slack);
       }
@@ -186,20 +246,21 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
 TEST(ScoreBound, BeyondItsReachItIsLess) {
   Random random(4);
   const TrackerConfig config;
-  const TrackModel model(config.sigma_a_mps2.front(), kWatch, config);
+  const TrackModel model(config.sigma_a_mps2.front(), WatchOver({}), config);
   int num_reached = 0;
   for (int i = 0; i < 1000; ++i) {
     const PredictedPlot at = RandomPrediction(model, &random);
-    const ScoreBound bound = model.BoundOf(at.prediction, {0.01, 0.2});
+    const double half_span_s = i % 2 == 0 ? 0.0 : 0.05;
+    const ScoreBound bound = model.BoundOf(at.prediction, {0.01, 0.2, kPeriodS, half_span_s});
     const double score = at.prediction.score + random.Uniform(-20.0, 5.0);
-    const double reach_m2 = bound.ReachM2(score);
-    if (reach_m2 <= 0.0) {
+    const double reach_m = bound.ReachM(score);
+    if (reach_m <= 0.0) {
       EXPECT_LE(bound.At(0.0), score);
       continue;
     }
     ++num_reached;
-    EXPECT_NEAR(bound.At(reach_m2), score, 1e-6);
-    EXPECT_LT(bound.At(1.01 * reach_m2), score);
+    EXPECT_NEAR(bound.At(reach_m * reach_m), score, 1e-6);
+    EXPECT_LT(bound.At(1.01 * reach_m * reach_m), score);
   }
   EXPECT_GT(num_reached, 300);
 }

@@ -14,10 +14,10 @@ using testing::AddClutter;
 using testing::AddFlight;
 using testing::kBeginNs;
 using testing::kPeriodNs;
-using testing::kWatch;
 using testing::MakePlot;
 using testing::Random;
 using testing::SortByTime;
+using testing::WatchOver;
 
 // The same search without bounds and neighbourhoods: every hypothesis is tried with every plot.
 double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<double>& log_births,
@@ -25,22 +25,22 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
   std::vector<Hypothesis> all;
   double best = 0.0;
   for (std::size_t first = 0, last = 0; first < plots.size(); first = last) {
-    while (last < plots.size() && plots[last].time_ns == plots[first].time_ns) ++last;
-    const double time_s = TimeOf(plots, first);
+    while (last < plots.size() && plots[last].frame == plots[first].frame) ++last;
+    const Moment at = MomentOf(plots[first], plots.front(), WatchOver(plots));
     const std::size_t num_before = all.size();
     for (std::size_t i = first; i < last; ++i) {
       std::vector<Hypothesis> ways;
       for (std::size_t k = 0; k < num_before; ++k) {
         const Hypothesis& from = all[k];
-        const double unseen = model.ScoreUnseen(from, time_s);
-        if (time_s - from.time_s > config.max_gap_s) continue;
+        const double unseen = model.ScoreUnseen(from, at);
+        if (at.time_s - from.time_s > config.max_gap_s) continue;
         if (unseen < config.give_up_log) continue;
-        const Motion motion = model.MotionOver(time_s - from.time_s);
+        const Motion motion = model.MotionOver(at.time_s - from.time_s);
         const Prediction p = model.Predict(from, unseen, motion);
         const Gain gain = model.GainOf(p, plots[i]);
         const double score = p.score + gain.log;
         if (score < std::max(config.give_up_log, log_births[i] + config.rebirth_log)) continue;
-        ways.push_back(model.Update(from, motion, p, plots[i], time_s, gain));
+        ways.push_back(model.Update(from, motion, p, plots[i], at, gain));
       }
       std::stable_sort(ways.begin(), ways.end(),
                        [](const Hypothesis& a, const Hypothesis& b) { return a.score > b.score; });
@@ -51,7 +51,7 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
         if (way.hits + 1.0 >= config.min_fragment_plots) best = std::max(best, way.score);
       }
       for (const double speed_mps : config.birth_speeds_mps) {
-        all.push_back(model.Birth(plots[i], log_births[i], time_s, speed_mps));
+        all.push_back(model.Birth(plots[i], log_births[i], at, speed_mps));
       }
     }
   }
@@ -60,7 +60,7 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
 
 Path BestOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
             const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config) {
-  const std::vector<Slice> slices = SlicesOf(plots, log_births, config);
+  const std::vector<Slice> slices = SlicesOf(plots, log_births, WatchOver(plots), config);
   return TrackSearch(plots, log_births, slices, free, model, config).Best();
 }
 
@@ -87,9 +87,9 @@ TEST(TrackSearch, LooksAtEveryPairThatMatters) {
   config.max_gap_s = 1.5;
   for (std::uint32_t seed = 0; seed < 12; ++seed) {
     const std::vector<Plot> plots = Scene(seed, 40);
-    const std::vector<double> log_births = LogBirths(plots, config);
+    const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), config);
     const std::vector<char> free(plots.size(), 1);
-    const TrackModel model(config.sigma_a_mps2[seed % 3], kWatch, config);
+    const TrackModel model(config.sigma_a_mps2[seed % 3], WatchOver({}), config);
     const Path path = BestOf(plots, log_births, free, model, config);
     EXPECT_NEAR(path.score, BestScoreOfAllPairs(plots, log_births, model, config), 1e-9) << seed;
     EXPECT_GT(path.score, 20.0) << seed;
@@ -102,7 +102,7 @@ TEST(TrackSearch, LooksAtEveryPairThatIsJustGoodEnough) {
   TrackerConfig config;
   config.min_fragment_plots = 2;
   config.rebirth_log = 0.0;
-  const TrackModel model(config.sigma_a_mps2.front(), kWatch, config);
+  const TrackModel model(config.sigma_a_mps2.front(), WatchOver({}), config);
   Random random(9);
   int num_weak = 0;
   for (int scene = 0; scene < 3000; ++scene) {
@@ -115,7 +115,7 @@ TEST(TrackSearch, LooksAtEveryPairThatIsJustGoodEnough) {
       plots.back().variance_m2 = random.Uniform(0.005, 0.1);
     }
     SortByTime(&plots);
-    const std::vector<double> log_births = LogBirths(plots, config);
+    const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), config);
     const std::vector<char> free(plots.size(), 1);
     const double score = BestOf(plots, log_births, free, model, config).score;
     EXPECT_NEAR(score, BestScoreOfAllPairs(plots, log_births, model, config), 1e-9) << scene;
@@ -128,10 +128,10 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
   TrackerConfig config;
   config.hypotheses_per_plot = 3;  // with fewer, a search anew may have hidden other ones
   const std::vector<Plot> plots = Scene(1, 60);
-  const std::vector<double> log_births = LogBirths(plots, config);
-  const TrackModel model(config.sigma_a_mps2[1], kWatch, config);
+  const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), config);
+  const TrackModel model(config.sigma_a_mps2[1], WatchOver({}), config);
   std::vector<char> free(plots.size(), 1);
-  const std::vector<Slice> slices = SlicesOf(plots, log_births, config);
+  const std::vector<Slice> slices = SlicesOf(plots, log_births, WatchOver(plots), config);
   TrackSearch search(plots, log_births, slices, free, model, config);
   double before = 1e9;
   int num_paths = 0;
@@ -168,9 +168,9 @@ TEST(TrackSearch, BirthsFarAwayDoNotCrowdOutAWeakPathNearby) {
   }
   TrackerConfig config;
   config.max_hypotheses = 250;
-  const std::vector<double> log_births = LogBirths(plots, config);
+  const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), config);
   const std::vector<char> free(plots.size(), 1);
-  const TrackModel model(config.sigma_a_mps2.front(), kWatch, config);
+  const TrackModel model(config.sigma_a_mps2.front(), WatchOver({}), config);
   const Path path = BestOf(plots, log_births, free, model, config);
   EXPECT_EQ(path.plots.size(), own.size());
   for (const std::uint32_t i : path.plots) EXPECT_LT(plots[i].position_m.norm(), 50.0);
@@ -189,10 +189,10 @@ TEST(TrackSearch, OfAFewBestHypothesesFindsNearlyWhatThatOfAllFinds) {
   fewer.max_hypotheses_per_plot = 0;
   for (std::uint32_t seed = 0; seed < 5; ++seed) {
     const std::vector<Plot> plots = Scene(seed, 60);
-    const std::vector<double> log_births = LogBirths(plots, all);
+    const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), all);
     const std::vector<char> free(plots.size(), 1);
     const auto score_of = [&](const TrackerConfig& config) {
-      const TrackModel model(config.sigma_a_mps2[1], kWatch, config);
+      const TrackModel model(config.sigma_a_mps2[1], WatchOver({}), config);
       return BestOf(plots, log_births, free, model, config).score;
     };
     EXPECT_NEAR(score_of(few), score_of(all), 0.05 * score_of(all)) << seed;

@@ -22,7 +22,8 @@ inline std::vector<double> PlainLogBirths(const std::vector<Plot>& plots,
   std::vector<double> odds;
   double mean = 0.0;
   for (const Plot& plot : plots) {
-    const double returns = config.echo_m2 / std::max(1.0, plot.position_m.squaredNorm());
+    const double returns =
+        config.echo_m2_per_s * kPeriodS / std::max(1.0, plot.position_m.squaredNorm());
     // A gamma distribution of the mean of a Poisson process.
     const double unseen = std::pow(1.0 + returns / config.echo_shape, -config.echo_shape);
     odds.push_back((1.0 - unseen) / std::exp(plot.log_clutter));
@@ -56,29 +57,33 @@ class PlainModel {
     p.diagonal().segment<3>(0).setConstant(plots.front().variance_m2);
     p.diagonal().segment<3>(3).setConstant(birth_speed_ * birth_speed_);
     p.diagonal().segment<3>(6).setConstant(sigma_a_ * sigma_a_);
+    // Back to the middle of the frame at a velocity of which nothing is known yet.
+    Matrix9 back = Matrix9::Identity();
+    back.block<3, 3>(0, 3) = -OffsetS(plots.front()) * Eigen::Matrix3d::Identity();
+    p = back * p * back.transpose();
     double score = log_birth;
     // The gamma distribution of how many returns it gives, as far as is known by now.
     double shape = config_.echo_shape;
-    double rate = config_.echo_shape / config_.echo_m2;
+    double rate = config_.echo_shape / config_.echo_m2_per_s;
     for (std::size_t k = 1; k < plots.size(); ++k) {
       const Plot& plot = plots[k];
-      const double dt = static_cast<double>(plot.time_ns - plots[k - 1].time_ns) * 1e-9;
-      const double per_frame = 1.0 / std::max(1.0, x.head<3>().squaredNorm());
-      const double missed = std::max(0.0, std::round(dt / kPeriodS) - 1.0);
+      const double dt = static_cast<double>(plot.frame_time_ns - plots[k - 1].frame_time_ns) * 1e-9;
+      const double per_frame = kPeriodS / std::max(1.0, x.head<3>().squaredNorm());
+      const double missed = std::round(dt / kPeriodS) - 1.0;
       const double unseen = std::pow(rate / (rate + missed * per_frame), shape);
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
       score += std::log(unseen) + std::log(seen) - plot.log_clutter;
       score += std::log(SensorShare(plots[k - 1].sensor, plot.sensor));
       shape += 1.0;
-      rate += per_frame * std::max(dt / kPeriodS, 0.5);
+      rate += per_frame * (missed + (plot.sensor == plots[k - 1].sensor ? 1.0 : 0.5));
 
       const double speed = std::min(config_.max_speed_mps, x.segment<3>(3).norm());
-      const double streak = speed * kPeriodS;
+      const double streak = speed * plot.streak_s;
       const auto n = static_cast<double>(plot.returns.size());
       const Eigen::Matrix3d noise =
           (plot.variance_m2 + streak * streak / 12.0 / n / 3.0) * Eigen::Matrix3d::Identity();
-      const Update steady = Updated(x, p, sigma_a_, dt, plot.position_m, noise);
-      Update agile = Updated(x, p, config_.manoeuvre_factor * sigma_a_, dt, plot.position_m, noise);
+      const Update steady = Updated(x, p, sigma_a_, dt, plot, noise);
+      Update agile = Updated(x, p, config_.manoeuvre_factor * sigma_a_, dt, plot, noise);
       agile.log_density += config_.manoeuvre_log;
       const Update& better = agile.log_density > steady.log_density ? agile : steady;
       score += better.log_density;
@@ -102,13 +107,18 @@ class PlainModel {
     double log_density;
   };
 
-  Update Updated(Vector9 x, Matrix9 p, double sigma_a_mps2, double dt,
-                 const Eigen::Vector3d& position_m, const Eigen::Matrix3d& noise) const {
+  static double OffsetS(const Plot& plot) {
+    return static_cast<double>(plot.time_ns - plot.frame_time_ns) * 1e-9;
+  }
+
+  Update Updated(Vector9 x, Matrix9 p, double sigma_a_mps2, double dt, const Plot& plot,
+                 const Eigen::Matrix3d& noise) const {
     Integrate(dt, sigma_a_mps2, &x, &p);
     Eigen::Matrix<double, 3, 9> h = Eigen::Matrix<double, 3, 9>::Zero();
     h.leftCols<3>().setIdentity();
+    h.block<3, 3>(0, 3) = OffsetS(plot) * Eigen::Matrix3d::Identity();
     const Eigen::Matrix3d s = h * p * h.transpose() + noise;
-    const Eigen::Vector3d innovation = position_m - x.head<3>();
+    const Eigen::Vector3d innovation = plot.position_m - h * x;
     const Eigen::Matrix<double, 9, 3> gain = p * h.transpose() * s.inverse();
     return {x + gain * innovation, (Matrix9::Identity() - gain * h) * p,
             -0.5 * innovation.dot(s.ldlt().solve(innovation)) -

@@ -20,12 +20,12 @@ using testing::kBeginNs;
 using testing::kPeriodNs;
 using testing::kPeriodS;
 using testing::kScoreTolerance;
-using testing::kWatch;
 using testing::MakePlot;
 using testing::MixSensors;
 using testing::PlainScore;
 using testing::Random;
 using testing::SortByTime;
+using testing::WatchOver;
 
 // The best of all sequences with one plot a time at most, and enough of them.
 Path BestByEnumeration(const std::vector<Plot>& plots, const TrackerConfig& config,
@@ -99,7 +99,7 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
     std::vector<Plot> plots = TinyProblem(&random);
     const int num_sensors = 1 + problem / 4 % 3;
     MixSensors(num_sensors, &mixer, &plots);
-    const Watch watch{kPeriodS, num_sensors};
+    const Watch watch = WatchOver(plots, num_sensors);
     TrackerConfig few_ways;
     few_ways.min_fragment_plots = 1 + problem % 4;
     const TrackerConfig all_ways = WithAllWays(few_ways);
@@ -149,7 +149,7 @@ TEST(FindPaths, ScoresArePlainlyThoseOfTheModelAlsoOverLongGaps) {
                                }),
                 plots.end());
     const TrackerConfig config;
-    const std::vector<Path> paths = FindPaths(plots, kWatch, config);
+    const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), config);
     ASSERT_FALSE(paths.empty()) << seed;
     ExpectPlainScores(paths, plots, config);
   }
@@ -166,7 +166,7 @@ TEST(FindPaths, ScoresArePlainlyThoseOfTheModelAlsoWhereTheTargetIsMoreAgileThan
     };
     std::vector<Plot> plots;
     AddFlight(weaving, 80, 0.3, -9.0, &random, &plots);
-    const std::vector<Path> paths = FindPaths(plots, kWatch, config);
+    const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), config);
     ASSERT_FALSE(paths.empty()) << seed;
     ExpectPlainScores(paths, plots, config);
     for (const Path& path : paths) num_plots += path.plots.size();
@@ -183,7 +183,7 @@ TEST(FindPaths, EndsWhereAnExchangeNeedsNoGain) {
   SortByTime(&plots);
   TrackerConfig config;
   config.min_exchange_log = 0.0;
-  EXPECT_FALSE(FindPaths(plots, kWatch, config).empty());
+  EXPECT_FALSE(FindPaths(plots, WatchOver(plots), config).empty());
 }
 
 TEST(FindPaths, OnePathTakesAtMostOnePlotATimeAndNoPlotIsInTwo) {
@@ -196,7 +196,7 @@ TEST(FindPaths, OnePathTakesAtMostOnePlotATimeAndNoPlotIsInTwo) {
     SortByTime(&plots);
     std::vector<char> used(plots.size(), 0);
     double score_before = std::numeric_limits<double>::infinity();
-    for (const Path& path : FindPaths(plots, kWatch, TrackerConfig())) {
+    for (const Path& path : FindPaths(plots, WatchOver(plots), TrackerConfig())) {
       EXPECT_LE(path.score, score_before);
       score_before = path.score;
       for (std::size_t k = 0; k < path.plots.size(); ++k) {
@@ -240,7 +240,7 @@ TEST(FindPaths, CrossingTargetsKeepTheirOwnContinuation) {
     std::vector<Plot> plots;
     for (const auto& at : flights) AddFlight(at, 60, 0.8, -9.0, &random, &plots);
     SortByTime(&plots);
-    const std::vector<Path> paths = FindPaths(plots, kWatch, TrackerConfig());
+    const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), TrackerConfig());
     ASSERT_EQ(paths.size(), 2U) << seed;
     for (const Path& path : paths) {
       EXPECT_GT(path.plots.size(), 40U) << seed;
@@ -257,7 +257,7 @@ TEST(FindPaths, TheFlightIsFoundAmongClutter) {
     AddClutter(10.0, 60, {-20, 5, 5}, {20, 45, 30}, &random, &plots);
     AddFlight(at, 60, 0.6, plots.front().log_clutter, &random, &plots);
     SortByTime(&plots);
-    const std::vector<Path> paths = FindPaths(plots, kWatch, TrackerConfig());
+    const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), TrackerConfig());
     ASSERT_FALSE(paths.empty());
     EXPECT_GT(paths[0].score, 60.0);
     std::size_t near = 0;
@@ -281,11 +281,41 @@ TEST(FindPaths, UniformClutterReachesTheThresholdInHardlyAnyRecording) {
     Random random(seed);
     std::vector<Plot> plots;
     AddClutter(random.Uniform(1.0, 8.0), 40, {-20, 5, 5}, {20, 45, 30}, &random, &plots);
-    const std::vector<Path> paths = FindPaths(plots, kWatch, config);
+    const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), config);
     const double threshold = std::log(static_cast<double>(plots.size()) / kFalseAlarms);
     if (!paths.empty() && paths[0].score >= threshold) ++num_alarms;
   }
   EXPECT_LE(num_alarms, 1);
+}
+
+TEST(FindPaths, ATargetWhosePlotsHaveTimesWithinTheFrameIsOnePathWithOnePlotAFrame) {
+  // At 15 m/s it is 1.5 m farther at the end of a frame than at its begin.
+  Random random(8);
+  std::vector<Plot> plots;
+  AddClutter(4.0, 60, {-10, 5, 5}, {10, 25, 25}, &random, &plots);
+  for (Plot& plot : plots) {
+    plot.time_ns += static_cast<TimeNs>(random.Index(100'000'000)) - kPeriodNs / 2;
+  }
+  const std::size_t num_clutter = plots.size();
+  AddFlight([](double) { return Eigen::Vector3d(0, 15, 15); }, 60, 1.0, -7.0, &random, &plots);
+  for (std::size_t i = num_clutter; i < plots.size(); ++i) {
+    Plot& plot = plots[i];
+    plot.time_ns += static_cast<TimeNs>(random.Index(100'000'000)) - kPeriodNs / 2;
+    plot.position_m.x() += 15.0 * (testing::SecondsSinceBegin(plot.time_ns) - 3.0);
+    plot.log_clutter = -7.5;
+  }
+  for (Plot& plot : plots) plot.streak_s = 0.0;
+  SortByTime(&plots);
+  const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), TrackerConfig());
+  ASSERT_FALSE(paths.empty());
+  std::size_t num_own = 0;
+  for (std::size_t k = 0; k < paths[0].plots.size(); ++k) {
+    const Plot& plot = plots[paths[0].plots[k]];
+    num_own += plot.log_clutter == -7.5 ? 1 : 0;
+    EXPECT_TRUE(k == 0 || plots[paths[0].plots[k - 1]].frame < plot.frame);
+  }
+  EXPECT_GE(num_own, 58U);
+  EXPECT_LE(paths[0].plots.size(), 60U);
 }
 
 struct Scenario {
@@ -302,7 +332,7 @@ Scenario FlightInClutter() {
   AddFlight([](double t) { return Eigen::Vector3d(5, 20 - 2 * t, 10 + t); }, 60, 0.7, -7.0, &random,
             &scenario.plots);
   SortByTime(&scenario.plots);
-  scenario.paths = FindPaths(scenario.plots, kWatch, TrackerConfig());
+  scenario.paths = FindPaths(scenario.plots, WatchOver(scenario.plots), TrackerConfig());
   return scenario;
 }
 
@@ -318,9 +348,14 @@ void ExpectSamePaths(const std::vector<Path>& found, const std::vector<Path>& ex
 TEST(FindPaths, AreTheSameEachTimeAndAtAnyTimeOfDay) {
   Scenario scenario = FlightInClutter();
   ASSERT_GE(scenario.paths.size(), 2U);
-  ExpectSamePaths(FindPaths(scenario.plots, kWatch, TrackerConfig()), scenario.paths, 0.0);
-  for (Plot& plot : scenario.plots) plot.time_ns += 123'456'789'012'345;
-  ExpectSamePaths(FindPaths(scenario.plots, kWatch, TrackerConfig()), scenario.paths, 0.0);
+  ExpectSamePaths(FindPaths(scenario.plots, WatchOver(scenario.plots), TrackerConfig()),
+                  scenario.paths, 0.0);
+  for (Plot& plot : scenario.plots) {
+    plot.time_ns += 123'456'789'012'345;
+    plot.frame_time_ns += 123'456'789'012'345;
+  }
+  ExpectSamePaths(FindPaths(scenario.plots, WatchOver(scenario.plots), TrackerConfig()),
+                  scenario.paths, 0.0);
 }
 
 TEST(FindPaths, AreTheSameInAnyDirection) {
@@ -330,12 +365,14 @@ TEST(FindPaths, AreTheSameInAnyDirection) {
   for (Plot& plot : scenario.plots) {
     plot.position_m = turn * plot.position_m;
   }
-  ExpectSamePaths(FindPaths(scenario.plots, kWatch, TrackerConfig()), scenario.paths, 1e-6);
+  ExpectSamePaths(FindPaths(scenario.plots, WatchOver(scenario.plots), TrackerConfig()),
+                  scenario.paths, 1e-6);
 }
 
 TEST(FindPaths, OfNothingOrOfOnePlotAreNone) {
-  EXPECT_TRUE(FindPaths({}, kWatch, TrackerConfig()).empty());
-  EXPECT_TRUE(FindPaths({MakePlot(kBeginNs, {1, 2, 3}, -9.0)}, kWatch, TrackerConfig()).empty());
+  EXPECT_TRUE(FindPaths({}, WatchOver({}), TrackerConfig()).empty());
+  const std::vector<Plot> one = {MakePlot(kBeginNs, {1, 2, 3}, -9.0)};
+  EXPECT_TRUE(FindPaths(one, WatchOver(one), TrackerConfig()).empty());
 }
 
 }  // namespace

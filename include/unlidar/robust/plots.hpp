@@ -40,7 +40,9 @@ struct PlotConfig {
 };
 
 struct Plot {
-  TimeNs time_ns = 0;
+  TimeNs time_ns = 0;        // mean of its returns
+  TimeNs frame_time_ns = 0;  // middle of its frame
+  double streak_s = 0.0;     // how long its returns may lie apart: a frame without times of points
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   double variance_m2 = 0.0;  // of the position, per axis, for a target at rest
   double lowest_m = 0.0;     // height of its lowest return above the ground
@@ -51,9 +53,37 @@ struct Plot {
   std::vector<std::uint32_t> returns;
 };
 
-// Plots of `candidates`, returns in ascending order, in order of time; bodies (people, cars) left
-// out, with all that is next to one shortly before or after. `is_body` (N) tells the returns of
-// bodies themselves.
+// Where a body lies, and when the first of its returns was measured.
+struct BodyBox {
+  TimeNs time_ns;
+  Eigen::Array3f low_m;
+  Eigen::Array3f high_m;
+};
+
+// What one frame shows.
+struct FramePlots {
+  std::vector<Plot> plots;
+  std::vector<BodyBox> bodies;              // people, cars
+  std::vector<std::uint32_t> body_returns;  // indices into the recording
+};
+
+// The elevation below which a station sees nothing: near it, people lack their legs. Of at least
+// one point.
+double LowestElevationRad(const std::vector<Eigen::Vector3f>& points_m);
+
+// Of `candidates`, returns of one frame in ascending order.
+FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame,
+                        std::vector<std::uint32_t> candidates, const Ground& ground,
+                        double lowest_elevation_rad, const PlotConfig& config);
+
+// Drops the plots next to a body: what of it was too sparse, or too far from the rest, to be known.
+// `bodies` in order of time.
+void DropNearBodies(const std::vector<BodyBox>& bodies, const PlotConfig& config,
+                    std::vector<Plot>* plots);
+
+// Plots of `candidates`, returns in ascending order, frame by frame in order of time; bodies
+// (people, cars) left out, with all that is next to one shortly before or after. `is_body` (N)
+// tells the returns of bodies themselves.
 std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
                             const PlotConfig& config, std::vector<char>* is_body);

@@ -4,21 +4,11 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
-#include <unordered_map>
 #include <vector>
 
-#include "unlidar/voxel_grid.hpp"
+#include "unlidar/robust/shell_table.hpp"
 
 namespace unlidar {
-
-// Radius of a neighbourhood as a function of range: constant_m + slope * range. The constant stands
-// for the size of things, the slope for the spacing of rays, which no place can resolve better.
-struct RangeRadius {
-  double constant_m = 0.35;
-  double slope = 0.012;
-
-  double At(double range_m) const { return constant_m + slope * range_m; }
-};
 
 // Time bins [first, last).
 struct BinRange {
@@ -50,16 +40,13 @@ class BinSet {
   std::size_t last_ = 0;
 };
 
-// Counts of points per voxel and time bin. A neighbourhood is the block of 3 x 3 x 3 voxels about a
-// point; voxels have an edge of 2/3 of the radius, so that the block reaches from 2/3 to 4/3 of it.
-// Radii are stepped by sqrt(2) in shells of range. A point near a shell's border is counted in
-// both shells, so that no neighbourhood ends there.
+// Counts of points per voxel and time bin; voxels and neighbourhoods are those of ShellTable.
 //
 // What a grid holds, and what a look at it costs, is in proportion to the pairs of a voxel and a
 // bin with points in it, however many bins there are.
 class RangeGrid {
  public:
-  explicit RangeGrid(RangeRadius radius);
+  explicit RangeGrid(RangeRadius radius) : places_(radius) {}
 
   // Returns the place of the point: points of one place have one neighbourhood. Places are numbered
   // from 0; some numbers are those of no point.
@@ -73,7 +60,7 @@ class RangeGrid {
   void InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const;
 
   // Volume of the neighbourhood of a point, m^3.
-  double VolumeM3(const Eigen::Vector3f& point_m) const;
+  double VolumeM3(const Eigen::Vector3f& point_m) const { return places_.VolumeM3(point_m); }
 
   // Above all numbers of places.
   std::uint32_t num_places() const { return static_cast<std::uint32_t>(profiles_.size()); }
@@ -89,20 +76,7 @@ class RangeGrid {
     std::vector<BinCount> bins;  // those with points, ascending
   };
 
-  struct Shell {
-    double begin_m;  // its least range
-    double edge_m;   // of its voxels
-    std::unordered_map<VoxelKey, std::uint32_t> places;
-  };
-
-  std::size_t ShellAt(double range_m) const;
-
-  // Calls visit(profile) for the voxels with points of the neighbourhood.
-  template <class Visit>
-  void VisitBlock(const Eigen::Vector3f& point_m, const Visit& visit) const;
-
-  RangeRadius radius_;
-  std::vector<Shell> shells_;
+  ShellTable<std::uint32_t> places_;
   std::vector<Profile> profiles_;  // by place
 };
 

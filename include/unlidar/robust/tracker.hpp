@@ -16,11 +16,11 @@ struct TrackerConfig {
   std::vector<double> birth_speeds_mps = {1.0, 8.0};  // standard deviations per axis tried
   double even_birth_share = 0.1;  // of the births; the others fall in proportion to volume
   double max_speed_mps = 35.0;
-  double max_gap_s = 10.0;      // without a plot
-  int hypotheses_per_plot = 2;  // kept at each plot and agility
-  double echo_m2 = 400.0;       // expected returns per frame of a typical drone, times range^2;
-  double echo_shape = 1.5;      // shape of the gamma distribution about it
-  double sensor_change = 0.1;   // probability that the next plot is that of another sensor
+  double max_gap_s = 10.0;        // without a plot
+  int hypotheses_per_plot = 2;    // kept at each plot and agility
+  double echo_m2_per_s = 4000.0;  // expected returns per second of a typical drone, times range^2;
+  double echo_shape = 1.5;        // shape of the gamma distribution about it
+  double sensor_change = 0.1;     // probability that the next plot is that of another sensor
   // Carried on at any time, the best first: so many, and so many more for each plot of the frame.
   int max_hypotheses = 500;
   int max_hypotheses_per_plot = 5;
@@ -33,11 +33,18 @@ struct TrackerConfig {
   double rebirth_log = -3.0;      // as is one so much worse than a new one at its last plot
 };
 
-// How the air is watched.
+// When each sensor watches the air.
 struct Watch {
-  double period_s = 0.1;  // of the frames of the fastest sensor
-  int num_sensors = 1;
+  struct Sensor {
+    double frame_s = 0.1;                // how long a frame lasts
+    std::vector<TimeNs> frame_times_ns;  // middles of its frames, ascending
+  };
+  std::vector<Sensor> sensors;
+
+  std::uint32_t FramesBefore(std::uint32_t sensor, TimeNs time_ns) const;
 };
+
+Watch WatchOf(const Recording& recording);
 
 struct Path {
   std::vector<std::uint32_t> plots;  // ascending
@@ -45,7 +52,8 @@ struct Path {
   double score = 0.0;
 };
 
-// Paths by falling score. Each is found by dynamic programming over plots, where every plot keeps
+// Paths by falling score through plots that come frame by frame in order of time. Each has at most
+// one plot of a frame. They are found by dynamic programming over frames, where every plot keeps
 // the best few ways to reach it, each with its Kalman state (Singer's model); then the next in what
 // is left. As this takes the best first, pairs of paths then exchange tails, or join, as long as
 // the sum of their scores grows: crossing targets find their own continuation.

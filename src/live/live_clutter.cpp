@@ -1,0 +1,174 @@
+#include "live/live_clutter.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace unlidar {
+namespace {
+
+constexpr double kWider = 3.0;  // the surroundings of a place, times its radius
+constexpr double kMinStanding = 3.0;
+constexpr double kCompanySlope = 0.01;
+constexpr double kFarther = 5.0;    // the surroundings of a floating thing, times its reach
+constexpr double kSameTimeS = 0.6;  // before it
+constexpr double kLatelyS = 3.0;
+constexpr double kSolidShare = 0.2;   // of the frames of its sensor, in which it has a plot
+constexpr double kFloatKnownS = 5.0;  // earlier nobody knows what holds what up
+
+RangeRadius Wider(const RangeRadius& radius) {
+  return {kWider * radius.constant_m, kWider * radius.slope};
+}
+
+// The volume in which the plots of one point-like thing lie: that of a Gaussian of their noise.
+double PlotVolumeM3(const Plot& plot) {
+  return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
+}
+
+}  // namespace
+
+LiveClutter::LiveClutter(const RobustConfig& config, double fade_s)
+    : config_(config.plots),
+      exclusion_s_((config.plots.clutter_exclusion_bins + 0.5) * config.background.bin_s),
+      fade_s_(fade_s),
+      place_(config.background.place),
+      standing_(config.background.place, fade_s),
+      about_(Wider(config.background.place), fade_s),
+      floating_({config.support.body_m, kCompanySlope}, fade_s),
+      self_({config.support.body_m, kCompanySlope}, fade_s),
+      beside_({config.support.body_m, kCompanySlope}, fade_s),
+      farther_({config.support.body_m, kCompanySlope}, fade_s) {}
+
+LiveClutter::Sensor& LiveClutter::SensorAt(std::uint32_t sensor) {
+  while (sensors_.size() <= sensor) {
+    sensors_.push_back({FadingGrid(config_.clutter_wide, fade_s_),
+                        FadingGrid(config_.clutter_middle, fade_s_),
+                        FadingGrid(config_.clutter_narrow, fade_s_),
+                        FadingGrid(config_.spot, fade_s_), FadingGrid(place_, kLatelyS)});
+  }
+  return sensors_[sensor];
+}
+
+void LiveClutter::AddFrame(std::uint32_t sensor, double time_s) {
+  Sensor& seen = SensorAt(sensor);
+  seen.recent_s.push_back(time_s);
+  seen.frames_lately =
+      seen.frames_lately * std::exp(-std::max(0.0, time_s - seen.lately_s) / kLatelyS) + 1.0;
+  seen.lately_s = std::max(seen.lately_s, time_s);
+}
+
+// What is older than the exclusion is clutter from now on.
+void LiveClutter::Settle(double time_s) {
+  const double until_s = time_s - exclusion_s_;
+  for (; !recent_.empty() && recent_.front().time_s < until_s; recent_.pop_front()) {
+    const Recent& plot = recent_.front();
+    Sensor& sensor = SensorAt(plot.sensor);
+    for (FadingGrid* grid : {&sensor.wide, &sensor.middle, &sensor.narrow}) {
+      grid->Add(plot.position_m, plot.time_s);
+    }
+  }
+  for (Sensor& sensor : sensors_) {
+    for (; !sensor.recent_s.empty() && sensor.recent_s.front() < until_s;
+         sensor.recent_s.pop_front()) {
+      const double at_s = sensor.recent_s.front();
+      sensor.frames = sensor.frames * std::exp((sensor.time_s - at_s) / fade_s_) + 1.0;
+      sensor.time_s = at_s;
+    }
+  }
+}
+
+void LiveClutter::Judge(const Support& support, const std::vector<double>& place_rates,
+                        double time_s, std::vector<Plot>* plots) {
+  Settle(time_s);
+  for (std::size_t i = 0; i < plots->size(); ++i) {
+    Plot& plot = (*plots)[i];
+    const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+    standing_.Add(place_m, time_s);
+    about_.Add(place_m, time_s);
+    const double here = standing_.CountAt(place_m, time_s);
+    const double chance =
+        about_.CountAt(place_m, time_s) * standing_.VolumeM3(place_m) / about_.VolumeM3(place_m);
+    const bool is_standing = here >= kMinStanding && here > chance + 3.0 * std::sqrt(chance);
+    if (is_standing) standing_plots_.push_back({time_s, plot.position_m});
+    Sensor& sensor = SensorAt(plot.sensor);
+    sensor.lately.Add(place_m, time_s);
+    // What is hit now and then in one place is a twig or a wire.
+    const bool is_solid =
+        sensor.lately.CountAt(place_m, time_s) >= kSolidShare * sensor.frames_lately;
+    plot.is_floating =
+        is_standing && is_solid && time_s >= kFloatKnownS && support.IsFloating(place_m);
+  }
+  while (!standing_plots_.empty() && standing_plots_.front().time_s < time_s - kSameTimeS) {
+    standing_plots_.pop_front();
+  }
+  for (Plot& plot : *plots) {
+    if (plot.is_floating) plot.is_floating = !HasCompany(plot, support.config(), time_s);
+  }
+  for (std::size_t i = 0; i < plots->size(); ++i) {
+    Plot& plot = (*plots)[i];
+    const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+    Sensor& sensor = SensorAt(plot.sensor);
+    const double frames = std::max(1.0, sensor.frames);
+    double rate = 1e-6;
+    for (const FadingGrid* grid : {&sensor.wide, &sensor.middle, &sensor.narrow}) {
+      const double exposure = frames * grid->VolumeM3(place_m);
+      rate = (grid->CountAt(place_m, time_s) + config_.clutter_prior_plots) /
+             (exposure + config_.clutter_prior_plots / rate);
+    }
+    plot.log_clutter = std::log(rate);
+    const double others = sensor.spot.CountAt(place_m, time_s);
+    sensor.spot.Add(place_m, time_s);
+    if (!plot.is_floating) {
+      const double spot_rate = others / frames / PlotVolumeM3(plot);
+      plot.log_clutter = std::log(std::max({rate, spot_rate, place_rates[i]}));
+    }
+    recent_.push_back({time_s, plot.frame, plot.sensor, place_m});
+  }
+}
+
+// Whether more stands beside a floating plot at the same time than by chance: then what holds the
+// one up is likely to hold the other.
+bool LiveClutter::HasCompany(const Plot& plot, const SupportConfig& support, double time_s) {
+  const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+  const double reach_m = support.ReachM(plot.position_m.norm());
+  double self = 0.0;
+  double beside = 0.0;
+  double farther = 0.0;
+  for (const Standing& other : standing_plots_) {
+    const double distance_m = (plot.position_m - other.position_m).norm();
+    if (distance_m >= kFarther * reach_m) continue;
+    (distance_m <= support.body_m ? self : distance_m < reach_m ? beside : farther) += 1.0;
+  }
+  floating_.Add(place_m, time_s);
+  self_.Add(place_m, time_s, self);
+  beside_.Add(place_m, time_s, beside);
+  farther_.Add(place_m, time_s, farther);
+  // What is beside it was counted once for each of its own plots near in time.
+  const double times = self_.CountAt(place_m, time_s) / floating_.CountAt(place_m, time_s);
+  const double chance =
+      farther_.CountAt(place_m, time_s) / times / (kFarther * kFarther * kFarther - 1.0);
+  return beside_.CountAt(place_m, time_s) / times > chance + 2.0 * std::sqrt(chance);
+}
+
+void LiveClutter::Explain(std::uint32_t frame, const Eigen::Vector3d& position_m) {
+  const Eigen::Vector3f place_m = position_m.cast<float>();
+  for (auto at = recent_.begin(); at != recent_.end(); ++at) {
+    if (at->frame != frame || at->position_m != place_m) continue;
+    sensors_[at->sensor].spot.Add(place_m, at->time_s, -1.0);
+    recent_.erase(at);
+    return;
+  }
+}
+
+void LiveClutter::Sweep(double time_s) {
+  for (Sensor& sensor : sensors_) {
+    for (FadingGrid* grid :
+         {&sensor.wide, &sensor.middle, &sensor.narrow, &sensor.spot, &sensor.lately}) {
+      grid->Sweep(time_s);
+    }
+  }
+  for (FadingGrid* grid : {&standing_, &about_, &floating_, &self_, &beside_, &farther_}) {
+    grid->Sweep(time_s);
+  }
+}
+
+}  // namespace unlidar

@@ -1,0 +1,81 @@
+// The clutter to be expected at each plot of a stream, and what stands still there.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <vector>
+
+#include "live/fading_grid.hpp"
+#include "unlidar/robust.hpp"
+
+namespace unlidar {
+
+// As EstimateClutter and MarkFloating say it of a recording, from the plots so far: those of the
+// last `fade_s` count, but for the last second or so, which may be the target's own.
+class LiveClutter {
+ public:
+  LiveClutter(const RobustConfig& config, double fade_s);
+
+  // A frame of a sensor was taken, whether or not it shows any plot.
+  void AddFrame(std::uint32_t sensor, double time_s);
+
+  // Tells of each plot, of one frame, whether it floats and how much clutter is there.
+  // `place_rates`: of each plot, as Background::PlaceRate. Then remembers the plots.
+  void Judge(const Support& support, const std::vector<double>& place_rates, double time_s,
+             std::vector<Plot>* plots);
+
+  // Plots that are a target's are no clutter. Only those of the last second can still be told.
+  void Explain(std::uint32_t frame, const Eigen::Vector3d& position_m);
+
+  void Sweep(double time_s);
+
+ private:
+  struct Recent {
+    double time_s;
+    std::uint32_t frame;
+    std::uint32_t sensor;
+    Eigen::Vector3f position_m;
+  };
+
+  struct Sensor {
+    FadingGrid wide;
+    FadingGrid middle;
+    FadingGrid narrow;
+    FadingGrid spot;
+    FadingGrid lately;           // plots of the last moments,
+    double frames_lately = 0.0;  // and frames, faded, up to
+    double lately_s = 0.0;
+    double frames = 0.0;  // likewise, all whose plots are clutter by now
+    double time_s = 0.0;
+    std::deque<double> recent_s{};  // frames whose plots are not
+  };
+
+  // A plot that stands still, and when.
+  struct Standing {
+    double time_s;
+    Eigen::Vector3d position_m;
+  };
+
+  Sensor& SensorAt(std::uint32_t sensor);
+  bool HasCompany(const Plot& plot, const SupportConfig& support, double time_s);
+  void Settle(double time_s);
+
+  PlotConfig config_;
+  double exclusion_s_;
+  double fade_s_;
+  RangeRadius place_;
+  std::vector<Sensor> sensors_;
+  std::deque<Recent> recent_;
+  FadingGrid standing_;                  // plots at one place,
+  FadingGrid about_;                     // and in a wider one
+  std::deque<Standing> standing_plots_;  // of the last moments
+  // About each floating plot at the same time: it and what stands as near as its own body, beside
+  // it and farther away.
+  FadingGrid floating_;
+  FadingGrid self_;
+  FadingGrid beside_;
+  FadingGrid farther_;
+};
+
+}  // namespace unlidar

@@ -1,0 +1,134 @@
+// The stages of a stream: a frame at a time, in order of time, from returns to rows.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <unordered_map>
+#include <vector>
+
+#include "frame_preparation.hpp"
+#include "live/live_clutter.hpp"
+#include "live/occupancy.hpp"
+#include "live/track_follower.hpp"
+#include "robust/track_search.hpp"
+#include "unlidar/config.hpp"
+#include "unlidar/engine.hpp"
+#include "unlidar/robust/ground.hpp"
+#include "unlidar/robust/support.hpp"
+
+namespace unlidar {
+
+// What stands where, as it was known some time ago.
+struct SceneSnapshot {
+  SceneSnapshot(std::vector<Eigen::Vector3f> points_m, const RobustConfig& config);
+
+  std::vector<Eigen::Vector3f> structure_m;
+  Ground ground;
+  Support support;
+};
+
+class LiveTracker {
+ public:
+  LiveTracker(const Config& config, OutputTimes output_times, Engine::Callback on_event);
+  ~LiveTracker();
+
+  // `info`: of the sensor with this index, whenever it is new or its period has changed.
+  void SetSensor(std::uint32_t sensor, const SensorInfo& info);
+
+  // Takes a frame, of no earlier stamp than all before.
+  void Take(LoadedFrame frame);
+
+  // Gives the rows that are due when `newest_ns` is the newest stamp that has come.
+  void GiveRows(TimeNs newest_ns);
+
+  // No frame will follow.
+  void Close(TimeNs newest_ns);
+
+  bool is_warm() const { return snapshot_ != nullptr; }
+
+ private:
+  // A frame whose plots are not yet judged: a body may still show itself beside them.
+  struct HeldFrame {
+    FrameInfo info;
+    std::vector<SeenPlot> plots;
+    std::vector<double> place_rates;  // (plots)
+  };
+
+  struct Output {
+    std::unique_ptr<TrackFollower> track;
+    TimeNs given_ns = 0;  // up to here
+    bool is_told = false;
+  };
+
+  std::int64_t BinOf(TimeNs time_ns);
+  double SecondsOf(TimeNs time_ns) const;
+  void WarmUp();
+  void MakeEarlyPlots(std::size_t most);
+  void RefitScene();
+  void MakePlots(LoadedFrame frame, std::int64_t bin);
+  void StepHeld(TimeNs until_ns);
+  void Step(HeldFrame held);
+  void Confirm();
+  void ConfirmPath(const Path& path, double threshold);
+  void Tidy(double time_s);
+  void AddInstants(const FrameInfo& frame);
+  void GiveRowsOf(Output* output, TimeNs limit_ns, TimeNs newest_ns);
+  int SupportAt(const TrackFollower& track, std::size_t instant) const;
+
+  Config config_;
+  OutputTimes output_times_;
+  Engine::Callback on_event_;
+
+  // Time.
+  bool has_begun_ = false;
+  TimeNs begin_ns_ = 0;
+  TimeNs bin_ns_;
+  std::int64_t bin_shift_ = 0;    // bins of pauses that are left out
+  std::int64_t newest_slot_ = 0;  // bin without the shift
+  TimeNs front_ns_ = 0;           // middle of the newest frame taken,
+  TimeNs stepped_ns_ = 0;         // and of the newest one that was searched
+
+  // Scene.
+  Occupancy occupancy_;
+  std::unique_ptr<SceneSnapshot> snapshot_;
+  TimeNs snapshot_ns_ = 0;
+  int num_snapshots_ = 0;
+  TimeNs snapshot_interval_ns_ = 0;
+  std::vector<Eigen::Vector3f> early_returns_m_;  // for the lowest elevation
+  double lowest_elevation_rad_ = 0.0;
+  std::deque<std::pair<LoadedFrame, std::int64_t>> early_;  // frames before it is warm
+
+  // Plots.
+  LiveClutter clutter_;
+  std::deque<HeldFrame> held_;
+  std::deque<BodyBox> bodies_;
+  std::uint32_t num_frames_ = 0;
+
+  // Search.
+  Watch watch_;
+  Recording recent_;  // sensors and frames of the last while, without returns
+  Moment moment_;
+  std::vector<TrackModel> models_;
+  std::vector<Plot> plots_;
+  std::vector<SeenPlot> seen_;  // the same
+  std::vector<double> log_births_;
+  std::vector<char> free_;
+  std::vector<TrackSearch> searches_;
+  double odds_ = 0.0;       // sum over the plots, faded,
+  double num_plots_ = 0.0;  // and their number,
+  double watched_s_ = 0.0;  // and how long that took
+  double rates_s_ = 0.0;    // when
+  double tidied_s_ = 0.0;
+
+  // Tracks.
+  int next_id_ = 0;
+  std::vector<Output> outputs_;
+  std::deque<TimeNs> instants_;
+  std::optional<OutputInstants> rate_instants_;  // computed one by one, without an end
+  std::size_t next_instant_ = 0;                 // of a rate or a list
+};
+
+}  // namespace unlidar

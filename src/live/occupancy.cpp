@@ -1,0 +1,181 @@
+#include "live/occupancy.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace unlidar {
+namespace {
+
+// How what lies before the window fades: by a factor of e in so many bins.
+constexpr double kFadeBins = 600.0;
+constexpr int kSettledBins = 10;    // from so many on what is structure remains so for a while
+constexpr float kForgotten = 0.5F;  // faded hits that are none
+
+double Fade(std::int64_t bins) { return std::exp(-static_cast<double>(bins) / kFadeBins); }
+
+int Count(std::uint64_t word) { return __builtin_popcountll(word); }
+
+std::uint64_t LowBits(std::int64_t count) {
+  return count >= 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << count) - 1;
+}
+
+// Bits from `first` to `last` of the stay about the set bit `at`: bits with breaks of at most
+// `max_break`.
+struct Stay {
+  int first;
+  int last;
+};
+
+Stay StayAt(std::uint64_t word, int at, int max_break) {
+  Stay stay{at, at};
+  for (int i = at - 1; i >= 0 && stay.first - i <= max_break + 1; --i) {
+    if (word >> i & 1U) stay.first = i;
+  }
+  for (int i = at + 1; i < 64 && i - stay.last <= max_break + 1; ++i) {
+    if (word >> i & 1U) stay.last = i;
+  }
+  return stay;
+}
+
+}  // namespace
+
+Occupancy::Occupancy(const BackgroundConfig& config)
+    : config_(config),
+      max_break_(static_cast<int>(config.max_break_s / config.bin_s)),
+      places_(config.place) {}
+
+void Occupancy::AddFrame(std::int64_t bin) {
+  if (bin > newest_) {
+    const std::int64_t passed = bin - newest_;
+    const std::uint64_t out = passed >= kWindow ? watched_ : watched_ & ~LowBits(kWindow - passed);
+    older_watched_ = (older_watched_ + Count(out)) * Fade(passed);
+    frames_ *= Fade(passed);
+    bins_with_frames_ *= Fade(passed);
+    watched_ = passed >= kWindow ? 0 : watched_ << passed;
+    newest_ = bin;
+  }
+  const std::int64_t age = newest_ - bin;
+  if (age >= kWindow) return;
+  frames_ += 1.0;
+  if (!(watched_ >> age & 1U)) {
+    watched_ |= std::uint64_t{1} << age;
+    bins_with_frames_ += 1.0;
+  }
+}
+
+// Brings the bits of a place up to the newest bin. Hits that leave the window count as older ones,
+// unless they belong to the stay that lasts: what hovers for longer than the window does not become
+// structure by that.
+void Occupancy::Shift(Place* place) const {
+  const std::int64_t passed = newest_ - place->own.bin;
+  if (passed <= 0) return;
+  const std::uint64_t out =
+      passed >= kWindow ? place->own.word : place->own.word & ~LowBits(kWindow - passed);
+  if (!place->is_stay_long) place->older += static_cast<float>(Count(out));
+  place->older *= static_cast<float>(Fade(passed));
+  place->own.word = passed >= kWindow ? 0 : place->own.word << passed;
+  place->own.bin = newest_;
+}
+
+void Occupancy::Add(const Eigen::Vector3f& point_m, std::int64_t bin) {
+  const std::int64_t age = newest_ - bin;
+  if (age < 0 || age >= kWindow) return;
+  const std::uint64_t bit = std::uint64_t{1} << age;
+  Place unknown;
+  unknown.own.bin = newest_;
+  places_.VisitHomes(point_m, unknown, [&](Place& place, bool is_own) {
+    Shift(&place);
+    if (place.own.word & bit) return;
+    place.own.word |= bit;
+    place.point_m = point_m;
+    place.is_own = is_own;
+  });
+}
+
+void Occupancy::LookAround(const Eigen::Vector3f& point_m, Place* place) {
+  if (place->near.bin == newest_ && place->near.word != 0) return;
+  std::uint64_t word = 0;
+  float older = 0.0F;
+  places_.VisitBlock(point_m, [&](Place& neighbour) {
+    Shift(&neighbour);
+    word |= neighbour.own.word;
+    older = std::max(older, neighbour.older);
+  });
+  place->near = {word, newest_};
+  place->older_near = older;
+}
+
+Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
+                                    const FloatsIn& floats) {
+  Verdict verdict;
+  Place* const found = places_.Find(point_m);
+  const std::int64_t age = newest_ - bin;
+  verdict.is_structure = true;
+  if (found == nullptr || age < 0 || age >= kWindow) return verdict;
+  Place& place = *found;
+  const auto tell_floating = [&] {
+    if (std::exchange(place.scene, scene) != scene) place.floats = floats(point_m);
+    verdict.floats = place.floats;
+  };
+  if (place.judged_until >= newest_) {
+    tell_floating();
+    return verdict;
+  }
+  LookAround(point_m, &place);
+  const std::uint64_t word = place.near.word | std::uint64_t{1} << age;
+  const Stay stay = StayAt(word, static_cast<int>(age), max_break_);
+  const std::uint64_t in_stay = LowBits(stay.last + 1) & ~LowBits(stay.first);
+  float occupied = static_cast<float>(Count(word & watched_ & ~in_stay));
+  float exposed = static_cast<float>(Count(watched_ & ~in_stay));
+  // The stay may reach back beyond the window as far as its last bits tell.
+  place.is_stay_long = stay.last + max_break_ + 1 >= kWindow;
+  if (place.is_stay_long || 2 * Count(in_stay & watched_) > Count(watched_)) {
+    occupied = std::max(occupied, place.past_occupied);
+    exposed = std::max(exposed, place.past_exposed);
+  } else {
+    occupied += place.older_near;
+    exposed += static_cast<float>(older_watched_);
+    place.past_occupied = occupied;
+    place.past_exposed = exposed;
+  }
+  const auto min_exposed =
+      static_cast<float>(config_.min_exposure * static_cast<double>(Count(watched_)));
+  verdict.is_structure =
+      exposed < min_exposed || occupied > static_cast<float>(config_.max_occupancy) * exposed;
+  place.is_structure = verdict.is_structure;
+  if (verdict.is_structure) {
+    // Not all places at once are looked at anew.
+    if (Count(watched_) >= kSettledBins) {
+      place.judged_until = newest_ + 4 + static_cast<std::int64_t>(1e3F * place.point_m.norm()) % 8;
+    }
+    tell_floating();
+    return verdict;
+  }
+  if (occupied <= 1.0F) return verdict;
+  const double hits_per_bin =
+      -std::log1p(-std::min(0.999, static_cast<double>((occupied - 1.0F) / exposed)));
+  verdict.place_rate =
+      static_cast<float>(hits_per_bin * bins_with_frames_ / frames_ / places_.VolumeM3(point_m));
+  return verdict;
+}
+
+std::vector<Eigen::Vector3f> Occupancy::Structure() const {
+  std::vector<Eigen::Vector3f> points_m;
+  places_.VisitAll([&](const Place& place) {
+    if (place.is_structure && place.is_own) points_m.push_back(place.point_m);
+  });
+  std::sort(points_m.begin(), points_m.end(), [](const auto& a, const auto& b) {
+    return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
+  });
+  return points_m;
+}
+
+void Occupancy::Sweep() {
+  places_.EraseIf([&](Place& place) {
+    Shift(&place);
+    return place.own.word == 0 && place.older < 4.0F * kForgotten;
+  });
+}
+
+}  // namespace unlidar

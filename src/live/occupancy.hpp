@@ -1,0 +1,85 @@
+// What a stream of frames says about every place at other times: structure, clutter or free space.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "unlidar/robust/background.hpp"
+#include "unlidar/robust/shell_table.hpp"
+
+namespace unlidar {
+
+// Occupancy of places over a sliding window of time bins, as bits; what is older counts on, but
+// fades. As Background says it of a recording, a return is judged by the bins outside the stay of
+// its place: by what came before, for a stream does not know what follows.
+class Occupancy {
+ public:
+  struct Verdict {
+    bool is_structure = false;  // or too little is known to tell
+    bool floats = false;        // structure that nothing holds up
+    float place_rate = 0.0F;    // as Background::PlaceRate
+  };
+
+  // Whether a place floats in a scene, which is asked once for each place and scene.
+  using FloatsIn = std::function<bool(const Eigen::Vector3f&)>;
+
+  explicit Occupancy(const BackgroundConfig& config);
+
+  // Bins count up; frames may come out of order by a few bins.
+  void AddFrame(std::int64_t bin);
+  void Add(const Eigen::Vector3f& point_m, std::int64_t bin);
+
+  // Of a return that was measured in `bin`, which is in the window. `scene` numbers what `floats`
+  // tells of.
+  Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
+                const FloatsIn& floats);
+
+  // A return of each place that was last judged to be structure and was hit within the window.
+  std::vector<Eigen::Vector3f> Structure() const;
+
+  // Forgets places that were not hit for the window, but for structure of old. Call it now and
+  // then.
+  void Sweep();
+
+ private:
+  static constexpr int kWindow = 64;  // bins
+
+  // Bit i stands for i bins before `bin`.
+  struct Bits {
+    std::uint64_t word = 0;
+    std::int64_t bin = 0;
+  };
+
+  struct Place {
+    Bits own;                    // hits in the voxel
+    Bits near;                   // and in its neighbourhood, by the time it was last asked for
+    float older = 0.0F;          // hits in the voxel before the window, faded,
+    float older_near = 0.0F;     // and in the neighbourhood
+    float past_occupied = 0.0F;  // outside of the stay when that began
+    float past_exposed = 0.0F;
+    bool is_stay_long = false;  // it fills the window
+    bool is_own = false;        // of the shell that its last return lies in
+    bool is_structure = false;
+    bool floats = false;
+    int scene = -1;                  // of which that is true
+    std::int64_t judged_until = -1;  // what is structure is not looked at anew before this bin
+    Eigen::Vector3f point_m = Eigen::Vector3f::Zero();
+  };
+
+  void Shift(Place* place) const;
+  void LookAround(const Eigen::Vector3f& point_m, Place* place);
+
+  BackgroundConfig config_;
+  int max_break_;
+  std::int64_t newest_ = 0;
+  std::uint64_t watched_ = 0;      // bit i: any frame i bins before the newest
+  double older_watched_ = 0.0;     // before the window, faded
+  double frames_ = 0.0;            // all, faded
+  double bins_with_frames_ = 0.0;  // likewise
+  ShellTable<Place> places_;
+};
+
+}  // namespace unlidar

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from synthetic import PROJECT
+from synthetic import PROJECT, TRAJ_HEADER
 
-PAGES = ("researcher_with_a_bag", "mmaud", "own_sensor")
+PAGES = ("researcher_with_a_bag", "mmaud", "own_sensor", "live")
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -62,15 +62,21 @@ def test_the_page_on_mmaud_works_as_written(folder: Path) -> None:
 
 
 def test_the_page_on_own_sensors_works_as_written(folder: Path) -> None:
-    frames = sorted((PROJECT.parent / "shared/data/formats/pcd/readable").glob("*.pcd"))
-    minute = folder / "minutes/2026-05-01T1200"
-    minute.mkdir(parents=True)
-    shutil.copy(frames[0], minute / "1777636800.000000.pcd")
-    os.utime(minute, (1, 1))
-    (folder / "minutes/2026-05-01T1201").mkdir()  # is being written
     run_blocks("own_sensor", folder)
     assert (folder / "traj.csv").read_text().count("\n") > 50
-    assert [path.name for path in (folder / "tracks").iterdir()] == ["2026-05-01T1200.csv"]
+
+
+def test_the_page_on_live_tracking_works_as_written(folder: Path) -> None:
+    said = run_blocks("live", folder)
+    assert TRAJ_HEADER in said
+    assert (folder / "traj.csv").read_text().count("\n") > 50
+    assert (folder / "piped.csv").read_text().count("\n") > 50
+    told = {
+        json.loads(line)["event"] for line in (folder / "events.jsonl").read_text().splitlines()
+    }
+    page = (PROJECT / "docs/live.md").read_text()
+    table = page.partition("| `event` |")[2].partition("\n\n")[0]
+    assert told == set(re.findall(r"^\| `([a-z]+)` \|", table, re.MULTILINE))
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -44,7 +44,7 @@ from synthetic import (
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:
-    return make_flight()
+    return make_flight(frames=100)
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +203,7 @@ def test_files_that_are_gone_before_they_are_read_are_counted(frames: Path, tmp_
         said = station.stop()
     assert "10 frames removed before it could be read" in said
     counts = json.loads(summary.read_text())["counts"]
-    assert (counts["frames"], counts["vanished_frames"]) == (50, 10)
+    assert (counts["frames"], counts["vanished_frames"]) == (90, 10)
     assert station.told("state")[-1]["dropped"] == 10
 
 
@@ -318,7 +318,7 @@ def test_a_run_that_is_killed_is_taken_up_where_it_stopped(
     paths = by_stamp(frames)
     target = tmp_path / "frames/lidar"
     with Station(tmp_path) as station:
-        move_into(target, paths[:45])
+        move_into(target, paths[:70])
         wait_until(lambda: len(rows_of(station.trajectory)) > 15, "rows are there")
         wait_idle(station)
         station.live.signal(signal.SIGKILL)
@@ -327,12 +327,12 @@ def test_a_run_that_is_killed_is_taken_up_where_it_stopped(
     killed_events = station.events.read_bytes()
     assert killed.endswith(b"\n")
     last_s = stamps(station.trajectory)[-1]
-    assert float(paths[44].stem) - last_s < 1.0 + 0.3  # at most the last delay is lost
+    assert float(paths[69].stem) - last_s < 1.0 + 0.3  # at most the last delay is lost
     with station.trajectory.open("a") as file:
         file.write(tail)
-    move_into(target, paths[45:50])  # while nobody looks
+    move_into(target, paths[70:75])  # while nobody looks
     with Station(tmp_path) as station:
-        move_into(target, paths[50:])
+        move_into(target, paths[75:])
         wait_idle(station)
         said = station.stop()
     assert station.trajectory.read_bytes().startswith(killed)
@@ -378,7 +378,7 @@ def test_sighup_opens_rotated_outputs_again(frames: Path, tmp_path: Path) -> Non
     paths = by_stamp(frames)
     target = tmp_path / "frames/lidar"
     with Station(tmp_path) as station:
-        move_into(target, paths[:45])
+        move_into(target, paths[:70])
         wait_until(lambda: len(rows_of(station.trajectory)) > 10, "rows are there")
         wait_idle(station)
         station.trajectory.rename(tmp_path / "traj.csv.1")
@@ -387,7 +387,7 @@ def test_sighup_opens_rotated_outputs_again(frames: Path, tmp_path: Path) -> Non
         wait_until(lambda: station.trajectory.exists() and station.events.exists(), "it reopens")
         assert station.trajectory.read_text() == NO_DRONE_TRAJ
         station.live.signal(signal.SIGHUP)  # nothing was moved: nothing changes
-        move_into(target, paths[45:])
+        move_into(target, paths[70:])
         wait_until(lambda: rows_of(station.trajectory), "rows go on")
         wait_idle(station)
         station.stop()

@@ -163,7 +163,8 @@ void GrowingFile::ReadLines() {
       rest.remove_prefix(end + 1);
       whole += static_cast<off_t>(line.size());
       if (++number > 1 || format_.header.empty()) {
-        on_line_(std::string_view(line).substr(0, line.size() - 1), number);
+        line.pop_back();
+        on_line_(line, number);
       }
       line.clear();
     }

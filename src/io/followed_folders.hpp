@@ -36,7 +36,7 @@ struct FollowedFrame {
 // last kMaxGiven stamps of its folder, is passed over and counted.
 class FollowedFolders {
  public:
-  static constexpr std::size_t kMaxPending = std::size_t{1} << 14;
+  static constexpr std::size_t kMaxPending = std::size_t{1} << 13;
   static constexpr std::size_t kMaxGiven = 1024;
 
   struct Folder {

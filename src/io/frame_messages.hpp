@@ -46,7 +46,7 @@ class FrameMessageReader {
     std::size_t length = 0;
   };
 
-  std::string_view Rest() const { return std::string_view(buffer_).substr(begin_); }
+  std::string_view Rest() const { return {buffer_.data() + begin_, buffer_.size() - begin_}; }
   bool ReadHead();
   Head ParseHead(std::string_view line) const;
   [[noreturn]] void Fail(const std::string& what) const;

@@ -26,8 +26,9 @@ struct Got {
 std::vector<Got> ReadAll(const std::string& bytes, std::size_t piece) {
   FrameMessageReader reader("stdin");
   std::vector<Got> messages;
+  const std::string_view all = bytes;
   for (std::size_t at = 0; at < bytes.size(); at += piece) {
-    reader.Append(std::string_view(bytes).substr(at, piece));
+    reader.Append(all.substr(at, piece));
     while (const auto message = reader.Next()) {
       messages.push_back(
           {message->sensor, message->stamp_ns, message->name, std::string(message->pcd)});

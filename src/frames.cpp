@@ -178,7 +178,7 @@ void CheckStamp(const FrameFile& file, TimeNs offset_ns) {
   throw InputError(file.path + ": the stamp " + std::to_string(file.stamp_ns) +
                    " ns with the sensor's time offset of " + std::to_string(offset_ns) +
                    " ns is farther from 1970 than " + std::to_string(kMaxStampNs) +
-                   " ns, expected a time before 2096");
+                   " ns, expected a year from 1844 to 2096");
 }
 
 // One source being read: bad frames are thrown or, if the user wants so, noted.

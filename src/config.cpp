@@ -254,7 +254,8 @@ void ApplyAssignment(const std::string& assignment, Overlay& overlay) {
   if (equals == std::string::npos || equals == 0) {
     throw UsageError(place + ": expected section.key=value");
   }
-  const YAML::Node value = ParseYaml(assignment.substr(equals + 1), [&](int) { return place; });
+  const YAML::Node value = ParseYaml(
+      assignment.substr(equals + 1), [&](int) -> const auto& { return place; });
   overlay.ApplyValue(assignment.substr(0, equals), value, place);
 }
 

@@ -20,7 +20,7 @@ void CheckStamp(const FrameFile& file, TimeNs offset_ns) {
   throw InputError(file.path + ": the stamp " + std::to_string(file.stamp_ns) +
                    " ns with the sensor's time offset of " + std::to_string(offset_ns) +
                    " ns is farther from 1970 than " + std::to_string(kMaxStampNs) +
-                   " ns, expected a time before 2096");
+                   " ns, expected a year from 1844 to 2096");
 }
 
 }  // namespace

@@ -3,28 +3,29 @@
 //   FAULT_CALL    open read write close fsync rename unlink stat readdir ... or malloc
 //   FAULT_NTH     which call of it, from 1
 //   FAULT_ERRNO   with this error
-//   FAULT_SIGNAL  or, in its place, so many lets this signal come first and the call succeed
-//   FAULT_SHORT   or, not 0, with half of the bytes
+//   FAULT_SIGNAL  or does not let it fail, but this signal come first
+//   FAULT_SHORT   or, not 0, lets it do half of the bytes
 //   FAULT_MARK    a file that is made when it happens: without it the run made fewer calls
-//
-// The headers that declare most of these functions are left out: their attributes are those of an
-// implementation that we are not.
 #include <dlfcn.h>
-#include <errno.h>
 #include <fcntl.h>
-#include <signal.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/syscall.h>
+#include <unistd.h>
 
+#include <cerrno>
+#include <csignal>
+#include <cstdarg>
+#include <cstdlib>
+#include <cstring>
+
+// dlsym allocates: what allocates finds the real functions by other names.
+// NOLINTBEGIN(bugprone-reserved-identifier): of glibc
 extern "C" {
-long syscall(long number, ...);
-void* __libc_malloc(size_t size);
-void* __libc_calloc(size_t count, size_t size);
-void* __libc_realloc(void* memory, size_t size);
-void* __libc_memalign(size_t alignment, size_t size);
+void* __libc_malloc(std::size_t size);
+void* __libc_calloc(std::size_t count, std::size_t size);
+void* __libc_realloc(void* memory, std::size_t size);
+void* __libc_memalign(std::size_t alignment, std::size_t size);
 }
+// NOLINTEND(bugprone-reserved-identifier)
 
 namespace {
 
@@ -34,19 +35,19 @@ long nth = 0;
 long count = 0;
 
 long Setting(const char* name) {
-  const char* const text = getenv(name);
-  return text != nullptr ? atol(text) : 0;
+  const char* const text = std::getenv(name);
+  return text != nullptr ? std::atol(text) : 0;
 }
 
 // True if the call must fail, with errno set.
 bool Fails(const char* name) {
-  if (!active || strcmp(name, call) != 0 || ++count != nth) return false;
+  if (!active || std::strcmp(name, call) != 0 || ++count != nth) return false;
   active = false;
-  if (const char* const mark = getenv("FAULT_MARK")) {
+  if (const char* const mark = std::getenv("FAULT_MARK")) {
     syscall(SYS_close, syscall(SYS_openat, AT_FDCWD, mark, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
   }
   if (const long signal = Setting("FAULT_SIGNAL")) {
-    raise(static_cast<int>(signal));
+    std::raise(static_cast<int>(signal));
     return false;
   }
   errno = static_cast<int>(Setting("FAULT_ERRNO"));
@@ -60,18 +61,18 @@ Function* Next(const char* name) {
 
 // read and write: halved where that is asked for.
 template <class Bytes>
-ssize_t Transfer(const char* name, int fd, Bytes bytes, size_t size) {
+ssize_t Transfer(const char* name, int fd, Bytes bytes, std::size_t size) {
   if (Fails(name)) {
     if (Setting("FAULT_SHORT") == 0) return -1;
     size = (size + 1) / 2;
   }
-  return Next<ssize_t(int, Bytes, size_t)>(name)(fd, bytes, size);
+  return Next<ssize_t(int, Bytes, std::size_t)>(name)(fd, bytes, size);
 }
 
 int (*real_main)(int, char**, char**) = nullptr;
 
 int MainWithFaults(int argc, char** argv, char** environment) {
-  if (const char* const name = getenv("FAULT_CALL")) call = name;
+  if (const char* const name = std::getenv("FAULT_CALL")) call = name;
   nth = Setting("FAULT_NTH");
   active = true;
   const int result = real_main(argc, argv, environment);
@@ -83,6 +84,7 @@ int MainWithFaults(int argc, char** argv, char** environment) {
 
 extern "C" {
 
+// NOLINTNEXTLINE(bugprone-reserved-identifier): of glibc
 int __libc_start_main(int (*main)(int, char**, char**), int argc, char** argv, void (*init)(),
                       void (*fini)(), void (*loader_fini)(), void* stack_end) {
   real_main = main;
@@ -104,8 +106,10 @@ int openat(int folder, const char* path, int flags, ...) {
                          : Next<int(int, const char*, int, ...)>("openat")(folder, path, flags);
 }
 
-ssize_t read(int fd, void* bytes, size_t size) { return Transfer("read", fd, bytes, size); }
-ssize_t write(int fd, const void* bytes, size_t size) { return Transfer("write", fd, bytes, size); }
+ssize_t read(int fd, void* bytes, std::size_t size) { return Transfer("read", fd, bytes, size); }
+ssize_t write(int fd, const void* bytes, std::size_t size) {
+  return Transfer("write", fd, bytes, size);
+}
 
 int close(int fd) {
   const bool fails = Fails("close");
@@ -142,15 +146,16 @@ int lstat(const char* path, void* to) {
 }
 int fstat(int fd, void* to) { return Fails("fstat") ? -1 : Next<int(int, void*)>("fstat")(fd, to); }
 
-char* getcwd(char* path, size_t size) {
-  return Fails("getcwd") ? nullptr : Next<char*(char*, size_t)>("getcwd")(path, size);
+char* getcwd(char* path, std::size_t size) {
+  return Fails("getcwd") ? nullptr : Next<char*(char*, std::size_t)>("getcwd")(path, size);
 }
 char* realpath(const char* path, char* to) noexcept {
   return Fails("realpath") ? nullptr : Next<char*(const char*, char*)>("realpath")(path, to);
 }
-ssize_t readlink(const char* path, char* to, size_t size) {
-  return Fails("readlink") ? -1
-                           : Next<ssize_t(const char*, char*, size_t)>("readlink")(path, to, size);
+ssize_t readlink(const char* path, char* to, std::size_t size) {
+  return Fails("readlink")
+             ? -1
+             : Next<ssize_t(const char*, char*, std::size_t)>("readlink")(path, to, size);
 }
 
 void* fdopendir(int fd) { return Fails("fdopendir") ? nullptr : Next<void*(int)>("fdopendir")(fd); }
@@ -158,18 +163,17 @@ void* readdir(void* folder) {
   return Fails("readdir") ? nullptr : Next<void*(void*)>("readdir")(folder);
 }
 
-// dlsym allocates: these take another way.
-void* malloc(size_t size) noexcept { return Fails("malloc") ? nullptr : __libc_malloc(size); }
-void* calloc(size_t number, size_t size) noexcept {
+void* malloc(std::size_t size) noexcept { return Fails("malloc") ? nullptr : __libc_malloc(size); }
+void* calloc(std::size_t number, std::size_t size) noexcept {
   return Fails("malloc") ? nullptr : __libc_calloc(number, size);
 }
-void* realloc(void* memory, size_t size) noexcept {
+void* realloc(void* memory, std::size_t size) noexcept {
   return Fails("malloc") ? nullptr : __libc_realloc(memory, size);
 }
-void* aligned_alloc(size_t alignment, size_t size) noexcept {
+void* aligned_alloc(std::size_t alignment, std::size_t size) noexcept {
   return Fails("malloc") ? nullptr : __libc_memalign(alignment, size);
 }
-int posix_memalign(void** memory, size_t alignment, size_t size) noexcept {
+int posix_memalign(void** memory, std::size_t alignment, std::size_t size) noexcept {
   if (Fails("malloc")) return ENOMEM;
   *memory = __libc_memalign(alignment, size);
   return *memory != nullptr ? 0 : ENOMEM;

@@ -110,13 +110,13 @@ TEST(FrameDirectories, MissingAndEmptyOnesAreRefused) {
 TEST(FrameDirectories, OneThatMayBeListedButNotSearchedIsNamedItself) {
   const TemporaryFolder folder;
   folder.Write("1.0.pcd", OnePoint());
-  std::filesystem::permissions(folder.path(), std::filesystem::perms(0644));
+  std::filesystem::permissions(folder.path(), static_cast<std::filesystem::perms>(0644));
   std::string message;
   {
     const WithoutPrivileges nobody;
     message = InputMessage(folder);
   }
-  std::filesystem::permissions(folder.path(), std::filesystem::perms(0755));
+  std::filesystem::permissions(folder.path(), static_cast<std::filesystem::perms>(0755));
   EXPECT_EQ(message,
             folder.path() + ": Permission denied, expected a directory whose files can be opened");
 }

@@ -71,7 +71,7 @@ TEST(PcdFiles, AMissingFileAndADirectoryAreRefused) {
 // The file with zeros behind it, none of which takes room on the disk.
 std::string WriteSparse(const TemporaryFolder& folder, const std::string& bytes,
                         std::uintmax_t size) {
-  const std::string path = folder.Write("sparse.pcd", bytes);
+  std::string path = folder.Write("sparse.pcd", bytes);
   std::filesystem::resize_file(path, size);
   return path;
 }
@@ -98,13 +98,14 @@ TEST(PcdFiles, WhatNoLidarHasInAFrameIsRefusedByNameAndSize) {
   const auto header = [](const std::string& points, const std::string& data) {
     return "FIELDS x y z w\nSIZE 8 8 8 8\nTYPE F F F F\nPOINTS " + points + "\nDATA " + data + "\n";
   };
+  std::string nothing;
+  nothing.resize(50'000'000);
   const std::pair<std::string, std::string> expected_by_start[] = {
       {"", "begins with '????"},
       {header("2", "ascii") + "1 2 3 4\n5 6 7 8\n", "takes 107374182400 bytes, expected at most"},
       {header("60000000", "binary"), "takes 19200000"},
       {header("67108865", "binary"), "at most 67108864"},
-      {header("60000000", "binary_compressed") +
-           testing::WithSizes(std::string(50'000'000, '\0'), 1'920'000'000),
+      {header("60000000", "binary_compressed") + testing::WithSizes(nothing, 1'920'000'000),
        "unpacks to 1920000000 bytes, expected at most 1073741824"}};
   const TemporaryFolder folder;
   for (const auto& [start, expected] : expected_by_start) {

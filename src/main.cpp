@@ -1,6 +1,7 @@
 // The command line: arguments in, files out, every error one line and an exit code.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
 #include <iostream>
 #include <map>
@@ -299,7 +300,7 @@ void TrackDrones(const Arguments& arguments) {
 
 }  // namespace
 
-int Main(int argc, char** argv) {
+int Run(int argc, char** argv) {
   try {
     Arguments arguments;
     CLI::App app(kDescription, "unlidar_track");
@@ -313,12 +314,21 @@ int Main(int argc, char** argv) {
     }
     TrackDrones(arguments);
     return static_cast<int>(ExitCode::kDone);
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const Error& error) {
     return Fail(error.code(), error.what());
-  } catch (const std::bad_alloc&) {
-    return Fail(ExitCode::kInternal, "out of memory");
   } catch (const std::exception& error) {
     return Fail(ExitCode::kInternal, std::string("internal: ") + error.what());
+  }
+}
+
+int Main(int argc, char** argv) {
+  try {
+    return Run(argc, argv);
+  } catch (const std::bad_alloc&) {
+    std::fputs("unlidar_track: error: out of memory\n", stderr);  // which takes none
+    return static_cast<int>(ExitCode::kInternal);
   }
 }
 

@@ -1,8 +1,13 @@
 #include "frame_directory.hpp"
 
+#include <dirent.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <filesystem>
 #include <map>
+#include <memory>
+#include <new>
 #include <optional>
 #include <string_view>
 #include <system_error>
@@ -31,18 +36,34 @@ bool IsFrameName(const std::string& name) {
 
 namespace {
 
+struct CloseFolder {
+  void operator()(DIR* folder) const { closedir(folder); }
+};
+
+// By readdir: the iterators of std::filesystem end the program where an allocation fails, as their
+// increment is noexcept.
 std::vector<std::string> FrameNames(const std::string& directory) {
-  std::error_code error;
+  const auto check = [&](bool is_fine) {
+    if (is_fine) return;
+    if (errno == ENOMEM) throw std::bad_alloc();
+    throw InputError(directory + ": " + std::generic_category().message(errno) +
+                     ", expected a directory of .pcd frames");
+  };
+  const std::unique_ptr<DIR, CloseFolder> folder(opendir(directory.c_str()));
+  check(folder != nullptr);
   std::vector<std::string> names;
-  fs::directory_iterator entry(directory, error);
-  for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
+  while (true) {
+    errno = 0;
+    const dirent* entry = readdir(folder.get());
+    if (entry == nullptr) break;
+    const std::string name = entry->d_name;
+    const bool is_told = entry->d_type != DT_UNKNOWN && entry->d_type != DT_LNK;
     std::error_code broken_link;  // stays in the list, so that reading it is an error
-    const std::string name = entry->path().filename().string();
-    if (IsFrameName(name) && !entry->is_directory(broken_link)) names.push_back(name);
+    const bool is_folder = is_told ? entry->d_type == DT_DIR
+                                   : fs::is_directory(fs::path(directory) / name, broken_link);
+    if (IsFrameName(name) && !is_folder) names.push_back(name);
   }
-  if (error) {
-    throw InputError(directory + ": " + error.message() + ", expected a directory of .pcd frames");
-  }
+  check(errno == 0);
   if (names.empty()) {
     throw InputError(directory + ": holds no .pcd file, expected at least one frame");
   }

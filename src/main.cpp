@@ -395,11 +395,7 @@ void TrackDrones(const Arguments& arguments) {
 
 }  // namespace
 
-int Main(int argc, char** argv) {
-  // A reader that has gone and a limit of file sizes are errors of writing like others.
-  std::signal(SIGPIPE, SIG_IGN);
-  std::signal(SIGXFSZ, SIG_IGN);
-  std::set_terminate(Terminate);
+int Run(int argc, char** argv) {
   try {
     Arguments arguments;
     CLI::App app(kDescription, "unlidar_track");
@@ -417,12 +413,25 @@ int Main(int argc, char** argv) {
     }
     TrackDrones(arguments);
     return static_cast<int>(ExitCode::kDone);
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const Error& error) {
     return Fail(error.code(), error.what());
-  } catch (const std::bad_alloc&) {
-    return Fail(ExitCode::kInternal, "out of memory");
   } catch (const std::exception& error) {
     return Fail(ExitCode::kInternal, std::string("internal: ") + error.what());
+  }
+}
+
+int Main(int argc, char** argv) {
+  // A reader that has gone and a limit of file sizes are errors of writing like others.
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
+  std::set_terminate(Terminate);
+  try {
+    return Run(argc, argv);
+  } catch (const std::bad_alloc&) {
+    WriteToStderr("unlidar_track: error: out of memory\n");  // which takes none
+    return static_cast<int>(ExitCode::kInternal);
   }
 }
 

@@ -6,13 +6,27 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <new>
 
 #include "bspline.hpp"
+#include "memory_reserve.hpp"
 #include "spline_cost.hpp"
 #include "trajectory_model.hpp"
 
 namespace unlidar {
 namespace {
+
+// Some destructors of Ceres allocate: to fail in one ends the program. What the whole takes is put
+// aside before.
+void SolveWithReserve(const ceres::Solver::Options& options, ceres::Problem* problem,
+                      ceres::Solver::Summary* summary) {
+  constexpr std::size_t kBytesPerResidualBlock = 4096;  // more than twice of what it is
+  constexpr std::size_t kBytesAtLeast = 1U << 17U;
+  const auto num_blocks = static_cast<std::size_t>(problem->NumResidualBlocks());
+  const MemoryReserve reserve(kBytesAtLeast + kBytesPerResidualBlock * num_blocks);
+  ceres::Solve(options, problem, summary);
+  if (reserve.was_needed()) throw std::bad_alloc();
+}
 
 // The robust minimum itself, from a start that is nearly there.
 void Refine(const SplineModel& model, const TrajectoryConfig& config, Trajectory& trajectory) {
@@ -35,13 +49,15 @@ void Refine(const SplineModel& model, const TrajectoryConfig& config, Trajectory
 
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  // Eigen's solver throws where an allocation fails; CHOLMOD returns null, which Ceres overlooks.
+  options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
   options.logging_type = ceres::SILENT;
   options.num_threads = 1;
   options.parameter_tolerance = 1e-13;  // relative to all control points: 1e-8 m is wanted
   options.max_num_iterations = 100;
   options.initial_trust_region_radius = 1e12;  // quadratic, but for the few on the edge of the loss
   ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
+  SolveWithReserve(options, &problem, &summary);
   trajectory.iterations = summary.num_successful_steps + summary.num_unsuccessful_steps;
   trajectory.converged = summary.termination_type == ceres::CONVERGENCE;
   trajectory.weights.clear();

@@ -24,8 +24,10 @@ ALL_INSTALLED = 'shift 2; for p in "$@"; do echo "$p installed"; done'
 # Pretends to be a Python of which -m venv makes a copy.
 PYTHON = """
 case "$*" in
+  --version) echo "Python of $0" ;;
   *'-m venv'*) for last; do :; done; mkdir -p "$last/bin"
-    cp "$0" "$last/bin/python"; cp "$HERE/unlidar" "$last/bin/unlidar" ;;
+    cp "$0" "$last/bin/python"; cp "$HERE/unlidar" "$last/bin/unlidar"
+    echo "${0##*/} makes $last" >>"$HERE/venvs" ;;
   *'-m pip'*) echo pip >>"$HERE/calls" ;;
 esac
 """
@@ -39,6 +41,10 @@ class Sandbox:
         self.bin = folder / "bin"
         self.bin.mkdir()
         shutil.copytree(PROJECT / "tools", self.root / "tools")
+        setup = self.root / "tools" / "setup.sh"
+        text = setup.read_text()
+        assert text.count("/usr/bin/python3") == 1
+        setup.write_text(text.replace("/usr/bin/python3", f"'{self.bin}/debian-python3'"))
         for name in SYSTEM:
             found = shutil.which(name)
             assert found, f"{name} is missing on this system"
@@ -156,11 +162,19 @@ def test_a_failing_apt_is_shown_with_the_missing_package(sandbox: Sandbox) -> No
 
 def test_an_old_python_is_named(sandbox: Sandbox) -> None:
     sandbox.put("python3", 'case "$*" in --version) echo Python 3.9.2 ;; *) exit 1 ;; esac')
-    script = sandbox.root / "tools" / "setup.sh"
-    script.write_text(script.read_text().replace(" /usr/bin/python3;", " /no/such/python3;"))
     refused = sandbox.run("demo.sh")
     assert refused.returncode != 0
     assert "Python 3.11 or newer with venv is needed, found Python 3.9.2" in refused.stderr
+
+
+def test_the_systems_python_goes_before_a_newer_one_in_the_path(sandbox: Sandbox) -> None:
+    sandbox.run("demo.sh")
+    sandbox.put("debian-python3", PYTHON)
+    sandbox.run("demo.sh")
+    sandbox.run("demo.sh")
+    made = (sandbox.bin / "venvs").read_text().splitlines()
+    # The environment of the other Python is made anew, once.
+    assert [line.split()[0] for line in made] == ["python3", "debian-python3"]
 
 
 def test_a_failing_build_ends_with_the_reason(sandbox: Sandbox) -> None:

@@ -90,10 +90,11 @@ build() {
   cmake --build "$build_dir" --target "$1" </dev/null || fail "the build failed, see above"
 }
 
-# The first Python that is new enough and can make a virtual environment.
+# The first Python that is new enough and can make a virtual environment. The system's goes first: a
+# newer one in PATH would hide what breaks with the one that a fresh Debian has.
 find_python() {
   local candidate
-  for candidate in python3 /usr/bin/python3; do
+  for candidate in /usr/bin/python3 python3; do
     if "$candidate" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' \
       >/dev/null 2>&1; then
       command -v "$candidate"
@@ -105,23 +106,23 @@ find_python() {
 
 # make_venv EXTRA: .venv with unlidar_tools and what its EXTRA needs ('' for the plain package),
 # installed in place. A stamp keeps what was installed from which pyproject.toml; it also names the
-# folder, because environments do not survive a move.
+# folder and the Python, because environments survive neither a move nor another Python.
 make_venv() {
-  local extra=$1 python stamp stamp_file=$venv/unlidar_tools.stamp
-  stamp="$root $(sha256sum <"$root/tools/pyproject.toml")"
-  if "$venv/bin/python" -c '' 2>/dev/null && grep -qxF "$stamp" "$stamp_file" 2>/dev/null &&
-    grep -qxF "extra:$extra" "$stamp_file"; then
-    return 0
-  fi
+  local extra=$1 python place project stamp_file=$venv/unlidar_tools.stamp
   python=$(find_python) ||
     fail "Python 3.11 or newer with venv is needed, found $(python3 --version 2>&1 || true)"
-  say "Installing the Python harness in $venv"
-  if ! "$venv/bin/python" -c '' 2>/dev/null || ! grep -qF "$root " "$stamp_file" 2>/dev/null; then
-    quietly "$python could not make a virtual environment" "$python" -m venv --clear "$venv"
+  place="$root with $python, $("$python" --version)"
+  project="pyproject.toml:$(sha256sum <"$root/tools/pyproject.toml")"
+  if ! "$venv/bin/python" -c '' 2>/dev/null || ! grep -qxF "$place" "$stamp_file" 2>/dev/null; then
+    rm -rf -- "$venv"
+  elif grep -qxF "$project" "$stamp_file" && grep -qxF "extra:$extra" "$stamp_file"; then
+    return 0
   fi
+  say "Installing the Python harness in $venv"
+  [[ -e $venv ]] || quietly "$python could not make a virtual environment" "$python" -m venv "$venv"
   quietly "pip could not install the harness; is there a network?" \
     "$venv/bin/python" -m pip install --disable-pip-version-check \
     --editable "$root/tools${extra:+[$extra]}"
   # The plain install is part of every one with an extra.
-  printf '%s\nextra:\nextra:%s\n' "$stamp" "$extra" >"$stamp_file"
+  printf '%s\n' "$place" "$project" extra: "extra:$extra" >"$stamp_file"
 }

@@ -104,13 +104,14 @@ build() {
   build_in "$build_dir" "$@" -- -DCMAKE_BUILD_TYPE=Release
 }
 
-# build_sanitized TARGET...: with assertions, the sanitizers for memory and undefined behaviour, and
-# the fuzzers, in build-sanitize/. Not among them: division by zero of floating numbers, which is
-# defined and meant.
+# build_sanitized TARGET...: with assertions, the sanitizers for memory and undefined behaviour, counts
+# of executed lines, and the fuzzers, in build-sanitize/. Not among them: division by zero of floating
+# numbers, which is defined and meant.
 build_sanitized() {
   build_in "$sanitize_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
-    -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O1 -gline-tables-only' \
-    -DUNLIDAR_SANITIZE=address,undefined -DUNLIDAR_BUILD_FUZZERS=ON -DUNLIDAR_BUILD_BENCHMARKS=OFF
+    -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
+    -DUNLIDAR_SANITIZE=address,undefined -DUNLIDAR_COVERAGE=ON -DUNLIDAR_BUILD_FUZZERS=ON \
+    -DUNLIDAR_BUILD_BENCHMARKS=OFF
 }
 
 # The first Python that is new enough and can make a virtual environment. The system's goes first: a

@@ -22,8 +22,8 @@ namespace unlidar::fuzz {
 namespace {
 
 constexpr TimeNs kBeginNs = 1'706'255'621'000'000'000;
-constexpr std::size_t kMaxReturns = 1500;
-constexpr int kMaxFrames = 40;
+constexpr std::size_t kMaxReturns = 600;
+constexpr int kMaxFrames = 24;
 
 enum class PointTimes { kNone, kOffset, kUnix };
 

@@ -87,9 +87,9 @@ covered() {
   llvm-profdata merge -o "$profile/all.profdata" "$profile"/*.profraw || return
   # Helpers of one name in several tests, all of them left out, are said not to match.
   {
-    llvm-cov show -format=html -output-dir="$root/out/coverage" "${options[@]}"
-    llvm-cov report -show-region-summary=0 -show-branch-summary=0 "${options[@]}"
-  } 2> >(grep -v 'functions have mismatched data' >&2) | tee -- "$table"
+    llvm-cov show -format=html -output-dir="$root/out/coverage" "${options[@]}" &&
+      llvm-cov report -show-region-summary=0 -show-branch-summary=0 "${options[@]}"
+  } 2> >(grep -v 'functions have mismatched data' >&2) | tee -- "$table" || return
   awk -v least="$least_coverage" \
     '$1 == "TOTAL" { total = $NF + 0 } END { exit !(total >= least) }' "$table" || {
     echo "less than $least_coverage % of the lines"

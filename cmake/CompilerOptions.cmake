@@ -6,3 +6,22 @@ function(unlidar_compile_options target)
     -ffp-contract=off  # x86 and arm give the same digits
   )
 endfunction()
+
+# Of everything: a sanitizer that sees a part of the program only is of no use.
+if(UNLIDAR_SANITIZE)
+  add_compile_options(-fsanitize=${UNLIDAR_SANITIZE} -fno-sanitize-recover=all
+    -fno-omit-frame-pointer -D_GLIBCXX_ASSERTIONS)
+  add_link_options(-fsanitize=${UNLIDAR_SANITIZE})
+endif()
+if(UNLIDAR_COVERAGE)
+  add_compile_options(-fprofile-instr-generate -fcoverage-mapping)
+  add_link_options(-fprofile-instr-generate)
+endif()
+# Comparisons guide a fuzzer through texts and headers. In the mathematics, whose results no mutation
+# aims at, watching them takes most of the time.
+if(UNLIDAR_BUILD_FUZZERS)
+  add_compile_options(-fsanitize=fuzzer-no-link -fno-sanitize-coverage=trace-cmp)
+  file(GLOB parsers src/config*.cpp src/frame*.cpp src/lzf.cpp src/output_times.cpp src/pcd*.cpp
+    src/point_times.cpp src/stamp.cpp)
+  set_source_files_properties(${parsers} PROPERTIES COMPILE_OPTIONS -fsanitize-coverage=trace-cmp)
+endif()

@@ -17,15 +17,18 @@ from synthetic import PROJECT, run_program
 
 # What the scripts may use of the system; everything else comes from the stand-ins.
 SYSTEM = ["basename", "bash", "cat", "chmod", "cp", "cut", "dirname", "env", "grep", "mkdir"]
-SYSTEM += ["nproc", "realpath", "rm", "sha256sum", "sort", "stat", "tail", "touch", "true", "tr"]
+SYSTEM += ["nproc", "realpath", "rm", "sed", "sha256sum", "sort", "stat", "tail", "touch", "true"]
+SYSTEM += ["tr", "xargs"]
 
 # Pretends that every package is there.
 ALL_INSTALLED = 'shift 2; for p in "$@"; do echo "$p installed"; done'
 # Pretends to be a Python of which -m venv makes a copy.
 PYTHON = """
 case "$*" in
+  --version) echo "Python of $0" ;;
   *'-m venv'*) for last; do :; done; mkdir -p "$last/bin"
-    cp "$0" "$last/bin/python"; cp "$HERE/unlidar" "$last/bin/unlidar" ;;
+    cp "$0" "$last/bin/python"; cp "$HERE/unlidar" "$last/bin/unlidar"
+    echo "${0##*/} makes $last" >>"$HERE/venvs" ;;
   *'-m pip'*) echo pip >>"$HERE/calls" ;;
 esac
 """
@@ -39,6 +42,14 @@ class Sandbox:
         self.bin = folder / "bin"
         self.bin.mkdir()
         shutil.copytree(PROJECT / "tools", self.root / "tools")
+        fuzzers = self.root / "src" / "fuzz"
+        fuzzers.mkdir(parents=True)
+        for target in ("one", "two"):
+            (fuzzers / f"{target}_fuzz.cpp").touch()
+        setup = self.root / "tools" / "setup.sh"
+        text = setup.read_text()
+        assert text.count("/usr/bin/python3") == 1
+        setup.write_text(text.replace("/usr/bin/python3", f"'{self.bin}/debian-python3'"))
         for name in SYSTEM:
             found = shutil.which(name)
             assert found, f"{name} is missing on this system"
@@ -80,7 +91,7 @@ def sandbox(tmp_path: Path) -> Sandbox:
     return Sandbox(tmp_path)
 
 
-@pytest.mark.parametrize("script", ["demo.sh", "test.sh"])
+@pytest.mark.parametrize("script", ["demo.sh", "test.sh", "fuzz.sh"])
 def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> None:
     shown = sandbox.run(script, "--help")
     assert shown.returncode == 0 and f"Usage: tools/{script}" in shown.stdout
@@ -94,6 +105,12 @@ def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> 
         ("demo.sh", ["a", "b"], "at most one recording"),
         ("demo.sh", ["--fast"], "unknown option '--fast'"),
         ("test.sh", ["more"], "unexpected argument 'more'"),
+        ("test.sh", ["--quick", "--sanitize"], "expected one option, got 2"),
+        ("fuzz.sh", [], "expected a number of minutes"),
+        ("fuzz.sh", ["0"], "'0': expected a whole number of minutes above 0"),
+        ("fuzz.sh", ["--runs", "many", "1"], "--runs 'many': expected a whole number above 0"),
+        ("fuzz.sh", ["--runs"], "--runs: expected a number of executions behind it"),
+        ("fuzz.sh", ["1", "nothing"], "no target 'nothing', expected some of: one two"),
     ],
 )
 def test_wrong_arguments_are_refused_before_anything_is_installed(
@@ -154,13 +171,47 @@ def test_a_failing_apt_is_shown_with_the_missing_package(sandbox: Sandbox) -> No
     assert set(sandbox.calls()) == {"apt-get"}
 
 
+# Pretends to be CMake, which builds two copies of a fuzzer.
+FUZZ_BUILD = """
+case "$*" in *--build*) mkdir -p "$2/src/fuzz"
+  for t in one two; do cp "$HERE/a_fuzz" "$2/src/fuzz/${t}_fuzz"; done ;;
+esac
+"""
+FUZZER = """
+echo "$*" >>"$0.calls"; echo "stat::number_of_executed_units: 7"
+case $0 in *two_fuzz) echo "BROKEN LAW: one and one is two"; exit 77 ;; esac
+"""
+
+
+def test_a_find_of_a_fuzzer_is_shown_and_fails(sandbox: Sandbox) -> None:
+    sandbox.put("cmake", FUZZ_BUILD)
+    sandbox.put("a_fuzz", FUZZER)
+    found = sandbox.run("fuzz.sh", "--runs", "9", "2")
+    assert found.returncode != 0 and "something was found" in found.stderr
+    assert "one: 7 executions, no find" in found.stdout
+    assert "BROKEN LAW: one and one is two" in found.stdout
+    assert "two: 7 executions, A FIND" in found.stdout
+    calls = (sandbox.root / "build-sanitize" / "src" / "fuzz" / "one_fuzz.calls").read_text()
+    assert "-max_total_time=120" in calls and "-runs=9" in calls
+    good = sandbox.run("fuzz.sh", "1", "one")
+    assert good.returncode == 0, good.stderr
+
+
 def test_an_old_python_is_named(sandbox: Sandbox) -> None:
     sandbox.put("python3", 'case "$*" in --version) echo Python 3.9.2 ;; *) exit 1 ;; esac')
-    script = sandbox.root / "tools" / "setup.sh"
-    script.write_text(script.read_text().replace(" /usr/bin/python3;", " /no/such/python3;"))
     refused = sandbox.run("demo.sh")
     assert refused.returncode != 0
     assert "Python 3.11 or newer with venv is needed, found Python 3.9.2" in refused.stderr
+
+
+def test_the_systems_python_goes_before_a_newer_one_in_the_path(sandbox: Sandbox) -> None:
+    sandbox.run("demo.sh")
+    sandbox.put("debian-python3", PYTHON)
+    sandbox.run("demo.sh")
+    sandbox.run("demo.sh")
+    made = (sandbox.bin / "venvs").read_text().splitlines()
+    # The environment of the other Python is made anew, once.
+    assert [line.split()[0] for line in made] == ["python3", "debian-python3"]
 
 
 def test_a_failing_build_ends_with_the_reason(sandbox: Sandbox) -> None:

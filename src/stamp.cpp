@@ -23,9 +23,9 @@ std::optional<TimeNs> RoundedInteger(std::string_view digits, int point) {
   }
   const bool round_up = point >= 0 && static_cast<std::size_t>(point) < digits.size() &&
                         digits[static_cast<std::size_t>(point)] >= '5';
-  if (round_up) ++value;
-  if (value > static_cast<std::uint64_t>(std::numeric_limits<TimeNs>::max())) return std::nullopt;
-  return static_cast<TimeNs>(value);
+  constexpr auto kLargest = static_cast<std::uint64_t>(std::numeric_limits<TimeNs>::max());
+  if (value > kLargest - (round_up ? 1 : 0)) return std::nullopt;
+  return static_cast<TimeNs>(value + (round_up ? 1 : 0));
 }
 
 }  // namespace
@@ -67,7 +67,8 @@ std::optional<TimeNs> ParseStamp(std::string_view text) {
   if (at < text.size()) {
     if (text[at] != 'e' && text[at] != 'E') return std::nullopt;
     ++at;
-    if (at < text.size() && text[at] == '+') ++at;
+    // from_chars knows '-' but not '+'; behind one, the other is no sign of an exponent.
+    if (at + 1 < text.size() && text[at] == '+' && IsDigit(text[at + 1])) ++at;
     int exponent = 0;
     const char* const end = text.data() + text.size();
     const auto [parsed_to, error] = std::from_chars(text.data() + at, end, exponent);

@@ -1,4 +1,4 @@
-# Sourced by demo.sh and test.sh: brings a Debian machine to the point where the program is built
+# Sourced by demo.sh, test.sh and fuzz.sh: brings a Debian machine to the point where the program is built
 # and the Python harness installed. Every step is skipped when there is nothing to do, so that a
 # second run needs neither root nor a network.
 # shellcheck shell=bash
@@ -6,6 +6,7 @@
 
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 build_dir=$root/build
+sanitize_dir=$root/build-sanitize
 venv=$root/.venv
 setup_log=$root/out/setup.log
 
@@ -18,6 +19,8 @@ build_packages=(
   python3 python3-venv
 )
 check_packages=(clang-format clang-tidy shellcheck chromium chromium-driver)
+# llvm has what names the functions of a stack trace.
+sanitize_packages=(clang libclang-rt-dev llvm)
 
 say() {
   printf '\n==> %s\n' "$*"
@@ -42,7 +45,7 @@ quietly() {
 check_root_is_writable() {
   local path
   mkdir -p -- "$root/out" 2>/dev/null || fail "cannot write in $root: run as its owner or as root"
-  for path in "$root/out" "$build_dir" "$venv" "$setup_log"; do
+  for path in "$root/out" "$build_dir" "$sanitize_dir" "$venv" "$setup_log"; do
     [[ ! -e $path || -w $path ]] ||
       fail "cannot write $path: it belongs to $(stat -c %U -- "$path"), remove it or run as that user"
   done
@@ -77,23 +80,45 @@ install_packages() {
     install --no-install-recommends "${missing[@]}"
 }
 
-# build TARGET: Release build in build/.
-build() {
+# build_in FOLDER TARGET... -- OPTION...: builds the targets with these options of CMake.
+build_in() {
+  local folder=$1 targets=()
+  shift
+  while [[ $1 != -- ]]; do
+    targets+=("$1")
+    shift
+  done
+  shift
   # A build folder that came along when the project was copied or moved is of no use here.
-  if [[ -e $build_dir/CMakeCache.txt ]] &&
-    ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$root" "$build_dir/CMakeCache.txt"; then
-    rm -rf -- "$build_dir"
+  if [[ -e $folder/CMakeCache.txt ]] &&
+    ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$root" "$folder/CMakeCache.txt"; then
+    rm -rf -- "$folder"
   fi
-  say "Building in $build_dir"
-  quietly "CMake could not configure the build" \
-    cmake -S "$root" -B "$build_dir" -G Ninja -DCMAKE_BUILD_TYPE=Release
-  cmake --build "$build_dir" --target "$1" </dev/null || fail "the build failed, see above"
+  say "Building in $folder"
+  quietly "CMake could not configure the build" cmake -S "$root" -B "$folder" -G Ninja "$@"
+  cmake --build "$folder" --target "${targets[@]}" </dev/null || fail "the build failed, see above"
 }
 
-# The first Python that is new enough and can make a virtual environment.
+# build TARGET...: what users get, in build/.
+build() {
+  build_in "$build_dir" "$@" -- -DCMAKE_BUILD_TYPE=Release
+}
+
+# build_sanitized TARGET...: with assertions, the sanitizers for memory and undefined behaviour, counts
+# of executed lines, and the fuzzers, in build-sanitize/. Not among them: division by zero of floating
+# numbers, which is defined and meant.
+build_sanitized() {
+  build_in "$sanitize_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
+    -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
+    -DUNLIDAR_SANITIZE=address,undefined -DUNLIDAR_COVERAGE=ON -DUNLIDAR_BUILD_FUZZERS=ON \
+    -DUNLIDAR_BUILD_BENCHMARKS=OFF
+}
+
+# The first Python that is new enough and can make a virtual environment. The system's goes first: a
+# newer one in PATH would hide what breaks with the one that a fresh Debian has.
 find_python() {
   local candidate
-  for candidate in python3 /usr/bin/python3; do
+  for candidate in /usr/bin/python3 python3; do
     if "$candidate" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' \
       >/dev/null 2>&1; then
       command -v "$candidate"
@@ -105,23 +130,23 @@ find_python() {
 
 # make_venv EXTRA: .venv with unlidar_tools and what its EXTRA needs ('' for the plain package),
 # installed in place. A stamp keeps what was installed from which pyproject.toml; it also names the
-# folder, because environments do not survive a move.
+# folder and the Python, because environments survive neither a move nor another Python.
 make_venv() {
-  local extra=$1 python stamp stamp_file=$venv/unlidar_tools.stamp
-  stamp="$root $(sha256sum <"$root/tools/pyproject.toml")"
-  if "$venv/bin/python" -c '' 2>/dev/null && grep -qxF "$stamp" "$stamp_file" 2>/dev/null &&
-    grep -qxF "extra:$extra" "$stamp_file"; then
-    return 0
-  fi
+  local extra=$1 python place project stamp_file=$venv/unlidar_tools.stamp
   python=$(find_python) ||
     fail "Python 3.11 or newer with venv is needed, found $(python3 --version 2>&1 || true)"
-  say "Installing the Python harness in $venv"
-  if ! "$venv/bin/python" -c '' 2>/dev/null || ! grep -qF "$root " "$stamp_file" 2>/dev/null; then
-    quietly "$python could not make a virtual environment" "$python" -m venv --clear "$venv"
+  place="$root with $python, $("$python" --version)"
+  project="pyproject.toml:$(sha256sum <"$root/tools/pyproject.toml")"
+  if ! "$venv/bin/python" -c '' 2>/dev/null || ! grep -qxF "$place" "$stamp_file" 2>/dev/null; then
+    rm -rf -- "$venv"
+  elif grep -qxF "$project" "$stamp_file" && grep -qxF "extra:$extra" "$stamp_file"; then
+    return 0
   fi
+  say "Installing the Python harness in $venv"
+  [[ -e $venv ]] || quietly "$python could not make a virtual environment" "$python" -m venv "$venv"
   quietly "pip could not install the harness; is there a network?" \
     "$venv/bin/python" -m pip install --disable-pip-version-check \
     --editable "$root/tools${extra:+[$extra]}"
   # The plain install is part of every one with an extra.
-  printf '%s\nextra:\nextra:%s\n' "$stamp" "$extra" >"$stamp_file"
+  printf '%s\n' "$place" "$project" extra: "extra:$extra" >"$stamp_file"
 }

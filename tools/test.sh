@@ -4,25 +4,40 @@ set -euo pipefail
 
 usage() {
   cat <<'TEXT'
-Usage: tools/test.sh
+Usage: tools/test.sh [--quick | --sanitize]
 
-Checks the format and lints C++, Python and shell, then runs the C++ and the Python tests.
-Exit code 0 if all of them pass. Works from any folder; tests that need ../shared skip without it.
+Checks the format and lints C++, Python and shell, runs the C++ and the Python tests, then those of
+the program once more with the sanitizers for memory and undefined behaviour, which also measures
+line coverage, and each fuzzer for a minute. Exit code 0 if all of them pass.
+
+  --quick     without sanitizers, coverage and fuzzers: while working on something
+  --sanitize  only the tests with sanitizers and the line coverage
+
+Works from any folder; tests that need ../shared skip without it. A part takes seconds or minutes
+where nothing that it depends on has changed; everything, from nothing, about half an hour.
 TEXT
 }
 
 # shellcheck source=tools/setup.sh
 source "$(dirname -- "${BASH_SOURCE[0]}")/setup.sh"
 
+least_coverage=95 # per cent of the lines of the program
+
 case ${1:-} in
-  '') ;;
+  '') parts=(quick sanitize fuzz) ;;
+  --quick) parts=(quick) ;;
+  --sanitize) parts=(sanitize) ;;
   -h | --help) usage; exit 0 ;;
   *) usage >&2; fail "unexpected argument '$1'" ;;
 esac
+(($# <= 1)) || { usage >&2; fail "expected one option, got $#"; }
+# does PART: whether it was asked for.
+does() {
+  [[ " ${parts[*]} " == *" $1 "* ]]
+}
 
 check_root_is_writable
-install_packages "${build_packages[@]}" "${check_packages[@]}"
-build all
+install_packages "${build_packages[@]}" "${check_packages[@]}" "${sanitize_packages[@]}"
 make_venv test
 
 cd -- "$root"
@@ -60,13 +75,53 @@ tidy() {
       "$build_dir" 2> >(grep -v -E '^[0-9]+ warnings? generated\.$' >&2)
 }
 
-check "Format of C++" clang-format --dry-run -Werror "${cpp_headers[@]}" "${cpp_units[@]}"
-check "Lint of C++" tidy
-check "Lint of shell" shellcheck -x tools/*.sh .ci/run
-check "Lint of Python" "$venv/bin/ruff" check tools python_tests
-check "Format of Python" "$venv/bin/ruff" format --check tools python_tests
-check "C++ tests" ctest --test-dir "$build_dir" --output-on-failure --parallel "$jobs"
-export UNLIDAR_TRACK=$build_dir/unlidar_track
-check "Python tests" "$venv/bin/python" -m pytest python_tests
+# covered: shows how many lines of the program the tests with sanitizers have run, file by file, keeps
+# a page with each line in out/coverage, and fails where it is less than least_coverage.
+covered() {
+  local profile=$sanitize_dir/profile table=$root/out/coverage/table.txt
+  local -a programs options
+  mapfile -t programs < <(find "$sanitize_dir/src/tests" -maxdepth 1 -type f -name '*_test' | sort)
+  options=(-instr-profile="$profile/all.profdata" "$sanitize_dir/unlidar_track"
+    "${programs[@]/#/-object=}" "$root/src" "$root/include"
+    -ignore-filename-regex='/src/(tests|fuzz|bench)/')
+  llvm-profdata merge -o "$profile/all.profdata" "$profile"/*.profraw || return
+  # Helpers of one name in several tests, all of them left out, are said not to match.
+  {
+    llvm-cov show -format=html -output-dir="$root/out/coverage" "${options[@]}" &&
+      llvm-cov report -show-region-summary=0 -show-branch-summary=0 "${options[@]}"
+  } 2> >(grep -v 'functions have mismatched data' >&2) | tee -- "$table" || return
+  awk -v least="$least_coverage" \
+    '$1 == "TOTAL" { total = $NF + 0 } END { exit !(total >= least) }' "$table" || {
+    echo "less than $least_coverage % of the lines"
+    return 1
+  }
+}
+
+if does quick; then
+  build all
+  check "Format of C++" clang-format --dry-run -Werror "${cpp_headers[@]}" "${cpp_units[@]}"
+  check "Lint of C++" tidy
+  check "Lint of shell" shellcheck -x tools/*.sh .ci/run
+  check "Lint of Python" "$venv/bin/ruff" check tools python_tests
+  check "Format of Python" "$venv/bin/ruff" format --check tools python_tests
+  check "C++ tests" ctest --test-dir "$build_dir" --output-on-failure --parallel "$jobs"
+  check "Python tests" env UNLIDAR_TRACK="$build_dir/unlidar_track" \
+    "$venv/bin/python" -m pytest python_tests
+fi
+if does sanitize; then
+  build_sanitized all
+  rm -rf -- "$sanitize_dir/profile"
+  export LLVM_PROFILE_FILE=$sanitize_dir/profile/%4m.profraw # four files, which all runs share
+  check "C++ tests with sanitizers" \
+    ctest --test-dir "$sanitize_dir" --output-on-failure --parallel "$jobs"
+  # A limit of memory leaves the sanitizers none.
+  check "Command line with sanitizers" env UNLIDAR_TRACK="$sanitize_dir/unlidar_track" \
+    "$venv/bin/python" -m pytest python_tests/test_{bad_input,cli_contract,outputs}.py \
+    -k 'not bounded_memory and not every_malformed_file'
+  check "Line coverage" covered
+fi
+if does fuzz; then
+  check "Fuzzers" tools/fuzz.sh 1
+fi
 
 ((${#failed[@]} == 0)) || fail "failed: $(IFS=,; printf '%s' "${failed[*]}")"

@@ -1,0 +1,52 @@
+// Any text as a configuration file and any as an assignment of --set, in front of it and apart by a
+// byte of zero: a configuration or an error; and what is listed of one gives the same one again.
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "format.hpp"
+#include "fuzz.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar::fuzz {
+namespace {
+
+struct YamlText {
+  std::string operator()(bool value) const { return value ? "true" : "false"; }
+  std::string operator()(std::int64_t value) const { return std::to_string(value); }
+  std::string operator()(double value) const { return ShortestText(value); }
+  std::string operator()(const std::string& value) const { return value; }
+  std::string operator()(const std::vector<double>& values) const {
+    std::string text = "[";
+    for (const double value : values) text += ShortestText(value) + ",";
+    return text + "]";
+  }
+};
+
+std::vector<std::string> Assignments(const Config& config) {
+  std::vector<std::string> assignments;
+  for (const ConfigEntry& entry : ListConfig(config)) {
+    assignments.push_back(entry.key + "=" + std::visit(YamlText(), entry.value));
+  }
+  return assignments;
+}
+
+void Run(std::string_view bytes) {
+  ByteReader reader(bytes);
+  std::vector<std::string> assignments;
+  if (bytes.find('\0') != std::string_view::npos) assignments.emplace_back(reader.Line());
+  const MemoryFile file(bytes.substr(assignments.empty() ? 0 : assignments[0].size() + 1));
+
+  Config config;
+  if (!Succeeds([&] { config = LoadConfig(file.path(), assignments); })) return;
+  const std::vector<std::string> listed = Assignments(config);
+  Require(Assignments(LoadConfig("", listed)) == listed, "what is listed gives the same again");
+}
+
+}  // namespace
+}  // namespace unlidar::fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  unlidar::fuzz::Run(unlidar::fuzz::Text(data, size));
+  return 0;
+}

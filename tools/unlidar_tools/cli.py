@@ -17,6 +17,7 @@ from unlidar_tools import (
     report_command,
     run_command,
 )
+from unlidar_tools.arguments import whole
 from unlidar_tools.configs import scenario_names
 from unlidar_tools.errors import OutputError, UnlidarError, UsageError, reason
 
@@ -113,7 +114,7 @@ def _add_simulate(commands: argparse._SubParsersAction) -> None:
     known = ", ".join(scenario_names())
     p.add_argument("scenario", metavar="SCENARIO", help=f"a .yaml file, or one of {known}")
     p.add_argument("out", metavar="OUT", type=Path, help="folder to be written")
-    p.add_argument("--seed", type=_seed, default=1, help="same seed, same bytes (default: 1)")
+    p.add_argument("--seed", type=whole, default=1, help="same seed, same bytes (default: 1)")
     p.add_argument("--force", action="store_true", help="replace OUT if it was simulated before")
     p.set_defaults(act=_simulate)
 
@@ -159,12 +160,6 @@ def _names(text: str) -> list[str]:
     if not names or len(set(names)) != len(names):
         raise argparse.ArgumentTypeError(f"'{text}', expected different names")
     return names
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number from 0 on")
-    return int(text)
 
 
 # The sub-commands import what they need themselves: --help need not wait for matplotlib.

@@ -4,9 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from unlidar_tools.arguments import number
+from unlidar_tools.arguments import count, not_negative, origin, positive
 from unlidar_tools.errors import UsageError
-from unlidar_tools.geodesy import Origin
 
 EXAMPLE = (
     "unlidar convert mmaud/val/seq0001 --list && "
@@ -27,18 +26,18 @@ def define(p: argparse.ArgumentParser) -> None:
     p.add_argument("--list", action="store_true", help="show what SRC holds and write nothing")
     p.add_argument("--force", action="store_true", help="replace OUT if it was converted before")
     p.add_argument(
-        "--start", metavar="S", type=_not_negative, default=0.0, help="leave out the first S s"
+        "--start", metavar="S", type=not_negative, default=0.0, help="leave out the first S s"
     )
-    p.add_argument("--duration", metavar="S", type=_positive, help="take no more than S s")
+    p.add_argument("--duration", metavar="S", type=positive, help="take no more than S s")
     p.add_argument(
         "--merge",
         metavar="N",
-        type=_count,
+        type=count,
         default=1,
         help="N messages of a sensor make a frame, for rosette scanners that send often",
     )
     p.add_argument(
-        "--rate", metavar="HZ", type=_positive, help="of frames whose names are but numbers"
+        "--rate", metavar="HZ", type=positive, help="of frames whose names are but numbers"
     )
     bags = p.add_argument_group("ROS recordings")
     bags.add_argument(
@@ -57,7 +56,7 @@ def define(p: argparse.ArgumentParser) -> None:
     bags.add_argument(
         "--origin",
         metavar="LAT,LON,HEIGHT",
-        type=_origin,
+        type=origin,
         help="of the local frame of NavSatFix, degrees and m above the ellipsoid; write "
         "--origin=-33.9,18.4,10 if it begins with a minus (default: the first fix)",
     )
@@ -114,31 +113,3 @@ def _list(source: Path) -> None:
         table.add_row(stream.name, stream.type, str(stream.items), stream.becomes)
     # In a pipe nothing is wrapped: the longest name decides.
     console.print(table, width=None if console.is_terminal else 400)
-
-
-def _not_negative(text: str) -> float:
-    if (value := number(text)) < 0:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a number from 0 on")
-    return value
-
-
-def _positive(text: str) -> float:
-    if (value := number(text)) <= 0:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a number above 0")
-    return value
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number from 1 on")
-    return int(text)
-
-
-def _origin(text: str) -> Origin:
-    parts = text.split(",")
-    if len(parts) != 3:
-        raise argparse.ArgumentTypeError(f"'{text}', expected latitude,longitude,height")
-    latitude, longitude, height = (number(part) for part in parts)
-    if abs(latitude) > 90 or abs(longitude) > 180:
-        raise argparse.ArgumentTypeError(f"'{text}', expected degrees within 90 and 180")
-    return Origin(latitude, longitude, height)

@@ -49,7 +49,7 @@ def load_rows(path: Path) -> np.ndarray:
     """The array of a file as (N, 3); an array without elements is a frame without returns."""
     try:
         array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError, MemoryError) as error:
+    except Exception as error:  # numpy evaluates the header as Python: any error may come of it
         raise InputError(f"{path}: not a readable .npy array: {reason(error)}") from error
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
         raise InputError(f"{path}: expected an array of numbers")

@@ -20,6 +20,7 @@ from unlidar_tools import (
 from unlidar_tools.arguments import whole
 from unlidar_tools.configs import scenario_names
 from unlidar_tools.errors import OutputError, UnlidarError, UsageError, reason
+from unlidar_tools.printable import printable
 
 _INTERRUPTED = 130
 
@@ -60,7 +61,7 @@ def _act(arguments: Sequence[str] | None) -> None:
 
 
 def _fail(message: str, exit_code: int) -> int:
-    print(f"unlidar: error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"unlidar: error: {printable(message)}", file=sys.stderr)
     return exit_code
 
 
@@ -169,7 +170,8 @@ def _simulate(a: argparse.Namespace) -> None:
     from unlidar_tools.simulate import load_scenario, simulate
 
     report = simulate(load_scenario(a.scenario), a.out, a.seed, a.force)
-    print(f"{a.out}: {_counts(report)}, {len(report['scenario']['drones'])} drone(s)")
+    drones = len(report["scenario"]["drones"])
+    print(printable(f"{a.out}: {_counts(report)}, {drones} drone(s)"))
 
 
 def _counts(report: dict) -> str:

@@ -2,15 +2,19 @@
 
 import argparse
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from unlidar_tools.arguments import count, not_negative, origin, positive
-from unlidar_tools.errors import UsageError
+from unlidar_tools.errors import InputError, UsageError
+from unlidar_tools.printable import cell, printable
 
 EXAMPLE = (
     "unlidar convert mmaud/val/seq0001 --list && "
     "unlidar convert mmaud/val/seq0001 out/seq0001 --start 1 --duration 5"
 )
+
+_WIDEST = 1_000_000  # columns of a table that nothing limits
 
 
 def define(p: argparse.ArgumentParser) -> None:
@@ -39,13 +43,14 @@ def define(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--rate", metavar="HZ", type=positive, help="of frames whose names are but numbers"
     )
+    define_reading(p)
     bags = p.add_argument_group("ROS recordings")
     bags.add_argument(
         "--topic",
         metavar="NAME",
         action="append",
         default=[],
-        help="clouds or truth to take; may be repeated (default: all clouds but radars, one truth)",
+        help="clouds, or truth, to take; may be repeated (default: all clouds but radars)",
     )
     bags.add_argument(
         "--stamp",
@@ -63,14 +68,31 @@ def define(p: argparse.ArgumentParser) -> None:
     p.set_defaults(act=_convert)
 
 
-def tell_notes(report: dict) -> None:
+def define_reading(p: argparse.ArgumentParser) -> None:
+    """Adds what `run` asks of a conversion, too."""
+    p.add_argument(
+        "--truth",
+        metavar="TOPIC",
+        action="append",
+        default=[],
+        help="of a ROS recording; may be repeated, each is a target (default: one topic of "
+        "positions whose name says that it is the truth)",
+    )
+    p.add_argument(
+        "--skip-bad",
+        action="store_true",
+        help="leave out frames and messages that cannot be read or repeat a stamp, and count them",
+    )
+
+
+def tell_notes(notes: Iterable[str]) -> None:
     """Says on stderr what the user should know of a conversion."""
-    for note in report["notes"]:
-        print(f"unlidar: note: {note}", file=sys.stderr)
+    for note in notes:
+        print(f"unlidar: note: {printable(note)}", file=sys.stderr)
 
 
 def _convert(a: argparse.Namespace) -> None:
-    from unlidar_tools.convert import Options, convert
+    from unlidar_tools.convert import Options, convert, kept_of
 
     if a.list:
         _list(a.source)
@@ -79,6 +101,8 @@ def _convert(a: argparse.Namespace) -> None:
         raise UsageError("OUT is missing, expected a folder to be written, or --list")
     options = Options(
         topics=tuple(a.topic),
+        truths=tuple(a.truth),
+        skip_bad=a.skip_bad,
         start_s=a.start,
         duration_s=a.duration,
         stamp=a.stamp,
@@ -87,13 +111,17 @@ def _convert(a: argparse.Namespace) -> None:
         origin=a.origin,
     )
     report = convert(a.source, a.out, a.sensors, a.force, options)
-    tell_notes(report)
+    if report["broken"] is not None:
+        what = f"what could be read is in {a.out}: {kept_of(report)}"
+        raise InputError(f"{report['broken']}; {what}")
+    tell_notes(report["notes"])
     counts = ", ".join(
         f"{name} {frames} frames with {report['returns'][name]} returns"
         for name, frames in report["frames"].items()
     )
     truth = report["truth_rows"]
-    print(f"{a.out}: {counts}, {'no truth' if truth is None else f'{truth} truth rows'}")
+    told = "no truth" if truth is None else f"{truth} truth rows"
+    print(printable(f"{a.out}: {counts}, {told}"))
 
 
 def _list(source: Path) -> None:
@@ -105,11 +133,11 @@ def _list(source: Path) -> None:
 
     kind, streams = list_streams(source)
     console = Console(highlight=False)
-    console.print(f"{source} ({kind})", soft_wrap=True, markup=False)
-    table = Table("name", "type", box=box.SIMPLE)
-    table.add_column("items", justify="right")
-    table.add_column("becomes")
+    console.print(cell(f"{source} ({kind})"), soft_wrap=True)
+    table = Table(box=box.SIMPLE)
+    for title in ("name", "type", "items", "becomes"):
+        table.add_column(title, justify="right" if title == "items" else "left", overflow="fold")
     for stream in streams:
-        table.add_row(stream.name, stream.type, str(stream.items), stream.becomes)
-    # In a pipe nothing is wrapped: the longest name decides.
-    console.print(table, width=None if console.is_terminal else 400)
+        table.add_row(*map(cell, (stream.name, stream.type, stream.items, stream.becomes)))
+    # In a pipe nothing is wrapped: as wide as the table is.
+    console.print(table, width=None if console.is_terminal else _WIDEST, crop=False)

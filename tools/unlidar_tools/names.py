@@ -28,19 +28,19 @@ def check_name(name: str) -> str:
     return name
 
 
-def folder_names(texts: Iterable[str]) -> dict[str, str]:
+def folder_names(texts: Iterable[str]) -> list[str]:
     """A name for each text, all different: the text itself where that is a name, else like it."""
-    names: dict[str, str] = {}
-    for text in dict.fromkeys(texts):
+    names: list[str] = []
+    taken: set[str] = set()  # in lower case: file systems that do not tell a from A exist
+    for text in texts:
         like = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:_MOST].strip("_-") or "sensor"
         plain = text if _NAME.fullmatch(text) else like
         plain += "_cloud" if plain in RESERVED else ""
-        # File systems that do not tell a from A exist.
-        taken = {name.lower() for name in names.values()}
         name, number = plain, 2
         while name.lower() in taken:
             ending = f"_{number}"
             name = plain[: _MOST - len(ending)] + ending
             number += 1
-        names[text] = name
+        names.append(name)
+        taken.add(name.lower())
     return names

@@ -14,7 +14,7 @@ EXAMPLE = (
     "unlidar convert mmaud/val/seq0001 out/seq0001 --start 1 --duration 5"
 )
 
-_WIDEST = 1_000_000  # columns of a table that nothing limits
+_WIDEST = 1_000_000  # columns of a pipe: nothing is wrapped
 
 
 def define(p: argparse.ArgumentParser) -> None:
@@ -133,11 +133,12 @@ def _list(source: Path) -> None:
 
     kind, streams = list_streams(source)
     console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = _WIDEST
     console.print(cell(f"{source} ({kind})"), soft_wrap=True)
     table = Table(box=box.SIMPLE)
     for title in ("name", "type", "items", "becomes"):
         table.add_column(title, justify="right" if title == "items" else "left", overflow="fold")
     for stream in streams:
         table.add_row(*map(cell, (stream.name, stream.type, stream.items, stream.becomes)))
-    # In a pipe nothing is wrapped: as wide as the table is.
-    console.print(table, width=None if console.is_terminal else _WIDEST, crop=False)
+    console.print(table)

@@ -14,7 +14,7 @@ from unlidar_tools.presets import preset_of
 from unlidar_tools.program import Outcome, run_program
 from unlidar_tools.report import PAGE, RECORD, RunRecord, load_run, write_page, write_record
 from unlidar_tools.report.static import figure_data
-from unlidar_tools.station import read_station, station_options
+from unlidar_tools.station import places_sensors, read_station, station_options
 from unlidar_tools.truth import TRUTH_NAME, read_truth
 
 _DEFAULTS = Options()
@@ -91,7 +91,8 @@ def run(
     preset = preset_of(recording.frames, options)
     if preset is not None:
         options = ["--config", str(preset), *options]
-    options = recording.poses + options
+    if not places_sensors(options):
+        options = recording.poses + options
     outcome = run_program(recording.sensors, out, options)
     title = path.resolve().name
     write_record(out, RunRecord(title, recording.sensors, recording.truth, options, outcome.wall_s))

@@ -66,6 +66,17 @@ def read_station(folder: Path) -> dict[str, Pose]:
         raise InputError(f"{path}: cannot be read as YAML: {reason(error)}") from error
 
 
+def places_sensors(options: list[str]) -> bool:
+    """Whether a `--config` among the program's options says itself where the LiDARs stand."""
+    if "--config" not in options:
+        return False
+    try:
+        text = Path(options[options.index("--config") + 1]).read_text(encoding="utf-8")
+        return bool(YAML(typ="safe", pure=True).load(text).get("sensors"))
+    except (OSError, ValueError, AttributeError, RecursionError, YAMLError):
+        return False  # the program will say what is wrong with it
+
+
 def station_options(poses: Mapping[str, Pose], sensors: list[str]) -> list[str]:
     """`--set` options of the program for these sensors; none where all stand at the origin."""
     chosen = {name: poses.get(name, Pose()) for name in sensors}

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
@@ -12,8 +11,8 @@ from rosbags.serde import SerdeError
 
 from unlidar_tools.convert.bag_files import is_bag, open_bag
 from unlidar_tools.convert.bag_sensors import BagSensors
+from unlidar_tools.convert.bag_topics import BagTopics
 from unlidar_tools.convert.clouds import (
-    CLOUD_TYPES,
     POINT_CLOUD,
     decode_cloud,
     deserialize,
@@ -21,43 +20,23 @@ from unlidar_tools.convert.clouds import (
     stamp_ns,
 )
 from unlidar_tools.convert.message_types import (
-    ROS1_ENCODING,
-    ROS2_ENCODING,
-    encoding_of,
     is_ros1,
     types_of,
 )
 from unlidar_tools.convert.placing import Placing
 from unlidar_tools.convert.point_times import OFFSET_FIELD, offsets_ns
-from unlidar_tools.convert.positions import FIX, POSITION_TYPES, Positions, says_truth
+from unlidar_tools.convert.positions import FIX, Positions
 from unlidar_tools.convert.source import Options, SourceFrame, Stream, TruthRow, Unreadable
 from unlidar_tools.convert.stamps_seen import StampsSeen
-from unlidar_tools.convert.transforms import StaticTransforms, is_static_topic
-from unlidar_tools.errors import InputError, UsageError, reason
+from unlidar_tools.convert.transforms import StaticTransforms
+from unlidar_tools.errors import InputError, reason
 from unlidar_tools.stamps import format_stamp_ns
 from unlidar_tools.station import Pose
 
-_REFUSED = {
-    "sensor_msgs/msg/LaserScan": "a scan of one plane, which cannot tell where a drone is in 3-D",
-    "sensor_msgs/msg/MultiEchoLaserScan": "a scan of one plane, no cloud",
-}
-_MMAUD_TRUTH = "/leica/point/relative"
 # So many messages tell which sensors send to a topic: they take turns.
 _MESSAGES_OF_A_TOPIC = 50
 # What a message whose bytes or definition are wrong makes of its parser.
 _UNREADABLE = (ValueError, AttributeError, LookupError, TypeError, OverflowError, SerdeError)
-
-
-@dataclass(frozen=True)
-class _Topic:
-    name: str
-    msgtype: str  # with its encoding where that is none of ROS
-    messages: int
-
-    @property
-    def type(self) -> str:
-        """As ROS spells it, the same for both versions."""
-        return self.msgtype.replace("/msg/", "/")
 
 
 class RosBag:
@@ -73,20 +52,17 @@ class RosBag:
         self._path, self._options = path, options
         opened = open_bag(path)
         self._readers, self._flaw, self._opened_notes = opened.parts, opened.flaw, opened.notes
-        self._topics = {
-            name: _Topic(name, _type_of(own[0]), sum(c.msgcount for c in own))
-            for name, own in sorted(_by_topic(self._connections()).items())
-        }
-        clouds = [t.name for t in self._topics.values() if t.msgtype in CLOUD_TYPES]
-        self._sensors = BagSensors({topic: self._frame_ids(topic) for topic in clouds})
+        connections = [c for reader in self._readers for c in reader.connections]
+        self._topics = BagTopics(path, connections, options)
+        self._sensors = BagSensors({topic: self._frame_ids(topic) for topic in self._topics.clouds})
         self.sensors = {
-            name: -(-self._topics[topic].messages // len(self._sensors.of_topic(topic)))
+            name: -(-self._topics.all[topic].messages // len(self._sensors.of_topic(topic)))
             for name, topic in self._sensors.all().items()
         }
-        self._truth_topics, self._why_truth = self._choose_truth()
-        self.truths = len(self._truth_topics)
+        self.truths = len(self._topics.truths)
         self._positions = Positions(options.origin)
-        self._placing = Placing(self._transforms(), {})
+        self._transforms = self._read_transforms()
+        self._placing = Placing(self._transforms, {})
         self._stamps: dict[str, StampsSeen] = {}
         self._misfits: dict[str, int] = {}  # messages whose point times fit no reading
         self._read = 0
@@ -98,34 +74,37 @@ class RosBag:
 
     def lidars(self) -> list[str]:
         """Clouds that hold messages, without radars; those of `--topic` where it names some."""
-        named = []
-        for name in self._options.topics:
-            self._refuse_topic(
-                name, (*CLOUD_TYPES, *POSITION_TYPES), "neither a cloud nor a position"
-            )
-            named += self._sensors.of_topic(name)
+        named = [
+            name for topic in self._topics.named_clouds() for name in self._sensors.of_topic(topic)
+        ]
         if named:
             return named
         found = [
             sensor
             for sensor, topic in self._sensors.all().items()
-            if self._topics[topic].messages and not _is_radar(topic)
+            if self._topics.all[topic].messages and not self._topics.all[topic].is_radar
         ]
         if not found:
-            raise InputError(self._why_nothing())
+            flaw = f"{self._flaw}; " if self._flaw else ""
+            raise InputError(f"{flaw}{self._topics.why_no_clouds()}")
         return found
 
     def streams(self) -> list[Stream]:
         """Its topics."""
         return [
-            Stream(topic.name, topic.type, topic.messages, self._becomes(topic))
-            for topic in self._topics.values()
+            Stream(
+                topic.name,
+                topic.type,
+                topic.messages,
+                self._topics.becomes(topic, self._sensors.of_topic(topic.name)),
+            )
+            for topic in self._topics.all.values()
         ]
 
     def total(self, sensors: list[str]) -> int:
         """By the share of the time asked for in that of the bag."""
         messages = sum(self.sensors[name] for name in sensors)
-        messages += sum(self._topics[name].messages for name in self._truth_topics)
+        messages += sum(self._topics.all[name].messages for name in self._topics.truths)
         begin_ns = min(reader.start_time for reader in self._readers)
         end_ns = max(reader.end_time for reader in self._readers)
         window = self._options.window(begin_ns)
@@ -136,10 +115,10 @@ class RosBag:
     def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow | Unreadable]:
         """In the order of the bag. Log times decide what lies in the time asked for."""
         frames = self._sensors.frames()
-        self._placing = Placing(self._transforms(), {name: frames[name] for name in sensors})
+        self._placing = Placing(self._transforms, {name: frames[name] for name in sensors})
         left_out = set(frames) - set(sensors)
         wanted = {topic for name, topic in self._sensors.all().items() if name in sensors}
-        wanted |= set(self._truth_topics)
+        wanted |= set(self._topics.truths)
         begin_ns = min(reader.start_time for reader in self._readers)
         window = self._options.window(begin_ns)
         for reader in self._readers:
@@ -160,7 +139,7 @@ class RosBag:
 
     def notes(self) -> list[str]:
         """What was chosen, could not be related, or differs from what one expects."""
-        notes = [*self._opened_notes, *self._sensor_notes(), *self._truth_notes()]
+        notes = [*self._opened_notes, *self._sensor_notes(), *self._topics.truth_notes()]
         notes += self._placing.notes()
         found = [stamps.note(topic) for topic, stamps in self._stamps.items()]
         notes += [note for note in found if note]
@@ -182,7 +161,7 @@ class RosBag:
             "topics": self._sensors.all(),
             "frame_ids": self._sensors.frames(),
             "common_frame": self._placing.common,
-            "truth_topics": self._truth_topics,
+            "truth_topics": self._topics.truths,
             "stamps": {topic: stamps.facts() for topic, stamps in self._stamps.items()},
             "origin": self._positions.origin_text(),
         }
@@ -191,9 +170,6 @@ class RosBag:
         """Closes the files."""
         for reader in self._readers:
             reader.close()
-
-    def _connections(self) -> list[Connection]:
-        return [connection for reader in self._readers for connection in reader.connections]
 
     def _messages(self, topic: str) -> Iterator[tuple[Connection, bytes]]:
         """Of one topic, up to where the bag is damaged: that is told when all is read."""
@@ -211,11 +187,9 @@ class RosBag:
                 found.append(read_header(raw, is_ros1(connection)).frame_id)
         return found
 
-    def _transforms(self) -> StaticTransforms:
+    def _read_transforms(self) -> StaticTransforms:
         transforms = StaticTransforms()
-        for topic in self._topics.values():
-            if not is_static_topic(topic.name, topic.msgtype):
-                continue
+        for topic in filter(lambda topic: topic.is_static, self._topics.all.values()):
             for connection, raw in self._messages(topic.name):
                 try:
                     transforms.add(_parsed(connection, raw))
@@ -240,7 +214,7 @@ class RosBag:
     ) -> SourceFrame | TruthRow | Unreadable | None:
         topic = connection.topic
         try:
-            if topic in self._truth_topics:
+            if topic in self._topics.truths:
                 return self._truth(connection, log_ns, raw)
             return self._frame(connection, log_ns, raw, left_out)
         except _UNREADABLE as error:
@@ -257,7 +231,7 @@ class RosBag:
             return None
         if connection.msgtype != FIX:  # whose frame is that of the antenna
             position = self._placing.truth(message.header.frame_id, position)
-        return TruthRow(format_stamp_ns(stamp), position, self._truth_topics.index(topic))
+        return TruthRow(format_stamp_ns(stamp), position, self._topics.truths.index(topic))
 
     def _frame(
         self, connection: Connection, log_ns: int, raw: bytes, left_out: set[str]
@@ -289,29 +263,6 @@ class RosBag:
     def _seen(self, topic: str) -> StampsSeen:
         return self._stamps.setdefault(topic, StampsSeen(self._options.stamp))
 
-    def _choose_truth(self) -> tuple[list[str], str]:
-        """The topics and why: named ones, each a target; else one whose name says that it is."""
-        for name in self._options.truths:
-            self._refuse_topic(name, POSITION_TYPES, "no position")
-        known = self._position_topics()
-        named = [name for name in (*self._options.truths, *self._options.topics) if name in known]
-        if named:
-            return list(dict.fromkeys(named)), "as asked for"
-        if _MMAUD_TRUTH in known:
-            return [_MMAUD_TRUTH], "MMAUD's"
-        telling = sorted(
-            (name for name in known if says_truth(name)),
-            key=lambda name: POSITION_TYPES.index(known[name].msgtype),
-        )
-        return telling[:1], "by its name"
-
-    def _position_topics(self) -> dict[str, _Topic]:
-        return {
-            name: topic
-            for name, topic in self._topics.items()
-            if topic.msgtype in POSITION_TYPES and topic.messages
-        }
-
     def _sensor_notes(self) -> list[str]:
         notes = []
         for topic in dict.fromkeys(self._sensors.all().values()):
@@ -322,70 +273,6 @@ class RosBag:
                 )
         return notes
 
-    def _truth_notes(self) -> list[str]:
-        others = ", ".join(n for n in self._position_topics() if n not in self._truth_topics)
-        if self._truth_topics:
-            notes = f"truth is {', '.join(self._truth_topics)} ({self._why_truth})"
-            return [f"{notes} and not {others}: --truth for another" if others else notes]
-        if others:
-            return [f"no truth: no name of {others} says that it is, --truth takes one"]
-        return []
-
-    def _refuse_topic(self, name: str, types: tuple[str, ...], otherwise: str) -> None:
-        topic = self._topics.get(name)
-        if topic is None:
-            raise UsageError(
-                f"{self._path}: has no topic '{name}', it holds {', '.join(self._topics)}"
-            )
-        if topic.msgtype not in types:
-            why = _REFUSED.get(topic.msgtype, otherwise)
-            raise InputError(f"{self._path}: {name} is {topic.type}: {why}")
-        if not topic.messages:
-            raise InputError(f"{self._path}: {name} has no messages")
-
-    def _why_nothing(self) -> str:
-        held = ", ".join(
-            f"{t.name} ({t.type}{'' if t.messages else ', no messages'})"
-            for t in self._topics.values()
-        )
-        refused = {
-            t.type: _REFUSED[t.msgtype] for t in self._topics.values() if t.msgtype in _REFUSED
-        }
-        why = "".join(f"; {name} is {text}" for name, text in refused.items())
-        flaw = f"{self._flaw}; " if self._flaw else ""
-        return f"{flaw}{self._path}: has no topic with clouds, it holds {held or 'no topic'}{why}"
-
-    def _becomes(self, topic: _Topic) -> str:
-        names = self._sensors.of_topic(topic.name)
-        if names:
-            only = ", only if named" if _is_radar(topic.name) else ""
-            return f"frames of {', '.join(names)}{only}"
-        if topic.name in self._truth_topics:
-            return "ground_truth.csv"
-        if topic.msgtype in POSITION_TYPES:
-            return "ground_truth.csv, only if named"
-        if is_static_topic(topic.name, topic.msgtype):
-            return "station.yaml"
-        return f"refused: {_REFUSED[topic.msgtype]}" if topic.msgtype in _REFUSED else ""
-
-
-def _by_topic(connections: list[Connection]) -> dict[str, list[Connection]]:
-    found: dict[str, list[Connection]] = {}
-    for connection in connections:
-        found.setdefault(connection.topic, []).append(connection)
-    return found
-
-
-def _type_of(connection: Connection) -> str:
-    """With the encoding where that is not one of ROS: then the type says nothing."""
-    encoding = encoding_of(connection)
-    is_ros = encoding in (ROS1_ENCODING, ROS2_ENCODING)
-    return connection.msgtype if is_ros else f"{connection.msgtype} in {encoding}, not of ROS"
-
 
 def _parsed(connection: Connection, raw: bytes) -> Any:
     return deserialize(raw, connection.msgtype, types_of(connection), is_ros1(connection))
-
-
-def _is_radar(topic: str) -> bool:
-    return "radar" in topic.lower()

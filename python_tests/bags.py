@@ -9,7 +9,7 @@ import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from unlidar_tools.convert.message_types import register_livox
 from unlidar_tools.frames_io import read_pcd
 
@@ -20,6 +20,9 @@ _STORES = {
     _ROS1: register_livox(get_typestore(Stores.ROS1_NOETIC)),
     _ROS2: register_livox(get_typestore(Stores.ROS2_HUMBLE)),
 }
+_STORES[_ROS1].register(
+    get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage")
+)
 _DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 _CHUNK_BYTES = 100_000  # small, so that small bags have several chunks
 FORMATS = (
@@ -100,11 +103,11 @@ class Types:
         """A message of the type `package/Name`."""
         return _STORES[self.version].types[name.replace("/", "/msg/")](*arguments, **named)
 
-    def header(self, stamp_ns: int) -> Any:
+    def header(self, stamp_ns: int, frame_id: str = "lidar") -> Any:
         """With the stamp, in ROS 1 also with a sequence number."""
         stamp = self.make("builtin_interfaces/Time", *divmod(stamp_ns, 10**9))
         named = {"seq": 3} if self.version == _ROS1 else {}
-        return self.make("std_msgs/Header", stamp=stamp, frame_id="lidar", **named)
+        return self.make("std_msgs/Header", stamp=stamp, frame_id=frame_id, **named)
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,14 @@ class Layout:
     big_endian: bool = False
 
 
-def point_cloud(topic: str, stamp_ns: int, columns: dict, layout: Layout, log_ns: int) -> Message:
+def point_cloud(
+    topic: str,
+    stamp_ns: int,
+    columns: dict,
+    layout: Layout,
+    log_ns: int,
+    frame_id: str = "lidar",
+) -> Message:
     """A PointCloud2 of these columns; the bytes between its fields are noise."""
     order = ">" if layout.big_endian else "<"
     rows = len(next(iter(columns.values())))
@@ -139,7 +149,7 @@ def point_cloud(topic: str, stamp_ns: int, columns: dict, layout: Layout, log_ns
         ]
         return t.make(
             "sensor_msgs/PointCloud2",
-            header=t.header(stamp_ns),
+            header=t.header(stamp_ns, frame_id),
             height=layout.height,
             width=width,
             fields=fields,
@@ -153,10 +163,17 @@ def point_cloud(topic: str, stamp_ns: int, columns: dict, layout: Layout, log_ns
     return Message(topic, POINT_CLOUD, log_ns, fill)
 
 
-def plain_cloud(topic: str, stamp_ns: int, xyz: np.ndarray, log_ns: int | None = None) -> Message:
+def plain_cloud(
+    topic: str,
+    stamp_ns: int,
+    xyz: np.ndarray,
+    log_ns: int | None = None,
+    frame_id: str = "lidar",
+) -> Message:
     """A PointCloud2 of x, y, z as most drivers write it."""
     columns = dict(zip("xyz", xyz.T, strict=True))
-    return point_cloud(topic, stamp_ns, columns, Layout(), log_ns or stamp_ns + 2_000_000)
+    log_ns = log_ns or stamp_ns + 2_000_000
+    return point_cloud(topic, stamp_ns, columns, Layout(), log_ns, frame_id)
 
 
 def livox_cloud(topic: str, stamp_ns: int, package: str, columns: dict) -> Message:

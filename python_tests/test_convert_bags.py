@@ -294,14 +294,14 @@ def test_fixes_become_east_north_up_of_an_origin_that_is_said(form, tmp_path, ca
     origin = Origin(-33.86, 151.21, 25.0)
     enu = np.array([(0.0, 0.0, 0.0), (100.0, 0.0, 5.0), (0.0, -250.0, 60.0), (-30.0, 40.0, -3.0)])
     bag = write_bag(tmp_path, form, flight() + fixes(to_geodetic(origin, enu)))
-    assert main(["convert", str(bag), str(tmp_path / "out")]) == 0
+    assert main(["convert", str(bag), str(tmp_path / "out"), "--truth", "/fix"]) == 0
     assert "the first fix" in capsys.readouterr().err
     rows = np.array([[float(v) for v in row[1:]] for row in truth_rows(tmp_path / "out")])
     np.testing.assert_allclose(rows, enu, atol=1e-6)
     said = json.loads((tmp_path / "out/conversion.json").read_text())["origin"]
     np.testing.assert_allclose([float(v) for v in said.split(",")], [-33.86, 151.21, 25.0])
     given = f"--origin={said}"
-    again = ["convert", str(bag), str(tmp_path / "again"), given]
+    again = ["convert", str(bag), str(tmp_path / "again"), given, "--truth", "/fix"]
     assert main(again) == 0
     assert "as given" in capsys.readouterr().err
     assert truth_rows(tmp_path / "again") == truth_rows(tmp_path / "out")
@@ -309,7 +309,7 @@ def test_fixes_become_east_north_up_of_an_origin_that_is_said(form, tmp_path, ca
 
 def test_messages_without_a_fix_are_left_out_and_counted(tmp_path):
     bag = write_bag(tmp_path, "ros1", flight() + fixes(np.ones((3, 3)), status=-1))
-    report = convert(bag, tmp_path / "out")
+    report = convert(bag, tmp_path / "out", options=Options(truths=("/fix",)))
     assert report["truth_rows"] == 0
     assert not (tmp_path / "out/ground_truth.csv").exists()
     assert any("3 truth messages without a position" in note for note in report["notes"])
@@ -385,7 +385,7 @@ def test_list_says_what_becomes_of_every_topic_and_writes_nothing(tmp_path, caps
 
 @pytest.mark.parametrize("form", ["ros1", "db3-folder", "mcap-folder"])
 def test_start_and_duration_cut_frames_and_truth_by_log_time(form, tmp_path, fails):
-    truth = truth_messages("/t", "geometry_msgs/PoseStamped", PATH)
+    truth = truth_messages("/t/truth", "geometry_msgs/PoseStamped", PATH)
     bag = write_bag(tmp_path, form, flight() + truth)
     window = ("--start", "0.1", "--duration", "0.2")
     assert main(["convert", str(bag), str(tmp_path / "out"), *window]) == 0
@@ -427,7 +427,8 @@ def test_truth_of_another_clock_is_said(tmp_path):
     late = [
         plain_cloud("/p", stamp_of(i) + 10**12, xyz, stamp_of(i)) for i, xyz in enumerate(CLOUDS)
     ]
-    report = convert(write_bag(tmp_path, "ros1", late + truth), tmp_path / "out")
+    bag = write_bag(tmp_path, "ros1", late + truth)
+    report = convert(bag, tmp_path / "out", options=Options(truths=("/fix",)))
     assert any("no frame lies within the time of the truth" in note for note in report["notes"])
 
 

@@ -99,6 +99,16 @@ def test_kml_has_a_track_with_times_for_each_track(result):
         assert found == pytest.approx(positions(rows), abs=2e-5)
 
 
+def test_names_that_xml_and_csv_have_signs_for_do_not_break_them(result, tmp_path):
+    nasty = result.rename(tmp_path / 'a,"<b>\n\x1b[1m')
+    root = ElementTree.parse(write(nasty, "out.kml", "--origin", ORIGIN)).getroot()
+    name = root.findtext("{*}Document/{*}name")
+    assert name == 'a,"<b>\\n\\x1b[1m'
+    with write(nasty, "mmaud_results.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["Sequence"] for row in rows} == {nasty.name}
+
+
 def test_geojson_has_a_line_for_each_track_with_its_times_and_sigmas(result):
     content = json.loads(write(result, "out.geojson", "--origin", ORIGIN).read_text())
     assert content["type"] == "FeatureCollection"
@@ -127,8 +137,8 @@ def test_places_are_those_of_proj():
         assert ours[:, 0] == pytest.approx(lat_deg, abs=1e-9)
         turn = (ours[:, 1] - lon_deg + 180) % 360 - 180
         assert turn == pytest.approx(0, abs=1e-6 if abs(lat) > 89 else 1e-9)
-        assert ours[:, 2] == pytest.approx(height_m, abs=1e-5)
-        assert from_geodetic(Origin(lat, lon, height), ours) == pytest.approx(xyz, abs=1e-5)
+        assert ours[:, 2] == pytest.approx(height_m, abs=1e-6)
+        assert from_geodetic(Origin(lat, lon, height), ours) == pytest.approx(xyz, abs=1e-7)
 
 
 @pytest.mark.parametrize(("heading", "north_east"), [(90, (0, 1)), (0, (1, 0)), (225, (-1, -1))])

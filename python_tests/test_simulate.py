@@ -6,9 +6,12 @@ import json
 import math
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 from unlidar_tools.cli import main
+from unlidar_tools.configs import SCENARIO_DIR, scenario_names
 from unlidar_tools.frames_io import read_pcd
 from unlidar_tools.simulate import Scenario, Simulation, load_scenario, simulate
 from unlidar_tools.simulate.flight import make_path
@@ -335,7 +338,14 @@ WRONG = {
     "sensors: {a: {model: avia}}\ndrones: [{flight: {}}]": "drones[0].flight: needs either",
     "sensors: {a: {model: avia}}\ndrones: [{flight: {box_m: [[0, 0, 9], [1, 1, 8]]}}]": "box_m",
     "sensors: {a: {model: avia}}\nscene: {trees: 1.5}": "scene.trees: '1.5', expected a whole",
-    "sensors: {a: {model: avia}}\nscene: {trees: -1}": "scene: numbers of things",
+    "sensors: {a: {model: avia}}\nscene: {trees: -1}": "scene.trees: '-1', expected a number",
+    "sensors: {../../evil: {model: avia}}": "sensors: '../../evil', expected a name",
+    "sensors: {/tmp/evil: {model: avia}}": "sensors: '/tmp/evil', expected a name",
+    "sensors: {'': {model: avia}}": "sensors: '', expected a name",
+    "sensors: {ground_truth: {model: avia}}": "sensors: 'ground_truth', expected another name",
+    'sensors: {"a\\e[31m": {model: avia}}': "sensors: 'a\\x1b[31m', expected a name",
+    "sensors: {a: {model: avia}}\nstart_time_s: 2020-13-01": "cannot be read as YAML",
+    "[" * 1000: "cannot be read as YAML",
     "- 1": "expected keys with values",
     "sensors: [": "cannot be read as YAML",
 }
@@ -351,9 +361,31 @@ def test_a_wrong_scenario_is_refused_by_key_and_value(text, tmp_path, fails):
     assert not (tmp_path / "out").exists()
 
 
+def test_the_schema_for_editors_says_what_is_checked_and_takes_every_scenario_that_comes_along():
+    from unlidar_tools.simulate import schema
+
+    assert schema.SCHEMA.read_text() == schema.text(), "run python -m unlidar_tools.simulate.schema"
+    known = json.loads(schema.text())
+    for name in scenario_names():
+        path = SCENARIO_DIR / f"{name}.yaml"
+        assert path.read_text().startswith("# yaml-language-server: $schema=schema.json\n")
+        jsonschema.validate(YAML(typ="safe", pure=True).load(path.read_text()), known)
+    for wrong in ({}, {"sensors": {"a": {"model": "hdl64"}}}, {"sensors": {}, "duration": 3}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(wrong, known)
+
+
 def test_an_unknown_scenario_name_is_a_usage_error_that_lists_the_known(tmp_path, fails):
     line = fails(2, "simulate", "nowhere", tmp_path / "out")
     assert "demo" in line
     assert "empty_sky" in line
     fails(3, "simulate", tmp_path / "absent.yaml", tmp_path / "out")
     fails(2, "simulate", "demo", tmp_path / "out", "--seed", "-1")
+
+
+def test_a_sensor_named_like_a_way_out_writes_nothing_anywhere(tmp_path, fails):
+    demo = (SCENARIO_DIR / "demo.yaml").read_text()
+    path = tmp_path / "evil.yaml"
+    path.write_text(demo.replace("  mid360:", "  ../../evil:", 1))
+    assert "../../evil" in fails(3, "simulate", path, tmp_path / "a/b/out")
+    assert sorted(tmp_path.iterdir()) == [path]

@@ -18,8 +18,10 @@ from unlidar_tools import (
     report_command,
     run_command,
 )
+from unlidar_tools.arguments import whole
 from unlidar_tools.configs import scenario_names
 from unlidar_tools.errors import OutputError, UnlidarError, UsageError, reason
+from unlidar_tools.printable import printable
 
 _INTERRUPTED = 130
 
@@ -60,7 +62,7 @@ def _act(arguments: Sequence[str] | None) -> None:
 
 
 def _fail(message: str, exit_code: int) -> int:
-    print(f"unlidar: error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"unlidar: error: {printable(message)}", file=sys.stderr)
     return exit_code
 
 
@@ -115,7 +117,7 @@ def _add_simulate(commands: argparse._SubParsersAction) -> None:
     known = ", ".join(scenario_names())
     p.add_argument("scenario", metavar="SCENARIO", help=f"a .yaml file, or one of {known}")
     p.add_argument("out", metavar="OUT", type=Path, help="folder to be written")
-    p.add_argument("--seed", type=_seed, default=1, help="same seed, same bytes (default: 1)")
+    p.add_argument("--seed", type=whole, default=1, help="same seed, same bytes (default: 1)")
     p.add_argument("--force", action="store_true", help="replace OUT if it was simulated before")
     p.set_defaults(act=_simulate)
 
@@ -170,12 +172,6 @@ def _names(text: str) -> list[str]:
     return names
 
 
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number from 0 on")
-    return int(text)
-
-
 # The sub-commands import what they need themselves: --help need not wait for matplotlib.
 
 
@@ -183,7 +179,8 @@ def _simulate(a: argparse.Namespace) -> None:
     from unlidar_tools.simulate import load_scenario, simulate
 
     report = simulate(load_scenario(a.scenario), a.out, a.seed, a.force)
-    print(f"{a.out}: {_counts(report)}, {len(report['scenario']['drones'])} drone(s)")
+    drones = len(report["scenario"]["drones"])
+    print(printable(f"{a.out}: {_counts(report)}, {drones} drone(s)"))
 
 
 def _counts(report: dict) -> str:

@@ -2,16 +2,19 @@
 
 import argparse
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
-from unlidar_tools.arguments import number
-from unlidar_tools.errors import UsageError
-from unlidar_tools.geodesy import Origin
+from unlidar_tools.arguments import count, not_negative, origin, positive
+from unlidar_tools.errors import InputError, UsageError
+from unlidar_tools.printable import cell, printable
 
 EXAMPLE = (
     "unlidar convert mmaud/val/seq0001 --list && "
     "unlidar convert mmaud/val/seq0001 out/seq0001 --start 1 --duration 5"
 )
+
+_WIDEST = 1_000_000  # columns of a pipe: nothing is wrapped
 
 
 def define(p: argparse.ArgumentParser) -> None:
@@ -27,26 +30,27 @@ def define(p: argparse.ArgumentParser) -> None:
     p.add_argument("--list", action="store_true", help="show what SRC holds and write nothing")
     p.add_argument("--force", action="store_true", help="replace OUT if it was converted before")
     p.add_argument(
-        "--start", metavar="S", type=_not_negative, default=0.0, help="leave out the first S s"
+        "--start", metavar="S", type=not_negative, default=0.0, help="leave out the first S s"
     )
-    p.add_argument("--duration", metavar="S", type=_positive, help="take no more than S s")
+    p.add_argument("--duration", metavar="S", type=positive, help="take no more than S s")
     p.add_argument(
         "--merge",
         metavar="N",
-        type=_count,
+        type=count,
         default=1,
         help="N messages of a sensor make a frame, for rosette scanners that send often",
     )
     p.add_argument(
-        "--rate", metavar="HZ", type=_positive, help="of frames whose names are but numbers"
+        "--rate", metavar="HZ", type=positive, help="of frames whose names are but numbers"
     )
+    define_reading(p)
     bags = p.add_argument_group("ROS recordings")
     bags.add_argument(
         "--topic",
         metavar="NAME",
         action="append",
         default=[],
-        help="clouds or truth to take; may be repeated (default: all clouds but radars, one truth)",
+        help="clouds, or truth, to take; may be repeated (default: all clouds but radars)",
     )
     bags.add_argument(
         "--stamp",
@@ -57,21 +61,38 @@ def define(p: argparse.ArgumentParser) -> None:
     bags.add_argument(
         "--origin",
         metavar="LAT,LON,HEIGHT",
-        type=_origin,
+        type=origin,
         help="of the local frame of NavSatFix, degrees and m above the ellipsoid; write "
         "--origin=-33.9,18.4,10 if it begins with a minus (default: the first fix)",
     )
     p.set_defaults(act=_convert)
 
 
-def tell_notes(report: dict) -> None:
+def define_reading(p: argparse.ArgumentParser) -> None:
+    """Adds what `run` asks of a conversion, too."""
+    p.add_argument(
+        "--truth",
+        metavar="TOPIC",
+        action="append",
+        default=[],
+        help="of a ROS recording; may be repeated, each is a target (default: one topic of "
+        "positions whose name says that it is the truth)",
+    )
+    p.add_argument(
+        "--skip-bad",
+        action="store_true",
+        help="leave out frames and messages that cannot be read or repeat a stamp, and count them",
+    )
+
+
+def tell_notes(notes: Iterable[str]) -> None:
     """Says on stderr what the user should know of a conversion."""
-    for note in report["notes"]:
-        print(f"unlidar: note: {note}", file=sys.stderr)
+    for note in notes:
+        print(f"unlidar: note: {printable(note)}", file=sys.stderr)
 
 
 def _convert(a: argparse.Namespace) -> None:
-    from unlidar_tools.convert import Options, convert
+    from unlidar_tools.convert import Options, convert, kept_of
 
     if a.list:
         _list(a.source)
@@ -80,6 +101,8 @@ def _convert(a: argparse.Namespace) -> None:
         raise UsageError("OUT is missing, expected a folder to be written, or --list")
     options = Options(
         topics=tuple(a.topic),
+        truths=tuple(a.truth),
+        skip_bad=a.skip_bad,
         start_s=a.start,
         duration_s=a.duration,
         stamp=a.stamp,
@@ -88,13 +111,17 @@ def _convert(a: argparse.Namespace) -> None:
         origin=a.origin,
     )
     report = convert(a.source, a.out, a.sensors, a.force, options)
-    tell_notes(report)
+    if report["broken"] is not None:
+        what = f"what could be read is in {a.out}: {kept_of(report)}"
+        raise InputError(f"{report['broken']}; {what}")
+    tell_notes(report["notes"])
     counts = ", ".join(
         f"{name} {frames} frames with {report['returns'][name]} returns"
         for name, frames in report["frames"].items()
     )
     truth = report["truth_rows"]
-    print(f"{a.out}: {counts}, {'no truth' if truth is None else f'{truth} truth rows'}")
+    told = "no truth" if truth is None else f"{truth} truth rows"
+    print(printable(f"{a.out}: {counts}, {told}"))
 
 
 def _list(source: Path) -> None:
@@ -106,39 +133,12 @@ def _list(source: Path) -> None:
 
     kind, streams = list_streams(source)
     console = Console(highlight=False)
-    console.print(f"{source} ({kind})", soft_wrap=True, markup=False)
-    table = Table("name", "type", box=box.SIMPLE)
-    table.add_column("items", justify="right")
-    table.add_column("becomes")
+    if not console.is_terminal:
+        console.width = _WIDEST
+    console.print(cell(f"{source} ({kind})"), soft_wrap=True)
+    table = Table(box=box.SIMPLE)
+    for title in ("name", "type", "items", "becomes"):
+        table.add_column(title, justify="right" if title == "items" else "left", overflow="fold")
     for stream in streams:
-        table.add_row(stream.name, stream.type, str(stream.items), stream.becomes)
-    # In a pipe nothing is wrapped: the longest name decides.
-    console.print(table, width=None if console.is_terminal else 400)
-
-
-def _not_negative(text: str) -> float:
-    if (value := number(text)) < 0:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a number from 0 on")
-    return value
-
-
-def _positive(text: str) -> float:
-    if (value := number(text)) <= 0:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a number above 0")
-    return value
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number from 1 on")
-    return int(text)
-
-
-def _origin(text: str) -> Origin:
-    parts = text.split(",")
-    if len(parts) != 3:
-        raise argparse.ArgumentTypeError(f"'{text}', expected latitude,longitude,height")
-    latitude, longitude, height = (number(part) for part in parts)
-    if abs(latitude) > 90 or abs(longitude) > 180:
-        raise argparse.ArgumentTypeError(f"'{text}', expected degrees within 90 and 180")
-    return Origin(latitude, longitude, height)
+        table.add_row(*map(cell, (stream.name, stream.type, stream.items, stream.becomes)))
+    console.print(table)

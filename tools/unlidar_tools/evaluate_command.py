@@ -2,9 +2,9 @@
 
 import argparse
 import json
-import math
 from pathlib import Path
 
+from unlidar_tools.arguments import number, positive, whole
 from unlidar_tools.errors import UsageError
 from unlidar_tools.evaluate_options import ALIGNMENTS, AUTO, Options
 
@@ -55,21 +55,21 @@ def define(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--bootstrap",
         metavar="N",
-        type=_count,
+        type=whole,
         default=default.bootstrap,
         help="replicates for the 95 %% intervals, 0: none (default: %(default)s)",
     )
     p.add_argument(
         "--block",
         metavar="S",
-        type=_positive,
+        type=positive,
         default=default.block_s,
         help="seconds that are drawn together for the intervals (default: %(default)s)",
     )
     p.add_argument(
         "--seed",
         metavar="N",
-        type=_count,
+        type=whole,
         default=default.seed,
         help="of the intervals: same seed, same numbers (default: %(default)s)",
     )
@@ -144,29 +144,4 @@ def _group(text: str) -> tuple[str, Path]:
 
 
 def _offset(text: str) -> float | str:
-    if text == AUTO:
-        return AUTO
-    value = _number(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}', expected seconds or auto")
-    return value
-
-
-def _positive(text: str) -> float:
-    value = _number(text)
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"'{text}', expected seconds above 0")
-    return value
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number from 0 on")
-    return int(text)
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
+    return AUTO if text == AUTO else number(text)

@@ -1,11 +1,11 @@
 """`unlidar export`: its options and what it prints."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
-from unlidar_tools.arguments import number
+from unlidar_tools.arguments import number, origin, whole
 from unlidar_tools.export_options import FORMATS, Options, check, guess_format
-from unlidar_tools.geodesy import Origin
 
 EXAMPLE = """unlidar export out/run/seq0001 flight.mcap
   unlidar export out/run/seq0001 flight.kml --origin 1.3483,103.6831,40 --heading 90
@@ -31,7 +31,7 @@ def define(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--origin",
         metavar="LAT,LON,HEIGHT",
-        type=_origin,
+        type=origin,
         help="where 0,0,0 is: degrees north and east, metres above the WGS 84 ellipsoid; "
         "--origin=-33.9,18.4,10 if it begins with a minus",
     )
@@ -63,7 +63,7 @@ def define(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--uav-type",
         metavar="N",
-        type=_count,
+        type=whole,
         default=default.uav_type,
         help="mmaud: Classification to be written; nothing here tells types (default: %(default)s)",
     )
@@ -73,10 +73,10 @@ def define(p: argparse.ArgumentParser) -> None:
 def act(a: argparse.Namespace) -> None:
     """Writes the files and names them."""
     form = a.format or guess_format(a.out)
-    origin = a.origin
-    if origin is not None and a.heading is not None:
-        origin = Origin(origin.latitude_deg, origin.longitude_deg, origin.height_m, a.heading)
-    options = Options(origin, a.frame_id, a.points, a.at, a.uav_type)
+    place = a.origin
+    if place is not None and a.heading is not None:
+        place = replace(place, heading_deg=a.heading)
+    options = Options(place, a.frame_id, a.points, a.at, a.uav_type)
     check(len(a.sources), form, options)
 
     from unlidar_tools.export import export
@@ -91,16 +91,3 @@ def _source(text: str) -> tuple[str, Path]:
         return name, Path(path)
     resolved = Path(text).resolve()
     return (resolved if resolved.is_dir() else resolved.parent).name, Path(text)
-
-
-def _origin(text: str) -> Origin:
-    parts = [number(part) for part in text.split(",")]
-    if len(parts) != 3 or abs(parts[0]) > 90 or abs(parts[1]) > 360:
-        raise argparse.ArgumentTypeError(f"'{text}', expected LAT,LON,HEIGHT in degrees and metres")
-    return Origin(*parts)
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number from 0 on")
-    return int(text)

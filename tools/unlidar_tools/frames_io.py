@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from unlidar_tools.errors import InputError, reason
+from unlidar_tools.names import folder_names
 from unlidar_tools.stamps import parse_stamp_ns
 
 _NO_FIELDS: Mapping[str, np.ndarray] = MappingProxyType({})
@@ -28,11 +29,13 @@ class FrameFile:
 def find_sensors(recording: Path) -> dict[str, Path]:
     """The frame directories of a recording by sensor name: its subfolders that hold PCD files.
 
-    A folder that holds PCD files itself is a recording of one sensor with the folder's name.
+    A folder that holds PCD files itself is a recording of one sensor. Sensors are called after
+    their folders, as `folder_names` has it.
     """
     if _holds_pcd(recording):
-        return {recording.resolve().name: recording}
-    return {d.name: d for d in sorted(recording.iterdir()) if d.is_dir() and _holds_pcd(d)}
+        return {folder_names([recording.resolve().name])[0]: recording}
+    found = [d for d in sorted(recording.iterdir()) if d.is_dir() and _holds_pcd(d)]
+    return dict(zip(folder_names(d.name for d in found), found, strict=True))
 
 
 def list_frames(directory: Path) -> list[FrameFile]:

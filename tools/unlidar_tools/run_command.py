@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from unlidar_tools.convert_command import define_reading
 from unlidar_tools.errors import BatchError, InputError, UsageError, reason
 
 EXAMPLE = """unlidar simulate demo out/demo && unlidar run out/demo --method robust
@@ -40,6 +41,7 @@ def define(p: argparse.ArgumentParser) -> None:
         dest="assignments",
         help="one value of the configuration; may be repeated",
     )
+    define_reading(p)
     p.add_argument("--threads", metavar="N", type=int, help="of the program, for each recording")
     p.add_argument(
         "--live",
@@ -86,13 +88,15 @@ def _run(a: argparse.Namespace) -> None:
 
 
 def _run_one(a: argparse.Namespace) -> None:
+    from unlidar_tools.convert import Options
     from unlidar_tools.run import run
     from unlidar_tools.tables import measures_table
 
     options = ["--config", str(a.config)] if a.config else []
     options += _assignments(a)
     options += ["--threads", str(a.threads)] if a.threads is not None else []
-    result = run(a.recording, a.out, a.sensors, options)
+    reading = Options(truths=tuple(a.truth), skip_bad=a.skip_bad)
+    result = run(a.recording, a.out, a.sensors, options, reading)
     sys.stderr.write(result.outcome.messages)
     title = f"{a.recording.resolve().name} ({', '.join(result.recording.sensors)})"
     console = Console(highlight=False)
@@ -130,7 +134,10 @@ def _run_many(a: argparse.Namespace) -> None:
     # A slot of a worker is one core to Dask; here the cores are shared out.
     threads = a.threads or (1 if a.scheduler else max(1, cores // at_once))
     config_file = str(a.config) if a.config else None
-    settings = Settings(a.sensors, config_file, _read(a.config), _assignments(a), threads)
+    config = _read(a.config)
+    settings = Settings(
+        a.sensors, config_file, config, _assignments(a), threads, a.truth, a.skip_bad
+    )
     rows = run_many(a.recording, a.out, settings, at_once, a.scheduler)
     tables = write_tables(rows, a.out)
     title = f"{a.recording.resolve().name}: {len(rows)} recording{'s' * (len(rows) != 1)}"

@@ -3,44 +3,48 @@
 import re
 from decimal import ROUND_HALF_UP, Decimal
 
-_NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
+_NUMBER = re.compile(r"-?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
 _NS_PER_S = 1_000_000_000
+_LIMIT_NS = 1 << 63
 
 
 def parse_stamp_ns(text: str) -> int:
     """By the program's rules: with a point or an exponent seconds, else the unit by magnitude.
 
     Whole numbers are seconds below 1e11, then milli-, micro- and from 1e17 nanoseconds.
-    ValueError for anything else.
+    ValueError for anything else, and for what 64 bits do not hold.
     """
     if not _NUMBER.fullmatch(text):
         raise ValueError(f"'{text}' is not a time stamp")
-    value = Decimal(text)
     ns_per_unit = _NS_PER_S
     if text.lstrip("-").isdigit():
-        ns_per_unit = next(
-            (
-                n
-                for limit, n in ((11, _NS_PER_S), (14, 10**6), (17, 10**3))
-                if abs(value) < 10**limit
-            ),
-            1,
-        )
-    return int((value * ns_per_unit).to_integral_value(ROUND_HALF_UP))
+        magnitude = len(text.lstrip("-0"))
+        limits = ((11, _NS_PER_S), (14, 10**6), (17, 10**3))
+        ns_per_unit = next((unit for digits, unit in limits if magnitude <= digits), 1)
+    return _to_ns(text, ns_per_unit)
 
 
-def seconds_to_ns(text: str) -> int:
-    """Decimal seconds, of whatever size, to the nearest nanosecond."""
-    return int((Decimal(text.strip()) * _NS_PER_S).to_integral_value(ROUND_HALF_UP))
+def parse_seconds_ns(text: str) -> int:
+    """Seconds, however they are written, to the nearest nanosecond; ValueError for what is none."""
+    if not _NUMBER.fullmatch(text.strip().removeprefix("+")):
+        raise ValueError(f"'{text}' is not a number of seconds")
+    return _to_ns(text.strip(), _NS_PER_S)
 
 
 def format_stamp(stamp_ns: int) -> str:
     """Decimal seconds with microseconds, or nanoseconds where they are needed."""
-    seconds, rest = divmod(stamp_ns, _NS_PER_S)
-    return f"{seconds}.{rest // 1000:06d}" if rest % 1000 == 0 else f"{seconds}.{rest:09d}"
+    text = format_stamp_ns(stamp_ns)
+    return text.removesuffix("000")
 
 
 def format_stamp_ns(stamp_ns: int) -> str:
     """Decimal seconds with all nine digits."""
-    seconds, rest = divmod(stamp_ns, _NS_PER_S)
-    return f"{seconds}.{rest:09d}"
+    seconds, rest = divmod(abs(stamp_ns), _NS_PER_S)
+    return f"{'-' if stamp_ns < 0 else ''}{seconds}.{rest:09d}"
+
+
+def _to_ns(text: str, ns_per_unit: int) -> int:
+    stamp_ns = int((Decimal(text) * ns_per_unit).to_integral_value(ROUND_HALF_UP))
+    if not -_LIMIT_NS <= stamp_ns < _LIMIT_NS:
+        raise ValueError(f"'{text[:40]}' is not a time stamp: more than 292 years from 1970")
+    return stamp_ns

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from unlidar_tools.errors import InputError, reason
-from unlidar_tools.stamps import seconds_to_ns
+from unlidar_tools.stamps import parse_seconds_ns
 
 TRUTH_NAME = "ground_truth.csv"
-_STAMP_LIMIT_NS = 1 << 63
 
 
 @dataclass(frozen=True)
@@ -107,10 +106,10 @@ def _read_columns(
 
 
 def _stamp_ns(path: Path, line: int, text: str) -> int:
-    stamp_ns = seconds_to_ns(text)
-    if abs(stamp_ns) >= _STAMP_LIMIT_NS:
-        raise InputError(f"{path}:{line}: timestamp is '{text}', expected seconds")
-    return stamp_ns
+    try:
+        return parse_seconds_ns(text)
+    except ValueError as error:
+        raise InputError(f"{path}:{line}: timestamp is '{text}', expected seconds") from error
 
 
 def _number(

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from unlidar_tools.batch.job import Job, digest, finished
 from unlidar_tools.cli import report_errors
+from unlidar_tools.convert import Options
 from unlidar_tools.errors import OutputError, UsageError
 from unlidar_tools.output import RUN_MARKER, complete_directory
 from unlidar_tools.program import VARIABLE, find_program
@@ -56,7 +57,8 @@ def _write_results(job: Job) -> None:
     if settings.config is not None:
         Path(_CONFIG).write_text(settings.config)
     options = settings.options_with(None if settings.config is None else _CONFIG)
-    result = run(Path(job.recording), Path(), settings.sensors, options)
+    reading = Options(truths=tuple(settings.truths), skip_bad=settings.skip_bad)
+    result = run(Path(job.recording), Path(), settings.sensors, options, reading)
     record = {
         "key": job.key,
         "recording": job.recording,
@@ -65,6 +67,8 @@ def _write_results(job: Job) -> None:
         "time_s": round(time.perf_counter() - begin, 3),
         "tracks": len(set(read_tracks(result.outcome.trajectory).track_id)),
         "measures": result.measures,
+        "notes": result.recording.notes,
+        "broken": result.recording.broken,
         "preset": None if result.preset is None else result.preset.name,
     }
     Path(RUN_MARKER).write_text(json.dumps(record, indent=2) + "\n")

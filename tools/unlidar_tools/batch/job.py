@@ -32,6 +32,8 @@ class Settings:
     config: str | None  # its text, which is what the jobs get
     options: list[str]  # further options of the program
     threads: int  # of the program, for each recording
+    truths: list[str]  # topics of bags, as of `convert`
+    skip_bad: bool
 
     def options_with(self, config: str | None) -> list[str]:
         """All options of the program, with the configuration read from the file `config`."""
@@ -73,6 +75,7 @@ class Row:
     reason: str = ""  # why it failed
     exit_code: int = 0
     preset: str | None = None  # as in RunResult
+    broken: bool = False  # whether the recording is, and only what could be read was tracked
 
 
 def make_job(name: str, recording: Path, out: Path, settings: Settings, program: str) -> Job:
@@ -86,6 +89,8 @@ def make_job(name: str, recording: Path, out: Path, settings: Settings, program:
         "sensors": settings.sensors,
         "config": settings.config,
         "options": settings.options,
+        "truths": settings.truths,
+        "skip_bad": settings.skip_bad,
         "preset": MMAUD.read_text() if settings.config is None else None,
         "program": program,
         "harness": __version__,
@@ -115,6 +120,7 @@ def finished(job: Job) -> Row | None:
             record["tracks"],
             record["measures"],
             preset=record["preset"],
+            broken=record["broken"],
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None

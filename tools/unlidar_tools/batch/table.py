@@ -72,6 +72,8 @@ def _remark(row: Row) -> str:
     if row.status == FAILED:
         return f"failed: {row.reason}"
     remarks = [row.status] if row.status != "done" else []
+    if row.broken:
+        remarks.append("broken, what could be read")
     if row.measures is None:
         remarks.append("no truth")
     return ", ".join(remarks)

@@ -5,6 +5,7 @@ which they are tried.
 """
 
 import json
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -14,17 +15,28 @@ from unlidar_tools.convert.folder import FrameFolder
 from unlidar_tools.convert.merge import merged
 from unlidar_tools.convert.mmaud import MmaudFolder
 from unlidar_tools.convert.point_times import OFFSET_FIELD, pcd_column
-from unlidar_tools.convert.source import Options, Source, SourceFrame, Stream, TruthRow
+from unlidar_tools.convert.source import (
+    Options,
+    Source,
+    SourceFrame,
+    Stream,
+    TruthRow,
+    Unreadable,
+)
 from unlidar_tools.convert.truth_file import TruthFile
 from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.frames_io import is_return, write_pcd
+from unlidar_tools.names import check_name
 from unlidar_tools.output import complete_directory
+from unlidar_tools.printable import printable
 from unlidar_tools.progress import with_progress
 from unlidar_tools.stamps import parse_stamp_ns
+from unlidar_tools.station import write_station
 from unlidar_tools.truth import TRUTH_NAME
 
 KINDS: tuple[type[Source], ...] = (RosBag, MmaudFolder, FrameFolder)
 _DEFAULTS = Options()
+_NAMED = 5  # recordings in a message
 
 
 def open_source(path: Path, options: Options = _DEFAULTS) -> Source:
@@ -35,7 +47,11 @@ def open_source(path: Path, options: Options = _DEFAULTS) -> Source:
         if kind.matches(path):
             return kind(path, options)
     expected = "; ".join(kind.description for kind in KINDS)
-    raise InputError(f"{path}: no recording of a known kind, expected {expected}")
+    several = _recordings_in(path)
+    hint = f"; it holds recordings ({several}): name one, or all by unlidar run {path}"
+    raise InputError(
+        f"{path}: no recording of a known kind, expected {expected}{hint if several else ''}"
+    )
 
 
 def list_streams(path: Path) -> tuple[str, list[Stream]]:
@@ -55,7 +71,8 @@ def convert(
 
     Frames keep the digits of their stamps; rays without a return and rows that are not finite are
     left out. `sensors` chooses among those of the recording, by default its LiDARs. Of a broken
-    recording `out` keeps what came before, and InputError says so.
+    recording `out` keeps what came before: `broken` says why it ends there, and is None otherwise.
+    InputError where nothing can be kept.
     """
     with closing(open_source(path, options)) as source:
         chosen = sensors or source.lidars()
@@ -65,48 +82,57 @@ def convert(
                 f"{path}: has no sensor '{unknown[0]}', it holds {', '.join(source.sensors)}"
             )
         with complete_directory(out, force, path) as work:
-            writer = _Writer(path, work, chosen)
-            broken = writer.write(source, options)
+            writer = _Writer(path, work, chosen, options)
+            broken = writer.write(source)
+            poses = {n: p for n, p in source.station().items() if n in writer.frames}
+            if poses:
+                write_station(work, poses, f"Poses of the LiDARs of {path.name}")
             report = {
                 "source": str(path.resolve()),
                 "kind": source.kind,
                 "version": __version__,
                 "complete": broken is None,
+                "broken": broken,
                 "frames": writer.frames,
                 "returns": writer.returns,
+                "left_out": writer.left_out,
                 "truth_rows": writer.truth_rows if source.truths else None,
                 "notes": [*source.notes(), *writer.notes()],
                 **source.facts(),
             }
             (work / "conversion.json").write_text(json.dumps(report, indent=2) + "\n")
-    if broken is not None:
-        kept = f"{sum(writer.frames.values())} frames and {writer.truth_rows} truth rows"
-        raise InputError(f"{broken}; what could be read is in {out}: {kept}") from broken
     return report
+
+
+def kept_of(report: dict) -> str:
+    """What a broken recording still gave."""
+    return f"{sum(report['frames'].values())} frames and {report['truth_rows'] or 0} truth rows"
 
 
 class _Writer:
     """Writes frames and truth as they come, and counts them."""
 
-    def __init__(self, path: Path, work: Path, sensors: list[str]) -> None:
-        self._path, self._work = path, work
+    def __init__(self, path: Path, work: Path, sensors: list[str], options: Options) -> None:
+        self._path, self._work, self._options = path, work, options
         self.frames = dict.fromkeys(sensors, 0)
         self.returns = dict.fromkeys(sensors, 0)
         self.truth_rows = 0
+        self.left_out: dict[str, int] = {}  # frames and rows of truth, by topic or sensor
+        self._why: dict[str, str] = {}  # of the first of these
         self._written: dict[tuple[str, int], str] = {}
         self._truth_span: tuple[int, int] | None = None
         for name in sensors:
-            (work / name).mkdir()
+            self._folder(name).mkdir()
 
-    def write(self, source: Source, options: Options) -> InputError | None:
-        """All that the source gives; the error at which a broken one ends after some frames."""
-        sensors = list(self.frames)
-        said = f"Converting {self._path.name}"
+    def write(self, source: Source) -> str | None:
+        """All that the source gives; why a broken one ends after some frames."""
+        sensors, options = list(self.frames), self._options
+        said = f"Converting {printable(self._path.name)}"
         items = with_progress(source.items(sensors), source.total(sensors), said)
         broken = None
         with TruthFile(self._work / TRUTH_NAME, source.truths) as truth:
             try:
-                for item in merged(items, options.merge):
+                for item in merged(self._readable(items), options.merge):
                     if isinstance(item, TruthRow):
                         self._add_truth(item, truth)
                     else:
@@ -114,26 +140,47 @@ class _Writer:
             except InputError as error:
                 if not source.keeps_beginning:
                     raise
-                broken = error
+                broken = str(error)
         if not any(self.frames.values()):
-            if broken is not None:
-                raise InputError(f"{broken}; no frame could be read") from broken
+            why = broken or next(iter(self._why.values()), None)
+            if why is not None:
+                raise InputError(f"{why}; no frame could be read")
             if options.start_s or options.duration_s is not None:
                 raise InputError(f"{self._path}: no frame lies in the time asked for")
         return broken
 
     def notes(self) -> list[str]:
-        """Frames and truth of clocks that have nothing in common."""
+        """What was left out, and frames and truth of clocks that have nothing in common."""
+        notes = [
+            f"{where}: left out {count}, the first: {self._why[where]}"
+            for where, count in self.left_out.items()
+        ]
         stamps = [stamp_ns for _, stamp_ns in self._written]
         if not stamps or self._truth_span is None:
-            return []
+            return notes
         first, last = self._truth_span
         if first <= max(stamps) and min(stamps) <= last:
-            return []
+            return notes
         return [
+            *notes,
             f"no frame lies within the time of the truth: frames from {min(stamps) / 1e9:.3f} to "
-            f"{max(stamps) / 1e9:.3f} s, truth from {first / 1e9:.3f} to {last / 1e9:.3f} s"
+            f"{max(stamps) / 1e9:.3f} s, truth from {first / 1e9:.3f} to {last / 1e9:.3f} s",
         ]
+
+    def _readable(
+        self, items: Iterable[SourceFrame | TruthRow | Unreadable]
+    ) -> Iterator[SourceFrame | TruthRow]:
+        for item in items:
+            if isinstance(item, Unreadable):
+                self._leave_out(item.where, item.why)
+            else:
+                yield item
+
+    def _leave_out(self, where: str, why: str) -> None:
+        if not self._options.skip_bad:
+            raise InputError(f"{why} (--skip-bad leaves such out)")
+        self.left_out[where] = self.left_out.get(where, 0) + 1
+        self._why.setdefault(where, why)
 
     def _add_truth(self, row: TruthRow, truth: TruthFile) -> None:
         truth.add(row)
@@ -145,17 +192,33 @@ class _Writer:
     def _add_frame(self, frame: SourceFrame) -> None:
         key = (frame.sensor, parse_stamp_ns(frame.stamp))
         if key in self._written:
-            raise InputError(
-                f"{self._path}: two frames of {frame.sensor} at one time, "
-                f"{self._written[key]} and {frame.stamp} "
-                "(--stamp log may tell those of a bag apart)"
+            self._leave_out(
+                frame.sensor,
+                f"{self._path}: two frames of {frame.sensor} at one time, {self._written[key]} and "
+                f"{frame.stamp}; --stamp log may tell those of a bag apart",
             )
+            return
+        if frame.sensor not in self.frames:  # it turned up after the beginning
+            self._folder(frame.sensor).mkdir()
+            self.frames[frame.sensor] = self.returns[frame.sensor] = 0
         self._written[key] = frame.stamp
         kept = is_return(frame.xyz_m)
         columns = {name: column[kept] for name, column in frame.fields.items()}
         if OFFSET_FIELD in columns:
             columns[OFFSET_FIELD] = pcd_column(columns[OFFSET_FIELD])
-        path = self._work / frame.sensor / f"{frame.stamp}.pcd"
+        path = self._folder(frame.sensor) / f"{frame.stamp}.pcd"
         write_pcd(path, frame.xyz_m[kept], columns)
         self.frames[frame.sensor] += 1
         self.returns[frame.sensor] += int(kept.sum())
+
+    def _folder(self, sensor: str) -> Path:
+        return self._work / check_name(sensor)
+
+
+def _recordings_in(path: Path) -> str:
+    """The names of the recordings directly in a folder."""
+    if not path.is_dir():
+        return ""
+    names = [p.name for p in sorted(path.iterdir()) if any(kind.matches(p) for kind in KINDS)]
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more

@@ -3,7 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -14,7 +14,15 @@ from rosbags.rosbag2 import Reader as Reader2
 
 from unlidar_tools.convert.clouds import CLOUD_TYPES
 from unlidar_tools.convert.positions import POSITION_TYPES
-from unlidar_tools.convert.salvage import SalvageReader, storage_suffix
+from unlidar_tools.convert.scans import (
+    ScanReader,
+    salvage_reader,
+    scan_mcap,
+    scan_sqlite,
+    storage_suffix,
+    write_ahead_log,
+)
+from unlidar_tools.convert.transforms import is_static_topic
 from unlidar_tools.errors import InputError, reason
 
 _SUFFIXES = (".bag", ".db3", ".mcap")
@@ -23,32 +31,31 @@ _METADATA = "metadata.yaml"
 _NUMBER = re.compile(r"(_?\d{4}(-\d\d){5})?(_\d+)?$")
 
 
-class _Reader(Protocol):
+class Reader(Protocol):
+    """Of one file, or of a folder of ROS 2."""
+
     connections: list[Connection]
     start_time: int
     end_time: int
 
     def messages(
         self, connections: Collection[Connection], start: int | None, stop: int | None
-    ) -> Iterator[tuple[Connection, int, bytes]]: ...
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Those of the connections, logged from `start` up to, but without, `stop`."""
+        ...
 
-    def close(self) -> None: ...
-
-
-@dataclass(frozen=True)
-class Part:
-    """An opened bag, or one file of a recording that was split."""
-
-    reader: _Reader
-    is_ros1: bool
+    def close(self) -> None:
+        """Lets go of the file."""
+        ...
 
 
 @dataclass(frozen=True)
 class Opened:
-    """All parts in order of time, and what is broken about them."""
+    """A reader of each file in order of time, what is broken about them, and what to know."""
 
-    parts: list[Part]
+    parts: list[Reader]
     flaw: str | None
+    notes: list[str] = field(default_factory=list)
 
 
 def is_bag(path: Path) -> bool:
@@ -60,17 +67,15 @@ def is_bag(path: Path) -> bool:
 
 def open_bag(path: Path) -> Opened:
     """Opens a recording; of a broken one what is left. InputError if nothing is."""
-    if path.is_dir() and (path / _METADATA).is_file():
+    files, flaw = _bag_files(path) if path.is_dir() else [path], None
+    if path.is_dir() and (path / _METADATA).is_file() and not any(map(_is_to_be_scanned, files)):
         try:
-            return Opened([_open_whole(path)], None)
+            return Opened([_opened(Reader2(path))], None)
         except Exception as error:  # whatever a damaged file makes of the parser
             flaw = _flaw(path / _METADATA, error)
-        files = _bag_files(path)
         if not files:
             raise InputError(flaw)
-    else:
-        files, flaw = _bag_files(path) if path.is_dir() else [path], None
-    parts = []
+    parts: list[Reader] = []
     for file in files:
         try:
             parts.append(_open_whole(file))
@@ -78,9 +83,13 @@ def open_bag(path: Path) -> Opened:
             # The damage of a file says more than that of the folder's description.
             flaw = _flaw(file, error)
             parts.append(_salvage(file))
-    if flaw and not any(part.reader.connections for part in parts):
+    if flaw and not any(part.connections for part in parts):
         raise InputError(flaw)
-    return Opened(sorted(parts, key=lambda part: part.reader.start_time), flaw)
+    logs = [log for file in files if (log := write_ahead_log(file))]
+    notes = [
+        f"{log}: rows that were not yet worked into the database are read, too" for log in logs
+    ]
+    return Opened(sorted(parts, key=lambda part: part.start_time), flaw, notes)
 
 
 class _Reader1(Reader1):
@@ -88,7 +97,11 @@ class _Reader1(Reader1):
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
         """The entries of one topic in one chunk; of a useless topic one entry stands for all."""
-        useful = {c.id for c in self.connections if c.msgtype in (*CLOUD_TYPES, *POSITION_TYPES)}
+        useful = {
+            c.id
+            for c in self.connections
+            if c.msgtype in (*CLOUD_TYPES, *POSITION_TYPES) or is_static_topic(c.topic, c.msgtype)
+        }
         found: dict[int, list[IndexData]] = defaultdict(list)
         super().read_index_data(pos, found)
         for number, entries in found.items():
@@ -96,16 +109,34 @@ class _Reader1(Reader1):
             index += entries if number in useful else [(index or entries)[0]] * len(entries)
 
 
-def _open_whole(path: Path) -> Part:
-    is_ros1 = storage_suffix(path) == ".bag"
-    reader = _Reader1(path) if is_ros1 else Reader2(path)
+def _open_whole(path: Path) -> Reader:
+    if _is_to_be_scanned(path):
+        return ScanReader(path, scan_sqlite)
+    match storage_suffix(path):
+        case ".bag":
+            return _opened(_Reader1(path))
+        case ".mcap":
+            try:
+                return _opened(Reader2(path))
+            except Exception:  # damage, or what rosbags does not read: ROS 1, no profile, no order
+                return ScanReader(path, scan_mcap)
+    return _opened(Reader2(path))
+
+
+def _is_to_be_scanned(path: Path) -> bool:
+    """Whether rosbags would lose rows of a database, or take signs of its name for a URI's."""
+    odd = any(sign in str(path) for sign in "%?#")
+    return path.suffix == ".db3" and (odd or write_ahead_log(path) is not None)
+
+
+def _opened(reader: Reader1 | Reader2) -> Reader:
     reader.open()
-    return Part(reader, is_ros1)
+    return reader
 
 
-def _salvage(path: Path) -> Part:
+def _salvage(path: Path) -> Reader:
     try:
-        return Part(SalvageReader(path), storage_suffix(path) == ".bag")
+        return salvage_reader(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from error
 

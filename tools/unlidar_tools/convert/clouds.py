@@ -12,6 +12,7 @@ from rosbags.typesys.store import Typestore
 
 from unlidar_tools.convert.message_types import LIVOX_CLOUDS, known_types
 from unlidar_tools.convert.point_times import TIME_FIELDS
+from unlidar_tools.errors import reason
 from unlidar_tools.frames_io import is_return
 
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -30,10 +31,38 @@ class Cloud:
     """The returns of one message."""
 
     header_ns: int
+    frame_id: str
     xyz_m: np.ndarray  # (N, 3) float32
     times: np.ndarray | None = None  # (N,) as the driver writes them
     tag: np.ndarray | None = None  # (N,) uint8, Livox's noise and return number
-    dropped: int = 0  # rows without a return
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a serialised std_msgs/Header says."""
+
+    stamp_ns: int
+    frame_id: str
+    order: str  # of the bytes, as struct spells it
+    end: int  # where it ends in the message
+
+
+def read_header(raw: bytes, is_ros1: bool) -> Header:
+    """The header that a serialised message begins with; ValueError if it ends before."""
+    view = memoryview(raw)
+    try:
+        # ROS 1: sequence number. ROS 2: kind of encapsulation.
+        order = "<" if is_ros1 or view[1] else ">"
+        seconds, ns, length = struct.unpack_from(f"{order}3I", view, 4)
+        name = bytes(view[16 : 16 + length])
+    except (struct.error, IndexError) as error:
+        raise ValueError(f"the message ends within its header: {reason(error)}") from error
+    if len(name) < length:
+        raise ValueError(f"the message ends within its header: {length} bytes of a frame_id")
+    if not is_ros1 and seconds >= 1 << 31:  # an int32 there
+        seconds -= 1 << 32
+    text = name.rstrip(b"\0").decode(errors="replace")
+    return Header(seconds * _NS_PER_S + ns, text, order, 16 + length)
 
 
 def decode_cloud(raw: bytes, msgtype: str, store: Typestore, is_ros1: bool) -> Cloud:
@@ -80,7 +109,8 @@ def _decode_point_cloud(message: Any) -> Cloud:
         names = " ".join(field.name for field in message.fields)
         raise ValueError(f"its fields are '{names}', expected x, y and z")
     if not needed:
-        return Cloud(stamp_ns(message), np.zeros((0, 3), dtype=np.float32))
+        empty = np.zeros((0, 3), dtype=np.float32)
+        return Cloud(stamp_ns(message), message.header.frame_id, empty)
     row = np.dtype(
         {
             "names": list(fields),
@@ -90,7 +120,7 @@ def _decode_point_cloud(message: Any) -> Cloud:
         }
     )
     rows = np.ndarray((height, width), row, message.data, strides=(row_step, step))
-    return _returns(stamp_ns(message), rows)
+    return _returns(stamp_ns(message), message.header.frame_id, rows)
 
 
 def _decode_livox(raw: bytes, msgtype: str, store: Typestore, is_ros1: bool) -> Cloud:
@@ -102,29 +132,27 @@ def _decode_livox(raw: bytes, msgtype: str, store: Typestore, is_ros1: bool) -> 
     for name in (msgtype, f"{package}/msg/CustomPoint"):
         if store.fielddefs[name][1] != known_types().fielddefs[name][1]:
             raise ValueError(f"the bag defines {name} otherwise than Livox's drivers")
-    if is_ros1:
-        order, at, stride, start = "<", 4, 19, 0  # after the header's seq
-    else:
-        order, at, stride, start = (">" if raw[1] == 0 else "<"), 0, 20, 4
+    header = read_header(raw, is_ros1)
+    # CDR counts its alignment from behind the four bytes of the encapsulation, and aligns structs.
+    stride, start = (19, 0) if is_ros1 else (20, 4)
+    at = header.end - start
+    if not is_ros1:
+        at = -(-at // 8) * 8
+    at += 16  # timebase, point_num, lidar_id, rsvd
     view = memoryview(raw)[start:]
     try:
-        seconds, ns, name_length = struct.unpack_from(f"{order}3I", view, at)
-        at += 12 + name_length
-        if not is_ros1:
-            at = -(-at // 8) * 8
-        at += 16  # timebase, point_num, lidar_id, rsvd
-        (count,) = struct.unpack_from(f"{order}I", view, at)
+        (count,) = struct.unpack_from(f"{header.order}I", view, at)
     except struct.error as error:
-        raise ValueError(f"the message ends within its header: {error}") from error
+        raise ValueError(f"the message ends before its points: {error}") from error
     at += 4
     if len(view) < at + count * stride - (stride - 19 if count else 0):
         raise ValueError(f"{count} points announced, only {len(view) - at} bytes follow")
-    row = np.dtype([(name, order + kind) for name, kind in _LIVOX_POINT])
+    row = np.dtype([(name, header.order + kind) for name, kind in _LIVOX_POINT])
     rows = np.ndarray((1, count), row, view, at, strides=(0, stride))
-    return _returns(seconds * _NS_PER_S + ns, rows)
+    return _returns(header.stamp_ns, header.frame_id, rows)
 
 
-def _returns(header_ns: int, rows: np.ndarray) -> Cloud:
+def _returns(header_ns: int, frame_id: str, rows: np.ndarray) -> Cloud:
     xyz_m = np.empty((rows.size, 3), dtype=np.float32)
     with np.errstate(over="ignore"):  # a coordinate beyond float32 becomes infinite: no return
         for axis, name in enumerate("xyz"):
@@ -142,4 +170,4 @@ def _returns(header_ns: int, rows: np.ndarray) -> Cloud:
     tag = column("tag").astype(np.uint8) if "tag" in names else None
     if not everything:
         xyz_m = xyz_m[kept]
-    return Cloud(header_ns, xyz_m, times, tag, rows.size - len(xyz_m))
+    return Cloud(header_ns, frame_id, xyz_m, times, tag)

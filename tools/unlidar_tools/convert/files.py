@@ -1,18 +1,20 @@
 """What folders of files have in common: stamps, arrays, truth, and the time asked for."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from unlidar_tools.convert.source import Options, Stream, TruthRow
+from unlidar_tools.convert.source import Options, SourceFrame, Stream, TruthRow, Unreadable
 from unlidar_tools.errors import InputError, UsageError, reason
 from unlidar_tools.stamps import parse_stamp_ns
+from unlidar_tools.station import Pose, read_station
 from unlidar_tools.truth import TRUTH_NAME
 
 TRUTH_FOLDER = "ground_truth"
+Item = TypeVar("Item")
 
 # (stamp in ns, stamp as its source spells it, file)
 StampedFile = tuple[int, str, Path]
@@ -25,18 +27,17 @@ def refuse_bag_options(path: Path, options: Options) -> None:
             raise UsageError(f"{path}: is a folder of files, {option} is for bags")
 
 
-def files_stamped_by_name(directory: Path) -> list[StampedFile]:
-    """The `<seconds>.npy` of a folder in order of time."""
-    files = []
-    for path in directory.glob("*.npy"):
+def files_stamped_by_name(directory: Path) -> tuple[list[StampedFile], list[Unreadable]]:
+    """The `<seconds>.npy` of a folder in order of time, and those whose names are no stamps."""
+    files, unnamed = [], []
+    for path in sorted(directory.glob("*.npy")):
         stamp = path.name.removesuffix(".npy")
         try:
             files.append((parse_stamp_ns(stamp), stamp, path))
-        except ValueError as error:
-            raise InputError(
-                f"{path}: expected a name of seconds, like 1706255621.6.npy"
-            ) from error
-    return sorted(files)
+        except ValueError:
+            why = f"{path}: expected a name of seconds, like 1706255621.6.npy"
+            unnamed.append(Unreadable(directory.name, why))
+    return sorted(files), unnamed
 
 
 def in_window(files: list[StampedFile], options: Options, begin_ns: int) -> list[StampedFile]:
@@ -49,7 +50,7 @@ def load_rows(path: Path) -> np.ndarray:
     """The array of a file as (N, 3); an array without elements is a frame without returns."""
     try:
         array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError, MemoryError) as error:
+    except Exception as error:  # numpy evaluates the header as Python: any error may come of it
         raise InputError(f"{path}: not a readable .npy array: {reason(error)}") from error
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
         raise InputError(f"{path}: expected an array of numbers")
@@ -61,28 +62,41 @@ def load_rows(path: Path) -> np.ndarray:
     return rows[:, :3].astype(float)
 
 
+def has_truth_folder(recording: Path) -> bool:
+    """Whether `ground_truth/` holds positions; a folder of that name may also hold clouds."""
+    return next((recording / TRUTH_FOLDER).glob("*.npy"), None) is not None
+
+
 def truth_targets(recording: Path) -> int:
     """Number of targets in `ground_truth/` (one) or `ground_truth.csv` of a folder."""
-    if (recording / TRUTH_FOLDER).is_dir():
+    if has_truth_folder(recording):
         return 1
     if not (recording / TRUTH_NAME).is_file():
         return 0
     return max((row.target for row in _rows_of_table(recording / TRUTH_NAME)), default=0) + 1
 
 
-def truth_of_folder(recording: Path, options: Options, begin_ns: int) -> Iterator[TruthRow]:
+def truth_of_folder(
+    recording: Path, options: Options, begin_ns: int
+) -> Iterator[TruthRow | Unreadable]:
     """The rows of `ground_truth/<seconds>.npy`, or else of `ground_truth.csv`."""
-    if (recording / TRUTH_FOLDER).is_dir():
-        files = files_stamped_by_name(recording / TRUTH_FOLDER)
+    if has_truth_folder(recording):
+        files, unnamed = files_stamped_by_name(recording / TRUTH_FOLDER)
+        yield from unnamed
         for _, stamp, path in in_window(files, options, begin_ns):
-            xyz = load_rows(path)
-            if xyz.shape != (1, 3) or not np.isfinite(xyz).all():
-                raise InputError(f"{path}: expected one finite position x, y, z")
-            yield TruthRow(stamp, (float(xyz[0, 0]), float(xyz[0, 1]), float(xyz[0, 2])))
+            yield read_or_not(TRUTH_FOLDER, lambda p=path, s=stamp: TruthRow(s, _position(p)))
     elif (recording / TRUTH_NAME).is_file():
         window = options.window(begin_ns)
         rows = _rows_of_table(recording / TRUTH_NAME)
         yield from (row for row in rows if parse_stamp_ns(row.stamp) in window)
+
+
+def read_or_not(where: str, read: Callable[[], Item]) -> Item | Unreadable:
+    """What was read, or why it cannot be."""
+    try:
+        return read()
+    except InputError as error:
+        return Unreadable(where, str(error))
 
 
 class FileSource:
@@ -90,11 +104,26 @@ class FileSource:
 
     keeps_beginning: ClassVar[bool] = False  # a file can be mended or taken away
 
-    def __init__(self, path: Path, options: Options, files: dict[str, list[StampedFile]]) -> None:
-        self._path, self._options, self._files = path, options, files
+    def __init__(
+        self,
+        path: Path,
+        options: Options,
+        files: dict[str, list[StampedFile]],
+        unnamed: list[Unreadable],
+    ) -> None:
+        """The frames of each sensor, and files that would be frames but for their names."""
+        self._path, self._options, self._files, self._unnamed = path, options, files, unnamed
         self._begin_ns = min((f[0][0] for f in files.values() if f), default=0)
         self.sensors = {name: len(self._asked_for(name)) for name in files}
         self.truths = truth_targets(path)
+
+    def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow | Unreadable]:
+        """The frames, sensor by sensor, then the truth."""
+        yield from (file for file in self._unnamed if file.where in sensors)
+        for sensor in sensors:
+            for file in self._asked_for(sensor):
+                yield read_or_not(sensor, lambda s=sensor, f=file: self._frame(s, f))
+        yield from truth_of_folder(self._path, self._options, self._begin_ns)
 
     def total(self, sensors: list[str]) -> int:
         """The files."""
@@ -104,8 +133,15 @@ class FileSource:
         """Nothing beyond the counts."""
         return {}
 
+    def station(self) -> dict[str, Pose]:
+        """As the folder's own station.yaml has it."""
+        return read_station(self._path)
+
     def close(self) -> None:
         """Holds no file open."""
+
+    def _frame(self, sensor: str, file: StampedFile) -> SourceFrame:
+        raise NotImplementedError
 
     def _asked_for(self, sensor: str) -> list[StampedFile]:
         return in_window(self._files[sensor], self._options, self._begin_ns)
@@ -115,8 +151,13 @@ class FileSource:
             return []
         return [Stream(TRUTH_FOLDER, ".npy or .csv", 0, "ground_truth.csv")]
 
-    def _truth(self) -> Iterator[TruthRow]:
-        return truth_of_folder(self._path, self._options, self._begin_ns)
+
+def _position(path: Path) -> tuple[float, float, float]:
+    xyz = load_rows(path)
+    if xyz.shape != (1, 3) or not np.isfinite(xyz).all():
+        raise InputError(f"{path}: expected one finite position x, y, z")
+    x, y, z = (float(v) for v in xyz[0])
+    return x, y, z
 
 
 def _rows_of_table(path: Path) -> list[TruthRow]:

@@ -1,7 +1,7 @@
 """Folders of one file per frame: PCD, PLY, KITTI's .bin or .npy, of one sensor or of several."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import ClassVar
@@ -12,14 +12,16 @@ from unlidar_tools.convert.files import (
     TRUTH_FOLDER,
     FileSource,
     StampedFile,
+    has_truth_folder,
     load_rows,
     refuse_bag_options,
 )
 from unlidar_tools.convert.ply import read_ply
 from unlidar_tools.convert.point_times import OFFSET_FIELD, TIME_FIELDS, offsets_ns
-from unlidar_tools.convert.source import Options, SourceFrame, Stream, TruthRow
+from unlidar_tools.convert.source import Options, SourceFrame, Stream, Unreadable
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.frames_io import is_return, read_pcd, stamps_of_table
+from unlidar_tools.names import folder_names
 from unlidar_tools.stamps import format_stamp_ns, parse_stamp_ns
 
 _NS_PER_S = 1_000_000_000
@@ -68,15 +70,15 @@ class FrameFolder(FileSource):
         refuse_bag_options(path, options)
         self._notes: list[str] = []
         self._suffixes: dict[str, str] = {}
-        files_of: dict[str, list[StampedFile]] = {}
-        for directory in _frame_folders(path):
-            at = directory.resolve()
-            name = at.parent.name if at.name == "data" else at.name
-            if name in files_of:
-                raise InputError(f"{path}: has two folders of frames named {name}")
+        files: dict[str, list[StampedFile]] = {}
+        unnamed: list[Unreadable] = []
+        folders = _frame_folders(path)
+        for directory, name in zip(folders, folder_names(map(_label, folders)), strict=True):
             self._suffixes[name] = _suffix(directory)
-            files_of[name] = self._stamped(directory, self._suffixes[name], options)
-        super().__init__(path, options, files_of)
+            paths = sorted(directory.glob(f"*{self._suffixes[name]}"))
+            files[name], without = self._stamped(directory, paths, options)
+            unnamed += [Unreadable(name, why) for why in without]
+        super().__init__(path, options, files, unnamed)
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -95,21 +97,20 @@ class FrameFolder(FileSource):
         ]
         return found + self._truth_streams()
 
-    def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow]:
-        """The frames, sensor by sensor, then the truth."""
-        for sensor in sensors:
-            read = _READERS[self._suffixes[sensor]]
-            for stamp_ns, stamp, path in self._asked_for(sensor):
-                yield _frame(sensor, stamp_ns, stamp, path, read(path))
-        yield from self._truth()
-
     def notes(self) -> list[str]:
         """Where stamps had to be made up."""
         return self._notes
 
-    def _stamped(self, directory: Path, suffix: str, options: Options) -> list[StampedFile]:
-        """By timestamps.csv, KITTI's list of times, or the names, in this order."""
-        paths = sorted(directory.glob(f"*{suffix}"))
+    def _frame(self, sensor: str, file: StampedFile) -> SourceFrame:
+        return _frame(sensor, *file, _READERS[self._suffixes[sensor]](file[2]))
+
+    def _stamped(
+        self, directory: Path, paths: list[Path], options: Options
+    ) -> tuple[list[StampedFile], list[str]]:
+        """By timestamps.csv, KITTI's list of times, or the names, in this order.
+
+        And what is wrong with those that have no stamp.
+        """
         listed = next(
             (
                 folder / name
@@ -121,22 +122,22 @@ class FrameFolder(FileSource):
         )
         if not (directory / "timestamps.csv").is_file():
             if listed is not None:
-                return _stamps_of_list(listed, paths)
+                return _stamps_of_list(listed, paths), []
             if all(p.stem.isdecimal() and int(p.stem) < _LEAST_UNIX_S for p in paths):
-                return self._numbered(directory, paths, options)
+                return self._numbered(directory, paths, options), []
         table = stamps_of_table(directory / "timestamps.csv")
-        files = []
+        files, unnamed = [], []
         for path in paths:
             spelled = table.get(path.name, path.stem)
             try:
                 stamp_ns = parse_stamp_ns(spelled)
-            except ValueError as error:
-                raise InputError(
+                files.append((stamp_ns, format_stamp_ns(stamp_ns), path))
+            except ValueError:
+                unnamed.append(
                     f"{path}: the name is no time stamp, and there is no row for it in "
                     "timestamps.csv and no timestamps.txt or times.txt"
-                ) from error
-            files.append((stamp_ns, format_stamp_ns(stamp_ns), path))
-        return sorted(files)
+                )
+        return sorted(files), unnamed
 
     def _numbered(self, directory: Path, paths: list[Path], options: Options) -> list[StampedFile]:
         rate_hz = options.rate_hz or _DEFAULT_RATE_HZ
@@ -157,9 +158,15 @@ def _frame_folders(path: Path) -> list[Path]:
     if _suffixes(path):
         return [path]
     found = []
-    for child in sorted(d for d in path.iterdir() if d.is_dir() and d.name != TRUTH_FOLDER):
-        found += [d for d in (child, child / "data") if d.is_dir() and _suffixes(d)][:1]
+    for child in sorted(d for d in path.iterdir() if d.is_dir()):
+        if child.name != TRUTH_FOLDER or not has_truth_folder(path):
+            found += [d for d in (child, child / "data") if d.is_dir() and _suffixes(d)][:1]
     return found
+
+
+def _label(directory: Path) -> str:
+    at = directory.resolve()
+    return at.parent.name if at.name == "data" else at.name
 
 
 def _suffixes(directory: Path) -> list[str]:

@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinitionFormat
 from rosbags.typesys import (
     Stores,
     TypesysError,
@@ -14,6 +14,7 @@ from rosbags.typesys.store import Typestore
 
 from unlidar_tools.errors import reason
 
+ROS1_ENCODING, ROS2_ENCODING = "ros1", "cdr"
 # One layout in all of Livox's drivers.
 LIVOX_PACKAGES = ("livox_ros_driver", "livox_ros_driver2", "livox_interfaces")
 LIVOX_CLOUDS = tuple(f"{package}/msg/CustomMsg" for package in LIVOX_PACKAGES)
@@ -35,6 +36,19 @@ uint8[3] rsvd
 CustomPoint[] points
 """
 _IDL_SEPARATOR = "=" * 80 + "\n"
+
+
+def encoding_of(connection: Connection) -> str:
+    """Of the messages of a topic: that of ROS 1, of ROS 2, or one that is of neither."""
+    extension = connection.ext
+    if isinstance(extension, ConnectionExtRosbag1):
+        return ROS1_ENCODING
+    return extension.serialization_format
+
+
+def is_ros1(connection: Connection) -> bool:
+    """Whether its messages are serialised as ROS 1 does."""
+    return encoding_of(connection) == ROS1_ENCODING
 
 
 def register_livox(store: Typestore) -> Typestore:
@@ -59,7 +73,7 @@ def types_of(connection: Connection) -> Typestore:
     """
     definition = connection.msgdef
     if definition.format == MessageDefinitionFormat.NONE or not definition.data.strip():
-        if connection.msgtype not in known_types().fielddefs:
+        if is_ros1(connection) or connection.msgtype not in known_types().fielddefs:
             raise ValueError(f"the bag has no definition of {connection.msgtype}")
         return known_types()
     return _types_from_text(connection.msgtype, definition.format, definition.data)

@@ -1,16 +1,16 @@
 """Folders of the MMAUD data set (UG2+ challenge): one `<unix seconds>.npy` per frame and sensor."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
 
 from unlidar_tools.convert.files import (
     FileSource,
+    StampedFile,
     files_stamped_by_name,
     load_rows,
     refuse_bag_options,
 )
-from unlidar_tools.convert.source import Options, SourceFrame, Stream, TruthRow
+from unlidar_tools.convert.source import Options, SourceFrame, Stream
 from unlidar_tools.errors import InputError
 
 _LIDARS = ("lidar_360", "livox_avia")
@@ -28,8 +28,11 @@ class MmaudFolder(FileSource):
     def __init__(self, path: Path, options: Options) -> None:
         refuse_bag_options(path, options)
         names = [name for name in (*_LIDARS, _RADAR) if (path / name).is_dir()]
-        files_of = {name: files_stamped_by_name(path / name) for name in names}
-        super().__init__(path, options, files_of)
+        found = {name: files_stamped_by_name(path / name) for name in names}
+        files = {name: stamped for name, (stamped, _) in found.items()}
+        super().__init__(
+            path, options, files, [u for _, unnamed in found.values() for u in unnamed]
+        )
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -41,6 +44,8 @@ class MmaudFolder(FileSource):
     def lidars(self) -> list[str]:
         """Those that hold files."""
         found = [name for name in _LIDARS if self._files.get(name)]
+        if not found and self._unnamed:
+            raise InputError(self._unnamed[0].why)
         if not found:
             raise InputError(f"{self._path}: {' and '.join(_LIDARS)} hold no .npy files")
         return found
@@ -53,13 +58,10 @@ class MmaudFolder(FileSource):
         ]
         return found + self._truth_streams()
 
-    def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow]:
-        """The frames, sensor by sensor, then the positions of the Leica prism."""
-        for sensor in sensors:
-            for _, stamp, path in self._asked_for(sensor):
-                yield SourceFrame(sensor, stamp, load_rows(path))
-        yield from self._truth()
-
     def notes(self) -> list[str]:
         """Nothing is guessed here."""
         return []
+
+    def _frame(self, sensor: str, file: StampedFile) -> SourceFrame:
+        _, stamp, path = file
+        return SourceFrame(sensor, stamp, load_rows(path))

@@ -1,6 +1,7 @@
 """Truth out of messages: positions of a target in metres."""
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +11,7 @@ from unlidar_tools.geodesy import Origin, from_geodetic
 
 Position = tuple[float, float, float]
 
-_FIX = "sensor_msgs/msg/NavSatFix"
+FIX = "sensor_msgs/msg/NavSatFix"
 _NO_FIX = -1  # sensor_msgs/NavSatStatus.msg
 
 
@@ -26,7 +27,23 @@ _POINTS: dict[str, Callable[[Any], Any]] = {
     "nav_msgs/msg/Odometry": lambda m: m.pose.pose.position,
 }
 # In the order in which one is taken for the truth where several could be.
-POSITION_TYPES = (*_POINTS, _FIX)
+POSITION_TYPES = (*_POINTS, FIX)
+
+# What topics of truth are called: by what it is, or by what measures it. The short ones are words
+# of their own, the long ones may be parts of words.
+_TRUTH_WORDS = ("gt", "rtk", "ppk")
+_TRUTH_PARTS = (
+    "truth", "vicon", "mocap", "motioncapture", "optitrack", "natnet", "vrpn", "qualisys",
+    "leica", "prism", "totalstation", "lasertracker",
+)  # fmt: skip
+
+
+def says_truth(topic: str) -> bool:
+    """Whether the name of a topic of positions says that they are the truth."""
+    words = re.findall("[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", topic).lower())
+    return any(word in words for word in _TRUTH_WORDS) or any(
+        part in "".join(words) for part in _TRUTH_PARTS
+    )
 
 
 class Positions:
@@ -40,7 +57,7 @@ class Positions:
 
     def read(self, message: Any, msgtype: str) -> Position | None:
         """Of a message; None if it has no fix or a coordinate that is not finite."""
-        is_fix = msgtype == _FIX
+        is_fix = msgtype == FIX
         position = self._read_fix(message) if is_fix else _xyz(_POINTS[msgtype](message))
         if position is None or not all(math.isfinite(v) for v in position):
             self.skipped += 1

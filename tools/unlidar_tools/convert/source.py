@@ -8,6 +8,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 
 from unlidar_tools.geodesy import Origin
+from unlidar_tools.station import Pose
 
 _NS_PER_S = 1_000_000_000
 
@@ -30,6 +31,8 @@ class Options:
     """What to take from a recording, and how."""
 
     topics: tuple[str, ...] = ()  # of a bag; else all clouds and its truth
+    truths: tuple[str, ...] = ()  # topics of a bag, each a target; else one whose name says so
+    skip_bad: bool = False  # leave out, and count, what cannot be read, and stamps that repeat
     start_s: float = 0.0  # after the begin of the recording
     duration_s: float | None = None
     stamp: Literal["header", "log"] = "header"  # which time of a bag's message is the frame's
@@ -63,6 +66,14 @@ class TruthRow:
     stamp: str
     xyz_m: tuple[float, float, float]
     target: int = 0
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """A frame or a row of truth that cannot be read; what follows it can."""
+
+    where: str  # its topic or sensor
+    why: str  # names the file, the value and what was expected
 
 
 @dataclass(frozen=True)
@@ -103,11 +114,15 @@ class Source(Protocol):
         """About how many items these sensors give, for the progress bar."""
         ...
 
-    def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow]:
+    def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow | Unreadable]:
         """Frames of these sensors and truth, each sensor in order of time.
 
-        Throws InputError for one that cannot be read.
+        Throws InputError where nothing further can be read.
         """
+        ...
+
+    def station(self) -> dict[str, Pose]:
+        """Where the sensors stand, once the items were read; empty if nothing is known."""
         ...
 
     def notes(self) -> list[str]:

@@ -8,6 +8,7 @@ from unlidar_tools.export.text import place_digits, utc
 from unlidar_tools.export.trajectory import Result, Track
 from unlidar_tools.geodesy import Origin, to_geodetic
 from unlidar_tools.output import write_file
+from unlidar_tools.printable import printable
 
 _KML, _GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
 
@@ -18,7 +19,7 @@ def write_kml(result: Result, out: Path, origin: Origin) -> list[Path]:
     Xml.register_namespace("gx", _GX)
     root = Xml.Element(f"{{{_KML}}}kml")
     document = _add(root, _KML, "Document")
-    _add(document, _KML, "name", result.name)
+    _add(document, _KML, "name", printable(result.name))
     for track in result.by_track:
         place = _add(document, _KML, "Placemark")
         _add(place, _KML, "name", f"track {track.track_id}")

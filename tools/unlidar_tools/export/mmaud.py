@@ -1,6 +1,7 @@
 """`mmaud_results.csv`, what the UG2+ challenge takes: a position for every stamp asked for."""
 
 import csv
+import io
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +12,7 @@ from unlidar_tools.completion import complete
 from unlidar_tools.errors import InputError, UsageError, reason
 from unlidar_tools.export.trajectory import Result
 from unlidar_tools.output import write_file
-from unlidar_tools.stamps import parse_stamp_ns
+from unlidar_tools.stamps import format_stamp_ns, parse_stamp_ns
 
 RESULTS_NAME = "mmaud_results.csv"
 HEADER = ("Sequence", "Timestamp", "Position", "Classification")
@@ -73,10 +74,7 @@ def read_stamps(path: Path, sequences: Sequence[str]) -> Stamps:
 
 
 def _own_stamps(result: Result) -> list[str]:
-    return [
-        f"{stamp // 10**9}.{stamp % 10**9:09d}"
-        for stamp in np.unique(result.tracks.stamp_ns).tolist()
-    ]
+    return [format_stamp_ns(stamp) for stamp in np.unique(result.tracks.stamp_ns).tolist()]
 
 
 def _write(work: Path, rows: list[tuple[str, str, str, int]]) -> None:
@@ -88,5 +86,6 @@ def _write(work: Path, rows: list[tuple[str, str, str, int]]) -> None:
 
 
 def _table(rows: list[tuple[str, str, str, int]]) -> str:
-    quoted = [(name, stamp, f'"{position}"', str(kind)) for name, stamp, position, kind in rows]
-    return "".join(",".join(row) + "\n" for row in (HEADER, *quoted))
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows((HEADER, *rows))
+    return text.getvalue()

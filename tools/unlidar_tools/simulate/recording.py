@@ -23,6 +23,7 @@ from unlidar_tools.simulate.sensors import (
 )
 from unlidar_tools.simulate.world import Thing, cast, is_hidden
 from unlidar_tools.stamps import format_stamp
+from unlidar_tools.station import Pose, write_station
 from unlidar_tools.truth import TRUTH_NAME
 
 _TRUTH_STEP_NS = 20_000_000
@@ -157,6 +158,12 @@ def simulate(scenario: Scenario, out: Path, seed: int, force: bool = False) -> d
             write_pcd(path, frame.xyz_m, {"t": frame.time_ns.astype("u4")} if point_times else {})
             returns[frame.sensor] += len(frame.xyz_m)
         _write_truth(work / TRUTH_NAME, simulation.truth())
+        poses = {
+            name: Pose(sensor.position_m, time_offset_s=sensor.time_offset_s)
+            for name, sensor in scenario.sensors.items()
+        }
+        if any(pose != Pose() for pose in poses.values()):
+            write_station(work, poses, "Poses and clocks of the simulated LiDARs")
         report = {
             "version": __version__,
             "seed": seed,

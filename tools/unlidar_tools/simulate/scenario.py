@@ -1,40 +1,59 @@
-"""A scenario: what a simulated recording shows, read from YAML. Defaults stand here only."""
+"""A scenario: what a simulated recording shows, read from YAML. Defaults stand here only.
 
-import dataclasses
+The text below a field is its description in configs/scenarios/schema.json, which editors show.
+"""
+
 import itertools
-import math
-import types
-import typing
-from dataclasses import dataclass, field
+import json
+from collections.abc import Sequence
+from dataclasses import field
 from pathlib import Path
+from typing import Annotated
 
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+from pydantic.json_schema import GenerateJsonSchema
 from ruamel.yaml import YAML, YAMLError
 
 from unlidar_tools.configs import SCENARIO_DIR, scenario_names
 from unlidar_tools.errors import ConfigError, UsageError, reason
+from unlidar_tools.names import check_name
 from unlidar_tools.simulate.sensors import MODELS
 
+# Strict: a text is no number, 1.5 no whole one.
+_CONFIG = ConfigDict(
+    extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+)
+_checked = dataclass(frozen=True, config=_CONFIG)
+
 Vector = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(gt=0, le=1)]
+Count = Annotated[int, Field(ge=0)]
+Size = tuple[Positive, Positive, Positive]
 
 
-@dataclass(frozen=True)
+@_checked
 class Sensor:
     """A LiDAR of the station. Its frames are in its own place and clock, axes as the station's."""
 
-    model: str
+    model: Annotated[str, Field(json_schema_extra={"enum": list(MODELS)})]
     position_m: Vector = (0.0, 0.0, 0.0)
-    start_s: float = 0.0  # its first frame begins this long after the scenario
-    time_offset_s: float = 0.0  # true time minus the stamps of its clock, as far as it is known
-    clock_error_s: float = 0.0  # and the rest, of which the program is not told
-    stray_returns: float = 2.0  # mean number a frame: dust, cross-talk
+    start_s: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Its first frame begins this long after the scenario."""
+    time_offset_s: float = 0.0
+    """True time minus the stamps of its clock, as far as it is known."""
+    clock_error_s: float = 0.0
+    """And the rest, of which the program is not told."""
+    stray_returns: NotNegative = 2.0
+    """Mean number a frame: dust, cross-talk."""
 
     def __post_init__(self) -> None:
         _require(self.model in MODELS, f"model '{self.model}', expected one of {list(MODELS)}")
-        _require(self.stray_returns >= 0, "stray_returns must not be negative")
-        _require(0 <= self.start_s < 1, "start_s must lie in [0, 1)")
 
 
-@dataclass(frozen=True)
+@_checked
 class Flight:
     """A path with continuous acceleration: through waypoints, or a random one that stays in a box.
 
@@ -43,13 +62,18 @@ class Flight:
     same place are a hover.
     """
 
-    box_m: tuple[Vector, Vector] | None = None  # lowest and highest corner
-    max_speed_mps: float = 5.0
-    turn_s: float = 2.0  # time between two changes of course
+    box_m: tuple[Vector, Vector] | None = None
+    """Lowest and highest corner."""
+    max_speed_mps: Positive = 5.0
+    turn_s: Positive = 2.0
+    """Time between two changes of course."""
     hover_s: tuple[tuple[float, float], ...] = ()
-    waypoints: tuple[tuple[float, float, float, float], ...] = ()  # time_s, x, y, z
+    """[begin, end] of each hover."""
+    waypoints: tuple[tuple[float, float, float, float], ...] = ()
+    """time_s, x, y, z of each."""
     rest_at_waypoints: bool = False
-    spread_m: float = 0.0  # waypoints are moved at random by up to this along each axis
+    spread_m: NotNegative = 0.0
+    """Waypoints are moved at random by up to this along each axis."""
 
     def __post_init__(self) -> None:
         _require((self.box_m is None) != (not self.waypoints), "needs either box_m or waypoints")
@@ -65,82 +89,83 @@ class Flight:
             "the times of waypoints must ascend",
         )
         _require(len(times) != 1, "needs at least two waypoints")
-        _require(self.spread_m >= 0, "spread_m must not be negative")
-        _require(self.max_speed_mps > 0 and self.turn_s > 0, "speed and turn_s must be positive")
         _require(all(a < b for a, b in self.hover_s), "hover_s holds [begin, end] pairs")
 
 
-@dataclass(frozen=True)
+@_checked
 class Drone:
     """A flying ellipsoid with holes: a share `fill` of the rays that meet its outline hit it."""
 
     flight: Flight
-    size_m: Vector = (0.45, 0.45, 0.2)
-    fill: float = 0.55
-    reflectivity: float = 0.2
-
-    def __post_init__(self) -> None:
-        _require(min(self.size_m) > 0, "size_m must be positive")
-        _require(0 < self.fill <= 1, "fill must lie in (0, 1]")
-        _require(0 < self.reflectivity <= 1, "reflectivity must lie in (0, 1]")
+    size_m: Size = (0.45, 0.45, 0.2)
+    fill: Share = 0.55
+    reflectivity: Share = 0.2
 
 
-@dataclass(frozen=True)
+@_checked
 class Building:
     """A box that stands on the ground."""
 
     centre_m: tuple[float, float]
-    size_m: Vector
+    size_m: Size
     yaw_deg: float = 0.0
 
-    def __post_init__(self) -> None:
-        _require(min(self.size_m) > 0, "size_m must be positive")
 
-
-@dataclass(frozen=True)
+@_checked
 class Scene:
     """The surroundings: ground, the buildings listed, and random things around the station."""
 
     ground_z_m: float = -1.8
-    radius_m: float = 60.0  # random things stand within this
-    clear_m: float = 8.0  # and no nearer than this
+    radius_m: float = 60.0
+    """Random things stand within this."""
+    clear_m: Positive = 8.0
+    """And no nearer than this."""
     buildings: tuple[Building, ...] = ()
-    random_buildings: int = 3
-    poles: int = 6
-    trees: int = 12
-    sway_m: float = 0.0  # crowns swing to and fro by this
-    walkers: int = 0
-    cars: int = 0  # each passes once
-    birds: int = 0  # smaller than 0.4 m; no drones: what is reported of them is false
-    insects: int = 0  # within some metres of the station
-    rain_returns: float = 0.0  # mean number a frame and sensor, most of them near
+    random_buildings: Count = 3
+    poles: Count = 6
+    trees: Count = 12
+    sway_m: NotNegative = 0.0
+    """Crowns swing to and fro by this."""
+    walkers: Count = 0
+    cars: Count = 0
+    """Each passes once."""
+    birds: Count = 0
+    """Smaller than 0.4 m; no drones: what is reported of them is false."""
+    insects: Count = 0
+    """Within some metres of the station."""
+    rain_returns: NotNegative = 0.0
+    """Mean number a frame and sensor, most of them near."""
 
     def __post_init__(self) -> None:
-        _require(0 < self.clear_m < self.radius_m, "needs 0 < clear_m < radius_m")
-        counts = (self.random_buildings, self.poles, self.trees)
-        movers = (self.walkers, self.cars, self.birds, self.insects)
-        _require(min(*counts, *movers) >= 0, "numbers of things must not be negative")
-        _require(
-            self.sway_m >= 0 and self.rain_returns >= 0,
-            "sway_m and rain_returns must not be negative",
-        )
+        _require(self.clear_m < self.radius_m, "needs clear_m < radius_m")
 
 
-@dataclass(frozen=True)
+@_checked
 class Scenario:
     """A recording to be simulated."""
 
-    sensors: dict[str, Sensor]
+    sensors: dict[Annotated[str, AfterValidator(check_name)], Sensor]
+    """By names, which become those of folders."""
     drones: tuple[Drone, ...] = ()
     scene: Scene = field(default_factory=Scene)
-    duration_s: float = 12.0
-    start_time_s: int = 1_700_000_000  # Unix time of the first ray
-    point_times: bool = False  # write the field `t`, ns after the stamp of the frame
+    duration_s: Annotated[float, Field(gt=0, le=3600)] = 12.0
+    start_time_s: Annotated[int, Field(ge=0, le=9_000_000_000)] = 1_700_000_000
+    """Unix time of the first ray."""
+    point_times: bool = False
+    """Write the field `t`, ns after the stamp of the frame."""
 
     def __post_init__(self) -> None:
         _require(bool(self.sensors), "needs at least one sensor")
-        _require(0 < self.duration_s <= 3600, "duration_s must lie in (0, 3600]")
-        _require(self.start_time_s >= 0, "start_time_s must not be negative")
+
+
+_SCENARIO = TypeAdapter(Scenario)
+
+
+class _Untitled(GenerateJsonSchema):
+    """Without titles, which would but repeat the keys."""
+
+    def field_title_should_be_set(self, _schema: object) -> bool:
+        return False
 
 
 def load_scenario(name_or_path: str) -> Scenario:
@@ -155,12 +180,20 @@ def load_scenario(name_or_path: str) -> Scenario:
             )
     try:
         data = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, YAMLError) as error:
+    except (OSError, ValueError, RecursionError, YAMLError) as error:
         raise ConfigError(f"{path}: cannot be read as YAML: {reason(error)}") from error
     try:
-        return _build(Scenario, data, "")
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from error
+        # By way of JSON, whose arrays are tuples to a strict check and whose keys are texts.
+        return _SCENARIO.validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {_first(error)}") from error
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: expected keys with values: {reason(error)}") from error
+
+
+def schema() -> dict:
+    """The JSON schema of scenarios, by which editors complete and check them."""
+    return _SCENARIO.json_schema(schema_generator=_Untitled)
 
 
 def _require(holds: bool, message: str) -> None:
@@ -168,51 +201,59 @@ def _require(holds: bool, message: str) -> None:
         raise ValueError(message)
 
 
-def _build(kind: typing.Any, value: typing.Any, where: str) -> typing.Any:
-    """`value` as the annotated type `kind`. ValueError names the key and what was expected."""
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if dataclasses.is_dataclass(kind):
-        return _build_dataclass(kind, value, where)
-    if origin is types.UnionType:
-        return None if value is None else _build(arguments[0], value, where)
-    if origin is dict:
-        _require(isinstance(value, dict), f"{where}: expected names with values")
-        return {str(k): _build(arguments[1], v, f"{where}.{k}") for k, v in value.items()}
-    if origin is tuple:
-        _require(isinstance(value, list), f"{where}: expected a list")
-        if arguments[-1] is Ellipsis:
-            kinds = (arguments[0],) * len(value)
-        else:
-            kinds = arguments
-            _require(len(value) == len(kinds), f"{where}: expected {len(kinds)} values")
-        items = zip(kinds, value, strict=True)
-        return tuple(_build(k, v, f"{where}[{i}]") for i, (k, v) in enumerate(items))
-    return _build_scalar(kind, value, where)
+# What pydantic calls a fault -> what was expected.
+_EXPECTED = {
+    "float_type": "a number",
+    "finite_number": "a number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "a text",
+    "tuple_type": "a list",
+    "dict_type": "names with values",
+    "dataclass_type": "keys with values",
+    "greater_than": "a number above {gt:g}",
+    "greater_than_equal": "a number from {ge:g} on",
+    "less_than": "a number below {lt:g}",
+    "less_than_equal": "a number up to {le:g}",
+    "too_long": "{max_length} values",
+}
+_UNKNOWN = "unexpected_keyword_argument"
 
 
-def _build_dataclass(kind: typing.Any, value: typing.Any, where: str) -> typing.Any:
-    here = f"{where}: " if where else ""
-    _require(isinstance(value, dict), f"{here}expected keys with values")
-    hints = typing.get_type_hints(kind)
-    known = [f.name for f in dataclasses.fields(kind)]
-    for key in value:
-        _require(key in known, f"{here}unknown key '{key}', expected one of {', '.join(known)}")
-    for f in dataclasses.fields(kind):
-        no_default = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
-        _require(not no_default or f.name in value, f"{here}key '{f.name}' is missing")
-    prefix = f"{where}." if where else ""
-    built = {key: _build(hints[key], v, f"{prefix}{key}") for key, v in value.items()}
-    try:
-        return kind(**built)
-    except ValueError as error:
-        raise ValueError(f"{here}{error}") from error
+def _first(error: ValidationError) -> str:
+    """The first fault on one line: the key, its value and what was expected."""
+    found = error.errors(include_url=False)
+    # An unknown key may be the reason why another one is missing.
+    fault = next((f for f in found if f["type"] == _UNKNOWN), found[0])
+    kind, value = fault["type"], fault["input"]
+    *parents, last = fault["loc"] or ("",)
+    if kind == _UNKNOWN:
+        known = ", ".join(_keys_of(parents))
+        return f"{_spell(parents)}unknown key '{last}', expected one of {known}"
+    if kind == "missing" and isinstance(last, str):
+        return f"{_spell(parents)}key '{last}' is missing"
+    if kind == "missing":
+        return f"{_spell(parents)}'{value}', expected at least {last + 1} values"
+    if kind == "value_error":
+        named = parents[:-1] if last == "[key]" else fault["loc"]
+        return f"{_spell(named)}{fault['ctx']['error']}"
+    expected = _EXPECTED[kind].format(**fault.get("ctx", {})) if kind in _EXPECTED else fault["msg"]
+    shown = "" if isinstance(value, dict | list) or value is None else f"'{value}', "
+    return f"{_spell(fault['loc'])}{shown}expected {expected}"
 
 
-def _build_scalar(kind: typing.Any, value: typing.Any, where: str) -> typing.Any:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if kind is float and is_number and math.isfinite(value):
-        return float(value)
-    if kind is not float and type(value) is kind:
-        return value
-    expected = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
-    raise ValueError(f"{where}: '{value}', expected {expected[kind]}")
+def _spell(where: Sequence[str | int]) -> str:
+    """`drones[0].flight: ` of the way to a value, nothing of the whole scenario."""
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in where)
+    return f"{text.removeprefix('.')}: " if text else ""
+
+
+def _keys_of(where: Sequence[str | int]) -> list[str]:
+    """The keys that a part of a scenario may have."""
+    whole = schema()
+    node = whole
+    for part in where:
+        inner = ("items", "additionalProperties")
+        node = node.get("properties", {}).get(part) or next(node[k] for k in inner if k in node)
+        node = whole["$defs"][node["$ref"].rpartition("/")[2]] if "$ref" in node else node
+    return list(node["properties"])

@@ -1,0 +1,56 @@
+"""Which sensor a message of a bag is of: a topic is one LiDAR, or one for each of its frame_ids."""
+
+from collections.abc import Mapping, Sequence
+
+from unlidar_tools.convert.transforms import plain_frame
+from unlidar_tools.names import folder_names
+
+# Topics of the MMAUD data set and what its folders call them.
+_MMAUD = {"/livox_mid360/lidar": "lidar_360", "/livox_avia/lidar": "livox_avia"}
+
+
+class BagSensors:
+    """Names by topic and frame_id; they are those of folders."""
+
+    def __init__(self, frame_ids: Mapping[str, Sequence[str]]) -> None:
+        """The frame_ids seen in each topic of clouds; none where no message was seen."""
+        self._labels: list[str] = []
+        self._names: dict[tuple[str, str | None], str] = {}
+        for topic, seen in frame_ids.items():
+            frames = list(dict.fromkeys(map(plain_frame, seen)))
+            if len(frames) < 2:
+                self._add(topic, frames[0] if frames else None, _label(topic))
+                continue
+            for frame in frames:
+                self._add(topic, frame, frame or _label(topic))
+
+    def name(self, topic: str, frame_id: str) -> str:
+        """Of the sensor of a message; a frame_id not seen before is a new one."""
+        frame = plain_frame(frame_id)
+        if (topic, frame) not in self._names:
+            if (topic, None) in self._names:
+                self._names[topic, frame] = self._names.pop((topic, None))
+            else:
+                self._add(topic, frame, frame or _label(topic))
+        return self._names[topic, frame]
+
+    def all(self) -> dict[str, str]:
+        """The topic of every sensor."""
+        return {name: topic for (topic, _), name in self._names.items()}
+
+    def of_topic(self, topic: str) -> list[str]:
+        """The sensors of a topic; none if it is no topic of clouds."""
+        return [name for (of, _), name in self._names.items() if of == topic]
+
+    def frames(self) -> dict[str, str]:
+        """The frame_id of every sensor; empty where it has none."""
+        return {name: frame or "" for (_, frame), name in self._names.items()}
+
+    def _add(self, topic: str, frame: str | None, label: str) -> None:
+        # Those that have a name keep it.
+        self._labels.append(label)
+        self._names[topic, frame] = folder_names(self._labels)[-1]
+
+
+def _label(topic: str) -> str:
+    return _MMAUD.get(topic, topic.strip("/"))

@@ -1,0 +1,134 @@
+"""The topics of a bag: which are clouds, and which one is the truth."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rosbags.interfaces import Connection
+
+from unlidar_tools.convert.clouds import CLOUD_TYPES
+from unlidar_tools.convert.message_types import ROS1_ENCODING, ROS2_ENCODING, encoding_of
+from unlidar_tools.convert.positions import POSITION_TYPES, says_truth
+from unlidar_tools.convert.source import Options
+from unlidar_tools.convert.transforms import is_static_topic
+from unlidar_tools.errors import InputError, UsageError
+
+_REFUSED = {
+    "sensor_msgs/msg/LaserScan": "a scan of one plane, which cannot tell where a drone is in 3-D",
+    "sensor_msgs/msg/MultiEchoLaserScan": "a scan of one plane, no cloud",
+}
+_MMAUD_TRUTH = "/leica/point/relative"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """What a topic holds."""
+
+    name: str
+    msgtype: str  # with its encoding where that is none of ROS
+    messages: int
+
+    @property
+    def type(self) -> str:
+        """As ROS spells it, the same for both versions."""
+        return self.msgtype.replace("/msg/", "/")
+
+    @property
+    def is_radar(self) -> bool:
+        """By its name: radars send clouds, too."""
+        return "radar" in self.name.lower()
+
+    @property
+    def is_static(self) -> bool:
+        """Whether it holds static transforms."""
+        return is_static_topic(self.name, self.msgtype)
+
+
+class BagTopics:
+    """All topics by name, and what the options make of them."""
+
+    def __init__(self, path: Path, connections: Iterable[Connection], options: Options) -> None:
+        """UsageError or InputError for a topic of the options that cannot be taken."""
+        self._path, self._options = path, options
+        found: dict[str, Topic] = {}
+        for c in connections:
+            before = found.get(c.topic)
+            messages = c.msgcount + (before.messages if before else 0)
+            found[c.topic] = Topic(c.topic, _type_of(c), messages)
+        self.all = dict(sorted(found.items()))
+        self.clouds = [name for name, t in self.all.items() if t.msgtype in CLOUD_TYPES]
+        self._positions = {
+            name: t for name, t in self.all.items() if t.msgtype in POSITION_TYPES and t.messages
+        }
+        self.truths, self._why_truth = self._choose_truth()  # the topics, each a target
+
+    def named_clouds(self) -> list[str]:
+        """Those of `--topic`, which may also name truth."""
+        for name in self._options.topics:
+            self._check(name, (*CLOUD_TYPES, *POSITION_TYPES), "neither a cloud nor a position")
+        return [name for name in self._options.topics if name in self.clouds]
+
+    def truth_notes(self) -> list[str]:
+        """What was chosen, or why nothing."""
+        others = ", ".join(name for name in self._positions if name not in self.truths)
+        if self.truths:
+            note = f"truth is {', '.join(self.truths)} ({self._why_truth})"
+            return [f"{note} and not {others}: --truth for another" if others else note]
+        if others:
+            return [f"no truth: no name of {others} says that it is, --truth takes one"]
+        return []
+
+    def becomes(self, topic: Topic, sensors: list[str]) -> str:
+        """What convert makes of it, or why nothing."""
+        if sensors:
+            return f"frames of {', '.join(sensors)}{', only if named' * topic.is_radar}"
+        if topic.name in self.truths:
+            return "ground_truth.csv"
+        if topic.msgtype in POSITION_TYPES:
+            return "ground_truth.csv, only if named"
+        if topic.is_static:
+            return "station.yaml"
+        return f"refused: {_REFUSED[topic.msgtype]}" if topic.msgtype in _REFUSED else ""
+
+    def why_no_clouds(self) -> str:
+        """What the bag holds instead."""
+        topics = self.all.values()
+        held = ", ".join(
+            f"{t.name} ({t.type}{'' if t.messages else ', no messages'})" for t in topics
+        )
+        refused = {t.type: _REFUSED[t.msgtype] for t in topics if t.msgtype in _REFUSED}
+        why = "".join(f"; {name} is {text}" for name, text in refused.items())
+        return f"{self._path}: has no topic with clouds, it holds {held or 'no topic'}{why}"
+
+    def _choose_truth(self) -> tuple[list[str], str]:
+        """Named ones, each a target; else MMAUD's; else one whose name says that it is truth."""
+        for name in self._options.truths:
+            self._check(name, POSITION_TYPES, "no position")
+        asked = (*self._options.truths, *self._options.topics)
+        named = [name for name in dict.fromkeys(asked) if name in self._positions]
+        if named:
+            return named, "as asked for"
+        if _MMAUD_TRUTH in self._positions:
+            return [_MMAUD_TRUTH], "MMAUD's"
+        telling = sorted(
+            filter(says_truth, self._positions),
+            key=lambda name: POSITION_TYPES.index(self._positions[name].msgtype),
+        )
+        return telling[:1], "by its name"
+
+    def _check(self, name: str, types: tuple[str, ...], otherwise: str) -> None:
+        topic = self.all.get(name)
+        if topic is None:
+            raise UsageError(f"{self._path}: has no topic '{name}', it holds {', '.join(self.all)}")
+        if topic.msgtype not in types:
+            why = _REFUSED.get(topic.msgtype, otherwise)
+            raise InputError(f"{self._path}: {name} is {topic.type}: {why}")
+        if not topic.messages:
+            raise InputError(f"{self._path}: {name} has no messages")
+
+
+def _type_of(connection: Connection) -> str:
+    """With the encoding where that is not one of ROS: then the type says nothing."""
+    encoding = encoding_of(connection)
+    is_ros = encoding in (ROS1_ENCODING, ROS2_ENCODING)
+    return connection.msgtype if is_ros else f"{connection.msgtype} in {encoding}, not of ROS"

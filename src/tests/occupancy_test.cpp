@@ -1,0 +1,99 @@
+#include "live/occupancy.hpp"
+
+#include <gtest/gtest.h>
+
+#include "live/fading_grid.hpp"
+#include "synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::Random;
+
+bool NeverFloats(const Eigen::Vector3f&) { return false; }
+
+class OccupancyTest : public ::testing::Test {
+ protected:
+  // A bin of five frames in which a place is hit or not.
+  void Bin(std::int64_t bin, bool is_hit, const Eigen::Vector3f& place_m = {10, 5, 3}) {
+    for (int frame = 0; frame < 5; ++frame) occupancy_.AddFrame(bin);
+    if (is_hit) occupancy_.Add(place_m, bin);
+  }
+
+  bool IsStructure(std::int64_t bin, const Eigen::Vector3f& place_m = {10, 5, 3}) {
+    return occupancy_.Judge(place_m, bin, 0, NeverFloats).is_structure;
+  }
+
+  Occupancy occupancy_{BackgroundConfig()};
+};
+
+TEST_F(OccupancyTest, WhatIsHitAtMostTimesIsStructureAndWhatComesAnewIsNot) {
+  for (std::int64_t bin = 0; bin < 50; ++bin) {
+    Bin(bin, bin % 6 != 0);
+    Bin(bin, bin >= 48, {0, 20, 8});
+  }
+  EXPECT_TRUE(IsStructure(49));
+  EXPECT_FALSE(IsStructure(49, {0, 20, 8}));
+}
+
+TEST_F(OccupancyTest, OfWhatWasThereFromTheBeginTooLittleIsKnown) {
+  for (std::int64_t bin = 0; bin < 200; ++bin) {
+    Bin(bin, true);
+    EXPECT_TRUE(IsStructure(bin)) << bin;
+  }
+}
+
+TEST_F(OccupancyTest, AStayThatOutlastsTheWindowDoesNotBecomeStructure) {
+  for (std::int64_t bin = 0; bin < 20; ++bin) Bin(bin, false);
+  for (std::int64_t bin = 20; bin < 1000; ++bin) {
+    Bin(bin, true);
+    EXPECT_FALSE(IsStructure(bin)) << bin;
+  }
+}
+
+TEST_F(OccupancyTest, WhatWasThereAllDayIsStructureAfterItWasHidden) {
+  for (std::int64_t bin = 0; bin < 600; ++bin) Bin(bin, bin % 5 != 0);
+  EXPECT_TRUE(IsStructure(599));
+  for (std::int64_t bin = 600; bin < 640; ++bin) Bin(bin, false);
+  for (std::int64_t bin = 640; bin < 644; ++bin) {
+    Bin(bin, true);
+    EXPECT_TRUE(IsStructure(bin)) << bin;
+  }
+}
+
+TEST_F(OccupancyTest, SweepingForgetsWhatIsNoStructureOnly) {
+  Bin(0, true, {0, 20, 8});
+  for (std::int64_t bin = 0; bin < 200; ++bin) Bin(bin, bin % 3 != 0);
+  IsStructure(199);
+  occupancy_.Sweep();
+  EXPECT_TRUE(IsStructure(199));
+  EXPECT_EQ(occupancy_.Structure().size(), 1U);
+  // A return at the forgotten place is something new.
+  occupancy_.Add({0, 20, 8}, 199);
+  EXPECT_FALSE(IsStructure(199, {0, 20, 8}));
+}
+
+TEST_F(OccupancyTest, TheRateOfAPlaceIsThatOfItsHitsOutsideTheStay) {
+  for (std::int64_t bin = 0; bin < 60; ++bin) Bin(bin, bin % 10 == 0);
+  Bin(60, true);
+  const Occupancy::Verdict verdict = occupancy_.Judge({10, 5, 3}, 60, 0, NeverFloats);
+  EXPECT_FALSE(verdict.is_structure);
+  EXPECT_GT(verdict.place_rate, 0.0F);
+}
+
+TEST(FadingGrid, CountsWhatIsInTheNeighbourhoodAndForgetsItInTime) {
+  Random random(1);
+  FadingGrid grid({1.0, 0.01}, 10.0);
+  for (int i = 0; i < 100; ++i) grid.Add({20, 5, 5}, 0.0);
+  for (int i = 0; i < 100; ++i)
+    grid.Add(random.InBox({-40, 20, 0}, {-20, 40, 20}).cast<float>(), 0.0);
+  EXPECT_NEAR(grid.CountAt({20, 5, 5}, 0.0), 100.0, 1e-9);
+  EXPECT_NEAR(grid.CountAt({20, 5, 5}, 10.0), 100.0 * std::exp(-1.0), 1e-9);
+  EXPECT_NEAR(grid.CountAt({20.3F, 5, 5}, 0.0), 100.0, 1e-9);
+  EXPECT_EQ(grid.CountAt({23, 5, 5}, 0.0), 0.0);
+  grid.Sweep(1e4);
+  EXPECT_EQ(grid.CountAt({20, 5, 5}, 0.0), 0.0);
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from synthetic import BEGIN_NS, PERIOD_NS, TRAJ_HEADER, drone_position_m, make_flight, seconds
 from unlidar_tools.frames_io import write_pcd
-from unlidar_tools.report import RunRecord, write_record
+from unlidar_tools.record import RunRecord, write_record
 
 SIGMA_M = 0.1
 OFFSET_M = np.array([0.3, -0.1, 0.2])  # of the estimate from the truth
@@ -48,7 +48,11 @@ def make_run(
     }
     (run / "summary.json").write_text(json.dumps(summary))
     path = run / "ground_truth.csv" if truth else None
-    write_record(run, RunRecord(title, {"mid360": directory}, path, ["--threads", "2"], 1.5))
+    record = RunRecord(
+        title, run, {"mid360": directory}, path, ["--threads", "2"], tracks=int(tracked),
+        tracking_s=1.5, total_s=2.5,
+    )  # fmt: skip
+    write_record(run, record)
     return run
 
 

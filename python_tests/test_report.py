@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from report_run import CLUSTERS, DRONE_RETURNS_PER_FRAME, OFFSET_M, SIGMA_M, mak
 from synthetic import BEGIN_NS, PERIOD_NS, drone_position_m
 from unlidar_tools.cli import main
 from unlidar_tools.evaluate import evaluate
-from unlidar_tools.report import ReportData, RunRecord, load_run
+from unlidar_tools.record import RunRecord
+from unlidar_tools.report import ReportData, load_run
 from unlidar_tools.report import sample as sampling
 from unlidar_tools.report.charts import errors_of, lengths_of
 from unlidar_tools.report.data import Clusters
@@ -154,8 +156,8 @@ def test_an_hour_of_data_stays_below_ten_megabytes_and_says_what_is_left_out():
     columns = ["id", "rank", *[f"psi_{i}" for i in range(10)]]
     clusters = Clusters(columns, [["1.234567890123"] * 12] * 5000)
     data = ReportData(
-        RunRecord("hour", {}, None, [], 1.0), {}, tracks, truth, evaluate(truth, tracks),
-        clusters, sample, [],
+        RunRecord("hour", Path(), {}, None, [], tracking_s=1.0), {}, tracks, truth,
+        evaluate(truth, tracks), clusters, sample, [],
     )  # fmt: skip
     page = page_of(data)
     assert len(page.encode()) < MOST_BYTES

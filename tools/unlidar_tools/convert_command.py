@@ -1,9 +1,9 @@
 """`unlidar convert`: its options and what it prints."""
 
 import argparse
-import sys
 from pathlib import Path
 
+from unlidar_tools import telling
 from unlidar_tools.arguments import number
 from unlidar_tools.errors import UsageError
 from unlidar_tools.geodesy import Origin
@@ -67,7 +67,7 @@ def define(p: argparse.ArgumentParser) -> None:
 def tell_notes(report: dict) -> None:
     """Says on stderr what the user should know of a conversion."""
     for note in report["notes"]:
-        print(f"unlidar: note: {note}", file=sys.stderr)
+        telling.note(note)
 
 
 def _convert(a: argparse.Namespace) -> None:

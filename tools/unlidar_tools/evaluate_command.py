@@ -99,7 +99,7 @@ def act(a: argparse.Namespace) -> None:
 def _one(a: argparse.Namespace, options: Options) -> None:
     from unlidar_tools.evaluate import evaluate_files
     from unlidar_tools.evaluate.markdown import markdown_table
-    from unlidar_tools.tables import measures_table, print_table
+    from unlidar_tools.tables import console, measures_table
 
     truth, trajectory = a.inputs
     measures = evaluate_files(truth, trajectory, options)
@@ -108,7 +108,7 @@ def _one(a: argparse.Namespace, options: Options) -> None:
     elif a.markdown:
         print(markdown_table([(trajectory.stem, measures)]), end="")
     else:
-        print_table(measures_table(measures, f"{trajectory} against {truth}"))
+        console().print(measures_table(measures, f"{trajectory} against {truth}"))
 
 
 def _many(a: argparse.Namespace, options: Options) -> None:
@@ -119,7 +119,7 @@ def _many(a: argparse.Namespace, options: Options) -> None:
         names_are_unique,
         read_manifest,
     )
-    from unlidar_tools.tables import print_table, sequences_table
+    from unlidar_tools.tables import console, sequences_table
 
     flights = read_manifest(a.manifest) if a.manifest is not None else []
     for folder in a.inputs:
@@ -131,9 +131,9 @@ def _many(a: argparse.Namespace, options: Options) -> None:
     if a.json:
         print(json.dumps(result))
     elif a.markdown:
-        print(markdown_table(table_rows(result)), end="")
+        print(markdown_table(table_rows(result), len(result["groups"])), end="")
     else:
-        print_table(sequences_table(result))
+        console().print(sequences_table(result))
 
 
 def _group(text: str) -> tuple[str, Path]:

@@ -7,11 +7,12 @@ from rich.console import Console
 from rich.table import Table
 
 from unlidar_tools.evaluate.markdown import percent, table_rows
+from unlidar_tools.printable import cell
 
 
-def print_table(table: Table) -> None:
-    """To stdout, without colours for numbers."""
-    Console(highlight=False).print(table)
+def console() -> Console:
+    """Stdout, where numbers get no colour."""
+    return Console(highlight=False)
 
 
 def sequences_table(result: dict) -> Table:
@@ -26,7 +27,7 @@ def sequences_table(result: dict) -> Table:
     for i, (name, m) in enumerate(rows):
         ends = m.get("intervals", {}).get("rmse")
         table.add_row(
-            name.strip("*"),
+            cell(name),
             _plain(m.get("rmse")),
             f"{ends[0]:.2f}-{ends[1]:.2f}" if ends else "-",
             _plain(m.get("median")),
@@ -42,7 +43,7 @@ def sequences_table(result: dict) -> Table:
 
 def measures_table(measures: dict, title: str) -> Table:
     """The measures of `evaluate`, one a line with what it means."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=cell(title), title_justify="left")
     table.add_column("measure")
     table.add_column("value", justify="right")
     table.add_column("judged on")

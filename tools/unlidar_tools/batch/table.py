@@ -10,9 +10,11 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from unlidar_tools.batch.job import FAILED, Row
+from unlidar_tools.evaluate.markdown import table_line
 from unlidar_tools.output import write_file
+from unlidar_tools.printable import cell
 
-NAME = "table"
+_NAME = "table"
 _NUMBERS: dict[str, tuple[str, Callable[[float], str]]] = {
     "rmse": ("RMSE, m", lambda v: f"{v:.3f}"),
     "rmse_unbiased": ("without offset, m", lambda v: f"{v:.3f}"),
@@ -27,34 +29,37 @@ _HEADERS = ["sequence", *(header for header, _ in _NUMBERS.values()), "remark"]
 
 def rich_table(rows: list[Row], title: str) -> Table:
     """For the terminal, where reasons of failures are too long for a column."""
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(title=cell(title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for header in _HEADERS:
         if header in ("sequence", "remark"):
             table.add_column(header, overflow="fold")
         else:
             table.add_column(re.sub(r", | (?!m\b)", "\n", header), justify="right", no_wrap=True)
     for row in rows:
-        table.add_row(*_cells(record_of(row) | {"remark": _remark(row).split(":")[0]}))
+        record = record_of(row) | {"remark": _remark(row).split(":")[0]}
+        table.add_row(*(cell(text) for text in _cells(record)))
     table.add_section()
     table.add_row(*_cells(_mean(rows)))
     return table
 
 
-def write_tables(rows: list[Row], folder: Path) -> list[Path]:
-    """The table as Markdown, CSV and JSON; returns the files."""
+def table_files(folder: Path) -> list[Path]:
+    """Where the tables are: Markdown, CSV and JSON."""
+    return [folder / f"{_NAME}.{suffix}" for suffix in ("md", "csv", "json")]
+
+
+def write_tables(rows: list[Row], folder: Path) -> None:
+    """The table as Markdown, CSV and JSON."""
     records = [record_of(row) for row in rows]
     everything = {"sequences": records, "mean": _mean(rows)}
     text = json.dumps(everything, indent=2) + "\n"
     lines = [_HEADERS, ["---", *("---:" for _ in _NUMBERS), "---"]]
     lines += [_cells(record) for record in [*records, _mean(rows)]]
-    markdown = "".join(
-        f"| {' | '.join(cell.replace('|', '/') for cell in line)} |\n" for line in lines
-    )
-    paths = [folder / f"{NAME}.{suffix}" for suffix in ("md", "csv", "json")]
-    write_file(paths[0], lambda work: work.write_text(markdown))
+    markdown = "".join(table_line(cells) + "\n" for cells in lines)
+    paths = table_files(folder)
+    write_file(paths[0], lambda work: work.write_text(markdown, encoding="utf-8"))
     write_file(paths[1], lambda work: _write_csv(work, records))
-    write_file(paths[2], lambda work: work.write_text(text))
-    return paths
+    write_file(paths[2], lambda work: work.write_text(text, encoding="utf-8"))
 
 
 def record_of(row: Row) -> dict:
@@ -98,7 +103,8 @@ def _cells(record: dict) -> list[str]:
 
 
 def _write_csv(path: Path, records: list[dict]) -> None:
-    with path.open("w", newline="") as file:
+    # A name that is no text is written as the bytes that the file system has.
+    with path.open("w", newline="", encoding="utf-8", errors="surrogateescape") as file:
         writer = csv.DictWriter(file, records[0])
         writer.writeheader()
         writer.writerows(records)

@@ -12,7 +12,9 @@ from unlidar_tools import __version__
 from unlidar_tools.benchmark.job import Result
 from unlidar_tools.benchmark.summary import ALL, Estimate, Row
 from unlidar_tools.benchmark.variants import Variant
+from unlidar_tools.evaluate.markdown import table_line
 from unlidar_tools.output import write_file
+from unlidar_tools.printable import printable
 
 MARKDOWN, JSON = "benchmark.md", "benchmark.json"
 _PUBLISHED = Path(__file__).parent / "published.yaml"
@@ -49,7 +51,7 @@ def write_report(
 
 def markdown(rows: list[Row], variants: list[Variant], published: list[dict], command: str) -> str:
     """The tables of our runs, the runs that failed, and the published figures."""
-    sections = [f"# Benchmark\n\n    {command}\n", _NOTE, _table(rows)]
+    sections = [f"# Benchmark\n\n    {printable(command)}\n", _NOTE, _table(rows)]
     changed = {v.name: v for v in variants if v.base}
     compared = [row for row in rows if row.variant in changed]
     if compared:
@@ -58,7 +60,7 @@ def markdown(rows: list[Row], variants: list[Variant], published: list[dict], co
         sections.append(_difference_table(compared))
     failures = [(row, failure) for row in rows if row.scene != ALL for failure in row.failures]
     if failures:
-        listed = "\n".join(f"- {row.variant} on {failure}" for row, failure in failures)
+        listed = "\n".join(printable(f"- {row.variant} on {failure}") for row, failure in failures)
         sections += [
             "## Failed runs\n",
             "They count as runs that found nothing.\n",
@@ -76,11 +78,11 @@ of one thread for a recording, *of duration*: the largest share of a recording's
 
 
 def _table(rows: list[Row]) -> str:
-    lines = [_line(_HEAD), "|---|---|" + "---:|" * (len(_HEAD) - 2)]
+    lines = [table_line(_HEAD), "|---|---|" + "---:|" * (len(_HEAD) - 2)]
     for row in rows:
         e = row.estimates
         lines.append(
-            _line(
+            table_line(
                 (
                     _scene(row),
                     row.variant,
@@ -99,12 +101,12 @@ def _table(rows: list[Row]) -> str:
 
 
 def _difference_table(rows: list[Row]) -> str:
-    lines = [_line(_DIFFERENCES), "|---|---|" + "---:|" * (len(_DIFFERENCES) - 2)]
+    lines = [table_line(_DIFFERENCES), "|---|---|" + "---:|" * (len(_DIFFERENCES) - 2)]
     for row in rows:
         d = row.differences
         cells = [_percent(d[name], sign="+") for name in ("within1m", "coverage")]
         cells += [_metres(d["rmse"], sign="+"), _percent(d["false"], sign="+")]
-        lines.append(_line((_scene(row), row.variant, *cells)))
+        lines.append(table_line((_scene(row), row.variant, *cells)))
     return "\n".join(lines) + "\n"
 
 
@@ -112,8 +114,13 @@ def _published(groups: list[dict]) -> str:
     parts = []
     for group in groups:
         about = f"**{group['title']}**. Measured on: {group['measured_on']}. {group['measure']}."
-        lines = [textwrap.fill(about, 118), "", _line(("", "value", "source")), "|---|---:|---|"]
-        lines += [_line((row["name"], row["value"], row["source"])) for row in group["rows"]]
+        lines = [
+            textwrap.fill(about, 118),
+            "",
+            table_line(("", "value", "source")),
+            "|---|---:|---|",
+        ]
+        lines += [table_line((row["name"], row["value"], row["source"])) for row in group["rows"]]
         lines += ["", f"Verified in the source: {', '.join(group['verified']) or 'nothing'}."]
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
@@ -153,7 +160,3 @@ def _text(
 
 def _keys(variant: Variant) -> str:
     return ", ".join(variant.assignments)
-
-
-def _line(cells: tuple[str, ...]) -> str:
-    return f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"

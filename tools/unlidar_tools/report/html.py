@@ -84,7 +84,7 @@ def cards(data: ReportData) -> str:
         )
         if key in counts
     ]  # fmt: skip
-    return "".join([*found, card("tracking took", f"{data.record.wall_s:.2f} s")])
+    return "".join([*found, card("tracking took", f"{data.record.tracking_s:.2f} s")])
 
 
 def tracks_table(data: ReportData, begin_s: float) -> str:
@@ -119,7 +119,7 @@ def run_tables(data: ReportData, versions: list[tuple[str, str]]) -> str:
         for i in data.summary.get("inputs", [])
     ]
     times = list(data.summary.get("times_s", {}).items())
-    times.append(("whole process", data.record.wall_s))
+    times.append(("whole process", data.record.tracking_s))
     settings = "".join(
         f"<li><code>{escape(key)}: {escape(str(value))}</code></li>"
         for key, value in flat(data.summary.get("config", {}))

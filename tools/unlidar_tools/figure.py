@@ -14,6 +14,8 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from unlidar_tools.evaluate import MAX_STEP_S
+from unlidar_tools.evaluate.markdown import percent
+from unlidar_tools.evaluate.measures import several_drones
 from unlidar_tools.truth import Tracks, Truth
 
 GREY, GREEN, RED, BLUE = "#9a9a9a", "#1f9d3a", "#d62728", "#1f4fd6"
@@ -71,11 +73,13 @@ def headline(data: FigureData) -> str:
         coverage = data.measures.get("coverage")
         rest = "no drone in the truth" if coverage is None else f"coverage {100 * coverage:.1f} %"
         return f"{data.title}: {found}, {rest}"
-    return (
-        f"{data.title}: {found}, RMSE {data.measures['rmse']:.3f} m "
-        f"({data.measures['rmse_unbiased']:.3f} m without the mean offset), "
-        f"coverage {100 * data.measures['coverage']:.1f} %"
-    )
+    m = data.measures
+    if several_drones(m):
+        error = f"RMSE {m['matched_rmse']:.3f} m" if "matched_rmse" in m else "none matched"
+        error += f" (one track a drone, {percent(m['matched'])} of the time)"
+    else:
+        error = f"RMSE {m['rmse']:.3f} m ({m['rmse_unbiased']:.3f} m without the mean offset)"
+    return f"{data.title}: {found}, {error}, coverage {percent(m['coverage'])}"
 
 
 def view_box(

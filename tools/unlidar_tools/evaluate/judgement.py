@@ -28,8 +28,8 @@ class Judgement:
     target: np.ndarray  # (N,)
     seen: np.ndarray  # (N,) bool: in view of a sensor
     nearest: Coverage  # (N,)
+    own: Coverage  # (N,) matched one to one
     nees: np.ndarray  # (N,) NaN where not covered or the trajectory has no sigma
-    matched: np.ndarray  # (N,) bool, one to one
     switches: int
     completed_m: np.ndarray  # (N, 3) error of the completed track; NaN without one
     rows: OwnRows  # (M,)
@@ -42,6 +42,16 @@ class Judgement:
     def covered(self) -> np.ndarray:
         """(N,) bool: in view and with an estimate."""
         return self.seen & np.isfinite(self.nearest.distance_m)
+
+    @property
+    def matched(self) -> np.ndarray:
+        """(N,) bool: in view and with a track of its own."""
+        return np.isfinite(self.own.distance_m)
+
+    @property
+    def drones(self) -> int:
+        """Number of targets."""
+        return len(np.unique(self.target))
 
 
 def judge_files(truth: Path, trajectory: Path, options: Options) -> Judgement:
@@ -76,8 +86,9 @@ def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
         target=truth.target,
         seen=truth.in_view,
         nearest=nearest,
-        nees=_nees(nearest, alignment),
-        matched=who.matched,
+        own=who.own,
+        # Among several targets the nearest track may be another one's, and its sigma with it.
+        nees=_nees(who.own if len(np.unique(truth.target)) > 1 else nearest, alignment),
         switches=who.switches,
         completed_m=complete(moved, truth.time_s) - truth.xyz_m,
         rows=own_rows(truth, moved),
@@ -88,10 +99,10 @@ def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
     )
 
 
-def _nees(nearest: Coverage, alignment: Alignment) -> np.ndarray:
+def _nees(estimate: Coverage, alignment: Alignment) -> np.ndarray:
     """Error squared over variance; the sigmas are those of the axes before the alignment."""
-    error = nearest.error_m @ alignment.rotation
-    known = (nearest.sigma_m > 0).all(axis=1)
+    error = estimate.error_m @ alignment.rotation
+    known = (estimate.sigma_m > 0).all(axis=1)
     nees = np.full(len(error), np.nan)
-    nees[known] = ((error[known] / nearest.sigma_m[known]) ** 2).sum(axis=1)
+    nees[known] = ((error[known] / estimate.sigma_m[known]) ** 2).sum(axis=1)
     return nees

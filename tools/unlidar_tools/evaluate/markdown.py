@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from unlidar_tools.printable import printable
 
 _HEAD = (
-    "", "Dx", "Dy", "Dz", "RMSE", "95 % interval", "APE", "median", "95th", "coverage",
-    "within 1 m", "false rows", "tracks", "switches", "NEES",
+    "", "matched", "matched RMSE", "Dx", "Dy", "Dz", "RMSE", "95 % interval", "APE", "median",
+    "95th", "coverage", "within 1 m", "false rows", "tracks", "switches", "NEES",
 )  # fmt: skip
 
 
@@ -39,6 +39,8 @@ def table_rows(result: dict) -> list[tuple[str, dict]]:
 def _cells(m: dict) -> tuple[str, ...]:
     ends = m.get("intervals", {}).get("rmse")
     return (
+        percent(m.get("matched")),
+        _metres(m.get("matched_rmse")),
         *(_metres(m.get(f"d{axis}")) for axis in "xyz"),
         _metres(m.get("rmse")),
         f"{ends[0]:.3f} to {ends[1]:.3f}" if ends else "-",

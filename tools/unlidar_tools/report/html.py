@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from html import escape
 
+from unlidar_tools.evaluate.markdown import percent
+from unlidar_tools.evaluate.measures import several_drones
 from unlidar_tools.report.data import ReportData
 
 _DIGITS = 4
@@ -70,7 +72,11 @@ def cards(data: ReportData) -> str:
     found = [card("tracks", number(len(set(data.tracks.track_id))))]
     if m.get("coverage") is not None:
         found.append(card("coverage", f"{100 * m['coverage']:.1f} %"))
-    if "rmse" in m:
+    if several_drones(m):
+        found.append(card("matched, one track a drone", percent(m["matched"])))
+        if "matched_rmse" in m:
+            found.append(card("RMSE of the matched", f"{m['matched_rmse']:.3f} m"))
+    elif "rmse" in m:
         found.append(card("RMSE", f"{m['rmse']:.3f} m"))
         found.append(card("RMSE without mean offset", f"{m['rmse_unbiased']:.3f} m"))
     if m.get("within1m") is not None:

@@ -1,5 +1,6 @@
 """One trajectory against one truth, row by row: what all measures are computed from."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from unlidar_tools.evaluate.alignment import (
 )
 from unlidar_tools.evaluate.association import Coverage, OwnRows, cover, identities, own_rows
 from unlidar_tools.evaluate_options import AUTO, Options
-from unlidar_tools.truth import Tracks, Truth, read_tracks, read_truth
+from unlidar_tools.truth import Tracks, Truth, read_all_tracks, read_truth
 
 
 @dataclass(frozen=True)
@@ -54,13 +55,13 @@ class Judgement:
         return len(np.unique(self.target))
 
 
-def judge_files(truth: Path, trajectory: Path, options: Options) -> Judgement:
-    """`judge` on two CSV files; what cannot be judged is said with the trajectory's name."""
-    files = read_truth(truth), read_tracks(trajectory)
+def judge_files(truth: Path, trajectories: Sequence[Path], options: Options) -> Judgement:
+    """`judge` on files; what cannot be judged is said with the name of the first trajectory."""
+    files = read_truth(truth), read_all_tracks(trajectories)
     try:
         return judge(*files, options)
     except InputError as error:
-        raise InputError(f"{trajectory}: {error}") from error
+        raise InputError(f"{trajectories[0]}: {error}") from error
 
 
 def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:

@@ -78,7 +78,7 @@ def evaluate_sequences(sequences: Iterable[Flight], options: Options) -> dict:
 
     Each sequence is aligned on its own. Within a group every stamp of the truth counts once.
     """
-    judged = [(one, judge_files(one.truth, one.trajectory, options)) for one in sequences]
+    judged = [(one, judge_files(one.truth, [one.trajectory], options)) for one in sequences]
     groups = list(dict.fromkeys(one.group for one, _ in judged if one.group))
     return {
         "sequences": [

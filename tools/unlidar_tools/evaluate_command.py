@@ -89,7 +89,7 @@ def act(a: argparse.Namespace) -> None:
         if a.inputs and not folders:
             raise UsageError(f"{a.inputs[0]}: is no folder; --group and --manifest name the files")
         _many(a, options)
-    elif len(a.inputs) >= 2 and not any(path.is_dir() for path in a.inputs):
+    elif len(a.inputs) >= 2:
         _one(a, options)
     else:
         raise UsageError(

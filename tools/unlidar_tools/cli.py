@@ -8,6 +8,7 @@ from typing import NoReturn
 
 from unlidar_tools import (
     benchmark_command,
+    completion_command,
     convert_command,
     evaluate_command,
     export_command,
@@ -60,6 +61,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_export(commands)
     _add_report(commands)
     _add_benchmark(commands)
+    text = "what a shell needs to complete the command line"
+    completion_command.define(
+        _add(commands, "completion", text, completion_command.EXAMPLE), parser
+    )
     return parser
 
 

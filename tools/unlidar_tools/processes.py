@@ -15,12 +15,13 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from unlidar_tools import interrupts
+from unlidar_tools import interrupts, telling
 from unlidar_tools.errors import report_errors
 
 T = TypeVar("T")
 R = TypeVar("R")
 
+_VERBOSE = "--verbose"
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 
 
@@ -52,13 +53,13 @@ class Launcher:
         self._running: set[subprocess.Popen] = set()
         self._stopped = False
 
-    def __call__(self, work: object) -> Ended:
-        """Hands `work` to a new process and waits for its end."""
+    def __call__(self, work: object, name: str) -> Ended:
+        """Hands `work` to a new process and waits for its end; what it told is told with `name`."""
         with self._lock:
             if self._stopped:
                 return Ended(interrupts.INTERRUPTED, None, "interrupted")
             process = subprocess.Popen(
-                self._command,
+                [*self._command, *([_VERBOSE] if telling.is_verbose() else [])],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -70,6 +71,7 @@ class Launcher:
         finally:
             with self._lock:
                 self._running.discard(process)
+        telling.repeat(said.decode(errors="replace"), name)
         result = pickle.loads(answer) if process.returncode == 0 else None
         return Ended(process.returncode, result, said.decode(errors="replace"))
 
@@ -105,6 +107,7 @@ def serve(act: Callable[[Any], object]) -> int:
     """
     interrupts.end_at_once()
     _end_with(int(sys.argv[1]))
+    telling.show(_VERBOSE in sys.argv)
     answer = os.dup(1)
     os.dup2(2, 1)  # what anything prints must not get into the answer
 

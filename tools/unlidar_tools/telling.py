@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 from unlidar_tools.printable import printable
 
+_STAGE, _NOTE = "unlidar: ", "unlidar: note: "
 LOGGER = logging.getLogger("unlidar_tools")
 
 
@@ -47,9 +48,18 @@ def show(verbose: bool) -> None:
     LOGGER.setLevel(logging.INFO if verbose else logging.WARNING)
 
 
+def repeat(said: str, name: str) -> None:
+    """Tells what another process of this package has told on stderr, and whose it is."""
+    for line in said.splitlines():
+        if line.startswith(_NOTE):
+            note(f"{name}: {line.removeprefix(_NOTE)}")
+        elif line.startswith(_STAGE) and not line.startswith(f"{_STAGE}error: "):
+            stage(f"{name}: {line.removeprefix(_STAGE)}")
+
+
 class _Lines(logging.Handler):
     """A line each, to whatever stderr is then."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        kind = "note: " if record.levelno >= logging.WARNING else ""
-        print(f"unlidar: {kind}{printable(record.getMessage())}", file=sys.stderr)
+        kind = _NOTE if record.levelno >= logging.WARNING else _STAGE
+        print(f"{kind}{printable(record.getMessage())}", file=sys.stderr)

@@ -115,7 +115,7 @@ class JobLauncher:
     def __call__(self, job: Job) -> Row:
         """Does the job and tells what became of it; a failure is a row, too."""
         begin = time.perf_counter()
-        ended = self._launch(job)
+        ended = self._launch(job, job.name)
         row = finished(job) if ended.exit_code == 0 else None
         if row is not None:
             return row

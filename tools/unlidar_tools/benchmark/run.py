@@ -4,7 +4,7 @@ from contextlib import closing
 
 from unlidar_tools.benchmark.job import Job, Result, folders
 from unlidar_tools.errors import ForwardedError
-from unlidar_tools.processes import Launcher, side_by_side
+from unlidar_tools.processes import Ended, Launcher, side_by_side
 from unlidar_tools.progress import with_progress
 from unlidar_tools.run import refuse_foreign
 
@@ -18,15 +18,22 @@ def run_jobs(jobs: list[Job], at_once: int) -> list[Result]:
         for folder in folders(job):
             refuse_foreign(folder)
     launcher = Launcher("unlidar_tools.benchmark.child")
+
+    def do(job: Job) -> Ended:
+        return launcher(job, _name(job))
+
     by_scene = {}
     with (
-        closing(side_by_side(launcher, jobs, at_once, launcher.stop)) as done,
+        closing(side_by_side(do, jobs, at_once, launcher.stop)) as done,
         closing(with_progress(done, len(jobs), "Benchmark")) as shown,
     ):
         for job, ended in shown:
             if ended.exit_code != 0:
                 why, exit_code = ended.failure
-                scene = f"{job.scene.scene}, seed {job.scene.seed or '-'}"
-                raise ForwardedError(f"{scene}: {why}", exit_code)
+                raise ForwardedError(f"{_name(job)}: {why}", exit_code)
             by_scene[job.scene] = ended.result
     return [result for job in jobs for result in by_scene[job.scene]]
+
+
+def _name(job: Job) -> str:
+    return f"{job.scene.scene}, seed {job.scene.seed or '-'}"

@@ -25,6 +25,7 @@ from test_convert_broken import cut, raw_cloud
 from unlidar_tools.cli import main
 from unlidar_tools.convert import Options, convert
 from unlidar_tools.frames_io import write_pcd
+from unlidar_tools.record import read_record
 
 FRAMES = 20
 
@@ -132,6 +133,8 @@ def test_run_goes_on_with_what_could_be_read_and_says_so(tmp_path, program, monk
         assert "damaged or not closed by its recorder" in said
         assert "went on with what could be read: 8 frames" in said
         assert (tmp_path / "out/report.html").is_file()
+        record = read_record(tmp_path / "out")
+        assert record.broken and "went on with what could be read" in record.notes[-1]
     repeats = write_bag(tmp_path, "ros1", with_repeats(2), "repeats")
     arguments = ["run", str(repeats), "--out", str(tmp_path / "whole"), "--skip-bad"]
     assert main(arguments) == 0
@@ -152,6 +155,8 @@ def test_many_recordings_go_on_with_what_could_be_read_of_each(
     }
     assert "broken" in rows["a.bag"]["remark"]
     assert "broken" not in rows["b.bag"]["remark"]
+    for name, is_broken in (("a.bag", True), ("b.bag", False)):
+        assert read_record(out / name).broken == is_broken
     record = json.loads((out / "b.bag/frames/conversion.json").read_text())
     assert record["left_out"] == {"points": 1}
 

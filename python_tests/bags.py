@@ -1,11 +1,16 @@
 """Writes ROS bags of every format with rosbags' writers, and the messages to put into them."""
 
+import shutil
 import sqlite3
+import tempfile
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -38,6 +43,12 @@ FORMATS = (
     "mcap-chunk-zstd",
     "mcap-message-zstd",
     "mcap-file-zstd",
+    "mcap-of-ros1",
+    "mcap-of-ros1-lz4",
+    "mcap-of-ros1-without-chunks",
+    "mcap-without-profile",
+    "db3-wal",
+    "db3-wal-file",
 )
 
 
@@ -63,6 +74,8 @@ def write_bag(folder: Path, form: str, messages: list[Message], name: str = "fli
             writer.set_compression(Writer1.CompressionFormat[form.split("-")[1].upper()])
         _write(writer, _ROS1, messages)
         return path
+    if form.startswith(("mcap-of", "mcap-without")):
+        return _write_mcap(folder / f"{name}.mcap", form, messages)
     path = folder / name
     plugin = StoragePlugin.SQLITE3 if form.startswith("db3") else StoragePlugin.MCAP
     writer = Writer2(path, version=9, storage_plugin=plugin)
@@ -74,10 +87,12 @@ def write_bag(folder: Path, form: str, messages: list[Message], name: str = "fli
         if form.endswith(f"{word}-zstd"):
             writer.set_compression(mode, CompressionFormat.ZSTD)
     _write(writer, _ROS2, messages)
+    if form.startswith("db3-wal"):
+        leave_in_log(next(path.glob("*.db3")))
     if form == "db3-without-definitions":
         with sqlite3.connect(next(path.glob("*.db3"))) as database:
             database.execute("DELETE FROM message_definitions")
-    return next(path.glob(f"*.{form[:-5]}")) if form.endswith("-file") else path
+    return next(path.glob(f"*.{form.split('-')[0]}")) if form.endswith("-file") else path
 
 
 def _write(writer: Any, version: str, messages: list[Message]) -> None:
@@ -91,6 +106,54 @@ def _write(writer: Any, version: str, messages: list[Message]) -> None:
             pack = store.serialize_ros1 if version == _ROS1 else store.serialize_cdr
             packed = bytes(pack(filled, m.msgtype))
             writer.write(topics[m.topic], m.log_ns, packed[: len(packed) - m.cut])
+
+
+def _write_mcap(path: Path, form: str, messages: list[Message]) -> Path:
+    """By MCAP's own writer, as other recorders than ROS 2's leave it."""
+    version, encoding = (_ROS1, "ros1") if "ros1" in form else (_ROS2, "cdr")
+    store = _STORES[version]
+    compression = CompressionType.LZ4 if form.endswith("lz4") else CompressionType.ZSTD
+    with path.open("wb") as file:
+        writer = McapWriter(
+            file,
+            chunk_size=_CHUNK_BYTES,
+            compression=compression,
+            use_chunking="without-chunks" not in form,
+        )
+        writer.start(profile="" if "profile" in form else "ros1")
+        channels: dict[str, int] = {}
+        for m in messages:
+            if m.topic not in channels:
+                text, _ = store.generate_msgdef(m.msgtype, ros_version=1 if "ros1" in form else 2)
+                name = m.msgtype.replace("/msg/", "/") if version == _ROS1 else m.msgtype
+                schema = writer.register_schema(name, f"{version}msg", text.encode())
+                channels[m.topic] = writer.register_channel(m.topic, encoding, schema)
+            pack = store.serialize_ros1 if version == _ROS1 else store.serialize_cdr
+            packed = bytes(pack(m.fill(Types(version)), m.msgtype))
+            data = packed[: len(packed) - m.cut]
+            writer.add_message(channels[m.topic], m.log_ns, data, m.log_ns)
+        writer.finish()
+    return path
+
+
+def leave_in_log(database: Path, kept: int = 1) -> None:
+    """Moves all rows but the first into a write-ahead log, as of a recorder that was killed."""
+    copies = [database.with_name(f"{database.name}{end}") for end in ("", "-wal")]
+    with tempfile.TemporaryDirectory() as scratch:
+        at = Path(scratch) / database.name
+        shutil.copyfile(database, at)
+        with closing(sqlite3.connect(at)) as writing:
+            rows = writing.execute("SELECT * FROM messages ORDER BY id").fetchall()
+            writing.execute("DELETE FROM messages WHERE id > ?", (rows[kept - 1][0],))
+            writing.commit()
+            writing.execute("VACUUM")
+            writing.execute("PRAGMA journal_mode=WAL")
+            writing.execute("PRAGMA wal_autocheckpoint=0")
+            for row in rows[kept:]:
+                writing.execute(f"INSERT INTO messages VALUES ({','.join('?' * len(row))})", row)
+                writing.commit()
+            for path in copies:  # while the recorder still runs
+                shutil.copyfile(at.with_name(path.name), path)
 
 
 @dataclass(frozen=True)

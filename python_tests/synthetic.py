@@ -79,6 +79,15 @@ def make_flight(seed: int = 1, frames: int = 60, drone: bool = True) -> Flight:
     return flight
 
 
+def with_opposite_drone(flight: Flight) -> Flight:
+    """A second drone flies opposite to the first and is seen in the middle half only."""
+    clouds = []
+    for i, cloud in enumerate(flight.clouds):
+        opposite = cloud[cloud[:, 2] > 5] * np.float32([-1, -1, 1])
+        clouds.append(np.concatenate([cloud, opposite]) if 15 <= i < 45 else cloud)
+    return Flight(flight.stamps_ns, clouds)
+
+
 def decimal_name(stamp_ns: int) -> str:
     return f"{seconds(stamp_ns)}.pcd"
 

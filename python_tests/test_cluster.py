@@ -76,7 +76,10 @@ def test_when_one_of_two_workers_is_killed_all_sequences_are_done_and_none_twice
             text=True,
         )
         started.append(run)
-        wait_for(lambda: stand_in.called() == 2, "both workers to be busy")
+        wait_for(
+            lambda: [p.stat().st_size > 0 for p in pids.iterdir()] == [True, True],
+            "both workers to be busy",
+        )
         busy = {int(path.read_text()) for path in pids.iterdir()}
         assert busy == {worker.pid for worker in workers}
         workers[0].kill()

@@ -2,8 +2,6 @@
 
 import csv
 import json
-import os
-import signal
 import subprocess
 import sys
 from decimal import Decimal
@@ -11,13 +9,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from unlidar_tools import convert as convert_module
 from unlidar_tools.cli import main
 from unlidar_tools.convert import convert
 from unlidar_tools.errors import InputError
 from unlidar_tools.frames_io import read_pcd, write_pcd
 from unlidar_tools.stamps import format_stamp, parse_stamp_ns
 
+# The command, interrupted as soon as a frame is written.
+INTERRUPTED = """
+import os, signal, sys
+from unlidar_tools import convert
+from unlidar_tools.__main__ import main
+write = convert.write_pcd
+def interrupt(*frame):
+    write(*frame)
+    os.kill(os.getpid(), signal.SIGTERM)
+convert.write_pcd = interrupt
+sys.exit(main())
+"""
 STAMPS = ("1706255621.600227", "1706255621.7", "1706255621.80023700")
 
 
@@ -211,15 +220,11 @@ def test_a_failed_forced_conversion_leaves_the_old_result(tmp_path, fails):
     assert contents(tmp_path / "out") == before
 
 
-def test_an_interrupted_conversion_leaves_nothing_behind(tmp_path, monkeypatch, fails):
+def test_an_interrupted_conversion_leaves_nothing_behind(tmp_path):
     source = make_sequence(tmp_path / "seq")
-
-    def interrupt(path: Path, xyz_m: np.ndarray, fields: dict) -> None:
-        write_pcd(path, xyz_m, fields)
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    monkeypatch.setattr(convert_module, "write_pcd", interrupt)
-    assert "interrupted" in fails(130, "convert", source, tmp_path / "out")
+    call = [sys.executable, "-c", INTERRUPTED, "convert", source, tmp_path / "out"]
+    done = subprocess.run(call, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "unlidar: error: interrupted\n")
     assert [path.name for path in tmp_path.iterdir()] == ["seq"]
 
 

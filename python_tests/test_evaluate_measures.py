@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from unlidar_tools.cli import main
 from unlidar_tools.completion import complete
 from unlidar_tools.evaluate import Options, evaluate
+from unlidar_tools.evaluate.bootstrap import times_drawn
 from unlidar_tools.truth import Tracks, Truth
 
 TIMES = np.arange(0, 10, 0.1)
@@ -42,6 +43,38 @@ def test_a_track_that_serves_both_targets_covers_but_matches_only_one():
     m = evaluate(near, track_at(TIMES, [0.5, 0, 0]))
     assert (m["coverage"], m["within1m"], m["matched"]) == (1.0, 1.0, 0.5)
     assert sorted(t["matched"] for t in m["targets"]) == [0.0, 1.0]
+
+
+def test_an_uncovered_drone_is_not_charged_the_way_to_the_track_of_another():
+    m = evaluate(two_targets(), track_at(TIMES, [0.3, 0, 0]))
+    assert m["drones"] == 2
+    assert (m["matched"], m["matched_rmse"], m["matched_rmse_unbiased"]) == (0.5, 0.3, 0.0)
+    assert m["intervals"]["matched_rmse"] == [0.3, 0.3]
+    assert m["intervals"]["matched"] == [0.5, 0.5]
+    assert m["rmse"] == pytest.approx(np.sqrt((0.3**2 + 14.7**2) / 2), abs=1e-4)  # of the nearest
+    found, missed = m["targets"]
+    assert (found["matched"], found["matched_rmse"]) == (1.0, 0.3)
+    assert missed["matched"] == 0.0
+    assert "matched_rmse" not in missed
+
+
+def test_nees_of_several_drones_is_that_of_their_own_tracks():
+    sigma = np.full((len(TIMES), 3), 0.1)
+    alone = evaluate(truth_at(TIMES), track_at(TIMES, [0.2, 0, 0], sigma_m=sigma))
+    m = evaluate(two_targets(), track_at(TIMES, [0.2, 0, 0], sigma_m=sigma))
+    assert m["nees"] == alone["nees"] == 4.0
+
+
+def test_of_several_drones_the_matched_error_is_told_first(tmp_path, capsys):
+    both = join_tracks(track_at(TIMES, [0.3, 0, 0]), track_at(TIMES[:50], [15.1, 0, 0], 1.0))
+    folder = write_result(tmp_path / "two", two_targets(), both)
+    assert main(["evaluate", str(folder / "ground_truth.csv"), str(folder / "traj.csv")]) == 0
+    out = capsys.readouterr().out
+    first, second = out.index("RMSE, matched"), out.index("RMSE, nearest track")
+    assert out.index("75.0 %") < first < second
+    assert "0.100 m, 50.0 %" in out
+    assert main(["evaluate", str(folder)]) == 0
+    assert "matched" in capsys.readouterr().out
 
 
 def test_tracks_that_swap_their_targets_are_two_switches():
@@ -194,6 +227,28 @@ def drawn_error(rng: np.random.Generator, memory: float, count: int) -> np.ndarr
     for i in range(1, count):
         error[i] = memory * error[i - 1] + np.sqrt(1 - memory**2) * error[i]
     return 0.2 * error
+
+
+@pytest.mark.parametrize("block_s", [0.1, 0.7, 1.0, 3.3, 9.9, 30.0])
+@pytest.mark.parametrize("targets", [1, 3])
+def test_every_row_is_drawn_equally_often(block_s, targets):
+    times = np.repeat(TIMES, targets)
+    rng = np.random.default_rng(1)
+    weight = np.array([times_drawn(times, block_s, rng) for _ in range(4000)])
+    mean = weight.mean(axis=0)
+    assert np.allclose(mean, mean.mean(), atol=5 * weight.std() / np.sqrt(4000))
+    assert mean.mean() >= 1 - 1e-9
+    assert (weight.sum(axis=1) >= min(block_s, 10.0) / 0.1 * targets - 1e-9).all()
+
+
+def test_blocks_begin_in_the_last_block_length_too():
+    error = np.zeros((len(TIMES), 3))
+    error[-1, 0] = 5.0  # drawn by hardly any block that has to end with the recording
+    m = evaluate(truth_at(TIMES), track_at(TIMES, error), Options(block_s=3.0))
+    low, high = m["intervals"]["rmse"]
+    assert low < m["rmse"] < high
+    mirrored = evaluate(truth_at(TIMES), track_at(TIMES, error[::-1]), Options(block_s=3.0))
+    assert mirrored["intervals"]["rmse"] == pytest.approx([low, high], abs=0.1)
 
 
 def test_intervals_hold_the_true_rmse_about_as_often_as_they_claim():

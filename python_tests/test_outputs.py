@@ -5,9 +5,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
-from synthetic import Flight, make_flight, read_traj, run_program, track, write_frames
+from synthetic import (
+    Flight,
+    make_flight,
+    read_traj,
+    run_program,
+    track,
+    with_opposite_drone,
+    write_frames,
+)
 
 USAGE = 2
 
@@ -24,13 +31,8 @@ def frames(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def two_drones(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The second drone flies opposite to the first and is seen in the middle half only."""
-    clouds = []
-    for i, cloud in enumerate(flight.clouds):
-        opposite = cloud[cloud[:, 2] > 5] * np.float32([-1, -1, 1])
-        clouds.append(np.concatenate([cloud, opposite]) if 15 <= i < 45 else cloud)
     folder = tmp_path_factory.mktemp("two")
-    return write_frames(folder / "frames", Flight(flight.stamps_ns, clouds))
+    return write_frames(folder / "frames", with_opposite_drone(flight))
 
 
 def refusal(*arguments: str | Path) -> str:

@@ -131,8 +131,14 @@ def test_what_cannot_be_played_is_told(recording: Path, tmp_path: Path, fails) -
     assert "the recording itself" in fails(2, "play", recording, "--into", recording)
     assert "cannot be run" in fails(2, "play", recording, "--to", "/absent/program")
     assert "expected a number above 0" in fails(2, "play", recording, "--rate", "0")
+
+
+def test_a_folder_whose_name_is_none_of_a_sensor_is_played_under_one_like_it(
+    tmp_path: Path,
+) -> None:
     odd = write_frames(tmp_path / "odd/my lidar", make_flight(frames=1)).parent
-    assert "my lidar: is no name of a sensor" in fails(2, "play", odd, "--into", tmp_path / "in")
+    assert main(["play", str(odd), "--rate", "inf", "--into", str(tmp_path / "in")]) == 0
+    assert [folder.name for folder in (tmp_path / "in").iterdir()] == ["my_lidar"]
 
 
 def test_a_followed_folder_that_is_played_into_gives_the_rows_of_the_recording(

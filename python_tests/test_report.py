@@ -5,20 +5,26 @@ import json
 import re
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from flights import join_truths, track_at, truth_at
 from report_run import CLUSTERS, DRONE_RETURNS_PER_FRAME, OFFSET_M, SIGMA_M, make_run
 from synthetic import BEGIN_NS, PERIOD_NS, drone_position_m
 from unlidar_tools.cli import main
+from unlidar_tools.colours import track_colours
 from unlidar_tools.evaluate import evaluate
-from unlidar_tools.report import ReportData, RunRecord, load_run
+from unlidar_tools.figure import legend as figure_legend
+from unlidar_tools.record import RunRecord
+from unlidar_tools.report import ReportData, load_run
 from unlidar_tools.report import sample as sampling
 from unlidar_tools.report.charts import errors_of, lengths_of
 from unlidar_tools.report.data import Clusters
 from unlidar_tools.report.lines import at_times, drawn_rows, range_sigma, speed, tube
-from unlidar_tools.report.moments import pack_moments, target_steps
+from unlidar_tools.report.moments import pack_courses, pack_moments, target_steps
 from unlidar_tools.report.page import begin_of, page_of
+from unlidar_tools.report.static import figure_data
 from unlidar_tools.truth import Tracks, Truth
 
 MOST_BYTES = 10_000_000
@@ -154,8 +160,8 @@ def test_an_hour_of_data_stays_below_ten_megabytes_and_says_what_is_left_out():
     columns = ["id", "rank", *[f"psi_{i}" for i in range(10)]]
     clusters = Clusters(columns, [["1.234567890123"] * 12] * 5000)
     data = ReportData(
-        RunRecord("hour", {}, None, [], 1.0), {}, tracks, truth, evaluate(truth, tracks),
-        clusters, sample, [],
+        RunRecord("hour", Path(), {}, None, [], tracking_s=1.0), {}, tracks, truth,
+        evaluate(truth, tracks), clusters, sample, [],
     )  # fmt: skip
     page = page_of(data)
     assert len(page.encode()) < MOST_BYTES
@@ -164,6 +170,78 @@ def test_an_hour_of_data_stays_below_ten_megabytes_and_says_what_is_left_out():
     assert "Of the estimate one row in 8 is drawn" in shown
     assert "40,000 of 90,000 target returns" in shown
     assert "the best 1,000 take part" in shown
+
+
+def test_each_track_has_one_colour_in_figures_curves_moments_and_tables(tmp_path):
+    data = load_run(make_run(tmp_path / "run", track_ids=(3, 4, 11)))
+    colours = track_colours(data.tracks.track_id)
+    assert len(set(colours.values())) == 3
+    page = page_of(data)
+    content = embedded(page)
+    for number, colour in colours.items():
+        name = f"track {number:g}"
+        assert f"style='background:{colour}'></span>{number:g}<" in page
+        for figure in ("scene", "over_time"):
+            drawn = [t for t in content["figures"][figure]["data"] if t.get("name") == name]
+            assert drawn
+            assert {trace["line"]["color"] for trace in drawn} == {colour}
+        assert [c["colour"] for c in content["courses"] if c.get("name") == name] == [colour]
+        assert [colour] in content["moments"]["colours"]
+        handles = figure_legend(figure_data(data))
+        assert (name, colour) in [(h.get_label(), h.get_color()) for h in handles]
+    lone = load_run(make_run(tmp_path / "lone", track_ids=(4,)))
+    assert list(track_colours(lone.tracks.track_id)) == [4.0]
+
+
+def test_lines_and_tubes_carry_their_times(data):
+    from unlidar_tools.report.charts import FIRST_COURSE, scene
+
+    begin_s = begin_of(data)
+    packed = pack_courses(data, begin_s, FIRST_COURSE)
+    names = [scene(data).data[course["trace"]].name for course in packed]
+    assert names == ["truth", "track 0", "track 0 ± 2 sigma"]
+
+    def floats(text: str) -> np.ndarray:
+        return np.frombuffer(base64.b64decode(text), "<f4")
+
+    line, tube_of = packed[1], packed[2]
+    times = floats(line["time"])
+    assert np.allclose(times, data.tracks.time_s - begin_s, atol=1e-3)
+    assert np.allclose(floats(line["points"]).reshape(-1, 3), data.tracks.xyz_m, atol=1e-4)
+    assert line["spans"] == [[pytest.approx(0), pytest.approx(2.9)]]
+    rings = floats(tube_of["points"]).reshape(len(floats(tube_of["time"])), 8, 3)
+    assert np.allclose(rings.mean(axis=1), data.tracks.xyz_m, atol=1e-4)
+    faces = np.frombuffer(base64.b64decode(tube_of["faces"]), "<u2")
+    assert faces.max() == 8 * len(rings) - 1
+
+
+@pytest.mark.parametrize(("method", "folded"), [("robust", True), ("paper", False)])
+def test_the_papers_scores_are_folded_away_where_they_decide_nothing(method, folded, tmp_path):
+    page = page_of(load_run(make_run(tmp_path / "run", method=method)))
+    scores = page.split("<h2>Cluster scores</h2>")[1].split("</section>")[0]
+    assert scores.strip().startswith("<details>") == folded
+    assert "cluster_rows" in scores
+
+
+def test_of_several_drones_each_is_compared_with_its_own_track():
+    times = np.arange(0, 5, 0.1)
+    truth = join_truths(truth_at(times), truth_at(times, target=1.0, away_m=9.0))
+    tracks = track_at(times, [0.4, 0, 0])
+    sample = sampling.sample_returns({}, tracks, np.zeros((0, 3)), 0)
+    data = ReportData(
+        RunRecord("two", Path(), {}, None, [], tracking_s=1.0), {}, tracks, truth,
+        evaluate(truth, tracks), Clusters([], []), sample, [],
+    )  # fmt: skip
+    errors = errors_of(data)
+    assert set(errors.target) == {0.0}
+    assert np.allclose(lengths_of(errors)[0], 0.4)
+    shown = text_of(page_of(data))
+    for words in (
+        "RMSE 0.400 m (one track a drone, 50.0 % of the time)",
+        "drone matched RMSE of the matched [m] coverage 0 100.0 % 0.400 100.0 % 1 0.0 % - 100.0 %",
+        "against the track that each drone has to itself",
+    ):
+        assert words in shown, words
 
 
 def test_errors_are_those_of_the_evaluation(data):
@@ -209,7 +287,8 @@ def test_the_sigma_of_the_range_is_that_of_random_positions():
 
 def test_the_tube_of_an_equal_sigma_is_round_and_closed_around_the_flight():
     xyz_m = drone_position_m(np.arange(0, 5, 0.1))
-    corners, faces = tube([np.arange(50)], xyz_m, np.full((50, 3), 2 * SIGMA_M))
+    corners, faces, rings = tube([np.arange(50)], xyz_m, np.full((50, 3), 2 * SIGMA_M))
+    assert np.array_equal(rings, np.arange(50))
     away = np.linalg.norm(corners - np.repeat(xyz_m, 8, axis=0), axis=1)
     assert np.allclose(away, 2 * SIGMA_M)
     assert len(faces) == 49 * 16
@@ -222,7 +301,7 @@ def test_the_tube_of_an_equal_sigma_is_round_and_closed_around_the_flight():
 
 
 def test_a_hovering_target_has_a_tube_too():
-    corners, faces = tube([np.arange(9)], np.ones((9, 3)), np.full((9, 3), 0.2))
+    corners, faces, _ = tube([np.arange(9)], np.ones((9, 3)), np.full((9, 3), 0.2))
     assert np.isfinite(corners).all()
     assert len(faces) == 8 * 16
 

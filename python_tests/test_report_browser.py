@@ -20,6 +20,7 @@ SWITCHES = (
     "--disable-background-networking", "--disable-component-update", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 )  # fmt: skip
+LONG_FRAMES, LONG_STEP = 300, 5  # half a second apart: 150 s
 WAIT_S = 90  # for a loaded machine; a free one needs two seconds
 
 
@@ -111,13 +112,16 @@ def driver():
 
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory) -> dict[str, Path]:
-    """The page of a run with a drone, and of one with neither a drone nor truth."""
+    """The pages of a run with a drone, of one with neither drone nor truth, and of a long one."""
     root = tmp_path_factory.mktemp("browser")
     pages = {}
     for name, known in (("flight", True), ("nothing", False)):
         run = make_run(root / name, tracked=known, truth=known)
         assert main(["report", str(run)]) == 0
         pages[name] = run / "report.html"
+    run = make_run(root / "long", frames=LONG_FRAMES, stretch=LONG_STEP, track_ids=(2, 5))
+    assert main(["report", str(run)]) == 0
+    pages["long"] = run / "report.html"
     return pages
 
 
@@ -209,6 +213,7 @@ def test_every_plot_is_drawn_in_its_place(page):
 
 
 def test_clusters_are_sorted_by_a_click_and_what_is_no_number_stays_last(page):
+    page.run("document.querySelector('#cluster_rows').closest('details').open = true")
     cells = (
         "return [...document.querySelectorAll('#cluster_rows tr')].map((r) => "
         "r.cells[{}].textContent)"
@@ -224,6 +229,123 @@ def test_clusters_are_sorted_by_a_click_and_what_is_no_number_stays_last(page):
         assert [float(v) for v in page.run(cells.format(column))] == expected[:25]
     page.run("document.querySelectorAll('th[data-column]')[0].click()")
     assert page.run(cells.format(0))[:2] == ["1", "2"]
+
+
+@pytest.fixture(scope="module", params=[WIDE, NARROW], ids=["1400px", "390px"])
+def long_page(request, driver, reports) -> Page:
+    """The report of two and a half minutes with two tracks."""
+    return Page(driver, reports["long"], request.param)
+
+
+def shown(page: Page) -> tuple[float, float]:
+    return tuple(page.run("return [shown.begin, shown.end]"))
+
+
+def drawn_times(page: Page) -> dict[str, tuple[float, float]]:
+    """First and last second of what is drawn of each line in space, by where its points lie."""
+    found = {}
+    lines = page.run(
+        "return lines.map((line) => [line.name, Array.from(line.time), Array.from(line.points),"
+        "['x', 'y', 'z'].map((a) => Array.from(byId('scene').data[line.trace][a]))])"
+    )
+    for name, times, points, columns in lines:
+        drawn = {tuple(np.round(p, 4)) for p in zip(*columns, strict=True) if None not in p}
+        points = np.round(np.reshape(np.array(points, dtype=float), (-1, 3)), 4)
+        own = [t for t, p in zip(times, points, strict=True) if tuple(p) in drawn]
+        if own:
+            found[name] = (min(own), max(own))
+    return found
+
+
+def test_a_long_recording_is_first_shown_for_a_minute(long_page):
+    assert complaints(long_page) == []
+    begin, end = shown(long_page)
+    assert end - begin == pytest.approx(60)
+    now = long_page.run("return moments.time[Number(byId('time').value)]")
+    assert begin <= now <= end
+    assert "of 149.5 s" in long_page.run("return byId('span').textContent")
+
+
+def test_the_window_is_what_space_and_curves_show(long_page):
+    for window in ((20.0, 50.0), (60.0, 100.0)):
+        long_page.run(f"showWindow({window[0]}, {window[1]})")
+        for name, (begin, end) in drawn_times(long_page).items():
+            own = {"truth": (0, 149.5), "track 2": (0, 74.5), "track 5": (75, 149.5)}[name]
+            expected = max(window[0], own[0]), min(window[1], own[1])
+            assert (begin, end) == pytest.approx(expected, abs=0.51), name
+        for plot in ("over_time", "error_over_time"):
+            axis = long_page.run(f"return byId('{plot}').layout.xaxis.range")
+            assert axis == pytest.approx(window)
+        ends = long_page.run("return [Number(byId('from').value), Number(byId('to').value)]")
+        assert ends == pytest.approx(window, abs=0.1)
+    # The heights are those of the curves in the window, not of all.
+    low, high = long_page.run("return byId('over_time').layout.yaxis.range")
+    xs = long_page.run(
+        "return lines.filter((l) => l.name == 'truth').flatMap((l) => Array.from(l.time)"
+        ".flatMap((t, i) => isShown(t) ? [l.points[3 * i]] : []))"
+    )
+    assert low < min(xs) < max(xs) < high
+    assert high - low < 1.5 * (max(xs) - min(xs)) + 2
+
+
+def test_the_window_moves_with_strip_handles_moment_buttons_and_zoom(long_page):
+    page = long_page
+    page.run("document.querySelector('[data-window=all]').click()")
+    assert shown(page) == pytest.approx((0, 149.5))
+    assert set(drawn_times(page)) == {"truth", "track 2", "track 5"}
+    page.run("const f = byId('from'); f.value = 30; f.dispatchEvent(new Event('input'))")
+    page.wait("shown.begin == 30")
+    page.run("const t = byId('to'); t.value = 50; t.dispatchEvent(new Event('input'))")
+    page.wait("shown.end == 50")
+    # The moment takes the window along.
+    last = page.run("return moments.time.length - 1")
+    page.slide_to(last)
+    begin, end = shown(page)
+    assert (begin, end) == pytest.approx((129.5, 149.5), abs=0.5)
+    # Pressed elsewhere, the strip brings the window there.
+    page.run(
+        "const s = byId('strip'), b = s.getBoundingClientRect();"
+        "s.setPointerCapture = () => {};"
+        "const at = (x, type) => s.dispatchEvent(new PointerEvent(type, "
+        "{clientX: b.left + x * b.width, clientY: b.top + 3, pointerId: 1}));"
+        "at(0.5, 'pointerdown'); at(0.6, 'pointermove'); at(0.6, 'pointerup')"
+    )
+    page.wait("Math.abs((shown.begin + shown.end) / 2 - 0.6 * page.duration) < 1")
+    assert np.diff(shown(page)) == pytest.approx(20, abs=0.5)
+    page.run("document.querySelector('[data-window=\"10\"]').click()")
+    assert np.diff(shown(page)) == pytest.approx(10)
+    page.run("Plotly.relayout('over_time', {'xaxis.range[0]': 5, 'xaxis.range[1]': 9})")
+    page.wait("shown.begin == 5 && shown.end == 9")
+    page.run("Plotly.relayout('over_time', {'xaxis.autorange': true})")
+    page.wait("shown.begin == 0 && shown.end == page.duration")
+    assert complaints(page) == []
+
+
+def test_tracks_have_their_colours_in_space_curves_strip_and_table(long_page):
+    page = long_page
+    page.run("document.querySelector('[data-window=all]').click()")
+    for name in ("track 2", "track 5"):
+        line = page.run(f"return lines.find((l) => l.name == '{name}').colour")
+        for plot in ("scene", "over_time"):
+            drawn = page.run(
+                f"return [...new Set(byId('{plot}').data.filter((t) => t.name == '{name}')"
+                ".map((t) => t.line.color))]"
+            )
+            assert drawn == [line]
+        bars = page.run(
+            f"return [...document.querySelectorAll('#strip rect[fill=\"{line}\"] title')]"
+            ".map((t) => t.textContent)"
+        )
+        assert len(bars) == 1
+        assert bars[0].startswith(name)
+        mark = page.run(
+            "return [...document.querySelectorAll('.mark')].filter((m) => "
+            f"m.parentNode.textContent == '{name[-1]}').map((m) => m.style.background)"
+        )
+        red, green, blue = (int(line[i : i + 2], 16) for i in (1, 3, 5))
+        assert mark == [f"rgb({red}, {green}, {blue})"]
+    inner, whole = page.run("return [innerWidth, document.documentElement.scrollWidth]")
+    assert whole <= inner
 
 
 def test_no_button_sends_the_recording_anywhere(page):

@@ -6,7 +6,9 @@ import csv
 import json
 import os
 import shutil
+import signal
 import subprocess
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -149,10 +151,10 @@ def test_what_is_done_is_kept_until_something_changes(stand_in, data, tmp_path) 
 
 def test_the_key_changes_with_whatever_changes_the_results(data) -> None:
     recording = data / "val/seq0001"
-    settings = Settings(None, None, None, ["--set", "input.min_range_m=1"], 1)
+    settings = Settings(None, None, None, ["--set", "input.min_range_m=1"], 1, [], False)
 
     def key(settings: Settings = settings, program: str = "a") -> str:
-        return make_job("name", recording, data / "out", settings, program).key
+        return make_job("name", recording, data / "out", settings, program, "").key
 
     keys = [
         key(),
@@ -230,7 +232,6 @@ def test_a_run_that_is_killed_goes_on_where_it_was(stand_in, data, tmp_path, job
     done = sorted((out / "val").iterdir())
     assert [path.name for path in done] == ["seq0001"]
     assert all((path / "run.json").is_file() for path in done)
-    (out / "val/.seq0003.partial-abc").mkdir()  # as if the machine had failed, too
     stand_in.calls()
     slow.unlink()
     assert run(data, out) == 0
@@ -239,6 +240,98 @@ def test_a_run_that_is_killed_goes_on_where_it_was(stand_in, data, tmp_path, job
     rows = table(out)
     assert [row["status"] for row in rows.values()] == ["done before", "done", "done"]
     assert all(row["rmse"] == 0 for row in rows.values())
+
+
+def kill_all_at_once(process: subprocess.Popen) -> None:
+    """As when the machine fails: nobody is left to tidy up. Every job has a group of its own."""
+    parents = {int(path.name): path for path in Path("/proc").iterdir() if path.name.isdecimal()}
+    doomed, found = [process.pid], [process.pid]
+    while found:
+        children = []
+        for pid, path in parents.items():
+            with suppress(OSError):  # has ended meanwhile
+                if int((path / "stat").read_text().rsplit(")", 1)[1].split()[1]) in found:
+                    children.append(pid)
+        doomed, found = [*doomed, *children], children
+    for pid in doomed:
+        os.kill(pid, signal.SIGSTOP)
+    for pid in doomed:
+        os.kill(pid, signal.SIGKILL)
+    process.wait()
+
+
+def test_what_a_failed_machine_left_is_removed_and_nothing_of_others(
+    stand_in, data, tmp_path
+) -> None:
+    out = tmp_path / "out"
+    foreign = {
+        out / where / f".{name}.{kind}-{rest}"
+        for where in (".", "val", "photos/2024")
+        for name in ("config", "seq0002")
+        for kind, rest in (("old", "2024"), ("partial", "abcdefgh"), ("partial", "0123abcd-x"))
+    }
+    for folder in foreign:
+        folder.mkdir(parents=True)
+        (folder / "keep").write_text("x")
+    slow = tmp_path / "slow"
+    slow.touch()
+    stand_in.write(f"if os.path.exists({str(slow)!r}): time.sleep(60)")
+    for _ in range(2):
+        process = subprocess.Popen(
+            command("run", data, "--out", out, "--jobs", 2), stderr=subprocess.DEVNULL
+        )
+        wait_for(lambda: stand_in.called() == 2, "two recordings to begin")
+        kill_all_at_once(process)
+        stand_in.calls()
+        assert len(set(unfinished(out)) - foreign) == 2
+    slow.unlink()
+    assert run(data, out) == 0
+    assert set(unfinished(out)) <= foreign
+    assert all((folder / "keep").read_text() == "x" for folder in foreign)
+
+
+def test_a_forged_register_removes_nothing_elsewhere(stand_in, data, tmp_path) -> None:
+    out = tmp_path / "out"
+    (out / "sub").mkdir(parents=True)
+    kept = [tmp_path / ".a.old-0123abcd-x", out / ".a.old-x", out / ".b.partial-*-x"]
+    for folder in kept:
+        folder.mkdir()
+    lines = [
+        {"token": "0123abcd", "results": ["../a", str(tmp_path / "a"), "sub/../../a", ""]},
+        {"token": "*", "results": ["a", "b"]},
+        {"token": "", "results": ["a"]},
+        {"token": "0123abcd"},
+        [],
+    ]
+    text = "".join(json.dumps(line) + "\n" for line in lines) + '{"token": "0123ab'
+    (out / ".unlidar-run").write_text(text)
+    assert run(data, out) == 0
+    assert all(folder.is_dir() for folder in kept)
+
+
+def test_tables_that_no_run_wrote_are_not_replaced(stand_in, data, tmp_path, fails) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "table.csv").write_text("mine")
+    assert "table.csv" in fails(5, "run", data, "--out", out)
+    assert [path.name for path in out.iterdir()] == ["table.csv"]
+    assert (out / "table.csv").read_text() == "mine"
+
+
+def test_what_was_put_beside_results_is_not_removed_with_them(
+    stand_in, data, tmp_path, fails
+) -> None:
+    out = tmp_path / "out"
+    assert run(data, out) == 0
+    notes = out / "val/seq0001/notes.md"
+    notes.write_text("x")
+    assert run(data, out) == 0  # nothing is to be replaced
+    stand_in.write("'another program'")
+    fails(5, "run", data, "--out", out)
+    assert notes.read_text() == "x"
+    rows = table(out)
+    assert "notes.md" in rows["val/seq0001"]["remark"]
+    assert rows["val/seq0002"]["status"] == "done"
 
 
 def test_an_interrupt_ends_what_runs_and_leaves_nothing_unfinished(
@@ -273,7 +366,7 @@ def test_nothing_but_results_is_replaced(stand_in, data, tmp_path, fails) -> Non
     (tmp_path / "out/val/seq0001").mkdir(parents=True)
     (tmp_path / "out/val/seq0001/thesis.tex").write_text("x")
     fails(5, "run", data, "--out", tmp_path / "out")
-    assert "run.json" in table(tmp_path / "out")["val/seq0001"]["remark"]
+    assert "no run.json" in table(tmp_path / "out")["val/seq0001"]["remark"]
     assert (tmp_path / "out/val/seq0001/thesis.tex").read_text() == "x"
     assert "choose another" in fails(2, "run", data, "--out", data)
     inside = data / "val/seq0002/results"
@@ -283,7 +376,7 @@ def test_nothing_but_results_is_replaced(stand_in, data, tmp_path, fails) -> Non
 
 def test_what_would_fail_everywhere_fails_at_once(stand_in, data, tmp_path, fails) -> None:
     out = ("--out", tmp_path / "out")
-    fails(4, "run", data, *out, "--config", tmp_path / "absent.yaml")
+    fails(3, "run", data, *out, "--config", tmp_path / "absent.yaml")
     fails(2, "run", data, *out, "--jobs", 0)
     fails(2, "run", data, *out, "--jobs", 2, "--scheduler", "tcp://127.0.0.1:1")
     fails(2, "run", data / "val/seq0001", *out, "--jobs", 2)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from unlidar_tools.errors import UsageError
+from unlidar_tools.printable import printable
 
 EXAMPLE = """unlidar benchmark near two empty_sky --seeds 1-3 --methods robust,paper
   unlidar benchmark --scenes-dir scenes --out out/benchmark --ablate"""
@@ -100,4 +101,4 @@ def _benchmark(a: argparse.Namespace) -> None:
     command = shlex.join(["unlidar", *sys.argv[1:]])
     tables = benchmark.write_report(rows, results, variants, command, a.out)
     print(tables[0].read_text(encoding="utf-8"))
-    print(f"tables {', '.join(str(path) for path in tables)}")
+    print(f"tables {', '.join(printable(path) for path in tables)}")

@@ -1,29 +1,26 @@
-"""The command `unlidar`, and the one place that turns errors into exit codes."""
+"""The command line of `unlidar`."""
 
 import argparse
-import os
-import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
 from unlidar_tools import (
-    __version__,
     benchmark_command,
+    completion_command,
     convert_command,
     evaluate_command,
     export_command,
     play_command,
     report_command,
     run_command,
+    telling,
 )
 from unlidar_tools.arguments import whole
 from unlidar_tools.configs import scenario_names
-from unlidar_tools.errors import OutputError, UnlidarError, UsageError, reason
+from unlidar_tools.errors import UsageError, report_errors
 from unlidar_tools.printable import printable
-
-_INTERRUPTED = 130
 
 
 class _Parser(argparse.ArgumentParser):
@@ -31,44 +28,25 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(f"{message} (see {self.prog} --help)")
 
 
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from unlidar_tools import __version__  # reads the metadata of the package
+
+        print(f"unlidar {__version__}")
+        parser.exit()
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command and returns its exit code."""
     return report_errors(lambda: _act(arguments))
 
 
-def report_errors(act: Callable[[], None]) -> int:
-    """Does it and returns the exit code; an error becomes one line on stderr."""
-    signal.signal(signal.SIGTERM, _interrupt)  # so that unfinished output is removed
-    try:
-        act()
-        sys.stdout.flush()
-    except UnlidarError as error:
-        return _fail(str(error), error.exit_code)
-    except KeyboardInterrupt:
-        return _fail("interrupted", _INTERRUPTED)
-    except BrokenPipeError:  # the reader of a pipe has left: nobody is there to be told
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return OutputError.exit_code
-    except Exception as error:
-        if os.environ.get("UNLIDAR_DEBUG"):
-            raise
-        return _fail(f"internal: {type(error).__name__}: {reason(error)}", 1)
-    return 0
-
-
 def _act(arguments: Sequence[str] | None) -> None:
-    chosen = _parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    parser = _parser()
+    chosen = parser.parse_args(words or ["--help"])
+    telling.show(chosen.verbose)
     chosen.act(chosen)
-
-
-def _fail(message: str, exit_code: int) -> int:
-    print(f"unlidar: error: {printable(message)}", file=sys.stderr)
-    return exit_code
-
-
-def _interrupt(_signal: int, _frame: object) -> NoReturn:
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one must not break the tidying up
-    raise KeyboardInterrupt
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -77,7 +55,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Converts, simulates, tracks and measures LiDAR recordings of drones.",
         epilog="example: unlidar simulate demo out/demo && unlidar run out/demo",
     )
-    parser.add_argument("--version", action="version", version=f"unlidar {__version__}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
     _add_convert(commands)
     _add_simulate(commands)
@@ -87,17 +65,25 @@ def _parser() -> argparse.ArgumentParser:
     _add_export(commands)
     _add_report(commands)
     _add_benchmark(commands)
+    text = "what a shell needs to complete the command line"
+    completion_command.define(
+        _add(commands, "completion", text, completion_command.EXAMPLE), parser
+    )
     return parser
 
 
 def _add(commands: argparse._SubParsersAction, name: str, text: str, example: str) -> _Parser:
-    return commands.add_parser(
+    parser = commands.add_parser(
         name,
         help=text,
         description=f"{text[0].upper()}{text[1:]}.",
         epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument(
+        "--verbose", action="store_true", help="tell of every command that is run and every stage"
+    )
+    return parser
 
 
 def _add_convert(commands: argparse._SubParsersAction) -> None:

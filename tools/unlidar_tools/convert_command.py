@@ -1,10 +1,10 @@
 """`unlidar convert`: its options and what it prints."""
 
 import argparse
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from unlidar_tools import telling
 from unlidar_tools.arguments import count, not_negative, origin, positive
 from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.printable import cell, printable
@@ -88,7 +88,7 @@ def define_reading(p: argparse.ArgumentParser) -> None:
 def tell_notes(notes: Iterable[str]) -> None:
     """Says on stderr what the user should know of a conversion."""
     for note in notes:
-        print(f"unlidar: note: {printable(note)}", file=sys.stderr)
+        telling.note(note)
 
 
 def _convert(a: argparse.Namespace) -> None:

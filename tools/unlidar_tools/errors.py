@@ -1,4 +1,10 @@
-"""Errors that a user can mend. `cli.main` is the one place that turns them into an exit code."""
+"""Errors that a user can mend, and the one place that turns them into an exit code."""
+
+import os
+import sys
+from collections.abc import Callable
+
+from unlidar_tools.printable import printable
 
 
 class UnlidarError(Exception):
@@ -51,3 +57,46 @@ def reason(error: BaseException) -> str:
     """What an exception of a library says, on one line and without the path it repeats."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(text.split())
+
+
+def report_errors(act: Callable[[], None]) -> int:
+    """Does it and returns the exit code; an error becomes one line on stderr."""
+    exit_code = _exit_code_of(act)
+    try:
+        if sys.stdout is not None:  # nothing is open there
+            sys.stdout.flush()
+    except OSError as error:
+        _forget_stdout()
+        # The reader of a pipe who has left need not be told.
+        if exit_code == 0 and not isinstance(error, BrokenPipeError):
+            _tell(f"stdout: cannot be written: {reason(error)}")
+        exit_code = exit_code or OutputError.exit_code
+    return exit_code
+
+
+def _exit_code_of(act: Callable[[], None]) -> int:
+    try:
+        act()
+    except UnlidarError as error:
+        return _tell(str(error), error.exit_code)
+    except SystemExit as end:  # argparse, after --help and --version
+        return end.code if isinstance(end.code, int) else 0
+    except BrokenPipeError:
+        _forget_stdout()
+        return OutputError.exit_code
+    except Exception as error:
+        if os.environ.get("UNLIDAR_DEBUG"):
+            raise
+        return _tell(f"internal: {type(error).__name__}: {reason(error)}", 1)
+    return 0
+
+
+def _forget_stdout() -> None:
+    """What is still in its buffer would fail once more when the process ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _tell(message: str, exit_code: int = 0) -> int:
+    line = printable(" ".join(message.split()))
+    print(f"unlidar: error: {line}", file=sys.stderr)
+    return exit_code

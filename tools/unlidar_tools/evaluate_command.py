@@ -2,11 +2,13 @@
 
 import argparse
 import json
+import re
 from pathlib import Path
 
 from unlidar_tools.arguments import number, positive, whole
 from unlidar_tools.errors import UsageError
 from unlidar_tools.evaluate_options import ALIGNMENTS, AUTO, Options
+from unlidar_tools.telling import note
 
 EXAMPLE = """unlidar evaluate out/demo/ground_truth.csv out/run/demo/traj.csv --align translation
   unlidar evaluate --group day=out/run/day --group night=out/run/night --markdown"""
@@ -17,11 +19,11 @@ def define(p: argparse.ArgumentParser) -> None:
     default = Options()
     p.add_argument(
         "inputs",
-        metavar="TRUTH TRAJ | RESULTS",
+        metavar="TRUTH TRAJ... | RESULTS",
         type=Path,
         nargs="*",
-        help="two files, timestamp,x,y,z[,target,in_view] and timestamp,x,y,z[,track_id,...], or "
-        "folders of results: traj.csv beside ground_truth.csv or frames/ground_truth.csv",
+        help="files, timestamp,x,y,z[,target,in_view] and timestamp,x,y,z[,track_id,...] or TUM, "
+        "of which each is a track; or folders of results, which know their truth",
     )
     p.add_argument(
         "--group",
@@ -87,11 +89,11 @@ def act(a: argparse.Namespace) -> None:
         if a.inputs and not folders:
             raise UsageError(f"{a.inputs[0]}: is no folder; --group and --manifest name the files")
         _many(a, options)
-    elif len(a.inputs) == 2:
+    elif len(a.inputs) >= 2:
         _one(a, options)
     else:
         raise UsageError(
-            "expected TRUTH and TRAJ, folders of results, --group or --manifest "
+            "expected TRUTH and TRAJ... as files, folders of results, --group or --manifest "
             "(see unlidar evaluate --help)"
         )
 
@@ -99,16 +101,31 @@ def act(a: argparse.Namespace) -> None:
 def _one(a: argparse.Namespace, options: Options) -> None:
     from unlidar_tools.evaluate import evaluate_files
     from unlidar_tools.evaluate.markdown import markdown_table
-    from unlidar_tools.tables import measures_table, print_table
+    from unlidar_tools.tables import console, measures_table
 
-    truth, trajectory = a.inputs
-    measures = evaluate_files(truth, trajectory, options)
+    truth, *trajectories = a.inputs
+    for path in trajectories:
+        for other in _other_tracks(path):
+            if other not in trajectories:
+                note(f"{other}: another track beside {path.name}, not judged as it was not named")
+    measures = evaluate_files(truth, trajectories, options)
     if a.json:
         print(json.dumps(measures))
     elif a.markdown:
-        print(markdown_table([(trajectory.stem, measures)]), end="")
+        print(markdown_table([(trajectories[0].stem, measures)]), end="")
     else:
-        print_table(measures_table(measures, f"{trajectory} against {truth}"))
+        names = ", ".join(str(path) for path in trajectories)
+        console().print(measures_table(measures, f"{names} against {truth}"))
+
+
+def _other_tracks(path: Path) -> list[Path]:
+    """The files into which the program puts the other tracks of a TUM file."""
+    from unlidar_tools.truth import is_tum
+
+    name = re.compile(rf"{re.escape(path.stem)}_track\d+{re.escape(path.suffix)}")
+    if not is_tum(path):
+        return []
+    return sorted(other for other in path.parent.iterdir() if name.fullmatch(other.name))
 
 
 def _many(a: argparse.Namespace, options: Options) -> None:
@@ -119,7 +136,7 @@ def _many(a: argparse.Namespace, options: Options) -> None:
         names_are_unique,
         read_manifest,
     )
-    from unlidar_tools.tables import print_table, sequences_table
+    from unlidar_tools.tables import console, sequences_table
 
     flights = read_manifest(a.manifest) if a.manifest is not None else []
     for folder in a.inputs:
@@ -131,9 +148,9 @@ def _many(a: argparse.Namespace, options: Options) -> None:
     if a.json:
         print(json.dumps(result))
     elif a.markdown:
-        print(markdown_table(table_rows(result)), end="")
+        print(markdown_table(table_rows(result), len(result["groups"])), end="")
     else:
-        print_table(sequences_table(result))
+        console().print(sequences_table(result))
 
 
 def _group(text: str) -> tuple[str, Path]:

@@ -1,4 +1,4 @@
-"""The figure of the paper: returns grey, target returns green, truth red, estimate blue."""
+"""The figure of the paper: returns grey, target returns green, truth red, each track a colour."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +13,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from unlidar_tools.colours import GREEN, GREY, RED, track_colours
 from unlidar_tools.evaluate import MAX_STEP_S
+from unlidar_tools.evaluate.markdown import percent
+from unlidar_tools.evaluate.measures import several_drones
 from unlidar_tools.truth import Tracks, Truth
 
-GREY, GREEN, RED, BLUE = "#9a9a9a", "#1f9d3a", "#d62728", "#1f4fd6"
 _LEAST_SPAN_M = 6.0
+_MOST_NAMED = 8  # tracks in the legend
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ def write_figure(data: FigureData, path: Path) -> None:
     _draw_flat(side, data, (0, 2), *flat, "From the side")
     figure.suptitle(headline(data), fontsize=14)
     figure.legend(
-        handles=_legend(data), loc="outside lower center", ncols=5, frameon=False, fontsize=11
+        handles=legend(data), loc="outside lower center", ncols=6, frameon=False, fontsize=11
     )
     save(figure, path)
 
@@ -71,11 +74,13 @@ def headline(data: FigureData) -> str:
         coverage = data.measures.get("coverage")
         rest = "no drone in the truth" if coverage is None else f"coverage {100 * coverage:.1f} %"
         return f"{data.title}: {found}, {rest}"
-    return (
-        f"{data.title}: {found}, RMSE {data.measures['rmse']:.3f} m "
-        f"({data.measures['rmse_unbiased']:.3f} m without the mean offset), "
-        f"coverage {100 * data.measures['coverage']:.1f} %"
-    )
+    m = data.measures
+    if several_drones(m):
+        error = f"RMSE {m['matched_rmse']:.3f} m" if "matched_rmse" in m else "none matched"
+        error += f" (one track a drone, {percent(m['matched'])} of the time)"
+    else:
+        error = f"RMSE {m['rmse']:.3f} m ({m['rmse_unbiased']:.3f} m without the mean offset)"
+    return f"{data.title}: {found}, {error}, coverage {percent(m['coverage'])}"
 
 
 def view_box(
@@ -110,8 +115,10 @@ def pieces_of(time_s: np.ndarray, group: np.ndarray) -> list[np.ndarray]:
 def _lines(data: FigureData) -> list[tuple[np.ndarray, str, float]]:
     truth = pieces_of(data.truth.time_s, data.truth.target)
     tracks = pieces_of(data.tracks.time_s, data.tracks.track_id)
+    colours = track_colours(data.tracks.track_id)
     return [(data.truth.xyz_m[rows], RED, 3.2) for rows in truth] + [
-        (data.tracks.xyz_m[rows], BLUE, 1.6) for rows in tracks
+        (data.tracks.xyz_m[rows], colours[float(data.tracks.track_id[rows[0]])], 1.6)
+        for rows in tracks
     ]
 
 
@@ -164,13 +171,20 @@ def _draw_flat(
     panel.grid(alpha=0.25)
 
 
-def _legend(data: FigureData) -> list[Line2D]:
+def legend(data: FigureData) -> list[Line2D]:
+    """A handle for each kind of thing that is drawn, and for each track."""
+
     def dot(colour: str, label: str, marker: str = "o") -> Line2D:
         return Line2D([], [], color=colour, marker=marker, linestyle="", markersize=6, label=label)
 
     handles = [dot(GREY, "returns"), dot(GREEN, "target returns")]
     if len(data.truth):
         handles.append(Line2D([], [], color=RED, linewidth=3.2, label="ground truth"))
-    if len(data.tracks):
-        handles.append(Line2D([], [], color=BLUE, linewidth=1.6, label="estimate"))
+    colours = track_colours(data.tracks.track_id)
+    handles += [
+        Line2D([], [], color=colour, linewidth=1.6, label=f"track {number:g}")
+        for number, colour in list(colours.items())[:_MOST_NAMED]
+    ]
+    if len(colours) > _MOST_NAMED:
+        handles.append(Line2D([], [], linestyle="", label=f"and {len(colours) - _MOST_NAMED} more"))
     return [*handles, dot("black", "station", "^")]

@@ -17,7 +17,7 @@ from unlidar_tools.evaluate.markdown import percent
 from unlidar_tools.output import clear_results
 from unlidar_tools.play import MessageSink, frames_in_order, play
 from unlidar_tools.program import NAME, TRAJECTORY, find_program
-from unlidar_tools.report.data import read_record
+from unlidar_tools.record import read_finished
 from unlidar_tools.truth import read_tracks, read_truth
 
 TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE = "live.csv", "live_events.jsonl", "live_summary.json"
@@ -47,7 +47,7 @@ def run_live(run: Path) -> LiveRun:
 
     Throws ProgramError with the program's own message and exit code if it fails.
     """
-    record = read_record(run)
+    record = read_finished(run)
     clear_results(run, (TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE))
     trajectory, events = run / TRAJECTORY_LIVE, run / EVENTS_LIVE
     command = [find_program(), "--stdin", "--out", trajectory, "--events", events]

@@ -1,5 +1,6 @@
 """Results appear complete or not at all: written beside, then renamed."""
 
+import glob
 import os
 import shutil
 import tempfile
@@ -10,16 +11,21 @@ from pathlib import Path
 from unlidar_tools.errors import OutputError, UsageError, reason
 
 # Every folder this package writes holds one of these; --force replaces no other folder.
-RUN_MARKER = "run.json"
-MARKERS = ("conversion.json", "scenario.json", RUN_MARKER)
+RUN_RECORD = "run.json"
+FRAMES = "frames"  # beside it, what was converted on the way
+MARKERS = ("conversion.json", "scenario.json", RUN_RECORD)
+_KINDS = "partial", "old"  # of temporary directories
 
 
 @contextmanager
-def complete_directory(out: Path, force: bool, source: Path | None = None) -> Iterator[Path]:
+def complete_directory(
+    out: Path, force: bool, source: Path | None = None, token: str = ""
+) -> Iterator[Path]:
     """Gives a temporary directory that becomes `out` when the block ends without an error.
 
     An existing non-empty `out` is refused, or with `force` replaced if this package wrote it.
-    `source` is what is being read and must not be replaced.
+    `source` is what is being read and must not be replaced. `token` goes into the names of the
+    temporary directories, so that `leftovers` finds those of a process that was killed.
     """
     out = out.absolute()
     if source is not None and (
@@ -29,17 +35,26 @@ def complete_directory(out: Path, force: bool, source: Path | None = None) -> It
     _refuse_foreign(out, force)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
+        work = Path(tempfile.mkdtemp(prefix=_prefix(out, "partial", token), dir=out.parent))
     except OSError as error:
         raise OutputError(f"{out}: cannot be written: {reason(error)}") from error
     try:
         work.chmod(0o777 & ~_umask())
         yield work
-        _replace(work, out)
+        _replace(work, out, token)
     except OSError as error:
         raise OutputError(f"{out}: cannot be written: {reason(error)}") from error
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def leftovers(out: Path, token: str) -> list[Path]:
+    """What a killed `complete_directory` with this `out` and `token` left beside `out`."""
+    return [
+        path
+        for kind in _KINDS
+        for path in out.parent.glob(f"{glob.escape(_prefix(out, kind, token))}*")
+    ]
 
 
 def write_file(path: Path, write: Callable[[Path], None]) -> None:
@@ -81,11 +96,11 @@ def _refuse_foreign(out: Path, force: bool) -> None:
         )
 
 
-def _replace(work: Path, out: Path) -> None:
+def _replace(work: Path, out: Path, token: str) -> None:
     if not out.exists():
         work.rename(out)
         return
-    old = Path(tempfile.mkdtemp(prefix=f".{out.name}.old-", dir=out.parent))
+    old = Path(tempfile.mkdtemp(prefix=_prefix(out, "old", token), dir=out.parent))
     out.rename(old / out.name)
     try:
         work.rename(out)
@@ -94,6 +109,10 @@ def _replace(work: Path, out: Path) -> None:
         raise
     finally:
         shutil.rmtree(old, ignore_errors=True)
+
+
+def _prefix(out: Path, kind: str, token: str) -> str:
+    return f".{out.name}.{kind}-{token}{'-' * bool(token)}"
 
 
 def _umask() -> int:

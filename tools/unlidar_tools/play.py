@@ -2,18 +2,16 @@
 
 import math
 import os
-import re
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
-from unlidar_tools.errors import InputError, OutputError, UsageError, reason
+from unlidar_tools.errors import InputError, OutputError, reason
 from unlidar_tools.frames_io import list_frames
 from unlidar_tools.stamps import format_stamp_ns
 
-_NAME = re.compile(r"[A-Za-z0-9_-]+")
 # By so much the first frame of the first sensor may come late: less than `live.reorder_s`.
 _MAX_LATE_NS = 200_000_000
 
@@ -83,9 +81,6 @@ def frames_in_order(sensors: Mapping[str, Path], repeat: int = 1) -> Iterator[Pl
     The first sensor goes first, as the program takes its output times from it: others that begin
     a little before it wait for its first frame.
     """
-    for name in sensors:
-        if not _NAME.fullmatch(name):
-            raise UsageError(f"{name}: is no name of a sensor, expected letters, digits, _ and -")
     frames = [
         (frame.stamp_ns, order, name, frame.path)
         for order, (name, directory) in enumerate(sensors.items())

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from unlidar_tools.arguments import count
 from unlidar_tools.errors import InputError, ProgramError, UsageError, reason
 
 EXAMPLE = """unlidar simulate demo out/demo --force
@@ -36,7 +37,7 @@ def define(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--repeat",
         metavar="N",
-        type=_count,
+        type=count,
         default=1,
         help="so many times one after the other, with stamps that go on (default: 1); times of "
         "points must be offsets from the stamp then",
@@ -130,9 +131,3 @@ def _rate(text: str) -> float:
     if not rate > 0:
         raise argparse.ArgumentTypeError(f"'{text}', expected a number above 0, or inf")
     return rate
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"'{text}', expected a whole number from 1 on")
-    return int(text)

@@ -1,20 +1,29 @@
 """Finding and calling the program `unlidar_track`."""
 
 import os
+import re
+import shlex
 import shutil
 import subprocess
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 from unlidar_tools.errors import InputError, ProgramError, UsageError, reason
 from unlidar_tools.output import clear_results
+from unlidar_tools.progress import on_terminal, show_stages
+from unlidar_tools.telling import is_verbose, stage
 
 NAME = "unlidar_track"
 VARIABLE = "UNLIDAR_TRACK"
 TRAJECTORY, SUMMARY, TARGET_RETURNS = "traj.csv", "summary.json", "target_returns.pcd"
 CLUSTERS = "clusters.csv"
+_STAGE = re.compile(rf"{NAME}: (.+: .+) \([0-9.]+ s\)")  # what it says with --verbose
+_ITS_OWN_WORDS = {"--quiet", "--verbose"}
 # Where a build in the source tree puts it, seen from there and from the tree's folders.
 _BUILDS = (Path(__file__).parents[2] / "build", Path("build"), Path("../build"))
 
@@ -26,7 +35,8 @@ class Outcome:
     trajectory: Path
     summary: Path
     target_returns: Path
-    messages: str  # its stderr
+    answer: str  # its stdout
+    messages: tuple[str, ...]  # its stderr, a line each, without the stages
     wall_s: float
 
 
@@ -63,16 +73,19 @@ def run_program(sensors: dict[str, Path], out: Path, options: list[str]) -> Outc
     command += ["--out", str(trajectory), "--summary", str(summary)]
     command += ["--points", str(target_returns), "--clusters", str(clusters), *options]
     begin = time.perf_counter()
-    messages = _call(command)
+    answer, messages = _call(command, "Tracking")
     wall_s = time.perf_counter() - begin
     for path in (trajectory, summary, target_returns, clusters):
         if not path.is_file():
             raise ProgramError(f"{command[0]}: ended well but did not write {path}", 1)
-    return Outcome(trajectory, summary, target_returns, messages, wall_s)
+    return Outcome(trajectory, summary, target_returns, answer, messages, wall_s)
 
 
 def check_options(options: list[str]) -> None:
-    """Throws ProgramError if the program refuses these options, whatever the frames."""
+    """Throws UsageError without the program, ProgramError if it refuses these options.
+
+    It reads them before it looks for frames, so it is asked with frames that do not exist.
+    """
     with tempfile.TemporaryDirectory() as empty:
         command = [str(find_program()), "--frames", f"{empty}/absent", "--out", f"{empty}/out"]
         try:
@@ -82,16 +95,57 @@ def check_options(options: list[str]) -> None:
                 raise
 
 
-def _call(command: list[str]) -> str:
-    """Runs the program and returns what it says on stderr."""
+def _call(command: list[str], description: str | None = None) -> tuple[str, tuple[str, ...]]:
+    """Runs the program and returns what it says on stdout, and the lines on stderr.
+
+    With a `description` its stages are shown as they end, on a terminal or where all stages are.
+    """
+    asked = _ITS_OWN_WORDS.intersection(command)
+    shown = description is not None and not asked and (is_verbose() or on_terminal())
+    if description is not None:
+        stage(f"command: {shlex.join(command)}")
+    said: list[str] = []
+    with (
+        tempfile.TemporaryFile("w+", errors="replace") as answer,
+        show_stages(description if shown else None) as ended,
+        _started([*command, *(["--verbose"] if shown else [])], answer) as process,
+    ):
+        for line in process.stderr:
+            line = line.rstrip("\n")
+            if shown and (found := _STAGE.fullmatch(line)):
+                ended(found[1])
+                stage(line)
+            else:
+                said.append(line)
+        exit_code = process.wait()
+        answer.seek(0)
+        answered = answer.read()
+    if exit_code < 0:
+        raise ProgramError(f"{command[0]}: was ended by signal {-exit_code}", 1)
+    if exit_code != 0:
+        last = next((line for line in reversed(said) if line.strip()), "without a message")
+        told = last.removeprefix(f"{NAME}: ").removeprefix("error: ")
+        raise ProgramError(f"{NAME} ended with code {exit_code}: {told}", exit_code)
+    return answered, tuple(said)
+
+
+@contextmanager
+def _started(command: list[str], answer: TextIO) -> Iterator[subprocess.Popen]:
+    """The program while it runs; it does not outlive an interrupt."""
     try:
-        done = subprocess.run(command, stderr=subprocess.PIPE, text=True, errors="replace")
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=answer,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+        )
     except OSError as error:
         raise ProgramError(f"{command[0]}: cannot be run: {reason(error)}", 1) from error
-    if done.returncode < 0:
-        raise ProgramError(f"{command[0]}: was ended by signal {-done.returncode}", 1)
-    if done.returncode != 0:
-        last = (done.stderr.strip().splitlines() or ["without a message"])[-1]
-        said = last.removeprefix(f"{NAME}: ").removeprefix("error: ")
-        raise ProgramError(f"{NAME} ended with code {done.returncode}: {said}", done.returncode)
-    return done.stderr
+    with process:
+        try:
+            yield process
+        except BaseException:
+            process.kill()
+            raise

@@ -1,17 +1,50 @@
-"""Progress bars on stderr: shown on a terminal, silent in a pipe or a log."""
+"""Progress on stderr: shown on a terminal, silent in a pipe or a log."""
 
-from collections.abc import Iterable, Iterator
+import sys
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from unlidar_tools.printable import printable
 
 T = TypeVar("T")
 
 
-def with_progress(items: Iterable[T], total: int, description: str) -> Iterator[T]:
+def on_terminal() -> bool:
+    """Whether somebody may be watching."""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
+@contextmanager
+def show_stages(description: str | None) -> Iterator[Callable[[str], None]]:
+    """Shows that something works, for how long, and the last stage that was told; None: nothing."""
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    shown = description is not None and on_terminal()
+    with Progress(
+        *columns, console=Console(stderr=True), transient=True, disable=not shown
+    ) as progress:
+        task = progress.add_task(_text(description or ""), total=None)
+        yield lambda text: progress.update(task, description=_text(f"{description}  {text}"))
+
+
+def _text(text: str) -> str:
+    return escape(printable(text))
+
+
+def with_progress(items: Iterable[T], total: int, description: str) -> Generator[T, None, None]:
     """Hands the items on and shows how many of `total` are done and how long the rest takes."""
-    console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -20,6 +53,6 @@ def with_progress(items: Iterable[T], total: int, description: str) -> Iterator[
         TimeRemainingColumn(),
     )
     with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
+        *columns, console=Console(stderr=True), transient=True, disable=not on_terminal()
     ) as progress:
-        yield from progress.track(items, total=total, description=description)
+        yield from progress.track(items, total=total, description=_text(description))

@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from unlidar_tools.printable import printable
+
 EXAMPLE = """unlidar report out/run/demo
   unlidar report out/run/demo --static"""
 
@@ -27,8 +29,8 @@ def _report(a: argparse.Namespace) -> None:
     from unlidar_tools.report.static import write_figures
 
     data = load_run(a.run)
-    print(f"page       {write_page(data, a.run)}")
+    print(f"page       {printable(write_page(data, a.run))}")
     for path in write_figures(data, a.run) if a.static else ():
-        print(f"figure     {path}")
+        print(f"figure     {printable(path)}")
     if a.rerun:
-        print(f"recording  {write_rrd(data, a.run)}")
+        print(f"recording  {printable(write_rrd(data, a.run))}")

@@ -1,24 +1,50 @@
 """A recording in; trajectory, measures, figure and page out."""
 
-import json
-from dataclasses import dataclass
+import re
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from unlidar_tools.convert import Options, convert, kept_of
 from unlidar_tools.convert_command import tell_notes
-from unlidar_tools.errors import InputError, UsageError
+from unlidar_tools.errors import InputError, OutputError, UsageError
 from unlidar_tools.figure import write_figure
 from unlidar_tools.frames_io import find_sensors
-from unlidar_tools.output import clear_results, write_file
+from unlidar_tools.live_run import EVENTS_LIVE, SUMMARY_LIVE, TRAJECTORY_LIVE
+from unlidar_tools.output import FRAMES, RUN_RECORD, clear_results, write_file
 from unlidar_tools.presets import preset_of
-from unlidar_tools.program import Outcome, run_program
-from unlidar_tools.report import PAGE, RECORD, RunRecord, load_run, write_page, write_record
-from unlidar_tools.report.static import figure_data
+from unlidar_tools.program import (
+    CLUSTERS,
+    SUMMARY,
+    TARGET_RETURNS,
+    TRAJECTORY,
+    check_options,
+    run_program,
+)
+from unlidar_tools.record import (
+    MEASURES,
+    RunRecord,
+    is_result,
+    write_measures,
+    write_record,
+)
+from unlidar_tools.report import PAGE, read_results, write_page
+from unlidar_tools.report.rrd import RECORDING
+from unlidar_tools.report.static import FOLDER, figure_data
 from unlidar_tools.station import places_sensors, read_station, station_options
+from unlidar_tools.telling import timed
 from unlidar_tools.truth import TRUTH_NAME, read_truth
 
+CONFIG = "config.yaml"  # in the results of one of many recordings: what was given for all
 _DEFAULTS = Options()
-_MEASURES, _FIGURE = "evaluation.json", "figure.png"
+_FIGURE = "figure.png"
+# What is made anew by every run, and all that may lie in its folder.
+RESULTS = (TRAJECTORY, SUMMARY, TARGET_RETURNS, CLUSTERS, MEASURES, _FIGURE, PAGE, RUN_RECORD)
+_LIVE = (TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE)  # of `run --live`
+_OWN = (*RESULTS, *_LIVE, CONFIG, FRAMES, FOLDER, RECORDING)
+_UNFINISHED = re.compile(r"^\.partial-\d+-")  # of `write_file`
 
 
 @dataclass(frozen=True)
@@ -37,12 +63,25 @@ class Recording:
 class RunResult:
     """What one run found and where it lies."""
 
-    recording: Recording
-    outcome: Outcome
-    measures: dict | None  # None without truth
-    figure: Path
-    page: Path
-    preset: Path | None  # the configuration that was taken because of what the recording is
+    out: Path  # the folder of the results
+    record: RunRecord
+    measures: dict | None  # of `evaluate`; None without truth
+    answer: str  # of the program, on stdout
+
+    @property
+    def trajectory(self) -> Path:
+        """The file with the tracks."""
+        return self.out / TRAJECTORY
+
+    @property
+    def figure(self) -> Path:
+        """A picture of the flight."""
+        return self.out / _FIGURE
+
+    @property
+    def page(self) -> Path:
+        """The report."""
+        return self.out / PAGE
 
 
 def prepare(
@@ -58,8 +97,9 @@ def prepare(
     notes, broken = [], False
     sensors = find_sensors(path) if path.is_dir() else {}
     if not sensors:
-        frames = out / "frames"
-        report = convert(path, frames, chosen, force=True, options=reading)
+        frames = out / FRAMES
+        with timed(f"convert: {path}"):
+            report = convert(path, frames, chosen, force=True, options=reading)
         notes = report["notes"]
         broken = report["broken"] is not None
         if broken:
@@ -82,25 +122,65 @@ def run(
     chosen: list[str] | None,
     options: list[str],
     reading: Options = _DEFAULTS,
+    key: str | None = None,
 ) -> RunResult:
-    """Converts if need be, tracks, evaluates where there is truth, draws and reports."""
+    """Converts if need be, tracks, evaluates where there is truth, draws and reports.
+
+    What is wrong with the program or its options is told before the conversion. `key` goes into
+    the record.
+    """
+    begin = time.perf_counter()
+    check_options(options)
+    refuse_foreign(out)
     recording = prepare(path, out, chosen, reading)
     if recording.truth is not None:
         read_truth(recording.truth)  # an error in it is told before the tracking, not after
-    clear_results(out, (_MEASURES, _FIGURE, PAGE, RECORD))
     preset = preset_of(recording.frames, options)
     if preset is not None:
         options = ["--config", str(preset), *options]
     if not places_sensors(options):
         options = recording.poses + options
-    outcome = run_program(recording.sensors, out, options)
-    title = path.resolve().name
-    write_record(out, RunRecord(title, recording.sensors, recording.truth, options, outcome.wall_s))
-    data = load_run(out)
-    if data.measures is not None:
-        text = json.dumps(data.measures, indent=2) + "\n"
-        write_file(out / _MEASURES, lambda work: work.write_text(text))
-    write_file(out / _FIGURE, lambda work: write_figure(figure_data(data), work))
-    return RunResult(
-        recording, outcome, data.measures, out / _FIGURE, write_page(data, out), preset
+    record = RunRecord(
+        path.resolve().name,
+        path,
+        recording.sensors,
+        recording.truth,
+        options,
+        None if preset is None else preset.name,
+        notes=tuple(recording.notes),
+        broken=recording.broken,
+        key=key,
     )
+    clear_results(out, (*RESULTS, *_LIVE))
+    write_record(out, record)
+    outcome = run_program(recording.sensors, out, record.options)
+    record = replace(record, messages=outcome.messages, tracking_s=outcome.wall_s)
+    with timed("read and evaluate the results"):
+        data = read_results(out, record)
+        if data.measures is not None:
+            write_measures(out, data.measures)
+    with timed(f"draw: {_FIGURE}"):
+        write_file(out / _FIGURE, lambda work: write_figure(figure_data(data), work))
+    with timed(f"write: {PAGE}"):
+        write_page(data, out)
+    tracks = len(np.unique(data.tracks.track_id))
+    record = replace(record, tracks=tracks, total_s=time.perf_counter() - begin)
+    write_record(out, record)
+    return RunResult(out, record, data.measures, outcome.answer)
+
+
+def is_own(name: str) -> bool:
+    """Whether a run, or `report` after it, gives this name to a file or folder of its results."""
+    return _UNFINISHED.sub("", name) in _OWN
+
+
+def refuse_foreign(out: Path) -> None:
+    """Files that have the names of results may be removed only where a run has left its record."""
+    if not out.is_dir() or is_result(out):
+        return
+    foreign = next((name for name in (*RESULTS, *_LIVE) if (out / name).exists()), None)
+    if foreign is not None:
+        raise OutputError(
+            f"{out / foreign}: was not written by this command and is not replaced, choose another "
+            "folder"
+        )

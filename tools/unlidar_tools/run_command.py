@@ -5,10 +5,9 @@ import os
 import sys
 from pathlib import Path
 
-from rich.console import Console
-
 from unlidar_tools.convert_command import define_reading
-from unlidar_tools.errors import BatchError, InputError, UsageError, reason
+from unlidar_tools.errors import BatchError, ConfigError, UsageError, reason
+from unlidar_tools.printable import printable
 
 EXAMPLE = """unlidar simulate demo out/demo && unlidar run out/demo --method robust
   unlidar run mmaud/val --jobs 2"""
@@ -90,44 +89,48 @@ def _run(a: argparse.Namespace) -> None:
 def _run_one(a: argparse.Namespace) -> None:
     from unlidar_tools.convert import Options
     from unlidar_tools.run import run
-    from unlidar_tools.tables import measures_table
+    from unlidar_tools.tables import console, measures_table
 
+    _read(a.config)
     options = ["--config", str(a.config)] if a.config else []
     options += _assignments(a)
     options += ["--threads", str(a.threads)] if a.threads is not None else []
     reading = Options(truths=tuple(a.truth), skip_bad=a.skip_bad)
     result = run(a.recording, a.out, a.sensors, options, reading)
-    sys.stderr.write(result.outcome.messages)
-    title = f"{a.recording.resolve().name} ({', '.join(result.recording.sensors)})"
-    console = Console(highlight=False)
+    for line in result.record.messages:
+        print(printable(line), file=sys.stderr)
+    for line in result.answer.splitlines():
+        print(printable(line))
+    title = f"{result.record.title} ({', '.join(result.record.frames)})"
     if result.measures is None:
-        console.print(f"{title}: no ground_truth.csv, not evaluated")
+        print(printable(f"{title}: no ground_truth.csv, not evaluated"))
     else:
-        console.print(measures_table(result.measures, title))
-    if result.preset is not None:
-        print(f"settings   {_about(result.preset)}")
-    print(f"time       {result.outcome.wall_s:.2f} s")
-    print(f"trajectory {result.outcome.trajectory}")
-    print(f"figure     {result.figure}")
-    print(f"page       {result.page}")
+        console().print(measures_table(result.measures, title))
+    if result.record.preset is not None:
+        print(f"settings   {_about(result.record.preset)}")
+    print(f"time       {result.record.tracking_s:.2f} s")
+    print(f"trajectory {printable(result.trajectory)}")
+    print(f"figure     {printable(result.figure)}")
+    print(f"page       {printable(result.page)}")
     if a.live:
         _run_live(a.out)
 
 
 def _run_live(out: Path) -> None:
     from unlidar_tools.live_run import live_table, run_live
-    from unlidar_tools.tables import print_table
+    from unlidar_tools.tables import console
 
     result = run_live(out)
-    print_table(live_table(result))
+    console().print(live_table(result))
     print(f"live time  {result.times.wall_s:.2f} s")
-    print(f"live rows  {result.trajectory}")
+    print(f"live rows  {printable(result.trajectory)}")
 
 
 def _run_many(a: argparse.Namespace) -> None:
     from unlidar_tools.batch import run_many
     from unlidar_tools.batch.job import FAILED, Settings
-    from unlidar_tools.batch.table import rich_table, write_tables
+    from unlidar_tools.batch.table import rich_table, table_files
+    from unlidar_tools.tables import console
 
     cores = len(os.sched_getaffinity(0))
     at_once = a.jobs or cores
@@ -139,16 +142,16 @@ def _run_many(a: argparse.Namespace) -> None:
         a.sensors, config_file, config, _assignments(a), threads, a.truth, a.skip_bad
     )
     rows = run_many(a.recording, a.out, settings, at_once, a.scheduler)
-    tables = write_tables(rows, a.out)
     title = f"{a.recording.resolve().name}: {len(rows)} recording{'s' * (len(rows) != 1)}"
-    Console(highlight=False).print(rich_table(rows, title))
+    console().print(rich_table(rows, title))
+    tables = table_files(a.out)
     failed = [row for row in rows if row.status == FAILED]
     for row in failed:
-        print(f"failed   {row.name}: {row.reason}")
+        print(f"failed   {printable(row.name)}: {printable(row.reason)}")
     for preset in sorted({row.preset for row in rows if row.preset}):
-        print(f"settings {_about(Path(preset))}")
-    print(f"results  {a.out}")
-    print(f"table    {', '.join(str(path) for path in tables)}")
+        print(f"settings {_about(preset)}")
+    print(f"results  {printable(a.out)}")
+    print(f"table    {', '.join(printable(path) for path in tables)}")
     if failed:
         codes = {row.exit_code for row in failed}
         raise BatchError(
@@ -168,11 +171,11 @@ def _read(config: Path | None) -> str | None:
     try:
         return None if config is None else config.read_text()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{config}: cannot be read: {reason(error)}") from error
+        raise ConfigError(f"{config}: cannot be read: {reason(error)}") from error
 
 
-def _about(preset: Path) -> str:
+def _about(preset: str) -> str:
     return (
-        f"{preset.name}, for MMAUD folders: the stamp of a frame is its end, not its begin as by "
+        f"{preset}, for MMAUD folders: the stamp of a frame is its end, not its begin as by "
         "default; --config or --set input.stamp=... takes its place"
     )

@@ -7,11 +7,13 @@ from rich.console import Console
 from rich.table import Table
 
 from unlidar_tools.evaluate.markdown import percent, table_rows
+from unlidar_tools.evaluate.measures import several_drones
+from unlidar_tools.printable import cell
 
 
-def print_table(table: Table) -> None:
-    """To stdout, without colours for numbers."""
-    Console(highlight=False).print(table)
+def console() -> Console:
+    """Stdout, where numbers get no colour."""
+    return Console(highlight=False)
 
 
 def sequences_table(result: dict) -> Table:
@@ -19,18 +21,20 @@ def sequences_table(result: dict) -> Table:
     table = Table(
         title="lengths in metres", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
     )
-    table.add_column("sequence", overflow="fold", min_width=12)
-    for name in ("RMSE", "95 %", "median", "p95", "cover", "false", "tracks", "ID sw"):
-        table.add_column(name, justify="right", no_wrap=True)
     rows = table_rows(result)
+    # Where several drones fly the nearest track may be another one's.
+    kind = "matched_" if any(several_drones(m) for m in result["sequences"]) else ""
+    heads = ("matched", "RMSE", "95 %") if kind else ("RMSE", "95 %", "median", "p95")
+    table.add_column("sequence", overflow="fold", min_width=12)
+    for name in (*heads, "cover", "false", "tracks", "ID sw"):
+        table.add_column(name, justify="right", no_wrap=True)
     for i, (name, m) in enumerate(rows):
-        ends = m.get("intervals", {}).get("rmse")
+        ends = m.get("intervals", {}).get(f"{kind}rmse")
+        error = [_plain(m.get(f"{kind}rmse")), f"{ends[0]:.2f}-{ends[1]:.2f}" if ends else "-"]
         table.add_row(
-            name.strip("*"),
-            _plain(m.get("rmse")),
-            f"{ends[0]:.2f}-{ends[1]:.2f}" if ends else "-",
-            _plain(m.get("median")),
-            _plain(m.get("p95")),
+            cell(name),
+            *([percent(m.get("matched")), *error] if kind else error),
+            *([] if kind else [_plain(m.get("median")), _plain(m.get("p95"))]),
             percent(m.get("coverage")),
             percent(m["false"]),
             str(m["tracks"]),
@@ -42,7 +46,7 @@ def sequences_table(result: dict) -> Table:
 
 def measures_table(measures: dict, title: str) -> Table:
     """The measures of `evaluate`, one a line with what it means."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=cell(title), title_justify="left")
     table.add_column("measure")
     table.add_column("value", justify="right")
     table.add_column("judged on")
@@ -58,36 +62,54 @@ def _sections(m: dict) -> list[list[tuple[str, str, str]]]:
     if "coverage" not in m:
         return [[*found, ("false rows", percent(m["false"]), "all rows: no drone in the truth")]]
     found.append(("false rows (beyond 2 m)", percent(m["false"]), "all rows"))
-    at_truth = [
+    sections = [found, _at_truth(m), _tracking(m), _own_rows(m)]
+    if several_drones(m):
+        sections.insert(1, _by_drone(m))
+    return sections
+
+
+def _by_drone(m: dict) -> list[tuple[str, str, str]]:
+    """First of all, as the nearest track of an uncovered drone may be another one's."""
+    rows = [("matched: one track a drone, within 2 m", percent(m["matched"]), "in-view truth")]
+    if "matched_rmse" in m:
+        rows.append(("RMSE, matched", _metres(m["matched_rmse"]), "matched truth"))
+        rows += _interval(m, "matched_rmse")
+    for one in m.get("targets", []):
+        error = f"{one['matched_rmse']:.3f} m, " if "matched_rmse" in one else ""
+        share = percent(one["matched"])
+        rows.append((f"drone {one['target']:g}", f"{error}{share}", "RMSE and share matched"))
+    return rows
+
+
+def _at_truth(m: dict) -> list[tuple[str, str, str]]:
+    rows = [
         ("coverage", percent(m["coverage"]), "in-view truth"),
         ("within 1 m", percent(m["within1m"]), "in-view truth"),
     ]
     if "rmse" in m:
-        at_truth += [
-            (name, value, "covered truth")
-            for name, value in (
-                ("RMSE", _metres(m["rmse"])),
-                *_interval(m, "rmse"),
-                ("RMSE without mean offset", _metres(m["rmse_unbiased"])),
-                ("dx, dy, dz", _metres(m["dx"], m["dy"], m["dz"])),
-                ("mean offset", _metres(*m["bias"])),
-                ("median, 95th percentile", _metres(m["median"], m["p95"])),
-                ("mean error (APE)", _metres(m["ape"])),
-            )
+        name = "RMSE, nearest track" if several_drones(m) else "RMSE"
+        rows += [
+            (name, _metres(m["rmse"]), "covered truth"),
+            *_interval(m, "rmse"),
+            ("RMSE without mean offset", _metres(m["rmse_unbiased"]), "covered truth"),
+            ("dx, dy, dz", _metres(m["dx"], m["dy"], m["dz"]), "covered truth"),
+            ("mean offset", _metres(*m["bias"]), "covered truth"),
+            ("median, 95th percentile", _metres(m["median"], m["p95"]), "covered truth"),
+            ("mean error (APE)", _metres(m["ape"]), "covered truth"),
         ]
-    return [found, at_truth, _tracking(m), _own_rows(m)]
+    return rows
 
 
-def _interval(m: dict, name: str) -> list[tuple[str, str]]:
+def _interval(m: dict, name: str) -> list[tuple[str, str, str]]:
     ends = m.get("intervals", {}).get(name)
-    return [("its 95 % interval", f"{ends[0]:.3f} to {ends[1]:.3f} m")] if ends else []
+    return [("its 95 % interval", f"{ends[0]:.3f} to {ends[1]:.3f} m", "")] if ends else []
 
 
 def _tracking(m: dict) -> list[tuple[str, str, str]]:
-    rows = [
-        ("one track a target, within 2 m", percent(m["matched"]), "in-view truth"),
-        ("identity switches", str(m["identity_switches"]), "in-view truth"),
-    ]
+    rows = [("identity switches", str(m["identity_switches"]), "in-view truth")]
+    if not several_drones(m):
+        matched = ("one track a target, within 2 m", percent(m["matched"]), "in-view truth")
+        rows.insert(0, matched)
     if "nees" in m:
         rows += [
             ("NEES mean, median", f"{m['nees']:.2f}, {m['nees_median']:.2f}", "honest: 3, 2.37"),

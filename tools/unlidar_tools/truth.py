@@ -1,10 +1,11 @@
-"""Ground truth and trajectories as CSV, read into arrays by column name."""
+"""Ground truth and trajectories, read into arrays: CSV by column name, or TUM, told by content."""
 
 import csv
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from unlidar_tools.errors import InputError, reason
 from unlidar_tools.stamps import parse_seconds_ns
 
 TRUTH_NAME = "ground_truth.csv"
+_TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+_TUM_COLUMNS = ("timestamp", "x", "y", "z")  # what becomes of the first of them
 
 
 @dataclass(frozen=True)
@@ -46,13 +49,13 @@ class Tracks:
 
 
 def read_truth(path: Path) -> Truth:
-    """Columns timestamp, x, y, z and optionally target (0) and in_view (1)."""
+    """Columns timestamp, x, y, z and optionally target (0) and in_view (1); or TUM."""
     table = _read_columns(path, {"timestamp", "x", "y", "z"}, {"target": 0.0, "in_view": 1.0})
     return Truth(table["timestamp"], table["target"], _xyz(table), table["in_view"] > 0)
 
 
 def read_tracks(path: Path) -> Tracks:
-    """Columns timestamp, x, y, z and optionally the others of a `traj.csv`."""
+    """Columns timestamp, x, y, z and optionally the others of a `traj.csv`; or TUM: one track."""
     others = [*_triple("sigma_{}"), *_triple("v{}"), "support"]
     table = _read_columns(
         path, {"timestamp", "x", "y", "z"}, {"track_id": 0.0} | dict.fromkeys(others, math.nan)
@@ -74,6 +77,35 @@ def read_tracks(path: Path) -> Tracks:
     )
 
 
+def read_all_tracks(paths: Sequence[Path]) -> Tracks:
+    """The tracks of several files together, those of each under numbers of their own.
+
+    A TUM file holds one track, as the format has no number for it.
+    """
+    parts = [read_tracks(path) for path in paths]
+    if len(parts) == 1:
+        return parts[0]
+
+    def joined(name: str) -> np.ndarray | None:
+        columns = [getattr(part, name) for part in parts]
+        return None if any(column is None for column in columns) else np.concatenate(columns)
+
+    of_file = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    pairs = np.stack([of_file, joined("track_id")], axis=1)
+    _, track_id = np.unique(pairs, axis=0, return_inverse=True)
+    others = {f.name: joined(f.name) for f in fields(Tracks)}
+    return Tracks(**others | {"track_id": track_id.reshape(-1).astype(float)})
+
+
+def is_tum(path: Path) -> bool:
+    """Whether the first line that is no comment is eight words, or there are but comments."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            return _is_tum(file)
+    except (OSError, UnicodeDecodeError):
+        return False  # told in full when it is read
+
+
 def _triple(pattern: str) -> list[str]:
     return [pattern.format(axis) for axis in "xyz"]
 
@@ -89,20 +121,48 @@ def _read_columns(
     stamps_ns: list[int] = []
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            missing = sorted(required - set(reader.fieldnames or ()))
-            if missing:
-                raise InputError(
-                    f"{path}: has no column {missing[0]}, expected {', '.join(sorted(required))}"
-                )
-            for row in reader:
+            tum = _is_tum(file)
+            file.seek(0)
+            for line, row in _tum_rows(path, file) if tum else _csv_rows(path, file, required):
                 for name, values in columns.items():
-                    values.append(_number(path, reader.line_num, name, row.get(name), optional))
-                stamps_ns.append(_stamp_ns(path, reader.line_num, row["timestamp"]))
+                    values.append(_number(path, line, name, row.get(name), optional))
+                stamps_ns.append(_stamp_ns(path, line, row["timestamp"]))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from error
     table = {name: np.array(values, dtype=float) for name, values in columns.items()}
     return table | {"stamp_ns": np.array(stamps_ns, dtype=np.int64)}
+
+
+def _csv_rows(path: Path, file: TextIO, required: set[str]) -> Iterator[tuple[int, dict[str, str]]]:
+    reader = csv.DictReader(file)
+    missing = sorted(required - set(reader.fieldnames or ()))
+    if missing:
+        raise InputError(
+            f"{path}: has no column {missing[0]}, expected {', '.join(sorted(required))}, or lines "
+            f"of {' '.join(_TUM)}"
+        )
+    for row in reader:
+        yield reader.line_num, row
+
+
+def _tum_rows(path: Path, file: TextIO) -> Iterator[tuple[int, dict[str, str]]]:
+    for line, text in enumerate(file, 1):
+        words = text.split()
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) != len(_TUM):
+            raise InputError(f"{path}:{line}: {len(words)} values, expected {' '.join(_TUM)}")
+        yield line, dict(zip(_TUM_COLUMNS, words, strict=False))
+
+
+def _is_tum(file: TextIO) -> bool:
+    commented = False
+    for text in file:
+        words = text.split()
+        if words and not words[0].startswith("#"):
+            return len(words) == len(_TUM) and "," not in text
+        commented |= bool(words)
+    return commented
 
 
 def _stamp_ns(path: Path, line: int, text: str) -> int:

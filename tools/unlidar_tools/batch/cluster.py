@@ -1,7 +1,7 @@
 """Jobs on a cluster of Dask workers, which see the same files under the same names."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Generator
 
 from unlidar_tools.batch.job import FAILED, Job, Row, launch
 from unlidar_tools.errors import UsageError, reason
@@ -9,7 +9,7 @@ from unlidar_tools.errors import UsageError, reason
 _PATIENCE_S = 30
 
 
-def run_on_cluster(jobs: list[Job], scheduler: str) -> Iterator[Row]:
+def run_on_cluster(jobs: list[Job], scheduler: str) -> Generator[Row, None, None]:
     """The rows in the order in which they are done.
 
     The jobs of a worker that is lost are given to others. Throws UsageError if there is no such

@@ -6,19 +6,15 @@ Its folder of results appears complete or not at all, and holds the key of what 
 
 import hashlib
 import json
-import os
-import signal
-import subprocess
-import sys
-import threading
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from unlidar_tools import __version__
 from unlidar_tools.errors import InputError, reason
-from unlidar_tools.output import RUN_MARKER
 from unlidar_tools.presets import MMAUD
+from unlidar_tools.processes import Launcher
+from unlidar_tools.record import MEASURES, read_finished, read_object
 
 DONE, DONE_BEFORE, FAILED = "done", "done before", "failed"
 
@@ -51,16 +47,7 @@ class Job:
     settings: Settings
     program: str  # digest of the program, lest another machine runs another one
     key: str
-
-    def to_json(self) -> str:
-        """For the process that does it."""
-        return json.dumps(asdict(self))
-
-    @staticmethod
-    def from_json(text: str) -> "Job":
-        """What `to_json` wrote."""
-        fields = json.loads(text)
-        return Job(**fields | {"settings": Settings(**fields["settings"])})
+    token: str  # of this run, for the names of temporary folders
 
 
 @dataclass(frozen=True)
@@ -78,7 +65,9 @@ class Row:
     broken: bool = False  # whether the recording is, and only what could be read was tracked
 
 
-def make_job(name: str, recording: Path, out: Path, settings: Settings, program: str) -> Job:
+def make_job(
+    name: str, recording: Path, out: Path, settings: Settings, program: str, token: str
+) -> Job:
     """The job with the key of its input, its settings and the program's version.
 
     Of the input the files' names, sizes and times of change count, not every byte. The number of
@@ -96,7 +85,8 @@ def make_job(name: str, recording: Path, out: Path, settings: Settings, program:
         "harness": __version__,
     }
     key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
-    return Job(name, str(recording.absolute()), str(out.absolute()), settings, program, key)
+    where = str(recording.absolute()), str(out.absolute())
+    return Job(name, *where, settings, program, key, token)
 
 
 def digest(program: Path) -> str:
@@ -109,78 +99,47 @@ def digest(program: Path) -> str:
 
 def finished(job: Job) -> Row | None:
     """The row of what was done with the same key, if its results are there."""
+    out = Path(job.out)
     try:
-        record = json.loads((Path(job.out) / RUN_MARKER).read_text())
-        if record["key"] != job.key:
+        record = read_finished(out)
+        if record.key != job.key:
             return None
-        return Row(
-            job.name,
-            DONE,
-            record["time_s"],
-            record["tracks"],
-            record["measures"],
-            preset=record["preset"],
-            broken=record["broken"],
-        )
-    except (OSError, ValueError, KeyError, TypeError):
+        measures = None if record.truth is None else read_object(out / MEASURES)
+    except InputError:
         return None
+    return Row(
+        job.name,
+        DONE,
+        record.total_s,
+        record.tracks,
+        measures,
+        preset=record.preset,
+        broken=record.broken,
+    )
 
 
-class Launcher:
-    """Runs jobs in processes of their own, from any number of threads."""
+class JobLauncher:
+    """Does jobs in processes of their own, from any number of threads."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._running: set[subprocess.Popen] = set()
-        self._stopped = False
+        self._launch = Launcher("unlidar_tools.batch.child")
+        self.stop = self._launch.stop
 
     def __call__(self, job: Job) -> Row:
         """Does the job and tells what became of it; a failure is a row, too."""
         begin = time.perf_counter()
-        with self._lock:
-            if self._stopped:
-                return Row(job.name, FAILED, reason="interrupted")
-            process = subprocess.Popen(
-                [sys.executable, "-m", "unlidar_tools.batch.child", str(os.getpid())],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                text=True,
-                errors="replace",
-            )
-            self._running.add(process)
-        try:
-            _, said = process.communicate(job.to_json())
-        finally:
-            with self._lock:
-                self._running.discard(process)
-        row = finished(job) if process.returncode == 0 else None
+        ended = self._launch(job, job.name)
+        row = finished(job) if ended.exit_code == 0 else None
         if row is not None:
             return row
+        why, exit_code = ended.failure
         time_s = round(time.perf_counter() - begin, 3)
-        why, exit_code = _failure(process.returncode, said)
         return Row(job.name, FAILED, time_s, reason=why, exit_code=exit_code)
-
-    def stop(self) -> None:
-        """Ends what is running and lets nothing begin."""
-        with self._lock:
-            self._stopped = True
-            for process in self._running:
-                process.terminate()
 
 
 def launch(job: Job) -> Row:
     """Does one job: what a worker of a cluster is asked for, again if a worker was lost."""
-    return finished(job) or Launcher()(job)
-
-
-def _failure(returncode: int, said: str) -> tuple[str, int]:
-    if returncode < 0:
-        name = signal.Signals(-returncode).name
-        hint = " (out of memory?)" if returncode == -signal.SIGKILL else ""
-        return f"its process was ended by {name}{hint}", 1
-    last = (said.strip().splitlines() or ["ended without a result"])[-1]
-    return last.removeprefix("unlidar: error: "), returncode or 1
+    return finished(job) or JobLauncher()(job)
 
 
 def _files(recording: Path) -> list[tuple[str, int, int]]:

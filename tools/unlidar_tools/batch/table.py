@@ -3,17 +3,22 @@
 import csv
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from unlidar_tools.batch.job import FAILED, Row
+from unlidar_tools.evaluate.markdown import table_line
+from unlidar_tools.evaluate.measures import several_drones
 from unlidar_tools.output import write_file
+from unlidar_tools.printable import cell
 
-NAME = "table"
+_NAME = "table"
 _NUMBERS: dict[str, tuple[str, Callable[[float], str]]] = {
+    "matched_rmse": ("matched RMSE, m", lambda v: f"{v:.3f}"),
+    "matched": ("matched, %", lambda v: f"{100 * v:.1f}"),
     "rmse": ("RMSE, m", lambda v: f"{v:.3f}"),
     "rmse_unbiased": ("without offset, m", lambda v: f"{v:.3f}"),
     "coverage": ("coverage, %", lambda v: f"{100 * v:.1f}"),
@@ -27,34 +32,41 @@ _HEADERS = ["sequence", *(header for header, _ in _NUMBERS.values()), "remark"]
 
 def rich_table(rows: list[Row], title: str) -> Table:
     """For the terminal, where reasons of failures are too long for a column."""
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for header in _HEADERS:
-        if header in ("sequence", "remark"):
-            table.add_column(header, overflow="fold")
-        else:
-            table.add_column(re.sub(r", | (?!m\b)", "\n", header), justify="right", no_wrap=True)
+    # Where several drones fly the nearest track may be another one's; both kinds are too wide.
+    several = any(several_drones(row.measures or {}) for row in rows)
+    left_out = ("rmse", "rmse_unbiased") if several else ("matched_rmse", "matched")
+    names = [name for name in _NUMBERS if name not in left_out]
+    table = Table(title=cell(title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("sequence", overflow="fold")
+    for name in names:
+        head = re.sub(r", | (?!m\b)", "\n", _NUMBERS[name][0])
+        table.add_column(head, justify="right", no_wrap=True)
+    table.add_column("remark", overflow="fold")
     for row in rows:
-        table.add_row(*_cells(record_of(row) | {"remark": _remark(row).split(":")[0]}))
+        record = record_of(row) | {"remark": _remark(row).split(":")[0]}
+        table.add_row(*(cell(text) for text in _cells(record, names)))
     table.add_section()
-    table.add_row(*_cells(_mean(rows)))
+    table.add_row(*_cells(_mean(rows), names))
     return table
 
 
-def write_tables(rows: list[Row], folder: Path) -> list[Path]:
-    """The table as Markdown, CSV and JSON; returns the files."""
+def table_files(folder: Path) -> list[Path]:
+    """Where the tables are: Markdown, CSV and JSON."""
+    return [folder / f"{_NAME}.{suffix}" for suffix in ("md", "csv", "json")]
+
+
+def write_tables(rows: list[Row], folder: Path) -> None:
+    """The table as Markdown, CSV and JSON."""
     records = [record_of(row) for row in rows]
     everything = {"sequences": records, "mean": _mean(rows)}
     text = json.dumps(everything, indent=2) + "\n"
     lines = [_HEADERS, ["---", *("---:" for _ in _NUMBERS), "---"]]
     lines += [_cells(record) for record in [*records, _mean(rows)]]
-    markdown = "".join(
-        f"| {' | '.join(cell.replace('|', '/') for cell in line)} |\n" for line in lines
-    )
-    paths = [folder / f"{NAME}.{suffix}" for suffix in ("md", "csv", "json")]
-    write_file(paths[0], lambda work: work.write_text(markdown))
+    markdown = "".join(table_line(cells) + "\n" for cells in lines)
+    paths = table_files(folder)
+    write_file(paths[0], lambda work: work.write_text(markdown, encoding="utf-8"))
     write_file(paths[1], lambda work: _write_csv(work, records))
-    write_file(paths[2], lambda work: work.write_text(text))
-    return paths
+    write_file(paths[2], lambda work: work.write_text(text, encoding="utf-8"))
 
 
 def record_of(row: Row) -> dict:
@@ -91,16 +103,14 @@ def _mean(rows: list[Row]) -> dict:
     return mean | {"remark": f"{judged} of {len(rows)} judged, RMSE of {covered}"}
 
 
-def _cells(record: dict) -> list[str]:
-    numbers = [
-        "-" if record[name] is None else spell(record[name])
-        for name, (_, spell) in _NUMBERS.items()
-    ]
+def _cells(record: dict, names: Iterable[str] = _NUMBERS) -> list[str]:
+    numbers = ["-" if record[name] is None else _NUMBERS[name][1](record[name]) for name in names]
     return [record["sequence"], *numbers, record["remark"]]
 
 
 def _write_csv(path: Path, records: list[dict]) -> None:
-    with path.open("w", newline="") as file:
+    # A name that is no text is written as the bytes that the file system has.
+    with path.open("w", newline="", encoding="utf-8", errors="surrogateescape") as file:
         writer = csv.DictWriter(file, records[0])
         writer.writeheader()
         writer.writerows(records)

@@ -1,9 +1,11 @@
 """One scene with one seed: simulated if need be, tracked by every variant, measured."""
 
-import json
+import dataclasses
 import resource
+import shutil
 import signal
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,10 +18,12 @@ from unlidar_tools.benchmark.variants import Variant
 from unlidar_tools.errors import UnlidarError
 from unlidar_tools.evaluate import evaluate
 from unlidar_tools.frames_io import list_frames
+from unlidar_tools.output import clear_results, write_file
 from unlidar_tools.program import run_program
-from unlidar_tools.run import Recording, prepare
+from unlidar_tools.record import RunRecord, write_measures, write_record
+from unlidar_tools.run import RESULTS, Recording, prepare
 from unlidar_tools.simulate import load_scenario, simulate
-from unlidar_tools.truth import Tracks, Truth, read_tracks, read_truth
+from unlidar_tools.truth import TRUTH_NAME, Tracks, Truth, read_tracks, read_truth
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ def do(job: Job) -> list[Result]:
     """The results of every variant; a run that fails is one of them."""
     with tempfile.TemporaryDirectory(prefix="unlidar-benchmark-") as temporary:
         try:
-            recording = _recording(job.scene, Path(temporary))
+            recording = _recording(job, Path(temporary))
             truth = read_truth(recording.truth)
             duration_s = _duration_s(recording)
         except UnlidarError as error:
@@ -57,12 +61,26 @@ def do(job: Job) -> list[Result]:
         return [_run(job, variant, recording, truth, duration_s) for variant in job.variants]
 
 
-def _recording(scene: SceneSeed, temporary: Path) -> Recording:
-    folder = scene.folder
-    if folder is None:
-        folder = temporary / "frames"
-        simulate(load_scenario(scene.scenario), folder, int(scene.seed))
-    return prepare(folder, temporary)
+def folders(job: Job) -> list[Path]:
+    """Where the results of each variant go."""
+    return [_folder(job) / variant.name for variant in job.variants]
+
+
+def _folder(job: Job) -> Path:
+    return job.out / "runs" / job.scene.scene / job.scene.seed
+
+
+def _recording(job: Job, temporary: Path) -> Recording:
+    scene = job.scene
+    if scene.folder is not None:
+        return prepare(scene.folder, temporary)
+    frames = temporary / "frames"
+    simulate(load_scenario(scene.scenario), frames, int(scene.seed))
+    recording = prepare(frames, temporary)
+    # The frames can be simulated again; with the truth the results can be judged again.
+    truth = _folder(job) / TRUTH_NAME
+    write_file(truth, lambda work: shutil.copyfile(recording.truth, work))
+    return dataclasses.replace(recording, truth=truth)
 
 
 def _duration_s(recording: Recording) -> float:
@@ -73,21 +91,43 @@ def _duration_s(recording: Recording) -> float:
 def _run(
     job: Job, variant: Variant, recording: Recording, truth: Truth, duration_s: float
 ) -> Result:
-    out = job.out / "runs" / job.scene.scene / job.scene.seed / variant.name
+    out = _folder(job) / variant.name
     options = [*variant.options, *recording.poses, "--threads", "1", "--quiet"]
+    record = RunRecord(
+        f"{job.scene.scene} {job.scene.seed}".strip(),
+        recording.frames,
+        recording.sensors,
+        recording.truth,
+        options,
+        notes=tuple(recording.notes),
+        broken=recording.broken,
+    )
+    clear_results(out, RESULTS)
+    write_record(out, record)
+    begin = time.perf_counter()
     before = _children_cpu_s()
     try:
         with _cpu_limit(job.time_limit_s):
             outcome = run_program(recording.sensors, out, options)
-        cpu_s = _children_cpu_s() - before
-        measures = evaluate(truth, read_tracks(outcome.trajectory))
     except UnlidarError as error:
         failure = error
         if f"signal {signal.SIGXCPU.value}" in str(error):
             failure = UnlidarError(f"took more than {job.time_limit_s:g} s of CPU time")
         nothing = evaluate(truth, Tracks(np.zeros(0), np.zeros(0), np.zeros((0, 3))))
         return _failed(job, variant, nothing, duration_s, failure)
-    (out / "evaluation.json").write_text(json.dumps(measures, indent=2) + "\n")
+    cpu_s = _children_cpu_s() - before
+    measures = evaluate(truth, read_tracks(outcome.trajectory))
+    write_measures(out, measures)
+    write_record(
+        out,
+        dataclasses.replace(
+            record,
+            messages=outcome.messages,
+            tracks=measures["tracks"],
+            tracking_s=outcome.wall_s,
+            total_s=time.perf_counter() - begin,
+        ),
+    )
     return Result(job.scene.scene, job.scene.seed, variant.name, measures, None, cpu_s, duration_s)
 
 

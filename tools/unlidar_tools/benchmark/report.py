@@ -12,13 +12,15 @@ from unlidar_tools import __version__
 from unlidar_tools.benchmark.job import Result
 from unlidar_tools.benchmark.summary import ALL, Estimate, Row
 from unlidar_tools.benchmark.variants import Variant
+from unlidar_tools.evaluate.markdown import table_line
 from unlidar_tools.output import write_file
+from unlidar_tools.printable import printable
 
 MARKDOWN, JSON = "benchmark.md", "benchmark.json"
 _PUBLISHED = Path(__file__).parent / "published.yaml"
 _HEAD = (
-    "scene", "method", "within 1 m", "coverage", "RMSE", "dx", "dy", "dz", "false rows",
-    "tracks, seed by seed", "CPU", "of duration",
+    "scene", "method", "within 1 m", "matched", "matched RMSE", "coverage", "RMSE", "dx", "dy",
+    "dz", "false rows", "tracks, seed by seed", "CPU", "of duration",
 )  # fmt: skip
 _DIFFERENCES = ("scene", "variant", "within 1 m", "coverage", "RMSE", "false rows")
 
@@ -49,7 +51,7 @@ def write_report(
 
 def markdown(rows: list[Row], variants: list[Variant], published: list[dict], command: str) -> str:
     """The tables of our runs, the runs that failed, and the published figures."""
-    sections = [f"# Benchmark\n\n    {command}\n", _NOTE, _table(rows)]
+    sections = [f"# Benchmark\n\n    {printable(command)}\n", _NOTE, _table(rows)]
     changed = {v.name: v for v in variants if v.base}
     compared = [row for row in rows if row.variant in changed]
     if compared:
@@ -58,7 +60,7 @@ def markdown(rows: list[Row], variants: list[Variant], published: list[dict], co
         sections.append(_difference_table(compared))
     failures = [(row, failure) for row in rows if row.scene != ALL for failure in row.failures]
     if failures:
-        listed = "\n".join(f"- {row.variant} on {failure}" for row, failure in failures)
+        listed = "\n".join(printable(f"- {row.variant} on {failure}") for row, failure in failures)
         sections += [
             "## Failed runs\n",
             "They count as runs that found nothing.\n",
@@ -69,22 +71,26 @@ def markdown(rows: list[Row], variants: list[Variant], published: list[dict], co
 
 _NOTE = """\
 Means over the seeds, in brackets their 95 % bootstrap interval. *Within 1 m* and *coverage*: shares
-of the time in which a field of view holds the drone. RMSE, dx, dy, dz over the covered time, in
-metres. False rows are farther than 2 m from every drone; in an empty sky any row is. *CPU*: seconds
-of one thread for a recording, *of duration*: the largest share of a recording's duration.
+of the time in which a field of view holds the drone. *Matched*: the share in which a drone has a
+track of its own within 2 m, *matched RMSE* the error over it. RMSE, dx, dy, dz: over the covered
+time, against the nearest track, which may be another drone's. Lengths in metres. False rows are
+farther than 2 m from every drone; in an empty sky any row is. *CPU*: seconds of one thread for a
+recording, *of duration*: the largest share of a recording's duration.
 """
 
 
 def _table(rows: list[Row]) -> str:
-    lines = [_line(_HEAD), "|---|---|" + "---:|" * (len(_HEAD) - 2)]
+    lines = [table_line(_HEAD), "|---|---|" + "---:|" * (len(_HEAD) - 2)]
     for row in rows:
         e = row.estimates
         lines.append(
-            _line(
+            table_line(
                 (
                     _scene(row),
                     row.variant,
                     _percent(e["within1m"]),
+                    _percent(e["matched"], interval=False),
+                    _metres(e["matched_rmse"]),
                     _percent(e["coverage"], interval=False),
                     _metres(e["rmse"]),
                     *(_metres(e[axis], interval=False) for axis in ("dx", "dy", "dz")),
@@ -99,12 +105,12 @@ def _table(rows: list[Row]) -> str:
 
 
 def _difference_table(rows: list[Row]) -> str:
-    lines = [_line(_DIFFERENCES), "|---|---|" + "---:|" * (len(_DIFFERENCES) - 2)]
+    lines = [table_line(_DIFFERENCES), "|---|---|" + "---:|" * (len(_DIFFERENCES) - 2)]
     for row in rows:
         d = row.differences
         cells = [_percent(d[name], sign="+") for name in ("within1m", "coverage")]
         cells += [_metres(d["rmse"], sign="+"), _percent(d["false"], sign="+")]
-        lines.append(_line((_scene(row), row.variant, *cells)))
+        lines.append(table_line((_scene(row), row.variant, *cells)))
     return "\n".join(lines) + "\n"
 
 
@@ -112,8 +118,13 @@ def _published(groups: list[dict]) -> str:
     parts = []
     for group in groups:
         about = f"**{group['title']}**. Measured on: {group['measured_on']}. {group['measure']}."
-        lines = [textwrap.fill(about, 118), "", _line(("", "value", "source")), "|---|---:|---|"]
-        lines += [_line((row["name"], row["value"], row["source"])) for row in group["rows"]]
+        lines = [
+            textwrap.fill(about, 118),
+            "",
+            table_line(("", "value", "source")),
+            "|---|---:|---|",
+        ]
+        lines += [table_line((row["name"], row["value"], row["source"])) for row in group["rows"]]
         lines += ["", f"Verified in the source: {', '.join(group['verified']) or 'nothing'}."]
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
@@ -153,7 +164,3 @@ def _text(
 
 def _keys(variant: Variant) -> str:
     return ", ".join(variant.assignments)
-
-
-def _line(cells: tuple[str, ...]) -> str:
-    return f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"

@@ -1,25 +1,39 @@
 """Jobs side by side on the cores of this machine."""
 
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 
-from unlidar_tools.benchmark.job import Job, Result, do
-from unlidar_tools.errors import UnlidarError
+from unlidar_tools.benchmark.job import Job, Result, folders
+from unlidar_tools.errors import ForwardedError
+from unlidar_tools.processes import Ended, Launcher, side_by_side
 from unlidar_tools.progress import with_progress
+from unlidar_tools.run import refuse_foreign
 
 
 def run_jobs(jobs: list[Job], at_once: int) -> list[Result]:
-    """The results in the order of the jobs, whichever is done first."""
-    # Spawned, as a fork would copy the thread of the progress bar in whatever state it is.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(at_once, len(jobs)), context)
-    try:
-        futures = {pool.submit(do, job): index for index, job in enumerate(jobs)}
-        done = with_progress(as_completed(futures), len(jobs), "Benchmark")
-        by_job = {futures[future]: future.result() for future in done}
-    except BrokenProcessPool as error:
-        raise UnlidarError("a process of the benchmark was ended from outside") from error
-    finally:
-        pool.shutdown(cancel_futures=True)
-    return [result for index in range(len(jobs)) for result in by_job[index]]
+    """The results in the order of the jobs, whichever is done first.
+
+    Throws ForwardedError for a job whose process fails, which is no failure of the program.
+    """
+    for job in jobs:
+        for folder in folders(job):
+            refuse_foreign(folder)
+    launcher = Launcher("unlidar_tools.benchmark.child")
+
+    def do(job: Job) -> Ended:
+        return launcher(job, _name(job))
+
+    by_scene = {}
+    with (
+        closing(side_by_side(do, jobs, at_once, launcher.stop)) as done,
+        closing(with_progress(done, len(jobs), "Benchmark")) as shown,
+    ):
+        for job, ended in shown:
+            if ended.exit_code != 0:
+                why, exit_code = ended.failure
+                raise ForwardedError(f"{_name(job)}: {why}", exit_code)
+            by_scene[job.scene] = ended.result
+    return [result for job in jobs for result in by_scene[job.scene]]
+
+
+def _name(job: Job) -> str:
+    return f"{job.scene.scene}, seed {job.scene.seed or '-'}"

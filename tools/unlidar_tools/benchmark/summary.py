@@ -8,7 +8,7 @@ import numpy as np
 from unlidar_tools.benchmark.job import Result
 from unlidar_tools.benchmark.variants import Variant
 
-MEASURES = ("within1m", "coverage", "rmse", "dx", "dy", "dz", "false")
+MEASURES = ("within1m", "coverage", "matched", "matched_rmse", "rmse", "dx", "dy", "dz", "false")
 LEVEL = 0.95
 ALL = "all"  # the name of the rows over all scenes
 _RESAMPLES = 2000

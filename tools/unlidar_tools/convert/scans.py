@@ -235,6 +235,8 @@ def _open_sqlite(path: Path) -> apsw.Connection:
     uri = path.resolve().as_uri()
     if write_ahead_log(path) is None:
         return apsw.Connection(f"{uri}?mode=ro&immutable=1", flags=flags)
+    if not path.stat().st_size:  # SQLite would remove the log of a database without a page
+        raise ValueError("it is empty but for its write-ahead log")
     # Nobody else has a share in it: the index over the log is kept in memory, no lock is taken, and
     # the log is not worked off when it is closed.
     database = apsw.Connection(f"{uri}?mode=ro&vfs=unix-none", flags=flags)

@@ -13,6 +13,7 @@ Two questions, two sets of numbers:
 docs/evaluate.md has the formula of every measure.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from unlidar_tools.evaluate.association import FALSE_BEYOND_M, MAX_STEP_S
@@ -34,10 +35,13 @@ __all__ = [
 ]
 
 
-def evaluate_files(truth: Path, tracks: Path, options: Options | None = None) -> dict:
-    """`evaluate` on two CSV files."""
+def evaluate_files(
+    truth: Path, tracks: Path | Sequence[Path], options: Options | None = None
+) -> dict:
+    """`evaluate` on files; the tracks may be in several."""
     options = options or Options()
-    return measure([judge_files(truth, tracks, options)], options)
+    files = [tracks] if isinstance(tracks, Path) else tracks
+    return measure([judge_files(truth, files, options)], options)
 
 
 def evaluate(truth: Truth, tracks: Tracks, options: Options | None = None) -> dict:

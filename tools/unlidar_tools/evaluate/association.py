@@ -15,11 +15,20 @@ FALSE_BEYOND_M = 2.0
 
 @dataclass(frozen=True)
 class Coverage:
-    """The nearest track at every row of the truth; inf and NaN where there is none."""
+    """One track at every row of the truth; inf and NaN where there is none."""
 
     distance_m: np.ndarray  # (N,)
     error_m: np.ndarray  # (N, 3) estimate minus truth
     sigma_m: np.ndarray  # (N, 3) of the estimate, NaN where not known
+
+    def take(self, rows: np.ndarray, other: "Coverage") -> None:
+        """Takes over these rows of another."""
+        for mine, theirs in (
+            (self.distance_m, other.distance_m),
+            (self.error_m, other.error_m),
+            (self.sigma_m, other.sigma_m),
+        ):
+            mine[rows] = theirs[rows]
 
 
 @dataclass(frozen=True)
@@ -35,22 +44,17 @@ class OwnRows:
 class Identities:
     """One-to-one matches of targets and tracks within FALSE_BEYOND_M."""
 
-    matched: np.ndarray  # (N,) bool, per row of the truth
+    own: Coverage  # (N,) the track that a target has to itself; none where not in view
     switches: int
 
 
 def cover(truth: Truth, tracks: Tracks) -> Coverage:
     """The nearest track at every row of the truth; one track may serve several targets."""
-    distance = np.full(len(truth), np.inf)
-    error, sigma = np.full((2, len(truth), 3), np.nan)
-    for track, valid, at in _tracks_at(truth.time_s, tracks):
-        away = np.linalg.norm(at - truth.xyz_m, axis=1)
-        nearer = valid & (away < distance)
-        distance[nearer], error[nearer] = away[nearer], (at - truth.xyz_m)[nearer]
-        if tracks.sigma_m is not None:
-            own_s, own_sigma_m = tracks.time_s[track], tracks.sigma_m[track]
-            sigma[nearer] = interpolate(own_s, own_sigma_m, truth.time_s[nearer])
-    return Coverage(distance, error, sigma)
+    nearest = _nowhere(len(truth))
+    for at in _tracks_at(truth.time_s, tracks):
+        one = _coverage(truth, tracks, *at)
+        nearest.take(one.distance_m < nearest.distance_m, one)
+    return nearest
 
 
 def own_rows(truth: Truth, tracks: Tracks) -> OwnRows:
@@ -76,11 +80,12 @@ def identities(truth: Truth, tracks: Tracks) -> Identities:
     matched anew with the least sum of distances. A target that goes on with another track than
     the last it had, also after a pause, is an identity switch.
     """
-    away = np.full((len(truth), len(np.unique(tracks.track_id))), np.inf)
-    for column, (_, valid, at) in enumerate(_tracks_at(truth.time_s, tracks)):
-        away[valid, column] = np.linalg.norm(at - truth.xyz_m, axis=1)[valid]
-    away[away > FALSE_BEYOND_M] = np.inf
-    matched = np.zeros(len(truth), dtype=bool)
+    known = [_coverage(truth, tracks, *at) for at in _tracks_at(truth.time_s, tracks)]
+    away = np.full((len(truth), len(known)), np.inf)
+    for column, one in enumerate(known):
+        near = one.distance_m <= FALSE_BEYOND_M
+        away[near, column] = one.distance_m[near]
+    own = np.full(len(truth), -1)
     switches = 0
     last: dict[float, int] = {}
     order = np.flatnonzero(truth.in_view)
@@ -91,8 +96,11 @@ def identities(truth: Truth, tracks: Tracks) -> Identities:
             target = truth.target[rows[i]]
             switches += last.setdefault(target, track) != track
             last[target] = track
-            matched[rows[i]] = True
-    return Identities(matched, switches)
+            own[rows[i]] = track
+    chosen = _nowhere(len(truth))
+    for column, one in enumerate(known):
+        chosen.take(own == column, one)
+    return Identities(chosen, switches)
 
 
 def _match(away: np.ndarray, last: list[int | None]) -> dict[int, int]:
@@ -111,6 +119,24 @@ def _match(away: np.ndarray, last: list[int | None]) -> dict[int, int]:
         if np.isfinite(left[i, k]):
             pairs[rows[i]] = columns[k]
     return pairs
+
+
+def _nowhere(rows: int) -> Coverage:
+    error_m, sigma_m = np.full((2, rows, 3), np.nan)
+    return Coverage(np.full(rows, np.inf), error_m, sigma_m)
+
+
+def _coverage(
+    truth: Truth, tracks: Tracks, rows: np.ndarray, valid: np.ndarray, at_m: np.ndarray
+) -> Coverage:
+    """What a track of `_tracks_at` is to every row of the truth."""
+    one = _nowhere(len(truth))
+    one.error_m[valid] = (at_m - truth.xyz_m)[valid]
+    one.distance_m[valid] = np.linalg.norm(one.error_m[valid], axis=1)
+    if tracks.sigma_m is not None:
+        known_s, known_m = tracks.time_s[rows], tracks.sigma_m[rows]
+        one.sigma_m[valid] = interpolate(known_s, known_m, truth.time_s[valid])
+    return one
 
 
 def _tracks_at(time_s: np.ndarray, tracks: Tracks):

@@ -1,39 +1,75 @@
 """95 % intervals that know that errors a moment apart are alike."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from unlidar_tools.evaluate_options import Options
 
 LEVEL = 0.95
+_OF_OWN = {"matched": "coverage", "matched_rmse": "rmse"}  # measures of the matched tracks
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What is drawn from: the in-view truth of one sequence, in order of time."""
+
+    time_s: np.ndarray  # (N,)
+    nearest_m: np.ndarray  # (N, 3) error of the nearest track, NaN where there is none
+    own_m: np.ndarray  # (N, 3) error of the matched track, NaN where there is none
 
 
 def intervals(
-    sequences: Sequence[tuple[np.ndarray, np.ndarray]], within_m: float, options: Options
+    sequences: Sequence[Drawn], within_m: float, options: Options
 ) -> dict[str, tuple[float, float]]:
     """Percentile intervals of the measures at the truth's stamps, by name.
 
-    A sequence is the times (N,) and errors (N, 3) of its in-view truth, in order of time, NaN
-    where not covered. Moving blocks (Kuensch 1989): a replicate of a sequence of duration T is
-    put together from ceil(T / block_s) stretches of block_s that begin anywhere. With several
-    sequences each replicate also draws the sequences anew, as flights differ more than moments.
+    Circular blocks (Politis and Romano 1992): a replicate of a sequence of duration T is put
+    together from ceil(T / block_s) stretches of block_s that begin anywhere; after its last row
+    comes its first, so that every row is drawn equally often. With several sequences each
+    replicate also draws the sequences anew, as flights differ more than moments.
     """
-    sequences = [one for one in sequences if len(one[0])]
+    sequences = [one for one in sequences if len(one.time_s)]
     if not sequences:
         return {}
     rng = np.random.default_rng(options.seed)
-    measures = _Weighted(np.concatenate([error for _, error in sequences]), within_m)
+    nearest = _Weighted(np.concatenate([one.nearest_m for one in sequences]), within_m)
+    own = _Weighted(np.concatenate([one.own_m for one in sequences]), within_m)
     drawn: dict[str, list[float]] = {}
     for _ in range(options.bootstrap):
         chosen = rng.integers(len(sequences), size=len(sequences)) if len(sequences) > 1 else [0]
-        weight = [np.zeros(len(time_s)) for time_s, _ in sequences]
+        weight = [np.zeros(len(one.time_s)) for one in sequences]
         for i in chosen:
-            weight[i] += _times_drawn(sequences[i][0], options.block_s, rng)
-        for name, value in measures.of(np.concatenate(weight)).items():
+            weight[i] += times_drawn(sequences[i].time_s, options.block_s, rng)
+        weights = np.concatenate(weight)
+        matched = own.of(weights)
+        found = nearest.of(weights) | {
+            name: matched[of_own] for name, of_own in _OF_OWN.items() if of_own in matched
+        }
+        for name, value in found.items():
             drawn.setdefault(name, []).append(value)
     tails = 50 * (1 - LEVEL), 50 * (1 + LEVEL)
     return {name: tuple(np.percentile(values, tails)) for name, values in drawn.items()}
+
+
+def times_drawn(time_s: np.ndarray, block_s: float, rng: np.random.Generator) -> np.ndarray:
+    """How often each of the rows, in order of time, is in a replicate."""
+    stamps = np.unique(time_s)
+    if len(stamps) == 1:
+        return np.ones(len(time_s))
+    begin, end = stamps[0], stamps[-1]
+    around = end - begin + np.median(np.diff(stamps))  # from the last row on to the first
+    block_s = min(block_s, around)
+    starts = rng.uniform(begin, begin + around, int(np.ceil(around / block_s)))
+    stops = starts + block_s
+    beyond = stops[stops > begin + around] - around  # begin anew
+    steps = np.zeros(len(time_s) + 1)
+    np.add.at(steps, np.searchsorted(time_s, starts), 1)
+    np.add.at(steps, np.searchsorted(time_s, stops), -1)
+    steps[0] += len(beyond)
+    np.add.at(steps, np.searchsorted(time_s, beyond), -1)
+    return np.cumsum(steps)[:-1]
 
 
 class _Weighted:
@@ -78,14 +114,3 @@ class _Weighted:
 def _dot(weight: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Without BLAS, whose threads cost more than such a small product."""
     return np.einsum("i,i...->...", weight, rows)
-
-
-def _times_drawn(time_s: np.ndarray, block_s: float, rng: np.random.Generator) -> np.ndarray:
-    """How often each row is in a replicate: as many whole blocks as the duration takes."""
-    begin, end = time_s[0], time_s[-1]
-    count = max(1, int(np.ceil((end - begin) / block_s)))
-    starts = rng.uniform(begin, max(begin, end - block_s), count)
-    steps = np.zeros(len(time_s) + 1)
-    np.add.at(steps, np.searchsorted(time_s, starts, side="left"), 1)
-    np.add.at(steps, np.searchsorted(time_s, starts + block_s, side="right"), -1)
-    return np.cumsum(steps)[:-1]

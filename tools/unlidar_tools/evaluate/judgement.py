@@ -1,5 +1,6 @@
 """One trajectory against one truth, row by row: what all measures are computed from."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from unlidar_tools.evaluate.alignment import (
 )
 from unlidar_tools.evaluate.association import Coverage, OwnRows, cover, identities, own_rows
 from unlidar_tools.evaluate_options import AUTO, Options
-from unlidar_tools.truth import Tracks, Truth, read_tracks, read_truth
+from unlidar_tools.truth import Tracks, Truth, read_all_tracks, read_truth
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,8 @@ class Judgement:
     target: np.ndarray  # (N,)
     seen: np.ndarray  # (N,) bool: in view of a sensor
     nearest: Coverage  # (N,)
+    own: Coverage  # (N,) matched one to one
     nees: np.ndarray  # (N,) NaN where not covered or the trajectory has no sigma
-    matched: np.ndarray  # (N,) bool, one to one
     switches: int
     completed_m: np.ndarray  # (N, 3) error of the completed track; NaN without one
     rows: OwnRows  # (M,)
@@ -43,14 +44,24 @@ class Judgement:
         """(N,) bool: in view and with an estimate."""
         return self.seen & np.isfinite(self.nearest.distance_m)
 
+    @property
+    def matched(self) -> np.ndarray:
+        """(N,) bool: in view and with a track of its own."""
+        return np.isfinite(self.own.distance_m)
 
-def judge_files(truth: Path, trajectory: Path, options: Options) -> Judgement:
-    """`judge` on two CSV files; what cannot be judged is said with the trajectory's name."""
-    files = read_truth(truth), read_tracks(trajectory)
+    @property
+    def drones(self) -> int:
+        """Number of targets."""
+        return len(np.unique(self.target))
+
+
+def judge_files(truth: Path, trajectories: Sequence[Path], options: Options) -> Judgement:
+    """`judge` on files; what cannot be judged is said with the name of the first trajectory."""
+    files = read_truth(truth), read_all_tracks(trajectories)
     try:
         return judge(*files, options)
     except InputError as error:
-        raise InputError(f"{trajectory}: {error}") from error
+        raise InputError(f"{trajectories[0]}: {error}") from error
 
 
 def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
@@ -76,8 +87,9 @@ def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
         target=truth.target,
         seen=truth.in_view,
         nearest=nearest,
-        nees=_nees(nearest, alignment),
-        matched=who.matched,
+        own=who.own,
+        # Among several targets the nearest track may be another one's, and its sigma with it.
+        nees=_nees(who.own if len(np.unique(truth.target)) > 1 else nearest, alignment),
         switches=who.switches,
         completed_m=complete(moved, truth.time_s) - truth.xyz_m,
         rows=own_rows(truth, moved),
@@ -88,10 +100,10 @@ def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
     )
 
 
-def _nees(nearest: Coverage, alignment: Alignment) -> np.ndarray:
+def _nees(estimate: Coverage, alignment: Alignment) -> np.ndarray:
     """Error squared over variance; the sigmas are those of the axes before the alignment."""
-    error = nearest.error_m @ alignment.rotation
-    known = (nearest.sigma_m > 0).all(axis=1)
+    error = estimate.error_m @ alignment.rotation
+    known = (estimate.sigma_m > 0).all(axis=1)
     nees = np.full(len(error), np.nan)
-    nees[known] = ((error[known] / nearest.sigma_m[known]) ** 2).sum(axis=1)
+    nees[known] = ((error[known] / estimate.sigma_m[known]) ** 2).sum(axis=1)
     return nees

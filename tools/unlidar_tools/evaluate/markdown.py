@@ -1,16 +1,28 @@
 """Tables for papers and READMEs: one row a sequence or group, in Markdown."""
 
+from collections.abc import Iterable
+
+from unlidar_tools.printable import printable
+
 _HEAD = (
-    "", "Dx", "Dy", "Dz", "RMSE", "95 % interval", "APE", "median", "95th", "coverage",
-    "within 1 m", "false rows", "tracks", "switches", "NEES",
+    "", "matched", "matched RMSE", "Dx", "Dy", "Dz", "RMSE", "95 % interval", "APE", "median",
+    "95th", "coverage", "within 1 m", "false rows", "tracks", "switches", "NEES",
 )  # fmt: skip
 
 
-def markdown_table(rows: list[tuple[str, dict]]) -> str:
-    """Lengths in metres; a dash where a measure is not defined."""
-    lines = [_line(_HEAD), "|---|" + "---:|" * (len(_HEAD) - 1)]
-    lines += [_line((name, *_cells(measures))) for name, measures in rows]
+def markdown_table(rows: list[tuple[str, dict]], totals: int = 0) -> str:
+    """Lengths in metres, a dash where a measure is not defined; the last `totals` rows in bold."""
+    lines = [table_line(_HEAD), "|---|" + "---:|" * (len(_HEAD) - 1)]
+    for number, (name, measures) in enumerate(rows):
+        bold = number >= len(rows) - totals
+        lines.append(table_line((f"**{name}**" if bold else name, *_cells(measures))))
     return "\n".join(lines) + "\n"
+
+
+def table_line(cells: Iterable[str]) -> str:
+    """A row of a table; what a cell holds neither ends it nor becomes a tag."""
+    texts = (printable(cell).replace("|", "&#124;").replace("<", "&lt;") for cell in cells)
+    return f"| {' | '.join(texts)} |"
 
 
 def table_rows(result: dict) -> list[tuple[str, dict]]:
@@ -21,12 +33,14 @@ def table_rows(result: dict) -> list[tuple[str, dict]]:
         for one in result["sequences"]:
             if one["group"] == group:
                 rows.append((f"{group}: {one['sequence']}" if group else one["sequence"], one))
-    return rows + [(f"**{group}**", result["groups"][group]) for group in groups]
+    return rows + [(group, result["groups"][group]) for group in groups]
 
 
 def _cells(m: dict) -> tuple[str, ...]:
     ends = m.get("intervals", {}).get("rmse")
     return (
+        percent(m.get("matched")),
+        _metres(m.get("matched_rmse")),
         *(_metres(m.get(f"d{axis}")) for axis in "xyz"),
         _metres(m.get("rmse")),
         f"{ends[0]:.3f} to {ends[1]:.3f}" if ends else "-",
@@ -40,10 +54,6 @@ def _cells(m: dict) -> tuple[str, ...]:
         str(m.get("identity_switches", "-")),
         "-" if m.get("nees") is None else f"{m['nees']:.2f}",
     )
-
-
-def _line(cells: tuple[str, ...]) -> str:
-    return f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"
 
 
 def _metres(value: float | None) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from unlidar_tools.evaluate.association import FALSE_BEYOND_M
-from unlidar_tools.evaluate.bootstrap import intervals
+from unlidar_tools.evaluate.bootstrap import Drawn, intervals
 from unlidar_tools.evaluate.judgement import Judgement
 from unlidar_tools.evaluate_options import Options
 
@@ -21,6 +21,7 @@ def measure(judged: Sequence[Judgement], options: Options) -> dict:
     with_truth = [one for one in judged if len(one.time_s)]
     if not with_truth:
         return result | {"false": 1.0 if len(false) else 0.0}
+    result["drones"] = sum(one.drones for one in with_truth)
     result |= _at_truth_stamps(with_truth)
     result |= _identities(with_truth)
     result |= _nees(with_truth)
@@ -28,10 +29,15 @@ def measure(judged: Sequence[Judgement], options: Options) -> dict:
     result |= {"false": _rounded(false.mean()) if len(false) else 0.0}
     result |= _at_own_rows(with_truth)
     if options.bootstrap:
-        result |= _intervals(with_truth, options)
+        result |= {"intervals": _intervals(with_truth, options, result)}
     if len(judged) == 1:
         result |= _per_target(judged[0]) | _applied(judged[0])
     return result
+
+
+def several_drones(measures: dict) -> bool:
+    """Whether the nearest track may be another drone's, so that matched errors come first."""
+    return measures.get("drones", 0) > 1
 
 
 def _error_measures(error: np.ndarray, distance: np.ndarray) -> dict[str, float]:
@@ -74,10 +80,12 @@ def _at_truth_stamps(judged: Sequence[Judgement]) -> dict:
 def _identities(judged: Sequence[Judgement]) -> dict:
     seen = np.concatenate([one.seen for one in judged])
     matched = np.concatenate([one.matched for one in judged])
-    return {
-        "matched": _rounded(matched[seen].mean()) if seen.any() else None,
-        "identity_switches": sum(one.switches for one in judged),
-    }
+    result: dict = {"matched": _rounded(matched[seen].mean()) if seen.any() else None}
+    if matched.any():
+        error = np.concatenate([one.own.error_m for one in judged])[matched]
+        result["matched_rmse"] = _rmse(error)
+        result["matched_rmse_unbiased"] = _rmse(error - error.mean(axis=0))
+    return result | {"identity_switches": sum(one.switches for one in judged)}
 
 
 def _nees(judged: Sequence[Judgement]) -> dict:
@@ -115,10 +123,16 @@ def _at_own_rows(judged: Sequence[Judgement]) -> dict:
     return result
 
 
-def _intervals(judged: Sequence[Judgement], options: Options) -> dict:
-    seen = [(one.time_s[one.seen], one.nearest.error_m[one.seen]) for one in judged]
-    found = intervals(seen, WITHIN_M, options)
-    return {"intervals": {name: [_rounded(v) for v in ends] for name, ends in found.items()}}
+def _intervals(judged: Sequence[Judgement], options: Options, result: dict) -> dict:
+    """Ends by name; where few replicates leave the estimate outside they are widened to it."""
+    drawn = [
+        Drawn(one.time_s[one.seen], one.nearest.error_m[one.seen], one.own.error_m[one.seen])
+        for one in judged
+    ]
+    return {
+        name: [min(_rounded(low), result[name]), max(_rounded(high), result[name])]
+        for name, (low, high) in intervals(drawn, WITHIN_M, options).items()
+    }
 
 
 def _per_target(one: Judgement) -> dict:
@@ -137,6 +151,8 @@ def _per_target(one: Judgement) -> dict:
         }
         if covered.any():
             entry["rmse"] = _rmse(one.nearest.error_m[covered])
+        if (matched := one.matched & mine).any():
+            entry["matched_rmse"] = _rmse(one.own.error_m[matched])
         found.append(entry)
     return {"targets": found}
 

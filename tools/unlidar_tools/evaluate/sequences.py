@@ -10,7 +10,10 @@ from unlidar_tools.errors import InputError, reason
 from unlidar_tools.evaluate.judgement import judge_files
 from unlidar_tools.evaluate.measures import measure
 from unlidar_tools.evaluate_options import Options
+from unlidar_tools.output import FRAMES, RUN_RECORD
 from unlidar_tools.program import TRAJECTORY
+from unlidar_tools.record import read_record
+from unlidar_tools.telling import note
 from unlidar_tools.truth import TRUTH_NAME
 
 ALL = "all"
@@ -45,15 +48,29 @@ def read_manifest(path: Path) -> list[Flight]:
 
 
 def find_results(folder: Path, group: str = "") -> list[Flight]:
-    """The folder itself if it holds a traj.csv, else all folders below it that do."""
+    """The folder itself if it holds a traj.csv, else all folders below it that do.
+
+    Of these, those that were run without a truth are left out with a note. InputError if none is
+    left.
+    """
     if not folder.is_dir():
         raise InputError(f"{folder}: is no folder, expected results with a {TRAJECTORY}")
     if (folder / TRAJECTORY).is_file():
-        return [_of_folder(folder, folder.resolve().name, group)]
+        return [Flight(folder.resolve().name, group, _truth_of(folder), folder / TRAJECTORY)]
     found = sorted(path.parent for path in folder.rglob(TRAJECTORY))
-    if not found:
+    names = {one.relative_to(folder).as_posix(): one for one in found}
+    names = {name: one for name, one in names.items() if "/." not in f"/{name}"}  # unfinished
+    if not names:
         raise InputError(f"{folder}: holds no {TRAJECTORY}, nor does a folder below it")
-    return [_of_folder(one, one.relative_to(folder).as_posix(), group) for one in found]
+    flights = []
+    for name, one in names.items():
+        try:
+            flights.append(Flight(name, group, _truth_of(one), one / TRAJECTORY))
+        except NoTruthError as error:
+            note(f"{error}, left out")
+    if not flights:
+        raise InputError(f"{folder}: none of its {len(names)} results has a truth to compare with")
+    return flights
 
 
 def evaluate_sequences(sequences: Iterable[Flight], options: Options) -> dict:
@@ -61,7 +78,7 @@ def evaluate_sequences(sequences: Iterable[Flight], options: Options) -> dict:
 
     Each sequence is aligned on its own. Within a group every stamp of the truth counts once.
     """
-    judged = [(one, judge_files(one.truth, one.trajectory, options)) for one in sequences]
+    judged = [(one, judge_files(one.truth, [one.trajectory], options)) for one in sequences]
     groups = list(dict.fromkeys(one.group for one, _ in judged if one.group))
     return {
         "sequences": [
@@ -91,15 +108,28 @@ def _of_row(path: Path, number: int, row: object) -> Flight:
     )
 
 
-def _of_folder(folder: Path, name: str, group: str) -> Flight:
-    places = (folder / TRUTH_NAME, folder / "frames" / TRUTH_NAME)
+class NoTruthError(InputError):
+    """Results of a recording that has no truth."""
+
+
+def _truth_of(folder: Path) -> Path:
+    """The truth that the run was judged by, else one that lies with the results."""
+    places = [folder / TRUTH_NAME, folder / FRAMES / TRUTH_NAME]
+    has_record = (folder / RUN_RECORD).is_file()
+    known = read_record(folder).truth if has_record else None
+    if known is not None:
+        places.insert(0, known)
     truth = next((place for place in places if place.is_file()), None)
-    if truth is None:
-        raise InputError(
-            f"{folder}: has a {TRAJECTORY} but neither {TRUTH_NAME} nor frames/{TRUTH_NAME}; "
-            "a manifest can name a truth elsewhere"
-        )
-    return Flight(name, group, truth, folder / TRAJECTORY)
+    if truth is not None:
+        return truth
+    if known is not None:
+        raise InputError(f"{folder}: its truth {known} is no longer there; a manifest can name it")
+    if has_record:
+        raise NoTruthError(f"{folder}: was run without a truth; a manifest can name one")
+    raise InputError(
+        f"{folder}: has a {TRAJECTORY} but neither {RUN_RECORD} nor {TRUTH_NAME} nor "
+        f"{FRAMES}/{TRUTH_NAME}; a manifest can name a truth elsewhere"
+    )
 
 
 def names_are_unique(sequences: Sequence[Flight]) -> None:

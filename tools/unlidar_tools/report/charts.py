@@ -6,20 +6,23 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from unlidar_tools.evaluate.association import cover
-from unlidar_tools.figure import BLUE, GREEN, GREY, RED, view_box
+from unlidar_tools.colours import GREEN, GREY, RED, faded
+from unlidar_tools.evaluate.association import cover, identities
+from unlidar_tools.figure import view_box
+from unlidar_tools.report.courses import Course, track_courses, truth_courses
 from unlidar_tools.report.data import ReportData
-from unlidar_tools.report.lines import Drawn, drawn_rows, range_sigma, speed, tube
+from unlidar_tools.report.lines import Drawn, drawn_rows, range_sigma, speed
 
 ORANGE = "#b45f06"
-_DARK, _BAND = "#3c4043", "rgba(31,79,214,0.22)"
+_DARK = "#3c4043"
 _BINS = 40
 _LEAST_AROUND_M = 16.0
 _EYE = (0.85, -1.3, 0.6)
 _FONT = {"family": "system-ui, sans-serif", "size": 13, "color": "#202124"}
-# The first traces of the 3-D view, which page.js fills; the last four follow the time slider.
+# The first traces of the 3-D view, which page.js fills; the second four follow the time slider.
 OVERALL, TARGETS = 0, 1
 MOMENT = [2, 3, 4, 5]  # returns, target returns, truth, estimate
+FIRST_COURSE = 6  # lines of the truth and of the tracks, then their tubes
 
 
 @dataclass(frozen=True)
@@ -33,26 +36,17 @@ class Errors:
 
 
 def errors_of(data: ReportData) -> Errors:
-    """All errors, also those that are thinned out when drawn."""
-    nearest = cover(data.truth, data.tracks)
-    kept = np.flatnonzero(data.truth.in_view & np.isfinite(nearest.distance_m))
+    """All errors, also those that are thinned out when drawn.
+
+    Of several drones each is compared with the track of its own: the nearest may be another's.
+    """
+    several = len(np.unique(data.truth.target)) > 1
+    at = identities(data.truth, data.tracks).own if several else cover(data.truth, data.tracks)
+    kept = np.flatnonzero(data.truth.in_view & np.isfinite(at.distance_m))
     kept = kept[np.argsort(data.truth.time_s[kept], kind="stable")]
     return Errors(
-        data.truth.time_s[kept],
-        data.truth.target[kept],
-        nearest.error_m[kept],
-        nearest.sigma_m[kept],
+        data.truth.time_s[kept], data.truth.target[kept], at.error_m[kept], at.sigma_m[kept]
     )
-
-
-def drawn_tracks(data: ReportData) -> Drawn:
-    """Rows of the trajectory that are drawn."""
-    return drawn_rows(data.tracks.time_s, data.tracks.track_id)
-
-
-def drawn_truth(data: ReportData) -> Drawn:
-    """Rows of the truth that are drawn."""
-    return drawn_rows(data.truth.time_s, data.truth.target)
 
 
 def drawn_errors(errors: Errors) -> Drawn:
@@ -71,25 +65,23 @@ def scene(data: ReportData) -> go.Figure:
         ("returns now", _DARK, 2.2, 0.8, "circle"),
         ("target returns now", GREEN, 2 * target_size, 1.0, "circle"),
         ("truth now", RED, 7.0, 1.0, "diamond"),
-        ("estimate now", BLUE, 7.0, 1.0, "diamond"),
+        ("estimate now", _DARK, 7.0, 1.0, "diamond"),
     ):
         figure.add_scatter3d(
             x=[], y=[], z=[], mode="markers", name=name,
             marker={"size": size, "color": colour, "opacity": opacity, "symbol": symbol},
-            hoverinfo="skip" if colour in (GREY, _DARK) else "x+y+z+name",
+            hoverinfo="skip" if name.startswith("returns") else "x+y+z+name",
         )  # fmt: skip
-    for name, colour, width, rows, xyz_m in (
-        ("truth", RED, 5, drawn_truth(data), data.truth.xyz_m),
-        ("estimate", BLUE, 4, drawn_tracks(data), data.tracks.xyz_m),
-    ):
-        if rows.pieces:
-            figure.add_scatter3d(
-                **_xyz(rows.of(xyz_m)),
-                mode="lines",
-                name=name,
-                line={"color": colour, "width": width},
-            )
-    _add_tube(figure, data)
+    for course in (*truth_courses(data), *track_courses(data)):
+        figure.add_scatter3d(
+            x=[], y=[], z=[], mode="lines", name=course.name, legendgroup=course.name,
+            line={"color": course.colour, "width": 4 * course.width, "dash": course.dash},
+        )  # fmt: skip
+    for course in track_courses(data) if data.tracks.sigma_m is not None else ():
+        figure.add_mesh3d(
+            x=[], y=[], z=[], i=[], j=[], k=[], name=f"{course.name} ± 2 sigma",
+            color=course.colour, opacity=0.18, legendgroup=course.name, hoverinfo="skip",
+        )  # fmt: skip
     figure.add_scatter3d(
         x=[0], y=[0], z=[0], mode="markers", name="station",
         marker={"size": 5, "color": "black", "symbol": "square"},
@@ -180,29 +172,24 @@ def panels_of(data: ReportData) -> list[Panel]:
 
 def over_time(data: ReportData, begin_s: float) -> go.Figure:
     """x, y, z, speed and range with truth and +-2 sigma."""
-    tracks, truth = data.tracks, data.truth
-    ours, theirs = drawn_tracks(data), drawn_truth(data)
-    ours_s, theirs_s = tracks.time_s - begin_s, truth.time_s - begin_s
+    truths, tracks = truth_courses(data), track_courses(data)
     figure = make_subplots(rows=5, cols=1, shared_xaxes=True, vertical_spacing=0.025)
     for row, panel in enumerate(panels_of(data), start=1):
-        first = row == 1
-        if panel.sigma is not None and ours.pieces:
-            x, y = _band(ours.pieces, ours_s, panel.estimate, 2 * panel.sigma)
+        for course in tracks if panel.sigma is not None else ():
+            x, y = _band(course, begin_s, panel.estimate, 2 * panel.sigma)
             figure.add_scatter(
-                x=x, y=y, row=row, col=1, fill="toself", fillcolor=_BAND, mode="lines",
-                line={"width": 0}, name="± 2 sigma", legendgroup="band", showlegend=first,
+                x=x, y=y, row=row, col=1, fill="toself", mode="lines", line={"width": 0},
+                fillcolor=faded(course.colour, 0.22), legendgroup=course.name, showlegend=False,
                 hoverinfo="skip",
             )  # fmt: skip
-        for name, colour, width, rows, time_s, values in (
-            ("truth", RED, 2.5, theirs, theirs_s, panel.truth),
-            ("estimate", BLUE, 1.5, ours, ours_s, panel.estimate),
-        ):
-            if rows.pieces:
-                figure.add_scatter(
-                    x=rows.of(time_s), y=rows.of(values), row=row, col=1, mode="lines", name=name,
-                    line={"color": colour, "width": width}, legendgroup=name, showlegend=first,
-                    hovertemplate="%{y:.2f}",
-                )  # fmt: skip
+        for course in (*truths, *tracks):
+            values = panel.estimate if course.is_track else panel.truth
+            figure.add_scatter(
+                x=course.drawn.of(course.time_s - begin_s), y=course.drawn.of(values),
+                row=row, col=1, mode="lines", name=course.name, legendgroup=course.name,
+                showlegend=row == 1, hovertemplate="%{y:.2f}",
+                line={"color": course.colour, "width": 1.5 * course.width, "dash": course.dash},
+            )  # fmt: skip
         figure.update_yaxes(title_text=panel.title, row=row, col=1)
     figure.update_xaxes(title_text="time [s]", row=5, col=1)
     figure.update_layout(_layout(), hovermode="x unified", height=820)
@@ -270,26 +257,14 @@ def histogram_edges(errors: Errors) -> np.ndarray:
     return np.linspace(0, longest, _BINS + 1)
 
 
-def _add_tube(figure: go.Figure, data: ReportData) -> None:
-    if data.tracks.sigma_m is None or len(data.tracks) == 0:
-        return
-    corners, faces = tube(drawn_tracks(data).pieces, data.tracks.xyz_m, 2 * data.tracks.sigma_m)
-    if len(faces) == 0:
-        return
-    i, j, k = faces.astype(np.int32).T
-    figure.add_mesh3d(
-        **_xyz(corners), i=i, j=j, k=k, name="2 sigma", color=BLUE, opacity=0.18, showlegend=True,
-        hoverinfo="skip",
-    )  # fmt: skip
-
-
 def _band(
-    pieces: list[np.ndarray], time_s: np.ndarray, middle: np.ndarray, half: np.ndarray
+    course: Course, begin_s: float, middle: np.ndarray, half: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The outline of middle +- half, a closed polygon per piece."""
     x, y = [], []
-    for rows in pieces:
-        x += [time_s[rows], time_s[rows][::-1], [np.nan]]
+    for rows in course.drawn.pieces:
+        time_s = course.time_s[rows] - begin_s
+        x += [time_s, time_s[::-1], [np.nan]]
         y += [(middle + half)[rows], (middle - half)[rows][::-1], [np.nan]]
     return np.concatenate(x).astype(np.float32), np.concatenate(y).astype(np.float32)
 
@@ -308,7 +283,3 @@ def _framed(figure: go.Figure) -> go.Figure:
     figure.update_xaxes(showline=True, linecolor="#9aa0a6", ticks="outside", gridcolor="#e8eaed")
     figure.update_yaxes(showline=True, linecolor="#9aa0a6", ticks="outside", gridcolor="#e8eaed")
     return figure
-
-
-def _xyz(points_m: np.ndarray) -> dict[str, np.ndarray]:
-    return {axis: points_m[:, i].astype(np.float32) for i, axis in enumerate("xyz")}

@@ -1,7 +1,6 @@
 """What a report is made of: the files of one run, read into arrays."""
 
 import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,23 +9,10 @@ import numpy as np
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.evaluate import evaluate
 from unlidar_tools.frames_io import read_returns
-from unlidar_tools.output import write_file
 from unlidar_tools.program import CLUSTERS, SUMMARY, TARGET_RETURNS, TRAJECTORY
+from unlidar_tools.record import RunRecord, read_finished, read_object
 from unlidar_tools.report.sample import Sample, Station, sample_returns
 from unlidar_tools.truth import Tracks, Truth, read_tracks, read_truth
-
-RECORD = "run.json"
-
-
-@dataclass(frozen=True)
-class RunRecord:
-    """What the program's own files do not tell about a run."""
-
-    title: str
-    frames: dict[str, Path]  # frame directory by sensor
-    truth: Path | None
-    options: list[str]  # of the program
-    wall_s: float
 
 
 @dataclass(frozen=True)
@@ -56,27 +42,18 @@ class ReportData:
         return np.concatenate([self.truth.xyz_m, self.tracks.xyz_m])
 
 
-def write_record(run: Path, record: RunRecord) -> None:
-    """Writes `run`/run.json; paths inside `run` stay valid when the folder is moved."""
-    content = {
-        "title": record.title,
-        "frames": {name: _written(path, run) for name, path in record.frames.items()},
-        "truth": None if record.truth is None else _written(record.truth, run),
-        "options": record.options,
-        "wall_s": round(record.wall_s, 3),
-    }
-    text = json.dumps(content, indent=2) + "\n"
-    write_file(run / RECORD, lambda work: work.write_text(text))
-
-
 def load_run(run: Path) -> ReportData:
-    """Reads what `unlidar run` left in the folder `run`, and a sample of the frames it read.
+    """`read_results` of a folder that `unlidar run` left; InputError if `run` is none."""
+    return read_results(run, read_finished(run))
 
-    Frames or truth that have been moved away are left out. Throws InputError if `run` is no such
-    folder or one of its files cannot be read.
+
+def read_results(run: Path, record: RunRecord) -> ReportData:
+    """Reads the program's files in the folder `run`, and a sample of the frames it read.
+
+    Frames or truth that have been moved away are left out. Throws InputError if one of the files
+    cannot be read.
     """
-    record = read_record(run)
-    summary = _read_json(run / SUMMARY)
+    summary = read_object(run / SUMMARY)
     tracks = read_tracks(run / TRAJECTORY)
     truth = _no_truth()
     if record.truth is not None and record.truth.is_file():
@@ -99,39 +76,6 @@ def load_run(run: Path) -> ReportData:
         sample=sample,
         missing_frames=[path for name, path in record.frames.items() if name not in present],
     )
-
-
-def _written(path: Path, run: Path) -> str:
-    absolute, base = path.absolute(), run.absolute()
-    return str(absolute.relative_to(base) if absolute.is_relative_to(base) else absolute)
-
-
-def read_record(run: Path) -> RunRecord:
-    """What `write_record` wrote. Throws InputError."""
-    path = run / RECORD
-    if not path.is_file():
-        raise InputError(f"{run}: has no {RECORD}, expected a folder that 'unlidar run' wrote")
-    known = _read_json(path)
-    try:
-        return RunRecord(
-            title=str(known["title"]),
-            frames={str(name): run / where for name, where in known["frames"].items()},
-            truth=None if known["truth"] is None else run / known["truth"],
-            options=[str(option) for option in known["options"]],
-            wall_s=float(known["wall_s"]),
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{path}: is not what 'unlidar run' writes: {reason(error)}") from error
-
-
-def _read_json(path: Path) -> dict:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {reason(error)}") from error
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: holds a {type(content).__name__}, expected a JSON object")
-    return content
 
 
 def _read_clusters(path: Path) -> Clusters:

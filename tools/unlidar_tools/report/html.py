@@ -1,8 +1,12 @@
 """Tables and notes of the page, as HTML. Every text that comes from a file is escaped."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from html import escape
+from itertools import chain, repeat
 
+from unlidar_tools.colours import track_colours
+from unlidar_tools.evaluate.markdown import percent
+from unlidar_tools.evaluate.measures import several_drones
 from unlidar_tools.report.data import ReportData
 
 _DIGITS = 4
@@ -21,17 +25,31 @@ def number(value: object) -> str:
     return f"{value:.{_DIGITS}g}"
 
 
-def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """A table in a box that scrolls sideways by itself."""
+def table(
+    head: Iterable[str],
+    rows: Sequence[Iterable[object]],
+    colours: Sequence[str | None] | None = None,
+) -> str:
+    """A table in a box that scrolls sideways by itself; `colours` mark the rows."""
     heads = "".join(f"<th scope='col'>{escape(name)}</th>" for name in head)
+    marks = ["" if c is None else _mark(c) for c in colours or [None] * len(rows)]
     lines = "".join(
-        "<tr>" + "".join(f"<td>{escape(number(value))}</td>" for value in row) + "</tr>"
-        for row in rows
+        "<tr>"
+        + "".join(
+            f"<td>{mark if first else ''}{escape(number(value))}</td>"
+            for first, value in zip(chain([True], repeat(False)), row, strict=False)
+        )
+        + "</tr>"
+        for mark, row in zip(marks, rows, strict=True)
     )
     return (
         f"<div class='scroll'><table><thead><tr>{heads}</tr></thead>"
         f"<tbody>{lines}</tbody></table></div>"
     )
+
+
+def _mark(colour: str) -> str:
+    return f"<span class='mark' style='background:{colour}'></span>"
 
 
 def pairs(title: str, rows: Iterable[tuple[str, object]]) -> str:
@@ -70,7 +88,11 @@ def cards(data: ReportData) -> str:
     found = [card("tracks", number(len(set(data.tracks.track_id))))]
     if m.get("coverage") is not None:
         found.append(card("coverage", f"{100 * m['coverage']:.1f} %"))
-    if "rmse" in m:
+    if several_drones(m):
+        found.append(card("matched, one track a drone", percent(m["matched"])))
+        if "matched_rmse" in m:
+            found.append(card("RMSE of the matched", f"{m['matched_rmse']:.3f} m"))
+    elif "rmse" in m:
         found.append(card("RMSE", f"{m['rmse']:.3f} m"))
         found.append(card("RMSE without mean offset", f"{m['rmse_unbiased']:.3f} m"))
     if m.get("within1m") is not None:
@@ -84,7 +106,7 @@ def cards(data: ReportData) -> str:
         )
         if key in counts
     ]  # fmt: skip
-    return "".join([*found, card("tracking took", f"{data.record.wall_s:.2f} s")])
+    return "".join([*found, card("tracking took", f"{data.record.tracking_s:.2f} s")])
 
 
 def tracks_table(data: ReportData, begin_s: float) -> str:
@@ -93,13 +115,32 @@ def tracks_table(data: ReportData, begin_s: float) -> str:
     if not tracks:
         return "<p>No drone was found, so there is no track.</p>"
     columns = list(tracks[0])
+    colours = track_colours(data.tracks.track_id)
     return table(
         [_TRACK_HEADS.get(column, column.replace("_", " ")) for column in columns],
         [
             [_after(track.get(column, ""), column, begin_s) for column in columns]
             for track in tracks
         ],
+        [colours.get(track.get("track_id")) for track in tracks],
     )
+
+
+def drones_table(data: ReportData) -> str:
+    """A row per drone of the truth, where there are several, with the errors of its own tracks."""
+    targets = (data.measures or {}).get("targets", [])
+    if not targets:
+        return ""
+    rows = [
+        [
+            f"{one['target']:g}",
+            percent(one["matched"]),
+            f"{one['matched_rmse']:.3f}" if "matched_rmse" in one else "-",
+            percent(one["coverage"]),
+        ]
+        for one in targets
+    ]
+    return table(["drone", "matched", "RMSE of the matched [m]", "coverage"], rows)
 
 
 def _after(value: object, column: str, begin_s: float) -> object:
@@ -119,7 +160,7 @@ def run_tables(data: ReportData, versions: list[tuple[str, str]]) -> str:
         for i in data.summary.get("inputs", [])
     ]
     times = list(data.summary.get("times_s", {}).items())
-    times.append(("whole process", data.record.wall_s))
+    times.append(("whole process", data.record.tracking_s))
     settings = "".join(
         f"<li><code>{escape(key)}: {escape(str(value))}</code></li>"
         for key, value in flat(data.summary.get("config", {}))

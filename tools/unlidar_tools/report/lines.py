@@ -7,8 +7,8 @@ import numpy as np
 from unlidar_tools.figure import pieces_of
 
 MOST_ROWS = 5_000
-_MOST_RINGS = 1_500
-_RING = 8  # corners of a tube's cross-section
+MOST_RINGS = 1_500
+RING = 8  # corners of a tube's cross-section
 _SPEED_HALF_S = 0.25
 
 
@@ -38,10 +38,16 @@ class Drawn:
 def drawn_rows(time_s: np.ndarray, group: np.ndarray, most: int = MOST_ROWS) -> Drawn:
     """Every k-th row of each piece, and its last, so that about `most` rows remain."""
     every = max(1, -(-len(time_s) // most))
-    pieces = []
-    for piece in pieces_of(time_s, group):
-        pieces.append(_every(piece, every))
-    return Drawn(pieces, every)
+    return Drawn([_every(piece, every) for piece in pieces_of(time_s, group)], every)
+
+
+def drawn_by_group(time_s: np.ndarray, group: np.ndarray) -> dict[float, Drawn]:
+    """`drawn_rows` of all groups together, for each group on its own."""
+    drawn = drawn_rows(time_s, group)
+    return {
+        float(one): Drawn([p for p in drawn.pieces if group[p[0]] == one], drawn.every)
+        for one in np.unique(group)
+    }
 
 
 def _every(piece: np.ndarray, every: int) -> np.ndarray:
@@ -91,32 +97,38 @@ def range_sigma(xyz_m: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
 
 
 def tube(
-    pieces: list[np.ndarray], xyz_m: np.ndarray, radius_m: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (V, 3) and triangles (F, 3) of a tube along the pieces.
+    pieces: list[np.ndarray], xyz_m: np.ndarray, radius_m: np.ndarray, every: int = 1
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corners (RING R, 3) and triangles (F, 3) of a tube along the pieces, and the rows of its R
+    rings, one at every so many rows.
 
     `radius_m` (N, 3): the half axes of the ellipsoid at each row. A ring is its outline across
     the flight. Where the target stands still, the last known direction is kept.
     """
-    corners, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=int)], 0
-    every = max(1, -(-sum(len(piece) for piece in pieces) // _MOST_RINGS))
-    angle = np.arange(_RING) * 2 * np.pi / _RING
-    around = np.arange(_RING)
+    corners, faces, rings = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=int)], [np.zeros(0, int)]
+    angle = np.arange(RING) * 2 * np.pi / RING
+    around = np.arange(RING)
     for piece in pieces:
         rows = _every(piece, every)
         if len(rows) < 2:
             continue
+        count = RING * sum(map(len, rings))
         for row, (side, up) in zip(rows, _frames_along(xyz_m[rows]), strict=True):
             across = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up
             length = np.sqrt(((across * radius_m[row]) ** 2).sum(axis=1))
             corners.append(xyz_m[row] + across * length[:, None])
         for ring in range(len(rows) - 1):
-            a = count + ring * _RING + around
-            b = count + ring * _RING + (around + 1) % _RING
-            faces.append(np.stack([a, b, b + _RING], axis=1))
-            faces.append(np.stack([a, b + _RING, a + _RING], axis=1))
-        count += len(rows) * _RING
-    return np.concatenate(corners), np.concatenate(faces)
+            a = count + ring * RING + around
+            b = count + ring * RING + (around + 1) % RING
+            faces.append(np.stack([a, b, b + RING], axis=1))
+            faces.append(np.stack([a, b + RING, a + RING], axis=1))
+        rings.append(rows)
+    return np.concatenate(corners), np.concatenate(faces), np.concatenate(rings)
+
+
+def rings_apart(drawn: list[Drawn]) -> int:
+    """One row in so many gets a ring, so that all tubes together have about MOST_RINGS."""
+    return max(1, -(-sum(len(piece) for one in drawn for piece in one.pieces) // MOST_RINGS))
 
 
 def _frames_along(path_m: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

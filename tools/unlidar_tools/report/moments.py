@@ -1,11 +1,13 @@
-"""The points of the 3-D view packed for the page: centimetres in 16 bits, in base64."""
+"""The 3-D view packed for the page: returns as centimetres in 16 bits, lines as floats."""
 
 import base64
 
 import numpy as np
 
+from unlidar_tools.colours import track_colours
+from unlidar_tools.report.courses import spans, track_courses, truth_courses
 from unlidar_tools.report.data import ReportData
-from unlidar_tools.report.lines import at_times
+from unlidar_tools.report.lines import at_times, rings_apart, tube
 from unlidar_tools.report.sample import Sample
 
 UNIT_M = 0.01
@@ -14,9 +16,13 @@ UNIT_M = 0.01
 def pack_moments(data: ReportData, begin_s: float) -> dict:
     """What page.js needs to fill the clouds and to move them with the slider.
 
-    `*_end` are the numbers of points up to and with each step; markers are per step and track.
+    `*_end` are the numbers of points up to and with each step; markers are per step and track,
+    `colours` those of the estimates.
     """
-    sample = data.sample
+    sample, tracks = data.sample, data.tracks
+    truth = _markers(data.truth.time_s, data.truth.target, data.truth.xyz_m, sample.steps_s)
+    estimate = _markers(tracks.time_s, tracks.track_id, tracks.xyz_m, sample.steps_s)
+    colours = track_colours(tracks.track_id)
     step_of = target_steps(sample)
     order = np.argsort(step_of, kind="stable")
     return {
@@ -28,10 +34,9 @@ def pack_moments(data: ReportData, begin_s: float) -> dict:
         "targets": _packed(sample.target_m[order]),
         "targets_begin": int((step_of < 0).sum()),
         "targets_end": [int((step_of <= i).sum()) for i in range(len(sample.steps_s))],
-        "truth": _markers(data.truth.time_s, data.truth.target, data.truth.xyz_m, sample.steps_s),
-        "estimate": _markers(
-            data.tracks.time_s, data.tracks.track_id, data.tracks.xyz_m, sample.steps_s
-        ),
+        "truth": [list(found.values()) for found in truth],
+        "estimate": [list(found.values()) for found in estimate],
+        "colours": [[colours[track] for track in found] for found in estimate],
     }
 
 
@@ -43,6 +48,48 @@ def target_steps(sample: Sample) -> np.ndarray:
     return np.where(np.isnan(sample.target_s), -1, step)
 
 
+def pack_courses(data: ReportData, begin_s: float, first_trace: int) -> list[dict]:
+    """Lines and tubes of the 3-D view, which page.js draws as far as they lie in the time window.
+
+    A line has its time at each point, a tube at each ring; their traces follow each other in the
+    scene from `first_trace` on. Numbers are 32-bit floats in base64.
+    """
+    tracks, found = track_courses(data), []
+    for course in (*truth_courses(data), *tracks):
+        points_m = course.drawn.of(course.xyz_m)
+        time_s = course.drawn.of(course.time_s - begin_s)
+        found.append(
+            {
+                "name": course.name,
+                "colour": course.colour,
+                "spans": [
+                    [round(begin - begin_s, 3), round(end - begin_s, 3)]
+                    for begin, end in spans(course)
+                ],
+                "time": _floats(time_s),
+                "points": _floats(points_m),
+            }
+        )
+    if data.tracks.sigma_m is not None:
+        every = rings_apart([course.drawn for course in tracks])
+        for course in tracks:
+            corners, faces, rows = tube(
+                course.drawn.pieces, course.xyz_m, 2 * data.tracks.sigma_m, every
+            )
+            found.append(
+                {
+                    "time": _floats(course.time_s[rows] - begin_s),
+                    "points": _floats(corners),
+                    "faces": base64.b64encode(faces.astype("<u2").tobytes()).decode(),
+                }
+            )
+    return [{"trace": first_trace + index} | one for index, one in enumerate(found)]
+
+
+def _floats(values: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
+
+
 def _packed(points_m: np.ndarray) -> str:
     limit = np.iinfo(np.int16).max
     whole = np.clip(np.rint(points_m / UNIT_M), -limit, limit).astype("<i2")
@@ -51,10 +98,15 @@ def _packed(points_m: np.ndarray) -> str:
 
 def _markers(
     time_s: np.ndarray, group: np.ndarray, xyz_m: np.ndarray, steps_s: np.ndarray
-) -> list[list[list[float]]]:
-    """Per step the positions that are known then."""
-    found = at_times(time_s, group, xyz_m, steps_s)
+) -> list[dict[float, list[float]]]:
+    """Per step the positions that are known then, by group."""
+    names = np.unique(group).tolist()
+    found = dict(zip(names, at_times(time_s, group, xyz_m, steps_s), strict=True))
     return [
-        [[round(float(v), 3) for v in at[i]] for at in found if np.isfinite(at[i]).all()]
+        {
+            name: [round(float(v), 3) for v in at[i]]
+            for name, at in found.items()
+            if np.isfinite(at[i]).all()
+        }
         for i in range(len(steps_s))
     ]

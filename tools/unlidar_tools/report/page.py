@@ -15,10 +15,17 @@ from plotly.offline import get_plotlyjs
 from unlidar_tools import __version__
 from unlidar_tools.figure import FigureData, headline
 from unlidar_tools.report import charts
+from unlidar_tools.report.courses import track_courses, truth_courses
 from unlidar_tools.report.data import ReportData
-from unlidar_tools.report.html import cards, note, number, run_tables, tracks_table
-from unlidar_tools.report.lines import Drawn
-from unlidar_tools.report.moments import pack_moments
+from unlidar_tools.report.html import (
+    cards,
+    drones_table,
+    note,
+    number,
+    run_tables,
+    tracks_table,
+)
+from unlidar_tools.report.moments import pack_courses, pack_moments
 from unlidar_tools.report.sample import FARTHEST_M
 
 _PAGE = Path(__file__).with_name("page")
@@ -52,6 +59,8 @@ def page_of(data: ReportData) -> str:
         "traces": {
             "overall": charts.OVERALL, "targets": charts.TARGETS, "moment": charts.MOMENT,
         },
+        "courses": pack_courses(data, begin_s, charts.FIRST_COURSE),
+        "duration": round(end_of(data) - begin_s, 3),
         "timed": ["over_time", "error_over_time"],
         "boxes": {"near": _box(charts.box_of(data)), "wide": _box(charts.wide_box_of(data))},
         "clusters": {"rows": rows, "shown": _CLUSTERS_SHOWN},
@@ -66,7 +75,7 @@ def page_of(data: ReportData) -> str:
         "over_time": _over_time(data, "over_time" in figures),
         "error": _error(data, errors),
         "tracks": tracks_table(data, begin_s),
-        "clusters": _cluster_table(data, head, rows),
+        "clusters": _cluster_section(data, head, rows),
         "run": run_tables(data, _versions(data)),
         "style": (_PAGE / "page.css").read_text(encoding="utf-8"),
         "script": (_PAGE / "page.js").read_text(encoding="utf-8"),
@@ -83,6 +92,14 @@ def begin_of(data: ReportData) -> float:
         t.min() for t in (data.sample.steps_s, data.tracks.time_s, data.truth.time_s) if len(t)
     ]
     return float(min(firsts, default=0.0))
+
+
+def end_of(data: ReportData) -> float:
+    """Unix time of the last moment of frames, tracks and truth."""
+    lasts = [
+        t.max() for t in (data.sample.steps_s, data.tracks.time_s, data.truth.time_s) if len(t)
+    ]
+    return float(max(lasts, default=0.0))
 
 
 def _embedded(content: dict, figures: dict[str, Figure]) -> str:
@@ -117,8 +134,7 @@ def _verdict(data: ReportData) -> str:
 
 def _subtitle(data: ReportData, begin_s: float) -> str:
     begin = datetime.fromtimestamp(begin_s, UTC).isoformat(sep=" ", timespec="milliseconds")
-    times = [t for t in (data.sample.steps_s, data.tracks.time_s, data.truth.time_s) if len(t)]
-    duration_s = max((t.max() for t in times), default=begin_s) - begin_s
+    duration_s = end_of(data) - begin_s
     method = data.summary.get("config", {}).get("method", "")
     parts = [f"second 0 is {begin.removesuffix('+00:00')} UTC", f"{duration_s:.1f} s"]
     parts += [", ".join(data.record.frames)]
@@ -148,20 +164,13 @@ def _scene_note(data: ReportData) -> str:
 
 def _lines_note(data: ReportData) -> list[str]:
     parts = []
-    for name, rows in (
-        ("truth", charts.drawn_truth(data)),
-        ("estimate", charts.drawn_tracks(data)),
-    ):
-        parts += _thinned(name, rows)
+    for name, courses in (("truth", truth_courses(data)), ("estimate", track_courses(data))):
+        if courses and courses[0].drawn.every > 1:
+            every = courses[0].drawn.every
+            parts.append(f"Of the {name} one row in {every} is drawn, and each end.")
     if len(data.tracks) and data.tracks.sigma_m is not None:
-        parts.append("The tube about the estimate is ± 2 sigma wide.")
+        parts.append("The tube about an estimate is ± 2 sigma wide.")
     return parts
-
-
-def _thinned(name: str, rows: Drawn) -> list[str]:
-    if rows.every == 1:
-        return []
-    return [f"Of the {name} one row in {rows.every} is drawn, and each end."]
 
 
 def _some(shown: int, total: int, what: str) -> str:
@@ -195,8 +204,10 @@ def _error(data: ReportData, errors: charts.Errors) -> str:
     edges = charts.histogram_edges(errors)
     beyond = int((length > edges[-1]).sum())
     seen = int(data.truth.in_view.sum())
+    drones = drones_table(data)
+    against = "the track that each drone has to itself" if drones else "the nearest track"
     text = (
-        f"At {len(length):,} of {seen:,} in-view rows of the truth, against the nearest track. "
+        f"At {len(length):,} of {seen:,} in-view rows of the truth, against {against}. "
         f"Median {np.median(length):.3f} m, 95th percentile {np.quantile(length, 0.95):.3f} m, "
         f"largest {length.max():.3f} m; without the mean error "
         f"({', '.join(f'{v:.3f}' for v in errors.error_m.mean(axis=0))}) m: "
@@ -206,7 +217,7 @@ def _error(data: ReportData, errors: charts.Errors) -> str:
     text += f"; its last bar also the {beyond:,} that are longer." if beyond else "."
     every = charts.drawn_errors(errors).every
     text += f" The curves show one in {every}." if every > 1 else ""
-    return (
+    return drones + (
         "<div class='pair'><div id='error_over_time' class='plot'></div>"
         f"<div id='error_histogram' class='plot'></div></div>{note(text)}"
     )
@@ -227,6 +238,14 @@ def _short(text: str) -> str:
     except ValueError:
         return text
     return number(value).replace(",", "") if np.isfinite(value) else text
+
+
+def _cluster_section(data: ReportData, head: list[str], rows: list[list[str]]) -> str:
+    """Open for the method that ranks by these scores, folded for the one that does not."""
+    shown = _cluster_table(data, head, rows)
+    if data.summary.get("config", {}).get("method") != "robust":
+        return shown
+    return f"<details><summary>The paper's scores</summary>{shown}</details>"
 
 
 def _cluster_table(data: ReportData, head: list[str], rows: list[list[str]]) -> str:

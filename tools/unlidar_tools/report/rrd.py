@@ -5,6 +5,7 @@ from types import ModuleType
 
 import numpy as np
 
+from unlidar_tools.colours import GREEN, GREY, RED, track_colours
 from unlidar_tools.errors import UsageError
 from unlidar_tools.figure import pieces_of
 from unlidar_tools.output import write_file
@@ -12,7 +13,6 @@ from unlidar_tools.report.data import ReportData
 from unlidar_tools.report.moments import target_steps
 
 RECORDING = "recording.rrd"
-_GREY, _GREEN, _RED, _BLUE = (154, 154, 154), (31, 157, 58), (214, 39, 40), (31, 79, 214)
 
 
 def write_rrd(data: ReportData, run: Path) -> Path:
@@ -48,36 +48,48 @@ def _write(rerun: ModuleType, data: ReportData, path: Path) -> None:
 
 
 def _log_lines(rerun: ModuleType, stream: object, data: ReportData) -> None:
-    for name, colour, pieces, xyz_m in (
-        ("truth", _RED, pieces_of(data.truth.time_s, data.truth.target), data.truth.xyz_m),
-        ("estimate", _BLUE, pieces_of(data.tracks.time_s, data.tracks.track_id), data.tracks.xyz_m),
+    for name, xyz_m, pieces, colours in (
+        ("truth", data.truth.xyz_m, *_coloured(data.truth.time_s, data.truth.target, RED)),
+        ("estimate", data.tracks.xyz_m, *_coloured(data.tracks.time_s, data.tracks.track_id)),
     ):
-        strips = rerun.LineStrips3D([xyz_m[rows] for rows in pieces], colors=colour)
+        strips = rerun.LineStrips3D([xyz_m[rows] for rows in pieces], colors=colours)
         stream.log(f"world/{name}/path", strips, static=True)
+
+
+def _coloured(
+    time_s: np.ndarray, group: np.ndarray, colour: str | None = None
+) -> tuple[list[np.ndarray], list[tuple[int, ...]]]:
+    """Pieces and the colour of each: that of its track unless one is given."""
+    pieces, known = pieces_of(time_s, group), track_colours(group)
+    return pieces, [_rgb(colour or known[float(group[rows[0]])]) for rows in pieces]
+
+
+def _rgb(colour: str) -> tuple[int, ...]:
+    return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
 
 
 def _log_returns(rerun: ModuleType, stream: object, data: ReportData) -> None:
     sample = data.sample
-    overall = rerun.Points3D(sample.overall_m, colors=_GREY, radii=rerun.Radius.ui_points(1.0))
+    overall = rerun.Points3D(sample.overall_m, colors=_rgb(GREY), radii=rerun.Radius.ui_points(1.0))
     stream.log("world/returns/all", overall, static=True)
     step_of = target_steps(sample)
     for step, time_s in enumerate(sample.steps_s):
         stream.set_time("time", timestamp=time_s)
         for name, colour, size, points_m in (
             ("returns", (60, 64, 67), 1.5, sample.steps_m[step]),
-            ("target_returns", _GREEN, 4.0, sample.target_m[step_of == step]),
+            ("target_returns", _rgb(GREEN), 4.0, sample.target_m[step_of == step]),
         ):
             points = rerun.Points3D(points_m, colors=colour, radii=rerun.Radius.ui_points(size))
             stream.log(f"world/{name}/now", points)
 
 
 def _log_positions(rerun: ModuleType, stream: object, data: ReportData) -> None:
-    for name, colour, time_s, group, xyz_m, sigma_m in (
-        ("truth", _RED, data.truth.time_s, data.truth.target, data.truth.xyz_m, None),
-        ("estimate", _BLUE, data.tracks.time_s, data.tracks.track_id, data.tracks.xyz_m,
+    for name, only, time_s, group, xyz_m, sigma_m in (
+        ("truth", RED, data.truth.time_s, data.truth.target, data.truth.xyz_m, None),
+        ("estimate", None, data.tracks.time_s, data.tracks.track_id, data.tracks.xyz_m,
          data.tracks.sigma_m),
     ):  # fmt: skip
-        for rows in pieces_of(time_s, group):
+        for rows, colour in zip(*_coloured(time_s, group, only), strict=True):
             place = f"world/{name}/{int(group[rows[0]])}"
             for row in rows:
                 stream.set_time("time", timestamp=time_s[row])

@@ -10,15 +10,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from unlidar_tools.figure import BLUE, RED, FigureData, save, write_figure
+from unlidar_tools.figure import FigureData, save, write_figure
 from unlidar_tools.output import clear_results, write_file
 from unlidar_tools.report import charts
+from unlidar_tools.report.courses import track_courses, truth_courses
 from unlidar_tools.report.data import ReportData
 from unlidar_tools.report.page import begin_of
 
 FOLDER = "figures"
 _KINDS = (".png", ".pdf")
-_STYLES = {"truth": {"color": RED, "linewidth": 2.0}, "estimate": {"color": BLUE, "linewidth": 1.2}}
+_DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}  # as matplotlib calls them
 
 
 def figure_data(data: ReportData) -> FigureData:
@@ -59,27 +60,33 @@ def _over_time(data: ReportData) -> Figure | None:
     panels = charts.panels_of(data)
     axes = figure.subplots(len(panels), 1, sharex=True)
     begin_s = begin_of(data)
+    courses = [*truth_courses(data), *track_courses(data)]
     for axis, panel in zip(axes, panels, strict=True):
-        for rows in charts.drawn_tracks(data).pieces if panel.sigma is not None else ():
-            middle, half = panel.estimate[rows], 2 * panel.sigma[rows]
-            axis.fill_between(
-                data.tracks.time_s[rows] - begin_s,
-                middle - half,
-                middle + half,
-                color=BLUE,
-                alpha=0.25,
-                linewidth=0,
-                label="\u00b1 2 sigma",
+        for course in courses if panel.sigma is not None else ():
+            for rows in course.drawn.pieces if course.is_track else ():
+                middle, half = panel.estimate[rows], 2 * panel.sigma[rows]
+                axis.fill_between(
+                    course.time_s[rows] - begin_s,
+                    middle - half,
+                    middle + half,
+                    color=course.colour,
+                    alpha=0.25,
+                    linewidth=0,
+                    label="\u00b1 2 sigma",
+                )
+        for course in courses:
+            values = panel.estimate if course.is_track else panel.truth
+            axis.plot(
+                course.drawn.of(course.time_s - begin_s),
+                course.drawn.of(values),
+                label=course.name,
+                color=course.colour,
+                linestyle=_DASHES[course.dash],
+                linewidth=1.2 * course.width,
             )
-        for name, drawn, time_s, values in (
-            ("truth", charts.drawn_truth(data), data.truth.time_s, panel.truth),
-            ("estimate", charts.drawn_tracks(data), data.tracks.time_s, panel.estimate),
-        ):
-            if drawn.pieces:
-                axis.plot(drawn.of(time_s - begin_s), drawn.of(values), label=name, **_STYLES[name])
         _finish(axis, panel.title)
     known = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
-    figure.legend(known.values(), known.keys(), loc="outside upper center", ncols=3, frameon=False)
+    figure.legend(known.values(), known.keys(), loc="outside upper center", ncols=5, frameon=False)
     axes[-1].set_xlabel("time [s]")
     return figure
 

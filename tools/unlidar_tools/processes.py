@@ -1,0 +1,127 @@
+"""Pieces of work side by side, each in a process of its own.
+
+One that crashes or is killed takes no other with it, and none outlives the process that started it.
+"""
+
+import ctypes
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from unlidar_tools import interrupts, telling
+from unlidar_tools.errors import report_errors
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_VERBOSE = "--verbose"
+_PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What a process left behind."""
+
+    exit_code: int  # negative: minus the signal that ended it
+    result: Any  # None if it failed
+    said: str  # its stderr
+
+    @property
+    def failure(self) -> tuple[str, int]:
+        """Why it failed, in one line, and with which code of `unlidar`."""
+        if self.exit_code < 0:
+            name = signal.Signals(-self.exit_code).name
+            hint = " (out of memory?)" if self.exit_code == -signal.SIGKILL else ""
+            return f"its process was ended by {name}{hint}", 1
+        last = (self.said.strip().splitlines() or ["ended without a result"])[-1]
+        return last.removeprefix("unlidar: error: "), self.exit_code or 1
+
+
+class Launcher:
+    """Starts `python -m MODULE`, whose `main` is `serve`, from any number of threads."""
+
+    def __init__(self, module: str) -> None:
+        self._command = [sys.executable, "-m", module, str(os.getpid())]
+        self._lock = threading.Lock()
+        self._running: set[subprocess.Popen] = set()
+        self._stopped = False
+
+    def __call__(self, work: object, name: str) -> Ended:
+        """Hands `work` to a new process and waits for its end; what it told is told with `name`."""
+        with self._lock:
+            if self._stopped:
+                return Ended(interrupts.INTERRUPTED, None, "interrupted")
+            process = subprocess.Popen(
+                [*self._command, *([_VERBOSE] if telling.is_verbose() else [])],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                process_group=0,  # Ctrl-C is for this process, which then stops the others
+            )
+            self._running.add(process)
+        try:
+            answer, said = process.communicate(pickle.dumps(work))
+        finally:
+            with self._lock:
+                self._running.discard(process)
+        telling.repeat(said.decode(errors="replace"), name)
+        result = pickle.loads(answer) if process.returncode == 0 else None
+        return Ended(process.returncode, result, said.decode(errors="replace"))
+
+    def stop(self) -> None:
+        """Ends what is running and lets nothing begin."""
+        with self._lock:
+            self._stopped = True
+            for process in self._running:
+                process.terminate()
+
+
+def side_by_side(
+    work: Callable[[T], R], items: Sequence[T], at_once: int, stop: Callable[[], None]
+) -> Generator[tuple[T, R], None, None]:
+    """Each item with its result, in the order in which they are done; to be closed.
+
+    `work` is called from threads and only waits for processes; `stop` ends these when the caller
+    does not want to go on.
+    """
+    with ThreadPoolExecutor(at_once) as pool:
+        try:
+            futures = {pool.submit(work, item): item for item in items}
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:
+            stop()
+
+
+def serve(act: Callable[[Any], object]) -> int:
+    """The `main` of a launched process: hands on the result of the work it is given.
+
+    Returns the exit code; an error becomes one line on stderr.
+    """
+    interrupts.end_at_once()
+    _end_with(int(sys.argv[1]))
+    telling.show(_VERBOSE in sys.argv)
+    answer = os.dup(1)
+    os.dup2(2, 1)  # what anything prints must not get into the answer
+
+    def work() -> None:
+        result = act(pickle.load(sys.stdin.buffer))
+        with os.fdopen(answer, "wb") as file:
+            pickle.dump(result, file)
+
+    return interrupts.guarded(lambda: report_errors(work))
+
+
+def _end_with(parent: int) -> None:
+    """Asks the kernel to end this process, as by SIGTERM, when its parent is gone."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # gone already
+        sys.exit(1)

@@ -1,0 +1,67 @@
+"""The tracks and the drones of the truth, each with the name and colour that it has everywhere."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from unlidar_tools.colours import RED, track_colours
+from unlidar_tools.report.data import ReportData
+from unlidar_tools.report.lines import Drawn, drawn_by_group
+
+_DASHES = ("solid", "dash", "dot", "dashdot")
+
+
+@dataclass(frozen=True)
+class Course:
+    """One track, or one drone of the truth."""
+
+    name: str
+    colour: str
+    dash: str
+    is_track: bool
+    drawn: Drawn
+    time_s: np.ndarray  # (N,) Unix, of all tracks or of the whole truth
+    xyz_m: np.ndarray  # (N, 3)
+
+    @property
+    def width(self) -> float:
+        """Of its line, relative to others: the truth can be seen behind the estimate."""
+        return 1.0 if self.is_track else 1.6
+
+
+def truth_courses(data: ReportData) -> list[Course]:
+    """All are red; several are told apart by their dashes."""
+    truth = data.truth
+    drawn = drawn_by_group(truth.time_s, truth.target)
+    return [
+        Course(
+            "truth" if len(drawn) == 1 else f"truth of drone {target:g}",
+            RED,
+            _DASHES[index % len(_DASHES)],
+            False,
+            one,
+            truth.time_s,
+            truth.xyz_m,
+        )
+        for index, (target, one) in enumerate(drawn.items())
+    ]
+
+
+def track_courses(data: ReportData) -> list[Course]:
+    """A colour for each."""
+    tracks = data.tracks
+    colours = track_colours(tracks.track_id)
+    return [
+        Course(
+            f"track {number:g}", colours[number], "solid", True, one, tracks.time_s, tracks.xyz_m
+        )
+        for number, one in drawn_by_group(tracks.time_s, tracks.track_id).items()
+    ]
+
+
+def spans(course: Course) -> list[tuple[float, float]]:
+    """Begin and end of each piece, Unix time."""
+    return [
+        (float(course.time_s[piece[0]]), float(course.time_s[piece[-1]]))
+        for piece in course.drawn.pieces
+    ]

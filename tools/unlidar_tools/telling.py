@@ -1,0 +1,65 @@
+"""What is said while something works: notes, and with --verbose the commands and stages.
+
+The package says it to the logger `unlidar_tools`; the command line shows it on stderr.
+"""
+
+import logging
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from unlidar_tools.printable import printable
+
+_STAGE, _NOTE = "unlidar: ", "unlidar: note: "
+LOGGER = logging.getLogger("unlidar_tools")
+
+
+def stage(text: str) -> None:
+    """Of interest to those who want to know every step."""
+    LOGGER.info(text)
+
+
+@contextmanager
+def timed(text: str) -> Iterator[None]:
+    """Tells of a stage when it has ended, with its time, as the program does."""
+    begin = time.perf_counter()
+    yield
+    stage(f"{text} ({time.perf_counter() - begin:.3f} s)")
+
+
+def note(text: str) -> None:
+    """Of interest to every user."""
+    LOGGER.warning(text)
+
+
+def is_verbose() -> bool:
+    """Whether stages are shown."""
+    return LOGGER.isEnabledFor(logging.INFO)
+
+
+def show(verbose: bool) -> None:
+    """Lets the command line show notes, and stages if `verbose`."""
+    for handler in LOGGER.handlers[:]:
+        LOGGER.removeHandler(handler)
+    handler = _Lines()
+    LOGGER.addHandler(handler)
+    LOGGER.propagate = False
+    LOGGER.setLevel(logging.INFO if verbose else logging.WARNING)
+
+
+def repeat(said: str, name: str) -> None:
+    """Tells what another process of this package has told on stderr, and whose it is."""
+    for line in said.splitlines():
+        if line.startswith(_NOTE):
+            note(f"{name}: {line.removeprefix(_NOTE)}")
+        elif line.startswith(_STAGE) and not line.startswith(f"{_STAGE}error: "):
+            stage(f"{name}: {line.removeprefix(_STAGE)}")
+
+
+class _Lines(logging.Handler):
+    """A line each, to whatever stderr is then."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        kind = _NOTE if record.levelno >= logging.WARNING else _STAGE
+        print(f"{kind}{printable(record.getMessage())}", file=sys.stderr)

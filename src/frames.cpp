@@ -180,6 +180,7 @@ class SourceReader {
                   std::vector<LoadedFrame>& frames) {
     const std::vector<FrameFile> files = ListFrames(source_.directory);
     SensorFrames sensor(sensor_index, SourceName(source_), config_, sensor_);
+    for (const FrameFile& file : {files.front(), files.back()}) sensor.CheckStamp(file);
     for (const FrameFile& file : files) sensor.NoteStamp(file.stamp_ns);
     std::vector<LoadedFrame> loaded;
     for (const FrameFile& file : files) {

@@ -9,6 +9,7 @@
 #include <cstring>
 #include <deque>
 #include <filesystem>
+#include <new>
 #include <optional>
 #include <utility>
 
@@ -31,7 +32,10 @@ constexpr uid_t kNoChange = static_cast<uid_t>(-1);
   throw OutputError(path + ": cannot be written: " + reason);
 }
 
-[[noreturn]] void FailWithErrno(const std::string& path) { Fail(path, std::strerror(errno)); }
+[[noreturn]] void FailWithErrno(const std::string& path) {
+  if (errno == ENOMEM) throw std::bad_alloc();  // of the library, which reports it like this
+  Fail(path, std::strerror(errno));
+}
 
 void WriteAll(int fd, std::string_view bytes, const std::string& path) {
   while (!bytes.empty()) {

@@ -12,17 +12,6 @@ namespace {
 // Enough for a median, few enough to follow a sensor whose rate was changed.
 constexpr std::size_t kStreamStamps = 101;
 
-// With the time offset applied as without it: any two times of a recording may be added and
-// subtracted.
-void CheckStamp(const FrameFile& file, TimeNs offset_ns) {
-  const TimeNs stamp_ns = file.stamp_ns + offset_ns;
-  if (-kMaxStampNs <= stamp_ns && stamp_ns <= kMaxStampNs) return;
-  throw InputError(file.path + ": the stamp " + std::to_string(file.stamp_ns) +
-                   " ns with the sensor's time offset of " + std::to_string(offset_ns) +
-                   " ns is farther from 1970 than " + std::to_string(kMaxStampNs) +
-                   " ns, expected a year from 1844 to 2096");
-}
-
 }  // namespace
 
 SensorFrames::SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
@@ -34,6 +23,15 @@ SensorFrames::SensorFrames(std::uint32_t index, const std::string& name, const I
       source_(source),
       offset_ns_(OffsetNs(name, sensor)) {}
 
+void SensorFrames::CheckStamp(const FrameFile& file) const {
+  const TimeNs stamp_ns = file.stamp_ns + offset_ns_;
+  if (-kMaxStampNs <= stamp_ns && stamp_ns <= kMaxStampNs) return;
+  throw InputError(file.path + ": the stamp " + std::to_string(file.stamp_ns) +
+                   " ns with the sensor's time offset of " + std::to_string(offset_ns_) +
+                   " ns is farther from 1970 than " + std::to_string(kMaxStampNs) +
+                   " ns, expected a year from 1844 to 2096");
+}
+
 void SensorFrames::NoteStamp(TimeNs stamp_ns) {
   stamps_ns_.insert(std::upper_bound(stamps_ns_.begin(), stamps_ns_.end(), stamp_ns), stamp_ns);
   if (source_ == Source::kStream && stamps_ns_.size() > kStreamStamps) {
@@ -43,7 +41,6 @@ void SensorFrames::NoteStamp(TimeNs stamp_ns) {
 }
 
 LoadedFrame SensorFrames::Load(const FrameFile& file, PcdCloud cloud) {
-  CheckStamp(file, offset_ns_);
   LoadedFrame frame = LoadFrame(file, std::move(cloud), input_, sensor_);
   if (reading_ || frame.return_rows.empty()) return frame;
   for (const std::uint32_t row : frame.return_rows) {

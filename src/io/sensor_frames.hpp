@@ -24,6 +24,10 @@ class SensorFrames {
   SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
                const SensorConfig& sensor, Source source = Source::kRecording);
 
+  // Throws InputError unless a stamp is one with the time offset applied as well as without it: any
+  // two times of a recording may be added and subtracted.
+  void CheckStamp(const FrameFile& file) const;
+
   // One counts for the frame period even if its frame is bad. Of a stream, stamps are noted when
   // their frames are finished, in order: so what came late or early changes nothing.
   void NoteStamp(TimeNs stamp_ns);

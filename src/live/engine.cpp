@@ -48,6 +48,7 @@ class Engine::Impl {
 
   void Add(Frame frame) {
     Sensor& sensor = sensors_.at(frame.sensor);
+    sensor.frames.CheckStamp({frame.name, frame.stamp_ns});
     const TimeNs stamp_ns = frame.stamp_ns + sensor.frames.offset_ns();
     if (!is_endless_ && counts_.frames > 0 && stamp_ns < newest_ns_ - Ns(config_.live.reorder_s)) {
       ++late_frames_;

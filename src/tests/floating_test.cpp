@@ -31,7 +31,7 @@ std::vector<Plot> PlotsOf(const Recording& recording) {
     const FrameInfo& frame = recording.frames[f];
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
       Plot plot;
-      plot.time_ns = recording.times_ns[i];
+      plot.time_ns = plot.frame_time_ns = recording.times_ns[i];
       plot.position_m = recording.points_m[i].cast<double>();
       plot.frame = f;
       plot.returns = {i};

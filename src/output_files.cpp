@@ -32,10 +32,12 @@ constexpr uid_t kNoChange = static_cast<uid_t>(-1);
   throw OutputError(path + ": cannot be written: " + reason);
 }
 
-[[noreturn]] void FailWithErrno(const std::string& path) {
-  if (errno == ENOMEM) throw std::bad_alloc();  // of the library, which reports it like this
-  Fail(path, std::strerror(errno));
+[[noreturn]] void FailWith(int error, const std::string& path) {
+  if (error == ENOMEM) throw std::bad_alloc();  // of the library, which reports it like this
+  Fail(path, std::strerror(error));
 }
+
+[[noreturn]] void FailWithErrno(const std::string& path) { FailWith(errno, path); }
 
 void WriteAll(int fd, std::string_view bytes, const std::string& path) {
   while (!bytes.empty()) {
@@ -92,7 +94,7 @@ fs::path Resolved(const std::string& path, std::error_code& error) {
 std::string Target(const std::string& path) {
   std::error_code error;
   const fs::path resolved = Resolved(path, error);
-  if (error) Fail(path, error.message());
+  if (error) FailWith(error.value(), path);
   return resolved.string();
 }
 
@@ -174,7 +176,9 @@ void CheckWritable(const std::string& path) {
   std::error_code error;
   const fs::path directory = fs::path(Target(path)).parent_path();
   const bool is_directory = fs::is_directory(directory, error);
-  if (error && error != std::errc::no_such_file_or_directory) Fail(path, error.message());
+  if (error && error != std::errc::no_such_file_or_directory) {
+    FailWith(error.value(), path);
+  }
   if (!is_directory) {
     Fail(path, "'" + directory.string() + "' is no directory, expected an existing one");
   }

@@ -21,7 +21,8 @@ using OutputTimes = std::variant<FirstSensorStamps, Rate, std::vector<TimeNs>>;
 Rate ParseRate(std::string_view text);
 
 // One stamp a line, or a CSV with a column `timestamp`; blank lines and lines that begin with '#'
-// are skipped. Returns them in ascending order, each once. Throws InputError naming file and line.
+// are skipped. Returns them in ascending order, each once. Throws InputError naming file and line,
+// also for a line of more than 64 KiB, more than 10 million lines or 1 GiB: a pipe may be endless.
 std::vector<TimeNs> ReadStampList(const std::string& path);
 
 // Instants in ascending order. Those of a rate are computed when they are asked for.

@@ -29,7 +29,8 @@ from synthetic import (
 
 OPTIONS = [
     "--frames", "--out", "--config", "--set", "--at", "--rate", "--format", "--clusters",
-    "--points", "--summary", "--threads", "--quiet", "--verbose", "--version", "--help",
+    "--points", "--summary", "--follow", "--stdin", "--events", "--threads", "--quiet", "--verbose",
+    "--version", "--help",
 ]  # fmt: skip
 
 

@@ -419,6 +419,14 @@ def test_what_does_not_go_together_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_stdout_is_for_one_output(tmp_path: Path) -> None:
+    code, out, said = feed(b"", Path("/dev/stdout"), "--events", "-")
+    assert (code, out) == (2, "")
+    assert "stdout holds nothing but the events" in said
+    code, out, said = feed(b"", Path("/dev/stdout"), "--quiet")
+    assert (code, out) == (0, NO_DRONE_TRAJ), said
+
+
 def test_the_papers_score_needs_the_whole_stream(
     frames: Path, stream: list[bytes], tmp_path: Path
 ) -> None:

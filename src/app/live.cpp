@@ -350,6 +350,10 @@ std::string TrackLive(const LiveRequest& request, const Config& config,
         "method: 'paper', expected robust with --follow and --stdin: the paper's "
         "score needs the whole recording (live.delay_s: .inf)");
   }
+  if (request.events == "-" && ResolvedPath(request.out) == ResolvedPath("/dev/stdout")) {
+    throw UsageError("--out " + request.out +
+                     ": stdout holds nothing but the events (--events -), expected a file");
+  }
   CheckNames(request.sources);
   LiveRun run(request, config, note);
   run.Run();

@@ -120,6 +120,30 @@ TEST(FollowedFolders, NeverGivesAFileThatIsBeingWritten) {
   EXPECT_EQ(follower.Take(), Names{"f/1.pcd"});
 }
 
+TEST(FollowedFolders, WaitsForAFileOfAnotherUserToSettleUnlessItSawItsWriterCloseIt) {
+  if (::geteuid() != 0) GTEST_SKIP() << "only root can be two users";
+  const TemporaryFolder folder;
+  fs::permissions(folder.path(), fs::perms::all);
+  folder.Write("1.pcd", "");
+  fs::last_write_time(folder / "1.pcd", fs::file_time_type::clock::now() - std::chrono::hours(1));
+  folder.Write("2.pcd", "");  // its writer may still be at it
+  constexpr uid_t kNobody = 65534;
+  ASSERT_EQ(::seteuid(kNobody), 0);
+  Follower follower({folder.path()});
+  EXPECT_EQ(follower.Take().size(), 1U);
+  ASSERT_EQ(::seteuid(0), 0);
+  folder.Write("3.pcd", "");
+  ASSERT_EQ(::seteuid(kNobody), 0);
+  EXPECT_EQ(follower.Take().size(), 1U);
+  std::size_t later = 0;
+  for (int i = 0; i < 50 && later == 0; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    later = follower.Take().size();
+  }
+  EXPECT_EQ(later, 1U);
+  ASSERT_EQ(::seteuid(0), 0);
+}
+
 TEST(FollowedFolders, WaitsForAFolderThatIsNotThereYet) {
   const TemporaryFolder folder;
   Follower follower({folder / "a/b/f", folder / "a/g"});

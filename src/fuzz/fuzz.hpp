@@ -32,6 +32,8 @@ inline void Require(bool holds, const char* law) {
 inline void RequireGoodMessage(const Error& error) {
   const std::string_view message = error.what();
   Require(!message.empty(), "an error says what is wrong");
+  Require(message.find('\n') == std::string_view::npos, "an error is one line");
+  Require(message.size() <= 1000, "an error can be read");
 }
 
 // Runs `step`; the only error that may come out of it is one for the user. True if none did.

@@ -23,7 +23,7 @@ namespace {
 
 constexpr TimeNs kBeginNs = 1'706'255'621'000'000'000;
 constexpr std::size_t kMaxReturns = 600;
-constexpr int kMaxFrames = 24;
+constexpr int kMaxFrames = 16;
 
 enum class PointTimes { kNone, kOffset, kUnix };
 

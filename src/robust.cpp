@@ -29,7 +29,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   RobustResult result;
   if (recording.points_m.empty()) return result;
   const Background background(recording, config.background);
-  const std::vector<Eigen::Vector3f> structure_m = PointsOf(recording, background.structure());
+  const PointsView structure_m(recording.points_m, background.structure());
   const Ground ground(structure_m, config.ground);
   const Support support(structure_m, ground, config.background.occluder_cell_deg, config.support);
   // What stands still in the air all the time looks like structure, but is none.

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <string>
@@ -56,14 +57,27 @@ struct Recording {
   std::vector<std::string> warnings;  // one line for each skipped frame
 };
 
-// Some of the returns of a recording, by their indices.
-inline std::vector<Eigen::Vector3f> PointsOf(const Recording& recording,
-                                             const std::vector<std::uint32_t>& returns) {
-  std::vector<Eigen::Vector3f> points_m;
-  points_m.reserve(returns.size());
-  for (const std::uint32_t i : returns) points_m.push_back(recording.points_m[i]);
-  return points_m;
-}
+// Points, or some of them by their indices, where they are: copies of most of a recording's returns
+// would take as much as the recording.
+class PointsView {
+ public:
+  PointsView() = default;
+  PointsView(const std::vector<Eigen::Vector3f>& points_m)  // NOLINT(google-explicit-constructor)
+      : points_m_(points_m.data()), size_(points_m.size()) {}
+  PointsView(const std::vector<Eigen::Vector3f>& points_m,
+             const std::vector<std::uint32_t>& indices)
+      : points_m_(points_m.data()), indices_(indices.data()), size_(indices.size()) {}
+
+  std::size_t size() const { return size_; }
+  const Eigen::Vector3f& operator[](std::size_t i) const {
+    return points_m_[indices_ == nullptr ? i : indices_[i]];
+  }
+
+ private:
+  const Eigen::Vector3f* points_m_ = nullptr;
+  const std::uint32_t* indices_ = nullptr;  // none: all points
+  std::size_t size_ = 0;
+};
 
 // Of the sensors; the largest TimeNs where none has a period.
 inline TimeNs ShortestPeriodNs(const Recording& recording) {

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "presence.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -133,24 +135,6 @@ std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
   return shifts;
 }
 
-// The interval about `time_ns` in which the target is within `reach_m` of a place: its presence
-// says nothing of the clutter there.
-std::pair<TimeNs, TimeNs> Presence(const Trajectory& trajectory, TimeNs time_ns,
-                                   const Eigen::Vector3d& place_m, double reach_m) {
-  constexpr TimeNs kStep_ns = 250'000'000;
-  TimeNs from = time_ns;
-  while (from > trajectory.begin_ns() &&
-         (trajectory.At(from - kStep_ns).position_m - place_m).norm() < reach_m) {
-    from -= kStep_ns;
-  }
-  TimeNs to = time_ns;
-  while (to < trajectory.end_ns() &&
-         (trajectory.At(to + kStep_ns).position_m - place_m).norm() < reach_m) {
-    to += kStep_ns;
-  }
-  return {from, to};
-}
-
 // What is looked for in a frame: the returns that are likelier the target's than their place's.
 class Collector {
  public:
@@ -159,8 +143,8 @@ class Collector {
       : recording_(recording), background_(background), excluded_(excluded), config_(config) {}
 
   std::vector<std::uint32_t> Collect(const FrameInfo& frame, const Trajectory& trajectory,
-                                     const TrajectoryRow& expected, double returns_per_frame,
-                                     double body_sigma_m) const {
+                                     const Presence& presence, const TrajectoryRow& expected,
+                                     double returns_per_frame, double body_sigma_m) const {
     const TimeNs middle_ns = expected.time_ns;
     Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) + StreakM2(frame, expected.velocity_mps);
     s.diagonal().array() += ReturnVarianceM2(expected.position_m.norm(), body_sigma_m, config_);
@@ -184,8 +168,8 @@ class Collector {
       const double distance2 = e.dot(information * e);
       if (distance2 > config_.gate * config_.gate) continue;
       const Eigen::Vector3d place_m = recording_.points_m[i].cast<double>();
-      const auto [from, to] =
-          Presence(trajectory, time_ns, place_m, config_.presence.At(place_m.norm()));
+      // The target's presence says nothing of the clutter there.
+      const auto [from, to] = presence.About(time_ns, place_m, config_.presence.At(place_m.norm()));
       const double rate = background_.RateOutside(recording_.points_m[i], from, to);
       if (rate <= 0.0 || log_peak - 0.5 * distance2 > std::log(rate) + config_.min_return_log) {
         members.push_back(i);
@@ -221,6 +205,7 @@ Target CollectTarget(const Recording& recording, const Background& background,
   double body_sigma_m = config.body_sigma_m;
   for (int round = 0; round < config.rounds; ++round) {
     const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
+    const Presence presence(trajectory);
     const double returns_per_frame = static_cast<double>(target.returns.size()) /
                                      static_cast<double>(target.measurements.size());
     std::vector<Sighting> sightings;
@@ -236,7 +221,7 @@ Target CollectTarget(const Recording& recording, const Background& background,
       expected.time_ns = middle_ns;  // by the sensor's clock
       expected.position_m += shift.bias_m;
       const std::vector<std::uint32_t> members =
-          collector.Collect(frame, trajectory, expected, returns_per_frame, body_sigma_m);
+          collector.Collect(frame, trajectory, presence, expected, returns_per_frame, body_sigma_m);
       if (members.empty()) continue;
       spread.Add(recording, members, expected);
       sightings.push_back(

@@ -5,8 +5,8 @@
 
 namespace unlidar {
 
-DepthMap::DepthMap(const std::vector<Eigen::Vector3f>& points_m,
-                   const std::vector<std::uint32_t>& bins, std::size_t num_bins, double cell_deg)
+DepthMap::DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
+                   std::size_t num_bins, double cell_deg)
     : num_bins_(num_bins),
       columns_(static_cast<std::size_t>(std::ceil(360.0 / cell_deg))),
       rows_(static_cast<std::size_t>(std::ceil(180.0 / cell_deg))),

@@ -3,6 +3,8 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <vector>
 
 namespace unlidar {
 namespace {
@@ -16,10 +18,10 @@ double Quantile(std::vector<Number>* values, double share) {
 
 }  // namespace
 
-Ground::Ground(const std::vector<Eigen::Vector3f>& points_m, const GroundConfig& config)
-    : config_(config) {
+Ground::Ground(const PointsView& points_m, const GroundConfig& config) : config_(config) {
   std::map<std::pair<int, int>, std::vector<float>> heights;
-  for (const Eigen::Vector3f& p : points_m) {
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    const Eigen::Vector3f& p = points_m[i];
     heights[CellOf(static_cast<double>(p.x()), static_cast<double>(p.y()))].push_back(p.z());
   }
   std::vector<double> lowest;

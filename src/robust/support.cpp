@@ -13,11 +13,12 @@ constexpr double kCellM = 2.0;
 
 }  // namespace
 
-Support::Support(const std::vector<Eigen::Vector3f>& structure_m, const Ground& ground,
-                 double cell_deg, const SupportConfig& config)
+Support::Support(const PointsView& structure_m, const Ground& ground, double cell_deg,
+                 const SupportConfig& config)
     : ground_(ground), config_(config), depth_(structure_m, {}, 1, cell_deg) {
   std::unordered_set<VoxelKey> seen;
-  for (const Eigen::Vector3f& point_m : structure_m) {
+  for (std::size_t i = 0; i < structure_m.size(); ++i) {
+    const Eigen::Vector3f& point_m = structure_m[i];
     if (seen.insert(VoxelOf(point_m, config.voxel_m)).second) {
       cells_[VoxelOf(point_m, kCellM)].push_back(point_m);
     }

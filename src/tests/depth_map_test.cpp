@@ -164,8 +164,8 @@ TEST(DepthMap, WithinASphereAllIsHiddenWhateverTheDirection) {
 TEST(DepthMap, HoldsTheBinsInWhichSomethingWasSeenOnlyHoweverManyThereAre) {
   constexpr std::uint32_t kLast = 4'000'000'000U;
   const Eigen::Vector3f ahead_m(10.0F, 0.1F, 0.1F);
-  const DepthMap map({ahead_m, 2.0F * ahead_m, 3.0F * ahead_m}, {kLast, 5, kLast}, kLast + 1ULL,
-                     2.0);
+  const std::vector<Eigen::Vector3f> points_m = {ahead_m, 2.0F * ahead_m, 3.0F * ahead_m};
+  const DepthMap map(points_m, {kLast, 5, kLast}, kLast + 1ULL, 2.0);
   std::vector<std::uint32_t> bins;
   for (const DepthMap::Depth& depth : map.DepthsAt(ahead_m)) bins.push_back(depth.bin);
   EXPECT_EQ(bins, (std::vector<std::uint32_t>{5, kLast}));

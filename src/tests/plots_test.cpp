@@ -36,7 +36,7 @@ struct Found {
 Found FindPlots(const Recording& recording, const PlotConfig& config = PlotConfig()) {
   Found found;
   const Background background(recording, BackgroundConfig());
-  const Ground ground(PointsOf(recording, background.structure()), GroundConfig());
+  const Ground ground({recording.points_m, background.structure()}, GroundConfig());
   std::copy_if(background.unexplained().begin(), background.unexplained().end(),
                std::back_inserter(found.candidates),
                [&](std::uint32_t i) { return !ground.Holds(recording.points_m[i]); });

@@ -276,8 +276,7 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
   const RecordingMaker maker = Yard(9, DroneOn(Transit, 4.0));
   const RobustResult result = FindTargetsRobust(maker.recording, config, TrajectoryConfig());
   const Background background(maker.recording, config.background);
-  const std::vector<Eigen::Vector3f> structure_m =
-      PointsOf(maker.recording, background.structure());
+  const PointsView structure_m(maker.recording.points_m, background.structure());
   const Ground ground(structure_m, config.ground);
   const Support support(structure_m, ground, config.background.occluder_cell_deg, config.support);
   // Ground is none of it, whether known by its occupancy or not.

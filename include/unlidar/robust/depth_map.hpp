@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "unlidar/types.hpp"
+
 namespace unlidar {
 
 // Median range of the returns per cell of directions, and per time bin. It holds the pairs of a
@@ -30,8 +32,8 @@ class DepthMap {
   };
 
   // `bins`: one per point, each below `num_bins`, which is at least 1; or none, where all are 0.
-  DepthMap(const std::vector<Eigen::Vector3f>& points_m, const std::vector<std::uint32_t>& bins,
-           std::size_t num_bins, double cell_deg);
+  DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>& bins, std::size_t num_bins,
+           double cell_deg);
 
   // What was seen in the direction of a point.
   Depths DepthsAt(const Eigen::Vector3f& point_m) const { return DepthsOf(CellOf(point_m)); }

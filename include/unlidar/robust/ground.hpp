@@ -5,7 +5,8 @@
 #include <limits>
 #include <map>
 #include <utility>
-#include <vector>
+
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 
@@ -25,7 +26,7 @@ struct GroundConfig {
 // that looks up) every height above it is infinite.
 class Ground {
  public:
-  Ground(const std::vector<Eigen::Vector3f>& points_m, const GroundConfig& config);
+  Ground(const PointsView& points_m, const GroundConfig& config);
 
   double HeightAbove(const Eigen::Vector3f& point_m) const;
 

@@ -34,7 +34,7 @@ struct SupportConfig {
 class Support {
  public:
   // `cell_deg`: resolution of the directions in which structure hides what is behind it.
-  Support(const std::vector<Eigen::Vector3f>& structure_m, const Ground& ground, double cell_deg,
+  Support(const PointsView& structure_m, const Ground& ground, double cell_deg,
           const SupportConfig& config);
 
   const SupportConfig& config() const { return config_; }

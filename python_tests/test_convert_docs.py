@@ -25,8 +25,8 @@ def test_every_test_that_the_list_of_formats_names_exists():
 def test_every_option_is_on_the_page_with_an_example_that_the_parser_takes(capsys):
     with pytest.raises(SystemExit):
         main(["convert", "--help"])
-    options = set(re.findall(r"--[a-z]+", capsys.readouterr().out)) - {"--help"}
-    assert options <= set(re.findall(r"`(--[a-z]+)", PAGE))
+    options = set(re.findall(r"--[a-z-]+[a-z]", capsys.readouterr().out)) - {"--help"}
+    assert options <= set(re.findall(r"`(--[a-z-]+)", PAGE))
     examples = re.findall(r"`(unlidar convert [^`]*)`", PAGE)
     assert len(examples) >= len(options) - 1  # --start and --duration share one
     for example in examples:

@@ -13,7 +13,7 @@ def with_progress(items: Iterable[T], total: int, description: str) -> Iterator[
     """Hands the items on and shows how many of `total` are done and how long the rest takes."""
     console = Console(stderr=True)
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("left"),

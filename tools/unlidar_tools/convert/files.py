@@ -22,7 +22,12 @@ StampedFile = tuple[int, str, Path]
 
 def refuse_bag_options(path: Path, options: Options) -> None:
     """Folders of files have neither topics nor two stamps."""
-    for option, given in (("--topic", options.topics), ("--stamp log", options.stamp == "log")):
+    asked = {
+        "--topic": options.topics,
+        "--truth": options.truths,
+        "--stamp log": options.stamp == "log",
+    }
+    for option, given in asked.items():
         if given:
             raise UsageError(f"{path}: is a folder of files, {option} is for bags")
 

@@ -109,7 +109,7 @@ def test_no_bytes_make_a_reader_of_files_fail_but_by_name(suffix, data):
 @st.composite
 def layouts(draw: st.DrawFn, rows: int) -> Layout:
     """Fields of any types in any order, with gaps, in one row or several, of either byte order."""
-    others = draw(st.lists(st.sampled_from(["intensity", "ring", "tag", "rgb"]), unique=True))
+    others = draw(st.lists(st.sampled_from(["ring", "tag", "rgb"]), unique=True))
     names = draw(st.permutations(["x", "y", "z", *others]))
     upper = draw(st.booleans())
     fields, at = [], 0
@@ -128,7 +128,7 @@ def layouts(draw: st.DrawFn, rows: int) -> Layout:
     )
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(st.data(), st.sampled_from(("ros1", "mcap-file", "db3-file", "mcap-of-ros1")))
 def test_any_cloud_of_any_layout_arrives_in_pcd_point_by_point_under_its_stamp(data, form):
     messages, expected = [], {}
@@ -144,7 +144,8 @@ def test_any_cloud_of_any_layout_arrives_in_pcd_point_by_point_under_its_stamp(d
             lower = {name.lower(): column for name, column in columns.items()}
             xyz = np.stack([lower[axis].astype("f4") for axis in "xyz"], axis=1)
         kept = returns_of(xyz)
-        tags = lower["tag"][kept].astype("u1") if "tag" in lower else None
+        is_tag = "tag" in lower and lower["tag"].dtype == np.uint8
+        tags = lower["tag"][kept] if is_tag else None
         expected[stamp_ns] = (xyz[kept], tags)
     with folder() as at:
         convert(write_bag(at, form, messages), at / "out")
@@ -153,11 +154,12 @@ def test_any_cloud_of_any_layout_arrives_in_pcd_point_by_point_under_its_stamp(d
         for stamp_ns, (xyz, tags) in expected.items():
             fields = read_pcd(found[stamp_ns])
             np.testing.assert_array_equal(np.stack([fields[a] for a in "xyz"], axis=1), xyz)
+            assert ("tag" in fields) == (tags is not None)
             if tags is not None:
                 np.testing.assert_array_equal(fields["tag"], tags)
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(st.lists(st.integers(0, 2**31 * 10**9 - 1), min_size=1, max_size=12), st.booleans())
 def test_of_any_stamps_each_is_one_frame_and_repeats_are_counted(stamps, files):
     xyz = np.ones((2, 3), "f4")

@@ -288,7 +288,9 @@ def random_points(seed: int, rows: int = 40) -> np.ndarray:
 
 def returns_of(xyz: np.ndarray) -> np.ndarray:
     """(N,) bool, said independently of the converter."""
-    return np.array([all(map(np.isfinite, p)) and any(v != 0 for v in p) for p in xyz.tolist()])
+    return np.array(
+        [all(map(np.isfinite, p)) and any(v != 0 for v in p) for p in xyz.tolist()], bool
+    )
 
 
 def read_xyz(path: Path) -> np.ndarray:

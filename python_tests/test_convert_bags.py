@@ -452,4 +452,5 @@ def test_options_for_bags_are_refused_for_folders_of_files(tmp_path, fails):
     (tmp_path / "seq").mkdir()
     np.save(tmp_path / "seq/1.5.npy", np.ones((3, 3)))
     fails(2, "convert", tmp_path / "seq", tmp_path / "out", "--topic", "/a")
+    fails(2, "convert", tmp_path / "seq", tmp_path / "out", "--truth", "/a")
     fails(2, "convert", tmp_path / "seq", tmp_path / "out", "--stamp", "log")

@@ -80,6 +80,19 @@ def test_truth_of_a_folder_may_be_one_file_per_stamp(tmp_path):
     assert convert(tmp_path / "seq", tmp_path / "out")["truth_rows"] == 1
 
 
+def test_what_truth_says_of_targets_and_view_comes_along(tmp_path, fails):
+    make_folder(tmp_path / "seq/mid360", "npy")
+    table = tmp_path / "seq/ground_truth.csv"
+    text = "timestamp,x,y,z,target,in_view\n1.5,1.0,2.0,3.0,0,0\n1.5,1.0,2.0,3.0,1,1\n"
+    table.write_text(text)
+    convert(tmp_path / "seq", tmp_path / "out")
+    assert (tmp_path / "out/ground_truth.csv").read_text() == text
+    for wrong in ("nan", "-inf"):
+        table.write_text(text.replace("2.0", wrong, 1))
+        line = fails(4, "convert", tmp_path / "seq", tmp_path / "none")
+        assert f"ground_truth.csv:2: position 1.0, {wrong}, 3.0" in line
+
+
 def test_numbered_files_are_frames_of_the_rate_that_is_said_or_given(tmp_path, capsys):
     folder = make_folder(tmp_path / "velodyne", "kitti", ("000000", "000001", "000010"))
     assert main(["convert", str(folder), str(tmp_path / "out")]) == 0

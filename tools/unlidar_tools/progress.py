@@ -46,7 +46,7 @@ def _text(text: str) -> str:
 def with_progress(items: Iterable[T], total: int, description: str) -> Generator[T, None, None]:
     """Hands the items on and shows how many of `total` are done and how long the rest takes."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("left"),

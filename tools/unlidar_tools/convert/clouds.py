@@ -167,7 +167,8 @@ def _returns(header_ns: int, frame_id: str, rows: np.ndarray) -> Cloud:
 
     names = rows.dtype.names or ()
     times = next((column(name) for name in TIME_FIELDS if name in names), None)
-    tag = column("tag").astype(np.uint8) if "tag" in names else None
+    is_livox = "tag" in names and rows.dtype["tag"] == np.uint8  # of other types it is no bit field
+    tag = column("tag") if is_livox else None
     if not everything:
         xyz_m = xyz_m[kept]
     return Cloud(header_ns, frame_id, xyz_m, times, tag)

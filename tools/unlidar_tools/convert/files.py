@@ -22,7 +22,12 @@ StampedFile = tuple[int, str, Path]
 
 def refuse_bag_options(path: Path, options: Options) -> None:
     """Folders of files have neither topics nor two stamps."""
-    for option, given in (("--topic", options.topics), ("--stamp log", options.stamp == "log")):
+    asked = {
+        "--topic": options.topics,
+        "--truth": options.truths,
+        "--stamp log": options.stamp == "log",
+    }
+    for option, given in asked.items():
         if given:
             raise UsageError(f"{path}: is a folder of files, {option} is for bags")
 
@@ -163,12 +168,23 @@ def _position(path: Path) -> tuple[float, float, float]:
 def _rows_of_table(path: Path) -> list[TruthRow]:
     rows = []
     try:
-        with path.open(newline="") as file:
-            for row in csv.DictReader(file):
-                stamp = row["timestamp"].strip()
-                parse_stamp_ns(stamp)
-                xyz = (float(row["x"]), float(row["y"]), float(row["z"]))
-                rows.append(TruthRow(stamp, xyz, int(row.get("target") or 0)))
-    except (OSError, KeyError, TypeError, ValueError, AttributeError) as error:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            for row in reader:
+                rows.append(_row_of_table(row))
+                if not np.isfinite(rows[-1].xyz_m).all():
+                    raise InputError(
+                        f"{path}:{reader.line_num}: position {row['x']}, {row['y']}, {row['z']}, "
+                        "expected finite numbers"
+                    )
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, csv.Error) as error:
         raise InputError(f"{path}: expected columns timestamp,x,y,z: {reason(error)}") from error
     return rows
+
+
+def _row_of_table(row: dict[str, str]) -> TruthRow:
+    stamp = row["timestamp"].strip()
+    parse_stamp_ns(stamp)
+    xyz = (float(row["x"]), float(row["y"]), float(row["z"]))
+    in_view = float(row["in_view"] or 1) > 0 if "in_view" in row else None
+    return TruthRow(stamp, xyz, int(row.get("target") or 0), in_view)

@@ -66,6 +66,7 @@ class TruthRow:
     stamp: str
     xyz_m: tuple[float, float, float]
     target: int = 0
+    in_view: bool | None = None  # whether a sensor could see it; None where no row says so
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,14 @@ class TruthFile:
             self._file.close()
 
     def add(self, row: TruthRow) -> None:
-        """The stamp as its source spells it; a column for the target if there are several."""
+        """The stamp as its source spells it; further columns where there is something to say."""
+        further = {}
+        if self._targets > 1:
+            further["target"] = str(row.target)
+        if row.in_view is not None:
+            further["in_view"] = str(int(row.in_view))
         if self._file is None:
             self._file = self._path.open("w", newline="")
-            self._file.write(f"timestamp,x,y,z{',target' if self._targets > 1 else ''}\n")
-        columns = [row.stamp, *(repr(v) for v in row.xyz_m)]
-        columns += [str(row.target)] if self._targets > 1 else []
+            self._file.write(",".join(["timestamp", "x", "y", "z", *further]) + "\n")
+        columns = [row.stamp, *(repr(v) for v in row.xyz_m), *further.values()]
         self._file.write(",".join(columns) + "\n")

@@ -13,7 +13,7 @@ from unlidar_tools.benchmark.scenes import seeds
 from unlidar_tools.benchmark.summary import ALL, MEASURES
 from unlidar_tools.cli import main
 from unlidar_tools.errors import InputError, UsageError
-from unlidar_tools.evaluate import evaluate_files
+from unlidar_tools.evaluation import evaluate_files
 from unlidar_tools.program import VARIABLE, check_options
 from unlidar_tools.simulate import load_scenario, simulate
 

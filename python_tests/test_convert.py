@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from unlidar_tools.cli import main
-from unlidar_tools.convert import convert
+from unlidar_tools.conversion import convert
 from unlidar_tools.errors import InputError
 from unlidar_tools.frames_io import read_pcd, write_pcd
 from unlidar_tools.stamps import format_stamp, parse_stamp_ns
@@ -18,13 +18,13 @@ from unlidar_tools.stamps import format_stamp, parse_stamp_ns
 # The command, interrupted as soon as a frame is written.
 INTERRUPTED = """
 import os, signal, sys
-from unlidar_tools import convert
+from unlidar_tools import conversion
 from unlidar_tools.__main__ import main
-write = convert.write_pcd
+write = conversion.write_pcd
 def interrupt(*frame):
     write(*frame)
     os.kill(os.getpid(), signal.SIGTERM)
-convert.write_pcd = interrupt
+conversion.write_pcd = interrupt
 sys.exit(main())
 """
 STAMPS = ("1706255621.600227", "1706255621.7", "1706255621.80023700")

@@ -25,7 +25,7 @@ from bags import (
     write_bag,
 )
 from unlidar_tools.cli import main
-from unlidar_tools.convert import Options, convert
+from unlidar_tools.conversion import Options, convert
 from unlidar_tools.frames_io import read_pcd
 from unlidar_tools.geodesy import Origin, to_geodetic
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bags import random_points, read_xyz, returns_of
 from unlidar_tools.cli import main
-from unlidar_tools.convert import Options, convert
+from unlidar_tools.conversion import Options, convert
 from unlidar_tools.frames_io import read_pcd, write_pcd
 
 STAMPS = ("1706255621.600227123", "1706255621700000000", "1706255622")

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_convert_properties import folder
 from unlidar_tools.cli import main
-from unlidar_tools.convert import convert
+from unlidar_tools.conversion import convert
 from unlidar_tools.frames_io import find_sensors
 
 NASTY = "a[red]b[/]\x1b[31m\n:x:"

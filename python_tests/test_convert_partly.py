@@ -23,7 +23,7 @@ from mcap.writer import Writer as McapWriter
 from test_convert import STAMPS, make_sequence
 from test_convert_broken import cut, raw_cloud
 from unlidar_tools.cli import main
-from unlidar_tools.convert import Options, convert
+from unlidar_tools.conversion import Options, convert
 from unlidar_tools.frames_io import write_pcd
 from unlidar_tools.record import read_record
 

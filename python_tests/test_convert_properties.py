@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from plyfile import PlyData, PlyElement
-from unlidar_tools.convert import Options, convert
-from unlidar_tools.convert.folder import _READERS
-from unlidar_tools.convert.ply import read_ply
+from unlidar_tools.conversion import Options, convert
+from unlidar_tools.conversion.folder import _READERS
+from unlidar_tools.conversion.ply import read_ply
 from unlidar_tools.errors import InputError
 from unlidar_tools.frames_io import read_pcd, write_pcd
 from unlidar_tools.stamps import format_stamp_ns, parse_stamp_ns

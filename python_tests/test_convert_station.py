@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 from unlidar_tools.cli import main
-from unlidar_tools.convert import Options, convert
-from unlidar_tools.convert.transforms import StaticTransforms
+from unlidar_tools.conversion import Options, convert
+from unlidar_tools.conversion.transforms import StaticTransforms
 from unlidar_tools.errors import InputError
 from unlidar_tools.station import Pose, read_station, station_options, write_station
 

@@ -9,9 +9,9 @@ from flights import BEGIN_S, join_tracks, join_truths, track_at, truth_at, write
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 from unlidar_tools.cli import main
-from unlidar_tools.evaluate import Options, evaluate
-from unlidar_tools.evaluate.alignment import fit_alignment
 from unlidar_tools.evaluate_options import ALIGNMENTS
+from unlidar_tools.evaluation import Options, evaluate
+from unlidar_tools.evaluation.alignment import fit_alignment
 from unlidar_tools.truth import Tracks
 
 TIMES = np.arange(0, 10, 0.1)

@@ -9,7 +9,7 @@ from evo.tools import file_interface
 from flights import place, track_at, truth_at, write_result
 from synthetic import run_program
 from unlidar_tools.cli import main
-from unlidar_tools.evaluate import Options, evaluate_files
+from unlidar_tools.evaluation import Options, evaluate_files
 from unlidar_tools.truth import read_truth
 
 

@@ -8,8 +8,8 @@ from flights import BEGIN_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from unlidar_tools.evaluate import FALSE_BEYOND_M, Options, evaluate
-from unlidar_tools.evaluate.bootstrap import LEVEL, times_drawn
+from unlidar_tools.evaluation import FALSE_BEYOND_M, Options, evaluate
+from unlidar_tools.evaluation.bootstrap import LEVEL, times_drawn
 from unlidar_tools.truth import Tracks, Truth
 
 ERRORS_OF_ROTATION = 2e-4  # measures have four places

@@ -14,7 +14,7 @@ from flights import join_tracks, track_at, truth_at, write_result
 from pyproj import Transformer
 from unlidar_tools.cli import main
 from unlidar_tools.completion import complete
-from unlidar_tools.evaluate import evaluate_files
+from unlidar_tools.evaluation import evaluate_files
 from unlidar_tools.geodesy import Origin, from_geodetic, to_geodetic
 from unlidar_tools.truth import read_tracks
 

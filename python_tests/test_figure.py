@@ -4,7 +4,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from unlidar_tools.evaluate import evaluate
+from unlidar_tools.evaluation import evaluate
 from unlidar_tools.figure import FigureData, write_figure
 from unlidar_tools.truth import Tracks, Truth
 

@@ -14,7 +14,7 @@ from report_run import CLUSTERS, DRONE_RETURNS_PER_FRAME, OFFSET_M, SIGMA_M, mak
 from synthetic import BEGIN_NS, PERIOD_NS, drone_position_m
 from unlidar_tools.cli import main
 from unlidar_tools.colours import track_colours
-from unlidar_tools.evaluate import evaluate
+from unlidar_tools.evaluation import evaluate
 from unlidar_tools.figure import legend as figure_legend
 from unlidar_tools.record import RunRecord
 from unlidar_tools.report import ReportData, load_run

@@ -20,7 +20,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
-from unlidar_tools.convert.message_types import register_livox
+from unlidar_tools.conversion.message_types import register_livox
 
 _LEAST_MB_PER_S = 50.0
 _MOST_MB = 300.0

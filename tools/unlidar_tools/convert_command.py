@@ -92,7 +92,7 @@ def tell_notes(notes: Iterable[str]) -> None:
 
 
 def _convert(a: argparse.Namespace) -> None:
-    from unlidar_tools.convert import Options, convert, kept_of
+    from unlidar_tools.conversion import Options, convert, kept_of
 
     if a.list:
         _list(a.source)
@@ -129,7 +129,7 @@ def _list(source: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from unlidar_tools.convert import list_streams
+    from unlidar_tools.conversion import list_streams
 
     kind, streams = list_streams(source)
     console = Console(highlight=False)

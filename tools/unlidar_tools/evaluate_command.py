@@ -99,8 +99,8 @@ def act(a: argparse.Namespace) -> None:
 
 
 def _one(a: argparse.Namespace, options: Options) -> None:
-    from unlidar_tools.evaluate import evaluate_files
-    from unlidar_tools.evaluate.markdown import markdown_table
+    from unlidar_tools.evaluation import evaluate_files
+    from unlidar_tools.evaluation.markdown import markdown_table
     from unlidar_tools.tables import console, measures_table
 
     truth, *trajectories = a.inputs
@@ -129,8 +129,8 @@ def _other_tracks(path: Path) -> list[Path]:
 
 
 def _many(a: argparse.Namespace, options: Options) -> None:
-    from unlidar_tools.evaluate.markdown import markdown_table, table_rows
-    from unlidar_tools.evaluate.sequences import (
+    from unlidar_tools.evaluation.markdown import markdown_table, table_rows
+    from unlidar_tools.evaluation.sequences import (
         evaluate_sequences,
         find_results,
         names_are_unique,

@@ -14,9 +14,9 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from unlidar_tools.colours import GREEN, GREY, RED, track_colours
-from unlidar_tools.evaluate import MAX_STEP_S
-from unlidar_tools.evaluate.markdown import percent
-from unlidar_tools.evaluate.measures import several_drones
+from unlidar_tools.evaluation import MAX_STEP_S
+from unlidar_tools.evaluation.markdown import percent
+from unlidar_tools.evaluation.measures import several_drones
 from unlidar_tools.truth import Tracks, Truth
 
 _LEAST_SPAN_M = 6.0

@@ -12,8 +12,8 @@ from rich import box
 from rich.table import Table
 
 from unlidar_tools.errors import ProgramError
-from unlidar_tools.evaluate import evaluate
-from unlidar_tools.evaluate.markdown import percent
+from unlidar_tools.evaluation import evaluate
+from unlidar_tools.evaluation.markdown import percent
 from unlidar_tools.output import clear_results
 from unlidar_tools.play import MessageSink, frames_in_order, play
 from unlidar_tools.program import NAME, TRAJECTORY, find_program

@@ -87,8 +87,8 @@ def _run(a: argparse.Namespace) -> None:
 
 
 def _run_one(a: argparse.Namespace) -> None:
-    from unlidar_tools.convert import Options
-    from unlidar_tools.run import run
+    from unlidar_tools.conversion import Options
+    from unlidar_tools.pipeline import run
     from unlidar_tools.tables import console, measures_table
 
     _read(a.config)

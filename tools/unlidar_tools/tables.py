@@ -6,8 +6,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from unlidar_tools.evaluate.markdown import percent, table_rows
-from unlidar_tools.evaluate.measures import several_drones
+from unlidar_tools.evaluation.markdown import percent, table_rows
+from unlidar_tools.evaluation.measures import several_drones
 from unlidar_tools.printable import cell
 
 

@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 
 from unlidar_tools.batch.job import Job, digest, finished
-from unlidar_tools.convert import Options
+from unlidar_tools.conversion import Options
 from unlidar_tools.errors import OutputError, UsageError
 from unlidar_tools.output import complete_directory
+from unlidar_tools.pipeline import CONFIG, is_own, run
 from unlidar_tools.processes import serve
 from unlidar_tools.program import VARIABLE, find_program
 from unlidar_tools.record import is_result
-from unlidar_tools.run import CONFIG, is_own, run
 
 
 def do(job: Job) -> None:

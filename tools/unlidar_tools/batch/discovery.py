@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from unlidar_tools.convert import KINDS
+from unlidar_tools.conversion import KINDS
 from unlidar_tools.errors import InputError, UnlidarError, reason
 from unlidar_tools.frames_io import find_sensors, list_frames
 from unlidar_tools.output import MARKERS

@@ -10,8 +10,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from unlidar_tools.batch.job import FAILED, Row
-from unlidar_tools.evaluate.markdown import table_line
-from unlidar_tools.evaluate.measures import several_drones
+from unlidar_tools.evaluation.markdown import table_line
+from unlidar_tools.evaluation.measures import several_drones
 from unlidar_tools.output import write_file
 from unlidar_tools.printable import cell
 

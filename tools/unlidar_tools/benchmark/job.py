@@ -16,12 +16,12 @@ import numpy as np
 from unlidar_tools.benchmark.scenes import SceneSeed
 from unlidar_tools.benchmark.variants import Variant
 from unlidar_tools.errors import UnlidarError
-from unlidar_tools.evaluate import evaluate
+from unlidar_tools.evaluation import evaluate
 from unlidar_tools.frames_io import list_frames
 from unlidar_tools.output import clear_results, write_file
+from unlidar_tools.pipeline import RESULTS, Recording, prepare
 from unlidar_tools.program import run_program
 from unlidar_tools.record import RunRecord, write_measures, write_record
-from unlidar_tools.run import RESULTS, Recording, prepare
 from unlidar_tools.simulate import load_scenario, simulate
 from unlidar_tools.truth import TRUTH_NAME, Tracks, Truth, read_tracks, read_truth
 

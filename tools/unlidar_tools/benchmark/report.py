@@ -12,7 +12,7 @@ from unlidar_tools import __version__
 from unlidar_tools.benchmark.job import Result
 from unlidar_tools.benchmark.summary import ALL, Estimate, Row
 from unlidar_tools.benchmark.variants import Variant
-from unlidar_tools.evaluate.markdown import table_line
+from unlidar_tools.evaluation.markdown import table_line
 from unlidar_tools.output import write_file
 from unlidar_tools.printable import printable
 

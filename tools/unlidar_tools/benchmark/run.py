@@ -4,9 +4,9 @@ from contextlib import closing
 
 from unlidar_tools.benchmark.job import Job, Result, folders
 from unlidar_tools.errors import ForwardedError
+from unlidar_tools.pipeline import refuse_foreign
 from unlidar_tools.processes import Ended, Launcher, side_by_side
 from unlidar_tools.progress import with_progress
-from unlidar_tools.run import refuse_foreign
 
 
 def run_jobs(jobs: list[Job], at_once: int) -> list[Result]:

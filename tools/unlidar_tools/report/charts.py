@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from unlidar_tools.colours import GREEN, GREY, RED, faded
-from unlidar_tools.evaluate.association import cover, identities
+from unlidar_tools.evaluation.association import cover, identities
 from unlidar_tools.figure import view_box
 from unlidar_tools.report.courses import Course, track_courses, truth_courses
 from unlidar_tools.report.data import ReportData

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from unlidar_tools.errors import InputError, reason
-from unlidar_tools.evaluate import evaluate
+from unlidar_tools.evaluation import evaluate
 from unlidar_tools.frames_io import read_returns
 from unlidar_tools.program import CLUSTERS, SUMMARY, TARGET_RETURNS, TRAJECTORY
 from unlidar_tools.record import RunRecord, read_finished, read_object

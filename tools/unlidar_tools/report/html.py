@@ -5,8 +5,8 @@ from html import escape
 from itertools import chain, repeat
 
 from unlidar_tools.colours import track_colours
-from unlidar_tools.evaluate.markdown import percent
-from unlidar_tools.evaluate.measures import several_drones
+from unlidar_tools.evaluation.markdown import percent
+from unlidar_tools.evaluation.measures import several_drones
 from unlidar_tools.report.data import ReportData
 
 _DIGITS = 4

@@ -3,14 +3,14 @@
 from pathlib import Path
 from typing import ClassVar
 
-from unlidar_tools.convert.files import (
+from unlidar_tools.conversion.files import (
     FileSource,
     StampedFile,
     files_stamped_by_name,
     load_rows,
     refuse_bag_options,
 )
-from unlidar_tools.convert.source import Options, SourceFrame, Stream
+from unlidar_tools.conversion.source import Options, SourceFrame, Stream
 from unlidar_tools.errors import InputError
 
 _LIDARS = ("lidar_360", "livox_avia")

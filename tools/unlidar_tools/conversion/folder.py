@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from unlidar_tools.convert.files import (
+from unlidar_tools.conversion.files import (
     TRUTH_FOLDER,
     FileSource,
     StampedFile,
@@ -16,9 +16,9 @@ from unlidar_tools.convert.files import (
     load_rows,
     refuse_bag_options,
 )
-from unlidar_tools.convert.ply import read_ply
-from unlidar_tools.convert.point_times import OFFSET_FIELD, TIME_FIELDS, offsets_ns
-from unlidar_tools.convert.source import Options, SourceFrame, Stream, Unreadable
+from unlidar_tools.conversion.ply import read_ply
+from unlidar_tools.conversion.point_times import OFFSET_FIELD, TIME_FIELDS, offsets_ns
+from unlidar_tools.conversion.source import Options, SourceFrame, Stream, Unreadable
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.frames_io import is_return, read_pcd, stamps_of_table
 from unlidar_tools.names import folder_names

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from unlidar_tools.convert.transforms import plain_frame
+from unlidar_tools.conversion.transforms import plain_frame
 from unlidar_tools.names import folder_names
 
 # Topics of the MMAUD data set and what its folders call them.

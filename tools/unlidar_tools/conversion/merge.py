@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from unlidar_tools.convert.point_times import OFFSET_FIELD
-from unlidar_tools.convert.source import SourceFrame, TruthRow
+from unlidar_tools.conversion.point_times import OFFSET_FIELD
+from unlidar_tools.conversion.source import SourceFrame, TruthRow
 from unlidar_tools.errors import InputError
 from unlidar_tools.stamps import parse_stamp_ns
 

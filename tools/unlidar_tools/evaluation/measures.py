@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2
 
-from unlidar_tools.evaluate.association import FALSE_BEYOND_M
-from unlidar_tools.evaluate.bootstrap import Drawn, intervals
-from unlidar_tools.evaluate.judgement import Judgement
 from unlidar_tools.evaluate_options import Options
+from unlidar_tools.evaluation.association import FALSE_BEYOND_M
+from unlidar_tools.evaluation.bootstrap import Drawn, intervals
+from unlidar_tools.evaluation.judgement import Judgement
 
 WITHIN_M = 1.0
 NEES_95 = float(chi2.ppf(0.95, 3))

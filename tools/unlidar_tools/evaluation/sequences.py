@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unlidar_tools.errors import InputError, reason
-from unlidar_tools.evaluate.judgement import judge_files
-from unlidar_tools.evaluate.measures import measure
 from unlidar_tools.evaluate_options import Options
+from unlidar_tools.evaluation.judgement import judge_files
+from unlidar_tools.evaluation.measures import measure
 from unlidar_tools.output import FRAMES, RUN_RECORD
 from unlidar_tools.program import TRAJECTORY
 from unlidar_tools.record import read_record

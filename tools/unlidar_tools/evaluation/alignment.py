@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from unlidar_tools.errors import InputError
-from unlidar_tools.evaluate.association import Coverage, cover
+from unlidar_tools.evaluation.association import Coverage, cover
 from unlidar_tools.truth import Tracks, Truth
 
 MAX_OFFSET_S = 1.0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unlidar_tools.convert import Options, convert, kept_of
+from unlidar_tools.conversion import Options, convert, kept_of
 from unlidar_tools.convert_command import tell_notes
 from unlidar_tools.errors import InputError, OutputError, UsageError
 from unlidar_tools.figure import write_figure

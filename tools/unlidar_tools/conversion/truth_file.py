@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Self, TextIO
 
-from unlidar_tools.convert.source import TruthRow
+from unlidar_tools.conversion.source import TruthRow
 
 
 class TruthFile:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from rosbags.typesys.store import Typestore
 
-from unlidar_tools.convert.message_types import LIVOX_CLOUDS, known_types
-from unlidar_tools.convert.point_times import TIME_FIELDS
+from unlidar_tools.conversion.message_types import LIVOX_CLOUDS, known_types
+from unlidar_tools.conversion.point_times import TIME_FIELDS
 from unlidar_tools.errors import reason
 from unlidar_tools.frames_io import is_return
 

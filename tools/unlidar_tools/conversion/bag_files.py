@@ -12,9 +12,9 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1.reader import IndexData
 from rosbags.rosbag2 import Reader as Reader2
 
-from unlidar_tools.convert.clouds import CLOUD_TYPES
-from unlidar_tools.convert.positions import POSITION_TYPES
-from unlidar_tools.convert.scans import (
+from unlidar_tools.conversion.clouds import CLOUD_TYPES
+from unlidar_tools.conversion.positions import POSITION_TYPES
+from unlidar_tools.conversion.scans import (
     ScanReader,
     salvage_reader,
     scan_mcap,
@@ -22,7 +22,7 @@ from unlidar_tools.convert.scans import (
     storage_suffix,
     write_ahead_log,
 )
-from unlidar_tools.convert.transforms import is_static_topic
+from unlidar_tools.conversion.transforms import is_static_topic
 from unlidar_tools.errors import InputError, reason
 
 _SUFFIXES = (".bag", ".db3", ".mcap")

@@ -16,10 +16,10 @@ docs/evaluate.md has the formula of every measure.
 from collections.abc import Sequence
 from pathlib import Path
 
-from unlidar_tools.evaluate.association import FALSE_BEYOND_M, MAX_STEP_S
-from unlidar_tools.evaluate.judgement import Judgement, judge, judge_files
-from unlidar_tools.evaluate.measures import WITHIN_M, measure
 from unlidar_tools.evaluate_options import Options
+from unlidar_tools.evaluation.association import FALSE_BEYOND_M, MAX_STEP_S
+from unlidar_tools.evaluation.judgement import Judgement, judge, judge_files
+from unlidar_tools.evaluation.measures import WITHIN_M, measure
 from unlidar_tools.truth import Tracks, Truth
 
 __all__ = [

@@ -10,12 +10,12 @@ from contextlib import closing
 from pathlib import Path
 
 from unlidar_tools import __version__
-from unlidar_tools.convert.bag import RosBag
-from unlidar_tools.convert.folder import FrameFolder
-from unlidar_tools.convert.merge import merged
-from unlidar_tools.convert.mmaud import MmaudFolder
-from unlidar_tools.convert.point_times import OFFSET_FIELD, pcd_column
-from unlidar_tools.convert.source import (
+from unlidar_tools.conversion.bag import RosBag
+from unlidar_tools.conversion.folder import FrameFolder
+from unlidar_tools.conversion.merge import merged
+from unlidar_tools.conversion.mmaud import MmaudFolder
+from unlidar_tools.conversion.point_times import OFFSET_FIELD, pcd_column
+from unlidar_tools.conversion.source import (
     Options,
     Source,
     SourceFrame,
@@ -23,7 +23,7 @@ from unlidar_tools.convert.source import (
     TruthRow,
     Unreadable,
 )
-from unlidar_tools.convert.truth_file import TruthFile
+from unlidar_tools.conversion.truth_file import TruthFile
 from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.frames_io import is_return, write_pcd
 from unlidar_tools.names import check_name

@@ -28,7 +28,7 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1 import ReaderError
 from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
-from unlidar_tools.convert.message_types import ROS1_ENCODING
+from unlidar_tools.conversion.message_types import ROS1_ENCODING
 
 try:
     from compression import zstd

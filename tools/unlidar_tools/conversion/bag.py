@@ -9,26 +9,26 @@ from typing import Any, ClassVar
 from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
 
-from unlidar_tools.convert.bag_files import is_bag, open_bag
-from unlidar_tools.convert.bag_sensors import BagSensors
-from unlidar_tools.convert.bag_topics import BagTopics
-from unlidar_tools.convert.clouds import (
+from unlidar_tools.conversion.bag_files import is_bag, open_bag
+from unlidar_tools.conversion.bag_sensors import BagSensors
+from unlidar_tools.conversion.bag_topics import BagTopics
+from unlidar_tools.conversion.clouds import (
     POINT_CLOUD,
     decode_cloud,
     deserialize,
     read_header,
     stamp_ns,
 )
-from unlidar_tools.convert.message_types import (
+from unlidar_tools.conversion.message_types import (
     is_ros1,
     types_of,
 )
-from unlidar_tools.convert.placing import Placing
-from unlidar_tools.convert.point_times import OFFSET_FIELD, offsets_ns
-from unlidar_tools.convert.positions import FIX, Positions
-from unlidar_tools.convert.source import Options, SourceFrame, Stream, TruthRow, Unreadable
-from unlidar_tools.convert.stamps_seen import StampsSeen
-from unlidar_tools.convert.transforms import StaticTransforms
+from unlidar_tools.conversion.placing import Placing
+from unlidar_tools.conversion.point_times import OFFSET_FIELD, offsets_ns
+from unlidar_tools.conversion.positions import FIX, Positions
+from unlidar_tools.conversion.source import Options, SourceFrame, Stream, TruthRow, Unreadable
+from unlidar_tools.conversion.stamps_seen import StampsSeen
+from unlidar_tools.conversion.transforms import StaticTransforms
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.stamps import format_stamp_ns
 from unlidar_tools.station import Pose

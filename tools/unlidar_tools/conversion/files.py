@@ -7,7 +7,7 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from unlidar_tools.convert.source import Options, SourceFrame, Stream, TruthRow, Unreadable
+from unlidar_tools.conversion.source import Options, SourceFrame, Stream, TruthRow, Unreadable
 from unlidar_tools.errors import InputError, UsageError, reason
 from unlidar_tools.stamps import parse_stamp_ns
 from unlidar_tools.station import Pose, read_station

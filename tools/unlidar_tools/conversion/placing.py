@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from unlidar_tools.convert.transforms import Placement, StaticTransforms, plain_frame
+from unlidar_tools.conversion.transforms import Placement, StaticTransforms, plain_frame
 from unlidar_tools.station import Pose
 
 Position = tuple[float, float, float]

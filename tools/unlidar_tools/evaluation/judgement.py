@@ -8,15 +8,15 @@ import numpy as np
 
 from unlidar_tools.completion import complete
 from unlidar_tools.errors import InputError
-from unlidar_tools.evaluate.alignment import (
+from unlidar_tools.evaluate_options import AUTO, Options
+from unlidar_tools.evaluation.alignment import (
     IDENTITY,
     Alignment,
     align,
     estimate_time_offset,
     shift,
 )
-from unlidar_tools.evaluate.association import Coverage, OwnRows, cover, identities, own_rows
-from unlidar_tools.evaluate_options import AUTO, Options
+from unlidar_tools.evaluation.association import Coverage, OwnRows, cover, identities, own_rows
 from unlidar_tools.truth import Tracks, Truth, read_all_tracks, read_truth
 
 

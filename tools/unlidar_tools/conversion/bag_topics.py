@@ -6,11 +6,11 @@ from pathlib import Path
 
 from rosbags.interfaces import Connection
 
-from unlidar_tools.convert.clouds import CLOUD_TYPES
-from unlidar_tools.convert.message_types import ROS1_ENCODING, ROS2_ENCODING, encoding_of
-from unlidar_tools.convert.positions import POSITION_TYPES, says_truth
-from unlidar_tools.convert.source import Options
-from unlidar_tools.convert.transforms import is_static_topic
+from unlidar_tools.conversion.clouds import CLOUD_TYPES
+from unlidar_tools.conversion.message_types import ROS1_ENCODING, ROS2_ENCODING, encoding_of
+from unlidar_tools.conversion.positions import POSITION_TYPES, says_truth
+from unlidar_tools.conversion.source import Options
+from unlidar_tools.conversion.transforms import is_static_topic
 from unlidar_tools.errors import InputError, UsageError
 
 _REFUSED = {

@@ -1,10 +1,55 @@
-"""The harness of unlidar_track: recordings in, trajectories measured, figures out."""
+"""The harness of unlidar_track: recordings in, trajectories measured, figures out.
 
-from typing import Any
+As a library it offers what `api` has; nothing of it is imported before it is asked for, lest every
+command wait for it.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from unlidar_tools.api import (
+        Conversion,
+        ConvertOptions,
+        DroneMeasures,
+        EvaluateOptions,
+        Measures,
+        Run,
+        convert,
+        evaluate,
+        run,
+    )
+    from unlidar_tools.errors import (
+        ConfigError,
+        InputError,
+        OutputError,
+        ProgramError,
+        UnlidarError,
+        UsageError,
+    )
+
+    __version__: str
+
+__all__ = [
+    "ConfigError",
+    "Conversion",
+    "ConvertOptions",
+    "DroneMeasures",
+    "EvaluateOptions",
+    "InputError",
+    "Measures",
+    "OutputError",
+    "ProgramError",
+    "Run",
+    "UnlidarError",
+    "UsageError",
+    "__version__",
+    "convert",
+    "evaluate",
+    "run",
+]
 
 
 def __getattr__(name: str) -> Any:
-    # When it is asked for, lest every command wait for it.
     if name == "__version__":
         from importlib.metadata import PackageNotFoundError, version
 
@@ -12,4 +57,8 @@ def __getattr__(name: str) -> Any:
             return version("unlidar-tools")
         except PackageNotFoundError:  # used from a source tree that was not installed
             return "0+uninstalled"
+    if name in __all__:
+        from unlidar_tools import api, errors
+
+        return getattr(errors if name.endswith("Error") else api, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,158 @@
+"""The package as a library: the documented example runs, and no measure gets lost."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import unlidar_tools
+from flights import join_tracks, join_truths, track_at, truth_at, write_result
+from many import StandIn, make_sequence
+from synthetic import PROJECT
+from unlidar_tools.cli import main
+from unlidar_tools.evaluation import Options, evaluate_files
+
+PAGE = PROJECT / "docs/python_api.md"
+TIMES = np.arange(0, 6, 0.1)
+
+
+@pytest.fixture
+def stand_in(tmp_path, monkeypatch) -> StandIn:
+    program = StandIn(tmp_path)
+    monkeypatch.setenv("UNLIDAR_TRACK", str(program.write()))
+    return program
+
+
+def test_the_example_of_the_page_works_as_written(program, shared, tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("UNLIDAR_TRACK", str(program))
+    monkeypatch.chdir(tmp_path)
+    Path("mmaud").symlink_to(shared / "data/mmaud")
+    Path("flight.bag").symlink_to(shared / "data/formats/bags/ros1_pointcloud2.bag")
+    (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(example, str(PAGE), "exec"), {})
+    lines = printed.getvalue().splitlines()
+    assert lines[0] == "1 track(s) in out/seq0001/traj.csv"
+    assert re.fullmatch(r"RMSE 0\.5\d\d m over 100% of the truth", lines[1])
+    assert lines[2].startswith("without the mean offset 0.03")
+    assert "frames" in lines[3]
+    assert len(lines) == 4
+
+
+def test_run_gives_what_the_command_line_writes(stand_in, tmp_path) -> None:
+    source = make_sequence(tmp_path / "seq")
+    found = unlidar_tools.run(
+        str(source), tmp_path / "out", method="paper", settings={"a.b": [1, 2.5], "c": True}
+    )
+    assert main(["evaluate", str(found.out)]) == 0
+    for path in (found.trajectory, found.summary, found.target_returns, found.clusters,
+                 found.figure, found.page, found.truth):  # fmt: skip
+        assert path.is_file()
+    assert (found.tracks, found.measures.rmse, found.measures.coverage) == (1, 0.0, 1.0)
+    assert found.frames == {"lidar_360": tmp_path / "out/frames/lidar_360"}
+    told = json.loads(found.summary.read_text())["told"]
+    assert [word for word in told if "=" in word][1:] == ["method=paper", "a.b=[1, 2.5]", "c=true"]
+
+
+def test_nothing_is_printed(stand_in, tmp_path, capfd) -> None:
+    stand_in.write("print('told'); print('unlidar_track: a note', file=sys.stderr)")
+    found = unlidar_tools.run(make_sequence(tmp_path / "seq"), tmp_path / "out")
+    assert found.messages == ("unlidar_track: a note",)
+    said = capfd.readouterr()
+    assert (said.out, said.err) == ("", "")
+
+
+def test_convert_tells_what_it_did(tmp_path) -> None:
+    source = make_sequence(tmp_path / "seq")
+    done = unlidar_tools.convert(source, tmp_path / "out")
+    assert done.frames == {"lidar_360": 3}
+    assert done.returns == {"lidar_360": 12}
+    assert done.truth_rows == 3
+    assert done.truth.is_file()
+    with pytest.raises(unlidar_tools.OutputError, match="exists already"):
+        unlidar_tools.convert(source, tmp_path / "out")
+    options = unlidar_tools.ConvertOptions(start_s=0.15)
+    less = unlidar_tools.convert(source, tmp_path / "out", force=True, options=options)
+    assert less.frames == {"lidar_360": 1}
+
+
+@pytest.mark.parametrize(
+    ("several", "options"),
+    [
+        (False, Options()),
+        (True, Options()),
+        (True, Options(align="se3", time_offset=0.05)),
+        (False, Options(time_offset="auto", bootstrap=0)),
+    ],
+)
+def test_no_measure_is_lost(several, options, tmp_path) -> None:
+    noise = np.random.default_rng(1).normal(0, 0.1, (len(TIMES), 3))
+    truth, tracks = truth_at(TIMES), track_at(TIMES, noise, sigma_m=np.full((len(TIMES), 3), 0.1))
+    if several:
+        truth = join_truths(truth, truth_at(TIMES, target=1.0, away_m=15.0))
+        tracks = join_tracks(tracks, track_at(TIMES[:9], [15.0, 0, 0], 1.0))
+    folder = write_result(tmp_path, truth, tracks)
+    files = folder / "ground_truth.csv", folder / "traj.csv"
+    expected = evaluate_files(*files, options)
+    found = unlidar_tools.evaluate(*map(str, files), options)
+    as_json = json.loads(json.dumps(dataclasses.asdict(found)))
+    for name, value in expected.items():
+        if name == "targets":
+            assert [{k: v for k, v in one.items() if v is not None} for one in as_json[name]] == (
+                value
+            )
+        else:
+            assert as_json[name] == json.loads(json.dumps(value)), name
+    absent = {f.name for f in dataclasses.fields(found)} - set(expected)
+    for name in absent:
+        assert getattr(found, name) in (None, (), {}, 0.0, False, "none"), name
+
+
+def test_errors_of_a_user_are_of_one_kind(tmp_path) -> None:
+    (tmp_path / "t.csv").write_text("timestamp,x,y\n")
+    with pytest.raises(unlidar_tools.UnlidarError, match="has no column z") as refused:
+        unlidar_tools.evaluate(tmp_path / "t.csv", tmp_path / "t.csv")
+    assert isinstance(refused.value, unlidar_tools.InputError)
+    assert refused.value.exit_code == 4
+    with pytest.raises(unlidar_tools.UsageError, match="list of names"):
+        unlidar_tools.run(tmp_path, tmp_path / "out", sensors="lidar")
+
+
+def test_names_are_there_when_asked_for_and_cost_nothing_before() -> None:
+    assert [name for name in unlidar_tools.__all__ if not hasattr(unlidar_tools, name)] == []
+    with pytest.raises(AttributeError):
+        _ = unlidar_tools.nothing
+    heavy = "[m for m in ('numpy', 'importlib.metadata') if m in sys.modules]"
+    assert printed_by(f"import sys, unlidar_tools; print({heavy})") == "[]\n"
+    # A function keeps its name whatever module was imported before.
+    before = "import unlidar_tools.cli, unlidar_tools.pipeline"
+    shown = printed_by(f"{before}; from unlidar_tools import convert, evaluate, run; print(run)")
+    assert shown.startswith("<function run")
+
+
+def printed_by(script: str) -> str:
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_package_says_that_it_is_typed() -> None:
+    assert (Path(unlidar_tools.__file__).parent / "py.typed").is_file()
+    project = tomllib.loads((PROJECT / "tools/pyproject.toml").read_text())
+    assert "py.typed" in project["tool"]["setuptools"]["package-data"]["unlidar_tools"]
+
+
+def test_links_of_the_page_lead_to_files() -> None:
+    links = re.findall(r"\]\(([^)#]+)\)", PAGE.read_text())
+    assert links
+    assert [link for link in links if not (PAGE.parent / link).exists()] == []

@@ -44,6 +44,7 @@ class Conversion:
     truth: Path | None  # ground_truth.csv, None if the recording has no truth
     truth_rows: int
     notes: tuple[str, ...]  # what the user should know
+    broken: str | None  # why `out` ends before the recording does; None: it is complete
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,7 @@ def convert(
         truth=None if rows is None else out / conversion.TRUTH_NAME,
         truth_rows=rows or 0,
         notes=tuple(report["notes"]),
+        broken=report["broken"],
     )
 
 
@@ -165,12 +167,13 @@ def run(
     config: AnyPath | None = None,
     settings: Mapping[str, object] | None = None,
     threads: int | None = None,
+    options: ConvertOptions | None = None,
 ) -> Run:
     """Converts one recording if need be, tracks, evaluates where there is truth, and reports.
 
     The first of the `sensors` gives the output times. `method` is "robust" or "paper", `config` a
     YAML file of the program, `settings` single values of it by their key, as
-    {"robust.off_ground_m": 0.5}, which go before the file.
+    {"robust.off_ground_m": 0.5}, which go before the file. `options` are those of the conversion.
     """
     values = ({"method": method} if method is not None else {}) | dict(settings or {})
     chosen = [] if config is None else ["--config", os.fspath(config)]
@@ -180,7 +183,8 @@ def run(
     if isinstance(sensors, str):
         raise UsageError(f"sensors is '{sensors}', expected a list of names")
     names = None if sensors is None else list(sensors)
-    found = pipeline.run(Path(recording), Path(out), names, chosen)
+    reading = options or ConvertOptions()
+    found = pipeline.run(Path(recording), Path(out), names, chosen, reading)
     return Run(
         out=found.out,
         frames=found.record.frames,

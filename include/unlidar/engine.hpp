@@ -55,7 +55,7 @@ class Engine {
 
   // `sensors`: their names, which tie them to sensors.NAME of the config. `output_times`: as for a
   // recording.
-  Engine(const Config& config, std::vector<std::string> sensors, OutputTimes output_times,
+  Engine(const Config& config, const std::vector<std::string>& sensors, OutputTimes output_times,
          Callback on_event);
   ~Engine();
   Engine(const Engine&) = delete;

@@ -180,8 +180,8 @@ class Engine::Impl {
   LiveTracker tracker_;
 };
 
-Engine::Engine(const Config& config, std::vector<std::string> sensors, OutputTimes output_times,
-               Callback on_event)
+Engine::Engine(const Config& config, const std::vector<std::string>& sensors,
+               OutputTimes output_times, Callback on_event)
     : impl_(std::make_unique<Impl>(config, sensors, std::move(output_times), std::move(on_event))) {
 }
 

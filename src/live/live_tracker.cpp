@@ -364,6 +364,7 @@ void LiveTracker::ConfirmPath(const Path& path, double threshold) {
   seen.erase(seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(standing));
   first += standing;
   std::vector<Plot> members;
+  members.reserve(seen.size());
   for (const SeenPlot& at : seen) members.push_back(at.plot);
   if (!IsFlight(recent_, members, config_.robust) || !MovesOrFloats(members)) return;
   // A drone that shows as two plots in a frame is no second one.

@@ -292,10 +292,9 @@ int TrackFollower::ReturnsBetween(TimeNs from_ns, TimeNs to_ns) const {
 
 bool TrackFollower::IsNear(const Eigen::Vector3d& place_m, double time_s) const {
   constexpr double kNear_m = 1.5;
-  const Node* before = nullptr;
-  for (std::int32_t k = BestLeaf(); k != kNone; k = nodes_[static_cast<std::size_t>(k)].parent) {
-    before = &nodes_[static_cast<std::size_t>(k)];
-    if (before->h.time_s <= time_s) break;
+  const Node* before = &nodes_[static_cast<std::size_t>(BestLeaf())];
+  while (before->h.time_s > time_s && before->parent != kNone) {
+    before = &nodes_[static_cast<std::size_t>(before->parent)];
   }
   const Eigen::Vector3d at_m =
       before->h.state.mean.col(0) + (time_s - before->h.time_s) * before->h.state.mean.col(1);

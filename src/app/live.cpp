@@ -14,16 +14,16 @@
 
 #include "app/live_output.hpp"
 #include "app/live_summary.hpp"
+#include "app/output_files.hpp"
 #include "app/signals.hpp"
-#include "format.hpp"
-#include "frame_preparation.hpp"
+#include "base/format.hpp"
 #include "io/followed_folders.hpp"
 #include "io/frame_messages.hpp"
 #include "io/frame_pace.hpp"
-#include "unlidar/engine.hpp"
+#include "io/frame_preparation.hpp"
+#include "io/pcd.hpp"
+#include "live/engine.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/output_files.hpp"
-#include "unlidar/pcd.hpp"
 
 namespace unlidar {
 namespace {

@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "unlidar/config.hpp"
-#include "unlidar/frames.hpp"
-#include "unlidar/output_times.hpp"
+#include "app/config.hpp"
+#include "io/frames.hpp"
+#include "trajectory/output_times.hpp"
 
 namespace unlidar {
 

@@ -4,9 +4,9 @@
 #include <variant>
 #include <vector>
 
-#include "format.hpp"
-#include "fuzz.hpp"
-#include "unlidar/config.hpp"
+#include "app/config.hpp"
+#include "base/format.hpp"
+#include "fuzz/fuzz.hpp"
 
 namespace unlidar::fuzz {
 namespace {

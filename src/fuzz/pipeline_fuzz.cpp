@@ -12,11 +12,11 @@
 #include <type_traits>
 #include <vector>
 
-#include "config_keys.hpp"
-#include "fuzz.hpp"
-#include "unlidar/output.hpp"
-#include "unlidar/pcd.hpp"
-#include "unlidar/pipeline.hpp"
+#include "app/config_keys.hpp"
+#include "app/output.hpp"
+#include "app/pipeline.hpp"
+#include "fuzz/fuzz.hpp"
+#include "io/pcd.hpp"
 
 namespace unlidar::fuzz {
 namespace {

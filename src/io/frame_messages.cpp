@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "frame_directory.hpp"
-#include "unlidar/config.hpp"
+#include "app/config.hpp"
+#include "io/frame_directory.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

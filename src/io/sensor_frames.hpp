@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "frame_preparation.hpp"
+#include "io/frame_preparation.hpp"
 
 namespace unlidar {
 

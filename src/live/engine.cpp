@@ -1,4 +1,4 @@
-#include "unlidar/engine.hpp"
+#include "live/engine.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,10 +7,10 @@
 #include <set>
 #include <utility>
 
+#include "app/pipeline.hpp"
 #include "io/sensor_frames.hpp"
 #include "live/live_tracker.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/pipeline.hpp"
 
 namespace unlidar {
 namespace {

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <utility>
 
-#include "robust/flight.hpp"
-#include "unlidar/sampling.hpp"
+#include "robust/tracking/flight.hpp"
+#include "trajectory/sampling.hpp"
 
 namespace unlidar {
 namespace {

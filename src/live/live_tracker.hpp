@@ -9,15 +9,15 @@
 #include <unordered_map>
 #include <vector>
 
-#include "frame_preparation.hpp"
+#include "app/config.hpp"
+#include "io/frame_preparation.hpp"
+#include "live/engine.hpp"
 #include "live/live_clutter.hpp"
 #include "live/occupancy.hpp"
 #include "live/track_follower.hpp"
-#include "robust/track_search.hpp"
-#include "unlidar/config.hpp"
-#include "unlidar/engine.hpp"
-#include "unlidar/robust/ground.hpp"
-#include "unlidar/robust/support.hpp"
+#include "robust/scene/ground.hpp"
+#include "robust/scene/support.hpp"
+#include "robust/tracking/track_search.hpp"
 
 namespace unlidar {
 

@@ -1,6 +1,6 @@
 // The clustering against its oracles: PCL, brute force, and each engine against the other.
 // scikit-learn is the oracle of python_tests/test_clustering_sklearn.py.
-#include "unlidar/clustering.hpp"
+#include "paper/clustering.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <limits>
 #include <random>
 
-#include "real_frames.hpp"
+#include "tests/real_frames.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

@@ -1,4 +1,4 @@
-#include "unlidar/config.hpp"
+#include "app/config.hpp"
 
 #include <gtest/gtest.h>
 #include <yaml-cpp/yaml.h>
@@ -13,8 +13,8 @@
 #include <utility>
 #include <vector>
 
-#include "synthetic_recording.hpp"
-#include "temporary_folder.hpp"
+#include "tests/synthetic_recording.hpp"
+#include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

@@ -1,4 +1,4 @@
-#include "unlidar/engine.hpp"
+#include "live/engine.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <map>
 #include <vector>
 
-#include "synthetic_recording.hpp"
+#include "tests/synthetic_recording.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

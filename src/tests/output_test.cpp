@@ -1,4 +1,4 @@
-#include "unlidar/output.hpp"
+#include "app/output.hpp"
 
 #include <gtest/gtest.h>
 
@@ -13,9 +13,9 @@
 #include <string_view>
 #include <vector>
 
-#include "format.hpp"
-#include "temporary_folder.hpp"
-#include "unlidar/pcd.hpp"
+#include "base/format.hpp"
+#include "io/pcd.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,5 +1,5 @@
 // The paper's equations on cases worked out by hand, and its method on small made-up recordings.
-#include "unlidar/paper.hpp"
+#include "paper/paper.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 #include <limits>
 #include <random>
 
-#include "real_frames.hpp"
+#include "base/voxel_grid.hpp"
+#include "tests/real_frames.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/voxel_grid.hpp"
 
 namespace unlidar {
 namespace {

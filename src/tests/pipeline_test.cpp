@@ -1,4 +1,4 @@
-#include "unlidar/pipeline.hpp"
+#include "app/pipeline.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,12 +9,12 @@
 #include <utility>
 #include <vector>
 
-#include "synthetic_recording.hpp"
-#include "temporary_folder.hpp"
+#include "app/output.hpp"
+#include "io/pcd.hpp"
+#include "tests/synthetic_recording.hpp"
+#include "tests/temporary_folder.hpp"
+#include "trajectory/sampling.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/output.hpp"
-#include "unlidar/pcd.hpp"
-#include "unlidar/sampling.hpp"
 
 namespace unlidar {
 namespace {

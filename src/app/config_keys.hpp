@@ -1,0 +1,266 @@
+// The one table of config keys: name (with its unit), field and constraint. Loading a file, --set
+// and listing the effective config all walk it, so that a key cannot be known to one of them only.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "app/config.hpp"
+
+namespace unlidar {
+
+// Constraints of a value.
+struct Flag {};  // true or false
+struct Range {   // finite numbers between low and high
+  double low;
+  double high;
+  bool low_is_allowed = true;
+};
+struct RangeOrEndless {  // the same, or infinity, which YAML writes .inf
+  Range finite;
+};
+struct Elements {  // a list of one or more numbers, each in the range
+  Range each;
+};
+struct Vector3 {  // three finite numbers
+  double max_abs;
+};
+struct UnitQuaternion {};  // x, y, z, w
+template <class E>
+struct Choices {
+  std::vector<std::pair<const char*, E>> names;
+};
+
+// Calls visit(key, field, constraint) for every key of a sensor.
+template <class Visitor, class Sensor>
+void VisitSensorKeys(Visitor&& visit, const std::string& prefix, Sensor& sensor) {
+  visit(prefix + "translation_m", sensor.translation_m, Vector3{1e6});
+  visit(prefix + "rotation", sensor.rotation_xyzw, UnitQuaternion{});
+  visit(prefix + "time_offset_s", sensor.time_offset_s, Range{-1e9, 1e9});
+}
+
+template <class Visitor, class Input>
+void VisitInputKeys(Visitor&& visit, Input& input) {
+  visit("input.skip_bad_frames", input.skip_bad_frames, Flag{});
+  visit("input.min_range_m", input.min_range_m, Range{0, 1e4});
+  visit("input.max_range_m", input.max_range_m, Range{0, 1e5, false});
+  visit("input.stamp", input.stamp,
+        Choices<StampMeaning>{{{"begin", StampMeaning::kBegin},
+                               {"middle", StampMeaning::kMiddle},
+                               {"end", StampMeaning::kEnd}}});
+}
+
+template <class Visitor, class Clustering>
+void VisitClusteringKeys(Visitor&& visit, const std::string& prefix, Clustering& clustering) {
+  visit(prefix + "method", clustering.method,
+        Choices<ClusterMethod>{
+            {{"euclidean", ClusterMethod::kEuclidean}, {"dbscan", ClusterMethod::kDbscan}}});
+  visit(prefix + "engine", clustering.engine,
+        Choices<ClusterEngine>{{{"grid", ClusterEngine::kGrid}, {"pcl", ClusterEngine::kPcl}}});
+  visit(prefix + "tolerance_m", clustering.tolerance_m, Range{1e-6, 1e6});
+  visit(prefix + "min_neighbours", clustering.min_neighbours, Range{1, 1e6});
+  visit(prefix + "min_cluster_size", clustering.min_cluster_size, Range{1, 1e9});
+}
+
+template <class Visitor, class Paper>
+void VisitPaperKeys(Visitor&& visit, Paper& paper) {
+  VisitClusteringKeys(visit, "paper.global_clusters.", paper.global_clusters);
+  VisitClusteringKeys(visit, "paper.local_clusters.", paper.local_clusters);
+  visit("paper.local", paper.local,
+        Choices<LocalClusters>{{{"share_of_global", LocalClusters::kShareOfGlobal},
+                                {"largest_of_window", LocalClusters::kLargestOfWindow}}});
+  visit("paper.window_frames", paper.window_frames, Range{1, 1e6});
+  visit("paper.voxel_size_m", paper.voxel_size_m, Range{1e-3, 1e3});
+  visit("paper.lambda", paper.lambda, Range{0, 1e6});
+  visit("paper.density_reading", paper.density_reading,
+        Choices<DensityReading>{{{"frame_over_merged", DensityReading::kFrameOverMerged},
+                                 {"merged_over_frame", DensityReading::kMergedOverFrame},
+                                 {"relative_difference", DensityReading::kRelativeDifference}}});
+  visit("paper.density_term", paper.density_term,
+        Choices<DensityTerm>{
+            {{"exponential", DensityTerm::kExponential}, {"linear", DensityTerm::kLinear}}});
+  visit("paper.iou_term", paper.iou_term,
+        Choices<IouTerm>{{{"logarithm", IouTerm::kLogarithm},
+                          {"inverse", IouTerm::kInverse},
+                          {"complement", IouTerm::kComplement}}});
+  visit("paper.min_iou", paper.min_iou, Range{1e-6, 1});
+  visit(
+      "paper.empty_windows", paper.empty_windows,
+      Choices<EmptyWindows>{{{"skip", EmptyWindows::kSkip}, {"zero_iou", EmptyWindows::kZeroIou}}});
+  visit("paper.accumulation", paper.accumulation,
+        Choices<Accumulation>{{{"mean", Accumulation::kMean}, {"sum", Accumulation::kSum}}});
+  visit("paper.min_windows", paper.min_windows, Range{1, 1e6});
+  visit("paper.return_sigma_m", paper.return_sigma_m, Range{1e-4, 1e2});
+}
+
+template <class Visitor, class Radius>
+void VisitRadiusKeys(Visitor&& visit, const std::string& prefix, Radius& radius) {
+  visit(prefix + "constant_m", radius.constant_m, Range{1e-3, 1e3});
+  visit(prefix + "slope", radius.slope, Range{0, 1});
+}
+
+template <class Visitor, class Background>
+void VisitBackgroundKeys(Visitor&& visit, Background& background) {
+  VisitRadiusKeys(visit, "robust.background.place.", background.place);
+  visit("robust.background.bin_s", background.bin_s, Range{0.01, 60});
+  visit("robust.background.max_break_s", background.max_break_s, Range{0, 3600});
+  visit("robust.background.min_exposure", background.min_exposure, Range{0, 1});
+  visit("robust.background.max_occupancy", background.max_occupancy, Range{0, 1});
+  visit("robust.background.occluder_cell_deg", background.occluder_cell_deg, Range{0.5, 90});
+  visit("robust.background.occluder_margin_m", background.occluder_margin_m, Range{0, 1e3});
+}
+
+template <class Visitor, class Ground>
+void VisitGroundKeys(Visitor&& visit, Ground& ground) {
+  visit("robust.ground.cell_m", ground.cell_m, Range{0.1, 1e3});
+  visit("robust.ground.quantile", ground.quantile, Range{0, 1});
+  visit("robust.ground.min_returns", ground.min_returns, Range{1, 1e6});
+  visit("robust.ground.min_cells", ground.min_cells, Range{3, 1e6});
+  visit("robust.ground.plane_band_m", ground.plane_band_m, Range{0, 100, false});
+  visit("robust.ground.max_slope", ground.max_slope, Range{0, 10});
+  visit("robust.ground.max_rise_m", ground.max_rise_m, Range{0, 100});
+  visit("robust.ground.max_relief_m", ground.max_relief_m, Range{0, 1e3});
+  visit("robust.ground.thickness_m", ground.thickness_m, Range{0, 100});
+}
+
+template <class Visitor, class Support>
+void VisitSupportKeys(Visitor&& visit, Support& support) {
+  VisitRadiusKeys(visit, "robust.support.reach.", support.reach);
+  visit("robust.support.far_m", support.far_m, Range{0, 1e5});
+  VisitRadiusKeys(visit, "robust.support.far_reach.", support.far_reach);
+  visit("robust.support.body_m", support.body_m, Range{1e-3, 100});
+  visit("robust.support.max_range_m", support.max_range_m, Range{0, 1e5});
+  visit("robust.support.voxel_m", support.voxel_m, Range{0.01, 10});
+  visit("robust.support.max_hidden_share", support.max_hidden_share, Range{0, 1});
+}
+
+template <class Visitor, class Plots>
+void VisitPlotKeys(Visitor&& visit, Plots& plots) {
+  VisitRadiusKeys(visit, "robust.plots.link.", plots.link);
+  VisitRadiusKeys(visit, "robust.plots.body_link.", plots.body_link);
+  visit("robust.plots.body_contact_m", plots.body_contact_m, Range{0, 100});
+  visit("robust.plots.body_contact_returns", plots.body_contact_returns, Range{1, 1e6});
+  visit("robust.plots.body_height_m", plots.body_height_m, Range{0, 100});
+  visit("robust.plots.body_edge_rad", plots.body_edge_rad, Range{0, 1.5});
+  visit("robust.plots.body_spread_m", plots.body_spread_m, Range{0, 100});
+  visit("robust.plots.body_spread_returns", plots.body_spread_returns, Range{1, 1e6});
+  visit("robust.plots.body_margin", plots.body_margin, Range{0, 10});
+  visit("robust.plots.body_min_margin_m", plots.body_min_margin_m, Range{0, 100});
+  visit("robust.plots.body_margin_s", plots.body_margin_s, Range{0, 60});
+  visit("robust.plots.noise_m", plots.noise_m, Range{1e-4, 10});
+  visit("robust.plots.noise_per_return_m", plots.noise_per_return_m, Range{0, 10});
+  visit("robust.plots.noise_per_range", plots.noise_per_range, Range{0, 1});
+  VisitRadiusKeys(visit, "robust.plots.clutter_wide.", plots.clutter_wide);
+  VisitRadiusKeys(visit, "robust.plots.clutter_middle.", plots.clutter_middle);
+  VisitRadiusKeys(visit, "robust.plots.clutter_narrow.", plots.clutter_narrow);
+  visit("robust.plots.clutter_prior_plots", plots.clutter_prior_plots, Range{0, 1e3, false});
+  visit("robust.plots.clutter_exclusion_bins", plots.clutter_exclusion_bins, Range{0, 1e3});
+  VisitRadiusKeys(visit, "robust.plots.spot.", plots.spot);
+}
+
+template <class Visitor, class Tracker>
+void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
+  visit("robust.tracker.sigma_a_mps2", tracker.sigma_a_mps2, Elements{{1e-2, 1e3}});
+  visit("robust.tracker.acceleration_time_s", tracker.acceleration_time_s, Range{0.1, 100});
+  visit("robust.tracker.manoeuvre_factor", tracker.manoeuvre_factor, Range{1, 1e3});
+  visit("robust.tracker.manoeuvre_log", tracker.manoeuvre_log, Range{-1e3, 0});
+  visit("robust.tracker.birth_speeds_mps", tracker.birth_speeds_mps, Elements{{1e-2, 1e3}});
+  visit("robust.tracker.even_birth_share", tracker.even_birth_share, Range{0, 1, false});
+  visit("robust.tracker.max_speed_mps", tracker.max_speed_mps, Range{0, 1e4, false});
+  visit("robust.tracker.max_gap_s", tracker.max_gap_s, Range{0, 600, false});
+  visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});
+  visit("robust.tracker.echo_m2_per_s", tracker.echo_m2_per_s, Range{1e-2, 1e10});
+  visit("robust.tracker.echo_shape", tracker.echo_shape, Range{1e-3, 1e3});
+  visit("robust.tracker.sensor_change", tracker.sensor_change, Range{0, 0.9, false});
+  visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});
+  visit("robust.tracker.max_hypotheses_per_plot", tracker.max_hypotheses_per_plot, Range{0, 1e6});
+  visit("robust.tracker.max_paths", tracker.max_paths, Range{1, 1000});
+  visit("robust.tracker.min_fragment_log", tracker.min_fragment_log, Range{0, 1e6});
+  visit("robust.tracker.min_fragment_plots", tracker.min_fragment_plots, Range{1, 1000});
+  visit("robust.tracker.birth_cost", tracker.birth_cost, Range{0, 1e6});
+  visit("robust.tracker.min_exchange_log", tracker.min_exchange_log, Range{0, 1e6});
+  visit("robust.tracker.give_up_log", tracker.give_up_log, Range{-1e6, 0});
+  visit("robust.tracker.rebirth_log", tracker.rebirth_log, Range{-1e6, 0});
+}
+
+template <class Visitor, class Collect>
+void VisitCollectKeys(Visitor&& visit, Collect& collect) {
+  visit("robust.collect.rounds", collect.rounds, Range{0, 100});
+  visit("robust.collect.body_sigma_m", collect.body_sigma_m, Range{1e-3, 100});
+  visit("robust.collect.centre_sigma_m", collect.centre_sigma_m, Range{0, 100});
+  visit("robust.collect.facing_side", collect.facing_side, Range{0, 10});
+  visit("robust.collect.facing_side_sigma", collect.facing_side_sigma, Range{0, 10});
+  visit("robust.collect.beam_sigma_rad", collect.beam_sigma_rad, Range{0, 1});
+  visit("robust.collect.min_return_log", collect.min_return_log, Range{-1e3, 1e3});
+  visit("robust.collect.gate", collect.gate, Range{0, 100, false});
+  visit("robust.collect.max_search_sigma_m", collect.max_search_sigma_m, Range{0, 1e3, false});
+  visit("robust.collect.max_extension_s", collect.max_extension_s, Range{0, 600});
+  VisitRadiusKeys(visit, "robust.collect.presence.", collect.presence);
+  visit("robust.collect.sensor_bias_m", collect.sensor_bias_m, Range{1e-6, 100});
+  visit("robust.collect.sensor_delay_s", collect.sensor_delay_s, Range{1e-6, 100});
+  visit("robust.collect.sensor_overlap_s", collect.sensor_overlap_s, Range{0, 60});
+}
+
+template <class Visitor, class Robust>
+void VisitRobustKeys(Visitor&& visit, Robust& robust) {
+  visit("robust.false_alarms_per_recording", robust.false_alarms_per_recording, Range{0, 1, false});
+  visit("robust.min_plots", robust.min_plots, Range{2, 1000});
+  visit("robust.rounds", robust.rounds, Range{1, 10});
+  visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
+  visit("robust.off_ground_share", robust.off_ground_share, Range{0, 1});
+  visit("robust.off_ground_window_s", robust.off_ground_window_s, Range{0, 600});
+  visit("robust.min_echo_m2_per_s", robust.min_echo_m2_per_s, Range{0, 1e9});
+  VisitBackgroundKeys(visit, robust.background);
+  VisitGroundKeys(visit, robust.ground);
+  VisitSupportKeys(visit, robust.support);
+  VisitPlotKeys(visit, robust.plots);
+  VisitTrackerKeys(visit, robust.tracker);
+  VisitCollectKeys(visit, robust.collect);
+}
+
+template <class Visitor, class TrajectoryFields>
+void VisitTrajectoryKeys(Visitor&& visit, TrajectoryFields& trajectory) {
+  visit("trajectory.acceleration_time_s", trajectory.acceleration_time_s, Range{0.1, 100});
+  visit("trajectory.min_acceleration_mps2", trajectory.min_acceleration_mps2, Range{1e-3, 1e3});
+  visit("trajectory.max_acceleration_mps2", trajectory.max_acceleration_mps2, Range{1e-3, 1e3});
+  visit("trajectory.typical_acceleration_mps2", trajectory.typical_acceleration_mps2,
+        Range{1e-3, 1e3});
+  visit("trajectory.acceleration_spread", trajectory.acceleration_spread, Range{0.01, 100});
+  visit("trajectory.min_noise_scale", trajectory.min_noise_scale, Range{1e-2, 1e2});
+  visit("trajectory.max_noise_scale", trajectory.max_noise_scale, Range{1e-2, 1e2});
+  visit("trajectory.noise_scale_spread", trajectory.noise_scale_spread, Range{0.01, 100});
+  visit("trajectory.position_sigma_m", trajectory.position_sigma_m, Range{1, 1e6});
+  visit("trajectory.velocity_sigma_mps", trajectory.velocity_sigma_mps, Range{1, 1e4});
+  visit("trajectory.outlier_distance", trajectory.outlier_distance, Range{1, 100});
+  visit("trajectory.min_knot_spacing_s", trajectory.min_knot_spacing_s, Range{1e-3, 10});
+  visit("trajectory.max_knot_spacing_s", trajectory.max_knot_spacing_s, Range{1e-3, 10});
+  visit("trajectory.measurements_per_knot", trajectory.measurements_per_knot, Range{1, 1000});
+  visit("trajectory.max_extrapolation_s", trajectory.max_extrapolation_s, Range{0, 60});
+  visit("trajectory.silence_probability", trajectory.silence_probability, Range{0, 1, false});
+  visit("trajectory.max_sigma_m", trajectory.max_sigma_m, Range{0, 1e4, false});
+}
+
+template <class Visitor, class Live>
+void VisitLiveKeys(Visitor&& visit, Live& live) {
+  visit("live.delay_s", live.delay_s, RangeOrEndless{{0, 600, false}});
+  visit("live.window_s", live.window_s, RangeOrEndless{{1, 86400}});
+  visit("live.reorder_s", live.reorder_s, Range{0, 60});
+  visit("live.false_alarms_per_hour", live.false_alarms_per_hour, Range{0, 3600, false});
+  visit("live.silent_s", live.silent_s, Range{0, 3600, false});
+  visit("live.overload_s", live.overload_s, Range{0, 600, false});
+}
+
+// Calls visit(key, field, constraint) for every key but those of the sensors.
+template <class Visitor, class AnyConfig>
+void VisitKeys(Visitor&& visit, AnyConfig& config) {
+  visit("method", config.method,
+        Choices<Method>{{{"robust", Method::kRobust}, {"paper", Method::kPaper}}});
+  VisitInputKeys(visit, config.input);
+  VisitRobustKeys(visit, config.robust);
+  VisitTrajectoryKeys(visit, config.trajectory);
+  VisitLiveKeys(visit, config.live);
+  VisitPaperKeys(visit, config.paper);
+}
+
+}  // namespace unlidar

@@ -261,13 +261,6 @@ void ApplyAssignment(const std::string& assignment, Overlay& overlay) {
 
 }  // namespace
 
-bool IsSensorName(const std::string& name) {
-  return !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
-           c == '-';
-  });
-}
-
 Config LoadConfig(const std::string& path, const std::vector<std::string>& assignments) {
   Config config;
   Overlay overlay(config);

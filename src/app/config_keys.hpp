@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "app/config.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 

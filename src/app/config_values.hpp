@@ -11,6 +11,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "app/config.hpp"
 #include "app/config_keys.hpp"
 
 namespace unlidar {

@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "app/config.hpp"
 #include "io/frames.hpp"
 #include "trajectory/output_times.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 

@@ -16,10 +16,10 @@
 #include "app/live.hpp"
 #include "app/output.hpp"
 #include "app/output_files.hpp"
-#include "app/pipeline.hpp"
 #include "app/temporary_path.hpp"
 #include "app/version.hpp"
 #include "base/format.hpp"
+#include "recording/pipeline.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

@@ -7,7 +7,7 @@
 
 #include "app/config.hpp"
 #include "app/output_files.hpp"
-#include "app/pipeline.hpp"
+#include "recording/pipeline.hpp"
 
 namespace unlidar {
 

@@ -9,12 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "unlidar/types.hpp"
+
 namespace unlidar {
-
-// Unix time in integer nanoseconds: a double would lose the last 200 ns of a stamp.
-using TimeNs = std::int64_t;
-
-inline constexpr double kSecondsPerNs = 1e-9;
 
 // One frame of one sensor; its returns are [first_return, last_return) of the recording.
 struct FrameInfo {
@@ -33,18 +30,6 @@ struct SensorInfo {
   std::string name;
   Eigen::Vector3f origin_m = Eigen::Vector3f::Zero();  // in the common frame
   TimeNs frame_period_ns = 0;                          // median difference of its stamps
-};
-
-// What was read, for the summary and for messages.
-struct InputCounts {
-  std::uint64_t frames = 0;
-  std::uint64_t empty_frames = 0;
-  std::uint64_t bad_frames = 0;  // skipped, only with input.skip_bad_frames
-  std::uint64_t rows = 0;
-  std::uint64_t no_return_rows = 0;     // (0, 0, 0): a ray without a return
-  std::uint64_t non_finite_rows = 0;    // NaN or Inf
-  std::uint64_t out_of_range_rows = 0;  // beyond input.max_range_m or nearer than min_range_m
-  std::uint64_t returns = 0;
 };
 
 // All returns of all sensors in the common frame, frames in order of (stamp, sensor).
@@ -102,18 +87,6 @@ struct Target {
   std::vector<std::uint32_t> returns;     // indices into the recording, ascending
   double depth_sigma_m = 0.0;  // of all measurements together, along the ray from the origin
   double score = 0.0;          // the method's own, see there
-};
-
-// One row of the trajectory.
-struct TrajectoryRow {
-  TimeNs time_ns = 0;
-  int track_id = 0;
-  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
-  Eigen::Vector3d sigma_m = Eigen::Vector3d::Zero();
-  // Returns of the target in frames whose stamps are nearer to this row than to any other row of
-  // its track.
-  int support = 0;
 };
 
 }  // namespace unlidar

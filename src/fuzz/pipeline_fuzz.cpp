@@ -14,9 +14,9 @@
 
 #include "app/config_keys.hpp"
 #include "app/output.hpp"
-#include "app/pipeline.hpp"
 #include "fuzz/fuzz.hpp"
 #include "io/pcd.hpp"
+#include "recording/pipeline.hpp"
 
 namespace unlidar::fuzz {
 namespace {

@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "app/config.hpp"
 #include "io/frame_directory.hpp"
+#include "io/frames.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

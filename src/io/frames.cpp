@@ -35,6 +35,13 @@ void AddCounts(const InputCounts& from, InputCounts& to) {
   to.returns += from.returns;
 }
 
+bool IsSensorName(const std::string& name) {
+  return !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
+           c == '-';
+  });
+}
+
 std::string SourceName(const FrameSource& source) {
   if (!source.name.empty()) return source.name;
   const std::filesystem::path path = std::filesystem::absolute(source.directory).lexically_normal();

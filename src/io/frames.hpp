@@ -1,36 +1,22 @@
 // Frame directories of one or more LiDARs, merged into one recording.
 #pragma once
 
-#include <Eigen/Core>
 #include <map>
 #include <string>
 #include <vector>
 
 #include "base/recording.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 
-// Which instant of a frame its stamp names; used for frames without point times.
-enum class StampMeaning { kBegin, kMiddle, kEnd };
-
-struct InputConfig {
-  bool skip_bad_frames = false;
-  double min_range_m = 0.5;                   // nearer returns are the station itself
-  double max_range_m = 2000.0;                // beyond any LiDAR: absurd coordinates
-  StampMeaning stamp = StampMeaning::kBegin;  // Livox and most ROS drivers stamp the first ray
-};
-
-// Pose and clock of a sensor: p_common = R(rotation) p_sensor + translation_m.
-struct SensorConfig {
-  Eigen::Vector3d translation_m = Eigen::Vector3d::Zero();
-  Eigen::Vector4d rotation_xyzw = Eigen::Vector4d(0, 0, 0, 1);  // unit quaternion
-  double time_offset_s = 0.0;                                   // added to every stamp
-};
-
 struct FrameSource {
-  std::string name;  // key of `sensors`; empty for the last component of the directory
+  std::string name;  // of NAME=DIR, key of `sensors`; empty for the last component of the directory
   std::string directory;
 };
+
+// A name that `sensors` can hold: letters, digits, '_' and '-'.
+bool IsSensorName(const std::string& name);
 
 // Reads every frame of every source: the files `*.pcd` of its directory, in the order of their
 // stamps. A sensor that `sensors` does not name stands at the origin of the common frame.

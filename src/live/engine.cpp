@@ -7,9 +7,9 @@
 #include <set>
 #include <utility>
 
-#include "app/pipeline.hpp"
 #include "io/sensor_frames.hpp"
 #include "live/live_tracker.hpp"
+#include "recording/pipeline.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

@@ -8,10 +8,10 @@
 #include <variant>
 #include <vector>
 
-#include "app/config.hpp"
 #include "base/recording.hpp"
 #include "io/pcd.hpp"
 #include "trajectory/output_times.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 

@@ -9,7 +9,6 @@
 #include <unordered_map>
 #include <vector>
 
-#include "app/config.hpp"
 #include "io/frame_preparation.hpp"
 #include "live/engine.hpp"
 #include "live/live_clutter.hpp"
@@ -18,6 +17,7 @@
 #include "robust/scene/ground.hpp"
 #include "robust/scene/support.hpp"
 #include "robust/tracking/track_search.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 

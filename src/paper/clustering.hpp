@@ -5,18 +5,9 @@
 #include <cstdint>
 #include <vector>
 
+#include "unlidar/config.hpp"
+
 namespace unlidar {
-
-enum class ClusterMethod { kEuclidean, kDbscan };
-enum class ClusterEngine { kGrid, kPcl };
-
-struct ClusteringConfig {
-  ClusterMethod method = ClusterMethod::kEuclidean;
-  ClusterEngine engine = ClusterEngine::kGrid;
-  double tolerance_m = 0.5;  // eps of DBSCAN; 1e-6 to 1e6
-  int min_neighbours = 5;    // DBSCAN only: a core point has so many within eps, itself included
-  int min_cluster_size = 1;  // smaller clusters become noise
-};
 
 inline constexpr std::int32_t kNoise = -1;
 

@@ -15,49 +15,9 @@
 
 #include "base/recording.hpp"
 #include "paper/clustering.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
-
-// What the local cluster of global cluster k is. The share is the reading that keeps the index k
-// (and the released code); the largest is that of clustering each window on its own.
-enum class LocalClusters { kShareOfGlobal, kLargestOfWindow };
-
-// Windows in which a cluster has no return: either they do not exist, so that IoU is taken between
-// the windows next to each other among the occupied ones, or each edge of a gap is a pair of IoU 0.
-enum class EmptyWindows { kSkip, kZeroIou };
-
-// R from the densities rho of a local cluster and of its global cluster. Only frame / merged bears
-// out what the text says of static surfaces, which pile up returns in the same voxels. The literal
-// merged / frame is about the number of windows for a wall and makes it win. The released code has
-// |frame - merged| / merged.
-enum class DensityReading { kFrameOverMerged, kMergedOverFrame, kRelativeDifference };
-
-// What psi_rho sums: e^R, or R itself.
-enum class DensityTerm { kExponential, kLinear };
-
-// What psi_iou sums over window pairs: all fall with the overlap, -ln(IoU) and 1 / IoU without
-// bound. An IoU below PaperConfig::min_iou counts as that.
-enum class IouTerm { kLogarithm, kInverse, kComplement };
-
-// Sums over windows and pairs grow with the time a cluster was seen; means do not.
-enum class Accumulation { kMean, kSum };
-
-struct PaperConfig {
-  ClusteringConfig global_clusters = {ClusterMethod::kDbscan, ClusterEngine::kGrid, 0.5, 5, 10};
-  ClusteringConfig local_clusters = {ClusterMethod::kEuclidean, ClusterEngine::kGrid, 0.5, 5, 1};
-  LocalClusters local = LocalClusters::kShareOfGlobal;  // local_clusters serves the other reading
-  int window_frames = 1;                                // frames of all sensors together
-  double voxel_size_m = 0.2;
-  double lambda = 1.0;  // weight of psi_iou in psi
-  DensityReading density_reading = DensityReading::kFrameOverMerged;
-  DensityTerm density_term = DensityTerm::kExponential;
-  IouTerm iou_term = IouTerm::kLogarithm;
-  double min_iou = 0.01;
-  EmptyWindows empty_windows = EmptyWindows::kSkip;
-  Accumulation accumulation = Accumulation::kMean;
-  int min_windows = 2;           // a cluster seen in fewer cannot win
-  double return_sigma_m = 0.05;  // noise of one return about the centre of the target
-};
 
 // Every number of a global cluster. All are finite.
 struct ClusterScore {

@@ -20,24 +20,9 @@
 #include "robust/scene/support.hpp"
 #include "robust/tracking/tracker.hpp"
 #include "trajectory/trajectory.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
-
-struct RobustConfig {
-  double false_alarms_per_recording = 1e-3;  // tracks expected where there is no drone
-  int min_plots = 5;               // frames with evidence: clutter that repeats is not independent
-  int rounds = 2;                  // of clutter estimation and search
-  double off_ground_m = 2.0;       // a target is higher than this,
-  double off_ground_share = 0.42;  // for this share of its plots
-  double off_ground_window_s = 0.75;  // (the lowest plot within this time counts)
-  double min_echo_m2_per_s = 150.0;   // returns per second times range^2: less is an insect
-  BackgroundConfig background;
-  GroundConfig ground;
-  SupportConfig support;
-  PlotConfig plots;
-  TrackerConfig tracker;
-  CollectConfig collect;
-};
 
 // What was found on the way, for the summary.
 struct RobustCounts {

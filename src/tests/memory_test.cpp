@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "app/pipeline.hpp"
 #include "io/pcd.hpp"
+#include "recording/pipeline.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
 

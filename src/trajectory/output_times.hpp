@@ -11,12 +11,6 @@
 
 namespace unlidar {
 
-struct FirstSensorStamps {};
-struct Rate {
-  std::int64_t nanohertz = 0;
-};
-using OutputTimes = std::variant<FirstSensorStamps, Rate, std::vector<TimeNs>>;
-
 // A decimal number of hertz, read exactly. Throws UsageError outside (0, 1e6] Hz.
 Rate ParseRate(std::string_view text);
 

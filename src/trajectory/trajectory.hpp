@@ -15,34 +15,9 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
-
-struct TrajectoryConfig {
-  double acceleration_time_s = 2.0;  // tau: how long an acceleration lasts
-  // sigma_a: limits, and the log-normal prior that decides where the data says little.
-  double min_acceleration_mps2 = 0.05;
-  double max_acceleration_mps2 = 30.0;
-  double typical_acceleration_mps2 = 2.0;
-  double acceleration_spread = 1.5;  // standard deviation of log sigma_a
-  // k, the true noise over the one that the covariances state: limits and log-normal prior
-  // around 1.
-  double min_noise_scale = 0.5;
-  double max_noise_scale = 3.0;
-  double noise_scale_spread = 0.5;  // standard deviation of log k
-  // Known beforehand of the first position and velocity, about the straight line through all
-  // measurements: nearly nothing.
-  double position_sigma_m = 1e4;
-  double velocity_sigma_mps = 100.0;
-  double outlier_distance = 4.5;  // sigmas (3-D) at which a measurement is as likely an outlier
-  double min_knot_spacing_s = 0.05;
-  double max_knot_spacing_s = 0.2;
-  int measurements_per_knot = 1;
-  double max_extrapolation_s = 5.0;  // beyond the measurements, with a sigma that is still true
-  // Rows go on beyond the first and last return through a silence that is likelier than this.
-  double silence_probability = 0.01;
-  double max_sigma_m = 1.0;  // rows whose largest sigma exceeds it are not written
-};
 
 // How far a target may depart from a straight line, and how noisy its measurements are.
 struct TrajectoryScales {

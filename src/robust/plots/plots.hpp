@@ -8,36 +8,9 @@
 #include "base/recording.hpp"
 #include "robust/scene/background.hpp"
 #include "robust/scene/ground.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
-
-struct PlotConfig {
-  RangeRadius link{0.5, 0.008};      // single linkage of the returns of one frame
-  RangeRadius body_link{1.5, 0.02};  // looser, to hold people and cars together
-  double body_contact_m = 1.0;       // a body reaches down to this height above the ground
-  int body_contact_returns = 3;
-  double body_height_m = 2.0;   // or, lower than this, to the lower edge of the field of view,
-  double body_edge_rad = 0.05;  // which hides its legs
-  double body_spread_m = 0.6;   // or is wider than any drone in two directions (std. dev.)
-  int body_spread_returns = 6;
-  double body_margin = 0.5;         // part of a body is what is nearer to its box than this
-                                    // share of its length (its far side is hidden), at least
-  double body_min_margin_m = 0.75;  // so much,
-  double body_margin_s = 0.35;      // and within so much time
-  // Noise of a plot: a constant part (a body is no point), a part that falls with the number of
-  // returns, and one that grows with range (beam divergence, angular steps).
-  double noise_m = 0.06;
-  double noise_per_return_m = 0.14;
-  double noise_per_range = 0.003;
-  // Where other plots tell of clutter, from wide to narrow: each is the prior of the next, with the
-  // weight of so many plots. Bins as near in time as clutter_exclusion_bins are left out.
-  RangeRadius clutter_wide{4.0, 0.35};
-  RangeRadius clutter_middle{4.0, 0.12};
-  RangeRadius clutter_narrow{1.5, 0.04};
-  double clutter_prior_plots = 0.5;
-  int clutter_exclusion_bins = 2;
-  RangeRadius spot{0.19, 0.006};  // the extent of a static thing that is a point to the sensor
-};
 
 struct Plot {
   TimeNs time_ns = 0;        // mean of its returns

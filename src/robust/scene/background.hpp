@@ -8,18 +8,9 @@
 
 #include "base/recording.hpp"
 #include "robust/scene/range_grid.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
-
-struct BackgroundConfig {
-  RangeRadius place{0.35, 0.012};  // what counts as the same place
-  double bin_s = 0.5;              // time resolution of occupancy
-  double max_break_s = 1.5;        // a stay ends where a place was empty for longer
-  double min_exposure = 0.15;      // a place must be known for this share of the recording
-  double max_occupancy = 0.35;     // share of the other bins: more is structure
-  double occluder_cell_deg = 2.0;  // directions in which something nearer hides a place
-  double occluder_margin_m = 2.0;
-};
 
 // Occupancy of places over the whole recording.
 class Background {

@@ -12,17 +12,9 @@
 #include <vector>
 
 #include "base/voxel_grid.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
-
-// Radius of a neighbourhood as a function of range: constant_m + slope * range. The constant stands
-// for the size of things, the slope for the spacing of rays, which no place can resolve better.
-struct RangeRadius {
-  double constant_m = 0.35;
-  double slope = 0.012;
-
-  double At(double range_m) const { return constant_m + slope * range_m; }
-};
 
 // Values by voxel. A neighbourhood is the block of 3 x 3 x 3 voxels about a point; voxels have an
 // edge of 2/3 of the radius, so that the block reaches from 2/3 to 4/3 of it. Radii are stepped by

@@ -11,24 +11,9 @@
 #include "robust/scene/depth_map.hpp"
 #include "robust/scene/ground.hpp"
 #include "robust/scene/range_grid.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
-
-struct SupportConfig {
-  // Structure, ground or station as near as this holds a thing up, whether or not what joins the
-  // two is seen: poles and wires are thin,
-  RangeRadius reach{1.5, 0.1};
-  // and farther away than this little is seen well: only what is alone for so far floats there,
-  double far_m = 50.0;
-  RangeRadius far_reach{1.5, 0.3};
-  double max_range_m = 100.0;  // and beyond this nobody knows.
-  double body_m = 1.5;         // structure nearer than this may be the thing itself
-  double voxel_m = 0.25;       // resolution of structure
-  // Where more than this of the directions about a thing is hidden, so may be what holds it.
-  double max_hidden_share = 0.2;
-
-  double ReachM(double range_m) const { return (range_m < far_m ? reach : far_reach).At(range_m); }
-};
 
 // Whether a place is near enough to structure or ground for a static thing to be there.
 class Support {

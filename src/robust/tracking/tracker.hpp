@@ -5,33 +5,9 @@
 #include <vector>
 
 #include "robust/plots/plots.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
-
-struct TrackerConfig {
-  std::vector<double> sigma_a_mps2 = {1.0, 3.0, 8.0};  // agility tried: hover, transit, sport
-  double acceleration_time_s = 2.0;                    // how long an acceleration lasts
-  double manoeuvre_factor = 3.0;  // between two plots it may be so much more agile,
-  double manoeuvre_log = -2.3;    // with this log probability
-  std::vector<double> birth_speeds_mps = {1.0, 8.0};  // standard deviations per axis tried
-  double even_birth_share = 0.1;  // of the births; the others fall in proportion to volume
-  double max_speed_mps = 35.0;
-  double max_gap_s = 10.0;        // without a plot
-  int hypotheses_per_plot = 2;    // kept at each plot and agility
-  double echo_m2_per_s = 4000.0;  // expected returns per second of a typical drone, times range^2;
-  double echo_shape = 1.5;        // shape of the gamma distribution about it
-  double sensor_change = 0.1;     // probability that the next plot is that of another sensor
-  // Carried on at any time, the best first: so many, and so many more for each plot of the frame.
-  int max_hypotheses = 500;
-  int max_hypotheses_per_plot = 5;
-  int max_paths = 20;
-  double min_fragment_log = 7.0;  // weaker paths are not looked at,
-  int min_fragment_plots = 3;     // nor shorter ones
-  double birth_cost = 12.0;       // what a further target must explain
-  double min_exchange_log = 1.0;  // least gain of an exchange or a join
-  double give_up_log = -6.0;      // a hypothesis worse than this is dropped,
-  double rebirth_log = -3.0;      // as is one so much worse than a new one at its last plot
-};
 
 // When each sensor watches the air.
 struct Watch {

@@ -1,4 +1,4 @@
-#include "app/pipeline.hpp"
+#include "recording/pipeline.hpp"
 
 #include <algorithm>
 #include <chrono>

@@ -7,13 +7,13 @@
 #include <utility>
 #include <vector>
 
-#include "app/config.hpp"
 #include "base/recording.hpp"
 #include "io/frames.hpp"
 #include "paper/paper.hpp"
 #include "robust/robust.hpp"
 #include "trajectory/output_times.hpp"
 #include "trajectory/sampling.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 

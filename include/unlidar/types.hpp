@@ -1,0 +1,49 @@
+// What goes in and what comes out: frames, the times of rows, rows.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace unlidar {
+
+// Unix time in integer nanoseconds: a double would lose the last 200 ns of a stamp.
+using TimeNs = std::int64_t;
+
+inline constexpr double kSecondsPerNs = 1e-9;
+
+// The instants at which rows are given: the stamps of the first sensor's frames, so many a second,
+// or these.
+struct FirstSensorStamps {};
+struct Rate {
+  std::int64_t nanohertz = 0;  // above 0 to 1e15
+};
+using OutputTimes = std::variant<FirstSensorStamps, Rate, std::vector<TimeNs>>;
+
+// One row of the trajectory.
+struct TrajectoryRow {
+  TimeNs time_ns = 0;
+  int track_id = 0;
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
+  Eigen::Vector3d sigma_m = Eigen::Vector3d::Zero();
+  // Returns of the target in frames whose stamps are nearer to this row than to any other row of
+  // its track.
+  int support = 0;
+};
+
+// What was read, for the summary and for messages.
+struct InputCounts {
+  std::uint64_t frames = 0;
+  std::uint64_t empty_frames = 0;
+  std::uint64_t bad_frames = 0;  // skipped, only with input.skip_bad_frames
+  std::uint64_t rows = 0;
+  std::uint64_t no_return_rows = 0;     // (0, 0, 0): a ray without a return
+  std::uint64_t non_finite_rows = 0;    // NaN or Inf
+  std::uint64_t out_of_range_rows = 0;  // beyond input.max_range_m or nearer than min_range_m
+  std::uint64_t returns = 0;
+};
+
+}  // namespace unlidar

@@ -14,6 +14,17 @@ using TimeNs = std::int64_t;
 
 inline constexpr double kSecondsPerNs = 1e-9;
 
+// One frame of one sensor, in the sensor's own axes and by its own clock; `sensors` of the config
+// has its pose and its time offset.
+struct Frame {
+  std::uint32_t sensor = 0;  // index into the names of the sensors
+  TimeNs stamp_ns = 0;       // the instant of the frame that input.stamp of the config names
+  // (N) all rays or those with a return: rows of NaN, Inf and (0, 0, 0) are counted and left out.
+  std::vector<Eigen::Vector3f> points_m;
+  // (N) when each ray was measured, in nanoseconds from the stamp; or empty where that is unknown.
+  std::vector<std::int64_t> offsets_ns;
+};
+
 // The instants at which rows are given: the stamps of the first sensor's frames, so many a second,
 // or these.
 struct FirstSensorStamps {};

@@ -10,7 +10,7 @@
 
 #include "app/growing_file.hpp"
 #include "app/signals.hpp"
-#include "live/engine.hpp"
+#include "unlidar/engine.hpp"
 
 namespace unlidar {
 

@@ -277,28 +277,28 @@ std::string PathOfTrack(const std::string& path, int track_id) {
 }
 
 std::vector<OutputFile> TrajectoryFiles(const Arguments& arguments, const PipelineResult& result) {
-  const std::vector<Track>& tracks = result.tracks;
+  const std::vector<FittedTrack>& tracks = result.tracks;
   if (arguments.format == "csv") {
     return {{arguments.out, [&result](const Sink& sink) {
                std::vector<RowStream> rows;
-               for (const Track& track : result.tracks) rows.push_back(RowsOf(result, track));
+               for (const FittedTrack& track : result.tracks) rows.push_back(RowsOf(result, track));
                WriteTrajectoryCsv(rows, sink);
              }}};
   }
-  const auto tum_file = [&result](const std::string& path, const Track& track) {
+  const auto tum_file = [&result](const std::string& path, const FittedTrack& track) {
     return OutputFile{path, [&result, &track](const Sink& sink) {
                         WriteTrajectoryTum(RowsOf(result, track), sink);
                       }};
   };
-  const auto best =
-      std::max_element(tracks.begin(), tracks.end(),
-                       [](const Track& a, const Track& b) { return a.score < b.score; });
+  const auto best = std::max_element(
+      tracks.begin(), tracks.end(),
+      [](const FittedTrack& a, const FittedTrack& b) { return a.score < b.score; });
   if (best == tracks.end()) {
     return {{arguments.out, [](const Sink& sink) { WriteTrajectoryTum({}, sink); }}};
   }
   std::vector<OutputFile> files = {tum_file(arguments.out, *best)};
   if (IsSpecialFile(arguments.out)) return files;  // nothing lies beside a pipe
-  for (const Track& track : tracks) {
+  for (const FittedTrack& track : tracks) {
     if (&track == &*best) continue;
     files.push_back(tum_file(PathOfTrack(arguments.out, track.id), track));
   }
@@ -330,7 +330,7 @@ void PrintResult(const std::vector<std::string>& trajectory_paths, const Pipelin
               Count(counts.returns, "return"));
   }
   std::size_t rows = 0;
-  for (const Track& track : result.tracks) rows += track.num_rows;
+  for (const FittedTrack& track : result.tracks) rows += track.num_rows;
   for (std::size_t i = 1; i < trajectory_paths.size(); ++i) {
     PrintNote("a further track is in " + trajectory_paths[i]);
   }

@@ -72,7 +72,7 @@ Json CountsJson(const PipelineResult& result) {
   const InputCounts& counts = result.recording.counts;
   std::size_t rows = 0;
   std::size_t target_returns = 0;
-  for (const Track& track : result.tracks) {
+  for (const FittedTrack& track : result.tracks) {
     rows += track.num_rows;
     target_returns += track.returns.size();
   }
@@ -92,7 +92,7 @@ Json CountsJson(const PipelineResult& result) {
   return json;
 }
 
-Json TrackJson(const Track& track) {
+Json TrackJson(const FittedTrack& track) {
   const double duration_s = static_cast<double>(track.end_ns - track.begin_ns) * kSecondsPerNs;
   // Stamps as text: a JSON number is a double to most readers and would lose nanoseconds.
   return {{"track_id", track.id},
@@ -184,9 +184,9 @@ std::string ClustersCsv(const std::vector<ClusterScore>& clusters) {
   return text;
 }
 
-std::string TargetPointsPcd(const Recording& recording, const std::vector<Track>& tracks) {
+std::string TargetPointsPcd(const Recording& recording, const std::vector<FittedTrack>& tracks) {
   std::vector<Eigen::Vector3f> points_m;
-  for (const Track& track : tracks) {
+  for (const FittedTrack& track : tracks) {
     for (const std::uint32_t index : track.returns) points_m.push_back(recording.points_m[index]);
   }
   return BinaryPcd(points_m);
@@ -195,7 +195,7 @@ std::string TargetPointsPcd(const Recording& recording, const std::vector<Track>
 std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
                         const PipelineResult& result) {
   Json tracks = Json::array();
-  for (const Track& track : result.tracks) tracks.push_back(TrackJson(track));
+  for (const FittedTrack& track : result.tracks) tracks.push_back(TrackJson(track));
   Json times = Json::object();
   for (const StageTime& time : result.times) times[time.stage] = time.seconds;
   const Json summary = {{"version", kVersion},

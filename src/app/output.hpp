@@ -29,7 +29,7 @@ void WriteTrajectoryTum(const RowStream& track, const Sink& sink);
 std::string ClustersCsv(const std::vector<ClusterScore>& clusters);
 
 // The returns of all tracks, track by track, as binary PCD.
-std::string TargetPointsPcd(const Recording& recording, const std::vector<Track>& tracks);
+std::string TargetPointsPcd(const Recording& recording, const std::vector<FittedTrack>& tracks);
 
 // Version, effective config, inputs, counts and times per stage, tracks as JSON. Times stand in
 // this output only.

@@ -246,7 +246,7 @@ void RequireSound(const PipelineResult& result, const Config& config) {
   std::set<std::uint32_t> taken;
   TimeNs previous_begin_ns = begin_ns;
   for (std::size_t i = 0; i < result.tracks.size(); ++i) {
-    const Track& track = result.tracks[i];
+    const FittedTrack& track = result.tracks[i];
     Require(track.id == static_cast<int>(i), "ids count from 0");
     Require(previous_begin_ns <= track.begin_ns, "tracks are in order of first evidence");
     previous_begin_ns = track.begin_ns;

@@ -37,8 +37,9 @@ bool IsSeenEarlier(const Target& a, const Target& b) {
   return key(a) < key(b);
 }
 
-Track FitTrack(const Recording& recording, const Target& target, const TrajectoryConfig& config) {
-  Track track;
+FittedTrack FitTrack(const Recording& recording, const Target& target,
+                     const TrajectoryConfig& config) {
+  FittedTrack track;
   RowSource& rows = track.row_source;
   rows.trajectory = FitTrajectory(target.measurements, config);
   rows.presence = PresenceInterval(recording, target.measurements, config.silence_probability);
@@ -82,7 +83,7 @@ void FindTracks(const PipelineRequest& request, const Config& config, StageTimer
 
   result.output_instants = ResolveOutputTimes(request.output_times, recording);
   for (const Target& target : targets) {
-    Track track = FitTrack(recording, target, config.trajectory);
+    FittedTrack track = FitTrack(recording, target, config.trajectory);
     track.id = track.row_source.track_id = static_cast<int>(result.tracks.size());
     track.num_rows = CountRows(RowsOf(result, track));
     result.tracks.push_back(std::move(track));
@@ -103,8 +104,8 @@ PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
   return result;
 }
 
-PipelineResult TrackRecording(Recording recording, const OutputTimes& output_times,
-                              const Config& config) {
+PipelineResult TracksOf(Recording recording, const OutputTimes& output_times,
+                        const Config& config) {
   PipelineRequest request;
   request.output_times = output_times;
   PipelineResult result;

@@ -18,7 +18,7 @@
 namespace unlidar {
 
 // A target with the trajectory fitted to it. Ids count from 0 in order of first evidence.
-struct Track {
+struct FittedTrack {
   int id = 0;
   TimeNs begin_ns = 0;  // first and last evidence
   TimeNs end_ns = 0;
@@ -44,13 +44,13 @@ struct PipelineResult {
   Recording recording;
   std::optional<RobustCounts> robust_counts;  // with the robust method
   std::vector<ClusterScore> clusters;         // empty unless asked for or needed by the method
-  std::vector<Track> tracks;
+  std::vector<FittedTrack> tracks;
   OutputInstants output_instants;  // at which the tracks have rows
   std::vector<StageTime> times;
 };
 
 // The rows of one of the result's tracks; the result must outlive them.
-inline RowStream RowsOf(const PipelineResult& result, const Track& track) {
+inline RowStream RowsOf(const PipelineResult& result, const FittedTrack& track) {
   return SampleRows(track.row_source, result.output_instants);
 }
 
@@ -61,7 +61,6 @@ PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
                            const ProgressCallback& progress);
 
 // The same for a recording that is in memory, without cluster scores.
-PipelineResult TrackRecording(Recording recording, const OutputTimes& output_times,
-                              const Config& config);
+PipelineResult TracksOf(Recording recording, const OutputTimes& output_times, const Config& config);
 
 }  // namespace unlidar

@@ -111,7 +111,7 @@ TEST(Pipeline, FollowsADroneFromFramesToRows) {
   request.sources = {{"", folder / "frames"}};
   const PipelineResult result = RunQuietly(request, PaperMethod());
   ASSERT_EQ(result.tracks.size(), 1U);
-  const Track& track = result.tracks.front();
+  const FittedTrack& track = result.tracks.front();
   EXPECT_EQ(track.id, 0);
   EXPECT_EQ(track.returns.size(), 6U * kFrames);
   EXPECT_NEAR(track.length_m, 4.0 * 3.9, 0.05);

@@ -69,14 +69,16 @@ struct InstantsOf {
 
 }  // namespace
 
+bool IsRate(const Rate& rate) { return rate.nanohertz > 0 && rate.nanohertz <= kMaxRateHz * kGiga; }
+
 Rate ParseRate(std::string_view text) {
   // Hertz to nanohertz is the same exact shift by nine digits as seconds to nanoseconds.
-  const std::optional<std::int64_t> nanohertz = ParseStamp(text);
-  if (!nanohertz || *nanohertz <= 0 || *nanohertz > kMaxRateHz * kGiga) {
+  const Rate rate{ParseStamp(text).value_or(0)};
+  if (!IsRate(rate)) {
     throw UsageError("--rate " + Quoted(text) + ": expected a number of hertz above 0 to " +
                      std::to_string(kMaxRateHz));
   }
-  return Rate{*nanohertz};
+  return rate;
 }
 
 std::vector<TimeNs> ReadStampList(const std::string& path) {
@@ -106,9 +108,13 @@ std::vector<TimeNs> ReadStampList(const std::string& path) {
     stamps.push_back(*stamp);
   }
   if (stamps.empty()) throw InputError(path + ": no stamp in it, expected one a line");
-  std::sort(stamps.begin(), stamps.end());
-  stamps.erase(std::unique(stamps.begin(), stamps.end()), stamps.end());
-  return stamps;
+  return InOrder(std::move(stamps));
+}
+
+std::vector<TimeNs> InOrder(std::vector<TimeNs> instants) {
+  std::sort(instants.begin(), instants.end());
+  instants.erase(std::unique(instants.begin(), instants.end()), instants.end());
+  return instants;
 }
 
 OutputInstants::OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns)

@@ -11,6 +11,9 @@
 
 namespace unlidar {
 
+// Whether a rate is one: above 0, at most 1e6 Hz.
+bool IsRate(const Rate& rate);
+
 // A decimal number of hertz, read exactly. Throws UsageError outside (0, 1e6] Hz.
 Rate ParseRate(std::string_view text);
 
@@ -18,6 +21,9 @@ Rate ParseRate(std::string_view text);
 // are skipped. Returns them in ascending order, each once. Throws InputError naming file and line,
 // also for a line of more than 64 KiB, more than 10 million lines or 1 GiB: a pipe may be endless.
 std::vector<TimeNs> ReadStampList(const std::string& path);
+
+// Ascending, each once.
+std::vector<TimeNs> InOrder(std::vector<TimeNs> instants);
 
 // Instants in ascending order. Those of a rate are computed when they are asked for.
 class OutputInstants {

@@ -3,7 +3,9 @@
 
 #include <vector>
 
-#include "robust/robust.hpp"
+#include "base/recording.hpp"
+#include "robust/plots/plots.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 

@@ -7,8 +7,10 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
@@ -259,20 +261,29 @@ void RequireSound(const PipelineResult& result, const Config& config) {
       Require(taken.insert(index).second, "a return is in one track, once");
     }
     std::size_t support = 0;
-    for (std::size_t k = 0; k < track.rows.size(); ++k) {
-      const TrajectoryRow& row = track.rows[k];
-      RequireSoundRow(row, config.trajectory.max_sigma_m);
-      Require(row.track_id == track.id, "a row has the id of its track");
-      Require(k == 0 || track.rows[k - 1].time_ns < row.time_ns, "rows are in order");
-      Require(begin_ns <= row.time_ns && row.time_ns <= end_ns, "rows are in the recording");
-      support += static_cast<std::size_t>(row.support);
+    std::size_t num_rows = 0;
+    TimeNs previous_ns = std::numeric_limits<TimeNs>::min();
+    const RowStream next = RowsOf(result, track);
+    while (const std::optional<TrajectoryRow> row = next()) {
+      RequireSoundRow(*row, config.trajectory.max_sigma_m);
+      Require(row->track_id == track.id, "a row has the id of its track");
+      Require(previous_ns < row->time_ns, "rows are in order");
+      Require(begin_ns <= row->time_ns && row->time_ns <= end_ns, "rows are in the recording");
+      previous_ns = row->time_ns;
+      support += static_cast<std::size_t>(row->support);
+      ++num_rows;
     }
-    Require(track.rows.empty() || support == track.returns.size(), "each return is behind one row");
+    Require(num_rows == track.num_rows, "rows are as many as were counted");
+    Require(num_rows == 0 || support == track.returns.size(), "each return is behind one row");
   }
 }
 
 std::string Outputs(const PipelineResult& result) {
-  return TrajectoryCsv(result.tracks) + TargetPointsPcd(result.recording, result.tracks);
+  std::vector<RowStream> rows;
+  for (const FittedTrack& track : result.tracks) rows.push_back(RowsOf(result, track));
+  std::string text;
+  WriteTrajectoryCsv(rows, [&](std::string_view piece) { text += piece; });
+  return text + TargetPointsPcd(result.recording, result.tracks);
 }
 
 void Run(std::string_view bytes) {

@@ -1,8 +1,7 @@
 // Everything that can be set, with its default: the one place of defaults. configs/default.yaml,
 // which explains each key to users, is held equal by a test.
 //
-// Names are those of the keys of the file, units at their end. LoadConfig() checks every value; a
-// value that is set here by hand is taken as it is.
+// Names are those of the keys of the file, units at their end.
 #pragma once
 
 #include <Eigen/Core>
@@ -270,5 +269,9 @@ struct Config {
 // Throws ConfigError for an unreadable file, bad YAML, an unknown or repeated key, a value that
 // breaks its constraint; UsageError for an assignment that is not `key=value`.
 Config LoadConfig(const std::string& path, const std::vector<std::string>& assignments = {});
+
+// Throws ConfigError for a value that breaks its constraint, naming key, value and constraint. What
+// LoadConfig() gives has none; Engine and TrackRecording() ask it of every config.
+void CheckConfig(const Config& config);
 
 }  // namespace unlidar

@@ -60,9 +60,9 @@ class LiveEngine;
 // gives what TrackRecording() gives. Not for several threads at once.
 class Engine {
  public:
-  // `sensors`: their names, which tie them to `sensors` of the config. Throws ConfigError for the
-  // method paper with a delay that ends, and for a time offset beyond 4e9 s; UsageError for a rate
-  // outside (0, 1e6] Hz.
+  // `sensors`: their names, which tie them to `sensors` of the config. Throws ConfigError for a
+  // config that CheckConfig() refuses and for the method paper with a delay that ends; UsageError
+  // for a rate outside (0, 1e6] Hz.
   Engine(const Config& config, const std::vector<std::string>& sensors, EngineCallback on_event,
          const OutputTimes& output_times = FirstSensorStamps{});
   ~Engine();

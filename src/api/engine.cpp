@@ -27,6 +27,7 @@ struct Checked {
 Engine::Engine(const Config& config, const std::vector<std::string>& sensors,
                EngineCallback on_event, const OutputTimes& output_times)
     : sensors_(sensors) {
+  CheckConfig(config);
   CheckLive(config);
   live_ = std::make_unique<LiveEngine>(config, sensors, std::visit(Checked(), output_times),
                                        std::move(on_event), TimeReading::kOffset);

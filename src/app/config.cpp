@@ -42,6 +42,13 @@ std::string Join(const std::string& section, const std::string& key) {
   return section.empty() ? key : section + "." + key;
 }
 
+// `place`: with a colon, or empty.
+void CheckSensorName(const std::string& place, const std::string& name) {
+  if (IsSensorName(name)) return;
+  throw ConfigError(place + "sensors: " + Quoted(name) +
+                    ", expected a name of letters, digits, '_' and '-'");
+}
+
 // Overlays values on a config and remembers where each came from, for messages.
 class Overlay {
  public:
@@ -91,19 +98,8 @@ class Overlay {
     }
   }
 
-  // Constraints between keys.
-  void CheckConsistent() const {
-    const InputConfig& input = config_.input;
-    CheckOrder("input.min_range_m", input.min_range_m, "input.max_range_m", input.max_range_m);
-    const TrajectoryConfig& trajectory = config_.trajectory;
-    CheckOrder("trajectory.min_acceleration_mps2", trajectory.min_acceleration_mps2,
-               "trajectory.max_acceleration_mps2", trajectory.max_acceleration_mps2);
-    CheckOrder("trajectory.min_noise_scale", trajectory.min_noise_scale,
-               "trajectory.max_noise_scale", trajectory.max_noise_scale);
-    CheckOrder("trajectory.min_knot_spacing_s", trajectory.min_knot_spacing_s,
-               "trajectory.max_knot_spacing_s", trajectory.max_knot_spacing_s);
-    CheckOrder("live.reorder_s", config_.live.reorder_s, "live.delay_s", config_.live.delay_s);
-  }
+  // Where each value came from, by key.
+  const std::map<std::string, std::string>& places() const { return places_; }
 
  private:
   static bool IsBelowSensors(const std::string& key) {
@@ -138,10 +134,7 @@ class Overlay {
 
   SensorConfig& SensorOf(const std::string& key, const std::string& place) {
     const std::string name = key.substr(kSensorPrefix.size());
-    if (!IsSensorName(name)) {
-      throw ConfigError(place + ": sensors: " + Quoted(name) +
-                        ", expected a name of letters, digits, '_' and '-'");
-    }
+    CheckSensorName(place + ": ", name);
     return config_.sensors[name];
   }
 
@@ -166,19 +159,34 @@ class Overlay {
     return best.empty() ? "; configs/default.yaml lists all" : "; did you mean " + best + "?";
   }
 
-  void CheckOrder(const std::string& low_key, double low, const std::string& high_key,
-                  double high) const {
-    if (low < high) return;
-    const auto high_place = places_.find(high_key);
-    const auto place = high_place != places_.end() ? high_place : places_.find(low_key);
-    throw ConfigError((place != places_.end() ? place->second + ": " : "") + high_key + ": '" +
-                      NumberText(high) + "', expected more than " + low_key + " (" +
-                      NumberText(low) + ")");
-  }
-
   Config& config_;
   std::map<std::string, std::string> places_;
 };
+
+// Constraints between keys.
+//
+// `places`: where values came from, for messages, as far as that is known.
+void CheckConsistent(const Config& config, const std::map<std::string, std::string>& places) {
+  const auto check_order = [&](const std::string& low_key, double low, const std::string& high_key,
+                               double high) {
+    if (low < high) return;
+    const auto high_place = places.find(high_key);
+    const auto place = high_place != places.end() ? high_place : places.find(low_key);
+    throw ConfigError((place != places.end() ? place->second + ": " : "") + high_key + ": '" +
+                      NumberText(high) + "', expected more than " + low_key + " (" +
+                      NumberText(low) + ")");
+  };
+  const InputConfig& input = config.input;
+  check_order("input.min_range_m", input.min_range_m, "input.max_range_m", input.max_range_m);
+  const TrajectoryConfig& trajectory = config.trajectory;
+  check_order("trajectory.min_acceleration_mps2", trajectory.min_acceleration_mps2,
+              "trajectory.max_acceleration_mps2", trajectory.max_acceleration_mps2);
+  check_order("trajectory.min_noise_scale", trajectory.min_noise_scale,
+              "trajectory.max_noise_scale", trajectory.max_noise_scale);
+  check_order("trajectory.min_knot_spacing_s", trajectory.min_knot_spacing_s,
+              "trajectory.max_knot_spacing_s", trajectory.max_knot_spacing_s);
+  check_order("live.reorder_s", config.live.reorder_s, "live.delay_s", config.live.delay_s);
+}
 
 std::string ReadText(const std::string& path) {
   try {
@@ -266,8 +274,21 @@ Config LoadConfig(const std::string& path, const std::vector<std::string>& assig
   Overlay overlay(config);
   if (!path.empty()) ApplyFile(path, overlay);
   for (const std::string& assignment : assignments) ApplyAssignment(assignment, overlay);
-  overlay.CheckConsistent();
+  CheckConsistent(config, overlay.places());
   return config;
+}
+
+void CheckConfig(const Config& config) {
+  const auto check = [](const std::string& key, const auto& field, const auto& constraint) {
+    if (Holds(field, constraint)) return;
+    throw ConfigError(key + ": " + TextOf(field) + ", expected " + Expected(field, constraint));
+  };
+  VisitKeys(check, config);
+  for (const auto& [name, sensor] : config.sensors) {
+    CheckSensorName("", name);
+    VisitSensorKeys(check, std::string(kSensorPrefix) + name + ".", sensor);
+  }
+  CheckConsistent(config, {});
 }
 
 void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sources) {

@@ -1,5 +1,6 @@
 #include "app/config_values.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -16,7 +17,7 @@ bool ReadNumbers(const YAML::Node& node, Eigen::Matrix<double, kSize, 1>& field)
   if (!node.IsSequence() || node.size() != kSize) return false;
   for (int i = 0; i < kSize; ++i) {
     const auto value = ParseNumber<double>(node[i]);
-    if (!value || !std::isfinite(*value)) return false;
+    if (!value) return false;
     field[i] = *value;
   }
   return true;
@@ -63,6 +64,19 @@ std::string Expected(const Eigen::Vector4d&, UnitQuaternion) {
   return "a quaternion [x, y, z, w] of norm 1 (within " + ShortestText(kUnitNormTolerance) + ")";
 }
 
+bool Holds(const std::vector<double>& field, const Elements& constraint) {
+  return !field.empty() && std::all_of(field.begin(), field.end(),
+                                       [&](double value) { return Holds(value, constraint.each); });
+}
+
+bool Holds(const Eigen::Vector3d& field, const Vector3& constraint) {
+  return field.allFinite() && field.cwiseAbs().maxCoeff() <= constraint.max_abs;
+}
+
+bool Holds(const Eigen::Vector4d& field, UnitQuaternion) {
+  return std::abs(field.norm() - 1.0) <= kUnitNormTolerance;
+}
+
 bool Read(const YAML::Node& node, bool& field, Flag) {
   if (!node.IsScalar() || (node.Scalar() != "true" && node.Scalar() != "false")) return false;
   field = node.Scalar() == "true";
@@ -88,13 +102,11 @@ bool Read(const YAML::Node& node, std::vector<double>& field, const Elements& co
 }
 
 bool Read(const YAML::Node& node, Eigen::Vector3d& field, const Vector3& constraint) {
-  return ReadNumbers(node, field) && field.cwiseAbs().maxCoeff() <= constraint.max_abs;
+  return ReadNumbers(node, field) && Holds(field, constraint);
 }
 
-bool Read(const YAML::Node& node, Eigen::Vector4d& field, UnitQuaternion) {
-  if (!ReadNumbers(node, field) || !(std::abs(field.norm() - 1.0) <= kUnitNormTolerance)) {
-    return false;
-  }
+bool Read(const YAML::Node& node, Eigen::Vector4d& field, UnitQuaternion constraint) {
+  if (!ReadNumbers(node, field) || !Holds(field, constraint)) return false;
   field.normalize();
   return true;
 }

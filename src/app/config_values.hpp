@@ -3,8 +3,10 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -63,6 +65,43 @@ std::optional<Number> ParseNumber(const YAML::Node& node) {
   return value;
 }
 
+// Whether a value satisfies its constraint.
+inline bool Holds(bool, Flag) { return true; }
+bool Holds(const std::vector<double>& field, const Elements& constraint);
+bool Holds(const Eigen::Vector3d& field, const Vector3& constraint);
+bool Holds(const Eigen::Vector4d& field, UnitQuaternion constraint);
+
+template <class Number>
+bool Holds(const Number& field, const Range& range) {
+  const auto number = static_cast<double>(field);
+  return number >= range.low && number <= range.high &&
+         (range.low_is_allowed || number != range.low);
+}
+
+inline bool Holds(const double& field, const RangeOrEndless& constraint) {
+  return field == std::numeric_limits<double>::infinity() || Holds(field, constraint.finite);
+}
+
+template <class E>
+bool Holds(const E& field, const Choices<E>& choices) {
+  return std::any_of(choices.names.begin(), choices.names.end(),
+                     [&](const auto& choice) { return choice.second == field; });
+}
+
+// A value that was not read from a text, for messages.
+template <class Field>
+std::string TextOf(const Field& field) {
+  if constexpr (std::is_enum_v<Field>) {
+    return "number " + std::to_string(static_cast<int>(field));
+  } else if constexpr (std::is_arithmetic_v<Field>) {
+    return NumberText(static_cast<double>(field));
+  } else {
+    std::string text = "[";
+    for (const double value : field) text += (text == "[" ? "" : ", ") + NumberText(value);
+    return text + "]";
+  }
+}
+
 // Sets the field and returns true if the node satisfies the constraint.
 bool Read(const YAML::Node& node, bool& field, Flag constraint);
 bool Read(const YAML::Node& node, double& field, const RangeOrEndless& constraint);
@@ -73,10 +112,7 @@ bool Read(const YAML::Node& node, Eigen::Vector4d& field, UnitQuaternion constra
 template <class Number>
 bool Read(const YAML::Node& node, Number& field, const Range& range) {
   const auto value = ParseNumber<Number>(node);
-  if (!value) return false;
-  const auto number = static_cast<double>(*value);
-  if (!(number >= range.low && number <= range.high)) return false;
-  if (number == range.low && !range.low_is_allowed) return false;
+  if (!value || !Holds(*value, range)) return false;
   field = *value;
   return true;
 }

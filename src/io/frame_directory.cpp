@@ -81,13 +81,6 @@ std::optional<TimeNs> StampInRange(std::string_view text) {
 
 namespace {
 
-std::string_view Trimmed(std::string_view text) {
-  constexpr std::string_view kBlanks = " \t\r";
-  const std::size_t begin = text.find_first_not_of(kBlanks);
-  if (begin == std::string_view::npos) return {};
-  return text.substr(begin, text.find_last_not_of(kBlanks) + 1 - begin);
-}
-
 // Empty if the directory has no such file.
 std::optional<StampsByFile> ReadStampFile(const std::string& directory,
                                           const std::vector<std::string>& names) {

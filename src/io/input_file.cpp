@@ -61,6 +61,12 @@ std::string ReadWhole(const std::string& path, const InputKind& kind, std::size_
   return text;
 }
 
+std::string_view Trimmed(std::string_view text) {
+  const std::size_t begin = text.find_first_not_of(kBlanks);
+  if (begin == std::string_view::npos) return {};
+  return text.substr(begin, text.find_last_not_of(kBlanks) + 1 - begin);
+}
+
 LineReader::LineReader(const std::string& path, const InputKind& kind)
     : path_(path), file_(path, kind), buffer_(kMaxLineBytes + 1) {}
 

@@ -41,6 +41,12 @@ class InputFile {
 // All of a file's bytes. Throws InputError, also for more than max_bytes.
 std::string ReadWhole(const std::string& path, const InputKind& kind, std::size_t max_bytes);
 
+// What separates values in a line; lines of Windows end with a carriage return.
+inline constexpr std::string_view kBlanks = " \t\r";
+
+// Without the blanks at both ends.
+std::string_view Trimmed(std::string_view text);
+
 // The lines of a file, however long it is, in bounded memory.
 class LineReader {
  public:

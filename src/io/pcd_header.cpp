@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "base/format.hpp"
+#include "io/input_file.hpp"
 #include "io/pcd_format.hpp"
 #include "unlidar/error.hpp"
 
@@ -26,7 +27,6 @@ struct RawHeader {
 
 Tokens Split(std::string_view line) {
   Tokens tokens;
-  constexpr std::string_view kBlanks = " \t\r";
   std::size_t begin = line.find_first_not_of(kBlanks);
   while (begin != std::string_view::npos) {
     const std::size_t end = std::min(line.find_first_of(kBlanks, begin), line.size());
@@ -92,9 +92,9 @@ class HeaderParser {
 
   // Empty for comments and blank lines.
   Tokens TokensOf(std::string_view line, std::size_t line_number) {
-    const std::size_t begin = std::min(line.find_first_not_of(" \t\r"), line.size());
+    const std::size_t begin = std::min(line.find_first_not_of(kBlanks), line.size());
     if (begin == line.size() || line[begin] == '#') return {};
-    const std::size_t end = std::min(line.find_first_of(" \t\r", begin), line.size());
+    const std::size_t end = std::min(line.find_first_of(kBlanks, begin), line.size());
     const std::string_view keyword = line.substr(begin, end - begin);
     if (keyword != "DATA" && Entry(keyword) == nullptr) {
       Fail("line " + std::to_string(line_number) + " begins with " + Quoted(keyword) +

@@ -1,32 +1,15 @@
 #include "paper/clustering.hpp"
 
 #include <cstddef>
-#include <sstream>
 #include <stdexcept>
 
 #include "paper/clustering_engines.hpp"
-#include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
 
 constexpr float kLargestCoordinateM = 1e37F;      // sums of two of them are finite
 constexpr std::size_t kMostPoints = 700'000'000;  // three cells a point fit a 31 bit cell number
-
-void CheckConfig(const ClusteringConfig& config) {
-  std::ostringstream message;
-  if (!(config.tolerance_m >= 1e-6 && config.tolerance_m <= 1e6)) {
-    message << "clustering: tolerance_m is " << config.tolerance_m << ", expected 1e-6 to 1e6";
-  } else if (config.min_neighbours < 1) {
-    message << "clustering: min_neighbours is " << config.min_neighbours << ", expected at least 1";
-  } else if (config.min_cluster_size < 1) {
-    message << "clustering: min_cluster_size is " << config.min_cluster_size
-            << ", expected at least 1";
-  } else {
-    return;
-  }
-  throw ConfigError(message.str());
-}
 
 void DropSmallClusters(int min_cluster_size, Clustering& result) {
   std::vector<std::int64_t> sizes(static_cast<std::size_t>(result.num_clusters), 0);
@@ -46,7 +29,6 @@ void DropSmallClusters(int min_cluster_size, Clustering& result) {
 }  // namespace
 
 Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const ClusteringConfig& config) {
-  CheckConfig(config);
   if (points_m.size() > kMostPoints) throw std::length_error("clustering: over 700 million points");
   std::vector<std::uint32_t> usable;
   usable.reserve(points_m.size());

@@ -30,7 +30,6 @@ struct Clustering {
 // scikit-learn does, after those below `min_cluster_size` were dropped. Both engines give the same
 // labels. Points that are not finite, or have a coordinate beyond 1e37 m, are noise.
 //
-// Throws ConfigError for a tolerance outside [1e-6, 1e6] m or counts below 1.
 Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const ClusteringConfig& config);
 
 }  // namespace unlidar

@@ -4,11 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <sstream>
 #include <string>
 
 #include "base/voxel_grid.hpp"
-#include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
@@ -28,22 +26,6 @@ struct Clusters {
   std::vector<std::uint32_t> frame_of;  // (N) frame of each return
   std::vector<GlobalCluster> globals;   // by label
 };
-
-void RequireWithin(const std::string& key, double value, double lowest, double highest) {
-  if (value >= lowest && value <= highest) return;
-  std::ostringstream message;
-  message << "paper." << key << " is " << value << ", expected " << lowest << " to " << highest;
-  throw ConfigError(message.str());
-}
-
-void CheckConfig(const PaperConfig& config) {
-  RequireWithin("window_frames", config.window_frames, 1, 1e6);
-  RequireWithin("voxel_size_m", config.voxel_size_m, 1e-3, 1e3);
-  RequireWithin("lambda", config.lambda, 0.0, 1e6);
-  RequireWithin("min_iou", config.min_iou, 1e-6, 1.0);
-  RequireWithin("min_windows", config.min_windows, 1, 1e6);
-  RequireWithin("return_sigma_m", config.return_sigma_m, 1e-4, 1e2);
-}
 
 std::vector<std::uint32_t> FrameOfReturns(const Recording& recording) {
   std::vector<std::uint32_t> frame_of(recording.points_m.size(), 0);
@@ -276,13 +258,11 @@ Target MakeTarget(const Recording& recording, const PaperConfig& config, const C
 }  // namespace
 
 std::vector<ClusterScore> ScoreClusters(const Recording& recording, const PaperConfig& config) {
-  CheckConfig(config);
   return ScoreAll(recording, config, FindClusters(recording, config));
 }
 
 std::vector<Target> FindTargetsPaper(const Recording& recording, const PaperConfig& config,
                                      std::vector<ClusterScore>* scores) {
-  CheckConfig(config);
   const Clusters clusters = FindClusters(recording, config);
   const std::vector<ClusterScore> ranked = ScoreAll(recording, config, clusters);
   if (scores != nullptr) *scores = ranked;

@@ -68,7 +68,6 @@ double Psi(double psi_rho, double psi_iou, double lambda);
 double VonNeumannRatio(const std::vector<Eigen::Vector3d>& centroids_m);
 
 // All global clusters in order of rank: by falling psi, then by id.
-// Throws ConfigError for a value outside its range.
 std::vector<ClusterScore> ScoreClusters(const Recording& recording, const PaperConfig& config);
 
 // The winner, or nothing where no cluster is eligible. Its measurements are the centroids of its

@@ -9,7 +9,6 @@
 #include <random>
 
 #include "tests/real_frames.hpp"
-#include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
@@ -284,20 +283,6 @@ TEST(Clustering, SmallClustersBecomeNoiseAndTheOthersKeepTheirOrder) {
   const Clustering result = Cluster(points_m, config);
   EXPECT_EQ(result.num_clusters, 2);
   EXPECT_EQ(result.labels, (Labels{kNoise, 0, 0, 0, 1, 1, 1}));
-}
-
-TEST(Clustering, AnImpossibleConfigIsRefusedByNameAndValue) {
-  ClusteringConfig config;
-  config.tolerance_m = 0.0;
-  EXPECT_THROW(Cluster({}, config), ConfigError);
-  config.tolerance_m = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THROW(Cluster({}, config), ConfigError);
-  config = {};
-  config.min_neighbours = 0;
-  EXPECT_THROW(Cluster({}, config), ConfigError);
-  config = {};
-  config.min_cluster_size = 0;
-  EXPECT_THROW(Cluster({}, config), ConfigError);
 }
 
 // Real returns: scan patterns, duplicates, strays out to 430 m.

@@ -15,14 +15,7 @@ namespace {
 constexpr std::int64_t kGiga = 1'000'000'000;
 constexpr std::int64_t kMaxRateHz = 1'000'000;
 constexpr double kMaxInstants = 1e7;
-constexpr std::string_view kBlanks = " \t\r";
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
-
-std::string_view Trim(std::string_view text) {
-  const std::size_t begin = text.find_first_not_of(kBlanks);
-  if (begin == std::string_view::npos) return {};
-  return text.substr(begin, text.find_last_not_of(kBlanks) - begin + 1);
-}
 
 // The field in a column of a comma-separated line, empty if there are fewer.
 std::string_view Field(std::string_view line, std::size_t column) {
@@ -31,7 +24,7 @@ std::string_view Field(std::string_view line, std::size_t column) {
     if (comma == std::string_view::npos) return {};
     line.remove_prefix(comma + 1);
   }
-  return Trim(line.substr(0, line.find(',')));
+  return Trimmed(line.substr(0, line.find(',')));
 }
 
 std::optional<std::size_t> TimestampColumn(std::string_view header) {
@@ -91,7 +84,7 @@ std::vector<TimeNs> ReadStampList(const std::string& path) {
     if (lines.number() == 1 && line.substr(0, kByteOrderMark.size()) == kByteOrderMark) {
       line.remove_prefix(kByteOrderMark.size());
     }
-    line = Trim(line);
+    line = Trimmed(line);
     if (line.empty() || line.front() == '#') continue;
     const bool could_be_header = std::exchange(first, false);
     if (could_be_header) {

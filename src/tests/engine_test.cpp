@@ -239,7 +239,7 @@ TEST(Engine, AdvanceGivesWhatIsDueTellsOfSilenceAndEndsWhatMayComeLate) {
   EXPECT_LT(last_row_ns, end_ns - 5 * kPeriodNs);
   const double silent_s = Config().live.silent_s;
   engine.Advance(end_ns + static_cast<TimeNs>((silent_s - 0.1) * 1e9));
-  EXPECT_GE(last_row_ns, end_ns - 3 * kPeriodNs);
+  EXPECT_EQ(last_row_ns, end_ns);
   EXPECT_EQ(told.sensors.size(), 1U);
   engine.Advance(end_ns + static_cast<TimeNs>((silent_s + 0.1) * 1e9));
   ASSERT_EQ(told.sensors.size(), 2U);

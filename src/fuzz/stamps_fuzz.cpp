@@ -8,10 +8,10 @@
 #include <regex>
 #include <vector>
 
-#include "fuzz.hpp"
-#include "unlidar/output.hpp"
-#include "unlidar/output_times.hpp"
-#include "unlidar/stamp.hpp"
+#include "app/output.hpp"
+#include "fuzz/fuzz.hpp"
+#include "io/stamp.hpp"
+#include "trajectory/output_times.hpp"
 
 namespace unlidar::fuzz {
 namespace {

@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-#include "unlidar/types.hpp"
+#include "base/recording.hpp"
 
 namespace unlidar::testing {
 
@@ -32,9 +32,10 @@ class Random {
 
   int Poisson(double mean) {  // arrivals until the unit of time is over
     int count = 0;
-    for (double time = -std::log(Uniform(0.0, 1.0)); time < mean;
-         time -= std::log(Uniform(0.0, 1.0))) {
+    double time = -std::log(Uniform(0.0, 1.0));
+    while (time < mean) {
       ++count;
+      time -= std::log(Uniform(0.0, 1.0));
     }
     return count;
   }

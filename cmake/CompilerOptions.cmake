@@ -21,7 +21,6 @@ endif()
 # aims at, watching them takes most of the time.
 if(UNLIDAR_BUILD_FUZZERS)
   add_compile_options(-fsanitize=fuzzer-no-link -fno-sanitize-coverage=trace-cmp)
-  file(GLOB parsers src/config*.cpp src/frame*.cpp src/lzf.cpp src/output_times.cpp src/pcd*.cpp
-    src/point_times.cpp src/stamp.cpp)
+  file(GLOB parsers src/app/config*.cpp src/io/*.cpp src/trajectory/output_times.cpp)
   set_source_files_properties(${parsers} PROPERTIES COMPILE_OPTIONS -fsanitize-coverage=trace-cmp)
 endif()

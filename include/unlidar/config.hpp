@@ -1,28 +1,264 @@
-// Everything a user can set: the stages' own config structs under one roof, and their key names.
+// Everything that can be set, with its default: the one place of defaults. configs/default.yaml,
+// which explains each key to users, is held equal by a test.
+//
+// Names are those of the keys of the file, units at their end.
 #pragma once
 
-#include <cstdint>
+#include <Eigen/Core>
 #include <map>
 #include <string>
-#include <variant>
 #include <vector>
-
-#include "unlidar/frames.hpp"
-#include "unlidar/live_config.hpp"
-#include "unlidar/paper.hpp"
-#include "unlidar/robust.hpp"
-#include "unlidar/trajectory.hpp"
 
 namespace unlidar {
 
+// Which instant of a frame its stamp names; used for frames without point times.
+enum class StampMeaning { kBegin, kMiddle, kEnd };
+
+struct InputConfig {
+  bool skip_bad_frames = false;
+  double min_range_m = 0.5;                   // nearer returns are the station itself
+  double max_range_m = 2000.0;                // beyond any LiDAR: absurd coordinates
+  StampMeaning stamp = StampMeaning::kBegin;  // Livox and most ROS drivers stamp the first ray
+};
+
+// Pose and clock of a sensor: p_common = R(rotation) p_sensor + translation_m.
+struct SensorConfig {
+  Eigen::Vector3d translation_m = Eigen::Vector3d::Zero();
+  Eigen::Vector4d rotation_xyzw = Eigen::Vector4d(0, 0, 0, 1);  // unit quaternion
+  double time_offset_s = 0.0;                                   // added to every stamp
+};
+
+// Radius of a neighbourhood as a function of range: constant_m + slope * range. The constant stands
+// for the size of things, the slope for the spacing of rays, which no place can resolve better.
+struct RangeRadius {
+  double constant_m = 0.35;
+  double slope = 0.012;
+
+  double At(double range_m) const { return constant_m + slope * range_m; }
+};
+
+struct BackgroundConfig {
+  RangeRadius place{0.35, 0.012};  // what counts as the same place
+  double bin_s = 0.5;              // time resolution of occupancy
+  double max_break_s = 1.5;        // a stay ends where a place was empty for longer
+  double min_exposure = 0.15;      // a place must be known for this share of the recording
+  double max_occupancy = 0.35;     // share of the other bins: more is structure
+  double occluder_cell_deg = 2.0;  // directions in which something nearer hides a place
+  double occluder_margin_m = 2.0;
+};
+
+struct GroundConfig {
+  double cell_m = 4.0;
+  double quantile = 0.05;     // of the heights in a cell
+  int min_returns = 10;       // in a cell
+  int min_cells = 6;          // fewer show no ground
+  double plane_band_m = 0.6;  // cells this near to the plane make it
+  double max_slope = 0.3;     // a steeper plane is a wall or a crown
+  double max_rise_m = 0.5;    // above the plane; more is a bush, a car or the station itself
+  double max_relief_m = 1.5;  // a cell farther from the plane is not ground
+  double thickness_m = 0.3;   // what is lower is ground: grass, noise
+};
+
+struct SupportConfig {
+  // Structure, ground or station as near as this holds a thing up, whether or not what joins the
+  // two is seen: poles and wires are thin,
+  RangeRadius reach{1.5, 0.1};
+  // and farther away than this little is seen well: only what is alone for so far floats there,
+  double far_m = 50.0;
+  RangeRadius far_reach{1.5, 0.3};
+  double max_range_m = 100.0;  // and beyond this nobody knows.
+  double body_m = 1.5;         // structure nearer than this may be the thing itself
+  double voxel_m = 0.25;       // resolution of structure
+  // Where more than this of the directions about a thing is hidden, so may be what holds it.
+  double max_hidden_share = 0.2;
+
+  double ReachM(double range_m) const { return (range_m < far_m ? reach : far_reach).At(range_m); }
+};
+
+struct PlotConfig {
+  RangeRadius link{0.5, 0.008};      // single linkage of the returns of one frame
+  RangeRadius body_link{1.5, 0.02};  // looser, to hold people and cars together
+  double body_contact_m = 1.0;       // a body reaches down to this height above the ground
+  int body_contact_returns = 3;
+  double body_height_m = 2.0;   // or, lower than this, to the lower edge of the field of view,
+  double body_edge_rad = 0.05;  // which hides its legs
+  double body_spread_m = 0.6;   // or is wider than any drone in two directions (std. dev.)
+  int body_spread_returns = 6;
+  double body_margin = 0.5;         // part of a body is what is nearer to its box than this
+                                    // share of its length (its far side is hidden), at least
+  double body_min_margin_m = 0.75;  // so much,
+  double body_margin_s = 0.35;      // and within so much time
+  // Noise of a plot: a constant part (a body is no point), a part that falls with the number of
+  // returns, and one that grows with range (beam divergence, angular steps).
+  double noise_m = 0.06;
+  double noise_per_return_m = 0.14;
+  double noise_per_range = 0.003;
+  // Where other plots tell of clutter, from wide to narrow: each is the prior of the next, with the
+  // weight of so many plots. Bins as near in time as clutter_exclusion_bins are left out.
+  RangeRadius clutter_wide{4.0, 0.35};
+  RangeRadius clutter_middle{4.0, 0.12};
+  RangeRadius clutter_narrow{1.5, 0.04};
+  double clutter_prior_plots = 0.5;
+  int clutter_exclusion_bins = 2;
+  RangeRadius spot{0.19, 0.006};  // the extent of a static thing that is a point to the sensor
+};
+
+struct TrackerConfig {
+  std::vector<double> sigma_a_mps2 = {1.0, 3.0, 8.0};  // agility tried: hover, transit, sport
+  double acceleration_time_s = 2.0;                    // how long an acceleration lasts
+  double manoeuvre_factor = 3.0;  // between two plots it may be so much more agile,
+  double manoeuvre_log = -2.3;    // with this log probability
+  std::vector<double> birth_speeds_mps = {1.0, 8.0};  // standard deviations per axis tried
+  double even_birth_share = 0.1;  // of the births; the others fall in proportion to volume
+  double max_speed_mps = 35.0;
+  double max_gap_s = 10.0;        // without a plot
+  int hypotheses_per_plot = 2;    // kept at each plot and agility
+  double echo_m2_per_s = 4000.0;  // expected returns per second of a typical drone, times range^2;
+  double echo_shape = 1.5;        // shape of the gamma distribution about it
+  double sensor_change = 0.1;     // probability that the next plot is that of another sensor
+  // Carried on at any time, the best first: so many, and so many more for each plot of the frame.
+  int max_hypotheses = 500;
+  int max_hypotheses_per_plot = 5;
+  int max_paths = 20;
+  double min_fragment_log = 7.0;  // weaker paths are not looked at,
+  int min_fragment_plots = 3;     // nor shorter ones
+  double birth_cost = 12.0;       // what a further target must explain
+  double min_exchange_log = 1.0;  // least gain of an exchange or a join
+  double min_end_log = 3.0;       // least that the plots at an end bring together
+  double give_up_log = -6.0;      // a hypothesis worse than this is dropped,
+  double rebirth_log = -3.0;      // as is one so much worse than a new one at its last plot
+};
+
+struct CollectConfig {
+  int rounds = 3;                // of fit and collection
+  double body_sigma_m = 0.15;    // spread of the returns over the body, per axis
+  double centre_sigma_m = 0.04;  // of the mean of a frame's returns: which parts are hit
+  // The centre of a body lies behind the mean of its returns by this share of their spread: 1.33
+  // for a ball, less for a flat thing with gaps; 0 leaves the mean. How well that is known.
+  double facing_side = 0.4;
+  double facing_side_sigma = 0.3;
+  double beam_sigma_rad = 0.002;  // growth of the spread with range
+  // By so much a return must be likelier the target's than its place's: the target may be hidden.
+  double min_return_log = 2.0;
+  double gate = 4.0;                // standard deviations in which a return may lie
+  double max_search_sigma_m = 1.0;  // where the trajectory is less sure, nothing is collected
+  double max_extension_s = 2.0;     // beyond the ends, per round
+  RangeRadius presence{1.5, 0.03};  // the target's stay at a place says nothing of its clutter
+  // How far two sensors disagree, prior standard deviations: in place and clock.
+  double sensor_bias_m = 0.2;
+  double sensor_delay_s = 0.05;
+  double sensor_overlap_s = 0.3;  // longest pause of the main one across which they are compared
+};
+
+struct RobustConfig {
+  double false_alarms_per_recording = 1e-3;  // tracks expected where there is no drone
+  int min_plots = 5;               // frames with evidence: clutter that repeats is not independent
+  int rounds = 2;                  // of clutter estimation and search
+  double off_ground_m = 2.0;       // a target is higher than this,
+  double off_ground_share = 0.42;  // for this share of its plots
+  double off_ground_window_s = 0.75;  // (the lowest plot within this time counts)
+  double min_echo_m2_per_s = 150.0;   // returns per second times range^2: less is an insect
+  BackgroundConfig background;
+  GroundConfig ground;
+  SupportConfig support;
+  PlotConfig plots;
+  TrackerConfig tracker;
+  CollectConfig collect;
+};
+
+struct TrajectoryConfig {
+  double acceleration_time_s = 2.0;  // tau: how long an acceleration lasts
+  // sigma_a: limits, and the log-normal prior that decides where the data says little.
+  double min_acceleration_mps2 = 0.05;
+  double max_acceleration_mps2 = 30.0;
+  double typical_acceleration_mps2 = 2.0;
+  double acceleration_spread = 1.5;  // standard deviation of log sigma_a
+  // k, the true noise over the one that the covariances state: limits and log-normal prior
+  // around 1.
+  double min_noise_scale = 0.5;
+  double max_noise_scale = 3.0;
+  double noise_scale_spread = 0.5;  // standard deviation of log k
+  // Known beforehand of the first position and velocity, about the straight line through all
+  // measurements: nearly nothing.
+  double position_sigma_m = 1e4;
+  double velocity_sigma_mps = 100.0;
+  double outlier_distance = 4.5;  // sigmas (3-D) at which a measurement is as likely an outlier
+  double min_knot_spacing_s = 0.05;
+  double max_knot_spacing_s = 0.2;
+  int measurements_per_knot = 1;
+  double max_extrapolation_s = 5.0;  // beyond the measurements, with a sigma that is still true
+  // Rows go on beyond the first and last return through a silence that is likelier than this.
+  double silence_probability = 0.01;
+  double max_sigma_m = 1.0;  // rows whose largest sigma exceeds it are not written
+};
+
+struct LiveConfig {
+  double delay_s = 1.0;                // of a row behind its instant; infinity: all rows at the end
+  double window_s = 60.0;              // of what is remembered frame by frame; infinity: everything
+  double reorder_s = 0.2;              // by which a frame may come later than newer ones
+  double false_alarms_per_hour = 0.1;  // of an empty sky
+  double silent_s = 2.0;               // without a frame: the sensor is silent
+  double overload_s = 2.0;  // that a frame waits, by the wall clock, before others are dropped
+};
+
+enum class ClusterMethod { kEuclidean, kDbscan };
+enum class ClusterEngine { kGrid, kPcl };
+
+struct ClusteringConfig {
+  ClusterMethod method = ClusterMethod::kEuclidean;
+  ClusterEngine engine = ClusterEngine::kGrid;
+  double tolerance_m = 0.5;  // eps of DBSCAN; 1e-6 to 1e6
+  int min_neighbours = 5;    // DBSCAN only: a core point has so many within eps, itself included
+  int min_cluster_size = 1;  // smaller clusters become noise
+};
+
+// What the local cluster of global cluster k is. The share is the reading that keeps the index k
+// (and the released code); the largest is that of clustering each window on its own.
+enum class LocalClusters { kShareOfGlobal, kLargestOfWindow };
+
+// Windows in which a cluster has no return: either they do not exist, so that IoU is taken between
+// the windows next to each other among the occupied ones, or each edge of a gap is a pair of IoU 0.
+enum class EmptyWindows { kSkip, kZeroIou };
+
+// R from the densities rho of a local cluster and of its global cluster. Only frame / merged bears
+// out what the text says of static surfaces, which pile up returns in the same voxels. The literal
+// merged / frame is about the number of windows for a wall and makes it win. The released code has
+// |frame - merged| / merged.
+enum class DensityReading { kFrameOverMerged, kMergedOverFrame, kRelativeDifference };
+
+// What psi_rho sums: e^R, or R itself.
+enum class DensityTerm { kExponential, kLinear };
+
+// What psi_iou sums over window pairs: all fall with the overlap, -ln(IoU) and 1 / IoU without
+// bound. An IoU below PaperConfig::min_iou counts as that.
+enum class IouTerm { kLogarithm, kInverse, kComplement };
+
+// Sums over windows and pairs grow with the time a cluster was seen; means do not.
+enum class Accumulation { kMean, kSum };
+
+struct PaperConfig {
+  ClusteringConfig global_clusters = {ClusterMethod::kDbscan, ClusterEngine::kGrid, 0.5, 5, 10};
+  ClusteringConfig local_clusters = {ClusterMethod::kEuclidean, ClusterEngine::kGrid, 0.5, 5, 1};
+  LocalClusters local = LocalClusters::kShareOfGlobal;  // local_clusters serves the other reading
+  int window_frames = 1;                                // frames of all sensors together
+  double voxel_size_m = 0.2;
+  double lambda = 1.0;  // weight of psi_iou in psi
+  DensityReading density_reading = DensityReading::kFrameOverMerged;
+  DensityTerm density_term = DensityTerm::kExponential;
+  IouTerm iou_term = IouTerm::kLogarithm;
+  double min_iou = 0.01;
+  EmptyWindows empty_windows = EmptyWindows::kSkip;
+  Accumulation accumulation = Accumulation::kMean;
+  int min_windows = 2;           // a cluster seen in fewer cannot win
+  double return_sigma_m = 0.05;  // noise of one return about the centre of the target
+};
+
 enum class Method { kRobust, kPaper };
 
-// Defaults stand in the structs of the stages and nowhere else; configs/default.yaml, which
-// documents them, is held equal by a test.
 struct Config {
   Method method = Method::kRobust;
   InputConfig input;
-  std::map<std::string, SensorConfig> sensors;  // by the NAME of --frames NAME=DIR
+  std::map<std::string, SensorConfig> sensors;  // by name; others stand at the origin
   PaperConfig paper;
   RobustConfig robust;
   TrajectoryConfig trajectory;
@@ -33,23 +269,10 @@ struct Config {
 // assignments in their order.
 // Throws ConfigError for an unreadable file, bad YAML, an unknown or repeated key, a value that
 // breaks its constraint; UsageError for an assignment that is not `key=value`.
-Config LoadConfig(const std::string& path, const std::vector<std::string>& assignments);
+Config LoadConfig(const std::string& path, const std::vector<std::string>& assignments = {});
 
-// Throws ConfigError if a named source has no entry in `sensors` while an entry there has no
-// source: with one name misspelt, the other sensor's pose would silently not be applied.
-void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sources);
-
-// A name that `sensors` can hold: letters, digits, '_' and '-'.
-bool IsSensorName(const std::string& name);
-
-using ConfigValue = std::variant<bool, std::int64_t, double, std::string, std::vector<double>>;
-
-struct ConfigEntry {
-  std::string key;  // dotted: "input.max_range_m"
-  ConfigValue value;
-};
-
-// Every key with its value, in the order of configs/default.yaml.
-std::vector<ConfigEntry> ListConfig(const Config& config);
+// Throws ConfigError for a value that breaks its constraint, naming key, value and constraint. What
+// LoadConfig() gives has none; Engine and TrackRecording() ask it of every config.
+void CheckConfig(const Config& config);
 
 }  // namespace unlidar

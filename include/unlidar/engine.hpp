@@ -1,4 +1,11 @@
-// The live side of the program: frames in as they come, tracks and rows out within a second.
+// Tracks drones while frames come: frames in, rows out within a second.
+//
+//   unlidar::Engine engine(unlidar::LoadConfig("station.yaml"), {"roof"},
+//                          [](const unlidar::EngineEvent& event) {
+//     if (const auto* given = std::get_if<unlidar::RowGiven>(&event)) Send(given->row);
+//   });
+//   while (std::optional<unlidar::Frame> frame = NextFrame()) engine.Add(std::move(*frame));
+//   engine.Close();
 #pragma once
 
 #include <cstdint>
@@ -9,25 +16,17 @@
 #include <vector>
 
 #include "unlidar/config.hpp"
-#include "unlidar/output_times.hpp"
-#include "unlidar/pcd.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
 
-// One frame of one sensor, in the sensor's own axes and by its own clock.
-struct Frame {
-  std::uint32_t sensor = 0;  // index into the sensors of the engine
-  TimeNs stamp_ns = 0;       // as its source says: the sensor's time offset is not yet applied
-  std::string name;          // what messages call it
-  PcdCloud cloud;
-};
-
+// A new track, told before its first row. Tracks are numbered from 0 and keep their numbers.
 struct TrackConfirmed {
   int track_id = 0;
   TimeNs first_evidence_ns = 0;
 };
 
+// Rows of one track come in order of time. None is taken back.
 struct RowGiven {
   TrajectoryRow row;
   bool is_late = false;  // older than live.delay_s, as the track was only now confirmed
@@ -38,25 +37,34 @@ struct TrackEnded {
   TimeNs last_evidence_ns = 0;
 };
 
+// Told of a sensor with its first frame, and whenever it changes: without a frame for
+// live.silent_s it is silent.
 struct SensorChanged {
-  std::uint32_t sensor = 0;
+  std::uint32_t sensor = 0;  // index as of its frames
   bool is_silent = false;
 };
 
+// Told with the first frame, and when enough of the scene is known to find anything in it.
 enum class EngineState { kWarmingUp, kRunning };
 
 using EngineEvent = std::variant<TrackConfirmed, RowGiven, TrackEnded, SensorChanged, EngineState>;
 
+// Called from within Add(), Advance() and Close(); must not call the engine's own.
+using EngineCallback = std::function<void(const EngineEvent&)>;
+
+class LiveEngine;
+
 // Takes frames one by one and gives rows as soon as they are due. Time is that of the stamps, never
-// the wall clock: the same frames give the same events however fast they come.
+// the wall clock: the same calls give the same events however fast they come. Memory and time per
+// frame are bounded by the config; with an endless live.delay_s all frames are kept, and Close()
+// gives what TrackRecording() gives. Not for several threads at once.
 class Engine {
  public:
-  using Callback = std::function<void(const EngineEvent&)>;
-
-  // `sensors`: their names, which tie them to sensors.NAME of the config. `output_times`: as for a
-  // recording.
-  Engine(const Config& config, std::vector<std::string> sensors, OutputTimes output_times,
-         Callback on_event);
+  // `sensors`: their names, which tie them to `sensors` of the config. Throws ConfigError for a
+  // config that CheckConfig() refuses and for the method paper with a delay that ends; UsageError
+  // for a rate outside (0, 1e6] Hz.
+  Engine(const Config& config, const std::vector<std::string>& sensors, EngineCallback on_event,
+         const OutputTimes& output_times = FirstSensorStamps{});
   ~Engine();
   Engine(const Engine&) = delete;
   Engine& operator=(const Engine&) = delete;
@@ -64,24 +72,31 @@ class Engine {
   // A sensor that was not known at the beginning: the index of its frames.
   std::uint32_t AddSensor(const std::string& name);
 
-  // Frames of one sensor may come late by up to live.reorder_s; later ones are counted and dropped.
-  // Throws InputError for a frame whose point times make no sense or whose stamp its sensor had
-  // already; it is left out then, and the next may follow.
+  // Frames may come in any order within live.reorder_s; those that come later are counted and
+  // dropped. Throws InputError for a frame of no sensor, with a stamp that its sensor had already
+  // or beyond the years 1844 to 2096, or with point times that are not one per point and within 1 s
+  // or 10 frames of the stamp; it is left out then, and the next may follow.
   void Add(Frame frame);
+
+  // As much time has passed, although no frame says so: none older than `now_ns` less
+  // live.reorder_s will come any more, time offsets applied. Gives the rows that are due and tells
+  // of sensors that are silent. Nothing before the first frame.
+  void Advance(TimeNs now_ns);
 
   // No frame will follow: gives all rows that are pending and ends all tracks.
   void Close();
 
-  // The newest stamp taken in, time offsets applied; 0 before the first frame.
+  // The newest stamp taken in, time offsets applied, or the time of Advance() where that is newer;
+  // 0 before the first frame.
   TimeNs newest_ns() const;
 
-  // Frames taken in and dropped as too late, empty ones among them.
+  // Frames taken in, empty ones among them, and those dropped as too late.
   const InputCounts& counts() const;
   std::uint64_t late_frames() const;
 
  private:
-  class Impl;
-  std::unique_ptr<Impl> impl_;
+  std::vector<std::string> sensors_;
+  std::unique_ptr<LiveEngine> live_;
 };
 
 }  // namespace unlidar

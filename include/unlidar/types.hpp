@@ -1,12 +1,10 @@
-// Plain data that flows between the stages: recording -> targets -> trajectory rows.
+// What goes in and what comes out: frames, the times of rows, rows.
 #pragma once
 
 #include <Eigen/Core>
-#include <algorithm>
-#include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <string>
+#include <variant>
 #include <vector>
 
 namespace unlidar {
@@ -16,23 +14,35 @@ using TimeNs = std::int64_t;
 
 inline constexpr double kSecondsPerNs = 1e-9;
 
-// One frame of one sensor; its returns are [first_return, last_return) of the recording.
-struct FrameInfo {
-  std::uint32_t sensor = 0;  // index into Recording::sensors
-  TimeNs stamp_ns = 0;       // as the file says, time offset of the sensor applied
-  TimeNs begin_ns = 0;       // interval in which the frame was measured
-  TimeNs end_ns = 0;
-  std::uint32_t first_return = 0;
-  std::uint32_t last_return = 0;
-  bool is_timed = false;  // its returns carry times of their own
-
-  TimeNs middle_ns() const { return begin_ns + (end_ns - begin_ns) / 2; }
+// One frame of one sensor, in the sensor's own axes and by its own clock; `sensors` of the config
+// has its pose and its time offset.
+struct Frame {
+  std::uint32_t sensor = 0;  // index into the names of the sensors
+  TimeNs stamp_ns = 0;       // the instant of the frame that input.stamp of the config names
+  // (N) all rays or those with a return: rows of NaN, Inf and (0, 0, 0) are counted and left out.
+  std::vector<Eigen::Vector3f> points_m;
+  // (N) when each ray was measured, in nanoseconds from the stamp; or empty where that is unknown.
+  std::vector<std::int64_t> offsets_ns;
 };
 
-struct SensorInfo {
-  std::string name;
-  Eigen::Vector3f origin_m = Eigen::Vector3f::Zero();  // in the common frame
-  TimeNs frame_period_ns = 0;                          // median difference of its stamps
+// The instants at which rows are given: the stamps of the first sensor's frames, so many a second,
+// or these.
+struct FirstSensorStamps {};
+struct Rate {
+  std::int64_t nanohertz = 0;  // above 0 to 1e15
+};
+using OutputTimes = std::variant<FirstSensorStamps, Rate, std::vector<TimeNs>>;
+
+// One row of the trajectory.
+struct TrajectoryRow {
+  TimeNs time_ns = 0;
+  int track_id = 0;
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
+  Eigen::Vector3d sigma_m = Eigen::Vector3d::Zero();
+  // Returns of the target in frames whose stamps are nearer to this row than to any other row of
+  // its track.
+  int support = 0;
 };
 
 // What was read, for the summary and for messages.
@@ -45,75 +55,6 @@ struct InputCounts {
   std::uint64_t non_finite_rows = 0;    // NaN or Inf
   std::uint64_t out_of_range_rows = 0;  // beyond input.max_range_m or nearer than min_range_m
   std::uint64_t returns = 0;
-};
-
-// All returns of all sensors in the common frame, frames in order of (stamp, sensor).
-struct Recording {
-  std::vector<SensorInfo> sensors;
-  std::vector<FrameInfo> frames;
-  std::vector<Eigen::Vector3f> points_m;  // (N)
-  std::vector<TimeNs> times_ns;           // (N) point time, or the middle of its frame
-  InputCounts counts;
-  std::vector<std::string> warnings;  // one line for each skipped frame
-};
-
-// Points, or some of them by their indices, where they are: copies of most of a recording's returns
-// would take as much as the recording.
-class PointsView {
- public:
-  PointsView() = default;
-  PointsView(const std::vector<Eigen::Vector3f>& points_m)  // NOLINT(google-explicit-constructor)
-      : points_m_(points_m.data()), size_(points_m.size()) {}
-  PointsView(const std::vector<Eigen::Vector3f>& points_m,
-             const std::vector<std::uint32_t>& indices)
-      : points_m_(points_m.data()), indices_(indices.data()), size_(indices.size()) {}
-
-  std::size_t size() const { return size_; }
-  const Eigen::Vector3f& operator[](std::size_t i) const {
-    return points_m_[indices_ == nullptr ? i : indices_[i]];
-  }
-
- private:
-  const Eigen::Vector3f* points_m_ = nullptr;
-  const std::uint32_t* indices_ = nullptr;  // none: all points
-  std::size_t size_ = 0;
-};
-
-// Of the sensors; the largest TimeNs where none has a period.
-inline TimeNs ShortestPeriodNs(const Recording& recording) {
-  TimeNs period_ns = std::numeric_limits<TimeNs>::max();
-  for (const SensorInfo& sensor : recording.sensors) {
-    if (sensor.frame_period_ns > 0) period_ns = std::min(period_ns, sensor.frame_period_ns);
-  }
-  return period_ns;
-}
-
-// Where a target was seen: the mean of `support` returns.
-struct Measurement {
-  TimeNs time_ns = 0;
-  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d covariance_m2 = Eigen::Matrix3d::Identity();
-  int support = 1;
-};
-
-// A target found by a method: what the spline is fitted to.
-struct Target {
-  std::vector<Measurement> measurements;  // in time order
-  std::vector<std::uint32_t> returns;     // indices into the recording, ascending
-  double depth_sigma_m = 0.0;  // of all measurements together, along the ray from the origin
-  double score = 0.0;          // the method's own, see there
-};
-
-// One row of the trajectory.
-struct TrajectoryRow {
-  TimeNs time_ns = 0;
-  int track_id = 0;
-  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
-  Eigen::Vector3d sigma_m = Eigen::Vector3d::Zero();
-  // Returns of the target in frames whose stamps are nearer to this row than to any other row of
-  // its track.
-  int support = 0;
 };
 
 }  // namespace unlidar

@@ -12,9 +12,9 @@
 #include <cstring>
 #include <utility>
 
-#include "format.hpp"
+#include "app/output_files.hpp"
+#include "base/format.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/output_files.hpp"
 
 namespace unlidar {
 namespace {

@@ -14,16 +14,16 @@
 
 #include "app/live_output.hpp"
 #include "app/live_summary.hpp"
+#include "app/output_files.hpp"
 #include "app/signals.hpp"
-#include "format.hpp"
-#include "frame_preparation.hpp"
+#include "base/format.hpp"
 #include "io/followed_folders.hpp"
 #include "io/frame_messages.hpp"
 #include "io/frame_pace.hpp"
-#include "unlidar/engine.hpp"
+#include "io/frame_preparation.hpp"
+#include "io/pcd.hpp"
+#include "live/live_engine.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/output_files.hpp"
-#include "unlidar/pcd.hpp"
 
 namespace unlidar {
 namespace {
@@ -314,7 +314,7 @@ class LiveRun {
   const std::function<void(const std::string&)>& note_;
   Signals signals_;
   LiveOutput output_;
-  Engine engine_;
+  LiveEngine engine_;
   std::vector<Sensor> sensors_;
   LiveState state_ = LiveState::kWarmingUp;
   bool is_overloaded_ = false;
@@ -345,11 +345,7 @@ void NoteLosses(const LiveSummary& summary, const std::function<void(const std::
 
 std::string TrackLive(const LiveRequest& request, const Config& config,
                       const std::function<void(const std::string&)>& note) {
-  if (config.method == Method::kPaper && std::isfinite(config.live.delay_s)) {
-    throw ConfigError(
-        "method: 'paper', expected robust with --follow and --stdin: the paper's "
-        "score needs the whole recording (live.delay_s: .inf)");
-  }
+  CheckLive(config);
   if (request.events == "-" && ResolvedPath(request.out) == ResolvedPath("/dev/stdout")) {
     throw UsageError("--out " + request.out +
                      ": stdout holds nothing but the events (--events -), expected a file");

@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
+#include "io/frames.hpp"
+#include "trajectory/output_times.hpp"
 #include "unlidar/config.hpp"
-#include "unlidar/frames.hpp"
-#include "unlidar/output_times.hpp"
 
 namespace unlidar {
 

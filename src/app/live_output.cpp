@@ -5,10 +5,10 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "format.hpp"
+#include "app/output.hpp"
+#include "base/format.hpp"
+#include "io/stamp.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/output.hpp"
-#include "unlidar/stamp.hpp"
 
 namespace unlidar {
 namespace {

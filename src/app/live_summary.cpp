@@ -2,9 +2,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include "config_json.hpp"
-#include "unlidar/output.hpp"
-#include "version.hpp"
+#include "app/config_json.hpp"
+#include "app/output.hpp"
+#include "app/version.hpp"
 
 namespace unlidar {
 

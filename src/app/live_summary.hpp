@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
+#include "app/config.hpp"
 #include "app/live_output.hpp"
-#include "unlidar/config.hpp"
-#include "unlidar/types.hpp"
+#include "base/recording.hpp"
 
 namespace unlidar {
 

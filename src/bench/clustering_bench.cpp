@@ -3,8 +3,8 @@
 
 #include <random>
 
-#include "../tests/real_frames.hpp"
-#include "unlidar/clustering.hpp"
+#include "paper/clustering.hpp"
+#include "tests/real_frames.hpp"
 
 namespace unlidar {
 namespace {

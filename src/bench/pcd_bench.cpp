@@ -11,7 +11,7 @@
 #include <random>
 #include <string>
 
-#include "unlidar/pcd.hpp"
+#include "io/pcd.hpp"
 
 namespace unlidar {
 namespace {

@@ -4,7 +4,7 @@
 #include <random>
 #include <vector>
 
-#include "unlidar/trajectory.hpp"
+#include "trajectory/trajectory.hpp"
 
 namespace {
 

@@ -4,9 +4,9 @@
 #include <variant>
 #include <vector>
 
-#include "format.hpp"
-#include "fuzz.hpp"
-#include "unlidar/config.hpp"
+#include "app/config.hpp"
+#include "base/format.hpp"
+#include "fuzz/fuzz.hpp"
 
 namespace unlidar::fuzz {
 namespace {
@@ -39,6 +39,7 @@ void Run(std::string_view bytes) {
 
   Config config;
   if (!Succeeds([&] { config = LoadConfig(file.path(), assignments); })) return;
+  Require(Succeeds([&] { CheckConfig(config); }), "what is loaded satisfies all constraints");
   const std::vector<std::string> listed = Assignments(config);
   Require(Assignments(LoadConfig("", listed)) == listed, "what is listed gives the same again");
 }

@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "fuzz.hpp"
-#include "unlidar/frames.hpp"
-#include "unlidar/pcd.hpp"
+#include "fuzz/fuzz.hpp"
+#include "io/frames.hpp"
+#include "io/pcd.hpp"
 
 namespace unlidar::fuzz {
 namespace {

@@ -2,8 +2,8 @@
 #include <optional>
 #include <vector>
 
-#include "fuzz.hpp"
-#include "unlidar/lzf.hpp"
+#include "fuzz/fuzz.hpp"
+#include "io/lzf.hpp"
 
 namespace unlidar::fuzz {
 namespace {

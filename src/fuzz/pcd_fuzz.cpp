@@ -3,8 +3,8 @@
 #include <cstring>
 #include <vector>
 
-#include "fuzz.hpp"
-#include "unlidar/pcd.hpp"
+#include "fuzz/fuzz.hpp"
+#include "io/pcd.hpp"
 
 namespace unlidar::fuzz {
 namespace {

@@ -7,16 +7,18 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
-#include "config_keys.hpp"
-#include "fuzz.hpp"
-#include "unlidar/output.hpp"
-#include "unlidar/pcd.hpp"
-#include "unlidar/pipeline.hpp"
+#include "app/config_keys.hpp"
+#include "app/output.hpp"
+#include "fuzz/fuzz.hpp"
+#include "io/pcd.hpp"
+#include "recording/pipeline.hpp"
 
 namespace unlidar::fuzz {
 namespace {
@@ -246,7 +248,7 @@ void RequireSound(const PipelineResult& result, const Config& config) {
   std::set<std::uint32_t> taken;
   TimeNs previous_begin_ns = begin_ns;
   for (std::size_t i = 0; i < result.tracks.size(); ++i) {
-    const Track& track = result.tracks[i];
+    const FittedTrack& track = result.tracks[i];
     Require(track.id == static_cast<int>(i), "ids count from 0");
     Require(previous_begin_ns <= track.begin_ns, "tracks are in order of first evidence");
     previous_begin_ns = track.begin_ns;
@@ -259,20 +261,29 @@ void RequireSound(const PipelineResult& result, const Config& config) {
       Require(taken.insert(index).second, "a return is in one track, once");
     }
     std::size_t support = 0;
-    for (std::size_t k = 0; k < track.rows.size(); ++k) {
-      const TrajectoryRow& row = track.rows[k];
-      RequireSoundRow(row, config.trajectory.max_sigma_m);
-      Require(row.track_id == track.id, "a row has the id of its track");
-      Require(k == 0 || track.rows[k - 1].time_ns < row.time_ns, "rows are in order");
-      Require(begin_ns <= row.time_ns && row.time_ns <= end_ns, "rows are in the recording");
-      support += static_cast<std::size_t>(row.support);
+    std::size_t num_rows = 0;
+    TimeNs previous_ns = std::numeric_limits<TimeNs>::min();
+    const RowStream next = RowsOf(result, track);
+    while (const std::optional<TrajectoryRow> row = next()) {
+      RequireSoundRow(*row, config.trajectory.max_sigma_m);
+      Require(row->track_id == track.id, "a row has the id of its track");
+      Require(previous_ns < row->time_ns, "rows are in order");
+      Require(begin_ns <= row->time_ns && row->time_ns <= end_ns, "rows are in the recording");
+      previous_ns = row->time_ns;
+      support += static_cast<std::size_t>(row->support);
+      ++num_rows;
     }
-    Require(track.rows.empty() || support == track.returns.size(), "each return is behind one row");
+    Require(num_rows == track.num_rows, "rows are as many as were counted");
+    Require(num_rows == 0 || support == track.returns.size(), "each return is behind one row");
   }
 }
 
 std::string Outputs(const PipelineResult& result) {
-  return TrajectoryCsv(result.tracks) + TargetPointsPcd(result.recording, result.tracks);
+  std::vector<RowStream> rows;
+  for (const FittedTrack& track : result.tracks) rows.push_back(RowsOf(result, track));
+  std::string text;
+  WriteTrajectoryCsv(rows, [&](std::string_view piece) { text += piece; });
+  return text + TargetPointsPcd(result.recording, result.tracks);
 }
 
 void Run(std::string_view bytes) {

@@ -8,10 +8,10 @@
 #include <regex>
 #include <vector>
 
-#include "fuzz.hpp"
-#include "unlidar/output.hpp"
-#include "unlidar/output_times.hpp"
-#include "unlidar/stamp.hpp"
+#include "app/output.hpp"
+#include "fuzz/fuzz.hpp"
+#include "io/stamp.hpp"
+#include "trajectory/output_times.hpp"
 
 namespace unlidar::fuzz {
 namespace {
@@ -69,10 +69,10 @@ void CheckRate(std::string_view text, TimeNs begin_ns) {
   frame.end_ns = frame.begin_ns + span_ns;
   Recording recording;
   recording.frames.push_back(frame);
-  const std::vector<TimeNs> instants = ResolveOutputTimes(rate, recording);
-  Require(
-      !instants.empty() && instants.front() == frame.begin_ns && instants.back() <= frame.end_ns,
-      "instants run from the begin and not beyond the end");
+  const OutputInstants instants = ResolveOutputTimes(rate, recording);
+  Require(instants.size() > 0 && instants[0] == frame.begin_ns &&
+              instants[instants.size() - 1] <= frame.end_ns,
+          "instants run from the begin and not beyond the end");
   for (std::size_t k = 0; k < instants.size(); ++k) {
     const long double elapsed_ns = static_cast<long double>(instants[k]) - frame.begin_ns;
     const long double exact_ns = 1e18L * static_cast<long double>(k) / rate.nanohertz;

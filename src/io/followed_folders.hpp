@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "frame_directory.hpp"
+#include "io/frame_directory.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

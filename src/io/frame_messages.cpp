@@ -1,12 +1,12 @@
 #include "io/frame_messages.hpp"
 
-#include <algorithm>
 #include <charconv>
 #include <utility>
 #include <vector>
 
-#include "frame_directory.hpp"
-#include "unlidar/config.hpp"
+#include "base/format.hpp"
+#include "io/frame_directory.hpp"
+#include "io/frames.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -14,15 +14,6 @@ namespace {
 
 constexpr std::string_view kKeyword = "frame ";
 constexpr const char* kExpectedLine = "expected a line 'frame NAME STAMP LENGTH'";
-
-// A few bytes as a message can show them.
-std::string Quoted(std::string_view bytes) {
-  constexpr std::size_t kMaxShown = 60;
-  std::string text(bytes.substr(0, kMaxShown));
-  std::replace_if(
-      text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
-  return "'" + text + (bytes.size() > kMaxShown ? "...'" : "'");
-}
 
 std::vector<std::string_view> Words(std::string_view line) {
   std::vector<std::string_view> words;

@@ -8,7 +8,7 @@
 #include <string>
 #include <string_view>
 
-#include "unlidar/types.hpp"
+#include "base/recording.hpp"
 
 namespace unlidar {
 

@@ -15,13 +15,15 @@ constexpr std::size_t kStreamStamps = 101;
 }  // namespace
 
 SensorFrames::SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
-                           const SensorConfig& sensor, Source source)
+                           const SensorConfig& sensor, Source source,
+                           std::optional<TimeReading> reading)
     : index_(index),
       name_(name),
       input_(input),
       sensor_(sensor),
       source_(source),
-      offset_ns_(OffsetNs(name, sensor)) {}
+      offset_ns_(OffsetNs(name, sensor)),
+      reading_(reading) {}
 
 void SensorFrames::CheckStamp(const FrameFile& file) const {
   const TimeNs stamp_ns = file.stamp_ns + offset_ns_;

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "frame_preparation.hpp"
+#include "io/frame_preparation.hpp"
 
 namespace unlidar {
 
@@ -20,9 +20,11 @@ class SensorFrames {
  public:
   enum class Source { kRecording, kStream };
 
-  // `index` of the sensor among all. Throws ConfigError for a time offset that no stamp can bear.
+  // `index` of the sensor among all. `reading`: of point times, where it is known. Throws
+  // ConfigError for a time offset that no stamp can bear.
   SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
-               const SensorConfig& sensor, Source source = Source::kRecording);
+               const SensorConfig& sensor, Source source = Source::kRecording,
+               std::optional<TimeReading> reading = std::nullopt);
 
   // Throws InputError unless a stamp is one with the time offset applied as well as without it: any
   // two times of a recording may be added and subtracted.

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "unlidar/robust/shell_table.hpp"
+#include "robust/scene/shell_table.hpp"
 
 namespace unlidar {
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "live/fading_grid.hpp"
-#include "unlidar/robust.hpp"
+#include "robust/robust.hpp"
 
 namespace unlidar {
 

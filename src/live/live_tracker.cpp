@@ -4,8 +4,8 @@
 #include <cmath>
 #include <utility>
 
-#include "robust/flight.hpp"
-#include "unlidar/sampling.hpp"
+#include "robust/tracking/flight.hpp"
+#include "trajectory/sampling.hpp"
 
 namespace unlidar {
 namespace {
@@ -74,7 +74,7 @@ SceneSnapshot::SceneSnapshot(std::vector<Eigen::Vector3f> points_m, const Robust
       ground(structure_m, config.ground),
       support(structure_m, ground, config.background.occluder_cell_deg, config.support) {}
 
-LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, Engine::Callback on_event)
+LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event)
     : config_(config),
       output_times_(std::move(output_times)),
       on_event_(std::move(on_event)),
@@ -488,6 +488,13 @@ void LiveTracker::GiveRowsOf(Output* output, TimeNs limit_ns, TimeNs newest_ns) 
   for (const SeenPlot& seen : track.Settle(SecondsOf(output->given_ns))) {
     clutter_.Explain(seen.plot.frame, seen.plot.position_m);
   }
+}
+
+void LiveTracker::Advance(TimeNs settled_ns, TimeNs now_ns) {
+  if (!is_warm()) return;
+  MakeEarlyPlots(kEarlyFramesAtOnce);
+  if (early_.empty()) StepHeld(settled_ns - Ns(kBodyHoldS));
+  GiveRows(now_ns);
 }
 
 void LiveTracker::Close(TimeNs newest_ns) {

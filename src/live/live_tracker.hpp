@@ -9,15 +9,16 @@
 #include <unordered_map>
 #include <vector>
 
-#include "frame_preparation.hpp"
+#include "io/frame_preparation.hpp"
 #include "live/live_clutter.hpp"
 #include "live/occupancy.hpp"
 #include "live/track_follower.hpp"
-#include "robust/track_search.hpp"
+#include "robust/scene/ground.hpp"
+#include "robust/scene/support.hpp"
+#include "robust/tracking/track_search.hpp"
+#include "trajectory/output_times.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"
-#include "unlidar/robust/ground.hpp"
-#include "unlidar/robust/support.hpp"
 
 namespace unlidar {
 
@@ -32,7 +33,7 @@ struct SceneSnapshot {
 
 class LiveTracker {
  public:
-  LiveTracker(const Config& config, OutputTimes output_times, Engine::Callback on_event);
+  LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event);
   ~LiveTracker();
 
   // `info`: of the sensor with this index, whenever it is new or its period has changed.
@@ -43,6 +44,10 @@ class LiveTracker {
 
   // Gives the rows that are due when `newest_ns` is the newest stamp that has come.
   void GiveRows(TimeNs newest_ns);
+
+  // No frame with an earlier stamp than `settled_ns` will come: goes on as far as that tells, and
+  // gives the rows that are due at `now_ns`.
+  void Advance(TimeNs settled_ns, TimeNs now_ns);
 
   // No frame will follow.
   void Close(TimeNs newest_ns);
@@ -80,7 +85,7 @@ class LiveTracker {
 
   Config config_;
   OutputTimes output_times_;
-  Engine::Callback on_event_;
+  EngineCallback on_event_;
 
   // Time.
   bool has_begun_ = false;

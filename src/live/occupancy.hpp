@@ -7,8 +7,8 @@
 #include <functional>
 #include <vector>
 
-#include "unlidar/robust/background.hpp"
-#include "unlidar/robust/shell_table.hpp"
+#include "robust/scene/background.hpp"
+#include "robust/scene/shell_table.hpp"
 
 namespace unlidar {
 

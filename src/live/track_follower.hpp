@@ -9,10 +9,10 @@
 #include <utility>
 #include <vector>
 
-#include "robust/track_model.hpp"
-#include "unlidar/robust/collect.hpp"
-#include "unlidar/robust/plots.hpp"
-#include "unlidar/trajectory.hpp"
+#include "robust/collection/collect.hpp"
+#include "robust/plots/plots.hpp"
+#include "robust/tracking/track_model.hpp"
+#include "trajectory/trajectory.hpp"
 
 namespace unlidar {
 

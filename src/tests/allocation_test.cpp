@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
-#include "memory_reserve.hpp"
-#include "synthetic_recording.hpp"
-#include "temporary_folder.hpp"
-#include "unlidar/pcd.hpp"
+#include "base/memory_reserve.hpp"
+#include "io/pcd.hpp"
+#include "tests/synthetic_recording.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,4 +1,4 @@
-#include "unlidar/robust/background.hpp"
+#include "robust/scene/background.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,8 +6,8 @@
 #include <functional>
 #include <vector>
 
-#include "range_grid_oracle.hpp"
-#include "synthetic_recording.hpp"
+#include "tests/range_grid_oracle.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

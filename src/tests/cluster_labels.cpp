@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "unlidar/clustering.hpp"
+#include "paper/clustering.hpp"
 
 int main(int argc, char** argv) {
   const std::vector<std::string> arguments(argv + 1, argv + argc);

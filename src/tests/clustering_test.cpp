@@ -1,6 +1,6 @@
 // The clustering against its oracles: PCL, brute force, and each engine against the other.
 // scikit-learn is the oracle of python_tests/test_clustering_sklearn.py.
-#include "unlidar/clustering.hpp"
+#include "paper/clustering.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,7 @@
 #include <limits>
 #include <random>
 
-#include "real_frames.hpp"
-#include "unlidar/error.hpp"
+#include "tests/real_frames.hpp"
 
 namespace unlidar {
 namespace {
@@ -284,20 +283,6 @@ TEST(Clustering, SmallClustersBecomeNoiseAndTheOthersKeepTheirOrder) {
   const Clustering result = Cluster(points_m, config);
   EXPECT_EQ(result.num_clusters, 2);
   EXPECT_EQ(result.labels, (Labels{kNoise, 0, 0, 0, 1, 1, 1}));
-}
-
-TEST(Clustering, AnImpossibleConfigIsRefusedByNameAndValue) {
-  ClusteringConfig config;
-  config.tolerance_m = 0.0;
-  EXPECT_THROW(Cluster({}, config), ConfigError);
-  config.tolerance_m = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THROW(Cluster({}, config), ConfigError);
-  config = {};
-  config.min_neighbours = 0;
-  EXPECT_THROW(Cluster({}, config), ConfigError);
-  config = {};
-  config.min_cluster_size = 0;
-  EXPECT_THROW(Cluster({}, config), ConfigError);
 }
 
 // Real returns: scan patterns, duplicates, strays out to 430 m.

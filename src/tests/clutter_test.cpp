@@ -6,8 +6,8 @@
 #include <limits>
 #include <vector>
 
-#include "synthetic_recording.hpp"
-#include "unlidar/robust/plots.hpp"
+#include "robust/plots/plots.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,4 +1,4 @@
-#include "unlidar/robust/collect.hpp"
+#include "robust/collection/collect.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <set>
 #include <vector>
 
-#include "synthetic_recording.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

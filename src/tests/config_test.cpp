@@ -1,4 +1,4 @@
-#include "unlidar/config.hpp"
+#include "app/config.hpp"
 
 #include <gtest/gtest.h>
 #include <yaml-cpp/yaml.h>
@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <clocale>
 #include <cmath>
+#include <cstddef>
 #include <functional>
 #include <set>
 #include <string>
@@ -13,8 +14,9 @@
 #include <utility>
 #include <vector>
 
-#include "synthetic_recording.hpp"
-#include "temporary_folder.hpp"
+#include "app/config_keys.hpp"
+#include "tests/synthetic_recording.hpp"
+#include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -462,6 +464,71 @@ TEST(ConfigErrors, ConstraintsBetweenKeysNameTheLineThatBrokeThem) {
             ":2: input.max_range_m: '3', expected more than input.min_range_m (4)");
   EXPECT_CONTAINS(ReasonOfSet("input.min_range_m=3000"), "--set input.min_range_m=3000: ");
   EXPECT_CONTAINS(ReasonOfSet("trajectory.max_knot_spacing_s=0.01"), "expected more than");
+}
+
+// Makes the value of one key, by its place in the table, one that no constraint allows.
+struct Spoiler {
+  std::size_t target;
+  std::size_t visited = 0;
+  std::string spoilt = {};  // the key, if it has such a value
+
+  template <class Field, class Constraint>
+  void operator()(const std::string& key, Field& field, const Constraint&) {
+    if (visited++ != target || std::is_same_v<Field, bool>) return;
+    spoilt = key;
+    if constexpr (std::is_enum_v<Field>) {
+      field = static_cast<Field>(99);
+    } else if constexpr (std::is_same_v<Field, double>) {
+      field = std::nan("");
+    } else if constexpr (std::is_same_v<Field, int>) {
+      field = -1;
+    } else if constexpr (std::is_same_v<Field, std::vector<double>>) {
+      field = {1.0, -1e9};
+    } else if constexpr (!std::is_same_v<Field, bool>) {
+      field.setConstant(std::nan(""));
+    }
+  }
+};
+
+TEST(ConfigErrors, AValueSetByHandIsHeldToTheConstraintOfItsKey) {
+  EXPECT_NO_THROW(CheckConfig(Config()));
+  Config with_sensor;
+  with_sensor.sensors["a"] = {};
+  EXPECT_NO_THROW(CheckConfig(with_sensor));
+  const auto visit_all = [](Config& config, Spoiler& spoiler) {
+    VisitKeys(spoiler, config);
+    VisitSensorKeys(spoiler, "sensors.a.", config.sensors["a"]);
+  };
+  std::size_t num_keys = 1;
+  std::size_t num_spoilt = 0;
+  for (std::size_t i = 0; i < num_keys; ++i) {
+    Config config = with_sensor;
+    Spoiler spoiler{i};
+    visit_all(config, spoiler);
+    num_keys = spoiler.visited;
+    if (spoiler.spoilt.empty()) continue;
+    ++num_spoilt;
+    const std::string reason = ReasonOf<ConfigError>([&] { CheckConfig(config); });
+    EXPECT_EQ(reason.find(spoiler.spoilt + ": "), 0U) << reason;
+    EXPECT_CONTAINS(reason, ", expected ");
+  }
+  EXPECT_GT(num_spoilt, 100U);
+  Config config;
+  config.robust.tracker.sigma_a_mps2 = {1.0, -3.0};
+  EXPECT_EQ(ReasonOf<ConfigError>([&] { CheckConfig(config); }),
+            "robust.tracker.sigma_a_mps2: [1, -3], expected a list of one or more numbers, each "
+            "from 0.01 to 1000");
+}
+
+TEST(ConfigErrors, ConstraintsBetweenKeysAndNamesOfSensorsHoldForValuesSetByHand) {
+  Config config;
+  config.input.min_range_m = 3000.0;
+  EXPECT_EQ(ReasonOf<ConfigError>([&] { CheckConfig(config); }),
+            "input.max_range_m: '2000', expected more than input.min_range_m (3000)");
+  config = {};
+  config.sensors["a b"] = {};
+  EXPECT_EQ(ReasonOf<ConfigError>([&] { CheckConfig(config); }),
+            "sensors: 'a b', expected a name of letters, digits, '_' and '-'");
 }
 
 TEST(SensorNames, MayBeMissingOnEitherSideButNotOnBoth) {

@@ -1,4 +1,4 @@
-#include "unlidar/robust/depth_map.hpp"
+#include "robust/scene/depth_map.hpp"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 #include <map>
 #include <vector>
 
-#include "synthetic_recording.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

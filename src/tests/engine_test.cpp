@@ -4,11 +4,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
+#include <limits>
+#include <optional>
+#include <string>
 #include <vector>
 
-#include "synthetic_recording.hpp"
+#include "io/pcd.hpp"
+#include "recording/pipeline.hpp"
+#include "tests/synthetic_recording.hpp"
+#include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
+#include "unlidar/track_recording.hpp"
 
 namespace unlidar {
 namespace {
@@ -44,7 +50,6 @@ class Scene {
     Frame frame;
     frame.sensor = sensor;
     frame.stamp_ns = kBeginNs + i * kPeriodNs;
-    frame.name = "frame " + std::to_string(i);
     for (const Eigen::Vector3d& top_m : trees_m_) {
       const Eigen::Vector3d foot_m(top_m.x() - 0.8, top_m.y() - 0.8, -2.0);
       for (int k = 0; k < 20; ++k) {
@@ -66,7 +71,7 @@ class Scene {
 
  private:
   static void Add(const Eigen::Vector3d& point_m, Frame* frame) {
-    frame->cloud.points_m.push_back(point_m.cast<float>());
+    frame->points_m.push_back(point_m.cast<float>());
   }
 
   Random random_;
@@ -75,11 +80,11 @@ class Scene {
   std::vector<Eigen::Vector3d> trees_m_;
 };
 
-Told Track(std::vector<Frame> frames, const Config& config = Config(),
-           const std::vector<std::string>& sensors = {"a"}) {
+Told ToldOf(std::vector<Frame> frames, const Config& config = Config(),
+            const std::vector<std::string>& sensors = {"a"}) {
   Told told;
   Engine* asked = nullptr;
-  Engine engine(config, sensors, FirstSensorStamps{}, [&](const EngineEvent& event) {
+  Engine engine(config, sensors, [&](const EngineEvent& event) {
     if (const auto* row = std::get_if<RowGiven>(&event)) {
       told.rows.push_back(row->row);
       if (!row->is_late) {
@@ -112,7 +117,7 @@ bool AreSame(const std::vector<TrajectoryRow>& a, const std::vector<TrajectoryRo
 }
 
 TEST(Engine, TellsOfADroneWithinItsDelayAndWhereItIs) {
-  const Told told = Track(Frames(Scene(1, 6.0, 14.0), 280));
+  const Told told = ToldOf(Frames(Scene(1, 6.0, 14.0), 280));
   ASSERT_EQ(told.confirmed.size(), 1U);
   EXPECT_NEAR(static_cast<double>(told.confirmed[0].first_evidence_ns - kBeginNs) * 1e-9, 6.0, 0.6);
   ASSERT_EQ(told.ended.size(), 1U);
@@ -137,7 +142,7 @@ TEST(Engine, TellsOfADroneWithinItsDelayAndWhereItIs) {
 
 TEST(Engine, TellsOfNothingWhereNothingFlies) {
   for (std::uint32_t seed = 1; seed <= 3; ++seed) {
-    const Told told = Track(Frames(Scene(seed, 1e9, 1e9), 250));
+    const Told told = ToldOf(Frames(Scene(seed, 1e9, 1e9), 250));
     EXPECT_TRUE(told.confirmed.empty()) << seed;
     EXPECT_TRUE(told.rows.empty()) << seed;
     ASSERT_EQ(told.states.size(), 2U);
@@ -148,16 +153,16 @@ TEST(Engine, TellsOfNothingWhereNothingFlies) {
 
 TEST(Engine, GivesTheSameRowsInWhateverOrderFramesComeThatAreNotTooLate) {
   const std::vector<Frame> frames = Frames(Scene(2, 5.0, 1e9), 160);
-  const Told in_order = Track(frames);
+  const Told in_order = ToldOf(frames);
   ASSERT_FALSE(in_order.rows.empty());
   std::vector<Frame> shuffled = frames;  // by 0.1 s: less than live.reorder_s
   for (std::size_t i = 10; i + 1 < shuffled.size(); i += 3) std::swap(shuffled[i], shuffled[i + 1]);
-  EXPECT_TRUE(AreSame(Track(shuffled).rows, in_order.rows));
+  EXPECT_TRUE(AreSame(ToldOf(shuffled).rows, in_order.rows));
 }
 
 TEST(Engine, DropsAndCountsFramesThatComeTooLateAndRefusesRepeatedStamps) {
   Scene scene(3, 1e9, 1e9);
-  Engine engine(Config(), {"a"}, FirstSensorStamps{}, [](const EngineEvent&) {});
+  Engine engine(Config(), {"a"}, [](const EngineEvent&) {});
   for (int i = 0; i < 20; ++i) engine.Add(scene.FrameAt(i));
   engine.Add(scene.FrameAt(3));
   EXPECT_EQ(engine.late_frames(), 1U);
@@ -181,10 +186,10 @@ TEST(Engine, ADroneThatHoversForLongerThanTheWindowStaysOneTrack) {
     const Eigen::Vector3d at_m(-5.0 + along_m + 0.1 * std::sin(0.5 * time_s), 8.0,
                                12.0 + 0.1 * std::cos(0.3 * time_s));
     for (int k = 0; k < 4; ++k) {
-      frames.back().cloud.points_m.push_back((at_m + random.NormalVector(0.1)).cast<float>());
+      frames.back().points_m.push_back((at_m + random.NormalVector(0.1)).cast<float>());
     }
   }
-  const Told told = Track(std::move(frames));
+  const Told told = ToldOf(std::move(frames));
   ASSERT_EQ(told.confirmed.size(), 1U);
   EXPECT_GT(told.rows.size(), 800U);
   EXPECT_GT(static_cast<double>(told.rows.back().time_ns - kBeginNs) * 1e-9, 88.0);
@@ -200,7 +205,7 @@ TEST(Engine, TellsWhenASensorIsSilentAndWhenItIsBack) {
       frames.back().stamp_ns += kPeriodNs / 3;
     }
   }
-  const Told told = Track(std::move(frames), Config(), {"a", "b"});
+  const Told told = ToldOf(std::move(frames), Config(), {"a", "b"});
   std::vector<bool> is_silent;
   for (const SensorChanged& change : told.sensors) {
     if (change.sensor == 1) is_silent.push_back(change.is_silent);
@@ -215,7 +220,119 @@ TEST(Engine, APauseOfAllSensorsMakesNoNewScene) {
     frames.push_back(scene.FrameAt(i));
     if (i >= 150) frames.back().stamp_ns += 3600 * TimeNs{1'000'000'000};
   }
-  EXPECT_TRUE(Track(std::move(frames)).confirmed.empty());
+  EXPECT_TRUE(ToldOf(std::move(frames)).confirmed.empty());
+}
+
+TEST(Engine, AdvanceGivesWhatIsDueTellsOfSilenceAndEndsWhatMayComeLate) {
+  Scene scene(7, 4.0, 1e9);
+  Told told;
+  TimeNs last_row_ns = 0;
+  Engine engine(Config(), {"a"}, [&](const EngineEvent& event) {
+    if (const auto* row = std::get_if<RowGiven>(&event)) last_row_ns = row->row.time_ns;
+    if (const auto* at = std::get_if<SensorChanged>(&event)) told.sensors.push_back(*at);
+  });
+  engine.Advance(kBeginNs);  // nothing has begun
+  EXPECT_EQ(engine.newest_ns(), 0);
+  for (int i = 0; i < 120; ++i) engine.Add(scene.FrameAt(i));
+  const TimeNs end_ns = kBeginNs + 119 * kPeriodNs;
+  ASSERT_GT(last_row_ns, 0);
+  EXPECT_LT(last_row_ns, end_ns - 5 * kPeriodNs);
+  const double silent_s = Config().live.silent_s;
+  engine.Advance(end_ns + static_cast<TimeNs>((silent_s - 0.1) * 1e9));
+  EXPECT_GE(last_row_ns, end_ns - 3 * kPeriodNs);
+  EXPECT_EQ(told.sensors.size(), 1U);
+  engine.Advance(end_ns + static_cast<TimeNs>((silent_s + 0.1) * 1e9));
+  ASSERT_EQ(told.sensors.size(), 2U);
+  EXPECT_TRUE(told.sensors.back().is_silent);
+  engine.Advance(end_ns);  // time does not run back
+  EXPECT_EQ(engine.newest_ns(), end_ns + static_cast<TimeNs>((silent_s + 0.1) * 1e9));
+  engine.Add(scene.FrameAt(120));
+  EXPECT_EQ(engine.late_frames(), 1U);
+  engine.Add(scene.FrameAt(150));
+  ASSERT_EQ(told.sensors.size(), 3U);
+  EXPECT_FALSE(told.sensors.back().is_silent);
+  engine.Close();
+}
+
+TEST(Engine, WithAnEndlessDelayAdvanceChangesNoRow) {
+  const std::vector<Frame> frames = Frames(Scene(8, 4.0, 12.0), 160);
+  Config endless;
+  endless.live.delay_s = std::numeric_limits<double>::infinity();
+  const Told alone = ToldOf(frames, endless);
+  ASSERT_FALSE(alone.rows.empty());
+  std::vector<TrajectoryRow> rows;
+  Engine engine(endless, {"a"}, [&](const EngineEvent& event) {
+    if (const auto* row = std::get_if<RowGiven>(&event)) rows.push_back(row->row);
+  });
+  for (const Frame& frame : frames) {
+    engine.Add(frame);
+    engine.Advance(frame.stamp_ns + 10 * kPeriodNs);
+  }
+  engine.Close();
+  EXPECT_TRUE(AreSame(rows, alone.rows));
+}
+
+TEST(Engine, PointTimesAreOffsetsWhateverTheStampsAreLike) {
+  // Half a frame period as a time since 1970 is nearer to these stamps than as an offset.
+  std::vector<Frame> frames = Frames(Scene(9, 1e9, 1e9), 50);
+  for (Frame& frame : frames) {
+    frame.stamp_ns -= kBeginNs - kPeriodNs / 100;
+    frame.offsets_ns.assign(frame.points_m.size(), kPeriodNs / 2);
+  }
+  EXPECT_NO_THROW(ToldOf(frames));
+  EXPECT_NO_THROW(TrackRecording(Config(), {"a"}, frames));
+}
+
+TEST(Engine, RefusesWhatNoFrameAndNoRateCanBeAndGoesOn) {
+  Scene scene(10, 1e9, 1e9);
+  Engine engine(Config(), {"a"}, [](const EngineEvent&) {});
+  EXPECT_THROW(engine.Add(scene.FrameAt(0, 1)), InputError);
+  Frame frame = scene.FrameAt(0);
+  frame.offsets_ns = {0};
+  EXPECT_THROW(engine.Add(frame), InputError);
+  engine.Add(scene.FrameAt(0));
+  EXPECT_EQ(engine.counts().frames, 1U);
+  EXPECT_EQ(engine.AddSensor("b"), 1U);
+  engine.Add(scene.FrameAt(1, 1));
+  EXPECT_EQ(engine.counts().frames, 2U);
+  for (const std::int64_t nanohertz : {std::int64_t{0}, std::int64_t{1'000'000'000'000'001}}) {
+    EXPECT_THROW(Engine(
+                     Config(), {"a"}, [](const EngineEvent&) {}, Rate{nanohertz}),
+                 UsageError);
+  }
+  Config paper;
+  paper.method = Method::kPaper;
+  EXPECT_THROW(Engine(paper, {"a"}, [](const EngineEvent&) {}), ConfigError);
+}
+
+TEST(TrackRecording, GivesTheRowsThatTheProgramWritesOfTheSameFrames) {
+  const std::vector<Frame> frames = Frames(Scene(11, 3.0, 9.0), 120);
+  const testing::TemporaryFolder folder;
+  for (const Frame& frame : frames) {
+    folder.Write(std::to_string(frame.stamp_ns) + ".pcd", BinaryPcd(frame.points_m));
+  }
+  PipelineRequest request;
+  request.sources = {{"a", folder.path()}};
+  request.output_times = Rate{25'000'000'000};
+  const PipelineResult written =
+      RunPipeline(request, Config(), [](const StageTime&, const std::string&) {});
+
+  std::vector<Frame> shuffled = frames;
+  std::reverse(shuffled.begin(), shuffled.end());
+  const std::vector<Track> tracks = TrackRecording(Config(), {"a"}, shuffled, request.output_times);
+  ASSERT_EQ(tracks.size(), 1U);
+  ASSERT_EQ(written.tracks.size(), 1U);
+  EXPECT_EQ(tracks[0].begin_ns, written.tracks[0].begin_ns);
+  EXPECT_EQ(tracks[0].end_ns, written.tracks[0].end_ns);
+  std::vector<TrajectoryRow> rows;
+  const RowStream next = RowsOf(written, written.tracks[0]);
+  while (const std::optional<TrajectoryRow> row = next()) rows.push_back(*row);
+  EXPECT_GT(rows.size(), 100U);
+  EXPECT_TRUE(AreSame(tracks[0].rows, rows));
+  // Instants out of order, and twice, give each row once.
+  std::vector<TimeNs> instants;
+  for (const TrajectoryRow& row : rows) instants.insert(instants.begin(), 2, row.time_ns);
+  EXPECT_EQ(TrackRecording(Config(), {"a"}, frames, instants)[0].rows.size(), rows.size());
 }
 
 }  // namespace

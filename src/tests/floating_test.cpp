@@ -1,4 +1,4 @@
-#include "unlidar/robust/floating.hpp"
+#include "robust/plots/floating.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 #include <cmath>
 #include <vector>
 
-#include "range_grid_oracle.hpp"
-#include "synthetic_recording.hpp"
-#include "unlidar/robust/background.hpp"
+#include "robust/scene/background.hpp"
+#include "tests/range_grid_oracle.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

@@ -12,7 +12,7 @@
 #include <thread>
 #include <vector>
 
-#include "temporary_folder.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace unlidar {
 namespace {

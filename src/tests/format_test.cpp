@@ -1,4 +1,4 @@
-#include "format.hpp"
+#include "base/format.hpp"
 
 #include <gtest/gtest.h>
 

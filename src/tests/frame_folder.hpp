@@ -5,11 +5,11 @@
 #include <string>
 #include <vector>
 
-#include "pcd_writer.hpp"
-#include "temporary_folder.hpp"
+#include "io/frames.hpp"
+#include "io/pcd.hpp"
+#include "tests/pcd_writer.hpp"
+#include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/frames.hpp"
-#include "unlidar/pcd.hpp"
 
 namespace unlidar::testing {
 

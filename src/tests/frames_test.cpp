@@ -1,4 +1,4 @@
-#include "unlidar/frames.hpp"
+#include "io/frames.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -8,11 +8,11 @@
 #include <filesystem>
 #include <limits>
 
-#include "frame_folder.hpp"
-#include "temporary_folder.hpp"
+#include "io/pcd.hpp"
+#include "tests/frame_folder.hpp"
+#include "tests/temporary_folder.hpp"
+#include "tests/without_privileges.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/pcd.hpp"
-#include "without_privileges.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,11 +1,11 @@
-#include "unlidar/robust/ground.hpp"
+#include "robust/scene/ground.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <vector>
 
-#include "synthetic_recording.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "temporary_folder.hpp"
+#include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

@@ -6,9 +6,9 @@
 #include <numeric>
 #include <vector>
 
-#include "robust/linkage.hpp"
-#include "synthetic_recording.hpp"
-#include "unlidar/robust/plots.hpp"
+#include "robust/plots/linkage.hpp"
+#include "robust/plots/plots.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

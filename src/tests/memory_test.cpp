@@ -10,10 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "synthetic_recording.hpp"
-#include "temporary_folder.hpp"
-#include "unlidar/pcd.hpp"
-#include "unlidar/pipeline.hpp"
+#include "io/pcd.hpp"
+#include "recording/pipeline.hpp"
+#include "tests/synthetic_recording.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace {
 

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "live/fading_grid.hpp"
-#include "synthetic_recording.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,4 +1,4 @@
-#include "unlidar/output_files.hpp"
+#include "app/output_files.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -13,9 +13,9 @@
 #include <stdexcept>
 #include <string>
 
-#include "temporary_folder.hpp"
+#include "tests/temporary_folder.hpp"
+#include "tests/without_privileges.hpp"
 #include "unlidar/error.hpp"
-#include "without_privileges.hpp"
 
 namespace unlidar {
 namespace {

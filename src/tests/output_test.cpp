@@ -1,4 +1,4 @@
-#include "unlidar/output.hpp"
+#include "app/output.hpp"
 
 #include <gtest/gtest.h>
 
@@ -13,9 +13,9 @@
 #include <string_view>
 #include <vector>
 
-#include "format.hpp"
-#include "temporary_folder.hpp"
-#include "unlidar/pcd.hpp"
+#include "base/format.hpp"
+#include "io/pcd.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace unlidar {
 namespace {
@@ -131,7 +131,7 @@ TEST(ClustersCsv, HasAsManyValuesAsNamesAndReadsBackExactly) {
 TEST(TargetPointsPcd, HoldsTheReturnsOfAllTracks) {
   Recording recording;
   recording.points_m = {{0, 0, 0}, {1, 2, 3}, {4, 5, 6}, {7, 8, 9}};
-  std::vector<Track> tracks(2);
+  std::vector<FittedTrack> tracks(2);
   tracks[0].returns = {1, 3};
   tracks[1].returns = {2};
   const TemporaryFolder folder;
@@ -148,7 +148,7 @@ TEST(SummaryJson, HoldsEveryConfigKeyCountsTimesAndTracks) {
   result.recording.counts.frames = 3;
   result.recording.counts.bad_frames = 2;
   result.times = {{"read", 0.25}};
-  Track track;
+  FittedTrack track;
   track.begin_ns = kBeginNs;
   track.end_ns = kBeginNs + 1'500'000'000;
   track.length_m = 3.0;

@@ -1,4 +1,4 @@
-#include "unlidar/output_times.hpp"
+#include "trajectory/output_times.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "synthetic_recording.hpp"
-#include "temporary_folder.hpp"
+#include "tests/synthetic_recording.hpp"
+#include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

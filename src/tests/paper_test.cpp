@@ -1,5 +1,5 @@
 // The paper's equations on cases worked out by hand, and its method on small made-up recordings.
-#include "unlidar/paper.hpp"
+#include "paper/paper.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,8 @@
 #include <limits>
 #include <random>
 
-#include "real_frames.hpp"
-#include "unlidar/error.hpp"
-#include "unlidar/voxel_grid.hpp"
+#include "base/voxel_grid.hpp"
+#include "tests/real_frames.hpp"
 
 namespace unlidar {
 namespace {
@@ -286,21 +285,6 @@ TEST(PaperMethod, WithoutAClusterOfTwoWindowsThereIsNoTarget) {
   EXPECT_TRUE(FindTargetsPaper(once, SimpleConfig(), &scores).empty());
   EXPECT_EQ(scores.size(), 2U);
   for (const ClusterScore& score : scores) ExpectAllFinite(score);
-}
-
-TEST(PaperMethod, AValueOutsideItsRangeIsRefused) {
-  const Recording recording = MakeRecording({CubeAt(0, 0, 0)});
-  for (const auto& spoil : std::vector<void (*)(PaperConfig&)>{
-           [](PaperConfig& c) { c.window_frames = 0; },
-           [](PaperConfig& c) { c.voxel_size_m = 0.0; },
-           [](PaperConfig& c) { c.lambda = std::numeric_limits<double>::quiet_NaN(); },
-           [](PaperConfig& c) { c.min_iou = 0.0; }, [](PaperConfig& c) { c.min_windows = 0; },
-           [](PaperConfig& c) { c.return_sigma_m = 0.0; },
-           [](PaperConfig& c) { c.global_clusters.tolerance_m = -1.0; }}) {
-    PaperConfig config = SimpleConfig();
-    spoil(config);
-    EXPECT_THROW(ScoreClusters(recording, config), ConfigError);
-  }
 }
 
 TEST(PaperMethod, EveryNumberIsFiniteForEveryReadingAndAbsurdCoordinates) {

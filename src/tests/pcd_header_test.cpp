@@ -5,11 +5,11 @@
 #include <map>
 #include <string>
 
-#include "pcd_oracle.hpp"
-#include "pcd_writer.hpp"
-#include "temporary_folder.hpp"
+#include "io/pcd.hpp"
+#include "tests/pcd_oracle.hpp"
+#include "tests/pcd_writer.hpp"
+#include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/pcd.hpp"
 
 namespace unlidar {
 namespace {

@@ -15,11 +15,11 @@
 #include <string>
 #include <vector>
 
-#include "pcd_oracle.hpp"
-#include "pcd_writer.hpp"
+#include "io/lzf.hpp"
+#include "io/pcd.hpp"
+#include "tests/pcd_oracle.hpp"
+#include "tests/pcd_writer.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/lzf.hpp"
-#include "unlidar/pcd.hpp"
 
 namespace {
 thread_local std::size_t largest_allocation = 0;

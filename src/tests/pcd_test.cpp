@@ -1,4 +1,4 @@
-#include "unlidar/pcd.hpp"
+#include "io/pcd.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,11 +7,11 @@
 #include <limits>
 #include <random>
 
-#include "pcd_oracle.hpp"
-#include "pcd_writer.hpp"
-#include "temporary_folder.hpp"
+#include "io/lzf.hpp"
+#include "tests/pcd_oracle.hpp"
+#include "tests/pcd_writer.hpp"
+#include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/lzf.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,4 +1,4 @@
-#include "unlidar/pipeline.hpp"
+#include "recording/pipeline.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,12 +9,12 @@
 #include <utility>
 #include <vector>
 
-#include "synthetic_recording.hpp"
-#include "temporary_folder.hpp"
+#include "app/output.hpp"
+#include "io/pcd.hpp"
+#include "tests/synthetic_recording.hpp"
+#include "tests/temporary_folder.hpp"
+#include "trajectory/sampling.hpp"
 #include "unlidar/error.hpp"
-#include "unlidar/output.hpp"
-#include "unlidar/pcd.hpp"
-#include "unlidar/sampling.hpp"
 
 namespace unlidar {
 namespace {
@@ -111,7 +111,7 @@ TEST(Pipeline, FollowsADroneFromFramesToRows) {
   request.sources = {{"", folder / "frames"}};
   const PipelineResult result = RunQuietly(request, PaperMethod());
   ASSERT_EQ(result.tracks.size(), 1U);
-  const Track& track = result.tracks.front();
+  const FittedTrack& track = result.tracks.front();
   EXPECT_EQ(track.id, 0);
   EXPECT_EQ(track.returns.size(), 6U * kFrames);
   EXPECT_NEAR(track.length_m, 4.0 * 3.9, 0.05);

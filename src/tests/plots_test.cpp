@@ -1,4 +1,4 @@
-#include "unlidar/robust/plots.hpp"
+#include "robust/plots/plots.hpp"
 
 #include <gtest/gtest.h>
 
@@ -11,8 +11,8 @@
 #include <set>
 #include <vector>
 
-#include "synthetic_recording.hpp"
-#include "unlidar/robust/floating.hpp"
+#include "robust/plots/floating.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

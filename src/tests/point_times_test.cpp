@@ -4,10 +4,10 @@
 #include <cmath>
 #include <limits>
 
-#include "frame_folder.hpp"
-#include "pcd_writer.hpp"
-#include "temporary_folder.hpp"
-#include "unlidar/frames.hpp"
+#include "io/frames.hpp"
+#include "tests/frame_folder.hpp"
+#include "tests/pcd_writer.hpp"
+#include "tests/temporary_folder.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,12 +1,12 @@
-#include "unlidar/robust/range_grid.hpp"
+#include "robust/scene/range_grid.hpp"
 
 #include <gtest/gtest.h>
 
 #include <map>
 #include <vector>
 
-#include "range_grid_oracle.hpp"
-#include "synthetic_recording.hpp"
+#include "tests/range_grid_oracle.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,4 +1,4 @@
-#include "unlidar/robust.hpp"
+#include "robust/robust.hpp"
 
 #include <gtest/gtest.h>
 
@@ -10,8 +10,8 @@
 #include <set>
 #include <vector>
 
-#include "synthetic_recording.hpp"
-#include "unlidar/trajectory.hpp"
+#include "tests/synthetic_recording.hpp"
+#include "trajectory/trajectory.hpp"
 
 namespace unlidar {
 namespace {

@@ -8,9 +8,9 @@
 #include <random>
 #include <vector>
 
-#include "banded.hpp"
-#include "bspline.hpp"
-#include "spline_cost.hpp"
+#include "trajectory/banded.hpp"
+#include "trajectory/bspline.hpp"
+#include "trajectory/spline_cost.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,4 +1,4 @@
-#include "unlidar/stamp.hpp"
+#include "io/stamp.hpp"
 
 #include <gtest/gtest.h>
 

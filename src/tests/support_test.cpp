@@ -1,4 +1,4 @@
-#include "unlidar/robust/support.hpp"
+#include "robust/scene/support.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <cmath>
 #include <vector>
 
-#include "synthetic_recording.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {

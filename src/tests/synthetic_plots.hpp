@@ -8,8 +8,8 @@
 #include <functional>
 #include <vector>
 
-#include "synthetic_recording.hpp"
-#include "unlidar/robust/tracker.hpp"
+#include "robust/tracking/tracker.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar::testing {
 

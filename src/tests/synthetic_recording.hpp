@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-#include "unlidar/types.hpp"
+#include "base/recording.hpp"
 
 namespace unlidar::testing {
 

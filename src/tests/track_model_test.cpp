@@ -1,4 +1,4 @@
-#include "robust/track_model.hpp"
+#include "robust/tracking/track_model.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 #include <limits>
 #include <vector>
 
-#include "robust/path_exchange.hpp"
-#include "synthetic_plots.hpp"
-#include "tracker_oracle.hpp"
+#include "robust/tracking/path_exchange.hpp"
+#include "tests/synthetic_plots.hpp"
+#include "tests/tracker_oracle.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,11 +1,11 @@
-#include "robust/track_search.hpp"
+#include "robust/tracking/track_search.hpp"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <vector>
 
-#include "synthetic_plots.hpp"
+#include "tests/synthetic_plots.hpp"
 
 namespace unlidar {
 namespace {

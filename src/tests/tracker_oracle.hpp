@@ -9,8 +9,8 @@
 #include <limits>
 #include <vector>
 
-#include "synthetic_plots.hpp"
-#include "unlidar/robust/tracker.hpp"
+#include "robust/tracking/tracker.hpp"
+#include "tests/synthetic_plots.hpp"
 
 namespace unlidar::testing {
 

@@ -1,4 +1,4 @@
-#include "unlidar/robust/tracker.hpp"
+#include "robust/tracking/tracker.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,8 @@
 #include <limits>
 #include <vector>
 
-#include "synthetic_plots.hpp"
-#include "tracker_oracle.hpp"
+#include "tests/synthetic_plots.hpp"
+#include "tests/tracker_oracle.hpp"
 
 namespace unlidar {
 namespace {

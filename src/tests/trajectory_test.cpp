@@ -1,4 +1,4 @@
-#include "unlidar/trajectory.hpp"
+#include "trajectory/trajectory.hpp"
 
 #include <gtest/gtest.h>
 

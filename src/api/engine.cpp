@@ -1,0 +1,75 @@
+#include "unlidar/engine.hpp"
+
+#include <utility>
+#include <variant>
+
+#include "base/format.hpp"
+#include "live/live_engine.hpp"
+#include "trajectory/output_times.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+// Output times as the stages expect them.
+struct Checked {
+  OutputTimes operator()(FirstSensorStamps stamps) const { return stamps; }
+  OutputTimes operator()(Rate rate) const {
+    if (IsRate(rate)) return rate;
+    throw UsageError("rate: " + std::to_string(rate.nanohertz) +
+                     " nHz, expected above 0 to 1e15 (1 MHz)");
+  }
+  OutputTimes operator()(std::vector<TimeNs> list) const { return InOrder(std::move(list)); }
+};
+
+}  // namespace
+
+Engine::Engine(const Config& config, const std::vector<std::string>& sensors,
+               EngineCallback on_event, const OutputTimes& output_times)
+    : sensors_(sensors) {
+  CheckConfig(config);
+  CheckLive(config);
+  live_ = std::make_unique<LiveEngine>(config, sensors, std::visit(Checked(), output_times),
+                                       std::move(on_event), TimeReading::kOffset);
+}
+
+Engine::~Engine() = default;
+
+std::uint32_t Engine::AddSensor(const std::string& name) {
+  sensors_.push_back(name);
+  return live_->AddSensor(name);
+}
+
+void Engine::Add(Frame frame) {
+  const std::string stamp = "stamp " + std::to_string(frame.stamp_ns) + " ns";
+  if (frame.sensor >= sensors_.size()) {
+    throw InputError("frame of " + stamp + ": of sensor " + std::to_string(frame.sensor) +
+                     ", expected an index below " + std::to_string(sensors_.size()));
+  }
+  CloudFrame taken;
+  taken.sensor = frame.sensor;
+  taken.stamp_ns = frame.stamp_ns;
+  taken.name = "frame of " + Shortened(sensors_[frame.sensor]) + ", " + stamp;
+  if (!frame.offsets_ns.empty()) {
+    if (frame.offsets_ns.size() != frame.points_m.size()) {
+      throw InputError(taken.name + ": " + Count(frame.offsets_ns.size(), "point time") +
+                       ", expected none or " + std::to_string(frame.points_m.size()));
+    }
+    taken.cloud.time_kind = PcdTimeKind::kInteger;
+  }
+  taken.cloud.points_m = std::move(frame.points_m);
+  taken.cloud.integer_times = std::move(frame.offsets_ns);
+  live_->Add(std::move(taken));
+}
+
+void Engine::Advance(TimeNs now_ns) { live_->Advance(now_ns); }
+
+void Engine::Close() { live_->Close(); }
+
+TimeNs Engine::newest_ns() const { return live_->newest_ns(); }
+
+const InputCounts& Engine::counts() const { return live_->counts(); }
+
+std::uint64_t Engine::late_frames() const { return live_->late_frames(); }
+
+}  // namespace unlidar

@@ -1,0 +1,28 @@
+// The config as the command line and the summary need it.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "io/frames.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// Throws ConfigError if a named source has no entry in `sensors` while an entry there has no
+// source: with one name misspelt, the other sensor's pose would silently not be applied.
+void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sources);
+
+using ConfigValue = std::variant<bool, std::int64_t, double, std::string, std::vector<double>>;
+
+struct ConfigEntry {
+  std::string key;  // dotted: "input.max_range_m"
+  ConfigValue value;
+};
+
+// Every key with its value, in the order of configs/default.yaml.
+std::vector<ConfigEntry> ListConfig(const Config& config);
+
+}  // namespace unlidar

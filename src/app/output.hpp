@@ -1,0 +1,42 @@
+// The bytes of the output files. The same result gives the same bytes, whatever the locale.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "app/config.hpp"
+#include "app/output_files.hpp"
+#include "recording/pipeline.hpp"
+
+namespace unlidar {
+
+// timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support - one row per track and output
+// time, in order of (time, track). Seconds with nine digits, metres, m/s; header only without a
+// track. Takes the rows from the streams, one of each track, as it writes.
+void WriteTrajectoryCsv(const std::vector<RowStream>& tracks, const Sink& sink);
+inline constexpr const char* kTrajectoryHeader =
+    "timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support\n";
+void AppendTrajectoryRow(const TrajectoryRow& row, std::int64_t track_id, std::string& text);
+
+// `timestamp tx ty tz qx qy qz qw` lines of one track, the format of the TUM RGB-D benchmark.
+// Returns of a point-like target say nothing about its attitude: the quaternion is always
+// identity. Without a track (an empty stream): the comment line only.
+void WriteTrajectoryTum(const RowStream& track, const Sink& sink);
+
+// One row per global cluster, best first: every number of the paper's equations, see ClusterScore.
+// Times in seconds, `eligible` is 1 or 0.
+std::string ClustersCsv(const std::vector<ClusterScore>& clusters);
+
+// The returns of all tracks, track by track, as binary PCD.
+std::string TargetPointsPcd(const Recording& recording, const std::vector<FittedTrack>& tracks);
+
+// Version, effective config, inputs, counts and times per stage, tracks as JSON. Times stand in
+// this output only.
+std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
+                        const PipelineResult& result);
+
+// "1706255621.600227000": exact, from integers.
+std::string SecondsText(TimeNs time_ns);
+
+}  // namespace unlidar

@@ -1,0 +1,169 @@
+#include "io/frame_directory.hpp"
+
+#include <dirent.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <new>
+#include <optional>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "base/format.hpp"
+#include "io/input_file.hpp"
+#include "io/stamp.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::string_view kStampHeader = "file,timestamp";
+
+using StampsByFile = std::map<std::string, TimeNs, std::less<>>;
+
+}  // namespace
+
+bool IsFrameName(const std::string& name) {
+  return name.size() > kFrameSuffix.size() && name.front() != '.' &&
+         name.compare(name.size() - kFrameSuffix.size(), kFrameSuffix.size(), kFrameSuffix) == 0;
+}
+
+namespace {
+
+struct CloseFolder {
+  void operator()(DIR* folder) const { closedir(folder); }
+};
+
+// By readdir: the iterators of std::filesystem end the program where an allocation fails, as their
+// increment is noexcept.
+std::vector<std::string> FrameNames(const std::string& directory) {
+  const auto check = [&](bool is_fine) {
+    if (is_fine) return;
+    if (errno == ENOMEM) throw std::bad_alloc();
+    throw InputError(directory + ": " + std::generic_category().message(errno) +
+                     ", expected a directory of .pcd frames");
+  };
+  const std::unique_ptr<DIR, CloseFolder> folder(opendir(directory.c_str()));
+  check(folder != nullptr);
+  std::vector<std::string> names;
+  while (true) {
+    errno = 0;
+    const dirent* entry = readdir(folder.get());
+    if (entry == nullptr) break;
+    const std::string name = entry->d_name;
+    const bool is_told = entry->d_type != DT_UNKNOWN && entry->d_type != DT_LNK;
+    std::error_code broken_link;  // stays in the list, so that reading it is an error
+    const bool is_folder = is_told ? entry->d_type == DT_DIR
+                                   : fs::is_directory(fs::path(directory) / name, broken_link);
+    if (IsFrameName(name) && !is_folder) names.push_back(name);
+  }
+  check(errno == 0);
+  if (names.empty()) {
+    throw InputError(directory + ": holds no .pcd file, expected at least one frame");
+  }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+}  // namespace
+
+std::optional<TimeNs> StampInRange(std::string_view text) {
+  const std::optional<TimeNs> stamp_ns = ParseStamp(text);
+  if (!stamp_ns || *stamp_ns > kMaxStampNs || *stamp_ns < -kMaxStampNs) return std::nullopt;
+  return stamp_ns;
+}
+
+namespace {
+
+// Empty if the directory has no such file.
+std::optional<StampsByFile> ReadStampFile(const std::string& directory,
+                                          const std::vector<std::string>& names) {
+  const std::string path = (fs::path(directory) / kStampFile).string();
+  std::error_code error;
+  const fs::file_status status = fs::symlink_status(path, error);
+  if (status.type() == fs::file_type::not_found) return std::nullopt;
+  if (error) {  // of the directory: a file that cannot be read has a status
+    throw InputError(directory + ": " + error.message() +
+                     ", expected a directory whose files can be opened");
+  }
+  LineReader lines(path, {"the header '" + std::string(kStampHeader) + "'", true});
+  const auto fail = [&](const std::string& what) {
+    throw InputError(path + ":" + std::to_string(lines.number()) + ": " + what);
+  };
+  StampsByFile stamps;
+  while (lines.Next()) {
+    const std::string_view line = Trimmed(lines.line());
+    if (lines.number() == 1) {
+      if (line != kStampHeader) {
+        fail("the header is " + Quoted(line) + ", expected '" + std::string(kStampHeader) + "'");
+      }
+      continue;
+    }
+    if (line.empty()) continue;
+    const std::size_t comma = line.rfind(',');
+    if (comma == std::string_view::npos) {
+      fail(Quoted(line) + " has one value, expected a file and its stamp");
+    }
+    const std::string name(Trimmed(line.substr(0, comma)));
+    const std::string_view stamp = Trimmed(line.substr(comma + 1));
+    const std::optional<TimeNs> stamp_ns = StampInRange(stamp);
+    if (!stamp_ns) fail("the timestamp is " + Quoted(stamp) + ", " + kExpectedStamp);
+    if (!std::binary_search(names.begin(), names.end(), name)) {
+      fail(Quoted(name) + " is no frame in this directory, expected the name of a .pcd file in it");
+    }
+    if (!stamps.emplace(name, *stamp_ns).second) {
+      fail(Quoted(name) + " is listed a second time, expected one stamp for each file");
+    }
+  }
+  if (lines.number() == 0) {
+    throw InputError(path + ": is empty, expected the header '" + std::string(kStampHeader) + "'");
+  }
+  for (const std::string& name : names) {
+    if (stamps.count(name) == 0) {
+      fail("the last line, and no stamp for " + Quoted(name) +
+           ", expected one for every .pcd file");
+    }
+  }
+  return stamps;
+}
+
+}  // namespace
+
+std::vector<FrameFile> ListFrames(const std::string& directory) {
+  const std::vector<std::string> names = FrameNames(directory);
+  const std::optional<StampsByFile> listed = ReadStampFile(directory, names);
+  std::vector<FrameFile> frames;
+  for (const std::string& name : names) {
+    const std::string path = (fs::path(directory) / name).string();
+    if (listed) {
+      frames.push_back({path, listed->at(name)});
+      continue;
+    }
+    const std::string stem = name.substr(0, name.size() - kFrameSuffix.size());
+    const std::optional<TimeNs> stamp_ns = StampInRange(stem);
+    if (!stamp_ns) {
+      throw InputError(path + ": " + Quoted(stem) + " is no stamp, " + kExpectedStamp +
+                       ", or a row of timestamps.csv");
+    }
+    frames.push_back({path, *stamp_ns});
+  }
+  const auto before = [](const FrameFile& a, const FrameFile& b) {
+    return a.stamp_ns < b.stamp_ns;
+  };
+  std::stable_sort(frames.begin(), frames.end(), before);
+  for (std::size_t i = 1; i < frames.size(); ++i) {
+    if (frames[i].stamp_ns == frames[i - 1].stamp_ns) {
+      throw InputError(frames[i].path + ": has the stamp " + std::to_string(frames[i].stamp_ns) +
+                       " ns of " + frames[i - 1].path + ", expected one frame for each stamp");
+    }
+  }
+  return frames;
+}
+
+}  // namespace unlidar

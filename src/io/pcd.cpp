@@ -1,0 +1,261 @@
+#include "io/pcd.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <memory>
+
+#include "io/input_file.hpp"
+#include "io/lzf.hpp"
+#include "io/pcd_format.hpp"
+#include "unlidar/error.hpp"
+
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "PCD data is little endian");
+static_assert(sizeof(Eigen::Vector3f) == 12, "points are written as they lie in memory");
+
+namespace unlidar {
+namespace {
+
+// No LiDAR has a frame of such a size, in the file or unpacked.
+constexpr std::uint64_t kMaxFrameBytes = std::uint64_t{1} << 30;
+constexpr std::size_t kCompressedPrefix = 8;  // two sizes before compressed data
+
+// The values of a field in memory, one every `stride` bytes.
+struct Column {
+  const std::uint8_t* data = nullptr;
+  std::size_t stride = 0;
+};
+
+template <typename Source, typename Target>
+Target Converted(Source value) {
+  if constexpr (std::is_same_v<Source, std::uint64_t> && std::is_same_v<Target, std::int64_t>) {
+    constexpr std::uint64_t kMax = std::numeric_limits<std::int64_t>::max();
+    return static_cast<Target>(std::min(value, kMax));
+  } else {
+    return static_cast<Target>(value);
+  }
+}
+
+template <typename Source, typename Target>
+void CopyColumnAs(Column column, std::size_t count, Target* to, std::size_t to_stride) {
+  for (std::size_t i = 0; i < count; ++i) {
+    Source value;
+    std::memcpy(&value, column.data + i * column.stride, sizeof(value));
+    to[i * to_stride] = Converted<Source, Target>(value);
+  }
+}
+
+template <typename Target>
+void CopyColumn(Column column, PcdType type, std::size_t count, Target* to, std::size_t to_stride) {
+  switch (type) {
+    case PcdType::kI8:
+      return CopyColumnAs<std::int8_t>(column, count, to, to_stride);
+    case PcdType::kU8:
+      return CopyColumnAs<std::uint8_t>(column, count, to, to_stride);
+    case PcdType::kI16:
+      return CopyColumnAs<std::int16_t>(column, count, to, to_stride);
+    case PcdType::kU16:
+      return CopyColumnAs<std::uint16_t>(column, count, to, to_stride);
+    case PcdType::kI32:
+      return CopyColumnAs<std::int32_t>(column, count, to, to_stride);
+    case PcdType::kU32:
+      return CopyColumnAs<std::uint32_t>(column, count, to, to_stride);
+    case PcdType::kI64:
+      return CopyColumnAs<std::int64_t>(column, count, to, to_stride);
+    case PcdType::kU64:
+      return CopyColumnAs<std::uint64_t>(column, count, to, to_stride);
+    case PcdType::kF32:
+      return CopyColumnAs<float>(column, count, to, to_stride);
+    case PcdType::kF64:
+      return CopyColumnAs<double>(column, count, to, to_stride);
+  }
+}
+
+// `column_of` gives the Column of a field.
+template <typename ColumnOf>
+PcdCloud CloudOf(const PcdHeader& header, const ColumnOf& column_of) {
+  PcdCloud cloud = EmptyCloud(header);
+  const std::size_t count = header.num_points;
+  if (count == 0) return cloud;
+  const std::size_t axes[] = {header.x, header.y, header.z};
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::size_t field = axes[axis];
+    if (field == kNoField) continue;
+    CopyColumn(column_of(field), header.fields[field].type, count,
+               cloud.points_m.front().data() + axis, 3);
+  }
+  if (cloud.time_kind == PcdTimeKind::kNone) return cloud;
+  const PcdType type = header.fields[header.time].type;
+  if (cloud.time_kind == PcdTimeKind::kInteger) {
+    CopyColumn(column_of(header.time), type, count, cloud.integer_times.data(), 1);
+  } else {
+    CopyColumn(column_of(header.time), type, count, cloud.floating_times.data(), 1);
+  }
+  return cloud;
+}
+
+const std::uint8_t* Bytes(std::string_view text) {
+  return reinterpret_cast<const std::uint8_t*>(text.data());
+}
+
+PcdCloud ParseBinary(std::string_view body, const PcdHeader& header, const std::string& name) {
+  const std::uint64_t expected = header.num_points * header.row_bytes;
+  if (body.size() < expected) {
+    throw InputError(name + ": the data has " + std::to_string(body.size()) + " bytes, expected " +
+                     std::to_string(expected) + " for " + std::to_string(header.num_points) +
+                     " points");
+  }
+  return CloudOf(header, [&](std::size_t field) {
+    return Column{Bytes(body) + header.fields[field].byte_offset, header.row_bytes};
+  });
+}
+
+// Two sizes, then an LZF stream of all values of the first field, all of the second, and so on. PCL
+// leaves padding out; other writers keep it. The size tells which.
+PcdCloud ParseCompressed(std::string_view body, const PcdHeader& header, const std::string& name) {
+  if (header.num_points == 0) return EmptyCloud(header);
+  const auto fail = [&](const std::string& what) {
+    throw InputError(name + ": compressed data " + what);
+  };
+  if (body.size() < kCompressedPrefix) {
+    fail("has " + std::to_string(body.size()) + " bytes, expected two sizes of 4 bytes first");
+  }
+  std::uint32_t compressed_size = 0;
+  std::uint32_t size = 0;
+  std::memcpy(&compressed_size, body.data(), 4);
+  std::memcpy(&size, body.data() + 4, 4);
+  body.remove_prefix(kCompressedPrefix);
+  if (compressed_size > body.size()) {
+    fail("says it has " + std::to_string(compressed_size) + " bytes, expected at most the " +
+         std::to_string(body.size()) + " that are left in the file");
+  }
+
+  std::uint64_t padding_bytes = 0;
+  for (const PcdField& field : header.fields) {
+    if (field.is_padding()) padding_bytes += field.size_bytes();
+  }
+  const std::uint64_t full_size = header.num_points * header.row_bytes;
+  const std::uint64_t lean_size = header.num_points * (header.row_bytes - padding_bytes);
+  if (size != full_size && size != lean_size) {
+    fail("says it unpacks to " + std::to_string(size) + " bytes, expected " +
+         std::to_string(full_size) + " for " + std::to_string(header.num_points) + " points");
+  }
+  if (size > kMaxFrameBytes) {
+    fail("unpacks to " + std::to_string(size) + " bytes, expected at most " +
+         std::to_string(kMaxFrameBytes) + " of a frame");
+  }
+  if (size / kLzfMaxExpansion > compressed_size) {
+    fail("says that " + std::to_string(compressed_size) + " bytes unpack to " +
+         std::to_string(size) + ", expected at most " + std::to_string(kLzfMaxExpansion) +
+         " times as much");
+  }
+
+  // Plain new leaves the bytes alone: LzfDecompress writes each of them or fails.
+  const std::unique_ptr<std::uint8_t[]> unpacked(new std::uint8_t[size]);
+  if (!LzfDecompress(Bytes(body), compressed_size, unpacked.get(), size)) {
+    fail("of " + std::to_string(compressed_size) + " bytes is corrupt, expected an LZF stream of " +
+         std::to_string(size) + " bytes");
+  }
+  const bool has_padding = size == full_size;
+  return CloudOf(header, [&](std::size_t wanted) {
+    std::uint64_t bytes_before = 0;
+    for (std::size_t i = 0; i < wanted; ++i) {
+      const PcdField& field = header.fields[i];
+      if (has_padding || !field.is_padding()) bytes_before += field.size_bytes();
+    }
+    return Column{unpacked.get() + bytes_before * header.num_points,
+                  header.fields[wanted].size_bytes()};
+  });
+}
+
+// Where the last point ends, told by the header and, of compressed data, by the first of the sizes
+// behind it; the whole of a text.
+std::uint64_t BytesNeeded(const PcdHeader& header, std::string_view bytes,
+                          std::uint64_t file_bytes) {
+  switch (header.encoding) {
+    case PcdEncoding::kBinary:
+      return header.body_begin + header.num_points * header.row_bytes;
+    case PcdEncoding::kBinaryCompressed: {
+      if (bytes.size() < header.body_begin + kCompressedPrefix) return bytes.size();
+      std::uint32_t compressed_size = 0;
+      std::memcpy(&compressed_size, bytes.data() + header.body_begin, 4);
+      return header.body_begin + kCompressedPrefix + compressed_size;
+    }
+    case PcdEncoding::kAscii:
+      break;
+  }
+  return file_bytes;
+}
+
+PcdCloud ParseBody(std::string_view bytes, const PcdHeader& header, const std::string& name) {
+  switch (header.encoding) {
+    case PcdEncoding::kBinary:
+      return ParseBinary(bytes.substr(header.body_begin), header, name);
+    case PcdEncoding::kBinaryCompressed:
+      return ParseCompressed(bytes.substr(header.body_begin), header, name);
+    case PcdEncoding::kAscii:
+      break;
+  }
+  return ParsePcdAscii(bytes, header, name);
+}
+
+}  // namespace
+
+PcdCloud EmptyCloud(const PcdHeader& header) {
+  PcdCloud cloud;
+  cloud.points_m.resize(header.num_points);
+  if (header.z == kNoField) {
+    for (Eigen::Vector3f& point : cloud.points_m) point.z() = 0.0F;
+  }
+  if (header.time == kNoField) return cloud;
+  if (IsFloating(header.fields[header.time].type)) {
+    cloud.time_kind = PcdTimeKind::kFloating;
+    cloud.floating_times.resize(header.num_points);
+  } else {
+    cloud.time_kind = PcdTimeKind::kInteger;
+    cloud.integer_times.resize(header.num_points);
+  }
+  return cloud;
+}
+
+PcdCloud ParsePcd(std::string_view bytes, const std::string& name) {
+  return ParseBody(bytes, ParsePcdHeader(bytes, name), name);
+}
+
+// Read, not mapped: a file that shrinks under a map kills the process.
+PcdCloud ReadPcd(const std::string& path) {
+  InputFile file(path, {"a PCD file", true});
+  // Takes most frames whole, and always the header with what tells the size of the rest.
+  std::uint64_t size = std::min<std::uint64_t>(file.size(), kMaxPcdHeaderBytes + kCompressedPrefix);
+  std::unique_ptr<char[]> bytes(new char[size]);
+  size = file.Read(bytes.get(), size);
+  const PcdHeader header = ParsePcdHeader({bytes.get(), size}, path);
+
+  const std::uint64_t needed =
+      std::min(BytesNeeded(header, {bytes.get(), size}, file.size()), file.size());
+  if (needed > kMaxFrameBytes) {
+    throw InputError(path + ": takes " + std::to_string(needed) + " bytes, expected at most " +
+                     std::to_string(kMaxFrameBytes) + " of a frame");
+  }
+  if (needed > size) {
+    std::unique_ptr<char[]> whole(new char[needed]);
+    std::memcpy(whole.get(), bytes.get(), size);
+    size += file.Read(whole.get() + size, needed - size);
+    bytes = std::move(whole);
+  }
+  return ParseBody({bytes.get(), size}, header, path);
+}
+
+std::string BinaryPcd(const std::vector<Eigen::Vector3f>& points_m) {
+  const std::string count = std::to_string(points_m.size());
+  std::string bytes =
+      "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\n"
+      "TYPE F F F\nCOUNT 1 1 1\nWIDTH " +
+      count + "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " + count + "\nDATA binary\n";
+  if (!points_m.empty()) {
+    bytes.append(reinterpret_cast<const char*>(points_m.data()), 12 * points_m.size());
+  }
+  return bytes;
+}
+
+}  // namespace unlidar

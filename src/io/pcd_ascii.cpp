@@ -1,0 +1,158 @@
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+
+#include "base/format.hpp"
+#include "io/pcd_format.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+bool IsBlank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
+bool EndsToken(char c) { return IsBlank(c) || c == '\n'; }
+
+const char* SkipBlanks(const char* at, const char* end) {
+  while (at != end && IsBlank(*at)) ++at;
+  return at;
+}
+
+const char* SkipToken(const char* at, const char* end) {
+  while (at != end && !EndsToken(*at)) ++at;
+  return at;
+}
+
+// What from_chars leaves to us: a plus sign, and values too large or small for the type, which
+// become infinite or 0 as in PCL.
+template <typename Float>
+bool ParseUnusual(std::string_view token, Float& value) {
+  if (token.size() > 1 && token.front() == '+' && token[1] != '-') token.remove_prefix(1);
+  const char* const end = token.data() + token.size();
+  const auto [parsed_to, error] = std::from_chars(token.data(), end, value);
+  if (parsed_to != end) return false;
+  if (error == std::errc()) return true;
+  if (error != std::errc::result_out_of_range) return false;
+  value = static_cast<Float>(std::strtod(std::string(token).c_str(), nullptr));
+  return true;
+}
+
+// Reads the value at `at`; null if the token is not a number as a whole.
+template <typename Float>
+const char* ReadFloat(const char* at, const char* end, Float& value) {
+  const auto [parsed_to, error] = std::from_chars(at, end, value);
+  if (error == std::errc() && (parsed_to == end || EndsToken(*parsed_to))) return parsed_to;
+  const char* const token_end = SkipToken(at, end);
+  const std::string_view token(at, static_cast<std::size_t>(token_end - at));
+  return ParseUnusual(token, value) ? token_end : nullptr;
+}
+
+const char* ReadInteger(const char* at, const char* end, std::int64_t& value) {
+  const auto [parsed_to, error] = std::from_chars(at, end, value);
+  if (error == std::errc() && (parsed_to == end || EndsToken(*parsed_to))) return parsed_to;
+  double number = 0.0;  // writers that know floats only
+  const char* const token_end = ReadFloat(at, end, number);
+  if (token_end == nullptr || !(std::abs(number) < 0x1p63)) return nullptr;
+  value = static_cast<std::int64_t>(number);
+  return token_end;
+}
+
+// A value of a row that is wanted, and where it goes.
+struct Wanted {
+  std::size_t field = 0;
+  std::uint64_t value_offset = 0;
+  int axis = 0;  // kTimeAxis for the time
+};
+constexpr int kTimeAxis = 3;
+
+std::vector<Wanted> WantedValues(const PcdHeader& header) {
+  std::vector<Wanted> wanted;
+  const std::size_t fields[] = {header.x, header.y, header.z, header.time};
+  for (int axis = 0; axis < 4; ++axis) {
+    const std::size_t field = fields[axis];
+    if (field != kNoField) wanted.push_back({field, header.fields[field].value_offset, axis});
+  }
+  std::sort(wanted.begin(), wanted.end(),
+            [](const Wanted& a, const Wanted& b) { return a.value_offset < b.value_offset; });
+  return wanted;
+}
+
+const char* ReadCoordinate(const char* at, const char* end, PcdType type, float& value) {
+  if (type == PcdType::kF32) return ReadFloat(at, end, value);  // rounded once, not twice
+  double number = 0.0;
+  at = ReadFloat(at, end, number);
+  value = static_cast<float>(number);
+  return at;
+}
+
+}  // namespace
+
+PcdCloud ParsePcdAscii(std::string_view bytes, const PcdHeader& header, const std::string& name) {
+  const std::string_view body = bytes.substr(header.body_begin);
+  // A value takes a digit and what ends it; the last one may end with the file.
+  if (header.num_points > (body.size() + 1) / 2 / header.row_values) {
+    throw InputError(name + ": the data has " + std::to_string(body.size()) +
+                     " bytes, expected at least " +
+                     std::to_string(2 * header.row_values * header.num_points - 1) + " for " +
+                     std::to_string(header.num_points) + " points");
+  }
+  PcdCloud cloud = EmptyCloud(header);
+  const std::vector<Wanted> wanted = WantedValues(header);
+  const char* at = body.data();
+  const char* const end = at + body.size();
+  std::size_t line = header.body_line;
+
+  const auto fail = [&](const std::string& what) {
+    throw InputError(name + ": line " + std::to_string(line) + ": " + what);
+  };
+  const auto check_value_follows = [&] {
+    at = SkipBlanks(at, end);
+    if (at == end || *at == '\n') {
+      fail("too few values, expected " + std::to_string(header.row_values));
+    }
+  };
+
+  for (std::uint64_t row = 0; row < header.num_points; ++row) {
+    at = SkipBlanks(at, end);
+    for (; at != end && *at == '\n'; ++line) at = SkipBlanks(at + 1, end);
+    if (at == end) {
+      fail("the data ends after " + std::to_string(row) + " points, expected " +
+           std::to_string(header.num_points));
+    }
+    std::uint64_t column = 0;
+    for (const Wanted& value : wanted) {
+      for (; column < value.value_offset; ++column) {
+        check_value_follows();
+        at = SkipToken(at, end);
+      }
+      check_value_follows();
+      const char* const token = at;
+      const PcdField& field = header.fields[value.field];
+      if (value.axis != kTimeAxis) {
+        at = ReadCoordinate(at, end, field.type, cloud.points_m[row][value.axis]);
+      } else if (cloud.time_kind == PcdTimeKind::kInteger) {
+        at = ReadInteger(at, end, cloud.integer_times[row]);
+      } else {
+        at = ReadFloat(at, end, cloud.floating_times[row]);
+      }
+      if (at == nullptr) {
+        const std::size_t length = static_cast<std::size_t>(SkipToken(token, end) - token);
+        fail("field " + Quoted(field.name) + " is " + Quoted({token, length}) +
+             ", expected a number");
+      }
+      ++column;
+    }
+    for (; column < header.row_values; ++column) {
+      check_value_follows();
+      at = SkipToken(at, end);
+    }
+    at = SkipBlanks(at, end);
+    if (at != end && *at != '\n') {
+      fail("too many values, expected " + std::to_string(header.row_values));
+    }
+  }
+  return cloud;
+}
+
+}  // namespace unlidar

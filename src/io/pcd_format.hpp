@@ -1,0 +1,61 @@
+// What the parts of the PCD reader share: the checked header and the decoders behind it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "io/pcd.hpp"
+
+namespace unlidar {
+
+enum class PcdEncoding { kAscii, kBinary, kBinaryCompressed };
+enum class PcdType { kI8, kU8, kI16, kU16, kI32, kU32, kI64, kU64, kF32, kF64 };
+
+struct PcdField {
+  std::string name;
+  PcdType type = PcdType::kF32;
+  std::uint64_t count = 1;
+  std::uint64_t byte_offset = 0;   // of the first value, in a row of binary data
+  std::uint64_t value_offset = 0;  // the same in values, for ascii
+
+  std::uint64_t size_bytes() const;  // of all its values
+  bool is_padding() const { return name == "_"; }
+};
+
+// No header is longer. Most of a gigabyte of something else need not be read to see that.
+inline constexpr std::size_t kMaxPcdHeaderBytes = std::size_t{1} << 20;
+
+inline constexpr std::size_t kNoField = static_cast<std::size_t>(-1);
+
+struct PcdHeader {
+  std::vector<PcdField> fields;
+  std::uint64_t num_points = 0;
+  std::uint64_t row_bytes = 0;   // times num_points below 2^57
+  std::uint64_t row_values = 0;  // values on a line of ascii data
+  PcdEncoding encoding = PcdEncoding::kAscii;
+  std::size_t body_begin = 0;  // byte behind the DATA line
+  std::size_t body_line = 0;   // its line number, from 1
+
+  // Indices into `fields`; z and time may be kNoField.
+  std::size_t x = kNoField;
+  std::size_t y = kNoField;
+  std::size_t z = kNoField;
+  std::size_t time = kNoField;
+};
+
+bool IsFloating(PcdType type);
+std::size_t SizeBytes(PcdType type);
+
+// Throws InputError. Whatever it returns is consistent in itself; the body is still to be checked.
+PcdHeader ParsePcdHeader(std::string_view bytes, const std::string& name);
+
+// Reads header.num_points lines of text, each with header.row_values values.
+PcdCloud ParsePcdAscii(std::string_view bytes, const PcdHeader& header, const std::string& name);
+
+// A cloud of so many points with z = 0, times as the header has them.
+PcdCloud EmptyCloud(const PcdHeader& header);
+
+}  // namespace unlidar

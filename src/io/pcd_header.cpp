@@ -1,0 +1,279 @@
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <charconv>
+#include <limits>
+#include <optional>
+
+#include "base/format.hpp"
+#include "io/input_file.hpp"
+#include "io/pcd_format.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+// Far beyond any sensor; the products of rows and points still fit into 64 bits.
+constexpr std::uint64_t kMaxRowBytes = std::uint64_t{1} << 31;
+constexpr std::uint64_t kMaxPoints = std::uint64_t{1} << 26;
+constexpr std::size_t kMaxFields = 4096;
+
+using Tokens = std::vector<std::string_view>;
+
+// The lines of a header by entry, still as text.
+struct RawHeader {
+  std::optional<Tokens> version, fields, size, type, count, width, height, viewpoint, points;
+};
+
+Tokens Split(std::string_view line) {
+  Tokens tokens;
+  std::size_t begin = line.find_first_not_of(kBlanks);
+  while (begin != std::string_view::npos) {
+    const std::size_t end = std::min(line.find_first_of(kBlanks, begin), line.size());
+    tokens.push_back(line.substr(begin, end - begin));
+    begin = line.find_first_not_of(kBlanks, end);
+  }
+  return tokens;
+}
+
+std::string Lower(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(), [](char c) {
+    return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  });
+  return text;
+}
+
+class HeaderParser {
+ public:
+  HeaderParser(std::string_view bytes, const std::string& name)
+      : bytes_(bytes.substr(0, kMaxPcdHeaderBytes)), name_(name) {}
+
+  PcdHeader Parse() {
+    ReadLines();
+    CheckVersion();
+    ReadFields();
+    ReadNumPoints();
+    FindFields();
+    return header_;
+  }
+
+ private:
+  [[noreturn]] void Fail(const std::string& what) const {
+    throw InputError(name_ + ": PCD header: " + what);
+  }
+
+  // Up to and with the DATA line.
+  void ReadLines() {
+    if (bytes_.empty()) Fail("the file is empty, expected a PCD header");
+    std::size_t at = 0;
+    for (std::size_t line_number = 1; at < bytes_.size(); ++line_number) {
+      const std::size_t newline = bytes_.find('\n', at);
+      const std::size_t end = std::min(newline, bytes_.size());
+      // A line of a binary file that is no PCD may be as long as the file: look at its start first.
+      const Tokens tokens = TokensOf(bytes_.substr(at, end - at), line_number);
+      at = newline == std::string_view::npos ? bytes_.size() : newline + 1;
+      if (tokens.empty()) continue;
+      if (tokens[0] == "DATA") {
+        if (at == kMaxPcdHeaderBytes) break;  // the line may go on beyond
+        ReadEncoding(tokens);
+        header_.body_begin = at;
+        header_.body_line = line_number + 1;
+        return;
+      }
+      std::optional<Tokens>& entry = *Entry(tokens[0]);
+      if (entry) Fail(std::string(tokens[0]) + " appears twice, expected once");
+      entry = Tokens(tokens.begin() + 1, tokens.end());
+    }
+    Fail("has no DATA line, expected DATA ascii, binary or binary_compressed" +
+         (bytes_.size() < kMaxPcdHeaderBytes
+              ? std::string()
+              : " within " + std::to_string(kMaxPcdHeaderBytes) + " bytes"));
+  }
+
+  // Empty for comments and blank lines.
+  Tokens TokensOf(std::string_view line, std::size_t line_number) {
+    const std::size_t begin = std::min(line.find_first_not_of(kBlanks), line.size());
+    if (begin == line.size() || line[begin] == '#') return {};
+    const std::size_t end = std::min(line.find_first_of(kBlanks, begin), line.size());
+    const std::string_view keyword = line.substr(begin, end - begin);
+    if (keyword != "DATA" && Entry(keyword) == nullptr) {
+      Fail("line " + std::to_string(line_number) + " begins with " + Quoted(keyword) +
+           ", expected VERSION, FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, VIEWPOINT, POINTS or "
+           "DATA");
+    }
+    return Split(line);
+  }
+
+  std::optional<Tokens>* Entry(std::string_view keyword) {
+    if (keyword == "VERSION") return &raw_.version;
+    if (keyword == "FIELDS" || keyword == "COLUMNS") return &raw_.fields;
+    if (keyword == "SIZE") return &raw_.size;
+    if (keyword == "TYPE") return &raw_.type;
+    if (keyword == "COUNT") return &raw_.count;
+    if (keyword == "WIDTH") return &raw_.width;
+    if (keyword == "HEIGHT") return &raw_.height;
+    if (keyword == "VIEWPOINT") return &raw_.viewpoint;  // a pose that PCL does not apply either
+    if (keyword == "POINTS") return &raw_.points;
+    return nullptr;
+  }
+
+  void ReadEncoding(const Tokens& tokens) {
+    const std::string_view value = tokens.size() == 2 ? tokens[1] : std::string_view();
+    if (value == "ascii") {
+      header_.encoding = PcdEncoding::kAscii;
+    } else if (value == "binary") {
+      header_.encoding = PcdEncoding::kBinary;
+    } else if (value == "binary_compressed") {
+      header_.encoding = PcdEncoding::kBinaryCompressed;
+    } else {
+      Fail("DATA is " + Quoted(value) + ", expected ascii, binary or binary_compressed");
+    }
+  }
+
+  void CheckVersion() const {
+    if (!raw_.version) return;
+    const std::string_view value =
+        raw_.version->size() == 1 ? raw_.version->front() : std::string_view();
+    for (const std::string_view known : {".5", "0.5", ".6", "0.6", ".7", "0.7"}) {
+      if (value == known) return;
+    }
+    Fail("VERSION is " + Quoted(value) + ", expected 0.5, 0.6 or 0.7");
+  }
+
+  std::uint64_t Natural(std::string_view text, const char* entry) const {
+    std::uint32_t value = 0;
+    const char* const end = text.data() + text.size();
+    const auto [parsed_to, error] = std::from_chars(text.data(), end, value);
+    if (error != std::errc() || parsed_to != end) {
+      Fail(std::string(entry) + " is " + Quoted(text) + ", expected a whole number below 2^32");
+    }
+    return value;
+  }
+
+  std::optional<std::uint64_t> Single(const std::optional<Tokens>& entry, const char* name) const {
+    if (!entry) return std::nullopt;
+    if (entry->size() != 1) {
+      Fail(std::string(name) + " has " + std::to_string(entry->size()) + " values, expected 1");
+    }
+    return Natural(entry->front(), name);
+  }
+
+  PcdType Type(const PcdField& field, std::string_view type, std::uint64_t size) const {
+    if (type == "F" && size == 4) return PcdType::kF32;
+    if (type == "F" && size == 8) return PcdType::kF64;
+    if (type == "I" && size == 1) return PcdType::kI8;
+    if (type == "I" && size == 2) return PcdType::kI16;
+    if (type == "I" && size == 4) return PcdType::kI32;
+    if (type == "I" && size == 8) return PcdType::kI64;
+    if ((type == "U" || type == "B") && size == 1) return PcdType::kU8;
+    if (type == "U" && size == 2) return PcdType::kU16;
+    if (type == "U" && size == 4) return PcdType::kU32;
+    if (type == "U" && size == 8) return PcdType::kU64;
+    Fail("field " + Quoted(field.name) + " has TYPE " + Quoted(type) + " and SIZE " +
+         std::to_string(size) + ", expected F of 4 or 8, or I or U of 1, 2, 4 or 8 bytes");
+  }
+
+  void ReadFields() {
+    if (!raw_.fields || raw_.fields->empty()) Fail("has no FIELDS, expected at least x and y");
+    const std::size_t num_fields = raw_.fields->size();
+    if (num_fields > kMaxFields) {
+      Fail("has " + std::to_string(num_fields) + " FIELDS, expected at most " +
+           std::to_string(kMaxFields));
+    }
+    const auto check = [&](const std::optional<Tokens>& entry, const char* name) {
+      if (entry && entry->size() != num_fields) {
+        Fail(std::string(name) + " has " + std::to_string(entry->size()) +
+             " values, expected one for each of the " + std::to_string(num_fields) + " FIELDS");
+      }
+    };
+    check(raw_.size, "SIZE");
+    check(raw_.type, "TYPE");
+    check(raw_.count, "COUNT");
+
+    for (std::size_t i = 0; i < num_fields; ++i) {
+      PcdField field;
+      field.name = (*raw_.fields)[i];
+      const std::uint64_t size = raw_.size ? Natural((*raw_.size)[i], "SIZE") : 4;
+      field.type = Type(field, raw_.type ? (*raw_.type)[i] : "F", size);
+      field.count = raw_.count ? Natural((*raw_.count)[i], "COUNT") : 1;
+      field.byte_offset = header_.row_bytes;
+      field.value_offset = header_.row_values;
+      header_.row_bytes += field.size_bytes();
+      header_.row_values += field.count;
+      if (header_.row_bytes > kMaxRowBytes)
+        Fail("COUNT makes a row of more than 2^31 bytes, expected less");
+      if (field.count > 0) header_.fields.push_back(field);
+    }
+  }
+
+  void ReadNumPoints() {
+    const auto width = Single(raw_.width, "WIDTH");
+    const auto height = Single(raw_.height, "HEIGHT");
+    const auto points = Single(raw_.points, "POINTS");
+    if (!width && !points) Fail("has neither WIDTH nor POINTS, expected the number of points");
+    header_.num_points = points ? *points : *width * height.value_or(1);
+    const std::uint64_t area = width ? *width * height.value_or(1) : header_.num_points;
+    if (area != header_.num_points || header_.num_points > kMaxPoints) {
+      Fail("WIDTH x HEIGHT is " + std::to_string(area) + " and POINTS is " +
+           std::to_string(header_.num_points) + ", expected the same number, at most " +
+           std::to_string(kMaxPoints));
+    }
+  }
+
+  std::size_t Find(std::string_view name) const {
+    for (std::size_t i = 0; i < header_.fields.size(); ++i) {
+      if (header_.fields[i].name == name) return i;
+    }
+    return kNoField;
+  }
+
+  std::size_t FindCoordinate(const char* lower, const char* upper, bool required) const {
+    std::size_t found = Find(lower);
+    if (found == kNoField) found = Find(upper);
+    if (found == kNoField && required) {
+      std::string names;
+      for (const PcdField& field : header_.fields) names += (names.empty() ? "" : " ") + field.name;
+      Fail("FIELDS are " + Quoted(names) + ", expected a field " + lower);
+    }
+    if (found != kNoField && header_.fields[found].count != 1) {
+      Fail("field " + Quoted(header_.fields[found].name) + " has COUNT " +
+           std::to_string(header_.fields[found].count) + ", expected 1");
+    }
+    return found;
+  }
+
+  void FindFields() {
+    header_.x = FindCoordinate("x", "X", true);
+    header_.y = FindCoordinate("y", "Y", true);
+    header_.z = FindCoordinate("z", "Z", false);
+    for (const std::string_view time_name : {"t", "time", "timestamp", "offset_time"}) {
+      for (std::size_t i = 0; i < header_.fields.size(); ++i) {
+        if (header_.fields[i].count != 1 || Lower(header_.fields[i].name) != time_name) continue;
+        header_.time = i;
+        return;
+      }
+    }
+  }
+
+  std::string_view bytes_;
+  const std::string& name_;
+  RawHeader raw_;
+  PcdHeader header_;
+};
+
+}  // namespace
+
+bool IsFloating(PcdType type) { return type == PcdType::kF32 || type == PcdType::kF64; }
+
+std::size_t SizeBytes(PcdType type) {
+  constexpr std::array<std::size_t, 10> kSizes = {1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
+  return kSizes[static_cast<std::size_t>(type)];
+}
+
+std::uint64_t PcdField::size_bytes() const { return count * SizeBytes(type); }
+
+PcdHeader ParsePcdHeader(std::string_view bytes, const std::string& name) {
+  return HeaderParser(bytes, name).Parse();
+}
+
+}  // namespace unlidar

@@ -1,0 +1,71 @@
+#include "io/point_times.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "io/frame_directory.hpp"
+#include "io/stamp.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr std::int64_t kNsPerSecond = 1'000'000'000;
+constexpr std::array<TimeReading, 3> kReadings = {TimeReading::kOffset, TimeReading::kAbsolute,
+                                                  TimeReading::kAbsoluteByMagnitude};
+
+std::optional<TimeNs> InNs(std::int64_t value, std::int64_t unit_ns) {
+  if (value > kMaxStampNs / unit_ns || value < -kMaxStampNs / unit_ns) return std::nullopt;
+  return value * unit_ns;
+}
+
+// Whole and fraction apart: a product of doubles would round Unix time to 256 ns.
+std::optional<TimeNs> InNs(double value, std::int64_t unit_ns) {
+  const double unit = static_cast<double>(unit_ns);
+  if (!(std::abs(value) < static_cast<double>(kMaxStampNs) / unit)) return std::nullopt;
+  const double whole = std::floor(value);
+  return static_cast<std::int64_t>(whole) * unit_ns + std::llround((value - whole) * unit);
+}
+
+}  // namespace
+
+RawTime RawTimeOf(const PcdCloud& cloud, std::size_t row) {
+  if (cloud.time_kind == PcdTimeKind::kInteger) {
+    return {PcdTimeKind::kInteger, cloud.integer_times[row], 0.0};
+  }
+  return {PcdTimeKind::kFloating, 0, cloud.floating_times[row]};
+}
+
+std::optional<TimeNs> PointTime(const RawTime& raw, TimeReading reading, TimeNs stamp_ns) {
+  const bool is_integer = raw.kind == PcdTimeKind::kInteger;
+  std::int64_t unit_ns = is_integer ? 1 : kNsPerSecond;
+  if (reading == TimeReading::kAbsoluteByMagnitude) {
+    const double value = is_integer ? static_cast<double>(raw.integer) : raw.floating;
+    unit_ns = NsPerUnitByMagnitude(std::abs(value));
+  }
+  const std::optional<TimeNs> time_ns =
+      is_integer ? InNs(raw.integer, unit_ns) : InNs(raw.floating, unit_ns);
+  if (!time_ns || reading != TimeReading::kOffset) return time_ns;
+  return stamp_ns + *time_ns;  // both within kMaxStampNs
+}
+
+void TimeReadingVote::Add(const RawTime& raw, TimeNs stamp_ns) {
+  std::size_t nearest = 0;
+  std::int64_t least_ns = std::numeric_limits<std::int64_t>::max();
+  for (std::size_t i = 0; i < kReadings.size(); ++i) {
+    const std::optional<TimeNs> time_ns = PointTime(raw, kReadings[i], stamp_ns);
+    if (!time_ns) continue;
+    const std::int64_t distance_ns = std::abs(*time_ns - stamp_ns);
+    if (distance_ns >= least_ns) continue;
+    least_ns = distance_ns;
+    nearest = i;
+  }
+  ++votes_[nearest];
+}
+
+TimeReading TimeReadingVote::Winner() const {
+  const auto most = std::max_element(votes_.begin(), votes_.end());
+  return kReadings[static_cast<std::size_t>(most - votes_.begin())];
+}
+
+}  // namespace unlidar

@@ -1,0 +1,169 @@
+#include "live/live_engine.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "recording/pipeline.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
+
+}  // namespace
+
+void CheckLive(const Config& config) {
+  if (config.method == Method::kRobust || std::isinf(config.live.delay_s)) return;
+  throw ConfigError(
+      "method: 'paper', expected robust for frames that come one by one: the paper's score needs "
+      "the whole recording (live.delay_s: .inf)");
+}
+
+LiveEngine::LiveEngine(const Config& config, const std::vector<std::string>& sensors,
+                       OutputTimes output_times, EngineCallback on_event,
+                       std::optional<TimeReading> reading)
+    : config_(config),
+      output_times_(std::move(output_times)),
+      on_event_(std::move(on_event)),
+      reading_(reading),
+      is_endless_(std::isinf(config_.live.delay_s)),
+      tracker_(config_, output_times_, on_event_) {
+  for (const std::string& name : sensors) AddSensor(name);
+}
+
+std::uint32_t LiveEngine::AddSensor(const std::string& name) {
+  const auto known = config_.sensors.find(name);
+  const auto index = static_cast<std::uint32_t>(sensors_.size());
+  sensors_.emplace_back(SensorFrames(
+      index, name, config_.input, known == config_.sensors.end() ? SensorConfig() : known->second,
+      is_endless_ ? SensorFrames::Source::kRecording : SensorFrames::Source::kStream, reading_));
+  return index;
+}
+
+void LiveEngine::Add(CloudFrame frame) {
+  Sensor& sensor = sensors_.at(frame.sensor);
+  sensor.frames.CheckStamp({frame.name, frame.stamp_ns});
+  const TimeNs stamp_ns = frame.stamp_ns + sensor.frames.offset_ns();
+  if (!is_endless_ && counts_.frames > 0 && stamp_ns < SettledNs()) {
+    ++late_frames_;
+    return;
+  }
+  if (!sensor.stamps_ns.insert(frame.stamp_ns).second) {
+    throw InputError(frame.name + ": has the stamp " + std::to_string(frame.stamp_ns) +
+                     " ns of an earlier frame, expected one frame for each stamp");
+  }
+  if (is_endless_) sensor.frames.NoteStamp(frame.stamp_ns);
+  LoadedFrame loaded = sensor.frames.Load({frame.name, frame.stamp_ns}, std::move(frame.cloud));
+  loaded.info.sensor = frame.sensor;
+  AddCounts(loaded.counts, counts_);
+  if (counts_.frames++ == 0) {
+    newest_ns_ = stamp_ns;
+    on_event_(EngineState::kWarmingUp);
+  }
+  newest_ns_ = std::max(newest_ns_, stamp_ns);
+  sensor.newest_ns = std::max(sensor.newest_ns, stamp_ns);
+  TellSensors(frame.sensor);
+  waiting_.emplace(std::make_pair(stamp_ns, frame.sensor), std::move(loaded));
+  if (!is_endless_) Release(SettledNs());
+}
+
+void LiveEngine::Advance(TimeNs now_ns) {
+  if (counts_.frames == 0 || now_ns <= newest_ns_) return;
+  newest_ns_ = now_ns;
+  TellSensors(std::nullopt);
+  if (is_endless_) return;
+  Release(SettledNs());
+  tracker_.Advance(SettledNs(), newest_ns_);
+}
+
+void LiveEngine::Close() {
+  if (waiting_.empty() && counts_.frames == 0) return;
+  if (is_endless_) {
+    TrackAll();
+    return;
+  }
+  Release(std::numeric_limits<TimeNs>::max());
+  tracker_.Close(newest_ns_);
+}
+
+// No earlier frame will come.
+TimeNs LiveEngine::SettledNs() const { return newest_ns_ - Ns(config_.live.reorder_s); }
+
+// `heard`: the sensor of the frame that has just come.
+void LiveEngine::TellSensors(std::optional<std::uint32_t> heard) {
+  for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
+    Sensor& sensor = sensors_[i];
+    const bool is_silent = i != heard && (sensor.is_silent || newest_ns_ - sensor.newest_ns >
+                                                                  Ns(config_.live.silent_s));
+    if (std::exchange(sensor.is_silent, is_silent) != is_silent) {
+      on_event_(SensorChanged{i, is_silent});
+    }
+  }
+}
+
+// Hands on the frames up to a stamp in order: none of an earlier stamp will come. Rows depend on
+// what was handed on alone, so that they are the same in whatever order the frames came.
+void LiveEngine::Release(TimeNs until_ns) {
+  while (!waiting_.empty() && waiting_.begin()->first.first <= until_ns) {
+    LoadedFrame frame = std::move(waiting_.begin()->second);
+    waiting_.erase(waiting_.begin());
+    Sensor& sensor = sensors_[frame.info.sensor];
+    while (!sensor.stamps_ns.empty() &&
+           *sensor.stamps_ns.begin() + sensor.frames.offset_ns() < until_ns) {
+      sensor.stamps_ns.erase(sensor.stamps_ns.begin());
+    }
+    sensor.frames.NoteStamp(frame.file.stamp_ns);
+    const TimeNs now_ns =
+        frame.file.stamp_ns + sensor.frames.offset_ns() + Ns(config_.live.reorder_s);
+    try {
+      sensor.frames.Finish(frame);
+    } catch (const InputError&) {
+      if (!config_.input.skip_bad_frames) throw;
+      ++counts_.bad_frames;
+      continue;
+    }
+    const SensorInfo info = sensor.frames.info();
+    if (info.frame_period_ns != std::exchange(sensor.told_period_ns, info.frame_period_ns)) {
+      tracker_.SetSensor(frame.info.sensor, info);
+    }
+    const bool was_warm = tracker_.is_warm();
+    tracker_.Take(std::move(frame));
+    if (!was_warm && tracker_.is_warm()) on_event_(EngineState::kRunning);
+    tracker_.GiveRows(now_ns);
+  }
+}
+
+// With an endless delay no row is due before the end, and then all that there is to know is known:
+// the frames are a recording.
+void LiveEngine::TrackAll() {
+  Recording recording;
+  for (const Sensor& sensor : sensors_) recording.sensors.push_back(sensor.frames.info());
+  std::vector<LoadedFrame> frames;
+  for (auto& [key, loaded] : waiting_) {
+    try {
+      sensors_[loaded.info.sensor].frames.Finish(loaded);
+      frames.push_back(std::move(loaded));
+    } catch (const InputError&) {
+      if (!config_.input.skip_bad_frames) throw;
+      ++counts_.bad_frames;
+    }
+  }
+  waiting_.clear();
+  Merge(std::move(frames), recording);
+  const PipelineResult result = TracksOf(std::move(recording), output_times_, config_);
+  std::vector<TrajectoryRow> rows;
+  for (const FittedTrack& track : result.tracks) {
+    on_event_(TrackConfirmed{track.id, track.begin_ns});
+    const RowStream next = RowsOf(result, track);
+    while (const std::optional<TrajectoryRow> row = next()) rows.push_back(*row);
+  }
+  std::stable_sort(rows.begin(), rows.end(), [](const TrajectoryRow& a, const TrajectoryRow& b) {
+    return std::make_pair(a.time_ns, a.track_id) < std::make_pair(b.time_ns, b.track_id);
+  });
+  for (const TrajectoryRow& row : rows) on_event_(RowGiven{row, false});
+  for (const FittedTrack& track : result.tracks) on_event_(TrackEnded{track.id, track.end_ns});
+}
+
+}  // namespace unlidar

@@ -1,0 +1,77 @@
+// The engine behind Engine, with frames as the program reads them.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "io/pcd.hpp"
+#include "io/sensor_frames.hpp"
+#include "live/live_tracker.hpp"
+#include "unlidar/config.hpp"
+#include "unlidar/engine.hpp"
+#include "unlidar/types.hpp"
+
+namespace unlidar {
+
+// One frame of one sensor, in the sensor's own axes and by its own clock.
+struct CloudFrame {
+  std::uint32_t sensor = 0;  // index into the sensors of the engine
+  TimeNs stamp_ns = 0;       // as its source says: the sensor's time offset is not yet applied
+  std::string name;          // what messages call it
+  PcdCloud cloud;
+};
+
+// Throws ConfigError for a config that no stream can be tracked by.
+void CheckLive(const Config& config);
+
+// As Engine. How point times are read follows from the frames, or is given.
+class LiveEngine {
+ public:
+  LiveEngine(const Config& config, const std::vector<std::string>& sensors,
+             OutputTimes output_times, EngineCallback on_event,
+             std::optional<TimeReading> reading = std::nullopt);
+
+  std::uint32_t AddSensor(const std::string& name);
+  void Add(CloudFrame frame);
+  void Advance(TimeNs now_ns);
+  void Close();
+
+  TimeNs newest_ns() const { return newest_ns_; }
+  const InputCounts& counts() const { return counts_; }
+  std::uint64_t late_frames() const { return late_frames_; }
+
+ private:
+  struct Sensor {
+    explicit Sensor(SensorFrames its_frames) : frames(std::move(its_frames)) {}
+
+    SensorFrames frames;
+    TimeNs newest_ns = 0;
+    bool is_silent = true;
+    TimeNs told_period_ns = 0;
+    std::set<TimeNs> stamps_ns;  // of the frames that may still come twice
+  };
+
+  TimeNs SettledNs() const;
+  void TellSensors(std::optional<std::uint32_t> heard);
+  void Release(TimeNs until_ns);
+  void TrackAll();
+
+  Config config_;
+  OutputTimes output_times_;
+  EngineCallback on_event_;
+  std::optional<TimeReading> reading_;
+  bool is_endless_;
+  std::vector<Sensor> sensors_;
+  std::map<std::pair<TimeNs, std::uint32_t>, LoadedFrame> waiting_;  // by stamp and sensor
+  LiveTracker tracker_;
+  TimeNs newest_ns_ = 0;
+  InputCounts counts_;
+  std::uint64_t late_frames_ = 0;
+};
+
+}  // namespace unlidar

@@ -1,0 +1,276 @@
+#include "paper/paper.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <string>
+
+#include "base/voxel_grid.hpp"
+
+namespace unlidar {
+namespace {
+
+// The returns of one window in one global cluster, ascending.
+struct LocalCluster {
+  std::uint32_t window = 0;
+  std::vector<std::uint32_t> returns;
+};
+
+struct GlobalCluster {
+  std::vector<std::uint32_t> returns;  // ascending
+  std::vector<LocalCluster> locals;    // by window, none empty
+};
+
+struct Clusters {
+  std::vector<std::uint32_t> frame_of;  // (N) frame of each return
+  std::vector<GlobalCluster> globals;   // by label
+};
+
+std::vector<std::uint32_t> FrameOfReturns(const Recording& recording) {
+  std::vector<std::uint32_t> frame_of(recording.points_m.size(), 0);
+  for (std::size_t frame = 0; frame < recording.frames.size(); ++frame) {
+    const FrameInfo& info = recording.frames[frame];
+    for (std::uint32_t i = info.first_return; i < info.last_return; ++i) {
+      frame_of[i] = static_cast<std::uint32_t>(frame);
+    }
+  }
+  return frame_of;
+}
+
+// Labels of each window clustered on its own, counted from 0 in each.
+std::vector<std::int32_t> LabelWindows(const std::vector<Eigen::Vector3f>& points_m,
+                                       const std::vector<std::uint32_t>& window_of,
+                                       const ClusteringConfig& config) {
+  std::vector<std::int32_t> labels;
+  labels.reserve(points_m.size());
+  for (std::size_t begin = 0; begin < points_m.size();) {
+    std::size_t end = begin + 1;
+    while (end < points_m.size() && window_of[end] == window_of[begin]) ++end;
+    const std::vector<Eigen::Vector3f> window_m(
+        points_m.begin() + static_cast<std::ptrdiff_t>(begin),
+        points_m.begin() + static_cast<std::ptrdiff_t>(end));
+    const Clustering clustering = Cluster(window_m, config);
+    labels.insert(labels.end(), clustering.labels.begin(), clustering.labels.end());
+    begin = end;
+  }
+  return labels;
+}
+
+// Keeps the returns of the most frequent label, of several the lowest; none if all are noise.
+void KeepLargest(const std::vector<std::int32_t>& labels, std::vector<std::uint32_t>& returns) {
+  std::map<std::int32_t, std::size_t> sizes;
+  for (const std::uint32_t i : returns) {
+    if (labels[i] != kNoise) ++sizes[labels[i]];
+  }
+  std::int32_t largest = kNoise;
+  for (const auto& [label, size] : sizes) {
+    if (largest == kNoise || size > sizes[largest]) largest = label;
+  }
+  returns.erase(
+      std::remove_if(returns.begin(), returns.end(),
+                     [&](std::uint32_t i) { return largest == kNoise || labels[i] != largest; }),
+      returns.end());
+}
+
+Clusters FindClusters(const Recording& recording, const PaperConfig& config) {
+  Clusters clusters;
+  clusters.frame_of = FrameOfReturns(recording);
+  std::vector<std::uint32_t> window_of = clusters.frame_of;
+  for (std::uint32_t& window : window_of) {
+    window /= static_cast<std::uint32_t>(config.window_frames);
+  }
+  const Clustering global = Cluster(recording.points_m, config.global_clusters);
+  clusters.globals.resize(static_cast<std::size_t>(global.num_clusters));
+  for (std::uint32_t i = 0; i < global.labels.size(); ++i) {
+    if (global.labels[i] == kNoise) continue;
+    GlobalCluster& cluster = clusters.globals[static_cast<std::size_t>(global.labels[i])];
+    cluster.returns.push_back(i);
+    if (cluster.locals.empty() || cluster.locals.back().window != window_of[i]) {
+      cluster.locals.push_back({window_of[i], {}});
+    }
+    cluster.locals.back().returns.push_back(i);
+  }
+  if (config.local == LocalClusters::kLargestOfWindow) {
+    const auto labels = LabelWindows(recording.points_m, window_of, config.local_clusters);
+    for (GlobalCluster& cluster : clusters.globals) {
+      std::vector<LocalCluster> kept;
+      for (LocalCluster& local : cluster.locals) {
+        KeepLargest(labels, local.returns);
+        if (!local.returns.empty()) kept.push_back(std::move(local));
+      }
+      cluster.locals = std::move(kept);
+    }
+  }
+  return clusters;
+}
+
+Eigen::Vector3d Centroid(const Recording& recording, const std::uint32_t* begin,
+                         const std::uint32_t* end) {
+  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+  for (const std::uint32_t* i = begin; i != end; ++i) {
+    sum_m += recording.points_m[*i].cast<double>();
+  }
+  return sum_m / static_cast<double>(end - begin);
+}
+
+// Calls visit(frame, begin, end) for the returns of each frame in turn.
+template <typename Visit>
+void VisitFrames(const std::vector<std::uint32_t>& returns,
+                 const std::vector<std::uint32_t>& frame_of, Visit visit) {
+  for (std::size_t begin = 0; begin < returns.size();) {
+    const std::uint32_t frame = frame_of[returns[begin]];
+    std::size_t end = begin + 1;
+    while (end < returns.size() && frame_of[returns[end]] == frame) ++end;
+    visit(frame, returns.data() + begin, returns.data() + end);
+    begin = end;
+  }
+}
+
+VoxelSet Voxels(const Recording& recording, const std::vector<std::uint32_t>& returns,
+                double voxel_size_m) {
+  std::vector<VoxelKey> keys;
+  keys.reserve(returns.size());
+  for (const std::uint32_t i : returns)
+    keys.push_back(VoxelOf(recording.points_m[i], voxel_size_m));
+  return UniqueVoxels(std::move(keys));
+}
+
+// Where and when the cluster was.
+void Describe(const Recording& recording, const Clusters& clusters, const GlobalCluster& cluster,
+              ClusterScore& score) {
+  score.size = static_cast<std::int64_t>(cluster.returns.size());
+  Eigen::AlignedBox3d box_m;
+  for (const std::uint32_t i : cluster.returns) box_m.extend(recording.points_m[i].cast<double>());
+  score.extent_m = box_m.sizes();
+  score.centroid_m =
+      Centroid(recording, cluster.returns.data(), cluster.returns.data() + cluster.returns.size());
+  score.first_ns = recording.frames[clusters.frame_of[cluster.returns.front()]].stamp_ns;
+  score.last_ns = recording.frames[clusters.frame_of[cluster.returns.back()]].stamp_ns;
+  std::vector<Eigen::Vector3d> centroids_m;
+  VisitFrames(cluster.returns, clusters.frame_of,
+              [&](std::uint32_t, const std::uint32_t* begin, const std::uint32_t* end) {
+                centroids_m.push_back(Centroid(recording, begin, end));
+              });
+  score.frames = static_cast<int>(centroids_m.size());
+  score.von_neumann_ratio = VonNeumannRatio(centroids_m);
+}
+
+// The paper's equations, in their order.
+void Score(const Recording& recording, const PaperConfig& config, const GlobalCluster& cluster,
+           ClusterScore& score) {
+  score.volume_m3 = VoxelVolumeM3(Voxels(recording, cluster.returns, config.voxel_size_m).size(),
+                                  config.voxel_size_m);
+  score.merged_density_per_m3 = Density(cluster.returns.size(), score.volume_m3);
+
+  std::vector<double> volumes_m3, densities_per_m3, relative_densities, ious;
+  std::vector<double> density_summands, iou_summands;
+  VoxelSet previous;
+  for (std::size_t i = 0; i < cluster.locals.size(); ++i) {
+    const LocalCluster& local = cluster.locals[i];
+    VoxelSet voxels = Voxels(recording, local.returns, config.voxel_size_m);
+    volumes_m3.push_back(VoxelVolumeM3(voxels.size(), config.voxel_size_m));
+    densities_per_m3.push_back(Density(local.returns.size(), volumes_m3.back()));
+    relative_densities.push_back(RelativeDensity(
+        densities_per_m3.back(), score.merged_density_per_m3, config.density_reading));
+    density_summands.push_back(DensitySummand(relative_densities.back(), config.density_term));
+    if (i > 0) {
+      const bool gap = local.window > cluster.locals[i - 1].window + 1;
+      if (gap && config.empty_windows == EmptyWindows::kZeroIou) {
+        ious.insert(ious.end(), 2, 0.0);  // into the gap and out of it
+      } else {
+        ious.push_back(VoxelIou(previous, voxels));
+      }
+    }
+    previous = std::move(voxels);
+  }
+  for (const double iou : ious) {
+    iou_summands.push_back(IouSummand(iou, config.iou_term, config.min_iou));
+  }
+  score.windows = static_cast<int>(cluster.locals.size());
+  score.pairs = static_cast<int>(ious.size());
+  score.eligible = score.windows >= config.min_windows;
+  score.local_volume_m3 = Accumulate(volumes_m3, Accumulation::kMean);
+  score.local_density_per_m3 = Accumulate(densities_per_m3, Accumulation::kMean);
+  score.relative_density = Accumulate(relative_densities, Accumulation::kMean);
+  score.iou = Accumulate(ious, Accumulation::kMean);
+  score.psi_iou = Accumulate(iou_summands, config.accumulation);
+  score.psi_rho = Accumulate(density_summands, config.accumulation);
+  score.psi = Psi(score.psi_rho, score.psi_iou, config.lambda);
+}
+
+std::vector<ClusterScore> ScoreAll(const Recording& recording, const PaperConfig& config,
+                                   const Clusters& clusters) {
+  std::vector<ClusterScore> scores(clusters.globals.size());
+  for (std::size_t k = 0; k < scores.size(); ++k) {
+    scores[k].id = static_cast<std::int32_t>(k);
+    Describe(recording, clusters, clusters.globals[k], scores[k]);
+    Score(recording, config, clusters.globals[k], scores[k]);
+  }
+  std::stable_sort(scores.begin(), scores.end(), [](const ClusterScore& a, const ClusterScore& b) {
+    return a.eligible != b.eligible ? a.eligible : a.psi > b.psi;
+  });
+  for (std::size_t i = 0; i < scores.size(); ++i) scores[i].rank = static_cast<int>(i) + 1;
+  return scores;
+}
+
+// The scatter within frames is pooled over the track: single frames of a distant drone hold one or
+// two returns, too few for one of their own.
+Target MakeTarget(const Recording& recording, const PaperConfig& config, const Clusters& clusters,
+                  const GlobalCluster& cluster) {
+  Target target;
+  Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();
+  for (const LocalCluster& local : cluster.locals) {
+    target.returns.insert(target.returns.end(), local.returns.begin(), local.returns.end());
+    VisitFrames(local.returns, clusters.frame_of,
+                [&](std::uint32_t frame, const std::uint32_t* begin, const std::uint32_t* end) {
+                  Measurement measurement;
+                  measurement.support = static_cast<int>(end - begin);
+                  measurement.position_m = Centroid(recording, begin, end);
+                  const TimeNs reference_ns = recording.frames[frame].stamp_ns;
+                  double offset_ns = 0.0;
+                  for (const std::uint32_t* i = begin; i != end; ++i) {
+                    offset_ns += static_cast<double>(recording.times_ns[*i] - reference_ns);
+                    const Eigen::Vector3d residual_m =
+                        recording.points_m[*i].cast<double>() - measurement.position_m;
+                    scatter_m2 += residual_m * residual_m.transpose();
+                  }
+                  measurement.time_ns =
+                      reference_ns + std::llround(offset_ns / measurement.support);
+                  target.measurements.push_back(measurement);
+                });
+  }
+  const auto freedom =
+      static_cast<double>(target.returns.size()) - static_cast<double>(target.measurements.size());
+  if (freedom > 0.0) scatter_m2 /= freedom;
+  const Eigen::Matrix3d of_one_return_m2 =
+      scatter_m2 + config.return_sigma_m * config.return_sigma_m * Eigen::Matrix3d::Identity();
+  for (Measurement& measurement : target.measurements) {
+    measurement.covariance_m2 = of_one_return_m2 / measurement.support;
+  }
+  // Point times may overlap between the frames of several sensors.
+  std::stable_sort(
+      target.measurements.begin(), target.measurements.end(),
+      [](const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; });
+  return target;
+}
+
+}  // namespace
+
+std::vector<ClusterScore> ScoreClusters(const Recording& recording, const PaperConfig& config) {
+  return ScoreAll(recording, config, FindClusters(recording, config));
+}
+
+std::vector<Target> FindTargetsPaper(const Recording& recording, const PaperConfig& config,
+                                     std::vector<ClusterScore>* scores) {
+  const Clusters clusters = FindClusters(recording, config);
+  const std::vector<ClusterScore> ranked = ScoreAll(recording, config, clusters);
+  if (scores != nullptr) *scores = ranked;
+  if (ranked.empty() || !ranked.front().eligible) return {};
+  const auto winner = static_cast<std::size_t>(ranked.front().id);
+  Target target = MakeTarget(recording, config, clusters, clusters.globals[winner]);
+  target.score = ranked.front().psi;
+  return {target};
+}
+
+}  // namespace unlidar

@@ -1,0 +1,66 @@
+// The whole way from frame directories to trajectory rows.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "io/frames.hpp"
+#include "paper/paper.hpp"
+#include "robust/robust.hpp"
+#include "trajectory/output_times.hpp"
+#include "trajectory/sampling.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// A target with the trajectory fitted to it. Ids count from 0 in order of first evidence.
+struct FittedTrack {
+  int id = 0;
+  TimeNs begin_ns = 0;  // first and last evidence
+  TimeNs end_ns = 0;
+  double score = 0.0;                  // the method's own, see Target
+  double length_m = 0.0;               // along the fitted trajectory
+  std::vector<std::uint32_t> returns;  // indices into the recording, ascending
+  RowSource row_source;
+  std::size_t num_rows = 0;
+};
+
+struct PipelineRequest {
+  std::vector<FrameSource> sources;
+  OutputTimes output_times;
+  bool score_clusters = false;  // the paper's numbers of every global cluster, for --clusters
+};
+
+struct StageTime {
+  std::string stage;
+  double seconds = 0.0;
+};
+
+struct PipelineResult {
+  Recording recording;
+  std::optional<RobustCounts> robust_counts;  // with the robust method
+  std::vector<ClusterScore> clusters;         // empty unless asked for or needed by the method
+  std::vector<FittedTrack> tracks;
+  OutputInstants output_instants;  // at which the tracks have rows
+  std::vector<StageTime> times;
+};
+
+// The rows of one of the result's tracks; the result must outlive them.
+inline RowStream RowsOf(const PipelineResult& result, const FittedTrack& track) {
+  return SampleRows(track.row_source, result.output_instants);
+}
+
+// Called when a stage has ended, with what it found in a few words.
+using ProgressCallback = std::function<void(const StageTime&, const std::string& found)>;
+
+PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
+                           const ProgressCallback& progress);
+
+// The same for a recording that is in memory, without cluster scores.
+PipelineResult TracksOf(Recording recording, const OutputTimes& output_times, const Config& config);
+
+}  // namespace unlidar

@@ -1,0 +1,257 @@
+#include "robust/collection/collect.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+#include "robust/collection/presence.hpp"
+
+namespace unlidar {
+namespace {
+
+TimeNs Nanoseconds(double time_s) { return std::llround(time_s * 1e9); }
+
+// The covariance of one return about the target, without that of the trajectory.
+double ReturnVarianceM2(double range_m, double body_sigma_m, const CollectConfig& config) {
+  const double beam_m = config.beam_sigma_rad * range_m;
+  return body_sigma_m * body_sigma_m + beam_m * beam_m;
+}
+
+// How far the target moves while the returns of a frame, whose own times are not known, arrive.
+Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity_mps) {
+  if (frame.is_timed) return Eigen::Matrix3d::Zero();
+  const Eigen::Vector3d along_m =
+      velocity_mps * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+  return along_m * along_m.transpose() / 12.0;
+}
+
+Measurement Measure(const Recording& recording, const FrameInfo& frame,
+                    const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
+                    double body_sigma_m, const CollectConfig& config) {
+  Measurement m;
+  const auto n = static_cast<double>(returns.size());
+  double offset_ns = 0.0;
+  for (const std::uint32_t i : returns) {
+    m.position_m += recording.points_m[i].cast<double>() / n;
+    offset_ns += static_cast<double>(recording.times_ns[i] - frame.begin_ns) / n;
+  }
+  m.time_ns = frame.begin_ns + std::llround(offset_ns);
+  m.support = static_cast<int>(returns.size());
+  const double variance = config.centre_sigma_m * config.centre_sigma_m +
+                          ReturnVarianceM2(m.position_m.norm(), body_sigma_m, config) / n;
+  m.covariance_m2 = variance * Eigen::Matrix3d::Identity() + StreakM2(frame, velocity_mps) / n;
+  return m;
+}
+
+bool IsEarlier(const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; }
+
+struct Sighting {
+  Measurement measurement;
+  std::uint32_t sensor;
+  Eigen::Vector3d velocity_mps;  // expected
+};
+
+// How far the returns of a body spread across the ray, per axis: its size as it is seen. Across the
+// motion, too, because along it they spread with time.
+class BodySpread {
+ public:
+  explicit BodySpread(const CollectConfig& config)
+      : sum_m2_(kPriorReturns * config.body_sigma_m * config.body_sigma_m) {}
+
+  void Add(const Recording& recording, const std::vector<std::uint32_t>& returns,
+           const TrajectoryRow& expected) {
+    const Eigen::Vector3d ray = expected.position_m.normalized();
+    const Eigen::Vector3d across = ray.cross(expected.velocity_mps).stableNormalized();
+    if (across.squaredNorm() < 0.5) return;  // at rest, or on its way to the sensor
+    for (const std::uint32_t i : returns) {
+      const double offset_m =
+          across.dot(recording.points_m[i].cast<double>() - expected.position_m);
+      sum_m2_ += offset_m * offset_m;
+      count_ += 1.0;
+    }
+  }
+
+  double SigmaM() const { return std::sqrt(sum_m2_ / count_); }
+
+ private:
+  static constexpr double kPriorReturns = 10.0;
+
+  double sum_m2_;
+  double count_ = kPriorReturns;
+};
+
+// How a sensor disagrees with the one that sees the target best: poses and clocks are never exact.
+struct SensorShift {
+  Eigen::Vector3d bias_m = Eigen::Vector3d::Zero();
+  double delay_s = 0.0;  // its stamps are so much late
+};
+
+// The shift of each sensor from the difference d of its measurements to those of the main one,
+// which has the most returns, just before and after, d = bias - velocity * delay: least squares,
+// shrunk towards none as far as it is uncertain.
+std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
+                                      std::size_t num_sensors, const CollectConfig& config) {
+  std::vector<int> support(num_sensors, 0);
+  for (const Sighting& sighting : sightings)
+    support[sighting.sensor] += sighting.measurement.support;
+  const auto main_sensor = static_cast<std::uint32_t>(
+      std::max_element(support.begin(), support.end()) - support.begin());
+  Eigen::Matrix4d prior = Eigen::Matrix4d::Identity();
+  prior.topLeftCorner<3, 3>() /= config.sensor_bias_m * config.sensor_bias_m;
+  prior(3, 3) /= config.sensor_delay_s * config.sensor_delay_s;
+  std::vector<Eigen::Matrix4d> information(num_sensors, prior);
+  std::vector<Eigen::Vector4d> sums(num_sensors, Eigen::Vector4d::Zero());
+  const Measurement* before = nullptr;
+  for (std::size_t i = 0; i < sightings.size(); ++i) {
+    const Measurement& m = sightings[i].measurement;
+    if (sightings[i].sensor == main_sensor) {
+      before = &m;
+      continue;
+    }
+    std::size_t k = i;
+    while (k < sightings.size() && sightings[k].sensor != main_sensor) ++k;
+    if (before == nullptr || k == sightings.size()) continue;
+    const Measurement& after = sightings[k].measurement;
+    const double pause_s = static_cast<double>(after.time_ns - before->time_ns) * kSecondsPerNs;
+    if (pause_s > config.sensor_overlap_s || pause_s <= 0.0) continue;
+    const double share = static_cast<double>(m.time_ns - before->time_ns) * kSecondsPerNs / pause_s;
+    const Eigen::Vector3d reference = (1.0 - share) * before->position_m + share * after.position_m;
+    const double variance =
+        (m.covariance_m2 + (1.0 - share) * before->covariance_m2 + share * after.covariance_m2)
+            .trace() /
+        3.0;
+    Eigen::Matrix<double, 3, 4> design;
+    design << Eigen::Matrix3d::Identity(), -sightings[i].velocity_mps;
+    information[sightings[i].sensor] += design.transpose() * design / variance;
+    sums[sightings[i].sensor] += design.transpose() * (m.position_m - reference) / variance;
+  }
+  std::vector<SensorShift> shifts;
+  for (std::size_t sensor = 0; sensor < num_sensors; ++sensor) {
+    const Eigen::Vector4d shift = information[sensor].ldlt().solve(sums[sensor]);
+    shifts.push_back({shift.head<3>(), shift[3]});
+  }
+  return shifts;
+}
+
+// What is looked for in a frame: the returns that are likelier the target's than their place's.
+class Collector {
+ public:
+  Collector(const Recording& recording, const Background& background,
+            const std::vector<char>& excluded, const CollectConfig& config)
+      : recording_(recording), background_(background), excluded_(excluded), config_(config) {}
+
+  std::vector<std::uint32_t> Collect(const FrameInfo& frame, const Trajectory& trajectory,
+                                     const Presence& presence, const TrajectoryRow& expected,
+                                     double returns_per_frame, double body_sigma_m) const {
+    const TimeNs middle_ns = expected.time_ns;
+    Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) + StreakM2(frame, expected.velocity_mps);
+    s.diagonal().array() += ReturnVarianceM2(expected.position_m.norm(), body_sigma_m, config_);
+    const Eigen::Matrix3d information = s.inverse();
+    const double log_peak =
+        std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
+    const double half_frame_s =
+        0.5 * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+    const auto reach_m = static_cast<float>(config_.gate * std::sqrt(s.trace()) +
+                                            expected.velocity_mps.norm() * half_frame_s);
+    const Eigen::Vector3f centre = expected.position_m.cast<float>();
+    std::vector<std::uint32_t> members;
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      const Eigen::Vector3f d = recording_.points_m[i] - centre;
+      if (d.squaredNorm() > reach_m * reach_m || excluded_[i]) continue;
+      // With point times the return belongs to another place on the trajectory.
+      const TimeNs time_ns = recording_.times_ns[i];
+      const Eigen::Vector3d e =
+          d.cast<double>() -
+          expected.velocity_mps * (static_cast<double>(time_ns - middle_ns) * kSecondsPerNs);
+      const double distance2 = e.dot(information * e);
+      if (distance2 > config_.gate * config_.gate) continue;
+      const Eigen::Vector3d place_m = recording_.points_m[i].cast<double>();
+      // The target's presence says nothing of the clutter there.
+      const auto [from, to] = presence.About(time_ns, place_m, config_.presence.At(place_m.norm()));
+      const double rate = background_.RateOutside(recording_.points_m[i], from, to);
+      if (rate <= 0.0 || log_peak - 0.5 * distance2 > std::log(rate) + config_.min_return_log) {
+        members.push_back(i);
+      }
+    }
+    return members;
+  }
+
+ private:
+  const Recording& recording_;
+  const Background& background_;
+  const std::vector<char>& excluded_;
+  const CollectConfig& config_;
+};
+
+}  // namespace
+
+Target CollectTarget(const Recording& recording, const Background& background,
+                     const std::vector<Plot>& path, const std::vector<char>& excluded,
+                     const CollectConfig& config, const TrajectoryConfig& trajectory_config) {
+  Target target;
+  for (const Plot& plot : path) {
+    target.measurements.push_back(Measure(recording, recording.frames[plot.frame], plot.returns,
+                                          Eigen::Vector3d::Zero(), config.body_sigma_m, config));
+    target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
+  }
+  std::stable_sort(target.measurements.begin(), target.measurements.end(), IsEarlier);
+  std::sort(target.returns.begin(), target.returns.end());
+
+  const Collector collector(recording, background, excluded, config);
+  const TimeNs extension_ns = Nanoseconds(config.max_extension_s);
+  std::vector<SensorShift> shifts(recording.sensors.size());
+  double body_sigma_m = config.body_sigma_m;
+  for (int round = 0; round < config.rounds; ++round) {
+    const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
+    const Presence presence(trajectory);
+    const double returns_per_frame = static_cast<double>(target.returns.size()) /
+                                     static_cast<double>(target.measurements.size());
+    std::vector<Sighting> sightings;
+    BodySpread spread(config);
+    Target next;
+    for (const FrameInfo& frame : recording.frames) {
+      const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
+      if (middle_ns < trajectory.begin_ns() - extension_ns) continue;
+      if (middle_ns > trajectory.end_ns() + extension_ns) continue;
+      const SensorShift& shift = shifts[frame.sensor];
+      TrajectoryRow expected = trajectory.At(middle_ns - Nanoseconds(shift.delay_s));
+      if (expected.sigma_m.maxCoeff() > config.max_search_sigma_m) continue;
+      expected.time_ns = middle_ns;  // by the sensor's clock
+      expected.position_m += shift.bias_m;
+      const std::vector<std::uint32_t> members =
+          collector.Collect(frame, trajectory, presence, expected, returns_per_frame, body_sigma_m);
+      if (members.empty()) continue;
+      spread.Add(recording, members, expected);
+      sightings.push_back(
+          {Measure(recording, frame, members, expected.velocity_mps, body_sigma_m, config),
+           frame.sensor, expected.velocity_mps});
+      next.returns.insert(next.returns.end(), members.begin(), members.end());
+    }
+    if (sightings.empty()) return next;
+    std::stable_sort(sightings.begin(), sightings.end(), [](const Sighting& a, const Sighting& b) {
+      return a.measurement.time_ns < b.measurement.time_ns;
+    });
+    shifts = SensorShifts(sightings, recording.sensors.size(), config);
+    for (Sighting& sighting : sightings) {
+      sighting.measurement.position_m -= shifts[sighting.sensor].bias_m;
+      sighting.measurement.time_ns -= Nanoseconds(shifts[sighting.sensor].delay_s);
+      next.measurements.push_back(sighting.measurement);
+    }
+    std::stable_sort(next.measurements.begin(), next.measurements.end(), IsEarlier);
+    std::sort(next.returns.begin(), next.returns.end());
+    body_sigma_m = spread.SigmaM();
+    const bool is_settled = next.returns == target.returns;
+    target = std::move(next);
+    if (is_settled && round > 0) break;
+  }
+  // Only the side that faces the sensor is seen.
+  for (Measurement& m : target.measurements) {
+    m.position_m += config.facing_side * body_sigma_m * m.position_m.normalized();
+  }
+  target.depth_sigma_m = config.facing_side_sigma * body_sigma_m;
+  return target;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,163 @@
+#include "robust/plots/plots.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "robust/plots/linkage.hpp"
+
+namespace unlidar {
+namespace {
+
+Eigen::Vector3d MeanOf(const Recording& recording, const std::vector<std::uint32_t>& returns) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const std::uint32_t i : returns) sum += recording.points_m[i].cast<double>();
+  return sum / static_cast<double>(returns.size());
+}
+
+bool IsBody(const Recording& recording, const std::vector<std::uint32_t>& returns,
+            const Ground& ground, double lowest_elevation_rad, const PlotConfig& config) {
+  const int n = static_cast<int>(returns.size());
+  if (n >= config.body_contact_returns) {
+    for (const std::uint32_t i : returns) {
+      const Eigen::Vector3f& p = recording.points_m[i];
+      const double height_m = ground.HeightAbove(p);
+      if (height_m < config.body_contact_m) return true;
+      const double elevation_rad = std::asin(static_cast<double>(p.z() / p.norm()));
+      if (height_m < config.body_height_m &&
+          elevation_rad < lowest_elevation_rad + config.body_edge_rad) {
+        return true;
+      }
+    }
+  }
+  if (n < config.body_spread_returns) return false;
+  const Eigen::Vector3d mean = MeanOf(recording, returns);
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  for (const std::uint32_t i : returns) {
+    const Eigen::Vector3d d = recording.points_m[i].cast<double>() - mean;
+    covariance += d * d.transpose() / n;
+  }
+  // The second axis, not the first: a fast target leaves a streak in one direction.
+  const Eigen::Vector3d variances =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance, Eigen::EigenvaluesOnly)
+          .eigenvalues();
+  return variances[1] > config.body_spread_m * config.body_spread_m;
+}
+
+BodyBox BoxOf(const Recording& recording, const std::vector<std::uint32_t>& returns) {
+  const Eigen::Array3f first = recording.points_m[returns.front()].array();
+  BodyBox box{recording.times_ns[returns.front()], first, first};
+  for (const std::uint32_t i : returns) {
+    box.low_m = box.low_m.min(recording.points_m[i].array());
+    box.high_m = box.high_m.max(recording.points_m[i].array());
+  }
+  return box;
+}
+
+double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& config) {
+  const double beam_m = config.noise_per_range * range_m;
+  return config.noise_m * config.noise_m +
+         config.noise_per_return_m * config.noise_per_return_m / static_cast<double>(num_returns) +
+         beam_m * beam_m;
+}
+
+}  // namespace
+
+double LowestElevationRad(const std::vector<Eigen::Vector3f>& points_m) {
+  constexpr double kShare = 0.01;
+  std::vector<float> sines(points_m.size());
+  for (std::size_t i = 0; i < sines.size(); ++i) sines[i] = points_m[i].z() / points_m[i].norm();
+  const auto k = static_cast<std::ptrdiff_t>(kShare * static_cast<double>(sines.size()));
+  std::nth_element(sines.begin(), sines.begin() + k, sines.end());
+  return std::asin(static_cast<double>(sines[static_cast<std::size_t>(k)]));
+}
+
+FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame_index,
+                        std::vector<std::uint32_t> candidates, const Ground& ground,
+                        double lowest_elevation_rad, const PlotConfig& config) {
+  const FrameInfo& frame = recording.frames[frame_index];
+  FramePlots found;
+  std::vector<char> is_body(frame.last_return - frame.first_return, 0);
+  for (const auto& body : Link(recording.points_m, candidates, config.body_link)) {
+    if (!IsBody(recording, body, ground, lowest_elevation_rad, config)) continue;
+    for (const std::uint32_t i : body) is_body[i - frame.first_return] = 1;
+    found.body_returns.insert(found.body_returns.end(), body.begin(), body.end());
+    found.bodies.push_back(BoxOf(recording, body));
+  }
+  candidates.erase(
+      std::remove_if(candidates.begin(), candidates.end(),
+                     [&](std::uint32_t i) { return is_body[i - frame.first_return] != 0; }),
+      candidates.end());
+  for (auto& returns : Link(recording.points_m, candidates, config.link)) {
+    Plot plot;
+    plot.frame = frame_index;
+    plot.sensor = frame.sensor;
+    plot.frame_time_ns = frame.middle_ns();
+    plot.streak_s =
+        frame.is_timed ? 0.0 : static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+    plot.position_m = MeanOf(recording, returns);
+    plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config);
+    TimeNs time_sum = 0;
+    plot.lowest_m = std::numeric_limits<double>::infinity();
+    for (const std::uint32_t i : returns) {
+      plot.lowest_m = std::min(plot.lowest_m, ground.HeightAbove(recording.points_m[i]));
+      time_sum += recording.times_ns[i] - frame.begin_ns;
+    }
+    plot.time_ns = frame.begin_ns + time_sum / static_cast<TimeNs>(returns.size());
+    plot.returns = std::move(returns);
+    found.plots.push_back(std::move(plot));
+  }
+  return found;
+}
+
+void DropNearBodies(const std::vector<BodyBox>& bodies, const PlotConfig& config,
+                    std::vector<Plot>* plots) {
+  const auto margin_ns = static_cast<TimeNs>(config.body_margin_s * 1e9);
+  const auto is_near = [&](const Plot& plot) {
+    const Eigen::Array3f p = plot.position_m.cast<float>().array();
+    auto body =
+        std::lower_bound(bodies.begin(), bodies.end(), plot.time_ns - margin_ns,
+                         [](const BodyBox& box, TimeNs time_ns) { return box.time_ns < time_ns; });
+    for (; body != bodies.end() && body->time_ns <= plot.time_ns + margin_ns; ++body) {
+      // Its far side may reach as far as its length, its top as its height.
+      const Eigen::Array3f size_m = body->high_m - body->low_m;
+      const float length_m = size_m.head<2>().maxCoeff();
+      const Eigen::Array3f margin_m =
+          (static_cast<float>(config.body_margin) * Eigen::Array3f(length_m, length_m, size_m.z()))
+              .max(static_cast<float>(config.body_min_margin_m));
+      if ((p > body->low_m - margin_m).all() && (p < body->high_m + margin_m).all()) return true;
+    }
+    return false;
+  };
+  plots->erase(std::remove_if(plots->begin(), plots->end(), is_near), plots->end());
+}
+
+std::vector<Plot> MakePlots(const Recording& recording,
+                            const std::vector<std::uint32_t>& candidates, const Ground& ground,
+                            const PlotConfig& config, std::vector<char>* is_body) {
+  std::vector<Plot> plots;
+  is_body->assign(recording.points_m.size(), 0);
+  const double lowest_elevation_rad = LowestElevationRad(recording.points_m);
+  std::vector<BodyBox> bodies;
+  std::size_t next = 0;
+  for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
+    std::vector<std::uint32_t> members;
+    while (next < candidates.size() && candidates[next] < recording.frames[f].last_return) {
+      members.push_back(candidates[next++]);
+    }
+    FramePlots found =
+        PlotsOfFrame(recording, f, std::move(members), ground, lowest_elevation_rad, config);
+    for (const std::uint32_t i : found.body_returns) (*is_body)[i] = 1;
+    bodies.insert(bodies.end(), found.bodies.begin(), found.bodies.end());
+    std::move(found.plots.begin(), found.plots.end(), std::back_inserter(plots));
+  }
+  std::stable_sort(bodies.begin(), bodies.end(),
+                   [](const BodyBox& a, const BodyBox& b) { return a.time_ns < b.time_ns; });
+  DropNearBodies(bodies, config, &plots);
+  std::stable_sort(plots.begin(), plots.end(),
+                   [](const Plot& a, const Plot& b) { return a.frame_time_ns < b.frame_time_ns; });
+  return plots;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,71 @@
+// Plots: what one frame shows at one place, with the clutter to be expected there.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "robust/scene/background.hpp"
+#include "robust/scene/ground.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+struct Plot {
+  TimeNs time_ns = 0;        // mean of its returns
+  TimeNs frame_time_ns = 0;  // middle of its frame
+  double streak_s = 0.0;     // how long its returns may lie apart: a frame without times of points
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
+  double variance_m2 = 0.0;  // of the position, per axis, for a target at rest
+  double lowest_m = 0.0;     // height of its lowest return above the ground
+  double log_clutter = 0.0;  // log of the clutter plots per m^3 and frame of its sensor
+  bool is_floating = false;  // stands still where nothing holds it up: MarkFloating tells
+  std::uint32_t frame = 0;
+  std::uint32_t sensor = 0;
+  std::vector<std::uint32_t> returns;
+};
+
+// Where a body lies, and when the first of its returns was measured.
+struct BodyBox {
+  TimeNs time_ns;
+  Eigen::Array3f low_m;
+  Eigen::Array3f high_m;
+};
+
+// What one frame shows.
+struct FramePlots {
+  std::vector<Plot> plots;
+  std::vector<BodyBox> bodies;              // people, cars
+  std::vector<std::uint32_t> body_returns;  // indices into the recording
+};
+
+// The elevation below which a station sees nothing: near it, people lack their legs. Of at least
+// one point.
+double LowestElevationRad(const std::vector<Eigen::Vector3f>& points_m);
+
+// Of `candidates`, returns of one frame in ascending order.
+FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame,
+                        std::vector<std::uint32_t> candidates, const Ground& ground,
+                        double lowest_elevation_rad, const PlotConfig& config);
+
+// Drops the plots next to a body: what of it was too sparse, or too far from the rest, to be known.
+// `bodies` in order of time.
+void DropNearBodies(const std::vector<BodyBox>& bodies, const PlotConfig& config,
+                    std::vector<Plot>* plots);
+
+// Plots of `candidates`, returns in ascending order, frame by frame in order of time; bodies
+// (people, cars) left out, with all that is next to one shortly before or after. `is_body` (N)
+// tells the returns of bodies themselves.
+std::vector<Plot> MakePlots(const Recording& recording,
+                            const std::vector<std::uint32_t>& candidates, const Ground& ground,
+                            const PlotConfig& config, std::vector<char>* is_body);
+
+// Sets log_clutter of every plot, MarkFloating done, from the plots of its sensor that are not
+// `explained` (size of plots): from those at other times in three narrowing neighbourhoods, and,
+// unless it floats, from the rate of a static thing at its place and from that of all returns
+// there.
+void EstimateClutter(const Background& background, const PlotConfig& config,
+                     const std::vector<char>& explained, std::vector<Plot>* plots);
+
+}  // namespace unlidar

@@ -1,0 +1,44 @@
+// method: robust - targets from a likelihood ratio against the clutter of their place.
+//
+// 1. Background: which places were occupied at other times (structure), and how often.
+// 2. Plots: what structure does not explain, or what floats in the air, per frame, with the clutter
+//    rate at its place.
+// 3. Paths: the sequences of plots that a flying target explains far better than clutter.
+// 4. Collection: all returns along a path, and their mean per frame.
+//
+// Positions are in the common frame, z up; the station stands near its origin.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "robust/collection/collect.hpp"
+#include "robust/plots/plots.hpp"
+#include "robust/scene/background.hpp"
+#include "robust/scene/ground.hpp"
+#include "robust/scene/support.hpp"
+#include "robust/tracking/tracker.hpp"
+#include "trajectory/trajectory.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// What was found on the way, for the summary.
+struct RobustCounts {
+  std::size_t unexplained_returns = 0;
+  std::size_t body_returns = 0;
+  std::size_t plots = 0;
+  std::size_t paths = 0;
+  double score_threshold = 0.0;  // that a path must reach
+};
+
+struct RobustResult {
+  std::vector<Target> targets;  // by falling score
+  RobustCounts counts;
+};
+
+RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,
+                               const TrajectoryConfig& trajectory_config);
+
+}  // namespace unlidar

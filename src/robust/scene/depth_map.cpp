@@ -1,0 +1,86 @@
+#include "robust/scene/depth_map.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace unlidar {
+
+DepthMap::DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
+                   std::size_t num_bins, double cell_deg)
+    : num_bins_(num_bins),
+      columns_(static_cast<std::size_t>(std::ceil(360.0 / cell_deg))),
+      rows_(static_cast<std::size_t>(std::ceil(180.0 / cell_deg))),
+      column_rad_(2.0 * M_PI / static_cast<double>(columns_)),
+      row_rad_(M_PI / static_cast<double>(rows_)) {
+  for (std::size_t row = 0; row < rows_; ++row) {
+    const double at_rad = (static_cast<double>(row) + 0.5) * row_rad_ - M_PI / 2;
+    elevations_.push_back({at_rad, std::cos(at_rad), std::sin(at_rad)});
+  }
+  for (std::size_t column = 0; column < columns_; ++column) {
+    const double at_rad = (static_cast<double>(column) + 0.5) * column_rad_ - M_PI;
+    azimuths_.push_back({at_rad, std::cos(at_rad), std::sin(at_rad)});
+  }
+  constexpr double kQuantum_m = 0.05;
+  std::vector<std::uint64_t> entries(points_m.size());  // (cell, bin) << 16 | range
+  for (std::size_t i = 0; i < entries.size(); ++i) {
+    const double quanta = std::min(65535.0, static_cast<double>(points_m[i].norm()) / kQuantum_m);
+    const std::size_t bin = bins.empty() ? 0 : bins[i];
+    entries[i] = (static_cast<std::uint64_t>(CellOf(points_m[i]) * num_bins + bin) << 16) |
+                 static_cast<std::uint64_t>(quanta);
+  }
+  std::sort(entries.begin(), entries.end());
+  first_.reserve(columns_ * rows_ + 1);
+  for (std::size_t first = 0; first < entries.size();) {
+    std::size_t last = first;
+    while (last < entries.size() && entries[last] >> 16 == entries[first] >> 16) ++last;
+    const std::uint64_t cell_and_bin = entries[first] >> 16;
+    first_.resize(cell_and_bin / num_bins + 1, depths_.size());
+    depths_.push_back({static_cast<std::uint32_t>(cell_and_bin % num_bins),
+                       static_cast<float>(kQuantum_m * static_cast<double>(
+                                                           entries[(first + last) / 2] & 0xFFFF))});
+    first = last;
+  }
+  first_.resize(columns_ * rows_ + 1, depths_.size());
+}
+
+double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,
+                             double margin_m) const {
+  const auto range_m = static_cast<double>(place_m.norm());
+  const Eigen::Vector3d towards = place_m.cast<double>() / range_m;
+  const double radius_rad = std::atan2(radius_m, range_m);
+  const double least_cosine = std::cos(radius_rad);
+  const double elevation_rad = std::asin(towards.z());
+  double all = 0.0;
+  double hidden = 0.0;
+  const auto add_cell = [&](std::size_t cell, double weight) {
+    all += weight * static_cast<double>(num_bins_);
+    const Depths depths = DepthsOf(cell);
+    hidden += weight * static_cast<double>(
+                           std::count_if(depths.begin(), depths.end(), [&](const Depth& depth) {
+                             return static_cast<double>(depth.median_m) < range_m - margin_m;
+                           }));
+  };
+  for (std::size_t row = 0; row < rows_; ++row) {
+    const Angle& elevation = elevations_[row];
+    if (std::abs(elevation.rad - elevation_rad) > radius_rad) continue;
+    const double weight = elevation.cosine;  // cells are narrower towards the zenith
+    for (std::size_t column = 0; column < columns_; ++column) {
+      const Angle& azimuth = azimuths_[column];
+      const Eigen::Vector3d cell(weight * azimuth.cosine, weight * azimuth.sine, elevation.sine);
+      if (cell.dot(towards) < least_cosine) continue;
+      add_cell(row * columns_ + column, weight);
+    }
+  }
+  if (all <= 0.0) add_cell(CellOf(place_m), 1.0);  // narrower than a cell: its own has the word
+  return hidden / all;
+}
+
+std::size_t DepthMap::CellOf(const Eigen::Vector3f& p) const {
+  const double azimuth_rad = std::atan2(p.y(), p.x()) + M_PI;
+  const double elevation_rad = std::atan2(p.z(), std::hypot(p.x(), p.y())) + M_PI / 2;
+  const auto column = std::min(static_cast<std::size_t>(azimuth_rad / column_rad_), columns_ - 1);
+  const auto row = std::min(static_cast<std::size_t>(elevation_rad / row_rad_), rows_ - 1);
+  return row * columns_ + column;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,40 @@
+// What holds things up: nothing that stands still floats in the air, but a drone does.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <unordered_map>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "base/voxel_grid.hpp"
+#include "robust/scene/depth_map.hpp"
+#include "robust/scene/ground.hpp"
+#include "robust/scene/range_grid.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// Whether a place is near enough to structure or ground for a static thing to be there.
+class Support {
+ public:
+  // `cell_deg`: resolution of the directions in which structure hides what is behind it.
+  Support(const PointsView& structure_m, const Ground& ground, double cell_deg,
+          const SupportConfig& config);
+
+  const SupportConfig& config() const { return config_; }
+
+  bool IsFloating(const Eigen::Vector3f& place_m) const;
+
+  // The returns of `structure` that float; both are indices into the recording, ascending.
+  std::vector<std::uint32_t> FloatingReturns(const Recording& recording,
+                                             const std::vector<std::uint32_t>& structure) const;
+
+ private:
+  const Ground& ground_;
+  SupportConfig config_;
+  DepthMap depth_;                                                    // of structure
+  std::unordered_map<VoxelKey, std::vector<Eigen::Vector3f>> cells_;  // voxels of structure
+};
+
+}  // namespace unlidar

@@ -1,0 +1,73 @@
+#include "robust/tracking/flight.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <deque>
+#include <set>
+
+namespace unlidar {
+namespace {
+
+// Whether a path is that of something that flies: people and cars are never off the ground. Their
+// lower parts are not hit in every frame, so heights are the lowest of a while.
+bool Flies(const std::vector<Plot>& path, const RobustConfig& config) {
+  const auto window_ns = static_cast<TimeNs>(config.off_ground_window_s * 1e9);
+  std::size_t num_high = 0;
+  std::deque<std::size_t>
+      lowest;  // of those in the window that may be its lowest, by rising height
+  std::size_t next = 0;
+  for (const Plot& plot : path) {
+    for (; next < path.size() && path[next].frame_time_ns <= plot.frame_time_ns + window_ns;
+         ++next) {
+      while (!lowest.empty() && path[lowest.back()].lowest_m >= path[next].lowest_m) {
+        lowest.pop_back();
+      }
+      lowest.push_back(next);
+    }
+    while (path[lowest.front()].frame_time_ns < plot.frame_time_ns - window_ns) lowest.pop_front();
+    if (path[lowest.front()].lowest_m > config.off_ground_m) ++num_high;
+  }
+  return static_cast<double>(num_high) > config.off_ground_share * static_cast<double>(path.size());
+}
+
+// What a target returns for its range: returns per second times range^2, of the sensor that sees it
+// best. In pauses it may be hidden: only frames near a plot in time count.
+double EchoM2PerS(const Recording& recording, const std::vector<Plot>& path) {
+  constexpr TimeNs kNearNs = 500'000'000;
+  std::vector<double> returns(recording.sensors.size(), 0.0);
+  std::vector<double> seconds_per_m2(recording.sensors.size(), 0.0);
+  for (const Plot& plot : path) returns[plot.sensor] += static_cast<double>(plot.returns.size());
+  auto next = path.begin();
+  for (const FrameInfo& frame : recording.frames) {
+    const TimeNs time_ns = (frame.begin_ns + frame.end_ns) / 2;
+    while (next + 1 != path.end() &&
+           std::abs((next + 1)->time_ns - time_ns) <= std::abs(next->time_ns - time_ns)) {
+      ++next;
+    }
+    if (std::abs(next->time_ns - time_ns) > kNearNs) continue;
+    seconds_per_m2[frame.sensor] += static_cast<double>(frame.end_ns - frame.begin_ns) *
+                                    kSecondsPerNs / next->position_m.squaredNorm();
+  }
+  double echo = 0.0;
+  for (std::size_t s = 0; s < returns.size(); ++s) {
+    if (returns[s] > 0.0) echo = std::max(echo, returns[s] / seconds_per_m2[s]);
+  }
+  return echo;
+}
+
+}  // namespace
+
+bool HasFrames(const std::vector<Plot>& path, int least) {
+  std::set<std::uint32_t> frames;
+  for (const Plot& plot : path) frames.insert(plot.frame);
+  return static_cast<int>(frames.size()) >= least;
+}
+
+bool IsFlight(const Recording& recording, const std::vector<Plot>& path,
+              const RobustConfig& config) {
+  return HasFrames(path, config.min_plots) && Flies(path, config) &&
+         EchoM2PerS(recording, path) > config.min_echo_m2_per_s;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,20 @@
+// Whether a path of plots is that of a drone, beside its score.
+#pragma once
+
+#include <vector>
+
+#include "base/recording.hpp"
+#include "robust/plots/plots.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// Evidence in so many frames: two plots of one frame are no two pieces of it.
+bool HasFrames(const std::vector<Plot>& path, int least);
+
+// Whether it was seen often enough, is off the ground and returns as much as a drone does. Of the
+// recording the sensors and frames count, which may be those about the path only.
+bool IsFlight(const Recording& recording, const std::vector<Plot>& path,
+              const RobustConfig& config);
+
+}  // namespace unlidar

@@ -1,0 +1,38 @@
+// What a search that takes the best path first gets wrong, put right by comparing whole paths.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "robust/tracking/tracker.hpp"
+
+namespace unlidar {
+
+// Scores given sequences of plots, which may hold gaps of any length.
+class PathScorer {
+ public:
+  PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+             const Watch& watch, const TrackerConfig& config)
+      : plots_(plots), log_births_(log_births), watch_(watch), config_(config) {}
+
+  // The path of these plots, with the score of the agility and birth speed that suit it best; minus
+  // infinity where two of them are of one frame.
+  Path Scored(std::vector<std::uint32_t> members) const;
+
+  const std::vector<Plot>& plots() const { return plots_; }
+
+ private:
+  const std::vector<Plot>& plots_;
+  const std::vector<double>& log_births_;
+  Watch watch_;
+  const TrackerConfig& config_;
+};
+
+// Lets pairs of paths join or exchange what follows some time, and single paths drop what stands
+// between two pauses, as long as the sum of scores grows. Paths that become too short are removed.
+void ImprovePaths(const PathScorer& scorer, const TrackerConfig& config, std::vector<Path>* paths);
+
+// Drops what hangs on the ends of the paths by too little.
+void TrimPaths(const PathScorer& scorer, const TrackerConfig& config, std::vector<Path>* paths);
+
+}  // namespace unlidar

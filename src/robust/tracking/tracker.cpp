@@ -1,0 +1,131 @@
+#include "robust/tracking/tracker.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "robust/tracking/path_exchange.hpp"
+#include "robust/tracking/track_model.hpp"
+#include "robust/tracking/track_search.hpp"
+
+namespace unlidar {
+namespace {
+
+class PathFinder {
+ public:
+  PathFinder(const std::vector<Plot>& plots, const Watch& watch, const TrackerConfig& config)
+      : plots_(plots),
+        log_births_(LogBirths(plots, watch, config)),
+        slices_(SlicesOf(plots, log_births_, watch, config)),
+        watch_(watch),
+        config_(config),
+        free_(plots.size(), 1) {}
+
+  std::vector<Path> Find() {
+    std::vector<Path> paths = TakeBest();
+    const PathScorer scorer(plots_, log_births_, watch_, config_);
+    for (Path& path : paths) path = scorer.Scored(std::move(path.plots));
+    for (bool changed = true; changed;) {
+      const std::vector<Path> before = paths;
+      ImprovePaths(scorer, config_, &paths);
+      changed = SearchAgain(before, &paths);
+    }
+    TrimPaths(scorer, config_, &paths);
+    return paths;
+  }
+
+ private:
+  std::vector<TrackSearch> SearchFree() const {
+    std::vector<TrackSearch> searches;
+    for (const double sigma : config_.sigma_a_mps2) {
+      searches.emplace_back(plots_, log_births_, slices_, free_, TrackModel(sigma, watch_, config_),
+                            config_);
+    }
+    return searches;
+  }
+
+  static Path BestOf(std::vector<TrackSearch>* searches) {
+    Path best;
+    for (TrackSearch& search : *searches) {
+      Path path = search.Best();
+      if (path.score > best.score) best = std::move(path);
+    }
+    return best;
+  }
+
+  void SetFree(const Path& path, char value) {
+    for (const std::uint32_t i : path.plots) free_[i] = value;
+  }
+
+  // Most of what a search has found besides its best path stays true when that is taken away, so
+  // paths are taken from one search until it holds no more; then what they hid is searched again.
+  std::vector<Path> TakeBest() {
+    std::vector<Path> paths;
+    const auto max_paths = static_cast<std::size_t>(config_.max_paths);
+    for (bool found = true; found && paths.size() < max_paths;) {
+      found = false;
+      std::vector<TrackSearch> searches = SearchFree();
+      while (paths.size() < max_paths) {
+        Path best = BestOf(&searches);
+        if (best.score < config_.min_fragment_log) break;
+        SetFree(best, 0);
+        // What a weak path hides is weak, too.
+        found = found || best.score >= config_.birth_cost;
+        paths.push_back(std::move(best));
+      }
+    }
+    return paths;
+  }
+
+  // Paths that differ from those before are searched again among what no other path holds but those
+  // too weak to stand alone: their new parts may go on where the old ones could not.
+  bool SearchAgain(const std::vector<Path>& before, std::vector<Path>* paths) {
+    const auto stands = [&](const Path& path) { return path.score >= config_.birth_cost; };
+    std::fill(free_.begin(), free_.end(), 1);
+    for (const Path& path : *paths) {
+      if (stands(path)) SetFree(path, 0);
+    }
+    bool found = false;
+    for (Path& path : *paths) {
+      const bool is_new = std::none_of(before.begin(), before.end(),
+                                       [&](const Path& old) { return old.plots == path.plots; });
+      if (!is_new || !stands(path)) continue;
+      SetFree(path, 1);
+      std::vector<TrackSearch> searches = SearchFree();
+      Path best = BestOf(&searches);
+      if (best.score > path.score + config_.min_exchange_log) {
+        path = std::move(best);
+        found = true;
+      }
+      SetFree(path, 0);
+    }
+    if (!found) return false;
+    // A weak path that lost a plot is no more.
+    paths->erase(std::remove_if(paths->begin(), paths->end(),
+                                [&](const Path& path) {
+                                  return !stands(path) &&
+                                         std::any_of(path.plots.begin(), path.plots.end(),
+                                                     [&](std::uint32_t i) { return !free_[i]; });
+                                }),
+                 paths->end());
+    return true;
+  }
+
+  const std::vector<Plot>& plots_;
+  std::vector<double> log_births_;
+  std::vector<Slice> slices_;
+  Watch watch_;
+  const TrackerConfig& config_;
+  std::vector<char> free_;  // plots that no path holds
+};
+
+}  // namespace
+
+std::vector<Path> FindPaths(const std::vector<Plot>& plots, const Watch& watch,
+                            const TrackerConfig& config) {
+  std::vector<Path> paths = PathFinder(plots, watch, config).Find();
+  std::stable_sort(paths.begin(), paths.end(),
+                   [](const Path& a, const Path& b) { return a.score > b.score; });
+  return paths;
+}
+
+}  // namespace unlidar

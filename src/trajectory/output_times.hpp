@@ -1,0 +1,56 @@
+// The instants at which rows are written.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "base/recording.hpp"
+
+namespace unlidar {
+
+// Whether a rate is one: above 0, at most 1e6 Hz.
+bool IsRate(const Rate& rate);
+
+// A decimal number of hertz, read exactly. Throws UsageError outside (0, 1e6] Hz.
+Rate ParseRate(std::string_view text);
+
+// One stamp a line, or a CSV with a column `timestamp`; blank lines and lines that begin with '#'
+// are skipped. Returns them in ascending order, each once. Throws InputError naming file and line,
+// also for a line of more than 64 KiB, more than 10 million lines or 1 GiB: a pipe may be endless.
+std::vector<TimeNs> ReadStampList(const std::string& path);
+
+// Ascending, each once.
+std::vector<TimeNs> InOrder(std::vector<TimeNs> instants);
+
+// Instants in ascending order. Those of a rate are computed when they are asked for.
+class OutputInstants {
+ public:
+  OutputInstants() = default;
+  explicit OutputInstants(std::vector<TimeNs> list) : list_(std::move(list)), size_(list_.size()) {}
+
+  // begin + floor(k / rate) up to the end, in integers and thus without drift. Throws UsageError
+  // for more than 10 million.
+  OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns);
+
+  std::size_t size() const { return size_; }
+  TimeNs operator[](std::size_t k) const;
+
+  // The number of instants before the time: the index of the first one that is not.
+  std::size_t CountBefore(TimeNs time_ns) const;
+
+ private:
+  std::uint64_t ElapsedNs(std::uint64_t k) const;
+
+  std::vector<TimeNs> list_;     // empty for a rate
+  std::uint64_t nanohertz_ = 0;  // 0 for a list
+  TimeNs begin_ns_ = 0;
+  std::size_t size_ = 0;
+};
+
+// A rate runs from the first frame's begin to the last frame's end.
+OutputInstants ResolveOutputTimes(const OutputTimes& times, const Recording& recording);
+
+}  // namespace unlidar

@@ -1,0 +1,173 @@
+#include "trajectory/sampling.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <optional>
+#include <utility>
+
+namespace unlidar {
+namespace {
+
+constexpr TimeNs kPathStepNs = 20'000'000;  // 50 Hz: finer than any drone turns
+constexpr TimeNs kMaxPathSteps = 100'000;
+
+// The frame that holds a return.
+const FrameInfo& FrameOf(const Recording& recording, std::uint32_t index) {
+  // Frames lie one after the other in the recording: it is the first that ends behind the return.
+  return *std::upper_bound(
+      recording.frames.begin(), recording.frames.end(), index,
+      [](std::uint32_t i, const FrameInfo& frame) { return i < frame.last_return; });
+}
+
+bool IsFinite(const TrajectoryRow& row) {
+  return row.position_m.allFinite() && row.velocity_mps.allFinite() && row.sigma_m.allFinite();
+}
+
+// Distance of two times, which cannot overflow.
+std::uint64_t Distance(TimeNs a, TimeNs b) {
+  return static_cast<std::uint64_t>(std::max(a, b)) - static_cast<std::uint64_t>(std::min(a, b));
+}
+
+// How long the target may have gone unseen beyond one end: as long as a silence is likelier than
+// `probability`, if it is seen per frame period as often as in the nearest measurements. The
+// longest of their pauses is left out: it may be an occlusion.
+template <typename Iterator>
+TimeNs Silence(Iterator first, Iterator last, TimeNs period_ns, double probability) {
+  constexpr int kMaxSlices = 10;  // frame periods with a measurement
+  int num_pauses = 0;
+  TimeNs sum = 0;
+  TimeNs longest = 0;
+  TimeNs before_ns = first->time_ns;
+  for (; first != last && num_pauses + 1 < kMaxSlices; ++first) {
+    const TimeNs pause = (std::abs(first->time_ns - before_ns) + period_ns / 2) / period_ns;
+    if (pause == 0) continue;
+    before_ns = first->time_ns;
+    ++num_pauses;
+    sum += pause;
+    longest = std::max(longest, pause);
+  }
+  if (num_pauses < 2) return 0;
+  const double seen = static_cast<double>(num_pauses - 1) / static_cast<double>(sum - longest);
+  if (seen >= 1.0) return 0;
+  const double periods = std::floor(std::log(probability) / std::log1p(-seen));
+  // Longer than any recording, and no overflow where it is added to a time.
+  constexpr TimeNs kForeverNs = 1'000'000'000'000'000'000;
+  const bool ends = static_cast<double>(period_ns) * periods < static_cast<double>(kForeverNs);
+  return ends ? period_ns * static_cast<TimeNs>(periods) : kForeverNs;
+}
+
+// One row ahead of what it gives: returns belong to the nearer of two rows.
+class RowSampler {
+ public:
+  RowSampler(const RowSource& source, const OutputInstants& instants)
+      : source_(source),
+        instants_(instants),
+        instant_(instants.CountBefore(source.presence.begin_ns)),
+        support_(source.support.begin()),
+        ahead_(Sample()) {}
+
+  std::optional<TrajectoryRow> Next() {
+    std::optional<TrajectoryRow> row = std::move(ahead_);
+    if (!row) return row;
+    ahead_ = Sample();
+    for (; support_ != source_.support.end(); ++support_) {
+      const TimeNs stamp_ns = support_->stamp_ns;
+      if (ahead_ && Distance(ahead_->time_ns, stamp_ns) < Distance(row->time_ns, stamp_ns)) break;
+      row->support += support_->returns;
+    }
+    return row;
+  }
+
+ private:
+  // The next row that may be written, without its support.
+  std::optional<TrajectoryRow> Sample() {
+    while (instant_ < instants_.size()) {
+      const TimeNs time_ns = instants_[instant_];
+      if (time_ns > source_.presence.end_ns) break;
+      ++instant_;
+      TrajectoryRow row = source_.trajectory.At(time_ns);
+      row.track_id = source_.track_id;
+      const Eigen::Vector3d depth_m = source_.depth_sigma_m * row.position_m.stableNormalized();
+      row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2()).cwiseSqrt();
+      if (IsFinite(row) && row.sigma_m.maxCoeff() <= source_.max_sigma_m) return row;
+    }
+    return std::nullopt;
+  }
+
+  const RowSource& source_;
+  const OutputInstants& instants_;
+  std::size_t instant_;
+  std::vector<FrameSupport>::const_iterator support_;
+  std::optional<TrajectoryRow> ahead_;
+};
+
+}  // namespace
+
+TimeNs SilenceBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                       double probability) {
+  return Silence(measurements.begin(), measurements.end(), period_ns, probability);
+}
+
+TimeNs SilenceAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                      double probability) {
+  return Silence(measurements.rbegin(), measurements.rend(), period_ns, probability);
+}
+
+TimeInterval PresenceInterval(const Recording& recording,
+                              const std::vector<Measurement>& measurements,
+                              double silence_probability) {
+  TimeInterval interval{measurements.front().time_ns, measurements.back().time_ns};
+  const TimeInterval seen = interval;
+  TimeInterval watched = interval;
+  for (const FrameInfo& frame : recording.frames) {
+    watched.begin_ns = std::min(watched.begin_ns, frame.begin_ns);
+    watched.end_ns = std::max(watched.end_ns, frame.end_ns);
+    if (frame.begin_ns <= seen.begin_ns && seen.begin_ns <= frame.end_ns) {
+      interval.begin_ns = std::min(interval.begin_ns, frame.begin_ns);
+    }
+    if (frame.begin_ns <= seen.end_ns && seen.end_ns <= frame.end_ns) {
+      interval.end_ns = std::max(interval.end_ns, frame.end_ns);
+    }
+  }
+  const TimeNs period_ns = ShortestPeriodNs(recording);
+  const TimeNs before_ns = SilenceBeforeNs(measurements, period_ns, silence_probability);
+  const TimeNs after_ns = SilenceAfterNs(measurements, period_ns, silence_probability);
+  return {std::max(watched.begin_ns, interval.begin_ns - before_ns),
+          std::min(watched.end_ns, interval.end_ns + after_ns)};
+}
+
+std::vector<FrameSupport> SupportByFrame(const Recording& recording,
+                                         const std::vector<std::uint32_t>& returns) {
+  std::vector<FrameSupport> support;
+  std::uint32_t frame_end = 0;
+  for (const std::uint32_t index : returns) {
+    if (support.empty() || index >= frame_end) {
+      const FrameInfo& frame = FrameOf(recording, index);
+      frame_end = frame.last_return;
+      support.push_back({frame.stamp_ns, 0});
+    }
+    ++support.back().returns;
+  }
+  return support;
+}
+
+RowStream SampleRows(const RowSource& source, const OutputInstants& instants) {
+  return [sampler = RowSampler(source, instants)]() mutable { return sampler.Next(); };
+}
+
+double PathLength(const Trajectory& trajectory) {
+  const TimeNs span_ns = trajectory.end_ns() - trajectory.begin_ns();
+  const TimeNs steps = std::clamp<TimeNs>(span_ns / kPathStepNs, 1, kMaxPathSteps);
+  double length_m = 0.0;
+  Eigen::Vector3d previous_m = trajectory.At(trajectory.begin_ns()).position_m;
+  for (TimeNs step = 1; step <= steps; ++step) {
+    const TimeNs elapsed_ns = step == steps ? span_ns : step * (span_ns / steps);
+    const Eigen::Vector3d position_m = trajectory.At(trajectory.begin_ns() + elapsed_ns).position_m;
+    length_m += (position_m - previous_m).norm();
+    previous_m = position_m;
+  }
+  return length_m;
+}
+
+}  // namespace unlidar

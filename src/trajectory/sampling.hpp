@@ -1,0 +1,69 @@
+// Rows of a fitted trajectory at the output times.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "trajectory/output_times.hpp"
+#include "trajectory/trajectory.hpp"
+
+namespace unlidar {
+
+struct TimeInterval {
+  TimeNs begin_ns = 0;
+  TimeNs end_ns = 0;
+};
+
+// How long a target may have gone unseen before its first and after its last measurement: as long
+// as a silence is likelier than `probability`.
+TimeNs SilenceBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                       double probability);
+TimeNs SilenceAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                      double probability);
+
+// When a target was there: from first to last measurement, widened to the whole frames, of any
+// sensor, in which they lie (a stamp names all of its frame, whose returns were measured a little
+// before or after it), and further by a silence that is likelier than `silence_probability`: a
+// drone that is hit in one frame of five was there for some frames before the first hit. One that
+// is hit in every frame was not, nor is any with a silence_probability of 1. Ends with the
+// recording.
+TimeInterval PresenceInterval(const Recording& recording,
+                              const std::vector<Measurement>& measurements,
+                              double silence_probability);
+
+// The returns of a target in one frame.
+struct FrameSupport {
+  TimeNs stamp_ns = 0;
+  int returns = 0;
+};
+
+// Of some of the returns, by their indices in ascending order; in the order of the stamps.
+std::vector<FrameSupport> SupportByFrame(const Recording& recording,
+                                         const std::vector<std::uint32_t>& returns);
+
+// What the rows of a track are computed from. They are not kept: there may be millions of them.
+struct RowSource {
+  int track_id = 0;
+  Trajectory trajectory;
+  TimeInterval presence;
+  double depth_sigma_m = 0.0;  // an error that all rows share, along the ray from the origin
+  double max_sigma_m = 0.0;
+  std::vector<FrameSupport> support;
+};
+
+// Gives a track's rows in time order, one at each call, and then none.
+using RowStream = std::function<std::optional<TrajectoryRow>()>;
+
+// One row per instant within the presence, except where the largest sigma exceeds max_sigma_m or a
+// number is not finite. The support of a row: the returns of the target whose frames' stamps are
+// nearer to it than to any other row, the earlier one of two equally near. (The middle of a frame
+// lies halfway between two stamps: by it, jitter would decide.) The sum over the rows is the number
+// of returns. Both arguments must outlive the stream.
+RowStream SampleRows(const RowSource& source, const OutputInstants& instants);
+
+// Length of the path between first and last measurement.
+double PathLength(const Trajectory& trajectory);
+
+}  // namespace unlidar

@@ -1,0 +1,94 @@
+#include "trajectory/spline_model.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <numeric>
+#include <stdexcept>
+
+#include "trajectory/bspline.hpp"
+
+namespace unlidar {
+namespace {
+
+std::size_t Index(int i) { return static_cast<std::size_t>(i); }
+
+// Row at u_s after the begin of an interval.
+SplineRow RowAt(const Eigen::Matrix4d& polynomials, int interval, double u_s, int derivative) {
+  SplineRow row;
+  row.first = interval;
+  row.basis = EvaluateBasis(polynomials, u_s, derivative);
+  return row;
+}
+
+// Slope of the straight line through the measurements; zero where they have but one time.
+Eigen::Vector3d MeanVelocity(const std::vector<Measurement>& measurements,
+                             const std::vector<double>& times_s,
+                             const Eigen::Vector3d& mean_position_m) {
+  const double mean_s =
+      std::accumulate(times_s.begin(), times_s.end(), 0.0) / static_cast<double>(times_s.size());
+  Eigen::Vector3d moment = Eigen::Vector3d::Zero();
+  double spread_s2 = 0.0;
+  for (std::size_t i = 0; i < times_s.size(); ++i) {
+    moment += (times_s[i] - mean_s) * (measurements[i].position_m - mean_position_m);
+    spread_s2 += (times_s[i] - mean_s) * (times_s[i] - mean_s);
+  }
+  return spread_s2 > 0.0 ? Eigen::Vector3d(moment / spread_s2) : Eigen::Vector3d::Zero();
+}
+
+}  // namespace
+
+SplineModel BuildSplineModel(const std::vector<Measurement>& measurements,
+                             const TrajectoryConfig& config) {
+  if (measurements.empty()) throw std::invalid_argument("trajectory: no measurements");
+  SplineModel model;
+  const TimeNs begin_ns = measurements.front().time_ns;
+  std::vector<double> times_s;
+  for (const auto& measurement : measurements) {
+    times_s.push_back(static_cast<double>(measurement.time_ns - begin_ns) * kSecondsPerNs);
+    model.origin_m += measurement.position_m / static_cast<double>(measurements.size());
+  }
+  if (!model.origin_m.allFinite() || !std::is_sorted(times_s.begin(), times_s.end())) {
+    throw std::invalid_argument("trajectory: measurements must be finite and in time order");
+  }
+  model.knots_s = PlaceKnots(times_s, {config.min_knot_spacing_s, config.max_knot_spacing_s,
+                                       config.measurements_per_knot, config.max_extrapolation_s});
+
+  // |a' + a / tau|^2 is a square of straight lines on each interval: two Gauss points are exact.
+  const double tau_s = config.acceleration_time_s;
+  const int num_intervals = static_cast<int>(model.knots_s.size()) - 7;
+  for (int i = 0; i < num_intervals; ++i) {
+    const Eigen::Matrix4d polynomials = BasisPolynomials(model.knots_s, i);
+    const double length_s = model.knots_s[Index(i + 4)] - model.knots_s[Index(i + 3)];
+    if (i == 0) model.smoothness.push_back(RowAt(polynomials, i, 0.0, 2));
+    if (model.knots_s[Index(i + 3)] == 0.0) {
+      model.start = {RowAt(polynomials, i, 0.0, 0), RowAt(polynomials, i, 0.0, 1)};
+      model.start[0].sqrt_information /= config.position_sigma_m;
+      model.start[1].sqrt_information /= config.velocity_sigma_mps;
+      model.start[1].value_m = MeanVelocity(measurements, times_s, model.origin_m);
+    }
+    for (const double side : {-1.0, 1.0}) {
+      const double u_s = 0.5 * length_s * (1.0 + side / std::sqrt(3.0));
+      SplineRow row = RowAt(polynomials, i, u_s, 3);
+      row.basis += EvaluateBasis(polynomials, u_s, 2) / tau_s;
+      row.basis *= std::sqrt(0.5 * length_s * 0.5 * tau_s);
+      model.smoothness.push_back(row);
+    }
+  }
+  for (std::size_t i = 0; i < measurements.size(); ++i) {
+    const int interval = IntervalAt(model.knots_s, times_s[i]);
+    SplineRow row = RowAt(BasisPolynomials(model.knots_s, interval), interval,
+                          times_s[i] - model.knots_s[Index(interval + 3)], 0);
+    const Eigen::LLT<Eigen::Matrix3d> llt(measurements[i].covariance_m2);
+    row.sqrt_information = llt.matrixL().solve(Eigen::Matrix3d::Identity());
+    row.value_m = measurements[i].position_m - model.origin_m;
+    if (llt.info() != Eigen::Success || !row.sqrt_information.allFinite()) {
+      throw std::invalid_argument("trajectory: a covariance is not positive definite");
+    }
+    model.measurements.push_back(row);
+  }
+  return model;
+}
+
+}  // namespace unlidar

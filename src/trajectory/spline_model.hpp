@@ -1,0 +1,42 @@
+// The linear-Gaussian model behind a trajectory: measurements and the smoothness prior as rows over
+// the control points of a spline.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "trajectory/trajectory.hpp"
+
+namespace unlidar {
+
+// Residual of control points c: sqrt_information (sum_j basis[j] c[first + j] - value_m).
+struct SplineRow {
+  int first = 0;
+  Eigen::Vector4d basis = Eigen::Vector4d::Zero();
+  Eigen::Matrix3d sqrt_information = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d value_m = Eigen::Vector3d::Zero();
+};
+
+inline Eigen::Vector3d Residual(const SplineRow& row, const std::vector<Eigen::Vector3d>& control) {
+  Eigen::Vector3d position = -row.value_m;
+  for (int j = 0; j < 4; ++j) {
+    position += row.basis[j] * control[static_cast<std::size_t>(row.first + j)];
+  }
+  return row.sqrt_information * position;
+}
+
+// All scales are relative to the noise: the posterior of the noise scale k is then known in closed
+// form, and only the ratio sigma_a / k is left to be searched.
+struct SplineModel {
+  Eigen::Vector3d origin_m = Eigen::Vector3d::Zero();
+  std::vector<double> knots_s;
+  std::vector<SplineRow> measurements;
+  std::vector<SplineRow> smoothness;  // for sigma_a = 1 m/s^2
+  std::vector<SplineRow> start;       // nearly nothing about the first position and velocity
+  int num_control_points() const { return static_cast<int>(knots_s.size()) - 4; }
+};
+
+SplineModel BuildSplineModel(const std::vector<Measurement>& measurements,
+                             const TrajectoryConfig& config);
+
+}  // namespace unlidar

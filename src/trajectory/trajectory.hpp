@@ -1,0 +1,65 @@
+// The smooth trajectory of a target: a robust cubic B-spline in time, with honest sigmas.
+//
+// Between the measurements the target is assumed to accelerate as in Singer's model (1970), the
+// same on every axis: a' = -a / tau + white noise, with standard deviation sigma_a of a. The spline
+// minimises
+//   sum rho(|R^-1/2 (x(t_i) - z_i)|^2 / k^2)
+//     + tau / (2 sigma_a^2) * integral |a' + a / tau|^2 dt + |a(t_0)|^2 / sigma_a^2,
+// whose last two terms equal integral(|a'|^2 tau + |a|^2 / tau) dt / (2 sigma_a^2) and boundary
+// terms. sigma_a and the noise scale k are those that the data makes likely (marginal likelihood,
+// which is REML, for position and velocity at t_0 are as good as free); rho is truncated.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// How far a target may depart from a straight line, and how noisy its measurements are.
+struct TrajectoryScales {
+  double acceleration_mps2 = 0.0;  // sigma_a
+  double noise = 1.0;              // k
+};
+
+struct Trajectory {
+  TrajectoryScales scales;
+  std::vector<double> weights;  // (measurements) 1: used in full ... 0: an outlier
+  int iterations = 0;           // of the final fit
+  bool converged = false;
+
+  // Times count from the first measurement, positions from origin_m: no digits are lost on Unix
+  // times or UTM.
+  TimeNs origin_ns = 0;
+  TimeNs duration_ns = 0;
+  Eigen::Vector3d origin_m = Eigen::Vector3d::Zero();
+  std::vector<double> knots_s;
+  std::vector<Eigen::Vector3d> control_points_m;
+  // Entry d of control point i: covariance with control point i + d.
+  std::vector<std::array<Eigen::Matrix3d, 4>> covariances_m2;
+
+  TimeNs begin_ns() const { return origin_ns; }  // first and last measurement
+  TimeNs end_ns() const { return origin_ns + duration_ns; }
+
+  // Position, velocity and sigma at a time; support and track_id are left at 0. Also outside of
+  // [begin_ns, end_ns], with a sigma that grows: by the model as far as max_extrapolation_s, beyond
+  // that by the last cubic.
+  TrajectoryRow At(TimeNs time_ns) const;
+
+  // (3, 3) covariance of the position at a time, m^2.
+  Eigen::Matrix3d CovarianceAt(TimeNs time_ns) const;
+};
+
+// Fits measurements: at least one, in time order, covariances positive definite. Throws
+// std::invalid_argument for others.
+Trajectory FitTrajectory(const std::vector<Measurement>& measurements,
+                         const TrajectoryConfig& config);
+
+// The same at given scales, several times faster: for a target whose measurements change little.
+Trajectory RefitTrajectory(const std::vector<Measurement>& measurements,
+                           const TrajectoryScales& scales, const TrajectoryConfig& config);
+
+}  // namespace unlidar

@@ -84,7 +84,7 @@ void Occupancy::Add(const Eigen::Vector3f& point_m, std::int64_t bin) {
   const std::uint64_t bit = std::uint64_t{1} << age;
   Place unknown;
   unknown.own.bin = newest_;
-  places_.VisitHomes(point_m, unknown, [&](Place& place, bool is_own) {
+  places_.VisitHomes(point_m, unknown, [&](std::uint32_t, Place& place, bool is_own) {
     Shift(&place);
     if (place.own.word & bit) return;
     place.own.word |= bit;

@@ -3,11 +3,6 @@
 #include <algorithm>
 
 namespace unlidar {
-namespace {
-
-constexpr std::uint32_t kNoPlace = ~std::uint32_t{0};
-
-}  // namespace
 
 void BinSet::MoveTo(std::vector<std::uint32_t>* bins) {
   for (std::size_t word = first_; word < last_; ++word) {
@@ -23,13 +18,8 @@ void BinSet::MoveTo(std::vector<std::uint32_t>* bins) {
 std::uint32_t RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin,
                              std::uint32_t count) {
   std::uint32_t own_place = 0;
-  places_.VisitHomes(point_m, kNoPlace, [&](std::uint32_t& place, bool is_own) {
-    if (place == kNoPlace) {
-      place = num_places();
-      profiles_.emplace_back();
-    }
+  places_.VisitHomes(point_m, {}, [&](std::uint32_t place, Profile& profile, bool is_own) {
     if (is_own) own_place = place;
-    Profile& profile = profiles_[place];
     profile.total += count;
     auto at = profile.bins.end();  // as points mostly come in order of time
     if (at != profile.bins.begin() && profile.bins.back().bin >= bin) {
@@ -44,14 +34,13 @@ std::uint32_t RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin,
 
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m) const {
   std::uint32_t sum = 0;
-  places_.VisitBlock(point_m, [&](std::uint32_t place) { sum += profiles_[place].total; });
+  places_.VisitBlock(point_m, [&](const Profile& profile) { sum += profile.total; });
   return sum;
 }
 
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) const {
   std::uint32_t sum = 0;
-  places_.VisitBlock(point_m, [&](std::uint32_t place) {
-    const Profile& profile = profiles_[place];
+  places_.VisitBlock(point_m, [&](const Profile& profile) {
     auto at = std::lower_bound(profile.bins.begin(), profile.bins.end(), bins.first,
                                [](const BinCount& a, std::uint32_t b) { return a.bin < b; });
     for (; at != profile.bins.end() && at->bin < bins.last; ++at) sum += at->count;
@@ -60,8 +49,8 @@ std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) co
 }
 
 void RangeGrid::InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const {
-  places_.VisitBlock(point_m, [&](std::uint32_t place) {
-    for (const BinCount& at : profiles_[place].bins) bins->Insert(at.bin);
+  places_.VisitBlock(point_m, [&](const Profile& profile) {
+    for (const BinCount& at : profile.bins) bins->Insert(at.bin);
   });
 }
 

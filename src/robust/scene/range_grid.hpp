@@ -63,7 +63,7 @@ class RangeGrid {
   double VolumeM3(const Eigen::Vector3f& point_m) const { return places_.VolumeM3(point_m); }
 
   // Above all numbers of places.
-  std::uint32_t num_places() const { return static_cast<std::uint32_t>(profiles_.size()); }
+  std::uint32_t num_places() const { return places_.size(); }
 
  private:
   struct BinCount {
@@ -76,8 +76,7 @@ class RangeGrid {
     std::vector<BinCount> bins;  // those with points, ascending
   };
 
-  ShellTable<std::uint32_t> places_;
-  std::vector<Profile> profiles_;  // by place
+  ShellTable<Profile> places_;
 };
 
 }  // namespace unlidar

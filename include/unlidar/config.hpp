@@ -124,7 +124,6 @@ struct TrackerConfig {
   int min_fragment_plots = 3;     // nor shorter ones
   double birth_cost = 12.0;       // what a further target must explain
   double min_exchange_log = 1.0;  // least gain of an exchange or a join
-  double min_end_log = 3.0;       // least that the plots at an end bring together
   double give_up_log = -6.0;      // a hypothesis worse than this is dropped,
   double rebirth_log = -3.0;      // as is one so much worse than a new one at its last plot
 };

@@ -180,7 +180,6 @@ void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.min_fragment_plots", tracker.min_fragment_plots, Range{1, 1000});
   visit("robust.tracker.birth_cost", tracker.birth_cost, Range{0, 1e6});
   visit("robust.tracker.min_exchange_log", tracker.min_exchange_log, Range{0, 1e6});
-  visit("robust.tracker.min_end_log", tracker.min_end_log, Range{0, 1e6});
   visit("robust.tracker.give_up_log", tracker.give_up_log, Range{-1e6, 0});
   visit("robust.tracker.rebirth_log", tracker.rebirth_log, Range{-1e6, 0});
 }

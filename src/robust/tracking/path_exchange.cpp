@@ -110,27 +110,6 @@ bool Prune(const PathScorer& scorer, const TrackerConfig& config, Path* path) {
   return true;
 }
 
-// Drops the plots at either end that bring less than `min_end_log` together. Clutter alone brings
-// as much to one path in exp(min_end_log), whatever there is to choose from: the factors by which
-// it raises the likelihoods of all continuations have a mean of one.
-void Trim(const PathScorer& scorer, const TrackerConfig& config, Path* path) {
-  constexpr std::size_t kMaxPlots = 8;
-  const Members all = path->plots;
-  const double least = path->score - config.min_end_log;
-  const std::size_t most = std::min(kMaxPlots, all.size() - 1);
-  const auto scored = [&](std::size_t first, std::size_t last) {
-    return scorer.Scored({all.begin() + static_cast<std::ptrdiff_t>(first),
-                          all.begin() + static_cast<std::ptrdiff_t>(last)});
-  };
-  std::size_t first = 0;
-  std::size_t last = all.size();
-  for (std::size_t k = 1; k <= most; ++k) {
-    if (scored(k, all.size()).score > least) first = k;
-    if (scored(0, all.size() - k).score > least) last = all.size() - k;
-  }
-  if (last > first && last - first < all.size()) *path = scored(first, last);
-}
-
 }  // namespace
 
 Path PathScorer::Scored(Members members) const {
@@ -159,12 +138,6 @@ Path PathScorer::Scored(Members members) const {
     }
   }
   return path;
-}
-
-void TrimPaths(const PathScorer& scorer, const TrackerConfig& config, std::vector<Path>* paths) {
-  for (Path& path : *paths) {
-    if (!path.plots.empty()) Trim(scorer, config, &path);
-  }
 }
 
 void ImprovePaths(const PathScorer& scorer, const TrackerConfig& config, std::vector<Path>* paths) {

@@ -32,7 +32,4 @@ class PathScorer {
 // between two pauses, as long as the sum of scores grows. Paths that become too short are removed.
 void ImprovePaths(const PathScorer& scorer, const TrackerConfig& config, std::vector<Path>* paths);
 
-// Drops what hangs on the ends of the paths by too little.
-void TrimPaths(const PathScorer& scorer, const TrackerConfig& config, std::vector<Path>* paths);
-
 }  // namespace unlidar

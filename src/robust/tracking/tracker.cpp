@@ -29,7 +29,6 @@ class PathFinder {
       ImprovePaths(scorer, config_, &paths);
       changed = SearchAgain(before, &paths);
     }
-    TrimPaths(scorer, config_, &paths);
     return paths;
   }
 

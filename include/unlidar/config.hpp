@@ -151,6 +151,9 @@ struct CollectConfig {
 
 struct RobustConfig {
   double false_alarms_per_recording = 1e-3;  // tracks expected where there is no drone
+  // Longer recordings are searched in windows, with so much before and behind each; infinity: none.
+  double window_s = 60.0;
+  double window_margin_s = 10.0;
   int min_plots = 5;               // frames with evidence: clutter that repeats is not independent
   int rounds = 2;                  // of clutter estimation and search
   double off_ground_m = 2.0;       // a target is higher than this,

@@ -205,6 +205,8 @@ void VisitCollectKeys(Visitor&& visit, Collect& collect) {
 template <class Visitor, class Robust>
 void VisitRobustKeys(Visitor&& visit, Robust& robust) {
   visit("robust.false_alarms_per_recording", robust.false_alarms_per_recording, Range{0, 1, false});
+  visit("robust.window_s", robust.window_s, RangeOrEndless{{5, 86400}});
+  visit("robust.window_margin_s", robust.window_margin_s, Range{0, 3600});
   visit("robust.min_plots", robust.min_plots, Range{2, 1000});
   visit("robust.rounds", robust.rounds, Range{1, 10});
   visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});

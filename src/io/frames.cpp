@@ -175,74 +175,124 @@ TimeNs OffsetNs(const std::string& name, const SensorConfig& sensor) {
   return std::llround(offset_ns);
 }
 
-namespace {
-
 // One source being read: bad frames are thrown or, if the user wants so, noted.
-class SourceReader {
+class FrameReader::SourceReader {
  public:
-  SourceReader(const FrameSource& source, const InputConfig& config, const SensorConfig& sensor)
-      : source_(source), config_(config), sensor_(sensor) {}
+  SourceReader(const FrameSource& source, std::uint32_t index, const InputConfig& config,
+               const SensorConfig& sensor)
+      : directory_(source.directory),
+        config_(config),
+        files_(ListFrames(source.directory)),
+        sensor_(index, SourceName(source), config, sensor) {
+    for (const FrameFile& file : {files_.front(), files_.back()}) sensor_.CheckStamp(file);
+    for (const FrameFile& file : files_) sensor_.NoteStamp(file.stamp_ns);
+  }
 
-  SensorInfo Read(std::uint32_t sensor_index, Recording& recording,
-                  std::vector<LoadedFrame>& frames) {
-    const std::vector<FrameFile> files = ListFrames(source_.directory);
-    SensorFrames sensor(sensor_index, SourceName(source_), config_, sensor_);
-    for (const FrameFile& file : {files.front(), files.back()}) sensor.CheckStamp(file);
-    for (const FrameFile& file : files) sensor.NoteStamp(file.stamp_ns);
+  TimeNs first_stamp_ns() const { return files_.front().stamp_ns + sensor_.offset_ns(); }
+  TimeNs last_stamp_ns() const { return files_.back().stamp_ns + sensor_.offset_ns(); }
+  TimeNs next_stamp_ns() const {
+    return next_ == files_.size() ? std::numeric_limits<TimeNs>::max()
+                                  : files_[next_].stamp_ns + sensor_.offset_ns();
+  }
+  SensorInfo info() const { return sensor_.info(); }
+
+  void ReadUntil(TimeNs until_ns, Recording* recording, std::vector<LoadedFrame>* frames) {
+    std::vector<std::string> warnings;
+    const auto unless_bad = [&](const auto& step) {
+      try {
+        step();
+      } catch (const InputError& error) {
+        if (!config_.skip_bad_frames) throw;
+        warnings.emplace_back(error.what());
+      }
+    };
     std::vector<LoadedFrame> loaded;
-    for (const FrameFile& file : files) {
-      UnlessBad([&] { loaded.push_back(sensor.Load(file, ReadPcd(file.path))); });
+    const std::size_t first = next_;
+    for (; next_ < files_.size() && files_[next_].stamp_ns + sensor_.offset_ns() < until_ns;
+         ++next_) {
+      const FrameFile& file = files_[next_];
+      unless_bad([&] { loaded.push_back(sensor_.Load(file, ReadPcd(file.path))); });
     }
-    bool any_frame = false;
     for (LoadedFrame& frame : loaded) {
-      UnlessBad([&] {
-        sensor.Finish(frame);
-        frames.push_back(std::move(frame));
-        any_frame = true;
+      unless_bad([&] {
+        sensor_.Finish(frame);
+        frames->push_back(std::move(frame));
+        any_frame_ = true;
       });
     }
-    if (!any_frame) {
-      throw InputError(source_.directory + ": none of its " + std::to_string(files.size()) +
-                       " frames can be read, the first: " + warnings_.front());
+    if (first_warning_.empty() && !warnings.empty()) first_warning_ = warnings.front();
+    if (first < files_.size() && next_ == files_.size() && !any_frame_) {
+      throw InputError(directory_ + ": none of its " + std::to_string(files_.size()) +
+                       " frames can be read, the first: " + first_warning_);
     }
-    recording.counts.bad_frames += warnings_.size();
-    recording.warnings.insert(recording.warnings.end(), warnings_.begin(), warnings_.end());
-    return sensor.info();
+    recording->counts.bad_frames += warnings.size();
+    recording->warnings.insert(recording->warnings.end(), warnings.begin(), warnings.end());
   }
 
  private:
-  template <typename Step>
-  void UnlessBad(const Step& step) {
-    try {
-      step();
-    } catch (const InputError& error) {
-      if (!config_.skip_bad_frames) throw;
-      warnings_.emplace_back(error.what());
-    }
-  }
-
-  const FrameSource& source_;
+  std::string directory_;
   const InputConfig& config_;
-  const SensorConfig& sensor_;
-  std::vector<std::string> warnings_;
+  std::vector<FrameFile> files_;
+  SensorFrames sensor_;
+  std::size_t next_ = 0;  // file to be read
+  bool any_frame_ = false;
+  std::string first_warning_;
 };
 
-}  // namespace
+FrameReader::FrameReader(const std::vector<FrameSource>& sources, const InputConfig& config,
+                         const std::map<std::string, SensorConfig>& sensors)
+    : config_(config) {
+  CheckNames(sources);
+  for (const FrameSource& source : sources) {
+    const auto known = sensors.find(SourceName(source));
+    sources_.push_back(
+        std::make_unique<SourceReader>(source, static_cast<std::uint32_t>(sources_.size()), config_,
+                                       known == sensors.end() ? SensorConfig() : known->second));
+  }
+}
+
+FrameReader::~FrameReader() = default;
+
+TimeNs FrameReader::first_stamp_ns() const {
+  TimeNs first_ns = std::numeric_limits<TimeNs>::max();
+  for (const auto& source : sources_) first_ns = std::min(first_ns, source->first_stamp_ns());
+  return first_ns;
+}
+
+TimeNs FrameReader::last_stamp_ns() const {
+  TimeNs last_ns = std::numeric_limits<TimeNs>::min();
+  for (const auto& source : sources_) last_ns = std::max(last_ns, source->last_stamp_ns());
+  return last_ns;
+}
+
+TimeNs FrameReader::ReadUntil(TimeNs until_ns, Recording* recording) {
+  std::vector<LoadedFrame> frames;
+  for (const auto& source : sources_) source->ReadUntil(until_ns, recording, &frames);
+  recording->sensors.clear();
+  for (const auto& source : sources_) recording->sensors.push_back(source->info());
+  Merge(std::move(frames), *recording);
+  TimeNs next_ns = std::numeric_limits<TimeNs>::max();
+  for (const auto& source : sources_) next_ns = std::min(next_ns, source->next_stamp_ns());
+  return next_ns;
+}
 
 void Merge(std::vector<LoadedFrame> frames, Recording& recording) {
   std::sort(frames.begin(), frames.end(), [](const LoadedFrame& a, const LoadedFrame& b) {
     return std::make_pair(a.info.stamp_ns, a.info.sensor) <
            std::make_pair(b.info.stamp_ns, b.info.sensor);
   });
-  InputCounts& counts = recording.counts;
-  for (const LoadedFrame& frame : frames) AddCounts(frame.counts, counts);
-  counts.frames = frames.size();
-  if (counts.returns > std::numeric_limits<std::uint32_t>::max()) {
-    throw InputError("--frames: " + std::to_string(counts.returns) +
+  std::size_t num_returns = recording.points_m.size();
+  for (const LoadedFrame& frame : frames) {
+    AddCounts(frame.counts, recording.counts);
+    num_returns += frame.points_m.size();
+  }
+  recording.counts.frames += frames.size();
+  if (num_returns > std::numeric_limits<std::uint32_t>::max()) {
+    throw InputError("--frames: " + std::to_string(num_returns) +
                      " returns in all, expected less than 2^32");
   }
-  recording.points_m.reserve(counts.returns);
-  recording.times_ns.reserve(counts.returns);
+  recording.points_m.reserve(num_returns);
+  recording.times_ns.reserve(num_returns);
   for (LoadedFrame& loaded : frames) {
     const LoadedFrame frame = std::move(loaded);
     FrameInfo info = frame.info;
@@ -258,17 +308,8 @@ void Merge(std::vector<LoadedFrame> frames, Recording& recording) {
 
 Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& config,
                         const std::map<std::string, SensorConfig>& sensors) {
-  CheckNames(sources);
   Recording recording;
-  std::vector<LoadedFrame> frames;
-  for (const FrameSource& source : sources) {
-    const auto known = sensors.find(SourceName(source));
-    const SensorConfig sensor = known == sensors.end() ? SensorConfig() : known->second;
-    const auto index = static_cast<std::uint32_t>(recording.sensors.size());
-    SourceReader reader(source, config, sensor);
-    recording.sensors.push_back(reader.Read(index, recording, frames));
-  }
-  Merge(std::move(frames), recording);
+  FrameReader(sources, config, sensors).ReadUntil(std::numeric_limits<TimeNs>::max(), &recording);
   return recording;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -45,5 +46,30 @@ bool IsSensorName(const std::string& name);
 // and become warnings.
 Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& config,
                         const std::map<std::string, SensorConfig>& sensors);
+
+// The same in parts, for recordings that are longer than what is looked at at once. How point times
+// are read is settled by the frames of the first part that has any.
+class FrameReader {
+ public:
+  FrameReader(const std::vector<FrameSource>& sources, const InputConfig& config,
+              const std::map<std::string, SensorConfig>& sensors);
+  ~FrameReader();
+  FrameReader(const FrameReader&) = delete;
+  FrameReader& operator=(const FrameReader&) = delete;
+
+  // Time offsets of the sensors applied.
+  TimeNs first_stamp_ns() const;
+  TimeNs last_stamp_ns() const;
+
+  // Appends the frames with a stamp before `until_ns` that were not read yet, and gives the stamp
+  // of the frame that is next then; the largest TimeNs if there is none.
+  TimeNs ReadUntil(TimeNs until_ns, Recording* recording);
+
+ private:
+  class SourceReader;
+
+  InputConfig config_;
+  std::vector<std::unique_ptr<SourceReader>> sources_;
+};
 
 }  // namespace unlidar

@@ -29,6 +29,7 @@ std::optional<TimeNs> PointTime(const RawTime& raw, TimeReading reading, TimeNs 
 class TimeReadingVote {
  public:
   void Add(const RawTime& raw, TimeNs stamp_ns);
+  bool empty() const { return votes_ == decltype(votes_){}; }
   TimeReading Winner() const;  // the first of equals
 
  private:

@@ -52,7 +52,8 @@ LoadedFrame SensorFrames::Load(const FrameFile& file, PcdCloud cloud) {
   return frame;
 }
 
-void SensorFrames::Finish(LoadedFrame& frame) const {
+void SensorFrames::Finish(LoadedFrame& frame) {
+  if (!reading_ && !vote_.empty()) reading_ = vote_.Winner();
   SetTimes(reading_.value_or(vote_.Winner()), FramePeriodNs(), input_.stamp, frame);
   frame.cloud = PcdCloud();
   frame.info.sensor = index_;

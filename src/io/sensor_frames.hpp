@@ -13,9 +13,10 @@
 namespace unlidar {
 
 // Each frame goes through Load(), NoteStamp() and Finish(). How point times are read, and the frame
-// period, follow from what came before: of a recording all stamps are noted and all frames loaded
-// before the first is finished. A stream finishes frames while others come: the first frame with
-// point times decides how they are read, and the last stamps give the period.
+// period, follow from what came before: of a recording all stamps are noted and all frames, or all
+// of its first part, loaded before the first is finished. A stream finishes frames while others
+// come: the first frame with point times decides how they are read, and the last stamps give the
+// period.
 class SensorFrames {
  public:
   enum class Source { kRecording, kStream };
@@ -38,7 +39,7 @@ class SensorFrames {
   LoadedFrame Load(const FrameFile& file, PcdCloud cloud);
 
   // Sets the times and the interval of the frame. Throws InputError for a point time that is none.
-  void Finish(LoadedFrame& frame) const;
+  void Finish(LoadedFrame& frame);
 
   // Name, origin, and frame period by the stamps so far.
   SensorInfo info() const;

@@ -152,7 +152,7 @@ void LiveEngine::TrackAll() {
   }
   waiting_.clear();
   Merge(std::move(frames), recording);
-  const PipelineResult result = TracksOf(std::move(recording), output_times_, config_);
+  const PipelineResult result = TracksOf(recording, output_times_, config_);
   std::vector<TrajectoryRow> rows;
   for (const FittedTrack& track : result.tracks) {
     on_event_(TrackConfirmed{track.id, track.begin_ns});

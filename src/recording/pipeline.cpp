@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <limits>
 #include <utility>
 
 #include "base/format.hpp"
+#include "recording/windows.hpp"
 
 namespace unlidar {
 namespace {
@@ -12,21 +14,33 @@ namespace {
 // Runs one stage after the other and takes their times.
 class StageTimer {
  public:
+  using Clock = std::chrono::steady_clock;
+
   StageTimer(const ProgressCallback& progress, std::vector<StageTime>& times)
       : progress_(progress), times_(times) {}
 
   // Ends the stage that began with the end of the one before.
   void End(const std::string& stage, const std::string& found) {
-    const auto now = std::chrono::steady_clock::now();
-    times_.push_back({stage, std::chrono::duration<double>(now - begin_).count()});
+    const auto now = Clock::now();
+    Tell(stage, found, now - begin_);
     begin_ = now;
-    progress_(times_.back(), found);
+  }
+
+  // The same for a stage that took turns with the next one, and this long in all.
+  void End(const std::string& stage, const std::string& found, Clock::duration taken) {
+    Tell(stage, found, taken);
+    begin_ += taken;
   }
 
  private:
+  void Tell(const std::string& stage, const std::string& found, Clock::duration taken) {
+    times_.push_back({stage, std::chrono::duration<double>(taken).count()});
+    progress_(times_.back(), found);
+  }
+
   const ProgressCallback& progress_;
   std::vector<StageTime>& times_;
-  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+  Clock::time_point begin_ = Clock::now();
 };
 
 // Tracks are numbered in this order.
@@ -60,22 +74,74 @@ std::size_t CountRows(const RowStream& next) {
   return count;
 }
 
-// All stages behind the reading; result.recording is there.
-void FindTracks(const PipelineRequest& request, const Config& config, StageTimer& timer,
-                PipelineResult& result) {
-  const Recording& recording = result.recording;
+std::string Found(const Recording& recording) {
+  return Count(recording.counts.frames, "frame") + ", " + Count(recording.counts.returns, "return");
+}
 
+// Frames of a recording that is in memory, as if they were read.
+FrameFeed FeedOf(const Recording& recording) {
+  return [&recording, next = std::size_t{0}](TimeNs until_ns, Recording* part) mutable {
+    part->sensors = recording.sensors;
+    part->counts = recording.counts;
+    part->warnings = recording.warnings;
+    for (; next < recording.frames.size() && recording.frames[next].stamp_ns < until_ns; ++next) {
+      FrameInfo frame = recording.frames[next];
+      const auto copy = [&](const auto& from, auto* to) {
+        to->insert(to->end(), from.begin() + frame.first_return, from.begin() + frame.last_return);
+      };
+      const auto first = static_cast<std::uint32_t>(part->points_m.size());
+      copy(recording.points_m, &part->points_m);
+      copy(recording.times_ns, &part->times_ns);
+      frame.last_return = first + (frame.last_return - frame.first_return);
+      frame.first_return = first;
+      part->frames.push_back(frame);
+    }
+    return next < recording.frames.size() ? recording.frames[next].stamp_ns
+                                          : std::numeric_limits<TimeNs>::max();
+  };
+}
+
+// Reads the recording and finds its targets: at once, or window by window if it is long.
+std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& config,
+                                  const FrameFeed& feed, TimeNs first_stamp_ns,
+                                  TimeNs last_stamp_ns, StageTimer& timer, PipelineResult& result) {
+  Recording& recording = result.recording;
   std::vector<Target> targets;
-  if (config.method == Method::kPaper) {
-    targets = FindTargetsPaper(recording, config.paper, &result.clusters);
-  } else {
-    RobustResult robust = FindTargetsRobust(recording, config.robust, config.trajectory);
+  // The paper's score is one of a whole recording.
+  if (config.method == Method::kRobust && !request.score_clusters &&
+      NeedsWindows(first_stamp_ns, last_stamp_ns, config.robust)) {
+    StageTimer::Clock::duration reading{};
+    const FrameFeed timed = [&](TimeNs until_ns, Recording* part) {
+      const auto begin = StageTimer::Clock::now();
+      const TimeNs next_ns = feed(until_ns, part);
+      reading += StageTimer::Clock::now() - begin;
+      return next_ns;
+    };
+    RobustResult robust = FindTargetsInWindows(timed, first_stamp_ns, last_stamp_ns, config.robust,
+                                               config.trajectory, &recording);
     targets = std::move(robust.targets);
     result.robust_counts = robust.counts;
+    timer.End("read", Found(recording), reading);
+  } else {
+    feed(std::numeric_limits<TimeNs>::max(), &recording);
+    timer.End("read", Found(recording));
+    if (config.method == Method::kPaper) {
+      targets = FindTargetsPaper(recording, config.paper, &result.clusters);
+    } else {
+      RobustResult robust = FindTargetsRobust(recording, config.robust, config.trajectory);
+      targets = std::move(robust.targets);
+      result.robust_counts = robust.counts;
+    }
   }
   std::sort(targets.begin(), targets.end(), IsSeenEarlier);
   timer.End("targets", Count(targets.size(), "target"));
+  return targets;
+}
 
+// What is known of the recording, with its targets, is made the result.
+void FitTracks(const PipelineRequest& request, const Config& config,
+               const std::vector<Target>& targets, StageTimer& timer, PipelineResult& result) {
+  const Recording& recording = result.recording;
   if (request.score_clusters && config.method != Method::kPaper) {
     result.clusters = ScoreClusters(recording, config.paper);
     timer.End("clusters", Count(result.clusters.size(), "cluster"));
@@ -97,22 +163,30 @@ PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
                            const ProgressCallback& progress) {
   PipelineResult result;
   StageTimer timer(progress, result.times);
-  result.recording = ReadRecording(request.sources, config.input, config.sensors);
-  timer.End("read", Count(result.recording.frames.size(), "frame") + ", " +
-                        Count(result.recording.points_m.size(), "return"));
-  FindTracks(request, config, timer, result);
+  FrameReader reader(request.sources, config.input, config.sensors);
+  const FrameFeed feed = [&](TimeNs until_ns, Recording* recording) {
+    return reader.ReadUntil(until_ns, recording);
+  };
+  const std::vector<Target> targets = ReadAndSearch(request, config, feed, reader.first_stamp_ns(),
+                                                    reader.last_stamp_ns(), timer, result);
+  FitTracks(request, config, targets, timer, result);
   return result;
 }
 
-PipelineResult TracksOf(Recording recording, const OutputTimes& output_times,
+PipelineResult TracksOf(const Recording& recording, const OutputTimes& output_times,
                         const Config& config) {
   PipelineRequest request;
   request.output_times = output_times;
   PipelineResult result;
-  result.recording = std::move(recording);
   const ProgressCallback quiet = [](const StageTime&, const std::string&) {};
   StageTimer timer(quiet, result.times);
-  FindTracks(request, config, timer, result);
+  if (recording.frames.empty()) result.recording = recording;
+  const std::vector<Target> targets =
+      recording.frames.empty()
+          ? std::vector<Target>()
+          : ReadAndSearch(request, config, FeedOf(recording), recording.frames.front().stamp_ns,
+                          recording.frames.back().stamp_ns, timer, result);
+  FitTracks(request, config, targets, timer, result);
   return result;
 }
 

@@ -41,7 +41,7 @@ struct StageTime {
 };
 
 struct PipelineResult {
-  Recording recording;
+  Recording recording;                        // of a long one only the returns of the tracks
   std::optional<RobustCounts> robust_counts;  // with the robust method
   std::vector<ClusterScore> clusters;         // empty unless asked for or needed by the method
   std::vector<FittedTrack> tracks;
@@ -61,6 +61,7 @@ PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
                            const ProgressCallback& progress);
 
 // The same for a recording that is in memory, without cluster scores.
-PipelineResult TracksOf(Recording recording, const OutputTimes& output_times, const Config& config);
+PipelineResult TracksOf(const Recording& recording, const OutputTimes& output_times,
+                        const Config& config);
 
 }  // namespace unlidar

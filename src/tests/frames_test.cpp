@@ -7,6 +7,8 @@
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <map>
+#include <vector>
 
 #include "io/pcd.hpp"
 #include "tests/frame_folder.hpp"
@@ -20,9 +22,11 @@ namespace {
 using testing::InputMessage;
 using testing::kMs;
 using testing::kSecond;
+using testing::kUnix;
 using testing::OnePoint;
 using testing::Read;
 using testing::TemporaryFolder;
+using testing::TimedFrame;
 using testing::WithoutPrivileges;
 
 std::vector<TimeNs> Stamps(const Recording& recording) {
@@ -338,6 +342,44 @@ TEST(BadFrames, ASourceWithoutAnyGoodFrameIsRefused) {
   InputConfig config;
   config.skip_bad_frames = true;
   EXPECT_NE(InputMessage(folder, config).find("none of its 1 frames"), std::string::npos);
+}
+
+TEST(FrameReader, PartsMakeTheSameRecording) {
+  const TemporaryFolder folder;
+  for (int i = 0; i < 20; ++i) {
+    folder.Write("a/" + std::to_string(kUnix + i * 100 * kMs) + ".pcd",
+                 TimedFrame({0.01 * i, 0.02 * i}, 'F', 8));
+    folder.Write("b/" + std::to_string(kUnix + i * 70 * kMs) + ".pcd",
+                 OnePoint(5.0F + static_cast<float>(i)));
+  }
+  const std::vector<FrameSource> sources = {{"", folder / "a"}, {"", folder / "b"}};
+  SensorConfig late;
+  late.time_offset_s = 0.25;
+  const std::map<std::string, SensorConfig> sensors = {{"b", late}};
+  const Recording whole = ReadRecording(sources, {}, sensors);
+  FrameReader reader(sources, {}, sensors);
+  EXPECT_EQ(reader.first_stamp_ns(), whole.frames.front().stamp_ns);
+  EXPECT_EQ(reader.last_stamp_ns(), whole.frames.back().stamp_ns);
+  Recording parts;
+  TimeNs next_ns = reader.first_stamp_ns();
+  while (next_ns != std::numeric_limits<TimeNs>::max()) {
+    const std::size_t known = parts.frames.size();
+    const TimeNs first_ns = next_ns;
+    next_ns = reader.ReadUntil(next_ns + 300 * kMs, &parts);
+    ASSERT_GT(parts.frames.size(), known);
+    EXPECT_EQ(parts.frames[known].stamp_ns, first_ns);
+  }
+  EXPECT_EQ(parts.points_m, whole.points_m);
+  EXPECT_EQ(parts.times_ns, whole.times_ns);
+  ASSERT_EQ(parts.frames.size(), whole.frames.size());
+  for (std::size_t i = 0; i < parts.frames.size(); ++i) {
+    EXPECT_EQ(parts.frames[i].sensor, whole.frames[i].sensor);
+    EXPECT_EQ(parts.frames[i].stamp_ns, whole.frames[i].stamp_ns);
+    EXPECT_EQ(parts.frames[i].last_return, whole.frames[i].last_return);
+  }
+  EXPECT_EQ(parts.counts.frames, whole.counts.frames);
+  EXPECT_EQ(parts.counts.returns, whole.counts.returns);
+  EXPECT_EQ(parts.sensors[1].frame_period_ns, whole.sensors[1].frame_period_ns);
 }
 
 }  // namespace

@@ -1,0 +1,267 @@
+#include "recording/windows.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <limits>
+#include <set>
+#include <utility>
+
+namespace unlidar {
+namespace {
+
+TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
+
+// A return of a target, which outlives its window.
+struct KeptReturn {
+  std::uint64_t frame;  // among all frames of the recording,
+  std::uint32_t index;  // and within it
+  TimeNs stamp_ns;      // of the frame
+  TimeNs time_ns;
+  Eigen::Vector3f point_m;
+
+  friend bool operator<(const KeptReturn& a, const KeptReturn& b) {
+    return std::make_pair(a.frame, a.index) < std::make_pair(b.frame, b.index);
+  }
+};
+
+// A target whose returns are not, or no more, in a recording.
+struct Piece {
+  Target target;                    // without returns
+  std::vector<KeptReturn> returns;  // ascending
+};
+
+std::size_t CountBetween(const Piece& piece, TimeNs from_ns, TimeNs to_ns) {
+  return static_cast<std::size_t>(std::count_if(
+      piece.returns.begin(), piece.returns.end(),
+      [&](const KeptReturn& kept) { return from_ns <= kept.stamp_ns && kept.stamp_ns < to_ns; }));
+}
+
+std::size_t CountShared(const Piece& a, const Piece& b) {
+  std::vector<KeptReturn> shared;
+  std::set_intersection(a.returns.begin(), a.returns.end(), b.returns.begin(), b.returns.end(),
+                        std::back_inserter(shared));
+  return shared.size();
+}
+
+// Keeps what is before a time, or what is not; of the score the share of the returns kept.
+void Cut(TimeNs at_ns, bool keeps_before, Piece* piece) {
+  const auto goes = [&](TimeNs time_ns) { return (time_ns < at_ns) != keeps_before; };
+  const auto all = static_cast<double>(piece->returns.size());
+  auto& returns = piece->returns;
+  returns.erase(std::remove_if(returns.begin(), returns.end(),
+                               [&](const KeptReturn& kept) { return goes(kept.stamp_ns); }),
+                returns.end());
+  auto& measurements = piece->target.measurements;
+  measurements.erase(
+      std::remove_if(measurements.begin(), measurements.end(),
+                     [&](const Measurement& measurement) { return goes(measurement.time_ns); }),
+      measurements.end());
+  piece->target.score *= static_cast<double>(returns.size()) / all;
+}
+
+class WindowSearch {
+ public:
+  WindowSearch(const RobustConfig& config, const TrajectoryConfig& trajectory_config)
+      : config_(config),
+        trajectory_config_(trajectory_config),
+        margin_ns_(Ns(config.window_margin_s)) {}
+
+  // Searches what the windows before have left of the recording up to a stamp.
+  void Search(const FrameFeed& feed, TimeNs begin_ns, TimeNs end_ns, double false_alarms) {
+    const std::size_t known = window_.frames.size();
+    constexpr TimeNs kEnd = std::numeric_limits<TimeNs>::max();
+    next_stamp_ns_ = feed(end_ns == kEnd ? kEnd : end_ns + margin_ns_, &window_);
+    frames_.insert(frames_.end(), window_.frames.begin() + static_cast<std::ptrdiff_t>(known),
+                   window_.frames.end());
+    DropBefore(begin_ns - margin_ns_);
+    RobustConfig config = config_;
+    config.false_alarms_per_recording = false_alarms;
+    RobustResult found = FindTargetsRobust(window_, config, trajectory_config_);
+    counts_.unexplained_returns += found.counts.unexplained_returns;
+    counts_.body_returns += found.counts.body_returns;
+    counts_.plots += found.counts.plots;
+    counts_.paths += found.counts.paths;
+    counts_.score_threshold = std::max(counts_.score_threshold, found.counts.score_threshold);
+    std::vector<Piece> pieces;
+    for (Target& target : found.targets) pieces.push_back(PieceOf(std::move(target)));
+    Join(begin_ns, std::move(pieces));
+  }
+
+  // The stamp of the first frame that is not before a time.
+  TimeNs NextStampNs(TimeNs from_ns) const {
+    for (const FrameInfo& frame : window_.frames) {
+      if (frame.stamp_ns >= from_ns) return frame.stamp_ns;
+    }
+    return next_stamp_ns_;
+  }
+
+  RobustResult Finish(Recording* recording) {
+    RobustResult result;
+    result.counts = counts_;
+    std::stable_sort(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) {
+      return a.target.score > b.target.score;
+    });
+    // A return is one target's.
+    std::set<KeptReturn> all;
+    for (Piece& piece : pieces_) {
+      auto& returns = piece.returns;
+      returns.erase(std::remove_if(returns.begin(), returns.end(),
+                                   [&](const KeptReturn& kept) { return all.count(kept) > 0; }),
+                    returns.end());
+      all.insert(returns.begin(), returns.end());
+    }
+    recording->sensors = std::move(window_.sensors);
+    recording->counts = window_.counts;
+    recording->warnings = std::move(window_.warnings);
+    recording->frames = std::move(frames_);
+    auto kept = all.begin();
+    for (std::size_t frame = 0; frame < recording->frames.size(); ++frame) {
+      FrameInfo& info = recording->frames[frame];
+      info.first_return = static_cast<std::uint32_t>(recording->points_m.size());
+      for (; kept != all.end() && kept->frame == frame; ++kept) {
+        recording->points_m.push_back(kept->point_m);
+        recording->times_ns.push_back(kept->time_ns);
+      }
+      info.last_return = static_cast<std::uint32_t>(recording->points_m.size());
+    }
+    const std::vector<KeptReturn> order(all.begin(), all.end());
+    for (Piece& piece : pieces_) {
+      if (piece.returns.empty()) continue;
+      for (const KeptReturn& own : piece.returns) {
+        piece.target.returns.push_back(static_cast<std::uint32_t>(
+            std::lower_bound(order.begin(), order.end(), own) - order.begin()));
+      }
+      result.targets.push_back(std::move(piece.target));
+    }
+    return result;
+  }
+
+ private:
+  // Forgets the frames before a stamp.
+  void DropBefore(TimeNs stamp_ns) {
+    const auto first =
+        std::find_if(window_.frames.begin(), window_.frames.end(),
+                     [&](const FrameInfo& frame) { return frame.stamp_ns >= stamp_ns; });
+    const std::uint32_t gone = first == window_.frames.begin() ? 0 : std::prev(first)->last_return;
+    first_frame_ += static_cast<std::uint64_t>(first - window_.frames.begin());
+    window_.frames.erase(window_.frames.begin(), first);
+    window_.points_m.erase(window_.points_m.begin(), window_.points_m.begin() + gone);
+    window_.times_ns.erase(window_.times_ns.begin(), window_.times_ns.begin() + gone);
+    for (FrameInfo& frame : window_.frames) {
+      frame.first_return -= gone;
+      frame.last_return -= gone;
+    }
+  }
+
+  Piece PieceOf(Target target) const {
+    Piece piece;
+    std::size_t frame = 0;
+    for (const std::uint32_t i : target.returns) {
+      while (window_.frames[frame].last_return <= i) ++frame;
+      const FrameInfo& info = window_.frames[frame];
+      piece.returns.push_back({first_frame_ + frame, i - info.first_return, info.stamp_ns,
+                               window_.times_ns[i], window_.points_m[i]});
+    }
+    target.returns.clear();
+    piece.target = std::move(target);
+    return piece;
+  }
+
+  // Takes in the targets of the window that begins at a border.
+  void Join(TimeNs border_ns, std::vector<Piece> found) {
+    struct Pair {
+      std::size_t shared;
+      std::size_t before;
+      std::size_t behind;
+    };
+    std::vector<Pair> pairs;
+    for (std::size_t i = 0; i < pieces_.size(); ++i) {
+      if (pieces_[i].returns.back().stamp_ns < border_ns - margin_ns_) continue;
+      for (std::size_t k = 0; k < found.size(); ++k) {
+        const std::size_t shared = CountShared(pieces_[i], found[k]);
+        if (shared > 0) pairs.push_back({shared, i, k});
+      }
+    }
+    std::stable_sort(pairs.begin(), pairs.end(),
+                     [](const Pair& a, const Pair& b) { return a.shared > b.shared; });
+    const auto about_border = [&](const Piece& piece) {
+      return CountBetween(piece, border_ns - margin_ns_, border_ns + margin_ns_);
+    };
+    std::vector<char> is_cut(pieces_.size(), 0);
+    std::vector<char> is_joined(found.size(), 0);
+    std::vector<char> is_cut_behind(found.size(), 0);
+    for (const Pair& pair : pairs) {
+      Piece& before = pieces_[pair.before];
+      Piece& behind = found[pair.behind];
+      const bool are_one = !is_cut[pair.before] && !is_cut_behind[pair.behind] &&
+                           2 * pair.shared >= std::min(about_border(before), about_border(behind));
+      if (!std::exchange(is_cut[pair.before], 1)) Cut(border_ns, true, &before);
+      if (!std::exchange(is_cut_behind[pair.behind], 1)) Cut(border_ns, false, &behind);
+      if (!are_one) continue;
+      is_joined[pair.behind] = 1;
+      before.target.score += behind.target.score;
+      before.target.depth_sigma_m =
+          std::max(before.target.depth_sigma_m, behind.target.depth_sigma_m);
+      before.returns.insert(before.returns.end(), behind.returns.begin(), behind.returns.end());
+      auto& measurements = before.target.measurements;
+      measurements.insert(measurements.end(), behind.target.measurements.begin(),
+                          behind.target.measurements.end());
+    }
+    // What lies on the other side alone is the business of the window there, which saw more of it.
+    for (std::size_t i = 0; i < pieces_.size(); ++i) {
+      if (!is_cut[i] && pieces_[i].returns.front().stamp_ns >= border_ns)
+        pieces_[i].returns.clear();
+    }
+    for (std::size_t k = 0; k < found.size(); ++k) {
+      const bool is_behind =
+          !found[k].returns.empty() && found[k].returns.back().stamp_ns >= border_ns;
+      if (is_behind && !is_joined[k]) pieces_.push_back(std::move(found[k]));
+    }
+    pieces_.erase(std::remove_if(pieces_.begin(), pieces_.end(),
+                                 [](const Piece& piece) {
+                                   return piece.returns.empty() ||
+                                          piece.target.measurements.empty();
+                                 }),
+                  pieces_.end());
+  }
+
+  const RobustConfig& config_;
+  const TrajectoryConfig& trajectory_config_;
+  TimeNs margin_ns_;
+  Recording window_;
+  TimeNs next_stamp_ns_ = 0;       // of the first frame that was not fed yet
+  std::uint64_t first_frame_ = 0;  // of the window, among all
+  std::vector<FrameInfo> frames_;  // all
+  std::vector<Piece> pieces_;
+  RobustCounts counts_;
+};
+
+}  // namespace
+
+bool NeedsWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfig& config) {
+  return static_cast<double>(last_stamp_ns - first_stamp_ns) * kSecondsPerNs >=
+         1.5 * config.window_s;
+}
+
+RobustResult FindTargetsInWindows(const FrameFeed& feed, TimeNs first_stamp_ns,
+                                  TimeNs last_stamp_ns, const RobustConfig& config,
+                                  const TrajectoryConfig& trajectory_config, Recording* recording) {
+  const TimeNs window_ns = Ns(config.window_s);
+  const double num_windows =
+      static_cast<double>(last_stamp_ns - first_stamp_ns) / static_cast<double>(window_ns);
+  WindowSearch search(config, trajectory_config);
+  for (TimeNs begin_ns = first_stamp_ns; begin_ns <= last_stamp_ns;) {
+    const TimeNs end_ns = begin_ns + window_ns;
+    const bool is_last = last_stamp_ns - end_ns < window_ns / 2;
+    search.Search(feed, begin_ns, is_last ? std::numeric_limits<TimeNs>::max() : end_ns,
+                  config.false_alarms_per_recording / num_windows);
+    if (is_last) break;
+    begin_ns = search.NextStampNs(end_ns);
+  }
+  return search.Finish(recording);
+}
+
+}  // namespace unlidar

@@ -13,6 +13,7 @@ from unlidar_tools import (
     evaluate_command,
     export_command,
     play_command,
+    relay_command,
     report_command,
     run_command,
     telling,
@@ -61,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     _add_run(commands)
     _add_play(commands)
+    _add_relay(commands)
     _add_evaluate(commands)
     _add_export(commands)
     _add_report(commands)
@@ -120,6 +122,11 @@ def _add_play(commands: argparse._SubParsersAction) -> None:
     p = _add(commands, "play", text, play_command.EXAMPLE)
     play_command.define(p)
     _add_sensors(p, "default: all found")
+
+
+def _add_relay(commands: argparse._SubParsersAction) -> None:
+    text = "events of a running station -> TAK, MQTT, WebSocket; alarms by zones"
+    relay_command.define(_add(commands, "relay", text, relay_command.EXAMPLE))
 
 
 def _add_evaluate(commands: argparse._SubParsersAction) -> None:

@@ -12,6 +12,7 @@ from unlidar_tools import (
     convert_command,
     evaluate_command,
     export_command,
+    history_command,
     play_command,
     relay_command,
     report_command,
@@ -63,6 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_run(commands)
     _add_play(commands)
     _add_relay(commands)
+    _add_history(commands)
     _add_evaluate(commands)
     _add_export(commands)
     _add_report(commands)
@@ -127,6 +129,11 @@ def _add_play(commands: argparse._SubParsersAction) -> None:
 def _add_relay(commands: argparse._SubParsersAction) -> None:
     text = "events of a running station -> TAK, MQTT, WebSocket; alarms by zones"
     relay_command.define(_add(commands, "relay", text, relay_command.EXAMPLE))
+
+
+def _add_history(commands: argparse._SubParsersAction) -> None:
+    text = "what a station has seen -> a list, CSV, GeoJSON, KML, mcap"
+    history_command.define(_add(commands, "history", text, history_command.EXAMPLE))
 
 
 def _add_evaluate(commands: argparse._SubParsersAction) -> None:

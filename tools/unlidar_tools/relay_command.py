@@ -41,6 +41,12 @@ def define(p: argparse.ArgumentParser) -> None:
         action="store_true",
         help="send also what a file held before (default: what comes from now on)",
     )
+    p.add_argument(
+        "--store",
+        metavar="FILE",
+        type=Path,
+        help="keep everything in a SQLite file too, for unlidar history and watch",
+    )
     p.set_defaults(act=act)
 
 
@@ -52,13 +58,16 @@ def act(a: argparse.Namespace) -> None:
 
     site = load_site(a.site) if a.site is not None else Site()
     site = replace(site, outputs=(*site.outputs, *(Output(to=url) for url in a.to)))
-    if not site.outputs:
-        raise UsageError("nobody to tell: give --to URL, or outputs in the file of --site")
+    if not site.outputs and a.store is None:
+        raise UsageError("nobody to tell: give --to URL, outputs in the file of --site, or --store")
     source = open_source(a.events)
 
     async def run() -> None:
+        from unlidar_tools.history.keeper import keeping
         from unlidar_tools.relay.run import make_way, relay
 
-        await relay(source, site, [make_way(o, site) for o in site.outputs], a.all)
+        ways = [make_way(o, site) for o in site.outputs]
+        async with keeping(a.store, site) as keep:
+            await relay(source, site, ways, a.all, keep)
 
     asyncio.run(run())

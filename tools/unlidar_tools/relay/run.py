@@ -86,11 +86,17 @@ def make_way(wanted: Wanted, site: Site) -> Way:
     return Way(Output(shown, server, wanted.room), lambda message: message.text)
 
 
-async def relay(source: Source, site: Site, ways: Sequence[Way], all_of_it: bool) -> list[Told]:
+async def relay(
+    source: Source,
+    site: Site,
+    ways: Sequence[Way],
+    all_of_it: bool,
+    keep: Callable[[Message], None],
+) -> list[Told]:
     """Until the source or a signal ends it; then what waits has a few seconds to leave.
 
-    What a file held before is not sent, unless `all_of_it`: it tells which tracks and alarms there
-    are.
+    What a file held before is kept, and not sent, unless `all_of_it`: it tells which tracks and
+    alarms there are.
     """
     station = Station(site, load_zones(site), source.name)
     running = [asyncio.ensure_future(way.output.run()) for way in ways]
@@ -98,6 +104,7 @@ async def relay(source: Source, site: Site, ways: Sequence[Way], all_of_it: bool
     async def take() -> None:
         async for line in source.lines():
             for message in station.take(line.data):
+                keep(message)
                 if not line.old or all_of_it:
                     for way in ways:
                         way.offer(message)

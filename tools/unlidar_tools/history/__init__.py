@@ -1,0 +1,1 @@
+"""What stations told, kept in SQLite: tracks with their rows, alarms, states."""

@@ -18,6 +18,7 @@ from unlidar_tools import (
     report_command,
     run_command,
     telling,
+    watch_command,
 )
 from unlidar_tools.arguments import whole
 from unlidar_tools.configs import scenario_names
@@ -64,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_run(commands)
     _add_play(commands)
     _add_relay(commands)
+    _add_watch(commands)
     _add_history(commands)
     _add_evaluate(commands)
     _add_export(commands)
@@ -129,6 +131,11 @@ def _add_play(commands: argparse._SubParsersAction) -> None:
 def _add_relay(commands: argparse._SubParsersAction) -> None:
     text = "events of a running station -> TAK, MQTT, WebSocket; alarms by zones"
     relay_command.define(_add(commands, "relay", text, relay_command.EXAMPLE))
+
+
+def _add_watch(commands: argparse._SubParsersAction) -> None:
+    text = "a page that shows a running station, its alarms and its last hours"
+    watch_command.define(_add(commands, "watch", text, watch_command.EXAMPLE))
 
 
 def _add_history(commands: argparse._SubParsersAction) -> None:

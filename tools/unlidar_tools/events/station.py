@@ -58,9 +58,12 @@ class Often:
 class Station:
     """Takes lines of events in. One that cannot be understood is counted, said and left out."""
 
-    def __init__(self, site: Site, zones: Sequence[Zone] = (), source: str = "events") -> None:
+    def __init__(
+        self, site: Site, zones: Sequence[Zone] = (), source: str = "events", places: bool = True
+    ) -> None:
+        """`places`: work out where on the globe each row is, which takes most of the time."""
         self._name = site.station
-        self._origin = None if site.origin is None else site.origin.origin()
+        self._origin = site.origin.origin() if site.origin is not None and places else None
         self._watchman = Watchman(zones)
         self._tracks: dict[int, Row | None] = {}  # that go on, with their newest rows
         self.bad = Often(f"{source}: a line is left out")

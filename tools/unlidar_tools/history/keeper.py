@@ -7,7 +7,8 @@ from pathlib import Path
 
 from unlidar_tools.events.site import Site
 from unlidar_tools.events.station import Message
-from unlidar_tools.history.store import DAYS, MEGABYTES, Store
+from unlidar_tools.history import DAYS, MEGABYTES
+from unlidar_tools.history.store import Store
 
 _WRITE_S = 0.5  # so much a power cut may take
 _MOST_WAITING = 5000

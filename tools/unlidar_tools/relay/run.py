@@ -98,7 +98,7 @@ async def relay(
     What a file held before is kept, and not sent, unless `all_of_it`: it tells which tracks and
     alarms there are.
     """
-    station = Station(site, load_zones(site), source.name)
+    station = Station(site, load_zones(site), source.name, places=bool(ways))
     running = [asyncio.ensure_future(way.output.run()) for way in ways]
 
     async def take() -> None:

@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import math
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -175,11 +176,11 @@ def test_tracks_appear_at_once_none_is_missing_and_it_is_smooth(driver, folder, 
                 time.sleep(0.02)
             assert sorted(seen_s) == list(range(1, TRACKS + 1))
             waits = [seen_s[n] - flight.written_s[n] for n in seen_s]
-            assert max(waits) < SOON_S, waits
+            assert max(waits) < (WAIT_S if _is_loaded() else SOON_S), waits
             before, begin = page.run("return frames"), time.monotonic()
             time.sleep(3)
             frames = (page.run("return frames") - before) / (time.monotonic() - begin)
-            assert frames >= 20 or _is_loaded(), frames
+            assert frames >= (1 if _is_loaded() else 20), frames
         rows = sum(flight.rows.values())
         page.wait(f"[...live.tracks.values()].reduce((n, t) => n + t.rows.length, 0) == {rows}")
         # Nothing is wider than the window, nothing asked of another machine, nothing complained of.
@@ -196,7 +197,8 @@ def test_tracks_appear_at_once_none_is_missing_and_it_is_smooth(driver, folder, 
 
 
 def _is_loaded() -> bool:
-    return float(Path("/proc/loadavg").read_text().split()[0]) > 1.5
+    """Others use the machine too: then times say nothing of the page."""
+    return float(Path("/proc/loadavg").read_text().split()[0]) > 2 * (os.cpu_count() or 1)
 
 
 def one_drone(folder: Path, *more: str, inside: bool = True) -> None:

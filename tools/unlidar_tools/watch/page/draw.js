@@ -50,10 +50,14 @@ function projector(width, height) {
 
 /** Keeps everything in view: grows at once, shrinks slowly. */
 function follow(shown, zones) {
-  let reach = LEAST_REACH;
+  let reach = LEAST_REACH, top = 0;
   for (const track of shown) {
-    for (const row of track.rows) reach = Math.max(reach, Math.hypot(row[X], row[Y]), view.flat ? 0 : row[Z]);
+    for (const row of track.rows) {
+      reach = Math.max(reach, Math.hypot(row[X], row[Y]), view.flat ? 0 : row[Z]);
+      top = Math.max(top, row[Z]);
+    }
   }
+  view.centre[2] += 0.05 * (0.4 * top - view.centre[2]); // half the picture is no empty ground
   for (const zone of zones) for (const ring of zone.rings) for (const [x, y] of ring) {
     reach = Math.max(reach, Math.min(Math.hypot(x, y), 300));
   }

@@ -164,13 +164,13 @@ def test_days_bound_what_is_kept(tmp_path) -> None:
 
 def test_size_bounds_what_is_kept_and_the_file(tmp_path) -> None:
     path = tmp_path / "sky.db"
-    keeping = Store(path, megabytes=0.5)
-    for i in range(30):
-        keeping.take(messages(tmp_path, *flight(i, i * 100.0, rows=400)))
+    keeping = Store(path, megabytes=0.25)
+    for i in range(20):
+        keeping.take(messages(tmp_path, *flight(i, i * 100.0, rows=200)))
         keeping.tidy()
-        assert path.stat().st_size < 700_000
+        assert path.stat().st_size < 400_000
     kept = [t.number for t in keeping.reader().tracks()]
-    assert kept == list(range(30))[-len(kept) :]  # the newest, none left out between
+    assert kept == list(range(20))[-len(kept) :]  # the newest, none left out between
     assert len(kept) >= 5
     keeping.close()
 

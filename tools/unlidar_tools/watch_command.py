@@ -22,7 +22,8 @@ def define(p: argparse.ArgumentParser) -> None:
         "events",
         metavar="EVENTS",
         help="of unlidar_track --events: a file, which is followed as it grows; - for stdin; "
-        "tcp://HOST:PORT",
+        "tcp://HOST:PORT. Or mqtt://[USER:PASSWORD@]HOST[:PORT]: a broker to which the relays of "
+        "several stations publish",
     )
     p.add_argument(
         "--site",
@@ -78,7 +79,7 @@ def define(p: argparse.ArgumentParser) -> None:
 
 def act(a: argparse.Namespace) -> None:
     """Serves until SIGINT or SIGTERM, which are no errors."""
-    need_station("watch", ("shapely", "starlette", "uvicorn"))
+    need_station("watch", ("paho", "shapely", "starlette", "uvicorn"))
     from unlidar_tools.events.site import Site, load_site
     from unlidar_tools.events.source import open_source
     from unlidar_tools.watch.run import Served, watch

@@ -116,13 +116,33 @@ class Fusion:
         self._identity.pop(key, None)
         self._pairs = {pair: value for pair, value in self._pairs.items() if key not in pair}
 
+    def identities(self) -> set[int]:
+        """Of all drones that there are."""
+        return set(self._identity.values())
+
+    def is_settled(self, identity: int) -> bool:
+        """False of a new track that looks like an older one, until that is decided."""
+        members = [key for key, number in self._identity.items() if number == identity]
+        if len(members) > 1:
+            return True
+        older = itertools.takewhile(lambda key: key != members[0], self._newest)
+        pairs = (self._pairs.get(frozenset((members[0], other))) for other in older)
+        return not any(
+            pair.distance <= _GATE and (pair.newest_ns - pair.begin_ns) * 1e-9 < _JOIN_S
+            for pair in pairs
+            if pair is not None
+        )
+
+    def drone(self, identity: int) -> Fused:
+        """One drone at the newest instant of its tracks. KeyError where there is none."""
+        members = tuple(sorted(k for k, number in self._identity.items() if number == identity))
+        if not members:
+            raise KeyError(identity)
+        return Fused(identity, members, _together(self._newest[key] for key in members))
+
     def fused(self) -> list[Fused]:
-        """Every drone at the newest instant of its tracks, by identity."""
-        found = []
-        for identity in sorted(set(self._identity.values())):
-            members = tuple(sorted(k for k, number in self._identity.items() if number == identity))
-            found.append(Fused(identity, members, _together(self._newest[k] for k in members)))
-        return found
+        """Every drone, by identity."""
+        return [self.drone(identity) for identity in sorted(self.identities())]
 
     def clock_offset_s(self, station: str, other: str) -> float | None:
         """By how much the stamps of `station` are ahead of the other's, as far as flights tell.

@@ -53,6 +53,8 @@ class Lines:
 class Source:
     """An endless or ending series of lines."""
 
+    many = False  # the lines name their stations, of which there are several
+
     def __init__(self, name: str) -> None:
         self.name = name
 
@@ -62,12 +64,16 @@ class Source:
 
 
 def open_source(text: str) -> Source:
-    """By what the command line says: `-`, tcp://HOST:PORT or a file.
+    """By what the command line says: `-`, tcp://HOST:PORT, mqtt://HOST or a file.
 
     UsageError for what is none of these, InputError for a file in a folder that is not there.
     """
     if text == "-":
         return _Stdin("stdin")
+    if text.startswith("mqtt://"):
+        from unlidar_tools.events.broker import Broker  # which needs a package of its own
+
+        return Broker(text)
     if "://" in text:
         url = urlsplit(text)
         try:
@@ -75,7 +81,7 @@ def open_source(text: str) -> Source:
         except ValueError:
             host = port = None
         if url.scheme != "tcp" or not host or not port or url.path.strip("/"):
-            raise UsageError(f"'{text}', expected a file, - or tcp://HOST:PORT")
+            raise UsageError(f"'{text}', expected a file, -, tcp://HOST:PORT or mqtt://HOST")
         return _Tcp(text, host, port)
     path = Path(text)
     if path.is_dir() or not path.parent.is_dir():

@@ -19,7 +19,7 @@ from unlidar_tools.events.event import (
 from unlidar_tools.events.site import Site, Zone
 from unlidar_tools.geodesy import Origin, to_geodetic
 from unlidar_tools.stamps import format_stamp_ns
-from unlidar_tools.telling import note
+from unlidar_tools.telling import Often
 
 ALARM = "alarm"
 RAISED, ENDED = "raised", "ended"
@@ -38,21 +38,6 @@ class Message:
     place: tuple[float, float, float] | None = None  # degrees north and east, metres; of rows
     alarm: Alarm | None = None
     alarm_state: str = ""
-
-
-class Often:
-    """Says what repeats the first, second, fourth, eighth time and so on."""
-
-    def __init__(self, what: str) -> None:
-        self._what = what
-        self.count = 0
-
-    def __call__(self, detail: str) -> None:
-        """Counts one more."""
-        self.count += 1
-        if self.count & (self.count - 1) == 0:
-            times = f" ({self.count} so far)" if self.count > 1 else ""
-            note(f"{self._what}{times}: {detail}")
 
 
 class Station:
@@ -96,6 +81,10 @@ class Station:
                 return [*self._begin_anew(event.at), message]
         return [message]
 
+    def lost(self, at_ns: int) -> list[Message]:
+        """Nothing comes from it any more: its tracks and alarms have ended."""
+        return self._begin_anew(at_ns)
+
     def _begin_anew(self, at_ns: int) -> list[Message]:
         """A killed engine has not ended its tracks."""
         over = self._watchman.end_all()
@@ -110,7 +99,7 @@ class Station:
         return [*ends, *(self._alarm(alarm, ENDED, at_ns) for alarm in over)]
 
     def _message(self, event: Event, text: str, place: tuple | None) -> Message:
-        more: dict = {"station": self._name}
+        more: dict = {} if '"station":' in text else {"station": self._name}
         if place is not None:
             more |= _place_keys(place)
         return Message(event.event, self._name, event.at, extended(text, more), event, place)

@@ -8,8 +8,9 @@ from pathlib import Path
 from unlidar_tools.errors import InputError, OutputError, reason
 from unlidar_tools.events.event import Row, TrackBegins, TrackEnds
 from unlidar_tools.events.site import Place
-from unlidar_tools.events.station import ALARM, Message, Often
+from unlidar_tools.events.station import ALARM, Message
 from unlidar_tools.history import DAYS, MEGABYTES
+from unlidar_tools.telling import Often
 
 _NS_PER_DAY = 86_400_000_000_000
 _KIND = 0x554E4C44  # PRAGMA application_id: "UNLD"

@@ -2,19 +2,21 @@
 
 import asyncio
 import contextlib
+import json
 import ssl
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
+from unlidar_tools.events.broker import OFFLINE, PREFIX, RELAY, SITE
 from unlidar_tools.events.event import EngineState, SensorState
+from unlidar_tools.events.site import Site
 from unlidar_tools.events.station import Message
 
-PREFIX = "unlidar"
-RELAY = "relay"  # topic of whether the relay itself is there
-ONLINE, OFFLINE = "online", "offline"
+ONLINE = "online"
 _QOS = 1
 _ANSWER_S = 10.0
 _KEEPALIVE_S = 15
@@ -37,12 +39,16 @@ class MqttSender:
         self,
         host: str,
         port: int,
-        station: str,
+        site: Site,
         login: tuple[str, str | None] | None,
         tls: ssl.SSLContext | None,
     ) -> None:
         self._host, self._port, self._login, self._tls = host, port, login, tls
-        self._state_topic = f"{PREFIX}/{station}/{RELAY}"
+        self._state_topic = f"{PREFIX}/{site.station}/{RELAY}"
+        self._first: list[Publication] = [(self._state_topic, ONLINE, True)]
+        if site.origin is not None:
+            told = {"event": SITE, "station": site.station, "origin": asdict(site.origin)}
+            self._first.append((f"{PREFIX}/{site.station}/{SITE}", json.dumps(told), True))
         self._client: paho.Client | None = None
         self._lost: asyncio.Future[None] | None = None
 
@@ -85,7 +91,7 @@ class MqttSender:
         if not done:
             raise ConnectionError(f"no answer within {_ANSWER_S:g} s")
         (connected if connected.done() else lost).result()
-        await self.send([(self._state_topic, ONLINE, True)])
+        await self.send(self._first)
 
     async def send(self, messages: Sequence[Publication]) -> None:
         """Returns when the broker has acknowledged all."""

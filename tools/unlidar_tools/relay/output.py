@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from typing import Generic, Protocol, TypeVar
 
 from unlidar_tools.errors import reason
-from unlidar_tools.events.station import Often
-from unlidar_tools.telling import note
+from unlidar_tools.telling import Often, note
 
 T = TypeVar("T")
 
@@ -49,6 +48,7 @@ class Output(Generic[T]):
         self._emptied = asyncio.Event()
         self._emptied.set()
         self._drop = Often(f"{name}: queue full, the oldest is left out")
+        self._away = False
         self.sent = 0
 
     @property
@@ -73,13 +73,13 @@ class Output(Generic[T]):
 
     async def run(self) -> None:
         """For ever."""
-        wait_s, away = _WAIT_S[0], False
+        wait_s = _WAIT_S[0]
         while True:
             try:
                 await self._sender.connect()
-                if away:
+                if self._away:
                     note(f"{self.name}: is there again, {self.waiting} messages wait")
-                away = False
+                self._away = False
                 begun = self.sent
                 try:
                     await self._send_all()
@@ -87,9 +87,9 @@ class Output(Generic[T]):
                     if self.sent > begun:
                         wait_s = _WAIT_S[0]
             except OSError as error:
-                if not away:
+                if not self._away:
                     note(f"{self.name}: {reason(error)}; it is tried again")
-                away = True
+                self._away = True
             finally:
                 await self._sender.close()
                 self._queue.extendleft(reversed(self._in_flight))
@@ -98,7 +98,9 @@ class Output(Generic[T]):
             wait_s = min(2 * wait_s, _WAIT_S[1])
 
     async def drain(self, seconds: float) -> None:
-        """Waits so long at most until everything is sent."""
+        """Waits so long at most until everything is sent; not for somebody who is away."""
+        if self._away:
+            return
         with contextlib.suppress(asyncio.TimeoutError):
             await asyncio.wait_for(self._emptied.wait(), seconds)
 

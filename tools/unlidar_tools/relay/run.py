@@ -72,7 +72,7 @@ def make_way(wanted: Wanted, site: Site) -> Way:
         if url.username:
             login = unquote(url.username), unquote(url.password) if url.password else None
         port = url.port or _MQTT_PORTS[url.scheme]
-        sender = MqttSender(url.hostname, port, site.station, login, tls)
+        sender = MqttSender(url.hostname, port, site, login, tls)
         return Way(Output(shown, sender, wanted.room), encode)
     from unlidar_tools.relay.web_socket import WebSocketSender
 

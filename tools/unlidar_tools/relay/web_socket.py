@@ -11,8 +11,7 @@ from urllib.parse import parse_qs, urlsplit
 from websockets.asyncio.server import Request, Response, Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
-from unlidar_tools.events.station import Often
-from unlidar_tools.telling import stage
+from unlidar_tools.telling import Often, stage
 
 _MOST_CLIENTS = 64
 _MOST_INCOMING_BYTES = 1024

@@ -2,11 +2,13 @@
 
 import asyncio
 import sys
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from unlidar_tools.errors import ConfigError, OutputError, reason
-from unlidar_tools.events.site import Site, load_zones
+from unlidar_tools.events.many import SKY, Many, Told
+from unlidar_tools.events.site import Site, Zone, load_zones
 from unlidar_tools.events.source import Source
 from unlidar_tools.events.station import Station
 from unlidar_tools.history.keeper import Keeper
@@ -37,12 +39,10 @@ async def watch(source: Source, site: Site, served: Served) -> None:
     OutputError where the address cannot be served or the store not be written.
     """
     zones = load_zones(site)
-    station = Station(site, zones, source.name, places=False)
     store = Store(served.store, served.days, served.megabytes)
-    store.place(site.station, site.origin)
     keeper = Keeper(store)
     pages = Pages(Sky())
-    app = make_app(pages, store.reader(), site, zones, served.token)
+    app = make_app(pages, store.reader(), site, zones, served.token, SKY if source.many else None)
     try:
         server = make_server(app, served.certificate, served.key)
         server.config.load()
@@ -55,10 +55,16 @@ async def watch(source: Source, site: Site, served: Served) -> None:
         raise OutputError(f"{where}: cannot be served: {reason(error)}") from error
 
     async def take() -> None:
+        taken = _taker(source, site, zones)
+        placed = set()
         async for line in source.lines():
-            for message in station.take(line.data):
-                keeper(message)
-                pages.take(message)
+            for told in taken(line.data):
+                if told.message.station not in placed:  # everything is in one frame
+                    placed.add(told.message.station)
+                    store.place(told.message.station, site.origin)
+                keeper(told.message)
+                if told.shown:
+                    pages.take(told.message)
         note(f"{source.name}: has ended; the page stays")
         await asyncio.Event().wait()
 
@@ -78,6 +84,14 @@ async def watch(source: Source, site: Site, served: Served) -> None:
         keeper.write()
         store.tidy()
         store.close()
+
+
+def _taker(source: Source, site: Site, zones: Sequence[Zone]) -> Callable[[bytes], Iterable[Told]]:
+    """By a broker come many stations, else it is one."""
+    if source.many:
+        return Many(site, zones, source.name).take
+    station = Station(site, zones, source.name, places=False)
+    return lambda line: (Told(message, shown=True) for message in station.take(line))
 
 
 def _address(served: Served, port: int) -> str:

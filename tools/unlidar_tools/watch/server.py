@@ -117,9 +117,17 @@ class Pages:
 
 
 def make_app(
-    pages: Pages, reader: Reader, site: Site, zones: Sequence[Zone], token: str | None
+    pages: Pages,
+    reader: Reader,
+    site: Site,
+    zones: Sequence[Zone],
+    token: str | None,
+    station: str | None,
 ) -> ASGIApp:
-    """The application. Without a token only names of this machine itself are answered."""
+    """The application. Without a token only names of this machine itself are answered.
+
+    The past shows the tracks of one station, or of all (None).
+    """
     folder = files("unlidar_tools.watch") / "page"
     begin = _begin(site, zones)
 
@@ -135,8 +143,9 @@ def make_app(
 
     async def spans(_request: Request) -> Response:
         found = [
-            [station, number, begin_ns / 1e9, end_ns / 1e9]
-            for station, number, begin_ns, end_ns in reader.spans()
+            [name, number, begin_ns / 1e9, end_ns / 1e9]
+            for name, number, begin_ns, end_ns in reader.spans()
+            if station in (None, name)
         ]
         alarms = [json.loads(text) for text in reader.alarms(0, (1 << 63) - 1)]
         raised = [[a["station"], a["zone"], a["raised"]] for a in alarms if a["state"] == "raised"]
@@ -152,7 +161,7 @@ def make_app(
                 f"expected since and until, seconds, at most {_LONGEST_S:g} apart\n", 400
             )
         tracks = []
-        for track in reader.tracks(round(since_s * 1e9), round(until_s * 1e9)):
+        for track in reader.tracks(round(since_s * 1e9), round(until_s * 1e9), station):
             step = -(-len(track.rows) // _MOST_ROWS)
             rows = [
                 (row[0] / 1e9, *(round(value, 3) for value in row[1:11]))

@@ -68,6 +68,7 @@ function connect() {
     for (const track of told.tracks) live.tracks.set(keyOf(track), { ...track, ended: null });
     takeAll(told);
     loadSpans();
+    setTimeout(loadSpans, 1200); // what came last is stored by then
   });
   source.addEventListener("message", (message) => takeAll(JSON.parse(message.data)));
   source.addEventListener("error", () => {

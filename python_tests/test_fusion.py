@@ -103,6 +103,20 @@ def test_drones_that_meet_keep_their_names() -> None:
     assert all(now == settled for now in told[20:])
 
 
+def test_drones_that_fly_side_by_side_for_long_keep_their_names() -> None:
+    """So near that by their distances alone either could be either, after they were told apart."""
+    fusion, (a, b, _) = Fusion(0.3), trio()
+
+    def pair(gap_m: float) -> list:
+        courses = {}, {"centre": (0.0, 0.0, 30.0 + gap_m)}
+        return [(s, n + 1, course) for n, course in enumerate(courses) for s in (a, b)]
+
+    settled = fly(fusion, 0, 5, pair(8.0))[-1]
+    told = fly(fusion, 5, 30, pair(0.05))
+    assert len(set(settled.values())) == 2
+    assert all(now == settled for now in told)
+
+
 def test_tracks_of_one_station_are_never_one() -> None:
     fusion, (a, b, _) = Fusion(0.3), trio()
     fly(fusion, 0, 5, [(a, 1, {}), (a, 2, {}), (b, 1, {})])

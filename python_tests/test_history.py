@@ -152,6 +152,16 @@ def test_numbers_that_begin_anew_are_other_tracks(tmp_path, capsys) -> None:
     assert len({r["track_id"] for r in rows}) == 3
 
 
+def test_rows_of_before_are_none_of_a_track_that_goes_on(tmp_path) -> None:
+    """A file of events is read again from its begin, and what it told first is not stored."""
+    keeping = Store(tmp_path / "sky.db")
+    keeping.take(messages(tmp_path, *flight(7, 1000.0)[:-1]))
+    keeping.take(messages(tmp_path, *flight(7, 0.0)))
+    spans = [[t.rows[0][0], len(t.rows)] for t in keeping.reader().tracks()]
+    assert spans == [[BEGIN_NS, 50], [BEGIN_NS + 1000 * 10**9, 50]]
+    keeping.close()
+
+
 def test_days_bound_what_is_kept(tmp_path) -> None:
     keeping = Store(tmp_path / "sky.db", days=1.5)
     for day in range(4):

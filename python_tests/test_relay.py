@@ -32,6 +32,7 @@ from station_events import (
     track,
     write_site,
 )
+from unlidar_tools.events.source import _File
 from unlidar_tools.relay.output import Output
 
 FLIGHT = [
@@ -449,6 +450,19 @@ def test_a_file_is_followed_across_rotation_and_what_it_held_is_not_sent(tmp_pat
     assert [round(e["timestamp"] - begin) for e in _rows(got)] == [1, 2, 3, 4, 5]
 
 
+def test_what_came_while_the_file_was_opened_is_new(tmp_path) -> None:
+    path = tmp_path / "events.jsonl"
+    old, new = row(1, 0) + "\n", row(1, 1) + "\n"
+    path.write_text(old + new)
+
+    async def flags() -> list[bool]:
+        with path.open("rb") as file:
+            lines = _File(str(path), path)._of(file, len(old))
+            return [(await anext(lines)).old for _ in range(2)]
+
+    assert asyncio.run(flags()) == [True, False]
+
+
 def _rows(got: list) -> list[dict]:
     return [json.loads(text) for topic, text in got if topic != "ready"]
 
@@ -572,3 +586,11 @@ def test_nobody_is_waited_for_at_the_end_and_secrets_are_not_said() -> None:
     assert code == 0
     assert "0 messages sent, 1 not" in said
     assert "hush" not in said
+
+
+@pytest.mark.parametrize("command", ["relay", "watch"])
+def test_packages_that_are_missing_are_named(command, fails, monkeypatch) -> None:
+    monkeypatch.setattr("unlidar_tools.extras.find_spec", lambda name: None)
+    said = fails(2, command, "-")
+    assert "not installed: paho-mqtt, " in said
+    assert "pip install 'unlidar-tools[station]'" in said

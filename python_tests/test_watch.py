@@ -144,7 +144,7 @@ def test_the_page_and_its_parts_are_served_with_strict_headers(watch) -> None:
 
 def test_no_request_but_get_is_answered(watch) -> None:
     for method in ("POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "FOO"):
-        for path in PATHS:
+        for path in (*PATHS, "/else"):
             assert watch.ask(path, method, b"x=1")[0] == 405, (method, path)
 
 

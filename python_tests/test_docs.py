@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from synthetic import PROJECT, TRAJ_HEADER
 
-PAGES = ("researcher_with_a_bag", "mmaud", "own_sensor", "live")
+PAGES = ("researcher_with_a_bag", "mmaud", "own_sensor", "live", "station")
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -77,6 +77,24 @@ def test_the_page_on_live_tracking_works_as_written(folder: Path) -> None:
     page = (PROJECT / "docs/live.md").read_text()
     table = page.partition("| `event` |")[2].partition("\n\n")[0]
     assert told == set(re.findall(r"^\| `([a-z]+)` \|", table, re.MULTILINE))
+
+
+def test_the_page_on_stations_works_as_written(folder: Path) -> None:
+    said = run_blocks("station", folder)
+    assert "http://127.0.0.1:" in said
+    rows = (folder / "station.csv").read_text().count("\n") - 1
+    assert rows > 50
+    (feature, *_) = json.loads((folder / "flight.geojson").read_text())["features"]
+    assert len(feature["properties"]["times"]) == rows
+    page = (PROJECT / "docs/station.md").read_text()
+    for command in ("relay", "watch", "history"):
+        shown = subprocess.run(
+            [sys.executable, "-m", "unlidar_tools", command, "--help"],
+            capture_output=True, text=True, check=True,
+        ).stdout  # fmt: skip
+        options = re.findall(r"^  (--[a-z-]+)", shown, re.MULTILINE)
+        common = {"--verbose", "--port", "--station", "--origin", "--heading"}
+        assert [o for o in options if o not in page and o not in common] == [], command
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -3,25 +3,17 @@
 import base64
 import io
 import json
-import shutil
-import tempfile
 import time
 from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
+from browser import NARROW, WAIT_S, WIDE, chromium
 from report_run import make_run
 from unlidar_tools.cli import main
 
-WIDE, NARROW = (1400, 900), (390, 844)
-SWITCHES = (
-    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-)  # fmt: skip
 LONG_FRAMES, LONG_STEP = 300, 5  # half a second apart: 150 s
-WAIT_S = 90  # for a loaded machine; a free one needs two seconds
 
 
 def is_coloured(image: np.ndarray, colour: str) -> bool:
@@ -92,22 +84,8 @@ class Page:
 
 @pytest.fixture(scope="module")
 def driver():
-    selenium = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    from selenium.webdriver.chrome.service import Service
-
-    chromium, chromedriver = shutil.which("chromium"), shutil.which("chromedriver")
-    if chromium is None or chromedriver is None:
-        pytest.skip("no browser: the packages chromium and chromium-driver are not installed")
-    options = selenium.ChromeOptions()
-    options.binary_location = chromium
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        for switch in (*SWITCHES, f"--user-data-dir={profile}"):
-            options.add_argument(switch)
-        browser = selenium.Chrome(options=options, service=Service(chromedriver))
-        browser.set_script_timeout(WAIT_S)
+    with chromium() as browser:
         yield browser
-        browser.quit()
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,10 @@ build_packages=(
   nlohmann-json3-dev libgtest-dev libbenchmark-dev
   python3 python3-venv
 )
-check_packages=(clang-format clang-tidy shellcheck chromium chromium-driver)
+check_packages=(
+  clang-format clang-tidy shellcheck chromium chromium-driver
+  mosquitto mosquitto-clients
+)
 # llvm has what names the functions of a stack trace.
 sanitize_packages=(clang libclang-rt-dev llvm)
 

@@ -12,10 +12,13 @@ from unlidar_tools import (
     convert_command,
     evaluate_command,
     export_command,
+    history_command,
     play_command,
+    relay_command,
     report_command,
     run_command,
     telling,
+    watch_command,
 )
 from unlidar_tools.arguments import whole
 from unlidar_tools.configs import scenario_names
@@ -61,6 +64,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     _add_run(commands)
     _add_play(commands)
+    _add_relay(commands)
+    _add_watch(commands)
+    _add_history(commands)
     _add_evaluate(commands)
     _add_export(commands)
     _add_report(commands)
@@ -120,6 +126,21 @@ def _add_play(commands: argparse._SubParsersAction) -> None:
     p = _add(commands, "play", text, play_command.EXAMPLE)
     play_command.define(p)
     _add_sensors(p, "default: all found")
+
+
+def _add_relay(commands: argparse._SubParsersAction) -> None:
+    text = "events of a running station -> TAK, MQTT, WebSocket; alarms by zones"
+    relay_command.define(_add(commands, "relay", text, relay_command.EXAMPLE))
+
+
+def _add_watch(commands: argparse._SubParsersAction) -> None:
+    text = "a page that shows a running station, its alarms and its last hours"
+    watch_command.define(_add(commands, "watch", text, watch_command.EXAMPLE))
+
+
+def _add_history(commands: argparse._SubParsersAction) -> None:
+    text = "what a station has seen -> a list, CSV, GeoJSON, KML, mcap"
+    history_command.define(_add(commands, "history", text, history_command.EXAMPLE))
 
 
 def _add_evaluate(commands: argparse._SubParsersAction) -> None:

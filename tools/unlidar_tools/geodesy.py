@@ -40,6 +40,11 @@ def from_geodetic(origin: Origin, place: np.ndarray) -> np.ndarray:
     return _turn(origin).apply(enu_m, inverse=True)
 
 
+def turn_between(one: Origin, other: Origin) -> np.ndarray:
+    """(3, 3) from the axes of one frame to those of another, both upright, some km apart."""
+    return (_turn(other).inv() * _turn(one)).as_matrix()
+
+
 def _place(origin: Origin) -> tuple[float, float, float]:
     return origin.latitude_deg, origin.longitude_deg, origin.height_m
 

@@ -57,6 +57,21 @@ def repeat(said: str, name: str) -> None:
             stage(f"{name}: {line.removeprefix(_STAGE)}")
 
 
+class Often:
+    """Says what repeats the first, second, fourth, eighth time and so on."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self.count = 0
+
+    def __call__(self, detail: str) -> None:
+        """Counts one more."""
+        self.count += 1
+        if self.count & (self.count - 1) == 0:
+            times = f" ({self.count} so far)" if self.count > 1 else ""
+            note(f"{self._what}{times}: {detail}")
+
+
 class _Lines(logging.Handler):
     """A line each, to whatever stderr is then."""
 

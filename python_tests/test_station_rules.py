@@ -1,0 +1,262 @@
+"""Events of a station taken in: exact stamps, places on the globe, zones and alarms."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pymap3d
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from station_events import (
+    BEGIN_NS,
+    ORIGIN,
+    end,
+    row,
+    sensor,
+    square,
+    stamp,
+    state,
+    track,
+    write_site,
+)
+from unlidar_tools.errors import ConfigError
+from unlidar_tools.events.event import MOST_BYTES, Row, decode
+from unlidar_tools.events.site import load_site, load_zones
+from unlidar_tools.events.source import Lines
+from unlidar_tools.events.station import Station
+
+
+def station(tmp_path, features=(), **more) -> Station:
+    site = load_site(write_site(tmp_path, list(features), **more))
+    return Station(site, load_zones(site))
+
+
+def told(station: Station, *lines: str) -> list[dict]:
+    return [json.loads(m.text) for line in lines for m in station.take(line)]
+
+
+def alarms(station: Station, *lines: str) -> list[tuple]:
+    return [
+        (e["state"], e["track"], e["zone"]) for e in told(station, *lines) if e["event"] == "alarm"
+    ]
+
+
+def test_stamps_keep_every_nanosecond() -> None:
+    event, text = decode(row(7, 1.5))
+    assert isinstance(event, Row)
+    assert event.timestamp == BEGIN_NS + 1_500_000_000
+    assert text == row(7, 1.5)
+
+
+def test_what_is_sent_on_is_the_event_with_station_and_place(tmp_path) -> None:
+    line = row(7, 1.5, (30.0, -40.0, 25.0))
+    (message,) = station(tmp_path, [square(1)]).take(line)
+    assert message.text.startswith(line[:-1])  # every digit
+    sent = json.loads(message.text)
+    assert sent["station"] == "north"
+    place = [ORIGIN[key] for key in ("latitude_deg", "longitude_deg", "height_m")]
+    expected = pymap3d.enu2geodetic(30.0, -40.0, 25.0, *place)
+    found = sent["latitude_deg"], sent["longitude_deg"], sent["height_m"]
+    assert np.allclose(found[:2], expected[:2], atol=1e-8)
+    assert found[2] == pytest.approx(expected[2], abs=1e-3)
+
+
+def test_a_heading_turns_the_places(tmp_path) -> None:
+    """With x to the north, what lies ahead is north of the station."""
+    place = ORIGIN | {"heading_deg": 0.0}
+    (ahead,) = told(station(tmp_path, [square(1)], origin=place), row(1, 0, (100.0, 0.0, 0.0)))
+    assert ahead["latitude_deg"] > ORIGIN["latitude_deg"] + 5e-4
+    assert ahead["longitude_deg"] == pytest.approx(ORIGIN["longitude_deg"], abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "no json",
+        "[1]",
+        "{}",
+        '{"event":"row","at":1}',
+        row(1, 0).replace("0.05", "NaN"),
+        row(1, 0).replace("0.05", "-1"),
+        row(1, 0).replace('"track":1', '"track":-1'),
+        '{"event":"new_kind","at":1.0}',
+        "[" * 100_000,
+        '{"event":"' + "x" * MOST_BYTES + '"}',
+    ],
+)
+def test_what_is_no_event_is_counted_and_left_out(line, tmp_path, caplog) -> None:
+    taking = station(tmp_path, [square(1)])
+    assert taking.take(line.encode()) == []
+    assert taking.bad.count == 1
+    assert len(caplog.messages) == 1
+    assert len(caplog.messages[0]) < 400
+    assert len(taking.take(row(1, 0))) == 1
+
+
+@given(st.lists(st.integers(1, 40), max_size=30), st.binary(max_size=300))
+def test_lines_are_cut_alike_however_the_bytes_come(sizes, data) -> None:
+    whole = Lines().take(data)
+    cut, found = Lines(), []
+    for size in sizes:
+        found += cut.take(data[:size])
+        data = data[size:]
+    assert found + cut.take(data) == whole
+
+
+def test_an_endless_line_is_refused_once_and_not_kept() -> None:
+    cut = Lines()
+    refused = [line for _ in range(100) for line in cut.take(b"x" * 10_000)]
+    assert [len(line) for line in refused] == [MOST_BYTES + 1]
+    assert cut.take(b"rest\nnext\n") == [b"next"]
+
+
+def test_an_alarm_is_raised_when_a_track_has_stayed_and_ends_with_it(tmp_path) -> None:
+    watched = station(tmp_path, [square(50, "apron")])
+    rows = [row(3, t / 10) for t in range(0, 60)]
+    assert alarms(watched, track(3), *rows[:20]) == []
+    assert alarms(watched, rows[20]) == [("raised", 3, "apron")]
+    # Once, also when it leaves and comes back.
+    away = [row(3, 6 + t / 10, (90.0, 0.0, 20.0)) for t in range(10)]
+    back = [row(3, 7 + t / 10) for t in range(40)]
+    assert alarms(watched, *rows[21:], *away, *back) == []
+    assert alarms(watched, end(3, 12)) == [("ended", 3, "apron")]
+    assert alarms(watched, end(3, 12)) == []
+
+
+def test_a_stay_is_without_a_break(tmp_path) -> None:
+    watched = station(tmp_path, [square(50)])
+    inside, outside = (0.0, 0.0, 20.0), (60.0, 0.0, 20.0)
+    course = [row(1, t / 10, outside if t % 15 == 0 else inside) for t in range(100)]
+    assert alarms(watched, *course) == []
+
+
+def test_rows_before_the_confirmation_count_with_their_own_times(tmp_path) -> None:
+    watched = station(tmp_path, [square(50, "apron")])
+    late = [row(1, t / 10, late=True) for t in range(25)]
+    events = told(watched, track(1, 3.0), *late)
+    raised = [e for e in events if e["event"] == "alarm"]
+    assert len(raised) == 1
+    text = watched_text(tmp_path, late)
+    assert f'"since":{stamp(0)}' in text
+    assert f'"raised":{stamp(2.0)}' in text
+
+
+def watched_text(tmp_path, lines) -> str:
+    watched = station(tmp_path, [square(50, "apron")])
+    return "".join(m.text for line in lines for m in watched.take(line) if m.kind == "alarm")
+
+
+def test_heights_bound_a_zone(tmp_path) -> None:
+    feature = square(50, "low", min_height_m=0, max_height_m=30)
+    for height, expected in ((20.0, 1), (31.0, 0), (-1.0, 0)):
+        watched = station(tmp_path, [feature])
+        course = [row(1, t / 10, (0.0, 0.0, height)) for t in range(30)]
+        assert len(alarms(watched, *course)) == expected, height
+
+
+def test_each_zone_raises_its_own_alarm(tmp_path) -> None:
+    watched = station(tmp_path, [square(50, "wide"), square(10, "core")])
+    course = [row(1, t / 10, (30.0, 0.0, 20.0)) for t in range(60)]
+    assert alarms(watched, *course) == [("raised", 1, "wide")]
+    course = [row(1, 6 + t / 10) for t in range(30)]
+    assert alarms(watched, *course) == [("raised", 1, "core")]
+    assert sorted(alarms(watched, end(1, 20))) == [("ended", 1, "core"), ("ended", 1, "wide")]
+
+
+def test_the_probability_of_being_a_drone_decides_where_it_is_told(tmp_path) -> None:
+    def raised(*lines: str) -> int:
+        return len(alarms(station(tmp_path, [square(50)]), *lines))
+
+    course = [row(1, t / 10) for t in range(30)]
+    assert raised(track(1, drone=0.4), *course) == 0
+    assert raised(track(1, drone=0.6), *course) == 1
+    assert raised(*[row(1, t / 10, drone=0.4) for t in range(30)], row(1, 3, drone=0.9)) == 1
+    assert raised(track(1), *course) == 1  # none told: a track counts as 1
+
+
+def test_an_engine_that_begins_anew_ends_tracks_and_alarms_of_before(tmp_path) -> None:
+    watched = station(tmp_path, [square(50, "apron")])
+    told(watched, track(1), *[row(1, t / 10) for t in range(30)], track(2), row(2, 3.0))
+    events = told(watched, state("warming_up", 10.0))
+    assert [(e["event"], e.get("track")) for e in events] == [
+        ("end", 1),
+        ("end", 2),
+        ("alarm", 1),
+        ("state", None),
+    ]
+    assert told(watched, state("running", 11.0), sensor("mid360", "ok"))[0]["event"] == "state"
+
+
+@given(
+    st.floats(-170, 170), st.floats(-70, 70), st.floats(0, 360), st.floats(0, 2 * math.pi),
+    st.floats(0, 300),
+)  # fmt: skip
+def test_a_zone_lies_where_its_places_are(lon, lat, heading, angle, distance) -> None:
+    """A square about a place that is so far away, in this direction, holds that place alone."""
+    from unlidar_tools.events.site import Place, Rule, _zone
+    from unlidar_tools.geodesy import to_geodetic
+
+    place = Place(latitude_deg=lat, longitude_deg=lon, height_m=100.0, heading_deg=heading)
+    centre = np.array([distance * math.cos(angle), distance * math.sin(angle), 0.0])
+    offsets = np.array([[-5, -5], [5, -5], [5, 5], [-5, 5], [-5, -5]], dtype=float)
+    corners = to_geodetic(place.origin(), np.column_stack([centre[:2] + offsets, np.zeros(5)]))
+    ring = corners[:, 1::-1].tolist()
+    geometry = {"type": "Polygon", "coordinates": [ring]}
+    zone = _zone({"geometry": geometry}, 0, __import__("pathlib").Path("z"), Rule(zones="z"), place)
+    assert zone.holds(*centre)
+    for dx, dy in ((5.5, 0), (-5.5, 0), (0, 5.5), (0, -5.5)):
+        assert not zone.holds(centre[0] + dx, centre[1] + dy, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("site", "said"),
+    [
+        ({"station": "a b"}, "station: 'a b', expected a name"),
+        ({"station": 3}, "station: '3', expected a text"),
+        ({"stattion": "a"}, "unknown key 'stattion'"),
+        ({"origin": {"latitude_deg": 91.0, "longitude_deg": 0.0, "height_m": 0.0}}, "up to 90"),
+        ({"origin": {"latitude_deg": 1.0}}, "key 'longitude_deg' is missing"),
+        ({"origin": None, "rules": [{"zones": "x"}]}, "need 'origin'"),
+        ({"rules": [{"zones": "x", "min_probability": 2}]}, "up to 1"),
+        ({"outputs": [{"to": "x", "room": 1}]}, "from 10 on"),
+    ],
+)
+def test_a_wrong_site_is_one_line_that_names_the_key(site, said, tmp_path) -> None:
+    with pytest.raises(ConfigError) as refused:
+        load_site(write_site(tmp_path, **site))
+    assert said in str(refused.value)
+    assert str(tmp_path / "site.yaml") in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("zones", "said"),
+    [
+        ("no json", "cannot be read as GeoJSON"),
+        ("[]", "expected a GeoJSON FeatureCollection"),
+        ('{"type":"FeatureCollection","features":[]}', "holds no feature"),
+        ('{"type":"FeatureCollection","features":[3]}', "features[0]"),
+        ('{"type":"Feature","geometry":{"type":"Point","coordinates":[8,47]}}', "'Point'"),
+        (json.dumps(square(5, min_height_m=9, max_height_m=3)), "not below max_height_m"),
+        (json.dumps(square(5, max_height_m="high")), "max_height_m: 'high'"),
+        (json.dumps(square(5, name="")), "name: expected"),
+        (json.dumps(square(1e9)), "longitude, latitude"),
+    ],
+)
+def test_a_wrong_zone_is_one_line_that_names_the_file(zones, said, tmp_path) -> None:
+    site = load_site(write_site(tmp_path, [square(5)]))
+    (tmp_path / "zones.geojson").write_text(zones)
+    with pytest.raises(ConfigError) as refused:
+        load_zones(site)
+    assert said in str(refused.value)
+    assert "zones.geojson" in str(refused.value)
+
+
+def test_two_zones_need_two_names(tmp_path) -> None:
+    site = load_site(write_site(tmp_path, [square(5, "a"), square(9, "a")]))
+    with pytest.raises(ConfigError, match="two zones have the name 'a'"):
+        load_zones(site)

@@ -1,0 +1,3 @@
+"""What stations told, kept in SQLite: tracks with their rows, alarms, states."""
+
+DAYS, MEGABYTES = 30.0, 500.0  # what is kept where nothing else is said

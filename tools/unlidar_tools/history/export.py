@@ -1,0 +1,72 @@
+"""What a store holds of a time, in the formats of `unlidar export`."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from unlidar_tools.errors import UsageError
+from unlidar_tools.export.bags import write_mcap
+from unlidar_tools.export.geo import write_geojson, write_kml
+from unlidar_tools.export.text import write_csv
+from unlidar_tools.export.trajectory import Result, Track
+from unlidar_tools.export_options import Options
+from unlidar_tools.geodesy import Origin
+from unlidar_tools.history.store import StoredTrack
+from unlidar_tools.telling import note
+from unlidar_tools.truth import Tracks
+
+
+def write_history(
+    tracks: list[StoredTrack], out: Path, form: str, name: str, origin: Origin | None
+) -> list[Path]:
+    """Writes tracks of one station; returns the files. UsageError where `form` needs an origin."""
+    if form in ("geojson", "kml") and origin is None:
+        raise UsageError(
+            f"--format {form} needs an origin: none is stored, give --origin LAT,LON,HEIGHT"
+        )
+    result = to_result(tracks, name)
+    write: dict[str, Callable[[], list[Path]]] = {
+        "csv": lambda: write_csv(result, out, origin),
+        "geojson": lambda: write_geojson(result, out, _needed(origin)),
+        "kml": lambda: write_kml(result, out, _needed(origin)),
+        "mcap": lambda: write_mcap(result, out, Options().frame_id),
+    }
+    return write[form]()
+
+
+def to_result(tracks: list[StoredTrack], name: str) -> Result:
+    """As a trajectory file would be read. Numbers that came twice become those of the store."""
+    numbers = [track.number for track in tracks]
+    if len(set(numbers)) < len(numbers):
+        note("an engine has begun its numbers anew: tracks are numbered as the store has them")
+        numbers = [track.identity for track in tracks]
+    by_track = []
+    for number, track in zip(numbers, tracks, strict=True):
+        stamps = np.array([row[0] for row in track.rows], dtype=np.int64)
+        values = np.array([row[1:11] for row in track.rows], dtype=float).reshape(-1, 10)
+        by_track.append(
+            Track(number, stamps, values[:, :3], values[:, 3:6], values[:, 6:9], values[:, 9])
+        )
+    return Result(name, _together(by_track), by_track, None)
+
+
+def _together(by_track: list[Track]) -> Tracks:
+    def column(name: str, shape: tuple[int, ...]) -> np.ndarray:
+        return np.concatenate([np.empty(shape), *(getattr(track, name) for track in by_track)])
+
+    stamp_ns = np.concatenate([np.empty(0, np.int64), *(track.stamp_ns for track in by_track)])
+    return Tracks(
+        stamp_ns * 1e-9,
+        np.repeat([float(t.track_id) for t in by_track], [len(t) for t in by_track]),
+        column("xyz_m", (0, 3)),
+        column("sigma_m", (0, 3)),
+        column("velocity_mps", (0, 3)),
+        column("support", (0,)),
+        stamp_ns,
+    )
+
+
+def _needed(origin: Origin | None) -> Origin:
+    assert origin is not None
+    return origin

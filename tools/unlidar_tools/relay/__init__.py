@@ -1,0 +1,1 @@
+"""`unlidar relay`: a station's events, sent on as they come."""

@@ -1,0 +1,225 @@
+"""Cursor on Target: what TAK clients show on their maps.
+
+Python's own XML and sockets: pytak warns at its import of what it would need for more, asks for a
+client certificate where a server wants none, and allows every cipher of TLS.
+"""
+
+import asyncio
+import contextlib
+import ipaddress
+import math
+import socket
+import ssl
+import time
+import xml.etree.ElementTree as Xml
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from unlidar_tools.events.alarms import Alarm
+from unlidar_tools.events.event import Row, TrackEnds
+from unlidar_tools.events.site import Output as Wanted
+from unlidar_tools.events.site import Place
+from unlidar_tools.events.station import ALARM, RAISED, Message
+from unlidar_tools.printable import printable
+from unlidar_tools.telling import note
+
+DRONE = "a-u-A-M-H-Q"  # of unknown side, air, rotary wing, unmanned
+_BREACHED, _CANCELLED = "b-a-g", "b-a-o-can"
+_ALARM_STALE_S = 3600
+_LEAST_STALE_S = 5.0
+# Stamps that are further from the wall clock are those of a clock of its own, or of a recording.
+_MOST_APART_S = 60.0
+_DIAL_S = 10.0
+_UNKNOWN = "9999999.0"
+_MEASURED = "m-g"  # how: by a machine
+_MULTICAST_HOPS = 4
+
+
+class Encoder:
+    """Messages to XML: the newest place of each track now and then, its end, alarms."""
+
+    def __init__(self, place: Place, every_s: float) -> None:
+        self._heading_deg = place.heading_deg
+        self._every_ns = round(every_s * 1e9)
+        self._stale_s = max(_LEAST_STALE_S, 3 * every_s)
+        self._told: dict[int, tuple[int, Message]] = {}
+        self._note_clock = True
+
+    def encode(self, message: Message) -> bytes | None:
+        """None where there is nothing to tell."""
+        event = message.event
+        if isinstance(event, Row):
+            told_ns = self._told.get(event.track, (None, message))[0]
+            if event.late or (
+                told_ns is not None and 0 <= event.timestamp - told_ns < self._every_ns
+            ):
+                if told_ns is not None:
+                    self._told[event.track] = told_ns, message
+                return None
+            self._told[event.track] = event.timestamp, message
+            return self._track(message, event, self._time(event.timestamp), self._stale_s)
+        if isinstance(event, TrackEnds) and event.track in self._told:
+            _, newest = self._told.pop(event.track)
+            assert isinstance(newest.event, Row)
+            # Stale at once: the client shows where it was last, greyed, and lets it go.
+            return self._track(newest, newest.event, self._time(event.at), 0.0)
+        if message.kind == ALARM and message.alarm is not None and message.place is not None:
+            return self._alarm(message, message.alarm, self._time(message.at_ns))
+        return None
+
+    def _track(self, message: Message, row: Row, time_s: float, stale_s: float) -> bytes:
+        detail = Xml.Element("detail")
+        speed = math.hypot(row.vx, row.vy)
+        # A mathematical angle counts counterclockwise from the x axis, a course clockwise.
+        course = (self._heading_deg - math.degrees(math.atan2(row.vy, row.vx))) % 360
+        Xml.SubElement(detail, "track", course=f"{course:.1f}", speed=f"{speed:.2f}")
+        remarks = Xml.SubElement(detail, "remarks")
+        remarks.text = f"{row.z:.0f} m above {message.station}, climb {row.vz:+.1f} m/s"
+        if row.drone is not None:
+            remarks.text += f", drone {row.drone:.2f}"
+        event = self._event(message, uid_of(message.station, row.track), DRONE, detail)
+        name = f"{message.station}-{row.track}"
+        return _finished(event, detail, name, time_s, stale_s)
+
+    def _alarm(self, message: Message, alarm: Alarm, time_s: float) -> bytes:
+        raised = message.alarm_state == RAISED
+        detail = Xml.Element("detail")
+        track = uid_of(message.station, alarm.track)
+        name = printable(f"{message.station}-{alarm.track} in {alarm.zone}")
+        emergency = Xml.SubElement(detail, "emergency")
+        emergency.set(*(("type", "Geo-fence Breached") if raised else ("cancel", "true")))
+        emergency.text = name
+        Xml.SubElement(detail, "link", uid=track, relation="p-p", type=DRONE)
+        uid = f"{track}.{printable(alarm.zone)}"
+        event = self._event(message, uid, _BREACHED if raised else _CANCELLED, detail)
+        return _finished(event, detail, name, time_s, _ALARM_STALE_S if raised else 10.0)
+
+    def _event(self, message: Message, uid: str, kind: str, detail: Xml.Element) -> Xml.Element:
+        lat, lon, height = message.place or (0.0, 0.0, 0.0)
+        row = message.event
+        known = isinstance(row, Row)
+        # 1-sigma, as the schema of the events has it.
+        ce = f"{max(row.sigma_x, row.sigma_y):.2f}" if known else _UNKNOWN
+        le = f"{row.sigma_z:.2f}" if known else _UNKNOWN
+        point = Xml.Element(
+            "point", lat=f"{lat:.8f}", lon=f"{lon:.8f}", hae=f"{height:.2f}", ce=ce, le=le
+        )
+        event = Xml.Element("event", version="2.0", uid=uid, type=kind, how=_MEASURED)
+        event.extend((point, detail))
+        return event
+
+    def _time(self, stamp_ns: int) -> float:
+        now_s, stamp_s = time.time(), stamp_ns * 1e-9
+        if abs(now_s - stamp_s) <= _MOST_APART_S:
+            return stamp_s
+        if self._note_clock:
+            note(
+                f"stamps are {stamp_s - now_s:+.0f} s from this machine's clock: "
+                "Cursor on Target gets the time of sending"
+            )
+        self._note_clock = False
+        return now_s
+
+
+def uid_of(station: str, track: int) -> str:
+    """What a TAK client knows a track by."""
+    return f"unlidar.{station}.{track}"
+
+
+def _finished(
+    event: Xml.Element, detail: Xml.Element, name: str, time_s: float, stale_s: float
+) -> bytes:
+    Xml.SubElement(detail, "contact", callsign=name)
+    for key, value_s in (("time", time_s), ("start", time_s), ("stale", time_s + stale_s)):
+        event.set(key, datetime.fromtimestamp(value_s, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"))
+    return Xml.tostring(event, encoding="UTF-8", xml_declaration=True)
+
+
+class UdpSender:
+    """One event a datagram, to one host, a broadcast address or a multicast group."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host, self._port = host, port
+        self._transport: asyncio.DatagramTransport | None = None
+
+    async def connect(self) -> None:
+        """OSError for a name that is not known."""
+        loop = asyncio.get_running_loop()
+        found = await loop.getaddrinfo(self._host, self._port, type=socket.SOCK_DGRAM)
+        family, *_, address = found[0]
+        # No errors of an earlier datagram: that nobody listens just now is no loss of the way.
+        self._transport, _ = await loop.create_datagram_endpoint(
+            asyncio.DatagramProtocol, remote_addr=address[:2], family=family, allow_broadcast=True
+        )
+        if ipaddress.ip_address(address[0].partition("%")[0]).is_multicast:
+            own = self._transport.get_extra_info("socket")
+            if family == socket.AF_INET6:
+                own.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, _MULTICAST_HOPS)
+            else:
+                own.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, _MULTICAST_HOPS)
+
+    async def send(self, messages: Sequence[bytes]) -> None:
+        """Whether anybody has them nobody knows."""
+        assert self._transport is not None
+        for message in messages:
+            if self._transport.is_closing():
+                raise ConnectionError("the socket was closed")
+            self._transport.sendto(message)
+
+    async def lost(self) -> None:
+        """Never."""
+        await asyncio.Event().wait()
+
+    async def close(self) -> None:
+        """Closes the socket; what was sent leaves before."""
+        if self._transport is not None:
+            self._transport.close()
+        self._transport = None
+
+
+class StreamSender:
+    """Events one after the other, as TAK servers take them by TCP and TLS."""
+
+    def __init__(self, host: str, port: int, tls: ssl.SSLContext | None) -> None:
+        self._host, self._port, self._tls = host, port, tls
+        self._reader: asyncio.StreamReader | None = None
+        self._writer: asyncio.StreamWriter | None = None
+
+    async def connect(self) -> None:
+        """OSError, also of TLS."""
+        dial = asyncio.open_connection(self._host, self._port, ssl=self._tls)
+        try:
+            self._reader, self._writer = await asyncio.wait_for(dial, _DIAL_S)
+        except TimeoutError as error:
+            raise ConnectionError(f"no answer within {_DIAL_S:g} s") from error
+
+    async def send(self, messages: Sequence[bytes]) -> None:
+        """Returns when the system has taken them."""
+        assert self._writer is not None
+        self._writer.write(b"".join(messages))
+        try:
+            await asyncio.wait_for(self._writer.drain(), _DIAL_S)
+        except TimeoutError as error:
+            raise ConnectionError(f"took nothing for {_DIAL_S:g} s") from error
+
+    async def lost(self) -> None:
+        """Reads away what a server tells its clients, until it leaves."""
+        assert self._reader is not None
+        while await self._reader.read(65536):
+            pass
+
+    async def close(self) -> None:
+        """Closes the connection."""
+        if self._writer is not None:
+            self._writer.close()
+            with contextlib.suppress(OSError, asyncio.TimeoutError):
+                await asyncio.wait_for(self._writer.wait_closed(), 1.0)
+        self._reader = self._writer = None
+
+
+def tls_context(wanted: Wanted) -> ssl.SSLContext:
+    """Python's defaults: the server's name and certificate are checked. OSError of the files."""
+    context = ssl.create_default_context(cafile=wanted.ca_file)
+    if wanted.certificate_file is not None:
+        context.load_cert_chain(wanted.certificate_file, wanted.key_file)
+    return context

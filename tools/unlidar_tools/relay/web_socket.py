@@ -1,0 +1,115 @@
+"""JSON by WebSocket: a small server that tells every client each event as a text message."""
+
+import asyncio
+import hmac
+import http
+import ssl
+from collections import deque
+from collections.abc import Sequence
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.asyncio.server import Request, Response, Server, ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+
+from unlidar_tools.telling import Often, stage
+
+_MOST_CLIENTS = 64
+_MOST_INCOMING_BYTES = 1024
+
+
+class WebSocketSender:
+    """Listens at an address. Who comes gets what is told from then on.
+
+    A client that is slow loses its own oldest messages, and holds up nobody else.
+    """
+
+    def __init__(
+        self, host: str, port: int, room: int, token: str | None, tls: ssl.SSLContext | None
+    ) -> None:
+        self._host, self._port, self._room = host, port, room
+        self._token, self._tls = token, tls
+        self._server: Server | None = None
+        self._clients: set[_Client] = set()
+        self.dropped = Often(f"{host}:{port}: a client is slow, its oldest message is left out")
+
+    @property
+    def port(self) -> int:
+        """Where it listens, once it is connected."""
+        assert self._server is not None
+        return next(iter(self._server.sockets)).getsockname()[1]
+
+    async def connect(self) -> None:
+        """OSError where the address is taken."""
+        self._server = await serve(
+            self._tell,
+            self._host,
+            self._port,
+            ssl=self._tls,
+            process_request=self._check,
+            # A page of another site must not listen in through its reader's browser.
+            origins=[None],
+            max_size=_MOST_INCOMING_BYTES,
+            server_header=None,
+        )
+        stage(f"ws://{self._host}:{self.port} is open")
+
+    async def send(self, messages: Sequence[str]) -> None:
+        """To all who are there; nobody is waited for."""
+        for client in self._clients:
+            client.offer(messages)
+
+    async def lost(self) -> None:
+        """Never."""
+        await asyncio.Event().wait()
+
+    async def close(self) -> None:
+        """Says goodbye to all."""
+        server, self._server = self._server, None
+        if server is not None:
+            server.close()
+            await server.wait_closed()
+
+    def _check(self, connection: ServerConnection, request: Request) -> Response | None:
+        given = parse_qs(urlsplit(request.path).query).get("token", [""])[0]
+        if self._token is not None and not hmac.compare_digest(
+            given.encode(), self._token.encode()
+        ):
+            return connection.respond(http.HTTPStatus.UNAUTHORIZED, "token?\n")
+        if len(self._clients) >= _MOST_CLIENTS:
+            return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, "too many\n")
+        return None
+
+    async def _tell(self, connection: ServerConnection) -> None:
+        client = _Client(self._room, self.dropped)
+        self._clients.add(client)
+        telling = asyncio.ensure_future(client.tell(connection))
+        try:
+            async for _ in connection:
+                pass  # what a client says is not listened to
+        finally:
+            self._clients.discard(client)
+            telling.cancel()
+
+
+class _Client:
+    def __init__(self, room: int, dropped: Often) -> None:
+        self._queue: deque[str] = deque()
+        self._room, self._dropped = room, dropped
+        self._filled = asyncio.Event()
+
+    def offer(self, messages: Sequence[str]) -> None:
+        self._queue.extend(messages)
+        while len(self._queue) > self._room:
+            self._queue.popleft()
+            self._dropped(f"{self._room} messages wait")
+        self._filled.set()
+
+    async def tell(self, connection: ServerConnection) -> None:
+        try:
+            while True:
+                await self._filled.wait()
+                while self._queue:
+                    await connection.send(self._queue.popleft())
+                self._filled.clear()
+        except ConnectionClosed:
+            pass

@@ -7,6 +7,7 @@
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 build_dir=$root/build
 sanitize_dir=$root/build-sanitize
+threads_dir=$root/build-threads
 venv=$root/.venv
 setup_log=$root/out/setup.log
 
@@ -48,7 +49,7 @@ quietly() {
 check_root_is_writable() {
   local path
   mkdir -p -- "$root/out" 2>/dev/null || fail "cannot write in $root: run as its owner or as root"
-  for path in "$root/out" "$build_dir" "$sanitize_dir" "$venv" "$setup_log"; do
+  for path in "$root/out" "$build_dir" "$sanitize_dir" "$threads_dir" "$venv" "$setup_log"; do
     [[ ! -e $path || -w $path ]] ||
       fail "cannot write $path: it belongs to $(stat -c %U -- "$path"), remove it or run as that user"
   done
@@ -115,6 +116,13 @@ build_sanitized() {
     -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
     -DUNLIDAR_SANITIZE=address,undefined -DUNLIDAR_COVERAGE=ON -DUNLIDAR_BUILD_FUZZERS=ON \
     -DUNLIDAR_BUILD_BENCHMARKS=OFF
+}
+
+# build_for_threads TARGET...: with the sanitizer for data races, in build-threads/.
+build_for_threads() {
+  build_in "$threads_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
+    -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
+    -DUNLIDAR_SANITIZE=thread -DUNLIDAR_BUILD_BENCHMARKS=OFF
 }
 
 # The first Python that is new enough and can make a virtual environment. The system's goes first: a

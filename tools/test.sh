@@ -8,7 +8,8 @@ Usage: tools/test.sh [--quick | --sanitize]
 
 Checks the format and lints C++, Python and shell, runs the C++ and the Python tests, then those of
 the program once more with the sanitizers for memory and undefined behaviour, which also measures
-line coverage, and each fuzzer for a minute. Exit code 0 if all of them pass.
+line coverage, those of what runs on several threads with that for data races, and each fuzzer for a
+minute. Exit code 0 if all of them pass.
 
   --quick     without sanitizers, coverage and fuzzers: while working on something
   --sanitize  only the tests with sanitizers and the line coverage
@@ -22,6 +23,7 @@ TEXT
 source "$(dirname -- "${BASH_SOURCE[0]}")/setup.sh"
 
 least_coverage=95 # per cent of the lines of the program
+threaded_tests=(parallel_test frames_test tracker_test) # of all that runs on several threads
 
 case ${1:-} in
   '') parts=(quick sanitize fuzz) ;;
@@ -119,6 +121,10 @@ if does sanitize; then
     "$venv/bin/python" -m pytest python_tests/test_{bad_input,cli_contract,outputs}.py \
     -k 'not bounded_memory and not every_malformed_file'
   check "Line coverage" covered
+  build_for_threads "${threaded_tests[@]}"
+  check "C++ tests with several threads" \
+    ctest --test-dir "$threads_dir" --output-on-failure --parallel "$jobs" \
+    -R "^($(IFS='|'; printf '%s' "${threaded_tests[*]}"))\\."
 fi
 if does fuzz; then
   check "Fuzzers" tools/fuzz.sh 1

@@ -19,6 +19,7 @@
 #include "app/temporary_path.hpp"
 #include "app/version.hpp"
 #include "base/format.hpp"
+#include "base/parallel.hpp"
 #include "recording/pipeline.hpp"
 #include "unlidar/error.hpp"
 
@@ -152,8 +153,8 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
            "stage, tracks");
   AddLiveOptions(app, arguments);
   app.add_option("--threads", arguments.threads,
-                 "Most threads to use, never changes a result; this version uses\n"
-                 "one whatever the number")
+                 "Most threads to use, to read and search a recording; never\n"
+                 "changes a result")
       ->check(CLI::Range(1, kMaxThreads).description(""))
       ->type_name("N")
       ->capture_default_str();
@@ -357,6 +358,7 @@ void TrackWhileFramesCome(const Arguments& arguments, const std::vector<FrameSou
 
 void TrackDrones(const Arguments& arguments) {
   CheckMode(arguments);
+  MaxThreads() = arguments.threads;
   const std::vector<FrameSource> sources = ParseSources(arguments.frames);
   const PipelineRequest request = ToRequest(arguments, sources);
   const Config config = LoadConfig(arguments.config, arguments.assignments);

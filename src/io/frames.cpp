@@ -3,11 +3,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <exception>
 #include <filesystem>
 #include <limits>
 #include <sstream>
 #include <utility>
 
+#include "base/parallel.hpp"
 #include "io/frame_preparation.hpp"
 #include "io/pcd.hpp"
 #include "io/sensor_frames.hpp"
@@ -208,10 +210,27 @@ class FrameReader::SourceReader {
     };
     std::vector<LoadedFrame> loaded;
     const std::size_t first = next_;
-    for (; next_ < files_.size() && files_[next_].stamp_ns + sensor_.offset_ns() < until_ns;
-         ++next_) {
-      const FrameFile& file = files_[next_];
-      unless_bad([&] { loaded.push_back(sensor_.Load(file, ReadPcd(file.path))); });
+    const auto end = std::find_if(
+        files_.begin() + static_cast<std::ptrdiff_t>(next_), files_.end(),
+        [&](const FrameFile& file) { return file.stamp_ns + sensor_.offset_ns() >= until_ns; });
+    const auto last = static_cast<std::size_t>(end - files_.begin());
+    while (next_ < last) {
+      const auto at_once = static_cast<std::size_t>(MaxThreads().load());
+      std::vector<PcdCloud> clouds(std::min(at_once, last - next_));
+      std::vector<std::exception_ptr> errors(clouds.size());
+      ParallelFor(clouds.size(), [&](std::size_t i) {
+        try {
+          clouds[i] = ReadPcd(files_[next_ + i].path);
+        } catch (const InputError&) {
+          errors[i] = std::current_exception();
+        }
+      });
+      for (std::size_t i = 0; i < clouds.size(); ++i, ++next_) {
+        unless_bad([&] {
+          if (errors[i]) std::rethrow_exception(errors[i]);
+          loaded.push_back(sensor_.Load(files_[next_], std::move(clouds[i])));
+        });
+      }
     }
     for (LoadedFrame& frame : loaded) {
       unless_bad([&] {

@@ -12,6 +12,7 @@
 
 #include "io/pcd.hpp"
 #include "tests/frame_folder.hpp"
+#include "tests/several_threads.hpp"
 #include "tests/temporary_folder.hpp"
 #include "tests/without_privileges.hpp"
 #include "unlidar/error.hpp"
@@ -380,6 +381,32 @@ TEST(FrameReader, PartsMakeTheSameRecording) {
   EXPECT_EQ(parts.counts.frames, whole.counts.frames);
   EXPECT_EQ(parts.counts.returns, whole.counts.returns);
   EXPECT_EQ(parts.sensors[1].frame_period_ns, whole.sensors[1].frame_period_ns);
+}
+
+TEST(FrameReader, ReadsTheSameOnSeveralThreadsAndNamesTheSameBadFrame) {
+  const TemporaryFolder folder;
+  for (int i = 0; i < 30; ++i) {
+    folder.Write("a/" + std::to_string(kUnix + i * 100 * kMs) + ".pcd",
+                 OnePoint(5.0F + static_cast<float>(i)));
+  }
+  const Recording one = ReadRecording({{"", folder / "a"}}, {}, {});
+  const testing::Threads several(4);
+  EXPECT_EQ(ReadRecording({{"", folder / "a"}}, {}, {}).points_m, one.points_m);
+  for (const int bad : {11, 12, 25}) {
+    folder.Write("a/" + std::to_string(kUnix + bad * 100 * kMs) + ".pcd", "no PCD");
+  }
+  try {
+    ReadRecording({{"", folder / "a"}}, {}, {});
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find(std::to_string(kUnix + 1100 * kMs)),
+              std::string::npos);
+  }
+  InputConfig skip;
+  skip.skip_bad_frames = true;
+  const Recording rest = ReadRecording({{"", folder / "a"}}, skip, {});
+  EXPECT_EQ(rest.frames.size(), 27U);
+  EXPECT_EQ(rest.warnings.size(), 3U);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "tests/several_threads.hpp"
 #include "tests/synthetic_plots.hpp"
 #include "tests/tracker_oracle.hpp"
 
@@ -354,6 +355,13 @@ TEST(FindPaths, AreTheSameEachTimeAndAtAnyTimeOfDay) {
     plot.time_ns += 123'456'789'012'345;
     plot.frame_time_ns += 123'456'789'012'345;
   }
+  ExpectSamePaths(FindPaths(scenario.plots, WatchOver(scenario.plots), TrackerConfig()),
+                  scenario.paths, 0.0);
+}
+
+TEST(FindPaths, AreTheSameOnSeveralThreads) {
+  const Scenario scenario = FlightInClutter();
+  const testing::Threads several(4);
   ExpectSamePaths(FindPaths(scenario.plots, WatchOver(scenario.plots), TrackerConfig()),
                   scenario.paths, 0.0);
 }

@@ -1,8 +1,10 @@
 #include "robust/tracking/tracker.hpp"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
+#include "base/parallel.hpp"
 #include "robust/tracking/path_exchange.hpp"
 #include "robust/tracking/track_model.hpp"
 #include "robust/tracking/track_search.hpp"
@@ -34,11 +36,15 @@ class PathFinder {
 
  private:
   std::vector<TrackSearch> SearchFree() const {
+    const std::vector<double>& sigmas = config_.sigma_a_mps2;
+    std::vector<std::optional<TrackSearch>> found(sigmas.size());
+    ParallelFor(sigmas.size(), [&](std::size_t i) {
+      found[i].emplace(plots_, log_births_, slices_, free_, TrackModel(sigmas[i], watch_, config_),
+                       config_);
+    });
     std::vector<TrackSearch> searches;
-    for (const double sigma : config_.sigma_a_mps2) {
-      searches.emplace_back(plots_, log_births_, slices_, free_, TrackModel(sigma, watch_, config_),
-                            config_);
-    }
+    searches.reserve(found.size());
+    for (std::optional<TrackSearch>& search : found) searches.push_back(std::move(*search));
     return searches;
   }
 

@@ -63,7 +63,7 @@ def test_ctrl_c_soon_after_the_start_prints_no_traceback(wait_s, tmp_path) -> No
     )
     time.sleep(wait_s)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=30)
+    _, said = process.communicate(timeout=120)
     # Before Python itself has begun it is the signal that ends the process.
     assert (process.returncode, said) in ((130, SAID), (-signal.SIGINT, "")), said
     assert unfinished(tmp_path) == []
@@ -72,7 +72,7 @@ def test_ctrl_c_soon_after_the_start_prints_no_traceback(wait_s, tmp_path) -> No
 def press_ctrl_c(process: subprocess.Popen) -> tuple[int, str]:
     """As a terminal does it: the signal goes to the whole group."""
     os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=30)
+    _, said = process.communicate(timeout=120)
     return process.returncode, said
 
 

@@ -101,11 +101,6 @@ int open(const char* path, int flags, ...) {
 }
 
 // Opens folders only, in libstdc++.
-int openat(int folder, const char* path, int flags, ...) {
-  return Fails("openat") ? -1
-                         : Next<int(int, const char*, int, ...)>("openat")(folder, path, flags);
-}
-
 ssize_t read(int fd, void* bytes, std::size_t size) { return Transfer("read", fd, bytes, size); }
 ssize_t write(int fd, const void* bytes, std::size_t size) {
   return Transfer("write", fd, bytes, size);
@@ -158,7 +153,9 @@ ssize_t readlink(const char* path, char* to, std::size_t size) {
              : Next<ssize_t(const char*, char*, std::size_t)>("readlink")(path, to, size);
 }
 
-void* fdopendir(int fd) { return Fails("fdopendir") ? nullptr : Next<void*(int)>("fdopendir")(fd); }
+void* opendir(const char* path) {
+  return Fails("opendir") ? nullptr : Next<void*(const char*)>("opendir")(path);
+}
 void* readdir(void* folder) {
   return Fails("readdir") ? nullptr : Next<void*(void*)>("readdir")(folder);
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 namespace unlidar {
 
@@ -20,27 +21,43 @@ DepthMap::DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>&
     const double at_rad = (static_cast<double>(column) + 0.5) * column_rad_ - M_PI;
     azimuths_.push_back({at_rad, std::cos(at_rad), std::sin(at_rad)});
   }
+  // Points by cell, in their order: that is mostly the order of the bins.
   constexpr double kQuantum_m = 0.05;
-  std::vector<std::uint64_t> entries(points_m.size());  // (cell, bin) << 16 | range
+  constexpr std::uint64_t kMaxQuanta = 0xFFFF;
+  std::vector<std::uint32_t> cells(points_m.size());
+  std::vector<std::size_t> next(columns_ * rows_ + 1, 0);
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    cells[i] = static_cast<std::uint32_t>(CellOf(points_m[i]));
+    ++next[cells[i] + 1];
+  }
+  std::partial_sum(next.begin(), next.end(), next.begin());
+  std::vector<std::uint64_t> entries(points_m.size());  // bin << 16 | range
   for (std::size_t i = 0; i < entries.size(); ++i) {
-    const double quanta = std::min(65535.0, static_cast<double>(points_m[i].norm()) / kQuantum_m);
-    const std::size_t bin = bins.empty() ? 0 : bins[i];
-    entries[i] = (static_cast<std::uint64_t>(CellOf(points_m[i]) * num_bins + bin) << 16) |
-                 static_cast<std::uint64_t>(quanta);
+    const double quanta = std::min(static_cast<double>(kMaxQuanta),
+                                   static_cast<double>(points_m[i].norm()) / kQuantum_m);
+    const std::uint64_t bin = bins.empty() ? 0 : bins[i];
+    entries[next[cells[i]]++] = bin << 16U | static_cast<std::uint64_t>(quanta);
   }
-  std::sort(entries.begin(), entries.end());
+  const auto bin_of = [](std::uint64_t entry) { return entry >> 16U; };
   first_.reserve(columns_ * rows_ + 1);
-  for (std::size_t first = 0; first < entries.size();) {
-    std::size_t last = first;
-    while (last < entries.size() && entries[last] >> 16 == entries[first] >> 16) ++last;
-    const std::uint64_t cell_and_bin = entries[first] >> 16;
-    first_.resize(cell_and_bin / num_bins + 1, depths_.size());
-    depths_.push_back({static_cast<std::uint32_t>(cell_and_bin % num_bins),
-                       static_cast<float>(kQuantum_m * static_cast<double>(
-                                                           entries[(first + last) / 2] & 0xFFFF))});
-    first = last;
+  auto begin = entries.begin();
+  for (std::size_t cell = 0; cell < columns_ * rows_; ++cell) {
+    first_.push_back(depths_.size());
+    const auto end = entries.begin() + static_cast<std::ptrdiff_t>(next[cell]);
+    const auto is_earlier = [&](std::uint64_t a, std::uint64_t b) { return bin_of(a) < bin_of(b); };
+    if (!std::is_sorted(begin, end, is_earlier)) std::sort(begin, end);
+    while (begin != end) {
+      const auto last = std::find_if(
+          begin, end, [&](std::uint64_t entry) { return bin_of(entry) != bin_of(*begin); });
+      const auto middle = begin + (last - begin) / 2;
+      std::nth_element(begin, middle, last);
+      depths_.push_back(
+          {static_cast<std::uint32_t>(bin_of(*middle)),
+           static_cast<float>(kQuantum_m * static_cast<double>(*middle & kMaxQuanta))});
+      begin = last;
+    }
   }
-  first_.resize(columns_ * rows_ + 1, depths_.size());
+  first_.push_back(depths_.size());
 }
 
 double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,

@@ -2,9 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <unordered_set>
+#include <vector>
 
 #include "base/voxel_grid.hpp"
+#include "base/voxel_numbers.hpp"
 
 namespace unlidar {
 namespace {
@@ -16,10 +17,11 @@ constexpr double kCellM = 2.0;
 Support::Support(const PointsView& structure_m, const Ground& ground, double cell_deg,
                  const SupportConfig& config)
     : ground_(ground), config_(config), depth_(structure_m, {}, 1, cell_deg) {
-  std::unordered_set<VoxelKey> seen;
+  VoxelNumbers seen;
   for (std::size_t i = 0; i < structure_m.size(); ++i) {
     const Eigen::Vector3f& point_m = structure_m[i];
-    if (seen.insert(VoxelOf(point_m, config.voxel_m)).second) {
+    const std::uint32_t num_seen = seen.size();
+    if (seen.FindOrAdd(0, VoxelOf(point_m, config.voxel_m)) == num_seen) {
       cells_[VoxelOf(point_m, kCellM)].push_back(point_m);
     }
   }
@@ -63,13 +65,14 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m) const {
 
 std::vector<std::uint32_t> Support::FloatingReturns(
     const Recording& recording, const std::vector<std::uint32_t>& structure) const {
-  std::unordered_map<VoxelKey, bool> verdicts;
+  VoxelNumbers seen;
+  std::vector<char> verdicts;  // by voxel
   std::vector<std::uint32_t> floating;
   for (const std::uint32_t i : structure) {
     const Eigen::Vector3f& point_m = recording.points_m[i];
-    const auto [verdict, is_new] = verdicts.try_emplace(VoxelOf(point_m, config_.voxel_m), false);
-    if (is_new) verdict->second = IsFloating(point_m);
-    if (verdict->second) floating.push_back(i);
+    const std::uint32_t voxel = seen.FindOrAdd(0, VoxelOf(point_m, config_.voxel_m));
+    if (voxel == verdicts.size()) verdicts.push_back(IsFloating(point_m) ? 1 : 0);
+    if (verdicts[voxel] != 0) floating.push_back(i);
   }
   return floating;
 }

@@ -1,0 +1,88 @@
+// A table of voxels that were met.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "base/voxel_grid.hpp"
+
+namespace unlidar {
+
+// Numbers of voxels, from 0 in the order in which they were first met: open addressing with linear
+// probing, for nearly every return is looked up here. A voxel is known by its key and by which of
+// several grids it is of.
+class VoxelNumbers {
+ public:
+  static constexpr std::uint32_t kNone = ~std::uint32_t{0};
+
+  std::uint32_t size() const { return size_; }
+
+  // kNone for a voxel that was never added.
+  std::uint32_t Find(std::uint32_t grid, VoxelKey key) const {
+    return slots_.empty() ? kNone : slots_[SlotOf(grid, key)].number;
+  }
+
+  std::uint32_t FindOrAdd(std::uint32_t grid, VoxelKey key) {
+    if (2 * (static_cast<std::size_t>(size_) + 1) > slots_.size()) Grow();
+    Slot& slot = slots_[SlotOf(grid, key)];
+    if (slot.number == kNone) slot = {key, grid, size_++};
+    return slot.number;
+  }
+
+  // Takes on new numbers, by the old ones: kNone for voxels that are gone.
+  void Renumber(const std::vector<std::uint32_t>& numbers, std::uint32_t size) {
+    std::vector<Slot> old(std::max(kFewest, PowerAbove(size)));
+    old.swap(slots_);
+    size_ = size;
+    for (const Slot& slot : old) {
+      if (slot.number == kNone || numbers[slot.number] == kNone) continue;
+      slots_[SlotOf(slot.grid, slot.key)] = {slot.key, slot.grid, numbers[slot.number]};
+    }
+  }
+
+ private:
+  static constexpr std::size_t kFewest = 64;
+
+  struct Slot {
+    VoxelKey key = 0;
+    std::uint32_t grid = 0;
+    std::uint32_t number = kNone;
+  };
+
+  // A table of this size is between a quarter and half full.
+  static std::size_t PowerAbove(std::size_t size) {
+    std::size_t power = kFewest;
+    while (power < 2 * (size + 1)) power *= 2;
+    return power;
+  }
+
+  void Grow() {
+    std::vector<Slot> old(std::max(kFewest, 2 * slots_.size()));
+    old.swap(slots_);
+    for (const Slot& slot : old) {
+      if (slot.number != kNone) slots_[SlotOf(slot.grid, slot.key)] = slot;
+    }
+  }
+
+  // The slot of a voxel, or the free one that it would take. Neighbours have neighbouring keys: the
+  // bits are spread.
+  std::size_t SlotOf(std::uint32_t grid, VoxelKey key) const {
+    std::uint64_t hash = (key ^ (static_cast<std::uint64_t>(grid) << 58U)) * 0x9E3779B97F4A7C15ULL;
+    hash ^= hash >> 32U;
+    hash *= 0xD6E8FEB86659FD93ULL;
+    hash ^= hash >> 32U;
+    const std::size_t mask = slots_.size() - 1;
+    std::size_t at = hash & mask;
+    while (slots_[at].number != kNone && (slots_[at].key != key || slots_[at].grid != grid)) {
+      at = (at + 1) & mask;
+    }
+    return at;
+  }
+
+  std::vector<Slot> slots_;  // a power of two, at most half of them taken
+  std::uint32_t size_ = 0;
+};
+
+}  // namespace unlidar

@@ -5,7 +5,7 @@
 // Frames are files STAMP.pcd, their stamps in seconds. Writes timestamp,track_id,x,y,z.
 #include <pcl/common/centroid.h>
 #include <pcl/io/pcd_io.h>
-#include <pcl/octree/octree_pointcloud_changedetector.h>
+#include <pcl/octree/octree_pointcloud_occupancy.h>
 #include <pcl/point_types.h>
 #include <pcl/search/kdtree.h>
 #include <pcl/segmentation/extract_clusters.h>
@@ -26,7 +26,6 @@
 namespace {
 
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
-using Octree = pcl::octree::OctreePointCloudChangeDetector<pcl::PointXYZ>;
 
 // Hand-tuned on the simulated scenes `near`, `mid` and `two`, seed 1.
 constexpr double kVoxel_m = 0.5;         // of the change detection
@@ -75,7 +74,10 @@ Cloud::Ptr ReadReturns(const std::string& path) {
   return cloud;
 }
 
-// Which returns of a frame lie in voxels that were empty some seconds ago.
+// Which returns of a frame lie in voxels that were empty some seconds ago. By an octree of the
+// background, in which they are looked up: PCL's change detector would have to be filled with the
+// background anew for each frame (of its two buffers none can be emptied and filled again: returns
+// of earlier frames come back as new).
 class ChangeDetection {
  public:
   // Nothing before there is a background.
@@ -83,15 +85,9 @@ class ChangeDetection {
     if (time_s - renewed_s_ > kRenewal_s) Renew(time_s);
     frames_.emplace_back(time_s, cloud);
     Cloud::Ptr changed(new Cloud);
-    if (background_->empty() || cloud->empty()) return changed;
-    octree_.deleteCurrentBuffer();
-    octree_.setInputCloud(cloud);
-    octree_.addPointsFromInputCloud();
-    std::vector<int> indices;
-    octree_.getPointIndicesFromNewVoxels(indices);
-    for (const int i : indices) {
-      const pcl::PointXYZ& p = (*cloud)[static_cast<std::size_t>(i)];
-      if (p.z > kMinHeight_m) changed->push_back(p);
+    if (background_.getLeafCount() == 0) return changed;
+    for (const pcl::PointXYZ& p : *cloud) {
+      if (p.z > kMinHeight_m && !background_.isVoxelOccupiedAtPoint(p)) changed->push_back(p);
     }
     return changed;
   }
@@ -102,20 +98,16 @@ class ChangeDetection {
     while (!frames_.empty() && frames_.front().first < time_s - kHistoryBegin_s) {
       frames_.pop_front();
     }
-    background_->clear();
+    background_.deleteTree();
     for (const auto& [frame_s, cloud] : frames_) {
-      if (frame_s < time_s - kHistoryEnd_s) *background_ += *cloud;
+      if (frame_s < time_s - kHistoryEnd_s) {
+        background_.setOccupiedVoxelsAtPointsFromCloud(cloud);
+      }
     }
-    octree_.deleteTree();
-    if (background_->empty()) return;
-    octree_.setInputCloud(background_);
-    octree_.addPointsFromInputCloud();
-    octree_.switchBuffers();
   }
 
-  Octree octree_{kVoxel_m};
+  pcl::octree::OctreePointCloudOccupancy<pcl::PointXYZ> background_{kVoxel_m};
   std::deque<std::pair<double, Cloud::Ptr>> frames_;
-  Cloud::Ptr background_{new Cloud};
   double renewed_s_ = -std::numeric_limits<double>::infinity();
 };
 

@@ -6,6 +6,7 @@ Global clusters of all frames, their voxels from frame to frame (IoU), their den
 in all; the best score wins, a spline through its centroids is the trajectory.
 """
 
+import itertools
 import sys
 from pathlib import Path
 
@@ -44,14 +45,14 @@ def global_clusters(voxels: np.ndarray) -> np.ndarray:
 
 
 def score(voxel: np.ndarray, window: np.ndarray) -> float:
-    """psi of a cluster: the mean of e^R over windows and of -ln IoU over pairs of them."""
+    """The psi of a cluster: the mean of e^R over windows and of -ln IoU over pairs of them."""
     of_window = [np.unique(voxel[window == w], return_counts=True) for w in np.unique(window)]
     if len(of_window) < 2:
         return -np.inf
     merged = len(voxel) / len(np.unique(voxel))
     density = np.array([counts.sum() / len(counts) for _, counts in of_window])
     overlaps = []
-    for (before, _), (after, _) in zip(of_window[:-1], of_window[1:], strict=True):
+    for (before, _), (after, _) in itertools.pairwise(of_window):
         both = len(np.intersect1d(before, after, assume_unique=True))
         overlaps.append(both / (len(before) + len(after) - both))
     return float(np.exp(density / merged).mean() - np.log(np.maximum(overlaps, MIN_IOU)).mean())

@@ -12,6 +12,8 @@ from typing import BinaryIO
 
 from unlidar_tools.errors import ProgramError
 
+_TIME = "/usr/bin/time"  # GNU's
+
 
 @dataclass(frozen=True)
 class Usage:
@@ -37,10 +39,16 @@ class Running:
 
     def __init__(self, command: list[str]) -> None:
         self._command = command
-        self._said = tempfile.TemporaryFile()
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (open until it has ended)
         self._begin = time.perf_counter()
+        # The kernel counts the memory of this process to what it starts, so another one starts it.
+        self._memory = tempfile.NamedTemporaryFile()  # noqa: SIM115
+        options = ["--format=%M", f"--output={self._memory.name}", "--"]
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._said
+            [_TIME, *options, *command],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self._said,
         )
 
     @property
@@ -60,7 +68,9 @@ class Running:
             last = (said.read().decode(errors="replace").splitlines() or ["no message"])[-1]
         if self._process.returncode != 0:
             raise ProgramError(f"{self._command[0]}: {last}", 1)
-        return Usage(wall_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+        with self._memory as memory:
+            memory_kb = int(memory.read().split()[-1])
+        return Usage(wall_s, used.ru_utime + used.ru_stime, memory_kb / 1024)
 
 
 def google_benchmark(program: Path, arguments: Sequence[str | Path], least_s: float) -> dict:

@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from unlidar_tools.frames_io import find_sensors
+from unlidar_tools.frames_io import find_sensors, list_frames
 from unlidar_tools.play import frames_in_order
 from unlidar_tools.simulate import load_scenario, simulate
 from unlidar_tools.simulate.scenario import Drone, Flight, Scenario, Scene, Sensor
@@ -27,8 +27,13 @@ def turn(
     People and a car pass below. `timed`: each return has a time of its own.
     """
     end = duration_s
-    waypoints = ((0.0, -70.0, 10.0, 14.0), (0.3 * end, -12.0, 6.0, 10.0), (0.5 * end, 8.0, -4.0, 8.0),
-                 (0.7 * end, 14.0, 10.0, 12.0), (end, 70.0, 20.0, 14.0))  # fmt: skip
+    waypoints = (
+        (0.0, -70.0, 10.0, 14.0),
+        (0.3 * end, -12.0, 6.0, 10.0),
+        (0.5 * end, 8.0, -4.0, 8.0),
+        (0.7 * end, 14.0, 10.0, 12.0),
+        (end, 70.0, 20.0, 14.0),
+    )
     scenario = Scenario(
         sensors,
         drones=(Drone(Flight(waypoints=waypoints)),),
@@ -37,6 +42,30 @@ def turn(
         point_times=timed,
     )
     return _made(setting, f"{name}_{duration_s:g}", scenario, 1)
+
+
+def dense(setting: Setting, beams: int) -> Path:
+    """The same place for a spinning sensor of so many beams."""
+    sensors = {"spinning": Sensor(f"spinning{beams}")}
+    return turn(setting, f"spinning{beams}", sensors, setting.dense_turn_s)
+
+
+def in_order(sensors: dict[str, Path]) -> dict[str, Path]:
+    """The sensor that gives the output times first."""
+    return dict(sorted(sensors.items(), key=lambda item: item[0] != "mid360"))
+
+
+def part_of(setting: Setting, recording: Path, seconds: float) -> Path:
+    """The folder of the first frames of its only sensor, as links to them."""
+    (directory,) = find_sensors(recording).values()
+    out = setting.work / "recordings" / f"{recording.name}_first_{seconds:g}"
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    frames = list_frames(directory)
+    for frame in frames:
+        if frame.stamp_ns - frames[0].stamp_ns < seconds * 1e9:
+            (out / frame.path.name).symlink_to(frame.path.resolve())
+    return out
 
 
 def repeated(setting: Setting, recording: Path, seconds: float, turn_s: float) -> Path:

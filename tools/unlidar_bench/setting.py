@@ -14,7 +14,7 @@ class Setting:
     work: Path  # for recordings and results
     rounds: int = 5
     least_s: float = 0.3  # that each micro-benchmark runs in a round
-    superimposed_s: float = 4.0  # of a recording, for the clustering
+    superimposed_s: float = 0.5  # of a recording, for the clustering
     measurements: tuple[int, ...] = (30, 300, 3000)  # of the flights that splines are fitted to
     scenes: tuple[str, ...] = ("near", "mid", "hover", "fast", "two", "people", "empty_sky")
     seeds: tuple[int, ...] = (1, 2, 3)
@@ -45,7 +45,7 @@ class Setting:
 QUICK = {
     "rounds": 2,
     "least_s": 0.01,
-    "superimposed_s": 0.5,
+    "superimposed_s": 0.2,
     "measurements": (30, 100),
     "scenes": ("near",),
     "seeds": (1,),
@@ -53,6 +53,6 @@ QUICK = {
     "turn_s": 6.0,
     "live_minutes": 0.2,
     "dense_minutes": 0.05,
-    "dense_turn_s": 3.0,
+    "dense_turn_s": 1.0,
     "live_rounds": 1,
 }

@@ -18,7 +18,7 @@
 #include <fstream>
 #include <iomanip>
 #include <iostream>
-#include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -28,19 +28,18 @@ namespace {
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 
 // Hand-tuned on the simulated scenes `near`, `mid` and `two`, seed 1.
-constexpr double kVoxel_m = 0.5;         // of the change detection
-constexpr double kHistoryBegin_s = 6.0;  // the background is what was there in
-constexpr double kHistoryEnd_s = 1.0;    // this time before a frame,
-constexpr double kRenewal_s = 0.5;       // put together so often
-constexpr double kMinRange_m = 0.5;      // nearer is the station itself
-constexpr double kMinHeight_m = 0.5;     // above the sensor: no people, no cars
-constexpr double kTolerance_m = 0.6;     // of the clusters
+constexpr double kVoxel_m = 1.0;  // of the change detection
+constexpr double kDelay_s = 2.0;  // older returns make the background
+constexpr double kWarmUp_s = 3.0;
+constexpr double kMinRange_m = 0.5;   // nearer is the station itself
+constexpr double kMinHeight_m = 0.5;  // above the sensor: no people, no cars
+constexpr double kTolerance_m = 0.6;  // of the clusters
 constexpr int kMaxClusterSize = 300;
 constexpr double kGate_m2 = 16.0;  // squared Mahalanobis distance
 constexpr double kMeasurementSigma_m = 0.2;
 constexpr double kAccelerationSigma_mps2 = 4.0;
 constexpr double kBirthSpeed_mps = 5.0;
-constexpr int kHitsToConfirm = 6;
+constexpr int kHitsToConfirm = 8;
 constexpr double kMaxMiss_s = 1.0;
 
 struct FrameFile {
@@ -74,18 +73,22 @@ Cloud::Ptr ReadReturns(const std::string& path) {
   return cloud;
 }
 
-// Which returns of a frame lie in voxels that were empty some seconds ago. By an octree of the
+// Which returns of a frame lie in voxels that were empty until a second ago. By an octree of the
 // background, in which they are looked up: PCL's change detector would have to be filled with the
 // background anew for each frame (of its two buffers none can be emptied and filled again: returns
 // of earlier frames come back as new).
 class ChangeDetection {
  public:
-  // Nothing before there is a background.
+  // Nothing at the beginning, while all is new.
   Cloud::Ptr Changed(double time_s, const Cloud::Ptr& cloud) {
-    if (time_s - renewed_s_ > kRenewal_s) Renew(time_s);
-    frames_.emplace_back(time_s, cloud);
+    recent_.emplace_back(time_s, cloud);
+    while (recent_.front().first < time_s - kDelay_s) {
+      background_.setOccupiedVoxelsAtPointsFromCloud(recent_.front().second);
+      recent_.pop_front();
+    }
     Cloud::Ptr changed(new Cloud);
-    if (background_.getLeafCount() == 0) return changed;
+    if (!begin_s_) begin_s_ = time_s;
+    if (time_s - *begin_s_ < kWarmUp_s) return changed;
     for (const pcl::PointXYZ& p : *cloud) {
       if (p.z > kMinHeight_m && !background_.isVoxelOccupiedAtPoint(p)) changed->push_back(p);
     }
@@ -93,22 +96,9 @@ class ChangeDetection {
   }
 
  private:
-  void Renew(double time_s) {
-    renewed_s_ = time_s;
-    while (!frames_.empty() && frames_.front().first < time_s - kHistoryBegin_s) {
-      frames_.pop_front();
-    }
-    background_.deleteTree();
-    for (const auto& [frame_s, cloud] : frames_) {
-      if (frame_s < time_s - kHistoryEnd_s) {
-        background_.setOccupiedVoxelsAtPointsFromCloud(cloud);
-      }
-    }
-  }
-
   pcl::octree::OctreePointCloudOccupancy<pcl::PointXYZ> background_{kVoxel_m};
-  std::deque<std::pair<double, Cloud::Ptr>> frames_;
-  double renewed_s_ = -std::numeric_limits<double>::infinity();
+  std::deque<std::pair<double, Cloud::Ptr>> recent_;
+  std::optional<double> begin_s_;
 };
 
 std::vector<Eigen::Vector3d> ClusterCentres(const Cloud::Ptr& cloud) {

@@ -16,7 +16,7 @@ class Setting:
     least_s: float = 0.3  # that each micro-benchmark runs in a round
     superimposed_s: float = 0.5  # of a recording, for the clustering
     measurements: tuple[int, ...] = (30, 300, 3000)  # of the flights that splines are fitted to
-    scenes: tuple[str, ...] = ("near", "mid", "hover", "fast", "two", "people", "empty_sky")
+    scenes: tuple[str, ...] = ("near", "mid", "hover", "fast", "two", "empty_sky")
     seeds: tuple[int, ...] = (1, 2, 3)
     minutes: tuple[float, ...] = (1, 2, 5, 10)  # of the recordings that are tracked as a whole
     turn_s: float = 60.0  # what is simulated of a long recording; it is played again and again

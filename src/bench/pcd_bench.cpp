@@ -19,7 +19,8 @@ namespace unlidar {
 namespace {
 
 constexpr unsigned kPoints = 20'000;  // the rays of a Mid-360 frame
-constexpr int kFiles = 60;            // so many that the start of `cat` is small beside its work
+constexpr int kFiles = 60;
+constexpr int kCatTurns = 16;  // of all files, so that the start of `cat` is small beside its work
 
 pcl::PointCloud<pcl::PointXYZI> RandomCloud() {
   std::mt19937 generator(1);
@@ -59,7 +60,11 @@ class BenchFiles {
   BenchFiles& operator=(const BenchFiles&) = delete;
   const std::vector<std::string>& paths() const { return paths_; }
   double bytes() const { return bytes_; }
-  std::string CatCommand() const { return "cat '" + folder_.string() + "'/*.pcd >/dev/null"; }
+  std::string CatCommand() const {
+    std::string command = "cat";
+    for (int i = 0; i < kCatTurns; ++i) command += " '" + folder_.string() + "'/*.pcd";
+    return command + " >/dev/null";
+  }
 
  private:
   std::filesystem::path folder_;
@@ -101,7 +106,7 @@ void ReadByTurns(benchmark::State& state, Encoding encoding) {
   }
   state.counters["ours_bytes_per_s"] = bytes / ours_s;
   state.counters["pcl_bytes_per_s"] = bytes / pcl_s;
-  state.counters["cat_bytes_per_s"] = bytes / cat_s;
+  state.counters["cat_bytes_per_s"] = kCatTurns * bytes / cat_s;
 }
 
 BENCHMARK_CAPTURE(ReadByTurns, ascii, Encoding::kAscii)->UseManualTime();

@@ -281,6 +281,8 @@ def test_summary_accounts_for_every_frame(stream: list[bytes], tmp_path: Path) -
     assert counts["trajectory_rows"] == sum(t["rows"] for t in summary["tracks"])
     assert counts["trajectory_rows"] == len(rows_of(tmp_path / "o.csv"))
     assert summary["config"]["live"]["delay_s"] == 1.0
+    times = summary["frame_cpu_ms"]
+    assert 0 < times["p50"] <= times["p99"] <= times["max"]
 
 
 # --- ends ---------------------------------------------------------------------------------------

@@ -7,7 +7,8 @@ import pytest
 from unlidar_tools.simulate.sensors import MODELS, in_field_of_view, scan
 
 LIVOX = ("mid360", "avia")
-RAYS_PER_FRAME = {"mid360": 20_000, "avia": 24_000, "spinning32": 32_768}
+RAYS_PER_FRAME = {"mid360": 20_000, "avia": 24_000, "spinning32": 32_768,
+                  "spinning64": 65_536, "spinning128": 131_072}  # fmt: skip
 PHASE = (0.1, 0.7)
 
 

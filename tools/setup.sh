@@ -1,4 +1,4 @@
-# Sourced by demo.sh, test.sh and fuzz.sh: brings a Debian machine to the point where the program is built
+# Sourced by demo.sh, test.sh, fuzz.sh and bench.sh: brings a Debian machine to the point where the program is built
 # and the Python harness installed. Every step is skipped when there is nothing to do, so that a
 # second run needs neither root nor a network.
 # shellcheck shell=bash
@@ -25,6 +25,7 @@ check_packages=(
 )
 # llvm has what names the functions of a stack trace.
 sanitize_packages=(clang libclang-rt-dev llvm)
+bench_packages=(time)
 
 say() {
   printf '\n==> %s\n' "$*"

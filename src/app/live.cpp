@@ -12,6 +12,7 @@
 #include <utility>
 #include <variant>
 
+#include "app/frame_times.hpp"
 #include "app/live_output.hpp"
 #include "app/live_summary.hpp"
 #include "app/output_files.hpp"
@@ -87,6 +88,7 @@ class LiveRun {
     summary.overload_frames = overload_frames_;
     summary.vanished_frames = vanished_frames_;
     summary.passed_over_frames = passed_over_frames_;
+    summary.frame_times = frame_times_;
     summary.tracks = output_.tracks();
     return summary;
   }
@@ -136,12 +138,14 @@ class LiveRun {
 
   void AddFrame(std::size_t sensor, TimeNs stamp_ns, const std::string& name, PcdCloud cloud) {
     const std::uint64_t late_before = engine_.late_frames();
+    const double begin_s = ThreadCpuSeconds();
     try {
       engine_.Add({static_cast<std::uint32_t>(sensor), stamp_ns, name, std::move(cloud)});
       ++sensors_[sensor].frames;
     } catch (const InputError& error) {
       TakeBadFrame(error);
     }
+    frame_times_.Add(ThreadCpuSeconds() - begin_s);
     if (!sensors_[sensor].is_silent) TellSensor(sensor, false);  // its first
     const std::uint64_t late = engine_.late_frames();
     if (late > late_before && IsWorthANote(late)) {
@@ -316,6 +320,7 @@ class LiveRun {
   LiveOutput output_;
   LiveEngine engine_;
   std::vector<Sensor> sensors_;
+  FrameTimes frame_times_;
   LiveState state_ = LiveState::kWarmingUp;
   bool is_overloaded_ = false;
   bool is_ready_ = false;

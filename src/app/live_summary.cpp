@@ -25,6 +25,8 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                       {"rows", track.rows}});
   }
   const InputCounts& counts = summary.counts;
+  constexpr double kMsPerS = 1e3;
+  const FrameTimes& times = summary.frame_times;
   const Json json = {{"version", kVersion},
                      {"inputs", inputs},
                      {"config", ConfigJson(config)},
@@ -43,6 +45,10 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                        {"returns", counts.returns},
                        {"tracks", summary.tracks.size()},
                        {"trajectory_rows", rows}}},
+                     {"frame_cpu_ms",
+                      {{"p50", kMsPerS * times.Quantile(0.5)},
+                       {"p99", kMsPerS * times.Quantile(0.99)},
+                       {"max", kMsPerS * times.max_s()}}},
                      {"tracks", tracks}};
   constexpr int kIndent = 2;
   return json.dump(kIndent, ' ', false, Json::error_handler_t::replace) + "\n";

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "app/config.hpp"
+#include "app/frame_times.hpp"
 #include "app/live_output.hpp"
 #include "base/recording.hpp"
 
@@ -25,6 +26,7 @@ struct LiveSummary {
   std::uint64_t overload_frames = 0;     // left out to keep up
   std::uint64_t vanished_frames = 0;     // removed before they could be read
   std::uint64_t passed_over_frames = 0;  // repeated
+  FrameTimes frame_times;                // of the processor, in the engine
   std::vector<LiveTrack> tracks;
 };
 

@@ -1,76 +1,67 @@
-// Speed of the clustering on the real Mid-360 recording, or on a random cloud where it is missing.
+// Speed of the clustering, ours and PCL's by turns, on the frames of a folder: on the fullest of
+// them and on all of them superimposed.
+//   clustering_bench FRAMES_DIR [OPTION OF GOOGLE BENCHMARK...]
 #include <benchmark/benchmark.h>
 
-#include <random>
+#include <algorithm>
+#include <iostream>
+#include <string>
+#include <vector>
 
+#include "io/frames.hpp"
 #include "paper/clustering.hpp"
-#include "tests/real_frames.hpp"
 
 namespace unlidar {
 namespace {
 
 using Points = std::vector<Eigen::Vector3f>;
 
-Points RandomCloud(std::size_t size) {
-  std::mt19937 generator(1);
-  std::uniform_real_distribution<float> coordinate_m(-30.0F, 30.0F);
-  Points points_m(size);
-  for (Eigen::Vector3f& p : points_m) {
-    p = {coordinate_m(generator), coordinate_m(generator), 0.1F * coordinate_m(generator)};
+Points FullestFrame(const Recording& recording) {
+  const auto size = [](const FrameInfo& frame) { return frame.last_return - frame.first_return; };
+  const auto fullest =
+      std::max_element(recording.frames.begin(), recording.frames.end(),
+                       [&](const FrameInfo& a, const FrameInfo& b) { return size(a) < size(b); });
+  return {recording.points_m.begin() + fullest->first_return,
+          recording.points_m.begin() + fullest->last_return};
+}
+
+void Register(const std::string& name, const Points& points_m, ClusterMethod method,
+              ClusterEngine engine) {
+  const auto run = [&points_m, method, engine](benchmark::State& state) {
+    ClusteringConfig config;
+    config.method = method;
+    config.engine = engine;
+    std::int32_t clusters = 0;
+    for ([[maybe_unused]] const auto iteration : state) {
+      clusters = Cluster(points_m, config).num_clusters;
+    }
+    state.counters["returns"] = static_cast<double>(points_m.size());
+    state.counters["clusters"] = clusters;
+  };
+  benchmark::RegisterBenchmark(name.c_str(), run)->Unit(benchmark::kMillisecond);
+}
+
+void RegisterAll(const std::string& name, const Points& points_m) {
+  Register(name + "/euclidean/grid", points_m, ClusterMethod::kEuclidean, ClusterEngine::kGrid);
+  Register(name + "/euclidean/pcl", points_m, ClusterMethod::kEuclidean, ClusterEngine::kPcl);
+  Register(name + "/dbscan/grid", points_m, ClusterMethod::kDbscan, ClusterEngine::kGrid);
+}
+
+int Main(int argc, char** argv) {
+  benchmark::Initialize(&argc, argv);
+  if (argc != 2) {
+    std::cerr << "usage: clustering_bench FRAMES_DIR [OPTION OF GOOGLE BENCHMARK...]\n";
+    return 2;
   }
-  return points_m;
+  const Recording recording = ReadRecording({{"frames", argv[1]}}, InputConfig(), {});
+  const Points frame_m = FullestFrame(recording);
+  RegisterAll("frame", frame_m);
+  RegisterAll("all", recording.points_m);
+  benchmark::RunSpecifiedBenchmarks();
+  return 0;
 }
-
-const Points& OneFrame() {
-  static const Points points_m = [] {
-    const auto frames = testing::ReadRealFrames(UNLIDAR_SOURCE_DIR, 100);
-    return frames.empty() ? RandomCloud(4'200) : frames[0];
-  }();
-  return points_m;
-}
-
-const Points& AllFrames() {
-  static const Points points_m = [] {
-    const Points all = testing::Superimpose(testing::ReadRealFrames(UNLIDAR_SOURCE_DIR, 1));
-    return all.empty() ? RandomCloud(369'000) : all;
-  }();
-  return points_m;
-}
-
-void Run(benchmark::State& state, const Points& points_m, ClusterMethod method,
-         ClusterEngine engine) {
-  ClusteringConfig config;
-  config.method = method;
-  config.engine = engine;
-  for (auto _ : state) benchmark::DoNotOptimize(Cluster(points_m, config));
-  state.counters["points"] = static_cast<double>(points_m.size());
-}
-
-void BM_FrameEuclideanGrid(benchmark::State& state) {
-  Run(state, OneFrame(), ClusterMethod::kEuclidean, ClusterEngine::kGrid);
-}
-void BM_FrameEuclideanPcl(benchmark::State& state) {
-  Run(state, OneFrame(), ClusterMethod::kEuclidean, ClusterEngine::kPcl);
-}
-void BM_FrameDbscanGrid(benchmark::State& state) {
-  Run(state, OneFrame(), ClusterMethod::kDbscan, ClusterEngine::kGrid);
-}
-void BM_AllFramesEuclideanGrid(benchmark::State& state) {
-  Run(state, AllFrames(), ClusterMethod::kEuclidean, ClusterEngine::kGrid);
-}
-void BM_AllFramesEuclideanPcl(benchmark::State& state) {
-  Run(state, AllFrames(), ClusterMethod::kEuclidean, ClusterEngine::kPcl);
-}
-void BM_AllFramesDbscanGrid(benchmark::State& state) {
-  Run(state, AllFrames(), ClusterMethod::kDbscan, ClusterEngine::kGrid);
-}
-
-BENCHMARK(BM_FrameEuclideanGrid)->Unit(benchmark::kMillisecond);
-BENCHMARK(BM_FrameEuclideanPcl)->Unit(benchmark::kMillisecond);
-BENCHMARK(BM_FrameDbscanGrid)->Unit(benchmark::kMillisecond);
-BENCHMARK(BM_AllFramesEuclideanGrid)->Unit(benchmark::kMillisecond);
-BENCHMARK(BM_AllFramesEuclideanPcl)->Unit(benchmark::kMillisecond)->Iterations(1);
-BENCHMARK(BM_AllFramesDbscanGrid)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace unlidar
+
+int main(int argc, char** argv) { return unlidar::Main(argc, argv); }

@@ -1,51 +1,78 @@
+// Speed of the spline fit on measurements from files, one flight each.
+//   trajectory_bench FILE... [OPTION OF GOOGLE BENCHMARK...]
+// A row of a file is `t x y z sigma`: seconds in ascending order, metres. The fit goes to
+// FILE.fitted: rows `t x y z` at evenly spaced times from the first measurement to the last.
 #include <benchmark/benchmark.h>
 
 #include <cmath>
-#include <random>
+#include <fstream>
+#include <iomanip>
+#include <iostream>
+#include <string>
 #include <vector>
 
 #include "trajectory/trajectory.hpp"
 
+namespace unlidar {
 namespace {
 
-std::vector<unlidar::Measurement> Flight(int measurements, double outlier_share) {
-  std::mt19937_64 generator(1);
-  std::normal_distribution<double> normal;
-  std::vector<unlidar::Measurement> flight(static_cast<std::size_t>(measurements));
-  for (std::size_t i = 0; i < flight.size(); ++i) {
-    const double t = 30.0 * static_cast<double>(i) / measurements;
-    flight[i].time_ns = static_cast<unlidar::TimeNs>(t * 1e9);
-    flight[i].position_m << 20.0 * std::sin(0.5 * t), 15.0 * std::cos(0.4 * t), 15.0 + 0.2 * t;
-    for (double& value : flight[i].position_m) value += 0.1 * normal(generator);
-    flight[i].covariance_m2 *= 0.01;
-    if (static_cast<double>(generator() % 1000) < 1000.0 * outlier_share) {
-      flight[i].position_m.x() += 10.0;
+constexpr int kFittedRows = 2'001;
+
+std::vector<Measurement> ReadMeasurements(const std::string& path) {
+  std::ifstream file(path);
+  std::vector<Measurement> measurements;
+  double time_s = 0.0;
+  Eigen::Vector3d p_m;
+  double sigma_m = 0.0;
+  while (file >> time_s >> p_m.x() >> p_m.y() >> p_m.z() >> sigma_m) {
+    Measurement measurement;
+    measurement.time_ns = std::llround(time_s / kSecondsPerNs);
+    measurement.position_m = p_m;
+    measurement.covariance_m2 *= sigma_m * sigma_m;
+    measurements.push_back(measurement);
+  }
+  return measurements;
+}
+
+void WriteFitted(const std::string& path, const Trajectory& trajectory) {
+  std::ofstream file(path);
+  file << std::setprecision(12);
+  for (int i = 0; i < kFittedRows; ++i) {
+    const TimeNs time_ns = trajectory.begin_ns() + trajectory.duration_ns / (kFittedRows - 1) * i;
+    file << static_cast<double>(time_ns) * kSecondsPerNs << " "
+         << trajectory.At(time_ns).position_m.transpose() << "\n";
+  }
+}
+
+int Main(int argc, char** argv) {
+  benchmark::Initialize(&argc, argv);
+  for (int i = 1; i < argc; ++i) {
+    const std::string path = argv[i];
+    const std::vector<Measurement> flight = ReadMeasurements(path);
+    if (flight.empty()) {
+      std::cerr << path << ": no rows, expected t x y z sigma\n";
+      return 4;
     }
+    const Trajectory fitted = FitTrajectory(flight, {});
+    WriteFitted(path + ".fitted", fitted);
+    benchmark::RegisterBenchmark((path + "/fit").c_str(), [flight](benchmark::State& state) {
+      for ([[maybe_unused]] const auto iteration : state) {
+        benchmark::DoNotOptimize(FitTrajectory(flight, {}));
+      }
+    })->Unit(benchmark::kMillisecond);
+    const TrajectoryScales scales = fitted.scales;
+    benchmark::RegisterBenchmark((path + "/refit").c_str(), [flight,
+                                                             scales](benchmark::State& state) {
+      for ([[maybe_unused]] const auto iteration : state) {
+        benchmark::DoNotOptimize(RefitTrajectory(flight, scales, {}));
+      }
+    })->Unit(benchmark::kMillisecond);
   }
-  return flight;
+  benchmark::RunSpecifiedBenchmarks();
+  return 0;
 }
-
-void BM_FitTrajectory(benchmark::State& state) {
-  const auto flight =
-      Flight(static_cast<int>(state.range(0)), 0.01 * static_cast<double>(state.range(1)));
-  for (auto _ : state) benchmark::DoNotOptimize(unlidar::FitTrajectory(flight, {}));
-}
-BENCHMARK(BM_FitTrajectory)
-    ->ArgNames({"measurements", "percent_outliers"})
-    ->ArgsProduct({{30, 600, 5000}, {0, 10}})
-    ->Unit(benchmark::kMillisecond);
-
-void BM_RefitTrajectory(benchmark::State& state) {
-  const auto flight = Flight(static_cast<int>(state.range(0)), 0.0);
-  for (auto _ : state) {
-    benchmark::DoNotOptimize(unlidar::RefitTrajectory(flight, {5.0, 1.0}, {}));
-  }
-}
-BENCHMARK(BM_RefitTrajectory)
-    ->ArgName("measurements")
-    ->Arg(30)
-    ->Arg(600)
-    ->Arg(5000)
-    ->Unit(benchmark::kMillisecond);
 
 }  // namespace
+}  // namespace unlidar
+
+int main(int argc, char** argv) { return unlidar::Main(argc, argv); }

@@ -29,6 +29,17 @@ def _degrees(low: float, high: float) -> tuple[float, float]:
     return float(np.radians(low)), float(np.radians(high))
 
 
+def _spinning(beams: int) -> SensorModel:
+    return SensorModel(
+        pattern=SpinningRings(_degrees(-22.5, 22.5), beams, turn_hz=10.0),
+        rays_per_frame=beams * 1024,
+        frame_ns=100_000_000,
+        axes=_UPRIGHT,
+        range_at_10_percent_m=90.0,
+        divergence_rad=0.003,
+    )
+
+
 MODELS: dict[str, SensorModel] = {
     # Livox Mid-360: all around, -7 to 52 degrees, 200,000 rays a second, 40 m at 10 %.
     "mid360": SensorModel(
@@ -48,16 +59,11 @@ MODELS: dict[str, SensorModel] = {
         range_at_10_percent_m=190.0,
         divergence_rad=0.0049,
     ),
-    # A spinning sensor of 32 beams as Ouster's OS1-32: 45 degrees high, 1024 shots a turn, 90 m
-    # at 10 %.
-    "spinning32": SensorModel(
-        pattern=SpinningRings(_degrees(-22.5, 22.5), beams=32, turn_hz=10.0),
-        rays_per_frame=32 * 1024,
-        frame_ns=100_000_000,
-        axes=_UPRIGHT,
-        range_at_10_percent_m=90.0,
-        divergence_rad=0.003,
-    ),
+    # Spinning sensors of 32, 64 and 128 beams as Ouster's OS1: 45 degrees high, 1024 shots a turn,
+    # 90 m at 10 %.
+    "spinning32": _spinning(32),
+    "spinning64": _spinning(64),
+    "spinning128": _spinning(128),
 }
 
 

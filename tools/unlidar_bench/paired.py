@@ -1,0 +1,32 @@
+"""Measurements by turns, so that their ratios hold where others use the machine too."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
+
+
+def by_turns(rounds: int, contestants: Mapping[str, Callable[[], T]]) -> dict[str, list[T]]:
+    """What each contestant gives in each round: all take their turn before the next round begins.
+
+    The order is turned from round to round: nobody always has the machine as the same one left it.
+    """
+    found: dict[str, list[T]] = {name: [] for name in contestants}
+    names = list(contestants)
+    for turn in range(rounds):
+        shift = turn % len(names)
+        for name in names[shift:] + names[:shift]:
+            found[name].append(contestants[name]())
+    return found
+
+
+def median(values: Sequence[float]) -> float:
+    """NaN of nothing."""
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def ratio(values: Sequence[float], reference: Sequence[float]) -> float:
+    """The median of the ratios of each round."""
+    return median([a / b for a, b in zip(values, reference, strict=True)])

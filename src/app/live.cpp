@@ -103,7 +103,6 @@ class LiveRun {
     summary.vanished_frames = vanished_frames_;
     summary.passed_over_frames = passed_over_frames_;
     summary.refused_packets = refused_packets_;
-    summary.overflowed_packets = overflowed_packets_;
     summary.tracks = output_.tracks();
     return summary;
   }
@@ -254,13 +253,11 @@ class LiveRun {
     while (Wait(receiver.fd(), true)) {
       for (int i = 0; i < kMaxPacketsAtOnce && TakePacket(receiver, pace); ++i) {
       }
-      TellOverflow(receiver.overflowed());
       LookForSilence();
     }
     receiver.Stop();
     while (TakePacket(receiver, pace)) {
     }
-    TellOverflow(receiver.overflowed());
     FlushLidars(pace);
   }
 
@@ -322,11 +319,6 @@ class LiveRun {
       lidar.cutter.Flush();
       TakeFrames(lidar, Clock::now(), pace);
     }
-  }
-
-  void TellOverflow(std::uint64_t packets) {
-    if (std::exchange(overflowed_packets_, packets) == packets || !IsWorthANote(packets)) return;
-    note_(Count(packets, "packet") + " left out: they come faster than they are worked off");
   }
 
   void FollowFolders() {
@@ -441,7 +433,6 @@ class LiveRun {
   std::uint64_t vanished_frames_ = 0;
   std::uint64_t passed_over_frames_ = 0;
   std::uint64_t refused_packets_ = 0;
-  std::uint64_t overflowed_packets_ = 0;
 };
 
 void NoteLosses(const LiveSummary& summary, const std::function<void(const std::string&)>& note) {

@@ -49,7 +49,6 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                        {"vanished_frames", summary.vanished_frames},
                        {"passed_over_frames", summary.passed_over_frames},
                        {"refused_packets", summary.refused_packets},
-                       {"overflowed_packets", summary.overflowed_packets},
                        {"rows", counts.rows},
                        {"no_return_rows", counts.no_return_rows},
                        {"non_finite_rows", counts.non_finite_rows},

@@ -29,7 +29,6 @@ struct LiveSummary {
   std::uint64_t vanished_frames = 0;     // removed before they could be read
   std::uint64_t passed_over_frames = 0;  // repeated
   std::uint64_t refused_packets = 0;     // that are none of a Livox sensor
-  std::uint64_t overflowed_packets = 0;  // came faster than they were worked off
   std::vector<LiveTrack> tracks;
 };
 

@@ -20,14 +20,18 @@
 namespace unlidar {
 namespace {
 
-// Of what waits: about four seconds of the densest sensor.
-constexpr std::size_t kMaxWaitingBytes = std::size_t{1} << 25;
+// Of what waits: two seconds and more of a Mid-360, one of the densest sensor.
+constexpr std::size_t kMaxWaitingBytes = std::size_t{1} << 23;
+
+// How soon it looks again whether there is room.
+constexpr int kFullPauseMs = 2;
 
 // The system gives as much of it as it allows.
 constexpr int kSocketBytes = 1 << 23;
 
-// Packets before it looks whether it shall end: a flood has no last one.
-constexpr int kMaxAtOnce = 1 << 16;
+// Packets before it looks whether it shall end, and after that: more than the socket holds, but a
+// flood has no last one.
+constexpr int kMaxAtOnce = 1 << 12;
 
 // No packet of points is larger.
 constexpr std::size_t kMaxDatagramBytes = 2048;
@@ -111,16 +115,17 @@ void LivoxReceiver::Stop() {
   thread_.join();
 }
 
-std::uint64_t LivoxReceiver::overflowed() const {
+bool LivoxReceiver::IsFull() const {
   const std::lock_guard<std::mutex> lock(mutex_);
-  return overflowed_;
+  return bytes_ > kMaxWaitingBytes;
 }
 
 void LivoxReceiver::Receive() {
-  std::array<pollfd, 2> fds = {{{socket_.get(), POLLIN, 0}, {ending_.get(), POLLIN, 0}}};
-  while (fds[1].revents == 0) {
-    ::poll(fds.data(), fds.size(), -1);
-    TakeAll();
+  std::array<pollfd, 2> fds = {{{ending_.get(), POLLIN, 0}, {socket_.get(), POLLIN, 0}}};
+  while (fds[0].revents == 0) {
+    const bool is_full = IsFull();
+    ::poll(fds.data(), is_full ? 1 : fds.size(), is_full ? kFullPauseMs : -1);
+    if (!is_full || fds[0].revents != 0) TakeAll();
   }
 }
 
@@ -143,10 +148,6 @@ void LivoxReceiver::TakeAll() {
     datagram.came = Datagram::Clock::now();
     datagram.payload.assign(bytes.data(), length);
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (bytes_ + SizeOf(datagram) > kMaxWaitingBytes) {
-      ++overflowed_;
-      continue;
-    }
     bytes_ += SizeOf(datagram);
     datagrams_.push_back(std::move(datagram));
     if (datagrams_.size() > 1) continue;

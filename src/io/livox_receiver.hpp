@@ -36,7 +36,8 @@ struct Datagram {
 };
 
 // A thread of its own takes the packets: while a frame is worked off, the system would keep but a
-// few. What waits here is bounded, and what comes beyond that is counted and dropped.
+// few. What waits here is bounded; beyond that the system drops what comes, which the counters of
+// the sensors tell.
 class LivoxReceiver {
  public:
   // Throws InputError where the address is not of this computer or the port is taken.
@@ -54,14 +55,13 @@ class LivoxReceiver {
   // Takes in what has arrived so far, and no more.
   void Stop();
 
-  std::uint64_t overflowed() const;  // packets that found no room
-
   // ADDRESS:PORT, with the port that the system chose.
   const std::string& name() const { return name_; }
 
  private:
   void Bind(LivoxEndpoint endpoint);
   void Receive();
+  bool IsFull() const;
   void TakeAll();
 
   Descriptor socket_;
@@ -71,7 +71,6 @@ class LivoxReceiver {
   mutable std::mutex mutex_;
   std::deque<Datagram> datagrams_;
   std::size_t bytes_ = 0;
-  std::uint64_t overflowed_ = 0;
   std::thread thread_;
 };
 

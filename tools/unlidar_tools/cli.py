@@ -15,6 +15,7 @@ from unlidar_tools import (
     play_command,
     report_command,
     run_command,
+    sensor_command,
     telling,
 )
 from unlidar_tools.arguments import whole
@@ -61,6 +62,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     _add_run(commands)
     _add_play(commands)
+    text = "finds Livox LiDARs and makes them send their packets to unlidar_track --livox"
+    sensor_command.define(_add(commands, "sensor", text, sensor_command.EXAMPLE))
     _add_evaluate(commands)
     _add_export(commands)
     _add_report(commands)

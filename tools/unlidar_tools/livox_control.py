@@ -27,6 +27,7 @@ _CARTESIAN_MM = 1
 _MODELS = {9: "Mid-360", 10: "HAP", 15: "HAP"}
 _POINT_PORTS = {9: 56300, 10: 57000, 15: 57000}  # from which a LiDAR sends
 _CLOCKS = {0: "not synchronised", 1: "synchronised by PTP", 2: "synchronised by GPS"}
+_IP_PKTINFO = 8  # of Linux; Python has no name for it before 3.14
 _TRIES = 5
 _ANSWER_S = 0.6
 
@@ -80,7 +81,7 @@ def discover(host: str, to: str = "255.255.255.255", port: int = DISCOVERY_PORT)
     found: dict[str, Lidar] = {}
     with _socket(host) as channel:
         for number in range(1, _TRIES + 1):
-            _send(channel, pack(_DISCOVER, number, b""), (to, port))
+            _send(channel, host, pack(_DISCOVER, number, b""), (to, port))
             for _, data, source in _answers(channel, _DISCOVER):
                 if len(data) >= 24 and data[0] == 0:
                     address = socket.inet_ntoa(data[18:22])
@@ -97,12 +98,13 @@ def discover(host: str, to: str = "255.255.255.255", port: int = DISCOVERY_PORT)
 class Control:
     """Commands to one LiDAR. All throw InputError where it does not answer, or refuses."""
 
-    def __init__(self, channel: socket.socket, lidar: Lidar) -> None:
-        self._channel, self._lidar, self._number = channel, lidar, 100
+    def __init__(self, channel: socket.socket, host: str, lidar: Lidar) -> None:
+        self._channel, self._host, self._lidar = channel, host, lidar
+        self._number = 100
 
-    def send_points_to(self, host: str, port: int) -> None:
-        """Points as 32-bit Cartesian coordinates, to this address."""
-        here = socket.inet_aton(host) + struct.pack(
+    def send_points_to(self, port: int) -> None:
+        """Points as 32-bit Cartesian coordinates, to this port of the host."""
+        here = socket.inet_aton(self._host) + struct.pack(
             "<HH", port, _POINT_PORTS.get(self._lidar.model, _POINT_PORTS[9])
         )
         self._configure({_POINT_TYPE: bytes([_CARTESIAN_MM]), _POINT_HOST: here})
@@ -115,7 +117,7 @@ class Control:
         """What it does now."""
         keys = (_STATE, _SYNCHRONISATION)
         data = self._ask(_INQUIRE, struct.pack("<HH", len(keys), 0) + struct.pack("<2H", *keys))
-        self._check(data[0], 0, "does not tell its state")
+        self._check(data[0], "does not tell its state")
         values, at = {}, 3
         while at + 4 <= len(data):
             key, length = struct.unpack_from("<HH", data, at)
@@ -129,18 +131,18 @@ class Control:
     def _configure(self, values: dict[int, bytes]) -> None:
         rows = b"".join(struct.pack("<HH", k, len(v)) + v for k, v in values.items())
         data = self._ask(_CONFIGURE, struct.pack("<HH", len(values), 0) + rows)
-        self._check(data[0], int.from_bytes(data[1:3], "little"), "refuses a setting")
+        key = int.from_bytes(data[1:3], "little")
+        self._check(data[0], f"refuses the setting 0x{key:04x}")
 
-    def _check(self, code: int, key: int, what: str) -> None:
+    def _check(self, code: int, what: str) -> None:
         if code != 0:
-            where = f", key 0x{key:04x}" if key else ""
-            raise InputError(f"{self._lidar.address}: {what}: code {code}{where}, expected 0")
+            raise InputError(f"{self._lidar.address}: {what}: code {code}, expected 0")
 
     def _ask(self, command: int, data: bytes) -> bytes:
         to = self._lidar.address, self._lidar.command_port
         self._number += 1  # the same for each try: what it does twice is the same
         for _ in range(_TRIES):
-            _send(self._channel, pack(command, self._number, data), to)
+            _send(self._channel, self._host, pack(command, self._number, data), to)
             for number, answer, source in _answers(self._channel, command):
                 if number == self._number and source == to[0] and answer:
                     return answer
@@ -151,7 +153,7 @@ class Control:
 def control(host: str, lidar: Lidar) -> Iterator[Control]:
     """Commands to a LiDAR from an address of this computer."""
     with _socket(host) as channel:
-        yield Control(channel, lidar)
+        yield Control(channel, host, lidar)
 
 
 @contextmanager
@@ -170,9 +172,11 @@ def _socket(host: str) -> Iterator[socket.socket]:
         yield channel
 
 
-def _send(channel: socket.socket, message: bytes, to: tuple[str, int]) -> None:
+def _send(channel: socket.socket, host: str, message: bytes, to: tuple[str, int]) -> None:
+    # By the network that the host's address belongs to, or a broadcast would leave by any.
+    source = (socket.IPPROTO_IP, _IP_PKTINFO, struct.pack("=i4s4x", 0, socket.inet_aton(host)))
     try:
-        channel.sendto(message, to)
+        channel.sendmsg([message], [source], 0, to)
     except OSError as error:
         raise InputError(f"{to[0]}:{to[1]}: cannot be sent to: {reason(error)}") from error
 

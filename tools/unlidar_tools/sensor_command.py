@@ -70,12 +70,12 @@ def _act(a: argparse.Namespace) -> None:
     mode, name = (IDLE, "idle") if a.stop else (SAMPLING, "measuring")
     with control(a.host, found[0]) as lidar:
         if not a.stop:
-            lidar.send_points_to(a.host, a.port)
+            lidar.send_points_to(a.port)
         lidar.set_mode(mode)
         end = time.monotonic() + _STARTS_WITHIN_S
         while (state := lidar.state()).mode != mode:
             if time.monotonic() > end:
-                raise InputError(f"{a.lidar}: is not {name} after 30 s but in state {state.mode}")
+                raise InputError(f"{a.lidar}: is not {name} but in state {state.mode}")
             time.sleep(0.2)
     where = "" if a.stop else f", sends to {a.host}:{a.port}"
     print(f"{found[0]}, {name}, clock {state.clock}{where}")

@@ -27,3 +27,25 @@ def write_pcap(path: Path, frames: Iterable[tuple[int, bytes]], link: int = _ETH
             file.write(struct.pack("<IIII", seconds, rest_ns // 1000, len(frame), len(frame)))
             file.write(frame)
     return path
+
+
+def write_pcapng(path: Path, frames: Iterable[tuple[int, bytes]]) -> Path:
+    """The same as blocks of section, interface (times in microseconds) and packets."""
+
+    def block(kind: int, body: bytes) -> bytes:
+        body += bytes(-len(body) % 4)
+        length = struct.pack("<I", 12 + len(body))
+        return struct.pack("<I", kind) + length + body + length
+
+    section = block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1))
+    interface = block(1, struct.pack("<HHI", _ETHERNET, 0, 65535))
+    packets = (
+        block(
+            6,
+            struct.pack("<IIIII", 0, *divmod(time_ns // 1000, 1 << 32), len(data), len(data))
+            + data,
+        )
+        for time_ns, data in frames
+    )
+    path.write_bytes(section + interface + b"".join(packets))
+    return path

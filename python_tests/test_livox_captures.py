@@ -26,7 +26,7 @@ from livox_sensor import (
     sweep,
     write_as_frames,
 )
-from pcap_files import udp_frame, write_pcap
+from pcap_files import udp_frame, write_pcap, write_pcapng
 from synthetic import make_flight, track
 from unlidar_tools import livox
 from unlidar_tools.cli import main
@@ -111,6 +111,30 @@ def test_list_and_a_part_of_a_capture(capture: Path, tmp_path: Path, capsys) -> 
     assert main(["convert", str(capture), str(out), *part]) == 0
     assert [p.name for p in out.iterdir() if p.is_dir()] == ["192-168-1-13"]
     assert len(list_frames(out / "192-168-1-13")) == 10
+
+
+def test_captures_of_every_kind_give_the_same(packets: list[Packet], tmp_path: Path) -> None:
+    """pcapng; packets as `tcpdump -i any` has them, of a tunnel, and of a loopback."""
+    frames = [(p.stamp_ns, udp_frame(protocol2(p), "10.0.0.9")) for p in packets[:60]]
+    ips = [(time_ns, frame[14:]) for time_ns, frame in frames]
+    cooked = [(t, b"\0\0\0\1\0\6" + bytes(8) + b"\x08\0" + ip) for t, ip in ips]
+    cooked2 = [(t, b"\x08\0" + bytes(18) + ip) for t, ip in ips]
+    null = [(t, b"\2\0\0\0" + ip) for t, ip in ips]
+    files = [
+        write_pcap(tmp_path / "plain.pcap", frames),
+        write_pcapng(tmp_path / "blocks.pcapng", frames),
+        write_pcap(tmp_path / "cooked.pcap", cooked, 113),
+        write_pcap(tmp_path / "cooked2.pcap", cooked2, 276),
+        write_pcap(tmp_path / "null.pcap", null, 0),
+        write_pcap(tmp_path / "raw.pcap", ips, 101),
+    ]
+    contents = []
+    for file in files:
+        assert main(["convert", str(file), str(tmp_path / file.stem)]) == 0, file
+        folder = tmp_path / file.stem / "10-0-0-9"
+        contents.append({p.name: p.read_bytes() for p in folder.iterdir()})
+    assert len(contents[0]) == 3
+    assert all(content == contents[0] for content in contents)
 
 
 def test_what_comes_twice_or_late_is_left_out_and_said(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import socket
+import struct
 import time
 from pathlib import Path
 
@@ -182,7 +183,7 @@ def test_a_file_that_is_none_is_an_input_error(
 
 def test_options_of_bags_are_refused(capture: Path, tmp_path: Path, fails) -> None:
     said = fails(2, "convert", capture, tmp_path / "out", "--topic", "/a")
-    assert "is a capture of packets, --topic is for bags" in said
+    assert "holds packets, --topic is for bags" in said
 
 
 def test_a_capture_that_was_cut_off_keeps_what_came_before(capture: Path, tmp_path: Path) -> None:
@@ -190,6 +191,58 @@ def test_a_capture_that_was_cut_off_keeps_what_came_before(capture: Path, tmp_pa
     file.write_bytes(capture.read_bytes()[: capture.stat().st_size // 2])
     assert main(["convert", str(file), str(tmp_path / "out")]) == 0
     assert len(list_frames(tmp_path / "out" / "192-168-1-12")) >= 29
+
+
+# --- the maker's viewer -------------------------------------------------------------------------
+
+
+def lvx2(packets: list[Packet], serials: list[bytes]) -> bytes:
+    """As Livox Viewer 2 writes it: 50 ms a block, packets of the LiDARs in turn."""
+    data = b"livox_tech".ljust(16, b"\0") + bytes([2, 0, 0, 0])
+    data += struct.pack("<IIB", 0xAC0EA767, 50, len(serials))
+    for k, serial in enumerate(serials):
+        data += struct.pack("<16s16sIBBB6f", serial, b"", 1000 + k, 9, 9, 0, *[0.0] * 6)
+    for index in range(0, len(packets), 10):
+        block = b""
+        for p in packets[index : index + 10]:
+            points = protocol2(p)[36:]
+            lidar = 1000 + p.number % len(serials)
+            head = (0, lidar, 8, 1, p.stamp_ns, p.number % 65536, 1, len(points), 0)
+            block += struct.pack("<BIBBQHBIB4x", *head) + points
+        after = len(data) + 24 + len(block)
+        last = index + 10 >= len(packets)
+        data += struct.pack("<QQQ", len(data), 0 if last else after, index // 10) + block
+    return data
+
+
+def test_a_file_of_the_viewer_becomes_the_frames_of_its_points(
+    packets: list[Packet], tmp_path: Path
+) -> None:
+    file = tmp_path / "a.lvx2"
+    file.write_bytes(lvx2(packets, [b"47MDK9DF710030", b"47MDK9DF710195"]))
+    assert main(["convert", str(file), str(tmp_path / "out")]) == 0
+    for part, name in enumerate(("47MDK9DF710030", "47MDK9DF710195")):
+        expected = list_frames(write_as_frames(tmp_path / name, packets[part::2]))
+        got = list_frames(tmp_path / "out" / name)
+        assert [f.stamp_ns for f in got] == [f.stamp_ns for f in expected]
+        for one, other in zip(got, expected, strict=True):
+            a, b = read_pcd(one.path), read_pcd(other.path)
+            returns = (b["x"] != 0) | (b["y"] != 0) | (b["z"] != 0)
+            np.testing.assert_array_equal(a["x"], b["x"][returns])
+
+
+def test_a_broken_file_of_the_viewer_keeps_what_came_before(
+    packets: list[Packet], tmp_path: Path, fails
+) -> None:
+    whole = lvx2(packets[:400], [b"47MDK9DF710030"])
+    for size in (0, 10, 28, 80, len(whole) // 2, len(whole) - 1):
+        file, out = tmp_path / f"{size}.lvx2", tmp_path / f"out{size}"
+        file.write_bytes(whole[:size])
+        said = fails(4, "convert", file, out)
+        assert f"{size}.lvx2: " in said
+        assert out.exists() == (size > 100)
+    file.write_bytes(b"x" + whole[1:])
+    assert "begins with" in fails(4, "convert", file, tmp_path / "no")
 
 
 # --- the reader ---------------------------------------------------------------------------------

@@ -144,6 +144,17 @@ def _positions(rows: np.ndarray, returns: np.ndarray) -> np.ndarray | None:
     )
 
 
+def parse_points(
+    points: bytes, data_type: int, counter: int, synchronised: bool, stamp_ns: int
+) -> Packet | None:
+    """The points of a packet of protocol 2 whose header is another; None as for parse()."""
+    dtype = _SECOND.get(data_type)
+    if dtype is None or not points or len(points) % dtype.itemsize:
+        return None
+    rows = np.frombuffer(points, dtype)
+    return _packet(rows, _LOW_CONFIDENCE, "", counter, synchronised, stamp_ns, None)
+
+
 def name_of(address: str, packet: Packet) -> str:
     """The name of a packet's sensor, as the program has it: 192-168-1-12."""
     return address.replace(".", "-") + packet.part

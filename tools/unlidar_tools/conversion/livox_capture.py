@@ -1,4 +1,4 @@
-"""Captured packets of Livox LiDARs, cut into frames as `unlidar_track --livox` cuts them."""
+"""Recorded packets of Livox LiDARs, cut into frames as `unlidar_track --livox` cuts them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -9,6 +9,7 @@ import numpy as np
 
 from unlidar_tools import livox
 from unlidar_tools.capture import datagrams, is_capture
+from unlidar_tools.conversion.lvx2 import lvx2_packets
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
 from unlidar_tools.conversion.source import Options, SourceFrame, Stream
 from unlidar_tools.errors import InputError, UsageError
@@ -20,11 +21,14 @@ _PATIENCE_NS = 10_000_000  # packets overtake each other in a network by less
 _MAX_STEP_NS = 1_000_000_000  # by more a clock does not go back, but was switched on again
 
 
-class LivoxCapture:
-    """The LiDARs of a capture, each named by its address."""
+# Name of the sensor, when it was recorded, packet.
+Recorded = tuple[str, int, livox.Packet]
+
+
+class _LivoxRecording:
+    """What captures and the files of the maker's viewer have in common."""
 
     kind: ClassVar[str] = "Livox packets"
-    description: ClassVar[str] = "a capture (.pcap, .pcapng) of packets of Livox LiDARs"
     keeps_beginning: ClassVar[bool] = True
     truths: int = 0
 
@@ -36,23 +40,22 @@ class LivoxCapture:
         }
         for option, given in asked.items():
             if given:
-                raise UsageError(f"{path}: is a capture of packets, {option} is for bags")
+                raise UsageError(f"{path}: holds packets, {option} is for bags")
         self._path, self._options = path, options
         self._notes: list[str] = []
         spans: dict[str, tuple[int, int]] = {}  # numbers of the first and the last frame
-        for name, time_ns, _ in self._packets():
-            number = time_ns // _FRAME_NS
-            first, last = spans.get(name, (number, number))
-            spans[name] = min(first, number), max(last, number)
+        try:
+            for name, time_ns, _ in self._packets():
+                number = time_ns // _FRAME_NS
+                first, last = spans.get(name, (number, number))
+                spans[name] = min(first, number), max(last, number)
+        except InputError:  # items() meets it again, behind what can be kept
+            if not spans:
+                raise
         if not spans:
             raise InputError(f"{path}: holds no points of a Livox LiDAR, expected {livox.EXPECTED}")
         self._begin_ns = min(first for first, _ in spans.values()) * _FRAME_NS
         self.sensors = {name: last - first + 1 for name, (first, last) in spans.items()}
-
-    @classmethod
-    def matches(cls, path: Path) -> bool:
-        """Whether the name says that it is a capture."""
-        return is_capture(path)
 
     def lidars(self) -> list[str]:
         """All of them."""
@@ -96,12 +99,46 @@ class LivoxCapture:
     def _packets(self) -> Iterator[tuple[str, int, livox.Packet]]:
         """Name of the sensor, Unix time of the first ray, packet."""
         clocks: dict[str, _Clock] = {}
+        for name, recorded_ns, packet in self._recorded():
+            clock = clocks.setdefault(name, _Clock())
+            yield name, clock.time_ns(packet, recorded_ns), packet
+
+    def _recorded(self) -> Iterator[Recorded]:
+        raise NotImplementedError
+
+
+class LivoxCapture(_LivoxRecording):
+    """The LiDARs of a capture, each named by its address."""
+
+    description: ClassVar[str] = "a capture (.pcap, .pcapng) of packets of Livox LiDARs"
+
+    @classmethod
+    def matches(cls, path: Path) -> bool:
+        """Whether the name says that it is a capture."""
+        return is_capture(path)
+
+    def _recorded(self) -> Iterator[Recorded]:
         for datagram in datagrams(self._path):
             packet = livox.parse(datagram.payload)
             if packet is not None:
                 name = livox.name_of(datagram.source, packet)
-                clock = clocks.setdefault(name, _Clock())
-                yield name, clock.time_ns(packet, round(datagram.time_s * 1e9)), packet
+                yield name, round(datagram.time_s * 1e9), packet
+
+
+class LivoxFile(_LivoxRecording):
+    """A file of the maker's viewer (.lvx2); each LiDAR has its serial number as its name."""
+
+    description: ClassVar[str] = "a file of Livox Viewer 2 (.lvx2)"
+
+    @classmethod
+    def matches(cls, path: Path) -> bool:
+        """Whether the name says so."""
+        return path.suffix.lower() == ".lvx2" and path.is_file()
+
+    def _recorded(self) -> Iterator[Recorded]:
+        # Nothing says when it was recorded: a clock that is not synchronised stays as it is.
+        for name, packet in lvx2_packets(self._path):
+            yield name, packet.stamp_ns, packet
 
 
 class _Clock:

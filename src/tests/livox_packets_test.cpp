@@ -158,6 +158,8 @@ TEST(LivoxPacket, ReadsTheClocksOfBothProtocols) {
   EXPECT_EQ(packet.clock, LivoxClock::kSynchronised);
   first.stamp = 0 | 1U << 8U | 1U << 16U;  // 1 January 2000
   EXPECT_EQ(ParseLivoxPacket(Packet1(first, points)).stamp_ns, 946'684'800'000'000'000);
+  first.stamp = 24 | 3U << 8U | 1U << 16U;  // 1 March 2024
+  EXPECT_EQ(ParseLivoxPacket(Packet1(first, points)).stamp_ns, 1'709'251'200'000'000'000);
   first.stamp = 95 | 12U << 8U | 31U << 16U;
   EXPECT_EQ(ParseLivoxPacket(Packet1(first, points)).stamp_ns, 3'976'128'000'000'000'000);
 }

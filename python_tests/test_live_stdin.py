@@ -401,7 +401,7 @@ def test_a_sensor_that_the_config_does_not_name_is_said(
         (["--stdin", "--frames", "f"], "--frames f: expected none with --stdin"),
         (["--follow"], "--frames is required"),
         ([], "--frames is required"),
-        (["--frames", "f", "--events", "-"], "--events -: expected with --follow or --stdin"),
+        (["--frames", "f", "--events", "-"], "--events -: expected with --follow, --stdin or"),
         (["--stdin", "--at", "stamps.csv"], "--at stamps.csv: not with --stdin"),
         (["--stdin", "--clusters", "c.csv"], "--clusters c.csv: not with --stdin"),
         (["--stdin", "--points", "p.pcd"], "--points p.pcd: not with --stdin"),

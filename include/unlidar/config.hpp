@@ -201,6 +201,7 @@ struct LiveConfig {
   double false_alarms_per_hour = 0.1;  // of an empty sky
   double silent_s = 2.0;               // without a frame: the sensor is silent
   double overload_s = 2.0;  // that a frame waits, by the wall clock, before others are dropped
+  double frame_s = 0.1;     // of the frames into which packets (--livox) are cut
 };
 
 enum class ClusterMethod { kEuclidean, kDbscan };

@@ -251,6 +251,7 @@ void VisitLiveKeys(Visitor&& visit, Live& live) {
   visit("live.false_alarms_per_hour", live.false_alarms_per_hour, Range{0, 3600, false});
   visit("live.silent_s", live.silent_s, Range{0, 3600, false});
   visit("live.overload_s", live.overload_s, Range{0, 600, false});
+  visit("live.frame_s", live.frame_s, Range{0.02, 1});
 }
 
 // Calls visit(key, field, constraint) for every key but those of the sensors.

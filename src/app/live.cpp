@@ -8,7 +8,9 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <map>
 #include <optional>
+#include <tuple>
 #include <utility>
 #include <variant>
 
@@ -22,6 +24,9 @@
 #include "io/frame_messages.hpp"
 #include "io/frame_pace.hpp"
 #include "io/frame_preparation.hpp"
+#include "io/livox_frames.hpp"
+#include "io/livox_packets.hpp"
+#include "io/livox_receiver.hpp"
 #include "io/pcd.hpp"
 #include "live/live_engine.hpp"
 #include "unlidar/error.hpp"
@@ -44,6 +49,9 @@ Clock::duration Seconds(double seconds) {
 // What happens again and again is said the first time, the second, the fourth and so on.
 bool IsWorthANote(std::uint64_t count) { return count > 0 && (count & (count - 1)) == 0; }
 
+// Before it looks for signals.
+constexpr int kMaxPacketsAtOnce = 256;
+
 // Frames from a live source through the engine into the outputs.
 class LiveRun {
  public:
@@ -53,16 +61,20 @@ class LiveRun {
         config_(config),
         note_(note),
         output_(request.out, request.events, signals_, note),
-        engine_(config, SensorNames(request), request.output_times,
-                [this](const EngineEvent& event) {
-                  std::visit([this](const auto& e) { Take(e); }, event);
-                }) {
+        engine_(
+            config, SensorNames(request), request.output_times,
+            [this](const EngineEvent& event) {
+              std::visit([this](const auto& e) { Take(e); }, event);
+            },
+            request.livox ? std::make_optional(TimeReading::kOffset) : std::nullopt) {
     for (const std::string& name : SensorNames(request)) sensors_.emplace_back(name);
   }
 
   void Run() {
     try {
-      if (request_.sources.empty()) {
+      if (request_.livox) {
+        ReceivePackets(*request_.livox);
+      } else if (request_.sources.empty()) {
         ReadMessages();
       } else {
         FollowFolders();
@@ -80,7 +92,10 @@ class LiveRun {
       const bool is_folder = i < request_.sources.size();
       summary.inputs.push_back({sensors_[i].name,
                                 is_folder ? request_.sources[i].directory : std::string(),
-                                sensors_[i].frames});
+                                sensors_[i].frames, std::nullopt});
+    }
+    for (const auto& [identity, lidar] : lidars_) {
+      summary.inputs[lidar.sensor].packets = lidar.cutter.counts();
     }
     summary.counts = engine_.counts();
     summary.counts.bad_frames += bad_frames_;
@@ -89,6 +104,7 @@ class LiveRun {
     summary.vanished_frames = vanished_frames_;
     summary.passed_over_frames = passed_over_frames_;
     summary.frame_times = frame_times_;
+    summary.refused_packets = refused_packets_;
     summary.tracks = output_.tracks();
     return summary;
   }
@@ -102,6 +118,15 @@ class LiveRun {
     bool is_silent_by_clock = false;
     Clock::time_point came = Clock::now();  // its last frame
   };
+
+  // A sensor of --livox. One address can be that of a hub with several of them.
+  struct Lidar {
+    Lidar(std::size_t its_sensor, TimeNs frame_ns) : sensor(its_sensor), cutter(frame_ns) {}
+    std::size_t sensor;
+    LivoxFrameCutter cutter;
+    std::uint64_t lost_said = 0;
+  };
+  using LidarIdentity = std::tuple<std::uint32_t, std::uint8_t, std::uint8_t>;
 
   static std::vector<std::string> SensorNames(const LiveRequest& request) {
     std::vector<std::string> names;
@@ -155,10 +180,10 @@ class LiveRun {
   }
 
   void TakeBadFrame(const InputError& error) {
-    if (!config_.input.skip_bad_frames) throw InputError(error);
+    if (!config_.input.skip_bad_frames && !request_.livox) throw InputError(error);
     if (IsWorthANote(++bad_frames_)) {
-      note_(Count(bad_frames_, "frame") +
-            " bad and skipped (input.skip_bad_frames), the last: " + error.what());
+      note_(Count(bad_frames_, "frame") + " bad and skipped" +
+            (request_.livox ? "" : " (input.skip_bad_frames)") + ", the last: " + error.what());
     }
   }
 
@@ -212,13 +237,92 @@ class LiveRun {
       throw InputError(message.name + " is of one more sensor, expected at most " +
                        std::to_string(kMaxSensors));
     }
-    if (!config_.sensors.empty() && config_.sensors.count(message.sensor) == 0) {
-      note_(message.name + ": the config has no sensors." + message.sensor +
-            ", it stands at the origin");
+    return AddSensor(message.sensor, message.name);
+  }
+
+  // `first`: what messages call what came first of it.
+  std::size_t AddSensor(const std::string& name, const std::string& first) {
+    if (!config_.sensors.empty() && config_.sensors.count(name) == 0) {
+      note_(first + ": the config has no sensors." + name + ", it stands at the origin");
     }
-    engine_.AddSensor(message.sensor);
-    sensors_.emplace_back(message.sensor);
+    engine_.AddSensor(name);
+    sensors_.emplace_back(name);
     return sensors_.size() - 1;
+  }
+
+  void ReceivePackets(LivoxEndpoint endpoint) {
+    LivoxReceiver receiver(endpoint);
+    note_("listens on " + receiver.name());
+    FramePace pace(Seconds(config_.live.overload_s));
+    while (Wait(receiver.fd(), true)) {
+      for (int i = 0; i < kMaxPacketsAtOnce && TakePacket(receiver, pace); ++i) {
+      }
+      LookForSilence();
+    }
+    receiver.Stop();
+    while (TakePacket(receiver, pace)) {
+    }
+    FlushLidars(pace);
+  }
+
+  // False where none waits.
+  bool TakePacket(LivoxReceiver& receiver, FramePace& pace) {
+    const std::optional<Datagram> datagram = receiver.Next();
+    if (!datagram) return false;
+    const std::string from = AddressText(datagram->source);
+    try {
+      const LivoxPacket packet = ParseLivoxPacket(datagram->payload);
+      if (packet.rays == 0) return true;
+      Lidar& lidar = LidarOf(from, datagram->source, packet);
+      lidar.cutter.Add(packet, datagram->received_ns);
+      TakeFrames(lidar, datagram->came, pace);
+    } catch (const PacketError& error) {
+      if (IsWorthANote(++refused_packets_)) {
+        note_(Count(refused_packets_, "packet") + " refused, the last: one from " + from + " " +
+              error.what());
+      }
+    }
+    return true;
+  }
+
+  Lidar& LidarOf(const std::string& from, std::uint32_t source, const LivoxPacket& packet) {
+    const LidarIdentity identity(source, packet.slot, packet.lidar);
+    const auto known = lidars_.find(identity);
+    if (known != lidars_.end()) return known->second;
+    if (sensors_.size() == kMaxSensors) {
+      throw PacketError("is of one more sensor, expected at most " + std::to_string(kMaxSensors));
+    }
+    std::string name = from;
+    std::replace(name.begin(), name.end(), '.', '-');
+    if (packet.slot > 1 || packet.lidar > 1) {
+      name += "-" + std::to_string(packet.slot) + "-" + std::to_string(packet.lidar);
+    }
+    const auto frame_ns = std::llround(config_.live.frame_s / kSecondsPerNs);
+    const std::size_t sensor = AddSensor(name, "a packet from " + from);
+    return lidars_.emplace(identity, Lidar(sensor, frame_ns)).first->second;
+  }
+
+  // `came`: the packet that completed them.
+  void TakeFrames(Lidar& lidar, Clock::time_point came, FramePace& pace) {
+    while (std::optional<LivoxFrame> frame = lidar.cutter.Next()) {
+      if (!IsInTime(lidar.sensor, Clock::now() - came, pace)) continue;
+      const std::string& name = sensors_[lidar.sensor].name;
+      AddFrame(lidar.sensor, frame->stamp_ns,
+               "frame of " + name + ", stamp " + std::to_string(frame->stamp_ns) + " ns",
+               std::move(frame->cloud));
+    }
+    const LivoxCounts& counts = lidar.cutter.counts();
+    if (counts.lost <= lidar.lost_said) return;
+    note_(sensors_[lidar.sensor].name + ": " + Count(counts.lost, "packet") + " lost, " +
+          std::to_string(counts.used) + " used");
+    lidar.lost_said = 2 * counts.lost;
+  }
+
+  void FlushLidars(FramePace& pace) {
+    for (auto& [identity, lidar] : lidars_) {
+      lidar.cutter.Flush();
+      TakeFrames(lidar, Clock::now(), pace);
+    }
   }
 
   void FollowFolders() {
@@ -257,17 +361,8 @@ class LiveRun {
   }
 
   void Follow(const FollowedFrame& frame, FramePace& pace, FollowedFolders& folders) {
-    const Clock::time_point now = Clock::now();
-    Sensor& sensor = sensors_[frame.folder];
-    sensor.came = now;
-    if (std::exchange(sensor.is_silent_by_clock, false)) TellSensor(frame.folder, false);
-    const auto waited = frame.came ? std::make_optional(now - *frame.came) : std::nullopt;
-    const bool is_kept = pace.Keeps(frame.folder, waited, now);
-    TellOverload(pace.one_in());
-    if (!is_kept) {
-      ++overload_frames_;
-      return;
-    }
+    const auto waited = frame.came ? std::make_optional(Clock::now() - *frame.came) : std::nullopt;
+    if (!IsInTime(frame.folder, waited, pace)) return;
     const std::string& path = frame.file.path;
     PcdCloud cloud;
     try {
@@ -278,6 +373,18 @@ class LiveRun {
       return folders.NoteVanished();
     }
     AddFrame(frame.folder, frame.file.stamp_ns, path, std::move(cloud));
+  }
+
+  // Whether a frame that has waited so long is to be worked off.
+  bool IsInTime(std::size_t index, std::optional<Clock::duration> waited, FramePace& pace) {
+    const Clock::time_point now = Clock::now();
+    Sensor& sensor = sensors_[index];
+    sensor.came = now;
+    if (std::exchange(sensor.is_silent_by_clock, false)) TellSensor(index, false);
+    const bool is_kept = pace.Keeps(index, waited, now);
+    TellOverload(pace.one_in());
+    if (!is_kept) ++overload_frames_;
+    return is_kept;
   }
 
   void TellOverload(std::uint64_t one_in) {
@@ -321,6 +428,7 @@ class LiveRun {
   LiveEngine engine_;
   std::vector<Sensor> sensors_;
   FrameTimes frame_times_;
+  std::map<LidarIdentity, Lidar> lidars_;
   LiveState state_ = LiveState::kWarmingUp;
   bool is_overloaded_ = false;
   bool is_ready_ = false;
@@ -329,12 +437,25 @@ class LiveRun {
   std::uint64_t overload_frames_ = 0;
   std::uint64_t vanished_frames_ = 0;
   std::uint64_t passed_over_frames_ = 0;
+  std::uint64_t refused_packets_ = 0;
 };
 
 void NoteLosses(const LiveSummary& summary, const std::function<void(const std::string&)>& note) {
   const auto say = [&](std::uint64_t count, const char* what) {
     if (count > 0) note(Count(count, "frame") + what);
   };
+  for (const LiveInput& input : summary.inputs) {
+    if (!input.packets) continue;
+    const LivoxCounts& packets = *input.packets;
+    const auto told = [](std::uint64_t count, const char* what) {
+      return count > 0 ? ", " + std::to_string(count) + " " + what : std::string();
+    };
+    note(input.name + ": " + Count(packets.used, "packet") + " used" + told(packets.lost, "lost") +
+         told(packets.repeated, "repeated") + told(packets.reordered, "reordered") +
+         told(packets.late, "too late") + told(packets.astray, "of a time far from the others") +
+         told(packets.excess, "more than a frame holds"));
+  }
+  if (summary.refused_packets > 0) note(Count(summary.refused_packets, "packet") + " refused");
   say(summary.counts.bad_frames, " could not be parsed and skipped (input.skip_bad_frames)");
   say(summary.late_frames, " came later than live.reorder_s and dropped");
   say(summary.overload_frames, " left out while overloaded");

@@ -1,18 +1,21 @@
-// Tracking while frames come: --follow and --stdin.
+// Tracking while frames come: --follow, --stdin and --livox.
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "io/frames.hpp"
+#include "io/livox_receiver.hpp"
 #include "trajectory/output_times.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
 
 struct LiveRequest {
-  std::vector<FrameSource> sources;  // folders to follow; none: frames come by stdin
+  std::vector<FrameSource> sources;    // folders to follow
+  std::optional<LivoxEndpoint> livox;  // where packets come; without it and folders, stdin
   OutputTimes output_times;
   std::string out;
   std::string events;   // empty for none, `-` for stdout

@@ -7,13 +7,25 @@
 #include "app/version.hpp"
 
 namespace unlidar {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json PacketsJson(const LivoxCounts& packets) {
+  return {{"used", packets.used},         {"lost", packets.lost},
+          {"repeated", packets.repeated}, {"reordered", packets.reordered},
+          {"late", packets.late},         {"astray", packets.astray},
+          {"excess", packets.excess},     {"noise_points", packets.noise_points}};
+}
+
+}  // namespace
 
 std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
-  using Json = nlohmann::ordered_json;
   Json inputs = Json::array();
   for (const LiveInput& input : summary.inputs) {
     inputs.push_back(
         {{"name", input.name}, {"directory", input.directory}, {"frames", input.frames}});
+    if (input.packets) inputs.back()["packets"] = PacketsJson(*input.packets);
   }
   Json tracks = Json::array();
   std::uint64_t rows = 0;
@@ -38,6 +50,7 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                        {"overload_frames", summary.overload_frames},
                        {"vanished_frames", summary.vanished_frames},
                        {"passed_over_frames", summary.passed_over_frames},
+                       {"refused_packets", summary.refused_packets},
                        {"rows", counts.rows},
                        {"no_return_rows", counts.no_return_rows},
                        {"non_finite_rows", counts.non_finite_rows},

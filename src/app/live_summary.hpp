@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -9,16 +10,18 @@
 #include "app/frame_times.hpp"
 #include "app/live_output.hpp"
 #include "base/recording.hpp"
+#include "io/livox_frames.hpp"
 
 namespace unlidar {
 
 struct LiveInput {
   std::string name;
-  std::string directory;  // empty for stdin
+  std::string directory;  // empty for stdin and --livox
   std::uint64_t frames = 0;
+  std::optional<LivoxCounts> packets;  // of --livox
 };
 
-// Every frame that came is in one of the counts of frames.
+// Every frame that came is in one of the counts of frames, every packet in one of packets.
 struct LiveSummary {
   std::vector<LiveInput> inputs;
   InputCounts counts;
@@ -27,6 +30,7 @@ struct LiveSummary {
   std::uint64_t vanished_frames = 0;     // removed before they could be read
   std::uint64_t passed_over_frames = 0;  // repeated
   FrameTimes frame_times;                // of the processor, in the engine
+  std::uint64_t refused_packets = 0;     // that are none of a Livox sensor
   std::vector<LiveTrack> tracks;
 };
 

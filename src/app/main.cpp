@@ -39,6 +39,7 @@ struct Arguments {
   std::string summary;
   bool follow = false;
   bool from_stdin = false;
+  std::string livox;
   std::string events;
   int threads = 1;
   bool quiet = false;
@@ -55,6 +56,7 @@ constexpr char kFooter[] =
     "  unlidar_track --frames mid360=frames/mid360 --frames avia=frames/avia --out traj.csv \\\n"
     "                --set 'sensors.avia.translation_m=[0.1, 0, 0.05]' --rate 10\n"
     "  unlidar_track --follow --frames frames/ --out traj.csv --events -\n"
+    "  unlidar_track --livox 192.168.1.5:56301 --out traj.csv\n"
     "\nExit codes: 0 done (a drone or none), 1 internal error, 2 usage, 3 config, 4 input data,\n"
     "5 output cannot be written. Every error is one line on stderr.";
 
@@ -66,31 +68,45 @@ void AddLiveOptions(CLI::App& app, Arguments& arguments) {
                                      "Track while frames are written to the --frames directories;\n"
                                      "--out grows row by row. SIGTERM ends it, SIGHUP opens the\n"
                                      "outputs again");
-  app.add_flag("--stdin", arguments.from_stdin,
-               "The same for frames that come by stdin, each a line\n"
-               "`frame NAME STAMP LENGTH` and LENGTH bytes of PCD")
-      ->excludes(follow);
+  CLI::Option* from_stdin = app.add_flag("--stdin", arguments.from_stdin,
+                                         "The same for frames that come by stdin, each a line\n"
+                                         "`frame NAME STAMP LENGTH` and LENGTH bytes of PCD")
+                                ->excludes(follow);
+  app.add_option("--livox", arguments.livox,
+                 "The same for the packets of Livox LiDARs (Mid-360, HAP, Avia)\n"
+                 "that come by UDP to this address of this computer; each is a\n"
+                 "sensor that has its address as its name, like 192-168-1-12")
+      ->type_name("HOST:PORT")
+      ->excludes(follow)
+      ->excludes(from_stdin);
   app.add_option("--events", arguments.events,
-                 "With --follow and --stdin: JSON lines to write, `-` for stdout:\n"
+                 "With these three: JSON lines to write, `-` for stdout:\n"
                  "tracks, rows, sensors that fall silent, overload")
       ->type_name("FILE|-");
 }
 
-bool IsLive(const Arguments& arguments) { return arguments.follow || arguments.from_stdin; }
+bool HasNoFolders(const Arguments& arguments) {
+  return arguments.from_stdin || !arguments.livox.empty();
+}
+
+bool IsLive(const Arguments& arguments) { return arguments.follow || HasNoFolders(arguments); }
 
 // What goes together: a recording or a live source.
 void CheckMode(const Arguments& arguments) {
-  if (arguments.frames.empty() && !arguments.from_stdin) {
+  if (arguments.frames.empty() && !HasNoFolders(arguments)) {
     throw UsageError("--frames is required (--help lists all options)");
   }
   if (!IsLive(arguments)) {
     if (arguments.events.empty()) return;
-    throw UsageError("--events " + arguments.events + ": expected with --follow or --stdin only");
+    throw UsageError("--events " + arguments.events +
+                     ": expected with --follow, --stdin or --livox only");
   }
-  const std::string mode = arguments.follow ? "--follow" : "--stdin";
-  if (arguments.from_stdin && !arguments.frames.empty()) {
-    throw UsageError("--frames " + arguments.frames.front() +
-                     ": expected none with --stdin, whose frames name their sensor");
+  const std::string mode = arguments.follow       ? "--follow"
+                           : arguments.from_stdin ? "--stdin"
+                                                  : "--livox";
+  if (HasNoFolders(arguments) && !arguments.frames.empty()) {
+    throw UsageError("--frames " + arguments.frames.front() + ": expected none with " + mode +
+                     ", whose frames name their sensor");
   }
   const auto refuse = [&](const char* option, const std::string& value, const char* reason) {
     if (!value.empty())
@@ -345,6 +361,7 @@ void TrackWhileFramesCome(const Arguments& arguments, const std::vector<FrameSou
                           const Config& config) {
   LiveRequest request;
   request.sources = sources;
+  if (!arguments.livox.empty()) request.livox = ParseLivoxEndpoint(arguments.livox);
   if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
   request.out = arguments.out;
   request.events = arguments.events;

@@ -17,6 +17,7 @@ from unlidar_tools import (
     relay_command,
     report_command,
     run_command,
+    sensor_command,
     telling,
     watch_command,
 )
@@ -67,6 +68,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_relay(commands)
     _add_watch(commands)
     _add_history(commands)
+    text = "finds Livox LiDARs and makes them send their packets to unlidar_track --livox"
+    sensor_command.define(_add(commands, "sensor", text, sensor_command.EXAMPLE))
     _add_evaluate(commands)
     _add_export(commands)
     _add_report(commands)

@@ -8,10 +8,14 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from unlidar_tools.arguments import count
+from unlidar_tools.capture import is_capture
 from unlidar_tools.errors import InputError, ProgramError, UsageError, reason
+
+if TYPE_CHECKING:
+    from unlidar_tools.play import Played
 
 EXAMPLE = """unlidar simulate demo out/demo --force
   unlidar play out/demo --rate 10 --into out/station
@@ -25,7 +29,8 @@ def define(p: argparse.ArgumentParser) -> None:
         "recording",
         metavar="RECORDING",
         type=Path,
-        help="a folder of frame directories, converted or simulated",
+        help="a folder of frame directories, converted or simulated; or a capture (.pcap, .pcapng) "
+        "of the packets of Livox LiDARs",
     )
     p.add_argument(
         "--rate",
@@ -55,15 +60,29 @@ def define(p: argparse.ArgumentParser) -> None:
         metavar="COMMAND",
         type=shlex.split,
         help="a command whose stdin takes the frames as unlidar_track --stdin reads them; its exit "
-        "code is handed on (default: stdout)",
+        "code is handed on (default: stdout); of a capture: HOST:PORT to send its packets to",
+    )
+    p.add_argument(
+        "--anywhere",
+        action="store_true",
+        help="a capture may go to a HOST that is not this computer",
     )
     p.set_defaults(act=_play)
 
 
 def _play(a: argparse.Namespace) -> None:
+    if is_capture(a.recording):
+        _play_capture(a)
+    else:
+        _play_frames(a)
+
+
+def _play_frames(a: argparse.Namespace) -> None:
     from unlidar_tools.frames_io import find_sensors
     from unlidar_tools.play import FolderSink, MessageSink, frames_in_order, play
 
+    if a.anywhere:
+        raise UsageError(f"--anywhere: is for captures of packets, {a.recording} is none")
     if not a.recording.is_dir():
         raise InputError(f"{a.recording}: is no folder of frame directories")
     sensors = find_sensors(a.recording)
@@ -90,8 +109,27 @@ def _play(a: argparse.Namespace) -> None:
         raise UsageError("stdout is a terminal, expected --into, --to, a pipe or a file")
     else:
         played = play(frames, MessageSink(sys.stdout.buffer), a.rate)
+    _tell(played, "frames")
+
+
+def _play_capture(a: argparse.Namespace) -> None:
+    from unlidar_tools.play_packets import play_packets
+
+    for option, given in (("--into", a.into), ("--repeat", a.repeat > 1), ("--sensors", a.sensors)):
+        if given:
+            raise UsageError(f"{option}: is for frames, {a.recording} is a capture of packets")
+    words = a.to or []
+    host, colon, port = " ".join(words).rpartition(":")
+    if not (colon and port.isdecimal() and 0 < int(port) < 65536):
+        raise UsageError(
+            f"--to '{' '.join(words)}': expected HOST:PORT for a capture, as in 127.0.0.1:56301"
+        )
+    _tell(play_packets(a.recording, host, int(port), a.rate, a.anywhere), "packets")
+
+
+def _tell(played: "Played", what: str) -> None:
     behind = f", up to {played.most_behind_s:.1f} s behind" if played.most_behind_s > 0.5 else ""
-    print(f"played {played.frames} frames in {played.wall_s:.1f} s{behind}", file=sys.stderr)
+    print(f"played {played.frames} {what} in {played.wall_s:.1f} s{behind}", file=sys.stderr)
 
 
 def _refuse_own_source(into: Path, sensors: dict[str, Path]) -> None:

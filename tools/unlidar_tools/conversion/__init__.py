@@ -12,6 +12,7 @@ from pathlib import Path
 from unlidar_tools import __version__
 from unlidar_tools.conversion.bag import RosBag
 from unlidar_tools.conversion.folder import FrameFolder
+from unlidar_tools.conversion.livox_capture import LivoxCapture, LivoxFile
 from unlidar_tools.conversion.merge import merged
 from unlidar_tools.conversion.mmaud import MmaudFolder
 from unlidar_tools.conversion.point_times import OFFSET_FIELD, pcd_column
@@ -34,7 +35,7 @@ from unlidar_tools.stamps import parse_stamp_ns
 from unlidar_tools.station import write_station
 from unlidar_tools.truth import TRUTH_NAME
 
-KINDS: tuple[type[Source], ...] = (RosBag, MmaudFolder, FrameFolder)
+KINDS: tuple[type[Source], ...] = (RosBag, LivoxCapture, LivoxFile, MmaudFolder, FrameFolder)
 _DEFAULTS = Options()
 _NAMED = 5  # recordings in a message
 

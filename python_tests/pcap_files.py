@@ -1,0 +1,51 @@
+"""Captures of UDP packets, written byte by byte."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+
+_MAGIC_US, _ETHERNET = 0xA1B2C3D4, 1
+
+
+def udp_frame(payload: bytes, source: str, port: int = 56300, to: int = 56301) -> bytes:
+    """An Ethernet frame. Checksums are left out, as network cards that compute them show it."""
+    udp = struct.pack(">HHHH", port, to, 8 + len(payload), 0) + payload
+    addresses = socket.inet_aton(source) + socket.inet_aton("192.168.1.5")
+    ip = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0) + addresses
+    return bytes(12) + b"\x08\x00" + ip + udp
+
+
+def write_pcap(path: Path, frames: Iterable[tuple[int, bytes]], link: int = _ETHERNET) -> Path:
+    """Each frame with its time in nanoseconds."""
+    with path.open("wb") as file:
+        file.write(struct.pack("<IHHiIII", _MAGIC_US, 2, 4, 0, 0, 65535, link))
+        for time_ns, frame in frames:
+            seconds, rest_ns = divmod(time_ns, 10**9)
+            file.write(struct.pack("<IIII", seconds, rest_ns // 1000, len(frame), len(frame)))
+            file.write(frame)
+    return path
+
+
+def write_pcapng(path: Path, frames: Iterable[tuple[int, bytes]]) -> Path:
+    """The same as blocks of section, interface (times in microseconds) and packets."""
+
+    def block(kind: int, body: bytes) -> bytes:
+        body += bytes(-len(body) % 4)
+        length = struct.pack("<I", 12 + len(body))
+        return struct.pack("<I", kind) + length + body + length
+
+    section = block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1))
+    interface = block(1, struct.pack("<HHI", _ETHERNET, 0, 65535))
+    packets = (
+        block(
+            6,
+            struct.pack("<IIIII", 0, *divmod(time_ns // 1000, 1 << 32), len(data), len(data))
+            + data,
+        )
+        for time_ns, data in frames
+    )
+    path.write_bytes(section + interface + b"".join(packets))
+    return path

@@ -1,0 +1,288 @@
+#include "io/livox_packets.hpp"
+
+#include <boost/crc.hpp>
+#include <cmath>
+#include <cstddef>
+#include <cstring>
+#include <string>
+
+#include "base/format.hpp"
+#include "io/frame_directory.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr std::uint8_t kVersion1 = 5;
+constexpr std::uint8_t kVersion2 = 0;
+constexpr std::size_t kHeaderBytes1 = 18;
+constexpr std::size_t kHeaderBytes2 = 36;
+constexpr std::size_t kCheckedFrom2 = 28;  // time and points, behind the checksum
+
+constexpr std::int64_t kNsPerSecond = 1'000'000'000;
+constexpr double kRadPerHundredthDegree = 3.14159265358979323846 / 18000.0;
+
+[[noreturn]] void Fail(const std::string& what) { throw PacketError(what); }
+
+// Little-endian numbers of a payload that is known to be long enough.
+template <class Number>
+Number Get(std::string_view bytes, std::size_t at) {
+  using Unsigned = std::make_unsigned_t<Number>;
+  Unsigned value = 0;
+  for (std::size_t i = 0; i < sizeof(Number); ++i) {
+    value = static_cast<Unsigned>(
+        value | static_cast<Unsigned>(
+                    static_cast<Unsigned>(static_cast<std::uint8_t>(bytes[at + i])) << (8 * i)));
+  }
+  return static_cast<Number>(value);
+}
+
+enum class Coordinates { kMillimetres, kCentimetres, kSpherical, kSharedAngles, kAccelerations };
+
+// How the points of a data type lie in their packet.
+struct Layout {
+  Coordinates coordinates;
+  std::uint32_t returns_per_ray;
+  bool has_tag;
+  std::uint32_t rays;  // of protocol 1, whose packets do not say it
+};
+
+// Bytes of the coordinates of one return, and of what stands once before the returns of a ray.
+std::size_t CoordinateBytes(Coordinates coordinates) {
+  switch (coordinates) {
+    case Coordinates::kMillimetres:
+      return 12;
+    case Coordinates::kCentimetres:
+      return 6;
+    case Coordinates::kSpherical:
+      return 8;
+    case Coordinates::kSharedAngles:
+      return 4;
+    case Coordinates::kAccelerations:
+      return 24;
+  }
+  return 0;
+}
+
+std::size_t ReturnBytes(const Layout& layout) {
+  if (layout.coordinates == Coordinates::kAccelerations) return 24;
+  return CoordinateBytes(layout.coordinates) + (layout.has_tag ? 2 : 1);  // reflectivity, tag
+}
+
+std::size_t RayBytes(const Layout& layout) {
+  const std::size_t angles = layout.coordinates == Coordinates::kSharedAngles ? 4 : 0;
+  return angles + layout.returns_per_ray * ReturnBytes(layout);
+}
+
+Layout Layout1(std::uint8_t type) {
+  switch (type) {
+    case 0:
+      return {Coordinates::kMillimetres, 1, false, 100};
+    case 1:
+      return {Coordinates::kSpherical, 1, false, 100};
+    case 2:
+      return {Coordinates::kMillimetres, 1, true, 96};
+    case 3:
+      return {Coordinates::kSpherical, 1, true, 96};
+    case 4:
+      return {Coordinates::kMillimetres, 2, true, 48};
+    case 5:
+      return {Coordinates::kSharedAngles, 2, true, 48};
+    case 6:
+      return {Coordinates::kAccelerations, 1, false, 1};
+    case 7:
+      return {Coordinates::kMillimetres, 3, true, 30};
+    case 8:
+      return {Coordinates::kSharedAngles, 3, true, 30};
+    default:
+      Fail("has the data type " + std::to_string(type) + ", expected 0 to 8");
+  }
+}
+
+Layout Layout2(std::uint8_t type, std::uint16_t rays) {
+  switch (type) {
+    case 0:
+      return {Coordinates::kAccelerations, 1, false, rays};
+    case 1:
+      return {Coordinates::kMillimetres, 1, true, rays};
+    case 2:
+      return {Coordinates::kCentimetres, 1, true, rays};
+    case 3:
+      return {Coordinates::kSpherical, 1, true, rays};
+    case 17:
+      return {Coordinates::kMillimetres, 2, true, rays};
+    default:
+      Fail("has the data type " + std::to_string(type) + ", expected 0 to 3, or 17");
+  }
+}
+
+Eigen::Vector3f FromAngles(std::uint32_t depth_mm, std::uint16_t zenith, std::uint16_t azimuth) {
+  if (zenith > 18000 || azimuth > 36000) {
+    Fail("has a point at the angles " + std::to_string(zenith) + ", " + std::to_string(azimuth) +
+         ", expected up to 18000 and 36000 hundredths of a degree");
+  }
+  const double depth_m = depth_mm * 1e-3;
+  const double theta = zenith * kRadPerHundredthDegree;
+  const double phi = azimuth * kRadPerHundredthDegree;
+  const double across_m = depth_m * std::sin(theta);
+  return Eigen::Vector3d(across_m * std::cos(phi), across_m * std::sin(phi),
+                         depth_m * std::cos(theta))
+      .cast<float>();
+}
+
+// `angles` and `at`: where those of the ray and the numbers of the return begin.
+Eigen::Vector3f Position(Coordinates coordinates, std::string_view bytes, std::size_t angles,
+                         std::size_t at) {
+  const auto cartesian = [&](auto unit, double scale_m) {
+    using Number = decltype(unit);
+    const Eigen::Vector3d units(Get<Number>(bytes, at), Get<Number>(bytes, at + sizeof(Number)),
+                                Get<Number>(bytes, at + 2 * sizeof(Number)));
+    return Eigen::Vector3f((units * scale_m).cast<float>());
+  };
+  switch (coordinates) {
+    case Coordinates::kMillimetres:
+      return cartesian(std::int32_t{}, 1e-3);
+    case Coordinates::kCentimetres:
+      return cartesian(std::int16_t{}, 1e-2);
+    case Coordinates::kSpherical:
+      return FromAngles(Get<std::uint32_t>(bytes, at), Get<std::uint16_t>(bytes, at + 4),
+                        Get<std::uint16_t>(bytes, at + 6));
+    case Coordinates::kSharedAngles:
+      return FromAngles(Get<std::uint32_t>(bytes, at), Get<std::uint16_t>(bytes, angles),
+                        Get<std::uint16_t>(bytes, angles + 2));
+    case Coordinates::kAccelerations:
+      break;
+  }
+  return Eigen::Vector3f::Zero();
+}
+
+// Two groups of two bits: dust and rain by the strength of the echo, and points between two things.
+// `worst` is the value by which a protocol says that it is surest of noise.
+bool IsNoise(std::uint8_t tag, std::uint8_t worst) {
+  return (tag & 3U) == worst || ((tag >> 2U) & 3U) == worst;
+}
+
+void ReadPoints(const Layout& layout, std::string_view bytes, std::uint8_t worst_tag,
+                LivoxPacket& packet) {
+  if (layout.coordinates == Coordinates::kAccelerations) return;
+  packet.rays = layout.rays;
+  packet.points.reserve(std::size_t{layout.rays} * layout.returns_per_ray);
+  const std::size_t return_bytes = ReturnBytes(layout);
+  const std::size_t ray_bytes = RayBytes(layout);
+  const std::size_t first = ray_bytes - layout.returns_per_ray * return_bytes;
+  for (std::uint32_t ray = 0; ray < layout.rays; ++ray) {
+    const std::size_t angles = ray * ray_bytes;
+    for (std::uint32_t k = 0; k < layout.returns_per_ray; ++k) {
+      const std::size_t at = angles + first + k * return_bytes;
+      const Eigen::Vector3f position_m = Position(layout.coordinates, bytes, angles, at);
+      if (layout.has_tag &&
+          IsNoise(static_cast<std::uint8_t>(bytes[at + return_bytes - 1]), worst_tag)) {
+        ++packet.noise_points;
+      } else {
+        packet.points.push_back({position_m, ray});
+      }
+    }
+  }
+}
+
+void CheckLength(std::string_view payload, std::size_t expected) {
+  if (payload.size() == expected) return;
+  Fail("has " + Count(payload.size(), "byte") + ", expected " + std::to_string(expected) +
+       " by its header");
+}
+
+TimeNs Stamp(std::uint64_t ns) {
+  if (ns > static_cast<std::uint64_t>(kMaxStampNs)) {
+    Fail("has the time " + std::to_string(ns) + " ns, expected a year up to 2096");
+  }
+  return static_cast<TimeNs>(ns);
+}
+
+// Days from 1970 to a date since 2000 of the Gregorian calendar, whose leap years are plain there.
+std::int64_t DaysSince1970(int years_since_2000, int month, int day) {
+  constexpr int kDaysTo2000 = 10957;
+  constexpr int kDaysBefore[] = {0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334};
+  const bool is_leap = years_since_2000 % 4 == 0;
+  return kDaysTo2000 + 365 * years_since_2000 + (years_since_2000 + 3) / 4 +
+         kDaysBefore[month - 1] + (is_leap && month > 2 ? 1 : 0) + day - 1;
+}
+
+// Year since 2000, month, day, hour, and microseconds of the hour.
+TimeNs UtcStamp(std::string_view payload, std::size_t at) {
+  const auto byte = [&](std::size_t i) { return Get<std::uint8_t>(payload, at + i); };
+  const auto us = Get<std::uint32_t>(payload, at + 4);
+  if (byte(0) > 95 || byte(1) < 1 || byte(1) > 12 || byte(2) < 1 || byte(2) > 31 || byte(3) > 23 ||
+      us >= 3'600'000'000U) {
+    Fail("has a date that is none, expected year, month, day, hour and microseconds");
+  }
+  const std::int64_t hours = 24 * DaysSince1970(byte(0), byte(1), byte(2)) + byte(3);
+  return hours * 3600 * kNsPerSecond + std::int64_t{us} * 1000;
+}
+
+LivoxPacket Parse1(std::string_view payload) {
+  const Layout layout = Layout1(Get<std::uint8_t>(payload, 9));
+  CheckLength(payload, kHeaderBytes1 + layout.rays * RayBytes(layout));
+  LivoxPacket packet;
+  packet.slot = Get<std::uint8_t>(payload, 1);
+  packet.lidar = Get<std::uint8_t>(payload, 2);
+  const auto time_type = Get<std::uint8_t>(payload, 8);
+  switch (time_type) {
+    case 0:
+    case 1:
+      packet.stamp_ns = Stamp(Get<std::uint64_t>(payload, 10));
+      break;
+    case 3:
+      packet.stamp_ns = UtcStamp(payload, 10);
+      break;
+    default:  // pulses alone tell no time
+      Fail("has the time type " + std::to_string(time_type) + ", expected 0, 1 or 3");
+  }
+  packet.clock = time_type == 0 ? LivoxClock::kPowerOn : LivoxClock::kSynchronised;
+  constexpr std::uint8_t kSurelyNoise = 1;
+  ReadPoints(layout, payload.substr(kHeaderBytes1), kSurelyNoise, packet);
+  return packet;
+}
+
+LivoxPacket Parse2(std::string_view payload) {
+  const auto rays = Get<std::uint16_t>(payload, 5);
+  const Layout layout = Layout2(Get<std::uint8_t>(payload, 10), rays);
+  CheckLength(payload, kHeaderBytes2 + layout.rays * RayBytes(layout));
+  CheckLength(payload, Get<std::uint16_t>(payload, 1));
+  const auto told = Get<std::uint32_t>(payload, 24);
+  boost::crc_32_type crc;
+  crc.process_bytes(payload.data() + kCheckedFrom2, payload.size() - kCheckedFrom2);
+  if (told != 0 && told != crc.checksum()) {
+    Fail("has the checksum " + std::to_string(told) + ", expected " +
+         std::to_string(crc.checksum()) + " by its bytes");
+  }
+  const auto time_type = Get<std::uint8_t>(payload, 11);
+  if (time_type > 2) {
+    Fail("has the time type " + std::to_string(time_type) + ", expected 0, 1 or 2");
+  }
+  LivoxPacket packet;
+  packet.counter = LivoxCounter{Get<std::uint16_t>(payload, 7), Get<std::uint8_t>(payload, 9)};
+  packet.clock = time_type == 0 ? LivoxClock::kPowerOn : LivoxClock::kSynchronised;
+  packet.stamp_ns = Stamp(Get<std::uint64_t>(payload, 28));
+  constexpr std::int64_t kNsPerUnit = 100;
+  packet.span_ns = Get<std::uint16_t>(payload, 3) * kNsPerUnit;
+  constexpr std::uint8_t kLowConfidence = 2;
+  ReadPoints(layout, payload.substr(kHeaderBytes2), kLowConfidence, packet);
+  return packet;
+}
+
+}  // namespace
+
+LivoxPacket ParseLivoxPacket(std::string_view payload) {
+  if (payload.empty()) Fail("is empty");
+  const auto version = static_cast<std::uint8_t>(payload.front());
+  if (version != kVersion1 && version != kVersion2) {
+    Fail("begins with " + std::to_string(version) + ", expected the version 0 or 5 of point data");
+  }
+  const std::size_t header_bytes = version == kVersion1 ? kHeaderBytes1 : kHeaderBytes2;
+  if (payload.size() < header_bytes) {
+    Fail("has " + Count(payload.size(), "byte") + ", expected a header of " +
+         std::to_string(header_bytes));
+  }
+  return version == kVersion1 ? Parse1(payload) : Parse2(payload);
+}
+
+}  // namespace unlidar

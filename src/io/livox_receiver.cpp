@@ -1,0 +1,159 @@
+#include "io/livox_receiver.hpp"
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <utility>
+
+#include "base/format.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+// Of what waits: two seconds and more of a Mid-360, one of the densest sensor.
+constexpr std::size_t kMaxWaitingBytes = std::size_t{1} << 23;
+
+// How soon it looks again whether there is room.
+constexpr int kFullPauseMs = 2;
+
+// The system gives as much of it as it allows.
+constexpr int kSocketBytes = 1 << 23;
+
+// Packets before it looks whether it shall end, and after that: more than the socket holds, but a
+// flood has no last one.
+constexpr int kMaxAtOnce = 1 << 12;
+
+// No packet of points is larger.
+constexpr std::size_t kMaxDatagramBytes = 2048;
+
+std::size_t SizeOf(const Datagram& datagram) { return sizeof(datagram) + datagram.payload.size(); }
+
+[[noreturn]] void Fail(const std::string& name, const char* what) {
+  throw InputError(name + ": " + what + ": " + std::strerror(errno));
+}
+
+}  // namespace
+
+std::string AddressText(std::uint32_t address) {
+  const in_addr value{htonl(address)};
+  std::array<char, INET_ADDRSTRLEN> text{};
+  ::inet_ntop(AF_INET, &value, text.data(), text.size());
+  return text.data();
+}
+
+LivoxEndpoint ParseLivoxEndpoint(const std::string& text) {
+  const std::size_t colon = text.rfind(':');
+  in_addr address{};
+  LivoxEndpoint endpoint;
+  if (colon != std::string::npos &&
+      ::inet_pton(AF_INET, text.substr(0, colon).c_str(), &address) == 1) {
+    const char* const end = text.data() + text.size();
+    const auto [read, error] = std::from_chars(text.data() + colon + 1, end, endpoint.port);
+    endpoint.address = ntohl(address.s_addr);
+    if (error == std::errc() && read == end) return endpoint;
+  }
+  throw UsageError("--livox " + Shortened(text) +
+                   ": expected an IPv4 address of this computer and a port, as in "
+                   "192.168.1.5:56301 or 0.0.0.0:56301");
+}
+
+LivoxReceiver::LivoxReceiver(LivoxEndpoint endpoint)
+    : socket_(::socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0)),
+      waiting_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
+      ending_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
+  Bind(endpoint);
+  thread_ = std::thread([this] { Receive(); });
+}
+
+LivoxReceiver::~LivoxReceiver() { Stop(); }
+
+void LivoxReceiver::Bind(LivoxEndpoint endpoint) {
+  name_ = AddressText(endpoint.address) + ":" + std::to_string(endpoint.port);
+  if (socket_.get() < 0 || waiting_.get() < 0 || ending_.get() < 0) {
+    Fail(name_, "cannot be listened on");
+  }
+  ::setsockopt(socket_.get(), SOL_SOCKET, SO_RCVBUF, &kSocketBytes, sizeof(kSocketBytes));
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(endpoint.address);
+  address.sin_port = htons(endpoint.port);
+  socklen_t size = sizeof(address);
+  auto* const any = reinterpret_cast<sockaddr*>(&address);
+  if (::bind(socket_.get(), any, size) != 0 || ::getsockname(socket_.get(), any, &size) != 0) {
+    Fail(name_, "cannot be listened on");
+  }
+  name_ = AddressText(endpoint.address) + ":" + std::to_string(ntohs(address.sin_port));
+}
+
+std::optional<Datagram> LivoxReceiver::Next() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (datagrams_.empty()) return std::nullopt;
+  Datagram datagram = std::move(datagrams_.front());
+  datagrams_.pop_front();
+  bytes_ -= SizeOf(datagram);
+  if (datagrams_.empty()) {
+    std::uint64_t count = 0;
+    (void)!::read(waiting_.get(), &count, sizeof(count));
+  }
+  return datagram;
+}
+
+void LivoxReceiver::Stop() {
+  if (!thread_.joinable()) return;
+  const std::uint64_t one = 1;
+  (void)!::write(ending_.get(), &one, sizeof(one));
+  thread_.join();
+}
+
+bool LivoxReceiver::IsFull() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return bytes_ > kMaxWaitingBytes;
+}
+
+void LivoxReceiver::Receive() {
+  std::array<pollfd, 2> fds = {{{ending_.get(), POLLIN, 0}, {socket_.get(), POLLIN, 0}}};
+  while (fds[0].revents == 0) {
+    const bool is_full = IsFull();
+    ::poll(fds.data(), is_full ? 1 : fds.size(), is_full ? kFullPauseMs : -1);
+    if (!is_full || fds[0].revents != 0) TakeAll();
+  }
+}
+
+// Errors of the network are none here: it may come back.
+void LivoxReceiver::TakeAll() {
+  std::array<char, kMaxDatagramBytes> bytes{};
+  for (int i = 0; i < kMaxAtOnce; ++i) {
+    sockaddr_in sender{};
+    socklen_t size = sizeof(sender);
+    const ssize_t got = ::recvfrom(socket_.get(), bytes.data(), bytes.size(), MSG_TRUNC,
+                                   reinterpret_cast<sockaddr*>(&sender), &size);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return;
+    const auto length = std::min(static_cast<std::size_t>(got), bytes.size());
+    Datagram datagram;
+    datagram.source = ntohl(sender.sin_addr.s_addr);
+    datagram.received_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
+                               std::chrono::system_clock::now().time_since_epoch())
+                               .count();
+    datagram.came = Datagram::Clock::now();
+    datagram.payload.assign(bytes.data(), length);
+    const std::lock_guard<std::mutex> lock(mutex_);
+    bytes_ += SizeOf(datagram);
+    datagrams_.push_back(std::move(datagram));
+    if (datagrams_.size() > 1) continue;
+    const std::uint64_t one = 1;
+    (void)!::write(waiting_.get(), &one, sizeof(one));
+  }
+}
+
+}  // namespace unlidar

@@ -1,0 +1,227 @@
+#include "io/livox_frames.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+#include <vector>
+
+namespace unlidar {
+namespace {
+
+constexpr TimeNs kBegin = 1'700'000'000'000'000'000;
+constexpr TimeNs kFrame = 100'000'000;
+constexpr TimeNs kSpacing = 500'000;
+constexpr TimeNs kHost = 1'600'000'000'000'000'000;
+
+// The k-th packet of a sensor: five rays of 100 us each, which tell their number.
+LivoxPacket Packet(int k, bool is_first_protocol = false) {
+  LivoxPacket packet;
+  packet.clock = LivoxClock::kSynchronised;
+  packet.stamp_ns = kBegin + k * kSpacing;
+  packet.rays = 5;
+  if (!is_first_protocol) {
+    packet.counter = LivoxCounter{static_cast<std::uint16_t>(k), 0};
+    packet.span_ns = 400'000;
+  }
+  for (std::uint32_t ray = 0; ray < 5; ++ray) {
+    packet.points.push_back({Eigen::Vector3f(static_cast<float>(k), 1, 1), ray});
+  }
+  return packet;
+}
+
+std::vector<LivoxPacket> Packets(int count, bool is_first_protocol = false) {
+  std::vector<LivoxPacket> packets;
+  for (int k = 0; k < count; ++k) packets.push_back(Packet(k, is_first_protocol));
+  return packets;
+}
+
+struct Cut {
+  std::vector<LivoxFrame> frames;
+  LivoxCounts counts;
+};
+
+Cut CutAll(const std::vector<LivoxPacket>& packets) {
+  LivoxFrameCutter cutter(kFrame);
+  Cut cut;
+  const auto take = [&] {
+    while (auto frame = cutter.Next()) cut.frames.push_back(std::move(*frame));
+  };
+  for (const LivoxPacket& packet : packets) {
+    cutter.Add(packet, kHost);
+    take();
+  }
+  cutter.Flush();
+  take();
+  cut.counts = cutter.counts();
+  return cut;
+}
+
+void ExpectSameFrames(const Cut& a, const Cut& b) {
+  ASSERT_EQ(a.frames.size(), b.frames.size());
+  for (std::size_t i = 0; i < a.frames.size(); ++i) {
+    EXPECT_EQ(a.frames[i].stamp_ns, b.frames[i].stamp_ns);
+    EXPECT_EQ(a.frames[i].cloud.integer_times, b.frames[i].cloud.integer_times);
+    EXPECT_EQ(a.frames[i].cloud.points_m, b.frames[i].cloud.points_m);
+  }
+}
+
+TEST(LivoxFrames, AreTenthsOfASecondWithATimeForEachPoint) {
+  for (const bool is_first_protocol : {false, true}) {
+    const Cut cut = CutAll(Packets(500, is_first_protocol));
+    ASSERT_EQ(cut.frames.size(), 3U);
+    EXPECT_EQ(cut.counts.used, 500U);
+    EXPECT_EQ(cut.counts.lost, 0U);
+    for (int i = 0; i < 3; ++i) {
+      const LivoxFrame& frame = cut.frames[static_cast<std::size_t>(i)];
+      EXPECT_EQ(frame.stamp_ns, kBegin + i * kFrame);
+      ASSERT_EQ(frame.cloud.points_m.size(), i < 2 ? 1000U : 500U);
+      for (std::size_t p = 0; p < frame.cloud.points_m.size(); ++p) {
+        EXPECT_EQ(frame.cloud.integer_times[p], static_cast<TimeNs>(p) * 100'000);
+      }
+    }
+  }
+}
+
+TEST(LivoxFrames, AreTheSameInWhateverOrderPacketsCome) {
+  std::mt19937 random(1);
+  for (const bool is_first_protocol : {false, true}) {
+    const Cut in_order = CutAll(Packets(1000, is_first_protocol));
+    std::vector<LivoxPacket> packets = Packets(1000, is_first_protocol);
+    for (std::size_t i = 5; i + 10 < packets.size(); i += 10) {  // by less than 5 ms
+      std::shuffle(packets.begin() + static_cast<std::ptrdiff_t>(i),
+                   packets.begin() + static_cast<std::ptrdiff_t>(i) + 10, random);
+    }
+    const Cut shuffled = CutAll(packets);
+    ExpectSameFrames(shuffled, in_order);
+    EXPECT_EQ(shuffled.counts.used, 1000U);
+    EXPECT_EQ(shuffled.counts.lost, 0U);
+    EXPECT_GT(shuffled.counts.reordered, 300U);
+  }
+}
+
+TEST(LivoxFrames, LeaveOutWhatComesTwice) {
+  for (const bool is_first_protocol : {false, true}) {
+    std::vector<LivoxPacket> packets;
+    for (const LivoxPacket& packet : Packets(300, is_first_protocol)) {
+      packets.insert(packets.end(), 2, packet);
+    }
+    const Cut twice = CutAll(packets);
+    ExpectSameFrames(twice, CutAll(Packets(300, is_first_protocol)));
+    EXPECT_EQ(twice.counts.repeated, 300U);
+    EXPECT_EQ(twice.counts.lost, 0U);
+  }
+}
+
+TEST(LivoxFrames, CountWhatIsLost) {
+  for (const bool is_first_protocol : {false, true}) {
+    std::vector<LivoxPacket> packets = Packets(1000, is_first_protocol);
+    const auto lose = [&](int from, int count) {
+      packets.erase(packets.begin() + from, packets.begin() + from + count);
+    };
+    lose(700, 40);
+    lose(199, 3);  // across frames
+    lose(17, 1);
+    const Cut cut = CutAll(packets);
+    EXPECT_EQ(cut.counts.lost, 44U) << is_first_protocol;
+    EXPECT_EQ(cut.counts.used, 956U);
+    EXPECT_EQ(cut.counts.reordered, 0U);
+  }
+}
+
+TEST(LivoxFrames, CountAcrossTheEndOfTheCounter) {
+  std::vector<LivoxPacket> packets = Packets(400);
+  for (LivoxPacket& packet : packets) {
+    packet.counter->packet = static_cast<std::uint16_t>(packet.counter->packet + 65'400);
+  }
+  packets.erase(packets.begin() + 135, packets.begin() + 137);  // 65535 and 0
+  EXPECT_EQ(CutAll(packets).counts.lost, 2U);
+}
+
+TEST(LivoxFrames, CountFromZeroInEachFrameOfASensorThatCountsFrames) {
+  std::vector<LivoxPacket> packets = Packets(600);
+  for (std::size_t k = 0; k < packets.size(); ++k) {
+    packets[k].counter =
+        LivoxCounter{static_cast<std::uint16_t>(k % 200), static_cast<std::uint8_t>(254 + k / 200)};
+  }
+  EXPECT_EQ(CutAll(packets).counts.lost, 0U);
+  std::swap(packets[199], packets[200]);
+  EXPECT_EQ(CutAll(packets).counts.lost, 0U);
+  packets.erase(packets.begin() + 400, packets.begin() + 403);
+  EXPECT_EQ(CutAll(packets).counts.lost, 3U);
+}
+
+TEST(LivoxFrames, AreNotTouchedByWhatComesTooLate) {
+  std::vector<LivoxPacket> packets = Packets(600);
+  packets.insert(packets.begin() + 500, Packet(10));
+  const Cut cut = CutAll(packets);
+  ExpectSameFrames(cut, CutAll(Packets(600)));
+  EXPECT_EQ(cut.counts.late, 1U);
+}
+
+TEST(LivoxFrames, AreNotTouchedByAPacketOfAnotherTime) {
+  for (const TimeNs step_ns : {-kBegin, -2'000'000'000L, 2'000'000'000L, 1'000'000'000'000'000L}) {
+    std::vector<LivoxPacket> packets = Packets(600);
+    for (const int at : {500, 300, 100}) {
+      LivoxPacket astray = Packet(at);
+      astray.stamp_ns += step_ns;
+      packets.insert(packets.begin() + at, astray);
+    }
+    const Cut cut = CutAll(packets);
+    ExpectSameFrames(cut, CutAll(Packets(600)));
+    EXPECT_EQ(cut.counts.astray, 3U);
+  }
+}
+
+TEST(LivoxFrames, GoOnAfterTheClockWasSet) {
+  for (const TimeNs step_ns : {-3600'000'000'000L, 3600'000'000'000L}) {
+    std::vector<LivoxPacket> packets = Packets(600);
+    for (std::size_t k = 300; k < packets.size(); ++k) packets[k].stamp_ns += step_ns;
+    const Cut cut = CutAll(packets);
+    EXPECT_EQ(cut.counts.astray, 7U);
+    EXPECT_EQ(cut.counts.used, 593U);
+    ASSERT_EQ(cut.frames.size(), 4U);
+    EXPECT_EQ(cut.frames.back().stamp_ns, kBegin + 2 * kFrame + step_ns);
+  }
+}
+
+TEST(LivoxFrames, HaveThisComputersTimeWhereTheSensorHasNone) {
+  std::vector<LivoxPacket> packets = Packets(400);
+  for (LivoxPacket& packet : packets) {
+    packet.clock = LivoxClock::kPowerOn;
+    packet.stamp_ns -= kBegin - 77;
+  }
+  const Cut cut = CutAll(packets);
+  ASSERT_EQ(cut.frames.size(), 2U);
+  EXPECT_EQ(cut.frames[0].stamp_ns, kHost);
+  EXPECT_EQ(cut.frames[1].stamp_ns, kHost + kFrame);
+
+  // Switched off and on again: it never goes back, even if it is played faster than it was.
+  std::vector<LivoxPacket> again = packets;
+  again.insert(again.end(), packets.begin(), packets.end());
+  for (std::size_t k = 0; k < 400; ++k) again[k].stamp_ns += 10'000'000'000;
+  const Cut both = CutAll(again);
+  EXPECT_EQ(both.counts.astray, 7U);
+  for (std::size_t i = 1; i < both.frames.size(); ++i) {
+    EXPECT_GT(both.frames[i].stamp_ns, both.frames[i - 1].stamp_ns);
+  }
+}
+
+TEST(LivoxFrames, HoldNoMoreThanTheirShare) {
+  LivoxFrameCutter cutter(kFrame);
+  LivoxPacket packet = Packet(0);
+  packet.points.assign(100'000, packet.points.front());
+  for (int k = 0; k < 50; ++k) {
+    packet.counter->packet = static_cast<std::uint16_t>(k);
+    cutter.Add(packet, kHost);
+  }
+  EXPECT_EQ(cutter.counts().used, 10U);
+  EXPECT_EQ(cutter.counts().excess, 40U);
+}
+
+TEST(LivoxFrames, AreNotMadeOfAccelerations) {
+  EXPECT_TRUE(CutAll({LivoxPacket(), LivoxPacket()}).frames.empty());
+}
+
+}  // namespace
+}  // namespace unlidar

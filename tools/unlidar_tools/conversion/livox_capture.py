@@ -1,0 +1,228 @@
+"""Recorded packets of Livox LiDARs, cut into frames as `unlidar_track --livox` cuts them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from unlidar_tools import livox
+from unlidar_tools.capture import datagrams, is_capture
+from unlidar_tools.conversion.lvx2 import lvx2_packets
+from unlidar_tools.conversion.point_times import OFFSET_FIELD
+from unlidar_tools.conversion.source import Options, SourceFrame, Stream
+from unlidar_tools.errors import InputError, UsageError
+from unlidar_tools.stamps import format_stamp_ns
+from unlidar_tools.station import Pose
+
+_FRAME_NS = 100_000_000
+_PATIENCE_NS = 10_000_000  # packets overtake each other in a network by less
+_MAX_STEP_NS = 1_000_000_000  # by more a clock does not go back, but was switched on again
+
+
+# Name of the sensor, when it was recorded, packet.
+Recorded = tuple[str, int, livox.Packet]
+
+
+class _LivoxRecording:
+    """What captures and the files of the maker's viewer have in common."""
+
+    kind: ClassVar[str] = "Livox packets"
+    keeps_beginning: ClassVar[bool] = True
+    truths: int = 0
+
+    def __init__(self, path: Path, options: Options) -> None:
+        asked = {
+            "--topic": options.topics,
+            "--truth": options.truths,
+            "--stamp log": options.stamp == "log",
+        }
+        for option, given in asked.items():
+            if given:
+                raise UsageError(f"{path}: holds packets, {option} is for bags")
+        self._path, self._options = path, options
+        self._notes: list[str] = []
+        spans: dict[str, tuple[int, int]] = {}  # numbers of the first and the last frame
+        try:
+            for name, time_ns, _ in self._packets():
+                number = time_ns // _FRAME_NS
+                first, last = spans.get(name, (number, number))
+                spans[name] = min(first, number), max(last, number)
+        except InputError:  # items() meets it again, behind what can be kept
+            if not spans:
+                raise
+        if not spans:
+            raise InputError(f"{path}: holds no points of a Livox LiDAR, expected {livox.EXPECTED}")
+        self._begin_ns = min(first for first, _ in spans.values()) * _FRAME_NS
+        self.sensors = {name: last - first + 1 for name, (first, last) in spans.items()}
+
+    def lidars(self) -> list[str]:
+        """All of them."""
+        return list(self.sensors)
+
+    def streams(self) -> list[Stream]:
+        """All of them."""
+        return [Stream(name, "point packets", n, "frames") for name, n in self.sensors.items()]
+
+    def total(self, sensors: list[str]) -> int:
+        """The frames that their times span."""
+        return sum(self.sensors[name] for name in sensors)
+
+    def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
+        """Frames as they become complete."""
+        window = self._options.window(self._begin_ns)
+        cutters = {name: _Cutter(name) for name in sensors}
+        for name, time_ns, packet in self._packets():
+            if name in cutters:
+                cutters[name].add(time_ns, packet)
+                yield from (f for ns, f in cutters[name].over() if ns in window)
+        for cutter in cutters.values():
+            yield from (f for ns, f in cutter.over(at_the_end=True) if ns in window)
+        self._notes = [note for cutter in cutters.values() for note in cutter.notes()]
+
+    def station(self) -> dict[str, Pose]:
+        """Packets do not tell where a LiDAR stands."""
+        return {}
+
+    def notes(self) -> list[str]:
+        """What was left out."""
+        return self._notes
+
+    def facts(self) -> dict:
+        """Nothing besides."""
+        return {}
+
+    def close(self) -> None:
+        """Nothing is open between the calls."""
+
+    def _packets(self) -> Iterator[tuple[str, int, livox.Packet]]:
+        """Name of the sensor, Unix time of the first ray, packet."""
+        clocks: dict[str, _Clock] = {}
+        for name, recorded_ns, packet in self._recorded():
+            clock = clocks.setdefault(name, _Clock())
+            yield name, clock.time_ns(packet, recorded_ns), packet
+
+    def _recorded(self) -> Iterator[Recorded]:
+        raise NotImplementedError
+
+
+class LivoxCapture(_LivoxRecording):
+    """The LiDARs of a capture, each named by its address."""
+
+    description: ClassVar[str] = "a capture (.pcap, .pcapng) of packets of Livox LiDARs"
+
+    @classmethod
+    def matches(cls, path: Path) -> bool:
+        """Whether the name says that it is a capture."""
+        return is_capture(path)
+
+    def _recorded(self) -> Iterator[Recorded]:
+        for datagram in datagrams(self._path):
+            packet = livox.parse(datagram.payload)
+            if packet is not None:
+                name = livox.name_of(datagram.source, packet)
+                yield name, round(datagram.time_s * 1e9), packet
+
+
+class LivoxFile(_LivoxRecording):
+    """A file of the maker's viewer (.lvx2); each LiDAR has its serial number as its name."""
+
+    description: ClassVar[str] = "a file of Livox Viewer 2 (.lvx2)"
+
+    @classmethod
+    def matches(cls, path: Path) -> bool:
+        """Whether the name says so."""
+        return path.suffix.lower() == ".lvx2" and path.is_file()
+
+    def _recorded(self) -> Iterator[Recorded]:
+        # Nothing says when it was recorded: a clock that is not synchronised stays as it is.
+        for name, packet in lvx2_packets(self._path):
+            yield name, packet.stamp_ns, packet
+
+
+class _Clock:
+    """Of a sensor; one that is not synchronised gets the capture's time at its first packet."""
+
+    def __init__(self) -> None:
+        self._power_on_ns: int | None = None
+        self._newest_ns: int | None = None
+
+    def time_ns(self, packet: livox.Packet, captured_ns: int) -> int:
+        time_ns = packet.stamp_ns
+        if not packet.synchronised:
+            again = (
+                self._power_on_ns is not None
+                and self._newest_ns is not None
+                and time_ns + self._power_on_ns < self._newest_ns - _MAX_STEP_NS
+            )
+            if self._power_on_ns is None or again:
+                self._power_on_ns = captured_ns - time_ns
+            time_ns += self._power_on_ns
+            self._newest_ns = time_ns
+        return time_ns
+
+
+@dataclass
+class _Cutter:
+    """The packets of a sensor, by frames."""
+
+    name: str
+    _open: dict[int, dict[tuple[int, int], livox.Packet]] = field(default_factory=dict)
+    _newest_ns: int = 0
+    _closed: int | None = None
+    _repeated: int = 0
+    _late: int = 0
+    _noise: int = 0
+
+    def add(self, time_ns: int, packet: livox.Packet) -> None:
+        number = time_ns // _FRAME_NS
+        key = time_ns, packet.counter or 0
+        if key in self._open.get(number, ()):
+            self._repeated += 1
+        elif self._closed is not None and number <= self._closed:
+            self._late += 1
+        else:
+            self._open.setdefault(number, {})[key] = packet
+            self._newest_ns = max(self._newest_ns, time_ns)
+            self._noise += packet.noise_points
+
+    def over(self, at_the_end: bool = False) -> Iterator[tuple[int, SourceFrame]]:
+        """Frames whose time is over, with their stamps in nanoseconds."""
+        for number in sorted(self._open):
+            stamp_ns = number * _FRAME_NS
+            if not at_the_end and stamp_ns + _FRAME_NS > self._newest_ns - _PATIENCE_NS:
+                return
+            self._closed = number
+            yield stamp_ns, self._frame(stamp_ns, self._open.pop(number))
+
+    def notes(self) -> list[str]:
+        left_out = [
+            f"{count} {what}"
+            for count, what in (
+                (self._repeated, "packets that came twice"),
+                (self._late, "packets that came too late"),
+                (self._noise, "points whose tags call them noise"),
+            )
+            if count
+        ]
+        return [f"{self.name}: left out {', '.join(left_out)}"] if left_out else []
+
+    def _frame(self, stamp_ns: int, packets: dict[tuple[int, int], livox.Packet]) -> SourceFrame:
+        in_order = sorted(packets.items())
+        spacings_ns = sorted(np.diff([time_ns for (time_ns, _), _ in in_order]).tolist())
+        spacing_ns = spacings_ns[len(spacings_ns) // 2] if spacings_ns else 0
+        offsets_ns, points_m = [], []
+        for (time_ns, _), packet in in_order:
+            span_ns = packet.span_ns
+            if span_ns is None:
+                span_ns = spacing_ns * (packet.rays - 1) // packet.rays
+            within_ns = span_ns * packet.ray.astype(np.int64) // max(packet.rays - 1, 1)
+            offsets_ns.append(time_ns - stamp_ns + within_ns)
+            points_m.append(packet.xyz_m)
+        return SourceFrame(
+            self.name,
+            format_stamp_ns(stamp_ns),
+            np.concatenate(points_m),
+            {OFFSET_FIELD: np.concatenate(offsets_ns)},
+        )

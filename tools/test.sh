@@ -23,7 +23,7 @@ TEXT
 source "$(dirname -- "${BASH_SOURCE[0]}")/setup.sh"
 
 least_coverage=95 # per cent of the lines of the program
-threaded_tests=(parallel_test frames_test tracker_test) # of all that runs on several threads
+threaded_tests=(parallel_test frames_test tracker_test livox_receiver_test) # of all that runs on several threads
 
 case ${1:-} in
   '') parts=(quick sanitize fuzz) ;;

@@ -31,11 +31,18 @@ void WriteFlight(const TemporaryFolder& folder) {
   }
 }
 
-// It ends in order: nothing but "out of memory", or all as if nothing had failed.
-TEST(Allocations, AnyThatFailsEndsTheProgramInOrder) {
-#ifdef __SANITIZE_ADDRESS__
-  GTEST_SKIP() << "the sanitizer has allocations of its own";
+class Allocations : public ::testing::Test {
+ protected:
+  void SetUp() override {
+#ifdef UNLIDAR_SANITIZED
+    GTEST_SKIP() << "the sanitizer has allocations of its own";
 #endif
+  }
+};
+class MemoryReserveTest : public Allocations {};
+
+// It ends in order: nothing but "out of memory", or all as if nothing had failed.
+TEST_F(Allocations, AnyThatFailsEndsTheProgramInOrder) {
   const TemporaryFolder folder;
   WriteFlight(folder);
   const std::string command =
@@ -67,14 +74,14 @@ TEST(Allocations, AnyThatFailsEndsTheProgramInOrder) {
 
 constexpr std::size_t kTooMuch = std::size_t{1} << 60U;
 
-TEST(MemoryReserve, LetsThrowWhatDoesNotFitItEither) {
+TEST_F(MemoryReserveTest, LetsThrowWhatDoesNotFitItEither) {
   const MemoryReserve reserve(1000);
   EXPECT_FALSE(reserve.was_needed());
   EXPECT_THROW(::operator delete(::operator new(kTooMuch)), std::bad_alloc);
   EXPECT_TRUE(reserve.was_needed());
 }
 
-TEST(MemoryReserve, LeavesTheHandlerAsItWas) {
+TEST_F(MemoryReserveTest, LeavesTheHandlerAsItWas) {
   const std::new_handler before = std::get_new_handler();
   { const MemoryReserve reserve(1000); }
   EXPECT_EQ(std::get_new_handler(), before);

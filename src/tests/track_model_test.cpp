@@ -139,7 +139,8 @@ TEST(PathScorer, TwoPlotsOfOneFrameAreNoPath) {
   plots.back().time_ns += kPeriodNs / 4;
   const TrackerConfig config;
   const Watch watch = WatchOver(plots);
-  const PathScorer scorer(plots, std::vector<double>(plots.size(), 0.0), watch, config);
+  const std::vector<double> log_births(plots.size(), 0.0);
+  const PathScorer scorer(plots, log_births, watch, config);
   EXPECT_GT(scorer.Scored({0, 1, 2, 3, 4}).score, 0.0);
   EXPECT_GT(scorer.Scored({0, 1, 2, 3, 5}).score, 0.0);
   EXPECT_EQ(scorer.Scored({0, 1, 2, 3, 4, 5}).score, -std::numeric_limits<double>::infinity());

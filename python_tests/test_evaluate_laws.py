@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from unlidar_tools.evaluation import FALSE_BEYOND_M, Options, evaluate
+from unlidar_tools.evaluation.association import identities
 from unlidar_tools.evaluation.bootstrap import LEVEL, times_drawn
 from unlidar_tools.truth import Tracks, Truth
 
@@ -209,3 +210,19 @@ def test_a_replicate_holds_rows_of_the_sequence_as_often_as_blocks_fall_on_them(
 
 def test_the_level_of_the_intervals_is_the_stated_one() -> None:
     assert LEVEL == 0.95
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+def test_of_two_targets_that_had_one_track_the_later_keeps_it(order) -> None:
+    """Target 0 has the track, then target 1; then both are there, as near to it as each other."""
+    seen = np.array([[True, False, True], [False, True, True]])[order].ravel()
+    target = np.repeat(np.array(order, dtype=float), 3)
+    time_s = BEGIN_S + 0.1 * np.tile(np.arange(3.0), 2)
+    middle_m = np.array([[0.0, 0, 5], [1, 0, 5], [2, 0, 5]])
+    xyz_m = np.tile(middle_m, (2, 1)) + np.column_stack([np.zeros(6), target - 0.5, np.zeros(6)])
+    own = identities(
+        Truth(time_s, target, xyz_m, seen), Tracks(time_s[:3], np.zeros(3), middle_m)
+    ).own
+    matched = np.isfinite(own.distance_m)
+    pairs = zip(target[matched], np.rint(10 * (time_s[matched] - BEGIN_S)), strict=True)
+    assert set(pairs) == {(0.0, 0.0), (1.0, 1.0), (1.0, 2.0)}

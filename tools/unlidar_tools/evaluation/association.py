@@ -76,7 +76,7 @@ def own_rows(truth: Truth, tracks: Tracks) -> OwnRows:
 def identities(truth: Truth, tracks: Tracks) -> Identities:
     """Matches stamp by stamp as in CLEAR MOT (Bernardin and Stiefelhagen 2008).
 
-    A match of the stamp before is kept while it stays within FALSE_BEYOND_M; what is left over is
+    The last match of a track is kept while it stays within FALSE_BEYOND_M; what is left over is
     matched anew with the least sum of distances. A target that goes on with another track than
     the last it had, also after a pause, is an identity switch.
     """
@@ -87,15 +87,20 @@ def identities(truth: Truth, tracks: Tracks) -> Identities:
         away[near, column] = one.distance_m[near]
     own = np.full(len(truth), -1)
     switches = 0
-    last: dict[float, int] = {}
+    last: dict[float, int] = {}  # track of each target
+    holder: dict[int, float] = {}  # target of each track
     order = np.flatnonzero(truth.in_view)
     order = order[np.argsort(truth.time_s[order], kind="stable")]
     for rows in np.split(order, np.flatnonzero(np.diff(truth.time_s[order])) + 1):
-        pairs = _match(away[rows], [last.get(truth.target[row]) for row in rows])
+        had = [last.get(target) for target in truth.target[rows]]
+        kept = [
+            k if holder.get(k) == t else None for k, t in zip(had, truth.target[rows], strict=True)
+        ]
+        pairs = _match(away[rows], kept)
         for i, track in pairs.items():
             target = truth.target[rows[i]]
             switches += last.setdefault(target, track) != track
-            last[target] = track
+            last[target], holder[track] = track, target
             own[rows[i]] = track
     chosen = _nowhere(len(truth))
     for column, one in enumerate(known):
@@ -103,11 +108,12 @@ def identities(truth: Truth, tracks: Tracks) -> Identities:
     return Identities(chosen, switches)
 
 
-def _match(away: np.ndarray, last: list[int | None]) -> dict[int, int]:
-    pairs: dict[int, int] = {}
-    for i, track in enumerate(last):
-        if track is not None and np.isfinite(away[i, track]) and track not in pairs.values():
-            pairs[i] = track
+def _match(away: np.ndarray, kept: list[int | None]) -> dict[int, int]:
+    pairs = {
+        i: track
+        for i, track in enumerate(kept)
+        if track is not None and np.isfinite(away[i, track])
+    }
     rows = [i for i in range(len(away)) if i not in pairs]
     columns = [k for k in range(away.shape[1]) if k not in pairs.values()]
     left = away[np.ix_(rows, columns)]

@@ -69,6 +69,22 @@ def test_ctrl_c_soon_after_the_start_prints_no_traceback(wait_s, tmp_path) -> No
     assert unfinished(tmp_path) == []
 
 
+def test_a_process_started_after_the_interrupt_can_be_ended() -> None:
+    """As a thread does that was about to start it."""
+    script = """
+import os, signal, subprocess, sys
+from unlidar_tools.interrupts import guarded
+code = guarded(lambda: os.kill(os.getpid(), signal.SIGTERM))
+child = subprocess.Popen(["sleep", "60"])
+child.terminate()
+print(code, child.wait())
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=30
+    )
+    assert (done.stdout, done.stderr) == (f"130 {-signal.SIGTERM}\n", SAID)
+
+
 def press_ctrl_c(process: subprocess.Popen) -> tuple[int, str]:
     """As a terminal does it: the signal goes to the whole group."""
     os.killpg(process.pid, signal.SIGINT)

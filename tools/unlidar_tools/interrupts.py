@@ -65,4 +65,6 @@ def _in_import(frame: FrameType | None) -> bool:
 def _ignore() -> None:
     signal.setitimer(signal.ITIMER_REAL, 0)
     for number in (*_SIGNALS, signal.SIGALRM):
-        signal.signal(number, signal.SIG_IGN)
+        # Not SIG_IGN, which a process that a thread starts at this moment would inherit: it could
+        # not be ended.
+        signal.signal(number, lambda _number, _frame: None)

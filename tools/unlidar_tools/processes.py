@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -22,6 +22,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _VERBOSE = "--verbose"
+_NOTICE_S = 0.5
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 
 
@@ -94,8 +95,12 @@ def side_by_side(
     with ThreadPoolExecutor(at_once) as pool:
         try:
             futures = {pool.submit(work, item): item for item in items}
-            for future in as_completed(futures):
-                yield futures[future], future.result()
+            waiting = set(futures)
+            while waiting:
+                # Not without end: a signal that comes just before the wait would not wake it.
+                done, waiting = wait(waiting, _NOTICE_S, FIRST_COMPLETED)
+                for future in done:
+                    yield futures[future], future.result()
         finally:
             stop()
 

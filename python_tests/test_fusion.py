@@ -80,6 +80,23 @@ def test_it_stays_one_when_stations_drop_out_and_come_back() -> None:
     assert last.members == (("a", 2), ("c", 4))
 
 
+@pytest.mark.parametrize("behind_s", [0.3, 1.5])
+def test_a_station_heard_later_than_another_sees_the_same_drone(behind_s) -> None:
+    """Their delays differ, or a network holds rows up; `b` was there first."""
+    fusion, (a, b, _) = Fusion(0.3), trio()
+    steps, behind = round(20 / PERIOD_S), round(behind_s / PERIOD_S)
+    shown = set()
+    for step in range(steps):
+        rows = [(b, step)] + [(a, step + behind)] * (step > steps // 4)
+        for station, at_step in rows:
+            identity = fusion.take((station.name, 1), station.sees(at_step * PERIOD_S))
+            if fusion.is_settled(identity):
+                shown.add(identity)
+    (drone,) = fusion.fused()
+    assert len(drone.members) == 2
+    assert shown == {drone.identity}
+
+
 def test_two_drones_stay_two_however_the_rows_come() -> None:
     near = {"centre": (0.0, 0.0, 30.0)}, {"centre": (0.0, 0.0, 34.0)}
     for order in (1, -1):

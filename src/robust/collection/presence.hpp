@@ -32,8 +32,8 @@ class Presence {
   TimeNs SureStepsBack(TimeNs time_ns, const Eigen::Vector3d& place_m, double reach_m) const;
   TimeNs SureStepsOn(TimeNs time_ns, const Eigen::Vector3d& place_m, double reach_m) const;
 
-  // The last control point up to `last`, and the first from `first` on, that is out of reach; -1
-  // and the number of control points if there is none.
+  // The last control point up to `last`, and the first from `first` on, that may be out of reach:
+  // none between is. -1 and the number of control points if there is none.
   std::ptrdiff_t LastFar(std::ptrdiff_t last, const Eigen::Vector3d& place_m, double reach_m) const;
   std::ptrdiff_t FirstFar(std::ptrdiff_t first, const Eigen::Vector3d& place_m,
                           double reach_m) const;

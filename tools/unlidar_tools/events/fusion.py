@@ -8,6 +8,7 @@ intersection (Julier and Uhlmann, 1997), which is never too sure whatever the co
 
 import itertools
 import math
+from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -20,7 +21,9 @@ _GATE = 11.345  # of chi-square with 3 degrees of freedom, 99 %
 _APART = 4.0  # a pair is parted at so many times the gate: none flickers
 _SMOOTHING_S = 1.0
 _JOIN_S = 1.0  # two courses are alike for so long at least
-_NEWEST_S = 0.5  # estimates further apart in time are not compared
+_NEAR_S = 0.5  # estimates further apart in time are not compared
+_HISTORY_S = 10.0  # by so much a station may be heard later than another
+_PATIENCE_S = 2.0  # a new track waits so long for stations that are behind
 _ACCELERATION_MPS2 = 3.0  # 1-sigma, of a drone between two rows
 _FORGET_S = 120.0  # of what is known of clocks
 _LEAST_SPREAD_MPS = 1.0  # of velocities, for clocks to be told from places
@@ -91,7 +94,7 @@ class Fusion:
     def __init__(self, survey_sigma_m: float) -> None:
         """`survey_sigma_m`: how well the stations' places are known, for each axis."""
         self._survey_m2 = survey_sigma_m**2 * np.eye(3)
-        self._newest: dict[Key, Estimate] = {}
+        self._heard: dict[Key, list[Estimate]] = {}  # the last _HISTORY_S of each track
         self._identity: dict[Key, int] = {}
         self._pairs: dict[frozenset[Key], _Pair] = {}
         self._clocks: dict[tuple[str, str], _Clock] = {}
@@ -99,20 +102,23 @@ class Fusion:
 
     def take(self, key: Key, estimate: Estimate) -> int:
         """The drone's identity, as of now."""
-        known = self._newest.get(key)
-        if known is not None and estimate.stamp_ns <= known.stamp_ns:
+        heard = self._heard.setdefault(key, [])
+        if heard and estimate.stamp_ns <= heard[-1].stamp_ns:
             return self._identity[key]
-        self._newest[key] = estimate
+        heard.append(estimate)
+        del heard[: _index(heard, estimate.stamp_ns - _HISTORY_S * 1e9)]
         self._identity.setdefault(key, 0)
-        for other, theirs in self._newest.items():
-            if other[0] != key[0] and abs(estimate.stamp_ns - theirs.stamp_ns) <= _NEWEST_S * 1e9:
-                self._compare(key, estimate, other, theirs)
+        for other, theirs in self._heard.items():
+            nearest = _nearest(theirs, estimate.stamp_ns)
+            apart_s = abs(estimate.stamp_ns - nearest.stamp_ns) * 1e-9
+            if other[0] != key[0] and apart_s <= _NEAR_S:
+                self._compare(key, estimate, other, nearest)
         self._regroup()
         return self._identity[key]
 
     def end(self, key: Key) -> None:
         """The track has ended; the drone lives on in the others of it."""
-        self._newest.pop(key, None)
+        self._heard.pop(key, None)
         self._identity.pop(key, None)
         self._pairs = {pair: value for pair, value in self._pairs.items() if key not in pair}
 
@@ -125,20 +131,25 @@ class Fusion:
         members = [key for key, number in self._identity.items() if number == identity]
         if len(members) > 1:
             return True
-        older = itertools.takewhile(lambda key: key != members[0], self._newest)
-        pairs = (self._pairs.get(frozenset((members[0], other))) for other in older)
-        return not any(
-            pair.distance <= _GATE and (pair.newest_ns - pair.begin_ns) * 1e-9 < _JOIN_S
-            for pair in pairs
-            if pair is not None
-        )
+        (own,) = members
+        older = itertools.takewhile(lambda key: key != own, self._heard)
+        return not any(self._may_join(own, other) for other in older if other[0] != own[0])
+
+    def _may_join(self, own: Key, other: Key) -> bool:
+        """Whether it is still open if a new track is the drone of an older one."""
+        pair = self._pairs.get(frozenset((own, other)))
+        if pair is not None:
+            return pair.distance <= _GATE and (pair.newest_ns - pair.begin_ns) * 1e-9 < _JOIN_S
+        heard = self._heard[own]
+        is_behind = self._heard[other][-1].stamp_ns < heard[0].stamp_ns
+        return is_behind and (heard[-1].stamp_ns - heard[0].stamp_ns) * 1e-9 < _PATIENCE_S
 
     def drone(self, identity: int) -> Fused:
         """One drone at the newest instant of its tracks. KeyError where there is none."""
         members = tuple(sorted(k for k, number in self._identity.items() if number == identity))
         if not members:
             raise KeyError(identity)
-        return Fused(identity, members, _together(self._newest[key] for key in members))
+        return Fused(identity, members, _together(self._heard[key][-1] for key in members))
 
     def fused(self) -> list[Fused]:
         """Every drone, by identity."""
@@ -162,9 +173,10 @@ class Fusion:
         total = mine.covariance_m2 + theirs.covariance_m2 + 2 * self._survey_m2
         squared = float(difference @ np.linalg.solve(total, difference))
         pair = self._pairs.setdefault(frozenset((key, other)), _Pair(squared, stamp_ns, stamp_ns))
-        share = 1 - math.exp(-(stamp_ns - pair.newest_ns) * 1e-9 / _SMOOTHING_S)
+        passed_s = max(0, stamp_ns - pair.newest_ns) * 1e-9  # none where a station is heard later
+        share = 1 - math.exp(-passed_s / _SMOOTHING_S)
         pair.distance += share * (squared - pair.distance)
-        pair.newest_ns = stamp_ns
+        pair.newest_ns = max(pair.newest_ns, stamp_ns)
         if pair.joined:
             pair.joined = pair.distance <= _APART * _GATE
         else:
@@ -184,7 +196,7 @@ class Fusion:
 
         Whom a track is with already goes before somebody new.
         """
-        group: dict[Key, set[Key]] = {key: {key} for key in self._newest}
+        group: dict[Key, set[Key]] = {key: {key} for key in self._heard}
         joined = [(pair, tuple(keys)) for keys, pair in self._pairs.items() if pair.joined]
 
         def order(entry: tuple[_Pair, tuple[Key, ...]]) -> tuple:
@@ -210,6 +222,16 @@ class Fusion:
             given.add(identity)
             for key in members:
                 self._identity[key] = identity
+
+
+def _index(heard: list[Estimate], stamp_ns: float) -> int:
+    """Of the first that is not older."""
+    return bisect_left(heard, stamp_ns, key=lambda estimate: estimate.stamp_ns)
+
+
+def _nearest(heard: list[Estimate], stamp_ns: int) -> Estimate:
+    after = _index(heard, stamp_ns)
+    return min(heard[max(0, after - 1) : after + 1], key=lambda e: abs(e.stamp_ns - stamp_ns))
 
 
 def at(estimate: Estimate, stamp_ns: int) -> Estimate:

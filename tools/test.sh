@@ -121,6 +121,7 @@ if does sanitize; then
     "$venv/bin/python" -m pytest python_tests/test_{bad_input,cli_contract,outputs}.py \
     -k 'not bounded_memory and not every_malformed_file'
   check "Line coverage" covered
+  export TSAN_OPTIONS=suppressions=$root/tools/threads.supp
   build_for_threads "${threaded_tests[@]}"
   check "C++ tests with several threads" \
     ctest --test-dir "$threads_dir" --output-on-failure --parallel "$jobs" \

@@ -90,7 +90,7 @@ TrackerConfig WithAllWays(TrackerConfig config) {
 }
 
 TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
-  constexpr int kProblems = 60;
+  constexpr int kProblems = 36;
   Random random(1);
   Random mixer(2);
   int num_long = 0;
@@ -121,10 +121,10 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
     few_ways.rebirth_log = all_ways.rebirth_log;
     lost += found.score - BestOf(plots, watch, few_ways).score;
   }
-  EXPECT_GT(num_long, 20);
+  EXPECT_GT(num_long, kProblems / 3);
   EXPECT_LT(lost, 0.1 * kProblems);
   // Of the default's two ways, one that a new beginning surpasses after a pause may be the best.
-  EXPECT_LT(lost_by_default, 0.2 * kProblems);
+  EXPECT_LT(lost_by_default, 0.4 * kProblems);
 }
 
 void ExpectPlainScores(const std::vector<Path>& paths, const std::vector<Plot>& plots,

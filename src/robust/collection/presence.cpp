@@ -75,8 +75,8 @@ TimeNs Presence::SureStepsOn(TimeNs time_ns, const Eigen::Vector3d& place_m, dou
 }
 
 // Up through the boxes that end at the control point, each twice the one before, as long as they
-// are near; then down into the first that is not. A box may be far, at a corner, though neither half
-// of it is: then the half that is looked at last is taken for far.
+// are near; then down into the first that is not. A box may be far, at a corner, though neither
+// half of it is: then the half that is looked at last is taken for far.
 std::ptrdiff_t Presence::LastFar(std::ptrdiff_t last, const Eigen::Vector3d& place_m,
                                  double reach_m) const {
   std::size_t level = 0;

@@ -18,6 +18,7 @@
 #include "app/live_output.hpp"
 #include "app/live_summary.hpp"
 #include "app/output_files.hpp"
+#include "app/service_notify.hpp"
 #include "app/signals.hpp"
 #include "base/format.hpp"
 #include "io/followed_folders.hpp"
@@ -145,8 +146,9 @@ class LiveRun {
   }
 
   void TellState() {
-    output_.TellState(engine_.newest_ns(), is_overloaded_ ? LiveState::kOverloaded : state_,
-                      engine_.counts().frames, LostFrames());
+    const LiveState state = is_overloaded_ ? LiveState::kOverloaded : state_;
+    output_.TellState(engine_.newest_ns(), state, engine_.counts().frames, LostFrames());
+    service_.TellStatus(LiveStateName(state));
   }
 
   void TellSensor(std::size_t index, bool is_silent) {
@@ -187,8 +189,10 @@ class LiveRun {
     }
   }
 
-  // Waits for the source or a signal, and does what comes up besides. True while it goes on.
+  // Waits for the source or a signal, and does what comes up besides. True while it goes on. Every
+  // source is open when it is first waited for.
   bool Wait(int fd, bool is_idle) {
+    service_.TellAlive();
     std::vector<pollfd> fds = {{fd, POLLIN, 0}};
     for (const int reader : output_.reader_fds()) fds.push_back({reader, 0, 0});
     fds = signals_.Wait(fds, is_idle ? kLookAround : std::chrono::milliseconds(0));
@@ -415,6 +419,7 @@ class LiveRun {
   }
 
   void Close() {
+    service_.TellStopping();
     engine_.Close();
     TellState();
     output_.Close();
@@ -424,6 +429,7 @@ class LiveRun {
   const Config& config_;
   const std::function<void(const std::string&)>& note_;
   Signals signals_;
+  ServiceNotifier service_;
   LiveOutput output_;
   LiveEngine engine_;
   std::vector<Sensor> sensors_;

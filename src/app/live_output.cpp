@@ -31,7 +31,9 @@ void AppendVector(const char* prefix, const char* suffix, const Eigen::Vector3d&
   }
 }
 
-const char* Name(LiveState state) {
+}  // namespace
+
+const char* LiveStateName(LiveState state) {
   switch (state) {
     case LiveState::kWarmingUp:
       return "warming_up";
@@ -42,8 +44,6 @@ const char* Name(LiveState state) {
   }
   return "overloaded";
 }
-
-}  // namespace
 
 LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events, Signals& signals,
                        const NoteCallback& note)
@@ -101,7 +101,7 @@ void LiveOutput::TellSensor(TimeNs at_ns, const std::string& name, bool is_silen
 void LiveOutput::TellState(TimeNs at_ns, LiveState state, std::uint64_t frames,
                            std::uint64_t dropped) {
   AppendEvent("state", at_ns,
-              std::string(",\"state\":\"") + Name(state) + "\",\"frames\":" +
+              std::string(",\"state\":\"") + LiveStateName(state) + "\",\"frames\":" +
                   std::to_string(frames) + ",\"dropped\":" + std::to_string(dropped));
 }
 

@@ -16,6 +16,9 @@ namespace unlidar {
 
 enum class LiveState { kWarmingUp, kRunning, kOverloaded };
 
+// As in events.
+const char* LiveStateName(LiveState state);
+
 // A track that was written.
 struct LiveTrack {
   std::int64_t id = 0;

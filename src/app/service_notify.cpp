@@ -1,0 +1,74 @@
+#include "app/service_notify.hpp"
+
+#include <sys/socket.h>
+#include <sys/un.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <string>
+#include <system_error>
+
+namespace unlidar {
+namespace {
+
+constexpr int kFeedings = 4;  // so that one that comes late is no death
+
+std::string Variable(const char* name) {
+  const char* value = std::getenv(name);
+  return value == nullptr ? std::string() : std::string(value);
+}
+
+// A path, or a name of the abstract namespace with '@' for the NUL before it. Empty where it is
+// neither or does not fit.
+std::string SocketAddress(std::string name) {
+  if (name.size() < 2 || name.size() >= sizeof(sockaddr_un::sun_path)) return {};
+  if (name.front() == '@') name.front() = '\0';
+  return name.front() == '/' || name.front() == '\0' ? name : std::string();
+}
+
+std::optional<std::chrono::microseconds> WatchdogTime() {
+  const std::string pid = Variable("WATCHDOG_PID");
+  if (!pid.empty() && pid != std::to_string(::getpid())) return std::nullopt;
+  const std::string text = Variable("WATCHDOG_USEC");
+  std::int64_t time_us = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), time_us);
+  if (error != std::errc() || end != text.data() + text.size() || time_us <= 0) return std::nullopt;
+  return std::chrono::microseconds(time_us);
+}
+
+}  // namespace
+
+ServiceNotifier::ServiceNotifier()
+    : address_(SocketAddress(Variable("NOTIFY_SOCKET"))),
+      socket_(address_.empty() ? -1 : ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)),
+      fed_(Clock::now()) {
+  if (const auto time = WatchdogTime()) feeding_ = Clock::duration(*time) / kFeedings;
+}
+
+void ServiceNotifier::TellAlive() {
+  if (!has_started_) has_started_ = Send("READY=1");
+  const Clock::time_point now = Clock::now();
+  if (feeding_ && now - fed_ >= *feeding_ && Send("WATCHDOG=1")) fed_ = now;
+}
+
+void ServiceNotifier::TellStatus(const std::string& status) const { Send("STATUS=" + status); }
+
+void ServiceNotifier::TellStopping() const { Send("STOPPING=1"); }
+
+bool ServiceNotifier::Send(const std::string& message) const {
+  if (socket_.get() < 0) return false;
+  sockaddr_un to{};
+  to.sun_family = AF_UNIX;
+  std::copy(address_.begin(), address_.end(), to.sun_path);
+  // The length says where an abstract name ends.
+  const auto length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + address_.size());
+  const ssize_t sent =
+      ::sendto(socket_.get(), message.data(), message.size(), MSG_NOSIGNAL | MSG_DONTWAIT,
+               reinterpret_cast<const sockaddr*>(&to), length);
+  return sent >= 0;
+}
+
+}  // namespace unlidar

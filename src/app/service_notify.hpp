@@ -1,0 +1,41 @@
+// What a service tells systemd (Type=notify, WatchdogSec): the protocol of sd_notify(3), spoken
+// here because libsystemd brings five more libraries, which cost start-up time and 5 MB.
+#pragma once
+
+#include <chrono>
+#include <optional>
+#include <string>
+
+#include "io/descriptor.hpp"
+
+namespace unlidar {
+
+// Speaks to $NOTIFY_SOCKET; says nothing where there is none, as in a shell. Never waits and never
+// fails: what could not be sent of TellAlive() is sent by a later one.
+class ServiceNotifier {
+ public:
+  ServiceNotifier();
+
+  // For the loop that does the work, each time round. The first call says that the service has
+  // started. Later ones feed the watchdog, four times in $WATCHDOG_USEC and not more often.
+  void TellAlive();
+
+  // A line for people, in `systemctl status`.
+  void TellStatus(const std::string& status) const;
+
+  // The service is about to end, by itself or by a signal.
+  void TellStopping() const;
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  bool Send(const std::string& message) const;
+
+  std::string address_;  // as in sockaddr_un::sun_path, empty for none
+  Descriptor socket_;
+  std::optional<Clock::duration> feeding_;  // from one feeding to the next
+  bool has_started_ = false;
+  Clock::time_point fed_;
+};
+
+}  // namespace unlidar

@@ -1,10 +1,18 @@
-"""Takes configs/ of the project into the package, for installs that are not in place."""
+"""Takes the version of the project, and its configs/ for installs that are not in place."""
 
+import re
 import shutil
 from pathlib import Path
 
 from setuptools import setup
 from setuptools.command.build_py import build_py
+
+PROJECT = Path(__file__).resolve().parents[1]
+
+
+def version() -> str:
+    text = (PROJECT / "CMakeLists.txt").read_text()
+    return re.search(r"^project\(\w+ VERSION ([0-9.]+)", text, re.MULTILINE)[1]
 
 
 class BuildWithConfigs(build_py):
@@ -12,10 +20,10 @@ class BuildWithConfigs(build_py):
         super().run()
         if not self.editable_mode:
             shutil.copytree(
-                Path(__file__).resolve().parents[1] / "configs",
+                PROJECT / "configs",
                 Path(self.build_lib) / "unlidar_tools/configs",
                 dirs_exist_ok=True,
             )
 
 
-setup(cmdclass={"build_py": BuildWithConfigs})
+setup(version=version(), cmdclass={"build_py": BuildWithConfigs})

@@ -1,4 +1,4 @@
-# Sourced by demo.sh, test.sh, fuzz.sh and bench.sh: brings a Debian machine to the point where the program is built
+# Sourced by demo.sh, test.sh, package.sh, fuzz.sh and bench.sh: brings a Debian machine to the point where the program is built
 # and the Python harness installed. Every step is skipped when there is nothing to do, so that a
 # second run needs neither root nor a network.
 # shellcheck shell=bash
@@ -22,10 +22,12 @@ build_packages=(
 check_packages=(
   clang-format clang-tidy shellcheck chromium chromium-driver
   mosquitto mosquitto-clients
+  bash-completion lintian systemd
 )
 # llvm has what names the functions of a stack trace.
 sanitize_packages=(clang libclang-rt-dev llvm)
 bench_packages=(time)
+package_packages=(dpkg-dev help2man)
 
 say() {
   printf '\n==> %s\n' "$*"

@@ -19,6 +19,7 @@ from unlidar_tools.progress import on_terminal, show_stages
 from unlidar_tools.telling import is_verbose, stage
 
 NAME = "unlidar_track"
+PACKAGE = "unlidar-track"  # tools/package.sh makes it
 VARIABLE = "UNLIDAR_TRACK"
 TRAJECTORY, SUMMARY, TARGET_RETURNS = "traj.csv", "summary.json", "target_returns.pcd"
 CLUSTERS = "clusters.csv"
@@ -54,8 +55,8 @@ def find_program() -> Path:
         if os.access(build / NAME, os.X_OK):
             return (build / NAME).absolute()
     raise UsageError(
-        f"{NAME} was found neither through {VARIABLE} nor on PATH nor in {_BUILDS[0]}; "
-        "build it with tools/demo.sh"
+        f"{NAME} was found neither through {VARIABLE} nor on PATH nor in a folder build/; "
+        f"install the Debian package {PACKAGE}, or build it with tools/demo.sh of the project"
     )
 
 

@@ -91,7 +91,7 @@ def sandbox(tmp_path: Path) -> Sandbox:
     return Sandbox(tmp_path)
 
 
-@pytest.mark.parametrize("script", ["demo.sh", "test.sh", "fuzz.sh", "bench.sh"])
+@pytest.mark.parametrize("script", ["demo.sh", "test.sh", "package.sh", "fuzz.sh", "bench.sh"])
 def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> None:
     shown = sandbox.run(script, "--help")
     assert shown.returncode == 0 and f"Usage: tools/{script}" in shown.stdout
@@ -106,6 +106,7 @@ def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> 
         ("demo.sh", ["--fast"], "unknown option '--fast'"),
         ("test.sh", ["more"], "unexpected argument 'more'"),
         ("test.sh", ["--quick", "--sanitize"], "expected one option, got 2"),
+        ("package.sh", ["--fast"], "unexpected argument '--fast'"),
         ("bench.sh", ["--slow"], "unknown option '--slow'"),
         ("bench.sh", ["speed"], "no part 'speed', expected some of: clustering pcd"),
         ("fuzz.sh", [], "expected a number of minutes"),

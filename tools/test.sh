@@ -39,7 +39,8 @@ does() {
 }
 
 check_root_is_writable
-install_packages "${build_packages[@]}" "${check_packages[@]}" "${sanitize_packages[@]}"
+install_packages "${build_packages[@]}" "${check_packages[@]}" "${package_packages[@]}" \
+  "${sanitize_packages[@]}"
 make_venv test
 
 cd -- "$root"

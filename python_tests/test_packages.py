@@ -1,0 +1,385 @@
+"""The packages that tools/package.sh makes: what is in them, and that they work where they end up.
+
+They are made of the build in build/ and with the project's .venv, as tools/test.sh leaves them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_program import PATIENCE_S, messages, rows_of
+from synthetic import PROJECT, make_flight, truth_m, write_frames
+
+MAX_CLOSURE_KB = 60_000
+MADE_BY = ("cpack", "dpkg-deb", "dpkg-shlibdeps", "help2man")
+
+
+def needs(*tools: str) -> pytest.MarkDecorator:
+    missing = [tool for tool in tools if shutil.which(tool) is None]
+    return pytest.mark.skipif(bool(missing), reason=f"not installed: {' '.join(missing)}")
+
+
+def output_of(*command: str | Path, **options) -> str:
+    done = subprocess.run(
+        command, capture_output=True, text=True, stdin=subprocess.DEVNULL, **options
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@dataclass(frozen=True)
+class Packages:
+    program: Path
+    library: Path
+    wheel: Path
+    version: str
+
+
+@pytest.fixture(scope="module")
+def packages() -> Packages:
+    missing = [tool for tool in MADE_BY if shutil.which(tool) is None]
+    left_behind = (PROJECT / "build/unlidar_track", PROJECT / ".venv/unlidar_tools.stamp")
+    missing += [str(path) for path in left_behind if not path.is_file()]
+    if missing:
+        pytest.skip(f"packages cannot be made quickly without {', '.join(missing)}")
+    # setuptools of this environment instead of one from the network.
+    output_of(PROJECT / "tools/package.sh", env=os.environ | {"PIP_NO_BUILD_ISOLATION": "no"})
+    made = sorted((PROJECT / "out/packages").iterdir())
+    version = output_of(PROJECT / "build/unlidar_track", "--version").split()[1]
+    architecture = output_of("dpkg", "--print-architecture").strip()
+    assert [path.name for path in made] == [
+        f"libunlidar-dev_{version}_{architecture}.deb",
+        f"unlidar-track_{version}_{architecture}.deb",
+        f"unlidar_tools-{version}-py3-none-any.whl",
+    ]
+    library, program, wheel = made
+    return Packages(program, library, wheel, version)
+
+
+@pytest.fixture(scope="module")
+def installed(packages: Packages, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A root with the files of unlidar-track and nothing else."""
+    root = tmp_path_factory.mktemp("root")
+    output_of("dpkg-deb", "--extract", packages.program, root)
+    return root
+
+
+def files_in(package: Path) -> dict[str, tarfile.TarInfo]:
+    archive = subprocess.run(
+        ["dpkg-deb", "--fsys-tarfile", package], capture_output=True, check=True
+    )
+    with tarfile.open(fileobj=BytesIO(archive.stdout)) as tar:
+        return {info.name.removeprefix("."): info for info in tar if not info.isdir()}
+
+
+# --- Debian packages ----------------------------------------------------------------------------
+
+
+def test_the_package_of_the_program_has_what_a_station_needs_and_no_more(
+    packages: Packages,
+) -> None:
+    files = files_in(packages.program)
+    configs = "/usr/share/unlidar_track/configs/"
+    assert {name for name in files if not name.startswith(configs)} == {
+        "/etc/logrotate.d/unlidar-track",
+        "/etc/unlidar/station.yaml",
+        "/lib/systemd/system/unlidar-track.service",
+        "/usr/bin/unlidar_track",
+        "/usr/share/bash-completion/completions/unlidar_track",
+        "/usr/share/doc/unlidar-track/changelog.gz",
+        "/usr/share/doc/unlidar-track/copyright",
+        "/usr/share/man/man1/unlidar_track.1.gz",
+    }
+    assert configs + "default.yaml" in files
+    assert {(info.uname, info.gname) for info in files.values()} == {("root", "root")}
+    conffiles = output_of("dpkg-deb", "--info", packages.program, "conffiles").split()
+    assert conffiles == [name for name in sorted(files) if name.startswith("/etc/")]
+    # What the program is built with and does not call: PCL's other libraries and VTK are 449 MB.
+    needed = output_of("dpkg-deb", "--field", packages.program, "Depends")
+    assert re.findall(r"libpcl-[a-z]+", needed) == ["libpcl-common"]
+    assert "vtk" not in needed and "-dev" not in needed
+
+
+def test_the_package_of_the_api_has_headers_library_and_cmake_configuration(
+    packages: Packages,
+) -> None:
+    files = files_in(packages.library)
+    headers = {path.name for path in (PROJECT / "include/unlidar").iterdir()}
+    assert {Path(f).name for f in files if f.startswith("/usr/include/unlidar/")} == headers
+    assert "/usr/lib/libunlidar_core.a" in files
+    assert "/usr/lib/cmake/unlidar_track/unlidar_trackConfig.cmake" in files
+
+
+@needs("lintian")
+def test_lintian_has_nothing_to_say(packages: Packages) -> None:
+    said = output_of(
+        "lintian", "--fail-on=warning", "--allow-root", packages.program, packages.library
+    )
+    assert said == ""
+
+
+@needs("man")
+def test_the_manual_page_tells_every_option(packages: Packages, installed: Path) -> None:
+    page = output_of("man", "--local-file", installed / "usr/share/man/man1/unlidar_track.1.gz")
+    shown = output_of(installed / "usr/bin/unlidar_track", "--help")
+    options = set(re.findall(r"^  (?:-h,)?(--[a-z]+)", shown, re.MULTILINE))
+    assert len(options) > 15 and [o for o in options if o not in page] == []
+    assert packages.version in page
+
+
+def test_options_are_completed(installed: Path) -> None:
+    library = Path("/usr/share/bash-completion/bash_completion")
+    if not library.is_file():
+        pytest.skip("not installed: bash-completion")
+    script = installed / "usr/share/bash-completion/completions/unlidar_track"
+    asked = f"""
+      source {library}; source {shlex.quote(str(script))}
+      COMP_WORDS=(unlidar_track --li) COMP_CWORD=1 COMP_LINE='unlidar_track --li' COMP_POINT=18
+      _longopt unlidar_track --li unlidar_track; echo "${{COMPREPLY[@]}}"
+    """
+    path = f"{installed / 'usr/bin'}:{os.environ['PATH']}"
+    proposed = output_of("bash", "-c", asked, env=os.environ | {"PATH": path})
+    assert set(proposed.split()) == {"--livox"}
+
+
+# --- The service --------------------------------------------------------------------------------
+
+
+def unit_of(root: Path) -> str:
+    return (root / "lib/systemd/system/unlidar-track.service").read_text()
+
+
+@needs("systemd-analyze")
+def test_systemd_finds_no_fault_in_the_unit_and_little_that_it_may(
+    installed: Path, tmp_path: Path
+) -> None:
+    unit = tmp_path / "unlidar-track.service"
+    unit.write_text(unit_of(installed).replace("=/usr/bin/", f"={installed}/usr/bin/"))
+    verified = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", unit], capture_output=True, text=True
+    )
+    assert (verified.returncode, verified.stderr) == (0, "")
+    told = output_of("systemd-analyze", "security", "--offline=yes", "--no-pager", unit)
+    assert float(re.search(r"Overall exposure level for \S+: ([0-9.]+)", told)[1]) < 2
+
+
+class Manager:
+    """Stands for systemd: hears what a service tells."""
+
+    def __init__(self) -> None:
+        self.name = f"@unlidar-packages-{os.getpid()}-{time.monotonic_ns()}"
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind("\0" + self.name[1:])
+        self.socket.settimeout(PATIENCE_S)
+
+    def hears(self, message: str) -> None:
+        """Waits for it."""
+        while self.socket.recv(4096).decode() != message:
+            pass
+
+
+@contextmanager
+def running(root: Path, source: str, manager: Manager, *, inside: bool) -> Iterator:
+    """The unit's command with another source of frames, with its files below `root`."""
+    (line,) = re.findall(r"^ExecStart=(.*)$", unit_of(root), re.MULTILINE)
+    command = shlex.split(line.replace("$UNLIDAR_SOURCE", source))
+    (root / "var/lib/unlidar").mkdir(parents=True, exist_ok=True)
+    if inside:
+        command = ["chroot", str(root), *command]
+    else:
+        command = [f"{root}{word}" if word.startswith("/") else word for word in command]
+    environment = {"NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": "400000"}
+    process = subprocess.Popen(
+        command, env=os.environ | environment, stdin=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def check_tracking(root: Path, tmp_path: Path, *, inside: bool) -> None:
+    """Starts as a service does, tracks a flight, is alive with and without frames, ends well."""
+    frames = write_frames(tmp_path / "frames", make_flight())
+    manager = Manager()
+    with running(root, "--stdin", manager, inside=inside) as process:
+        manager.hears("READY=1")
+        manager.hears("WATCHDOG=1")
+        process.stdin.write(b"".join(messages(lidar=frames)))
+        process.stdin.flush()
+        manager.hears("STATUS=running")
+        manager.hears("WATCHDOG=1")
+        process.send_signal(signal.SIGTERM)
+        manager.hears("STOPPING=1")
+        assert process.wait(PATIENCE_S) == 0
+    rows = np.array(
+        [row.split(",")[:5] for row in rows_of(root / "var/lib/unlidar/traj.csv")], float
+    )
+    assert len(rows) > 20
+    errors = np.linalg.norm(rows[:, 2:5] - truth_m(rows[:, 0]), axis=1)
+    assert np.sqrt(np.mean(errors**2)) < 0.2
+
+
+def test_the_units_command_tracks_and_tells_systemd_that_it_is_alive(
+    installed: Path, tmp_path: Path
+) -> None:
+    check_tracking(installed, tmp_path, inside=False)
+
+
+# --- In a bare Debian 12 ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bare_root(tmp_path: Path) -> Path:
+    """A copy of the root in the folder UNLIDAR_BARE_ROOT, which is made there if it is absent."""
+    named = os.environ.get("UNLIDAR_BARE_ROOT")
+    if not named:
+        pytest.skip("UNLIDAR_BARE_ROOT names no folder for a bare Debian 12 (root, network)")
+    if os.geteuid() != 0:
+        pytest.skip("only root can install packages in UNLIDAR_BARE_ROOT")
+    kept = Path(named)
+    if not kept.is_dir():
+        if shutil.which("debootstrap") is None:
+            pytest.skip("not installed: debootstrap")
+        unfinished = kept.with_name(f"{kept.name}.part-{os.getpid()}")
+        output_of("debootstrap", "--variant=minbase", "bookworm", unfinished)
+        unfinished.rename(kept)
+    root = tmp_path / "root"
+    output_of("cp", "-a", "--reflink=auto", kept, root)
+    shutil.copy("/etc/resolv.conf", root / "etc/resolv.conf")
+    return root
+
+
+def closure_kb(root: Path, package: str) -> dict[str, int]:
+    """Installed sizes of a package and of all that it depends on, down to the C library."""
+    listed = output_of(
+        "dpkg-query", f"--admindir={root}/var/lib/dpkg", "--show",
+        "--showformat=${Package}\t${Installed-Size}\t${Depends}, ${Pre-Depends}\t${Provides}\n",
+    )  # fmt: skip
+    sizes, depends, provides = {}, {}, {}
+    for line in listed.splitlines():
+        name, size, needed, provided = line.split("\t")
+        sizes[name], depends[name] = int(size), re.split(r"[,|]", needed)
+        for word in [name, *provided.split(",")]:
+            provides[re.split(r"[ (:]", word.strip())[0]] = name
+    reached: set[str] = set()
+    waiting = [package]
+    while waiting:
+        name = provides.get(re.split(r"[ (:]", waiting.pop().strip())[0])
+        if name is not None and name not in reached:
+            reached.add(name)
+            waiting += depends[name]
+    return {name: sizes[name] for name in reached}
+
+
+def test_the_package_works_in_a_bare_debian(
+    packages: Packages, bare_root: Path, tmp_path: Path
+) -> None:
+    shutil.copy(packages.program, bare_root / "tmp")
+    chroot = ("chroot", bare_root, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-q", "-y")
+    output_of(*chroot, "update")
+    output_of(*chroot, "install", f"/tmp/{packages.program.name}")
+    sizes = closure_kb(bare_root, "unlidar-track")
+    assert {"libc6", "libstdc++6", "libpcl-common1.13"} <= {*sizes}
+    assert sum(sizes.values()) <= MAX_CLOSURE_KB, sizes
+    check_tracking(bare_root, tmp_path, inside=True)
+    # What a station owner has changed and tracked outlives the package.
+    output_of(*chroot, "remove", "unlidar-track")
+    assert (bare_root / "etc/unlidar/station.yaml").is_file()
+    output_of(*chroot, "purge", "unlidar-track")
+    assert not (bare_root / "etc/unlidar").exists()
+    assert (bare_root / "var/lib/unlidar/traj.csv").is_file()
+
+
+# --- The wheel ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def unlidar(packages: Packages, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The command in an environment of its own, which borrows what it depends on from this one."""
+    venv = tmp_path_factory.mktemp("wheel") / "venv"
+    output_of(sys.executable, "-m", "venv", "--without-pip", venv)
+    python = venv / "bin/python"
+    (libraries,) = venv.glob("lib/python*/site-packages")
+    (libraries / "borrowed.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")
+    output_of(
+        sys.executable, "-m", "pip", "--python", python, "--disable-pip-version-check", "install",
+        "--no-deps", "--no-index", packages.wheel,
+    )  # fmt: skip
+    return venv / "bin/unlidar"
+
+
+def run_unlidar(
+    unlidar: Path, folder: Path, *arguments: str, program: Path | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Outside the project, with the program in this folder or without it."""
+    path = "/usr/bin:/bin" if program is None else f"{program}:/usr/bin:/bin"
+    return subprocess.run(
+        [unlidar, *arguments],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={"PATH": path, "HOME": str(folder)},
+    )
+
+
+@pytest.fixture(scope="module")
+def sky(unlidar: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which the wheel has simulated a flight."""
+    folder = tmp_path_factory.mktemp("sky")
+    simulated = run_unlidar(unlidar, folder, "simulate", "demo", "flight")
+    assert simulated.returncode == 0, simulated.stderr
+    return folder
+
+
+def test_the_wheel_is_whole(packages: Packages, unlidar: Path, sky: Path) -> None:
+    shown = run_unlidar(unlidar, sky, "--version")
+    assert shown.stdout == f"unlidar {packages.version}\n", shown.stderr
+    assert "simulate" in run_unlidar(unlidar, sky, "--help").stdout
+    asked = "import unlidar_tools.configs as c; print(c.CONFIG_DIR)"
+    configs = Path(output_of(unlidar.with_name("python"), "-c", asked, cwd=sky).strip())
+    assert configs.is_relative_to(unlidar.parents[1])
+    mine = {path.relative_to(configs) for path in configs.rglob("*.*")}
+    assert mine == {
+        path.relative_to(PROJECT / "configs") for path in (PROJECT / "configs").rglob("*.*")
+    }
+
+
+def test_the_wheel_names_the_package_of_the_program_where_that_is_missing(
+    unlidar: Path, sky: Path
+) -> None:
+    if shutil.which("unlidar_track", path="/usr/bin:/bin"):
+        pytest.skip("unlidar-track is installed here")
+    tracked = run_unlidar(unlidar, sky, "run", "flight")
+    assert tracked.returncode == 2
+    (line,) = tracked.stderr.splitlines()
+    assert line.startswith("unlidar: error: unlidar_track was found neither")
+    assert "install the Debian package unlidar-track" in line
+
+
+def test_the_wheel_finds_and_runs_the_installed_program(
+    unlidar: Path, sky: Path, installed: Path
+) -> None:
+    tracked = run_unlidar(
+        unlidar, sky, "run", "flight", "--out", "out", program=installed / "usr/bin"
+    )
+    assert tracked.returncode == 0, tracked.stderr
+    assert list((sky / "out").rglob("traj.csv"))

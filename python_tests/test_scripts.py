@@ -260,3 +260,8 @@ def test_settings_in_the_documents_are_keys_of_the_configuration() -> None:
         for key in set(pattern.findall(document.read_text())):
             said = run_program("--frames", "absent", "--out", "x", "--set", f"{key}=").stderr
             assert "unknown key" not in said, f"{document.name}: {said}"
+
+
+def test_the_citation_names_the_version_of_the_program() -> None:
+    version = run_program("--version").stdout.split()[1]
+    assert f"\nversion: {version}\n" in (PROJECT / "CITATION.cff").read_text()

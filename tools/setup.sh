@@ -22,7 +22,7 @@ build_packages=(
 check_packages=(
   clang-format clang-tidy shellcheck chromium chromium-driver
   mosquitto mosquitto-clients
-  bash-completion lintian systemd
+  bash-completion lintian
 )
 # llvm has what names the functions of a stack trace.
 sanitize_packages=(clang libclang-rt-dev llvm)

@@ -85,6 +85,7 @@ TEST(ServiceNotifier, FeedsTheWatchdogWhileTheLoopComesRoundAndNotMoreOftenThanI
   std::this_thread::sleep_for(std::chrono::milliseconds(50));
   for (int i = 0; i < 1000; ++i) service.TellAlive();
   const Messages fed = manager.Heard();
+  ASSERT_FALSE(fed.empty());
   EXPECT_EQ(fed.front(), "WATCHDOG=1");
   EXPECT_LT(fed.size(), 10U);
   std::this_thread::sleep_for(std::chrono::milliseconds(100));

@@ -1,5 +1,6 @@
 // What a service tells systemd (Type=notify, WatchdogSec): the protocol of sd_notify(3), spoken
-// here because libsystemd brings five more libraries, which cost start-up time and 5 MB.
+// here because libsystemd and the four libraries behind it cost a millisecond of start-up time, in
+// every run, and 3.6 MB where nothing else needs them.
 #pragma once
 
 #include <chrono>

@@ -25,18 +25,18 @@ using testing::TimedFrame;
 TEST(PointTimes, AreTheSameWhetherWrittenAsOffsetsOrAsUnixTimeInAnyUnit) {
   struct Writing {
     const char* what;
-    char type;
-    int size;
-    bool absolute;
     double per_second;
+    int size;
+    char type;
+    bool absolute;
   };
   const Writing writings[] = {
-      {"offset ns u32", 'U', 4, false, 1e9}, {"offset ns u64", 'U', 8, false, 1e9},
-      {"offset ns i32", 'I', 4, false, 1e9}, {"offset s f32", 'F', 4, false, 1.0},
-      {"offset s f64", 'F', 8, false, 1.0},  {"unix s f64", 'F', 8, true, 1.0},
-      {"unix ms f64", 'F', 8, true, 1e3},    {"unix us f64", 'F', 8, true, 1e6},
-      {"unix ns f64", 'F', 8, true, 1e9},    {"unix ns u64", 'U', 8, true, 1e9},
-      {"unix us u64", 'U', 8, true, 1e6},    {"unix ms i64", 'I', 8, true, 1e3}};
+      {"offset ns u32", 1e9, 4, 'U', false}, {"offset ns u64", 1e9, 8, 'U', false},
+      {"offset ns i32", 1e9, 4, 'I', false}, {"offset s f32", 1.0, 4, 'F', false},
+      {"offset s f64", 1.0, 8, 'F', false},  {"unix s f64", 1.0, 8, 'F', true},
+      {"unix ms f64", 1e3, 8, 'F', true},    {"unix us f64", 1e6, 8, 'F', true},
+      {"unix ns f64", 1e9, 8, 'F', true},    {"unix ns u64", 1e9, 8, 'U', true},
+      {"unix us u64", 1e6, 8, 'U', true},    {"unix ms i64", 1e3, 8, 'I', true}};
   SensorConfig sensor;
   sensor.time_offset_s = 0.25;
   for (const Writing& writing : writings) {

@@ -69,10 +69,11 @@ std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
 
 }  // namespace
 
-SceneSnapshot::SceneSnapshot(std::vector<Eigen::Vector3f> points_m, const RobustConfig& config)
+SceneSnapshot::SceneSnapshot(std::vector<Eigen::Vector3f> points_m, const ElevationRange& view,
+                             const RobustConfig& config)
     : structure_m(std::move(points_m)),
       ground(structure_m, config.ground),
-      support(structure_m, ground, config.background.occluder_cell_deg, config.support) {}
+      support(structure_m, ground, view, config.background.occluder_cell_deg, config.support) {}
 
 LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event)
     : config_(config),
@@ -148,6 +149,7 @@ void LiveTracker::WarmUp() {
   early_returns_m_ = {};
   for (const auto& [frame, bin] : early_) {
     for (const Eigen::Vector3f& point_m : frame.points_m) {
+      view_.Add(point_m);
       occupancy_.Judge(point_m, bin, 0, [](const Eigen::Vector3f&) { return false; });
     }
   }
@@ -166,7 +168,8 @@ void LiveTracker::MakeEarlyPlots(std::size_t most) {
 
 void LiveTracker::RefitScene() {
   if (is_warm()) snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
-  snapshot_ = std::make_unique<SceneSnapshot>(occupancy_.Structure(), config_.robust);
+  snapshot_ =
+      std::make_unique<SceneSnapshot>(occupancy_.Structure(), view_.Edges(), config_.robust);
   snapshot_ns_ = front_ns_;
   ++num_snapshots_;
 }
@@ -185,6 +188,7 @@ void LiveTracker::MakePlots(LoadedFrame loaded, std::int64_t bin) {
   };
   for (std::uint32_t i = 0; i < frame.points_m.size(); ++i) {
     const Eigen::Vector3f& point_m = frame.points_m[i];
+    view_.Add(point_m);
     const Occupancy::Verdict verdict = occupancy_.Judge(point_m, bin, num_snapshots_, floats);
     rates[i] = verdict.place_rate;
     if (verdict.is_structure && !verdict.floats) continue;

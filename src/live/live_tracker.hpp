@@ -13,6 +13,7 @@
 #include "live/live_clutter.hpp"
 #include "live/occupancy.hpp"
 #include "live/track_follower.hpp"
+#include "robust/scene/field_of_view.hpp"
 #include "robust/scene/ground.hpp"
 #include "robust/scene/support.hpp"
 #include "robust/tracking/track_search.hpp"
@@ -24,7 +25,8 @@ namespace unlidar {
 
 // What stands where, as it was known some time ago.
 struct SceneSnapshot {
-  SceneSnapshot(std::vector<Eigen::Vector3f> points_m, const RobustConfig& config);
+  SceneSnapshot(std::vector<Eigen::Vector3f> points_m, const ElevationRange& view,
+                const RobustConfig& config);
 
   std::vector<Eigen::Vector3f> structure_m;
   Ground ground;
@@ -98,6 +100,7 @@ class LiveTracker {
 
   // Scene.
   Occupancy occupancy_;
+  FieldOfView view_;
   std::unique_ptr<SceneSnapshot> snapshot_;
   TimeNs snapshot_ns_ = 0;
   int num_snapshots_ = 0;

@@ -6,6 +6,7 @@
 #include <iterator>
 
 #include "robust/plots/floating.hpp"
+#include "robust/scene/field_of_view.hpp"
 #include "robust/tracking/flight.hpp"
 
 namespace unlidar {
@@ -31,7 +32,10 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   const Background background(recording, config.background);
   const PointsView structure_m(recording.points_m, background.structure());
   const Ground ground(structure_m, config.ground);
-  const Support support(structure_m, ground, config.background.occluder_cell_deg, config.support);
+  FieldOfView view;
+  for (const Eigen::Vector3f& point_m : recording.points_m) view.Add(point_m);
+  const Support support(structure_m, ground, view.Edges(), config.background.occluder_cell_deg,
+                        config.support);
   // What stands still in the air all the time looks like structure, but is none.
   const std::vector<std::uint32_t> floating =
       support.FloatingReturns(recording, background.structure());

@@ -104,23 +104,23 @@ TEST(DepthMap, KnowsTheMedianRangeOfEveryCellAndBin) {
 TEST(DepthMap, WithoutReturnsIsInfiniteAndHidesNothing) {
   const DepthMap map = MapOf({});
   EXPECT_EQ(MedianM(map, {1.0F, 2.0F, 3.0F}, 0), kNothing_m);
-  EXPECT_EQ(map.HiddenShare({10.0F, 2.0F, 3.0F}, 5.0, kMargin_m), 0.0);
+  EXPECT_EQ(map.HiddenShare({10.0F, 2.0F, 3.0F}, 5.0, kMargin_m, {}), 0.0);
 }
 
 TEST(DepthMap, AHalfIsHiddenAtTheEdgeOfANearerWallAllBehindItAndNothingBeside) {
   const DepthMap map = MapOf(Wall(-8.0, 0.0));
   const double radius_m = 4.0;
-  EXPECT_NEAR(map.HiddenShare({20.0F, 0.0F, 0.0F}, radius_m, kMargin_m), 0.5, 0.15);
-  EXPECT_EQ(map.HiddenShare({20.0F, -8.0F, 0.0F}, radius_m, kMargin_m), 1.0);
-  EXPECT_EQ(map.HiddenShare({20.0F, 5.5F, 0.0F}, radius_m, kMargin_m), 0.0);
-  EXPECT_EQ(MapOf({}).HiddenShare({20.0F, 0.0F, 0.0F}, radius_m, kMargin_m), 0.0);
+  EXPECT_NEAR(map.HiddenShare({20.0F, 0.0F, 0.0F}, radius_m, kMargin_m, {}), 0.5, 0.15);
+  EXPECT_EQ(map.HiddenShare({20.0F, -8.0F, 0.0F}, radius_m, kMargin_m, {}), 1.0);
+  EXPECT_EQ(map.HiddenShare({20.0F, 5.5F, 0.0F}, radius_m, kMargin_m, {}), 0.0);
+  EXPECT_EQ(MapOf({}).HiddenShare({20.0F, 0.0F, 0.0F}, radius_m, kMargin_m, {}), 0.0);
 }
 
 TEST(DepthMap, WhatIsNotNearerByTheMarginHidesNothing) {
   const DepthMap map = MapOf(Wall(-8.0, 8.0));
-  EXPECT_EQ(map.HiddenShare({11.5F, 0.0F, 0.0F}, 2.0, kMargin_m), 0.0);
-  EXPECT_EQ(map.HiddenShare({8.0F, 0.0F, 0.0F}, 2.0, kMargin_m), 0.0);
-  EXPECT_EQ(map.HiddenShare({13.0F, 0.0F, 0.0F}, 2.0, kMargin_m), 1.0);
+  EXPECT_EQ(map.HiddenShare({11.5F, 0.0F, 0.0F}, 2.0, kMargin_m, {}), 0.0);
+  EXPECT_EQ(map.HiddenShare({8.0F, 0.0F, 0.0F}, 2.0, kMargin_m, {}), 0.0);
+  EXPECT_EQ(map.HiddenShare({13.0F, 0.0F, 0.0F}, 2.0, kMargin_m, {}), 1.0);
 }
 
 TEST(DepthMap, CountsDirectionsAlikeAlsoAroundTheZenith) {
@@ -128,19 +128,19 @@ TEST(DepthMap, CountsDirectionsAlikeAlsoAroundTheZenith) {
   for (const double azimuth_rad : {0.3, 1.2, 2.5, -2.0}) {
     // Half a degree beside the zenith: cells about it are of all azimuths.
     const Eigen::Vector3f place_m = Towards(azimuth_rad, 89.5 * kDegree_rad, 20.0);
-    EXPECT_NEAR(map.HiddenShare(place_m, 5.0, kMargin_m), 0.5, 0.1) << azimuth_rad;
+    EXPECT_NEAR(map.HiddenShare(place_m, 5.0, kMargin_m, {}), 0.5, 0.1) << azimuth_rad;
   }
-  EXPECT_EQ(map.HiddenShare(Towards(0.0, 60.0 * kDegree_rad, 20.0), 5.0, kMargin_m), 1.0);
-  EXPECT_EQ(map.HiddenShare(Towards(M_PI, 60.0 * kDegree_rad, 20.0), 5.0, kMargin_m), 0.0);
+  EXPECT_EQ(map.HiddenShare(Towards(0.0, 60.0 * kDegree_rad, 20.0), 5.0, kMargin_m, {}), 1.0);
+  EXPECT_EQ(map.HiddenShare(Towards(M_PI, 60.0 * kDegree_rad, 20.0), 5.0, kMargin_m, {}), 0.0);
 }
 
 TEST(DepthMap, SeesNoSeamBehindTheSensor) {
   std::vector<Eigen::Vector3f> behind_m;
   for (const Eigen::Vector3f& p : Wall(-8.0, 0.0)) behind_m.emplace_back(-p.x(), -p.y(), p.z());
   const DepthMap map = MapOf(behind_m);
-  EXPECT_NEAR(map.HiddenShare({-20.0F, 0.0F, 0.0F}, 4.0, kMargin_m), 0.5, 0.15);
-  EXPECT_EQ(map.HiddenShare({-20.0F, 8.0F, 0.0F}, 4.0, kMargin_m), 1.0);
-  EXPECT_EQ(map.HiddenShare({-20.0F, -5.5F, 0.0F}, 4.0, kMargin_m), 0.0);
+  EXPECT_NEAR(map.HiddenShare({-20.0F, 0.0F, 0.0F}, 4.0, kMargin_m, {}), 0.5, 0.15);
+  EXPECT_EQ(map.HiddenShare({-20.0F, 8.0F, 0.0F}, 4.0, kMargin_m, {}), 1.0);
+  EXPECT_EQ(map.HiddenShare({-20.0F, -5.5F, 0.0F}, 4.0, kMargin_m, {}), 0.0);
 }
 
 TEST(DepthMap, WithinASphereAllIsHiddenWhateverTheDirection) {
@@ -155,7 +155,7 @@ TEST(DepthMap, WithinASphereAllIsHiddenWhateverTheDirection) {
     for (const double elevation_deg : {-89.0, 0.0, 45.0, 84.0, 88.0, 90.0}) {
       const Eigen::Vector3f place_m =
           Towards(azimuth_deg * kDegree_rad, elevation_deg * kDegree_rad, 20.0);
-      EXPECT_NEAR(map.HiddenShare(place_m, 2.0, kMargin_m), 1.0, 1e-9)
+      EXPECT_NEAR(map.HiddenShare(place_m, 2.0, kMargin_m, {}), 1.0, 1e-9)
           << azimuth_deg << ' ' << elevation_deg;
     }
   }
@@ -170,13 +170,13 @@ TEST(DepthMap, HoldsTheBinsInWhichSomethingWasSeenOnlyHoweverManyThereAre) {
   for (const DepthMap::Depth& depth : map.DepthsAt(ahead_m)) bins.push_back(depth.bin);
   EXPECT_EQ(bins, (std::vector<std::uint32_t>{5, kLast}));
   EXPECT_NEAR(static_cast<double>(MedianM(map, ahead_m, kLast)), 30.0, 0.06);
-  EXPECT_NEAR(map.HiddenShare(4.0F * ahead_m, 0.1, kMargin_m), 2.0 / 4e9, 1e-15);
+  EXPECT_NEAR(map.HiddenShare(4.0F * ahead_m, 0.1, kMargin_m, {}), 2.0 / 4e9, 1e-15);
 }
 
 TEST(DepthMap, TheShareIsThatOfAllBins) {
   std::vector<Eigen::Vector3f> points_m = Wall(-8.0, 8.0);
   const DepthMap map(points_m, std::vector<std::uint32_t>(points_m.size(), 2), 4, 2.0);
-  EXPECT_NEAR(map.HiddenShare({20.0F, 0.0F, 0.0F}, 4.0, kMargin_m), 0.25, 1e-12);
+  EXPECT_NEAR(map.HiddenShare({20.0F, 0.0F, 0.0F}, 4.0, kMargin_m, {}), 0.25, 1e-12);
 }
 
 }  // namespace

@@ -43,7 +43,7 @@ bool BlobFloats(const Eigen::Vector3d& centre_m, const std::vector<Eigen::Vector
   const std::vector<Eigen::Vector3f> blob_m = Blob(centre_m);
   structure_m.insert(structure_m.end(), blob_m.begin(), blob_m.end());
   structure_m.insert(structure_m.end(), more_m.begin(), more_m.end());
-  return Support(structure_m, ground, kCellDeg, config).IsFloating(centre_m.cast<float>());
+  return Support(structure_m, ground, {}, kCellDeg, config).IsFloating(centre_m.cast<float>());
 }
 
 std::vector<Eigen::Vector3f> Pole(double x_m, double y_m, double top_m) {
@@ -67,6 +67,20 @@ TEST(Support, AThingOnAPoleOrNearStructureDoesNotFloat) {
   EXPECT_FALSE(BlobFloats(at_m, {Eigen::Vector3f(10.0F, 2.0F, 8.0F)}));
 }
 
+// A sign whose gantry is above all that the sensor sees.
+TEST(Support, AThingThatReachesToTheEdgeOfTheViewMayHangFromWhatIsBeyond) {
+  const std::vector<Eigen::Vector3f> structure_m = FlatGround();
+  const Ground ground(structure_m, GroundConfig());
+  const Eigen::Vector3f sign_m(20.0F, 0.0F, 4.0F);  // at 11 degrees, the reach is 10
+  const auto floats = [&](const ElevationRange& view) {
+    return Support(structure_m, ground, view, kCellDeg, SupportConfig()).IsFloating(sign_m);
+  };
+  EXPECT_TRUE(floats({}));
+  EXPECT_FALSE(floats({-M_PI / 2, 0.22}));
+  EXPECT_TRUE(floats({-M_PI / 2, 0.5}));
+  EXPECT_FALSE(floats({0.18, M_PI / 2}));
+}
+
 TEST(Support, StructureOfItsOwnSizeIsTheThingItself) {
   const Eigen::Vector3d at_m(10, 0, 8);
   EXPECT_TRUE(BlobFloats(at_m, {Eigen::Vector3f(10.0F, 1.4F, 8.0F)}));
@@ -85,7 +99,7 @@ TEST(Support, AThingLowAboveTheGroundStandsOnIt) {
 
 TEST(Support, AThingNextToTheStationIsHeldByIt) {
   const Ground ground({}, GroundConfig());  // none in view
-  const Support support({}, ground, kCellDeg, SupportConfig());
+  const Support support({}, ground, {}, kCellDeg, SupportConfig());
   EXPECT_FALSE(support.IsFloating({0.6F, 0.3F, 0.8F}));
   EXPECT_TRUE(support.IsFloating({1.2F, 0.6F, 1.8F}));
 }
@@ -148,7 +162,7 @@ TEST(Support, AThingOfWhoseSurroundingsTooMuchIsHiddenDoesNotFloat) {
 
 TEST(Support, WithoutStructureEverythingInRangeFloats) {
   const Ground ground({}, GroundConfig());
-  const Support support({}, ground, kCellDeg, SupportConfig());
+  const Support support({}, ground, {}, kCellDeg, SupportConfig());
   EXPECT_TRUE(support.IsFloating({1.0F, 2.0F, 3.0F}));
   EXPECT_FALSE(support.IsFloating({101.0F, 2.0F, 3.0F}));
 }
@@ -185,7 +199,8 @@ bool Floats(const Eigen::Vector3f& place_m, const std::vector<Eigen::Vector3f>& 
   const double reach_m = radius.constant_m + radius.slope * range_m;
   if (range_m > config.max_range_m || range_m < reach_m) return false;
   if (ground.HeightAbove(place_m) < reach_m) return false;
-  if (depth.HiddenShare(place_m, reach_m, config.body_m) > config.max_hidden_share) return false;
+  if (depth.HiddenShare(place_m, reach_m, config.body_m, {}) > config.max_hidden_share)
+    return false;
   return std::none_of(structure_m.begin(), structure_m.end(), [&](const Eigen::Vector3f& other_m) {
     const auto distance_m = static_cast<double>((place_m - other_m).norm());
     return distance_m > config.body_m + slack_m && distance_m < reach_m - slack_m;
@@ -208,8 +223,8 @@ TEST(Support, OfRandomStructureIsThatOfAllItsPoints) {
     config.max_range_m = 45.0;
     SupportConfig fine = config;
     fine.voxel_m = 0.01;  // every point has a voxel of its own
-    const Support support(structure_m, ground, kCellDeg, config);
-    const Support fine_support(structure_m, ground, kCellDeg, fine);
+    const Support support(structure_m, ground, {}, kCellDeg, config);
+    const Support fine_support(structure_m, ground, {}, kCellDeg, fine);
     const DepthMap depth = DepthOf(structure_m);
     const double diagonal_m = std::sqrt(3.0) * config.voxel_m;
     int num_floating = 0;
@@ -254,9 +269,9 @@ TEST(Support, FloatingReturnsAreTheStructureThatFloats) {
     if (Floats(maker.recording.points_m[i], structure_m, ground, config, depth))
       expected.push_back(i);
   }
-  EXPECT_EQ(
-      Support(structure_m, ground, kCellDeg, config).FloatingReturns(maker.recording, structure),
-      expected);
+  EXPECT_EQ(Support(structure_m, ground, {}, kCellDeg, config)
+                .FloatingReturns(maker.recording, structure),
+            expected);
   EXPECT_GT(expected.size(), 100U);
   EXPECT_LT(expected.size(), 1200U);
 }

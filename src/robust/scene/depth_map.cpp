@@ -60,8 +60,8 @@ DepthMap::DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>&
   first_.push_back(depths_.size());
 }
 
-double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,
-                             double margin_m) const {
+double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m,
+                             const ElevationRange& view) const {
   const auto range_m = static_cast<double>(place_m.norm());
   const Eigen::Vector3d towards = place_m.cast<double>() / range_m;
   const double radius_rad = std::atan2(radius_m, range_m);
@@ -81,11 +81,17 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m,
     const Angle& elevation = elevations_[row];
     if (std::abs(elevation.rad - elevation_rad) > radius_rad) continue;
     const double weight = elevation.cosine;  // cells are narrower towards the zenith
+    const bool is_in_view = elevation.rad > view.lowest_rad && elevation.rad < view.highest_rad;
     for (std::size_t column = 0; column < columns_; ++column) {
       const Angle& azimuth = azimuths_[column];
       const Eigen::Vector3d cell(weight * azimuth.cosine, weight * azimuth.sine, elevation.sine);
       if (cell.dot(towards) < least_cosine) continue;
-      add_cell(row * columns_ + column, weight);
+      if (is_in_view) {
+        add_cell(row * columns_ + column, weight);
+      } else {
+        all += weight * static_cast<double>(num_bins_);
+        hidden += weight * static_cast<double>(num_bins_);
+      }
     }
   }
   if (all <= 0.0) add_cell(CellOf(place_m), 1.0);  // narrower than a cell: its own has the word

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "robust/scene/field_of_view.hpp"
 
 namespace unlidar {
 
@@ -39,8 +40,9 @@ class DepthMap {
   Depths DepthsAt(const Eigen::Vector3f& point_m) const { return DepthsOf(CellOf(point_m)); }
 
   // Of the directions within `radius_m` of a place, as seen from the sensor, the share in which
-  // something is nearer than the place by `margin_m`, over all bins.
-  double HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m) const;
+  // something is nearer than the place by `margin_m`, over all bins, or that are out of view.
+  double HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m,
+                     const ElevationRange& view) const;
 
  private:
   struct Angle {

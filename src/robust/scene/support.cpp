@@ -14,9 +14,9 @@ constexpr double kCellM = 2.0;
 
 }  // namespace
 
-Support::Support(const PointsView& structure_m, const Ground& ground, double cell_deg,
-                 const SupportConfig& config)
-    : ground_(ground), config_(config), depth_(structure_m, {}, 1, cell_deg) {
+Support::Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
+                 double cell_deg, const SupportConfig& config)
+    : ground_(ground), view_(view), config_(config), depth_(structure_m, {}, 1, cell_deg) {
   VoxelNumbers seen;
   for (std::size_t i = 0; i < structure_m.size(); ++i) {
     const Eigen::Vector3f& point_m = structure_m[i];
@@ -58,8 +58,8 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m) const {
       }
     }
   }
-  // What holds it may be hidden.
-  return depth_.HiddenShare(place_m, config_.ReachM(range_m), config_.body_m) <=
+  // What holds it may be hidden or out of view.
+  return depth_.HiddenShare(place_m, config_.ReachM(range_m), config_.body_m, view_) <=
          config_.max_hidden_share;
 }
 

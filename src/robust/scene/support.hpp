@@ -9,6 +9,7 @@
 #include "base/recording.hpp"
 #include "base/voxel_grid.hpp"
 #include "robust/scene/depth_map.hpp"
+#include "robust/scene/field_of_view.hpp"
 #include "robust/scene/ground.hpp"
 #include "robust/scene/range_grid.hpp"
 #include "unlidar/config.hpp"
@@ -19,8 +20,8 @@ namespace unlidar {
 class Support {
  public:
   // `cell_deg`: resolution of the directions in which structure hides what is behind it.
-  Support(const PointsView& structure_m, const Ground& ground, double cell_deg,
-          const SupportConfig& config);
+  Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
+          double cell_deg, const SupportConfig& config);
 
   const SupportConfig& config() const { return config_; }
 
@@ -32,6 +33,7 @@ class Support {
 
  private:
   const Ground& ground_;
+  ElevationRange view_;
   SupportConfig config_;
   DepthMap depth_;                                                    // of structure
   std::unordered_map<VoxelKey, std::vector<Eigen::Vector3f>> cells_;  // voxels of structure

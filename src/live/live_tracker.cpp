@@ -366,7 +366,7 @@ void LiveTracker::ConfirmPath(const Path& path, double threshold) {
   std::vector<Plot> members;
   members.reserve(seen.size());
   for (const SeenPlot& at : seen) members.push_back(at.plot);
-  if (!IsFlight(recent_, members, config_.robust) || !MovesOrFloats(members)) return;
+  if (!IsFlight(recent_, watch_, members, config_.robust) || !MovesOrFloats(members)) return;
   // A drone that shows as two plots in a frame is no second one.
   const bool is_known = std::any_of(outputs_.begin(), outputs_.end(), [&](const Output& other) {
     const auto near = std::count_if(seen.begin(), seen.end(), [&](const SeenPlot& at) {

@@ -61,6 +61,13 @@ double PerM2(const Eigen::Vector3d& ray_m) {
   return 1.0 / std::max(ray_m.squaredNorm(), 1.0);
 }
 
+// How many frames of the sensor that saw it last a target was not seen in. None where that was at
+// the same instant: the frame of its last plot is not before it.
+double MissedFrames(const Hypothesis& from, const Moment& at) {
+  const std::uint32_t before = at.frames_before[from.sensor];
+  return before > from.frames ? before - from.frames : 0.0;
+}
+
 }  // namespace
 
 Watch WatchOf(const Recording& recording) {
@@ -150,7 +157,7 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const Moment& a
 }
 
 double TrackModel::ScoreUnseen(const Hypothesis& from, const Moment& at) const {
-  const double missed = at.frames_before[from.sensor] - from.frames;
+  const double missed = MissedFrames(from, at);
   return from.score + LogMiss(from, missed * from.per_frame_s_per_m2);
 }
 
@@ -216,7 +223,7 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
   h.hits = from.hits + 1.0;
   // Frames in which it was missed, and that of the plot: half of one if another sensor saw it, in
   // the midst of two frames of its own.
-  const double missed = at.frames_before[from.sensor] - from.frames;
+  const double missed = MissedFrames(from, at);
   h.exposure_s_per_m2 = from.exposure_s_per_m2 +
                         from.per_frame_s_per_m2 * (missed + (plot.sensor == from.sensor ? 1 : 0.5));
   h.state.mean = from.state.mean * motion.transition.transpose();

@@ -71,8 +71,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                                  [&](const Plot& plot) { return IsTaken(plot, excluded); }),
                   members.end());
     if (2 * members.size() < path.plots.size() || !HasFrames(members, config.min_plots)) continue;
-    Target target =
-        CollectTarget(recording, sensor_views, members, excluded, config.collect, trajectory_config);
+    Target target = CollectTarget(recording, sensor_views, members, excluded, config.collect,
+                                  trajectory_config);
     if (target.measurements.empty()) continue;
     target.score = path.score;
     for (const std::uint32_t i : target.returns) excluded[i] = 1;

@@ -103,9 +103,8 @@ class RowSampler {
     if (sights.empty()) return Eigen::Vector3d::Zero();
     auto at = std::lower_bound(sights.begin(), sights.end(), time_ns,
                                [](const Sight& sight, TimeNs t) { return sight.time_ns < t; });
-    if (at == sights.end() ||
-        (at != sights.begin() &&
-         Distance(std::prev(at)->time_ns, time_ns) <= Distance(at->time_ns, time_ns))) {
+    if (at == sights.end() || (at != sights.begin() && Distance(std::prev(at)->time_ns, time_ns) <=
+                                                           Distance(at->time_ns, time_ns))) {
       --at;
     }
     return at->viewpoint_m;

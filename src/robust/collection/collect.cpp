@@ -274,9 +274,8 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
       expected.position_m += shift.bias_m;
       const Eigen::Vector3d facing_m = facing.OffsetM(view, expected.position_m, body_sigma_m);
       expected.position_m -= facing_m;
-      const std::vector<std::uint32_t> members =
-          collector.Collect(frame, view, trajectory, presence, expected, returns_per_frame,
-                            body_sigma_m);
+      const std::vector<std::uint32_t> members = collector.Collect(
+          frame, view, trajectory, presence, expected, returns_per_frame, body_sigma_m);
       if (members.empty()) continue;
       spread.Add(recording, view, members, expected);
       sightings.push_back(

@@ -47,8 +47,8 @@ double EchoM2PerS(const Recording& recording, const Watch& watch, const std::vec
     }
     if (std::abs(next->time_ns - time_ns) > kNearNs) continue;
     const Eigen::Vector3d ray_m = next->position_m - watch.sensors[frame.sensor].viewpoint_m;
-    seconds_per_m2[frame.sensor] += static_cast<double>(frame.end_ns - frame.begin_ns) *
-                                    kSecondsPerNs / ray_m.squaredNorm();
+    seconds_per_m2[frame.sensor] +=
+        static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs / ray_m.squaredNorm();
   }
   double echo = 0.0;
   for (std::size_t s = 0; s < returns.size(); ++s) {

@@ -57,9 +57,7 @@ double LogUnseen(double shape, double rate, double exposure) {
   return -shape * std::log1p(exposure / rate);
 }
 
-double PerM2(const Eigen::Vector3d& ray_m) {
-  return 1.0 / std::max(ray_m.squaredNorm(), 1.0);
-}
+double PerM2(const Eigen::Vector3d& ray_m) { return 1.0 / std::max(ray_m.squaredNorm(), 1.0); }
 
 // How many frames of the sensor that saw it last a target was not seen in. None where that was at
 // the same instant: the frame of its last plot is not before it.
@@ -256,7 +254,8 @@ double TrackModel::LogMiss(const Hypothesis& from, double exposure_s_per_m2) con
 }
 
 void TrackModel::SetVisibility(Hypothesis* h) const {
-  h->per_frame_s_per_m2 = frame_s_[h->sensor] * PerM2(h->state.mean.col(0) - viewpoints_m_[h->sensor]);
+  h->per_frame_s_per_m2 =
+      frame_s_[h->sensor] * PerM2(h->state.mean.col(0) - viewpoints_m_[h->sensor]);
   h->log_hit = std::log(std::max(-std::expm1(LogMiss(*h, h->per_frame_s_per_m2)), 1e-6));
 }
 

@@ -16,10 +16,11 @@ class Stations {
   Stations() = default;
   explicit Stations(const std::vector<SensorInfo>& sensors);
 
-  // The next sensor joins the first station that stands within 2 m of it (so far apart, what is
-  // seen from a sensor's mount is seen alike by all that are on it), or is a new one. The common
-  // origin, where it is that near, is the viewpoint: most stations are calibrated about it.
-  void Add(const Eigen::Vector3f& sensor_origin_m);
+  // A sensor joins the first station whose viewpoint is within 2 m of it, which is the size of a
+  // mount: what one sensor on it sees is much the same for all of them. Or it is a new station: one
+  // that sees from the common origin, about which most mounts are calibrated, if that is as near.
+  // Returns the station.
+  std::size_t Add(std::uint32_t sensor, const Eigen::Vector3f& sensor_origin_m);
 
   std::size_t size() const { return viewpoints_m_.size(); }
   const Eigen::Vector3f& ViewpointM(std::size_t station) const { return viewpoints_m_[station]; }
@@ -27,7 +28,7 @@ class Stations {
 
  private:
   std::vector<Eigen::Vector3f> viewpoints_m_;  // in the common frame
-  std::vector<std::size_t> station_of_;        // (sensors)
+  std::vector<std::size_t> station_of_;        // (sensors) of those that were added
 };
 
 // A station's frames of a recording, with the returns relative to its viewpoint.

@@ -241,6 +241,36 @@ TEST(CollectTarget, TheCentreLiesBetweenWhatTwoStationsSeeOfItsSides) {
   for (const Eigen::Vector3d& sum_m : sums_m) EXPECT_LT(sum_m.norm() / kFrames, 0.03);
 }
 
+TEST(CollectTarget, WhatTwoStationsDisagreeByIsSharedEvenly) {
+  const Eigen::Vector3d offset_m(0.1, -0.2, 0.15);
+  const Eigen::Vector3f apart_m(40.0F, 0.0F, 0.0F);
+  RecordingMaker maker(15, 2);
+  for (int i = 0; i < 2 * kFrames; ++i) {
+    const auto sensor = static_cast<std::uint32_t>(i % 2);
+    const double begin_s = 0.5 * i * kPeriodS;
+    maker.BeginFrame(begin_s, sensor);
+    const Eigen::Vector3d shift_m = sensor == 1 ? 0.5 * offset_m : -0.5 * offset_m;
+    // The first one sees it better, which does not make its survey a better one.
+    maker.AddBlob(DroneAt(begin_s + 0.5 * kPeriodS) + shift_m, 0.1, sensor == 0 ? 9 : 6, kDrone);
+  }
+  const Background background(maker.recording, BackgroundConfig());
+  CollectConfig config;
+  config.facing_side = 0.0;
+  const std::vector<char> excluded(maker.labels.size(), 0);
+  const auto mean_error_m = [&](const Eigen::Vector3f& other_m) -> Eigen::Vector3d {
+    const Target target = CollectTarget(
+        maker.recording, {{Eigen::Vector3f::Zero(), &background}, {other_m, &background}},
+        PathOf(maker, 0, 2 * kFrames - 1), excluded, config, TrajectoryConfig());
+    Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+    for (const Measurement& m : target.measurements) {
+      sum_m += m.position_m - DroneAt(SecondsSinceBegin(m.time_ns));
+    }
+    return sum_m / static_cast<double>(target.measurements.size());
+  };
+  EXPECT_LT(mean_error_m(apart_m).norm(), 0.03);
+  EXPECT_LT((mean_error_m(Eigen::Vector3f::Zero()) + 0.5 * offset_m).norm(), 0.03);
+}
+
 TEST(CollectTarget, LeavesTheReturnsOfAWallBesideTheTrack) {
   RecordingMaker maker(5);
   for (int i = 0; i < kFrames; ++i) {

@@ -95,11 +95,35 @@ struct SensorShift {
   double delay_s = 0.0;  // its stamps are so much late
 };
 
+// Stations are surveyed alike, and what is left of the difference between the sides that they see
+// is no one's alone: the truth is in the middle of the stations, each by its sensor with the most
+// returns. That of a single station is at its main sensor.
+Eigen::Vector3d CommonBiasM(const std::vector<SensorShift>& shifts, const std::vector<int>& support,
+                            const std::vector<SensorView>& views) {
+  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+  double num_stations = 0.0;
+  for (std::size_t sensor = 0; sensor < shifts.size(); ++sensor) {
+    if (support[sensor] == 0) continue;
+    bool is_main = true;
+    for (std::size_t other = 0; other < shifts.size(); ++other) {
+      const bool has_more =
+          support[other] > support[sensor] || (support[other] == support[sensor] && other < sensor);
+      is_main = is_main && !(has_more && views[other].viewpoint_m == views[sensor].viewpoint_m);
+    }
+    if (!is_main) continue;
+    sum_m += shifts[sensor].bias_m;
+    num_stations += 1.0;
+  }
+  return sum_m / num_stations;
+}
+
 // The shift of each sensor from the difference d of its measurements to those of the main one,
 // which has the most returns, just before and after, d = bias - velocity * delay: least squares,
 // shrunk towards none as far as it is uncertain.
 std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
-                                      std::size_t num_sensors, const CollectConfig& config) {
+                                      const std::vector<SensorView>& views,
+                                      const CollectConfig& config) {
+  const std::size_t num_sensors = views.size();
   std::vector<int> support(num_sensors, 0);
   for (const Sighting& sighting : sightings)
     support[sighting.sensor] += sighting.measurement.support;
@@ -139,6 +163,8 @@ std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
     const Eigen::Vector4d shift = information[sensor].ldlt().solve(sums[sensor]);
     shifts.push_back({shift.head<3>(), shift[3]});
   }
+  const Eigen::Vector3d common_m = CommonBiasM(shifts, support, views);
+  for (SensorShift& shift : shifts) shift.bias_m -= common_m;
   return shifts;
 }
 
@@ -288,7 +314,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
     std::stable_sort(sightings.begin(), sightings.end(), [](const Sighting& a, const Sighting& b) {
       return a.measurement.time_ns < b.measurement.time_ns;
     });
-    shifts = SensorShifts(sightings, recording.sensors.size(), config);
+    shifts = SensorShifts(sightings, views, config);
     for (Sighting& sighting : sightings) {
       sighting.measurement.position_m -= shifts[sighting.sensor].bias_m;
       sighting.measurement.time_ns -= Nanoseconds(shifts[sighting.sensor].delay_s);

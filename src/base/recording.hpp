@@ -79,13 +79,14 @@ struct Measurement {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Matrix3d covariance_m2 = Eigen::Matrix3d::Identity();
   int support = 1;
+  Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();  // from where
 };
 
 // A target found by a method: what the spline is fitted to.
 struct Target {
   std::vector<Measurement> measurements;  // in time order
   std::vector<std::uint32_t> returns;     // indices into the recording, ascending
-  double depth_sigma_m = 0.0;  // of all measurements together, along the ray from the origin
+  double depth_sigma_m = 0.0;  // of all measurements together, along the rays from their viewpoints
   double score = 0.0;          // the method's own, see there
 };
 

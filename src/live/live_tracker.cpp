@@ -35,24 +35,25 @@ TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
 
 // A stream does not know how often a place will be hit later on: a twig that is hit more often for
 // a while looks like something new. What neither moves nor floats may be one.
-bool MovesOrFloats(const std::vector<Plot>& path) {
+bool MovesOrFloats(const std::vector<SeenPlot>& path) {
   const std::size_t third = std::max<std::size_t>(1, path.size() / 3);
   Eigen::Vector3d begin_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d end_m = Eigen::Vector3d::Zero();
   std::size_t num_floating = 0;
   for (std::size_t i = 0; i < path.size(); ++i) {
-    if (i < third) begin_m += path[i].position_m / static_cast<double>(third);
-    if (i >= path.size() - third) end_m += path[i].position_m / static_cast<double>(third);
-    num_floating += path[i].is_floating ? 1U : 0U;
+    const Plot& plot = path[i].plot;
+    if (i < third) begin_m += plot.position_m / static_cast<double>(third);
+    if (i >= path.size() - third) end_m += plot.position_m / static_cast<double>(third);
+    num_floating += plot.is_floating ? 1U : 0U;
   }
-  const double least_m = kLeastMove.At(path.front().position_m.norm());
+  const double least_m = kLeastMove.At(path.front().ray_m.norm());
   return 2 * num_floating >= path.size() || (end_m - begin_m).norm() > least_m;
 }
 
 // How many plots at the begin of a path stand still for long without floating: what flies off from
 // there is another thing than what stands there.
 std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
-  const double least_m = kLeastMove.At(path.front().plot.position_m.norm());
+  const double least_m = kLeastMove.At(path.front().ray_m.norm());
   Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
   std::size_t count = 0;
   std::size_t num_floating = 0;
@@ -75,14 +76,17 @@ SceneSnapshot::SceneSnapshot(std::vector<Eigen::Vector3f> points_m, const Elevat
       ground(structure_m, config.ground),
       support(structure_m, ground, view, config.background.occluder_cell_deg, config.support) {}
 
+LiveTracker::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config)
+    : viewpoint_m(its_viewpoint_m),
+      occupancy(config.robust.background),
+      clutter(config.robust, config.live.window_s) {}
+
 LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event)
     : config_(config),
       output_times_(std::move(output_times)),
       on_event_(std::move(on_event)),
       bin_ns_(Ns(config.robust.background.bin_s)),
-      occupancy_(config.robust.background),
-      snapshot_interval_ns_(kFirstRefitNs),
-      clutter_(config.robust, config.live.window_s) {}
+      snapshot_interval_ns_(kFirstRefitNs) {}
 
 LiveTracker::~LiveTracker() = default;
 
@@ -93,6 +97,9 @@ void LiveTracker::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
     moment_.frames_before.resize(sensor + 1, 0);
   }
   recent_.sensors[sensor] = info;
+  const std::size_t station = stations_.Add(sensor, info.origin_m);
+  if (station == scenes_.size()) scenes_.emplace_back(stations_.ViewpointM(station), config_);
+  watch_.sensors[sensor].viewpoint_m = stations_.ViewpointM(station).cast<double>();
   watch_.sensors[sensor].frame_s = static_cast<double>(info.frame_period_ns) * kSecondsPerNs;
   const TrackerConfig& tracker = config_.robust.tracker;
   models_.clear();
@@ -127,15 +134,30 @@ void LiveTracker::Take(LoadedFrame frame) {
   }
   AddInstants(frame.info);
   const std::int64_t bin = BinOf(middle_ns);
-  occupancy_.AddFrame(bin);
-  for (const Eigen::Vector3f& point_m : frame.points_m) occupancy_.Add(point_m, bin);
+  Station& station = StationOf(frame.info);
+  if (!std::exchange(station.has_begun, true)) {
+    station.begin_ns = frame.info.begin_ns;
+    station.search_from_ns = station.begin_ns + kWarmUpNs;
+    learning_since_ns_ = station.begin_ns;
+  }
+  for (Eigen::Vector3f& point_m : frame.points_m) point_m -= station.viewpoint_m;
+  station.occupancy.AddFrame(bin);
+  for (const Eigen::Vector3f& point_m : frame.points_m) station.occupancy.Add(point_m, bin);
   front_ns_ = std::max(front_ns_, middle_ns);
-  if (!is_warm()) {
+  if (!station.snapshot) {
     for (const Eigen::Vector3f& point_m : frame.points_m) {
-      if (early_returns_m_.size() < kElevationReturns) early_returns_m_.push_back(point_m);
+      if (station.early_returns_m.size() < kElevationReturns) {
+        station.early_returns_m.push_back(point_m);
+      }
     }
+  }
+  if (!is_warm()) {
     early_.emplace_back(std::move(frame), bin);
     if (front_ns_ - begin_ns_ >= kWarmUpNs) WarmUp();
+    return;
+  }
+  if (!station.snapshot) {
+    WarmUpLate(std::move(frame), bin, &station);
     return;
   }
   if (front_ns_ - snapshot_ns_ >= snapshot_interval_ns_) RefitScene();
@@ -143,17 +165,34 @@ void LiveTracker::Take(LoadedFrame frame) {
   MakeEarlyPlots(kEarlyFramesAtOnce);
 }
 
+LiveTracker::Station& LiveTracker::StationOf(const FrameInfo& frame) {
+  return scenes_[stations_.StationOf(frame.sensor)];
+}
+
+void LiveTracker::Learn(const LoadedFrame& frame, std::int64_t bin, Station* station) {
+  for (const Eigen::Vector3f& point_m : frame.points_m) {
+    station->view.Add(point_m);
+    station->occupancy.Judge(point_m, bin, 0, [](const Eigen::Vector3f&) { return false; });
+  }
+}
+
 // What was kept until the scene is known a little.
 void LiveTracker::WarmUp() {
-  if (!early_returns_m_.empty()) lowest_elevation_rad_ = LowestElevationRad(early_returns_m_);
-  early_returns_m_ = {};
-  for (const auto& [frame, bin] : early_) {
-    for (const Eigen::Vector3f& point_m : frame.points_m) {
-      view_.Add(point_m);
-      occupancy_.Judge(point_m, bin, 0, [](const Eigen::Vector3f&) { return false; });
-    }
-  }
+  for (const auto& [frame, bin] : early_) Learn(frame, bin, &StationOf(frame.info));
   RefitScene();
+}
+
+// A station that is first heard when others are warm is as ignorant as they were: what it sees
+// until it is warm, too, is left out, and what it sees then for as long only tells of clutter.
+void LiveTracker::WarmUpLate(LoadedFrame frame, std::int64_t bin, Station* station) {
+  station->early.emplace_back(std::move(frame), bin);
+  if (front_ns_ - station->begin_ns < kWarmUpNs) return;
+  for (const auto& [early_frame, early_bin] : std::exchange(station->early, {})) {
+    Learn(early_frame, early_bin, station);
+  }
+  station->search_from_ns = front_ns_ + kWarmUpNs;
+  learning_since_ns_ = station->begin_ns;
+  Refit(station);
 }
 
 void LiveTracker::MakeEarlyPlots(std::size_t most) {
@@ -166,15 +205,31 @@ void LiveTracker::MakeEarlyPlots(std::size_t most) {
   }
 }
 
+void LiveTracker::Refit(Station* station) {
+  if (!station->early_returns_m.empty()) {
+    station->lowest_elevation_rad = LowestElevationRad(std::exchange(station->early_returns_m, {}));
+  }
+  station->snapshot = std::make_unique<SceneSnapshot>(station->occupancy.Structure(),
+                                                      station->view.Edges(), config_.robust);
+}
+
 void LiveTracker::RefitScene() {
-  if (is_warm()) snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
-  snapshot_ =
-      std::make_unique<SceneSnapshot>(occupancy_.Structure(), view_.Edges(), config_.robust);
+  if (std::exchange(is_warm_, true)) {
+    snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
+    for (Station& station : scenes_) {
+      if (station.snapshot) Refit(&station);
+    }
+  } else {
+    for (Station& station : scenes_) {
+      if (station.has_begun) Refit(&station);
+    }
+  }
   snapshot_ns_ = front_ns_;
   ++num_snapshots_;
 }
 
 void LiveTracker::MakePlots(LoadedFrame loaded, std::int64_t bin) {
+  Station& station = StationOf(loaded.info);
   Recording frame;
   frame.points_m = std::move(loaded.points_m);
   frame.times_ns = std::move(loaded.times_ns);
@@ -183,19 +238,20 @@ void LiveTracker::MakePlots(LoadedFrame loaded, std::int64_t bin) {
   frame.frames[0].last_return = static_cast<std::uint32_t>(frame.points_m.size());
   std::vector<std::uint32_t> candidates;
   std::vector<float> rates(frame.points_m.size(), 0.0F);
-  const Occupancy::FloatsIn floats = [this](const Eigen::Vector3f& point_m) {
-    return snapshot_->support.IsFloating(point_m);
+  const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
+    return station.snapshot->support.IsFloating(point_m);
   };
   for (std::uint32_t i = 0; i < frame.points_m.size(); ++i) {
     const Eigen::Vector3f& point_m = frame.points_m[i];
-    view_.Add(point_m);
-    const Occupancy::Verdict verdict = occupancy_.Judge(point_m, bin, num_snapshots_, floats);
+    station.view.Add(point_m);
+    const Occupancy::Verdict verdict =
+        station.occupancy.Judge(point_m, bin, num_snapshots_, floats);
     rates[i] = verdict.place_rate;
     if (verdict.is_structure && !verdict.floats) continue;
-    if (!snapshot_->ground.Holds(point_m)) candidates.push_back(i);
+    if (!station.snapshot->ground.Holds(point_m)) candidates.push_back(i);
   }
-  FramePlots found = PlotsOfFrame(frame, 0, std::move(candidates), snapshot_->ground,
-                                  lowest_elevation_rad_, config_.robust.plots);
+  FramePlots found = PlotsOfFrame(frame, 0, std::move(candidates), station.snapshot->ground,
+                                  station.lowest_elevation_rad, config_.robust.plots);
   HeldFrame held;
   held.info = frame.frames[0];
   for (Plot& plot : found.plots) {
@@ -214,10 +270,11 @@ void LiveTracker::MakePlots(LoadedFrame loaded, std::int64_t bin) {
   }
   ++num_frames_;
   for (const BodyBox& body : found.bodies) {
+    std::deque<BodyBox>& bodies = station.bodies;
     const auto at =
-        std::upper_bound(bodies_.begin(), bodies_.end(), body.time_ns,
+        std::upper_bound(bodies.begin(), bodies.end(), body.time_ns,
                          [](TimeNs time_ns, const BodyBox& box) { return time_ns < box.time_ns; });
-    bodies_.insert(at, body);
+    bodies.insert(at, body);
   }
   held_.push_back(std::move(held));
 }
@@ -235,16 +292,17 @@ void LiveTracker::Step(HeldFrame held) {
   const double time_s = SecondsOf(middle_ns);
   const TimeNs margin_ns = Ns(config_.robust.plots.body_margin_s);
   stepped_ns_ = std::max(stepped_ns_, middle_ns);
-  while (!bodies_.empty() && bodies_.front().time_ns < middle_ns - 2 * margin_ns) {
-    bodies_.pop_front();
+  Station& station = StationOf(held.info);
+  while (!station.bodies.empty() && station.bodies.front().time_ns < middle_ns - 2 * margin_ns) {
+    station.bodies.pop_front();
   }
   moment_.time_s = time_s;
   recent_.frames.push_back(held.info);
-  clutter_.AddFrame(held.info.sensor, time_s);
+  station.clutter.AddFrame(held.info.sensor, time_s);
 
   std::vector<Plot> plots;
   for (const SeenPlot& seen : held.plots) plots.push_back(seen.plot);
-  const std::vector<BodyBox> bodies(bodies_.begin(), bodies_.end());
+  const std::vector<BodyBox> bodies(station.bodies.begin(), station.bodies.end());
   std::vector<Plot> left = plots;
   DropNearBodies(bodies, config_.robust.plots, &left);
   std::vector<SeenPlot> seen;
@@ -256,7 +314,7 @@ void LiveTracker::Step(HeldFrame held) {
     seen.back().at = moment_;
     place_rates.push_back(held.place_rates[i]);
   }
-  clutter_.Judge(snapshot_->support, place_rates, time_s, &left);
+  station.clutter.Judge(station.snapshot->support, place_rates, time_s, &left);
   const TrackerConfig& tracker = config_.robust.tracker;
   const double fade = std::exp(-std::max(0.0, time_s - rates_s_) / kRatesFadeS);
   watched_s_ = watched_s_ * fade + std::max(0.0, time_s - rates_s_);
@@ -265,6 +323,8 @@ void LiveTracker::Step(HeldFrame held) {
   rates_s_ = std::max(rates_s_, time_s);
   std::vector<double> odds;
   for (std::size_t i = 0; i < seen.size(); ++i) {
+    seen[i].ray_m = seen[i].plot.position_m;
+    seen[i].plot.position_m += station.viewpoint_m.cast<double>();
     seen[i].plot.log_clutter = left[i].log_clutter;
     seen[i].plot.is_floating = left[i].is_floating;
     odds.push_back(std::exp(LogBirthOdds(seen[i].plot, watch_, tracker)));
@@ -295,7 +355,7 @@ void LiveTracker::Step(HeldFrame held) {
   for (std::size_t i = 0; i < seen.size(); ++i) is_free[i] = best_gain[i] <= kTaken;
 
   // Before it is warm, nobody knows what clutter is: what was seen until then only tells.
-  if (!seen.empty() && middle_ns - begin_ns_ >= kWarmUpNs) {
+  if (!seen.empty() && middle_ns >= station.search_from_ns) {
     const std::size_t first = plots_.size();
     for (std::size_t i = 0; i < seen.size(); ++i) {
       const double even = tracker.even_birth_share;
@@ -332,7 +392,7 @@ void LiveTracker::Confirm() {
   const auto num_models = static_cast<double>(models_.size() * tracker.birth_speeds_mps.size());
   const double threshold =
       std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) +
-      kUnknownLog * std::exp(-moment_.time_s / kLearningS);
+      kUnknownLog * std::exp(-(moment_.time_s - SecondsOf(learning_since_ns_)) / kLearningS);
   std::vector<Path> paths;
   for (const TrackSearch& search : searches_) {
     for (Path& path : search.PathsToLastSlice(threshold)) paths.push_back(std::move(path));
@@ -370,7 +430,7 @@ void LiveTracker::ConfirmPath(const Path& path, double threshold) {
   std::vector<Plot> members;
   members.reserve(seen.size());
   for (const SeenPlot& at : seen) members.push_back(at.plot);
-  if (!IsFlight(recent_, members, config_.robust) || !MovesOrFloats(members)) return;
+  if (!IsFlight(recent_, watch_, members, config_.robust) || !MovesOrFloats(seen)) return;
   // A drone that shows as two plots in a frame is no second one.
   const bool is_known = std::any_of(outputs_.begin(), outputs_.end(), [&](const Output& other) {
     const auto near = std::count_if(seen.begin(), seen.end(), [&](const SeenPlot& at) {
@@ -406,8 +466,10 @@ void LiveTracker::Tidy(double time_s) {
       std::find_if(recent_.frames.begin(), recent_.frames.end(),
                    [&](const FrameInfo& info) { return info.begin_ns >= oldest_ns; });
   recent_.frames.erase(recent_.frames.begin(), frame);
-  clutter_.Sweep(time_s);
-  occupancy_.Sweep();
+  for (Station& station : scenes_) {
+    station.clutter.Sweep(time_s);
+    station.occupancy.Sweep();
+  }
   TimeNs given_ns = stepped_ns_ - Ns(kKeepPathsS);
   for (const Output& output : outputs_) {
     if (output.is_told) given_ns = std::min(given_ns, output.given_ns);
@@ -480,6 +542,7 @@ void LiveTracker::GiveRowsOf(Output* output, TimeNs limit_ns, TimeNs newest_ns) 
   source.trajectory = track.trajectory();
   source.presence = interval;
   source.depth_sigma_m = track.depth_sigma_m();
+  source.sights = SightsOf(track.measurements());
   source.max_sigma_m = config_.trajectory.max_sigma_m;
   const OutputInstants instants(std::vector<TimeNs>(next, end));
   const RowStream rows = SampleRows(source, instants);
@@ -491,7 +554,7 @@ void LiveTracker::GiveRowsOf(Output* output, TimeNs limit_ns, TimeNs newest_ns) 
     output->given_ns = row->time_ns;
   }
   for (const SeenPlot& seen : track.Settle(SecondsOf(output->given_ns))) {
-    clutter_.Explain(seen.plot.frame, seen.plot.position_m);
+    scenes_[stations_.StationOf(seen.plot.sensor)].clutter.Explain(seen.plot.frame, seen.ray_m);
   }
 }
 

@@ -15,6 +15,7 @@
 #include "live/track_follower.hpp"
 #include "robust/scene/field_of_view.hpp"
 #include "robust/scene/ground.hpp"
+#include "robust/scene/stations.hpp"
 #include "robust/scene/support.hpp"
 #include "robust/tracking/track_search.hpp"
 #include "trajectory/output_times.hpp"
@@ -54,10 +55,29 @@ class LiveTracker {
   // No frame will follow.
   void Close(TimeNs newest_ns);
 
-  bool is_warm() const { return snapshot_ != nullptr; }
+  bool is_warm() const { return is_warm_; }
 
  private:
-  // A frame whose plots are not yet judged: a body may still show itself beside them.
+  // What the sensors of one station see, relative to its viewpoint.
+  struct Station {
+    Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config);
+
+    Eigen::Vector3f viewpoint_m;
+    bool has_begun = false;
+    TimeNs begin_ns = 0;
+    TimeNs search_from_ns = 0;  // what it shows before only tells of clutter
+    Occupancy occupancy;
+    FieldOfView view;
+    std::unique_ptr<SceneSnapshot> snapshot;                 // none before it is warm
+    std::deque<std::pair<LoadedFrame, std::int64_t>> early;  // frames before, if others are
+    std::vector<Eigen::Vector3f> early_returns_m;            // for the lowest elevation
+    double lowest_elevation_rad = 0.0;
+    LiveClutter clutter;
+    std::deque<BodyBox> bodies;
+  };
+
+  // A frame whose plots are not yet judged: a body may still show itself beside them. They are
+  // relative to the viewpoint.
   struct HeldFrame {
     FrameInfo info;
     std::vector<SeenPlot> plots;
@@ -72,7 +92,11 @@ class LiveTracker {
 
   std::int64_t BinOf(TimeNs time_ns);
   double SecondsOf(TimeNs time_ns) const;
+  Station& StationOf(const FrameInfo& frame);
+  static void Learn(const LoadedFrame& frame, std::int64_t bin, Station* station);
   void WarmUp();
+  void WarmUpLate(LoadedFrame frame, std::int64_t bin, Station* station);
+  void Refit(Station* station);
   void MakeEarlyPlots(std::size_t most);
   void RefitScene();
   void MakePlots(LoadedFrame frame, std::int64_t bin);
@@ -99,20 +123,17 @@ class LiveTracker {
   TimeNs stepped_ns_ = 0;         // and of the newest one that was searched
 
   // Scene.
-  Occupancy occupancy_;
-  FieldOfView view_;
-  std::unique_ptr<SceneSnapshot> snapshot_;
+  Stations stations_;
+  std::vector<Station> scenes_;  // (stations)
+  bool is_warm_ = false;
+  TimeNs learning_since_ns_ = 0;  // when the youngest station began
   TimeNs snapshot_ns_ = 0;
   int num_snapshots_ = 0;
   TimeNs snapshot_interval_ns_ = 0;
-  std::vector<Eigen::Vector3f> early_returns_m_;  // for the lowest elevation
-  double lowest_elevation_rad_ = 0.0;
   std::deque<std::pair<LoadedFrame, std::int64_t>> early_;  // frames before it is warm
 
   // Plots.
-  LiveClutter clutter_;
   std::deque<HeldFrame> held_;
-  std::deque<BodyBox> bodies_;
   std::uint32_t num_frames_ = 0;
 
   // Search.

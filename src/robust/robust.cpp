@@ -3,10 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <iterator>
 
-#include "robust/plots/floating.hpp"
-#include "robust/scene/field_of_view.hpp"
+#include "robust/plots/views.hpp"
 #include "robust/tracking/flight.hpp"
 
 namespace unlidar {
@@ -29,27 +27,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                                const TrajectoryConfig& trajectory_config) {
   RobustResult result;
   if (recording.points_m.empty()) return result;
-  const Background background(recording, config.background);
-  const PointsView structure_m(recording.points_m, background.structure());
-  const Ground ground(structure_m, config.ground);
-  FieldOfView view;
-  for (const Eigen::Vector3f& point_m : recording.points_m) view.Add(point_m);
-  const Support support(structure_m, ground, view.Edges(), config.background.occluder_cell_deg,
-                        config.support);
-  // What stands still in the air all the time looks like structure, but is none.
-  const std::vector<std::uint32_t> floating =
-      support.FloatingReturns(recording, background.structure());
-  std::vector<std::uint32_t> candidates;
-  std::merge(background.unexplained().begin(), background.unexplained().end(), floating.begin(),
-             floating.end(), std::back_inserter(candidates));
-  // Ground far away is hit too seldom to be known by its occupancy.
-  candidates.erase(
-      std::remove_if(candidates.begin(), candidates.end(),
-                     [&](std::uint32_t i) { return ground.Holds(recording.points_m[i]); }),
-      candidates.end());
-  std::vector<char> excluded;  // returns of bodies, then also of targets found
-  std::vector<Plot> plots = MakePlots(recording, candidates, ground, config.plots, &excluded);
-  MarkFloating(recording, support, config.background.place, &plots);
+  Views views(recording, Stations(recording.sensors), config);
+  const std::vector<Plot>& plots = views.plots();
   // A score is a log likelihood ratio, weighted by how likely its first plot is the first: so by
   // Ville's inequality clutter reaches the threshold from all plots and with all models together
   // with a probability of at most false_alarms_per_recording.
@@ -61,20 +40,15 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   const auto is_target = [&](const Path& path) {
     if (path.score < threshold) return false;
     const std::vector<Plot> members = PlotsOf(path, plots);
-    return IsFlight(recording, members, config);
+    return IsFlight(recording, watch, members, config);
   };
 
   // What the first round finds is clutter no more for the second, which then sees farther. What
   // floats in one place is none from the start.
-  std::vector<char> explained(plots.size(), 0);
-  std::vector<char> is_standing(recording.points_m.size(), 0);
-  for (const std::uint32_t i : floating) is_standing[i] = 1;
-  for (std::size_t i = 0; i < plots.size(); ++i) {
-    explained[i] = plots[i].is_floating && IsTaken(plots[i], is_standing);
-  }
+  std::vector<char> explained = views.are_parked();
   std::vector<Path> paths;
   for (int round = 0; round < config.rounds; ++round) {
-    EstimateClutter(background, config.plots, explained, &plots);
+    views.EstimateClutter(explained);
     paths = FindPaths(plots, watch, config.tracker);
     const std::vector<char> before = explained;
     for (const Path& path : paths) {
@@ -84,7 +58,9 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     if (explained == before) break;
   }
 
-  result.counts = {candidates.size(),
+  std::vector<char> excluded = views.are_bodies();  // and then also the returns of targets found
+  const std::vector<SensorView> sensor_views = views.SensorViews();
+  result.counts = {views.num_unexplained(),
                    static_cast<std::size_t>(std::count(excluded.begin(), excluded.end(), 1)),
                    plots.size(), paths.size(), threshold};
   for (const Path& path : paths) {
@@ -95,8 +71,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                                  [&](const Plot& plot) { return IsTaken(plot, excluded); }),
                   members.end());
     if (2 * members.size() < path.plots.size() || !HasFrames(members, config.min_plots)) continue;
-    Target target =
-        CollectTarget(recording, background, members, excluded, config.collect, trajectory_config);
+    Target target = CollectTarget(recording, sensor_views, members, excluded, config.collect,
+                                  trajectory_config);
     if (target.measurements.empty()) continue;
     target.score = path.score;
     for (const std::uint32_t i : target.returns) excluded[i] = 1;

@@ -6,7 +6,8 @@
 // 3. Paths: the sequences of plots that a flying target explains far better than clutter.
 // 4. Collection: all returns along a path, and their mean per frame.
 //
-// Positions are in the common frame, z up; the station stands near its origin.
+// Positions are in the common frame, z up. Sensors that stand together are a station; 1 and 2 are
+// those of each station by itself, about its viewpoint, and paths lead through the plots of all.
 #pragma once
 
 #include <cstddef>

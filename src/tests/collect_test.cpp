@@ -52,8 +52,10 @@ std::vector<Plot> PathOf(const RecordingMaker& maker, std::uint32_t first, std::
 Target Collect(const RecordingMaker& maker, const std::vector<Plot>& path,
                std::vector<char> excluded = {}, const CollectConfig& config = CollectConfig()) {
   excluded.resize(maker.labels.size(), 0);
-  return CollectTarget(maker.recording, Background(maker.recording, BackgroundConfig()), path,
-                       excluded, config, TrajectoryConfig());
+  const Background background(maker.recording, BackgroundConfig());
+  const std::vector<SensorView> views(maker.recording.sensors.size(),
+                                      {Eigen::Vector3f::Zero(), &background});
+  return CollectTarget(maker.recording, views, path, excluded, config, TrajectoryConfig());
 }
 
 double ShareFound(const RecordingMaker& maker, const Target& target, int label) {
@@ -206,6 +208,67 @@ TEST(CollectTarget, TheCentreLiesBehindTheReturnsByAShareOfTheirSpread) {
     EXPECT_NEAR(shift_m.dot(mean_m.normalized()), shift_m.norm(), 1e-9);
   }
   EXPECT_NEAR(corrected.depth_sigma_m, CollectConfig().facing_side_sigma * 0.1, 0.01);
+}
+
+TEST(CollectTarget, TheCentreLiesBetweenWhatTwoStationsSeeOfItsSides) {
+  // Each sees but the side that faces it, and the drone flies between them.
+  constexpr double kDepthM = 0.15;
+  const std::vector<Eigen::Vector3f> viewpoints_m = {{0.0F, 0.0F, 0.0F}, {40.0F, 0.0F, 0.0F}};
+  RecordingMaker maker(14, 2);
+  for (int i = 0; i < kFrames; ++i) {
+    for (std::uint32_t sensor = 0; sensor < 2; ++sensor) {
+      maker.BeginFrame(i * kPeriodS, sensor);
+      const Eigen::Vector3d centre_m = DroneAt(testing::MiddleS(i));
+      const Eigen::Vector3d ray_m = centre_m - viewpoints_m[sensor].cast<double>();
+      maker.AddBlob(centre_m - kDepthM * ray_m.normalized(), 0.1, 6, kDrone);
+    }
+  }
+  const Background background(maker.recording, BackgroundConfig());
+  CollectConfig config;
+  config.facing_side = 1.5;  // of the spread of 0.1 m
+  config.sensor_bias_m = 1e-4;
+  const std::vector<char> excluded(maker.labels.size(), 0);
+  const Target target = CollectTarget(
+      maker.recording, {{viewpoints_m[0], &background}, {viewpoints_m[1], &background}},
+      PathOf(maker, 0, 2 * kFrames - 1), excluded, config, TrajectoryConfig());
+  EXPECT_GT(ShareFound(maker, target, kDrone), 0.97);
+  Eigen::Vector3d sums_m[2] = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+  for (const Measurement& m : target.measurements) {
+    const std::size_t sensor = m.viewpoint_m.x() > 20.0 ? 1 : 0;
+    EXPECT_EQ(m.viewpoint_m, viewpoints_m[sensor].cast<double>());
+    sums_m[sensor] += m.position_m - DroneAt(SecondsSinceBegin(m.time_ns));
+  }
+  for (const Eigen::Vector3d& sum_m : sums_m) EXPECT_LT(sum_m.norm() / kFrames, 0.03);
+}
+
+TEST(CollectTarget, WhatTwoStationsDisagreeByIsSharedEvenly) {
+  const Eigen::Vector3d offset_m(0.1, -0.2, 0.15);
+  const Eigen::Vector3f apart_m(40.0F, 0.0F, 0.0F);
+  RecordingMaker maker(15, 2);
+  for (int i = 0; i < 2 * kFrames; ++i) {
+    const auto sensor = static_cast<std::uint32_t>(i % 2);
+    const double begin_s = 0.5 * i * kPeriodS;
+    maker.BeginFrame(begin_s, sensor);
+    const Eigen::Vector3d shift_m = sensor == 1 ? 0.5 * offset_m : -0.5 * offset_m;
+    // The first one sees it better, which does not make its survey a better one.
+    maker.AddBlob(DroneAt(begin_s + 0.5 * kPeriodS) + shift_m, 0.1, sensor == 0 ? 9 : 6, kDrone);
+  }
+  const Background background(maker.recording, BackgroundConfig());
+  CollectConfig config;
+  config.facing_side = 0.0;
+  const std::vector<char> excluded(maker.labels.size(), 0);
+  const auto mean_error_m = [&](const Eigen::Vector3f& other_m) -> Eigen::Vector3d {
+    const Target target = CollectTarget(
+        maker.recording, {{Eigen::Vector3f::Zero(), &background}, {other_m, &background}},
+        PathOf(maker, 0, 2 * kFrames - 1), excluded, config, TrajectoryConfig());
+    Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+    for (const Measurement& m : target.measurements) {
+      sum_m += m.position_m - DroneAt(SecondsSinceBegin(m.time_ns));
+    }
+    return sum_m / static_cast<double>(target.measurements.size());
+  };
+  EXPECT_LT(mean_error_m(apart_m).norm(), 0.03);
+  EXPECT_LT((mean_error_m(Eigen::Vector3f::Zero()) + 0.5 * offset_m).norm(), 0.03);
 }
 
 TEST(CollectTarget, LeavesTheReturnsOfAWallBesideTheTrack) {

@@ -213,6 +213,47 @@ TEST(Engine, TellsWhenASensorIsSilentAndWhenItIsBack) {
   EXPECT_EQ(is_silent, (std::vector<bool>{false, true, false}));
 }
 
+TEST(Engine, TellsTheSameWhereverItsSensorStands) {
+  const Eigen::Vector3d by_m(256.0, -512.0, 16.0);
+  Config moved;
+  moved.sensors["a"].translation_m = by_m;
+  const std::vector<Frame> frames = Frames(Scene(1, 6.0, 14.0), 200);
+  const Told at_origin = ToldOf(frames);
+  const Told elsewhere = ToldOf(frames, moved);
+  ASSERT_EQ(elsewhere.confirmed.size(), 1U);
+  ASSERT_EQ(elsewhere.rows.size(), at_origin.rows.size());
+  for (std::size_t i = 0; i < elsewhere.rows.size(); ++i) {
+    const TrajectoryRow& a = at_origin.rows[i];
+    const TrajectoryRow& b = elsewhere.rows[i];
+    EXPECT_EQ(b.time_ns, a.time_ns);
+    EXPECT_LT((b.position_m - by_m - a.position_m).norm(), 0.01) << i;
+    EXPECT_LT((b.sigma_m - a.sigma_m).norm(), 0.01) << i;
+  }
+}
+
+TEST(Engine, AStationThatIsHeardLaterLearnsWhatIsAboutItAndFindsItsDrone) {
+  const Eigen::Vector3d by_m(300.0, 40.0, 3.0);
+  Config config;
+  config.sensors["b"].translation_m = by_m;
+  Scene about_a(1, 1e9, 1e9);
+  Scene about_b(2, 20.0, 28.0);
+  std::vector<Frame> frames;
+  for (int i = 0; i < 320; ++i) {
+    frames.push_back(about_a.FrameAt(i, 0));
+    if (i >= 80) frames.push_back(about_b.FrameAt(i, 1));
+  }
+  const Told told = ToldOf(frames, config, {"a", "b"});
+  ASSERT_EQ(told.confirmed.size(), 1U);
+  EXPECT_NEAR(static_cast<double>(told.confirmed[0].first_evidence_ns - kBeginNs) * 1e-9, 20.0,
+              0.6);
+  ASSERT_GT(told.rows.size(), 70U);
+  for (const TrajectoryRow& row : told.rows) {
+    const Eigen::Vector3d truth_m =
+        by_m + Scene::DroneAt(static_cast<double>(row.time_ns - kBeginNs) * 1e-9);
+    EXPECT_LT((row.position_m - truth_m).norm(), 0.5);
+  }
+}
+
 TEST(Engine, APauseOfAllSensorsMakesNoNewScene) {
   Scene scene(6, 1e9, 1e9);
   std::vector<Frame> frames;

@@ -326,6 +326,22 @@ TEST(SampleRows, AllRowsShareAnErrorOfDepthAlongTheRay) {
   EXPECT_EQ(Sampled(source, times_ns).size(), 2U);
 }
 
+TEST(SampleRows, TheRayOfARowBeginsWhereItsNearestMeasurementWasSeenFrom) {
+  const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
+  RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
+  const auto plain = Sampled(source, times_ns);
+  source.depth_sigma_m = 0.2;
+  source.sights = {
+      {0, {0.0, 0.0, -1000.0}}, {5 * kPeriodNs, {-1000.0, 0.0, 0.0}}, {20 * kPeriodNs, {0, 0, 0}}};
+  const auto rows = Sampled(source, times_ns);
+  ASSERT_EQ(rows.size(), 2U);
+  const std::vector<Eigen::Vector3d> expected_m2 = {{0.0, 0.0, 0.04}, {0.04, 0.0, 0.0}};
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const Eigen::Vector3d added_m2 = rows[i].sigma_m.cwiseAbs2() - plain[i].sigma_m.cwiseAbs2();
+    EXPECT_LT((added_m2 - expected_m2[i]).norm(), 2e-3) << i;
+  }
+}
+
 TEST(SupportByFrame, CountsTheReturnsOfEachFrameThatHasOne) {
   const Recording recording = FramesOf({2, 3, 0, 5, 1});
   const auto support = SupportByFrame(recording, {1, 2, 4, 9, 10});

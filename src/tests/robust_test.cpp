@@ -297,5 +297,83 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
               1e-9);
 }
 
+// The same, seen from a sensor that stands elsewhere.
+Recording Moved(Recording recording, const Eigen::Vector3f& by_m) {
+  for (SensorInfo& sensor : recording.sensors) sensor.origin_m += by_m;
+  for (Eigen::Vector3f& point_m : recording.points_m) point_m += by_m;
+  return recording;
+}
+
+TEST(FindTargetsRobust, FindsTheSameWhereverItsSensorStands) {
+  const Eigen::Vector3f by_m(256.0F, -512.0F, 16.0F);
+  const Recording yard = Yard(5, DroneOn(Transit, 2.0)).recording;
+  const RobustResult at_origin = Find(yard);
+  const RobustResult elsewhere = Find(Moved(yard, by_m));
+  ASSERT_EQ(at_origin.targets.size(), 1U);
+  ASSERT_EQ(elsewhere.targets.size(), 1U);
+  const Target& a = at_origin.targets.front();
+  const Target& b = elsewhere.targets.front();
+  // Coordinates so far out are coarser, so that a return at the edge of something may change sides.
+  EXPECT_NEAR(static_cast<double>(b.returns.size()), static_cast<double>(a.returns.size()), 2.0);
+  EXPECT_NEAR(b.score, a.score, 0.02 * a.score);
+  ExpectOneDrone(
+      elsewhere,
+      [&](double time_s) -> Eigen::Vector3d { return Transit(time_s) + by_m.cast<double>(); },
+      11.0);
+}
+
+// Returns of both, frame by frame in order of time, with the sensors of `b` behind those of `a`.
+Recording Together(const Recording& a, const Recording& b) {
+  Recording both;
+  both.sensors = a.sensors;
+  both.sensors.insert(both.sensors.end(), b.sensors.begin(), b.sensors.end());
+  for (std::size_t f = 0; f < a.frames.size(); ++f) {
+    for (const Recording* of : {&a, &b}) {
+      FrameInfo frame = of->frames[f];
+      const auto first = static_cast<std::uint32_t>(both.points_m.size());
+      for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+        both.points_m.push_back(of->points_m[i]);
+        both.times_ns.push_back(of->times_ns[i]);
+      }
+      frame.first_return = first;
+      frame.last_return = static_cast<std::uint32_t>(both.points_m.size());
+      if (of == &b) frame.sensor += static_cast<std::uint32_t>(a.sensors.size());
+      both.frames.push_back(frame);
+    }
+  }
+  return both;
+}
+
+TEST(FindTargetsRobust, FindsADroneBetweenTwoStationsAsOneTrack) {
+  // It leaves the yard of the first and comes to that of the second; each sees it within 70 m.
+  const Eigen::Vector3d other_m(120.0, 0.0, 0.0);
+  const Flight across = [](double time_s) -> Eigen::Vector3d {
+    return {8.0 + 9.0 * time_s, 9.0, 12.0 + std::sin(0.6 * time_s)};
+  };
+  const auto seen_from = [&](std::uint32_t seed, const Eigen::Vector3d& viewpoint_m) {
+    const Filler drone = [&, viewpoint_m](double time_s, RecordingMaker* maker) {
+      const Eigen::Vector3d ray_m = across(time_s) - viewpoint_m;
+      if (ray_m.norm() > 70.0) return;
+      maker->AddBlob(ray_m, 0.1, maker->random.Poisson(1000.0 / ray_m.squaredNorm()), kDrone);
+    };
+    return Moved(Yard(seed, drone).recording, viewpoint_m.cast<float>());
+  };
+  for (std::uint32_t seed = 0; seed < 3; ++seed) {
+    const Recording both =
+        Together(seen_from(seed, Eigen::Vector3d::Zero()), seen_from(seed + 7, other_m));
+    ExpectOneDrone(Find(both), across, 11.0);
+  }
+}
+
+TEST(FindTargetsRobust, FindsNothingWhereTwoStationsSeeNoDrone) {
+  const Filler nothing = [](double, RecordingMaker*) {};
+  for (std::uint32_t seed = 0; seed < 3; ++seed) {
+    const Recording both =
+        Together(Yard(seed, nothing).recording,
+                 Moved(Yard(seed + 7, nothing).recording, Eigen::Vector3f(60.0F, 8.0F, 1.0F)));
+    EXPECT_TRUE(Find(both).targets.empty()) << seed;
+  }
+}
+
 }  // namespace
 }  // namespace unlidar

@@ -163,6 +163,48 @@ TEST(PathScorer, OnlyFramesThatWereTakenCanMissATarget) {
   EXPECT_GT(score_paused, score_watched + 5.0);
 }
 
+TEST(PathScorer, FramesOfTheSameInstantAreNotMissed) {
+  // Two sensors in step see the same target: what the second one shows is more evidence.
+  std::vector<Plot> plots;
+  for (std::uint32_t i = 0; i < 8; ++i) {
+    for (const std::uint32_t sensor : {0U, 1U}) {
+      plots.push_back(MakePlot(kBeginNs + i * kPeriodNs, {0.1 * i, 10, 10}, -9.0));
+      plots.back().sensor = sensor;
+      plots.back().frame = 2 * i + sensor;
+    }
+  }
+  const TrackerConfig config;
+  const std::vector<double> log_births(plots.size(), 0.0);
+  const PathScorer scorer(plots, log_births, WatchOver(plots, 2), config);
+  std::vector<std::uint32_t> all;
+  std::vector<std::uint32_t> first;
+  for (std::uint32_t k = 0; k < plots.size(); ++k) {
+    all.push_back(k);
+    if (plots[k].sensor == 0) first.push_back(k);
+  }
+  EXPECT_GT(scorer.Scored(all).score, scorer.Scored(first).score + 20.0);
+}
+
+TEST(LogBirths, AndVisibilityAreThoseOfTheRangeFromTheSensor) {
+  const TrackerConfig config;
+  const Eigen::Vector3d origin_m(300.0, -40.0, 2.0);
+  std::vector<Plot> plots = {MakePlot(kBeginNs, {0, 60, 60}, -9.0),
+                             MakePlot(kBeginNs, {0, 10, 10}, -9.0)};
+  const Watch watch = WatchOver(plots);
+  std::vector<Plot> moved = plots;
+  for (Plot& plot : moved) plot.position_m += origin_m;
+  Watch moved_watch = watch;
+  moved_watch.sensors[0].viewpoint_m = origin_m;
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    EXPECT_DOUBLE_EQ(LogBirthOdds(moved[i], moved_watch, config),
+                     LogBirthOdds(plots[i], watch, config));
+    const auto log_hit = [&](const Plot& plot, const Watch& of) {
+      return TrackModel(1.0, of, config).Birth(plot, 0.0, {0.0, {0}}, 1.0).log_hit;
+    };
+    EXPECT_DOUBLE_EQ(log_hit(moved[i], moved_watch), log_hit(plots[i], watch));
+  }
+}
+
 TEST(LogBirths, ExpectReturnsByTheSecondWhateverTheFrameRate) {
   // Half as long frames hold half as many returns: far away, where one is rare, half the chance.
   const TrackerConfig config;

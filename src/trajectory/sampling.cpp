@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <iterator>
 #include <optional>
 #include <utility>
 
@@ -88,11 +89,25 @@ class RowSampler {
       ++instant_;
       TrajectoryRow row = source_.trajectory.At(time_ns);
       row.track_id = source_.track_id;
-      const Eigen::Vector3d depth_m = source_.depth_sigma_m * row.position_m.stableNormalized();
+      const Eigen::Vector3d ray_m = row.position_m - ViewpointAt(time_ns);
+      const Eigen::Vector3d depth_m = source_.depth_sigma_m * ray_m.stableNormalized();
       row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2()).cwiseSqrt();
       if (IsFinite(row) && row.sigma_m.maxCoeff() <= source_.max_sigma_m) return row;
     }
     return std::nullopt;
+  }
+
+  // Of two sights that are equally near, the earlier one counts; without any, the origin.
+  Eigen::Vector3d ViewpointAt(TimeNs time_ns) const {
+    const std::vector<Sight>& sights = source_.sights;
+    if (sights.empty()) return Eigen::Vector3d::Zero();
+    auto at = std::lower_bound(sights.begin(), sights.end(), time_ns,
+                               [](const Sight& sight, TimeNs t) { return sight.time_ns < t; });
+    if (at == sights.end() || (at != sights.begin() && Distance(std::prev(at)->time_ns, time_ns) <=
+                                                           Distance(at->time_ns, time_ns))) {
+      --at;
+    }
+    return at->viewpoint_m;
   }
 
   const RowSource& source_;
@@ -150,6 +165,13 @@ std::vector<FrameSupport> SupportByFrame(const Recording& recording,
     ++support.back().returns;
   }
   return support;
+}
+
+std::vector<Sight> SightsOf(const std::vector<Measurement>& measurements) {
+  std::vector<Sight> sights;
+  sights.reserve(measurements.size());
+  for (const Measurement& m : measurements) sights.push_back({m.time_ns, m.viewpoint_m});
+  return sights;
 }
 
 RowStream SampleRows(const RowSource& source, const OutputInstants& instants) {

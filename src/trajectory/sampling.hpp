@@ -43,12 +43,21 @@ struct FrameSupport {
 std::vector<FrameSupport> SupportByFrame(const Recording& recording,
                                          const std::vector<std::uint32_t>& returns);
 
+// From where a target was seen at some time.
+struct Sight {
+  TimeNs time_ns = 0;
+  Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();
+};
+
+std::vector<Sight> SightsOf(const std::vector<Measurement>& measurements);
+
 // What the rows of a track are computed from. They are not kept: there may be millions of them.
 struct RowSource {
   int track_id = 0;
   Trajectory trajectory;
   TimeInterval presence;
-  double depth_sigma_m = 0.0;  // an error that all rows share, along the ray from the origin
+  double depth_sigma_m = 0.0;  // an error that all rows share, along their rays:
+  std::vector<Sight> sights;   // from the viewpoint of the nearest of these, in order of time
   double max_sigma_m = 0.0;
   std::vector<FrameSupport> support;
 };

@@ -27,7 +27,12 @@ Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity
   return along_m * along_m.transpose() / 12.0;
 }
 
-Measurement Measure(const Recording& recording, const FrameInfo& frame,
+// From where the returns of a frame were measured to a place.
+Eigen::Vector3d RayM(const SensorView& view, const Eigen::Vector3d& place_m) {
+  return place_m - view.viewpoint_m.cast<double>();
+}
+
+Measurement Measure(const Recording& recording, const FrameInfo& frame, const SensorView& view,
                     const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
                     double body_sigma_m, const CollectConfig& config) {
   Measurement m;
@@ -39,8 +44,10 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame,
   }
   m.time_ns = frame.begin_ns + std::llround(offset_ns);
   m.support = static_cast<int>(returns.size());
+  m.viewpoint_m = view.viewpoint_m.cast<double>();
+  const double range_m = RayM(view, m.position_m).norm();
   const double variance = config.centre_sigma_m * config.centre_sigma_m +
-                          ReturnVarianceM2(m.position_m.norm(), body_sigma_m, config) / n;
+                          ReturnVarianceM2(range_m, body_sigma_m, config) / n;
   m.covariance_m2 = variance * Eigen::Matrix3d::Identity() + StreakM2(frame, velocity_mps) / n;
   return m;
 }
@@ -60,9 +67,9 @@ class BodySpread {
   explicit BodySpread(const CollectConfig& config)
       : sum_m2_(kPriorReturns * config.body_sigma_m * config.body_sigma_m) {}
 
-  void Add(const Recording& recording, const std::vector<std::uint32_t>& returns,
-           const TrajectoryRow& expected) {
-    const Eigen::Vector3d ray = expected.position_m.normalized();
+  void Add(const Recording& recording, const SensorView& view,
+           const std::vector<std::uint32_t>& returns, const TrajectoryRow& expected) {
+    const Eigen::Vector3d ray = RayM(view, expected.position_m).normalized();
     const Eigen::Vector3d across = ray.cross(expected.velocity_mps).stableNormalized();
     if (across.squaredNorm() < 0.5) return;  // at rest, or on its way to the sensor
     for (const std::uint32_t i : returns) {
@@ -88,11 +95,35 @@ struct SensorShift {
   double delay_s = 0.0;  // its stamps are so much late
 };
 
+// Stations are surveyed alike, and what is left of the difference between the sides that they see
+// is no one's alone: the truth is in the middle of the stations, each by its sensor with the most
+// returns. That of a single station is at its main sensor.
+Eigen::Vector3d CommonBiasM(const std::vector<SensorShift>& shifts, const std::vector<int>& support,
+                            const std::vector<SensorView>& views) {
+  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+  double num_stations = 0.0;
+  for (std::size_t sensor = 0; sensor < shifts.size(); ++sensor) {
+    if (support[sensor] == 0) continue;
+    bool is_main = true;
+    for (std::size_t other = 0; other < shifts.size(); ++other) {
+      const bool has_more =
+          support[other] > support[sensor] || (support[other] == support[sensor] && other < sensor);
+      is_main = is_main && !(has_more && views[other].viewpoint_m == views[sensor].viewpoint_m);
+    }
+    if (!is_main) continue;
+    sum_m += shifts[sensor].bias_m;
+    num_stations += 1.0;
+  }
+  return sum_m / num_stations;
+}
+
 // The shift of each sensor from the difference d of its measurements to those of the main one,
 // which has the most returns, just before and after, d = bias - velocity * delay: least squares,
 // shrunk towards none as far as it is uncertain.
 std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
-                                      std::size_t num_sensors, const CollectConfig& config) {
+                                      const std::vector<SensorView>& views,
+                                      const CollectConfig& config) {
+  const std::size_t num_sensors = views.size();
   std::vector<int> support(num_sensors, 0);
   for (const Sighting& sighting : sightings)
     support[sighting.sensor] += sighting.measurement.support;
@@ -132,22 +163,63 @@ std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
     const Eigen::Vector4d shift = information[sensor].ldlt().solve(sums[sensor]);
     shifts.push_back({shift.head<3>(), shift[3]});
   }
+  const Eigen::Vector3d common_m = CommonBiasM(shifts, support, views);
+  for (SensorShift& shift : shifts) shift.bias_m -= common_m;
   return shifts;
+}
+
+// Only the side of a body that faces its sensor is seen: the centre lies behind the mean of the
+// returns. What stations see from different sides is compared, and fitted, as seen from one.
+class FacingSide {
+ public:
+  FacingSide(const SensorView& main, double share) : main_(main), share_(share) {}
+
+  // How far the centre lies behind what the main station sees.
+  Eigen::Vector3d DepthM(const Eigen::Vector3d& place_m, double body_sigma_m) const {
+    return DepthFrom(main_, place_m, body_sigma_m);
+  }
+
+  // From what a sensor sees to what the main station does; none for its own sensors.
+  Eigen::Vector3d OffsetM(const SensorView& view, const Eigen::Vector3d& place_m,
+                          double body_sigma_m) const {
+    return DepthFrom(view, place_m, body_sigma_m) - DepthM(place_m, body_sigma_m);
+  }
+
+ private:
+  Eigen::Vector3d DepthFrom(const SensorView& view, const Eigen::Vector3d& place_m,
+                            double body_sigma_m) const {
+    return share_ * body_sigma_m * RayM(view, place_m).normalized();
+  }
+
+  SensorView main_;
+  double share_;
+};
+
+// The one with the most returns on a path.
+std::size_t MainSensor(const std::vector<Plot>& path, const Recording& recording) {
+  std::vector<std::size_t> returns(recording.sensors.size(), 0);
+  for (const Plot& plot : path) {
+    returns[recording.frames[plot.frame].sensor] += plot.returns.size();
+  }
+  return static_cast<std::size_t>(std::max_element(returns.begin(), returns.end()) -
+                                  returns.begin());
 }
 
 // What is looked for in a frame: the returns that are likelier the target's than their place's.
 class Collector {
  public:
-  Collector(const Recording& recording, const Background& background,
-            const std::vector<char>& excluded, const CollectConfig& config)
-      : recording_(recording), background_(background), excluded_(excluded), config_(config) {}
+  Collector(const Recording& recording, const std::vector<char>& excluded,
+            const CollectConfig& config)
+      : recording_(recording), excluded_(excluded), config_(config) {}
 
-  std::vector<std::uint32_t> Collect(const FrameInfo& frame, const Trajectory& trajectory,
-                                     const Presence& presence, const TrajectoryRow& expected,
-                                     double returns_per_frame, double body_sigma_m) const {
+  std::vector<std::uint32_t> Collect(const FrameInfo& frame, const SensorView& view,
+                                     const Trajectory& trajectory, const Presence& presence,
+                                     const TrajectoryRow& expected, double returns_per_frame,
+                                     double body_sigma_m) const {
     const TimeNs middle_ns = expected.time_ns;
     Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) + StreakM2(frame, expected.velocity_mps);
-    s.diagonal().array() += ReturnVarianceM2(expected.position_m.norm(), body_sigma_m, config_);
+    s.diagonal().array() +=
+        ReturnVarianceM2(RayM(view, expected.position_m).norm(), body_sigma_m, config_);
     const Eigen::Matrix3d information = s.inverse();
     const double log_peak =
         std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
@@ -169,8 +241,10 @@ class Collector {
       if (distance2 > config_.gate * config_.gate) continue;
       const Eigen::Vector3d place_m = recording_.points_m[i].cast<double>();
       // The target's presence says nothing of the clutter there.
-      const auto [from, to] = presence.About(time_ns, place_m, config_.presence.At(place_m.norm()));
-      const double rate = background_.RateOutside(recording_.points_m[i], from, to);
+      const auto [from, to] =
+          presence.About(time_ns, place_m, config_.presence.At(RayM(view, place_m).norm()));
+      const double rate =
+          view.background->RateOutside(recording_.points_m[i] - view.viewpoint_m, from, to);
       if (rate <= 0.0 || log_peak - 0.5 * distance2 > std::log(rate) + config_.min_return_log) {
         members.push_back(i);
       }
@@ -180,29 +254,32 @@ class Collector {
 
  private:
   const Recording& recording_;
-  const Background& background_;
   const std::vector<char>& excluded_;
   const CollectConfig& config_;
 };
 
 }  // namespace
 
-Target CollectTarget(const Recording& recording, const Background& background,
+Target CollectTarget(const Recording& recording, const std::vector<SensorView>& views,
                      const std::vector<Plot>& path, const std::vector<char>& excluded,
                      const CollectConfig& config, const TrajectoryConfig& trajectory_config) {
   Target target;
+  double body_sigma_m = config.body_sigma_m;
+  const FacingSide facing(views[MainSensor(path, recording)], config.facing_side);
   for (const Plot& plot : path) {
-    target.measurements.push_back(Measure(recording, recording.frames[plot.frame], plot.returns,
-                                          Eigen::Vector3d::Zero(), config.body_sigma_m, config));
+    const FrameInfo& frame = recording.frames[plot.frame];
+    target.measurements.push_back(Measure(recording, frame, views[frame.sensor], plot.returns,
+                                          Eigen::Vector3d::Zero(), body_sigma_m, config));
+    Eigen::Vector3d& position_m = target.measurements.back().position_m;
+    position_m += facing.OffsetM(views[frame.sensor], position_m, body_sigma_m);
     target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
   }
   std::stable_sort(target.measurements.begin(), target.measurements.end(), IsEarlier);
   std::sort(target.returns.begin(), target.returns.end());
 
-  const Collector collector(recording, background, excluded, config);
+  const Collector collector(recording, excluded, config);
   const TimeNs extension_ns = Nanoseconds(config.max_extension_s);
   std::vector<SensorShift> shifts(recording.sensors.size());
-  double body_sigma_m = config.body_sigma_m;
   for (int round = 0; round < config.rounds; ++round) {
     const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
     const Presence presence(trajectory);
@@ -215,25 +292,29 @@ Target CollectTarget(const Recording& recording, const Background& background,
       const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
       if (middle_ns < trajectory.begin_ns() - extension_ns) continue;
       if (middle_ns > trajectory.end_ns() + extension_ns) continue;
+      const SensorView& view = views[frame.sensor];
       const SensorShift& shift = shifts[frame.sensor];
       TrajectoryRow expected = trajectory.At(middle_ns - Nanoseconds(shift.delay_s));
       if (expected.sigma_m.maxCoeff() > config.max_search_sigma_m) continue;
       expected.time_ns = middle_ns;  // by the sensor's clock
       expected.position_m += shift.bias_m;
-      const std::vector<std::uint32_t> members =
-          collector.Collect(frame, trajectory, presence, expected, returns_per_frame, body_sigma_m);
+      const Eigen::Vector3d facing_m = facing.OffsetM(view, expected.position_m, body_sigma_m);
+      expected.position_m -= facing_m;
+      const std::vector<std::uint32_t> members = collector.Collect(
+          frame, view, trajectory, presence, expected, returns_per_frame, body_sigma_m);
       if (members.empty()) continue;
-      spread.Add(recording, members, expected);
+      spread.Add(recording, view, members, expected);
       sightings.push_back(
-          {Measure(recording, frame, members, expected.velocity_mps, body_sigma_m, config),
+          {Measure(recording, frame, view, members, expected.velocity_mps, body_sigma_m, config),
            frame.sensor, expected.velocity_mps});
+      sightings.back().measurement.position_m += facing_m;
       next.returns.insert(next.returns.end(), members.begin(), members.end());
     }
     if (sightings.empty()) return next;
     std::stable_sort(sightings.begin(), sightings.end(), [](const Sighting& a, const Sighting& b) {
       return a.measurement.time_ns < b.measurement.time_ns;
     });
-    shifts = SensorShifts(sightings, recording.sensors.size(), config);
+    shifts = SensorShifts(sightings, views, config);
     for (Sighting& sighting : sightings) {
       sighting.measurement.position_m -= shifts[sighting.sensor].bias_m;
       sighting.measurement.time_ns -= Nanoseconds(shifts[sighting.sensor].delay_s);
@@ -248,7 +329,7 @@ Target CollectTarget(const Recording& recording, const Background& background,
   }
   // Only the side that faces the sensor is seen.
   for (Measurement& m : target.measurements) {
-    m.position_m += config.facing_side * body_sigma_m * m.position_m.normalized();
+    m.position_m += facing.DepthM(m.position_m, body_sigma_m);
   }
   target.depth_sigma_m = config.facing_side_sigma * body_sigma_m;
   return target;

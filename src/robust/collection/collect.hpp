@@ -5,15 +5,15 @@
 
 #include "base/recording.hpp"
 #include "robust/plots/plots.hpp"
-#include "robust/scene/background.hpp"
+#include "robust/plots/views.hpp"
 #include "trajectory/trajectory.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
 
-// The target of a path: its returns, and per frame their mean. `excluded` returns (N) are left
-// alone. Empty measurements where nothing fits.
-Target CollectTarget(const Recording& recording, const Background& background,
+// The target of a path: its returns, and per frame their mean. `views`: (sensors). `excluded`
+// returns (N) are left alone. Empty measurements where nothing fits.
+Target CollectTarget(const Recording& recording, const std::vector<SensorView>& views,
                      const std::vector<Plot>& path, const std::vector<char>& excluded,
                      const CollectConfig& config, const TrajectoryConfig& trajectory_config);
 

@@ -8,7 +8,7 @@
 
 namespace unlidar {
 
-// Elevations of directions, as seen from the common origin: all of them by default.
+// Elevations of directions, as seen from the viewpoint: all of them by default.
 struct ElevationRange {
   double lowest_rad = -M_PI / 2;
   double highest_rad = M_PI / 2;

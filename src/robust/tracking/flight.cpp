@@ -33,7 +33,7 @@ bool Flies(const std::vector<Plot>& path, const RobustConfig& config) {
 
 // What a target returns for its range: returns per second times range^2, of the sensor that sees it
 // best. In pauses it may be hidden: only frames near a plot in time count.
-double EchoM2PerS(const Recording& recording, const std::vector<Plot>& path) {
+double EchoM2PerS(const Recording& recording, const Watch& watch, const std::vector<Plot>& path) {
   constexpr TimeNs kNearNs = 500'000'000;
   std::vector<double> returns(recording.sensors.size(), 0.0);
   std::vector<double> seconds_per_m2(recording.sensors.size(), 0.0);
@@ -46,8 +46,9 @@ double EchoM2PerS(const Recording& recording, const std::vector<Plot>& path) {
       ++next;
     }
     if (std::abs(next->time_ns - time_ns) > kNearNs) continue;
-    seconds_per_m2[frame.sensor] += static_cast<double>(frame.end_ns - frame.begin_ns) *
-                                    kSecondsPerNs / next->position_m.squaredNorm();
+    const Eigen::Vector3d ray_m = next->position_m - watch.sensors[frame.sensor].viewpoint_m;
+    seconds_per_m2[frame.sensor] +=
+        static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs / ray_m.squaredNorm();
   }
   double echo = 0.0;
   for (std::size_t s = 0; s < returns.size(); ++s) {
@@ -64,10 +65,10 @@ bool HasFrames(const std::vector<Plot>& path, int least) {
   return static_cast<int>(frames.size()) >= least;
 }
 
-bool IsFlight(const Recording& recording, const std::vector<Plot>& path,
+bool IsFlight(const Recording& recording, const Watch& watch, const std::vector<Plot>& path,
               const RobustConfig& config) {
   return HasFrames(path, config.min_plots) && Flies(path, config) &&
-         EchoM2PerS(recording, path) > config.min_echo_m2_per_s;
+         EchoM2PerS(recording, watch, path) > config.min_echo_m2_per_s;
 }
 
 }  // namespace unlidar

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "robust/scene/stations.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -55,16 +57,25 @@ double LogUnseen(double shape, double rate, double exposure) {
   return -shape * std::log1p(exposure / rate);
 }
 
-double PerM2(const Eigen::Vector3d& position_m) {
-  return 1.0 / std::max(position_m.squaredNorm(), 1.0);
+double PerM2(const Eigen::Vector3d& ray_m) { return 1.0 / std::max(ray_m.squaredNorm(), 1.0); }
+
+// How many frames of the sensor that saw it last a target was not seen in. None where that was at
+// the same instant: the frame of its last plot is not before it.
+double MissedFrames(const Hypothesis& from, const Moment& at) {
+  const std::uint32_t before = at.frames_before[from.sensor];
+  return before > from.frames ? before - from.frames : 0.0;
 }
 
 }  // namespace
 
 Watch WatchOf(const Recording& recording) {
   Watch watch;
-  for (const SensorInfo& sensor : recording.sensors) {
-    watch.sensors.push_back({static_cast<double>(sensor.frame_period_ns) * kSecondsPerNs, {}});
+  const Stations stations(recording.sensors);
+  for (std::uint32_t s = 0; s < recording.sensors.size(); ++s) {
+    const TimeNs period_ns = recording.sensors[s].frame_period_ns;
+    watch.sensors.push_back({static_cast<double>(period_ns) * kSecondsPerNs,
+                             {},
+                             stations.ViewpointM(stations.StationOf(s)).cast<double>()});
   }
   for (const FrameInfo& frame : recording.frames) {
     watch.sensors[frame.sensor].frame_times_ns.push_back(frame.middle_ns());
@@ -91,8 +102,9 @@ Moment MomentOf(const Plot& plot, const Plot& first, const Watch& watch) {
 }
 
 double LogBirthOdds(const Plot& plot, const Watch& watch, const TrackerConfig& config) {
+  const Watch::Sensor& sensor = watch.sensors[plot.sensor];
   const double log_unseen = LogUnseen(config.echo_shape, config.echo_shape / config.echo_m2_per_s,
-                                      watch.sensors[plot.sensor].frame_s * PerM2(plot.position_m));
+                                      sensor.frame_s * PerM2(plot.position_m - sensor.viewpoint_m));
   return std::log(-std::expm1(log_unseen)) - plot.log_clutter;
 }
 
@@ -112,7 +124,10 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const Watch& watch
 
 TrackModel::TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config)
     : sigma_(sigma_a_mps2), config_(&config) {
-  for (const Watch::Sensor& sensor : watch.sensors) frame_s_.push_back(sensor.frame_s);
+  for (const Watch::Sensor& sensor : watch.sensors) {
+    frame_s_.push_back(sensor.frame_s);
+    viewpoints_m_.push_back(sensor.viewpoint_m);
+  }
   if (frame_s_.size() == 1) return;
   // Sensors mostly look different ways: the one that saw a target sees it next. So two sensors are
   // no two chances to be seen.
@@ -140,7 +155,7 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const Moment& a
 }
 
 double TrackModel::ScoreUnseen(const Hypothesis& from, const Moment& at) const {
-  const double missed = at.frames_before[from.sensor] - from.frames;
+  const double missed = MissedFrames(from, at);
   return from.score + LogMiss(from, missed * from.per_frame_s_per_m2);
 }
 
@@ -206,7 +221,7 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
   h.hits = from.hits + 1.0;
   // Frames in which it was missed, and that of the plot: half of one if another sensor saw it, in
   // the midst of two frames of its own.
-  const double missed = at.frames_before[from.sensor] - from.frames;
+  const double missed = MissedFrames(from, at);
   h.exposure_s_per_m2 = from.exposure_s_per_m2 +
                         from.per_frame_s_per_m2 * (missed + (plot.sensor == from.sensor ? 1 : 0.5));
   h.state.mean = from.state.mean * motion.transition.transpose();
@@ -239,7 +254,8 @@ double TrackModel::LogMiss(const Hypothesis& from, double exposure_s_per_m2) con
 }
 
 void TrackModel::SetVisibility(Hypothesis* h) const {
-  h->per_frame_s_per_m2 = frame_s_[h->sensor] * PerM2(h->state.mean.col(0));
+  h->per_frame_s_per_m2 =
+      frame_s_[h->sensor] * PerM2(h->state.mean.col(0) - viewpoints_m_[h->sensor]);
   h->log_hit = std::log(std::max(-std::expm1(LogMiss(*h, h->per_frame_s_per_m2)), 1e-6));
 }
 

@@ -163,9 +163,10 @@ class TrackModel {
   double LogMiss(const Hypothesis& from, double exposure_s_per_m2) const;
 
   double sigma_;
-  std::vector<double> frame_s_;    // (sensors)
-  double log_same_sensor_ = 0.0;   // of the next plot to be that of the same sensor,
-  double log_other_sensor_ = 0.0;  // or of a certain other one
+  std::vector<double> frame_s_;                // (sensors)
+  std::vector<Eigen::Vector3d> viewpoints_m_;  // (sensors)
+  double log_same_sensor_ = 0.0;               // of the next plot to be that of the same sensor,
+  double log_other_sensor_ = 0.0;              // or of a certain other one
   const TrackerConfig* config_;
 };
 

@@ -9,11 +9,12 @@
 
 namespace unlidar {
 
-// When each sensor watches the air.
+// When and from where each sensor watches the air.
 struct Watch {
   struct Sensor {
-    double frame_s = 0.1;                // how long a frame lasts
-    std::vector<TimeNs> frame_times_ns;  // middles of its frames, ascending
+    double frame_s = 0.1;                                   // how long a frame lasts
+    std::vector<TimeNs> frame_times_ns;                     // middles of its frames, ascending
+    Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();  // of its station
   };
   std::vector<Sensor> sensors;
 

@@ -1,0 +1,77 @@
+// What the stations of a recording see: each by itself, and their plots together.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "robust/plots/plots.hpp"
+#include "robust/scene/background.hpp"
+#include "robust/scene/stations.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// From where a sensor sees, and what is known of the places that its station sees, relative to it.
+struct SensorView {
+  Eigen::Vector3f viewpoint_m;
+  const Background* background;
+};
+
+// Every station has a scene and plots of its own, as if it were alone: ranges, directions and what
+// hides what begin at its viewpoint, and what one sees well another may see too seldom to judge it.
+class Views {
+ public:
+  Views(const Recording& recording, const Stations& stations, const RobustConfig& config);
+
+  // Of all stations, in the common frame, frame by frame in order of time.
+  const std::vector<Plot>& plots() const { return plots_; }
+
+  // (plots) Those that float in one place.
+  const std::vector<char>& are_parked() const { return are_parked_; }
+
+  // (returns) Those of bodies.
+  const std::vector<char>& are_bodies() const { return are_bodies_; }
+
+  std::size_t num_unexplained() const { return num_unexplained_; }
+
+  // Sets log_clutter of all plots. `explained` (plots) as for unlidar::EstimateClutter.
+  void EstimateClutter(const std::vector<char>& explained);
+
+  // (sensors) They refer to this.
+  std::vector<SensorView> SensorViews() const;
+
+ private:
+  // One station's.
+  struct View {
+    explicit View(const Recording& recording, const RobustConfig& config);
+
+    Background background;
+    std::vector<Plot> plots;
+    std::vector<char> are_parked;  // (plots)
+    std::vector<char> are_bodies;  // (returns)
+    std::size_t num_unexplained = 0;
+  };
+
+  // Which plot of which view.
+  struct Source {
+    std::size_t view;
+    std::size_t plot;
+  };
+
+  void AddPlots(const Recording& recording, const StationRecording& part);
+  void SortByTime();
+
+  Stations stations_;
+  PlotConfig config_;
+  std::size_t num_sensors_;
+  std::vector<View> views_;
+  std::vector<Plot> plots_;
+  std::vector<Source> sources_;  // (plots)
+  std::vector<char> are_parked_;
+  std::vector<char> are_bodies_;
+  std::size_t num_unexplained_ = 0;
+};
+
+}  // namespace unlidar

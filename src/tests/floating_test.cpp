@@ -21,7 +21,7 @@ using testing::RecordingMaker;
 // Nothing is held by anything seen.
 struct Sky {
   Ground ground{{}, GroundConfig()};
-  Support support{{}, ground, BackgroundConfig().occluder_cell_deg, SupportConfig()};
+  Support support{{}, ground, {}, BackgroundConfig().occluder_cell_deg, SupportConfig()};
 };
 
 // Plots of a single return each, as MakePlots would order them.

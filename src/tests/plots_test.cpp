@@ -345,7 +345,7 @@ std::vector<Plot> PlotsInTheSky(const Recording& recording) {
   std::vector<char> is_body;
   std::vector<Plot> plots = MakePlots(recording, candidates, ground, PlotConfig(), &is_body);
   const BackgroundConfig background;
-  const Support support({}, ground, background.occluder_cell_deg, SupportConfig());
+  const Support support({}, ground, {}, background.occluder_cell_deg, SupportConfig());
   MarkFloating(recording, support, background.place, &plots);
   return plots;
 }

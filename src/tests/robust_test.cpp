@@ -278,7 +278,8 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
   const Background background(maker.recording, config.background);
   const PointsView structure_m(maker.recording.points_m, background.structure());
   const Ground ground(structure_m, config.ground);
-  const Support support(structure_m, ground, {}, config.background.occluder_cell_deg, config.support);
+  const Support support(structure_m, ground, {}, config.background.occluder_cell_deg,
+                        config.support);
   // Ground is none of it, whether known by its occupancy or not.
   std::vector<std::uint32_t> candidates =
       support.FloatingReturns(maker.recording, background.structure());

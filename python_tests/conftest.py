@@ -4,10 +4,12 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 # Machines that test are slow now and then; what was found is written into a test, not kept beside.
-settings.register_profile("tests", deadline=None, database=None)
+settings.register_profile(
+    "tests", deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("tests")
 
 PROJECT = Path(__file__).resolve().parents[1]

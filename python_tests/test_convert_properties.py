@@ -154,6 +154,8 @@ def test_any_cloud_of_any_layout_arrives_in_pcd_point_by_point_under_its_stamp(d
         for stamp_ns, (xyz, tags) in expected.items():
             fields = read_pcd(found[stamp_ns])
             np.testing.assert_array_equal(np.stack([fields[a] for a in "xyz"], axis=1), xyz)
+            if len(xyz) == 0:
+                continue  # a frame without returns need not say what they would have had
             assert ("tag" in fields) == (tags is not None)
             if tags is not None:
                 np.testing.assert_array_equal(fields["tag"], tags)

@@ -142,7 +142,10 @@ void LiveTracker::Take(LoadedFrame frame) {
   }
   for (Eigen::Vector3f& point_m : frame.points_m) point_m -= station.viewpoint_m;
   station.occupancy.AddFrame(bin);
-  for (const Eigen::Vector3f& point_m : frame.points_m) station.occupancy.Add(point_m, bin);
+  for (const Eigen::Vector3f& point_m : frame.points_m) {
+    station.occupancy.Add(point_m, bin);
+    station.view.Add(point_m);
+  }
   front_ns_ = std::max(front_ns_, middle_ns);
   if (!station.snapshot) {
     for (const Eigen::Vector3f& point_m : frame.points_m) {
@@ -171,7 +174,6 @@ LiveTracker::Station& LiveTracker::StationOf(const FrameInfo& frame) {
 
 void LiveTracker::Learn(const LoadedFrame& frame, std::int64_t bin, Station* station) {
   for (const Eigen::Vector3f& point_m : frame.points_m) {
-    station->view.Add(point_m);
     station->occupancy.Judge(point_m, bin, 0, [](const Eigen::Vector3f&) { return false; });
   }
 }
@@ -243,7 +245,6 @@ void LiveTracker::MakePlots(LoadedFrame loaded, std::int64_t bin) {
   };
   for (std::uint32_t i = 0; i < frame.points_m.size(); ++i) {
     const Eigen::Vector3f& point_m = frame.points_m[i];
-    station.view.Add(point_m);
     const Occupancy::Verdict verdict =
         station.occupancy.Judge(point_m, bin, num_snapshots_, floats);
     rates[i] = verdict.place_rate;

@@ -16,11 +16,6 @@ std::vector<Plot> PlotsOf(const Path& path, const std::vector<Plot>& plots) {
   return members;
 }
 
-bool IsTaken(const Plot& plot, const std::vector<char>& excluded) {
-  return std::any_of(plot.returns.begin(), plot.returns.end(),
-                     [&](std::uint32_t i) { return excluded[i] != 0; });
-}
-
 }  // namespace
 
 RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,
@@ -68,7 +63,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     // A drone that shows as two plots in a frame leaves a second path beside its first.
     std::vector<Plot> members = PlotsOf(path, plots);
     members.erase(std::remove_if(members.begin(), members.end(),
-                                 [&](const Plot& plot) { return IsTaken(plot, excluded); }),
+                                 [&](const Plot& plot) { return HasAnyOf(plot, excluded); }),
                   members.end());
     if (2 * members.size() < path.plots.size() || !HasFrames(members, config.min_plots)) continue;
     Target target = CollectTarget(recording, sensor_views, members, excluded, config.collect,

@@ -64,6 +64,11 @@ double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& con
 
 }  // namespace
 
+bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
+  return std::any_of(plot.returns.begin(), plot.returns.end(),
+                     [&](std::uint32_t i) { return returns[i] != 0; });
+}
+
 double LowestElevationRad(const std::vector<Eigen::Vector3f>& points_m) {
   constexpr double kShare = 0.01;
   std::vector<float> sines(points_m.size());

@@ -26,6 +26,9 @@ struct Plot {
   std::vector<std::uint32_t> returns;
 };
 
+// Whether a plot has any of some returns (N, not 0 for each of them).
+bool HasAnyOf(const Plot& plot, const std::vector<char>& returns);
+
 // Where a body lies, and when the first of its returns was measured.
 struct BodyBox {
   TimeNs time_ns;

@@ -39,9 +39,7 @@ Views::View::View(const Recording& recording, const RobustConfig& config)
   std::vector<char> is_standing(recording.points_m.size(), 0);
   for (const std::uint32_t i : floating) is_standing[i] = 1;
   for (const Plot& plot : plots) {
-    are_parked.push_back(plot.is_floating &&
-                         std::any_of(plot.returns.begin(), plot.returns.end(),
-                                     [&](std::uint32_t i) { return is_standing[i] != 0; }));
+    are_parked.push_back(plot.is_floating && HasAnyOf(plot, is_standing) ? 1 : 0);
   }
 }
 

@@ -69,13 +69,12 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, do
   const double elevation_rad = std::asin(towards.z());
   double all = 0.0;
   double hidden = 0.0;
-  const auto add_cell = [&](std::size_t cell, double weight) {
-    all += weight * static_cast<double>(num_bins_);
+  const auto num_bins = static_cast<double>(num_bins_);
+  const auto hidden_bins = [&](std::size_t cell) {
     const Depths depths = DepthsOf(cell);
-    hidden += weight * static_cast<double>(
-                           std::count_if(depths.begin(), depths.end(), [&](const Depth& depth) {
-                             return static_cast<double>(depth.median_m) < range_m - margin_m;
-                           }));
+    return static_cast<double>(std::count_if(depths.begin(), depths.end(), [&](const Depth& depth) {
+      return static_cast<double>(depth.median_m) < range_m - margin_m;
+    }));
   };
   for (std::size_t row = 0; row < rows_; ++row) {
     const Angle& elevation = elevations_[row];
@@ -86,16 +85,12 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, do
       const Angle& azimuth = azimuths_[column];
       const Eigen::Vector3d cell(weight * azimuth.cosine, weight * azimuth.sine, elevation.sine);
       if (cell.dot(towards) < least_cosine) continue;
-      if (is_in_view) {
-        add_cell(row * columns_ + column, weight);
-      } else {
-        all += weight * static_cast<double>(num_bins_);
-        hidden += weight * static_cast<double>(num_bins_);
-      }
+      all += weight * num_bins;
+      hidden += weight * (is_in_view ? hidden_bins(row * columns_ + column) : num_bins);
     }
   }
-  if (all <= 0.0) add_cell(CellOf(place_m), 1.0);  // narrower than a cell: its own has the word
-  return hidden / all;
+  // What is narrower than a cell: its own has the word.
+  return all > 0.0 ? hidden / all : hidden_bins(CellOf(place_m)) / num_bins;
 }
 
 std::size_t DepthMap::CellOf(const Eigen::Vector3f& p) const {

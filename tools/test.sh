@@ -45,6 +45,8 @@ make_venv test
 
 cd -- "$root"
 jobs=$(nproc)
+# A file's tests share what takes long to make.
+pytest=("$venv/bin/python" -m pytest --numprocesses "$jobs" --dist loadfile)
 failed=()
 # check NAME COMMAND...: all checks run, even after one has failed.
 check() {
@@ -87,7 +89,8 @@ covered() {
   options=(-instr-profile="$profile/all.profdata" "$sanitize_dir/unlidar_track"
     "${programs[@]/#/-object=}" "$root/src" "$root/include"
     -ignore-filename-regex='/src/(tests|fuzz|bench)/')
-  llvm-profdata merge -o "$profile/all.profdata" "$profile"/*.profraw || return
+  # A program that is killed while it ends, as some are here, leaves a file that cannot be read.
+  llvm-profdata merge -failure-mode=all -o "$profile/all.profdata" "$profile"/*.profraw || return
   # Helpers of one name in several tests, all of them left out, are said not to match.
   {
     llvm-cov show -format=html -output-dir="$root/out/coverage" "${options[@]}" &&
@@ -109,17 +112,17 @@ if does quick; then
   check "Format of Python" "$venv/bin/ruff" format --check tools python_tests
   check "C++ tests" ctest --test-dir "$build_dir" --output-on-failure --parallel "$jobs"
   check "Python tests" env UNLIDAR_TRACK="$build_dir/unlidar_track" \
-    "$venv/bin/python" -m pytest python_tests
+    "${pytest[@]}" python_tests
 fi
 if does sanitize; then
   build_sanitized all
   rm -rf -- "$sanitize_dir/profile"
-  export LLVM_PROFILE_FILE=$sanitize_dir/profile/%4m.profraw # four files, which all runs share
+  export LLVM_PROFILE_FILE=$sanitize_dir/profile/%4m.profraw # four files a program, which all its runs share
   check "C++ tests with sanitizers" \
     ctest --test-dir "$sanitize_dir" --output-on-failure --parallel "$jobs"
   # A limit of memory leaves the sanitizers none; whole scenes take them minutes.
   check "Command line with sanitizers" env UNLIDAR_TRACK="$sanitize_dir/unlidar_track" \
-    "$venv/bin/python" -m pytest python_tests/test_{bad_input,cli_contract,outputs,live_stdin,live_follow,livox}.py \
+    "${pytest[@]}" python_tests/test_{bad_input,cli_contract,outputs,live_stdin,live_follow,livox}.py \
     -k 'not bounded_memory and not every_malformed_file and not keeps_its_memory and not scenes'
   check "Line coverage" covered
   export TSAN_OPTIONS=suppressions=$root/tools/threads.supp

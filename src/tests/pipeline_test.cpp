@@ -11,6 +11,7 @@
 
 #include "app/output.hpp"
 #include "io/pcd.hpp"
+#include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
 #include "trajectory/sampling.hpp"
@@ -387,7 +388,7 @@ std::vector<int> NearestRows(const std::vector<TrajectoryRow>& rows,
 
 TEST(SampleRows, NoReturnIsLostOrCountedTwice) {
   testing::Random random(7);
-  for (int trial = 0; trial < 200; ++trial) {
+  for (int trial = 0; trial < testing::Draws(200); ++trial) {
     RowSource source = SourceOf({0, 1000});
     std::vector<TimeNs> times_ns(random.Index(30));
     for (TimeNs& time_ns : times_ns) time_ns = random.Index(1100);

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -46,8 +47,9 @@ Trajectory Fit(const std::vector<double>& times_s,
 
 TEST(Presence, IsThatOfAWalkAlongTheTrajectory) {
   Random random(1);
+  constexpr int kTrials = testing::Draws(60);
   int num_stays = 0;
-  for (int trial = 0; trial < 60; ++trial) {
+  for (int trial = 0; trial < kTrials; ++trial) {
     // Flights that come back, stand still, or go on, with pauses.
     const double speed_mps = trial % 4 == 0 ? 0.0 : random.Uniform(0.1, 6.0);
     const double turn_hz = random.Uniform(0.01, 0.3);
@@ -77,7 +79,7 @@ TEST(Presence, IsThatOfAWalkAlongTheTrajectory) {
       num_stays += expected.second - expected.first > 2'000'000'000 ? 1 : 0;
     }
   }
-  EXPECT_GT(num_stays, 600);
+  EXPECT_GT(num_stays, 10 * kTrials);
 }
 
 // A drone that hovers for three hours: to walk would take minutes.
@@ -90,7 +92,7 @@ TEST(Presence, TakesLittleTimeHoweverLongTheStay) {
       times_s, [](double t) { return Eigen::Vector3d(9.0, std::sin(t / 60.0), 9.0); }, &random);
   const Presence presence(trajectory);
   const std::clock_t begin = std::clock();
-  for (int query = 0; query < 5'000; ++query) {
+  for (int query = 0; query < testing::Draws(5'000); ++query) {
     const auto [from, to] = presence.About(kBeginNs + query * TimeNs{2'000'000'000},
                                            Eigen::Vector3d(9.0, 0.0, 9.0), 3.0);
     ASSERT_LE(from, trajectory.begin_ns());

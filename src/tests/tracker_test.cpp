@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "tests/draws.hpp"
 #include "tests/several_threads.hpp"
 #include "tests/synthetic_plots.hpp"
 #include "tests/tracker_oracle.hpp"
@@ -90,7 +91,7 @@ TrackerConfig WithAllWays(TrackerConfig config) {
 }
 
 TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
-  constexpr int kProblems = 36;
+  constexpr int kProblems = testing::Draws(36);
   Random random(1);
   Random mixer(2);
   int num_long = 0;
@@ -278,8 +279,8 @@ TEST(FindPaths, UniformClutterReachesTheThresholdInHardlyAnyRecording) {
   TrackerConfig config;
   config.min_fragment_log = 1.0;
   config.max_paths = 1;
-  for (std::uint32_t seed = 0; seed < 200; ++seed) {
-    Random random(seed);
+  for (int seed = 0; seed < testing::Draws(200); ++seed) {
+    Random random(static_cast<std::uint32_t>(seed));
     std::vector<Plot> plots;
     AddClutter(random.Uniform(1.0, 8.0), 40, {-20, 5, 5}, {20, 45, 30}, &random, &plots);
     const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), config);

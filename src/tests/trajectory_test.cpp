@@ -14,6 +14,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/draws.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -346,7 +348,7 @@ TEST(Trajectory, ErrorsAreAsLargeAsSigmaSays) {
     Random random(6);
     double sum = 0.0;
     int count = 0;
-    for (int flight = 0; flight < 30; ++flight) {
+    for (int flight = 0; flight < testing::Draws(30); ++flight) {
       const Path path = kind.path(random);
       auto measurements = Measure(path, kind.duration_s, kind.rate_hz, kind.noise_m, random);
       for (auto& m : measurements) {
@@ -440,7 +442,7 @@ TEST(Trajectory, AnyMeasurementsGiveFiniteNumbers) {
   const auto magnitude = [&](double low, double high) {
     return std::pow(10.0, random.Uniform(low, high));
   };
-  for (int run = 0; run < 200; ++run) {
+  for (int run = 0; run < testing::Draws(200); ++run) {
     const double span_s = magnitude(-2.0, 2.5);
     const double sigma_m = magnitude(-3.0, 1.0);
     const double size_m = magnitude(-3.0, 3.0);

@@ -137,7 +137,9 @@ class Listening(Live):
     """`unlidar_track --livox` on a port that the system chose."""
 
     def __init__(self, *arguments: str | Path) -> None:
-        super().__init__("--livox", "127.0.0.1:0", *arguments)
+        # Packets come as fast as they are read, and a busy machine works them off more slowly.
+        patience = ("--set", "live.overload_s=600")
+        super().__init__("--livox", "127.0.0.1:0", *patience, *arguments)
         line = self._first_line()
         assert b" listens on 127.0.0.1:" in line, line
         self.port = int(line.rpartition(b":")[2])

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 
+#include "robust/collection/stays.hpp"
 #include "robust/plots/views.hpp"
 #include "robust/tracking/flight.hpp"
 
@@ -54,6 +55,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   }
 
   std::vector<char> excluded = views.are_bodies();  // and then also the returns of targets found
+  std::vector<char> taken(excluded.size(), 0);      // these alone
   const std::vector<SensorView> sensor_views = views.SensorViews();
   result.counts = {views.num_unexplained(),
                    static_cast<std::size_t>(std::count(excluded.begin(), excluded.end(), 1)),
@@ -66,11 +68,15 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                                  [&](const Plot& plot) { return HasAnyOf(plot, excluded); }),
                   members.end());
     if (2 * members.size() < path.plots.size() || !HasFrames(members, config.min_plots)) continue;
+    AddStays(recording, taken, &members);
+    for (const Plot& plot : members) {
+      for (const std::uint32_t i : plot.returns) excluded[i] = 0;
+    }
     Target target = CollectTarget(recording, sensor_views, members, excluded, config.collect,
                                   trajectory_config);
     if (target.measurements.empty()) continue;
     target.score = path.score;
-    for (const std::uint32_t i : target.returns) excluded[i] = 1;
+    for (const std::uint32_t i : target.returns) excluded[i] = taken[i] = 1;
     result.targets.push_back(std::move(target));
   }
   return result;

@@ -348,7 +348,7 @@ TEST(Trajectory, ErrorsAreAsLargeAsSigmaSays) {
     Random random(6);
     double sum = 0.0;
     int count = 0;
-    for (int flight = 0; flight < testing::Draws(30); ++flight) {
+    for (int flight = 0; flight < testing::Draws(60); ++flight) {
       const Path path = kind.path(random);
       auto measurements = Measure(path, kind.duration_s, kind.rate_hz, kind.noise_m, random);
       for (auto& m : measurements) {

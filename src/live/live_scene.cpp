@@ -150,7 +150,7 @@ TimeNs LiveScene::MakePlots() {
   return middle_ns;
 }
 
-LiveScene::HeldFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
+SceneFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
   Station& station = StationOf(loaded.info.sensor);
   Recording frame;
   frame.points_m = std::move(loaded.points_m);
@@ -173,7 +173,7 @@ LiveScene::HeldFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
   }
   FramePlots found = PlotsOfFrame(frame, 0, std::move(candidates), station.snapshot->ground,
                                   station.lowest_elevation_rad, config_.robust.plots);
-  HeldFrame held;
+  SceneFrame held;
   held.info = frame.frames[0];
   for (Plot& plot : found.plots) {
     plot.frame = num_frames_;
@@ -185,7 +185,7 @@ LiveScene::HeldFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
       seen.scatter_m2 += d * d.transpose();
       rate += static_cast<double>(rates[i]);
     }
-    held.place_rates.push_back(rate / static_cast<double>(plot.returns.size()));
+    plot.place_rate = rate / static_cast<double>(plot.returns.size());
     seen.plot = std::move(plot);
     held.plots.push_back(std::move(seen));
   }
@@ -202,49 +202,36 @@ LiveScene::HeldFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
 
 std::optional<SceneFrame> LiveScene::Next(TimeNs until_ns) {
   if (held_.empty() || held_.front().info.middle_ns() > until_ns) return std::nullopt;
-  HeldFrame held = std::move(held_.front());
+  std::optional<SceneFrame> frame = std::move(held_.front());
   held_.pop_front();
-  return Judge(std::move(held));
+  Judge(&*frame);
+  return frame;
 }
 
-SceneFrame LiveScene::Judge(HeldFrame held) {
-  const TimeNs middle_ns = held.info.middle_ns();
-  const TimeNs margin_ns = Ns(config_.robust.plots.body_margin_s);
-  Station& station = StationOf(held.info.sensor);
-  SceneFrame frame;
-  frame.info = held.info;
-  frame.time_s = SecondsOf(middle_ns);
-  frame.watched_s = frame.time_s - SecondsOf(learning_since_ns_);
-  frame.is_searched = middle_ns >= station.search_from_ns;
-  while (!station.bodies.empty() && station.bodies.front().time_ns < middle_ns - 2 * margin_ns) {
-    station.bodies.pop_front();
-  }
-  station.clutter.AddFrame(held.info.sensor, frame.time_s);
+void LiveScene::Judge(SceneFrame* frame) {
+  const TimeNs middle_ns = frame->info.middle_ns();
+  const PlotConfig& config = config_.robust.plots;
+  Station& station = StationOf(frame->info.sensor);
+  frame->time_s = SecondsOf(middle_ns);
+  frame->watched_s = frame->time_s - SecondsOf(learning_since_ns_);
+  frame->is_searched = middle_ns >= station.search_from_ns;
+  std::deque<BodyBox>& bodies = station.bodies;
+  const TimeNs oldest_ns = middle_ns - 2 * Ns(config.body_margin_s);
+  while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
 
-  std::vector<Plot> left;
-  for (const SeenPlot& seen : held.plots) left.push_back(seen.plot);
-  const std::vector<BodyBox> bodies(station.bodies.begin(), station.bodies.end());
-  DropNearBodies(bodies, config_.robust.plots, &left);
-  std::vector<double> place_rates;
-  for (std::size_t i = 0; i < held.plots.size() && frame.plots.size() < left.size(); ++i) {
-    if (held.plots[i].plot.position_m != left[frame.plots.size()].position_m) continue;
-    frame.plots.push_back(std::move(held.plots[i]));
-    place_rates.push_back(held.place_rates[i]);
-  }
-  station.clutter.Judge(station.snapshot->support, place_rates, frame.time_s, &left);
-  for (std::size_t i = 0; i < frame.plots.size(); ++i) {
-    SeenPlot& seen = frame.plots[i];
-    seen.ray_m = seen.plot.position_m;
-    seen.plot.position_m += station.viewpoint_m.cast<double>();
-    seen.plot.log_clutter = left[i].log_clutter;
-    seen.plot.is_floating = left[i].is_floating;
-  }
-  return frame;
+  std::vector<SeenPlot>& plots = frame->plots;
+  plots.erase(
+      std::remove_if(plots.begin(), plots.end(),
+                     [&](const SeenPlot& seen) { return IsNearBody(seen.plot, bodies, config); }),
+      plots.end());
+  station.clutter.AddFrame(frame->info.sensor, frame->time_s);
+  station.clutter.Judge(station.snapshot->support, frame->time_s, &plots);
+  for (SeenPlot& seen : plots) seen.plot.position_m += station.viewpoint_m.cast<double>();
 }
 
 void LiveScene::Explain(const std::vector<SeenPlot>& plots) {
   for (const SeenPlot& seen : plots) {
-    StationOf(seen.plot.sensor).clutter.Explain(seen.plot.frame, seen.ray_m);
+    StationOf(seen.plot.sensor).clutter.Explain(seen.plot);
   }
 }
 

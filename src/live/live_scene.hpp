@@ -98,13 +98,6 @@ class LiveScene {
     std::deque<BodyBox> bodies;
   };
 
-  // A frame whose plots are not yet judged. They are relative to the viewpoint.
-  struct HeldFrame {
-    FrameInfo info;
-    std::vector<SeenPlot> plots;
-    std::vector<double> place_rates;  // (plots)
-  };
-
   double SecondsOf(TimeNs time_ns) const;
   std::int64_t BinOf(TimeNs time_ns);
   Station& StationOf(std::uint32_t sensor);
@@ -113,8 +106,8 @@ class LiveScene {
   void WarmUpLate(Station* station);
   void Refit(Station* station);
   void RefitAll();
-  HeldFrame PlotsOf(LoadedFrame loaded, std::int64_t bin);
-  SceneFrame Judge(HeldFrame held);
+  SceneFrame PlotsOf(LoadedFrame loaded, std::int64_t bin);
+  void Judge(SceneFrame* frame);
 
   const Config& config_;
 
@@ -137,7 +130,7 @@ class LiveScene {
 
   // Frames on their way.
   std::deque<BinnedFrame> waiting_;
-  std::deque<HeldFrame> held_;
+  std::deque<SceneFrame> held_;   // not yet judged: their plots are relative to the viewpoint
   std::uint32_t num_frames_ = 0;  // made into plots
 };
 

@@ -32,7 +32,7 @@ bool MovesOrFloats(const std::vector<SeenPlot>& path) {
     if (i >= path.size() - third) end_m += plot.position_m / static_cast<double>(third);
     num_floating += plot.is_floating ? 1U : 0U;
   }
-  const double least_m = kLeastMove.At(path.front().ray_m.norm());
+  const double least_m = kLeastMove.At(path.front().plot.ray_m.norm());
   return 2 * num_floating >= path.size() || (end_m - begin_m).norm() > least_m;
 }
 
@@ -55,7 +55,7 @@ std::size_t LowPrefix(const std::vector<SeenPlot>& path, double off_ground_m) {
 // How many plots at the begin of a path stand still for long without floating: what flies off from
 // there is another thing than what stands there.
 std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
-  const double least_m = kLeastMove.At(path.front().ray_m.norm());
+  const double least_m = kLeastMove.At(path.front().plot.ray_m.norm());
   Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
   std::size_t count = 0;
   std::size_t num_floating = 0;

@@ -12,7 +12,6 @@ namespace unlidar {
 // A plot as a measurement of a target, before it is known how fast that moves.
 struct SeenPlot {
   Plot plot;
-  Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();  // to it from the viewpoint of its station
   Moment at;
   TimeNs stamp_ns = 0;                                   // of its frame
   Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns, about their mean

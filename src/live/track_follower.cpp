@@ -197,7 +197,7 @@ std::vector<SeenPlot> TrackFollower::Settle(TimeNs until_ns) {
     const auto n = static_cast<double>(seen.plot.returns.size());
     if (n < 2.0) continue;
     const Eigen::Vector3d across =
-        seen.ray_m.cross(nodes_[static_cast<std::size_t>(at)].h.state.mean.col(1))
+        seen.plot.ray_m.cross(nodes_[static_cast<std::size_t>(at)].h.state.mean.col(1))
             .stableNormalized();
     if (across.squaredNorm() < 0.5) continue;
     body_sum_m2_ += across.dot(seen.scatter_m2 * across);
@@ -244,13 +244,13 @@ void TrackFollower::Forget() {
 Measurement TrackFollower::Measure(const Node& node) const {
   const SeenPlot& seen = PlotOf(node);
   const auto n = static_cast<double>(seen.plot.returns.size());
-  const double range_m = seen.ray_m.norm();
+  const double range_m = seen.plot.ray_m.norm();
   const double beam_m = collect_.beam_sigma_rad * range_m;
   Measurement m;
   m.time_ns = seen.plot.time_ns;
-  m.position_m =
-      seen.plot.position_m + collect_.facing_side * body_sigma_m_ * seen.ray_m.stableNormalized();
-  m.viewpoint_m = seen.plot.position_m - seen.ray_m;
+  m.position_m = seen.plot.position_m +
+                 collect_.facing_side * body_sigma_m_ * seen.plot.ray_m.stableNormalized();
+  m.viewpoint_m = seen.plot.position_m - seen.plot.ray_m;
   m.support = static_cast<int>(seen.plot.returns.size());
   const Eigen::Vector3d along_m = node.h.state.mean.col(1) * seen.plot.streak_s;
   m.covariance_m2 = (collect_.centre_sigma_m * collect_.centre_sigma_m +

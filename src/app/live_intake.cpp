@@ -16,6 +16,7 @@ FramePace::Clock::duration Seconds(double seconds) {
 
 std::vector<std::string> NamesOf(const std::vector<FrameSource>& sources) {
   std::vector<std::string> names;
+  names.reserve(sources.size());
   for (const FrameSource& source : sources) names.push_back(SourceName(source));
   return names;
 }

@@ -76,19 +76,18 @@ void LiveClutter::Settle(double time_s) {
   }
 }
 
-void LiveClutter::Judge(const Support& support, const std::vector<double>& place_rates,
-                        double time_s, std::vector<Plot>* plots) {
+void LiveClutter::Judge(const Support& support, double time_s, std::vector<SeenPlot>* plots) {
   Settle(time_s);
-  for (std::size_t i = 0; i < plots->size(); ++i) {
-    Plot& plot = (*plots)[i];
-    const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+  for (SeenPlot& seen : *plots) {
+    Plot& plot = seen.plot;
+    const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
     standing_.Add(place_m, time_s);
     about_.Add(place_m, time_s);
     const double here = standing_.CountAt(place_m, time_s);
     const double chance =
         about_.CountAt(place_m, time_s) * standing_.VolumeM3(place_m) / about_.VolumeM3(place_m);
     const bool is_standing = here >= kMinStanding && here > chance + 3.0 * std::sqrt(chance);
-    if (is_standing) standing_plots_.push_back({time_s, plot.position_m});
+    if (is_standing) standing_plots_.push_back({time_s, plot.ray_m});
     Sensor& sensor = SensorAt(plot.sensor);
     sensor.lately.Add(place_m, time_s);
     // What is hit now and then in one place is a twig or a wire.
@@ -100,12 +99,13 @@ void LiveClutter::Judge(const Support& support, const std::vector<double>& place
   while (!standing_plots_.empty() && standing_plots_.front().time_s < time_s - kSameTimeS) {
     standing_plots_.pop_front();
   }
-  for (Plot& plot : *plots) {
+  for (SeenPlot& seen : *plots) {
+    Plot& plot = seen.plot;
     if (plot.is_floating) plot.is_floating = !HasCompany(plot, support.config(), time_s);
   }
-  for (std::size_t i = 0; i < plots->size(); ++i) {
-    Plot& plot = (*plots)[i];
-    const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+  for (SeenPlot& seen : *plots) {
+    Plot& plot = seen.plot;
+    const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
     Sensor& sensor = SensorAt(plot.sensor);
     const double frames = std::max(1.0, sensor.frames);
     double rate = 1e-6;
@@ -119,7 +119,7 @@ void LiveClutter::Judge(const Support& support, const std::vector<double>& place
     sensor.spot.Add(place_m, time_s);
     if (!plot.is_floating) {
       const double spot_rate = others / frames / PlotVolumeM3(plot);
-      plot.log_clutter = std::log(std::max({rate, spot_rate, place_rates[i]}));
+      plot.log_clutter = std::log(std::max({rate, spot_rate, plot.place_rate}));
     }
     recent_.push_back({time_s, plot.frame, plot.sensor, place_m});
   }
@@ -128,13 +128,13 @@ void LiveClutter::Judge(const Support& support, const std::vector<double>& place
 // Whether more stands beside a floating plot at the same time than by chance: then what holds the
 // one up is likely to hold the other.
 bool LiveClutter::HasCompany(const Plot& plot, const SupportConfig& support, double time_s) {
-  const Eigen::Vector3f place_m = plot.position_m.cast<float>();
-  const double reach_m = support.ReachM(plot.position_m.norm());
+  const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
+  const double reach_m = support.ReachM(plot.ray_m.norm());
   double self = 0.0;
   double beside = 0.0;
   double farther = 0.0;
   for (const Standing& other : standing_plots_) {
-    const double distance_m = (plot.position_m - other.position_m).norm();
+    const double distance_m = (plot.ray_m - other.position_m).norm();
     if (distance_m >= kFarther * reach_m) continue;
     (distance_m <= support.body_m ? self : distance_m < reach_m ? beside : farther) += 1.0;
   }
@@ -149,10 +149,10 @@ bool LiveClutter::HasCompany(const Plot& plot, const SupportConfig& support, dou
   return beside_.CountAt(place_m, time_s) / times > chance + 2.0 * std::sqrt(chance);
 }
 
-void LiveClutter::Explain(std::uint32_t frame, const Eigen::Vector3d& position_m) {
-  const Eigen::Vector3f place_m = position_m.cast<float>();
+void LiveClutter::Explain(const Plot& plot) {
+  const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
   for (auto at = recent_.begin(); at != recent_.end(); ++at) {
-    if (at->frame != frame || at->position_m != place_m) continue;
+    if (at->frame != plot.frame || at->position_m != place_m) continue;
     sensors_[at->sensor].spot.Add(place_m, at->time_s, -1.0);
     recent_.erase(at);
     return;

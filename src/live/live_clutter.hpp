@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "live/fading_grid.hpp"
+#include "live/seen_plot.hpp"
 #include "robust/robust.hpp"
 
 namespace unlidar {
@@ -20,13 +21,12 @@ class LiveClutter {
   // A frame of a sensor was taken, whether or not it shows any plot.
   void AddFrame(std::uint32_t sensor, double time_s);
 
-  // Tells of each plot, of one frame, whether it floats and how much clutter is there.
-  // `place_rates`: of each plot, as Background::PlaceRate. Then remembers the plots.
-  void Judge(const Support& support, const std::vector<double>& place_rates, double time_s,
-             std::vector<Plot>* plots);
+  // Tells of each plot, of one frame, whether it floats and how much clutter is there. Then
+  // remembers the plots.
+  void Judge(const Support& support, double time_s, std::vector<SeenPlot>* plots);
 
-  // Plots that are a target's are no clutter. Only those of the last second can still be told.
-  void Explain(std::uint32_t frame, const Eigen::Vector3d& position_m);
+  // A plot that is a target's is no clutter. Only one of the last second can still be told.
+  void Explain(const Plot& plot);
 
   void Sweep(double time_s);
 

@@ -17,25 +17,26 @@ constexpr double kGateSigmas = 6.0;
 
 }  // namespace
 
-TrackFollower::TrackFollower(int id, const std::vector<SeenPlot>& path, double log_birth,
-                             const std::vector<TrackModel>& models, const TrackerConfig& tracker,
-                             const CollectConfig& collect, const TrajectoryConfig& trajectory)
+TrackFollower::TrackFollower(int id, const Flight& flight, const std::vector<TrackModel>& models,
+                             const TrackerConfig& tracker, const CollectConfig& collect,
+                             const TrajectoryConfig& trajectory)
     : id_(id),
       models_(&models),
       tracker_(tracker),
       collect_(collect),
       trajectory_config_(trajectory),
-      plots_(path.begin(), path.end()),
-      first_evidence_ns_(path.front().plot.time_ns),
+      plots_(flight.plots.begin(), flight.plots.end()),
+      first_evidence_ns_(flight.plots.front().plot.time_ns),
       body_sum_m2_(kPriorReturns * collect.body_sigma_m * collect.body_sigma_m),
       body_count_(kPriorReturns),
       body_sigma_m_(collect.body_sigma_m) {
+  const std::vector<SeenPlot>& path = flight.plots;
   for (std::uint32_t m = 0; m < models.size(); ++m) {
     const TrackModel& model = models[m];
     std::vector<Node> best;
     for (const double speed_mps : tracker.birth_speeds_mps) {
       std::vector<Node> chain(1);
-      chain[0].h = model.Birth(path[0].plot, log_birth, path[0].at, speed_mps);
+      chain[0].h = model.Birth(path[0].plot, flight.log_birth, path[0].at, speed_mps);
       chain[0].model = m;
       for (std::size_t k = 1; k < path.size(); ++k) {
         Node node = chain.back();
@@ -166,11 +167,13 @@ TimeNs TrackFollower::last_evidence_ns() const {
   return PlotOf(nodes_[static_cast<std::size_t>(Head())]).plot.time_ns;
 }
 
-std::vector<SeenPlot> TrackFollower::Settle(double until_s) {
+std::vector<SeenPlot> TrackFollower::Settle(TimeNs until_ns) {
   std::vector<SeenPlot> settled;
   std::int32_t at = Head();
-  while (at != kNone && nodes_[static_cast<std::size_t>(at)].h.time_s > until_s) {
-    at = nodes_[static_cast<std::size_t>(at)].parent;
+  while (at != kNone) {
+    const Node& node = nodes_[static_cast<std::size_t>(at)];
+    if (PlotOf(node).plot.frame_time_ns <= until_ns) break;
+    at = node.parent;
   }
   if (at == kNone || at == settled_) return settled;
   for (std::int32_t k = at; k != kNone && k != settled_;
@@ -194,7 +197,7 @@ std::vector<SeenPlot> TrackFollower::Settle(double until_s) {
     const auto n = static_cast<double>(seen.plot.returns.size());
     if (n < 2.0) continue;
     const Eigen::Vector3d across =
-        seen.ray_m.cross(nodes_[static_cast<std::size_t>(at)].h.state.mean.col(1))
+        seen.plot.ray_m.cross(nodes_[static_cast<std::size_t>(at)].h.state.mean.col(1))
             .stableNormalized();
     if (across.squaredNorm() < 0.5) continue;
     body_sum_m2_ += across.dot(seen.scatter_m2 * across);
@@ -241,13 +244,13 @@ void TrackFollower::Forget() {
 Measurement TrackFollower::Measure(const Node& node) const {
   const SeenPlot& seen = PlotOf(node);
   const auto n = static_cast<double>(seen.plot.returns.size());
-  const double range_m = seen.ray_m.norm();
+  const double range_m = seen.plot.ray_m.norm();
   const double beam_m = collect_.beam_sigma_rad * range_m;
   Measurement m;
   m.time_ns = seen.plot.time_ns;
-  m.position_m =
-      seen.plot.position_m + collect_.facing_side * body_sigma_m_ * seen.ray_m.stableNormalized();
-  m.viewpoint_m = seen.plot.position_m - seen.ray_m;
+  m.position_m = seen.plot.position_m +
+                 collect_.facing_side * body_sigma_m_ * seen.plot.ray_m.stableNormalized();
+  m.viewpoint_m = seen.plot.position_m - seen.plot.ray_m;
   m.support = static_cast<int>(seen.plot.returns.size());
   const Eigen::Vector3d along_m = node.h.state.mean.col(1) * seen.plot.streak_s;
   m.covariance_m2 = (collect_.centre_sigma_m * collect_.centre_sigma_m +

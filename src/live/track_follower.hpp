@@ -9,29 +9,19 @@
 #include <utility>
 #include <vector>
 
+#include "live/seen_plot.hpp"
 #include "robust/collection/collect.hpp"
-#include "robust/plots/plots.hpp"
 #include "robust/tracking/track_model.hpp"
 #include "trajectory/trajectory.hpp"
 
 namespace unlidar {
 
-// A plot as a measurement of a target, before it is known how fast that moves.
-struct SeenPlot {
-  Plot plot;
-  Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();  // to it from the viewpoint of its station
-  Moment at;
-  TimeNs stamp_ns = 0;                                   // of its frame
-  Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns, about their mean
-};
-
 class TrackFollower {
  public:
-  // Goes on from a path of plots, each of another frame and in order of time. `models`: one for
-  // each agility, which outlive it.
-  TrackFollower(int id, const std::vector<SeenPlot>& path, double log_birth,
-                const std::vector<TrackModel>& models, const TrackerConfig& tracker,
-                const CollectConfig& collect, const TrajectoryConfig& trajectory);
+  // Goes on from a flight. `models`: one for each agility, which outlive it.
+  TrackFollower(int id, const Flight& flight, const std::vector<TrackModel>& models,
+                const TrackerConfig& tracker, const CollectConfig& collect,
+                const TrajectoryConfig& trajectory);
 
   int id() const { return id_; }
 
@@ -42,9 +32,9 @@ class TrackFollower {
   void Extend(const std::vector<SeenPlot>& plots, const std::vector<char>& is_allowed,
               const Moment& at);
 
-  // Settles what was seen until `until_s`, so that it cannot change any more, and gives the plots
+  // Settles what was seen until `until_ns`, so that it cannot change any more, and gives the plots
   // of it that were not given yet.
-  std::vector<SeenPlot> Settle(double until_s);
+  std::vector<SeenPlot> Settle(TimeNs until_ns);
 
   // The newest plot that is believed to be the target's.
   TimeNs last_evidence_ns() const;

@@ -30,7 +30,7 @@ struct Clutter {
     Plot plot;
     plot.frame = static_cast<std::uint32_t>(maker.recording.frames.size() - 1);
     plot.sensor = maker.recording.frames.back().sensor;
-    plot.position_m = position_m;
+    plot.ray_m = plot.position_m = position_m;
     plot.returns = {static_cast<std::uint32_t>(maker.recording.points_m.size())};
     maker.Add(position_m, label);
     plot.time_ns = maker.recording.times_ns.back();
@@ -44,8 +44,12 @@ const Eigen::Vector3d kSkyLow_m(10, -30, 5);
 const Eigen::Vector3d kSkyHigh_m(60, 30, 45);
 
 void Estimate(const std::vector<char>& explained, Clutter* clutter) {
-  const Background background(clutter->maker.recording, BackgroundConfig());
-  EstimateClutter(background, PlotConfig(), explained, &clutter->plots);
+  const Recording& recording = clutter->maker.recording;
+  const Background background(recording, BackgroundConfig());
+  const std::vector<SensorView> views(recording.sensors.size(),
+                                      {Eigen::Vector3f::Zero(), &background});
+  SetPlaceRates(background, &clutter->plots);
+  EstimateClutter(views, PlotConfig(), explained, &clutter->plots);
 }
 
 Clutter UniformClutter(
@@ -219,7 +223,7 @@ TEST(EstimateClutter, IsAtLeastTheRateOfAllReturnsAtThePlaceUnlessThePlotFloats)
 
 TEST(EstimateClutter, OfNoPlotsIsNothing) {
   std::vector<Plot> plots;
-  EstimateClutter(Background(Recording(), BackgroundConfig()), PlotConfig(), {}, &plots);
+  EstimateClutter({}, PlotConfig(), {}, &plots);
   EXPECT_TRUE(plots.empty());
 }
 

@@ -97,5 +97,20 @@ TEST(FieldOfView, IsTheSameInWhateverOrderReturnsCome) {
   }
 }
 
+TEST(LowestElevation, HasOneReturnInAHundredBelowIt) {
+  Random random(5);
+  std::vector<Eigen::Vector3f> points_m;
+  for (int k = 0; k < 5000; ++k) {
+    points_m.push_back(Towards(random.Uniform(-M_PI, M_PI), random.Uniform(-0.5, 0.5), 9.0));
+  }
+  const double lowest_rad = LowestElevationRad(points_m);
+  const auto num_below =
+      std::count_if(points_m.begin(), points_m.end(), [&](const Eigen::Vector3f& point_m) {
+        return std::asin(static_cast<double>(point_m.z() / point_m.norm())) < lowest_rad;
+      });
+  EXPECT_EQ(num_below, 50);
+  EXPECT_NEAR(LowestElevationRad({Towards(1.0, 0.1, 9.0)}), 0.1, 1e-6);
+}
+
 }  // namespace
 }  // namespace unlidar

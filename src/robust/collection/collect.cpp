@@ -95,40 +95,43 @@ struct SensorShift {
   double delay_s = 0.0;  // its stamps are so much late
 };
 
+// The sensor with the most returns (sensors), the first of equal ones.
+std::size_t MainSensor(const std::vector<int>& returns) {
+  return static_cast<std::size_t>(std::max_element(returns.begin(), returns.end()) -
+                                  returns.begin());
+}
+
 // Stations are surveyed alike, and what is left of the difference between the sides that they see
 // is no one's alone: the truth is in the middle of the stations, each by its sensor with the most
 // returns. That of a single station is at its main sensor.
-Eigen::Vector3d CommonBiasM(const std::vector<SensorShift>& shifts, const std::vector<int>& support,
+Eigen::Vector3d CommonBiasM(const std::vector<SensorShift>& shifts, const std::vector<int>& returns,
                             const std::vector<SensorView>& views) {
   Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
   double num_stations = 0.0;
   for (std::size_t sensor = 0; sensor < shifts.size(); ++sensor) {
-    if (support[sensor] == 0) continue;
-    bool is_main = true;
+    if (returns[sensor] == 0) continue;
+    std::vector<int> of_station = returns;
     for (std::size_t other = 0; other < shifts.size(); ++other) {
-      const bool has_more =
-          support[other] > support[sensor] || (support[other] == support[sensor] && other < sensor);
-      is_main = is_main && !(has_more && views[other].viewpoint_m == views[sensor].viewpoint_m);
+      if (views[other].viewpoint_m != views[sensor].viewpoint_m) of_station[other] = 0;
     }
-    if (!is_main) continue;
+    if (MainSensor(of_station) != sensor) continue;
     sum_m += shifts[sensor].bias_m;
     num_stations += 1.0;
   }
   return sum_m / num_stations;
 }
 
-// The shift of each sensor from the difference d of its measurements to those of the main one,
-// which has the most returns, just before and after, d = bias - velocity * delay: least squares,
-// shrunk towards none as far as it is uncertain.
+// The shift of each sensor from the difference d of its measurements to those of the main one, just
+// before and after, d = bias - velocity * delay: least squares, shrunk towards none as far as it is
+// uncertain.
 std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
                                       const std::vector<SensorView>& views,
                                       const CollectConfig& config) {
   const std::size_t num_sensors = views.size();
-  std::vector<int> support(num_sensors, 0);
+  std::vector<int> returns(num_sensors, 0);
   for (const Sighting& sighting : sightings)
-    support[sighting.sensor] += sighting.measurement.support;
-  const auto main_sensor = static_cast<std::uint32_t>(
-      std::max_element(support.begin(), support.end()) - support.begin());
+    returns[sighting.sensor] += sighting.measurement.support;
+  const std::size_t main_sensor = MainSensor(returns);
   Eigen::Matrix4d prior = Eigen::Matrix4d::Identity();
   prior.topLeftCorner<3, 3>() /= config.sensor_bias_m * config.sensor_bias_m;
   prior(3, 3) /= config.sensor_delay_s * config.sensor_delay_s;
@@ -163,7 +166,7 @@ std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
     const Eigen::Vector4d shift = information[sensor].ldlt().solve(sums[sensor]);
     shifts.push_back({shift.head<3>(), shift[3]});
   }
-  const Eigen::Vector3d common_m = CommonBiasM(shifts, support, views);
+  const Eigen::Vector3d common_m = CommonBiasM(shifts, returns, views);
   for (SensorShift& shift : shifts) shift.bias_m -= common_m;
   return shifts;
 }
@@ -194,16 +197,6 @@ class FacingSide {
   SensorView main_;
   double share_;
 };
-
-// The one with the most returns on a path.
-std::size_t MainSensor(const std::vector<Plot>& path, const Recording& recording) {
-  std::vector<std::size_t> returns(recording.sensors.size(), 0);
-  for (const Plot& plot : path) {
-    returns[recording.frames[plot.frame].sensor] += plot.returns.size();
-  }
-  return static_cast<std::size_t>(std::max_element(returns.begin(), returns.end()) -
-                                  returns.begin());
-}
 
 // What is looked for in a frame: the returns that are likelier the target's than their place's.
 class Collector {
@@ -265,7 +258,11 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
                      const CollectConfig& config, const TrajectoryConfig& trajectory_config) {
   Target target;
   double body_sigma_m = config.body_sigma_m;
-  const FacingSide facing(views[MainSensor(path, recording)], config.facing_side);
+  std::vector<int> returns(recording.sensors.size(), 0);
+  for (const Plot& plot : path) {
+    returns[recording.frames[plot.frame].sensor] += static_cast<int>(plot.returns.size());
+  }
+  const FacingSide facing(views[MainSensor(returns)], config.facing_side);
   for (const Plot& plot : path) {
     const FrameInfo& frame = recording.frames[plot.frame];
     target.measurements.push_back(Measure(recording, frame, views[frame.sensor], plot.returns,

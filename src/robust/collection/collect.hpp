@@ -5,7 +5,7 @@
 
 #include "base/recording.hpp"
 #include "robust/plots/plots.hpp"
-#include "robust/plots/views.hpp"
+#include "robust/scene/sensor_view.hpp"
 #include "trajectory/trajectory.hpp"
 #include "unlidar/config.hpp"
 

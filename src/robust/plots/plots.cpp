@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "robust/plots/linkage.hpp"
+#include "robust/scene/field_of_view.hpp"
 
 namespace unlidar {
 namespace {
@@ -69,15 +70,6 @@ bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
                      [&](std::uint32_t i) { return returns[i] != 0; });
 }
 
-double LowestElevationRad(const std::vector<Eigen::Vector3f>& points_m) {
-  constexpr double kShare = 0.01;
-  std::vector<float> sines(points_m.size());
-  for (std::size_t i = 0; i < sines.size(); ++i) sines[i] = points_m[i].z() / points_m[i].norm();
-  const auto k = static_cast<std::ptrdiff_t>(kShare * static_cast<double>(sines.size()));
-  std::nth_element(sines.begin(), sines.begin() + k, sines.end());
-  return std::asin(static_cast<double>(sines[static_cast<std::size_t>(k)]));
-}
-
 FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame_index,
                         std::vector<std::uint32_t> candidates, const Ground& ground,
                         double lowest_elevation_rad, const PlotConfig& config) {
@@ -101,7 +93,7 @@ FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame_index,
     plot.frame_time_ns = frame.middle_ns();
     plot.streak_s =
         frame.is_timed ? 0.0 : static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
-    plot.position_m = MeanOf(recording, returns);
+    plot.ray_m = plot.position_m = MeanOf(recording, returns);
     plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config);
     TimeNs time_sum = 0;
     plot.lowest_m = std::numeric_limits<double>::infinity();
@@ -116,26 +108,22 @@ FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame_index,
   return found;
 }
 
-void DropNearBodies(const std::vector<BodyBox>& bodies, const PlotConfig& config,
-                    std::vector<Plot>* plots) {
+bool IsNearBody(const Plot& plot, const std::deque<BodyBox>& bodies, const PlotConfig& config) {
   const auto margin_ns = static_cast<TimeNs>(config.body_margin_s * 1e9);
-  const auto is_near = [&](const Plot& plot) {
-    const Eigen::Array3f p = plot.position_m.cast<float>().array();
-    auto body =
-        std::lower_bound(bodies.begin(), bodies.end(), plot.time_ns - margin_ns,
-                         [](const BodyBox& box, TimeNs time_ns) { return box.time_ns < time_ns; });
-    for (; body != bodies.end() && body->time_ns <= plot.time_ns + margin_ns; ++body) {
-      // Its far side may reach as far as its length, its top as its height.
-      const Eigen::Array3f size_m = body->high_m - body->low_m;
-      const float length_m = size_m.head<2>().maxCoeff();
-      const Eigen::Array3f margin_m =
-          (static_cast<float>(config.body_margin) * Eigen::Array3f(length_m, length_m, size_m.z()))
-              .max(static_cast<float>(config.body_min_margin_m));
-      if ((p > body->low_m - margin_m).all() && (p < body->high_m + margin_m).all()) return true;
-    }
-    return false;
-  };
-  plots->erase(std::remove_if(plots->begin(), plots->end(), is_near), plots->end());
+  const Eigen::Array3f p = plot.position_m.cast<float>().array();
+  auto body =
+      std::lower_bound(bodies.begin(), bodies.end(), plot.time_ns - margin_ns,
+                       [](const BodyBox& box, TimeNs time_ns) { return box.time_ns < time_ns; });
+  for (; body != bodies.end() && body->time_ns <= plot.time_ns + margin_ns; ++body) {
+    // Its far side may reach as far as its length, its top as its height.
+    const Eigen::Array3f size_m = body->high_m - body->low_m;
+    const float length_m = size_m.head<2>().maxCoeff();
+    const Eigen::Array3f margin_m =
+        (static_cast<float>(config.body_margin) * Eigen::Array3f(length_m, length_m, size_m.z()))
+            .max(static_cast<float>(config.body_min_margin_m));
+    if ((p > body->low_m - margin_m).all() && (p < body->high_m + margin_m).all()) return true;
+  }
+  return false;
 }
 
 std::vector<Plot> MakePlots(const Recording& recording,
@@ -144,7 +132,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
   std::vector<Plot> plots;
   is_body->assign(recording.points_m.size(), 0);
   const double lowest_elevation_rad = LowestElevationRad(recording.points_m);
-  std::vector<BodyBox> bodies;
+  std::deque<BodyBox> bodies;
   std::size_t next = 0;
   for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
     std::vector<std::uint32_t> members;
@@ -159,7 +147,9 @@ std::vector<Plot> MakePlots(const Recording& recording,
   }
   std::stable_sort(bodies.begin(), bodies.end(),
                    [](const BodyBox& a, const BodyBox& b) { return a.time_ns < b.time_ns; });
-  DropNearBodies(bodies, config, &plots);
+  plots.erase(std::remove_if(plots.begin(), plots.end(),
+                             [&](const Plot& plot) { return IsNearBody(plot, bodies, config); }),
+              plots.end());
   std::stable_sort(plots.begin(), plots.end(),
                    [](const Plot& a, const Plot& b) { return a.frame_time_ns < b.frame_time_ns; });
   return plots;

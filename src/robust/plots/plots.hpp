@@ -3,11 +3,13 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <deque>
 #include <vector>
 
 #include "base/recording.hpp"
 #include "robust/scene/background.hpp"
 #include "robust/scene/ground.hpp"
+#include "robust/scene/sensor_view.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -17,8 +19,10 @@ struct Plot {
   TimeNs frame_time_ns = 0;  // middle of its frame
   double streak_s = 0.0;     // how long its returns may lie apart: a frame without times of points
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();  // to it from the viewpoint of its station
   double variance_m2 = 0.0;  // of the position, per axis, for a target at rest
   double lowest_m = 0.0;     // height of its lowest return above the ground
+  double place_rate = 0.0;   // of all returns at its place: see Background::PlaceRate
   double log_clutter = 0.0;  // log of the clutter plots per m^3 and frame of its sensor
   bool is_floating = false;  // stands still where nothing holds it up: MarkFloating tells
   std::uint32_t frame = 0;
@@ -43,19 +47,15 @@ struct FramePlots {
   std::vector<std::uint32_t> body_returns;  // indices into the recording
 };
 
-// The elevation below which a station sees nothing: near it, people lack their legs. Of at least
-// one point.
-double LowestElevationRad(const std::vector<Eigen::Vector3f>& points_m);
-
-// Of `candidates`, returns of one frame in ascending order.
+// Of `candidates`, returns of one frame in ascending order. All of the recording is relative to the
+// viewpoint of its station; `lowest_elevation_rad`: LowestElevationRad of the station.
 FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame,
                         std::vector<std::uint32_t> candidates, const Ground& ground,
                         double lowest_elevation_rad, const PlotConfig& config);
 
-// Drops the plots next to a body: what of it was too sparse, or too far from the rest, to be known.
-// `bodies` in order of time.
-void DropNearBodies(const std::vector<BodyBox>& bodies, const PlotConfig& config,
-                    std::vector<Plot>* plots);
+// Whether a plot is next to a body: what of it was too sparse, or too far from the rest, to be
+// known. `bodies` in order of time.
+bool IsNearBody(const Plot& plot, const std::deque<BodyBox>& bodies, const PlotConfig& config);
 
 // Plots of `candidates`, returns in ascending order, frame by frame in order of time; bodies
 // (people, cars) left out, with all that is next to one shortly before or after. `is_body` (N)
@@ -64,11 +64,14 @@ std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
                             const PlotConfig& config, std::vector<char>* is_body);
 
-// Sets log_clutter of every plot, MarkFloating done, from the plots of its sensor that are not
-// `explained` (size of plots): from those at other times in three narrowing neighbourhoods, and,
-// unless it floats, from the rate of a static thing at its place and from that of all returns
-// there.
-void EstimateClutter(const Background& background, const PlotConfig& config,
+// Sets place_rate of every plot, whose returns are those of the background: the mean over them.
+void SetPlaceRates(const Background& background, std::vector<Plot>* plots);
+
+// Sets log_clutter of every plot, MarkFloating and SetPlaceRates done, from the plots of its sensor
+// that are not `explained` (size of plots): from those at other times in three narrowing
+// neighbourhoods, and, unless it floats, from the rate of a static thing at its place and from that
+// of all returns there. `views`: (sensors).
+void EstimateClutter(const std::vector<SensorView>& views, const PlotConfig& config,
                      const std::vector<char>& explained, std::vector<Plot>* plots);
 
 }  // namespace unlidar

@@ -12,10 +12,21 @@
 #include "robust/scene/support.hpp"
 
 namespace unlidar {
+namespace {
 
-Views::View::View(const Recording& recording, const RobustConfig& config)
-    : background(recording, config.background) {
-  if (recording.points_m.empty()) return;
+// What one station sees, relative to its viewpoint.
+struct StationPlots {
+  std::vector<Plot> plots;
+  std::vector<char> are_parked;  // (plots)
+  std::vector<char> are_bodies;  // (returns)
+  std::size_t num_unexplained = 0;
+};
+
+StationPlots PlotsOf(const Recording& recording, const Background& background,
+                     const RobustConfig& config) {
+  StationPlots found;
+  found.are_bodies.assign(recording.points_m.size(), 0);
+  if (recording.points_m.empty()) return found;
   const PointsView structure_m(recording.points_m, background.structure());
   const Ground ground(structure_m, config.ground);
   FieldOfView view;
@@ -33,15 +44,19 @@ Views::View::View(const Recording& recording, const RobustConfig& config)
       std::remove_if(candidates.begin(), candidates.end(),
                      [&](std::uint32_t i) { return ground.Holds(recording.points_m[i]); }),
       candidates.end());
-  num_unexplained = candidates.size();
-  plots = MakePlots(recording, candidates, ground, config.plots, &are_bodies);
-  MarkFloating(recording, support, config.background.place, &plots);
+  found.num_unexplained = candidates.size();
+  found.plots = MakePlots(recording, candidates, ground, config.plots, &found.are_bodies);
+  MarkFloating(recording, support, config.background.place, &found.plots);
+  SetPlaceRates(background, &found.plots);
   std::vector<char> is_standing(recording.points_m.size(), 0);
   for (const std::uint32_t i : floating) is_standing[i] = 1;
-  for (const Plot& plot : plots) {
-    are_parked.push_back(plot.is_floating && HasAnyOf(plot, is_standing) ? 1 : 0);
+  for (const Plot& plot : found.plots) {
+    found.are_parked.push_back(plot.is_floating && HasAnyOf(plot, is_standing) ? 1 : 0);
   }
+  return found;
 }
+
+}  // namespace
 
 Views::Views(const Recording& recording, const Stations& stations, const RobustConfig& config)
     : stations_(stations),
@@ -50,44 +65,37 @@ Views::Views(const Recording& recording, const Stations& stations, const RobustC
       are_bodies_(recording.points_m.size(), 0) {
   if (stations.size() == 1 && stations.ViewpointM(0).isZero()) {
     // What a station about the origin sees alone needs no copy.
-    StationRecording all;
-    all.recording.frames = recording.frames;
-    all.frames.resize(recording.frames.size());
-    std::iota(all.frames.begin(), all.frames.end(), 0U);
-    views_.emplace_back(recording, config);
-    AddPlots(recording, all);
+    std::vector<std::uint32_t> all(recording.frames.size());
+    std::iota(all.begin(), all.end(), 0U);
+    AddStation(recording, recording, all, config);
   } else {
     for (std::size_t station = 0; station < stations.size(); ++station) {
-      const StationRecording part = RecordingOf(recording, stations, station);
-      views_.emplace_back(part.recording, config);
-      AddPlots(recording, part);
+      const StationRecording own = RecordingOf(recording, stations, station);
+      AddStation(recording, own.recording, own.frames, config);
     }
   }
   SortByTime();
 }
 
-// Takes in the plots of the newest view, which is of a part of the recording.
-void Views::AddPlots(const Recording& recording, const StationRecording& part) {
-  const View& view = views_.back();
-  const std::size_t index = views_.size() - 1;
-  const Eigen::Vector3d viewpoint_m = stations_.ViewpointM(index).cast<double>();
-  for (std::size_t k = 0; k < view.plots.size(); ++k) {
-    Plot plot = view.plots[k];
-    const FrameInfo& own = part.recording.frames[plot.frame];
-    plot.frame = part.frames[plot.frame];
-    const FrameInfo& frame = recording.frames[plot.frame];
-    for (std::uint32_t& i : plot.returns) i = frame.first_return + (i - own.first_return);
+void Views::AddStation(const Recording& whole, const Recording& own,
+                       const std::vector<std::uint32_t>& frames, const RobustConfig& config) {
+  const Eigen::Vector3d viewpoint_m = stations_.ViewpointM(backgrounds_.size()).cast<double>();
+  backgrounds_.emplace_back(own, config.background);
+  StationPlots found = PlotsOf(own, backgrounds_.back(), config);
+  for (Plot& plot : found.plots) {
+    const std::uint32_t own_first = own.frames[plot.frame].first_return;
+    plot.frame = frames[plot.frame];
+    const std::uint32_t first = whole.frames[plot.frame].first_return;
+    for (std::uint32_t& i : plot.returns) i = first + (i - own_first);
     plot.position_m += viewpoint_m;
     plots_.push_back(std::move(plot));
-    sources_.push_back({index, k});
   }
-  are_parked_.insert(are_parked_.end(), view.are_parked.begin(), view.are_parked.end());
-  num_unexplained_ += view.num_unexplained;
-  if (view.are_bodies.empty()) return;
-  for (std::size_t f = 0; f < part.frames.size(); ++f) {
-    const FrameInfo& own = part.recording.frames[f];
-    std::copy(view.are_bodies.begin() + own.first_return, view.are_bodies.begin() + own.last_return,
-              are_bodies_.begin() + recording.frames[part.frames[f]].first_return);
+  are_parked_.insert(are_parked_.end(), found.are_parked.begin(), found.are_parked.end());
+  num_unexplained_ += found.num_unexplained;
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    std::copy(found.are_bodies.begin() + own.frames[f].first_return,
+              found.are_bodies.begin() + own.frames[f].last_return,
+              are_bodies_.begin() + whole.frames[frames[f]].first_return);
   }
 }
 
@@ -104,29 +112,18 @@ void Views::SortByTime() {
     *values = std::move(sorted);
   };
   reorder(&plots_);
-  reorder(&sources_);
   reorder(&are_parked_);
 }
 
 void Views::EstimateClutter(const std::vector<char>& explained) {
-  std::vector<std::vector<char>> own_explained;
-  for (const View& view : views_) own_explained.emplace_back(view.plots.size(), 0);
-  for (std::size_t i = 0; i < plots_.size(); ++i) {
-    own_explained[sources_[i].view][sources_[i].plot] = explained[i];
-  }
-  for (std::size_t v = 0; v < views_.size(); ++v) {
-    unlidar::EstimateClutter(views_[v].background, config_, own_explained[v], &views_[v].plots);
-  }
-  for (std::size_t i = 0; i < plots_.size(); ++i) {
-    plots_[i].log_clutter = views_[sources_[i].view].plots[sources_[i].plot].log_clutter;
-  }
+  unlidar::EstimateClutter(SensorViews(), config_, explained, &plots_);
 }
 
 std::vector<SensorView> Views::SensorViews() const {
   std::vector<SensorView> sensor_views;
   for (std::uint32_t sensor = 0; sensor < num_sensors_; ++sensor) {
     const std::size_t station = stations_.StationOf(sensor);
-    sensor_views.push_back({stations_.ViewpointM(station), &views_[station].background});
+    sensor_views.push_back({stations_.ViewpointM(station), &backgrounds_[station]});
   }
   return sensor_views;
 }

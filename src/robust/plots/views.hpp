@@ -8,16 +8,11 @@
 #include "base/recording.hpp"
 #include "robust/plots/plots.hpp"
 #include "robust/scene/background.hpp"
+#include "robust/scene/sensor_view.hpp"
 #include "robust/scene/stations.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
-
-// From where a sensor sees, and what is known of the places that its station sees, relative to it.
-struct SensorView {
-  Eigen::Vector3f viewpoint_m;
-  const Background* background;
-};
 
 // Every station has a scene and plots of its own, as if it were alone: ranges, directions and what
 // hides what begin at its viewpoint, and what one sees well another may see too seldom to judge it.
@@ -43,32 +38,15 @@ class Views {
   std::vector<SensorView> SensorViews() const;
 
  private:
-  // One station's.
-  struct View {
-    explicit View(const Recording& recording, const RobustConfig& config);
-
-    Background background;
-    std::vector<Plot> plots;
-    std::vector<char> are_parked;  // (plots)
-    std::vector<char> are_bodies;  // (returns)
-    std::size_t num_unexplained = 0;
-  };
-
-  // Which plot of which view.
-  struct Source {
-    std::size_t view;
-    std::size_t plot;
-  };
-
-  void AddPlots(const Recording& recording, const StationRecording& part);
+  void AddStation(const Recording& whole, const Recording& own,
+                  const std::vector<std::uint32_t>& frames, const RobustConfig& config);
   void SortByTime();
 
   Stations stations_;
   PlotConfig config_;
   std::size_t num_sensors_;
-  std::vector<View> views_;
+  std::vector<Background> backgrounds_;  // (stations)
   std::vector<Plot> plots_;
-  std::vector<Source> sources_;  // (plots)
   std::vector<char> are_parked_;
   std::vector<char> are_bodies_;
   std::size_t num_unexplained_ = 0;

@@ -39,8 +39,6 @@ class Background {
   // The bins that begin at most `margin` times the length of a bin before or after this one.
   BinRange BinsAround(std::uint32_t bin, std::uint32_t margin) const;
 
-  std::size_t num_sensors() const { return frames_before_.size(); }
-
   // How many frames of a sensor begin in some bins.
   std::uint32_t NumFrames(std::size_t sensor, BinRange bins) const {
     return frames_before_[sensor][bins.last] - frames_before_[sensor][bins.first];

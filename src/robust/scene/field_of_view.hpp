@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <vector>
 
 namespace unlidar {
 
@@ -34,5 +35,10 @@ class FieldOfView {
   std::array<float, kNumColumns> lowest_of_;
   std::array<float, kNumColumns> highest_of_;
 };
+
+// The elevation below which a station sees next to nothing, one return in a hundred: near it,
+// people lack their legs. Beside the lower edge it is always known, whether the sensor ends there
+// or the scene does, and a few returns below it, of a ditch, change nothing. Of at least one point.
+double LowestElevationRad(const std::vector<Eigen::Vector3f>& points_m);
 
 }  // namespace unlidar

@@ -1,0 +1,200 @@
+#include "app/arguments.hpp"
+
+#include <CLI/CLI.hpp>
+#include <cstddef>
+#include <set>
+#include <sstream>
+
+#include "app/output_files.hpp"
+#include "app/version.hpp"
+#include "base/format.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr char kDescription[] =
+    "Finds flying drones in the frames of static LiDARs, without training, and writes their\n"
+    "3D trajectories.";
+
+constexpr char kFooter[] =
+    "\nExamples:\n"
+    "  unlidar_track --frames frames/ --out traj.csv\n"
+    "  unlidar_track --frames mid360=frames/mid360 --frames avia=frames/avia --out traj.csv \\\n"
+    "                --set 'sensors.avia.translation_m=[0.1, 0, 0.05]' --rate 10\n"
+    "  unlidar_track --follow --frames frames/ --out traj.csv --events -\n"
+    "  unlidar_track --livox 192.168.1.5:56301 --out traj.csv\n"
+    "\nExit codes: 0 done (a drone or none), 1 internal error, 2 usage, 3 config, 4 input data,\n"
+    "5 output cannot be written. Every error is one line on stderr.";
+
+constexpr int kMaxThreads = 1024;
+constexpr std::size_t kMaxUsageErrorBytes = 300;
+
+void AddLiveOptions(CLI::App& app, Arguments& arguments) {
+  CLI::Option* follow = app.add_flag("--follow", arguments.follow,
+                                     "Track while frames are written to the --frames directories;\n"
+                                     "--out grows row by row. SIGTERM ends it, SIGHUP opens the\n"
+                                     "outputs again");
+  CLI::Option* from_stdin = app.add_flag("--stdin", arguments.from_stdin,
+                                         "The same for frames that come by stdin, each a line\n"
+                                         "`frame NAME STAMP LENGTH` and LENGTH bytes of PCD")
+                                ->excludes(follow);
+  app.add_option("--livox", arguments.livox,
+                 "The same for the packets of Livox LiDARs (Mid-360, HAP, Avia)\n"
+                 "that come by UDP to this address of this computer; each is a\n"
+                 "sensor that has its address as its name, like 192-168-1-12")
+      ->type_name("HOST:PORT")
+      ->excludes(follow)
+      ->excludes(from_stdin);
+  app.add_option("--events", arguments.events,
+                 "With these three: JSON lines to write, `-` for stdout:\n"
+                 "tracks, rows, sensors that fall silent, overload")
+      ->type_name("FILE|-");
+}
+
+void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& frames) {
+  app.footer(kFooter);
+  app.get_formatter()->column_width(28);
+  app.set_help_flag("-h,--help", "Print this help and exit");
+  app.set_version_flag("--version", std::string("unlidar_track ") + kVersion,
+                       "Print the version and exit");
+  const auto add_file = [&app](const char* option, std::string& path, const char* description) {
+    return app.add_option(option, path, description)
+        ->check([](const std::string& text) {
+          return text.empty() ? "empty, expected a file name" : "";
+        })
+        ->type_name("FILE");
+  };
+  app.add_option("--frames", frames,
+                 "Directory of *.pcd frames, once per LiDAR. NAME ties it to\n"
+                 "sensors.NAME of the config; a path with '=' in its first part\n"
+                 "is written ./PATH")
+      ->type_name("[NAME=]DIR")
+      ->allow_extra_args(false);
+  add_file("--out", arguments.out, "Trajectory to write")->required();
+  add_file("--config", arguments.config, "YAML of config keys, see configs/default.yaml");
+  app.add_option("--set", arguments.assignments,
+                 "Sets one config key after --config; VALUE is YAML; repeatable")
+      ->type_name("SECTION.KEY=VALUE")
+      ->allow_extra_args(false);
+  CLI::Option* at = add_file("--at", arguments.at,
+                             "Output times: one stamp a line, or a CSV with a column\n"
+                             "`timestamp`; sorted, and each used once");
+  app.add_option("--rate", arguments.rate,
+                 "Output times: so many a second. Without --at and --rate: the\n"
+                 "stamps of the first --frames")
+      ->type_name("HZ")
+      ->excludes(at);
+  app.add_option("--format", arguments.format,
+                 "csv: all tracks with velocity, sigma and support.\n"
+                 "tum: `timestamp tx ty tz qx qy qz qw`, the attitude always the\n"
+                 "identity; the track with the highest score goes to --out, each\n"
+                 "other one beside it to STEM_track<ID>.EXT")
+      ->check(CLI::IsMember({"csv", "tum"}).description(""))
+      ->type_name("csv|tum")
+      ->capture_default_str();
+  add_file("--clusters", arguments.clusters,
+           "CSV to write: every number of the paper's score, per cluster");
+  add_file("--points", arguments.points, "PCD to write: the returns taken as target");
+  add_file("--summary", arguments.summary,
+           "JSON to write: version, effective config, counts and times per\n"
+           "stage, tracks");
+  AddLiveOptions(app, arguments);
+  app.add_option("--threads", arguments.threads,
+                 "Most threads to use, to read and search a recording; never\n"
+                 "changes a result")
+      ->check(CLI::Range(1, kMaxThreads).description(""))
+      ->type_name("N")
+      ->capture_default_str();
+  CLI::Option* quiet = app.add_flag("--quiet", arguments.quiet, "Print nothing but errors");
+  app.add_flag("--verbose", arguments.verbose, "Print each stage and its time on stderr")
+      ->excludes(quiet);
+}
+
+// What goes together: a recording or a live source.
+void CheckMode(const Arguments& arguments, const std::vector<std::string>& frames) {
+  if (frames.empty() && !arguments.has_no_folders()) {
+    throw UsageError("--frames is required (--help lists all options)");
+  }
+  if (!arguments.is_live()) {
+    if (arguments.events.empty()) return;
+    throw UsageError("--events " + arguments.events +
+                     ": expected with --follow, --stdin or --livox only");
+  }
+  const std::string mode = arguments.follow       ? "--follow"
+                           : arguments.from_stdin ? "--stdin"
+                                                  : "--livox";
+  if (arguments.has_no_folders() && !frames.empty()) {
+    throw UsageError("--frames " + frames.front() + ": expected none with " + mode +
+                     ", whose frames name their sensor");
+  }
+  const auto refuse = [&](const char* option, const std::string& value, const char* reason) {
+    if (!value.empty())
+      throw UsageError(option + (" " + value) + ": not with " + mode + ", " + reason);
+  };
+  refuse("--at", arguments.at, "expected --rate or the stamps of the first LiDAR");
+  refuse("--clusters", arguments.clusters, "which never has the whole recording");
+  refuse("--points", arguments.points, "which never has the whole recording");
+  if (arguments.format != "csv") {
+    refuse("--format", arguments.format, "expected csv, which holds any number of tracks");
+  }
+}
+
+FrameSource ParseSource(const std::string& text) {
+  const std::size_t equals = text.find('=');
+  FrameSource source;
+  if (equals != std::string::npos && text.find('/') > equals) {
+    source.name = text.substr(0, equals);
+    source.directory = text.substr(equals + 1);
+    if (!IsSensorName(source.name)) {
+      throw UsageError("--frames " + text + ": " + Quoted(source.name) +
+                       ", expected a name of letters, digits, '_' and '-' before '='");
+    }
+  } else {
+    source.directory = text;
+  }
+  if (source.directory.empty()) {
+    throw UsageError("--frames " + text + ": expected a directory" +
+                     (source.name.empty() ? "" : " after '='"));
+  }
+  return source;
+}
+
+std::vector<FrameSource> ParseSources(const std::vector<std::string>& texts) {
+  std::vector<FrameSource> sources;
+  std::set<std::string> names;
+  std::set<std::string> directories;
+  for (const std::string& text : texts) {
+    sources.push_back(ParseSource(text));
+    const FrameSource& source = sources.back();
+    if (!source.name.empty() && !names.insert(source.name).second) {
+      throw UsageError("--frames " + text + ": the name is taken, expected one per LiDAR");
+    }
+    if (!directories.insert(ResolvedPath(source.directory)).second) {
+      throw UsageError("--frames " + text + ": given twice, expected one directory per LiDAR");
+    }
+  }
+  return sources;
+}
+
+}  // namespace
+
+std::optional<std::string> ParseArguments(int argc, const char* const* argv, Arguments* arguments) {
+  std::vector<std::string> frames;
+  CLI::App app(kDescription, "unlidar_track");
+  AddOptions(app, *arguments, frames);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success& request) {  // --help, --version
+    std::ostringstream text;
+    app.exit(request, text, text);
+    return text.str();
+  } catch (const CLI::ParseError& error) {
+    throw UsageError(Shortened(error.what(), kMaxUsageErrorBytes) + " (--help lists all options)");
+  }
+  CheckMode(*arguments, frames);
+  arguments->sources = ParseSources(frames);
+  return std::nullopt;
+}
+
+}  // namespace unlidar

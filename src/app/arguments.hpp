@@ -1,0 +1,41 @@
+// The command line: what it asks for.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "io/frames.hpp"
+
+namespace unlidar {
+
+// Empty texts: not given.
+struct Arguments {
+  std::vector<FrameSource> sources;
+  std::string out;
+  std::string config;
+  std::vector<std::string> assignments;
+  std::string at;
+  std::string rate;
+  std::string format = "csv";
+  std::string clusters;
+  std::string points;
+  std::string summary;
+  bool follow = false;
+  bool from_stdin = false;
+  std::string livox;
+  std::string events;
+  int threads = 1;
+  bool quiet = false;
+  bool verbose = false;
+
+  // Frames come while the program runs; otherwise they are a recording.
+  bool is_live() const { return follow || has_no_folders(); }
+  bool has_no_folders() const { return from_stdin || !livox.empty(); }
+};
+
+// Fills `arguments`. Returns the text that --help or --version asks for instead. Throws UsageError
+// for options that are none, that do not go together, or whose form is wrong.
+std::optional<std::string> ParseArguments(int argc, const char* const* argv, Arguments* arguments);
+
+}  // namespace unlidar

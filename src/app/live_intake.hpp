@@ -1,0 +1,91 @@
+// The frames of a live run on their way into the engine, whatever their source.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/frame_times.hpp"
+#include "app/live.hpp"
+#include "app/live_summary.hpp"
+#include "app/live_teller.hpp"
+#include "io/frame_pace.hpp"
+#include "io/pcd.hpp"
+#include "live/live_engine.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+
+// Counts what becomes of each, leaves frames out where too many come, and looks by the clock
+// whether any come at all.
+class LiveIntake {
+ public:
+  using Clock = FramePace::Clock;
+
+  // The sensors of a request for folders are those of its sources, others are added as they come.
+  // All arguments outlive it. Throws ConfigError.
+  LiveIntake(const LiveRequest& request, const Config& config, LiveTeller& teller);
+  LiveIntake(const LiveIntake&) = delete;
+  LiveIntake& operator=(const LiveIntake&) = delete;
+
+  // A stream of garbage that looks like frames of ever new sensors must not fill the memory.
+  static constexpr std::size_t kMaxSensors = 64;
+  bool is_full() const { return sensors_.size() >= kMaxSensors; }
+
+  std::optional<std::size_t> SensorNamed(const std::string& name) const;
+  const std::string& NameOf(std::size_t sensor) const { return sensors_[sensor].name; }
+
+  // `first`: what messages call what came first of it. Returns its index.
+  std::size_t AddSensor(const std::string& name, const std::string& first);
+
+  // Whether a frame that has waited so long is to be worked off. Empty for one that was there
+  // before the program.
+  bool IsInTime(std::size_t sensor, std::optional<Clock::duration> waited);
+
+  // `name`: what messages call the frame. What it brings is written. Throws InputError as
+  // TakeBadFrame(), OutputError.
+  void Add(std::size_t sensor, TimeNs stamp_ns, const std::string& name, PcdCloud cloud);
+
+  // Throws it on, but where bad frames are skipped.
+  void TakeBadFrame(const InputError& error);
+
+  // So many frames in all were removed before they could be read.
+  void TakeVanished(std::uint64_t frames);
+
+  // A pulled cable: time stands still for the engine, but not for who waits for an answer.
+  void LookForSilence();
+
+  // No frame will follow.
+  void Close();
+
+  // All that is known of it here: of each sensor its name and its frames.
+  LiveSummary Summary() const;
+
+ private:
+  struct Sensor {
+    std::string name;
+    std::uint64_t frames = 0;
+    bool is_silent_by_clock = false;
+    Clock::time_point came = Clock::now();  // its last frame
+  };
+
+  void AppendSensor(const std::string& name);
+  LiveProgress Progress() const;
+
+  const Config& config_;
+  LiveTeller& teller_;
+  LiveEngine engine_;
+  bool skips_bad_frames_;
+  const char* why_skipped_;
+  FramePace pace_;
+  std::vector<Sensor> sensors_;
+  FrameTimes frame_times_;
+  std::uint64_t bad_frames_ = 0;  // but for those that the engine counts
+  std::uint64_t overload_frames_ = 0;
+  std::uint64_t vanished_frames_ = 0;
+};
+
+}  // namespace unlidar

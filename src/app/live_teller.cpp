@@ -1,0 +1,49 @@
+#include "app/live_teller.hpp"
+
+#include <utility>
+#include <variant>
+
+#include "base/format.hpp"
+
+namespace unlidar {
+
+bool IsWorthANote(std::uint64_t count) { return count > 0 && (count & (count - 1)) == 0; }
+
+void LiveTeller::Take(const EngineEvent& event, const LiveProgress& now) {
+  if (const auto* confirmed = std::get_if<TrackConfirmed>(&event)) {
+    output_.Confirm(now.newest_ns, *confirmed);
+  } else if (const auto* given = std::get_if<RowGiven>(&event)) {
+    output_.Give(now.newest_ns, *given);
+  } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {
+    output_.End(now.newest_ns, *ended);
+  } else if (const auto* changed = std::get_if<SensorChanged>(&event)) {
+    TellSensor(changed->sensor, changed->is_silent, now.newest_ns);
+  } else {
+    state_ = std::get<EngineState>(event) == EngineState::kWarmingUp ? LiveState::kWarmingUp
+                                                                     : LiveState::kRunning;
+    if (!is_overloaded()) TellState(now);
+  }
+}
+
+void LiveTeller::TellSensor(std::size_t sensor, bool is_silent, TimeNs newest_ns) {
+  auto& [name, was_silent] = sensors_[sensor];
+  if (was_silent == is_silent) return;
+  was_silent = is_silent;
+  output_.TellSensor(newest_ns, name, is_silent);
+}
+
+void LiveTeller::TellPace(std::uint64_t one_in, std::uint64_t left_out, const LiveProgress& now) {
+  const bool was_overloaded = is_overloaded();
+  if (std::exchange(one_in_, one_in) == one_in) return;
+  Note(is_overloaded() ? "overloaded: one frame in " + std::to_string(one_in) + " is worked off"
+                       : "no more overloaded, left out: " + Count(left_out, "frame"));
+  if (was_overloaded != is_overloaded()) TellState(now);
+}
+
+void LiveTeller::TellState(const LiveProgress& now) {
+  const LiveState state = is_overloaded() ? LiveState::kOverloaded : state_;
+  output_.TellState(now.newest_ns, state, now.frames, now.lost_frames);
+  service_.TellStatus(LiveStateName(state));
+}
+
+}  // namespace unlidar

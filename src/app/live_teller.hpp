@@ -1,0 +1,72 @@
+// What a live run tells of itself while it goes on: events, its state, notes.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/live_output.hpp"
+#include "app/service_notify.hpp"
+#include "unlidar/engine.hpp"
+
+namespace unlidar {
+
+// What happens again and again is noted the first time, the second, the fourth and so on.
+bool IsWorthANote(std::uint64_t count);
+
+// How far a run has come.
+struct LiveProgress {
+  TimeNs newest_ns = 0;  // stamp
+  std::uint64_t frames = 0;
+  std::uint64_t lost_frames = 0;
+};
+
+// What has been told is told again only when it has changed.
+class LiveTeller {
+ public:
+  using NoteCallback = std::function<void(const std::string&)>;
+
+  // All of them outlive it.
+  LiveTeller(LiveOutput& output, const ServiceNotifier& service, const NoteCallback& note)
+      : output_(output), service_(service), note_(note) {}
+
+  // A line for the user.
+  void Note(const std::string& text) const { note_(text); }
+
+  // Sensors are numbered as they are added.
+  void AddSensor(const std::string& name) { sensors_.push_back({name, std::nullopt}); }
+
+  // An event of the engine.
+  void Take(const EngineEvent& event, const LiveProgress& now);
+
+  void TellSensor(std::size_t sensor, bool is_silent, TimeNs newest_ns);
+  bool HasTold(std::size_t sensor) const { return sensors_[sensor].is_silent.has_value(); }
+
+  // One frame in so many is worked off, and so many were left out by now.
+  void TellPace(std::uint64_t one_in, std::uint64_t left_out, const LiveProgress& now);
+
+  void TellState(const LiveProgress& now);
+
+  // All of it goes out. Throws OutputError.
+  void Flush() { output_.Flush(); }
+
+ private:
+  struct Sensor {
+    std::string name;
+    std::optional<bool> is_silent;  // as it was told
+  };
+
+  bool is_overloaded() const { return one_in_ > 1; }
+
+  LiveOutput& output_;
+  const ServiceNotifier& service_;
+  const NoteCallback& note_;
+  std::vector<Sensor> sensors_;
+  LiveState state_ = LiveState::kWarmingUp;  // but for overload
+  std::uint64_t one_in_ = 1;
+};
+
+}  // namespace unlidar

@@ -1,0 +1,198 @@
+#include "app/track_drones.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "app/config.hpp"
+#include "app/console.hpp"
+#include "app/live.hpp"
+#include "app/output.hpp"
+#include "app/output_files.hpp"
+#include "base/format.hpp"
+#include "base/parallel.hpp"
+#include "recording/pipeline.hpp"
+#include "trajectory/output_times.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+struct NamedPath {
+  const char* option;
+  std::string path;
+};
+
+// The output files asked for.
+std::vector<NamedPath> Outputs(const Arguments& arguments) {
+  std::vector<NamedPath> outputs = {{"--out", arguments.out}};
+  for (const NamedPath& optional :
+       {NamedPath{"--clusters", arguments.clusters}, NamedPath{"--points", arguments.points},
+        NamedPath{"--summary", arguments.summary}, NamedPath{"--events", arguments.events}}) {
+    if (!optional.path.empty()) outputs.push_back(optional);
+  }
+  return outputs;
+}
+
+// True for a file that the next run would read as a part of the recording.
+bool IsFrameInput(const std::string& resolved, const std::vector<FrameSource>& sources) {
+  const std::filesystem::path path(resolved);
+  if (path.extension() != ".pcd" && path.filename() != "timestamps.csv") return false;
+  return std::any_of(sources.begin(), sources.end(), [&](const FrameSource& source) {
+    return path.parent_path() == ResolvedPath(source.directory);
+  });
+}
+
+// Finds what would spoil the outputs before the long work begins, not after it.
+void CheckOutputs(const Arguments& arguments) {
+  std::map<std::string, std::string> taken;  // resolved path -> option
+  if (!arguments.config.empty()) taken[ResolvedPath(arguments.config)] = "--config";
+  if (!arguments.at.empty()) taken[ResolvedPath(arguments.at)] = "--at";
+  for (const auto& [option, path] : Outputs(arguments)) {
+    if (path == "-" || IsSpecialFile(path)) continue;  // several outputs may go to /dev/null
+    const std::string resolved = ResolvedPath(path);
+    const auto [other, is_free] = taken.emplace(resolved, option);
+    if (!is_free) {
+      throw UsageError(option + (" " + path) + ": the same file as " + other->second +
+                       ", expected another");
+    }
+    if (IsFrameInput(resolved, arguments.sources)) {
+      throw UsageError(option + (" " + path) +
+                       ": would become an input of the next run, expected a path outside the "
+                       "--frames directories");
+    }
+  }
+  if (arguments.is_live()) return;  // those that grow are opened at once
+  for (const NamedPath& output : Outputs(arguments)) CheckWritable(output.path);
+}
+
+PipelineRequest ToRequest(const Arguments& arguments) {
+  PipelineRequest request;
+  request.sources = arguments.sources;
+  request.score_clusters = !arguments.clusters.empty();
+  if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
+  if (!arguments.at.empty()) request.output_times = ReadStampList(arguments.at);
+  return request;
+}
+
+// STEM_track<ID>.EXT beside the path.
+std::string PathOfTrack(const std::string& path, int track_id) {
+  std::filesystem::path result(path);
+  result.replace_filename(result.stem().string() + "_track" + std::to_string(track_id) +
+                          result.extension().string());
+  return result.string();
+}
+
+std::vector<OutputFile> TrajectoryFiles(const Arguments& arguments, const PipelineResult& result) {
+  const std::vector<FittedTrack>& tracks = result.tracks;
+  if (arguments.format == "csv") {
+    return {{arguments.out, [&result](const Sink& sink) {
+               std::vector<RowStream> rows;
+               for (const FittedTrack& track : result.tracks) rows.push_back(RowsOf(result, track));
+               WriteTrajectoryCsv(rows, sink);
+             }}};
+  }
+  const auto tum_file = [&result](const std::string& path, const FittedTrack& track) {
+    return OutputFile{path, [&result, &track](const Sink& sink) {
+                        WriteTrajectoryTum(RowsOf(result, track), sink);
+                      }};
+  };
+  const auto best = std::max_element(
+      tracks.begin(), tracks.end(),
+      [](const FittedTrack& a, const FittedTrack& b) { return a.score < b.score; });
+  if (best == tracks.end()) {
+    return {{arguments.out, [](const Sink& sink) { WriteTrajectoryTum({}, sink); }}};
+  }
+  std::vector<OutputFile> files = {tum_file(arguments.out, *best)};
+  if (IsSpecialFile(arguments.out)) return files;  // nothing lies beside a pipe
+  for (const FittedTrack& track : tracks) {
+    if (&track == &*best) continue;
+    files.push_back(tum_file(PathOfTrack(arguments.out, track.id), track));
+  }
+  return files;
+}
+
+void AppendOtherFiles(const Arguments& arguments, const PipelineRequest& request,
+                      const Config& config, const PipelineResult& result,
+                      std::vector<OutputFile>& files) {
+  if (!arguments.clusters.empty()) {
+    files.push_back({arguments.clusters, Content(ClustersCsv(result.clusters))});
+  }
+  if (!arguments.points.empty()) {
+    files.push_back({arguments.points, Content(TargetPointsPcd(result.recording, result.tracks))});
+  }
+  if (!arguments.summary.empty()) {
+    files.push_back({arguments.summary, Content(SummaryJson(request.sources, config, result))});
+  }
+}
+
+void PrintFindings(const std::vector<std::string>& trajectory_paths, const PipelineResult& result) {
+  const InputCounts& counts = result.recording.counts;
+  if (counts.bad_frames > 0) {
+    PrintNote(Count(counts.bad_frames, "frame") +
+              " could not be parsed and skipped (input.skip_bad_frames)");
+  }
+  if (result.tracks.empty()) {
+    PrintNote("no drone found in " + Count(counts.frames, "frame") + " with " +
+              Count(counts.returns, "return"));
+  }
+  std::size_t rows = 0;
+  for (const FittedTrack& track : result.tracks) rows += track.num_rows;
+  for (std::size_t i = 1; i < trajectory_paths.size(); ++i) {
+    PrintNote("a further track is in " + trajectory_paths[i]);
+  }
+  PrintResult(trajectory_paths.front() + ": " + Count(result.tracks.size(), "track") + ", " +
+              Count(rows, "row") + ", from " + Count(counts.frames, "frame") + " of " +
+              Count(result.recording.sensors.size(), "LiDAR"));
+}
+
+void TrackRecorded(const Arguments& arguments, const PipelineRequest& request,
+                   const Config& config) {
+  const auto progress = [&](const StageTime& time, const std::string& found) {
+    if (arguments.verbose) {
+      PrintNote(time.stage + ": " + found + " (" + std::to_string(time.seconds) + " s)");
+    }
+  };
+  const PipelineResult result = RunPipeline(request, config, progress);
+  std::vector<OutputFile> files = TrajectoryFiles(arguments, result);
+  std::vector<std::string> trajectory_paths;
+  trajectory_paths.reserve(files.size());
+  for (const OutputFile& file : files) trajectory_paths.push_back(file.path);
+  AppendOtherFiles(arguments, request, config, result, files);
+  WriteFiles(files);
+  if (!arguments.quiet) PrintFindings(trajectory_paths, result);
+}
+
+void TrackWhileFramesCome(const Arguments& arguments, const Config& config) {
+  LiveRequest request;
+  request.sources = arguments.sources;
+  if (!arguments.livox.empty()) request.livox = ParseLivoxEndpoint(arguments.livox);
+  if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
+  request.out = arguments.out;
+  request.events = arguments.events;
+  request.summary = arguments.summary;
+  const std::string done = TrackLive(request, config, [&](const std::string& text) {
+    if (!arguments.quiet) PrintNote(text);
+  });
+  if (!arguments.quiet && arguments.events != "-") PrintResult(done);
+}
+
+}  // namespace
+
+void TrackDrones(const Arguments& arguments) {
+  MaxThreads() = arguments.threads;
+  const PipelineRequest request = ToRequest(arguments);
+  const Config config = LoadConfig(arguments.config, arguments.assignments);
+  CheckSensorNames(config, arguments.sources);
+  CheckOutputs(arguments);
+  if (arguments.is_live()) {
+    TrackWhileFramesCome(arguments, config);
+  } else {
+    TrackRecorded(arguments, request, config);
+  }
+}
+
+}  // namespace unlidar

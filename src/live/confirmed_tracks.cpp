@@ -1,0 +1,156 @@
+#include "live/confirmed_tracks.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <iterator>
+#include <optional>
+#include <utility>
+
+#include "trajectory/sampling.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr double kAheadS = 0.1;  // rows are given so much earlier than they are due, if need be
+constexpr double kTaken = 0.0;   // gain from which a plot is a track's
+
+TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
+
+}  // namespace
+
+ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackModel>& models,
+                                 OutputTimes output_times, EngineCallback on_event)
+    : config_(config),
+      models_(models),
+      instants_(std::move(output_times)),
+      on_event_(std::move(on_event)) {}
+
+std::vector<char> ConfirmedTracks::Extend(const std::vector<SeenPlot>& plots, const Moment& at) {
+  std::vector<double> best_gain(plots.size(), -1e9);
+  std::vector<std::size_t> best_track(plots.size(), 0);
+  for (std::size_t t = 0; t < tracks_.size(); ++t) {
+    const std::vector<double> gains = tracks_[t].follower->GainsOf(plots, at);
+    for (std::size_t i = 0; i < plots.size(); ++i) {
+      if (gains[i] <= best_gain[i]) continue;
+      best_gain[i] = gains[i];
+      best_track[i] = t;
+    }
+  }
+  std::vector<char> are_free(plots.size());
+  for (std::size_t i = 0; i < plots.size(); ++i) are_free[i] = best_gain[i] <= kTaken;
+  for (std::size_t t = 0; t < tracks_.size(); ++t) {
+    std::vector<char> are_allowed = are_free;
+    for (std::size_t i = 0; i < plots.size(); ++i) {
+      if (best_track[i] == t) are_allowed[i] = 1;
+    }
+    tracks_[t].follower->Extend(plots, are_allowed, at);
+  }
+  return are_free;
+}
+
+// A drone that shows as two plots in a frame is no second one.
+bool ConfirmedTracks::Has(const Flight& flight) const {
+  return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
+    const auto near =
+        std::count_if(flight.plots.begin(), flight.plots.end(), [&](const SeenPlot& seen) {
+          return track.follower->IsNear(seen.plot.position_m, seen.at.time_s);
+        });
+    return 2 * static_cast<std::size_t>(near) >= flight.plots.size();
+  });
+}
+
+bool ConfirmedTracks::Begin(const Flight& flight, double least_score) {
+  auto follower = std::make_unique<TrackFollower>(next_id_, flight, models_, config_.robust.tracker,
+                                                  config_.robust.collect, config_.trajectory);
+  if (follower->score() < least_score) return false;
+  if (Has(flight)) return true;
+  ++next_id_;
+  tracks_.emplace_back();
+  tracks_.back().follower = std::move(follower);
+  return true;
+}
+
+std::vector<SeenPlot> ConfirmedTracks::GiveRows(TimeNs searched_ns, TimeNs newest_ns) {
+  const TimeNs due_ns = newest_ns - Ns(config_.live.delay_s - kAheadS);
+  std::vector<SeenPlot> settled;
+  for (Track& track : tracks_) Append(&track, std::min(due_ns, searched_ns), newest_ns, &settled);
+  return settled;
+}
+
+std::vector<SeenPlot> ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs searched_ns) {
+  std::vector<SeenPlot> settled;
+  for (auto track = tracks_.begin(); track != tracks_.end();) {
+    const TimeNs last_ns = track->follower->last_evidence_ns();
+    if (last_ns >= lost_ns) {
+      ++track;
+      continue;
+    }
+    Append(&*track, searched_ns, searched_ns, &settled);
+    on_event_(TrackEnded{track->follower->id(), last_ns});
+    track = tracks_.erase(track);
+  }
+  return settled;
+}
+
+void ConfirmedTracks::Close(TimeNs newest_ns) {
+  std::vector<SeenPlot> settled;
+  for (Track& track : tracks_) {
+    Append(&track, std::numeric_limits<TimeNs>::max() / 2, newest_ns, &settled);
+    on_event_(TrackEnded{track.follower->id(), track.follower->last_evidence_ns()});
+  }
+  tracks_.clear();
+}
+
+void ConfirmedTracks::Forget(TimeNs oldest_ns) {
+  for (const Track& track : tracks_) {
+    if (track.is_told) oldest_ns = std::min(oldest_ns, track.given_ns);
+  }
+  instants_.Forget(oldest_ns);
+}
+
+// When its target was there, as PresenceInterval() says it of a recording, but for what is given.
+TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) const {
+  const std::vector<Measurement>& measurements = track.follower->measurements();
+  const double probability = config_.trajectory.silence_probability;
+  const TimeNs half_ns = period_ns_ / 2;
+  TimeInterval presence;
+  presence.begin_ns = track.is_told ? track.given_ns + 1
+                                    : measurements.front().time_ns - half_ns -
+                                          SilenceBeforeNs(measurements, period_ns_, probability);
+  presence.end_ns = std::min(until_ns, track.follower->last_evidence_ns() + half_ns +
+                                           SilenceAfterNs(measurements, period_ns_, probability));
+  return presence;
+}
+
+// Gives the rows of a track until then, if there are any, and appends the plots that they settle.
+void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
+                             std::vector<SeenPlot>* settled) {
+  const OutputInstants instants(instants_.Between(track->given_ns, until_ns));
+  if (instants.size() == 0) return;
+  TrackFollower& follower = *track->follower;
+  follower.Fit();
+  RowSource source;
+  source.track_id = follower.id();
+  source.trajectory = follower.trajectory();
+  source.presence = PresenceOf(*track, until_ns);
+  source.depth_sigma_m = follower.depth_sigma_m();
+  source.sights = SightsOf(follower.measurements());
+  source.max_sigma_m = config_.trajectory.max_sigma_m;
+  if (!std::exchange(track->is_told, true)) {
+    track->given_ns = source.presence.begin_ns - 1;
+    on_event_(TrackConfirmed{follower.id(), follower.first_evidence_ns()});
+  }
+  const RowStream rows = SampleRows(source, instants);
+  const TimeNs late_ns = newest_ns - Ns(config_.live.delay_s);
+  while (std::optional<TrajectoryRow> row = rows()) {
+    const TimeInterval around = instants_.Around(row->time_ns);
+    row->support = follower.ReturnsBetween(around.begin_ns, around.end_ns);
+    on_event_(RowGiven{*row, row->time_ns < late_ns});
+    track->given_ns = row->time_ns;
+  }
+  std::vector<SeenPlot> plots = follower.Settle(track->given_ns);
+  std::move(plots.begin(), plots.end(), std::back_inserter(*settled));
+}
+
+}  // namespace unlidar

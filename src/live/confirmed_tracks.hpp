@@ -1,0 +1,74 @@
+// The confirmed tracks of a stream: which plots each of them takes, and what is told of them.
+#pragma once
+
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "live/live_instants.hpp"
+#include "live/seen_plot.hpp"
+#include "live/track_follower.hpp"
+#include "robust/tracking/track_model.hpp"
+#include "unlidar/config.hpp"
+#include "unlidar/engine.hpp"
+
+namespace unlidar {
+
+// Events of a track: that it is confirmed, before its first row; its rows; its end.
+class ConfirmedTracks {
+ public:
+  // `config` and `models`, as of TrackFollower, outlive it.
+  ConfirmedTracks(const Config& config, const std::vector<TrackModel>& models,
+                  OutputTimes output_times, EngineCallback on_event);
+
+  // The shortest of the sensors' frame periods.
+  void SetPeriod(TimeNs period_ns) { period_ns_ = period_ns; }
+
+  // Takes in the output times of a frame, of no earlier stamp than all before.
+  void AddInstants(const FrameInfo& frame) { instants_.Add(frame); }
+
+  // Goes on with plots of a frame at `at`. Each is that of one track at most, of the one that it
+  // suits best. Returns (plots) which are free: no track explains them better than clutter, so they
+  // may be another target's.
+  std::vector<char> Extend(const std::vector<SeenPlot>& plots, const Moment& at);
+
+  // Begins a track with a flight, unless one has it already. False if the flight is worth less than
+  // `least_score` as a track.
+  bool Begin(const Flight& flight, double least_score);
+
+  // Gives the rows that are due when `newest_ns` is the newest stamp and frames were searched until
+  // `searched_ns`. Returns the plots that are the tracks' for good by now.
+  std::vector<SeenPlot> GiveRows(TimeNs searched_ns, TimeNs newest_ns);
+
+  // Ends the tracks that were seen last before `lost_ns`, their last rows given. Returns as
+  // GiveRows().
+  std::vector<SeenPlot> EndLost(TimeNs lost_ns, TimeNs searched_ns);
+
+  // Ends all of them.
+  void Close(TimeNs newest_ns);
+
+  // Forgets the output times before, if their rows are given.
+  void Forget(TimeNs oldest_ns);
+
+ private:
+  struct Track {
+    std::unique_ptr<TrackFollower> follower;
+    TimeNs given_ns = std::numeric_limits<TimeNs>::min();  // up to here
+    bool is_told = false;
+  };
+
+  bool Has(const Flight& flight) const;
+  TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
+  void Append(Track* track, TimeNs until_ns, TimeNs newest_ns, std::vector<SeenPlot>* settled);
+
+  const Config& config_;
+  const std::vector<TrackModel>& models_;
+  LiveInstants instants_;
+  EngineCallback on_event_;
+  TimeNs period_ns_ = std::numeric_limits<TimeNs>::max();
+  int next_id_ = 0;
+  std::vector<Track> tracks_;
+};
+
+}  // namespace unlidar

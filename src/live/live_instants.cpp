@@ -1,0 +1,41 @@
+#include "live/live_instants.hpp"
+
+#include <algorithm>
+#include <variant>
+
+namespace unlidar {
+
+void LiveInstants::Add(const FrameInfo& frame) {
+  if (std::holds_alternative<FirstSensorStamps>(times_)) {
+    if (frame.sensor == 0) instants_ns_.push_back(frame.stamp_ns);
+    return;
+  }
+  if (const auto* rate = std::get_if<Rate>(&times_)) {
+    if (!of_rate_) of_rate_.emplace(*rate, frame.begin_ns, frame.begin_ns);
+    for (; (*of_rate_)[next_] <= frame.end_ns; ++next_) instants_ns_.push_back((*of_rate_)[next_]);
+    return;
+  }
+  const auto& list = std::get<std::vector<TimeNs>>(times_);
+  for (; next_ < list.size() && list[next_] <= frame.end_ns; ++next_) {
+    instants_ns_.push_back(list[next_]);
+  }
+}
+
+std::vector<TimeNs> LiveInstants::Between(TimeNs after_ns, TimeNs until_ns) const {
+  const auto first = std::upper_bound(instants_ns_.begin(), instants_ns_.end(), after_ns);
+  return {first, std::upper_bound(first, instants_ns_.end(), until_ns)};
+}
+
+TimeInterval LiveInstants::Around(TimeNs instant_ns) const {
+  const auto at = std::lower_bound(instants_ns_.begin(), instants_ns_.end(), instant_ns);
+  const auto next = at + 1;
+  const TimeNs before_ns = at != instants_ns_.begin() ? (*at - *(at - 1)) / 2 : 0;
+  const TimeNs after_ns = next != instants_ns_.end() ? (*next - *at) / 2 : before_ns;
+  return {*at - before_ns, *at + after_ns};
+}
+
+void LiveInstants::Forget(TimeNs oldest_ns) {
+  while (instants_ns_.size() > 2 && instants_ns_[1] < oldest_ns) instants_ns_.pop_front();
+}
+
+}  // namespace unlidar

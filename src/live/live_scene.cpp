@@ -1,0 +1,245 @@
+#include "live/live_scene.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace unlidar {
+namespace {
+
+constexpr TimeNs kWarmUpNs = 3'000'000'000;
+constexpr TimeNs kFirstRefitNs = 1'500'000'000;
+constexpr TimeNs kLastRefitNs = 10'000'000'000;
+constexpr std::size_t kElevationReturns = 100'000;
+constexpr std::int64_t kMaxPauseBins = 5;
+
+TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
+
+}  // namespace
+
+LiveScene::Snapshot::Snapshot(std::vector<Eigen::Vector3f> points_m, const ElevationRange& view,
+                              const RobustConfig& config)
+    : structure_m(std::move(points_m)),
+      ground(structure_m, config.ground),
+      support(structure_m, ground, view, config.background.occluder_cell_deg, config.support) {}
+
+LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config)
+    : viewpoint_m(its_viewpoint_m),
+      occupancy(config.robust.background),
+      clutter(config.robust, config.live.window_s) {}
+
+LiveScene::LiveScene(const Config& config)
+    : config_(config),
+      bin_ns_(Ns(config.robust.background.bin_s)),
+      snapshot_interval_ns_(kFirstRefitNs) {}
+
+Eigen::Vector3f LiveScene::AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m) {
+  const std::size_t station = stations_.Add(sensor, origin_m);
+  if (station == scenes_.size()) scenes_.emplace_back(stations_.ViewpointM(station), config_);
+  return stations_.ViewpointM(station);
+}
+
+double LiveScene::SecondsOf(TimeNs time_ns) const {
+  return static_cast<double>(time_ns - begin_ns_) * kSecondsPerNs;
+}
+
+// A pause between frames takes no more bins than it needs to end every stay.
+std::int64_t LiveScene::BinOf(TimeNs time_ns) {
+  const std::int64_t slot = (time_ns - begin_ns_) / bin_ns_;
+  if (slot > newest_slot_) {
+    bin_shift_ += std::max<std::int64_t>(0, slot - newest_slot_ - kMaxPauseBins);
+    newest_slot_ = slot;
+  }
+  return std::max<std::int64_t>(0, slot - bin_shift_);
+}
+
+LiveScene::Station& LiveScene::StationOf(std::uint32_t sensor) {
+  return scenes_[stations_.StationOf(sensor)];
+}
+
+bool LiveScene::Take(LoadedFrame frame) {
+  const TimeNs middle_ns = frame.info.middle_ns();
+  if (!std::exchange(has_begun_, true)) {
+    begin_ns_ = frame.info.begin_ns;
+    front_ns_ = middle_ns;
+  }
+  const std::int64_t bin = BinOf(middle_ns);
+  front_ns_ = std::max(front_ns_, middle_ns);
+  Station& station = StationOf(frame.info.sensor);
+  if (!std::exchange(station.has_begun, true)) {
+    station.begin_ns = frame.info.begin_ns;
+    station.search_from_ns = station.begin_ns + kWarmUpNs;
+    learning_since_ns_ = station.begin_ns;
+  }
+  station.occupancy.AddFrame(bin);
+  for (Eigen::Vector3f& point_m : frame.points_m) {
+    point_m -= station.viewpoint_m;
+    station.occupancy.Add(point_m, bin);
+    station.view.Add(point_m);
+    if (!station.snapshot && station.early_returns_m.size() < kElevationReturns) {
+      station.early_returns_m.push_back(point_m);
+    }
+  }
+  if (!is_warm_) {
+    waiting_.emplace_back(std::move(frame), bin);
+    if (front_ns_ - begin_ns_ >= kWarmUpNs) WarmUp();
+    return false;
+  }
+  if (!station.snapshot) {
+    station.early.emplace_back(std::move(frame), bin);
+    if (front_ns_ - station.begin_ns >= kWarmUpNs) WarmUpLate(&station);
+    return false;
+  }
+  if (front_ns_ - snapshot_ns_ >= snapshot_interval_ns_) RefitAll();
+  waiting_.emplace_back(std::move(frame), bin);
+  return true;
+}
+
+void LiveScene::Close() {
+  if (has_begun_ && !is_warm_) WarmUp();
+}
+
+void LiveScene::Learn(const LoadedFrame& frame, std::int64_t bin, Station* station) {
+  for (const Eigen::Vector3f& point_m : frame.points_m) {
+    station->occupancy.Judge(point_m, bin, 0, [](const Eigen::Vector3f&) { return false; });
+  }
+}
+
+// What was kept until the scene is known a little.
+void LiveScene::WarmUp() {
+  for (const auto& [frame, bin] : waiting_) Learn(frame, bin, &StationOf(frame.info.sensor));
+  RefitAll();
+}
+
+// A station that is first heard when others are warm is as ignorant as they were: what it sees
+// until it is warm, too, is left out, and what it sees then for as long only tells of clutter.
+void LiveScene::WarmUpLate(Station* station) {
+  for (const auto& [frame, bin] : std::exchange(station->early, {})) Learn(frame, bin, station);
+  station->search_from_ns = front_ns_ + kWarmUpNs;
+  learning_since_ns_ = station->begin_ns;
+  Refit(station);
+}
+
+void LiveScene::Refit(Station* station) {
+  if (!station->early_returns_m.empty()) {
+    station->lowest_elevation_rad = LowestElevationRad(std::exchange(station->early_returns_m, {}));
+  }
+  station->snapshot = std::make_unique<Snapshot>(station->occupancy.Structure(),
+                                                 station->view.Edges(), config_.robust);
+}
+
+void LiveScene::RefitAll() {
+  if (std::exchange(is_warm_, true)) {
+    snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
+    for (Station& station : scenes_) {
+      if (station.snapshot) Refit(&station);
+    }
+  } else {
+    for (Station& station : scenes_) {
+      if (station.has_begun) Refit(&station);
+    }
+  }
+  snapshot_ns_ = front_ns_;
+  ++num_snapshots_;
+}
+
+TimeNs LiveScene::MakePlots() {
+  auto [frame, bin] = std::move(waiting_.front());
+  waiting_.pop_front();
+  const TimeNs middle_ns = frame.info.middle_ns();
+  held_.push_back(PlotsOf(std::move(frame), bin));
+  return middle_ns;
+}
+
+SceneFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
+  Station& station = StationOf(loaded.info.sensor);
+  Recording frame;
+  frame.points_m = std::move(loaded.points_m);
+  frame.times_ns = std::move(loaded.times_ns);
+  frame.frames = {loaded.info};
+  frame.frames[0].first_return = 0;
+  frame.frames[0].last_return = static_cast<std::uint32_t>(frame.points_m.size());
+  std::vector<std::uint32_t> candidates;
+  std::vector<float> rates(frame.points_m.size(), 0.0F);
+  const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
+    return station.snapshot->support.IsFloating(point_m);
+  };
+  for (std::uint32_t i = 0; i < frame.points_m.size(); ++i) {
+    const Eigen::Vector3f& point_m = frame.points_m[i];
+    const Occupancy::Verdict verdict =
+        station.occupancy.Judge(point_m, bin, num_snapshots_, floats);
+    rates[i] = verdict.place_rate;
+    if (verdict.is_structure && !verdict.floats) continue;
+    if (!station.snapshot->ground.Holds(point_m)) candidates.push_back(i);
+  }
+  FramePlots found = PlotsOfFrame(frame, 0, std::move(candidates), station.snapshot->ground,
+                                  station.lowest_elevation_rad, config_.robust.plots);
+  SceneFrame held;
+  held.info = frame.frames[0];
+  for (Plot& plot : found.plots) {
+    plot.frame = num_frames_;
+    SeenPlot seen;
+    seen.stamp_ns = held.info.stamp_ns;
+    double rate = 0.0;
+    for (const std::uint32_t i : plot.returns) {
+      const Eigen::Vector3d d = frame.points_m[i].cast<double>() - plot.position_m;
+      seen.scatter_m2 += d * d.transpose();
+      rate += static_cast<double>(rates[i]);
+    }
+    plot.place_rate = rate / static_cast<double>(plot.returns.size());
+    seen.plot = std::move(plot);
+    held.plots.push_back(std::move(seen));
+  }
+  ++num_frames_;
+  for (const BodyBox& body : found.bodies) {
+    std::deque<BodyBox>& bodies = station.bodies;
+    const auto at =
+        std::upper_bound(bodies.begin(), bodies.end(), body.time_ns,
+                         [](TimeNs time_ns, const BodyBox& box) { return time_ns < box.time_ns; });
+    bodies.insert(at, body);
+  }
+  return held;
+}
+
+std::optional<SceneFrame> LiveScene::Next(TimeNs until_ns) {
+  if (held_.empty() || held_.front().info.middle_ns() > until_ns) return std::nullopt;
+  std::optional<SceneFrame> frame = std::move(held_.front());
+  held_.pop_front();
+  Judge(&*frame);
+  return frame;
+}
+
+void LiveScene::Judge(SceneFrame* frame) {
+  const TimeNs middle_ns = frame->info.middle_ns();
+  const PlotConfig& config = config_.robust.plots;
+  Station& station = StationOf(frame->info.sensor);
+  frame->time_s = SecondsOf(middle_ns);
+  frame->watched_s = frame->time_s - SecondsOf(learning_since_ns_);
+  frame->is_searched = middle_ns >= station.search_from_ns;
+  std::deque<BodyBox>& bodies = station.bodies;
+  const TimeNs oldest_ns = middle_ns - 2 * Ns(config.body_margin_s);
+  while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
+
+  std::vector<SeenPlot>& plots = frame->plots;
+  plots.erase(
+      std::remove_if(plots.begin(), plots.end(),
+                     [&](const SeenPlot& seen) { return IsNearBody(seen.plot, bodies, config); }),
+      plots.end());
+  station.clutter.AddFrame(frame->info.sensor, frame->time_s);
+  station.clutter.Judge(station.snapshot->support, frame->time_s, &plots);
+  for (SeenPlot& seen : plots) seen.plot.position_m += station.viewpoint_m.cast<double>();
+}
+
+void LiveScene::Explain(const std::vector<SeenPlot>& plots) {
+  for (const SeenPlot& seen : plots) {
+    StationOf(seen.plot.sensor).clutter.Explain(seen.plot);
+  }
+}
+
+void LiveScene::Sweep(double time_s) {
+  for (Station& station : scenes_) {
+    station.clutter.Sweep(time_s);
+    station.occupancy.Sweep();
+  }
+}
+
+}  // namespace unlidar

@@ -1,0 +1,206 @@
+#include "live/live_search.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "robust/tracking/flight.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr double kRatesFadeS = 60.0;
+constexpr double kPauseS = 1.0;  // without a plot: what is before and after may be two things
+constexpr RangeRadius kLeastMove{0.8, 0.02};
+constexpr double kLongStandS = 2.0;
+// What the clutter of a place is, is hardly known at first: paths of it are more frequent then than
+// its mean rate says, for where one plot was unexpected so is the next.
+constexpr double kUnknownLog = 8.0;
+constexpr double kLearningS = 10.0;
+
+// A stream does not know how often a place will be hit later on: a twig that is hit more often for
+// a while looks like something new. What neither moves nor floats may be one.
+bool MovesOrFloats(const std::vector<SeenPlot>& path) {
+  const std::size_t third = std::max<std::size_t>(1, path.size() / 3);
+  Eigen::Vector3d begin_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d end_m = Eigen::Vector3d::Zero();
+  std::size_t num_floating = 0;
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    const Plot& plot = path[i].plot;
+    if (i < third) begin_m += plot.position_m / static_cast<double>(third);
+    if (i >= path.size() - third) end_m += plot.position_m / static_cast<double>(third);
+    num_floating += plot.is_floating ? 1U : 0U;
+  }
+  const double least_m = kLeastMove.At(path.front().plot.ray_m.norm());
+  return 2 * num_floating >= path.size() || (end_m - begin_m).norm() > least_m;
+}
+
+// How many plots at the begin of a path are low: up to the last part between two pauses that is.
+std::size_t LowPrefix(const std::vector<SeenPlot>& path, double off_ground_m) {
+  std::size_t first = 0;
+  for (std::size_t begin = 0; begin < path.size();) {
+    std::size_t end = begin + 1;
+    while (end < path.size() && path[end].at.time_s - path[end - 1].at.time_s < kPauseS) ++end;
+    const auto low =
+        std::count_if(path.begin() + static_cast<std::ptrdiff_t>(begin),
+                      path.begin() + static_cast<std::ptrdiff_t>(end),
+                      [&](const SeenPlot& seen) { return seen.plot.lowest_m <= off_ground_m; });
+    if (2 * static_cast<std::size_t>(low) > end - begin) first = end;
+    begin = end;
+  }
+  return first;
+}
+
+// How many plots at the begin of a path stand still for long without floating: what flies off from
+// there is another thing than what stands there.
+std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
+  const double least_m = kLeastMove.At(path.front().plot.ray_m.norm());
+  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+  std::size_t count = 0;
+  std::size_t num_floating = 0;
+  for (const SeenPlot& seen : path) {
+    const Eigen::Vector3d& at_m = seen.plot.position_m;
+    if (count > 0 && (at_m - sum_m / static_cast<double>(count)).norm() > least_m) break;
+    sum_m += at_m;
+    num_floating += seen.plot.is_floating ? 1U : 0U;
+    ++count;
+  }
+  const bool is_long = path[count - 1].at.time_s - path.front().at.time_s > kLongStandS;
+  return is_long && 2 * num_floating < count && count < path.size() ? count : 0;
+}
+
+template <class T>
+void DropFirst(std::size_t count, std::vector<T>* values) {
+  values->erase(values->begin(), values->begin() + static_cast<std::ptrdiff_t>(count));
+}
+
+}  // namespace
+
+LiveSearch::LiveSearch(const Config& config) : config_(config) {}
+
+void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info,
+                           const Eigen::Vector3f& viewpoint_m) {
+  if (recent_.sensors.size() <= sensor) {
+    recent_.sensors.resize(sensor + 1);
+    watch_.sensors.resize(sensor + 1);
+    moment_.frames_before.resize(sensor + 1, 0);
+  }
+  recent_.sensors[sensor] = info;
+  watch_.sensors[sensor].viewpoint_m = viewpoint_m.cast<double>();
+  watch_.sensors[sensor].frame_s = static_cast<double>(info.frame_period_ns) * kSecondsPerNs;
+  const TrackerConfig& tracker = config_.robust.tracker;
+  models_.clear();
+  for (const double sigma : tracker.sigma_a_mps2) models_.emplace_back(sigma, watch_, tracker);
+  for (std::size_t m = 0; m < models_.size(); ++m) {
+    if (searches_.size() <= m) {
+      searches_.emplace_back(plots_, log_births_, free_, models_[m], tracker);
+    }
+    searches_[m].SetModel(models_[m]);
+  }
+}
+
+const Moment& LiveSearch::Begin(const SceneFrame& frame) {
+  recent_.frames.push_back(frame.info);
+  moment_.time_s = frame.time_s;
+  return moment_;
+}
+
+// How many plots are seen in what time, those of the last while. Returns (plots) the odds of each
+// to be the first of a path.
+std::vector<double> LiveSearch::CountPlots(const SceneFrame& frame) {
+  const double passed_s = std::max(0.0, frame.time_s - rates_s_);
+  const double fade = std::exp(-passed_s / kRatesFadeS);
+  watched_s_ = watched_s_ * fade + passed_s;
+  odds_ *= fade;
+  num_plots_ *= fade;
+  rates_s_ = std::max(rates_s_, frame.time_s);
+  std::vector<double> odds;
+  for (const SeenPlot& seen : frame.plots) {
+    odds.push_back(std::exp(LogBirthOdds(seen.plot, watch_, config_.robust.tracker)));
+    odds_ += odds.back();
+    num_plots_ += 1.0;
+  }
+  return odds;
+}
+
+// Clutter alone makes a path of this score so many times an hour, as every plot may be the first of
+// one, with every model.
+double LiveSearch::LeastScore(double watched_s) const {
+  const double plots_per_hour = 3600.0 * num_plots_ / std::max(watched_s_, 1.0);
+  const auto num_models =
+      static_cast<double>(models_.size() * config_.robust.tracker.birth_speeds_mps.size());
+  return std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) +
+         kUnknownLog * std::exp(-watched_s / kLearningS);
+}
+
+std::vector<Path> LiveSearch::Extend(SceneFrame frame, const std::vector<char>& are_free) {
+  const TrackerConfig& tracker = config_.robust.tracker;
+  const std::vector<double> odds = CountPlots(frame);
+  std::vector<Path> paths;
+  if (frame.is_searched && !frame.plots.empty()) {
+    const std::size_t first = plots_.size();
+    for (std::size_t i = 0; i < frame.plots.size(); ++i) {
+      const double even = tracker.even_birth_share;
+      log_births_.push_back(std::log(even + (1.0 - even) * odds[i] * num_plots_ / odds_));
+      plots_.push_back(frame.plots[i].plot);
+      seen_.push_back(std::move(frame.plots[i]));
+      free_.push_back(are_free[i]);
+    }
+    const Slice slice = SliceOf(plots_, log_births_, first, moment_, tracker);
+    least_score_ = LeastScore(frame.watched_s);
+    for (TrackSearch& search : searches_) {
+      search.Extend(slice);
+      for (Path& path : search.PathsToLastSlice(least_score_)) paths.push_back(std::move(path));
+    }
+    std::sort(paths.begin(), paths.end(), [](const Path& a, const Path& b) {
+      return a.score > b.score || (a.score == b.score && a.plots < b.plots);
+    });
+  }
+  ++moment_.frames_before[frame.info.sensor];
+  return paths;
+}
+
+std::optional<Flight> LiveSearch::FlightOf(const Path& path) const {
+  Flight flight;
+  for (const std::uint32_t i : path.plots) {
+    if (!free_[i]) return std::nullopt;
+    flight.plots.push_back(seen_[i]);
+  }
+  std::size_t first = LowPrefix(flight.plots, config_.robust.off_ground_m);
+  DropFirst(first, &flight.plots);
+  if (flight.plots.empty()) return std::nullopt;
+  const std::size_t standing = StandingPrefix(flight.plots);
+  DropFirst(standing, &flight.plots);
+  first += standing;
+  std::vector<Plot> plots;
+  plots.reserve(flight.plots.size());
+  for (const SeenPlot& seen : flight.plots) plots.push_back(seen.plot);
+  if (!IsFlight(recent_, watch_, plots, config_.robust) || !MovesOrFloats(flight.plots)) {
+    return std::nullopt;
+  }
+  flight.log_birth = log_births_[path.plots[first]];
+  return flight;
+}
+
+void LiveSearch::Take(const Path& path) {
+  for (const std::uint32_t i : path.plots) free_[i] = 0;
+  for (TrackSearch& search : searches_) search.DropTaken();
+}
+
+void LiveSearch::Forget(TimeNs oldest_ns) {
+  const auto kept = std::find_if(plots_.begin(), plots_.end(),
+                                 [&](const Plot& plot) { return plot.frame_time_ns >= oldest_ns; });
+  const auto gone = static_cast<std::size_t>(kept - plots_.begin());
+  for (TrackSearch& search : searches_) search.Forget(gone);
+  DropFirst(gone, &plots_);
+  DropFirst(gone, &seen_);
+  DropFirst(gone, &log_births_);
+  DropFirst(gone, &free_);
+  const auto frame =
+      std::find_if(recent_.frames.begin(), recent_.frames.end(),
+                   [&](const FrameInfo& info) { return info.begin_ns >= oldest_ns; });
+  recent_.frames.erase(recent_.frames.begin(), frame);
+}
+
+}  // namespace unlidar

@@ -1,0 +1,78 @@
+// The search of a stream: which paths of plots only a flying target explains.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "live/live_scene.hpp"
+#include "live/seen_plot.hpp"
+#include "robust/tracking/track_model.hpp"
+#include "robust/tracking/track_search.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// Paths are searched, with each model of motion, through the plots of the last while that no track
+// has. What they must reach follows from how many plots are seen: clutter alone reaches it
+// live.false_alarms_per_hour times an hour.
+class LiveSearch {
+ public:
+  // `config` outlives it.
+  explicit LiveSearch(const Config& config);
+  LiveSearch(const LiveSearch&) = delete;
+  LiveSearch& operator=(const LiveSearch&) = delete;
+
+  // `viewpoint_m`: of its station. A sensor may be told again, with another period.
+  void SetSensor(std::uint32_t sensor, const SensorInfo& info, const Eigen::Vector3f& viewpoint_m);
+
+  // As ShortestPeriodNs, of these sensors.
+  TimeNs shortest_period_ns() const { return ShortestPeriodNs(recent_); }
+
+  // Of the motion of targets, one for each agility; where they are never changes.
+  const std::vector<TrackModel>& models() const { return models_; }
+
+  // Takes the next frame. Returns its moment, which is that of its plots.
+  const Moment& Begin(const SceneFrame& frame);
+
+  // Goes on to the plots of that frame. `are_free` (plots): those that no track has. Returns the
+  // paths that end with one of them and reach least_score(), the best first.
+  std::vector<Path> Extend(SceneFrame frame, const std::vector<char>& are_free);
+
+  // As of the last frame that was searched.
+  double least_score() const { return least_score_; }
+
+  // What flies of such a path, which may have come from something on the ground. None if that is no
+  // drone, or if another path took any of its plots.
+  std::optional<Flight> FlightOf(const Path& path) const;
+
+  // The plots of the path are a track's, and no other path's.
+  void Take(const Path& path);
+
+  // Forgets what was seen before.
+  void Forget(TimeNs oldest_ns);
+
+ private:
+  std::vector<double> CountPlots(const SceneFrame& frame);
+  double LeastScore(double watched_s) const;
+
+  const Config& config_;
+  Watch watch_;
+  Recording recent_;  // sensors and frames of the last while, without returns
+  Moment moment_;
+  std::vector<TrackModel> models_;
+  std::vector<Plot> plots_;
+  std::vector<SeenPlot> seen_;      // the same
+  std::vector<double> log_births_;  // (plots)
+  std::vector<char> free_;          // (plots)
+  std::vector<TrackSearch> searches_;
+  double odds_ = 0.0;       // sum over all plots, faded,
+  double num_plots_ = 0.0;  // and their number,
+  double watched_s_ = 0.0;  // and how long that took
+  double rates_s_ = 0.0;    // when
+  double least_score_ = 0.0;
+};
+
+}  // namespace unlidar

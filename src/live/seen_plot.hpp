@@ -1,0 +1,26 @@
+// What the stages of a stream hand on to each other: plots, and paths of them.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "robust/plots/plots.hpp"
+#include "robust/tracking/track_model.hpp"
+
+namespace unlidar {
+
+// A plot as a measurement of a target, before it is known how fast that moves.
+struct SeenPlot {
+  Plot plot;
+  Moment at;
+  TimeNs stamp_ns = 0;                                   // of its frame
+  Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns, about their mean
+};
+
+// A path of plots that only a flying target explains: each of another frame, in order of time.
+struct Flight {
+  std::vector<SeenPlot> plots;
+  double log_birth = 0.0;  // of its first plot, as LogBirths
+};
+
+}  // namespace unlidar

@@ -1,0 +1,152 @@
+#include "live/confirmed_tracks.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <variant>
+#include <vector>
+
+#include "tests/synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kBeginNs;
+using testing::kPeriodNs;
+using testing::kPeriodS;
+
+constexpr double kAnyScore = -1e9;
+constexpr TimeNs kEndless = std::numeric_limits<TimeNs>::max() / 2;
+
+FrameInfo FrameAt(int i) {
+  FrameInfo frame;
+  frame.stamp_ns = frame.begin_ns = kBeginNs + i * kPeriodNs;
+  frame.end_ns = frame.begin_ns + kPeriodNs;
+  return frame;
+}
+
+SeenPlot PlotAt(int i, const Eigen::Vector3d& position_m) {
+  SeenPlot seen;
+  seen.plot.frame = static_cast<std::uint32_t>(i);
+  seen.plot.time_ns = seen.plot.frame_time_ns = FrameAt(i).middle_ns();
+  seen.plot.position_m = seen.plot.ray_m = position_m;
+  seen.plot.variance_m2 = 0.02;
+  seen.plot.log_clutter = std::log(1e-6);
+  seen.plot.returns = {0, 1, 2};
+  seen.stamp_ns = FrameAt(i).stamp_ns;
+  seen.at.time_s = (i + 0.5) * kPeriodS;
+  seen.at.frames_before = {static_cast<std::uint32_t>(i)};
+  return seen;
+}
+
+// A drone that passes.
+SeenPlot DroneAt(int i) { return PlotAt(i, {15.0, -10.0 + 0.4 * i, 8.0}); }
+
+// Another one, far from it.
+SeenPlot OtherAt(int i) { return PlotAt(i, {-25.0, 5.0 - 0.3 * i, 12.0}); }
+
+template <class PlotOf>
+Flight FlightUntil(int end, const PlotOf& plot_of) {
+  Flight flight;
+  for (int i = 0; i < end; ++i) flight.plots.push_back(plot_of(i));
+  return flight;
+}
+
+struct Tracks {
+  Config config;
+  Watch watch;
+  std::vector<TrackModel> models;
+  std::vector<TrajectoryRow> rows;
+  std::vector<TrackConfirmed> confirmed;
+  std::vector<TrackEnded> ended;
+  ConfirmedTracks tracks;
+
+  Tracks()
+      : watch{{Watch::Sensor()}},
+        models({TrackModel(4.0, watch, config.robust.tracker)}),
+        tracks(config, models, FirstSensorStamps{}, [this](const EngineEvent& event) {
+          if (const auto* given = std::get_if<RowGiven>(&event)) rows.push_back(given->row);
+          if (const auto* at = std::get_if<TrackConfirmed>(&event)) confirmed.push_back(*at);
+          if (const auto* at = std::get_if<TrackEnded>(&event)) ended.push_back(*at);
+        }) {
+    tracks.SetPeriod(kPeriodNs);
+  }
+};
+
+TEST(ConfirmedTracks, WithoutOneEveryPlotIsFree) {
+  Tracks t;
+  EXPECT_EQ(t.tracks.Extend({DroneAt(0), OtherAt(0)}, DroneAt(0).at), (std::vector<char>{1, 1}));
+}
+
+TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
+  Tracks t;
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore));
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, OtherAt), kAnyScore));
+  const SeenPlot stray = PlotAt(20, {40.0, 30.0, 10.0});
+  const std::vector<SeenPlot> plots = {stray, OtherAt(20), DroneAt(20)};
+  EXPECT_EQ(t.tracks.Extend(plots, stray.at), (std::vector<char>{1, 0, 0}));
+}
+
+TEST(ConfirmedTracks, AFlightIsATrackOnceAndOnlyIfItIsWorthIt) {
+  Tracks t;
+  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+  const Flight flight = FlightUntil(20, DroneAt);
+  EXPECT_FALSE(t.tracks.Begin(flight, 1e9));
+  EXPECT_TRUE(t.tracks.Begin(flight, kAnyScore));
+  EXPECT_TRUE(t.tracks.Begin(flight, kAnyScore));
+  EXPECT_FALSE(t.tracks.Begin(flight, 1e9));
+  t.tracks.Close(kEndless);
+  ASSERT_EQ(t.confirmed.size(), 1U);
+  EXPECT_EQ(t.confirmed[0].track_id, 0);
+  EXPECT_EQ(t.confirmed[0].first_evidence_ns, flight.plots.front().plot.time_ns);
+  ASSERT_EQ(t.ended.size(), 1U);
+  EXPECT_EQ(t.ended[0].last_evidence_ns, flight.plots.back().plot.time_ns);
+}
+
+TEST(ConfirmedTracks, EveryRowIsGivenOnceInOrderWhereTheDroneIs) {
+  Tracks t;
+  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore));
+  std::size_t num_settled = 0;
+  for (int i = 20; i < 60; ++i) {
+    const SeenPlot seen = DroneAt(i);
+    t.tracks.AddInstants(FrameAt(i));
+    t.tracks.Extend({seen}, seen.at);
+    const TimeNs middle_ns = FrameAt(i).middle_ns();
+    num_settled += t.tracks.GiveRows(middle_ns, FrameAt(i).stamp_ns).size();
+    for (const TrajectoryRow& row : t.rows) EXPECT_LE(row.time_ns, middle_ns);
+    EXPECT_TRUE(t.tracks.EndLost(middle_ns - 10 * kPeriodNs, middle_ns).empty());
+  }
+  EXPECT_TRUE(t.ended.empty());
+  EXPECT_GT(num_settled, 40U);
+  EXPECT_LE(num_settled, 60U);
+  t.tracks.Close(kEndless);
+  EXPECT_EQ(t.ended.size(), 1U);
+  ASSERT_GE(t.rows.size(), 59U);
+  for (std::size_t k = 0; k < t.rows.size(); ++k) {
+    const TrajectoryRow& row = t.rows[k];
+    if (k > 0) {
+      EXPECT_EQ(row.time_ns, t.rows[k - 1].time_ns + kPeriodNs);
+    }
+    const double i = static_cast<double>(row.time_ns - FrameAt(0).middle_ns()) / kPeriodNs;
+    const Eigen::Vector3d truth_m(15.0, -10.0 + 0.4 * i, 8.0);
+    EXPECT_LT((row.position_m - truth_m).norm(), 0.5) << k;
+  }
+}
+
+TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
+  Tracks t;
+  for (int i = 0; i < 40; ++i) t.tracks.AddInstants(FrameAt(i));
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore));
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(40, OtherAt), kAnyScore));
+  const TimeNs middle_ns = FrameAt(39).middle_ns();
+  t.tracks.EndLost(FrameAt(19).middle_ns(), middle_ns);
+  EXPECT_TRUE(t.ended.empty());
+  t.tracks.EndLost(FrameAt(19).middle_ns() + 1, middle_ns);
+  ASSERT_EQ(t.ended.size(), 1U);
+  EXPECT_EQ(t.ended[0].track_id, 0);
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -1,0 +1,97 @@
+#include "live/live_instants.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <vector>
+
+#include "tests/synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kBeginNs;
+using testing::kPeriodS;
+using testing::RecordingMaker;
+
+constexpr TimeNs kEndless = std::numeric_limits<TimeNs>::max();
+
+// Frames of two sensors in turn.
+Recording TwoSensors() {
+  RecordingMaker maker(1, 2);
+  for (int i = 0; i < 40; ++i) {
+    maker.BeginFrame(i * kPeriodS, static_cast<std::uint32_t>(i % 2));
+    maker.Add({1, 0, 0});
+  }
+  return maker.recording;
+}
+
+std::vector<OutputTimes> AllKinds() {
+  return {FirstSensorStamps{}, Rate{7'300'000'000},
+          std::vector<TimeNs>{kBeginNs - 5, kBeginNs, kBeginNs + 123'456'789,
+                              kBeginNs + 2'000'000'000, kBeginNs + 2'000'000'001}};
+}
+
+LiveInstants InstantsOf(const OutputTimes& times, const Recording& recording) {
+  LiveInstants instants(times);
+  for (const FrameInfo& frame : recording.frames) instants.Add(frame);
+  return instants;
+}
+
+TEST(LiveInstants, AreThoseOfTheRecording) {
+  const Recording recording = TwoSensors();
+  for (const OutputTimes& times : AllKinds()) {
+    const OutputInstants all = ResolveOutputTimes(times, recording);
+    std::vector<TimeNs> expected;
+    for (std::size_t k = 0; k < all.size(); ++k) expected.push_back(all[k]);
+    EXPECT_EQ(InstantsOf(times, recording).Between(-kEndless, kEndless), expected);
+  }
+}
+
+TEST(LiveInstants, NoneIsLaterThanTheFramesSoFar) {
+  const Recording recording = TwoSensors();
+  for (const OutputTimes& times : AllKinds()) {
+    LiveInstants instants(times);
+    for (const FrameInfo& frame : recording.frames) {
+      instants.Add(frame);
+      EXPECT_TRUE(instants.Between(frame.end_ns, kEndless).empty());
+    }
+  }
+}
+
+TEST(LiveInstants, AfterOneUpToAnotherLeaveOutTheFirstAlone) {
+  const LiveInstants instants = InstantsOf(FirstSensorStamps{}, TwoSensors());
+  const std::vector<TimeNs> all = instants.Between(-kEndless, kEndless);
+  EXPECT_EQ(instants.Between(all[3], all[6]), (std::vector<TimeNs>{all[4], all[5], all[6]}));
+  EXPECT_TRUE(instants.Between(all[3], all[3]).empty());
+}
+
+TEST(LiveInstants, ShareOutAllStampsWithoutGapOrOverlap) {
+  for (const OutputTimes& times : AllKinds()) {
+    const LiveInstants instants = InstantsOf(times, TwoSensors());
+    const std::vector<TimeNs> all = instants.Between(-kEndless, kEndless);
+    ASSERT_GT(all.size(), 2U);
+    EXPECT_EQ(instants.Around(all.front()).begin_ns, all.front());
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      const TimeInterval around = instants.Around(all[k]);
+      EXPECT_LE(around.begin_ns, all[k]);
+      EXPECT_GE(around.end_ns, all[k]);
+      if (k == 0) continue;
+      const TimeNs gap_ns = around.begin_ns - instants.Around(all[k - 1]).end_ns;
+      EXPECT_TRUE(gap_ns == 0 || gap_ns == 1) << gap_ns;  // the middle of an odd gap
+    }
+  }
+}
+
+TEST(LiveInstants, OfThoseBeforeTheOldestOnlyTheLastIsKept) {
+  LiveInstants instants = InstantsOf(FirstSensorStamps{}, TwoSensors());
+  const std::vector<TimeNs> all = instants.Between(-kEndless, kEndless);
+  const TimeInterval around = instants.Around(all[8]);
+  instants.Forget(all[8]);
+  EXPECT_EQ(instants.Between(-kEndless, kEndless), std::vector<TimeNs>(all.begin() + 7, all.end()));
+  EXPECT_EQ(instants.Around(all[8]).begin_ns, around.begin_ns);
+  EXPECT_EQ(instants.Around(all[8]).end_ns, around.end_ns);
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -1,0 +1,168 @@
+#include "live/live_scene.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "tests/synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kBeginNs;
+using testing::kPeriodNs;
+using testing::kPeriodS;
+using testing::Random;
+
+constexpr TimeNs kEndless = std::numeric_limits<TimeNs>::max();
+constexpr int kWarmFrames = 31;  // they take 3 s
+
+Eigen::Vector3d DroneAt(int i) { return {12.0, -8.0 + 0.2 * i, 6.0}; }
+
+// Ground with a drone above it, from a station that stands somewhere. The coordinates are so coarse
+// that moving them is exact.
+class Station {
+ public:
+  Station(std::uint32_t sensor, const Eigen::Vector3f& origin_m)
+      : random_(1), sensor_(sensor), origin_m_(origin_m) {}
+
+  LoadedFrame FrameAt(int i) {
+    LoadedFrame frame;
+    frame.info.sensor = sensor_;
+    frame.info.stamp_ns = frame.info.begin_ns = kBeginNs + i * kPeriodNs;
+    frame.info.end_ns = frame.info.begin_ns + kPeriodNs;
+    for (int k = 0; k < 300; ++k) {
+      const double range_m = random_.Uniform(3.0, 30.0);
+      const double azimuth = random_.Uniform(-M_PI, M_PI);
+      Add({range_m * std::cos(azimuth), range_m * std::sin(azimuth), -2.0}, &frame);
+    }
+    for (int k = 0; k < 4; ++k) Add(DroneAt(i) + random_.NormalVector(0.1), &frame);
+    frame.times_ns.assign(frame.points_m.size(), frame.info.middle_ns());
+    return frame;
+  }
+
+ private:
+  void Add(const Eigen::Vector3d& point_m, LoadedFrame* frame) {
+    const Eigen::Array3d steps = (point_m.array() * 1024.0).round();
+    frame->points_m.push_back((steps / 1024.0).matrix().cast<float>() + origin_m_);
+  }
+
+  Random random_;
+  std::uint32_t sensor_;
+  Eigen::Vector3f origin_m_;
+};
+
+// All frames that the scene leaves, taken as they come.
+std::vector<SceneFrame> FramesOf(LiveScene* scene, Station* station, int count) {
+  std::vector<SceneFrame> frames;
+  const auto take = [&](TimeNs until_ns) {
+    while (std::optional<SceneFrame> frame = scene->Next(until_ns)) frames.push_back(*frame);
+  };
+  for (int i = 0; i < count; ++i) {
+    if (!scene->Take(station->FrameAt(i))) continue;
+    while (scene->num_waiting() > 0) take(scene->MakePlots() - kPeriodNs);
+  }
+  scene->Close();
+  while (scene->num_waiting() > 0) scene->MakePlots();
+  take(kEndless);
+  return frames;
+}
+
+TEST(LiveScene, IsWarmAfterThreeSecondsOrAtTheEnd) {
+  const Config config;
+  for (const int count : {1, 10, 60}) {
+    LiveScene scene(config);
+    scene.AddSensor(0, Eigen::Vector3f::Zero());
+    Station station(0, Eigen::Vector3f::Zero());
+    for (int i = 0; i < count; ++i) {
+      EXPECT_EQ(scene.Take(station.FrameAt(i)), i >= kWarmFrames) << i;
+      EXPECT_EQ(scene.is_warm(), i + 1 >= kWarmFrames) << i;
+    }
+    scene.Close();
+    EXPECT_TRUE(scene.is_warm());
+  }
+}
+
+TEST(LiveScene, EveryFrameLeavesItOnceInOrderAndIsSearchedOnceItsStationWasWarm) {
+  const Config config;
+  LiveScene scene(config);
+  scene.AddSensor(0, Eigen::Vector3f::Zero());
+  Station station(0, Eigen::Vector3f::Zero());
+  const std::vector<SceneFrame> frames = FramesOf(&scene, &station, 80);
+  ASSERT_EQ(frames.size(), 80U);
+  for (int i = 0; i < 80; ++i) {
+    const SceneFrame& frame = frames[static_cast<std::size_t>(i)];
+    EXPECT_EQ(frame.info.stamp_ns, kBeginNs + i * kPeriodNs);
+    EXPECT_NEAR(frame.time_s, (i + 0.5) * kPeriodS, 1e-9);
+    EXPECT_EQ(frame.watched_s, frame.time_s);
+    EXPECT_EQ(frame.is_searched, i * kPeriodS + 0.5 * kPeriodS >= 3.0);
+  }
+}
+
+TEST(LiveScene, LeavesTheDroneAndNotTheGround) {
+  const Config config;
+  LiveScene scene(config);
+  scene.AddSensor(0, Eigen::Vector3f::Zero());
+  Station station(0, Eigen::Vector3f::Zero());
+  const std::vector<SceneFrame> frames = FramesOf(&scene, &station, 80);
+  for (std::size_t i = 40; i < frames.size(); ++i) {
+    ASSERT_EQ(frames[i].plots.size(), 1U) << i;
+    const Plot& plot = frames[i].plots[0].plot;
+    EXPECT_LT((plot.position_m - DroneAt(static_cast<int>(i))).norm(), 0.3);
+    EXPECT_EQ(plot.ray_m, plot.position_m);
+    EXPECT_EQ(plot.frame, i);
+  }
+}
+
+// What a station sees does not depend on where it stands.
+TEST(LiveScene, AStationElsewhereLeavesTheSamePlotsThere) {
+  const Config config;
+  const Eigen::Vector3f origin_m(64.0F, -32.0F, 4.0F);
+  LiveScene here(config);
+  LiveScene there(config);
+  here.AddSensor(0, Eigen::Vector3f::Zero());
+  EXPECT_EQ(there.AddSensor(0, origin_m), origin_m);
+  Station at_origin(0, Eigen::Vector3f::Zero());
+  Station at_place(0, origin_m);
+  const std::vector<SceneFrame> a = FramesOf(&here, &at_origin, 80);
+  const std::vector<SceneFrame> b = FramesOf(&there, &at_place, 80);
+  ASSERT_EQ(a.size(), b.size());
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    ASSERT_EQ(a[i].plots.size(), b[i].plots.size()) << i;
+    for (std::size_t k = 0; k < a[i].plots.size(); ++k) {
+      const Plot& plot = b[i].plots[k].plot;
+      EXPECT_EQ(plot.ray_m, a[i].plots[k].plot.ray_m);
+      EXPECT_EQ(plot.log_clutter, a[i].plots[k].plot.log_clutter);
+      EXPECT_EQ(plot.position_m, plot.ray_m + origin_m.cast<double>());
+    }
+  }
+}
+
+TEST(LiveScene, AStationThatComesLaterIsWarmLater) {
+  const Config config;
+  const Eigen::Vector3f origin_m(64.0F, -32.0F, 4.0F);
+  LiveScene scene(config);
+  scene.AddSensor(0, Eigen::Vector3f::Zero());
+  scene.AddSensor(1, origin_m);
+  Station first(0, Eigen::Vector3f::Zero());
+  Station second(1, origin_m);
+  constexpr int kLater = 50;
+  for (int i = 0; i < 120; ++i) {
+    EXPECT_EQ(scene.Take(first.FrameAt(i)), i >= kWarmFrames) << i;
+    if (i >= kLater) {
+      EXPECT_EQ(scene.Take(second.FrameAt(i)), i >= kLater + kWarmFrames) << i;
+    }
+    while (scene.num_waiting() > 0 && scene.is_warm()) scene.MakePlots();
+    while (std::optional<SceneFrame> frame = scene.Next(kEndless)) {
+      if (frame->info.sensor == 0) continue;
+      const double own_s = (i - kLater + 0.5) * kPeriodS;
+      EXPECT_NEAR(frame->watched_s, own_s, 1e-9);
+      EXPECT_EQ(frame->is_searched, own_s > 6.0) << i;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -1,0 +1,92 @@
+#include "app/live_teller.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <fstream>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "tests/temporary_folder.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::TemporaryFolder;
+
+// A teller, and what it has told.
+class Told {
+ public:
+  Told()
+      : note_([this](const std::string& text) { notes_.push_back(text); }),
+        output_(folder_ / "out.csv", folder_ / "events", signals_, note_),
+        teller(output_, service_, note_) {
+    teller.AddSensor("roof");
+    teller.AddSensor("mast");
+  }
+
+  const std::vector<std::string>& notes() const { return notes_; }
+
+  // Events that hold a text.
+  std::size_t NumEvents(const std::string& text) {
+    teller.Flush();
+    std::ifstream file(folder_ / "events");
+    std::size_t count = 0;
+    for (std::string line; std::getline(file, line);) {
+      count += line.find(text) != std::string::npos ? 1U : 0U;
+    }
+    return count;
+  }
+
+ private:
+  TemporaryFolder folder_;
+  std::vector<std::string> notes_;
+  std::function<void(const std::string&)> note_;
+  Signals signals_;
+  ServiceNotifier service_;
+  LiveOutput output_;
+
+ public:
+  LiveTeller teller;
+};
+
+TEST(IsWorthANote, TheFirstTimeAndEachTimeThereAreTwiceAsMany) {
+  std::vector<std::uint64_t> noted;
+  for (std::uint64_t count = 0; count <= 40; ++count) {
+    if (IsWorthANote(count)) noted.push_back(count);
+  }
+  EXPECT_EQ(noted, (std::vector<std::uint64_t>{1, 2, 4, 8, 16, 32}));
+}
+
+TEST(LiveTeller, TellsOfEachSensorOnlyWhatIsNew) {
+  Told told;
+  EXPECT_FALSE(told.teller.HasTold(0));
+  for (const bool is_silent : {false, false, true, true, false}) {
+    told.teller.TellSensor(0, is_silent, 1);
+    told.teller.Take(SensorChanged{0, is_silent}, LiveProgress());
+  }
+  EXPECT_TRUE(told.teller.HasTold(0));
+  EXPECT_FALSE(told.teller.HasTold(1));
+  EXPECT_EQ(told.NumEvents("\"roof\""), 3U);
+  EXPECT_EQ(told.NumEvents("\"mast\""), 0U);
+}
+
+TEST(LiveTeller, OverloadIsAStateUntilItIsOver) {
+  Told told;
+  told.teller.TellPace(1, 0, LiveProgress());
+  EXPECT_EQ(told.NumEvents("state"), 0U);
+  told.teller.TellPace(2, 0, LiveProgress());
+  told.teller.TellPace(4, 5, LiveProgress());
+  told.teller.Take(EngineState::kRunning, LiveProgress());  // which waits
+  EXPECT_EQ(told.NumEvents("overloaded"), 1U);
+  EXPECT_EQ(told.NumEvents("running"), 0U);
+  told.teller.TellPace(1, 9, LiveProgress());
+  EXPECT_EQ(told.NumEvents("running"), 1U);
+  EXPECT_EQ(told.notes(), (std::vector<std::string>{"overloaded: one frame in 2 is worked off",
+                                                    "overloaded: one frame in 4 is worked off",
+                                                    "no more overloaded, left out: 9 frames"}));
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -88,7 +88,8 @@ compare() {
     compgen -G "$sensor*.pcd" >/dev/null || continue
     frames+=(--frames "$(basename "$sensor")=$sensor")
   done
-  "$venv/bin/unlidar" play "$2" --rate inf >"$stream"
+  "$venv/bin/unlidar" play "$2" --rate inf >"$stream" 2>"$setup_log" ||
+    fail "$name could not be played (whole output: $setup_log)"
   for method in robust paper live; do
     rm -f -- "$work"/{here,there}.{csv,also}
     track "$method" "$work/here" "$here"

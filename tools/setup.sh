@@ -22,7 +22,7 @@ build_packages=(
   python3 python3-venv
 )
 check_packages=(
-  clang-format clang-tidy shellcheck chromium chromium-driver
+  clang-format clang-tidy shellcheck valgrind chromium chromium-driver
   mosquitto mosquitto-clients
   bash-completion lintian
 )

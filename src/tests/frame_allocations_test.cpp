@@ -36,8 +36,8 @@ namespace {
 constexpr std::size_t kMostOfAKnownScene = 20;
 constexpr std::size_t kMostWithADrone = 4800;  // nearly all in Ceres: a fit for each row
 
-constexpr int kWarmUpFrames = 300;
-constexpr int kFrames = 300;
+constexpr int kWarmUpFrames = 120;
+constexpr int kFrames = 100;
 
 class FrameAllocationsTest : public ::testing::Test {
  protected:
@@ -92,7 +92,7 @@ Cost CostOfAFrame(int num_static, bool has_drone) {
 
 TEST_F(FrameAllocationsTest, OfAKnownSceneAreFewAndNoneIsForAReturn) {
   const Cost sparse = CostOfAFrame(300, false);
-  const Cost dense = CostOfAFrame(30'000, false);
+  const Cost dense = CostOfAFrame(12'000, false);
   EXPECT_EQ(sparse.rows, 0);
   EXPECT_LE(sparse.allocations, kMostOfAKnownScene);
   EXPECT_EQ(dense.allocations, sparse.allocations);
@@ -100,7 +100,7 @@ TEST_F(FrameAllocationsTest, OfAKnownSceneAreFewAndNoneIsForAReturn) {
 
 TEST_F(FrameAllocationsTest, OfADroneAreThoseOfTheFitOfItsRow) {
   const Cost sparse = CostOfAFrame(300, true);
-  const Cost dense = CostOfAFrame(10'000, true);
+  const Cost dense = CostOfAFrame(3'000, true);
   EXPECT_GT(sparse.rows, kFrames);
   EXPECT_LE(sparse.allocations, kMostWithADrone);
   EXPECT_LE(dense.allocations, kMostWithADrone);

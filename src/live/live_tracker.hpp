@@ -57,6 +57,10 @@ class LiveTracker {
 
   bool is_warm() const { return is_warm_; }
 
+  // Tracks of one engine never share a number.
+  int next_id() const { return next_id_; }
+  void NumberFrom(int id) { next_id_ = id; }
+
  private:
   // What the sensors of one station see, relative to its viewpoint.
   struct Station {

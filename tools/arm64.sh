@@ -8,9 +8,9 @@ Usage: tools/arm64.sh [--quick]
 
 Builds the program for arm64 with Debian's cross compiler, against packages of arm64 that are unpacked
 in build-arm64-sysroot/, and runs it in qemu's emulation: the C++ tests but those that need PCL's
-reader or run programs, and recordings as a whole and live, whose rows and events must be those of the program that
-is built for this machine, byte for byte. The recordings are simulated; ../shared has a real one.
-Then tells how large the program and its libraries are.
+reader or run other programs, and recordings as a whole and live, whose rows and events must be those
+of the program that is built for this machine, byte for byte. The recordings are simulated; ../shared
+has a real one. Then tells how large the program and its libraries are.
 
   --quick  one recording, and those C++ tests only that are all arithmetic
 

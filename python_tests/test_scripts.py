@@ -91,7 +91,9 @@ def sandbox(tmp_path: Path) -> Sandbox:
     return Sandbox(tmp_path)
 
 
-@pytest.mark.parametrize("script", ["demo.sh", "test.sh", "package.sh", "fuzz.sh", "bench.sh"])
+@pytest.mark.parametrize(
+    "script", ["demo.sh", "test.sh", "package.sh", "fuzz.sh", "bench.sh", "arm64.sh"]
+)
 def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> None:
     shown = sandbox.run(script, "--help")
     assert shown.returncode == 0 and f"Usage: tools/{script}" in shown.stdout
@@ -107,6 +109,8 @@ def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> 
         ("test.sh", ["more"], "unexpected argument 'more'"),
         ("test.sh", ["--quick", "--sanitize"], "expected one option, got 2"),
         ("package.sh", ["--fast"], "unexpected argument '--fast'"),
+        ("arm64.sh", ["--slow"], "unexpected argument '--slow'"),
+        ("arm64.sh", ["--quick", "more"], "expected one option, got 2"),
         ("bench.sh", ["--slow"], "unknown option '--slow'"),
         ("bench.sh", ["speed"], "no part 'speed', expected some of: clustering pcd"),
         ("fuzz.sh", [], "expected a number of minutes"),

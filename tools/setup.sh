@@ -1,4 +1,4 @@
-# Sourced by demo.sh, test.sh, package.sh, fuzz.sh and bench.sh: brings a Debian machine to the point where the program is built
+# Sourced by the other scripts here: brings a Debian machine to the point where the program is built
 # and the Python harness installed. Every step is skipped when there is nothing to do, so that a
 # second run needs neither root nor a network.
 # shellcheck shell=bash
@@ -8,6 +8,8 @@ root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 build_dir=$root/build
 sanitize_dir=$root/build-sanitize
 threads_dir=$root/build-threads
+arm64_dir=$root/build-arm64
+arm64_sysroot=$root/build-arm64-sysroot
 venv=$root/.venv
 setup_log=$root/out/setup.log
 
@@ -20,7 +22,7 @@ build_packages=(
   python3 python3-venv
 )
 check_packages=(
-  clang-format clang-tidy shellcheck chromium chromium-driver
+  clang-format clang-tidy shellcheck valgrind chromium chromium-driver
   mosquitto mosquitto-clients
   bash-completion lintian
 )
@@ -28,6 +30,17 @@ check_packages=(
 sanitize_packages=(clang libclang-rt-dev llvm)
 bench_packages=(time)
 package_packages=(dpkg-dev help2man)
+arm64_packages=(g++-aarch64-linux-gnu qemu-user-static)
+# What the program and its tests are built with, of arm64: some with all that they depend on, some
+# alone, as VTK and compilers hang on those.
+arm64_sysroot_packages=(
+  libc6-dev libpcl-common1.13 liblz4-dev libeigen3-dev libceres-dev libyaml-cpp-dev libcli11-dev
+  nlohmann-json3-dev libgtest-dev
+)
+arm64_lone_packages=(
+  libpcl-dev libflann-dev libboost1.74-dev
+  libboost-{date-time,filesystem,iostreams,serialization,system}1.74{-dev,.0}
+)
 
 say() {
   printf '\n==> %s\n' "$*"
@@ -52,7 +65,8 @@ quietly() {
 check_root_is_writable() {
   local path
   mkdir -p -- "$root/out" 2>/dev/null || fail "cannot write in $root: run as its owner or as root"
-  for path in "$root/out" "$build_dir" "$sanitize_dir" "$threads_dir" "$venv" "$setup_log"; do
+  for path in "$root/out" "$build_dir" "$sanitize_dir" "$threads_dir" "$arm64_dir" \
+    "$arm64_sysroot" "$venv" "$setup_log"; do
     [[ ! -e $path || -w $path ]] ||
       fail "cannot write $path: it belongs to $(stat -c %U -- "$path"), remove it or run as that user"
   done
@@ -126,6 +140,48 @@ build_for_threads() {
   build_in "$threads_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
     -DUNLIDAR_SANITIZE=thread -DUNLIDAR_BUILD_BENCHMARKS=OFF
+}
+
+# build_for_arm64 TARGET...: against the packages in build-arm64-sysroot/, in build-arm64/.
+build_for_arm64() {
+  build_in "$arm64_dir" "$@" -- -DCMAKE_TOOLCHAIN_FILE="$root/cmake/arm64.cmake" \
+    -DCMAKE_SYSROOT="$arm64_sysroot" -DCMAKE_BUILD_TYPE=Release \
+    -DUNLIDAR_PCL_ORACLE=OFF -DUNLIDAR_BUILD_BENCHMARKS=OFF
+}
+
+# make_arm64_sysroot: build-arm64-sysroot/, with the packages of arm64 unpacked. apt works in a folder
+# of its own there, as that of an arm64 machine on which nothing is installed.
+make_arm64_sysroot() {
+  local package part=$arm64_sysroot.part
+  local packages="${arm64_sysroot_packages[*]} ${arm64_lone_packages[*]}"
+  local libraries=$part/usr/lib/aarch64-linux-gnu
+  local apt=(apt-get -qq -y -o APT::Architecture=arm64 -o APT::Architectures=arm64
+    -o Dir::State="$part/apt" -o Dir::State::status="$part/apt/status" -o Dir::Cache="$part/apt"
+    -o APT::Sandbox::User="$(id -un)" -o APT::Install-Recommends=false)
+  ! grep -qxF "$packages" "$arm64_sysroot/packages" 2>/dev/null || return 0
+  say "Unpacking packages of arm64 in $arm64_sysroot"
+  rm -rf -- "$arm64_sysroot" "$part"
+  mkdir -p -- "$part/apt/archives" "$part/usr/lib"
+  ln -s usr/lib "$part/lib"
+  touch -- "$part/apt/status"
+  "${apt[@]}" update >/dev/null 2>&1 </dev/null || true # as in install_packages
+  quietly "apt-get could not fetch packages of arm64; is there a network?" \
+    "${apt[@]}" --download-only install "${arm64_sysroot_packages[@]}"
+  (cd -- "$part/apt/archives" &&
+    quietly "apt-get could not fetch packages of arm64; is there a network?" \
+      "${apt[@]}" download "${arm64_lone_packages[@]}")
+  for package in "$part"/apt/archives/*.deb; do
+    quietly "$package could not be unpacked" dpkg-deb --extract "$package" "$part"
+  done
+  rm -rf -- "$part/apt"
+  # What installing does: the alternative that gives the library its name.
+  for package in blas lapack; do
+    ln -s "atlas/lib$package.so" "atlas/lib$package.so.3" "$libraries"
+  done
+  # Ceres names these libraries where they would be installed.
+  sed -i 's|;/usr/lib/|;${_IMPORT_PREFIX}/lib/|g' "$libraries/cmake/Ceres/CeresTargets.cmake"
+  printf '%s\n' "$packages" >"$part/packages"
+  mv -- "$part" "$arm64_sysroot"
 }
 
 # The first Python that is new enough and can make a virtual environment. The system's goes first: a

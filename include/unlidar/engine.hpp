@@ -44,7 +44,8 @@ struct SensorChanged {
   bool is_silent = false;
 };
 
-// Told with the first frame, and when enough of the scene is known to find anything in it.
+// Told with the first frame, and when enough of the scene is known to find anything in it; once
+// more where the clock of the stamps has gone back.
 enum class EngineState { kWarmingUp, kRunning };
 
 using EngineEvent = std::variant<TrackConfirmed, RowGiven, TrackEnded, SensorChanged, EngineState>;
@@ -73,9 +74,11 @@ class Engine {
   std::uint32_t AddSensor(const std::string& name);
 
   // Frames may come in any order within live.reorder_s; those that come later are counted and
-  // dropped. Throws InputError for a frame of no sensor, with a stamp that its sensor had already
-  // or beyond the years 1844 to 2096, or with point times that are not one per point and within 1 s
-  // or 10 frames of the stamp; it is left out then, and the next may follow.
+  // dropped. Where no sensor that is not silent gives others than such as are older than
+  // live.window_s, eight in a row, the clock has gone back, or had been ahead: tracks end, and the
+  // engine begins anew. Throws InputError for a frame of no sensor, with a stamp that its sensor
+  // had already or beyond the years 1844 to 2096, or with point times that are not one per point
+  // and within 1 s or 10 frames of the stamp; it is left out then, and the next may follow.
   void Add(Frame frame);
 
   // As much time has passed, although no frame says so: none older than `now_ns` less
@@ -87,7 +90,7 @@ class Engine {
   void Close();
 
   // The newest stamp taken in, time offsets applied, or the time of Advance() where that is newer;
-  // 0 before the first frame.
+  // 0 before the first frame. It falls where the engine begins anew only.
   TimeNs newest_ns() const;
 
   // Frames taken in, empty ones among them, and those dropped as too late.

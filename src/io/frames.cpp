@@ -64,6 +64,7 @@ void CheckNames(const std::vector<FrameSource>& sources) {
 TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns) {
   if (stamps_ns.size() < 2) return kSingleFramePeriodNs;
   std::vector<TimeNs> periods;
+  periods.reserve(stamps_ns.size() - 1);
   for (std::size_t i = 1; i < stamps_ns.size(); ++i) {
     periods.push_back(stamps_ns[i] - stamps_ns[i - 1]);
   }
@@ -81,10 +82,13 @@ LoadedFrame LoadFrame(const FrameFile& file, PcdCloud cloud, const InputConfig& 
   const Eigen::Vector4d& q = sensor.rotation_xyzw;
   const Eigen::Matrix3d rotation =
       Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z()).normalized().toRotationMatrix();
+  const auto is_no_return = [](const Eigen::Vector3f& row) { return (row.array() == 0.0F).all(); };
   InputCounts& counts = frame.counts;
   counts.rows = rows.size();
+  frame.points_m.reserve(rows.size() - static_cast<std::size_t>(
+                                           std::count_if(rows.begin(), rows.end(), is_no_return)));
   for (std::size_t row = 0; row < rows.size(); ++row) {
-    if ((rows[row].array() == 0.0F).all()) {  // first: nine of ten rays at the sky
+    if (is_no_return(rows[row])) {  // first: nine of ten rays at the sky
       ++counts.no_return_rows;
       continue;
     }

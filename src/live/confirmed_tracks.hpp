@@ -48,6 +48,10 @@ class ConfirmedTracks {
   // Ends all of them.
   void Close(TimeNs newest_ns);
 
+  // Tracks of one engine never share a number.
+  int next_id() const { return next_id_; }
+  void NumberFrom(int id) { next_id_ = id; }
+
   // Forgets the output times before, if their rows are given.
   void Forget(TimeNs oldest_ns);
 

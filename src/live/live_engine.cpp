@@ -10,6 +10,9 @@
 namespace unlidar {
 namespace {
 
+// So many frames of each sensor in a row tell of a clock that has gone back; fewer may be astray.
+constexpr int kFramesOfPast = 8;
+
 TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
 
 }  // namespace
@@ -29,27 +32,38 @@ LiveEngine::LiveEngine(const Config& config, const std::vector<std::string>& sen
       on_event_(std::move(on_event)),
       reading_(reading),
       is_endless_(std::isinf(config_.live.delay_s)),
-      tracker_(config_, output_times_, on_event_) {
+      tracker_(std::make_unique<LiveTracker>(config_, output_times_, on_event_)) {
   for (const std::string& name : sensors) AddSensor(name);
 }
 
 std::uint32_t LiveEngine::AddSensor(const std::string& name) {
-  const auto known = config_.sensors.find(name);
   const auto index = static_cast<std::uint32_t>(sensors_.size());
-  sensors_.emplace_back(SensorFrames(
-      index, name, config_.input, known == config_.sensors.end() ? SensorConfig() : known->second,
-      is_endless_ ? SensorFrames::Source::kRecording : SensorFrames::Source::kStream, reading_));
+  sensors_.emplace_back(FramesOf(index, name));
   return index;
+}
+
+SensorFrames LiveEngine::FramesOf(std::uint32_t sensor, const std::string& name) const {
+  const auto known = config_.sensors.find(name);
+  return {sensor,
+          name,
+          config_.input,
+          known == config_.sensors.end() ? SensorConfig() : known->second,
+          is_endless_ ? SensorFrames::Source::kRecording : SensorFrames::Source::kStream,
+          reading_};
 }
 
 void LiveEngine::Add(CloudFrame frame) {
   Sensor& sensor = sensors_.at(frame.sensor);
   sensor.frames.CheckStamp({frame.name, frame.stamp_ns});
   const TimeNs stamp_ns = frame.stamp_ns + sensor.frames.offset_ns();
-  if (!is_endless_ && counts_.frames > 0 && stamp_ns < SettledNs()) {
-    ++late_frames_;
-    return;
+  if (!is_endless_ && has_begun_ && stamp_ns < SettledNs()) {
+    if (!HasClockGoneBack(&sensor, stamp_ns)) {
+      ++late_frames_;
+      return;
+    }
+    BeginAnew();
   }
+  sensor.frames_of_past = 0;
   if (!sensor.stamps_ns.insert(frame.stamp_ns).second) {
     throw InputError(frame.name + ": has the stamp " + std::to_string(frame.stamp_ns) +
                      " ns of an earlier frame, expected one frame for each stamp");
@@ -58,7 +72,8 @@ void LiveEngine::Add(CloudFrame frame) {
   LoadedFrame loaded = sensor.frames.Load({frame.name, frame.stamp_ns}, std::move(frame.cloud));
   loaded.info.sensor = frame.sensor;
   AddCounts(loaded.counts, counts_);
-  if (counts_.frames++ == 0) {
+  ++counts_.frames;
+  if (!std::exchange(has_begun_, true)) {
     newest_ns_ = stamp_ns;
     on_event_(EngineState::kWarmingUp);
   }
@@ -70,22 +85,47 @@ void LiveEngine::Add(CloudFrame frame) {
 }
 
 void LiveEngine::Advance(TimeNs now_ns) {
-  if (counts_.frames == 0 || now_ns <= newest_ns_) return;
+  if (!has_begun_ || now_ns <= newest_ns_) return;
   newest_ns_ = now_ns;
   TellSensors(std::nullopt);
   if (is_endless_) return;
   Release(SettledNs());
-  tracker_.Advance(SettledNs(), newest_ns_);
+  tracker_->Advance(SettledNs(), newest_ns_);
 }
 
 void LiveEngine::Close() {
-  if (waiting_.empty() && counts_.frames == 0) return;
+  if (!has_begun_) return;
   if (is_endless_) {
     TrackAll();
     return;
   }
   Release(std::numeric_limits<TimeNs>::max());
-  tracker_.Close(newest_ns_);
+  tracker_->Close(newest_ns_);
+}
+
+// A sensor whose clock has gone back, or was far ahead before, would be heard again only when it
+// has caught up. Where what all that are not silent tell is older than anything that is remembered,
+// it is a new beginning. A sensor that alone is so far behind the others is only late.
+bool LiveEngine::HasClockGoneBack(Sensor* sensor, TimeNs stamp_ns) const {
+  const double window_s = config_.live.window_s;
+  const bool is_past = std::isfinite(window_s) && newest_ns_ - stamp_ns > Ns(window_s);
+  sensor->frames_of_past = is_past ? sensor->frames_of_past + 1 : 0;
+  const auto is_past_or_silent = [&](const Sensor& other) {
+    return other.frames_of_past >= kFramesOfPast || (&other != sensor && other.is_silent);
+  };
+  return std::all_of(sensors_.begin(), sensors_.end(), is_past_or_silent);
+}
+
+// Nothing of what was is related to what comes.
+void LiveEngine::BeginAnew() {
+  Close();
+  auto tracker = std::make_unique<LiveTracker>(config_, output_times_, on_event_);
+  tracker->NumberFrom(tracker_->next_id());
+  tracker_ = std::move(tracker);
+  for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
+    sensors_[i] = Sensor(FramesOf(i, sensors_[i].frames.info().name));
+  }
+  has_begun_ = false;
 }
 
 // No earlier frame will come.
@@ -126,12 +166,12 @@ void LiveEngine::Release(TimeNs until_ns) {
     }
     const SensorInfo info = sensor.frames.info();
     if (info.frame_period_ns != std::exchange(sensor.told_period_ns, info.frame_period_ns)) {
-      tracker_.SetSensor(frame.info.sensor, info);
+      tracker_->SetSensor(frame.info.sensor, info);
     }
-    const bool was_warm = tracker_.is_warm();
-    tracker_.Take(std::move(frame));
-    if (!was_warm && tracker_.is_warm()) on_event_(EngineState::kRunning);
-    tracker_.GiveRows(now_ns);
+    const bool was_warm = tracker_->is_warm();
+    tracker_->Take(std::move(frame));
+    if (!was_warm && tracker_->is_warm()) on_event_(EngineState::kRunning);
+    tracker_->GiveRows(now_ns);
   }
 }
 

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <optional>
 #include <set>
 #include <string>
@@ -54,8 +55,12 @@ class LiveEngine {
     bool is_silent = true;
     TimeNs told_period_ns = 0;
     std::set<TimeNs> stamps_ns;  // of the frames that may still come twice
+    int frames_of_past = 0;      // that came one after the other, beyond all memory
   };
 
+  SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;
+  bool HasClockGoneBack(Sensor* sensor, TimeNs stamp_ns) const;
+  void BeginAnew();
   TimeNs SettledNs() const;
   void TellSensors(std::optional<std::uint32_t> heard);
   void Release(TimeNs until_ns);
@@ -68,7 +73,8 @@ class LiveEngine {
   bool is_endless_;
   std::vector<Sensor> sensors_;
   std::map<std::pair<TimeNs, std::uint32_t>, LoadedFrame> waiting_;  // by stamp and sensor
-  LiveTracker tracker_;
+  std::unique_ptr<LiveTracker> tracker_;
+  bool has_begun_ = false;  // with a frame, by the clock of now
   TimeNs newest_ns_ = 0;
   InputCounts counts_;
   std::uint64_t late_frames_ = 0;

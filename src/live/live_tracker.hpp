@@ -40,6 +40,10 @@ class LiveTracker {
 
   bool is_warm() const { return scene_.is_warm(); }
 
+  // Tracks of one engine never share a number.
+  int next_id() const { return tracks_.next_id(); }
+  void NumberFrom(int id) { tracks_.NumberFrom(id); }
+
  private:
   void MakePlots(std::size_t most);
   void SearchUntil(TimeNs until_ns);

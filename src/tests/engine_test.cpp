@@ -173,6 +173,57 @@ TEST(Engine, DropsAndCountsFramesThatComeTooLateAndRefusesRepeatedStamps) {
   engine.Close();
 }
 
+// Frames 0 to `count` with the drone all the time, of which those from `from` to `to` have other
+// stamps.
+std::vector<Frame> Jumping(int count, int from, int to, TimeNs by_ns) {
+  std::vector<Frame> frames = Frames(Scene(12, 5.0, 1e9), count);
+  for (int i = from; i < to; ++i) frames[static_cast<std::size_t>(i)].stamp_ns += by_ns;
+  return frames;
+}
+
+constexpr TimeNs kHourNs = 3600 * TimeNs{1'000'000'000};
+
+TEST(Engine, AClockThatGoesBackIsANewBeginning) {
+  const std::vector<Frame> frames = Jumping(300, 150, 300, -kHourNs);
+  const Told told = ToldOf(frames);
+  using State = EngineState;
+  EXPECT_EQ(told.states, (std::vector<State>{State::kWarmingUp, State::kRunning, State::kWarmingUp,
+                                             State::kRunning}));
+  ASSERT_EQ(told.confirmed.size(), 2U);
+  EXPECT_EQ(told.confirmed[1].track_id, 1);
+  EXPECT_EQ(told.ended.size(), 2U);
+  // Before it and after it the rows are those of two engines.
+  std::vector<TrajectoryRow> rows = ToldOf({frames.begin(), frames.begin() + 150}).rows;
+  ASSERT_GT(rows.size(), 50U);
+  for (TrajectoryRow row : ToldOf({frames.begin() + 157, frames.end()}).rows) {
+    row.track_id = 1;
+    rows.push_back(row);
+  }
+  EXPECT_GT(rows.size(), 150U);
+  EXPECT_TRUE(AreSame(told.rows, rows));
+}
+
+TEST(Engine, OneStampOfTheFarFutureBlindsNobody) {
+  const Told told = ToldOf(Jumping(300, 150, 151, 500'000 * kHourNs));
+  ASSERT_GT(told.rows.size(), 150U);
+  EXPECT_LT(told.rows.back().time_ns, kBeginNs + 300 * kPeriodNs);
+  EXPECT_GT(told.rows.back().time_ns, kBeginNs + 295 * kPeriodNs);
+}
+
+TEST(Engine, ASensorFarBehindTheOthersIsLateAndEndsNothing) {
+  const std::vector<Frame> alone = Frames(Scene(12, 5.0, 1e9), 200);
+  std::vector<Frame> frames;
+  for (const Frame& frame : alone) {
+    frames.push_back(frame);
+    frames.push_back(frame);
+    frames.back().sensor = 1;
+    frames.back().stamp_ns -= kHourNs;
+  }
+  const Told told = ToldOf(std::move(frames), Config(), {"a", "b"});
+  EXPECT_EQ(told.states.size(), 2U);
+  EXPECT_TRUE(AreSame(told.rows, ToldOf(alone).rows));
+}
+
 TEST(Engine, ADroneThatHoversForLongerThanTheWindowStaysOneTrack) {
   Scene scene(4, 1e9, 1e9);
   Random random(4);

@@ -75,6 +75,7 @@ FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame_index,
                         double lowest_elevation_rad, const PlotConfig& config) {
   const FrameInfo& frame = recording.frames[frame_index];
   FramePlots found;
+  if (candidates.empty()) return found;
   std::vector<char> is_body(frame.last_return - frame.first_return, 0);
   for (const auto& body : Link(recording.points_m, candidates, config.body_link)) {
     if (!IsBody(recording, body, ground, lowest_elevation_rad, config)) continue;

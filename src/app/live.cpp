@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <optional>
 #include <tuple>
@@ -17,6 +18,7 @@
 #include "app/frame_times.hpp"
 #include "app/live_output.hpp"
 #include "app/live_summary.hpp"
+#include "app/output.hpp"
 #include "app/output_files.hpp"
 #include "app/service_notify.hpp"
 #include "app/signals.hpp"
@@ -50,6 +52,12 @@ Clock::duration Seconds(double seconds) {
 // What happens again and again is said the first time, the second, the fourth and so on.
 bool IsWorthANote(std::uint64_t count) { return count > 0 && (count & (count - 1)) == 0; }
 
+// How long rows of a track wait for it to be a drone: no longer than anything is remembered.
+TimeNs HoldNs(const LiveConfig& live) {
+  return std::isfinite(live.window_s) ? std::llround(live.window_s / kSecondsPerNs)
+                                      : std::numeric_limits<TimeNs>::max();
+}
+
 // Before it looks for signals.
 constexpr int kMaxPacketsAtOnce = 256;
 
@@ -69,6 +77,7 @@ class LiveRun {
             },
             request.livox ? std::make_optional(TimeReading::kOffset) : std::nullopt) {
     for (const std::string& name : SensorNames(request)) sensors_.emplace_back(name);
+    output_.KeepOnlyDrones(request.least_drone, HoldNs(config.live));
   }
 
   void Run() {
@@ -107,6 +116,7 @@ class LiveRun {
     summary.frame_times = frame_times_;
     summary.refused_packets = refused_packets_;
     summary.tracks = output_.tracks();
+    summary.tracks_left_out = output_.tracks_left_out();
     return summary;
   }
 
@@ -467,6 +477,7 @@ void NoteLosses(const LiveSummary& summary, const std::function<void(const std::
   say(summary.overload_frames, " left out while overloaded");
   say(summary.vanished_frames, " removed before it could be read");
   say(summary.passed_over_frames, " passed over: the stamp had come before");
+  if (summary.tracks_left_out > 0) note(TracksLeftOutText(summary.tracks_left_out));
   if (summary.tracks.empty()) {
     note("no drone found in " + Count(summary.counts.frames, "frame") + " with " +
          Count(summary.counts.returns, "return"));

@@ -33,6 +33,7 @@ struct Arguments {
   std::vector<std::string> assignments;
   std::string at;
   std::string rate;
+  double only_drones = 0.0;
   std::string format = "csv";
   std::string clusters;
   std::string points;
@@ -93,6 +94,10 @@ bool IsLive(const Arguments& arguments) { return arguments.follow || HasNoFolder
 
 // What goes together: a recording or a live source.
 void CheckMode(const Arguments& arguments) {
+  if (!(arguments.only_drones >= 0.0 && arguments.only_drones <= 1.0)) {  // NaN, too
+    throw UsageError("--only-drones " + ShortestText(arguments.only_drones) +
+                     ": expected a probability from 0 to 1");
+  }
   if (arguments.frames.empty() && !HasNoFolders(arguments)) {
     throw UsageError("--frames is required (--help lists all options)");
   }
@@ -167,6 +172,11 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
   add_file("--summary", arguments.summary,
            "JSON to write: version, effective config, counts and times per\n"
            "stage, tracks");
+  app.add_option("--only-drones", arguments.only_drones,
+                 "Leaves out tracks that are a drone with a lower probability than P,\n"
+                 "judged by how they fly. While frames come: until it is reached")
+      ->type_name("P")
+      ->capture_default_str();
   AddLiveOptions(app, arguments);
   app.add_option("--threads", arguments.threads,
                  "Most threads to use, to read and search a recording; never\n"
@@ -280,6 +290,7 @@ PipelineRequest ToRequest(const Arguments& arguments, const std::vector<FrameSou
   PipelineRequest request;
   request.sources = sources;
   request.score_clusters = !arguments.clusters.empty();
+  request.least_drone = arguments.only_drones;
   if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
   if (!arguments.at.empty()) request.output_times = ReadStampList(arguments.at);
   return request;
@@ -342,6 +353,7 @@ void PrintResult(const std::vector<std::string>& trajectory_paths, const Pipelin
     PrintNote(Count(counts.bad_frames, "frame") +
               " could not be parsed and skipped (input.skip_bad_frames)");
   }
+  if (result.tracks_left_out > 0) PrintNote(TracksLeftOutText(result.tracks_left_out));
   if (result.tracks.empty()) {
     PrintNote("no drone found in " + Count(counts.frames, "frame") + " with " +
               Count(counts.returns, "return"));
@@ -366,6 +378,7 @@ void TrackWhileFramesCome(const Arguments& arguments, const std::vector<FrameSou
   request.out = arguments.out;
   request.events = arguments.events;
   request.summary = arguments.summary;
+  request.least_drone = arguments.only_drones;
   const std::string done = TrackLive(request, config, [&](const std::string& text) {
     if (!arguments.quiet) PrintNote(text);
   });

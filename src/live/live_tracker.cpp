@@ -379,7 +379,7 @@ void LiveTracker::Step(HeldFrame held) {
       continue;
     }
     GiveRowsOf(&output, stepped_ns_, stepped_ns_);
-    on_event_(TrackEnded{output.track->id(), last_ns});
+    on_event_(TrackEnded{output.track->id(), last_ns, output.kind.kind()});
     outputs_.erase(outputs_.begin() + static_cast<std::ptrdiff_t>(t));
   }
   if (time_s - tidied_s_ >= kTidyS) Tidy(time_s);
@@ -523,6 +523,8 @@ void LiveTracker::GiveRowsOf(Output* output, TimeNs limit_ns, TimeNs newest_ns) 
     return;
   }
   track.Fit();
+  output->kind.Observe(track.trajectory(), limit_ns);
+  const Kind kind = output->kind.kind();
   const TimeNs period_ns = ShortestPeriodNs(recent_);
   const double probability = config_.trajectory.silence_probability;
   const TimeNs half_ns = period_ns / 2;
@@ -536,7 +538,7 @@ void LiveTracker::GiveRowsOf(Output* output, TimeNs limit_ns, TimeNs newest_ns) 
                              SilenceAfterNs(track.measurements(), period_ns, probability));
   if (!std::exchange(output->is_told, true)) {
     output->given_ns = interval.begin_ns - 1;
-    on_event_(TrackConfirmed{track.id(), track.first_evidence_ns()});
+    on_event_(TrackConfirmed{track.id(), track.first_evidence_ns(), kind});
   }
   RowSource source;
   source.track_id = track.id();
@@ -551,7 +553,7 @@ void LiveTracker::GiveRowsOf(Output* output, TimeNs limit_ns, TimeNs newest_ns) 
   while (std::optional<TrajectoryRow> row = rows()) {
     const auto at = std::lower_bound(instants_.begin(), instants_.end(), row->time_ns);
     row->support = SupportAt(track, static_cast<std::size_t>(at - instants_.begin()));
-    on_event_(RowGiven{*row, row->time_ns < late_ns});
+    on_event_(RowGiven{*row, row->time_ns < late_ns, kind});
     output->given_ns = row->time_ns;
   }
   for (const SeenPlot& seen : track.Settle(SecondsOf(output->given_ns))) {
@@ -573,7 +575,7 @@ void LiveTracker::Close(TimeNs newest_ns) {
   StepHeld(std::numeric_limits<TimeNs>::max());
   for (Output& output : outputs_) {
     GiveRowsOf(&output, std::numeric_limits<TimeNs>::max() / 2, newest_ns);
-    on_event_(TrackEnded{output.track->id(), output.track->last_evidence_ns()});
+    on_event_(TrackEnded{output.track->id(), output.track->last_evidence_ns(), output.kind.kind()});
   }
   outputs_.clear();
 }

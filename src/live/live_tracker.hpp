@@ -18,6 +18,7 @@
 #include "robust/scene/stations.hpp"
 #include "robust/scene/support.hpp"
 #include "robust/tracking/track_search.hpp"
+#include "trajectory/kind.hpp"
 #include "trajectory/output_times.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"
@@ -86,6 +87,7 @@ class LiveTracker {
 
   struct Output {
     std::unique_ptr<TrackFollower> track;
+    KindFilter kind;
     TimeNs given_ns = 0;  // up to here
     bool is_told = false;
   };

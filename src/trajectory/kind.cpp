@@ -57,10 +57,12 @@ constexpr std::array<FlightModel, 8> kModels = {{
 }};
 constexpr std::array<Law, kNumCues> kBroad = {kBroadSpeed, kBroadClimb, kBroadTurn};
 
-// No model is the whole truth: so much of every law is the broad one,
+// No model is the whole truth: so much of every law is the broad one.
 constexpr double kOtherShare = 0.02;
-// and so often (beside one per value in reach) a value is drawn anew instead of changed.
-constexpr double kRestart = 0.01;
+
+// So often a second a value is drawn anew, the others are those of before with a change. It is the
+// same for all, so that how long something is kept up says nothing.
+constexpr double kRedraw = 0.1;
 
 double Square(double x) { return x * x; }
 
@@ -135,16 +137,19 @@ Chain MakeChain(const Law& law, Cue cue) {
   Chain chain;
   chain.shares = SharesOf(law, cue);
   const std::vector<double> broad = SharesOf(kBroad[static_cast<std::size_t>(cue)], cue);
-  const std::vector<double>& values = GridOf(cue).values;
-  for (std::size_t i = 0; i < values.size(); ++i) {
+  for (std::size_t i = 0; i < broad.size(); ++i) {
     chain.shares[i] = (1.0 - kOtherShare) * chain.shares[i] + kOtherShare * broad[i];
   }
-  for (const double from : values) {
-    std::vector<double> step = chain.shares;
-    for (std::size_t j = 0; j < values.size(); ++j) {
-      step[j] *= std::exp(-0.5 * Square((values[j] - from) / law.step)) + kRestart;
+  const Grid& grid = GridOf(cue);
+  for (const double from : grid.values) {
+    std::vector<double> step(grid.values.size());
+    for (std::size_t j = 0; j < step.size(); ++j) {
+      step[j] = grid.widths[j] * Bell(grid.values[j] - from, law.step);
     }
     Normalise(step);
+    for (std::size_t j = 0; j < step.size(); ++j) {
+      step[j] = (1.0 - kRedraw) * step[j] + kRedraw * chain.shares[j];
+    }
     chain.steps.push_back(std::move(step));
   }
   return chain;

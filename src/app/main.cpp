@@ -175,6 +175,9 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
   app.add_option("--only-drones", arguments.only_drones,
                  "Leaves out tracks that are a drone with a lower probability than P,\n"
                  "judged by how they fly. While frames come: until it is reached")
+      ->check([](const std::string& text) {
+        return text.empty() ? "empty, expected a probability from 0 to 1" : "";
+      })
       ->type_name("P")
       ->capture_default_str();
   AddLiveOptions(app, arguments);

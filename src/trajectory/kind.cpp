@@ -13,7 +13,6 @@ constexpr double kHoverMps = 1.0;
 constexpr double kKindSteps = 10'000.0;  // of probabilities
 
 enum class Class { kDrone, kBirdLike, kUnknown };
-constexpr std::size_t kNumClasses = 3;
 
 // How often values occur: a share of them about zero, the others normal or, with a spread of zero,
 // with a density of 1 / (1 + x / mean)^power. Symmetrical about zero but for speeds, which are
@@ -211,21 +210,6 @@ double LogSum(const std::vector<double>& logs) {
   return most + std::log(sum);
 }
 
-// (classes) Log likelihood, given that of each model.
-template <class LogLikelihood>
-std::array<double, kNumClasses> LogLikelihoodsOfClasses(const LogLikelihood& of_model) {
-  std::array<double, kNumClasses> result = {};
-  for (std::size_t c = 0; c < kNumClasses; ++c) {
-    std::vector<double> logs;
-    for (std::size_t m = 0; m < kModels.size(); ++m) {
-      if (kModels[m].kind != static_cast<Class>(c)) continue;
-      logs.push_back(std::log(kModels[m].share) + of_model(m));
-    }
-    result[c] = LogSum(logs);
-  }
-  return result;
-}
-
 }  // namespace
 
 KindFilter::KindFilter() : beliefs_(kModels.size()) {
@@ -306,12 +290,26 @@ void KindFilter::Take(Cue cue, const std::vector<double>& likelihoods) {
   }
 }
 
+std::array<double, kNumKinds> KindFilter::LogLikelihoods(Cue cue) const {
+  std::array<double, kNumKinds> result = {};
+  for (std::size_t k = 0; k < kNumKinds; ++k) {
+    std::vector<double> logs;
+    for (std::size_t m = 0; m < kModels.size(); ++m) {
+      if (kModels[m].kind != static_cast<Class>(k)) continue;
+      logs.push_back(std::log(kModels[m].share) +
+                     beliefs_[m][static_cast<std::size_t>(cue)].log_likelihood);
+    }
+    result[k] = LogSum(logs);
+  }
+  return result;
+}
+
 Kind KindFilter::kind() const {
-  std::array<double, kNumClasses> logs = LogLikelihoodsOfClasses([&](std::size_t m) {
-    double log = 0.0;
-    for (const Belief& belief : beliefs_[m]) log += belief.log_likelihood;
-    return log;
-  });
+  std::array<double, kNumKinds> logs = {};
+  for (const Cue cue : {Cue::kSpeed, Cue::kClimb, Cue::kTurn}) {
+    const std::array<double, kNumKinds> of_cue = LogLikelihoods(cue);
+    for (std::size_t k = 0; k < kNumKinds; ++k) logs[k] += of_cue[k];
+  }
   logs[0] += std::log(kPriorKind.drone);
   logs[1] += std::log(kPriorKind.bird_like);
   logs[2] += std::log(kPriorKind.unknown);
@@ -330,8 +328,7 @@ FlightCharacter KindFilter::Describe() const {
   FlightCharacter character;
   character.kind = kind();
   for (std::size_t c = 0; c < kNumCues; ++c) {
-    const std::array<double, kNumClasses> logs =
-        LogLikelihoodsOfClasses([&](std::size_t m) { return beliefs_[m][c].log_likelihood; });
+    const std::array<double, kNumKinds> logs = LogLikelihoods(static_cast<Cue>(c));
     character.log_ratios[c] = logs[0] - logs[1];
   }
   if (seconds_ == 0.0) return character;

@@ -97,7 +97,15 @@ TEST(Kind, SteadyFlightAtTheSpeedOfBirdsIsNeverSurelyADrone) {
   EXPECT_NEAR(Judge(Straight12, 10.0).straightness, 1.0, 1e-3);
 }
 
-TEST(Kind, WhatCirclesFastIsBirdLike) { EXPECT_GT(Judge(Circling, 20.0).kind.bird_like, 0.7); }
+TEST(Kind, LevelFlightSaysNothingHoweverLongItLasts) {
+  for (const double duration_s : {5.0, 60.0, 300.0}) {
+    const FlightCharacter character = Judge(Straight12, duration_s);
+    EXPECT_LT(std::abs(character.log_ratios[1]), 1.5) << duration_s << " s";
+    EXPECT_LT(std::abs(character.log_ratios[2]), 1.5) << duration_s << " s";
+  }
+}
+
+TEST(Kind, WhatCirclesFastIsBirdLike) { EXPECT_GT(Judge(Circling, 20.0).kind.bird_like, 0.5); }
 
 TEST(Kind, NothingSeenIsThePrior) {
   ExpectNear(KindFilter().kind(), kPriorKind, 1e-12);

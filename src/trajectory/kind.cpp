@@ -38,13 +38,17 @@ constexpr Law kBroadClimb = {1.0, 0.0, 3.0};
 constexpr Law kBroadTurn = {2.0, 0.0, 4.0};
 constexpr std::array<FlightModel, 8> kModels = {{
     // A drone on a mission: hovers and flies from place to place, as steady as a bird.
-    {Class::kDrone, 0.5, {{{0.0, 8.0, 1.0, 0.35, 0.4}, {0.0, 1.5, 0.5}, {0.0, 1.0, 0.7}}}},
+    {Class::kDrone,
+     0.5,
+     {{{0.0, 8.0, 1.0, 0.35, 0.4}, {0.0, 2.0, 0.5, 0.5, 0.25}, {0.0, 1.0, 0.7}}}},
     // A drone flown by hand: the same, but it brakes, turns and climbs within seconds.
-    {Class::kDrone, 0.3, {{{0.0, 8.0, 2.5, 0.35, 0.4}, {0.0, 2.0, 1.2}, {0.0, 2.0, 2.0}}}},
+    {Class::kDrone,
+     0.3,
+     {{{0.0, 8.0, 2.5, 0.35, 0.4}, {0.0, 2.0, 1.2, 0.4, 0.25}, {0.0, 2.0, 2.0}}}},
     // A racing drone: fast, never straight for long.
     {Class::kDrone, 0.2, {{{10.0, 6.0, 5.0, 0.05, 0.4}, {0.0, 3.0, 3.0}, {0.0, 8.0, 6.0}}}},
     // A bird that flaps somewhere.
-    {Class::kBirdLike, 0.4, {{{13.0, 4.0, 1.0}, {0.0, 1.0, 0.5}, {0.0, 1.0, 0.7}}}},
+    {Class::kBirdLike, 0.4, {{{13.0, 4.0, 1.0}, {0.0, 1.0, 0.5, 0.5, 0.25}, {0.0, 1.0, 0.7}}}},
     // A bird that turns: display, flock, escape.
     {Class::kBirdLike, 0.25, {{{12.0, 4.0, 2.0}, {0.0, 1.8, 1.2}, {0.0, 4.0, 2.5}}}},
     // A gull or raptor that circles or hangs in the wind.
@@ -61,7 +65,7 @@ constexpr double kOtherShare = 0.02;
 
 // So often a second a value is drawn anew, the others are those of before with a change. It is the
 // same for all, so that how long something is kept up says nothing.
-constexpr double kRedraw = 0.1;
+constexpr double kRedraw = 0.03;
 
 double Square(double x) { return x * x; }
 

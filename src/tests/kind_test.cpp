@@ -97,14 +97,6 @@ TEST(Kind, SteadyFlightAtTheSpeedOfBirdsIsNeverSurelyADrone) {
   EXPECT_NEAR(Judge(Straight12, 10.0).straightness, 1.0, 1e-3);
 }
 
-TEST(Kind, LevelFlightSaysNothingHoweverLongItLasts) {
-  for (const double duration_s : {5.0, 60.0, 300.0}) {
-    const FlightCharacter character = Judge(Straight12, duration_s);
-    EXPECT_LT(std::abs(character.log_ratios[1]), 1.5) << duration_s << " s";
-    EXPECT_LT(std::abs(character.log_ratios[2]), 1.5) << duration_s << " s";
-  }
-}
-
 TEST(Kind, WhatCirclesFastIsBirdLike) { EXPECT_GT(Judge(Circling, 20.0).kind.bird_like, 0.5); }
 
 TEST(Kind, NothingSeenIsThePrior) {
@@ -130,16 +122,6 @@ TEST(Kind, ProbabilitiesAddUpToOne) {
         EXPECT_NEAR(p * 1e4, std::round(p * 1e4), 1e-8);
       }
     }
-  }
-}
-
-TEST(Kind, WhatSpeaksForADroneAddsUp) {
-  for (const Path& path : {Path(Hover), Path(Straight12), Path(Circling)}) {
-    const FlightCharacter character = Judge(path, 3.0);
-    double sum = 0.0;
-    for (const double log_ratio : character.log_ratios) sum += log_ratio;
-    const double ratio = character.kind.drone / character.kind.bird_like;
-    EXPECT_NEAR(std::log(ratio * kPriorKind.bird_like / kPriorKind.drone), sum, 0.05);
   }
 }
 

@@ -13,10 +13,11 @@ constexpr double kHoverMps = 1.0;
 constexpr double kKindSteps = 10'000.0;  // of probabilities
 
 enum class Class { kDrone, kBirdLike, kUnknown };
+constexpr std::size_t kNumClasses = 3;
 
-// How often values occur: a share of them about zero, the others normal or, with a spread of zero,
-// with a density of 1 / (1 + x / mean)^power. Symmetrical about zero but for speeds, which are
-// positive. All in m/s, or m/s^2 for turns.
+// How often which value occurs: normal about a mean, but for a share of them that is normal about
+// zero; with a spread of zero a density of 1 / (1 + |x| / mean), for signed values its square. Cut
+// off where the grid ends. All in m/s, or m/s^2 for turns.
 struct Law {
   double mean = 0.0;
   double spread = 0.0;      // standard deviation
@@ -31,29 +32,29 @@ struct FlightModel {
   std::array<Law, kNumCues> laws;
 };
 
-// See docs/kinds.md for the source of each number. Birds and drones are meant over the ground: the
-// spread of their speeds includes 3 m/s of wind.
+// Ground speed, climb and turn of each model. docs/kinds.md says more of the sources. Speeds are
+// over the ground: their spread includes 3 m/s of wind. What no source tells is an estimate.
 constexpr Law kBroadSpeed = {1.0, 0.0, 5.0};  // as likely in each ratio of speeds
 constexpr Law kBroadClimb = {1.0, 0.0, 3.0};
 constexpr Law kBroadTurn = {2.0, 0.0, 4.0};
 constexpr std::array<FlightModel, 8> kModels = {{
-    // A drone on a mission: hovers and flies from place to place, as steady as a bird.
-    {Class::kDrone,
-     0.5,
-     {{{0.0, 8.0, 1.0, 0.35, 0.4}, {0.0, 2.0, 0.5, 0.5, 0.25}, {0.0, 1.0, 0.7}}}},
-    // A drone flown by hand: the same, but it brakes, turns and climbs within seconds.
-    {Class::kDrone,
-     0.3,
-     {{{0.0, 8.0, 2.5, 0.35, 0.4}, {0.0, 2.0, 1.2, 0.4, 0.25}, {0.0, 2.0, 2.0}}}},
-    // A racing drone: fast, never straight for long.
+    // A drone on a mission, as steady as a bird. Data sheets of camera drones: they hold their
+    // place
+    // within 0.1 to 0.5 m, fly at up to 15 to 21 m/s, climb at up to 8 and sink at up to 6 m/s.
+    {Class::kDrone, 0.5, {{{0.0, 8.0, 1.0, 0.35, 0.4}, {0.0, 1.5, 0.5}, {0.0, 1.0, 0.7}}}},
+    // The same flown by hand: it brakes, turns and climbs within seconds.
+    {Class::kDrone, 0.3, {{{0.0, 8.0, 2.5, 0.35, 0.4}, {0.0, 2.0, 1.2}, {0.0, 2.0, 2.0}}}},
+    // A racing drone: 8 m/s through gates (Foehn et al. 2020), 14 m/s in fast races, several g.
     {Class::kDrone, 0.2, {{{10.0, 6.0, 5.0, 0.05, 0.4}, {0.0, 3.0, 3.0}, {0.0, 8.0, 6.0}}}},
-    // A bird that flaps somewhere.
-    {Class::kBirdLike, 0.4, {{{13.0, 4.0, 1.0}, {0.0, 1.0, 0.5, 0.5, 0.25}, {0.0, 1.0, 0.7}}}},
-    // A bird that turns: display, flock, escape.
+    // A bird that flaps somewhere: 8 to 23 m/s (Alerstam et al. 2007), sustained climbs of 0.3 to
+    // 1.6 m/s (Hedenstroem & Alerstam 1992).
+    {Class::kBirdLike, 0.4, {{{13.0, 4.0, 1.0}, {0.0, 1.0, 0.5}, {0.0, 1.0, 0.7}}}},
+    // A bird that turns, in a flock, at play or chased: banks for up to 2 g (Usherwood et al.
+    // 2011).
     {Class::kBirdLike, 0.25, {{{12.0, 4.0, 2.0}, {0.0, 1.8, 1.2}, {0.0, 4.0, 2.5}}}},
-    // A gull or raptor that circles or hangs in the wind.
+    // A gull or raptor that circles or hangs in the wind: the slow ones of Alerstam et al.
     {Class::kBirdLike, 0.15, {{{8.0, 4.0, 1.5}, {0.0, 1.5, 0.7}, {0.0, 3.0, 1.0}}}},
-    // A bat that hunts.
+    // A bat that hunts: 6.7 and 7.7 m/s in the open (Salcedo et al. 1995), less near trees.
     {Class::kBirdLike, 0.2, {{{6.0, 2.0, 1.5}, {0.0, 1.2, 1.0}, {0.0, 4.0, 3.0}}}},
     // Anything: no value is preferred, and none is kept.
     {Class::kUnknown, 1.0, {{kBroadSpeed, kBroadClimb, kBroadTurn}}},
@@ -64,8 +65,8 @@ constexpr std::array<Law, kNumCues> kBroad = {kBroadSpeed, kBroadClimb, kBroadTu
 constexpr double kOtherShare = 0.02;
 
 // So often a second a value is drawn anew, the others are those of before with a change. It is the
-// same for all, so that how long something is kept up says nothing.
-constexpr double kRedraw = 0.03;
+// same for all, so that how long something is kept up says little.
+constexpr double kRedraw = 0.1;
 
 double Square(double x) { return x * x; }
 
@@ -214,6 +215,21 @@ double LogSum(const std::vector<double>& logs) {
   return most + std::log(sum);
 }
 
+// (classes) Log likelihood, given that of each model.
+template <class LogLikelihood>
+std::array<double, kNumClasses> LogLikelihoodsOfClasses(const LogLikelihood& of_model) {
+  std::array<double, kNumClasses> result = {};
+  for (std::size_t c = 0; c < kNumClasses; ++c) {
+    std::vector<double> logs;
+    for (std::size_t m = 0; m < kModels.size(); ++m) {
+      if (kModels[m].kind != static_cast<Class>(c)) continue;
+      logs.push_back(std::log(kModels[m].share) + of_model(m));
+    }
+    result[c] = LogSum(logs);
+  }
+  return result;
+}
+
 }  // namespace
 
 KindFilter::KindFilter() : beliefs_(kModels.size()) {
@@ -294,26 +310,12 @@ void KindFilter::Take(Cue cue, const std::vector<double>& likelihoods) {
   }
 }
 
-std::array<double, kNumKinds> KindFilter::LogLikelihoods(Cue cue) const {
-  std::array<double, kNumKinds> result = {};
-  for (std::size_t k = 0; k < kNumKinds; ++k) {
-    std::vector<double> logs;
-    for (std::size_t m = 0; m < kModels.size(); ++m) {
-      if (kModels[m].kind != static_cast<Class>(k)) continue;
-      logs.push_back(std::log(kModels[m].share) +
-                     beliefs_[m][static_cast<std::size_t>(cue)].log_likelihood);
-    }
-    result[k] = LogSum(logs);
-  }
-  return result;
-}
-
 Kind KindFilter::kind() const {
-  std::array<double, kNumKinds> logs = {};
-  for (const Cue cue : {Cue::kSpeed, Cue::kClimb, Cue::kTurn}) {
-    const std::array<double, kNumKinds> of_cue = LogLikelihoods(cue);
-    for (std::size_t k = 0; k < kNumKinds; ++k) logs[k] += of_cue[k];
-  }
+  std::array<double, kNumClasses> logs = LogLikelihoodsOfClasses([&](std::size_t m) {
+    double log = 0.0;
+    for (const Belief& belief : beliefs_[m]) log += belief.log_likelihood;
+    return log;
+  });
   logs[0] += std::log(kPriorKind.drone);
   logs[1] += std::log(kPriorKind.bird_like);
   logs[2] += std::log(kPriorKind.unknown);
@@ -332,7 +334,8 @@ FlightCharacter KindFilter::Describe() const {
   FlightCharacter character;
   character.kind = kind();
   for (std::size_t c = 0; c < kNumCues; ++c) {
-    const std::array<double, kNumKinds> logs = LogLikelihoods(static_cast<Cue>(c));
+    const std::array<double, kNumClasses> logs =
+        LogLikelihoodsOfClasses([&](std::size_t m) { return beliefs_[m][c].log_likelihood; });
     character.log_ratios[c] = logs[0] - logs[1];
   }
   if (seconds_ == 0.0) return character;

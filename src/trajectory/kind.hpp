@@ -3,11 +3,10 @@
 // A second of a track is described by its ground speed, its climb and its lateral acceleration.
 // Each model of flight says, for each of the three, how often which value occurs and how fast it
 // changes: a Markov chain on a grid of values. The forward algorithm gives how likely the seconds
-// of a track are under each model, with the sigmas of its trajectory. A kind is a mixture of
-// models, for each of the three by itself, and the three add up. So a speed that is held counts
-// once and not every second, what is measured badly says little, and it can be told what speaks for
-// what. docs/kinds.md has the models' numbers with their sources, and how well they tell real
-// flights apart. Nothing is trained.
+// of a track are under each model, with the sigmas of its trajectory; a kind is a mixture of
+// models, and Bayes' rule the rest. So a speed that is held counts little more than once, and what
+// is measured badly says little. docs/kinds.md has the models' numbers with their sources, and how
+// well they tell real flights apart. Nothing is trained.
 #pragma once
 
 #include <Eigen/Core>
@@ -27,13 +26,12 @@ inline constexpr Kind kPriorKind = {0.25, 0.25, 0.5};
 // What describes a second of flight.
 inline constexpr std::size_t kNumCues = 3;
 enum class Cue : std::size_t { kSpeed, kClimb, kTurn };
-inline constexpr std::size_t kNumKinds = 3;
 
 // How a track flew, and what that says.
 struct FlightCharacter {
   Kind kind = kPriorKind;
-  // (cues) Log likelihood ratio of drone to bird-like: above 0 for a drone. Their sum is that of
-  // the probabilities.
+  // (cues) Log likelihood ratio of drone to bird-like by each cue alone: above 0 for a drone. They
+  // need not add up: together, one model has to explain all three.
   std::array<double, kNumCues> log_ratios = {};
   double seconds = 0.0;       // that were judged
   double hover_share = 0.0;   // of them, with less than 1 m/s across the ground
@@ -69,9 +67,6 @@ class KindFilter {
     std::vector<double> shares;  // (grid) of each value, in view of all that was seen
     double log_likelihood = 0.0;
   };
-
-  // (drone, bird-like, unknown)
-  std::array<double, kNumKinds> LogLikelihoods(Cue cue) const;
 
   static Instant InstantAt(const Trajectory& trajectory, TimeNs time_ns);
   void Judge(const Instant& next);

@@ -15,17 +15,20 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
 from synthetic import BEGIN_NS, PERIOD_NS, PROGRAM, TRAJ_HEADER, Flight, seconds, write_pcd
 
 ENDLESS = ("--set", "live.delay_s=.inf", "--set", "live.window_s=.inf")
 PATIENCE_S = 60.0
+KIND = {"drone", "bird_like", "unknown"}
 FIELDS = {
-    "track": {"event", "at", "track", "first_evidence"},
+    "track": {"event", "at", "track", "first_evidence", *KIND},
     "row": {
         *("event", "at", "track", "timestamp", "x", "y", "z", "vx", "vy", "vz"),
         *("sigma_x", "sigma_y", "sigma_z", "support", "late"),
+        *KIND,
     },
-    "end": {"event", "at", "track", "timestamp"},
+    "end": {"event", "at", "track", "timestamp", *KIND},
     "sensor": {"event", "at", "name", "state"},
     "state": {"event", "at", "state", "frames", "dropped"},
 }
@@ -121,6 +124,8 @@ def events_of(text: str | Path) -> list[dict]:
     for line in lines:
         event = json.loads(line)
         assert set(event) == FIELDS[event["event"]], line
+        if "drone" in event:
+            assert sum(event[key] for key in KIND) == pytest.approx(1, abs=1e-9), line
         for key in ("at", "timestamp", "first_evidence"):
             if key in event:
                 assert re.search(rf'"{key}":-?\d+\.\d{{9}}[,}}]', line), line

@@ -54,7 +54,14 @@ def make_run(
         "counts": {"frames": frames, "returns": frames * 1026, "bad_frames": 3},
         "times_s": {"read": 0.25},
         "tracks": [
-            {"track_id": track, "begin": seconds(BEGIN_NS), "rows": share} for track in track_ids
+            {
+                "track_id": track,
+                "begin": seconds(BEGIN_NS),
+                "rows": share,
+                "kind": {"drone": 0.75, "bird_like": 0.0625, "unknown": 0.1875},
+                "flight": {"hover_share": 0.375, "log_ratio": {"speed": -1.625}},
+            }
+            for track in track_ids
         ]
         if tracked
         else [],

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from synthetic import PROJECT, TRAJ_HEADER
 
-PAGES = ("researcher_with_a_bag", "mmaud", "own_sensor", "live", "station")
+PAGES = ("researcher_with_a_bag", "mmaud", "own_sensor", "live", "station", "kinds")
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 

@@ -24,17 +24,20 @@ namespace unlidar {
 struct TrackConfirmed {
   int track_id = 0;
   TimeNs first_evidence_ns = 0;
+  Kind kind;  // by what was seen until now
 };
 
 // Rows of one track come in order of time. None is taken back.
 struct RowGiven {
   TrajectoryRow row;
   bool is_late = false;  // older than live.delay_s, as the track was only now confirmed
+  Kind kind;             // of its track, by what was seen until now
 };
 
 struct TrackEnded {
   int track_id = 0;
   TimeNs last_evidence_ns = 0;
+  Kind kind;
 };
 
 // Told of a sensor with its first frame, and whenever it changes: without a frame for

@@ -19,6 +19,7 @@ struct Track {
   int id = 0;
   TimeNs begin_ns = 0;  // first and last evidence
   TimeNs end_ns = 0;
+  Kind kind;
   std::vector<TrajectoryRow> rows;  // one per output time while it was there, in order of time
 };
 

@@ -45,6 +45,14 @@ struct TrajectoryRow {
   int support = 0;
 };
 
+// What a track is, as probabilities that add up to 1, each a multiple of 0.0001. `unknown`: too
+// little was seen of it, or it flies like neither.
+struct Kind {
+  double drone = 0.0;
+  double bird_like = 0.0;  // birds and bats
+  double unknown = 1.0;
+};
+
 // What was read, for the summary and for messages.
 struct InputCounts {
   std::uint64_t frames = 0;

@@ -13,11 +13,13 @@ struct Collector {
   std::vector<Track>& tracks;
 
   void operator()(const TrackConfirmed& track) const {
-    tracks.push_back({track.track_id, track.first_evidence_ns, track.first_evidence_ns, {}});
+    tracks.push_back(
+        {track.track_id, track.first_evidence_ns, track.first_evidence_ns, track.kind, {}});
   }
   void operator()(const RowGiven& given) const { Of(given.row.track_id).rows.push_back(given.row); }
   void operator()(const TrackEnded& track) const {
     Of(track.track_id).end_ns = track.last_evidence_ns;
+    Of(track.track_id).kind = track.kind;
   }
   void operator()(const SensorChanged&) const {}
   void operator()(const EngineState&) const {}

@@ -99,6 +99,14 @@ void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& f
   add_file("--summary", arguments.summary,
            "JSON to write: version, effective config, counts and times per\n"
            "stage, tracks");
+  app.add_option("--only-drones", arguments.only_drones,
+                 "Leaves out tracks that are a drone with a lower probability than P,\n"
+                 "judged by how they fly. While frames come: until it is reached")
+      ->check([](const std::string& text) {
+        return text.empty() ? "empty, expected a probability from 0 to 1" : "";
+      })
+      ->type_name("P")
+      ->capture_default_str();
   AddLiveOptions(app, arguments);
   app.add_option("--threads", arguments.threads,
                  "Most threads to use, to read and search a recording; never\n"
@@ -113,6 +121,10 @@ void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& f
 
 // What goes together: a recording or a live source.
 void CheckMode(const Arguments& arguments, const std::vector<std::string>& frames) {
+  if (!(arguments.only_drones >= 0.0 && arguments.only_drones <= 1.0)) {  // NaN, too
+    throw UsageError("--only-drones " + ShortestText(arguments.only_drones) +
+                     ": expected a probability from 0 to 1");
+  }
   if (frames.empty() && !arguments.has_no_folders()) {
     throw UsageError("--frames is required (--help lists all options)");
   }

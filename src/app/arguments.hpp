@@ -17,6 +17,7 @@ struct Arguments {
   std::vector<std::string> assignments;
   std::string at;
   std::string rate;
+  double only_drones = 0.0;
   std::string format = "csv";
   std::string clusters;
   std::string points;

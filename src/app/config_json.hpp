@@ -1,13 +1,16 @@
-// The effective configuration in summaries.
+// What the summaries of recordings and of live runs share.
 #pragma once
 
 #include <nlohmann/json.hpp>
 
 #include "app/config.hpp"
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 
-// Nested as in its YAML file.
+// The effective configuration, nested as in its YAML file.
 nlohmann::ordered_json ConfigJson(const Config& config);
+
+nlohmann::ordered_json KindJson(const Kind& kind);
 
 }  // namespace unlidar

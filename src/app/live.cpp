@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <optional>
 
@@ -11,6 +12,7 @@
 #include "app/live_sources.hpp"
 #include "app/live_summary.hpp"
 #include "app/live_teller.hpp"
+#include "app/output.hpp"
 #include "app/output_files.hpp"
 #include "app/service_notify.hpp"
 #include "app/signals.hpp"
@@ -24,6 +26,12 @@ namespace {
 // How often it looks whether a sensor is silent and a full disk has room again.
 constexpr std::chrono::milliseconds kLookAround(250);
 
+// How long rows of a track wait for it to be a drone: no longer than anything is remembered.
+TimeNs HoldNs(const LiveConfig& live) {
+  return std::isfinite(live.window_s) ? std::llround(live.window_s / kSecondsPerNs)
+                                      : std::numeric_limits<TimeNs>::max();
+}
+
 // The loop: wait for the source, let it read, write what that brought.
 class LiveRun {
  public:
@@ -33,7 +41,9 @@ class LiveRun {
         config_(config),
         output_(request.out, request.events, signals_, note),
         teller_(output_, service_, note),
-        intake_(request, config, teller_) {}
+        intake_(request, config, teller_) {
+    output_.KeepOnlyDrones(request.least_drone, HoldNs(config.live));
+  }
 
   void Run() {
     try {
@@ -53,6 +63,7 @@ class LiveRun {
     LiveSummary summary = intake_.Summary();
     source_->AddTo(&summary);
     summary.tracks = output_.tracks();
+    summary.tracks_left_out = output_.tracks_left_out();
     return summary;
   }
 
@@ -122,6 +133,7 @@ void NoteLosses(const LiveSummary& summary, const std::function<void(const std::
   say(summary.overload_frames, " left out while overloaded");
   say(summary.vanished_frames, " removed before it could be read");
   say(summary.passed_over_frames, " passed over: the stamp had come before");
+  if (summary.tracks_left_out > 0) note(TracksLeftOutText(summary.tracks_left_out));
   if (summary.tracks.empty()) {
     note("no drone found in " + Count(summary.counts.frames, "frame") + " with " +
          Count(summary.counts.returns, "return"));

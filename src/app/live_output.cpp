@@ -14,6 +14,7 @@ namespace unlidar {
 namespace {
 
 constexpr int kMetreDigits = 6;  // those of the trajectory
+constexpr int kKindDigits = 4;
 constexpr int kRowCommas = 11;
 constexpr std::int64_t kMaxTrackId = std::int64_t{1} << 53;  // what a JSON number can tell apart
 
@@ -29,6 +30,12 @@ void AppendVector(const char* prefix, const char* suffix, const Eigen::Vector3d&
     fields += std::string(",\"") + prefix + kAxes[axis] + suffix +
               "\":" + FixedText(vector[axis], kMetreDigits);
   }
+}
+
+void AppendKind(const Kind& kind, std::string& fields) {
+  fields += ",\"drone\":" + FixedText(kind.drone, kKindDigits) +
+            ",\"bird_like\":" + FixedText(kind.bird_like, kKindDigits) +
+            ",\"unknown\":" + FixedText(kind.unknown, kKindDigits);
 }
 
 }  // namespace
@@ -59,15 +66,35 @@ LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events,
 void LiveOutput::Confirm(TimeNs at_ns, const TrackConfirmed& track) {
   Confirmed& confirmed = alive_[track.track_id];
   confirmed.first_evidence_ns = track.first_evidence_ns;
+  confirmed.kind = track.kind;
   const bool may_be_known = left_out_until_ns_ && track.first_evidence_ns <= *left_out_until_ns_;
-  if (!may_be_known) Announced(at_ns, confirmed);
+  if (!may_be_known && track.kind.drone >= least_drone_) Announced(at_ns, confirmed);
 }
 
 void LiveOutput::Give(TimeNs at_ns, const RowGiven& given) {
   const TrajectoryRow& row = given.row;
   if (left_out_until_ns_ && row.time_ns <= *left_out_until_ns_) return;
-  LiveTrack& track = Announced(at_ns, alive_[row.track_id]);
+  Confirmed& confirmed = alive_[row.track_id];
+  confirmed.kind = given.kind;
+  if (!confirmed.track && given.kind.drone < least_drone_) return Hold(row, confirmed);
+  LiveTrack& track = Announced(at_ns, confirmed);
+  // Given as late as they were held.
+  for (const TrajectoryRow& held : std::exchange(confirmed.held, {})) {
+    Write(at_ns, {held, true, given.kind}, track);
+  }
+  Write(at_ns, given, track);
+}
+
+void LiveOutput::Hold(const TrajectoryRow& row, Confirmed& confirmed) const {
+  std::deque<TrajectoryRow>& held = confirmed.held;
+  held.push_back(row);
+  while (row.time_ns - held.front().time_ns > hold_ns_) held.pop_front();
+}
+
+void LiveOutput::Write(TimeNs at_ns, const RowGiven& given, LiveTrack& track) {
+  const TrajectoryRow& row = given.row;
   ++track.rows;
+  track.kind = given.kind;
   std::string text;
   AppendTrajectoryRow(row, track.id, text);
   trajectory_.Append(text);
@@ -79,18 +106,24 @@ void LiveOutput::Give(TimeNs at_ns, const RowGiven& given) {
   AppendVector("sigma_", "", row.sigma_m, fields);
   fields += ",\"support\":" + std::to_string(row.support);
   fields += given.is_late ? ",\"late\":true" : ",\"late\":false";
+  AppendKind(given.kind, fields);
   AppendEvent("row", at_ns, fields);
 }
 
 void LiveOutput::End(TimeNs at_ns, const TrackEnded& track) {
   const Confirmed confirmed = std::exchange(alive_[track.track_id], {});
   alive_.erase(track.track_id);
-  if (!confirmed.track) return;
+  if (!confirmed.track) {
+    if (!confirmed.held.empty()) ++tracks_left_out_;
+    return;
+  }
   LiveTrack& ended = tracks_[*confirmed.track];
   ended.end_ns = track.last_evidence_ns;
-  AppendEvent("end", at_ns,
-              ",\"track\":" + std::to_string(ended.id) +
-                  ",\"timestamp\":" + SecondsText(track.last_evidence_ns));
+  ended.kind = track.kind;
+  std::string fields = ",\"track\":" + std::to_string(ended.id) +
+                       ",\"timestamp\":" + SecondsText(track.last_evidence_ns);
+  AppendKind(track.kind, fields);
+  AppendEvent("end", at_ns, fields);
 }
 
 void LiveOutput::TellSensor(TimeNs at_ns, const std::string& name, bool is_silent) {
@@ -150,10 +183,12 @@ void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
 LiveTrack& LiveOutput::Announced(TimeNs at_ns, Confirmed& confirmed) {
   if (!confirmed.track) {
     confirmed.track = tracks_.size();
-    tracks_.push_back({next_id_++, confirmed.first_evidence_ns, confirmed.first_evidence_ns, 0});
-    AppendEvent("track", at_ns,
-                ",\"track\":" + std::to_string(tracks_.back().id) +
-                    ",\"first_evidence\":" + SecondsText(confirmed.first_evidence_ns));
+    tracks_.push_back(
+        {next_id_++, confirmed.first_evidence_ns, confirmed.first_evidence_ns, 0, confirmed.kind});
+    std::string fields = ",\"track\":" + std::to_string(tracks_.back().id) +
+                         ",\"first_evidence\":" + SecondsText(confirmed.first_evidence_ns);
+    AppendKind(confirmed.kind, fields);
+    AppendEvent("track", at_ns, fields);
   }
   return tracks_[*confirmed.track];
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <optional>
 #include <string>
@@ -25,6 +26,7 @@ struct LiveTrack {
   TimeNs begin_ns = 0;  // first and last evidence
   TimeNs end_ns = 0;
   std::uint64_t rows = 0;
+  Kind kind;  // by all that was seen of it
 };
 
 // The engine counts tracks from 0 in each run; those of a file go on counting. Of a run that takes
@@ -44,6 +46,13 @@ class LiveOutput {
   // Rows up to this time are left out from now on.
   void LeaveOutUntil(TimeNs time_ns) { left_out_until_ns_ = time_ns; }
 
+  // A track's rows are held back until its probability of being a drone has once been so high; of
+  // what is held, rows older than `hold_ns` before the newest are forgotten.
+  void KeepOnlyDrones(double least, TimeNs hold_ns) {
+    least_drone_ = least;
+    hold_ns_ = hold_ns;
+  }
+
   // Each goes to both files with the next Flush(); `at_ns` is the newest stamp taken in.
   void Confirm(TimeNs at_ns, const TrackConfirmed& track);
   void Give(TimeNs at_ns, const RowGiven& given);
@@ -62,20 +71,30 @@ class LiveOutput {
   // Those of this run, in order of their numbers.
   const std::vector<LiveTrack>& tracks() const { return tracks_; }
 
+  // That have ended without having been as likely a drone as asked for.
+  std::uint64_t tracks_left_out() const { return tracks_left_out_; }
+
  private:
   struct Confirmed {
     TimeNs first_evidence_ns = 0;
     std::optional<std::size_t> track;  // index into tracks_, once it is announced
+    Kind kind;
+    std::deque<TrajectoryRow> held;  // rows, until it is
   };
 
   void ReadRow(std::string_view line, std::uint64_t number);
   LiveTrack& Announced(TimeNs at_ns, Confirmed& confirmed);
+  void Hold(const TrajectoryRow& row, Confirmed& confirmed) const;
+  void Write(TimeNs at_ns, const RowGiven& given, LiveTrack& track);
   void AppendEvent(const char* name, TimeNs at_ns, const std::string& fields);
 
   std::string path_;
   std::int64_t next_id_ = 0;
   std::optional<TimeNs> last_row_ns_;
   std::optional<TimeNs> left_out_until_ns_;
+  double least_drone_ = 0.0;
+  TimeNs hold_ns_ = 0;
+  std::uint64_t tracks_left_out_ = 0;
   std::map<int, Confirmed> alive_;  // by the engine's number
   std::vector<LiveTrack> tracks_;
   GrowingFile trajectory_;

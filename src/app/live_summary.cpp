@@ -34,7 +34,8 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
     tracks.push_back({{"track_id", track.id},
                       {"begin", SecondsText(track.begin_ns)},
                       {"end", SecondsText(track.end_ns)},
-                      {"rows", track.rows}});
+                      {"rows", track.rows},
+                      {"kind", KindJson(track.kind)}});
   }
   const InputCounts& counts = summary.counts;
   constexpr double kMsPerS = 1e3;
@@ -57,6 +58,7 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                        {"out_of_range_rows", counts.out_of_range_rows},
                        {"returns", counts.returns},
                        {"tracks", summary.tracks.size()},
+                       {"tracks_left_out", summary.tracks_left_out},
                        {"trajectory_rows", rows}}},
                      {"frame_cpu_ms",
                       {{"p50", kMsPerS * times.Quantile(0.5)},

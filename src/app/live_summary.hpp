@@ -32,6 +32,7 @@ struct LiveSummary {
   FrameTimes frame_times;                // of the processor, in the engine
   std::uint64_t refused_packets = 0;     // that are none of a Livox sensor
   std::vector<LiveTrack> tracks;
+  std::uint64_t tracks_left_out = 0;  // as of --only-drones
 };
 
 std::string LiveSummaryJson(const LiveSummary& summary, const Config& config);

@@ -44,6 +44,10 @@ Json ConfigJson(const Config& config) {
   return root;
 }
 
+Json KindJson(const Kind& kind) {
+  return {{"drone", kind.drone}, {"bird_like", kind.bird_like}, {"unknown", kind.unknown}};
+}
+
 namespace {
 
 Json InputsJson(const std::vector<FrameSource>& sources, const Recording& recording) {
@@ -86,27 +90,51 @@ Json CountsJson(const PipelineResult& result) {
                {"returns", counts.returns},
                {"clusters", result.clusters.size()},
                {"tracks", result.tracks.size()},
+               {"tracks_left_out", result.tracks_left_out},
                {"target_returns", target_returns},
                {"trajectory_rows", rows}};
   if (result.robust_counts) json["robust"] = RobustJson(*result.robust_counts);
   return json;
 }
 
+Json FlightJson(const FlightCharacter& flight) {
+  const auto log_ratio = [&](Cue cue) { return flight.log_ratios[static_cast<std::size_t>(cue)]; };
+  return {{"judged_s", flight.seconds},
+          {"hover_share", flight.hover_share},
+          {"wander_m", flight.wander_m},
+          {"speed_mps", flight.speed_mps},
+          {"climb_mps", flight.climb_mps},
+          {"turn_mps2", flight.turn_mps2},
+          {"straightness", flight.straightness},
+          {"log_ratio",
+           {{"speed", log_ratio(Cue::kSpeed)},
+            {"climb", log_ratio(Cue::kClimb)},
+            {"turn", log_ratio(Cue::kTurn)}}}};
+}
+
 Json TrackJson(const FittedTrack& track) {
   const double duration_s = static_cast<double>(track.end_ns - track.begin_ns) * kSecondsPerNs;
   // Stamps as text: a JSON number is a double to most readers and would lose nanoseconds.
-  return {{"track_id", track.id},
-          {"begin", SecondsText(track.begin_ns)},
-          {"end", SecondsText(track.end_ns)},
-          {"duration_s", duration_s},
-          {"rows", track.num_rows},
-          {"returns", track.returns.size()},
-          {"score", track.score},
-          {"length_m", track.length_m},
-          {"mean_speed_mps", duration_s > 0 ? track.length_m / duration_s : 0.0}};
+  return {
+      {"track_id", track.id},
+      {"begin", SecondsText(track.begin_ns)},
+      {"end", SecondsText(track.end_ns)},
+      {"duration_s", duration_s},
+      {"rows", track.num_rows},
+      {"returns", track.returns.size()},
+      {"score", track.score},
+      {"length_m", track.length_m},
+      {"mean_speed_mps", duration_s > 0 ? track.length_m / duration_s : 0.0},
+      {"kind", KindJson(track.flight.kind)},
+      {"flight", FlightJson(track.flight)},
+      {"echo", {{"echo_m2_per_s", track.echo.echo_m2_per_s}, {"extent_m", track.echo.extent_m}}}};
 }
 
 }  // namespace
+
+std::string TracksLeftOutText(std::size_t count) {
+  return Count(count, "track") + " left out: not as likely a drone as --only-drones asks for";
+}
 
 std::string SecondsText(TimeNs time_ns) {
   constexpr std::uint64_t kNsPerSecond = 1'000'000'000;

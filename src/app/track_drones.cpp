@@ -73,6 +73,7 @@ PipelineRequest ToRequest(const Arguments& arguments) {
   PipelineRequest request;
   request.sources = arguments.sources;
   request.score_clusters = !arguments.clusters.empty();
+  request.least_drone = arguments.only_drones;
   if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
   if (!arguments.at.empty()) request.output_times = ReadStampList(arguments.at);
   return request;
@@ -135,6 +136,7 @@ void PrintFindings(const std::vector<std::string>& trajectory_paths, const Pipel
     PrintNote(Count(counts.bad_frames, "frame") +
               " could not be parsed and skipped (input.skip_bad_frames)");
   }
+  if (result.tracks_left_out > 0) PrintNote(TracksLeftOutText(result.tracks_left_out));
   if (result.tracks.empty()) {
     PrintNote("no drone found in " + Count(counts.frames, "frame") + " with " +
               Count(counts.returns, "return"));
@@ -174,6 +176,7 @@ void TrackWhileFramesCome(const Arguments& arguments, const Config& config) {
   request.out = arguments.out;
   request.events = arguments.events;
   request.summary = arguments.summary;
+  request.least_drone = arguments.only_drones;
   const std::string done = TrackLive(request, config, [&](const std::string& text) {
     if (!arguments.quiet) PrintNote(text);
   });

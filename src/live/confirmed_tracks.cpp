@@ -87,7 +87,7 @@ std::vector<SeenPlot> ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs searched_n
       continue;
     }
     Append(&*track, searched_ns, searched_ns, &settled);
-    on_event_(TrackEnded{track->follower->id(), last_ns});
+    on_event_(TrackEnded{track->follower->id(), last_ns, track->kind.kind()});
     track = tracks_.erase(track);
   }
   return settled;
@@ -97,7 +97,8 @@ void ConfirmedTracks::Close(TimeNs newest_ns) {
   std::vector<SeenPlot> settled;
   for (Track& track : tracks_) {
     Append(&track, std::numeric_limits<TimeNs>::max() / 2, newest_ns, &settled);
-    on_event_(TrackEnded{track.follower->id(), track.follower->last_evidence_ns()});
+    on_event_(
+        TrackEnded{track.follower->id(), track.follower->last_evidence_ns(), track.kind.kind()});
   }
   tracks_.clear();
 }
@@ -130,6 +131,8 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
   if (instants.size() == 0) return;
   TrackFollower& follower = *track->follower;
   follower.Fit();
+  track->kind.Observe(follower.trajectory(), until_ns);
+  const Kind kind = track->kind.kind();
   RowSource source;
   source.track_id = follower.id();
   source.trajectory = follower.trajectory();
@@ -139,14 +142,14 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
   source.max_sigma_m = config_.trajectory.max_sigma_m;
   if (!std::exchange(track->is_told, true)) {
     track->given_ns = source.presence.begin_ns - 1;
-    on_event_(TrackConfirmed{follower.id(), follower.first_evidence_ns()});
+    on_event_(TrackConfirmed{follower.id(), follower.first_evidence_ns(), kind});
   }
   const RowStream rows = SampleRows(source, instants);
   const TimeNs late_ns = newest_ns - Ns(config_.live.delay_s);
   while (std::optional<TrajectoryRow> row = rows()) {
     const TimeInterval around = instants_.Around(row->time_ns);
     row->support = follower.ReturnsBetween(around.begin_ns, around.end_ns);
-    on_event_(RowGiven{*row, row->time_ns < late_ns});
+    on_event_(RowGiven{*row, row->time_ns < late_ns, kind});
     track->given_ns = row->time_ns;
   }
   std::vector<SeenPlot> plots = follower.Settle(track->given_ns);

@@ -10,6 +10,7 @@
 #include "live/seen_plot.hpp"
 #include "live/track_follower.hpp"
 #include "robust/tracking/track_model.hpp"
+#include "trajectory/kind.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"
 
@@ -58,6 +59,7 @@ class ConfirmedTracks {
  private:
   struct Track {
     std::unique_ptr<TrackFollower> follower;
+    KindFilter kind;
     TimeNs given_ns = std::numeric_limits<TimeNs>::min();  // up to here
     bool is_told = false;
   };

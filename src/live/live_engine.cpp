@@ -195,15 +195,20 @@ void LiveEngine::TrackAll() {
   const PipelineResult result = TracksOf(recording, output_times_, config_);
   std::vector<TrajectoryRow> rows;
   for (const FittedTrack& track : result.tracks) {
-    on_event_(TrackConfirmed{track.id, track.begin_ns});
+    on_event_(TrackConfirmed{track.id, track.begin_ns, track.flight.kind});
     const RowStream next = RowsOf(result, track);
     while (const std::optional<TrajectoryRow> row = next()) rows.push_back(*row);
   }
   std::stable_sort(rows.begin(), rows.end(), [](const TrajectoryRow& a, const TrajectoryRow& b) {
     return std::make_pair(a.time_ns, a.track_id) < std::make_pair(b.time_ns, b.track_id);
   });
-  for (const TrajectoryRow& row : rows) on_event_(RowGiven{row, false});
-  for (const FittedTrack& track : result.tracks) on_event_(TrackEnded{track.id, track.end_ns});
+  const auto kind_of = [&](const TrajectoryRow& row) {
+    return result.tracks[static_cast<std::size_t>(row.track_id)].flight.kind;
+  };
+  for (const TrajectoryRow& row : rows) on_event_(RowGiven{row, false, kind_of(row)});
+  for (const FittedTrack& track : result.tracks) {
+    on_event_(TrackEnded{track.id, track.end_ns, track.flight.kind});
+  }
 }
 
 }  // namespace unlidar

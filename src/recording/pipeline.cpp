@@ -66,6 +66,10 @@ FittedTrack FitTrack(const Recording& recording, const Target& target,
   track.score = target.score;
   track.length_m = PathLength(rows.trajectory);
   track.returns = target.returns;
+  KindFilter kind;
+  kind.Observe(rows.trajectory, track.end_ns);
+  track.flight = kind.Describe();
+  track.echo = DescribeEcho(recording, target.returns, target.measurements, rows.trajectory);
   return track;
 }
 
@@ -149,9 +153,14 @@ void FitTracks(const PipelineRequest& request, const Config& config,
   }
 
   result.output_instants = ResolveOutputTimes(request.output_times, recording);
+  int next_id = 0;
   for (const Target& target : targets) {
     FittedTrack track = FitTrack(recording, target, config.trajectory);
-    track.id = track.row_source.track_id = static_cast<int>(result.tracks.size());
+    track.id = track.row_source.track_id = next_id++;
+    if (track.flight.kind.drone < request.least_drone) {
+      ++result.tracks_left_out;
+      continue;
+    }
     track.num_rows = CountRows(RowsOf(result, track));
     result.tracks.push_back(std::move(track));
   }

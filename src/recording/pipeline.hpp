@@ -11,6 +11,7 @@
 #include "io/frames.hpp"
 #include "paper/paper.hpp"
 #include "robust/robust.hpp"
+#include "trajectory/kind.hpp"
 #include "trajectory/output_times.hpp"
 #include "trajectory/sampling.hpp"
 #include "unlidar/config.hpp"
@@ -27,12 +28,15 @@ struct FittedTrack {
   std::vector<std::uint32_t> returns;  // indices into the recording, ascending
   RowSource row_source;
   std::size_t num_rows = 0;
+  FlightCharacter flight;
+  EchoCharacter echo;
 };
 
 struct PipelineRequest {
   std::vector<FrameSource> sources;
   OutputTimes output_times;
   bool score_clusters = false;  // the paper's numbers of every global cluster, for --clusters
+  double least_drone = 0.0;     // tracks of a lower probability of being a drone are left out
 };
 
 struct StageTime {
@@ -45,7 +49,8 @@ struct PipelineResult {
   std::optional<RobustCounts> robust_counts;  // with the robust method
   std::vector<ClusterScore> clusters;         // empty unless asked for or needed by the method
   std::vector<FittedTrack> tracks;
-  OutputInstants output_instants;  // at which the tracks have rows
+  std::size_t tracks_left_out = 0;  // as of PipelineRequest::least_drone; the others keep their ids
+  OutputInstants output_instants;   // at which the tracks have rows
   std::vector<StageTime> times;
 };
 

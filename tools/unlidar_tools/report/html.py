@@ -14,6 +14,15 @@ _TRACK_HEADS = {
     "track_id": "track", "begin": "begin [s]", "end": "end [s]", "duration_s": "duration [s]",
     "length_m": "length [m]", "mean_speed_mps": "mean speed [m/s]",
 }  # fmt: skip
+_KIND_HEADS = {
+    "kind.drone": "drone", "kind.bird_like": "bird-like", "kind.unknown": "unknown",
+    "flight.judged_s": "judged [s]", "flight.hover_share": "hovers",
+    "flight.wander_m": "wanders in 1 s [m]", "flight.speed_mps": "speed [m/s]",
+    "flight.climb_mps": "climb [m/s]", "flight.turn_mps2": "turn [m/s²]",
+    "flight.straightness": "straightness", "flight.log_ratio.speed": "speed says",
+    "flight.log_ratio.climb": "climb says", "flight.log_ratio.turn": "turn says",
+    "echo.echo_m2_per_s": "echo [m²/s]", "echo.extent_m": "extent [m]",
+}  # fmt: skip
 
 
 def number(value: object) -> str:
@@ -114,15 +123,31 @@ def tracks_table(data: ReportData, begin_s: float) -> str:
     tracks = data.summary.get("tracks", [])
     if not tracks:
         return "<p>No drone was found, so there is no track.</p>"
-    columns = list(tracks[0])
-    colours = track_colours(data.tracks.track_id)
-    return table(
+    columns = [name for name, value in tracks[0].items() if not isinstance(value, dict)]
+    known = track_colours(data.tracks.track_id)
+    colours = [known.get(track.get("track_id")) for track in tracks]
+    found = table(
         [_TRACK_HEADS.get(column, column.replace("_", " ")) for column in columns],
         [
             [_after(track.get(column, ""), column, begin_s) for column in columns]
             for track in tracks
         ],
-        [colours.get(track.get("track_id")) for track in tracks],
+        colours,
+    )
+    return found + _kinds_table(tracks, colours)
+
+
+def _kinds_table(tracks: Sequence[dict], colours: Sequence[str | None]) -> str:
+    """What each track may be, and what says so."""
+    if "kind" not in tracks[0]:
+        return ""
+    values = [dict(flat(track)) for track in tracks]
+    columns = [column for column in _KIND_HEADS if column in values[0]]
+    heads = ["track", *(_KIND_HEADS[column] for column in columns)]
+    rows = [[one["track_id"], *(one.get(column, "") for column in columns)] for one in values]
+    return (
+        "<p>What it may be by how it flies. What speed, climb and turns say: above 0 for a drone, "
+        f"below 0 for a bird or bat.</p>{table(heads, rows, colours)}"
     )
 
 

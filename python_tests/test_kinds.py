@@ -1,0 +1,185 @@
+"""What a track may be: in the summary, the events and the report; `--only-drones`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from live_program import events_of, feed, messages, rows_of
+from report_run import make_run
+from synthetic import (
+    NO_DRONE_TRAJ,
+    make_flight,
+    run_program,
+    track,
+    with_opposite_drone,
+    write_frames,
+)
+
+KINDS = ("drone", "bird_like", "unknown")
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two drones, of which one is seen for half as long."""
+    flight = with_opposite_drone(make_flight())
+    return write_frames(tmp_path_factory.mktemp("two") / "lidar", flight)
+
+
+@pytest.fixture(scope="module")
+def plain(frames: Path) -> tuple[str, list[dict]]:
+    """The trajectory without the option, and the tracks of the summary."""
+    out, summary = frames.parent / "plain.csv", frames.parent / "plain.json"
+    track(frames, out, "--summary", summary)
+    return out.read_text(), json.loads(summary.read_text())["tracks"]
+
+
+def next_above(probability: float) -> str:
+    """The next that is told: probabilities have four digits."""
+    return f"{probability + 1e-4:.4f}"
+
+
+def test_the_summary_says_what_each_track_may_be_and_why(plain) -> None:
+    tracks = plain[1]
+    assert len(tracks) == 2
+    for one in tracks:
+        assert list(one["kind"]) == list(KINDS)
+        assert sum(one["kind"].values()) == pytest.approx(1, abs=1e-9)
+        assert one["flight"]["judged_s"] == int(one["duration_s"])
+        assert one["flight"]["speed_mps"] == pytest.approx(4.0, abs=0.3)
+        assert set(one["flight"]["log_ratio"]) == {"speed", "climb", "turn"}
+        assert one["flight"]["log_ratio"]["speed"] > 0  # 4 m/s is slow for a bird
+        assert 0.05 < one["echo"]["extent_m"] < 0.3
+        # 5 to 10 returns in each of 10 frames a second, 7 m and 8 m away
+        assert one["echo"]["echo_m2_per_s"] == pytest.approx(75 * 113, rel=0.5)
+
+
+@pytest.mark.parametrize("of", [0, 1])
+def test_only_drones_leaves_out_the_rows_of_the_others_and_no_more(
+    frames: Path, tmp_path: Path, plain, of: int
+) -> None:
+    text, tracks = plain
+    tracks = sorted(tracks, key=lambda one: one["kind"]["drone"])
+    assert tracks[0]["kind"]["drone"] < tracks[1]["kind"]["drone"]
+    least = f"{tracks[of]['kind']['drone']:.4f}"
+    out, summary = tmp_path / "traj.csv", tmp_path / "summary.json"
+    points = tmp_path / "points.pcd"
+    said = track(frames, out, "--only-drones", least, "--summary", summary, "--points", points)
+    kept = {one["track_id"] for one in tracks[of:]}
+    head, *rows = text.splitlines(keepends=True)
+    assert out.read_text() == head + "".join(r for r in rows if int(r.split(",")[1]) in kept)
+    told = json.loads(summary.read_text())
+    assert {one["track_id"] for one in told["tracks"]} == kept
+    assert told["counts"]["tracks_left_out"] == of
+    assert told["counts"]["target_returns"] == sum(one["returns"] for one in tracks[of:])
+    assert f"POINTS {told['counts']['target_returns']}\n".encode() in points.read_bytes()
+    assert ("left out" in said) == (of > 0)
+
+
+def test_without_any_drone_only_the_header_is_left(frames: Path, tmp_path: Path, plain) -> None:
+    least = next_above(max(one["kind"]["drone"] for one in plain[1]))
+    for form in ("csv", "tum"):
+        said = track(frames, tmp_path / f"traj.{form}", "--only-drones", least, "--format", form)
+        assert "2 tracks left out" in said and "no drone found" in said
+    assert (tmp_path / "traj.csv").read_text() == NO_DRONE_TRAJ
+
+
+def test_zero_leaves_nothing_out(frames: Path, tmp_path: Path, plain) -> None:
+    track(frames, tmp_path / "traj.csv", "--only-drones", "0")
+    assert (tmp_path / "traj.csv").read_text() == plain[0]
+
+
+@pytest.mark.parametrize("value", ["-0.1", "1.01", "nan", "inf", "many", ""])
+@pytest.mark.parametrize("live", [False, True])
+def test_what_is_no_probability_is_a_usage_error(
+    frames: Path, tmp_path: Path, value: str, live: bool
+) -> None:
+    source = ["--stdin"] if live else ["--frames", frames]
+    result = run_program(*source, "--out", tmp_path / "traj.csv", "--only-drones", value)
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1
+    assert "--only-drones" in result.stderr
+    assert not (tmp_path / "traj.csv").exists()
+
+
+# --- live -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def stream(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    flight = make_flight(frames=120)
+    frames = write_frames(tmp_path_factory.mktemp("stream") / "lidar", flight)
+    return b"".join(messages(lidar=frames))
+
+
+@pytest.fixture(scope="module")
+def told(stream: bytes, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], list[dict]]:
+    out = tmp_path_factory.mktemp("told") / "traj.csv"
+    code, events, said = feed(stream, out, "--events", "-")
+    assert code == 0, said
+    return rows_of(out), events_of(events)
+
+
+def test_events_tell_what_is_known_by_then(told) -> None:
+    events = [event for event in told[1] if "drone" in event]
+    assert {event["event"] for event in events} == {"track", "row", "end"}
+    assert events[-1]["drone"] > events[0]["drone"]  # the more is seen the surer
+
+
+def test_rows_wait_until_the_track_is_likely_a_drone(stream: bytes, tmp_path: Path, told) -> None:
+    rows, events = told
+    least = max(event["drone"] for event in events if event["event"] == "row")
+    assert least > next(event["drone"] for event in events if event["event"] == "row")
+    out = tmp_path / "traj.csv"
+    code, text, said = feed(stream, out, "--events", "-", "--only-drones", f"{least:.4f}")
+    assert code == 0, said
+    assert rows_of(out) == rows
+    kept = events_of(text)
+    reached_at = next(e["at"] for e in events if e["event"] == "row" and e["drone"] >= least)
+    of_track = [e for e in kept if e["event"] in ("track", "row")]
+    assert of_track[0]["event"] == "track"
+    assert min(e["at"] for e in of_track) == reached_at
+    for event in of_track:
+        if event["event"] == "row" and event["at"] == reached_at:
+            assert event["drone"] >= least
+    assert of_track[1]["late"] is True
+    assert said.count("left out") == 0
+
+
+def test_a_track_that_never_is_likely_enough_is_not_told(
+    stream: bytes, tmp_path: Path, told
+) -> None:
+    least = next_above(max(event.get("drone", 0) for event in told[1]))
+    out, summary = tmp_path / "traj.csv", tmp_path / "summary.json"
+    code, text, said = feed(
+        stream, out, "--events", "-", "--only-drones", least, "--summary", summary
+    )
+    assert code == 0
+    assert out.read_text() == NO_DRONE_TRAJ
+    assert {event["event"] for event in events_of(text)} == {"sensor", "state"}
+    assert "1 track left out" in said and "no drone found" in said
+    counts = json.loads(summary.read_text())["counts"]
+    assert (counts["tracks"], counts["tracks_left_out"]) == (0, 1)
+
+
+def test_live_summary_has_the_kind_of_each_track(stream: bytes, tmp_path: Path, told) -> None:
+    summary = tmp_path / "summary.json"
+    code, _, said = feed(stream, tmp_path / "traj.csv", "--summary", summary)
+    assert code == 0, said
+    end = next(event for event in told[1] if event["event"] == "end")
+    (one,) = json.loads(summary.read_text())["tracks"]
+    assert one["kind"] == {key: end[key] for key in KINDS}
+
+
+# --- the report -------------------------------------------------------------------------------
+
+
+def test_the_report_shows_what_each_track_may_be(tmp_path: Path) -> None:
+    from unlidar_tools.report.data import load_run
+    from unlidar_tools.report.html import tracks_table
+
+    shown = tracks_table(load_run(make_run(tmp_path / "run")), 0.0)
+    for text in ("bird-like", "0.75", "0.0625", "0.1875", "hovers", "0.375", "-1.625"):
+        assert f">{text}<" in shown, text
+    assert "{" not in shown  # nested values have columns of their own

@@ -172,9 +172,9 @@ def test_the_probability_of_being_a_drone_decides_where_it_is_told(tmp_path) -> 
         return len(alarms(station(tmp_path, [square(50)]), *lines))
 
     course = [row(1, t / 10) for t in range(30)]
-    assert raised(track(1, drone=0.4), *course) == 0
-    assert raised(track(1, drone=0.6), *course) == 1
-    assert raised(*[row(1, t / 10, drone=0.4) for t in range(30)], row(1, 3, drone=0.9)) == 1
+    assert raised(track(1, drone=0.05), *course) == 0
+    assert raised(track(1, drone=0.2), *course) == 1
+    assert raised(*[row(1, t / 10, drone=0.05) for t in range(30)], row(1, 3, drone=0.9)) == 1
     assert raised(track(1), *course) == 1  # none told: a track counts as 1
 
 

@@ -1,9 +1,16 @@
 #include "live/live_instants.hpp"
 
 #include <algorithm>
+#include <cstdint>
 #include <variant>
 
 namespace unlidar {
+namespace {
+
+// No track goes on through a longer pause: twice the most that robust.tracker.max_gap_s may be.
+constexpr std::uint64_t kPauseNs = 1'200'000'000'000;
+
+}  // namespace
 
 void LiveInstants::Add(const FrameInfo& frame) {
   if (std::holds_alternative<FirstSensorStamps>(times_)) {
@@ -12,6 +19,7 @@ void LiveInstants::Add(const FrameInfo& frame) {
   }
   if (const auto* rate = std::get_if<Rate>(&times_)) {
     if (!of_rate_) of_rate_.emplace(*rate, frame.begin_ns, frame.begin_ns);
+    SkipPause(frame.begin_ns, static_cast<double>(rate->nanohertz));
     for (; (*of_rate_)[next_] <= frame.end_ns; ++next_) instants_ns_.push_back((*of_rate_)[next_]);
     return;
   }
@@ -19,6 +27,23 @@ void LiveInstants::Add(const FrameInfo& frame) {
   for (; next_ < list.size() && list[next_] <= frame.end_ns; ++next_) {
     instants_ns_.push_back(list[next_]);
   }
+}
+
+// One stamp of decades ahead must not fill the memory with instants of which none is needed.
+void LiveInstants::SkipPause(TimeNs begin_ns, double nanohertz) {
+  const auto is_long_ago = [&](std::size_t k) {  // unsigned: the difference may be any
+    const TimeNs instant_ns = (*of_rate_)[k];
+    return instant_ns<begin_ns&& static_cast<std::uint64_t>(begin_ns) -
+                      static_cast<std::uint64_t>(instant_ns)>
+        kPauseNs;
+  };
+  if (!is_long_ago(next_)) return;
+  const auto pause_ns = static_cast<double>(begin_ns) - static_cast<double>((*of_rate_)[next_]) -
+                        static_cast<double>(kPauseNs);
+  const std::size_t from = next_;
+  next_ += static_cast<std::size_t>(std::max(0.0, pause_ns * nanohertz * 1e-18));
+  while (next_ > from && !is_long_ago(next_ - 1)) --next_;  // but for rounding
+  while (is_long_ago(next_)) ++next_;
 }
 
 std::vector<TimeNs> LiveInstants::Between(TimeNs after_ns, TimeNs until_ns) const {

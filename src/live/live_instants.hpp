@@ -34,6 +34,8 @@ class LiveInstants {
   void Forget(TimeNs oldest_ns);
 
  private:
+  void SkipPause(TimeNs begin_ns, double nanohertz);
+
   OutputTimes times_;
   std::deque<TimeNs> instants_ns_;
   std::optional<OutputInstants> of_rate_;  // computed one by one, without an end

@@ -48,6 +48,24 @@ TEST(LiveInstants, AreThoseOfTheRecording) {
   }
 }
 
+TEST(LiveInstants, APauseOfDecadesHasFewAndTheyAreThoseOfTheRate) {
+  constexpr TimeNs kPause_ns = 20LL * 365 * 86'400 * 1'000'000'000;
+  const Rate rate{7'300'000'000};
+  FrameInfo frame;
+  frame.begin_ns = kBeginNs;
+  frame.end_ns = kBeginNs + 100'000'000;
+  LiveInstants instants{OutputTimes(rate)};
+  instants.Add(frame);
+  frame.begin_ns += kPause_ns;
+  frame.end_ns += kPause_ns;
+  instants.Add(frame);
+  const OutputInstants all(rate, kBeginNs, kBeginNs);
+  const auto first_k = static_cast<std::size_t>((20LL * 365 * 86'400 - 1200) * 73 / 10);
+  std::vector<TimeNs> expected;
+  for (std::size_t k = first_k; all[k] <= frame.end_ns; ++k) expected.push_back(all[k]);
+  EXPECT_EQ(instants.Between(kBeginNs + 200'000'000, kEndless), expected);
+}
+
 TEST(LiveInstants, NoneIsLaterThanTheFramesSoFar) {
   const Recording recording = TwoSensors();
   for (const OutputTimes& times : AllKinds()) {

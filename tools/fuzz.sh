@@ -31,7 +31,7 @@ fuzz() {
   mkdir -p -- "$kept" "$finds"
   # Less time and memory than these is promised for any input of this size.
   "$sanitize_dir/src/fuzz/${target}_fuzz" -max_total_time="$seconds" -runs="$runs" \
-    -max_len=1024 -timeout=30 -rss_limit_mb=1024 -print_final_stats=1 \
+    -max_len=1024 -timeout=60 -rss_limit_mb=1024 -print_final_stats=1 \
     -artifact_prefix="$finds/" "$kept" "$seeds" >"$log" 2>&1 </dev/null || status=1
   if ((status)); then
     grep -E -A 12 'BROKEN LAW|ERROR:|runtime error|terminate called' "$log" || tail -n 20 -- "$log"

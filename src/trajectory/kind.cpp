@@ -39,8 +39,7 @@ constexpr Law kBroadClimb = {1.0, 0.0, 3.0};
 constexpr Law kBroadTurn = {2.0, 0.0, 4.0};
 constexpr std::array<FlightModel, 8> kModels = {{
     // A drone on a mission, as steady as a bird. Data sheets of camera drones: they hold their
-    // place
-    // within 0.1 to 0.5 m, fly at up to 15 to 21 m/s, climb at up to 8 and sink at up to 6 m/s.
+    // place within 0.1 to 0.5 m, fly at up to 15 to 21 m/s, climb at up to 8 and sink at up to 6.
     {Class::kDrone, 0.5, {{{0.0, 8.0, 1.0, 0.35, 0.4}, {0.0, 1.5, 0.5}, {0.0, 1.0, 0.7}}}},
     // The same flown by hand: it brakes, turns and climbs within seconds.
     {Class::kDrone, 0.3, {{{0.0, 8.0, 2.5, 0.35, 0.4}, {0.0, 2.0, 1.2}, {0.0, 2.0, 2.0}}}},

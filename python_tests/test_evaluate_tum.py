@@ -72,7 +72,7 @@ def test_a_track_that_was_not_named_is_told(result, capsys) -> None:
     assert main(["evaluate", str(result / "ground_truth.csv"), str(best), str(other)]) == 0
     said = capsys.readouterr()
     assert said.err == ""
-    assert "t_track4.tum" in said.out
+    assert "t_track4.tum" in said.out.replace("\n", "")  # a long path takes two lines
 
 
 def test_what_the_program_writes_as_tum_is_judged_as_its_csv(program, tmp_path) -> None:

@@ -317,8 +317,8 @@ def test_tracks_have_their_colours_in_space_curves_strip_and_table(long_page):
         assert len(bars) == 1
         assert bars[0].startswith(name)
         mark = page.run(
-            "return [...document.querySelectorAll('.mark')].filter((m) => "
-            f"m.parentNode.textContent == '{name[-1]}').map((m) => m.style.background)"
+            "return [...new Set([...document.querySelectorAll('.mark')].filter((m) => "
+            f"m.parentNode.textContent == '{name[-1]}').map((m) => m.style.background))]"
         )
         red, green, blue = (int(line[i : i + 2], 16) for i in (1, 3, 5))
         assert mark == [f"rgb({red}, {green}, {blue})"]

@@ -17,6 +17,7 @@
 #include "app/service_notify.hpp"
 #include "app/signals.hpp"
 #include "base/format.hpp"
+#include "base/recording.hpp"
 #include "io/frame_preparation.hpp"
 #include "unlidar/error.hpp"
 
@@ -28,8 +29,7 @@ constexpr std::chrono::milliseconds kLookAround(250);
 
 // How long rows of a track wait for it to be a drone: no longer than anything is remembered.
 TimeNs HoldNs(const LiveConfig& live) {
-  return std::isfinite(live.window_s) ? std::llround(live.window_s / kSecondsPerNs)
-                                      : std::numeric_limits<TimeNs>::max();
+  return std::isfinite(live.window_s) ? NsOf(live.window_s) : std::numeric_limits<TimeNs>::max();
 }
 
 // The loop: wait for the source, let it read, write what that brought.
@@ -77,7 +77,7 @@ class LiveRun {
     const double window_s = config_.live.window_s;
     if (!std::isfinite(window_s)) return std::nullopt;
     teller_.Note(request_.out + ": goes on behind its last row");
-    return *last_row_ns - std::llround(window_s / kSecondsPerNs);
+    return *last_row_ns - NsOf(window_s);
   }
 
   // Waits for the source or a signal, and does what comes up besides. Whether the source is ready;

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <map>
@@ -14,6 +13,7 @@
 #include <vector>
 
 #include "base/format.hpp"
+#include "base/recording.hpp"
 #include "io/followed_folders.hpp"
 #include "io/frame_messages.hpp"
 #include "io/frame_preparation.hpp"
@@ -82,10 +82,7 @@ class PacketSource : public LiveSource {
  public:
   PacketSource(LivoxEndpoint endpoint, const LiveConfig& config, LiveIntake& intake,
                LiveTeller& teller)
-      : frame_ns_(std::llround(config.frame_s / kSecondsPerNs)),
-        intake_(intake),
-        teller_(teller),
-        receiver_(endpoint) {
+      : frame_ns_(NsOf(config.frame_s)), intake_(intake), teller_(teller), receiver_(endpoint) {
     teller_.Note("listens on " + receiver_.name());
   }
 

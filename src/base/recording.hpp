@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -12,6 +13,9 @@
 #include "unlidar/types.hpp"
 
 namespace unlidar {
+
+// The nearest nanosecond.
+inline TimeNs NsOf(double seconds) { return std::llround(seconds / kSecondsPerNs); }
 
 // One frame of one sensor; its returns are [first_return, last_return) of the recording.
 struct FrameInfo {

@@ -1,7 +1,6 @@
 #include "live/confirmed_tracks.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <iterator>
 #include <optional>
@@ -14,8 +13,6 @@ namespace {
 
 constexpr double kAheadS = 0.1;  // rows are given so much earlier than they are due, if need be
 constexpr double kTaken = 0.0;   // gain from which a plot is a track's
-
-TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
 
 }  // namespace
 
@@ -72,7 +69,7 @@ bool ConfirmedTracks::Begin(const Flight& flight, double least_score) {
 }
 
 std::vector<SeenPlot> ConfirmedTracks::GiveRows(TimeNs searched_ns, TimeNs newest_ns) {
-  const TimeNs due_ns = newest_ns - Ns(config_.live.delay_s - kAheadS);
+  const TimeNs due_ns = newest_ns - NsOf(config_.live.delay_s - kAheadS);
   std::vector<SeenPlot> settled;
   for (Track& track : tracks_) Append(&track, std::min(due_ns, searched_ns), newest_ns, &settled);
   return settled;
@@ -145,7 +142,7 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
     on_event_(TrackConfirmed{follower.id(), follower.first_evidence_ns(), kind});
   }
   const RowStream rows = SampleRows(source, instants);
-  const TimeNs late_ns = newest_ns - Ns(config_.live.delay_s);
+  const TimeNs late_ns = newest_ns - NsOf(config_.live.delay_s);
   while (std::optional<TrajectoryRow> row = rows()) {
     const TimeInterval around = instants_.Around(row->time_ns);
     row->support = follower.ReturnsBetween(around.begin_ns, around.end_ns);

@@ -13,8 +13,6 @@ namespace {
 // So many frames of each sensor in a row tell of a clock that has gone back; fewer may be astray.
 constexpr int kFramesOfPast = 8;
 
-TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
-
 }  // namespace
 
 void CheckLive(const Config& config) {
@@ -108,7 +106,7 @@ void LiveEngine::Close() {
 // it is a new beginning. A sensor that alone is so far behind the others is only late.
 bool LiveEngine::HasClockGoneBack(Sensor* sensor, TimeNs stamp_ns) const {
   const double window_s = config_.live.window_s;
-  const bool is_past = std::isfinite(window_s) && newest_ns_ - stamp_ns > Ns(window_s);
+  const bool is_past = std::isfinite(window_s) && newest_ns_ - stamp_ns > NsOf(window_s);
   sensor->frames_of_past = is_past ? sensor->frames_of_past + 1 : 0;
   const auto is_past_or_silent = [&](const Sensor& other) {
     return other.frames_of_past >= kFramesOfPast || (&other != sensor && other.is_silent);
@@ -129,14 +127,14 @@ void LiveEngine::BeginAnew() {
 }
 
 // No earlier frame will come.
-TimeNs LiveEngine::SettledNs() const { return newest_ns_ - Ns(config_.live.reorder_s); }
+TimeNs LiveEngine::SettledNs() const { return newest_ns_ - NsOf(config_.live.reorder_s); }
 
 // `heard`: the sensor of the frame that has just come.
 void LiveEngine::TellSensors(std::optional<std::uint32_t> heard) {
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     Sensor& sensor = sensors_[i];
     const bool is_silent = i != heard && (sensor.is_silent || newest_ns_ - sensor.newest_ns >
-                                                                  Ns(config_.live.silent_s));
+                                                                  NsOf(config_.live.silent_s));
     if (std::exchange(sensor.is_silent, is_silent) != is_silent) {
       on_event_(SensorChanged{i, is_silent});
     }
@@ -156,7 +154,7 @@ void LiveEngine::Release(TimeNs until_ns) {
     }
     sensor.frames.NoteStamp(frame.file.stamp_ns);
     const TimeNs now_ns =
-        frame.file.stamp_ns + sensor.frames.offset_ns() + Ns(config_.live.reorder_s);
+        frame.file.stamp_ns + sensor.frames.offset_ns() + NsOf(config_.live.reorder_s);
     try {
       sensor.frames.Finish(frame);
     } catch (const InputError&) {

@@ -1,7 +1,6 @@
 #include "live/live_scene.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 namespace unlidar {
 namespace {
@@ -11,8 +10,6 @@ constexpr TimeNs kFirstRefitNs = 1'500'000'000;
 constexpr TimeNs kLastRefitNs = 10'000'000'000;
 constexpr std::size_t kElevationReturns = 100'000;
 constexpr std::int64_t kMaxPauseBins = 5;
-
-TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
 
 }  // namespace
 
@@ -29,7 +26,7 @@ LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config
 
 LiveScene::LiveScene(const Config& config)
     : config_(config),
-      bin_ns_(Ns(config.robust.background.bin_s)),
+      bin_ns_(NsOf(config.robust.background.bin_s)),
       snapshot_interval_ns_(kFirstRefitNs) {}
 
 Eigen::Vector3f LiveScene::AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m) {
@@ -216,7 +213,7 @@ void LiveScene::Judge(SceneFrame* frame) {
   frame->watched_s = frame->time_s - SecondsOf(learning_since_ns_);
   frame->is_searched = middle_ns >= station.search_from_ns;
   std::deque<BodyBox>& bodies = station.bodies;
-  const TimeNs oldest_ns = middle_ns - 2 * Ns(config.body_margin_s);
+  const TimeNs oldest_ns = middle_ns - 2 * NsOf(config.body_margin_s);
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
 
   std::vector<SeenPlot>& plots = frame->plots;

@@ -1,7 +1,6 @@
 #include "live/live_tracker.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -13,8 +12,6 @@ constexpr double kBodyHoldS = 0.1;  // plots wait so long for a body that may sh
 constexpr std::size_t kWaitingAtOnce = 3;  // frames that wait since the begin, with each new one
 constexpr double kTidyS = 2.0;
 constexpr double kKeepPathsS = 30.0;  // a path that is not confirmed by then has no older part
-
-TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
 
 }  // namespace
 
@@ -37,7 +34,7 @@ void LiveTracker::Take(LoadedFrame frame) {
 void LiveTracker::Advance(TimeNs settled_ns, TimeNs now_ns) {
   if (!is_warm()) return;
   MakePlots(kWaitingAtOnce);
-  if (scene_.num_waiting() == 0) SearchUntil(settled_ns - Ns(kBodyHoldS));
+  if (scene_.num_waiting() == 0) SearchUntil(settled_ns - NsOf(kBodyHoldS));
   GiveRows(now_ns);
 }
 
@@ -54,7 +51,7 @@ void LiveTracker::GiveRows(TimeNs newest_ns) {
 
 void LiveTracker::MakePlots(std::size_t most) {
   for (; scene_.num_waiting() > 0 && most > 0; --most) {
-    SearchUntil(scene_.MakePlots() - Ns(kBodyHoldS));
+    SearchUntil(scene_.MakePlots() - NsOf(kBodyHoldS));
   }
 }
 
@@ -73,13 +70,13 @@ void LiveTracker::Search(SceneFrame frame) {
     const std::optional<Flight> flight = search_.FlightOf(path);
     if (flight && tracks_.Begin(*flight, search_.least_score())) search_.Take(path);
   }
-  const TimeNs lost_ns = middle_ns - Ns(config_.robust.tracker.max_gap_s);
+  const TimeNs lost_ns = middle_ns - NsOf(config_.robust.tracker.max_gap_s);
   scene_.Explain(tracks_.EndLost(lost_ns, searched_ns_));
   if (time_s - tidied_s_ < kTidyS) return;
   tidied_s_ = time_s;
-  search_.Forget(middle_ns - Ns(kKeepPathsS));
+  search_.Forget(middle_ns - NsOf(kKeepPathsS));
   scene_.Sweep(time_s);
-  tracks_.Forget(searched_ns_ - Ns(kKeepPathsS));
+  tracks_.Forget(searched_ns_ - NsOf(kKeepPathsS));
 }
 
 }  // namespace unlidar

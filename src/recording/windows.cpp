@@ -1,7 +1,6 @@
 #include "recording/windows.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
@@ -11,8 +10,6 @@
 
 namespace unlidar {
 namespace {
-
-TimeNs Ns(double seconds) { return std::llround(seconds / kSecondsPerNs); }
 
 // A return of a target, which outlives its window.
 struct KeptReturn {
@@ -67,7 +64,7 @@ class WindowSearch {
   WindowSearch(const RobustConfig& config, const TrajectoryConfig& trajectory_config)
       : config_(config),
         trajectory_config_(trajectory_config),
-        margin_ns_(Ns(config.window_margin_s)) {}
+        margin_ns_(NsOf(config.window_margin_s)) {}
 
   // Searches what the windows before have left of the recording up to a stamp.
   void Search(const FrameFeed& feed, TimeNs begin_ns, TimeNs end_ns, double false_alarms) {
@@ -249,7 +246,7 @@ bool NeedsWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfi
 RobustResult FindTargetsInWindows(const FrameFeed& feed, TimeNs first_stamp_ns,
                                   TimeNs last_stamp_ns, const RobustConfig& config,
                                   const TrajectoryConfig& trajectory_config, Recording* recording) {
-  const TimeNs window_ns = Ns(config.window_s);
+  const TimeNs window_ns = NsOf(config.window_s);
   const double num_windows =
       static_cast<double>(last_stamp_ns - first_stamp_ns) / static_cast<double>(window_ns);
   WindowSearch search(config, trajectory_config);

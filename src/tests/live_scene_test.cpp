@@ -70,6 +70,15 @@ std::vector<SceneFrame> FramesOf(LiveScene* scene, Station* station, int count) 
   return frames;
 }
 
+// The same of one sensor at the origin.
+std::vector<SceneFrame> FramesOf(int count) {
+  const Config config;
+  LiveScene scene(config);
+  scene.AddSensor(0, Eigen::Vector3f::Zero());
+  Station station(0, Eigen::Vector3f::Zero());
+  return FramesOf(&scene, &station, count);
+}
+
 TEST(LiveScene, IsWarmAfterThreeSecondsOrAtTheEnd) {
   const Config config;
   for (const int count : {1, 10, 60}) {
@@ -86,11 +95,7 @@ TEST(LiveScene, IsWarmAfterThreeSecondsOrAtTheEnd) {
 }
 
 TEST(LiveScene, EveryFrameLeavesItOnceInOrderAndIsSearchedOnceItsStationWasWarm) {
-  const Config config;
-  LiveScene scene(config);
-  scene.AddSensor(0, Eigen::Vector3f::Zero());
-  Station station(0, Eigen::Vector3f::Zero());
-  const std::vector<SceneFrame> frames = FramesOf(&scene, &station, 80);
+  const std::vector<SceneFrame> frames = FramesOf(80);
   ASSERT_EQ(frames.size(), 80U);
   for (int i = 0; i < 80; ++i) {
     const SceneFrame& frame = frames[static_cast<std::size_t>(i)];
@@ -102,11 +107,7 @@ TEST(LiveScene, EveryFrameLeavesItOnceInOrderAndIsSearchedOnceItsStationWasWarm)
 }
 
 TEST(LiveScene, LeavesTheDroneAndNotTheGround) {
-  const Config config;
-  LiveScene scene(config);
-  scene.AddSensor(0, Eigen::Vector3f::Zero());
-  Station station(0, Eigen::Vector3f::Zero());
-  const std::vector<SceneFrame> frames = FramesOf(&scene, &station, 80);
+  const std::vector<SceneFrame> frames = FramesOf(80);
   for (std::size_t i = 40; i < frames.size(); ++i) {
     ASSERT_EQ(frames[i].plots.size(), 1U) << i;
     const Plot& plot = frames[i].plots[0].plot;

@@ -100,8 +100,7 @@ class End {
     plot.frame = frame_index;
     plot.sensor = frame.sensor;
     plot.time_ns = plot.frame_time_ns = frame.middle_ns();
-    for (const std::uint32_t i : returns) plot.position_m += recording_.points_m[i].cast<double>();
-    plot.position_m /= static_cast<double>(returns.size());
+    plot.position_m = MeanOf(recording_, returns);
     plot.returns = std::move(returns);
     return plot;
   }
@@ -148,13 +147,11 @@ class End {
 }  // namespace
 
 void AddStays(const Recording& recording, const std::vector<char>& taken, std::vector<Plot>* path) {
-  std::vector<Plot> found = End(recording, taken, *path, -1).Stay();
+  std::vector<Plot> before = End(recording, taken, *path, -1).Stay();
   std::vector<Plot> after = End(recording, taken, *path, 1).Stay();
-  std::move(after.begin(), after.end(), std::back_inserter(found));
-  path->insert(path->end(), std::make_move_iterator(found.begin()),
-               std::make_move_iterator(found.end()));
-  std::stable_sort(path->begin(), path->end(),
-                   [](const Plot& a, const Plot& b) { return a.frame_time_ns < b.frame_time_ns; });
+  std::move(before.begin(), before.end(), std::back_inserter(*path));
+  std::move(after.begin(), after.end(), std::back_inserter(*path));
+  SortByFrameTime(path);
 }
 
 }  // namespace unlidar

@@ -11,12 +11,6 @@
 namespace unlidar {
 namespace {
 
-Eigen::Vector3d MeanOf(const Recording& recording, const std::vector<std::uint32_t>& returns) {
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (const std::uint32_t i : returns) sum += recording.points_m[i].cast<double>();
-  return sum / static_cast<double>(returns.size());
-}
-
 bool IsBody(const Recording& recording, const std::vector<std::uint32_t>& returns,
             const Ground& ground, double lowest_elevation_rad, const PlotConfig& config) {
   const int n = static_cast<int>(returns.size());
@@ -64,6 +58,17 @@ double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& con
 }
 
 }  // namespace
+
+Eigen::Vector3d MeanOf(const Recording& recording, const std::vector<std::uint32_t>& returns) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const std::uint32_t i : returns) sum += recording.points_m[i].cast<double>();
+  return sum / static_cast<double>(returns.size());
+}
+
+void SortByFrameTime(std::vector<Plot>* plots) {
+  std::stable_sort(plots->begin(), plots->end(),
+                   [](const Plot& a, const Plot& b) { return a.frame_time_ns < b.frame_time_ns; });
+}
 
 bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
   return std::any_of(plot.returns.begin(), plot.returns.end(),
@@ -151,8 +156,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
   plots.erase(std::remove_if(plots.begin(), plots.end(),
                              [&](const Plot& plot) { return IsNearBody(plot, bodies, config); }),
               plots.end());
-  std::stable_sort(plots.begin(), plots.end(),
-                   [](const Plot& a, const Plot& b) { return a.frame_time_ns < b.frame_time_ns; });
+  SortByFrameTime(&plots);
   return plots;
 }
 

@@ -30,6 +30,12 @@ struct Plot {
   std::vector<std::uint32_t> returns;
 };
 
+// The mean of some returns, at least one.
+Eigen::Vector3d MeanOf(const Recording& recording, const std::vector<std::uint32_t>& returns);
+
+// The order in which all stages expect plots; plots of one frame keep theirs.
+void SortByFrameTime(std::vector<Plot>* plots);
+
 // Whether a plot has any of some returns (N, not 0 for each of them).
 bool HasAnyOf(const Plot& plot, const std::vector<char>& returns);
 

@@ -11,6 +11,7 @@
 #include "io/frames.hpp"
 #include "paper/paper.hpp"
 #include "robust/robust.hpp"
+#include "trajectory/echo.hpp"
 #include "trajectory/kind.hpp"
 #include "trajectory/output_times.hpp"
 #include "trajectory/sampling.hpp"

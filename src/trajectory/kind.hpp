@@ -1,12 +1,9 @@
 // What a track is, judged by how it flies alone: multicopters, birds and bats by stated models.
 //
-// A second of a track is described by its ground speed, its climb and its lateral acceleration.
-// Each model of flight says, for each of the three, how often which value occurs and how fast it
-// changes: a Markov chain on a grid of values. The forward algorithm gives how likely the seconds
-// of a track are under each model, with the sigmas of its trajectory; a kind is a mixture of
-// models, and Bayes' rule the rest. So a speed that is held counts little more than once, and what
-// is measured badly says little. docs/kinds.md has the models' numbers with their sources, and how
-// well they tell real flights apart. Nothing is trained.
+// The forward algorithm gives how likely the seconds of a track are under each model of flight,
+// with the sigmas of its trajectory; a kind is a mixture of models, and Bayes' rule the rest. So a
+// speed that is held counts little more than once, and what is measured badly says little.
+// docs/kinds.md has how well real flights are told apart.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,7 +11,7 @@
 #include <optional>
 #include <vector>
 
-#include "base/recording.hpp"
+#include "trajectory/flight_models.hpp"
 #include "trajectory/trajectory.hpp"
 #include "unlidar/types.hpp"
 
@@ -22,10 +19,6 @@ namespace unlidar {
 
 // Before anything is seen.
 inline constexpr Kind kPriorKind = {0.25, 0.25, 0.5};
-
-// What describes a second of flight.
-inline constexpr std::size_t kNumCues = 3;
-enum class Cue : std::size_t { kSpeed, kClimb, kTurn };
 
 // How a track flew, and what that says.
 struct FlightCharacter {
@@ -85,16 +78,5 @@ class KindFilter {
   double turn_sum_ = 0.0;   // too
   double way_m_ = 0.0;
 };
-
-// What its returns say of a target. Neither is weighed: drones and birds of one size reflect alike.
-struct EchoCharacter {
-  double echo_m2_per_s = 0.0;  // returns per second times range^2
-  double extent_m = 0.0;       // RMS distance of the returns from the trajectory, across the ray
-};
-
-// `returns`: indices into the recording; at least one measurement.
-EchoCharacter DescribeEcho(const Recording& recording, const std::vector<std::uint32_t>& returns,
-                           const std::vector<Measurement>& measurements,
-                           const Trajectory& trajectory);
 
 }  // namespace unlidar

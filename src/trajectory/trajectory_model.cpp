@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <stdexcept>
 
+#include "base/square.hpp"
 #include "trajectory/banded.hpp"
 
 namespace unlidar {
@@ -132,8 +133,6 @@ double Ratio(const TrajectoryScales& scales) { return scales.acceleration_mps2 /
 double SquaredOutlierDistance(const TrajectoryConfig& config) {
   return config.outlier_distance * config.outlier_distance;
 }
-
-double Square(double x) { return x * x; }
 
 double LargestDifference(const std::vector<double>& a, const std::vector<double>& b) {
   double largest = 0.0;

@@ -1,0 +1,23 @@
+// What the returns of a target look like: how strong its echo is, how far they spread.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "trajectory/trajectory.hpp"
+
+namespace unlidar {
+
+// What its returns say of a target. Neither is weighed: drones and birds of one size reflect alike.
+struct EchoCharacter {
+  double echo_m2_per_s = 0.0;  // returns per second times range^2
+  double extent_m = 0.0;       // RMS distance of the returns from the trajectory, across the ray
+};
+
+// `returns`: indices into the recording; at least one measurement.
+EchoCharacter DescribeEcho(const Recording& recording, const std::vector<std::uint32_t>& returns,
+                           const std::vector<Measurement>& measurements,
+                           const Trajectory& trajectory);
+
+}  // namespace unlidar

@@ -1,0 +1,201 @@
+#include "trajectory/flight_models.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include "base/square.hpp"
+
+namespace unlidar {
+namespace {
+
+// How often which value occurs: normal about a mean, but for a share of them that is normal about
+// zero; with a spread of zero a density of 1 / (1 + |x| / mean), for signed values its square. Cut
+// off where the grid ends. All in m/s, or m/s^2 for turns.
+struct Law {
+  double mean = 0.0;
+  double spread = 0.0;      // standard deviation
+  double step = 0.0;        // standard deviation of the change within a second
+  double rest_share = 0.0;  // of values near zero,
+  double rest_spread = 1.0;
+};
+
+struct StatedModel {
+  FlightClass flight_class;
+  double share;  // among those of its class
+  std::array<Law, kNumCues> laws;
+};
+
+// Ground speed, climb and turn of each model. docs/kinds.md says more of the sources. Speeds are
+// over the ground: their spread includes 3 m/s of wind. What no source tells is an estimate.
+constexpr Law kBroadSpeed = {1.0, 0.0, 5.0};  // as likely in each ratio of speeds
+constexpr Law kBroadClimb = {1.0, 0.0, 3.0};
+constexpr Law kBroadTurn = {2.0, 0.0, 4.0};
+constexpr std::array<StatedModel, 8> kModels = {{
+    // A drone on a mission, as steady as a bird. Data sheets of camera drones: they hold their
+    // place within 0.1 to 0.5 m, fly at up to 15 to 21 m/s, climb at up to 8 and sink at up to 6.
+    {FlightClass::kDrone, 0.5, {{{0.0, 8.0, 1.0, 0.35, 0.4}, {0.0, 1.5, 0.5}, {0.0, 1.0, 0.7}}}},
+    // The same flown by hand: it brakes, turns and climbs within seconds.
+    {FlightClass::kDrone, 0.3, {{{0.0, 8.0, 2.5, 0.35, 0.4}, {0.0, 2.0, 1.2}, {0.0, 2.0, 2.0}}}},
+    // A racing drone: 8 m/s through gates (Foehn et al. 2020), 14 m/s in fast races, several g.
+    {FlightClass::kDrone, 0.2, {{{10.0, 6.0, 5.0, 0.05, 0.4}, {0.0, 3.0, 3.0}, {0.0, 8.0, 6.0}}}},
+    // A bird that flaps somewhere: 8 to 23 m/s (Alerstam et al. 2007), sustained climbs of 0.3 to
+    // 1.6 m/s (Hedenstroem & Alerstam 1992).
+    {FlightClass::kBirdLike, 0.4, {{{13.0, 4.0, 1.0}, {0.0, 1.0, 0.5}, {0.0, 1.0, 0.7}}}},
+    // A bird that turns, in a flock, at play or chased: banks for up to 2 g (Usherwood et al.
+    // 2011).
+    {FlightClass::kBirdLike, 0.25, {{{12.0, 4.0, 2.0}, {0.0, 1.8, 1.2}, {0.0, 4.0, 2.5}}}},
+    // A gull or raptor that circles or hangs in the wind: the slow ones of Alerstam et al.
+    {FlightClass::kBirdLike, 0.15, {{{8.0, 4.0, 1.5}, {0.0, 1.5, 0.7}, {0.0, 3.0, 1.0}}}},
+    // A bat that hunts: 6.7 and 7.7 m/s in the open (Salcedo et al. 1995), less near trees.
+    {FlightClass::kBirdLike, 0.2, {{{6.0, 2.0, 1.5}, {0.0, 1.2, 1.0}, {0.0, 4.0, 3.0}}}},
+    // Anything: no value is preferred, and none is kept.
+    {FlightClass::kUnknown, 1.0, {{kBroadSpeed, kBroadClimb, kBroadTurn}}},
+}};
+constexpr std::array<Law, kNumCues> kBroad = {kBroadSpeed, kBroadClimb, kBroadTurn};
+
+// No model is the whole truth: so much of every law is the broad one.
+constexpr double kOtherShare = 0.02;
+
+// So often a second a value is drawn anew, the others are those of before with a change. It is the
+// same for all, so that how long something is kept up says little.
+constexpr double kRedraw = 0.1;
+
+double Bell(double x, double sigma) { return std::exp(-0.5 * Square(x / sigma)) / sigma; }
+
+struct Grid {
+  std::vector<double> values;
+  std::vector<double> widths;
+};
+
+// Finer near zero, where drones hover.
+Grid MakeGrid(bool is_signed) {
+  std::vector<double> edges = {0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0};
+  while (edges.back() < 30.0) edges.push_back(edges.back() + 1.0);
+  if (is_signed) {
+    for (std::size_t i = edges.size() - 1; i > 0; --i) edges.push_back(-edges[i]);
+    std::sort(edges.begin(), edges.end());
+  } else {
+    edges.push_back(40.0);
+  }
+  Grid grid;
+  for (std::size_t i = 0; i + 1 < edges.size(); ++i) {
+    grid.values.push_back(0.5 * (edges[i] + edges[i + 1]));
+    grid.widths.push_back(edges[i + 1] - edges[i]);
+  }
+  return grid;
+}
+
+const Grid& GridOf(Cue cue) {
+  static const Grid kSpeeds = MakeGrid(false);
+  static const Grid kSigned = MakeGrid(true);
+  return cue == Cue::kSpeed ? kSpeeds : kSigned;
+}
+
+// Shares of the values of a grid.
+std::vector<double> SharesOf(const Law& law, Cue cue) {
+  const Grid& grid = GridOf(cue);
+  const auto shares_of = [&](const auto& density) {
+    std::vector<double> shares(grid.values.size());
+    for (std::size_t i = 0; i < shares.size(); ++i) {
+      shares[i] = grid.widths[i] * density(grid.values[i]);
+    }
+    Normalise(&shares);
+    return shares;
+  };
+  if (law.spread == 0.0) {
+    const double power = cue == Cue::kSpeed ? 1.0 : 2.0;
+    return shares_of([&](double x) { return std::pow(1.0 + std::abs(x) / law.mean, -power); });
+  }
+  const std::vector<double> moving =
+      shares_of([&](double x) { return Bell(x - law.mean, law.spread); });
+  const std::vector<double> resting = shares_of([&](double x) { return Bell(x, law.rest_spread); });
+  std::vector<double> shares(moving.size());
+  for (std::size_t i = 0; i < shares.size(); ++i) {
+    shares[i] = (1.0 - law.rest_share) * moving[i] + law.rest_share * resting[i];
+  }
+  return shares;
+}
+
+Chain MakeChain(const Law& law, Cue cue) {
+  Chain chain;
+  chain.shares = SharesOf(law, cue);
+  const std::vector<double> broad = SharesOf(kBroad[static_cast<std::size_t>(cue)], cue);
+  for (std::size_t i = 0; i < broad.size(); ++i) {
+    chain.shares[i] = (1.0 - kOtherShare) * chain.shares[i] + kOtherShare * broad[i];
+  }
+  const Grid& grid = GridOf(cue);
+  for (const double from : grid.values) {
+    std::vector<double> step(grid.values.size());
+    for (std::size_t j = 0; j < step.size(); ++j) {
+      step[j] = grid.widths[j] * Bell(grid.values[j] - from, law.step);
+    }
+    Normalise(&step);
+    for (std::size_t j = 0; j < step.size(); ++j) {
+      step[j] = (1.0 - kRedraw) * step[j] + kRedraw * chain.shares[j];
+    }
+    chain.steps.push_back(std::move(step));
+  }
+  return chain;
+}
+
+// Variance of a value within its step of the grid, and of its measurement.
+double VarianceAt(const Grid& grid, std::size_t i, double variance) {
+  return variance + Square(grid.widths[i]) / 12.0;
+}
+
+// e^-x I_0(x): std::cyl_bessel_i leaves the range of a double from 713 on.
+double ScaledBessel0(double x) {
+  constexpr double kFar = 50.0;
+  if (x > kFar) return (1.0 + 0.125 / x) / std::sqrt(2.0 * M_PI * x);
+  return std::exp(-x) * std::cyl_bessel_i(0.0, x);
+}
+
+}  // namespace
+
+void Normalise(std::vector<double>* shares) {
+  const double sum = std::accumulate(shares->begin(), shares->end(), 0.0);
+  for (double& share : *shares) share /= sum;
+}
+
+const std::vector<FlightModel>& FlightModels() {
+  static const std::vector<FlightModel> kFlightModels = [] {
+    std::vector<FlightModel> models;
+    for (const StatedModel& stated : kModels) {
+      FlightModel model{stated.flight_class, stated.share, {}};
+      for (std::size_t c = 0; c < kNumCues; ++c) {
+        model.chains[c] = MakeChain(stated.laws[c], static_cast<Cue>(c));
+      }
+      models.push_back(std::move(model));
+    }
+    return models;
+  }();
+  return kFlightModels;
+}
+
+// Rice's law: how likely the length of a vector in the plane is measured like this, for each true
+// one. What is the same for all of them is left out.
+std::vector<double> LikelihoodsOfSpeed(double speed_mps, double variance) {
+  const Grid& grid = GridOf(Cue::kSpeed);
+  const double measured_mps = std::min(speed_mps, grid.values.back());  // what is beyond is there
+  std::vector<double> likelihoods(grid.values.size());
+  for (std::size_t i = 0; i < likelihoods.size(); ++i) {
+    const double v = VarianceAt(grid, i, variance);
+    likelihoods[i] = std::exp(-0.5 * Square(measured_mps - grid.values[i]) / v) / v *
+                     ScaledBessel0(measured_mps * grid.values[i] / v);
+  }
+  return likelihoods;
+}
+
+std::vector<double> LikelihoodsOf(Cue cue, double measured, double variance) {
+  const Grid& grid = GridOf(cue);
+  const double x = std::clamp(measured, grid.values.front(), grid.values.back());
+  std::vector<double> likelihoods(grid.values.size());
+  for (std::size_t i = 0; i < likelihoods.size(); ++i) {
+    likelihoods[i] = Bell(x - grid.values[i], std::sqrt(VarianceAt(grid, i, variance)));
+  }
+  return likelihoods;
+}
+
+}  // namespace unlidar

@@ -70,6 +70,13 @@ std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
   return is_long && 2 * num_floating < count && count < path.size() ? count : 0;
 }
 
+std::vector<Plot> PlotsOf(const std::vector<SeenPlot>& path) {
+  std::vector<Plot> plots;
+  plots.reserve(path.size());
+  for (const SeenPlot& seen : path) plots.push_back(seen.plot);
+  return plots;
+}
+
 template <class T>
 void DropFirst(std::size_t count, std::vector<T>* values) {
   values->erase(values->begin(), values->begin() + static_cast<std::ptrdiff_t>(count));
@@ -167,16 +174,14 @@ std::optional<Flight> LiveSearch::FlightOf(const Path& path) const {
     if (!free_[i]) return std::nullopt;
     flight.plots.push_back(seen_[i]);
   }
-  std::size_t first = LowPrefix(flight.plots, config_.robust.off_ground_m);
+  const RobustConfig& robust = config_.robust;
+  std::size_t first = LowPrefix(flight.plots, OffGroundM(PlotsOf(flight.plots), robust));
   DropFirst(first, &flight.plots);
   if (flight.plots.empty()) return std::nullopt;
   const std::size_t standing = StandingPrefix(flight.plots);
   DropFirst(standing, &flight.plots);
   first += standing;
-  std::vector<Plot> plots;
-  plots.reserve(flight.plots.size());
-  for (const SeenPlot& seen : flight.plots) plots.push_back(seen.plot);
-  if (!IsFlight(recent_, watch_, plots, config_.robust) || !MovesOrFloats(flight.plots)) {
+  if (!IsFlight(recent_, watch_, PlotsOf(flight.plots), robust) || !MovesOrFloats(flight.plots)) {
     return std::nullopt;
   }
   flight.log_birth = log_births_[path.plots[first]];

@@ -187,6 +187,40 @@ TEST(Plots, SayWhereAndWhenTheirReturnsWere) {
   EXPECT_TRUE(std::is_sorted(variances.rbegin(), variances.rend() - 1));
 }
 
+constexpr double kHighM = 3.0;
+
+TEST(Plots, CountWhatIsBelowThem) {
+  const RecordingMaker maker = OnGround([](double time_s, RecordingMaker* scene) {
+    for (const double x_m : {6.0, 12.0, 18.0}) {
+      const Eigen::Vector3d at_m(x_m, 2.0 * time_s - 6.0, kGround_m + kHighM);
+      scene->AddBlob(at_m, 0.05, 1 + scene->random.Poisson(2.0), kDrone);
+      scene->AddBox(at_m - Eigen::Vector3d(1.5, 1.5, kHighM), at_m + Eigen::Vector3d(1.5, 1.5, 0.0),
+                    30);
+    }
+  });
+  const Recording& recording = maker.recording;
+  PlotConfig config;
+  config.body_contact_returns = config.body_spread_returns = 1'000'000;  // nothing is a body
+  const Found found = FindPlots(recording, config);
+  std::size_t num_plots = 0;
+  std::size_t num_all = 0;
+  for (const Plot& plot : found.plots) {
+    if (plot.position_m.z() < kGround_m + kHighM - 0.2) continue;
+    ++num_plots;
+    const FrameInfo& frame = recording.frames[plot.frame];
+    std::uint32_t num_below = 0;
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      const Eigen::Vector3d d = recording.points_m[i].cast<double>() - plot.position_m;
+      const bool is_in_column = d.head<2>().norm() < 0.6 + 0.005 * plot.position_m.norm();
+      if (is_in_column && d.z() < -0.4 && recording.points_m[i].z() > kGround_m + 0.25) ++num_below;
+    }
+    EXPECT_NEAR(plot.num_below, num_below, 1.0);  // the ground is estimated
+    num_all += num_below;
+  }
+  EXPECT_GT(num_plots, 100U);
+  EXPECT_GT(num_all, 2 * num_plots);
+}
+
 TEST(Plots, ComeFrameByFrameAlsoWhereFramesOfTwoSensorsOverlap) {
   RecordingMaker maker(9, 2);
   for (int i = 0; i < 120; ++i) {

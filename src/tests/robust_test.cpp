@@ -189,6 +189,22 @@ TEST(FindTargetsRobust, ReportsNoWalkersAndNoCarButTheDroneAboveThem) {
   ExpectOneDrone(Find(maker.recording), Transit, 11.0);
 }
 
+TEST(FindTargetsRobust, FindsADroneThatStaysLowButNobodyWhoWalksThere) {
+  const Flight low = [](double time_s) -> Eigen::Vector3d {
+    return {9.0 - 0.3 * time_s, 2.0 * (time_s - 6.0), kGround_m + 1.5 + 0.3 * std::sin(time_s)};
+  };
+  ExpectOneDrone(Find(Yard(41, DroneOn(low, 8.0)).recording), low, 11.0);
+  for (const double returns_per_frame : {2.0, 8.0, 30.0}) {
+    const Filler walker = [&](double time_s, RecordingMaker* maker) {
+      const Eigen::Vector3d foot_m(9.0 - 0.3 * time_s, 1.4 * (time_s - 6.0), kGround_m);
+      maker->AddBox(foot_m - Eigen::Vector3d(0.2, 0.2, 0.0),
+                    foot_m + Eigen::Vector3d(0.2, 0.2, 1.7),
+                    maker->random.Poisson(returns_per_frame), kWalker);
+    };
+    EXPECT_TRUE(Find(Yard(42, walker).recording).targets.empty()) << returns_per_frame;
+  }
+}
+
 TEST(FindTargetsRobust, UsesTheTimesOfTheReturns) {
   // At 15 m/s, all returns within the first fifth of a frame: its middle is 0.6 m farther on.
   const Flight fast = [](double time_s) -> Eigen::Vector3d {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "robust/plots/linkage.hpp"
 #include "robust/scene/field_of_view.hpp"
@@ -48,6 +49,36 @@ BodyBox BoxOf(const Recording& recording, const std::vector<std::uint32_t>& retu
     box.high_m = box.high_m.max(recording.points_m[i].array());
   }
   return box;
+}
+
+// Counts what is below each plot, as legs are below a head. What the scene explains counts too:
+// near the ground it explains legs. Below is beyond half the height of a drone and the noise, and
+// above the roughness of the ground.
+void CountBelow(const Recording& recording, const FrameInfo& frame, const Ground& ground,
+                std::vector<Plot>* plots) {
+  constexpr RangeRadius kColumn{0.6, 0.005};
+  constexpr double kBelowM = 0.4;
+  constexpr double kRoughnessM = 0.25;
+  double widest_m = 0.0;
+  std::vector<std::pair<double, Plot*>> by_x;
+  for (Plot& plot : *plots) {
+    widest_m = std::max(widest_m, kColumn.At(plot.position_m.norm()));
+    by_x.emplace_back(plot.position_m.x(), &plot);
+  }
+  std::sort(by_x.begin(), by_x.end());
+  for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+    const Eigen::Vector3d point_m = recording.points_m[i].cast<double>();
+    auto at = std::lower_bound(by_x.begin(), by_x.end(),
+                               std::make_pair(point_m.x() - widest_m, static_cast<Plot*>(nullptr)));
+    for (; at != by_x.end() && at->first < point_m.x() + widest_m; ++at) {
+      Plot& plot = *at->second;
+      if ((plot.position_m - point_m).head<2>().norm() < kColumn.At(plot.position_m.norm()) &&
+          point_m.z() < plot.position_m.z() - kBelowM &&
+          ground.HeightAbove(recording.points_m[i]) > kRoughnessM) {
+        ++plot.num_below;
+      }
+    }
+  }
 }
 
 double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& config) {
@@ -111,6 +142,7 @@ FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame_index,
     plot.returns = std::move(returns);
     found.plots.push_back(std::move(plot));
   }
+  CountBelow(recording, frame, ground, &found.plots);
   return found;
 }
 

@@ -25,6 +25,7 @@ struct Plot {
   double place_rate = 0.0;   // of all returns at its place: see Background::PlaceRate
   double log_clutter = 0.0;  // log of the clutter plots per m^3 and frame of its sensor
   bool is_floating = false;  // stands still where nothing holds it up: MarkFloating tells
+  std::uint32_t num_below = 0;  // returns of its frame between it and the ground: of a body
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;
   std::vector<std::uint32_t> returns;

@@ -9,9 +9,9 @@
 namespace unlidar {
 namespace {
 
-// Whether a path is that of something that flies: people and cars are never off the ground. Their
-// lower parts are not hit in every frame, so heights are the lowest of a while.
-bool Flies(const std::vector<Plot>& path, const RobustConfig& config) {
+// Which share of a path is higher above the ground. The lower parts of people and cars are not hit
+// in every frame, so heights are the lowest of a while.
+double ShareHigher(const std::vector<Plot>& path, double height_m, const RobustConfig& config) {
   const auto window_ns = static_cast<TimeNs>(config.off_ground_window_s * 1e9);
   std::size_t num_high = 0;
   std::deque<std::size_t>
@@ -26,9 +26,27 @@ bool Flies(const std::vector<Plot>& path, const RobustConfig& config) {
       lowest.push_back(next);
     }
     while (path[lowest.front()].frame_time_ns < plot.frame_time_ns - window_ns) lowest.pop_front();
-    if (path[lowest.front()].lowest_m > config.off_ground_m) ++num_high;
+    if (path[lowest.front()].lowest_m > height_m) ++num_high;
   }
-  return static_cast<double>(num_high) > config.off_ground_share * static_cast<double>(path.size());
+  return static_cast<double>(num_high) / static_cast<double>(path.size());
+}
+
+// Whether nothing stands below a path. Of a person, a cyclist or a car a quarter of the returns and
+// more are below the rest; by Chernoff's bound that few of so many are less likely than kChance.
+bool IsNothingBelow(const std::vector<Plot>& path) {
+  constexpr double kBodyShare = 0.25;
+  constexpr double kChance = 1e-4;
+  double num_below = 0.0;
+  double num_all = 0.0;
+  for (const Plot& plot : path) {
+    num_below += plot.num_below;
+    num_all += static_cast<double>(plot.returns.size() + plot.num_below);
+  }
+  const double share = num_below / num_all;
+  if (share >= kBodyShare) return false;
+  const double divergence = (share > 0.0 ? share * std::log(share / kBodyShare) : 0.0) +
+                            (1.0 - share) * std::log((1.0 - share) / (1.0 - kBodyShare));
+  return num_all * divergence > -std::log(kChance);
 }
 
 // What a target returns for its range: returns per second times range^2, of the sensor that sees it
@@ -65,9 +83,16 @@ bool HasFrames(const std::vector<Plot>& path, int least) {
   return static_cast<int>(frames.size()) >= least;
 }
 
+double OffGroundM(const std::vector<Plot>& path, const RobustConfig& config) {
+  // Above what grows on the ground or lies there, and the error of the ground below it.
+  constexpr double kClearM = 0.75;
+  return IsNothingBelow(path) ? std::min(kClearM, config.off_ground_m) : config.off_ground_m;
+}
+
 bool IsFlight(const Recording& recording, const Watch& watch, const std::vector<Plot>& path,
               const RobustConfig& config) {
-  return HasFrames(path, config.min_plots) && Flies(path, config) &&
+  return HasFrames(path, config.min_plots) &&
+         ShareHigher(path, OffGroundM(path, config), config) > config.off_ground_share &&
          EchoM2PerS(recording, watch, path) > config.min_echo_m2_per_s;
 }
 

@@ -13,6 +13,10 @@ namespace unlidar {
 // Evidence in so many frames: two plots of one frame are no two pieces of it.
 bool HasFrames(const std::vector<Plot>& path, int least);
 
+// How high above the ground a path must be to fly, for people and cars never are: less where its
+// returns show that it is no part of a body that stands below it.
+double OffGroundM(const std::vector<Plot>& path, const RobustConfig& config);
+
 // Whether it was seen often enough, is off the ground and returns as much as a drone does. Of the
 // recording the sensors and frames count, which may be those about the path only.
 bool IsFlight(const Recording& recording, const Watch& watch, const std::vector<Plot>& path,

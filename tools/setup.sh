@@ -140,7 +140,8 @@ build_sanitized() {
 build_for_threads() {
   build_in "$threads_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
-    -DUNLIDAR_SANITIZE=thread '-DUNLIDAR_CORE=base|io|robust/tracking' -DUNLIDAR_BUILD_BENCHMARKS=OFF
+    -DUNLIDAR_SANITIZE=thread '-DUNLIDAR_CORE=base|io|robust/(scene|tracking)' \
+    -DUNLIDAR_BUILD_BENCHMARKS=OFF
 }
 
 # build_for_arm64 TARGET...: against the packages in build-arm64-sysroot/, in build-arm64/.

@@ -17,10 +17,14 @@ if(UNLIDAR_COVERAGE)
   add_compile_options(-fprofile-instr-generate -fcoverage-mapping)
   add_link_options(-fprofile-instr-generate)
 endif()
-# Comparisons guide a fuzzer through texts and headers. In the mathematics, whose results no mutation
-# aims at, watching them takes most of the time.
+# What a fuzzer is to see: the library and itself, not the tests. Comparisons guide it through texts
+# and headers. In the mathematics, whose results no mutation aims at, watching them takes most of the
+# time.
+function(unlidar_fuzzed target)
+  target_compile_options(${target} PRIVATE
+    -fsanitize=fuzzer-no-link -fno-sanitize-coverage=trace-cmp)
+endfunction()
 if(UNLIDAR_BUILD_FUZZERS)
-  add_compile_options(-fsanitize=fuzzer-no-link -fno-sanitize-coverage=trace-cmp)
   file(GLOB parsers src/app/config*.cpp src/io/*.cpp src/trajectory/output_times.cpp)
   set_source_files_properties(${parsers} PROPERTIES COMPILE_OPTIONS -fsanitize-coverage=trace-cmp)
 endif()

@@ -135,11 +135,13 @@ build_sanitized() {
     -DUNLIDAR_BUILD_BENCHMARKS=OFF
 }
 
-# build_for_threads TARGET...: with the sanitizer for data races, in build-threads/.
+# build_for_threads TARGET...: with the sanitizer for data races, in build-threads/. The library is
+# built of the folders that the tests of what runs on several threads need.
 build_for_threads() {
   build_in "$threads_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
-    -DUNLIDAR_SANITIZE=thread -DUNLIDAR_BUILD_BENCHMARKS=OFF
+    -DUNLIDAR_SANITIZE=thread '-DUNLIDAR_CORE=base|io|robust/(scene|tracking)' \
+    -DUNLIDAR_BUILD_BENCHMARKS=OFF
 }
 
 # build_for_arm64 TARGET...: against the packages in build-arm64-sysroot/, in build-arm64/.

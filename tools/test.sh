@@ -15,7 +15,8 @@ minute. Exit code 0 if all of them pass.
   --sanitize  only the tests with sanitizers and the line coverage
 
 Works from any folder; tests that need ../shared skip without it. A part takes seconds or minutes
-where nothing that it depends on has changed; everything, from nothing, about half an hour.
+where nothing that it depends on has changed; everything, from nothing, about an hour on two
+processors.
 TEXT
 }
 
@@ -61,7 +62,7 @@ mapfile -d '' -t cpp_units < <(find src -name '*.cpp' -print0 | sort -z)
 mapfile -d '' -t cpp_rules < <(find .clang-tidy src -name .clang-tidy -print0 | sort -z)
 
 # tidy: lints every .cpp that has changed since it last passed, or all when a header, a compiler
-# option or a rule has: five minutes on two cores, and none when nothing has.
+# option or a rule has: the analyser of the program's own files takes most of the time then.
 tidy() {
   local passed=$build_dir/tidy common unit key
   local -a pending=()

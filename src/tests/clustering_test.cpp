@@ -8,6 +8,7 @@
 #include <limits>
 #include <random>
 
+#include "tests/draws.hpp"
 #include "tests/real_frames.hpp"
 
 namespace unlidar {
@@ -183,7 +184,7 @@ TEST(Clustering, BothEnginesAgreeWithBruteForceOnRandomClouds) {
 
 // Lattice steps that floats hold exactly, so that no rounding hides a wrong comparison.
 TEST(Clustering, BothEnginesAgreeWithBruteForceWhereManyDistancesAreExactlyTheTolerance) {
-  for (unsigned seed = 1; seed <= 8; ++seed) {
+  for (unsigned seed = 1; seed <= testing::Draws(8U); ++seed) {
     for (const int cells : {3, 8, 20}) {
       SCOPED_TRACE(::testing::Message() << "seed " << seed << " cells " << cells);
       ExpectAllAgree(LatticeCloud(seed, 300, cells, 0.5F, -4.0F), 0.5);
@@ -196,7 +197,7 @@ TEST(Clustering, BothEnginesAgreeWithBruteForceWhereManyDistancesAreExactlyTheTo
 // Steps that floats round: distances scatter by single units in the last place around the
 // tolerance, where one rounding more or less would decide.
 TEST(Clustering, BothEnginesRoundAlikeAtTheBoundary) {
-  for (unsigned seed = 1; seed <= 8; ++seed) {
+  for (unsigned seed = 1; seed <= testing::Draws(8U); ++seed) {
     for (const float origin_m : {0.0F, -0.7F, 33.3F, -412.9F}) {
       SCOPED_TRACE(::testing::Message() << "seed " << seed << " origin " << origin_m);
       ExpectAllAgree(LatticeCloud(seed, 300, 8, 0.1F, origin_m), 0.1);

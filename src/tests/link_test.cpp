@@ -8,6 +8,7 @@
 
 #include "robust/plots/linkage.hpp"
 #include "robust/plots/plots.hpp"
+#include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -101,7 +102,7 @@ TEST(Link, IsThatOfItsDefinition) {
   Random random(1);
   std::size_t num_groups = 0;
   std::size_t num_linked = 0;
-  for (int trial = 0; trial < 3000; ++trial) {
+  for (int trial = 0; trial < testing::Draws(3000); ++trial) {
     const Points points_m = RandomCloud(&random);
     std::vector<std::uint32_t> returns;
     for (const std::uint32_t i : AllOf(points_m)) {
@@ -113,8 +114,8 @@ TEST(Link, IsThatOfItsDefinition) {
     num_groups += groups.size();
     num_linked += returns.size() - groups.size();
   }
-  EXPECT_GT(num_groups, 10'000U);
-  EXPECT_GT(num_linked, 10'000U);
+  EXPECT_GT(num_groups, testing::Draws(10'000U));
+  EXPECT_GT(num_linked, testing::Draws(10'000U));
 }
 
 // Pairs at a radius but for the last bits of a float, along the axes and across, at the same x too.
@@ -122,7 +123,7 @@ TEST(Link, DecidesPairsOnTheBoundaryAsItsDefinitionDoes) {
   Random random(2);
   for (const RangeRadius& radius : Radii()) {
     int num_linked = 0;
-    for (int trial = 0; trial < 4000; ++trial) {
+    for (int trial = 0; trial < testing::Draws(4000); ++trial) {
       const Eigen::Vector3f a = random.NormalVector(20.0).cast<float>();
       Eigen::Vector3d step = random.NormalVector(1.0);
       if (trial % 3 == 0) step.x() = 0.0;
@@ -139,8 +140,8 @@ TEST(Link, DecidesPairsOnTheBoundaryAsItsDefinitionDoes) {
       ASSERT_EQ(Link(points_m, AllOf(points_m), radius),
                 LinkByDefinition(points_m, AllOf(points_m), radius));
     }
-    EXPECT_GT(num_linked, 400);
-    EXPECT_LT(num_linked, 3600);
+    EXPECT_GT(num_linked, testing::Draws(400));
+    EXPECT_LT(num_linked, testing::Draws(3600));
   }
 }
 
@@ -150,7 +151,7 @@ TEST(Link, OfNothingIsNothingAndOfOneIsOne) {
 }
 
 // Half a million returns each: pair by pair they would take minutes.
-constexpr std::uint32_t kMany = 500'000;
+constexpr std::uint32_t kMany = testing::Draws(500'000U);
 constexpr RangeRadius kHalfMetre{0.5, 0.0};
 
 // How many groups there are, found in little time.
@@ -225,8 +226,10 @@ TEST(Link, ManyReturnsAlongALineAreOneGroup) {
 TEST(Link, ManyReturnsOfFlatGroundAreOneGroup) {
   Random random(6);
   Points points_m;
+  const double half_m = std::sqrt(kMany / 140.0);  // 35 returns per square metre
   for (std::uint32_t i = 0; i < kMany; ++i) {
-    points_m.emplace_back(random.InBox({-60, -60, -2.1}, {60, 60, -1.9}).cast<float>());
+    points_m.emplace_back(
+        random.InBox({-half_m, -half_m, -2.1}, {half_m, half_m, -1.9}).cast<float>());
   }
   for (const RangeRadius& radius : {PlotConfig().link, PlotConfig().body_link}) {
     EXPECT_EQ(NumGroups(points_m, radius), 1U);

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <iterator>
@@ -12,6 +13,7 @@
 #include <vector>
 
 #include "robust/plots/floating.hpp"
+#include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -476,7 +478,9 @@ void AddRain(RecordingMaker* maker) {
 }
 
 TEST(Plots, ADroneThatHoversFloatsAlsoInRainAndTheRainDoesNot) {
-  for (const std::uint32_t seed : {1U, 8U, 14U}) {
+  constexpr std::array<std::uint32_t, 3> kSeeds = {1, 8, 14};
+  for (std::size_t k = 0; k < testing::Draws(kSeeds.size()); ++k) {
+    const std::uint32_t seed = kSeeds.at(k);
     const RecordingMaker maker = HoverWith(
         200, [](int, RecordingMaker* drone_maker) { AddRain(drone_maker); }, seed);
     EXPECT_GT(ShareFloating(maker, kDrone), 0.95) << seed;

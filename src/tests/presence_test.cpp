@@ -87,7 +87,7 @@ TEST(Presence, TakesLittleTimeHoweverLongTheStay) {
   constexpr double kMostCpuS = 20.0;  // enough under a sanitizer
   Random random(2);
   std::vector<double> times_s;
-  for (int i = 0; i < 2000; ++i) times_s.push_back(5.0 * i);
+  for (int i = 0; i < testing::Draws(2'000); ++i) times_s.push_back(5.0 * i);
   const Trajectory trajectory = Fit(
       times_s, [](double t) { return Eigen::Vector3d(9.0, std::sin(t / 60.0), 9.0); }, &random);
   const Presence presence(trajectory);

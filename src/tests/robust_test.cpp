@@ -4,12 +4,14 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <numeric>
 #include <set>
 #include <vector>
 
+#include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "trajectory/trajectory.hpp"
 
@@ -84,7 +86,7 @@ void ExpectOneDrone(const RobustResult& result, const Flight& truth, double leas
 }
 
 TEST(FindTargetsRobust, FindsADroneInTransit) {
-  for (std::uint32_t seed = 0; seed < 3; ++seed) {
+  for (std::uint32_t seed = 0; seed < testing::Draws(3U); ++seed) {
     const RecordingMaker maker = Yard(seed, DroneOn(Transit, 4.0));
     const RobustResult result = Find(maker.recording);
     ExpectOneDrone(result, Transit, 11.0);
@@ -111,7 +113,7 @@ TEST(FindTargetsRobust, FindsADroneThatHoversAllTheTimeInTheAirButNoThingOnAPole
   const Flight hover = [](double time_s) -> Eigen::Vector3d {
     return {8.0, 2.0 + 0.1 * std::sin(time_s), 8.0};
   };
-  for (std::uint32_t seed = 0; seed < 4; ++seed) {
+  for (std::uint32_t seed = 0; seed < testing::Draws(4U); ++seed) {
     const RecordingMaker in_air = Yard(seed, DroneOn(hover, 5.0));
     ExpectOneDrone(Find(in_air.recording), hover, 11.0);
     const RecordingMaker on_pole = Yard(seed, [&](double time_s, RecordingMaker* maker) {
@@ -151,7 +153,7 @@ TEST(FindTargetsRobust, FindsTwoDronesThatPassHalfAMetreFromEachOther) {
 }
 
 TEST(FindTargetsRobust, FindsNothingInAnEmptySky) {
-  for (std::uint32_t seed = 0; seed < 20; ++seed) {
+  for (std::uint32_t seed = 0; seed < testing::Draws(20U); ++seed) {
     const RecordingMaker maker = Yard(seed, [](double, RecordingMaker*) {});
     EXPECT_TRUE(Find(maker.recording).targets.empty()) << seed;
   }
@@ -179,7 +181,7 @@ TEST(FindTargetsRobust, ReportsNoWalkersAndNoCarButTheDroneAboveThem) {
     // Too few returns to know its shape: that it stays near the ground must do.
     add(-17.0, 1.4 * (time_s - 6.0), {0.25, 0.25}, 1.75, 2);
   };
-  for (std::uint32_t seed = 0; seed < 3; ++seed) {
+  for (std::uint32_t seed = 0; seed < testing::Draws(3U); ++seed) {
     EXPECT_TRUE(Find(Yard(seed, pass).recording).targets.empty()) << seed;
   }
   const RecordingMaker maker = Yard(4, [&](double time_s, RecordingMaker* m) {
@@ -271,7 +273,9 @@ TEST(FindTargetsRobust, ATurnedAndLaterRecordingGivesTurnedAndLaterTargets) {
   const RecordingMaker maker = Yard(8, DroneOn(Transit, 4.0));
   const RobustResult expected = Find(maker.recording);
   constexpr TimeNs kShiftNs = 987'654'321'987;
-  for (const double angle_rad : {0.0, 0.4, 2.0}) {
+  constexpr std::array<double, 3> kAngles_rad = {0.4, 0.0, 2.0};
+  for (std::size_t k = 0; k < testing::Draws(kAngles_rad.size()); ++k) {
+    const double angle_rad = kAngles_rad.at(k);
     const Eigen::Matrix3d turn =
         Eigen::AngleAxisd(angle_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
     Recording turned = maker.recording;
@@ -375,7 +379,7 @@ TEST(FindTargetsRobust, FindsADroneBetweenTwoStationsAsOneTrack) {
     };
     return Moved(Yard(seed, drone).recording, viewpoint_m.cast<float>());
   };
-  for (std::uint32_t seed = 0; seed < 3; ++seed) {
+  for (std::uint32_t seed = 0; seed < testing::Draws(3U); ++seed) {
     const Recording both =
         Together(seen_from(seed, Eigen::Vector3d::Zero()), seen_from(seed + 7, other_m));
     ExpectOneDrone(Find(both), across, 11.0);
@@ -384,7 +388,7 @@ TEST(FindTargetsRobust, FindsADroneBetweenTwoStationsAsOneTrack) {
 
 TEST(FindTargetsRobust, FindsNothingWhereTwoStationsSeeNoDrone) {
   const Filler nothing = [](double, RecordingMaker*) {};
-  for (std::uint32_t seed = 0; seed < 3; ++seed) {
+  for (std::uint32_t seed = 0; seed < testing::Draws(3U); ++seed) {
     const Recording both =
         Together(Yard(seed, nothing).recording,
                  Moved(Yard(seed + 7, nothing).recording, Eigen::Vector3f(60.0F, 8.0F, 1.0F)));

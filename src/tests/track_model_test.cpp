@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "robust/tracking/path_exchange.hpp"
+#include "tests/draws.hpp"
 #include "tests/synthetic_plots.hpp"
 #include "tests/tracker_oracle.hpp"
 
@@ -112,7 +113,7 @@ TEST(TrackModel, TheNoiseOfAMotionHasNoSeam) {
 TEST(PathScorer, ScoresAnySequenceAsThePlainModelDoes) {
   TrackerConfig config;
   config.max_speed_mps = 1e3;  // a limit of the search
-  for (std::uint32_t seed = 0; seed < 60; ++seed) {
+  for (std::uint32_t seed = 0; seed < testing::Draws(60U); ++seed) {
     Random random(seed);
     std::vector<Plot> plots = RandomPlots(12, &random);
     const int num_sensors = 1 + static_cast<int>(seed % 3);

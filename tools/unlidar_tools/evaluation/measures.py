@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from unlidar_tools.evaluate_options import Options
 from unlidar_tools.evaluation.association import FALSE_BEYOND_M
@@ -11,7 +11,7 @@ from unlidar_tools.evaluation.bootstrap import Drawn, intervals
 from unlidar_tools.evaluation.judgement import Judgement
 
 WITHIN_M = 1.0
-NEES_95 = float(chi2.ppf(0.95, 3))
+NEES_95 = float(chdtri(3, 0.05))
 
 
 def measure(judged: Sequence[Judgement], options: Options) -> dict:

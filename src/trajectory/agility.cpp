@@ -63,8 +63,7 @@ struct ChainResult {
 // before.
 ChainResult FollowLevels(const std::vector<Levels>& likelihoods, const std::vector<double>& stays,
                          double spread) {
-  // Log-normal, of mean 1: the sigma_a of the whole flight is a root mean square.
-  Levels prior = (-0.5 * (0.5 * LogVariances() / spread + spread).square()).exp();
+  Levels prior = (-0.5 * (0.5 * LogVariances() / spread).square()).exp();
   prior /= prior.sum();
   const std::size_t n = likelihoods.size();
   ChainResult result;

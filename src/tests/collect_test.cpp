@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -208,6 +209,30 @@ TEST(CollectTarget, TheCentreLiesBehindTheReturnsByAShareOfTheirSpread) {
     EXPECT_NEAR(shift_m.dot(mean_m.normalized()), shift_m.norm(), 1e-9);
   }
   EXPECT_NEAR(corrected.depth_sigma_m, CollectConfig().facing_side_sigma * 0.1, 0.01);
+}
+
+TEST(CollectTarget, ABodyThatIsWiderThanHighIsUncertainAcrossMoreThanUpwards) {
+  // Flat, four times as wide as high, and level flight, across which it shows but its height.
+  constexpr double kWidthM = 0.4;
+  RecordingMaker maker(16);
+  for (int i = 0; i < kFrames; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    const Eigen::Vector3d half_m(0.5 * kWidthM, 0.5 * kWidthM, 0.125 * kWidthM);
+    const Eigen::Vector3d centre_m = DroneAt(testing::MiddleS(i));
+    maker.AddBox(centre_m - half_m, centre_m + half_m, 5, kDrone);
+  }
+  const CollectConfig config;
+  const Target target = Collect(maker, PathOf(maker, 0, kFrames - 1));
+  const double width_m = kWidthM / std::sqrt(12.0);
+  EXPECT_NEAR(target.depth_sigma_m, config.facing_side_sigma * width_m, 0.01);
+  for (const Measurement& m : target.measurements) {
+    const Eigen::Vector3d across = m.position_m.cross(Eigen::Vector3d::UnitZ()).normalized();
+    const double returns_m2 =
+        across.dot(m.covariance_m2 * across) - config.centre_sigma_m * config.centre_sigma_m;
+    EXPECT_NEAR(std::sqrt(returns_m2 * m.support) / width_m, 1.0, 0.4);
+    const Eigen::Vector3d up = across.cross(m.position_m).normalized();
+    EXPECT_GT(across.dot(m.covariance_m2 * across), 1.5 * up.dot(m.covariance_m2 * up));
+  }
 }
 
 TEST(CollectTarget, TheCentreLiesBetweenWhatTwoStationsSeeOfItsSides) {

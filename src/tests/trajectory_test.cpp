@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "tests/draws.hpp"
+#include "trajectory/bspline.hpp"
 
 namespace unlidar {
 namespace {
@@ -204,7 +205,7 @@ TEST(Trajectory, SigmaWidensAcrossAGapAndBeyondTheEnds) {
 }
 
 // Kalman filter and Rauch-Tung-Striebel smoother of one axis of the same model, at the times of the
-// measurements and of the queries.
+// measurements and of the queries. acceleration: its standard deviation at a time.
 struct Smoothed {
   double mean = 0.0;
   double sigma = 0.0;
@@ -212,7 +213,9 @@ struct Smoothed {
 
 std::vector<Smoothed> SmoothWithKalman(const std::vector<double>& times_s,
                                        const std::vector<double>& values,  // NaN: none
-                                       double noise, double acceleration, double tau_s) {
+                                       double noise,
+                                       const std::function<double(double)>& acceleration,
+                                       double begin_acceleration, double tau_s) {
   const auto transition = [&](double dt_s) {
     const double decay = std::exp(-dt_s / tau_s);
     Eigen::Matrix3d f = Eigen::Matrix3d::Identity();
@@ -222,12 +225,14 @@ std::vector<Smoothed> SmoothWithKalman(const std::vector<double>& times_s,
     f(2, 2) = decay;
     return f;
   };
-  const auto process_noise = [&](double dt_s) {
+  const auto process_noise = [&](double end_s, double dt_s) {
     Eigen::Matrix3d q = Eigen::Matrix3d::Zero();
     constexpr int kSteps = 400;
     for (int i = 0; i < kSteps; ++i) {
-      const Eigen::Vector3d g = transition(dt_s * (i + 0.5) / kSteps).col(2);
-      q += 2.0 * acceleration * acceleration / tau_s * dt_s / kSteps * g * g.transpose();
+      const double before_end_s = dt_s * (i + 0.5) / kSteps;
+      const double sigma = acceleration(end_s - before_end_s);
+      const Eigen::Vector3d g = transition(before_end_s).col(2);
+      q += 2.0 * sigma * sigma / tau_s * dt_s / kSteps * g * g.transpose();
     }
     return q;
   };
@@ -237,13 +242,14 @@ std::vector<Smoothed> SmoothWithKalman(const std::vector<double>& times_s,
   for (std::size_t i = 0; i < n; ++i) {
     if (i == 0) {
       predicted[0].setZero();
-      predicted_covariance[0] = Eigen::Vector3d(1e6, 1e5, acceleration * acceleration).asDiagonal();
+      predicted_covariance[0] =
+          Eigen::Vector3d(1e8, 1e7, begin_acceleration * begin_acceleration).asDiagonal();
     } else {
       const double dt_s = times_s[i] - times_s[i - 1];
       step[i] = transition(dt_s);
       predicted[i] = step[i] * mean[i - 1];
       predicted_covariance[i] =
-          step[i] * covariance[i - 1] * step[i].transpose() + process_noise(dt_s);
+          step[i] * covariance[i - 1] * step[i].transpose() + process_noise(times_s[i], dt_s);
     }
     mean[i] = predicted[i];
     covariance[i] = predicted_covariance[i];
@@ -295,9 +301,10 @@ TEST(Trajectory, MeanAndSigmaAreThoseOfAKalmanSmootherWithTheSamePrior) {
     };
     std::vector<Event> events;
     for (const auto& m : measurements) events.push_back({m.time_ns, m.position_m.x()});
-    for (int i = -20; i <= 190; ++i) {
-      events.push_back({Stamp(0.0837 * i), std::numeric_limits<double>::quiet_NaN()});
-    }
+    constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
+    // Where the model begins.
+    events.push_back({trajectory.origin_ns + std::llround(trajectory.knots_s[3] * 1e9), kNoValue});
+    for (int i = -20; i <= 190; ++i) events.push_back({Stamp(0.0837 * i), kNoValue});
     std::stable_sort(events.begin(), events.end(),
                      [](const Event& a, const Event& b) { return a.time_ns < b.time_ns; });
     std::vector<double> times_s, values;
@@ -305,9 +312,16 @@ TEST(Trajectory, MeanAndSigmaAreThoseOfAKalmanSmootherWithTheSamePrior) {
       times_s.push_back(static_cast<double>(event.time_ns - kBeginNs) * 1e-9);
       values.push_back(event.value);
     }
-    const auto oracle = SmoothWithKalman(times_s, values, flight.noise, flight.acceleration, 2.0);
+    const auto acceleration = [&](double time_s) {
+      const double since_origin_s =
+          time_s - static_cast<double>(trajectory.origin_ns - kBeginNs) * 1e-9;
+      const int interval = IntervalAt(trajectory.knots_s, since_origin_s);
+      return flight.acceleration * trajectory.agility[static_cast<std::size_t>(interval)];
+    };
+    const auto oracle =
+        SmoothWithKalman(times_s, values, flight.noise, acceleration, flight.acceleration, 2.0);
     for (std::size_t i = 0; i < events.size(); ++i) {
-      if (!std::isnan(events[i].value)) continue;
+      if (!std::isnan(events[i].value) || times_s[i] < -2.0) continue;
       const TrajectoryRow row = trajectory.At(events[i].time_ns);
       EXPECT_NEAR(row.position_m.x(), oracle[i].mean, 0.1 * oracle[i].sigma)
           << flight.speed << " m/s at " << times_s[i] << " s";
@@ -364,8 +378,64 @@ TEST(Trajectory, ErrorsAreAsLargeAsSigmaSays) {
         ++count;
       }
     }
-    EXPECT_GT(sum / count, 2.0) << kind.name;
+    // Five measurements do not tell how even a flight is: their sigmas are a little wide.
+    EXPECT_GT(sum / count, 1.8) << kind.name;
     EXPECT_LT(sum / count, 4.0) << kind.name;
+  }
+}
+
+// A flight that is calm but for a second in ten, in which it stops or goes: Singer's model with
+// sigma_a 0.2 and 5 m/s^2, in steps of 10 ms.
+constexpr double kStepS = 0.01;
+bool IsBurst(double time_s) {
+  return std::fmod(time_s, 10.0) >= 5.0 && std::fmod(time_s, 10.0) < 6.0;
+}
+
+std::vector<Eigen::Vector3d> StopAndGo(double duration_s, Random& random) {
+  constexpr double kTauS = 2.0;
+  std::vector<Eigen::Vector3d> path_m;
+  Eigen::Vector3d x_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d v_mps = random.Normal();
+  Eigen::Vector3d a_mps2 = 0.2 * random.Normal();
+  for (double t = 0.0; t <= duration_s; t += kStepS) {
+    path_m.push_back(x_m);
+    if (IsBurst(t - 1.0)) a_mps2 *= 0.9;  // the manoeuvre ends
+    const double sigma = IsBurst(t) ? 5.0 : 0.2;
+    a_mps2 += -kStepS / kTauS * a_mps2 + sigma * std::sqrt(2.0 * kStepS / kTauS) * random.Normal();
+    v_mps += kStepS * a_mps2;
+    x_m += kStepS * v_mps;
+  }
+  return path_m;
+}
+
+TEST(Trajectory, StopAndGoIsAsUncertainAsSigmaSaysInItsManoeuvresAndBetweenThem) {
+  // In the manoeuvres one sigma_a for the whole flight has 10 and 16.
+  struct Rate {
+    double rate_hz, most_in_manoeuvres;
+  };
+  for (const auto& [rate_hz, most_in_manoeuvres] : {Rate{10.0, 5.0}, Rate{3.0, 9.0}}) {
+    Random random(21);
+    std::array<double, 2> sum{}, sigma_m{}, count{};  // between manoeuvres, in them
+    for (int flight = 0; flight < testing::Draws(40); ++flight) {
+      const auto path_m = StopAndGo(30.0, random);
+      const auto at = [&](double t) {
+        return path_m[static_cast<std::size_t>(std::lround(t / kStepS))];
+      };
+      const Trajectory trajectory = FitTrajectory(Measure(at, 30.0, rate_hz, 0.1, random), {});
+      for (double t = 1.0; t < 29.0; t += 0.1) {
+        const Eigen::Vector3d error_m = trajectory.At(Stamp(t)).position_m - at(t);
+        const Eigen::Matrix3d covariance_m2 = trajectory.CovarianceAt(Stamp(t));
+        const auto part = static_cast<std::size_t>(IsBurst(t));
+        sum[part] += error_m.dot(covariance_m2.ldlt().solve(error_m));
+        sigma_m[part] += std::sqrt(covariance_m2.trace());
+        count[part] += 1.0;
+      }
+    }
+    EXPECT_GT(sum[0] / count[0], 2.0) << rate_hz;
+    EXPECT_LT(sum[0] / count[0], 4.0) << rate_hz;
+    EXPECT_GT(sum[1] / count[1], 2.0) << rate_hz;
+    EXPECT_LT(sum[1] / count[1], most_in_manoeuvres) << rate_hz;
+    EXPECT_GT(sigma_m[1] / count[1], 1.05 * sigma_m[0] / count[0]) << rate_hz;
   }
 }
 

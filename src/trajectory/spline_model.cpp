@@ -58,6 +58,7 @@ SplineModel BuildSplineModel(const std::vector<Measurement>& measurements,
   // |a' + a / tau|^2 is a square of straight lines on each interval: two Gauss points are exact.
   const double tau_s = config.acceleration_time_s;
   const int num_intervals = static_cast<int>(model.knots_s.size()) - 7;
+  model.agility.assign(Index(num_intervals), 1.0);
   for (int i = 0; i < num_intervals; ++i) {
     const Eigen::Matrix4d polynomials = BasisPolynomials(model.knots_s, i);
     const double length_s = model.knots_s[Index(i + 4)] - model.knots_s[Index(i + 3)];

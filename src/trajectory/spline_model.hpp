@@ -31,7 +31,8 @@ struct SplineModel {
   Eigen::Vector3d origin_m = Eigen::Vector3d::Zero();
   std::vector<double> knots_s;
   std::vector<SplineRow> measurements;
-  std::vector<SplineRow> smoothness;  // for sigma_a = 1 m/s^2
+  std::vector<double> agility;        // (intervals) sigma_a there over that of the whole: 1
+  std::vector<SplineRow> smoothness;  // for sigma_a = 1 m/s^2: of the begin, then two an interval
   std::vector<SplineRow> start;       // nearly nothing about the first position and velocity
   int num_control_points() const { return static_cast<int>(knots_s.size()) - 4; }
 };

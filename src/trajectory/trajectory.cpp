@@ -7,8 +7,11 @@
 #include <array>
 #include <cstddef>
 #include <new>
+#include <utility>
+#include <vector>
 
 #include "base/memory_reserve.hpp"
+#include "trajectory/agility.hpp"
 #include "trajectory/bspline.hpp"
 #include "trajectory/spline_cost.hpp"
 #include "trajectory/trajectory_model.hpp"
@@ -67,16 +70,22 @@ void Refine(const SplineModel& model, const TrajectoryConfig& config, Trajectory
   }
 }
 
-Trajectory Finish(const std::vector<Measurement>& measurements, const SplineModel& model,
-                  const SplineFit& fit, const TrajectoryScales& scales,
-                  const TrajectoryConfig& config) {
+// From a fit at the same agility all along.
+Trajectory Finish(const std::vector<Measurement>& measurements, SplineModel model, SplineFit fit,
+                  const TrajectoryScales& scales, const TrajectoryConfig& config) {
+  constexpr int kRounds = 2;  // a third changes sigmas by 1 %
+  for (int round = 0; round < kRounds; ++round) {
+    AdaptAgility(fit, scales, model);
+    fit = FitRobust(model, scales, config);
+  }
   Trajectory trajectory;
   trajectory.scales = scales;
   trajectory.origin_ns = measurements.front().time_ns;
   trajectory.duration_ns = measurements.back().time_ns - trajectory.origin_ns;
   trajectory.origin_m = model.origin_m;
   trajectory.knots_s = model.knots_s;
-  trajectory.control_points_m = fit.control_points_m;
+  trajectory.agility = model.agility;
+  trajectory.control_points_m = std::move(fit.control_points_m);
   Refine(model, config, trajectory);
   trajectory.covariances_m2 = ControlPointCovariances(model, trajectory.weights, scales);
   return trajectory;
@@ -145,7 +154,7 @@ Trajectory FitTrajectory(const std::vector<Measurement>& measurements,
   SplineFit fit = FitRobust(model, best.scales, config);
   best = SearchScales(model, fit, config);
   fit = FitRobust(model, best.scales, config);
-  return Finish(measurements, model, fit, best.scales, config);
+  return Finish(measurements, model, std::move(fit), best.scales, config);
 }
 
 Trajectory RefitTrajectory(const std::vector<Measurement>& measurements,

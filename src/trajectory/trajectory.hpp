@@ -7,7 +7,8 @@
 //     + tau / (2 sigma_a^2) * integral |a' + a / tau|^2 dt + |a(t_0)|^2 / sigma_a^2,
 // whose last two terms equal integral(|a'|^2 tau + |a|^2 / tau) dt / (2 sigma_a^2) and boundary
 // terms. sigma_a and the noise scale k are those that the data makes likely (marginal likelihood,
-// which is REML, for position and velocity at t_0 are as good as free); rho is truncated.
+// which is REML, for position and velocity at t_0 are as good as free); rho is truncated. Where the
+// flight is calmer or more agile than on the whole, sigma_a follows (agility.hpp).
 #pragma once
 
 #include <Eigen/Core>
@@ -37,6 +38,7 @@ struct Trajectory {
   TimeNs duration_ns = 0;
   Eigen::Vector3d origin_m = Eigen::Vector3d::Zero();
   std::vector<double> knots_s;
+  std::vector<double> agility;  // (intervals) sigma_a between knots i + 3 and i + 4 over scales'
   std::vector<Eigen::Vector3d> control_points_m;
   // Entry d of control point i: covariance with control point i + d.
   std::vector<std::array<Eigen::Matrix3d, 4>> covariances_m2;

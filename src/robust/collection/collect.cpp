@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "robust/collection/body.hpp"
 #include "robust/collection/presence.hpp"
 
 namespace unlidar {
@@ -14,17 +15,10 @@ namespace {
 TimeNs Nanoseconds(double time_s) { return std::llround(time_s * 1e9); }
 
 // The covariance of one return about the target, without that of the trajectory.
-double ReturnVarianceM2(double range_m, double body_sigma_m, const CollectConfig& config) {
-  const double beam_m = config.beam_sigma_rad * range_m;
-  return body_sigma_m * body_sigma_m + beam_m * beam_m;
-}
-
-// How far the target moves while the returns of a frame, whose own times are not known, arrive.
-Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity_mps) {
-  if (frame.is_timed) return Eigen::Matrix3d::Zero();
-  const Eigen::Vector3d along_m =
-      velocity_mps * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
-  return along_m * along_m.transpose() / 12.0;
+Eigen::Matrix3d ReturnCovarianceM2(const Eigen::Vector3d& ray_m, const BodySigmas& body,
+                                   const CollectConfig& config) {
+  const double beam_m = config.beam_sigma_rad * ray_m.norm();
+  return BodyCovarianceM2(body, ray_m) + beam_m * beam_m * Eigen::Matrix3d::Identity();
 }
 
 // From where the returns of a frame were measured to a place.
@@ -34,7 +28,7 @@ Eigen::Vector3d RayM(const SensorView& view, const Eigen::Vector3d& place_m) {
 
 Measurement Measure(const Recording& recording, const FrameInfo& frame, const SensorView& view,
                     const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
-                    double body_sigma_m, const CollectConfig& config) {
+                    const BodySigmas& body, const CollectConfig& config) {
   Measurement m;
   const auto n = static_cast<double>(returns.size());
   double offset_ns = 0.0;
@@ -45,10 +39,10 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame, const Se
   m.time_ns = frame.begin_ns + std::llround(offset_ns);
   m.support = static_cast<int>(returns.size());
   m.viewpoint_m = view.viewpoint_m.cast<double>();
-  const double range_m = RayM(view, m.position_m).norm();
-  const double variance = config.centre_sigma_m * config.centre_sigma_m +
-                          ReturnVarianceM2(range_m, body_sigma_m, config) / n;
-  m.covariance_m2 = variance * Eigen::Matrix3d::Identity() + StreakM2(frame, velocity_mps) / n;
+  m.covariance_m2 =
+      config.centre_sigma_m * config.centre_sigma_m * Eigen::Matrix3d::Identity() +
+      (ReturnCovarianceM2(RayM(view, m.position_m), body, config) + StreakM2(frame, velocity_mps)) /
+          n;
   return m;
 }
 
@@ -58,35 +52,6 @@ struct Sighting {
   Measurement measurement;
   std::uint32_t sensor;
   Eigen::Vector3d velocity_mps;  // expected
-};
-
-// How far the returns of a body spread across the ray, per axis: its size as it is seen. Across the
-// motion, too, because along it they spread with time.
-class BodySpread {
- public:
-  explicit BodySpread(const CollectConfig& config)
-      : sum_m2_(kPriorReturns * config.body_sigma_m * config.body_sigma_m) {}
-
-  void Add(const Recording& recording, const SensorView& view,
-           const std::vector<std::uint32_t>& returns, const TrajectoryRow& expected) {
-    const Eigen::Vector3d ray = RayM(view, expected.position_m).normalized();
-    const Eigen::Vector3d across = ray.cross(expected.velocity_mps).stableNormalized();
-    if (across.squaredNorm() < 0.5) return;  // at rest, or on its way to the sensor
-    for (const std::uint32_t i : returns) {
-      const double offset_m =
-          across.dot(recording.points_m[i].cast<double>() - expected.position_m);
-      sum_m2_ += offset_m * offset_m;
-      count_ += 1.0;
-    }
-  }
-
-  double SigmaM() const { return std::sqrt(sum_m2_ / count_); }
-
- private:
-  static constexpr double kPriorReturns = 10.0;
-
-  double sum_m2_;
-  double count_ = kPriorReturns;
 };
 
 // How a sensor disagrees with the one that sees the target best: poses and clocks are never exact.
@@ -208,11 +173,11 @@ class Collector {
   std::vector<std::uint32_t> Collect(const FrameInfo& frame, const SensorView& view,
                                      const Trajectory& trajectory, const Presence& presence,
                                      const TrajectoryRow& expected, double returns_per_frame,
-                                     double body_sigma_m) const {
+                                     const BodySigmas& body) const {
     const TimeNs middle_ns = expected.time_ns;
-    Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) + StreakM2(frame, expected.velocity_mps);
-    s.diagonal().array() +=
-        ReturnVarianceM2(RayM(view, expected.position_m).norm(), body_sigma_m, config_);
+    const Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) +
+                              StreakM2(frame, expected.velocity_mps) +
+                              ReturnCovarianceM2(RayM(view, expected.position_m), body, config_);
     const Eigen::Matrix3d information = s.inverse();
     const double log_peak =
         std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
@@ -257,7 +222,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
                      const std::vector<Plot>& path, const std::vector<char>& excluded,
                      const CollectConfig& config, const TrajectoryConfig& trajectory_config) {
   Target target;
-  double body_sigma_m = config.body_sigma_m;
+  BodySigmas body{config.body_sigma_m, config.body_sigma_m, config.body_sigma_m};
   std::vector<int> returns(recording.sensors.size(), 0);
   for (const Plot& plot : path) {
     returns[recording.frames[plot.frame].sensor] += static_cast<int>(plot.returns.size());
@@ -266,9 +231,9 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   for (const Plot& plot : path) {
     const FrameInfo& frame = recording.frames[plot.frame];
     target.measurements.push_back(Measure(recording, frame, views[frame.sensor], plot.returns,
-                                          Eigen::Vector3d::Zero(), body_sigma_m, config));
+                                          Eigen::Vector3d::Zero(), body, config));
     Eigen::Vector3d& position_m = target.measurements.back().position_m;
-    position_m += facing.OffsetM(views[frame.sensor], position_m, body_sigma_m);
+    position_m += facing.OffsetM(views[frame.sensor], position_m, body.width_m);
     target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
   }
   std::stable_sort(target.measurements.begin(), target.measurements.end(), IsEarlier);
@@ -283,7 +248,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
     const double returns_per_frame = static_cast<double>(target.returns.size()) /
                                      static_cast<double>(target.measurements.size());
     std::vector<Sighting> sightings;
-    BodySpread spread(config);
+    BodySpread spread(config.body_sigma_m);
     Target next;
     for (const FrameInfo& frame : recording.frames) {
       const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
@@ -295,14 +260,14 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
       if (expected.sigma_m.maxCoeff() > config.max_search_sigma_m) continue;
       expected.time_ns = middle_ns;  // by the sensor's clock
       expected.position_m += shift.bias_m;
-      const Eigen::Vector3d facing_m = facing.OffsetM(view, expected.position_m, body_sigma_m);
+      const Eigen::Vector3d facing_m = facing.OffsetM(view, expected.position_m, body.width_m);
       expected.position_m -= facing_m;
-      const std::vector<std::uint32_t> members = collector.Collect(
-          frame, view, trajectory, presence, expected, returns_per_frame, body_sigma_m);
+      const std::vector<std::uint32_t> members =
+          collector.Collect(frame, view, trajectory, presence, expected, returns_per_frame, body);
       if (members.empty()) continue;
-      spread.Add(recording, view, members, expected);
+      spread.Add(recording, frame, view.viewpoint_m.cast<double>(), members, expected);
       sightings.push_back(
-          {Measure(recording, frame, view, members, expected.velocity_mps, body_sigma_m, config),
+          {Measure(recording, frame, view, members, expected.velocity_mps, body, config),
            frame.sensor, expected.velocity_mps});
       sightings.back().measurement.position_m += facing_m;
       next.returns.insert(next.returns.end(), members.begin(), members.end());
@@ -319,16 +284,16 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
     }
     std::stable_sort(next.measurements.begin(), next.measurements.end(), IsEarlier);
     std::sort(next.returns.begin(), next.returns.end());
-    body_sigma_m = spread.SigmaM();
+    body = spread.Sigmas();
     const bool is_settled = next.returns == target.returns;
     target = std::move(next);
     if (is_settled && round > 0) break;
   }
   // Only the side that faces the sensor is seen.
   for (Measurement& m : target.measurements) {
-    m.position_m += facing.DepthM(m.position_m, body_sigma_m);
+    m.position_m += facing.DepthM(m.position_m, body.width_m);
   }
-  target.depth_sigma_m = config.facing_side_sigma * body_sigma_m;
+  target.depth_sigma_m = config.facing_side_sigma * body.width_m;
   return target;
 }
 

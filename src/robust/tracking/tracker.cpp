@@ -63,18 +63,22 @@ class PathFinder {
 
   // Most of what a search has found besides its best path stays true when that is taken away, so
   // paths are taken from one search until it holds no more; then what they hid is searched again.
+  // However many targets there are; only of what is too weak for one there is a limit.
   std::vector<Path> TakeBest() {
     std::vector<Path> paths;
-    const auto max_paths = static_cast<std::size_t>(config_.max_paths);
-    for (bool found = true; found && paths.size() < max_paths;) {
+    int num_weak = 0;
+    for (bool found = true; found;) {
       found = false;
       std::vector<TrackSearch> searches = SearchFree();
-      while (paths.size() < max_paths) {
+      while (true) {
         Path best = BestOf(&searches);
         if (best.score < config_.min_fragment_log) break;
-        SetFree(best, 0);
         // What a weak path hides is weak, too.
-        found = found || best.score >= config_.birth_cost;
+        const bool stands = best.score >= config_.birth_cost;
+        if (!stands && num_weak == config_.max_paths) break;
+        found = found || stands;
+        if (!stands) ++num_weak;
+        SetFree(best, 0);
         paths.push_back(std::move(best));
       }
     }

@@ -1,0 +1,22 @@
+// Stop and go: a target that is calm for most of a flight and agile for some seconds of it. One
+// sigma_a for the whole would be too wide for the calm and far too narrow for the rest.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "trajectory/spline_model.hpp"
+#include "trajectory/trajectory_model.hpp"
+
+namespace unlidar {
+
+// Sets the agility of each interval of the model, sigma_a there over that of the whole flight, to
+// what is known of it after a fit at the agilities it has so far. The agility is a hidden Markov
+// chain on a ladder of levels: it stays for half a second on average, and is then drawn anew. How
+// far the levels of this flight spread is averaged over, too, by the evidence for each spread; a
+// flight that is the same all along is left as it is. What an interval tells of its level is the
+// part of its jerks that the measurements determine (MacKay, 1992): in a gap that is nothing, and
+// the agility is that of its ends and, farther off, that of any time.
+void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, SplineModel& model);
+
+}  // namespace unlidar

@@ -48,8 +48,7 @@ LiveClutter::Sensor& LiveClutter::SensorAt(std::uint32_t sensor) {
   return sensors_[sensor];
 }
 
-void LiveClutter::Foresee(std::uint32_t sensor, double time_s,
-                          const std::vector<SeenPlot>& plots) {
+void LiveClutter::Foresee(std::uint32_t sensor, double time_s, const std::vector<SeenPlot>& plots) {
   Sensor& seen = SensorAt(sensor);
   if (foreseen_until_s_ < 0.0) foreseen_from_s_ = time_s;
   foreseen_until_s_ = time_s;
@@ -131,8 +130,7 @@ void LiveClutter::Judge(const Support& support, double time_s, std::vector<SeenP
     Plot& plot = seen.plot;
     const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
     Sensor& sensor = SensorAt(plot.sensor);
-    const double frames =
-        std::max(1.0, sensor.frames + static_cast<double>(sensor.ahead_s.size()));
+    const double frames = std::max(1.0, sensor.frames + static_cast<double>(sensor.ahead_s.size()));
     double rate = 1e-6;
     for (const FadingGrid* grid : {&sensor.wide, &sensor.middle, &sensor.narrow}) {
       const double exposure = frames * grid->VolumeM3(place_m);

@@ -132,8 +132,8 @@ class LiveScene {
 
   // Frames on their way.
   std::deque<BinnedFrame> waiting_;
-  std::deque<SceneFrame> held_;   // not yet judged: their plots are relative to the viewpoint
-  std::uint32_t num_frames_ = 0;  // made into plots
+  std::deque<SceneFrame> held_;     // not yet judged: their plots are relative to the viewpoint
+  std::uint32_t num_frames_ = 0;    // made into plots
   std::size_t num_unforeseen_ = 0;  // frames that waited for the warm-up and still do
 };
 

@@ -11,7 +11,8 @@ namespace unlidar {
 namespace {
 
 constexpr double kRatesFadeS = 60.0;
-constexpr double kPauseS = 1.0;  // without a plot: what is before and after may be two things
+constexpr double kPauseS = 1.0;      // without a plot: what is before and after may be two things,
+constexpr double kLongPauseS = 3.0;  // and then what was no track before it has no part in one
 constexpr RangeRadius kLeastMove{0.8, 0.02};
 constexpr double kLongStandS = 2.0;
 // What the clutter of a place is, is hardly known at first: paths of it are more frequent then than
@@ -68,6 +69,13 @@ std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
   }
   const bool is_long = path[count - 1].at.time_s - path.front().at.time_s > kLongStandS;
   return is_long && 2 * num_floating < count && count < path.size() ? count : 0;
+}
+
+// How many plots at the begin of a path lie before its last long pause.
+std::size_t PausePrefix(const std::vector<SeenPlot>& path) {
+  std::size_t first = path.size() - 1;
+  while (first > 0 && path[first].at.time_s - path[first - 1].at.time_s < kLongPauseS) --first;
+  return first;
 }
 
 template <class T>
@@ -167,8 +175,11 @@ std::optional<Flight> LiveSearch::FlightOf(const Path& path) const {
     if (!free_[i]) return std::nullopt;
     flight.plots.push_back(seen_[i]);
   }
-  std::size_t first = LowPrefix(flight.plots, config_.robust.off_ground_m);
+  std::size_t first = PausePrefix(flight.plots);
   DropFirst(first, &flight.plots);
+  const std::size_t low = LowPrefix(flight.plots, config_.robust.off_ground_m);
+  DropFirst(low, &flight.plots);
+  first += low;
   if (flight.plots.empty()) return std::nullopt;
   const std::size_t standing = StandingPrefix(flight.plots);
   DropFirst(standing, &flight.plots);

@@ -235,9 +235,12 @@ void LiveScene::Judge(SceneFrame* frame) {
   const TimeNs middle_ns = frame->info.middle_ns();
   Station& station = StationOf(frame->info.sensor);
   frame->time_s = SecondsOf(middle_ns);
-  frame->watched_s = std::max(frame->time_s - SecondsOf(learning_since_ns_),
-                              static_cast<double>(kWarmUpNs) * kSecondsPerNs);
   frame->is_searched = middle_ns >= station.search_from_ns;
+  // What was seen in the first seconds is judged when they are over.
+  frame->watched_s = frame->time_s - SecondsOf(learning_since_ns_);
+  if (frame->is_searched) {
+    frame->watched_s = std::max(frame->watched_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
+  }
   std::deque<BodyBox>& bodies = station.bodies;
   const TimeNs oldest_ns = middle_ns - 2 * NsOf(config_.robust.plots.body_margin_s);
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();

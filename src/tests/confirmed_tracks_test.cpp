@@ -160,7 +160,7 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
     const std::size_t num_guessed = t.rows.size();
     EXPECT_GE(t.rows.back().time_ns, FrameAt(kLast).stamp_ns);
     EXPECT_LT(t.rows.back().time_ns, FrameAt(kAgain - 1).stamp_ns);
-    for (const TrajectoryRow& row : t.rows) EXPECT_LT(row.sigma_m.maxCoeff(), 0.41);
+    for (const TrajectoryRow& row : t.rows) EXPECT_LE(row.sigma_m.maxCoeff(), 0.25);
     for (int i = kAgain; is_seen_again && i < kAgain + 18; ++i) {
       if (i % 6 == 0) go_to(i, {CirclingAt(i)});
       if (i % 6 != 0) go_to(i, {});

@@ -30,7 +30,7 @@ struct TrackConfirmed {
 // Rows of one track come in order of time. None is taken back.
 struct RowGiven {
   TrajectoryRow row;
-  bool is_late = false;  // older than live.delay_s, as the track was only now confirmed
+  bool is_late = false;  // older than live.delay_s and a frame: only now confirmed or seen again
   Kind kind;             // of its track, by what was seen until now
 };
 

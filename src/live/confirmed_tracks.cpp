@@ -11,8 +11,11 @@
 namespace unlidar {
 namespace {
 
-constexpr double kAheadS = 0.1;  // rows are given so much earlier than they are due, if need be
-constexpr double kTaken = 0.0;   // gain from which a plot is a track's
+// Beyond what was seen of a target a stream can only guess how it goes on. A row there is given
+// while its sigma is at most this share of the largest that may be written; else it waits for a
+// sighting, or for the end.
+constexpr double kGuessedShare = 0.25;
+constexpr double kTaken = 0.0;  // gain from which a plot is a track's
 
 }  // namespace
 
@@ -69,9 +72,11 @@ bool ConfirmedTracks::Begin(const Flight& flight, double least_score) {
 }
 
 std::vector<SeenPlot> ConfirmedTracks::GiveRows(TimeNs searched_ns, TimeNs newest_ns) {
-  const TimeNs due_ns = newest_ns - NsOf(config_.live.delay_s - kAheadS);
+  const TimeNs due_ns = newest_ns - NsOf(config_.live.delay_s);
   std::vector<SeenPlot> settled;
-  for (Track& track : tracks_) Append(&track, std::min(due_ns, searched_ns), newest_ns, &settled);
+  for (Track& track : tracks_) {
+    Append(&track, std::min(due_ns, searched_ns), newest_ns, kGuessedShare, &settled);
+  }
   return settled;
 }
 
@@ -83,7 +88,7 @@ std::vector<SeenPlot> ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs searched_n
       ++track;
       continue;
     }
-    Append(&*track, searched_ns, searched_ns, &settled);
+    Append(&*track, searched_ns, searched_ns, 1.0, &settled);
     on_event_(TrackEnded{track->follower->id(), last_ns, track->kind.kind()});
     track = tracks_.erase(track);
   }
@@ -93,7 +98,7 @@ std::vector<SeenPlot> ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs searched_n
 void ConfirmedTracks::Close(TimeNs newest_ns) {
   std::vector<SeenPlot> settled;
   for (Track& track : tracks_) {
-    Append(&track, std::numeric_limits<TimeNs>::max() / 2, newest_ns, &settled);
+    Append(&track, std::numeric_limits<TimeNs>::max() / 2, newest_ns, 1.0, &settled);
     on_event_(
         TrackEnded{track.follower->id(), track.follower->last_evidence_ns(), track.kind.kind()});
   }
@@ -122,7 +127,7 @@ TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) co
 }
 
 // Gives the rows of a track until then, if there are any, and appends the plots that they settle.
-void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
+void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns, double guessed_share,
                              std::vector<SeenPlot>* settled) {
   const OutputInstants instants(instants_.Between(track->given_ns, until_ns));
   if (instants.size() == 0) return;
@@ -142,8 +147,12 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
     on_event_(TrackConfirmed{follower.id(), follower.first_evidence_ns(), kind});
   }
   const RowStream rows = SampleRows(source, instants);
-  const TimeNs late_ns = newest_ns - NsOf(config_.live.delay_s);
+  const TimeNs late_ns = newest_ns - NsOf(config_.live.delay_s) - period_ns_;
+  const TimeInterval seen{follower.measurements().front().time_ns, follower.last_evidence_ns()};
+  const double max_guessed_m = guessed_share * source.max_sigma_m;
   while (std::optional<TrajectoryRow> row = rows()) {
+    const bool is_guessed = row->time_ns < seen.begin_ns || row->time_ns > seen.end_ns;
+    if (is_guessed && row->sigma_m.maxCoeff() > max_guessed_m) continue;
     const TimeInterval around = instants_.Around(row->time_ns);
     row->support = follower.ReturnsBetween(around.begin_ns, around.end_ns);
     on_event_(RowGiven{*row, row->time_ns < late_ns, kind});

@@ -66,7 +66,8 @@ class ConfirmedTracks {
 
   bool Has(const Flight& flight) const;
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
-  void Append(Track* track, TimeNs until_ns, TimeNs newest_ns, std::vector<SeenPlot>* settled);
+  void Append(Track* track, TimeNs until_ns, TimeNs newest_ns, double guessed_share,
+              std::vector<SeenPlot>* settled);
 
   const Config& config_;
   const std::vector<TrackModel>& models_;

@@ -48,6 +48,27 @@ LiveClutter::Sensor& LiveClutter::SensorAt(std::uint32_t sensor) {
   return sensors_[sensor];
 }
 
+void LiveClutter::Foresee(std::uint32_t sensor, double time_s, const std::vector<SeenPlot>& plots) {
+  Sensor& seen = SensorAt(sensor);
+  if (foreseen_until_s_ < 0.0) foreseen_from_s_ = time_s;
+  foreseen_until_s_ = time_s;
+  seen.ahead_s.push_back(time_s);
+  seen.frames_foreseen += 1.0;
+  for (const SeenPlot& plot : plots) {
+    const Eigen::Vector3f place_m = plot.plot.ray_m.cast<float>();
+    ahead_.push_back({time_s, plot.plot.frame, sensor, place_m});
+    Count(ahead_.back(), foreseen_from_s_, 1.0);
+    seen.spot.Add(place_m, foreseen_from_s_);
+  }
+}
+
+void LiveClutter::Count(const Recent& plot, double time_s, double count) {
+  Sensor& sensor = SensorAt(plot.sensor);
+  for (FadingGrid* grid : {&sensor.wide, &sensor.middle, &sensor.narrow}) {
+    grid->Add(plot.position_m, time_s, count);
+  }
+}
+
 void LiveClutter::AddFrame(std::uint32_t sensor, double time_s) {
   Sensor& seen = SensorAt(sensor);
   seen.recent_s.push_back(time_s);
@@ -56,17 +77,19 @@ void LiveClutter::AddFrame(std::uint32_t sensor, double time_s) {
   seen.lately_s = std::max(seen.lately_s, time_s);
 }
 
-// What is older than the exclusion is clutter from now on.
+// What is older than the exclusion is clutter from now on, and what was foreseen is none while it
+// is as near in time.
 void LiveClutter::Settle(double time_s) {
   const double until_s = time_s - exclusion_s_;
+  const double from_s = time_s + exclusion_s_;
+  for (; !ahead_.empty() && ahead_.front().time_s <= from_s; ahead_.pop_front()) {
+    Count(ahead_.front(), foreseen_from_s_, -1.0);
+  }
   for (; !recent_.empty() && recent_.front().time_s < until_s; recent_.pop_front()) {
-    const Recent& plot = recent_.front();
-    Sensor& sensor = SensorAt(plot.sensor);
-    for (FadingGrid* grid : {&sensor.wide, &sensor.middle, &sensor.narrow}) {
-      grid->Add(plot.position_m, plot.time_s);
-    }
+    Count(recent_.front(), recent_.front().time_s, 1.0);
   }
   for (Sensor& sensor : sensors_) {
+    while (!sensor.ahead_s.empty() && sensor.ahead_s.front() <= from_s) sensor.ahead_s.pop_front();
     for (; !sensor.recent_s.empty() && sensor.recent_s.front() < until_s;
          sensor.recent_s.pop_front()) {
       const double at_s = sensor.recent_s.front();
@@ -107,7 +130,7 @@ void LiveClutter::Judge(const Support& support, double time_s, std::vector<SeenP
     Plot& plot = seen.plot;
     const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
     Sensor& sensor = SensorAt(plot.sensor);
-    const double frames = std::max(1.0, sensor.frames);
+    const double frames = std::max(1.0, sensor.frames + static_cast<double>(sensor.ahead_s.size()));
     double rate = 1e-6;
     for (const FadingGrid* grid : {&sensor.wide, &sensor.middle, &sensor.narrow}) {
       const double exposure = frames * grid->VolumeM3(place_m);
@@ -115,10 +138,12 @@ void LiveClutter::Judge(const Support& support, double time_s, std::vector<SeenP
              (exposure + config_.clutter_prior_plots / rate);
     }
     plot.log_clutter = std::log(rate);
-    const double others = sensor.spot.CountAt(place_m, time_s);
-    sensor.spot.Add(place_m, time_s);
+    const bool is_foreseen = time_s <= foreseen_until_s_;
+    const double others = sensor.spot.CountAt(place_m, time_s) - (is_foreseen ? 1.0 : 0.0);
+    if (!is_foreseen) sensor.spot.Add(place_m, time_s);
     if (!plot.is_floating) {
-      const double spot_rate = others / frames / PlotVolumeM3(plot);
+      const double spot_rate =
+          others / std::max(frames, sensor.frames_foreseen) / PlotVolumeM3(plot);
       plot.log_clutter = std::log(std::max({rate, spot_rate, plot.place_rate}));
     }
     recent_.push_back({time_s, plot.frame, plot.sensor, place_m});

@@ -18,6 +18,10 @@ class LiveClutter {
  public:
   LiveClutter(const RobustConfig& config, double fade_s);
 
+  // The plots of one of the first frames, in order of time and before any is judged: among those,
+  // what comes later tells of clutter, too.
+  void Foresee(std::uint32_t sensor, double time_s, const std::vector<SeenPlot>& plots);
+
   // A frame of a sensor was taken, whether or not it shows any plot.
   void AddFrame(std::uint32_t sensor, double time_s);
 
@@ -49,6 +53,8 @@ class LiveClutter {
     double frames = 0.0;  // likewise, all whose plots are clutter by now
     double time_s = 0.0;
     std::deque<double> recent_s{};  // frames whose plots are not
+    std::deque<double> ahead_s{};   // foreseen frames whose plots are clutter from the other side
+    double frames_foreseen = 0.0;
   };
 
   // A plot that stands still, and when.
@@ -60,6 +66,7 @@ class LiveClutter {
   Sensor& SensorAt(std::uint32_t sensor);
   bool HasCompany(const Plot& plot, const SupportConfig& support, double time_s);
   void Settle(double time_s);
+  void Count(const Recent& plot, double time_s, double count);
 
   PlotConfig config_;
   double exclusion_s_;
@@ -67,6 +74,9 @@ class LiveClutter {
   RangeRadius place_;
   std::vector<Sensor> sensors_;
   std::deque<Recent> recent_;
+  std::deque<Recent> ahead_;  // foreseen, and farther ahead than the exclusion
+  double foreseen_from_s_ = 0.0;
+  double foreseen_until_s_ = -1.0;
   FadingGrid standing_;                  // plots at one place,
   FadingGrid about_;                     // and in a wider one
   std::deque<Standing> standing_plots_;  // of the last moments

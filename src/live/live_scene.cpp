@@ -105,6 +105,11 @@ void LiveScene::Learn(const LoadedFrame& frame, std::int64_t bin, Station* stati
 void LiveScene::WarmUp() {
   for (const auto& [frame, bin] : waiting_) Learn(frame, bin, &StationOf(frame.info.sensor));
   RefitAll();
+  num_unforeseen_ = waiting_.size();
+  if (front_ns_ - begin_ns_ < kWarmUpNs) return;
+  for (Station& station : scenes_) {
+    if (station.begin_ns - begin_ns_ < bin_ns_) station.search_from_ns = station.begin_ns;
+  }
 }
 
 // A station that is first heard when others are warm is as ignorant as they were: what it sees
@@ -144,7 +149,17 @@ TimeNs LiveScene::MakePlots() {
   waiting_.pop_front();
   const TimeNs middle_ns = frame.info.middle_ns();
   held_.push_back(PlotsOf(std::move(frame), bin));
+  if (num_unforeseen_ > 0 && --num_unforeseen_ == 0) Foresee();
   return middle_ns;
+}
+
+// What waited for the warm-up is judged as a recording is: by what came before and after.
+void LiveScene::Foresee() {
+  for (SceneFrame& frame : held_) {
+    LeaveOutBodies(&frame);
+    StationOf(frame.info.sensor)
+        .clutter.Foresee(frame.info.sensor, SecondsOf(frame.info.middle_ns()), frame.plots);
+  }
 }
 
 SceneFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
@@ -198,6 +213,7 @@ SceneFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
 }
 
 std::optional<SceneFrame> LiveScene::Next(TimeNs until_ns) {
+  if (num_unforeseen_ > 0) return std::nullopt;
   if (held_.empty() || held_.front().info.middle_ns() > until_ns) return std::nullopt;
   std::optional<SceneFrame> frame = std::move(held_.front());
   held_.pop_front();
@@ -205,25 +221,33 @@ std::optional<SceneFrame> LiveScene::Next(TimeNs until_ns) {
   return frame;
 }
 
+void LiveScene::LeaveOutBodies(SceneFrame* frame) {
+  const std::deque<BodyBox>& bodies = StationOf(frame->info.sensor).bodies;
+  std::vector<SeenPlot>& plots = frame->plots;
+  plots.erase(std::remove_if(plots.begin(), plots.end(),
+                             [&](const SeenPlot& seen) {
+                               return IsNearBody(seen.plot, bodies, config_.robust.plots);
+                             }),
+              plots.end());
+}
+
 void LiveScene::Judge(SceneFrame* frame) {
   const TimeNs middle_ns = frame->info.middle_ns();
-  const PlotConfig& config = config_.robust.plots;
   Station& station = StationOf(frame->info.sensor);
   frame->time_s = SecondsOf(middle_ns);
-  frame->watched_s = frame->time_s - SecondsOf(learning_since_ns_);
   frame->is_searched = middle_ns >= station.search_from_ns;
+  // What was seen in the first seconds is judged when they are over.
+  frame->watched_s = frame->time_s - SecondsOf(learning_since_ns_);
+  if (frame->is_searched) {
+    frame->watched_s = std::max(frame->watched_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
+  }
   std::deque<BodyBox>& bodies = station.bodies;
-  const TimeNs oldest_ns = middle_ns - 2 * NsOf(config.body_margin_s);
+  const TimeNs oldest_ns = middle_ns - 2 * NsOf(config_.robust.plots.body_margin_s);
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
-
-  std::vector<SeenPlot>& plots = frame->plots;
-  plots.erase(
-      std::remove_if(plots.begin(), plots.end(),
-                     [&](const SeenPlot& seen) { return IsNearBody(seen.plot, bodies, config); }),
-      plots.end());
+  LeaveOutBodies(frame);
   station.clutter.AddFrame(frame->info.sensor, frame->time_s);
-  station.clutter.Judge(station.snapshot->support, frame->time_s, &plots);
-  for (SeenPlot& seen : plots) seen.plot.position_m += station.viewpoint_m.cast<double>();
+  station.clutter.Judge(station.snapshot->support, frame->time_s, &frame->plots);
+  for (SeenPlot& seen : frame->plots) seen.plot.position_m += station.viewpoint_m.cast<double>();
 }
 
 void LiveScene::Explain(const std::vector<SeenPlot>& plots) {

@@ -107,6 +107,8 @@ class LiveScene {
   void Refit(Station* station);
   void RefitAll();
   SceneFrame PlotsOf(LoadedFrame loaded, std::int64_t bin);
+  void Foresee();
+  void LeaveOutBodies(SceneFrame* frame);
   void Judge(SceneFrame* frame);
 
   const Config& config_;
@@ -130,8 +132,9 @@ class LiveScene {
 
   // Frames on their way.
   std::deque<BinnedFrame> waiting_;
-  std::deque<SceneFrame> held_;   // not yet judged: their plots are relative to the viewpoint
-  std::uint32_t num_frames_ = 0;  // made into plots
+  std::deque<SceneFrame> held_;     // not yet judged: their plots are relative to the viewpoint
+  std::uint32_t num_frames_ = 0;    // made into plots
+  std::size_t num_unforeseen_ = 0;  // frames that waited for the warm-up and still do
 };
 
 }  // namespace unlidar

@@ -11,7 +11,8 @@ namespace unlidar {
 namespace {
 
 constexpr double kRatesFadeS = 60.0;
-constexpr double kPauseS = 1.0;  // without a plot: what is before and after may be two things
+constexpr double kPauseS = 1.0;      // without a plot: what is before and after may be two things,
+constexpr double kLongPauseS = 3.0;  // and then what was no track before it has no part in one
 constexpr RangeRadius kLeastMove{0.8, 0.02};
 constexpr double kLongStandS = 2.0;
 // What the clutter of a place is, is hardly known at first: paths of it are more frequent then than
@@ -75,6 +76,13 @@ std::vector<Plot> PlotsOf(const std::vector<SeenPlot>& path) {
   plots.reserve(path.size());
   for (const SeenPlot& seen : path) plots.push_back(seen.plot);
   return plots;
+}
+
+// How many plots at the begin of a path lie before its last long pause.
+std::size_t PausePrefix(const std::vector<SeenPlot>& path) {
+  std::size_t first = path.size() - 1;
+  while (first > 0 && path[first].at.time_s - path[first - 1].at.time_s < kLongPauseS) --first;
+  return first;
 }
 
 template <class T>
@@ -175,12 +183,15 @@ std::optional<Flight> LiveSearch::FlightOf(const Path& path) const {
     flight.plots.push_back(seen_[i]);
   }
   const RobustConfig& robust = config_.robust;
-  std::size_t first = LowPrefix(flight.plots, OffGroundM(PlotsOf(flight.plots), robust));
-  DropFirst(first, &flight.plots);
+  std::size_t first = 0;
+  const auto drop = [&](std::size_t count) {
+    DropFirst(count, &flight.plots);
+    first += count;
+  };
+  drop(PausePrefix(flight.plots));
+  drop(LowPrefix(flight.plots, OffGroundM(PlotsOf(flight.plots), robust)));
   if (flight.plots.empty()) return std::nullopt;
-  const std::size_t standing = StandingPrefix(flight.plots);
-  DropFirst(standing, &flight.plots);
-  first += standing;
+  drop(StandingPrefix(flight.plots));
   if (!IsFlight(recent_, watch_, PlotsOf(flight.plots), robust) || !MovesOrFloats(flight.plots)) {
     return std::nullopt;
   }

@@ -46,6 +46,11 @@ SeenPlot DroneAt(int i) { return PlotAt(i, {15.0, -10.0 + 0.4 * i, 8.0}); }
 // Another one, far from it.
 SeenPlot OtherAt(int i) { return PlotAt(i, {-25.0, 5.0 - 0.3 * i, 12.0}); }
 
+// One that turns.
+SeenPlot CirclingAt(int i) {
+  return PlotAt(i, {20.0 + 6.0 * std::cos(0.06 * i), 6.0 * std::sin(0.06 * i), 8.0});
+}
+
 template <class PlotOf>
 Flight FlightUntil(int end, const PlotOf& plot_of) {
   Flight flight;
@@ -132,6 +137,39 @@ TEST(ConfirmedTracks, EveryRowIsGivenOnceInOrderWhereTheDroneIs) {
     const double i = static_cast<double>(row.time_ns - FrameAt(0).middle_ns()) / kPeriodNs;
     const Eigen::Vector3d truth_m(15.0, -10.0 + 0.4 * i, 8.0);
     EXPECT_LT((row.position_m - truth_m).norm(), 0.5) << k;
+  }
+}
+
+// Beyond the last sighting a row is a guess: a poor one waits for the next sighting, or the end.
+TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
+  for (const bool is_seen_again : {true, false}) {
+    Tracks t;
+    constexpr int kLast = 90;
+    constexpr int kAgain = 114;
+    Flight flight;
+    for (int i = 0; i <= kLast; i += 6) flight.plots.push_back(CirclingAt(i));
+    for (int i = 0; i <= kLast; ++i) t.tracks.AddInstants(FrameAt(i));
+    ASSERT_TRUE(t.tracks.Begin(flight, kAnyScore));
+    const auto go_to = [&](int i, const std::vector<SeenPlot>& plots) {
+      t.tracks.AddInstants(FrameAt(i));
+      t.tracks.Extend(plots, CirclingAt(i).at);
+      // All rows are due.
+      t.tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns + NsOf(10.0));
+    };
+    for (int i = kLast + 1; i < kAgain; ++i) go_to(i, {});
+    const std::size_t num_guessed = t.rows.size();
+    EXPECT_GE(t.rows.back().time_ns, FrameAt(kLast).stamp_ns);
+    EXPECT_LT(t.rows.back().time_ns, FrameAt(kAgain - 1).stamp_ns);
+    for (const TrajectoryRow& row : t.rows) EXPECT_LE(row.sigma_m.maxCoeff(), 0.25);
+    for (int i = kAgain; is_seen_again && i < kAgain + 18; ++i) {
+      if (i % 6 == 0) go_to(i, {CirclingAt(i)});
+      if (i % 6 != 0) go_to(i, {});
+    }
+    if (!is_seen_again) t.tracks.Close(kEndless);
+    EXPECT_GE(t.rows.size(), num_guessed + 3) << is_seen_again;
+    for (std::size_t k = 1; k < t.rows.size(); ++k) {
+      EXPECT_EQ(t.rows[k].time_ns, t.rows[k - 1].time_ns + kPeriodNs);
+    }
   }
 }
 

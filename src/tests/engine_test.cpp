@@ -140,6 +140,25 @@ TEST(Engine, TellsOfADroneWithinItsDelayAndWhereItIs) {
   EXPECT_LT(std::sqrt(square_m2 / static_cast<double>(told.rows.size())), 0.2);
 }
 
+// The scene is learned for three seconds, and then they are searched.
+TEST(Engine, TellsOfADroneThatWasThereFromTheBegin) {
+  const Told told = ToldOf(Frames(Scene(1, 0.0, 14.0), 140));
+  ASSERT_EQ(told.confirmed.size(), 1U);
+  EXPECT_LT(told.confirmed[0].first_evidence_ns, kBeginNs + NsOf(0.3));
+  EXPECT_LE(told.rows.front().time_ns, kBeginNs + kPeriodNs);
+  EXPECT_GT(told.rows.size(), 135U);
+}
+
+// What was too little to be a track before a long pause is no part of what comes after it.
+TEST(Engine, NoTrackReachesBackBeyondALongPause) {
+  std::vector<Frame> frames = Frames(Scene(1, 6.0, 6.35), 90);
+  const std::vector<Frame> later = Frames(Scene(1, 10.5, 16.0), 160);
+  frames.insert(frames.end(), later.begin() + 90, later.end());
+  const Told told = ToldOf(std::move(frames));
+  ASSERT_EQ(told.confirmed.size(), 1U);
+  EXPECT_GT(told.confirmed[0].first_evidence_ns, kBeginNs + NsOf(10.4));
+}
+
 TEST(Engine, TellsOfNothingWhereNothingFlies) {
   for (std::uint32_t seed = 1; seed <= 3; ++seed) {
     const Told told = ToldOf(Frames(Scene(seed, 1e9, 1e9), 250));

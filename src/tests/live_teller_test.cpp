@@ -72,6 +72,20 @@ TEST(LiveTeller, TellsOfEachSensorOnlyWhatIsNew) {
   EXPECT_EQ(told.NumEvents("\"mast\""), 0U);
 }
 
+TEST(LiveTeller, SaysThatTheClockHasGoneBackWhereItBeginsASecondTime) {
+  Told told;
+  told.teller.Take(EngineState::kWarmingUp, LiveProgress());
+  told.teller.Take(EngineState::kRunning, LiveProgress());
+  EXPECT_TRUE(told.notes().empty());
+  LiveProgress now;
+  now.newest_ns = 1'706'300'000'250'000'000;
+  told.teller.Take(EngineState::kWarmingUp, now);
+  EXPECT_EQ(told.notes(), (std::vector<std::string>{
+                              "the clock has gone back to 1706300000.250000000: tracks have ended, "
+                              "the scene is learned anew"}));
+  EXPECT_EQ(told.NumEvents("warming_up"), 2U);
+}
+
 TEST(LiveTeller, OverloadIsAStateUntilItIsOver) {
   Told told;
   told.teller.TellPace(1, 0, LiveProgress());

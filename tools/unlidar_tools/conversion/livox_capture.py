@@ -9,7 +9,7 @@ import numpy as np
 
 from unlidar_tools import livox
 from unlidar_tools.capture import datagrams, is_capture
-from unlidar_tools.conversion.lvx2 import lvx2_packets
+from unlidar_tools.conversion import lvx
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
 from unlidar_tools.conversion.source import Options, SourceFrame, Stream
 from unlidar_tools.errors import InputError, UsageError
@@ -126,18 +126,29 @@ class LivoxCapture(_LivoxRecording):
 
 
 class LivoxFile(_LivoxRecording):
-    """A file of the maker's viewer (.lvx2); each LiDAR has its serial number as its name."""
+    """A file of the maker's viewer; each LiDAR has its serial number as its name."""
 
-    description: ClassVar[str] = "a file of Livox Viewer 2 (.lvx2)"
+    description: ClassVar[str] = "a file of Livox Viewer (.lvx, .lvx2)"
 
     @classmethod
     def matches(cls, path: Path) -> bool:
         """Whether the name says so."""
-        return path.suffix.lower() == ".lvx2" and path.is_file()
+        return path.suffix.lower() in (".lvx", ".lvx2") and path.is_file()
+
+    def station(self) -> dict[str, Pose]:
+        """As the file has it; empty where all poses are those of the origin."""
+        poses = {lidar.name: lidar.pose for lidar in lvx.lidars(self._path)}
+        return poses if any(pose != Pose() for pose in poses.values()) else {}
+
+    def notes(self) -> list[str]:
+        """And poses that the viewer did not use."""
+        unused = [lidar.name for lidar in lvx.lidars(self._path) if lidar.is_pose_off]
+        said = [f"{name}: its pose is switched off in the file, and not taken" for name in unused]
+        return [*super().notes(), *said]
 
     def _recorded(self) -> Iterator[Recorded]:
         # Nothing says when it was recorded: a clock that is not synchronised stays as it is.
-        for name, packet in lvx2_packets(self._path):
+        for name, packet in lvx.packets(self._path):
             yield name, packet.stamp_ns, packet
 
 

@@ -10,9 +10,10 @@ import numpy as np
 from unlidar_tools import livox
 from unlidar_tools.capture import datagrams, is_capture
 from unlidar_tools.conversion import lvx
+from unlidar_tools.conversion.files import refuse_bag_options
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
 from unlidar_tools.conversion.source import Options, SourceFrame, Stream
-from unlidar_tools.errors import InputError, UsageError
+from unlidar_tools.errors import InputError
 from unlidar_tools.stamps import format_stamp_ns
 from unlidar_tools.station import Pose
 
@@ -31,16 +32,10 @@ class _LivoxRecording:
     kind: ClassVar[str] = "Livox packets"
     keeps_beginning: ClassVar[bool] = True
     truths: int = 0
+    _expected: ClassVar[str] = livox.EXPECTED
 
     def __init__(self, path: Path, options: Options) -> None:
-        asked = {
-            "--topic": options.topics,
-            "--truth": options.truths,
-            "--stamp log": options.stamp == "log",
-        }
-        for option, given in asked.items():
-            if given:
-                raise UsageError(f"{path}: holds packets, {option} is for bags")
+        refuse_bag_options(path, options, "holds packets")
         self._path, self._options = path, options
         self._notes: list[str] = []
         spans: dict[str, tuple[int, int]] = {}  # numbers of the first and the last frame
@@ -53,7 +48,7 @@ class _LivoxRecording:
             if not spans:
                 raise
         if not spans:
-            raise InputError(f"{path}: holds no points of a Livox LiDAR, expected {livox.EXPECTED}")
+            raise InputError(f"{path}: holds no points of a Livox LiDAR, expected {self._expected}")
         self._begin_ns = min(first for first, _ in spans.values()) * _FRAME_NS
         self.sensors = {name: last - first + 1 for name, (first, last) in spans.items()}
 
@@ -111,6 +106,7 @@ class LivoxCapture(_LivoxRecording):
     """The LiDARs of a capture, each named by its address."""
 
     description: ClassVar[str] = "a capture (.pcap, .pcapng) of packets of Livox LiDARs"
+    _expected: ClassVar[str] = f"{livox.EXPECTED}, or of a Velodyne"
 
     @classmethod
     def matches(cls, path: Path) -> bool:

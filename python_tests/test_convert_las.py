@@ -128,7 +128,7 @@ def test_what_cannot_be_frames_is_said(flight: Flight, tmp_path: Path, fails) ->
     file = write_las(tmp_path / "a.las", None, xyz_m, 2)
     assert "has points of format 2, which have no times" in fails(4, "convert", file, out)
     file = write_las(tmp_path / "b.las", np.full(len(times_s), 7.5), xyz_m)
-    assert "all points have the time 7.5" in fails(4, "convert", file, out)
+    assert "points have one time, expected each its own" in fails(4, "convert", file, out)
     file = write_las(tmp_path / "c.las", times_s, xyz_m + np.array([500_000, 5_000, 0]))
     assert "expected them in the LiDAR's own frame" in fails(4, "convert", file, out)
     file = write_las(tmp_path / "d.las", times_s[:0], xyz_m[:0])

@@ -55,19 +55,22 @@ class LasFile:
         self._path, self._options = path, options
         self._is_standard, self._is_week = _check_header(path), False
         numbers: set[int] = set()
-        newest_ns, self._is_in_order = -(1 << 62), True
+        oldest_ns, newest_ns, count, self._is_in_order = 1 << 62, -(1 << 62), 0, True
         try:
             for times_ns, _ in self._chunks():
                 highest_ns = np.maximum(np.maximum.accumulate(times_ns), newest_ns)
                 late = bool((times_ns < highest_ns - _OPEN_FRAMES * _FRAME_NS).any())
                 self._is_in_order = self._is_in_order and not late
-                newest_ns = int(highest_ns[-1])
+                oldest_ns = min(oldest_ns, int(times_ns.min()))
+                newest_ns, count = int(highest_ns[-1]), count + len(times_ns)
                 numbers.update(np.unique(times_ns // _FRAME_NS).tolist())
         except InputError:  # items() meets it again, behind what can be kept
             if not numbers:
                 raise
         if not numbers:
             raise InputError(f"{path}: holds no points, expected some")
+        if count > 1 and oldest_ns == newest_ns:
+            raise InputError(f"{path}: its {count} points have one time, expected each its own")
         self._begin_ns = min(numbers) * _FRAME_NS
         self.sensors = {folder_names([path.stem])[0]: len(numbers)}
 
@@ -117,7 +120,7 @@ class LasFile:
 
     def _chunks(self) -> Iterator[_Points]:
         """In the order of the file; InputError where it is broken."""
-        read, first_s, last_s = 0, np.inf, -np.inf
+        read = 0
         try:
             with self._laspy.open(self._path, read_evlrs=False) as file:
                 count = file.header.point_count
@@ -129,7 +132,6 @@ class LasFile:
                     times_s = np.asarray(points.gps_time)
                     xyz_m = np.stack([points.x, points.y, points.z], axis=1)
                     self._check(times_s, xyz_m)
-                    first_s, last_s = min(first_s, times_s.min()), max(last_s, times_s.max())
                     yield self._unix_ns(times_s), xyz_m.astype(np.float32)
         except (InputError, KeyboardInterrupt, GeneratorExit):
             raise
@@ -137,10 +139,6 @@ class LasFile:
             raise InputError(f"{self._path}: cannot be read: {reason(error)}") from error
         if read < count:
             raise InputError(f"{self._path}: ends after {read} of {count} points")
-        if read > 1 and first_s == last_s:
-            raise InputError(
-                f"{self._path}: all points have the time {first_s}, expected each its own"
-            )
 
     def _check(self, times_s: np.ndarray, xyz_m: np.ndarray) -> None:
         if not np.isfinite(times_s).all() or np.abs(times_s).max() > 4e9:

@@ -28,8 +28,8 @@ void LiveTeller::TakeState(EngineState state, const LiveProgress& now) {
   const bool is_beginning = state == EngineState::kWarmingUp;
   state_ = is_beginning ? LiveState::kWarmingUp : LiveState::kRunning;
   if (is_beginning && std::exchange(has_begun_, true)) {
-    Note("the clock has gone back to " + SecondsText(now.newest_ns) +
-         ": tracks have ended, the scene is learned anew");
+    Note("begins anew at " + SecondsText(now.newest_ns) +
+         ": the clock has gone back, or no frame came for longer than live.window_s");
   }
   if (!is_overloaded()) TellState(now);
 }

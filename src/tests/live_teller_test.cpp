@@ -72,7 +72,7 @@ TEST(LiveTeller, TellsOfEachSensorOnlyWhatIsNew) {
   EXPECT_EQ(told.NumEvents("\"mast\""), 0U);
 }
 
-TEST(LiveTeller, SaysThatTheClockHasGoneBackWhereItBeginsASecondTime) {
+TEST(LiveTeller, SaysWhyItBeginsASecondTime) {
   Told told;
   told.teller.Take(EngineState::kWarmingUp, LiveProgress());
   told.teller.Take(EngineState::kRunning, LiveProgress());
@@ -81,8 +81,8 @@ TEST(LiveTeller, SaysThatTheClockHasGoneBackWhereItBeginsASecondTime) {
   now.newest_ns = 1'706'300'000'250'000'000;
   told.teller.Take(EngineState::kWarmingUp, now);
   EXPECT_EQ(told.notes(), (std::vector<std::string>{
-                              "the clock has gone back to 1706300000.250000000: tracks have ended, "
-                              "the scene is learned anew"}));
+                              "begins anew at 1706300000.250000000: the clock has gone back, or no "
+                              "frame came for longer than live.window_s"}));
   EXPECT_EQ(told.NumEvents("warming_up"), 2U);
 }
 

@@ -300,6 +300,63 @@ def test_a_backlog_is_no_overload(frames: Path, whole: bytes, tmp_path: Path) ->
     assert "overloaded" not in station.events.read_text()
 
 
+# --- clocks that go back --------------------------------------------------------------------------
+
+
+def an_hour_before(paths: list[Path], folder: Path) -> list[Path]:
+    """The same frames with other stamps."""
+    folder.mkdir()
+    earlier = []
+    for path in paths:
+        earlier.append(folder / f"{float(path.stem) - 3600:.6f}.pcd")
+        shutil.copy(path, earlier[-1])
+    return earlier
+
+
+def test_a_clock_that_goes_back_is_followed_and_said(frames: Path, tmp_path: Path) -> None:
+    target = tmp_path / "frames/lidar"
+    # More than it remembers: an old name is new all the same.
+    long_before = [f"{seconds(BEGIN_NS - (1200 - i) * 100_000_000)}.pcd" for i in range(1200)]
+    write_pcd(tmp_path / "empty", np.zeros((0, 3), np.float32))
+    with Station(tmp_path) as station:
+        wait_idle(station)
+        target.mkdir(parents=True)
+        for name in long_before:
+            os.link(tmp_path / "empty", tmp_path / "next")
+            (tmp_path / "next").rename(target / name)
+        move_into(target, by_stamp(frames))
+        # Of frames that wait the earliest is taken first.
+        last_s = float(by_stamp(frames)[-1].stem)
+        wait_until(lambda: stamps(station.trajectory)[-1:] > [last_s - 1.3], "all are worked off")
+        wait_idle(station)
+        move_into(target, an_hour_before(by_stamp(frames), tmp_path / "earlier"))
+        wait_idle(station)
+        said = station.stop()
+    is_before = np.array(stamps(station.trajectory)) > BEGIN_NS * 1e-9 - 1800
+    first, second = (np.array(ids(station.trajectory))[part] for part in (is_before, ~is_before))
+    assert len(first) > 40 and len(second) > 40
+    assert is_before[: len(first)].all() and not set(first) & set(second)
+    told = [json.loads(line) for line in station.events.read_text().splitlines()]
+    states = [e["state"] for e in told if e["event"] == "state"]
+    assert states[:4] == ["warming_up", "running"] * 2
+    assert said.count("begins anew at 17062964") == 1
+
+
+def test_a_restart_after_the_clock_went_back_goes_on(frames: Path, tmp_path: Path) -> None:
+    """Rows of an hour ahead, with which the run before ended, hide nothing."""
+    old = f"{TRAJ_HEADER}\n{BEGIN_NS // 10**9 + 3600}.000000000,41,1,2,3,0,0,0,0.1,0.1,0.1,5\n"
+    (tmp_path / "traj.csv").write_text(old)
+    (tmp_path / "frames/lidar").mkdir(parents=True)
+    with Station(tmp_path) as station:
+        wait_idle(station)
+        move_into(tmp_path / "frames/lidar", by_stamp(frames))
+        wait_idle(station)
+        station.stop()
+    assert station.trajectory.read_text().startswith(old)
+    assert len(rows_of(station.trajectory)) > 40
+    assert set(ids(station.trajectory)[1:]) == {42}
+
+
 # --- outputs --------------------------------------------------------------------------------------
 
 

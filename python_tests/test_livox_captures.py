@@ -28,11 +28,13 @@ from livox_sensor import (
     write_as_frames,
 )
 from pcap_files import udp_frame, write_pcap, write_pcapng
+from scipy.spatial.transform import Rotation
 from synthetic import make_flight, track
 from unlidar_tools import livox
 from unlidar_tools.cli import main
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
 from unlidar_tools.frames_io import list_frames, read_pcd
+from unlidar_tools.station import read_station
 
 
 @pytest.fixture(scope="module")
@@ -195,54 +197,136 @@ def test_a_capture_that_was_cut_off_keeps_what_came_before(capture: Path, tmp_pa
 
 # --- the maker's viewer -------------------------------------------------------------------------
 
+SERIALS = [b"47MDK9DF710030", b"47MDK9DF710195"]
+# Roll, pitch and yaw in degrees, then metres; the second LiDAR looks up and stands 2 m off.
+POSES = [(0.0,) * 6, (0.0, -90.0, 90.0, 2.0, 0.5, -1.0)]
 
-def lvx2(packets: list[Packet], serials: list[bytes]) -> bytes:
-    """As Livox Viewer 2 writes it: 50 ms a block, packets of the LiDARs in turn."""
-    data = b"livox_tech".ljust(16, b"\0") + bytes([2, 0, 0, 0])
-    data += struct.pack("<IIB", 0xAC0EA767, 50, len(serials))
-    for k, serial in enumerate(serials):
-        data += struct.pack("<16s16sIBBB6f", serial, b"", 1000 + k, 9, 9, 0, *[0.0] * 6)
+
+def accelerations1() -> bytes:
+    return struct.pack("<BBBxIBBQ6f", 5, 1, 1, 0, 1, 6, BEGIN_NS, 0, 0, 0, 0, 0, 1)
+
+
+def viewer_file(
+    version: tuple[int, int],
+    packets: list[Packet],
+    serials: list[bytes],
+    poses: list[tuple[float, ...]] = POSES,
+    uses_poses: bool = True,
+) -> bytes:
+    """As the makers' viewers write them: blocks of 50 ms, packets of the LiDARs in turn."""
+    data = b"livox_tech".ljust(16, b"\0") + bytes([*version, 0, 0])
+    data += struct.pack("<I", 0xAC0EA767)
+    data += struct.pack("<B" if version == (1, 0) else "<xxxxB", len(serials))
+    for k, (serial, pose) in enumerate(zip(serials, poses, strict=False)):
+        if version == (1, 0):
+            data += struct.pack("<16s16sBB6f", serial, b"", k, 1, *pose)
+        elif version == (1, 1):
+            data += struct.pack("<16s16sBBB6f", serial, b"", k, 3, uses_poses, *pose)
+        else:
+            data += struct.pack("<16s16sIBBB6f", serial, b"", 1000 + k, 9, 9, uses_poses, *pose)
     for index in range(0, len(packets), 10):
         block = b""
         for p in packets[index : index + 10]:
+            lidar = p.number % len(serials)
+            if version[0] == 1:
+                block += bytes([lidar]) + protocol1(p)
+                if version == (1, 1) and p.number % 7 == 0:
+                    block += bytes([lidar]) + accelerations1()
+                continue
             points = protocol2(p)[36:]
-            lidar = 1000 + p.number % len(serials)
-            head = (0, lidar, 8, 1, p.stamp_ns, p.number % 65536, 1, len(points), 0)
+            head = (0, 1000 + lidar, 8, 1, p.stamp_ns, p.number % 65536, 1, len(points), 0)
             block += struct.pack("<BIBBQHBIB4x", *head) + points
-        after = len(data) + 24 + len(block)
-        last = index + 10 >= len(packets)
-        data += struct.pack("<QQQ", len(data), 0 if last else after, index // 10) + block
+        count = struct.pack("<Q", 10) if version == (1, 0) else b""
+        after = len(data) + 24 + len(count) + len(block)
+        is_last = version[0] == 2 and index + 10 >= len(packets)
+        data += struct.pack("<QQQ", len(data), 0 if is_last else after, index // 10)
+        data += count + block
     return data
 
 
+VERSIONS = pytest.mark.parametrize(
+    ("version", "name"), [((1, 0), "a.lvx"), ((1, 1), "a.lvx"), ((2, 0), "a.lvx2")]
+)
+
+
+@VERSIONS
 def test_a_file_of_the_viewer_becomes_the_frames_of_its_points(
-    packets: list[Packet], tmp_path: Path
+    version: tuple[int, int], name: str, packets: list[Packet], tmp_path: Path
 ) -> None:
-    file = tmp_path / "a.lvx2"
-    file.write_bytes(lvx2(packets, [b"47MDK9DF710030", b"47MDK9DF710195"]))
+    file = tmp_path / name
+    file.write_bytes(viewer_file(version, packets, SERIALS))
     assert main(["convert", str(file), str(tmp_path / "out")]) == 0
-    for part, name in enumerate(("47MDK9DF710030", "47MDK9DF710195")):
-        expected = list_frames(write_as_frames(tmp_path / name, packets[part::2]))
-        got = list_frames(tmp_path / "out" / name)
+    for part, serial in enumerate(s.decode() for s in SERIALS):
+        expected = list_frames(write_as_frames(tmp_path / serial, packets[part::2]))
+        got = list_frames(tmp_path / "out" / serial)
         assert [f.stamp_ns for f in got] == [f.stamp_ns for f in expected]
         for one, other in zip(got, expected, strict=True):
             a, b = read_pcd(one.path), read_pcd(other.path)
             returns = (b["x"] != 0) | (b["y"] != 0) | (b["z"] != 0)
-            np.testing.assert_array_equal(a["x"], b["x"][returns])
+            for axis in "xyz":
+                np.testing.assert_array_equal(a[axis], b[axis][returns])
+            # A packet is taken to last until the next one of its LiDAR begins.
+            late_ns = a[OFFSET_FIELD].astype(float) - b["t"][returns]
+            assert (late_ns >= -1).all() and (late_ns < RAYS * RAY_NS).all()
 
 
-def test_a_broken_file_of_the_viewer_keeps_what_came_before(
-    packets: list[Packet], tmp_path: Path, fails
+@VERSIONS
+def test_poses_of_the_viewer_place_the_lidars(
+    version: tuple[int, int], name: str, packets: list[Packet], tmp_path: Path
 ) -> None:
-    whole = lvx2(packets[:400], [b"47MDK9DF710030"])
+    file, out = tmp_path / name, tmp_path / "out"
+    file.write_bytes(viewer_file(version, packets[:40], SERIALS))
+    assert main(["convert", str(file), str(out)]) == 0
+    pose = read_station(out)[SERIALS[1].decode()]
+    assert pose.translation_m == (2.0, 0.5, -1.0)
+    # Pitched by -90 degrees its x axis points up, turned by 90 then its z axis along -y.
+    turned = Rotation.from_quat(pose.rotation).apply(np.eye(3))
+    np.testing.assert_allclose(turned, [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-6)
+    if version == (1, 0):
+        return
+    file.write_bytes(viewer_file(version, packets[:40], SERIALS, uses_poses=False))
+    assert main(["convert", str(file), str(out), "--force"]) == 0
+    assert not (out / "station.yaml").exists()
+    notes = json.loads((out / "conversion.json").read_text())["notes"]
+    assert notes == ["47MDK9DF710195: its pose is switched off in the file, and not taken"]
+
+
+@VERSIONS
+def test_a_broken_file_of_the_viewer_keeps_what_came_before(
+    version: tuple[int, int], name: str, packets: list[Packet], tmp_path: Path, fails
+) -> None:
+    whole = viewer_file(version, packets[:400], SERIALS[:1])
     for size in (0, 10, 28, 80, len(whole) // 2, len(whole) - 1):
-        file, out = tmp_path / f"{size}.lvx2", tmp_path / f"out{size}"
+        file, out = tmp_path / f"{size}{name}", tmp_path / f"out{size}"
         file.write_bytes(whole[:size])
         said = fails(4, "convert", file, out)
-        assert f"{size}.lvx2: " in said
+        assert f"{size}{name}: " in said
         assert out.exists() == (size > 100)
     file.write_bytes(b"x" + whole[1:])
     assert "begins with" in fails(4, "convert", file, tmp_path / "no")
+    file.write_bytes(whole[:16] + b"\3" + whole[17:])
+    assert "begins with 'livox_tech', version 3." in fails(4, "convert", file, tmp_path / "no")
+    pose = (0.0, 0.0, float("nan"), 0.0, 0.0, 0.0)
+    file.write_bytes(viewer_file(version, packets[:40], SERIALS[:1], [pose]))
+    assert "expected finite numbers" in fails(4, "convert", file, tmp_path / "no")
+
+
+@VERSIONS
+def test_no_damage_of_a_viewers_file_gives_more_than_one_line(
+    version: tuple[int, int], name: str, packets: list[Packet], tmp_path: Path, capsys
+) -> None:
+    whole = viewer_file(version, packets[:60], SERIALS)
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        damaged = bytearray(whole)
+        for at in rng.integers(0, min(len(whole), 400), 3):
+            damaged[at] = rng.integers(256)
+        file = tmp_path / name
+        file.write_bytes(damaged)
+        code = main(["convert", str(file), str(tmp_path / "out"), "--force"])
+        said = capsys.readouterr().err.splitlines()
+        assert code in (0, 4), said
+        assert code == 0 or len([line for line in said if "error" in line]) == 1
 
 
 # --- the reader ---------------------------------------------------------------------------------

@@ -1,7 +1,8 @@
 """Hours of a station's life, played fast, with all that happens to one drawn at random.
 
-Three minutes here; UNLIDAR_WEEK_HOURS=24 plays a day in a quarter of an hour. Every frame and every
-row is accounted for. A full disk has tests of its own: test_live_follow.py.
+Three minutes here; UNLIDAR_WEEK_HOURS=24 plays a day in three quarters of an hour of processor
+time. Every frame and every row is accounted for. A full disk has tests of its own:
+test_live_follow.py.
 """
 
 from __future__ import annotations

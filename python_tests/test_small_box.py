@@ -13,9 +13,10 @@ import subprocess
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from live_program import Live, by_stamp, messages, rows_of, unread_bytes, wait_until
-from synthetic import PROGRAM, make_flight, write_frames
+from synthetic import PROGRAM, PROJECT, make_flight, write_frames
 
 MOST_INSTRUCTIONS = {"sky": 3_400_000, "drone": 30_000_000}  # per frame of 1,000 returns
 MOST_STARTS_OF_CAT = 20  # 5 where nothing else runs: 5.4 ms
@@ -109,3 +110,21 @@ def test_one_core_and_256_mb_are_plenty_for_two_lidars(tmp_path: Path) -> None:
     assert int(re.search(r"VmHWM:\s+(\d+)", status)[1]) <= MOST_PEAK_KB
     used_s = sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
     assert used_s <= MOST_SHARE_OF_A_CORE * (end - begin)
+
+
+def test_what_the_service_may_use_is_enough_for_300_strays_a_frame(tmp_path: Path) -> None:
+    """Of addresses instead of memory, which is less: the kernel's own limit needs a service."""
+    unit = (PROJECT / "packaging/unlidar-track.service").read_text()
+    most = int(re.search(r"^MemoryMax=(\d+)M$", unit, re.MULTILINE)[1]) << 20
+    flight, rng = make_flight(frames=150), np.random.default_rng(1)
+    strays = (rng.uniform([-40, -40, 0], [40, 40, 40], (300, 3)) for _ in flight.clouds)
+    flight.clouds = [
+        np.concatenate([cloud, stray.astype(np.float32)])
+        for cloud, stray in zip(flight.clouds, strays, strict=True)
+    ]
+    with Live("--stdin", "--out", tmp_path / "traj.csv", "--quiet") as live:
+        resource.prlimit(live.process.pid, resource.RLIMIT_AS, (most, most))
+        live.send(b"".join(messages(lidar=write_frames(tmp_path / "frames", flight))))
+        code, _, said = live.end()
+    assert code == 0, said
+    assert len(rows_of(tmp_path / "traj.csv")) > 50

@@ -69,15 +69,15 @@ class LiveRun {
 
  private:
   // A restart reads the last window before the last row once more: the scene must be known again
-  // where the rows go on.
+  // where the rows go on. Rows of before that are of a clock that has gone back.
   std::optional<TimeNs> TakenUpAfter() {
     const std::optional<TimeNs> last_row_ns = output_.last_row_ns();
     if (request_.sources.empty() || !last_row_ns) return std::nullopt;
-    output_.LeaveOutUntil(*last_row_ns);
-    const double window_s = config_.live.window_s;
-    if (!std::isfinite(window_s)) return std::nullopt;
-    teller_.Note(request_.out + ": goes on behind its last row");
-    return *last_row_ns - NsOf(window_s);
+    std::optional<TimeNs> after_ns;
+    if (std::isfinite(config_.live.window_s)) after_ns = *last_row_ns - NsOf(config_.live.window_s);
+    output_.LeaveOut(after_ns, *last_row_ns);
+    if (after_ns) teller_.Note(request_.out + ": goes on behind its last row");
+    return after_ns;
   }
 
   // Waits for the source or a signal, and does what comes up besides. Whether the source is ready;

@@ -67,13 +67,13 @@ void LiveOutput::Confirm(TimeNs at_ns, const TrackConfirmed& track) {
   Confirmed& confirmed = alive_[track.track_id];
   confirmed.first_evidence_ns = track.first_evidence_ns;
   confirmed.kind = track.kind;
-  const bool may_be_known = left_out_until_ns_ && track.first_evidence_ns <= *left_out_until_ns_;
-  if (!may_be_known && track.kind.drone >= least_drone_) Announced(at_ns, confirmed);
+  if (!IsLeftOut(track.first_evidence_ns) && track.kind.drone >= least_drone_)
+    Announced(at_ns, confirmed);
 }
 
 void LiveOutput::Give(TimeNs at_ns, const RowGiven& given) {
   const TrajectoryRow& row = given.row;
-  if (left_out_until_ns_ && row.time_ns <= *left_out_until_ns_) return;
+  if (IsLeftOut(row.time_ns)) return;
   Confirmed& confirmed = alive_[row.track_id];
   confirmed.kind = given.kind;
   if (!confirmed.track && given.kind.drone < least_drone_) return Hold(row, confirmed);
@@ -159,6 +159,11 @@ std::vector<int> LiveOutput::reader_fds() const {
   if (events_) fds.push_back(events_->reader_fd());
   fds.erase(std::remove(fds.begin(), fds.end(), -1), fds.end());
   return fds;
+}
+
+bool LiveOutput::IsLeftOut(TimeNs time_ns) const {
+  return left_out_until_ns_ && time_ns <= *left_out_until_ns_ &&
+         (!left_out_after_ns_ || time_ns > *left_out_after_ns_);
 }
 
 void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {

@@ -30,8 +30,8 @@ struct LiveTrack {
 };
 
 // The engine counts tracks from 0 in each run; those of a file go on counting. Of a run that takes
-// up frames again, rows up to the last one of the file are there already and are left out, and so
-// is a track without any other.
+// up frames again, rows from these up to the last one of the file are there already and are left
+// out, and so is a track without any other.
 class LiveOutput {
  public:
   using NoteCallback = GrowingFile::NoteCallback;
@@ -43,8 +43,11 @@ class LiveOutput {
   // The time of the last row that an earlier run wrote.
   std::optional<TimeNs> last_row_ns() const { return last_row_ns_; }
 
-  // Rows up to this time are left out from now on.
-  void LeaveOutUntil(TimeNs time_ns) { left_out_until_ns_ = time_ns; }
+  // Rows after a time (none: from the beginning) and up to another are left out from now on.
+  void LeaveOut(std::optional<TimeNs> after_ns, TimeNs until_ns) {
+    left_out_after_ns_ = after_ns;
+    left_out_until_ns_ = until_ns;
+  }
 
   // A track's rows are held back until its probability of being a drone has once been so high; of
   // what is held, rows older than `hold_ns` before the newest are forgotten.
@@ -82,6 +85,7 @@ class LiveOutput {
     std::deque<TrajectoryRow> held;  // rows, until it is
   };
 
+  bool IsLeftOut(TimeNs time_ns) const;
   void ReadRow(std::string_view line, std::uint64_t number);
   LiveTrack& Announced(TimeNs at_ns, Confirmed& confirmed);
   void Hold(const TrajectoryRow& row, Confirmed& confirmed) const;
@@ -91,6 +95,7 @@ class LiveOutput {
   std::string path_;
   std::int64_t next_id_ = 0;
   std::optional<TimeNs> last_row_ns_;
+  std::optional<TimeNs> left_out_after_ns_;
   std::optional<TimeNs> left_out_until_ns_;
   double least_drone_ = 0.0;
   TimeNs hold_ns_ = 0;

@@ -3,6 +3,7 @@
 #include <utility>
 #include <variant>
 
+#include "app/output.hpp"
 #include "base/format.hpp"
 
 namespace unlidar {
@@ -19,10 +20,18 @@ void LiveTeller::Take(const EngineEvent& event, const LiveProgress& now) {
   } else if (const auto* changed = std::get_if<SensorChanged>(&event)) {
     TellSensor(changed->sensor, changed->is_silent, now.newest_ns);
   } else {
-    state_ = std::get<EngineState>(event) == EngineState::kWarmingUp ? LiveState::kWarmingUp
-                                                                     : LiveState::kRunning;
-    if (!is_overloaded()) TellState(now);
+    TakeState(std::get<EngineState>(event), now);
   }
+}
+
+void LiveTeller::TakeState(EngineState state, const LiveProgress& now) {
+  const bool is_beginning = state == EngineState::kWarmingUp;
+  state_ = is_beginning ? LiveState::kWarmingUp : LiveState::kRunning;
+  if (is_beginning && std::exchange(has_begun_, true)) {
+    Note("begins anew at " + SecondsText(now.newest_ns) +
+         ": the clock has gone back, or no frame came for longer than live.window_s");
+  }
+  if (!is_overloaded()) TellState(now);
 }
 
 void LiveTeller::TellSensor(std::size_t sensor, bool is_silent, TimeNs newest_ns) {

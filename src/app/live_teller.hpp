@@ -54,6 +54,8 @@ class LiveTeller {
   void Flush() { output_.Flush(); }
 
  private:
+  void TakeState(EngineState state, const LiveProgress& now);
+
   struct Sensor {
     std::string name;
     std::optional<bool> is_silent;  // as it was told
@@ -66,6 +68,7 @@ class LiveTeller {
   const NoteCallback& note_;
   std::vector<Sensor> sensors_;
   LiveState state_ = LiveState::kWarmingUp;  // but for overload
+  bool has_begun_ = false;
   std::uint64_t one_in_ = 1;
 };
 

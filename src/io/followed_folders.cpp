@@ -120,8 +120,7 @@ std::optional<FollowedFrame> FollowedFolders::Next() {
       if (!list_again_) list_again_ = Clock::now() + kSettleTime;
       continue;
     }
-    folder.given_ns.insert(next.stamp_ns);
-    if (folder.given_ns.size() > kMaxGiven) folder.given_ns.erase(folder.given_ns.begin());
+    NoteGiven(next.stamp_ns, folder);
     const bool was_there = backlog_end_ns_ && common_ns <= *backlog_end_ns_;
     return FollowedFrame{index, {path, next.stamp_ns}, was_there ? std::nullopt : next.came};
   }
@@ -224,7 +223,7 @@ void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_
     return;
   }
   const TimeNs common_ns = *stamp_ns + folder.offset_ns;
-  if (WasGiven(folder, *stamp_ns) || (after_ns_ && common_ns <= *after_ns_)) {
+  if (WasGiven(folder, *stamp_ns, is_listed)) {
     if (!is_listed) ++num_passed_over_;
     return;
   }
@@ -246,10 +245,21 @@ void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_
   }
 }
 
-bool FollowedFolders::WasGiven(const Watched& folder, TimeNs stamp_ns) const {
-  const std::set<TimeNs>& given_ns = folder.given_ns;
-  if (given_ns.size() == kMaxGiven && stamp_ns < *given_ns.begin()) return true;
-  return given_ns.count(stamp_ns) > 0;
+bool FollowedFolders::WasGiven(const Watched& folder, TimeNs stamp_ns, bool is_listed) const {
+  const bool is_old = (folder.newest_forgotten_ns && stamp_ns <= *folder.newest_forgotten_ns) ||
+                      (after_ns_ && stamp_ns + folder.offset_ns <= *after_ns_);
+  return (is_listed && is_old) || folder.given_ns.count(stamp_ns) > 0;
+}
+
+void FollowedFolders::NoteGiven(TimeNs stamp_ns, Watched& folder) {
+  folder.given_ns.insert(stamp_ns);
+  folder.given_in_order_ns.push_back(stamp_ns);
+  if (folder.given_in_order_ns.size() <= kMaxGiven) return;
+  const TimeNs forgotten_ns = folder.given_in_order_ns.front();
+  folder.given_in_order_ns.pop_front();
+  folder.given_ns.erase(forgotten_ns);
+  folder.newest_forgotten_ns =
+      std::max(folder.newest_forgotten_ns.value_or(forgotten_ns), forgotten_ns);
 }
 
 }  // namespace unlidar

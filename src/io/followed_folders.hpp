@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <map>
 #include <optional>
@@ -32,8 +33,10 @@ struct FollowedFrame {
 // removed and come back. A file that is open for writing waits until it is closed.
 //
 // At most kMaxPending frames are remembered: for more, and where the system lost count, the folders
-// are listed again. A frame is given once; one whose stamp was given already, or is older than the
-// last kMaxGiven stamps of its folder, is passed over and counted.
+// are listed again. A frame is given once: one whose stamp is among the last kMaxGiven that its
+// folder gave is passed over and counted. One that is found by listing is also passed over where it
+// is no newer than those before: it was there already. One that appears is new, however old its
+// stamp is, as the clock may have gone back.
 class FollowedFolders {
  public:
   static constexpr std::size_t kMaxPending = std::size_t{1} << 13;
@@ -45,9 +48,9 @@ class FollowedFolders {
   };
   using BadFrameCallback = std::function<void(const InputError&)>;
 
-  // Frames up to `after_ns` (with their offset) are passed over. A frame without a stamp goes to
-  // `on_bad_frame`. Throws InputError for what cannot be watched and for a timestamps.csv, here and
-  // later.
+  // Frames up to `after_ns` (with their offset) that are found by listing are passed over. A frame
+  // without a stamp goes to `on_bad_frame`. Throws InputError for what cannot be watched and for a
+  // timestamps.csv, here and later.
   FollowedFolders(const std::vector<Folder>& folders, std::optional<TimeNs> after_ns,
                   BadFrameCallback on_bad_frame);
   ~FollowedFolders();
@@ -78,6 +81,8 @@ class FollowedFolders {
     int ancestor_watch = -1;  // of the nearest folder above that exists
     bool was_listed = false;
     std::set<TimeNs> given_ns;
+    std::deque<TimeNs> given_in_order_ns;
+    std::optional<TimeNs> newest_forgotten_ns;
   };
   struct Pending {
     std::string name;
@@ -95,7 +100,8 @@ class FollowedFolders {
   void ListAll();
   void TakeEvent(int watch, std::uint32_t mask, const std::string& name);
   void Offer(std::size_t index, const std::string& name, bool is_listed);
-  bool WasGiven(const Watched& folder, TimeNs stamp_ns) const;
+  bool WasGiven(const Watched& folder, TimeNs stamp_ns, bool is_listed) const;
+  static void NoteGiven(TimeNs stamp_ns, Watched& folder);
 
   std::vector<Watched> folders_;
   std::optional<TimeNs> after_ns_;

@@ -60,6 +60,8 @@ void LiveEngine::Add(CloudFrame frame) {
       return;
     }
     BeginAnew();
+  } else if (HasForgottenAll(stamp_ns)) {
+    BeginAnew();
   }
   sensor.frames_of_past = 0;
   if (!sensor.stamps_ns.insert(frame.stamp_ns).second) {
@@ -112,6 +114,16 @@ bool LiveEngine::HasClockGoneBack(Sensor* sensor, TimeNs stamp_ns) const {
     return other.frames_of_past >= kFramesOfPast || (&other != sensor && other.is_silent);
   };
   return std::all_of(sensors_.begin(), sensors_.end(), is_past_or_silent);
+}
+
+// Whether nothing that is remembered is young enough for a frame of this stamp: there was none for
+// so long, or the clock has jumped. What stands and grows there would be new, and seem to fly.
+bool LiveEngine::HasForgottenAll(TimeNs stamp_ns) const {
+  const double window_s = config_.live.window_s;
+  if (is_endless_ || !has_begun_ || !std::isfinite(window_s)) return false;
+  return std::all_of(sensors_.begin(), sensors_.end(), [&](const Sensor& sensor) {
+    return stamp_ns - sensor.newest_ns > NsOf(window_s);
+  });
 }
 
 // Nothing of what was is related to what comes.

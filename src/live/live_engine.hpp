@@ -60,6 +60,7 @@ class LiveEngine {
 
   SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;
   bool HasClockGoneBack(Sensor* sensor, TimeNs stamp_ns) const;
+  bool HasForgottenAll(TimeNs stamp_ns) const;
   void BeginAnew();
   TimeNs SettledNs() const;
   void TellSensors(std::optional<std::uint32_t> heard);

@@ -222,6 +222,22 @@ TEST(Engine, AClockThatGoesBackIsANewBeginning) {
   EXPECT_TRUE(AreSame(told.rows, rows));
 }
 
+TEST(Engine, APauseLongerThanAllThatItRemembersIsANewBeginning) {
+  const std::vector<Frame> frames = Jumping(300, 150, 300, kHourNs);
+  const Told told = ToldOf(frames);
+  EXPECT_EQ(told.states.size(), 4U);
+  std::vector<TrajectoryRow> rows = ToldOf({frames.begin(), frames.begin() + 150}).rows;
+  for (TrajectoryRow row : ToldOf({frames.begin() + 150, frames.end()}).rows) {
+    row.track_id = 1;
+    rows.push_back(row);
+  }
+  EXPECT_GT(rows.size(), 150U);
+  EXPECT_TRUE(AreSame(told.rows, rows));
+  // A shorter one is none.
+  const TimeNs shorter_ns = static_cast<TimeNs>((Config().live.window_s - 1.0) * 1e9);
+  EXPECT_EQ(ToldOf(Jumping(300, 150, 300, shorter_ns)).states.size(), 2U);
+}
+
 TEST(Engine, OneStampOfTheFarFutureBlindsNobody) {
   const Told told = ToldOf(Jumping(300, 150, 151, 500'000 * kHourNs));
   ASSERT_GT(told.rows.size(), 150U);

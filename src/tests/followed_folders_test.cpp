@@ -243,13 +243,32 @@ TEST(FollowedFolders, GivesAFrameOnce) {
 
 TEST(FollowedFolders, PassesOverWhatAnEarlierRunHasWorkedOff) {
   const TemporaryFolder folder;
-  for (const char* name : {"1.pcd", "2.pcd", "3.pcd"}) folder.Write(name, "");
-  Follower follower({folder.path()}, 2'000'000'000);
-  EXPECT_EQ(follower.Take().size(), 1U);
+  for (const char* name : {"f/1.pcd", "f/2.pcd", "f/3.pcd"}) folder.Write(name, "");
+  Follower follower({folder / "f"}, 2'000'000'000);
+  EXPECT_EQ(follower.Take(), Names{"f/3.pcd"});
+  folder.Write("f/1.5.pcd", "");  // it is new, whatever its clock says
+  EXPECT_EQ(follower.Take(), Names{"f/1.5.pcd"});
+  fs::rename(folder / "f", folder / "g");
+  fs::rename(folder / "g", folder / "f");
+  EXPECT_TRUE(follower.Take().empty());  // listed again
   EXPECT_EQ(follower.folders.num_passed_over(), 0U);
-  folder.Write("1.5.pcd", "");
+}
+
+TEST(FollowedFolders, GivesFramesOfAClockThatHasGoneBackHoweverManyItGaveBefore) {
+  const TemporaryFolder folder;
+  Follower follower({folder / "f"});
+  const int count = static_cast<int>(FollowedFolders::kMaxGiven) + 100;
+  for (int i = 0; i < count; ++i) folder.Write("f/" + std::to_string(10'000 + i) + ".pcd", "");
+  EXPECT_EQ(follower.Take().size(), static_cast<std::size_t>(count));
+  for (const char* name : {"f/5000.pcd", "f/5001.pcd"}) folder.Write(name, "");
+  EXPECT_EQ(follower.Take(), (Names{"f/5000.pcd", "f/5001.pcd"}));
+  folder.Write("f/5000.pcd", "again");
   EXPECT_TRUE(follower.Take().empty());
   EXPECT_EQ(follower.folders.num_passed_over(), 1U);
+  // Nor is any given twice where the folder has to be listed again.
+  fs::rename(folder / "f", folder / "g");
+  fs::rename(folder / "g", folder / "f");
+  EXPECT_TRUE(follower.Take().empty());
 }
 
 TEST(FollowedFolders, ListsAgainWhatTheSystemLostCountOf) {

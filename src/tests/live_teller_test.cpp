@@ -72,6 +72,20 @@ TEST(LiveTeller, TellsOfEachSensorOnlyWhatIsNew) {
   EXPECT_EQ(told.NumEvents("\"mast\""), 0U);
 }
 
+TEST(LiveTeller, SaysWhyItBeginsASecondTime) {
+  Told told;
+  told.teller.Take(EngineState::kWarmingUp, LiveProgress());
+  told.teller.Take(EngineState::kRunning, LiveProgress());
+  EXPECT_TRUE(told.notes().empty());
+  LiveProgress now;
+  now.newest_ns = 1'706'300'000'250'000'000;
+  told.teller.Take(EngineState::kWarmingUp, now);
+  EXPECT_EQ(told.notes(), (std::vector<std::string>{
+                              "begins anew at 1706300000.250000000: the clock has gone back, or no "
+                              "frame came for longer than live.window_s"}));
+  EXPECT_EQ(told.NumEvents("warming_up"), 2U);
+}
+
 TEST(LiveTeller, OverloadIsAStateUntilItIsOver) {
   Told told;
   told.teller.TellPace(1, 0, LiveProgress());

@@ -32,7 +32,8 @@ _SECOND = {
     3: np.dtype([*_DEPTH, *_ANGLES, *_TAIL]),
     17: np.dtype([("returns", [*_MM, *_TAIL], 2)]),
 }
-_HEAD_FIRST, _HEAD_SECOND = 18, 36
+HEAD_FIRST, _HEAD_SECOND = 18, 36
+_ACCELERATIONS = 24  # bytes of a packet of these
 _CHECKED = 28  # of protocol 2, the begin of what its checksum is of
 _SURELY_NOISE, _LOW_CONFIDENCE = 1, 2  # tags of the two protocols
 _MAX_STAMP_NS = 4 * 10**18
@@ -63,11 +64,19 @@ def parse(payload: bytes) -> Packet | None:
         return None
 
 
+def length_first(head: bytes) -> int | None:
+    """Bytes of a packet of protocol 1 that begins so, head and all; None for no such packet."""
+    if head[0] != 5 or head[9] not in _FIRST:
+        return None
+    rays, dtype = _FIRST[head[9]]
+    return HEAD_FIRST + (_ACCELERATIONS if dtype is None else rays * dtype.itemsize)
+
+
 def _first(payload: bytes) -> Packet | None:
-    if len(payload) < _HEAD_FIRST or payload[9] not in _FIRST:
+    if len(payload) < HEAD_FIRST or payload[9] not in _FIRST:
         return None
     rays, dtype = _FIRST[payload[9]]
-    if dtype is None or len(payload) != _HEAD_FIRST + rays * dtype.itemsize:
+    if dtype is None or len(payload) != HEAD_FIRST + rays * dtype.itemsize:
         return None
     stamp = int.from_bytes(payload[10:18], "little")
     if payload[8] == 3:
@@ -80,7 +89,7 @@ def _first(payload: bytes) -> Packet | None:
         return None
     slot, lidar = payload[1], payload[2]
     part = f"-{slot}-{lidar}" if slot > 1 or lidar > 1 else ""
-    rows = np.frombuffer(payload, dtype, offset=_HEAD_FIRST)
+    rows = np.frombuffer(payload, dtype, offset=HEAD_FIRST)
     return _packet(rows, _SURELY_NOISE, part, None, payload[8] != 0, stamp, None)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from unlidar_tools import __version__
 from unlidar_tools.conversion.bag import RosBag
 from unlidar_tools.conversion.folder import FrameFolder
+from unlidar_tools.conversion.las import LasFile
 from unlidar_tools.conversion.livox_capture import LivoxCapture, LivoxFile
 from unlidar_tools.conversion.merge import merged
 from unlidar_tools.conversion.mmaud import MmaudFolder
@@ -25,6 +26,7 @@ from unlidar_tools.conversion.source import (
     Unreadable,
 )
 from unlidar_tools.conversion.truth_file import TruthFile
+from unlidar_tools.conversion.velodyne_capture import VelodyneCapture
 from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.frames_io import is_return, write_pcd
 from unlidar_tools.names import check_name
@@ -35,7 +37,15 @@ from unlidar_tools.stamps import parse_stamp_ns
 from unlidar_tools.station import write_station
 from unlidar_tools.truth import TRUTH_NAME
 
-KINDS: tuple[type[Source], ...] = (RosBag, LivoxCapture, LivoxFile, MmaudFolder, FrameFolder)
+KINDS: tuple[type[Source], ...] = (
+    RosBag,
+    VelodyneCapture,
+    LivoxCapture,
+    LivoxFile,
+    LasFile,
+    MmaudFolder,
+    FrameFolder,
+)
 _DEFAULTS = Options()
 _NAMED = 5  # recordings in a message
 

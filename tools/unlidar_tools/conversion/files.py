@@ -20,16 +20,21 @@ Item = TypeVar("Item")
 StampedFile = tuple[int, str, Path]
 
 
-def refuse_bag_options(path: Path, options: Options) -> None:
-    """Folders of files have neither topics nor two stamps."""
+def refuse_bag_options(
+    path: Path,
+    options: Options,
+    what: str = "is a folder of files",
+    has_log_times: bool = False,
+) -> None:
+    """What is no bag has no topics, and mostly one stamp a frame."""
     asked = {
         "--topic": options.topics,
         "--truth": options.truths,
-        "--stamp log": options.stamp == "log",
+        "--stamp log": options.stamp == "log" and not has_log_times,
     }
     for option, given in asked.items():
         if given:
-            raise UsageError(f"{path}: is a folder of files, {option} is for bags")
+            raise UsageError(f"{path}: {what}, {option} is for bags")
 
 
 def files_stamped_by_name(directory: Path) -> tuple[list[StampedFile], list[Unreadable]]:

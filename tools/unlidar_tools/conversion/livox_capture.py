@@ -9,10 +9,11 @@ import numpy as np
 
 from unlidar_tools import livox
 from unlidar_tools.capture import datagrams, is_capture
-from unlidar_tools.conversion.lvx2 import lvx2_packets
+from unlidar_tools.conversion import lvx
+from unlidar_tools.conversion.files import refuse_bag_options
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
 from unlidar_tools.conversion.source import Options, SourceFrame, Stream
-from unlidar_tools.errors import InputError, UsageError
+from unlidar_tools.errors import InputError
 from unlidar_tools.stamps import format_stamp_ns
 from unlidar_tools.station import Pose
 
@@ -31,16 +32,10 @@ class _LivoxRecording:
     kind: ClassVar[str] = "Livox packets"
     keeps_beginning: ClassVar[bool] = True
     truths: int = 0
+    _expected: ClassVar[str] = livox.EXPECTED
 
     def __init__(self, path: Path, options: Options) -> None:
-        asked = {
-            "--topic": options.topics,
-            "--truth": options.truths,
-            "--stamp log": options.stamp == "log",
-        }
-        for option, given in asked.items():
-            if given:
-                raise UsageError(f"{path}: holds packets, {option} is for bags")
+        refuse_bag_options(path, options, "holds packets")
         self._path, self._options = path, options
         self._notes: list[str] = []
         spans: dict[str, tuple[int, int]] = {}  # numbers of the first and the last frame
@@ -53,7 +48,7 @@ class _LivoxRecording:
             if not spans:
                 raise
         if not spans:
-            raise InputError(f"{path}: holds no points of a Livox LiDAR, expected {livox.EXPECTED}")
+            raise InputError(f"{path}: holds no points of a Livox LiDAR, expected {self._expected}")
         self._begin_ns = min(first for first, _ in spans.values()) * _FRAME_NS
         self.sensors = {name: last - first + 1 for name, (first, last) in spans.items()}
 
@@ -111,6 +106,7 @@ class LivoxCapture(_LivoxRecording):
     """The LiDARs of a capture, each named by its address."""
 
     description: ClassVar[str] = "a capture (.pcap, .pcapng) of packets of Livox LiDARs"
+    _expected: ClassVar[str] = f"{livox.EXPECTED}, or of a Velodyne"
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -126,18 +122,29 @@ class LivoxCapture(_LivoxRecording):
 
 
 class LivoxFile(_LivoxRecording):
-    """A file of the maker's viewer (.lvx2); each LiDAR has its serial number as its name."""
+    """A file of the maker's viewer; each LiDAR has its serial number as its name."""
 
-    description: ClassVar[str] = "a file of Livox Viewer 2 (.lvx2)"
+    description: ClassVar[str] = "a file of Livox Viewer (.lvx, .lvx2)"
 
     @classmethod
     def matches(cls, path: Path) -> bool:
         """Whether the name says so."""
-        return path.suffix.lower() == ".lvx2" and path.is_file()
+        return path.suffix.lower() in (".lvx", ".lvx2") and path.is_file()
+
+    def station(self) -> dict[str, Pose]:
+        """As the file has it; empty where all poses are those of the origin."""
+        poses = {lidar.name: lidar.pose for lidar in lvx.lidars(self._path)}
+        return poses if any(pose != Pose() for pose in poses.values()) else {}
+
+    def notes(self) -> list[str]:
+        """And poses that the viewer did not use."""
+        unused = [lidar.name for lidar in lvx.lidars(self._path) if lidar.is_pose_off]
+        said = [f"{name}: its pose is switched off in the file, and not taken" for name in unused]
+        return [*super().notes(), *said]
 
     def _recorded(self) -> Iterator[Recorded]:
         # Nothing says when it was recorded: a clock that is not synchronised stays as it is.
-        for name, packet in lvx2_packets(self._path):
+        for name, packet in lvx.packets(self._path):
             yield name, packet.stamp_ns, packet
 
 

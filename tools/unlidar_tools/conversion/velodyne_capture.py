@@ -1,0 +1,147 @@
+"""Captured packets of Velodyne LiDARs, decoded by velodyne-decoder: a turn is a frame."""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from unlidar_tools import livox
+from unlidar_tools.capture import Datagram, datagrams, is_capture
+from unlidar_tools.conversion.files import refuse_bag_options
+from unlidar_tools.conversion.point_times import OFFSET_FIELD
+from unlidar_tools.conversion.source import Options, SourceFrame, Stream
+from unlidar_tools.conversion.stamps_seen import StampsSeen
+from unlidar_tools.errors import InputError, UsageError, reason
+from unlidar_tools.stamps import format_stamp_ns
+from unlidar_tools.station import Pose
+
+_BYTES = 1206  # of a packet of points: 12 blocks, time, return mode, model
+_BLOCKS = (b"\xff\xee", b"\xff\xdd")  # begins of the upper and the lower lasers
+_AZIMUTH_AT = 2
+_FARTHEST_M = 1_000.0  # no model reaches farther; what is too far for a track is the program's
+# Whoever's packet comes first is the maker of the capture's LiDARs.
+_LOOKED_AT = 10_000
+
+
+class VelodyneCapture:
+    """The LiDARs of a capture, each named by its address."""
+
+    kind: ClassVar[str] = "Velodyne packets"
+    description: ClassVar[str] = "a capture of packets of Velodyne LiDARs"
+    keeps_beginning: ClassVar[bool] = True
+    truths: int = 0
+
+    @classmethod
+    def matches(cls, path: Path) -> bool:
+        """Whether the first packet of points in a capture is a Velodyne's."""
+        if not is_capture(path):
+            return False
+        try:
+            for _, datagram in zip(range(_LOOKED_AT), datagrams(path), strict=False):
+                if _is_points(datagram) or livox.parse(datagram.payload) is not None:
+                    return _is_points(datagram)
+        except (InputError, UsageError):  # who opens it will say so
+            pass
+        return False
+
+    def __init__(self, path: Path, options: Options) -> None:
+        # Of two clocks, the sensor's and the recorder's, --stamp chooses as for bags.
+        refuse_bag_options(path, options, "holds packets", has_log_times=True)
+        self._decoder = _library(path)
+        self._path, self._options = path, options
+        self._stamps: dict[str, StampsSeen] = {}
+        self.sensors: dict[str, int] = {}
+        self._begin_ns: int | None = None
+        azimuths: dict[str, int] = {}
+        try:
+            for datagram in self._points():
+                (azimuth,) = struct.unpack_from("<H", datagram.payload, _AZIMUTH_AT)
+                name = _name(datagram)
+                turns = azimuth < azimuths.get(name, 1 << 16)
+                self.sensors[name] = self.sensors.get(name, 0) + turns
+                azimuths[name] = azimuth
+        except InputError:  # items() meets it again, behind what can be kept
+            if not self.sensors:
+                raise
+
+    def lidars(self) -> list[str]:
+        """All of them."""
+        return list(self.sensors)
+
+    def streams(self) -> list[Stream]:
+        """All of them."""
+        return [Stream(name, "point packets", n, "frames") for name, n in self.sensors.items()]
+
+    def total(self, sensors: list[str]) -> int:
+        """Their turns."""
+        return sum(self.sensors[name] for name in sensors)
+
+    def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
+        """Turns as they become complete."""
+        config = {"timestamp_first_packet": True, "max_range": _FARTHEST_M}
+        decoders = {n: self._decoder.StreamDecoder(self._decoder.Config(**config)) for n in sensors}
+        self._stamps = {name: StampsSeen(self._options.stamp) for name in sensors}
+        for datagram in self._points():
+            name = _name(datagram)
+            if name in decoders:
+                yield from self._frame(
+                    name, lambda d=datagram, n=name: decoders[n].decode(d.time_s, d.payload, True)
+                )
+        for name, decoder in decoders.items():
+            yield from self._frame(name, lambda d=decoder: d.finish(True))
+
+    def station(self) -> dict[str, Pose]:
+        """Packets do not tell where a LiDAR stands."""
+        return {}
+
+    def notes(self) -> list[str]:
+        """Clocks that lie far apart."""
+        return [note for name, seen in self._stamps.items() if (note := seen.note(name))]
+
+    def facts(self) -> dict:
+        """What the clocks were."""
+        return {"stamps": {name: seen.facts() for name, seen in self._stamps.items()}}
+
+    def close(self) -> None:
+        """Nothing is open between the calls."""
+
+    def _points(self) -> Iterator[Datagram]:
+        return (datagram for datagram in datagrams(self._path) if _is_points(datagram))
+
+    def _frame(self, name: str, decode: Any) -> Iterator[SourceFrame]:
+        try:
+            turn = decode()
+        except (RuntimeError, ValueError, OverflowError) as error:
+            raise InputError(f"{self._path}: packets of {name}: {reason(error)}") from error
+        if turn is None or len(turn[1]) == 0:
+            return
+        times, rows = turn
+        stamp_ns = self._stamps[name].pick(round(times.device * 1e9), round(times.host * 1e9))
+        self._begin_ns = stamp_ns if self._begin_ns is None else self._begin_ns
+        if stamp_ns not in self._options.window(self._begin_ns):
+            return
+        offsets_ns = np.rint(rows["time"].astype(float) * 1e9).astype(np.int64)
+        xyz_m = np.stack([rows[axis] for axis in "xyz"], axis=1)
+        yield SourceFrame(name, format_stamp_ns(stamp_ns), xyz_m, {OFFSET_FIELD: offsets_ns})
+
+
+def _is_points(datagram: Datagram) -> bool:
+    return len(datagram.payload) == _BYTES and datagram.payload[:2] in _BLOCKS
+
+
+def _name(datagram: Datagram) -> str:
+    return datagram.source.replace(".", "-")
+
+
+def _library(path: Path) -> ModuleType:
+    try:
+        import velodyne_decoder
+    except ImportError as error:
+        raise UsageError(
+            f"{path}: needs the Python package velodyne-decoder, expected "
+            "pip install 'unlidar-tools[velodyne]' before"
+        ) from error
+    return velodyne_decoder

@@ -257,11 +257,12 @@ TEST(Engine, TellsWhenASensorIsSilentAndWhenItIsBack) {
     }
   }
   const Told told = ToldOf(std::move(frames), Config(), {"a", "b"});
-  std::vector<bool> is_silent;
+  std::vector<SensorState> states;
   for (const SensorChanged& change : told.sensors) {
-    if (change.sensor == 1) is_silent.push_back(change.is_silent);
+    if (change.sensor == 1) states.push_back(change.state);
   }
-  EXPECT_EQ(is_silent, (std::vector<bool>{false, true, false}));
+  EXPECT_EQ(states,
+            (std::vector<SensorState>{SensorState::kOk, SensorState::kSilent, SensorState::kOk}));
 }
 
 TEST(Engine, TellsTheSameWhereverItsSensorStands) {
@@ -335,14 +336,14 @@ TEST(Engine, AdvanceGivesWhatIsDueTellsOfSilenceAndEndsWhatMayComeLate) {
   EXPECT_EQ(told.sensors.size(), 1U);
   engine.Advance(end_ns + static_cast<TimeNs>((silent_s + 0.1) * 1e9));
   ASSERT_EQ(told.sensors.size(), 2U);
-  EXPECT_TRUE(told.sensors.back().is_silent);
+  EXPECT_EQ(told.sensors.back().state, SensorState::kSilent);
   engine.Advance(end_ns);  // time does not run back
   EXPECT_EQ(engine.newest_ns(), end_ns + static_cast<TimeNs>((silent_s + 0.1) * 1e9));
   engine.Add(scene.FrameAt(120));
   EXPECT_EQ(engine.late_frames(), 1U);
   engine.Add(scene.FrameAt(150));
   ASSERT_EQ(told.sensors.size(), 3U);
-  EXPECT_FALSE(told.sensors.back().is_silent);
+  EXPECT_EQ(told.sensors.back().state, SensorState::kOk);
   engine.Close();
 }
 

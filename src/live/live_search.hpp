@@ -28,6 +28,10 @@ class LiveSearch {
   // `viewpoint_m`: of its station. A sensor may be told again, with another period.
   void SetSensor(std::uint32_t sensor, const SensorInfo& info, const Eigen::Vector3f& viewpoint_m);
 
+  // Whether such a sensor is blinded: what is new to it then tells little, for the clutter of no
+  // place is as it was.
+  void SetBlinded(std::uint32_t sensor, bool is_blinded) { are_blinded_[sensor] = is_blinded; }
+
   // As ShortestPeriodNs, of these sensors.
   TimeNs shortest_period_ns() const { return ShortestPeriodNs(recent_); }
 
@@ -56,12 +60,13 @@ class LiveSearch {
 
  private:
   std::vector<double> CountPlots(const SceneFrame& frame);
-  double LeastScore(double watched_s) const;
+  double LeastScore(const SceneFrame& frame) const;
 
   const Config& config_;
   Watch watch_;
   Recording recent_;  // sensors and frames of the last while, without returns
   Moment moment_;
+  std::vector<char> are_blinded_;  // (sensors)
   std::vector<TrackModel> models_;
   std::vector<Plot> plots_;
   std::vector<SeenPlot> seen_;      // the same

@@ -14,7 +14,7 @@ constexpr double kRatesFadeS = 60.0;
 constexpr double kPauseS = 1.0;  // without a plot: what is before and after may be two things
 constexpr RangeRadius kLeastMove{0.8, 0.02};
 constexpr double kLongStandS = 2.0;
-// What the clutter of a place is, is hardly known at first, nor while the sensor is blinded: paths
+// What the clutter of a place is, is hardly known at first, nor while a sensor is blinded: paths
 // of it are more frequent then than its mean rate says, for where one plot was unexpected so is the
 // next.
 constexpr double kUnknownLog = 8.0;
@@ -86,7 +86,6 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info,
     recent_.sensors.resize(sensor + 1);
     watch_.sensors.resize(sensor + 1);
     moment_.frames_before.resize(sensor + 1, 0);
-    are_blinded_.resize(sensor + 1, 0);
   }
   recent_.sensors[sensor] = info;
   watch_.sensors[sensor].viewpoint_m = viewpoint_m.cast<double>();
@@ -128,11 +127,11 @@ std::vector<double> LiveSearch::CountPlots(const SceneFrame& frame) {
 
 // Clutter alone makes a path of this score so many times an hour, as every plot may be the first of
 // one, with every model.
-double LiveSearch::LeastScore(const SceneFrame& frame) const {
+double LiveSearch::LeastScore(double watched_s) const {
   const double plots_per_hour = 3600.0 * num_plots_ / std::max(watched_s_, 1.0);
   const auto num_models =
       static_cast<double>(models_.size() * config_.robust.tracker.birth_speeds_mps.size());
-  const double known_s = are_blinded_[frame.info.sensor] != 0 ? 0.0 : frame.watched_s;
+  const double known_s = is_blinded_ ? 0.0 : watched_s;
   return std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) +
          kUnknownLog * std::exp(-known_s / kLearningS);
 }
@@ -151,7 +150,7 @@ std::vector<Path> LiveSearch::Extend(SceneFrame frame, const std::vector<char>& 
       free_.push_back(are_free[i]);
     }
     const Slice slice = SliceOf(plots_, log_births_, first, moment_, tracker);
-    least_score_ = LeastScore(frame);
+    least_score_ = LeastScore(frame.watched_s);
     for (TrackSearch& search : searches_) {
       search.Extend(slice);
       for (Path& path : search.PathsToLastSlice(least_score_)) paths.push_back(std::move(path));

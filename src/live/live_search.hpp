@@ -28,9 +28,8 @@ class LiveSearch {
   // `viewpoint_m`: of its station. A sensor may be told again, with another period.
   void SetSensor(std::uint32_t sensor, const SensorInfo& info, const Eigen::Vector3f& viewpoint_m);
 
-  // Whether such a sensor is blinded: what is new to it then tells little, for the clutter of no
-  // place is as it was.
-  void SetBlinded(std::uint32_t sensor, bool is_blinded) { are_blinded_[sensor] = is_blinded; }
+  // Whether a sensor is blinded: weather is that of all, and the clutter of no place as it was.
+  void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
 
   // As ShortestPeriodNs, of these sensors.
   TimeNs shortest_period_ns() const { return ShortestPeriodNs(recent_); }
@@ -60,13 +59,12 @@ class LiveSearch {
 
  private:
   std::vector<double> CountPlots(const SceneFrame& frame);
-  double LeastScore(const SceneFrame& frame) const;
+  double LeastScore(double watched_s) const;
 
   const Config& config_;
   Watch watch_;
   Recording recent_;  // sensors and frames of the last while, without returns
   Moment moment_;
-  std::vector<char> are_blinded_;  // (sensors)
   std::vector<TrackModel> models_;
   std::vector<Plot> plots_;
   std::vector<SeenPlot> seen_;      // the same
@@ -78,6 +76,7 @@ class LiveSearch {
   double watched_s_ = 0.0;  // and how long that took
   double rates_s_ = 0.0;    // when
   double least_score_ = 0.0;
+  bool is_blinded_ = false;
 };
 
 }  // namespace unlidar

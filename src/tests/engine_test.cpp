@@ -265,6 +265,58 @@ TEST(Engine, TellsWhenASensorIsSilentAndWhenItIsBack) {
             (std::vector<SensorState>{SensorState::kOk, SensorState::kSilent, SensorState::kOk}));
 }
 
+// Frames with so many returns of fog more: ranges gamma distributed with a mean of 5 m.
+void AddFog(int returns, std::uint32_t seed, std::vector<Frame>* frames) {
+  Random random(seed);
+  for (Frame& frame : *frames) {
+    for (int k = 0; k < returns; ++k) {
+      const Eigen::Vector3d ray = random.NormalVector(1.0).normalized();
+      const double range_m = -2.5 * std::log(random.Uniform(0.0, 1.0) * random.Uniform(0.0, 1.0));
+      frame.points_m.emplace_back((range_m * ray).cast<float>());
+    }
+  }
+}
+
+TEST(Engine, InThickFogItTellsThatItIsBlindedAndOfNoDroneThatIsNotThere) {
+  for (std::uint32_t seed = 1; seed <= 2; ++seed) {
+    std::vector<Frame> frames = Frames(Scene(seed, 1e9, 1e9), 100);
+    AddFog(1500, seed, &frames);
+    const Told told = ToldOf(frames);
+    EXPECT_TRUE(told.confirmed.empty()) << seed;
+    ASSERT_EQ(told.sensors.size(), 2U) << seed;
+    EXPECT_EQ(told.sensors[0].state, SensorState::kOk);
+    EXPECT_EQ(told.sensors[1].state, SensorState::kBlinded);
+  }
+}
+
+// What was open air a moment ago says nothing of the fog in it.
+TEST(Engine, FogThatComesIsNoSwarmOfDrones) {
+  for (const int returns : {100, 300}) {
+    std::vector<Frame> frames = Frames(Scene(4, 1e9, 1e9), 180);
+    std::vector<Frame> in_fog(frames.begin() + 90, frames.end());
+    AddFog(returns, 1, &in_fog);
+    std::copy(in_fog.begin(), in_fog.end(), frames.begin() + 90);
+    EXPECT_TRUE(ToldOf(frames).confirmed.empty()) << returns;
+  }
+}
+
+TEST(Engine, AWindowThatIsCoveredForAWhileBlindsOneSensorForThatWhile) {
+  Scene scene(5, 1e9, 1e9);
+  std::vector<Frame> frames;
+  for (int i = 0; i < 300; ++i) {
+    frames.push_back(scene.FrameAt(i, 0));
+    frames.push_back(scene.FrameAt(i, 1));
+    frames.back().stamp_ns += kPeriodNs / 3;
+    if (i >= 100 && i < 200) frames.back().points_m.clear();
+  }
+  const Told told = ToldOf(std::move(frames), Config(), {"a", "b"});
+  ASSERT_EQ(told.sensors.size(), 4U);
+  EXPECT_EQ(told.sensors[2].sensor, 1U);
+  EXPECT_EQ(told.sensors[2].state, SensorState::kBlinded);
+  EXPECT_EQ(told.sensors[3].sensor, 1U);
+  EXPECT_EQ(told.sensors[3].state, SensorState::kOk);
+}
+
 TEST(Engine, TellsTheSameWhereverItsSensorStands) {
   const Eigen::Vector3d by_m(256.0, -512.0, 16.0);
   Config moved;

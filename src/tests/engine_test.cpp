@@ -289,15 +289,19 @@ TEST(Engine, InThickFogItTellsThatItIsBlindedAndOfNoDroneThatIsNotThere) {
   }
 }
 
-// What was open air a moment ago says nothing of the fog in it.
-TEST(Engine, FogThatComesIsNoSwarmOfDrones) {
-  for (const int returns : {100, 300}) {
-    std::vector<Frame> frames = Frames(Scene(4, 1e9, 1e9), 180);
-    std::vector<Frame> in_fog(frames.begin() + 90, frames.end());
-    AddFog(returns, 1, &in_fog);
-    std::copy(in_fog.begin(), in_fog.end(), frames.begin() + 90);
-    EXPECT_TRUE(ToldOf(frames).confirmed.empty()) << returns;
+// What was open air a moment ago says nothing of the snow in it.
+TEST(Engine, SnowThatComesIsNoSwarmOfDrones) {
+  std::vector<Frame> frames = Frames(Scene(4, 1e9, 1e9), 180);
+  Random random(1);
+  for (int i = 90; i < 180; ++i) {
+    for (int k = 0; k < 150; ++k) {
+      const Eigen::Vector3d ray = random.NormalVector(1.0).normalized();
+      const Eigen::Vector3d up(ray.x(), ray.y(), std::abs(ray.z()));
+      const Eigen::Vector3f flake_m = (random.Uniform(1.0, 30.0) * up).cast<float>();
+      frames[static_cast<std::size_t>(i)].points_m.push_back(flake_m);
+    }
   }
+  EXPECT_EQ(ToldOf(frames).confirmed.size(), 0U);
 }
 
 TEST(Engine, AWindowThatIsCoveredForAWhileBlindsOneSensorForThatWhile) {

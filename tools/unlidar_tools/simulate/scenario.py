@@ -46,8 +46,7 @@ class Sensor:
     window_dirt: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Share of the directions in which dirt or water on its window lets little through."""
     window_returns: NotNegative = 0.0
-    """Mean number a frame of rays that the dirt may return, from within a metre, as far as they meet
-    it."""
+    """Mean number a frame of rays that return from within a metre if they meet the dirt."""
 
     def __post_init__(self) -> None:
         require(self.model in MODELS, f"model '{self.model}', expected one of {list(MODELS)}")

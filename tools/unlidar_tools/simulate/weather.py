@@ -1,21 +1,19 @@
 """Returns from what is in the air or on the window, and what these take from the others.
 
-How far away such returns come from:
+How far away such returns come from. What is known of it is quoted; the distributions are choices
+that look like it.
 
 - sun: noise of the receiver, which fires as soon anywhere on the way that is listened to. Even in
   range and direction.
-- rain: a drop is hit as often from 1 to 2 m as from 10 to 20 m (Goodin et al., "Predicting the
-  influence of rain on LIDAR in ADAS", 2019: what a beam meets grows with its width, the echo of a
-  drop falls as fast).
-- fog: each ray has a soft echo that begins where the beams of transmitter and receiver overlap and
-  falls with r^-2 exp(-2 a r), a = 3 / visibility (Rasshofer, Spies and Spies, "Influences of
-  weather phenomena on automotive laser radar systems", 2011; Hahner et al., "Fog simulation on real
-  LiDAR point clouds", 2021). The ranges that chambers show (Bijelic, Gruber and Ritter, "A benchmark
-  for lidar sensors in fog", 2018) are close to a gamma distribution of shape 2, its mean a tenth of
-  the visibility. Hard echoes lose exp(-2 a r).
-- snow: single flakes, most of them within 15 m and none beyond 30 m (Charron, Phillips and
-  Waslander, "De-noising of lidar point clouds corrupted by snowfall", 2018; Hahner et al., "LiDAR
-  snowfall simulation", 2022): gamma distributed, shape 3, mean 8 m.
+- rain: as often from 1 to 2 m as from 10 to 20 m.
+- fog: the soft echo of a ray falls with r^-2 exp(-2 a r), a = 3 / visibility, so that returns crowd
+  about the sensor (Rasshofer, Spies and Spies, "Influences of weather phenomena on automotive laser
+  radar systems", 2011; Bijelic, Gruber and Ritter, "A benchmark for lidar sensors in fog", 2018;
+  Hahner et al., "Fog simulation on real LiDAR point clouds", 2021). Gamma distributed, shape 2, the
+  mean a tenth of the visibility. Hard echoes lose exp(-2 a r).
+- snow: single flakes, most of them within some 15 m (Charron, Phillips and Waslander, "De-noising of
+  lidar point clouds corrupted by snowfall", 2018; Hahner et al., "LiDAR snowfall simulation", 2022).
+  Gamma distributed, shape 3, mean 8 m, none beyond 30 m.
 - window: dirt or water in patches. A patch returns from within a metre, and lets little through.
 """
 
@@ -39,9 +37,7 @@ _PATCH_TRANSMISSION = 0.02  # both ways
 Draw = Callable[[np.random.Generator, np.ndarray], np.ndarray]
 
 
-def stray_kinds(
-    scene: Scene, sensor: Sensor, model: SensorModel
-) -> list[tuple[float, Draw, bool]]:
+def stray_kinds(scene: Scene, sensor: Sensor, model: SensorModel) -> list[tuple[float, Draw, bool]]:
     """Mean number a frame, ranges, and whether they come through the dirty part of the window."""
 
     def sun(rng: np.random.Generator, free_m: np.ndarray) -> np.ndarray:

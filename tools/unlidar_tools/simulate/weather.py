@@ -11,9 +11,9 @@ that look like it.
   radar systems", 2011; Bijelic, Gruber and Ritter, "A benchmark for lidar sensors in fog", 2018;
   Hahner et al., "Fog simulation on real LiDAR point clouds", 2021). Gamma distributed, shape 2, the
   mean a tenth of the visibility. Hard echoes lose exp(-2 a r).
-- snow: single flakes, most of them within some 15 m (Charron, Phillips and Waslander, "De-noising of
-  lidar point clouds corrupted by snowfall", 2018; Hahner et al., "LiDAR snowfall simulation", 2022).
-  Gamma distributed, shape 3, mean 8 m, none beyond 30 m.
+- snow: single flakes, most of them within some 15 m (Charron, Phillips and Waslander, "De-noising
+  of lidar point clouds corrupted by snowfall", 2018; Hahner et al., "LiDAR snowfall simulation for
+  robust 3D object detection", 2022). Gamma distributed, shape 3, mean 8 m, none beyond 30 m.
 - window: dirt or water in patches. A patch returns from within a metre, and lets little through.
 """
 

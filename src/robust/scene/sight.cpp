@@ -61,7 +61,9 @@ const std::size_t kAirRange = static_cast<std::size_t>(RangeOf(kAirM));
 }  // namespace
 
 SensorSight::SensorSight()
-    : hits_(static_cast<std::size_t>(kDirections) * kRanges, 0), hits_before_(hits_) {
+    : hits_(static_cast<std::size_t>(kDirections) * kRanges, 0),
+      hits_before_(hits_),
+      has_returned_(kDirections, 0) {
   known_.rates.resize(hits_.size(), 0.0F);
 }
 
@@ -78,7 +80,9 @@ void SensorSight::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
   ++frames_;
   const std::ptrdiff_t step = (end_m - begin_m) / kMostReturns + 1;
   for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
-    hits_[PlaceOf(begin_m[i] - origin_m)] = 1;
+    const std::size_t place = PlaceOf(begin_m[i] - origin_m);
+    hits_[place] = 1;
+    has_returned_[place / kRanges] = 1;
     ++returns_;
   }
 }
@@ -87,6 +91,7 @@ SensorSight::Look SensorSight::LookAt(const Picture& picture) const {
   Look look;
   look.returns = returns_;
   for (std::size_t first = 0; first < hits_.size(); first += kRanges) {
+    if (has_returned_[first / kRanges] == 0) continue;
     bool is_hit = false;
     bool is_known = false;
     bool is_hit_beyond = false;
@@ -125,8 +130,11 @@ bool SensorSight::IsBad(const Look& look) const {
 void SensorSight::Learn(Picture* picture) const {
   picture->looks = std::min(picture->looks + 1.0, kLooksRemembered);
   const auto weight = static_cast<float>(1.0 / picture->looks);
-  for (std::size_t i = 0; i < hits_.size(); ++i) {
-    picture->rates[i] += weight * (static_cast<float>(hits_[i]) - picture->rates[i]);
+  for (std::size_t first = 0; first < hits_.size(); first += kRanges) {
+    if (has_returned_[first / kRanges] == 0) continue;
+    for (std::size_t i = first; i < first + kRanges; ++i) {
+      picture->rates[i] += weight * (static_cast<float>(hits_[i]) - picture->rates[i]);
+    }
   }
 }
 

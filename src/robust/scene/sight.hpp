@@ -69,8 +69,9 @@ class SensorSight {
   TimeNs look_begin_ns_ = 0;
   int frames_ = 0;  // of this look
   int returns_ = 0;
-  std::vector<char> hits_;         // by place
-  std::vector<char> hits_before_;  // in the look before
+  std::vector<char> hits_;          // by place
+  std::vector<char> hits_before_;   // in the look before
+  std::vector<char> has_returned_;  // by direction: others need no look
   Look look_;
   int contrary_looks_ = 0;  // in a row, that speak against is_blinded_
   bool is_blinded_ = false;

@@ -268,6 +268,38 @@ def test_a_sensor_that_falls_silent_is_told_by_the_stamps(flight: Flight, tmp_pa
     assert 2.0 <= silent["at"] - float(right[9].stem) < 2.2
 
 
+def write_yard(folder: Path, covered_from: int) -> list[Path]:
+    """15 s in a round yard with a wall; from some frame on nothing returns."""
+    rng = np.random.default_rng(1)
+    folder.mkdir(parents=True)
+    paths = [folder / f"{1_706_300_000 + i / 10:.6f}.pcd" for i in range(150)]
+    for i, path in enumerate(paths):
+        azimuth = rng.uniform(-np.pi, np.pi, 0 if i >= covered_from else 800)
+        wall = [20 * np.cos(azimuth), 20 * np.sin(azimuth), rng.uniform(-2, 4, len(azimuth))]
+        write_pcd(path, np.stack(wall, axis=1))
+    return paths
+
+
+def test_a_covered_window_is_told_live_and_of_a_recording(tmp_path: Path) -> None:
+    folders = {"left": tmp_path / "left", "right": tmp_path / "right"}
+    write_yard(folders["left"], 150)
+    right = write_yard(folders["right"], 80)
+    options = ("--events", "-", "--summary", tmp_path / "live.json")
+    code, out, said = feed(b"".join(messages(**folders)), tmp_path / "o.csv", *options)
+    assert code == 0, said
+    told = [(e["name"], e["state"]) for e in events_of(out) if e["event"] == "sensor"]
+    assert told == [("left", "ok"), ("right", "ok"), ("right", "blinded")]
+    blinded = next(e for e in events_of(out) if e.get("state") == "blinded")
+    assert 2.5 <= blinded["at"] - float(right[79].stem) <= 4.5
+    assert said.count("right: blinded: ") == 1
+    sources = [f"{name}={folder}" for name, folder in folders.items()]
+    said = track(sources, tmp_path / "batch.csv", "--summary", tmp_path / "batch.json")
+    assert said.count("right: blinded for ") == 1
+    for kind in ("live", "batch"):
+        inputs = json.loads((tmp_path / f"{kind}.json").read_text())["inputs"]
+        assert [i["blinded_s"] > 0 for i in inputs] == [False, True]
+
+
 def test_summary_accounts_for_every_frame(stream: list[bytes], tmp_path: Path) -> None:
     data = b"".join([*stream[:30], *stream[31:50], stream[30], *stream[50:]])
     data += message("lidar", "1706300999.0", b"no PCD")

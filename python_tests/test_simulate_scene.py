@@ -10,7 +10,7 @@ from unlidar_tools.configs import scenario_names
 from unlidar_tools.simulate import Scenario, Simulation, load_scenario
 from unlidar_tools.simulate.flight import make_path
 from unlidar_tools.simulate.recording import STRAY
-from unlidar_tools.simulate.scenario import Drone, Flight, Scene, Sensor
+from unlidar_tools.simulate.scenario import Drone, Flight, Fog, Scene, Sensor
 from unlidar_tools.simulate.world import Thing
 
 EMPTY = Scene(random_buildings=0, poles=0, trees=0)
@@ -111,6 +111,61 @@ def test_rain_has_its_rate_is_mostly_near_and_never_behind_what_a_ray_meets():
     assert away.max() < 25.1
     assert np.median(away) == pytest.approx(5.0, rel=0.2)
     assert np.concatenate(drops)[:, 2].min() > scene.ground_z_m
+
+
+def strays_m(scene: Scene, **of_sensor) -> tuple[float, np.ndarray]:
+    """Mean number a frame of returns from nothing, and their ranges."""
+    sensors = {"mid360": Sensor("mid360", **({"stray_returns": 0} | of_sensor))}
+    frames = list(simulation(scene, sensors=sensors).frames("mid360"))
+    strays = np.concatenate([frame.xyz_m[frame.thing == STRAY] for frame in frames])
+    return len(strays) / len(frames), np.linalg.norm(strays, axis=1)
+
+
+def test_fog_is_the_denser_the_nearer_and_takes_what_is_far():
+    clear, foggy = (Scene(fog=fog) for fog in (None, Fog(returns=300, visibility_m=60)))
+    number, away = strays_m(foggy)
+    assert number == pytest.approx(295, rel=0.06)
+    assert away.mean() == pytest.approx(0.3 + 6.0, rel=0.1)
+    per_m3 = np.histogram(away, [0.3, 1, 2, 4, 8, 16, 32])[0] / np.diff(
+        np.power([0.3, 1, 2, 4, 8, 16, 32], 3)
+    )
+    assert np.all(np.diff(per_m3) < 0)
+    counts = []
+    for scene in (clear, foggy):
+        hits = [f.xyz_m[f.thing != STRAY] for f in simulation(scene).frames("mid360")]
+        away = np.linalg.norm(np.concatenate(hits), axis=1)
+        counts.append([(away < 20).sum(), (away > 40).sum()])
+    assert counts[1][0] > 0.5 * counts[0][0]
+    assert counts[1][1] < 0.2 * counts[0][1]
+
+
+def test_flakes_are_within_30_m_and_a_low_sun_shows_at_any_range():
+    number, away = strays_m(dataclasses.replace(EMPTY, snow_returns=300))
+    assert 250 < number < 300  # the ground hides some
+    assert away.max() < 30
+    assert np.median(away) == pytest.approx(7.1, rel=0.15)
+    number, away = strays_m(EMPTY, stray_returns=300)
+    assert number == pytest.approx(298, rel=0.06)
+    sky = away[away > 20]  # beyond the ground
+    assert np.histogram(sky, [20, 40, 60, 80])[0] == pytest.approx(len(sky) / 3, rel=0.1)
+
+
+def test_a_dirty_window_hides_its_share_of_the_field_for_good_and_returns_from_within_a_metre():
+    number, away = strays_m(Scene(), window_dirt=0.5, window_returns=400)
+    assert number == pytest.approx(200, rel=0.4)
+    assert np.median(away) < 0.7
+    sensors = {"mid360": Sensor("mid360", stray_returns=0, window_dirt=0.5)}
+    lost = []
+    for frame, clean in zip(
+        simulation(Scene(), sensors=sensors).frames("mid360"),
+        simulation(Scene()).frames("mid360"),
+        strict=True,
+    ):
+        far = np.linalg.norm(clean.xyz_m, axis=1) > 25
+        still = np.linalg.norm(frame.xyz_m, axis=1) > 25
+        lost.append(1 - still.sum() / far.sum())
+    assert np.mean(lost) == pytest.approx(0.5, abs=0.25)
+    assert np.std(lost) < 0.1
 
 
 def test_a_path_that_rests_at_its_waypoints_never_leaves_the_line_between_them():

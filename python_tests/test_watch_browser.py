@@ -204,7 +204,8 @@ def _is_loaded() -> bool:
 def one_drone(folder: Path, *more: str, inside: bool = True) -> None:
     at = (5.0, 3.0, 12.0) if inside else (60.0, 3.0, 12.0)
     with (folder / "events.jsonl").open("a") as file:
-        lines = [sensor("mid360", "ok"), sensor("avia", "silent"), state("running", dropped=3)]
+        lines = [sensor("mid360", "ok"), sensor("avia", "silent"), sensor("north", "blinded")]
+        lines += [state("running", dropped=3)]
         lines += [track(7), *[row(7, t / 10, at, (3.0, 4.0, -1.0)) for t in range(40)], *more]
         file.write("".join(line + "\n" for line in lines))
 
@@ -222,6 +223,7 @@ def test_the_table_health_and_alarm_say_what_is(driver, folder, size) -> None:
         assert float(cells[5]) == pytest.approx(math.hypot(0.05, 0.07, 0.09), abs=0.005)
         health = page.text("#health")
         assert "avia\nsilent since" in health
+        assert "north\nblinded since" in health
         assert "3 dropped" in health
         assert "Track 7 in apron since" in page.text("#alarms")
         colours = page.picture().reshape(-1, 3)

@@ -40,11 +40,15 @@ struct TrackEnded {
   Kind kind;
 };
 
-// Told of a sensor with its first frame, and whenever it changes: without a frame for
-// live.silent_s it is silent.
+// Silent: without a frame for live.silent_s. Blinded: it gives frames, but does not see what it
+// should: fog, snow, a covered window. What flies there may not be found.
+enum class SensorState { kOk, kSilent, kBlinded };
+
+// Told of a sensor with its first frame, and whenever it changes. With an endless live.delay_s none
+// is blinded.
 struct SensorChanged {
   std::uint32_t sensor = 0;  // index as of its frames
-  bool is_silent = false;
+  SensorState state = SensorState::kOk;
 };
 
 // Told with the first frame, and when enough of the scene is known to find anything in it; once

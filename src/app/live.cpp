@@ -133,6 +133,9 @@ void NoteLosses(const LiveSummary& summary, const std::function<void(const std::
   say(summary.overload_frames, " left out while overloaded");
   say(summary.vanished_frames, " removed before it could be read");
   say(summary.passed_over_frames, " passed over: the stamp had come before");
+  for (const LiveInput& input : summary.inputs) {
+    if (input.blinded_s > 0.0) note(BlindedText(input.name, input.blinded_s));
+  }
   if (summary.tracks_left_out > 0) note(TracksLeftOutText(summary.tracks_left_out));
   if (summary.tracks.empty()) {
     note("no drone found in " + Count(summary.counts.frames, "frame") + " with " +

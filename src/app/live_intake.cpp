@@ -62,7 +62,10 @@ bool LiveIntake::IsInTime(std::size_t sensor, std::optional<Clock::duration> wai
   const Clock::time_point now = Clock::now();
   sensors_[sensor].came = now;
   if (std::exchange(sensors_[sensor].is_silent_by_clock, false)) {
-    teller_.TellSensor(sensor, false, engine_.newest_ns());
+    const bool is_blinded =
+        engine_.StateOf(static_cast<std::uint32_t>(sensor)) == SensorState::kBlinded;
+    teller_.TellSensor(sensor, is_blinded ? SensorState::kBlinded : SensorState::kOk,
+                       engine_.newest_ns());
   }
   const bool is_kept = pace_.Keeps(sensor, waited, now);
   teller_.TellPace(pace_.one_in(), overload_frames_, Progress());
@@ -80,7 +83,7 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
     TakeBadFrame(error);
   }
   frame_times_.Add(ThreadCpuSeconds() - begin_s);
-  if (!teller_.HasTold(sensor)) teller_.TellSensor(sensor, false, engine_.newest_ns());
+  if (!teller_.HasTold(sensor)) teller_.TellSensor(sensor, SensorState::kOk, engine_.newest_ns());
   const std::uint64_t late = engine_.late_frames();
   if (late > late_before && IsWorthANote(late)) {
     teller_.Note(Count(late, "frame") +
@@ -110,7 +113,7 @@ void LiveIntake::LookForSilence() {
   if (!std::all_of(sensors_.begin(), sensors_.end(), is_quiet)) return;
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     sensors_[i].is_silent_by_clock = true;
-    teller_.TellSensor(i, true, engine_.newest_ns());
+    teller_.TellSensor(i, SensorState::kSilent, engine_.newest_ns());
   }
 }
 
@@ -128,8 +131,9 @@ LiveProgress LiveIntake::Progress() const {
 
 LiveSummary LiveIntake::Summary() const {
   LiveSummary summary;
-  for (const Sensor& sensor : sensors_) {
-    summary.inputs.push_back({sensor.name, "", sensor.frames, std::nullopt});
+  for (std::size_t i = 0; i < sensors_.size(); ++i) {
+    summary.inputs.push_back({sensors_[i].name, "", sensors_[i].frames,
+                              engine_.BlindedS(static_cast<std::uint32_t>(i)), std::nullopt});
   }
   summary.counts = engine_.counts();
   summary.counts.bad_frames += bad_frames_;

@@ -52,6 +52,18 @@ const char* LiveStateName(LiveState state) {
   return "overloaded";
 }
 
+const char* SensorStateName(SensorState state) {
+  switch (state) {
+    case SensorState::kOk:
+      return "ok";
+    case SensorState::kSilent:
+      return "silent";
+    case SensorState::kBlinded:
+      break;
+  }
+  return "blinded";
+}
+
 LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events, Signals& signals,
                        const NoteCallback& note)
     : path_(trajectory),
@@ -126,9 +138,9 @@ void LiveOutput::End(TimeNs at_ns, const TrackEnded& track) {
   AppendEvent("end", at_ns, fields);
 }
 
-void LiveOutput::TellSensor(TimeNs at_ns, const std::string& name, bool is_silent) {
+void LiveOutput::TellSensor(TimeNs at_ns, const std::string& name, SensorState state) {
   AppendEvent("sensor", at_ns,
-              ",\"name\":" + Quoted(name) + ",\"state\":" + (is_silent ? "\"silent\"" : "\"ok\""));
+              ",\"name\":" + Quoted(name) + ",\"state\":\"" + SensorStateName(state) + "\"");
 }
 
 void LiveOutput::TellState(TimeNs at_ns, LiveState state, std::uint64_t frames,

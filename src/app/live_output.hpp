@@ -20,6 +20,8 @@ enum class LiveState { kWarmingUp, kRunning, kOverloaded };
 // As in events.
 const char* LiveStateName(LiveState state);
 
+const char* SensorStateName(SensorState state);
+
 // A track that was written.
 struct LiveTrack {
   std::int64_t id = 0;
@@ -60,7 +62,7 @@ class LiveOutput {
   void Confirm(TimeNs at_ns, const TrackConfirmed& track);
   void Give(TimeNs at_ns, const RowGiven& given);
   void End(TimeNs at_ns, const TrackEnded& track);
-  void TellSensor(TimeNs at_ns, const std::string& name, bool is_silent);
+  void TellSensor(TimeNs at_ns, const std::string& name, SensorState state);
   void TellState(TimeNs at_ns, LiveState state, std::uint64_t frames, std::uint64_t dropped);
 
   // Rows go before the events that tell of them. Throws OutputError.

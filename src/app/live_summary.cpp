@@ -23,8 +23,10 @@ Json PacketsJson(const LivoxCounts& packets) {
 std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
   Json inputs = Json::array();
   for (const LiveInput& input : summary.inputs) {
-    inputs.push_back(
-        {{"name", input.name}, {"directory", input.directory}, {"frames", input.frames}});
+    inputs.push_back({{"name", input.name},
+                      {"directory", input.directory},
+                      {"frames", input.frames},
+                      {"blinded_s", input.blinded_s}});
     if (input.packets) inputs.back()["packets"] = PacketsJson(*input.packets);
   }
   Json tracks = Json::array();

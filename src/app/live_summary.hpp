@@ -18,6 +18,7 @@ struct LiveInput {
   std::string name;
   std::string directory;  // empty for stdin and --livox
   std::uint64_t frames = 0;
+  double blinded_s = 0.0;              // as of SensorSight
   std::optional<LivoxCounts> packets;  // of --livox
 };
 

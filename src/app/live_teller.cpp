@@ -18,7 +18,7 @@ void LiveTeller::Take(const EngineEvent& event, const LiveProgress& now) {
   } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {
     output_.End(now.newest_ns, *ended);
   } else if (const auto* changed = std::get_if<SensorChanged>(&event)) {
-    TellSensor(changed->sensor, changed->is_silent, now.newest_ns);
+    TellSensor(changed->sensor, changed->state, now.newest_ns);
   } else {
     TakeState(std::get<EngineState>(event), now);
   }
@@ -34,11 +34,14 @@ void LiveTeller::TakeState(EngineState state, const LiveProgress& now) {
   if (!is_overloaded()) TellState(now);
 }
 
-void LiveTeller::TellSensor(std::size_t sensor, bool is_silent, TimeNs newest_ns) {
-  auto& [name, was_silent] = sensors_[sensor];
-  if (was_silent == is_silent) return;
-  was_silent = is_silent;
-  output_.TellSensor(newest_ns, name, is_silent);
+void LiveTeller::TellSensor(std::size_t index, SensorState state, TimeNs newest_ns) {
+  Sensor& sensor = sensors_[index];
+  if (sensor.state == state) return;
+  sensor.state = state;
+  output_.TellSensor(newest_ns, sensor.name, state);
+  if (state == SensorState::kBlinded && IsWorthANote(++sensor.times_blinded)) {
+    Note(sensor.name + ": blinded: it does not see what it should (fog, snow, a covered window?)");
+  }
 }
 
 void LiveTeller::TellPace(std::uint64_t one_in, std::uint64_t left_out, const LiveProgress& now) {

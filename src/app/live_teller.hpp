@@ -37,13 +37,13 @@ class LiveTeller {
   void Note(const std::string& text) const { note_(text); }
 
   // Sensors are numbered as they are added.
-  void AddSensor(const std::string& name) { sensors_.push_back({name, std::nullopt}); }
+  void AddSensor(const std::string& name) { sensors_.push_back({name, std::nullopt, 0}); }
 
   // An event of the engine.
   void Take(const EngineEvent& event, const LiveProgress& now);
 
-  void TellSensor(std::size_t sensor, bool is_silent, TimeNs newest_ns);
-  bool HasTold(std::size_t sensor) const { return sensors_[sensor].is_silent.has_value(); }
+  void TellSensor(std::size_t index, SensorState state, TimeNs newest_ns);
+  bool HasTold(std::size_t sensor) const { return sensors_[sensor].state.has_value(); }
 
   // One frame in so many is worked off, and so many were left out by now.
   void TellPace(std::uint64_t one_in, std::uint64_t left_out, const LiveProgress& now);
@@ -58,7 +58,8 @@ class LiveTeller {
 
   struct Sensor {
     std::string name;
-    std::optional<bool> is_silent;  // as it was told
+    std::optional<SensorState> state;  // as it was told
+    std::uint64_t times_blinded = 0;
   };
 
   bool is_overloaded() const { return one_in_ > 1; }

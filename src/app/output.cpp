@@ -50,7 +50,8 @@ Json KindJson(const Kind& kind) {
 
 namespace {
 
-Json InputsJson(const std::vector<FrameSource>& sources, const Recording& recording) {
+Json InputsJson(const std::vector<FrameSource>& sources, const PipelineResult& result) {
+  const Recording& recording = result.recording;
   Json inputs = Json::array();
   for (std::size_t i = 0; i < sources.size(); ++i) {
     const auto frames = std::count_if(recording.frames.begin(), recording.frames.end(),
@@ -59,7 +60,8 @@ Json InputsJson(const std::vector<FrameSource>& sources, const Recording& record
                       {"directory", sources[i].directory},
                       {"frames", frames},
                       {"frame_period_s",
-                       static_cast<double>(recording.sensors[i].frame_period_ns) * kSecondsPerNs}});
+                       static_cast<double>(recording.sensors[i].frame_period_ns) * kSecondsPerNs},
+                      {"blinded_s", result.blinded_s[i]}});
   }
   return inputs;
 }
@@ -131,6 +133,11 @@ Json TrackJson(const FittedTrack& track) {
 }
 
 }  // namespace
+
+std::string BlindedText(const std::string& name, double blinded_s) {
+  return name + ": blinded for " + FixedText(blinded_s, 1) +
+         " s: it did not see what it should (fog, snow, a covered window?)";
+}
 
 std::string TracksLeftOutText(std::size_t count) {
   return Count(count, "track") + " left out: not as likely a drone as --only-drones asks for";
@@ -227,7 +234,7 @@ std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& c
   Json times = Json::object();
   for (const StageTime& time : result.times) times[time.stage] = time.seconds;
   const Json summary = {{"version", kVersion},
-                        {"inputs", InputsJson(sources, result.recording)},
+                        {"inputs", InputsJson(sources, result)},
                         {"config", ConfigJson(config)},
                         {"counts", CountsJson(result)},
                         {"times_s", times},

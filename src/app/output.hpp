@@ -36,6 +36,9 @@ std::string TargetPointsPcd(const Recording& recording, const std::vector<Fitted
 std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
                         const PipelineResult& result);
 
+// What is said of a LiDAR that was blinded for so long.
+std::string BlindedText(const std::string& name, double blinded_s);
+
 // What is said of tracks that --only-drones leaves out.
 std::string TracksLeftOutText(std::size_t count);
 

@@ -136,6 +136,11 @@ void PrintFindings(const std::vector<std::string>& trajectory_paths, const Pipel
     PrintNote(Count(counts.bad_frames, "frame") +
               " could not be parsed and skipped (input.skip_bad_frames)");
   }
+  for (std::size_t i = 0; i < result.blinded_s.size(); ++i) {
+    if (result.blinded_s[i] > 0.0) {
+      PrintNote(BlindedText(result.recording.sensors[i].name, result.blinded_s[i]));
+    }
+  }
   if (result.tracks_left_out > 0) PrintNote(TracksLeftOutText(result.tracks_left_out));
   if (result.tracks.empty()) {
     PrintNote("no drone found in " + Count(counts.frames, "frame") + " with " +

@@ -6,7 +6,8 @@
 namespace unlidar {
 namespace {
 
-constexpr double kWider = 3.0;  // the surroundings of a place, times its radius
+constexpr double kAgedWindows = 3.0;  // leave a twentieth of every count
+constexpr double kWider = 3.0;        // the surroundings of a place, times its radius
 constexpr double kMinStanding = 3.0;
 constexpr double kCompanySlope = 0.01;
 constexpr double kFarther = 5.0;    // the surroundings of a floating thing, times its reach
@@ -69,7 +70,12 @@ void LiveClutter::Count(const Recent& plot, double time_s, double count) {
   }
 }
 
+void LiveClutter::Age() {
+  if (std::isfinite(fade_s_)) aged_s_ += kAgedWindows * fade_s_;
+}
+
 void LiveClutter::AddFrame(std::uint32_t sensor, double time_s) {
+  time_s += aged_s_;
   Sensor& seen = SensorAt(sensor);
   seen.recent_s.push_back(time_s);
   seen.frames_lately =
@@ -100,6 +106,7 @@ void LiveClutter::Settle(double time_s) {
 }
 
 void LiveClutter::Judge(const Support& support, double time_s, std::vector<SeenPlot>* plots) {
+  time_s += aged_s_;
   Settle(time_s);
   for (SeenPlot& seen : *plots) {
     Plot& plot = seen.plot;
@@ -117,7 +124,7 @@ void LiveClutter::Judge(const Support& support, double time_s, std::vector<SeenP
     const bool is_solid =
         sensor.lately.CountAt(place_m, time_s) >= kSolidShare * sensor.frames_lately;
     plot.is_floating =
-        is_standing && is_solid && time_s >= kFloatKnownS && support.IsFloating(place_m);
+        is_standing && is_solid && time_s - aged_s_ >= kFloatKnownS && support.IsFloating(place_m);
   }
   while (!standing_plots_.empty() && standing_plots_.front().time_s < time_s - kSameTimeS) {
     standing_plots_.pop_front();
@@ -185,6 +192,7 @@ void LiveClutter::Explain(const Plot& plot) {
 }
 
 void LiveClutter::Sweep(double time_s) {
+  time_s += aged_s_;
   for (Sensor& sensor : sensors_) {
     for (FadingGrid* grid :
          {&sensor.wide, &sensor.middle, &sensor.narrow, &sensor.spot, &sensor.lately}) {

@@ -32,6 +32,10 @@ class LiveClutter {
   // A plot that is a target's is no clutter. Only one of the last second can still be told.
   void Explain(const Plot& plot);
 
+  // What was seen until now weighs little against what follows: the weather has changed. Not with
+  // an endless window, which forgets nothing.
+  void Age();
+
   void Sweep(double time_s);
 
  private:
@@ -71,6 +75,7 @@ class LiveClutter {
   PlotConfig config_;
   double exclusion_s_;
   double fade_s_;
+  double aged_s_ = 0.0;  // by which all that was seen is older than its time says
   RangeRadius place_;
   std::vector<Sensor> sensors_;
   std::deque<Recent> recent_;

@@ -111,7 +111,8 @@ bool LiveEngine::HasClockGoneBack(Sensor* sensor, TimeNs stamp_ns) const {
   const bool is_past = std::isfinite(window_s) && newest_ns_ - stamp_ns > NsOf(window_s);
   sensor->frames_of_past = is_past ? sensor->frames_of_past + 1 : 0;
   const auto is_past_or_silent = [&](const Sensor& other) {
-    return other.frames_of_past >= kFramesOfPast || (&other != sensor && other.is_silent);
+    return other.frames_of_past >= kFramesOfPast ||
+           (&other != sensor && other.state == SensorState::kSilent);
   };
   return std::all_of(sensors_.begin(), sensors_.end(), is_past_or_silent);
 }
@@ -133,7 +134,9 @@ void LiveEngine::BeginAnew() {
   tracker->NumberFrom(tracker_->next_id());
   tracker_ = std::move(tracker);
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
-    sensors_[i] = Sensor(FramesOf(i, sensors_[i].frames.info().name));
+    Sensor anew(FramesOf(i, sensors_[i].frames.info().name));
+    anew.sight = std::move(sensors_[i].sight);  // which no clock changes
+    sensors_[i] = std::move(anew);
   }
   has_begun_ = false;
 }
@@ -145,12 +148,23 @@ TimeNs LiveEngine::SettledNs() const { return newest_ns_ - NsOf(config_.live.reo
 void LiveEngine::TellSensors(std::optional<std::uint32_t> heard) {
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     Sensor& sensor = sensors_[i];
-    const bool is_silent = i != heard && (sensor.is_silent || newest_ns_ - sensor.newest_ns >
-                                                                  NsOf(config_.live.silent_s));
-    if (std::exchange(sensor.is_silent, is_silent) != is_silent) {
-      on_event_(SensorChanged{i, is_silent});
-    }
+    const bool is_silent =
+        i != heard && (sensor.state == SensorState::kSilent ||
+                       newest_ns_ - sensor.newest_ns > NsOf(config_.live.silent_s));
+    const bool is_blinded = !is_endless_ && sensor.sight.is_blinded();
+    const SensorState state = is_silent    ? SensorState::kSilent
+                              : is_blinded ? SensorState::kBlinded
+                                           : SensorState::kOk;
+    if (std::exchange(sensor.state, state) != state) on_event_(SensorChanged{i, state});
   }
+}
+
+// What a frame tells of the sight of its sensor.
+void LiveEngine::LookAt(const LoadedFrame& frame) {
+  Sensor& sensor = sensors_[frame.info.sensor];
+  const Eigen::Vector3f* const begin_m = frame.points_m.data();
+  sensor.sight.AddFrame(frame.info.begin_ns, begin_m, begin_m + frame.points_m.size(),
+                        sensor.frames.info().origin_m);
 }
 
 // Hands on the frames up to a stamp in order: none of an earlier stamp will come. Rows depend on
@@ -178,6 +192,9 @@ void LiveEngine::Release(TimeNs until_ns) {
     if (info.frame_period_ns != std::exchange(sensor.told_period_ns, info.frame_period_ns)) {
       tracker_->SetSensor(frame.info.sensor, info);
     }
+    LookAt(frame);
+    tracker_->SetBlinded(std::any_of(sensors_.begin(), sensors_.end(),
+                                     [](const Sensor& other) { return other.sight.is_blinded(); }));
     const bool was_warm = tracker_->is_warm();
     tracker_->Take(std::move(frame));
     if (!was_warm && tracker_->is_warm()) on_event_(EngineState::kRunning);
@@ -194,6 +211,7 @@ void LiveEngine::TrackAll() {
   for (auto& [key, loaded] : waiting_) {
     try {
       sensors_[loaded.info.sensor].frames.Finish(loaded);
+      LookAt(loaded);
       frames.push_back(std::move(loaded));
     } catch (const InputError&) {
       if (!config_.input.skip_bad_frames) throw;

@@ -13,6 +13,7 @@
 #include "io/pcd.hpp"
 #include "io/sensor_frames.hpp"
 #include "live/live_tracker.hpp"
+#include "robust/scene/sight.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"
 #include "unlidar/types.hpp"
@@ -46,13 +47,20 @@ class LiveEngine {
   const InputCounts& counts() const { return counts_; }
   std::uint64_t late_frames() const { return late_frames_; }
 
+  // As it was last told.
+  SensorState StateOf(std::uint32_t sensor) const { return sensors_.at(sensor).state; }
+
+  // For so long the sensor was blinded.
+  double BlindedS(std::uint32_t sensor) const { return sensors_.at(sensor).sight.blinded_s(); }
+
  private:
   struct Sensor {
     explicit Sensor(SensorFrames its_frames) : frames(std::move(its_frames)) {}
 
     SensorFrames frames;
     TimeNs newest_ns = 0;
-    bool is_silent = true;
+    SensorState state = SensorState::kSilent;  // as it was told, and before it is
+    SensorSight sight;
     TimeNs told_period_ns = 0;
     std::set<TimeNs> stamps_ns;  // of the frames that may still come twice
     int frames_of_past = 0;      // that came one after the other, beyond all memory
@@ -64,6 +72,7 @@ class LiveEngine {
   void BeginAnew();
   TimeNs SettledNs() const;
   void TellSensors(std::optional<std::uint32_t> heard);
+  void LookAt(const LoadedFrame& frame);
   void Release(TimeNs until_ns);
   void TrackAll();
 

@@ -10,6 +10,12 @@ constexpr TimeNs kFirstRefitNs = 1'500'000'000;
 constexpr TimeNs kLastRefitNs = 10'000'000'000;
 constexpr std::size_t kElevationReturns = 100'000;
 constexpr std::int64_t kMaxPauseBins = 5;
+// Frames over which plots are counted, and by how many more the weather has changed: no swarm is so
+// large.
+constexpr int kLatelyFrames = 5;
+constexpr int kUsualFrames = 100;
+constexpr double kSurgeFactor = 2.0;
+constexpr double kSurgePlots = 30.0;
 
 }  // namespace
 
@@ -231,20 +237,39 @@ void LiveScene::LeaveOutBodies(SceneFrame* frame) {
               plots.end());
 }
 
+// Whether a frame has so many more plots than those before that what is known of clutter no longer
+// holds: it began to rain. What is new is searched again when that is known as it was at the start.
+bool LiveScene::IsSurge(const SceneFrame& frame) {
+  if (rates_.size() <= frame.info.sensor) rates_.resize(frame.info.sensor + 1);
+  PlotRate& rate = rates_[frame.info.sensor];
+  const auto plots = static_cast<double>(frame.plots.size());
+  ++rate.frames;
+  rate.lately += (plots - rate.lately) / std::min(rate.frames, kLatelyFrames);
+  rate.usual += (plots - rate.usual) / std::min(rate.frames, kUsualFrames);
+  if (rate.lately < kSurgeFactor * rate.usual + kSurgePlots) return false;
+  rate.usual = rate.lately;
+  return true;
+}
+
 void LiveScene::Judge(SceneFrame* frame) {
   const TimeNs middle_ns = frame->info.middle_ns();
   Station& station = StationOf(frame->info.sensor);
   frame->time_s = SecondsOf(middle_ns);
-  frame->is_searched = middle_ns >= station.search_from_ns;
-  // What was seen in the first seconds is judged when they are over.
-  frame->watched_s = frame->time_s - SecondsOf(learning_since_ns_);
-  if (frame->is_searched) {
-    frame->watched_s = std::max(frame->watched_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
-  }
   std::deque<BodyBox>& bodies = station.bodies;
   const TimeNs oldest_ns = middle_ns - 2 * NsOf(config_.robust.plots.body_margin_s);
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
   LeaveOutBodies(frame);
+  if (IsSurge(*frame)) {
+    station.clutter.Age();
+    station.search_from_ns = middle_ns + kWarmUpNs;
+    learning_since_ns_ = middle_ns;
+  }
+  frame->is_searched = middle_ns >= station.search_from_ns;
+  frame->watched_s = frame->time_s - SecondsOf(learning_since_ns_);
+  // What was seen in the first seconds is judged when they are over.
+  if (frame->is_searched) {
+    frame->watched_s = std::max(frame->watched_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
+  }
   station.clutter.AddFrame(frame->info.sensor, frame->time_s);
   station.clutter.Judge(station.snapshot->support, frame->time_s, &frame->plots);
   for (SeenPlot& seen : frame->plots) seen.plot.position_m += station.viewpoint_m.cast<double>();

@@ -98,6 +98,14 @@ class LiveScene {
     std::deque<BodyBox> bodies;
   };
 
+  // How many plots the frames of a sensor have lately, and had before.
+  struct PlotRate {
+    double lately = 0.0;
+    double usual = 0.0;
+    int frames = 0;
+  };
+
+  bool IsSurge(const SceneFrame& frame);
   double SecondsOf(TimeNs time_ns) const;
   std::int64_t BinOf(TimeNs time_ns);
   Station& StationOf(std::uint32_t sensor);
@@ -135,6 +143,7 @@ class LiveScene {
   std::deque<SceneFrame> held_;     // not yet judged: their plots are relative to the viewpoint
   std::uint32_t num_frames_ = 0;    // made into plots
   std::size_t num_unforeseen_ = 0;  // frames that waited for the warm-up and still do
+  std::vector<PlotRate> rates_;     // (sensors)
 };
 
 }  // namespace unlidar

@@ -28,6 +28,9 @@ class LiveSearch {
   // `viewpoint_m`: of its station. A sensor may be told again, with another period.
   void SetSensor(std::uint32_t sensor, const SensorInfo& info, const Eigen::Vector3f& viewpoint_m);
 
+  // Whether a sensor is blinded: weather is that of all, and the clutter of no place as it was.
+  void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
+
   // As ShortestPeriodNs, of these sensors.
   TimeNs shortest_period_ns() const { return ShortestPeriodNs(recent_); }
 
@@ -73,6 +76,7 @@ class LiveSearch {
   double watched_s_ = 0.0;  // and how long that took
   double rates_s_ = 0.0;    // when
   double least_score_ = 0.0;
+  bool is_blinded_ = false;
 };
 
 }  // namespace unlidar

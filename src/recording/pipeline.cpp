@@ -7,6 +7,7 @@
 
 #include "base/format.hpp"
 #include "recording/windows.hpp"
+#include "robust/scene/sight.hpp"
 
 namespace unlidar {
 namespace {
@@ -106,12 +107,31 @@ FrameFeed FeedOf(const Recording& recording) {
   };
 }
 
+// The same frames, looked at for the sight of their sensors as they pass.
+FrameFeed Watched(const FrameFeed& feed, std::vector<SensorSight>* sights) {
+  return [&feed, sights](TimeNs until_ns, Recording* recording) {
+    const std::size_t known = recording->frames.size();
+    const TimeNs next_ns = feed(until_ns, recording);
+    sights->resize(recording->sensors.size());
+    for (std::size_t i = known; i < recording->frames.size(); ++i) {
+      const FrameInfo& frame = recording->frames[i];
+      const Eigen::Vector3f* const points_m = recording->points_m.data();
+      (*sights)[frame.sensor].AddFrame(frame.begin_ns, points_m + frame.first_return,
+                                       points_m + frame.last_return,
+                                       recording->sensors[frame.sensor].origin_m);
+    }
+    return next_ns;
+  };
+}
+
 // Reads the recording and finds its targets: at once, or window by window if it is long.
 std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& config,
-                                  const FrameFeed& feed, TimeNs first_stamp_ns,
+                                  const FrameFeed& frames, TimeNs first_stamp_ns,
                                   TimeNs last_stamp_ns, StageTimer& timer, PipelineResult& result) {
   Recording& recording = result.recording;
   std::vector<Target> targets;
+  std::vector<SensorSight> sights;
+  const FrameFeed feed = Watched(frames, &sights);
   // The paper's score is one of a whole recording.
   if (config.method == Method::kRobust && !request.score_clusters &&
       NeedsWindows(first_stamp_ns, last_stamp_ns, config.robust)) {
@@ -138,6 +158,7 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
       result.robust_counts = robust.counts;
     }
   }
+  for (const SensorSight& sight : sights) result.blinded_s.push_back(sight.blinded_s());
   std::sort(targets.begin(), targets.end(), IsSeenEarlier);
   timer.End("targets", Count(targets.size(), "target"));
   return targets;

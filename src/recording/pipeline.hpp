@@ -52,6 +52,7 @@ struct PipelineResult {
   std::vector<FittedTrack> tracks;
   std::size_t tracks_left_out = 0;  // as of PipelineRequest::least_drone; the others keep their ids
   OutputInstants output_instants;   // at which the tracks have rows
+  std::vector<double> blinded_s;    // for how long each sensor was, see SensorSight
   std::vector<StageTime> times;
 };
 

@@ -292,11 +292,68 @@ TEST(Engine, TellsWhenASensorIsSilentAndWhenItIsBack) {
     }
   }
   const Told told = ToldOf(std::move(frames), Config(), {"a", "b"});
-  std::vector<bool> is_silent;
+  std::vector<SensorState> states;
   for (const SensorChanged& change : told.sensors) {
-    if (change.sensor == 1) is_silent.push_back(change.is_silent);
+    if (change.sensor == 1) states.push_back(change.state);
   }
-  EXPECT_EQ(is_silent, (std::vector<bool>{false, true, false}));
+  EXPECT_EQ(states,
+            (std::vector<SensorState>{SensorState::kOk, SensorState::kSilent, SensorState::kOk}));
+}
+
+// Frames with so many returns of fog more: ranges gamma distributed with a mean of 5 m.
+void AddFog(int returns, std::uint32_t seed, std::vector<Frame>* frames) {
+  Random random(seed);
+  for (Frame& frame : *frames) {
+    for (int k = 0; k < returns; ++k) {
+      const Eigen::Vector3d ray = random.NormalVector(1.0).normalized();
+      const double range_m = -2.5 * std::log(random.Uniform(0.0, 1.0) * random.Uniform(0.0, 1.0));
+      frame.points_m.emplace_back((range_m * ray).cast<float>());
+    }
+  }
+}
+
+TEST(Engine, InThickFogItTellsThatItIsBlindedAndOfNoDroneThatIsNotThere) {
+  for (std::uint32_t seed = 1; seed <= 2; ++seed) {
+    std::vector<Frame> frames = Frames(Scene(seed, 1e9, 1e9), 100);
+    AddFog(1500, seed, &frames);
+    const Told told = ToldOf(frames);
+    EXPECT_TRUE(told.confirmed.empty()) << seed;
+    ASSERT_EQ(told.sensors.size(), 2U) << seed;
+    EXPECT_EQ(told.sensors[0].state, SensorState::kOk);
+    EXPECT_EQ(told.sensors[1].state, SensorState::kBlinded);
+  }
+}
+
+// What was open air a moment ago says nothing of the snow in it.
+TEST(Engine, SnowThatComesIsNoSwarmOfDrones) {
+  std::vector<Frame> frames = Frames(Scene(4, 1e9, 1e9), 180);
+  Random random(1);
+  for (int i = 90; i < 180; ++i) {
+    for (int k = 0; k < 150; ++k) {
+      const Eigen::Vector3d ray = random.NormalVector(1.0).normalized();
+      const Eigen::Vector3d up(ray.x(), ray.y(), std::abs(ray.z()));
+      const Eigen::Vector3f flake_m = (random.Uniform(1.0, 30.0) * up).cast<float>();
+      frames[static_cast<std::size_t>(i)].points_m.push_back(flake_m);
+    }
+  }
+  EXPECT_EQ(ToldOf(frames).confirmed.size(), 0U);
+}
+
+TEST(Engine, AWindowThatIsCoveredForAWhileBlindsOneSensorForThatWhile) {
+  Scene scene(5, 1e9, 1e9);
+  std::vector<Frame> frames;
+  for (int i = 0; i < 300; ++i) {
+    frames.push_back(scene.FrameAt(i, 0));
+    frames.push_back(scene.FrameAt(i, 1));
+    frames.back().stamp_ns += kPeriodNs / 3;
+    if (i >= 100 && i < 200) frames.back().points_m.clear();
+  }
+  const Told told = ToldOf(std::move(frames), Config(), {"a", "b"});
+  ASSERT_EQ(told.sensors.size(), 4U);
+  EXPECT_EQ(told.sensors[2].sensor, 1U);
+  EXPECT_EQ(told.sensors[2].state, SensorState::kBlinded);
+  EXPECT_EQ(told.sensors[3].sensor, 1U);
+  EXPECT_EQ(told.sensors[3].state, SensorState::kOk);
 }
 
 TEST(Engine, TellsTheSameWhereverItsSensorStands) {
@@ -370,14 +427,14 @@ TEST(Engine, AdvanceGivesWhatIsDueTellsOfSilenceAndEndsWhatMayComeLate) {
   EXPECT_EQ(told.sensors.size(), 1U);
   engine.Advance(end_ns + static_cast<TimeNs>((silent_s + 0.1) * 1e9));
   ASSERT_EQ(told.sensors.size(), 2U);
-  EXPECT_TRUE(told.sensors.back().is_silent);
+  EXPECT_EQ(told.sensors.back().state, SensorState::kSilent);
   engine.Advance(end_ns);  // time does not run back
   EXPECT_EQ(engine.newest_ns(), end_ns + static_cast<TimeNs>((silent_s + 0.1) * 1e9));
   engine.Add(scene.FrameAt(120));
   EXPECT_EQ(engine.late_frames(), 1U);
   engine.Add(scene.FrameAt(150));
   ASSERT_EQ(told.sensors.size(), 3U);
-  EXPECT_FALSE(told.sensors.back().is_silent);
+  EXPECT_EQ(told.sensors.back().state, SensorState::kOk);
   engine.Close();
 }
 

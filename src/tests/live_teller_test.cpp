@@ -62,13 +62,19 @@ TEST(IsWorthANote, TheFirstTimeAndEachTimeThereAreTwiceAsMany) {
 TEST(LiveTeller, TellsOfEachSensorOnlyWhatIsNew) {
   Told told;
   EXPECT_FALSE(told.teller.HasTold(0));
-  for (const bool is_silent : {false, false, true, true, false}) {
-    told.teller.TellSensor(0, is_silent, 1);
-    told.teller.Take(SensorChanged{0, is_silent}, LiveProgress());
+  constexpr auto kOk = SensorState::kOk;
+  constexpr auto kSilent = SensorState::kSilent;
+  for (const SensorState state : {kOk, kOk, kSilent, kSilent, kOk, SensorState::kBlinded}) {
+    told.teller.TellSensor(0, state, 1);
+    told.teller.Take(SensorChanged{0, state}, LiveProgress());
   }
   EXPECT_TRUE(told.teller.HasTold(0));
   EXPECT_FALSE(told.teller.HasTold(1));
-  EXPECT_EQ(told.NumEvents("\"roof\""), 3U);
+  EXPECT_EQ(told.NumEvents("\"roof\""), 4U);
+  EXPECT_EQ(told.NumEvents("\"state\":\"silent\""), 1U);
+  EXPECT_EQ(told.NumEvents("\"state\":\"blinded\""), 1U);
+  ASSERT_EQ(told.notes().size(), 1U);
+  EXPECT_EQ(told.notes()[0].rfind("roof: blinded", 0), 0U);
   EXPECT_EQ(told.NumEvents("\"mast\""), 0U);
 }
 

@@ -145,6 +145,7 @@ TEST(SummaryJson, HoldsEveryConfigKeyCountsTimesAndTracks) {
   PipelineResult result;
   result.recording.sensors.resize(1);
   result.recording.frames.resize(3);
+  result.blinded_s = {1.5};
   result.recording.counts.frames = 3;
   result.recording.counts.bad_frames = 2;
   result.times = {{"read", 0.25}};
@@ -159,6 +160,7 @@ TEST(SummaryJson, HoldsEveryConfigKeyCountsTimesAndTracks) {
   const std::string not_utf8 = "frames\xFF";
   const auto summary = nlohmann::json::parse(SummaryJson({{"avia", not_utf8}}, config, result));
   EXPECT_EQ(summary["inputs"][0]["frames"], 3);
+  EXPECT_EQ(summary["inputs"][0]["blinded_s"], 1.5);
   EXPECT_EQ(summary["counts"]["bad_frames"], 2);
   EXPECT_EQ(summary["counts"]["trajectory_rows"], 2);
   EXPECT_FALSE(summary["counts"].contains("robust"));

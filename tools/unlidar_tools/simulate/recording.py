@@ -21,6 +21,7 @@ from unlidar_tools.simulate.sensors import (
     in_field_of_view,
     scan,
 )
+from unlidar_tools.simulate.weather import Window, fog_transmission, stray_kinds
 from unlidar_tools.simulate.world import Thing, cast, is_hidden
 from unlidar_tools.stamps import format_stamp
 from unlidar_tools.station import Pose, write_station
@@ -29,7 +30,6 @@ from unlidar_tools.truth import TRUTH_NAME
 _TRUTH_STEP_NS = 20_000_000
 _NS_PER_S = 1_000_000_000
 _WORLD_STREAM = 0  # the random streams of the sensors follow it
-_RAIN_RANGE_M = (1.0, 25.0)  # of a return from a drop
 STRAY = -1  # `thing` of a return from nothing
 
 
@@ -80,8 +80,9 @@ class Simulation:
         stream = _WORLD_STREAM + 1 + sorted(self.scenario.sensors).index(sensor)
         rng = np.random.default_rng([self.seed, stream])
         phase = (float(rng.random()), float(rng.random()))
+        window = Window(spec.window_dirt, np.random.default_rng([self.seed, stream, 0]))
         for index in range(self.frame_count(sensor)):
-            yield self._frame(sensor, spec, model, index, phase, rng)
+            yield self._frame(sensor, spec, model, index, phase, window, rng)
 
     def truth(self) -> Iterator[TruthRow]:
         """Every drone 50 times a second, drone by drone.
@@ -108,6 +109,7 @@ class Simulation:
         model: SensorModel,
         index: int,
         phase: tuple[float, float],
+        window: Window,
         rng: np.random.Generator,
     ) -> SimulatedFrame:
         begin_ns = round(spec.start_s * _NS_PER_S) + index * model.frame_ns
@@ -115,22 +117,24 @@ class Simulation:
         hits = cast(
             self.things, np.array(spec.position_m), direction, (begin_ns + time_ns) * 1e-9, rng
         )
-        chance = detection_probability(model, hits.distance_m, hits.echo, hits.width_m)
+        scene = self.scenario.scene
+        is_dirty = window.is_dirty(direction)
+        echo = hits.echo * fog_transmission(scene.fog, hits.distance_m)
+        echo = echo * window.transmission(is_dirty)
+        chance = detection_probability(model, hits.distance_m, echo, hits.width_m)
         returned = (rng.random(len(direction)) < chance) & np.isfinite(hits.distance_m)
         distance = hits.distance_m + rng.normal(0, model.range_noise_m, len(direction))
         thing = hits.thing
 
-        # Both stand in for a ray's own return. A stray one lies anywhere on the free way of the
-        # ray; one from a drop as often from 1 to 2 m as from 10 to 20 m, where the way is free.
-        stray = rng.integers(0, len(direction), rng.poisson(spec.stray_returns))
-        reach = np.minimum(hits.distance_m[stray], 2 * model.range_at_10_percent_m)
-        distance[stray] = np.maximum(model.blind_m, reach * rng.random(len(stray)))
-        wet = rng.integers(0, len(direction), rng.poisson(self.scenario.scene.rain_returns))
-        drop = np.exp(rng.uniform(*np.log(_RAIN_RANGE_M), len(wet)))
-        wet, drop = wet[drop < hits.distance_m[wet]], drop[drop < hits.distance_m[wet]]
-        distance[wet] = drop
-        for rays in (stray, wet):
-            thing[rays], returned[rays] = STRAY, True
+        # They stand in for a ray's own return, where its way is free so far.
+        for mean, ranges, is_on_window in stray_kinds(scene, spec, model):
+            rays = rng.integers(0, len(direction), rng.poisson(mean))
+            at = ranges(rng, hits.distance_m[rays])
+            comes = at < hits.distance_m[rays]
+            if is_on_window:
+                comes &= is_dirty[rays]
+            rays = rays[comes]
+            distance[rays], thing[rays], returned[rays] = at[comes], STRAY, True
 
         offset_ns = round((spec.time_offset_s + spec.clock_error_s) * _NS_PER_S)
         return SimulatedFrame(

@@ -42,7 +42,11 @@ class Sensor:
     clock_error_s: float = 0.0
     """And the rest, of which the program is not told."""
     stray_returns: NotNegative = 2.0
-    """Mean number a frame: dust, cross-talk."""
+    """Mean number a frame, even in range and direction: dust, cross-talk; hundreds: a low sun."""
+    window_dirt: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of the directions in which dirt or water on its window lets little through."""
+    window_returns: NotNegative = 0.0
+    """Mean number a frame of rays that return from within a metre if they meet the dirt."""
 
     def __post_init__(self) -> None:
         require(self.model in MODELS, f"model '{self.model}', expected one of {list(MODELS)}")
@@ -107,6 +111,16 @@ class Building:
 
 
 @checked
+class Fog:
+    """Returns near the sensor, the farther the fewer, and weaker echoes behind it."""
+
+    returns: NotNegative
+    """Mean number a frame and sensor."""
+    visibility_m: Positive = 100.0
+    """Meteorological: a tenth of it is the mean range of the returns."""
+
+
+@checked
 class Scene:
     """The surroundings: ground, the buildings listed, and random things around the station."""
 
@@ -130,6 +144,9 @@ class Scene:
     """Within some metres of the station."""
     rain_returns: NotNegative = 0.0
     """Mean number a frame and sensor, most of them near."""
+    snow_returns: NotNegative = 0.0
+    """Mean number a frame and sensor of flakes, within 30 m."""
+    fog: Fog | None = None
 
     def __post_init__(self) -> None:
         require(self.clear_m < self.radius_m, "needs clear_m < radius_m")

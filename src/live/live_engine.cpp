@@ -193,8 +193,9 @@ void LiveEngine::Release(TimeNs until_ns) {
       tracker_->SetSensor(frame.info.sensor, info);
     }
     LookAt(frame);
-    tracker_->SetBlinded(std::any_of(sensors_.begin(), sensors_.end(),
-                                     [](const Sensor& other) { return other.sight.is_blinded(); }));
+    tracker_->SetBlinded(std::any_of(sensors_.begin(), sensors_.end(), [](const Sensor& other) {
+      return other.sight.is_doubtful();
+    }));
     const bool was_warm = tracker_->is_warm();
     tracker_->Take(std::move(frame));
     if (!was_warm && tracker_->is_warm()) on_event_(EngineState::kRunning);

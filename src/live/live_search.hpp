@@ -28,7 +28,8 @@ class LiveSearch {
   // `viewpoint_m`: of its station. A sensor may be told again, with another period.
   void SetSensor(std::uint32_t sensor, const SensorInfo& info, const Eigen::Vector3f& viewpoint_m);
 
-  // Whether a sensor is blinded: weather is that of all, and the clutter of no place as it was.
+  // Whether a sensor is blinded or may be: weather is that of all, and the clutter of no place is
+  // as it was.
   void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
 
   // As ShortestPeriodNs, of these sensors.

@@ -25,7 +25,7 @@ class LiveTracker {
   // `info`: of the sensor with this index, whenever it is new or its period has changed.
   void SetSensor(std::uint32_t sensor, const SensorInfo& info);
 
-  // Whether any sensor is blinded from the next frame on.
+  // Whether any sensor is blinded, or may turn out to be, from the next frame on.
   void SetBlinded(bool is_blinded) { search_.SetBlinded(is_blinded); }
 
   // Takes a frame, of no earlier stamp than all before.

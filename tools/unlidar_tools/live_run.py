@@ -27,7 +27,9 @@ TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE = "live.csv", "live_events.jsonl", "l
 class LiveTimes:
     """How soon a live run answers, in seconds of the recording; NaN where there is nothing."""
 
-    confirmation_s: float  # median, from the first evidence of a track to its confirmation
+    # Median, to the confirmation of a track from its first evidence, or from the end of the warm-up
+    # where that came later.
+    confirmation_s: float
     delay_s: float  # 99th percentile, of the rows of confirmed tracks
     wall_s: float  # of the whole run, frames sent as fast as they are taken
 
@@ -113,7 +115,12 @@ def _send(command: list[str], sensors: dict[str, Path]) -> float:
 
 def _times(events: Path, wall_s: float) -> LiveTimes:
     told = [json.loads(line) for line in events.read_text().splitlines()]
-    waits = [e["at"] - e["first_evidence"] for e in told if e["event"] == "track"]
+    waits, running = [], -np.inf
+    for e in told:
+        if e["event"] == "state" and e["state"] == "running":
+            running = e["at"]
+        elif e["event"] == "track":
+            waits.append(e["at"] - max(e["first_evidence"], running))
     delays = [e["at"] - e["timestamp"] for e in told if e["event"] == "row" and not e["late"]]
     return LiveTimes(
         float(np.median(waits)) if waits else np.nan,

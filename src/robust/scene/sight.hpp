@@ -43,6 +43,9 @@ class SensorSight {
 
   bool is_blinded() const { return is_blinded_; }
 
+  // Whether it is, or may turn out to be when three seconds are over.
+  bool is_doubtful() const { return is_blinded_ || contrary_looks_ > 0; }
+
   // For so long it was, in all.
   double blinded_s() const { return static_cast<double>(blinded_ns_) * kSecondsPerNs; }
 

@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "base/square.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -27,8 +29,6 @@ struct Jerks {
   double fitted = 0.0;
   double measured = 0.0;  // degrees of freedom, of 3, that the measurements determine
 };
-
-double Square(double x) { return x * x; }
 
 // Of the two rows of an interval.
 Jerks JerksOf(const SplineModel& model, std::size_t interval, const SplineFit& fit,

@@ -20,11 +20,11 @@ struct Plot {
   double streak_s = 0.0;     // how long its returns may lie apart: a frame without times of points
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();  // to it from the viewpoint of its station
-  double variance_m2 = 0.0;  // of the position, per axis, for a target at rest
-  double lowest_m = 0.0;     // height of its lowest return above the ground
-  double place_rate = 0.0;   // of all returns at its place: see Background::PlaceRate
-  double log_clutter = 0.0;  // log of the clutter plots per m^3 and frame of its sensor
-  bool is_floating = false;  // stands still where nothing holds it up: MarkFloating tells
+  double variance_m2 = 0.0;     // of the position, per axis, for a target at rest
+  double lowest_m = 0.0;        // height of its lowest return above the ground
+  double place_rate = 0.0;      // of all returns at its place: see Background::PlaceRate
+  double log_clutter = 0.0;     // log of the clutter plots per m^3 and frame of its sensor
+  bool is_floating = false;     // stands still where nothing holds it up: MarkFloating tells
   std::uint32_t num_below = 0;  // returns of its frame between it and the ground: of a body
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;

@@ -253,3 +253,12 @@ def test_the_real_program_finds_nothing_in_an_empty_sky(program, tmp_path, monke
     assert main(["simulate", "empty_sky", str(tmp_path / "sky")]) == 0
     assert main(["run", str(tmp_path / "sky"), "--out", str(tmp_path / "out")]) == 0
     assert json.loads((tmp_path / "out/evaluation.json").read_text())["tracks"] == 0
+
+
+def test_the_real_drone_is_one_track_for_one_lidar(shared, program, tmp_path, monkeypatch):
+    """What its returns leave of a second path beside it is none."""
+    monkeypatch.setenv("UNLIDAR_TRACK", str(program))
+    recording = shared / "data/mmaud/val/seq0001"
+    assert main(["run", str(recording), "--sensors", "lidar_360", "--out", str(tmp_path)]) == 0
+    (track,) = json.loads((tmp_path / "summary.json").read_text())["tracks"]
+    assert track["rows"] == 88

@@ -15,11 +15,10 @@ constexpr double kPauseS = 1.0;      // without a plot: what is before and after
 constexpr double kLongPauseS = 3.0;  // and then what was no track before it has no part in one
 constexpr RangeRadius kLeastMove{0.8, 0.02};
 constexpr double kLongStandS = 2.0;
-// What the clutter of a place is, is hardly known at first: paths of it are more frequent then than
-// its mean rate says, for where one plot was unexpected so is the next. Twice that while a sensor
-// is blinded, for the clutter of no place is as it was.
-constexpr double kUnknownLog = 8.0;
-constexpr double kBlindedLog = 16.0;
+// What the clutter of a place is, is hardly known at first, nor while a sensor is blinded: paths
+// of it are more frequent then than its mean rate says, for where one plot was unexpected so is the
+// next.
+constexpr double kUnknownLog = 16.0;
 constexpr double kLearningS = 10.0;
 
 // A stream does not know how often a place will be hit later on: a twig that is hit more often for
@@ -147,9 +146,9 @@ double LiveSearch::LeastScore(double watched_s) const {
   const double plots_per_hour = 3600.0 * num_plots_ / std::max(watched_s_, 1.0);
   const auto num_models =
       static_cast<double>(models_.size() * config_.robust.tracker.birth_speeds_mps.size());
-  const double unknown_log =
-      is_blinded_ ? kBlindedLog : kUnknownLog * std::exp(-watched_s / kLearningS);
-  return std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) + unknown_log;
+  const double known_s = is_blinded_ ? 0.0 : watched_s;
+  return std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) +
+         kUnknownLog * std::exp(-known_s / kLearningS);
 }
 
 std::vector<Path> LiveSearch::Extend(SceneFrame frame, const std::vector<char>& are_free) {

@@ -14,9 +14,14 @@ if(UNLIDAR_SANITIZE)
   add_link_options(-fsanitize=${UNLIDAR_SANITIZE})
 endif()
 if(UNLIDAR_COVERAGE)
-  add_compile_options(-fprofile-instr-generate -fcoverage-mapping)
   add_link_options(-fprofile-instr-generate)
 endif()
+# What is counted: the lines of the program, not those of its tests.
+function(unlidar_counted target)
+  if(UNLIDAR_COVERAGE)
+    target_compile_options(${target} PRIVATE -fprofile-instr-generate -fcoverage-mapping)
+  endif()
+endfunction()
 # What a fuzzer is to see: the library and itself, not the tests. Comparisons guide it through texts
 # and headers. In the mathematics, whose results no mutation aims at, watching them takes most of the
 # time.

@@ -117,7 +117,7 @@ def test_when_all_is_bad_nothing_is_left_and_the_first_reason_is_said(tmp_path, 
 
 
 def cut_bag(folder: Path, name: str = "flight") -> Path:
-    clouds = [random_points(i, 5000) for i in range(12)]
+    clouds = [random_points(0, 5000)] * 12  # what stands is quick to judge
     messages = [plain_cloud("/points", BEGIN_NS + i * 10**8, xyz) for i, xyz in enumerate(clouds)]
     bag = write_bag(folder, "ros1", messages, name)
     cut(bag, 0.7)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +26,10 @@ def folder(tmp_path: Path, program: Path, shared: Path) -> Path:
     unlidar = tmp_path / ".venv/bin/unlidar"
     unlidar.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m unlidar_tools "$@"\n')
     unlidar.chmod(0o755)
+    # On a station both are installed.
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/unlidar").symlink_to(unlidar)
+    (tmp_path / "bin/unlidar_track").symlink_to(program.resolve())
     (tmp_path / "mmaud").symlink_to(shared / "data/mmaud")
     bag = shared / "data/formats/bags/ros1_pointcloud2.bag"
     (tmp_path / "flight.bag").symlink_to(bag)
@@ -34,18 +39,34 @@ def folder(tmp_path: Path, program: Path, shared: Path) -> Path:
     return tmp_path
 
 
-def run_blocks(page: str, folder: Path) -> str:
+def run_blocks(page: str, folder: Path, ports: tuple[str, ...] = ()) -> str:
+    """`ports` are replaced by free ones: several tests may run at a time."""
     blocks = BLOCK.findall((PROJECT / "docs" / f"{page}.md").read_text())
     assert blocks
+    commands = "\n".join(blocks)
+    for port in ports:
+        assert port in commands
+        commands = commands.replace(port, str(free_port()))
+    environment = {
+        "UNLIDAR_TRACK": str(folder / "build/unlidar_track"),
+        "PATH": f"{folder / 'bin'}:{os.environ['PATH']}",
+    }
     done = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", "\n".join(blocks)],
+        ["bash", "-euo", "pipefail", "-c", commands],
         cwd=folder,
-        env=os.environ | {"UNLIDAR_TRACK": str(folder / "build/unlidar_track")},
+        env=os.environ | environment,
+        timeout=300,
         capture_output=True,
         text=True,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
 
 
 def test_the_page_on_bags_works_as_written(folder: Path) -> None:
@@ -80,10 +101,12 @@ def test_the_page_on_live_tracking_works_as_written(folder: Path) -> None:
 
 
 def test_the_page_on_stations_works_as_written(folder: Path) -> None:
-    said = run_blocks("station", folder)
+    said = run_blocks("station", folder, ports=("56301", "8377"))
     assert "http://127.0.0.1:" in said
-    rows = (folder / "station.csv").read_text().count("\n") - 1
+    rows = (folder / "traj.csv").read_text().count("\n") - 1
     assert rows > 50
+    events = (folder / "events.jsonl").read_text()
+    assert "127-168-1-112" in events and "127-168-1-113" in events
     (feature, *_) = json.loads((folder / "flight.geojson").read_text())["features"]
     assert len(feature["properties"]["times"]) == rows
     page = (PROJECT / "docs/station.md").read_text()

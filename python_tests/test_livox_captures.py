@@ -420,3 +420,77 @@ def test_what_a_capture_cannot_be_played_to(
 def test_anywhere_is_for_captures(tmp_path: Path, fails) -> None:
     (tmp_path / "a").mkdir()
     assert "--anywhere: is for captures" in fails(2, "play", tmp_path, "--anywhere")
+
+
+# --- simulate -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A flight with the packets of its LiDARs; frames have times of their points."""
+    folder = tmp_path_factory.mktemp("simulated")
+    (folder / "scenario.yaml").write_text(
+        "duration_s: 1.5\npoint_times: true\nsensors:\n  mid360: {model: mid360}\n"
+        "  avia: {model: avia, start_s: 0.013}\n"
+        "drones: [{flight: {box_m: [[-4, -4, 4], [4, 4, 8]]}}]\n"
+    )
+    command = ["simulate", str(folder / "scenario.yaml"), str(folder / "flight")]
+    assert main([*command, "--packets", str(folder / "flight.pcap")]) == 0
+    return folder
+
+
+def test_simulated_packets_hold_every_return_at_its_place_and_time(
+    simulated: Path, tmp_path: Path
+) -> None:
+    """The reader, which was tested by packets of its own, has the oracle's part."""
+    assert main(["convert", str(simulated / "flight.pcap"), str(tmp_path / "out")]) == 0
+    for sensor, address in (("avia", "192-168-1-112"), ("mid360", "192-168-1-113")):
+        drawn = returns_of(simulated / "flight" / sensor, "t")
+        sent = returns_of(tmp_path / "out" / address, OFFSET_FIELD)
+        assert len(drawn) - RAYS < len(sent) <= len(drawn)  # of the last packet half is missing
+        np.testing.assert_allclose(sent[:, :3], drawn[: len(sent), :3], atol=0.6e-3)
+        # Protocol 1 does not say how long a packet takes; a shot's rays are one behind the other.
+        np.testing.assert_allclose(sent[:, 3], drawn[: len(sent), 3], atol=0.5e-3)
+
+
+def returns_of(folder: Path, times: str) -> np.ndarray:
+    """(N, 4) place in metres and time in seconds of all frames of the scenario."""
+    frames = list_frames(folder)
+    begin_ns = 1_700_000_000 * 10**9
+    return np.concatenate(
+        [
+            np.stack(
+                [*(points[axis] for axis in "xyz"), (f.stamp_ns - begin_ns + points[times]) * 1e-9],
+                axis=1,
+            )
+            for f in frames
+            for points in [read_pcd(f.path)]
+        ]
+    )
+
+
+def test_a_flight_is_tracked_by_its_simulated_packets(simulated: Path, tmp_path: Path) -> None:
+    with Listening("--out", tmp_path / "traj.csv", "--summary", tmp_path / "s.json") as live:
+        main(
+            [
+                "play",
+                str(simulated / "flight.pcap"),
+                "--to",
+                f"127.0.0.1:{live.port}",
+                "--rate",
+                "inf",
+            ]
+        )
+        code, _, said = live.end(signal.SIGTERM)
+    assert code == 0, said
+    told = json.loads((tmp_path / "s.json").read_text())["inputs"]
+    assert {one["name"] for one in told} == {"127-168-1-112", "127-168-1-113"}
+    assert all(one["packets"]["used"] > 3000 and one["packets"]["lost"] == 0 for one in told)
+
+
+def test_a_scenario_without_a_livox_lidar_sends_no_packets(tmp_path: Path, fails) -> None:
+    (tmp_path / "a.yaml").write_text("duration_s: 0.1\nsensors: {top: {model: spinning32}}\n")
+    command = ("simulate", tmp_path / "a.yaml", tmp_path / "out", "--packets", tmp_path / "a.pcap")
+    assert "one of mid360, avia" in fails(2, *command)
+    assert not (tmp_path / "a.pcap").exists()
+    assert not (tmp_path / "out").exists()

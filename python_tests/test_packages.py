@@ -112,10 +112,13 @@ def test_the_package_of_the_program_has_what_a_station_needs_and_no_more(
     assert {(info.uname, info.gname) for info in files.values()} == {("root", "root")}
     conffiles = output_of("dpkg-deb", "--info", packages.program, "conffiles").split()
     assert conffiles == [name for name in sorted(files) if name.startswith("/etc/")]
-    # What the program is built with and does not call: PCL's other libraries and VTK are 449 MB.
+    # What the program is built with and does not call, as PCL's other libraries and VTK, which are
+    # 449 MB, and what only its tests compare it with.
     needed = output_of("dpkg-deb", "--field", packages.program, "Depends")
     assert re.findall(r"libpcl-[a-z]+", needed) == ["libpcl-common"]
     assert "vtk" not in needed and "-dev" not in needed
+    assert "ceres" not in needed
+    assert "ceres" not in output_of("dpkg-deb", "--field", packages.library, "Depends")
 
 
 def test_the_package_of_the_api_has_headers_library_and_cmake_configuration(
@@ -308,6 +311,38 @@ def test_the_package_works_in_a_bare_debian(
     output_of(*chroot, "purge", "unlidar-track")
     assert not (bare_root / "etc/unlidar").exists()
     assert (bare_root / "var/lib/unlidar/traj.csv").is_file()
+
+
+def test_the_page_leads_from_the_box_of_parts_to_the_first_track(
+    packages: Packages, bare_root: Path
+) -> None:
+    """Every command of docs/station.md but those for a LiDAR and systemd, as they stand there."""
+    page = (PROJECT / "docs/station.md").read_text()
+    section = page.partition("## From the box of parts")[2].partition("\n## ")[0]
+    blocks = re.findall(r"^```sh(?: box)?\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 5
+    box = bare_root / "root/box"
+    box.mkdir()
+    shutil.copy(packages.program, box)
+    shutil.copy(packages.wheel, box)
+    entered = 'mount -t proc proc "$0/proc"; mount --rbind /dev "$0/dev"; exec chroot "$0" "$@"'
+    commands = "cd /root/box\n" + "\n".join(blocks)
+    environment = {
+        "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
+        "HOME": "/root",
+        "DEBIAN_FRONTEND": "noninteractive",
+    }
+    if "PIP_CERT" in os.environ:  # whom pip is to trust where the network has a proxy
+        shutil.copy(os.environ["PIP_CERT"], bare_root / "root/trusted.crt")
+        environment["PIP_CERT"] = "/root/trusted.crt"
+    begin = time.monotonic()
+    output_of(
+        "unshare", "--mount", "bash", "-euc", entered, bare_root, "bash", "-euo", "pipefail", "-c",
+        commands, env=environment,
+    )  # fmt: skip
+    assert time.monotonic() - begin < 600
+    assert len(rows_of(box / "traj.csv")) > 100
+    assert (box / "flight.geojson").is_file()
 
 
 # --- The wheel ----------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from unlidar_tools.configs import scenario_names
-from unlidar_tools.simulate import Scenario, Simulation, load_scenario
+from unlidar_tools.simulate import Scenario, Simulation, load_scenario, shapes
 from unlidar_tools.simulate.flight import make_path
 from unlidar_tools.simulate.recording import STRAY
 from unlidar_tools.simulate.scenario import Drone, Flight, Fog, Scene, Sensor
@@ -98,6 +98,132 @@ def test_crowns_sway_about_their_place_by_what_they_are_told():
         assert np.all(away[:, 2] == 0)
         assert 0.5 < np.linalg.norm(away, axis=1).max() <= 0.5 * math.sqrt(2) + 1e-9
         assert np.abs(away.mean(axis=0)).max() < 0.1
+
+
+def returns_of(simulated: Simulation, *wanted: Thing) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Places (N, 3) and times (N,) of the returns of each."""
+    frames = list(simulated.frames("mid360"))
+    found = []
+    for thing in wanted:
+        index = next(i for i, one in enumerate(simulated.things) if one is thing)
+        places = [frame.xyz_m[frame.thing == index] for frame in frames]
+        times_ns = [f.begin_ns + f.time_ns[f.thing == index] for f in frames]
+        found.append((np.concatenate(places), np.concatenate(times_ns) * 1e-9))
+    return found
+
+
+def top_of(thing: Thing) -> np.ndarray:
+    return thing.centre_m + thing.size_m / 2 * np.array([0, 0, 1])
+
+
+def test_what_stands_about_is_not_drawn_anew_because_of_what_is_not_there():
+    """Scenes without fixtures are those of before, seed by seed."""
+    many = dataclasses.replace(Scene(), gantries=1, cables=1, flags=1, steam=1)
+    kinds = {"ground", "building", "pole", "crown"}
+    old = [t for t in simulation(Scene(), 3).things if t.kind in kinds]
+    new = simulation(many, 3).things[: len(old)]
+    assert [t.centre_m.tolist() for t in old] == [t.centre_m.tolist() for t in new]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_signs_hang_on_a_beam_between_two_poles_and_the_beam_on_nothing_that_is_cut(seed):
+    scene = dataclasses.replace(EMPTY, gantries=1)
+    simulated = simulation(scene, seed)
+    beam, *signs = things(simulated, "sign")
+    left, right = (pole.centre_m for pole in things(simulated, "pole"))
+    np.testing.assert_allclose((left + right)[:2] / 2, beam.centre_m[:2])
+    assert np.linalg.norm(left - right) == pytest.approx(beam.size_m[0])
+    assert signs
+    for sign in signs:
+        assert abs(sign.centre_m[2] - beam.centre_m[2]) < sign.size_m[2] / 2
+        assert np.linalg.norm(sign.centre_m - beam.centre_m) < beam.size_m[0] / 2
+
+
+def test_a_low_field_of_view_sees_the_lower_part_of_some_signs_only():
+    scene = dataclasses.replace(EMPTY, gantries=12)
+    low = {"mid360": Sensor("spinning32", stray_returns=0)}
+    simulated = simulation(scene, 1, sensors=low, duration_s=0.3)
+    signs, cut = things(simulated, "sign"), 0
+    for sign, (places, _) in zip(signs, returns_of(simulated, *signs), strict=True):
+        lowest_m, highest_m = sign.centre_m[2] + np.array([-0.5, 0.5]) * sign.size_m[2]
+        seen = len(places) > 50 and places[:, 2].min() < lowest_m + 0.3
+        cut += seen and places[:, 2].max() < highest_m - 0.5
+    assert cut >= 2
+
+
+def test_a_cable_hangs_from_pole_to_pole_and_what_it_carries_hangs_on_it():
+    simulated = simulation(dataclasses.replace(EMPTY, cables=1, sway_m=0.1), 2)
+    rods = things(simulated, "cable")
+    for one, next_one in itertools.pairwise(rods):
+        np.testing.assert_allclose(
+            one.centre_m + one.size_m / 2, next_one.centre_m - next_one.size_m / 2, atol=1e-9
+        )
+    ends = [rods[0].centre_m - rods[0].size_m / 2, rods[-1].centre_m + rods[-1].size_m / 2]
+    for end, pole in zip(ends, things(simulated, "pole"), strict=True):
+        np.testing.assert_allclose(end, top_of(pole), atol=1e-9)
+    at = np.linspace(0, 4, 100)
+    for hanging in things(simulated, "hanging"):
+        assert min(np.linalg.norm(top_of(hanging) - rod.centre_m) for rod in rods) < 3.0
+        assert np.linalg.norm(hanging.centres(at) - hanging.centre_m, axis=1).max() < 0.15
+
+
+def test_rays_meet_a_rod_as_they_meet_a_pole_of_its_width():
+    rng = np.random.default_rng(0)
+    direction = rng.normal(size=(20_000, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    start, radius_m, height_m = np.array([-3.0, 0.4, 0.2]), 0.05, 2.0
+    thin, cosine = shapes.meet_rod(start, direction, np.array([0, 0, height_m]), radius_m)
+    round_, cosine_round = shapes.meet_pole(start, direction, radius_m, height_m)
+    both = np.isfinite(thin) & np.isfinite(round_)
+    assert both.sum() > 30
+    # Its middle instead of its skin, and other ends by as much.
+    assert (np.isfinite(thin) != np.isfinite(round_)).sum() <= 0.1 * both.sum()
+    assert np.all(np.abs(thin[both] - round_[both]) < 2 * radius_m)
+    np.testing.assert_allclose(cosine[both], cosine_round[both], atol=0.05)
+
+
+def test_a_flag_keeps_to_its_pole_while_it_turns():
+    simulated = simulation(dataclasses.replace(EMPTY, flags=1, clear_m=5.0, radius_m=8.0), 1)
+    (flag,), (pole,) = things(simulated, "flag"), things(simulated, "pole")
+    at = np.linspace(0, 60, 3000)
+    yaw = flag.yaw_at(at)
+    assert 0.5 < np.ptp(yaw) <= 1.8
+    arm = np.stack([np.cos(yaw), np.sin(yaw), 0 * yaw], axis=1)
+    hinge = flag.centres(at) - flag.size_m[0] / 2 * arm
+    np.testing.assert_allclose(hinge[:, :2], np.tile(pole.centre_m[:2], (3000, 1)), atol=1e-9)
+    ((places, times),) = returns_of(simulated, flag)
+    assert len(places) > 20
+    yaw = flag.yaw_at(times)
+    away = places - flag.centres(times)
+    aside = away[:, 1] * np.cos(yaw) - away[:, 0] * np.sin(yaw)
+    along = away[:, 0] * np.cos(yaw) + away[:, 1] * np.sin(yaw)
+    assert np.abs(aside).max() < flag.size_m[1] / 2 + NOISE_M
+    assert np.abs(along).max() < flag.size_m[0] / 2 + NOISE_M
+
+
+def test_puffs_leave_the_chimney_small_rise_grow_and_thin_out():
+    simulated = simulation(
+        dataclasses.replace(EMPTY, steam=1, clear_m=5.0, radius_m=8.0), 1, duration_s=10.0
+    )
+    (chimney,) = things(simulated, "pole")
+    top_m = chimney.centre_m[2] + chimney.size_m[2] / 2
+    at = np.arange(0, 10, 0.01)
+    puffs = things(simulated, "puff")
+    for puff, (places, times) in zip(puffs, returns_of(simulated, *puffs), strict=True):
+        height, size = puff.centres(at)[:, 2] - top_m, puff.growth(at)
+        leaves = np.flatnonzero(np.diff(size) < 0) + 1
+        assert len(leaves) >= 1
+        assert np.all(np.abs(height[leaves]) < 0.05)
+        assert np.all(size[leaves] < 0.2)
+        grows = np.diff(size) > 0
+        assert np.all(np.diff(height)[grows] > 0)
+        ways = [puff.centres(at[i : i + 300])[-1] for i in leaves if i + 300 < len(at)]
+        assert all(np.linalg.norm(a - b) > 0.01 for a, b in itertools.pairwise(ways))
+        unit = (places - puff.centres(times)) / (puff.size_m / 2 * puff.growth(times)[:, None])
+        inside = np.linalg.norm(unit, axis=1) < 1 + NOISE_M / puff.growth(times)
+        assert inside.mean() > 0.95
+        share = puff.growth(times)
+        assert (share < 0.5).sum() > (share > 0.9).sum()
 
 
 def test_rain_has_its_rate_is_mostly_near_and_never_behind_what_a_ray_meets():

@@ -14,7 +14,7 @@ venv=$root/.venv
 setup_log=$root/out/setup.log
 
 # What the program and its tests are built with. PCL is needed for its headers and as an oracle of
-# the tests; the program itself links nothing but pcl_common.
+# the tests, Ceres as one alone; the program itself links nothing of them but pcl_common.
 build_packages=(
   build-essential cmake ninja-build
   libpcl-dev liblz4-dev libeigen3-dev libceres-dev libyaml-cpp-dev libcli11-dev
@@ -34,7 +34,7 @@ arm64_packages=(g++-aarch64-linux-gnu qemu-user-static)
 # What the program and its tests are built with, of arm64: some with all that they depend on, some
 # alone, as VTK and compilers hang on those.
 arm64_sysroot_packages=(
-  libc6-dev libpcl-common1.13 liblz4-dev libeigen3-dev libceres-dev libyaml-cpp-dev libcli11-dev
+  libc6-dev libpcl-common1.13 liblz4-dev libeigen3-dev libyaml-cpp-dev libcli11-dev
   nlohmann-json3-dev libgtest-dev
 )
 arm64_lone_packages=(
@@ -148,7 +148,7 @@ build_for_threads() {
 build_for_arm64() {
   build_in "$arm64_dir" "$@" -- -DCMAKE_TOOLCHAIN_FILE="$root/cmake/arm64.cmake" \
     -DCMAKE_SYSROOT="$arm64_sysroot" -DCMAKE_BUILD_TYPE=Release \
-    -DUNLIDAR_PCL_ORACLE=OFF -DUNLIDAR_BUILD_BENCHMARKS=OFF
+    -DUNLIDAR_ORACLES=OFF -DUNLIDAR_BUILD_BENCHMARKS=OFF
 }
 
 # make_arm64_sysroot: build-arm64-sysroot/, with the packages of arm64 unpacked. apt works in a folder
@@ -156,7 +156,6 @@ build_for_arm64() {
 make_arm64_sysroot() {
   local package part=$arm64_sysroot.part
   local packages="${arm64_sysroot_packages[*]} ${arm64_lone_packages[*]}"
-  local libraries=$part/usr/lib/aarch64-linux-gnu
   local apt=(apt-get -qq -y -o APT::Architecture=arm64 -o APT::Architectures=arm64
     -o Dir::State="$part/apt" -o Dir::State::status="$part/apt/status" -o Dir::Cache="$part/apt"
     -o APT::Sandbox::User="$(id -un)" -o APT::Install-Recommends=false)
@@ -176,12 +175,6 @@ make_arm64_sysroot() {
     quietly "$package could not be unpacked" dpkg-deb --extract "$package" "$part"
   done
   rm -rf -- "$part/apt"
-  # What installing does: the alternative that gives the library its name.
-  for package in blas lapack; do
-    ln -s "atlas/lib$package.so" "atlas/lib$package.so.3" "$libraries"
-  done
-  # Ceres names these libraries where they would be installed.
-  sed -i 's|;/usr/lib/|;${_IMPORT_PREFIX}/lib/|g' "$libraries/cmake/Ceres/CeresTargets.cmake"
   printf '%s\n' "$packages" >"$part/packages"
   mv -- "$part" "$arm64_sysroot"
 }

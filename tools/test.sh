@@ -49,13 +49,26 @@ jobs=$(nproc)
 # A file's tests share what takes long to make.
 pytest=("$venv/bin/python" -m pytest --numprocesses "$jobs" --dist loadfile)
 failed=()
+durations=()
+# took SECONDS NAME: for the table at the end.
+took() {
+  durations+=("$(printf '%5d s  %s' "$1" "$2")")
+}
+# timed NAME COMMAND...: notes how long the command takes; its exit code is the command's.
+timed() {
+  local name=$1 start=$SECONDS code=0
+  shift
+  "$@" || code=$?
+  took "$((SECONDS - start))" "$name"
+  return "$code"
+}
 # check NAME COMMAND...: all checks run, even after one has failed.
 check() {
-  local name=$1
-  shift
-  say "$name"
-  "$@" </dev/null || failed+=("$name")
+  say "$1"
+  timed "$@" </dev/null || failed+=("$1")
 }
+
+took "$SECONDS" "Set-up"
 
 mapfile -d '' -t cpp_headers < <(find include src -name '*.hpp' -print0 | sort -z)
 mapfile -d '' -t cpp_units < <(find src -name '*.cpp' -print0 | sort -z)
@@ -93,7 +106,7 @@ covered() {
     -ignore-filename-regex='/src/(tests|fuzz|bench)/')
   # A program that is killed while it ends, as some are here, leaves a file that cannot be read.
   llvm-profdata merge -failure-mode=all -o "$profile/all.profdata" "$profile"/*.profraw || return
-  # Helpers of one name in several tests, all of them left out, are said not to match.
+  # Functions that one of the programs uses and another has for nothing are said not to match.
   {
     llvm-cov show -format=html -output-dir="$root/out/coverage" "${options[@]}" &&
       llvm-cov report -show-region-summary=0 -show-branch-summary=0 "${options[@]}"
@@ -106,7 +119,7 @@ covered() {
 }
 
 if does quick; then
-  build all
+  timed "Build" build all
   check "Format of C++" clang-format --dry-run -Werror "${cpp_headers[@]}" "${cpp_units[@]}"
   check "Lint of C++" tidy
   check "Lint of shell" shellcheck -x tools/*.sh .ci/run
@@ -117,7 +130,7 @@ if does quick; then
     "${pytest[@]}" python_tests
 fi
 if does sanitize; then
-  build_sanitized all
+  timed "Build with sanitizers" build_sanitized all
   rm -rf -- "$sanitize_dir/profile"
   export LLVM_PROFILE_FILE=$sanitize_dir/profile/%4m.profraw # four files a program, which all its runs share
   check "C++ tests with sanitizers" \
@@ -128,13 +141,17 @@ if does sanitize; then
     -k 'not bounded_memory and not every_malformed_file and not keeps_its_memory and not scenes'
   check "Line coverage" covered
   export TSAN_OPTIONS=suppressions=$root/tools/threads.supp
-  build_for_threads "${threaded_tests[@]}"
+  timed "Build for several threads" build_for_threads "${threaded_tests[@]}"
+  # An oracle that goes through all paths takes minutes, on one thread.
   check "C++ tests with several threads" \
     ctest --test-dir "$threads_dir" --output-on-failure --parallel "$jobs" \
-    -R "^($(IFS='|'; printf '%s' "${threaded_tests[*]}"))\\."
+    -R "^($(IFS='|'; printf '%s' "${threaded_tests[*]}"))\\." -E Enumeration
 fi
 if does fuzz; then
   check "Fuzzers" tools/fuzz.sh 1
 fi
+
+say "What took how long"
+printf '%s\n' "${durations[@]}"
 
 ((${#failed[@]} == 0)) || fail "failed: $(IFS=,; printf '%s' "${failed[*]}")"

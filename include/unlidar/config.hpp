@@ -49,14 +49,8 @@ struct BackgroundConfig {
 
 struct GroundConfig {
   double cell_m = 4.0;
-  double quantile = 0.05;     // of the heights in a cell
-  int min_returns = 10;       // in a cell
-  int min_cells = 6;          // fewer show no ground
-  double plane_band_m = 0.6;  // cells this near to the plane make it
-  double max_slope = 0.3;     // a steeper plane is a wall or a crown
-  double max_rise_m = 0.5;    // above the plane; more is a bush, a car or the station itself
-  double max_relief_m = 1.5;  // a cell farther from the plane is not ground
-  double thickness_m = 0.3;   // what is lower is ground: grass, noise
+  double max_slope = 0.3;    // a steeper plane is a wall or a crown
+  double thickness_m = 0.3;  // what is lower is ground: grass, noise
 };
 
 struct SupportConfig {
@@ -76,38 +70,25 @@ struct SupportConfig {
 };
 
 struct PlotConfig {
-  RangeRadius link{0.5, 0.008};      // single linkage of the returns of one frame
-  RangeRadius body_link{1.5, 0.02};  // looser, to hold people and cars together
-  double body_contact_m = 1.0;       // a body reaches down to this height above the ground
+  RangeRadius link{0.5, 0.008};  // single linkage of the returns of one frame
+  double body_contact_m = 1.0;   // a body reaches down to this height above the ground
   int body_contact_returns = 3;
-  double body_height_m = 2.0;   // or, lower than this, to the lower edge of the field of view,
-  double body_edge_rad = 0.05;  // which hides its legs
-  double body_spread_m = 0.6;   // or is wider than any drone in two directions (std. dev.)
+  double body_spread_m = 0.6;  // or is wider than any drone in two directions (std. dev.)
   int body_spread_returns = 6;
-  double body_margin = 0.5;         // part of a body is what is nearer to its box than this
-                                    // share of its length (its far side is hidden), at least
-  double body_min_margin_m = 0.75;  // so much,
-  double body_margin_s = 0.35;      // and within so much time
   // Noise of a plot: a constant part (a body is no point), a part that falls with the number of
   // returns, and one that grows with range (beam divergence, angular steps).
   double noise_m = 0.06;
   double noise_per_return_m = 0.14;
   double noise_per_range = 0.003;
-  // Where other plots tell of clutter, from wide to narrow: each is the prior of the next, with the
-  // weight of so many plots. Bins as near in time as clutter_exclusion_bins are left out.
-  RangeRadius clutter_wide{4.0, 0.35};
+  // Where other plots tell of clutter, within a wide neighbourhood.
   RangeRadius clutter_middle{4.0, 0.12};
   RangeRadius clutter_narrow{1.5, 0.04};
-  double clutter_prior_plots = 0.5;
-  int clutter_exclusion_bins = 2;
   RangeRadius spot{0.19, 0.006};  // the extent of a static thing that is a point to the sensor
 };
 
 struct TrackerConfig {
   std::vector<double> sigma_a_mps2 = {1.0, 3.0, 8.0};  // agility tried: hover, transit, sport
-  double acceleration_time_s = 2.0;                    // how long an acceleration lasts
-  double manoeuvre_factor = 3.0;  // between two plots it may be so much more agile,
-  double manoeuvre_log = -2.3;    // with this log probability
+  double manoeuvre_log = -2.3;  // log probability of more agility yet between two plots
   std::vector<double> birth_speeds_mps = {1.0, 8.0};  // standard deviations per axis tried
   double even_birth_share = 0.1;  // of the births; the others fall in proportion to volume
   double max_speed_mps = 35.0;
@@ -115,7 +96,6 @@ struct TrackerConfig {
   int hypotheses_per_plot = 2;    // kept at each plot and agility
   double echo_m2_per_s = 4000.0;  // expected returns per second of a typical drone, times range^2;
   double echo_shape = 1.5;        // shape of the gamma distribution about it
-  double sensor_change = 0.1;     // probability that the next plot is that of another sensor
   // Carried on at any time, the best first: so many, and so many more for each plot of the frame.
   int max_hypotheses = 500;
   int max_hypotheses_per_plot = 5;
@@ -129,37 +109,29 @@ struct TrackerConfig {
 };
 
 struct CollectConfig {
-  int rounds = 3;                // of fit and collection
-  double body_sigma_m = 0.15;    // spread of the returns over the body, per axis
-  double centre_sigma_m = 0.04;  // of the mean of a frame's returns: which parts are hit
+  int rounds = 3;              // of fit and collection
+  double body_sigma_m = 0.15;  // spread of the returns over the body, per axis
   // The centre of a body lies behind the mean of its returns by this share of their spread: 1.33
-  // for a ball, less for a flat thing with gaps; 0 leaves the mean. How well that is known.
+  // for a ball, less for a flat thing with gaps; 0 leaves the mean.
   double facing_side = 0.4;
-  double facing_side_sigma = 0.3;
-  double beam_sigma_rad = 0.002;  // growth of the spread with range
   // By so much a return must be likelier the target's than its place's: the target may be hidden.
   double min_return_log = 2.0;
-  double gate = 4.0;                // standard deviations in which a return may lie
-  double max_search_sigma_m = 1.0;  // where the trajectory is less sure, nothing is collected
-  double max_extension_s = 2.0;     // beyond the ends, per round
-  RangeRadius presence{1.5, 0.03};  // the target's stay at a place says nothing of its clutter
+  double max_extension_s = 2.0;  // beyond the ends, per round
   // How far two sensors disagree, prior standard deviations: in place and clock.
   double sensor_bias_m = 0.2;
   double sensor_delay_s = 0.05;
-  double sensor_overlap_s = 0.3;  // longest pause of the main one across which they are compared
 };
 
 struct RobustConfig {
   double false_alarms_per_recording = 1e-3;  // tracks expected where there is no drone
   // Longer recordings are searched in windows, with so much before and behind each; infinity: none.
-  double window_s = 60.0;
-  double window_margin_s = 10.0;
+  double window_s = 120.0;
+  double window_margin_s = 5.0;
   int min_plots = 5;               // frames with evidence: clutter that repeats is not independent
   int rounds = 2;                  // of clutter estimation and search
   double off_ground_m = 2.0;       // a target is higher than this,
   double off_ground_share = 0.42;  // for this share of its plots
-  double off_ground_window_s = 0.75;  // (the lowest plot within this time counts)
-  double min_echo_m2_per_s = 150.0;   // returns per second times range^2: less is an insect
+  double min_echo_m2_per_s = 150.0;  // returns per second times range^2: less is an insect
   BackgroundConfig background;
   GroundConfig ground;
   SupportConfig support;
@@ -169,25 +141,13 @@ struct RobustConfig {
 };
 
 struct TrajectoryConfig {
-  double acceleration_time_s = 2.0;  // tau: how long an acceleration lasts
-  // sigma_a: limits, and the log-normal prior that decides where the data says little.
-  double min_acceleration_mps2 = 0.05;
-  double max_acceleration_mps2 = 30.0;
-  double typical_acceleration_mps2 = 2.0;
-  double acceleration_spread = 1.5;  // standard deviation of log sigma_a
-  // k, the true noise over the one that the covariances state: limits and log-normal prior
-  // around 1.
+  double typical_acceleration_mps2 = 2.0;  // sigma_a where the data says little
+  // k, the true noise over the one that the covariances state: limits.
   double min_noise_scale = 0.5;
   double max_noise_scale = 3.0;
-  double noise_scale_spread = 0.5;  // standard deviation of log k
-  // Known beforehand of the first position and velocity, about the straight line through all
-  // measurements: nearly nothing.
-  double position_sigma_m = 1e4;
-  double velocity_sigma_mps = 100.0;
   double outlier_distance = 4.5;  // sigmas (3-D) at which a measurement is as likely an outlier
   double min_knot_spacing_s = 0.05;
   double max_knot_spacing_s = 0.2;
-  int measurements_per_knot = 1;
   double max_extrapolation_s = 5.0;  // beyond the measurements, with a sigma that is still true
   // Rows go on beyond the first and last return through a silence that is likelier than this.
   double silence_probability = 0.01;

@@ -179,8 +179,6 @@ void CheckConsistent(const Config& config, const std::map<std::string, std::stri
   const InputConfig& input = config.input;
   check_order("input.min_range_m", input.min_range_m, "input.max_range_m", input.max_range_m);
   const TrajectoryConfig& trajectory = config.trajectory;
-  check_order("trajectory.min_acceleration_mps2", trajectory.min_acceleration_mps2,
-              "trajectory.max_acceleration_mps2", trajectory.max_acceleration_mps2);
   check_order("trajectory.min_noise_scale", trajectory.min_noise_scale,
               "trajectory.max_noise_scale", trajectory.max_noise_scale);
   check_order("trajectory.min_knot_spacing_s", trajectory.min_knot_spacing_s,

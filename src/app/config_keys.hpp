@@ -114,13 +114,7 @@ void VisitBackgroundKeys(Visitor&& visit, Background& background) {
 template <class Visitor, class Ground>
 void VisitGroundKeys(Visitor&& visit, Ground& ground) {
   visit("robust.ground.cell_m", ground.cell_m, Range{0.1, 1e3});
-  visit("robust.ground.quantile", ground.quantile, Range{0, 1});
-  visit("robust.ground.min_returns", ground.min_returns, Range{1, 1e6});
-  visit("robust.ground.min_cells", ground.min_cells, Range{3, 1e6});
-  visit("robust.ground.plane_band_m", ground.plane_band_m, Range{0, 100, false});
   visit("robust.ground.max_slope", ground.max_slope, Range{0, 10});
-  visit("robust.ground.max_rise_m", ground.max_rise_m, Range{0, 100});
-  visit("robust.ground.max_relief_m", ground.max_relief_m, Range{0, 1e3});
   visit("robust.ground.thickness_m", ground.thickness_m, Range{0, 100});
 }
 
@@ -138,32 +132,21 @@ void VisitSupportKeys(Visitor&& visit, Support& support) {
 template <class Visitor, class Plots>
 void VisitPlotKeys(Visitor&& visit, Plots& plots) {
   VisitRadiusKeys(visit, "robust.plots.link.", plots.link);
-  VisitRadiusKeys(visit, "robust.plots.body_link.", plots.body_link);
   visit("robust.plots.body_contact_m", plots.body_contact_m, Range{0, 100});
   visit("robust.plots.body_contact_returns", plots.body_contact_returns, Range{1, 1e6});
-  visit("robust.plots.body_height_m", plots.body_height_m, Range{0, 100});
-  visit("robust.plots.body_edge_rad", plots.body_edge_rad, Range{0, 1.5});
   visit("robust.plots.body_spread_m", plots.body_spread_m, Range{0, 100});
   visit("robust.plots.body_spread_returns", plots.body_spread_returns, Range{1, 1e6});
-  visit("robust.plots.body_margin", plots.body_margin, Range{0, 10});
-  visit("robust.plots.body_min_margin_m", plots.body_min_margin_m, Range{0, 100});
-  visit("robust.plots.body_margin_s", plots.body_margin_s, Range{0, 60});
   visit("robust.plots.noise_m", plots.noise_m, Range{1e-4, 10});
   visit("robust.plots.noise_per_return_m", plots.noise_per_return_m, Range{0, 10});
   visit("robust.plots.noise_per_range", plots.noise_per_range, Range{0, 1});
-  VisitRadiusKeys(visit, "robust.plots.clutter_wide.", plots.clutter_wide);
   VisitRadiusKeys(visit, "robust.plots.clutter_middle.", plots.clutter_middle);
   VisitRadiusKeys(visit, "robust.plots.clutter_narrow.", plots.clutter_narrow);
-  visit("robust.plots.clutter_prior_plots", plots.clutter_prior_plots, Range{0, 1e3, false});
-  visit("robust.plots.clutter_exclusion_bins", plots.clutter_exclusion_bins, Range{0, 1e3});
   VisitRadiusKeys(visit, "robust.plots.spot.", plots.spot);
 }
 
 template <class Visitor, class Tracker>
 void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.sigma_a_mps2", tracker.sigma_a_mps2, Elements{{1e-2, 1e3}});
-  visit("robust.tracker.acceleration_time_s", tracker.acceleration_time_s, Range{0.1, 100});
-  visit("robust.tracker.manoeuvre_factor", tracker.manoeuvre_factor, Range{1, 1e3});
   visit("robust.tracker.manoeuvre_log", tracker.manoeuvre_log, Range{-1e3, 0});
   visit("robust.tracker.birth_speeds_mps", tracker.birth_speeds_mps, Elements{{1e-2, 1e3}});
   visit("robust.tracker.even_birth_share", tracker.even_birth_share, Range{0, 1, false});
@@ -172,7 +155,6 @@ void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});
   visit("robust.tracker.echo_m2_per_s", tracker.echo_m2_per_s, Range{1e-2, 1e10});
   visit("robust.tracker.echo_shape", tracker.echo_shape, Range{1e-3, 1e3});
-  visit("robust.tracker.sensor_change", tracker.sensor_change, Range{0, 0.9, false});
   visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});
   visit("robust.tracker.max_hypotheses_per_plot", tracker.max_hypotheses_per_plot, Range{0, 1e6});
   visit("robust.tracker.max_paths", tracker.max_paths, Range{1, 1000});
@@ -188,18 +170,11 @@ template <class Visitor, class Collect>
 void VisitCollectKeys(Visitor&& visit, Collect& collect) {
   visit("robust.collect.rounds", collect.rounds, Range{0, 100});
   visit("robust.collect.body_sigma_m", collect.body_sigma_m, Range{1e-3, 100});
-  visit("robust.collect.centre_sigma_m", collect.centre_sigma_m, Range{0, 100});
   visit("robust.collect.facing_side", collect.facing_side, Range{0, 10});
-  visit("robust.collect.facing_side_sigma", collect.facing_side_sigma, Range{0, 10});
-  visit("robust.collect.beam_sigma_rad", collect.beam_sigma_rad, Range{0, 1});
   visit("robust.collect.min_return_log", collect.min_return_log, Range{-1e3, 1e3});
-  visit("robust.collect.gate", collect.gate, Range{0, 100, false});
-  visit("robust.collect.max_search_sigma_m", collect.max_search_sigma_m, Range{0, 1e3, false});
   visit("robust.collect.max_extension_s", collect.max_extension_s, Range{0, 600});
-  VisitRadiusKeys(visit, "robust.collect.presence.", collect.presence);
   visit("robust.collect.sensor_bias_m", collect.sensor_bias_m, Range{1e-6, 100});
   visit("robust.collect.sensor_delay_s", collect.sensor_delay_s, Range{1e-6, 100});
-  visit("robust.collect.sensor_overlap_s", collect.sensor_overlap_s, Range{0, 60});
 }
 
 template <class Visitor, class Robust>
@@ -211,7 +186,6 @@ void VisitRobustKeys(Visitor&& visit, Robust& robust) {
   visit("robust.rounds", robust.rounds, Range{1, 10});
   visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
   visit("robust.off_ground_share", robust.off_ground_share, Range{0, 1});
-  visit("robust.off_ground_window_s", robust.off_ground_window_s, Range{0, 600});
   visit("robust.min_echo_m2_per_s", robust.min_echo_m2_per_s, Range{0, 1e9});
   VisitBackgroundKeys(visit, robust.background);
   VisitGroundKeys(visit, robust.ground);
@@ -223,21 +197,13 @@ void VisitRobustKeys(Visitor&& visit, Robust& robust) {
 
 template <class Visitor, class TrajectoryFields>
 void VisitTrajectoryKeys(Visitor&& visit, TrajectoryFields& trajectory) {
-  visit("trajectory.acceleration_time_s", trajectory.acceleration_time_s, Range{0.1, 100});
-  visit("trajectory.min_acceleration_mps2", trajectory.min_acceleration_mps2, Range{1e-3, 1e3});
-  visit("trajectory.max_acceleration_mps2", trajectory.max_acceleration_mps2, Range{1e-3, 1e3});
   visit("trajectory.typical_acceleration_mps2", trajectory.typical_acceleration_mps2,
         Range{1e-3, 1e3});
-  visit("trajectory.acceleration_spread", trajectory.acceleration_spread, Range{0.01, 100});
   visit("trajectory.min_noise_scale", trajectory.min_noise_scale, Range{1e-2, 1e2});
   visit("trajectory.max_noise_scale", trajectory.max_noise_scale, Range{1e-2, 1e2});
-  visit("trajectory.noise_scale_spread", trajectory.noise_scale_spread, Range{0.01, 100});
-  visit("trajectory.position_sigma_m", trajectory.position_sigma_m, Range{1, 1e6});
-  visit("trajectory.velocity_sigma_mps", trajectory.velocity_sigma_mps, Range{1, 1e4});
   visit("trajectory.outlier_distance", trajectory.outlier_distance, Range{1, 100});
   visit("trajectory.min_knot_spacing_s", trajectory.min_knot_spacing_s, Range{1e-3, 10});
   visit("trajectory.max_knot_spacing_s", trajectory.max_knot_spacing_s, Range{1e-3, 10});
-  visit("trajectory.measurements_per_knot", trajectory.measurements_per_knot, Range{1, 1000});
   visit("trajectory.max_extrapolation_s", trajectory.max_extrapolation_s, Range{0, 60});
   visit("trajectory.silence_probability", trajectory.silence_probability, Range{0, 1, false});
   visit("trajectory.max_sigma_m", trajectory.max_sigma_m, Range{0, 1e4, false});

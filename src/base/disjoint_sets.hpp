@@ -11,7 +11,12 @@ namespace unlidar {
 // At first each of the items 0 ... size - 1 is a set of its own.
 class DisjointSets {
  public:
-  explicit DisjointSets(std::size_t size) : parents_(size) {
+  DisjointSets() = default;
+  explicit DisjointSets(std::size_t size) { Reset(size); }
+
+  // Begins anew, in the memory that it has.
+  void Reset(std::size_t size) {
+    parents_.resize(size);
     std::iota(parents_.begin(), parents_.end(), std::size_t{0});
   }
 

@@ -33,13 +33,14 @@ std::string SourceName(const FrameSource& source);
 void CheckNames(const std::vector<FrameSource>& sources);
 
 // The frame period of a sensor with these stamps, which ascend.
-TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns);
+// `periods_ns`: memory to work in.
+TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns, std::vector<TimeNs>* periods_ns);
 
 // The time offset of a sensor. Throws ConfigError for one that no stamp can bear.
 TimeNs OffsetNs(const std::string& name, const SensorConfig& sensor);
 
 // Drops the rows that are no returns and applies the pose of the sensor.
-LoadedFrame LoadFrame(const FrameFile& file, PcdCloud cloud, const InputConfig& config,
+LoadedFrame LoadFrame(FrameFile file, PcdCloud cloud, const InputConfig& config,
                       const SensorConfig& sensor);
 
 // Fills info.begin_ns, info.end_ns and times_ns, all without the sensor's time offset. Throws

@@ -61,22 +61,22 @@ void CheckNames(const std::vector<FrameSource>& sources) {
   }
 }
 
-TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns) {
+TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns, std::vector<TimeNs>* periods_ns) {
   if (stamps_ns.size() < 2) return kSingleFramePeriodNs;
-  std::vector<TimeNs> periods;
-  periods.reserve(stamps_ns.size() - 1);
+  periods_ns->clear();
   for (std::size_t i = 1; i < stamps_ns.size(); ++i) {
-    periods.push_back(stamps_ns[i] - stamps_ns[i - 1]);
+    periods_ns->push_back(stamps_ns[i] - stamps_ns[i - 1]);
   }
-  const auto middle = periods.begin() + static_cast<std::ptrdiff_t>((periods.size() - 1) / 2);
-  std::nth_element(periods.begin(), middle, periods.end());
+  const auto middle =
+      periods_ns->begin() + static_cast<std::ptrdiff_t>((periods_ns->size() - 1) / 2);
+  std::nth_element(periods_ns->begin(), middle, periods_ns->end());
   return std::min(*middle, kMaxPeriodNs);
 }
 
-LoadedFrame LoadFrame(const FrameFile& file, PcdCloud cloud, const InputConfig& config,
+LoadedFrame LoadFrame(FrameFile file, PcdCloud cloud, const InputConfig& config,
                       const SensorConfig& sensor) {
   LoadedFrame frame;
-  frame.file = file;
+  frame.file = std::move(file);
   frame.cloud = std::move(cloud);
   const std::vector<Eigen::Vector3f> rows = std::move(frame.cloud.points_m);
   const Eigen::Vector4d& q = sensor.rotation_xyzw;

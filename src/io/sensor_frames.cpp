@@ -42,11 +42,11 @@ void SensorFrames::NoteStamp(TimeNs stamp_ns) {
   period_ns_.reset();
 }
 
-LoadedFrame SensorFrames::Load(const FrameFile& file, PcdCloud cloud) {
-  LoadedFrame frame = LoadFrame(file, std::move(cloud), input_, sensor_);
+LoadedFrame SensorFrames::Load(FrameFile file, PcdCloud cloud) {
+  LoadedFrame frame = LoadFrame(std::move(file), std::move(cloud), input_, sensor_);
   if (reading_ || frame.return_rows.empty()) return frame;
   for (const std::uint32_t row : frame.return_rows) {
-    vote_.Add(RawTimeOf(frame.cloud, row), file.stamp_ns);
+    vote_.Add(RawTimeOf(frame.cloud, row), frame.file.stamp_ns);
   }
   if (source_ == Source::kStream) reading_ = vote_.Winner();
   return frame;
@@ -72,7 +72,7 @@ SensorInfo SensorFrames::info() const {
 }
 
 TimeNs SensorFrames::FramePeriodNs() const {
-  if (!period_ns_) period_ns_ = MedianPeriod(stamps_ns_);
+  if (!period_ns_) period_ns_ = MedianPeriod(stamps_ns_, &periods_ns_);
   return *period_ns_;
 }
 

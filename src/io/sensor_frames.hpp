@@ -36,7 +36,7 @@ class SensorFrames {
   void NoteStamp(TimeNs stamp_ns);
 
   // The returns of a frame in the common frame, without times.
-  LoadedFrame Load(const FrameFile& file, PcdCloud cloud);
+  LoadedFrame Load(FrameFile file, PcdCloud cloud);
 
   // Sets the times and the interval of the frame. Throws InputError for a point time that is none.
   void Finish(LoadedFrame& frame);
@@ -57,7 +57,8 @@ class SensorFrames {
   Source source_;
   TimeNs offset_ns_;
   std::vector<TimeNs> stamps_ns_;            // ascending; of a stream the newest
-  mutable std::optional<TimeNs> period_ns_;  // of these stamps, once it was asked for
+  mutable std::optional<TimeNs> period_ns_;  // of these stamps, once it was asked for,
+  mutable std::vector<TimeNs> periods_ns_;   // and what it is found in
   TimeReadingVote vote_;
   std::optional<TimeReading> reading_;  // once it is settled
 };

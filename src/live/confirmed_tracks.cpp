@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <iterator>
 #include <optional>
 #include <utility>
 
@@ -24,29 +23,28 @@ ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackMo
     : config_(config),
       models_(models),
       instants_(std::move(output_times)),
+      fitter_(config.trajectory),
       on_event_(std::move(on_event)) {}
 
-std::vector<char> ConfirmedTracks::Extend(const std::vector<SeenPlot>& plots, const Moment& at) {
-  std::vector<double> best_gain(plots.size(), -1e9);
-  std::vector<std::size_t> best_track(plots.size(), 0);
+const std::vector<char>& ConfirmedTracks::Extend(const std::vector<SeenPlot>& plots,
+                                                 const Moment& at) {
+  claims_.assign(plots.size(), Claim());
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
-    const std::vector<double> gains = tracks_[t].follower->GainsOf(plots, at);
+    tracks_[t].follower->SetGains(plots, at, &gains_);
     for (std::size_t i = 0; i < plots.size(); ++i) {
-      if (gains[i] <= best_gain[i]) continue;
-      best_gain[i] = gains[i];
-      best_track[i] = t;
+      if (gains_[i] > claims_[i].gain) claims_[i] = {gains_[i], t};
     }
   }
-  std::vector<char> are_free(plots.size());
-  for (std::size_t i = 0; i < plots.size(); ++i) are_free[i] = best_gain[i] <= kTaken;
+  are_free_.clear();
+  for (const Claim& claim : claims_) are_free_.push_back(claim.gain <= kTaken ? 1 : 0);
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
-    std::vector<char> are_allowed = are_free;
+    are_allowed_ = are_free_;
     for (std::size_t i = 0; i < plots.size(); ++i) {
-      if (best_track[i] == t) are_allowed[i] = 1;
+      if (claims_[i].track == t) are_allowed_[i] = 1;
     }
-    tracks_[t].follower->Extend(plots, are_allowed, at);
+    tracks_[t].follower->Extend(plots, are_allowed_, at);
   }
-  return are_free;
+  return are_free_;
 }
 
 // A drone that shows as two plots in a frame is no second one.
@@ -60,45 +58,48 @@ bool ConfirmedTracks::Has(const Flight& flight) const {
   });
 }
 
-bool ConfirmedTracks::Begin(const Flight& flight, double least_score) {
-  auto follower = std::make_unique<TrackFollower>(next_id_, flight, models_, config_.robust.tracker,
-                                                  config_.robust.collect, config_.trajectory);
-  if (follower->score() < least_score) return false;
+bool ConfirmedTracks::Begin(const Flight& flight, double least_score,
+                            const std::function<Flight(const Flight&)>& with_past) {
+  const auto follow = [&](const Flight& its) {
+    return std::make_unique<TrackFollower>(next_id_, its, models_, config_.robust.tracker,
+                                           config_.robust.collect);
+  };
+  if (follow(flight)->score() < least_score) return false;
   if (Has(flight)) return true;
-  ++next_id_;
   tracks_.emplace_back();
-  tracks_.back().follower = std::move(follower);
+  tracks_.back().follower = follow(with_past(flight));
+  ++next_id_;
   return true;
 }
 
-std::vector<SeenPlot> ConfirmedTracks::GiveRows(TimeNs searched_ns, TimeNs newest_ns) {
+const std::vector<SeenPlot>& ConfirmedTracks::GiveRows(TimeNs searched_ns, TimeNs newest_ns) {
   const TimeNs due_ns = newest_ns - NsOf(config_.live.delay_s);
-  std::vector<SeenPlot> settled;
+  settled_.clear();
   for (Track& track : tracks_) {
-    Append(&track, std::min(due_ns, searched_ns), newest_ns, kGuessedShare, &settled);
+    Append(&track, std::min(due_ns, searched_ns), newest_ns, kGuessedShare);
   }
-  return settled;
+  return settled_;
 }
 
-std::vector<SeenPlot> ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs searched_ns) {
-  std::vector<SeenPlot> settled;
+const std::vector<SeenPlot>& ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs searched_ns) {
+  settled_.clear();
   for (auto track = tracks_.begin(); track != tracks_.end();) {
     const TimeNs last_ns = track->follower->last_evidence_ns();
     if (last_ns >= lost_ns) {
       ++track;
       continue;
     }
-    Append(&*track, searched_ns, searched_ns, 1.0, &settled);
+    Append(&*track, searched_ns, searched_ns, 1.0);
     on_event_(TrackEnded{track->follower->id(), last_ns, track->kind.kind()});
     track = tracks_.erase(track);
   }
-  return settled;
+  return settled_;
 }
 
 void ConfirmedTracks::Close(TimeNs newest_ns) {
-  std::vector<SeenPlot> settled;
+  settled_.clear();
   for (Track& track : tracks_) {
-    Append(&track, std::numeric_limits<TimeNs>::max() / 2, newest_ns, 1.0, &settled);
+    Append(&track, std::numeric_limits<TimeNs>::max() / 2, newest_ns, 1.0);
     on_event_(
         TrackEnded{track.follower->id(), track.follower->last_evidence_ns(), track.kind.kind()});
   }
@@ -127,30 +128,29 @@ TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) co
 }
 
 // Gives the rows of a track until then, if there are any, and appends the plots that they settle.
-void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns, double guessed_share,
-                             std::vector<SeenPlot>* settled) {
-  const OutputInstants instants(instants_.Between(track->given_ns, until_ns));
-  if (instants.size() == 0) return;
+void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
+                             double guessed_share) {
+  instants_.GetBetween(track->given_ns, until_ns, &due_);
+  if (due_.size() == 0) return;
   TrackFollower& follower = *track->follower;
-  follower.Fit();
+  follower.Fit(fitter_);
   track->kind.Observe(follower.trajectory(), until_ns);
   const Kind kind = track->kind.kind();
-  RowSource source;
-  source.track_id = follower.id();
-  source.trajectory = follower.trajectory();
-  source.presence = PresenceOf(*track, until_ns);
-  source.depth_sigma_m = follower.depth_sigma_m();
-  source.sights = SightsOf(follower.measurements());
-  source.max_sigma_m = config_.trajectory.max_sigma_m;
+  source_.track_id = follower.id();
+  source_.trajectory = follower.trajectory();
+  source_.presence = PresenceOf(*track, until_ns);
+  source_.depth_sigma_m = follower.depth_sigma_m();
+  SetSights(follower.measurements(), &source_.sights);
+  source_.max_sigma_m = config_.trajectory.max_sigma_m;
   if (!std::exchange(track->is_told, true)) {
-    track->given_ns = source.presence.begin_ns - 1;
+    track->given_ns = source_.presence.begin_ns - 1;
     on_event_(TrackConfirmed{follower.id(), follower.first_evidence_ns(), kind});
   }
-  const RowStream rows = SampleRows(source, instants);
+  RowSampler rows(source_, due_);
   const TimeNs late_ns = newest_ns - NsOf(config_.live.delay_s) - period_ns_;
   const TimeInterval seen{follower.measurements().front().time_ns, follower.last_evidence_ns()};
-  const double max_guessed_m = guessed_share * source.max_sigma_m;
-  while (std::optional<TrajectoryRow> row = rows()) {
+  const double max_guessed_m = guessed_share * source_.max_sigma_m;
+  while (std::optional<TrajectoryRow> row = rows.Next()) {
     const bool is_guessed = row->time_ns < seen.begin_ns || row->time_ns > seen.end_ns;
     if (is_guessed && row->sigma_m.maxCoeff() > max_guessed_m) continue;
     const TimeInterval around = instants_.Around(row->time_ns);
@@ -158,8 +158,7 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns, do
     on_event_(RowGiven{*row, row->time_ns < late_ns, kind});
     track->given_ns = row->time_ns;
   }
-  std::vector<SeenPlot> plots = follower.Settle(track->given_ns);
-  std::move(plots.begin(), plots.end(), std::back_inserter(*settled));
+  follower.Settle(track->given_ns, &settled_);
 }
 
 }  // namespace unlidar

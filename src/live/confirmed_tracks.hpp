@@ -1,6 +1,7 @@
 // The confirmed tracks of a stream: which plots each of them takes, and what is told of them.
 #pragma once
 
+#include <functional>
 #include <limits>
 #include <memory>
 #include <vector>
@@ -30,21 +31,22 @@ class ConfirmedTracks {
   void AddInstants(const FrameInfo& frame) { instants_.Add(frame); }
 
   // Goes on with plots of a frame at `at`. Each is that of one track at most, of the one that it
-  // suits best. Returns (plots) which are free: no track explains them better than clutter, so they
-  // may be another target's.
-  std::vector<char> Extend(const std::vector<SeenPlot>& plots, const Moment& at);
+  // suits best. Returns (plots) which are free, until the next call: no track explains them better
+  // than clutter, so they may be another target's.
+  const std::vector<char>& Extend(const std::vector<SeenPlot>& plots, const Moment& at);
 
   // Begins a track with a flight, unless one has it already. False if the flight is worth less than
-  // `least_score` as a track.
-  bool Begin(const Flight& flight, double least_score);
+  // `least_score` as a track. `with_past`: gives the flight with what it was before.
+  bool Begin(const Flight& flight, double least_score,
+             const std::function<Flight(const Flight&)>& with_past);
 
   // Gives the rows that are due when `newest_ns` is the newest stamp and frames were searched until
-  // `searched_ns`. Returns the plots that are the tracks' for good by now.
-  std::vector<SeenPlot> GiveRows(TimeNs searched_ns, TimeNs newest_ns);
+  // `searched_ns`. Returns the plots that are the tracks' for good by now, until the next call.
+  const std::vector<SeenPlot>& GiveRows(TimeNs searched_ns, TimeNs newest_ns);
 
   // Ends the tracks that were seen last before `lost_ns`, their last rows given. Returns as
   // GiveRows().
-  std::vector<SeenPlot> EndLost(TimeNs lost_ns, TimeNs searched_ns);
+  const std::vector<SeenPlot>& EndLost(TimeNs lost_ns, TimeNs searched_ns);
 
   // Ends all of them.
   void Close(TimeNs newest_ns);
@@ -57,6 +59,12 @@ class ConfirmedTracks {
   void Forget(TimeNs oldest_ns);
 
  private:
+  // Which track a plot suits best, and how well.
+  struct Claim {
+    double gain = -1e9;
+    std::size_t track = 0;
+  };
+
   struct Track {
     std::unique_ptr<TrackFollower> follower;
     KindFilter kind;
@@ -66,12 +74,20 @@ class ConfirmedTracks {
 
   bool Has(const Flight& flight) const;
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
-  void Append(Track* track, TimeNs until_ns, TimeNs newest_ns, double guessed_share,
-              std::vector<SeenPlot>* settled);
+  void Append(Track* track, TimeNs until_ns, TimeNs newest_ns, double guessed_share);
 
   const Config& config_;
   const std::vector<TrackModel>& models_;
   LiveInstants instants_;
+  TrajectoryFitter fitter_;
+  // What a frame is worked on with, kept for the next.
+  std::vector<Claim> claims_;      // (plots)
+  std::vector<double> gains_;      // (plots) of a track
+  std::vector<char> are_free_;     // (plots)
+  std::vector<char> are_allowed_;  // (plots) a track
+  std::vector<SeenPlot> settled_;
+  OutputInstants due_;
+  RowSource source_;
   EngineCallback on_event_;
   TimeNs period_ns_ = std::numeric_limits<TimeNs>::max();
   int next_id_ = 0;

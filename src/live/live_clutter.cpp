@@ -13,8 +13,7 @@ constexpr double kCompanySlope = 0.01;
 constexpr double kFarther = 5.0;    // the surroundings of a floating thing, times its reach
 constexpr double kSameTimeS = 0.6;  // before it
 constexpr double kLatelyS = 3.0;
-constexpr double kSolidShare = 0.2;   // of the frames of its sensor, in which it has a plot
-constexpr double kFloatKnownS = 5.0;  // earlier nobody knows what holds what up
+constexpr double kSolidShare = 0.2;  // of the frames of its sensor, in which it has a plot
 
 RangeRadius Wider(const RangeRadius& radius) {
   return {kWider * radius.constant_m, kWider * radius.slope};
@@ -29,7 +28,7 @@ double PlotVolumeM3(const Plot& plot) {
 
 LiveClutter::LiveClutter(const RobustConfig& config, double fade_s)
     : config_(config.plots),
-      exclusion_s_((config.plots.clutter_exclusion_bins + 0.5) * config.background.bin_s),
+      exclusion_s_((kClutterExclusionBins + 0.5) * config.background.bin_s),
       fade_s_(fade_s),
       place_(config.background.place),
       standing_(config.background.place, fade_s),
@@ -41,7 +40,7 @@ LiveClutter::LiveClutter(const RobustConfig& config, double fade_s)
 
 LiveClutter::Sensor& LiveClutter::SensorAt(std::uint32_t sensor) {
   while (sensors_.size() <= sensor) {
-    sensors_.push_back({FadingGrid(config_.clutter_wide, fade_s_),
+    sensors_.push_back({FadingGrid(kClutterWide, fade_s_),
                         FadingGrid(config_.clutter_middle, fade_s_),
                         FadingGrid(config_.clutter_narrow, fade_s_),
                         FadingGrid(config_.spot, fade_s_), FadingGrid(place_, kLatelyS)});
@@ -123,8 +122,8 @@ void LiveClutter::Judge(const Support& support, double time_s, std::vector<SeenP
     // What is hit now and then in one place is a twig or a wire.
     const bool is_solid =
         sensor.lately.CountAt(place_m, time_s) >= kSolidShare * sensor.frames_lately;
-    plot.is_floating =
-        is_standing && is_solid && time_s - aged_s_ >= kFloatKnownS && support.IsFloating(place_m);
+    // Fog may hide what holds a thing.
+    plot.is_floating = is_standing && is_solid && !is_blinded_ && support.IsFloating(place_m);
   }
   while (!standing_plots_.empty() && standing_plots_.front().time_s < time_s - kSameTimeS) {
     standing_plots_.pop_front();
@@ -141,10 +140,11 @@ void LiveClutter::Judge(const Support& support, double time_s, std::vector<SeenP
     double rate = 1e-6;
     for (const FadingGrid* grid : {&sensor.wide, &sensor.middle, &sensor.narrow}) {
       const double exposure = frames * grid->VolumeM3(place_m);
-      rate = (grid->CountAt(place_m, time_s) + config_.clutter_prior_plots) /
-             (exposure + config_.clutter_prior_plots / rate);
+      rate = (grid->CountAt(place_m, time_s) + kClutterPriorPlots) /
+             (exposure + kClutterPriorPlots / rate);
     }
     plot.log_clutter = std::log(rate);
+    seen.log_surroundings = plot.log_clutter;
     const bool is_foreseen = time_s <= foreseen_until_s_;
     const double others = sensor.spot.CountAt(place_m, time_s) - (is_foreseen ? 1.0 : 0.0);
     if (!is_foreseen) sensor.spot.Add(place_m, time_s);

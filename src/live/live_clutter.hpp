@@ -29,6 +29,10 @@ class LiveClutter {
   // remembers the plots.
   void Judge(const Support& support, double time_s, std::vector<SeenPlot>* plots);
 
+  // Whether a sensor is blinded or may be: then nothing is known to float, as what holds it may not
+  // be seen.
+  void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
+
   // A plot that is a target's is no clutter. Only one of the last second can still be told.
   void Explain(const Plot& plot);
 
@@ -75,6 +79,7 @@ class LiveClutter {
   PlotConfig config_;
   double exclusion_s_;
   double fade_s_;
+  bool is_blinded_ = false;
   double aged_s_ = 0.0;  // by which all that was seen is older than its time says
   RangeRadius place_;
   std::vector<Sensor> sensors_;

@@ -52,7 +52,8 @@ SensorFrames LiveEngine::FramesOf(std::uint32_t sensor, const std::string& name)
 
 void LiveEngine::Add(CloudFrame frame) {
   Sensor& sensor = sensors_.at(frame.sensor);
-  sensor.frames.CheckStamp({frame.name, frame.stamp_ns});
+  FrameFile file{std::move(frame.name), frame.stamp_ns};
+  sensor.frames.CheckStamp(file);
   const TimeNs stamp_ns = frame.stamp_ns + sensor.frames.offset_ns();
   if (!is_endless_ && has_begun_ && stamp_ns < SettledNs()) {
     if (!HasClockGoneBack(&sensor, stamp_ns)) {
@@ -65,11 +66,11 @@ void LiveEngine::Add(CloudFrame frame) {
   }
   sensor.frames_of_past = 0;
   if (!sensor.stamps_ns.insert(frame.stamp_ns).second) {
-    throw InputError(frame.name + ": has the stamp " + std::to_string(frame.stamp_ns) +
+    throw InputError(file.path + ": has the stamp " + std::to_string(frame.stamp_ns) +
                      " ns of an earlier frame, expected one frame for each stamp");
   }
   if (is_endless_) sensor.frames.NoteStamp(frame.stamp_ns);
-  LoadedFrame loaded = sensor.frames.Load({frame.name, frame.stamp_ns}, std::move(frame.cloud));
+  LoadedFrame loaded = sensor.frames.Load(std::move(file), std::move(frame.cloud));
   loaded.info.sensor = frame.sensor;
   AddCounts(loaded.counts, counts_);
   ++counts_.frames;

@@ -46,9 +46,9 @@ void LiveInstants::SkipPause(TimeNs begin_ns, double nanohertz) {
   while (is_long_ago(next_)) ++next_;
 }
 
-std::vector<TimeNs> LiveInstants::Between(TimeNs after_ns, TimeNs until_ns) const {
+void LiveInstants::GetBetween(TimeNs after_ns, TimeNs until_ns, OutputInstants* instants) const {
   const auto first = std::upper_bound(instants_ns_.begin(), instants_ns_.end(), after_ns);
-  return {first, std::upper_bound(first, instants_ns_.end(), until_ns)};
+  instants->SetList(first, std::upper_bound(first, instants_ns_.end(), until_ns));
 }
 
 TimeInterval LiveInstants::Around(TimeNs instant_ns) const {

@@ -22,8 +22,8 @@ class LiveInstants {
   // stamps of the first sensor, its own.
   void Add(const FrameInfo& frame);
 
-  // Those after `after_ns`, up to `until_ns`.
-  std::vector<TimeNs> Between(TimeNs after_ns, TimeNs until_ns) const;
+  // Sets those after `after_ns`, up to `until_ns`.
+  void GetBetween(TimeNs after_ns, TimeNs until_ns, OutputInstants* instants) const;
 
   // The stamps [begin_ns, end_ns) whose frames support the row at one of these instants: from
   // halfway to the one before to halfway to the one after. The first begins with itself; the last

@@ -19,11 +19,11 @@ constexpr double kSurgePlots = 30.0;
 
 }  // namespace
 
-LiveScene::Snapshot::Snapshot(std::vector<Eigen::Vector3f> points_m, const ElevationRange& view,
+LiveScene::Snapshot::Snapshot(const Occupancy& occupancy, const ElevationRange& view,
                               const RobustConfig& config)
-    : structure_m(std::move(points_m)),
-      ground(structure_m, config.ground),
-      support(structure_m, ground, view, config.background.occluder_cell_deg, config.support) {}
+    : ground(occupancy.Structure(), config.ground),
+      support(occupancy.Supporters(), ground, view, config.background.occluder_cell_deg,
+              config.support) {}
 
 LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config)
     : viewpoint_m(its_viewpoint_m),
@@ -57,6 +57,10 @@ std::int64_t LiveScene::BinOf(TimeNs time_ns) {
 
 LiveScene::Station& LiveScene::StationOf(std::uint32_t sensor) {
   return scenes_[stations_.StationOf(sensor)];
+}
+
+void LiveScene::SetBlinded(bool is_blinded) {
+  for (Station& station : scenes_) station.clutter.SetBlinded(is_blinded);
 }
 
 bool LiveScene::Take(LoadedFrame frame) {
@@ -131,8 +135,8 @@ void LiveScene::Refit(Station* station) {
   if (!station->early_returns_m.empty()) {
     station->lowest_elevation_rad = LowestElevationRad(std::exchange(station->early_returns_m, {}));
   }
-  station->snapshot = std::make_unique<Snapshot>(station->occupancy.Structure(),
-                                                 station->view.Edges(), config_.robust);
+  station->snapshot =
+      std::make_unique<Snapshot>(station->occupancy, station->view.Edges(), config_.robust);
 }
 
 void LiveScene::RefitAll() {
@@ -170,40 +174,41 @@ void LiveScene::Foresee() {
 
 SceneFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
   Station& station = StationOf(loaded.info.sensor);
-  Recording frame;
-  frame.points_m = std::move(loaded.points_m);
-  frame.times_ns = std::move(loaded.times_ns);
-  frame.frames = {loaded.info};
-  frame.frames[0].first_return = 0;
-  frame.frames[0].last_return = static_cast<std::uint32_t>(frame.points_m.size());
-  std::vector<std::uint32_t> candidates;
-  std::vector<float> rates(frame.points_m.size(), 0.0F);
+  frame_.points_m = std::move(loaded.points_m);
+  frame_.times_ns = std::move(loaded.times_ns);
+  frame_.frames.assign(1, loaded.info);
+  frame_.frames[0].first_return = 0;
+  frame_.frames[0].last_return = static_cast<std::uint32_t>(frame_.points_m.size());
+  candidates_.clear();
+  place_rates_.clear();
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
     return station.snapshot->support.IsFloating(point_m);
   };
-  for (std::uint32_t i = 0; i < frame.points_m.size(); ++i) {
-    const Eigen::Vector3f& point_m = frame.points_m[i];
+  for (std::uint32_t i = 0; i < frame_.points_m.size(); ++i) {
+    const Eigen::Vector3f& point_m = frame_.points_m[i];
     const Occupancy::Verdict verdict =
         station.occupancy.Judge(point_m, bin, num_snapshots_, floats);
-    rates[i] = verdict.place_rate;
+    place_rates_.push_back(verdict.place_rate);
     if (verdict.is_structure && !verdict.floats) continue;
-    if (!station.snapshot->ground.Holds(point_m)) candidates.push_back(i);
+    if (!station.snapshot->ground.Holds(point_m)) candidates_.push_back(i);
   }
-  FramePlots found = PlotsOfFrame(frame, 0, std::move(candidates), station.snapshot->ground,
-                                  station.lowest_elevation_rad, config_.robust.plots);
+  FramePlots& found = plotter_.Find(frame_, 0, &candidates_, station.snapshot->ground,
+                                    station.lowest_elevation_rad, config_.robust.plots);
   SceneFrame held;
-  held.info = frame.frames[0];
+  held.info = frame_.frames[0];
+  held.plots.reserve(found.plots.size());
   for (Plot& plot : found.plots) {
     plot.frame = num_frames_;
     SeenPlot seen;
     seen.stamp_ns = held.info.stamp_ns;
     double rate = 0.0;
     for (const std::uint32_t i : plot.returns) {
-      const Eigen::Vector3d d = frame.points_m[i].cast<double>() - plot.position_m;
+      const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - plot.position_m;
       seen.scatter_m2 += d * d.transpose();
-      rate += static_cast<double>(rates[i]);
+      rate += static_cast<double>(place_rates_[i]);
     }
-    plot.place_rate = rate / static_cast<double>(plot.returns.size());
+    plot.place_rate = std::max(rate / static_cast<double>(plot.returns.size()),
+                               station.occupancy.RateAbout(plot.position_m.cast<float>(), bin));
     seen.plot = std::move(plot);
     held.plots.push_back(std::move(seen));
   }
@@ -231,9 +236,7 @@ void LiveScene::LeaveOutBodies(SceneFrame* frame) {
   const std::deque<BodyBox>& bodies = StationOf(frame->info.sensor).bodies;
   std::vector<SeenPlot>& plots = frame->plots;
   plots.erase(std::remove_if(plots.begin(), plots.end(),
-                             [&](const SeenPlot& seen) {
-                               return IsNearBody(seen.plot, bodies, config_.robust.plots);
-                             }),
+                             [&](const SeenPlot& seen) { return IsNearBody(seen.plot, bodies); }),
               plots.end());
 }
 
@@ -256,7 +259,7 @@ void LiveScene::Judge(SceneFrame* frame) {
   Station& station = StationOf(frame->info.sensor);
   frame->time_s = SecondsOf(middle_ns);
   std::deque<BodyBox>& bodies = station.bodies;
-  const TimeNs oldest_ns = middle_ns - 2 * NsOf(config_.robust.plots.body_margin_s);
+  const TimeNs oldest_ns = middle_ns - 2 * NsOf(kBodyMarginS);
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
   LeaveOutBodies(frame);
   if (IsSurge(*frame)) {

@@ -41,6 +41,9 @@ class LiveScene {
   // Returns the viewpoint of its station, in the common frame. A sensor may be told again.
   Eigen::Vector3f AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m);
 
+  // As LiveClutter::SetBlinded, from the next frame on: weather is that of all sensors.
+  void SetBlinded(bool is_blinded);
+
   // Learns from a frame, of no earlier stamp than all before, and lets it wait. Returns whether its
   // station was warm before it, so that it is time to make plots.
   bool Take(LoadedFrame frame);
@@ -70,10 +73,8 @@ class LiveScene {
  private:
   // What stands where, as it was known some time ago.
   struct Snapshot {
-    Snapshot(std::vector<Eigen::Vector3f> points_m, const ElevationRange& view,
-             const RobustConfig& config);
+    Snapshot(const Occupancy& occupancy, const ElevationRange& view, const RobustConfig& config);
 
-    std::vector<Eigen::Vector3f> structure_m;
     Ground ground;
     Support support;
   };
@@ -144,6 +145,12 @@ class LiveScene {
   std::uint32_t num_frames_ = 0;    // made into plots
   std::size_t num_unforeseen_ = 0;  // frames that waited for the warm-up and still do
   std::vector<PlotRate> rates_;     // (sensors)
+
+  // What the plots of a frame are made with, kept for the next.
+  Recording frame_;
+  FramePlotter plotter_;
+  std::vector<std::uint32_t> candidates_;
+  std::vector<float> place_rates_;  // (returns)
 };
 
 }  // namespace unlidar

@@ -5,14 +5,14 @@
 #include <cstddef>
 #include <utility>
 
+#include "live/past_flight.hpp"
 #include "robust/tracking/flight.hpp"
 
 namespace unlidar {
 namespace {
 
 constexpr double kRatesFadeS = 60.0;
-constexpr double kPauseS = 1.0;      // without a plot: what is before and after may be two things,
-constexpr double kLongPauseS = 3.0;  // and then what was no track before it has no part in one
+constexpr double kPauseS = 1.0;  // without a plot: what is before and after may be two things
 constexpr RangeRadius kLeastMove{0.8, 0.02};
 constexpr double kLongStandS = 2.0;
 // What the clutter of a place is, is hardly known at first, nor while a sensor is blinded: paths
@@ -185,20 +185,37 @@ std::optional<Flight> LiveSearch::FlightOf(const Path& path) const {
     flight.plots.push_back(seen_[i]);
   }
   const RobustConfig& robust = config_.robust;
+  std::vector<Plot> plots = PlotsOf(flight.plots);
   std::size_t first = 0;
   const auto drop = [&](std::size_t count) {
     DropFirst(count, &flight.plots);
+    DropFirst(count, &plots);
     first += count;
   };
   drop(PausePrefix(flight.plots));
-  drop(LowPrefix(flight.plots, OffGroundM(PlotsOf(flight.plots), robust)));
+  drop(LowPrefix(flight.plots, OffGroundM(plots, robust)));
   if (flight.plots.empty()) return std::nullopt;
   drop(StandingPrefix(flight.plots));
-  if (!IsFlight(recent_, watch_, PlotsOf(flight.plots), robust) || !MovesOrFloats(flight.plots)) {
+  if (!IsFlight(recent_, watch_, plots, robust) || !MovesOrFloats(flight.plots)) {
     return std::nullopt;
   }
   flight.log_birth = log_births_[path.plots[first]];
+  flight.is_cut = first > 0;
   return flight;
+}
+
+Flight LiveSearch::WithPast(const Flight& flight) {
+  Flight whole = flight;
+  if (flight.is_cut) return whole;
+  const std::vector<std::size_t> past =
+      PastOf(flight, seen_, free_, moment_.frames_before, models_, config_);
+  std::vector<SeenPlot> before;
+  for (const std::size_t i : past) {
+    before.push_back(seen_[i]);
+    free_[i] = 0;
+  }
+  whole.plots.insert(whole.plots.begin(), before.begin(), before.end());
+  return whole;
 }
 
 void LiveSearch::Take(const Path& path) {

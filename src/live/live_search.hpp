@@ -52,6 +52,9 @@ class LiveSearch {
   // drone, or if another path took any of its plots.
   std::optional<Flight> FlightOf(const Path& path) const;
 
+  // That flight with what it was before the search found it, which is the track's from now on.
+  Flight WithPast(const Flight& flight);
+
   // The plots of the path are a track's, and no other path's.
   void Take(const Path& path);
 

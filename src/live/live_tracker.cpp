@@ -65,10 +65,11 @@ void LiveTracker::Search(SceneFrame frame) {
   searched_ns_ = std::max(searched_ns_, middle_ns);
   const Moment& at = search_.Begin(frame);
   for (SeenPlot& seen : frame.plots) seen.at = at;
-  const std::vector<char> are_free = tracks_.Extend(frame.plots, at);
+  const std::vector<char>& are_free = tracks_.Extend(frame.plots, at);
   for (const Path& path : search_.Extend(std::move(frame), are_free)) {
     const std::optional<Flight> flight = search_.FlightOf(path);
-    if (flight && tracks_.Begin(*flight, search_.least_score())) search_.Take(path);
+    const auto with_past = [&](const Flight& its) { return search_.WithPast(its); };
+    if (flight && tracks_.Begin(*flight, search_.least_score(), with_past)) search_.Take(path);
   }
   const TimeNs lost_ns = middle_ns - NsOf(config_.robust.tracker.max_gap_s);
   scene_.Explain(tracks_.EndLost(lost_ns, searched_ns_));

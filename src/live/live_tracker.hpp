@@ -26,7 +26,10 @@ class LiveTracker {
   void SetSensor(std::uint32_t sensor, const SensorInfo& info);
 
   // Whether any sensor is blinded, or may turn out to be, from the next frame on.
-  void SetBlinded(bool is_blinded) { search_.SetBlinded(is_blinded); }
+  void SetBlinded(bool is_blinded) {
+    scene_.SetBlinded(is_blinded);
+    search_.SetBlinded(is_blinded);
+  }
 
   // Takes a frame, of no earlier stamp than all before.
   void Take(LoadedFrame frame);

@@ -1,6 +1,7 @@
 #include "live/occupancy.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -11,10 +12,15 @@ namespace {
 constexpr double kFadeBins = 600.0;
 constexpr int kSettledBins = 10;    // from so many on what is structure remains so for a while
 constexpr float kForgotten = 0.5F;  // faded hits that are none
+constexpr std::size_t kSpared = 2;  // of six places next to one that chance may have spared, too
+// While so few bins are known, all that is hit until now may hold things up.
+constexpr int kYoungBins = 20;
+constexpr float kSupportingHits = 3.0F;
+constexpr float kSupportingShare = 0.5F;  // of the hits of structure
 
 double Fade(std::int64_t bins) { return std::exp(-static_cast<double>(bins) / kFadeBins); }
 
-int Count(std::uint64_t word) { return __builtin_popcountll(word); }
+int NumBits(std::uint64_t word) { return __builtin_popcountll(word); }
 
 std::uint64_t LowBits(std::int64_t count) {
   return count >= 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << count) - 1;
@@ -49,7 +55,7 @@ void Occupancy::AddFrame(std::int64_t bin) {
   if (bin > newest_) {
     const std::int64_t passed = bin - newest_;
     const std::uint64_t out = passed >= kWindow ? watched_ : watched_ & ~LowBits(kWindow - passed);
-    older_watched_ = (older_watched_ + Count(out)) * Fade(passed);
+    older_watched_ = (older_watched_ + NumBits(out)) * Fade(passed);
     frames_ *= Fade(passed);
     bins_with_frames_ *= Fade(passed);
     watched_ = passed >= kWindow ? 0 : watched_ << passed;
@@ -72,7 +78,7 @@ void Occupancy::Shift(Place* place) const {
   if (passed <= 0) return;
   const std::uint64_t out =
       passed >= kWindow ? place->own.word : place->own.word & ~LowBits(kWindow - passed);
-  if (!place->is_stay_long) place->older += static_cast<float>(Count(out));
+  if (!place->is_stay_long) place->older += static_cast<float>(NumBits(out));
   place->older *= static_cast<float>(Fade(passed));
   place->own.word = passed >= kWindow ? 0 : place->own.word << passed;
   place->own.bin = newest_;
@@ -95,15 +101,66 @@ void Occupancy::Add(const Eigen::Vector3f& point_m, std::int64_t bin) {
 
 void Occupancy::LookAround(const Eigen::Vector3f& point_m, Place* place) {
   if (place->near.bin == newest_ && place->near.word != 0) return;
-  std::uint64_t word = 0;
-  float older = 0.0F;
+  Hits hits;
   places_.VisitBlock(point_m, [&](Place& neighbour) {
     Shift(&neighbour);
-    word |= neighbour.own.word;
-    older = std::max(older, neighbour.older);
+    Count(neighbour, &hits);
   });
-  place->near = {word, newest_};
-  place->older_near = older;
+  place->near = {hits.word, newest_};
+  place->older_near = OlderOf(hits);
+}
+
+Occupancy::Hits Occupancy::HitsAbout(const Eigen::Vector3f& point_m) const {
+  Hits hits;
+  places_.VisitBlock(point_m, [&](const Place& place) { Count(place, &hits); });
+  return hits;
+}
+
+// In which of the older bins each voxel was hit is forgotten: as if each by itself.
+void Occupancy::Count(const Place& place, Hits* hits) const {
+  const std::int64_t passed = newest_ - place.own.bin;
+  hits->word |= passed >= kWindow ? 0 : place.own.word << passed;
+  if (place.older > 0.0F) {
+    hits->free_share *= 1.0F - std::min(1.0F, place.older / static_cast<float>(older_watched_));
+  }
+}
+
+float Occupancy::OlderOf(const Hits& hits) const {
+  return (1.0F - hits.free_share) * static_cast<float>(older_watched_);
+}
+
+// Returns per frame and m^3 at a place that is hit in so many of so many bins.
+double Occupancy::RateOf(float occupied, float exposed, const Eigen::Vector3f& point_m) const {
+  const double hits_per_bin =
+      -std::log1p(-std::min(0.999, static_cast<double>(occupied / exposed)));
+  return hits_per_bin * bins_with_frames_ / frames_ / places_.VolumeM3(point_m);
+}
+
+double Occupancy::RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) const {
+  const std::int64_t age = newest_ - bin;
+  if (age < 0 || age >= kWindow) return 0.0;
+  const auto step_m = static_cast<float>(std::cbrt(places_.VolumeM3(point_m)));
+  std::array<Hits, 6> hits{};
+  std::size_t num_free = 0;
+  for (std::size_t k = 0; k < hits.size(); ++k) {
+    const auto axis = static_cast<Eigen::Index>(k / 2);
+    const Eigen::Vector3f way_m = (k % 2 == 0 ? step_m : -step_m) * Eigen::Vector3f::Unit(axis);
+    hits[k] = HitsAbout(point_m + way_m);
+    // In open air it is enough to look at a few.
+    num_free += hits[k].word == 0 && hits[k].free_share >= 1.0F ? 1U : 0U;
+    if (num_free > kSpared) return 0.0;
+  }
+  const std::uint64_t here = HitsAbout(point_m).word | std::uint64_t{1} << age;
+  const Stay stay = StayAt(here, static_cast<int>(age), max_break_);
+  const std::uint64_t others = watched_ & (~LowBits(stay.last + 1) | LowBits(stay.first));
+  const float exposed = static_cast<float>(NumBits(others)) + static_cast<float>(older_watched_);
+  if (exposed < 1.0F) return 0.0;
+  std::array<float, 6> occupied{};
+  std::transform(hits.begin(), hits.end(), occupied.begin(), [&](const Hits& about) {
+    return static_cast<float>(NumBits(about.word & others)) + OlderOf(about);
+  });
+  std::sort(occupied.begin(), occupied.end());
+  return RateOf(occupied[kSpared], exposed, point_m);
 }
 
 Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
@@ -126,11 +183,11 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
   const std::uint64_t word = place.near.word | std::uint64_t{1} << age;
   const Stay stay = StayAt(word, static_cast<int>(age), max_break_);
   const std::uint64_t in_stay = LowBits(stay.last + 1) & ~LowBits(stay.first);
-  float occupied = static_cast<float>(Count(word & watched_ & ~in_stay));
-  float exposed = static_cast<float>(Count(watched_ & ~in_stay));
+  float occupied = static_cast<float>(NumBits(word & watched_ & ~in_stay));
+  float exposed = static_cast<float>(NumBits(watched_ & ~in_stay));
   // The stay may reach back beyond the window as far as its last bits tell.
   place.is_stay_long = stay.last + max_break_ + 1 >= kWindow;
-  if (place.is_stay_long || 2 * Count(in_stay & watched_) > Count(watched_)) {
+  if (place.is_stay_long || 2 * NumBits(in_stay & watched_) > NumBits(watched_)) {
     occupied = std::max(occupied, place.past_occupied);
     exposed = std::max(exposed, place.past_exposed);
   } else {
@@ -140,30 +197,47 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
     place.past_exposed = exposed;
   }
   const auto min_exposed =
-      static_cast<float>(config_.min_exposure * static_cast<double>(Count(watched_)));
+      static_cast<float>(config_.min_exposure * static_cast<double>(NumBits(watched_)));
   verdict.is_structure =
       exposed < min_exposed || occupied > static_cast<float>(config_.max_occupancy) * exposed;
   place.is_structure = verdict.is_structure;
+  place.is_supporter =
+      verdict.is_structure ||
+      (occupied >= kSupportingHits &&
+       occupied > kSupportingShare * static_cast<float>(config_.max_occupancy) * exposed);
   if (verdict.is_structure) {
     // Not all places at once are looked at anew.
-    if (Count(watched_) >= kSettledBins) {
+    if (NumBits(watched_) >= kSettledBins) {
       place.judged_until = newest_ + 4 + static_cast<std::int64_t>(1e3F * place.point_m.norm()) % 8;
     }
     tell_floating();
     return verdict;
   }
   if (occupied <= 1.0F) return verdict;
-  const double hits_per_bin =
-      -std::log1p(-std::min(0.999, static_cast<double>((occupied - 1.0F) / exposed)));
-  verdict.place_rate =
-      static_cast<float>(hits_per_bin * bins_with_frames_ / frames_ / places_.VolumeM3(point_m));
+  verdict.place_rate = static_cast<float>(RateOf(occupied - 1.0F, exposed, point_m));
   return verdict;
 }
 
 std::vector<Eigen::Vector3f> Occupancy::Structure() const {
+  return ReturnsOf([](const Place& place) { return place.is_structure; });
+}
+
+// In the first seconds what is hit seldom may be a pole. Where something has flown away from is no
+// longer hit.
+std::vector<Eigen::Vector3f> Occupancy::Supporters() const {
+  const bool is_young = NumBits(watched_) < kYoungBins;
+  return ReturnsOf([&](const Place& place) {
+    if (!is_young || place.is_structure) return place.is_supporter;
+    const Bits& own = place.own;
+    return own.word != 0 && newest_ - own.bin + __builtin_ctzll(own.word) <= max_break_;
+  });
+}
+
+template <class IsWanted>
+std::vector<Eigen::Vector3f> Occupancy::ReturnsOf(const IsWanted& is_wanted) const {
   std::vector<Eigen::Vector3f> points_m;
   places_.VisitAll([&](const Place& place) {
-    if (place.is_structure && place.is_own) points_m.push_back(place.point_m);
+    if (place.is_own && is_wanted(place)) points_m.push_back(place.point_m);
   });
   std::sort(points_m.begin(), points_m.end(), [](const auto& a, const auto& b) {
     return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);

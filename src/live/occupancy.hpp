@@ -37,8 +37,18 @@ class Occupancy {
   Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
                 const FloatsIn& floats);
 
+  // As the place rate of a verdict, of what is about a place: the rate that most of the places next
+  // to it surpass. Where the air is full, chance spares some places; that nothing was there yet
+  // says less than that there was something all about it.
+  double RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) const;
+
   // A return of each place that was last judged to be structure and was hit within the window.
   std::vector<Eigen::Vector3f> Structure() const;
+
+  // Likewise of each place that was hit at least half as often as structure, at several times
+  // outside its stay: what is seen seldom may hold things up as well. In the first seconds of each
+  // that is hit until now.
+  std::vector<Eigen::Vector3f> Supporters() const;
 
   // Forgets places that were not hit for the window, but for structure of old. Call it now and
   // then.
@@ -63,13 +73,26 @@ class Occupancy {
     bool is_stay_long = false;  // it fills the window
     bool is_own = false;        // of the shell that its last return lies in
     bool is_structure = false;
+    bool is_supporter = false;
     bool floats = false;
     int scene = -1;                  // of which that is true
     std::int64_t judged_until = -1;  // what is structure is not looked at anew before this bin
     Eigen::Vector3f point_m = Eigen::Vector3f::Zero();
   };
 
+  // Hits in a neighbourhood.
+  struct Hits {
+    std::uint64_t word = 0;   // by bins before the newest
+    float free_share = 1.0F;  // of the bins before the window
+  };
+
   void Shift(Place* place) const;
+  void Count(const Place& place, Hits* hits) const;
+  Hits HitsAbout(const Eigen::Vector3f& point_m) const;
+  float OlderOf(const Hits& hits) const;
+  double RateOf(float occupied, float exposed, const Eigen::Vector3f& point_m) const;
+  template <class IsWanted>
+  std::vector<Eigen::Vector3f> ReturnsOf(const IsWanted& is_wanted) const;
   void LookAround(const Eigen::Vector3f& point_m, Place* place);
 
   BackgroundConfig config_;

@@ -13,7 +13,8 @@ namespace unlidar {
 struct SeenPlot {
   Plot plot;
   Moment at;
-  TimeNs stamp_ns = 0;                                   // of its frame
+  TimeNs stamp_ns = 0;            // of its frame
+  double log_surroundings = 0.0;  // log_clutter of its plot, were nothing at the place itself
   Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns, about their mean
 };
 
@@ -21,6 +22,7 @@ struct SeenPlot {
 struct Flight {
   std::vector<SeenPlot> plots;
   double log_birth = 0.0;  // of its first plot, as LogBirths
+  bool is_cut = false;     // what was before is another thing
 };
 
 }  // namespace unlidar

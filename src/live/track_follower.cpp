@@ -3,14 +3,17 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 namespace unlidar {
 namespace {
 
 constexpr std::size_t kMaxLeaves = 24;
-constexpr double kPauseS = 1.0;      // after it a track has to be found again,
-constexpr double kFoundAgain = 8.0;  // by so much likelihood
-constexpr double kFitS = 6.0;        // of measurements behind the settled one that a fit looks at
+constexpr double kPauseS = 1.0;  // after it a track has to be found again,
+// by so much likelihood, misses paid: it has most likely gone on, and clutter alone makes as much
+// with a chance of e^-1 at most if it is gone, which it is once in twenty pauses or less.
+constexpr double kFoundAgain = 1.0;
+constexpr double kFitS = 6.0;  // of measurements behind the settled one that a fit looks at
 constexpr TimeNs kScalesNs = 1'500'000'000;  // how long the scales of a fit last
 constexpr double kPriorReturns = 10.0;
 constexpr double kGateSigmas = 6.0;
@@ -18,13 +21,11 @@ constexpr double kGateSigmas = 6.0;
 }  // namespace
 
 TrackFollower::TrackFollower(int id, const Flight& flight, const std::vector<TrackModel>& models,
-                             const TrackerConfig& tracker, const CollectConfig& collect,
-                             const TrajectoryConfig& trajectory)
+                             const TrackerConfig& tracker, const CollectConfig& collect)
     : id_(id),
       models_(&models),
       tracker_(tracker),
       collect_(collect),
-      trajectory_config_(trajectory),
       plots_(flight.plots.begin(), flight.plots.end()),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
       body_sum_m2_(kPriorReturns * collect.body_sigma_m * collect.body_sigma_m),
@@ -51,6 +52,7 @@ TrackFollower::TrackFollower(int id, const Flight& flight, const std::vector<Tra
     }
     for (std::size_t k = 0; k < best.size(); ++k) {
       best[k].parent = k == 0 ? kNone : static_cast<std::int32_t>(nodes_.size()) - 1;
+      best[k].believed = static_cast<std::int32_t>(nodes_.size());
       best[k].now = best[k].h.score;
       nodes_.push_back(best[k]);
     }
@@ -58,28 +60,22 @@ TrackFollower::TrackFollower(int id, const Flight& flight, const std::vector<Tra
   }
 }
 
-std::vector<double> TrackFollower::GainsOf(const std::vector<SeenPlot>& plots,
-                                           const Moment& at) const {
-  std::vector<double> gains(plots.size(), -1e9);
+void TrackFollower::SetGains(const std::vector<SeenPlot>& plots, const Moment& at,
+                             std::vector<double>* gains) const {
+  gains->clear();
   const Node& best = nodes_[static_cast<std::size_t>(BestLeaf())];
   const TrackModel& model = (*models_)[best.model];
   const double unseen = model.ScoreUnseen(best.h, at);
   const Prediction p = model.Predict(best.h, unseen, model.MotionOver(at.time_s - best.h.time_s));
-  for (std::size_t i = 0; i < plots.size(); ++i) gains[i] = model.GainOf(p, plots[i].plot).log;
-  return gains;
+  for (const SeenPlot& seen : plots) gains->push_back(model.GainOf(p, seen.plot).log);
 }
 
 void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector<char>& is_allowed,
                            const Moment& at) {
-  // The best way to each plot, for each model: index of the leaf, and its score.
-  struct Way {
-    double score = -1e300;
-    std::int32_t leaf = kNone;
-    Gain gain;
-  };
   const std::size_t num_models = models_->size();
-  std::vector<Way> ways(plots.size() * num_models);
-  std::vector<std::pair<Motion, Prediction>> predicted;
+  auto& [ways, predicted, next, moved] = scratch_;
+  ways.assign(plots.size() * num_models, Way());
+  predicted.clear();
   for (const std::int32_t leaf : leaves_) {
     const Node& node = nodes_[static_cast<std::size_t>(leaf)];
     const TrackModel& model = (*models_)[node.model];
@@ -98,7 +94,7 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
       if (p.score + gain.log > way.score) way = {p.score + gain.log, leaf, gain};
     }
   }
-  std::vector<std::int32_t> next;
+  next.clear();
   for (std::size_t k = 0; k < leaves_.size(); ++k) {
     Node& node = nodes_[static_cast<std::size_t>(leaves_[k])];
     node.now = predicted[k].second.score;
@@ -116,10 +112,11 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
       node.h = (*models_)[from.model].Update(from.h, predicted[index].first,
                                              predicted[index].second, plots[i].plot, at, way.gain);
       if (node.h.state.mean.col(1).norm() > tracker_.max_speed_mps) continue;
-      if (at.time_s - from.h.time_s > kPauseS) {
-        ++node.segment;
-        node.segment_score = from.h.score;
-      }
+      const auto index_of_node = static_cast<std::int32_t>(nodes_.size());
+      const std::int32_t believed = BelievedAt(way.leaf);
+      const double gain = node.h.score - nodes_[static_cast<std::size_t>(believed)].h.score;
+      const bool goes_on = believed == way.leaf && at.time_s - from.h.time_s <= kPauseS;
+      if (goes_on || gain >= kFoundAgain) node.believed = index_of_node;
       if (!is_taken) {
         plots_.push_back(plots[i]);
         is_taken = true;
@@ -127,7 +124,7 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
       node.plot = first_plot_ + plots_.size() - 1;
       node.parent = way.leaf;
       node.now = node.h.score;
-      next.push_back(static_cast<std::int32_t>(nodes_.size()));
+      next.push_back(index_of_node);
       nodes_.push_back(node);
     }
   }
@@ -138,7 +135,7 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
     return score_a > score_b || (score_a == score_b && a < b);
   });
   next.resize(std::min(next.size(), kMaxLeaves));
-  leaves_ = std::move(next);
+  std::swap(leaves_, next);
 }
 
 std::int32_t TrackFollower::BestLeaf() const {
@@ -147,19 +144,12 @@ std::int32_t TrackFollower::BestLeaf() const {
   });
 }
 
-std::int32_t TrackFollower::Head() const {
-  std::int32_t at = BestLeaf();
-  while (true) {
-    const Node& node = nodes_[static_cast<std::size_t>(at)];
-    if (node.segment == 0 || node.h.score - node.segment_score >= kFoundAgain) return at;
-    std::int32_t before = node.parent;
-    while (before != kNone && nodes_[static_cast<std::size_t>(before)].segment == node.segment) {
-      before = nodes_[static_cast<std::size_t>(before)].parent;
-    }
-    if (before == kNone) return at;
-    at = before;
-  }
+// What is settled is believed.
+std::int32_t TrackFollower::BelievedAt(std::int32_t leaf) const {
+  return std::max(settled_, nodes_[static_cast<std::size_t>(leaf)].believed);
 }
+
+std::int32_t TrackFollower::Head() const { return BelievedAt(BestLeaf()); }
 
 double TrackFollower::score() const { return nodes_[static_cast<std::size_t>(BestLeaf())].h.score; }
 
@@ -167,20 +157,20 @@ TimeNs TrackFollower::last_evidence_ns() const {
   return PlotOf(nodes_[static_cast<std::size_t>(Head())]).plot.time_ns;
 }
 
-std::vector<SeenPlot> TrackFollower::Settle(TimeNs until_ns) {
-  std::vector<SeenPlot> settled;
+void TrackFollower::Settle(TimeNs until_ns, std::vector<SeenPlot>* settled) {
   std::int32_t at = Head();
   while (at != kNone) {
     const Node& node = nodes_[static_cast<std::size_t>(at)];
     if (PlotOf(node).plot.frame_time_ns <= until_ns) break;
     at = node.parent;
   }
-  if (at == kNone || at == settled_) return settled;
+  if (at == kNone || at == settled_) return;
+  const auto first = static_cast<std::ptrdiff_t>(settled->size());
   for (std::int32_t k = at; k != kNone && k != settled_;
        k = nodes_[static_cast<std::size_t>(k)].parent) {
-    settled.push_back(PlotOf(nodes_[static_cast<std::size_t>(k)]));
+    settled->push_back(PlotOf(nodes_[static_cast<std::size_t>(k)]));
   }
-  std::reverse(settled.begin(), settled.end());
+  std::reverse(settled->begin() + first, settled->end());
   settled_ = at;
   // What does not go on from there is no way any more.
   leaves_.erase(std::remove_if(leaves_.begin(), leaves_.end(),
@@ -193,7 +183,8 @@ std::vector<SeenPlot> TrackFollower::Settle(TimeNs until_ns) {
                                }),
                 leaves_.end());
   // How far the returns of the body spread across the ray and the motion.
-  for (const SeenPlot& seen : settled) {
+  for (auto its = settled->begin() + first; its != settled->end(); ++its) {
+    const SeenPlot& seen = *its;
     const auto n = static_cast<double>(seen.plot.returns.size());
     if (n < 2.0) continue;
     const Eigen::Vector3d across =
@@ -205,7 +196,6 @@ std::vector<SeenPlot> TrackFollower::Settle(TimeNs until_ns) {
   }
   body_sigma_m_ = std::sqrt(body_sum_m2_ / body_count_);
   Forget();
-  return settled;
 }
 
 // Of what is settled only what a fit still looks at is kept.
@@ -213,7 +203,8 @@ void TrackFollower::Forget() {
   const double from_s = nodes_[static_cast<std::size_t>(settled_)].h.time_s - kFitS;
   constexpr std::size_t kWorthWhile = 512;
   if (nodes_.size() < kWorthWhile) return;
-  std::vector<std::int32_t> moved(nodes_.size(), kNone);
+  std::vector<std::int32_t>& moved = scratch_.moved;
+  moved.assign(nodes_.size(), kNone);
   constexpr std::int32_t kWanted = 0;
   std::size_t first_plot = first_plot_ + plots_.size() - 1;
   for (const std::int32_t leaf : leaves_) {
@@ -231,6 +222,7 @@ void TrackFollower::Forget() {
     if (moved[k] != kWanted) continue;
     Node node = nodes_[k];
     if (node.parent != kNone) node.parent = moved[static_cast<std::size_t>(node.parent)];
+    node.believed = moved[static_cast<std::size_t>(std::max(settled_, node.believed))];
     moved[k] = static_cast<std::int32_t>(kept);
     nodes_[kept++] = node;
   }
@@ -245,7 +237,7 @@ Measurement TrackFollower::Measure(const Node& node) const {
   const SeenPlot& seen = PlotOf(node);
   const auto n = static_cast<double>(seen.plot.returns.size());
   const double range_m = seen.plot.ray_m.norm();
-  const double beam_m = collect_.beam_sigma_rad * range_m;
+  const double beam_m = kBeamSigmaRad * range_m;
   Measurement m;
   m.time_ns = seen.plot.time_ns;
   m.position_m = seen.plot.position_m +
@@ -253,14 +245,14 @@ Measurement TrackFollower::Measure(const Node& node) const {
   m.viewpoint_m = seen.plot.position_m - seen.plot.ray_m;
   m.support = static_cast<int>(seen.plot.returns.size());
   const Eigen::Vector3d along_m = node.h.state.mean.col(1) * seen.plot.streak_s;
-  m.covariance_m2 = (collect_.centre_sigma_m * collect_.centre_sigma_m +
-                     (body_sigma_m_ * body_sigma_m_ + beam_m * beam_m) / n) *
-                        Eigen::Matrix3d::Identity() +
-                    along_m * along_m.transpose() / 12.0 / n;
+  m.covariance_m2 =
+      (kCentreSigmaM * kCentreSigmaM + (body_sigma_m_ * body_sigma_m_ + beam_m * beam_m) / n) *
+          Eigen::Matrix3d::Identity() +
+      along_m * along_m.transpose() / 12.0 / n;
   return m;
 }
 
-void TrackFollower::Fit() {
+void TrackFollower::Fit(TrajectoryFitter& fitter) {
   measurements_.clear();
   returns_.clear();
   const std::int32_t head = Head();
@@ -274,16 +266,31 @@ void TrackFollower::Fit() {
     measurements_.push_back(Measure(node));
     returns_.emplace_back(PlotOf(node).stamp_ns, measurements_.back().support);
   }
-  std::stable_sort(
-      measurements_.begin(), measurements_.end(),
-      [](const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; });
-  const TimeNs now_ns = measurements_.back().time_ns;
-  if (!trajectory_ || now_ns - scales_ns_ > kScalesNs) {
-    trajectory_ = FitTrajectory(measurements_, trajectory_config_);
-    scales_ns_ = now_ns;
-  } else {
-    trajectory_ = RefitTrajectory(measurements_, trajectory_->scales, trajectory_config_);
+  // By time, which is the order of the path but for plots of one frame or of several sensors.
+  std::reverse(measurements_.begin(), measurements_.end());
+  for (auto at = measurements_.begin(); at != measurements_.end(); ++at) {
+    const auto place = std::upper_bound(
+        measurements_.begin(), at, *at,
+        [](const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; });
+    std::rotate(place, at, std::next(at));
   }
+  const TimeNs now_ns = measurements_.back().time_ns;
+  if (scales_ns_ && now_ns - *scales_ns_ <= kScalesNs) {
+    fitter.Refit(measurements_, trajectory_.scales, trajectory_);
+    if (!IsNewLeftOut()) return;
+  }
+  fitter.Fit(measurements_, trajectory_);
+  scales_ns_ = now_ns;
+}
+
+// Whether the fit takes what came since its scales were found for an outlier. A target that sets
+// off from where it hovered is one by scales of before.
+bool TrackFollower::IsNewLeftOut() const {
+  for (std::size_t i = measurements_.size(); i > 0; --i) {
+    if (measurements_[i - 1].time_ns <= *scales_ns_) return false;
+    if (trajectory_.weights[i - 1] < 0.5) return true;
+  }
+  return false;
 }
 
 int TrackFollower::ReturnsBetween(TimeNs from_ns, TimeNs to_ns) const {

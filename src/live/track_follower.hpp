@@ -13,6 +13,7 @@
 #include "robust/collection/collect.hpp"
 #include "robust/tracking/track_model.hpp"
 #include "trajectory/trajectory.hpp"
+#include "trajectory/trajectory_fitter.hpp"
 
 namespace unlidar {
 
@@ -20,31 +21,31 @@ class TrackFollower {
  public:
   // Goes on from a flight. `models`: one for each agility, which outlive it.
   TrackFollower(int id, const Flight& flight, const std::vector<TrackModel>& models,
-                const TrackerConfig& tracker, const CollectConfig& collect,
-                const TrajectoryConfig& trajectory);
+                const TrackerConfig& tracker, const CollectConfig& collect);
 
   int id() const { return id_; }
 
-  // What each of the plots of a frame at `at` would bring it, beside being unseen.
-  std::vector<double> GainsOf(const std::vector<SeenPlot>& plots, const Moment& at) const;
+  // Sets what each of the plots of a frame at `at` would bring it, beside being unseen.
+  void SetGains(const std::vector<SeenPlot>& plots, const Moment& at,
+                std::vector<double>* gains) const;
 
   // Goes on with one of these plots or none. `is_allowed` (plots).
   void Extend(const std::vector<SeenPlot>& plots, const std::vector<char>& is_allowed,
               const Moment& at);
 
-  // Settles what was seen until `until_ns`, so that it cannot change any more, and gives the plots
-  // of it that were not given yet.
-  std::vector<SeenPlot> Settle(TimeNs until_ns);
+  // Settles what was seen until `until_ns`, so that it cannot change any more, and appends the
+  // plots of it that were not given yet.
+  void Settle(TimeNs until_ns, std::vector<SeenPlot>* settled);
 
   // The newest plot that is believed to be the target's.
   TimeNs last_evidence_ns() const;
   TimeNs first_evidence_ns() const { return first_evidence_ns_; }
 
   // Fits the trajectory to what was seen lately.
-  void Fit();
-  const Trajectory& trajectory() const { return *trajectory_; }
+  void Fit(TrajectoryFitter& fitter);
+  const Trajectory& trajectory() const { return trajectory_; }
   const std::vector<Measurement>& measurements() const { return measurements_; }
-  double depth_sigma_m() const { return collect_.facing_side_sigma * body_sigma_m_; }
+  double depth_sigma_m() const { return kFacingSideSigma * body_sigma_m_; }
 
   // Returns of the target in frames whose stamps lie in [from_ns, to_ns).
   int ReturnsBetween(TimeNs from_ns, TimeNs to_ns) const;
@@ -59,37 +60,53 @@ class TrackFollower {
     Hypothesis h;
     std::uint32_t model = 0;
     std::int32_t parent = kNone;
-    std::size_t plot = 0;        // number among all that it ever took
-    std::size_t segment = 0;     // of what lies between two long pauses
-    double segment_score = 0.0;  // before it
-    double now = 0.0;            // score, unseen since its plot
+    std::size_t plot = 0;           // number among all that it ever took
+    std::int32_t believed = kNone;  // newest node on its way that is not only tried, or itself
+    double now = 0.0;               // score, unseen since its plot
+  };
+
+  // The best way to a plot, for a model.
+  struct Way {
+    double score = -1e300;
+    std::int32_t leaf = kNone;
+    Gain gain;
+  };
+
+  // What one frame is worked on with, kept for the next.
+  struct Scratch {
+    std::vector<Way> ways;                                   // (plots, models)
+    std::vector<std::pair<Motion, Prediction>> predictions;  // (leaves)
+    std::vector<std::int32_t> leaves;
+    std::vector<std::int32_t> moved;  // (nodes) where they go
   };
 
   const SeenPlot& PlotOf(const Node& node) const { return plots_[node.plot - first_plot_]; }
   std::int32_t BestLeaf() const;
-  // The newest node on the way to the best leaf that is believed, not only tried.
+  // The newest believed node on the way to a leaf, and to the best one.
+  std::int32_t BelievedAt(std::int32_t leaf) const;
   std::int32_t Head() const;
   void Forget();
+  bool IsNewLeftOut() const;
   Measurement Measure(const Node& node) const;
 
   int id_;
   const std::vector<TrackModel>* models_;
   TrackerConfig tracker_;
   CollectConfig collect_;
-  TrajectoryConfig trajectory_config_;
   std::vector<Node> nodes_;           // parents before children
   std::vector<std::int32_t> leaves_;  // that may go on
   std::deque<SeenPlot> plots_;
   std::size_t first_plot_ = 0;  // number of the first in plots_
   std::int32_t settled_ = kNone;
   TimeNs first_evidence_ns_ = 0;
-  std::optional<Trajectory> trajectory_;
+  Trajectory trajectory_;
   std::vector<Measurement> measurements_;
   std::vector<std::pair<TimeNs, int>> returns_;  // of these, by the stamps of their frames
-  TimeNs scales_ns_ = 0;                         // when the scales were found
+  std::optional<TimeNs> scales_ns_;              // when the scales were found
   double body_sum_m2_;                           // of the spread of returns across ray and motion
   double body_count_;
   double body_sigma_m_;
+  Scratch scratch_;
 };
 
 }  // namespace unlidar

@@ -59,7 +59,7 @@ FittedTrack FitTrack(const Recording& recording, const Target& target,
   rows.trajectory = FitTrajectory(target.measurements, config);
   rows.presence = PresenceInterval(recording, target.measurements, config.silence_probability);
   rows.depth_sigma_m = target.depth_sigma_m;
-  rows.sights = SightsOf(target.measurements);
+  SetSights(target.measurements, &rows.sights);
   rows.max_sigma_m = config.max_sigma_m;
   rows.support = SupportByFrame(recording, target.returns);
   track.begin_ns = rows.trajectory.begin_ns();

@@ -1,6 +1,7 @@
 #include "recording/windows.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
@@ -68,12 +69,12 @@ class WindowSearch {
 
   // Searches what the windows before have left of the recording up to a stamp.
   void Search(const FrameFeed& feed, TimeNs begin_ns, TimeNs end_ns, double false_alarms) {
+    DropBefore(begin_ns - margin_ns_);  // before more is read: never more than a window is held
     const std::size_t known = window_.frames.size();
     constexpr TimeNs kEnd = std::numeric_limits<TimeNs>::max();
     next_stamp_ns_ = feed(end_ns == kEnd ? kEnd : end_ns + margin_ns_, &window_);
     frames_.insert(frames_.end(), window_.frames.begin() + static_cast<std::ptrdiff_t>(known),
                    window_.frames.end());
-    DropBefore(begin_ns - margin_ns_);
     RobustConfig config = config_;
     config.false_alarms_per_recording = false_alarms;
     RobustResult found = FindTargetsRobust(window_, config, trajectory_config_);
@@ -236,25 +237,32 @@ class WindowSearch {
   RobustCounts counts_;
 };
 
+double DurationS(TimeNs first_stamp_ns, TimeNs last_stamp_ns) {
+  return static_cast<double>(last_stamp_ns - first_stamp_ns) * kSecondsPerNs;
+}
+
+// So many of one length.
+double NumWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfig& config) {
+  return std::max(1.0, std::ceil(DurationS(first_stamp_ns, last_stamp_ns) / config.window_s));
+}
+
 }  // namespace
 
 bool NeedsWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfig& config) {
-  return static_cast<double>(last_stamp_ns - first_stamp_ns) * kSecondsPerNs >=
-         1.5 * config.window_s;
+  return NumWindows(first_stamp_ns, last_stamp_ns, config) > 1.0;
 }
 
 RobustResult FindTargetsInWindows(const FrameFeed& feed, TimeNs first_stamp_ns,
                                   TimeNs last_stamp_ns, const RobustConfig& config,
                                   const TrajectoryConfig& trajectory_config, Recording* recording) {
-  const TimeNs window_ns = NsOf(config.window_s);
-  const double num_windows =
-      static_cast<double>(last_stamp_ns - first_stamp_ns) / static_cast<double>(window_ns);
+  const double num_windows = NumWindows(first_stamp_ns, last_stamp_ns, config);
+  const double duration_s = DurationS(first_stamp_ns, last_stamp_ns);
+  const TimeNs window_ns = NsOf(duration_s / num_windows) + 1;  // the last frame is in the last one
   WindowSearch search(config, trajectory_config);
-  for (TimeNs begin_ns = first_stamp_ns; begin_ns <= last_stamp_ns;) {
-    const TimeNs end_ns = begin_ns + window_ns;
-    const bool is_last = last_stamp_ns - end_ns < window_ns / 2;
-    search.Search(feed, begin_ns, is_last ? std::numeric_limits<TimeNs>::max() : end_ns,
-                  config.false_alarms_per_recording / num_windows);
+  for (TimeNs begin_ns = first_stamp_ns;;) {
+    const bool is_last = last_stamp_ns - begin_ns < window_ns;
+    const TimeNs end_ns = is_last ? std::numeric_limits<TimeNs>::max() : begin_ns + window_ns;
+    search.Search(feed, begin_ns, end_ns, config.false_alarms_per_recording / num_windows);
     if (is_last) break;
     begin_ns = search.NextStampNs(end_ns);
   }

@@ -15,16 +15,15 @@ namespace unlidar {
 // TimeNs if there is none.
 using FrameFeed = std::function<TimeNs(TimeNs until_ns, Recording* recording)>;
 
-// Whether a recording is searched window by window. One that is longer than a window by less than
-// half is searched as a whole.
+// Whether a recording is searched window by window: if it is longer than one.
 bool NeedsWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfig& config);
 
-// FindTargetsRobust for a recording of any length, in the memory that a window takes. Each window
-// of robust.window_s is searched with robust.window_margin_s before and behind it; two targets of
-// neighbouring windows are one if they share most of their returns about the border between them,
-// where the one hands over to the other. `recording`, empty before, gets the sensors, all frames,
-// and of the returns those of the targets, which have their indices there. The counts are sums over
-// the windows, margins included, and the largest threshold.
+// FindTargetsRobust for a recording of any length, in the memory that a window takes. Windows are
+// of one length, at most robust.window_s; each is searched with robust.window_margin_s before and
+// behind it; two targets of neighbouring windows are one if they share most of their returns about
+// the border between them, where the one hands over to the other. `recording`, empty before, gets
+// the sensors, all frames, and of the returns those of the targets, which have their indices there.
+// The counts are sums over the windows, margins included, and the largest threshold.
 RobustResult FindTargetsInWindows(const FrameFeed& feed, TimeNs first_stamp_ns,
                                   TimeNs last_stamp_ns, const RobustConfig& config,
                                   const TrajectoryConfig& trajectory_config, Recording* recording);

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include "robust/collection/cloud.hpp"
+#include "robust/collection/hanging.hpp"
 #include "robust/collection/stays.hpp"
 #include "robust/plots/views.hpp"
 #include "robust/tracking/flight.hpp"
@@ -75,11 +77,13 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     Target target = CollectTarget(recording, sensor_views, members, excluded, config.collect,
                                   trajectory_config);
     // What another target's returns leave of it may be a single sighting, which is no track.
-    if (target.measurements.size() < 2) continue;
+    if (target.measurements.size() < 2 || MayHang(target)) continue;
     target.score = path.score;
     for (const std::uint32_t i : target.returns) excluded[i] = taken[i] = 1;
     result.targets.push_back(std::move(target));
   }
+  result.targets =
+      WithoutClouds(recording, sensor_views, plots, std::move(result.targets), trajectory_config);
   return result;
 }
 

@@ -194,6 +194,35 @@ TEST(CollectTarget, ADelayOfASensorsClockIsTakenOut) {
   EXPECT_GT(rmse_m(without), 0.2);           // 0.36 m at every second measurement
 }
 
+// One sensor sees the first half of the flight, the other one the second; where they meet there is
+// one comparison of the two, and it is with a stray.
+TEST(CollectTarget, AStrayThatIsAllThatComparesTwoSensorsShiftsNeither) {
+  RecordingMaker maker(14, 2);
+  constexpr int kMeeting = kFrames / 2;
+  for (int i = 0; i < kFrames; ++i) {
+    for (std::uint32_t sensor = 0; sensor < 2; ++sensor) {
+      const double begin_s = i * kPeriodS + 0.01 * sensor;
+      maker.BeginFrame(begin_s, sensor);
+      const Eigen::Vector3d at_m = DroneAt(begin_s + 0.5 * kPeriodS);
+      if (sensor == 0 && i < kMeeting) maker.AddBlob(at_m, 0.1, 8, kDrone);
+      if (sensor == 1 && i > kMeeting + 3) maker.AddBlob(at_m, 0.1, 6, kDrone);
+      if (sensor == 1 && i == kMeeting - 2) {
+        maker.AddBlob(at_m + Eigen::Vector3d(0.0, 0.5, 0.0), 0.01, 1, kDrone);
+      }
+    }
+  }
+  const Target target = Collect(maker, PathOf(maker, 0, 2 * kFrames - 1));
+  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
+  double count = 0.0;
+  for (const Measurement& m : target.measurements) {
+    if (SecondsSinceBegin(m.time_ns) < (kMeeting + 1) * kPeriodS) continue;
+    sum_m += m.position_m - DroneAt(SecondsSinceBegin(m.time_ns));
+    ++count;
+  }
+  ASSERT_GT(count, 30.0);
+  EXPECT_LT((sum_m / count).norm(), 0.08);
+}
+
 TEST(CollectTarget, TheCentreLiesBehindTheReturnsByAShareOfTheirSpread) {
   const RecordingMaker maker = Flight(13, 6.0);
   const std::vector<Plot> path = PathOf(maker, 0, kFrames - 1);
@@ -208,7 +237,7 @@ TEST(CollectTarget, TheCentreLiesBehindTheReturnsByAShareOfTheirSpread) {
     EXPECT_NEAR(shift_m.norm(), CollectConfig().facing_side * 0.1, 0.01);
     EXPECT_NEAR(shift_m.dot(mean_m.normalized()), shift_m.norm(), 1e-9);
   }
-  EXPECT_NEAR(corrected.depth_sigma_m, CollectConfig().facing_side_sigma * 0.1, 0.01);
+  EXPECT_NEAR(corrected.depth_sigma_m, kFacingSideSigma * 0.1, 0.01);
 }
 
 TEST(CollectTarget, ABodyThatIsWiderThanHighIsUncertainAcrossMoreThanUpwards) {
@@ -221,14 +250,12 @@ TEST(CollectTarget, ABodyThatIsWiderThanHighIsUncertainAcrossMoreThanUpwards) {
     const Eigen::Vector3d centre_m = DroneAt(testing::MiddleS(i));
     maker.AddBox(centre_m - half_m, centre_m + half_m, 5, kDrone);
   }
-  const CollectConfig config;
   const Target target = Collect(maker, PathOf(maker, 0, kFrames - 1));
   const double width_m = kWidthM / std::sqrt(12.0);
-  EXPECT_NEAR(target.depth_sigma_m, config.facing_side_sigma * width_m, 0.01);
+  EXPECT_NEAR(target.depth_sigma_m, kFacingSideSigma * width_m, 0.01);
   for (const Measurement& m : target.measurements) {
     const Eigen::Vector3d across = m.position_m.cross(Eigen::Vector3d::UnitZ()).normalized();
-    const double returns_m2 =
-        across.dot(m.covariance_m2 * across) - config.centre_sigma_m * config.centre_sigma_m;
+    const double returns_m2 = across.dot(m.covariance_m2 * across) - kCentreSigmaM * kCentreSigmaM;
     EXPECT_NEAR(std::sqrt(returns_m2 * m.support) / width_m, 1.0, 0.4);
     const Eigen::Vector3d up = across.cross(m.position_m).normalized();
     EXPECT_GT(across.dot(m.covariance_m2 * across), 1.5 * up.dot(m.covariance_m2 * up));

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <variant>
@@ -15,6 +16,9 @@ namespace {
 using testing::kBeginNs;
 using testing::kPeriodNs;
 using testing::kPeriodS;
+using testing::Random;
+
+Flight AsItIs(const Flight& flight) { return flight; }
 
 constexpr double kAnyScore = -1e9;
 constexpr TimeNs kEndless = std::numeric_limits<TimeNs>::max() / 2;
@@ -86,21 +90,45 @@ TEST(ConfirmedTracks, WithoutOneEveryPlotIsFree) {
 
 TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
   Tracks t;
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore));
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, OtherAt), kAnyScore));
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore, AsItIs));
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, OtherAt), kAnyScore, AsItIs));
   const SeenPlot stray = PlotAt(20, {40.0, 30.0, 10.0});
   const std::vector<SeenPlot> plots = {stray, OtherAt(20), DroneAt(20)};
   EXPECT_EQ(t.tracks.Extend(plots, stray.at), (std::vector<char>{1, 0, 0}));
+}
+
+TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
+  Tracks t;
+  const auto far_at = [](int i) {
+    SeenPlot seen = PlotAt(i, {40.0, -20.0 + 0.2 * i, 20.0});
+    seen.plot.variance_m2 = 0.1;
+    seen.plot.log_clutter = -14.0;
+    seen.plot.returns = {0};
+    return seen;
+  };
+  constexpr int kEnd = 170;
+  Flight flight;
+  for (int i = 0; i < 100; i += 5) flight.plots.push_back(far_at(i));
+  for (int i = 0; i < kEnd; ++i) t.tracks.AddInstants(FrameAt(i));
+  ASSERT_TRUE(t.tracks.Begin(flight, kAnyScore, AsItIs));
+  for (int i = 100; i < kEnd; ++i) {
+    const bool is_seen = i == 115 || i == 130 || i == 145 || i == 160;
+    t.tracks.Extend(is_seen ? std::vector<SeenPlot>{far_at(i)} : std::vector<SeenPlot>(),
+                    far_at(i).at);
+  }
+  t.tracks.Close(kEndless);
+  ASSERT_EQ(t.ended.size(), 1U);
+  EXPECT_EQ(t.ended[0].last_evidence_ns, far_at(160).plot.time_ns);
 }
 
 TEST(ConfirmedTracks, AFlightIsATrackOnceAndOnlyIfItIsWorthIt) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
   const Flight flight = FlightUntil(20, DroneAt);
-  EXPECT_FALSE(t.tracks.Begin(flight, 1e9));
-  EXPECT_TRUE(t.tracks.Begin(flight, kAnyScore));
-  EXPECT_TRUE(t.tracks.Begin(flight, kAnyScore));
-  EXPECT_FALSE(t.tracks.Begin(flight, 1e9));
+  EXPECT_FALSE(t.tracks.Begin(flight, 1e9, AsItIs));
+  EXPECT_TRUE(t.tracks.Begin(flight, kAnyScore, AsItIs));
+  EXPECT_TRUE(t.tracks.Begin(flight, kAnyScore, AsItIs));
+  EXPECT_FALSE(t.tracks.Begin(flight, 1e9, AsItIs));
   t.tracks.Close(kEndless);
   ASSERT_EQ(t.confirmed.size(), 1U);
   EXPECT_EQ(t.confirmed[0].track_id, 0);
@@ -112,7 +140,7 @@ TEST(ConfirmedTracks, AFlightIsATrackOnceAndOnlyIfItIsWorthIt) {
 TEST(ConfirmedTracks, EveryRowIsGivenOnceInOrderWhereTheDroneIs) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore));
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore, AsItIs));
   std::size_t num_settled = 0;
   for (int i = 20; i < 60; ++i) {
     const SeenPlot seen = DroneAt(i);
@@ -140,6 +168,33 @@ TEST(ConfirmedTracks, EveryRowIsGivenOnceInOrderWhereTheDroneIs) {
   }
 }
 
+// By scales of the time when it stood still, what it does then would be an outlier.
+TEST(ConfirmedTracks, RowsFollowADroneThatSetsOff) {
+  Tracks t;
+  Random random(1);
+  constexpr int kHovers = 96;
+  const auto truth_m = [](double i) {
+    const double moving_s = std::max(0.0, i - kHovers) * kPeriodS;
+    return Eigen::Vector3d(15.0, 3.0 * moving_s * moving_s, 8.0);
+  };
+  const auto setting_off_at = [&](int i) {
+    return PlotAt(i, truth_m(i) + random.NormalVector(0.03));
+  };
+  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, setting_off_at), kAnyScore, AsItIs));
+  for (int i = 20; i < kHovers + 30; ++i) {
+    const SeenPlot seen = setting_off_at(i);
+    t.tracks.AddInstants(FrameAt(i));
+    t.tracks.Extend({seen}, seen.at);
+    t.tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
+  }
+  ASSERT_GT(t.rows.size(), 90U);
+  for (const TrajectoryRow& row : t.rows) {
+    const double i = static_cast<double>(row.time_ns - FrameAt(0).middle_ns()) / kPeriodNs;
+    EXPECT_LT((row.position_m - truth_m(i)).norm(), 0.2) << i;
+  }
+}
+
 // Beyond the last sighting a row is a guess: a poor one waits for the next sighting, or the end.
 TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
   for (const bool is_seen_again : {true, false}) {
@@ -149,7 +204,7 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
     Flight flight;
     for (int i = 0; i <= kLast; i += 6) flight.plots.push_back(CirclingAt(i));
     for (int i = 0; i <= kLast; ++i) t.tracks.AddInstants(FrameAt(i));
-    ASSERT_TRUE(t.tracks.Begin(flight, kAnyScore));
+    ASSERT_TRUE(t.tracks.Begin(flight, kAnyScore, AsItIs));
     const auto go_to = [&](int i, const std::vector<SeenPlot>& plots) {
       t.tracks.AddInstants(FrameAt(i));
       t.tracks.Extend(plots, CirclingAt(i).at);
@@ -176,8 +231,8 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
 TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
   Tracks t;
   for (int i = 0; i < 40; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore));
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(40, OtherAt), kAnyScore));
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore, AsItIs));
+  ASSERT_TRUE(t.tracks.Begin(FlightUntil(40, OtherAt), kAnyScore, AsItIs));
   const TimeNs middle_ns = FrameAt(39).middle_ns();
   t.tracks.EndLost(FrameAt(19).middle_ns(), middle_ns);
   EXPECT_TRUE(t.ended.empty());

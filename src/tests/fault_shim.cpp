@@ -18,14 +18,14 @@
 #include <cstring>
 
 // dlsym allocates: what allocates finds the real functions by other names.
-// NOLINTBEGIN(bugprone-reserved-identifier): of glibc
+// NOLINTBEGIN(clang-diagnostic-reserved-identifier): of glibc
 extern "C" {
 void* __libc_malloc(std::size_t size);
 void* __libc_calloc(std::size_t count, std::size_t size);
 void* __libc_realloc(void* memory, std::size_t size);
 void* __libc_memalign(std::size_t alignment, std::size_t size);
 }
-// NOLINTEND(bugprone-reserved-identifier)
+// NOLINTEND(clang-diagnostic-reserved-identifier)
 
 namespace {
 
@@ -84,7 +84,7 @@ int MainWithFaults(int argc, char** argv, char** environment) {
 
 extern "C" {
 
-// NOLINTNEXTLINE(bugprone-reserved-identifier): of glibc
+// NOLINTNEXTLINE(clang-diagnostic-reserved-identifier): of glibc
 int __libc_start_main(int (*main)(int, char**, char**), int argc, char** argv, void (*init)(),
                       void (*fini)(), void (*loader_fini)(), void* stack_end) {
   real_main = main;

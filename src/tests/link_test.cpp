@@ -18,6 +18,15 @@ using testing::Random;
 using Groups = std::vector<std::vector<std::uint32_t>>;
 using Points = std::vector<Eigen::Vector3f>;
 
+Groups Link(const Points& points_m, const std::vector<std::uint32_t>& returns,
+            const RangeRadius& radius) {
+  Linker linker;
+  linker.Link(points_m, returns, radius);
+  Groups groups;
+  for (std::size_t g = 0; g < linker.size(); ++g) groups.push_back(linker[g]);
+  return groups;
+}
+
 // The definition: every return against all that follow it along x within its radius.
 Groups LinkByDefinition(const Points& points_m, const std::vector<std::uint32_t>& returns,
                         const RangeRadius& radius) {
@@ -67,7 +76,7 @@ std::vector<std::uint32_t> AllOf(const Points& points_m) {
 // Radii as they are set, a constant one, and steep ones, where the order along x tells most.
 const std::vector<RangeRadius>& Radii() {
   static const std::vector<RangeRadius> radii = {
-      PlotConfig().link, PlotConfig().body_link, {0.5, 0.0}, {0.05, 0.3}, {0.01, 1.0}};
+      PlotConfig().link, RangeRadius{1.5, 0.02}, {0.5, 0.0}, {0.05, 0.3}, {0.01, 1.0}};
   return radii;
 }
 
@@ -231,8 +240,24 @@ TEST(Link, ManyReturnsOfFlatGroundAreOneGroup) {
     points_m.emplace_back(
         random.InBox({-half_m, -half_m, -2.1}, {half_m, half_m, -1.9}).cast<float>());
   }
-  for (const RangeRadius& radius : {PlotConfig().link, PlotConfig().body_link}) {
+  for (const RangeRadius& radius : {PlotConfig().link, RangeRadius{1.5, 0.02}}) {
     EXPECT_EQ(NumGroups(points_m, radius), 1U);
+  }
+}
+
+TEST(Link, WhatALinkerFoundBeforeChangesNothing) {
+  Random random(6);
+  Linker linker;
+  for (const std::size_t size : {300U, 20U, 0U, 700U, 1U}) {
+    Points points_m;
+    for (std::size_t i = 0; i < size; ++i) {
+      points_m.push_back(random.InBox({-10, -10, -2}, {10, 10, 10}).cast<float>());
+    }
+    const auto all = AllOf(points_m);
+    linker.Link(points_m, all, {1.5, 0.02});
+    const Groups expected = Link(points_m, all, {1.5, 0.02});
+    ASSERT_EQ(linker.size(), expected.size());
+    for (std::size_t g = 0; g < expected.size(); ++g) EXPECT_EQ(linker[g], expected[g]);
   }
 }
 

@@ -60,6 +60,22 @@ TEST_F(LiveClutterTest, WhatIsForeseenTellsOfTheClutterBeforeIt) {
   EXPECT_NEAR(unforeseen[0].plot.log_clutter, unforeseen[1].plot.log_clutter, 0.1);
 }
 
+TEST_F(LiveClutterTest, WhatABlindedSensorSeesIsNotKnownToFloat) {
+  LiveClutter clutter(config_, 60.0);
+  for (int i = 0; i < 120; ++i) {
+    std::vector<SeenPlot> plots(1);
+    plots[0].plot.position_m = plots[0].plot.ray_m = kTwig_m;
+    plots[0].plot.variance_m2 = 0.02;
+    plots[0].plot.frame = static_cast<std::uint32_t>(i);
+    clutter.SetBlinded(i >= 90);
+    clutter.AddFrame(0, i * kPeriodS);
+    clutter.Judge(support_, i * kPeriodS, &plots);
+    if (i > 60) {
+      EXPECT_EQ(plots[0].plot.is_floating, i < 90) << i;
+    }
+  }
+}
+
 // Once it lies behind, it counts as what was not foreseen.
 TEST_F(LiveClutterTest, WhatWasForeseenCountsOnce) {
   LiveClutter clutter(config_, 60.0);

@@ -22,12 +22,20 @@ constexpr int kWarmFrames = 31;  // they take 3 s
 
 Eigen::Vector3d DroneAt(int i) { return {12.0, -8.0 + 0.2 * i, 6.0}; }
 
+Eigen::Vector3d SlowDroneAt(int i) { return {12.0, -8.0 + 0.03 * i, 6.0}; }
+
 // Ground with a drone above it, from a station that stands somewhere. The coordinates are so coarse
 // that moving them is exact.
 class Station {
  public:
   Station(std::uint32_t sensor, const Eigen::Vector3f& origin_m)
       : random_(1), sensor_(sensor), origin_m_(origin_m) {}
+
+  // Another drone, and how often a pole is hit that stands where it begins.
+  Station(Eigen::Vector3d (*drone_at)(int), int num_pole_returns) : Station(0, {0, 0, 0}) {
+    drone_at_ = drone_at;
+    num_pole_returns_ = num_pole_returns;
+  }
 
   LoadedFrame FrameAt(int i) {
     LoadedFrame frame;
@@ -39,7 +47,10 @@ class Station {
       const double azimuth = random_.Uniform(-M_PI, M_PI);
       Add({range_m * std::cos(azimuth), range_m * std::sin(azimuth), -2.0}, &frame);
     }
-    for (int k = 0; k < 4; ++k) Add(DroneAt(i) + random_.NormalVector(0.1), &frame);
+    for (int k = 0; k < 4; ++k) Add(drone_at_(i) + random_.NormalVector(0.1), &frame);
+    for (int k = 0; k < num_pole_returns_; ++k) {
+      Add({12.0, -8.0, random_.Uniform(-2.0, 4.5)}, &frame);
+    }
     frame.times_ns.assign(frame.points_m.size(), frame.info.middle_ns());
     return frame;
   }
@@ -53,6 +64,8 @@ class Station {
   Random random_;
   std::uint32_t sensor_;
   Eigen::Vector3f origin_m_;
+  Eigen::Vector3d (*drone_at_)(int) = DroneAt;
+  int num_pole_returns_ = 0;
 };
 
 // All frames that the scene leaves, taken as they come.
@@ -72,12 +85,22 @@ std::vector<SceneFrame> FramesOf(LiveScene* scene, Station* station, int count) 
 }
 
 // The same of one sensor at the origin.
-std::vector<SceneFrame> FramesOf(int count) {
+std::vector<SceneFrame> FramesOf(int count, Station station = {0, Eigen::Vector3f::Zero()}) {
   const Config config;
   LiveScene scene(config);
   scene.AddSensor(0, Eigen::Vector3f::Zero());
-  Station station(0, Eigen::Vector3f::Zero());
   return FramesOf(&scene, &station, count);
+}
+
+// How many of the plots where the slow drone is float.
+std::size_t NumFloating(const std::vector<SceneFrame>& frames) {
+  std::size_t count = 0;
+  for (const SceneFrame& frame : frames) {
+    for (const SeenPlot& seen : frame.plots) {
+      if (seen.plot.position_m.z() > 5.0 && seen.plot.is_floating) ++count;
+    }
+  }
+  return count;
 }
 
 TEST(LiveScene, IsWarmAfterThreeSecondsOrAtTheEnd) {
@@ -118,6 +141,13 @@ TEST(LiveScene, LeavesTheDroneAndNotTheGround) {
     EXPECT_EQ(plot.ray_m, plot.position_m);
     EXPECT_EQ(plot.frame, i);
   }
+}
+
+// In a stream of five seconds, without its own trail holding it up; a pole that is hit once a frame
+// does.
+TEST(LiveScene, WhatIsSlowFromTheBeginFloatsAsSoonAsTheSceneIsKnown) {
+  EXPECT_GT(NumFloating(FramesOf(50, {SlowDroneAt, 0})), 30U);
+  EXPECT_EQ(NumFloating(FramesOf(50, {SlowDroneAt, 1})), 0U);
 }
 
 // What a station sees does not depend on where it stands.

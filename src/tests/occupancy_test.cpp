@@ -43,6 +43,72 @@ TEST_F(OccupancyTest, OfWhatWasThereFromTheBeginTooLittleIsKnown) {
   }
 }
 
+// The rays hit a pole here and there: what is older than the window counts as that in it does.
+TEST_F(OccupancyTest, WhatIsHitHereAndThereRemainsStructure) {
+  const auto at = [](std::int64_t bin) {
+    return Eigen::Vector3f(10.0F, 5.0F, 3.0F + 0.45F * static_cast<float>(bin / 2 % 3));
+  };
+  for (std::int64_t bin = 0; bin < 1200; ++bin) {
+    Bin(bin, bin % 2 == 0, at(bin));
+    if (bin > 100 && bin % 100 == 0) {
+      EXPECT_TRUE(IsStructure(bin)) << bin;
+    }
+  }
+}
+
+TEST_F(OccupancyTest, WhatIsHitSeldomButAgainAndAgainSupports) {
+  for (std::int64_t bin = 0; bin < 60; ++bin) {
+    Bin(bin, bin % 5 == 0);
+    Bin(bin, bin == 55, {0, 20, 8});
+    if (bin % 5 == 0) IsStructure(bin);
+  }
+  EXPECT_FALSE(IsStructure(55));
+  EXPECT_FALSE(IsStructure(55, {0, 20, 8}));
+  EXPECT_TRUE(occupancy_.Structure().empty());
+  EXPECT_EQ(occupancy_.Supporters().size(), 1U);
+}
+
+// In the first seconds nobody knows how often a place is hit, but a trail is left behind.
+TEST_F(OccupancyTest, WhatIsHitUntilNowSupportsAtFirstAndWhatWasLeftDoesNot) {
+  for (std::int64_t bin = 0; bin < 9; ++bin) {
+    Bin(bin, bin == 2 || bin == 6);
+    Bin(bin, bin == 3 || bin == 4, {0, 20, 8});
+  }
+  EXPECT_FALSE(IsStructure(6));
+  EXPECT_FALSE(IsStructure(4, {0, 20, 8}));
+  const std::vector<Eigen::Vector3f> supporters_m = occupancy_.Supporters();
+  ASSERT_EQ(supporters_m.size(), 1U);
+  EXPECT_EQ(supporters_m[0], Eigen::Vector3f(10, 5, 3));
+  for (std::int64_t bin = 9; bin < 20; ++bin) Bin(bin, false);
+  EXPECT_TRUE(occupancy_.Supporters().empty());
+}
+
+// Flakes about a place that none has hit yet say what is to be expected there; a wall beside it
+// does not.
+TEST_F(OccupancyTest, ChanceSparesPlacesButNotTheirRate) {
+  Random random(1);
+  const Eigen::Vector3f place_m(10, 5, 3);
+  const Eigen::Vector3f by_wall_m(-10, 5, 3);
+  for (std::int64_t bin = 0; bin < 60; ++bin) {
+    Bin(bin, false);
+    for (int k = 0; k < 50; ++k) {
+      const Eigen::Vector3f flake_m =
+          place_m + Eigen::Vector3f(static_cast<float>(random.Uniform(-3.0, 3.0)),
+                                    static_cast<float>(random.Uniform(-3.0, 3.0)),
+                                    static_cast<float>(random.Uniform(-3.0, 3.0)));
+      if ((flake_m - place_m).norm() > 1.2F) occupancy_.Add(flake_m, bin);
+    }
+    for (int k = -20; k < 20; ++k) {
+      occupancy_.Add(by_wall_m + Eigen::Vector3f(-1.8F, 0.1F * static_cast<float>(k), 0.0F), bin);
+    }
+  }
+  const double per_frame_m3 = 50.0 / 5.0 / 216.0;
+  EXPECT_GT(occupancy_.RateAbout(place_m, 59), 0.3 * per_frame_m3);
+  EXPECT_LT(occupancy_.RateAbout(place_m, 59), 3.0 * per_frame_m3);
+  EXPECT_EQ(occupancy_.RateAbout(by_wall_m, 59), 0.0);
+  EXPECT_EQ(occupancy_.RateAbout({0, -20, 8}, 59), 0.0);
+}
+
 TEST_F(OccupancyTest, AStayThatOutlastsTheWindowDoesNotBecomeStructure) {
   for (std::int64_t bin = 0; bin < 20; ++bin) Bin(bin, false);
   for (std::int64_t bin = 20; bin < 1000; ++bin) {

@@ -9,8 +9,10 @@
 #include <limits>
 #include <vector>
 
+#include "robust/tracking/track_model.hpp"
 #include "robust/tracking/tracker.hpp"
 #include "tests/synthetic_plots.hpp"
+#include "trajectory/trajectory.hpp"
 
 namespace unlidar::testing {
 
@@ -83,7 +85,7 @@ class PlainModel {
       const Eigen::Matrix3d noise =
           (plot.variance_m2 + streak * streak / 12.0 / n / 3.0) * Eigen::Matrix3d::Identity();
       const Update steady = Updated(x, p, sigma_a_, dt, plot, noise);
-      Update agile = Updated(x, p, config_.manoeuvre_factor * sigma_a_, dt, plot, noise);
+      Update agile = Updated(x, p, kManoeuvreFactor * sigma_a_, dt, plot, noise);
       agile.log_density += config_.manoeuvre_log;
       const Update& better = agile.log_density > steady.log_density ? agile : steady;
       score += better.log_density;
@@ -97,7 +99,7 @@ class PlainModel {
  private:
   // The chance that the one of all sensors which sees it next is `to`.
   double SensorShare(std::uint32_t from, std::uint32_t to) const {
-    const double change = num_sensors_ > 1 ? config_.sensor_change : 0.0;
+    const double change = num_sensors_ > 1 ? kSensorChange : 0.0;
     return from == to ? 1.0 - change : change / (num_sensors_ - 1);
   }
 
@@ -128,7 +130,7 @@ class PlainModel {
   // x' = A x with white noise on the accelerations, which keeps their variance at sigma_a^2 in the
   // long run; Runge and Kutta's fourth order.
   void Integrate(double dt, double sigma_a_mps2, Vector9* x, Matrix9* p) const {
-    const double tau = config_.acceleration_time_s;
+    const double tau = kAccelerationTimeS;
     Matrix9 a = Matrix9::Zero();
     a.block<3, 3>(0, 3).setIdentity();
     a.block<3, 3>(3, 6).setIdentity();

@@ -16,6 +16,7 @@
 
 #include "tests/draws.hpp"
 #include "trajectory/bspline.hpp"
+#include "trajectory/trajectory_fitter.hpp"
 
 namespace unlidar {
 namespace {
@@ -557,6 +558,28 @@ TEST(Trajectory, TheSameMeasurementsGiveTheSameDigits) {
   const Trajectory b = FitTrajectory(measurements, {});
   EXPECT_EQ(a.control_points_m, b.control_points_m);
   EXPECT_EQ(a.weights, b.weights);
+}
+
+TEST(Trajectory, WhatAFitterFittedBeforeChangesNothing) {
+  Random random(18);
+  TrajectoryFitter fitter{TrajectoryConfig()};
+  Trajectory trajectory;
+  for (const double duration_s : {20.0, 3.0, 30.0, 0.5}) {
+    const auto measurements = Measure(Wander(5.0, 2.0, random), duration_s, 10.0, 0.1, random);
+    const Trajectory expected = FitTrajectory(measurements, {});
+    fitter.Fit(measurements, trajectory);
+    for (const bool is_refit : {false, true}) {
+      if (is_refit) fitter.Refit(measurements, expected.scales, trajectory);
+      const Trajectory anew =
+          is_refit ? RefitTrajectory(measurements, expected.scales, {}) : expected;
+      EXPECT_EQ(trajectory.knots_s, anew.knots_s);
+      EXPECT_EQ(trajectory.agility, anew.agility);
+      EXPECT_EQ(trajectory.weights, anew.weights);
+      EXPECT_EQ(trajectory.control_points_m, anew.control_points_m);
+      EXPECT_EQ(trajectory.covariances_m2, anew.covariances_m2);
+      EXPECT_EQ(trajectory.iterations, anew.iterations);
+    }
+  }
 }
 
 TEST(Trajectory, ARefitAtTheFoundScalesIsTheFit) {

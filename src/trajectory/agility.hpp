@@ -3,12 +3,25 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <vector>
 
 #include "trajectory/spline_model.hpp"
 #include "trajectory/trajectory_model.hpp"
 
 namespace unlidar {
+
+// Levels of sigma_a over that of the whole flight: an eighth to four, in half octaves.
+inline constexpr int kAgilityLevels = 11;
+
+// What AdaptAgility() works with, (intervals), kept for the next time.
+struct AgilityMemory {
+  using Levels = Eigen::Array<double, kAgilityLevels, 1>;
+  std::vector<Levels> likelihoods;
+  std::vector<Levels> forward;
+  std::vector<double> stays;
+  std::array<std::vector<double>, 3> variances;  // of each spread
+};
 
 // Sets the agility of each interval of the model, sigma_a there over that of the whole flight, to
 // what is known of it after a fit at the agilities it has so far. The agility is a hidden Markov
@@ -17,6 +30,7 @@ namespace unlidar {
 // flight that is the same all along is left as it is. What an interval tells of its level is the
 // part of its jerks that the measurements determine (MacKay, 1992): in a gap that is nothing, and
 // the agility is that of its ends and, farther off, that of any time.
-void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, SplineModel& model);
+void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, AgilityMemory& memory,
+                  SplineModel& model);
 
 }  // namespace unlidar

@@ -8,11 +8,13 @@ namespace {
 
 std::size_t Size(const BandedMatrix& matrix) { return matrix.size() - (kBandRows - 1); }
 
+// A column and zeros below it: loops over it are all of one length, which the compiler knows.
+using Padded = Eigen::Matrix<double, 2 * kBandRows, 1>;
+
 }  // namespace
 
-BandedMatrix ZeroBandedMatrix(int size) {
-  return BandedMatrix(static_cast<std::size_t>(size + kBandRows - 1),
-                      BandedMatrix::value_type::Zero());
+void SetZeroBanded(int size, BandedMatrix& matrix) {
+  matrix.assign(static_cast<std::size_t>(size + kBandRows - 1), BandedMatrix::value_type::Zero());
 }
 
 bool FactoriseBanded(BandedMatrix& matrix) {
@@ -20,11 +22,10 @@ bool FactoriseBanded(BandedMatrix& matrix) {
     auto& column = matrix[j];
     if (!(column[0] > 0.0) || !std::isfinite(column[0])) return false;
     column /= std::sqrt(column[0]);
+    Padded source = Padded::Zero();
+    source.head<kBandRows>() = column;
     for (int p = 1; p < kBandRows; ++p) {
-      double* target = matrix[j + static_cast<std::size_t>(p)].data();
-      const double* source = column.data() + p;
-      const double factor = column[p];
-      for (int q = 0; q < kBandRows - p; ++q) target[q] -= factor * source[q];
+      matrix[j + static_cast<std::size_t>(p)] -= column[p] * source.segment<kBandRows>(p);
     }
   }
   return true;
@@ -36,40 +37,45 @@ double LogDeterminantBanded(const BandedMatrix& factor) {
   return 2.0 * sum;
 }
 
-void SolveBanded(const BandedMatrix& factor, Eigen::VectorXd& x) {
-  const auto size = static_cast<Eigen::Index>(Size(factor));
-  x.conservativeResize(size + kBandRows - 1);
-  x.tail<kBandRows - 1>().setZero();
-  for (Eigen::Index j = 0; j < size; ++j) {
-    const auto& column = factor[static_cast<std::size_t>(j)];
+void SolveBanded(const BandedMatrix& factor, std::vector<double>& x) {
+  const std::size_t size = Size(factor);
+  const auto below = [&](std::size_t j) {
+    return Eigen::Map<Eigen::Matrix<double, kBandRows - 1, 1>>(&x[j + 1]);
+  };
+  x.resize(factor.size());
+  below(size - 1).setZero();
+  for (std::size_t j = 0; j < size; ++j) {
+    const auto& column = factor[j];
     x[j] /= column[0];
-    x.segment<kBandRows - 1>(j + 1) -= x[j] * column.tail<kBandRows - 1>();
+    below(j) -= x[j] * column.tail<kBandRows - 1>();
   }
-  x.tail<kBandRows - 1>().setZero();
-  for (Eigen::Index j = size - 1; j >= 0; --j) {
-    const auto& column = factor[static_cast<std::size_t>(j)];
-    x[j] = (x[j] - column.tail<kBandRows - 1>().dot(x.segment<kBandRows - 1>(j + 1))) / column[0];
+  below(size - 1).setZero();
+  for (std::size_t j = size; j-- > 0;) {
+    const auto& column = factor[j];
+    x[j] = (x[j] - column.tail<kBandRows - 1>().dot(below(j))) / column[0];
   }
-  x.conservativeResize(size);
+  x.resize(size);
 }
 
-BandedMatrix InvertWithinBand(const BandedMatrix& factor) {
-  BandedMatrix inverse(factor.size(), BandedMatrix::value_type::Zero());
-  // Z = inv(L') inv(L) gives L' Z = inv(L); its upper rows, from the last to the first.
+void InvertWithinBand(const BandedMatrix& factor, BandedMatrix& inverse) {
+  inverse.assign(factor.size(), BandedMatrix::value_type::Zero());
+  // Z = inv(L') inv(L) gives L' Z = inv(L); its upper rows, from the last to the first. With c the
+  // column of L below its diagonal, and S the block of Z next to it: z = -S c / L_jj.
+  Padded below = Padded::Zero();
   for (std::size_t j = Size(factor); j-- > 0;) {
     const auto& column = factor[j];
-    for (int p = kBandRows - 1; p >= 0; --p) {
-      double sum = p == 0 ? 1.0 / column[0] : 0.0;
-      for (int k = 1; k < kBandRows; ++k) {
-        const int low = std::min(k, p);
-        const int high = std::max(k, p);
-        sum -= column[k] * (low == 0 ? inverse[j][high]
-                                     : inverse[j + static_cast<std::size_t>(low)][high - low]);
-      }
-      inverse[j][p] = sum / column[0];
+    below.head<kBandRows>() = column;
+    Padded product = Padded::Zero();  // S c; what is beyond the band is not used
+    for (int k = 1; k < kBandRows; ++k) {
+      const auto& known = inverse[j + static_cast<std::size_t>(k)];
+      product.segment<kBandRows>(k) += column[k] * known;
+      product[k] += known.tail<kBandRows - 1>().dot(below.segment<kBandRows - 1>(k + 1));
     }
+    auto& own = inverse[j];
+    own = product.head<kBandRows>() / -column[0];
+    own[0] =
+        (1.0 / column[0] - column.tail<kBandRows - 1>().dot(own.tail<kBandRows - 1>())) / column[0];
   }
-  return inverse;
 }
 
 }  // namespace unlidar

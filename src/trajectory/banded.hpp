@@ -14,7 +14,9 @@ inline constexpr int kBandRows = 12;
 // that no loop has to stop early at its end.
 using BandedMatrix = std::vector<Eigen::Matrix<double, kBandRows, 1>>;
 
-BandedMatrix ZeroBandedMatrix(int size);
+// Makes it a zero matrix of this size. No memory is taken where it was as large before; the same
+// holds of the others that fill what they are handed.
+void SetZeroBanded(int size, BandedMatrix& matrix);
 
 // L of L L' = A, in place. False where A is not positive definite.
 bool FactoriseBanded(BandedMatrix& matrix);
@@ -23,9 +25,9 @@ bool FactoriseBanded(BandedMatrix& matrix);
 double LogDeterminantBanded(const BandedMatrix& factor);
 
 // x of A x = b, in place, from the factor L of A.
-void SolveBanded(const BandedMatrix& factor, Eigen::VectorXd& x);
+void SolveBanded(const BandedMatrix& factor, std::vector<double>& x);
 
 // The elements of inv(A) within the band, from the factor L of A (Takahashi, Fagan and Chen 1973).
-BandedMatrix InvertWithinBand(const BandedMatrix& factor);
+void InvertWithinBand(const BandedMatrix& factor, BandedMatrix& inverse);
 
 }  // namespace unlidar

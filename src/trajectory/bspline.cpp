@@ -6,11 +6,12 @@
 
 namespace unlidar {
 
-std::vector<double> PlaceKnots(const std::vector<double>& times_s, const KnotSpacing& spacing) {
+void PlaceKnots(const std::vector<double>& times_s, const KnotSpacing& spacing,
+                std::vector<double>& knots_s) {
   const int margin_intervals = static_cast<int>(std::ceil(spacing.margin_s / spacing.max_s));
   // Three knots more on each side complete the basis of the outermost intervals.
   const int outer = std::max(1, margin_intervals) + 3;
-  std::vector<double> knots_s;
+  knots_s.clear();
   for (int i = outer; i > 0; --i) knots_s.push_back(times_s.front() - i * spacing.max_s);
   knots_s.push_back(times_s.front());
   const auto last = static_cast<std::ptrdiff_t>(times_s.size()) - 1;
@@ -27,7 +28,6 @@ std::vector<double> PlaceKnots(const std::vector<double>& times_s, const KnotSpa
   }
   const double end_s = knots_s.back();
   for (int i = 1; i <= outer; ++i) knots_s.push_back(end_s + i * spacing.max_s);
-  return knots_s;
 }
 
 int IntervalAt(const std::vector<double>& knots_s, double time_s) {

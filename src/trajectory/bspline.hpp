@@ -16,10 +16,11 @@ struct KnotSpacing {
   double margin_s = 0.0;  // the spline goes on so far before the first and after the last time
 };
 
-// Knots for measurements at `times_s` (ascending, not empty), fine where they are dense. Deep in a
-// gap they may lie a tenth of the way to its end apart: their number stays in bounds, and the
-// problem well conditioned, however long it is.
-std::vector<double> PlaceKnots(const std::vector<double>& times_s, const KnotSpacing& spacing);
+// Sets the knots for measurements at `times_s` (ascending, not empty), fine where they are dense.
+// Deep in a gap they may lie a tenth of the way to its end apart: their number stays in bounds, and
+// the problem well conditioned, however long it is.
+void PlaceKnots(const std::vector<double>& times_s, const KnotSpacing& spacing,
+                std::vector<double>& knots_s);
 
 // The interval that holds the time; the first or last one for times before or after all of them.
 int IntervalAt(const std::vector<double>& knots_s, double time_s);

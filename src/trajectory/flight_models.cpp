@@ -176,26 +176,24 @@ const std::vector<FlightModel>& FlightModels() {
 
 // Rice's law: how likely the length of a vector in the plane is measured like this, for each true
 // one. What is the same for all of them is left out.
-std::vector<double> LikelihoodsOfSpeed(double speed_mps, double variance) {
+void SetLikelihoodsOfSpeed(double speed_mps, double variance, std::vector<double>* likelihoods) {
   const Grid& grid = GridOf(Cue::kSpeed);
   const double measured_mps = std::min(speed_mps, grid.values.back());  // what is beyond is there
-  std::vector<double> likelihoods(grid.values.size());
-  for (std::size_t i = 0; i < likelihoods.size(); ++i) {
+  likelihoods->resize(grid.values.size());
+  for (std::size_t i = 0; i < likelihoods->size(); ++i) {
     const double v = VarianceAt(grid, i, variance);
-    likelihoods[i] = std::exp(-0.5 * Square(measured_mps - grid.values[i]) / v) / v *
-                     ScaledBessel0(measured_mps * grid.values[i] / v);
+    (*likelihoods)[i] = std::exp(-0.5 * Square(measured_mps - grid.values[i]) / v) / v *
+                        ScaledBessel0(measured_mps * grid.values[i] / v);
   }
-  return likelihoods;
 }
 
-std::vector<double> LikelihoodsOf(Cue cue, double measured, double variance) {
+void SetLikelihoodsOf(Cue cue, double measured, double variance, std::vector<double>* likelihoods) {
   const Grid& grid = GridOf(cue);
   const double x = std::clamp(measured, grid.values.front(), grid.values.back());
-  std::vector<double> likelihoods(grid.values.size());
-  for (std::size_t i = 0; i < likelihoods.size(); ++i) {
-    likelihoods[i] = Bell(x - grid.values[i], std::sqrt(VarianceAt(grid, i, variance)));
+  likelihoods->resize(grid.values.size());
+  for (std::size_t i = 0; i < likelihoods->size(); ++i) {
+    (*likelihoods)[i] = Bell(x - grid.values[i], std::sqrt(VarianceAt(grid, i, variance)));
   }
-  return likelihoods;
 }
 
 }  // namespace unlidar

@@ -32,11 +32,11 @@ struct FlightModel {
 
 const std::vector<FlightModel>& FlightModels();
 
-// (grid of the cue) How likely a value is measured, with this variance, for each true one, but for
-// a common factor. The ground speed is the length of a vector: Rice's law.
-std::vector<double> LikelihoodsOfSpeed(double speed_mps, double variance);
+// Sets `likelihoods` (grid of the cue): how likely a value is measured, with this variance, for
+// each true one, but for a common factor. The ground speed is the length of a vector: Rice's law.
+void SetLikelihoodsOfSpeed(double speed_mps, double variance, std::vector<double>* likelihoods);
 // `cue`: climb or turn.
-std::vector<double> LikelihoodsOf(Cue cue, double measured, double variance);
+void SetLikelihoodsOf(Cue cue, double measured, double variance, std::vector<double>* likelihoods);
 
 // Makes shares add up to 1. Their sum must be above 0.
 void Normalise(std::vector<double>* shares);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <utility>
 
@@ -14,10 +15,13 @@ constexpr TimeNs kStepNs = 1'000'000'000;
 constexpr double kHoverMps = 1.0;
 constexpr double kKindSteps = 10'000.0;  // of probabilities
 
-double LogSum(const std::vector<double>& logs) {
-  const double most = *std::max_element(logs.begin(), logs.end());
+// Of exp(log(i)) over the i < count that are in it.
+template <class IsIn, class Log>
+double LogSum(std::size_t count, const IsIn& is_in, const Log& log) {
+  double most = -std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < count; ++i) most = is_in(i) ? std::max(most, log(i)) : most;
   double sum = 0.0;
-  for (const double log : logs) sum += std::exp(log - most);
+  for (std::size_t i = 0; i < count; ++i) sum += is_in(i) ? std::exp(log(i) - most) : 0.0;
   return most + std::log(sum);
 }
 
@@ -25,14 +29,12 @@ double LogSum(const std::vector<double>& logs) {
 template <class LogLikelihood>
 std::array<double, kNumFlightClasses> LogLikelihoodsOfClasses(const LogLikelihood& of_model) {
   std::array<double, kNumFlightClasses> result = {};
+  const std::vector<FlightModel>& models = FlightModels();
   for (std::size_t c = 0; c < kNumFlightClasses; ++c) {
-    std::vector<double> logs;
-    for (std::size_t m = 0; m < FlightModels().size(); ++m) {
-      const FlightModel& model = FlightModels()[m];
-      if (model.flight_class != static_cast<FlightClass>(c)) continue;
-      logs.push_back(std::log(model.share) + of_model(m));
-    }
-    result[c] = LogSum(logs);
+    result[c] = LogSum(
+        models.size(),
+        [&](std::size_t m) { return models[m].flight_class == static_cast<FlightClass>(c); },
+        [&](std::size_t m) { return std::log(models[m].share) + of_model(m); });
   }
   return result;
 }
@@ -72,19 +74,23 @@ void KindFilter::Judge(const Instant& next) {
   constexpr double kStepS = static_cast<double>(kStepNs) * kSecondsPerNs;
   const Eigen::Vector3d velocity_mps = (next.position_m - last_->position_m) / kStepS;
   const double speed_mps = velocity_mps.head<2>().norm();
-  Take(Cue::kSpeed,
-       LikelihoodsOfSpeed(speed_mps, (next.across_m2 + last_->across_m2) / Square(kStepS)));
-  Take(Cue::kClimb, LikelihoodsOf(Cue::kClimb, velocity_mps.z(),
-                                  (next.height_m2 + last_->height_m2) / Square(kStepS)));
+  SetLikelihoodsOfSpeed(speed_mps, (next.across_m2 + last_->across_m2) / Square(kStepS),
+                        &likelihoods_);
+  Take(Cue::kSpeed);
+  SetLikelihoodsOf(Cue::kClimb, velocity_mps.z(),
+                   (next.height_m2 + last_->height_m2) / Square(kStepS), &likelihoods_);
+  Take(Cue::kClimb);
   if (before_) {
     const Eigen::Vector3d earlier_mps = (last_->position_m - before_->position_m) / kStepS;
     const Eigen::Vector2d along_mps = (velocity_mps + earlier_mps).head<2>();
     const double cross = earlier_mps.x() * velocity_mps.y() - earlier_mps.y() * velocity_mps.x();
     // The change of the velocity across its mean; of what stands still there is none.
     const double turn_mps2 = along_mps.norm() > 0.0 ? 2.0 * cross / along_mps.norm() / kStepS : 0.0;
-    Take(Cue::kTurn, LikelihoodsOf(Cue::kTurn, turn_mps2,
-                                   (before_->across_m2 + 4.0 * last_->across_m2 + next.across_m2) /
-                                       Square(Square(kStepS))));
+    SetLikelihoodsOf(
+        Cue::kTurn, turn_mps2,
+        (before_->across_m2 + 4.0 * last_->across_m2 + next.across_m2) / Square(Square(kStepS)),
+        &likelihoods_);
+    Take(Cue::kTurn);
     turn_sum_ += Square(turn_mps2);
     turns_ += 1.0;
   }
@@ -100,22 +106,22 @@ void KindFilter::Judge(const Instant& next) {
   before_ = std::exchange(last_, next);
 }
 
-void KindFilter::Take(Cue cue, const std::vector<double>& likelihoods) {
+void KindFilter::Take(Cue cue) {
   const auto c = static_cast<std::size_t>(cue);
-  const double most = *std::max_element(likelihoods.begin(), likelihoods.end());
+  const double most = *std::max_element(likelihoods_.begin(), likelihoods_.end());
   for (std::size_t m = 0; m < beliefs_.size(); ++m) {
     const Chain& chain = FlightModels()[m].chains[c];
     Belief& belief = beliefs_[m][c];
-    std::vector<double> next(belief.shares.size(), 0.0);
-    for (std::size_t i = 0; i < next.size(); ++i) {
-      for (std::size_t j = 0; j < next.size(); ++j) {
-        next[j] += belief.shares[i] * chain.steps[i][j];
+    next_.assign(belief.shares.size(), 0.0);
+    for (std::size_t i = 0; i < next_.size(); ++i) {
+      for (std::size_t j = 0; j < next_.size(); ++j) {
+        next_[j] += belief.shares[i] * chain.steps[i][j];
       }
     }
-    for (std::size_t j = 0; j < next.size(); ++j) next[j] *= likelihoods[j] / most;
-    belief.log_likelihood += std::log(std::accumulate(next.begin(), next.end(), 0.0));
-    Normalise(&next);
-    belief.shares = std::move(next);
+    for (std::size_t j = 0; j < next_.size(); ++j) next_[j] *= likelihoods_[j] / most;
+    belief.log_likelihood += std::log(std::accumulate(next_.begin(), next_.end(), 0.0));
+    Normalise(&next_);
+    belief.shares = next_;
   }
 }
 
@@ -128,7 +134,8 @@ Kind KindFilter::kind() const {
   logs[0] += std::log(kPriorKind.drone);
   logs[1] += std::log(kPriorKind.bird_like);
   logs[2] += std::log(kPriorKind.unknown);
-  const double sum = LogSum({logs.begin(), logs.end()});
+  const double sum = LogSum(
+      logs.size(), [](std::size_t) { return true; }, [&](std::size_t c) { return logs[c]; });
   const auto steps = [&](std::size_t c) {
     return std::round(kKindSteps * std::exp(logs[c] - sum));
   };

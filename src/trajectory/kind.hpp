@@ -63,9 +63,11 @@ class KindFilter {
 
   static Instant InstantAt(const Trajectory& trajectory, TimeNs time_ns);
   void Judge(const Instant& next);
-  void Take(Cue cue, const std::vector<double>& likelihoods);
+  void Take(Cue cue);
 
   std::vector<std::array<Belief, kNumCues>> beliefs_;  // (models)
+  std::vector<double> likelihoods_;                    // (grid) of what is taken in next
+  std::vector<double> next_;                           // (grid) shares of a belief after it
   std::optional<Instant> last_;
   std::optional<Instant> before_;  // a second earlier
   Eigen::Vector3d first_m_ = Eigen::Vector3d::Zero();

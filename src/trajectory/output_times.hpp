@@ -35,6 +35,14 @@ class OutputInstants {
   // for more than 10 million.
   OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns);
 
+  // Makes it a list of those in [first, last), in the memory that it has.
+  template <class Iterator>
+  void SetList(Iterator first, Iterator last) {
+    list_.assign(first, last);
+    nanohertz_ = 0;
+    size_ = list_.size();
+  }
+
   std::size_t size() const { return size_; }
   TimeNs operator[](std::size_t k) const;
 

@@ -58,65 +58,6 @@ TimeNs Silence(Iterator first, Iterator last, TimeNs period_ns, double probabili
   return ends ? period_ns * static_cast<TimeNs>(periods) : kForeverNs;
 }
 
-// One row ahead of what it gives: returns belong to the nearer of two rows.
-class RowSampler {
- public:
-  RowSampler(const RowSource& source, const OutputInstants& instants)
-      : source_(source),
-        instants_(instants),
-        instant_(instants.CountBefore(source.presence.begin_ns)),
-        support_(source.support.begin()),
-        ahead_(Sample()) {}
-
-  std::optional<TrajectoryRow> Next() {
-    std::optional<TrajectoryRow> row = std::move(ahead_);
-    if (!row) return row;
-    ahead_ = Sample();
-    for (; support_ != source_.support.end(); ++support_) {
-      const TimeNs stamp_ns = support_->stamp_ns;
-      if (ahead_ && Distance(ahead_->time_ns, stamp_ns) < Distance(row->time_ns, stamp_ns)) break;
-      row->support += support_->returns;
-    }
-    return row;
-  }
-
- private:
-  // The next row that may be written, without its support.
-  std::optional<TrajectoryRow> Sample() {
-    while (instant_ < instants_.size()) {
-      const TimeNs time_ns = instants_[instant_];
-      if (time_ns > source_.presence.end_ns) break;
-      ++instant_;
-      TrajectoryRow row = source_.trajectory.At(time_ns);
-      row.track_id = source_.track_id;
-      const Eigen::Vector3d ray_m = row.position_m - ViewpointAt(time_ns);
-      const Eigen::Vector3d depth_m = source_.depth_sigma_m * ray_m.stableNormalized();
-      row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2()).cwiseSqrt();
-      if (IsFinite(row) && row.sigma_m.maxCoeff() <= source_.max_sigma_m) return row;
-    }
-    return std::nullopt;
-  }
-
-  // Of two sights that are equally near, the earlier one counts; without any, the origin.
-  Eigen::Vector3d ViewpointAt(TimeNs time_ns) const {
-    const std::vector<Sight>& sights = source_.sights;
-    if (sights.empty()) return Eigen::Vector3d::Zero();
-    auto at = std::lower_bound(sights.begin(), sights.end(), time_ns,
-                               [](const Sight& sight, TimeNs t) { return sight.time_ns < t; });
-    if (at == sights.end() || (at != sights.begin() && Distance(std::prev(at)->time_ns, time_ns) <=
-                                                           Distance(at->time_ns, time_ns))) {
-      --at;
-    }
-    return at->viewpoint_m;
-  }
-
-  const RowSource& source_;
-  const OutputInstants& instants_;
-  std::size_t instant_;
-  std::vector<FrameSupport>::const_iterator support_;
-  std::optional<TrajectoryRow> ahead_;
-};
-
 }  // namespace
 
 TimeNs SilenceBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
@@ -167,11 +108,57 @@ std::vector<FrameSupport> SupportByFrame(const Recording& recording,
   return support;
 }
 
-std::vector<Sight> SightsOf(const std::vector<Measurement>& measurements) {
-  std::vector<Sight> sights;
-  sights.reserve(measurements.size());
-  for (const Measurement& m : measurements) sights.push_back({m.time_ns, m.viewpoint_m});
-  return sights;
+void SetSights(const std::vector<Measurement>& measurements, std::vector<Sight>* sights) {
+  sights->clear();
+  for (const Measurement& m : measurements) sights->push_back({m.time_ns, m.viewpoint_m});
+}
+
+RowSampler::RowSampler(const RowSource& source, const OutputInstants& instants)
+    : source_(source),
+      instants_(instants),
+      instant_(instants.CountBefore(source.presence.begin_ns)),
+      support_(source.support.begin()),
+      ahead_(Sample()) {}
+
+std::optional<TrajectoryRow> RowSampler::Next() {
+  std::optional<TrajectoryRow> row = std::move(ahead_);
+  if (!row) return row;
+  ahead_ = Sample();
+  for (; support_ != source_.support.end(); ++support_) {
+    const TimeNs stamp_ns = support_->stamp_ns;
+    if (ahead_ && Distance(ahead_->time_ns, stamp_ns) < Distance(row->time_ns, stamp_ns)) break;
+    row->support += support_->returns;
+  }
+  return row;
+}
+
+// The next row that may be written, without its support.
+std::optional<TrajectoryRow> RowSampler::Sample() {
+  while (instant_ < instants_.size()) {
+    const TimeNs time_ns = instants_[instant_];
+    if (time_ns > source_.presence.end_ns) break;
+    ++instant_;
+    TrajectoryRow row = source_.trajectory.At(time_ns);
+    row.track_id = source_.track_id;
+    const Eigen::Vector3d ray_m = row.position_m - ViewpointAt(time_ns);
+    const Eigen::Vector3d depth_m = source_.depth_sigma_m * ray_m.stableNormalized();
+    row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2()).cwiseSqrt();
+    if (IsFinite(row) && row.sigma_m.maxCoeff() <= source_.max_sigma_m) return row;
+  }
+  return std::nullopt;
+}
+
+// Of two sights that are equally near, the earlier one counts; without any, the origin.
+Eigen::Vector3d RowSampler::ViewpointAt(TimeNs time_ns) const {
+  const std::vector<Sight>& sights = source_.sights;
+  if (sights.empty()) return Eigen::Vector3d::Zero();
+  auto at = std::lower_bound(sights.begin(), sights.end(), time_ns,
+                             [](const Sight& sight, TimeNs t) { return sight.time_ns < t; });
+  if (at == sights.end() || (at != sights.begin() && Distance(std::prev(at)->time_ns, time_ns) <=
+                                                         Distance(at->time_ns, time_ns))) {
+    --at;
+  }
+  return at->viewpoint_m;
 }
 
 RowStream SampleRows(const RowSource& source, const OutputInstants& instants) {

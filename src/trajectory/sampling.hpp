@@ -49,7 +49,7 @@ struct Sight {
   Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();
 };
 
-std::vector<Sight> SightsOf(const std::vector<Measurement>& measurements);
+void SetSights(const std::vector<Measurement>& measurements, std::vector<Sight>* sights);
 
 // What the rows of a track are computed from. They are not kept: there may be millions of them.
 struct RowSource {
@@ -62,14 +62,31 @@ struct RowSource {
   std::vector<FrameSupport> support;
 };
 
-// Gives a track's rows in time order, one at each call, and then none.
-using RowStream = std::function<std::optional<TrajectoryRow>()>;
-
 // One row per instant within the presence, except where the largest sigma exceeds max_sigma_m or a
 // number is not finite. The support of a row: the returns of the target whose frames' stamps are
 // nearer to it than to any other row, the earlier one of two equally near. (The middle of a frame
 // lies halfway between two stamps: by it, jitter would decide.) The sum over the rows is the number
-// of returns. Both arguments must outlive the stream.
+// of returns. Both arguments must outlive it.
+class RowSampler {
+ public:
+  RowSampler(const RowSource& source, const OutputInstants& instants);
+
+  // The rows in time order, one at each call, and then none.
+  std::optional<TrajectoryRow> Next();
+
+ private:
+  std::optional<TrajectoryRow> Sample();
+  Eigen::Vector3d ViewpointAt(TimeNs time_ns) const;
+
+  const RowSource& source_;
+  const OutputInstants& instants_;
+  std::size_t instant_;
+  std::vector<FrameSupport>::const_iterator support_;
+  std::optional<TrajectoryRow> ahead_;  // returns belong to the nearer of two rows
+};
+
+// The same as a function.
+using RowStream = std::function<std::optional<TrajectoryRow>()>;
 RowStream SampleRows(const RowSource& source, const OutputInstants& instants);
 
 // Length of the path between first and last measurement.

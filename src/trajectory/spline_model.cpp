@@ -12,6 +12,13 @@
 namespace unlidar {
 namespace {
 
+// Known beforehand of the first position and velocity, about the straight line through all
+// measurements, as standard deviations: nearly nothing.
+constexpr double kPositionSigmaM = 1e4;
+constexpr double kVelocitySigmaMps = 100.0;
+// A spline as fine as its measurements hides none of them.
+constexpr int kMeasurementsPerKnot = 1;
+
 std::size_t Index(int i) { return static_cast<std::size_t>(i); }
 
 // Row at u_s after the begin of an interval.
@@ -39,12 +46,13 @@ Eigen::Vector3d MeanVelocity(const std::vector<Measurement>& measurements,
 
 }  // namespace
 
-SplineModel BuildSplineModel(const std::vector<Measurement>& measurements,
-                             const TrajectoryConfig& config) {
+void BuildSplineModel(const std::vector<Measurement>& measurements, const TrajectoryConfig& config,
+                      SplineModel& model) {
   if (measurements.empty()) throw std::invalid_argument("trajectory: no measurements");
-  SplineModel model;
   const TimeNs begin_ns = measurements.front().time_ns;
-  std::vector<double> times_s;
+  std::vector<double>& times_s = model.times_s;
+  times_s.clear();
+  model.origin_m.setZero();
   for (const auto& measurement : measurements) {
     times_s.push_back(static_cast<double>(measurement.time_ns - begin_ns) * kSecondsPerNs);
     model.origin_m += measurement.position_m / static_cast<double>(measurements.size());
@@ -52,21 +60,24 @@ SplineModel BuildSplineModel(const std::vector<Measurement>& measurements,
   if (!model.origin_m.allFinite() || !std::is_sorted(times_s.begin(), times_s.end())) {
     throw std::invalid_argument("trajectory: measurements must be finite and in time order");
   }
-  model.knots_s = PlaceKnots(times_s, {config.min_knot_spacing_s, config.max_knot_spacing_s,
-                                       config.measurements_per_knot, config.max_extrapolation_s});
+  PlaceKnots(times_s,
+             {config.min_knot_spacing_s, config.max_knot_spacing_s, kMeasurementsPerKnot,
+              config.max_extrapolation_s},
+             model.knots_s);
 
   // |a' + a / tau|^2 is a square of straight lines on each interval: two Gauss points are exact.
-  const double tau_s = config.acceleration_time_s;
+  const double tau_s = kAccelerationTimeS;
   const int num_intervals = static_cast<int>(model.knots_s.size()) - 7;
   model.agility.assign(Index(num_intervals), 1.0);
+  model.smoothness.clear();
   for (int i = 0; i < num_intervals; ++i) {
     const Eigen::Matrix4d polynomials = BasisPolynomials(model.knots_s, i);
     const double length_s = model.knots_s[Index(i + 4)] - model.knots_s[Index(i + 3)];
     if (i == 0) model.smoothness.push_back(RowAt(polynomials, i, 0.0, 2));
     if (model.knots_s[Index(i + 3)] == 0.0) {
       model.start = {RowAt(polynomials, i, 0.0, 0), RowAt(polynomials, i, 0.0, 1)};
-      model.start[0].sqrt_information /= config.position_sigma_m;
-      model.start[1].sqrt_information /= config.velocity_sigma_mps;
+      model.start[0].sqrt_information /= kPositionSigmaM;
+      model.start[1].sqrt_information /= kVelocitySigmaMps;
       model.start[1].value_m = MeanVelocity(measurements, times_s, model.origin_m);
     }
     for (const double side : {-1.0, 1.0}) {
@@ -77,6 +88,7 @@ SplineModel BuildSplineModel(const std::vector<Measurement>& measurements,
       model.smoothness.push_back(row);
     }
   }
+  model.measurements.clear();
   for (std::size_t i = 0; i < measurements.size(); ++i) {
     const int interval = IntervalAt(model.knots_s, times_s[i]);
     SplineRow row = RowAt(BasisPolynomials(model.knots_s, interval), interval,
@@ -89,7 +101,6 @@ SplineModel BuildSplineModel(const std::vector<Measurement>& measurements,
     }
     model.measurements.push_back(row);
   }
-  return model;
 }
 
 }  // namespace unlidar

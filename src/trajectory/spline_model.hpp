@@ -29,6 +29,7 @@ inline Eigen::Vector3d Residual(const SplineRow& row, const std::vector<Eigen::V
 // form, and only the ratio sigma_a / k is left to be searched.
 struct SplineModel {
   Eigen::Vector3d origin_m = Eigen::Vector3d::Zero();
+  std::vector<double> times_s;  // of the measurements, since the first
   std::vector<double> knots_s;
   std::vector<SplineRow> measurements;
   std::vector<double> agility;        // (intervals) sigma_a there over that of the whole: 1
@@ -37,7 +38,8 @@ struct SplineModel {
   int num_control_points() const { return static_cast<int>(knots_s.size()) - 4; }
 };
 
-SplineModel BuildSplineModel(const std::vector<Measurement>& measurements,
-                             const TrajectoryConfig& config);
+// Sets `model`, in the memory that it has. Throws as FitTrajectory().
+void BuildSplineModel(const std::vector<Measurement>& measurements, const TrajectoryConfig& config,
+                      SplineModel& model);
 
 }  // namespace unlidar

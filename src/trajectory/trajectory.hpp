@@ -20,6 +20,10 @@
 
 namespace unlidar {
 
+// How long an acceleration lasts: tau of Singer's model, for the search as for the fit. 0.5 to 4 s
+// make no difference that could be told (docs/method.md).
+constexpr double kAccelerationTimeS = 2.0;
+
 // How far a target may depart from a straight line, and how noisy its measurements are.
 struct TrajectoryScales {
   double acceleration_mps2 = 0.0;  // sigma_a

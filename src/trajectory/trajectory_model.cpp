@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <stdexcept>
+#include <utility>
 
 #include "base/square.hpp"
 #include "trajectory/banded.hpp"
@@ -12,85 +12,16 @@
 namespace unlidar {
 namespace {
 
+// Limits of sigma_a, of what hangs on the wind to what is thrown, and the spread (standard
+// deviation of the logarithm) of its prior and of that of the noise scale: a factor of 4.5 and
+// of 1.6.
+constexpr double kMinAccelerationMps2 = 0.05;
+constexpr double kMaxAccelerationMps2 = 30.0;
+constexpr double kAccelerationSpread = 1.5;
+constexpr double kNoiseScaleSpread = 0.5;
 constexpr double kScaleStep = 0.35;  // of the grids of log scales
 
 std::size_t Index(int i) { return static_cast<std::size_t>(i); }
-
-// Normal equations of weighted rows, linearised at the control points: A and -A'r.
-struct NormalEquations {
-  BandedMatrix matrix;
-  Eigen::VectorXd descent;
-};
-
-NormalEquations ZeroNormalEquations(int num_control_points) {
-  return {ZeroBandedMatrix(3 * num_control_points), Eigen::VectorXd::Zero(3 * num_control_points)};
-}
-
-void AddRow(const SplineRow& row, double weight, const std::vector<Eigen::Vector3d>& control,
-            NormalEquations& equations) {
-  const Eigen::Matrix3d information =
-      weight * row.sqrt_information.transpose() * row.sqrt_information;
-  const Eigen::Vector3d force = -weight * row.sqrt_information.transpose() * Residual(row, control);
-  for (int a = 0; a < 4; ++a) {
-    equations.descent.segment<3>(3 * (row.first + a)) += row.basis[a] * force;
-    for (int c = 0; c < 3; ++c) {
-      auto& column = equations.matrix[Index(3 * (row.first + a) + c)];
-      for (int r = c; r < 3; ++r) {
-        column[r - c] += row.basis[a] * row.basis[a] * information(r, c);
-      }
-      for (int b = a + 1; b < 4; ++b) {
-        for (int r = 0; r < 3; ++r) {
-          column[3 * (b - a) + r - c] += row.basis[a] * row.basis[b] * information(r, c);
-        }
-      }
-    }
-  }
-}
-
-NormalEquations MeasurementEquations(const SplineModel& model, const std::vector<double>& weights,
-                                     const std::vector<Eigen::Vector3d>& control) {
-  auto equations = ZeroNormalEquations(model.num_control_points());
-  for (std::size_t i = 0; i < model.measurements.size(); ++i) {
-    if (weights[i] > 0.0) AddRow(model.measurements[i], weights[i], control, equations);
-  }
-  for (const auto& row : model.start) AddRow(row, 1.0, control, equations);
-  return equations;
-}
-
-NormalEquations SmoothnessEquations(const SplineModel& model,
-                                    const std::vector<Eigen::Vector3d>& control) {
-  auto equations = ZeroNormalEquations(model.num_control_points());
-  for (const auto& row : model.smoothness) AddRow(row, 1.0, control, equations);
-  return equations;
-}
-
-// Factor of the sum for one ratio sigma_a / k. Where few measurements and a stiff model leave no
-// digits for what is nearly unknown, a ridge of relative size 1e-12 or more makes it a little
-// known.
-BandedMatrix FactoriseSum(const BandedMatrix& data, const BandedMatrix& smoothness, double weight) {
-  for (double ridge = 0.0; ridge < 1e-5; ridge = std::max(1e-12, 100.0 * ridge)) {
-    BandedMatrix factor = data;
-    for (std::size_t j = 0; j < factor.size(); ++j) {
-      factor[j] += weight * smoothness[j];
-      factor[j][0] *= 1.0 + ridge;
-    }
-    if (FactoriseBanded(factor)) return factor;
-  }
-  throw std::invalid_argument("trajectory: measurements too extreme for double precision");
-}
-
-// Moves the control points to the minimum for one ratio sigma_a / k and returns the factor of A.
-BandedMatrix Minimise(const NormalEquations& data, const NormalEquations& smoothness, double ratio,
-                      std::vector<Eigen::Vector3d>& control) {
-  const double weight = 1.0 / (ratio * ratio);
-  BandedMatrix factor = FactoriseSum(data.matrix, smoothness.matrix, weight);
-  Eigen::VectorXd step = data.descent + weight * smoothness.descent;
-  SolveBanded(factor, step);
-  for (std::size_t i = 0; i < control.size(); ++i) {
-    control[i] += step.segment<3>(static_cast<Eigen::Index>(3 * i));
-  }
-  return factor;
-}
 
 // Block of the inverse that belongs to the control points i and i + d.
 Eigen::Matrix3d InverseBlock(const BandedMatrix& inverse, int i, int d) {
@@ -140,40 +71,22 @@ double LargestDifference(const std::vector<double>& a, const std::vector<double>
   return largest;
 }
 
-}  // namespace
-
-double TruncatedLoss(double s, double squared_limit) {
-  if (s <= 0.5 * squared_limit) return s;
-  if (s >= 2.0 * squared_limit) return squared_limit;
-  return 2.0 * std::sqrt(2.0 * s * squared_limit) - squared_limit - s;
-}
-
-double TruncatedWeight(double s, double squared_limit) {
-  if (s <= 0.5 * squared_limit) return 1.0;
-  if (s >= 2.0 * squared_limit) return 0.0;
-  return std::sqrt(2.0 * squared_limit / s) - 1.0;
-}
-
-SplineFit FitRobust(const SplineModel& model, const TrajectoryScales& scales,
-                    const TrajectoryConfig& config) {
+// Reweighted least squares from the weights of a fit, with a limit of the loss that goes on from
+// `limit`; 0: it starts at the largest innovation.
+void Reweight(const SplineModel& model, const TrajectoryScales& scales,
+              const TrajectoryConfig& config, double limit, FitMemory& memory, SplineFit& fit) {
   constexpr int kMaxFinalIterations = 15;
   constexpr double kWeightTolerance = 1e-4;
-  SplineFit fit;
-  fit.control_points_m.assign(Index(model.num_control_points()), Eigen::Vector3d::Zero());
-  fit.weights.assign(model.measurements.size(), 1.0);
-  const NormalEquations smoothness = SmoothnessEquations(model, fit.control_points_m);
   const double final_limit = SquaredOutlierDistance(config) * Square(scales.noise);
-  double limit = 0.0;
   for (int left = kMaxFinalIterations; left > 0;) {
-    // The smoothness rows have no value: their descent is that of the origin, kept at zero.
-    std::fill(fit.control_points_m.begin(), fit.control_points_m.end(), Eigen::Vector3d::Zero());
-    const auto inverse =
-        InvertWithinBand(Minimise(MeasurementEquations(model, fit.weights, fit.control_points_m),
-                                  smoothness, Ratio(scales), fit.control_points_m));
-    std::vector<double> s;
+    memory.solver.SetMeasurements(model, fit.weights);
+    fit.control_points_m = memory.solver.Minimise(Ratio(scales));
+    memory.solver.Invert(fit.inverse);
+    std::vector<double>& s = memory.weights;
+    s.clear();
     for (std::size_t i = 0; i < model.measurements.size(); ++i) {
-      s.push_back(
-          SquaredInnovation(model.measurements[i], fit.weights[i], inverse, fit.control_points_m));
+      s.push_back(SquaredInnovation(model.measurements[i], fit.weights[i], fit.inverse,
+                                    fit.control_points_m));
     }
     limit = limit == 0.0 ? *std::max_element(s.begin(), s.end()) : 0.25 * limit;
     if (limit <= final_limit) {
@@ -184,17 +97,60 @@ SplineFit FitRobust(const SplineModel& model, const TrajectoryScales& scales,
     const double change = LargestDifference(s, fit.weights);
     // Scales so wrong that no measurement fits: what was believed last is all there is.
     if (*std::max_element(s.begin(), s.end()) == 0.0) break;
-    fit.weights = s;
+    std::swap(fit.weights, s);
     if (limit == final_limit && change < kWeightTolerance) break;
   }
-  return fit;
+}
+
+}  // namespace
+
+double TruncatedWeight(double s, double squared_limit) {
+  if (s <= 0.5 * squared_limit) return 1.0;
+  if (s >= 2.0 * squared_limit) return 0.0;
+  return std::sqrt(2.0 * squared_limit / s) - 1.0;
+}
+
+void FitRobust(const SplineModel& model, const TrajectoryScales& scales,
+               const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
+  fit.weights.assign(model.measurements.size(), 1.0);
+  Reweight(model, scales, config, 0.0, memory, fit);
+}
+
+void RefitRobust(const SplineModel& model, const TrajectoryScales& scales,
+                 const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
+  const double limit = SquaredOutlierDistance(config) * Square(scales.noise);
+  Reweight(model, scales, config, limit, memory, fit);
+}
+
+Descent Descend(const SplineModel& model, const TrajectoryScales& scales,
+                const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
+  constexpr int kMaxIterations = 50;
+  constexpr double kNoStepM = 1e-7;
+  const double limit = SquaredOutlierDistance(config) * Square(scales.noise);
+  Descent descent;
+  while (!descent.converged && descent.iterations < kMaxIterations) {
+    for (std::size_t i = 0; i < fit.weights.size(); ++i) {
+      const double s = Residual(model.measurements[i], fit.control_points_m).squaredNorm();
+      fit.weights[i] = TruncatedWeight(s, limit);
+    }
+    memory.solver.SetMeasurements(model, fit.weights);
+    const auto& next_m = memory.solver.Minimise(Ratio(scales));
+    double step_m = 0.0;
+    for (std::size_t i = 0; i < next_m.size(); ++i) {
+      step_m = std::max(step_m, (next_m[i] - fit.control_points_m[i]).norm());
+    }
+    fit.control_points_m = next_m;
+    descent.converged = step_m < kNoStepM;
+    ++descent.iterations;
+  }
+  memory.solver.Invert(fit.inverse);
+  return descent;
 }
 
 ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
-                         const TrajectoryConfig& config) {
+                         const TrajectoryConfig& config, FitMemory& memory) {
   const double limit = SquaredOutlierDistance(config);
-  const NormalEquations data = MeasurementEquations(model, fit.weights, fit.control_points_m);
-  const NormalEquations smoothness = SmoothnessEquations(model, fit.control_points_m);
+  memory.solver.SetMeasurements(model, fit.weights);
   double used = 0.0;
   double outlier_cost = 0.0;  // makes the reweighted squares an upper bound of the loss
   for (const double weight : fit.weights) {
@@ -206,22 +162,19 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
   const double freedom = std::max(0.0, 3.0 * used - 6.0);
   const double smooth_rank = 3.0 * (model.num_control_points() - 2);
 
-  struct Candidate {
-    double log_acceleration, log_noise, log_posterior;
-  };
-  std::vector<Candidate> candidates;
+  auto& candidates = memory.candidates;
+  candidates.clear();
   const double log_min_k = std::log(config.min_noise_scale);
   const double log_max_k = std::log(config.max_noise_scale);
-  const double log_min_a = std::log(config.min_acceleration_mps2);
-  const double log_max_a = std::log(config.max_acceleration_mps2);
+  const double log_min_a = std::log(kMinAccelerationMps2);
+  const double log_max_a = std::log(kMaxAccelerationMps2);
   const double begin = log_min_a - log_max_k;
   const double end = log_max_a - log_min_k;
   const int num_ratios = 1 + static_cast<int>(std::ceil((end - begin) / kScaleStep));
   const int num_noises = 1 + static_cast<int>(std::ceil((log_max_k - log_min_k) / 0.1));
   for (int i = 0; i < num_ratios; ++i) {
     const double log_ratio = begin + (end - begin) * i / (num_ratios - 1);
-    auto control = fit.control_points_m;
-    const auto factor = Minimise(data, smoothness, std::exp(log_ratio), control);
+    const auto& control = memory.solver.Minimise(std::exp(log_ratio));
     double misfit = 0.0;
     for (const auto& row : model.start) misfit += Residual(row, control).squaredNorm();
     for (std::size_t m = 0; m < model.measurements.size(); ++m) {
@@ -230,14 +183,14 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
     double roughness = 0.0;
     for (const auto& row : model.smoothness) roughness += Residual(row, control).squaredNorm();
     misfit += roughness * std::exp(-2.0 * log_ratio);
-    const double volume = 0.5 * LogDeterminantBanded(factor) + smooth_rank * log_ratio;
+    const double volume = 0.5 * memory.solver.LogDeterminant() + smooth_rank * log_ratio;
     for (int k = 0; k < num_noises; ++k) {
       const double log_k = log_min_k + (log_max_k - log_min_k) * k / (num_noises - 1);
       const double log_a = log_ratio + log_k;
       if (log_a < log_min_a - 1e-9 || log_a > log_max_a + 1e-9) continue;
-      const double prior = -0.5 * Square(log_k / config.noise_scale_spread) -
-                           0.5 * Square((log_a - std::log(config.typical_acceleration_mps2)) /
-                                        config.acceleration_spread);
+      const double prior =
+          -0.5 * Square(log_k / kNoiseScaleSpread) -
+          0.5 * Square((log_a - std::log(config.typical_acceleration_mps2)) / kAccelerationSpread);
       candidates.push_back({log_a, log_k,
                             -freedom * log_k - 0.5 * misfit * std::exp(-2.0 * log_k) - volume -
                                 0.5 * outlier_cost + prior});
@@ -257,19 +210,15 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
   return {{acceleration / sum, std::exp(log_noise / sum)}, best + std::log(sum)};
 }
 
-std::vector<std::array<Eigen::Matrix3d, 4>> ControlPointCovariances(
-    const SplineModel& model, const std::vector<double>& weights, const TrajectoryScales& scales) {
-  std::vector<Eigen::Vector3d> control(Index(model.num_control_points()), Eigen::Vector3d::Zero());
-  const auto factor = Minimise(MeasurementEquations(model, weights, control),
-                               SmoothnessEquations(model, control), Ratio(scales), control);
-  const auto inverse = InvertWithinBand(factor);
-  std::vector<std::array<Eigen::Matrix3d, 4>> covariances(control.size());
-  for (int i = 0; i < model.num_control_points(); ++i) {
-    for (int d = 0; d < 4; ++d) {
-      covariances[Index(i)][Index(d)] = Square(scales.noise) * InverseBlock(inverse, i, d);
+void SetCovariances(const SplineFit& fit, const TrajectoryScales& scales,
+                    std::vector<std::array<Eigen::Matrix3d, 4>>& covariances_m2) {
+  covariances_m2.resize(fit.control_points_m.size());
+  for (std::size_t i = 0; i < covariances_m2.size(); ++i) {
+    for (std::size_t d = 0; d < 4; ++d) {
+      covariances_m2[i][d] = Square(scales.noise) *
+                             InverseBlock(fit.inverse, static_cast<int>(i), static_cast<int>(d));
     }
   }
-  return covariances;
 }
 
 }  // namespace unlidar

@@ -6,7 +6,9 @@
 #include <array>
 #include <vector>
 
+#include "trajectory/banded.hpp"
 #include "trajectory/spline_model.hpp"
+#include "trajectory/spline_solver.hpp"
 #include "trajectory/trajectory.hpp"
 
 namespace unlidar {
@@ -14,18 +16,44 @@ namespace unlidar {
 struct SplineFit {
   std::vector<Eigen::Vector3d> control_points_m;
   std::vector<double> weights;
+  BandedMatrix inverse;  // of the normal equations' matrix: the covariance where the noise is 1
 };
 
-// The smooth truncated square of graduated non-convexity (Yang, Antonante, Tzoumas and Carlone,
-// 2020, eq. 13 and 14 with mu = 1): s up to c^2 / 2, constant from 2 c^2. Weight is its derivative.
-double TruncatedLoss(double s, double squared_limit);
+// What the steps of a fit work with, kept for the next one.
+struct FitMemory {
+  SplineSolver solver;  // whoever changes the model tells it the smoothness
+  std::vector<double> weights;
+  struct Candidate {
+    double log_acceleration, log_noise, log_posterior;
+  };
+  std::vector<Candidate> candidates;
+};
+
+// Derivative of the smooth truncated square of graduated non-convexity (Yang, Antonante, Tzoumas
+// and Carlone, 2020, eq. 13 and 14 with mu = 1), which is s up to c^2 / 2 and constant from 2 c^2.
 double TruncatedWeight(double s, double squared_limit);
 
 // Robust minimum at given scales by reweighted least squares. The limit of the loss starts at the
 // largest residual and is halved until it is the wanted one: the worst outliers go first, before
 // they can pull good measurements over the limit.
-SplineFit FitRobust(const SplineModel& model, const TrajectoryScales& scales,
-                    const TrajectoryConfig& config);
+void FitRobust(const SplineModel& model, const TrajectoryScales& scales,
+               const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
+
+// The same from a fit of nearly the same model at these scales: which measurements are outliers is
+// known but for a few.
+void RefitRobust(const SplineModel& model, const TrajectoryScales& scales,
+                 const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
+
+struct Descent {
+  int iterations = 0;
+  bool converged = false;
+};
+
+// Moves a fit that is nearly there to the robust minimum: the loss of the residuals, not of the
+// innovations. The loss is concave in s, so that the squares reweighted at a point lie above it and
+// touch it there (majorisation and minimisation): no step makes it worse.
+Descent Descend(const SplineModel& model, const TrajectoryScales& scales,
+                const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
 
 // Scales by their posterior means and the evidence for them, at given weights. The mean of sigma_a,
 // not its mode: with a few measurements the mode says that nothing can ever accelerate.
@@ -34,10 +62,10 @@ struct ScaleSearch {
   double log_evidence = 0.0;
 };
 ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
-                         const TrajectoryConfig& config);
+                         const TrajectoryConfig& config, FitMemory& memory);
 
 // Posterior covariance of neighbouring control points, see Trajectory::covariances_m2.
-std::vector<std::array<Eigen::Matrix3d, 4>> ControlPointCovariances(
-    const SplineModel& model, const std::vector<double>& weights, const TrajectoryScales& scales);
+void SetCovariances(const SplineFit& fit, const TrajectoryScales& scales,
+                    std::vector<std::array<Eigen::Matrix3d, 4>>& covariances_m2);
 
 }  // namespace unlidar

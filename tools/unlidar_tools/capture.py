@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from unlidar_tools.errors import InputError, UsageError, reason
+from unlidar_tools.errors import InputError, reason
+from unlidar_tools.extras import load_extra
 
 SUFFIXES = (".pcap", ".pcapng")
 
@@ -49,14 +50,7 @@ def datagrams(path: Path) -> Iterator[Datagram]:
 
 
 def _dpkt(path: Path) -> ModuleType:
-    try:
-        import dpkt
-    except ImportError as error:
-        raise UsageError(
-            f"{path}: captures need the Python package dpkt, expected "
-            "pip install 'unlidar-tools[packets]' before"
-        ) from error
-    return dpkt
+    return load_extra("dpkt", "packets", f"{path}: captures need the Python package dpkt")
 
 
 def _links(dpkt: ModuleType) -> dict[int, type]:

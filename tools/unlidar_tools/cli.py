@@ -114,6 +114,10 @@ def _add_simulate(commands: argparse._SubParsersAction) -> None:
     p.add_argument("out", metavar="OUT", type=Path, help="folder to be written")
     p.add_argument("--seed", type=whole, default=1, help="same seed, same bytes (default: 1)")
     p.add_argument("--force", action="store_true", help="replace OUT if it was simulated before")
+    p.add_argument(
+        "--packets", metavar="FILE", type=Path,
+        help="also write a capture of the packets that its Mid-360 and Avia would send",
+    )  # fmt: skip
     p.set_defaults(act=_simulate)
 
 
@@ -186,11 +190,17 @@ def _names(text: str) -> list[str]:
 
 
 def _simulate(a: argparse.Namespace) -> None:
-    from unlidar_tools.simulate import load_scenario, simulate
+    from unlidar_tools.simulate import Simulation, load_scenario, packets, simulate
 
-    report = simulate(load_scenario(a.scenario), a.out, a.seed, a.force)
+    scenario = load_scenario(a.scenario)
+    sent_from = {} if a.packets is None else packets.addresses(scenario)
+    report = simulate(scenario, a.out, a.seed, a.force)
     drones = len(report["scenario"]["drones"])
     print(printable(f"{a.out}: {_counts(report)}, {drones} drone(s)"))
+    if a.packets is not None:
+        packets.write_packets(Simulation(scenario, a.seed), a.packets)
+        told = ", ".join(f"{sensor} at {address}" for sensor, address in sent_from.items())
+        print(printable(f"{a.packets}: {told}"))
 
 
 def _counts(report: dict) -> str:

@@ -1,7 +1,9 @@
 """Packages that only some commands need, and that an install need not have."""
 
 from collections.abc import Sequence
+from importlib import import_module
 from importlib.util import find_spec
+from types import ModuleType
 
 from unlidar_tools.errors import UsageError
 
@@ -18,7 +20,16 @@ def need_station(command: str, modules: Sequence[str] = tuple(_STATION)) -> None
     """UsageError naming the packages of the extra `station` that are missing."""
     missing = [_STATION[name] for name in modules if find_spec(name) is None]
     if missing:
-        raise UsageError(
-            f"{command}: not installed: {', '.join(missing)}, expected "
-            "pip install 'unlidar-tools[station]' before"
-        )
+        raise UsageError(_advised(f"{command}: not installed: {', '.join(missing)}", "station"))
+
+
+def load_extra(module: str, extra: str, missing: str) -> ModuleType:
+    """The module; UsageError that says `missing` and names the extra if it is not installed."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise UsageError(_advised(missing, extra)) from error
+
+
+def _advised(missing: str, extra: str) -> str:
+    return f"{missing}, expected pip install 'unlidar-tools[{extra}]' before"

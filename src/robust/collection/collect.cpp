@@ -12,12 +12,21 @@
 namespace unlidar {
 namespace {
 
+// A return lies within so many standard deviations of its target, but for one in 1,000.
+constexpr double kGate = 4.0;
+// Where the trajectory is less sure, all that is about would be collected.
+constexpr double kMaxSearchSigmaM = 1.0;
+// The target's stay this near to a place says nothing of the clutter there: a body and its noise.
+constexpr RangeRadius kPresence{1.5, 0.03};
+// The longest pause of the sensor with the most returns across which another is compared with it: a
+// straight line says little of a longer one.
+constexpr double kSensorOverlapS = 0.3;
+
 TimeNs Nanoseconds(double time_s) { return std::llround(time_s * 1e9); }
 
 // The covariance of one return about the target, without that of the trajectory.
-Eigen::Matrix3d ReturnCovarianceM2(const Eigen::Vector3d& ray_m, const BodySigmas& body,
-                                   const CollectConfig& config) {
-  const double beam_m = config.beam_sigma_rad * ray_m.norm();
+Eigen::Matrix3d ReturnCovarianceM2(const Eigen::Vector3d& ray_m, const BodySigmas& body) {
+  const double beam_m = kBeamSigmaRad * ray_m.norm();
   return BodyCovarianceM2(body, ray_m) + beam_m * beam_m * Eigen::Matrix3d::Identity();
 }
 
@@ -28,7 +37,7 @@ Eigen::Vector3d RayM(const SensorView& view, const Eigen::Vector3d& place_m) {
 
 Measurement Measure(const Recording& recording, const FrameInfo& frame, const SensorView& view,
                     const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
-                    const BodySigmas& body, const CollectConfig& config) {
+                    const BodySigmas& body) {
   Measurement m;
   const auto n = static_cast<double>(returns.size());
   double offset_ns = 0.0;
@@ -40,9 +49,8 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame, const Se
   m.support = static_cast<int>(returns.size());
   m.viewpoint_m = view.viewpoint_m.cast<double>();
   m.covariance_m2 =
-      config.centre_sigma_m * config.centre_sigma_m * Eigen::Matrix3d::Identity() +
-      (ReturnCovarianceM2(RayM(view, m.position_m), body, config) + StreakM2(frame, velocity_mps)) /
-          n;
+      kCentreSigmaM * kCentreSigmaM * Eigen::Matrix3d::Identity() +
+      (ReturnCovarianceM2(RayM(view, m.position_m), body) + StreakM2(frame, velocity_mps)) / n;
   return m;
 }
 
@@ -86,9 +94,32 @@ Eigen::Vector3d CommonBiasM(const std::vector<SensorShift>& shifts, const std::v
   return sum_m / num_stations;
 }
 
+// What comparisons of a sensor with the main one say of its shift (bias, delay): normal equations.
+struct Comparison {
+  Eigen::Matrix4d information;
+  Eigen::Vector4d sum;
+};
+
+// Least squares, shrunk towards none as far as it is uncertain: the least shift that all but any
+// one of the comparisons call for, as that one may be with a stray return.
+Eigen::Vector4d ShiftOf(const std::vector<Comparison>& comparisons, const Eigen::Matrix4d& prior) {
+  Comparison all{prior, Eigen::Vector4d::Zero()};
+  for (const Comparison& comparison : comparisons) {
+    all.information += comparison.information;
+    all.sum += comparison.sum;
+  }
+  Eigen::Vector4d least = all.information.ldlt().solve(all.sum);
+  const auto size = [&](const Eigen::Vector4d& shift) { return shift.dot(prior * shift); };
+  for (const Comparison& one : comparisons) {
+    const Eigen::Matrix4d information = all.information - one.information;
+    const Eigen::Vector4d without = information.ldlt().solve(all.sum - one.sum);
+    if (size(without) < size(least)) least = without;
+  }
+  return least;
+}
+
 // The shift of each sensor from the difference d of its measurements to those of the main one, just
-// before and after, d = bias - velocity * delay: least squares, shrunk towards none as far as it is
-// uncertain.
+// before and after, d = bias - velocity * delay.
 std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
                                       const std::vector<SensorView>& views,
                                       const CollectConfig& config) {
@@ -100,8 +131,7 @@ std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
   Eigen::Matrix4d prior = Eigen::Matrix4d::Identity();
   prior.topLeftCorner<3, 3>() /= config.sensor_bias_m * config.sensor_bias_m;
   prior(3, 3) /= config.sensor_delay_s * config.sensor_delay_s;
-  std::vector<Eigen::Matrix4d> information(num_sensors, prior);
-  std::vector<Eigen::Vector4d> sums(num_sensors, Eigen::Vector4d::Zero());
+  std::vector<std::vector<Comparison>> comparisons(num_sensors);
   const Measurement* before = nullptr;
   for (std::size_t i = 0; i < sightings.size(); ++i) {
     const Measurement& m = sightings[i].measurement;
@@ -114,7 +144,7 @@ std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
     if (before == nullptr || k == sightings.size()) continue;
     const Measurement& after = sightings[k].measurement;
     const double pause_s = static_cast<double>(after.time_ns - before->time_ns) * kSecondsPerNs;
-    if (pause_s > config.sensor_overlap_s || pause_s <= 0.0) continue;
+    if (pause_s > kSensorOverlapS || pause_s <= 0.0) continue;
     const double share = static_cast<double>(m.time_ns - before->time_ns) * kSecondsPerNs / pause_s;
     const Eigen::Vector3d reference = (1.0 - share) * before->position_m + share * after.position_m;
     const double variance =
@@ -123,12 +153,13 @@ std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
         3.0;
     Eigen::Matrix<double, 3, 4> design;
     design << Eigen::Matrix3d::Identity(), -sightings[i].velocity_mps;
-    information[sightings[i].sensor] += design.transpose() * design / variance;
-    sums[sightings[i].sensor] += design.transpose() * (m.position_m - reference) / variance;
+    comparisons[sightings[i].sensor].push_back(
+        {design.transpose() * design / variance,
+         design.transpose() * (m.position_m - reference) / variance});
   }
   std::vector<SensorShift> shifts;
   for (std::size_t sensor = 0; sensor < num_sensors; ++sensor) {
-    const Eigen::Vector4d shift = information[sensor].ldlt().solve(sums[sensor]);
+    const Eigen::Vector4d shift = ShiftOf(comparisons[sensor], prior);
     shifts.push_back({shift.head<3>(), shift[3]});
   }
   const Eigen::Vector3d common_m = CommonBiasM(shifts, returns, views);
@@ -177,13 +208,13 @@ class Collector {
     const TimeNs middle_ns = expected.time_ns;
     const Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) +
                               StreakM2(frame, expected.velocity_mps) +
-                              ReturnCovarianceM2(RayM(view, expected.position_m), body, config_);
+                              ReturnCovarianceM2(RayM(view, expected.position_m), body);
     const Eigen::Matrix3d information = s.inverse();
     const double log_peak =
         std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
     const double half_frame_s =
         0.5 * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
-    const auto reach_m = static_cast<float>(config_.gate * std::sqrt(s.trace()) +
+    const auto reach_m = static_cast<float>(kGate * std::sqrt(s.trace()) +
                                             expected.velocity_mps.norm() * half_frame_s);
     const Eigen::Vector3f centre = expected.position_m.cast<float>();
     std::vector<std::uint32_t> members;
@@ -196,11 +227,11 @@ class Collector {
           d.cast<double>() -
           expected.velocity_mps * (static_cast<double>(time_ns - middle_ns) * kSecondsPerNs);
       const double distance2 = e.dot(information * e);
-      if (distance2 > config_.gate * config_.gate) continue;
+      if (distance2 > kGate * kGate) continue;
       const Eigen::Vector3d place_m = recording_.points_m[i].cast<double>();
       // The target's presence says nothing of the clutter there.
       const auto [from, to] =
-          presence.About(time_ns, place_m, config_.presence.At(RayM(view, place_m).norm()));
+          presence.About(time_ns, place_m, kPresence.At(RayM(view, place_m).norm()));
       const double rate =
           view.background->RateOutside(recording_.points_m[i] - view.viewpoint_m, from, to);
       if (rate <= 0.0 || log_peak - 0.5 * distance2 > std::log(rate) + config_.min_return_log) {
@@ -231,7 +262,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   for (const Plot& plot : path) {
     const FrameInfo& frame = recording.frames[plot.frame];
     target.measurements.push_back(Measure(recording, frame, views[frame.sensor], plot.returns,
-                                          Eigen::Vector3d::Zero(), body, config));
+                                          Eigen::Vector3d::Zero(), body));
     Eigen::Vector3d& position_m = target.measurements.back().position_m;
     position_m += facing.OffsetM(views[frame.sensor], position_m, body.width_m);
     target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
@@ -257,7 +288,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
       const SensorView& view = views[frame.sensor];
       const SensorShift& shift = shifts[frame.sensor];
       TrajectoryRow expected = trajectory.At(middle_ns - Nanoseconds(shift.delay_s));
-      if (expected.sigma_m.maxCoeff() > config.max_search_sigma_m) continue;
+      if (expected.sigma_m.maxCoeff() > kMaxSearchSigmaM) continue;
       expected.time_ns = middle_ns;  // by the sensor's clock
       expected.position_m += shift.bias_m;
       const Eigen::Vector3d facing_m = facing.OffsetM(view, expected.position_m, body.width_m);
@@ -266,9 +297,8 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
           collector.Collect(frame, view, trajectory, presence, expected, returns_per_frame, body);
       if (members.empty()) continue;
       spread.Add(recording, frame, view.viewpoint_m.cast<double>(), members, expected);
-      sightings.push_back(
-          {Measure(recording, frame, view, members, expected.velocity_mps, body, config),
-           frame.sensor, expected.velocity_mps});
+      sightings.push_back({Measure(recording, frame, view, members, expected.velocity_mps, body),
+                           frame.sensor, expected.velocity_mps});
       sightings.back().measurement.position_m += facing_m;
       next.returns.insert(next.returns.end(), members.begin(), members.end());
     }
@@ -293,7 +323,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   for (Measurement& m : target.measurements) {
     m.position_m += facing.DepthM(m.position_m, body.width_m);
   }
-  target.depth_sigma_m = config.facing_side_sigma * body.width_m;
+  target.depth_sigma_m = kFacingSideSigma * body.width_m;
   return target;
 }
 

@@ -39,9 +39,8 @@ void EstimateClutter(const std::vector<SensorView>& views, const PlotConfig& con
   // From wide to narrow: each level is the prior of the next, so that an empty neighbourhood still
   // has the rate of its surroundings, and a rate is believed only as far as its exposure goes.
   std::vector<double> rate(plots->size(), 1e-6);
-  const auto exclusion = static_cast<std::uint32_t>(config.clutter_exclusion_bins);
-  for (const RangeRadius& radius :
-       {config.clutter_wide, config.clutter_middle, config.clutter_narrow}) {
+  const auto exclusion = static_cast<std::uint32_t>(kClutterExclusionBins);
+  for (const RangeRadius& radius : {kClutterWide, config.clutter_middle, config.clutter_narrow}) {
     std::vector<RangeGrid> grids(views.size(), RangeGrid(radius));
     for (std::size_t i = 0; i < plots->size(); ++i) {
       const Plot& plot = (*plots)[i];
@@ -56,8 +55,7 @@ void EstimateClutter(const std::vector<SensorView>& views, const PlotConfig& con
       const std::uint32_t count = grid.Count(place_m) - grid.Count(place_m, near);
       const std::uint32_t frames = num_frames(plot) - background.NumFrames(plot.sensor, near);
       const double exposure = frames * grid.VolumeM3(place_m);
-      rate[i] =
-          (count + config.clutter_prior_plots) / (exposure + config.clutter_prior_plots / rate[i]);
+      rate[i] = (count + kClutterPriorPlots) / (exposure + kClutterPriorPlots / rate[i]);
     }
   }
   // A static thing that is seldom hit would give the plots of its place at the rate at which they

@@ -6,11 +6,22 @@
 #include <limits>
 #include <utility>
 
-#include "robust/plots/linkage.hpp"
 #include "robust/scene/field_of_view.hpp"
 
 namespace unlidar {
 namespace {
+
+// How near the returns of one body are: looser than those of a plot, as head and legs are hit
+// apart.
+constexpr RangeRadius kBodyLink{1.5, 0.02};
+// The lower edge of the field of view hides the legs of what is lower than a person, and stands as
+// near to it as a few rays.
+constexpr double kBodyHeightM = 2.0;
+constexpr double kBodyEdgeRad = 0.05;
+// Part of a body is what is nearer to its box than this share of its length, and at least so near:
+// its far side is hidden, its rest sparse.
+constexpr double kBodyMargin = 0.5;
+constexpr double kMinBodyMarginM = 0.75;
 
 bool IsBody(const Recording& recording, const std::vector<std::uint32_t>& returns,
             const Ground& ground, double lowest_elevation_rad, const PlotConfig& config) {
@@ -21,8 +32,7 @@ bool IsBody(const Recording& recording, const std::vector<std::uint32_t>& return
       const double height_m = ground.HeightAbove(p);
       if (height_m < config.body_contact_m) return true;
       const double elevation_rad = std::asin(static_cast<double>(p.z() / p.norm()));
-      if (height_m < config.body_height_m &&
-          elevation_rad < lowest_elevation_rad + config.body_edge_rad) {
+      if (height_m < kBodyHeightM && elevation_rad < lowest_elevation_rad + kBodyEdgeRad) {
         return true;
       }
     }
@@ -51,36 +61,6 @@ BodyBox BoxOf(const Recording& recording, const std::vector<std::uint32_t>& retu
   return box;
 }
 
-// Counts what is below each plot, as legs are below a head. What the scene explains counts too:
-// near the ground it explains legs. Below is beyond half the height of a drone and the noise, and
-// above the roughness of the ground.
-void CountBelow(const Recording& recording, const FrameInfo& frame, const Ground& ground,
-                std::vector<Plot>* plots) {
-  constexpr RangeRadius kColumn{0.6, 0.005};
-  constexpr double kBelowM = 0.4;
-  constexpr double kRoughnessM = 0.25;
-  double widest_m = 0.0;
-  std::vector<std::pair<double, Plot*>> by_x;
-  for (Plot& plot : *plots) {
-    widest_m = std::max(widest_m, kColumn.At(plot.position_m.norm()));
-    by_x.emplace_back(plot.position_m.x(), &plot);
-  }
-  std::sort(by_x.begin(), by_x.end());
-  for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-    const Eigen::Vector3d point_m = recording.points_m[i].cast<double>();
-    auto at = std::lower_bound(by_x.begin(), by_x.end(),
-                               std::make_pair(point_m.x() - widest_m, static_cast<Plot*>(nullptr)));
-    for (; at != by_x.end() && at->first < point_m.x() + widest_m; ++at) {
-      Plot& plot = *at->second;
-      if ((plot.position_m - point_m).head<2>().norm() < kColumn.At(plot.position_m.norm()) &&
-          point_m.z() < plot.position_m.z() - kBelowM &&
-          ground.HeightAbove(recording.points_m[i]) > kRoughnessM) {
-        ++plot.num_below;
-      }
-    }
-  }
-}
-
 double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& config) {
   const double beam_m = config.noise_per_range * range_m;
   return config.noise_m * config.noise_m +
@@ -106,24 +86,60 @@ bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
                      [&](std::uint32_t i) { return returns[i] != 0; });
 }
 
-FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame_index,
-                        std::vector<std::uint32_t> candidates, const Ground& ground,
-                        double lowest_elevation_rad, const PlotConfig& config) {
-  const FrameInfo& frame = recording.frames[frame_index];
-  FramePlots found;
-  if (candidates.empty()) return found;
-  std::vector<char> is_body(frame.last_return - frame.first_return, 0);
-  for (const auto& body : Link(recording.points_m, candidates, config.body_link)) {
-    if (!IsBody(recording, body, ground, lowest_elevation_rad, config)) continue;
-    for (const std::uint32_t i : body) is_body[i - frame.first_return] = 1;
-    found.body_returns.insert(found.body_returns.end(), body.begin(), body.end());
-    found.bodies.push_back(BoxOf(recording, body));
+// Counts what is below each plot, as legs are below a head. What the scene explains counts too:
+// near the ground it explains legs. Below is beyond half the height of a drone and the noise, and
+// above the roughness of the ground.
+void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame,
+                              const Ground& ground) {
+  constexpr RangeRadius kColumn{0.6, 0.005};
+  constexpr double kBelowM = 0.4;
+  constexpr double kRoughnessM = 0.25;
+  double widest_m = 0.0;
+  by_x_.clear();
+  for (Plot& plot : found_.plots) {
+    widest_m = std::max(widest_m, kColumn.At(plot.position_m.norm()));
+    by_x_.emplace_back(plot.position_m.x(), &plot);
   }
-  candidates.erase(
-      std::remove_if(candidates.begin(), candidates.end(),
-                     [&](std::uint32_t i) { return is_body[i - frame.first_return] != 0; }),
-      candidates.end());
-  for (auto& returns : Link(recording.points_m, candidates, config.link)) {
+  std::sort(by_x_.begin(), by_x_.end());
+  for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+    const Eigen::Vector3d point_m = recording.points_m[i].cast<double>();
+    auto at = std::lower_bound(by_x_.begin(), by_x_.end(),
+                               std::make_pair(point_m.x() - widest_m, static_cast<Plot*>(nullptr)));
+    for (; at != by_x_.end() && at->first < point_m.x() + widest_m; ++at) {
+      Plot& plot = *at->second;
+      if ((plot.position_m - point_m).head<2>().norm() < kColumn.At(plot.position_m.norm()) &&
+          point_m.z() < plot.position_m.z() - kBelowM &&
+          ground.HeightAbove(recording.points_m[i]) > kRoughnessM) {
+        ++plot.num_below;
+      }
+    }
+  }
+}
+
+FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_index,
+                               std::vector<std::uint32_t>* candidates, const Ground& ground,
+                               double lowest_elevation_rad, const PlotConfig& config) {
+  const FrameInfo& frame = recording.frames[frame_index];
+  found_.plots.clear();
+  found_.bodies.clear();
+  found_.body_returns.clear();
+  if (candidates->empty()) return found_;
+  is_body_.assign(frame.last_return - frame.first_return, 0);
+  linker_.Link(recording.points_m, *candidates, kBodyLink);
+  for (std::size_t g = 0; g < linker_.size(); ++g) {
+    const std::vector<std::uint32_t>& body = linker_[g];
+    if (!IsBody(recording, body, ground, lowest_elevation_rad, config)) continue;
+    for (const std::uint32_t i : body) is_body_[i - frame.first_return] = 1;
+    found_.body_returns.insert(found_.body_returns.end(), body.begin(), body.end());
+    found_.bodies.push_back(BoxOf(recording, body));
+  }
+  candidates->erase(
+      std::remove_if(candidates->begin(), candidates->end(),
+                     [&](std::uint32_t i) { return is_body_[i - frame.first_return] != 0; }),
+      candidates->end());
+  linker_.Link(recording.points_m, *candidates, config.link);
+  for (std::size_t g = 0; g < linker_.size(); ++g) {
+    const std::vector<std::uint32_t>& returns = linker_[g];
     Plot plot;
     plot.frame = frame_index;
     plot.sensor = frame.sensor;
@@ -139,15 +155,15 @@ FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame_index,
       time_sum += recording.times_ns[i] - frame.begin_ns;
     }
     plot.time_ns = frame.begin_ns + time_sum / static_cast<TimeNs>(returns.size());
-    plot.returns = std::move(returns);
-    found.plots.push_back(std::move(plot));
+    plot.returns = returns;
+    found_.plots.push_back(std::move(plot));
   }
-  CountBelow(recording, frame, ground, &found.plots);
-  return found;
+  CountBelow(recording, frame, ground);
+  return found_;
 }
 
-bool IsNearBody(const Plot& plot, const std::deque<BodyBox>& bodies, const PlotConfig& config) {
-  const auto margin_ns = static_cast<TimeNs>(config.body_margin_s * 1e9);
+bool IsNearBody(const Plot& plot, const std::deque<BodyBox>& bodies) {
+  const auto margin_ns = static_cast<TimeNs>(kBodyMarginS * 1e9);
   const Eigen::Array3f p = plot.position_m.cast<float>().array();
   auto body =
       std::lower_bound(bodies.begin(), bodies.end(), plot.time_ns - margin_ns,
@@ -157,8 +173,8 @@ bool IsNearBody(const Plot& plot, const std::deque<BodyBox>& bodies, const PlotC
     const Eigen::Array3f size_m = body->high_m - body->low_m;
     const float length_m = size_m.head<2>().maxCoeff();
     const Eigen::Array3f margin_m =
-        (static_cast<float>(config.body_margin) * Eigen::Array3f(length_m, length_m, size_m.z()))
-            .max(static_cast<float>(config.body_min_margin_m));
+        (static_cast<float>(kBodyMargin) * Eigen::Array3f(length_m, length_m, size_m.z()))
+            .max(static_cast<float>(kMinBodyMarginM));
     if ((p > body->low_m - margin_m).all() && (p < body->high_m + margin_m).all()) return true;
   }
   return false;
@@ -172,13 +188,14 @@ std::vector<Plot> MakePlots(const Recording& recording,
   const double lowest_elevation_rad = LowestElevationRad(recording.points_m);
   std::deque<BodyBox> bodies;
   std::size_t next = 0;
+  FramePlotter plotter;
+  std::vector<std::uint32_t> members;
   for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
-    std::vector<std::uint32_t> members;
+    members.clear();
     while (next < candidates.size() && candidates[next] < recording.frames[f].last_return) {
       members.push_back(candidates[next++]);
     }
-    FramePlots found =
-        PlotsOfFrame(recording, f, std::move(members), ground, lowest_elevation_rad, config);
+    FramePlots& found = plotter.Find(recording, f, &members, ground, lowest_elevation_rad, config);
     for (const std::uint32_t i : found.body_returns) (*is_body)[i] = 1;
     bodies.insert(bodies.end(), found.bodies.begin(), found.bodies.end());
     std::move(found.plots.begin(), found.plots.end(), std::back_inserter(plots));
@@ -186,7 +203,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
   std::stable_sort(bodies.begin(), bodies.end(),
                    [](const BodyBox& a, const BodyBox& b) { return a.time_ns < b.time_ns; });
   plots.erase(std::remove_if(plots.begin(), plots.end(),
-                             [&](const Plot& plot) { return IsNearBody(plot, bodies, config); }),
+                             [&](const Plot& plot) { return IsNearBody(plot, bodies); }),
               plots.end());
   SortByFrameTime(&plots);
   return plots;

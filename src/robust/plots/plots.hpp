@@ -4,15 +4,28 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <deque>
+#include <utility>
 #include <vector>
 
 #include "base/recording.hpp"
+#include "robust/plots/linkage.hpp"
 #include "robust/scene/background.hpp"
 #include "robust/scene/ground.hpp"
 #include "robust/scene/sensor_view.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
+
+// Neighbourhoods whose plots tell of the clutter of a place: the middle and the narrow one are
+// keys, the wide one reaches across a scene. Each is the prior of the next, with the weight of half
+// a plot (Jeffreys' prior of a Poisson rate). Bins of the background as near to a plot's own say
+// nothing of its clutter: a target takes about as long to leave its place.
+constexpr RangeRadius kClutterWide{4.0, 0.35};
+constexpr double kClutterPriorPlots = 0.5;
+constexpr int kClutterExclusionBins = 2;
+
+// What was a body is near so long before and after.
+constexpr double kBodyMarginS = 0.35;
 
 struct Plot {
   TimeNs time_ns = 0;        // mean of its returns
@@ -54,15 +67,28 @@ struct FramePlots {
   std::vector<std::uint32_t> body_returns;  // indices into the recording
 };
 
-// Of `candidates`, returns of one frame in ascending order. All of the recording is relative to the
-// viewpoint of its station; `lowest_elevation_rad`: LowestElevationRad of the station.
-FramePlots PlotsOfFrame(const Recording& recording, std::uint32_t frame,
-                        std::vector<std::uint32_t> candidates, const Ground& ground,
-                        double lowest_elevation_rad, const PlotConfig& config);
+// Finds the plots of frames, one after the other in the same memory.
+class FramePlotter {
+ public:
+  // Of `candidates`, returns of one frame in ascending order; those of bodies are left out of them.
+  // All of the recording is relative to the viewpoint of its station; `lowest_elevation_rad`:
+  // LowestElevationRad of the station. What is returned is the caller's until the next frame.
+  FramePlots& Find(const Recording& recording, std::uint32_t frame,
+                   std::vector<std::uint32_t>* candidates, const Ground& ground,
+                   double lowest_elevation_rad, const PlotConfig& config);
+
+ private:
+  void CountBelow(const Recording& recording, const FrameInfo& frame, const Ground& ground);
+
+  Linker linker_;
+  std::vector<char> is_body_;                   // (returns of the frame)
+  std::vector<std::pair<double, Plot*>> by_x_;  // (plots)
+  FramePlots found_;
+};
 
 // Whether a plot is next to a body: what of it was too sparse, or too far from the rest, to be
 // known. `bodies` in order of time.
-bool IsNearBody(const Plot& plot, const std::deque<BodyBox>& bodies, const PlotConfig& config);
+bool IsNearBody(const Plot& plot, const std::deque<BodyBox>& bodies);
 
 // Plots of `candidates`, returns in ascending order, frame by frame in order of time; bodies
 // (people, cars) left out, with all that is next to one shortly before or after. `is_body` (N)

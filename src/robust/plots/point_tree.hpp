@@ -32,9 +32,16 @@ class PointTree {
     bool IsLeaf() const { return left == 0; }
   };
 
-  explicit PointTree(const std::vector<Point>& points_m) : indices_(points_m.size()) {
+  PointTree() = default;
+  explicit PointTree(const std::vector<Point>& points_m) { Reset(points_m); }
+
+  // Begins anew, in the memory that it has.
+  void Reset(const std::vector<Point>& points_m) {
+    nodes_.clear();
+    indices_.resize(points_m.size());
     std::iota(indices_.begin(), indices_.end(), 0U);
     if (!points_m.empty()) Build(points_m, 0, static_cast<std::uint32_t>(points_m.size()));
+    points_m_.clear();
     points_m_.reserve(points_m.size());
     for (const std::uint32_t i : indices_) points_m_.push_back(points_m[i]);
   }

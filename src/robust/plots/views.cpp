@@ -9,6 +9,7 @@
 #include "robust/plots/floating.hpp"
 #include "robust/scene/field_of_view.hpp"
 #include "robust/scene/ground.hpp"
+#include "robust/scene/scene_frames.hpp"
 #include "robust/scene/support.hpp"
 
 namespace unlidar {
@@ -27,10 +28,16 @@ StationPlots PlotsOf(const Recording& recording, const Background& background,
   StationPlots found;
   found.are_bodies.assign(recording.points_m.size(), 0);
   if (recording.points_m.empty()) return found;
-  const PointsView structure_m(recording.points_m, background.structure());
+  const std::vector<FrameInfo> scene = SceneFrames(recording);
+  const std::vector<std::uint32_t> structure = ReturnsOf(scene, background.structure());
+  const PointsView structure_m(recording.points_m, structure);
   const Ground ground(structure_m, config.ground);
   FieldOfView view;
-  for (const Eigen::Vector3f& point_m : recording.points_m) view.Add(point_m);
+  for (const FrameInfo& frame : scene) {
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      view.Add(recording.points_m[i]);
+    }
+  }
   const Support support(structure_m, ground, view.Edges(), config.background.occluder_cell_deg,
                         config.support);
   // What stands still in the air all the time looks like structure, but is none.

@@ -10,6 +10,9 @@
 namespace unlidar {
 namespace {
 
+// So many returns ahead of its turn memory is asked for what belongs to one: no cache holds it all.
+constexpr std::size_t kAhead = 16;
+
 // When a place was hit and when it could have been, summed up so that each stay there is judged in
 // constant time, however long the recording.
 class PlaceHistory {
@@ -84,15 +87,21 @@ class PlaceHistory {
 };
 
 // Indices by place, and in ascending order those of one.
-std::vector<std::uint32_t> OrderByPlace(const std::vector<std::uint32_t>& places,
-                                        std::size_t num_places) {
-  std::vector<std::uint32_t> next(num_places + 1, 0);
+struct PlaceOrder {
+  std::vector<std::uint32_t> indices;
+  std::vector<std::uint32_t> ends;  // by place: where its indices end
+};
+
+PlaceOrder OrderByPlace(const std::vector<std::uint32_t>& places, std::size_t num_places) {
+  PlaceOrder order{std::vector<std::uint32_t>(places.size()),
+                   std::vector<std::uint32_t>(num_places + 1, 0)};
+  std::vector<std::uint32_t>& next = order.ends;
   for (const std::uint32_t place : places) ++next[place + 1];
   std::partial_sum(next.begin(), next.end(), next.begin());
-  std::vector<std::uint32_t> order(places.size());
   for (std::size_t i = 0; i < places.size(); ++i) {
-    order[next[places[i]]++] = static_cast<std::uint32_t>(i);
+    order.indices[next[places[i]]++] = static_cast<std::uint32_t>(i);
   }
+  next.pop_back();
   return order;
 }
 
@@ -149,14 +158,24 @@ BinRange Background::BinsAround(std::uint32_t bin, std::uint32_t margin) const {
   return {FirstBinFrom(tick - std::min<Tick>(tick, margin)), FirstBinFrom(tick + margin + 1)};
 }
 
+std::vector<std::uint32_t> Background::AddToGrid(const Recording& recording,
+                                                 const std::vector<std::uint32_t>& bins) {
+  const std::size_t n = recording.points_m.size();
+  std::vector<std::uint32_t> places(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    if (i + kAhead < n) grid_.Expect(recording.points_m[i + kAhead]);
+    places[i] = grid_.Add(recording.points_m[i], bins[i]);
+  }
+  return places;
+}
+
 void Background::Classify(const Recording& recording) {
   const std::size_t n = recording.points_m.size();
   std::vector<std::uint32_t> bins(n);
   for (std::size_t i = 0; i < n; ++i) bins[i] = BinOf(recording.times_ns[i]);
   const DepthMap depth(recording.points_m, bins, num_bins(), config_.occluder_cell_deg);
-  std::vector<std::uint32_t> places(n);
-  for (std::size_t i = 0; i < n; ++i) places[i] = grid_.Add(recording.points_m[i], bins[i]);
-  const std::vector<std::uint32_t> order = OrderByPlace(places, grid_.num_places());
+  const std::vector<std::uint32_t> places = AddToGrid(recording, bins);
+  const auto [order, ends] = OrderByPlace(places, grid_.num_places());
 
   const auto max_break = static_cast<Tick>(config_.max_break_s / config_.bin_s);
   const auto breaks_stay = [&](std::uint32_t a, std::uint32_t b) {
@@ -169,18 +188,19 @@ void Background::Classify(const Recording& recording) {
   BinSet occupied(num_bins());
   std::vector<std::uint32_t> hits;
   PlaceHistory history;
-  for (std::size_t first = 0; first < n;) {
-    const std::uint32_t place = places[order[first]];
-    const Eigen::Vector3f& place_m = recording.points_m[order[first]];
+  std::size_t at = 0;
+  for (const std::uint32_t end : ends) {
+    if (at == end) continue;
+    const Eigen::Vector3f& place_m = recording.points_m[order[at]];
     hits.clear();
     grid_.InsertBins(place_m, &occupied);
     occupied.MoveTo(&hits);
     history.Assign(hits, num_bins(), depth.DepthsAt(place_m),
                    static_cast<double>(place_m.norm()) - config_.occluder_margin_m, breaks_stay);
     const double volume_m3 = grid_.VolumeM3(place_m);
-    std::size_t i = first;
-    for (; i < n && places[order[i]] == place; ++i) {
-      const std::uint32_t index = order[i];
+    for (; at < end; ++at) {
+      const std::uint32_t index = order[at];
+      if (at + kAhead < n) __builtin_prefetch(&bins[order[at + kAhead]]);
       const PlaceHistory::Rest rest = history.Outside(bins[index]);
       // Structure, or too little is known to tell.
       if (rest.num_exposed < min_exposed ||
@@ -194,7 +214,6 @@ void Background::Classify(const Recording& recording) {
       place_rates_.emplace_back(index,
                                 static_cast<float>(hits_per_bin / frames_per_bin / volume_m3));
     }
-    first = i;
   }
   std::sort(place_rates_.begin(), place_rates_.end());
   const auto num_structure =

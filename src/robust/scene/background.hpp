@@ -49,6 +49,9 @@ class Background {
   using Tick = std::uint64_t;
 
   void MakeBins(const Recording& recording);
+  // Gives the place of each return.
+  std::vector<std::uint32_t> AddToGrid(const Recording& recording,
+                                       const std::vector<std::uint32_t>& bins);
   void Classify(const Recording& recording);
   Tick TickOf(TimeNs time_ns) const;
   // The first bin that does not begin before a tick; num_bins() if there is none.

@@ -9,6 +9,17 @@
 namespace unlidar {
 namespace {
 
+// The height of a cell is a low quantile of its returns, so that strays below it do not count; a
+// cell of fewer returns has none, and fewer cells bear no plane out.
+constexpr double kQuantile = 0.05;
+constexpr int kMinReturns = 10;
+constexpr int kMinCells = 6;
+// Cells as near to the plane as rough ground is make it. Ground rises above it by little: more is a
+// bush, a car or the station itself; hollows are as deep as the relief, and deeper are reflections.
+constexpr double kPlaneBandM = 0.6;
+constexpr double kMaxRiseM = 0.5;
+constexpr double kMaxReliefM = 1.5;
+
 template <class Number>
 double Quantile(std::vector<Number>* values, double share) {
   const auto k = static_cast<std::ptrdiff_t>(share * static_cast<double>(values->size() - 1));
@@ -26,11 +37,11 @@ Ground::Ground(const PointsView& points_m, const GroundConfig& config) : config_
   }
   std::vector<double> lowest;
   for (auto& [cell, z] : heights) {
-    if (static_cast<int>(z.size()) < config.min_returns) continue;
-    cells_[cell] = Quantile(&z, config.quantile);
+    if (static_cast<int>(z.size()) < kMinReturns) continue;
+    cells_[cell] = Quantile(&z, kQuantile);
     lowest.push_back(cells_[cell]);
   }
-  if (static_cast<int>(lowest.size()) < config.min_cells) return;
+  if (static_cast<int>(lowest.size()) < kMinCells) return;
 
   // Iterated least squares on the lower half, then on what lies within the band of the plane.
   const double median = Quantile(&lowest, 0.5);
@@ -39,7 +50,7 @@ Ground::Ground(const PointsView& points_m, const GroundConfig& config) : config_
     if (z <= median) inliers[cell] = z;
   }
   for (int iteration = 0; iteration < 6; ++iteration) {
-    if (static_cast<int>(inliers.size()) < config.min_cells) return;
+    if (static_cast<int>(inliers.size()) < kMinCells) return;
     Eigen::MatrixXd a(static_cast<Eigen::Index>(inliers.size()), 3);
     Eigen::VectorXd b(a.rows());
     Eigen::Index row = 0;
@@ -52,7 +63,7 @@ Ground::Ground(const PointsView& points_m, const GroundConfig& config) : config_
     for (const auto& [cell, z] : cells_) {
       const Eigen::Vector3d at(1.0, (cell.first + 0.5) * config.cell_m,
                                (cell.second + 0.5) * config.cell_m);
-      if (std::abs(z - plane_.dot(at)) < config.plane_band_m) inliers[cell] = z;
+      if (std::abs(z - plane_.dot(at)) < kPlaneBandM) inliers[cell] = z;
     }
   }
   exists_ = plane_.tail<2>().norm() < config.max_slope;
@@ -68,8 +79,8 @@ double Ground::HeightAbove(const Eigen::Vector3f& point_m) const {
   const Eigen::Vector3d p = point_m.cast<double>();
   double ground_m = plane_.dot(Eigen::Vector3d(1.0, p.x(), p.y()));
   const auto cell = cells_.find(CellOf(p.x(), p.y()));
-  if (cell != cells_.end() && std::abs(cell->second - ground_m) < config_.max_relief_m) {
-    ground_m = std::min(cell->second, ground_m + config_.max_rise_m);
+  if (cell != cells_.end() && std::abs(cell->second - ground_m) < kMaxReliefM) {
+    ground_m = std::min(cell->second, ground_m + kMaxRiseM);
   }
   return p.z() - ground_m;
 }

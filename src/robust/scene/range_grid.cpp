@@ -1,6 +1,7 @@
 #include "robust/scene/range_grid.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace unlidar {
 
@@ -21,13 +22,21 @@ std::uint32_t RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin,
   places_.VisitHomes(point_m, {}, [&](std::uint32_t place, Profile& profile, bool is_own) {
     if (is_own) own_place = place;
     profile.total += count;
-    auto at = profile.bins.end();  // as points mostly come in order of time
-    if (at != profile.bins.begin() && profile.bins.back().bin >= bin) {
-      at = std::lower_bound(profile.bins.begin(), profile.bins.end(), bin,
-                            [](const BinCount& a, std::uint32_t b) { return a.bin < b; });
+    BinCount& latest = profile.latest;
+    if (latest.count == 0) {
+      latest = {bin, count};
+    } else if (bin == latest.bin) {
+      latest.count += count;
+    } else if (bin > latest.bin) {  // points mostly come in order of time
+      profile.bins.push_back(std::exchange(latest, {bin, count}));
+    } else {
+      const auto at = std::lower_bound(profile.bins.begin(), profile.bins.end(), bin, IsEarlier);
+      if (at != profile.bins.end() && at->bin == bin) {
+        at->count += count;
+      } else {
+        profile.bins.insert(at, {bin, count});
+      }
     }
-    if (at == profile.bins.end() || at->bin != bin) at = profile.bins.insert(at, {bin, 0});
-    at->count += count;
   });
   return own_place;
 }
@@ -41,9 +50,10 @@ std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m) const {
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) const {
   std::uint32_t sum = 0;
   places_.VisitBlock(point_m, [&](const Profile& profile) {
-    auto at = std::lower_bound(profile.bins.begin(), profile.bins.end(), bins.first,
-                               [](const BinCount& a, std::uint32_t b) { return a.bin < b; });
+    auto at = std::lower_bound(profile.bins.begin(), profile.bins.end(), bins.first, IsEarlier);
     for (; at != profile.bins.end() && at->bin < bins.last; ++at) sum += at->count;
+    const BinCount& latest = profile.latest;
+    if (bins.first <= latest.bin && latest.bin < bins.last) sum += latest.count;
   });
   return sum;
 }
@@ -51,6 +61,7 @@ std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) co
 void RangeGrid::InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const {
   places_.VisitBlock(point_m, [&](const Profile& profile) {
     for (const BinCount& at : profile.bins) bins->Insert(at.bin);
+    if (profile.latest.count > 0) bins->Insert(profile.latest.bin);
   });
 }
 

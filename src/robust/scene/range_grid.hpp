@@ -52,6 +52,9 @@ class RangeGrid {
   // from 0; some numbers are those of no point.
   std::uint32_t Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::uint32_t count = 1);
 
+  // Says that a point will be added soon, so that its place is at hand by then.
+  void Expect(const Eigen::Vector3f& point_m) const { places_.Prefetch(point_m); }
+
   // Points in the neighbourhood of `point_m`, in all bins or in some.
   std::uint32_t Count(const Eigen::Vector3f& point_m) const;
   std::uint32_t Count(const Eigen::Vector3f& point_m, BinRange bins) const;
@@ -71,9 +74,12 @@ class RangeGrid {
     std::uint32_t count;
   };
 
+  static bool IsEarlier(const BinCount& a, std::uint32_t bin) { return a.bin < bin; }
+
   struct Profile {
     std::uint32_t total = 0;
-    std::vector<BinCount> bins;  // those with points, ascending
+    BinCount latest = {0, 0};    // the last bin with points, here as most points fall into it,
+    std::vector<BinCount> bins;  // and those before it with points, ascending
   };
 
   ShellTable<Profile> places_;

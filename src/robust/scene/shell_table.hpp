@@ -58,6 +58,12 @@ class ShellTable {
     }
   }
 
+  // Asks the memory for the point's own voxel, which will be visited soon.
+  void Prefetch(const Eigen::Vector3f& point_m) const {
+    const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));
+    numbers_.Prefetch(static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m));
+  }
+
   // Of the point's own voxel; null where there is none.
   Value* Find(const Eigen::Vector3f& point_m) {
     const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));

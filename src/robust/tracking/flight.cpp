@@ -11,21 +11,21 @@ namespace {
 
 // Which share of a path is higher above the ground. The lower parts of people and cars are not hit
 // in every frame, so heights are the lowest of a while.
-double ShareHigher(const std::vector<Plot>& path, double height_m, const RobustConfig& config) {
-  const auto window_ns = static_cast<TimeNs>(config.off_ground_window_s * 1e9);
+double ShareHigher(const std::vector<Plot>& path, double height_m) {
+  constexpr TimeNs kWindowNs = 750'000'000;
   std::size_t num_high = 0;
   std::deque<std::size_t>
       lowest;  // of those in the window that may be its lowest, by rising height
   std::size_t next = 0;
   for (const Plot& plot : path) {
-    for (; next < path.size() && path[next].frame_time_ns <= plot.frame_time_ns + window_ns;
+    for (; next < path.size() && path[next].frame_time_ns <= plot.frame_time_ns + kWindowNs;
          ++next) {
       while (!lowest.empty() && path[lowest.back()].lowest_m >= path[next].lowest_m) {
         lowest.pop_back();
       }
       lowest.push_back(next);
     }
-    while (path[lowest.front()].frame_time_ns < plot.frame_time_ns - window_ns) lowest.pop_front();
+    while (path[lowest.front()].frame_time_ns < plot.frame_time_ns - kWindowNs) lowest.pop_front();
     if (path[lowest.front()].lowest_m > height_m) ++num_high;
   }
   return static_cast<double>(num_high) / static_cast<double>(path.size());
@@ -92,7 +92,7 @@ double OffGroundM(const std::vector<Plot>& path, const RobustConfig& config) {
 bool IsFlight(const Recording& recording, const Watch& watch, const std::vector<Plot>& path,
               const RobustConfig& config) {
   return HasFrames(path, config.min_plots) &&
-         ShareHigher(path, OffGroundM(path, config), config) > config.off_ground_share &&
+         ShareHigher(path, OffGroundM(path, config)) > config.off_ground_share &&
          EchoM2PerS(recording, watch, path) > config.min_echo_m2_per_s;
 }
 

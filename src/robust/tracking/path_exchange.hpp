@@ -1,6 +1,7 @@
 // What a search that takes the best path first gets wrong, put right by comparing whole paths.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -28,8 +29,14 @@ class PathScorer {
   const TrackerConfig& config_;
 };
 
+// Whether a target can get from one plot to a later one, if their positions together are off by
+// `slack_m` at most.
+bool IsInReach(const Plot& from, const Plot& to, double slack_m, const TrackerConfig& config);
+
 // Lets pairs of paths join or exchange what follows some time, and single paths drop what stands
 // between two pauses, as long as the sum of scores grows. Paths that become too short are removed.
-void ImprovePaths(const PathScorer& scorer, const TrackerConfig& config, std::vector<Path>* paths);
+// Returns how many pairs were compared: only those that a target could connect.
+std::size_t ImprovePaths(const PathScorer& scorer, const TrackerConfig& config,
+                         std::vector<Path>* paths);
 
 }  // namespace unlidar

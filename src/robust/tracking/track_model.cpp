@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "robust/scene/stations.hpp"
+#include "trajectory/trajectory.hpp"
 
 namespace unlidar {
 namespace {
@@ -129,10 +130,9 @@ TrackModel::TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerCon
     viewpoints_m_.push_back(sensor.viewpoint_m);
   }
   if (frame_s_.size() == 1) return;
-  // Sensors mostly look different ways: the one that saw a target sees it next. So two sensors are
-  // no two chances to be seen.
-  log_same_sensor_ = std::log1p(-config.sensor_change);
-  log_other_sensor_ = std::log(config.sensor_change / (static_cast<double>(frame_s_.size()) - 1.0));
+  // Two sensors are no two chances to be seen.
+  log_same_sensor_ = std::log1p(-kSensorChange);
+  log_other_sensor_ = std::log(kSensorChange / (static_cast<double>(frame_s_.size()) - 1.0));
 }
 
 Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const Moment& at,
@@ -160,7 +160,7 @@ double TrackModel::ScoreUnseen(const Hypothesis& from, const Moment& at) const {
 }
 
 Motion TrackModel::MotionOver(double dt_s) const {
-  return SingerMotion(dt_s, config_->acceleration_time_s, sigma_);
+  return SingerMotion(dt_s, kAccelerationTimeS, sigma_);
 }
 
 Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motion& motion) const {
@@ -259,8 +259,6 @@ void TrackModel::SetVisibility(Hypothesis* h) const {
   h->log_hit = std::log(std::max(-std::expm1(LogMiss(*h, h->per_frame_s_per_m2)), 1e-6));
 }
 
-double TrackModel::AgileFactor() const {
-  return config_->manoeuvre_factor * config_->manoeuvre_factor - 1.0;
-}
+double TrackModel::AgileFactor() const { return kManoeuvreFactor * kManoeuvreFactor - 1.0; }
 
 }  // namespace unlidar

@@ -13,6 +13,13 @@ namespace unlidar {
 
 constexpr std::int32_t kNone = -1;
 
+// A manoeuvre is so much more agile than the motion it interrupts: one of the three motions tried
+// is about as much above the next.
+constexpr double kManoeuvreFactor = 3.0;
+
+// Sensors mostly look different ways: the one that saw a target sees it next, but for this share.
+constexpr double kSensorChange = 0.1;
+
 // Position, velocity, acceleration; the covariance is the same on every axis.
 struct State {
   Eigen::Matrix3d mean = Eigen::Matrix3d::Zero();  // column 0 position, 1 velocity, 2 acceleration

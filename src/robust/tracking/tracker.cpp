@@ -1,7 +1,9 @@
 #include "robust/tracking/tracker.hpp"
 
 #include <algorithm>
+#include <cstddef>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "base/parallel.hpp"
@@ -28,18 +30,20 @@ class PathFinder {
     for (Path& path : paths) path = scorer.Scored(std::move(path.plots));
     for (bool changed = true; changed;) {
       const std::vector<Path> before = paths;
-      ImprovePaths(scorer, config_, &paths);
+      effort_.pairs_compared += ImprovePaths(scorer, config_, &paths);
       changed = SearchAgain(before, &paths);
     }
     return paths;
   }
 
+  const Effort& effort() const { return effort_; }
+
  private:
-  std::vector<TrackSearch> SearchFree() const {
+  std::vector<TrackSearch> Search(const std::vector<char>& free) const {
     const std::vector<double>& sigmas = config_.sigma_a_mps2;
     std::vector<std::optional<TrackSearch>> found(sigmas.size());
     ParallelFor(sigmas.size(), [&](std::size_t i) {
-      found[i].emplace(plots_, log_births_, slices_, free_, TrackModel(sigmas[i], watch_, config_),
+      found[i].emplace(plots_, log_births_, slices_, free, TrackModel(sigmas[i], watch_, config_),
                        config_);
     });
     std::vector<TrackSearch> searches;
@@ -69,7 +73,7 @@ class PathFinder {
     int num_weak = 0;
     for (bool found = true; found;) {
       found = false;
-      std::vector<TrackSearch> searches = SearchFree();
+      std::vector<TrackSearch> searches = Search(free_);
       while (true) {
         Path best = BestOf(&searches);
         if (best.score < config_.min_fragment_log) break;
@@ -85,9 +89,36 @@ class PathFinder {
     return paths;
   }
 
+  // Which free plots one target can have together with any of a path.
+  std::vector<char> FreeInReach(const Path& path) const {
+    const Plot& first = plots_[path.plots.front()];
+    const Plot& last = plots_[path.plots.back()];
+    constexpr double kSlack_m = 6.0;  // three positions may be off
+    // Whichever of the path it is, the first one leads to it, and it to the last one.
+    std::vector<char> free(plots_.size());
+    for (std::size_t i = 0; i < plots_.size(); ++i) {
+      free[i] = free_[i] && (IsInReach(first, plots_[i], kSlack_m, config_) ||
+                             IsInReach(plots_[i], last, kSlack_m, config_));
+    }
+    return free;
+  }
+
+  // The best through what is free and what this path holds.
+  Path BestInsteadOf(const Path& path) {
+    SetFree(path, 1);
+    const std::vector<char> free = FreeInReach(path);
+    SetFree(path, 0);
+    effort_.plots_searched_again +=
+        static_cast<std::size_t>(std::count(free.begin(), free.end(), 1));
+    std::vector<TrackSearch> searches = Search(free);
+    return BestOf(&searches);
+  }
+
   // Paths that differ from those before are searched again among what no other path holds but those
   // too weak to stand alone: their new parts may go on where the old ones could not.
   bool SearchAgain(const std::vector<Path>& before, std::vector<Path>* paths) {
+    std::set<std::vector<std::uint32_t>> known;
+    for (const Path& path : before) known.insert(path.plots);
     const auto stands = [&](const Path& path) { return path.score >= config_.birth_cost; };
     std::fill(free_.begin(), free_.end(), 1);
     for (const Path& path : *paths) {
@@ -95,17 +126,13 @@ class PathFinder {
     }
     bool found = false;
     for (Path& path : *paths) {
-      const bool is_new = std::none_of(before.begin(), before.end(),
-                                       [&](const Path& old) { return old.plots == path.plots; });
-      if (!is_new || !stands(path)) continue;
+      if (known.count(path.plots) > 0 || !stands(path)) continue;
+      Path best = BestInsteadOf(path);
+      if (best.score <= path.score + config_.min_exchange_log) continue;
       SetFree(path, 1);
-      std::vector<TrackSearch> searches = SearchFree();
-      Path best = BestOf(&searches);
-      if (best.score > path.score + config_.min_exchange_log) {
-        path = std::move(best);
-        found = true;
-      }
+      path = std::move(best);
       SetFree(path, 0);
+      found = true;
     }
     if (!found) return false;
     // A weak path that lost a plot is no more.
@@ -125,13 +152,16 @@ class PathFinder {
   Watch watch_;
   const TrackerConfig& config_;
   std::vector<char> free_;  // plots that no path holds
+  Effort effort_;
 };
 
 }  // namespace
 
 std::vector<Path> FindPaths(const std::vector<Plot>& plots, const Watch& watch,
-                            const TrackerConfig& config) {
-  std::vector<Path> paths = PathFinder(plots, watch, config).Find();
+                            const TrackerConfig& config, Effort* effort) {
+  PathFinder finder(plots, watch, config);
+  std::vector<Path> paths = finder.Find();
+  if (effort != nullptr) *effort = finder.effort();
   std::stable_sort(paths.begin(), paths.end(),
                    [](const Path& a, const Path& b) { return a.score > b.score; });
   return paths;

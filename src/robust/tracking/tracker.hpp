@@ -1,6 +1,7 @@
 // The path of plots that a flying target explains best: a search over all times at once.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -29,12 +30,19 @@ struct Path {
   double score = 0.0;
 };
 
+// How much was looked at besides the searches of everything.
+struct Effort {
+  std::size_t pairs_compared = 0;  // of paths
+  std::size_t plots_searched_again = 0;
+};
+
 // Paths by falling score through plots that come frame by frame in order of time. Each has at most
 // one plot of a frame. They are found by dynamic programming over frames, where every plot keeps
 // the best few ways to reach it, each with its Kalman state (Singer's model); then the next in what
 // is left. As this takes the best first, pairs of paths then exchange tails, or join, as long as
 // the sum of their scores grows: crossing targets find their own continuation.
+// `effort`, if there is one, is told what that took.
 std::vector<Path> FindPaths(const std::vector<Plot>& plots, const Watch& watch,
-                            const TrackerConfig& config);
+                            const TrackerConfig& config, Effort* effort = nullptr);
 
 }  // namespace unlidar

@@ -9,12 +9,13 @@ from typing import ClassVar
 import numpy as np
 
 from unlidar_tools.conversion.files import refuse_bag_options
+from unlidar_tools.conversion.one_file import OneFileSource, up_to_damage
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
-from unlidar_tools.conversion.source import Options, SourceFrame, Stream
-from unlidar_tools.errors import InputError, UsageError, reason
+from unlidar_tools.conversion.source import Options, SourceFrame
+from unlidar_tools.errors import InputError, reason
+from unlidar_tools.extras import load_extra
 from unlidar_tools.names import folder_names
 from unlidar_tools.stamps import format_stamp_ns
-from unlidar_tools.station import Pose
 
 _FRAME_NS = 100_000_000
 _OPEN_FRAMES = 10  # points that are a second behind others are sorted in
@@ -36,13 +37,12 @@ _LEAP_S = ((-np.inf, 13), (820_108_814, 14), (914_803_215, 15), (1_025_136_016, 
 _Points = tuple[np.ndarray, np.ndarray]
 
 
-class LasFile:
+class LasFile(OneFileSource):
     """The points of one LiDAR in its own frame, called after its file."""
 
     kind: ClassVar[str] = "LAS"
     description: ClassVar[str] = "a LAS file of points with times (.las, .laz)"
-    keeps_beginning: ClassVar[bool] = True
-    truths: int = 0
+    _holds: ClassVar[str] = "points"
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -56,7 +56,7 @@ class LasFile:
         self._is_standard, self._is_week = _check_header(path), False
         numbers: set[int] = set()
         oldest_ns, newest_ns, count, self._is_in_order = 1 << 62, -(1 << 62), 0, True
-        try:
+        with up_to_damage(numbers):
             for times_ns, _ in self._chunks():
                 highest_ns = np.maximum(np.maximum.accumulate(times_ns), newest_ns)
                 late = bool((times_ns < highest_ns - _OPEN_FRAMES * _FRAME_NS).any())
@@ -64,27 +64,12 @@ class LasFile:
                 oldest_ns = min(oldest_ns, int(times_ns.min()))
                 newest_ns, count = int(highest_ns[-1]), count + len(times_ns)
                 numbers.update(np.unique(times_ns // _FRAME_NS).tolist())
-        except InputError:  # items() meets it again, behind what can be kept
-            if not numbers:
-                raise
         if not numbers:
             raise InputError(f"{path}: holds no points, expected some")
         if count > 1 and oldest_ns == newest_ns:
             raise InputError(f"{path}: its {count} points have one time, expected each its own")
         self._begin_ns = min(numbers) * _FRAME_NS
         self.sensors = {folder_names([path.stem])[0]: len(numbers)}
-
-    def lidars(self) -> list[str]:
-        """The one."""
-        return list(self.sensors)
-
-    def streams(self) -> list[Stream]:
-        """The one."""
-        return [Stream(name, "points", n, "frames") for name, n in self.sensors.items()]
-
-    def total(self, sensors: list[str]) -> int:
-        """The tenths of a second in which there are points."""
-        return sum(self.sensors[name] for name in sensors)
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
         """Frames in order of time; a file that is not in order is held in memory for it."""
@@ -97,10 +82,6 @@ class LasFile:
                     offsets = {OFFSET_FIELD: times_ns - stamp_ns}
                     yield SourceFrame(name, format_stamp_ns(stamp_ns), xyz_m, offsets)
 
-    def station(self) -> dict[str, Pose]:
-        """Such a file does not tell where its LiDAR stands."""
-        return {}
-
     def notes(self) -> list[str]:
         """What its times were taken for."""
         if self._is_standard:
@@ -110,13 +91,6 @@ class LasFile:
             f"{self._path.name}: its header does not say that its times are standard GPS time, "
             f"taken for {taken}"
         ]
-
-    def facts(self) -> dict:
-        """Nothing besides."""
-        return {}
-
-    def close(self) -> None:
-        """Nothing is open between the calls."""
 
     def _chunks(self) -> Iterator[_Points]:
         """In the order of the file; InputError where it is broken."""
@@ -233,12 +207,6 @@ def _joined(parts: list[_Points]) -> _Points:
 
 
 def _laspy(path: Path) -> ModuleType:
-    try:
-        import laspy
-        import lazrs  # noqa: F401  # what laspy reads .laz with
-    except ImportError as error:
-        raise UsageError(
-            f"{path}: needs the Python packages laspy and lazrs, expected "
-            "pip install 'unlidar-tools[las]' before"
-        ) from error
-    return laspy
+    missing = f"{path}: needs the Python packages laspy and lazrs"
+    load_extra("lazrs", "las", missing)  # what laspy reads .laz with
+    return load_extra("laspy", "las", missing)

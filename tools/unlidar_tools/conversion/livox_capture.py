@@ -11,8 +11,9 @@ from unlidar_tools import livox
 from unlidar_tools.capture import datagrams, is_capture
 from unlidar_tools.conversion import lvx
 from unlidar_tools.conversion.files import refuse_bag_options
+from unlidar_tools.conversion.one_file import OneFileSource, up_to_damage
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
-from unlidar_tools.conversion.source import Options, SourceFrame, Stream
+from unlidar_tools.conversion.source import Options, SourceFrame
 from unlidar_tools.errors import InputError
 from unlidar_tools.stamps import format_stamp_ns
 from unlidar_tools.station import Pose
@@ -26,12 +27,11 @@ _MAX_STEP_NS = 1_000_000_000  # by more a clock does not go back, but was switch
 Recorded = tuple[str, int, livox.Packet]
 
 
-class _LivoxRecording:
+class _LivoxRecording(OneFileSource):
     """What captures and the files of the maker's viewer have in common."""
 
     kind: ClassVar[str] = "Livox packets"
-    keeps_beginning: ClassVar[bool] = True
-    truths: int = 0
+    _holds: ClassVar[str] = "point packets"
     _expected: ClassVar[str] = livox.EXPECTED
 
     def __init__(self, path: Path, options: Options) -> None:
@@ -39,30 +39,15 @@ class _LivoxRecording:
         self._path, self._options = path, options
         self._notes: list[str] = []
         spans: dict[str, tuple[int, int]] = {}  # numbers of the first and the last frame
-        try:
+        with up_to_damage(spans):
             for name, time_ns, _ in self._packets():
                 number = time_ns // _FRAME_NS
                 first, last = spans.get(name, (number, number))
                 spans[name] = min(first, number), max(last, number)
-        except InputError:  # items() meets it again, behind what can be kept
-            if not spans:
-                raise
         if not spans:
             raise InputError(f"{path}: holds no points of a Livox LiDAR, expected {self._expected}")
         self._begin_ns = min(first for first, _ in spans.values()) * _FRAME_NS
         self.sensors = {name: last - first + 1 for name, (first, last) in spans.items()}
-
-    def lidars(self) -> list[str]:
-        """All of them."""
-        return list(self.sensors)
-
-    def streams(self) -> list[Stream]:
-        """All of them."""
-        return [Stream(name, "point packets", n, "frames") for name, n in self.sensors.items()]
-
-    def total(self, sensors: list[str]) -> int:
-        """The frames that their times span."""
-        return sum(self.sensors[name] for name in sensors)
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
         """Frames as they become complete."""
@@ -76,20 +61,9 @@ class _LivoxRecording:
             yield from (f for ns, f in cutter.over(at_the_end=True) if ns in window)
         self._notes = [note for cutter in cutters.values() for note in cutter.notes()]
 
-    def station(self) -> dict[str, Pose]:
-        """Packets do not tell where a LiDAR stands."""
-        return {}
-
     def notes(self) -> list[str]:
         """What was left out."""
         return self._notes
-
-    def facts(self) -> dict:
-        """Nothing besides."""
-        return {}
-
-    def close(self) -> None:
-        """Nothing is open between the calls."""
 
     def _packets(self) -> Iterator[tuple[str, int, livox.Packet]]:
         """Name of the sensor, Unix time of the first ray, packet."""

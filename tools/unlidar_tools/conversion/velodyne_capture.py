@@ -11,12 +11,13 @@ import numpy as np
 from unlidar_tools import livox
 from unlidar_tools.capture import Datagram, datagrams, is_capture
 from unlidar_tools.conversion.files import refuse_bag_options
+from unlidar_tools.conversion.one_file import OneFileSource, up_to_damage
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
-from unlidar_tools.conversion.source import Options, SourceFrame, Stream
+from unlidar_tools.conversion.source import Options, SourceFrame
 from unlidar_tools.conversion.stamps_seen import StampsSeen
 from unlidar_tools.errors import InputError, UsageError, reason
+from unlidar_tools.extras import load_extra
 from unlidar_tools.stamps import format_stamp_ns
-from unlidar_tools.station import Pose
 
 _BYTES = 1206  # of a packet of points: 12 blocks, time, return mode, model
 _BLOCKS = (b"\xff\xee", b"\xff\xdd")  # begins of the upper and the lower lasers
@@ -26,13 +27,12 @@ _FARTHEST_M = 1_000.0  # no model reaches farther; what is too far for a track i
 _LOOKED_AT = 10_000
 
 
-class VelodyneCapture:
+class VelodyneCapture(OneFileSource):
     """The LiDARs of a capture, each named by its address."""
 
     kind: ClassVar[str] = "Velodyne packets"
     description: ClassVar[str] = "a capture of packets of Velodyne LiDARs"
-    keeps_beginning: ClassVar[bool] = True
-    truths: int = 0
+    _holds: ClassVar[str] = "point packets"
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -56,28 +56,13 @@ class VelodyneCapture:
         self.sensors: dict[str, int] = {}
         self._begin_ns: int | None = None
         azimuths: dict[str, int] = {}
-        try:
+        with up_to_damage(self.sensors):
             for datagram in self._points():
                 (azimuth,) = struct.unpack_from("<H", datagram.payload, _AZIMUTH_AT)
                 name = _name(datagram)
                 turns = azimuth < azimuths.get(name, 1 << 16)
                 self.sensors[name] = self.sensors.get(name, 0) + turns
                 azimuths[name] = azimuth
-        except InputError:  # items() meets it again, behind what can be kept
-            if not self.sensors:
-                raise
-
-    def lidars(self) -> list[str]:
-        """All of them."""
-        return list(self.sensors)
-
-    def streams(self) -> list[Stream]:
-        """All of them."""
-        return [Stream(name, "point packets", n, "frames") for name, n in self.sensors.items()]
-
-    def total(self, sensors: list[str]) -> int:
-        """Their turns."""
-        return sum(self.sensors[name] for name in sensors)
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
         """Turns as they become complete."""
@@ -93,10 +78,6 @@ class VelodyneCapture:
         for name, decoder in decoders.items():
             yield from self._frame(name, lambda d=decoder: d.finish(True))
 
-    def station(self) -> dict[str, Pose]:
-        """Packets do not tell where a LiDAR stands."""
-        return {}
-
     def notes(self) -> list[str]:
         """Clocks that lie far apart."""
         return [note for name, seen in self._stamps.items() if (note := seen.note(name))]
@@ -104,9 +85,6 @@ class VelodyneCapture:
     def facts(self) -> dict:
         """What the clocks were."""
         return {"stamps": {name: seen.facts() for name, seen in self._stamps.items()}}
-
-    def close(self) -> None:
-        """Nothing is open between the calls."""
 
     def _points(self) -> Iterator[Datagram]:
         return (datagram for datagram in datagrams(self._path) if _is_points(datagram))
@@ -137,11 +115,5 @@ def _name(datagram: Datagram) -> str:
 
 
 def _library(path: Path) -> ModuleType:
-    try:
-        import velodyne_decoder
-    except ImportError as error:
-        raise UsageError(
-            f"{path}: needs the Python package velodyne-decoder, expected "
-            "pip install 'unlidar-tools[velodyne]' before"
-        ) from error
-    return velodyne_decoder
+    missing = f"{path}: needs the Python package velodyne-decoder"
+    return load_extra("velodyne_decoder", "velodyne", missing)

@@ -6,7 +6,7 @@ from types import ModuleType
 import numpy as np
 
 from unlidar_tools.colours import GREEN, GREY, RED, track_colours
-from unlidar_tools.errors import UsageError
+from unlidar_tools.extras import load_extra
 from unlidar_tools.figure import pieces_of
 from unlidar_tools.output import write_file
 from unlidar_tools.report.data import ReportData
@@ -27,14 +27,8 @@ def write_rrd(data: ReportData, run: Path) -> Path:
 
 
 def _rerun() -> ModuleType:
-    try:
-        import rerun
-    except ImportError as error:
-        raise UsageError(
-            "--rerun: the Python package rerun-sdk is not installed, expected "
-            "pip install 'unlidar-tools[rerun]' before"
-        ) from error
-    return rerun
+    missing = "--rerun: the Python package rerun-sdk is not installed"
+    return load_extra("rerun", "rerun", missing)
 
 
 def _write(rerun: ModuleType, data: ReportData, path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from unlidar_tools.simulate.fixtures import fixtures, place, pole
 from unlidar_tools.simulate.flight import Path, make_path, random_path, swaying, undulating
 from unlidar_tools.simulate.scenario import Scenario, Scene
 from unlidar_tools.simulate.world import Thing
@@ -33,7 +34,7 @@ def build_world(scenario: Scenario, rng: np.random.Generator) -> list[Thing]:
         things.append(Thing("building", centre, np.array(b.size_m), 0.4, yaw))
     things += [_random_building(scene, rng) for _ in range(scene.random_buildings)]
     for _ in range(scene.poles):
-        things.append(_pole(scene, _place(scene, rng), 0.15, rng.uniform(4, 9), 0.3))
+        things.append(pole(scene, place(scene, rng), 0.15, rng.uniform(4, 9), 0.3))
     for _ in range(scene.trees):
         things += _tree(scene, rng)
     time_s = scenario.duration_s + _MARGIN_S
@@ -41,6 +42,7 @@ def build_world(scenario: Scenario, rng: np.random.Generator) -> list[Thing]:
     things += [_car(scene, scenario.duration_s, rng) for _ in range(scene.cars)]
     things += [_bird(scene, time_s, rng) for _ in range(scene.birds)]
     things += [_insect(scene, time_s, rng) for _ in range(scene.insects)]
+    things += fixtures(scene, rng)
     for drone in scenario.drones:
         path = make_path(drone.flight, time_s, rng)
         size = np.array(drone.size_m)
@@ -48,13 +50,6 @@ def build_world(scenario: Scenario, rng: np.random.Generator) -> list[Thing]:
             Thing("drone", path(np.zeros(1))[0], size, drone.reflectivity, 0.0, drone.fill, path)
         )
     return things
-
-
-def _place(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """A place on the ground, uniform over the ring around the station."""
-    radius = np.sqrt(rng.uniform(scene.clear_m**2, scene.radius_m**2))
-    angle = rng.uniform(0, 2 * np.pi)
-    return np.array([radius * np.cos(angle), radius * np.sin(angle), scene.ground_z_m])
 
 
 def _random_building(scene: Scene, rng: np.random.Generator) -> Thing:
@@ -67,18 +62,11 @@ def _random_building(scene: Scene, rng: np.random.Generator) -> Thing:
     return Thing("building", centre, size, rng.uniform(0.2, 0.6), rng.uniform(0, np.pi))
 
 
-def _pole(
-    scene: Scene, foot: np.ndarray, width_m: float, height_m: float, reflectivity: float
-) -> Thing:
-    centre = np.array([foot[0], foot[1], scene.ground_z_m + height_m / 2])
-    return Thing("pole", centre, np.array([width_m, width_m, height_m]), reflectivity)
-
-
 def _tree(scene: Scene, rng: np.random.Generator) -> list[Thing]:
     """A trunk and a crown of one to three ellipsoids around its top."""
-    foot = _place(scene, rng)
+    foot = place(scene, rng)
     height = rng.uniform(4, 10)
-    things = [_pole(scene, foot, _TRUNK_WIDTH_M, 0.5 * height, 0.2)]
+    things = [pole(scene, foot, _TRUNK_WIDTH_M, 0.5 * height, 0.2)]
     for _ in range(rng.integers(1, 4)):
         size = rng.uniform(0.35, 0.6, 3) * height
         offset = rng.normal(0, 0.1, 3) * height

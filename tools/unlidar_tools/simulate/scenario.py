@@ -134,10 +134,18 @@ class Scene:
     poles: Count = 6
     trees: Count = 12
     sway_m: NotNegative = 0.0
-    """Crowns swing to and fro by this."""
+    """Crowns, and things on cables, swing to and fro by this."""
     walkers: Count = 0
     cars: Count = 0
     """Each passes once."""
+    gantries: Count = 0
+    """Signs hang in a row under a beam on two poles. All may reach beyond the field of view."""
+    cables: Count = 0
+    """From pole to pole, with things on them."""
+    flags: Count = 0
+    """On poles; they wave and turn with the wind."""
+    steam: Count = 0
+    """Puffs rise from a chimney, drift, grow and thin out."""
     birds: Count = 0
     """Smaller than 0.4 m; no drones: what is reported of them is false."""
     insects: Count = 0

@@ -14,12 +14,10 @@ def meet_ground(start_z_m: float, direction: np.ndarray) -> tuple[np.ndarray, np
 
 
 def meet_box(
-    start: np.ndarray, direction: np.ndarray, size_m: np.ndarray, yaw_rad: float
+    start: np.ndarray, direction: np.ndarray, size_m: np.ndarray, yaw_rad: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distance (N,) to a box turned about z by `yaw_rad`, entered from outside; cosine."""
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # row vectors: v @ turn
-    start, direction = start @ turn, direction @ turn
+    """Distance (N,) to a box turned about z by `yaw_rad` (N,), entered from outside; cosine."""
+    start, direction = _turned_back(start, yaw_rad), _turned_back(direction, yaw_rad)
     direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
     near, far = (-size_m / 2 - start) / direction, (size_m / 2 - start) / direction
     entries, exits = np.minimum(near, far), np.maximum(near, far)
@@ -28,6 +26,32 @@ def meet_box(
     hits = (entry <= exits.min(axis=1)) & (entry > 0)
     cosine = np.abs(np.take_along_axis(direction, axis[:, None], axis=1)[:, 0])
     return np.where(hits, entry, MISS), cosine
+
+
+def _turned_back(vectors: np.ndarray, yaw_rad: np.ndarray | float) -> np.ndarray:
+    """(N, 3) in axes that are turned about z; (3,) where neither has more."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    return np.stack(np.broadcast_arrays(c * x + s * y, c * y - s * x, z), axis=-1)
+
+
+def meet_rod(
+    start: np.ndarray, direction: np.ndarray, axis_m: np.ndarray, radius_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (N,) to a thin rod about the centre, `axis_m` from end to end; cosine."""
+    length = np.linalg.norm(axis_m)
+    along = axis_m / length
+    # Where the ray and the line of the rod come nearest to each other.
+    slant = direction @ along
+    sine2 = np.maximum(1.0 - slant**2, 1e-12)
+    way = (slant * (start @ along) - (direction * start).sum(axis=-1)) / sine2
+    nearest = start + way[:, None] * direction
+    at = nearest @ along
+    apart = np.linalg.norm(nearest - at[:, None] * along, axis=1)
+    hits = (apart <= radius_m) & (np.abs(at) <= length / 2) & (way > 0)
+    return np.where(hits, way, MISS), np.sqrt(sine2) * np.sqrt(
+        1 - np.minimum(apart / radius_m, 1) ** 2
+    )
 
 
 def meet_ellipsoid(

@@ -1,5 +1,6 @@
 """The things of a scene, and what each ray of a scan meets first."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,25 +9,41 @@ from unlidar_tools.simulate import shapes
 from unlidar_tools.simulate.flight import Path
 
 _CROWN_FREE_PATH_M = 1.0  # mean way of a ray into a crown before it meets a leaf
+_PUFF_FREE_PATH_M = 40.0  # of one that has grown to its size; of a small one much less
+_CABLE_WIDTH_M = 0.03
 _FRAME_SAMPLES = 9  # at which the way of a mover within a frame is looked at first
+
+Turn = Callable[[np.ndarray], np.ndarray]  # times in s (N,) -> yaw in rad (N,)
+Growth = Callable[[np.ndarray], np.ndarray]  # times in s (N,) -> share of the size (N,)
 
 
 @dataclass(frozen=True)
 class Thing:
     """A shape at a place, or along a path if it moves. The ground is a plane, its centre on it."""
 
-    kind: str  # ground, building, pole, crown, walker, car, bird, insect or drone
+    kind: str  # ground, building, pole, crown, ..., drone: how rays meet it follows from it
     centre_m: np.ndarray  # (3,)
-    size_m: np.ndarray  # (3,) full extents
+    size_m: np.ndarray  # (3,) full extents; of a cable its vector from end to end
     reflectivity: float
     yaw_rad: float = 0.0
     fill: float = 1.0  # share of the rays through the outline that meet it
     path: Path | None = None
     flap_hz: float = 0.0  # wings: the fill goes up to its value and down to 0 so often
+    turn: Turn | None = None  # of what turns; its yaw otherwise
+    growth: Growth | None = None  # of what grows; its size otherwise is the largest
 
     def centres(self, time_s: np.ndarray) -> np.ndarray:
         """Its centre at these times, (N, 3); (3,) for what stands still."""
         return self.centre_m if self.path is None else self.path(time_s)
+
+    @property
+    def width_m(self) -> float:
+        """The smallest width of what a beam may meet."""
+        return _CABLE_WIDTH_M if self.kind == "cable" else float(self.size_m.min())
+
+    def yaw_at(self, time_s: np.ndarray) -> np.ndarray | float:
+        """Its yaw at these times, (N,), or at any."""
+        return self.yaw_rad if self.turn is None else self.turn(time_s)
 
     def fill_at(self, time_s: np.ndarray) -> np.ndarray:
         """Its fill at these times, (N,)."""
@@ -66,7 +83,7 @@ def cast(
         hits.distance_m[rays] = distance[nearer]
         hits.thing[rays] = index
         hits.echo[rays] = thing.reflectivity * cosine[nearer]
-        hits.width_m[rays] = thing.size_m.min()
+        hits.width_m[rays] = thing.width_m
     return hits
 
 
@@ -111,14 +128,20 @@ def _meet(
     match thing.kind:
         case "ground":
             return shapes.meet_ground(start[2], direction)
-        case "building" | "car":
-            return shapes.meet_box(start, direction, thing.size_m, thing.yaw_rad)
+        case "building" | "car" | "sign" | "flag":
+            return shapes.meet_box(start, direction, thing.size_m, thing.yaw_at(time_s))
+        case "cable":
+            return shapes.meet_rod(start, direction, thing.size_m, _CABLE_WIDTH_M / 2)
         case "pole":
             return shapes.meet_pole(start, direction, thing.size_m[0] / 2, thing.size_m[2])
-    entry, leave, cosine = shapes.meet_ellipsoid(start, direction, thing.size_m)
-    if thing.kind == "crown":
-        # A leaf is met anywhere on the way through the crown, at any angle (Beer-Lambert).
-        leaf = entry + rng.exponential(_CROWN_FREE_PATH_M, len(direction))
+    share = np.ones(len(direction)) if thing.growth is None else thing.growth(time_s)
+    size_m = thing.size_m * share[:, None]
+    entry, leave, cosine = shapes.meet_ellipsoid(start, direction, size_m)
+    if thing.kind in ("crown", "puff"):
+        # A leaf is met anywhere on the way through the crown, at any angle (Beer-Lambert). What a
+        # puff holds is spread over an ever larger volume.
+        free_path_m = _CROWN_FREE_PATH_M if thing.kind == "crown" else _PUFF_FREE_PATH_M * share**3
+        leaf = entry + rng.exponential(free_path_m, len(direction))
         return np.where(leaf < leave, leaf, np.inf), rng.uniform(0.3, 1.0, len(direction))
     if thing.fill < 1:
         entry = np.where(rng.random(len(direction)) < thing.fill_at(time_s), entry, np.inf)

@@ -1,0 +1,81 @@
+#include "live/past_flight.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "live/track_follower.hpp"
+
+namespace unlidar {
+namespace {
+
+// A plot as it is seen with time running backwards from 0. Sensors may have been heard since.
+SeenPlot Mirrored(SeenPlot seen, const std::vector<std::uint32_t>& num_frames) {
+  seen.plot.time_ns = -seen.plot.time_ns;
+  seen.plot.frame_time_ns = -seen.plot.frame_time_ns;
+  seen.at.time_s = -seen.at.time_s;
+  seen.at.frames_before.resize(num_frames.size(), 0);
+  for (std::uint32_t s = 0; s < num_frames.size(); ++s) {
+    std::uint32_t& before = seen.at.frames_before[s];
+    const std::uint32_t until = before + (s == seen.plot.sensor ? 1U : 0U);
+    before = num_frames[s] - std::min(num_frames[s], until);
+  }
+  return seen;
+}
+
+}  // namespace
+
+std::vector<std::size_t> PastOf(const Flight& flight, const std::vector<SeenPlot>& seen,
+                                const std::vector<char>& are_free,
+                                const std::vector<std::uint32_t>& num_frames,
+                                const std::vector<TrackModel>& models, const Config& config) {
+  Flight back;
+  back.log_birth = flight.log_birth;
+  for (auto plot = flight.plots.rbegin(); plot != flight.plots.rend(); ++plot) {
+    back.plots.push_back(Mirrored(*plot, num_frames));
+  }
+  const Plot& first = flight.plots.front().plot;
+  const RobustConfig& robust = config.robust;
+  TrackFollower follower(0, back, models, robust.tracker, robust.collect);
+  const auto num_floating = std::count_if(flight.plots.begin(), flight.plots.end(),
+                                          [](const SeenPlot& one) { return one.plot.is_floating; });
+  const bool floats = 2 * static_cast<std::size_t>(num_floating) >= flight.plots.size();
+  const auto is_before = [&](const SeenPlot& one) {
+    return one.plot.frame_time_ns < first.frame_time_ns;
+  };
+  auto end = static_cast<std::size_t>(std::partition_point(seen.begin(), seen.end(), is_before) -
+                                      seen.begin());
+  while (end > 0) {
+    std::size_t begin = end - 1;
+    while (begin > 0 && seen[begin - 1].plot.frame == seen[end - 1].plot.frame) --begin;
+    std::vector<SeenPlot> plots;
+    for (std::size_t i = begin; i < end; ++i) {
+      if (!are_free[i] || seen[i].plot.lowest_m <= robust.off_ground_m) continue;
+      plots.push_back(Mirrored(seen[i], num_frames));
+      const double apart_m = (seen[i].plot.position_m - first.position_m).norm();
+      // What floats by now did so before that was known.
+      if (floats && apart_m < robust.support.body_m) {
+        plots.back().plot.log_clutter = seen[i].log_surroundings;
+      }
+    }
+    end = begin;
+    if (plots.empty()) continue;
+    if (plots[0].plot.frame_time_ns - follower.last_evidence_ns() > NsOf(kLongPauseS)) break;
+    follower.Extend(plots, std::vector<char>(plots.size(), 1), plots[0].at);
+  }
+  std::vector<std::size_t> past;
+  std::vector<SeenPlot> settled;
+  follower.Settle(std::numeric_limits<TimeNs>::max(), &settled);
+  for (const SeenPlot& one : settled) {
+    const auto is_it = [&](const SeenPlot& other) {
+      return other.plot.frame == one.plot.frame && other.plot.position_m == one.plot.position_m;
+    };
+    const auto at = std::find_if(seen.begin(), seen.end(), is_it);
+    if (at == seen.end() || !is_before(*at)) continue;
+    past.push_back(static_cast<std::size_t>(at - seen.begin()));
+  }
+  std::sort(past.begin(), past.end());
+  return past;
+}
+
+}  // namespace unlidar

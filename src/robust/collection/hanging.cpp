@@ -1,0 +1,89 @@
+#include "robust/collection/hanging.hpp"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+#include "robust/collection/collect.hpp"
+#include "robust/scene/range_grid.hpp"
+
+namespace unlidar {
+namespace {
+
+// A cable that is nearer returns something.
+constexpr double kCableRangeM = 25.0;
+// What moves farther from its mean place does not hang.
+constexpr RangeRadius kLeastMove{0.8, 0.02};
+// Most swings are over sooner: means over so long stay where they are, but for what hovers.
+constexpr double kSwingS = 3.0;
+// What stays surpasses this many standard deviations of a Gaussian once in 1,000 times.
+constexpr double kQuantile = 3.09;
+
+// Measurements of a while.
+struct While {
+  double count = 0.0;
+  Eigen::Array3d sum_m = Eigen::Array3d::Zero();
+};
+
+// The kQuantile of chi squared (Wilson and Hilferty).
+double ChiSquared(double degrees) {
+  const double variance = 2.0 / (9.0 * degrees);
+  return degrees * std::pow(1.0 - variance + kQuantile * std::sqrt(variance), 3.0);
+}
+
+// Whether the means of whiles differ by more than the scatter within them explains: no less than
+// the width of the beam, anywhere in which a return may come from.
+bool Wanders(const std::vector<Measurement>& measurements, const Eigen::Vector3d& mean_m,
+             double range_m) {
+  const TimeNs begin_ns = measurements.front().time_ns;
+  const double duration_s =
+      static_cast<double>(measurements.back().time_ns - begin_ns) * kSecondsPerNs;
+  if (duration_s <= 0.0) return false;
+  const double num_whiles = std::max(2.0, std::floor(duration_s / kSwingS));
+  std::vector<While> whiles(static_cast<std::size_t>(num_whiles));
+  const auto while_of = [&](const Measurement& m) -> While& {
+    const double share = static_cast<double>(m.time_ns - begin_ns) * kSecondsPerNs / duration_s;
+    return whiles[static_cast<std::size_t>(std::min(share * num_whiles, num_whiles - 1.0))];
+  };
+  for (const Measurement& m : measurements) {
+    While& at = while_of(m);
+    at.count += 1.0;
+    at.sum_m += (m.position_m - mean_m).array();
+  }
+  Eigen::Array3d within_m2 = Eigen::Array3d::Zero();
+  for (const Measurement& m : measurements) {
+    const While& at = while_of(m);
+    within_m2 += ((m.position_m - mean_m).array() - at.sum_m / at.count).square();
+  }
+  const auto num_seen = static_cast<double>(
+      std::count_if(whiles.begin(), whiles.end(), [](const While& at) { return at.count > 0.0; }));
+  const double beam_m = kBeamSigmaRad * range_m;
+  const double freedom = static_cast<double>(measurements.size()) - num_seen;
+  within_m2 = (within_m2 / std::max(freedom, 1.0)).max(beam_m * beam_m);
+  double between = 0.0;
+  for (const While& at : whiles) {
+    if (at.count > 0.0) between += (at.sum_m.square() / (at.count * within_m2)).sum();
+  }
+  return between > ChiSquared(3.0 * (num_seen - 1.0));
+}
+
+}  // namespace
+
+bool MayHang(const Target& target) {
+  Eigen::Vector3d mean_m = Eigen::Vector3d::Zero();
+  for (const Measurement& m : target.measurements) mean_m += m.position_m;
+  mean_m /= static_cast<double>(target.measurements.size());
+  double range_m = std::numeric_limits<double>::infinity();
+  double farthest_m = 0.0;
+  for (const Measurement& m : target.measurements) {
+    range_m = std::min(range_m, (mean_m - m.viewpoint_m).norm());
+    farthest_m = std::max(farthest_m, (m.position_m - mean_m).norm());
+  }
+  return range_m > kCableRangeM && farthest_m < kLeastMove.At(range_m) &&
+         !Wanders(target.measurements, mean_m, range_m);
+}
+
+}  // namespace unlidar

@@ -1,0 +1,144 @@
+#include "robust/collection/cloud.hpp"
+
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <vector>
+
+#include "tests/synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kPeriodS;
+using testing::MiddleS;
+using testing::RecordingMaker;
+
+constexpr int kFrames = 80;
+const Eigen::Vector3d kChimneyM(15.0, 4.0, 3.0);
+const Eigen::Vector3d kWindMps(0.8, 0.3, 1.2);
+
+// Something that is about at some time, its returns spread with a standard deviation.
+struct Thing {
+  double from_s;
+  double to_s;
+  double spread_m;
+  std::function<Eigen::Vector3d(double time_s)> at;
+};
+
+Thing Puff(double from_s, double spread_m) {
+  return {from_s, from_s + 4.0, spread_m, [from_s](double time_s) {
+            return Eigen::Vector3d(kChimneyM + (time_s - from_s) * kWindMps);
+          }};
+}
+
+Thing Drone(const Eigen::Vector3d& from_m, const Eigen::Vector3d& velocity_mps) {
+  return {0.0, 8.0, 0.1,
+          [=](double time_s) { return Eigen::Vector3d(from_m + time_s * velocity_mps); }};
+}
+
+// The sky with some things, three returns each, and `strays` a frame about the chimney.
+class Sky {
+ public:
+  explicit Sky(const std::vector<Thing>& things, int strays = 0) : maker_(3) {
+    for (int i = 0; i < kFrames; ++i) {
+      maker_.BeginFrame(i * kPeriodS);
+      const double time_s = MiddleS(i);
+      for (std::size_t k = 0; k < things.size(); ++k) {
+        if (time_s < things[k].from_s || time_s > things[k].to_s) continue;
+        maker_.AddBlob(things[k].at(time_s), things[k].spread_m, 3, static_cast<int>(k));
+      }
+      maker_.AddBox(kChimneyM - Eigen::Vector3d::Constant(10.0),
+                    kChimneyM + Eigen::Vector3d::Constant(10.0), strays, kStray);
+    }
+    for (std::size_t k = 0; k < things.size(); ++k)
+      targets_.push_back(TargetOf(static_cast<int>(k)));
+  }
+
+  // By the order of the things.
+  std::vector<double> Kept() const {
+    const std::vector<SensorView> views = {{Eigen::Vector3f::Zero(), nullptr}};
+    std::vector<double> kept;
+    for (const Target& target :
+         WithoutClouds(maker_.recording, views, Plots(), targets_, TrajectoryConfig())) {
+      kept.push_back(target.score);
+    }
+    return kept;
+  }
+
+ private:
+  static constexpr int kStray = -1;
+
+  // Its first two returns of each frame: what was collected of it.
+  Target TargetOf(int label) const {
+    const Recording& recording = maker_.recording;
+    Target target;
+    target.score = label;
+    for (const FrameInfo& frame : recording.frames) {
+      Measurement m;
+      m.time_ns = frame.middle_ns();
+      m.support = 0;
+      for (std::uint32_t i = frame.first_return; i < frame.last_return && m.support < 2; ++i) {
+        if (maker_.labels[i] != label) continue;
+        target.returns.push_back(i);
+        m.position_m += 0.5 * recording.points_m[i].cast<double>();
+        ++m.support;
+      }
+      m.covariance_m2 *= 0.02;
+      if (m.support > 0) target.measurements.push_back(m);
+    }
+    return target;
+  }
+
+  // Every return is one.
+  std::vector<Plot> Plots() const {
+    std::vector<Plot> plots;
+    const Recording& recording = maker_.recording;
+    for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
+      const FrameInfo& frame = recording.frames[f];
+      for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+        Plot plot;
+        plot.frame = f;
+        plot.frame_time_ns = plot.time_ns = frame.middle_ns();
+        plot.position_m = recording.points_m[i].cast<double>();
+        plot.lowest_m = 5.0;
+        plot.returns = {i};
+        plots.push_back(plot);
+      }
+    }
+    return plots;
+  }
+
+  RecordingMaker maker_;
+  std::vector<Target> targets_;
+};
+
+TEST(WithoutClouds, WhatLiesWiderThanADroneIsNone) {
+  const Sky sky({Puff(0.0, 0.6), Drone({-10.0, 5.0, 8.0}, {0.5, 1.0, 0.0})});
+  EXPECT_EQ(sky.Kept(), std::vector<double>({1}));
+}
+
+TEST(WithoutClouds, ASmallPieceThatGoesTheWayOfACloudIsPartOfIt) {
+  const Sky sky({Puff(4.0, 0.1), Puff(0.0, 0.6)});
+  EXPECT_EQ(sky.Kept(), std::vector<double>());
+}
+
+TEST(WithoutClouds, ASmallThingWithoutACloudIsADrone) {
+  const Sky sky({Puff(4.0, 0.1), Puff(0.0, 0.1)});
+  EXPECT_EQ(sky.Kept(), std::vector<double>({0, 1}));
+}
+
+TEST(WithoutClouds, ADroneThatPassesACloudIsKept) {
+  const Sky sky({Drone(kChimneyM + Eigen::Vector3d(-8.0, 1.0, 3.0), {2.0, 0.0, 0.0}),
+                 Drone(kChimneyM + Eigen::Vector3d(1.5, 0.5, 9.0), {0.0, 0.0, -1.0}),
+                 Puff(0.0, 0.6)});
+  EXPECT_EQ(sky.Kept(), std::vector<double>({0, 1}));
+}
+
+TEST(WithoutClouds, StraysAllAboutADroneDoNotWidenIt) {
+  const Sky sky({Drone(kChimneyM - Eigen::Vector3d(0.0, 4.0, 0.0), {0.0, 1.0, 0.0})}, 400);
+  EXPECT_EQ(sky.Kept(), std::vector<double>({0}));
+}
+
+}  // namespace
+}  // namespace unlidar

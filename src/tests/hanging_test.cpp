@@ -1,0 +1,92 @@
+#include "robust/collection/hanging.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+
+#include "tests/synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kBeginNs;
+using testing::Random;
+
+constexpr int kDraws = 100;
+
+// Seen in a third of the frames of a recording, at `at(time_s)` about `place_m`, by single returns.
+Target SeenNow(const Eigen::Vector3d& place_m, double duration_s, Random* random,
+               const std::function<Eigen::Vector3d(double time_s)>& at) {
+  Target target;
+  for (double time_s = 0.0; time_s < duration_s; time_s += 0.1) {
+    if (random->Uniform(0.0, 1.0) > 0.33) continue;
+    Measurement m;
+    m.time_ns = kBeginNs + std::llround(time_s * 1e9);
+    m.position_m = place_m + at(time_s) + random->NormalVector(0.1);
+    target.measurements.push_back(m);
+  }
+  return target;
+}
+
+// Of many things that move about such a place by `at(time_s, phase)`, the share that may hang.
+double ShareHanging(const Eigen::Vector3d& place_m, double duration_s,
+                    const std::function<Eigen::Vector3d(double time_s, double phase)>& at) {
+  int hanging = 0;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    Random random(static_cast<std::uint32_t>(draw + 1));
+    const double phase = random.Uniform(0.0, 2.0 * M_PI);
+    const Target target =
+        SeenNow(place_m, duration_s, &random, [&](double time_s) { return at(time_s, phase); });
+    hanging += MayHang(target) ? 1 : 0;
+  }
+  return static_cast<double>(hanging) / kDraws;
+}
+
+Eigen::Vector3d Still(double /*time_s*/, double /*phase*/) { return Eigen::Vector3d::Zero(); }
+
+// As a position hold does: slowly, by a quarter of a metre.
+Eigen::Vector3d Hover(double time_s, double phase) {
+  return 0.25 * Eigen::Vector3d(std::sin(0.35 * time_s + phase), std::cos(0.22 * time_s + phase),
+                                0.5 * std::sin(0.5 * time_s + phase));
+}
+
+const Eigen::Vector3d kFarM(24.0, -20.0, 5.0);
+
+TEST(MayHang, WhatStandsStillFarAwayMay) {
+  EXPECT_GE(ShareHanging(kFarM, 10.0, Still), 0.98);
+  EXPECT_GE(ShareHanging(kFarM, 60.0, Still), 0.98);
+}
+
+TEST(MayHang, WhatSwingsMay) {
+  const auto swing = [](double time_s, double phase) {
+    return Eigen::Vector3d(0.1 * std::sin(2.0 * M_PI * 0.5 * time_s + phase), 0.0, 0.0);
+  };
+  EXPECT_GE(ShareHanging(kFarM, 20.0, swing), 0.95);
+}
+
+TEST(MayHang, WhatWandersHovers) {
+  EXPECT_LE(ShareHanging(kFarM, 20.0, Hover), 0.02);
+  EXPECT_LE(ShareHanging(kFarM, 60.0, Hover), 0.0);
+}
+
+TEST(MayHang, WhatFliesDoesNot) {
+  const auto flight = [](double time_s, double /*phase*/) {
+    return Eigen::Vector3d(0.8 * time_s, 0.0, 0.0);
+  };
+  EXPECT_EQ(ShareHanging(kFarM, 5.0, flight), 0.0);
+}
+
+TEST(MayHang, ACableThatIsNearWouldBeSeen) {
+  EXPECT_EQ(ShareHanging({12.0, -9.0, 5.0}, 10.0, Still), 0.0);
+}
+
+TEST(MayHang, SightingsOfOneInstantTellNothingOfMotion) {
+  Target target;
+  target.measurements.resize(2);
+  for (Measurement& m : target.measurements) m.position_m = kFarM;
+  EXPECT_TRUE(MayHang(target));
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -1,0 +1,77 @@
+#include "trajectory/spline_solver.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <stdexcept>
+
+namespace unlidar {
+namespace {
+
+std::size_t Index(int i) { return static_cast<std::size_t>(i); }
+
+// Adds it to A and b of the normal equations A c = b.
+void AddRow(const SplineRow& row, double weight, BandedMatrix& matrix, std::vector<double>& right) {
+  const Eigen::Matrix3d information =
+      weight * row.sqrt_information.transpose() * row.sqrt_information;
+  const Eigen::Vector3d force = information * row.value_m;
+  for (int a = 0; a < 4; ++a) {
+    Eigen::Map<Eigen::Vector3d>(&right[Index(3 * (row.first + a))]) += row.basis[a] * force;
+    for (int c = 0; c < 3; ++c) {
+      auto& column = matrix[Index(3 * (row.first + a) + c)];
+      for (int r = c; r < 3; ++r) {
+        column[r - c] += row.basis[a] * row.basis[a] * information(r, c);
+      }
+      for (int b = a + 1; b < 4; ++b) {
+        for (int r = 0; r < 3; ++r) {
+          column[3 * (b - a) + r - c] += row.basis[a] * row.basis[b] * information(r, c);
+        }
+      }
+    }
+  }
+}
+
+}  // namespace
+
+void SplineSolver::SetSmoothness(const SplineModel& model) {
+  const int size = 3 * model.num_control_points();
+  SetZeroBanded(size, smoothness_);
+  right_.assign(Index(size), 0.0);
+  for (const auto& row : model.smoothness) AddRow(row, 1.0, smoothness_, right_);
+}
+
+void SplineSolver::SetMeasurements(const SplineModel& model, const std::vector<double>& weights) {
+  const int size = 3 * model.num_control_points();
+  SetZeroBanded(size, data_);
+  right_.assign(Index(size), 0.0);
+  for (std::size_t i = 0; i < model.measurements.size(); ++i) {
+    if (weights[i] > 0.0) AddRow(model.measurements[i], weights[i], data_, right_);
+  }
+  for (const auto& row : model.start) AddRow(row, 1.0, data_, right_);
+}
+
+const std::vector<Eigen::Vector3d>& SplineSolver::Minimise(double ratio) {
+  FactoriseSum(1.0 / (ratio * ratio));
+  solution_ = right_;
+  SolveBanded(factor_, solution_);
+  control_points_m_.resize(solution_.size() / 3);
+  for (std::size_t i = 0; i < control_points_m_.size(); ++i) {
+    control_points_m_[i] = Eigen::Map<const Eigen::Vector3d>(&solution_[3 * i]);
+  }
+  return control_points_m_;
+}
+
+// Where few measurements and a stiff model leave no digits for what is nearly unknown, a ridge of
+// relative size 1e-12 or more makes it a little known.
+void SplineSolver::FactoriseSum(double weight) {
+  for (double ridge = 0.0; ridge < 1e-5; ridge = std::max(1e-12, 100.0 * ridge)) {
+    factor_ = data_;
+    for (std::size_t j = 0; j < factor_.size(); ++j) {
+      factor_[j] += weight * smoothness_[j];
+      factor_[j][0] *= 1.0 + ridge;
+    }
+    if (FactoriseBanded(factor_)) return;
+  }
+  throw std::invalid_argument("trajectory: measurements too extreme for double precision");
+}
+
+}  // namespace unlidar

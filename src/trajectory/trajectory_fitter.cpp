@@ -1,0 +1,56 @@
+#include "trajectory/trajectory_fitter.hpp"
+
+#include <array>
+
+namespace unlidar {
+
+void TrajectoryFitter::Fit(const std::vector<Measurement>& measurements, Trajectory& trajectory) {
+  // The scales decide what is an outlier and the outliers decide the scales: from several starts,
+  // the most likely pair wins.
+  constexpr std::array<double, 3> kStarts_mps2 = {1.0, 5.0, 25.0};
+  BuildSplineModel(measurements, config_, model_);
+  memory_.solver.SetSmoothness(model_);
+  ScaleSearch best;
+  for (const double start_mps2 : kStarts_mps2) {
+    FitRobust(model_, {start_mps2, 1.0}, config_, memory_, fit_);
+    const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
+    if (start_mps2 == kStarts_mps2.front() || found.log_evidence > best.log_evidence) best = found;
+  }
+  FitRobust(model_, best.scales, config_, memory_, fit_);
+  best = SearchScales(model_, fit_, config_, memory_);
+  FitRobust(model_, best.scales, config_, memory_, fit_);
+  Finish(measurements, best.scales, trajectory);
+}
+
+void TrajectoryFitter::Refit(const std::vector<Measurement>& measurements, TrajectoryScales scales,
+                             Trajectory& trajectory) {
+  BuildSplineModel(measurements, config_, model_);
+  memory_.solver.SetSmoothness(model_);
+  FitRobust(model_, scales, config_, memory_, fit_);
+  Finish(measurements, scales, trajectory);
+}
+
+// From a fit at the same agility all along.
+void TrajectoryFitter::Finish(const std::vector<Measurement>& measurements,
+                              const TrajectoryScales& scales, Trajectory& trajectory) {
+  constexpr int kRounds = 2;  // a third changes sigmas by 1 %
+  for (int round = 0; round < kRounds; ++round) {
+    AdaptAgility(fit_, scales, agility_memory_, model_);
+    memory_.solver.SetSmoothness(model_);
+    RefitRobust(model_, scales, config_, memory_, fit_);
+  }
+  const Descent descent = Descend(model_, scales, config_, memory_, fit_);
+  trajectory.iterations = descent.iterations;
+  trajectory.converged = descent.converged;
+  trajectory.scales = scales;
+  trajectory.origin_ns = measurements.front().time_ns;
+  trajectory.duration_ns = measurements.back().time_ns - trajectory.origin_ns;
+  trajectory.origin_m = model_.origin_m;
+  trajectory.knots_s = model_.knots_s;
+  trajectory.agility = model_.agility;
+  trajectory.control_points_m = fit_.control_points_m;
+  trajectory.weights = fit_.weights;
+  SetCovariances(fit_, scales, trajectory.covariances_m2);
+}
+
+}  // namespace unlidar

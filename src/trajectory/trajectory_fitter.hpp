@@ -1,0 +1,34 @@
+// Fits trajectories one after the other in the same memory.
+#pragma once
+
+#include <vector>
+
+#include "trajectory/agility.hpp"
+#include "trajectory/spline_model.hpp"
+#include "trajectory/trajectory.hpp"
+#include "trajectory/trajectory_model.hpp"
+
+namespace unlidar {
+
+// FitTrajectory() and RefitTrajectory() for a stream: no fit that is no longer than one before
+// takes memory, nor does `trajectory`, if it is that of the same target a frame ago.
+class TrajectoryFitter {
+ public:
+  explicit TrajectoryFitter(const TrajectoryConfig& config) : config_(config) {}
+
+  void Fit(const std::vector<Measurement>& measurements, Trajectory& trajectory);
+  void Refit(const std::vector<Measurement>& measurements, TrajectoryScales scales,
+             Trajectory& trajectory);
+
+ private:
+  void Finish(const std::vector<Measurement>& measurements, const TrajectoryScales& scales,
+              Trajectory& trajectory);
+
+  TrajectoryConfig config_;
+  SplineModel model_;
+  SplineFit fit_;
+  FitMemory memory_;
+  AgilityMemory agility_memory_;
+};
+
+}  // namespace unlidar

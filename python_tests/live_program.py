@@ -75,7 +75,14 @@ class Live:
         self.process.stdin.write(data)
         self.process.stdin.flush()
 
+    def runs(self) -> bool:
+        """True once the program takes signals where it waits: before, they kill it."""
+        status = Path(f"/proc/{self.process.pid}/status").read_text()
+        blocked = int(status.partition("SigBlk:")[2].split()[0], 16)
+        return bool(blocked >> (signal.SIGTERM - 1) & 1)
+
     def signal(self, number: signal.Signals) -> None:
+        wait_until(lambda: self.process.poll() is not None or self.runs(), "it runs")
         self.process.send_signal(number)
 
     def end(self, number: signal.Signals | None = None) -> tuple[int, str, str]:

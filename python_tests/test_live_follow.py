@@ -73,7 +73,10 @@ class Station:
         self.live = Live("--follow", *sources, *outputs, *patience, *options)
 
     def __enter__(self) -> Station:
-        wait_until(lambda: self.events.exists() or self.code() is not None, "it runs")
+        # The events alone may be those of the run before.
+        wait_until(
+            lambda: self.code() is not None or (self.live.runs() and self.events.exists()), "it runs"
+        )
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -93,15 +96,16 @@ class Station:
 
 
 def idle(live: Live) -> bool:
-    """True if the program has used no processor for a while."""
+    """True if the program waits and has used no processor for a while."""
 
-    def ticks() -> int:
-        fields = (Path("/proc") / str(live.process.pid) / "stat").read_text().rpartition(")")[2]
-        return sum(int(t) for t in fields.split()[11:13])
+    def state_and_ticks() -> tuple[str, int]:
+        fields = Path(f"/proc/{live.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return fields[0], sum(int(t) for t in fields[11:13])
 
-    before = ticks()
+    _, before = state_and_ticks()
     time.sleep(0.4)
-    return ticks() - before <= 2
+    state, after = state_and_ticks()
+    return state == "S" and after - before <= 2  # "R": it would work if it had a processor
 
 
 def wait_idle(station: Station) -> None:

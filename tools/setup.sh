@@ -6,6 +6,7 @@
 
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 build_dir=$root/build
+lint_dir=$root/build-lint
 sanitize_dir=$root/build-sanitize
 threads_dir=$root/build-threads
 arm64_dir=$root/build-arm64
@@ -65,7 +66,7 @@ quietly() {
 check_root_is_writable() {
   local path
   mkdir -p -- "$root/out" 2>/dev/null || fail "cannot write in $root: run as its owner or as root"
-  for path in "$root/out" "$build_dir" "$sanitize_dir" "$threads_dir" "$arm64_dir" \
+  for path in "$root/out" "$build_dir" "$lint_dir" "$sanitize_dir" "$threads_dir" "$arm64_dir" \
     "$arm64_sysroot" "$venv" "$setup_log"; do
     [[ ! -e $path || -w $path ]] ||
       fail "cannot write $path: it belongs to $(stat -c %U -- "$path"), remove it or run as that user"
@@ -101,6 +102,18 @@ install_packages() {
     install --no-install-recommends "${missing[@]}"
 }
 
+# configure_in FOLDER OPTION...: a build with these options of CMake.
+configure_in() {
+  local folder=$1
+  shift
+  # A build folder that came along when the project was copied or moved is of no use here.
+  if [[ -e $folder/CMakeCache.txt ]] &&
+    ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$root" "$folder/CMakeCache.txt"; then
+    rm -rf -- "$folder"
+  fi
+  quietly "CMake could not configure the build" cmake -S "$root" -B "$folder" -G Ninja "$@"
+}
+
 # build_in FOLDER TARGET... -- OPTION...: builds the targets with these options of CMake.
 build_in() {
   local folder=$1 targets=()
@@ -110,13 +123,8 @@ build_in() {
     shift
   done
   shift
-  # A build folder that came along when the project was copied or moved is of no use here.
-  if [[ -e $folder/CMakeCache.txt ]] &&
-    ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$root" "$folder/CMakeCache.txt"; then
-    rm -rf -- "$folder"
-  fi
   say "Building in $folder"
-  quietly "CMake could not configure the build" cmake -S "$root" -B "$folder" -G Ninja "$@"
+  configure_in "$folder" "$@"
   cmake --build "$folder" --target "${targets[@]}" </dev/null || fail "the build failed, see above"
 }
 
@@ -131,7 +139,7 @@ build() {
 build_sanitized() {
   build_in "$sanitize_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
-    -DUNLIDAR_SANITIZE=address,undefined -DUNLIDAR_COVERAGE=ON -DUNLIDAR_BUILD_FUZZERS=ON \
+    -DUNLIDAR_UNITY=ON -DUNLIDAR_SANITIZE=address,undefined -DUNLIDAR_COVERAGE=ON -DUNLIDAR_BUILD_FUZZERS=ON \
     -DUNLIDAR_BUILD_BENCHMARKS=OFF
 }
 
@@ -140,7 +148,7 @@ build_sanitized() {
 build_for_threads() {
   build_in "$threads_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
-    -DUNLIDAR_SANITIZE=thread '-DUNLIDAR_CORE=base|io|robust/(scene|tracking)' \
+    -DUNLIDAR_UNITY=ON -DUNLIDAR_SANITIZE=thread '-DUNLIDAR_CORE=base|io|robust/(scene|tracking)' \
     -DUNLIDAR_BUILD_BENCHMARKS=OFF
 }
 

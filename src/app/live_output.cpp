@@ -13,7 +13,6 @@
 namespace unlidar {
 namespace {
 
-constexpr int kMetreDigits = 6;  // those of the trajectory
 constexpr int kKindDigits = 4;
 constexpr int kRowCommas = 11;
 constexpr std::int64_t kMaxTrackId = std::int64_t{1} << 53;  // what a JSON number can tell apart

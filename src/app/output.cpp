@@ -14,8 +14,6 @@
 namespace unlidar {
 namespace {
 
-constexpr int kMetreDigits = 6;
-
 // Keys in the order in which they are written.
 using Json = nlohmann::ordered_json;
 
@@ -144,12 +142,12 @@ std::string TracksLeftOutText(std::size_t count) {
 }
 
 std::string SecondsText(TimeNs time_ns) {
-  constexpr std::uint64_t kNsPerSecond = 1'000'000'000;
+  constexpr std::uint64_t kUnit = kNsPerSecond;
   // Unsigned, so that the most negative time has a magnitude too.
   const auto bits = static_cast<std::uint64_t>(time_ns);
   const std::uint64_t magnitude = time_ns < 0 ? std::uint64_t{0} - bits : bits;
-  const std::string fraction = std::to_string(magnitude % kNsPerSecond);
-  return (time_ns < 0 ? "-" : "") + std::to_string(magnitude / kNsPerSecond) + "." +
+  const std::string fraction = std::to_string(magnitude % kUnit);
+  return (time_ns < 0 ? "-" : "") + std::to_string(magnitude / kUnit) + "." +
          std::string(9 - fraction.size(), '0') + fraction;
 }
 

@@ -11,6 +11,8 @@
 
 namespace unlidar {
 
+inline constexpr int kMetreDigits = 6;  // of lengths, speeds and their sigmas
+
 // timestamp,track_id,x,y,z,vx,vy,vz,sigma_x,sigma_y,sigma_z,support - one row per track and output
 // time, in order of (time, track). Seconds with nine digits, metres, m/s; header only without a
 // track. Takes the rows from the streams, one of each track, as it writes.

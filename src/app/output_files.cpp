@@ -91,7 +91,7 @@ fs::path Resolved(const std::string& path, std::error_code& error) {
 }
 
 // The same as a text. To take a link for a file would replace it.
-std::string Target(const std::string& path) {
+std::string ResolvedText(const std::string& path) {
   std::error_code error;
   const fs::path resolved = Resolved(path, error);
   if (error) FailWith(error.value(), path);
@@ -103,7 +103,7 @@ class TemporaryFile {
  public:
   explicit TemporaryFile(const std::string& path)
       : path_(path),
-        target_(Target(path)),
+        target_(ResolvedText(path)),
         old_(Status(target_)),
         temporary_(target_),
         fd_(Create()) {
@@ -174,7 +174,7 @@ void CheckWritable(const std::string& path) {
     return;
   }
   std::error_code error;
-  const fs::path directory = fs::path(Target(path)).parent_path();
+  const fs::path directory = fs::path(ResolvedText(path)).parent_path();
   const bool is_directory = fs::is_directory(directory, error);
   if (error && error != std::errc::no_such_file_or_directory) {
     FailWith(error.value(), path);

@@ -14,6 +14,8 @@
 
 namespace unlidar {
 
+inline constexpr TimeNs kNsPerSecond = 1'000'000'000;
+
 // The nearest nanosecond.
 inline TimeNs NsOf(double seconds) { return std::llround(seconds / kSecondsPerNs); }
 

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "base/format.hpp"
+#include "base/recording.hpp"
 #include "io/frame_directory.hpp"
 
 namespace unlidar {
@@ -18,7 +19,6 @@ constexpr std::size_t kHeaderBytes1 = 18;
 constexpr std::size_t kHeaderBytes2 = 36;
 constexpr std::size_t kCheckedFrom2 = 28;  // time and points, behind the checksum
 
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 constexpr double kRadPerHundredthDegree = 3.14159265358979323846 / 18000.0;
 
 [[noreturn]] void Fail(const std::string& what) { throw PacketError(what); }

@@ -10,7 +10,6 @@
 namespace unlidar {
 namespace {
 
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 constexpr std::array<TimeReading, 3> kReadings = {TimeReading::kOffset, TimeReading::kAbsolute,
                                                   TimeReading::kAbsoluteByMagnitude};
 

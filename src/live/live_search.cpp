@@ -12,7 +12,7 @@ namespace unlidar {
 namespace {
 
 constexpr double kRatesFadeS = 60.0;
-constexpr double kPauseS = 1.0;  // without a plot: what is before and after may be two things
+constexpr double kMaxStepS = 1.0;  // without a plot: what is before and after may be two things
 constexpr RangeRadius kLeastMove{0.8, 0.02};
 constexpr double kLongStandS = 2.0;
 // What the clutter of a place is, is hardly known at first, nor while a sensor is blinded: paths
@@ -43,7 +43,7 @@ std::size_t LowPrefix(const std::vector<SeenPlot>& path, double off_ground_m) {
   std::size_t first = 0;
   for (std::size_t begin = 0; begin < path.size();) {
     std::size_t end = begin + 1;
-    while (end < path.size() && path[end].at.time_s - path[end - 1].at.time_s < kPauseS) ++end;
+    while (end < path.size() && path[end].at.time_s - path[end - 1].at.time_s < kMaxStepS) ++end;
     const auto low =
         std::count_if(path.begin() + static_cast<std::ptrdiff_t>(begin),
                       path.begin() + static_cast<std::ptrdiff_t>(end),

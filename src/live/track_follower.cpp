@@ -9,7 +9,7 @@ namespace unlidar {
 namespace {
 
 constexpr std::size_t kMaxLeaves = 24;
-constexpr double kPauseS = 1.0;  // after it a track has to be found again,
+constexpr double kLostAfterS = 1.0;  // after it a track has to be found again,
 // by so much likelihood, misses paid: it has most likely gone on, and clutter alone makes as much
 // with a chance of e^-1 at most if it is gone, which it is once in twenty pauses or less.
 constexpr double kFoundAgain = 1.0;
@@ -115,7 +115,7 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
       const auto index_of_node = static_cast<std::int32_t>(nodes_.size());
       const std::int32_t believed = BelievedAt(way.leaf);
       const double gain = node.h.score - nodes_[static_cast<std::size_t>(believed)].h.score;
-      const bool goes_on = believed == way.leaf && at.time_s - from.h.time_s <= kPauseS;
+      const bool goes_on = believed == way.leaf && at.time_s - from.h.time_s <= kLostAfterS;
       if (goes_on || gain >= kFoundAgain) node.believed = index_of_node;
       if (!is_taken) {
         plots_.push_back(plots[i]);

@@ -3,9 +3,13 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <vector>
 
 namespace unlidar {
+
+// Eigen and the band count in int, containers do not.
+inline std::size_t Index(int i) { return static_cast<std::size_t>(i); }
 
 // Four neighbouring control points of three coordinates each hang together.
 inline constexpr int kBandRows = 12;

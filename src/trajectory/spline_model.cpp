@@ -7,6 +7,7 @@
 #include <numeric>
 #include <stdexcept>
 
+#include "trajectory/banded.hpp"
 #include "trajectory/bspline.hpp"
 
 namespace unlidar {
@@ -18,8 +19,6 @@ constexpr double kPositionSigmaM = 1e4;
 constexpr double kVelocitySigmaMps = 100.0;
 // A spline as fine as its measurements hides none of them.
 constexpr int kMeasurementsPerKnot = 1;
-
-std::size_t Index(int i) { return static_cast<std::size_t>(i); }
 
 // Row at u_s after the begin of an interval.
 SplineRow RowAt(const Eigen::Matrix4d& polynomials, int interval, double u_s, int derivative) {

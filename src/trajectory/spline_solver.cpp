@@ -7,8 +7,6 @@
 namespace unlidar {
 namespace {
 
-std::size_t Index(int i) { return static_cast<std::size_t>(i); }
-
 // Adds it to A and b of the normal equations A c = b.
 void AddRow(const SplineRow& row, double weight, BandedMatrix& matrix, std::vector<double>& right) {
   const Eigen::Matrix3d information =

@@ -21,8 +21,6 @@ constexpr double kAccelerationSpread = 1.5;
 constexpr double kNoiseScaleSpread = 0.5;
 constexpr double kScaleStep = 0.35;  // of the grids of log scales
 
-std::size_t Index(int i) { return static_cast<std::size_t>(i); }
-
 // Block of the inverse that belongs to the control points i and i + d.
 Eigen::Matrix3d InverseBlock(const BandedMatrix& inverse, int i, int d) {
   Eigen::Matrix3d block;

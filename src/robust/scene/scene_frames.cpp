@@ -7,11 +7,10 @@ namespace unlidar {
 
 std::vector<FrameInfo> SceneFrames(const Recording& recording) {
   constexpr std::size_t kSeconds = 90;
-  constexpr TimeNs kSecond_ns = 1'000'000'000;
   std::vector<std::size_t> seconds;  // (frames) number of that among all that hold any
   TimeNs begin_ns = 0;
   for (const FrameInfo& frame : recording.frames) {
-    const bool is_next = seconds.empty() || frame.stamp_ns >= begin_ns + kSecond_ns;
+    const bool is_next = seconds.empty() || frame.stamp_ns >= begin_ns + kNsPerSecond;
     if (is_next) begin_ns = frame.stamp_ns;
     seconds.push_back(seconds.empty() ? 0 : seconds.back() + (is_next ? 1 : 0));
   }

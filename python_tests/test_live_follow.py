@@ -75,7 +75,8 @@ class Station:
     def __enter__(self) -> Station:
         # The events alone may be those of the run before.
         wait_until(
-            lambda: self.code() is not None or (self.live.runs() and self.events.exists()), "it runs"
+            lambda: self.code() is not None or (self.live.runs() and self.events.exists()),
+            "it runs",
         )
         return self
 

@@ -12,7 +12,6 @@ _LOOKED_AT = 10_000  # datagrams
 _VELODYNE_BYTES = 1206  # 12 blocks, time, return mode, model
 _VELODYNE_BLOCKS = (b"\xff\xee", b"\xff\xdd")  # begins of the upper and the lower lasers
 _HESAI_BEGIN = b"\xee\xff"
-_HESAI_LEAST_BYTES = 400  # packets of faults begin alike
 _OUSTER_COLUMNS = 16  # of a packet, each with its number in the turn
 # What stands before, and again behind, all columns; newer layouts have it, the first one has not.
 _OUSTER_HEADS = (32, 0)
@@ -32,7 +31,7 @@ def is_ouster(payload: bytes) -> bool:
 
 def is_hesai(payload: bytes) -> bool:
     """Whether it begins as all but the oldest models' packets of points do."""
-    return payload[:2] == _HESAI_BEGIN and len(payload) >= _HESAI_LEAST_BYTES
+    return payload[:2] == _HESAI_BEGIN
 
 
 _MAKERS: dict[str, Callable[[bytes], bool]] = {

@@ -49,3 +49,15 @@ def write_pcapng(path: Path, frames: Iterable[tuple[int, bytes]]) -> Path:
     )
     path.write_bytes(section + interface + b"".join(packets))
     return path
+
+
+def fragments(frame: bytes, number: int, most: int = 1480) -> list[bytes]:
+    """An Ethernet frame of udp_frame as a network of 1,500 bytes carries it: in pieces."""
+    head, ip, data = frame[:14], frame[14:34], frame[34:]
+    pieces = []
+    for begin in range(0, len(data), most):
+        part = data[begin : begin + most]
+        more = 0x2000 if begin + most < len(data) else 0
+        fields = struct.pack(">HHH", 20 + len(part), number % (1 << 16), more | begin // 8)
+        pieces.append(head + ip[:2] + fields + ip[8:] + part)
+    return pieces

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import signal
 import socket
 import struct
@@ -277,6 +278,33 @@ def test_nothing_at_all_is_no_error(tmp_path: Path) -> None:
         code, _, said = live.end(signal.SIGTERM)
     assert code == 0, said
     assert rows_of(tmp_path / "traj.csv") == []
+
+
+def test_packets_are_taken_some_at_a_time(tmp_path: Path, packets: list[Packet]) -> None:
+    """To be woken for each of thousands a second costs more than to read them."""
+
+    def times_woken(process: int) -> int:
+        threads = Path(f"/proc/{process}/task").glob("*/status")
+        found = (
+            re.search(r"^voluntary_ctxt_switches:\s+(\d+)", t.read_text(), re.M) for t in threads
+        )
+        return sum(int(one[1]) for one in found)
+
+    count = 2_000
+    with (
+        Listening("--out", tmp_path / "t.csv") as live,
+        socket.socket(type=socket.SOCK_DGRAM) as to,
+    ):
+        before = times_woken(live.process.pid)
+        for _ in range(count):  # as many a second as three LiDARs send
+            until = time.perf_counter() + 0.00015
+            to.sendto(b"no packet", ("127.0.0.1", live.port))
+            while time.perf_counter() < until:
+                pass
+        woken = times_woken(live.process.pid) - before
+        code, _, said = live.end(signal.SIGTERM)
+    assert code == 0, said
+    assert woken < count / 2
 
 
 def test_a_flood_of_garbage_is_survived(tmp_path: Path, packets: list[Packet]) -> None:

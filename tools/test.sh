@@ -41,7 +41,7 @@ does() {
 
 check_root_is_writable
 install_packages "${build_packages[@]}" "${check_packages[@]}" "${package_packages[@]}" \
-  "${sanitize_packages[@]}"
+  "${sanitize_packages[@]}" "${arm64_packages[@]}"
 make_venv test
 
 cd -- "$root"

@@ -5,11 +5,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.extras import load_extra
 
 SUFFIXES = (".pcap", ".pcapng")
+_MOST_OPEN = 64  # packets of which pieces are waited for
+_END = 1 << 16  # behind every piece
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,11 @@ class Datagram:
     time_s: float  # when it was captured
     source: str  # address of its sender
     payload: bytes
+
+    @property
+    def sensor(self) -> str:
+        """The address as the name of a sensor."""
+        return self.source.replace(".", "-")
 
 
 def is_capture(path: Path) -> bool:
@@ -41,8 +49,9 @@ def datagrams(path: Path) -> Iterator[Datagram]:
                     f"{path}: captured from a network of kind {reader.datalink()}, expected "
                     "Ethernet, Linux cooked or raw IP"
                 )
+            pieces = _Pieces()
             for time_s, frame in reader:
-                packet = _udp_over_ip(dpkt, link, frame)
+                packet = _udp_over_ip(dpkt, link, frame, pieces)
                 if packet is not None:
                     yield Datagram(float(time_s), *packet)
     except (OSError, ValueError, dpkt.Error) as error:
@@ -64,13 +73,56 @@ def _links(dpkt: ModuleType) -> dict[int, type]:
     }
 
 
-def _udp_over_ip(dpkt: ModuleType, link: type, frame: bytes) -> tuple[str, bytes] | None:
+class _Pieces:
+    """Packets that are longer than their network takes come in pieces, in any order."""
+
+    def __init__(self) -> None:
+        self._open: dict[tuple[bytes, bytes, int], dict[int, bytes]] = {}
+
+    def add(self, ip: Any) -> bytes | None:
+        """The whole data of the packet that this piece completes."""
+        if ip.offset == 0 and not ip.mf:
+            return bytes(ip.data)
+        key = ip.src, ip.dst, ip.id
+        found = self._open.get(key, {})
+        if ip.offset * 8 in found:  # numbers come again: that one was never completed
+            found = {}
+        found[ip.offset * 8] = bytes(ip.data)
+        if not ip.mf:
+            found[_END] = b""
+        self._open[key] = found
+        while len(self._open) > _MOST_OPEN:
+            del self._open[next(iter(self._open))]
+        whole = _joined(found)
+        if whole is not None:
+            del self._open[key]
+        return whole
+
+
+def _joined(pieces: dict[int, bytes]) -> bytes | None:
+    *parts, (at, _) = sorted(pieces.items())
+    if at != _END:
+        return None
+    whole = b""
+    for begin, part in parts:
+        if begin != len(whole):
+            return None
+        whole += part
+    return whole
+
+
+def _udp_over_ip(
+    dpkt: ModuleType, link: type, frame: bytes, pieces: _Pieces
+) -> tuple[str, bytes] | None:
     try:
         packet = link(frame)
         ip = packet if isinstance(packet, dpkt.ip.IP) else packet.data
-        if not isinstance(ip, dpkt.ip.IP) or not isinstance(ip.data, dpkt.udp.UDP):
+        if not isinstance(ip, dpkt.ip.IP) or ip.p != dpkt.ip.IP_PROTO_UDP:
             return None
-        udp = ip.data
+        whole = pieces.add(ip)
+        if whole is None:
+            return None
+        udp = dpkt.udp.UDP(whole)
         if len(udp.data) != udp.ulen - 8:  # cut off by the capture
             return None
         return socket.inet_ntoa(ip.src), bytes(udp.data)

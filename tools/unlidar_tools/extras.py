@@ -31,5 +31,13 @@ def load_extra(module: str, extra: str, missing: str) -> ModuleType:
         raise UsageError(_advised(missing, extra)) from error
 
 
+def load_lone(module: str, package: str, missing: str) -> ModuleType:
+    """As load_extra, for a package that asks for others that do not fit ours but needs none."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise UsageError(f"{missing}, expected pip install --no-deps '{package}' before") from error
+
+
 def _advised(missing: str, extra: str) -> str:
     return f"{missing}, expected pip install 'unlidar-tools[{extra}]' before"

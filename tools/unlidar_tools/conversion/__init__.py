@@ -16,6 +16,7 @@ from unlidar_tools.conversion.las import LasFile
 from unlidar_tools.conversion.livox_capture import LivoxCapture, LivoxFile
 from unlidar_tools.conversion.merge import merged
 from unlidar_tools.conversion.mmaud import MmaudFolder
+from unlidar_tools.conversion.ouster_capture import OusterCapture
 from unlidar_tools.conversion.point_times import OFFSET_FIELD, pcd_column
 from unlidar_tools.conversion.source import (
     Options,
@@ -40,6 +41,7 @@ from unlidar_tools.truth import TRUTH_NAME
 KINDS: tuple[type[Source], ...] = (
     RosBag,
     VelodyneCapture,
+    OusterCapture,
     LivoxCapture,
     LivoxFile,
     LasFile,

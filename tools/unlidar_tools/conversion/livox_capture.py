@@ -10,6 +10,7 @@ import numpy as np
 from unlidar_tools import livox
 from unlidar_tools.capture import datagrams, is_capture
 from unlidar_tools.conversion import lvx
+from unlidar_tools.conversion.capture_makers import maker_of
 from unlidar_tools.conversion.files import refuse_bag_options
 from unlidar_tools.conversion.one_file import OneFileSource, up_to_damage
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
@@ -80,12 +81,20 @@ class LivoxCapture(_LivoxRecording):
     """The LiDARs of a capture, each named by its address."""
 
     description: ClassVar[str] = "a capture (.pcap, .pcapng) of packets of Livox LiDARs"
-    _expected: ClassVar[str] = f"{livox.EXPECTED}, or of a Velodyne"
+    _expected: ClassVar[str] = f"{livox.EXPECTED}, or of a Velodyne or an Ouster"
 
     @classmethod
     def matches(cls, path: Path) -> bool:
         """Whether the name says that it is a capture."""
         return is_capture(path)
+
+    def __init__(self, path: Path, options: Options) -> None:
+        if maker_of(path) == "Hesai":
+            raise InputError(
+                f"{path}: holds packets of a Hesai LiDAR, which are not read, expected a bag of "
+                "its points, which the maker's driver for ROS makes of a capture"
+            )
+        super().__init__(path, options)
 
     def _recorded(self) -> Iterator[Recorded]:
         for datagram in datagrams(self._path):

@@ -8,23 +8,19 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from unlidar_tools import livox
-from unlidar_tools.capture import Datagram, datagrams, is_capture
+from unlidar_tools.capture import Datagram, datagrams
+from unlidar_tools.conversion.capture_makers import is_velodyne, maker_of
 from unlidar_tools.conversion.files import refuse_bag_options
 from unlidar_tools.conversion.one_file import OneFileSource, up_to_damage
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
 from unlidar_tools.conversion.source import Options, SourceFrame
 from unlidar_tools.conversion.stamps_seen import StampsSeen
-from unlidar_tools.errors import InputError, UsageError, reason
+from unlidar_tools.errors import InputError, reason
 from unlidar_tools.extras import load_extra
 from unlidar_tools.stamps import format_stamp_ns
 
-_BYTES = 1206  # of a packet of points: 12 blocks, time, return mode, model
-_BLOCKS = (b"\xff\xee", b"\xff\xdd")  # begins of the upper and the lower lasers
 _AZIMUTH_AT = 2
 _FARTHEST_M = 1_000.0  # no model reaches farther; what is too far for a track is the program's
-# Whoever's packet comes first is the maker of the capture's LiDARs.
-_LOOKED_AT = 10_000
 
 
 class VelodyneCapture(OneFileSource):
@@ -37,15 +33,7 @@ class VelodyneCapture(OneFileSource):
     @classmethod
     def matches(cls, path: Path) -> bool:
         """Whether the first packet of points in a capture is a Velodyne's."""
-        if not is_capture(path):
-            return False
-        try:
-            for _, datagram in zip(range(_LOOKED_AT), datagrams(path), strict=False):
-                if _is_points(datagram) or livox.parse(datagram.payload) is not None:
-                    return _is_points(datagram)
-        except (InputError, UsageError):  # who opens it will say so
-            pass
-        return False
+        return maker_of(path) == "Velodyne"
 
     def __init__(self, path: Path, options: Options) -> None:
         # Of two clocks, the sensor's and the recorder's, --stamp chooses as for bags.
@@ -59,7 +47,7 @@ class VelodyneCapture(OneFileSource):
         with up_to_damage(self.sensors):
             for datagram in self._points():
                 (azimuth,) = struct.unpack_from("<H", datagram.payload, _AZIMUTH_AT)
-                name = _name(datagram)
+                name = datagram.sensor
                 turns = azimuth < azimuths.get(name, 1 << 16)
                 self.sensors[name] = self.sensors.get(name, 0) + turns
                 azimuths[name] = azimuth
@@ -70,7 +58,7 @@ class VelodyneCapture(OneFileSource):
         decoders = {n: self._decoder.StreamDecoder(self._decoder.Config(**config)) for n in sensors}
         self._stamps = {name: StampsSeen(self._options.stamp) for name in sensors}
         for datagram in self._points():
-            name = _name(datagram)
+            name = datagram.sensor
             if name in decoders:
                 yield from self._frame(
                     name, lambda d=datagram, n=name: decoders[n].decode(d.time_s, d.payload, True)
@@ -87,7 +75,7 @@ class VelodyneCapture(OneFileSource):
         return {"stamps": {name: seen.facts() for name, seen in self._stamps.items()}}
 
     def _points(self) -> Iterator[Datagram]:
-        return (datagram for datagram in datagrams(self._path) if _is_points(datagram))
+        return (datagram for datagram in datagrams(self._path) if is_velodyne(datagram.payload))
 
     def _frame(self, name: str, decode: Any) -> Iterator[SourceFrame]:
         try:
@@ -104,14 +92,6 @@ class VelodyneCapture(OneFileSource):
         offsets_ns = np.rint(rows["time"].astype(float) * 1e9).astype(np.int64)
         xyz_m = np.stack([rows[axis] for axis in "xyz"], axis=1)
         yield SourceFrame(name, format_stamp_ns(stamp_ns), xyz_m, {OFFSET_FIELD: offsets_ns})
-
-
-def _is_points(datagram: Datagram) -> bool:
-    return len(datagram.payload) == _BYTES and datagram.payload[:2] in _BLOCKS
-
-
-def _name(datagram: Datagram) -> str:
-    return datagram.source.replace(".", "-")
 
 
 def _library(path: Path) -> ModuleType:

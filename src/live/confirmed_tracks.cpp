@@ -14,6 +14,8 @@ namespace {
 // while its sigma is at most this share of the largest that may be written; else it waits for a
 // sighting, or for the end.
 constexpr double kGuessedShare = 0.25;
+// What waits for so long to be known as a drone has no older rows: it may hang there for days.
+constexpr double kWaitS = 20.0;
 constexpr double kTaken = 0.0;  // gain from which a plot is a track's
 
 }  // namespace
@@ -24,6 +26,7 @@ ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackMo
       models_(models),
       instants_(std::move(output_times)),
       fitter_(config.trajectory),
+      judge_(config.live.window_s),
       on_event_(std::move(on_event)) {}
 
 const std::vector<char>& ConfirmedTracks::Extend(const std::vector<SeenPlot>& plots,
@@ -61,15 +64,32 @@ bool ConfirmedTracks::Has(const Flight& flight) const {
 bool ConfirmedTracks::Begin(const Flight& flight, double least_score,
                             const std::function<Flight(const Flight&)>& with_past) {
   const auto follow = [&](const Flight& its) {
-    return std::make_unique<TrackFollower>(next_id_, its, models_, config_.robust.tracker,
+    return std::make_unique<TrackFollower>(its, models_, config_.robust.tracker,
                                            config_.robust.collect);
   };
   if (follow(flight)->score() < least_score) return false;
   if (Has(flight)) return true;
   tracks_.emplace_back();
   tracks_.back().follower = follow(with_past(flight));
-  ++next_id_;
+  tracks_.back().number = next_number_++;
   return true;
+}
+
+void ConfirmedTracks::Judge(const std::vector<SeenPlot>& seen, double time_s) {
+  for (auto track = tracks_.begin(); track != tracks_.end();) {
+    TrackFollower& follower = *track->follower;
+    if (!track->verdict || time_s >= track->verdict->until_s) {
+      if (!track->is_told) follower.Fit(fitter_);
+      track->verdict =
+          judge_.Judge(track->number, follower, track->is_told, seen, time_s, track->verdict);
+    }
+    if (track->is_told && track->verdict->is_cloud) {
+      TellEnd(*track);
+      track = tracks_.erase(track);
+    } else {
+      ++track;
+    }
+  }
 }
 
 const std::vector<SeenPlot>& ConfirmedTracks::GiveRows(TimeNs searched_ns, TimeNs newest_ns) {
@@ -90,7 +110,7 @@ const std::vector<SeenPlot>& ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs sea
       continue;
     }
     Append(&*track, searched_ns, searched_ns, 1.0);
-    on_event_(TrackEnded{track->follower->id(), last_ns, track->kind.kind()});
+    TellEnd(*track);
     track = tracks_.erase(track);
   }
   return settled_;
@@ -100,8 +120,7 @@ void ConfirmedTracks::Close(TimeNs newest_ns) {
   settled_.clear();
   for (Track& track : tracks_) {
     Append(&track, std::numeric_limits<TimeNs>::max() / 2, newest_ns, 1.0);
-    on_event_(
-        TrackEnded{track.follower->id(), track.follower->last_evidence_ns(), track.kind.kind()});
+    TellEnd(track);
   }
   tracks_.clear();
 }
@@ -111,6 +130,11 @@ void ConfirmedTracks::Forget(TimeNs oldest_ns) {
     if (track.is_told) oldest_ns = std::min(oldest_ns, track.given_ns);
   }
   instants_.Forget(oldest_ns);
+}
+
+void ConfirmedTracks::TellEnd(const Track& track) {
+  if (!track.is_told) return;
+  on_event_(TrackEnded{track.id, track.follower->last_evidence_ns(), track.kind.kind()});
 }
 
 // When its target was there, as PresenceInterval() says it of a recording, but for what is given.
@@ -127,16 +151,21 @@ TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) co
   return presence;
 }
 
-// Gives the rows of a track until then, if there are any, and appends the plots that they settle.
+// Gives the rows of a track until then, if there are any and it is no worse than a drone, and
+// appends the plots that they settle.
 void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
                              double guessed_share) {
+  if (!track->verdict || !track->verdict->is_drone) {
+    not_told_.clear();
+    track->follower->Settle(until_ns - NsOf(kWaitS), &not_told_);
+    return;
+  }
   instants_.GetBetween(track->given_ns, until_ns, &due_);
   if (due_.size() == 0) return;
   TrackFollower& follower = *track->follower;
   follower.Fit(fitter_);
   track->kind.Observe(follower.trajectory(), until_ns);
   const Kind kind = track->kind.kind();
-  source_.track_id = follower.id();
   source_.trajectory = follower.trajectory();
   source_.presence = PresenceOf(*track, until_ns);
   source_.depth_sigma_m = follower.depth_sigma_m();
@@ -144,8 +173,10 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
   source_.max_sigma_m = config_.trajectory.max_sigma_m;
   if (!std::exchange(track->is_told, true)) {
     track->given_ns = source_.presence.begin_ns - 1;
-    on_event_(TrackConfirmed{follower.id(), follower.first_evidence_ns(), kind});
+    track->id = next_id_++;
+    on_event_(TrackConfirmed{track->id, follower.first_evidence_ns(), kind});
   }
+  source_.track_id = track->id;
   RowSampler rows(source_, due_);
   const TimeNs late_ns = newest_ns - NsOf(config_.live.delay_s) - period_ns_;
   const TimeInterval seen{follower.measurements().front().time_ns, follower.last_evidence_ns()};

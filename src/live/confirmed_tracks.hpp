@@ -4,12 +4,14 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "base/recording.hpp"
 #include "live/live_instants.hpp"
 #include "live/seen_plot.hpp"
 #include "live/track_follower.hpp"
+#include "live/track_judge.hpp"
 #include "robust/tracking/track_model.hpp"
 #include "trajectory/kind.hpp"
 #include "unlidar/config.hpp"
@@ -40,6 +42,10 @@ class ConfirmedTracks {
   bool Begin(const Flight& flight, double least_score,
              const std::function<Flight(const Flight&)>& with_past);
 
+  // Judges the tracks by what the frames of the last while show, `seen` in their order. One that
+  // may be no drone is followed without a row; one that has rows and proves to be a cloud ends.
+  void Judge(const std::vector<SeenPlot>& seen, double time_s);
+
   // Gives the rows that are due when `newest_ns` is the newest stamp and frames were searched until
   // `searched_ns`. Returns the plots that are the tracks' for good by now, until the next call.
   const std::vector<SeenPlot>& GiveRows(TimeNs searched_ns, TimeNs newest_ns);
@@ -66,7 +72,10 @@ class ConfirmedTracks {
   };
 
   struct Track {
+    int number = 0;  // as it began
+    int id = 0;      // as it is told
     std::unique_ptr<TrackFollower> follower;
+    std::optional<TrackJudge::Verdict> verdict;
     KindFilter kind;
     TimeNs given_ns = std::numeric_limits<TimeNs>::min();  // up to here
     bool is_told = false;
@@ -74,23 +83,27 @@ class ConfirmedTracks {
 
   bool Has(const Flight& flight) const;
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
+  void TellEnd(const Track& track);
   void Append(Track* track, TimeNs until_ns, TimeNs newest_ns, double guessed_share);
 
   const Config& config_;
   const std::vector<TrackModel>& models_;
   LiveInstants instants_;
   TrajectoryFitter fitter_;
+  TrackJudge judge_;
   // What a frame is worked on with, kept for the next.
   std::vector<Claim> claims_;      // (plots)
   std::vector<double> gains_;      // (plots) of a track
   std::vector<char> are_free_;     // (plots)
   std::vector<char> are_allowed_;  // (plots) a track
   std::vector<SeenPlot> settled_;
+  std::vector<SeenPlot> not_told_;
   OutputInstants due_;
   RowSource source_;
   EngineCallback on_event_;
   TimeNs period_ns_ = std::numeric_limits<TimeNs>::max();
   int next_id_ = 0;
+  int next_number_ = 0;
   std::vector<Track> tracks_;
 };
 

@@ -55,6 +55,9 @@ class LiveSearch {
   // That flight with what it was before the search found it, which is the track's from now on.
   Flight WithPast(const Flight& flight);
 
+  // What was seen in the last while, in order of time.
+  const std::vector<SeenPlot>& seen() const { return seen_; }
+
   // The plots of the path are a track's, and no other path's.
   void Take(const Path& path);
 

@@ -71,6 +71,7 @@ void LiveTracker::Search(SceneFrame frame) {
     const auto with_past = [&](const Flight& its) { return search_.WithPast(its); };
     if (flight && tracks_.Begin(*flight, search_.least_score(), with_past)) search_.Take(path);
   }
+  tracks_.Judge(search_.seen(), time_s);
   const TimeNs lost_ns = middle_ns - NsOf(config_.robust.tracker.max_gap_s);
   scene_.Explain(tracks_.EndLost(lost_ns, searched_ns_));
   if (time_s - tidied_s_ < kTidyS) return;

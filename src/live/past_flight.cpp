@@ -36,7 +36,7 @@ std::vector<std::size_t> PastOf(const Flight& flight, const std::vector<SeenPlot
   }
   const Plot& first = flight.plots.front().plot;
   const RobustConfig& robust = config.robust;
-  TrackFollower follower(0, back, models, robust.tracker, robust.collect);
+  TrackFollower follower(back, models, robust.tracker, robust.collect);
   const auto num_floating = std::count_if(flight.plots.begin(), flight.plots.end(),
                                           [](const SeenPlot& one) { return one.plot.is_floating; });
   const bool floats = 2 * static_cast<std::size_t>(num_floating) >= flight.plots.size();

@@ -20,10 +20,9 @@ constexpr double kGateSigmas = 6.0;
 
 }  // namespace
 
-TrackFollower::TrackFollower(int id, const Flight& flight, const std::vector<TrackModel>& models,
+TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>& models,
                              const TrackerConfig& tracker, const CollectConfig& collect)
-    : id_(id),
-      models_(&models),
+    : models_(&models),
       tracker_(tracker),
       collect_(collect),
       plots_(flight.plots.begin(), flight.plots.end()),
@@ -254,7 +253,7 @@ Measurement TrackFollower::Measure(const Node& node) const {
 
 void TrackFollower::Fit(TrajectoryFitter& fitter) {
   measurements_.clear();
-  returns_.clear();
+  sightings_.clear();
   const std::int32_t head = Head();
   const double from_s =
       settled_ == kNone
@@ -264,14 +263,20 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
     const Node& node = nodes_[static_cast<std::size_t>(k)];
     if (node.h.time_s < from_s) break;
     measurements_.push_back(Measure(node));
-    returns_.emplace_back(PlotOf(node).stamp_ns, measurements_.back().support);
+    const SeenPlot& seen = PlotOf(node);
+    sightings_.push_back(
+        {seen.stamp_ns, seen.plot.frame, seen.plot.position_m, measurements_.back().support});
   }
   // By time, which is the order of the path but for plots of one frame or of several sensors.
   std::reverse(measurements_.begin(), measurements_.end());
+  std::reverse(sightings_.begin(), sightings_.end());
   for (auto at = measurements_.begin(); at != measurements_.end(); ++at) {
     const auto place = std::upper_bound(
         measurements_.begin(), at, *at,
         [](const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; });
+    const auto sighting = sightings_.begin() + (at - measurements_.begin());
+    std::rotate(sightings_.begin() + (place - measurements_.begin()), sighting,
+                std::next(sighting));
     std::rotate(place, at, std::next(at));
   }
   const TimeNs now_ns = measurements_.back().time_ns;
@@ -288,17 +293,34 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
 bool TrackFollower::IsNewLeftOut() const {
   for (std::size_t i = measurements_.size(); i > 0; --i) {
     if (measurements_[i - 1].time_ns <= *scales_ns_) return false;
-    if (trajectory_.weights[i - 1] < 0.5) return true;
+    if (IsLeftOut(i - 1)) return true;
   }
   return false;
 }
 
 int TrackFollower::ReturnsBetween(TimeNs from_ns, TimeNs to_ns) const {
   int sum = 0;
-  for (const auto& [stamp_ns, returns] : returns_) {
-    if (stamp_ns >= from_ns && stamp_ns < to_ns) sum += returns;
+  for (const Sighting& one : sightings_) {
+    if (one.stamp_ns >= from_ns && one.stamp_ns < to_ns) sum += one.num_returns;
   }
   return sum;
+}
+
+bool TrackFollower::HasFitted(const Plot& plot) const {
+  for (std::size_t i = 0; i < sightings_.size(); ++i) {
+    if (sightings_[i].frame == plot.frame && sightings_[i].position_m == plot.position_m) {
+      return !IsLeftOut(i);
+    }
+  }
+  return false;
+}
+
+std::vector<Measurement> TrackFollower::FittedMeasurements() const {
+  std::vector<Measurement> fitted;
+  for (std::size_t i = 0; i < measurements_.size(); ++i) {
+    if (!IsLeftOut(i)) fitted.push_back(measurements_[i]);
+  }
+  return fitted;
 }
 
 bool TrackFollower::IsNear(const Eigen::Vector3d& place_m, double time_s) const {

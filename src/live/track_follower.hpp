@@ -20,10 +20,8 @@ namespace unlidar {
 class TrackFollower {
  public:
   // Goes on from a flight. `models`: one for each agility, which outlive it.
-  TrackFollower(int id, const Flight& flight, const std::vector<TrackModel>& models,
+  TrackFollower(const Flight& flight, const std::vector<TrackModel>& models,
                 const TrackerConfig& tracker, const CollectConfig& collect);
-
-  int id() const { return id_; }
 
   // Sets what each of the plots of a frame at `at` would bring it, beside being unseen.
   void SetGains(const std::vector<SeenPlot>& plots, const Moment& at,
@@ -47,6 +45,10 @@ class TrackFollower {
   const std::vector<Measurement>& measurements() const { return measurements_; }
   double depth_sigma_m() const { return kFacingSideSigma * body_sigma_m_; }
 
+  // Whether that leads by a plot, and the measurements by which it does: all but outliers.
+  bool HasFitted(const Plot& plot) const;
+  std::vector<Measurement> FittedMeasurements() const;
+
   // Returns of the target in frames whose stamps lie in [from_ns, to_ns).
   int ReturnsBetween(TimeNs from_ns, TimeNs to_ns) const;
 
@@ -63,6 +65,14 @@ class TrackFollower {
     std::size_t plot = 0;           // number among all that it ever took
     std::int32_t believed = kNone;  // newest node on its way that is not only tried, or itself
     double now = 0.0;               // score, unseen since its plot
+  };
+
+  // Of which a measurement was made.
+  struct Sighting {
+    TimeNs stamp_ns;
+    std::uint32_t frame;
+    Eigen::Vector3d position_m;
+    int num_returns;
   };
 
   // The best way to a plot, for a model.
@@ -87,9 +97,9 @@ class TrackFollower {
   std::int32_t Head() const;
   void Forget();
   bool IsNewLeftOut() const;
+  bool IsLeftOut(std::size_t i) const { return trajectory_.weights[i] < 0.5; }
   Measurement Measure(const Node& node) const;
 
-  int id_;
   const std::vector<TrackModel>* models_;
   TrackerConfig tracker_;
   CollectConfig collect_;
@@ -101,9 +111,9 @@ class TrackFollower {
   TimeNs first_evidence_ns_ = 0;
   Trajectory trajectory_;
   std::vector<Measurement> measurements_;
-  std::vector<std::pair<TimeNs, int>> returns_;  // of these, by the stamps of their frames
-  std::optional<TimeNs> scales_ns_;              // when the scales were found
-  double body_sum_m2_;                           // of the spread of returns across ray and motion
+  std::vector<Sighting> sightings_;  // of these, but by their frames
+  std::optional<TimeNs> scales_ns_;  // when the scales were found
+  double body_sum_m2_;               // of the spread of returns across ray and motion
   double body_count_;
   double body_sigma_m_;
   Scratch scratch_;

@@ -77,7 +77,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     Target target = CollectTarget(recording, sensor_views, members, excluded, config.collect,
                                   trajectory_config);
     // What another target's returns leave of it may be a single sighting, which is no track.
-    if (target.measurements.size() < 2 || MayHang(target)) continue;
+    if (target.measurements.size() < 2 || MayHang(target.measurements)) continue;
     target.score = path.score;
     for (const std::uint32_t i : target.returns) excluded[i] = taken[i] = 1;
     result.targets.push_back(std::move(target));

@@ -81,6 +81,25 @@ struct Tracks {
         }) {
     tracks.SetPeriod(kPeriodNs);
   }
+
+  // Begins a track with a flight as it is, and judges it.
+  bool Begin(const Flight& flight, double least_score) {
+    const bool begins = tracks.Begin(flight, least_score, AsItIs);
+    seen.insert(seen.end(), flight.plots.begin(), flight.plots.end());
+    tracks.Judge(seen, flight.plots.back().at.time_s);
+    return begins;
+  }
+
+  // The tracks go on to a frame with a plot, are judged, and give all rows that are due.
+  void GoTo(int i, const SeenPlot& plot) {
+    tracks.AddInstants(FrameAt(i));
+    tracks.Extend({plot}, plot.at);
+    seen.push_back(plot);
+    tracks.Judge(seen, plot.at.time_s);
+    tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
+  }
+
+  std::vector<SeenPlot> seen;
 };
 
 TEST(ConfirmedTracks, WithoutOneEveryPlotIsFree) {
@@ -90,8 +109,8 @@ TEST(ConfirmedTracks, WithoutOneEveryPlotIsFree) {
 
 TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
   Tracks t;
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore, AsItIs));
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, OtherAt), kAnyScore, AsItIs));
+  ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
+  ASSERT_TRUE(t.Begin(FlightUntil(20, OtherAt), kAnyScore));
   const SeenPlot stray = PlotAt(20, {40.0, 30.0, 10.0});
   const std::vector<SeenPlot> plots = {stray, OtherAt(20), DroneAt(20)};
   EXPECT_EQ(t.tracks.Extend(plots, stray.at), (std::vector<char>{1, 0, 0}));
@@ -110,7 +129,7 @@ TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
   Flight flight;
   for (int i = 0; i < 100; i += 5) flight.plots.push_back(far_at(i));
   for (int i = 0; i < kEnd; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.tracks.Begin(flight, kAnyScore, AsItIs));
+  ASSERT_TRUE(t.Begin(flight, kAnyScore));
   for (int i = 100; i < kEnd; ++i) {
     const bool is_seen = i == 115 || i == 130 || i == 145 || i == 160;
     t.tracks.Extend(is_seen ? std::vector<SeenPlot>{far_at(i)} : std::vector<SeenPlot>(),
@@ -125,10 +144,10 @@ TEST(ConfirmedTracks, AFlightIsATrackOnceAndOnlyIfItIsWorthIt) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
   const Flight flight = FlightUntil(20, DroneAt);
-  EXPECT_FALSE(t.tracks.Begin(flight, 1e9, AsItIs));
-  EXPECT_TRUE(t.tracks.Begin(flight, kAnyScore, AsItIs));
-  EXPECT_TRUE(t.tracks.Begin(flight, kAnyScore, AsItIs));
-  EXPECT_FALSE(t.tracks.Begin(flight, 1e9, AsItIs));
+  EXPECT_FALSE(t.Begin(flight, 1e9));
+  EXPECT_TRUE(t.Begin(flight, kAnyScore));
+  EXPECT_TRUE(t.Begin(flight, kAnyScore));
+  EXPECT_FALSE(t.Begin(flight, 1e9));
   t.tracks.Close(kEndless);
   ASSERT_EQ(t.confirmed.size(), 1U);
   EXPECT_EQ(t.confirmed[0].track_id, 0);
@@ -140,7 +159,7 @@ TEST(ConfirmedTracks, AFlightIsATrackOnceAndOnlyIfItIsWorthIt) {
 TEST(ConfirmedTracks, EveryRowIsGivenOnceInOrderWhereTheDroneIs) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore, AsItIs));
+  ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
   std::size_t num_settled = 0;
   for (int i = 20; i < 60; ++i) {
     const SeenPlot seen = DroneAt(i);
@@ -181,7 +200,7 @@ TEST(ConfirmedTracks, RowsFollowADroneThatSetsOff) {
     return PlotAt(i, truth_m(i) + random.NormalVector(0.03));
   };
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, setting_off_at), kAnyScore, AsItIs));
+  ASSERT_TRUE(t.Begin(FlightUntil(20, setting_off_at), kAnyScore));
   for (int i = 20; i < kHovers + 30; ++i) {
     const SeenPlot seen = setting_off_at(i);
     t.tracks.AddInstants(FrameAt(i));
@@ -204,7 +223,7 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
     Flight flight;
     for (int i = 0; i <= kLast; i += 6) flight.plots.push_back(CirclingAt(i));
     for (int i = 0; i <= kLast; ++i) t.tracks.AddInstants(FrameAt(i));
-    ASSERT_TRUE(t.tracks.Begin(flight, kAnyScore, AsItIs));
+    ASSERT_TRUE(t.Begin(flight, kAnyScore));
     const auto go_to = [&](int i, const std::vector<SeenPlot>& plots) {
       t.tracks.AddInstants(FrameAt(i));
       t.tracks.Extend(plots, CirclingAt(i).at);
@@ -231,14 +250,89 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
 TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
   Tracks t;
   for (int i = 0; i < 40; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(20, DroneAt), kAnyScore, AsItIs));
-  ASSERT_TRUE(t.tracks.Begin(FlightUntil(40, OtherAt), kAnyScore, AsItIs));
+  ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
+  ASSERT_TRUE(t.Begin(FlightUntil(40, OtherAt), kAnyScore));
   const TimeNs middle_ns = FrameAt(39).middle_ns();
   t.tracks.EndLost(FrameAt(19).middle_ns(), middle_ns);
   EXPECT_TRUE(t.ended.empty());
   t.tracks.EndLost(FrameAt(19).middle_ns() + 1, middle_ns);
   ASSERT_EQ(t.ended.size(), 1U);
   EXPECT_EQ(t.ended[0].track_id, 0);
+}
+
+// A puff of steam on the way of DroneAt: its returns lie wide.
+SeenPlot PuffAt(int i) {
+  SeenPlot seen = DroneAt(i);
+  constexpr double kSpreadM = 0.6;
+  seen.scatter_m2 = static_cast<double>(seen.plot.returns.size()) * kSpreadM * kSpreadM *
+                    Eigen::Matrix3d::Identity();
+  return seen;
+}
+
+TEST(ConfirmedTracks, ACloudIsFollowedWithoutARow) {
+  Tracks t;
+  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+  ASSERT_TRUE(t.Begin(FlightUntil(20, PuffAt), kAnyScore));
+  for (int i = 20; i < 60; ++i) t.GoTo(i, PuffAt(i));
+  EXPECT_EQ(t.tracks.Extend({PuffAt(60)}, PuffAt(60).at), (std::vector<char>{0}));
+  t.tracks.Close(kEndless);
+  EXPECT_TRUE(t.confirmed.empty());
+  EXPECT_TRUE(t.rows.empty());
+  EXPECT_TRUE(t.ended.empty());
+}
+
+TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {
+  Tracks t;
+  constexpr int kGrows = 40;
+  const auto growing_at = [](int i) { return i < kGrows ? DroneAt(i) : PuffAt(i); };
+  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+  ASSERT_TRUE(t.Begin(FlightUntil(20, growing_at), kAnyScore));
+  for (int i = 20; i < 120; ++i) t.GoTo(i, growing_at(i));
+  ASSERT_EQ(t.confirmed.size(), 1U);
+  ASSERT_EQ(t.ended.size(), 1U);
+  EXPECT_EQ(t.ended[0].track_id, t.confirmed[0].track_id);
+  EXPECT_GT(t.ended[0].last_evidence_ns, FrameAt(kGrows).stamp_ns);
+  EXPECT_LT(t.ended[0].last_evidence_ns, FrameAt(119).stamp_ns);
+  // Later something small, on the same way, and a drone elsewhere.
+  constexpr int kLater = 150;
+  Flight piece;
+  Flight drone;
+  for (int i = 0; i < 20; ++i) {
+    piece.plots.push_back(PlotAt(kLater + i, growing_at(kGrows + i).plot.position_m));
+    drone.plots.push_back(OtherAt(kLater + i));
+    t.tracks.AddInstants(FrameAt(kLater + i));
+  }
+  ASSERT_TRUE(t.Begin(piece, kAnyScore));
+  ASSERT_TRUE(t.Begin(drone, kAnyScore));
+  t.rows.clear();
+  t.tracks.Close(kEndless);
+  ASSERT_EQ(t.confirmed.size(), 2U);
+  for (const TrajectoryRow& row : t.rows) {
+    EXPECT_EQ(row.track_id, t.confirmed[1].track_id);
+    EXPECT_LT(row.position_m.x(), 0.0);
+  }
+}
+
+// What stands still beyond 25 m may hang on a cable that nothing hits.
+TEST(ConfirmedTracks, WhatStandsFarAwayHasNoRowUntilItGoesAway) {
+  for (const double range_m : {10.0, 32.0}) {
+    Tracks t;
+    Random random(3);
+    constexpr int kStands = 900;
+    const auto standing_at = [&](int i) {
+      const double away_m = 0.2 * std::max(0, i - kStands);
+      return PlotAt(i, Eigen::Vector3d(range_m, away_m, 6.0) + random.NormalVector(0.08));
+    };
+    for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+    ASSERT_TRUE(t.Begin(FlightUntil(20, standing_at), kAnyScore));
+    for (int i = 20; i < kStands; ++i) t.GoTo(i, standing_at(i));
+    EXPECT_EQ(t.confirmed.empty(), range_m > 25.0) << range_m;
+    EXPECT_EQ(t.rows.empty(), range_m > 25.0) << range_m;
+    for (int i = kStands; i < kStands + 100; ++i) t.GoTo(i, standing_at(i));
+    EXPECT_EQ(t.confirmed.size(), 1U) << range_m;
+    ASSERT_FALSE(t.rows.empty());
+    EXPECT_GT(t.rows.back().position_m.y(), 10.0) << range_m;
+  }
 }
 
 }  // namespace

@@ -38,7 +38,7 @@ double ShareHanging(const Eigen::Vector3d& place_m, double duration_s,
     const double phase = random.Uniform(0.0, 2.0 * M_PI);
     const Target target =
         SeenNow(place_m, duration_s, &random, [&](double time_s) { return at(time_s, phase); });
-    hanging += MayHang(target) ? 1 : 0;
+    hanging += MayHang(target.measurements) ? 1 : 0;
   }
   return static_cast<double>(hanging) / kDraws;
 }
@@ -85,7 +85,7 @@ TEST(MayHang, SightingsOfOneInstantTellNothingOfMotion) {
   Target target;
   target.measurements.resize(2);
   for (Measurement& m : target.measurements) m.position_m = kFarM;
-  EXPECT_TRUE(MayHang(target));
+  EXPECT_TRUE(MayHang(target.measurements));
 }
 
 }  // namespace

@@ -34,10 +34,38 @@ double ChiSquared(double degrees) {
   return degrees * std::pow(1.0 - variance + kQuantile * std::sqrt(variance), 3.0);
 }
 
-// Whether the means of whiles differ by more than the scatter within them explains: no less than
-// the width of the beam, anywhere in which a return may come from.
-bool Wanders(const std::vector<Measurement>& measurements, const Eigen::Vector3d& mean_m,
-             double range_m) {
+// Of at least one.
+Eigen::Vector3d MeanOf(const std::vector<Measurement>& measurements) {
+  Eigen::Vector3d mean_m = Eigen::Vector3d::Zero();
+  for (const Measurement& m : measurements) mean_m += m.position_m;
+  return mean_m / static_cast<double>(measurements.size());
+}
+
+double LeastRangeM(const std::vector<Measurement>& measurements, const Eigen::Vector3d& mean_m) {
+  double range_m = std::numeric_limits<double>::infinity();
+  for (const Measurement& m : measurements) {
+    range_m = std::min(range_m, (mean_m - m.viewpoint_m).norm());
+  }
+  return range_m;
+}
+
+}  // namespace
+
+bool StandsFarAway(const std::vector<Measurement>& measurements) {
+  const Eigen::Vector3d mean_m = MeanOf(measurements);
+  const double range_m = LeastRangeM(measurements, mean_m);
+  double farthest_m = 0.0;
+  for (const Measurement& m : measurements) {
+    farthest_m = std::max(farthest_m, (m.position_m - mean_m).norm());
+  }
+  return range_m > kCableRangeM && farthest_m < kLeastMove.At(range_m);
+}
+
+// The means of whiles are to differ by more than the scatter within them explains: no less than the
+// width of the beam, anywhere in which a return may come from.
+bool Wanders(const std::vector<Measurement>& measurements) {
+  const Eigen::Vector3d mean_m = MeanOf(measurements);
+  const double range_m = LeastRangeM(measurements, mean_m);
   const TimeNs begin_ns = measurements.front().time_ns;
   const double duration_s =
       static_cast<double>(measurements.back().time_ns - begin_ns) * kSecondsPerNs;
@@ -70,20 +98,8 @@ bool Wanders(const std::vector<Measurement>& measurements, const Eigen::Vector3d
   return between > ChiSquared(3.0 * (num_seen - 1.0));
 }
 
-}  // namespace
-
-bool MayHang(const Target& target) {
-  Eigen::Vector3d mean_m = Eigen::Vector3d::Zero();
-  for (const Measurement& m : target.measurements) mean_m += m.position_m;
-  mean_m /= static_cast<double>(target.measurements.size());
-  double range_m = std::numeric_limits<double>::infinity();
-  double farthest_m = 0.0;
-  for (const Measurement& m : target.measurements) {
-    range_m = std::min(range_m, (mean_m - m.viewpoint_m).norm());
-    farthest_m = std::max(farthest_m, (m.position_m - mean_m).norm());
-  }
-  return range_m > kCableRangeM && farthest_m < kLeastMove.At(range_m) &&
-         !Wanders(target.measurements, mean_m, range_m);
+bool MayHang(const std::vector<Measurement>& measurements) {
+  return StandsFarAway(measurements) && !Wanders(measurements);
 }
 
 }  // namespace unlidar

@@ -1,13 +1,21 @@
 // What may hang on something too thin to be seen.
 #pragma once
 
+#include <vector>
+
 #include "base/recording.hpp"
 
 namespace unlidar {
 
-// Whether a target stands still so far away that a cable which holds it would not be seen. What
-// hovers wanders by more than its returns scatter; what hangs stays, or swings about one place.
-// `target`: with at least one measurement.
-bool MayHang(const Target& target);
+// Whether a target stands still so far away that a cable which holds it would not be seen.
+// `measurements`: at least one, in order of time, also below.
+bool StandsFarAway(const std::vector<Measurement>& measurements);
+
+// Whether a target that stands moves by more than its returns scatter, as what hovers does: what
+// hangs stays, or swings about one place.
+bool Wanders(const std::vector<Measurement>& measurements);
+
+// Whether it stands far away and does not wander.
+bool MayHang(const std::vector<Measurement>& measurements);
 
 }  // namespace unlidar

@@ -1,0 +1,87 @@
+#include "live/track_judge.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+
+#include "robust/collection/hanging.hpp"
+
+namespace unlidar {
+namespace {
+
+// A track is judged again after so long, and after so large a share of the time for which it was
+// seen: every look is a chance for what hangs to seem to wander.
+constexpr double kAgainS = 0.5;
+constexpr double kAgainShare = 0.1;
+// So much longer one that may be wider than a drone is to be seen: a piece of a cloud grows, or is
+// gone by then.
+constexpr double kDoubtS = 3.0;
+// What stands still far away is known to wander when it was seen for three swings at least. If it
+// did not until this time, it hangs until it goes away.
+constexpr double kLeastWanderS = 9.0;
+constexpr double kHangsS = 60.0;
+constexpr std::size_t kMaxClouds = 64;
+
+bool MayHangFor(const std::vector<Measurement>& measurements, double seen_s) {
+  if (!StandsFarAway(measurements)) return false;
+  return seen_s < kLeastWanderS || seen_s > kHangsS || !Wanders(measurements);
+}
+
+}  // namespace
+
+TrackJudge::Verdict TrackJudge::Judge(int number, const TrackFollower& follower, bool is_told,
+                                      const std::vector<SeenPlot>& seen, double time_s,
+                                      const std::optional<Verdict>& before) {
+  const double seen_s =
+      static_cast<double>(follower.last_evidence_ns() - follower.first_evidence_ns()) *
+      kSecondsPerNs;
+  Verdict verdict;
+  verdict.first_s = before ? before->first_s : seen_s;
+  verdict.until_s = time_s + std::max(kAgainS, kAgainShare * std::min(seen_s, kHangsS));
+  verdict.is_cloud = IsCloud(number, follower, seen, time_s);
+  const bool is_doubtful = shape_.MayBeWide() && seen_s - verdict.first_s < kDoubtS;
+  verdict.is_drone =
+      !verdict.is_cloud &&
+      (is_told || (!is_doubtful && !MayHangFor(follower.FittedMeasurements(), seen_s)));
+  if (verdict.is_cloud) clouds_.push_back({number, time_s, std::exchange(shape_, Shape())});
+  return verdict;
+}
+
+// By its shape, and those of others lately. What it was judged before is forgotten.
+bool TrackJudge::IsCloud(int number, const TrackFollower& follower,
+                         const std::vector<SeenPlot>& seen, double time_s) {
+  clouds_.erase(std::remove_if(clouds_.begin(), clouds_.end(),
+                               [&](const Cloud& cloud) {
+                                 return cloud.number == number || time_s - cloud.time_s > window_s_;
+                               }),
+                clouds_.end());
+  while (clouds_.size() >= kMaxClouds) clouds_.pop_front();
+  const Trajectory& trajectory = follower.trajectory();
+  shape_.Clear();
+  for (auto end = seen.end(); end != seen.begin();) {
+    const auto last = std::prev(end);
+    if (last->plot.frame_time_ns < trajectory.begin_ns()) break;
+    auto begin = last;
+    while (begin != seen.begin() && std::prev(begin)->plot.frame == last->plot.frame) --begin;
+    if (last->plot.frame_time_ns <= trajectory.end_ns()) {
+      lumps_.clear();
+      for (auto one = begin; one != end; ++one) {
+        const Plot& plot = one->plot;
+        const bool is_own = follower.HasFitted(plot);
+        if (!is_own && plot.lowest_m < kInTheAirM) continue;
+        lumps_.push_back({plot.time_ns, plot.position_m, is_own,
+                          static_cast<double>(plot.returns.size()), &one->scatter_m2});
+      }
+      if (!lumps_.empty()) {
+        shape_.Add(trajectory.At(last->plot.frame_time_ns),
+                   last->plot.position_m - last->plot.ray_m, lumps_);
+      }
+    }
+    end = begin;
+  }
+  others_.clear();
+  for (const Cloud& cloud : clouds_) others_.push_back(&cloud.shape);
+  return shape_.IsCloud(others_);
+}
+
+}  // namespace unlidar

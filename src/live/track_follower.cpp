@@ -205,6 +205,7 @@ void TrackFollower::Forget() {
   constexpr std::size_t kWorthWhile = 512;
   if (nodes_.size() < kWorthWhile) return;
   std::vector<std::int32_t>& moved = scratch_.moved;
+  moved.reserve(nodes_.capacity());
   moved.assign(nodes_.size(), kNone);
   constexpr std::int32_t kWanted = 0;
   std::size_t first_plot = first_plot_ + plots_.size() - 1;

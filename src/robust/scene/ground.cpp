@@ -1,5 +1,6 @@
 #include "robust/scene/ground.hpp"
 
+#include <Eigen/Jacobi>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
@@ -28,27 +29,6 @@ double Quantile(Number* begin, Number* end, double share) {
   return static_cast<double>(*at);
 }
 
-// Least squares by a QR decomposition with pivoting, in place: `a` and `b` are overwritten. As
-// Eigen's own, whose solve() takes memory for each.
-Eigen::Vector3d SolveLeastSquares(Eigen::Ref<Eigen::Matrix<double, Eigen::Dynamic, 3>> a,
-                                  Eigen::Ref<Eigen::VectorXd> b) {
-  const Eigen::ColPivHouseholderQR<Eigen::Ref<Eigen::Matrix<double, Eigen::Dynamic, 3>>> qr(a);
-  const Eigen::Index rank = qr.nonzeroPivots();
-  for (Eigen::Index k = 0; k < rank; ++k) {
-    double workspace = 0.0;
-    b.tail(b.size() - k)
-        .applyHouseholderOnTheLeft(qr.matrixQR().col(k).tail(b.size() - k - 1), qr.hCoeffs()[k],
-                                   &workspace);
-  }
-  Eigen::Vector3d solution = Eigen::Vector3d::Zero();
-  solution.head(rank) = b.head(rank);
-  qr.matrixQR()
-      .topLeftCorner(rank, rank)
-      .triangularView<Eigen::Upper>()
-      .solveInPlace(solution.head(rank));
-  return qr.colsPermutation() * solution;
-}
-
 }  // namespace
 
 Ground::Ground(const PointsView& points_m, const GroundConfig& config) : Ground(config) {
@@ -64,7 +44,7 @@ void Ground::Fit(const PointsView& points_m, Workspace* workspace) {
 }
 
 void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
-  auto& [heights_m, known, lowest_m, inliers, coefficients, right_hand_side] = *workspace;
+  auto& [heights_m, known, lowest_m, inliers] = *workspace;
   numbers_.Clear();
   cells_.clear();
   for (std::size_t i = 0; i < points_m.size(); ++i) {
@@ -99,7 +79,7 @@ void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
 
 // Iterated least squares on the lower half, then on what lies within the band of the plane.
 void Ground::FitPlane(Workspace* workspace) {
-  auto& [heights_m, known, lowest_m, inliers, coefficients, right_hand_side] = *workspace;
+  auto& [heights_m, known, lowest_m, inliers] = *workspace;
   if (lowest_m.size() < kMinCells) return;
   const double median_m = Quantile(lowest_m.data(), lowest_m.data() + lowest_m.size(), 0.5);
   const auto choose = [&](const auto& is_inlier) {
@@ -111,17 +91,18 @@ void Ground::FitPlane(Workspace* workspace) {
   choose([&](const Cell& cell) { return cell.height_m <= median_m; });
   for (int iteration = 0; iteration < 6; ++iteration) {
     if (inliers.size() < kMinCells) return;
-    coefficients.resize(3 * inliers.size());
-    right_hand_side.resize(inliers.size());
-    const auto num_rows = static_cast<Eigen::Index>(inliers.size());
-    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 3>> a(coefficients.data(), num_rows, 3);
-    Eigen::Map<Eigen::VectorXd> b(right_hand_side.data(), num_rows);
-    for (Eigen::Index row = 0; row < num_rows; ++row) {
-      const Cell& cell = cells_[inliers[static_cast<std::size_t>(row)]];
-      a.row(row) = MiddleOf(cell).transpose();
-      b[row] = cell.height_m;
+    // The triangle of the QR decomposition, and the right-hand side beside it, cell by cell.
+    Eigen::Matrix4d triangle = Eigen::Matrix4d::Zero();
+    for (const std::uint32_t number : inliers) {
+      triangle.row(3) << MiddleOf(cells_[number]).transpose(), cells_[number].height_m;
+      for (Eigen::Index k = 0; k < 3; ++k) {
+        Eigen::JacobiRotation<double> givens;
+        givens.makeGivens(triangle(k, k), triangle(3, k));
+        triangle.applyOnTheLeft(k, 3, givens.adjoint());
+      }
     }
-    plane_ = SolveLeastSquares(a, b);
+    plane_ = triangle.topLeftCorner<3, 3>().colPivHouseholderQr().solve(
+        triangle.topRightCorner<4, 1>().head<3>());
     choose([&](const Cell& cell) {
       return std::abs(cell.height_m - plane_.dot(MiddleOf(cell))) < kPlaneBandM;
     });

@@ -18,12 +18,10 @@ class Ground {
  public:
   // What it is fitted in, kept for the next fit.
   struct Workspace {
-    std::vector<float> heights_m;         // of the points, by cell
-    std::vector<std::uint32_t> known;     // cells with a height, by place
-    std::vector<double> lowest_m;         // theirs
-    std::vector<std::uint32_t> inliers;   // those that the plane is fitted to, by place
-    std::vector<double> coefficients;     // (inliers, 3) column by column
-    std::vector<double> right_hand_side;  // (inliers)
+    std::vector<float> heights_m;        // of the points, by cell
+    std::vector<std::uint32_t> known;    // cells with a height, by place
+    std::vector<double> lowest_m;        // theirs
+    std::vector<std::uint32_t> inliers;  // of them, those that the plane is fitted to
   };
 
   // None, until it is fitted.

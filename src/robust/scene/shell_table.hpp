@@ -91,6 +91,7 @@ class ShellTable {
   // Drops the voxels for which is_gone(value), which may change it. The others are renumbered.
   template <class IsGone>
   void EraseIf(const IsGone& is_gone) {
+    moved_.reserve(values_.capacity());
     moved_.assign(values_.size(), VoxelNumbers::kNone);
     std::uint32_t kept = 0;
     for (std::size_t i = 0; i < values_.size(); ++i) {

@@ -142,6 +142,7 @@ void TrackSearch::Forget(std::size_t num_plots) {
                                [&](std::int32_t h) { return !is_kept_plot(h); }),
                 active_.end());
   std::vector<std::int32_t>& moved = marks_;
+  moved.reserve(history_.capacity());
   moved.assign(history_.size(), kNone);
   constexpr std::int32_t kWanted = 0;
   for (const std::int32_t leaf : active_) {

@@ -149,7 +149,10 @@ void LiveScene::Refit(Station* station) {
 void LiveScene::RefitAll() {
   if (std::exchange(is_warm_, true)) {
     // What the warm-up held all at once is not needed any more.
-    if (snapshot_interval_ns_ < kLastRefitNs) held_.Shed();
+    if (snapshot_interval_ns_ < kLastRefitNs) {
+      waiting_.Shed();
+      held_.Shed();
+    }
     snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
     for (Station& station : scenes_) {
       if (station.snapshot) Refit(&station);

@@ -14,7 +14,10 @@ namespace {
 // So many frames of each sensor in a row tell of a clock that has gone back; fewer may be astray.
 constexpr int kFramesOfPast = 8;
 
-const auto comes_later = [](const auto& a, const auto& b) { return b.ComesBefore(a); };
+template <class Waiting>
+bool ComesLater(const Waiting& a, const Waiting& b) {
+  return b.ComesBefore(a);
+}
 
 }  // namespace
 
@@ -93,7 +96,7 @@ void LiveEngine::Add(CloudFrame frame) {
   TellSensors(frame.sensor);
   ++num_waiting_;
   std::push_heap(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(num_waiting_),
-                 comes_later);
+                 ComesLater<Waiting>);
   if (!is_endless_) Release(SettledNs());
 }
 
@@ -185,7 +188,7 @@ void LiveEngine::LookAt(const LoadedFrame& frame) {
 void LiveEngine::Release(TimeNs until_ns) {
   while (num_waiting_ > 0 && waiting_.front().stamp_ns <= until_ns) {
     std::pop_heap(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(num_waiting_),
-                  comes_later);
+                  ComesLater<Waiting>);
     --num_waiting_;
     HandOn(until_ns, &waiting_[num_waiting_].frame);
   }

@@ -79,7 +79,9 @@ void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
 
 // Iterated least squares on the lower half, then on what lies within the band of the plane.
 void Ground::FitPlane(Workspace* workspace) {
-  auto& [heights_m, known, lowest_m, inliers] = *workspace;
+  const std::vector<std::uint32_t>& known = workspace->known;
+  std::vector<double>& lowest_m = workspace->lowest_m;
+  std::vector<std::uint32_t>& inliers = workspace->inliers;
   if (lowest_m.size() < kMinCells) return;
   const double median_m = Quantile(lowest_m.data(), lowest_m.data() + lowest_m.size(), 0.5);
   const auto choose = [&](const auto& is_inlier) {

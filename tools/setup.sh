@@ -159,7 +159,7 @@ build_for_threads() {
 # build_for_arm64 TARGET...: against the packages in build-arm64-sysroot/, in build-arm64/.
 build_for_arm64() {
   build_in "$arm64_dir" "$@" -- -DCMAKE_TOOLCHAIN_FILE="$root/cmake/arm64.cmake" \
-    -DCMAKE_SYSROOT="$arm64_sysroot" -DCMAKE_BUILD_TYPE=Release \
+    -DCMAKE_SYSROOT="$arm64_sysroot" -DCMAKE_BUILD_TYPE=Release -DUNLIDAR_UNITY=ON \
     -DUNLIDAR_ORACLES=OFF -DUNLIDAR_BUILD_BENCHMARKS=OFF
 }
 

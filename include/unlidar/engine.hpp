@@ -105,7 +105,8 @@ class Engine {
   std::uint64_t late_frames() const;
 
  private:
-  std::vector<std::string> sensors_;
+  std::vector<std::string> sensors_;  // as messages call them
+  std::string frame_name_;
   std::unique_ptr<LiveEngine> live_;
 };
 

@@ -1,5 +1,7 @@
 #include "unlidar/engine.hpp"
 
+#include <array>
+#include <charconv>
 #include <utility>
 #include <variant>
 
@@ -25,8 +27,8 @@ struct Checked {
 }  // namespace
 
 Engine::Engine(const Config& config, const std::vector<std::string>& sensors,
-               EngineCallback on_event, const OutputTimes& output_times)
-    : sensors_(sensors) {
+               EngineCallback on_event, const OutputTimes& output_times) {
+  for (const std::string& name : sensors) sensors_.push_back(Shortened(name));
   CheckConfig(config);
   CheckLive(config);
   live_ = std::make_unique<LiveEngine>(config, sensors, std::visit(Checked(), output_times),
@@ -36,23 +38,30 @@ Engine::Engine(const Config& config, const std::vector<std::string>& sensors,
 Engine::~Engine() = default;
 
 std::uint32_t Engine::AddSensor(const std::string& name) {
-  sensors_.push_back(name);
+  sensors_.push_back(Shortened(name));
   return live_->AddSensor(name);
 }
 
 void Engine::Add(Frame frame) {
-  const std::string stamp = "stamp " + std::to_string(frame.stamp_ns) + " ns";
   if (frame.sensor >= sensors_.size()) {
-    throw InputError("frame of " + stamp + ": of sensor " + std::to_string(frame.sensor) +
-                     ", expected an index below " + std::to_string(sensors_.size()));
+    throw InputError("frame of stamp " + std::to_string(frame.stamp_ns) + " ns: of sensor " +
+                     std::to_string(frame.sensor) + ", expected an index below " +
+                     std::to_string(sensors_.size()));
   }
   CloudFrame taken;
   taken.sensor = frame.sensor;
   taken.stamp_ns = frame.stamp_ns;
-  taken.name = "frame of " + Shortened(sensors_[frame.sensor]) + ", " + stamp;
+  std::array<char, 24> stamp{};
+  const auto end = std::to_chars(stamp.data(), stamp.data() + stamp.size(), frame.stamp_ns).ptr;
+  frame_name_ = "frame of ";
+  frame_name_ += sensors_[frame.sensor];
+  frame_name_ += ", stamp ";
+  frame_name_.append(stamp.data(), end);
+  frame_name_ += " ns";
+  taken.name = frame_name_;
   if (!frame.offsets_ns.empty()) {
     if (frame.offsets_ns.size() != frame.points_m.size()) {
-      throw InputError(taken.name + ": " + Count(frame.offsets_ns.size(), "point time") +
+      throw InputError(frame_name_ + ": " + Count(frame.offsets_ns.size(), "point time") +
                        ", expected none or " + std::to_string(frame.points_m.size()));
     }
     taken.cloud.time_kind = PcdTimeKind::kInteger;

@@ -70,6 +70,23 @@ class PointsView {
   std::size_t size_ = 0;
 };
 
+// Some indices where they are, at least until those who own them go on.
+class IndexView {
+ public:
+  IndexView(const std::uint32_t* begin, const std::uint32_t* end) : begin_(begin), end_(end) {}
+  IndexView(const std::vector<std::uint32_t>& indices)  // NOLINT(google-explicit-constructor)
+      : IndexView(indices.data(), indices.data() + indices.size()) {}
+
+  const std::uint32_t* begin() const { return begin_; }
+  const std::uint32_t* end() const { return end_; }
+  std::size_t size() const { return static_cast<std::size_t>(end_ - begin_); }
+  std::uint32_t front() const { return *begin_; }
+
+ private:
+  const std::uint32_t* begin_;
+  const std::uint32_t* end_;
+};
+
 // Of the sensors; the largest TimeNs where none has a period.
 inline TimeNs ShortestPeriodNs(const Recording& recording) {
   TimeNs period_ns = std::numeric_limits<TimeNs>::max();

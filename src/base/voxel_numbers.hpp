@@ -31,24 +31,43 @@ class VoxelNumbers {
     return slot.number;
   }
 
+  // Forgets all, and keeps its memory.
+  void Clear() {
+    std::fill(slots_.begin(), slots_.end(), Slot());
+    size_ = 0;
+  }
+
   // Asks the memory for the slot of a voxel that will be looked up soon.
   void Prefetch(std::uint32_t grid, VoxelKey key) const {
     if (!slots_.empty()) __builtin_prefetch(&slots_[FirstSlotOf(grid, key)]);
   }
 
-  // Takes on new numbers, by the old ones: kNone for voxels that are gone.
+  // Takes on new numbers, by the old ones: kNone for voxels that are gone. `size`: of those that
+  // are left. It keeps its memory, unless it has far too much by then.
   void Renumber(const std::vector<std::uint32_t>& numbers, std::uint32_t size) {
-    std::vector<Slot> old(std::max(kFewest, PowerAbove(size)));
-    old.swap(slots_);
+    if (slots_.empty()) return;
     size_ = size;
-    for (const Slot& slot : old) {
-      if (slot.number == kNone || numbers[slot.number] == kNone) continue;
-      slots_[SlotOf(slot.grid, slot.key)] = {slot.key, slot.grid, numbers[slot.number]};
+    // Each voxel is taken out and put back, from a free slot on, over which no search went: those
+    // before are back where they can be found, and at the latest there is its own slot.
+    const auto is_free = [](const Slot& slot) { return slot.number == kNone; };
+    const auto first = static_cast<std::size_t>(
+        std::find_if(slots_.begin(), slots_.end(), is_free) - slots_.begin());
+    for (std::size_t i = 1; i < slots_.size(); ++i) {
+      Slot& slot = slots_[(first + i) & (slots_.size() - 1)];
+      if (is_free(slot)) continue;
+      Slot moved = slot;
+      moved.number = numbers[slot.number];
+      slot.number = kNone;
+      if (!is_free(moved)) slots_[SlotOf(moved.grid, moved.key)] = moved;
+    }
+    if (const std::size_t enough = PowerAbove(size_); kFarTooMuch * enough <= slots_.size()) {
+      MoveTo(enough);
     }
   }
 
  private:
   static constexpr std::size_t kFewest = 64;
+  static constexpr std::size_t kFarTooMuch = 4;
 
   struct Slot {
     VoxelKey key = 0;
@@ -63,8 +82,11 @@ class VoxelNumbers {
     return power;
   }
 
-  void Grow() {
-    std::vector<Slot> old(std::max(kFewest, 2 * slots_.size()));
+  void Grow() { MoveTo(std::max(kFewest, 2 * slots_.size())); }
+
+  // To a table of another size.
+  void MoveTo(std::size_t num_slots) {
+    std::vector<Slot> old(num_slots);
     old.swap(slots_);
     for (const Slot& slot : old) {
       if (slot.number != kNone) slots_[SlotOf(slot.grid, slot.key)] = slot;

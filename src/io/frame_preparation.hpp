@@ -39,9 +39,10 @@ TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns, std::vector<TimeNs>* p
 // The time offset of a sensor. Throws ConfigError for one that no stamp can bear.
 TimeNs OffsetNs(const std::string& name, const SensorConfig& sensor);
 
-// Drops the rows that are no returns and applies the pose of the sensor.
-LoadedFrame LoadFrame(FrameFile file, PcdCloud cloud, const InputConfig& config,
-                      const SensorConfig& sensor);
+// Drops the rows that are no returns and applies the pose of the sensor. Sets all of the frame but
+// its file, in the memory that it has.
+void LoadFrame(PcdCloud cloud, const InputConfig& config, const SensorConfig& sensor,
+               LoadedFrame* frame);
 
 // Fills info.begin_ns, info.end_ns and times_ns, all without the sensor's time offset. Throws
 // InputError for a point time that is none.

@@ -26,6 +26,14 @@ constexpr TimeNs kMaxFrameNs = 1'000'000'000;
 constexpr TimeNs kMinTimeToleranceNs = 1'000'000'000;
 constexpr TimeNs kTimeTolerancePeriods = 10;
 
+// No more than it takes, for a recording may have many frames; but where memory is used again also
+// for the next ones, which differ by little.
+template <class T>
+void MakeRoomFor(std::size_t size, std::vector<T>* values) {
+  if (size <= values->capacity()) return;
+  values->reserve(values->capacity() == 0 ? size : size + size / 4);
+}
+
 }  // namespace
 
 void AddCounts(const InputCounts& from, InputCounts& to) {
@@ -73,20 +81,26 @@ TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns, std::vector<TimeNs>* p
   return std::min(*middle, kMaxPeriodNs);
 }
 
-LoadedFrame LoadFrame(FrameFile file, PcdCloud cloud, const InputConfig& config,
-                      const SensorConfig& sensor) {
-  LoadedFrame frame;
-  frame.file = std::move(file);
-  frame.cloud = std::move(cloud);
-  const std::vector<Eigen::Vector3f> rows = std::move(frame.cloud.points_m);
+void LoadFrame(PcdCloud cloud, const InputConfig& config, const SensorConfig& sensor,
+               LoadedFrame* frame) {
+  const std::vector<Eigen::Vector3f> rows = std::move(cloud.points_m);
+  frame->cloud = std::move(cloud);
+  frame->return_rows.clear();
+  frame->points_m.clear();
+  frame->times_ns.clear();
+  frame->counts = InputCounts();
+  frame->info = FrameInfo();
   const Eigen::Vector4d& q = sensor.rotation_xyzw;
   const Eigen::Matrix3d rotation =
       Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z()).normalized().toRotationMatrix();
   const auto is_no_return = [](const Eigen::Vector3f& row) { return (row.array() == 0.0F).all(); };
-  InputCounts& counts = frame.counts;
+  const bool is_timed = frame->cloud.time_kind != PcdTimeKind::kNone;
+  InputCounts& counts = frame->counts;
   counts.rows = rows.size();
-  frame.points_m.reserve(rows.size() - static_cast<std::size_t>(
-                                           std::count_if(rows.begin(), rows.end(), is_no_return)));
+  const std::size_t most =
+      rows.size() - static_cast<std::size_t>(std::count_if(rows.begin(), rows.end(), is_no_return));
+  MakeRoomFor(most, &frame->points_m);
+  if (is_timed) MakeRoomFor(most, &frame->return_rows);
   for (std::size_t row = 0; row < rows.size(); ++row) {
     if (is_no_return(rows[row])) {  // first: nine of ten rays at the sky
       ++counts.no_return_rows;
@@ -102,14 +116,11 @@ LoadedFrame LoadFrame(FrameFile file, PcdCloud cloud, const InputConfig& config,
       ++counts.out_of_range_rows;
       continue;
     }
-    frame.points_m.push_back((rotation * point_m + sensor.translation_m).cast<float>());
-    if (frame.cloud.time_kind != PcdTimeKind::kNone) {
-      frame.return_rows.push_back(static_cast<std::uint32_t>(row));
-    }
+    frame->points_m.push_back((rotation * point_m + sensor.translation_m).cast<float>());
+    if (is_timed) frame->return_rows.push_back(static_cast<std::uint32_t>(row));
   }
-  counts.returns = frame.points_m.size();
-  counts.empty_frames = frame.points_m.empty() ? 1 : 0;
-  return frame;
+  counts.returns = frame->points_m.size();
+  counts.empty_frames = frame->points_m.empty() ? 1 : 0;
 }
 
 namespace {
@@ -133,6 +144,7 @@ void SetTimes(TimeReading reading, TimeNs period_ns, StampMeaning meaning, Loade
   if (meaning == StampMeaning::kMiddle) info.begin_ns = stamp_ns - length_ns / 2;
   if (meaning == StampMeaning::kEnd) info.begin_ns = stamp_ns - length_ns;
   info.end_ns = info.begin_ns + length_ns;
+  MakeRoomFor(frame.points_m.size(), &frame.times_ns);
   if (frame.cloud.time_kind == PcdTimeKind::kNone) {
     frame.times_ns.assign(frame.points_m.size(), info.middle_ns());
     return;
@@ -190,7 +202,8 @@ class FrameReader::SourceReader {
         config_(config),
         files_(ListFrames(source.directory)),
         sensor_(index, SourceName(source), config, sensor) {
-    for (const FrameFile& file : {files_.front(), files_.back()}) sensor_.CheckStamp(file);
+    for (const FrameFile& file : {files_.front(), files_.back()})
+      sensor_.CheckStamp(file.path, file.stamp_ns);
     for (const FrameFile& file : files_) sensor_.NoteStamp(file.stamp_ns);
   }
 
@@ -232,7 +245,10 @@ class FrameReader::SourceReader {
       for (std::size_t i = 0; i < clouds.size(); ++i, ++next_) {
         unless_bad([&] {
           if (errors[i]) std::rethrow_exception(errors[i]);
-          loaded.push_back(sensor_.Load(files_[next_], std::move(clouds[i])));
+          LoadedFrame frame;
+          frame.file = files_[next_];
+          sensor_.Load(std::move(clouds[i]), &frame);
+          loaded.push_back(std::move(frame));
         });
       }
     }

@@ -6,6 +6,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "io/frame_preparation.hpp"
@@ -29,36 +30,36 @@ class SensorFrames {
 
   // Throws InputError unless a stamp is one with the time offset applied as well as without it: any
   // two times of a recording may be added and subtracted.
-  void CheckStamp(const FrameFile& file) const;
+  // `name`: what messages call the frame.
+  void CheckStamp(std::string_view name, TimeNs stamp_ns) const;
 
   // One counts for the frame period even if its frame is bad. Of a stream, stamps are noted when
   // their frames are finished, in order: so what came late or early changes nothing.
   void NoteStamp(TimeNs stamp_ns);
 
-  // The returns of a frame in the common frame, without times.
-  LoadedFrame Load(FrameFile file, PcdCloud cloud);
+  // Sets the returns of a frame, whose file is set, in the common frame and without times. Its
+  // memory is used again.
+  void Load(PcdCloud cloud, LoadedFrame* frame);
 
   // Sets the times and the interval of the frame. Throws InputError for a point time that is none.
   void Finish(LoadedFrame& frame);
 
-  // Name, origin, and frame period by the stamps so far.
-  SensorInfo info() const;
+  // Name, origin, and frame period by the stamps so far, until the next.
+  const SensorInfo& info() const;
 
   // Added to each stamp.
   TimeNs offset_ns() const { return offset_ns_; }
 
  private:
-  TimeNs FramePeriodNs() const;
-
   std::uint32_t index_;
-  std::string name_;
   InputConfig input_;
   SensorConfig sensor_;
   Source source_;
   TimeNs offset_ns_;
-  std::vector<TimeNs> stamps_ns_;            // ascending; of a stream the newest
-  mutable std::optional<TimeNs> period_ns_;  // of these stamps, once it was asked for,
-  mutable std::vector<TimeNs> periods_ns_;   // and what it is found in
+  std::vector<TimeNs> stamps_ns_;           // ascending; of a stream the newest
+  mutable SensorInfo info_;                 // its period of these stamps,
+  mutable bool is_period_known_ = false;    // once it was asked for,
+  mutable std::vector<TimeNs> periods_ns_;  // and what it is found in
   TimeReadingVote vote_;
   std::optional<TimeReading> reading_;  // once it is settled
 };

@@ -55,7 +55,7 @@ bool ConfirmedTracks::Has(const Flight& flight) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
     const auto near =
         std::count_if(flight.plots.begin(), flight.plots.end(), [&](const SeenPlot& seen) {
-          return track.follower->IsNear(seen.plot.position_m, seen.at.time_s);
+          return track.follower->IsNear(seen.plot.position_m, seen.time_s);
         });
     return 2 * static_cast<std::size_t>(near) >= flight.plots.size();
   });

@@ -56,8 +56,9 @@ void LiveClutter::Foresee(std::uint32_t sensor, double time_s, const std::vector
   seen.frames_foreseen += 1.0;
   for (const SeenPlot& plot : plots) {
     const Eigen::Vector3f place_m = plot.plot.ray_m.cast<float>();
-    ahead_.push_back({time_s, plot.plot.frame, sensor, place_m});
-    Count(ahead_.back(), foreseen_from_s_, 1.0);
+    const Recent recent{time_s, plot.plot.frame, sensor, place_m};
+    ahead_.push_back(recent);
+    Count(recent, foreseen_from_s_, 1.0);
     seen.spot.Add(place_m, foreseen_from_s_);
   }
 }
@@ -186,7 +187,7 @@ void LiveClutter::Explain(const Plot& plot) {
   for (auto at = recent_.begin(); at != recent_.end(); ++at) {
     if (at->frame != plot.frame || at->position_m != place_m) continue;
     sensors_[at->sensor].spot.Add(place_m, at->time_s, -1.0);
-    recent_.erase(at);
+    recent_.Erase(at);
     return;
   }
 }

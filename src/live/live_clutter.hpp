@@ -2,10 +2,10 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <vector>
 
+#include "base/queue.hpp"
 #include "live/fading_grid.hpp"
 #include "live/seen_plot.hpp"
 #include "robust/robust.hpp"
@@ -44,10 +44,10 @@ class LiveClutter {
 
  private:
   struct Recent {
-    double time_s;
-    std::uint32_t frame;
-    std::uint32_t sensor;
-    Eigen::Vector3f position_m;
+    double time_s = 0.0;
+    std::uint32_t frame = 0;
+    std::uint32_t sensor = 0;
+    Eigen::Vector3f position_m = Eigen::Vector3f::Zero();
   };
 
   struct Sensor {
@@ -60,15 +60,15 @@ class LiveClutter {
     double lately_s = 0.0;
     double frames = 0.0;  // likewise, all whose plots are clutter by now
     double time_s = 0.0;
-    std::deque<double> recent_s{};  // frames whose plots are not
-    std::deque<double> ahead_s{};   // foreseen frames whose plots are clutter from the other side
+    Queue<double> recent_s{};  // frames whose plots are not
+    Queue<double> ahead_s{};   // foreseen frames whose plots are clutter from the other side
     double frames_foreseen = 0.0;
   };
 
   // A plot that stands still, and when.
   struct Standing {
-    double time_s;
-    Eigen::Vector3d position_m;
+    double time_s = 0.0;
+    Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   };
 
   Sensor& SensorAt(std::uint32_t sensor);
@@ -83,13 +83,13 @@ class LiveClutter {
   double aged_s_ = 0.0;  // by which all that was seen is older than its time says
   RangeRadius place_;
   std::vector<Sensor> sensors_;
-  std::deque<Recent> recent_;
-  std::deque<Recent> ahead_;  // foreseen, and farther ahead than the exclusion
+  Queue<Recent> recent_;
+  Queue<Recent> ahead_;  // foreseen, and farther ahead than the exclusion
   double foreseen_from_s_ = 0.0;
   double foreseen_until_s_ = -1.0;
-  FadingGrid standing_;                  // plots at one place,
-  FadingGrid about_;                     // and in a wider one
-  std::deque<Standing> standing_plots_;  // of the last moments
+  FadingGrid standing_;             // plots at one place,
+  FadingGrid about_;                // and in a wider one
+  Queue<Standing> standing_plots_;  // of the last moments
   // About each floating plot at the same time: it and what stands as near as its own body, beside
   // it and farther away.
   FadingGrid floating_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "recording/pipeline.hpp"
 #include "unlidar/error.hpp"
@@ -12,6 +13,11 @@ namespace {
 
 // So many frames of each sensor in a row tell of a clock that has gone back; fewer may be astray.
 constexpr int kFramesOfPast = 8;
+
+template <class Waiting>
+bool ComesLater(const Waiting& a, const Waiting& b) {
+  return b.ComesBefore(a);
+}
 
 }  // namespace
 
@@ -52,8 +58,7 @@ SensorFrames LiveEngine::FramesOf(std::uint32_t sensor, const std::string& name)
 
 void LiveEngine::Add(CloudFrame frame) {
   Sensor& sensor = sensors_.at(frame.sensor);
-  FrameFile file{std::move(frame.name), frame.stamp_ns};
-  sensor.frames.CheckStamp(file);
+  sensor.frames.CheckStamp(frame.name, frame.stamp_ns);
   const TimeNs stamp_ns = frame.stamp_ns + sensor.frames.offset_ns();
   if (!is_endless_ && has_begun_ && stamp_ns < SettledNs()) {
     if (!HasClockGoneBack(&sensor, stamp_ns)) {
@@ -65,12 +70,20 @@ void LiveEngine::Add(CloudFrame frame) {
     BeginAnew();
   }
   sensor.frames_of_past = 0;
-  if (!sensor.stamps_ns.insert(frame.stamp_ns).second) {
-    throw InputError(file.path + ": has the stamp " + std::to_string(frame.stamp_ns) +
+  const auto at =
+      std::lower_bound(sensor.stamps_ns.begin(), sensor.stamps_ns.end(), frame.stamp_ns);
+  if (at != sensor.stamps_ns.end() && *at == frame.stamp_ns) {
+    throw InputError(std::string(frame.name) + ": has the stamp " + std::to_string(frame.stamp_ns) +
                      " ns of an earlier frame, expected one frame for each stamp");
   }
+  sensor.stamps_ns.insert(at, frame.stamp_ns);
   if (is_endless_) sensor.frames.NoteStamp(frame.stamp_ns);
-  LoadedFrame loaded = sensor.frames.Load(std::move(file), std::move(frame.cloud));
+  if (num_waiting_ == waiting_.size()) waiting_.emplace_back();
+  waiting_[num_waiting_].stamp_ns = stamp_ns;
+  LoadedFrame& loaded = waiting_[num_waiting_].frame;
+  loaded.file.path = frame.name;
+  loaded.file.stamp_ns = frame.stamp_ns;
+  sensor.frames.Load(std::move(frame.cloud), &loaded);
   loaded.info.sensor = frame.sensor;
   AddCounts(loaded.counts, counts_);
   ++counts_.frames;
@@ -81,7 +94,9 @@ void LiveEngine::Add(CloudFrame frame) {
   newest_ns_ = std::max(newest_ns_, stamp_ns);
   sensor.newest_ns = std::max(sensor.newest_ns, stamp_ns);
   TellSensors(frame.sensor);
-  waiting_.emplace(std::make_pair(stamp_ns, frame.sensor), std::move(loaded));
+  ++num_waiting_;
+  std::push_heap(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(num_waiting_),
+                 ComesLater<Waiting>);
   if (!is_endless_) Release(SettledNs());
 }
 
@@ -171,37 +186,42 @@ void LiveEngine::LookAt(const LoadedFrame& frame) {
 // Hands on the frames up to a stamp in order: none of an earlier stamp will come. Rows depend on
 // what was handed on alone, so that they are the same in whatever order the frames came.
 void LiveEngine::Release(TimeNs until_ns) {
-  while (!waiting_.empty() && waiting_.begin()->first.first <= until_ns) {
-    LoadedFrame frame = std::move(waiting_.begin()->second);
-    waiting_.erase(waiting_.begin());
-    Sensor& sensor = sensors_[frame.info.sensor];
-    while (!sensor.stamps_ns.empty() &&
-           *sensor.stamps_ns.begin() + sensor.frames.offset_ns() < until_ns) {
-      sensor.stamps_ns.erase(sensor.stamps_ns.begin());
-    }
-    sensor.frames.NoteStamp(frame.file.stamp_ns);
-    const TimeNs now_ns =
-        frame.file.stamp_ns + sensor.frames.offset_ns() + NsOf(config_.live.reorder_s);
-    try {
-      sensor.frames.Finish(frame);
-    } catch (const InputError&) {
-      if (!config_.input.skip_bad_frames) throw;
-      ++counts_.bad_frames;
-      continue;
-    }
-    const SensorInfo info = sensor.frames.info();
-    if (info.frame_period_ns != std::exchange(sensor.told_period_ns, info.frame_period_ns)) {
-      tracker_->SetSensor(frame.info.sensor, info);
-    }
-    LookAt(frame);
-    tracker_->SetBlinded(std::any_of(sensors_.begin(), sensors_.end(), [](const Sensor& other) {
-      return other.sight.is_doubtful();
-    }));
-    const bool was_warm = tracker_->is_warm();
-    tracker_->Take(std::move(frame));
-    if (!was_warm && tracker_->is_warm()) on_event_(EngineState::kRunning);
-    tracker_->GiveRows(now_ns);
+  while (num_waiting_ > 0 && waiting_.front().stamp_ns <= until_ns) {
+    std::pop_heap(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(num_waiting_),
+                  ComesLater<Waiting>);
+    --num_waiting_;
+    HandOn(until_ns, &waiting_[num_waiting_].frame);
   }
+}
+
+void LiveEngine::HandOn(TimeNs until_ns, LoadedFrame* frame) {
+  const std::uint32_t index = frame->info.sensor;
+  Sensor& sensor = sensors_[index];
+  const TimeNs offset_ns = sensor.frames.offset_ns();
+  const auto may_come_twice = [&](TimeNs stamp_ns) { return stamp_ns + offset_ns >= until_ns; };
+  std::vector<TimeNs>& stamps_ns = sensor.stamps_ns;
+  stamps_ns.erase(stamps_ns.begin(),
+                  std::find_if(stamps_ns.begin(), stamps_ns.end(), may_come_twice));
+  sensor.frames.NoteStamp(frame->file.stamp_ns);
+  const TimeNs now_ns = frame->file.stamp_ns + offset_ns + NsOf(config_.live.reorder_s);
+  try {
+    sensor.frames.Finish(*frame);
+  } catch (const InputError&) {
+    if (!config_.input.skip_bad_frames) throw;
+    ++counts_.bad_frames;
+    return;
+  }
+  const SensorInfo& info = sensor.frames.info();
+  if (info.frame_period_ns != std::exchange(sensor.told_period_ns, info.frame_period_ns)) {
+    tracker_->SetSensor(index, info);
+  }
+  LookAt(*frame);
+  tracker_->SetBlinded(std::any_of(sensors_.begin(), sensors_.end(),
+                                   [](const Sensor& other) { return other.sight.is_doubtful(); }));
+  const bool was_warm = tracker_->is_warm();
+  tracker_->Take(frame);
+  if (!was_warm && tracker_->is_warm()) on_event_(EngineState::kRunning);
+  tracker_->GiveRows(now_ns);
 }
 
 // With an endless delay no row is due before the end, and then all that there is to know is known:
@@ -210,7 +230,11 @@ void LiveEngine::TrackAll() {
   Recording recording;
   for (const Sensor& sensor : sensors_) recording.sensors.push_back(sensor.frames.info());
   std::vector<LoadedFrame> frames;
-  for (auto& [key, loaded] : waiting_) {
+  waiting_.resize(num_waiting_);
+  std::sort(waiting_.begin(), waiting_.end(),
+            [](const Waiting& a, const Waiting& b) { return a.ComesBefore(b); });
+  for (Waiting& waiting : waiting_) {
+    LoadedFrame& loaded = waiting.frame;
     try {
       sensors_[loaded.info.sensor].frames.Finish(loaded);
       LookAt(loaded);
@@ -221,6 +245,7 @@ void LiveEngine::TrackAll() {
     }
   }
   waiting_.clear();
+  num_waiting_ = 0;
   Merge(std::move(frames), recording);
   const PipelineResult result = TracksOf(recording, output_times_, config_);
   std::vector<TrajectoryRow> rows;

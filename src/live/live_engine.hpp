@@ -2,12 +2,10 @@
 #pragma once
 
 #include <cstdint>
-#include <map>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
-#include <utility>
+#include <string_view>
 #include <vector>
 
 #include "io/pcd.hpp"
@@ -24,7 +22,7 @@ namespace unlidar {
 struct CloudFrame {
   std::uint32_t sensor = 0;  // index into the sensors of the engine
   TimeNs stamp_ns = 0;       // as its source says: the sensor's time offset is not yet applied
-  std::string name;          // what messages call it
+  std::string_view name;     // what messages call it
   PcdCloud cloud;
 };
 
@@ -62,8 +60,19 @@ class LiveEngine {
     SensorState state = SensorState::kSilent;  // as it was told, and before it is
     SensorSight sight;
     TimeNs told_period_ns = 0;
-    std::set<TimeNs> stamps_ns;  // of the frames that may still come twice
-    int frames_of_past = 0;      // that came one after the other, beyond all memory
+    std::vector<TimeNs> stamps_ns;  // of the frames that may still come twice, ascending
+    int frames_of_past = 0;         // that came one after the other, beyond all memory
+  };
+
+  struct Waiting {
+    TimeNs stamp_ns = 0;
+    LoadedFrame frame;
+
+    // By stamp and sensor.
+    bool ComesBefore(const Waiting& other) const {
+      return stamp_ns < other.stamp_ns ||
+             (stamp_ns == other.stamp_ns && frame.info.sensor < other.frame.info.sensor);
+    }
   };
 
   SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;
@@ -73,6 +82,7 @@ class LiveEngine {
   TimeNs SettledNs() const;
   void TellSensors(std::optional<std::uint32_t> heard);
   void LookAt(const LoadedFrame& frame);
+  void HandOn(TimeNs until_ns, LoadedFrame* frame);
   void Release(TimeNs until_ns);
   void TrackAll();
 
@@ -82,7 +92,10 @@ class LiveEngine {
   std::optional<TimeReading> reading_;
   bool is_endless_;
   std::vector<Sensor> sensors_;
-  std::map<std::pair<TimeNs, std::uint32_t>, LoadedFrame> waiting_;  // by stamp and sensor
+  // The first `num_waiting_` are a heap, the earliest on top. Others are room for more, with the
+  // memory of frames that have gone.
+  std::vector<Waiting> waiting_;
+  std::size_t num_waiting_ = 0;
   std::unique_ptr<LiveTracker> tracker_;
   bool has_begun_ = false;  // with a frame, by the clock of now
   TimeNs newest_ns_ = 0;

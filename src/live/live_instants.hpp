@@ -2,11 +2,11 @@
 #pragma once
 
 #include <cstddef>
-#include <deque>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "base/queue.hpp"
 #include "base/recording.hpp"
 #include "trajectory/output_times.hpp"
 #include "trajectory/sampling.hpp"
@@ -37,7 +37,7 @@ class LiveInstants {
   void SkipPause(TimeNs begin_ns, double nanohertz);
 
   OutputTimes times_;
-  std::deque<TimeNs> instants_ns_;
+  Queue<TimeNs> instants_ns_;
   std::optional<OutputInstants> of_rate_;  // computed one by one, without an end
   std::size_t next_ = 0;                   // of a rate or a list
 };

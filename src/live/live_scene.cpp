@@ -19,11 +19,8 @@ constexpr double kSurgePlots = 30.0;
 
 }  // namespace
 
-LiveScene::Snapshot::Snapshot(const Occupancy& occupancy, const ElevationRange& view,
-                              const RobustConfig& config)
-    : ground(occupancy.Structure(), config.ground),
-      support(occupancy.Supporters(), ground, view, config.background.occluder_cell_deg,
-              config.support) {}
+LiveScene::Snapshot::Snapshot(const RobustConfig& config)
+    : ground(config.ground), support(ground, config.background.occluder_cell_deg, config.support) {}
 
 LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config)
     : viewpoint_m(its_viewpoint_m),
@@ -63,22 +60,23 @@ void LiveScene::SetBlinded(bool is_blinded) {
   for (Station& station : scenes_) station.clutter.SetBlinded(is_blinded);
 }
 
-bool LiveScene::Take(LoadedFrame frame) {
-  const TimeNs middle_ns = frame.info.middle_ns();
+bool LiveScene::Take(LoadedFrame* frame) {
+  const FrameInfo& info = frame->info;
+  const TimeNs middle_ns = info.middle_ns();
   if (!std::exchange(has_begun_, true)) {
-    begin_ns_ = frame.info.begin_ns;
+    begin_ns_ = info.begin_ns;
     front_ns_ = middle_ns;
   }
   const std::int64_t bin = BinOf(middle_ns);
   front_ns_ = std::max(front_ns_, middle_ns);
-  Station& station = StationOf(frame.info.sensor);
+  Station& station = StationOf(info.sensor);
   if (!std::exchange(station.has_begun, true)) {
-    station.begin_ns = frame.info.begin_ns;
+    station.begin_ns = info.begin_ns;
     station.search_from_ns = station.begin_ns + kWarmUpNs;
     learning_since_ns_ = station.begin_ns;
   }
   station.occupancy.AddFrame(bin);
-  for (Eigen::Vector3f& point_m : frame.points_m) {
+  for (Eigen::Vector3f& point_m : frame->points_m) {
     point_m -= station.viewpoint_m;
     station.occupancy.Add(point_m, bin);
     station.view.Add(point_m);
@@ -86,18 +84,23 @@ bool LiveScene::Take(LoadedFrame frame) {
       station.early_returns_m.push_back(point_m);
     }
   }
+  const auto let_wait = [&] {
+    auto& [waiting, its_bin] = waiting_.Append();
+    std::swap(waiting, *frame);
+    its_bin = bin;
+  };
   if (!is_warm_) {
-    waiting_.emplace_back(std::move(frame), bin);
+    let_wait();
     if (front_ns_ - begin_ns_ >= kWarmUpNs) WarmUp();
     return false;
   }
   if (!station.snapshot) {
-    station.early.emplace_back(std::move(frame), bin);
+    station.early.emplace_back(std::move(*frame), bin);
     if (front_ns_ - station.begin_ns >= kWarmUpNs) WarmUpLate(&station);
     return false;
   }
   if (front_ns_ - snapshot_ns_ >= snapshot_interval_ns_) RefitAll();
-  waiting_.emplace_back(std::move(frame), bin);
+  let_wait();
   return true;
 }
 
@@ -135,12 +138,21 @@ void LiveScene::Refit(Station* station) {
   if (!station->early_returns_m.empty()) {
     station->lowest_elevation_rad = LowestElevationRad(std::exchange(station->early_returns_m, {}));
   }
-  station->snapshot =
-      std::make_unique<Snapshot>(station->occupancy, station->view.Edges(), config_.robust);
+  if (!station->snapshot) station->snapshot = std::make_unique<Snapshot>(config_.robust);
+  auto& [points_m, ground, support] = workspace_;
+  station->occupancy.GetStructure(&points_m);
+  station->snapshot->ground.Fit(points_m, &ground);
+  station->occupancy.GetSupporters(&points_m);
+  station->snapshot->support.Fill(points_m, station->view.Edges(), &support);
 }
 
 void LiveScene::RefitAll() {
   if (std::exchange(is_warm_, true)) {
+    // What the warm-up held all at once is not needed any more.
+    if (snapshot_interval_ns_ < kLastRefitNs) {
+      waiting_.Shed();
+      held_.Shed();
+    }
     snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
     for (Station& station : scenes_) {
       if (station.snapshot) Refit(&station);
@@ -155,10 +167,12 @@ void LiveScene::RefitAll() {
 }
 
 TimeNs LiveScene::MakePlots() {
-  auto [frame, bin] = std::move(waiting_.front());
-  waiting_.pop_front();
+  auto& [frame, bin] = waiting_.front();
   const TimeNs middle_ns = frame.info.middle_ns();
-  held_.push_back(PlotsOf(std::move(frame), bin));
+  MakePlotsOf(&frame, bin, &held_.Append());
+  // Never again do as many wait as for the warm-up.
+  if (num_unforeseen_ > 0) frame = LoadedFrame();
+  waiting_.pop_front();
   if (num_unforeseen_ > 0 && --num_unforeseen_ == 0) Foresee();
   return middle_ns;
 }
@@ -172,11 +186,11 @@ void LiveScene::Foresee() {
   }
 }
 
-SceneFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
-  Station& station = StationOf(loaded.info.sensor);
-  frame_.points_m = std::move(loaded.points_m);
-  frame_.times_ns = std::move(loaded.times_ns);
-  frame_.frames.assign(1, loaded.info);
+void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, SceneFrame* held) {
+  Station& station = StationOf(loaded->info.sensor);
+  std::swap(frame_.points_m, loaded->points_m);
+  std::swap(frame_.times_ns, loaded->times_ns);
+  frame_.frames.assign(1, loaded->info);
   frame_.frames[0].first_return = 0;
   frame_.frames[0].last_return = static_cast<std::uint32_t>(frame_.points_m.size());
   candidates_.clear();
@@ -194,46 +208,45 @@ SceneFrame LiveScene::PlotsOf(LoadedFrame loaded, std::int64_t bin) {
   }
   FramePlots& found = plotter_.Find(frame_, 0, &candidates_, station.snapshot->ground,
                                     station.lowest_elevation_rad, config_.robust.plots);
-  SceneFrame held;
-  held.info = frame_.frames[0];
-  held.plots.reserve(found.plots.size());
-  for (Plot& plot : found.plots) {
-    plot.frame = num_frames_;
+  held->info = frame_.frames[0];
+  held->plots.clear();
+  for (std::size_t p = 0; p < found.plots.size(); ++p) {
     SeenPlot seen;
-    seen.stamp_ns = held.info.stamp_ns;
+    seen.plot = found.plots[p];
+    seen.stamp_ns = held->info.stamp_ns;
+    Plot& plot = seen.plot;
+    plot.frame = num_frames_;
     double rate = 0.0;
-    for (const std::uint32_t i : plot.returns) {
+    for (const std::uint32_t i : plotter_.ReturnsOf(p)) {
       const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - plot.position_m;
       seen.scatter_m2 += d * d.transpose();
       rate += static_cast<double>(place_rates_[i]);
     }
-    plot.place_rate = std::max(rate / static_cast<double>(plot.returns.size()),
+    plot.place_rate = std::max(rate / static_cast<double>(plot.num_returns),
                                station.occupancy.RateAbout(plot.position_m.cast<float>(), bin));
-    seen.plot = std::move(plot);
-    held.plots.push_back(std::move(seen));
+    held->plots.push_back(seen);
   }
   ++num_frames_;
   for (const BodyBox& body : found.bodies) {
-    std::deque<BodyBox>& bodies = station.bodies;
+    Queue<BodyBox>& bodies = station.bodies;
     const auto at =
         std::upper_bound(bodies.begin(), bodies.end(), body.time_ns,
                          [](TimeNs time_ns, const BodyBox& box) { return time_ns < box.time_ns; });
-    bodies.insert(at, body);
+    bodies.Insert(at, body);
   }
-  return held;
 }
 
-std::optional<SceneFrame> LiveScene::Next(TimeNs until_ns) {
-  if (num_unforeseen_ > 0) return std::nullopt;
-  if (held_.empty() || held_.front().info.middle_ns() > until_ns) return std::nullopt;
-  std::optional<SceneFrame> frame = std::move(held_.front());
+bool LiveScene::Next(TimeNs until_ns, SceneFrame* frame) {
+  if (num_unforeseen_ > 0) return false;
+  if (held_.empty() || held_.front().info.middle_ns() > until_ns) return false;
+  std::swap(*frame, held_.front());
   held_.pop_front();
-  Judge(&*frame);
-  return frame;
+  Judge(frame);
+  return true;
 }
 
 void LiveScene::LeaveOutBodies(SceneFrame* frame) {
-  const std::deque<BodyBox>& bodies = StationOf(frame->info.sensor).bodies;
+  const Queue<BodyBox>& bodies = StationOf(frame->info.sensor).bodies;
   std::vector<SeenPlot>& plots = frame->plots;
   plots.erase(std::remove_if(plots.begin(), plots.end(),
                              [&](const SeenPlot& seen) { return IsNearBody(seen.plot, bodies); }),
@@ -258,7 +271,7 @@ void LiveScene::Judge(SceneFrame* frame) {
   const TimeNs middle_ns = frame->info.middle_ns();
   Station& station = StationOf(frame->info.sensor);
   frame->time_s = SecondsOf(middle_ns);
-  std::deque<BodyBox>& bodies = station.bodies;
+  Queue<BodyBox>& bodies = station.bodies;
   const TimeNs oldest_ns = middle_ns - 2 * NsOf(kBodyMarginS);
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
   LeaveOutBodies(frame);
@@ -275,7 +288,10 @@ void LiveScene::Judge(SceneFrame* frame) {
   }
   station.clutter.AddFrame(frame->info.sensor, frame->time_s);
   station.clutter.Judge(station.snapshot->support, frame->time_s, &frame->plots);
-  for (SeenPlot& seen : frame->plots) seen.plot.position_m += station.viewpoint_m.cast<double>();
+  for (SeenPlot& seen : frame->plots) {
+    seen.time_s = frame->time_s;
+    seen.plot.position_m += station.viewpoint_m.cast<double>();
+  }
 }
 
 void LiveScene::Explain(const std::vector<SeenPlot>& plots) {

@@ -4,12 +4,11 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <memory>
-#include <optional>
 #include <utility>
 #include <vector>
 
+#include "base/queue.hpp"
 #include "io/frame_preparation.hpp"
 #include "live/live_clutter.hpp"
 #include "live/occupancy.hpp"
@@ -28,7 +27,7 @@ struct SceneFrame {
   double time_s = 0.0;          // of its middle, since the first frame began
   double watched_s = 0.0;       // until then, since the youngest station began
   bool is_searched = false;     // or it only told of clutter: its station was hardly warm
-  std::vector<SeenPlot> plots;  // in the common frame, judged, but not yet `at` a moment
+  std::vector<SeenPlot> plots;  // in the common frame, judged
 };
 
 // What each station knows of its surroundings grows with every frame. A frame is taken, waits until
@@ -45,8 +44,9 @@ class LiveScene {
   void SetBlinded(bool is_blinded);
 
   // Learns from a frame, of no earlier stamp than all before, and lets it wait. Returns whether its
-  // station was warm before it, so that it is time to make plots.
-  bool Take(LoadedFrame frame);
+  // station was warm before it, so that it is time to make plots. Leaves an older frame in its
+  // place, whose memory can be used again.
+  bool Take(LoadedFrame* frame);
 
   bool is_warm() const { return is_warm_; }
 
@@ -60,9 +60,9 @@ class LiveScene {
   // the middle of the frame.
   TimeNs MakePlots();
 
-  // The next frame whose middle is at most `until_ns`, if its plots are made. No body that comes
-  // later keeps its plots out.
-  std::optional<SceneFrame> Next(TimeNs until_ns);
+  // Gives the next frame whose middle is at most `until_ns`, if its plots are made; false if there
+  // is none. No body that comes later keeps its plots out. The memory of `frame` is used again.
+  bool Next(TimeNs until_ns, SceneFrame* frame);
 
   // Plots of Next() that are a target's are no clutter: see LiveClutter::Explain.
   void Explain(const std::vector<SeenPlot>& plots);
@@ -73,13 +73,22 @@ class LiveScene {
  private:
   // What stands where, as it was known some time ago.
   struct Snapshot {
-    Snapshot(const Occupancy& occupancy, const ElevationRange& view, const RobustConfig& config);
+    explicit Snapshot(const RobustConfig& config);
+    Snapshot(const Snapshot&) = delete;
+    Snapshot& operator=(const Snapshot&) = delete;
 
     Ground ground;
     Support support;
   };
 
   using BinnedFrame = std::pair<LoadedFrame, std::int64_t>;  // and its time bin
+
+  // What snapshots are made in, kept for the next.
+  struct Workspace {
+    std::vector<Eigen::Vector3f> points_m;
+    Ground::Workspace ground;
+    Support::Workspace support;
+  };
 
   // What the sensors of one station see, relative to its viewpoint.
   struct Station {
@@ -92,11 +101,11 @@ class LiveScene {
     Occupancy occupancy;
     FieldOfView view;
     std::unique_ptr<Snapshot> snapshot;            // none before it is warm
-    std::deque<BinnedFrame> early;                 // frames before, if others are
+    std::vector<BinnedFrame> early;                // frames before, if others are
     std::vector<Eigen::Vector3f> early_returns_m;  // for the lowest elevation
     double lowest_elevation_rad = 0.0;
     LiveClutter clutter;
-    std::deque<BodyBox> bodies;
+    Queue<BodyBox> bodies;
   };
 
   // How many plots the frames of a sensor have lately, and had before.
@@ -115,7 +124,7 @@ class LiveScene {
   void WarmUpLate(Station* station);
   void Refit(Station* station);
   void RefitAll();
-  SceneFrame PlotsOf(LoadedFrame loaded, std::int64_t bin);
+  void MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, SceneFrame* held);
   void Foresee();
   void LeaveOutBodies(SceneFrame* frame);
   void Judge(SceneFrame* frame);
@@ -138,10 +147,11 @@ class LiveScene {
   TimeNs snapshot_ns_ = 0;
   int num_snapshots_ = 0;
   TimeNs snapshot_interval_ns_;
+  Workspace workspace_;
 
   // Frames on their way.
-  std::deque<BinnedFrame> waiting_;
-  std::deque<SceneFrame> held_;     // not yet judged: their plots are relative to the viewpoint
+  Queue<BinnedFrame> waiting_;
+  Queue<SceneFrame> held_;          // not yet judged: their plots are relative to the viewpoint
   std::uint32_t num_frames_ = 0;    // made into plots
   std::size_t num_unforeseen_ = 0;  // frames that waited for the warm-up and still do
   std::vector<PlotRate> rates_;     // (sensors)

@@ -43,7 +43,7 @@ std::size_t LowPrefix(const std::vector<SeenPlot>& path, double off_ground_m) {
   std::size_t first = 0;
   for (std::size_t begin = 0; begin < path.size();) {
     std::size_t end = begin + 1;
-    while (end < path.size() && path[end].at.time_s - path[end - 1].at.time_s < kMaxStepS) ++end;
+    while (end < path.size() && path[end].time_s - path[end - 1].time_s < kMaxStepS) ++end;
     const auto low =
         std::count_if(path.begin() + static_cast<std::ptrdiff_t>(begin),
                       path.begin() + static_cast<std::ptrdiff_t>(end),
@@ -68,21 +68,14 @@ std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
     num_floating += seen.plot.is_floating ? 1U : 0U;
     ++count;
   }
-  const bool is_long = path[count - 1].at.time_s - path.front().at.time_s > kLongStandS;
+  const bool is_long = path[count - 1].time_s - path.front().time_s > kLongStandS;
   return is_long && 2 * num_floating < count && count < path.size() ? count : 0;
-}
-
-std::vector<Plot> PlotsOf(const std::vector<SeenPlot>& path) {
-  std::vector<Plot> plots;
-  plots.reserve(path.size());
-  for (const SeenPlot& seen : path) plots.push_back(seen.plot);
-  return plots;
 }
 
 // How many plots at the begin of a path lie before its last long pause.
 std::size_t PausePrefix(const std::vector<SeenPlot>& path) {
   std::size_t first = path.size() - 1;
-  while (first > 0 && path[first].at.time_s - path[first - 1].at.time_s < kLongPauseS) --first;
+  while (first > 0 && path[first].time_s - path[first - 1].time_s < kLongPauseS) --first;
   return first;
 }
 
@@ -106,9 +99,9 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info,
   watch_.sensors[sensor].viewpoint_m = viewpoint_m.cast<double>();
   watch_.sensors[sensor].frame_s = static_cast<double>(info.frame_period_ns) * kSecondsPerNs;
   const TrackerConfig& tracker = config_.robust.tracker;
-  models_.clear();
-  for (const double sigma : tracker.sigma_a_mps2) models_.emplace_back(sigma, watch_, tracker);
-  for (std::size_t m = 0; m < models_.size(); ++m) {
+  for (std::size_t m = 0; m < tracker.sigma_a_mps2.size(); ++m) {
+    if (models_.size() <= m) models_.emplace_back(tracker.sigma_a_mps2[m], watch_, tracker);
+    models_[m].SetWatch(watch_);
     if (searches_.size() <= m) {
       searches_.emplace_back(plots_, log_births_, free_, models_[m], tracker);
     }
@@ -122,22 +115,21 @@ const Moment& LiveSearch::Begin(const SceneFrame& frame) {
   return moment_;
 }
 
-// How many plots are seen in what time, those of the last while. Returns (plots) the odds of each
-// to be the first of a path.
-std::vector<double> LiveSearch::CountPlots(const SceneFrame& frame) {
+// How many plots are seen in what time, those of the last while. Sets (plots) the odds of each to
+// be the first of a path.
+void LiveSearch::CountPlots(const SceneFrame& frame) {
   const double passed_s = std::max(0.0, frame.time_s - rates_s_);
   const double fade = std::exp(-passed_s / kRatesFadeS);
   watched_s_ = watched_s_ * fade + passed_s;
   odds_ *= fade;
   num_plots_ *= fade;
   rates_s_ = std::max(rates_s_, frame.time_s);
-  std::vector<double> odds;
+  birth_odds_.clear();
   for (const SeenPlot& seen : frame.plots) {
-    odds.push_back(std::exp(LogBirthOdds(seen.plot, watch_, config_.robust.tracker)));
-    odds_ += odds.back();
+    birth_odds_.push_back(std::exp(LogBirthOdds(seen.plot, watch_, config_.robust.tracker)));
+    odds_ += birth_odds_.back();
     num_plots_ += 1.0;
   }
-  return odds;
 }
 
 // Clutter alone makes a path of this score so many times an hour, as every plot may be the first of
@@ -151,41 +143,45 @@ double LiveSearch::LeastScore(double watched_s) const {
          kUnknownLog * std::exp(-known_s / kLearningS);
 }
 
-std::vector<Path> LiveSearch::Extend(SceneFrame frame, const std::vector<char>& are_free) {
+const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector<char>& are_free) {
   const TrackerConfig& tracker = config_.robust.tracker;
-  const std::vector<double> odds = CountPlots(frame);
-  std::vector<Path> paths;
+  CountPlots(frame);
+  paths_.clear();
   if (frame.is_searched && !frame.plots.empty()) {
     const std::size_t first = plots_.size();
+    moments_.Add(frame.plots.front().plot.frame, moment_);
     for (std::size_t i = 0; i < frame.plots.size(); ++i) {
       const double even = tracker.even_birth_share;
-      log_births_.push_back(std::log(even + (1.0 - even) * odds[i] * num_plots_ / odds_));
+      log_births_.push_back(std::log(even + (1.0 - even) * birth_odds_[i] * num_plots_ / odds_));
       plots_.push_back(frame.plots[i].plot);
-      seen_.push_back(std::move(frame.plots[i]));
+      seen_.push_back(frame.plots[i]);
       free_.push_back(are_free[i]);
     }
-    const Slice slice = SliceOf(plots_, log_births_, first, moment_, tracker);
+    SetSlice(plots_, log_births_, first, moment_, tracker, &slice_);
     least_score_ = LeastScore(frame.watched_s);
     for (TrackSearch& search : searches_) {
-      search.Extend(slice);
-      for (Path& path : search.PathsToLastSlice(least_score_)) paths.push_back(std::move(path));
+      search.Extend(slice_);
+      search.AppendPathsToLastSlice(least_score_, &paths_);
     }
-    std::sort(paths.begin(), paths.end(), [](const Path& a, const Path& b) {
+    std::sort(paths_.begin(), paths_.end(), [](const Path& a, const Path& b) {
       return a.score > b.score || (a.score == b.score && a.plots < b.plots);
     });
   }
   ++moment_.frames_before[frame.info.sensor];
-  return paths;
+  return paths_;
 }
 
-std::optional<Flight> LiveSearch::FlightOf(const Path& path) const {
-  Flight flight;
+const Flight* LiveSearch::FlightOf(const Path& path) {
+  Flight& flight = flight_;
+  std::vector<Plot>& plots = flight_plots_;
+  flight.plots.clear();
+  plots.clear();
   for (const std::uint32_t i : path.plots) {
-    if (!free_[i]) return std::nullopt;
+    if (!free_[i]) return nullptr;
     flight.plots.push_back(seen_[i]);
+    plots.push_back(seen_[i].plot);
   }
   const RobustConfig& robust = config_.robust;
-  std::vector<Plot> plots = PlotsOf(flight.plots);
   std::size_t first = 0;
   const auto drop = [&](std::size_t count) {
     DropFirst(count, &flight.plots);
@@ -194,27 +190,32 @@ std::optional<Flight> LiveSearch::FlightOf(const Path& path) const {
   };
   drop(PausePrefix(flight.plots));
   drop(LowPrefix(flight.plots, OffGroundM(plots, robust)));
-  if (flight.plots.empty()) return std::nullopt;
+  if (flight.plots.empty()) return nullptr;
   drop(StandingPrefix(flight.plots));
   if (!IsFlight(recent_, watch_, plots, robust) || !MovesOrFloats(flight.plots)) {
-    return std::nullopt;
+    return nullptr;
   }
+  flight.moments.clear();
+  for (const Plot& plot : plots) flight.moments.push_back(moments_.At(plot.frame));
   flight.log_birth = log_births_[path.plots[first]];
   flight.is_cut = first > 0;
-  return flight;
+  return &flight;
 }
 
 Flight LiveSearch::WithPast(const Flight& flight) {
   Flight whole = flight;
   if (flight.is_cut) return whole;
   const std::vector<std::size_t> past =
-      PastOf(flight, seen_, free_, moment_.frames_before, models_, config_);
+      PastOf(flight, seen_, free_, moments_, moment_.frames_before, models_, config_);
   std::vector<SeenPlot> before;
+  std::vector<Moment> moments;
   for (const std::size_t i : past) {
     before.push_back(seen_[i]);
+    moments.push_back(moments_.At(seen_[i].plot.frame));
     free_[i] = 0;
   }
   whole.plots.insert(whole.plots.begin(), before.begin(), before.end());
+  whole.moments.insert(whole.moments.begin(), moments.begin(), moments.end());
   return whole;
 }
 
@@ -232,6 +233,7 @@ void LiveSearch::Forget(TimeNs oldest_ns) {
   DropFirst(gone, &seen_);
   DropFirst(gone, &log_births_);
   DropFirst(gone, &free_);
+  if (!plots_.empty()) moments_.Forget(plots_.front().frame);
   const auto frame =
       std::find_if(recent_.frames.begin(), recent_.frames.end(),
                    [&](const FrameInfo& info) { return info.begin_ns >= oldest_ns; });

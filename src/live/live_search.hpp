@@ -3,11 +3,12 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <optional>
 #include <vector>
 
+#include "base/queue.hpp"
 #include "base/recording.hpp"
 #include "live/live_scene.hpp"
+#include "live/moments.hpp"
 #include "live/seen_plot.hpp"
 #include "robust/tracking/track_model.hpp"
 #include "robust/tracking/track_search.hpp"
@@ -42,15 +43,15 @@ class LiveSearch {
   const Moment& Begin(const SceneFrame& frame);
 
   // Goes on to the plots of that frame. `are_free` (plots): those that no track has. Returns the
-  // paths that end with one of them and reach least_score(), the best first.
-  std::vector<Path> Extend(SceneFrame frame, const std::vector<char>& are_free);
+  // paths that end with one of them and reach least_score(), the best first, until the next call.
+  const Queue<Path>& Extend(const SceneFrame& frame, const std::vector<char>& are_free);
 
   // As of the last frame that was searched.
   double least_score() const { return least_score_; }
 
-  // What flies of such a path, which may have come from something on the ground. None if that is no
-  // drone, or if another path took any of its plots.
-  std::optional<Flight> FlightOf(const Path& path) const;
+  // What flies of such a path, which may have come from something on the ground; until the next
+  // call. Null if that is no drone, or if another path took any of its plots.
+  const Flight* FlightOf(const Path& path);
 
   // That flight with what it was before the search found it, which is the track's from now on.
   Flight WithPast(const Flight& flight);
@@ -65,7 +66,7 @@ class LiveSearch {
   void Forget(TimeNs oldest_ns);
 
  private:
-  std::vector<double> CountPlots(const SceneFrame& frame);
+  void CountPlots(const SceneFrame& frame);
   double LeastScore(double watched_s) const;
 
   const Config& config_;
@@ -78,6 +79,13 @@ class LiveSearch {
   std::vector<double> log_births_;  // (plots)
   std::vector<char> free_;          // (plots)
   std::vector<TrackSearch> searches_;
+  Moments moments_;  // of the frames with plots
+  // What a frame is worked on with, kept for the next.
+  std::vector<double> birth_odds_;  // (plots)
+  Slice slice_;
+  Queue<Path> paths_;
+  Flight flight_;
+  std::vector<Plot> flight_plots_;
   double odds_ = 0.0;       // sum over all plots, faded,
   double num_plots_ = 0.0;  // and their number,
   double watched_s_ = 0.0;  // and how long that took

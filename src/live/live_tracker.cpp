@@ -1,7 +1,6 @@
 #include "live/live_tracker.hpp"
 
 #include <algorithm>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -26,9 +25,9 @@ void LiveTracker::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
   tracks_.SetPeriod(search_.shortest_period_ns());
 }
 
-void LiveTracker::Take(LoadedFrame frame) {
-  tracks_.AddInstants(frame.info);
-  if (scene_.Take(std::move(frame))) MakePlots(kWaitingAtOnce);
+void LiveTracker::Take(LoadedFrame* frame) {
+  tracks_.AddInstants(frame->info);
+  if (scene_.Take(frame)) MakePlots(kWaitingAtOnce);
 }
 
 void LiveTracker::Advance(TimeNs settled_ns, TimeNs now_ns) {
@@ -56,20 +55,20 @@ void LiveTracker::MakePlots(std::size_t most) {
 }
 
 void LiveTracker::SearchUntil(TimeNs until_ns) {
-  while (std::optional<SceneFrame> frame = scene_.Next(until_ns)) Search(std::move(*frame));
+  while (scene_.Next(until_ns, &frame_)) Search(frame_);
 }
 
-void LiveTracker::Search(SceneFrame frame) {
+void LiveTracker::Search(const SceneFrame& frame) {
   const TimeNs middle_ns = frame.info.middle_ns();
   const double time_s = frame.time_s;
   searched_ns_ = std::max(searched_ns_, middle_ns);
   const Moment& at = search_.Begin(frame);
-  for (SeenPlot& seen : frame.plots) seen.at = at;
   const std::vector<char>& are_free = tracks_.Extend(frame.plots, at);
-  for (const Path& path : search_.Extend(std::move(frame), are_free)) {
-    const std::optional<Flight> flight = search_.FlightOf(path);
+  for (const Path& path : search_.Extend(frame, are_free)) {
+    const Flight* const flight = search_.FlightOf(path);
     const auto with_past = [&](const Flight& its) { return search_.WithPast(its); };
-    if (flight && tracks_.Begin(*flight, search_.least_score(), with_past)) search_.Take(path);
+    if (flight != nullptr && tracks_.Begin(*flight, search_.least_score(), with_past))
+      search_.Take(path);
   }
   tracks_.Judge(search_.seen(), time_s);
   const TimeNs lost_ns = middle_ns - NsOf(config_.robust.tracker.max_gap_s);

@@ -31,8 +31,8 @@ class LiveTracker {
     search_.SetBlinded(is_blinded);
   }
 
-  // Takes a frame, of no earlier stamp than all before.
-  void Take(LoadedFrame frame);
+  // Takes a frame, of no earlier stamp than all before. As LiveScene::Take().
+  void Take(LoadedFrame* frame);
 
   // Gives the rows that are due when `newest_ns` is the newest stamp that has come.
   void GiveRows(TimeNs newest_ns);
@@ -53,12 +53,13 @@ class LiveTracker {
  private:
   void MakePlots(std::size_t most);
   void SearchUntil(TimeNs until_ns);
-  void Search(SceneFrame frame);
+  void Search(const SceneFrame& frame);
 
   Config config_;
   LiveScene scene_;
   LiveSearch search_;
   ConfirmedTracks tracks_;
+  SceneFrame frame_;                                         // the one at hand
   TimeNs searched_ns_ = std::numeric_limits<TimeNs>::min();  // middle of the newest frame searched
   double tidied_s_ = 0.0;
 };

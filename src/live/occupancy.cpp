@@ -218,31 +218,32 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
   return verdict;
 }
 
-std::vector<Eigen::Vector3f> Occupancy::Structure() const {
-  return ReturnsOf([](const Place& place) { return place.is_structure; });
+void Occupancy::GetStructure(std::vector<Eigen::Vector3f>* points_m) const {
+  GetReturnsOf([](const Place& place) { return place.is_structure; }, points_m);
 }
 
 // In the first seconds what is hit seldom may be a pole. Where something has flown away from is no
 // longer hit.
-std::vector<Eigen::Vector3f> Occupancy::Supporters() const {
+void Occupancy::GetSupporters(std::vector<Eigen::Vector3f>* points_m) const {
   const bool is_young = NumBits(watched_) < kYoungBins;
-  return ReturnsOf([&](const Place& place) {
+  const auto is_supporter = [&](const Place& place) {
     if (!is_young || place.is_structure) return place.is_supporter;
     const Bits& own = place.own;
     return own.word != 0 && newest_ - own.bin + __builtin_ctzll(own.word) <= max_break_;
-  });
+  };
+  GetReturnsOf(is_supporter, points_m);
 }
 
 template <class IsWanted>
-std::vector<Eigen::Vector3f> Occupancy::ReturnsOf(const IsWanted& is_wanted) const {
-  std::vector<Eigen::Vector3f> points_m;
+void Occupancy::GetReturnsOf(const IsWanted& is_wanted,
+                             std::vector<Eigen::Vector3f>* points_m) const {
+  points_m->clear();
   places_.VisitAll([&](const Place& place) {
-    if (place.is_own && is_wanted(place)) points_m.push_back(place.point_m);
+    if (place.is_own && is_wanted(place)) points_m->push_back(place.point_m);
   });
-  std::sort(points_m.begin(), points_m.end(), [](const auto& a, const auto& b) {
+  std::sort(points_m->begin(), points_m->end(), [](const auto& a, const auto& b) {
     return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
   });
-  return points_m;
 }
 
 void Occupancy::Sweep() {

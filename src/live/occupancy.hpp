@@ -42,13 +42,13 @@ class Occupancy {
   // says less than that there was something all about it.
   double RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) const;
 
-  // A return of each place that was last judged to be structure and was hit within the window.
-  std::vector<Eigen::Vector3f> Structure() const;
+  // Sets a return of each place that was last judged to be structure and was hit within the window.
+  void GetStructure(std::vector<Eigen::Vector3f>* points_m) const;
 
   // Likewise of each place that was hit at least half as often as structure, at several times
   // outside its stay: what is seen seldom may hold things up as well. In the first seconds of each
   // that is hit until now.
-  std::vector<Eigen::Vector3f> Supporters() const;
+  void GetSupporters(std::vector<Eigen::Vector3f>* points_m) const;
 
   // Forgets places that were not hit for the window, but for structure of old. Call it now and
   // then.
@@ -92,7 +92,7 @@ class Occupancy {
   float OlderOf(const Hits& hits) const;
   double RateOf(float occupied, float exposed, const Eigen::Vector3f& point_m) const;
   template <class IsWanted>
-  std::vector<Eigen::Vector3f> ReturnsOf(const IsWanted& is_wanted) const;
+  void GetReturnsOf(const IsWanted& is_wanted, std::vector<Eigen::Vector3f>* points_m) const;
   void LookAround(const Eigen::Vector3f& point_m, Place* place);
 
   BackgroundConfig config_;

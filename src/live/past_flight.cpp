@@ -9,30 +9,39 @@
 namespace unlidar {
 namespace {
 
-// A plot as it is seen with time running backwards from 0. Sensors may have been heard since.
-SeenPlot Mirrored(SeenPlot seen, const std::vector<std::uint32_t>& num_frames) {
+// A plot as it is seen with time running backwards from 0.
+SeenPlot Mirrored(SeenPlot seen) {
   seen.plot.time_ns = -seen.plot.time_ns;
   seen.plot.frame_time_ns = -seen.plot.frame_time_ns;
-  seen.at.time_s = -seen.at.time_s;
-  seen.at.frames_before.resize(num_frames.size(), 0);
+  seen.time_s = -seen.time_s;
+  return seen;
+}
+
+// The moment of its frame likewise. Sensors may have been heard since.
+Moment MirroredMoment(const Plot& plot, const Moments& moments,
+                      const std::vector<std::uint32_t>& num_frames) {
+  Moment at = moments.At(plot.frame);
+  at.time_s = -at.time_s;
+  at.frames_before.resize(num_frames.size(), 0);
   for (std::uint32_t s = 0; s < num_frames.size(); ++s) {
-    std::uint32_t& before = seen.at.frames_before[s];
-    const std::uint32_t until = before + (s == seen.plot.sensor ? 1U : 0U);
+    std::uint32_t& before = at.frames_before[s];
+    const std::uint32_t until = before + (s == plot.sensor ? 1U : 0U);
     before = num_frames[s] - std::min(num_frames[s], until);
   }
-  return seen;
+  return at;
 }
 
 }  // namespace
 
 std::vector<std::size_t> PastOf(const Flight& flight, const std::vector<SeenPlot>& seen,
-                                const std::vector<char>& are_free,
+                                const std::vector<char>& are_free, const Moments& moments,
                                 const std::vector<std::uint32_t>& num_frames,
                                 const std::vector<TrackModel>& models, const Config& config) {
   Flight back;
   back.log_birth = flight.log_birth;
   for (auto plot = flight.plots.rbegin(); plot != flight.plots.rend(); ++plot) {
-    back.plots.push_back(Mirrored(*plot, num_frames));
+    back.plots.push_back(Mirrored(*plot));
+    back.moments.push_back(MirroredMoment(plot->plot, moments, num_frames));
   }
   const Plot& first = flight.plots.front().plot;
   const RobustConfig& robust = config.robust;
@@ -51,7 +60,7 @@ std::vector<std::size_t> PastOf(const Flight& flight, const std::vector<SeenPlot
     std::vector<SeenPlot> plots;
     for (std::size_t i = begin; i < end; ++i) {
       if (!are_free[i] || seen[i].plot.lowest_m <= robust.off_ground_m) continue;
-      plots.push_back(Mirrored(seen[i], num_frames));
+      plots.push_back(Mirrored(seen[i]));
       const double apart_m = (seen[i].plot.position_m - first.position_m).norm();
       // What floats by now did so before that was known.
       if (floats && apart_m < robust.support.body_m) {
@@ -61,7 +70,8 @@ std::vector<std::size_t> PastOf(const Flight& flight, const std::vector<SeenPlot
     end = begin;
     if (plots.empty()) continue;
     if (plots[0].plot.frame_time_ns - follower.last_evidence_ns() > NsOf(kLongPauseS)) break;
-    follower.Extend(plots, std::vector<char>(plots.size(), 1), plots[0].at);
+    follower.Extend(plots, std::vector<char>(plots.size(), 1),
+                    MirroredMoment(seen[begin].plot, moments, num_frames));
   }
   std::vector<std::size_t> past;
   std::vector<SeenPlot> settled;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "live/moments.hpp"
 #include "live/seen_plot.hpp"
 #include "robust/tracking/track_model.hpp"
 #include "unlidar/config.hpp"
@@ -17,10 +18,10 @@ inline constexpr double kLongPauseS = 3.0;
 // The plots from which a flight came: it is followed back in time, as a track is followed forth.
 // What the search left out, as it was no better than clutter by what was known then, is its own if
 // it is where it must have been. `seen`: plots in order of time, among them those of the flight;
-// `are_free` (seen): which no track has; `num_frames` (sensors): until now. Returns indices of
-// plots before the flight, in order of time.
+// `are_free` (seen): which no track has; `moments`: of their frames; `num_frames` (sensors): until
+// now. Returns indices of plots before the flight, in order of time.
 std::vector<std::size_t> PastOf(const Flight& flight, const std::vector<SeenPlot>& seen,
-                                const std::vector<char>& are_free,
+                                const std::vector<char>& are_free, const Moments& moments,
                                 const std::vector<std::uint32_t>& num_frames,
                                 const std::vector<TrackModel>& models, const Config& config);
 

@@ -12,7 +12,7 @@ namespace unlidar {
 // A plot as a measurement of a target, before it is known how fast that moves.
 struct SeenPlot {
   Plot plot;
-  Moment at;
+  double time_s = 0.0;            // of the middle of its frame, since the first frame began
   TimeNs stamp_ns = 0;            // of its frame
   double log_surroundings = 0.0;  // log_clutter of its plot, were nothing at the place itself
   Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns, about their mean
@@ -21,8 +21,9 @@ struct SeenPlot {
 // A path of plots that only a flying target explains: each of another frame, in order of time.
 struct Flight {
   std::vector<SeenPlot> plots;
-  double log_birth = 0.0;  // of its first plot, as LogBirths
-  bool is_cut = false;     // what was before is another thing
+  std::vector<Moment> moments;  // (plots)
+  double log_birth = 0.0;       // of its first plot, as LogBirths
+  bool is_cut = false;          // what was before is another thing
 };
 
 }  // namespace unlidar

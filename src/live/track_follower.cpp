@@ -36,13 +36,14 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
     std::vector<Node> best;
     for (const double speed_mps : tracker.birth_speeds_mps) {
       std::vector<Node> chain(1);
-      chain[0].h = model.Birth(path[0].plot, flight.log_birth, path[0].at, speed_mps);
+      chain[0].h = model.Birth(path[0].plot, flight.log_birth, flight.moments[0], speed_mps);
       chain[0].model = m;
       for (std::size_t k = 1; k < path.size(); ++k) {
         Node node = chain.back();
-        const Motion motion = model.MotionOver(path[k].at.time_s - node.h.time_s);
-        const Prediction p = model.Predict(node.h, model.ScoreUnseen(node.h, path[k].at), motion);
-        node.h = model.Update(node.h, motion, p, path[k].plot, path[k].at,
+        const Motion motion = model.MotionOver(flight.moments[k].time_s - node.h.time_s);
+        const Prediction p =
+            model.Predict(node.h, model.ScoreUnseen(node.h, flight.moments[k]), motion);
+        node.h = model.Update(node.h, motion, p, path[k].plot, flight.moments[k],
                               model.GainOf(p, path[k].plot));
         node.plot = k;
         chain.push_back(node);
@@ -184,7 +185,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<SeenPlot>* settled) {
   // How far the returns of the body spread across the ray and the motion.
   for (auto its = settled->begin() + first; its != settled->end(); ++its) {
     const SeenPlot& seen = *its;
-    const auto n = static_cast<double>(seen.plot.returns.size());
+    const auto n = static_cast<double>(seen.plot.num_returns);
     if (n < 2.0) continue;
     const Eigen::Vector3d across =
         seen.plot.ray_m.cross(nodes_[static_cast<std::size_t>(at)].h.state.mean.col(1))
@@ -203,6 +204,7 @@ void TrackFollower::Forget() {
   constexpr std::size_t kWorthWhile = 512;
   if (nodes_.size() < kWorthWhile) return;
   std::vector<std::int32_t>& moved = scratch_.moved;
+  moved.reserve(nodes_.capacity());
   moved.assign(nodes_.size(), kNone);
   constexpr std::int32_t kWanted = 0;
   std::size_t first_plot = first_plot_ + plots_.size() - 1;
@@ -234,7 +236,7 @@ void TrackFollower::Forget() {
 // As the collection of a recording measures the returns of a frame.
 Measurement TrackFollower::Measure(const Node& node) const {
   const SeenPlot& seen = PlotOf(node);
-  const auto n = static_cast<double>(seen.plot.returns.size());
+  const auto n = static_cast<double>(seen.plot.num_returns);
   const double range_m = seen.plot.ray_m.norm();
   const double beam_m = kBeamSigmaRad * range_m;
   Measurement m;
@@ -242,7 +244,7 @@ Measurement TrackFollower::Measure(const Node& node) const {
   m.position_m = seen.plot.position_m +
                  collect_.facing_side * body_sigma_m_ * seen.plot.ray_m.stableNormalized();
   m.viewpoint_m = seen.plot.position_m - seen.plot.ray_m;
-  m.support = static_cast<int>(seen.plot.returns.size());
+  m.support = static_cast<int>(seen.plot.num_returns);
   const Eigen::Vector3d along_m = node.h.state.mean.col(1) * seen.plot.streak_s;
   m.covariance_m2 =
       (kCentreSigmaM * kCentreSigmaM + (body_sigma_m_ * body_sigma_m_ + beam_m * beam_m) / n) *

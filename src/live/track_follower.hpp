@@ -4,11 +4,11 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "base/queue.hpp"
 #include "live/seen_plot.hpp"
 #include "robust/collection/collect.hpp"
 #include "robust/tracking/track_model.hpp"
@@ -105,7 +105,7 @@ class TrackFollower {
   CollectConfig collect_;
   std::vector<Node> nodes_;           // parents before children
   std::vector<std::int32_t> leaves_;  // that may go on
-  std::deque<SeenPlot> plots_;
+  Queue<SeenPlot> plots_;
   std::size_t first_plot_ = 0;  // number of the first in plots_
   std::int32_t settled_ = kNone;
   TimeNs first_evidence_ns_ = 0;

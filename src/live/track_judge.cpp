@@ -70,7 +70,7 @@ bool TrackJudge::IsCloud(int number, const TrackFollower& follower,
         const bool is_own = follower.HasFitted(plot);
         if (!is_own && plot.lowest_m < kInTheAirM) continue;
         lumps_.push_back({plot.time_ns, plot.position_m, is_own,
-                          static_cast<double>(plot.returns.size()), &one->scatter_m2});
+                          static_cast<double>(plot.num_returns), &one->scatter_m2});
       }
       if (!lumps_.empty()) {
         shape_.Add(trajectory.At(last->plot.frame_time_ns),

@@ -37,11 +37,17 @@ SeenPlot PlotAt(int i, const Eigen::Vector3d& position_m) {
   seen.plot.position_m = seen.plot.ray_m = position_m;
   seen.plot.variance_m2 = 0.02;
   seen.plot.log_clutter = std::log(1e-6);
-  seen.plot.returns = {0, 1, 2};
+  seen.plot.num_returns = 3;
   seen.stamp_ns = FrameAt(i).stamp_ns;
-  seen.at.time_s = (i + 0.5) * kPeriodS;
-  seen.at.frames_before = {static_cast<std::uint32_t>(i)};
+  seen.time_s = (i + 0.5) * kPeriodS;
   return seen;
+}
+
+Moment MomentAt(int i) { return {(i + 0.5) * kPeriodS, {static_cast<std::uint32_t>(i)}}; }
+
+void Append(const SeenPlot& seen, Flight* flight) {
+  flight->plots.push_back(seen);
+  flight->moments.push_back(MomentAt(static_cast<int>(seen.plot.frame)));
 }
 
 // A drone that passes.
@@ -58,7 +64,7 @@ SeenPlot CirclingAt(int i) {
 template <class PlotOf>
 Flight FlightUntil(int end, const PlotOf& plot_of) {
   Flight flight;
-  for (int i = 0; i < end; ++i) flight.plots.push_back(plot_of(i));
+  for (int i = 0; i < end; ++i) Append(plot_of(i), &flight);
   return flight;
 }
 
@@ -86,16 +92,16 @@ struct Tracks {
   bool Begin(const Flight& flight, double least_score) {
     const bool begins = tracks.Begin(flight, least_score, AsItIs);
     seen.insert(seen.end(), flight.plots.begin(), flight.plots.end());
-    tracks.Judge(seen, flight.plots.back().at.time_s);
+    tracks.Judge(seen, flight.plots.back().time_s);
     return begins;
   }
 
   // The tracks go on to a frame with a plot, are judged, and give all rows that are due.
   void GoTo(int i, const SeenPlot& plot) {
     tracks.AddInstants(FrameAt(i));
-    tracks.Extend({plot}, plot.at);
+    tracks.Extend({plot}, MomentAt(i));
     seen.push_back(plot);
-    tracks.Judge(seen, plot.at.time_s);
+    tracks.Judge(seen, plot.time_s);
     tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
   }
 
@@ -104,7 +110,7 @@ struct Tracks {
 
 TEST(ConfirmedTracks, WithoutOneEveryPlotIsFree) {
   Tracks t;
-  EXPECT_EQ(t.tracks.Extend({DroneAt(0), OtherAt(0)}, DroneAt(0).at), (std::vector<char>{1, 1}));
+  EXPECT_EQ(t.tracks.Extend({DroneAt(0), OtherAt(0)}, MomentAt(0)), (std::vector<char>{1, 1}));
 }
 
 TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
@@ -113,7 +119,7 @@ TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
   ASSERT_TRUE(t.Begin(FlightUntil(20, OtherAt), kAnyScore));
   const SeenPlot stray = PlotAt(20, {40.0, 30.0, 10.0});
   const std::vector<SeenPlot> plots = {stray, OtherAt(20), DroneAt(20)};
-  EXPECT_EQ(t.tracks.Extend(plots, stray.at), (std::vector<char>{1, 0, 0}));
+  EXPECT_EQ(t.tracks.Extend(plots, MomentAt(20)), (std::vector<char>{1, 0, 0}));
 }
 
 TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
@@ -122,18 +128,18 @@ TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
     SeenPlot seen = PlotAt(i, {40.0, -20.0 + 0.2 * i, 20.0});
     seen.plot.variance_m2 = 0.1;
     seen.plot.log_clutter = -14.0;
-    seen.plot.returns = {0};
+    seen.plot.num_returns = 1;
     return seen;
   };
   constexpr int kEnd = 170;
   Flight flight;
-  for (int i = 0; i < 100; i += 5) flight.plots.push_back(far_at(i));
+  for (int i = 0; i < 100; i += 5) Append(far_at(i), &flight);
   for (int i = 0; i < kEnd; ++i) t.tracks.AddInstants(FrameAt(i));
   ASSERT_TRUE(t.Begin(flight, kAnyScore));
   for (int i = 100; i < kEnd; ++i) {
     const bool is_seen = i == 115 || i == 130 || i == 145 || i == 160;
     t.tracks.Extend(is_seen ? std::vector<SeenPlot>{far_at(i)} : std::vector<SeenPlot>(),
-                    far_at(i).at);
+                    MomentAt(i));
   }
   t.tracks.Close(kEndless);
   ASSERT_EQ(t.ended.size(), 1U);
@@ -164,7 +170,7 @@ TEST(ConfirmedTracks, EveryRowIsGivenOnceInOrderWhereTheDroneIs) {
   for (int i = 20; i < 60; ++i) {
     const SeenPlot seen = DroneAt(i);
     t.tracks.AddInstants(FrameAt(i));
-    t.tracks.Extend({seen}, seen.at);
+    t.tracks.Extend({seen}, MomentAt(i));
     const TimeNs middle_ns = FrameAt(i).middle_ns();
     num_settled += t.tracks.GiveRows(middle_ns, FrameAt(i).stamp_ns).size();
     for (const TrajectoryRow& row : t.rows) EXPECT_LE(row.time_ns, middle_ns);
@@ -204,7 +210,7 @@ TEST(ConfirmedTracks, RowsFollowADroneThatSetsOff) {
   for (int i = 20; i < kHovers + 30; ++i) {
     const SeenPlot seen = setting_off_at(i);
     t.tracks.AddInstants(FrameAt(i));
-    t.tracks.Extend({seen}, seen.at);
+    t.tracks.Extend({seen}, MomentAt(i));
     t.tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
   }
   ASSERT_GT(t.rows.size(), 90U);
@@ -221,12 +227,12 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
     constexpr int kLast = 90;
     constexpr int kAgain = 114;
     Flight flight;
-    for (int i = 0; i <= kLast; i += 6) flight.plots.push_back(CirclingAt(i));
+    for (int i = 0; i <= kLast; i += 6) Append(CirclingAt(i), &flight);
     for (int i = 0; i <= kLast; ++i) t.tracks.AddInstants(FrameAt(i));
     ASSERT_TRUE(t.Begin(flight, kAnyScore));
     const auto go_to = [&](int i, const std::vector<SeenPlot>& plots) {
       t.tracks.AddInstants(FrameAt(i));
-      t.tracks.Extend(plots, CirclingAt(i).at);
+      t.tracks.Extend(plots, MomentAt(i));
       // All rows are due.
       t.tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns + NsOf(10.0));
     };
@@ -264,7 +270,7 @@ TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
 SeenPlot PuffAt(int i) {
   SeenPlot seen = DroneAt(i);
   constexpr double kSpreadM = 0.6;
-  seen.scatter_m2 = static_cast<double>(seen.plot.returns.size()) * kSpreadM * kSpreadM *
+  seen.scatter_m2 = static_cast<double>(seen.plot.num_returns) * kSpreadM * kSpreadM *
                     Eigen::Matrix3d::Identity();
   return seen;
 }
@@ -274,7 +280,7 @@ TEST(ConfirmedTracks, ACloudIsFollowedWithoutARow) {
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
   ASSERT_TRUE(t.Begin(FlightUntil(20, PuffAt), kAnyScore));
   for (int i = 20; i < 60; ++i) t.GoTo(i, PuffAt(i));
-  EXPECT_EQ(t.tracks.Extend({PuffAt(60)}, PuffAt(60).at), (std::vector<char>{0}));
+  EXPECT_EQ(t.tracks.Extend({PuffAt(60)}, MomentAt(60)), (std::vector<char>{0}));
   t.tracks.Close(kEndless);
   EXPECT_TRUE(t.confirmed.empty());
   EXPECT_TRUE(t.rows.empty());

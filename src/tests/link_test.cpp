@@ -18,12 +18,16 @@ using testing::Random;
 using Groups = std::vector<std::vector<std::uint32_t>>;
 using Points = std::vector<Eigen::Vector3f>;
 
+std::vector<std::uint32_t> MembersOf(const Linker& linker, std::size_t group) {
+  return {linker[group].begin(), linker[group].end()};
+}
+
 Groups Link(const Points& points_m, const std::vector<std::uint32_t>& returns,
             const RangeRadius& radius) {
   Linker linker;
   linker.Link(points_m, returns, radius);
   Groups groups;
-  for (std::size_t g = 0; g < linker.size(); ++g) groups.push_back(linker[g]);
+  for (std::size_t g = 0; g < linker.size(); ++g) groups.push_back(MembersOf(linker, g));
   return groups;
 }
 
@@ -257,7 +261,7 @@ TEST(Link, WhatALinkerFoundBeforeChangesNothing) {
     linker.Link(points_m, all, {1.5, 0.02});
     const Groups expected = Link(points_m, all, {1.5, 0.02});
     ASSERT_EQ(linker.size(), expected.size());
-    for (std::size_t g = 0; g < expected.size(); ++g) EXPECT_EQ(linker[g], expected[g]);
+    for (std::size_t g = 0; g < expected.size(); ++g) EXPECT_EQ(MembersOf(linker, g), expected[g]);
   }
 }
 

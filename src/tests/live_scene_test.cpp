@@ -68,14 +68,17 @@ class Station {
   int num_pole_returns_ = 0;
 };
 
+bool Take(LiveScene* scene, LoadedFrame frame) { return scene->Take(&frame); }
+
 // All frames that the scene leaves, taken as they come.
 std::vector<SceneFrame> FramesOf(LiveScene* scene, Station* station, int count) {
   std::vector<SceneFrame> frames;
   const auto take = [&](TimeNs until_ns) {
-    while (std::optional<SceneFrame> frame = scene->Next(until_ns)) frames.push_back(*frame);
+    SceneFrame frame;
+    while (scene->Next(until_ns, &frame)) frames.push_back(frame);
   };
   for (int i = 0; i < count; ++i) {
-    if (!scene->Take(station->FrameAt(i))) continue;
+    if (!Take(scene, station->FrameAt(i))) continue;
     while (scene->num_waiting() > 0) take(scene->MakePlots() - kPeriodNs);
   }
   scene->Close();
@@ -110,7 +113,7 @@ TEST(LiveScene, IsWarmAfterThreeSecondsOrAtTheEnd) {
     scene.AddSensor(0, Eigen::Vector3f::Zero());
     Station station(0, Eigen::Vector3f::Zero());
     for (int i = 0; i < count; ++i) {
-      EXPECT_EQ(scene.Take(station.FrameAt(i)), i >= kWarmFrames) << i;
+      EXPECT_EQ(Take(&scene, station.FrameAt(i)), i >= kWarmFrames) << i;
       EXPECT_EQ(scene.is_warm(), i + 1 >= kWarmFrames) << i;
     }
     scene.Close();
@@ -184,16 +187,17 @@ TEST(LiveScene, AStationThatComesLaterIsWarmLater) {
   Station second(1, origin_m);
   constexpr int kLater = 50;
   for (int i = 0; i < 120; ++i) {
-    EXPECT_EQ(scene.Take(first.FrameAt(i)), i >= kWarmFrames) << i;
+    EXPECT_EQ(Take(&scene, first.FrameAt(i)), i >= kWarmFrames) << i;
     if (i >= kLater) {
-      EXPECT_EQ(scene.Take(second.FrameAt(i)), i >= kLater + kWarmFrames) << i;
+      EXPECT_EQ(Take(&scene, second.FrameAt(i)), i >= kLater + kWarmFrames) << i;
     }
     while (scene.num_waiting() > 0 && scene.is_warm()) scene.MakePlots();
-    while (std::optional<SceneFrame> frame = scene.Next(kEndless)) {
-      if (frame->info.sensor == 0) continue;
+    SceneFrame frame;
+    while (scene.Next(kEndless, &frame)) {
+      if (frame.info.sensor == 0) continue;
       const double own_s = (i - kLater + 0.5) * kPeriodS;
-      EXPECT_NEAR(frame->watched_s, own_s, 1e-9) << i;
-      EXPECT_EQ(frame->is_searched, own_s > 6.0) << i;
+      EXPECT_NEAR(frame.watched_s, own_s, 1e-9) << i;
+      EXPECT_EQ(frame.is_searched, own_s > 6.0) << i;
     }
   }
 }

@@ -24,6 +24,18 @@ class OccupancyTest : public ::testing::Test {
     return occupancy_.Judge(place_m, bin, 0, NeverFloats).is_structure;
   }
 
+  std::vector<Eigen::Vector3f> Structure() const {
+    std::vector<Eigen::Vector3f> points_m;
+    occupancy_.GetStructure(&points_m);
+    return points_m;
+  }
+
+  std::vector<Eigen::Vector3f> Supporters() const {
+    std::vector<Eigen::Vector3f> points_m;
+    occupancy_.GetSupporters(&points_m);
+    return points_m;
+  }
+
   Occupancy occupancy_{BackgroundConfig()};
 };
 
@@ -64,8 +76,8 @@ TEST_F(OccupancyTest, WhatIsHitSeldomButAgainAndAgainSupports) {
   }
   EXPECT_FALSE(IsStructure(55));
   EXPECT_FALSE(IsStructure(55, {0, 20, 8}));
-  EXPECT_TRUE(occupancy_.Structure().empty());
-  EXPECT_EQ(occupancy_.Supporters().size(), 1U);
+  EXPECT_TRUE(Structure().empty());
+  EXPECT_EQ(Supporters().size(), 1U);
 }
 
 // In the first seconds nobody knows how often a place is hit, but a trail is left behind.
@@ -76,11 +88,11 @@ TEST_F(OccupancyTest, WhatIsHitUntilNowSupportsAtFirstAndWhatWasLeftDoesNot) {
   }
   EXPECT_FALSE(IsStructure(6));
   EXPECT_FALSE(IsStructure(4, {0, 20, 8}));
-  const std::vector<Eigen::Vector3f> supporters_m = occupancy_.Supporters();
+  const std::vector<Eigen::Vector3f> supporters_m = Supporters();
   ASSERT_EQ(supporters_m.size(), 1U);
   EXPECT_EQ(supporters_m[0], Eigen::Vector3f(10, 5, 3));
   for (std::int64_t bin = 9; bin < 20; ++bin) Bin(bin, false);
-  EXPECT_TRUE(occupancy_.Supporters().empty());
+  EXPECT_TRUE(Supporters().empty());
 }
 
 // Flakes about a place that none has hit yet say what is to be expected there; a wall beside it
@@ -133,7 +145,7 @@ TEST_F(OccupancyTest, SweepingForgetsWhatIsNoStructureOnly) {
   IsStructure(199);
   occupancy_.Sweep();
   EXPECT_TRUE(IsStructure(199));
-  EXPECT_EQ(occupancy_.Structure().size(), 1U);
+  EXPECT_EQ(Structure().size(), 1U);
   // A return at the forgotten place is something new.
   occupancy_.Add({0, 20, 8}, 199);
   EXPECT_FALSE(IsStructure(199, {0, 20, 8}));

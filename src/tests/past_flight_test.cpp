@@ -21,11 +21,12 @@ SeenPlot PlotAt(int i, const Eigen::Vector3d& position_m) {
   seen.plot.variance_m2 = 0.02;
   seen.plot.lowest_m = 10.0;
   seen.plot.log_clutter = seen.log_surroundings = -10.0;
-  seen.plot.returns = {0, 1};
-  seen.at.time_s = i * kPeriodS;
-  seen.at.frames_before = {static_cast<std::uint32_t>(i)};
+  seen.plot.num_returns = 2;
+  seen.time_s = i * kPeriodS;
   return seen;
 }
+
+Moment MomentAt(int i) { return {i * kPeriodS, {static_cast<std::uint32_t>(i)}}; }
 
 SeenPlot DroneAt(int i) { return PlotAt(i, {15.0, -10.0 + 0.4 * i, 8.0}); }
 
@@ -38,15 +39,20 @@ class PastOfTest : public ::testing::Test {
     for (int i = 0; i < kFrames; ++i) {
       seen_.push_back(PlotAt(i, {40.0 * std::sin(i * i), 40.0 * std::cos(i * i), 12.0}));
       seen_.push_back(DroneAt(i));
+      moments_.Add(static_cast<std::uint32_t>(i), MomentAt(i));
     }
     are_free_.assign(seen_.size(), 1);
-    for (int i = kFrames / 2; i < kFrames; ++i) flight_.plots.push_back(DroneAt(i));
+    for (int i = kFrames / 2; i < kFrames; ++i) {
+      flight_.plots.push_back(DroneAt(i));
+      flight_.moments.push_back(MomentAt(i));
+    }
   }
 
   // Numbers of the frames whose plot of the drone is in the past of the flight, and nothing else.
   std::vector<int> Past() const {
     std::vector<int> frames;
-    for (const std::size_t i : PastOf(flight_, seen_, are_free_, num_frames_, models_, config_)) {
+    for (const std::size_t i :
+         PastOf(flight_, seen_, are_free_, moments_, num_frames_, models_, config_)) {
       EXPECT_EQ(i % 2, 1U) << "a stray";
       frames.push_back(static_cast<int>(i / 2));
     }
@@ -64,6 +70,7 @@ class PastOfTest : public ::testing::Test {
   std::vector<TrackModel> models_;
   std::vector<SeenPlot> seen_;
   std::vector<char> are_free_;
+  Moments moments_;
   std::vector<std::uint32_t> num_frames_ = {kFrames};
   Flight flight_;
 };

@@ -25,7 +25,7 @@ inline Plot MakePlot(TimeNs time_ns, const Eigen::Vector3d& position_m, double l
   plot.variance_m2 = 0.02 + 0.01 / static_cast<double>(num_returns);
   plot.log_clutter = log_clutter;
   plot.frame = static_cast<std::uint32_t>((time_ns - kBeginNs) / kPeriodNs);
-  plot.returns.resize(num_returns);
+  plot.num_returns = static_cast<std::uint32_t>(num_returns);
   return plot;
 }
 

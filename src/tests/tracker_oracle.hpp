@@ -81,7 +81,7 @@ class PlainModel {
 
       const double speed = std::min(config_.max_speed_mps, x.segment<3>(3).norm());
       const double streak = speed * plot.streak_s;
-      const auto n = static_cast<double>(plot.returns.size());
+      const auto n = static_cast<double>(plot.num_returns);
       const Eigen::Matrix3d noise =
           (plot.variance_m2 + streak * streak / 12.0 / n / 3.0) * Eigen::Matrix3d::Identity();
       const Update steady = Updated(x, p, sigma_a_, dt, plot, noise);

@@ -101,6 +101,7 @@ class End {
     plot.sensor = frame.sensor;
     plot.time_ns = plot.frame_time_ns = frame.middle_ns();
     plot.position_m = MeanOf(recording_, returns);
+    plot.num_returns = static_cast<std::uint32_t>(returns.size());
     plot.returns = std::move(returns);
     return plot;
   }

@@ -1,6 +1,7 @@
 #include "robust/plots/linkage.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace unlidar {
 namespace {
@@ -32,17 +33,19 @@ void Linker::Link(const std::vector<Eigen::Vector3f>& points_m,
   boxes_.resize(tree_.nodes().size());
   for (std::size_t id = boxes_.size(); id-- > 0;) Describe(id);  // children before their parent
   if (!boxes_.empty()) Connect(0);
-  size_ = 0;
+  ends_.clear();
   group_of_.resize(returns.size());
   for (std::size_t i = 0; i < returns.size(); ++i) {
     const std::size_t first = sets_.Find(i);
-    if (first == i) {
-      group_of_[i] = size_++;
-      if (groups_.size() < size_) groups_.emplace_back();
-      groups_[size_ - 1].clear();
-    }
-    groups_[group_of_[first]].push_back(returns[i]);
+    if (first == i) ends_.push_back(0);
+    group_of_[i] = first == i ? ends_.size() - 1 : group_of_[first];
+    ++ends_[group_of_[i]];
   }
+  // Members by group: what are counts become begins, and then ends.
+  std::size_t begin = 0;
+  for (std::size_t& end : ends_) begin += std::exchange(end, begin);
+  members_.resize(returns.size());
+  for (std::size_t i = 0; i < returns.size(); ++i) members_[ends_[group_of_[i]]++] = returns[i];
 }
 
 void Linker::Describe(std::size_t id) {

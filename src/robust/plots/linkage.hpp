@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/disjoint_sets.hpp"
+#include "base/recording.hpp"
 #include "robust/plots/point_tree.hpp"
 #include "robust/scene/range_grid.hpp"
 
@@ -28,8 +29,11 @@ class Linker {
             const RangeRadius& radius);
 
   // The groups that were found last.
-  std::size_t size() const { return size_; }
-  const std::vector<std::uint32_t>& operator[](std::size_t group) const { return groups_[group]; }
+  std::size_t size() const { return ends_.size(); }
+  IndexView operator[](std::size_t group) const {
+    const std::uint32_t* const members = members_.data();
+    return {members + (group == 0 ? 0 : ends_[group - 1]), members + ends_[group]};
+  }
 
  private:
   // What is known of the points of a node.
@@ -52,10 +56,10 @@ class Linker {
   PointTree<float> tree_;
   std::vector<float> reaches_m_;  // radius at each point, by leaf
   DisjointSets sets_;
-  std::vector<Box> boxes_;  // by node
-  std::vector<std::size_t> group_of_;
-  std::vector<std::vector<std::uint32_t>> groups_;  // the first `size_`; others keep their memory
-  std::size_t size_ = 0;
+  std::vector<Box> boxes_;              // by node
+  std::vector<std::size_t> group_of_;   // (returns)
+  std::vector<std::size_t> ends_;       // of the groups in `members_`
+  std::vector<std::uint32_t> members_;  // by group
 };
 
 }  // namespace unlidar

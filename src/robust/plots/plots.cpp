@@ -23,8 +23,8 @@ constexpr double kBodyEdgeRad = 0.05;
 constexpr double kBodyMargin = 0.5;
 constexpr double kMinBodyMarginM = 0.75;
 
-bool IsBody(const Recording& recording, const std::vector<std::uint32_t>& returns,
-            const Ground& ground, double lowest_elevation_rad, const PlotConfig& config) {
+bool IsBody(const Recording& recording, const IndexView& returns, const Ground& ground,
+            double lowest_elevation_rad, const PlotConfig& config) {
   const int n = static_cast<int>(returns.size());
   if (n >= config.body_contact_returns) {
     for (const std::uint32_t i : returns) {
@@ -51,7 +51,7 @@ bool IsBody(const Recording& recording, const std::vector<std::uint32_t>& return
   return variances[1] > config.body_spread_m * config.body_spread_m;
 }
 
-BodyBox BoxOf(const Recording& recording, const std::vector<std::uint32_t>& returns) {
+BodyBox BoxOf(const Recording& recording, const IndexView& returns) {
   const Eigen::Array3f first = recording.points_m[returns.front()].array();
   BodyBox box{recording.times_ns[returns.front()], first, first};
   for (const std::uint32_t i : returns) {
@@ -70,7 +70,7 @@ double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& con
 
 }  // namespace
 
-Eigen::Vector3d MeanOf(const Recording& recording, const std::vector<std::uint32_t>& returns) {
+Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   for (const std::uint32_t i : returns) sum += recording.points_m[i].cast<double>();
   return sum / static_cast<double>(returns.size());
@@ -127,7 +127,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
   is_body_.assign(frame.last_return - frame.first_return, 0);
   linker_.Link(recording.points_m, *candidates, kBodyLink);
   for (std::size_t g = 0; g < linker_.size(); ++g) {
-    const std::vector<std::uint32_t>& body = linker_[g];
+    const IndexView body = linker_[g];
     if (!IsBody(recording, body, ground, lowest_elevation_rad, config)) continue;
     for (const std::uint32_t i : body) is_body_[i - frame.first_return] = 1;
     found_.body_returns.insert(found_.body_returns.end(), body.begin(), body.end());
@@ -139,7 +139,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
       candidates->end());
   linker_.Link(recording.points_m, *candidates, config.link);
   for (std::size_t g = 0; g < linker_.size(); ++g) {
-    const std::vector<std::uint32_t>& returns = linker_[g];
+    const IndexView returns = linker_[g];
     Plot plot;
     plot.frame = frame_index;
     plot.sensor = frame.sensor;
@@ -155,14 +155,14 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
       time_sum += recording.times_ns[i] - frame.begin_ns;
     }
     plot.time_ns = frame.begin_ns + time_sum / static_cast<TimeNs>(returns.size());
-    plot.returns = returns;
-    found_.plots.push_back(std::move(plot));
+    plot.num_returns = static_cast<std::uint32_t>(returns.size());
+    found_.plots.push_back(plot);
   }
   CountBelow(recording, frame, ground);
   return found_;
 }
 
-bool IsNearBody(const Plot& plot, const std::deque<BodyBox>& bodies) {
+bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies) {
   const auto margin_ns = static_cast<TimeNs>(kBodyMarginS * 1e9);
   const Eigen::Array3f p = plot.position_m.cast<float>().array();
   auto body =
@@ -186,7 +186,7 @@ std::vector<Plot> MakePlots(const Recording& recording,
   std::vector<Plot> plots;
   is_body->assign(recording.points_m.size(), 0);
   const double lowest_elevation_rad = LowestElevationRad(recording.points_m);
-  std::deque<BodyBox> bodies;
+  std::vector<BodyBox> bodies;
   std::size_t next = 0;
   FramePlotter plotter;
   std::vector<std::uint32_t> members;
@@ -198,12 +198,17 @@ std::vector<Plot> MakePlots(const Recording& recording,
     FramePlots& found = plotter.Find(recording, f, &members, ground, lowest_elevation_rad, config);
     for (const std::uint32_t i : found.body_returns) (*is_body)[i] = 1;
     bodies.insert(bodies.end(), found.bodies.begin(), found.bodies.end());
-    std::move(found.plots.begin(), found.plots.end(), std::back_inserter(plots));
+    for (std::size_t i = 0; i < found.plots.size(); ++i) {
+      const IndexView returns = plotter.ReturnsOf(i);
+      found.plots[i].returns.assign(returns.begin(), returns.end());
+      plots.push_back(std::move(found.plots[i]));
+    }
   }
   std::stable_sort(bodies.begin(), bodies.end(),
                    [](const BodyBox& a, const BodyBox& b) { return a.time_ns < b.time_ns; });
+  const Queue<BodyBox> in_order(bodies.begin(), bodies.end());
   plots.erase(std::remove_if(plots.begin(), plots.end(),
-                             [&](const Plot& plot) { return IsNearBody(plot, bodies); }),
+                             [&](const Plot& plot) { return IsNearBody(plot, in_order); }),
               plots.end());
   SortByFrameTime(&plots);
   return plots;

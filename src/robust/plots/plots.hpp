@@ -3,10 +3,10 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <deque>
 #include <utility>
 #include <vector>
 
+#include "base/queue.hpp"
 #include "base/recording.hpp"
 #include "robust/plots/linkage.hpp"
 #include "robust/scene/background.hpp"
@@ -41,11 +41,12 @@ struct Plot {
   std::uint32_t num_below = 0;  // returns of its frame between it and the ground: of a body
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;
-  std::vector<std::uint32_t> returns;
+  std::uint32_t num_returns = 0;
+  std::vector<std::uint32_t> returns;  // indices into the recording; none in a stream
 };
 
 // The mean of some returns, at least one.
-Eigen::Vector3d MeanOf(const Recording& recording, const std::vector<std::uint32_t>& returns);
+Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns);
 
 // The order in which all stages expect plots; plots of one frame keep theirs.
 void SortByFrameTime(std::vector<Plot>* plots);
@@ -55,14 +56,14 @@ bool HasAnyOf(const Plot& plot, const std::vector<char>& returns);
 
 // Where a body lies, and when the first of its returns was measured.
 struct BodyBox {
-  TimeNs time_ns;
-  Eigen::Array3f low_m;
-  Eigen::Array3f high_m;
+  TimeNs time_ns = 0;
+  Eigen::Array3f low_m = Eigen::Array3f::Zero();
+  Eigen::Array3f high_m = Eigen::Array3f::Zero();
 };
 
 // What one frame shows.
 struct FramePlots {
-  std::vector<Plot> plots;
+  std::vector<Plot> plots;                  // without the lists of their returns
   std::vector<BodyBox> bodies;              // people, cars
   std::vector<std::uint32_t> body_returns;  // indices into the recording
 };
@@ -77,6 +78,9 @@ class FramePlotter {
                    std::vector<std::uint32_t>* candidates, const Ground& ground,
                    double lowest_elevation_rad, const PlotConfig& config);
 
+  // Of a plot that was found last: indices into the recording.
+  IndexView ReturnsOf(std::size_t plot) const { return linker_[plot]; }
+
  private:
   void CountBelow(const Recording& recording, const FrameInfo& frame, const Ground& ground);
 
@@ -88,7 +92,7 @@ class FramePlotter {
 
 // Whether a plot is next to a body: what of it was too sparse, or too far from the rest, to be
 // known. `bodies` in order of time.
-bool IsNearBody(const Plot& plot, const std::deque<BodyBox>& bodies);
+bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies);
 
 // Plots of `candidates`, returns in ascending order, frame by frame in order of time; bodies
 // (people, cars) left out, with all that is next to one shortly before or after. `is_body` (N)

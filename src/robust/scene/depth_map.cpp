@@ -6,13 +6,13 @@
 
 namespace unlidar {
 
-DepthMap::DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
-                   std::size_t num_bins, double cell_deg)
-    : num_bins_(num_bins),
+DepthMap::DepthMap(double cell_deg)
+    : num_bins_(1),
       columns_(static_cast<std::size_t>(std::ceil(360.0 / cell_deg))),
       rows_(static_cast<std::size_t>(std::ceil(180.0 / cell_deg))),
       column_rad_(2.0 * M_PI / static_cast<double>(columns_)),
-      row_rad_(M_PI / static_cast<double>(rows_)) {
+      row_rad_(M_PI / static_cast<double>(rows_)),
+      first_(columns_ * rows_ + 1, 0) {
   for (std::size_t row = 0; row < rows_; ++row) {
     const double at_rad = (static_cast<double>(row) + 0.5) * row_rad_ - M_PI / 2;
     elevations_.push_back({at_rad, std::cos(at_rad), std::sin(at_rad)});
@@ -21,17 +21,30 @@ DepthMap::DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>&
     const double at_rad = (static_cast<double>(column) + 0.5) * column_rad_ - M_PI;
     azimuths_.push_back({at_rad, std::cos(at_rad), std::sin(at_rad)});
   }
+}
+
+DepthMap::DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
+                   std::size_t num_bins, double cell_deg)
+    : DepthMap(cell_deg) {
+  Workspace workspace;
+  Fill(points_m, bins, num_bins, &workspace);
+}
+
+void DepthMap::Fill(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
+                    std::size_t num_bins, Workspace* workspace) {
   // Points by cell, in their order: that is mostly the order of the bins.
   constexpr double kQuantum_m = 0.05;
   constexpr std::uint64_t kMaxQuanta = 0xFFFF;
-  std::vector<std::uint32_t> cells(points_m.size());
-  std::vector<std::size_t> next(columns_ * rows_ + 1, 0);
+  auto& [cells, next, entries] = *workspace;
+  num_bins_ = num_bins;
+  cells.resize(points_m.size());
+  next.assign(columns_ * rows_ + 1, 0);
   for (std::size_t i = 0; i < cells.size(); ++i) {
     cells[i] = static_cast<std::uint32_t>(CellOf(points_m[i]));
     ++next[cells[i] + 1];
   }
   std::partial_sum(next.begin(), next.end(), next.begin());
-  std::vector<std::uint64_t> entries(points_m.size());  // bin << 16 | range
+  entries.resize(points_m.size());  // bin << 16 | range
   for (std::size_t i = 0; i < entries.size(); ++i) {
     const double quanta = std::min(static_cast<double>(kMaxQuanta),
                                    static_cast<double>(points_m[i].norm()) / kQuantum_m);
@@ -39,7 +52,8 @@ DepthMap::DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>&
     entries[next[cells[i]]++] = bin << 16U | static_cast<std::uint64_t>(quanta);
   }
   const auto bin_of = [](std::uint64_t entry) { return entry >> 16U; };
-  first_.reserve(columns_ * rows_ + 1);
+  depths_.clear();
+  first_.clear();
   auto begin = entries.begin();
   for (std::size_t cell = 0; cell < columns_ * rows_; ++cell) {
     first_.push_back(depths_.size());

@@ -32,9 +32,23 @@ class DepthMap {
     const Depth* end_;
   };
 
+  // What it is filled in, kept for the next time.
+  struct Workspace {
+    std::vector<std::uint32_t> cells;    // (points)
+    std::vector<std::size_t> next;       // by cell
+    std::vector<std::uint64_t> entries;  // (points) by cell
+  };
+
+  // An empty one, of one time bin.
+  explicit DepthMap(double cell_deg);
+
   // `bins`: one per point, each below `num_bins`, which is at least 1; or none, where all are 0.
   DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>& bins, std::size_t num_bins,
            double cell_deg);
+
+  // Begins anew, in the memory that it has.
+  void Fill(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
+            std::size_t num_bins, Workspace* workspace);
 
   // What was seen in the direction of a point.
   Depths DepthsAt(const Eigen::Vector3f& point_m) const { return DepthsOf(CellOf(point_m)); }

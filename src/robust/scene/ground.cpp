@@ -1,10 +1,11 @@
 #include "robust/scene/ground.hpp"
 
+#include <Eigen/Jacobi>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <vector>
+#include <utility>
 
 namespace unlidar {
 namespace {
@@ -12,8 +13,8 @@ namespace {
 // The height of a cell is a low quantile of its returns, so that strays below it do not count; a
 // cell of fewer returns has none, and fewer cells bear no plane out.
 constexpr double kQuantile = 0.05;
-constexpr int kMinReturns = 10;
-constexpr int kMinCells = 6;
+constexpr std::uint32_t kMinReturns = 10;
+constexpr std::size_t kMinCells = 6;
 // Cells as near to the plane as rough ground is make it. Ground rises above it by little: more is a
 // bush, a car or the station itself; hollows are as deep as the relief, and deeper are reflections.
 constexpr double kPlaneBandM = 0.6;
@@ -21,66 +22,126 @@ constexpr double kMaxRiseM = 0.5;
 constexpr double kMaxReliefM = 1.5;
 
 template <class Number>
-double Quantile(std::vector<Number>* values, double share) {
-  const auto k = static_cast<std::ptrdiff_t>(share * static_cast<double>(values->size() - 1));
-  std::nth_element(values->begin(), values->begin() + k, values->end());
-  return static_cast<double>((*values)[static_cast<std::size_t>(k)]);
+double Quantile(Number* begin, Number* end, double share) {
+  Number* const at =
+      begin + static_cast<std::ptrdiff_t>(share * static_cast<double>(end - begin - 1));
+  std::nth_element(begin, at, end);
+  return static_cast<double>(*at);
 }
 
 }  // namespace
 
-Ground::Ground(const PointsView& points_m, const GroundConfig& config) : config_(config) {
-  std::map<std::pair<int, int>, std::vector<float>> heights;
-  for (std::size_t i = 0; i < points_m.size(); ++i) {
-    const Eigen::Vector3f& p = points_m[i];
-    heights[CellOf(static_cast<double>(p.x()), static_cast<double>(p.y()))].push_back(p.z());
-  }
-  std::vector<double> lowest;
-  for (auto& [cell, z] : heights) {
-    if (static_cast<int>(z.size()) < kMinReturns) continue;
-    cells_[cell] = Quantile(&z, kQuantile);
-    lowest.push_back(cells_[cell]);
-  }
-  if (static_cast<int>(lowest.size()) < kMinCells) return;
-
-  // Iterated least squares on the lower half, then on what lies within the band of the plane.
-  const double median = Quantile(&lowest, 0.5);
-  std::map<std::pair<int, int>, double> inliers;
-  for (const auto& [cell, z] : cells_) {
-    if (z <= median) inliers[cell] = z;
-  }
-  for (int iteration = 0; iteration < 6; ++iteration) {
-    if (static_cast<int>(inliers.size()) < kMinCells) return;
-    Eigen::MatrixXd a(static_cast<Eigen::Index>(inliers.size()), 3);
-    Eigen::VectorXd b(a.rows());
-    Eigen::Index row = 0;
-    for (const auto& [cell, z] : inliers) {
-      a.row(row) << 1.0, (cell.first + 0.5) * config.cell_m, (cell.second + 0.5) * config.cell_m;
-      b[row++] = z;
-    }
-    plane_ = a.colPivHouseholderQr().solve(b);
-    inliers.clear();
-    for (const auto& [cell, z] : cells_) {
-      const Eigen::Vector3d at(1.0, (cell.first + 0.5) * config.cell_m,
-                               (cell.second + 0.5) * config.cell_m);
-      if (std::abs(z - plane_.dot(at)) < kPlaneBandM) inliers[cell] = z;
-    }
-  }
-  exists_ = plane_.tail<2>().norm() < config.max_slope;
+Ground::Ground(const PointsView& points_m, const GroundConfig& config) : Ground(config) {
+  Workspace workspace;
+  Fit(points_m, &workspace);
 }
 
-std::pair<int, int> Ground::CellOf(double x_m, double y_m) const {
-  return {static_cast<int>(std::floor(x_m / config_.cell_m)),
-          static_cast<int>(std::floor(y_m / config_.cell_m))};
+void Ground::Fit(const PointsView& points_m, Workspace* workspace) {
+  exists_ = false;
+  plane_.setZero();
+  SetHeights(points_m, workspace);
+  FitPlane(workspace);
+}
+
+void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
+  auto& [heights_m, known, lowest_m, inliers] = *workspace;
+  numbers_.Clear();
+  cells_.clear();
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    const Cell cell = CellOf(points_m[i]);
+    const std::uint32_t number = numbers_.FindOrAdd(0, KeyOf(cell));
+    if (number == cells_.size()) cells_.push_back(cell);
+    ++cells_[number].end;
+  }
+  std::uint32_t end = 0;
+  for (Cell& cell : cells_) end += std::exchange(cell.end, end);
+  heights_m.resize(points_m.size());
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    heights_m[cells_[numbers_.Find(0, KeyOf(CellOf(points_m[i])))].end++] = points_m[i].z();
+  }
+  known.clear();
+  lowest_m.clear();
+  std::uint32_t begin = 0;
+  for (std::uint32_t number = 0; number < cells_.size(); ++number) {
+    Cell& cell = cells_[number];
+    if (cell.end - begin >= kMinReturns) {
+      cell.height_m = Quantile(heights_m.data() + begin, heights_m.data() + cell.end, kQuantile);
+      known.push_back(number);
+      lowest_m.push_back(cell.height_m);
+    }
+    begin = cell.end;
+  }
+  // Whatever the order of the points.
+  std::sort(known.begin(), known.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return std::make_pair(cells_[a].x, cells_[a].y) < std::make_pair(cells_[b].x, cells_[b].y);
+  });
+}
+
+// Iterated least squares on the lower half, then on what lies within the band of the plane.
+void Ground::FitPlane(Workspace* workspace) {
+  const std::vector<std::uint32_t>& known = workspace->known;
+  std::vector<double>& lowest_m = workspace->lowest_m;
+  std::vector<std::uint32_t>& inliers = workspace->inliers;
+  if (lowest_m.size() < kMinCells) return;
+  const double median_m = Quantile(lowest_m.data(), lowest_m.data() + lowest_m.size(), 0.5);
+  const auto choose = [&](const auto& is_inlier) {
+    inliers.clear();
+    for (const std::uint32_t number : known) {
+      if (is_inlier(cells_[number])) inliers.push_back(number);
+    }
+  };
+  choose([&](const Cell& cell) { return cell.height_m <= median_m; });
+  for (int iteration = 0; iteration < 6; ++iteration) {
+    if (inliers.size() < kMinCells) return;
+    // The triangle of the QR decomposition, and the right-hand side beside it, cell by cell.
+    Eigen::Matrix4d triangle = Eigen::Matrix4d::Zero();
+    for (const std::uint32_t number : inliers) {
+      triangle.row(3) << MiddleOf(cells_[number]).transpose(), cells_[number].height_m;
+      for (Eigen::Index k = 0; k < 3; ++k) {
+        Eigen::JacobiRotation<double> givens;
+        givens.makeGivens(triangle(k, k), triangle(3, k));
+        triangle.applyOnTheLeft(k, 3, givens.adjoint());
+      }
+    }
+    plane_ = triangle.topLeftCorner<3, 3>().colPivHouseholderQr().solve(
+        triangle.topRightCorner<4, 1>().head<3>());
+    choose([&](const Cell& cell) {
+      return std::abs(cell.height_m - plane_.dot(MiddleOf(cell))) < kPlaneBandM;
+    });
+  }
+  exists_ = plane_.tail<2>().norm() < config_.max_slope;
+}
+
+Ground::Cell Ground::CellOf(const Eigen::Vector3f& point_m) const {
+  const auto number = [&](float coordinate_m) {
+    return static_cast<int>(std::floor(static_cast<double>(coordinate_m) / config_.cell_m));
+  };
+  Cell cell;
+  cell.x = number(point_m.x());
+  cell.y = number(point_m.y());
+  return cell;
+}
+
+VoxelKey Ground::KeyOf(const Cell& cell) {
+  return static_cast<VoxelKey>(static_cast<std::uint32_t>(cell.x)) << 32U |
+         static_cast<std::uint32_t>(cell.y);
+}
+
+// With the 1 that the height at the origin is multiplied by.
+Eigen::Vector3d Ground::MiddleOf(const Cell& cell) const {
+  return {1.0, (cell.x + 0.5) * config_.cell_m, (cell.y + 0.5) * config_.cell_m};
 }
 
 double Ground::HeightAbove(const Eigen::Vector3f& point_m) const {
   if (!exists_) return std::numeric_limits<double>::infinity();
   const Eigen::Vector3d p = point_m.cast<double>();
   double ground_m = plane_.dot(Eigen::Vector3d(1.0, p.x(), p.y()));
-  const auto cell = cells_.find(CellOf(p.x(), p.y()));
-  if (cell != cells_.end() && std::abs(cell->second - ground_m) < kMaxReliefM) {
-    ground_m = std::min(cell->second, ground_m + kMaxRiseM);
+  const std::uint32_t number = numbers_.Find(0, KeyOf(CellOf(point_m)));
+  if (number != VoxelNumbers::kNone) {
+    const double height_m = cells_[number].height_m;  // or none: no comparison holds
+    if (std::abs(height_m - ground_m) < kMaxReliefM) {
+      ground_m = std::min(height_m, ground_m + kMaxRiseM);
+    }
   }
   return p.z() - ground_m;
 }

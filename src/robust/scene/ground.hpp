@@ -2,11 +2,12 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <limits>
-#include <map>
-#include <utility>
+#include <vector>
 
 #include "base/recording.hpp"
+#include "base/voxel_numbers.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -15,7 +16,21 @@ namespace unlidar {
 // that looks up) every height above it is infinite.
 class Ground {
  public:
+  // What it is fitted in, kept for the next fit.
+  struct Workspace {
+    std::vector<float> heights_m;        // of the points, by cell
+    std::vector<std::uint32_t> known;    // cells with a height, by place
+    std::vector<double> lowest_m;        // theirs
+    std::vector<std::uint32_t> inliers;  // of them, those that the plane is fitted to
+  };
+
+  // None, until it is fitted.
+  explicit Ground(const GroundConfig& config) : config_(config) {}
+
   Ground(const PointsView& points_m, const GroundConfig& config);
+
+  // Begins anew, in the memory that it has.
+  void Fit(const PointsView& points_m, Workspace* workspace);
 
   double HeightAbove(const Eigen::Vector3f& point_m) const;
 
@@ -23,12 +38,26 @@ class Ground {
   bool Holds(const Eigen::Vector3f& point_m) const;
 
  private:
-  std::pair<int, int> CellOf(double x_m, double y_m) const;
+  // A column of the scene.
+  struct Cell {
+    int x = 0;
+    int y = 0;
+    std::uint32_t end = 0;                                       // of its points among all
+    double height_m = std::numeric_limits<double>::quiet_NaN();  // unless it has too few
+  };
+
+  // Without its height.
+  Cell CellOf(const Eigen::Vector3f& point_m) const;
+  static VoxelKey KeyOf(const Cell& cell);
+  Eigen::Vector3d MiddleOf(const Cell& cell) const;
+  void SetHeights(const PointsView& points_m, Workspace* workspace);
+  void FitPlane(Workspace* workspace);
 
   GroundConfig config_;
   bool exists_ = false;
   Eigen::Vector3d plane_ = Eigen::Vector3d::Zero();
-  std::map<std::pair<int, int>, double> cells_;
+  VoxelNumbers numbers_;     // of the cells
+  std::vector<Cell> cells_;  // by number
 };
 
 }  // namespace unlidar

@@ -91,17 +91,18 @@ class ShellTable {
   // Drops the voxels for which is_gone(value), which may change it. The others are renumbered.
   template <class IsGone>
   void EraseIf(const IsGone& is_gone) {
-    std::vector<std::uint32_t> numbers(values_.size(), VoxelNumbers::kNone);
+    moved_.reserve(values_.capacity());
+    moved_.assign(values_.size(), VoxelNumbers::kNone);
     std::uint32_t kept = 0;
     for (std::size_t i = 0; i < values_.size(); ++i) {
       if (is_gone(values_[i])) continue;
-      numbers[i] = kept;
+      moved_[i] = kept;
       if (kept != i) values_[kept] = std::move(values_[i]);
       ++kept;
     }
     if (kept == values_.size()) return;
     values_.erase(values_.begin() + kept, values_.end());
-    numbers_.Renumber(numbers, kept);
+    numbers_.Renumber(moved_, kept);
   }
 
   // Calls visit(value) for all voxels, in the order in which they were first met.
@@ -140,7 +141,8 @@ class ShellTable {
 
   std::vector<Shell> shells_;
   VoxelNumbers numbers_;
-  std::vector<Value> values_;  // by number
+  std::vector<Value> values_;         // by number
+  std::vector<std::uint32_t> moved_;  // their new numbers, while some are erased
 };
 
 }  // namespace unlidar

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <vector>
 
 #include "base/voxel_grid.hpp"
-#include "base/voxel_numbers.hpp"
 
 namespace unlidar {
 namespace {
@@ -14,17 +14,39 @@ constexpr double kCellM = 2.0;
 
 }  // namespace
 
+Support::Support(const Ground& ground, double cell_deg, const SupportConfig& config)
+    : ground_(ground), config_(config), depth_(cell_deg) {}
+
 Support::Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
                  double cell_deg, const SupportConfig& config)
-    : ground_(ground), view_(view), config_(config), depth_(structure_m, {}, 1, cell_deg) {
-  VoxelNumbers seen;
+    : Support(ground, cell_deg, config) {
+  Workspace workspace;
+  Fill(structure_m, view, &workspace);
+}
+
+void Support::Fill(const PointsView& structure_m, const ElevationRange& view,
+                   Workspace* workspace) {
+  auto& [seen, points_m, cells, depth] = *workspace;
+  view_ = view;
+  depth_.Fill(structure_m, {}, 1, &depth);
+  seen.Clear();
+  points_m.clear();
+  cells.clear();
+  cells_.Clear();
+  first_.clear();
   for (std::size_t i = 0; i < structure_m.size(); ++i) {
     const Eigen::Vector3f& point_m = structure_m[i];
-    const std::uint32_t num_seen = seen.size();
-    if (seen.FindOrAdd(0, VoxelOf(point_m, config.voxel_m)) == num_seen) {
-      cells_[VoxelOf(point_m, kCellM)].push_back(point_m);
-    }
+    if (seen.FindOrAdd(0, VoxelOf(point_m, config_.voxel_m)) < points_m.size()) continue;
+    points_m.push_back(point_m);
+    cells.push_back(cells_.FindOrAdd(0, VoxelOf(point_m, kCellM)));
+    if (cells.back() == first_.size()) first_.push_back(0);
+    ++first_[cells.back()];
   }
+  // Points by cell, from the last on: what are counts become ends, and then begins.
+  std::partial_sum(first_.begin(), first_.end(), first_.begin());
+  points_m_.resize(points_m.size());
+  for (std::size_t i = points_m.size(); i-- > 0;) points_m_[--first_[cells[i]]] = points_m[i];
+  first_.push_back(static_cast<std::uint32_t>(points_m_.size()));
 }
 
 bool Support::IsFloating(const Eigen::Vector3f& place_m) const {
@@ -49,9 +71,10 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m) const {
         const bool is_edge = std::abs(dx) == ring || std::abs(dy) == ring;
         const std::int64_t step = is_edge || ring == 0 ? 1 : 2 * ring;
         for (std::int64_t dz = -ring; dz <= ring; dz += step) {
-          const auto cell = cells_.find(KeyOf({home.x + dx, home.y + dy, home.z + dz}));
-          if (cell != cells_.end() &&
-              std::any_of(cell->second.begin(), cell->second.end(), holds)) {
+          const std::uint32_t cell = cells_.Find(0, KeyOf({home.x + dx, home.y + dy, home.z + dz}));
+          if (cell == VoxelNumbers::kNone) continue;
+          const Eigen::Vector3f* const points_m = points_m_.data();
+          if (std::any_of(points_m + first_[cell], points_m + first_[cell + 1], holds)) {
             return false;
           }
         }

@@ -3,11 +3,10 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <unordered_map>
 #include <vector>
 
 #include "base/recording.hpp"
-#include "base/voxel_grid.hpp"
+#include "base/voxel_numbers.hpp"
 #include "robust/scene/depth_map.hpp"
 #include "robust/scene/field_of_view.hpp"
 #include "robust/scene/ground.hpp"
@@ -19,9 +18,23 @@ namespace unlidar {
 // Whether a place is near enough to structure or ground for a static thing to be there.
 class Support {
  public:
-  // `cell_deg`: resolution of the directions in which structure hides what is behind it.
+  // What it is filled in, kept for the next time.
+  struct Workspace {
+    VoxelNumbers seen;
+    std::vector<Eigen::Vector3f> points_m;  // of structure, one for each voxel,
+    std::vector<std::uint32_t> cells;       // and theirs
+    DepthMap::Workspace depth;
+  };
+
+  // Of no structure yet. `cell_deg`: resolution of the directions in which structure hides what is
+  // behind it.
+  Support(const Ground& ground, double cell_deg, const SupportConfig& config);
+
   Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
           double cell_deg, const SupportConfig& config);
+
+  // Begins anew, in the memory that it has.
+  void Fill(const PointsView& structure_m, const ElevationRange& view, Workspace* workspace);
 
   const SupportConfig& config() const { return config_; }
 
@@ -35,8 +48,10 @@ class Support {
   const Ground& ground_;
   ElevationRange view_;
   SupportConfig config_;
-  DepthMap depth_;                                                    // of structure
-  std::unordered_map<VoxelKey, std::vector<Eigen::Vector3f>> cells_;  // voxels of structure
+  DepthMap depth_;                         // of structure
+  VoxelNumbers cells_;                     // voxels of structure
+  std::vector<std::uint32_t> first_;       // (cells) where their points begin; and all end
+  std::vector<Eigen::Vector3f> points_m_;  // by cell
 };
 
 }  // namespace unlidar

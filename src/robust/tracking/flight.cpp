@@ -40,7 +40,7 @@ bool IsNothingBelow(const std::vector<Plot>& path) {
   double num_all = 0.0;
   for (const Plot& plot : path) {
     num_below += plot.num_below;
-    num_all += static_cast<double>(plot.returns.size() + plot.num_below);
+    num_all += static_cast<double>(plot.num_returns + plot.num_below);
   }
   const double share = num_below / num_all;
   if (share >= kBodyShare) return false;
@@ -55,7 +55,7 @@ double EchoM2PerS(const Recording& recording, const Watch& watch, const std::vec
   constexpr TimeNs kNearNs = 500'000'000;
   std::vector<double> returns(recording.sensors.size(), 0.0);
   std::vector<double> seconds_per_m2(recording.sensors.size(), 0.0);
-  for (const Plot& plot : path) returns[plot.sensor] += static_cast<double>(plot.returns.size());
+  for (const Plot& plot : path) returns[plot.sensor] += static_cast<double>(plot.num_returns);
   auto next = path.begin();
   for (const FrameInfo& frame : recording.frames) {
     const TimeNs time_ns = (frame.begin_ns + frame.end_ns) / 2;

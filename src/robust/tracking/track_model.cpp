@@ -43,8 +43,7 @@ Motion SingerMotion(double dt, double tau, double sigma) {
 // not known: a streak along its motion, a third of whose variance falls on each axis.
 double StreakVarianceM2(const Plot& plot, double speed_mps) {
   const double along_m = speed_mps * plot.streak_s;
-  return plot.variance_m2 +
-         along_m * along_m / 12.0 / static_cast<double>(plot.returns.size()) / 3.0;
+  return plot.variance_m2 + along_m * along_m / 12.0 / static_cast<double>(plot.num_returns) / 3.0;
 }
 
 // How long after the middle of its frame a plot was measured.
@@ -125,6 +124,12 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const Watch& watch
 
 TrackModel::TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config)
     : sigma_(sigma_a_mps2), config_(&config) {
+  SetWatch(watch);
+}
+
+void TrackModel::SetWatch(const Watch& watch) {
+  frame_s_.clear();
+  viewpoints_m_.clear();
   for (const Watch::Sensor& sensor : watch.sensors) {
     frame_s_.push_back(sensor.frame_s);
     viewpoints_m_.push_back(sensor.viewpoint_m);

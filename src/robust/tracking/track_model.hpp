@@ -146,6 +146,9 @@ class TrackModel {
  public:
   TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config);
 
+  // Takes on other sensors.
+  void SetWatch(const Watch& watch);
+
   Hypothesis Birth(const Plot& plot, double log_birth, const Moment& at, double speed_mps) const;
 
   // Score of a hypothesis that was not seen in the frames until `at`.

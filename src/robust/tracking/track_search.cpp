@@ -14,38 +14,40 @@ constexpr double kBoundSlack = 1e-9;
 
 }  // namespace
 
-Slice SliceOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-              std::size_t first, Moment at, const TrackerConfig& config) {
-  Slice slice;
-  slice.first = slice.last = first;
-  slice.at = std::move(at);
-  FrameBounds& bounds = slice.bounds;
+void SetSlice(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+              std::size_t first, const Moment& at, const TrackerConfig& config, Slice* slice) {
+  slice->first = slice->last = first;
+  slice->at = at;
+  slice->places.clear();
+  FrameBounds& bounds = slice->bounds;
+  bounds = FrameBounds();
   bounds.least_variance_m2 = plots[first].variance_m2;
   bounds.streak_s = plots[first].streak_s;
-  for (; slice.last < plots.size() && plots[slice.last].frame == plots[first].frame; ++slice.last) {
-    const Plot& plot = plots[slice.last];
+  std::size_t& last = slice->last;
+  for (; last < plots.size() && plots[last].frame == plots[first].frame; ++last) {
+    const Plot& plot = plots[last];
     bounds.least_variance_m2 = std::min(bounds.least_variance_m2, plot.variance_m2);
     bounds.largest_variance_m2 = std::max(bounds.largest_variance_m2, plot.variance_m2);
     bounds.half_span_s =
         std::max(bounds.half_span_s,
                  static_cast<double>(std::abs(plot.time_ns - plot.frame_time_ns)) * kSecondsPerNs);
-    slice.places.push_back(
-        {plot.position_m, plot.log_clutter,
-         std::max(config.give_up_log, log_births[slice.last] + config.rebirth_log), slice.last});
+    slice->places.push_back({plot.position_m, plot.log_clutter,
+                             std::max(config.give_up_log, log_births[last] + config.rebirth_log),
+                             last});
   }
-  std::sort(slice.places.begin(), slice.places.end(),
+  std::sort(slice->places.begin(), slice->places.end(),
             [](const Slice::Place& a, const Slice::Place& b) {
               return a.position_m.x() < b.position_m.x();
             });
-  return slice;
 }
 
 std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
                             const Watch& watch, const TrackerConfig& config) {
   std::vector<Slice> slices;
   for (std::size_t i = 0; i < plots.size(); i = slices.back().last) {
-    slices.push_back(
-        SliceOf(plots, log_births, i, MomentOf(plots[i], plots.front(), watch), config));
+    slices.emplace_back();
+    SetSlice(plots, log_births, i, MomentOf(plots[i], plots.front(), watch), config,
+             &slices.back());
   }
   return slices;
 }
@@ -90,20 +92,18 @@ Path TrackSearch::Best() {
   return {};
 }
 
-Path TrackSearch::PathTo(std::int32_t hypothesis) const {
-  Path path;
-  path.score = history_[static_cast<std::size_t>(hypothesis)].score;
+void TrackSearch::SetPathTo(std::int32_t hypothesis, Path* path) const {
+  path->plots.clear();
+  path->score = history_[static_cast<std::size_t>(hypothesis)].score;
   for (std::int32_t at = hypothesis; at != kNone;) {
     const Hypothesis& h = history_[static_cast<std::size_t>(at)];
-    path.plots.push_back(static_cast<std::uint32_t>(h.plot));
+    path->plots.push_back(static_cast<std::uint32_t>(h.plot));
     at = h.parent;
   }
-  std::reverse(path.plots.begin(), path.plots.end());
-  return path;
+  std::reverse(path->plots.begin(), path->plots.end());
 }
 
-std::vector<Path> TrackSearch::PathsToLastSlice(double least) const {
-  std::vector<Path> paths;
+void TrackSearch::AppendPathsToLastSlice(double least, Queue<Path>* paths) const {
   // Those of one plot come one after the other.
   for (std::size_t first = last_slice_; first < history_.size();) {
     std::size_t best = first;
@@ -111,18 +111,22 @@ std::vector<Path> TrackSearch::PathsToLastSlice(double least) const {
     for (; h < history_.size() && history_[h].plot == history_[first].plot; ++h) {
       if (history_[h].score > history_[best].score) best = h;
     }
-    if (history_[best].score >= least) paths.push_back(PathTo(static_cast<std::int32_t>(best)));
+    if (history_[best].score >= least) {
+      SetPathTo(static_cast<std::int32_t>(best), &paths->Append());
+    }
     first = h;
   }
-  return paths;
 }
 
 void TrackSearch::DropTaken() {
-  std::vector<char> is_taken(history_.size(), 0);
+  std::vector<std::int32_t>& is_taken = marks_;
+  is_taken.resize(history_.size());
   for (std::size_t h = 0; h < history_.size(); ++h) {
     const std::int32_t parent = history_[h].parent;
     is_taken[h] = !free_[static_cast<std::size_t>(history_[h].plot)] ||
-                  (parent != kNone && is_taken[static_cast<std::size_t>(parent)]);
+                          (parent != kNone && is_taken[static_cast<std::size_t>(parent)] != 0)
+                      ? 1
+                      : 0;
   }
   active_.erase(
       std::remove_if(active_.begin(), active_.end(),
@@ -137,7 +141,9 @@ void TrackSearch::Forget(std::size_t num_plots) {
   active_.erase(std::remove_if(active_.begin(), active_.end(),
                                [&](std::int32_t h) { return !is_kept_plot(h); }),
                 active_.end());
-  std::vector<std::int32_t> moved(history_.size(), kNone);
+  std::vector<std::int32_t>& moved = marks_;
+  moved.reserve(history_.capacity());
+  moved.assign(history_.size(), kNone);
   constexpr std::int32_t kWanted = 0;
   for (const std::int32_t leaf : active_) {
     for (std::int32_t h = leaf; h != kNone && is_kept_plot(h);) {
@@ -248,7 +254,10 @@ void TrackSearch::KeepBest(const Slice& slice) {
 
 // The best ways to go on to each free plot, if they are not much worse than to begin there.
 void TrackSearch::FindCandidates(const Slice& slice) {
-  candidates_.resize(std::max(candidates_.size(), slice.last - slice.first));
+  while (candidates_.size() < slice.last - slice.first) {
+    candidates_.emplace_back();
+    candidates_.back().reserve(static_cast<std::size_t>(config_.hypotheses_per_plot) + 1);
+  }
   for (std::vector<Candidate>& candidates : candidates_) candidates.clear();
   places_.clear();
   for (const Slice::Place& place : slice.places) {

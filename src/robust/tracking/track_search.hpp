@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/queue.hpp"
 #include "robust/tracking/track_model.hpp"
 
 namespace unlidar {
@@ -26,9 +27,9 @@ struct Slice {
   std::vector<Place> places;  // by x
 };
 
-// Of the frame whose first plot is `first`.
-Slice SliceOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-              std::size_t first, Moment at, const TrackerConfig& config);
+// Makes it that of the frame whose first plot is `first`, in the memory that it has.
+void SetSlice(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+              std::size_t first, const Moment& at, const TrackerConfig& config, Slice* slice);
 
 // What all searches through the same plots, frame by frame in order of time, share. Size of
 // `log_births`: that of `plots`.
@@ -53,8 +54,8 @@ class TrackSearch {
   // Carries all hypotheses on to the plots of a slice, later than all before.
   void Extend(const Slice& slice);
 
-  // The best path to each plot of the last slice, if its score is at least `least`.
-  std::vector<Path> PathsToLastSlice(double least) const;
+  // Appends the best path to each plot of the last slice, if its score is at least `least`.
+  void AppendPathsToLastSlice(double least, Queue<Path>* paths) const;
 
   // Drops the hypotheses that hold plots which are free no more.
   void DropTaken();
@@ -83,7 +84,7 @@ class TrackSearch {
     }
   };
 
-  Path PathTo(std::int32_t hypothesis) const;
+  void SetPathTo(std::int32_t hypothesis, Path* path) const;
   void Add(const Hypothesis& hypothesis);
   void Predict(const Moment& at);
   void KeepBest(const Slice& slice);
@@ -104,6 +105,7 @@ class TrackSearch {
   std::vector<ScoreBound> bounds_;       // how far they reach,
   std::vector<std::pair<double, std::size_t>> promises_;  // minus promise, index of those kept
   std::vector<char> is_kept_;
+  std::vector<std::int32_t> marks_;                 // (history) while some of it is dropped
   std::vector<Slice::Place> places_;                // of the free plots of the frame at hand
   std::vector<std::vector<Candidate>> candidates_;  // per plot of the frame at hand, the best first
 };

@@ -1,0 +1,88 @@
+// What comes at one end and goes at the other.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+#include <vector>
+
+namespace unlidar {
+
+// A queue in one piece of memory, which it keeps: std::deque takes and frees some for every few
+// values that pass. What has gone stays as room for what comes, with the memory of its own.
+template <class T>
+class Queue {
+ public:
+  using Iterator = typename std::vector<T>::iterator;
+  using ConstIterator = typename std::vector<T>::const_iterator;
+
+  Queue() = default;
+  template <class Other>
+  Queue(Other first, Other last) : values_(first, last), last_(values_.size()) {}
+
+  bool empty() const { return first_ == last_; }
+  std::size_t size() const { return last_ - first_; }
+
+  Iterator begin() { return values_.begin() + static_cast<std::ptrdiff_t>(first_); }
+  Iterator end() { return values_.begin() + static_cast<std::ptrdiff_t>(last_); }
+  ConstIterator begin() const { return values_.begin() + static_cast<std::ptrdiff_t>(first_); }
+  ConstIterator end() const { return values_.begin() + static_cast<std::ptrdiff_t>(last_); }
+
+  T& front() { return values_[first_]; }
+  const T& front() const { return values_[first_]; }
+  const T& operator[](std::size_t i) const { return values_[first_ + i]; }
+
+  // What comes last from now on, as it was left when it went. Moves the others.
+  T& Append() {
+    if (last_ == values_.size()) MakeRoom();
+    return values_[last_++];
+  }
+
+  void push_back(T value) { Append() = std::move(value); }
+
+  // Before `at`.
+  void Insert(ConstIterator at, T value) {
+    const std::ptrdiff_t index = at - std::as_const(*this).begin();
+    push_back(std::move(value));
+    std::rotate(begin() + index, end() - 1, end());
+  }
+
+  void pop_front() {
+    if (++first_ == last_) clear();
+  }
+
+  void Erase(Iterator at) {
+    std::move(at + 1, end(), at);
+    --last_;
+  }
+
+  void clear() { first_ = last_ = 0; }
+
+  // Frees what is not needed now.
+  void Shed() {
+    values_.erase(end(), values_.end());
+    values_.erase(values_.begin(), begin());
+    values_.shrink_to_fit();
+    first_ = 0;
+    last_ = values_.size();
+  }
+
+ private:
+  // Half of the room or more has to be free at the front, so that no value is moved there more
+  // often than one goes.
+  void MakeRoom() {
+    if (first_ == 0 || 2 * first_ < values_.size()) {
+      values_.emplace_back();
+      return;
+    }
+    std::rotate(values_.begin(), begin(), values_.end());
+    last_ -= first_;
+    first_ = 0;
+  }
+
+  std::vector<T> values_;
+  std::size_t first_ = 0;  // [first_, last_) are in the queue
+  std::size_t last_ = 0;
+};
+
+}  // namespace unlidar

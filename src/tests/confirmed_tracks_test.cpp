@@ -304,8 +304,8 @@ TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {
   Flight piece;
   Flight drone;
   for (int i = 0; i < 20; ++i) {
-    piece.plots.push_back(PlotAt(kLater + i, growing_at(kGrows + i).plot.position_m));
-    drone.plots.push_back(OtherAt(kLater + i));
+    Append(PlotAt(kLater + i, growing_at(kGrows + i).plot.position_m), &piece);
+    Append(OtherAt(kLater + i), &drone);
     t.tracks.AddInstants(FrameAt(kLater + i));
   }
   ASSERT_TRUE(t.Begin(piece, kAnyScore));

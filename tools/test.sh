@@ -74,8 +74,9 @@ mapfile -d '' -t cpp_headers < <(find include src -name '*.hpp' -print0 | sort -
 mapfile -d '' -t cpp_units < <(find src -name '*.cpp' -print0 | sort -z)
 mapfile -d '' -t cpp_rules < <(find .clang-tidy src -name .clang-tidy -print0 | sort -z)
 
-# tidy: lints each folder of the library as one file, and every other .cpp alone, where it has changed
-# since it last passed; all when a header, a compiler option or a rule has.
+# tidy: lints each folder of the library as one file that includes its sources, as most of the time
+# goes into foreign headers, and every other .cpp alone; where it has changed since it last passed, or
+# all when a header, a compiler option or a rule has.
 tidy() {
   local passed=$lint_dir/passed common unit key
   local -a folders units=() pending=()
@@ -97,7 +98,10 @@ tidy() {
   # The count of suppressed warnings in foreign headers is noise.
   # shellcheck disable=SC2016  # the inner shell is the one to expand them
   printf '%s\0' "${pending[@]}" |
-    xargs -0 -n 2 -P "$jobs" bash -c 'clang-tidy --quiet -p "$0" "$1" && touch -- "$2"' \
+    xargs -0 -n 2 -P "$jobs" bash -c '
+      follow=() # into what is included: the analyser would not by itself
+      [[ $1 != *.cxx ]] || follow=(--extra-arg-before=-{Xclang,analyzer-opt-analyze-headers})
+      clang-tidy --quiet -p "$0" "${follow[@]}" "$1" && touch -- "$2"' \
       "$lint_dir" 2> >(grep -v -E '^[0-9]+ warnings? generated\.$' >&2)
 }
 

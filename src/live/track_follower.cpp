@@ -51,7 +51,7 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
       if (best.empty() || chain.back().h.score > best.back().h.score) best = std::move(chain);
     }
     for (std::size_t k = 0; k < best.size(); ++k) {
-      best[k].parent = k == 0 ? kNone : static_cast<std::int32_t>(nodes_.size()) - 1;
+      best[k].parent = k == 0 ? kNoIndex : static_cast<std::int32_t>(nodes_.size()) - 1;
       best[k].believed = static_cast<std::int32_t>(nodes_.size());
       best[k].now = best[k].h.score;
       nodes_.push_back(best[k]);
@@ -104,7 +104,7 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
     bool is_taken = false;
     for (std::size_t m = 0; m < num_models; ++m) {
       const Way& way = ways[i * num_models + m];
-      if (way.leaf == kNone) continue;
+      if (way.leaf == kNoIndex) continue;
       const auto index = static_cast<std::size_t>(
           std::find(leaves_.begin(), leaves_.end(), way.leaf) - leaves_.begin());
       const Node from = nodes_[static_cast<std::size_t>(way.leaf)];
@@ -159,14 +159,14 @@ TimeNs TrackFollower::last_evidence_ns() const {
 
 void TrackFollower::Settle(TimeNs until_ns, std::vector<SeenPlot>* settled) {
   std::int32_t at = Head();
-  while (at != kNone) {
+  while (at != kNoIndex) {
     const Node& node = nodes_[static_cast<std::size_t>(at)];
     if (PlotOf(node).plot.frame_time_ns <= until_ns) break;
     at = node.parent;
   }
-  if (at == kNone || at == settled_) return;
+  if (at == kNoIndex || at == settled_) return;
   const auto first = static_cast<std::ptrdiff_t>(settled->size());
-  for (std::int32_t k = at; k != kNone && k != settled_;
+  for (std::int32_t k = at; k != kNoIndex && k != settled_;
        k = nodes_[static_cast<std::size_t>(k)].parent) {
     settled->push_back(PlotOf(nodes_[static_cast<std::size_t>(k)]));
   }
@@ -176,7 +176,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<SeenPlot>* settled) {
   leaves_.erase(std::remove_if(leaves_.begin(), leaves_.end(),
                                [&](std::int32_t leaf) {
                                  std::int32_t k = leaf;
-                                 while (k != kNone && k > settled_) {
+                                 while (k != kNoIndex && k > settled_) {
                                    k = nodes_[static_cast<std::size_t>(k)].parent;
                                  }
                                  return k != settled_;
@@ -205,11 +205,11 @@ void TrackFollower::Forget() {
   if (nodes_.size() < kWorthWhile) return;
   std::vector<std::int32_t>& moved = scratch_.moved;
   moved.reserve(nodes_.capacity());
-  moved.assign(nodes_.size(), kNone);
+  moved.assign(nodes_.size(), kNoIndex);
   constexpr std::int32_t kWanted = 0;
   std::size_t first_plot = first_plot_ + plots_.size() - 1;
   for (const std::int32_t leaf : leaves_) {
-    for (std::int32_t k = leaf; k != kNone;) {
+    for (std::int32_t k = leaf; k != kNoIndex;) {
       const Node& node = nodes_[static_cast<std::size_t>(k)];
       if (k < settled_ && node.h.time_s < from_s) break;
       first_plot = std::min(first_plot, node.plot);
@@ -222,7 +222,7 @@ void TrackFollower::Forget() {
   for (std::size_t k = 0; k < nodes_.size(); ++k) {
     if (moved[k] != kWanted) continue;
     Node node = nodes_[k];
-    if (node.parent != kNone) node.parent = moved[static_cast<std::size_t>(node.parent)];
+    if (node.parent != kNoIndex) node.parent = moved[static_cast<std::size_t>(node.parent)];
     node.believed = moved[static_cast<std::size_t>(std::max(settled_, node.believed))];
     moved[k] = static_cast<std::int32_t>(kept);
     nodes_[kept++] = node;
@@ -258,10 +258,10 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
   sightings_.clear();
   const std::int32_t head = Head();
   const double from_s =
-      settled_ == kNone
+      settled_ == kNoIndex
           ? -1e300
           : nodes_[static_cast<std::size_t>(std::min(head, settled_))].h.time_s - kFitS;
-  for (std::int32_t k = head; k != kNone; k = nodes_[static_cast<std::size_t>(k)].parent) {
+  for (std::int32_t k = head; k != kNoIndex; k = nodes_[static_cast<std::size_t>(k)].parent) {
     const Node& node = nodes_[static_cast<std::size_t>(k)];
     if (node.h.time_s < from_s) break;
     measurements_.push_back(Measure(node));
@@ -328,7 +328,7 @@ std::vector<Measurement> TrackFollower::FittedMeasurements() const {
 bool TrackFollower::IsNear(const Eigen::Vector3d& place_m, double time_s) const {
   constexpr double kNear_m = 1.5;
   const Node* before = &nodes_[static_cast<std::size_t>(BestLeaf())];
-  while (before->h.time_s > time_s && before->parent != kNone) {
+  while (before->h.time_s > time_s && before->parent != kNoIndex) {
     before = &nodes_[static_cast<std::size_t>(before->parent)];
   }
   const Eigen::Vector3d at_m =

@@ -61,10 +61,10 @@ class TrackFollower {
   struct Node {
     Hypothesis h;
     std::uint32_t model = 0;
-    std::int32_t parent = kNone;
-    std::size_t plot = 0;           // number among all that it ever took
-    std::int32_t believed = kNone;  // newest node on its way that is not only tried, or itself
-    double now = 0.0;               // score, unseen since its plot
+    std::int32_t parent = kNoIndex;
+    std::size_t plot = 0;              // number among all that it ever took
+    std::int32_t believed = kNoIndex;  // newest node on its way that is not only tried, or itself
+    double now = 0.0;                  // score, unseen since its plot
   };
 
   // Of which a measurement was made.
@@ -78,7 +78,7 @@ class TrackFollower {
   // The best way to a plot, for a model.
   struct Way {
     double score = -1e300;
-    std::int32_t leaf = kNone;
+    std::int32_t leaf = kNoIndex;
     Gain gain;
   };
 
@@ -107,7 +107,7 @@ class TrackFollower {
   std::vector<std::int32_t> leaves_;  // that may go on
   Queue<SeenPlot> plots_;
   std::size_t first_plot_ = 0;  // number of the first in plots_
-  std::int32_t settled_ = kNone;
+  std::int32_t settled_ = kNoIndex;
   TimeNs first_evidence_ns_ = 0;
   Trajectory trajectory_;
   std::vector<Measurement> measurements_;

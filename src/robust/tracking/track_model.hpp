@@ -11,7 +11,7 @@
 
 namespace unlidar {
 
-constexpr std::int32_t kNone = -1;
+inline constexpr std::int32_t kNoIndex = -1;
 
 // A manoeuvre is so much more agile than the motion it interrupts: one of the three motions tried
 // is about as much above the next.
@@ -43,7 +43,7 @@ struct Hypothesis {
   std::uint32_t sensor = 0;  // of its last plot
   std::uint32_t frames = 0;  // of that sensor so far
   std::int32_t plot = 0;
-  std::int32_t parent = kNone;  // index into the history
+  std::int32_t parent = kNoIndex;  // index into the history
 };
 
 // Variances per axis of a position and a velocity, and their covariance.
@@ -69,7 +69,7 @@ struct Spread {
 
 // Where a hypothesis expects its next plot: of its state only what the likelihood of a plot needs.
 struct Prediction {
-  std::int32_t history = kNone;
+  std::int32_t history = kNoIndex;
   std::uint32_t motion = 0;  // index of that since its last plot
   double score = 0.0;        // misses on the way counted
   double log_hit = 0.0;

@@ -77,7 +77,7 @@ Path TrackSearch::Best() {
     Path path;
     path.score = ends_.front().score;
     bool is_free = true;
-    for (std::int32_t at = ends_.front().hypothesis; at != kNone && is_free;) {
+    for (std::int32_t at = ends_.front().hypothesis; at != kNoIndex && is_free;) {
       const Hypothesis& hypothesis = history_[static_cast<std::size_t>(at)];
       path.plots.push_back(static_cast<std::uint32_t>(hypothesis.plot));
       is_free = free_[path.plots.back()] != 0;
@@ -95,7 +95,7 @@ Path TrackSearch::Best() {
 void TrackSearch::SetPathTo(std::int32_t hypothesis, Path* path) const {
   path->plots.clear();
   path->score = history_[static_cast<std::size_t>(hypothesis)].score;
-  for (std::int32_t at = hypothesis; at != kNone;) {
+  for (std::int32_t at = hypothesis; at != kNoIndex;) {
     const Hypothesis& h = history_[static_cast<std::size_t>(at)];
     path->plots.push_back(static_cast<std::uint32_t>(h.plot));
     at = h.parent;
@@ -124,7 +124,7 @@ void TrackSearch::DropTaken() {
   for (std::size_t h = 0; h < history_.size(); ++h) {
     const std::int32_t parent = history_[h].parent;
     is_taken[h] = !free_[static_cast<std::size_t>(history_[h].plot)] ||
-                          (parent != kNone && is_taken[static_cast<std::size_t>(parent)] != 0)
+                          (parent != kNoIndex && is_taken[static_cast<std::size_t>(parent)] != 0)
                       ? 1
                       : 0;
   }
@@ -143,10 +143,10 @@ void TrackSearch::Forget(std::size_t num_plots) {
                 active_.end());
   std::vector<std::int32_t>& moved = marks_;
   moved.reserve(history_.capacity());
-  moved.assign(history_.size(), kNone);
+  moved.assign(history_.size(), kNoIndex);
   constexpr std::int32_t kWanted = 0;
   for (const std::int32_t leaf : active_) {
-    for (std::int32_t h = leaf; h != kNone && is_kept_plot(h);) {
+    for (std::int32_t h = leaf; h != kNoIndex && is_kept_plot(h);) {
       std::int32_t& mark = moved[static_cast<std::size_t>(h)];
       if (mark == kWanted) break;
       mark = kWanted;
@@ -158,7 +158,7 @@ void TrackSearch::Forget(std::size_t num_plots) {
     if (moved[h] != kWanted) continue;
     Hypothesis hypothesis = history_[h];
     hypothesis.plot -= static_cast<std::int32_t>(num_plots);
-    if (hypothesis.parent != kNone) {
+    if (hypothesis.parent != kNoIndex) {
       hypothesis.parent = moved[static_cast<std::size_t>(hypothesis.parent)];
     }
     moved[h] = static_cast<std::int32_t>(kept);

@@ -7,6 +7,10 @@ import struct
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+import pytest
+from unlidar_tools.cli import main
+
 _MAGIC_US, _ETHERNET = 0xA1B2C3D4, 1
 
 
@@ -61,3 +65,19 @@ def fragments(frame: bytes, number: int, most: int = 1480) -> list[bytes]:
         fields = struct.pack(">HHH", 20 + len(part), number % (1 << 16), more | begin // 8)
         pieces.append(head + ip[:2] + fields + ip[8:] + part)
     return pieces
+
+
+def no_damage_gives_more_than_one_line(
+    whole: bytes, folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Converts copies of a capture, as folder/b.pcap, of which 200 bytes are others."""
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        damaged = bytearray(whole)
+        for at in rng.integers(0, len(whole), 200):
+            damaged[at] = rng.integers(256)
+        (folder / "b.pcap").write_bytes(damaged)
+        code = main(["convert", str(folder / "b.pcap"), str(folder / "out"), "--force"])
+        said = capfd.readouterr().err.splitlines()
+        assert code in (0, 4), said
+        assert code == 0 or len([line for line in said if line]) == 1, said

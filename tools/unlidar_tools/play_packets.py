@@ -30,7 +30,7 @@ def play_packets(path: Path, host: str, port: int, rate: float, anywhere: bool =
     with ExitStack() as open_sockets:
         senders: dict[str, socket.socket] = {}
         for datagram in datagrams(path):
-            if livox.parse(datagram.payload) is None:
+            if not livox.holds_points(datagram.payload):
                 continue
             if datagram.source not in senders:
                 sender = open_sockets.enter_context(socket.socket(type=socket.SOCK_DGRAM))

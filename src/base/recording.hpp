@@ -17,7 +17,9 @@ namespace unlidar {
 inline constexpr TimeNs kNsPerSecond = 1'000'000'000;
 
 // The nearest nanosecond.
-inline TimeNs NsOf(double seconds) { return std::llround(seconds / kSecondsPerNs); }
+inline TimeNs NsOf(double seconds) {
+  return std::llround(seconds * static_cast<double>(kNsPerSecond));
+}
 
 // One frame of one sensor; its returns are [first_return, last_return) of the recording.
 struct FrameInfo {

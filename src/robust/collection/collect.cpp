@@ -22,8 +22,6 @@ constexpr RangeRadius kPresence{1.5, 0.03};
 // straight line says little of a longer one.
 constexpr double kSensorOverlapS = 0.3;
 
-TimeNs Nanoseconds(double time_s) { return std::llround(time_s * 1e9); }
-
 // The covariance of one return about the target, without that of the trajectory.
 Eigen::Matrix3d ReturnCovarianceM2(const Eigen::Vector3d& ray_m, const BodySigmas& body) {
   const double beam_m = kBeamSigmaRad * ray_m.norm();
@@ -271,7 +269,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   std::sort(target.returns.begin(), target.returns.end());
 
   const Collector collector(recording, excluded, config);
-  const TimeNs extension_ns = Nanoseconds(config.max_extension_s);
+  const TimeNs extension_ns = NsOf(config.max_extension_s);
   std::vector<SensorShift> shifts(recording.sensors.size());
   for (int round = 0; round < config.rounds; ++round) {
     const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
@@ -287,7 +285,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
       if (middle_ns > trajectory.end_ns() + extension_ns) continue;
       const SensorView& view = views[frame.sensor];
       const SensorShift& shift = shifts[frame.sensor];
-      TrajectoryRow expected = trajectory.At(middle_ns - Nanoseconds(shift.delay_s));
+      TrajectoryRow expected = trajectory.At(middle_ns - NsOf(shift.delay_s));
       if (expected.sigma_m.maxCoeff() > kMaxSearchSigmaM) continue;
       expected.time_ns = middle_ns;  // by the sensor's clock
       expected.position_m += shift.bias_m;
@@ -309,7 +307,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
     shifts = SensorShifts(sightings, views, config);
     for (Sighting& sighting : sightings) {
       sighting.measurement.position_m -= shifts[sighting.sensor].bias_m;
-      sighting.measurement.time_ns -= Nanoseconds(shifts[sighting.sensor].delay_s);
+      sighting.measurement.time_ns -= NsOf(shifts[sighting.sensor].delay_s);
       next.measurements.push_back(sighting.measurement);
     }
     std::stable_sort(next.measurements.begin(), next.measurements.end(), IsEarlier);

@@ -1,8 +1,8 @@
 #include "robust/collection/presence.hpp"
 
 #include <algorithm>
-#include <cmath>
 
+#include "base/recording.hpp"
 #include "trajectory/bspline.hpp"
 
 namespace unlidar {
@@ -133,8 +133,7 @@ int Presence::IntervalOf(TimeNs time_ns) const {
 }
 
 TimeNs Presence::TimeOfKnot(std::ptrdiff_t knot) const {
-  return trajectory_.origin_ns +
-         std::llround(trajectory_.knots_s[static_cast<std::size_t>(knot)] * 1e9);
+  return trajectory_.origin_ns + NsOf(trajectory_.knots_s[static_cast<std::size_t>(knot)]);
 }
 
 }  // namespace unlidar

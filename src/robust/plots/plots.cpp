@@ -163,7 +163,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
 }
 
 bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies) {
-  const auto margin_ns = static_cast<TimeNs>(kBodyMarginS * 1e9);
+  const auto margin_ns = NsOf(kBodyMarginS);
   const Eigen::Array3f p = plot.position_m.cast<float>().array();
   auto body =
       std::lower_bound(bodies.begin(), bodies.end(), plot.time_ns - margin_ns,

@@ -108,9 +108,7 @@ PlaceOrder OrderByPlace(const std::vector<std::uint32_t>& places, std::size_t nu
 }  // namespace
 
 Background::Background(const Recording& recording, const BackgroundConfig& config)
-    : config_(config),
-      bin_ns_(static_cast<TimeNs>(std::llround(config.bin_s * 1e9))),
-      grid_(config.place) {
+    : config_(config), bin_ns_(NsOf(config.bin_s)), grid_(config.place) {
   if (recording.frames.empty()) return;
   MakeBins(recording);
   Classify(recording);

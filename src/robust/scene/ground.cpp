@@ -49,7 +49,8 @@ void Ground::Fit(const PointsView& points_m, Workspace* workspace) {
 }
 
 void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
-  auto& [heights_m, known, lowest_m, inliers] = *workspace;
+  std::vector<float>& heights_m = workspace->heights_m;
+  std::vector<std::uint32_t>& known = workspace->known;
   numbers_.Clear();
   cells_.clear();
   for (std::size_t i = 0; i < points_m.size(); ++i) {
@@ -93,7 +94,9 @@ void Ground::FitPlane(Workspace* workspace) {
 // Iterated least squares on the lower half of the cells as near as that, then on all that lie
 // within the band of the plane.
 Ground::Plane Ground::PlaneOf(double reach_m, Workspace* workspace) const {
-  auto& [heights_m, known, lowest_m, inliers] = *workspace;
+  const std::vector<std::uint32_t>& known = workspace->known;
+  std::vector<double>& lowest_m = workspace->lowest_m;
+  std::vector<std::uint32_t>& inliers = workspace->inliers;
   const auto distance_m = [this](const Cell& cell) { return MiddleOf(cell).tail<2>().norm(); };
   lowest_m.clear();
   for (const std::uint32_t number : known) {

@@ -112,6 +112,7 @@ struct Target {
   std::vector<Measurement> measurements;  // in time order
   std::vector<std::uint32_t> returns;     // indices into the recording, ascending
   double depth_sigma_m = 0.0;  // of all measurements together, along the rays from their viewpoints
+  TimeNs late_ns = 0;          // its returns were measured so much later than their times say
   double score = 0.0;          // the method's own, see there
 };
 

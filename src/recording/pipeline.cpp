@@ -70,7 +70,7 @@ FittedTrack FitTrack(const Recording& recording, const Target& target,
   KindFilter kind;
   kind.Observe(rows.trajectory, track.end_ns);
   track.flight = kind.Describe();
-  track.echo = DescribeEcho(recording, target.returns, target.measurements, rows.trajectory);
+  track.echo = DescribeEcho(recording, target, rows.trajectory);
   return track;
 }
 

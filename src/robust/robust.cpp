@@ -84,6 +84,9 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   }
   result.targets =
       WithoutClouds(recording, sensor_views, plots, std::move(result.targets), trajectory_config);
+  for (Target& target : result.targets) {
+    for (Measurement& m : target.measurements) m.time_ns += target.late_ns;
+  }
   return result;
 }
 

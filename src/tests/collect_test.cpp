@@ -409,6 +409,47 @@ TEST(CollectTarget, WithoutPointTimesAFastTargetIsUncertainAlongItsMotion) {
   }
 }
 
+// Frames of a drone at 4 m/s, half a second apart, measured within so much of it from their stamps.
+RecordingMaker SlowFrames(std::uint32_t seed, double measured_s) {
+  constexpr TimeNs kSlow_ns = 5 * kPeriodNs;
+  RecordingMaker maker(seed);
+  maker.recording.sensors[0].frame_period_ns = kSlow_ns;
+  for (int i = 0; i < 20; ++i) {
+    maker.BeginFrame(0.5 * i);
+    maker.recording.frames.back().end_ns += kSlow_ns - kPeriodNs;
+    for (int k = 0; k < 6; ++k) {
+      const double time_s = 0.5 * i + maker.random.Uniform(0.0, measured_s);
+      maker.AddBlob({15.0, 4.0 * time_s - 20.0, 8.0}, 0.1, 1, kDrone);
+    }
+  }
+  return maker;
+}
+
+// Every fifth frame of a LiDAR with ten a second, and one that takes half a second for a frame.
+TEST(CollectTarget, TheStreaksOfATargetTellHowLongSlowFramesWereMeasured) {
+  for (const std::uint32_t seed : {21U, 22U, 23U}) {
+    const RecordingMaker short_frames = SlowFrames(seed, 0.1);
+    const Target thinned = Collect(short_frames, PathOf(short_frames, 0, 19));
+    EXPECT_NEAR(static_cast<double>(thinned.late_ns) * kSecondsPerNs, -0.2, 0.002);
+    const RecordingMaker long_frames = SlowFrames(seed, 0.5);
+    const Target whole = Collect(long_frames, PathOf(long_frames, 0, 19));
+    EXPECT_NEAR(static_cast<double>(whole.late_ns) * kSecondsPerNs, 0.0, 0.002);
+  }
+}
+
+TEST(CollectTarget, FramesOfALidarThatGivesTenASecondAreNotLate) {
+  const RecordingMaker maker = Flight(24, 4.0);
+  EXPECT_EQ(Collect(maker, PathOf(maker, 0, kFrames - 1)).late_ns, 0);
+}
+
+// Its stamps stand at the end of what was measured, wherever that began.
+TEST(CollectTarget, AStampAtTheEndOfASlowFrameIsNearWhatWasMeasured) {
+  RecordingMaker maker = SlowFrames(25, 0.1);
+  for (FrameInfo& frame : maker.recording.frames) frame.stamp_ns = frame.end_ns;
+  EXPECT_NEAR(static_cast<double>(Collect(maker, PathOf(maker, 0, 19)).late_ns) * kSecondsPerNs,
+              0.2, 0.002);
+}
+
 TEST(CollectTarget, IsEmptyWhereAllReturnsAreExcluded) {
   const RecordingMaker maker = Flight(10, 4.0);
   const std::vector<char> all(maker.labels.size(), 1);

@@ -133,6 +133,21 @@ TEST(Ground, OfASensorThatLooksUpIsInfinitelyFarBelow) {
   }
 }
 
+// A bank 48 m wide and 3 m high, and land beside it as far as 60 m.
+TEST(Ground, OfAStationOnABankIsTheBank) {
+  Random random(7);
+  std::vector<Eigen::Vector3f> points_m;
+  for (int i = 0; i < 20000; ++i) {
+    Eigen::Vector3d p = random.InBox({-60, -60, 0}, {60, 60, 0});
+    p.z() = (std::abs(p.y()) < 24.0 ? -3.5 : -6.5) + random.Normal(0.03);
+    points_m.emplace_back(p.cast<float>());
+  }
+  const Ground ground(points_m, GroundConfig());
+  for (const float x : {-18.0F, -5.0F, 12.0F}) {
+    EXPECT_NEAR(ground.HeightAbove({x, 3.0F, -2.0F}), 1.5, kNoise_m);
+  }
+}
+
 TEST(Ground, DoesNotDependOnTheOrderOfTheReturns) {
   Random random(6);
   std::vector<Eigen::Vector3f> points_m = SlopeUnderClutter(&random);

@@ -1,9 +1,6 @@
 // What the returns of a target look like: how strong its echo is, how far they spread.
 #pragma once
 
-#include <cstdint>
-#include <vector>
-
 #include "base/recording.hpp"
 #include "trajectory/trajectory.hpp"
 
@@ -15,9 +12,8 @@ struct EchoCharacter {
   double extent_m = 0.0;       // RMS distance of the returns from the trajectory, across the ray
 };
 
-// `returns`: indices into the recording; at least one measurement.
-EchoCharacter DescribeEcho(const Recording& recording, const std::vector<std::uint32_t>& returns,
-                           const std::vector<Measurement>& measurements,
+// Of a target with at least one measurement, and its trajectory.
+EchoCharacter DescribeEcho(const Recording& recording, const Target& target,
                            const Trajectory& trajectory);
 
 }  // namespace unlidar

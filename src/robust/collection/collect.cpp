@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "robust/collection/body.hpp"
+#include "robust/collection/frame_length.hpp"
 #include "robust/collection/presence.hpp"
 
 namespace unlidar {
@@ -256,7 +257,8 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   for (const Plot& plot : path) {
     returns[recording.frames[plot.frame].sensor] += static_cast<int>(plot.returns.size());
   }
-  const FacingSide facing(views[MainSensor(returns)], config.facing_side);
+  const std::size_t main_sensor = MainSensor(returns);
+  const FacingSide facing(views[main_sensor], config.facing_side);
   for (const Plot& plot : path) {
     const FrameInfo& frame = recording.frames[plot.frame];
     target.measurements.push_back(Measure(recording, frame, views[frame.sensor], plot.returns,
@@ -271,6 +273,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   const Collector collector(recording, excluded, config);
   const TimeNs extension_ns = NsOf(config.max_extension_s);
   std::vector<SensorShift> shifts(recording.sensors.size());
+  std::vector<FrameLength> lengths(recording.sensors.size());
   for (int round = 0; round < config.rounds; ++round) {
     const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
     const Presence presence(trajectory);
@@ -278,6 +281,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
                                      static_cast<double>(target.measurements.size());
     std::vector<Sighting> sightings;
     BodySpread spread(config.body_sigma_m);
+    lengths.assign(recording.sensors.size(), FrameLength());
     Target next;
     for (const FrameInfo& frame : recording.frames) {
       const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
@@ -295,6 +299,8 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
           collector.Collect(frame, view, trajectory, presence, expected, returns_per_frame, body);
       if (members.empty()) continue;
       spread.Add(recording, frame, view.viewpoint_m.cast<double>(), members, expected);
+      lengths[frame.sensor].Add(recording, frame, view.viewpoint_m.cast<double>(), members,
+                                expected.velocity_mps, body);
       sightings.push_back({Measure(recording, frame, view, members, expected.velocity_mps, body),
                            frame.sensor, expected.velocity_mps});
       sightings.back().measurement.position_m += facing_m;
@@ -322,6 +328,8 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
     m.position_m += facing.DepthM(m.position_m, body.width_m);
   }
   target.depth_sigma_m = kFacingSideSigma * body.width_m;
+  // The clocks of all agree with that of the main sensor.
+  target.late_ns = Nanoseconds(lengths[main_sensor].LateS());
   return target;
 }
 

@@ -15,6 +15,11 @@ namespace {
 constexpr double kQuantile = 0.05;
 constexpr std::uint32_t kMinReturns = 10;
 constexpr std::size_t kMinCells = 6;
+// What flies is seen near the station: within so far all cells count alike, farther ones by the
+// inverse square of their distance. A plane that they lead to must bear so much more of all cells
+// than the one that all lead to.
+constexpr double kNearM = 20.0;
+constexpr double kBetterBorneOut = 1.1;
 // Cells as near to the plane as rough ground is make it. Ground rises above it by little: more is a
 // bush, a car or the station itself; hollows are as deep as the relief, and deeper are reflections.
 constexpr double kPlaneBandM = 0.6;
@@ -44,7 +49,8 @@ void Ground::Fit(const PointsView& points_m, Workspace* workspace) {
 }
 
 void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
-  auto& [heights_m, known, lowest_m, inliers] = *workspace;
+  std::vector<float>& heights_m = workspace->heights_m;
+  std::vector<std::uint32_t>& known = workspace->known;
   numbers_.Clear();
   cells_.clear();
   for (std::size_t i = 0; i < points_m.size(); ++i) {
@@ -60,14 +66,12 @@ void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
     heights_m[cells_[numbers_.Find(0, KeyOf(CellOf(points_m[i])))].end++] = points_m[i].z();
   }
   known.clear();
-  lowest_m.clear();
   std::uint32_t begin = 0;
   for (std::uint32_t number = 0; number < cells_.size(); ++number) {
     Cell& cell = cells_[number];
     if (cell.end - begin >= kMinReturns) {
       cell.height_m = Quantile(heights_m.data() + begin, heights_m.data() + cell.end, kQuantile);
       known.push_back(number);
-      lowest_m.push_back(cell.height_m);
     }
     begin = cell.end;
   }
@@ -77,12 +81,29 @@ void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
   });
 }
 
-// Iterated least squares on the lower half, then on what lies within the band of the plane.
+// From a bank or a hill most of what is seen lies lower, on another plane: so what is near is asked
+// as well.
 void Ground::FitPlane(Workspace* workspace) {
+  Plane plane = PlaneOf(std::numeric_limits<double>::infinity(), workspace);
+  const Plane near = PlaneOf(kNearM, workspace);
+  if (near.support > kBetterBorneOut * plane.support) plane = near;
+  plane_ = plane.coefficients;
+  exists_ = plane.support > 0.0 && plane_.tail<2>().norm() < config_.max_slope;
+}
+
+// Iterated least squares on the lower half of the cells as near as that, then on all that lie
+// within the band of the plane.
+Ground::Plane Ground::PlaneOf(double reach_m, Workspace* workspace) const {
   const std::vector<std::uint32_t>& known = workspace->known;
   std::vector<double>& lowest_m = workspace->lowest_m;
   std::vector<std::uint32_t>& inliers = workspace->inliers;
-  if (lowest_m.size() < kMinCells) return;
+  const auto distance_m = [this](const Cell& cell) { return MiddleOf(cell).tail<2>().norm(); };
+  lowest_m.clear();
+  for (const std::uint32_t number : known) {
+    if (distance_m(cells_[number]) <= reach_m) lowest_m.push_back(cells_[number].height_m);
+  }
+  Plane plane;
+  if (lowest_m.size() < kMinCells) return plane;
   const double median_m = Quantile(lowest_m.data(), lowest_m.data() + lowest_m.size(), 0.5);
   const auto choose = [&](const auto& is_inlier) {
     inliers.clear();
@@ -90,9 +111,10 @@ void Ground::FitPlane(Workspace* workspace) {
       if (is_inlier(cells_[number])) inliers.push_back(number);
     }
   };
-  choose([&](const Cell& cell) { return cell.height_m <= median_m; });
+  choose(
+      [&](const Cell& cell) { return cell.height_m <= median_m && distance_m(cell) <= reach_m; });
   for (int iteration = 0; iteration < 6; ++iteration) {
-    if (inliers.size() < kMinCells) return;
+    if (inliers.size() < kMinCells) return plane;
     // The triangle of the QR decomposition, and the right-hand side beside it, cell by cell.
     Eigen::Matrix4d triangle = Eigen::Matrix4d::Zero();
     for (const std::uint32_t number : inliers) {
@@ -103,13 +125,17 @@ void Ground::FitPlane(Workspace* workspace) {
         triangle.applyOnTheLeft(k, 3, givens.adjoint());
       }
     }
-    plane_ = triangle.topLeftCorner<3, 3>().colPivHouseholderQr().solve(
+    plane.coefficients = triangle.topLeftCorner<3, 3>().colPivHouseholderQr().solve(
         triangle.topRightCorner<4, 1>().head<3>());
     choose([&](const Cell& cell) {
-      return std::abs(cell.height_m - plane_.dot(MiddleOf(cell))) < kPlaneBandM;
+      return std::abs(cell.height_m - plane.coefficients.dot(MiddleOf(cell))) < kPlaneBandM;
     });
   }
-  exists_ = plane_.tail<2>().norm() < config_.max_slope;
+  for (const std::uint32_t number : inliers) {
+    const double share = kNearM / std::max(kNearM, distance_m(cells_[number]));
+    plane.support += share * share;
+  }
+  return plane;
 }
 
 Ground::Cell Ground::CellOf(const Eigen::Vector3f& point_m) const {

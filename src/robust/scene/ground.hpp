@@ -12,15 +12,15 @@
 
 namespace unlidar {
 
-// Local lowest heights about one plane z = c0 + c1 x + c2 y. Without a ground in view (a sensor
-// that looks up) every height above it is infinite.
+// Local lowest heights about one plane z = c0 + c1 x + c2 y, x and y from the station. Without a
+// ground in view (a sensor that looks up) every height above it is infinite.
 class Ground {
  public:
   // What it is fitted in, kept for the next fit.
   struct Workspace {
     std::vector<float> heights_m;        // of the points, by cell
     std::vector<std::uint32_t> known;    // cells with a height, by place
-    std::vector<double> lowest_m;        // theirs
+    std::vector<double> lowest_m;        // theirs, or of those near the station
     std::vector<std::uint32_t> inliers;  // of them, those that the plane is fitted to
   };
 
@@ -46,12 +46,18 @@ class Ground {
     double height_m = std::numeric_limits<double>::quiet_NaN();  // unless it has too few
   };
 
+  struct Plane {
+    Eigen::Vector3d coefficients = Eigen::Vector3d::Zero();
+    double support = 0.0;  // cells that it goes through, by how near they are; 0: there is none
+  };
+
   // Without its height.
   Cell CellOf(const Eigen::Vector3f& point_m) const;
   static VoxelKey KeyOf(const Cell& cell);
   Eigen::Vector3d MiddleOf(const Cell& cell) const;
   void SetHeights(const PointsView& points_m, Workspace* workspace);
   void FitPlane(Workspace* workspace);
+  Plane PlaneOf(double reach_m, Workspace* workspace) const;
 
   GroundConfig config_;
   bool exists_ = false;

@@ -31,22 +31,25 @@ double ShareHigher(const std::vector<Plot>& path, double height_m) {
   return static_cast<double>(num_high) / static_cast<double>(path.size());
 }
 
-// Whether nothing stands below a path. Of a person, a cyclist or a car a quarter of the returns and
-// more are below the rest; by Chernoff's bound that few of so many are less likely than kChance.
-bool IsNothingBelow(const std::vector<Plot>& path) {
-  constexpr double kBodyShare = 0.25;
-  constexpr double kChance = 1e-4;
-  double num_below = 0.0;
-  double num_all = 0.0;
+// Whether nothing stands below a path. What stands on the ground and is seen at some height shows
+// below it as much more as there is room (plots count what is beyond half a drone's height and the
+// roughness of the ground). So each plot with nothing below makes a body less likely, the more the
+// higher it is and the more returns it has, unless something hides the rest. One with something
+// below makes it more likely, though that is something else now and then.
+bool IsNothingBelow(const std::vector<Plot>& path, double chance) {
+  constexpr double kOwnHeightM = 0.6;
+  constexpr double kNotCountedM = 0.55;
+  constexpr double kHidden = 0.02;
+  constexpr double kSomethingElse = 0.05;
+  double log_ratio = 0.0;  // of the likelihoods of a body and of a drone
   for (const Plot& plot : path) {
-    num_below += plot.num_below;
-    num_all += static_cast<double>(plot.num_returns + plot.num_below);
+    const double room_m = std::max(plot.lowest_m - kNotCountedM, 0.0);
+    const double own_share = kOwnHeightM / (kOwnHeightM + room_m);
+    const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);
+    log_ratio += plot.num_below > 0 ? -std::log(kSomethingElse)
+                                    : std::log(nothing) - std::log1p(-kSomethingElse);
   }
-  const double share = num_below / num_all;
-  if (share >= kBodyShare) return false;
-  const double divergence = (share > 0.0 ? share * std::log(share / kBodyShare) : 0.0) +
-                            (1.0 - share) * std::log((1.0 - share) / (1.0 - kBodyShare));
-  return num_all * divergence > -std::log(kChance);
+  return log_ratio < std::log(chance);
 }
 
 // What a target returns for its range: returns per second times range^2, of the sensor that sees it
@@ -86,7 +89,9 @@ bool HasFrames(const std::vector<Plot>& path, int least) {
 double OffGroundM(const std::vector<Plot>& path, const RobustConfig& config) {
   // Above what grows on the ground or lies there, and the error of the ground below it.
   constexpr double kClearM = 0.75;
-  return IsNothingBelow(path) ? std::min(kClearM, config.off_ground_m) : config.off_ground_m;
+  return IsNothingBelow(path, config.false_alarms_per_recording)
+             ? std::min(kClearM, config.off_ground_m)
+             : config.off_ground_m;
 }
 
 bool IsFlight(const Recording& recording, const Watch& watch, const std::vector<Plot>& path,

@@ -1,0 +1,33 @@
+// How long frames last whose returns carry no times, by what moves in them.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "robust/collection/body.hpp"
+
+namespace unlidar {
+
+// Frames are taken to last until the next one comes. But many recordings hold every so many-th
+// frame of a LiDAR that gives ten or so a second, and then a target is seen at the beginning of
+// that time alone. What tells is the streak that it draws: over half a second it would be as long
+// as its way.
+class FrameLength {
+ public:
+  // The returns of a target in one frame, by their indices.
+  void Add(const Recording& recording, const FrameInfo& frame, const Eigen::Vector3d& viewpoint_m,
+           const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
+           const BodySigmas& body);
+
+  // How much later than in the middle of such frames returns were measured, as is to be expected of
+  // what is known. None for frames with times, or that come as fast as a LiDAR gives them.
+  double LateS() const;
+
+ private:
+  double log_short_ = 0.0;  // log likelihood ratio: frames last as long as a LiDAR's turn
+  double late_s_ = 0.0;     // if they do
+};
+
+}  // namespace unlidar

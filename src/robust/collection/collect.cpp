@@ -329,7 +329,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   }
   target.depth_sigma_m = kFacingSideSigma * body.width_m;
   // The clocks of all agree with that of the main sensor.
-  target.late_ns = Nanoseconds(lengths[main_sensor].LateS());
+  target.late_ns = NsOf(lengths[main_sensor].LateS());
   return target;
 }
 

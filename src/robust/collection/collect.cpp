@@ -193,6 +193,72 @@ class FacingSide {
   double share_;
 };
 
+// How often a sensor sees a target: returns expected in a frame, which fall with the square of
+// range. Some time tells more of it than the whole flight does, which it leans on.
+class Visibility {
+ public:
+  // `returns`: the target's, ascending.
+  Visibility(const Recording& recording, const std::vector<SensorView>& views,
+             const Trajectory& trajectory, const std::vector<std::uint32_t>& returns)
+      : sensors_(views.size()) {
+    for (const FrameInfo& frame : recording.frames) {
+      const auto first = std::lower_bound(returns.begin(), returns.end(), frame.first_return);
+      const auto num_returns =
+          static_cast<double>(std::lower_bound(first, returns.end(), frame.last_return) - first);
+      const TimeNs time_ns = frame.middle_ns();
+      const bool is_within = trajectory.begin_ns() <= time_ns && time_ns <= trajectory.end_ns();
+      if (!is_within && num_returns == 0.0) continue;
+      const double per_m2 = PerM2(RayM(views[frame.sensor], trajectory.At(time_ns).position_m));
+      Sensor& sensor = sensors_[frame.sensor];
+      sensor.looks.push_back({time_ns, num_returns, per_m2});
+      sensor.num_returns += num_returns;
+      sensor.per_m2 += per_m2;
+    }
+    for (Sensor& sensor : sensors_) {
+      std::sort(sensor.looks.begin(), sensor.looks.end(),
+                [](const Look& a, const Look& b) { return a.time_ns < b.time_ns; });
+    }
+  }
+
+  // Beyond its ends as often as there.
+  double ReturnsPerFrame(std::uint32_t sensor_index, TimeNs time_ns,
+                         const Eigen::Vector3d& ray_m) const {
+    constexpr TimeNs kReachNs = 1'000'000'000;
+    constexpr double kPriorReturns = 0.5;  // Jeffreys' prior of a Poisson rate
+    const Sensor& sensor = sensors_[sensor_index];
+    if (sensor.looks.empty()) return kPriorReturns;
+    double num_returns = kPriorReturns;
+    double per_m2 = kPriorReturns * sensor.per_m2 / (sensor.num_returns + kPriorReturns);
+    const TimeNs near_ns =
+        std::clamp(time_ns, sensor.looks.front().time_ns, sensor.looks.back().time_ns);
+    auto look = std::lower_bound(sensor.looks.begin(), sensor.looks.end(), near_ns - kReachNs,
+                                 [](const Look& at, TimeNs t) { return at.time_ns < t; });
+    for (; look != sensor.looks.end() && look->time_ns <= near_ns + kReachNs; ++look) {
+      num_returns += look->num_returns;
+      per_m2 += look->per_m2;
+    }
+    return num_returns / per_m2 * PerM2(ray_m);
+  }
+
+ private:
+  struct Look {
+    TimeNs time_ns;
+    double num_returns;
+    double per_m2;
+  };
+  struct Sensor {
+    std::vector<Look> looks;  // by time
+    double num_returns = 0.0;
+    double per_m2 = 0.0;
+  };
+
+  static double PerM2(const Eigen::Vector3d& ray_m) {
+    return 1.0 / std::max(ray_m.squaredNorm(), 1.0);
+  }
+
+  std::vector<Sensor> sensors_;
+};
+
 // What is looked for in a frame: the returns that are likelier the target's than their place's.
 class Collector {
  public:
@@ -233,7 +299,7 @@ class Collector {
           presence.About(time_ns, place_m, kPresence.At(RayM(view, place_m).norm()));
       const double rate =
           view.background->RateOutside(recording_.points_m[i] - view.viewpoint_m, from, to);
-      if (rate <= 0.0 || log_peak - 0.5 * distance2 > std::log(rate) + config_.min_return_log) {
+      if (rate < 0.0 || log_peak - 0.5 * distance2 > std::log(rate) + config_.min_return_log) {
         members.push_back(i);
       }
     }
@@ -277,8 +343,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   for (int round = 0; round < config.rounds; ++round) {
     const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
     const Presence presence(trajectory);
-    const double returns_per_frame = static_cast<double>(target.returns.size()) /
-                                     static_cast<double>(target.measurements.size());
+    const Visibility visibility(recording, views, trajectory, target.returns);
     std::vector<Sighting> sightings;
     BodySpread spread(config.body_sigma_m);
     lengths.assign(recording.sensors.size(), FrameLength());
@@ -295,6 +360,8 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
       expected.position_m += shift.bias_m;
       const Eigen::Vector3d facing_m = facing.OffsetM(view, expected.position_m, body.width_m);
       expected.position_m -= facing_m;
+      const double returns_per_frame =
+          visibility.ReturnsPerFrame(frame.sensor, middle_ns, RayM(view, expected.position_m));
       const std::vector<std::uint32_t> members =
           collector.Collect(frame, view, trajectory, presence, expected, returns_per_frame, body);
       if (members.empty()) continue;

@@ -105,6 +105,10 @@ PlaceOrder OrderByPlace(const std::vector<std::uint32_t>& places, std::size_t nu
   return order;
 }
 
+// Where nothing was seen, something still may be: of what comes as a Poisson process, as much as
+// Jeffreys' prior has.
+constexpr double kLeastReturns = 0.5;
+
 }  // namespace
 
 Background::Background(const Recording& recording, const BackgroundConfig& config)
@@ -238,7 +242,7 @@ double Background::RateOutside(const Eigen::Vector3f& place_m, TimeNs from_ns, T
     frames += NumFrames(sensor, {0, num_bins()}) - NumFrames(sensor, inside);
   }
   const std::uint32_t returns = grid_.Count(place_m) - grid_.Count(place_m, inside);
-  return returns / (frames * grid_.VolumeM3(place_m));
+  return std::max<double>(returns, kLeastReturns) / (frames * grid_.VolumeM3(place_m));
 }
 
 }  // namespace unlidar

@@ -26,8 +26,8 @@ class Background {
   // often, as in dense rain near the sensor, is no open air.
   double PlaceRate(std::uint32_t i) const;
 
-  // Returns per m^3 and frame at a place, as seen in the bins that do not touch [from, to].
-  // Negative where there are too few such bins to know.
+  // Returns per m^3 and frame at a place, as seen in the bins that do not touch [from, to]: those
+  // of half a return where there was none. Negative where there are too few such bins to know.
   double RateOutside(const Eigen::Vector3f& place_m, TimeNs from_ns, TimeNs to_ns) const;
 
   // The time bins in which there are frames, numbered in order of time: pauses have none.

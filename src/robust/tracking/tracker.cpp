@@ -14,6 +14,52 @@
 namespace unlidar {
 namespace {
 
+// Searches for the paths through free plots, one for each agility.
+std::vector<TrackSearch> SearchPlots(const std::vector<Plot>& plots,
+                                     const std::vector<double>& log_births,
+                                     const std::vector<Slice>& slices,
+                                     const std::vector<char>& free, const Watch& watch,
+                                     const TrackerConfig& config) {
+  const std::vector<double>& sigmas = config.sigma_a_mps2;
+  std::vector<std::optional<TrackSearch>> found(sigmas.size());
+  ParallelFor(sigmas.size(), [&](std::size_t i) {
+    found[i].emplace(plots, log_births, slices, free, TrackModel(sigmas[i], watch, config), config);
+  });
+  std::vector<TrackSearch> searches;
+  searches.reserve(found.size());
+  for (std::optional<TrackSearch>& search : found) searches.push_back(std::move(*search));
+  return searches;
+}
+
+Path BestOf(std::vector<TrackSearch>* searches) {
+  Path best;
+  for (TrackSearch& search : *searches) {
+    Path path = search.Best();
+    if (path.score > best.score) best = std::move(path);
+  }
+  return best;
+}
+
+// Time that runs the other way, without overflow.
+TimeNs Backwards(TimeNs time_ns) { return ~time_ns; }
+
+Watch Backwards(Watch watch) {
+  for (Watch::Sensor& sensor : watch.sensors) {
+    std::vector<TimeNs>& times_ns = sensor.frame_times_ns;
+    std::reverse(times_ns.begin(), times_ns.end());
+    for (TimeNs& time_ns : times_ns) time_ns = Backwards(time_ns);
+  }
+  return watch;
+}
+
+Plot Backwards(const Plot& plot) {
+  Plot backwards = plot;
+  backwards.returns.clear();  // no search looks at them
+  backwards.time_ns = Backwards(plot.time_ns);
+  backwards.frame_time_ns = Backwards(plot.frame_time_ns);
+  return backwards;
+}
+
 class PathFinder {
  public:
   PathFinder(const std::vector<Plot>& plots, const Watch& watch, const TrackerConfig& config)
@@ -31,7 +77,7 @@ class PathFinder {
     for (bool changed = true; changed;) {
       const std::vector<Path> before = paths;
       effort_.pairs_compared += ImprovePaths(scorer, config_, &paths);
-      changed = SearchAgain(before, &paths);
+      changed = SearchAgain(before, &paths) || SearchBackwards(scorer, &paths);
     }
     return paths;
   }
@@ -40,25 +86,7 @@ class PathFinder {
 
  private:
   std::vector<TrackSearch> Search(const std::vector<char>& free) const {
-    const std::vector<double>& sigmas = config_.sigma_a_mps2;
-    std::vector<std::optional<TrackSearch>> found(sigmas.size());
-    ParallelFor(sigmas.size(), [&](std::size_t i) {
-      found[i].emplace(plots_, log_births_, slices_, free, TrackModel(sigmas[i], watch_, config_),
-                       config_);
-    });
-    std::vector<TrackSearch> searches;
-    searches.reserve(found.size());
-    for (std::optional<TrackSearch>& search : found) searches.push_back(std::move(*search));
-    return searches;
-  }
-
-  static Path BestOf(std::vector<TrackSearch>* searches) {
-    Path best;
-    for (TrackSearch& search : *searches) {
-      Path path = search.Best();
-      if (path.score > best.score) best = std::move(path);
-    }
-    return best;
+    return SearchPlots(plots_, log_births_, slices_, free, watch_, config_);
   }
 
   void SetFree(const Path& path, char value) {
@@ -78,7 +106,7 @@ class PathFinder {
         Path best = BestOf(&searches);
         if (best.score < config_.min_fragment_log) break;
         // What a weak path hides is weak, too.
-        const bool stands = best.score >= config_.birth_cost;
+        const bool stands = Stands(best);
         if (!stands && num_weak == config_.max_paths) break;
         found = found || stands;
         if (!stands) ++num_weak;
@@ -114,20 +142,69 @@ class PathFinder {
     return BestOf(&searches);
   }
 
+  // The same, found from its end to its beginning.
+  Path BestBackwards(const std::vector<char>& free, const PathScorer& scorer) const {
+    std::vector<std::uint32_t> indices;
+    std::vector<Plot> plots;
+    std::vector<double> log_births;
+    for (std::size_t i = free.size(); i-- > 0;) {
+      if (!free[i]) continue;
+      indices.push_back(static_cast<std::uint32_t>(i));
+      plots.push_back(Backwards(plots_[i]));
+      log_births.push_back(log_births_[i]);
+    }
+    const Watch watch = Backwards(watch_);
+    const std::vector<char> all(plots.size(), 1);
+    std::vector<TrackSearch> searches = SearchPlots(
+        plots, log_births, SlicesOf(plots, log_births, watch, config_), all, watch, config_);
+    std::vector<std::uint32_t> members;
+    for (const std::uint32_t i : BestOf(&searches).plots) members.push_back(indices[i]);
+    std::reverse(members.begin(), members.end());
+    return scorer.Scored(std::move(members));
+  }
+
+  // In rain too much begins at any time for all of it to be carried on: a target that was seldom
+  // seen at first is lost there. Known from where it is seen well, it is followed back.
+  Path BestFollowedBack(const Path& path, const PathScorer& scorer) {
+    SetFree(path, 1);
+    std::vector<char> free = FreeInReach(path);
+    SetFree(path, 0);
+    Path best = BestBackwards(free, scorer);
+    // Where only it is about until it began, nothing crowds out its way there.
+    std::fill(free.begin() + path.plots.front(), free.end(), 0);
+    for (const std::uint32_t i : path.plots) free[i] = 1;
+    Path longer = BestBackwards(free, scorer);
+    if (longer.score > best.score) best = std::move(longer);
+    return best;
+  }
+
+  bool Stands(const Path& path) const { return path.score >= config_.birth_cost; }
+
   // Paths that differ from those before are searched again among what no other path holds but those
   // too weak to stand alone: their new parts may go on where the old ones could not.
   bool SearchAgain(const std::vector<Path>& before, std::vector<Path>* paths) {
     std::set<std::vector<std::uint32_t>> known;
     for (const Path& path : before) known.insert(path.plots);
-    const auto stands = [&](const Path& path) { return path.score >= config_.birth_cost; };
+    return Replace(paths, [&](const Path& path) {
+      return known.count(path.plots) > 0 ? Path() : BestInsteadOf(path);
+    });
+  }
+
+  bool SearchBackwards(const PathScorer& scorer, std::vector<Path>* paths) {
+    return Replace(paths, [&](const Path& path) { return BestFollowedBack(path, scorer); });
+  }
+
+  // Replaces each path that stands alone by what `better` makes of it, if that is better.
+  template <typename Better>
+  bool Replace(std::vector<Path>* paths, const Better& better) {
     std::fill(free_.begin(), free_.end(), 1);
     for (const Path& path : *paths) {
-      if (stands(path)) SetFree(path, 0);
+      if (Stands(path)) SetFree(path, 0);
     }
     bool found = false;
     for (Path& path : *paths) {
-      if (known.count(path.plots) > 0 || !stands(path)) continue;
-      Path best = BestInsteadOf(path);
+      if (!Stands(path)) continue;
+      Path best = better(path);
       if (best.score <= path.score + config_.min_exchange_log) continue;
       SetFree(path, 1);
       path = std::move(best);
@@ -138,7 +215,7 @@ class PathFinder {
     // A weak path that lost a plot is no more.
     paths->erase(std::remove_if(paths->begin(), paths->end(),
                                 [&](const Path& path) {
-                                  return !stands(path) &&
+                                  return !Stands(path) &&
                                          std::any_of(path.plots.begin(), path.plots.end(),
                                                      [&](std::uint32_t i) { return !free_[i]; });
                                 }),

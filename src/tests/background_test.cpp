@@ -330,7 +330,8 @@ TEST(Background, RateOutsideIsThatOfBruteForce) {
     }
     double frames = 0.0;
     for (const FrameInfo& frame : recording.frames) frames += is_outside(frame.begin_ns) ? 1 : 0;
-    const double expected = std::max(returns, 0.5) / frames / testing::BlockVolumeM3(config.place, place_m);
+    const double expected =
+        std::max(returns, 0.5) / frames / testing::BlockVolumeM3(config.place, place_m);
     const double rate = background.RateOutside(place_m, kBeginNs + std::llround(from_s * 1e9),
                                                kBeginNs + std::llround(to_s * 1e9));
     EXPECT_NEAR(rate, expected, 1e-9 * expected) << place_m.transpose();

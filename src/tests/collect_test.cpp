@@ -365,6 +365,23 @@ TEST(CollectTarget, EndsWhereTheReturnsEnd) {
   EXPECT_LT(SecondsSinceBegin(target.measurements.back().time_ns), 7.5);
 }
 
+TEST(CollectTarget, LeavesALoneReturnBesideWhereATargetThatIsSeldomSeenWouldGoOn) {
+  constexpr int kStray = 3;
+  for (std::uint32_t seed = 0; seed < 10; ++seed) {
+    RecordingMaker maker(seed);
+    const Eigen::Vector3d side = maker.random.NormalVector(1.0).normalized();
+    for (int i = 0; i < kFrames; ++i) {
+      maker.BeginFrame(i * kPeriodS);
+      const Eigen::Vector3d at_m = DroneAt(testing::MiddleS(i));
+      if (i >= 20 && i < 70 && i % 3 == 0) maker.AddBlob(at_m, 0.1, 1, kDrone);
+      if (i == 78) maker.Add(at_m + 0.9 * side, kStray);
+    }
+    const Target target = Collect(maker, PathOf(maker, 20, 69));
+    EXPECT_EQ(ShareFound(maker, target, kStray), 0.0) << seed;
+    EXPECT_GT(ShareFound(maker, target, kDrone), 0.9) << seed;
+  }
+}
+
 TEST(CollectTarget, UsesTheTimesOfTheReturnsWhereTheyAreKnown) {
   // 20 m/s: within a frame 2 m. The returns of each frame come from its first half only, so that
   // the middle of the frame would be half a metre late.

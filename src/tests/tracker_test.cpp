@@ -287,6 +287,32 @@ TEST(FindPaths, TheFlightIsFoundAmongClutter) {
   }
 }
 
+TEST(FindPaths, ATargetThatWasSeldomSeenAtFirstIsFollowedBackThroughClutterThatCrowdsItOut) {
+  const auto at = [](double t) { return Eigen::Vector3d(-15 + 5 * t, 20, 15 + 2 * std::sin(t)); };
+  constexpr int kSparse = 24;
+  TrackerConfig config;
+  config.max_hypotheses = 20;
+  for (std::uint32_t seed = 0; seed < 10; ++seed) {
+    Random random(seed);
+    std::vector<Plot> plots;
+    AddClutter(20.0, 60, {-20, 5, 5}, {20, 45, 30}, &random, &plots);
+    const double log_clutter = plots.front().log_clutter;
+    for (int i = 0; i < 60; i += i < kSparse ? 4 : 1) {
+      plots.push_back(MakePlot(kBeginNs + i * kPeriodNs,
+                               at(i * kPeriodS) + random.NormalVector(0.15), log_clutter, 3));
+    }
+    SortByTime(&plots);
+    const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), config);
+    ASSERT_FALSE(paths.empty()) << seed;
+    std::size_t early = 0;
+    for (const std::uint32_t i : paths[0].plots) {
+      const double time_s = testing::SecondsSinceBegin(plots[i].time_ns);
+      early += time_s < kSparse * kPeriodS && (plots[i].position_m - at(time_s)).norm() < 1.0;
+    }
+    EXPECT_GE(early, 5U) << seed;
+  }
+}
+
 TEST(FindPaths, UniformClutterReachesTheThresholdInHardlyAnyRecording) {
   // Expected at this threshold is one recording of a thousand: two of 200 are 1 in 50.
   constexpr double kFalseAlarms = 1e-3;

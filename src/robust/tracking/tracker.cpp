@@ -178,6 +178,15 @@ class PathFinder {
     return best;
   }
 
+  // Whether no other path that stands shares its time: of what is free about one of several, much
+  // is what the others have yet to be given.
+  bool IsAlone(const Path& path, const std::vector<Path>& paths) const {
+    return std::none_of(paths.begin(), paths.end(), [&](const Path& other) {
+      return &other != &path && Stands(other) && other.plots.front() <= path.plots.back() &&
+             path.plots.front() <= other.plots.back();
+    });
+  }
+
   bool Stands(const Path& path) const { return path.score >= config_.birth_cost; }
 
   // Paths that differ from those before are searched again among what no other path holds but those
@@ -191,7 +200,9 @@ class PathFinder {
   }
 
   bool SearchBackwards(const PathScorer& scorer, std::vector<Path>* paths) {
-    return Replace(paths, [&](const Path& path) { return BestFollowedBack(path, scorer); });
+    return Replace(paths, [&](const Path& path) {
+      return IsAlone(path, *paths) ? BestFollowedBack(path, scorer) : Path();
+    });
   }
 
   // Replaces each path that stands alone by what `better` makes of it, if that is better.

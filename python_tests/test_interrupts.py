@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from many import StandIn, command, make_sequence, unfinished, wait_for
+from unlidar_tools.output import RUN_RECORD, complete_directory
 
 # Interrupts the process at the n-th import of a module after the package's own entry.
 AT_IMPORT = """
@@ -69,6 +70,35 @@ def test_ctrl_c_soon_after_the_start_prints_no_traceback(wait_s, tmp_path) -> No
     is_of_python = "KeyboardInterrupt" in said and "unlidar_tools" not in said
     assert is_of_python or (process.returncode, said) in ((130, SAID), (-signal.SIGINT, "")), said
     assert unfinished(tmp_path) == []
+
+
+@pytest.mark.parametrize("call", ["mkdir", "rename"])
+def test_an_interrupt_in_the_midst_of_a_change_leaves_what_was_there(
+    call, tmp_path, monkeypatch
+) -> None:
+    """Python tells of a signal when the system's call is done."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / RUN_RECORD).write_text("before")
+    done = 0
+
+    def change_and_interrupt(*arguments, **keywords) -> None:
+        nonlocal done
+        change(*arguments, **keywords)
+        done += 1
+        if done == interrupted:
+            raise KeyboardInterrupt
+
+    change = getattr(os, call)
+    monkeypatch.setattr(os, call, change_and_interrupt)
+    for interrupted in (1, 2):
+        done = 0
+        with pytest.raises(KeyboardInterrupt), complete_directory(out, force=True) as work:
+            (work / RUN_RECORD).write_text("after")
+        assert list(tmp_path.iterdir()) == [out]
+        # What has its place before the interrupt keeps it.
+        expected = "after" if (call, interrupted) == ("rename", 2) else "before"
+        assert (out / RUN_RECORD).read_text() == expected
 
 
 def test_a_process_started_after_the_interrupt_can_be_ended() -> None:

@@ -2,8 +2,8 @@
 
 import glob
 import os
+import secrets
 import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,13 +33,9 @@ def complete_directory(
     ):
         raise UsageError(f"{out}: the output would replace its own source {source}")
     _refuse_foreign(out, force)
+    work = _temporary(out, "partial", token)
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=_prefix(out, "partial", token), dir=out.parent))
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written: {reason(error)}") from error
-    try:
-        work.chmod(0o777 & ~_umask())
+        work.mkdir(parents=True)
         yield work
         _replace(work, out, token)
     except OSError as error:
@@ -100,22 +96,26 @@ def _replace(work: Path, out: Path, token: str) -> None:
     if not out.exists():
         work.rename(out)
         return
-    old = Path(tempfile.mkdtemp(prefix=_prefix(out, "old", token), dir=out.parent))
-    out.rename(old / out.name)
+    old = _temporary(out, "old", token)
     try:
+        old.mkdir()
+        out.rename(old / out.name)
         work.rename(out)
-    except OSError:
-        (old / out.name).rename(out)
+    except BaseException:  # an interrupt, too, may come between the two
+        if not out.exists() and (old / out.name).exists():
+            (old / out.name).rename(out)
         raise
     finally:
         shutil.rmtree(old, ignore_errors=True)
 
 
+def _temporary(out: Path, kind: str, token: str) -> Path:
+    """A directory beside `out` that is not there yet.
+
+    It is named before it is made: an interrupt while it is made would leave one without a name.
+    """
+    return out.with_name(_prefix(out, kind, token) + secrets.token_hex(6))
+
+
 def _prefix(out: Path, kind: str, token: str) -> str:
     return f".{out.name}.{kind}-{token}{'-' * bool(token)}"
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -224,11 +224,11 @@ class Visibility {
   double ReturnsPerFrame(std::uint32_t sensor_index, TimeNs time_ns,
                          const Eigen::Vector3d& ray_m) const {
     constexpr TimeNs kReachNs = 1'000'000'000;
-    constexpr double kPriorReturns = 0.5;  // Jeffreys' prior of a Poisson rate
+    constexpr double kJeffreysReturns = 0.5;  // Jeffreys' prior of a Poisson rate
     const Sensor& sensor = sensors_[sensor_index];
-    if (sensor.looks.empty()) return kPriorReturns;
-    double num_returns = kPriorReturns;
-    double per_m2 = kPriorReturns * sensor.per_m2 / (sensor.num_returns + kPriorReturns);
+    if (sensor.looks.empty()) return kJeffreysReturns;
+    double num_returns = kJeffreysReturns;
+    double per_m2 = kJeffreysReturns * sensor.per_m2 / (sensor.num_returns + kJeffreysReturns);
     const TimeNs near_ns =
         std::clamp(time_ns, sensor.looks.front().time_ns, sensor.looks.back().time_ns);
     auto look = std::lower_bound(sensor.looks.begin(), sensor.looks.end(), near_ns - kReachNs,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pymap3d
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from live_program import wait_until
 from station_events import ORIGIN, end, row, sensor, square, state, track, write_site
@@ -136,6 +136,26 @@ def test_a_station_that_is_gone_takes_no_drone_along(tmp_path) -> None:
     assert shown == []
     shown = [json.loads(t.message.text) for t in sky.say("alpha", end(2, 9)) if t.shown]
     assert [(e["event"], e["track"]) for e in shown] == [("end", identity), ("alarm", identity)]
+
+
+@given(st.lists(st.tuples(st.sampled_from(("alpha", "bravo", "charlie")), st.integers(1, 15))))
+@example([("alpha", 1), ("bravo", 2), ("charlie", 7)])
+@settings(max_examples=40)
+def test_a_drone_is_one_however_late_a_station_is_heard(tmp_path_factory, turns) -> None:
+    sky = Stations(tmp_path_factory.mktemp("sky"))
+    heard = dict.fromkeys(sky.boxes, 0)
+    shown: list[Told] = []
+    everything = [(name, 1) for _ in range(30) for name in sky.boxes]
+    for name, count in turns + everything:
+        for _ in range(min(count, 30 - heard[name])):
+            if min(heard.values()) == 15 and heard["alpha"] < 30:
+                shown += sky.many.take(b'{"event":"gone","station":"alpha"}')
+                heard["alpha"] = 30
+                break
+            shown += sky.say(name, sky.boxes[name].row(1, heard[name] / 10))
+            heard[name] += 1
+    told = [json.loads(t.message.text) for t in shown if t.shown]
+    assert {e["track"] for e in rows(told)} == {1}
 
 
 def test_two_drones_are_two(tmp_path) -> None:

@@ -127,13 +127,15 @@ class Fusion:
         return set(self._identity.values())
 
     def is_settled(self, identity: int) -> bool:
-        """False of a new track that looks like an older one, until that is decided."""
+        """False of a new drone that looks like an older one, until that is decided."""
         members = [key for key, number in self._identity.items() if number == identity]
-        if len(members) > 1:
-            return True
-        (own,) = members
-        older = itertools.takewhile(lambda key: key != own, self._heard)
-        return not any(self._may_join(own, other) for other in older if other[0] != own[0])
+        stations = {station for station, _ in members}
+        older = [
+            key
+            for key, number in self._identity.items()
+            if number < identity and key[0] not in stations
+        ]
+        return not any(self._may_join(own, other) for own in members for other in older)
 
     def _may_join(self, own: Key, other: Key) -> bool:
         """Whether it is still open if a new track is the drone of an older one."""

@@ -139,7 +139,7 @@ double Occupancy::RateOf(float occupied, float exposed, const Eigen::Vector3f& p
 double Occupancy::RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) const {
   const std::int64_t age = newest_ - bin;
   if (age < 0 || age >= kWindow) return 0.0;
-  const auto step_m = static_cast<float>(std::cbrt(places_.VolumeM3(point_m)));
+  const auto step_m = static_cast<float>(std::pow(places_.VolumeM3(point_m), 1.0 / 3.0));
   std::array<Hits, 6> hits{};
   std::size_t num_free = 0;
   for (std::size_t k = 0; k < hits.size(); ++k) {

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "base/angles.hpp"
+
 namespace unlidar {
 
 DepthMap::DepthMap(double cell_deg)
@@ -108,8 +110,8 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, do
 }
 
 std::size_t DepthMap::CellOf(const Eigen::Vector3f& p) const {
-  const double azimuth_rad = std::atan2(p.y(), p.x()) + M_PI;
-  const double elevation_rad = std::atan2(p.z(), std::hypot(p.x(), p.y())) + M_PI / 2;
+  const double azimuth_rad = AzimuthRad(p) + M_PI;
+  const double elevation_rad = ElevationRad(p) + M_PI / 2;
   const auto column = std::min(static_cast<std::size_t>(azimuth_rad / column_rad_), columns_ - 1);
   const auto row = std::min(static_cast<std::size_t>(elevation_rad / row_rad_), rows_ - 1);
   return row * columns_ + column;

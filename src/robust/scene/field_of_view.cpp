@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "base/angles.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -25,8 +27,7 @@ void FieldOfView::Add(const Eigen::Vector3f& point_m) {
   // Angles differ by no less than their sines.
   constexpr auto kSharp = static_cast<float>(kSharpRad);
   if (sine > lowest_ + kSharp && sine < highest_ - kSharp) return;
-  const double turns =
-      (static_cast<double>(std::atan2(point_m.y(), point_m.x())) + M_PI) / (2.0 * M_PI);
+  const double turns = (AzimuthRad(point_m) + M_PI) / (2.0 * M_PI);
   const std::size_t column =
       std::min(static_cast<std::size_t>(turns * static_cast<double>(kNumColumns)), kNumColumns - 1);
   lowest_of_[column] = std::min(lowest_of_[column], sine);

@@ -26,8 +26,9 @@ class ShellTable {
     constexpr double kMaxRange_m = 1e6;  // voxels grow no more beyond
     const double most = std::log2(radius.At(kMaxRange_m) / radius.constant_m);
     for (int shell = 0; shell <= static_cast<int>(std::floor(2.0 * most + 0.5)); ++shell) {
-      shells_.push_back({(std::exp2(0.5 * (shell - 0.5)) - 1.0) * radius.constant_m / radius.slope,
-                         2.0 / 3.0 * radius.constant_m * std::exp2(0.5 * shell)});
+      shells_.push_back(
+          {(std::pow(2.0, 0.5 * (shell - 0.5)) - 1.0) * radius.constant_m / radius.slope,
+           2.0 / 3.0 * radius.constant_m * std::pow(2.0, 0.5 * shell)});
     }
   }
 

@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <utility>
 
+#include "base/angles.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -47,8 +49,7 @@ int RangeOf(float range_m) {
 
 std::size_t PlaceOf(const Eigen::Vector3f& relative_m) {
   const float range_m = std::max(relative_m.norm(), kNearestM);
-  constexpr float kTurn = 6.2831853F;
-  const float turns = std::atan2(relative_m.y(), relative_m.x()) / kTurn + 0.5F;
+  const double turns = AzimuthRad(relative_m) / (2.0 * M_PI) + 0.5;
   const float height = 0.5F * (relative_m.z() / range_m + 1.0F);
   const int column = std::clamp(static_cast<int>(turns * kAzimuths), 0, kAzimuths - 1);
   const int row = std::clamp(static_cast<int>(height * kHeights), 0, kHeights - 1);

@@ -167,6 +167,7 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
   track->kind.Observe(follower.trajectory(), until_ns);
   const Kind kind = track->kind.kind();
   source_.trajectory = follower.trajectory();
+  source_.trajectory.origin_ns += follower.late_ns();
   source_.presence = PresenceOf(*track, until_ns);
   source_.depth_sigma_m = follower.depth_sigma_m();
   SetSights(follower.measurements(), &source_.sights);
@@ -179,7 +180,8 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
   source_.track_id = track->id;
   RowSampler rows(source_, due_);
   const TimeNs late_ns = newest_ns - NsOf(config_.live.delay_s) - period_ns_;
-  const TimeInterval seen{follower.measurements().front().time_ns, follower.last_evidence_ns()};
+  const TimeInterval seen{follower.measurements().front().time_ns + follower.late_ns(),
+                          follower.last_evidence_ns() + follower.late_ns()};
   const double max_guessed_m = guessed_share * source_.max_sigma_m;
   while (std::optional<TrajectoryRow> row = rows.Next()) {
     const bool is_guessed = row->time_ns < seen.begin_ns || row->time_ns > seen.end_ns;

@@ -169,6 +169,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<SeenPlot>* settled) {
   for (std::int32_t k = at; k != kNoIndex && k != settled_;
        k = nodes_[static_cast<std::size_t>(k)].parent) {
     settled->push_back(PlotOf(nodes_[static_cast<std::size_t>(k)]));
+    Learn(nodes_[static_cast<std::size_t>(k)], &settled_lengths_);
   }
   std::reverse(settled->begin() + first, settled->end());
   settled_ = at;
@@ -253,7 +254,36 @@ Measurement TrackFollower::Measure(const Node& node) const {
   return m;
 }
 
+void TrackFollower::Learn(const Node& node, std::vector<KnownLength>* lengths) const {
+  const Plot& plot = PlotOf(node).plot;
+  if (plot.sensor >= lengths->size()) lengths->resize(plot.sensor + 1);
+  KnownLength& known = (*lengths)[plot.sensor];
+  known.num_returns += static_cast<int>(plot.num_returns);
+  Streak streak;
+  streak.length_s = plot.streak_s;
+  streak.stamp_s = static_cast<double>(PlotOf(node).stamp_ns - plot.frame_time_ns) * kSecondsPerNs;
+  streak.num_returns = static_cast<double>(plot.num_returns);
+  streak.scatter_m2 = PlotOf(node).scatter_m2;
+  streak.ray_m = plot.ray_m;
+  streak.velocity_mps = node.h.state.mean.col(1);
+  known.length.Add(streak, {body_sigma_m_, body_sigma_m_, body_sigma_m_});
+}
+
+// As in a recording by the sensor with the most returns.
+void TrackFollower::SetLate() {
+  lengths_ = settled_lengths_;
+  for (std::int32_t k = Head(); k != kNoIndex && k != settled_;
+       k = nodes_[static_cast<std::size_t>(k)].parent) {
+    Learn(nodes_[static_cast<std::size_t>(k)], &lengths_);
+  }
+  const auto main = std::max_element(
+      lengths_.begin(), lengths_.end(),
+      [](const KnownLength& a, const KnownLength& b) { return a.num_returns < b.num_returns; });
+  late_ns_ = NsOf(main->length.LateS());
+}
+
 void TrackFollower::Fit(TrajectoryFitter& fitter) {
+  SetLate();
   measurements_.clear();
   sightings_.clear();
   const std::int32_t head = Head();

@@ -11,6 +11,7 @@
 #include "base/queue.hpp"
 #include "live/seen_plot.hpp"
 #include "robust/collection/collect.hpp"
+#include "robust/collection/frame_length.hpp"
 #include "robust/tracking/track_model.hpp"
 #include "trajectory/trajectory.hpp"
 #include "trajectory/trajectory_fitter.hpp"
@@ -43,6 +44,10 @@ class TrackFollower {
   void Fit(TrajectoryFitter& fitter);
   const Trajectory& trajectory() const { return trajectory_; }
   const std::vector<Measurement>& measurements() const { return measurements_; }
+
+  // So much later than their times say returns were measured, as Target::late_ns.
+  TimeNs late_ns() const { return late_ns_; }
+
   double depth_sigma_m() const { return kFacingSideSigma * body_sigma_m_; }
 
   // Whether that leads by a plot, and the measurements by which it does: all but outliers.
@@ -100,6 +105,14 @@ class TrackFollower {
   bool IsLeftOut(std::size_t i) const { return trajectory_.weights[i] < 0.5; }
   Measurement Measure(const Node& node) const;
 
+  // What is known of how long the frames of a sensor last, by how many returns of the target.
+  struct KnownLength {
+    int num_returns = 0;
+    FrameLength length;
+  };
+  void Learn(const Node& node, std::vector<KnownLength>* lengths) const;
+  void SetLate();
+
   const std::vector<TrackModel>* models_;
   TrackerConfig tracker_;
   CollectConfig collect_;
@@ -116,6 +129,9 @@ class TrackFollower {
   double body_sum_m2_;               // of the spread of returns across ray and motion
   double body_count_;
   double body_sigma_m_;
+  std::vector<KnownLength> settled_lengths_;  // (sensors) by what is settled,
+  std::vector<KnownLength> lengths_;          // and by all that is believed
+  TimeNs late_ns_ = 0;
   Scratch scratch_;
 };
 

@@ -60,6 +60,7 @@ FittedTrack FitTrack(const Recording& recording, const Target& target,
   rows.presence = PresenceInterval(recording, target.measurements, config.silence_probability);
   rows.depth_sigma_m = target.depth_sigma_m;
   SetSights(target.measurements, &rows.sights);
+  rows.widenings = WideningsOf(target.doubts, rows.trajectory);
   rows.max_sigma_m = config.max_sigma_m;
   rows.support = SupportByFrame(recording, target.returns);
   track.begin_ns = rows.trajectory.begin_ns();

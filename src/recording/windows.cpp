@@ -57,6 +57,10 @@ void Cut(TimeNs at_ns, bool keeps_before, Piece* piece) {
       std::remove_if(measurements.begin(), measurements.end(),
                      [&](const Measurement& measurement) { return goes(measurement.time_ns); }),
       measurements.end());
+  auto& doubts = piece->target.doubts;
+  doubts.erase(std::remove_if(doubts.begin(), doubts.end(),
+                              [&](const Doubt& doubt) { return goes(doubt.time_ns); }),
+               doubts.end());
   piece->target.score *= static_cast<double>(returns.size()) / all;
 }
 
@@ -207,6 +211,8 @@ class WindowSearch {
       auto& measurements = before.target.measurements;
       measurements.insert(measurements.end(), behind.target.measurements.begin(),
                           behind.target.measurements.end());
+      auto& doubts = before.target.doubts;
+      doubts.insert(doubts.end(), behind.target.doubts.begin(), behind.target.doubts.end());
     }
     // What lies on the other side alone is the business of the window there, which saw more of it.
     for (std::size_t i = 0; i < pieces_.size(); ++i) {

@@ -8,6 +8,7 @@
 #include "robust/collection/hanging.hpp"
 #include "robust/collection/stays.hpp"
 #include "robust/plots/views.hpp"
+#include "robust/tracking/doubts.hpp"
 #include "robust/tracking/flight.hpp"
 
 namespace unlidar {
@@ -62,7 +63,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   result.counts = {views.num_unexplained(),
                    static_cast<std::size_t>(std::count(excluded.begin(), excluded.end(), 1)),
                    plots.size(), paths.size(), threshold};
-  for (const Path& path : paths) {
+  for (std::size_t k = 0; k < paths.size(); ++k) {
+    const Path& path = paths[k];
     if (!is_target(path)) continue;
     // A drone that shows as two plots in a frame leaves a second path beside its first.
     std::vector<Plot> members = PlotsOf(path, plots);
@@ -79,6 +81,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     // What another target's returns leave of it may be a single sighting, which is no track.
     if (target.measurements.size() < 2 || MayHang(target.measurements)) continue;
     target.score = path.score;
+    target.doubts = DoubtsOf(k, paths, plots, watch, config.tracker, target.measurements,
+                             config.collect.min_return_log);
     for (const std::uint32_t i : target.returns) excluded[i] = taken[i] = 1;
     result.targets.push_back(std::move(target));
   }
@@ -86,6 +90,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
       WithoutClouds(recording, sensor_views, plots, std::move(result.targets), trajectory_config);
   for (Target& target : result.targets) {
     for (Measurement& m : target.measurements) m.time_ns += target.late_ns;
+    for (Doubt& doubt : target.doubts) doubt.time_ns += target.late_ns;
   }
   return result;
 }

@@ -220,6 +220,66 @@ TEST(ConfirmedTracks, RowsFollowADroneThatSetsOff) {
   }
 }
 
+// A drone at 4 m/s, seen by a sensor that gives a frame without times every half second: its
+// returns were measured within so much of that from the stamp.
+SeenPlot SeldomAt(int i, double measured_s, Random* random) {
+  constexpr int kEvery = 5;
+  SeenPlot seen = PlotAt(kEvery * i, Eigen::Vector3d::Zero());
+  seen.plot.frame = static_cast<std::uint32_t>(i);
+  seen.plot.time_ns = seen.plot.frame_time_ns = seen.stamp_ns + kEvery * kPeriodNs / 2;
+  seen.plot.streak_s = kEvery * kPeriodS;
+  seen.time_s = (i + 0.5) * kEvery * kPeriodS;
+  constexpr int kReturns = 6;
+  seen.plot.num_returns = kReturns;
+  std::vector<Eigen::Vector3d> returns_m;
+  for (int k = 0; k < kReturns; ++k) {
+    const double time_s = kEvery * kPeriodS * i + random->Uniform(0.0, measured_s);
+    returns_m.push_back(Eigen::Vector3d(15.0, 4.0 * time_s - 20.0, 8.0) +
+                        random->NormalVector(0.1));
+    seen.plot.position_m += returns_m.back() / kReturns;
+  }
+  for (const Eigen::Vector3d& return_m : returns_m) {
+    const Eigen::Vector3d offset_m = return_m - seen.plot.position_m;
+    seen.scatter_m2 += offset_m * offset_m.transpose();
+  }
+  seen.plot.ray_m = seen.plot.position_m;
+  return seen;
+}
+
+// Every fifth frame of a LiDAR with ten a second, and one that takes half a second for a frame: the
+// streaks of the drone tell, as they do in a recording.
+TEST(ConfirmedTracks, RowsOfFramesThatComeSeldomAreWhereTheDroneWasThen) {
+  for (const double measured_s : {0.1, 0.5}) {
+    Tracks t;
+    t.tracks.SetPeriod(5 * kPeriodNs);
+    Random random(31);
+    const auto moment_at = [](int i) {
+      return Moment{(i + 0.5) * 0.5, {static_cast<std::uint32_t>(i)}};
+    };
+    Flight flight;
+    for (int i = 0; i < 12; ++i) {
+      flight.plots.push_back(SeldomAt(i, measured_s, &random));
+      flight.moments.push_back(moment_at(i));
+      t.tracks.AddInstants(FrameAt(5 * i));
+    }
+    ASSERT_TRUE(t.Begin(flight, kAnyScore));
+    for (int i = 12; i < 30; ++i) {
+      const SeenPlot seen = SeldomAt(i, measured_s, &random);
+      t.tracks.AddInstants(FrameAt(5 * i));
+      t.tracks.Extend({seen}, moment_at(i));
+      t.tracks.GiveRows(seen.plot.frame_time_ns, seen.stamp_ns);
+    }
+    ASSERT_GE(t.rows.size(), 25U);
+    for (std::size_t k = 0; k < t.rows.size(); ++k) {
+      const double time_s = static_cast<double>(t.rows[k].time_ns - kBeginNs) * kSecondsPerNs;
+      EXPECT_NEAR(t.rows[k].position_m.y(), 4.0 * time_s - 20.0, 0.5) << measured_s << ' ' << k;
+      if (k > 0) {
+        EXPECT_GT(t.rows[k].time_ns, t.rows[k - 1].time_ns);
+      }
+    }
+  }
+}
+
 // Beyond the last sighting a row is a guess: a poor one waits for the next sighting, or the end.
 TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
   for (const bool is_seen_again : {true, false}) {

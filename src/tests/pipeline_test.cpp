@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 #include <string_view>
@@ -325,6 +326,56 @@ TEST(SampleRows, AllRowsShareAnErrorOfDepthAlongTheRay) {
   EXPECT_TRUE(Sampled(source, times_ns).empty());
   source.depth_sigma_m = 0.0;
   EXPECT_EQ(Sampled(source, times_ns).size(), 2U);
+}
+
+// Of what is elsewhere with some probability, as much lies within so many sigmas of a row as of any
+// other; what is hardly likely changes little, however far away it is.
+TEST(SampleRows, SigmasHoldWhatIsDoubtedAsWell) {
+  const std::vector<TimeNs> times_ns = {10 * kPeriodNs};
+  RowSource source = SourceOf({0, 19 * kPeriodNs});
+  const TrajectoryRow plain = Sampled(source, times_ns).front();
+  constexpr double kOtherSigma_m = 0.3;
+  for (const double probability : {0.02, 0.2, 0.8}) {
+    const Eigen::Vector3d offset_m(5.0, -0.1, 0.0);
+    const Doubt doubt{times_ns[0], probability, plain.position_m + offset_m,
+                      Eigen::Vector3d::Constant(kOtherSigma_m * kOtherSigma_m)};
+    source.widenings = WideningsOf({doubt}, source.trajectory);
+    const TrajectoryRow row = Sampled(source, times_ns).front();
+    EXPECT_EQ(row.position_m, plain.position_m);
+    for (int axis = 0; axis < 3; ++axis) {
+      testing::Random random(7);
+      int num_within = 0;
+      constexpr int kDraws = 20000;
+      for (int k = 0; k < kDraws; ++k) {
+        const bool is_elsewhere = random.Uniform(0.0, 1.0) < probability;
+        const double error_m = is_elsewhere ? offset_m[axis] + random.Normal(kOtherSigma_m)
+                                            : random.Normal(plain.sigma_m[axis]);
+        if (std::abs(error_m) < 1.959964 * row.sigma_m[axis]) ++num_within;
+      }
+      EXPECT_NEAR(num_within, 0.95 * kDraws, 0.01 * kDraws) << probability << ' ' << axis;
+    }
+    EXPECT_EQ(row.sigma_m.x() > 1.0, probability > 0.05);
+  }
+  // It counts against the limit.
+  source.max_sigma_m = 1.0;
+  EXPECT_TRUE(Sampled(source, times_ns).empty());
+  source.widenings = WideningsOf({{times_ns[0]}}, source.trajectory);
+  EXPECT_EQ(Sampled(source, times_ns).front().sigma_m, plain.sigma_m);
+}
+
+TEST(SampleRows, BetweenTwoDoubtsSigmasChangeGradually) {
+  RowSource source = SourceOf({0, 19 * kPeriodNs});
+  source.widenings = {{4 * kPeriodNs, Eigen::Vector3d::Zero()},
+                      {8 * kPeriodNs, Eigen::Vector3d::Ones()}};
+  const std::vector<TimeNs> times_ns = {3 * kPeriodNs, 5 * kPeriodNs, 9 * kPeriodNs};
+  const auto rows = Sampled(source, times_ns);
+  source.widenings.clear();
+  const auto plain = Sampled(source, times_ns);
+  constexpr std::array<double, 3> kAdded_m2 = {0.0, 0.25, 1.0};
+  for (std::size_t i = 0; i < kAdded_m2.size(); ++i) {
+    const Eigen::Vector3d added_m2 = rows[i].sigma_m.cwiseAbs2() - plain[i].sigma_m.cwiseAbs2();
+    EXPECT_LT((added_m2.array() - kAdded_m2.at(i)).abs().maxCoeff(), 1e-9) << i;
+  }
 }
 
 TEST(SampleRows, TheRayOfARowBeginsWhereItsNearestMeasurementWasSeenFrom) {

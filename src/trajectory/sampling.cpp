@@ -7,6 +7,8 @@
 #include <optional>
 #include <utility>
 
+#include "base/square.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -56,6 +58,31 @@ TimeNs Silence(Iterator first, Iterator last, TimeNs period_ns, double probabili
   constexpr TimeNs kForeverNs = 1'000'000'000'000'000'000;
   const bool ends = static_cast<double>(period_ns) * periods < static_cast<double>(kForeverNs);
   return ends ? period_ns * static_cast<TimeNs>(periods) : kForeverNs;
+}
+
+// The sigma of a target that is elsewhere with some probability, `offset_m` off with another sigma:
+// that of a Gaussian which holds as much between as many sigmas as a fit's own does, 95 %. Its
+// variance would tell most of what is hardly likely but far away.
+double SigmaWith(double probability, double sigma_m, double offset_m, double other_sigma_m) {
+  constexpr double kSigmas = 1.959964;
+  constexpr double kWithin = 0.95;
+  const auto below = [](double x_m, double of_m) {
+    return 0.5 * std::erfc(-x_m / of_m * M_SQRT1_2);
+  };
+  const auto within = [&](double reach_m) {
+    return (1.0 - probability) * (2.0 * below(reach_m, sigma_m) - 1.0) +
+           probability * (below(reach_m - offset_m, other_sigma_m) -
+                          below(-reach_m - offset_m, other_sigma_m));
+  };
+  if (probability == 0.0 || within(kSigmas * sigma_m) >= kWithin) return sigma_m;
+  double low_m = kSigmas * sigma_m;
+  double high_m = low_m + std::abs(offset_m) + kSigmas * other_sigma_m;
+  constexpr int kHalvings = 50;
+  for (int i = 0; i < kHalvings; ++i) {
+    const double middle_m = 0.5 * (low_m + high_m);
+    (within(middle_m) < kWithin ? low_m : high_m) = middle_m;
+  }
+  return high_m / kSigmas;
 }
 
 }  // namespace
@@ -108,6 +135,27 @@ std::vector<FrameSupport> SupportByFrame(const Recording& recording,
   return support;
 }
 
+std::vector<Widening> WideningsOf(const std::vector<Doubt>& doubts, const Trajectory& trajectory) {
+  std::vector<Widening> widenings;
+  for (const Doubt& doubt : doubts) {
+    const TrajectoryRow row = trajectory.At(doubt.time_ns);
+    Eigen::Vector3d added_m2;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double sigma_m = SigmaWith(doubt.probability, row.sigma_m[axis],
+                                       doubt.position_m[axis] - row.position_m[axis],
+                                       std::sqrt(doubt.variance_m2[axis]));
+      added_m2[axis] = Square(sigma_m) - Square(row.sigma_m[axis]);
+    }
+    if (!widenings.empty() && widenings.back().time_ns == doubt.time_ns) {
+      Eigen::Vector3d& before_m2 = widenings.back().variance_m2;
+      before_m2 = before_m2.cwiseMax(added_m2);
+    } else {
+      widenings.push_back({doubt.time_ns, added_m2});
+    }
+  }
+  return widenings;
+}
+
 void SetSights(const std::vector<Measurement>& measurements, std::vector<Sight>* sights) {
   sights->clear();
   for (const Measurement& m : measurements) sights->push_back({m.time_ns, m.viewpoint_m});
@@ -142,7 +190,7 @@ std::optional<TrajectoryRow> RowSampler::Sample() {
     row.track_id = source_.track_id;
     const Eigen::Vector3d ray_m = row.position_m - ViewpointAt(time_ns);
     const Eigen::Vector3d depth_m = source_.depth_sigma_m * ray_m.stableNormalized();
-    row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2()).cwiseSqrt();
+    row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2() + WideningAt(time_ns)).cwiseSqrt();
     if (IsFinite(row) && row.sigma_m.maxCoeff() <= source_.max_sigma_m) return row;
   }
   return std::nullopt;
@@ -159,6 +207,21 @@ Eigen::Vector3d RowSampler::ViewpointAt(TimeNs time_ns) const {
     --at;
   }
   return at->viewpoint_m;
+}
+
+// Beyond the ends as there.
+Eigen::Vector3d RowSampler::WideningAt(TimeNs time_ns) const {
+  const std::vector<Widening>& all = source_.widenings;
+  if (all.empty()) return Eigen::Vector3d::Zero();
+  const auto after =
+      std::lower_bound(all.begin(), all.end(), time_ns,
+                       [](const Widening& one, TimeNs t) { return one.time_ns < t; });
+  if (after == all.end()) return all.back().variance_m2;
+  if (after == all.begin()) return all.front().variance_m2;
+  const Widening& before = *std::prev(after);
+  const double share = static_cast<double>(time_ns - before.time_ns) /
+                       static_cast<double>(after->time_ns - before.time_ns);
+  return (1.0 - share) * before.variance_m2 + share * after->variance_m2;
 }
 
 RowStream SampleRows(const RowSource& source, const OutputInstants& instants) {

@@ -49,6 +49,16 @@ struct Sight {
   Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();
 };
 
+// How much wider than its fit says the position of a target is spread at some time, per axis.
+struct Widening {
+  TimeNs time_ns = 0;
+  Eigen::Vector3d variance_m2 = Eigen::Vector3d::Zero();
+};
+
+// So that they hold what is doubted of a fit as well. Of several doubts of one time the gravest
+// counts.
+std::vector<Widening> WideningsOf(const std::vector<Doubt>& doubts, const Trajectory& trajectory);
+
 void SetSights(const std::vector<Measurement>& measurements, std::vector<Sight>* sights);
 
 // What the rows of a track are computed from. They are not kept: there may be millions of them.
@@ -56,8 +66,9 @@ struct RowSource {
   int track_id = 0;
   Trajectory trajectory;
   TimeInterval presence;
-  double depth_sigma_m = 0.0;  // an error that all rows share, along their rays:
-  std::vector<Sight> sights;   // from the viewpoint of the nearest of these, in order of time
+  double depth_sigma_m = 0.0;       // an error that all rows share, along their rays:
+  std::vector<Sight> sights;        // from the viewpoint of the nearest of these, in order of time
+  std::vector<Widening> widenings;  // in order of time: between two of them as on a straight line
   double max_sigma_m = 0.0;
   std::vector<FrameSupport> support;
 };
@@ -77,6 +88,7 @@ class RowSampler {
  private:
   std::optional<TrajectoryRow> Sample();
   Eigen::Vector3d ViewpointAt(TimeNs time_ns) const;
+  Eigen::Vector3d WideningAt(TimeNs time_ns) const;
 
   const RowSource& source_;
   const OutputInstants& instants_;

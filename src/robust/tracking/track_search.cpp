@@ -118,6 +118,21 @@ void TrackSearch::AppendPathsToLastSlice(double least, Queue<Path>* paths) const
   }
 }
 
+void TrackSearch::AppendWays(const Moment& end, double least, std::vector<Way>* ways) const {
+  for (const Hypothesis& last : history_) {
+    if (last.score < least) continue;
+    Way way;
+    way.score = model_.ScoreUnseen(last, end);
+    if (way.score < least) continue;
+    for (const Hypothesis* h = &last; h != nullptr;
+         h = h->parent == kNoIndex ? nullptr : &history_[static_cast<std::size_t>(h->parent)]) {
+      way.steps.push_back({static_cast<std::uint32_t>(h->plot), h->time_s, h->state});
+    }
+    std::reverse(way.steps.begin(), way.steps.end());
+    ways->push_back(std::move(way));
+  }
+}
+
 void TrackSearch::DropTaken() {
   std::vector<std::int32_t>& is_taken = marks_;
   is_taken.resize(history_.size());
@@ -186,6 +201,7 @@ void TrackSearch::Extend(const Slice& slice) {
       h.parent = p.history;
       Add(h);
     }
+    if (log_births_[i] < config_.give_up_log) continue;  // where nothing begins
     for (const double speed_mps : config_.birth_speeds_mps) {
       Hypothesis h = model_.Birth(plots_[i], log_births_[i], slice.at, speed_mps);
       h.plot = static_cast<std::int32_t>(i);

@@ -36,6 +36,17 @@ void SetSlice(const std::vector<Plot>& plots, const std::vector<double>& log_bir
 std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
                             const Watch& watch, const TrackerConfig& config);
 
+// One of the ways that a search has found.
+struct Way {
+  struct Step {
+    std::uint32_t plot = 0;
+    double time_s = 0.0;  // in the middle of its frame,
+    State state;          // and what was known then
+  };
+  std::vector<Step> steps;  // since it began
+  double score = 0.0;       // unseen since the last of them
+};
+
 class TrackSearch {
  public:
   // Searches at once; `free` (size of `plots`) is kept: plots may cease to be free later on.
@@ -56,6 +67,13 @@ class TrackSearch {
 
   // Appends the best path to each plot of the last slice, if its score is at least `least`.
   void AppendPathsToLastSlice(double least, Queue<Path>* paths) const;
+
+  // Begins nowhere else but with this one, as of a plot before all that follow.
+  void Begin(const Hypothesis& hypothesis) { Add(hypothesis); }
+
+  // Appends all ways, unseen from their last plots to the end, but for those whose score is less
+  // than `least` then.
+  void AppendWays(const Moment& end, double least, std::vector<Way>* ways) const;
 
   // Drops the hypotheses that hold plots which are free no more.
   void DropTaken();

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/parallel.hpp"
+#include "robust/tracking/backwards.hpp"
 #include "robust/tracking/path_exchange.hpp"
 #include "robust/tracking/track_model.hpp"
 #include "robust/tracking/track_search.hpp"
@@ -38,26 +39,6 @@ Path BestOf(std::vector<TrackSearch>* searches) {
     if (path.score > best.score) best = std::move(path);
   }
   return best;
-}
-
-// Time that runs the other way, without overflow.
-TimeNs Backwards(TimeNs time_ns) { return ~time_ns; }
-
-Watch Backwards(Watch watch) {
-  for (Watch::Sensor& sensor : watch.sensors) {
-    std::vector<TimeNs>& times_ns = sensor.frame_times_ns;
-    std::reverse(times_ns.begin(), times_ns.end());
-    for (TimeNs& time_ns : times_ns) time_ns = Backwards(time_ns);
-  }
-  return watch;
-}
-
-Plot Backwards(const Plot& plot) {
-  Plot backwards = plot;
-  backwards.returns.clear();  // no search looks at them
-  backwards.time_ns = Backwards(plot.time_ns);
-  backwards.frame_time_ns = Backwards(plot.frame_time_ns);
-  return backwards;
 }
 
 class PathFinder {

@@ -21,6 +21,11 @@ constexpr double kLongStandS = 2.0;
 constexpr double kUnknownLog = 16.0;
 constexpr double kLearningS = 10.0;
 
+// What is so much higher than all that walks and drives is no part of it, however little is known
+// of the ground; and so few other plots about a path, as a share of its own, may be strays.
+constexpr double kClearlyOff = 2.0;
+constexpr double kFewOthers = 0.1;
+
 // A stream does not know how often a place will be hit later on: a twig that is hit more often for
 // a while looks like something new. What neither moves nor floats may be one.
 bool MovesOrFloats(const std::vector<SeenPlot>& path) {
@@ -200,6 +205,30 @@ const Flight* LiveSearch::FlightOf(const Path& path) {
   flight.log_birth = log_births_[path.plots[first]];
   flight.is_cut = first > 0;
   return &flight;
+}
+
+bool LiveSearch::IsAlone(const Path& path) const {
+  const std::vector<SeenPlot>& flight = flight_.plots;
+  const double least_height_m = kClearlyOff * config_.robust.off_ground_m;
+  const auto is_low = [&](const SeenPlot& seen) { return seen.plot.lowest_m < least_height_m; };
+  if (std::any_of(flight.begin(), flight.end(), is_low)) return false;
+  const auto is_about = [&](const SeenPlot& other) {
+    return std::any_of(flight.begin(), flight.end(), [&](const SeenPlot& seen) {
+      const double reach_m = config_.robust.support.ReachM(seen.plot.ray_m.norm());
+      return (other.plot.position_m - seen.plot.position_m).squaredNorm() < reach_m * reach_m;
+    });
+  };
+  const double most = kFewOthers * static_cast<double>(flight.size());
+  double others = 0.0;
+  auto own = path.plots.begin();
+  for (std::uint32_t i = 0; i < seen_.size(); ++i) {
+    if (own != path.plots.end() && *own == i) {
+      ++own;
+    } else if (is_about(seen_[i]) && ++others > most) {
+      return false;
+    }
+  }
+  return true;
 }
 
 Flight LiveSearch::WithPast(const Flight& flight) {

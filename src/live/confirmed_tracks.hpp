@@ -23,7 +23,9 @@ namespace unlidar {
 // stream, or the one that goes through all of it.
 enum class Look { kFirst, kWhole };
 
-// Events of a track: that it is confirmed, before its first row; its rows; its end.
+// Events of a track: that it is confirmed, before its first row; its rows; its end. Each look goes
+// on with its own tracks alone, but what the first has is not free to the other, which is behind
+// it.
 class ConfirmedTracks {
  public:
   // `config` and `models`, as of TrackFollower, outlive it.
@@ -36,9 +38,6 @@ class ConfirmedTracks {
   // Takes in the output times of a frame, of no earlier stamp than all before.
   void AddInstants(const FrameInfo& frame) { instants_.Add(frame); }
 
-  // The tracks of a look alone go on with what it gives. To the whole one, which is behind it, the
-  // first look's plots are not free.
-  //
   // Goes on with plots of a frame at `at`. Each is that of one track at most, of the one that it
   // suits best. Returns (plots) which are free, until the next call: no track explains them better
   // than clutter, so they may be another target's.

@@ -30,12 +30,15 @@ struct SceneFrame {
   std::vector<SeenPlot> plots;  // in the common frame, judged
 };
 
+// So long a stream is only looked at before what it shows can be judged by what is known of it.
+inline constexpr TimeNs kWarmUpNs = 3'000'000'000;
+
 // What each station knows of its surroundings grows with every frame. A frame is taken, waits until
 // its station is warm, is made into plots, and is held until bodies beside them have shown.
 class LiveScene {
  public:
   // `config` outlives it.
-  explicit LiveScene(const Config& config);
+  explicit LiveScene(const Config& config, TimeNs warm_up_ns = kWarmUpNs);
 
   // Returns the viewpoint of its station, in the common frame. A sensor may be told again.
   Eigen::Vector3f AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m);
@@ -130,6 +133,7 @@ class LiveScene {
   void Judge(SceneFrame* frame);
 
   const Config& config_;
+  TimeNs warm_up_ns_;
 
   // Time.
   bool has_begun_ = false;

@@ -21,21 +21,29 @@ constexpr double kLongStandS = 2.0;
 constexpr double kUnknownLog = 16.0;
 constexpr double kLearningS = 10.0;
 
+// What is so much higher than all that walks and drives is no part of it, however little is known
+// of the ground; and so few other plots about a path, as a share of its own, may be strays.
+constexpr double kClearlyOff = 2.0;
+constexpr double kFewOthers = 0.1;
+
+// How far the last third of some plots in order of time lies from the first.
+double DriftM(const SeenPlot* plots, std::size_t count) {
+  const std::size_t third = std::max<std::size_t>(1, count / 3);
+  Eigen::Vector3d way_m = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < third; ++i) {
+    way_m += plots[count - third + i].plot.position_m - plots[i].plot.position_m;
+  }
+  return way_m.norm() / static_cast<double>(third);
+}
+
 // A stream does not know how often a place will be hit later on: a twig that is hit more often for
 // a while looks like something new. What neither moves nor floats may be one.
 bool MovesOrFloats(const std::vector<SeenPlot>& path) {
-  const std::size_t third = std::max<std::size_t>(1, path.size() / 3);
-  Eigen::Vector3d begin_m = Eigen::Vector3d::Zero();
-  Eigen::Vector3d end_m = Eigen::Vector3d::Zero();
-  std::size_t num_floating = 0;
-  for (std::size_t i = 0; i < path.size(); ++i) {
-    const Plot& plot = path[i].plot;
-    if (i < third) begin_m += plot.position_m / static_cast<double>(third);
-    if (i >= path.size() - third) end_m += plot.position_m / static_cast<double>(third);
-    num_floating += plot.is_floating ? 1U : 0U;
-  }
+  const auto num_floating = std::count_if(
+      path.begin(), path.end(), [](const SeenPlot& seen) { return seen.plot.is_floating; });
   const double least_m = kLeastMove.At(path.front().plot.ray_m.norm());
-  return 2 * num_floating >= path.size() || (end_m - begin_m).norm() > least_m;
+  return 2 * static_cast<std::size_t>(num_floating) >= path.size() ||
+         DriftM(path.data(), path.size()) > least_m;
 }
 
 // How many plots at the begin of a path are low: up to the last part between two pauses that is.
@@ -55,7 +63,7 @@ std::size_t LowPrefix(const std::vector<SeenPlot>& path, double off_ground_m) {
 }
 
 // How many plots at the begin of a path stand still for long without floating: what flies off from
-// there is another thing than what stands there.
+// there is another thing than what stands there. What drifts does not stand, however slow it is.
 std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
   const double least_m = kLeastMove.At(path.front().plot.ray_m.norm());
   Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
@@ -69,7 +77,8 @@ std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
     ++count;
   }
   const bool is_long = path[count - 1].time_s - path.front().time_s > kLongStandS;
-  return is_long && 2 * num_floating < count && count < path.size() ? count : 0;
+  const bool stands = 2.0 * DriftM(path.data(), count) < least_m;
+  return is_long && stands && 2 * num_floating < count && count < path.size() ? count : 0;
 }
 
 // How many plots at the begin of a path lie before its last long pause.
@@ -200,6 +209,30 @@ const Flight* LiveSearch::FlightOf(const Path& path) {
   flight.log_birth = log_births_[path.plots[first]];
   flight.is_cut = first > 0;
   return &flight;
+}
+
+bool LiveSearch::IsAlone(const Path& path) const {
+  const std::vector<SeenPlot>& flight = flight_.plots;
+  const double least_height_m = kClearlyOff * config_.robust.off_ground_m;
+  const auto is_low = [&](const SeenPlot& seen) { return seen.plot.lowest_m < least_height_m; };
+  if (std::any_of(flight.begin(), flight.end(), is_low)) return false;
+  const auto is_about = [&](const SeenPlot& other) {
+    return std::any_of(flight.begin(), flight.end(), [&](const SeenPlot& seen) {
+      const double reach_m = config_.robust.support.ReachM(seen.plot.ray_m.norm());
+      return (other.plot.position_m - seen.plot.position_m).squaredNorm() < reach_m * reach_m;
+    });
+  };
+  const double most = kFewOthers * static_cast<double>(flight.size());
+  double others = 0.0;
+  auto own = path.plots.begin();
+  for (std::uint32_t i = 0; i < seen_.size(); ++i) {
+    if (own != path.plots.end() && *own == i) {
+      ++own;
+    } else if (is_about(seen_[i]) && ++others > most) {
+      return false;
+    }
+  }
+  return true;
 }
 
 Flight LiveSearch::WithPast(const Flight& flight) {

@@ -53,6 +53,10 @@ class LiveSearch {
   // call. Null if that is no drone, or if another path took any of its plots.
   const Flight* FlightOf(const Path& path);
 
+  // Whether that flight is sure although its surroundings were hardly looked at: it is high above
+  // all that walks and drives, and nothing else was seen about any of its places until now.
+  bool IsAlone(const Path& path) const;
+
   // That flight with what it was before the search found it, which is the track's from now on.
   Flight WithPast(const Flight& flight);
 

@@ -4,6 +4,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
+#include <vector>
 
 #include "io/frame_preparation.hpp"
 #include "live/confirmed_tracks.hpp"
@@ -15,7 +17,9 @@
 namespace unlidar {
 
 // Scene -> plots -> the tracks that they are -> a search through the others -> new tracks; and back
-// to the scene only which plots were no clutter.
+// to the scene only which plots were no clutter. In the first seconds, while the scene is learned,
+// a first look goes ahead: a scene and a search of its own, which take what flies alone in the air
+// for a track. The whole search goes on with those when it has come as far.
 class LiveTracker {
  public:
   LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event);
@@ -27,8 +31,8 @@ class LiveTracker {
 
   // Whether any sensor is blinded, or may turn out to be, from the next frame on.
   void SetBlinded(bool is_blinded) {
-    scene_.SetBlinded(is_blinded);
-    search_.SetBlinded(is_blinded);
+    whole_.scene.SetBlinded(is_blinded);
+    whole_.search.SetBlinded(is_blinded);
   }
 
   // Takes a frame, of no earlier stamp than all before. As LiveScene::Take().
@@ -44,24 +48,39 @@ class LiveTracker {
   // No frame will follow.
   void Close(TimeNs newest_ns);
 
-  bool is_warm() const { return scene_.is_warm(); }
+  bool is_warm() const { return whole_.scene.is_warm(); }
 
   // Tracks of one engine never share a number.
   int next_id() const { return tracks_.next_id(); }
   void NumberFrom(int id) { tracks_.NumberFrom(id); }
 
  private:
-  void MakePlots(std::size_t most);
-  void SearchUntil(TimeNs until_ns);
-  void Search(const SceneFrame& frame);
+  // One way through the frames.
+  struct Pass {
+    Pass(const Config& config, Look its_look, TimeNs warm_up_ns);
+    Pass(const Pass&) = delete;
+    Pass& operator=(const Pass&) = delete;
+
+    Look look;
+    LiveScene scene;
+    LiveSearch search;
+    SceneFrame frame;                                         // the one at hand
+    TimeNs searched_ns = std::numeric_limits<TimeNs>::min();  // middle of the newest one searched
+    double tidied_s = 0.0;
+  };
+
+  void TakeAhead(const LoadedFrame& frame);
+  void MakePlots(Pass* pass, std::size_t most);
+  void SearchUntil(Pass* pass, TimeNs until_ns);
+  void Search(Pass* pass);
+  void Confirm(Pass* pass);
 
   Config config_;
-  LiveScene scene_;
-  LiveSearch search_;
+  Pass whole_;
+  std::unique_ptr<Pass> ahead_;     // until the other has come as far
+  std::vector<char> are_of_begin_;  // (sensors) it has heard them before it was warm
+  LoadedFrame copy_;                // of a frame, for it
   ConfirmedTracks tracks_;
-  SceneFrame frame_;                                         // the one at hand
-  TimeNs searched_ns_ = std::numeric_limits<TimeNs>::min();  // middle of the newest frame searched
-  double tidied_s_ = 0.0;
 };
 
 }  // namespace unlidar

@@ -47,14 +47,17 @@ TrackJudge::Verdict TrackJudge::Judge(int number, const TrackFollower& follower,
   return verdict;
 }
 
+void TrackJudge::Forget(int number) {
+  clouds_.erase(std::remove_if(clouds_.begin(), clouds_.end(),
+                               [&](const Cloud& cloud) { return cloud.number == number; }),
+                clouds_.end());
+}
+
 // By its shape, and those of others lately. What it was judged before is forgotten.
 bool TrackJudge::IsCloud(int number, const TrackFollower& follower,
                          const std::vector<SeenPlot>& seen, double time_s) {
-  clouds_.erase(std::remove_if(clouds_.begin(), clouds_.end(),
-                               [&](const Cloud& cloud) {
-                                 return cloud.number == number || time_s - cloud.time_s > window_s_;
-                               }),
-                clouds_.end());
+  Forget(number);
+  while (!clouds_.empty() && time_s - clouds_.front().time_s > window_s_) clouds_.pop_front();
   while (clouds_.size() >= kMaxClouds) clouds_.pop_front();
   const Trajectory& trajectory = follower.trajectory();
   shape_.Clear();

@@ -33,6 +33,9 @@ class TrackJudge {
                 const std::vector<SeenPlot>& seen, double time_s,
                 const std::optional<Verdict>& before);
 
+  // Forgets what it was judged to be.
+  void Forget(int number);
+
  private:
   struct Cloud {
     int number;

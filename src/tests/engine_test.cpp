@@ -149,6 +149,45 @@ TEST(Engine, TellsOfADroneThatWasThereFromTheBegin) {
   EXPECT_GT(told.rows.size(), 135U);
 }
 
+// With what is seen about it and below it the same second would tell of a twig, or of somebody.
+TEST(Engine, WhatFliesHighAndAloneIsATrackBeforeTheSceneIsKnown) {
+  const auto frames_with = [](double height_m, bool has_company, int count) {
+    Random random(7);
+    std::vector<Frame> frames = Frames(Scene(1, 1e9, 1e9), count);
+    for (int i = 0; i < count; ++i) {
+      const auto add = [&](const Eigen::Vector3d& point_m) {
+        frames[static_cast<std::size_t>(i)].points_m.push_back(point_m.cast<float>());
+      };
+      const Eigen::Vector3d drone_m(-4.0 + 0.3 * i, 9.0, height_m);
+      for (int k = 0; k < 4; ++k) add(drone_m + random.NormalVector(0.1));
+      if (has_company) add({random.Uniform(-4.0, 2.0), 10.5, height_m});
+    }
+    return frames;
+  };
+  constexpr int kTwoSeconds = 20;
+  const Told told = ToldOf(frames_with(6.0, false, kTwoSeconds));
+  ASSERT_EQ(told.confirmed.size(), 1U);
+  EXPECT_GE(told.rows.size(), 18U);
+  for (const TrajectoryRow& row : told.rows) {
+    const double time_s = static_cast<double>(row.time_ns - kBeginNs) * 1e-9;
+    EXPECT_LT((row.position_m - Eigen::Vector3d(-4.0 + 3.0 * time_s, 9.0, 6.0)).norm(), 0.5);
+  }
+  // The search of the whole goes on with it: without a pause, and no later than any.
+  constexpr int kSixSeconds = 60;
+  const Told longer = ToldOf(frames_with(6.0, false, kSixSeconds));
+  ASSERT_EQ(longer.confirmed.size(), 1U);
+  ASSERT_GE(longer.rows.size(), 58U);
+  for (std::size_t i = 1; i < longer.rows.size(); ++i) {
+    EXPECT_EQ(longer.rows[i].time_ns - longer.rows[i - 1].time_ns, kPeriodNs);
+  }
+  ASSERT_GT(longer.delays_s.size(), 40U);
+  EXPECT_LE(*std::max_element(longer.delays_s.begin(), longer.delays_s.end()),
+            Config().live.delay_s + kPeriodS + 1e-6);
+  EXPECT_TRUE(ToldOf(frames_with(6.0, true, kTwoSeconds)).confirmed.empty());
+  EXPECT_TRUE(ToldOf(frames_with(1.0, false, kTwoSeconds)).confirmed.empty());
+  EXPECT_EQ(ToldOf(frames_with(1.0, false, kSixSeconds)).confirmed.size(), 1U);
+}
+
 // What was too little to be a track before a long pause is no part of what comes after it.
 TEST(Engine, NoTrackReachesBackBeyondALongPause) {
   std::vector<Frame> frames = Frames(Scene(1, 6.0, 6.35), 90);

@@ -1,0 +1,87 @@
+#include "live/live_search.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "tests/synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::kBeginNs;
+using testing::kPeriodNs;
+using testing::kPeriodS;
+using testing::Random;
+
+constexpr double kRangeM = 57.0;
+
+// When the first flight began that is found among plots, one a frame, of which none floats; none
+// if none is.
+template <class PlaceAt>
+std::optional<double> BeginOfFlight(int num_frames, const PlaceAt& place_at) {
+  const Config config;
+  LiveSearch search(config);
+  SensorInfo info;
+  info.frame_period_ns = kPeriodNs;
+  search.SetSensor(0, info, Eigen::Vector3f::Zero());
+  Random random(5);
+  for (int i = 0; i < num_frames; ++i) {
+    SceneFrame frame;
+    frame.info.stamp_ns = frame.info.begin_ns = kBeginNs + i * kPeriodNs;
+    frame.info.end_ns = frame.info.begin_ns + kPeriodNs;
+    frame.time_s = (i + 0.5) * kPeriodS;
+    frame.watched_s = 60.0;
+    frame.is_searched = true;
+    SeenPlot seen;
+    seen.time_s = frame.time_s;
+    seen.stamp_ns = frame.info.stamp_ns;
+    Plot& plot = seen.plot;
+    plot.frame = static_cast<std::uint32_t>(i);
+    plot.time_ns = plot.frame_time_ns = frame.info.middle_ns();
+    plot.position_m = plot.ray_m = place_at(frame.time_s) + random.NormalVector(0.15);
+    plot.variance_m2 = 0.03;
+    plot.lowest_m = 50.0;
+    plot.log_clutter = -3.0;
+    plot.num_returns = 2;
+    frame.plots.push_back(seen);
+    search.Begin(frame);
+    for (const Path& path : search.Extend(frame, {1})) {
+      const Flight* const flight = search.FlightOf(path);
+      if (flight != nullptr) return flight->plots.front().time_s;
+    }
+  }
+  return std::nullopt;
+}
+
+// What creeps, goes on a little faster and stands is one thing, although neither its begin nor its
+// end moves far.
+TEST(LiveSearch, WhatDriftsDoesNotStandWhereItBegan) {
+  const auto begin_s = BeginOfFlight(150, [](double time_s) {
+    constexpr double kFasterS = 6.0;
+    const double crept_m = 0.3 * std::min(time_s, kFasterS);
+    return Eigen::Vector3d(crept_m + std::clamp(time_s - kFasterS, 0.0, 2.2), 0.0, kRangeM);
+  });
+  ASSERT_TRUE(begin_s);
+  EXPECT_LT(*begin_s, 1.0);
+}
+
+TEST(LiveSearch, WhatFliesOffFromATwigIsNotTheTwig) {
+  constexpr double kOffS = 6.0;
+  const auto begin_s = BeginOfFlight(150, [](double time_s) {
+    return Eigen::Vector3d(std::max(0.0, 3.0 * (time_s - kOffS)), 0.0, kRangeM);
+  });
+  ASSERT_TRUE(begin_s);
+  EXPECT_GT(*begin_s, kOffS);
+}
+
+TEST(LiveSearch, WhatStandsAndDoesNotFloatIsNoFlight) {
+  EXPECT_FALSE(BeginOfFlight(300, [](double) { return Eigen::Vector3d(0.0, 0.0, kRangeM); }));
+}
+
+}  // namespace
+}  // namespace unlidar

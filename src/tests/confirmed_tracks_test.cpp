@@ -268,8 +268,8 @@ TEST(ConfirmedTracks, RowsOfFramesThatComeSeldomAreWhereTheDroneWasThen) {
     for (int i = 12; i < 30; ++i) {
       const SeenPlot seen = SeldomAt(i, measured_s, &random);
       t.tracks.AddInstants(FrameAt(5 * i));
-      t.tracks.Extend({seen}, moment_at(i));
-      t.tracks.GiveRows(seen.plot.frame_time_ns, seen.stamp_ns);
+      t.tracks.Extend(Look::kWhole, {seen}, moment_at(i));
+      t.tracks.GiveRows(Look::kWhole, seen.plot.frame_time_ns, seen.stamp_ns);
     }
     ASSERT_GE(t.rows.size(), 25U);
     for (std::size_t k = 0; k < t.rows.size(); ++k) {

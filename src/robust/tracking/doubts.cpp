@@ -236,9 +236,10 @@ std::vector<Doubt> DoubtsOf(std::size_t path, const std::vector<Path>& paths,
   for (auto i = members.rbegin(); i != members.rend(); ++i) {
     back.push_back(static_cast<std::uint32_t>(plots.size()) - 1 - *i);
   }
-  std::reverse(free.begin(), free.end());
+  const std::vector<char> free_back(free.rbegin(), free.rend());
   const Watch backwards = Backwards(watch);
-  for (Doubt doubt : Ways(mirrored, back, free, backwards, config).Doubts(num_before * log_seen)) {
+  const Ways ways(mirrored, back, free_back, backwards, config);
+  for (Doubt doubt : ways.Doubts(num_before * log_seen)) {
     doubt.time_ns = Backwards(doubt.time_ns);
     doubts.push_back(doubt);
   }

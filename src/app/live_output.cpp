@@ -74,12 +74,11 @@ LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events,
   events_.emplace(events, GrowingFile::Format{"", "{\"event\":"}, signals, ignore, note);
 }
 
-void LiveOutput::Confirm(TimeNs at_ns, const TrackConfirmed& track) {
+// It is told with its first row: what reads the rows after a kill must know every number that was.
+void LiveOutput::Confirm(const TrackConfirmed& track) {
   Confirmed& confirmed = alive_[track.track_id];
   confirmed.first_evidence_ns = track.first_evidence_ns;
   confirmed.kind = track.kind;
-  if (!IsLeftOut(track.first_evidence_ns) && track.kind.drone >= least_drone_)
-    Announced(at_ns, confirmed);
 }
 
 void LiveOutput::Give(TimeNs at_ns, const RowGiven& given) {

@@ -58,8 +58,9 @@ class LiveOutput {
     hold_ns_ = hold_ns;
   }
 
-  // Each goes to both files with the next Flush(); `at_ns` is the newest stamp taken in.
-  void Confirm(TimeNs at_ns, const TrackConfirmed& track);
+  // Each goes to both files with the next Flush(), a track with its first row; `at_ns` is the newest
+  // stamp taken in.
+  void Confirm(const TrackConfirmed& track);
   void Give(TimeNs at_ns, const RowGiven& given);
   void End(TimeNs at_ns, const TrackEnded& track);
   void TellSensor(TimeNs at_ns, const std::string& name, SensorState state);

@@ -12,7 +12,7 @@ bool IsWorthANote(std::uint64_t count) { return count > 0 && (count & (count - 1
 
 void LiveTeller::Take(const EngineEvent& event, const LiveProgress& now) {
   if (const auto* confirmed = std::get_if<TrackConfirmed>(&event)) {
-    output_.Confirm(now.newest_ns, *confirmed);
+    output_.Confirm(*confirmed);
   } else if (const auto* given = std::get_if<RowGiven>(&event)) {
     output_.Give(now.newest_ns, *given);
   } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {

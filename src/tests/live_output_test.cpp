@@ -46,7 +46,7 @@ class OnlyDrones : public ::testing::Test {
 
   // A track of which the n-th second is told with the n-th of these probabilities.
   std::string WrittenOf(const std::vector<double>& drones, int track_id = 0) {
-    output_.Confirm(0, {track_id, 0, {drones.front(), 1.0 - drones.front(), 0.0}});
+    output_.Confirm({track_id, 0, {drones.front(), 1.0 - drones.front(), 0.0}});
     int second = 0;
     for (const double drone : drones) {
       ++second;
@@ -83,6 +83,22 @@ TEST_F(OnlyDrones, RowsThatWaitedTooLongAreForgotten) {
 }
 
 TEST_F(OnlyDrones, WithoutItNothingWaits) { EXPECT_EQ(WrittenOf({0.0, 0.0}), Text({1, 2})); }
+
+// The next run numbers on from the rows, which is all that it can read.
+TEST(LiveOutput, ATrackIsToldWithItsFirstRowSoThatNoKillMakesTwoOfOneNumber) {
+  const testing::TemporaryFolder folder;
+  const std::string events = folder / "events.jsonl";
+  Signals signals;
+  LiveOutput output(folder / "traj.csv", events, signals, [](const std::string&) {});
+  output.Confirm({0, 0, {}});
+  output.Flush();
+  EXPECT_EQ(ReadFile(events), "");
+  output.Give(kSecondNs, Row(1, 0.5));
+  output.Flush();
+  const std::string told = ReadFile(events);
+  EXPECT_EQ(told.find("{\"event\":\"track\""), 0U);
+  EXPECT_NE(told.find("{\"event\":\"row\""), std::string::npos);
+}
 
 }  // namespace
 }  // namespace unlidar

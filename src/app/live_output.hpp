@@ -58,8 +58,8 @@ class LiveOutput {
     hold_ns_ = hold_ns;
   }
 
-  // Each goes to both files with the next Flush(), a track with its first row; `at_ns` is the newest
-  // stamp taken in.
+  // Each goes to both files with the next Flush(), a track with its first row; `at_ns` is the
+  // newest stamp taken in.
   void Confirm(const TrackConfirmed& track);
   void Give(TimeNs at_ns, const RowGiven& given);
   void End(TimeNs at_ns, const TrackEnded& track);

@@ -78,16 +78,14 @@ LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events,
 void LiveOutput::Confirm(const TrackConfirmed& track) {
   Confirmed& confirmed = alive_[track.track_id];
   confirmed.first_evidence_ns = track.first_evidence_ns;
-  confirmed.kind = track.kind;
 }
 
 void LiveOutput::Give(TimeNs at_ns, const RowGiven& given) {
   const TrajectoryRow& row = given.row;
   if (IsLeftOut(row.time_ns)) return;
   Confirmed& confirmed = alive_[row.track_id];
-  confirmed.kind = given.kind;
   if (!confirmed.track && given.kind.drone < least_drone_) return Hold(row, confirmed);
-  LiveTrack& track = Announced(at_ns, confirmed);
+  LiveTrack& track = Announced(at_ns, given.kind, confirmed);
   // Given as late as they were held.
   for (const TrajectoryRow& held : std::exchange(confirmed.held, {})) {
     Write(at_ns, {held, true, given.kind}, track);
@@ -195,14 +193,14 @@ void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
 }
 
 // The track as it is written. The first time its beginning is told.
-LiveTrack& LiveOutput::Announced(TimeNs at_ns, Confirmed& confirmed) {
+LiveTrack& LiveOutput::Announced(TimeNs at_ns, const Kind& kind, Confirmed& confirmed) {
   if (!confirmed.track) {
     confirmed.track = tracks_.size();
     tracks_.push_back(
-        {next_id_++, confirmed.first_evidence_ns, confirmed.first_evidence_ns, 0, confirmed.kind});
+        {next_id_++, confirmed.first_evidence_ns, confirmed.first_evidence_ns, 0, kind});
     std::string fields = ",\"track\":" + std::to_string(tracks_.back().id) +
                          ",\"first_evidence\":" + SecondsText(confirmed.first_evidence_ns);
-    AppendKind(confirmed.kind, fields);
+    AppendKind(kind, fields);
     AppendEvent("track", at_ns, fields);
   }
   return tracks_[*confirmed.track];

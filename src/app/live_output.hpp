@@ -84,13 +84,12 @@ class LiveOutput {
   struct Confirmed {
     TimeNs first_evidence_ns = 0;
     std::optional<std::size_t> track;  // index into tracks_, once it is announced
-    Kind kind;
-    std::deque<TrajectoryRow> held;  // rows, until it is
+    std::deque<TrajectoryRow> held;    // rows, until it is
   };
 
   bool IsLeftOut(TimeNs time_ns) const;
   void ReadRow(std::string_view line, std::uint64_t number);
-  LiveTrack& Announced(TimeNs at_ns, Confirmed& confirmed);
+  LiveTrack& Announced(TimeNs at_ns, const Kind& kind, Confirmed& confirmed);
   void Hold(const TrajectoryRow& row, Confirmed& confirmed) const;
   void Write(TimeNs at_ns, const RowGiven& given, LiveTrack& track);
   void AppendEvent(const char* name, TimeNs at_ns, const std::string& fields);

@@ -48,20 +48,15 @@ std::size_t CountShared(const Piece& a, const Piece& b) {
 void Cut(TimeNs at_ns, bool keeps_before, Piece* piece) {
   const auto goes = [&](TimeNs time_ns) { return (time_ns < at_ns) != keeps_before; };
   const auto all = static_cast<double>(piece->returns.size());
-  auto& returns = piece->returns;
-  returns.erase(std::remove_if(returns.begin(), returns.end(),
-                               [&](const KeptReturn& kept) { return goes(kept.stamp_ns); }),
-                returns.end());
-  auto& measurements = piece->target.measurements;
-  measurements.erase(
-      std::remove_if(measurements.begin(), measurements.end(),
-                     [&](const Measurement& measurement) { return goes(measurement.time_ns); }),
-      measurements.end());
-  auto& doubts = piece->target.doubts;
-  doubts.erase(std::remove_if(doubts.begin(), doubts.end(),
-                              [&](const Doubt& doubt) { return goes(doubt.time_ns); }),
-               doubts.end());
-  piece->target.score *= static_cast<double>(returns.size()) / all;
+  const auto cut = [&](auto* items, const auto& time_of) {
+    items->erase(std::remove_if(items->begin(), items->end(),
+                                [&](const auto& item) { return goes(time_of(item)); }),
+                 items->end());
+  };
+  cut(&piece->returns, [](const KeptReturn& kept) { return kept.stamp_ns; });
+  cut(&piece->target.measurements, [](const Measurement& m) { return m.time_ns; });
+  cut(&piece->target.doubts, [](const Doubt& doubt) { return doubt.time_ns; });
+  piece->target.score *= static_cast<double>(piece->returns.size()) / all;
 }
 
 class WindowSearch {
@@ -207,12 +202,12 @@ class WindowSearch {
       before.target.score += behind.target.score;
       before.target.depth_sigma_m =
           std::max(before.target.depth_sigma_m, behind.target.depth_sigma_m);
-      before.returns.insert(before.returns.end(), behind.returns.begin(), behind.returns.end());
-      auto& measurements = before.target.measurements;
-      measurements.insert(measurements.end(), behind.target.measurements.begin(),
-                          behind.target.measurements.end());
-      auto& doubts = before.target.doubts;
-      doubts.insert(doubts.end(), behind.target.doubts.begin(), behind.target.doubts.end());
+      const auto append = [](const auto& from, auto* to) {
+        to->insert(to->end(), from.begin(), from.end());
+      };
+      append(behind.returns, &before.returns);
+      append(behind.target.measurements, &before.target.measurements);
+      append(behind.target.doubts, &before.target.doubts);
     }
     // What lies on the other side alone is the business of the window there, which saw more of it.
     for (std::size_t i = 0; i < pieces_.size(); ++i) {

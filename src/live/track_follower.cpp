@@ -30,31 +30,19 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
       body_sum_m2_(kPriorReturns * collect.body_sigma_m * collect.body_sigma_m),
       body_count_(kPriorReturns),
       body_sigma_m_(collect.body_sigma_m) {
-  const std::vector<SeenPlot>& path = flight.plots;
+  std::vector<const Plot*> path;
+  for (const SeenPlot& seen : flight.plots) path.push_back(&seen.plot);
   for (std::uint32_t m = 0; m < models.size(); ++m) {
-    const TrackModel& model = models[m];
-    std::vector<Node> best;
-    for (const double speed_mps : tracker.birth_speeds_mps) {
-      std::vector<Node> chain(1);
-      chain[0].h = model.Birth(path[0].plot, flight.log_birth, flight.moments[0], speed_mps);
-      chain[0].model = m;
-      for (std::size_t k = 1; k < path.size(); ++k) {
-        Node node = chain.back();
-        const Motion motion = model.MotionOver(flight.moments[k].time_s - node.h.time_s);
-        const Prediction p =
-            model.Predict(node.h, model.ScoreUnseen(node.h, flight.moments[k]), motion);
-        node.h = model.Update(node.h, motion, p, path[k].plot, flight.moments[k],
-                              model.GainOf(p, path[k].plot));
-        node.plot = k;
-        chain.push_back(node);
-      }
-      if (best.empty() || chain.back().h.score > best.back().h.score) best = std::move(chain);
-    }
-    for (std::size_t k = 0; k < best.size(); ++k) {
-      best[k].parent = k == 0 ? kNoIndex : static_cast<std::int32_t>(nodes_.size()) - 1;
-      best[k].believed = static_cast<std::int32_t>(nodes_.size());
-      best[k].now = best[k].h.score;
-      nodes_.push_back(best[k]);
+    Node node;
+    node.model = m;
+    for (const Hypothesis& h :
+         FollowPath(models[m], path, flight.moments, flight.log_birth, tracker)) {
+      node.h = h;
+      node.believed = static_cast<std::int32_t>(nodes_.size());
+      node.now = h.score;
+      nodes_.push_back(node);
+      node.parent = node.believed;
+      ++node.plot;
     }
     leaves_.push_back(static_cast<std::int32_t>(nodes_.size()) - 1);
   }
@@ -259,6 +247,7 @@ void TrackFollower::Learn(const Node& node, std::vector<KnownLength>* lengths) c
   if (plot.sensor >= lengths->size()) lengths->resize(plot.sensor + 1);
   KnownLength& known = (*lengths)[plot.sensor];
   known.num_returns += static_cast<int>(plot.num_returns);
+  if (!FrameLength::IsOpen(plot.streak_s)) return;
   Streak streak;
   streak.length_s = plot.streak_s;
   streak.stamp_s = static_cast<double>(PlotOf(node).stamp_ns - plot.frame_time_ns) * kSecondsPerNs;

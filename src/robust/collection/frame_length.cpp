@@ -13,8 +13,9 @@ constexpr double kLongestTurnS = 0.2;
 
 }  // namespace
 
+bool FrameLength::IsOpen(double length_s) { return length_s > kLongestTurnS; }
+
 void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
-  if (streak.length_s <= kLongestTurnS) return;
   // The stamp stands at the same share of either length.
   late_s_ = streak.stamp_s * (1.0 - kTurnS / streak.length_s);
   const Eigen::Vector3d along = streak.velocity_mps.stableNormalized();
@@ -33,9 +34,9 @@ void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
 void FrameLength::Add(const Recording& recording, const FrameInfo& frame,
                       const Eigen::Vector3d& viewpoint_m, const std::vector<std::uint32_t>& returns,
                       const Eigen::Vector3d& velocity_mps, const BodySigmas& body) {
-  if (frame.is_timed) return;
   Streak streak;
   streak.length_s = static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+  if (frame.is_timed || !IsOpen(streak.length_s)) return;
   streak.stamp_s =
       static_cast<double>(frame.stamp_ns - frame.begin_ns) * kSecondsPerNs - 0.5 * streak.length_s;
   streak.num_returns = static_cast<double>(returns.size());

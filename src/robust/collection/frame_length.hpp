@@ -25,6 +25,9 @@ struct Streak {
 // that it draws: over half a second it would be as long as its way.
 class FrameLength {
  public:
+  // Whether a streak tells anything: frames of up to 0.2 s are what LiDARs take for one.
+  static bool IsOpen(double length_s);
+
   void Add(const Streak& streak, const BodySigmas& body);
 
   // The returns of a target in one frame of a recording, by their indices.

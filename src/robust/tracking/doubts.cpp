@@ -24,30 +24,6 @@ constexpr double kLeastProbability = 1e-3;
 // Times of one sighting, told by a plot and by all returns of a frame, differ by less.
 constexpr TimeNs kSameFrameNs = 50'000'000;
 
-// The way of a path, plot by plot, by the first velocity that suits one agility best.
-std::vector<Hypothesis> WayOf(const std::vector<Plot>& plots, const Members& members,
-                              const Watch& watch, const TrackModel& model,
-                              const TrackerConfig& config) {
-  std::vector<Hypothesis> best;
-  for (const double speed_mps : config.birth_speeds_mps) {
-    std::vector<Hypothesis> way;
-    for (const std::uint32_t i : members) {
-      const Moment at = MomentOf(plots[i], plots.front(), watch);
-      if (way.empty()) {
-        way.push_back(model.Birth(plots[i], 0.0, at, speed_mps));
-      } else {
-        const Hypothesis& h = way.back();
-        const Motion motion = model.MotionOver(at.time_s - h.time_s);
-        const Prediction p = model.Predict(h, model.ScoreUnseen(h, at), motion);
-        way.push_back(model.Update(h, motion, p, plots[i], at, model.GainOf(p, plots[i])));
-      }
-      way.back().plot = static_cast<std::int32_t>(i);
-    }
-    if (best.empty() || way.back().score > best.back().score) best = std::move(way);
-  }
-  return best;
-}
-
 // The ways in which a target may have gone on from where its path is beyond doubt: the last plot
 // behind which it brings `birth_cost` yet. They are searched for as paths are, but nothing else
 // begins; and what goes unseen is taken to be there yet, so that it pays for it.
@@ -56,40 +32,33 @@ class Ways {
   Ways(const std::vector<Plot>& plots, const Members& members, std::vector<char> free,
        const Watch& watch, const TrackerConfig& config)
       : plots_(plots), watch_(watch), config_(config) {
-    std::vector<TrackModel> models;
+    std::vector<const Plot*> path;
+    std::vector<Moment> moments;
+    for (const std::uint32_t i : members) {
+      path.push_back(&plots[i]);
+      moments.push_back(MomentOf(plots[i], plots.front(), watch));
+    }
     std::vector<std::vector<Hypothesis>> own;
     std::size_t best = 0;
     for (const double sigma : config.sigma_a_mps2) {
-      models.emplace_back(sigma, watch, config);
-      own.push_back(WayOf(plots, members, watch, models.back(), config));
+      models_.emplace_back(sigma, watch, config);
+      own.push_back(FollowPath(models_.back(), path, moments, 0.0, config));
       if (own.back().back().score > own[best].back().score) best = own.size() - 1;
     }
     std::size_t cut = members.size() - 1;
     while (cut > 0 && own[best].back().score - own[best][cut].score < config.birth_cost) --cut;
     tail_.assign(members.begin() + static_cast<std::ptrdiff_t>(cut), members.end());
     SetFrames();
-    const std::vector<double> log_births(plots.size(), -std::numeric_limits<double>::infinity());
     for (const std::uint32_t i : members) free[i] = 1;
     const double score = own[best][cut].score;
-    const double least = models[best].ScoreUnseen(own[best].back(), end_) - score - kFarLog;
-    for (std::size_t m = 0; m < models.size(); ++m) {
-      const TrackModel& model = models[m];
-      TrackSearch search(plots, log_births, free, model, config);
-      Hypothesis first = own[m][cut];
-      first.score -= score;
-      search.Begin(first);
-      Slice slice;
-      for (std::size_t i = members[cut]; i < plots.size(); i = slice.last) {
-        SetSlice(plots, log_births, i, MomentOf(plots[i], plots.front(), watch), config, &slice);
-        if (plots[i].frame == plots[members[cut]].frame) continue;
-        if (plots[i].frame_time_ns > frames_ns_.back()) break;
-        if (slice.at.time_s > first.time_s) search.Extend(slice);
-      }
-      std::vector<Way> ways;
-      search.AppendWays(end_, least, &ways);
-      for (Way& way : ways) ways_.push_back({std::move(way), m});
+    std::vector<Hypothesis> firsts;
+    for (const std::vector<Hypothesis>& way : own) {
+      firsts.push_back(way[cut]);
+      firsts.back().score -= score;
+      firsts.back().plot = static_cast<std::int32_t>(members[cut]);
     }
-    models_ = std::move(models);
+    const double least = models_[best].ScoreUnseen(own[best].back(), end_) - score - kFarLog;
+    Search(firsts, free, least);
   }
 
   // `log_seen`: by how much what was seen of it behind its last plot makes the path likelier.
@@ -131,6 +100,30 @@ class Ways {
   }
 
  private:
+  // Appends the ways that go on from these, one for each model.
+  void Search(const std::vector<Hypothesis>& firsts, const std::vector<char>& free, double least) {
+    const std::vector<double> log_births(plots_.size(), -std::numeric_limits<double>::infinity());
+    std::vector<TrackSearch> searches;
+    for (std::size_t m = 0; m < models_.size(); ++m) {
+      searches.emplace_back(plots_, log_births, free, models_[m], config_);
+      searches.back().Begin(firsts[m]);
+    }
+    const Plot& first = plots_[tail_.front()];
+    Slice slice;
+    for (std::size_t i = tail_.front(); i < plots_.size(); i = slice.last) {
+      SetSlice(plots_, log_births, i, MomentOf(plots_[i], plots_.front(), watch_), config_, &slice);
+      if (plots_[i].frame == first.frame) continue;
+      if (plots_[i].frame_time_ns > frames_ns_.back()) break;
+      if (slice.at.time_s <= firsts.front().time_s) continue;
+      for (TrackSearch& search : searches) search.Extend(slice);
+    }
+    for (std::size_t m = 0; m < searches.size(); ++m) {
+      std::vector<Way> ways;
+      searches[m].AppendWays(end_, least, &ways);
+      for (Way& way : ways) ways_.push_back({std::move(way), m});
+    }
+  }
+
   bool IsPath(const Way& way) const {
     return std::equal(way.steps.begin(), way.steps.end(), tail_.begin(), tail_.end(),
                       [](const Way::Step& step, std::uint32_t i) { return step.plot == i; });

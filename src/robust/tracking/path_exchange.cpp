@@ -181,10 +181,7 @@ Path PathScorer::Scored(Members members) const {
     for (const double speed_mps : config_.birth_speeds_mps) {
       Hypothesis h = model.Birth(plots_[birth], log_births_[birth], moments.front(), speed_mps);
       for (std::size_t k = 1; k < path.plots.size(); ++k) {
-        const Plot& plot = plots_[path.plots[k]];
-        const Motion motion = model.MotionOver(moments[k].time_s - h.time_s);
-        const Prediction p = model.Predict(h, model.ScoreUnseen(h, moments[k]), motion);
-        h = model.Update(h, motion, p, plot, moments[k], model.GainOf(p, plot));
+        h = model.Follow(h, plots_[path.plots[k]], moments[k]);
       }
       path.score = std::max(path.score, h.score);
     }

@@ -236,6 +236,12 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
   return h;
 }
 
+Hypothesis TrackModel::Follow(const Hypothesis& from, const Plot& plot, const Moment& at) const {
+  const Motion motion = MotionOver(at.time_s - from.time_s);
+  const Prediction p = Predict(from, ScoreUnseen(from, at), motion);
+  return Update(from, motion, p, plot, at, GainOf(p, plot));
+}
+
 ScoreBound TrackModel::BoundOf(const Prediction& p, const FrameBounds& frame) const {
   const double streak_m = p.speed_mps * frame.streak_s;
   const double largest_m2 = frame.largest_variance_m2 + streak_m * streak_m / 36.0;
@@ -265,5 +271,20 @@ void TrackModel::SetVisibility(Hypothesis* h) const {
 }
 
 double TrackModel::AgileFactor() const { return kManoeuvreFactor * kManoeuvreFactor - 1.0; }
+
+std::vector<Hypothesis> FollowPath(const TrackModel& model, const std::vector<const Plot*>& plots,
+                                   const std::vector<Moment>& moments, double log_birth,
+                                   const TrackerConfig& config) {
+  std::vector<Hypothesis> best;
+  for (const double speed_mps : config.birth_speeds_mps) {
+    std::vector<Hypothesis> way;
+    way.push_back(model.Birth(*plots.front(), log_birth, moments.front(), speed_mps));
+    for (std::size_t k = 1; k < plots.size(); ++k) {
+      way.push_back(model.Follow(way.back(), *plots[k], moments[k]));
+    }
+    if (best.empty() || way.back().score > best.back().score) best = std::move(way);
+  }
+  return best;
+}
 
 }  // namespace unlidar

@@ -165,6 +165,9 @@ class TrackModel {
   Hypothesis Update(const Hypothesis& from, const Motion& motion, const Prediction& p,
                     const Plot& plot, const Moment& at, const Gain& gain) const;
 
+  // The hypothesis that goes on with a plot of the frame at `at`, unseen until then.
+  Hypothesis Follow(const Hypothesis& from, const Plot& plot, const Moment& at) const;
+
   ScoreBound BoundOf(const Prediction& p, const FrameBounds& frame) const;
 
  private:
@@ -179,5 +182,11 @@ class TrackModel {
   double log_other_sensor_ = 0.0;              // or of a certain other one
   const TrackerConfig* config_;
 };
+
+// The hypotheses (plots) that go on from one plot to the next, with the first velocity that suits
+// them best. `moments` (plots): of their frames.
+std::vector<Hypothesis> FollowPath(const TrackModel& model, const std::vector<const Plot*>& plots,
+                                   const std::vector<Moment>& moments, double log_birth,
+                                   const TrackerConfig& config);
 
 }  // namespace unlidar

@@ -1,6 +1,5 @@
 #include "robust/collection/collect.hpp"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
@@ -9,6 +8,8 @@
 #include "robust/collection/body.hpp"
 #include "robust/collection/frame_length.hpp"
 #include "robust/collection/presence.hpp"
+#include "robust/collection/sensor_shifts.hpp"
+#include "robust/collection/visibility.hpp"
 
 namespace unlidar {
 namespace {
@@ -19,19 +20,11 @@ constexpr double kGate = 4.0;
 constexpr double kMaxSearchSigmaM = 1.0;
 // The target's stay this near to a place says nothing of the clutter there: a body and its noise.
 constexpr RangeRadius kPresence{1.5, 0.03};
-// The longest pause of the sensor with the most returns across which another is compared with it: a
-// straight line says little of a longer one.
-constexpr double kSensorOverlapS = 0.3;
 
 // The covariance of one return about the target, without that of the trajectory.
 Eigen::Matrix3d ReturnCovarianceM2(const Eigen::Vector3d& ray_m, const BodySigmas& body) {
   const double beam_m = kBeamSigmaRad * ray_m.norm();
   return BodyCovarianceM2(body, ray_m) + beam_m * beam_m * Eigen::Matrix3d::Identity();
-}
-
-// From where the returns of a frame were measured to a place.
-Eigen::Vector3d RayM(const SensorView& view, const Eigen::Vector3d& place_m) {
-  return place_m - view.viewpoint_m.cast<double>();
 }
 
 Measurement Measure(const Recording& recording, const FrameInfo& frame, const SensorView& view,
@@ -54,117 +47,6 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame, const Se
 }
 
 bool IsEarlier(const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; }
-
-struct Sighting {
-  Measurement measurement;
-  std::uint32_t sensor;
-  Eigen::Vector3d velocity_mps;  // expected
-};
-
-// How a sensor disagrees with the one that sees the target best: poses and clocks are never exact.
-struct SensorShift {
-  Eigen::Vector3d bias_m = Eigen::Vector3d::Zero();
-  double delay_s = 0.0;  // its stamps are so much late
-};
-
-// The sensor with the most returns (sensors), the first of equal ones.
-std::size_t MainSensor(const std::vector<int>& returns) {
-  return static_cast<std::size_t>(std::max_element(returns.begin(), returns.end()) -
-                                  returns.begin());
-}
-
-// Stations are surveyed alike, and what is left of the difference between the sides that they see
-// is no one's alone: the truth is in the middle of the stations, each by its sensor with the most
-// returns. That of a single station is at its main sensor.
-Eigen::Vector3d CommonBiasM(const std::vector<SensorShift>& shifts, const std::vector<int>& returns,
-                            const std::vector<SensorView>& views) {
-  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
-  double num_stations = 0.0;
-  for (std::size_t sensor = 0; sensor < shifts.size(); ++sensor) {
-    if (returns[sensor] == 0) continue;
-    std::vector<int> of_station = returns;
-    for (std::size_t other = 0; other < shifts.size(); ++other) {
-      if (views[other].viewpoint_m != views[sensor].viewpoint_m) of_station[other] = 0;
-    }
-    if (MainSensor(of_station) != sensor) continue;
-    sum_m += shifts[sensor].bias_m;
-    num_stations += 1.0;
-  }
-  return sum_m / num_stations;
-}
-
-// What comparisons of a sensor with the main one say of its shift (bias, delay): normal equations.
-struct Comparison {
-  Eigen::Matrix4d information;
-  Eigen::Vector4d sum;
-};
-
-// Least squares, shrunk towards none as far as it is uncertain: the least shift that all but any
-// one of the comparisons call for, as that one may be with a stray return.
-Eigen::Vector4d ShiftOf(const std::vector<Comparison>& comparisons, const Eigen::Matrix4d& prior) {
-  Comparison all{prior, Eigen::Vector4d::Zero()};
-  for (const Comparison& comparison : comparisons) {
-    all.information += comparison.information;
-    all.sum += comparison.sum;
-  }
-  Eigen::Vector4d least = all.information.ldlt().solve(all.sum);
-  const auto size = [&](const Eigen::Vector4d& shift) { return shift.dot(prior * shift); };
-  for (const Comparison& one : comparisons) {
-    const Eigen::Matrix4d information = all.information - one.information;
-    const Eigen::Vector4d without = information.ldlt().solve(all.sum - one.sum);
-    if (size(without) < size(least)) least = without;
-  }
-  return least;
-}
-
-// The shift of each sensor from the difference d of its measurements to those of the main one, just
-// before and after, d = bias - velocity * delay.
-std::vector<SensorShift> SensorShifts(const std::vector<Sighting>& sightings,
-                                      const std::vector<SensorView>& views,
-                                      const CollectConfig& config) {
-  const std::size_t num_sensors = views.size();
-  std::vector<int> returns(num_sensors, 0);
-  for (const Sighting& sighting : sightings)
-    returns[sighting.sensor] += sighting.measurement.support;
-  const std::size_t main_sensor = MainSensor(returns);
-  Eigen::Matrix4d prior = Eigen::Matrix4d::Identity();
-  prior.topLeftCorner<3, 3>() /= config.sensor_bias_m * config.sensor_bias_m;
-  prior(3, 3) /= config.sensor_delay_s * config.sensor_delay_s;
-  std::vector<std::vector<Comparison>> comparisons(num_sensors);
-  const Measurement* before = nullptr;
-  for (std::size_t i = 0; i < sightings.size(); ++i) {
-    const Measurement& m = sightings[i].measurement;
-    if (sightings[i].sensor == main_sensor) {
-      before = &m;
-      continue;
-    }
-    std::size_t k = i;
-    while (k < sightings.size() && sightings[k].sensor != main_sensor) ++k;
-    if (before == nullptr || k == sightings.size()) continue;
-    const Measurement& after = sightings[k].measurement;
-    const double pause_s = static_cast<double>(after.time_ns - before->time_ns) * kSecondsPerNs;
-    if (pause_s > kSensorOverlapS || pause_s <= 0.0) continue;
-    const double share = static_cast<double>(m.time_ns - before->time_ns) * kSecondsPerNs / pause_s;
-    const Eigen::Vector3d reference = (1.0 - share) * before->position_m + share * after.position_m;
-    const double variance =
-        (m.covariance_m2 + (1.0 - share) * before->covariance_m2 + share * after.covariance_m2)
-            .trace() /
-        3.0;
-    Eigen::Matrix<double, 3, 4> design;
-    design << Eigen::Matrix3d::Identity(), -sightings[i].velocity_mps;
-    comparisons[sightings[i].sensor].push_back(
-        {design.transpose() * design / variance,
-         design.transpose() * (m.position_m - reference) / variance});
-  }
-  std::vector<SensorShift> shifts;
-  for (std::size_t sensor = 0; sensor < num_sensors; ++sensor) {
-    const Eigen::Vector4d shift = ShiftOf(comparisons[sensor], prior);
-    shifts.push_back({shift.head<3>(), shift[3]});
-  }
-  const Eigen::Vector3d common_m = CommonBiasM(shifts, returns, views);
-  for (SensorShift& shift : shifts) shift.bias_m -= common_m;
-  return shifts;
-}
 
 // Only the side of a body that faces its sensor is seen: the centre lies behind the mean of the
 // returns. What stations see from different sides is compared, and fitted, as seen from one.
@@ -191,72 +73,6 @@ class FacingSide {
 
   SensorView main_;
   double share_;
-};
-
-// How often a sensor sees a target: returns expected in a frame, which fall with the square of
-// range. Some time tells more of it than the whole flight does, which it leans on.
-class Visibility {
- public:
-  // `returns`: the target's, ascending.
-  Visibility(const Recording& recording, const std::vector<SensorView>& views,
-             const Trajectory& trajectory, const std::vector<std::uint32_t>& returns)
-      : sensors_(views.size()) {
-    for (const FrameInfo& frame : recording.frames) {
-      const auto first = std::lower_bound(returns.begin(), returns.end(), frame.first_return);
-      const auto num_returns =
-          static_cast<double>(std::lower_bound(first, returns.end(), frame.last_return) - first);
-      const TimeNs time_ns = frame.middle_ns();
-      const bool is_within = trajectory.begin_ns() <= time_ns && time_ns <= trajectory.end_ns();
-      if (!is_within && num_returns == 0.0) continue;
-      const double per_m2 = PerM2(RayM(views[frame.sensor], trajectory.At(time_ns).position_m));
-      Sensor& sensor = sensors_[frame.sensor];
-      sensor.looks.push_back({time_ns, num_returns, per_m2});
-      sensor.num_returns += num_returns;
-      sensor.per_m2 += per_m2;
-    }
-    for (Sensor& sensor : sensors_) {
-      std::sort(sensor.looks.begin(), sensor.looks.end(),
-                [](const Look& a, const Look& b) { return a.time_ns < b.time_ns; });
-    }
-  }
-
-  // Beyond its ends as often as there.
-  double ReturnsPerFrame(std::uint32_t sensor_index, TimeNs time_ns,
-                         const Eigen::Vector3d& ray_m) const {
-    constexpr TimeNs kReachNs = 1'000'000'000;
-    constexpr double kJeffreysReturns = 0.5;  // Jeffreys' prior of a Poisson rate
-    const Sensor& sensor = sensors_[sensor_index];
-    if (sensor.looks.empty()) return kJeffreysReturns;
-    double num_returns = kJeffreysReturns;
-    double per_m2 = kJeffreysReturns * sensor.per_m2 / (sensor.num_returns + kJeffreysReturns);
-    const TimeNs near_ns =
-        std::clamp(time_ns, sensor.looks.front().time_ns, sensor.looks.back().time_ns);
-    auto look = std::lower_bound(sensor.looks.begin(), sensor.looks.end(), near_ns - kReachNs,
-                                 [](const Look& at, TimeNs t) { return at.time_ns < t; });
-    for (; look != sensor.looks.end() && look->time_ns <= near_ns + kReachNs; ++look) {
-      num_returns += look->num_returns;
-      per_m2 += look->per_m2;
-    }
-    return num_returns / per_m2 * PerM2(ray_m);
-  }
-
- private:
-  struct Look {
-    TimeNs time_ns;
-    double num_returns;
-    double per_m2;
-  };
-  struct Sensor {
-    std::vector<Look> looks;  // by time
-    double num_returns = 0.0;
-    double per_m2 = 0.0;
-  };
-
-  static double PerM2(const Eigen::Vector3d& ray_m) {
-    return 1.0 / std::max(ray_m.squaredNorm(), 1.0);
-  }
-
-  std::vector<Sensor> sensors_;
 };
 
 // What is looked for in a frame: the returns that are likelier the target's than their place's.

@@ -13,4 +13,9 @@ struct SensorView {
   const Background* background;
 };
 
+// From where a sensor sees to a place.
+inline Eigen::Vector3d RayM(const SensorView& view, const Eigen::Vector3d& place_m) {
+  return place_m - view.viewpoint_m.cast<double>();
+}
+
 }  // namespace unlidar

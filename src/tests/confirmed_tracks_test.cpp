@@ -13,22 +13,17 @@
 namespace unlidar {
 namespace {
 
+using testing::FrameAt;
 using testing::kBeginNs;
 using testing::kPeriodNs;
 using testing::kPeriodS;
+using testing::MiddleS;
 using testing::Random;
 
 Flight AsItIs(const Flight& flight) { return flight; }
 
 constexpr double kAnyScore = -1e9;
 constexpr TimeNs kEndless = std::numeric_limits<TimeNs>::max() / 2;
-
-FrameInfo FrameAt(int i) {
-  FrameInfo frame;
-  frame.stamp_ns = frame.begin_ns = kBeginNs + i * kPeriodNs;
-  frame.end_ns = frame.begin_ns + kPeriodNs;
-  return frame;
-}
 
 SeenPlot PlotAt(int i, const Eigen::Vector3d& position_m) {
   SeenPlot seen;
@@ -39,11 +34,11 @@ SeenPlot PlotAt(int i, const Eigen::Vector3d& position_m) {
   seen.plot.log_clutter = std::log(1e-6);
   seen.plot.num_returns = 3;
   seen.stamp_ns = FrameAt(i).stamp_ns;
-  seen.time_s = (i + 0.5) * kPeriodS;
+  seen.time_s = MiddleS(i);
   return seen;
 }
 
-Moment MomentAt(int i) { return {(i + 0.5) * kPeriodS, {static_cast<std::uint32_t>(i)}}; }
+Moment MomentAt(int i) { return {MiddleS(i), {static_cast<std::uint32_t>(i)}}; }
 
 void Append(const SeenPlot& seen, Flight* flight) {
   flight->plots.push_back(seen);

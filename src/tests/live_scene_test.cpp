@@ -39,9 +39,8 @@ class Station {
 
   LoadedFrame FrameAt(int i) {
     LoadedFrame frame;
+    frame.info = testing::FrameAt(i);
     frame.info.sensor = sensor_;
-    frame.info.stamp_ns = frame.info.begin_ns = kBeginNs + i * kPeriodNs;
-    frame.info.end_ns = frame.info.begin_ns + kPeriodNs;
     for (int k = 0; k < 300; ++k) {
       const double range_m = random_.Uniform(3.0, 30.0);
       const double azimuth = random_.Uniform(-M_PI, M_PI);
@@ -129,7 +128,7 @@ TEST(LiveScene, EveryFrameLeavesItOnceInOrderAndIsSearchedInASceneThatWasWarm) {
   for (int i = 0; i < 80; ++i) {
     const SceneFrame& frame = frames[static_cast<std::size_t>(i)];
     EXPECT_EQ(frame.info.stamp_ns, kBeginNs + i * kPeriodNs);
-    EXPECT_NEAR(frame.time_s, (i + 0.5) * kPeriodS, 1e-9);
+    EXPECT_NEAR(frame.time_s, testing::MiddleS(i), 1e-9);
     EXPECT_EQ(frame.watched_s, std::max(3.0, frame.time_s));
     EXPECT_TRUE(frame.is_searched);
   }

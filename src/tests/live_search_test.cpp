@@ -13,9 +13,7 @@
 namespace unlidar {
 namespace {
 
-using testing::kBeginNs;
 using testing::kPeriodNs;
-using testing::kPeriodS;
 using testing::Random;
 
 constexpr double kRangeM = 57.0;
@@ -32,9 +30,8 @@ std::optional<double> BeginOfFlight(int num_frames, const PlaceAt& place_at) {
   Random random(5);
   for (int i = 0; i < num_frames; ++i) {
     SceneFrame frame;
-    frame.info.stamp_ns = frame.info.begin_ns = kBeginNs + i * kPeriodNs;
-    frame.info.end_ns = frame.info.begin_ns + kPeriodNs;
-    frame.time_s = (i + 0.5) * kPeriodS;
+    frame.info = testing::FrameAt(i);
+    frame.time_s = testing::MiddleS(i);
     frame.watched_s = 60.0;
     frame.is_searched = true;
     SeenPlot seen;

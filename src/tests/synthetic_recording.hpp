@@ -119,8 +119,15 @@ class RecordingMaker {
   std::vector<int> labels;  // (N)
 };
 
-// The middle of frame `i` of a sensor whose frames follow each other, from kBeginNs.
+// Frame `i` of a sensor whose frames follow each other, from kBeginNs, and its middle.
 inline double MiddleS(int i) { return (i + 0.5) * kPeriodS; }
+
+inline FrameInfo FrameAt(int i) {
+  FrameInfo frame;
+  frame.stamp_ns = frame.begin_ns = kBeginNs + i * kPeriodNs;
+  frame.end_ns = frame.begin_ns + kPeriodNs;
+  return frame;
+}
 
 inline double SecondsSinceBegin(TimeNs time_ns) {
   return static_cast<double>(time_ns - kBeginNs) * kSecondsPerNs;

@@ -86,7 +86,7 @@ compare() {
     if cmp -s "$work/here.csv" "$work/there.csv" && cmp -s "$work/here.also" "$work/there.also"; then
       echo the same bytes
     else
-      diff "$work/here.csv" "$work/there.csv" | grep -c '^>' | sed 's/$/ differ/'
+      printf '%d others\n' "$(diff -- "$work"/{here,there}.csv | grep -c '^>' || true)"
       differing+=("$name $method")
     fi
   done

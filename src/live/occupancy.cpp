@@ -71,14 +71,16 @@ void Occupancy::AddFrame(std::int64_t bin) {
 }
 
 // Brings the bits of a place up to the newest bin. Hits that leave the window count as older ones,
-// unless they belong to the stay that lasts: what hovers for longer than the window does not become
-// structure by that.
+// unless they belong to the stay of what came: what hovers for longer than the window does not
+// become structure by that. What is structure has long stays, too, if it is hit often.
 void Occupancy::Shift(Place* place) const {
   const std::int64_t passed = newest_ - place->own.bin;
   if (passed <= 0) return;
   const std::uint64_t out =
       passed >= kWindow ? place->own.word : place->own.word & ~LowBits(kWindow - passed);
-  if (!place->is_stay_long) place->older += static_cast<float>(NumBits(out));
+  if (!place->is_stay_long || place->is_structure) {
+    place->older += static_cast<float>(NumBits(out));
+  }
   place->older *= static_cast<float>(Fade(passed));
   place->own.word = passed >= kWindow ? 0 : place->own.word << passed;
   place->own.bin = newest_;

@@ -68,6 +68,24 @@ TEST_F(OccupancyTest, WhatIsHitHereAndThereRemainsStructure) {
   }
 }
 
+// By chance its stays last for longer than the window, or break.
+TEST_F(OccupancyTest, WhatIsHitByChanceRemainsStructure) {
+  for (const double share : {0.5, 0.6, 0.7, 0.8, 0.9, 0.95}) {
+    occupancy_ = Occupancy(BackgroundConfig());
+    Random random(1);
+    int hits = 0;
+    int taken_for_new = 0;
+    for (std::int64_t bin = 0; bin < 4000; ++bin) {
+      const bool is_hit = random.Uniform(0.0, 1.0) < share;
+      Bin(bin, is_hit);
+      if (!is_hit || bin < 100) continue;
+      ++hits;
+      taken_for_new += IsStructure(bin) ? 0 : 1;
+    }
+    EXPECT_LT(taken_for_new, 0.01 * hits) << share;
+  }
+}
+
 TEST_F(OccupancyTest, WhatIsHitSeldomButAgainAndAgainSupports) {
   for (std::int64_t bin = 0; bin < 60; ++bin) {
     Bin(bin, bin % 5 == 0);

@@ -198,7 +198,7 @@ const Flight* LiveSearch::FlightOf(const Path& path) {
     first += count;
   };
   drop(PausePrefix(flight.plots));
-  drop(LowPrefix(flight.plots, OffGroundM(plots, robust)));
+  drop(LowPrefix(flight.plots, OffGroundM(recent_, plots, robust)));
   if (flight.plots.empty()) return nullptr;
   drop(StandingPrefix(flight.plots));
   if (!IsFlight(recent_, watch_, plots, robust) || !MovesOrFloats(flight.plots)) {

@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdint>
 #include <vector>
+
+#include "base/recording.hpp"
 
 namespace unlidar {
 namespace {
@@ -24,8 +27,8 @@ std::vector<Plot> PathAt(double height_m, int num_frames, std::uint32_t returns_
   return std::vector<Plot>(static_cast<std::size_t>(num_frames), plot);
 }
 
-bool IsKnownToBeInTheAir(const std::vector<Plot>& path) {
-  return OffGroundM(path, Config()) < kHigh_m;
+bool IsKnownToBeInTheAir(const std::vector<Plot>& path, const Recording& recording = {}) {
+  return OffGroundM(recording, path, Config()) < kHigh_m;
 }
 
 TEST(Flight, WhatHasNothingBelowItInEnoughReturnsIsInTheAir) {
@@ -63,6 +66,98 @@ TEST(Flight, ACarThatPassesBelowOnceDoesNotMakeABody) {
   std::vector<Plot> path = PathAt(1.4, 10, 3);
   path[4].num_below = 60;
   EXPECT_TRUE(IsKnownToBeInTheAir(path));
+}
+
+// A flight past something as high as legs, ten plots a metre apart in twenty frames: three of them
+// have returns below.
+class Passing {
+ public:
+  static constexpr std::uint32_t kNumFrames = 20;
+  static constexpr std::uint32_t kNumPlots = 10;
+  static constexpr std::uint32_t kFirstAbove = 4;
+  static constexpr std::uint32_t kLastAbove = 6;
+  static constexpr double kHeight_m = 1.4;
+  static constexpr double kStep_m = 1.0;
+
+  Passing() {
+    path = PathAt(kHeight_m, kNumPlots, 2);
+    for (std::uint32_t i = 0; i < kNumPlots; ++i) {
+      path[i].frame = i;
+      path[i].frame_time_ns = TimeOf(i);
+      path[i].position_m = {10.0, kStep_m * i, kHeight_m};
+      path[i].column_m = kHeight_m - 0.25;
+      path[i].num_below = IsAbove(i) ? 3 : 0;
+    }
+    recording.sensors.resize(1);
+  }
+
+  static bool IsAbove(std::uint32_t plot) { return kFirstAbove <= plot && plot <= kLastAbove; }
+
+  // Appends the frames, each with what `is_hit` says is below the plots.
+  template <typename IsHit>
+  void AddFrames(const IsHit& is_hit) {
+    for (std::uint32_t f = 0; f < kNumFrames; ++f) {
+      FrameInfo frame;
+      frame.begin_ns = frame.end_ns = TimeOf(f);
+      frame.first_return = static_cast<std::uint32_t>(recording.points_m.size());
+      recording.points_m.emplace_back(30.0F, 0.0F, 5.0F);  // something far away
+      for (std::uint32_t plot = kFirstAbove; plot <= kLastAbove; ++plot) {
+        if (!is_hit(f, plot)) continue;
+        recording.points_m.emplace_back(10.1F, static_cast<float>(kStep_m * plot), 0.6F);
+      }
+      frame.last_return = static_cast<std::uint32_t>(recording.points_m.size());
+      recording.frames.push_back(frame);
+    }
+  }
+
+  Recording recording;
+  std::vector<Plot> path;
+
+ private:
+  static TimeNs TimeOf(std::uint32_t frame) { return 500'000'000LL * frame; }
+};
+
+TEST(Flight, WhatStandsBelowAlsoWhileTheTargetIsElsewhereIsNoBodyOfIt) {
+  Passing bollards;
+  bollards.AddFrames([](std::uint32_t, std::uint32_t) { return true; });
+  EXPECT_TRUE(IsKnownToBeInTheAir(bollards.path, bollards.recording));
+  // A stream does not keep what it would take to know.
+  EXPECT_FALSE(IsKnownToBeInTheAir(bollards.path));
+}
+
+TEST(Flight, WhatIsBelowOnlyWithTheTargetIsItsBody) {
+  Passing legs;
+  legs.AddFrames([](std::uint32_t frame, std::uint32_t plot) { return frame == plot; });
+  EXPECT_FALSE(IsKnownToBeInTheAir(legs.path, legs.recording));
+}
+
+// A long body reaches below the plot from where the path is next to it.
+TEST(Flight, WhatIsBelowOnlyNextToTheTargetIsItsBody) {
+  Passing body;
+  body.AddFrames([](std::uint32_t frame, std::uint32_t plot) {
+    return frame <= plot + 3 && plot <= frame + 3;
+  });
+  EXPECT_FALSE(IsKnownToBeInTheAir(body.path, body.recording));
+}
+
+// Where it stands at last nobody can tell what is there without it.
+TEST(Flight, WhatStaysWhereThePathEndsIsItsBody) {
+  Passing walk;
+  walk.path.resize(Passing::kLastAbove + 1);
+  for (Plot& plot : walk.path) plot.num_returns = 4;
+  walk.AddFrames([](std::uint32_t frame, std::uint32_t plot) { return frame >= plot; });
+  EXPECT_FALSE(IsKnownToBeInTheAir(walk.path, walk.recording));
+}
+
+TEST(Flight, WhatIsOnTheGroundOrAboveThePathIsNoLegs) {
+  Plot plot;
+  plot.position_m = {10.0, 4.0, 1.4};
+  plot.column_m = 0.5;
+  const Eigen::Vector3d at_m = plot.position_m;
+  EXPECT_TRUE(IsBelow(at_m - Eigen::Vector3d(0.3, 0.3, 0.45), plot));
+  EXPECT_FALSE(IsBelow(at_m - Eigen::Vector3d(0.3, 0.3, 0.55), plot));
+  EXPECT_FALSE(IsBelow(at_m - Eigen::Vector3d(0.3, 0.3, 0.3), plot));
+  EXPECT_FALSE(IsBelow(at_m - Eigen::Vector3d(0.5, 0.5, 0.45), plot));
 }
 
 }  // namespace

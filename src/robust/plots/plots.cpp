@@ -22,6 +22,8 @@ constexpr double kBodyEdgeRad = 0.05;
 // its far side is hidden, its rest sparse.
 constexpr double kBodyMargin = 0.5;
 constexpr double kMinBodyMarginM = 0.75;
+// Of the ground: what is lower is no legs.
+constexpr double kRoughnessM = 0.25;
 
 bool IsBody(const Recording& recording, const IndexView& returns, const Ground& ground,
             double lowest_elevation_rad, const PlotConfig& config) {
@@ -86,18 +88,25 @@ bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
                      [&](std::uint32_t i) { return returns[i] != 0; });
 }
 
-// Counts what is below each plot, as legs are below a head. What the scene explains counts too:
-// near the ground it explains legs. Below is beyond half the height of a drone and the noise, and
-// above the roughness of the ground.
-void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame,
-                              const Ground& ground) {
+double ColumnRadiusM(const Plot& plot) {
   constexpr RangeRadius kColumn{0.6, 0.005};
+  return kColumn.At(plot.ray_m.norm());
+}
+
+bool IsBelow(const Eigen::Vector3d& point_m, const Plot& plot) {
   constexpr double kBelowM = 0.4;
-  constexpr double kRoughnessM = 0.25;
+  const Eigen::Vector3d below_m = plot.position_m - point_m;
+  return below_m.z() > kBelowM && below_m.z() < plot.column_m &&
+         below_m.head<2>().norm() < ColumnRadiusM(plot);
+}
+
+// Counts what is below each plot. What the scene explains counts too: near the ground it explains
+// legs.
+void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame) {
   double widest_m = 0.0;
   by_x_.clear();
   for (Plot& plot : found_.plots) {
-    widest_m = std::max(widest_m, kColumn.At(plot.position_m.norm()));
+    widest_m = std::max(widest_m, ColumnRadiusM(plot));
     by_x_.emplace_back(plot.position_m.x(), &plot);
   }
   std::sort(by_x_.begin(), by_x_.end());
@@ -106,12 +115,7 @@ void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame
     auto at = std::lower_bound(by_x_.begin(), by_x_.end(),
                                std::make_pair(point_m.x() - widest_m, static_cast<Plot*>(nullptr)));
     for (; at != by_x_.end() && at->first < point_m.x() + widest_m; ++at) {
-      Plot& plot = *at->second;
-      if ((plot.position_m - point_m).head<2>().norm() < kColumn.At(plot.position_m.norm()) &&
-          point_m.z() < plot.position_m.z() - kBelowM &&
-          ground.HeightAbove(recording.points_m[i]) > kRoughnessM) {
-        ++plot.num_below;
-      }
+      if (IsBelow(point_m, *at->second)) ++at->second->num_below;
     }
   }
 }
@@ -148,6 +152,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
         frame.is_timed ? 0.0 : static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
     plot.ray_m = plot.position_m = MeanOf(recording, returns);
     plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config);
+    plot.column_m = ground.HeightAbove(plot.position_m.cast<float>()) - kRoughnessM;
     TimeNs time_sum = 0;
     plot.lowest_m = std::numeric_limits<double>::infinity();
     for (const std::uint32_t i : returns) {
@@ -158,7 +163,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
     plot.num_returns = static_cast<std::uint32_t>(returns.size());
     found_.plots.push_back(plot);
   }
-  CountBelow(recording, frame, ground);
+  CountBelow(recording, frame);
   return found_;
 }
 

@@ -33,12 +33,13 @@ struct Plot {
   double streak_s = 0.0;     // how long its returns may lie apart: a frame without times of points
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();  // to it from the viewpoint of its station
-  double variance_m2 = 0.0;     // of the position, per axis, for a target at rest
-  double lowest_m = 0.0;        // height of its lowest return above the ground
-  double place_rate = 0.0;      // of all returns at its place: see Background::PlaceRate
-  double log_clutter = 0.0;     // log of the clutter plots per m^3 and frame of its sensor
-  bool is_floating = false;     // stands still where nothing holds it up: MarkFloating tells
-  std::uint32_t num_below = 0;  // returns of its frame between it and the ground: of a body
+  double variance_m2 = 0.0;  // of the position, per axis, for a target at rest
+  double lowest_m = 0.0;     // height of its lowest return above the ground
+  double place_rate = 0.0;   // of all returns at its place: see Background::PlaceRate
+  double log_clutter = 0.0;  // log of the clutter plots per m^3 and frame of its sensor
+  bool is_floating = false;  // stands still where nothing holds it up: MarkFloating tells
+  double column_m = 0.0;     // how far below it what may be a body's counts: nearly to the ground
+  std::uint32_t num_below = 0;  // returns of its frame in that column: of a body
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;
   std::uint32_t num_returns = 0;
@@ -50,6 +51,13 @@ Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns);
 
 // The order in which all stages expect plots; plots of one frame keep theirs.
 void SortByFrameTime(std::vector<Plot>* plots);
+
+// Whether a return is below a plot as legs are below a head: beyond half the height of a drone and
+// the noise, and above the roughness of the ground.
+bool IsBelow(const Eigen::Vector3d& point_m, const Plot& plot);
+
+// How far from a plot what is below it may lie to the side.
+double ColumnRadiusM(const Plot& plot);
 
 // Whether a plot has any of some returns (N, not 0 for each of them).
 bool HasAnyOf(const Plot& plot, const std::vector<char>& returns);
@@ -82,7 +90,7 @@ class FramePlotter {
   IndexView ReturnsOf(std::size_t plot) const { return linker_[plot]; }
 
  private:
-  void CountBelow(const Recording& recording, const FrameInfo& frame, const Ground& ground);
+  void CountBelow(const Recording& recording, const FrameInfo& frame);
 
   Linker linker_;
   std::vector<char> is_body_;                   // (returns of the frame)

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <deque>
+#include <limits>
 #include <set>
 
 namespace unlidar {
@@ -31,25 +32,106 @@ double ShareHigher(const std::vector<Plot>& path, double height_m) {
   return static_cast<double>(num_high) / static_cast<double>(path.size());
 }
 
+constexpr double kSomethingElse = 0.05;  // how often that is below a drone anywhere
+
+// Where a path is: between its plots on the way, beyond its ends there.
+Eigen::Vector3d PositionM(const std::vector<Plot>& path, TimeNs time_ns) {
+  const auto next =
+      std::lower_bound(path.begin(), path.end(), time_ns,
+                       [](const Plot& plot, TimeNs at_ns) { return plot.frame_time_ns < at_ns; });
+  if (next == path.begin()) return next->position_m;
+  const Plot& last = *(next - 1);
+  if (next == path.end()) return last.position_m;
+  const double share = static_cast<double>(time_ns - last.frame_time_ns) /
+                       static_cast<double>(next->frame_time_ns - last.frame_time_ns);
+  return last.position_m + share * (next->position_m - last.position_m);
+}
+
+// In which share of the frames something is where it is below each of these plots, while the path
+// is so far away that no body at the plot reaches there.
+std::vector<double> SharesBelowElsewhere(const Recording& recording, const std::vector<Plot>& path,
+                                         const std::vector<const Plot*>& plots) {
+  constexpr double kElsewhereM = 3.0;
+  std::vector<double> shares(plots.size(), kSomethingElse);
+  if (recording.points_m.empty()) return shares;  // a stream keeps none
+  struct Column {
+    const Plot* plot = nullptr;
+    std::size_t index = 0;
+    double num_frames = 0.0;
+    double num_hit = 0.0;
+    std::uint32_t last_hit = 0;  // frame, from 1 on
+  };
+  std::vector<Column> columns;
+  double widest_m = 0.0;
+  double highest_m = -std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    columns.push_back({plots[i], i});
+    widest_m = std::max(widest_m, ColumnRadiusM(*plots[i]));
+    highest_m = std::max(highest_m, plots[i]->position_m.z());
+  }
+  const auto x_m = [](const Column& column) { return column.plot->position_m.x(); };
+  std::sort(columns.begin(), columns.end(),
+            [&](const Column& a, const Column& b) { return x_m(a) < x_m(b); });
+  std::vector<char> counts(columns.size());
+  for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
+    const FrameInfo& frame = recording.frames[f];
+    const Eigen::Vector3d path_m = PositionM(path, frame.middle_ns());
+    for (std::size_t i = 0; i < columns.size(); ++i) {
+      const Plot& plot = *columns[i].plot;
+      counts[i] =
+          plot.sensor == frame.sensor && (plot.position_m - path_m).head<2>().norm() > kElsewhereM;
+      if (counts[i]) columns[i].num_frames += 1.0;
+    }
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      const Eigen::Vector3d point_m = recording.points_m[i].cast<double>();
+      if (point_m.z() > highest_m) continue;
+      auto at = std::lower_bound(columns.begin(), columns.end(), point_m.x() - widest_m,
+                                 [&](const Column& column, double x) { return x_m(column) < x; });
+      for (; at != columns.end() && x_m(*at) < point_m.x() + widest_m; ++at) {
+        if (at->last_hit == f + 1 || !counts[static_cast<std::size_t>(at - columns.begin())] ||
+            !IsBelow(point_m, *at->plot)) {
+          continue;
+        }
+        at->last_hit = f + 1;
+        at->num_hit += 1.0;
+      }
+    }
+  }
+  for (const Column& column : columns) {
+    const double share = (column.num_hit + kSomethingElse) / (column.num_frames + 1.0);
+    shares[column.index] = std::max(share, kSomethingElse);
+  }
+  return shares;
+}
+
 // Whether nothing stands below a path. What stands on the ground and is seen at some height shows
 // below it as much more as there is room (plots count what is beyond half a drone's height and the
 // roughness of the ground). So each plot with nothing below makes a body less likely, the more the
 // higher it is and the more returns it has, unless something hides the rest. One with something
-// below makes it more likely, though that is something else now and then.
-bool IsNothingBelow(const std::vector<Plot>& path, double chance) {
+// below makes it more likely, the more the less often something is there anyway: a bollard is.
+bool IsNothingBelow(const Recording& recording, const std::vector<Plot>& path, double chance) {
   constexpr double kOwnHeightM = 0.6;
   constexpr double kNotCountedM = 0.55;
   constexpr double kHidden = 0.02;
-  constexpr double kSomethingElse = 0.05;
   double log_ratio = 0.0;  // of the likelihoods of a body and of a drone
+  std::vector<const Plot*> above_something;
   for (const Plot& plot : path) {
+    if (plot.num_below > 0) {
+      above_something.push_back(&plot);
+      continue;
+    }
     const double room_m = std::max(plot.lowest_m - kNotCountedM, 0.0);
     const double own_share = kOwnHeightM / (kOwnHeightM + room_m);
     const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);
-    log_ratio += plot.num_below > 0 ? -std::log(kSomethingElse)
-                                    : std::log(nothing) - std::log1p(-kSomethingElse);
+    log_ratio += std::log(nothing) - std::log1p(-kSomethingElse);
   }
-  return log_ratio < std::log(chance);
+  const double log_chance = std::log(chance);
+  // Most paths of bodies need no look at all frames.
+  if (above_something.empty() || log_ratio >= log_chance) return log_ratio < log_chance;
+  for (const double share : SharesBelowElsewhere(recording, path, above_something)) {
+    log_ratio -= std::log(share);
+  }
+  return log_ratio < log_chance;
 }
 
 // What a target returns for its range: returns per second times range^2, of the sensor that sees it
@@ -86,10 +168,11 @@ bool HasFrames(const std::vector<Plot>& path, int least) {
   return static_cast<int>(frames.size()) >= least;
 }
 
-double OffGroundM(const std::vector<Plot>& path, const RobustConfig& config) {
+double OffGroundM(const Recording& recording, const std::vector<Plot>& path,
+                  const RobustConfig& config) {
   // Above what grows on the ground or lies there, and the error of the ground below it.
   constexpr double kClearM = 0.75;
-  return IsNothingBelow(path, config.false_alarms_per_recording)
+  return IsNothingBelow(recording, path, config.false_alarms_per_recording)
              ? std::min(kClearM, config.off_ground_m)
              : config.off_ground_m;
 }
@@ -97,7 +180,7 @@ double OffGroundM(const std::vector<Plot>& path, const RobustConfig& config) {
 bool IsFlight(const Recording& recording, const Watch& watch, const std::vector<Plot>& path,
               const RobustConfig& config) {
   return HasFrames(path, config.min_plots) &&
-         ShareHigher(path, OffGroundM(path, config)) > config.off_ground_share &&
+         ShareHigher(path, OffGroundM(recording, path, config)) > config.off_ground_share &&
          EchoM2PerS(recording, watch, path) > config.min_echo_m2_per_s;
 }
 

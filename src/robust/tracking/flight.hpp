@@ -14,8 +14,10 @@ namespace unlidar {
 bool HasFrames(const std::vector<Plot>& path, int least);
 
 // How high above the ground a path must be to fly, for people and cars never are: less where its
-// returns show that it is no part of a body that stands below it.
-double OffGroundM(const std::vector<Plot>& path, const RobustConfig& config);
+// returns show that it is no part of a body that stands below it. What is there anyway is no
+// body's: the returns of the recording tell, if it has any.
+double OffGroundM(const Recording& recording, const std::vector<Plot>& path,
+                  const RobustConfig& config);
 
 // Whether it was seen often enough, is off the ground and returns as much as a drone does. Of the
 // recording the sensors and frames count, which may be those about the path only.

@@ -73,6 +73,14 @@ const std::vector<char>& ConfirmedTracks::Extend(Look look, const std::vector<Se
   return are_free_;
 }
 
+bool ConfirmedTracks::HasAt(Look look, const Eigen::Vector3d& place_m, double since_s,
+                            double time_s) const {
+  return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
+    return track.look == look && track.follower->IsNear(place_m, time_s) &&
+           track.follower->IsNear(place_m, since_s);
+  });
+}
+
 // A drone that shows as two plots in a frame is no second one.
 bool ConfirmedTracks::Has(const Flight& flight) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {

@@ -43,6 +43,9 @@ class ConfirmedTracks {
   // than clutter, so they may be another target's.
   const std::vector<char>& Extend(Look look, const std::vector<SeenPlot>& plots, const Moment& at);
 
+  // Whether one of them was at a place at `since_s`, and is likely to be there still at `time_s`.
+  bool HasAt(Look look, const Eigen::Vector3d& place_m, double since_s, double time_s) const;
+
   // Begins a track with a flight, unless one has it already. False if the flight is worth less than
   // `least_score` as a track. `with_past`: gives the flight with what it was before.
   bool Begin(Look look, const Flight& flight, double least_score,

@@ -166,10 +166,10 @@ void LiveScene::RefitAll() {
   ++num_snapshots_;
 }
 
-TimeNs LiveScene::MakePlots() {
+TimeNs LiveScene::MakePlots(const IsTarget& is_target) {
   auto& [frame, bin] = waiting_.front();
   const TimeNs middle_ns = frame.info.middle_ns();
-  MakePlotsOf(&frame, bin, &held_.Append());
+  MakePlotsOf(&frame, bin, is_target, &held_.Append());
   // Never again do as many wait as for the warm-up.
   if (num_unforeseen_ > 0) frame = LoadedFrame();
   waiting_.pop_front();
@@ -186,7 +186,8 @@ void LiveScene::Foresee() {
   }
 }
 
-void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, SceneFrame* held) {
+void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarget& is_target,
+                            SceneFrame* held) {
   Station& station = StationOf(loaded->info.sensor);
   std::swap(frame_.points_m, loaded->points_m);
   std::swap(frame_.times_ns, loaded->times_ns);
@@ -198,10 +199,17 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, SceneFrame* h
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
     return station.snapshot->support.IsFloating(point_m);
   };
+  const double time_s = SecondsOf(loaded->info.middle_ns());
+  const Occupancy::IsTargetSince is_target_since = [&](const Eigen::Vector3f& point_m,
+                                                       std::int64_t since_bin) {
+    const double bins = static_cast<double>(since_bin + bin_shift_) + 0.5;
+    return is_target && is_target(point_m + station.viewpoint_m,
+                                  bins * static_cast<double>(bin_ns_) * kSecondsPerNs, time_s);
+  };
   for (std::uint32_t i = 0; i < frame_.points_m.size(); ++i) {
     const Eigen::Vector3f& point_m = frame_.points_m[i];
     const Occupancy::Verdict verdict =
-        station.occupancy.Judge(point_m, bin, num_snapshots_, floats);
+        station.occupancy.Judge(point_m, bin, num_snapshots_, floats, is_target_since);
     place_rates_.push_back(verdict.place_rate);
     if (verdict.is_structure && !verdict.floats) continue;
     if (!station.snapshot->ground.Holds(point_m)) candidates_.push_back(i);

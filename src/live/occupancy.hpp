@@ -26,6 +26,9 @@ class Occupancy {
   // Whether a place floats in a scene, which is asked once for each place and scene.
   using FloatsIn = std::function<bool(const Eigen::Vector3f&)>;
 
+  // Whether what has been at a place since a bin is a known target. None if empty.
+  using IsTargetSince = std::function<bool(const Eigen::Vector3f&, std::int64_t bin)>;
+
   explicit Occupancy(const BackgroundConfig& config);
 
   // Bins count up; frames may come out of order by a few bins.
@@ -34,8 +37,8 @@ class Occupancy {
 
   // Of a return that was measured in `bin`, which is in the window. `scene` numbers what `floats`
   // tells of.
-  Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
-                const FloatsIn& floats);
+  Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene, const FloatsIn& floats,
+                const IsTargetSince& is_target = nullptr);
 
   // As the place rate of a verdict, of what is about a place: the rate that most of the places next
   // to it surpass. Where the air is full, chance spares some places; that nothing was there yet

@@ -123,6 +123,21 @@ TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
   EXPECT_EQ(t.tracks.Extend(Look::kWhole, plots, MomentAt(20)), (std::vector<char>{1, 0, 0}));
 }
 
+TEST(ConfirmedTracks, APlaceIsATargetsWhileItIsThere) {
+  Tracks t;
+  ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
+  const auto seconds = [](int i) { return DroneAt(i).time_s; };
+  const auto has = [&](int place, int since, int until) {
+    return t.tracks.HasAt(Look::kWhole, DroneAt(place).plot.position_m, seconds(since),
+                          seconds(until));
+  };
+  EXPECT_TRUE(has(19, 19, 19));
+  EXPECT_TRUE(has(21, 20, 21));
+  EXPECT_FALSE(has(19, 2, 19));  // it was 7 m away
+  EXPECT_FALSE(has(2, 2, 19));   // and has left
+  EXPECT_FALSE(t.tracks.HasAt(Look::kFirst, DroneAt(19).plot.position_m, seconds(19), seconds(19)));
+}
+
 TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
   Tracks t;
   const auto far_at = [](int i) {

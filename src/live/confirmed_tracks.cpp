@@ -1,6 +1,7 @@
 #include "live/confirmed_tracks.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <optional>
 #include <utility>
@@ -44,13 +45,24 @@ ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackMo
       judge_(config.live.window_s),
       on_event_(std::move(on_event)) {}
 
+// What a place has shown since the track came there is no clutter to it.
+void ConfirmedTracks::SetSuited(const TrackFollower& follower, const std::vector<SeenPlot>& plots) {
+  suited_.assign(plots.begin(), plots.end());
+  for (SeenPlot& seen : suited_) {
+    if (!seen.since_s || !follower.IsNear(seen.plot.position_m, *seen.since_s)) continue;
+    const double log_before = std::max(seen.log_surroundings, std::log(seen.plot.place_rate));
+    seen.plot.log_clutter = std::min(seen.plot.log_clutter, log_before);
+  }
+}
+
 const std::vector<char>& ConfirmedTracks::Extend(Look look, const std::vector<SeenPlot>& plots,
                                                  const Moment& at) {
   claims_.assign(plots.size(), Claim());
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
     const TrackFollower& follower = *tracks_[t].follower;
     if (tracks_[t].look == look) {
-      follower.SetGains(plots, at, &gains_);
+      SetSuited(follower, plots);
+      follower.SetGains(suited_, at, &gains_);
       for (std::size_t i = 0; i < plots.size(); ++i) {
         if (gains_[i] > claims_[i].gain) claims_[i] = {gains_[i], t};
       }
@@ -68,7 +80,8 @@ const std::vector<char>& ConfirmedTracks::Extend(Look look, const std::vector<Se
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (claims_[i].track == t) are_allowed_[i] = 1;
     }
-    tracks_[t].follower->Extend(plots, are_allowed_, at);
+    SetSuited(*tracks_[t].follower, plots);
+    tracks_[t].follower->Extend(suited_, are_allowed_, at);
   }
   return are_free_;
 }

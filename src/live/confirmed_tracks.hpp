@@ -98,6 +98,7 @@ class ConfirmedTracks {
   };
 
   bool Has(const Flight& flight) const;
+  void SetSuited(const TrackFollower& follower, const std::vector<SeenPlot>& plots);
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
   void TellEnd(const Track& track);
   void Append(Track* track, TimeNs until_ns, TimeNs newest_ns, double guessed_share);
@@ -112,6 +113,7 @@ class ConfirmedTracks {
   std::vector<double> gains_;      // (plots) of a track
   std::vector<char> are_free_;     // (plots)
   std::vector<char> are_allowed_;  // (plots) a track
+  std::vector<SeenPlot> suited_;   // plots of a frame, as a track sees them
   std::vector<SeenPlot> settled_;
   std::vector<SeenPlot> not_told_;
   OutputInstants due_;

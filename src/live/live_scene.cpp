@@ -42,6 +42,12 @@ double LiveScene::SecondsOf(TimeNs time_ns) const {
   return static_cast<double>(time_ns - begin_ns_) * kSecondsPerNs;
 }
 
+// Of its middle, but for pauses since.
+double LiveScene::SecondsOfBin(std::int64_t bin) const {
+  return (static_cast<double>(bin + bin_shift_) + 0.5) * static_cast<double>(bin_ns_) *
+         kSecondsPerNs;
+}
+
 // A pause between frames takes no more bins than it needs to end every stay.
 std::int64_t LiveScene::BinOf(TimeNs time_ns) {
   const std::int64_t slot = (time_ns - begin_ns_) / bin_ns_;
@@ -196,21 +202,21 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
   frame_.frames[0].last_return = static_cast<std::uint32_t>(frame_.points_m.size());
   candidates_.clear();
   place_rates_.clear();
+  since_bins_.clear();
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
     return station.snapshot->support.IsFloating(point_m);
   };
   const double time_s = SecondsOf(loaded->info.middle_ns());
   const Occupancy::IsTargetSince is_target_since = [&](const Eigen::Vector3f& point_m,
                                                        std::int64_t since_bin) {
-    const double bins = static_cast<double>(since_bin + bin_shift_) + 0.5;
-    return is_target && is_target(point_m + station.viewpoint_m,
-                                  bins * static_cast<double>(bin_ns_) * kSecondsPerNs, time_s);
+    return is_target && is_target(point_m + station.viewpoint_m, SecondsOfBin(since_bin), time_s);
   };
   for (std::uint32_t i = 0; i < frame_.points_m.size(); ++i) {
     const Eigen::Vector3f& point_m = frame_.points_m[i];
     const Occupancy::Verdict verdict =
         station.occupancy.Judge(point_m, bin, num_snapshots_, floats, is_target_since);
     place_rates_.push_back(verdict.place_rate);
+    since_bins_.push_back(verdict.since_bin);
     if (verdict.is_structure && !verdict.floats) continue;
     if (!station.snapshot->ground.Holds(point_m)) candidates_.push_back(i);
   }
@@ -225,13 +231,16 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
     Plot& plot = seen.plot;
     plot.frame = num_frames_;
     double rate = 0.0;
+    std::optional<std::int64_t> since_bin = bin;
     for (const std::uint32_t i : plotter_.ReturnsOf(p)) {
       const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - plot.position_m;
       seen.scatter_m2 += d * d.transpose();
       rate += static_cast<double>(place_rates_[i]);
+      since_bin = std::min(since_bin, since_bins_[i]);  // none is less than any
     }
     plot.place_rate = std::max(rate / static_cast<double>(plot.num_returns),
                                station.occupancy.RateAbout(plot.position_m.cast<float>(), bin));
+    if (since_bin) seen.since_s = SecondsOfBin(*since_bin);
     held->plots.push_back(seen);
   }
   ++num_frames_;

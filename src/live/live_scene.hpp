@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -125,6 +126,7 @@ class LiveScene {
 
   bool IsSurge(const SceneFrame& frame);
   double SecondsOf(TimeNs time_ns) const;
+  double SecondsOfBin(std::int64_t bin) const;
   std::int64_t BinOf(TimeNs time_ns);
   Station& StationOf(std::uint32_t sensor);
   static void Learn(const LoadedFrame& frame, std::int64_t bin, Station* station);
@@ -170,7 +172,8 @@ class LiveScene {
   Recording frame_;
   FramePlotter plotter_;
   std::vector<std::uint32_t> candidates_;
-  std::vector<float> place_rates_;  // (returns)
+  std::vector<float> place_rates_;                       // (returns)
+  std::vector<std::optional<std::int64_t>> since_bins_;  // (returns)
 };
 
 }  // namespace unlidar

@@ -187,6 +187,7 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
   float exposed = static_cast<float>(NumBits(watched_ & ~in_stay));
   // The stay may reach back beyond the window as far as its last bits tell.
   place.is_stay_long = stay.last + max_break_ + 1 >= kWindow;
+  if (!place.is_stay_long) verdict.since_bin = newest_ - stay.last;
   if (place.is_stay_long || 2 * NumBits(in_stay & watched_) > NumBits(watched_)) {
     occupied = std::max(occupied, place.past_occupied);
     exposed = std::max(exposed, place.past_exposed);
@@ -209,8 +210,8 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
   if (verdict.is_structure) {
     tell_floating();
     // What came with a target is the target.
-    if (is_unknown && !verdict.floats && !place.is_stay_long && is_target &&
-        is_target(point_m, newest_ - stay.last)) {
+    if (is_unknown && !verdict.floats && verdict.since_bin && is_target &&
+        is_target(point_m, *verdict.since_bin)) {
       verdict.is_structure = place.is_structure = place.is_supporter = false;
       return verdict;
     }

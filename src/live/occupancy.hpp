@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include "robust/scene/background.hpp"
@@ -18,9 +19,10 @@ namespace unlidar {
 class Occupancy {
  public:
   struct Verdict {
-    bool is_structure = false;  // or too little is known to tell
-    bool floats = false;        // structure that nothing holds up
-    float place_rate = 0.0F;    // as Background::PlaceRate
+    bool is_structure = false;              // or too little is known to tell
+    bool floats = false;                    // structure that nothing holds up
+    float place_rate = 0.0F;                // as Background::PlaceRate
+    std::optional<std::int64_t> since_bin;  // in which the stay of its place began, if it is known
   };
 
   // Whether a place floats in a scene, which is asked once for each place and scene.

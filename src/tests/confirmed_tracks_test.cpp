@@ -539,5 +539,32 @@ TEST(ConfirmedTracks, WhatMayHaveBeenSeenSinceIsNotLost) {
   EXPECT_EQ(end, kLast + 101);
 }
 
+// One that stops at once is not lost because its own returns at the place count as clutter there;
+// what was there before it came is clutter still.
+TEST(ConfirmedTracks, WhatAPlaceShowsSinceATrackCameIsNoClutterToIt) {
+  for (const bool came_with_it : {true, false}) {
+    Tracks t;
+    constexpr int kStops = 40;
+    constexpr int kEnd = 60;
+    const auto stopping_at = [&](int i) {
+      SeenPlot seen = DroneAt(std::min(i, kStops));
+      seen = PlotAt(i, seen.plot.position_m);
+      seen.plot.num_returns = 1;
+      if (i <= kStops) return seen;
+      seen.log_surroundings = seen.plot.log_clutter;
+      seen.plot.log_clutter = 4.0;
+      seen.since_s = DroneAt(came_with_it ? kStops : 0).time_s;
+      return seen;
+    };
+    for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+    ASSERT_TRUE(t.Begin(FlightUntil(20, stopping_at), kAnyScore));
+    for (int i = 20; i < kEnd; ++i) t.GoTo(i, stopping_at(i));
+    const TrajectoryRow& last = t.rows.back();
+    const bool has_stopped = (last.position_m - DroneAt(kStops).plot.position_m).norm() < 0.3 &&
+                             last.time_ns >= FrameAt(kEnd - 12).stamp_ns;
+    EXPECT_EQ(has_stopped, came_with_it) << last.position_m.transpose() << " " << t.rows.size();
+  }
+}
+
 }  // namespace
 }  // namespace unlidar

@@ -80,6 +80,18 @@ TEST_F(OccupancyTest, WhatCameWithATargetIsNoStructure) {
   }
 }
 
+TEST_F(OccupancyTest, TellsSinceWhenAPlaceIsHit) {
+  for (std::int64_t bin = 0; bin < 120; ++bin) {
+    Bin(bin, bin < 4 || (bin >= 40 && bin % 2 == 0));
+    const Occupancy::Verdict verdict = occupancy_.Judge({10, 5, 3}, bin, 0, NeverFloats);
+    if (bin >= 40 && bin < 100) {
+      EXPECT_EQ(verdict.since_bin, 40) << bin;
+    } else if (bin >= 110) {
+      EXPECT_FALSE(verdict.since_bin) << bin;
+    }
+  }
+}
+
 // The rays hit a pole here and there: what is older than the window counts as that in it does.
 TEST_F(OccupancyTest, WhatIsHitHereAndThereRemainsStructure) {
   const auto at = [](std::int64_t bin) {

@@ -1,6 +1,7 @@
 #include "live/live_scene.hpp"
 
 #include <algorithm>
+#include <functional>
 
 namespace unlidar {
 namespace {
@@ -207,10 +208,10 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
     return station.snapshot->support.IsFloating(point_m);
   };
   const double time_s = SecondsOf(loaded->info.middle_ns());
-  const Occupancy::IsTargetSince is_target_since = [&](const Eigen::Vector3f& point_m,
-                                                       std::int64_t since_bin) {
+  const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t since_bin) {
     return is_target && is_target(point_m + station.viewpoint_m, SecondsOfBin(since_bin), time_s);
   };
+  const Occupancy::IsTargetSince is_target_since = std::cref(is_known_target);  // no allocation
   for (std::uint32_t i = 0; i < frame_.points_m.size(); ++i) {
     const Eigen::Vector3f& point_m = frame_.points_m[i];
     const Occupancy::Verdict verdict =

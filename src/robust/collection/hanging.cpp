@@ -101,7 +101,7 @@ bool Wanders(const std::vector<Measurement>& measurements) {
 }
 
 // A straight and even way is to explain most of where it was. Of things that swing by 0.3 to 0.8 m
-// at 0.2 to 0.6 Hz, looked at every half second, one to three of 100 ever seem to.
+// at 0.2 to 0.6 Hz, looked at every half second, at most three of 100 ever seem to.
 bool GoesOn(const std::vector<Measurement>& measurements) {
   const Eigen::Vector3d mean_m = MeanOf(measurements);
   const TimeNs begin_ns = measurements.front().time_ns;

@@ -1,6 +1,7 @@
 #include "live/confirmed_tracks.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <optional>
 #include <utility>
@@ -14,10 +15,24 @@ namespace {
 // while its sigma is at most this share of the largest that may be written; else it waits for a
 // sighting, or for the end.
 constexpr double kGuessedShare = 0.25;
+// So many times that sigma may a row between two sightings have, as soon as it is due. What is less
+// sure waits until the later one has been followed for as long as the delay: how the target comes
+// out of a gap tells how it went through it.
+constexpr double kBridged = 2.0;
 // What waits for so long to be known as a drone has no older rows: it may hang there for days.
 constexpr double kWaitS = 20.0;
 constexpr double kTaken = 0.0;   // gain from which a plot is a track's
 constexpr double kSurely = 1e9;  // gain of one that is, whatever others would gain
+
+// Its last sighting until then, by the times of rows.
+TimeNs LastSeenBefore(const TrackFollower& follower, TimeNs until_ns) {
+  TimeNs last_ns = std::numeric_limits<TimeNs>::min();
+  for (const Measurement& measurement : follower.measurements()) {
+    const TimeNs time_ns = measurement.time_ns + follower.late_ns();
+    if (time_ns <= until_ns) last_ns = time_ns;
+  }
+  return last_ns;
+}
 
 }  // namespace
 
@@ -30,13 +45,24 @@ ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackMo
       judge_(config.live.window_s),
       on_event_(std::move(on_event)) {}
 
+// What a place has shown since the track came there is no clutter to it.
+void ConfirmedTracks::SetSuited(const TrackFollower& follower, const std::vector<SeenPlot>& plots) {
+  suited_.assign(plots.begin(), plots.end());
+  for (SeenPlot& seen : suited_) {
+    if (!seen.since_s || !follower.IsNear(seen.plot.position_m, *seen.since_s)) continue;
+    const double log_before = std::max(seen.log_surroundings, std::log(seen.plot.place_rate));
+    seen.plot.log_clutter = std::min(seen.plot.log_clutter, log_before);
+  }
+}
+
 const std::vector<char>& ConfirmedTracks::Extend(Look look, const std::vector<SeenPlot>& plots,
                                                  const Moment& at) {
   claims_.assign(plots.size(), Claim());
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
     const TrackFollower& follower = *tracks_[t].follower;
     if (tracks_[t].look == look) {
-      follower.SetGains(plots, at, &gains_);
+      SetSuited(follower, plots);
+      follower.SetGains(suited_, at, &gains_);
       for (std::size_t i = 0; i < plots.size(); ++i) {
         if (gains_[i] > claims_[i].gain) claims_[i] = {gains_[i], t};
       }
@@ -54,9 +80,18 @@ const std::vector<char>& ConfirmedTracks::Extend(Look look, const std::vector<Se
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (claims_[i].track == t) are_allowed_[i] = 1;
     }
-    tracks_[t].follower->Extend(plots, are_allowed_, at);
+    SetSuited(*tracks_[t].follower, plots);
+    tracks_[t].follower->Extend(suited_, are_allowed_, at);
   }
   return are_free_;
+}
+
+bool ConfirmedTracks::HasAt(Look look, const Eigen::Vector3d& place_m, double since_s,
+                            double time_s) const {
+  return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
+    return track.look == look && track.follower->IsNear(place_m, time_s) &&
+           track.follower->IsNear(place_m, since_s);
+  });
 }
 
 // A drone that shows as two plots in a frame is no second one.
@@ -121,8 +156,7 @@ const std::vector<SeenPlot>& ConfirmedTracks::EndLost(Look look, TimeNs lost_ns,
                                                       TimeNs searched_ns) {
   settled_.clear();
   for (auto track = tracks_.begin(); track != tracks_.end();) {
-    const TimeNs last_ns = track->follower->last_evidence_ns();
-    if (track->look != look || last_ns >= lost_ns) {
+    if (track->look != look || track->follower->last_tried_ns() >= lost_ns) {
       ++track;
       continue;
     }
@@ -213,10 +247,14 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
   const TimeNs late_ns = newest_ns - NsOf(config_.live.delay_s) - period_ns_;
   const TimeInterval seen{follower.measurements().front().time_ns + follower.late_ns(),
                           follower.last_evidence_ns() + follower.late_ns()};
+  const TimeNs followed_ns = LastSeenBefore(follower, until_ns - NsOf(config_.live.delay_s));
   const double max_guessed_m = guessed_share * source_.max_sigma_m;
+  const double max_bridged_m = std::min(1.0, kBridged * guessed_share) * source_.max_sigma_m;
   while (std::optional<TrajectoryRow> row = rows.Next()) {
-    const bool is_guessed = row->time_ns < seen.begin_ns || row->time_ns > seen.end_ns;
-    if (is_guessed && row->sigma_m.maxCoeff() > max_guessed_m) continue;
+    const double sigma_m = row->sigma_m.maxCoeff();
+    if (row->time_ns < seen.begin_ns && sigma_m > max_guessed_m) continue;
+    if (row->time_ns > seen.end_ns && sigma_m > max_guessed_m) break;
+    if (row->time_ns > followed_ns && sigma_m > max_bridged_m) break;
     const TimeInterval around = instants_.Around(row->time_ns);
     row->support = follower.ReturnsBetween(around.begin_ns, around.end_ns);
     on_event_(RowGiven{*row, row->time_ns < late_ns, kind});

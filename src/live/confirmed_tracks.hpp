@@ -43,6 +43,9 @@ class ConfirmedTracks {
   // than clutter, so they may be another target's.
   const std::vector<char>& Extend(Look look, const std::vector<SeenPlot>& plots, const Moment& at);
 
+  // Whether one of them was at a place at `since_s`, and is likely to be there still at `time_s`.
+  bool HasAt(Look look, const Eigen::Vector3d& place_m, double since_s, double time_s) const;
+
   // Begins a track with a flight, unless one has it already. False if the flight is worth less than
   // `least_score` as a track. `with_past`: gives the flight with what it was before.
   bool Begin(Look look, const Flight& flight, double least_score,
@@ -95,6 +98,7 @@ class ConfirmedTracks {
   };
 
   bool Has(const Flight& flight) const;
+  void SetSuited(const TrackFollower& follower, const std::vector<SeenPlot>& plots);
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
   void TellEnd(const Track& track);
   void Append(Track* track, TimeNs until_ns, TimeNs newest_ns, double guessed_share);
@@ -109,6 +113,7 @@ class ConfirmedTracks {
   std::vector<double> gains_;      // (plots) of a track
   std::vector<char> are_free_;     // (plots)
   std::vector<char> are_allowed_;  // (plots) a track
+  std::vector<SeenPlot> suited_;   // plots of a frame, as a track sees them
   std::vector<SeenPlot> settled_;
   std::vector<SeenPlot> not_told_;
   OutputInstants due_;

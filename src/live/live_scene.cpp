@@ -1,6 +1,7 @@
 #include "live/live_scene.hpp"
 
 #include <algorithm>
+#include <functional>
 
 namespace unlidar {
 namespace {
@@ -40,6 +41,12 @@ Eigen::Vector3f LiveScene::AddSensor(std::uint32_t sensor, const Eigen::Vector3f
 
 double LiveScene::SecondsOf(TimeNs time_ns) const {
   return static_cast<double>(time_ns - begin_ns_) * kSecondsPerNs;
+}
+
+// Of its middle, but for pauses since.
+double LiveScene::SecondsOfBin(std::int64_t bin) const {
+  return (static_cast<double>(bin + bin_shift_) + 0.5) * static_cast<double>(bin_ns_) *
+         kSecondsPerNs;
 }
 
 // A pause between frames takes no more bins than it needs to end every stay.
@@ -166,10 +173,10 @@ void LiveScene::RefitAll() {
   ++num_snapshots_;
 }
 
-TimeNs LiveScene::MakePlots() {
+TimeNs LiveScene::MakePlots(const IsTarget& is_target) {
   auto& [frame, bin] = waiting_.front();
   const TimeNs middle_ns = frame.info.middle_ns();
-  MakePlotsOf(&frame, bin, &held_.Append());
+  MakePlotsOf(&frame, bin, is_target, &held_.Append());
   // Never again do as many wait as for the warm-up.
   if (num_unforeseen_ > 0) frame = LoadedFrame();
   waiting_.pop_front();
@@ -186,7 +193,8 @@ void LiveScene::Foresee() {
   }
 }
 
-void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, SceneFrame* held) {
+void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarget& is_target,
+                            SceneFrame* held) {
   Station& station = StationOf(loaded->info.sensor);
   std::swap(frame_.points_m, loaded->points_m);
   std::swap(frame_.times_ns, loaded->times_ns);
@@ -195,14 +203,21 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, SceneFrame* h
   frame_.frames[0].last_return = static_cast<std::uint32_t>(frame_.points_m.size());
   candidates_.clear();
   place_rates_.clear();
+  since_bins_.clear();
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
     return station.snapshot->support.IsFloating(point_m);
   };
+  const double time_s = SecondsOf(loaded->info.middle_ns());
+  const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t since_bin) {
+    return is_target && is_target(point_m + station.viewpoint_m, SecondsOfBin(since_bin), time_s);
+  };
+  const Occupancy::IsTargetSince is_target_since = std::cref(is_known_target);  // no allocation
   for (std::uint32_t i = 0; i < frame_.points_m.size(); ++i) {
     const Eigen::Vector3f& point_m = frame_.points_m[i];
     const Occupancy::Verdict verdict =
-        station.occupancy.Judge(point_m, bin, num_snapshots_, floats);
+        station.occupancy.Judge(point_m, bin, num_snapshots_, floats, is_target_since);
     place_rates_.push_back(verdict.place_rate);
+    since_bins_.push_back(verdict.since_bin);
     if (verdict.is_structure && !verdict.floats) continue;
     if (!station.snapshot->ground.Holds(point_m)) candidates_.push_back(i);
   }
@@ -217,13 +232,16 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, SceneFrame* h
     Plot& plot = seen.plot;
     plot.frame = num_frames_;
     double rate = 0.0;
+    std::optional<std::int64_t> since_bin = bin;
     for (const std::uint32_t i : plotter_.ReturnsOf(p)) {
       const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - plot.position_m;
       seen.scatter_m2 += d * d.transpose();
       rate += static_cast<double>(place_rates_[i]);
+      since_bin = std::min(since_bin, since_bins_[i]);  // none is less than any
     }
     plot.place_rate = std::max(rate / static_cast<double>(plot.num_returns),
                                station.occupancy.RateAbout(plot.position_m.cast<float>(), bin));
+    if (since_bin) seen.since_s = SecondsOfBin(*since_bin);
     held->plots.push_back(seen);
   }
   ++num_frames_;

@@ -4,7 +4,9 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -43,6 +45,10 @@ class LiveScene {
   // Returns the viewpoint of its station, in the common frame. A sensor may be told again.
   Eigen::Vector3f AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m);
 
+  // Whether a known target, none if empty, was at a place at `since_s` and is there at `time_s`.
+  using IsTarget =
+      std::function<bool(const Eigen::Vector3f& place_m, double since_s, double time_s)>;
+
   // As LiveClutter::SetBlinded, from the next frame on: weather is that of all sensors.
   void SetBlinded(bool is_blinded);
 
@@ -61,7 +67,7 @@ class LiveScene {
 
   // Makes the plots of the next frame that waits, of at least one, in a scene that is warm. Returns
   // the middle of the frame.
-  TimeNs MakePlots();
+  TimeNs MakePlots(const IsTarget& is_target = nullptr);
 
   // Gives the next frame whose middle is at most `until_ns`, if its plots are made; false if there
   // is none. No body that comes later keeps its plots out. The memory of `frame` is used again.
@@ -120,6 +126,7 @@ class LiveScene {
 
   bool IsSurge(const SceneFrame& frame);
   double SecondsOf(TimeNs time_ns) const;
+  double SecondsOfBin(std::int64_t bin) const;
   std::int64_t BinOf(TimeNs time_ns);
   Station& StationOf(std::uint32_t sensor);
   static void Learn(const LoadedFrame& frame, std::int64_t bin, Station* station);
@@ -127,7 +134,8 @@ class LiveScene {
   void WarmUpLate(Station* station);
   void Refit(Station* station);
   void RefitAll();
-  void MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, SceneFrame* held);
+  void MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarget& is_target,
+                   SceneFrame* held);
   void Foresee();
   void LeaveOutBodies(SceneFrame* frame);
   void Judge(SceneFrame* frame);
@@ -164,7 +172,8 @@ class LiveScene {
   Recording frame_;
   FramePlotter plotter_;
   std::vector<std::uint32_t> candidates_;
-  std::vector<float> place_rates_;  // (returns)
+  std::vector<float> place_rates_;                       // (returns)
+  std::vector<std::optional<std::int64_t>> since_bins_;  // (returns)
 };
 
 }  // namespace unlidar

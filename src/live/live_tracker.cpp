@@ -84,7 +84,11 @@ void LiveTracker::GiveRows(TimeNs newest_ns) {
 
 void LiveTracker::MakePlots(Pass* pass, std::size_t most) {
   for (; pass->scene.num_waiting() > 0 && most > 0; --most) {
-    SearchUntil(pass, pass->scene.MakePlots() - NsOf(kBodyHoldS));
+    const TimeNs middle_ns =
+        pass->scene.MakePlots([&](const Eigen::Vector3f& place_m, double since_s, double time_s) {
+          return tracks_.HasAt(pass->look, place_m.cast<double>(), since_s, time_s);
+        });
+    SearchUntil(pass, middle_ns - NsOf(kBodyHoldS));
   }
 }
 

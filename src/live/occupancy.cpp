@@ -166,7 +166,7 @@ double Occupancy::RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) co
 }
 
 Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
-                                    const FloatsIn& floats) {
+                                    const FloatsIn& floats, const IsTargetSince& is_target) {
   Verdict verdict;
   Place* const found = places_.Find(point_m);
   const std::int64_t age = newest_ - bin;
@@ -189,6 +189,7 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
   float exposed = static_cast<float>(NumBits(watched_ & ~in_stay));
   // The stay may reach back beyond the window as far as its last bits tell.
   place.is_stay_long = stay.last + max_break_ + 1 >= kWindow;
+  if (!place.is_stay_long) verdict.since_bin = newest_ - stay.last;
   if (place.is_stay_long || 2 * NumBits(in_stay & watched_) > NumBits(watched_)) {
     occupied = std::max(occupied, place.past_occupied);
     exposed = std::max(exposed, place.past_exposed);
@@ -200,19 +201,26 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
   }
   const auto min_exposed =
       static_cast<float>(config_.min_exposure * static_cast<double>(NumBits(watched_)));
+  const bool is_unknown = exposed < min_exposed;
   verdict.is_structure =
-      exposed < min_exposed || occupied > static_cast<float>(config_.max_occupancy) * exposed;
+      is_unknown || occupied > static_cast<float>(config_.max_occupancy) * exposed;
   place.is_structure = verdict.is_structure;
   place.is_supporter =
       verdict.is_structure ||
       (occupied >= kSupportingHits &&
        occupied > kSupportingShare * static_cast<float>(config_.max_occupancy) * exposed);
   if (verdict.is_structure) {
+    tell_floating();
+    // What came with a target is the target.
+    if (is_unknown && !verdict.floats && verdict.since_bin && is_target &&
+        is_target(point_m, *verdict.since_bin)) {
+      verdict.is_structure = place.is_structure = place.is_supporter = false;
+      return verdict;
+    }
     // Not all places at once are looked at anew.
     if (NumBits(watched_) >= kSettledBins) {
       place.judged_until = newest_ + 4 + static_cast<std::int64_t>(1e3F * place.point_m.norm()) % 8;
     }
-    tell_floating();
     return verdict;
   }
   if (occupied <= 1.0F) return verdict;

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include "robust/scene/background.hpp"
@@ -18,13 +19,17 @@ namespace unlidar {
 class Occupancy {
  public:
   struct Verdict {
-    bool is_structure = false;  // or too little is known to tell
-    bool floats = false;        // structure that nothing holds up
-    float place_rate = 0.0F;    // as Background::PlaceRate
+    bool is_structure = false;              // or too little is known to tell
+    bool floats = false;                    // structure that nothing holds up
+    float place_rate = 0.0F;                // as Background::PlaceRate
+    std::optional<std::int64_t> since_bin;  // in which the stay of its place began, if it is known
   };
 
   // Whether a place floats in a scene, which is asked once for each place and scene.
   using FloatsIn = std::function<bool(const Eigen::Vector3f&)>;
+
+  // Whether what has been at a place since a bin is a known target. None if empty.
+  using IsTargetSince = std::function<bool(const Eigen::Vector3f&, std::int64_t bin)>;
 
   explicit Occupancy(const BackgroundConfig& config);
 
@@ -34,8 +39,8 @@ class Occupancy {
 
   // Of a return that was measured in `bin`, which is in the window. `scene` numbers what `floats`
   // tells of.
-  Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
-                const FloatsIn& floats);
+  Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene, const FloatsIn& floats,
+                const IsTargetSince& is_target = nullptr);
 
   // As the place rate of a verdict, of what is about a place: the rate that most of the places next
   // to it surpass. Where the air is full, chance spares some places; that nothing was there yet

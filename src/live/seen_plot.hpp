@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "robust/plots/plots.hpp"
@@ -14,6 +15,7 @@ struct SeenPlot {
   Plot plot;
   double time_s = 0.0;            // of the middle of its frame, since the first frame began
   TimeNs stamp_ns = 0;            // of its frame
+  std::optional<double> since_s;  // when the stay of its place began, as time_s, if that is known
   double log_surroundings = 0.0;  // log_clutter of its plot, were nothing at the place itself
   Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns, about their mean
 };

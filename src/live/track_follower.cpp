@@ -145,6 +145,15 @@ TimeNs TrackFollower::last_evidence_ns() const {
   return PlotOf(nodes_[static_cast<std::size_t>(Head())]).plot.time_ns;
 }
 
+// By the best way on, unless a new target is as likely by now.
+TimeNs TrackFollower::last_tried_ns() const {
+  const std::int32_t leaf = BestLeaf();
+  const Node& best = nodes_[static_cast<std::size_t>(leaf)];
+  const Node& believed = nodes_[static_cast<std::size_t>(BelievedAt(leaf))];
+  const bool is_unlikely = best.now < believed.h.score - tracker_.birth_cost;
+  return PlotOf(is_unlikely ? believed : best).plot.time_ns;
+}
+
 void TrackFollower::Settle(TimeNs until_ns, std::vector<SeenPlot>* settled) {
   std::int32_t at = Head();
   while (at != kNoIndex) {

@@ -38,6 +38,8 @@ class TrackFollower {
 
   // The newest plot that is believed to be the target's.
   TimeNs last_evidence_ns() const;
+  // The newest plot that may be the target's.
+  TimeNs last_tried_ns() const;
   TimeNs first_evidence_ns() const { return first_evidence_ns_; }
 
   // Fits the trajectory to what was seen lately.

@@ -23,7 +23,7 @@ constexpr double kHangsS = 60.0;
 constexpr std::size_t kMaxClouds = 64;
 
 bool MayHangFor(const std::vector<Measurement>& measurements, double seen_s) {
-  if (!StandsFarAway(measurements)) return false;
+  if (!StandsFarAway(measurements) || GoesOn(measurements)) return false;
   return seen_s < kLeastWanderS || seen_s > kHangsS || !Wanders(measurements);
 }
 

@@ -118,6 +118,21 @@ TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
   EXPECT_EQ(t.tracks.Extend(Look::kWhole, plots, MomentAt(20)), (std::vector<char>{1, 0, 0}));
 }
 
+TEST(ConfirmedTracks, APlaceIsATargetsWhileItIsThere) {
+  Tracks t;
+  ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
+  const auto seconds = [](int i) { return DroneAt(i).time_s; };
+  const auto has = [&](int place, int since, int until) {
+    return t.tracks.HasAt(Look::kWhole, DroneAt(place).plot.position_m, seconds(since),
+                          seconds(until));
+  };
+  EXPECT_TRUE(has(19, 19, 19));
+  EXPECT_TRUE(has(21, 20, 21));
+  EXPECT_FALSE(has(19, 2, 19));  // it was 7 m away
+  EXPECT_FALSE(has(2, 2, 19));   // and has left
+  EXPECT_FALSE(t.tracks.HasAt(Look::kFirst, DroneAt(19).plot.position_m, seconds(19), seconds(19)));
+}
+
 TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
   Tracks t;
   const auto far_at = [](int i) {
@@ -433,6 +448,116 @@ TEST(ConfirmedTracks, WhatStandsFarAwayHasNoRowUntilItGoesAway) {
     EXPECT_EQ(t.confirmed.size(), 1U) << range_m;
     ASSERT_FALSE(t.rows.empty());
     EXPECT_GT(t.rows.back().position_m.y(), 10.0) << range_m;
+  }
+}
+
+// What flies by there so slowly that it has not yet come far does not hang: it goes straight on.
+TEST(ConfirmedTracks, WhatGoesOnFarAwayHasRowsBeforeItHasGoneFar) {
+  for (const double speed_mps : {0.0, 0.4}) {
+    Tracks t;
+    Random random(4);
+    const auto at = [&](int i) {
+      const Eigen::Vector3d place_m(32.0, speed_mps * kPeriodS * i, 6.0);
+      return PlotAt(i, place_m + random.NormalVector(0.08));
+    };
+    for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+    ASSERT_TRUE(t.Begin(FlightUntil(20, at), kAnyScore));
+    for (int i = 20; i < 50; ++i) t.GoTo(i, at(i));
+    EXPECT_EQ(t.confirmed.empty(), speed_mps == 0.0) << speed_mps;
+  }
+}
+
+// How a target comes out of a gap tells how it went through it.
+TEST(ConfirmedTracks, RowsOfAGapWaitForWhatFollowsIt) {
+  Tracks t;
+  const auto turning_at = [](int i) {
+    const double angle = 0.08 * i;
+    return PlotAt(i, {30.0 + 8.0 * std::cos(angle), 8.0 * std::sin(angle), 12.0});
+  };
+  constexpr int kLost = 40;
+  constexpr int kBack = 84;
+  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+  ASSERT_TRUE(t.Begin(FlightUntil(20, turning_at), kAnyScore));
+  std::vector<TimeNs> newest_ns;  // when each row was given
+  const auto note = [&](int i) { newest_ns.resize(t.rows.size(), FrameAt(i).stamp_ns); };
+  for (int i = 20; i < kBack + 40; ++i) {
+    if (i < kLost || i >= kBack) {
+      t.GoTo(i, turning_at(i));
+    } else {
+      t.tracks.AddInstants(FrameAt(i));
+      t.tracks.Extend(Look::kWhole, {}, MomentAt(i));
+      t.tracks.GiveRows(Look::kWhole, FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
+    }
+    note(i);
+  }
+  const TimeNs delay_ns = NsOf(t.config.live.delay_s);
+  int num_unsure = 0;
+  for (std::size_t k = 0; k < t.rows.size(); ++k) {
+    const TrajectoryRow& row = t.rows[k];
+    if (row.sigma_m.maxCoeff() <= 0.5 * t.config.trajectory.max_sigma_m) continue;
+    ++num_unsure;
+    EXPECT_GE(newest_ns[k], DroneAt(kBack).plot.time_ns + 2 * delay_ns) << k;
+  }
+  EXPECT_GT(num_unsure, 5);
+  EXPECT_GT(t.rows.back().time_ns, FrameAt(kBack + 25).stamp_ns);
+}
+
+// Each of its lone sightings is no better than having gone unseen, but they are on one way.
+TEST(ConfirmedTracks, WhatMayHaveBeenSeenSinceIsNotLost) {
+  Tracks t;
+  const auto far_at = [](int i) {
+    SeenPlot seen = PlotAt(i, {60.0, -30.0 + 0.3 * i, 25.0});
+    seen.plot.variance_m2 = 0.1;
+    seen.plot.log_clutter = -19.0;
+    seen.plot.num_returns = 1;
+    return seen;
+  };
+  const TimeNs max_gap_ns = NsOf(t.config.robust.tracker.max_gap_s);
+  constexpr int kLast = 300;
+  Flight flight;
+  for (int i = 0; i < 100; i += 5) Append(far_at(i), &flight);
+  ASSERT_TRUE(t.Begin(flight, kAnyScore));
+  int end = 0;
+  for (int i = 100; t.ended.empty() && i < kLast + 150; ++i) {
+    t.tracks.AddInstants(FrameAt(i));
+    const bool is_seen = i == 145 || i == 190 || i == 235 || (i >= 270 && i <= kLast && i % 5 == 0);
+    t.tracks.Extend(Look::kWhole,
+                    is_seen ? std::vector<SeenPlot>{far_at(i)} : std::vector<SeenPlot>(),
+                    MomentAt(i));
+    const TimeNs now_ns = FrameAt(i).middle_ns();
+    t.tracks.GiveRows(Look::kWhole, now_ns, FrameAt(i).stamp_ns);
+    t.tracks.EndLost(Look::kWhole, now_ns - max_gap_ns, now_ns);
+    end = i;
+  }
+  ASSERT_EQ(t.ended.size(), 1U);
+  EXPECT_EQ(t.ended[0].last_evidence_ns, far_at(kLast).plot.time_ns);
+  EXPECT_EQ(end, kLast + 101);
+}
+
+// One that stops at once is not lost because its own returns at the place count as clutter there;
+// what was there before it came is clutter still.
+TEST(ConfirmedTracks, WhatAPlaceShowsSinceATrackCameIsNoClutterToIt) {
+  for (const bool came_with_it : {true, false}) {
+    Tracks t;
+    constexpr int kStops = 40;
+    constexpr int kEnd = 60;
+    const auto stopping_at = [&](int i) {
+      SeenPlot seen = DroneAt(std::min(i, kStops));
+      seen = PlotAt(i, seen.plot.position_m);
+      seen.plot.num_returns = 1;
+      if (i <= kStops) return seen;
+      seen.log_surroundings = seen.plot.log_clutter;
+      seen.plot.log_clutter = 4.0;
+      seen.since_s = DroneAt(came_with_it ? kStops : 0).time_s;
+      return seen;
+    };
+    for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+    ASSERT_TRUE(t.Begin(FlightUntil(20, stopping_at), kAnyScore));
+    for (int i = 20; i < kEnd; ++i) t.GoTo(i, stopping_at(i));
+    const TrajectoryRow& last = t.rows.back();
+    const bool has_stopped = (last.position_m - DroneAt(kStops).plot.position_m).norm() < 0.3 &&
+                             last.time_ns >= FrameAt(kEnd - 12).stamp_ns;
+    EXPECT_EQ(has_stopped, came_with_it) << last.position_m.transpose() << " " << t.rows.size();
   }
 }
 

@@ -88,5 +88,45 @@ TEST(MayHang, SightingsOfOneInstantTellNothingOfMotion) {
   EXPECT_TRUE(MayHang(target.measurements));
 }
 
+// The share of draws in which it seems to go straight on, looked at again and again.
+double ShareGoingOn(double duration_s,
+                    const std::function<Eigen::Vector3d(double time_s, double phase)>& at) {
+  int going_on = 0;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    Random random(static_cast<std::uint32_t>(draw + 1));
+    const double phase = random.Uniform(0.0, 2.0 * M_PI);
+    const Target target =
+        SeenNow(kFarM, duration_s, &random, [&](double time_s) { return at(time_s, phase); });
+    std::vector<Measurement> until_now;
+    bool seems_to = false;
+    for (const Measurement& m : target.measurements) {
+      until_now.push_back(m);
+      seems_to = seems_to || GoesOn(until_now);
+    }
+    going_on += seems_to ? 1 : 0;
+  }
+  return static_cast<double>(going_on) / kDraws;
+}
+
+TEST(GoesOn, WhatFliesSlowlyDoes) {
+  const auto slowly = [](double time_s, double phase) {
+    return Eigen::Vector3d(0.3 * time_s * std::cos(phase), 0.3 * time_s * std::sin(phase), 0.0);
+  };
+  EXPECT_GE(ShareGoingOn(5.0, slowly), 0.98);
+  EXPECT_EQ(ShareGoingOn(2.9, slowly), 0.0);
+}
+
+TEST(GoesOn, WhatStandsStillOrSwingsDoesNot) {
+  EXPECT_EQ(ShareGoingOn(10.0, Still), 0.0);
+  for (const double reach_m : {0.1, 0.3, 0.6}) {
+    const auto swing = [&](double time_s, double phase) {
+      const double hz = 0.25 + 0.05 * phase;
+      return Eigen::Vector3d(reach_m * std::sin(2.0 * M_PI * hz * time_s + phase),
+                             reach_m * std::sin(2.0 * M_PI * 0.4 * time_s + 3.0 * phase), 0.0);
+    };
+    EXPECT_LE(ShareGoingOn(10.0, swing), 0.05) << reach_m;
+  }
+}
+
 }  // namespace
 }  // namespace unlidar

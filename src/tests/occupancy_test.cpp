@@ -55,6 +55,43 @@ TEST_F(OccupancyTest, OfWhatWasThereFromTheBeginTooLittleIsKnown) {
   }
 }
 
+// But for a target that is known to have been there for as long.
+TEST_F(OccupancyTest, WhatCameWithATargetIsNoStructure) {
+  constexpr std::int64_t kCame = 3;
+  const auto is_target = [](const Eigen::Vector3f&, std::int64_t bin) { return bin >= kCame; };
+  const Eigen::Vector3f here_m(10, 5, 3);
+  const Eigen::Vector3f tree_m(0, 20, 8);
+  const Eigen::Vector3f pole_m(-9, 9, 2);
+  for (std::int64_t bin = 0; bin < 100; ++bin) {
+    Bin(bin, bin >= kCame, here_m);
+    Bin(bin, true, tree_m);
+    Bin(bin, bin % 5 != 0, pole_m);
+    const auto is_structure = [&](const Eigen::Vector3f& place_m) {
+      return occupancy_.Judge(place_m, bin, 0, NeverFloats, is_target).is_structure;
+    };
+    if (bin >= kCame && bin < 60) {
+      EXPECT_FALSE(is_structure(here_m)) << bin;
+      for (const Eigen::Vector3f& place_m : Structure()) EXPECT_NE(place_m, here_m) << bin;
+    }
+    EXPECT_TRUE(is_structure(tree_m)) << bin;
+    if (bin > 20) {
+      EXPECT_TRUE(is_structure(pole_m) || bin % 5 == 0) << bin;
+    }
+  }
+}
+
+TEST_F(OccupancyTest, TellsSinceWhenAPlaceIsHit) {
+  for (std::int64_t bin = 0; bin < 120; ++bin) {
+    Bin(bin, bin < 4 || (bin >= 40 && bin % 2 == 0));
+    const Occupancy::Verdict verdict = occupancy_.Judge({10, 5, 3}, bin, 0, NeverFloats);
+    if (bin >= 40 && bin < 100) {
+      EXPECT_EQ(verdict.since_bin, 40) << bin;
+    } else if (bin >= 110) {
+      EXPECT_FALSE(verdict.since_bin) << bin;
+    }
+  }
+}
+
 // The rays hit a pole here and there: what is older than the window counts as that in it does.
 TEST_F(OccupancyTest, WhatIsHitHereAndThereRemainsStructure) {
   const auto at = [](std::int64_t bin) {

@@ -15,6 +15,9 @@ bool StandsFarAway(const std::vector<Measurement>& measurements);
 // hangs stays, or swings about one place.
 bool Wanders(const std::vector<Measurement>& measurements);
 
+// Whether it goes straight on, for longer than most swings last: what hangs comes back.
+bool GoesOn(const std::vector<Measurement>& measurements);
+
 // Whether it stands far away and does not wander.
 bool MayHang(const std::vector<Measurement>& measurements);
 

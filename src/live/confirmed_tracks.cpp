@@ -15,24 +15,10 @@ namespace {
 // while its sigma is at most this share of the largest that may be written; else it waits for a
 // sighting, or for the end.
 constexpr double kGuessedShare = 0.25;
-// So many times that sigma may a row between two sightings have, as soon as it is due. What is less
-// sure waits until the later one has been followed for as long as the delay: how the target comes
-// out of a gap tells how it went through it.
-constexpr double kBridged = 2.0;
 // What waits for so long to be known as a drone has no older rows: it may hang there for days.
 constexpr double kWaitS = 20.0;
 constexpr double kTaken = 0.0;   // gain from which a plot is a track's
 constexpr double kSurely = 1e9;  // gain of one that is, whatever others would gain
-
-// Its last sighting until then, by the times of rows.
-TimeNs LastSeenBefore(const TrackFollower& follower, TimeNs until_ns) {
-  TimeNs last_ns = std::numeric_limits<TimeNs>::min();
-  for (const Measurement& measurement : follower.measurements()) {
-    const TimeNs time_ns = measurement.time_ns + follower.late_ns();
-    if (time_ns <= until_ns) last_ns = time_ns;
-  }
-  return last_ns;
-}
 
 }  // namespace
 
@@ -247,14 +233,10 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
   const TimeNs late_ns = newest_ns - NsOf(config_.live.delay_s) - period_ns_;
   const TimeInterval seen{follower.measurements().front().time_ns + follower.late_ns(),
                           follower.last_evidence_ns() + follower.late_ns()};
-  const TimeNs followed_ns = LastSeenBefore(follower, until_ns - NsOf(config_.live.delay_s));
   const double max_guessed_m = guessed_share * source_.max_sigma_m;
-  const double max_bridged_m = std::min(1.0, kBridged * guessed_share) * source_.max_sigma_m;
   while (std::optional<TrajectoryRow> row = rows.Next()) {
-    const double sigma_m = row->sigma_m.maxCoeff();
-    if (row->time_ns < seen.begin_ns && sigma_m > max_guessed_m) continue;
-    if (row->time_ns > seen.end_ns && sigma_m > max_guessed_m) break;
-    if (row->time_ns > followed_ns && sigma_m > max_bridged_m) break;
+    const bool is_guessed = row->time_ns < seen.begin_ns || row->time_ns > seen.end_ns;
+    if (is_guessed && row->sigma_m.maxCoeff() > max_guessed_m) continue;
     const TimeInterval around = instants_.Around(row->time_ns);
     row->support = follower.ReturnsBetween(around.begin_ns, around.end_ns);
     on_event_(RowGiven{*row, row->time_ns < late_ns, kind});

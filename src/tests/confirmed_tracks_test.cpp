@@ -467,41 +467,6 @@ TEST(ConfirmedTracks, WhatGoesOnFarAwayHasRowsBeforeItHasGoneFar) {
   }
 }
 
-// How a target comes out of a gap tells how it went through it.
-TEST(ConfirmedTracks, RowsOfAGapWaitForWhatFollowsIt) {
-  Tracks t;
-  const auto turning_at = [](int i) {
-    const double angle = 0.08 * i;
-    return PlotAt(i, {30.0 + 8.0 * std::cos(angle), 8.0 * std::sin(angle), 12.0});
-  };
-  constexpr int kLost = 40;
-  constexpr int kBack = 84;
-  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Begin(FlightUntil(20, turning_at), kAnyScore));
-  std::vector<TimeNs> newest_ns;  // when each row was given
-  const auto note = [&](int i) { newest_ns.resize(t.rows.size(), FrameAt(i).stamp_ns); };
-  for (int i = 20; i < kBack + 40; ++i) {
-    if (i < kLost || i >= kBack) {
-      t.GoTo(i, turning_at(i));
-    } else {
-      t.tracks.AddInstants(FrameAt(i));
-      t.tracks.Extend(Look::kWhole, {}, MomentAt(i));
-      t.tracks.GiveRows(Look::kWhole, FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
-    }
-    note(i);
-  }
-  const TimeNs delay_ns = NsOf(t.config.live.delay_s);
-  int num_unsure = 0;
-  for (std::size_t k = 0; k < t.rows.size(); ++k) {
-    const TrajectoryRow& row = t.rows[k];
-    if (row.sigma_m.maxCoeff() <= 0.5 * t.config.trajectory.max_sigma_m) continue;
-    ++num_unsure;
-    EXPECT_GE(newest_ns[k], DroneAt(kBack).plot.time_ns + 2 * delay_ns) << k;
-  }
-  EXPECT_GT(num_unsure, 5);
-  EXPECT_GT(t.rows.back().time_ns, FrameAt(kBack + 25).stamp_ns);
-}
-
 // Each of its lone sightings is no better than having gone unseen, but they are on one way.
 TEST(ConfirmedTracks, WhatMayHaveBeenSeenSinceIsNotLost) {
   Tracks t;

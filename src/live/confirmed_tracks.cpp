@@ -32,10 +32,10 @@ ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackMo
       on_event_(std::move(on_event)) {}
 
 // What a place has shown since the track came there is no clutter to it.
-void ConfirmedTracks::SetSuited(const TrackFollower& follower, const std::vector<SeenPlot>& plots) {
-  suited_.assign(plots.begin(), plots.end());
-  for (SeenPlot& seen : suited_) {
-    if (!seen.since_s || !follower.IsNear(seen.plot.position_m, *seen.since_s)) continue;
+void ConfirmedTracks::SetSuited(const std::vector<SeenPlot>& plots, Track* track) {
+  track->suited.assign(plots.begin(), plots.end());
+  for (SeenPlot& seen : track->suited) {
+    if (!seen.since_s || !track->follower->IsNear(seen.plot.position_m, *seen.since_s)) continue;
     const double log_before = std::max(seen.log_surroundings, std::log(seen.plot.place_rate));
     seen.plot.log_clutter = std::min(seen.plot.log_clutter, log_before);
   }
@@ -47,8 +47,8 @@ const std::vector<char>& ConfirmedTracks::Extend(Look look, const std::vector<Se
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
     const TrackFollower& follower = *tracks_[t].follower;
     if (tracks_[t].look == look) {
-      SetSuited(follower, plots);
-      follower.SetGains(suited_, at, &gains_);
+      SetSuited(plots, &tracks_[t]);
+      follower.SetGains(tracks_[t].suited, at, &gains_);
       for (std::size_t i = 0; i < plots.size(); ++i) {
         if (gains_[i] > claims_[i].gain) claims_[i] = {gains_[i], t};
       }
@@ -66,8 +66,7 @@ const std::vector<char>& ConfirmedTracks::Extend(Look look, const std::vector<Se
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (claims_[i].track == t) are_allowed_[i] = 1;
     }
-    SetSuited(*tracks_[t].follower, plots);
-    tracks_[t].follower->Extend(suited_, are_allowed_, at);
+    tracks_[t].follower->Extend(tracks_[t].suited, are_allowed_, at);
   }
   return are_free_;
 }

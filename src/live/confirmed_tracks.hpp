@@ -91,6 +91,7 @@ class ConfirmedTracks {
     int id = 0;      // as it is told
     Look look = Look::kWhole;
     std::unique_ptr<TrackFollower> follower;
+    std::vector<SeenPlot> suited;  // the plots of a frame, as it sees them
     std::optional<TrackJudge::Verdict> verdict;
     KindFilter kind;
     TimeNs given_ns = std::numeric_limits<TimeNs>::min();  // up to here
@@ -98,7 +99,7 @@ class ConfirmedTracks {
   };
 
   bool Has(const Flight& flight) const;
-  void SetSuited(const TrackFollower& follower, const std::vector<SeenPlot>& plots);
+  static void SetSuited(const std::vector<SeenPlot>& plots, Track* track);
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
   void TellEnd(const Track& track);
   void Append(Track* track, TimeNs until_ns, TimeNs newest_ns, double guessed_share);
@@ -113,7 +114,6 @@ class ConfirmedTracks {
   std::vector<double> gains_;      // (plots) of a track
   std::vector<char> are_free_;     // (plots)
   std::vector<char> are_allowed_;  // (plots) a track
-  std::vector<SeenPlot> suited_;   // plots of a frame, as a track sees them
   std::vector<SeenPlot> settled_;
   std::vector<SeenPlot> not_told_;
   OutputInstants due_;

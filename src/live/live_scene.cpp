@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <optional>
 
 namespace unlidar {
 namespace {
@@ -202,8 +203,7 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
   frame_.frames[0].first_return = 0;
   frame_.frames[0].last_return = static_cast<std::uint32_t>(frame_.points_m.size());
   candidates_.clear();
-  place_rates_.clear();
-  since_bins_.clear();
+  verdicts_.clear();
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
     return station.snapshot->support.IsFloating(point_m);
   };
@@ -214,10 +214,9 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
   const Occupancy::IsTargetSince is_target_since = std::cref(is_known_target);  // no allocation
   for (std::uint32_t i = 0; i < frame_.points_m.size(); ++i) {
     const Eigen::Vector3f& point_m = frame_.points_m[i];
-    const Occupancy::Verdict verdict =
-        station.occupancy.Judge(point_m, bin, num_snapshots_, floats, is_target_since);
-    place_rates_.push_back(verdict.place_rate);
-    since_bins_.push_back(verdict.since_bin);
+    verdicts_.push_back(
+        station.occupancy.Judge(point_m, bin, num_snapshots_, floats, is_target_since));
+    const Occupancy::Verdict& verdict = verdicts_.back();
     if (verdict.is_structure && !verdict.floats) continue;
     if (!station.snapshot->ground.Holds(point_m)) candidates_.push_back(i);
   }
@@ -236,8 +235,8 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
     for (const std::uint32_t i : plotter_.ReturnsOf(p)) {
       const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - plot.position_m;
       seen.scatter_m2 += d * d.transpose();
-      rate += static_cast<double>(place_rates_[i]);
-      since_bin = std::min(since_bin, since_bins_[i]);  // none is less than any
+      rate += static_cast<double>(verdicts_[i].place_rate);
+      since_bin = std::min(since_bin, verdicts_[i].since_bin);  // none is less than any
     }
     plot.place_rate = std::max(rate / static_cast<double>(plot.num_returns),
                                station.occupancy.RateAbout(plot.position_m.cast<float>(), bin));

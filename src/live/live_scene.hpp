@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -172,8 +171,7 @@ class LiveScene {
   Recording frame_;
   FramePlotter plotter_;
   std::vector<std::uint32_t> candidates_;
-  std::vector<float> place_rates_;                       // (returns)
-  std::vector<std::optional<std::int64_t>> since_bins_;  // (returns)
+  std::vector<Occupancy::Verdict> verdicts_;  // (returns)
 };
 
 }  // namespace unlidar

@@ -51,6 +51,15 @@ SeenPlot DroneAt(int i) { return PlotAt(i, {15.0, -10.0 + 0.4 * i, 8.0}); }
 // Another one, far from it.
 SeenPlot OtherAt(int i) { return PlotAt(i, {-25.0, 5.0 - 0.3 * i, 12.0}); }
 
+// One far away, of a single return.
+SeenPlot FarAt(int i, const Eigen::Vector3d& position_m, double log_clutter) {
+  SeenPlot seen = PlotAt(i, position_m);
+  seen.plot.variance_m2 = 0.1;
+  seen.plot.log_clutter = log_clutter;
+  seen.plot.num_returns = 1;
+  return seen;
+}
+
 // One that turns.
 SeenPlot CirclingAt(int i) {
   return PlotAt(i, {20.0 + 6.0 * std::cos(0.06 * i), 6.0 * std::sin(0.06 * i), 8.0});
@@ -135,13 +144,7 @@ TEST(ConfirmedTracks, APlaceIsATargetsWhileItIsThere) {
 
 TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
   Tracks t;
-  const auto far_at = [](int i) {
-    SeenPlot seen = PlotAt(i, {40.0, -20.0 + 0.2 * i, 20.0});
-    seen.plot.variance_m2 = 0.1;
-    seen.plot.log_clutter = -14.0;
-    seen.plot.num_returns = 1;
-    return seen;
-  };
+  const auto far_at = [](int i) { return FarAt(i, {40.0, -20.0 + 0.2 * i, 20.0}, -14.0); };
   constexpr int kEnd = 170;
   Flight flight;
   for (int i = 0; i < 100; i += 5) Append(far_at(i), &flight);
@@ -470,13 +473,7 @@ TEST(ConfirmedTracks, WhatGoesOnFarAwayHasRowsBeforeItHasGoneFar) {
 // Each of its lone sightings is no better than having gone unseen, but they are on one way.
 TEST(ConfirmedTracks, WhatMayHaveBeenSeenSinceIsNotLost) {
   Tracks t;
-  const auto far_at = [](int i) {
-    SeenPlot seen = PlotAt(i, {60.0, -30.0 + 0.3 * i, 25.0});
-    seen.plot.variance_m2 = 0.1;
-    seen.plot.log_clutter = -19.0;
-    seen.plot.num_returns = 1;
-    return seen;
-  };
+  const auto far_at = [](int i) { return FarAt(i, {60.0, -30.0 + 0.3 * i, 25.0}, -19.0); };
   const TimeNs max_gap_ns = NsOf(t.config.robust.tracker.max_gap_s);
   constexpr int kLast = 300;
   Flight flight;

@@ -2,8 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
+#include <vector>
 
 #include "tests/synthetic_recording.hpp"
 
@@ -29,18 +31,25 @@ Target SeenNow(const Eigen::Vector3d& place_m, double duration_s, Random* random
   return target;
 }
 
-// Of many things that move about such a place by `at(time_s, phase)`, the share that may hang.
-double ShareHanging(const Eigen::Vector3d& place_m, double duration_s,
-                    const std::function<Eigen::Vector3d(double time_s, double phase)>& at) {
-  int hanging = 0;
+using MotionAt = std::function<Eigen::Vector3d(double time_s, double phase)>;
+using Rule = std::function<bool(const std::vector<Measurement>&)>;
+
+// Of many things that move about such a place, the share for which a rule holds.
+double ShareOf(const Rule& rule, const Eigen::Vector3d& place_m, double duration_s,
+               const MotionAt& at) {
+  int num_held = 0;
   for (int draw = 0; draw < kDraws; ++draw) {
     Random random(static_cast<std::uint32_t>(draw + 1));
     const double phase = random.Uniform(0.0, 2.0 * M_PI);
     const Target target =
         SeenNow(place_m, duration_s, &random, [&](double time_s) { return at(time_s, phase); });
-    hanging += MayHang(target.measurements) ? 1 : 0;
+    num_held += rule(target.measurements) ? 1 : 0;
   }
-  return static_cast<double>(hanging) / kDraws;
+  return static_cast<double>(num_held) / kDraws;
+}
+
+double ShareHanging(const Eigen::Vector3d& place_m, double duration_s, const MotionAt& at) {
+  return ShareOf(MayHang, place_m, duration_s, at);
 }
 
 Eigen::Vector3d Still(double /*time_s*/, double /*phase*/) { return Eigen::Vector3d::Zero(); }
@@ -88,24 +97,16 @@ TEST(MayHang, SightingsOfOneInstantTellNothingOfMotion) {
   EXPECT_TRUE(MayHang(target.measurements));
 }
 
-// The share of draws in which it seems to go straight on, looked at again and again.
-double ShareGoingOn(double duration_s,
-                    const std::function<Eigen::Vector3d(double time_s, double phase)>& at) {
-  int going_on = 0;
-  for (int draw = 0; draw < kDraws; ++draw) {
-    Random random(static_cast<std::uint32_t>(draw + 1));
-    const double phase = random.Uniform(0.0, 2.0 * M_PI);
-    const Target target =
-        SeenNow(kFarM, duration_s, &random, [&](double time_s) { return at(time_s, phase); });
+// The share that ever seems to go straight on, looked at again and again.
+double ShareGoingOn(double duration_s, const MotionAt& at) {
+  const auto ever_goes_on = [](const std::vector<Measurement>& measurements) {
     std::vector<Measurement> until_now;
-    bool seems_to = false;
-    for (const Measurement& m : target.measurements) {
+    return std::any_of(measurements.begin(), measurements.end(), [&](const Measurement& m) {
       until_now.push_back(m);
-      seems_to = seems_to || GoesOn(until_now);
-    }
-    going_on += seems_to ? 1 : 0;
-  }
-  return static_cast<double>(going_on) / kDraws;
+      return GoesOn(until_now);
+    });
+  };
+  return ShareOf(ever_goes_on, kFarM, duration_s, at);
 }
 
 TEST(GoesOn, WhatFliesSlowlyDoes) {

@@ -153,11 +153,18 @@ TEST(Flight, WhatIsOnTheGroundOrAboveThePathIsNoLegs) {
   Plot plot;
   plot.position_m = {10.0, 4.0, 1.4};
   plot.column_m = 0.5;
-  const Eigen::Vector3d at_m = plot.position_m;
-  EXPECT_TRUE(IsBelow(at_m - Eigen::Vector3d(0.3, 0.3, 0.45), plot));
-  EXPECT_FALSE(IsBelow(at_m - Eigen::Vector3d(0.3, 0.3, 0.55), plot));
-  EXPECT_FALSE(IsBelow(at_m - Eigen::Vector3d(0.3, 0.3, 0.3), plot));
-  EXPECT_FALSE(IsBelow(at_m - Eigen::Vector3d(0.5, 0.5, 0.45), plot));
+  const auto is_below = [&](const Eigen::Vector3d& lower_by_m) {
+    Columns columns;
+    columns.Add(plot);
+    columns.Sort();
+    bool is_below_it = false;
+    columns.VisitAbove(plot.position_m - lower_by_m, [&](std::size_t) { is_below_it = true; });
+    return is_below_it;
+  };
+  EXPECT_TRUE(is_below({0.3, 0.3, 0.45}));
+  EXPECT_FALSE(is_below({0.3, 0.3, 0.55}));
+  EXPECT_FALSE(is_below({0.3, 0.3, 0.3}));
+  EXPECT_FALSE(is_below({0.5, 0.5, 0.45}));
 }
 
 }  // namespace

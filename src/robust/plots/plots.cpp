@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <tuple>
 #include <utility>
 
 #include "robust/scene/field_of_view.hpp"
@@ -88,35 +89,35 @@ bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
                      [&](std::uint32_t i) { return returns[i] != 0; });
 }
 
-double ColumnRadiusM(const Plot& plot) {
-  constexpr RangeRadius kColumn{0.6, 0.005};
-  return kColumn.At(plot.ray_m.norm());
+void Columns::Add(const Plot& plot) {
+  constexpr RangeRadius kRadius{0.6, 0.005};
+  columns_.push_back({plot.position_m.x(), kRadius.At(plot.ray_m.norm()), &plot, columns_.size()});
 }
 
-bool IsBelow(const Eigen::Vector3d& point_m, const Plot& plot) {
+void Columns::Sort() {
+  std::sort(columns_.begin(), columns_.end(), [](const Column& a, const Column& b) {
+    return std::tie(a.x_m, a.number) < std::tie(b.x_m, b.number);
+  });
+  widest_m_ = 0.0;
+  for (const Column& column : columns_) widest_m_ = std::max(widest_m_, column.radius_m);
+}
+
+bool Columns::IsIn(const Eigen::Vector3d& point_m, const Column& column) {
   constexpr double kBelowM = 0.4;
-  const Eigen::Vector3d below_m = plot.position_m - point_m;
-  return below_m.z() > kBelowM && below_m.z() < plot.column_m &&
-         below_m.head<2>().norm() < ColumnRadiusM(plot);
+  const Eigen::Vector3d below_m = column.plot->position_m - point_m;
+  return below_m.z() > kBelowM && below_m.z() < column.plot->column_m &&
+         below_m.head<2>().norm() < column.radius_m;
 }
 
 // Counts what is below each plot. What the scene explains counts too: near the ground it explains
 // legs.
 void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame) {
-  double widest_m = 0.0;
-  by_x_.clear();
-  for (Plot& plot : found_.plots) {
-    widest_m = std::max(widest_m, ColumnRadiusM(plot));
-    by_x_.emplace_back(plot.position_m.x(), &plot);
-  }
-  std::sort(by_x_.begin(), by_x_.end());
+  columns_.Clear();
+  for (const Plot& plot : found_.plots) columns_.Add(plot);
+  columns_.Sort();
   for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-    const Eigen::Vector3d point_m = recording.points_m[i].cast<double>();
-    auto at = std::lower_bound(by_x_.begin(), by_x_.end(),
-                               std::make_pair(point_m.x() - widest_m, static_cast<Plot*>(nullptr)));
-    for (; at != by_x_.end() && at->first < point_m.x() + widest_m; ++at) {
-      if (IsBelow(point_m, *at->second)) ++at->second->num_below;
-    }
+    columns_.VisitAbove(recording.points_m[i].cast<double>(),
+                        [&](std::size_t number) { ++found_.plots[number].num_below; });
   }
 }
 

@@ -2,8 +2,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
-#include <utility>
 #include <vector>
 
 #include "base/queue.hpp"
@@ -52,12 +53,38 @@ Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns);
 // The order in which all stages expect plots; plots of one frame keep theirs.
 void SortByFrameTime(std::vector<Plot>* plots);
 
-// Whether a return is below a plot as legs are below a head: beyond half the height of a drone and
-// the noise, and above the roughness of the ground.
-bool IsBelow(const Eigen::Vector3d& point_m, const Plot& plot);
+// Finds the plots that a return is below, as legs are below a head: within a column, beyond half
+// the height of a drone and the noise, and above the roughness of the ground.
+class Columns {
+ public:
+  // Numbers the plots that are added, which must outlive this, in this order. Sort() when all are.
+  void Clear() { columns_.clear(); }
+  void Add(const Plot& plot);
+  void Sort();
 
-// How far from a plot what is below it may lie to the side.
-double ColumnRadiusM(const Plot& plot);
+  // Calls `visit(number)` for each plot that the return is below.
+  template <class Visit>
+  void VisitAbove(const Eigen::Vector3d& point_m, const Visit& visit) const {
+    auto at = std::lower_bound(columns_.begin(), columns_.end(), point_m.x() - widest_m_,
+                               [](const Column& column, double x) { return column.x_m < x; });
+    for (; at != columns_.end() && at->x_m < point_m.x() + widest_m_; ++at) {
+      if (IsIn(point_m, *at)) visit(at->number);
+    }
+  }
+
+ private:
+  struct Column {
+    double x_m;
+    double radius_m;
+    const Plot* plot;
+    std::size_t number;
+  };
+
+  static bool IsIn(const Eigen::Vector3d& point_m, const Column& column);
+
+  std::vector<Column> columns_;
+  double widest_m_ = 0.0;
+};
 
 // Whether a plot has any of some returns (N, not 0 for each of them).
 bool HasAnyOf(const Plot& plot, const std::vector<char>& returns);
@@ -93,8 +120,8 @@ class FramePlotter {
   void CountBelow(const Recording& recording, const FrameInfo& frame);
 
   Linker linker_;
-  std::vector<char> is_body_;                   // (returns of the frame)
-  std::vector<std::pair<double, Plot*>> by_x_;  // (plots)
+  std::vector<char> is_body_;  // (returns of the frame)
+  Columns columns_;            // of the plots found
   FramePlots found_;
 };
 

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstddef>
 #include <deque>
-#include <limits>
 #include <set>
+#include <utility>
 
 namespace unlidar {
 namespace {
@@ -54,52 +54,29 @@ std::vector<double> SharesBelowElsewhere(const Recording& recording, const std::
   constexpr double kElsewhereM = 3.0;
   std::vector<double> shares(plots.size(), kSomethingElse);
   if (recording.points_m.empty()) return shares;  // a stream keeps none
-  struct Column {
-    const Plot* plot = nullptr;
-    std::size_t index = 0;
-    double num_frames = 0.0;
-    double num_hit = 0.0;
-    std::uint32_t last_hit = 0;  // frame, from 1 on
-  };
-  std::vector<Column> columns;
-  double widest_m = 0.0;
-  double highest_m = -std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < plots.size(); ++i) {
-    columns.push_back({plots[i], i});
-    widest_m = std::max(widest_m, ColumnRadiusM(*plots[i]));
-    highest_m = std::max(highest_m, plots[i]->position_m.z());
-  }
-  const auto x_m = [](const Column& column) { return column.plot->position_m.x(); };
-  std::sort(columns.begin(), columns.end(),
-            [&](const Column& a, const Column& b) { return x_m(a) < x_m(b); });
-  std::vector<char> counts(columns.size());
-  for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
-    const FrameInfo& frame = recording.frames[f];
+  Columns columns;
+  for (const Plot* plot : plots) columns.Add(*plot);
+  columns.Sort();
+  std::vector<double> num_frames(plots.size(), 0.0);
+  std::vector<double> num_hit(plots.size(), 0.0);
+  std::vector<char> may_be_hit(plots.size());  // in the frame, which counts once
+  for (const FrameInfo& frame : recording.frames) {
     const Eigen::Vector3d path_m = PositionM(path, frame.middle_ns());
-    for (std::size_t i = 0; i < columns.size(); ++i) {
-      const Plot& plot = *columns[i].plot;
-      counts[i] =
+    for (std::size_t i = 0; i < plots.size(); ++i) {
+      const Plot& plot = *plots[i];
+      may_be_hit[i] =
           plot.sensor == frame.sensor && (plot.position_m - path_m).head<2>().norm() > kElsewhereM;
-      if (counts[i]) columns[i].num_frames += 1.0;
+      if (may_be_hit[i]) num_frames[i] += 1.0;
     }
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-      const Eigen::Vector3d point_m = recording.points_m[i].cast<double>();
-      if (point_m.z() > highest_m) continue;
-      auto at = std::lower_bound(columns.begin(), columns.end(), point_m.x() - widest_m,
-                                 [&](const Column& column, double x) { return x_m(column) < x; });
-      for (; at != columns.end() && x_m(*at) < point_m.x() + widest_m; ++at) {
-        if (at->last_hit == f + 1 || !counts[static_cast<std::size_t>(at - columns.begin())] ||
-            !IsBelow(point_m, *at->plot)) {
-          continue;
-        }
-        at->last_hit = f + 1;
-        at->num_hit += 1.0;
-      }
+      columns.VisitAbove(recording.points_m[i].cast<double>(), [&](std::size_t plot) {
+        if (std::exchange(may_be_hit[plot], 0)) num_hit[plot] += 1.0;
+      });
     }
   }
-  for (const Column& column : columns) {
-    const double share = (column.num_hit + kSomethingElse) / (column.num_frames + 1.0);
-    shares[column.index] = std::max(share, kSomethingElse);
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    const double share = (num_hit[i] + kSomethingElse) / (num_frames[i] + 1.0);
+    shares[i] = std::max(share, kSomethingElse);
   }
   return shares;
 }

@@ -313,6 +313,25 @@ TEST(FindPaths, ATargetThatWasSeldomSeenAtFirstIsFollowedBackThroughClutterThatC
   }
 }
 
+TEST(FindPaths, NothingIsCutOffBeforeAPauseWhereTheBeginningIsFollowedBack) {
+  const auto at = [](double t) { return Eigen::Vector3d(-40 + 4 * t, 55, 30 + 4 * std::sin(t)); };
+  constexpr int kFirstAfterPause = 94;
+  for (std::uint32_t seed = 0; seed < 10; ++seed) {
+    Random random(seed);
+    std::vector<int> frames = {0, 7, 31, 55};
+    for (int frame = kFirstAfterPause; frame < 200; frame += 2) frames.push_back(frame);
+    std::vector<Plot> plots;
+    plots.reserve(frames.size());
+    for (const int frame : frames) {
+      plots.push_back(MakePlot(kBeginNs + frame * kPeriodNs,
+                               at(frame * kPeriodS) + random.NormalVector(0.15), -15.0));
+    }
+    const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), TrackerConfig());
+    ASSERT_EQ(paths.size(), 1U) << seed;
+    EXPECT_EQ(paths[0].plots.size(), plots.size()) << seed;
+  }
+}
+
 TEST(FindPaths, UniformClutterReachesTheThresholdInHardlyAnyRecording) {
   // Expected at this threshold is one recording of a thousand: two of 200 are 1 in 50.
   constexpr double kFalseAlarms = 1e-3;

@@ -145,16 +145,22 @@ class PathFinder {
   }
 
   // In rain too much begins at any time for all of it to be carried on: a target that was seldom
-  // seen at first is lost there. Known from where it is seen well, it is followed back.
+  // seen at first is lost there. Known from where it is seen well, it is followed back: no path is
+  // cut short for it, however unlikely a pause after a few sightings.
   Path BestFollowedBack(const Path& path, const PathScorer& scorer) {
+    const auto followed_back = [&](const std::vector<char>& free) {
+      Path found = BestBackwards(free, scorer);
+      const bool begins_later = !found.plots.empty() && found.plots.front() > path.plots.front();
+      return begins_later ? Path() : found;
+    };
     SetFree(path, 1);
     std::vector<char> free = FreeInReach(path);
     SetFree(path, 0);
-    Path best = BestBackwards(free, scorer);
+    Path best = followed_back(free);
     // Where only it is about until it began, nothing crowds out its way there.
     std::fill(free.begin() + path.plots.front(), free.end(), 0);
     for (const std::uint32_t i : path.plots) free[i] = 1;
-    Path longer = BestBackwards(free, scorer);
+    Path longer = followed_back(free);
     if (longer.score > best.score) best = std::move(longer);
     return best;
   }

@@ -189,7 +189,7 @@ void ConfirmedTracks::TellEnd(const Track& track) {
 
 // When its target was there, as PresenceInterval() says it of a recording, but for what is given.
 TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) const {
-  const std::vector<Measurement>& measurements = track.follower->measurements();
+  const std::vector<Measurement>& measurements = track.follower->fit().measurements();
   const double probability = config_.trajectory.silence_probability;
   const TimeNs half_ns = period_ns_ / 2;
   TimeInterval presence;
@@ -214,13 +214,13 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
   if (due_.size() == 0) return;
   TrackFollower& follower = *track->follower;
   follower.Fit(fitter_);
-  track->kind.Observe(follower.trajectory(), until_ns);
+  track->kind.Observe(follower.fit().trajectory(), until_ns);
   const Kind kind = track->kind.kind();
-  source_.trajectory = follower.trajectory();
+  source_.trajectory = follower.fit().trajectory();
   source_.trajectory.origin_ns += follower.late_ns();
   source_.presence = PresenceOf(*track, until_ns);
   source_.depth_sigma_m = follower.depth_sigma_m();
-  SetSights(follower.measurements(), &source_.sights);
+  SetSights(follower.fit().measurements(), &source_.sights);
   source_.max_sigma_m = config_.trajectory.max_sigma_m;
   if (!std::exchange(track->is_told, true)) {
     track->given_ns = source_.presence.begin_ns - 1;
@@ -230,14 +230,14 @@ void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
   source_.track_id = track->id;
   RowSampler rows(source_, due_);
   const TimeNs late_ns = newest_ns - NsOf(config_.live.delay_s) - period_ns_;
-  const TimeInterval seen{follower.measurements().front().time_ns + follower.late_ns(),
+  const TimeInterval seen{follower.fit().measurements().front().time_ns + follower.late_ns(),
                           follower.last_evidence_ns() + follower.late_ns()};
   const double max_guessed_m = guessed_share * source_.max_sigma_m;
   while (std::optional<TrajectoryRow> row = rows.Next()) {
     const bool is_guessed = row->time_ns < seen.begin_ns || row->time_ns > seen.end_ns;
     if (is_guessed && row->sigma_m.maxCoeff() > max_guessed_m) continue;
     const TimeInterval around = instants_.Around(row->time_ns);
-    row->support = follower.ReturnsBetween(around.begin_ns, around.end_ns);
+    row->support = follower.fit().ReturnsBetween(around.begin_ns, around.end_ns);
     on_event_(RowGiven{*row, row->time_ns < late_ns, kind});
     track->given_ns = row->time_ns;
   }

@@ -3,7 +3,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 
 namespace unlidar {
 namespace {
@@ -14,7 +13,6 @@ constexpr double kLostAfterS = 1.0;  // after it a track has to be found again,
 // with a chance of e^-1 at most if it is gone, which it is once in twenty pauses or less.
 constexpr double kFoundAgain = 1.0;
 constexpr double kFitS = 6.0;  // of measurements behind the settled one that a fit looks at
-constexpr TimeNs kScalesNs = 1'500'000'000;  // how long the scales of a fit last
 constexpr double kPriorReturns = 10.0;
 constexpr double kGateSigmas = 6.0;
 
@@ -282,8 +280,7 @@ void TrackFollower::SetLate() {
 
 void TrackFollower::Fit(TrajectoryFitter& fitter) {
   SetLate();
-  measurements_.clear();
-  sightings_.clear();
+  fit_.Clear();
   const std::int32_t head = Head();
   const double from_s =
       settled_ == kNoIndex
@@ -292,65 +289,12 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
   for (std::int32_t k = head; k != kNoIndex; k = nodes_[static_cast<std::size_t>(k)].parent) {
     const Node& node = nodes_[static_cast<std::size_t>(k)];
     if (node.h.time_s < from_s) break;
-    measurements_.push_back(Measure(node));
+    const Measurement measurement = Measure(node);
     const SeenPlot& seen = PlotOf(node);
-    sightings_.push_back(
-        {seen.stamp_ns, seen.plot.frame, seen.plot.position_m, measurements_.back().support});
+    fit_.AddEarlier(measurement,
+                    {seen.stamp_ns, seen.plot.frame, seen.plot.position_m, measurement.support});
   }
-  // By time, which is the order of the path but for plots of one frame or of several sensors.
-  std::reverse(measurements_.begin(), measurements_.end());
-  std::reverse(sightings_.begin(), sightings_.end());
-  for (auto at = measurements_.begin(); at != measurements_.end(); ++at) {
-    const auto place = std::upper_bound(
-        measurements_.begin(), at, *at,
-        [](const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; });
-    const auto sighting = sightings_.begin() + (at - measurements_.begin());
-    std::rotate(sightings_.begin() + (place - measurements_.begin()), sighting,
-                std::next(sighting));
-    std::rotate(place, at, std::next(at));
-  }
-  const TimeNs now_ns = measurements_.back().time_ns;
-  if (scales_ns_ && now_ns - *scales_ns_ <= kScalesNs) {
-    fitter.Refit(measurements_, trajectory_.scales, trajectory_);
-    if (!IsNewLeftOut()) return;
-  }
-  fitter.Fit(measurements_, trajectory_);
-  scales_ns_ = now_ns;
-}
-
-// Whether the fit takes what came since its scales were found for an outlier. A target that sets
-// off from where it hovered is one by scales of before.
-bool TrackFollower::IsNewLeftOut() const {
-  for (std::size_t i = measurements_.size(); i > 0; --i) {
-    if (measurements_[i - 1].time_ns <= *scales_ns_) return false;
-    if (IsLeftOut(i - 1)) return true;
-  }
-  return false;
-}
-
-int TrackFollower::ReturnsBetween(TimeNs from_ns, TimeNs to_ns) const {
-  int sum = 0;
-  for (const Sighting& one : sightings_) {
-    if (one.stamp_ns >= from_ns && one.stamp_ns < to_ns) sum += one.num_returns;
-  }
-  return sum;
-}
-
-bool TrackFollower::HasFitted(const Plot& plot) const {
-  for (std::size_t i = 0; i < sightings_.size(); ++i) {
-    if (sightings_[i].frame == plot.frame && sightings_[i].position_m == plot.position_m) {
-      return !IsLeftOut(i);
-    }
-  }
-  return false;
-}
-
-std::vector<Measurement> TrackFollower::FittedMeasurements() const {
-  std::vector<Measurement> fitted;
-  for (std::size_t i = 0; i < measurements_.size(); ++i) {
-    if (!IsLeftOut(i)) fitted.push_back(measurements_[i]);
-  }
-  return fitted;
+  fit_.Fit(fitter);
 }
 
 bool TrackFollower::IsNear(const Eigen::Vector3d& place_m, double time_s) const {

@@ -4,16 +4,15 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 #include <utility>
 #include <vector>
 
 #include "base/queue.hpp"
 #include "live/seen_plot.hpp"
+#include "live/track_fit.hpp"
 #include "robust/collection/collect.hpp"
 #include "robust/collection/frame_length.hpp"
 #include "robust/tracking/track_model.hpp"
-#include "trajectory/trajectory.hpp"
 #include "trajectory/trajectory_fitter.hpp"
 
 namespace unlidar {
@@ -44,20 +43,12 @@ class TrackFollower {
 
   // Fits the trajectory to what was seen lately.
   void Fit(TrajectoryFitter& fitter);
-  const Trajectory& trajectory() const { return trajectory_; }
-  const std::vector<Measurement>& measurements() const { return measurements_; }
+  const TrackFit& fit() const { return fit_; }
 
   // So much later than their times say returns were measured, as Target::late_ns.
   TimeNs late_ns() const { return late_ns_; }
 
   double depth_sigma_m() const { return kFacingSideSigma * body_sigma_m_; }
-
-  // Whether that leads by a plot, and the measurements by which it does: all but outliers.
-  bool HasFitted(const Plot& plot) const;
-  std::vector<Measurement> FittedMeasurements() const;
-
-  // Returns of the target in frames whose stamps lie in [from_ns, to_ns).
-  int ReturnsBetween(TimeNs from_ns, TimeNs to_ns) const;
 
   // Whether it was near a place at that time.
   bool IsNear(const Eigen::Vector3d& place_m, double time_s) const;
@@ -72,14 +63,6 @@ class TrackFollower {
     std::size_t plot = 0;              // number among all that it ever took
     std::int32_t believed = kNoIndex;  // newest node on its way that is not only tried, or itself
     double now = 0.0;                  // score, unseen since its plot
-  };
-
-  // Of which a measurement was made.
-  struct Sighting {
-    TimeNs stamp_ns;
-    std::uint32_t frame;
-    Eigen::Vector3d position_m;
-    int num_returns;
   };
 
   // The best way to a plot, for a model.
@@ -103,8 +86,6 @@ class TrackFollower {
   std::int32_t BelievedAt(std::int32_t leaf) const;
   std::int32_t Head() const;
   void Forget();
-  bool IsNewLeftOut() const;
-  bool IsLeftOut(std::size_t i) const { return trajectory_.weights[i] < 0.5; }
   Measurement Measure(const Node& node) const;
 
   // What is known of how long the frames of a sensor last, by how many returns of the target.
@@ -124,11 +105,8 @@ class TrackFollower {
   std::size_t first_plot_ = 0;  // number of the first in plots_
   std::int32_t settled_ = kNoIndex;
   TimeNs first_evidence_ns_ = 0;
-  Trajectory trajectory_;
-  std::vector<Measurement> measurements_;
-  std::vector<Sighting> sightings_;  // of these, but by their frames
-  std::optional<TimeNs> scales_ns_;  // when the scales were found
-  double body_sum_m2_;               // of the spread of returns across ray and motion
+  TrackFit fit_;
+  double body_sum_m2_;  // of the spread of returns across ray and motion
   double body_count_;
   double body_sigma_m_;
   std::vector<KnownLength> settled_lengths_;  // (sensors) by what is settled,

@@ -42,7 +42,7 @@ TrackJudge::Verdict TrackJudge::Judge(int number, const TrackFollower& follower,
   const bool is_doubtful = shape_.MayBeWide() && seen_s - verdict.first_s < kDoubtS;
   verdict.is_drone =
       !verdict.is_cloud &&
-      (is_told || (!is_doubtful && !MayHangFor(follower.FittedMeasurements(), seen_s)));
+      (is_told || (!is_doubtful && !MayHangFor(follower.fit().FittedMeasurements(), seen_s)));
   if (verdict.is_cloud) clouds_.push_back({number, time_s, std::exchange(shape_, Shape())});
   return verdict;
 }
@@ -59,7 +59,7 @@ bool TrackJudge::IsCloud(int number, const TrackFollower& follower,
   Forget(number);
   while (!clouds_.empty() && time_s - clouds_.front().time_s > window_s_) clouds_.pop_front();
   while (clouds_.size() >= kMaxClouds) clouds_.pop_front();
-  const Trajectory& trajectory = follower.trajectory();
+  const Trajectory& trajectory = follower.fit().trajectory();
   shape_.Clear();
   for (auto end = seen.end(); end != seen.begin();) {
     const auto last = std::prev(end);
@@ -70,7 +70,7 @@ bool TrackJudge::IsCloud(int number, const TrackFollower& follower,
       lumps_.clear();
       for (auto one = begin; one != end; ++one) {
         const Plot& plot = one->plot;
-        const bool is_own = follower.HasFitted(plot);
+        const bool is_own = follower.fit().HasFitted(plot);
         if (!is_own && plot.lowest_m < kInTheAirM) continue;
         lumps_.push_back({plot.time_ns, plot.position_m, is_own,
                           static_cast<double>(plot.num_returns), &one->scatter_m2});

@@ -1,0 +1,55 @@
+// The last fit of a track of a stream: its trajectory, and what it goes by.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "robust/plots/plots.hpp"
+#include "trajectory/trajectory.hpp"
+#include "trajectory/trajectory_fitter.hpp"
+
+namespace unlidar {
+
+class TrackFit {
+ public:
+  // Of which a measurement was made.
+  struct Sighting {
+    TimeNs stamp_ns;
+    std::uint32_t frame;
+    Eigen::Vector3d position_m;
+    int num_returns;
+  };
+
+  // Takes what there is to fit, once it is cleared, back from the newest.
+  void Clear();
+  void AddEarlier(const Measurement& measurement, const Sighting& sighting);
+
+  // Fits the trajectory to it, with the scales of a fit shortly before where they still suit.
+  void Fit(TrajectoryFitter& fitter);
+
+  const Trajectory& trajectory() const { return trajectory_; }
+  const std::vector<Measurement>& measurements() const { return measurements_; }  // by time
+
+  // Whether that leads by a plot, and the measurements by which it does: all but outliers.
+  bool HasFitted(const Plot& plot) const;
+  std::vector<Measurement> FittedMeasurements() const;
+
+  // Returns of the target in frames whose stamps lie in [from_ns, to_ns).
+  int ReturnsBetween(TimeNs from_ns, TimeNs to_ns) const;
+
+ private:
+  void SortByTime();
+  bool IsLeftOut(std::size_t i) const { return trajectory_.weights[i] < 0.5; }
+  bool IsNewLeftOut() const;
+
+  Trajectory trajectory_;
+  std::vector<Measurement> measurements_;
+  std::vector<Sighting> sightings_;  // of these
+  std::optional<TimeNs> scales_ns_;  // when the scales were found
+};
+
+}  // namespace unlidar

@@ -114,8 +114,6 @@ struct CollectConfig {
   // The centre of a body lies behind the mean of its returns by this share of their spread: 1.33
   // for a ball, less for a flat thing with gaps; 0 leaves the mean.
   double facing_side = 0.4;
-  // By so much a return must be likelier the target's than its place's: the target may be hidden.
-  double min_return_log = 2.0;
   double max_extension_s = 2.0;  // beyond the ends, per round
   // How far two sensors disagree, prior standard deviations: in place and clock.
   double sensor_bias_m = 0.2;

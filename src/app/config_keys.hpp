@@ -171,7 +171,6 @@ void VisitCollectKeys(Visitor&& visit, Collect& collect) {
   visit("robust.collect.rounds", collect.rounds, Range{0, 100});
   visit("robust.collect.body_sigma_m", collect.body_sigma_m, Range{1e-3, 100});
   visit("robust.collect.facing_side", collect.facing_side, Range{0, 10});
-  visit("robust.collect.min_return_log", collect.min_return_log, Range{-1e3, 1e3});
   visit("robust.collect.max_extension_s", collect.max_extension_s, Range{0, 600});
   visit("robust.collect.sensor_bias_m", collect.sensor_bias_m, Range{1e-6, 100});
   visit("robust.collect.sensor_delay_s", collect.sensor_delay_s, Range{1e-6, 100});

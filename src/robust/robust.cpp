@@ -81,8 +81,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     // What another target's returns leave of it may be a single sighting, which is no track.
     if (target.measurements.size() < 2 || MayHang(target.measurements)) continue;
     target.score = path.score;
-    target.doubts = DoubtsOf(k, paths, plots, watch, config.tracker, target.measurements,
-                             config.collect.min_return_log);
+    target.doubts = DoubtsOf(k, paths, plots, watch, config.tracker, target.measurements);
     for (const std::uint32_t i : target.returns) excluded[i] = taken[i] = 1;
     result.targets.push_back(std::move(target));
   }

@@ -374,7 +374,7 @@ TEST(CollectTarget, LeavesALoneReturnBesideWhereATargetThatIsSeldomSeenWouldGoOn
       maker.BeginFrame(i * kPeriodS);
       const Eigen::Vector3d at_m = DroneAt(testing::MiddleS(i));
       if (i >= 20 && i < 70 && i % 3 == 0) maker.AddBlob(at_m, 0.1, 1, kDrone);
-      if (i == 78) maker.Add(at_m + 0.9 * side, kStray);
+      if (i == 78) maker.Add(at_m + 1.2 * side, kStray);
     }
     const Target target = Collect(maker, PathOf(maker, 20, 69));
     EXPECT_EQ(ShareFound(maker, target, kStray), 0.0) << seed;

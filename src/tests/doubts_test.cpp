@@ -67,8 +67,11 @@ Doubted DoubtBest(const std::vector<Plot>& plots, const Watch& watch, std::size_
   Doubted result;
   result.path = Members(plots, paths.front().plots);
   std::vector<Measurement> measurements(num_more);
-  for (Measurement& m : measurements) m.time_ns = result.path.back().time_ns + kPeriodNs;
-  result.doubts = DoubtsOf(0, paths, plots, watch, config, measurements, 2.0);
+  for (Measurement& m : measurements) {
+    m.time_ns = result.path.back().time_ns + kPeriodNs;
+    m.log_ratio = 2.0;
+  }
+  result.doubts = DoubtsOf(0, paths, plots, watch, config, measurements);
   return result;
 }
 
@@ -149,8 +152,8 @@ TEST(DoubtsOf, BeginningsAreDoubtedAsEndsAre) {
     back.plots.push_back(static_cast<std::uint32_t>(plots.size()) - 1 - *i);
   }
   back.score = paths.front().score;
-  const std::vector<Doubt> ends = DoubtsOf(0, {paths.front()}, plots, watch, config, {}, 2.0);
-  std::vector<Doubt> begins = DoubtsOf(0, {back}, mirrored, Backwards(watch), config, {}, 2.0);
+  const std::vector<Doubt> ends = DoubtsOf(0, {paths.front()}, plots, watch, config, {});
+  std::vector<Doubt> begins = DoubtsOf(0, {back}, mirrored, Backwards(watch), config, {});
   std::reverse(begins.begin(), begins.end());
   ASSERT_EQ(begins.size(), ends.size());
   EXPECT_GT(ProbabilityAt(ends, kForkFrame + 10), 0.45);

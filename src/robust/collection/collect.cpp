@@ -78,14 +78,17 @@ class FacingSide {
 // What is looked for in a frame: the returns that are likelier the target's than their place's.
 class Collector {
  public:
-  Collector(const Recording& recording, const std::vector<char>& excluded,
-            const CollectConfig& config)
-      : recording_(recording), excluded_(excluded), config_(config) {}
+  Collector(const Recording& recording, const std::vector<char>& excluded)
+      : recording_(recording), excluded_(excluded) {}
 
-  std::vector<std::uint32_t> Collect(const FrameInfo& frame, const SensorView& view,
-                                     const Trajectory& trajectory, const Presence& presence,
-                                     const TrajectoryRow& expected, double returns_per_frame,
-                                     const BodySigmas& body) const {
+  struct Found {
+    std::vector<std::uint32_t> returns;
+    double log_ratio = 0.0;  // of all, as far as it is known what their places return
+  };
+
+  Found Collect(const FrameInfo& frame, const SensorView& view, const Trajectory& trajectory,
+                const Presence& presence, const TrajectoryRow& expected, double returns_per_frame,
+                const BodySigmas& body) const {
     const TimeNs middle_ns = expected.time_ns;
     const Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) +
                               StreakM2(frame, expected.velocity_mps) +
@@ -98,7 +101,7 @@ class Collector {
     const auto reach_m = static_cast<float>(kGate * std::sqrt(s.trace()) +
                                             expected.velocity_mps.norm() * half_frame_s);
     const Eigen::Vector3f centre = expected.position_m.cast<float>();
-    std::vector<std::uint32_t> members;
+    Found found;
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
       const Eigen::Vector3f d = recording_.points_m[i] - centre;
       if (d.squaredNorm() > reach_m * reach_m || excluded_[i]) continue;
@@ -115,17 +118,17 @@ class Collector {
           presence.About(time_ns, place_m, kPresence.At(RayM(view, place_m).norm()));
       const double rate =
           view.background->RateOutside(recording_.points_m[i] - view.viewpoint_m, from, to);
-      if (rate < 0.0 || log_peak - 0.5 * distance2 > std::log(rate) + config_.min_return_log) {
-        members.push_back(i);
-      }
+      const double log_ratio = rate < 0.0 ? 0.0 : log_peak - 0.5 * distance2 - std::log(rate);
+      if (log_ratio < 0.0) continue;
+      found.returns.push_back(i);
+      found.log_ratio += log_ratio;
     }
-    return members;
+    return found;
   }
 
  private:
   const Recording& recording_;
   const std::vector<char>& excluded_;
-  const CollectConfig& config_;
 };
 
 }  // namespace
@@ -152,7 +155,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   std::stable_sort(target.measurements.begin(), target.measurements.end(), IsEarlier);
   std::sort(target.returns.begin(), target.returns.end());
 
-  const Collector collector(recording, excluded, config);
+  const Collector collector(recording, excluded);
   const TimeNs extension_ns = NsOf(config.max_extension_s);
   std::vector<SensorShift> shifts(recording.sensors.size());
   std::vector<FrameLength> lengths(recording.sensors.size());
@@ -178,7 +181,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
       expected.position_m -= facing_m;
       const double returns_per_frame =
           visibility.ReturnsPerFrame(frame.sensor, middle_ns, RayM(view, expected.position_m));
-      const std::vector<std::uint32_t> members =
+      const auto [members, log_ratio] =
           collector.Collect(frame, view, trajectory, presence, expected, returns_per_frame, body);
       if (members.empty()) continue;
       spread.Add(recording, frame, view.viewpoint_m.cast<double>(), members, expected);
@@ -187,6 +190,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
       sightings.push_back({Measure(recording, frame, view, members, expected.velocity_mps, body),
                            frame.sensor, expected.velocity_mps});
       sightings.back().measurement.position_m += facing_m;
+      sightings.back().measurement.log_ratio = log_ratio;
       next.returns.insert(next.returns.end(), members.begin(), members.end());
     }
     if (sightings.empty()) return next;

@@ -203,24 +203,20 @@ class Ways {
 std::vector<Doubt> DoubtsOf(std::size_t path, const std::vector<Path>& paths,
                             const std::vector<Plot>& plots, const Watch& watch,
                             const TrackerConfig& config,
-                            const std::vector<Measurement>& measurements, double log_seen) {
+                            const std::vector<Measurement>& measurements) {
   std::vector<char> free(plots.size(), 1);
   for (const Path& other : paths) {
     if (other.score < config.birth_cost) continue;
     for (const std::uint32_t i : other.plots) free[i] = 0;
   }
   const Members& members = paths[path].plots;
-  const auto count = [&](const auto& is_one) {
-    return static_cast<double>(std::count_if(measurements.begin(), measurements.end(), is_one));
-  };
-  const double num_before = count([&](const Measurement& m) {
-    return m.time_ns < plots[members.front()].time_ns - kSameFrameNs;
-  });
-  const double num_behind = count([&](const Measurement& m) {
-    return m.time_ns > plots[members.back()].time_ns + kSameFrameNs;
-  });
-  std::vector<Doubt> doubts =
-      Ways(plots, members, free, watch, config).Doubts(num_behind * log_seen);
+  double seen_before = 0.0;
+  double seen_behind = 0.0;
+  for (const Measurement& m : measurements) {
+    if (m.time_ns < plots[members.front()].time_ns - kSameFrameNs) seen_before += m.log_ratio;
+    if (m.time_ns > plots[members.back()].time_ns + kSameFrameNs) seen_behind += m.log_ratio;
+  }
+  std::vector<Doubt> doubts = Ways(plots, members, free, watch, config).Doubts(seen_behind);
   std::vector<Plot> mirrored;
   for (auto plot = plots.rbegin(); plot != plots.rend(); ++plot) {
     mirrored.push_back(Backwards(*plot));
@@ -232,7 +228,7 @@ std::vector<Doubt> DoubtsOf(std::size_t path, const std::vector<Path>& paths,
   const std::vector<char> free_back(free.rbegin(), free.rend());
   const Watch backwards = Backwards(watch);
   const Ways ways(mirrored, back, free_back, backwards, config);
-  for (Doubt doubt : ways.Doubts(num_before * log_seen)) {
+  for (Doubt doubt : ways.Doubts(seen_before)) {
     doubt.time_ns = Backwards(doubt.time_ns);
     doubts.push_back(doubt);
   }

@@ -20,6 +20,8 @@ constexpr double kLongStandS = 2.0;
 // next.
 constexpr double kUnknownLog = 16.0;
 constexpr double kLearningS = 10.0;
+// The first look takes only what is alone, which clutter hardly ever is.
+constexpr double kUnknownAloneLog = 10.0;
 
 // What is so much higher than all that walks and drives is no part of it, however little is known
 // of the ground; and so few other plots about a path, as a share of its own, may be strays.
@@ -95,7 +97,8 @@ void DropFirst(std::size_t count, std::vector<T>* values) {
 
 }  // namespace
 
-LiveSearch::LiveSearch(const Config& config) : config_(config) {}
+LiveSearch::LiveSearch(const Config& config, bool is_first_look)
+    : config_(config), is_first_look_(is_first_look) {}
 
 void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info,
                            const Eigen::Vector3f& viewpoint_m) {
@@ -147,9 +150,10 @@ double LiveSearch::LeastScore(double watched_s) const {
   const double plots_per_hour = 3600.0 * num_plots_ / std::max(watched_s_, 1.0);
   const auto num_models =
       static_cast<double>(models_.size() * config_.robust.tracker.birth_speeds_mps.size());
-  const double known_s = is_blinded_ ? 0.0 : watched_s;
-  return std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) +
-         kUnknownLog * std::exp(-known_s / kLearningS);
+  const double unknown_log = is_blinded_      ? kUnknownLog
+                             : is_first_look_ ? kUnknownAloneLog
+                                              : kUnknownLog * std::exp(-watched_s / kLearningS);
+  return std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) + unknown_log;
 }
 
 const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector<char>& are_free) {

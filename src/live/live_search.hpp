@@ -21,8 +21,8 @@ namespace unlidar {
 // live.false_alarms_per_hour times an hour.
 class LiveSearch {
  public:
-  // `config` outlives it.
-  explicit LiveSearch(const Config& config);
+  // `config` outlives it. `is_first_look`: only paths that are alone are taken for flights.
+  explicit LiveSearch(const Config& config, bool is_first_look = false);
   LiveSearch(const LiveSearch&) = delete;
   LiveSearch& operator=(const LiveSearch&) = delete;
 
@@ -74,6 +74,7 @@ class LiveSearch {
   double LeastScore(double watched_s) const;
 
   const Config& config_;
+  bool is_first_look_;
   Watch watch_;
   Recording recent_;  // sensors and frames of the last while, without returns
   Moment moment_;

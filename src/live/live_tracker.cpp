@@ -140,7 +140,7 @@ void LiveTracker::Confirm(Pass* pass) {
     const Flight* const flight = search.FlightOf(path);
     if (flight == nullptr || (is_first && !search.IsAlone(path))) continue;
     const auto with_past = [&](const Flight& its) { return search.WithPast(its); };
-    if (tracks_.Begin(pass->look, *flight, search.least_score(), with_past)) search.Take(path);
+    if (tracks_.Begin(pass->look, *flight, search.LeastScoreOf(path), with_past)) search.Take(path);
   }
 }
 

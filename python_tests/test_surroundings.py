@@ -27,10 +27,12 @@ PLACES = {  # with the box of the drone
 }
 WAYS = ("recording", "live")
 # What is not told apart from a drone that flies there yet, by place, way and seed.
-FAR_STEAM = "far puffs give two returns a frame, too few to see how wide they are"
 UNSOLVED = {
-    ("steam", "recording", 2): FAR_STEAM,
-    ("steam", "live", 2): FAR_STEAM,
+    (
+        "steam",
+        "recording",
+        2,
+    ): "far puffs give two returns a frame, too few to see how wide they are",
 }
 CASES = list(itertools.product(PLACES, WAYS, SEEDS))
 

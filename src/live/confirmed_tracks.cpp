@@ -13,7 +13,7 @@ namespace {
 
 // Beyond what was seen of a target a stream can only guess how it goes on. A row there is given
 // while its sigma is at most this share of the largest that may be written; else it waits for a
-// sighting, or for the end.
+// sighting, or for the end of the stream.
 constexpr double kGuessedShare = 0.25;
 // What waits for so long to be known as a drone has no older rows: it may hang there for days.
 constexpr double kWaitS = 20.0;
@@ -145,7 +145,7 @@ const std::vector<SeenPlot>& ConfirmedTracks::EndLost(Look look, TimeNs lost_ns,
       ++track;
       continue;
     }
-    Append(&*track, searched_ns, searched_ns, 1.0);
+    Append(&*track, searched_ns, searched_ns, kGuessedShare);
     TellEnd(*track);
     track = tracks_.erase(track);
   }

@@ -20,6 +20,10 @@ constexpr double kLongStandS = 2.0;
 // next.
 constexpr double kUnknownLog = 16.0;
 constexpr double kLearningS = 10.0;
+// Where more others were seen about a path than its own, that takes longer.
+constexpr double kLearningCrowdS = 30.0;
+// The first look takes only what is alone, which clutter hardly ever is.
+constexpr double kUnknownAloneLog = 10.0;
 
 // What is so much higher than all that walks and drives is no part of it, however little is known
 // of the ground; and so few other plots about a path, as a share of its own, may be strays.
@@ -36,14 +40,17 @@ double DriftM(const SeenPlot* plots, std::size_t count) {
   return way_m.norm() / static_cast<double>(third);
 }
 
+bool Floats(const std::vector<SeenPlot>& path) {
+  const auto num_floating = std::count_if(
+      path.begin(), path.end(), [](const SeenPlot& seen) { return seen.plot.is_floating; });
+  return 2 * static_cast<std::size_t>(num_floating) >= path.size();
+}
+
 // A stream does not know how often a place will be hit later on: a twig that is hit more often for
 // a while looks like something new. What neither moves nor floats may be one.
 bool MovesOrFloats(const std::vector<SeenPlot>& path) {
-  const auto num_floating = std::count_if(
-      path.begin(), path.end(), [](const SeenPlot& seen) { return seen.plot.is_floating; });
   const double least_m = kLeastMove.At(path.front().plot.ray_m.norm());
-  return 2 * static_cast<std::size_t>(num_floating) >= path.size() ||
-         DriftM(path.data(), path.size()) > least_m;
+  return Floats(path) || DriftM(path.data(), path.size()) > least_m;
 }
 
 // How many plots at the begin of a path are low: up to the last part between two pauses that is.
@@ -95,7 +102,8 @@ void DropFirst(std::size_t count, std::vector<T>* values) {
 
 }  // namespace
 
-LiveSearch::LiveSearch(const Config& config) : config_(config) {}
+LiveSearch::LiveSearch(const Config& config, bool is_first_look)
+    : config_(config), is_first_look_(is_first_look) {}
 
 void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info,
                            const Eigen::Vector3f& viewpoint_m) {
@@ -141,15 +149,20 @@ void LiveSearch::CountPlots(const SceneFrame& frame) {
   }
 }
 
+// How much likelier clutter makes paths than its mean rate says, if that is learned in so long.
+double LiveSearch::UnknownLog(double learning_s) const {
+  if (is_blinded_) return kUnknownLog;
+  return is_first_look_ ? kUnknownAloneLog : kUnknownLog * std::exp(-known_s_ / learning_s);
+}
+
 // Clutter alone makes a path of this score so many times an hour, as every plot may be the first of
 // one, with every model.
-double LiveSearch::LeastScore(double watched_s) const {
+double LiveSearch::LeastScore() const {
   const double plots_per_hour = 3600.0 * num_plots_ / std::max(watched_s_, 1.0);
   const auto num_models =
       static_cast<double>(models_.size() * config_.robust.tracker.birth_speeds_mps.size());
-  const double known_s = is_blinded_ ? 0.0 : watched_s;
   return std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) +
-         kUnknownLog * std::exp(-known_s / kLearningS);
+         UnknownLog(kLearningS);
 }
 
 const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector<char>& are_free) {
@@ -167,7 +180,8 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
       free_.push_back(are_free[i]);
     }
     SetSlice(plots_, log_births_, first, moment_, tracker, &slice_);
-    least_score_ = LeastScore(frame.watched_s);
+    known_s_ = frame.watched_s;
+    least_score_ = LeastScore();
     for (TrackSearch& search : searches_) {
       search.Extend(slice_);
       search.AppendPathsToLastSlice(least_score_, &paths_);
@@ -211,28 +225,44 @@ const Flight* LiveSearch::FlightOf(const Path& path) {
   return &flight;
 }
 
-bool LiveSearch::IsAlone(const Path& path) const {
+// Plots about any place of the flight that are not of its path; counts no further than one more
+// than `most`.
+std::size_t LiveSearch::CountOthers(const Path& path, double most) const {
   const std::vector<SeenPlot>& flight = flight_.plots;
-  const double least_height_m = kClearlyOff * config_.robust.off_ground_m;
-  const auto is_low = [&](const SeenPlot& seen) { return seen.plot.lowest_m < least_height_m; };
-  if (std::any_of(flight.begin(), flight.end(), is_low)) return false;
   const auto is_about = [&](const SeenPlot& other) {
     return std::any_of(flight.begin(), flight.end(), [&](const SeenPlot& seen) {
       const double reach_m = config_.robust.support.ReachM(seen.plot.ray_m.norm());
       return (other.plot.position_m - seen.plot.position_m).squaredNorm() < reach_m * reach_m;
     });
   };
-  const double most = kFewOthers * static_cast<double>(flight.size());
-  double others = 0.0;
+  std::size_t others = 0;
   auto own = path.plots.begin();
   for (std::uint32_t i = 0; i < seen_.size(); ++i) {
     if (own != path.plots.end() && *own == i) {
       ++own;
-    } else if (is_about(seen_[i]) && ++others > most) {
-      return false;
+    } else if (is_about(seen_[i]) && static_cast<double>(++others) > most) {
+      break;
     }
   }
-  return true;
+  return others;
+}
+
+bool LiveSearch::IsAlone(const Path& path) const {
+  const std::vector<SeenPlot>& flight = flight_.plots;
+  const double least_height_m = kClearlyOff * config_.robust.off_ground_m;
+  const auto is_low = [&](const SeenPlot& seen) { return seen.plot.lowest_m < least_height_m; };
+  if (std::any_of(flight.begin(), flight.end(), is_low)) return false;
+  const double most = kFewOthers * static_cast<double>(flight.size());
+  return static_cast<double>(CountOthers(path, most)) <= most;
+}
+
+// What floats is known to have nothing beside it.
+double LiveSearch::LeastScoreOf(const Path& path) const {
+  const auto own = static_cast<double>(flight_.plots.size());
+  if (Floats(flight_.plots) || static_cast<double>(CountOthers(path, own)) <= own) {
+    return least_score_;
+  }
+  return least_score_ - UnknownLog(kLearningS) + UnknownLog(kLearningCrowdS);
 }
 
 Flight LiveSearch::WithPast(const Flight& flight) {

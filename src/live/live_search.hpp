@@ -21,8 +21,8 @@ namespace unlidar {
 // live.false_alarms_per_hour times an hour.
 class LiveSearch {
  public:
-  // `config` outlives it.
-  explicit LiveSearch(const Config& config);
+  // `config` outlives it. `is_first_look`: only paths that are alone are taken for flights.
+  explicit LiveSearch(const Config& config, bool is_first_look = false);
   LiveSearch(const LiveSearch&) = delete;
   LiveSearch& operator=(const LiveSearch&) = delete;
 
@@ -43,11 +43,12 @@ class LiveSearch {
   const Moment& Begin(const SceneFrame& frame);
 
   // Goes on to the plots of that frame. `are_free` (plots): those that no track has. Returns the
-  // paths that end with one of them and reach least_score(), the best first, until the next call.
+  // paths that end with one of them and reach a least score, the best first, until the next call.
   const Queue<Path>& Extend(const SceneFrame& frame, const std::vector<char>& are_free);
 
-  // As of the last frame that was searched.
-  double least_score() const { return least_score_; }
+  // What a track that begins with a path must reach, whose flight was the last that was asked for,
+  // as of the last frame that was searched.
+  double LeastScoreOf(const Path& path) const;
 
   // What flies of such a path, which may have come from something on the ground; until the next
   // call. Null if that is no drone, or if another path took any of its plots.
@@ -71,9 +72,12 @@ class LiveSearch {
 
  private:
   void CountPlots(const SceneFrame& frame);
-  double LeastScore(double watched_s) const;
+  double LeastScore() const;
+  double UnknownLog(double learning_s) const;
+  std::size_t CountOthers(const Path& path, double most) const;
 
   const Config& config_;
+  bool is_first_look_;
   Watch watch_;
   Recording recent_;  // sensors and frames of the last while, without returns
   Moment moment_;
@@ -94,6 +98,7 @@ class LiveSearch {
   double num_plots_ = 0.0;  // and their number,
   double watched_s_ = 0.0;  // and how long that took
   double rates_s_ = 0.0;    // when
+  double known_s_ = 0.0;    // for how long what is searched was watched
   double least_score_ = 0.0;
   bool is_blinded_ = false;
 };

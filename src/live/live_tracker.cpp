@@ -12,24 +12,28 @@ constexpr double kBodyHoldS = 0.1;  // plots wait so long for a body that may sh
 constexpr std::size_t kWaitingAtOnce = 3;
 constexpr std::size_t kWaitingAhead = 10;
 constexpr TimeNs kAheadNs = 800'000'000;  // what the first look learns from, before it looks
+constexpr int kAheadHypotheses = 2;       // times as many as the other pass carries on
 constexpr double kTidyS = 2.0;
 constexpr double kKeepPathsS = 30.0;  // a path that is not confirmed by then has no older part
+
+// To the first look what stands is no clutter yet: it crowds out the few first sightings of what
+// flies.
+Config OfFirstLook(Config config) {
+  config.robust.tracker.max_hypotheses *= kAheadHypotheses;
+  return config;
+}
 
 }  // namespace
 
 LiveTracker::Pass::Pass(const Config& config, Look its_look, TimeNs warm_up_ns)
-    : look(its_look), scene(config, warm_up_ns), search(config) {}
+    : look(its_look), scene(config, warm_up_ns), search(config, its_look == Look::kFirst) {}
 
-// The first look knows as little as one who is blinded, so that nothing floats and paths must be as
-// sure.
 LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event)
     : config_(config),
+      ahead_config_(OfFirstLook(config)),
       whole_(config_, Look::kWhole, kWarmUpNs),
-      ahead_(std::make_unique<Pass>(config_, Look::kFirst, kAheadNs)),
-      tracks_(config_, whole_.search.models(), std::move(output_times), std::move(on_event)) {
-  ahead_->scene.SetBlinded(true);
-  ahead_->search.SetBlinded(true);
-}
+      ahead_(std::make_unique<Pass>(ahead_config_, Look::kFirst, kAheadNs)),
+      tracks_(config_, whole_.search.models(), std::move(output_times), std::move(on_event)) {}
 
 void LiveTracker::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
   for (Pass* const pass : {&whole_, ahead_.get()}) {
@@ -61,7 +65,7 @@ void LiveTracker::Advance(TimeNs settled_ns, TimeNs now_ns) {
   const auto go_on = [&](Pass* pass, std::size_t most) {
     if (!pass->scene.is_warm()) return;
     MakePlots(pass, most);
-    if (pass->scene.num_waiting() == 0) SearchUntil(pass, settled_ns - NsOf(kBodyHoldS));
+    if (pass->scene.num_waiting() == 0) SearchUntil(pass, settled_ns - HoldNs(pass->look));
   };
   if (ahead_) go_on(ahead_.get(), kWaitingAhead);
   go_on(&whole_, kWaitingAtOnce);
@@ -82,13 +86,19 @@ void LiveTracker::GiveRows(TimeNs newest_ns) {
   }
 }
 
+// What the first look takes for a track is higher than bodies are. When it takes nothing more it
+// waits as the other pass does, which otherwise would never come as far.
+TimeNs LiveTracker::HoldNs(Look look) const {
+  return look == Look::kFirst && !is_warm() ? 0 : NsOf(kBodyHoldS);
+}
+
 void LiveTracker::MakePlots(Pass* pass, std::size_t most) {
   for (; pass->scene.num_waiting() > 0 && most > 0; --most) {
     const TimeNs middle_ns =
         pass->scene.MakePlots([&](const Eigen::Vector3f& place_m, double since_s, double time_s) {
           return tracks_.HasAt(pass->look, place_m.cast<double>(), since_s, time_s);
         });
-    SearchUntil(pass, middle_ns - NsOf(kBodyHoldS));
+    SearchUntil(pass, middle_ns - HoldNs(pass->look));
   }
 }
 
@@ -130,7 +140,7 @@ void LiveTracker::Confirm(Pass* pass) {
     const Flight* const flight = search.FlightOf(path);
     if (flight == nullptr || (is_first && !search.IsAlone(path))) continue;
     const auto with_past = [&](const Flight& its) { return search.WithPast(its); };
-    if (tracks_.Begin(pass->look, *flight, search.least_score(), with_past)) search.Take(path);
+    if (tracks_.Begin(pass->look, *flight, search.LeastScoreOf(path), with_past)) search.Take(path);
   }
 }
 

@@ -31,8 +31,11 @@ class LiveTracker {
 
   // Whether any sensor is blinded, or may turn out to be, from the next frame on.
   void SetBlinded(bool is_blinded) {
-    whole_.scene.SetBlinded(is_blinded);
-    whole_.search.SetBlinded(is_blinded);
+    for (Pass* const pass : {&whole_, ahead_.get()}) {
+      if (pass == nullptr) continue;
+      pass->scene.SetBlinded(is_blinded);
+      pass->search.SetBlinded(is_blinded);
+    }
   }
 
   // Takes a frame, of no earlier stamp than all before. As LiveScene::Take().
@@ -49,6 +52,9 @@ class LiveTracker {
   void Close(TimeNs newest_ns);
 
   bool is_warm() const { return whole_.scene.is_warm(); }
+
+  // Whether the first look still goes ahead.
+  bool looks_ahead() const { return ahead_ != nullptr; }
 
   // Tracks of one engine never share a number.
   int next_id() const { return tracks_.next_id(); }
@@ -70,12 +76,14 @@ class LiveTracker {
   };
 
   void TakeAhead(const LoadedFrame& frame);
+  TimeNs HoldNs(Look look) const;
   void MakePlots(Pass* pass, std::size_t most);
   void SearchUntil(Pass* pass, TimeNs until_ns);
   void Search(Pass* pass);
   void Confirm(Pass* pass);
 
   Config config_;
+  Config ahead_config_;  // of the first look
   Pass whole_;
   std::unique_ptr<Pass> ahead_;     // until the other has come as far
   std::vector<char> are_of_begin_;  // (sensors) it has heard them before it was warm

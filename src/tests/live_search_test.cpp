@@ -76,6 +76,53 @@ TEST(LiveSearch, WhatFliesOffFromATwigIsNotTheTwig) {
   EXPECT_GT(*begin_s, kOffS);
 }
 
+// What the first flight of 3 m/s must reach that is found while clutter is hardly known, beside
+// three plots a frame that lie about a place which moves along at this distance.
+double LeastScoreBeside(double distance_m) {
+  const Config config;
+  LiveSearch search(config);
+  SensorInfo info;
+  info.frame_period_ns = kPeriodNs;
+  search.SetSensor(0, info, Eigen::Vector3f::Zero());
+  Random random(6);
+  constexpr int kNumOthers = 3;
+  for (int i = 0; i < 30; ++i) {
+    SceneFrame frame;
+    frame.info = testing::FrameAt(i);
+    frame.time_s = testing::MiddleS(i);
+    frame.watched_s = 3.0;
+    frame.is_searched = true;
+    const Eigen::Vector3d at_m(3.0 * frame.time_s, 0.0, 20.0);
+    for (int k = 0; k <= kNumOthers; ++k) {
+      SeenPlot seen;
+      seen.time_s = frame.time_s;
+      seen.stamp_ns = frame.info.stamp_ns;
+      Plot& plot = seen.plot;
+      plot.frame = static_cast<std::uint32_t>(i);
+      plot.time_ns = plot.frame_time_ns = frame.info.middle_ns();
+      plot.position_m = at_m;
+      if (k > 0)
+        plot.position_m += Eigen::Vector3d(0.0, distance_m, 0.0) + random.NormalVector(0.8);
+      plot.ray_m = plot.position_m;
+      plot.variance_m2 = 0.002;
+      plot.lowest_m = 20.0;
+      plot.log_clutter = k == 0 ? -6.0 : 0.0;
+      plot.num_returns = 2;
+      frame.plots.push_back(seen);
+    }
+    search.Begin(frame);
+    for (const Path& path : search.Extend(frame, {1, 1, 1, 1})) {
+      if (search.FlightOf(path) != nullptr) return search.LeastScoreOf(path);
+    }
+  }
+  ADD_FAILURE() << "no flight";
+  return 0.0;
+}
+
+TEST(LiveSearch, WhatHasOthersAboutItMustBeSurerAtFirst) {
+  EXPECT_GT(LeastScoreBeside(0.0), LeastScoreBeside(30.0) + 2.0);
+}
+
 TEST(LiveSearch, WhatStandsAndDoesNotFloatIsNoFlight) {
   EXPECT_FALSE(BeginOfFlight(300, [](double) { return Eigen::Vector3d(0.0, 0.0, kRangeM); }));
 }

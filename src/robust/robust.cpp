@@ -20,6 +20,17 @@ std::vector<Plot> PlotsOf(const Path& path, const std::vector<Plot>& plots) {
   return members;
 }
 
+// Whether what was collected of a target is less likely it, by what its places return at other
+// times, than any path must be. A place where it always was tells neither.
+bool IsClutter(const std::vector<Measurement>& measurements, double threshold) {
+  double log_ratio = 0.0;
+  for (const Measurement& m : measurements) {
+    if (m.log_ratio == 0.0) return false;
+    log_ratio += m.log_ratio;
+  }
+  return log_ratio < threshold;
+}
+
 }  // namespace
 
 RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,
@@ -80,6 +91,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                                   trajectory_config);
     // What another target's returns leave of it may be a single sighting, which is no track.
     if (target.measurements.size() < 2 || MayHang(target.measurements)) continue;
+    if (IsClutter(target.measurements, threshold)) continue;
     target.score = path.score;
     target.doubts = DoubtsOf(k, paths, plots, watch, config.tracker, target.measurements);
     for (const std::uint32_t i : target.returns) excluded[i] = taken[i] = 1;

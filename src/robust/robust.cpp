@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <optional>
+#include <utility>
 
 #include "robust/collection/cloud.hpp"
 #include "robust/collection/hanging.hpp"
@@ -29,6 +31,42 @@ bool IsClutter(const std::vector<Measurement>& measurements, double threshold) {
     log_ratio += m.log_ratio;
   }
   return log_ratio < threshold;
+}
+
+// The target that has most of the plots of a path; their number if none has.
+std::size_t OwnerOf(const Path& path, const std::vector<Plot>& plots,
+                    const std::vector<Target>& targets) {
+  const auto is_owner = [&](const Target& target) {
+    const auto has = [&](std::uint32_t p) {
+      const std::vector<std::uint32_t>& returns = plots[p].returns;
+      return std::any_of(returns.begin(), returns.end(), [&](std::uint32_t i) {
+        return std::binary_search(target.returns.begin(), target.returns.end(), i);
+      });
+    };
+    const auto own = std::count_if(path.plots.begin(), path.plots.end(), has);
+    return 2 * static_cast<std::size_t>(own) > path.plots.size();
+  };
+  return static_cast<std::size_t>(std::find_if(targets.begin(), targets.end(), is_owner) -
+                                  targets.begin());
+}
+
+// Adds to the path of a target what another one has before or after it, with its share of the
+// score, and tells whether that is at least so many frames.
+bool GoesOnBeyond(const Target& target, const std::vector<Plot>& plots, int least_frames,
+                  const std::vector<char>& excluded, const Path& other, Path* path) {
+  const TimeNs begin_ns = target.measurements.front().time_ns;
+  const TimeNs end_ns = target.measurements.back().time_ns;
+  Path beyond;
+  for (const std::uint32_t p : other.plots) {
+    const bool is_within = begin_ns <= plots[p].time_ns && plots[p].time_ns <= end_ns;
+    if (!is_within && !HasAnyOf(plots[p], excluded)) beyond.plots.push_back(p);
+  }
+  if (!HasFrames(PlotsOf(beyond, plots), least_frames)) return false;
+  path->score += other.score * static_cast<double>(beyond.plots.size()) /
+                 static_cast<double>(other.plots.size());
+  path->plots.insert(path->plots.end(), beyond.plots.begin(), beyond.plots.end());
+  std::sort(path->plots.begin(), path->plots.end());
+  return true;
 }
 
 }  // namespace
@@ -74,15 +112,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   result.counts = {views.num_unexplained(),
                    static_cast<std::size_t>(std::count(excluded.begin(), excluded.end(), 1)),
                    plots.size(), paths.size(), threshold};
-  for (std::size_t k = 0; k < paths.size(); ++k) {
-    const Path& path = paths[k];
-    if (!is_target(path)) continue;
-    // A drone that shows as two plots in a frame leaves a second path beside its first.
-    std::vector<Plot> members = PlotsOf(path, plots);
-    members.erase(std::remove_if(members.begin(), members.end(),
-                                 [&](const Plot& plot) { return HasAnyOf(plot, excluded); }),
-                  members.end());
-    if (2 * members.size() < path.plots.size() || !HasFrames(members, config.min_plots)) continue;
+  std::vector<std::size_t> path_of;  // (targets)
+  const auto collect = [&](std::size_t k, std::vector<Plot> members) -> std::optional<Target> {
     AddStays(recording, taken, &members);
     for (const Plot& plot : members) {
       for (const std::uint32_t i : plot.returns) excluded[i] = 0;
@@ -90,12 +121,45 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     Target target = CollectTarget(recording, sensor_views, members, excluded, config.collect,
                                   trajectory_config);
     // What another target's returns leave of it may be a single sighting, which is no track.
-    if (target.measurements.size() < 2 || MayHang(target.measurements)) continue;
-    if (IsClutter(target.measurements, threshold)) continue;
-    target.score = path.score;
+    if (target.measurements.size() < 2 || MayHang(target.measurements)) return std::nullopt;
+    if (IsClutter(target.measurements, threshold)) return std::nullopt;
+    target.score = paths[k].score;
     target.doubts = DoubtsOf(k, paths, plots, watch, config.tracker, target.measurements);
-    for (const std::uint32_t i : target.returns) excluded[i] = taken[i] = 1;
-    result.targets.push_back(std::move(target));
+    return target;
+  };
+  const auto take = [&](const Target& target, char is_taken) {
+    for (const std::uint32_t i : target.returns) excluded[i] = taken[i] = is_taken;
+  };
+  for (std::size_t k = 0; k < paths.size(); ++k) {
+    if (!is_target(paths[k])) continue;
+    std::vector<Plot> members = PlotsOf(paths[k], plots);
+    members.erase(std::remove_if(members.begin(), members.end(),
+                                 [&](const Plot& plot) { return HasAnyOf(plot, excluded); }),
+                  members.end());
+    if (2 * members.size() >= paths[k].plots.size()) {
+      if (!HasFrames(members, config.min_plots)) continue;
+      if (std::optional<Target> target = collect(k, std::move(members))) {
+        take(*target, 1);
+        result.targets.push_back(std::move(*target));
+        path_of.push_back(k);
+      }
+      continue;
+    }
+    // A drone that shows as two plots in a frame leaves a second path beside its first, which may
+    // go on where the first ends.
+    const std::size_t t = OwnerOf(paths[k], plots, result.targets);
+    if (t == result.targets.size()) continue;
+    Target& owner = result.targets[t];
+    const Path before = paths[path_of[t]];
+    Path& joined = paths[path_of[t]];
+    if (!GoesOnBeyond(owner, plots, config.min_plots, excluded, paths[k], &joined)) continue;
+    take(owner, 0);
+    if (std::optional<Target> target = collect(path_of[t], PlotsOf(joined, plots))) {
+      owner = std::move(*target);
+    } else {
+      joined = before;
+    }
+    take(owner, 1);
   }
   result.targets =
       WithoutClouds(recording, sensor_views, plots, std::move(result.targets), trajectory_config);

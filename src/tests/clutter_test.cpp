@@ -123,6 +123,30 @@ TEST(EstimateClutter, AThingThatIsSeldomHitHasTheRateAtWhichItIsHit) {
   EXPECT_GT(MedianLogClutter(clutter, kDrone), MedianLogClutter(clutter) + 5.0);
 }
 
+// Of two plots at one place of the open sky, so many frames apart, in a recording of so many.
+double LogClutterOfPair(int apart, int num_frames) {
+  const auto hit = [&](int i, Clutter* clutter) {
+    if (i != num_frames / 2 && i != num_frames / 2 + apart) return;
+    clutter->AddPlot(Eigen::Vector3d(25.0, 3.0, 20.0), kDrone);
+  };
+  return MedianLogClutter(UniformClutter(5.0, num_frames, hit), kDrone);
+}
+
+TEST(EstimateClutter, TheFirstPlotOfAVisitIsNotToldByTheNext) {
+  const double volume_m3 = std::pow(2.0 * M_PI * std::exp(1.0) * 0.0236, 1.5);
+  const auto log_static = [&](double num_frames) { return std::log(1.0 / num_frames / volume_m3); };
+  const auto log_chain = [&](double num_frames) {
+    return 0.5 * (log_static(num_frames) + LogRate(5.0));
+  };
+  // A static thing that is hit twice in a minute is known by either plot from the other.
+  EXPECT_NEAR(LogClutterOfPair(100, 600), log_static(600.0), 0.3);
+  // But what stops there for half a second has come from anywhere.
+  ASSERT_LT(log_chain(600.0), log_static(600.0) - 2.5);
+  EXPECT_NEAR(LogClutterOfPair(5, 600), log_chain(600.0), 0.5);
+  // Two plots of five seconds are as close by chance every other time.
+  EXPECT_NEAR(LogClutterOfPair(5, 50), (2.0 * log_chain(50.0) + log_static(50.0)) / 3.0, 0.5);
+}
+
 TEST(EstimateClutter, WhatFloatsIsNoStaticThingThatIsSeldomHit) {
   const Eigen::Vector3d hover_m(25.0, 3.0, 20.0);
   const auto hit = [&](int i, Clutter* clutter) {

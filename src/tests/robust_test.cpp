@@ -152,6 +152,33 @@ TEST(FindTargetsRobust, FindsTwoDronesThatPassHalfAMetreFromEachOther) {
   EXPECT_TRUE(shared.empty());
 }
 
+TEST(FindTargetsRobust, LosesNothingOfADroneThatShowsAsTwoForAWhile) {
+  // For the search either of them may go on, so that one path ends where the drone was two plots
+  // and the other has the rest of the flight.
+  for (std::uint32_t seed = 0; seed < testing::Draws(40U); ++seed) {
+    const RecordingMaker maker = Yard(seed, [](double time_s, RecordingMaker* m) {
+      if (std::abs(time_s - 6.0) > 0.3) return DroneOn(Transit, 0.6)(time_s, m);
+      for (const double aside_m : {-0.4, 0.4}) {
+        const Eigen::Vector3d part_m = Transit(time_s) + Eigen::Vector3d(aside_m, 0.0, 0.0);
+        m->AddBlob(part_m, 0.05, 1 + m->random.Poisson(1.0), kDrone);
+      }
+    });
+    std::set<std::uint32_t> found;
+    for (const Target& target : Find(maker.recording).targets) {
+      found.insert(target.returns.begin(), target.returns.end());
+    }
+    double all = 0.0;
+    double own = 0.0;
+    for (std::uint32_t i = 0; i < maker.labels.size(); ++i) {
+      const double time_s = SecondsSinceBegin(maker.recording.times_ns[i]);
+      if (maker.labels[i] != kDrone || std::abs(time_s - 6.0) < 0.6) continue;
+      all += 1.0;
+      own += static_cast<double>(found.count(i));
+    }
+    EXPECT_GT(own, 0.915 * all) << seed;
+  }
+}
+
 TEST(FindTargetsRobust, FindsNothingInAnEmptySky) {
   for (std::uint32_t seed = 0; seed < testing::Draws(20U); ++seed) {
     const RecordingMaker maker = Yard(seed, [](double, RecordingMaker*) {});

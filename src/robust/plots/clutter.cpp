@@ -63,18 +63,34 @@ void EstimateClutter(const std::vector<SensorView>& views, const PlotConfig& con
   std::vector<RangeGrid> spots(views.size(), RangeGrid(config.spot));
   for (std::size_t i = 0; i < plots->size(); ++i) {
     const Plot& plot = (*plots)[i];
-    if (!explained[i]) spots[plot.sensor].Add(plot.ray_m.cast<float>(), 0);
+    if (!explained[i]) spots[plot.sensor].Add(plot.ray_m.cast<float>(), bins[i]);
   }
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
     plot.log_clutter = std::log(rate[i]);
     if (plot.is_floating) continue;
-    const double others =
-        spots[plot.sensor].Count(plot.ray_m.cast<float>()) - (explained[i] ? 0.0 : 1.0);
-    const double spot_rate = others / num_frames(plot) / PlotVolumeM3(plot);
     // A target that was found may have come back to its own place.
-    const double place_rate = explained[i] ? 0.0 : plot.place_rate;
-    plot.log_clutter = std::log(std::max({rate[i], spot_rate, place_rate}));
+    const double least_rate = std::max(rate[i], explained[i] ? 0.0 : plot.place_rate);
+    const RangeGrid& grid = spots[plot.sensor];
+    const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
+    const BinRange visit = background_of(plot).BinsAround(bins[i], exclusion);
+    const std::uint32_t near = grid.Count(place_m, visit) + (explained[i] ? 1U : 0U);
+    const std::uint32_t others = grid.Count(place_m) + (explained[i] ? 1U : 0U) - 1U;
+    const double plot_rate = 1.0 / num_frames(plot) / PlotVolumeM3(plot);
+    const auto log_rate = [&](std::uint32_t num_plots) {
+      return std::log(std::max(least_rate, num_plots * plot_rate));
+    };
+    plot.log_clutter = log_rate(others);
+    if (near <= others) continue;  // what comes at other times, too, is static
+    // All of them may be one visit of what does not stay. Then the first is not told by the others
+    // as these are by it: by the chain rule the k-th has the rate of k - 1, and each gets its share
+    // of the logarithm. A static thing's would be as close by chance, the likelier the shorter the
+    // recording.
+    double sum = 0.0;
+    for (std::uint32_t k = 0; k < near; ++k) sum += log_rate(k);
+    const double exposure = background_of(plot).NumFrames(plot.sensor, visit);
+    const double odds = std::pow(exposure / num_frames(plot), static_cast<double>(others));
+    plot.log_clutter = (odds * log_rate(others) + sum / near) / (1.0 + odds);
   }
 }
 

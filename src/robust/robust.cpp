@@ -33,41 +33,165 @@ bool IsClutter(const std::vector<Measurement>& measurements, double threshold) {
   return log_ratio < threshold;
 }
 
-// The target that has most of the plots of a path; their number if none has.
-std::size_t OwnerOf(const Path& path, const std::vector<Plot>& plots,
-                    const std::vector<Target>& targets) {
-  const auto is_owner = [&](const Target& target) {
-    const auto has = [&](std::uint32_t p) {
-      const std::vector<std::uint32_t>& returns = plots[p].returns;
-      return std::any_of(returns.begin(), returns.end(), [&](std::uint32_t i) {
-        return std::binary_search(target.returns.begin(), target.returns.end(), i);
-      });
-    };
-    const auto own = std::count_if(path.plots.begin(), path.plots.end(), has);
-    return 2 * static_cast<std::size_t>(own) > path.plots.size();
-  };
-  return static_cast<std::size_t>(std::find_if(targets.begin(), targets.end(), is_owner) -
-                                  targets.begin());
+// How much less likely a path is a target for what else is about it at the same time, which its
+// clutter, that of other times, does not tell: a bush in a gust and whoever passes behind a hedge
+// are seen all at once. Plots of targets (`are_targets`, plots) and its own do not count.
+double LossAmongOthers(const Path& path, const std::vector<Plot>& plots,
+                       const std::vector<char>& are_targets,
+                       const std::vector<SensorView>& sensor_views, const RobustConfig& config) {
+  const TimeNs reach_ns = NsOf((kClutterExclusionBins + 0.5) * config.background.bin_s);
+  double loss = 0.0;
+  auto first = plots.begin();
+  for (const std::uint32_t i : path.plots) {
+    const Plot& plot = plots[i];
+    const double radius_m = config.plots.clutter_narrow.At(plot.ray_m.norm());
+    while (first->frame_time_ns < plot.frame_time_ns - reach_ns) ++first;
+    double others = 0.0;
+    for (auto other = first;
+         other != plots.end() && other->frame_time_ns <= plot.frame_time_ns + reach_ns; ++other) {
+      const auto k = static_cast<std::uint32_t>(other - plots.begin());
+      if (other->sensor != plot.sensor || are_targets[k] != 0) continue;
+      if ((other->position_m - plot.position_m).squaredNorm() > radius_m * radius_m) continue;
+      if (!std::binary_search(path.plots.begin(), path.plots.end(), k)) others += 1.0;
+    }
+    if (others == 0.0) continue;
+    const Background& background = *sensor_views[plot.sensor].background;
+    const double frames = background.NumFrames(
+        plot.sensor, background.BinsAround(background.BinOf(plot.time_ns), kClutterExclusionBins));
+    const double exposure = frames * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
+    const double log_rate = std::log((others + kClutterPriorPlots) /
+                                     (exposure + kClutterPriorPlots / std::exp(plot.log_clutter)));
+    loss += std::max(0.0, log_rate - plot.log_clutter);
+  }
+  return loss;
 }
 
-// Adds to the path of a target what another one has before or after it, with its share of the
-// score, and tells whether that is at least so many frames.
-bool GoesOnBeyond(const Target& target, const std::vector<Plot>& plots, int least_frames,
-                  const std::vector<char>& excluded, const Path& other, Path* path) {
-  const TimeNs begin_ns = target.measurements.front().time_ns;
-  const TimeNs end_ns = target.measurements.back().time_ns;
-  Path beyond;
-  for (const std::uint32_t p : other.plots) {
-    const bool is_within = begin_ns <= plots[p].time_ns && plots[p].time_ns <= end_ns;
-    if (!is_within && !HasAnyOf(plots[p], excluded)) beyond.plots.push_back(p);
+// Makes the targets of paths, one after the other: a return is one target's.
+class TargetCollector {
+ public:
+  // Paths are changed where two are one target's.
+  TargetCollector(const Recording& recording, const Views& views, const Watch& watch,
+                  double threshold, const RobustConfig& config,
+                  const TrajectoryConfig& trajectory_config, std::vector<Path>* paths)
+      : recording_(recording),
+        plots_(views.plots()),
+        sensor_views_(views.SensorViews()),
+        watch_(watch),
+        threshold_(threshold),
+        config_(config),
+        trajectory_config_(trajectory_config),
+        paths_(*paths),
+        excluded_(views.are_bodies()),
+        taken_(excluded_.size(), 0) {}
+
+  void Add(std::size_t k) {
+    const Path& path = paths_[k];
+    std::vector<Plot> members = FreePlotsOf(path);
+    if (2 * members.size() < path.plots.size()) {
+      // A drone that shows as two plots in a frame leaves a second path beside its first, which may
+      // go on where the first ends.
+      const std::size_t owner = OwnerOf(path);
+      if (owner < targets_.size()) Extend(owner, path);
+    } else if (HasFrames(members, config_.min_plots)) {
+      std::optional<Target> target = Collect(k, std::move(members));
+      if (!target) return;
+      Mark(*target, 1);
+      targets_.push_back(std::move(*target));
+      path_of_.push_back(k);
+    }
   }
-  if (!HasFrames(PlotsOf(beyond, plots), least_frames)) return false;
-  path->score += other.score * static_cast<double>(beyond.plots.size()) /
-                 static_cast<double>(other.plots.size());
-  path->plots.insert(path->plots.end(), beyond.plots.begin(), beyond.plots.end());
-  std::sort(path->plots.begin(), path->plots.end());
-  return true;
-}
+
+  std::vector<Target> Finish() {
+    return WithoutClouds(recording_, sensor_views_, plots_, std::move(targets_),
+                         trajectory_config_);
+  }
+
+ private:
+  // Those without a return that is excluded.
+  std::vector<Plot> FreePlotsOf(const Path& path) const {
+    std::vector<Plot> members = PlotsOf(path, plots_);
+    members.erase(std::remove_if(members.begin(), members.end(),
+                                 [&](const Plot& plot) { return HasAnyOf(plot, excluded_); }),
+                  members.end());
+    return members;
+  }
+
+  std::optional<Target> Collect(std::size_t k, std::vector<Plot> members) {
+    AddStays(recording_, taken_, &members);
+    for (const Plot& plot : members) {
+      for (const std::uint32_t i : plot.returns) excluded_[i] = 0;
+    }
+    Target target = CollectTarget(recording_, sensor_views_, members, excluded_, config_.collect,
+                                  trajectory_config_);
+    // What another target's returns leave of it may be a single sighting, which is no track.
+    if (target.measurements.size() < 2 || MayHang(target.measurements)) return std::nullopt;
+    if (IsClutter(target.measurements, threshold_)) return std::nullopt;
+    target.score = paths_[k].score;
+    target.doubts = DoubtsOf(k, paths_, plots_, watch_, config_.tracker, target.measurements);
+    return target;
+  }
+
+  void Mark(const Target& target, char is_taken) {
+    for (const std::uint32_t i : target.returns) excluded_[i] = taken_[i] = is_taken;
+  }
+
+  // The target that has most of the plots of a path; the number of targets if none has.
+  std::size_t OwnerOf(const Path& path) const {
+    const auto is_owner = [&](const Target& target) {
+      const auto has = [&](std::uint32_t plot) {
+        const std::vector<std::uint32_t>& returns = plots_[plot].returns;
+        return std::any_of(returns.begin(), returns.end(), [&](std::uint32_t i) {
+          return std::binary_search(target.returns.begin(), target.returns.end(), i);
+        });
+      };
+      const auto own = std::count_if(path.plots.begin(), path.plots.end(), has);
+      return 2 * static_cast<std::size_t>(own) > path.plots.size();
+    };
+    return static_cast<std::size_t>(std::find_if(targets_.begin(), targets_.end(), is_owner) -
+                                    targets_.begin());
+  }
+
+  // Gives a target what another path has before or after it, if that is as much as a target has at
+  // least, with its share of the score.
+  void Extend(std::size_t owner, const Path& other) {
+    Target& target = targets_[owner];
+    const TimeNs begin_ns = target.measurements.front().time_ns;
+    const TimeNs end_ns = target.measurements.back().time_ns;
+    Path beyond;
+    for (const std::uint32_t plot : other.plots) {
+      const TimeNs time_ns = plots_[plot].time_ns;
+      const bool is_within = begin_ns <= time_ns && time_ns <= end_ns;
+      if (!is_within && !HasAnyOf(plots_[plot], excluded_)) beyond.plots.push_back(plot);
+    }
+    if (!HasFrames(PlotsOf(beyond, plots_), config_.min_plots)) return;
+    Path& path = paths_[path_of_[owner]];
+    const Path before = path;
+    path.score += other.score * static_cast<double>(beyond.plots.size()) /
+                  static_cast<double>(other.plots.size());
+    path.plots.insert(path.plots.end(), beyond.plots.begin(), beyond.plots.end());
+    std::sort(path.plots.begin(), path.plots.end());
+    Mark(target, 0);
+    if (std::optional<Target> whole = Collect(path_of_[owner], FreePlotsOf(path))) {
+      target = std::move(*whole);
+    } else {
+      path = before;
+    }
+    Mark(target, 1);
+  }
+
+  const Recording& recording_;
+  const std::vector<Plot>& plots_;
+  std::vector<SensorView> sensor_views_;
+  const Watch& watch_;
+  double threshold_;
+  const RobustConfig& config_;
+  const TrajectoryConfig& trajectory_config_;
+  std::vector<Path>& paths_;
+  std::vector<char> excluded_;  // returns of bodies and of targets,
+  std::vector<char> taken_;     // and of these alone
+  std::vector<Target> targets_;
+  std::vector<std::size_t> path_of_;  // (targets)
+};
 
 }  // namespace
 
@@ -85,10 +209,20 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
   const double threshold = std::log(num_starts / config.false_alarms_per_recording);
   const Watch watch = WatchOf(recording);
-  const auto is_target = [&](const Path& path) {
-    if (path.score < threshold) return false;
-    const std::vector<Plot> members = PlotsOf(path, plots);
-    return IsFlight(recording, watch, members, config);
+  const std::vector<SensorView> sensor_views = views.SensorViews();
+  const auto targets_of = [&](const std::vector<Path>& all) {
+    std::vector<std::size_t> found;
+    std::vector<char> are_targets(plots.size(), 0);
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      const Path& path = all[k];
+      if (path.score < threshold) continue;
+      if (!IsFlight(recording, watch, PlotsOf(path, plots), config)) continue;
+      const double loss = LossAmongOthers(path, plots, are_targets, sensor_views, config);
+      if (path.score - loss < threshold) continue;
+      for (const std::uint32_t i : path.plots) are_targets[i] = 1;
+      found.push_back(k);
+    }
+    return found;
   };
 
   // What the first round finds is clutter no more for the second, which then sees farther. What
@@ -99,70 +233,19 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     views.EstimateClutter(explained);
     paths = FindPaths(plots, watch, config.tracker);
     const std::vector<char> before = explained;
-    for (const Path& path : paths) {
-      if (!is_target(path)) continue;
-      for (const std::uint32_t i : path.plots) explained[i] = 1;
+    for (const std::size_t k : targets_of(paths)) {
+      for (const std::uint32_t i : paths[k].plots) explained[i] = 1;
     }
     if (explained == before) break;
   }
 
-  std::vector<char> excluded = views.are_bodies();  // and then also the returns of targets found
-  std::vector<char> taken(excluded.size(), 0);      // these alone
-  const std::vector<SensorView> sensor_views = views.SensorViews();
+  const std::vector<char>& are_bodies = views.are_bodies();
   result.counts = {views.num_unexplained(),
-                   static_cast<std::size_t>(std::count(excluded.begin(), excluded.end(), 1)),
+                   static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),
                    plots.size(), paths.size(), threshold};
-  std::vector<std::size_t> path_of;  // (targets)
-  const auto collect = [&](std::size_t k, std::vector<Plot> members) -> std::optional<Target> {
-    AddStays(recording, taken, &members);
-    for (const Plot& plot : members) {
-      for (const std::uint32_t i : plot.returns) excluded[i] = 0;
-    }
-    Target target = CollectTarget(recording, sensor_views, members, excluded, config.collect,
-                                  trajectory_config);
-    // What another target's returns leave of it may be a single sighting, which is no track.
-    if (target.measurements.size() < 2 || MayHang(target.measurements)) return std::nullopt;
-    if (IsClutter(target.measurements, threshold)) return std::nullopt;
-    target.score = paths[k].score;
-    target.doubts = DoubtsOf(k, paths, plots, watch, config.tracker, target.measurements);
-    return target;
-  };
-  const auto take = [&](const Target& target, char is_taken) {
-    for (const std::uint32_t i : target.returns) excluded[i] = taken[i] = is_taken;
-  };
-  for (std::size_t k = 0; k < paths.size(); ++k) {
-    if (!is_target(paths[k])) continue;
-    std::vector<Plot> members = PlotsOf(paths[k], plots);
-    members.erase(std::remove_if(members.begin(), members.end(),
-                                 [&](const Plot& plot) { return HasAnyOf(plot, excluded); }),
-                  members.end());
-    if (2 * members.size() >= paths[k].plots.size()) {
-      if (!HasFrames(members, config.min_plots)) continue;
-      if (std::optional<Target> target = collect(k, std::move(members))) {
-        take(*target, 1);
-        result.targets.push_back(std::move(*target));
-        path_of.push_back(k);
-      }
-      continue;
-    }
-    // A drone that shows as two plots in a frame leaves a second path beside its first, which may
-    // go on where the first ends.
-    const std::size_t t = OwnerOf(paths[k], plots, result.targets);
-    if (t == result.targets.size()) continue;
-    Target& owner = result.targets[t];
-    const Path before = paths[path_of[t]];
-    Path& joined = paths[path_of[t]];
-    if (!GoesOnBeyond(owner, plots, config.min_plots, excluded, paths[k], &joined)) continue;
-    take(owner, 0);
-    if (std::optional<Target> target = collect(path_of[t], PlotsOf(joined, plots))) {
-      owner = std::move(*target);
-    } else {
-      joined = before;
-    }
-    take(owner, 1);
-  }
-  result.targets =
-      WithoutClouds(recording, sensor_views, plots, std::move(result.targets), trajectory_config);
+  TargetCollector collector(recording, views, watch, threshold, config, trajectory_config, &paths);
+  for (const std::size_t k : targets_of(paths)) collector.Add(k);
+  result.targets = collector.Finish();
   for (Target& target : result.targets) {
     for (Measurement& m : target.measurements) m.time_ns += target.late_ns;
     for (Doubt& doubt : target.doubts) doubt.time_ns += target.late_ns;

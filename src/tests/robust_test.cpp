@@ -179,6 +179,22 @@ TEST(FindTargetsRobust, LosesNothingOfADroneThatShowsAsTwoForAWhile) {
   }
 }
 
+TEST(FindTargetsRobust, FindsNothingInAGustButADroneThatPassesThere) {
+  // Twigs 3 m apart show for two seconds, here and there, each at one place only.
+  const auto gust = [](double time_s, RecordingMaker* m) {
+    if (std::abs(time_s - 6.0) > 1.0) return;
+    m->AddBox({7.0, -2.0, 3.5}, {10.0, 1.0, 6.5}, m->random.Poisson(1.5));
+  };
+  for (std::uint32_t seed = 0; seed < testing::Draws(30U); ++seed) {
+    EXPECT_TRUE(Find(Yard(seed, gust).recording).targets.empty()) << seed;
+    const RecordingMaker both = Yard(seed, [&](double time_s, RecordingMaker* m) {
+      gust(time_s, m);
+      DroneOn(Transit, 4.0)(time_s, m);
+    });
+    ExpectOneDrone(Find(both.recording), Transit, 11.0);
+  }
+}
+
 TEST(FindTargetsRobust, FindsNothingInAnEmptySky) {
   for (std::uint32_t seed = 0; seed < testing::Draws(20U); ++seed) {
     const RecordingMaker maker = Yard(seed, [](double, RecordingMaker*) {});

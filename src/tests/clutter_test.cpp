@@ -123,28 +123,31 @@ TEST(EstimateClutter, AThingThatIsSeldomHitHasTheRateAtWhichItIsHit) {
   EXPECT_GT(MedianLogClutter(clutter, kDrone), MedianLogClutter(clutter) + 5.0);
 }
 
-// Of two plots at one place of the open sky, so many frames apart, in a recording of so many.
-double LogClutterOfPair(int apart, int num_frames) {
+// Of two plots at one place of the sky, so many frames apart, where things that come again to
+// their spots are, besides, or none are.
+double LogClutterOfPair(int apart, bool among_twigs) {
+  constexpr int kFrames = 600;
+  const Eigen::Vector3d place_m(25.0, 3.0, 20.0);
   const auto hit = [&](int i, Clutter* clutter) {
-    if (i != num_frames / 2 && i != num_frames / 2 + apart) return;
-    clutter->AddPlot(Eigen::Vector3d(25.0, 3.0, 20.0), kDrone);
+    if (i == kFrames / 2 || i == kFrames / 2 + apart) clutter->AddPlot(place_m, kDrone);
+    if (!among_twigs || i % 5 != 0) return;
+    testing::Random random(static_cast<std::uint32_t>(i / 5 % 20));  // one of twenty
+    clutter->AddPlot(place_m + random.InBox({-2, -2, -2}, {2, 2, 2}), kOther);
   };
-  return MedianLogClutter(UniformClutter(5.0, num_frames, hit), kDrone);
+  return MedianLogClutter(UniformClutter(5.0, kFrames, hit), kDrone);
 }
 
 TEST(EstimateClutter, TheFirstPlotOfAVisitIsNotToldByTheNext) {
   const double volume_m3 = std::pow(2.0 * M_PI * std::exp(1.0) * 0.0236, 1.5);
-  const auto log_static = [&](double num_frames) { return std::log(1.0 / num_frames / volume_m3); };
-  const auto log_chain = [&](double num_frames) {
-    return 0.5 * (log_static(num_frames) + LogRate(5.0));
-  };
+  const double log_static = std::log(1.0 / 600.0 / volume_m3);
+  const double log_chain = 0.5 * (log_static + LogRate(5.0));
+  ASSERT_LT(log_chain, log_static - 2.5);
   // A static thing that is hit twice in a minute is known by either plot from the other.
-  EXPECT_NEAR(LogClutterOfPair(100, 600), log_static(600.0), 0.3);
-  // But what stops there for half a second has come from anywhere.
-  ASSERT_LT(log_chain(600.0), log_static(600.0) - 2.5);
-  EXPECT_NEAR(LogClutterOfPair(5, 600), log_chain(600.0), 0.5);
-  // Two plots of five seconds are as close by chance every other time.
-  EXPECT_NEAR(LogClutterOfPair(5, 50), (2.0 * log_chain(50.0) + log_static(50.0)) / 3.0, 0.5);
+  EXPECT_NEAR(LogClutterOfPair(100, false), log_static, 0.3);
+  // But what stops there for half a second has come from anywhere,
+  EXPECT_NEAR(LogClutterOfPair(5, false), log_chain, 0.5);
+  // unless what is seen there does come again, as a rule.
+  EXPECT_GT(LogClutterOfPair(5, true), log_static - 0.5);
 }
 
 TEST(EstimateClutter, WhatFloatsIsNoStaticThingThatIsSeldomHit) {

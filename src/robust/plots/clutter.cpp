@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -14,6 +15,124 @@ double PlotVolumeM3(const Plot& plot) {
   return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
 }
 
+// Levels from wide to narrow: each is the prior of the next, so that an empty neighbourhood still
+// has what its surroundings have, and a level is believed only as far as its exposure goes.
+std::array<RangeRadius, 3> LevelsOf(const PlotConfig& config) {
+  return {kClutterWide, config.clutter_middle, config.clutter_narrow};
+}
+
+class ClutterEstimate {
+ public:
+  ClutterEstimate(const std::vector<SensorView>& views, const PlotConfig& config,
+                  const std::vector<char>& explained, const std::vector<Plot>& plots)
+      : views_(views), config_(config), explained_(explained), plots_(plots) {
+    for (const Plot& plot : plots) bins_.push_back(BackgroundOf(plot).BinOf(plot.time_ns));
+    SetRates();
+    spots_ = GridsOf(config.spot, std::vector<char>(plots.size(), 1));
+    SetSharesAgain();
+  }
+
+  // Of a plot: log of the clutter plots per m^3 and frame of its sensor.
+  double LogClutter(std::size_t i) const {
+    const Plot& plot = plots_[i];
+    if (plot.is_floating) return std::log(rates_[i]);
+    // A target that was found may have come back to its own place.
+    const double least_rate = std::max(rates_[i], explained_[i] ? 0.0 : plot.place_rate);
+    // A static thing that is seldom hit would give the plots of its place at the rate at which they
+    // came, the plot itself left out.
+    const double plot_rate = 1.0 / NumFrames(plot) / PlotVolumeM3(plot);
+    const auto log_rate = [&](std::uint32_t others) {
+      return std::log(std::max(least_rate, others * plot_rate));
+    };
+    const Counts spot = CountsAt(spots_, i);
+    const std::uint32_t in_visit = spot.near + (explained_[i] ? 1U : 0U);
+    if (spot.elsewhen > 0) return log_rate(spot.elsewhen + in_visit - 1);
+    // All of them may be one visit of what does not stay. Then the first is not told by the others
+    // as these are by it: by the chain rule the k-th has the rate of k - 1, and each gets its share
+    // of the logarithm.
+    double sum = 0.0;
+    for (std::uint32_t k = 0; k < in_visit; ++k) sum += log_rate(k);
+    return shares_again_[i] * log_rate(in_visit - 1) + (1.0 - shares_again_[i]) * sum / in_visit;
+  }
+
+ private:
+  // Plots in a neighbourhood: those that may be of the same visit, and those of other times.
+  struct Counts {
+    std::uint32_t near = 0;
+    std::uint32_t elsewhen = 0;
+  };
+
+  const Background& BackgroundOf(const Plot& plot) const { return *views_[plot.sensor].background; }
+
+  std::uint32_t NumFrames(const Plot& plot) const {
+    return BackgroundOf(plot).NumFrames(plot.sensor, {0, BackgroundOf(plot).num_bins()});
+  }
+
+  BinRange Near(std::size_t i) const {
+    return BackgroundOf(plots_[i]).BinsAround(bins_[i],
+                                              static_cast<std::uint32_t>(kClutterExclusionBins));
+  }
+
+  // (sensors), of some plots, but for those that are explained.
+  std::vector<RangeGrid> GridsOf(const RangeRadius& radius, const std::vector<char>& some) const {
+    std::vector<RangeGrid> grids(views_.size(), RangeGrid(radius));
+    for (std::size_t i = 0; i < plots_.size(); ++i) {
+      if (some[i] == 0 || explained_[i] != 0) continue;
+      grids[plots_[i].sensor].Add(plots_[i].ray_m.cast<float>(), bins_[i]);
+    }
+    return grids;
+  }
+
+  Counts CountsAt(const std::vector<RangeGrid>& grids, std::size_t i) const {
+    const RangeGrid& grid = grids[plots_[i].sensor];
+    const Eigen::Vector3f place_m = plots_[i].ray_m.cast<float>();
+    const std::uint32_t near = grid.Count(place_m, Near(i));
+    return {near, grid.Count(place_m) - near};
+  }
+
+  // What is seen about a place at other times.
+  void SetRates() {
+    rates_.assign(plots_.size(), 1e-6);
+    for (const RangeRadius& radius : LevelsOf(config_)) {
+      const std::vector<RangeGrid> grids = GridsOf(radius, std::vector<char>(plots_.size(), 1));
+      for (std::size_t i = 0; i < plots_.size(); ++i) {
+        const Plot& plot = plots_[i];
+        const std::uint32_t frames =
+            NumFrames(plot) - BackgroundOf(plot).NumFrames(plot.sensor, Near(i));
+        const double exposure = frames * grids[plot.sensor].VolumeM3(plot.ray_m.cast<float>());
+        rates_[i] = (CountsAt(grids, i).elsewhen + kClutterPriorPlots) /
+                    (exposure + kClutterPriorPlots / rates_[i]);
+      }
+    }
+  }
+
+  // The share of it that comes to its spot again and again, as twigs do.
+  void SetSharesAgain() {
+    std::vector<char> comes_again;
+    for (std::size_t i = 0; i < plots_.size(); ++i) {
+      comes_again.push_back(CountsAt(spots_, i).elsewhen > 0 ? 1 : 0);
+    }
+    shares_again_.assign(plots_.size(), 0.5);
+    for (const RangeRadius& radius : LevelsOf(config_)) {
+      const std::vector<RangeGrid> all = GridsOf(radius, std::vector<char>(plots_.size(), 1));
+      const std::vector<RangeGrid> again = GridsOf(radius, comes_again);
+      for (std::size_t i = 0; i < plots_.size(); ++i) {
+        shares_again_[i] =
+            (CountsAt(again, i).elsewhen + shares_again_[i]) / (CountsAt(all, i).elsewhen + 1.0);
+      }
+    }
+  }
+
+  const std::vector<SensorView>& views_;
+  const PlotConfig& config_;
+  const std::vector<char>& explained_;
+  const std::vector<Plot>& plots_;
+  std::vector<std::uint32_t> bins_;  // (plots), and so all of these:
+  std::vector<double> rates_;
+  std::vector<double> shares_again_;
+  std::vector<RangeGrid> spots_;  // (sensors)
+};
+
 }  // namespace
 
 void SetPlaceRates(const Background& background, std::vector<Plot>* plots) {
@@ -26,72 +145,8 @@ void SetPlaceRates(const Background& background, std::vector<Plot>* plots) {
 
 void EstimateClutter(const std::vector<SensorView>& views, const PlotConfig& config,
                      const std::vector<char>& explained, std::vector<Plot>* plots) {
-  const auto background_of = [&](const Plot& plot) -> const Background& {
-    return *views[plot.sensor].background;
-  };
-  const auto num_frames = [&](const Plot& plot) {
-    const Background& background = background_of(plot);
-    return background.NumFrames(plot.sensor, {0, background.num_bins()});
-  };
-  std::vector<std::uint32_t> bins;
-  for (const Plot& plot : *plots) bins.push_back(background_of(plot).BinOf(plot.time_ns));
-
-  // From wide to narrow: each level is the prior of the next, so that an empty neighbourhood still
-  // has the rate of its surroundings, and a rate is believed only as far as its exposure goes.
-  std::vector<double> rate(plots->size(), 1e-6);
-  const auto exclusion = static_cast<std::uint32_t>(kClutterExclusionBins);
-  for (const RangeRadius& radius : {kClutterWide, config.clutter_middle, config.clutter_narrow}) {
-    std::vector<RangeGrid> grids(views.size(), RangeGrid(radius));
-    for (std::size_t i = 0; i < plots->size(); ++i) {
-      const Plot& plot = (*plots)[i];
-      if (!explained[i]) grids[plot.sensor].Add(plot.ray_m.cast<float>(), bins[i]);
-    }
-    for (std::size_t i = 0; i < plots->size(); ++i) {
-      const Plot& plot = (*plots)[i];
-      const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
-      const RangeGrid& grid = grids[plot.sensor];
-      const Background& background = background_of(plot);
-      const BinRange near = background.BinsAround(bins[i], exclusion);
-      const std::uint32_t count = grid.Count(place_m) - grid.Count(place_m, near);
-      const std::uint32_t frames = num_frames(plot) - background.NumFrames(plot.sensor, near);
-      const double exposure = frames * grid.VolumeM3(place_m);
-      rate[i] = (count + kClutterPriorPlots) / (exposure + kClutterPriorPlots / rate[i]);
-    }
-  }
-  // A static thing that is seldom hit would give the plots of its place at the rate at which they
-  // came, the plot itself left out.
-  std::vector<RangeGrid> spots(views.size(), RangeGrid(config.spot));
-  for (std::size_t i = 0; i < plots->size(); ++i) {
-    const Plot& plot = (*plots)[i];
-    if (!explained[i]) spots[plot.sensor].Add(plot.ray_m.cast<float>(), bins[i]);
-  }
-  for (std::size_t i = 0; i < plots->size(); ++i) {
-    Plot& plot = (*plots)[i];
-    plot.log_clutter = std::log(rate[i]);
-    if (plot.is_floating) continue;
-    // A target that was found may have come back to its own place.
-    const double least_rate = std::max(rate[i], explained[i] ? 0.0 : plot.place_rate);
-    const RangeGrid& grid = spots[plot.sensor];
-    const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
-    const BinRange visit = background_of(plot).BinsAround(bins[i], exclusion);
-    const std::uint32_t near = grid.Count(place_m, visit) + (explained[i] ? 1U : 0U);
-    const std::uint32_t others = grid.Count(place_m) + (explained[i] ? 1U : 0U) - 1U;
-    const double plot_rate = 1.0 / num_frames(plot) / PlotVolumeM3(plot);
-    const auto log_rate = [&](std::uint32_t num_plots) {
-      return std::log(std::max(least_rate, num_plots * plot_rate));
-    };
-    plot.log_clutter = log_rate(others);
-    if (near <= others) continue;  // what comes at other times, too, is static
-    // All of them may be one visit of what does not stay. Then the first is not told by the others
-    // as these are by it: by the chain rule the k-th has the rate of k - 1, and each gets its share
-    // of the logarithm. A static thing's would be as close by chance, the likelier the shorter the
-    // recording.
-    double sum = 0.0;
-    for (std::uint32_t k = 0; k < near; ++k) sum += log_rate(k);
-    const double exposure = background_of(plot).NumFrames(plot.sensor, visit);
-    const double odds = std::pow(exposure / num_frames(plot), static_cast<double>(others));
-    plot.log_clutter = (odds * log_rate(others) + sum / near) / (1.0 + odds);
-  }
+  const ClutterEstimate estimate(views, config, explained, *plots);
+  for (std::size_t i = 0; i < plots->size(); ++i) (*plots)[i].log_clutter = estimate.LogClutter(i);
 }
 
 }  // namespace unlidar

@@ -25,11 +25,15 @@ class ClutterEstimate {
  public:
   ClutterEstimate(const std::vector<SensorView>& views, const PlotConfig& config,
                   const std::vector<char>& explained, const std::vector<Plot>& plots)
-      : views_(views), config_(config), explained_(explained), plots_(plots) {
+      : views_(views),
+        config_(config),
+        explained_(explained),
+        plots_(plots),
+        all_(plots.size(), 1) {
     for (const Plot& plot : plots) bins_.push_back(BackgroundOf(plot).BinOf(plot.time_ns));
+    const std::vector<RangeGrid> spots = GridsOf(config.spot, all_);
+    for (std::size_t i = 0; i < plots.size(); ++i) spots_.push_back(CountsAt(spots, i));
     SetRates();
-    spots_ = GridsOf(config.spot, std::vector<char>(plots.size(), 1));
-    SetSharesAgain();
   }
 
   // Of a plot: log of the clutter plots per m^3 and frame of its sensor.
@@ -44,9 +48,8 @@ class ClutterEstimate {
     const auto log_rate = [&](std::uint32_t others) {
       return std::log(std::max(least_rate, others * plot_rate));
     };
-    const Counts spot = CountsAt(spots_, i);
-    const std::uint32_t in_visit = spot.near + (explained_[i] ? 1U : 0U);
-    if (spot.elsewhen > 0) return log_rate(spot.elsewhen + in_visit - 1);
+    const std::uint32_t in_visit = InVisit(i);
+    if (!MayBeVisit(i)) return log_rate(spots_[i].elsewhen + in_visit - 1);
     // All of them may be one visit of what does not stay. Then the first is not told by the others
     // as these are by it: by the chain rule the k-th has the rate of k - 1, and each gets its share
     // of the logarithm.
@@ -61,6 +64,12 @@ class ClutterEstimate {
     std::uint32_t near = 0;
     std::uint32_t elsewhen = 0;
   };
+
+  // Plots of its spot that may be of one visit, itself counted.
+  std::uint32_t InVisit(std::size_t i) const { return spots_[i].near + (explained_[i] ? 1U : 0U); }
+
+  // Whether they are all that came to its spot, and more than one.
+  bool MayBeVisit(std::size_t i) const { return spots_[i].elsewhen == 0 && InVisit(i) > 1; }
 
   const Background& BackgroundOf(const Plot& plot) const { return *views_[plot.sensor].background; }
 
@@ -90,35 +99,25 @@ class ClutterEstimate {
     return {near, grid.Count(place_m) - near};
   }
 
-  // What is seen about a place at other times.
+  // What is seen about a place at other times, and, where that is asked, the share of it that comes
+  // to its spot again and again, as twigs do.
   void SetRates() {
+    std::vector<char> come_again;
+    for (const Counts& spot : spots_) come_again.push_back(spot.elsewhen > 0 ? 1 : 0);
     rates_.assign(plots_.size(), 1e-6);
-    for (const RangeRadius& radius : LevelsOf(config_)) {
-      const std::vector<RangeGrid> grids = GridsOf(radius, std::vector<char>(plots_.size(), 1));
-      for (std::size_t i = 0; i < plots_.size(); ++i) {
-        const Plot& plot = plots_[i];
-        const std::uint32_t frames =
-            NumFrames(plot) - BackgroundOf(plot).NumFrames(plot.sensor, Near(i));
-        const double exposure = frames * grids[plot.sensor].VolumeM3(plot.ray_m.cast<float>());
-        rates_[i] = (CountsAt(grids, i).elsewhen + kClutterPriorPlots) /
-                    (exposure + kClutterPriorPlots / rates_[i]);
-      }
-    }
-  }
-
-  // The share of it that comes to its spot again and again, as twigs do.
-  void SetSharesAgain() {
-    std::vector<char> comes_again;
-    for (std::size_t i = 0; i < plots_.size(); ++i) {
-      comes_again.push_back(CountsAt(spots_, i).elsewhen > 0 ? 1 : 0);
-    }
     shares_again_.assign(plots_.size(), 0.5);
     for (const RangeRadius& radius : LevelsOf(config_)) {
-      const std::vector<RangeGrid> all = GridsOf(radius, std::vector<char>(plots_.size(), 1));
-      const std::vector<RangeGrid> again = GridsOf(radius, comes_again);
+      const std::vector<RangeGrid> all = GridsOf(radius, all_);
+      const std::vector<RangeGrid> again = GridsOf(radius, come_again);
       for (std::size_t i = 0; i < plots_.size(); ++i) {
-        shares_again_[i] =
-            (CountsAt(again, i).elsewhen + shares_again_[i]) / (CountsAt(all, i).elsewhen + 1.0);
+        const Plot& plot = plots_[i];
+        const std::uint32_t count = CountsAt(all, i).elsewhen;
+        const std::uint32_t frames =
+            NumFrames(plot) - BackgroundOf(plot).NumFrames(plot.sensor, Near(i));
+        const double exposure = frames * all[plot.sensor].VolumeM3(plot.ray_m.cast<float>());
+        rates_[i] = (count + kClutterPriorPlots) / (exposure + kClutterPriorPlots / rates_[i]);
+        if (!MayBeVisit(i)) continue;
+        shares_again_[i] = (CountsAt(again, i).elsewhen + shares_again_[i]) / (count + 1.0);
       }
     }
   }
@@ -127,10 +126,11 @@ class ClutterEstimate {
   const PlotConfig& config_;
   const std::vector<char>& explained_;
   const std::vector<Plot>& plots_;
-  std::vector<std::uint32_t> bins_;  // (plots), and so all of these:
+  std::vector<char> all_;  // (plots), ones; and so all of these:
+  std::vector<std::uint32_t> bins_;
+  std::vector<Counts> spots_;
   std::vector<double> rates_;
   std::vector<double> shares_again_;
-  std::vector<RangeGrid> spots_;  // (sensors)
 };
 
 }  // namespace

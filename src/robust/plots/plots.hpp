@@ -143,8 +143,7 @@ void SetPlaceRates(const Background& background, std::vector<Plot>* plots);
 // that are not `explained` (size of plots): from those at other times in three narrowing
 // neighbourhoods, and, unless it floats, from the rate of a static thing at its place (which plots
 // of one visit tell only as far as each follows others, where few things are static) and from that
-// of all returns there.
-// `views`: (sensors).
+// of all returns there. `views`: (sensors).
 void EstimateClutter(const std::vector<SensorView>& views, const PlotConfig& config,
                      const std::vector<char>& explained, std::vector<Plot>* plots);
 

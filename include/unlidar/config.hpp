@@ -123,7 +123,7 @@ struct CollectConfig {
 struct RobustConfig {
   double false_alarms_per_recording = 1e-3;  // tracks expected where there is no drone
   // Longer recordings are searched in windows, with so much before and behind each; infinity: none.
-  double window_s = 120.0;
+  double window_s = 90.0;
   double window_margin_s = 5.0;
   int min_plots = 5;               // frames with evidence: clutter that repeats is not independent
   int rounds = 2;                  // of clutter estimation and search

@@ -105,8 +105,8 @@ struct Measurement {
   Eigen::Matrix3d covariance_m2 = Eigen::Matrix3d::Identity();
   int support = 1;
   Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();  // from where
-  double log_ratio =
-      0.0;  // of how likely its returns are the target's to their places'; 0: unknown
+  // Of how likely its returns are the target's to their places'; 0 if that is unknown.
+  double log_ratio = 0.0;
 };
 
 // That a target may have been somewhere else at some time, how likely, and where then: a mean and

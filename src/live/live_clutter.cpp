@@ -19,11 +19,6 @@ RangeRadius Wider(const RangeRadius& radius) {
   return {kWider * radius.constant_m, kWider * radius.slope};
 }
 
-// The volume in which the plots of one point-like thing lie: that of a Gaussian of their noise.
-double PlotVolumeM3(const Plot& plot) {
-  return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
-}
-
 }  // namespace
 
 LiveClutter::LiveClutter(const RobustConfig& config, double fade_s)
@@ -141,8 +136,7 @@ void LiveClutter::Judge(const Support& support, double time_s, std::vector<SeenP
     double rate = 1e-6;
     for (const FadingGrid* grid : {&sensor.wide, &sensor.middle, &sensor.narrow}) {
       const double exposure = frames * grid->VolumeM3(place_m);
-      rate = (grid->CountAt(place_m, time_s) + kClutterPriorPlots) /
-             (exposure + kClutterPriorPlots / rate);
+      rate = ClutterRate(grid->CountAt(place_m, time_s), exposure, rate);
     }
     plot.log_clutter = std::log(rate);
     seen.log_surroundings = plot.log_clutter;

@@ -59,8 +59,7 @@ double LossAmongOthers(const Path& path, const std::vector<Plot>& plots,
     const double frames = background.NumFrames(
         plot.sensor, background.BinsAround(background.BinOf(plot.time_ns), kClutterExclusionBins));
     const double exposure = frames * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
-    const double log_rate = std::log((others + kClutterPriorPlots) /
-                                     (exposure + kClutterPriorPlots / std::exp(plot.log_clutter)));
+    const double log_rate = std::log(ClutterRate(others, exposure, std::exp(plot.log_clutter)));
     loss += std::max(0.0, log_rate - plot.log_clutter);
   }
   return loss;
@@ -210,11 +209,11 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   const double threshold = std::log(num_starts / config.false_alarms_per_recording);
   const Watch watch = WatchOf(recording);
   const std::vector<SensorView> sensor_views = views.SensorViews();
-  const auto targets_of = [&](const std::vector<Path>& all) {
+  const auto targets_of = [&](const std::vector<Path>& paths) {
     std::vector<std::size_t> found;
     std::vector<char> are_targets(plots.size(), 0);
-    for (std::size_t k = 0; k < all.size(); ++k) {
-      const Path& path = all[k];
+    for (std::size_t k = 0; k < paths.size(); ++k) {
+      const Path& path = paths[k];
       if (path.score < threshold) continue;
       if (!IsFlight(recording, watch, PlotsOf(path, plots), config)) continue;
       const double loss = LossAmongOthers(path, plots, are_targets, sensor_views, config);
@@ -229,11 +228,13 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   // floats in one place is none from the start.
   std::vector<char> explained = views.are_parked();
   std::vector<Path> paths;
+  std::vector<std::size_t> found;  // which of them are targets
   for (int round = 0; round < config.rounds; ++round) {
     views.EstimateClutter(explained);
     paths = FindPaths(plots, watch, config.tracker);
     const std::vector<char> before = explained;
-    for (const std::size_t k : targets_of(paths)) {
+    found = targets_of(paths);
+    for (const std::size_t k : found) {
       for (const std::uint32_t i : paths[k].plots) explained[i] = 1;
     }
     if (explained == before) break;
@@ -244,7 +245,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                    static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),
                    plots.size(), paths.size(), threshold};
   TargetCollector collector(recording, views, watch, threshold, config, trajectory_config, &paths);
-  for (const std::size_t k : targets_of(paths)) collector.Add(k);
+  for (const std::size_t k : found) collector.Add(k);
   result.targets = collector.Finish();
   for (Target& target : result.targets) {
     for (Measurement& m : target.measurements) m.time_ns += target.late_ns;

@@ -85,6 +85,11 @@ double MedianLogClutter(const Clutter& clutter, int label = 0) {
 
 double LogRate(double per_frame) { return std::log(per_frame / (kSkyHigh_m - kSkyLow_m).prod()); }
 
+// Of a thing at (25, 3, 20) m, somewhere within the noise of its plots.
+double LogRateOfSpot(double per_frame) {
+  return std::log(per_frame / std::pow(2.0 * M_PI * std::exp(1.0) * 0.0236, 1.5));
+}
+
 TEST(EstimateClutter, ApproachesTheRateOfUniformClutter) {
   // About 0.3 plots a neighbourhood and frame: over 150 frames it is known to 15 %, and the median
   // of hundreds of neighbourhoods better.
@@ -118,8 +123,7 @@ TEST(EstimateClutter, AThingThatIsSeldomHitHasTheRateAtWhichItIsHit) {
   };
   const Clutter clutter = UniformClutter(5.0, 240, hit);
   // In one frame of twelve a plot, somewhere within its own noise.
-  const double volume_m3 = std::pow(2.0 * M_PI * std::exp(1.0) * 0.0236, 1.5);
-  EXPECT_NEAR(MedianLogClutter(clutter, kDrone), std::log(1.0 / 12.0 / volume_m3), 0.3);
+  EXPECT_NEAR(MedianLogClutter(clutter, kDrone), LogRateOfSpot(1.0 / 12.0), 0.3);
   EXPECT_GT(MedianLogClutter(clutter, kDrone), MedianLogClutter(clutter) + 5.0);
 }
 
@@ -138,8 +142,7 @@ double LogClutterOfPair(int apart, bool among_twigs) {
 }
 
 TEST(EstimateClutter, TheFirstPlotOfAVisitIsNotToldByTheNext) {
-  const double volume_m3 = std::pow(2.0 * M_PI * std::exp(1.0) * 0.0236, 1.5);
-  const double log_static = std::log(1.0 / 600.0 / volume_m3);
+  const double log_static = LogRateOfSpot(1.0 / 600.0);
   const double log_chain = 0.5 * (log_static + LogRate(5.0));
   ASSERT_LT(log_chain, log_static - 2.5);
   // A static thing that is hit twice in a minute is known by either plot from the other.

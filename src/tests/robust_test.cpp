@@ -180,7 +180,7 @@ TEST(FindTargetsRobust, LosesNothingOfADroneThatShowsAsTwoForAWhile) {
 }
 
 TEST(FindTargetsRobust, FindsNothingInAGustButADroneThatPassesThere) {
-  // Twigs 3 m apart show for two seconds, here and there, each at one place only.
+  // A bush of 3 m returns something for two seconds, each time at another place, and never again.
   const auto gust = [](double time_s, RecordingMaker* m) {
     if (std::abs(time_s - 6.0) > 1.0) return;
     m->AddBox({7.0, -2.0, 3.5}, {10.0, 1.0, 6.5}, m->random.Poisson(1.5));

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -10,28 +9,16 @@
 namespace unlidar {
 namespace {
 
-// The volume in which the plots of one point-like thing lie: that of a Gaussian of their noise.
-double PlotVolumeM3(const Plot& plot) {
-  return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
-}
-
-// Levels from wide to narrow: each is the prior of the next, so that an empty neighbourhood still
-// has what its surroundings have, and a level is believed only as far as its exposure goes.
-std::array<RangeRadius, 3> LevelsOf(const PlotConfig& config) {
-  return {kClutterWide, config.clutter_middle, config.clutter_narrow};
-}
+// The share of plots that come again to their spots where nothing is known, with the weight of one.
+constexpr double kUnknownShareAgain = 0.5;
 
 class ClutterEstimate {
  public:
   ClutterEstimate(const std::vector<SensorView>& views, const PlotConfig& config,
                   const std::vector<char>& explained, const std::vector<Plot>& plots)
-      : views_(views),
-        config_(config),
-        explained_(explained),
-        plots_(plots),
-        all_(plots.size(), 1) {
+      : views_(views), config_(config), explained_(explained), plots_(plots) {
     for (const Plot& plot : plots) bins_.push_back(BackgroundOf(plot).BinOf(plot.time_ns));
-    const std::vector<RangeGrid> spots = GridsOf(config.spot, all_);
+    const std::vector<RangeGrid> spots = GridsOf(config.spot, [](std::size_t) { return true; });
     for (std::size_t i = 0; i < plots.size(); ++i) spots_.push_back(CountsAt(spots, i));
     SetRates();
   }
@@ -82,11 +69,12 @@ class ClutterEstimate {
                                               static_cast<std::uint32_t>(kClutterExclusionBins));
   }
 
-  // (sensors), of some plots, but for those that are explained.
-  std::vector<RangeGrid> GridsOf(const RangeRadius& radius, const std::vector<char>& some) const {
+  // (sensors), of the plots of which `counts` is true, but for those that are explained.
+  template <class Selection>
+  std::vector<RangeGrid> GridsOf(const RangeRadius& radius, const Selection& counts) const {
     std::vector<RangeGrid> grids(views_.size(), RangeGrid(radius));
     for (std::size_t i = 0; i < plots_.size(); ++i) {
-      if (some[i] == 0 || explained_[i] != 0) continue;
+      if (explained_[i] != 0 || !counts(i)) continue;
       grids[plots_[i].sensor].Add(plots_[i].ray_m.cast<float>(), bins_[i]);
     }
     return grids;
@@ -100,22 +88,24 @@ class ClutterEstimate {
   }
 
   // What is seen about a place at other times, and, where that is asked, the share of it that comes
-  // to its spot again and again, as twigs do.
+  // to its spot again and again, as twigs do. From wide to narrow: each level is the prior of the
+  // next, so that an empty neighbourhood still has what its surroundings have, and a level is
+  // believed only as far as its exposure goes.
   void SetRates() {
-    std::vector<char> come_again;
-    for (const Counts& spot : spots_) come_again.push_back(spot.elsewhen > 0 ? 1 : 0);
     rates_.assign(plots_.size(), 1e-6);
-    shares_again_.assign(plots_.size(), 0.5);
-    for (const RangeRadius& radius : LevelsOf(config_)) {
-      const std::vector<RangeGrid> all = GridsOf(radius, all_);
-      const std::vector<RangeGrid> again = GridsOf(radius, come_again);
+    shares_again_.assign(plots_.size(), kUnknownShareAgain);
+    for (const RangeRadius& radius :
+         {kClutterWide, config_.clutter_middle, config_.clutter_narrow}) {
+      const std::vector<RangeGrid> all = GridsOf(radius, [](std::size_t) { return true; });
+      const std::vector<RangeGrid> again =
+          GridsOf(radius, [&](std::size_t i) { return spots_[i].elsewhen > 0; });
       for (std::size_t i = 0; i < plots_.size(); ++i) {
         const Plot& plot = plots_[i];
         const std::uint32_t count = CountsAt(all, i).elsewhen;
         const std::uint32_t frames =
             NumFrames(plot) - BackgroundOf(plot).NumFrames(plot.sensor, Near(i));
         const double exposure = frames * all[plot.sensor].VolumeM3(plot.ray_m.cast<float>());
-        rates_[i] = (count + kClutterPriorPlots) / (exposure + kClutterPriorPlots / rates_[i]);
+        rates_[i] = ClutterRate(count, exposure, rates_[i]);
         if (!MayBeVisit(i)) continue;
         shares_again_[i] = (CountsAt(again, i).elsewhen + shares_again_[i]) / (count + 1.0);
       }
@@ -126,14 +116,17 @@ class ClutterEstimate {
   const PlotConfig& config_;
   const std::vector<char>& explained_;
   const std::vector<Plot>& plots_;
-  std::vector<char> all_;  // (plots), ones; and so all of these:
-  std::vector<std::uint32_t> bins_;
+  std::vector<std::uint32_t> bins_;  // (plots), and so all of these:
   std::vector<Counts> spots_;
   std::vector<double> rates_;
   std::vector<double> shares_again_;
 };
 
 }  // namespace
+
+double PlotVolumeM3(const Plot& plot) {
+  return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
+}
 
 void SetPlaceRates(const Background& background, std::vector<Plot>* plots) {
   for (Plot& plot : *plots) {

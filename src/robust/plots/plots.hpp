@@ -25,6 +25,12 @@ constexpr RangeRadius kClutterWide{4.0, 0.35};
 constexpr double kClutterPriorPlots = 0.5;
 constexpr int kClutterExclusionBins = 2;
 
+// The rate of clutter (plots per m^3 and frame) where so many plots were seen in so many m^3 and
+// frames, given the rate about it.
+inline double ClutterRate(double num_plots, double exposure, double prior_rate) {
+  return (num_plots + kClutterPriorPlots) / (exposure + kClutterPriorPlots / prior_rate);
+}
+
 // What was a body is near so long before and after.
 constexpr double kBodyMarginS = 0.35;
 
@@ -46,6 +52,9 @@ struct Plot {
   std::uint32_t num_returns = 0;
   std::vector<std::uint32_t> returns;  // indices into the recording; none in a stream
 };
+
+// The volume in which the plots of one point-like thing lie: that of a Gaussian of their noise.
+double PlotVolumeM3(const Plot& plot);
 
 // The mean of some returns, at least one.
 Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns);

@@ -114,12 +114,13 @@ TEST(CeresOracle, TheRobustMinimumIsTheOneThatCeresFinds) {
   for (const std::uint32_t seed : {1u, 2u, 3u, 4u, 5u, 6u, 7u, 8u}) {
     testing::Random random(seed);
     const std::vector<Measurement> measurements = MeasureFlight(&random);
-    const Trajectory fitted = RefitTrajectory(measurements, {4.0, 1.0}, config);
+    const Trajectory fitted = RefitTrajectory(measurements, {4.0, 1.0, 2.0}, config);
     EXPECT_TRUE(fitted.converged);
     num_partial += std::count_if(fitted.weights.begin(), fitted.weights.end(),
                                  [](double w) { return w > 0.0 && w < 1.0; });
     SplineModel model;
     BuildSplineModel(measurements, config, model);
+    SetSmoothness(fitted.scales.acceleration_time_s, model);
     for (std::size_t i = 1; i < model.smoothness.size(); ++i) {
       model.smoothness[i].sqrt_information /= fitted.agility[(i - 1) / 2];
     }

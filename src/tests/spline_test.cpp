@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -10,6 +11,8 @@
 
 #include "trajectory/banded.hpp"
 #include "trajectory/bspline.hpp"
+#include "trajectory/spline_model.hpp"
+#include "trajectory/spline_solver.hpp"
 
 namespace unlidar {
 namespace {
@@ -114,6 +117,36 @@ TEST(BSpline, DerivativesAreThoseOfNumericDifferences) {
                                     (2.0 * kStep_s);
     const Eigen::Vector4d exact = EvaluateBasis(basis, 0.1, derivative);
     EXPECT_LT((numeric - exact).norm(), 1e-6 * (1.0 + exact.norm()));
+  }
+}
+
+TEST(SplineSolver, TheDeterminantOfTheSmoothnessIsThatOfItsRowsAlsoWhenAMinuteIsLong) {
+  for (const double duration_s : {2.0, 60.0}) {
+    std::vector<Measurement> measurements(2);
+    measurements[1].time_ns = static_cast<TimeNs>(duration_s * 1e9);
+    measurements[1].position_m = {3.0, 4.0, 5.0};
+    SplineModel model;
+    BuildSplineModel(measurements, {}, model);
+    SetSmoothness(0.5, model);
+    std::vector<SplineRow> rows = model.smoothness;
+    for (SplineRow& row : rows) row.basis /= 0.7;  // sigma_a
+    rows.insert(rows.end(), model.start.begin(), model.start.end());
+    Eigen::MatrixXd dense =
+        Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(rows.size()), model.num_control_points());
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      dense.row(static_cast<Eigen::Index>(i)).segment<4>(rows[i].first) = rows[i].basis;
+    }
+    // Of three axes, each with all but two numbers from the smoothness.
+    const double log_determinant = 6.0 * (Eigen::HouseholderQR<Eigen::MatrixXd>(dense)
+                                              .matrixQR()
+                                              .diagonal()
+                                              .array()
+                                              .abs()
+                                              .log()
+                                              .sum() +
+                                          (model.num_control_points() - 2) * std::log(0.7));
+    SplineSolver solver;
+    EXPECT_NEAR(solver.LogDeterminantOfSmoothness(model), log_determinant, 1e-5) << duration_s;
   }
 }
 

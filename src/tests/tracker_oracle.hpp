@@ -130,7 +130,7 @@ class PlainModel {
   // x' = A x with white noise on the accelerations, which keeps their variance at sigma_a^2 in the
   // long run; Runge and Kutta's fourth order.
   void Integrate(double dt, double sigma_a_mps2, Vector9* x, Matrix9* p) const {
-    const double tau = kAccelerationTimeS;
+    const double tau = kSearchAccelerationTimeS;
     Matrix9 a = Matrix9::Zero();
     a.block<3, 3>(0, 3).setIdentity();
     a.block<3, 3>(3, 6).setIdentity();

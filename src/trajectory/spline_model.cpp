@@ -64,27 +64,25 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
               config.max_extrapolation_s},
              model.knots_s);
 
-  // |a' + a / tau|^2 is a square of straight lines on each interval: two Gauss points are exact.
-  const double tau_s = kAccelerationTimeS;
   const int num_intervals = static_cast<int>(model.knots_s.size()) - 7;
-  model.agility.assign(Index(num_intervals), 1.0);
-  model.smoothness.clear();
+  model.bends.clear();
   for (int i = 0; i < num_intervals; ++i) {
     const Eigen::Matrix4d polynomials = BasisPolynomials(model.knots_s, i);
     const double length_s = model.knots_s[Index(i + 4)] - model.knots_s[Index(i + 3)];
-    if (i == 0) model.smoothness.push_back(RowAt(polynomials, i, 0.0, 2));
+    const auto add_bend = [&](double u_s, double weight_s) {
+      model.bends.push_back(
+          {i, EvaluateBasis(polynomials, u_s, 2), EvaluateBasis(polynomials, u_s, 3), weight_s});
+    };
+    if (i == 0) add_bend(0.0, 0.0);
     if (model.knots_s[Index(i + 3)] == 0.0) {
       model.start = {RowAt(polynomials, i, 0.0, 0), RowAt(polynomials, i, 0.0, 1)};
       model.start[0].sqrt_information /= kPositionSigmaM;
       model.start[1].sqrt_information /= kVelocitySigmaMps;
       model.start[1].value_m = MeanVelocity(measurements, times_s, model.origin_m);
     }
+    // |a' + a / tau|^2 is a square of straight lines: two Gauss points are exact.
     for (const double side : {-1.0, 1.0}) {
-      const double u_s = 0.5 * length_s * (1.0 + side / std::sqrt(3.0));
-      SplineRow row = RowAt(polynomials, i, u_s, 3);
-      row.basis += EvaluateBasis(polynomials, u_s, 2) / tau_s;
-      row.basis *= std::sqrt(0.5 * length_s * 0.5 * tau_s);
-      model.smoothness.push_back(row);
+      add_bend(0.5 * length_s * (1.0 + side / std::sqrt(3.0)), 0.5 * length_s);
     }
   }
   model.measurements.clear();
@@ -99,6 +97,21 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
       throw std::invalid_argument("trajectory: a covariance is not positive definite");
     }
     model.measurements.push_back(row);
+  }
+}
+
+void SetSmoothness(double acceleration_time_s, SplineModel& model) {
+  model.acceleration_time_s = acceleration_time_s;
+  model.agility.assign(model.bends.size() / 2, 1.0);
+  model.smoothness.clear();
+  for (const SplineBend& bend : model.bends) {
+    SplineRow row;
+    row.first = bend.first;
+    row.basis = model.smoothness.empty()
+                    ? bend.acceleration
+                    : std::sqrt(0.5 * acceleration_time_s * bend.weight_s) *
+                          (bend.jerk + bend.acceleration / acceleration_time_s);
+    model.smoothness.push_back(row);
   }
 }
 

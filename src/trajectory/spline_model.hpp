@@ -25,6 +25,14 @@ inline Eigen::Vector3d Residual(const SplineRow& row, const std::vector<Eigen::V
   return row.sqrt_information * position;
 }
 
+// Second and third derivative of the spline at a point of an interval, over its control points.
+struct SplineBend {
+  int first = 0;
+  Eigen::Vector4d acceleration = Eigen::Vector4d::Zero();
+  Eigen::Vector4d jerk = Eigen::Vector4d::Zero();
+  double weight_s = 0.0;  // of the point in an integral over time
+};
+
 // All scales are relative to the noise: the posterior of the noise scale k is then known in closed
 // form, and only the ratio sigma_a / k is left to be searched.
 struct SplineModel {
@@ -32,14 +40,20 @@ struct SplineModel {
   std::vector<double> times_s;  // of the measurements, since the first
   std::vector<double> knots_s;
   std::vector<SplineRow> measurements;
+  std::vector<SplineRow> start;   // nearly nothing about the first position and velocity
+  std::vector<SplineBend> bends;  // of the begin, then two an interval
+
+  double acceleration_time_s = 0.0;   // tau, by SetSmoothness(), as are:
   std::vector<double> agility;        // (intervals) sigma_a there over that of the whole: 1
-  std::vector<SplineRow> smoothness;  // for sigma_a = 1 m/s^2: of the begin, then two an interval
-  std::vector<SplineRow> start;       // nearly nothing about the first position and velocity
+  std::vector<SplineRow> smoothness;  // (bends) for sigma_a = 1 m/s^2
   int num_control_points() const { return static_cast<int>(knots_s.size()) - 4; }
 };
 
-// Sets `model`, in the memory that it has. Throws as FitTrajectory().
+// Sets `model` but for its smoothness, in the memory that it has. Throws as FitTrajectory().
 void BuildSplineModel(const std::vector<Measurement>& measurements, const TrajectoryConfig& config,
                       SplineModel& model);
+
+// Sets the smoothness of a target that is as agile all along and whose accelerations last for tau.
+void SetSmoothness(double acceleration_time_s, SplineModel& model);
 
 }  // namespace unlidar

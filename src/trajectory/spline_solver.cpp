@@ -1,6 +1,7 @@
 #include "trajectory/spline_solver.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <stdexcept>
 
@@ -56,6 +57,36 @@ const std::vector<Eigen::Vector3d>& SplineSolver::Minimise(double ratio) {
     control_points_m_[i] = Eigen::Map<const Eigen::Vector3d>(&solution_[3 * i]);
   }
   return control_points_m_;
+}
+
+// By the triangle of a QR decomposition of the rows: neighbours tell a position so much better than
+// the begin of a minute does that their squares have no digits left.
+double SplineSolver::LogDeterminantOfSmoothness(const SplineModel& model) {
+  const auto size = Index(model.num_control_points());
+  triangle_.assign(size, Eigen::Vector4d::Zero());
+  const auto add = [&](const SplineRow& row) {
+    Eigen::Vector4d basis = row.basis;
+    for (std::size_t j = Index(row.first); j < Index(row.first + 4); ++j) {
+      Eigen::Vector4d& known = triangle_[j];
+      const double length = std::hypot(known[0], basis[0]);
+      if (length > 0.0) {
+        const Eigen::Vector4d rest = (known[0] * basis - basis[0] * known) / length;
+        known = (known[0] * known + basis[0] * basis).eval() / length;
+        basis = rest;
+      }
+      basis = {basis[1], basis[2], basis[3], 0.0};
+    }
+  };
+  // In the order of their control points: what is added behind a row leaves its triangle alone.
+  auto start = model.start.begin();
+  for (const SplineRow& row : model.smoothness) {
+    for (; start != model.start.end() && start->first <= row.first; ++start) add(*start);
+    add(row);
+  }
+  double sum = 0.0;
+  for (const Eigen::Vector4d& row : triangle_) sum += std::log(std::abs(row[0]));
+  constexpr double kAxes = 3.0;
+  return 2.0 * kAxes * sum;
 }
 
 // Where few measurements and a stiff model leave no digits for what is nearly unknown, a ridge of

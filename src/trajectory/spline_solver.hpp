@@ -22,6 +22,10 @@ class SplineSolver {
   // std::invalid_argument where double precision is not enough.
   const std::vector<Eigen::Vector3d>& Minimise(double ratio);
 
+  // log det of what the smoothness of a model and a first position and velocity, known by 1 m and
+  // 1 m/s, say of the control points.
+  double LogDeterminantOfSmoothness(const SplineModel& model);
+
   // Of the matrix of the last minimum.
   double LogDeterminant() const { return LogDeterminantBanded(factor_); }
   void Invert(BandedMatrix& inverse) const { InvertWithinBand(factor_, inverse); }
@@ -34,6 +38,7 @@ class SplineSolver {
   BandedMatrix factor_;
   std::vector<double> right_;  // that of the smoothness is zero
   std::vector<double> solution_;
+  std::vector<Eigen::Vector4d> triangle_;
   std::vector<Eigen::Vector3d> control_points_m_;
 };
 

@@ -6,9 +6,10 @@
 //   sum rho(|R^-1/2 (x(t_i) - z_i)|^2 / k^2)
 //     + tau / (2 sigma_a^2) * integral |a' + a / tau|^2 dt + |a(t_0)|^2 / sigma_a^2,
 // whose last two terms equal integral(|a'|^2 tau + |a|^2 / tau) dt / (2 sigma_a^2) and boundary
-// terms. sigma_a and the noise scale k are those that the data makes likely (marginal likelihood,
-// which is REML, for position and velocity at t_0 are as good as free); rho is truncated. Where the
-// flight is calmer or more agile than on the whole, sigma_a follows (agility.hpp).
+// terms. sigma_a, tau and the noise scale k are those that the data makes likely (marginal
+// likelihood, which is REML, for position and velocity at t_0 are as good as free): multicopters
+// change their acceleration within half a second, and smooth ways last for four. rho is truncated.
+// Where the flight is calmer or more agile than on the whole, sigma_a follows (agility.hpp).
 #pragma once
 
 #include <Eigen/Core>
@@ -20,14 +21,11 @@
 
 namespace unlidar {
 
-// How long an acceleration lasts: tau of Singer's model, for the search as for the fit. 0.5 to 4 s
-// make no difference that could be told (docs/method.md).
-constexpr double kAccelerationTimeS = 2.0;
-
 // How far a target may depart from a straight line, and how noisy its measurements are.
 struct TrajectoryScales {
-  double acceleration_mps2 = 0.0;  // sigma_a
-  double noise = 1.0;              // k
+  double acceleration_mps2 = 0.0;    // sigma_a
+  double noise = 1.0;                // k
+  double acceleration_time_s = 1.0;  // tau
 };
 
 struct Trajectory {

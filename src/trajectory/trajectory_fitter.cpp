@@ -9,13 +9,17 @@ void TrajectoryFitter::Fit(const std::vector<Measurement>& measurements, Traject
   // the most likely pair wins.
   constexpr std::array<double, 3> kStarts_mps2 = {1.0, 5.0, 25.0};
   BuildSplineModel(measurements, config_, model_);
-  memory_.solver.SetSmoothness(model_);
+  const double typical_s = TrajectoryScales().acceleration_time_s;
+  SetAccelerationTime(typical_s);
   ScaleSearch best;
   for (const double start_mps2 : kStarts_mps2) {
-    FitRobust(model_, {start_mps2, 1.0}, config_, memory_, fit_);
+    FitRobust(model_, {start_mps2, 1.0, typical_s}, config_, memory_, fit_);
     const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
     if (start_mps2 == kStarts_mps2.front() || found.log_evidence > best.log_evidence) best = found;
   }
+  FitRobust(model_, best.scales, config_, memory_, fit_);
+  best = SearchAccelerationTimes();
+  SetAccelerationTime(best.scales.acceleration_time_s);
   FitRobust(model_, best.scales, config_, memory_, fit_);
   best = SearchScales(model_, fit_, config_, memory_);
   FitRobust(model_, best.scales, config_, memory_, fit_);
@@ -25,9 +29,27 @@ void TrajectoryFitter::Fit(const std::vector<Measurement>& measurements, Traject
 void TrajectoryFitter::Refit(const std::vector<Measurement>& measurements, TrajectoryScales scales,
                              Trajectory& trajectory) {
   BuildSplineModel(measurements, config_, model_);
-  memory_.solver.SetSmoothness(model_);
+  SetAccelerationTime(scales.acceleration_time_s);
   FitRobust(model_, scales, config_, memory_, fit_);
   Finish(measurements, scales, trajectory);
+}
+
+void TrajectoryFitter::SetAccelerationTime(double acceleration_time_s) {
+  SetSmoothness(acceleration_time_s, model_);
+  memory_.solver.SetSmoothness(model_);
+}
+
+// The most likely at the weights of the fit so far.
+ScaleSearch TrajectoryFitter::SearchAccelerationTimes() {
+  constexpr std::array<double, 5> kAccelerationTimesS = {0.25, 0.5, 1.0, 2.0, 4.0};
+  ScaleSearch best;
+  for (const double acceleration_time_s : kAccelerationTimesS) {
+    SetAccelerationTime(acceleration_time_s);
+    const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
+    const bool is_first = acceleration_time_s == kAccelerationTimesS.front();
+    if (is_first || found.log_evidence > best.log_evidence) best = found;
+  }
+  return best;
 }
 
 // From a fit at the same agility all along.

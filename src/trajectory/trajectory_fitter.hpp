@@ -21,6 +21,8 @@ class TrajectoryFitter {
              Trajectory& trajectory);
 
  private:
+  void SetAccelerationTime(double acceleration_time_s);
+  ScaleSearch SearchAccelerationTimes();
   void Finish(const std::vector<Measurement>& measurements, const TrajectoryScales& scales,
               Trajectory& trajectory);
 

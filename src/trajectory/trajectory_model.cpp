@@ -13,11 +13,12 @@ namespace unlidar {
 namespace {
 
 // Limits of sigma_a, of what hangs on the wind to what is thrown, and the spread (standard
-// deviation of the logarithm) of its prior and of that of the noise scale: a factor of 4.5 and
-// of 1.6.
+// deviation of the logarithm) of its prior and of those of tau, about its typical value, and of the
+// noise scale: a factor of 4.5, of 2.7 and of 1.6.
 constexpr double kMinAccelerationMps2 = 0.05;
 constexpr double kMaxAccelerationMps2 = 30.0;
 constexpr double kAccelerationSpread = 1.5;
+constexpr double kAccelerationTimeSpread = 1.0;
 constexpr double kNoiseScaleSpread = 0.5;
 constexpr double kScaleStep = 0.35;  // of the grids of log scales
 
@@ -149,6 +150,10 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
                          const TrajectoryConfig& config, FitMemory& memory) {
   const double limit = SquaredOutlierDistance(config);
   memory.solver.SetMeasurements(model, fit.weights);
+  const double tau_s = model.acceleration_time_s;
+  const double log_tau = 0.5 * memory.solver.LogDeterminantOfSmoothness(model) -
+                         0.5 * Square(std::log(tau_s / TrajectoryScales().acceleration_time_s) /
+                                      kAccelerationTimeSpread);
   double used = 0.0;
   double outlier_cost = 0.0;  // makes the reweighted squares an upper bound of the loss
   for (const double weight : fit.weights) {
@@ -205,7 +210,7 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
     acceleration += share * std::exp(c.log_acceleration);
     log_noise += share * c.log_noise;
   }
-  return {{acceleration / sum, std::exp(log_noise / sum)}, best + std::log(sum)};
+  return {{acceleration / sum, std::exp(log_noise / sum), tau_s}, best + std::log(sum) + log_tau};
 }
 
 void SetCovariances(const SplineFit& fit, const TrajectoryScales& scales,

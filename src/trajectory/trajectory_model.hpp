@@ -55,8 +55,9 @@ struct Descent {
 Descent Descend(const SplineModel& model, const TrajectoryScales& scales,
                 const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
 
-// Scales by their posterior means and the evidence for them, at given weights. The mean of sigma_a,
-// not its mode: with a few measurements the mode says that nothing can ever accelerate.
+// Scales by their posterior means, at the tau of the model, and the evidence for that, at given
+// weights. The mean of sigma_a, not its mode: with a few measurements the mode says that nothing
+// can ever accelerate.
 struct ScaleSearch {
   TrajectoryScales scales;
   double log_evidence = 0.0;

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "robust/scene/stations.hpp"
-#include "trajectory/trajectory.hpp"
 
 namespace unlidar {
 namespace {
@@ -165,7 +164,7 @@ double TrackModel::ScoreUnseen(const Hypothesis& from, const Moment& at) const {
 }
 
 Motion TrackModel::MotionOver(double dt_s) const {
-  return SingerMotion(dt_s, kAccelerationTimeS, sigma_);
+  return SingerMotion(dt_s, kSearchAccelerationTimeS, sigma_);
 }
 
 Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motion& motion) const {

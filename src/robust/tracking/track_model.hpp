@@ -17,6 +17,9 @@ inline constexpr std::int32_t kNoIndex = -1;
 // is about as much above the next.
 constexpr double kManoeuvreFactor = 3.0;
 
+// How long an acceleration lasts in the search; a trajectory's own time is found when it is fitted.
+constexpr double kSearchAccelerationTimeS = 2.0;
+
 // Sensors mostly look different ways: the one that saw a target sees it next, but for this share.
 constexpr double kSensorChange = 0.1;
 

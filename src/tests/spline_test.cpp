@@ -128,14 +128,15 @@ TEST(SplineSolver, TheDeterminantOfTheSmoothnessIsThatOfItsRowsAlsoWhenAMinuteIs
     SplineModel model;
     BuildSplineModel(measurements, {}, model);
     SetSmoothness(0.5, model);
-    std::vector<SplineRow> rows = model.smoothness;
-    for (SplineRow& row : rows) row.basis /= 0.7;  // sigma_a
-    rows.insert(rows.end(), model.start.begin(), model.start.end());
-    Eigen::MatrixXd dense =
-        Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(rows.size()), model.num_control_points());
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      dense.row(static_cast<Eigen::Index>(i)).segment<4>(rows[i].first) = rows[i].basis;
+    Eigen::MatrixXd dense = Eigen::MatrixXd::Zero(
+        static_cast<Eigen::Index>(model.smoothness.size() + model.start.size()),
+        model.num_control_points());
+    Eigen::Index i = 0;
+    constexpr double kSigmaMps2 = 0.7;
+    for (const auto& row : model.smoothness) {
+      dense.row(i++).segment<4>(row.first) = row.basis / kSigmaMps2;
     }
+    for (const auto& row : model.start) dense.row(i++).segment<4>(row.first) = row.basis;
     // Of three axes, each with all but two numbers from the smoothness.
     const double log_determinant = 6.0 * (Eigen::HouseholderQR<Eigen::MatrixXd>(dense)
                                               .matrixQR()
@@ -144,7 +145,7 @@ TEST(SplineSolver, TheDeterminantOfTheSmoothnessIsThatOfItsRowsAlsoWhenAMinuteIs
                                               .abs()
                                               .log()
                                               .sum() +
-                                          (model.num_control_points() - 2) * std::log(0.7));
+                                          (model.num_control_points() - 2) * std::log(kSigmaMps2));
     SplineSolver solver;
     EXPECT_NEAR(solver.LogDeterminantOfSmoothness(model), log_determinant, 1e-5) << duration_s;
   }

@@ -42,7 +42,7 @@ Jerks JerksOf(const SplineModel& model, std::size_t interval, const SplineFit& f
   double squares = 0.0;
   double unknown = 0.0;
   for (const std::size_t i : {2 * interval + 1, 2 * interval + 2}) {
-    const SplineRow& row = model.smoothness[i];
+    const SmoothnessRow& row = model.smoothness[i];
     squares += Residual(row, fit.control_points_m).squaredNorm();
     double variance = 0.0;
     for (int a = 0; a < 4; ++a) {
@@ -52,7 +52,7 @@ Jerks JerksOf(const SplineModel& model, std::size_t interval, const SplineFit& f
                     trace(first, static_cast<std::size_t>(b - a));
       }
     }
-    unknown += variance * Square(row.sqrt_information(0, 0));
+    unknown += variance * Square(row.weight);
   }
   const double variance = Square(scales.acceleration_mps2);
   return {squares * Square(model.agility[interval]) / variance,
@@ -120,7 +120,7 @@ void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, AgilityM
     for (std::size_t s = 0; s < shares.size(); ++s) variance += shares[s] * memory.variances[s][i];
     model.agility[i] = std::sqrt(variance / sum);
     for (const std::size_t row : {2 * i + 1, 2 * i + 2}) {
-      model.smoothness[row].sqrt_information = Eigen::Matrix3d::Identity() / model.agility[i];
+      model.smoothness[row].weight = 1.0 / model.agility[i];
     }
   }
 }

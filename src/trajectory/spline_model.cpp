@@ -105,7 +105,7 @@ void SetSmoothness(double acceleration_time_s, SplineModel& model) {
   model.agility.assign(model.bends.size() / 2, 1.0);
   model.smoothness.clear();
   for (const SplineBend& bend : model.bends) {
-    SplineRow row;
+    SmoothnessRow row;
     row.first = bend.first;
     row.basis = model.smoothness.empty()
                     ? bend.acceleration

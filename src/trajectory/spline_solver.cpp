@@ -29,13 +29,23 @@ void AddRow(const SplineRow& row, double weight, BandedMatrix& matrix, std::vect
   }
 }
 
+void AddRow(const SmoothnessRow& row, BandedMatrix& matrix) {
+  for (int a = 0; a < 4; ++a) {
+    for (int b = a; b < 4; ++b) {
+      const double information = row.weight * row.weight * row.basis[a] * row.basis[b];
+      for (int axis = 0; axis < 3; ++axis) {
+        matrix[Index(3 * (row.first + a) + axis)][3 * (b - a)] += information;
+      }
+    }
+  }
+}
+
 }  // namespace
 
 void SplineSolver::SetSmoothness(const SplineModel& model) {
   const int size = 3 * model.num_control_points();
   SetZeroBanded(size, smoothness_);
-  right_.assign(Index(size), 0.0);
-  for (const auto& row : model.smoothness) AddRow(row, 1.0, smoothness_, right_);
+  for (const auto& row : model.smoothness) AddRow(row, smoothness_);
 }
 
 void SplineSolver::SetMeasurements(const SplineModel& model, const std::vector<double>& weights) {
@@ -64,11 +74,10 @@ const std::vector<Eigen::Vector3d>& SplineSolver::Minimise(double ratio) {
 double SplineSolver::LogDeterminantOfSmoothness(const SplineModel& model) {
   const auto size = Index(model.num_control_points());
   triangle_.assign(size, Eigen::Vector4d::Zero());
-  const auto add = [&](const SplineRow& row) {
-    Eigen::Vector4d basis = row.basis;
-    for (std::size_t j = Index(row.first); j < Index(row.first + 4); ++j) {
+  const auto add = [&](int first, Eigen::Vector4d basis) {
+    for (std::size_t j = Index(first); j < Index(first + 4); ++j) {
       Eigen::Vector4d& known = triangle_[j];
-      const double length = std::hypot(known[0], basis[0]);
+      const double length = std::sqrt(known[0] * known[0] + basis[0] * basis[0]);
       if (length > 0.0) {
         const Eigen::Vector4d rest = (known[0] * basis - basis[0] * known) / length;
         known = (known[0] * known + basis[0] * basis).eval() / length;
@@ -79,9 +88,11 @@ double SplineSolver::LogDeterminantOfSmoothness(const SplineModel& model) {
   };
   // In the order of their control points: what is added behind a row leaves its triangle alone.
   auto start = model.start.begin();
-  for (const SplineRow& row : model.smoothness) {
-    for (; start != model.start.end() && start->first <= row.first; ++start) add(*start);
-    add(row);
+  for (const SmoothnessRow& row : model.smoothness) {
+    for (; start != model.start.end() && start->first <= row.first; ++start) {
+      add(start->first, start->basis);
+    }
+    add(row.first, row.weight * row.basis);
   }
   double sum = 0.0;
   for (const Eigen::Vector4d& row : triangle_) sum += std::log(std::abs(row[0]));

@@ -20,9 +20,7 @@ void TrajectoryFitter::Fit(const std::vector<Measurement>& measurements, Traject
   FitRobust(model_, best.scales, config_, memory_, fit_);
   best = SearchAccelerationTimes();
   SetAccelerationTime(best.scales.acceleration_time_s);
-  FitRobust(model_, best.scales, config_, memory_, fit_);
-  best = SearchScales(model_, fit_, config_, memory_);
-  FitRobust(model_, best.scales, config_, memory_, fit_);
+  RefitRobust(model_, best.scales, config_, memory_, fit_);
   Finish(measurements, best.scales, trajectory);
 }
 
@@ -39,15 +37,22 @@ void TrajectoryFitter::SetAccelerationTime(double acceleration_time_s) {
   memory_.solver.SetSmoothness(model_);
 }
 
-// The most likely at the weights of the fit so far.
+// The most likely at the weights of the fit so far, which has the typical one: halved or doubled as
+// long as that is likelier.
 ScaleSearch TrajectoryFitter::SearchAccelerationTimes() {
-  constexpr std::array<double, 5> kAccelerationTimesS = {0.25, 0.5, 1.0, 2.0, 4.0};
-  ScaleSearch best;
-  for (const double acceleration_time_s : kAccelerationTimesS) {
-    SetAccelerationTime(acceleration_time_s);
-    const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
-    const bool is_first = acceleration_time_s == kAccelerationTimesS.front();
-    if (is_first || found.log_evidence > best.log_evidence) best = found;
+  constexpr double kLeastS = 0.25;
+  constexpr double kMostS = 4.0;
+  const double typical_s = model_.acceleration_time_s;
+  ScaleSearch best = SearchScales(model_, fit_, config_, memory_);
+  for (const double factor : {0.5, 2.0}) {
+    for (double time_s = factor * typical_s; time_s >= kLeastS && time_s <= kMostS;
+         time_s *= factor) {
+      SetAccelerationTime(time_s);
+      const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
+      if (found.log_evidence <= best.log_evidence) break;
+      best = found;
+    }
+    if (best.scales.acceleration_time_s != typical_s) break;
   }
   return best;
 }

@@ -5,6 +5,7 @@
 #include <ceres/solver.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -73,10 +74,7 @@ std::vector<Eigen::Vector3d> MinimumNear(std::vector<Eigen::Vector3d> control_po
     add(row, 1.0, new TruncatedLossFunction(limit * limit));
   }
   for (const auto& row : model.smoothness) {
-    SplineRow same;
-    same.first = row.first;
-    same.basis = row.weight * row.basis;
-    add(same, scales.noise / scales.acceleration_mps2, nullptr);
+    add(row, scales.noise / scales.acceleration_mps2, nullptr);
   }
   for (const auto& row : model.start) add(row, 1.0, nullptr);
   ceres::Solver::Options options;
@@ -125,7 +123,7 @@ TEST(CeresOracle, TheRobustMinimumIsTheOneThatCeresFinds) {
     BuildSplineModel(measurements, config, model);
     SetSmoothness(fitted.scales.acceleration_time_s, model);
     for (std::size_t i = 1; i < model.smoothness.size(); ++i) {
-      model.smoothness[i].weight /= fitted.agility[(i - 1) / 2];
+      model.smoothness[i].sqrt_information = fitted.agility[(i - 1) / 2].inverse();
     }
     std::vector<Eigen::Vector3d> start_m = fitted.control_points_m;
     for (auto& point_m : start_m) point_m += random.NormalVector(1e-3);

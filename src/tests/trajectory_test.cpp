@@ -8,7 +8,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
-#include <limits>
+#include <optional>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -206,46 +206,51 @@ TEST(Trajectory, SigmaWidensAcrossAGapAndBeyondTheEnds) {
   for (double t = 0.0; t > -5.0; t -= 0.5) EXPECT_GT(sigma_m(t - 0.5), sigma_m(t));
 }
 
-// Kalman filter and Rauch-Tung-Striebel smoother of one axis of the same model, at the times of the
-// measurements and of the queries. acceleration: its standard deviation at a time.
+// Kalman filter and Rauch-Tung-Striebel smoother of the same model, at the times of the
+// measurements and of the queries. acceleration: its standard deviations at a time, a symmetric
+// matrix.
 struct Smoothed {
-  double mean = 0.0;
-  double sigma = 0.0;
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
 };
 
 std::vector<Smoothed> SmoothWithKalman(const std::vector<double>& times_s,
-                                       const std::vector<double>& values,  // NaN: none
+                                       const std::vector<std::optional<Eigen::Vector3d>>& values,
                                        double noise,
-                                       const std::function<double(double)>& acceleration,
+                                       const std::function<Eigen::Matrix3d(double)>& acceleration,
                                        double begin_acceleration, double tau_s) {
+  using State = Eigen::Matrix<double, 9, 1>;  // position, velocity, acceleration
+  using Covariance = Eigen::Matrix<double, 9, 9>;
+  using Column = Eigen::Matrix<double, 9, 3>;
   const auto transition = [&](double dt_s) {
     const double decay = std::exp(-dt_s / tau_s);
-    Eigen::Matrix3d f = Eigen::Matrix3d::Identity();
-    f(0, 1) = dt_s;
-    f(0, 2) = tau_s * tau_s * (dt_s / tau_s - 1.0 + decay);
-    f(1, 2) = tau_s * (1.0 - decay);
-    f(2, 2) = decay;
+    Covariance f = Covariance::Identity();
+    f.block<3, 3>(0, 3).diagonal().setConstant(dt_s);
+    f.block<3, 3>(0, 6).diagonal().setConstant(tau_s * tau_s * (dt_s / tau_s - 1.0 + decay));
+    f.block<3, 3>(3, 6).diagonal().setConstant(tau_s * (1.0 - decay));
+    f.block<3, 3>(6, 6).diagonal().setConstant(decay);
     return f;
   };
   const auto process_noise = [&](double end_s, double dt_s) {
-    Eigen::Matrix3d q = Eigen::Matrix3d::Zero();
+    Covariance q = Covariance::Zero();
     constexpr int kSteps = 400;
     for (int i = 0; i < kSteps; ++i) {
       const double before_end_s = dt_s * (i + 0.5) / kSteps;
-      const double sigma = acceleration(end_s - before_end_s);
-      const Eigen::Vector3d g = transition(before_end_s).col(2);
-      q += 2.0 * sigma * sigma / tau_s * dt_s / kSteps * g * g.transpose();
+      const Column g = transition(before_end_s).rightCols<3>() * acceleration(end_s - before_end_s);
+      q += 2.0 / tau_s * dt_s / kSteps * g * g.transpose();
     }
     return q;
   };
   const std::size_t n = times_s.size();
-  std::vector<Eigen::Vector3d> mean(n), predicted(n);
-  std::vector<Eigen::Matrix3d> covariance(n), predicted_covariance(n), step(n);
+  std::vector<State> mean(n), predicted(n);
+  std::vector<Covariance> covariance(n), predicted_covariance(n), step(n);
   for (std::size_t i = 0; i < n; ++i) {
     if (i == 0) {
       predicted[0].setZero();
-      predicted_covariance[0] =
-          Eigen::Vector3d(1e8, 1e7, begin_acceleration * begin_acceleration).asDiagonal();
+      State variances;
+      variances << Eigen::Vector3d::Constant(1e8), Eigen::Vector3d::Constant(1e7),
+          Eigen::Vector3d::Constant(begin_acceleration * begin_acceleration);
+      predicted_covariance[0] = variances.asDiagonal();
     } else {
       const double dt_s = times_s[i] - times_s[i - 1];
       step[i] = transition(dt_s);
@@ -255,24 +260,27 @@ std::vector<Smoothed> SmoothWithKalman(const std::vector<double>& times_s,
     }
     mean[i] = predicted[i];
     covariance[i] = predicted_covariance[i];
-    if (!std::isnan(values[i])) {
-      const Eigen::Vector3d gain =
-          predicted_covariance[i].col(0) / (predicted_covariance[i](0, 0) + noise * noise);
-      mean[i] += gain * (values[i] - predicted[i][0]);
-      Eigen::Matrix3d keep = Eigen::Matrix3d::Identity();
-      keep.col(0) -= gain;
+    if (values[i]) {
+      const Eigen::Matrix3d innovation = predicted_covariance[i].topLeftCorner<3, 3>() +
+                                         noise * noise * Eigen::Matrix3d::Identity();
+      const Column gain = predicted_covariance[i].leftCols<3>() * innovation.inverse();
+      mean[i] += gain * (*values[i] - predicted[i].head<3>());
+      Covariance keep = Covariance::Identity();
+      keep.leftCols<3>() -= gain;
       covariance[i] = keep * predicted_covariance[i] * keep.transpose() +
                       noise * noise * gain * gain.transpose();
     }
   }
   for (std::size_t i = n - 1; i-- > 0;) {
-    const Eigen::Matrix3d gain =
+    const Covariance gain =
         covariance[i] * step[i + 1].transpose() * predicted_covariance[i + 1].inverse();
     mean[i] += gain * (mean[i + 1] - predicted[i + 1]);
     covariance[i] += gain * (covariance[i + 1] - predicted_covariance[i + 1]) * gain.transpose();
   }
   std::vector<Smoothed> smoothed(n);
-  for (std::size_t i = 0; i < n; ++i) smoothed[i] = {mean[i][0], std::sqrt(covariance[i](0, 0))};
+  for (std::size_t i = 0; i < n; ++i) {
+    smoothed[i] = {mean[i].head<3>(), covariance[i].diagonal().head<3>().cwiseSqrt()};
+  }
   return smoothed;
 }
 
@@ -299,22 +307,22 @@ TEST(Trajectory, MeanAndSigmaAreThoseOfAKalmanSmootherWithTheSamePrior) {
     const Trajectory trajectory = RefitTrajectory(measurements, scales, config);
     struct Event {
       TimeNs time_ns;
-      double value;
+      std::optional<Eigen::Vector3d> value;
     };
     std::vector<Event> events;
-    for (const auto& m : measurements) events.push_back({m.time_ns, m.position_m.x()});
-    constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
+    for (const auto& m : measurements) events.push_back({m.time_ns, m.position_m});
     // Where the model begins.
-    events.push_back({trajectory.origin_ns + std::llround(trajectory.knots_s[3] * 1e9), kNoValue});
-    for (int i = -20; i <= 190; ++i) events.push_back({Stamp(0.0837 * i), kNoValue});
+    events.push_back({trajectory.origin_ns + std::llround(trajectory.knots_s[3] * 1e9), {}});
+    for (int i = -20; i <= 190; ++i) events.push_back({Stamp(0.0837 * i), {}});
     std::stable_sort(events.begin(), events.end(),
                      [](const Event& a, const Event& b) { return a.time_ns < b.time_ns; });
-    std::vector<double> times_s, values;
+    std::vector<double> times_s;
+    std::vector<std::optional<Eigen::Vector3d>> values;
     for (const auto& event : events) {
       times_s.push_back(static_cast<double>(event.time_ns - kBeginNs) * 1e-9);
       values.push_back(event.value);
     }
-    const auto acceleration = [&](double time_s) {
+    const auto acceleration = [&](double time_s) -> Eigen::Matrix3d {
       const double since_origin_s =
           time_s - static_cast<double>(trajectory.origin_ns - kBeginNs) * 1e-9;
       const int interval = IntervalAt(trajectory.knots_s, since_origin_s);
@@ -323,12 +331,14 @@ TEST(Trajectory, MeanAndSigmaAreThoseOfAKalmanSmootherWithTheSamePrior) {
     const auto oracle =
         SmoothWithKalman(times_s, values, flight.noise, acceleration, flight.acceleration, 2.0);
     for (std::size_t i = 0; i < events.size(); ++i) {
-      if (!std::isnan(events[i].value) || times_s[i] < -2.0) continue;
+      if (events[i].value || times_s[i] < -2.0) continue;
       const TrajectoryRow row = trajectory.At(events[i].time_ns);
-      EXPECT_NEAR(row.position_m.x(), oracle[i].mean, 0.1 * oracle[i].sigma)
-          << flight.speed << " m/s at " << times_s[i] << " s";
-      EXPECT_NEAR(row.sigma_m.x() / oracle[i].sigma, 1.0, 0.06)
-          << flight.speed << " m/s at " << times_s[i] << " s";
+      for (int axis = 0; axis < 3; ++axis) {
+        EXPECT_NEAR(row.position_m[axis], oracle[i].mean[axis], 0.1 * oracle[i].sigma[axis])
+            << flight.speed << " m/s at " << times_s[i] << " s";
+        EXPECT_NEAR(row.sigma_m[axis] / oracle[i].sigma[axis], 1.0, 0.08)
+            << flight.speed << " m/s at " << times_s[i] << " s";
+      }
     }
   }
 }
@@ -427,6 +437,46 @@ TEST(Trajectory, AccelerationsLastAsLongAsTheFlightShows) {
       sum += std::log2(fitted.scales.acceleration_time_s / tau_s);
     }
     EXPECT_NEAR(sum / num_flights, 0.0, 0.6) << tau_s;
+  }
+}
+
+TEST(Trajectory, AcrossAGapTheWayIsBetterKnownThanHowFarAlongItTheTargetIs) {
+  for (const bool keeps_its_way : {true, false}) {
+    Random random(13);
+    double along_m = 0.0;
+    double across_m = 0.0;
+    double nees = 0.0;
+    int count = 0;
+    for (int flight = 0; flight < testing::Draws(40); ++flight) {
+      const Manner manner{[](double) { return 1.0; }, [](double) { return 1.0; }};
+      const Path wander = PathOf(Fly(manner, 30.0, random));
+      const Eigen::Vector3d scale(2.0, keeps_its_way ? 0.2 : 2.0, keeps_its_way ? 0.2 : 2.0);
+      const Path path = [&](double t) -> Eigen::Vector3d {
+        return scale.cwiseProduct(wander(t)) + Eigen::Vector3d(8.0 * t, 0.0, 20.0);
+      };
+      auto measurements = Measure(path, 30.0, 5.0, 0.1, random);
+      const auto is_in_gap = [](const Measurement& m) {
+        return m.time_ns > Stamp(12.0) && m.time_ns < Stamp(15.0);
+      };
+      measurements.erase(std::remove_if(measurements.begin(), measurements.end(), is_in_gap),
+                         measurements.end());
+      const Trajectory trajectory = FitTrajectory(measurements, {});
+      const TrajectoryRow row = trajectory.At(Stamp(13.5));
+      along_m += row.sigma_m.x();
+      across_m += row.sigma_m.y();
+      for (double t = 12.5; t < 15.0; t += 0.5) {
+        const Eigen::Vector3d error_m = trajectory.At(Stamp(t)).position_m - path(t);
+        nees += error_m.dot(trajectory.CovarianceAt(Stamp(t)).ldlt().solve(error_m));
+        ++count;
+      }
+    }
+    if (keeps_its_way) {
+      EXPECT_GT(along_m / across_m, 1.6);
+    } else {
+      EXPECT_NEAR(along_m / across_m, 1.0, 0.25);
+    }
+    EXPECT_GT(nees / count, 2.0) << keeps_its_way;
+    EXPECT_LT(nees / count, 4.0) << keeps_its_way;
   }
 }
 

@@ -1,12 +1,15 @@
 #include "trajectory/agility.hpp"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdlib>
 #include <vector>
 
 #include "base/square.hpp"
+#include "trajectory/banded.hpp"
 
 namespace unlidar {
 namespace {
@@ -21,43 +24,106 @@ Levels LogVariances() {
   return Levels::LinSpaced(kLowestLevel, kLowestLevel + kAgilityLevels - 1) * std::log(2.0);
 }
 
-// Expected squares of what drives the acceleration in an interval, in units of the variance of the
-// whole flight.
-struct Jerks {
-  double fitted = 0.0;
-  double measured = 0.0;  // degrees of freedom, of 3, that the measurements determine
-};
+// Slower than this (m/s), a way is hardly one.
+constexpr double kSlowMps = 0.5;
+// The least and the largest ratio of the variances along and across a way, and what says that they
+// are alike beforehand, as so many degrees of freedom.
+constexpr double kLeastRatio = 1.0 / 32.0;
+constexpr double kMostRatio = 32.0;
+constexpr double kAlikeFreedom = 10.0;
 
 // Of the two rows of an interval.
-Jerks JerksOf(const SplineModel& model, std::size_t interval, const SplineFit& fit,
+Drive DriveOf(const SplineModel& model, std::size_t interval, const SplineFit& fit,
               const TrajectoryScales& scales) {
-  // Of the covariance of a control point with the one d after it.
-  const auto trace = [&](std::size_t point, std::size_t d) {
-    double sum = 0.0;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      sum += fit.inverse[3 * point + axis][static_cast<Eigen::Index>(3 * d)];
-    }
-    return sum * Square(scales.noise);
+  // Of the covariance of two control points, coordinate by coordinate.
+  const auto covariance = [&](int i, int k) {
+    return fit.inverse[Index(std::min(i, k))][std::abs(i - k)];
   };
-  double squares = 0.0;
-  double unknown = 0.0;
+  Drive drive;
+  Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
   for (const std::size_t i : {2 * interval + 1, 2 * interval + 2}) {
-    const SmoothnessRow& row = model.smoothness[i];
-    squares += Residual(row, fit.control_points_m).squaredNorm();
-    double variance = 0.0;
+    const Eigen::Vector4d& basis = model.smoothness[i].basis;
+    const int first = model.smoothness[i].first;
+    Eigen::Vector3d value = Eigen::Vector3d::Zero();
     for (int a = 0; a < 4; ++a) {
-      for (int b = a; b < 4; ++b) {
-        const auto first = static_cast<std::size_t>(row.first + a);
-        variance += (a == b ? 1.0 : 2.0) * row.basis[a] * row.basis[b] *
-                    trace(first, static_cast<std::size_t>(b - a));
+      const Eigen::Vector3d& point_m = fit.control_points_m[Index(first + a)];
+      value += basis[a] * point_m;
+      velocity_mps += 0.5 * model.bends[i].velocity[a] * point_m;
+    }
+    drive.squares += value * value.transpose();
+    for (int r = 0; r < 3; ++r) {
+      for (int c = r; c < 3; ++c) {
+        double sum = 0.0;
+        for (int a = 0; a < 4; ++a) {
+          for (int b = 0; b < 4; ++b) {
+            // Four control points in a row, so that all are within the band.
+            sum += basis[a] * basis[b] * covariance(3 * (first + a) + r, 3 * (first + b) + c);
+          }
+        }
+        drive.unknown(r, c) += Square(scales.noise) * sum;
       }
     }
-    unknown += variance * Square(row.weight);
   }
+  drive.unknown.triangularView<Eigen::StrictlyLower>() = drive.unknown.transpose();
   const double variance = Square(scales.acceleration_mps2);
-  return {squares * Square(model.agility[interval]) / variance,
-          std::clamp(3.0 - unknown / variance, 0.0, 3.0)};
+  drive.squares /= variance;
+  drive.unknown /= variance;
+  drive.way = velocity_mps / std::sqrt(velocity_mps.squaredNorm() + Square(kSlowMps));
+  return drive;
 }
+
+double Dot(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) { return a.cwiseProduct(b).sum(); }
+
+// The variance along the way over that across it: each from what was fitted, over its degrees of
+// freedom.
+double AlongOverAcross(const std::vector<Drive>& drives,
+                       const std::vector<Eigen::Matrix3d>& agility) {
+  double along = kAlikeFreedom;
+  double across = kAlikeFreedom;
+  double along_freedom = kAlikeFreedom;
+  double across_freedom = kAlikeFreedom;
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    const Drive& drive = drives[i];
+    const double share = drive.way.squaredNorm();
+    if (share == 0.0) continue;
+    const Eigen::Matrix3d onto_way = drive.way * drive.way.transpose() / share;
+    const Eigen::Matrix3d off_way = Eigen::Matrix3d::Identity() - onto_way;
+    const Eigen::Matrix3d prior = agility[i] * agility[i];
+    const double level = prior.trace() / 3.0;
+    along += share * Dot(onto_way, drive.squares) / level;
+    across += share * Dot(off_way, drive.squares) / level;
+    along_freedom +=
+        share * std::clamp(1.0 - Dot(onto_way, drive.unknown) / Dot(onto_way, prior), 0.0, 1.0);
+    across_freedom +=
+        share * std::clamp(2.0 - 2.0 * Dot(off_way, drive.unknown) / Dot(off_way, prior), 0.0, 2.0);
+  }
+  return std::clamp(along / along_freedom * across_freedom / across, kLeastRatio, kMostRatio);
+}
+
+// Standard deviations along the way and across it, of which the mean variance per axis is 1: a
+// symmetric matrix, and its inverse.
+class Shape {
+ public:
+  Shape(const Eigen::Vector3d& way, double along_over_across) {
+    const double share = way.squaredNorm();
+    const double ratio = 1.0 + (along_over_across - 1.0) * share;
+    across_ = std::sqrt(3.0 / (ratio + 2.0));
+    along_ = std::sqrt(ratio) * across_;
+    if (share > 0.0) onto_way_ = way * way.transpose() / share;
+  }
+
+  Eigen::Matrix3d Sigmas() const { return With(across_, along_); }
+  Eigen::Matrix3d Inverse() const { return With(1.0 / across_, 1.0 / along_); }
+
+ private:
+  Eigen::Matrix3d With(double across, double along) const {
+    return across * Eigen::Matrix3d::Identity() + (along - across) * onto_way_;
+  }
+
+  double across_;
+  double along_;
+  Eigen::Matrix3d onto_way_ = Eigen::Matrix3d::Zero();
+};
 
 // What a hidden Markov chain says of the variances (intervals): sets their means, and returns its
 // log evidence.
@@ -97,12 +163,19 @@ void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, AgilityM
                   SplineModel& model) {
   const Levels log_variances = LogVariances();
   const std::size_t n = model.agility.size();
+  std::vector<Drive>& drives = memory.drives;
+  drives.resize(n);
   memory.likelihoods.resize(n);
   memory.stays.resize(n);
+  for (std::size_t i = 0; i < n; ++i) drives[i] = DriveOf(model, i, fit, scales);
+  const double along_over_across = AlongOverAcross(drives, model.agility);
   for (std::size_t i = 0; i < n; ++i) {
-    const Jerks jerks = JerksOf(model, i, fit, scales);
+    const Eigen::Matrix3d whiten = Shape(drives[i].way, along_over_across).Inverse();
+    const double fitted = Dot(whiten * whiten, drives[i].squares);
+    const Eigen::Matrix3d prior = model.agility[i] * model.agility[i];
+    const double measured = std::clamp(3.0 - Dot(prior.inverse(), drives[i].unknown), 0.0, 3.0);
     const Levels log_likelihood =
-        -0.5 * (jerks.measured * log_variances + jerks.fitted * (-log_variances).exp());
+        -0.5 * (measured * log_variances + fitted * (-log_variances).exp());
     memory.likelihoods[i] = (log_likelihood - log_likelihood.maxCoeff()).exp();
     const double step_s = 0.5 * (model.knots_s[i + 4] - model.knots_s[i + 2]);
     memory.stays[i] = std::exp(-step_s / kStay_s);
@@ -118,9 +191,11 @@ void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, AgilityM
   for (std::size_t i = 0; i < n; ++i) {
     double variance = 0.0;
     for (std::size_t s = 0; s < shares.size(); ++s) variance += shares[s] * memory.variances[s][i];
-    model.agility[i] = std::sqrt(variance / sum);
+    const double level = std::sqrt(variance / sum);
+    const Shape shape(drives[i].way, along_over_across);
+    model.agility[i] = level * shape.Sigmas();
     for (const std::size_t row : {2 * i + 1, 2 * i + 2}) {
-      model.smoothness[row].weight = 1.0 / model.agility[i];
+      model.smoothness[row].sqrt_information = shape.Inverse() / level;
     }
   }
 }

@@ -1,5 +1,6 @@
-// Stop and go: a target that is calm for most of a flight and agile for some seconds of it. One
-// sigma_a for the whole would be too wide for the calm and far too narrow for the rest.
+// Stop and go: a target that is calm for most of a flight and agile for some seconds of it, and
+// that goes faster or slower along its way more than it leaves it. One sigma_a for the whole would
+// be too wide for the calm and far too narrow for the rest.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,9 +15,17 @@ namespace unlidar {
 // Levels of sigma_a over that of the whole flight: an eighth to four, in half octaves.
 inline constexpr int kAgilityLevels = 11;
 
+// What drives the acceleration in an interval, in units of the variance of the whole flight.
+struct Drive {
+  Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();  // of what was fitted
+  Eigen::Matrix3d unknown = Eigen::Matrix3d::Zero();  // its covariance
+  Eigen::Vector3d way = Eigen::Vector3d::Zero();      // direction of flight; shorter where slow
+};
+
 // What AdaptAgility() works with, (intervals), kept for the next time.
 struct AgilityMemory {
   using Levels = Eigen::Array<double, kAgilityLevels, 1>;
+  std::vector<Drive> drives;
   std::vector<Levels> likelihoods;
   std::vector<Levels> forward;
   std::vector<double> stays;
@@ -29,7 +38,9 @@ struct AgilityMemory {
 // far the levels of this flight spread is averaged over, too, by the evidence for each spread; a
 // flight that is the same all along is left as it is. What an interval tells of its level is the
 // part of its jerks that the measurements determine (MacKay, 1992): in a gap that is nothing, and
-// the agility is that of its ends and, farther off, that of any time.
+// the agility is that of its ends and, farther off, that of any time. How much larger the variance
+// is along the way than across it is one number for the flight, told by the same parts; a hover has
+// no way.
 void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, AgilityMemory& memory,
                   SplineModel& model);
 

@@ -70,8 +70,9 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
     const Eigen::Matrix4d polynomials = BasisPolynomials(model.knots_s, i);
     const double length_s = model.knots_s[Index(i + 4)] - model.knots_s[Index(i + 3)];
     const auto add_bend = [&](double u_s, double weight_s) {
-      model.bends.push_back(
-          {i, EvaluateBasis(polynomials, u_s, 2), EvaluateBasis(polynomials, u_s, 3), weight_s});
+      model.bends.push_back({i, EvaluateBasis(polynomials, u_s, 1),
+                             EvaluateBasis(polynomials, u_s, 2), EvaluateBasis(polynomials, u_s, 3),
+                             weight_s});
     };
     if (i == 0) add_bend(0.0, 0.0);
     if (model.knots_s[Index(i + 3)] == 0.0) {
@@ -102,10 +103,10 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
 
 void SetSmoothness(double acceleration_time_s, SplineModel& model) {
   model.acceleration_time_s = acceleration_time_s;
-  model.agility.assign(model.bends.size() / 2, 1.0);
+  model.agility.assign(model.bends.size() / 2, Eigen::Matrix3d::Identity());
   model.smoothness.clear();
   for (const SplineBend& bend : model.bends) {
-    SmoothnessRow row;
+    SplineRow row;
     row.first = bend.first;
     row.basis = model.smoothness.empty()
                     ? bend.acceleration

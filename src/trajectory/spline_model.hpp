@@ -17,13 +17,6 @@ struct SplineRow {
   Eigen::Vector3d value_m = Eigen::Vector3d::Zero();
 };
 
-// The same on every axis, about zero: weight sum_j basis[j] c[first + j].
-struct SmoothnessRow {
-  int first = 0;
-  Eigen::Vector4d basis = Eigen::Vector4d::Zero();
-  double weight = 1.0;
-};
-
 inline Eigen::Vector3d Residual(const SplineRow& row, const std::vector<Eigen::Vector3d>& control) {
   Eigen::Vector3d position = -row.value_m;
   for (int j = 0; j < 4; ++j) {
@@ -32,17 +25,10 @@ inline Eigen::Vector3d Residual(const SplineRow& row, const std::vector<Eigen::V
   return row.sqrt_information * position;
 }
 
-inline Eigen::Vector3d Residual(const SmoothnessRow& row,
-                                const std::vector<Eigen::Vector3d>& control) {
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (int j = 0; j < 4; ++j)
-    sum += row.basis[j] * control[static_cast<std::size_t>(row.first + j)];
-  return row.weight * sum;
-}
-
-// Second and third derivative of the spline at a point of an interval, over its control points.
+// Derivatives of the spline at a point of an interval, over its control points.
 struct SplineBend {
   int first = 0;
+  Eigen::Vector4d velocity = Eigen::Vector4d::Zero();
   Eigen::Vector4d acceleration = Eigen::Vector4d::Zero();
   Eigen::Vector4d jerk = Eigen::Vector4d::Zero();
   double weight_s = 0.0;  // of the point in an integral over time
@@ -58,9 +44,9 @@ struct SplineModel {
   std::vector<SplineRow> start;   // nearly nothing about the first position and velocity
   std::vector<SplineBend> bends;  // of the begin, then two an interval
 
-  double acceleration_time_s = 0.0;       // tau, by SetSmoothness(), as are:
-  std::vector<double> agility;            // (intervals) sigma_a there over that of the whole: 1
-  std::vector<SmoothnessRow> smoothness;  // (bends) for sigma_a = 1 m/s^2; weighed by the agility
+  double acceleration_time_s = 0.0;      // tau, by SetSmoothness(), as are:
+  std::vector<Eigen::Matrix3d> agility;  // (intervals) sigma_a there over that of the whole: I
+  std::vector<SplineRow> smoothness;     // (bends) for sigma_a = 1 m/s^2
   int num_control_points() const { return static_cast<int>(knots_s.size()) - 4; }
 };
 
@@ -68,7 +54,8 @@ struct SplineModel {
 void BuildSplineModel(const std::vector<Measurement>& measurements, const TrajectoryConfig& config,
                       SplineModel& model);
 
-// Sets the smoothness of a target that is as agile all along and whose accelerations last for tau.
+// Sets the smoothness of a target that is as agile all along, whichever way, and whose
+// accelerations last for tau.
 void SetSmoothness(double acceleration_time_s, SplineModel& model);
 
 }  // namespace unlidar

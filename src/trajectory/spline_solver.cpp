@@ -29,23 +29,13 @@ void AddRow(const SplineRow& row, double weight, BandedMatrix& matrix, std::vect
   }
 }
 
-void AddRow(const SmoothnessRow& row, BandedMatrix& matrix) {
-  for (int a = 0; a < 4; ++a) {
-    for (int b = a; b < 4; ++b) {
-      const double information = row.weight * row.weight * row.basis[a] * row.basis[b];
-      for (int axis = 0; axis < 3; ++axis) {
-        matrix[Index(3 * (row.first + a) + axis)][3 * (b - a)] += information;
-      }
-    }
-  }
-}
-
 }  // namespace
 
 void SplineSolver::SetSmoothness(const SplineModel& model) {
   const int size = 3 * model.num_control_points();
   SetZeroBanded(size, smoothness_);
-  for (const auto& row : model.smoothness) AddRow(row, smoothness_);
+  right_.assign(Index(size), 0.0);
+  for (const auto& row : model.smoothness) AddRow(row, 1.0, smoothness_, right_);
 }
 
 void SplineSolver::SetMeasurements(const SplineModel& model, const std::vector<double>& weights) {
@@ -88,11 +78,11 @@ double SplineSolver::LogDeterminantOfSmoothness(const SplineModel& model) {
   };
   // In the order of their control points: what is added behind a row leaves its triangle alone.
   auto start = model.start.begin();
-  for (const SmoothnessRow& row : model.smoothness) {
+  for (const SplineRow& row : model.smoothness) {
     for (; start != model.start.end() && start->first <= row.first; ++start) {
       add(start->first, start->basis);
     }
-    add(row.first, row.weight * row.basis);
+    add(row.first, row.basis);
   }
   double sum = 0.0;
   for (const Eigen::Vector4d& row : triangle_) sum += std::log(std::abs(row[0]));

@@ -9,7 +9,8 @@
 // terms. sigma_a, tau and the noise scale k are those that the data makes likely (marginal
 // likelihood, which is REML, for position and velocity at t_0 are as good as free): multicopters
 // change their acceleration within half a second, and smooth ways last for four. rho is truncated.
-// Where the flight is calmer or more agile than on the whole, sigma_a follows (agility.hpp).
+// Where, and in which directions, the flight is calmer or more agile than on the whole, sigma_a
+// follows (agility.hpp).
 #pragma once
 
 #include <Eigen/Core>
@@ -40,7 +41,9 @@ struct Trajectory {
   TimeNs duration_ns = 0;
   Eigen::Vector3d origin_m = Eigen::Vector3d::Zero();
   std::vector<double> knots_s;
-  std::vector<double> agility;  // (intervals) sigma_a between knots i + 3 and i + 4 over scales'
+  // (intervals) sigma_a between knots i + 3 and i + 4 over scales', a symmetric matrix as it is not
+  // the same along the way of flight as across it.
+  std::vector<Eigen::Matrix3d> agility;
   std::vector<Eigen::Vector3d> control_points_m;
   // Entry d of control point i: covariance with control point i + d.
   std::vector<std::array<Eigen::Matrix3d, 4>> covariances_m2;

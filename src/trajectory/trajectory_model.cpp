@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <utility>
 
 #include "base/square.hpp"
@@ -75,7 +76,7 @@ double LargestDifference(const std::vector<double>& a, const std::vector<double>
 void Reweight(const SplineModel& model, const TrajectoryScales& scales,
               const TrajectoryConfig& config, double limit, FitMemory& memory, SplineFit& fit) {
   constexpr int kMaxFinalIterations = 15;
-  constexpr double kWeightTolerance = 1e-4;
+  constexpr double kWeightTolerance = 1e-2;
   const double final_limit = SquaredOutlierDistance(config) * Square(scales.noise);
   for (int left = kMaxFinalIterations; left > 0;) {
     memory.solver.SetMeasurements(model, fit.weights);
@@ -97,6 +98,7 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales,
     // Scales so wrong that no measurement fits: what was believed last is all there is.
     if (*std::max_element(s.begin(), s.end()) == 0.0) break;
     std::swap(fit.weights, s);
+    fit.is_minimum = change == 0.0;
     if (limit == final_limit && change < kWeightTolerance) break;
   }
 }
@@ -128,10 +130,15 @@ Descent Descend(const SplineModel& model, const TrajectoryScales& scales,
   const double limit = SquaredOutlierDistance(config) * Square(scales.noise);
   Descent descent;
   while (!descent.converged && descent.iterations < kMaxIterations) {
+    bool has_changed = !fit.is_minimum;
     for (std::size_t i = 0; i < fit.weights.size(); ++i) {
       const double s = Residual(model.measurements[i], fit.control_points_m).squaredNorm();
-      fit.weights[i] = TruncatedWeight(s, limit);
+      const double weight = TruncatedWeight(s, limit);
+      has_changed = has_changed || weight != fit.weights[i];
+      fit.weights[i] = weight;
     }
+    descent.converged = !has_changed;
+    if (descent.converged) break;
     memory.solver.SetMeasurements(model, fit.weights);
     const auto& next_m = memory.solver.Minimise(Ratio(scales));
     double step_m = 0.0;
@@ -139,10 +146,11 @@ Descent Descend(const SplineModel& model, const TrajectoryScales& scales,
       step_m = std::max(step_m, (next_m[i] - fit.control_points_m[i]).norm());
     }
     fit.control_points_m = next_m;
+    fit.is_minimum = true;
     descent.converged = step_m < kNoStepM;
     ++descent.iterations;
   }
-  memory.solver.Invert(fit.inverse);
+  if (descent.iterations > 0) memory.solver.Invert(fit.inverse);
   return descent;
 }
 
@@ -165,6 +173,7 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
   const double freedom = std::max(0.0, 3.0 * used - 6.0);
   const double smooth_rank = 3.0 * (model.num_control_points() - 2);
 
+  constexpr double kNever = -std::numeric_limits<double>::infinity();
   auto& candidates = memory.candidates;
   candidates.clear();
   const double log_min_k = std::log(config.min_noise_scale);
@@ -175,7 +184,8 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
   const double end = log_max_a - log_min_k;
   const int num_ratios = 1 + static_cast<int>(std::ceil((end - begin) / kScaleStep));
   const int num_noises = 1 + static_cast<int>(std::ceil((log_max_k - log_min_k) / 0.1));
-  for (int i = 0; i < num_ratios; ++i) {
+  // Of one ratio; returns the best of them.
+  const auto add_candidates = [&](int i) {
     const double log_ratio = begin + (end - begin) * i / (num_ratios - 1);
     const auto& control = memory.solver.Minimise(std::exp(log_ratio));
     double misfit = 0.0;
@@ -187,6 +197,7 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
     for (const auto& row : model.smoothness) roughness += Residual(row, control).squaredNorm();
     misfit += roughness * std::exp(-2.0 * log_ratio);
     const double volume = 0.5 * memory.solver.LogDeterminant() + smooth_rank * log_ratio;
+    double best = kNever;
     for (int k = 0; k < num_noises; ++k) {
       const double log_k = log_min_k + (log_max_k - log_min_k) * k / (num_noises - 1);
       const double log_a = log_ratio + log_k;
@@ -194,9 +205,24 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
       const double prior =
           -0.5 * Square(log_k / kNoiseScaleSpread) -
           0.5 * Square((log_a - std::log(config.typical_acceleration_mps2)) / kAccelerationSpread);
-      candidates.push_back({log_a, log_k,
-                            -freedom * log_k - 0.5 * misfit * std::exp(-2.0 * log_k) - volume -
-                                0.5 * outlier_cost + prior});
+      const double log_posterior = -freedom * log_k - 0.5 * misfit * std::exp(-2.0 * log_k) -
+                                   volume - 0.5 * outlier_cost + prior;
+      candidates.push_back({log_a, log_k, log_posterior});
+      best = std::max(best, log_posterior);
+    }
+    return best;
+  };
+  // Every third, and those beside the likely ones: what is less likely by far adds nothing.
+  constexpr int kStride = 3;
+  constexpr double kFarLog = 12.0;
+  auto& bests = memory.bests;
+  bests.assign(Index(num_ratios + kStride), kNever);
+  for (int i = 0; i < num_ratios; i += kStride) bests[Index(i)] = add_candidates(i);
+  const double least = *std::max_element(bests.begin(), bests.end()) - kFarLog;
+  for (int i = 0; i < num_ratios; ++i) {
+    const int before = i - i % kStride;
+    if (i != before && std::max(bests[Index(before)], bests[Index(before + kStride)]) > least) {
+      add_candidates(i);
     }
   }
   double best = candidates.front().log_posterior;

@@ -16,7 +16,8 @@ namespace unlidar {
 struct SplineFit {
   std::vector<Eigen::Vector3d> control_points_m;
   std::vector<double> weights;
-  BandedMatrix inverse;  // of the normal equations' matrix: the covariance where the noise is 1
+  bool is_minimum = false;  // the control points and the inverse are those of just these weights
+  BandedMatrix inverse;     // of the normal equations' matrix: the covariance where the noise is 1
 };
 
 // What the steps of a fit work with, kept for the next one.
@@ -27,6 +28,7 @@ struct FitMemory {
     double log_acceleration, log_noise, log_posterior;
   };
   std::vector<Candidate> candidates;
+  std::vector<double> bests;
 };
 
 // Derivative of the smooth truncated square of graduated non-convexity (Yang, Antonante, Tzoumas

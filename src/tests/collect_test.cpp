@@ -336,6 +336,24 @@ TEST(CollectTarget, LeavesTheReturnsOfAWallBesideTheTrack) {
   EXPECT_LT(ShareFound(maker, target, kWall) * 300 * kFrames, 0.04 * 5 * kFrames);
 }
 
+TEST(CollectTarget, ALampThatAFlightBeginsBesideKeepsItsReturns) {
+  constexpr int kLamp = 3;
+  for (std::uint32_t seed = 0; seed < 10; ++seed) {
+    RecordingMaker maker(seed);
+    const Eigen::Vector3d lamp_m = DroneAt(2.7);
+    for (int i = 0; i < 4 * kFrames; ++i) {
+      maker.BeginFrame(i * kPeriodS);
+      const bool is_seen = i >= 30 && i < kFrames;
+      if (is_seen) maker.AddBlob(DroneAt(testing::MiddleS(i)), 0.1, 1, kDrone);
+      if (maker.random.Poisson(0.5) > 0) maker.AddBlob(lamp_m, 0.02, 1, kLamp);
+    }
+    const Target target = Collect(maker, PathOf(maker, 30, kFrames - 1));
+    EXPECT_LT(ShareFound(maker, target, kLamp), 0.02) << seed;
+    EXPECT_GT(ShareFound(maker, target, kDrone), 0.9) << seed;
+    EXPECT_GT(SecondsSinceBegin(target.measurements.front().time_ns), 2.4) << seed;
+  }
+}
+
 TEST(CollectTarget, LeavesWhatIsExcluded) {
   const RecordingMaker maker = Flight(6, 4.0);
   std::vector<char> excluded(maker.labels.size(), 0);

@@ -61,11 +61,11 @@ TimeNs Silence(Iterator first, Iterator last, TimeNs period_ns, double probabili
 }
 
 // The sigma of a target that is elsewhere with some probability, `offset_m` off with another sigma:
-// that of a Gaussian which holds as much between as many sigmas as a fit's own does, 95 %. Its
+// that of a Gaussian which holds as much between as many sigmas as a fit's own does, 99 %. Its
 // variance would tell most of what is hardly likely but far away.
 double SigmaWith(double probability, double sigma_m, double offset_m, double other_sigma_m) {
-  constexpr double kSigmas = 1.959964;
-  constexpr double kWithin = 0.95;
+  constexpr double kSigmas = 2.575829;
+  constexpr double kWithin = 0.99;
   const auto below = [](double x_m, double of_m) {
     return 0.5 * std::erfc(-x_m / of_m * M_SQRT1_2);
   };

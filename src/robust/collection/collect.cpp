@@ -4,11 +4,13 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include "robust/collection/body.hpp"
 #include "robust/collection/frame_length.hpp"
 #include "robust/collection/presence.hpp"
 #include "robust/collection/sensor_shifts.hpp"
+#include "robust/collection/spots.hpp"
 #include "robust/collection/visibility.hpp"
 
 namespace unlidar {
@@ -20,6 +22,8 @@ constexpr double kGate = 4.0;
 constexpr double kMaxSearchSigmaM = 1.0;
 // The target's stay this near to a place says nothing of the clutter there: a body and its noise.
 constexpr RangeRadius kPresence{1.5, 0.03};
+// Before its first sighting and behind its last one it may be where it was then, for so long.
+constexpr TimeNs kMayStayNs = 10'000'000'000;
 
 // The covariance of one return about the target, without that of the trajectory.
 Eigen::Matrix3d ReturnCovarianceM2(const Eigen::Vector3d& ray_m, const BodySigmas& body) {
@@ -75,61 +79,101 @@ class FacingSide {
   double share_;
 };
 
-// What is looked for in a frame: the returns that are likelier the target's than their place's.
-class Collector {
- public:
-  Collector(const Recording& recording, const std::vector<char>& excluded)
-      : recording_(recording), excluded_(excluded) {}
-
-  struct Found {
-    std::vector<std::uint32_t> returns;
-    double log_ratio = 0.0;  // of all, as far as it is known what their places return
-  };
-
-  Found Collect(const FrameInfo& frame, const SensorView& view, const Trajectory& trajectory,
-                const Presence& presence, const TrajectoryRow& expected, double returns_per_frame,
-                const BodySigmas& body) const {
-    const TimeNs middle_ns = expected.time_ns;
-    const Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) +
-                              StreakM2(frame, expected.velocity_mps) +
-                              ReturnCovarianceM2(RayM(view, expected.position_m), body);
-    const Eigen::Matrix3d information = s.inverse();
-    const double log_peak =
-        std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
-    const double half_frame_s =
-        0.5 * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
-    const auto reach_m = static_cast<float>(kGate * std::sqrt(s.trace()) +
-                                            expected.velocity_mps.norm() * half_frame_s);
-    const Eigen::Vector3f centre = expected.position_m.cast<float>();
-    Found found;
-    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-      const Eigen::Vector3f d = recording_.points_m[i] - centre;
-      if (d.squaredNorm() > reach_m * reach_m || excluded_[i]) continue;
-      // With point times the return belongs to another place on the trajectory.
-      const TimeNs time_ns = recording_.times_ns[i];
-      const Eigen::Vector3d e =
-          d.cast<double>() -
-          expected.velocity_mps * (static_cast<double>(time_ns - middle_ns) * kSecondsPerNs);
-      const double distance2 = e.dot(information * e);
-      if (distance2 > kGate * kGate) continue;
-      const Eigen::Vector3d place_m = recording_.points_m[i].cast<double>();
-      // The target's presence says nothing of the clutter there.
-      const auto [from, to] =
-          presence.About(time_ns, place_m, kPresence.At(RayM(view, place_m).norm()));
-      const double rate =
-          view.background->RateOutside(recording_.points_m[i] - view.viewpoint_m, from, to);
-      const double log_ratio = rate < 0.0 ? 0.0 : log_peak - 0.5 * distance2 - std::log(rate);
-      if (log_ratio < 0.0) continue;
-      found.returns.push_back(i);
-      found.log_ratio += log_ratio;
-    }
-    return found;
-  }
-
- private:
-  const Recording& recording_;
-  const std::vector<char>& excluded_;
+// A return that is likelier the target's than that of its surroundings.
+struct Candidate {
+  std::uint32_t index = 0;
+  double log_density = 0.0;   // of the target's returns at its place
+  double surroundings = 0.0;  // their rate while the target is elsewhere; negative: unknown
+  TimeNs from_ns = 0;         // when the target is near,
+  TimeNs to_ns = 0;           // or may be
 };
+
+// What a frame shows of the target, as far as it may be told from its surroundings.
+struct Look {
+  const FrameInfo* frame = nullptr;
+  TrajectoryRow expected;
+  Eigen::Vector3d facing_m = Eigen::Vector3d::Zero();
+  std::vector<Candidate> candidates;
+};
+
+std::vector<Candidate> FindCandidates(const Recording& recording, const FrameInfo& frame,
+                                      const SensorView& view, const std::vector<char>& excluded,
+                                      const Trajectory& trajectory, const Presence& presence,
+                                      const TrajectoryRow& expected, double returns_per_frame,
+                                      const BodySigmas& body) {
+  const TimeNs middle_ns = expected.time_ns;
+  const Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) +
+                            StreakM2(frame, expected.velocity_mps) +
+                            ReturnCovarianceM2(RayM(view, expected.position_m), body);
+  const Eigen::Matrix3d information = s.inverse();
+  const double log_peak =
+      std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
+  const double half_frame_s =
+      0.5 * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+  const auto reach_m = static_cast<float>(kGate * std::sqrt(s.trace()) +
+                                          expected.velocity_mps.norm() * half_frame_s);
+  const Eigen::Vector3f centre = expected.position_m.cast<float>();
+  std::vector<Candidate> candidates;
+  for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+    const Eigen::Vector3f d = recording.points_m[i] - centre;
+    if (d.squaredNorm() > reach_m * reach_m || excluded[i]) continue;
+    // With point times the return belongs to another place on the trajectory.
+    const TimeNs time_ns = recording.times_ns[i];
+    const Eigen::Vector3d e =
+        d.cast<double>() -
+        expected.velocity_mps * (static_cast<double>(time_ns - middle_ns) * kSecondsPerNs);
+    const double distance2 = e.dot(information * e);
+    if (distance2 > kGate * kGate) continue;
+    const Eigen::Vector3d place_m = recording.points_m[i].cast<double>();
+    Candidate candidate;
+    candidate.index = i;
+    candidate.log_density = log_peak - 0.5 * distance2;
+    // The target's presence says nothing of the clutter there.
+    std::tie(candidate.from_ns, candidate.to_ns) =
+        presence.About(time_ns, place_m, kPresence.At(RayM(view, place_m).norm()));
+    candidate.surroundings = view.background->RateOutside(recording.points_m[i] - view.viewpoint_m,
+                                                          candidate.from_ns, candidate.to_ns);
+    // Nor does its stay beyond what is known of it so far.
+    if (candidate.from_ns <= trajectory.begin_ns()) candidate.from_ns -= kMayStayNs;
+    if (candidate.to_ns >= trajectory.end_ns()) candidate.to_ns += kMayStayNs;
+    const double surroundings = candidate.surroundings;
+    if (surroundings < 0.0 || candidate.log_density >= std::log(surroundings)) {
+      candidates.push_back(candidate);
+    }
+  }
+  return candidates;
+}
+
+struct Members {
+  std::vector<std::uint32_t> returns;
+  double log_ratio = 0.0;  // of all, as far as it is known what their places return
+};
+
+// The candidates that are likelier the target's than those of their very places, too.
+Members MembersOf(const Recording& recording, const Look& look, const Spots& spots) {
+  Members members;
+  for (const Candidate& candidate : look.candidates) {
+    double log_ratio = 0.0;
+    if (candidate.surroundings >= 0.0) {
+      const double rate =
+          spots.RateOutside(look.frame->sensor, recording.points_m[candidate.index],
+                            candidate.from_ns, candidate.to_ns, candidate.surroundings);
+      log_ratio = candidate.log_density - std::log(std::max(rate, candidate.surroundings));
+      if (log_ratio < 0.0) continue;
+    }
+    members.returns.push_back(candidate.index);
+    members.log_ratio += log_ratio;
+  }
+  return members;
+}
+
+std::vector<std::uint32_t> ReturnsOf(const std::vector<Look>& looks) {
+  std::vector<std::uint32_t> returns;
+  for (const Look& look : looks) {
+    for (const Candidate& candidate : look.candidates) returns.push_back(candidate.index);
+  }
+  return returns;
+}
 
 }  // namespace
 
@@ -155,7 +199,6 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   std::stable_sort(target.measurements.begin(), target.measurements.end(), IsEarlier);
   std::sort(target.returns.begin(), target.returns.end());
 
-  const Collector collector(recording, excluded);
   const TimeNs extension_ns = NsOf(config.max_extension_s);
   std::vector<SensorShift> shifts(recording.sensors.size());
   std::vector<FrameLength> lengths(recording.sensors.size());
@@ -166,7 +209,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
     std::vector<Sighting> sightings;
     BodySpread spread(config.body_sigma_m);
     lengths.assign(recording.sensors.size(), FrameLength());
-    Target next;
+    std::vector<Look> looks;
     for (const FrameInfo& frame : recording.frames) {
       const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
       if (middle_ns < trajectory.begin_ns() - extension_ns) continue;
@@ -181,15 +224,24 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
       expected.position_m -= facing_m;
       const double returns_per_frame =
           visibility.ReturnsPerFrame(frame.sensor, middle_ns, RayM(view, expected.position_m));
-      const auto [members, log_ratio] =
-          collector.Collect(frame, view, trajectory, presence, expected, returns_per_frame, body);
+      looks.push_back({&frame, expected, facing_m,
+                       FindCandidates(recording, frame, view, excluded, trajectory, presence,
+                                      expected, returns_per_frame, body)});
+    }
+    const Spots spots(recording, views, ReturnsOf(looks));
+    Target next;
+    for (const Look& look : looks) {
+      const auto [members, log_ratio] = MembersOf(recording, look, spots);
       if (members.empty()) continue;
-      spread.Add(recording, frame, view.viewpoint_m.cast<double>(), members, expected);
+      const FrameInfo& frame = *look.frame;
+      const SensorView& view = views[frame.sensor];
+      const Eigen::Vector3d& velocity_mps = look.expected.velocity_mps;
+      spread.Add(recording, frame, view.viewpoint_m.cast<double>(), members, look.expected);
       lengths[frame.sensor].Add(recording, frame, view.viewpoint_m.cast<double>(), members,
-                                expected.velocity_mps, body);
-      sightings.push_back({Measure(recording, frame, view, members, expected.velocity_mps, body),
-                           frame.sensor, expected.velocity_mps});
-      sightings.back().measurement.position_m += facing_m;
+                                velocity_mps, body);
+      sightings.push_back({Measure(recording, frame, view, members, velocity_mps, body),
+                           frame.sensor, velocity_mps});
+      sightings.back().measurement.position_m += look.facing_m;
       sightings.back().measurement.log_ratio = log_ratio;
       next.returns.insert(next.returns.end(), members.begin(), members.end());
     }

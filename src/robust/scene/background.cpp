@@ -234,15 +234,20 @@ double Background::PlaceRate(std::uint32_t i) const {
 }
 
 double Background::RateOutside(const Eigen::Vector3f& place_m, TimeNs from_ns, TimeNs to_ns) const {
-  const BinRange inside{FirstBinFrom(TickOf(from_ns)), FirstBinFrom(TickOf(to_ns) + 1)};
+  const BinRange inside = BinsTouching(from_ns, to_ns);
   const std::uint32_t num_outside = num_bins() - (inside.last - inside.first);
   if (num_outside < config_.min_exposure * static_cast<double>(num_bins())) return -1.0;
+  const std::uint32_t returns = grid_.Count(place_m) - grid_.Count(place_m, inside);
+  return std::max<double>(returns, kLeastReturns) /
+         (NumFramesOutside(inside) * grid_.VolumeM3(place_m));
+}
+
+std::uint32_t Background::NumFramesOutside(BinRange inside) const {
   std::uint32_t frames = 0;
   for (std::size_t sensor = 0; sensor < frames_before_.size(); ++sensor) {
     frames += NumFrames(sensor, {0, num_bins()}) - NumFrames(sensor, inside);
   }
-  const std::uint32_t returns = grid_.Count(place_m) - grid_.Count(place_m, inside);
-  return std::max<double>(returns, kLeastReturns) / (frames * grid_.VolumeM3(place_m));
+  return frames;
 }
 
 }  // namespace unlidar

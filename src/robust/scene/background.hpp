@@ -39,6 +39,14 @@ class Background {
   // The bins that begin at most `margin` times the length of a bin before or after this one.
   BinRange BinsAround(std::uint32_t bin, std::uint32_t margin) const;
 
+  // The bins of which some part lies in [from, to].
+  BinRange BinsTouching(TimeNs from_ns, TimeNs to_ns) const {
+    return {FirstBinFrom(TickOf(from_ns)), FirstBinFrom(TickOf(to_ns) + 1)};
+  }
+
+  // How many frames, of any sensor, begin in no bin of these.
+  std::uint32_t NumFramesOutside(BinRange inside) const;
+
   // How many frames of a sensor begin in some bins.
   std::uint32_t NumFrames(std::size_t sensor, BinRange bins) const {
     return frames_before_[sensor][bins.last] - frames_before_[sensor][bins.first];

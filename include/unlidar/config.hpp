@@ -149,7 +149,7 @@ struct TrajectoryConfig {
   double max_extrapolation_s = 5.0;  // beyond the measurements, with a sigma that is still true
   // Rows go on beyond the first and last return through a silence that is likelier than this.
   double silence_probability = 0.01;
-  double max_sigma_m = 0.8;  // rows whose largest sigma exceeds it are not written
+  double max_sigma_m = 0.9;  // rows whose largest sigma exceeds it are not written
 };
 
 struct LiveConfig {

@@ -14,7 +14,7 @@ namespace {
 // Beyond what was seen of a target a stream can only guess how it goes on. A row there is given
 // while its sigma is at most this share of the largest that may be written; else it waits for a
 // sighting, or for the end of the stream.
-constexpr double kGuessedShare = 0.3;
+constexpr double kGuessedShare = 0.25;
 // What waits for so long to be known as a drone has no older rows: it may hang there for days.
 constexpr double kWaitS = 20.0;
 constexpr double kTaken = 0.0;   // gain from which a plot is a track's

@@ -354,6 +354,23 @@ TEST(CollectTarget, ALampThatAFlightBeginsBesideKeepsItsReturns) {
   }
 }
 
+TEST(CollectTarget, ATargetThatComesBackToWhereItHoveredKeepsBothHovers) {
+  const auto at = [](double time_s) -> Eigen::Vector3d {
+    constexpr double kHover_s = 15.0;
+    const double away_s = std::clamp(time_s - kHover_s, 0.0, 10.0);
+    return {15.0 + 4.0 * std::sin(away_s * M_PI / 10.0), 2.0 * std::sin(away_s * M_PI / 5.0), 8.0};
+  };
+  for (std::uint32_t seed = 0; seed < 5; ++seed) {
+    RecordingMaker maker(seed);
+    for (int i = 0; i < 4 * kFrames; ++i) {
+      maker.BeginFrame(i * kPeriodS);
+      maker.AddBlob(at(testing::MiddleS(i)), 0.05, 1, kDrone);
+    }
+    const Target target = Collect(maker, PathOf(maker, 0, 4 * kFrames - 1));
+    EXPECT_GT(ShareFound(maker, target, kDrone), 0.95) << seed;
+  }
+}
+
 TEST(CollectTarget, LeavesWhatIsExcluded) {
   const RecordingMaker maker = Flight(6, 4.0);
   std::vector<char> excluded(maker.labels.size(), 0);

@@ -12,7 +12,6 @@
 #include "robust/tracking/track_model.hpp"
 #include "robust/tracking/tracker.hpp"
 #include "tests/synthetic_plots.hpp"
-#include "trajectory/trajectory.hpp"
 
 namespace unlidar::testing {
 

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <cstdlib>
 #include <vector>
 
 #include "base/square.hpp"
@@ -35,10 +34,6 @@ constexpr double kAlikeFreedom = 10.0;
 // Of the two rows of an interval.
 Drive DriveOf(const SplineModel& model, std::size_t interval, const SplineFit& fit,
               const TrajectoryScales& scales) {
-  // Of the covariance of two control points, coordinate by coordinate.
-  const auto covariance = [&](int i, int k) {
-    return fit.inverse[Index(std::min(i, k))][std::abs(i - k)];
-  };
   Drive drive;
   Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
   for (const std::size_t i : {2 * interval + 1, 2 * interval + 2}) {
@@ -51,20 +46,8 @@ Drive DriveOf(const SplineModel& model, std::size_t interval, const SplineFit& f
       velocity_mps += 0.5 * model.bends[i].velocity[a] * point_m;
     }
     drive.squares += value * value.transpose();
-    for (int r = 0; r < 3; ++r) {
-      for (int c = r; c < 3; ++c) {
-        double sum = 0.0;
-        for (int a = 0; a < 4; ++a) {
-          for (int b = 0; b < 4; ++b) {
-            // Four control points in a row, so that all are within the band.
-            sum += basis[a] * basis[b] * covariance(3 * (first + a) + r, 3 * (first + b) + c);
-          }
-        }
-        drive.unknown(r, c) += Square(scales.noise) * sum;
-      }
-    }
+    drive.unknown += Square(scales.noise) * CovarianceOf(first, basis, fit.inverse);
   }
-  drive.unknown.triangularView<Eigen::StrictlyLower>() = drive.unknown.transpose();
   const double variance = Square(scales.acceleration_mps2);
   drive.squares /= variance;
   drive.unknown /= variance;

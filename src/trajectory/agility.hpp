@@ -18,7 +18,7 @@ inline constexpr int kAgilityLevels = 11;
 // What drives the acceleration in an interval, in units of the variance of the whole flight.
 struct Drive {
   Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();  // of what was fitted
-  Eigen::Matrix3d unknown = Eigen::Matrix3d::Zero();  // its covariance
+  Eigen::Matrix3d unknown = Eigen::Matrix3d::Zero();  // and what is not known of it, its covariance
   Eigen::Vector3d way = Eigen::Vector3d::Zero();      // direction of flight; shorter where slow
 };
 
@@ -36,7 +36,7 @@ struct AgilityMemory {
 // what is known of it after a fit at the agilities it has so far. The agility is a hidden Markov
 // chain on a ladder of levels: it stays for half a second on average, and is then drawn anew. How
 // far the levels of this flight spread is averaged over, too, by the evidence for each spread; a
-// flight that is the same all along is left as it is. What an interval tells of its level is the
+// flight that is the same all along keeps its level. What an interval tells of its level is the
 // part of its jerks that the measurements determine (MacKay, 1992): in a gap that is nothing, and
 // the agility is that of its ends and, farther off, that of any time. How much larger the variance
 // is along the way than across it is one number for the flight, told by the same parts; a hover has

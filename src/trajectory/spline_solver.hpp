@@ -22,8 +22,8 @@ class SplineSolver {
   // std::invalid_argument where double precision is not enough.
   const std::vector<Eigen::Vector3d>& Minimise(double ratio);
 
-  // log det of what the smoothness of a model and a first position and velocity, known by 1 m and
-  // 1 m/s, say of the control points.
+  // log det of what the smoothness of a model that is as agile all along, and a first position and
+  // velocity, known by 1 m and 1 m/s, say of the control points.
   double LogDeterminantOfSmoothness(const SplineModel& model);
 
   // Of the matrix of the last minimum.

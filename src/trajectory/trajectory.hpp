@@ -1,16 +1,15 @@
 // The smooth trajectory of a target: a robust cubic B-spline in time, with honest sigmas.
 //
-// Between the measurements the target is assumed to accelerate as in Singer's model (1970), the
-// same on every axis: a' = -a / tau + white noise, with standard deviation sigma_a of a. The spline
-// minimises
+// Between the measurements the target is assumed to accelerate as in Singer's model (1970):
+// a' = -a / tau + white noise, with standard deviation sigma_a of a. The spline minimises
 //   sum rho(|R^-1/2 (x(t_i) - z_i)|^2 / k^2)
 //     + tau / (2 sigma_a^2) * integral |a' + a / tau|^2 dt + |a(t_0)|^2 / sigma_a^2,
 // whose last two terms equal integral(|a'|^2 tau + |a|^2 / tau) dt / (2 sigma_a^2) and boundary
 // terms. sigma_a, tau and the noise scale k are those that the data makes likely (marginal
 // likelihood, which is REML, for position and velocity at t_0 are as good as free): multicopters
-// change their acceleration within half a second, and smooth ways last for four. rho is truncated.
-// Where, and in which directions, the flight is calmer or more agile than on the whole, sigma_a
-// follows (agility.hpp).
+// change their acceleration within half a second, on smooth ways it lasts for four. rho is
+// truncated. Where, and in which directions, the flight is calmer or more agile than on the whole,
+// sigma_a follows (agility.hpp).
 #pragma once
 
 #include <Eigen/Core>
@@ -22,11 +21,14 @@
 
 namespace unlidar {
 
+// How long an acceleration lasts where nothing is known of it: tau of Singer's model.
+inline constexpr double kTypicalAccelerationTimeS = 1.0;
+
 // How far a target may depart from a straight line, and how noisy its measurements are.
 struct TrajectoryScales {
-  double acceleration_mps2 = 0.0;    // sigma_a
-  double noise = 1.0;                // k
-  double acceleration_time_s = 1.0;  // tau
+  double acceleration_mps2 = 0.0;                          // sigma_a
+  double noise = 1.0;                                      // k
+  double acceleration_time_s = kTypicalAccelerationTimeS;  // tau
 };
 
 struct Trajectory {

@@ -9,18 +9,17 @@ void TrajectoryFitter::Fit(const std::vector<Measurement>& measurements, Traject
   // the most likely pair wins.
   constexpr std::array<double, 3> kStarts_mps2 = {1.0, 5.0, 25.0};
   BuildSplineModel(measurements, config_, model_);
-  const double typical_s = TrajectoryScales().acceleration_time_s;
-  SetAccelerationTime(typical_s);
+  SetAccelerationTime(kTypicalAccelerationTimeS);
   ScaleSearch best;
   for (const double start_mps2 : kStarts_mps2) {
-    FitRobust(model_, {start_mps2, 1.0, typical_s}, config_, memory_, fit_);
+    FitRobust(model_, {start_mps2, 1.0}, config_, memory_, fit_);
     const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
     if (start_mps2 == kStarts_mps2.front() || found.log_evidence > best.log_evidence) best = found;
   }
   FitRobust(model_, best.scales, config_, memory_, fit_);
   best = SearchAccelerationTimes();
   SetAccelerationTime(best.scales.acceleration_time_s);
-  RefitRobust(model_, best.scales, config_, memory_, fit_);
+  FitRobust(model_, best.scales, config_, memory_, fit_);
   Finish(measurements, best.scales, trajectory);
 }
 
@@ -49,7 +48,7 @@ ScaleSearch TrajectoryFitter::SearchAccelerationTimes() {
          time_s *= factor) {
       SetAccelerationTime(time_s);
       const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
-      if (found.log_evidence <= best.log_evidence) break;
+      if (!(found.log_evidence > best.log_evidence)) break;
       best = found;
     }
     if (best.scales.acceleration_time_s != typical_s) break;

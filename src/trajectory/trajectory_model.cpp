@@ -41,14 +41,7 @@ Eigen::Matrix3d InverseBlock(const BandedMatrix& inverse, int i, int d) {
 // innovation (I - w V)^-1 r of covariance I + (I - w V)^-1 V.
 double SquaredInnovation(const SplineRow& row, double weight, const BandedMatrix& inverse,
                          const std::vector<Eigen::Vector3d>& control) {
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-  for (int a = 0; a < 4; ++a) {
-    for (int b = a; b < 4; ++b) {
-      const Eigen::Matrix3d block = InverseBlock(inverse, row.first + a, b - a);
-      covariance +=
-          (a == b ? 0.5 : 1.0) * row.basis[a] * row.basis[b] * (block + block.transpose());
-    }
-  }
+  const Eigen::Matrix3d covariance = CovarianceOf(row.first, row.basis, inverse);
   const Eigen::Matrix3d v = row.sqrt_information * covariance * row.sqrt_information.transpose();
   const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
   const Eigen::Vector3d r = Residual(row, control);
@@ -82,6 +75,7 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales,
     memory.solver.SetMeasurements(model, fit.weights);
     fit.control_points_m = memory.solver.Minimise(Ratio(scales));
     memory.solver.Invert(fit.inverse);
+    fit.is_minimum = true;
     std::vector<double>& s = memory.weights;
     s.clear();
     for (std::size_t i = 0; i < model.measurements.size(); ++i) {
@@ -104,6 +98,17 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales,
 }
 
 }  // namespace
+
+Eigen::Matrix3d CovarianceOf(int first, const Eigen::Vector4d& basis, const BandedMatrix& inverse) {
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  for (int a = 0; a < 4; ++a) {
+    for (int b = a; b < 4; ++b) {
+      const Eigen::Matrix3d block = InverseBlock(inverse, first + a, b - a);
+      covariance += (a == b ? 0.5 : 1.0) * basis[a] * basis[b] * (block + block.transpose());
+    }
+  }
+  return covariance;
+}
 
 double TruncatedWeight(double s, double squared_limit) {
   if (s <= 0.5 * squared_limit) return 1.0;
@@ -159,9 +164,9 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
   const double limit = SquaredOutlierDistance(config);
   memory.solver.SetMeasurements(model, fit.weights);
   const double tau_s = model.acceleration_time_s;
-  const double log_tau = 0.5 * memory.solver.LogDeterminantOfSmoothness(model) -
-                         0.5 * Square(std::log(tau_s / TrajectoryScales().acceleration_time_s) /
-                                      kAccelerationTimeSpread);
+  const double log_tau =
+      0.5 * memory.solver.LogDeterminantOfSmoothness(model) -
+      0.5 * Square(std::log(tau_s / kTypicalAccelerationTimeS) / kAccelerationTimeSpread);
   double used = 0.0;
   double outlier_cost = 0.0;  // makes the reweighted squares an upper bound of the loss
   for (const double weight : fit.weights) {

@@ -28,8 +28,11 @@ struct FitMemory {
     double log_acceleration, log_noise, log_posterior;
   };
   std::vector<Candidate> candidates;
-  std::vector<double> bests;
+  std::vector<double> bests;  // (ratios) of their log posteriors
 };
+
+// (3, 3) covariance of sum_j basis[j] c[first + j], where the noise is 1.
+Eigen::Matrix3d CovarianceOf(int first, const Eigen::Vector4d& basis, const BandedMatrix& inverse);
 
 // Derivative of the smooth truncated square of graduated non-convexity (Yang, Antonante, Tzoumas
 // and Carlone, 2020, eq. 13 and 14 with mu = 1), which is s up to c^2 / 2 and constant from 2 c^2.
@@ -58,8 +61,8 @@ Descent Descend(const SplineModel& model, const TrajectoryScales& scales,
                 const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
 
 // Scales by their posterior means, at the tau of the model, and the evidence for that, at given
-// weights. The mean of sigma_a, not its mode: with a few measurements the mode says that nothing
-// can ever accelerate.
+// weights and as agile all along. The mean of sigma_a, not its mode: with a few measurements the
+// mode says that nothing can ever accelerate.
 struct ScaleSearch {
   TrajectoryScales scales;
   double log_evidence = 0.0;

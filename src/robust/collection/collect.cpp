@@ -4,7 +4,6 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <tuple>
 
 #include "robust/collection/body.hpp"
 #include "robust/collection/frame_length.hpp"
@@ -82,10 +81,10 @@ class FacingSide {
 // A return that is likelier the target's than that of its surroundings.
 struct Candidate {
   std::uint32_t index = 0;
-  double log_density = 0.0;   // of the target's returns at its place
-  double surroundings = 0.0;  // their rate while the target is elsewhere; negative: unknown
-  TimeNs from_ns = 0;         // when the target is near,
-  TimeNs to_ns = 0;           // or may be
+  double log_density = 0.0;        // of the target's returns at its place
+  double surroundings_rate = 0.0;  // while the target is elsewhere; negative: unknown
+  TimeNs from_ns = 0;              // when the target is, or may be, at its place
+  TimeNs to_ns = 0;
 };
 
 // What a frame shows of the target, as far as it may be told from its surroundings.
@@ -125,21 +124,18 @@ std::vector<Candidate> FindCandidates(const Recording& recording, const FrameInf
     const double distance2 = e.dot(information * e);
     if (distance2 > kGate * kGate) continue;
     const Eigen::Vector3d place_m = recording.points_m[i].cast<double>();
-    Candidate candidate;
-    candidate.index = i;
-    candidate.log_density = log_peak - 0.5 * distance2;
     // The target's presence says nothing of the clutter there.
-    std::tie(candidate.from_ns, candidate.to_ns) =
+    auto [from_ns, to_ns] =
         presence.About(time_ns, place_m, kPresence.At(RayM(view, place_m).norm()));
-    candidate.surroundings = view.background->RateOutside(recording.points_m[i] - view.viewpoint_m,
-                                                          candidate.from_ns, candidate.to_ns);
-    // Nor does its stay beyond what is known of it so far.
-    if (candidate.from_ns <= trajectory.begin_ns()) candidate.from_ns -= kMayStayNs;
-    if (candidate.to_ns >= trajectory.end_ns()) candidate.to_ns += kMayStayNs;
-    const double surroundings = candidate.surroundings;
-    if (surroundings < 0.0 || candidate.log_density >= std::log(surroundings)) {
-      candidates.push_back(candidate);
-    }
+    const double rate =
+        view.background->RateOutside(recording.points_m[i] - view.viewpoint_m, from_ns, to_ns);
+    const double log_density = log_peak - 0.5 * distance2;
+    if (rate >= 0.0 && log_density < std::log(rate)) continue;
+    // Nor does what may be its stay beyond what is known of it so far: a few returns, which are
+    // hardly anything in the surroundings, but all there is at the very place.
+    if (from_ns <= trajectory.begin_ns()) from_ns -= kMayStayNs;
+    if (to_ns >= trajectory.end_ns()) to_ns += kMayStayNs;
+    candidates.push_back({i, log_density, rate, from_ns, to_ns});
   }
   return candidates;
 }
@@ -154,11 +150,11 @@ Members MembersOf(const Recording& recording, const Look& look, const Spots& spo
   Members members;
   for (const Candidate& candidate : look.candidates) {
     double log_ratio = 0.0;
-    if (candidate.surroundings >= 0.0) {
+    if (candidate.surroundings_rate >= 0.0) {
       const double rate =
           spots.RateOutside(look.frame->sensor, recording.points_m[candidate.index],
-                            candidate.from_ns, candidate.to_ns, candidate.surroundings);
-      log_ratio = candidate.log_density - std::log(std::max(rate, candidate.surroundings));
+                            candidate.from_ns, candidate.to_ns, candidate.surroundings_rate);
+      log_ratio = candidate.log_density - std::log(std::max(rate, candidate.surroundings_rate));
       if (log_ratio < 0.0) continue;
     }
     members.returns.push_back(candidate.index);

@@ -7,19 +7,22 @@
 #include "base/voxel_grid.hpp"
 #include "base/voxel_numbers.hpp"
 #include "robust/plots/plots.hpp"
+#include "robust/scene/background.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 namespace {
 
 // The noise of ranging, four times over, and the width of a beam.
 constexpr RangeRadius kSpot{0.08, 0.002};
-// No neighbourhood of a spot within 200 m reaches farther.
+// No neighbourhood of a spot within 250 m reaches farther. Beyond, some returns are missed, and the
+// rate of the surroundings holds.
 constexpr double kReachM = 1.0;
 
 // The voxels about some places.
 class Neighbourhood {
  public:
-  explicit Neighbourhood(const Recording& recording, const std::vector<std::uint32_t>& returns) {
+  Neighbourhood(const Recording& recording, const std::vector<std::uint32_t>& returns) {
     for (const std::uint32_t i : returns) {
       const Eigen::Vector3f& point_m = recording.points_m[i];
       box_.extend(point_m);
@@ -49,7 +52,7 @@ class Neighbourhood {
 }  // namespace
 
 Spots::Spots(const Recording& recording, const std::vector<SensorView>& views,
-             const std::vector<std::uint32_t>& returns)
+             const std::vector<std::uint32_t>& candidates)
     : views_(views) {
   std::vector<const Background*> backgrounds;
   for (const SensorView& view : views) {
@@ -59,27 +62,28 @@ Spots::Spots(const Recording& recording, const std::vector<SensorView>& views,
     backgrounds.push_back(view.background);
     grids_.emplace_back(kSpot);
   }
-  const Neighbourhood neighbourhood(recording, returns);
+  const Neighbourhood neighbourhood(recording, candidates);
   for (const FrameInfo& frame : recording.frames) {
     const SensorView& view = views[frame.sensor];
     RangeGrid& grid = grids_[stations_[frame.sensor]];
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
       const Eigen::Vector3f& point_m = recording.points_m[i];
       if (!neighbourhood.Holds(point_m)) continue;
+      if (std::binary_search(candidates.begin(), candidates.end(), i)) continue;
       grid.Add(point_m - view.viewpoint_m, view.background->BinOf(recording.times_ns[i]));
     }
   }
 }
 
 double Spots::RateOutside(std::uint32_t sensor, const Eigen::Vector3f& point_m, TimeNs from_ns,
-                          TimeNs to_ns, double surroundings) const {
+                          TimeNs to_ns, double surroundings_rate) const {
   const SensorView& view = views_[sensor];
   const RangeGrid& grid = grids_[stations_[sensor]];
   const Eigen::Vector3f ray_m = point_m - view.viewpoint_m;
   const BinRange inside = view.background->BinsTouching(from_ns, to_ns);
   const double returns = grid.Count(ray_m) - grid.Count(ray_m, inside);
   const double exposure = view.background->NumFramesOutside(inside) * grid.VolumeM3(ray_m);
-  return ClutterRate(returns, exposure, surroundings);
+  return ClutterRate(returns, exposure, surroundings_rate);
 }
 
 }  // namespace unlidar

@@ -17,14 +17,16 @@ namespace unlidar {
 // has a hundred times its rate.
 class Spots {
  public:
-  // `views`: (sensors). `returns`: those that will be asked for, as indices into the recording.
+  // `views`: (sensors). `candidates`: the returns that may be the target's, as indices into the
+  // recording, ascending. Their places may be asked for; they do not count, as a target may come
+  // back to where it was.
   Spots(const Recording& recording, const std::vector<SensorView>& views,
-        const std::vector<std::uint32_t>& returns);
+        const std::vector<std::uint32_t>& candidates);
 
-  // Returns per m^3 and frame at the place of one of the returns, as its station sees it in the
-  // bins that do not touch [from, to], given the rate of its surroundings.
+  // Returns per m^3 and frame at the place of a candidate, as its station sees it in the bins that
+  // do not touch [from, to], given the rate of its surroundings.
   double RateOutside(std::uint32_t sensor, const Eigen::Vector3f& point_m, TimeNs from_ns,
-                     TimeNs to_ns, double surroundings) const;
+                     TimeNs to_ns, double surroundings_rate) const;
 
  private:
   const std::vector<SensorView>& views_;

@@ -25,10 +25,10 @@ constexpr RangeRadius kClutterWide{4.0, 0.35};
 constexpr double kClutterPriorPlots = 0.5;
 constexpr int kClutterExclusionBins = 2;
 
-// The rate of clutter (plots per m^3 and frame) where so many plots were seen in so many m^3 and
-// frames, given the rate about it.
-inline double ClutterRate(double num_plots, double exposure, double prior_rate) {
-  return (num_plots + kClutterPriorPlots) / (exposure + kClutterPriorPlots / prior_rate);
+// The rate of clutter (plots or returns per m^3 and frame) where so many were seen in so many m^3
+// and frames, given the rate about it.
+inline double ClutterRate(double count, double exposure, double prior_rate) {
+  return (count + kClutterPriorPlots) / (exposure + kClutterPriorPlots / prior_rate);
 }
 
 // What was a body is near so long before and after.

@@ -46,7 +46,7 @@ Drive DriveOf(const SplineModel& model, std::size_t interval, const SplineFit& f
       velocity_mps += 0.5 * model.bends[i].velocity[a] * point_m;
     }
     drive.squares += value * value.transpose();
-    drive.unknown += Square(scales.noise) * CovarianceOf(first, basis, fit.inverse);
+    drive.unknown += Square(scales.noise) * CovarianceOfSum(first, basis, fit.inverse);
   }
   const double variance = Square(scales.acceleration_mps2);
   drive.squares /= variance;

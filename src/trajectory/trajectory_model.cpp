@@ -41,7 +41,7 @@ Eigen::Matrix3d InverseBlock(const BandedMatrix& inverse, int i, int d) {
 // innovation (I - w V)^-1 r of covariance I + (I - w V)^-1 V.
 double SquaredInnovation(const SplineRow& row, double weight, const BandedMatrix& inverse,
                          const std::vector<Eigen::Vector3d>& control) {
-  const Eigen::Matrix3d covariance = CovarianceOf(row.first, row.basis, inverse);
+  const Eigen::Matrix3d covariance = CovarianceOfSum(row.first, row.basis, inverse);
   const Eigen::Matrix3d v = row.sqrt_information * covariance * row.sqrt_information.transpose();
   const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
   const Eigen::Vector3d r = Residual(row, control);
@@ -99,7 +99,8 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales,
 
 }  // namespace
 
-Eigen::Matrix3d CovarianceOf(int first, const Eigen::Vector4d& basis, const BandedMatrix& inverse) {
+Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
+                                const BandedMatrix& inverse) {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   for (int a = 0; a < 4; ++a) {
     for (int b = a; b < 4; ++b) {

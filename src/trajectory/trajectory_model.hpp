@@ -32,7 +32,8 @@ struct FitMemory {
 };
 
 // (3, 3) covariance of sum_j basis[j] c[first + j], where the noise is 1.
-Eigen::Matrix3d CovarianceOf(int first, const Eigen::Vector4d& basis, const BandedMatrix& inverse);
+Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
+                                const BandedMatrix& inverse);
 
 // Derivative of the smooth truncated square of graduated non-convexity (Yang, Antonante, Tzoumas
 // and Carlone, 2020, eq. 13 and 14 with mu = 1), which is s up to c^2 / 2 and constant from 2 c^2.

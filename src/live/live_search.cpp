@@ -129,6 +129,7 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info,
 const Moment& LiveSearch::Begin(const SceneFrame& frame) {
   recent_.frames.push_back(frame.info);
   moment_.time_s = frame.time_s;
+  moment_.sensor = frame.info.sensor;
   return moment_;
 }
 

@@ -5,7 +5,7 @@
 namespace unlidar {
 
 void Moments::Add(std::uint32_t frame, const Moment& at) {
-  frames_.push_back({frame, at.time_s, num_forgotten_ + counts_.size(), at.frames_before.size()});
+  frames_.push_back({frame, at.time_s, at.sensor, num_forgotten_ + counts_.size(), at.frames_before.size()});
   for (const std::uint32_t before : at.frames_before) counts_.push_back(before);
 }
 
@@ -15,7 +15,7 @@ Moment Moments::At(std::uint32_t frame) const {
                        [](const Frame& a, std::uint32_t number) { return a.number < number; });
   const auto first =
       counts_.begin() + static_cast<std::ptrdiff_t>(its->first_count - num_forgotten_);
-  return {its->time_s, {first, first + static_cast<std::ptrdiff_t>(its->num_sensors)}};
+  return {its->time_s, {first, first + static_cast<std::ptrdiff_t>(its->num_sensors)}, its->sensor};
 }
 
 void Moments::Forget(std::uint32_t frame) {

@@ -25,6 +25,7 @@ class Moments {
   struct Frame {
     std::uint32_t number = 0;
     double time_s = 0.0;
+    std::uint32_t sensor = 0;
     std::size_t first_count = 0;  // number among all that ever were
     std::size_t num_sensors = 0;  // that were known by then
   };

@@ -52,8 +52,11 @@ void TrackFollower::SetGains(const std::vector<SeenPlot>& plots, const Moment& a
   const Node& best = nodes_[static_cast<std::size_t>(BestLeaf())];
   const TrackModel& model = (*models_)[best.model];
   const double unseen = model.ScoreUnseen(best.h, at);
-  const Prediction p = model.Predict(best.h, unseen, model.MotionOver(at.time_s - best.h.time_s));
-  for (const SeenPlot& seen : plots) gains->push_back(model.GainOf(p, seen.plot).log);
+  const Prediction p = model.Predict(best.h, model.ScoreBefore(best.h, at),
+                                     model.MotionOver(at.time_s - best.h.time_s), at);
+  for (const SeenPlot& seen : plots) {
+    gains->push_back(p.score + model.GainOf(p, seen.plot).log - unseen);
+  }
 }
 
 void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector<char>& is_allowed,
@@ -67,7 +70,8 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
     const TrackModel& model = (*models_)[node.model];
     const double dt_s = at.time_s - node.h.time_s;
     const Motion motion = model.MotionOver(dt_s);
-    predicted.emplace_back(motion, model.Predict(node.h, model.ScoreUnseen(node.h, at), motion));
+    predicted.emplace_back(motion,
+                           model.Predict(node.h, model.ScoreBefore(node.h, at), motion, at));
     const Prediction& p = predicted.back().second;
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (!is_allowed[i]) continue;
@@ -83,7 +87,7 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
   next.clear();
   for (std::size_t k = 0; k < leaves_.size(); ++k) {
     Node& node = nodes_[static_cast<std::size_t>(leaves_[k])];
-    node.now = predicted[k].second.score;
+    node.now = (*models_)[node.model].ScoreUnseen(node.h, at);
     if (at.time_s - node.h.time_s <= tracker_.max_gap_s) next.push_back(leaves_[k]);
   }
   for (std::size_t i = 0; i < plots.size(); ++i) {

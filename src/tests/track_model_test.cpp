@@ -246,12 +246,12 @@ PredictedPlot RandomPrediction(const TrackModel& model, Random* random) {
     move_on(dt_s);
     first.position_m += random->NormalVector(5.0 * dt_s);
     const Motion motion = model.MotionOver(dt_s);
-    const Prediction p = model.Predict(h, model.ScoreUnseen(h, at), motion);
+    const Prediction p = model.Predict(h, model.ScoreBefore(h, at), motion, at);
     h = model.Update(h, motion, p, first, at, model.GainOf(p, first));
   }
   const double dt_s = random->Uniform(0.05, 3.0);
   move_on(dt_s);
-  const Prediction p = model.Predict(h, model.ScoreUnseen(h, at), model.MotionOver(dt_s));
+  const Prediction p = model.Predict(h, model.ScoreBefore(h, at), model.MotionOver(dt_s), at);
   const double spread_m = std::sqrt(p.steady.position_m2) * random->Uniform(0.0, 10.0);
   return {p, RandomPlot(kBeginNs, p.position_m + random->NormalVector(spread_m), random)};
 }

@@ -32,11 +32,11 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
       std::vector<Hypothesis> ways;
       for (std::size_t k = 0; k < num_before; ++k) {
         const Hypothesis& from = all[k];
-        const double unseen = model.ScoreUnseen(from, at);
+        const double unseen = model.ScoreBefore(from, at);
         if (at.time_s - from.time_s > config.max_gap_s) continue;
         if (unseen < config.give_up_log) continue;
         const Motion motion = model.MotionOver(at.time_s - from.time_s);
-        const Prediction p = model.Predict(from, unseen, motion);
+        const Prediction p = model.Predict(from, unseen, motion, at);
         const Gain gain = model.GainOf(p, plots[i]);
         const double score = p.score + gain.log;
         if (score < std::max(config.give_up_log, log_births[i] + config.rebirth_log)) continue;
@@ -48,7 +48,8 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
       for (const Hypothesis& way : ways) {
         if (way.state.mean.col(1).norm() > config.max_speed_mps) continue;
         all.push_back(way);
-        if (way.hits + 1.0 >= config.min_fragment_plots) best = std::max(best, way.score);
+        if (way.num_plots >= static_cast<std::uint32_t>(config.min_fragment_plots))
+          best = std::max(best, way.score);
       }
       for (const double speed_mps : config.birth_speeds_mps) {
         all.push_back(model.Birth(plots[i], log_births[i], at, speed_mps));

@@ -71,12 +71,17 @@ class PlainModel {
       const double dt = static_cast<double>(plot.frame_time_ns - plots[k - 1].frame_time_ns) * 1e-9;
       const double per_frame = kPeriodS / std::max(1.0, x.head<3>().squaredNorm());
       const double missed = std::round(dt / kPeriodS) - 1.0;
+      if (plot.sensor != plots[k - 1].sensor) {
+        // How often one sensor saw it tells nothing of another.
+        shape = config_.echo_shape;
+        rate = config_.echo_shape / config_.echo_m2_per_s;
+      }
       const double unseen = std::pow(rate / (rate + missed * per_frame), shape);
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
       score += std::log(unseen) + std::log(seen) - plot.log_clutter;
       score += std::log(SensorShare(plots[k - 1].sensor, plot.sensor));
       shape += 1.0;
-      rate += per_frame * (missed + (plot.sensor == plots[k - 1].sensor ? 1.0 : 0.5));
+      rate += per_frame * (missed + 1.0);
 
       const double speed = std::min(config_.max_speed_mps, x.segment<3>(3).norm());
       const double streak = speed * plot.streak_s;

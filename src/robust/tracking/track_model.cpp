@@ -58,6 +58,8 @@ double LogUnseen(double shape, double rate, double exposure) {
 
 double PerM2(const Eigen::Vector3d& ray_m) { return 1.0 / std::max(ray_m.squaredNorm(), 1.0); }
 
+double LogHitOf(double log_miss) { return std::log(std::max(-std::expm1(log_miss), 1e-6)); }
+
 // How many frames of the sensor that saw it last a target was not seen in. None where that was at
 // the same instant: the frame of its last plot is not before it.
 double MissedFrames(const Hypothesis& from, const Moment& at) {
@@ -93,6 +95,7 @@ std::uint32_t Watch::FramesBefore(std::uint32_t sensor, TimeNs time_ns) const {
 
 Moment MomentOf(const Plot& plot, const Plot& first, const Watch& watch) {
   Moment moment;
+  moment.sensor = plot.sensor;
   moment.time_s = static_cast<double>(plot.frame_time_ns - first.frame_time_ns) * kSecondsPerNs;
   for (std::uint32_t s = 0; s < watch.sensors.size(); ++s) {
     moment.frames_before.push_back(watch.FramesBefore(s, plot.frame_time_ns));
@@ -163,14 +166,21 @@ double TrackModel::ScoreUnseen(const Hypothesis& from, const Moment& at) const {
   return from.score + LogMiss(from, missed * from.per_frame_s_per_m2);
 }
 
+double TrackModel::ScoreBefore(const Hypothesis& from, const Moment& at) const {
+  if (at.sensor == from.sensor) return ScoreUnseen(from, at);
+  return from.score + LogMissUnknown(MissedFrames(from, at) * from.per_frame_s_per_m2);
+}
+
 Motion TrackModel::MotionOver(double dt_s) const {
   return SingerMotion(dt_s, kSearchAccelerationTimeS, sigma_);
 }
 
-Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motion& motion) const {
+Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motion& motion,
+                               const Moment& at) const {
   Prediction p;
   p.score = score;
-  p.log_hit = from.log_hit;
+  p.log_hit = at.sensor == from.sensor ? from.log_hit
+                                       : LogHitOf(LogMissUnknown(PerFrame(at.sensor, from.state)));
   p.sensor = from.sensor;
   p.speed_mps = std::min(from.state.mean.col(1).norm(), config_->max_speed_mps);
   const auto onto_position = motion.transition.row(0);
@@ -222,12 +232,16 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
   h.time_s = at.time_s;
   h.sensor = plot.sensor;
   h.frames = at.frames_before[plot.sensor] + 1;
-  h.hits = from.hits + 1.0;
-  // Frames in which it was missed, and that of the plot: half of one if another sensor saw it, in
-  // the midst of two frames of its own.
-  const double missed = MissedFrames(from, at);
-  h.exposure_s_per_m2 = from.exposure_s_per_m2 +
-                        from.per_frame_s_per_m2 * (missed + (plot.sensor == from.sensor ? 1 : 0.5));
+  h.num_plots = from.num_plots + 1;
+  // Frames in which it was missed, and that of the plot.
+  h.hits = 1.0;
+  h.exposure_s_per_m2 = from.per_frame_s_per_m2 * MissedFrames(from, at);
+  if (plot.sensor == from.sensor) {
+    h.hits += from.hits;
+    h.exposure_s_per_m2 += from.exposure_s_per_m2 + from.per_frame_s_per_m2;
+  } else {
+    h.exposure_s_per_m2 += PerFrame(plot.sensor, from.state);
+  }
   h.state.mean = from.state.mean * motion.transition.transpose();
   h.state.mean += (plot.position_m - p.position_m - offset_s * p.velocity_mps) * weight.transpose();
   h.state.covariance = covariance - weight * seen.transpose();
@@ -237,7 +251,7 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
 
 Hypothesis TrackModel::Follow(const Hypothesis& from, const Plot& plot, const Moment& at) const {
   const Motion motion = MotionOver(at.time_s - from.time_s);
-  const Prediction p = Predict(from, ScoreUnseen(from, at), motion);
+  const Prediction p = Predict(from, ScoreBefore(from, at), motion, at);
   return Update(from, motion, p, plot, at, GainOf(p, plot));
 }
 
@@ -263,10 +277,18 @@ double TrackModel::LogMiss(const Hypothesis& from, double exposure_s_per_m2) con
                    exposure_s_per_m2);
 }
 
+double TrackModel::LogMissUnknown(double exposure_s_per_m2) const {
+  return LogUnseen(config_->echo_shape, config_->echo_shape / config_->echo_m2_per_s,
+                   exposure_s_per_m2);
+}
+
+double TrackModel::PerFrame(std::uint32_t sensor, const State& state) const {
+  return frame_s_[sensor] * PerM2(state.mean.col(0) - viewpoints_m_[sensor]);
+}
+
 void TrackModel::SetVisibility(Hypothesis* h) const {
-  h->per_frame_s_per_m2 =
-      frame_s_[h->sensor] * PerM2(h->state.mean.col(0) - viewpoints_m_[h->sensor]);
-  h->log_hit = std::log(std::max(-std::expm1(LogMiss(*h, h->per_frame_s_per_m2)), 1e-6));
+  h->per_frame_s_per_m2 = PerFrame(h->sensor, h->state);
+  h->log_hit = LogHitOf(LogMiss(*h, h->per_frame_s_per_m2));
 }
 
 double TrackModel::AgileFactor() const { return kManoeuvreFactor * kManoeuvreFactor - 1.0; }

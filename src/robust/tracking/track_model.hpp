@@ -38,13 +38,14 @@ struct Motion {
 struct Hypothesis {
   double score = 0.0;
   double time_s = 0.0;              // middle of the frame of its last plot
-  double hits = 0.0;                // plots after the first
-  double exposure_s_per_m2 = 0.0;   // sum over the frames in which it could be seen, of
+  double hits = 0.0;                // plots of its sensor since another one saw it, or the first,
+  double exposure_s_per_m2 = 0.0;   // and the sum over the frames in which it could be seen, of
   double per_frame_s_per_m2 = 0.0;  // how long a frame lasts over range^2
   double log_hit = 0.0;             // log probability of being seen in a frame of its sensor
   State state;
-  std::uint32_t sensor = 0;  // of its last plot
-  std::uint32_t frames = 0;  // of that sensor so far
+  std::uint32_t sensor = 0;     // of its last plot
+  std::uint32_t frames = 0;     // of that sensor so far
+  std::uint32_t num_plots = 1;  // in all
   std::int32_t plot = 0;
   std::int32_t parent = kNoIndex;  // index into the history
 };
@@ -125,10 +126,11 @@ struct ScoreBound {
   }
 };
 
-// The middle of a frame, and how often it could have been seen until then.
+// The middle of a frame, and how often a target could have been seen until then.
 struct Moment {
   double time_s = 0.0;                       // since the frame of the first plot
   std::vector<std::uint32_t> frames_before;  // (sensors)
+  std::uint32_t sensor = 0;                  // that took the frame
 };
 
 // Of the frame of a plot. The first plot is that of the earliest frame.
@@ -154,13 +156,19 @@ class TrackModel {
 
   Hypothesis Birth(const Plot& plot, double log_birth, const Moment& at, double speed_mps) const;
 
-  // Score of a hypothesis that was not seen in the frames until `at`.
+  // Score of a hypothesis that was not seen in the frames until `at` by the sensor that saw it
+  // last.
   double ScoreUnseen(const Hypothesis& from, const Moment& at) const;
+
+  // The same before it is seen in the frame at `at`. If that is another sensor's, the target has
+  // left what the last one sees: how often it was seen there tells nothing of since then.
+  double ScoreBefore(const Hypothesis& from, const Moment& at) const;
 
   Motion MotionOver(double dt_s) const;
 
-  // `score`: of the hypothesis, unseen over `motion`.
-  Prediction Predict(const Hypothesis& from, double score, const Motion& motion) const;
+  // `score`: of the hypothesis before the frame at `at`, over `motion`.
+  Prediction Predict(const Hypothesis& from, double score, const Motion& motion,
+                     const Moment& at) const;
 
   Gain GainOf(const Prediction& p, const Plot& plot) const;
 
@@ -177,6 +185,8 @@ class TrackModel {
   void SetVisibility(Hypothesis* h) const;
   double AgileFactor() const;  // further noise of a manoeuvre
   double LogMiss(const Hypothesis& from, double exposure_s_per_m2) const;
+  double LogMissUnknown(double exposure_s_per_m2) const;  // nothing is known of how it is seen
+  double PerFrame(std::uint32_t sensor, const State& state) const;
 
   double sigma_;
   std::vector<double> frame_s_;                // (sensors)

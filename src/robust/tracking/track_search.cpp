@@ -59,9 +59,9 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
   // Room for the births and as many that go on: rarely are there more, which then have to move.
   history_.reserve(plots.size() * 2 * config.birth_speeds_mps.size());
   for (const Slice& slice : slices) Extend(slice);
-  const double least_hits = config_.min_fragment_plots - 1.0;
+  const auto least_plots = static_cast<std::uint32_t>(config_.min_fragment_plots);
   for (std::size_t h = 0; h < history_.size(); ++h) {
-    if (history_[h].score <= 0.0 || history_[h].hits < least_hits) continue;
+    if (history_[h].score <= 0.0 || history_[h].num_plots < least_plots) continue;
     ends_.push_back({history_[h].score, static_cast<std::int32_t>(h)});
   }
   std::make_heap(ends_.begin(), ends_.end());
@@ -224,13 +224,13 @@ void TrackSearch::Predict(const Moment& at) {
     const Hypothesis& from = history_[static_cast<std::size_t>(index)];
     const double dt = at.time_s - from.time_s;
     if (dt > config_.max_gap_s) continue;
-    const double score = model_.ScoreUnseen(from, at);
+    const double score = model_.ScoreBefore(from, at);
     if (score < config_.give_up_log) continue;
     if (dt != motion_dt) {
       motions_.push_back(model_.MotionOver(dt));
       motion_dt = dt;
     }
-    predictions_.push_back(model_.Predict(from, score, motions_.back()));
+    predictions_.push_back(model_.Predict(from, score, motions_.back(), at));
     predictions_.back().history = index;
     predictions_.back().motion = static_cast<std::uint32_t>(motions_.size() - 1);
   }

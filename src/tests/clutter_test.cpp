@@ -153,6 +153,20 @@ TEST(EstimateClutter, TheFirstPlotOfAVisitIsNotToldByTheNext) {
   EXPECT_GT(LogClutterOfPair(5, true), log_static - 0.5);
 }
 
+TEST(EstimateClutter, WhatFloatsIsNotTheClutterOfItsSpotAtOtherTimes) {
+  // A drone that hovers is the only thing in its corner of the sky.
+  const Eigen::Vector3d hover_m(25.0, 3.0, 20.0);
+  const auto hit = [&](int i, Clutter* clutter) {
+    if (i % 20 == 0) clutter->AddPlot(hover_m + clutter->maker.random.NormalVector(0.03), kDrone);
+  };
+  Clutter clutter = UniformClutter(0.0, 400, hit);
+  for (Plot& plot : clutter.plots) plot.is_floating = true;
+  Estimate(std::vector<char>(clutter.plots.size(), 0), &clutter);
+  const double others = MedianLogClutter(clutter, kDrone);
+  Estimate(std::vector<char>(clutter.plots.size(), 1), &clutter);
+  EXPECT_NEAR(others, MedianLogClutter(clutter, kDrone), 0.1);
+}
+
 TEST(EstimateClutter, WhatFloatsIsNoStaticThingThatIsSeldomHit) {
   const Eigen::Vector3d hover_m(25.0, 3.0, 20.0);
   const auto hit = [&](int i, Clutter* clutter) {

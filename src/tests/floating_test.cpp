@@ -108,6 +108,42 @@ std::vector<char> FloatingByDefinition(const Recording& recording, const RangeRa
   return are_floating;
 }
 
+// Of the plots of a thing 20 m up that is seen in four frames of a minute, so many seconds apart,
+// behind something that hides much of what is about it.
+std::size_t NumFloatingOfThingSeenEvery(double apart_s) {
+  RecordingMaker maker(3);
+  const Eigen::Vector3d thing_m(30, 0, 20);
+  for (int i = 0; i < 600; ++i) {
+    const double time_s = i * testing::kPeriodS;
+    maker.BeginFrame(time_s);
+    const double seen = (time_s - 10.0) / apart_s;
+    if (std::abs(seen - std::round(seen)) * apart_s < 0.5 * testing::kPeriodS && seen > -0.5 &&
+        seen < 3.5) {
+      maker.Add(thing_m + maker.random.NormalVector(0.05));
+    }
+  }
+  RecordingMaker scene(4);
+  scene.BeginFrame(0.0);
+  scene.AddGround(-1.5, 60.0, 20000);
+  const Ground ground(scene.recording.points_m, GroundConfig());
+  scene.AddBox({15, -8, 2}, {15.2, -0.3, 20}, 20000);
+  const Support support(scene.recording.points_m, ground, {}, BackgroundConfig().occluder_cell_deg,
+                        SupportConfig());
+  std::vector<Plot> plots = PlotsOf(maker.recording);
+  EXPECT_EQ(plots.size(), 4U);
+  MarkFloating(maker.recording, support, BackgroundConfig().place, &plots);
+  return static_cast<std::size_t>(
+      std::count_if(plots.begin(), plots.end(), [](const Plot& plot) { return plot.is_floating; }));
+}
+
+TEST(MarkFloating, WhatIsThereForAWhileOnlyHasComeAndIsHeldByNothingHidden) {
+  EXPECT_EQ(NumFloatingOfThingSeenEvery(1.0), 4U);
+  EXPECT_EQ(NumFloatingOfThingSeenEvery(2.0), 4U);
+  // Seen now and then all the time, it may be a twig of what is hidden.
+  EXPECT_EQ(NumFloatingOfThingSeenEvery(10.0), 0U);
+  EXPECT_EQ(NumFloatingOfThingSeenEvery(16.0), 0U);
+}
+
 TEST(MarkFloating, IsThatOfItsDefinition) {
   const RangeRadius place = BackgroundConfig().place;
   for (std::uint32_t seed = 0; seed < 8; ++seed) {

@@ -160,6 +160,36 @@ TEST(Support, AThingOfWhoseSurroundingsTooMuchIsHiddenDoesNotFloat) {
   EXPECT_TRUE(BlobFloats(at_m, behind_m));
 }
 
+TEST(Support, WhatHasComeHighAboveTheGroundIsHeldByNothingThatIsHiddenOrFarAway) {
+  const SupportConfig config;
+  std::vector<Eigen::Vector3f> structure_m = FlatGround();
+  const Ground ground(structure_m, GroundConfig());
+  const std::vector<Eigen::Vector3f> wall_m = WallAhead(-8.0, -0.4);
+  structure_m.insert(structure_m.end(), wall_m.begin(), wall_m.end());
+  const Support support(structure_m, ground, {}, kCellDeg, config);
+  const Eigen::Vector3f beside_the_wall_m(20.0F, 0.0F, 8.0F);
+  EXPECT_FALSE(support.IsFloating(beside_the_wall_m));
+  EXPECT_TRUE(support.IsFloating(beside_the_wall_m, true));
+  // The top of a lorry behind a hedge has come as well,
+  const Eigen::Vector3f low_m(20.0F, 0.0F, 3.4F);  // 4.9 m above the ground
+  EXPECT_FALSE(support.IsFloating(low_m, true));
+  // and who knows how high the sky is without a ground?
+  const Ground none({}, GroundConfig());
+  const Support up(wall_m, none, {}, kCellDeg, config);
+  EXPECT_FALSE(up.IsFloating(beside_the_wall_m, true));
+  // Farther away than the far reach begins.
+  const Eigen::Vector3d far_m(50, 0, 30);
+  const std::vector<Eigen::Vector3f> thing_m = Blob(far_m + Eigen::Vector3d(0, 12, 0));
+  structure_m = FlatGround();
+  structure_m.insert(structure_m.end(), thing_m.begin(), thing_m.end());
+  const Support beside_a_thing(structure_m, ground, {}, kCellDeg, config);
+  EXPECT_FALSE(beside_a_thing.IsFloating(far_m.cast<float>()));
+  EXPECT_TRUE(beside_a_thing.IsFloating(far_m.cast<float>(), true));
+  // What is near enough to be tied to it holds it in any case.
+  const Eigen::Vector3f next_to_it_m = (far_m + Eigen::Vector3d(0, 7, 0)).cast<float>();
+  EXPECT_FALSE(beside_a_thing.IsFloating(next_to_it_m, true));
+}
+
 TEST(Support, WithoutStructureEverythingInRangeFloats) {
   const Ground ground({}, GroundConfig());
   const Support support({}, ground, {}, kCellDeg, SupportConfig());

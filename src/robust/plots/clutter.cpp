@@ -101,7 +101,9 @@ class ClutterEstimate {
           GridsOf(radius, [&](std::size_t i) { return spots_[i].elsewhen > 0; });
       for (std::size_t i = 0; i < plots_.size(); ++i) {
         const Plot& plot = plots_[i];
-        const std::uint32_t count = CountsAt(all, i).elsewhen;
+        std::uint32_t count = CountsAt(all, i).elsewhen;
+        // What floats is no clutter, whenever it was seen at its spot.
+        if (plot.is_floating) count -= std::min(count, spots_[i].elsewhen);
         const std::uint32_t frames =
             NumFrames(plot) - BackgroundOf(plot).NumFrames(plot.sensor, Near(i));
         const double exposure = frames * all[plot.sensor].VolumeM3(plot.ray_m.cast<float>());

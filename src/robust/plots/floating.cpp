@@ -46,44 +46,79 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
   return are_replayed;
 }
 
-// Which plots stand still: seen at one place again and again, more often than all about it.
-std::vector<char> AreStanding(const std::vector<Plot>& plots, const RangeRadius& place) {
+// How the place of a plot is seen.
+enum class Stance : char {
+  kPasses,   // no more often than all about it
+  kStands,   // again and again
+  kHasCome,  // again and again for a while, and not before or after it
+};
+
+constexpr TimeNs kStanceBinNs = 500'000'000;
+
+// Whether so many plots, of a thing that stands there all the time, would all lie within so small a
+// share of the time less often than 1 in 100.
+bool IsVisit(std::uint32_t num_plots, double share) {
+  constexpr double kMayBeChance = 0.01;
+  return num_plots * std::pow(share, num_plots - 1.0) < kMayBeChance;
+}
+
+std::vector<Stance> StancesOf(const Recording& recording, const std::vector<Plot>& plots,
+                              const RangeRadius& place) {
   constexpr double kWider = 3.0;
   constexpr std::uint32_t kMinPlots = 3;
+  const TimeNs begin_ns = recording.frames.front().begin_ns;
+  const auto bin_of = [&](TimeNs time_ns) {
+    return static_cast<std::uint32_t>(std::max<TimeNs>(0, time_ns - begin_ns) / kStanceBinNs);
+  };
+  std::uint32_t last_bin = 0;
+  for (const FrameInfo& frame : recording.frames) {
+    last_bin = std::max(last_bin, bin_of(frame.end_ns));
+  }
   RangeGrid places(place);
   RangeGrid regions({kWider * place.constant_m, kWider * place.slope});
   for (const Plot& plot : plots) {
-    places.Add(plot.position_m.cast<float>(), 0);
+    places.Add(plot.position_m.cast<float>(), bin_of(plot.time_ns));
     regions.Add(plot.position_m.cast<float>(), 0);
   }
-  std::vector<char> are_standing;
-  for (const Plot& plot : plots) {
-    const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+  BinSet seen(last_bin + 1);
+  std::vector<std::uint32_t> bins;
+  std::vector<Stance> stances(plots.size(), Stance::kPasses);
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    const Eigen::Vector3f place_m = plots[i].position_m.cast<float>();
     const std::uint32_t here = places.Count(place_m);
     const double chance =
         regions.Count(place_m) * places.VolumeM3(place_m) / regions.VolumeM3(place_m);
-    are_standing.push_back(here >= kMinPlots && here > chance + 3.0 * std::sqrt(chance));
+    if (here < kMinPlots || here <= chance + 3.0 * std::sqrt(chance)) continue;
+    places.InsertBins(place_m, &seen);
+    bins.clear();
+    seen.MoveTo(&bins);
+    const double share = (bins.back() - bins.front() + 1.0) / (last_bin + 1.0);
+    stances[i] = IsVisit(here, share) ? Stance::kHasCome : Stance::kStands;
   }
-  return are_standing;
+  return stances;
 }
 
 // What else stands beside each floating plot at the same time, against what does farther about it.
 class Company {
  public:
-  Company(const std::vector<Plot>& plots, const std::vector<char>& are_standing,
-          const SupportConfig& config)
-      : tallies_({config.body_m, 0.01}) {
+  Company(const std::vector<Plot>& plots, const std::vector<Stance>& stances,
+          const Support& support)
+      : tallies_({support.config().body_m, 0.01}) {
     constexpr TimeNs kSameTimeNs = 300'000'000;
-    const std::vector<Standing> all_standing = ByTime(plots, are_standing);
+    const std::vector<Standing> all_standing = ByTime(plots, stances);
     auto first = all_standing.begin();
-    for (const Plot& plot : plots) {
+    for (std::size_t i = 0; i < plots.size(); ++i) {
+      const Plot& plot = plots[i];
       while (first != all_standing.end() && first->time_ns < plot.frame_time_ns - kSameTimeNs)
         ++first;
       if (!plot.is_floating) continue;
-      const double reach_m = config.ReachM(plot.position_m.norm());
+      const double reach_m =
+          support.ReachM(plot.position_m.cast<float>(), stances[i] == Stance::kHasCome);
       const auto tally_at = [&](double distance_m) {
         if (distance_m >= kSurroundings * reach_m) return kNone;
-        return distance_m <= config.body_m ? kSelf : distance_m < reach_m ? kBeside : kAbout;
+        return distance_m <= support.config().body_m ? kSelf
+               : distance_m < reach_m                ? kBeside
+                                                     : kAbout;
       };
       Tallies tallies{};
       tallies[kPlots] = 1;
@@ -123,11 +158,11 @@ class Company {
   };
 
   static std::vector<Standing> ByTime(const std::vector<Plot>& plots,
-                                      const std::vector<char>& are_standing) {
+                                      const std::vector<Stance>& stances) {
     std::vector<Standing> all_standing;
     std::vector<Eigen::Vector3d> places_m;
     for (std::size_t i = 0; i < plots.size(); ++i) {
-      if (are_standing[i]) places_m.push_back(plots[i].position_m);
+      if (stances[i] != Stance::kPasses) places_m.push_back(plots[i].position_m);
       const bool is_last =
           i + 1 == plots.size() || plots[i + 1].frame_time_ns != plots[i].frame_time_ns;
       if (!is_last || places_m.empty()) continue;
@@ -166,12 +201,15 @@ class Company {
 
 void MarkFloating(const Recording& recording, const Support& support, const RangeRadius& place,
                   std::vector<Plot>* plots) {
-  const std::vector<char> are_standing = AreStanding(*plots, place);
+  if (plots->empty()) return;
+  const std::vector<Stance> stances = StancesOf(recording, *plots, place);
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
-    plot.is_floating = are_standing[i] != 0 && support.IsFloating(plot.position_m.cast<float>());
+    plot.is_floating =
+        stances[i] != Stance::kPasses &&
+        support.IsFloating(plot.position_m.cast<float>(), stances[i] == Stance::kHasCome);
   }
-  const Company company(*plots, are_standing, support.config());
+  const Company company(*plots, stances, support);
   const std::vector<char> are_replayed = AreReplayed(recording, *plots);
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];

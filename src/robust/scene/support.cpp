@@ -11,6 +11,8 @@ namespace unlidar {
 namespace {
 
 constexpr double kCellM = 2.0;
+// Nothing that comes on the ground reaches higher: lorries and buses have up to 4.5 m.
+constexpr double kTallestVisitorM = 5.0;
 
 }  // namespace
 
@@ -49,12 +51,25 @@ void Support::Fill(const PointsView& structure_m, const ElevationRange& view,
   first_.push_back(static_cast<std::uint32_t>(points_m_.size()));
 }
 
-bool Support::IsFloating(const Eigen::Vector3f& place_m) const {
+// High above a known ground nothing comes that stands: so it is held by nothing that is hidden, or
+// seen badly as it is far away.
+bool Support::FlewTo(const Eigen::Vector3f& place_m, bool has_come) const {
+  if (!has_come) return false;
+  const double height_m = ground_.HeightAbove(place_m);
+  return std::isfinite(height_m) && height_m > kTallestVisitorM;
+}
+
+double Support::ReachM(const Eigen::Vector3f& place_m, bool has_come) const {
+  const auto range_m = static_cast<double>(place_m.norm());
+  return FlewTo(place_m, has_come) ? config_.reach.At(range_m) : config_.ReachM(range_m);
+}
+
+bool Support::IsFloating(const Eigen::Vector3f& place_m, bool has_come) const {
   const auto range_m = static_cast<double>(place_m.norm());
   if (range_m > config_.max_range_m) return false;
   // The station itself may hold it, as the ground may.
   const double nearest_m = std::min(range_m, ground_.HeightAbove(place_m));
-  const auto reach_m = static_cast<float>(config_.ReachM(range_m));
+  const auto reach_m = static_cast<float>(ReachM(place_m, has_come));
   if (nearest_m < static_cast<double>(reach_m)) return false;
   const auto body_m = static_cast<float>(config_.body_m);
   const auto holds = [&](const Eigen::Vector3f& structure_m) {
@@ -82,8 +97,9 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m) const {
     }
   }
   // What holds it may be hidden or out of view.
-  return depth_.HiddenShare(place_m, config_.ReachM(range_m), config_.body_m, view_) <=
-         config_.max_hidden_share;
+  return FlewTo(place_m, has_come) ||
+         depth_.HiddenShare(place_m, config_.ReachM(range_m), config_.body_m, view_) <=
+             config_.max_hidden_share;
 }
 
 std::vector<std::uint32_t> Support::FloatingReturns(

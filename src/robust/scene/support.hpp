@@ -38,13 +38,19 @@ class Support {
 
   const SupportConfig& config() const { return config_; }
 
-  bool IsFloating(const Eigen::Vector3f& place_m) const;
+  // `has_come`: the thing was not there before, or is no more.
+  bool IsFloating(const Eigen::Vector3f& place_m, bool has_come = false) const;
+
+  // How far from a thing that may be which holds it up.
+  double ReachM(const Eigen::Vector3f& place_m, bool has_come) const;
 
   // The returns of `structure` that float; both are indices into the recording, ascending.
   std::vector<std::uint32_t> FloatingReturns(const Recording& recording,
                                              const std::vector<std::uint32_t>& structure) const;
 
  private:
+  bool FlewTo(const Eigen::Vector3f& place_m, bool has_come) const;
+
   const Ground& ground_;
   ElevationRange view_;
   SupportConfig config_;

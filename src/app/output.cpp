@@ -69,7 +69,9 @@ Json RobustJson(const RobustCounts& counts) {
           {"body_returns", counts.body_returns},
           {"plots", counts.plots},
           {"paths", counts.paths},
-          {"score_threshold", counts.score_threshold}};
+          {"score_threshold", counts.score_threshold},
+          {"null_score", counts.null_score},
+          {"false_alarms", counts.false_alarms}};
 }
 
 Json CountsJson(const PipelineResult& result) {

@@ -12,6 +12,7 @@
 #include "robust/plots/views.hpp"
 #include "robust/tracking/doubts.hpp"
 #include "robust/tracking/flight.hpp"
+#include "robust/tracking/null_score.hpp"
 
 namespace unlidar {
 namespace {
@@ -63,6 +64,17 @@ double LossAmongOthers(const Path& path, const std::vector<Plot>& plots,
     loss += std::max(0.0, log_rate - plot.log_clutter);
   }
   return loss;
+}
+
+// Which plots no path explains that is likelier a target than chance.
+std::vector<char> AreClutter(std::size_t num_plots, const std::vector<Path>& paths,
+                             double threshold) {
+  std::vector<char> are_clutter(num_plots, 1);
+  for (const Path& path : paths) {
+    if (path.score < threshold) continue;
+    for (const std::uint32_t i : path.plots) are_clutter[i] = 0;
+  }
+  return are_clutter;
 }
 
 // Makes the targets of paths, one after the other: a return is one target's.
@@ -202,11 +214,11 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   const std::vector<Plot>& plots = views.plots();
   // A score is a log likelihood ratio, weighted by how likely its first plot is the first: so by
   // Ville's inequality clutter reaches the threshold from all plots and with all models together
-  // with a probability of at most false_alarms_per_recording.
+  // with a probability of at most false_alarms_per_recording, if it is what the model says.
   const std::size_t num_models =
       config.tracker.sigma_a_mps2.size() * config.tracker.birth_speeds_mps.size();
   const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
-  const double threshold = std::log(num_starts / config.false_alarms_per_recording);
+  double threshold = std::log(num_starts / config.false_alarms_per_recording);
   const Watch watch = WatchOf(recording);
   const std::vector<SensorView> sensor_views = views.SensorViews();
   const auto targets_of = [&](const std::vector<Path>& paths) {
@@ -239,11 +251,24 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     }
     if (explained == before) break;
   }
+  // What it is shows with its frames in random order. Scores above that are as rare as above the
+  // model's.
+  const double null_score = NullScore(recording, plots, AreClutter(plots.size(), paths, threshold),
+                                      watch, config.tracker);
+  const double null_threshold = null_score - std::log(config.false_alarms_per_recording);
+  if (null_threshold > threshold) {
+    threshold = null_threshold;
+    found = targets_of(paths);
+  }
 
   const std::vector<char>& are_bodies = views.are_bodies();
   result.counts = {views.num_unexplained(),
                    static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),
-                   plots.size(), paths.size(), threshold};
+                   plots.size(),
+                   paths.size(),
+                   threshold,
+                   null_score,
+                   config.false_alarms_per_recording};
   TargetCollector collector(recording, views, watch, threshold, config, trajectory_config, &paths);
   for (const std::size_t k : found) collector.Add(k);
   result.targets = collector.Finish();

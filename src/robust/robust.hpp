@@ -32,6 +32,8 @@ struct RobustCounts {
   std::size_t plots = 0;
   std::size_t paths = 0;
   double score_threshold = 0.0;  // that a path must reach
+  double null_score = 0.0;       // that the clutter reaches with its frames in random order
+  double false_alarms = 0.0;     // tracks of clutter that are to be expected, at most
 };
 
 struct RobustResult {

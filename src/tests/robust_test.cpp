@@ -355,10 +355,27 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
   EXPECT_GE(result.counts.paths, result.targets.size());
   EXPECT_GE(result.counts.plots, result.targets.front().measurements.size());
   constexpr double kModels = 6.0;  // three agilities, two birth speeds
+  const double num_starts = kModels * static_cast<double>(result.counts.plots);
   EXPECT_NEAR(result.counts.score_threshold,
-              std::log(kModels * static_cast<double>(result.counts.plots) /
-                       config.false_alarms_per_recording),
+              std::max(std::log(num_starts), result.counts.null_score) -
+                  std::log(config.false_alarms_per_recording),
               1e-9);
+  EXPECT_EQ(result.counts.false_alarms, config.false_alarms_per_recording);
+}
+
+TEST(FindTargetsRobust, WhatATargetShowsBesideItsPathIsNoClutter) {
+  // A large drone that hovers shows as two plots in many frames, of which a path takes one.
+  const Flight hover = [](double time_s) -> Eigen::Vector3d {
+    return {8.0, 2.0 + 2.5 * std::max(0.0, time_s - 8.0), 6.0};
+  };
+  const Filler fill = [&](double time_s, RecordingMaker* maker) {
+    for (const double side : {-0.32, 0.32}) {
+      maker->AddBlob(hover(time_s) + Eigen::Vector3d(side, 0.0, 0.0), 0.03, 3, kDrone);
+    }
+  };
+  const RobustResult result = Find(Yard(3, fill).recording);
+  ASSERT_EQ(result.targets.size(), 1U);
+  EXPECT_LT(result.counts.null_score, 15.0);
 }
 
 // The same, seen from a sensor that stands elsewhere.

@@ -117,7 +117,7 @@ void ConfirmedTracks::Judge(Look look, const std::vector<SeenPlot>& seen, double
       track->verdict =
           judge_.Judge(track->number, follower, track->is_told, seen, time_s, track->verdict);
     }
-    if (track->is_told && track->verdict->is_cloud) {
+    if (track->is_told && track->verdict->is_other) {
       TellEnd(*track);
       track = tracks_.erase(track);
     } else {

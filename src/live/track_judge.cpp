@@ -38,12 +38,13 @@ TrackJudge::Verdict TrackJudge::Judge(int number, const TrackFollower& follower,
   Verdict verdict;
   verdict.first_s = before ? before->first_s : seen_s;
   verdict.until_s = time_s + std::max(kAgainS, kAgainShare * std::min(seen_s, kHangsS));
-  verdict.is_cloud = IsCloud(number, follower, seen, time_s);
+  const bool is_cloud = IsCloud(number, follower, seen, time_s);
+  verdict.is_other = is_cloud || shape_.IsInsect();
   const bool is_doubtful = shape_.MayBeWide() && seen_s - verdict.first_s < kDoubtS;
   verdict.is_drone =
-      !verdict.is_cloud &&
+      !verdict.is_other &&
       (is_told || (!is_doubtful && !MayHangFor(follower.fit().FittedMeasurements(), seen_s)));
-  if (verdict.is_cloud) clouds_.push_back({number, time_s, std::exchange(shape_, Shape())});
+  if (is_cloud) clouds_.push_back({number, time_s, std::exchange(shape_, Shape())});
   return verdict;
 }
 

@@ -11,8 +11,8 @@
 
 namespace unlidar {
 
-// Judges tracks of a stream as WithoutClouds and MayHang judge the targets of a recording: a track
-// that was given is never taken back, so it waits until it is known to be a drone.
+// Judges tracks of a stream as WithoutCloudsOrInsects and MayHang judge the targets of a recording:
+// a track that was given is never taken back, so it waits until it is known to be a drone.
 class TrackJudge {
  public:
   // `window_s`: how long a cloud tells of others.
@@ -21,9 +21,9 @@ class TrackJudge {
   // What is known of a track.
   struct Verdict {
     bool is_drone = false;  // or it waits
-    bool is_cloud = false;
-    double until_s = 0.0;  // when it is judged again
-    double first_s = 0.0;  // for how long it was seen when it was judged first
+    bool is_other = false;  // a cloud or an insect
+    double until_s = 0.0;   // when it is judged again
+    double first_s = 0.0;   // for how long it was seen when it was judged first
   };
 
   // Judges what a track was fitted to, its number being its own. `seen`: what the frames of the

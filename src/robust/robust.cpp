@@ -113,8 +113,8 @@ class TargetCollector {
   }
 
   std::vector<Target> Finish() {
-    return WithoutClouds(recording_, sensor_views_, plots_, std::move(targets_),
-                         trajectory_config_);
+    return WithoutCloudsOrInsects(recording_, sensor_views_, plots_, std::move(targets_),
+                                  trajectory_config_);
   }
 
  private:

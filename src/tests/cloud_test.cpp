@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <functional>
 #include <vector>
 
@@ -60,7 +61,7 @@ class Sky {
     const std::vector<SensorView> views = {{Eigen::Vector3f::Zero(), nullptr}};
     std::vector<double> kept;
     for (const Target& target :
-         WithoutClouds(maker_.recording, views, Plots(), targets_, TrajectoryConfig())) {
+         WithoutCloudsOrInsects(maker_.recording, views, Plots(), targets_, TrajectoryConfig())) {
       kept.push_back(target.score);
     }
     return kept;
@@ -113,29 +114,54 @@ class Sky {
   std::vector<Target> targets_;
 };
 
-TEST(WithoutClouds, WhatLiesWiderThanADroneIsNone) {
+TEST(WithoutCloudsOrInsects, WhatLiesWiderThanADroneIsNone) {
   const Sky sky({Puff(0.0, 0.6), Drone({-10.0, 5.0, 8.0}, {0.5, 1.0, 0.0})});
   EXPECT_EQ(sky.Kept(), std::vector<double>({1}));
 }
 
-TEST(WithoutClouds, ASmallPieceThatGoesTheWayOfACloudIsPartOfIt) {
+TEST(WithoutCloudsOrInsects, ASmallPieceThatGoesTheWayOfACloudIsPartOfIt) {
   const Sky sky({Puff(4.0, 0.1), Puff(0.0, 0.6)});
   EXPECT_EQ(sky.Kept(), std::vector<double>());
 }
 
-TEST(WithoutClouds, ASmallThingWithoutACloudIsADrone) {
+TEST(WithoutCloudsOrInsects, ASmallThingWithoutACloudIsADrone) {
   const Sky sky({Puff(4.0, 0.1), Puff(0.0, 0.1)});
   EXPECT_EQ(sky.Kept(), std::vector<double>({0, 1}));
 }
 
-TEST(WithoutClouds, ADroneThatPassesACloudIsKept) {
+TEST(WithoutCloudsOrInsects, WhatLiesCloserTogetherThanAnyDroneIsAnInsect) {
+  const auto is_kept = [](double spread_m, double for_s) {
+    Thing thing = Drone({2.0, -3.0, 2.5}, {0.3, 0.8, 0.1});
+    thing.spread_m = spread_m;
+    thing.to_s = for_s;
+    return !Sky({thing}).Kept().empty();
+  };
+  EXPECT_FALSE(is_kept(0.01, 8.0));
+  EXPECT_TRUE(is_kept(0.03, 8.0));
+  EXPECT_TRUE(is_kept(0.1, 8.0));
+  // Of five frames nobody knows.
+  EXPECT_TRUE(is_kept(0.01, 0.5));
+}
+
+TEST(WithoutCloudsOrInsects, AWayThatTurnsMakesAnInsectNoDrone) {
+  // The returns of a frame tell, not how well a smooth way goes through them.
+  Thing insect = Drone({0, 0, 0}, {0, 0, 0});
+  insect.spread_m = 0.01;
+  insect.at = [](double time_s) {
+    return Eigen::Vector3d(2.0 + 0.3 * std::sin(9.0 * time_s), 1.0 + 0.3 * std::cos(7.0 * time_s),
+                           2.5);
+  };
+  EXPECT_TRUE(Sky({insect}).Kept().empty());
+}
+
+TEST(WithoutCloudsOrInsects, ADroneThatPassesACloudIsKept) {
   const Sky sky({Drone(kChimneyM + Eigen::Vector3d(-8.0, 1.0, 3.0), {2.0, 0.0, 0.0}),
                  Drone(kChimneyM + Eigen::Vector3d(1.5, 0.5, 9.0), {0.0, 0.0, -1.0}),
                  Puff(0.0, 0.6)});
   EXPECT_EQ(sky.Kept(), std::vector<double>({0, 1}));
 }
 
-TEST(WithoutClouds, StraysAllAboutADroneDoNotWidenIt) {
+TEST(WithoutCloudsOrInsects, StraysAllAboutADroneDoNotWidenIt) {
   const Sky sky({Drone(kChimneyM - Eigen::Vector3d(0.0, 4.0, 0.0), {0.0, 1.0, 0.0})}, 400);
   EXPECT_EQ(sky.Kept(), std::vector<double>({0}));
 }

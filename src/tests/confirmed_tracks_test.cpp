@@ -33,6 +33,7 @@ SeenPlot PlotAt(int i, const Eigen::Vector3d& position_m) {
   seen.plot.variance_m2 = 0.02;
   seen.plot.log_clutter = std::log(1e-6);
   seen.plot.num_returns = 3;
+  seen.scatter_m2 = 3.0 * 0.1 * 0.1 * Eigen::Matrix3d::Identity();
   seen.stamp_ns = FrameAt(i).stamp_ns;
   seen.time_s = MiddleS(i);
   return seen;
@@ -57,6 +58,7 @@ SeenPlot FarAt(int i, const Eigen::Vector3d& position_m, double log_clutter) {
   seen.plot.variance_m2 = 0.1;
   seen.plot.log_clutter = log_clutter;
   seen.plot.num_returns = 1;
+  seen.scatter_m2.setZero();
   return seen;
 }
 
@@ -246,6 +248,7 @@ SeenPlot SeldomAt(int i, double measured_s, Random* random) {
   seen.time_s = (i + 0.5) * kEvery * kPeriodS;
   constexpr int kReturns = 6;
   seen.plot.num_returns = kReturns;
+  seen.scatter_m2.setZero();
   std::vector<Eigen::Vector3d> returns_m;
   for (int k = 0; k < kReturns; ++k) {
     const double time_s = kEvery * kPeriodS * i + random->Uniform(0.0, measured_s);
@@ -383,6 +386,22 @@ TEST(ConfirmedTracks, ACloudIsFollowedWithoutARow) {
   EXPECT_TRUE(t.confirmed.empty());
   EXPECT_TRUE(t.rows.empty());
   EXPECT_TRUE(t.ended.empty());
+}
+
+TEST(ConfirmedTracks, AnInsectIsFollowedWithoutARow) {
+  const auto insect_at = [](int i) {
+    SeenPlot seen = DroneAt(i);
+    seen.scatter_m2 = 3.0 * 0.01 * 0.01 * Eigen::Matrix3d::Identity();
+    return seen;
+  };
+  Tracks t;
+  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+  ASSERT_TRUE(t.Begin(FlightUntil(20, insect_at), kAnyScore));
+  for (int i = 20; i < 60; ++i) t.GoTo(i, insect_at(i));
+  EXPECT_EQ(t.tracks.Extend(Look::kWhole, {insect_at(60)}, MomentAt(60)), (std::vector<char>{0}));
+  t.tracks.Close(kEndless);
+  EXPECT_TRUE(t.confirmed.empty());
+  EXPECT_TRUE(t.rows.empty());
 }
 
 TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {

@@ -1,4 +1,4 @@
-// What drifts, but is no body: steam, smoke, dust.
+// What flies, but is no drone by its size: clouds of steam, smoke, dust; insects.
 #pragma once
 
 #include <Eigen/Core>
@@ -24,7 +24,7 @@ struct Lump {
   const Eigen::Matrix3d* scatter_m2 = nullptr;  // sum over them, about the mean; none for one
 };
 
-// What a target looks like along its way, and whether that is a cloud.
+// What a target looks like along its way, and whether that is a cloud or an insect.
 class Shape {
  public:
   // A frame: the target at its middle, seen from a viewpoint, and what the frame shows in the air.
@@ -33,6 +33,9 @@ class Shape {
 
   // Whether it lies wider than a drone, or is a piece of one of these clouds.
   bool IsCloud(const std::vector<const Shape*>& clouds) const;
+
+  // Whether the returns of a frame lie closer together than those of any drone do.
+  bool IsInsect() const;
 
   // Whether it lies so wide that it may be a piece of a cloud that is still small.
   bool MayBeWide() const;
@@ -65,7 +68,8 @@ class Shape {
   bool IsPieceOf(const std::vector<const Shape*>& clouds) const;
 
   Tally own_;
-  Tally near_;  // of others
+  Tally near_;    // of others
+  Tally within_;  // its own beside the first of each frame, about the means of the frames
   double strays_ = 0.0;
   std::vector<Mover> way_;      // in the frames that show something about it
   std::vector<Mover> returns_;  // its own and those near it
@@ -74,9 +78,12 @@ class Shape {
 // Leaves out the targets that are clouds: what is about them at the same time, beyond what strays
 // farther about them explain, lies wider than any drone. A cloud comes in many pieces, one after
 // another on nearly the same way, and while they are small they look like drones: so what stays
-// where a cloud is at some time is a piece of it. `plots` in order of time; `views`: (sensors).
-std::vector<Target> WithoutClouds(const Recording& recording, const std::vector<SensorView>& views,
-                                  const std::vector<Plot>& plots, std::vector<Target> targets,
-                                  const TrajectoryConfig& config);
+// where a cloud is at some time is a piece of it. And the insects: their returns of a frame lie
+// closer together than those of any drone. `plots` in order of time; `views`: (sensors).
+std::vector<Target> WithoutCloudsOrInsects(const Recording& recording,
+                                           const std::vector<SensorView>& views,
+                                           const std::vector<Plot>& plots,
+                                           std::vector<Target> targets,
+                                           const TrajectoryConfig& config);
 
 }  // namespace unlidar

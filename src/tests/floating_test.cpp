@@ -108,12 +108,12 @@ std::vector<char> FloatingByDefinition(const Recording& recording, const RangeRa
   return are_floating;
 }
 
-// Of the plots of a thing 20 m up that is seen in four frames of a minute, so many seconds apart,
-// behind something that hides much of what is about it.
-std::size_t NumFloatingOfThingSeenEvery(double apart_s) {
+// Of the plots of a thing 20 m up that is seen in four frames, so many seconds apart, behind
+// something that hides much of what is about it.
+std::size_t NumFloatingOfThingSeenEvery(double apart_s, int num_frames = 600) {
   RecordingMaker maker(3);
   const Eigen::Vector3d thing_m(30, 0, 20);
-  for (int i = 0; i < 600; ++i) {
+  for (int i = 0; i < num_frames; ++i) {
     const double time_s = i * testing::kPeriodS;
     maker.BeginFrame(time_s);
     const double seen = (time_s - 10.0) / apart_s;
@@ -139,6 +139,8 @@ std::size_t NumFloatingOfThingSeenEvery(double apart_s) {
 TEST(MarkFloating, WhatIsThereForAWhileOnlyHasComeAndIsHeldByNothingHidden) {
   EXPECT_EQ(NumFloatingOfThingSeenEvery(1.0), 4U);
   EXPECT_EQ(NumFloatingOfThingSeenEvery(2.0), 4U);
+  // What sways may be elsewhere for ten seconds.
+  EXPECT_EQ(NumFloatingOfThingSeenEvery(0.3, 200), 0U);
   // Seen now and then all the time, it may be a twig of what is hidden.
   EXPECT_EQ(NumFloatingOfThingSeenEvery(10.0), 0U);
   EXPECT_EQ(NumFloatingOfThingSeenEvery(16.0), 0U);

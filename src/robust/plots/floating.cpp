@@ -55,11 +55,15 @@ enum class Stance : char {
 
 constexpr TimeNs kStanceBinNs = 500'000'000;
 
-// Whether so many plots, of a thing that stands there all the time, would all lie within so small a
-// share of the time less often than 1 in 100.
-bool IsVisit(std::uint32_t num_plots, double share) {
+// Whether plots that lie within a span of bins are a visit: of a thing that stands there all the
+// time they would lie within so small a share of it less often than 1 in 100, and what sways comes
+// again sooner.
+bool IsVisit(std::uint32_t num_plots, std::uint32_t span, std::uint32_t num_bins) {
   constexpr double kMayBeChance = 0.01;
-  return num_plots * std::pow(share, num_plots - 1.0) < kMayBeChance;
+  constexpr TimeNs kLongestSwayNs = 20'000'000'000;
+  const double share = static_cast<double>(span) / static_cast<double>(num_bins);
+  return num_plots * std::pow(share, num_plots - 1.0) < kMayBeChance &&
+         (num_bins - span) * kStanceBinNs > kLongestSwayNs;
 }
 
 std::vector<Stance> StancesOf(const Recording& recording, const std::vector<Plot>& plots,
@@ -92,8 +96,8 @@ std::vector<Stance> StancesOf(const Recording& recording, const std::vector<Plot
     places.InsertBins(place_m, &seen);
     bins.clear();
     seen.MoveTo(&bins);
-    const double share = (bins.back() - bins.front() + 1.0) / (last_bin + 1.0);
-    stances[i] = IsVisit(here, share) ? Stance::kHasCome : Stance::kStands;
+    const std::uint32_t span = bins.back() - bins.front() + 1;
+    stances[i] = IsVisit(here, span, last_bin + 1) ? Stance::kHasCome : Stance::kStands;
   }
   return stances;
 }

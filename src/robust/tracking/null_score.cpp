@@ -42,12 +42,10 @@ double NullScore(const Recording& recording, const std::vector<Plot>& plots,
     plot.frame = frame;
     plot.frame_time_ns += moved_ns;
     plot.time_ns += moved_ns;
+    plot.returns = {};  // the search has no use for them
     shuffled.push_back(std::move(plot));
   }
-  std::stable_sort(shuffled.begin(), shuffled.end(), [](const Plot& a, const Plot& b) {
-    return a.frame_time_ns < b.frame_time_ns ||
-           (a.frame_time_ns == b.frame_time_ns && a.frame < b.frame);
-  });
+  SortByFrameTime(&shuffled);
   double best = 0.0;
   for (const Path& path : FindPaths(shuffled, watch, config)) best = std::max(best, path.score);
   return best;

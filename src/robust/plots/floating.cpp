@@ -53,39 +53,32 @@ enum class Stance : char {
   kHasCome,  // again and again for a while, and not before or after it
 };
 
-constexpr TimeNs kStanceBinNs = 500'000'000;
-
-// Whether plots that lie within a span of bins are a visit: of a thing that stands there all the
-// time they would lie within so small a share of it less often than 1 in 100, and what sways comes
-// again sooner.
-bool IsVisit(std::uint32_t num_plots, std::uint32_t span, std::uint32_t num_bins) {
+// Whether plots that lie within these frames, the last one counted, are a visit: of a thing that
+// stands there all the time they would lie within so small a share of the frames less often than 1
+// in 100, and what sways comes again sooner.
+bool IsVisit(std::uint32_t num_plots, const std::vector<FrameInfo>& frames,
+             std::uint32_t first_frame, std::uint32_t last_frame) {
   constexpr double kMayBeChance = 0.01;
   constexpr TimeNs kLongestSwayNs = 20'000'000'000;
-  const double share = static_cast<double>(span) / static_cast<double>(num_bins);
+  const double share = (last_frame - first_frame + 1.0) / static_cast<double>(frames.size());
+  const TimeNs before_ns = frames[first_frame].begin_ns - frames.front().begin_ns;
+  const TimeNs after_ns = frames.back().end_ns - frames[last_frame].end_ns;
   return num_plots * std::pow(share, num_plots - 1.0) < kMayBeChance &&
-         (num_bins - span) * kStanceBinNs > kLongestSwayNs;
+         before_ns + after_ns > kLongestSwayNs;
 }
 
 std::vector<Stance> StancesOf(const Recording& recording, const std::vector<Plot>& plots,
                               const RangeRadius& place) {
   constexpr double kWider = 3.0;
   constexpr std::uint32_t kMinPlots = 3;
-  const TimeNs begin_ns = recording.frames.front().begin_ns;
-  const auto bin_of = [&](TimeNs time_ns) {
-    return static_cast<std::uint32_t>(std::max<TimeNs>(0, time_ns - begin_ns) / kStanceBinNs);
-  };
-  std::uint32_t last_bin = 0;
-  for (const FrameInfo& frame : recording.frames) {
-    last_bin = std::max(last_bin, bin_of(frame.end_ns));
-  }
   RangeGrid places(place);
   RangeGrid regions({kWider * place.constant_m, kWider * place.slope});
   for (const Plot& plot : plots) {
-    places.Add(plot.position_m.cast<float>(), bin_of(plot.time_ns));
+    places.Add(plot.position_m.cast<float>(), plot.frame);
     regions.Add(plot.position_m.cast<float>(), 0);
   }
-  BinSet seen(last_bin + 1);
-  std::vector<std::uint32_t> bins;
+  BinSet seen(recording.frames.size());
+  std::vector<std::uint32_t> frames;
   std::vector<Stance> stances(plots.size(), Stance::kPasses);
   for (std::size_t i = 0; i < plots.size(); ++i) {
     const Eigen::Vector3f place_m = plots[i].position_m.cast<float>();
@@ -94,10 +87,10 @@ std::vector<Stance> StancesOf(const Recording& recording, const std::vector<Plot
         regions.Count(place_m) * places.VolumeM3(place_m) / regions.VolumeM3(place_m);
     if (here < kMinPlots || here <= chance + 3.0 * std::sqrt(chance)) continue;
     places.InsertBins(place_m, &seen);
-    bins.clear();
-    seen.MoveTo(&bins);
-    const std::uint32_t span = bins.back() - bins.front() + 1;
-    stances[i] = IsVisit(here, span, last_bin + 1) ? Stance::kHasCome : Stance::kStands;
+    frames.clear();
+    seen.MoveTo(&frames);
+    stances[i] = IsVisit(here, recording.frames, frames.front(), frames.back()) ? Stance::kHasCome
+                                                                                : Stance::kStands;
   }
   return stances;
 }

@@ -5,7 +5,8 @@
 namespace unlidar {
 
 void Moments::Add(std::uint32_t frame, const Moment& at) {
-  frames_.push_back({frame, at.time_s, at.sensor, num_forgotten_ + counts_.size(), at.frames_before.size()});
+  frames_.push_back(
+      {frame, at.time_s, at.sensor, num_forgotten_ + counts_.size(), at.frames_before.size()});
   for (const std::uint32_t before : at.frames_before) counts_.push_back(before);
 }
 

@@ -376,32 +376,26 @@ SeenPlot PuffAt(int i) {
   return seen;
 }
 
-TEST(ConfirmedTracks, ACloudIsFollowedWithoutARow) {
+void ExpectFollowedWithoutARow(SeenPlot (*plot_at)(int)) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Begin(FlightUntil(20, PuffAt), kAnyScore));
-  for (int i = 20; i < 60; ++i) t.GoTo(i, PuffAt(i));
-  EXPECT_EQ(t.tracks.Extend(Look::kWhole, {PuffAt(60)}, MomentAt(60)), (std::vector<char>{0}));
+  ASSERT_TRUE(t.Begin(FlightUntil(20, plot_at), kAnyScore));
+  for (int i = 20; i < 60; ++i) t.GoTo(i, plot_at(i));
+  EXPECT_EQ(t.tracks.Extend(Look::kWhole, {plot_at(60)}, MomentAt(60)), (std::vector<char>{0}));
   t.tracks.Close(kEndless);
   EXPECT_TRUE(t.confirmed.empty());
   EXPECT_TRUE(t.rows.empty());
   EXPECT_TRUE(t.ended.empty());
 }
 
+TEST(ConfirmedTracks, ACloudIsFollowedWithoutARow) { ExpectFollowedWithoutARow(PuffAt); }
+
 TEST(ConfirmedTracks, AnInsectIsFollowedWithoutARow) {
-  const auto insect_at = [](int i) {
+  ExpectFollowedWithoutARow([](int i) {
     SeenPlot seen = DroneAt(i);
     seen.scatter_m2 = 3.0 * 0.01 * 0.01 * Eigen::Matrix3d::Identity();
     return seen;
-  };
-  Tracks t;
-  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Begin(FlightUntil(20, insect_at), kAnyScore));
-  for (int i = 20; i < 60; ++i) t.GoTo(i, insect_at(i));
-  EXPECT_EQ(t.tracks.Extend(Look::kWhole, {insect_at(60)}, MomentAt(60)), (std::vector<char>{0}));
-  t.tracks.Close(kEndless);
-  EXPECT_TRUE(t.confirmed.empty());
-  EXPECT_TRUE(t.rows.empty());
+  });
 }
 
 TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
+#include <cmath>
 #include <vector>
 
 #include "tests/draws.hpp"
@@ -13,8 +13,6 @@ namespace {
 
 using testing::AddClutter;
 using testing::AddFlight;
-using testing::kBeginNs;
-using testing::kPeriodNs;
 using testing::kPeriodS;
 using testing::Random;
 using testing::RecordingMaker;
@@ -31,12 +29,7 @@ Recording FramesOnly() {
 }
 
 double BestScore(const std::vector<Plot>& plots) {
-  double best = 0.0;
-  const Recording recording = FramesOnly();
-  for (const Path& path : FindPaths(plots, WatchOf(recording), TrackerConfig())) {
-    best = std::max(best, path.score);
-  }
-  return best;
+  return FindPaths(plots, WatchOf(FramesOnly()), TrackerConfig()).front().score;
 }
 
 double NullScoreOf(const std::vector<Plot>& plots) {

@@ -1,10 +1,10 @@
 #include "robust/tracking/null_score.hpp"
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <numeric>
 #include <random>
+#include <utility>
 
 namespace unlidar {
 namespace {
@@ -46,9 +46,8 @@ double NullScore(const Recording& recording, const std::vector<Plot>& plots,
     shuffled.push_back(std::move(plot));
   }
   SortByFrameTime(&shuffled);
-  double best = 0.0;
-  for (const Path& path : FindPaths(shuffled, watch, config)) best = std::max(best, path.score);
-  return best;
+  const std::vector<Path> paths = FindPaths(shuffled, watch, config);  // by falling score
+  return paths.empty() ? 0.0 : paths.front().score;
 }
 
 }  // namespace unlidar

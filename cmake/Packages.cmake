@@ -16,6 +16,7 @@ set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME unlidar-track)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_DEPENDS adduser)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS "bash-completion, logrotate, libunlidar-dev")
 set(CPACK_DEBIAN_PROGRAM_DESCRIPTION "A static ground station with one or more LiDARs
 watches the sky. This program reads their frames, or the packets of Livox
@@ -28,7 +29,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_CONTROL_EXTRA
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libunlidar-dev)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS
-  "libeigen3-dev, liblz4-dev, libpcl-dev, libyaml-cpp-dev")
+  "libceres-dev, libeigen3-dev, liblz4-dev, libpcl-dev, libyaml-cpp-dev")
 set(CPACK_DEBIAN_LIBRARY_DESCRIPTION "The C++ API of unlidar-track, a static library and its
 headers: frames of static LiDARs go in, tracks of drones come out. CMake finds
 it by find_package(unlidar_track).")

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <map>
 #include <string>
 #include <vector>
@@ -16,6 +17,8 @@ enum class StampMeaning { kBegin, kMiddle, kEnd };
 
 struct InputConfig {
   bool skip_bad_frames = false;
+  double scale_m = 1.0;                       // metres in a unit of the coordinates
+  double frame_rate_hz = 0.0;                 // of frames that are numbered; 0: not given
   double min_range_m = 0.5;                   // nearer returns are the station itself
   double max_range_m = 2000.0;                // beyond any LiDAR: absurd coordinates
   StampMeaning stamp = StampMeaning::kBegin;  // Livox and most ROS drivers stamp the first ray
@@ -26,6 +29,7 @@ struct SensorConfig {
   Eigen::Vector3d translation_m = Eigen::Vector3d::Zero();
   Eigen::Vector4d rotation_xyzw = Eigen::Vector4d(0, 0, 0, 1);  // unit quaternion
   double time_offset_s = 0.0;                                   // added to every stamp
+  double frame_rate_hz = 0.0;                                   // in place of the input's; 0: that
 };
 
 // Radius of a neighbourhood as a function of range: constant_m + slope * range. The constant stands
@@ -114,10 +118,24 @@ struct CollectConfig {
   // The centre of a body lies behind the mean of its returns by this share of their spread: 1.33
   // for a ball, less for a flat thing with gaps; 0 leaves the mean.
   double facing_side = 0.4;
-  double max_extension_s = 2.0;  // beyond the ends, per round
   // How far two sensors disagree, prior standard deviations: in place and clock.
   double sensor_bias_m = 0.2;
   double sensor_delay_s = 0.05;
+};
+
+// What can be switched off to see what it is worth, each by a reason of its own (docs/explain.md).
+enum class Rule {
+  kTransient,        // what comes and goes high in the air is held up by nothing hidden
+  kPermutationNull,  // the threshold also exceeds the clutter with its frames in random order
+  kDwell,            // a path has the returns where it stood before it took off and after it landed
+  kSpots,            // returns are weighed against what their very spots show at other times
+  kAlternatives,     // sigmas grow where another continuation is nearly as likely
+  kFrameLength,      // the length of frames without times of points, by the streaks in them
+  kCrowded,          // the penalty for what else is detected about a path at its time
+  kSuspended,        // the gates: what hangs,
+  kClutterReturns,   // what its places' clutter explains better,
+  kCloud,            // steam, smoke, dust,
+  kInsect            // and what is narrower than any drone
 };
 
 struct RobustConfig {
@@ -130,12 +148,17 @@ struct RobustConfig {
   double off_ground_m = 2.0;       // a target is higher than this,
   double off_ground_share = 0.42;  // for this share of its plots
   double min_echo_m2_per_s = 150.0;  // returns per second times range^2: less is an insect
+  std::vector<Rule> disabled_rules;  // of a recording, for an ablation
   BackgroundConfig background;
   GroundConfig ground;
   SupportConfig support;
   PlotConfig plots;
   TrackerConfig tracker;
   CollectConfig collect;
+
+  bool Uses(Rule rule) const {
+    return std::find(disabled_rules.begin(), disabled_rules.end(), rule) == disabled_rules.end();
+  }
 };
 
 struct TrajectoryConfig {

@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -38,6 +39,8 @@ struct TrackEnded {
   int track_id = 0;
   TimeNs last_evidence_ns = 0;
   Kind kind;
+  // Of the one fit that gave all of its rows: with an endless live.delay_s alone.
+  std::optional<MinimumReport> minimum = {};
 };
 
 // Silent: without a frame for live.silent_s. Blinded: it gives frames, but does not see what it
@@ -81,11 +84,14 @@ class Engine {
   std::uint32_t AddSensor(const std::string& name);
 
   // Frames may come in any order within live.reorder_s; those that come later are counted and
-  // dropped. Where no sensor that is not silent gives others than such as are older than
-  // live.window_s, eight in a row, the clock has gone back, or had been ahead: tracks end, and the
-  // engine begins anew. Throws InputError for a frame of no sensor, with a stamp that its sensor
+  // dropped. So are those whose stamps are astray: farther ahead than the clocks of most sensors
+  // have come. Where eight in a row agree, and no more sensors contradict them than agree, they are
+  // the time of now: after a pause they are all taken; where they are older than what was taken by
+  // more than 5 s, or newer by more than live.window_s, tracks end and the engine begins anew.
+  // Throws InputError for a frame of no sensor, with a stamp that its sensor
   // had already or beyond the years 1844 to 2096, or with point times that are not one per point
-  // and within 1 s or 10 frames of the stamp; it is left out then, and the next may follow.
+  // and within 1 s or 10 frames of the stamp; it is left out then, and the next may follow. Throws
+  // UnitError, which is an InputError, where the first seconds of all sensors show no metres.
   void Add(Frame frame);
 
   // As much time has passed, although no frame says so: none older than `now_ns` less
@@ -100,9 +106,13 @@ class Engine {
   // 0 before the first frame. It falls where the engine begins anew only.
   TimeNs newest_ns() const;
 
-  // Frames taken in, empty ones among them, and those dropped as too late.
+  // What is in doubt about the frames so far, each once: a sensor that moves, z that is not up.
+  const std::vector<Warning>& warnings() const;
+
+  // Frames taken in, empty ones among them, and those dropped as too late or astray.
   const InputCounts& counts() const;
   std::uint64_t late_frames() const;
+  std::uint64_t astray_frames() const;
 
  private:
   std::vector<std::string> sensors_;  // as messages call them

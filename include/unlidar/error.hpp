@@ -36,6 +36,12 @@ struct ConfigError : Error {
 struct InputError : Error {
   explicit InputError(const std::string& message) : Error(ExitCode::kInput, message) {}
 };
+
+// Coordinates that are not metres: no frame of that sensor is worth more than the one it was found
+// by, so that leaving out bad frames is no help.
+struct UnitError : InputError {
+  explicit UnitError(const std::string& message) : InputError(message) {}
+};
 struct OutputError : Error {
   explicit OutputError(const std::string& message) : Error(ExitCode::kOutput, message) {}
 };

@@ -20,6 +20,7 @@ struct Track {
   TimeNs begin_ns = 0;  // first and last evidence
   TimeNs end_ns = 0;
   Kind kind;
+  MinimumReport minimum;            // of the fit that gave the rows
   std::vector<TrajectoryRow> rows;  // one per output time while it was there, in order of time
 };
 

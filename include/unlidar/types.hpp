@@ -53,6 +53,29 @@ struct Kind {
   double unknown = 1.0;
 };
 
+// How the minimum of a fit was found, and by whom: "ceres" or "banded".
+struct MinimumReport {
+  const char* solver = "banded";
+  int iterations = 0;
+  bool converged = false;
+  // Of Ceres alone, also where it did not converge and the banded solver found the minimum instead:
+  // half of the sum that is minimised, at its start and its end, and why it ended, in its words.
+  double initial_cost = 0.0;
+  double final_cost = 0.0;
+  const char* termination = "";
+};
+
+// A doubt about the input that the user should know of: results may be wrong although nothing
+// failed.
+struct Warning {
+  std::string code;  // stable, for programs: lower case with '_'
+  std::string text;  // one line, for people; names the sensor
+
+  friend bool operator==(const Warning& a, const Warning& b) {
+    return a.code == b.code && a.text == b.text;
+  }
+};
+
 // What was read, for the summary and for messages.
 struct InputCounts {
   std::uint64_t frames = 0;

@@ -77,8 +77,12 @@ void Engine::Close() { live_->Close(); }
 
 TimeNs Engine::newest_ns() const { return live_->newest_ns(); }
 
+const std::vector<Warning>& Engine::warnings() const { return live_->warnings(); }
+
 const InputCounts& Engine::counts() const { return live_->counts(); }
 
 std::uint64_t Engine::late_frames() const { return live_->late_frames(); }
+
+std::uint64_t Engine::astray_frames() const { return live_->astray_frames().count; }
 
 }  // namespace unlidar

@@ -14,12 +14,13 @@ struct Collector {
 
   void operator()(const TrackConfirmed& track) const {
     tracks.push_back(
-        {track.track_id, track.first_evidence_ns, track.first_evidence_ns, track.kind, {}});
+        {track.track_id, track.first_evidence_ns, track.first_evidence_ns, track.kind, {}, {}});
   }
   void operator()(const RowGiven& given) const { Of(given.row.track_id).rows.push_back(given.row); }
   void operator()(const TrackEnded& track) const {
     Of(track.track_id).end_ns = track.last_evidence_ns;
     Of(track.track_id).kind = track.kind;
+    Of(track.track_id).minimum = track.minimum.value_or(MinimumReport());
   }
   void operator()(const SensorChanged&) const {}
   void operator()(const EngineState&) const {}

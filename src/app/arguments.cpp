@@ -99,6 +99,9 @@ void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& f
   add_file("--summary", arguments.summary,
            "JSON to write: version, effective config, counts and times per\n"
            "stage, tracks");
+  add_file("--trace", arguments.trace,
+           "JSON lines to write: what was detected in each frame, and which\n"
+           "rule refused each path of detections (docs/explain.md)");
   app.add_option("--only-drones", arguments.only_drones,
                  "Leaves out tracks that are a drone with a lower probability than P,\n"
                  "judged by how they fly. While frames come: until it is reached")
@@ -147,6 +150,7 @@ void CheckMode(const Arguments& arguments, const std::vector<std::string>& frame
   refuse("--at", arguments.at, "expected --rate or the stamps of the first LiDAR");
   refuse("--clusters", arguments.clusters, "which never has the whole recording");
   refuse("--points", arguments.points, "which never has the whole recording");
+  refuse("--trace", arguments.trace, "which never has the whole recording");
   if (arguments.format != "csv") {
     refuse("--format", arguments.format, "expected csv, which holds any number of tracks");
   }
@@ -159,8 +163,8 @@ FrameSource ParseSource(const std::string& text) {
     source.name = text.substr(0, equals);
     source.directory = text.substr(equals + 1);
     if (!IsSensorName(source.name)) {
-      throw UsageError("--frames " + text + ": " + Quoted(source.name) +
-                       ", expected a name of letters, digits, '_' and '-' before '='");
+      throw UsageError("--frames " + text + ": " + Quoted(source.name) + ", " +
+                       kExpectedSensorName + " before '='");
     }
   } else {
     source.directory = text;

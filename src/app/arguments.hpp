@@ -22,6 +22,7 @@ struct Arguments {
   std::string clusters;
   std::string points;
   std::string summary;
+  std::string trace;
   bool follow = false;
   bool from_stdin = false;
   std::string livox;

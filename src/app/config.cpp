@@ -45,8 +45,7 @@ std::string Join(const std::string& section, const std::string& key) {
 // `place`: with a colon, or empty.
 void CheckSensorName(const std::string& place, const std::string& name) {
   if (IsSensorName(name)) return;
-  throw ConfigError(place + "sensors: " + Quoted(name) +
-                    ", expected a name of letters, digits, '_' and '-'");
+  throw ConfigError(place + "sensors: " + Quoted(name) + ", " + kExpectedSensorName);
 }
 
 // Overlays values on a config and remembers where each came from, for messages.

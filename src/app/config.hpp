@@ -15,7 +15,8 @@ namespace unlidar {
 // source: with one name misspelt, the other sensor's pose would silently not be applied.
 void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sources);
 
-using ConfigValue = std::variant<bool, std::int64_t, double, std::string, std::vector<double>>;
+using ConfigValue = std::variant<bool, std::int64_t, double, std::string, std::vector<double>,
+                                 std::vector<std::string>>;
 
 struct ConfigEntry {
   std::string key;  // dotted: "input.max_range_m"

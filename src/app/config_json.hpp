@@ -2,6 +2,7 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <vector>
 
 #include "app/config.hpp"
 #include "unlidar/types.hpp"
@@ -12,5 +13,8 @@ namespace unlidar {
 nlohmann::ordered_json ConfigJson(const Config& config);
 
 nlohmann::ordered_json KindJson(const Kind& kind);
+
+nlohmann::ordered_json SplineJson(const MinimumReport& minimum);
+nlohmann::ordered_json WarningsJson(const std::vector<Warning>& warnings);
 
 }  // namespace unlidar

@@ -32,17 +32,25 @@ struct Choices {
   std::vector<std::pair<const char*, E>> names;
 };
 
+template <class E>
+struct Subset {  // a list of some of these, each once, or of none
+  Choices<E> of;
+};
+
 // Calls visit(key, field, constraint) for every key of a sensor.
 template <class Visitor, class Sensor>
 void VisitSensorKeys(Visitor&& visit, const std::string& prefix, Sensor& sensor) {
   visit(prefix + "translation_m", sensor.translation_m, Vector3{1e6});
   visit(prefix + "rotation", sensor.rotation_xyzw, UnitQuaternion{});
   visit(prefix + "time_offset_s", sensor.time_offset_s, Range{-1e9, 1e9});
+  visit(prefix + "frame_rate_hz", sensor.frame_rate_hz, Range{0, 1e9});
 }
 
 template <class Visitor, class Input>
 void VisitInputKeys(Visitor&& visit, Input& input) {
   visit("input.skip_bad_frames", input.skip_bad_frames, Flag{});
+  visit("input.scale_m", input.scale_m, Range{1e-6, 1e6});
+  visit("input.frame_rate_hz", input.frame_rate_hz, Range{0, 1e9});
   visit("input.min_range_m", input.min_range_m, Range{0, 1e4});
   visit("input.max_range_m", input.max_range_m, Range{0, 1e5, false});
   visit("input.stamp", input.stamp,
@@ -171,7 +179,6 @@ void VisitCollectKeys(Visitor&& visit, Collect& collect) {
   visit("robust.collect.rounds", collect.rounds, Range{0, 100});
   visit("robust.collect.body_sigma_m", collect.body_sigma_m, Range{1e-3, 100});
   visit("robust.collect.facing_side", collect.facing_side, Range{0, 10});
-  visit("robust.collect.max_extension_s", collect.max_extension_s, Range{0, 600});
   visit("robust.collect.sensor_bias_m", collect.sensor_bias_m, Range{1e-6, 100});
   visit("robust.collect.sensor_delay_s", collect.sensor_delay_s, Range{1e-6, 100});
 }
@@ -186,6 +193,18 @@ void VisitRobustKeys(Visitor&& visit, Robust& robust) {
   visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
   visit("robust.off_ground_share", robust.off_ground_share, Range{0, 1});
   visit("robust.min_echo_m2_per_s", robust.min_echo_m2_per_s, Range{0, 1e9});
+  visit("robust.disabled_rules", robust.disabled_rules,
+        Subset<Rule>{{{{"transient", Rule::kTransient},
+                       {"permutation_null", Rule::kPermutationNull},
+                       {"dwell", Rule::kDwell},
+                       {"spots", Rule::kSpots},
+                       {"alternatives", Rule::kAlternatives},
+                       {"frame_length", Rule::kFrameLength},
+                       {"crowded", Rule::kCrowded},
+                       {"suspended", Rule::kSuspended},
+                       {"clutter_returns", Rule::kClutterReturns},
+                       {"cloud", Rule::kCloud},
+                       {"insect", Rule::kInsect}}}});
   VisitBackgroundKeys(visit, robust.background);
   VisitGroundKeys(visit, robust.ground);
   VisitSupportKeys(visit, robust.support);

@@ -8,9 +8,12 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <set>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <utility>
+#include <variant>
 #include <vector>
 
 #include "app/config.hpp"
@@ -41,16 +44,25 @@ std::string Expected(const Number&, const Range& range) {
   return (std::is_integral_v<Number> ? "an integer" : "a number") + Interval(range);
 }
 
+// "robust, paper".
 template <class E>
-std::string Expected(const E&, const Choices<E>& choices) {
-  std::string text = "one of";
-  const char* separator = " ";
+std::string NamesOf(const Choices<E>& choices) {
+  std::string text;
   for (const auto& [name, value] : choices.names) {
-    text += separator;
+    if (!text.empty()) text += ", ";
     text += name;
-    separator = ", ";
   }
   return text;
+}
+
+template <class E>
+std::string Expected(const E&, const Choices<E>& choices) {
+  return "one of " + NamesOf(choices);
+}
+
+template <class E>
+std::string Expected(const std::vector<E>&, const Subset<E>& constraint) {
+  return "a list of different ones, of " + NamesOf(constraint.of);
 }
 
 // All of the text as a number; no other notation than decimal, whatever the locale.
@@ -88,6 +100,13 @@ bool Holds(const E& field, const Choices<E>& choices) {
                      [&](const auto& choice) { return choice.second == field; });
 }
 
+template <class E>
+bool Holds(const std::vector<E>& field, const Subset<E>& constraint) {
+  return std::set<E>(field.begin(), field.end()).size() == field.size() &&
+         std::all_of(field.begin(), field.end(),
+                     [&](const E& value) { return Holds(value, constraint.of); });
+}
+
 // A value that was not read from a text, for messages.
 template <class Field>
 std::string TextOf(const Field& field) {
@@ -97,7 +116,9 @@ std::string TextOf(const Field& field) {
     return NumberText(static_cast<double>(field));
   } else {
     std::string text = "[";
-    for (const double value : field) text += (text == "[" ? "" : ", ") + NumberText(value);
+    for (const auto value : field) {
+      text += (text == "[" ? "" : ", ") + NumberText(static_cast<double>(value));
+    }
     return text + "]";
   }
 }
@@ -128,6 +149,18 @@ bool Read(const YAML::Node& node, E& field, const Choices<E>& choices) {
   return false;
 }
 
+template <class E>
+bool Read(const YAML::Node& node, std::vector<E>& field, const Subset<E>& constraint) {
+  if (!node.IsSequence()) return false;
+  std::vector<E> values(node.size());
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!Read(node[i], values[i], constraint.of)) return false;
+  }
+  if (!Holds(values, constraint)) return false;
+  field = std::move(values);
+  return true;
+}
+
 // The value of a field as it is listed.
 inline ConfigValue ValueOf(bool field, Flag) { return field; }
 inline ConfigValue ValueOf(const std::vector<double>& field, const Elements&) { return field; }
@@ -154,6 +187,16 @@ ConfigValue ValueOf(E field, const Choices<E>& choices) {
     if (value == field) return std::string(name);
   }
   throw std::logic_error("a config field holds a value without a name");
+}
+
+template <class E>
+ConfigValue ValueOf(const std::vector<E>& field, const Subset<E>& constraint) {
+  std::vector<std::string> names;
+  names.reserve(field.size());
+  for (const E value : field) {
+    names.push_back(std::get<std::string>(ValueOf(value, constraint.of)));
+  }
+  return names;
 }
 
 }  // namespace unlidar

@@ -72,8 +72,8 @@ void GrowingFile::Flush() {
                        (lost_lines_ > 0 ? ", lost: " + Count(lost_lines_, "line") : ""));
 }
 
-void GrowingFile::Reopen() {
-  if (path_ == "-") return;
+bool GrowingFile::Reopen() {
+  if (path_ == "-") return false;
   const int old_fd = std::exchange(fd_, -1);
   struct stat before {};
   struct stat now {};
@@ -81,11 +81,12 @@ void GrowingFile::Reopen() {
                        before.st_dev == now.st_dev && before.st_ino == now.st_ino;
   if (is_same) {
     fd_ = old_fd;
-    return;
+    return false;
   }
   ::close(old_fd);
   Open();
   Flush();
+  return true;
 }
 
 void GrowingFile::Close() {

@@ -45,8 +45,8 @@ class GrowingFile {
 
   void Flush();
 
-  // Opens the path again: a new file where the old one was moved away, else the same.
-  void Reopen();
+  // Opens the path again: a new file where the old one was moved away, else the same. Whether new.
+  bool Reopen();
 
   // The last Flush(). Throws OutputError if the disk is still full.
   void Close();

@@ -18,6 +18,8 @@
 #include "app/signals.hpp"
 #include "base/format.hpp"
 #include "base/recording.hpp"
+#include "io/arrival.hpp"
+#include "io/frame_directory.hpp"
 #include "io/frame_preparation.hpp"
 #include "unlidar/error.hpp"
 
@@ -32,6 +34,16 @@ TimeNs HoldNs(const LiveConfig& live) {
   return std::isfinite(live.window_s) ? NsOf(live.window_s) : std::numeric_limits<TimeNs>::max();
 }
 
+// Rows that are a day ahead of this computer are of no clock that frames are taken up by; a box
+// without a battery may be behind its own rows by less.
+RowTimes EarlierRows(const Config& config) {
+  const double late_s = config.live.delay_s + config.robust.tracker.max_gap_s;
+  const TimeNs held_ns = HoldNs(config.live);
+  const bool is_endless = held_ns > kMaxStampNs || std::isinf(late_s);
+  const auto now = std::chrono::system_clock::now() + std::chrono::hours(24);
+  return {is_endless ? 2 * kMaxStampNs : held_ns + NsOf(late_s), NsSinceEpoch(now)};
+}
+
 // The loop: wait for the source, let it read, write what that brought.
 class LiveRun {
  public:
@@ -39,7 +51,7 @@ class LiveRun {
           const std::function<void(const std::string&)>& note)
       : request_(request),
         config_(config),
-        output_(request.out, request.events, signals_, note),
+        output_(request.out, request.events, EarlierRows(config), signals_, note),
         teller_(output_, service_, note),
         intake_(request, config, teller_) {
     output_.KeepOnlyDrones(request.least_drone, HoldNs(config.live));
@@ -48,6 +60,10 @@ class LiveRun {
   void Run() {
     try {
       source_ = OpenSource(request_, config_, TakenUpAfter(), intake_, teller_);
+      if (const std::optional<TimeNs> last_row_ns = output_.row_times().last_ns()) {
+        teller_.Note(request_.out + ": appends to it, it holds rows until " +
+                     SecondsText(*last_row_ns));
+      }
       while (const std::optional<bool> is_ready = Wait()) {
         if (!source_->Read(*is_ready)) break;
       }
@@ -64,19 +80,25 @@ class LiveRun {
     source_->AddTo(&summary);
     summary.tracks = output_.tracks();
     summary.tracks_left_out = output_.tracks_left_out();
+    summary.left_out_rows = output_.left_out_rows();
+    summary.unwritable_rows = output_.unwritable_rows();
     return summary;
   }
 
  private:
   // A restart reads the last window before the last row once more: the scene must be known again
-  // where the rows go on. Rows of before that are of a clock that has gone back.
+  // where the rows go on.
   std::optional<TimeNs> TakenUpAfter() {
-    const std::optional<TimeNs> last_row_ns = output_.last_row_ns();
-    if (request_.sources.empty() || !last_row_ns) return std::nullopt;
+    const std::optional<TimeNs> latest_row_ns = output_.row_times().latest_ns();
+    if (!latest_row_ns) return std::nullopt;
+    if (request_.sources.empty()) {
+      if (!request_.livox) output_.RefuseEarlierRows();
+      return std::nullopt;
+    }
+    const double window_s = config_.live.window_s;
     std::optional<TimeNs> after_ns;
-    if (std::isfinite(config_.live.window_s)) after_ns = *last_row_ns - NsOf(config_.live.window_s);
-    output_.LeaveOut(after_ns, *last_row_ns);
-    if (after_ns) teller_.Note(request_.out + ": goes on behind its last row");
+    if (std::isfinite(window_s)) after_ns = *latest_row_ns - NsOf(window_s);
+    output_.LeaveOut(after_ns, *latest_row_ns);
     return after_ns;
   }
 
@@ -130,11 +152,26 @@ void NoteLosses(const LiveSummary& summary, const std::function<void(const std::
   if (summary.refused_packets > 0) note(Count(summary.refused_packets, "packet") + " refused");
   say(summary.counts.bad_frames, " could not be parsed and skipped (input.skip_bad_frames)");
   say(summary.late_frames, " came later than live.reorder_s and dropped");
+  say(summary.astray_frames,
+      " astray and left out: neither this clock nor most LiDARs bear them out");
+  say(summary.surplus_frames, kSurplusText);
   say(summary.overload_frames, " left out while overloaded");
-  say(summary.vanished_frames, " removed before it could be read");
-  say(summary.passed_over_frames, " passed over: the stamp had come before");
+  say(summary.followed.vanished, kVanishedText);
+  say(summary.followed.passed_over, kPassedOverText);
+  say(summary.followed.worked_off, kWorkedOffText);
+  if (summary.left_out_rows > 0) {
+    note(Count(summary.left_out_rows, "row") + " left out: --out held them already");
+  }
+  if (summary.unwritable_rows > 0) {
+    note(Count(summary.unwritable_rows, "row") + kUnwritableText);
+  }
   for (const LiveInput& input : summary.inputs) {
     if (input.blinded_s > 0.0) note(BlindedText(input.name, input.blinded_s));
+  }
+  for (const LiveTrack& track : summary.tracks) {
+    if (track.minimum && !track.minimum->converged) {
+      note(NotConvergedText(track.id, *track.minimum));
+    }
   }
   if (summary.tracks_left_out > 0) note(TracksLeftOutText(summary.tracks_left_out));
   if (summary.tracks.empty()) {

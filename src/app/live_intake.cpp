@@ -1,8 +1,10 @@
 #include "app/live_intake.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 #include <utility>
 
+#include "app/output.hpp"
 #include "base/format.hpp"
 #include "io/frame_preparation.hpp"
 
@@ -29,7 +31,8 @@ LiveIntake::LiveIntake(const LiveRequest& request, const Config& config, LiveTel
       engine_(
           config, NamesOf(request.sources), request.output_times,
           [this](const EngineEvent& event) { teller_.Take(event, Progress()); },
-          request.livox ? std::make_optional(TimeReading::kOffset) : std::nullopt),
+          request.livox ? std::make_optional(TimeReading::kOffset) : std::nullopt,
+          request.livox.has_value()),
       skips_bad_frames_(config.input.skip_bad_frames || request.livox),
       why_skipped_(request.livox ? "" : " (input.skip_bad_frames)"),
       pace_(Seconds(config.live.overload_s)) {
@@ -38,8 +41,8 @@ LiveIntake::LiveIntake(const LiveRequest& request, const Config& config, LiveTel
 
 void LiveIntake::AppendSensor(const std::string& name) {
   sensors_.emplace_back();
-  sensors_.back().name = name;
-  teller_.AddSensor(name);
+  sensors_.back().name = Shortened(name, kMaxSensorNameBytes);  // a folder's may be anything
+  teller_.AddSensor(sensors_.back().name);
 }
 
 std::optional<std::size_t> LiveIntake::SensorNamed(const std::string& name) const {
@@ -58,7 +61,17 @@ std::size_t LiveIntake::AddSensor(const std::string& name, const std::string& fi
   return sensors_.size() - 1;
 }
 
-bool LiveIntake::IsInTime(std::size_t sensor, std::optional<Clock::duration> waited) {
+void LiveIntake::ReplaceSensor(std::size_t sensor, const std::string& name) {
+  teller_.Note(name + " takes the place of " + sensors_[sensor].name + ", which is silent");
+  engine_.ReplaceSensor(static_cast<std::uint32_t>(sensor), name);
+  sensors_[sensor] = Sensor();
+  sensors_[sensor].name = name;
+  teller_.ReplaceSensor(sensor, name);
+}
+
+bool LiveIntake::IsInTime(std::size_t sensor, TimeNs stamp_ns,
+                          std::optional<Clock::duration> waited,
+                          const std::optional<Arrival>& arrival) {
   const Clock::time_point now = Clock::now();
   sensors_[sensor].came = now;
   if (std::exchange(sensors_[sensor].is_silent_by_clock, false)) {
@@ -69,27 +82,66 @@ bool LiveIntake::IsInTime(std::size_t sensor, std::optional<Clock::duration> wai
   }
   const bool is_kept = pace_.Keeps(sensor, waited, now);
   teller_.TellPace(pace_.one_in(), overload_frames_, Progress());
-  if (!is_kept) ++overload_frames_;
-  return is_kept;
+  if (is_kept) return true;
+  ++overload_frames_;
+  engine_.LeaveOut(static_cast<std::uint32_t>(sensor), stamp_ns, arrival);
+  return false;
 }
 
-void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& name, PcdCloud cloud) {
+void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& name, PcdCloud cloud,
+                     std::optional<Arrival> arrival) {
   const std::uint64_t late_before = engine_.late_frames();
+  const std::uint64_t astray_before = engine_.astray_frames().count;
+  const std::uint64_t surplus_before = engine_.surplus_frames().count;
+  const auto index = static_cast<std::uint32_t>(sensor);
   const double begin_s = ThreadCpuSeconds();
   try {
-    engine_.Add({static_cast<std::uint32_t>(sensor), stamp_ns, name, std::move(cloud)});
+    engine_.Add({index, stamp_ns, name, std::move(cloud), arrival});
     ++sensors_[sensor].frames;
+  } catch (const UnitError&) {
+    throw;  // the next would be no better
   } catch (const InputError& error) {
     TakeBadFrame(error);
   }
+  if (engine_.warnings().size() > num_engine_warnings_) {
+    num_engine_warnings_ = engine_.warnings().size();
+    Warn(engine_.warnings());
+  }
   frame_times_.Add(ThreadCpuSeconds() - begin_s);
-  if (!teller_.HasTold(sensor)) teller_.TellSensor(sensor, SensorState::kOk, engine_.newest_ns());
+  if (!teller_.HasTold(sensor) && engine_.has_begun() && !engine_.IsApart(index)) {
+    teller_.TellSensor(sensor, SensorState::kOk, engine_.newest_ns());
+  }
+  LookForApart();
+  NoteLeftOut(late_before, astray_before, name);
+  NoteSurplus(surplus_before);
+  teller_.TellAlive(Progress());
+  teller_.Flush();
+}
+
+void LiveIntake::NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before,
+                             const std::string& name) {
   const std::uint64_t late = engine_.late_frames();
   if (late > late_before && IsWorthANote(late)) {
     teller_.Note(Count(late, "frame") +
                  " later than live.reorder_s and dropped, the last: " + name);
   }
-  teller_.Flush();
+  const AstrayFrames& astray = engine_.astray_frames();
+  if (!IsWorthANote(astray_before, astray.count)) return;
+  std::string note = Count(astray.count, "frame") + " astray and left out";
+  if (astray.ahead_ns != 0) {
+    const std::string seconds = SecondsText(std::abs(astray.ahead_ns));
+    note += ": the clock of " + sensors_[astray.sensor].name + " is " +
+            seconds.substr(0, seconds.find('.')) + " s " +
+            (astray.ahead_ns < 0 ? "behind" : "ahead of") + " that of the others";
+  }
+  teller_.Note(note);
+}
+
+void LiveIntake::NoteSurplus(std::uint64_t before) {
+  const SurplusFrames& surplus = engine_.surplus_frames();
+  if (!IsWorthANote(before, surplus.count)) return;
+  teller_.Note(Count(surplus.count, "frame") + kSurplusText + ", the last of " +
+               sensors_[surplus.sensor].name);
 }
 
 void LiveIntake::TakeBadFrame(const InputError& error) {
@@ -100,9 +152,16 @@ void LiveIntake::TakeBadFrame(const InputError& error) {
   }
 }
 
-void LiveIntake::TakeVanished(std::uint64_t frames) {
-  if (std::exchange(vanished_frames_, frames) == frames || !IsWorthANote(frames)) return;
-  teller_.Note(Count(frames, "frame") + " removed before it could be read");
+void LiveIntake::TakeFollowed(const FollowedCounts& counts) {
+  const FollowedCounts before = std::exchange(followed_, counts);
+  const auto say = [&](std::uint64_t FollowedCounts::*count, const char* what) {
+    if (IsWorthANote(before.*count, counts.*count)) {
+      teller_.Note(Count(counts.*count, "frame") + what);
+    }
+  };
+  say(&FollowedCounts::vanished, kVanishedText);
+  say(&FollowedCounts::passed_over, kPassedOverText);
+  say(&FollowedCounts::worked_off, kWorkedOffText);
 }
 
 void LiveIntake::LookForSilence() {
@@ -117,16 +176,44 @@ void LiveIntake::LookForSilence() {
   }
 }
 
+// The engine tells of what it has taken: a sensor whose frames are all set aside is silent, too.
+void LiveIntake::LookForApart() {
+  if (!engine_.has_begun()) return;
+  const TimeNs now_ns = engine_.newest_ns();
+  for (std::size_t i = 0; i < sensors_.size(); ++i) {
+    const auto index = static_cast<std::uint32_t>(i);
+    std::optional<TimeNs>& since_ns = sensors_[i].apart_since_ns;
+    if (!engine_.IsApart(index) || engine_.StateOf(index) != SensorState::kSilent) {
+      since_ns.reset();
+      continue;
+    }
+    since_ns = std::min(since_ns.value_or(now_ns), now_ns);
+    if (now_ns - *since_ns > NsOf(config_.live.silent_s)) {
+      teller_.TellSensor(i, SensorState::kSilent, now_ns);
+    }
+  }
+}
+
+void LiveIntake::Warn(const std::vector<Warning>& warnings) {
+  for (const Warning& warning : warnings) {
+    if (std::find(warnings_.begin(), warnings_.end(), warning) != warnings_.end()) continue;
+    warnings_.push_back(warning);
+    teller_.Note("warning: " + warning.text);
+  }
+}
+
 void LiveIntake::Close() {
   engine_.Close();
+  Warn(engine_.warnings());
   teller_.TellState(Progress());
 }
 
 LiveProgress LiveIntake::Progress() const {
   const InputCounts& counts = engine_.counts();
   return {engine_.newest_ns(), counts.frames,
-          bad_frames_ + counts.bad_frames + engine_.late_frames() + overload_frames_ +
-              vanished_frames_};
+          bad_frames_ + counts.bad_frames + engine_.late_frames() + engine_.astray_frames().count +
+              engine_.surplus_frames().count + overload_frames_ + followed_.vanished +
+              followed_.passed_over};
 }
 
 LiveSummary LiveIntake::Summary() const {
@@ -135,11 +222,14 @@ LiveSummary LiveIntake::Summary() const {
     summary.inputs.push_back({sensors_[i].name, "", sensors_[i].frames,
                               engine_.BlindedS(static_cast<std::uint32_t>(i)), std::nullopt});
   }
+  summary.warnings = warnings_;
   summary.counts = engine_.counts();
   summary.counts.bad_frames += bad_frames_;
   summary.late_frames = engine_.late_frames();
+  summary.astray_frames = engine_.astray_frames().count;
+  summary.surplus_frames = engine_.surplus_frames().count;
   summary.overload_frames = overload_frames_;
-  summary.vanished_frames = vanished_frames_;
+  summary.followed = followed_;
   summary.frame_times = frame_times_;
   return summary;
 }

@@ -12,7 +12,9 @@
 #include "app/live.hpp"
 #include "app/live_summary.hpp"
 #include "app/live_teller.hpp"
+#include "io/followed_folders.hpp"
 #include "io/frame_pace.hpp"
+#include "io/input_limits.hpp"
 #include "io/pcd.hpp"
 #include "live/live_engine.hpp"
 #include "unlidar/error.hpp"
@@ -32,7 +34,6 @@ class LiveIntake {
   LiveIntake& operator=(const LiveIntake&) = delete;
 
   // A stream of garbage that looks like frames of ever new sensors must not fill the memory.
-  static constexpr std::size_t kMaxSensors = 64;
   bool is_full() const { return sensors_.size() >= kMaxSensors; }
 
   std::optional<std::size_t> SensorNamed(const std::string& name) const;
@@ -41,22 +42,30 @@ class LiveIntake {
   // `first`: what messages call what came first of it. Returns its index.
   std::size_t AddSensor(const std::string& name, const std::string& first);
 
-  // Whether a frame that has waited so long is to be worked off. Empty for one that was there
-  // before the program.
-  bool IsInTime(std::size_t sensor, std::optional<Clock::duration> waited);
+  // The place of one that is heard no more is another's from now on.
+  void ReplaceSensor(std::size_t sensor, const std::string& name);
 
-  // `name`: what messages call the frame. What it brings is written. Throws InputError as
-  // TakeBadFrame(), OutputError.
-  void Add(std::size_t sensor, TimeNs stamp_ns, const std::string& name, PcdCloud cloud);
+  // Whether a frame of this stamp that has waited so long is to be worked off. `waited` and
+  // `arrival` are empty for one that was there before the program.
+  bool IsInTime(std::size_t sensor, TimeNs stamp_ns, std::optional<Clock::duration> waited,
+                const std::optional<Arrival>& arrival);
+
+  // `name`: what messages call the frame. `arrival`: of live sources. What it brings is written.
+  // Throws InputError as TakeBadFrame(), OutputError.
+  void Add(std::size_t sensor, TimeNs stamp_ns, const std::string& name, PcdCloud cloud,
+           std::optional<Arrival> arrival);
 
   // Throws it on, but where bad frames are skipped.
   void TakeBadFrame(const InputError& error);
 
-  // So many frames in all were removed before they could be read.
-  void TakeVanished(std::uint64_t frames);
+  // So many in all. What is new is said.
+  void TakeFollowed(const FollowedCounts& counts);
 
   // A pulled cable: time stands still for the engine, but not for who waits for an answer.
   void LookForSilence();
+
+  // Tells them, and keeps them for the summary.
+  void Warn(const std::vector<Warning>& warnings);
 
   // No frame will follow.
   void Close();
@@ -70,9 +79,13 @@ class LiveIntake {
     std::uint64_t frames = 0;
     bool is_silent_by_clock = false;
     Clock::time_point came = Clock::now();  // its last frame
+    std::optional<TimeNs> apart_since_ns;   // by the stamps of the others
   };
 
   void AppendSensor(const std::string& name);
+  void NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before, const std::string& name);
+  void NoteSurplus(std::uint64_t before);
+  void LookForApart();
   LiveProgress Progress() const;
 
   const Config& config_;
@@ -85,7 +98,9 @@ class LiveIntake {
   FrameTimes frame_times_;
   std::uint64_t bad_frames_ = 0;  // but for those that the engine counts
   std::uint64_t overload_frames_ = 0;
-  std::uint64_t vanished_frames_ = 0;
+  FollowedCounts followed_;
+  std::vector<Warning> warnings_;        // all,
+  std::size_t num_engine_warnings_ = 0;  // and those that the engine had
 };
 
 }  // namespace unlidar

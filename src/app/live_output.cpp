@@ -7,7 +7,7 @@
 
 #include "app/output.hpp"
 #include "base/format.hpp"
-#include "io/stamp.hpp"
+#include "io/frame_directory.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -20,6 +20,15 @@ constexpr std::int64_t kMaxTrackId = std::int64_t{1} << 53;  // what a JSON numb
 std::string Quoted(const std::string& text) {
   // Names of folders need not be UTF-8, JSON must be.
   return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+// Bounded numbers are all that JSON and its readers can take.
+bool IsWritable(const TrajectoryRow& row) {
+  constexpr double kMost = 1e9;
+  const auto is_bounded = [](const Eigen::Vector3d& vector) {
+    return vector.allFinite() && vector.cwiseAbs().maxCoeff() <= kMost;
+  };
+  return is_bounded(row.position_m) && is_bounded(row.velocity_mps) && is_bounded(row.sigma_m);
 }
 
 void AppendVector(const char* prefix, const char* suffix, const Eigen::Vector3d& vector,
@@ -63,9 +72,10 @@ const char* SensorStateName(SensorState state) {
   return "blinded";
 }
 
-LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events, Signals& signals,
-                       const NoteCallback& note)
+LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events,
+                       const RowTimes& rows, Signals& signals, const NoteCallback& note)
     : path_(trajectory),
+      row_times_(rows),
       trajectory_(
           trajectory, {kTrajectoryHeader, kTrajectoryHeader}, signals,
           [this](std::string_view line, std::uint64_t number) { ReadRow(line, number); }, note) {
@@ -82,9 +92,17 @@ void LiveOutput::Confirm(const TrackConfirmed& track) {
 
 void LiveOutput::Give(TimeNs at_ns, const RowGiven& given) {
   const TrajectoryRow& row = given.row;
-  if (IsLeftOut(row.time_ns)) return;
+  if (!IsWritable(row)) {
+    ++unwritable_rows_;
+    return;
+  }
+  if (IsLeftOut(row.time_ns)) {
+    ++left_out_rows_;
+    return;
+  }
   Confirmed& confirmed = alive_[row.track_id];
   if (!confirmed.track && given.kind.drone < least_drone_) return Hold(row, confirmed);
+  CheckIsLater(confirmed.held.empty() ? row.time_ns : confirmed.held.front().time_ns);
   LiveTrack& track = Announced(at_ns, given.kind, confirmed);
   // Given as late as they were held.
   for (const TrajectoryRow& held : std::exchange(confirmed.held, {})) {
@@ -128,6 +146,7 @@ void LiveOutput::End(TimeNs at_ns, const TrackEnded& track) {
   LiveTrack& ended = tracks_[*confirmed.track];
   ended.end_ns = track.last_evidence_ns;
   ended.kind = track.kind;
+  ended.minimum = track.minimum;
   std::string fields = ",\"track\":" + std::to_string(ended.id) +
                        ",\"timestamp\":" + SecondsText(track.last_evidence_ns);
   AppendKind(track.kind, fields);
@@ -152,7 +171,7 @@ void LiveOutput::Flush() {
 }
 
 void LiveOutput::Reopen() {
-  trajectory_.Reopen();
+  if (trajectory_.Reopen()) first_after_ns_.reset();
   if (events_) events_->Reopen();
 }
 
@@ -174,9 +193,18 @@ bool LiveOutput::IsLeftOut(TimeNs time_ns) const {
          (!left_out_after_ns_ || time_ns > *left_out_after_ns_);
 }
 
+void LiveOutput::CheckIsLater(TimeNs time_ns) {
+  if (first_after_ns_ && time_ns <= *first_after_ns_) {
+    throw OutputError(path_ + ": holds rows until " + SecondsText(*first_after_ns_) +
+                      ", and those of stdin begin before, at " + SecondsText(time_ns) +
+                      ": expected later ones, or another file");
+  }
+  first_after_ns_.reset();
+}
+
 void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
   const std::size_t comma = std::min(line.find(','), line.size());
-  const std::optional<TimeNs> time_ns = ParseStamp(line.substr(0, comma));
+  const std::optional<TimeNs> time_ns = StampInRange(line.substr(0, comma));
   std::int64_t id = 0;
   const std::string_view rest = line.substr(std::min(comma + 1, line.size()));
   const std::string_view id_text = rest.substr(0, rest.find(','));
@@ -189,7 +217,7 @@ void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
                       "' is no row of a trajectory, expected one to append to");
   }
   next_id_ = std::max(next_id_, id + 1);
-  last_row_ns_ = std::max(last_row_ns_.value_or(*time_ns), *time_ns);
+  row_times_.Add(*time_ns);
 }
 
 // The track as it is written. The first time its beginning is told.

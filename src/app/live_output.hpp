@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "app/growing_file.hpp"
+#include "app/row_times.hpp"
 #include "app/signals.hpp"
 #include "unlidar/engine.hpp"
 
@@ -29,7 +30,12 @@ struct LiveTrack {
   TimeNs end_ns = 0;
   std::uint64_t rows = 0;
   Kind kind;  // by all that was seen of it
+  std::optional<MinimumReport> minimum = {};
 };
+
+// Behind the number of rows that are refused.
+inline constexpr const char* kUnwritableText =
+    " left out: a number in it is none, or beyond 1e9, which no output takes";
 
 // The engine counts tracks from 0 in each run; those of a file go on counting. Of a run that takes
 // up frames again, rows from these up to the last one of the file are there already and are left
@@ -38,12 +44,17 @@ class LiveOutput {
  public:
   using NoteCallback = GrowingFile::NoteCallback;
 
-  // `events`: a path, `-` for stdout, or empty for none. Throws OutputError.
-  LiveOutput(const std::string& trajectory, const std::string& events, Signals& signals,
-             const NoteCallback& note);
+  // `events`: a path, `-` for stdout, or empty for none. `rows`: takes those that earlier runs
+  // wrote. Throws OutputError.
+  LiveOutput(const std::string& trajectory, const std::string& events, const RowTimes& rows,
+             Signals& signals, const NoteCallback& note);
 
-  // The time of the last row that an earlier run wrote.
-  std::optional<TimeNs> last_row_ns() const { return last_row_ns_; }
+  // Of the rows that earlier runs wrote, and of those that a file held that was opened again.
+  const RowTimes& row_times() const { return row_times_; }
+
+  // A recording that is piped into the file of a later one would mix two flights: the first row of
+  // this run must be later than the last one of the file.
+  void RefuseEarlierRows() { first_after_ns_ = row_times_.last_ns(); }
 
   // Rows after a time (none: from the beginning) and up to another are left out from now on.
   void LeaveOut(std::optional<TimeNs> after_ns, TimeNs until_ns) {
@@ -61,6 +72,7 @@ class LiveOutput {
   // Each goes to both files with the next Flush(), a track with its first row; `at_ns` is the
   // newest stamp taken in.
   void Confirm(const TrackConfirmed& track);
+  // Throws OutputError for a row that is refused.
   void Give(TimeNs at_ns, const RowGiven& given);
   void End(TimeNs at_ns, const TrackEnded& track);
   void TellSensor(TimeNs at_ns, const std::string& name, SensorState state);
@@ -77,6 +89,10 @@ class LiveOutput {
   // Those of this run, in order of their numbers.
   const std::vector<LiveTrack>& tracks() const { return tracks_; }
 
+  // Rows that are in the file already, and those whose numbers cannot be written.
+  std::uint64_t left_out_rows() const { return left_out_rows_; }
+  std::uint64_t unwritable_rows() const { return unwritable_rows_; }
+
   // That have ended without having been as likely a drone as asked for.
   std::uint64_t tracks_left_out() const { return tracks_left_out_; }
 
@@ -88,6 +104,7 @@ class LiveOutput {
   };
 
   bool IsLeftOut(TimeNs time_ns) const;
+  void CheckIsLater(TimeNs time_ns);
   void ReadRow(std::string_view line, std::uint64_t number);
   LiveTrack& Announced(TimeNs at_ns, const Kind& kind, Confirmed& confirmed);
   void Hold(const TrajectoryRow& row, Confirmed& confirmed) const;
@@ -96,12 +113,15 @@ class LiveOutput {
 
   std::string path_;
   std::int64_t next_id_ = 0;
-  std::optional<TimeNs> last_row_ns_;
+  RowTimes row_times_;
   std::optional<TimeNs> left_out_after_ns_;
   std::optional<TimeNs> left_out_until_ns_;
+  std::optional<TimeNs> first_after_ns_;  // until the first row, or the file was moved away
   double least_drone_ = 0.0;
   TimeNs hold_ns_ = 0;
   std::uint64_t tracks_left_out_ = 0;
+  std::uint64_t left_out_rows_ = 0;
+  std::uint64_t unwritable_rows_ = 0;
   std::map<int, Confirmed> alive_;  // by the engine's number
   std::vector<LiveTrack> tracks_;
   GrowingFile trajectory_;

@@ -2,23 +2,22 @@
 
 #include <unistd.h>
 
-#include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <filesystem>
-#include <map>
 #include <string>
-#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "base/format.hpp"
 #include "base/recording.hpp"
+#include "io/arrival.hpp"
 #include "io/followed_folders.hpp"
 #include "io/frame_messages.hpp"
 #include "io/frame_preparation.hpp"
-#include "io/livox_frames.hpp"
-#include "io/livox_packets.hpp"
+#include "io/input_limits.hpp"
+#include "io/livox_lidars.hpp"
 #include "io/livox_receiver.hpp"
 #include "io/pcd.hpp"
 #include "unlidar/error.hpp"
@@ -28,10 +27,27 @@ namespace {
 
 using Clock = LiveIntake::Clock;
 
+// By both clocks of this computer.
+Arrival ArrivalAt(Clock::time_point at) {
+  const auto unix = std::chrono::system_clock::now() - (Clock::now() - at);
+  return {NsSinceEpoch(unix), NsSinceEpoch(at)};
+}
+
+SensorConfig SensorConfigOf(const Config& config, const std::string& name) {
+  const auto known = config.sensors.find(name);
+  return known == config.sensors.end() ? SensorConfig() : known->second;
+}
+
 // --stdin
 class MessageSource : public LiveSource {
  public:
-  explicit MessageSource(LiveIntake& intake) : intake_(intake), reader_("stdin"), bytes_(1 << 16) {}
+  MessageSource(const Config& config, LiveIntake& intake)
+      : intake_(intake),
+        reader_("stdin",
+                [&config](const std::string& sensor) {
+                  return FrameRateHz(config.input, SensorConfigOf(config, sensor));
+                }),
+        bytes_(1 << 16) {}
 
   int fd() const override { return STDIN_FILENO; }
 
@@ -53,6 +69,7 @@ class MessageSource : public LiveSource {
 
  private:
   void Take(const FrameMessage& message) {
+    intake_.Warn(reader_.TakeWarnings());
     const std::size_t sensor = SensorOf(message);
     PcdCloud cloud;
     try {
@@ -60,14 +77,14 @@ class MessageSource : public LiveSource {
     } catch (const InputError& error) {
       return intake_.TakeBadFrame(error);
     }
-    intake_.Add(sensor, message.stamp_ns, message.name, std::move(cloud));
+    intake_.Add(sensor, message.stamp_ns, message.name, std::move(cloud), std::nullopt);
   }
 
   std::size_t SensorOf(const FrameMessage& message) {
     if (const std::optional<std::size_t> known = intake_.SensorNamed(message.sensor)) return *known;
     if (intake_.is_full()) {
       throw InputError(message.name + " is of one more sensor, expected at most " +
-                       std::to_string(LiveIntake::kMaxSensors));
+                       std::to_string(kMaxSensors));
     }
     return intake_.AddSensor(message.sensor, message.name);
   }
@@ -80,9 +97,12 @@ class MessageSource : public LiveSource {
 // --livox
 class PacketSource : public LiveSource {
  public:
-  PacketSource(LivoxEndpoint endpoint, const LiveConfig& config, LiveIntake& intake,
-               LiveTeller& teller)
-      : frame_ns_(NsOf(config.frame_s)), intake_(intake), teller_(teller), receiver_(endpoint) {
+  PacketSource(LivoxEndpoint endpoint, const Config& config, LiveIntake& intake, LiveTeller& teller)
+      : intake_(intake),
+        teller_(teller),
+        lidars_(LivoxNames(config.sensors), NsOf(config.live.frame_s),
+                std::chrono::nanoseconds(NsOf(config.live.silent_s))),
+        receiver_(endpoint) {
     teller_.Note("listens on " + receiver_.name());
   }
 
@@ -99,89 +119,80 @@ class PacketSource : public LiveSource {
     receiver_.Stop();
     while (TakePacket()) {
     }
-    for (auto& [identity, lidar] : lidars_) {
+    lidars_.ForEach([this](LivoxLidar& lidar) {
       lidar.cutter.Flush();
-      TakeFrames(lidar, Clock::now());
-    }
+      TakeFrames(lidar, ArrivalAt(lidar.came), Clock::now());
+    });
   }
 
+  // In the order of addresses, whichever of them was first.
   void AddTo(LiveSummary* summary) const override {
-    for (const auto& [identity, lidar] : lidars_) {
-      summary->inputs[lidar.sensor].packets = lidar.cutter.counts();
+    std::vector<LiveInput> by_address;
+    lidars_.ForEach([&](const LivoxLidar& lidar) {
+      if (!lidar.sensor) return;
+      LiveInput& input = summary->inputs[*lidar.sensor];
+      input.packets = lidar.cutter.counts();
+      by_address.push_back(std::exchange(input, {}));
+    });
+    // Those that have given up their place have no packets any more, but frames.
+    for (LiveInput& input : summary->inputs) {
+      if (!input.name.empty()) by_address.push_back(std::move(input));
     }
-    summary->refused_packets = refused_packets_;
+    summary->inputs = std::move(by_address);
+    summary->refused_packets = refused_packets_ + lidars_.forgotten_packets();
   }
 
  private:
   static constexpr int kMaxPacketsAtOnce = 256;  // before the program looks for signals
 
-  struct Lidar {
-    Lidar(std::size_t its_sensor, TimeNs frame_ns) : sensor(its_sensor), cutter(frame_ns) {}
-    std::size_t sensor;
-    LivoxFrameCutter cutter;
-    std::uint64_t lost_said = 0;
-  };
-  // One address can be that of a hub with several of them.
-  using LidarIdentity = std::tuple<std::uint32_t, std::uint8_t, std::uint8_t>;
-
   // False where none waits.
   bool TakePacket() {
     const std::optional<Datagram> datagram = receiver_.Next();
     if (!datagram) return false;
-    const std::string from = AddressText(datagram->source);
     try {
-      const LivoxPacket packet = ParseLivoxPacket(datagram->payload);
-      if (packet.rays == 0) return true;
-      Lidar& lidar = LidarOf(from, datagram->source, packet);
-      lidar.cutter.Add(packet, datagram->received_ns);
-      TakeFrames(lidar, datagram->came);
+      LivoxLidar* const lidar = lidars_.Take(*datagram);
+      if (lidar != nullptr) TakeFrames(*lidar, datagram->arrival(), datagram->came);
     } catch (const PacketError& error) {
       if (IsWorthANote(++refused_packets_)) {
-        teller_.Note(Count(refused_packets_, "packet") + " refused, the last: one from " + from +
-                     " " + error.what());
+        teller_.Note(Count(refused_packets_, "packet") + " refused, the last: one from " +
+                     AddressText(datagram->source) + " " + error.what());
       }
     }
     return true;
   }
 
-  Lidar& LidarOf(const std::string& from, std::uint32_t source, const LivoxPacket& packet) {
-    const LidarIdentity identity(source, packet.slot, packet.lidar);
-    const auto known = lidars_.find(identity);
-    if (known != lidars_.end()) return known->second;
-    if (intake_.is_full()) {
-      throw PacketError("is of one more sensor, expected at most " +
-                        std::to_string(LiveIntake::kMaxSensors));
+  // A LiDAR is a sensor of the run with its first frame.
+  std::size_t SensorOf(LivoxLidar& lidar) {
+    if (lidar.sensor) return *lidar.sensor;
+    lidar.sensor = lidars_.FreePlace();
+    if (lidar.sensor) {
+      intake_.ReplaceSensor(*lidar.sensor, lidar.name);
+    } else {
+      lidar.sensor = intake_.AddSensor(lidar.name, "packets of " + lidar.name);
     }
-    std::string name = from;
-    std::replace(name.begin(), name.end(), '.', '-');
-    if (packet.slot > 1 || packet.lidar > 1) {
-      name += "-" + std::to_string(packet.slot) + "-" + std::to_string(packet.lidar);
-    }
-    const std::size_t sensor = intake_.AddSensor(name, "a packet from " + from);
-    return lidars_.emplace(identity, Lidar(sensor, frame_ns_)).first->second;
+    return *lidar.sensor;
   }
 
   // `came`: the packet that completed them.
-  void TakeFrames(Lidar& lidar, Clock::time_point came) {
-    const std::string name = intake_.NameOf(lidar.sensor);
+  void TakeFrames(LivoxLidar& lidar, const Arrival& arrival, Clock::time_point came) {
     while (std::optional<LivoxFrame> frame = lidar.cutter.Next()) {
-      if (!intake_.IsInTime(lidar.sensor, Clock::now() - came)) continue;
-      intake_.Add(lidar.sensor, frame->stamp_ns,
-                  "frame of " + name + ", stamp " + std::to_string(frame->stamp_ns) + " ns",
-                  std::move(frame->cloud));
+      const std::size_t sensor = SensorOf(lidar);
+      if (!intake_.IsInTime(sensor, frame->stamp_ns, Clock::now() - came, arrival)) continue;
+      intake_.Add(sensor, frame->stamp_ns,
+                  "frame of " + lidar.name + ", stamp " + std::to_string(frame->stamp_ns) + " ns",
+                  std::move(frame->cloud), arrival);
     }
     const LivoxCounts& counts = lidar.cutter.counts();
     if (counts.lost <= lidar.lost_said) return;
-    teller_.Note(name + ": " + Count(counts.lost, "packet") + " lost, " +
+    teller_.Note(lidar.name + ": " + Count(counts.lost, "packet") + " lost, " +
                  std::to_string(counts.used) + " used");
     lidar.lost_said = 2 * counts.lost;
   }
 
-  TimeNs frame_ns_;
   LiveIntake& intake_;
   LiveTeller& teller_;
+  LivoxLidars lidars_;
   LivoxReceiver receiver_;
-  std::map<LidarIdentity, Lidar> lidars_;
   std::uint64_t refused_packets_ = 0;
 };
 
@@ -200,12 +211,13 @@ class FolderSource : public LiveSource {
 
   bool Read(bool /*is_ready*/) override {
     folders_.Update();
+    intake_.Warn(folders_.TakeWarnings());
     if (const std::optional<FollowedFrame> frame = folders_.Next()) {
       Take(*frame);
     } else {
       intake_.LookForSilence();
     }
-    intake_.TakeVanished(folders_.num_vanished());
+    intake_.TakeFollowed(folders_.counts());
     return true;
   }
 
@@ -213,7 +225,6 @@ class FolderSource : public LiveSource {
     for (std::size_t i = 0; i < sources_.size(); ++i) {
       summary->inputs[i].directory = sources_[i].directory;
     }
-    summary->passed_over_frames = folders_.num_passed_over();
   }
 
  private:
@@ -221,17 +232,18 @@ class FolderSource : public LiveSource {
                                                       const Config& config) {
     std::vector<FollowedFolders::Folder> watched;
     for (const FrameSource& source : sources) {
-      const auto known = config.sensors.find(SourceName(source));
-      watched.push_back({source.directory, known == config.sensors.end()
-                                               ? 0
-                                               : OffsetNs(known->first, known->second)});
+      const SensorConfig sensor = SensorConfigOf(config, SourceName(source));
+      watched.push_back({source.directory, OffsetNs(SourceName(source), sensor),
+                         FrameRateHz(config.input, sensor)});
     }
     return watched;
   }
 
   void Take(const FollowedFrame& frame) {
+    // What was there before the program tells nothing by when it came.
     const auto waited = frame.came ? std::make_optional(Clock::now() - *frame.came) : std::nullopt;
-    if (!intake_.IsInTime(frame.folder, waited)) return;
+    const auto arrival = frame.came ? std::make_optional(ArrivalAt(*frame.came)) : std::nullopt;
+    if (!intake_.IsInTime(frame.folder, frame.file.stamp_ns, waited, arrival)) return;
     const std::string& path = frame.file.path;
     PcdCloud cloud;
     try {
@@ -241,7 +253,7 @@ class FolderSource : public LiveSource {
       if (std::filesystem::exists(path, unknown)) return intake_.TakeBadFrame(error);
       return folders_.NoteVanished();
     }
-    intake_.Add(frame.folder, frame.file.stamp_ns, path, std::move(cloud));
+    intake_.Add(frame.folder, frame.file.stamp_ns, path, std::move(cloud), arrival);
   }
 
   const std::vector<FrameSource>& sources_;
@@ -255,9 +267,9 @@ std::unique_ptr<LiveSource> OpenSource(const LiveRequest& request, const Config&
                                        std::optional<TimeNs> after_ns, LiveIntake& intake,
                                        LiveTeller& teller) {
   if (request.livox) {
-    return std::make_unique<PacketSource>(*request.livox, config.live, intake, teller);
+    return std::make_unique<PacketSource>(*request.livox, config, intake, teller);
   }
-  if (request.sources.empty()) return std::make_unique<MessageSource>(intake);
+  if (request.sources.empty()) return std::make_unique<MessageSource>(config, intake);
   return std::make_unique<FolderSource>(request.sources, config, after_ns, intake);
 }
 

@@ -38,6 +38,7 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                       {"end", SecondsText(track.end_ns)},
                       {"rows", track.rows},
                       {"kind", KindJson(track.kind)}});
+    if (track.minimum) tracks.back()["spline"] = SplineJson(*track.minimum);
   }
   const InputCounts& counts = summary.counts;
   constexpr double kMsPerS = 1e3;
@@ -50,9 +51,12 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                        {"empty_frames", counts.empty_frames},
                        {"bad_frames", counts.bad_frames},
                        {"late_frames", summary.late_frames},
+                       {"astray_frames", summary.astray_frames},
+                       {"surplus_frames", summary.surplus_frames},
                        {"overload_frames", summary.overload_frames},
-                       {"vanished_frames", summary.vanished_frames},
-                       {"passed_over_frames", summary.passed_over_frames},
+                       {"vanished_frames", summary.followed.vanished},
+                       {"passed_over_frames", summary.followed.passed_over},
+                       {"worked_off_frames", summary.followed.worked_off},
                        {"refused_packets", summary.refused_packets},
                        {"rows", counts.rows},
                        {"no_return_rows", counts.no_return_rows},
@@ -61,11 +65,14 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                        {"returns", counts.returns},
                        {"tracks", summary.tracks.size()},
                        {"tracks_left_out", summary.tracks_left_out},
-                       {"trajectory_rows", rows}}},
+                       {"trajectory_rows", rows},
+                       {"left_out_rows", summary.left_out_rows},
+                       {"unwritable_rows", summary.unwritable_rows}}},
                      {"frame_cpu_ms",
                       {{"p50", kMsPerS * times.Quantile(0.5)},
                        {"p99", kMsPerS * times.Quantile(0.99)},
                        {"max", kMsPerS * times.max_s()}}},
+                     {"warnings", WarningsJson(summary.warnings)},
                      {"tracks", tracks}};
   constexpr int kIndent = 2;
   return json.dump(kIndent, ' ', false, Json::error_handler_t::replace) + "\n";

@@ -10,6 +10,7 @@
 #include "app/frame_times.hpp"
 #include "app/live_output.hpp"
 #include "base/recording.hpp"
+#include "io/followed_folders.hpp"
 #include "io/livox_frames.hpp"
 
 namespace unlidar {
@@ -26,15 +27,31 @@ struct LiveInput {
 struct LiveSummary {
   std::vector<LiveInput> inputs;
   InputCounts counts;
-  std::uint64_t late_frames = 0;         // later than live.reorder_s
-  std::uint64_t overload_frames = 0;     // left out to keep up
-  std::uint64_t vanished_frames = 0;     // removed before they could be read
-  std::uint64_t passed_over_frames = 0;  // repeated
-  FrameTimes frame_times;                // of the processor, in the engine
-  std::uint64_t refused_packets = 0;     // that are none of a Livox sensor
+  std::uint64_t late_frames = 0;      // later than live.reorder_s
+  std::uint64_t astray_frames = 0;    // of stamps that were not borne out
+  std::uint64_t surplus_frames = 0;   // more than may wait for live.reorder_s
+  std::uint64_t overload_frames = 0;  // left out to keep up
+  FollowedCounts followed;
+  FrameTimes frame_times;             // of the processor, in the engine
+  std::uint64_t refused_packets = 0;  // that are none of a Livox sensor
   std::vector<LiveTrack> tracks;
   std::uint64_t tracks_left_out = 0;  // as of --only-drones
+  std::uint64_t left_out_rows = 0;    // the file held them already
+  std::uint64_t unwritable_rows = 0;  // of numbers that no output takes
+  std::vector<Warning> warnings;
 };
+
+// Behind the number of frames that were gone, or whose stamp was no new one.
+inline constexpr const char* kVanishedText = " removed before it could be read";
+inline constexpr const char* kPassedOverText = " passed over: the stamp had come before";
+
+// Behind the number of frames that an earlier run has worked off.
+inline constexpr const char* kWorkedOffText =
+    " passed over: worked off by an earlier run, as the rows of --out tell";
+
+// Behind the number of frames that had no room.
+inline constexpr const char* kSurplusText =
+    " left out: more than may wait for live.reorder_s (4,096, or 192 MB)";
 
 std::string LiveSummaryJson(const LiveSummary& summary, const Config& config);
 

@@ -7,14 +7,28 @@
 #include "base/format.hpp"
 
 namespace unlidar {
+namespace {
+
+// Two thirds of the time after which readers take an engine for stopped.
+constexpr TimeNs kStateAgainNs = 40'000'000'000;
+
+}  // namespace
 
 bool IsWorthANote(std::uint64_t count) { return count > 0 && (count & (count - 1)) == 0; }
+
+bool IsWorthANote(std::uint64_t before, std::uint64_t count) {
+  return (before ^ count) > before;  // a higher bit is set
+}
 
 void LiveTeller::Take(const EngineEvent& event, const LiveProgress& now) {
   if (const auto* confirmed = std::get_if<TrackConfirmed>(&event)) {
     output_.Confirm(*confirmed);
   } else if (const auto* given = std::get_if<RowGiven>(&event)) {
+    const std::uint64_t unwritable = output_.unwritable_rows();
     output_.Give(now.newest_ns, *given);
+    if (output_.unwritable_rows() > unwritable && IsWorthANote(output_.unwritable_rows())) {
+      Note(Count(output_.unwritable_rows(), "row") + kUnwritableText);
+    }
   } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {
     output_.End(now.newest_ns, *ended);
   } else if (const auto* changed = std::get_if<SensorChanged>(&event)) {
@@ -31,6 +45,7 @@ void LiveTeller::TakeState(EngineState state, const LiveProgress& now) {
     Note("begins anew at " + SecondsText(now.newest_ns) +
          ": the clock has gone back, or no frame came for longer than live.window_s");
   }
+  state_told_ns_ = now.newest_ns;  // also where overload hides it: the clock may have gone back
   if (!is_overloaded()) TellState(now);
 }
 
@@ -52,8 +67,17 @@ void LiveTeller::TellPace(std::uint64_t one_in, std::uint64_t left_out, const Li
   if (was_overloaded != is_overloaded()) TellState(now);
 }
 
+// Warming up is a beginning, which ends all tracks of before for those who read it: it is told
+// once.
+void LiveTeller::TellAlive(const LiveProgress& now) {
+  if (state_ == LiveState::kRunning && now.newest_ns - state_told_ns_ >= kStateAgainNs) {
+    TellState(now);
+  }
+}
+
 void LiveTeller::TellState(const LiveProgress& now) {
   const LiveState state = is_overloaded() ? LiveState::kOverloaded : state_;
+  state_told_ns_ = now.newest_ns;
   output_.TellState(now.newest_ns, state, now.frames, now.lost_frames);
   service_.TellStatus(LiveStateName(state));
 }

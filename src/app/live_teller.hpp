@@ -17,6 +17,9 @@ namespace unlidar {
 // What happens again and again is noted the first time, the second, the fourth and so on.
 bool IsWorthANote(std::uint64_t count);
 
+// The same where several came at once.
+bool IsWorthANote(std::uint64_t before, std::uint64_t count);
+
 // How far a run has come.
 struct LiveProgress {
   TimeNs newest_ns = 0;  // stamp
@@ -24,7 +27,7 @@ struct LiveProgress {
   std::uint64_t lost_frames = 0;
 };
 
-// What has been told is told again only when it has changed.
+// Sensors and tracks are told again only when they have changed.
 class LiveTeller {
  public:
   using NoteCallback = std::function<void(const std::string&)>;
@@ -39,6 +42,11 @@ class LiveTeller {
   // Sensors are numbered as they are added.
   void AddSensor(const std::string& name) { sensors_.push_back({name, std::nullopt, 0}); }
 
+  // The next events of this number are another's.
+  void ReplaceSensor(std::size_t index, const std::string& name) {
+    sensors_[index] = {name, std::nullopt, 0};
+  }
+
   // An event of the engine.
   void Take(const EngineEvent& event, const LiveProgress& now);
 
@@ -49,6 +57,10 @@ class LiveTeller {
   void TellPace(std::uint64_t one_in, std::uint64_t left_out, const LiveProgress& now);
 
   void TellState(const LiveProgress& now);
+
+  // Repeats the state now and then while frames are worked off, so that a quiet sky differs from an
+  // engine that has stopped.
+  void TellAlive(const LiveProgress& now);
 
   // All of it goes out. Throws OutputError.
   void Flush() { output_.Flush(); }
@@ -71,6 +83,7 @@ class LiveTeller {
   LiveState state_ = LiveState::kWarmingUp;  // but for overload
   bool has_begun_ = false;
   std::uint64_t one_in_ = 1;
+  TimeNs state_told_ns_ = 0;  // stamp
 };
 
 }  // namespace unlidar

@@ -46,6 +46,22 @@ Json KindJson(const Kind& kind) {
   return {{"drone", kind.drone}, {"bird_like", kind.bird_like}, {"unknown", kind.unknown}};
 }
 
+Json SplineJson(const MinimumReport& minimum) {
+  return {{"solver", minimum.solver},
+          {"iterations", minimum.iterations},
+          {"initial_cost", minimum.initial_cost},
+          {"final_cost", minimum.final_cost},
+          {"termination", minimum.termination}};
+}
+
+Json WarningsJson(const std::vector<Warning>& warnings) {
+  Json list = Json::array();
+  for (const Warning& warning : warnings) {
+    list.push_back({{"code", warning.code}, {"text", warning.text}});
+  }
+  return list;
+}
+
 namespace {
 
 Json InputsJson(const std::vector<FrameSource>& sources, const PipelineResult& result) {
@@ -129,6 +145,7 @@ Json TrackJson(const FittedTrack& track) {
       {"mean_speed_mps", duration_s > 0 ? track.length_m / duration_s : 0.0},
       {"kind", KindJson(track.flight.kind)},
       {"flight", FlightJson(track.flight)},
+      {"spline", SplineJson(track.row_source.trajectory.minimum)},
       {"echo", {{"echo_m2_per_s", track.echo.echo_m2_per_s}, {"extent_m", track.echo.extent_m}}}};
 }
 
@@ -141,6 +158,12 @@ std::string BlindedText(const std::string& name, double blinded_s) {
 
 std::string TracksLeftOutText(std::size_t count) {
   return Count(count, "track") + " left out: not as likely a drone as --only-drones asks for";
+}
+
+std::string NotConvergedText(std::int64_t track_id, const MinimumReport& minimum) {
+  return "track " + std::to_string(track_id) + ": Ceres did not converge in " +
+         Count(static_cast<std::size_t>(minimum.iterations), "iteration") + " (" +
+         minimum.termination + "); written is the minimum of the banded solver";
 }
 
 std::string SecondsText(TimeNs time_ns) {
@@ -238,6 +261,7 @@ std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& c
                         {"config", ConfigJson(config)},
                         {"counts", CountsJson(result)},
                         {"times_s", times},
+                        {"warnings", WarningsJson(result.warnings)},
                         {"tracks", tracks}};
   constexpr int kIndent = 2;
   // Paths need not be UTF-8, JSON must be.

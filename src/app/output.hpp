@@ -44,6 +44,9 @@ std::string BlindedText(const std::string& name, double blinded_s);
 // What is said of tracks that --only-drones leaves out.
 std::string TracksLeftOutText(std::size_t count);
 
+// What is said of a track whose fit Ceres did not end.
+std::string NotConvergedText(std::int64_t track_id, const MinimumReport& minimum);
+
 // "1706255621.600227000": exact, from integers.
 std::string SecondsText(TimeNs time_ns);
 

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "app/live.hpp"
 #include "app/output.hpp"
 #include "app/output_files.hpp"
+#include "app/trace_output.hpp"
 #include "base/format.hpp"
 #include "base/parallel.hpp"
 #include "recording/pipeline.hpp"
@@ -31,7 +33,8 @@ std::vector<NamedPath> Outputs(const Arguments& arguments) {
   std::vector<NamedPath> outputs = {{"--out", arguments.out}};
   for (const NamedPath& optional :
        {NamedPath{"--clusters", arguments.clusters}, NamedPath{"--points", arguments.points},
-        NamedPath{"--summary", arguments.summary}, NamedPath{"--events", arguments.events}}) {
+        NamedPath{"--summary", arguments.summary}, NamedPath{"--trace", arguments.trace},
+        NamedPath{"--events", arguments.events}}) {
     if (!optional.path.empty()) outputs.push_back(optional);
   }
   return outputs;
@@ -75,7 +78,9 @@ PipelineRequest ToRequest(const Arguments& arguments) {
   request.score_clusters = !arguments.clusters.empty();
   request.least_drone = arguments.only_drones;
   if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
-  if (!arguments.at.empty()) request.output_times = ReadStampList(arguments.at);
+  if (!arguments.at.empty()) {
+    request.output_times = ReadStampList(arguments.at, &request.are_times_whole);
+  }
   return request;
 }
 
@@ -132,6 +137,7 @@ void AppendOtherFiles(const Arguments& arguments, const PipelineRequest& request
 
 void PrintFindings(const std::vector<std::string>& trajectory_paths, const PipelineResult& result) {
   const InputCounts& counts = result.recording.counts;
+  for (const Warning& warning : result.warnings) PrintNote("warning: " + warning.text);
   if (counts.bad_frames > 0) {
     PrintNote(Count(counts.bad_frames, "frame") +
               " could not be parsed and skipped (input.skip_bad_frames)");
@@ -140,6 +146,10 @@ void PrintFindings(const std::vector<std::string>& trajectory_paths, const Pipel
     if (result.blinded_s[i] > 0.0) {
       PrintNote(BlindedText(result.recording.sensors[i].name, result.blinded_s[i]));
     }
+  }
+  for (const FittedTrack& track : result.tracks) {
+    const MinimumReport& minimum = track.row_source.trajectory.minimum;
+    if (!minimum.converged) PrintNote(NotConvergedText(track.id, minimum));
   }
   if (result.tracks_left_out > 0) PrintNote(TracksLeftOutText(result.tracks_left_out));
   if (result.tracks.empty()) {
@@ -163,12 +173,26 @@ void TrackRecorded(const Arguments& arguments, const PipelineRequest& request,
       PrintNote(time.stage + ": " + found + " (" + std::to_string(time.seconds) + " s)");
     }
   };
-  const PipelineResult result = RunPipeline(request, config, progress);
+  PipelineRequest traced = request;
+  std::optional<TraceOutput> trace;
+  if (!arguments.trace.empty()) {
+    if (config.method != Method::kRobust) {
+      throw ConfigError("method: 'paper', expected robust with --trace");
+    }
+    trace.emplace();
+    traced.trace = [&](const Recording& recording, const SearchTrace& search) {
+      trace->Add(recording, search);
+    };
+  }
+  const PipelineResult result = RunPipeline(traced, config, progress);
   std::vector<OutputFile> files = TrajectoryFiles(arguments, result);
   std::vector<std::string> trajectory_paths;
   trajectory_paths.reserve(files.size());
   for (const OutputFile& file : files) trajectory_paths.push_back(file.path);
   AppendOtherFiles(arguments, request, config, result, files);
+  if (trace) {
+    files.push_back({arguments.trace, [&](const Sink& sink) { trace->Write(sink); }});
+  }
   WriteFiles(files);
   if (!arguments.quiet) PrintFindings(trajectory_paths, result);
 }
@@ -177,6 +201,10 @@ void TrackWhileFramesCome(const Arguments& arguments, const Config& config) {
   LiveRequest request;
   request.sources = arguments.sources;
   if (!arguments.livox.empty()) request.livox = ParseLivoxEndpoint(arguments.livox);
+  if (request.livox && config.input.scale_m != 1.0) {
+    throw ConfigError("input.scale_m: '" + ShortestText(config.input.scale_m) +
+                      "', expected 1 with --livox, whose packets say their unit");
+  }
   if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
   request.out = arguments.out;
   request.events = arguments.events;

@@ -47,7 +47,8 @@ struct Recording {
   std::vector<Eigen::Vector3f> points_m;  // (N)
   std::vector<TimeNs> times_ns;           // (N) point time, or the middle of its frame
   InputCounts counts;
-  std::vector<std::string> warnings;  // one line for each skipped frame
+  std::vector<std::string> bad_frames;  // one line for each skipped frame
+  std::vector<Warning> warnings;        // about what the frames' names and coordinates mean
 };
 
 // Points, or some of them by their indices, where they are: copies of most of a recording's returns

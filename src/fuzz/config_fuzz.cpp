@@ -16,9 +16,10 @@ struct YamlText {
   std::string operator()(std::int64_t value) const { return std::to_string(value); }
   std::string operator()(double value) const { return ShortestText(value); }
   std::string operator()(const std::string& value) const { return value; }
-  std::string operator()(const std::vector<double>& values) const {
+  template <class Value>
+  std::string operator()(const std::vector<Value>& values) const {
     std::string text = "[";
-    for (const double value : values) text += ShortestText(value) + ",";
+    for (const Value& value : values) text += (*this)(value) + ",";
     return text + "]";
   }
 };

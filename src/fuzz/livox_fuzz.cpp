@@ -61,7 +61,7 @@ void Run(std::string_view bytes) {
     if (packet.rays == 0) continue;
     ++packets;
     const std::uint64_t used = cutter.counts().used;
-    cutter.Add(packet, kHostNs);
+    cutter.Add(packet, {kHostNs, 0});
     if (cutter.counts().used > used) points += packet.points.size();
     in_frames += CheckFrames(cutter);
   }

@@ -8,12 +8,16 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <ctime>
 #include <filesystem>
 #include <stdexcept>
 #include <string_view>
 #include <system_error>
+
+#include "base/recording.hpp"
+#include "io/arrival.hpp"
 
 namespace unlidar {
 namespace {
@@ -33,23 +37,28 @@ constexpr std::chrono::seconds kSettleTime(1);
 
 enum class FileState { kComplete, kBeingWritten, kUnsettled, kGone };
 
+struct File {
+  FileState state = FileState::kComplete;
+  TimeNs changed_ns = 0;  // Unix time of its last write or rename; 0: not known
+};
+
 // A read lease is given only if nobody has the file open for writing.
-FileState StateOf(const std::string& path) {
+File FileAt(const std::string& path) {
   const int fd = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
-  if (fd < 0) return errno == ENOENT ? FileState::kGone : FileState::kComplete;
+  if (fd < 0) return {errno == ENOENT ? FileState::kGone : FileState::kComplete, 0};
+  struct stat status {};
+  const bool is_known = ::fstat(fd, &status) == 0;
   FileState state = FileState::kComplete;
   if (::fcntl(fd, F_SETLEASE, F_RDLCK) == 0) {
     ::fcntl(fd, F_SETLEASE, F_UNLCK);
   } else if (errno == EAGAIN) {
     state = FileState::kBeingWritten;
   } else {  // another user's file, or a file system without leases
-    struct stat status {};
-    const bool is_recent =
-        ::fstat(fd, &status) == 0 && std::time(nullptr) - status.st_mtime <= kSettleTime.count();
+    const bool is_recent = is_known && std::time(nullptr) - status.st_mtime <= kSettleTime.count();
     if (is_recent) state = FileState::kUnsettled;
   }
   ::close(fd);
-  return state;
+  return {state, TimeNs{status.st_ctim.tv_sec} * kNsPerSecond + status.st_ctim.tv_nsec};
 }
 
 [[noreturn]] void FailToWatch(const std::string& path, int error) {
@@ -61,18 +70,18 @@ FileState StateOf(const std::string& path) {
 
 }  // namespace
 
+FollowedFolders::Watched::Watched(const Folder& folder)
+    : directory(fs::absolute(folder.directory).lexically_normal().string()),
+      clock(folder.directory, folder.frame_rate_hz),
+      offset_ns(folder.offset_ns) {}
+
 FollowedFolders::FollowedFolders(const std::vector<Folder>& folders, std::optional<TimeNs> after_ns,
                                  BadFrameCallback on_bad_frame)
     : after_ns_(after_ns),
       on_bad_frame_(std::move(on_bad_frame)),
       fd_(::inotify_init1(IN_NONBLOCK | IN_CLOEXEC)) {
   if (fd_ < 0) throw std::runtime_error(std::string("inotify: ") + std::strerror(errno));
-  for (const Folder& folder : folders) {
-    Watched watched;
-    watched.directory = fs::absolute(folder.directory).lexically_normal().string();
-    watched.offset_ns = folder.offset_ns;
-    folders_.push_back(std::move(watched));
-  }
+  for (const Folder& folder : folders) folders_.emplace_back(folder);
   for (std::size_t i = 0; i < folders_.size(); ++i) Attach(i);
 }
 
@@ -105,23 +114,23 @@ std::optional<FollowedFrame> FollowedFolders::Next() {
   if (pending_.empty() && has_more_) ListAll();
   while (!pending_.empty()) {
     const auto node = pending_.extract(pending_.begin());
-    const auto [common_ns, index] = node.key();
+    const std::size_t index = node.key().second;
     const Pending& next = node.mapped();
     Watched& folder = folders_[index];
     const std::string path = (fs::path(folder.directory) / next.name).string();
-    const FileState state = StateOf(path);
-    if (state == FileState::kGone) {
-      ++num_vanished_;
+    const File file = FileAt(path);
+    if (file.state == FileState::kGone) {
+      ++counts_.vanished;
       continue;
     }
     // It is offered again when its writer closes it.
-    if (state == FileState::kBeingWritten) continue;
-    if (state == FileState::kUnsettled && next.is_listed) {
+    if (file.state == FileState::kBeingWritten) continue;
+    if (file.state == FileState::kUnsettled && next.is_listed) {
       if (!list_again_) list_again_ = Clock::now() + kSettleTime;
       continue;
     }
     NoteGiven(next.stamp_ns, folder);
-    const bool was_there = backlog_end_ns_ && common_ns <= *backlog_end_ns_;
+    const bool was_there = next.is_listed && file.changed_ns <= folder.listed_ns;
     return FollowedFrame{index, {path, next.stamp_ns}, was_there ? std::nullopt : next.came};
   }
   return std::nullopt;
@@ -171,13 +180,18 @@ int FollowedFolders::AddWatch(const std::string& path, std::uint32_t mask) const
 
 void FollowedFolders::List(std::size_t index) {
   const std::string directory = folders_[index].directory;
+  if (!folders_[index].was_listed)
+    folders_[index].listed_ns = NsSinceEpoch(std::chrono::system_clock::now());
+  std::vector<std::string> names;
   std::error_code error;
   fs::directory_iterator entry(directory, error);
   for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
     std::error_code ignored;
     if (entry->is_directory(ignored)) continue;
-    Offer(index, entry->path().filename().string(), true);
+    names.push_back(entry->path().filename().string());
   }
+  Settle(names, &folders_[index]);
+  for (const std::string& name : names) Offer(index, name, true);
   // A folder that is gone again makes an event.
   if (error && error.value() != ENOENT) FailToWatch(directory, error.value());
   folders_[index].was_listed = true;
@@ -207,6 +221,36 @@ void FollowedFolders::TakeEvent(int watch, std::uint32_t mask, const std::string
   }
 }
 
+void FollowedFolders::Settle(const std::vector<std::string>& names, Watched* folder) {
+  if (folder->clock.is_settled()) return;
+  std::vector<std::string_view> stems;
+  for (const std::string& name : names) {
+    if (IsFrameName(name) && StampInRange(StemOf(name))) stems.push_back(StemOf(name));
+  }
+  if (stems.empty()) return;
+  folder->clock.Settle(stems);
+  if (folder->clock.warning()) warnings_.push_back(*folder->clock.warning());
+}
+
+// Empty for a name that is no stamp, which is told once.
+std::optional<TimeNs> FollowedFolders::StampOf(const std::string& name, bool is_listed,
+                                               Watched* folder) {
+  const bool was_settled = folder->clock.is_settled();
+  const bool was_told = is_listed && folder->was_listed;
+  try {
+    const std::optional<TimeNs> stamp_ns = folder->clock.TimeOf(StemOf(name));
+    if (!was_settled && folder->clock.warning()) warnings_.push_back(*folder->clock.warning());
+    if (!stamp_ns && !was_told) {
+      on_bad_frame_(InputError((fs::path(folder->directory) / name).string() + ": '" +
+                               std::string(StemOf(name)) + "' is no stamp, " + kExpectedStamp));
+    }
+    return stamp_ns;
+  } catch (const InputError& error) {
+    if (!was_told) on_bad_frame_(error);
+    return std::nullopt;
+  }
+}
+
 void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_listed) {
   Watched& folder = folders_[index];
   const fs::path path = fs::path(folder.directory) / name;
@@ -215,20 +259,16 @@ void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_
                      ": cannot be followed, expected frames whose names are their stamps");
   }
   if (!IsFrameName(name)) return;
-  const std::string stem = name.substr(0, name.size() - kFrameSuffix.size());
-  const std::optional<TimeNs> stamp_ns = StampInRange(stem);
-  if (!stamp_ns) {
-    if (is_listed && folder.was_listed) return;  // told before
-    on_bad_frame_(InputError(path.string() + ": '" + stem + "' is no stamp, " + kExpectedStamp));
-    return;
-  }
+  const std::optional<TimeNs> stamp_ns = StampOf(name, is_listed, &folder);
+  if (!stamp_ns) return;
   const TimeNs common_ns = *stamp_ns + folder.offset_ns;
-  if (WasGiven(folder, *stamp_ns, is_listed)) {
-    if (!is_listed) ++num_passed_over_;
+  if (is_listed && WasWorkedOff(folder, *stamp_ns)) {
+    if (!folder.was_listed) ++counts_.worked_off;
     return;
   }
-  if (is_listed && !folder.was_listed) {
-    backlog_end_ns_ = std::max(backlog_end_ns_.value_or(common_ns), common_ns);
+  if (WasGiven(folder, *stamp_ns, is_listed)) {
+    if (!is_listed) ++counts_.passed_over;
+    return;
   }
   const Order order = {common_ns, index};
   // None may overtake those that there was no room for.
@@ -237,7 +277,7 @@ void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_
   const auto [place, is_new] = pending_.try_emplace(order, pending);
   if (!is_new) {
     place->second.is_listed = place->second.is_listed && is_listed;
-    if (place->second.name != name) ++num_passed_over_;
+    if (place->second.name != name) ++counts_.passed_over;
   }
   if (pending_.size() > kMaxPending) {
     pending_.erase(std::prev(pending_.end()));
@@ -245,9 +285,13 @@ void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_
   }
 }
 
-bool FollowedFolders::WasGiven(const Watched& folder, TimeNs stamp_ns, bool is_listed) const {
-  const bool is_old = (folder.newest_forgotten_ns && stamp_ns <= *folder.newest_forgotten_ns) ||
-                      (after_ns_ && stamp_ns + folder.offset_ns <= *after_ns_);
+// By an earlier run.
+bool FollowedFolders::WasWorkedOff(const Watched& folder, TimeNs stamp_ns) const {
+  return after_ns_ && stamp_ns + folder.offset_ns <= *after_ns_;
+}
+
+bool FollowedFolders::WasGiven(const Watched& folder, TimeNs stamp_ns, bool is_listed) {
+  const bool is_old = folder.newest_forgotten_ns && stamp_ns <= *folder.newest_forgotten_ns;
   return (is_listed && is_old) || folder.given_ns.count(stamp_ns) > 0;
 }
 

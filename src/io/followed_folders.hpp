@@ -18,13 +18,19 @@
 
 namespace unlidar {
 
+// What became of frames that were not given.
+struct FollowedCounts {
+  std::uint64_t vanished = 0;     // gone before they were read
+  std::uint64_t passed_over = 0;  // their stamp had come before
+  std::uint64_t worked_off = 0;   // there when their folder was first listed, up to `after_ns`
+};
+
 struct FollowedFrame {
   using Clock = std::chrono::steady_clock;
 
   std::size_t folder = 0;
   FrameFile file;  // its stamp is its name
-  // When it was seen; empty for one that was there when its folder was first listed, or is no newer
-  // than such a one.
+  // When it was seen; empty for one that was there when its folder was first listed.
   std::optional<Clock::time_point> came;
 };
 
@@ -45,12 +51,15 @@ class FollowedFolders {
   struct Folder {
     std::string directory;
     TimeNs offset_ns = 0;  // from its stamps to the time by which frames of all folders are sorted
+    double frame_rate_hz = 0.0;  // as of FrameClock
   };
   using BadFrameCallback = std::function<void(const InputError&)>;
 
-  // Frames up to `after_ns` (with their offset) that are found by listing are passed over. A frame
-  // without a stamp goes to `on_bad_frame`. Throws InputError for what cannot be watched and for a
-  // timestamps.csv, here and later.
+  // The names that are there when a folder is first listed settle how all are read, see FrameClock;
+  // of an empty folder the first one that appears. Frames up to `after_ns` (with their offset) that
+  // are found by listing are passed over, and counted the first time. A frame without a stamp goes
+  // to `on_bad_frame`. Throws InputError for what cannot be watched and for a timestamps.csv, here
+  // and later.
   FollowedFolders(const std::vector<Folder>& folders, std::optional<TimeNs> after_ns,
                   BadFrameCallback on_bad_frame);
   ~FollowedFolders();
@@ -66,20 +75,26 @@ class FollowedFolders {
   // The earliest frame that is complete.
   std::optional<FollowedFrame> Next();
 
+  // What is newly in doubt about the names.
+  std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
+
   std::size_t num_pending() const { return pending_.size(); }
-  std::uint64_t num_vanished() const { return num_vanished_; }        // gone before they were read
-  std::uint64_t num_passed_over() const { return num_passed_over_; }  // see above
+  const FollowedCounts& counts() const { return counts_; }
 
   // A frame that was given, but had gone.
-  void NoteVanished() { ++num_vanished_; }
+  void NoteVanished() { ++counts_.vanished; }
 
  private:
   struct Watched {
+    explicit Watched(const Folder& folder);
+
     std::string directory;  // absolute
+    FrameClock clock;
     TimeNs offset_ns = 0;
     int watch = -1;           // of the folder, or
     int ancestor_watch = -1;  // of the nearest folder above that exists
     bool was_listed = false;
+    TimeNs listed_ns = 0;  // Unix time of the first time
     std::set<TimeNs> given_ns;
     std::deque<TimeNs> given_in_order_ns;
     std::optional<TimeNs> newest_forgotten_ns;
@@ -99,8 +114,11 @@ class FollowedFolders {
   void List(std::size_t index);
   void ListAll();
   void TakeEvent(int watch, std::uint32_t mask, const std::string& name);
+  void Settle(const std::vector<std::string>& names, Watched* folder);
   void Offer(std::size_t index, const std::string& name, bool is_listed);
-  bool WasGiven(const Watched& folder, TimeNs stamp_ns, bool is_listed) const;
+  std::optional<TimeNs> StampOf(const std::string& name, bool is_listed, Watched* folder);
+  bool WasWorkedOff(const Watched& folder, TimeNs stamp_ns) const;
+  static bool WasGiven(const Watched& folder, TimeNs stamp_ns, bool is_listed);
   static void NoteGiven(TimeNs stamp_ns, Watched& folder);
 
   std::vector<Watched> folders_;
@@ -108,11 +126,10 @@ class FollowedFolders {
   BadFrameCallback on_bad_frame_;
   int fd_ = -1;
   std::map<Order, Pending> pending_;
-  bool has_more_ = false;                 // frames in the folders that pending_ has no room for
-  std::optional<TimeNs> backlog_end_ns_;  // the newest frame that was there at the beginning
+  bool has_more_ = false;  // frames in the folders that pending_ has no room for
   std::optional<FollowedFrame::Clock::time_point> list_again_;
-  std::uint64_t num_vanished_ = 0;
-  std::uint64_t num_passed_over_ = 0;
+  FollowedCounts counts_;
+  std::vector<Warning> warnings_;  // not taken yet
 };
 
 }  // namespace unlidar

@@ -52,6 +52,7 @@ std::vector<std::string> FrameNames(const std::string& directory) {
   const std::unique_ptr<DIR, CloseFolder> folder(opendir(directory.c_str()));
   check(folder != nullptr);
   std::vector<std::string> names;
+  std::string subfolder;  // the first by name
   while (true) {
     errno = 0;
     const dirent* entry = readdir(folder.get());
@@ -62,10 +63,17 @@ std::vector<std::string> FrameNames(const std::string& directory) {
     const bool is_folder = is_told ? entry->d_type == DT_DIR
                                    : fs::is_directory(fs::path(directory) / name, broken_link);
     if (IsFrameName(name) && !is_folder) names.push_back(name);
+    if (is_folder && name.front() != '.' && (subfolder.empty() || name < subfolder)) {
+      subfolder = name;
+    }
   }
   check(errno == 0);
   if (names.empty()) {
-    throw InputError(directory + ": holds no .pcd file, expected at least one frame");
+    throw InputError(directory + ": holds no .pcd file, expected at least one frame" +
+                     (subfolder.empty() ? ""
+                                        : "; a recording of several LiDARs has one --frames each, "
+                                          "as --frames " +
+                                              (fs::path(directory) / subfolder).string()));
   }
   std::sort(names.begin(), names.end());
   return names;
@@ -135,9 +143,19 @@ std::optional<StampsByFile> ReadStampFile(const std::string& directory,
 
 }  // namespace
 
-std::vector<FrameFile> ListFrames(const std::string& directory) {
+std::string_view StemOf(std::string_view name) {
+  return name.substr(0, name.size() - kFrameSuffix.size());
+}
+
+std::vector<FrameFile> ListFrames(const std::string& directory, FrameClock* clock) {
   const std::vector<std::string> names = FrameNames(directory);
   const std::optional<StampsByFile> listed = ReadStampFile(directory, names);
+  if (!listed) {
+    std::vector<std::string_view> stems;
+    stems.reserve(names.size());
+    for (const std::string& name : names) stems.push_back(StemOf(name));
+    clock->Settle(stems);
+  }
   std::vector<FrameFile> frames;
   for (const std::string& name : names) {
     const std::string path = (fs::path(directory) / name).string();
@@ -145,11 +163,11 @@ std::vector<FrameFile> ListFrames(const std::string& directory) {
       frames.push_back({path, listed->at(name)});
       continue;
     }
-    const std::string stem = name.substr(0, name.size() - kFrameSuffix.size());
-    const std::optional<TimeNs> stamp_ns = StampInRange(stem);
+    const std::string_view stem = StemOf(name);
+    const std::optional<TimeNs> stamp_ns = clock->TimeOf(stem);
     if (!stamp_ns) {
       throw InputError(path + ": " + Quoted(stem) + " is no stamp, " + kExpectedStamp +
-                       ", or a row of timestamps.csv");
+                       ", a mere number such as 000123, or a row of timestamps.csv");
     }
     frames.push_back({path, *stamp_ns});
   }

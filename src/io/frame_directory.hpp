@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "io/frame_clock.hpp"
 
 namespace unlidar {
 
@@ -33,7 +34,11 @@ std::optional<TimeNs> StampInRange(std::string_view text);
 // What a shell's *.pcd matches: no hidden files.
 bool IsFrameName(const std::string& name);
 
-// In the order of their stamps, at least one. Throws InputError.
-std::vector<FrameFile> ListFrames(const std::string& directory);
+// Without the suffix of the name of a frame.
+std::string_view StemOf(std::string_view name);
+
+// In the order of their stamps, at least one. `clock`: reads their names, unless timestamps.csv has
+// the stamps. Throws InputError.
+std::vector<FrameFile> ListFrames(const std::string& directory, FrameClock* clock);
 
 }  // namespace unlidar

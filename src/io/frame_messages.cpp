@@ -7,6 +7,7 @@
 #include "base/format.hpp"
 #include "io/frame_directory.hpp"
 #include "io/frames.hpp"
+#include "io/input_limits.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -73,7 +74,7 @@ bool FrameMessageReader::ReadHead() {
   return true;
 }
 
-FrameMessageReader::Head FrameMessageReader::ParseHead(std::string_view line) const {
+FrameMessageReader::Head FrameMessageReader::ParseHead(std::string_view line) {
   const std::vector<std::string_view> words = Words(line);
   if (words.size() != 4) {
     Fail("has the line " + Quoted(line) + ", " + kExpectedLine + " with one space between two");
@@ -81,10 +82,10 @@ FrameMessageReader::Head FrameMessageReader::ParseHead(std::string_view line) co
   Head head;
   head.sensor = words[1];
   if (!IsSensorName(head.sensor)) {
-    Fail("has the NAME " + Quoted(words[1]) + ", expected letters, digits, '_' and '-'");
+    Fail("has the NAME " + Quoted(words[1]) + ", " + kExpectedSensorName);
   }
   head.stamp = words[2];
-  const std::optional<TimeNs> stamp_ns = StampInRange(head.stamp);
+  const std::optional<TimeNs> stamp_ns = StampOf(head);
   if (!stamp_ns) Fail("has the STAMP " + Quoted(words[2]) + ", " + kExpectedStamp);
   head.stamp_ns = *stamp_ns;
   const std::string_view length = words[3];
@@ -96,6 +97,16 @@ FrameMessageReader::Head FrameMessageReader::ParseHead(std::string_view line) co
          std::to_string(kMaxMessageBytes));
   }
   return head;
+}
+
+std::optional<TimeNs> FrameMessageReader::StampOf(const Head& head) {
+  const auto known =
+      clocks_.try_emplace(head.sensor, name_ + ": " + head.sensor, rate_hz_(head.sensor)).first;
+  FrameClock& clock = known->second;
+  const bool was_settled = clock.is_settled();
+  const std::optional<TimeNs> stamp_ns = clock.TimeOf(head.stamp);
+  if (!was_settled && clock.warning()) warnings_.push_back(*clock.warning());
+  return stamp_ns;
 }
 
 void FrameMessageReader::Fail(const std::string& what) const {

@@ -4,17 +4,18 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 #include "base/recording.hpp"
+#include "io/frame_clock.hpp"
 
 namespace unlidar {
-
-// No line is longer, no frame larger: a stream of garbage must not fill the memory.
-inline constexpr std::size_t kMaxMessageLineBytes = 512;
-inline constexpr std::size_t kMaxMessageBytes = std::size_t{1} << 28;
 
 struct FrameMessage {
   std::string sensor;
@@ -27,13 +28,21 @@ struct FrameMessage {
 // what it holds and what was expected.
 class FrameMessageReader {
  public:
+  // Numbers a second of the frames of a sensor, as of FrameClock.
+  using RateOfSensor = std::function<double(const std::string& sensor)>;
+
   // `name` of the stream, for messages.
-  explicit FrameMessageReader(std::string name) : name_(std::move(name)) {}
+  explicit FrameMessageReader(
+      std::string name, RateOfSensor rate_hz = [](const std::string&) { return 0.0; })
+      : name_(std::move(name)), rate_hz_(std::move(rate_hz)) {}
 
   void Append(std::string_view bytes);
 
   // The next message, empty until all of its bytes are there.
   std::optional<FrameMessage> Next();
+
+  // What is newly in doubt about the stamps.
+  std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
 
   // No byte will follow: throws in the middle of a message.
   void Finish() const;
@@ -48,7 +57,8 @@ class FrameMessageReader {
 
   std::string_view Rest() const { return {buffer_.data() + begin_, buffer_.size() - begin_}; }
   bool ReadHead();
-  Head ParseHead(std::string_view line) const;
+  Head ParseHead(std::string_view line);
+  std::optional<TimeNs> StampOf(const Head& head);
   [[noreturn]] void Fail(const std::string& what) const;
 
   std::string name_;
@@ -56,6 +66,9 @@ class FrameMessageReader {
   std::size_t begin_ = 0;     // of what was not given yet
   std::uint64_t number_ = 1;  // of the message that begins there
   std::optional<Head> head_;  // of this message, once its line is there
+  RateOfSensor rate_hz_;
+  std::map<std::string, FrameClock> clocks_;  // by sensor
+  std::vector<Warning> warnings_;             // not taken yet
 };
 
 }  // namespace unlidar

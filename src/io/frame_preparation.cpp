@@ -78,6 +78,7 @@ void LoadFrame(PcdCloud cloud, const InputConfig& config, const SensorConfig& se
   frame->points_m.clear();
   frame->times_ns.clear();
   frame->counts = InputCounts();
+  frame->ranges = RangeStatistics();
   frame->info = FrameInfo();
   const Eigen::Vector4d& q = sensor.rotation_xyzw;
   const Eigen::Matrix3d rotation =
@@ -95,12 +96,13 @@ void LoadFrame(PcdCloud cloud, const InputConfig& config, const SensorConfig& se
       ++counts.no_return_rows;
       continue;
     }
-    const Eigen::Vector3d point_m = rows[row].cast<double>();
+    const Eigen::Vector3d point_m = config.scale_m * rows[row].cast<double>();
     if (!point_m.allFinite()) {
       ++counts.non_finite_rows;
       continue;
     }
     const double range_m = point_m.norm();
+    frame->ranges.Add(point_m, range_m);
     if (range_m < config.min_range_m || range_m > config.max_range_m) {
       ++counts.out_of_range_rows;
       continue;

@@ -12,6 +12,7 @@
 #include "io/frames.hpp"
 #include "io/pcd.hpp"
 #include "io/point_times.hpp"
+#include "io/units.hpp"
 
 namespace unlidar {
 
@@ -23,6 +24,7 @@ struct LoadedFrame {
   std::vector<Eigen::Vector3f> points_m;   // (N)
   std::vector<TimeNs> times_ns;            // (N)
   InputCounts counts;
+  RangeStatistics ranges;  // of all returns, also of those that are dropped for their range
   FrameInfo info;
 };
 

@@ -5,19 +5,28 @@
 #include <limits>
 #include <utility>
 
+#include "base/format.hpp"
 #include "base/parallel.hpp"
 #include "io/frame_preparation.hpp"
+#include "io/input_limits.hpp"
 #include "io/pcd.hpp"
 #include "io/sensor_frames.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
+namespace {
+
+// Recordings of two sensors that are longer than each other by so much are not of one rate.
+constexpr double kMostUneven = 1.3;
+
+}  // namespace
 
 bool IsSensorName(const std::string& name) {
-  return !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
-           c == '-';
-  });
+  return !name.empty() && name.size() <= kMaxSensorNameBytes &&
+         std::all_of(name.begin(), name.end(), [](char c) {
+           return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
+                  c == '_' || c == '-';
+         });
 }
 
 // One source being read: bad frames are thrown or, if the user wants so, noted.
@@ -27,7 +36,8 @@ class FrameReader::SourceReader {
                const SensorConfig& sensor)
       : directory_(source.directory),
         config_(config),
-        files_(ListFrames(source.directory)),
+        clock_(source.directory, FrameRateHz(config, sensor)),
+        files_(ListFrames(source.directory, &clock_)),
         sensor_(index, SourceName(source), config, sensor) {
     for (const FrameFile& file : {files_.front(), files_.back()})
       sensor_.CheckStamp(file.path, file.stamp_ns);
@@ -41,15 +51,22 @@ class FrameReader::SourceReader {
                                   : files_[next_].stamp_ns + sensor_.offset_ns();
   }
   SensorInfo info() const { return sensor_.info(); }
+  const FrameClock& clock() const { return clock_; }
+
+  // What is in doubt by the frames read so far.
+  void AppendWarnings(std::vector<Warning>* warnings) const {
+    if (clock_.warning()) warnings->push_back(*clock_.warning());
+    sensor_.AppendWarnings(false, warnings);
+  }
 
   void ReadUntil(TimeNs until_ns, Recording* recording, std::vector<LoadedFrame>* frames) {
-    std::vector<std::string> warnings;
+    std::vector<std::string> bad_frames;
     const auto unless_bad = [&](const auto& step) {
       try {
         step();
       } catch (const InputError& error) {
         if (!config_.skip_bad_frames) throw;
-        warnings.emplace_back(error.what());
+        bad_frames.emplace_back(error.what());
       }
     };
     std::vector<LoadedFrame> loaded;
@@ -86,23 +103,25 @@ class FrameReader::SourceReader {
         any_frame_ = true;
       });
     }
-    if (first_warning_.empty() && !warnings.empty()) first_warning_ = warnings.front();
+    if (first_bad_frame_.empty() && !bad_frames.empty()) first_bad_frame_ = bad_frames.front();
     if (first < files_.size() && next_ == files_.size() && !any_frame_) {
       throw InputError(directory_ + ": none of its " + std::to_string(files_.size()) +
-                       " frames can be read, the first: " + first_warning_);
+                       " frames can be read, the first: " + first_bad_frame_);
     }
-    recording->counts.bad_frames += warnings.size();
-    recording->warnings.insert(recording->warnings.end(), warnings.begin(), warnings.end());
+    recording->counts.bad_frames += bad_frames.size();
+    recording->bad_frames.insert(recording->bad_frames.end(), bad_frames.begin(), bad_frames.end());
+    sensor_.CheckUnits();
   }
 
  private:
   std::string directory_;
   const InputConfig& config_;
+  FrameClock clock_;
   std::vector<FrameFile> files_;
   SensorFrames sensor_;
   std::size_t next_ = 0;  // file to be read
   bool any_frame_ = false;
-  std::string first_warning_;
+  std::string first_bad_frame_;
 };
 
 FrameReader::FrameReader(const std::vector<FrameSource>& sources, const InputConfig& config,
@@ -131,11 +150,48 @@ TimeNs FrameReader::last_stamp_ns() const {
   return last_ns;
 }
 
+const FrameClock& FrameReader::first_clock() const { return sources_.front()->clock(); }
+
+// Of sensors whose frames cannot be of one recording.
+void FrameReader::AppendClockWarnings(std::vector<Warning>* warnings) const {
+  const SourceReader& first = *sources_.front();
+  const auto seconds_of = [](const SourceReader& source) {
+    return static_cast<double>(source.last_stamp_ns() - source.first_stamp_ns()) * kSecondsPerNs;
+  };
+  for (const auto& other : sources_) {
+    const std::string names = first.info().name + " and " + other->info().name + ": ";
+    const TimeNs apart_ns = std::max(other->first_stamp_ns() - first.last_stamp_ns(),
+                                     first.first_stamp_ns() - other->last_stamp_ns());
+    if (apart_ns > kNsPerSecond) {
+      warnings->push_back({"sensors_apart", names + "their frames are of times " +
+                                                std::to_string(apart_ns / kNsPerSecond) +
+                                                " s apart, expected one recording (numbers beside "
+                                                "stamps, or sensors.NAME.time_offset_s)"});
+      continue;
+    }
+    const bool are_assumed = first.clock().warning() && other->clock().warning();
+    const double first_s = seconds_of(first);
+    const double other_s = seconds_of(*other);
+    const auto [least_s, most_s] = std::minmax(first_s, other_s);
+    if (are_assumed && most_s > kMostUneven * least_s + 1.0) {
+      warnings->push_back({"sensors_uneven", names + FixedText(first_s, 0) + " s and " +
+                                                 FixedText(other_s, 0) +
+                                                 " s of numbered frames: of one rate? "
+                                                 "sensors.NAME.frame_rate_hz says otherwise"});
+    }
+  }
+}
+
 TimeNs FrameReader::ReadUntil(TimeNs until_ns, Recording* recording) {
   std::vector<LoadedFrame> frames;
   for (const auto& source : sources_) source->ReadUntil(until_ns, recording, &frames);
   recording->sensors.clear();
-  for (const auto& source : sources_) recording->sensors.push_back(source->info());
+  recording->warnings.clear();
+  for (const auto& source : sources_) {
+    recording->sensors.push_back(source->info());
+    source->AppendWarnings(&recording->warnings);
+  }
+  AppendClockWarnings(&recording->warnings);
   Merge(std::move(frames), *recording);
   TimeNs next_ns = std::numeric_limits<TimeNs>::max();
   for (const auto& source : sources_) next_ns = std::min(next_ns, source->next_stamp_ns());

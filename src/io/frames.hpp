@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "io/frame_clock.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -16,15 +17,17 @@ struct FrameSource {
   std::string directory;
 };
 
-// A name that `sensors` can hold: letters, digits, '_' and '-'.
+// A name that `sensors` can hold: letters, digits, '_' and '-', at most kMaxSensorNameBytes.
+inline constexpr const char* kExpectedSensorName =
+    "expected a name of up to 120 letters, digits, '_' and '-'";
 bool IsSensorName(const std::string& name);
 
 // Reads every frame of every source: the files `*.pcd` of its directory, in the order of their
 // stamps. A sensor that `sensors` does not name stands at the origin of the common frame.
 //
 // Stamps: the rows of `timestamps.csv` (`file,timestamp`) if the directory has one, then for every
-// file; else the number that is the file's name; both read by ParseStamp(). With the time offset of
-// the sensor as without it, they lie between 1844 and 2096.
+// file, read by ParseStamp(); else the names of the files, read by FrameClock. With the time offset
+// of the sensor as without it, they lie between 1844 and 2096.
 //
 // Point times: a field for the time of a point is read in one of three ways, for all frames of a
 // sensor the same: as an offset from the frame's stamp (whole numbers in nanoseconds, others in
@@ -38,12 +41,14 @@ bool IsSensorName(const std::string& name);
 // single frame.
 //
 // Rows are dropped and counted where they are not finite, (0, 0, 0), or by their range from the
-// sensor; then the pose of the sensor is applied in double. A frame without returns is data.
+// sensor, input.scale_m applied; then the pose of the sensor is applied in double. A frame without
+// returns is data.
 //
 // Throws UsageError for two sources of one name. Throws InputError for a missing or empty
 // directory, a file without a stamp in that range, two frames of one sensor with one stamp, a frame
 // that cannot be read or has wrong point times. With config.skip_bad_frames such frames are counted
-// and become warnings.
+// and become Recording::bad_frames. Throws UnitError where the coordinates of a sensor can be no
+// metres.
 Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& config,
                         const std::map<std::string, SensorConfig>& sensors);
 
@@ -61,12 +66,17 @@ class FrameReader {
   TimeNs first_stamp_ns() const;
   TimeNs last_stamp_ns() const;
 
+  // How the names of the first sensor's frames tell time.
+  const FrameClock& first_clock() const;
+
   // Appends the frames with a stamp before `until_ns` that were not read yet, and gives the stamp
   // of the frame that is next then; the largest TimeNs if there is none.
   TimeNs ReadUntil(TimeNs until_ns, Recording* recording);
 
  private:
   class SourceReader;
+
+  void AppendClockWarnings(std::vector<Warning>* warnings) const;
 
   InputConfig config_;
   std::vector<std::unique_ptr<SourceReader>> sources_;

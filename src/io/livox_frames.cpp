@@ -5,20 +5,16 @@
 #include <cstdlib>
 #include <utility>
 
+#include "io/input_limits.hpp"
+
 namespace unlidar {
 namespace {
 
-// Packets overtake each other in a network by less.
-constexpr TimeNs kPatienceNs = 10'000'000;
+// Packets overtake each other in a network by less than this and half of LivoxTime::kLastPackets.
+constexpr TimeNs kPatienceNs = 5'000'000;
 
-// A packet is not believed at once where its time is farther from that of the newest.
-constexpr TimeNs kMaxStepNs = 1'000'000'000;
-
-// So many packets in a row that agree are no accident.
-constexpr int kBelieved = 8;
-
-// Twice what the densest of these sensors sends in a second.
-constexpr std::size_t kMaxFramePoints = std::size_t{1} << 20;
+// What a packet takes besides its points: a node of the map, two blocks of the heap.
+constexpr std::size_t kPartBytes = 192;
 
 std::int64_t FloorDivide(std::int64_t value, std::int64_t by) {
   return value / by - (value % by < 0 ? 1 : 0);
@@ -26,76 +22,60 @@ std::int64_t FloorDivide(std::int64_t value, std::int64_t by) {
 
 }  // namespace
 
-void LivoxFrameCutter::Add(const LivoxPacket& packet, TimeNs received_ns) {
+void LivoxFrameCutter::Add(const LivoxPacket& packet, const Arrival& arrival) {
   if (packet.rays == 0) return;
-  const std::optional<TimeNs> time_ns = TimeOf(packet, received_ns);
-  if (!time_ns) {
+  const auto reading = time_.Take(packet, arrival, NextFrame() * frame_ns_);
+  if (!reading) {
     ++counts_.astray;
     return;
   }
-  const std::int64_t index = FloorDivide(*time_ns, frame_ns_);
-  const Order order{*time_ns, packet.counter ? packet.counter->packet : std::uint16_t{0}};
+  if (reading->is_anew) BeginAnew();
+  CloseUntil(time_.now_ns() - kPatienceNs);
+  const TimeNs time_ns = reading->time_ns;
+  const std::int64_t index = FloorDivide(time_ns, frame_ns_);
+  const Order order{time_ns, packet.counter ? packet.counter->packet : std::uint16_t{0}};
   const auto frame = open_.find(index);
   if (frame != open_.end() && frame->second.parts.count(order) > 0) {
     ++counts_.repeated;
     return;
   }
+  const TimeNs before_ns = std::exchange(last_ns_, time_ns).value_or(time_ns);
   if (packet.counter) {
     CountBy(*packet.counter);
-  } else if (newest_ns_ && *time_ns < *newest_ns_) {
+  } else if (time_ns < before_ns) {
     ++counts_.reordered;
   }
-  newest_ns_ = std::max(newest_ns_.value_or(*time_ns), *time_ns);
   if (closed_ && index <= *closed_) {
     ++counts_.late;
     return;
   }
   OpenFrame& open = open_[index];
-  if (open.points + packet.points.size() > kMaxFramePoints) {
+  // Packets without a point left count as well: each takes room.
+  if (open.points + packet.points.size() > kMaxFramePoints || open.parts.size() >= kMaxFrameParts) {
     ++counts_.excess;
     return;
   }
   open.points += packet.points.size();
+  const std::size_t bytes = kPartBytes + packet.points.size() * sizeof(LivoxPoint);
+  open.bytes += bytes;
+  unfinished_bytes_ += bytes;
   open.parts.emplace(order, Part{packet.rays, packet.span_ns, packet.points});
   ++counts_.used;
   counts_.noise_points += packet.noise_points;
-  CloseUntil(*newest_ns_ - kPatienceNs);
 }
 
-// The packet's time by the clock of the frames; empty as long as it is not to be believed.
-std::optional<TimeNs> LivoxFrameCutter::TimeOf(const LivoxPacket& packet, TimeNs received_ns) {
-  const bool counts_from_power_on = packet.clock == LivoxClock::kPowerOn;
-  if (counts_from_power_on && !power_on_ns_) {
-    const bool goes_on = newest_ns_ && std::abs(packet.stamp_ns - *newest_ns_) <= kMaxStepNs;
-    power_on_ns_ = goes_on ? 0 : NotBefore(received_ns) - packet.stamp_ns;
-  }
-  const TimeNs time_ns = packet.stamp_ns + (counts_from_power_on ? *power_on_ns_ : 0);
-  if (!newest_ns_ || std::abs(time_ns - *newest_ns_) <= kMaxStepNs) {
-    astray_in_a_row_ = 0;
-    return time_ns;
-  }
-  const bool agrees = last_astray_ns_ && std::abs(time_ns - *last_astray_ns_) < kMaxStepNs;
-  astray_in_a_row_ = agrees ? astray_in_a_row_ + 1 : 1;
-  last_astray_ns_ = time_ns;
-  if (astray_in_a_row_ < kBelieved) return std::nullopt;
+// Behind all that were opened or given.
+std::int64_t LivoxFrameCutter::NextFrame() const {
+  if (!open_.empty()) return open_.rbegin()->first + 1;
+  return closed_ ? *closed_ + 1 : 0;
+}
 
-  // The clock was set, or the sensor switched off and on again, or it has rested.
+void LivoxFrameCutter::BeginAnew() {
   Flush();
-  const bool has_gone_back = time_ns < *newest_ns_;
-  if (counts_from_power_on && has_gone_back) {
-    power_on_ns_ = NotBefore(received_ns) - packet.stamp_ns;
-  }
-  newest_ns_.reset();
   closed_.reset();
+  last_ns_.reset();
   expected_.reset();
   last_counted_ns_.reset();
-  astray_in_a_row_ = 0;
-  return packet.stamp_ns + (counts_from_power_on ? *power_on_ns_ : 0);
-}
-
-// This computer's time, or that of the next frame where packets are played faster than they came.
-TimeNs LivoxFrameCutter::NotBefore(TimeNs received_ns) const {
-  return newest_ns_ ? std::max(received_ns, *newest_ns_ + frame_ns_) : received_ns;
 }
 
 void LivoxFrameCutter::CountBy(LivoxCounter counter) {
@@ -122,10 +102,20 @@ void LivoxFrameCutter::Flush() {
   if (!open_.empty()) CloseUntil((open_.rbegin()->first + 1) * frame_ns_);
 }
 
+void LivoxFrameCutter::DropUnfinished() {
+  for (const auto& [index, frame] : open_) {
+    counts_.used -= frame.parts.size();
+    counts_.excess += frame.parts.size();
+  }
+  open_.clear();
+  unfinished_bytes_ = 0;
+}
+
 void LivoxFrameCutter::CloseUntil(TimeNs time_ns) {
   while (!open_.empty() && (open_.begin()->first + 1) * frame_ns_ <= time_ns) {
     const auto frame = open_.extract(open_.begin());
     closed_ = frame.key();
+    unfinished_bytes_ -= frame.mapped().bytes;
     Close(frame.key(), frame.mapped());
   }
 }
@@ -168,7 +158,7 @@ void LivoxFrameCutter::CountGaps(const OpenFrame& frame, TimeNs spacing_ns) {
     const TimeNs gap_ns = order.first - last_counted_ns_.value_or(order.first);
     last_counted_ns_ = order.first;
     // After a longer rest nobody knows what the sensor did.
-    if (spacing_ns <= 0 || gap_ns > kMaxStepNs) continue;
+    if (spacing_ns <= 0 || gap_ns > LivoxTime::kMaxStepNs) continue;
     const TimeNs packets = (gap_ns + spacing_ns / 2) / spacing_ns;
     counts_.lost += static_cast<std::uint64_t>(std::max<TimeNs>(packets - 1, 0));
   }

@@ -9,7 +9,9 @@
 #include <utility>
 #include <vector>
 
+#include "io/arrival.hpp"
 #include "io/livox_packets.hpp"
+#include "io/livox_time.hpp"
 #include "io/pcd.hpp"
 #include "unlidar/types.hpp"
 
@@ -30,20 +32,19 @@ struct LivoxCounts {
   std::uint64_t lost = 0;          // by the counters; of protocol 1 by gaps in the times
   std::uint64_t reordered = 0;     // came after newer ones, and were used if they were not late
   std::uint64_t noise_points = 0;  // left out for their tags
+
+  std::uint64_t packets() const { return used + repeated + late + astray + excess; }
 };
 
-// Frames are the times [k, k + 1) * frame_ns of the clock. One is given when a packet shows that
-// its time is over, with some patience for packets that overtake each other. Its points are in the
-// order of their times, in whatever order the packets came.
-//
-// A sensor whose clock is not synchronised gets this computer's time at its first packet, and from
-// there on its own. A clock that jumps is believed when several packets agree.
+// Frames are the times [k, k + 1) * frame_ns of LivoxTime. One is given when that says that it is
+// over, with some patience for packets that overtake each other: no single packet ends it. Its
+// points are in the order of their times, in whatever order the packets came.
 class LivoxFrameCutter {
  public:
-  explicit LivoxFrameCutter(TimeNs frame_ns) : frame_ns_(frame_ns) {}
+  explicit LivoxFrameCutter(TimeNs frame_ns) : frame_ns_(frame_ns), time_(frame_ns) {}
 
-  // `received_ns`: by the clock of this computer. Packets without rays change nothing.
-  void Add(const LivoxPacket& packet, TimeNs received_ns);
+  // Packets without rays change nothing.
+  void Add(const LivoxPacket& packet, const Arrival& arrival);
 
   // No more is to come for a while: gives what is pending.
   void Flush();
@@ -52,6 +53,12 @@ class LivoxFrameCutter {
   std::optional<LivoxFrame> Next();
 
   const LivoxCounts& counts() const { return counts_; }
+
+  // Memory of the frames that are not over yet.
+  std::size_t unfinished_bytes() const { return unfinished_bytes_; }
+
+  // Leaves them out: their packets are more than there is room for.
+  void DropUnfinished();
 
  private:
   using Order = std::pair<TimeNs, std::uint16_t>;  // stamp, counter
@@ -63,10 +70,11 @@ class LivoxFrameCutter {
   struct OpenFrame {
     std::map<Order, Part> parts;
     std::size_t points = 0;
+    std::size_t bytes = 0;
   };
 
-  std::optional<TimeNs> TimeOf(const LivoxPacket& packet, TimeNs received_ns);
-  TimeNs NotBefore(TimeNs received_ns) const;
+  std::int64_t NextFrame() const;
+  void BeginAnew();
   void CountBy(LivoxCounter counter);
   void CountGaps(const OpenFrame& frame, TimeNs spacing_ns);
   void CloseUntil(TimeNs time_ns);
@@ -75,13 +83,12 @@ class LivoxFrameCutter {
   TimeNs frame_ns_;
   LivoxCounts counts_;
   std::map<std::int64_t, OpenFrame> open_;  // by the number of the frame
+  std::size_t unfinished_bytes_ = 0;        // of these
   std::optional<std::int64_t> closed_;      // the last frame that was given
   std::deque<LivoxFrame> over_;
 
-  std::optional<TimeNs> power_on_ns_;  // when a clock that counts from power-on was 0
-  std::optional<TimeNs> newest_ns_;    // of a packet
-  std::optional<TimeNs> last_astray_ns_;
-  int astray_in_a_row_ = 0;
+  LivoxTime time_;
+  std::optional<TimeNs> last_ns_;  // of the packet before
   std::optional<LivoxCounter> expected_;
   std::optional<TimeNs> last_counted_ns_;  // of packets without a counter
 };

@@ -16,13 +16,11 @@
 #include <vector>
 
 #include "base/format.hpp"
+#include "io/input_limits.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
-
-// Of what waits: two seconds and more of a Mid-360, one of the densest sensor.
-constexpr std::size_t kMaxWaitingBytes = std::size_t{1} << 23;
 
 // How soon it looks again whether there is room.
 constexpr int kFullPauseMs = 2;
@@ -37,9 +35,6 @@ constexpr int kSocketBytes = 1 << 23;
 // Packets before it looks whether it shall end, and after that: more than the socket holds, but a
 // flood has no last one.
 constexpr int kMaxAtOnce = 1 << 12;
-
-// No packet of points is larger.
-constexpr std::size_t kMaxDatagramBytes = 2048;
 
 std::size_t SizeOf(const Datagram& datagram) { return sizeof(datagram) + datagram.payload.size(); }
 
@@ -122,7 +117,7 @@ void LivoxReceiver::Stop() {
 
 bool LivoxReceiver::IsFull() const {
   const std::lock_guard<std::mutex> lock(mutex_);
-  return bytes_ > kMaxWaitingBytes;
+  return bytes_ > kMaxWaitingPacketBytes;
 }
 
 void LivoxReceiver::Receive() {
@@ -150,9 +145,7 @@ void LivoxReceiver::TakeAll() {
     const auto length = std::min(static_cast<std::size_t>(got), bytes.size());
     Datagram datagram;
     datagram.source = ntohl(sender.sin_addr.s_addr);
-    datagram.received_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
-                               std::chrono::system_clock::now().time_since_epoch())
-                               .count();
+    datagram.received_ns = NsSinceEpoch(std::chrono::system_clock::now());
     datagram.came = Datagram::Clock::now();
     datagram.payload.assign(bytes.data(), length);
     taken.push_back(std::move(datagram));

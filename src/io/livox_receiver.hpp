@@ -10,6 +10,7 @@
 #include <string>
 #include <thread>
 
+#include "io/arrival.hpp"
 #include "io/descriptor.hpp"
 #include "unlidar/types.hpp"
 
@@ -33,6 +34,8 @@ struct Datagram {
   TimeNs received_ns = 0;    // Unix time
   Clock::time_point came;
   std::string payload;
+
+  Arrival arrival() const { return {received_ns, NsSinceEpoch(came)}; }
 };
 
 // A thread of its own takes the packets: while a frame is worked off, the system would keep but a

@@ -12,6 +12,13 @@ namespace {
 // Enough for a median, few enough to follow a sensor whose rate was changed.
 constexpr std::size_t kStreamStamps = 101;
 
+// The slowest LiDARs take a second for a frame, and some frames may be left out.
+constexpr TimeNs kLongestPeriodNs = 5'000'000'000;
+
+// Of a stream, in which the coordinates are checked: they do not change their unit later.
+constexpr TimeNs kUnitsFromNs = 1'000'000'000;
+constexpr TimeNs kUnitsUntilNs = 10'000'000'000;
+
 }  // namespace
 
 SensorFrames::SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
@@ -45,11 +52,51 @@ void SensorFrames::NoteStamp(TimeNs stamp_ns) {
 
 void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
   LoadFrame(std::move(cloud), input_, sensor_, frame);
+  ranges_.Add(frame->ranges);
+  if (source_ == Source::kStream && frame->ranges.returns() > 0) {
+    if (!first_return_ns_) first_return_ns_ = frame->file.stamp_ns;
+    returns_for_ns_ = frame->file.stamp_ns - *first_return_ns_;
+  }
   if (reading_ || frame->return_rows.empty()) return;
   for (const std::uint32_t row : frame->return_rows) {
     vote_.Add(RawTimeOf(frame->cloud, row), frame->file.stamp_ns);
   }
   if (source_ == Source::kStream) reading_ = vote_.Winner();
+}
+
+bool SensorFrames::CanTellUnits() const {
+  const bool is_due = source_ == Source::kRecording ||
+                      (kUnitsFromNs <= returns_for_ns_ && returns_for_ns_ <= kUnitsUntilNs);
+  return is_due && AreEnoughToRefuse(ranges_);
+}
+
+std::optional<std::string> SensorFrames::UnitDoubt() const {
+  if (!CanTellUnits()) return std::nullopt;
+  const auto why = WhyNoMetres(ranges_, input_.max_range_m);
+  return why ? std::make_optional(info_.name + ": " + *why) : std::nullopt;
+}
+
+void SensorFrames::CheckUnits() const {
+  if (const auto why = UnitDoubt()) throw UnitError(*why);
+}
+
+std::vector<Warning> SensorFrames::RangeWarnings(bool are_metres) const {
+  auto why = WhyNoMetres(ranges_, input_.max_range_m);
+  if (!why) why = WhyCentimetres(ranges_);
+  if (why && !are_metres) return {{"not_metres", info_.name + ": " + *why}};
+  const auto doubt = WarningOfRanges(info_.name, ranges_, input_.max_range_m);
+  return doubt ? std::vector<Warning>{*doubt} : std::vector<Warning>();
+}
+
+void SensorFrames::AppendWarnings(bool are_metres, std::vector<Warning>* warnings) const {
+  for (Warning& warning : RangeWarnings(are_metres)) warnings->push_back(std::move(warning));
+  const TimeNs period_ns = info().frame_period_ns;
+  if (period_ns > kLongestPeriodNs) {
+    warnings->push_back({"frames_far_apart",
+                         info_.name + ": frames are " + std::to_string(period_ns / kNsPerSecond) +
+                             " s apart, expected at most 1: are their stamps in another unit than "
+                             "seconds?"});
+  }
 }
 
 void SensorFrames::Finish(LoadedFrame& frame) {

@@ -41,11 +41,28 @@ class SensorFrames {
   // memory is used again.
   void Load(PcdCloud cloud, LoadedFrame* frame);
 
+  // Whether enough frames were loaded to tell their unit; of a stream within its first seconds
+  // alone.
+  bool CanTellUnits() const;
+
+  // Why the coordinates of the frames loaded so far can be no metres, with the name; empty where
+  // they can be, or it cannot be told.
+  std::optional<std::string> UnitDoubt() const;
+
+  // Throws UnitError for that.
+  void CheckUnits() const;
+
   // Sets the times and the interval of the frame. Throws InputError for a point time that is none.
   void Finish(LoadedFrame& frame);
 
   // Name, origin, and frame period by the stamps so far, until the next.
   const SensorInfo& info() const;
+
+  // The doubts in these coordinates, of however few frames. `are_metres`: as their source states.
+  std::vector<Warning> RangeWarnings(bool are_metres) const;
+
+  // Appends what the frames loaded so far leave in doubt.
+  void AppendWarnings(bool are_metres, std::vector<Warning>* warnings) const;
 
   // Added to each stamp.
   TimeNs offset_ns() const { return offset_ns_; }
@@ -60,6 +77,9 @@ class SensorFrames {
   mutable SensorInfo info_;                 // its period of these stamps,
   mutable bool is_period_known_ = false;    // once it was asked for,
   mutable std::vector<TimeNs> periods_ns_;  // and what it is found in
+  RangeStatistics ranges_;
+  std::optional<TimeNs> first_return_ns_;  // stamp of the first frame that has any,
+  TimeNs returns_for_ns_ = 0;              // and how long the last one came after it
   TimeReadingVote vote_;
   std::optional<TimeReading> reading_;  // once it is settled
 };

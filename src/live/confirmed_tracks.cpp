@@ -17,8 +17,7 @@ namespace {
 constexpr double kGuessedShare = 0.25;
 // What waits for so long to be known as a drone has no older rows: it may hang there for days.
 constexpr double kWaitS = 20.0;
-constexpr double kTaken = 0.0;   // gain from which a plot is a track's
-constexpr double kSurely = 1e9;  // gain of one that is, whatever others would gain
+constexpr double kTaken = 0.0;  // gain from which a plot is a track's
 
 }  // namespace
 
@@ -26,7 +25,7 @@ ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackMo
                                  OutputTimes output_times, EngineCallback on_event)
     : config_(config),
       models_(models),
-      instants_(std::move(output_times)),
+      instants_(std::move(output_times), NsOf(config.live.silent_s)),
       fitter_(config.trajectory),
       judge_(config.live.window_s),
       on_event_(std::move(on_event)) {}
@@ -41,27 +40,20 @@ void ConfirmedTracks::SetSuited(const std::vector<SeenPlot>& plots, Track* track
   }
 }
 
-const std::vector<char>& ConfirmedTracks::Extend(Look look, const std::vector<SeenPlot>& plots,
+const std::vector<char>& ConfirmedTracks::Extend(const std::vector<SeenPlot>& plots,
                                                  const Moment& at) {
   claims_.assign(plots.size(), Claim());
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
     const TrackFollower& follower = *tracks_[t].follower;
-    if (tracks_[t].look == look) {
-      SetSuited(plots, &tracks_[t]);
-      follower.SetGains(tracks_[t].suited, at, &gains_);
-      for (std::size_t i = 0; i < plots.size(); ++i) {
-        if (gains_[i] > claims_[i].gain) claims_[i] = {gains_[i], t};
-      }
-    } else if (look == Look::kWhole) {
-      for (std::size_t i = 0; i < plots.size(); ++i) {
-        if (follower.IsNear(plots[i].plot.position_m, at.time_s)) claims_[i] = {kSurely, t};
-      }
+    SetSuited(plots, &tracks_[t]);
+    follower.SetGains(tracks_[t].suited, at, &gains_);
+    for (std::size_t i = 0; i < plots.size(); ++i) {
+      if (gains_[i] > claims_[i].gain) claims_[i] = {gains_[i], t};
     }
   }
   are_free_.clear();
   for (const Claim& claim : claims_) are_free_.push_back(claim.gain <= kTaken ? 1 : 0);
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
-    if (tracks_[t].look != look) continue;
     are_allowed_ = are_free_;
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (claims_[i].track == t) are_allowed_[i] = 1;
@@ -71,11 +63,9 @@ const std::vector<char>& ConfirmedTracks::Extend(Look look, const std::vector<Se
   return are_free_;
 }
 
-bool ConfirmedTracks::HasAt(Look look, const Eigen::Vector3d& place_m, double since_s,
-                            double time_s) const {
+bool ConfirmedTracks::HasAt(const Eigen::Vector3d& place_m, double since_s, double time_s) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
-    return track.look == look && track.follower->IsNear(place_m, time_s) &&
-           track.follower->IsNear(place_m, since_s);
+    return track.follower->IsNear(place_m, time_s) && track.follower->IsNear(place_m, since_s);
   });
 }
 
@@ -90,7 +80,7 @@ bool ConfirmedTracks::Has(const Flight& flight) const {
   });
 }
 
-bool ConfirmedTracks::Begin(Look look, const Flight& flight, double least_score,
+bool ConfirmedTracks::Begin(const Flight& flight, double least_score,
                             const std::function<Flight(const Flight&)>& with_past) {
   const auto follow = [&](const Flight& its) {
     return std::make_unique<TrackFollower>(its, models_, config_.robust.tracker,
@@ -101,16 +91,11 @@ bool ConfirmedTracks::Begin(Look look, const Flight& flight, double least_score,
   tracks_.emplace_back();
   tracks_.back().follower = follow(with_past(flight));
   tracks_.back().number = next_number_++;
-  tracks_.back().look = look;
   return true;
 }
 
-void ConfirmedTracks::Judge(Look look, const std::vector<SeenPlot>& seen, double time_s) {
+void ConfirmedTracks::Judge(const std::vector<SeenPlot>& seen, double time_s) {
   for (auto track = tracks_.begin(); track != tracks_.end();) {
-    if (track->look != look) {
-      ++track;
-      continue;
-    }
     TrackFollower& follower = *track->follower;
     if (!track->verdict || time_s >= track->verdict->until_s) {
       if (!track->is_told) follower.Fit(fitter_);
@@ -126,22 +111,19 @@ void ConfirmedTracks::Judge(Look look, const std::vector<SeenPlot>& seen, double
   }
 }
 
-const std::vector<SeenPlot>& ConfirmedTracks::GiveRows(Look look, TimeNs searched_ns,
-                                                       TimeNs newest_ns) {
+const std::vector<SeenPlot>& ConfirmedTracks::GiveRows(TimeNs searched_ns, TimeNs newest_ns) {
   const TimeNs due_ns = newest_ns - NsOf(config_.live.delay_s);
   settled_.clear();
   for (Track& track : tracks_) {
-    if (track.look != look) continue;
     Append(&track, std::min(due_ns, searched_ns), newest_ns, kGuessedShare);
   }
   return settled_;
 }
 
-const std::vector<SeenPlot>& ConfirmedTracks::EndLost(Look look, TimeNs lost_ns,
-                                                      TimeNs searched_ns) {
+const std::vector<SeenPlot>& ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs searched_ns) {
   settled_.clear();
   for (auto track = tracks_.begin(); track != tracks_.end();) {
-    if (track->look != look || track->follower->last_tried_ns() >= lost_ns) {
+    if (track->follower->last_tried_ns() >= lost_ns) {
       ++track;
       continue;
     }
@@ -150,20 +132,6 @@ const std::vector<SeenPlot>& ConfirmedTracks::EndLost(Look look, TimeNs lost_ns,
     track = tracks_.erase(track);
   }
   return settled_;
-}
-
-// What could not be judged by the little that is known of it is not judged by that any more.
-void ConfirmedTracks::LeaveUntold() {
-  const auto is_left = [&](const Track& track) {
-    if (track.look != Look::kFirst || track.is_told) return false;
-    judge_.Forget(track.number);
-    return true;
-  };
-  tracks_.erase(std::remove_if(tracks_.begin(), tracks_.end(), is_left), tracks_.end());
-}
-
-void ConfirmedTracks::HandOver() {
-  for (Track& track : tracks_) track.look = Look::kWhole;
 }
 
 void ConfirmedTracks::Close(TimeNs newest_ns) {

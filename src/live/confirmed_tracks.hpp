@@ -19,13 +19,7 @@
 
 namespace unlidar {
 
-// Which of two searches through the same frames: one that takes a first look at the begin of a
-// stream, or the one that goes through all of it.
-enum class Look { kFirst, kWhole };
-
-// Events of a track: that it is confirmed, before its first row; its rows; its end. Each look goes
-// on with its own tracks alone, but what the first has is not free to the other, which is behind
-// it.
+// Events of a track: that it is confirmed, before its first row; its rows; its end.
 class ConfirmedTracks {
  public:
   // `config` and `models`, as of TrackFollower, outlive it.
@@ -41,33 +35,27 @@ class ConfirmedTracks {
   // Goes on with plots of a frame at `at`. Each is that of one track at most, of the one that it
   // suits best. Returns (plots) which are free, until the next call: no track explains them better
   // than clutter, so they may be another target's.
-  const std::vector<char>& Extend(Look look, const std::vector<SeenPlot>& plots, const Moment& at);
+  const std::vector<char>& Extend(const std::vector<SeenPlot>& plots, const Moment& at);
 
   // Whether one of them was at a place at `since_s`, and is likely to be there still at `time_s`.
-  bool HasAt(Look look, const Eigen::Vector3d& place_m, double since_s, double time_s) const;
+  bool HasAt(const Eigen::Vector3d& place_m, double since_s, double time_s) const;
 
   // Begins a track with a flight, unless one has it already. False if the flight is worth less than
   // `least_score` as a track. `with_past`: gives the flight with what it was before.
-  bool Begin(Look look, const Flight& flight, double least_score,
+  bool Begin(const Flight& flight, double least_score,
              const std::function<Flight(const Flight&)>& with_past);
 
   // Judges the tracks by what the frames of the last while show, `seen` in their order. One that
   // may be no drone is followed without a row; one that has rows and proves to be a cloud ends.
-  void Judge(Look look, const std::vector<SeenPlot>& seen, double time_s);
+  void Judge(const std::vector<SeenPlot>& seen, double time_s);
 
   // Gives the rows that are due when `newest_ns` is the newest stamp and frames were searched until
   // `searched_ns`. Returns the plots that are the tracks' for good by now, until the next call.
-  const std::vector<SeenPlot>& GiveRows(Look look, TimeNs searched_ns, TimeNs newest_ns);
+  const std::vector<SeenPlot>& GiveRows(TimeNs searched_ns, TimeNs newest_ns);
 
   // Ends the tracks that were seen last before `lost_ns`, their last rows given. Returns as
   // GiveRows().
-  const std::vector<SeenPlot>& EndLost(Look look, TimeNs lost_ns, TimeNs searched_ns);
-
-  // The first look is over: what it has not told is left to the whole search.
-  void LeaveUntold();
-
-  // The whole search has come as far as the first look, and goes on with its tracks.
-  void HandOver();
+  const std::vector<SeenPlot>& EndLost(TimeNs lost_ns, TimeNs searched_ns);
 
   // Ends all of them.
   void Close(TimeNs newest_ns);
@@ -89,7 +77,6 @@ class ConfirmedTracks {
   struct Track {
     int number = 0;  // as it began
     int id = 0;      // as it is told
-    Look look = Look::kWhole;
     std::unique_ptr<TrackFollower> follower;
     std::vector<SeenPlot> suited;  // the plots of a frame, as it sees them
     std::optional<TrackJudge::Verdict> verdict;

@@ -2,24 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 #include <utility>
 
+#include "io/frame_directory.hpp"
 #include "recording/pipeline.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
-namespace {
-
-// So many frames of each sensor in a row tell of a clock that has gone back; fewer may be astray.
-constexpr int kFramesOfPast = 8;
-
-template <class Waiting>
-bool ComesLater(const Waiting& a, const Waiting& b) {
-  return b.ComesBefore(a);
-}
-
-}  // namespace
 
 void CheckLive(const Config& config) {
   if (config.method == Method::kRobust || std::isinf(config.live.delay_s)) return;
@@ -30,20 +21,30 @@ void CheckLive(const Config& config) {
 
 LiveEngine::LiveEngine(const Config& config, const std::vector<std::string>& sensors,
                        OutputTimes output_times, EngineCallback on_event,
-                       std::optional<TimeReading> reading)
+                       std::optional<TimeReading> reading, bool are_metres)
     : config_(config),
       output_times_(std::move(output_times)),
       on_event_(std::move(on_event)),
       reading_(reading),
+      are_metres_(are_metres),
       is_endless_(std::isinf(config_.live.delay_s)),
-      tracker_(std::make_unique<LiveTracker>(config_, output_times_, on_event_)) {
+      tracker_(std::make_unique<LiveTracker>(config_, output_times_, on_event_)),
+      stamps_(config_.live) {
   for (const std::string& name : sensors) AddSensor(name);
 }
 
 std::uint32_t LiveEngine::AddSensor(const std::string& name) {
   const auto index = static_cast<std::uint32_t>(sensors_.size());
   sensors_.emplace_back(FramesOf(index, name));
+  stamps_.AddSensor();
   return index;
+}
+
+void LiveEngine::ReplaceSensor(std::uint32_t sensor, const std::string& name) {
+  DropAstray([&](std::uint32_t held, TimeNs) { return held == sensor; });
+  sensors_[sensor] = Sensor(FramesOf(sensor, name));
+  stamps_.Replace(sensor);
+  warned_of_.erase(warned_of_.lower_bound({sensor, ""}), warned_of_.lower_bound({sensor + 1, ""}));
 }
 
 SensorFrames LiveEngine::FramesOf(std::uint32_t sensor, const std::string& name) const {
@@ -57,87 +58,146 @@ SensorFrames LiveEngine::FramesOf(std::uint32_t sensor, const std::string& name)
 }
 
 void LiveEngine::Add(CloudFrame frame) {
-  Sensor& sensor = sensors_.at(frame.sensor);
+  const Sensor& sensor = sensors_.at(frame.sensor);
   sensor.frames.CheckStamp(frame.name, frame.stamp_ns);
   const TimeNs stamp_ns = frame.stamp_ns + sensor.frames.offset_ns();
-  if (!is_endless_ && has_begun_ && stamp_ns < SettledNs()) {
-    if (!HasClockGoneBack(&sensor, stamp_ns)) {
-      ++late_frames_;
-      return;
-    }
-    BeginAnew();
-  } else if (HasForgottenAll(stamp_ns)) {
-    BeginAnew();
-  }
-  sensor.frames_of_past = 0;
-  const auto at =
-      std::lower_bound(sensor.stamps_ns.begin(), sensor.stamps_ns.end(), frame.stamp_ns);
-  if (at != sensor.stamps_ns.end() && *at == frame.stamp_ns) {
+  if (CameBefore(sensor, frame, stamp_ns)) {
     throw InputError(std::string(frame.name) + ": has the stamp " + std::to_string(frame.stamp_ns) +
                      " ns of an earlier frame, expected one frame for each stamp");
   }
-  sensor.stamps_ns.insert(at, frame.stamp_ns);
+  if (is_endless_) return Take(std::move(frame), stamp_ns);
+  using Verdict = StampJudge::Verdict;
+  const std::uint32_t index = frame.sensor;
+  const Verdict verdict = stamps_.Judge({index, stamp_ns, frame.arrival});
+  if (verdict == Verdict::kTaken && held_.empty()) return Take(std::move(frame), stamp_ns);
+  if (verdict == Verdict::kLate) {
+    ++late_frames_;
+  } else {
+    held_.Add(std::move(frame), stamp_ns);
+  }
+  Settle(verdict);
+}
+
+void LiveEngine::LeaveOut(std::uint32_t sensor, TimeNs stamp_ns,
+                          const std::optional<Arrival>& arrival) {
+  const TimeNs time_ns = stamp_ns + sensors_.at(sensor).frames.offset_ns();
+  if (is_endless_ || std::abs(time_ns) > kMaxStampNs) return;
+  Settle(stamps_.Judge({sensor, time_ns, arrival}));
+}
+
+// The verdict on a frame decides on those that wait, too.
+void LiveEngine::Settle(StampJudge::Verdict verdict) {
+  if (verdict == StampJudge::Verdict::kAnew) BeginAnew();
+  TakeHeld();
+  DropAstray(
+      [this](std::uint32_t sensor, TimeNs time_ns) { return !stamps_.IsPending(sensor, time_ns); });
+}
+
+bool LiveEngine::CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeNs stamp_ns) const {
+  if (!is_endless_ && has_begun() && stamp_ns < SettledNs()) return false;  // late in any case
+  return std::binary_search(sensor.stamps_ns.begin(), sensor.stamps_ns.end(), frame.stamp_ns) ||
+         held_.Has(frame.sensor, stamp_ns);
+}
+
+// In the order of their stamps: none may come behind what was handed on.
+void LiveEngine::TakeHeld() {
+  const auto is_due = [this](std::uint32_t sensor, TimeNs time_ns) {
+    return stamps_.IsBorneOut(sensor, time_ns);
+  };
+  while (held_.TakeEarliest(is_due, &taken_)) Take(std::move(taken_.frame), taken_.time_ns);
+}
+
+template <class IsToGo>
+void LiveEngine::DropAstray(const IsToGo& is_to_go) {
+  while (held_.TakeSurplus(is_to_go, &taken_)) {
+    ++astray_.count;
+    astray_.sensor = taken_.frame.sensor;
+    astray_.ahead_ns = has_begun() ? taken_.time_ns - newest_ns() : 0;
+  }
+}
+
+void LiveEngine::Take(CloudFrame frame, TimeNs stamp_ns) {
+  if (HasForgottenAll(stamp_ns)) BeginAnew();
+  Sensor& sensor = sensors_[frame.sensor];
+  std::vector<TimeNs>& stamps_ns = sensor.stamps_ns;
+  stamps_ns.insert(std::lower_bound(stamps_ns.begin(), stamps_ns.end(), frame.stamp_ns),
+                   frame.stamp_ns);
   if (is_endless_) sensor.frames.NoteStamp(frame.stamp_ns);
-  if (num_waiting_ == waiting_.size()) waiting_.emplace_back();
-  waiting_[num_waiting_].stamp_ns = stamp_ns;
-  LoadedFrame& loaded = waiting_[num_waiting_].frame;
+  LoadedFrame& loaded = waiting_.Next();
   loaded.file.path = frame.name;
   loaded.file.stamp_ns = frame.stamp_ns;
   sensor.frames.Load(std::move(frame.cloud), &loaded);
+  sensor.was_heard = true;
+  if (!is_endless_ && sensor.frames.CanTellUnits()) CheckUnits(frame.sensor);
   loaded.info.sensor = frame.sensor;
   AddCounts(loaded.counts, counts_);
   ++counts_.frames;
-  if (!std::exchange(has_begun_, true)) {
-    newest_ns_ = stamp_ns;
-    on_event_(EngineState::kWarmingUp);
-  }
-  newest_ns_ = std::max(newest_ns_, stamp_ns);
+  const bool is_first = !has_begun();
+  stamps_.Take(stamp_ns);
+  if (is_first) on_event_(EngineState::kWarmingUp);
   sensor.newest_ns = std::max(sensor.newest_ns, stamp_ns);
   TellSensors(frame.sensor);
-  ++num_waiting_;
-  std::push_heap(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(num_waiting_),
-                 ComesLater<Waiting>);
-  if (!is_endless_) Release(SettledNs());
+  waiting_.Add(stamp_ns);
+  if (is_endless_) return;
+  Release(SettledNs());
+  DropSurplus();
+}
+
+void LiveEngine::DropSurplus() {
+  while (const std::optional<WaitingFrames::Dropped> dropped = waiting_.DropSurplus()) {
+    std::vector<TimeNs>& stamps_ns = sensors_[dropped->sensor].stamps_ns;
+    stamps_ns.erase(std::lower_bound(stamps_ns.begin(), stamps_ns.end(), dropped->stamp_ns));
+    --counts_.frames;
+    ++surplus_.count;
+    surplus_.sensor = dropped->sensor;
+  }
+}
+
+void LiveEngine::CheckUnits(std::uint32_t index) {
+  const SensorFrames& frames = sensors_[index].frames;
+  const auto why = frames.UnitDoubt();
+  if (!why || are_metres_) return Warn(index, frames.RangeWarnings(are_metres_));
+  sensors_[index].is_no_metres = true;
+  const auto is_right = [](const Sensor& sensor) {
+    return sensor.was_heard && !sensor.is_no_metres;
+  };
+  if (std::none_of(sensors_.begin(), sensors_.end(), is_right)) throw UnitError(*why);
+  Warn(index, {{"not_metres", *why}});
 }
 
 void LiveEngine::Advance(TimeNs now_ns) {
-  if (!has_begun_ || now_ns <= newest_ns_) return;
-  newest_ns_ = now_ns;
+  if (!has_begun() || now_ns <= newest_ns()) return;
+  stamps_.Take(std::min(now_ns, kMaxStampNs));
   TellSensors(std::nullopt);
   if (is_endless_) return;
   Release(SettledNs());
-  tracker_->Advance(SettledNs(), newest_ns_);
+  tracker_->Advance(SettledNs(), newest_ns());
 }
 
 void LiveEngine::Close() {
-  if (!has_begun_) return;
-  if (is_endless_) {
-    TrackAll();
-    return;
-  }
-  Release(std::numeric_limits<TimeNs>::max());
-  tracker_->Close(newest_ns_);
+  DropAstray([](std::uint32_t, TimeNs) { return true; });
+  EndTracks();
 }
 
-// A sensor whose clock has gone back, or was far ahead before, would be heard again only when it
-// has caught up. Where what all that are not silent tell is older than anything that is remembered,
-// it is a new beginning. A sensor that alone is so far behind the others is only late.
-bool LiveEngine::HasClockGoneBack(Sensor* sensor, TimeNs stamp_ns) const {
-  const double window_s = config_.live.window_s;
-  const bool is_past = std::isfinite(window_s) && newest_ns_ - stamp_ns > NsOf(window_s);
-  sensor->frames_of_past = is_past ? sensor->frames_of_past + 1 : 0;
-  const auto is_past_or_silent = [&](const Sensor& other) {
-    return other.frames_of_past >= kFramesOfPast ||
-           (&other != sensor && other.state == SensorState::kSilent);
-  };
-  return std::all_of(sensors_.begin(), sensors_.end(), is_past_or_silent);
+void LiveEngine::EndTracks() {
+  if (!has_begun()) return;
+  if (is_endless_) return TrackAll();
+  Release(std::numeric_limits<TimeNs>::max());
+  tracker_->Close(newest_ns());
+  for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
+    Sensor& sensor = sensors_[i];
+    sensor.pose.Finish(sensor.frames.info().name);
+    std::vector<Warning> warnings = sensor.pose.TakeWarnings();
+    sensor.frames.AppendWarnings(are_metres_, &warnings);
+    Warn(i, std::move(warnings));
+  }
 }
 
 // Whether nothing that is remembered is young enough for a frame of this stamp: there was none for
 // so long, or the clock has jumped. What stands and grows there would be new, and seem to fly.
 bool LiveEngine::HasForgottenAll(TimeNs stamp_ns) const {
   const double window_s = config_.live.window_s;
-  if (is_endless_ || !has_begun_ || !std::isfinite(window_s)) return false;
+  if (is_endless_ || !has_begun() || !std::isfinite(window_s)) return false;
   return std::all_of(sensors_.begin(), sensors_.end(), [&](const Sensor& sensor) {
     return stamp_ns - sensor.newest_ns > NsOf(window_s);
   });
@@ -145,20 +205,23 @@ bool LiveEngine::HasForgottenAll(TimeNs stamp_ns) const {
 
 // Nothing of what was is related to what comes.
 void LiveEngine::BeginAnew() {
-  Close();
+  EndTracks();
   auto tracker = std::make_unique<LiveTracker>(config_, output_times_, on_event_);
   tracker->NumberFrom(tracker_->next_id());
   tracker_ = std::move(tracker);
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     Sensor anew(FramesOf(i, sensors_[i].frames.info().name));
-    anew.sight = std::move(sensors_[i].sight);  // which no clock changes
+    anew.sight = std::move(sensors_[i].sight);  // which no clock changes,
+    anew.pose = std::move(sensors_[i].pose);    // nor this,
+    anew.was_heard = sensors_[i].was_heard;     // nor the unit
+    anew.is_no_metres = sensors_[i].is_no_metres;
     sensors_[i] = std::move(anew);
   }
-  has_begun_ = false;
+  stamps_.Begin();
 }
 
 // No earlier frame will come.
-TimeNs LiveEngine::SettledNs() const { return newest_ns_ - NsOf(config_.live.reorder_s); }
+TimeNs LiveEngine::SettledNs() const { return newest_ns() - NsOf(config_.live.reorder_s); }
 
 // `heard`: the sensor of the frame that has just come.
 void LiveEngine::TellSensors(std::optional<std::uint32_t> heard) {
@@ -166,7 +229,7 @@ void LiveEngine::TellSensors(std::optional<std::uint32_t> heard) {
     Sensor& sensor = sensors_[i];
     const bool is_silent =
         i != heard && (sensor.state == SensorState::kSilent ||
-                       newest_ns_ - sensor.newest_ns > NsOf(config_.live.silent_s));
+                       newest_ns() - sensor.newest_ns > NsOf(config_.live.silent_s));
     const bool is_blinded = !is_endless_ && sensor.sight.is_blinded();
     const SensorState state = is_silent    ? SensorState::kSilent
                               : is_blinded ? SensorState::kBlinded
@@ -179,18 +242,26 @@ void LiveEngine::TellSensors(std::optional<std::uint32_t> heard) {
 void LiveEngine::LookAt(const LoadedFrame& frame) {
   Sensor& sensor = sensors_[frame.info.sensor];
   const Eigen::Vector3f* const begin_m = frame.points_m.data();
-  sensor.sight.AddFrame(frame.info.begin_ns, begin_m, begin_m + frame.points_m.size(),
-                        sensor.frames.info().origin_m);
+  const Eigen::Vector3f* const end_m = begin_m + frame.points_m.size();
+  const SensorInfo& info = sensor.frames.info();
+  sensor.sight.AddFrame(frame.info.begin_ns, begin_m, end_m, info.origin_m);
+  if (is_endless_) return;  // all is told of the recording at the end
+  sensor.pose.AddFrame(info.name, frame.info.begin_ns, begin_m, end_m, info.origin_m);
+  Warn(frame.info.sensor, sensor.pose.TakeWarnings());
+}
+
+// Each kind once of a sensor, however often it begins anew.
+void LiveEngine::Warn(std::uint32_t sensor, std::vector<Warning> warnings) {
+  for (Warning& warning : warnings) {
+    if (warned_of_.emplace(sensor, warning.code).second) warnings_.push_back(std::move(warning));
+  }
 }
 
 // Hands on the frames up to a stamp in order: none of an earlier stamp will come. Rows depend on
 // what was handed on alone, so that they are the same in whatever order the frames came.
 void LiveEngine::Release(TimeNs until_ns) {
-  while (num_waiting_ > 0 && waiting_.front().stamp_ns <= until_ns) {
-    std::pop_heap(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(num_waiting_),
-                  ComesLater<Waiting>);
-    --num_waiting_;
-    HandOn(until_ns, &waiting_[num_waiting_].frame);
+  while (!waiting_.empty() && waiting_.earliest_ns() <= until_ns) {
+    HandOn(until_ns, waiting_.TakeEarliest());
   }
 }
 
@@ -228,13 +299,13 @@ void LiveEngine::HandOn(TimeNs until_ns, LoadedFrame* frame) {
 // the frames are a recording.
 void LiveEngine::TrackAll() {
   Recording recording;
-  for (const Sensor& sensor : sensors_) recording.sensors.push_back(sensor.frames.info());
+  for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
+    if (sensors_[i].frames.UnitDoubt()) CheckUnits(i);
+    sensors_[i].frames.AppendWarnings(are_metres_, &recording.warnings);
+    recording.sensors.push_back(sensors_[i].frames.info());
+  }
   std::vector<LoadedFrame> frames;
-  waiting_.resize(num_waiting_);
-  std::sort(waiting_.begin(), waiting_.end(),
-            [](const Waiting& a, const Waiting& b) { return a.ComesBefore(b); });
-  for (Waiting& waiting : waiting_) {
-    LoadedFrame& loaded = waiting.frame;
+  for (LoadedFrame& loaded : waiting_.TakeAll()) {
     try {
       sensors_[loaded.info.sensor].frames.Finish(loaded);
       LookAt(loaded);
@@ -244,10 +315,9 @@ void LiveEngine::TrackAll() {
       ++counts_.bad_frames;
     }
   }
-  waiting_.clear();
-  num_waiting_ = 0;
   Merge(std::move(frames), recording);
   const PipelineResult result = TracksOf(recording, output_times_, config_);
+  warnings_.insert(warnings_.end(), result.warnings.begin(), result.warnings.end());
   std::vector<TrajectoryRow> rows;
   for (const FittedTrack& track : result.tracks) {
     on_event_(TrackConfirmed{track.id, track.begin_ns, track.flight.kind});
@@ -262,7 +332,8 @@ void LiveEngine::TrackAll() {
   };
   for (const TrajectoryRow& row : rows) on_event_(RowGiven{row, false, kind_of(row)});
   for (const FittedTrack& track : result.tracks) {
-    on_event_(TrackEnded{track.id, track.end_ns, track.flight.kind});
+    on_event_(
+        TrackEnded{track.id, track.end_ns, track.flight.kind, track.row_source.trajectory.minimum});
   }
 }
 

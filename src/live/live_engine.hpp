@@ -4,13 +4,18 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
-#include "io/pcd.hpp"
 #include "io/sensor_frames.hpp"
+#include "live/held_frames.hpp"
 #include "live/live_tracker.hpp"
+#include "live/stamp_judge.hpp"
+#include "live/waiting_frames.hpp"
+#include "robust/scene/pose_check.hpp"
 #include "robust/scene/sight.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"
@@ -18,35 +23,56 @@
 
 namespace unlidar {
 
-// One frame of one sensor, in the sensor's own axes and by its own clock.
-struct CloudFrame {
-  std::uint32_t sensor = 0;  // index into the sensors of the engine
-  TimeNs stamp_ns = 0;       // as its source says: the sensor's time offset is not yet applied
-  std::string_view name;     // what messages call it
-  PcdCloud cloud;
-};
-
 // Throws ConfigError for a config that no stream can be tracked by.
 void CheckLive(const Config& config);
 
-// As Engine. How point times are read follows from the frames, or is given.
+// The frames whose stamps were not borne out, and were left out.
+struct AstrayFrames {
+  std::uint64_t count = 0;
+  std::uint32_t sensor = 0;  // of the last of them,
+  TimeNs ahead_ns = 0;       // and its stamp, less the newest that was taken; 0 without one
+};
+
+// The frames that were more than may wait for live.reorder_s, and were left out.
+struct SurplusFrames {
+  std::uint64_t count = 0;
+  std::uint32_t sensor = 0;  // of the last of them
+};
+
+// As Engine. How point times are read follows from the frames, or is given. `are_metres`: the
+// source states the unit of its coordinates, so that no range makes it doubtful.
 class LiveEngine {
  public:
   LiveEngine(const Config& config, const std::vector<std::string>& sensors,
              OutputTimes output_times, EngineCallback on_event,
-             std::optional<TimeReading> reading = std::nullopt);
+             std::optional<TimeReading> reading = std::nullopt, bool are_metres = false);
 
   std::uint32_t AddSensor(const std::string& name);
+
+  // Another sensor takes the place of one that is heard no more.
+  void ReplaceSensor(std::uint32_t sensor, const std::string& name);
+
   void Add(CloudFrame frame);
+
+  // A frame has come, but is not to be worked off. Its stamp tells of the clocks all the same.
+  void LeaveOut(std::uint32_t sensor, TimeNs stamp_ns, const std::optional<Arrival>& arrival);
+
   void Advance(TimeNs now_ns);
   void Close();
 
-  TimeNs newest_ns() const { return newest_ns_; }
+  bool has_begun() const { return stamps_.has_begun(); }
+  TimeNs newest_ns() const { return stamps_.newest_ns(); }
   const InputCounts& counts() const { return counts_; }
   std::uint64_t late_frames() const { return late_frames_; }
+  const AstrayFrames& astray_frames() const { return astray_; }
+  const SurplusFrames& surplus_frames() const { return surplus_; }
+  const std::vector<Warning>& warnings() const { return warnings_; }
 
   // As it was last told.
   SensorState StateOf(std::uint32_t sensor) const { return sensors_.at(sensor).state; }
+
+  // Whether its last frame was set aside: its clock is not that of the others.
+  bool IsApart(std::uint32_t sensor) const { return stamps_.IsApart(sensor); }
 
   // For so long the sensor was blinded.
   double BlindedS(std::uint32_t sensor) const { return sensors_.at(sensor).sight.blinded_s(); }
@@ -59,29 +85,29 @@ class LiveEngine {
     TimeNs newest_ns = 0;
     SensorState state = SensorState::kSilent;  // as it was told, and before it is
     SensorSight sight;
+    PoseCheck pose;
+    bool was_heard = false;     // ever,
+    bool is_no_metres = false;  // and its coordinates can be none
     TimeNs told_period_ns = 0;
     std::vector<TimeNs> stamps_ns;  // of the frames that may still come twice, ascending
-    int frames_of_past = 0;         // that came one after the other, beyond all memory
-  };
-
-  struct Waiting {
-    TimeNs stamp_ns = 0;
-    LoadedFrame frame;
-
-    // By stamp and sensor.
-    bool ComesBefore(const Waiting& other) const {
-      return stamp_ns < other.stamp_ns ||
-             (stamp_ns == other.stamp_ns && frame.info.sensor < other.frame.info.sensor);
-    }
   };
 
   SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;
-  bool HasClockGoneBack(Sensor* sensor, TimeNs stamp_ns) const;
+  bool CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeNs stamp_ns) const;
+  void Settle(StampJudge::Verdict verdict);
+  void TakeHeld();
+  template <class IsToGo>
+  void DropAstray(const IsToGo& is_to_go);
+  void Take(CloudFrame frame, TimeNs stamp_ns);
+  void DropSurplus();
+  void CheckUnits(std::uint32_t index);  // a sensor of another unit does not end the run of others
   bool HasForgottenAll(TimeNs stamp_ns) const;
+  void EndTracks();
   void BeginAnew();
   TimeNs SettledNs() const;
   void TellSensors(std::optional<std::uint32_t> heard);
   void LookAt(const LoadedFrame& frame);
+  void Warn(std::uint32_t sensor, std::vector<Warning> warnings);
   void HandOn(TimeNs until_ns, LoadedFrame* frame);
   void Release(TimeNs until_ns);
   void TrackAll();
@@ -90,17 +116,20 @@ class LiveEngine {
   OutputTimes output_times_;
   EngineCallback on_event_;
   std::optional<TimeReading> reading_;
+  bool are_metres_;
   bool is_endless_;
   std::vector<Sensor> sensors_;
-  // The first `num_waiting_` are a heap, the earliest on top. Others are room for more, with the
-  // memory of frames that have gone.
-  std::vector<Waiting> waiting_;
-  std::size_t num_waiting_ = 0;
+  WaitingFrames waiting_;
   std::unique_ptr<LiveTracker> tracker_;
-  bool has_begun_ = false;  // with a frame, by the clock of now
-  TimeNs newest_ns_ = 0;
+  StampJudge stamps_;
+  HeldFrames held_;
+  HeldFrames::Held taken_;  // from there
   InputCounts counts_;
   std::uint64_t late_frames_ = 0;
+  SurplusFrames surplus_;
+  AstrayFrames astray_;
+  std::vector<Warning> warnings_;                              // what is in doubt so far
+  std::set<std::pair<std::uint32_t, std::string>> warned_of_;  // sensor and code
 };
 
 }  // namespace unlidar

@@ -14,7 +14,7 @@ constexpr std::uint64_t kPauseNs = 1'200'000'000'000;
 
 void LiveInstants::Add(const FrameInfo& frame) {
   if (std::holds_alternative<FirstSensorStamps>(times_)) {
-    if (frame.sensor == 0) instants_ns_.push_back(frame.stamp_ns);
+    if (IsOfFirst(frame)) instants_ns_.push_back(frame.stamp_ns);
     return;
   }
   if (const auto* rate = std::get_if<Rate>(&times_)) {
@@ -27,6 +27,17 @@ void LiveInstants::Add(const FrameInfo& frame) {
   for (; next_ < list.size() && list[next_] <= frame.end_ns; ++next_) {
     instants_ns_.push_back(list[next_]);
   }
+}
+
+// One that was not heard yet may still come, for as long as one that was may be silent.
+bool LiveInstants::IsOfFirst(const FrameInfo& frame) {
+  if (!begin_ns_) begin_ns_ = frame.stamp_ns;
+  if (heard_ns_.size() <= frame.sensor) heard_ns_.resize(frame.sensor + 1, *begin_ns_);
+  heard_ns_[frame.sensor] = frame.stamp_ns;
+  const bool is_new = instants_ns_.empty() || *(instants_ns_.end() - 1) < frame.stamp_ns;
+  return is_new &&
+         std::all_of(heard_ns_.begin(), heard_ns_.begin() + frame.sensor,
+                     [&](TimeNs heard_ns) { return frame.stamp_ns - heard_ns > silent_ns_; });
 }
 
 // One stamp of decades ahead must not fill the memory with instants of which none is needed.

@@ -14,9 +14,11 @@
 namespace unlidar {
 
 // As ResolveOutputTimes() says it of a recording, up to the newest frame; old ones are forgotten.
+// The first sensor is the first of those that are not silent: rows go on when one is unplugged.
 class LiveInstants {
  public:
-  explicit LiveInstants(OutputTimes times) : times_(std::move(times)) {}
+  LiveInstants(OutputTimes times, TimeNs silent_ns)
+      : times_(std::move(times)), silent_ns_(silent_ns) {}
 
   // Adds those up to the end of a frame, of no earlier stamp than all before; of those that are
   // stamps of the first sensor, its own.
@@ -34,9 +36,13 @@ class LiveInstants {
   void Forget(TimeNs oldest_ns);
 
  private:
+  bool IsOfFirst(const FrameInfo& frame);
   void SkipPause(TimeNs begin_ns, double nanohertz);
 
   OutputTimes times_;
+  TimeNs silent_ns_;
+  std::optional<TimeNs> begin_ns_;  // of the stream
+  std::vector<TimeNs> heard_ns_;    // by sensor: its last stamp
   Queue<TimeNs> instants_ns_;
   std::optional<OutputInstants> of_rate_;  // computed one by one, without an end
   std::size_t next_ = 0;                   // of a rate or a list

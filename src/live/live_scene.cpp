@@ -28,9 +28,8 @@ LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config
       occupancy(config.robust.background),
       clutter(config.robust, config.live.window_s) {}
 
-LiveScene::LiveScene(const Config& config, TimeNs warm_up_ns)
+LiveScene::LiveScene(const Config& config)
     : config_(config),
-      warm_up_ns_(warm_up_ns),
       bin_ns_(NsOf(config.robust.background.bin_s)),
       snapshot_interval_ns_(kFirstRefitNs) {}
 
@@ -80,7 +79,7 @@ bool LiveScene::Take(LoadedFrame* frame) {
   Station& station = StationOf(info.sensor);
   if (!std::exchange(station.has_begun, true)) {
     station.begin_ns = info.begin_ns;
-    station.search_from_ns = station.begin_ns + warm_up_ns_;
+    station.search_from_ns = station.begin_ns + kWarmUpNs;
     learning_since_ns_ = station.begin_ns;
   }
   station.occupancy.AddFrame(bin);
@@ -99,12 +98,12 @@ bool LiveScene::Take(LoadedFrame* frame) {
   };
   if (!is_warm_) {
     let_wait();
-    if (front_ns_ - begin_ns_ >= warm_up_ns_) WarmUp();
+    if (front_ns_ - begin_ns_ >= kWarmUpNs) WarmUp();
     return false;
   }
   if (!station.snapshot) {
     station.early.emplace_back(std::move(*frame), bin);
-    if (front_ns_ - station.begin_ns >= warm_up_ns_) WarmUpLate(&station);
+    if (front_ns_ - station.begin_ns >= kWarmUpNs) WarmUpLate(&station);
     return false;
   }
   if (front_ns_ - snapshot_ns_ >= snapshot_interval_ns_) RefitAll();
@@ -127,7 +126,7 @@ void LiveScene::WarmUp() {
   for (const auto& [frame, bin] : waiting_) Learn(frame, bin, &StationOf(frame.info.sensor));
   RefitAll();
   num_unforeseen_ = waiting_.size();
-  if (front_ns_ - begin_ns_ < warm_up_ns_) return;
+  if (front_ns_ - begin_ns_ < kWarmUpNs) return;
   for (Station& station : scenes_) {
     if (station.begin_ns - begin_ns_ < bin_ns_) station.search_from_ns = station.begin_ns;
   }
@@ -137,7 +136,7 @@ void LiveScene::WarmUp() {
 // until it is warm, too, is left out, and what it sees then for as long only tells of clutter.
 void LiveScene::WarmUpLate(Station* station) {
   for (const auto& [frame, bin] : std::exchange(station->early, {})) Learn(frame, bin, station);
-  station->search_from_ns = front_ns_ + warm_up_ns_;
+  station->search_from_ns = front_ns_ + kWarmUpNs;
   learning_since_ns_ = station->begin_ns;
   Refit(station);
 }
@@ -294,14 +293,14 @@ void LiveScene::Judge(SceneFrame* frame) {
   LeaveOutBodies(frame);
   if (IsSurge(*frame)) {
     station.clutter.Age();
-    station.search_from_ns = middle_ns + warm_up_ns_;
+    station.search_from_ns = middle_ns + kWarmUpNs;
     learning_since_ns_ = middle_ns;
   }
   frame->is_searched = middle_ns >= station.search_from_ns;
   frame->watched_s = frame->time_s - SecondsOf(learning_since_ns_);
   // What was seen in the first seconds is judged when they are over.
   if (frame->is_searched) {
-    frame->watched_s = std::max(frame->watched_s, static_cast<double>(warm_up_ns_) * kSecondsPerNs);
+    frame->watched_s = std::max(frame->watched_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
   }
   station.clutter.AddFrame(frame->info.sensor, frame->time_s);
   station.clutter.Judge(station.snapshot->support, frame->time_s, &frame->plots);

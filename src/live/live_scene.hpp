@@ -39,7 +39,7 @@ inline constexpr TimeNs kWarmUpNs = 3'000'000'000;
 class LiveScene {
  public:
   // `config` outlives it.
-  explicit LiveScene(const Config& config, TimeNs warm_up_ns = kWarmUpNs);
+  explicit LiveScene(const Config& config);
 
   // Returns the viewpoint of its station, in the common frame. A sensor may be told again.
   Eigen::Vector3f AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m);
@@ -140,7 +140,6 @@ class LiveScene {
   void Judge(SceneFrame* frame);
 
   const Config& config_;
-  TimeNs warm_up_ns_;
 
   // Time.
   bool has_begun_ = false;

@@ -22,13 +22,6 @@ constexpr double kUnknownLog = 16.0;
 constexpr double kLearningS = 10.0;
 // Where more others were seen about a path than its own, that takes longer.
 constexpr double kLearningCrowdS = 30.0;
-// The first look takes only what is alone, which clutter hardly ever is.
-constexpr double kUnknownAloneLog = 10.0;
-
-// What is so much higher than all that walks and drives is no part of it, however little is known
-// of the ground; and so few other plots about a path, as a share of its own, may be strays.
-constexpr double kClearlyOff = 2.0;
-constexpr double kFewOthers = 0.1;
 
 // How far the last third of some plots in order of time lies from the first.
 double DriftM(const SeenPlot* plots, std::size_t count) {
@@ -102,9 +95,6 @@ void DropFirst(std::size_t count, std::vector<T>* values) {
 
 }  // namespace
 
-LiveSearch::LiveSearch(const Config& config, bool is_first_look)
-    : config_(config), is_first_look_(is_first_look) {}
-
 void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info,
                            const Eigen::Vector3f& viewpoint_m) {
   if (recent_.sensors.size() <= sensor) {
@@ -152,8 +142,7 @@ void LiveSearch::CountPlots(const SceneFrame& frame) {
 
 // How much likelier clutter makes paths than its mean rate says, if that is learned in so long.
 double LiveSearch::UnknownLog(double learning_s) const {
-  if (is_blinded_) return kUnknownLog;
-  return is_first_look_ ? kUnknownAloneLog : kUnknownLog * std::exp(-known_s_ / learning_s);
+  return is_blinded_ ? kUnknownLog : kUnknownLog * std::exp(-known_s_ / learning_s);
 }
 
 // Clutter alone makes a path of this score so many times an hour, as every plot may be the first of
@@ -216,7 +205,8 @@ const Flight* LiveSearch::FlightOf(const Path& path) {
   drop(LowPrefix(flight.plots, OffGroundM(recent_, plots, robust)));
   if (flight.plots.empty()) return nullptr;
   drop(StandingPrefix(flight.plots));
-  if (!IsFlight(recent_, watch_, plots, robust) || !MovesOrFloats(flight.plots)) {
+  if (FlightRejection(recent_, watch_, plots, robust) != Rejection::kNone ||
+      !MovesOrFloats(flight.plots)) {
     return nullptr;
   }
   flight.moments.clear();
@@ -226,9 +216,8 @@ const Flight* LiveSearch::FlightOf(const Path& path) {
   return &flight;
 }
 
-// Plots about any place of the flight that are not of its path; counts no further than one more
-// than `most`.
-std::size_t LiveSearch::CountOthers(const Path& path, double most) const {
+// Whether more other plots lie about the places of the flight than it has itself.
+bool LiveSearch::IsCrowded(const Path& path) const {
   const std::vector<SeenPlot>& flight = flight_.plots;
   const auto is_about = [&](const SeenPlot& other) {
     return std::any_of(flight.begin(), flight.end(), [&](const SeenPlot& seen) {
@@ -241,28 +230,16 @@ std::size_t LiveSearch::CountOthers(const Path& path, double most) const {
   for (std::uint32_t i = 0; i < seen_.size(); ++i) {
     if (own != path.plots.end() && *own == i) {
       ++own;
-    } else if (is_about(seen_[i]) && static_cast<double>(++others) > most) {
-      break;
+    } else if (is_about(seen_[i]) && ++others > flight.size()) {
+      return true;
     }
   }
-  return others;
+  return false;
 }
 
-bool LiveSearch::IsAlone(const Path& path) const {
-  const std::vector<SeenPlot>& flight = flight_.plots;
-  const double least_height_m = kClearlyOff * config_.robust.off_ground_m;
-  const auto is_low = [&](const SeenPlot& seen) { return seen.plot.lowest_m < least_height_m; };
-  if (std::any_of(flight.begin(), flight.end(), is_low)) return false;
-  const double most = kFewOthers * static_cast<double>(flight.size());
-  return static_cast<double>(CountOthers(path, most)) <= most;
-}
-
-// What floats is known to have nothing beside it.
+// Unsupported detections have no neighbours by definition.
 double LiveSearch::LeastScoreOf(const Path& path) const {
-  const auto own = static_cast<double>(flight_.plots.size());
-  if (Floats(flight_.plots) || static_cast<double>(CountOthers(path, own)) <= own) {
-    return least_score_;
-  }
+  if (Floats(flight_.plots) || !IsCrowded(path)) return least_score_;
   return least_score_ - UnknownLog(kLearningS) + UnknownLog(kLearningCrowdS);
 }
 

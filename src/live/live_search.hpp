@@ -21,8 +21,8 @@ namespace unlidar {
 // live.false_alarms_per_hour times an hour.
 class LiveSearch {
  public:
-  // `config` outlives it. `is_first_look`: only paths that are alone are taken for flights.
-  explicit LiveSearch(const Config& config, bool is_first_look = false);
+  // `config` outlives it.
+  explicit LiveSearch(const Config& config) : config_(config) {}
   LiveSearch(const LiveSearch&) = delete;
   LiveSearch& operator=(const LiveSearch&) = delete;
 
@@ -54,10 +54,6 @@ class LiveSearch {
   // call. Null if that is no drone, or if another path took any of its plots.
   const Flight* FlightOf(const Path& path);
 
-  // Whether that flight is sure although its surroundings were hardly looked at: it is high above
-  // all that walks and drives, and nothing else was seen about any of its places until now.
-  bool IsAlone(const Path& path) const;
-
   // That flight with what it was before the search found it, which is the track's from now on.
   Flight WithPast(const Flight& flight);
 
@@ -74,10 +70,9 @@ class LiveSearch {
   void CountPlots(const SceneFrame& frame);
   double LeastScore() const;
   double UnknownLog(double learning_s) const;
-  std::size_t CountOthers(const Path& path, double most) const;
+  bool IsCrowded(const Path& path) const;
 
   const Config& config_;
-  bool is_first_look_;
   Watch watch_;
   Recording recent_;  // sensors and frames of the last while, without returns
   Moment moment_;

@@ -4,8 +4,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <memory>
-#include <vector>
 
 #include "io/frame_preparation.hpp"
 #include "live/confirmed_tracks.hpp"
@@ -17,9 +15,8 @@
 namespace unlidar {
 
 // Scene -> plots -> the tracks that they are -> a search through the others -> new tracks; and back
-// to the scene only which plots were no clutter. In the first seconds, while the scene is learned,
-// a first look goes ahead: a scene and a search of its own, which take what flies alone in the air
-// for a track. The whole search goes on with those when it has come as far.
+// to the scene only which plots were no clutter. The frames of the first seconds wait until the
+// scene is learned, and are searched then.
 class LiveTracker {
  public:
   LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event);
@@ -31,11 +28,8 @@ class LiveTracker {
 
   // Whether any sensor is blinded, or may turn out to be, from the next frame on.
   void SetBlinded(bool is_blinded) {
-    for (Pass* const pass : {&whole_, ahead_.get()}) {
-      if (pass == nullptr) continue;
-      pass->scene.SetBlinded(is_blinded);
-      pass->search.SetBlinded(is_blinded);
-    }
+    scene_.SetBlinded(is_blinded);
+    search_.SetBlinded(is_blinded);
   }
 
   // Takes a frame, of no earlier stamp than all before. As LiveScene::Take().
@@ -51,44 +45,25 @@ class LiveTracker {
   // No frame will follow.
   void Close(TimeNs newest_ns);
 
-  bool is_warm() const { return whole_.scene.is_warm(); }
-
-  // Whether the first look still goes ahead.
-  bool looks_ahead() const { return ahead_ != nullptr; }
+  bool is_warm() const { return scene_.is_warm(); }
 
   // Tracks of one engine never share a number.
   int next_id() const { return tracks_.next_id(); }
   void NumberFrom(int id) { tracks_.NumberFrom(id); }
 
  private:
-  // One way through the frames.
-  struct Pass {
-    Pass(const Config& config, Look its_look, TimeNs warm_up_ns);
-    Pass(const Pass&) = delete;
-    Pass& operator=(const Pass&) = delete;
-
-    Look look;
-    LiveScene scene;
-    LiveSearch search;
-    SceneFrame frame;                                         // the one at hand
-    TimeNs searched_ns = std::numeric_limits<TimeNs>::min();  // middle of the newest one searched
-    double tidied_s = 0.0;
-  };
-
-  void TakeAhead(const LoadedFrame& frame);
-  TimeNs HoldNs(Look look) const;
-  void MakePlots(Pass* pass, std::size_t most);
-  void SearchUntil(Pass* pass, TimeNs until_ns);
-  void Search(Pass* pass);
-  void Confirm(Pass* pass);
+  void MakePlots(std::size_t most);
+  void SearchUntil(TimeNs until_ns);
+  void Search();
+  void Confirm();
 
   Config config_;
-  Config ahead_config_;  // of the first look
-  Pass whole_;
-  std::unique_ptr<Pass> ahead_;     // until the other has come as far
-  std::vector<char> are_of_begin_;  // (sensors) it has heard them before it was warm
-  LoadedFrame copy_;                // of a frame, for it
+  LiveScene scene_;
+  LiveSearch search_;
   ConfirmedTracks tracks_;
+  SceneFrame frame_;                                         // the one at hand
+  TimeNs searched_ns_ = std::numeric_limits<TimeNs>::min();  // middle of the newest one searched
+  double tidied_s_ = 0.0;
 };
 
 }  // namespace unlidar

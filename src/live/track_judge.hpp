@@ -11,7 +11,7 @@
 
 namespace unlidar {
 
-// Judges tracks of a stream as WithoutCloudsOrInsects and MayHang judge the targets of a recording:
+// Judges tracks of a stream as ShapeRejections and MayHang judge the targets of a recording:
 // a track that was given is never taken back, so it waits until it is known to be a drone.
 class TrackJudge {
  public:
@@ -33,9 +33,6 @@ class TrackJudge {
                 const std::vector<SeenPlot>& seen, double time_s,
                 const std::optional<Verdict>& before);
 
-  // Forgets what it was judged to be.
-  void Forget(int number);
-
  private:
   struct Cloud {
     int number;
@@ -43,6 +40,7 @@ class TrackJudge {
     Shape shape;
   };
 
+  void Forget(int number);
   bool IsCloud(int number, const TrackFollower& follower, const std::vector<SeenPlot>& seen,
                double time_s);
 

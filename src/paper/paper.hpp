@@ -4,7 +4,7 @@
 // All frames are superimposed and clustered (global clusters C_k); the share of each window of
 // frames in a cluster is its local cluster C_k,i. A target is what overlaps little with itself from
 // one window to the next (psi_iou) and is as dense in a window as in all of them (psi_rho).
-// Where the paper leaves a reading open, an enum names the readings; docs/method.md compares
+// Where the paper leaves a reading open, an enum names the readings; docs/paper.md compares
 // them on a real recording. The paper has no test for "no drone": the best cluster always wins.
 #pragma once
 

@@ -7,10 +7,14 @@
 
 #include "base/format.hpp"
 #include "recording/windows.hpp"
+#include "robust/scene/pose_check.hpp"
 #include "robust/scene/sight.hpp"
 
 namespace unlidar {
 namespace {
+
+// 1973: less is no Unix time, see FrameClock.
+constexpr TimeNs kLeastUnixNs = 100'000'000 * kNsPerSecond;
 
 // Runs one stage after the other and takes their times.
 class StageTimer {
@@ -56,7 +60,7 @@ FittedTrack FitTrack(const Recording& recording, const Target& target,
                      const TrajectoryConfig& config) {
   FittedTrack track;
   RowSource& rows = track.row_source;
-  rows.trajectory = FitTrajectory(target.measurements, config);
+  rows.trajectory = FitTrajectoryByCeres(target.measurements, config);
   rows.presence = PresenceInterval(recording, target.measurements, config.silence_probability);
   rows.depth_sigma_m = target.depth_sigma_m;
   SetSights(target.measurements, &rows.sights);
@@ -90,6 +94,7 @@ FrameFeed FeedOf(const Recording& recording) {
   return [&recording, next = std::size_t{0}](TimeNs until_ns, Recording* part) mutable {
     part->sensors = recording.sensors;
     part->counts = recording.counts;
+    part->bad_frames = recording.bad_frames;
     part->warnings = recording.warnings;
     for (; next < recording.frames.size() && recording.frames[next].stamp_ns < until_ns; ++next) {
       FrameInfo frame = recording.frames[next];
@@ -108,21 +113,41 @@ FrameFeed FeedOf(const Recording& recording) {
   };
 }
 
-// The same frames, looked at for the sight of their sensors as they pass.
-FrameFeed Watched(const FrameFeed& feed, std::vector<SensorSight>* sights) {
-  return [&feed, sights](TimeNs until_ns, Recording* recording) {
+// What the frames of a sensor tell of itself.
+struct SensorWatch {
+  SensorSight sight;
+  PoseCheck pose;
+};
+
+// The same frames, looked at for what they tell of their sensors as they pass.
+FrameFeed Watched(const FrameFeed& feed, std::vector<SensorWatch>* watches) {
+  return [&feed, watches](TimeNs until_ns, Recording* recording) {
     const std::size_t known = recording->frames.size();
     const TimeNs next_ns = feed(until_ns, recording);
-    sights->resize(recording->sensors.size());
+    watches->resize(recording->sensors.size());
     for (std::size_t i = known; i < recording->frames.size(); ++i) {
       const FrameInfo& frame = recording->frames[i];
-      const Eigen::Vector3f* const points_m = recording->points_m.data();
-      (*sights)[frame.sensor].AddFrame(frame.begin_ns, points_m + frame.first_return,
-                                       points_m + frame.last_return,
-                                       recording->sensors[frame.sensor].origin_m);
+      const SensorInfo& sensor = recording->sensors[frame.sensor];
+      const Eigen::Vector3f* const begin_m = recording->points_m.data() + frame.first_return;
+      const Eigen::Vector3f* const end_m = recording->points_m.data() + frame.last_return;
+      SensorWatch& watch = (*watches)[frame.sensor];
+      watch.sight.AddFrame(frame.begin_ns, begin_m, end_m, sensor.origin_m);
+      watch.pose.AddFrame(sensor.name, frame.begin_ns, begin_m, end_m, sensor.origin_m);
     }
     return next_ns;
   };
+}
+
+void TakeFindings(std::vector<SensorWatch>* watches, PipelineResult* result) {
+  result->warnings = result->recording.warnings;
+  for (std::size_t i = 0; i < watches->size(); ++i) {
+    SensorWatch& watch = (*watches)[i];
+    result->blinded_s.push_back(watch.sight.blinded_s());
+    watch.pose.Finish(result->recording.sensors[i].name);
+    for (Warning& warning : watch.pose.TakeWarnings()) {
+      result->warnings.push_back(std::move(warning));
+    }
+  }
 }
 
 // Reads the recording and finds its targets: at once, or window by window if it is long.
@@ -131,8 +156,8 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
                                   TimeNs last_stamp_ns, StageTimer& timer, PipelineResult& result) {
   Recording& recording = result.recording;
   std::vector<Target> targets;
-  std::vector<SensorSight> sights;
-  const FrameFeed feed = Watched(frames, &sights);
+  std::vector<SensorWatch> watches;
+  const FrameFeed feed = Watched(frames, &watches);
   // The paper's score is one of a whole recording.
   if (config.method == Method::kRobust && !request.score_clusters &&
       NeedsWindows(first_stamp_ns, last_stamp_ns, config.robust)) {
@@ -144,7 +169,7 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
       return next_ns;
     };
     RobustResult robust = FindTargetsInWindows(timed, first_stamp_ns, last_stamp_ns, config.robust,
-                                               config.trajectory, &recording);
+                                               config.trajectory, request.trace, &recording);
     targets = std::move(robust.targets);
     result.robust_counts = robust.counts;
     timer.End("read", Found(recording), reading);
@@ -154,12 +179,13 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
     if (config.method == Method::kPaper) {
       targets = FindTargetsPaper(recording, config.paper, &result.clusters);
     } else {
-      RobustResult robust = FindTargetsRobust(recording, config.robust, config.trajectory);
+      RobustResult robust =
+          FindTargetsRobust(recording, config.robust, config.trajectory, request.trace);
       targets = std::move(robust.targets);
       result.robust_counts = robust.counts;
     }
   }
-  for (const SensorSight& sight : sights) result.blinded_s.push_back(sight.blinded_s());
+  TakeFindings(&watches, &result);
   std::sort(targets.begin(), targets.end(), IsSeenEarlier);
   timer.End("targets", Count(targets.size(), "target"));
   return targets;
@@ -189,6 +215,38 @@ void FitTracks(const PipelineRequest& request, const Config& config,
   timer.End("trajectories", Count(result.tracks.size(), "track"));
 }
 
+// Where the first sensor's frames are numbered, so are output times that are small whole numbers.
+OutputTimes TimesOf(const PipelineRequest& request, const FrameClock& clock) {
+  const auto* const list = std::get_if<std::vector<TimeNs>>(&request.output_times);
+  const auto is_number = [](TimeNs time_ns) { return 0 <= time_ns && time_ns < kLeastUnixNs; };
+  if (list == nullptr || !request.are_times_whole || !clock.counts() ||
+      !std::all_of(list->begin(), list->end(), is_number)) {
+    return request.output_times;
+  }
+  std::vector<TimeNs> numbered;
+  for (const TimeNs time_ns : *list) {
+    const TimeNs number = time_ns / kNsPerSecond;
+    const std::optional<TimeNs> instant_ns = clock.OfNumber(static_cast<double>(number));
+    if (instant_ns) numbered.push_back(*instant_ns);
+  }
+  return numbered;
+}
+
+// Output times that have nothing to do with the recording leave the output empty for no reason that
+// can be seen.
+void WarnOfTimesOutside(const OutputTimes& times, const FrameReader& reader,
+                        std::vector<Warning>* warnings) {
+  const auto* const list = std::get_if<std::vector<TimeNs>>(&times);
+  const auto is_within = [&](TimeNs time_ns) {
+    return reader.first_stamp_ns() - kNsPerSecond <= time_ns &&
+           time_ns <= reader.last_stamp_ns() + kNsPerSecond;
+  };
+  if (list == nullptr || std::any_of(list->begin(), list->end(), is_within)) return;
+  warnings->push_back(
+      {"output_times_outside", "--at: none of its " + Count(list->size(), "time") +
+                                   " is within the recording, expected times of its stamps"});
+}
+
 }  // namespace
 
 PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
@@ -199,9 +257,12 @@ PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
   const FrameFeed feed = [&](TimeNs until_ns, Recording* recording) {
     return reader.ReadUntil(until_ns, recording);
   };
-  const std::vector<Target> targets = ReadAndSearch(request, config, feed, reader.first_stamp_ns(),
+  PipelineRequest timed = request;
+  timed.output_times = TimesOf(request, reader.first_clock());
+  const std::vector<Target> targets = ReadAndSearch(timed, config, feed, reader.first_stamp_ns(),
                                                     reader.last_stamp_ns(), timer, result);
-  FitTracks(request, config, targets, timer, result);
+  WarnOfTimesOutside(timed.output_times, reader, &result.warnings);
+  FitTracks(timed, config, targets, timer, result);
   return result;
 }
 

@@ -36,8 +36,10 @@ struct FittedTrack {
 struct PipelineRequest {
   std::vector<FrameSource> sources;
   OutputTimes output_times;
-  bool score_clusters = false;  // the paper's numbers of every global cluster, for --clusters
-  double least_drone = 0.0;     // tracks of a lower probability of being a drone are left out
+  bool are_times_whole = false;  // a list that was written in whole numbers, maybe those of frames
+  bool score_clusters = false;   // the paper's numbers of every global cluster, for --clusters
+  double least_drone = 0.0;      // tracks of a lower probability of being a drone are left out
+  TraceSink trace;               // of the robust method; may be none
 };
 
 struct StageTime {
@@ -52,7 +54,8 @@ struct PipelineResult {
   std::vector<FittedTrack> tracks;
   std::size_t tracks_left_out = 0;  // as of PipelineRequest::least_drone; the others keep their ids
   OutputInstants output_instants;   // at which the tracks have rows
-  std::vector<double> blinded_s;    // for how long each sensor was, see SensorSight
+  std::vector<Warning> warnings;
+  std::vector<double> blinded_s;  // for how long each sensor was, see SensorSight
   std::vector<StageTime> times;
 };
 

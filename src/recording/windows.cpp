@@ -61,9 +61,11 @@ void Cut(TimeNs at_ns, bool keeps_before, Piece* piece) {
 
 class WindowSearch {
  public:
-  WindowSearch(const RobustConfig& config, const TrajectoryConfig& trajectory_config)
+  WindowSearch(const RobustConfig& config, const TrajectoryConfig& trajectory_config,
+               const TraceSink& trace)
       : config_(config),
         trajectory_config_(trajectory_config),
+        trace_(trace),
         margin_ns_(NsOf(config.window_margin_s)) {}
 
   // Searches what the windows before have left of the recording up to a stamp.
@@ -76,7 +78,7 @@ class WindowSearch {
                    window_.frames.end());
     RobustConfig config = config_;
     config.false_alarms_per_recording = false_alarms;
-    RobustResult found = FindTargetsRobust(window_, config, trajectory_config_);
+    RobustResult found = FindTargetsRobust(window_, config, trajectory_config_, trace_);
     counts_.unexplained_returns += found.counts.unexplained_returns;
     counts_.body_returns += found.counts.body_returns;
     counts_.plots += found.counts.plots;
@@ -114,6 +116,7 @@ class WindowSearch {
     }
     recording->sensors = std::move(window_.sensors);
     recording->counts = window_.counts;
+    recording->bad_frames = std::move(window_.bad_frames);
     recording->warnings = std::move(window_.warnings);
     recording->frames = std::move(frames_);
     auto kept = all.begin();
@@ -231,6 +234,7 @@ class WindowSearch {
 
   const RobustConfig& config_;
   const TrajectoryConfig& trajectory_config_;
+  const TraceSink& trace_;
   TimeNs margin_ns_;
   Recording window_;
   TimeNs next_stamp_ns_ = 0;       // of the first frame that was not fed yet
@@ -257,11 +261,12 @@ bool NeedsWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfi
 
 RobustResult FindTargetsInWindows(const FrameFeed& feed, TimeNs first_stamp_ns,
                                   TimeNs last_stamp_ns, const RobustConfig& config,
-                                  const TrajectoryConfig& trajectory_config, Recording* recording) {
+                                  const TrajectoryConfig& trajectory_config, const TraceSink& trace,
+                                  Recording* recording) {
   const double num_windows = NumWindows(first_stamp_ns, last_stamp_ns, config);
   const double duration_s = DurationS(first_stamp_ns, last_stamp_ns);
   const TimeNs window_ns = NsOf(duration_s / num_windows) + 1;  // the last frame is in the last one
-  WindowSearch search(config, trajectory_config);
+  WindowSearch search(config, trajectory_config, trace);
   for (TimeNs begin_ns = first_stamp_ns;;) {
     const bool is_last = last_stamp_ns - begin_ns < window_ns;
     const TimeNs end_ns = is_last ? std::numeric_limits<TimeNs>::max() : begin_ns + window_ns;

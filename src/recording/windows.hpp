@@ -23,9 +23,13 @@ bool NeedsWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfi
 // behind it; two targets of neighbouring windows are one if they share most of their returns about
 // the border between them, where the one hands over to the other. `recording`, empty before, gets
 // the sensors, all frames, and of the returns those of the targets, which have their indices there.
+// `trace`, if there is one, is told of each window in turn, with its margins: frames about a border
+// are in two.
+//
 // The counts are sums over the windows, margins included, and the largest threshold.
 RobustResult FindTargetsInWindows(const FrameFeed& feed, TimeNs first_stamp_ns,
                                   TimeNs last_stamp_ns, const RobustConfig& config,
-                                  const TrajectoryConfig& trajectory_config, Recording* recording);
+                                  const TrajectoryConfig& trajectory_config, const TraceSink& trace,
+                                  Recording* recording);
 
 }  // namespace unlidar

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <optional>
 #include <utility>
 
 #include "robust/collection/cloud.hpp"
@@ -95,26 +94,37 @@ class TargetCollector {
         excluded_(views.are_bodies()),
         taken_(excluded_.size(), 0) {}
 
-  void Add(std::size_t k) {
+  Rejection Add(std::size_t k) {
     const Path& path = paths_[k];
     std::vector<Plot> members = FreePlotsOf(path);
     if (2 * members.size() < path.plots.size()) {
       // A drone that shows as two plots in a frame leaves a second path beside its first, which may
       // go on where the first ends.
       const std::size_t owner = OwnerOf(path);
-      if (owner < targets_.size()) Extend(owner, path);
-    } else if (HasFrames(members, config_.min_plots)) {
-      std::optional<Target> target = Collect(k, std::move(members));
-      if (!target) return;
-      Mark(*target, 1);
-      targets_.push_back(std::move(*target));
-      path_of_.push_back(k);
+      if (owner == targets_.size()) return Rejection::kSharesReturns;
+      Extend(owner, path);
+      return Rejection::kPartOfAnotherTrack;
     }
+    if (!HasFrames(members, config_.min_plots)) return Rejection::kTooFewDetections;
+    Target target;
+    const Rejection rejection = Collect(k, std::move(members), &target);
+    if (rejection != Rejection::kNone) return rejection;
+    Mark(target, 1);
+    targets_.push_back(std::move(target));
+    path_of_.push_back(k);
+    return Rejection::kNone;
   }
 
-  std::vector<Target> Finish() {
-    return WithoutCloudsOrInsects(recording_, sensor_views_, plots_, std::move(targets_),
-                                  trajectory_config_);
+  // The targets that are left when all are known; the verdicts (paths) of the others are set.
+  std::vector<Target> Finish(std::vector<PathVerdict>* verdicts) {
+    const std::vector<Rejection> rejections =
+        ShapeRejections(recording_, sensor_views_, plots_, targets_, config_, trajectory_config_);
+    std::vector<Target> kept;
+    for (std::size_t t = 0; t < targets_.size(); ++t) {
+      (*verdicts)[path_of_[t]].rejection = rejections[t];
+      if (rejections[t] == Rejection::kNone) kept.push_back(std::move(targets_[t]));
+    }
+    return kept;
   }
 
  private:
@@ -127,19 +137,26 @@ class TargetCollector {
     return members;
   }
 
-  std::optional<Target> Collect(std::size_t k, std::vector<Plot> members) {
-    AddStays(recording_, taken_, &members);
+  Rejection Collect(std::size_t k, std::vector<Plot> members, Target* target) {
+    if (config_.Uses(Rule::kDwell)) AddStays(recording_, taken_, &members);
     for (const Plot& plot : members) {
       for (const std::uint32_t i : plot.returns) excluded_[i] = 0;
     }
-    Target target = CollectTarget(recording_, sensor_views_, members, excluded_, config_.collect,
-                                  trajectory_config_);
+    *target =
+        CollectTarget(recording_, sensor_views_, members, excluded_, config_, trajectory_config_);
+    const std::vector<Measurement>& measurements = target->measurements;
     // What another target's returns leave of it may be a single sighting, which is no track.
-    if (target.measurements.size() < 2 || MayHang(target.measurements)) return std::nullopt;
-    if (IsClutter(target.measurements, threshold_)) return std::nullopt;
-    target.score = paths_[k].score;
-    target.doubts = DoubtsOf(k, paths_, plots_, watch_, config_.tracker, target.measurements);
-    return target;
+    if (measurements.size() < 2) return Rejection::kSingleMeasurement;
+    if (config_.Uses(Rule::kSuspended) && MayHang(measurements)) return Rejection::kSuspended;
+    if (config_.Uses(Rule::kClutterReturns) && IsClutter(measurements, threshold_)) {
+      return Rejection::kClutterReturns;
+    }
+    target->score = paths_[k].score;
+    if (config_.Uses(Rule::kAlternatives)) {
+      target->doubts = DoubtsOf(k, paths_, plots_, watch_, config_.tracker, measurements);
+    }
+    if (!config_.Uses(Rule::kFrameLength)) target->late_ns = 0;
+    return Rejection::kNone;
   }
 
   void Mark(const Target& target, char is_taken) {
@@ -182,8 +199,9 @@ class TargetCollector {
     path.plots.insert(path.plots.end(), beyond.plots.begin(), beyond.plots.end());
     std::sort(path.plots.begin(), path.plots.end());
     Mark(target, 0);
-    if (std::optional<Target> whole = Collect(path_of_[owner], FreePlotsOf(path))) {
-      target = std::move(*whole);
+    Target whole;
+    if (Collect(path_of_[owner], FreePlotsOf(path), &whole) == Rejection::kNone) {
+      target = std::move(whole);
     } else {
       path = before;
     }
@@ -207,9 +225,12 @@ class TargetCollector {
 }  // namespace
 
 RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,
-                               const TrajectoryConfig& trajectory_config) {
+                               const TrajectoryConfig& trajectory_config, const TraceSink& trace) {
   RobustResult result;
-  if (recording.points_m.empty()) return result;
+  if (recording.points_m.empty()) {
+    if (trace) trace(recording, {{}, {}, {}, {}, 0.0});
+    return result;
+  }
   Views views(recording, Stations(recording.sensors), config);
   const std::vector<Plot>& plots = views.plots();
   // A score is a log likelihood ratio, weighted by how likely its first plot is the first: so by
@@ -221,44 +242,56 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   double threshold = std::log(num_starts / config.false_alarms_per_recording);
   const Watch watch = WatchOf(recording);
   const std::vector<SensorView> sensor_views = views.SensorViews();
-  const auto targets_of = [&](const std::vector<Path>& paths) {
-    std::vector<std::size_t> found;
+  const auto verdicts_of = [&](const std::vector<Path>& paths) {
+    std::vector<PathVerdict> verdicts;
     std::vector<char> are_targets(plots.size(), 0);
-    for (std::size_t k = 0; k < paths.size(); ++k) {
-      const Path& path = paths[k];
-      if (path.score < threshold) continue;
-      if (!IsFlight(recording, watch, PlotsOf(path, plots), config)) continue;
-      const double loss = LossAmongOthers(path, plots, are_targets, sensor_views, config);
-      if (path.score - loss < threshold) continue;
+    for (const Path& path : paths) {
+      PathVerdict& verdict = verdicts.emplace_back();
+      if (path.score < threshold) {
+        verdict.rejection = Rejection::kBelowThreshold;
+        continue;
+      }
+      verdict.rejection = FlightRejection(recording, watch, PlotsOf(path, plots), config);
+      if (verdict.rejection != Rejection::kNone) continue;
+      if (config.Uses(Rule::kCrowded)) {
+        verdict.crowding_penalty = LossAmongOthers(path, plots, are_targets, sensor_views, config);
+      }
+      if (path.score - verdict.crowding_penalty < threshold) {
+        verdict.rejection = Rejection::kCrowded;
+        continue;
+      }
       for (const std::uint32_t i : path.plots) are_targets[i] = 1;
-      found.push_back(k);
     }
-    return found;
+    return verdicts;
   };
 
   // What the first round finds is clutter no more for the second, which then sees farther. What
   // floats in one place is none from the start.
   std::vector<char> explained = views.are_parked();
   std::vector<Path> paths;
-  std::vector<std::size_t> found;  // which of them are targets
+  std::vector<PathVerdict> verdicts;  // (paths)
   for (int round = 0; round < config.rounds; ++round) {
     views.EstimateClutter(explained);
     paths = FindPaths(plots, watch, config.tracker);
     const std::vector<char> before = explained;
-    found = targets_of(paths);
-    for (const std::size_t k : found) {
+    verdicts = verdicts_of(paths);
+    for (std::size_t k = 0; k < paths.size(); ++k) {
+      if (verdicts[k].rejection != Rejection::kNone) continue;
       for (const std::uint32_t i : paths[k].plots) explained[i] = 1;
     }
     if (explained == before) break;
   }
   // What it is shows with its frames in random order. Scores above that are as rare as above the
   // model's.
-  const double null_score = NullScore(recording, plots, AreClutter(plots.size(), paths, threshold),
-                                      watch, config.tracker);
+  const double null_score =
+      config.Uses(Rule::kPermutationNull)
+          ? NullScore(recording, plots, AreClutter(plots.size(), paths, threshold), watch,
+                      config.tracker)
+          : 0.0;
   const double null_threshold = null_score - std::log(config.false_alarms_per_recording);
   if (null_threshold > threshold) {
     threshold = null_threshold;
-    found = targets_of(paths);
+    verdicts = verdicts_of(paths);
   }
 
   const std::vector<char>& are_bodies = views.are_bodies();
@@ -270,8 +303,11 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                    null_score,
                    config.false_alarms_per_recording};
   TargetCollector collector(recording, views, watch, threshold, config, trajectory_config, &paths);
-  for (const std::size_t k : found) collector.Add(k);
-  result.targets = collector.Finish();
+  for (std::size_t k = 0; k < paths.size(); ++k) {
+    if (verdicts[k].rejection == Rejection::kNone) verdicts[k].rejection = collector.Add(k);
+  }
+  result.targets = collector.Finish(&verdicts);
+  if (trace) trace(recording, {plots, are_bodies, paths, verdicts, threshold});
   for (Target& target : result.targets) {
     for (Measurement& m : target.measurements) m.time_ns += target.late_ns;
     for (Doubt& doubt : target.doubts) doubt.time_ns += target.late_ns;

@@ -19,6 +19,7 @@
 #include "robust/scene/background.hpp"
 #include "robust/scene/ground.hpp"
 #include "robust/scene/support.hpp"
+#include "robust/trace.hpp"
 #include "robust/tracking/tracker.hpp"
 #include "trajectory/trajectory.hpp"
 #include "unlidar/config.hpp"
@@ -41,7 +42,9 @@ struct RobustResult {
   RobustCounts counts;
 };
 
+// `trace`, if there is one, is told what was measured and why paths were refused.
 RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,
-                               const TrajectoryConfig& trajectory_config);
+                               const TrajectoryConfig& trajectory_config,
+                               const TraceSink& trace = nullptr);
 
 }  // namespace unlidar

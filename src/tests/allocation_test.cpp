@@ -4,9 +4,11 @@
 
 #include <cstdlib>
 #include <fstream>
+#include <new>
 #include <string>
 #include <vector>
 
+#include "base/memory_reserve.hpp"
 #include "io/pcd.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
@@ -37,6 +39,7 @@ class Allocations : public ::testing::Test {
 #endif
   }
 };
+class MemoryReserveTest : public Allocations {};
 
 // It ends in order: nothing but "out of memory", or all as if nothing had failed.
 TEST_F(Allocations, AnyThatFailsEndsTheProgramInOrder) {
@@ -67,6 +70,23 @@ TEST_F(Allocations, AnyThatFailsEndsTheProgramInOrder) {
   std::ifstream trajectory(folder / "traj.csv");
   std::getline(trajectory, text);
   EXPECT_TRUE(trajectory && std::getline(trajectory, text)) << "there is a flight to be found";
+}
+
+constexpr std::size_t kTooMuch = std::size_t{1} << 60U;
+
+TEST_F(MemoryReserveTest, LetsThrowWhatDoesNotFitItEither) {
+  const MemoryReserve reserve(1000);
+  EXPECT_FALSE(reserve.was_needed());
+  EXPECT_THROW(::operator delete(::operator new(kTooMuch)), std::bad_alloc);
+  EXPECT_TRUE(reserve.was_needed());
+}
+
+TEST_F(MemoryReserveTest, LeavesTheHandlerAsItWas) {
+  const std::new_handler before = std::get_new_handler();
+  { const MemoryReserve reserve(1000); }
+  EXPECT_EQ(std::get_new_handler(), before);
+  EXPECT_THROW(MemoryReserve reserve(kTooMuch), std::bad_alloc);
+  EXPECT_EQ(std::get_new_handler(), before);
 }
 
 }  // namespace

@@ -76,7 +76,7 @@ TEST(Arguments, ALiveSourceIsOneOfThree) {
 
 TEST(Arguments, WhatNeedsTheWholeRecordingIsRefusedLive) {
   const std::vector<Words> whole = {
-      {"--at", "a"}, {"--clusters", "c"}, {"--points", "p"}, {"--format", "tum"}};
+      {"--at", "a"}, {"--clusters", "c"}, {"--points", "p"}, {"--trace", "t"}, {"--format", "tum"}};
   for (const Words& option : whole) {
     Words words = {"--frames", "a", "--out", "x"};
     words.insert(words.end(), option.begin(), option.end());

@@ -59,10 +59,11 @@ class Sky {
   // By the order of the things.
   std::vector<double> Kept() const {
     const std::vector<SensorView> views = {{Eigen::Vector3f::Zero(), nullptr}};
+    const std::vector<Rejection> rejections = ShapeRejections(
+        maker_.recording, views, Plots(), targets_, RobustConfig(), TrajectoryConfig());
     std::vector<double> kept;
-    for (const Target& target :
-         WithoutCloudsOrInsects(maker_.recording, views, Plots(), targets_, TrajectoryConfig())) {
-      kept.push_back(target.score);
+    for (std::size_t t = 0; t < targets_.size(); ++t) {
+      if (rejections[t] == Rejection::kNone) kept.push_back(targets_[t].score);
     }
     return kept;
   }
@@ -114,22 +115,22 @@ class Sky {
   std::vector<Target> targets_;
 };
 
-TEST(WithoutCloudsOrInsects, WhatLiesWiderThanADroneIsNone) {
+TEST(ShapeRejections, WhatLiesWiderThanADroneIsNone) {
   const Sky sky({Puff(0.0, 0.6), Drone({-10.0, 5.0, 8.0}, {0.5, 1.0, 0.0})});
   EXPECT_EQ(sky.Kept(), std::vector<double>({1}));
 }
 
-TEST(WithoutCloudsOrInsects, ASmallPieceThatGoesTheWayOfACloudIsPartOfIt) {
+TEST(ShapeRejections, ASmallPieceThatGoesTheWayOfACloudIsPartOfIt) {
   const Sky sky({Puff(4.0, 0.1), Puff(0.0, 0.6)});
   EXPECT_EQ(sky.Kept(), std::vector<double>());
 }
 
-TEST(WithoutCloudsOrInsects, ASmallThingWithoutACloudIsADrone) {
+TEST(ShapeRejections, ASmallThingWithoutACloudIsADrone) {
   const Sky sky({Puff(4.0, 0.1), Puff(0.0, 0.1)});
   EXPECT_EQ(sky.Kept(), std::vector<double>({0, 1}));
 }
 
-TEST(WithoutCloudsOrInsects, WhatLiesCloserTogetherThanAnyDroneIsAnInsect) {
+TEST(ShapeRejections, WhatLiesCloserTogetherThanAnyDroneIsAnInsect) {
   const auto is_kept = [](double spread_m, double for_s) {
     Thing thing = Drone({2.0, -3.0, 2.5}, {0.3, 0.8, 0.1});
     thing.spread_m = spread_m;
@@ -143,7 +144,7 @@ TEST(WithoutCloudsOrInsects, WhatLiesCloserTogetherThanAnyDroneIsAnInsect) {
   EXPECT_TRUE(is_kept(0.01, 0.5));
 }
 
-TEST(WithoutCloudsOrInsects, AWayThatTurnsMakesAnInsectNoDrone) {
+TEST(ShapeRejections, AWayThatTurnsMakesAnInsectNoDrone) {
   // The returns of a frame tell, not how well a smooth way goes through them.
   Thing insect = Drone({0, 0, 0}, {0, 0, 0});
   insect.spread_m = 0.01;
@@ -154,14 +155,14 @@ TEST(WithoutCloudsOrInsects, AWayThatTurnsMakesAnInsectNoDrone) {
   EXPECT_TRUE(Sky({insect}).Kept().empty());
 }
 
-TEST(WithoutCloudsOrInsects, ADroneThatPassesACloudIsKept) {
+TEST(ShapeRejections, ADroneThatPassesACloudIsKept) {
   const Sky sky({Drone(kChimneyM + Eigen::Vector3d(-8.0, 1.0, 3.0), {2.0, 0.0, 0.0}),
                  Drone(kChimneyM + Eigen::Vector3d(1.5, 0.5, 9.0), {0.0, 0.0, -1.0}),
                  Puff(0.0, 0.6)});
   EXPECT_EQ(sky.Kept(), std::vector<double>({0, 1}));
 }
 
-TEST(WithoutCloudsOrInsects, StraysAllAboutADroneDoNotWidenIt) {
+TEST(ShapeRejections, StraysAllAboutADroneDoNotWidenIt) {
   const Sky sky({Drone(kChimneyM - Eigen::Vector3d(0.0, 4.0, 0.0), {0.0, 1.0, 0.0})}, 400);
   EXPECT_EQ(sky.Kept(), std::vector<double>({0}));
 }

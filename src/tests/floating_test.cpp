@@ -43,7 +43,9 @@ std::vector<Plot> PlotsOf(const Recording& recording) {
 
 std::vector<char> FloatingOf(const Recording& recording, const RangeRadius& place) {
   std::vector<Plot> plots = PlotsOf(recording);
-  MarkFloating(recording, Sky().support, place, &plots);
+  RobustConfig config;
+  config.background.place = place;
+  MarkFloating(recording, Sky().support, config, &plots);
   std::vector<char> are_floating;
   for (const Plot& plot : plots) are_floating.push_back(plot.is_floating ? 1 : 0);
   return are_floating;
@@ -131,7 +133,7 @@ std::size_t NumFloatingOfThingSeenEvery(double apart_s, int num_frames = 600) {
                         SupportConfig());
   std::vector<Plot> plots = PlotsOf(maker.recording);
   EXPECT_EQ(plots.size(), 4U);
-  MarkFloating(maker.recording, support, BackgroundConfig().place, &plots);
+  MarkFloating(maker.recording, support, RobustConfig(), &plots);
   return static_cast<std::size_t>(
       std::count_if(plots.begin(), plots.end(), [](const Plot& plot) { return plot.is_floating; }));
 }

@@ -66,19 +66,36 @@ void Rename(const TemporaryFolder& folder, const std::string& name, const std::s
 
 TEST(FollowedFolders, GivesWhatIsThereInOrderOfStampsThenWhatAppears) {
   const TemporaryFolder folder;
-  for (const char* name : {"f/10.pcd", "f/9.5.pcd", "f/11.0.pcd", "f/.8.pcd", "f/notes.txt"}) {
+  for (const char* name : {"f/10.0.pcd", "f/9.5.pcd", "f/11.0.pcd", "f/.8.pcd", "f/notes.txt"}) {
     folder.Write(name, "");
   }
-  fs::create_directories(folder / "f/7.pcd");
+  fs::create_directories(folder / "f/7.0.pcd");
   Follower follower({folder / "f"});
-  EXPECT_EQ(follower.Take(), (Names{"f/9.5.pcd", "f/10.pcd", "f/11.0.pcd"}));
+  EXPECT_EQ(follower.Take(), (Names{"f/9.5.pcd", "f/10.0.pcd", "f/11.0.pcd"}));
   EXPECT_EQ(follower.came, (std::vector<bool>{false, false, false}));
-  Rename(folder, "f/12.pcd");
+  Rename(folder, "f/12.0.pcd");
   folder.Write("f/11.5.pcd", "");  // closed after it was written
-  EXPECT_EQ(follower.Take(), (Names{"f/11.5.pcd", "f/12.pcd"}));
+  EXPECT_EQ(follower.Take(), (Names{"f/11.5.pcd", "f/12.0.pcd"}));
   EXPECT_TRUE(follower.came.back());
   EXPECT_TRUE(follower.Take().empty());
   EXPECT_TRUE(follower.bad.empty());
+}
+
+// One name of another time must not take its arrival from all that comes later.
+TEST(FollowedFolders, OnlyWhatWasThereHasNoTimeOfArrival) {
+  const TemporaryFolder folder;
+  folder.Write("f/3960000000.0.pcd", "");
+  folder.Write("f/1.0.pcd", "");
+  Follower follower({folder / "f"});
+  EXPECT_EQ(follower.Take().size(), 2U);
+  std::this_thread::sleep_for(std::chrono::milliseconds(20));  // the grain of times of files
+  folder.Write("f/2.0.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"f/2.0.pcd"});
+  fs::rename(folder / "f", folder / "g");
+  folder.Write("g/4.0.pcd", "");
+  fs::rename(folder / "g", folder / "f");
+  EXPECT_EQ(follower.Take(), Names{"f/4.0.pcd"});  // found by listing
+  EXPECT_EQ(follower.came, (std::vector<bool>{false, false, true, true}));
 }
 
 TEST(FollowedFolders, TellsByItsDescriptorThatSomethingHappened) {
@@ -86,7 +103,7 @@ TEST(FollowedFolders, TellsByItsDescriptorThatSomethingHappened) {
   Follower follower({folder.path()});
   pollfd ready = {follower.folders.fd(), POLLIN, 0};
   EXPECT_EQ(::poll(&ready, 1, 0), 0);
-  folder.Write("1.pcd", "");
+  folder.Write("1.0.pcd", "");
   EXPECT_EQ(::poll(&ready, 1, 0), 1);
   EXPECT_EQ(follower.Take().size(), 1U);
   EXPECT_EQ(::poll(&ready, 1, 0), 0);
@@ -106,33 +123,33 @@ TEST(FollowedFolders, MergesFoldersByStampAndOffset) {
 TEST(FollowedFolders, NeverGivesAFileThatIsBeingWritten) {
   const TemporaryFolder folder;
   fs::create_directories(folder / "f");
-  std::ofstream before(folder / "f/1.pcd");
+  std::ofstream before(folder / "f/1.0.pcd");
   before << "half" << std::flush;
   Follower follower({folder / "f"});
   EXPECT_TRUE(follower.Take().empty());
-  std::ofstream during(folder / "f/2.pcd");
+  std::ofstream during(folder / "f/2.0.pcd");
   during << "half" << std::flush;
-  folder.Write("f/3.pcd", "");
-  EXPECT_EQ(follower.Take(), Names{"f/3.pcd"});
+  folder.Write("f/3.0.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"f/3.0.pcd"});
   during.close();
-  EXPECT_EQ(follower.Take(), Names{"f/2.pcd"});
+  EXPECT_EQ(follower.Take(), Names{"f/2.0.pcd"});
   before.close();
-  EXPECT_EQ(follower.Take(), Names{"f/1.pcd"});
+  EXPECT_EQ(follower.Take(), Names{"f/1.0.pcd"});
 }
 
 TEST(FollowedFolders, WaitsForAFileOfAnotherUserToSettleUnlessItSawItsWriterCloseIt) {
   if (::geteuid() != 0) GTEST_SKIP() << "only root can be two users";
   const TemporaryFolder folder;
   fs::permissions(folder.path(), fs::perms::all);
-  folder.Write("1.pcd", "");
-  fs::last_write_time(folder / "1.pcd", fs::file_time_type::clock::now() - std::chrono::hours(1));
-  folder.Write("2.pcd", "");  // its writer may still be at it
+  folder.Write("1.0.pcd", "");
+  fs::last_write_time(folder / "1.0.pcd", fs::file_time_type::clock::now() - std::chrono::hours(1));
+  folder.Write("2.0.pcd", "");  // its writer may still be at it
   constexpr uid_t kNobody = 65534;
   ASSERT_EQ(::seteuid(kNobody), 0);
   Follower follower({folder.path()});
   EXPECT_EQ(follower.Take().size(), 1U);
   ASSERT_EQ(::seteuid(0), 0);
-  folder.Write("3.pcd", "");
+  folder.Write("3.0.pcd", "");
   ASSERT_EQ(::seteuid(kNobody), 0);
   EXPECT_EQ(follower.Take().size(), 1U);
   std::size_t later = 0;
@@ -151,21 +168,21 @@ TEST(FollowedFolders, WaitsForAFolderThatIsNotThereYet) {
   fs::create_directories(folder / "a");
   EXPECT_TRUE(follower.Take().empty());
   fs::create_directories(folder / "a/b/f");
-  folder.Write("a/b/f/1.pcd", "");  // before anybody looks
-  EXPECT_EQ(follower.Take(), Names{"f/1.pcd"});
-  folder.Write("a/b/f/2.pcd", "");
-  Rename(folder, "a/h/3.pcd");
+  folder.Write("a/b/f/1.0.pcd", "");  // before anybody looks
+  EXPECT_EQ(follower.Take(), Names{"f/1.0.pcd"});
+  folder.Write("a/b/f/2.0.pcd", "");
+  Rename(folder, "a/h/3.0.pcd");
   fs::rename(folder / "a/h", folder / "a/g");
-  EXPECT_EQ(follower.Take(), (Names{"f/2.pcd", "g/3.pcd"}));
-  folder.Write("a/g/4.pcd", "");
-  EXPECT_EQ(follower.Take(), Names{"g/4.pcd"});
+  EXPECT_EQ(follower.Take(), (Names{"f/2.0.pcd", "g/3.0.pcd"}));
+  folder.Write("a/g/4.0.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"g/4.0.pcd"});
 }
 
 TEST(FollowedFolders, MissesNoFolderThatAppearsWhileItLooks) {
   const TemporaryFolder folder;
   Follower follower({folder / "a/b/c/d/e/g/h/i/j/k/l/f"});
   for (int round = 0; round < 30; ++round) {
-    const std::string name = std::to_string(round) + ".pcd";
+    const std::string name = std::to_string(round) + ".0.pcd";
     std::thread recorder([&] { folder.Write("a/b/c/d/e/g/h/i/j/k/l/f/" + name, ""); });
     Names names;
     const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(5);
@@ -181,90 +198,92 @@ TEST(FollowedFolders, OneFolderMayLieInAnother) {
   const TemporaryFolder folder;
   Follower follower({folder / "f", folder / "f/inner"});
   fs::create_directories(folder / "f");
-  folder.Write("f/1.pcd", "");
-  EXPECT_EQ(follower.Take(), Names{"f/1.pcd"});
-  folder.Write("f/inner/2.pcd", "");
-  folder.Write("f/3.pcd", "");
-  EXPECT_EQ(follower.Take(), (Names{"inner/2.pcd", "f/3.pcd"}));
-  folder.Write("f/4.pcd", "");
-  EXPECT_EQ(follower.Take(), Names{"f/4.pcd"});
+  folder.Write("f/1.0.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"f/1.0.pcd"});
+  folder.Write("f/inner/2.0.pcd", "");
+  folder.Write("f/3.0.pcd", "");
+  EXPECT_EQ(follower.Take(), (Names{"inner/2.0.pcd", "f/3.0.pcd"}));
+  folder.Write("f/4.0.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"f/4.0.pcd"});
 }
 
 TEST(FollowedFolders, AFolderThatIsRemovedMayComeBack) {
   const TemporaryFolder folder;
-  folder.Write("f/1.pcd", "");
+  folder.Write("f/1.0.pcd", "");
   Follower follower({folder / "f"});
-  EXPECT_EQ(follower.Take(), Names{"f/1.pcd"});
+  EXPECT_EQ(follower.Take(), Names{"f/1.0.pcd"});
   for (int i = 0; i < 3; ++i) {
     fs::remove_all(folder / "f");
     EXPECT_TRUE(follower.Take().empty());
-    folder.Write("f/1.pcd", "");  // given already
-    folder.Write("f/" + std::to_string(2 * i + 2) + ".pcd", "");
-    EXPECT_EQ(follower.Take(), Names{"f/" + std::to_string(2 * i + 2) + ".pcd"});
-    folder.Write("f/" + std::to_string(2 * i + 3) + ".pcd", "");
-    EXPECT_EQ(follower.Take(), Names{"f/" + std::to_string(2 * i + 3) + ".pcd"});
+    folder.Write("f/1.0.pcd", "");  // given already
+    folder.Write("f/" + std::to_string(2 * i + 2) + ".0.pcd", "");
+    EXPECT_EQ(follower.Take(), Names{"f/" + std::to_string(2 * i + 2) + ".0.pcd"});
+    folder.Write("f/" + std::to_string(2 * i + 3) + ".0.pcd", "");
+    EXPECT_EQ(follower.Take(), Names{"f/" + std::to_string(2 * i + 3) + ".0.pcd"});
   }
 }
 
 TEST(FollowedFolders, AFolderThatIsMovedAwayIsNotFollowedThere) {
   const TemporaryFolder folder;
-  folder.Write("f/1.pcd", "");
+  folder.Write("f/1.0.pcd", "");
   Follower follower({folder / "f"});
   EXPECT_EQ(follower.Take().size(), 1U);
   fs::rename(folder / "f", folder / "old");
   EXPECT_TRUE(follower.Take().empty());
-  folder.Write("old/2.pcd", "");
-  folder.Write("f/3.pcd", "");
-  EXPECT_EQ(follower.Take(), Names{"f/3.pcd"});
+  folder.Write("old/2.0.pcd", "");
+  folder.Write("f/3.0.pcd", "");
+  EXPECT_EQ(follower.Take(), Names{"f/3.0.pcd"});
 }
 
 TEST(FollowedFolders, CountsFilesThatAreGoneBeforeTheyAreRead) {
   const TemporaryFolder folder;
   Follower follower({folder.path()});
-  for (const char* name : {"1.pcd", "2.pcd", "3.pcd"}) folder.Write(name, "");
-  fs::remove(folder / "1.pcd");
-  fs::remove(folder / "3.pcd");
+  for (const char* name : {"1.0.pcd", "2.0.pcd", "3.0.pcd"}) folder.Write(name, "");
+  fs::remove(folder / "1.0.pcd");
+  fs::remove(folder / "3.0.pcd");
   EXPECT_EQ(follower.Take().size(), 1U);
-  EXPECT_EQ(follower.folders.num_vanished(), 2U);
+  EXPECT_EQ(follower.folders.counts().vanished, 2U);
 }
 
 TEST(FollowedFolders, GivesAFrameOnce) {
   const TemporaryFolder folder;
-  folder.Write("1.pcd", "");
+  folder.Write("1.0.pcd", "");
   Follower follower({folder.path()});
-  folder.Write("1.pcd", "again, before it was read");
+  folder.Write("1.0.pcd", "again, before it was read");
   EXPECT_EQ(follower.Take().size(), 1U);
-  EXPECT_EQ(follower.folders.num_passed_over(), 0U);
-  folder.Write("1.pcd", "again, after it was read");
-  folder.Write("1.0.pcd", "the same stamp");
+  EXPECT_EQ(follower.folders.counts().passed_over, 0U);
+  folder.Write("1.0.pcd", "again, after it was read");
+  folder.Write("1.00.pcd", "the same stamp");
   EXPECT_TRUE(follower.Take().empty());
-  EXPECT_EQ(follower.folders.num_passed_over(), 2U);
+  EXPECT_EQ(follower.folders.counts().passed_over, 2U);
 }
 
 TEST(FollowedFolders, PassesOverWhatAnEarlierRunHasWorkedOff) {
   const TemporaryFolder folder;
-  for (const char* name : {"f/1.pcd", "f/2.pcd", "f/3.pcd"}) folder.Write(name, "");
+  for (const char* name : {"f/1.0.pcd", "f/2.0.pcd", "f/3.0.pcd"}) folder.Write(name, "");
   Follower follower({folder / "f"}, 2'000'000'000);
-  EXPECT_EQ(follower.Take(), Names{"f/3.pcd"});
+  EXPECT_EQ(follower.folders.counts().worked_off, 2U);
+  EXPECT_EQ(follower.Take(), Names{"f/3.0.pcd"});
   folder.Write("f/1.5.pcd", "");  // it is new, whatever its clock says
   EXPECT_EQ(follower.Take(), Names{"f/1.5.pcd"});
   fs::rename(folder / "f", folder / "g");
   fs::rename(folder / "g", folder / "f");
   EXPECT_TRUE(follower.Take().empty());  // listed again
-  EXPECT_EQ(follower.folders.num_passed_over(), 0U);
+  EXPECT_EQ(follower.folders.counts().worked_off, 2U);
+  EXPECT_EQ(follower.folders.counts().passed_over, 0U);
 }
 
 TEST(FollowedFolders, GivesFramesOfAClockThatHasGoneBackHoweverManyItGaveBefore) {
   const TemporaryFolder folder;
   Follower follower({folder / "f"});
   const int count = static_cast<int>(FollowedFolders::kMaxGiven) + 100;
-  for (int i = 0; i < count; ++i) folder.Write("f/" + std::to_string(10'000 + i) + ".pcd", "");
+  for (int i = 0; i < count; ++i) folder.Write("f/" + std::to_string(10'000 + i) + ".0.pcd", "");
   EXPECT_EQ(follower.Take().size(), static_cast<std::size_t>(count));
-  for (const char* name : {"f/5000.pcd", "f/5001.pcd"}) folder.Write(name, "");
-  EXPECT_EQ(follower.Take(), (Names{"f/5000.pcd", "f/5001.pcd"}));
-  folder.Write("f/5000.pcd", "again");
+  for (const char* name : {"f/5000.0.pcd", "f/5001.0.pcd"}) folder.Write(name, "");
+  EXPECT_EQ(follower.Take(), (Names{"f/5000.0.pcd", "f/5001.0.pcd"}));
+  folder.Write("f/5000.0.pcd", "again");
   EXPECT_TRUE(follower.Take().empty());
-  EXPECT_EQ(follower.folders.num_passed_over(), 1U);
+  EXPECT_EQ(follower.folders.counts().passed_over, 1U);
   // Nor is any given twice where the folder has to be listed again.
   fs::rename(folder / "f", folder / "g");
   fs::rename(folder / "g", folder / "f");
@@ -278,11 +297,11 @@ TEST(FollowedFolders, ListsAgainWhatTheSystemLostCountOf) {
   if (events == 0 || events > 100'000) GTEST_SKIP() << "a queue of " << events << " events";
   const TemporaryFolder folder;
   Follower follower({folder.path()});
-  folder.Write("1.pcd", "");
+  folder.Write("1.0.pcd", "");
   for (int i = 0; i < events; ++i) folder.Write(i % 2 == 0 ? "a" : "b", "");
-  for (int i = 2; i < 100; ++i) folder.Write(std::to_string(i) + ".pcd", "");
+  for (int i = 2; i < 100; ++i) folder.Write(std::to_string(i) + ".0.pcd", "");
   EXPECT_EQ(follower.Take().size(), 99U);
-  folder.Write("100.pcd", "");
+  folder.Write("100.0.pcd", "");
   EXPECT_EQ(follower.Take().size(), 1U);
 }
 
@@ -291,7 +310,7 @@ TEST(FollowedFolders, RemembersNoMoreThanItsBoundAndLosesNone) {
   const int count = static_cast<int>(FollowedFolders::kMaxPending) + 500;
   for (int i = 0; i < count; ++i) {
     const int fd =
-        ::open((folder / (std::to_string(i) + ".pcd")).c_str(), O_CREAT | O_WRONLY, 0600);
+        ::open((folder / (std::to_string(i) + ".0.pcd")).c_str(), O_CREAT | O_WRONLY, 0600);
     ::close(fd);
   }
   Follower follower({folder.path()});
@@ -299,13 +318,29 @@ TEST(FollowedFolders, RemembersNoMoreThanItsBoundAndLosesNone) {
   for (int i = 0; i <= count; ++i) {
     const auto frame = follower.folders.Next();
     ASSERT_TRUE(frame.has_value());
-    ASSERT_EQ(fs::path(frame->file.path).stem(), std::to_string(i));
+    ASSERT_EQ(fs::path(frame->file.path).stem(), std::to_string(i) + ".0");
     if (i == 10) {  // there is room for it, but not yet for those before it
-      folder.Write(std::to_string(count) + ".pcd", "");
+      folder.Write(std::to_string(count) + ".0.pcd", "");
       follower.folders.Update();
     }
   }
   EXPECT_FALSE(follower.folders.Next().has_value());
+}
+
+TEST(FollowedFolders, NumberedFramesHaveTheTimesThatTheyHaveInARecording) {
+  const TemporaryFolder folder;
+  for (const char* name : {"f/000000.pcd", "f/000100.pcd", "f/000200.pcd"}) folder.Write(name, "");
+  Follower follower({folder / "f"});
+  folder.Write("f/000300.pcd", "");
+  follower.folders.Update();
+  std::vector<TimeNs> stamps_ns;
+  while (const auto frame = follower.folders.Next()) stamps_ns.push_back(frame->file.stamp_ns);
+  EXPECT_EQ(stamps_ns, (std::vector<TimeNs>{0, 100'000'000, 200'000'000, 300'000'000}));
+  ASSERT_EQ(follower.folders.TakeWarnings().size(), 1U);
+  EXPECT_TRUE(follower.folders.TakeWarnings().empty());
+  folder.Write("f/0.5.pcd", "");  // a stamp among numbers
+  EXPECT_TRUE(follower.Take().empty());
+  EXPECT_EQ(follower.bad.size(), 1U);
 }
 
 TEST(FollowedFolders, ANameThatIsNoStampIsBad) {

@@ -147,7 +147,7 @@ TEST_F(FrameAllocationsTest, OfAFitAreNoneAfterOneAsLong) {
   fitter.Fit(measurements, trajectory);
   fitter.Refit(measurements, trajectory.scales, trajectory);
   EXPECT_EQ(num_allocations, before);
-  EXPECT_GT(trajectory.iterations, 3);
+  EXPECT_GT(trajectory.minimum.iterations, 3);
 }
 
 }  // namespace

@@ -97,7 +97,8 @@ TEST(FrameMessages, GarbageIsToldWithItsNumberAndWhatWasExpected) {
             "with one space between two");
   EXPECT_EQ(ReasonOf("frame a  1 2\n").find("stdin: message 1 has the line 'frame a  1 2', "), 0U);
   EXPECT_EQ(ReasonOf("frame a/b 1 2\n"),
-            "stdin: message 1 has the NAME 'a/b', expected letters, digits, '_' and '-'");
+            "stdin: message 1 has the NAME 'a/b', expected a name of up to 120 letters, digits, "
+            "'_' and '-'");
   EXPECT_EQ(ReasonOf("frame a soon 2\n").find("stdin: message 1 has the STAMP 'soon', expected"),
             0U);
   EXPECT_EQ(ReasonOf("frame a 1e30 2\n").find("stdin: message 1 has the STAMP '1e30', expected"),

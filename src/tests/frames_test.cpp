@@ -159,6 +159,44 @@ TEST(FrameDirectories, SourcesWithoutANameHaveThatOfTheirDirectory) {
                UsageError);
 }
 
+TEST(FrameStamps, NumbersAreFramesOfTheRateOfTheConfig) {
+  const TemporaryFolder folder;
+  for (const char* name : {"000007.pcd", "000008.pcd", "000010.pcd"}) {
+    folder.Write(name, OnePoint());
+  }
+  InputConfig config;
+  config.frame_rate_hz = 20.0;
+  const Recording given = Read(folder, config);
+  EXPECT_EQ(given.frames.front().stamp_ns, 350 * kMs);
+  EXPECT_EQ(given.frames.back().stamp_ns, 500 * kMs);
+  EXPECT_TRUE(given.warnings.empty());
+  const Recording assumed = Read(folder);
+  EXPECT_EQ(assumed.frames.back().stamp_ns, 1 * kSecond);
+  ASSERT_EQ(assumed.warnings.size(), 1U);
+  EXPECT_EQ(assumed.warnings[0].code, "numbered_frames");
+  folder.Write("timestamps.csv", "file,timestamp\n000007.pcd,7\n000008.pcd,8\n000010.pcd,10\n");
+  EXPECT_EQ(Read(folder, config).frames.back().stamp_ns, 10 * kSecond);  // the table has stamps
+}
+
+TEST(FrameReturns, CoordinatesThatAreNoMetresAreAnErrorThatTheScaleMends) {
+  std::vector<Eigen::Vector3f> rows;
+  for (int i = 1; i <= 50; ++i) rows.push_back({400.0F * static_cast<float>(i), 0, 0});
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", BinaryPcd(rows));
+  InputConfig config;
+  config.skip_bad_frames = true;  // is no help
+  const Recording few = Read(folder, config);
+  ASSERT_EQ(few.warnings.size(), 1U);
+  EXPECT_EQ(few.warnings[0].code, "not_metres");
+  for (int k = 2; k < 50; ++k) folder.Write(std::to_string(k) + ".0.pcd", BinaryPcd(rows));
+  EXPECT_THROW(Read(folder, config), UnitError);
+  EXPECT_NE(InputMessage(folder).find("input.scale_m=0.001"), std::string::npos);
+  config.scale_m = 0.001;
+  const Recording recording = Read(folder, config);
+  EXPECT_EQ(recording.counts.returns, 49U * 49U);  // but for the nearest, at 0.4 m
+  EXPECT_FLOAT_EQ(recording.points_m.back().x(), 20.0F);
+}
+
 TEST(FrameReturns, RowsAreDroppedByReasonAndCounted) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const float inf = std::numeric_limits<float>::infinity();
@@ -332,9 +370,9 @@ TEST(BadFrames, AreErrorsUnlessSkippedAndThenCountedAndReported) {
   EXPECT_EQ(recording.counts.bad_frames, 2U);
   EXPECT_EQ(recording.counts.frames, 2U);
   EXPECT_EQ(recording.counts.rows, 2U);
-  ASSERT_EQ(recording.warnings.size(), 2U);
-  EXPECT_NE(recording.warnings[0].find("2.0.pcd"), std::string::npos);
-  EXPECT_NE(recording.warnings[1].find("3.0.pcd"), std::string::npos);
+  ASSERT_EQ(recording.bad_frames.size(), 2U);
+  EXPECT_NE(recording.bad_frames[0].find("2.0.pcd"), std::string::npos);
+  EXPECT_NE(recording.bad_frames[1].find("3.0.pcd"), std::string::npos);
 }
 
 TEST(BadFrames, ASourceWithoutAnyGoodFrameIsRefused) {
@@ -406,7 +444,7 @@ TEST(FrameReader, ReadsTheSameOnSeveralThreadsAndNamesTheSameBadFrame) {
   skip.skip_bad_frames = true;
   const Recording rest = ReadRecording({{"", folder / "a"}}, skip, {});
   EXPECT_EQ(rest.frames.size(), 27U);
-  EXPECT_EQ(rest.warnings.size(), 3U);
+  EXPECT_EQ(rest.bad_frames.size(), 3U);
 }
 
 }  // namespace

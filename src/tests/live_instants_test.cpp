@@ -14,6 +14,7 @@ using testing::kBeginNs;
 using testing::kPeriodS;
 using testing::RecordingMaker;
 
+constexpr TimeNs kSilentNs = 500'000'000;
 constexpr TimeNs kEndless = std::numeric_limits<TimeNs>::max();
 
 // Frames of two sensors in turn.
@@ -41,7 +42,7 @@ std::vector<TimeNs> Between(const LiveInstants& instants, TimeNs after_ns, TimeN
 }
 
 LiveInstants InstantsOf(const OutputTimes& times, const Recording& recording) {
-  LiveInstants instants(times);
+  LiveInstants instants(times, kSilentNs);
   for (const FrameInfo& frame : recording.frames) instants.Add(frame);
   return instants;
 }
@@ -56,13 +57,27 @@ TEST(LiveInstants, AreThoseOfTheRecording) {
   }
 }
 
+TEST(LiveInstants, AreThoseOfTheNextSensorWhileTheFirstIsSilent) {
+  std::vector<TimeNs> expected;
+  LiveInstants instants(FirstSensorStamps{}, kSilentNs);
+  for (const FrameInfo& frame : TwoSensors().frames) {
+    const TimeNs since_ns = frame.stamp_ns - kBeginNs;
+    const bool is_unplugged = since_ns >= 1'000'000'000 && since_ns < 3'000'000'000;
+    if (frame.sensor == 0 && is_unplugged) continue;
+    instants.Add(frame);
+    const bool is_told = is_unplugged && since_ns > 900'000'000 + kSilentNs;
+    if (frame.sensor == (is_told ? 1 : 0)) expected.push_back(frame.stamp_ns);
+  }
+  EXPECT_EQ(Between(instants, -kEndless, kEndless), expected);
+}
+
 TEST(LiveInstants, APauseOfDecadesHasFewAndTheyAreThoseOfTheRate) {
   constexpr TimeNs kPause_ns = 20LL * 365 * 86'400 * 1'000'000'000;
   const Rate rate{7'300'000'000};
   FrameInfo frame;
   frame.begin_ns = kBeginNs;
   frame.end_ns = kBeginNs + 100'000'000;
-  LiveInstants instants{OutputTimes(rate)};
+  LiveInstants instants(OutputTimes(rate), kSilentNs);
   instants.Add(frame);
   frame.begin_ns += kPause_ns;
   frame.end_ns += kPause_ns;
@@ -77,7 +92,7 @@ TEST(LiveInstants, APauseOfDecadesHasFewAndTheyAreThoseOfTheRate) {
 TEST(LiveInstants, NoneIsLaterThanTheFramesSoFar) {
   const Recording recording = TwoSensors();
   for (const OutputTimes& times : AllKinds()) {
-    LiveInstants instants(times);
+    LiveInstants instants(times, kSilentNs);
     for (const FrameInfo& frame : recording.frames) {
       instants.Add(frame);
       EXPECT_TRUE(Between(instants, frame.end_ns, kEndless).empty());

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 #include <sstream>
 #include <string>
@@ -9,11 +10,13 @@
 
 #include "app/output.hpp"
 #include "temporary_folder.hpp"
+#include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
 
 constexpr TimeNs kSecondNs = 1'000'000'000;
+const RowTimes kRows(60 * kSecondNs, 1000 * kSecondNs);
 
 // Rows a second apart, of which the track is a drone with this probability.
 RowGiven Row(int second, double drone, int track_id = 0) {
@@ -42,7 +45,7 @@ class OnlyDrones : public ::testing::Test {
   testing::TemporaryFolder folder_;
   std::string path_ = folder_ / "traj.csv";
   Signals signals_;
-  LiveOutput output_{path_, "", signals_, [](const std::string&) {}};
+  LiveOutput output_{path_, "", kRows, signals_, [](const std::string&) {}};
 
   // A track of which the n-th second is told with the n-th of these probabilities.
   std::string WrittenOf(const std::vector<double>& drones, int track_id = 0) {
@@ -85,11 +88,99 @@ TEST_F(OnlyDrones, RowsThatWaitedTooLongAreForgotten) {
 TEST_F(OnlyDrones, WithoutItNothingWaits) { EXPECT_EQ(WrittenOf({0.0, 0.0}), Text({1, 2})); }
 
 // The next run numbers on from the rows, which is all that it can read.
+TEST(LiveOutput, NumbersThatJsonDoesNotHaveAreNeverWritten) {
+  const testing::TemporaryFolder folder;
+  Signals signals;
+  const std::string path = folder / "traj.csv";
+  LiveOutput output(path, folder / "events.jsonl", kRows, signals, [](const std::string&) {});
+  output.Confirm({0, 0, {}});
+  output.Give(kSecondNs, Row(1, 0.5));
+  for (const double value : {std::nan(""), HUGE_VAL, -HUGE_VAL, 1e300}) {
+    RowGiven given = Row(2, 0.5);
+    given.row.position_m.y() = value;
+    output.Give(2 * kSecondNs, given);
+    given = Row(2, 0.5);
+    given.row.sigma_m.z() = value;
+    output.Give(2 * kSecondNs, given);
+  }
+  output.Flush();
+  EXPECT_EQ(ReadFile(path), Text({1}));
+  EXPECT_EQ(output.unwritable_rows(), 8U);
+}
+
+TEST(LiveOutput, RowsThatTheFileHoldsAreLeftOutAndCounted) {
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "traj.csv";
+  Signals signals;
+  std::ofstream(path) << Text({1, 2, 3});
+  LiveOutput output(path, "", kRows, signals, [](const std::string&) {});
+  output.LeaveOut(std::nullopt, *output.row_times().latest_ns());
+  for (const int second : {2, 3, 4}) output.Give(second * kSecondNs, Row(second, 0.5));
+  EXPECT_EQ(output.left_out_rows(), 2U);
+}
+
+TEST(RowTimes, TheLatestIsThatOfTheClockOfTheEnd) {
+  const auto latest_s = [](const std::vector<TimeNs>& seconds) {
+    RowTimes rows = kRows;
+    for (const TimeNs second : seconds) rows.Add(second * kSecondNs);
+    return *rows.latest_ns() / kSecondNs;
+  };
+  EXPECT_EQ(latest_s({100, 160, 130, 131}), 160);          // a track that was confirmed late
+  EXPECT_EQ(latest_s({500, 600, 100, 101}), 101);          // the clock was set back
+  EXPECT_EQ(latest_s({100, 3'960'000, 101}), 101);         // glitched,
+  EXPECT_EQ(latest_s({100, 101, 3'960'000}), 101);         // also at the end
+  EXPECT_EQ(latest_s({3'960'000, 3'960'001}), 3'960'001);  // this computer's clock is wrong
+}
+
+TEST(LiveOutput, AFirstRowThatIsNotLaterThanTheFileIsRefusedAndAnyAfterALaterOneIsNot) {
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "traj.csv";
+  const std::string events = folder / "events.jsonl";
+  Signals signals;
+  const auto ignore = [](const std::string&) {};
+  std::ofstream(path) << Text({1, 2, 3});
+  for (const int second : {2, 3}) {
+    LiveOutput output(path, events, kRows, signals, ignore);
+    output.RefuseEarlierRows();
+    output.TellState(0, LiveState::kWarmingUp, 1, 0);
+    output.Flush();
+    EXPECT_NE(ReadFile(events), "");  // which wait for no row
+    output.Confirm({0, 0, {}});
+    EXPECT_THROW(output.Give(second * kSecondNs, Row(second, 0.5)), OutputError);
+    output.Flush();
+    EXPECT_EQ(ReadFile(path), Text({1, 2, 3}));
+    EXPECT_EQ(ReadFile(events).find("\"row\""), std::string::npos);
+  }
+  LiveOutput output(path, events, kRows, signals, ignore);
+  output.RefuseEarlierRows();
+  output.Confirm({0, 0, {}});
+  output.Give(4 * kSecondNs, Row(4, 0.5));
+  output.Give(kSecondNs, Row(1, 0.5));  // the clock of the station went back
+  output.Flush();
+  std::string rows = Text({1, 2, 3});
+  AppendTrajectoryRow(Row(4, 0.0).row, 1, rows);
+  AppendTrajectoryRow(Row(1, 0.0).row, 1, rows);
+  EXPECT_EQ(ReadFile(path), rows);
+}
+
+TEST(LiveOutput, RowsThatWereHeldAreRefusedByTheFirstOfThem) {
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "traj.csv";
+  Signals signals;
+  std::ofstream(path) << Text({1, 2, 3});
+  LiveOutput output(path, "", kRows, signals, [](const std::string&) {});
+  output.RefuseEarlierRows();
+  output.KeepOnlyDrones(0.8, 60 * kSecondNs);
+  output.Confirm({0, 0, {}});
+  output.Give(3 * kSecondNs, Row(3, 0.5));
+  EXPECT_THROW(output.Give(4 * kSecondNs, Row(4, 0.9)), OutputError);
+}
+
 TEST(LiveOutput, ATrackIsToldWithItsFirstRowSoThatNoKillMakesTwoOfOneNumber) {
   const testing::TemporaryFolder folder;
   const std::string events = folder / "events.jsonl";
   Signals signals;
-  LiveOutput output(folder / "traj.csv", events, signals, [](const std::string&) {});
+  LiveOutput output(folder / "traj.csv", events, kRows, signals, [](const std::string&) {});
   output.Confirm({0, 0, {}});
   output.Flush();
   EXPECT_EQ(ReadFile(events), "");

@@ -20,7 +20,7 @@ class Told {
  public:
   Told()
       : note_([this](const std::string& text) { notes_.push_back(text); }),
-        output_(folder_ / "out.csv", folder_ / "events", signals_, note_),
+        output_(folder_ / "out.csv", folder_ / "events", {0, 0}, signals_, note_),
         teller(output_, service_, note_) {
     teller.AddSensor("roof");
     teller.AddSensor("mast");
@@ -106,6 +106,31 @@ TEST(LiveTeller, OverloadIsAStateUntilItIsOver) {
   EXPECT_EQ(told.notes(), (std::vector<std::string>{"overloaded: one frame in 2 is worked off",
                                                     "overloaded: one frame in 4 is worked off",
                                                     "no more overloaded, left out: 9 frames"}));
+}
+
+TEST(LiveTeller, AnEngineThatRunsSaysSoAgainAndABeginningIsToldOnce) {
+  Told told;
+  const auto at = [](int seconds) {
+    return LiveProgress{1'000'000'000LL * seconds, static_cast<std::uint64_t>(10 * seconds), 0};
+  };
+  told.teller.Take(EngineState::kWarmingUp, at(1));
+  for (int s = 1; s < 60; ++s) told.teller.TellAlive(at(s));
+  EXPECT_EQ(told.NumEvents("warming_up"), 1U);
+  told.teller.Take(EngineState::kRunning, at(60));
+  for (int s = 60; s < 181; ++s) told.teller.TellAlive(at(s));
+  EXPECT_EQ(told.NumEvents("running"), 4U);
+}
+
+TEST(LiveTeller, AnEngineWhoseClockWentBackWhileOverloadedSaysThatItRunsAsOftenAsBefore) {
+  Told told;
+  const auto at = [](int seconds) { return LiveProgress{1'000'000'000LL * seconds, 1, 0}; };
+  told.teller.Take(EngineState::kWarmingUp, at(7200));
+  told.teller.Take(EngineState::kRunning, at(7203));
+  told.teller.TellPace(2, 1, at(7210));
+  told.teller.Take(EngineState::kWarmingUp, at(3600));
+  told.teller.Take(EngineState::kRunning, at(3603));
+  for (int s = 3603; s < 3724; ++s) told.teller.TellAlive(at(s));
+  EXPECT_EQ(told.NumEvents("overloaded"), 1U + 3U);
 }
 
 }  // namespace

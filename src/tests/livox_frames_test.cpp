@@ -13,6 +13,8 @@ constexpr TimeNs kBegin = 1'700'000'000'000'000'000;
 constexpr TimeNs kFrame = 100'000'000;
 constexpr TimeNs kSpacing = 500'000;
 constexpr TimeNs kHost = 1'600'000'000'000'000'000;
+constexpr TimeNs kSecond = 1'000'000'000;
+constexpr auto kLast = static_cast<int>(LivoxTime::kLastPackets);
 
 // The k-th packet of a sensor: five rays of 100 us each, which tell their number.
 LivoxPacket Packet(int k, bool is_first_protocol = false) {
@@ -48,7 +50,7 @@ Cut CutAll(const std::vector<LivoxPacket>& packets) {
     while (auto frame = cutter.Next()) cut.frames.push_back(std::move(*frame));
   };
   for (const LivoxPacket& packet : packets) {
-    cutter.Add(packet, kHost);
+    cutter.Add(packet, {kHost, 0});
     take();
   }
   cutter.Flush();
@@ -173,13 +175,49 @@ TEST(LivoxFrames, AreNotTouchedByAPacketOfAnotherTime) {
   }
 }
 
+// Packets that others send in the name of the sensor, among its own.
+TEST(LivoxFrames, EndByNoPacketsOfOthersHoweverNearTheirTimeIs) {
+  const Cut own = CutAll(Packets(2000));
+  for (const TimeNs ahead_ns : {20'000'000L, 150'000'000L, 990'000'000L, -30'000'000L, -kSecond}) {
+    for (const int in_a_row : {1, 3, kLast / 2}) {
+      std::vector<LivoxPacket> packets = Packets(2000);
+      for (int at = 1900; at >= 100; at -= 90) {
+        LivoxPacket forged = Packet(at);
+        forged.stamp_ns += ahead_ns + 1;
+        forged.points.clear();
+        packets.insert(packets.begin() + at, static_cast<std::size_t>(in_a_row), forged);
+        for (int k = 0; k < in_a_row; ++k) packets[static_cast<std::size_t>(at + k)].stamp_ns += k;
+      }
+      Cut cut = CutAll(packets);
+      // Frames that hold nothing but what is forged are not the sensor's.
+      cut.frames.erase(
+          std::remove_if(cut.frames.begin(), cut.frames.end(),
+                         [](const LivoxFrame& frame) { return frame.cloud.points_m.empty(); }),
+          cut.frames.end());
+      ExpectSameFrames(cut, own);
+    }
+  }
+}
+
+TEST(LivoxFrames, AreNotKeptOpenByPacketsOfOthers) {
+  LivoxFrameCutter cutter(kFrame);
+  for (int k = 0; k < 2000; ++k) {
+    cutter.Add(Packet(k), {kHost, 0});
+    // Of the frame before or of this one.
+    if (k > 150 && k % 4 == 3) cutter.Add(Packet(k - 150), {kHost, 0});
+    if (k % 200 == 30) {
+      EXPECT_EQ(cutter.Next().has_value(), k > 200);
+    }
+  }
+}
+
 TEST(LivoxFrames, GoOnAfterTheClockWasSet) {
   for (const TimeNs step_ns : {-3600'000'000'000L, 3600'000'000'000L}) {
     std::vector<LivoxPacket> packets = Packets(600);
     for (std::size_t k = 300; k < packets.size(); ++k) packets[k].stamp_ns += step_ns;
     const Cut cut = CutAll(packets);
-    EXPECT_EQ(cut.counts.astray, 7U);
-    EXPECT_EQ(cut.counts.used, 593U);
+    EXPECT_EQ(cut.counts.astray, kLast - 1U);
+    EXPECT_EQ(cut.counts.used, 601U - kLast);
     ASSERT_EQ(cut.frames.size(), 4U);
     EXPECT_EQ(cut.frames.back().stamp_ns, kBegin + 2 * kFrame + step_ns);
   }
@@ -201,7 +239,7 @@ TEST(LivoxFrames, HaveThisComputersTimeWhereTheSensorHasNone) {
   again.insert(again.end(), packets.begin(), packets.end());
   for (std::size_t k = 0; k < 400; ++k) again[k].stamp_ns += 10'000'000'000;
   const Cut both = CutAll(again);
-  EXPECT_EQ(both.counts.astray, 7U);
+  EXPECT_EQ(both.counts.astray, kLast - 1U);
   for (std::size_t i = 1; i < both.frames.size(); ++i) {
     EXPECT_GT(both.frames[i].stamp_ns, both.frames[i - 1].stamp_ns);
   }
@@ -213,7 +251,7 @@ TEST(LivoxFrames, HoldNoMoreThanTheirShare) {
   packet.points.assign(100'000, packet.points.front());
   for (int k = 0; k < 50; ++k) {
     packet.counter->packet = static_cast<std::uint16_t>(k);
-    cutter.Add(packet, kHost);
+    cutter.Add(packet, {kHost, 0});
   }
   EXPECT_EQ(cutter.counts().used, 10U);
   EXPECT_EQ(cutter.counts().excess, 40U);

@@ -35,7 +35,9 @@ struct Header2 {
   std::uint64_t stamp_ns = 1'700'000'000'000'000'000;
 };
 
-inline std::string Packet2(const Header2& header, const std::string& points) {
+// A checksum of 0 is none.
+inline std::string Packet2(const Header2& header, const std::string& points,
+                           bool has_checksum = true) {
   std::string checked;
   Put(checked, header.stamp_ns);
   checked += points;
@@ -49,7 +51,7 @@ inline std::string Packet2(const Header2& header, const std::string& points) {
   Put(bytes, header.data_type);
   Put(bytes, header.time_type);
   bytes.append(12, '\0');
-  Put(bytes, Crc32(checked));
+  Put(bytes, has_checksum ? Crc32(checked) : 0U);
   return bytes + checked;
 }
 

@@ -154,6 +154,7 @@ TEST(SummaryJson, HoldsEveryConfigKeyCountsTimesAndTracks) {
   track.end_ns = kBeginNs + 1'500'000'000;
   track.length_m = 3.0;
   track.num_rows = 2;
+  track.row_source.trajectory.minimum = {"ceres", 9, true, 20.5, 18.25, "CONVERGENCE"};
   result.tracks = {track};
   Config config;
   config.sensors["avia"].translation_m = {1, 2, 3};
@@ -167,12 +168,23 @@ TEST(SummaryJson, HoldsEveryConfigKeyCountsTimesAndTracks) {
   EXPECT_EQ(summary["times_s"]["read"], 0.25);
   EXPECT_EQ(summary["tracks"][0]["begin"], "1706255621.600227001");
   EXPECT_EQ(summary["tracks"][0]["mean_speed_mps"], 2.0);
+  EXPECT_EQ(summary["tracks"][0]["spline"], nlohmann::json({{"solver", "ceres"},
+                                                            {"iterations", 9},
+                                                            {"initial_cost", 20.5},
+                                                            {"final_cost", 18.25},
+                                                            {"termination", "CONVERGENCE"}}));
   EXPECT_EQ(summary["config"]["sensors"]["avia"]["translation_m"][2], 3.0);
   for (const ConfigEntry& entry : ListConfig(config)) {
     std::string pointer = "/" + entry.key;
     std::replace(pointer.begin(), pointer.end(), '.', '/');
     EXPECT_TRUE(summary["config"].contains(nlohmann::json::json_pointer(pointer))) << entry.key;
   }
+}
+
+TEST(NotConvergedText, NamesTrackCauseAndWhatIsWritten) {
+  EXPECT_EQ(NotConvergedText(3, {"banded", 500, false, 20.5, 18.25, "NO_CONVERGENCE"}),
+            "track 3: Ceres did not converge in 500 iterations (NO_CONVERGENCE); written is the "
+            "minimum of the banded solver");
 }
 
 TEST(SummaryJson, HoldsTheCountsOfTheRobustMethod) {

@@ -380,9 +380,9 @@ std::vector<Plot> PlotsInTheSky(const Recording& recording) {
   std::iota(candidates.begin(), candidates.end(), 0U);
   std::vector<char> is_body;
   std::vector<Plot> plots = MakePlots(recording, candidates, ground, PlotConfig(), &is_body);
-  const BackgroundConfig background;
-  const Support support({}, ground, {}, background.occluder_cell_deg, SupportConfig());
-  MarkFloating(recording, support, background.place, &plots);
+  const RobustConfig config;
+  const Support support({}, ground, {}, config.background.occluder_cell_deg, config.support);
+  MarkFloating(recording, support, config, &plots);
   return plots;
 }
 

@@ -136,7 +136,7 @@ TEST(Trajectory, AStraightLineIsReproduced) {
     EXPECT_LT((row.position_m - Line()(t)).norm(), 1e-6);
     EXPECT_LT((row.velocity_mps - Eigen::Vector3d(4.0, -20.0, 0.5)).norm(), 1e-5);
   }
-  EXPECT_TRUE(trajectory.converged);
+  EXPECT_TRUE(trajectory.minimum.converged);
 }
 
 TEST(Trajectory, OneOutlierOf20MetresMovesItByLessThan5Centimetres) {
@@ -660,7 +660,7 @@ TEST(Trajectory, WhatAFitterFittedBeforeChangesNothing) {
       EXPECT_EQ(trajectory.weights, anew.weights);
       EXPECT_EQ(trajectory.control_points_m, anew.control_points_m);
       EXPECT_EQ(trajectory.covariances_m2, anew.covariances_m2);
-      EXPECT_EQ(trajectory.iterations, anew.iterations);
+      EXPECT_EQ(trajectory.minimum.iterations, anew.minimum.iterations);
     }
   }
 }

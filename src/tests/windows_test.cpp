@@ -144,7 +144,7 @@ TEST(Windows, HoldNoMoreThanAWindowWithItsMargins) {
   };
   Recording kept;
   FindTargetsInWindows(feed, kBeginNs, Long().frames.back().stamp_ns, config.robust,
-                       config.trajectory, &kept);
+                       config.trajectory, nullptr, &kept);
   EXPECT_EQ(kept.frames.size(), Long().frames.size());
   EXPECT_LE(most, static_cast<std::size_t>((10.0 + 2 * 4.0) / kPeriodS) + 2);
 }

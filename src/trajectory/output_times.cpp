@@ -74,7 +74,8 @@ Rate ParseRate(std::string_view text) {
   return rate;
 }
 
-std::vector<TimeNs> ReadStampList(const std::string& path) {
+std::vector<TimeNs> ReadStampList(const std::string& path, bool* are_whole) {
+  if (are_whole != nullptr) *are_whole = true;
   LineReader lines(path, {"one stamp a line"});
   std::vector<TimeNs> stamps;
   std::optional<std::size_t> column;  // of a CSV with a header
@@ -99,6 +100,9 @@ std::vector<TimeNs> ReadStampList(const std::string& path) {
                        (could_be_header ? " or a header with a column `timestamp`" : ""));
     }
     stamps.push_back(*stamp);
+    if (are_whole != nullptr && field.find_first_of(".eE") != std::string_view::npos) {
+      *are_whole = false;
+    }
   }
   if (stamps.empty()) throw InputError(path + ": no stamp in it, expected one a line");
   return InOrder(std::move(stamps));

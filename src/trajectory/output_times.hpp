@@ -20,7 +20,8 @@ Rate ParseRate(std::string_view text);
 // One stamp a line, or a CSV with a column `timestamp`; blank lines and lines that begin with '#'
 // are skipped. Returns them in ascending order, each once. Throws InputError naming file and line,
 // also for a line of more than 64 KiB, more than 10 million lines or 1 GiB: a pipe may be endless.
-std::vector<TimeNs> ReadStampList(const std::string& path);
+// `are_whole`: whether all are written without a point or an exponent.
+std::vector<TimeNs> ReadStampList(const std::string& path, bool* are_whole = nullptr);
 
 // Ascending, each once.
 std::vector<TimeNs> InOrder(std::vector<TimeNs> instants);

@@ -5,25 +5,10 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "trajectory/spline_row.hpp"
 #include "trajectory/trajectory.hpp"
 
 namespace unlidar {
-
-// Residual of control points c: sqrt_information (sum_j basis[j] c[first + j] - value_m).
-struct SplineRow {
-  int first = 0;
-  Eigen::Vector4d basis = Eigen::Vector4d::Zero();
-  Eigen::Matrix3d sqrt_information = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d value_m = Eigen::Vector3d::Zero();
-};
-
-inline Eigen::Vector3d Residual(const SplineRow& row, const std::vector<Eigen::Vector3d>& control) {
-  Eigen::Vector3d position = -row.value_m;
-  for (int j = 0; j < 4; ++j) {
-    position += row.basis[j] * control[static_cast<std::size_t>(row.first + j)];
-  }
-  return row.sqrt_information * position;
-}
 
 // Derivatives of the spline at a point of an interval, over its control points.
 struct SplineBend {

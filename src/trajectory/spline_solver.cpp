@@ -8,7 +8,7 @@
 namespace unlidar {
 namespace {
 
-// Adds it to A and b of the normal equations A c = b.
+// Adds it to A and b of the normal equations A c = b: J_a' J_b and J_a' S z of its Jacobians J.
 void AddRow(const SplineRow& row, double weight, BandedMatrix& matrix, std::vector<double>& right) {
   const Eigen::Matrix3d information =
       weight * row.sqrt_information.transpose() * row.sqrt_information;
@@ -26,6 +26,15 @@ void AddRow(const SplineRow& row, double weight, BandedMatrix& matrix, std::vect
         }
       }
     }
+  }
+}
+
+// Subtracts its slope J' r: of half its weighted square.
+void SubtractSlope(const SplineRow& row, double weight, const std::vector<Eigen::Vector3d>& control,
+                   std::vector<double>& right) {
+  const Eigen::Vector3d force = weight * row.sqrt_information.transpose() * Residual(row, control);
+  for (int a = 0; a < 4; ++a) {
+    Eigen::Map<Eigen::Vector3d>(&right[Index(3 * (row.first + a))]) -= row.basis[a] * force;
   }
 }
 
@@ -48,8 +57,23 @@ void SplineSolver::SetMeasurements(const SplineModel& model, const std::vector<d
   for (const auto& row : model.start) AddRow(row, 1.0, data_, right_);
 }
 
+// Where few measurements and a stiff model leave no digits for what is nearly unknown, a ridge of
+// relative size 1e-12 or more makes it a little known.
+void SplineSolver::Factorise(double ratio) {
+  smoothness_weight_ = 1.0 / (ratio * ratio);
+  for (double ridge = 0.0; ridge < 1e-5; ridge = std::max(1e-12, 100.0 * ridge)) {
+    factor_ = data_;
+    for (std::size_t j = 0; j < factor_.size(); ++j) {
+      factor_[j] += smoothness_weight_ * smoothness_[j];
+      factor_[j][0] *= 1.0 + ridge;
+    }
+    if (FactoriseBanded(factor_)) return;
+  }
+  throw std::invalid_argument("trajectory: measurements too extreme for double precision");
+}
+
 const std::vector<Eigen::Vector3d>& SplineSolver::Minimise(double ratio) {
-  FactoriseSum(1.0 / (ratio * ratio));
+  Factorise(ratio);
   solution_ = right_;
   SolveBanded(factor_, solution_);
   control_points_m_.resize(solution_.size() / 3);
@@ -57,6 +81,28 @@ const std::vector<Eigen::Vector3d>& SplineSolver::Minimise(double ratio) {
     control_points_m_[i] = Eigen::Map<const Eigen::Vector3d>(&solution_[3 * i]);
   }
   return control_points_m_;
+}
+
+double SplineSolver::Step(const SplineModel& model, const std::vector<double>& weights,
+                          std::vector<Eigen::Vector3d>& control_points_m) {
+  solution_.assign(3 * control_points_m.size(), 0.0);
+  for (std::size_t i = 0; i < model.measurements.size(); ++i) {
+    if (weights[i] > 0.0) {
+      SubtractSlope(model.measurements[i], weights[i], control_points_m, solution_);
+    }
+  }
+  for (const auto& row : model.smoothness) {
+    SubtractSlope(row, smoothness_weight_, control_points_m, solution_);
+  }
+  for (const auto& row : model.start) SubtractSlope(row, 1.0, control_points_m, solution_);
+  SolveBanded(factor_, solution_);
+  double longest_m = 0.0;
+  for (std::size_t i = 0; i < control_points_m.size(); ++i) {
+    const Eigen::Map<const Eigen::Vector3d> step_m(&solution_[3 * i]);
+    control_points_m[i] += step_m;
+    longest_m = std::max(longest_m, step_m.norm());
+  }
+  return longest_m;
 }
 
 // By the triangle of a QR decomposition of the rows: neighbours tell a position so much better than
@@ -88,20 +134,6 @@ double SplineSolver::LogDeterminantOfSmoothness(const SplineModel& model) {
   for (const Eigen::Vector4d& row : triangle_) sum += std::log(std::abs(row[0]));
   constexpr double kAxes = 3.0;
   return 2.0 * kAxes * sum;
-}
-
-// Where few measurements and a stiff model leave no digits for what is nearly unknown, a ridge of
-// relative size 1e-12 or more makes it a little known.
-void SplineSolver::FactoriseSum(double weight) {
-  for (double ridge = 0.0; ridge < 1e-5; ridge = std::max(1e-12, 100.0 * ridge)) {
-    factor_ = data_;
-    for (std::size_t j = 0; j < factor_.size(); ++j) {
-      factor_[j] += weight * smoothness_[j];
-      factor_[j][0] *= 1.0 + ridge;
-    }
-    if (FactoriseBanded(factor_)) return;
-  }
-  throw std::invalid_argument("trajectory: measurements too extreme for double precision");
 }
 
 }  // namespace unlidar

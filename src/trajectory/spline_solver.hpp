@@ -18,25 +18,33 @@ class SplineSolver {
   // Takes in its measurements at these weights, and its start.
   void SetMeasurements(const SplineModel& model, const std::vector<double>& weights);
 
-  // Control points of the minimum for one ratio sigma_a / k, until the next one. Throws
-  // std::invalid_argument where double precision is not enough.
+  // Factorises the normal equations' matrix for one ratio sigma_a / k. Throws std::invalid_argument
+  // where double precision is not enough.
+  void Factorise(double ratio);
+
+  // The same, and gives the control points of the minimum, until the next one.
   const std::vector<Eigen::Vector3d>& Minimise(double ratio);
+
+  // Moves control points to that minimum, by a step from their residuals: what rounding costs is a
+  // part of the step, not of the whole as in Minimise(). Gives the length of the point's that moved
+  // farthest. For the matrix that was factorised last, with the weights of that.
+  double Step(const SplineModel& model, const std::vector<double>& weights,
+              std::vector<Eigen::Vector3d>& control_points_m);
 
   // log det of what the smoothness of a model that is as agile all along, and a first position and
   // velocity, known by 1 m and 1 m/s, say of the control points.
   double LogDeterminantOfSmoothness(const SplineModel& model);
 
-  // Of the matrix of the last minimum.
+  // Of the matrix that was factorised last.
   double LogDeterminant() const { return LogDeterminantBanded(factor_); }
   void Invert(BandedMatrix& inverse) const { InvertWithinBand(factor_, inverse); }
 
  private:
-  void FactoriseSum(double weight);
-
   BandedMatrix data_;
   BandedMatrix smoothness_;
   BandedMatrix factor_;
-  std::vector<double> right_;  // that of the smoothness is zero
+  double smoothness_weight_ = 1.0;  // in it
+  std::vector<double> right_;       // that of the smoothness is zero
   std::vector<double> solution_;
   std::vector<Eigen::Vector4d> triangle_;
   std::vector<Eigen::Vector3d> control_points_m_;

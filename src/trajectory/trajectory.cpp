@@ -64,6 +64,13 @@ Trajectory FitTrajectory(const std::vector<Measurement>& measurements,
   return trajectory;
 }
 
+Trajectory FitTrajectoryByCeres(const std::vector<Measurement>& measurements,
+                                const TrajectoryConfig& config) {
+  Trajectory trajectory;
+  TrajectoryFitter(config, Minimiser::kCeres).Fit(measurements, trajectory);
+  return trajectory;
+}
+
 Trajectory RefitTrajectory(const std::vector<Measurement>& measurements,
                            const TrajectoryScales& scales, const TrajectoryConfig& config) {
   Trajectory trajectory;

@@ -18,6 +18,7 @@
 
 #include "base/recording.hpp"
 #include "unlidar/config.hpp"
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 
@@ -34,8 +35,7 @@ struct TrajectoryScales {
 struct Trajectory {
   TrajectoryScales scales;
   std::vector<double> weights;  // (measurements) 1: used in full ... 0: an outlier
-  int iterations = 0;           // of the final fit
-  bool converged = false;
+  MinimumReport minimum;
 
   // Times count from the first measurement, positions from origin_m: no digits are lost on Unix
   // times or UTM.
@@ -66,6 +66,11 @@ struct Trajectory {
 // std::invalid_argument for others.
 Trajectory FitTrajectory(const std::vector<Measurement>& measurements,
                          const TrajectoryConfig& config);
+
+// The same with the minimum that Ceres finds from there: of the trajectory that is written of a
+// recording.
+Trajectory FitTrajectoryByCeres(const std::vector<Measurement>& measurements,
+                                const TrajectoryConfig& config);
 
 // The same at given scales, several times faster: for a target whose measurements change little.
 Trajectory RefitTrajectory(const std::vector<Measurement>& measurements,

@@ -1,6 +1,9 @@
 #include "trajectory/trajectory_fitter.hpp"
 
 #include <array>
+#include <utility>
+
+#include "trajectory/ceres_minimum.hpp"
 
 namespace unlidar {
 
@@ -56,6 +59,24 @@ ScaleSearch TrajectoryFitter::SearchAccelerationTimes() {
   return best;
 }
 
+// Ceres starts where the reweighting ended, without what that lost to rounding. Where it does not
+// converge, the minimum of the banded solver is as good as that of a stream.
+MinimumReport TrajectoryFitter::FindMinimum(const TrajectoryScales& scales) {
+  if (minimiser_ == Minimiser::kBanded) return Descend(model_, scales, config_, memory_, fit_);
+  if (fit_.is_minimum) memory_.solver.Step(model_, fit_.weights, fit_.control_points_m);
+  std::vector<Eigen::Vector3d> control_points_m = fit_.control_points_m;
+  MinimumReport report = MinimiseByCeres(model_, scales, LossOf(scales, config_),
+                                         max_ceres_iterations_, control_points_m);
+  if (report.converged) {
+    fit_.control_points_m = std::move(control_points_m);
+    TakeMinimum(model_, scales, config_, memory_, fit_);
+    report.solver = "ceres";
+  } else {
+    Descend(model_, scales, config_, memory_, fit_);
+  }
+  return report;
+}
+
 // From a fit at the same agility all along.
 void TrajectoryFitter::Finish(const std::vector<Measurement>& measurements,
                               const TrajectoryScales& scales, Trajectory& trajectory) {
@@ -65,9 +86,7 @@ void TrajectoryFitter::Finish(const std::vector<Measurement>& measurements,
     memory_.solver.SetSmoothness(model_);
     RefitRobust(model_, scales, config_, memory_, fit_);
   }
-  const Descent descent = Descend(model_, scales, config_, memory_, fit_);
-  trajectory.iterations = descent.iterations;
-  trajectory.converged = descent.converged;
+  trajectory.minimum = FindMinimum(scales);
   trajectory.scales = scales;
   trajectory.origin_ns = measurements.front().time_ns;
   trajectory.duration_ns = measurements.back().time_ns - trajectory.origin_ns;

@@ -10,11 +10,18 @@
 
 namespace unlidar {
 
+// Who finds the robust minimum in the end. Ceres takes memory at each fit.
+enum class Minimiser { kBanded, kCeres };
+inline constexpr int kMaxCeresIterations = 500;
+
 // FitTrajectory() and RefitTrajectory() for a stream: no fit that is no longer than one before
 // takes memory, nor does `trajectory`, if it is that of the same target a frame ago.
 class TrajectoryFitter {
  public:
-  explicit TrajectoryFitter(const TrajectoryConfig& config) : config_(config) {}
+  explicit TrajectoryFitter(const TrajectoryConfig& config,
+                            Minimiser minimiser = Minimiser::kBanded,
+                            int max_ceres_iterations = kMaxCeresIterations)
+      : config_(config), minimiser_(minimiser), max_ceres_iterations_(max_ceres_iterations) {}
 
   void Fit(const std::vector<Measurement>& measurements, Trajectory& trajectory);
   void Refit(const std::vector<Measurement>& measurements, TrajectoryScales scales,
@@ -26,7 +33,11 @@ class TrajectoryFitter {
   void Finish(const std::vector<Measurement>& measurements, const TrajectoryScales& scales,
               Trajectory& trajectory);
 
+  MinimumReport FindMinimum(const TrajectoryScales& scales);
+
   TrajectoryConfig config_;
+  Minimiser minimiser_;
+  int max_ceres_iterations_;
   SplineModel model_;
   SplineFit fit_;
   FitMemory memory_;

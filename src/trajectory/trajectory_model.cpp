@@ -54,10 +54,6 @@ double SquaredInnovation(const SplineRow& row, double weight, const BandedMatrix
 
 double Ratio(const TrajectoryScales& scales) { return scales.acceleration_mps2 / scales.noise; }
 
-double SquaredOutlierDistance(const TrajectoryConfig& config) {
-  return config.outlier_distance * config.outlier_distance;
-}
-
 double LargestDifference(const std::vector<double>& a, const std::vector<double>& b) {
   double largest = 0.0;
   for (std::size_t i = 0; i < a.size(); ++i) largest = std::max(largest, std::abs(a[i] - b[i]));
@@ -70,7 +66,7 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales,
               const TrajectoryConfig& config, double limit, FitMemory& memory, SplineFit& fit) {
   constexpr int kMaxFinalIterations = 15;
   constexpr double kWeightTolerance = 1e-2;
-  const double final_limit = SquaredOutlierDistance(config) * Square(scales.noise);
+  const double final_limit = LossOf(scales, config).squared_limit;
   for (int left = kMaxFinalIterations; left > 0;) {
     memory.solver.SetMeasurements(model, fit.weights);
     fit.control_points_m = memory.solver.Minimise(Ratio(scales));
@@ -87,7 +83,7 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales,
       limit = final_limit;
       --left;
     }
-    for (double& value : s) value = TruncatedWeight(value, limit);
+    for (double& value : s) value = TruncatedLoss{limit}.Weight(value);
     const double change = LargestDifference(s, fit.weights);
     // Scales so wrong that no measurement fits: what was believed last is all there is.
     if (*std::max_element(s.begin(), s.end()) == 0.0) break;
@@ -95,6 +91,18 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales,
     fit.is_minimum = change == 0.0;
     if (limit == final_limit && change < kWeightTolerance) break;
   }
+}
+
+// Sets the weights to those of the residuals at the control points; true where that changes one.
+bool SetWeights(const SplineModel& model, const TruncatedLoss& loss, SplineFit& fit) {
+  bool has_changed = false;
+  for (std::size_t i = 0; i < fit.weights.size(); ++i) {
+    const double s = Residual(model.measurements[i], fit.control_points_m).squaredNorm();
+    const double weight = loss.Weight(s);
+    has_changed = has_changed || weight != fit.weights[i];
+    fit.weights[i] = weight;
+  }
+  return has_changed;
 }
 
 }  // namespace
@@ -111,10 +119,8 @@ Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
   return covariance;
 }
 
-double TruncatedWeight(double s, double squared_limit) {
-  if (s <= 0.5 * squared_limit) return 1.0;
-  if (s >= 2.0 * squared_limit) return 0.0;
-  return std::sqrt(2.0 * squared_limit / s) - 1.0;
+TruncatedLoss LossOf(const TrajectoryScales& scales, const TrajectoryConfig& config) {
+  return {Square(config.outlier_distance) * Square(scales.noise)};
 }
 
 void FitRobust(const SplineModel& model, const TrajectoryScales& scales,
@@ -125,44 +131,40 @@ void FitRobust(const SplineModel& model, const TrajectoryScales& scales,
 
 void RefitRobust(const SplineModel& model, const TrajectoryScales& scales,
                  const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
-  const double limit = SquaredOutlierDistance(config) * Square(scales.noise);
-  Reweight(model, scales, config, limit, memory, fit);
+  Reweight(model, scales, config, LossOf(scales, config).squared_limit, memory, fit);
 }
 
-Descent Descend(const SplineModel& model, const TrajectoryScales& scales,
-                const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
-  constexpr int kMaxIterations = 50;
-  constexpr double kNoStepM = 1e-7;
-  const double limit = SquaredOutlierDistance(config) * Square(scales.noise);
-  Descent descent;
-  while (!descent.converged && descent.iterations < kMaxIterations) {
-    bool has_changed = !fit.is_minimum;
-    for (std::size_t i = 0; i < fit.weights.size(); ++i) {
-      const double s = Residual(model.measurements[i], fit.control_points_m).squaredNorm();
-      const double weight = TruncatedWeight(s, limit);
-      has_changed = has_changed || weight != fit.weights[i];
-      fit.weights[i] = weight;
+MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales,
+                      const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
+  constexpr int kMaxIterations = 300;
+  constexpr double kNoStepM = 1e-8;
+  const TruncatedLoss loss = LossOf(scales, config);
+  MinimumReport report;
+  bool has_factorised = false;
+  while (!report.converged && report.iterations < kMaxIterations) {
+    if (SetWeights(model, loss, fit) || !fit.is_minimum) {
+      memory.solver.SetMeasurements(model, fit.weights);
+      memory.solver.Factorise(Ratio(scales));
+      fit.is_minimum = has_factorised = true;
     }
-    descent.converged = !has_changed;
-    if (descent.converged) break;
-    memory.solver.SetMeasurements(model, fit.weights);
-    const auto& next_m = memory.solver.Minimise(Ratio(scales));
-    double step_m = 0.0;
-    for (std::size_t i = 0; i < next_m.size(); ++i) {
-      step_m = std::max(step_m, (next_m[i] - fit.control_points_m[i]).norm());
-    }
-    fit.control_points_m = next_m;
-    fit.is_minimum = true;
-    descent.converged = step_m < kNoStepM;
-    ++descent.iterations;
+    report.converged = memory.solver.Step(model, fit.weights, fit.control_points_m) < kNoStepM;
+    ++report.iterations;
   }
-  if (descent.iterations > 0) memory.solver.Invert(fit.inverse);
-  return descent;
+  if (has_factorised) memory.solver.Invert(fit.inverse);
+  return report;
+}
+
+void TakeMinimum(const SplineModel& model, const TrajectoryScales& scales,
+                 const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
+  SetWeights(model, LossOf(scales, config), fit);
+  memory.solver.SetMeasurements(model, fit.weights);
+  memory.solver.Factorise(Ratio(scales));
+  memory.solver.Invert(fit.inverse);
 }
 
 ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
                          const TrajectoryConfig& config, FitMemory& memory) {
-  const double limit = SquaredOutlierDistance(config);
+  const double limit = Square(config.outlier_distance);
   memory.solver.SetMeasurements(model, fit.weights);
   const double tau_s = model.acceleration_time_s;
   const double log_tau =

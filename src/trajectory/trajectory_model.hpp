@@ -10,6 +10,7 @@
 #include "trajectory/spline_model.hpp"
 #include "trajectory/spline_solver.hpp"
 #include "trajectory/trajectory.hpp"
+#include "trajectory/truncated_loss.hpp"
 
 namespace unlidar {
 
@@ -35,9 +36,8 @@ struct FitMemory {
 Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
                                 const BandedMatrix& inverse);
 
-// Derivative of the smooth truncated square of graduated non-convexity (Yang, Antonante, Tzoumas
-// and Carlone, 2020, eq. 13 and 14 with mu = 1), which is s up to c^2 / 2 and constant from 2 c^2.
-double TruncatedWeight(double s, double squared_limit);
+// The loss of a measurement at these scales.
+TruncatedLoss LossOf(const TrajectoryScales& scales, const TrajectoryConfig& config);
 
 // Robust minimum at given scales by reweighted least squares. The limit of the loss starts at the
 // largest residual and is halved until it is the wanted one: the worst outliers go first, before
@@ -50,16 +50,15 @@ void FitRobust(const SplineModel& model, const TrajectoryScales& scales,
 void RefitRobust(const SplineModel& model, const TrajectoryScales& scales,
                  const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
 
-struct Descent {
-  int iterations = 0;
-  bool converged = false;
-};
-
 // Moves a fit that is nearly there to the robust minimum: the loss of the residuals, not of the
 // innovations. The loss is concave in s, so that the squares reweighted at a point lie above it and
 // touch it there (majorisation and minimisation): no step makes it worse.
-Descent Descend(const SplineModel& model, const TrajectoryScales& scales,
-                const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
+MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales,
+                      const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
+
+// Sets weights and inverse to those of the control points, which are those of the robust minimum.
+void TakeMinimum(const SplineModel& model, const TrajectoryScales& scales,
+                 const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
 
 // Scales by their posterior means, at the tau of the model, and the evidence for that, at given
 // weights and as agile all along. The mean of sigma_a, not its mode: with a few measurements the

@@ -164,31 +164,32 @@ bool Shape::IsCloud(const std::vector<const Shape*>& clouds) const {
   return SpreadM() > kWidestDroneM || IsPieceOf(clouds);
 }
 
-std::vector<Target> WithoutCloudsOrInsects(const Recording& recording,
-                                           const std::vector<SensorView>& views,
-                                           const std::vector<Plot>& plots,
-                                           std::vector<Target> targets,
-                                           const TrajectoryConfig& config) {
+std::vector<Rejection> ShapeRejections(const Recording& recording,
+                                       const std::vector<SensorView>& views,
+                                       const std::vector<Plot>& plots,
+                                       const std::vector<Target>& targets,
+                                       const RobustConfig& config,
+                                       const TrajectoryConfig& trajectory_config) {
   std::vector<Shape> shapes;
   shapes.reserve(targets.size());
   for (const Target& target : targets) {
-    shapes.push_back(ShapeOf(recording, views, plots, target, config));
+    shapes.push_back(ShapeOf(recording, views, plots, target, trajectory_config));
   }
+  std::vector<Rejection> rejections(targets.size(), Rejection::kNone);
+  for (std::size_t t = 0; t < targets.size(); ++t) {
+    if (config.Uses(Rule::kInsect) && shapes[t].IsInsect()) rejections[t] = Rejection::kInsect;
+  }
+  if (!config.Uses(Rule::kCloud)) return rejections;
   std::vector<const Shape*> clouds;
-  std::vector<char> are_clouds(targets.size(), 0);
   for (std::size_t before = targets.size() + 1; before != clouds.size();) {
     before = clouds.size();
     for (std::size_t t = 0; t < targets.size(); ++t) {
-      if (are_clouds[t] != 0 || !shapes[t].IsCloud(clouds)) continue;
-      are_clouds[t] = 1;
+      if (rejections[t] == Rejection::kCloud || !shapes[t].IsCloud(clouds)) continue;
+      rejections[t] = Rejection::kCloud;
       clouds.push_back(&shapes[t]);
     }
   }
-  std::vector<Target> kept;
-  for (std::size_t t = 0; t < targets.size(); ++t) {
-    if (are_clouds[t] == 0 && !shapes[t].IsInsect()) kept.push_back(std::move(targets[t]));
-  }
-  return kept;
+  return rejections;
 }
 
 }  // namespace unlidar

@@ -7,6 +7,7 @@
 #include "base/recording.hpp"
 #include "robust/plots/plots.hpp"
 #include "robust/scene/sensor_view.hpp"
+#include "robust/tracking/rejection.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/types.hpp"
 
@@ -75,15 +76,16 @@ class Shape {
   std::vector<Mover> returns_;  // its own and those near it
 };
 
-// Leaves out the targets that are clouds: what is about them at the same time, beyond what strays
-// farther about them explain, lies wider than any drone. A cloud comes in many pieces, one after
+// (targets) Which are clouds: what is about them at the same time, beyond what strays farther about
+// them explain, lies wider than any drone. A cloud comes in many pieces, one after
 // another on nearly the same way, and while they are small they look like drones: so what stays
 // where a cloud is at some time is a piece of it. And the insects: their returns of a frame lie
 // closer together than those of any drone. `plots` in order of time; `views`: (sensors).
-std::vector<Target> WithoutCloudsOrInsects(const Recording& recording,
-                                           const std::vector<SensorView>& views,
-                                           const std::vector<Plot>& plots,
-                                           std::vector<Target> targets,
-                                           const TrajectoryConfig& config);
+std::vector<Rejection> ShapeRejections(const Recording& recording,
+                                       const std::vector<SensorView>& views,
+                                       const std::vector<Plot>& plots,
+                                       const std::vector<Target>& targets,
+                                       const RobustConfig& config,
+                                       const TrajectoryConfig& trajectory_config);
 
 }  // namespace unlidar

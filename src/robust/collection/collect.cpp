@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "robust/collection/body.hpp"
 #include "robust/collection/frame_length.hpp"
@@ -19,6 +20,8 @@ namespace {
 constexpr double kGate = 4.0;
 // Where the trajectory is less sure, all that is about would be collected.
 constexpr double kMaxSearchSigmaM = 1.0;
+// In each round returns are looked for so far beyond the ends.
+constexpr TimeNs kMaxExtensionNs = 2'000'000'000;
 // The target's stay this near to a place says nothing of the clutter there: a body and its noise.
 constexpr RangeRadius kPresence{1.5, 0.03};
 // Before its first sighting and behind its last one it may be where it was then, for so long.
@@ -146,15 +149,18 @@ struct Members {
 };
 
 // The candidates that are likelier the target's than those of their very places, too.
-Members MembersOf(const Recording& recording, const Look& look, const Spots& spots) {
+Members MembersOf(const Recording& recording, const Look& look, const std::optional<Spots>& spots) {
   Members members;
   for (const Candidate& candidate : look.candidates) {
     double log_ratio = 0.0;
     if (candidate.surroundings_rate >= 0.0) {
-      const double rate =
-          spots.RateOutside(look.frame->sensor, recording.points_m[candidate.index],
-                            candidate.from_ns, candidate.to_ns, candidate.surroundings_rate);
-      log_ratio = candidate.log_density - std::log(std::max(rate, candidate.surroundings_rate));
+      double rate = candidate.surroundings_rate;
+      if (spots) {
+        rate = std::max(rate,
+                        spots->RateOutside(look.frame->sensor, recording.points_m[candidate.index],
+                                           candidate.from_ns, candidate.to_ns, rate));
+      }
+      log_ratio = candidate.log_density - std::log(rate);
       if (log_ratio < 0.0) continue;
     }
     members.returns.push_back(candidate.index);
@@ -175,7 +181,8 @@ std::vector<std::uint32_t> ReturnsOf(const std::vector<Look>& looks) {
 
 Target CollectTarget(const Recording& recording, const std::vector<SensorView>& views,
                      const std::vector<Plot>& path, const std::vector<char>& excluded,
-                     const CollectConfig& config, const TrajectoryConfig& trajectory_config) {
+                     const RobustConfig& robust, const TrajectoryConfig& trajectory_config) {
+  const CollectConfig& config = robust.collect;
   Target target;
   BodySigmas body{config.body_sigma_m, config.body_sigma_m, config.body_sigma_m};
   std::vector<int> returns(recording.sensors.size(), 0);
@@ -195,7 +202,6 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   std::stable_sort(target.measurements.begin(), target.measurements.end(), IsEarlier);
   std::sort(target.returns.begin(), target.returns.end());
 
-  const TimeNs extension_ns = NsOf(config.max_extension_s);
   std::vector<SensorShift> shifts(recording.sensors.size());
   std::vector<FrameLength> lengths(recording.sensors.size());
   for (int round = 0; round < config.rounds; ++round) {
@@ -208,8 +214,8 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
     std::vector<Look> looks;
     for (const FrameInfo& frame : recording.frames) {
       const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
-      if (middle_ns < trajectory.begin_ns() - extension_ns) continue;
-      if (middle_ns > trajectory.end_ns() + extension_ns) continue;
+      if (middle_ns < trajectory.begin_ns() - kMaxExtensionNs) continue;
+      if (middle_ns > trajectory.end_ns() + kMaxExtensionNs) continue;
       const SensorView& view = views[frame.sensor];
       const SensorShift& shift = shifts[frame.sensor];
       TrajectoryRow expected = trajectory.At(middle_ns - NsOf(shift.delay_s));
@@ -224,7 +230,8 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
                        FindCandidates(recording, frame, view, excluded, trajectory, presence,
                                       expected, returns_per_frame, body)});
     }
-    const Spots spots(recording, views, ReturnsOf(looks));
+    std::optional<Spots> spots;
+    if (robust.Uses(Rule::kSpots)) spots.emplace(recording, views, ReturnsOf(looks));
     Target next;
     for (const Look& look : looks) {
       const auto [members, log_ratio] = MembersOf(recording, look, spots);

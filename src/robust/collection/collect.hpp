@@ -23,6 +23,6 @@ constexpr double kFacingSideSigma = 0.3;
 // returns (N) are left alone. Empty measurements where nothing fits.
 Target CollectTarget(const Recording& recording, const std::vector<SensorView>& views,
                      const std::vector<Plot>& path, const std::vector<char>& excluded,
-                     const CollectConfig& config, const TrajectoryConfig& trajectory_config);
+                     const RobustConfig& robust, const TrajectoryConfig& trajectory_config);
 
 }  // namespace unlidar

@@ -196,10 +196,13 @@ class Company {
 
 }  // namespace
 
-void MarkFloating(const Recording& recording, const Support& support, const RangeRadius& place,
+void MarkFloating(const Recording& recording, const Support& support, const RobustConfig& config,
                   std::vector<Plot>* plots) {
   if (plots->empty()) return;
-  const std::vector<Stance> stances = StancesOf(recording, *plots, place);
+  std::vector<Stance> stances = StancesOf(recording, *plots, config.background.place);
+  if (!config.Uses(Rule::kTransient)) {
+    std::replace(stances.begin(), stances.end(), Stance::kHasCome, Stance::kStands);
+  }
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
     plot.is_floating =

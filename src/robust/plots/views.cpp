@@ -53,7 +53,7 @@ StationPlots PlotsOf(const Recording& recording, const Background& background,
       candidates.end());
   found.num_unexplained = candidates.size();
   found.plots = MakePlots(recording, candidates, ground, config.plots, &found.are_bodies);
-  MarkFloating(recording, support, config.background.place, &found.plots);
+  MarkFloating(recording, support, config, &found.plots);
   SetPlaceRates(background, &found.plots);
   std::vector<char> is_standing(recording.points_m.size(), 0);
   for (const std::uint32_t i : floating) is_standing[i] = 1;

@@ -23,8 +23,11 @@ constexpr double kBetterBorneOut = 1.1;
 // Cells as near to the plane as rough ground is make it. Ground rises above it by little: more is a
 // bush, a car or the station itself; hollows are as deep as the relief, and deeper are reflections.
 constexpr double kPlaneBandM = 0.6;
+constexpr int kIterations = 6;
 constexpr double kMaxRiseM = 0.5;
 constexpr double kMaxReliefM = 1.5;
+// Of the returns of a cell of floor; of walls and trunks a few percent are as low.
+constexpr double kFlatShare = 0.25;
 
 template <class Number>
 double Quantile(Number* begin, Number* end, double share) {
@@ -88,6 +91,7 @@ void Ground::FitPlane(Workspace* workspace) {
   const Plane near = PlaneOf(kNearM, workspace);
   if (near.support > kBetterBorneOut * plane.support) plane = near;
   plane_ = plane.coefficients;
+  support_ = plane.support;
   exists_ = plane.support > 0.0 && plane_.tail<2>().norm() < config_.max_slope;
 }
 
@@ -97,45 +101,88 @@ Ground::Plane Ground::PlaneOf(double reach_m, Workspace* workspace) const {
   const std::vector<std::uint32_t>& known = workspace->known;
   std::vector<double>& lowest_m = workspace->lowest_m;
   std::vector<std::uint32_t>& inliers = workspace->inliers;
-  const auto distance_m = [this](const Cell& cell) { return MiddleOf(cell).tail<2>().norm(); };
   lowest_m.clear();
   for (const std::uint32_t number : known) {
-    if (distance_m(cells_[number]) <= reach_m) lowest_m.push_back(cells_[number].height_m);
+    if (DistanceM(cells_[number]) <= reach_m) lowest_m.push_back(cells_[number].height_m);
   }
   Plane plane;
   if (lowest_m.size() < kMinCells) return plane;
   const double median_m = Quantile(lowest_m.data(), lowest_m.data() + lowest_m.size(), 0.5);
-  const auto choose = [&](const auto& is_inlier) {
-    inliers.clear();
-    for (const std::uint32_t number : known) {
-      if (is_inlier(cells_[number])) inliers.push_back(number);
-    }
-  };
-  choose(
-      [&](const Cell& cell) { return cell.height_m <= median_m && distance_m(cell) <= reach_m; });
-  for (int iteration = 0; iteration < 6; ++iteration) {
-    if (inliers.size() < kMinCells) return plane;
-    // The triangle of the QR decomposition, and the right-hand side beside it, cell by cell.
-    Eigen::Matrix4d triangle = Eigen::Matrix4d::Zero();
-    for (const std::uint32_t number : inliers) {
-      triangle.row(3) << MiddleOf(cells_[number]).transpose(), cells_[number].height_m;
-      for (Eigen::Index k = 0; k < 3; ++k) {
-        Eigen::JacobiRotation<double> givens;
-        givens.makeGivens(triangle(k, k), triangle(3, k));
-        triangle.applyOnTheLeft(k, 3, givens.adjoint());
-      }
-    }
-    plane.coefficients = triangle.topLeftCorner<3, 3>().colPivHouseholderQr().solve(
-        triangle.topRightCorner<4, 1>().head<3>());
-    choose([&](const Cell& cell) {
-      return std::abs(cell.height_m - plane.coefficients.dot(MiddleOf(cell))) < kPlaneBandM;
-    });
+  inliers.clear();
+  for (const std::uint32_t number : known) {
+    const Cell& cell = cells_[number];
+    if (cell.height_m <= median_m && DistanceM(cell) <= reach_m) inliers.push_back(number);
   }
-  for (const std::uint32_t number : inliers) {
-    const double share = kNearM / std::max(kNearM, distance_m(cells_[number]));
-    plane.support += share * share;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    if (!Refit(kPlaneBandM, &plane, workspace)) return plane;
   }
+  plane.support = SupportOf(inliers);
   return plane;
+}
+
+bool Ground::Refit(double band_m, Plane* plane, Workspace* workspace) const {
+  std::vector<std::uint32_t>& inliers = workspace->inliers;
+  if (inliers.size() < kMinCells) return false;
+  // The triangle of the QR decomposition, and the right-hand side beside it, cell by cell.
+  Eigen::Matrix4d triangle = Eigen::Matrix4d::Zero();
+  for (const std::uint32_t number : inliers) {
+    triangle.row(3) << MiddleOf(cells_[number]).transpose(), cells_[number].height_m;
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      Eigen::JacobiRotation<double> givens;
+      givens.makeGivens(triangle(k, k), triangle(3, k));
+      triangle.applyOnTheLeft(k, 3, givens.adjoint());
+    }
+  }
+  plane->coefficients = triangle.topLeftCorner<3, 3>().colPivHouseholderQr().solve(
+      triangle.topRightCorner<4, 1>().head<3>());
+  SetInliers(band_m, *plane, workspace);
+  return true;
+}
+
+void Ground::SetInliers(double band_m, const Plane& plane, Workspace* workspace) const {
+  workspace->inliers.clear();
+  for (const std::uint32_t number : workspace->known) {
+    const Cell& cell = cells_[number];
+    if (std::abs(cell.height_m - plane.coefficients.dot(MiddleOf(cell))) < band_m) {
+      workspace->inliers.push_back(number);
+    }
+  }
+}
+
+double Ground::SupportOf(const std::vector<std::uint32_t>& inliers) const {
+  double support = 0.0;
+  for (const std::uint32_t number : inliers) {
+    const double share = kNearM / std::max(kNearM, DistanceM(cells_[number]));
+    support += share * share;
+  }
+  return support;
+}
+
+// In steps, as a plane among walls and things is off by more than a narrow band at first.
+double Ground::FlatSupport(double band_m, Workspace* workspace) const {
+  if (!exists_) return 0.0;
+  Plane plane;
+  plane.coefficients = plane_;
+  double step_m = kPlaneBandM;
+  SetInliers(step_m, plane, workspace);
+  while (step_m > band_m) {
+    step_m = std::max(band_m, 0.5 * step_m);
+    for (int iteration = 0; iteration < kIterations; ++iteration) {
+      if (!Refit(step_m, &plane, workspace)) return 0.0;
+    }
+  }
+  const double rise_m = band_m + plane.coefficients.tail<2>().norm() * config_.cell_m;
+  std::vector<std::uint32_t>& inliers = workspace->inliers;
+  const auto is_not_flat = [&](std::uint32_t number) {
+    const float* const begin =
+        workspace->heights_m.data() + (number == 0 ? 0 : cells_[number - 1].end);
+    const float* const end = workspace->heights_m.data() + cells_[number].end;
+    const auto low = std::count_if(
+        begin, end, [&](float height_m) { return height_m < cells_[number].height_m + rise_m; });
+    return static_cast<double>(low) < kFlatShare * static_cast<double>(end - begin);
+  };
+  inliers.erase(std::remove_if(inliers.begin(), inliers.end(), is_not_flat), inliers.end());
+  return SupportOf(inliers);
 }
 
 Ground::Cell Ground::CellOf(const Eigen::Vector3f& point_m) const {
@@ -157,6 +204,8 @@ VoxelKey Ground::KeyOf(const Cell& cell) {
 Eigen::Vector3d Ground::MiddleOf(const Cell& cell) const {
   return {1.0, (cell.x + 0.5) * config_.cell_m, (cell.y + 0.5) * config_.cell_m};
 }
+
+double Ground::DistanceM(const Cell& cell) const { return MiddleOf(cell).tail<2>().norm(); }
 
 double Ground::HeightAbove(const Eigen::Vector3f& point_m) const {
   if (!exists_) return std::numeric_limits<double>::infinity();

@@ -32,6 +32,18 @@ class Ground {
   // Begins anew, in the memory that it has.
   void Fit(const PointsView& points_m, Workspace* workspace);
 
+  // How many cells the plane goes through, far ones by the inverse square of their distance; 0
+  // without a ground.
+  double support() const { return exists_ ? support_ : 0.0; }
+
+  // The same of flat cells alone: within this, at most 0.6 m, of a plane fitted to such, as is also
+  // a quarter of their returns. As many of a floor; few or none of rough ground, or of things that
+  // are equally low. `workspace`: of the last Fit().
+  double FlatSupport(double band_m, Workspace* workspace) const;
+
+  // Where the plane is under the station, in m; without a ground it is not defined.
+  double height_m() const { return plane_.x(); }
+
   double HeightAbove(const Eigen::Vector3f& point_m) const;
 
   // Whether a return comes from the ground itself.
@@ -55,12 +67,20 @@ class Ground {
   Cell CellOf(const Eigen::Vector3f& point_m) const;
   static VoxelKey KeyOf(const Cell& cell);
   Eigen::Vector3d MiddleOf(const Cell& cell) const;
+  double DistanceM(const Cell& cell) const;  // from the station
   void SetHeights(const PointsView& points_m, Workspace* workspace);
   void FitPlane(Workspace* workspace);
   Plane PlaneOf(double reach_m, Workspace* workspace) const;
 
+  // Fits the plane to the inliers, then takes those within the band of it as inliers; false where
+  // they are too few.
+  bool Refit(double band_m, Plane* plane, Workspace* workspace) const;
+  void SetInliers(double band_m, const Plane& plane, Workspace* workspace) const;
+  double SupportOf(const std::vector<std::uint32_t>& inliers) const;
+
   GroundConfig config_;
   bool exists_ = false;
+  double support_ = 0.0;
   Eigen::Vector3d plane_ = Eigen::Vector3d::Zero();
   VoxelNumbers numbers_;     // of the cells
   std::vector<Cell> cells_;  // by number

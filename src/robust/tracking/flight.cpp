@@ -154,11 +154,14 @@ double OffGroundM(const Recording& recording, const std::vector<Plot>& path,
              : config.off_ground_m;
 }
 
-bool IsFlight(const Recording& recording, const Watch& watch, const std::vector<Plot>& path,
-              const RobustConfig& config) {
-  return HasFrames(path, config.min_plots) &&
-         ShareHigher(path, OffGroundM(recording, path, config)) > config.off_ground_share &&
-         EchoM2PerS(recording, watch, path) > config.min_echo_m2_per_s;
+Rejection FlightRejection(const Recording& recording, const Watch& watch,
+                          const std::vector<Plot>& path, const RobustConfig& config) {
+  if (!HasFrames(path, config.min_plots)) return Rejection::kTooFewDetections;
+  if (ShareHigher(path, OffGroundM(recording, path, config)) <= config.off_ground_share) {
+    return Rejection::kNearGround;
+  }
+  if (EchoM2PerS(recording, watch, path) <= config.min_echo_m2_per_s) return Rejection::kWeakReturn;
+  return Rejection::kNone;
 }
 
 }  // namespace unlidar

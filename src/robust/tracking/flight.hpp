@@ -5,6 +5,7 @@
 
 #include "base/recording.hpp"
 #include "robust/plots/plots.hpp"
+#include "robust/tracking/rejection.hpp"
 #include "robust/tracking/tracker.hpp"
 #include "unlidar/config.hpp"
 
@@ -19,9 +20,9 @@ bool HasFrames(const std::vector<Plot>& path, int least);
 double OffGroundM(const Recording& recording, const std::vector<Plot>& path,
                   const RobustConfig& config);
 
-// Whether it was seen often enough, is off the ground and returns as much as a drone does. Of the
-// recording the sensors and frames count, which may be those about the path only.
-bool IsFlight(const Recording& recording, const Watch& watch, const std::vector<Plot>& path,
-              const RobustConfig& config);
+// kNone for what was seen often enough, is off the ground and returns as much as a drone does. Of
+// the recording the sensors and frames count, which may be those about the path only.
+Rejection FlightRejection(const Recording& recording, const Watch& watch,
+                          const std::vector<Plot>& path, const RobustConfig& config);
 
 }  // namespace unlidar

@@ -1,0 +1,158 @@
+#include "io/frame_clock.hpp"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+
+#include "base/format.hpp"
+#include "io/frame_directory.hpp"
+#include "io/stamp.hpp"
+#include "unlidar/config.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr std::uint64_t kLeastUnixS = 100'000'000;
+constexpr std::uint64_t kMostUnixS = 100'000'000'000;  // as of NsPerUnitByMagnitude
+constexpr std::uint64_t kHourS = 3600;
+
+struct NumberUnit {
+  std::uint64_t least_step;
+  std::uint64_t most_step;
+  double rate_hz;
+  const char* words;
+};
+
+constexpr std::array<NumberUnit, 4> kUnits = {{
+    {0, 19, 10.0, "the numbers of frames, 10 frames a second"},
+    {20, 2'000, 1e3, "milliseconds"},
+    {20'000, 2'000'000, 1e6, "microseconds"},
+    {20'000'000, 2'000'000'000, 1e9, "nanoseconds"},
+}};
+
+std::optional<std::uint64_t> WholeNumber(std::string_view text) {
+  std::uint64_t number = 0;
+  const char* const end = text.data() + text.size();
+  const auto [parsed_to, error] = std::from_chars(text.data(), end, number);
+  if (error != std::errc() || parsed_to != end) return std::nullopt;
+  return number;
+}
+
+// Of ascending numbers; 0 for fewer than two.
+std::uint64_t MedianStep(const std::vector<std::uint64_t>& numbers) {
+  if (numbers.size() < 2) return 0;
+  std::vector<std::uint64_t> steps;
+  for (std::size_t i = 1; i < numbers.size(); ++i) steps.push_back(numbers[i] - numbers[i - 1]);
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>((steps.size() - 1) / 2);
+  std::nth_element(steps.begin(), middle, steps.end());
+  return *middle;
+}
+
+bool AreNumbers(const std::vector<std::uint64_t>& numbers) {
+  if (numbers.front() < kLeastUnixS) return true;
+  return numbers.back() < kMostUnixS && MedianStep(numbers) > kHourS;
+}
+
+}  // namespace
+
+double FrameRateHz(const InputConfig& input, const SensorConfig& sensor) {
+  return sensor.frame_rate_hz > 0.0 ? sensor.frame_rate_hz : input.frame_rate_hz;
+}
+
+void FrameClock::Settle(const std::vector<std::string_view>& names) {
+  std::vector<std::uint64_t> numbers;
+  bool are_whole = true;
+  for (const std::string_view name : names) {
+    if (!ParseStamp(name)) continue;
+    const std::optional<std::uint64_t> number = WholeNumber(name);
+    are_whole = are_whole && number;
+    if (number) numbers.push_back(*number);
+  }
+  std::sort(numbers.begin(), numbers.end());
+  if (numbers.empty() || !are_whole || !AreNumbers(numbers)) {
+    SetStamps(numbers.empty() ? std::nullopt : std::make_optional(numbers.front()));
+    return;
+  }
+  if (numbers.size() == 1) return;  // which has no difference to another: TimeOf() assumes
+  SetNumbers(MedianStep(numbers), std::to_string(numbers.front()) + " to " +
+                                      std::to_string(numbers.back()) + ", " +
+                                      std::to_string(MedianStep(numbers)) + " apart");
+}
+
+// `whole`: one of the names that could have been meant as a number.
+void FrameClock::SetStamps(std::optional<std::uint64_t> whole) {
+  reading_ = Reading::kStamps;
+  if (rate_hz_ <= 0.0 || !whole) return;
+  warning_ = Warning{"frame_rate_unused",
+                     source_ + ": frame_rate_hz is given, but names are stamps (" +
+                         std::to_string(*whole) + "), not numbers of frames: it is not used"};
+}
+
+void FrameClock::SetNumbers(std::uint64_t step, const std::string& seen) {
+  if (rate_hz_ > 0.0) {
+    reading_ = Reading::kNumbers;
+    return;
+  }
+  const auto* const unit = std::find_if(kUnits.begin(), kUnits.end(), [&](const NumberUnit& known) {
+    return known.least_step <= step && step <= known.most_step;
+  });
+  if (unit == kUnits.end()) {
+    throw InputError(source_ + ": names are whole numbers (" + seen +
+                     "), neither numbers of frames nor times of a LiDAR, expected "
+                     "input.frame_rate_hz: how many make a second");
+  }
+  reading_ = Reading::kNumbers;
+  rate_hz_ = unit->rate_hz;
+  warning_ = Warning{"numbered_frames", source_ + ": names are whole numbers (" + seen +
+                                            "), no stamps: taken as " + unit->words +
+                                            "; input.frame_rate_hz says how many make a second"};
+}
+
+std::optional<TimeNs> FrameClock::TimeOf(std::string_view name) {
+  const std::optional<std::uint64_t> number = WholeNumber(name);
+  if (reading_ == Reading::kUnsettled) {
+    if (number && *number == 0) {
+      last_number_ = 0;
+      return 0;
+    }
+    if (!ParseStamp(name)) return std::nullopt;
+    if (number && *number < kLeastUnixS) {
+      is_assumed_by_one_ = rate_hz_ <= 0.0 && !last_number_;
+      SetNumbers(last_number_ ? *number : 0, std::to_string(*number) + " at first");
+    } else {
+      SetStamps(number);
+    }
+  }
+  if (reading_ == Reading::kStamps) return StampInRange(name);
+  if (!number) {
+    if (!StampInRange(name)) return std::nullopt;
+    throw InputError(source_ + ": " + Quoted(name) +
+                     " is a stamp, but frames before are numbered (" +
+                     std::to_string(last_number_.value_or(0)) + "), expected one or the other");
+  }
+  if (is_assumed_by_one_ && last_number_) CheckSecond(*number);
+  last_number_ = number;
+  return OfNumber(static_cast<double>(*number));
+}
+
+// Of a stream: that the numbers are those of frames was assumed by the first one alone.
+void FrameClock::CheckSecond(std::uint64_t number) {
+  const auto [less, more] = std::minmax(number, *last_number_);
+  if (more - less > kUnits.front().most_step) {
+    throw InputError(source_ + ": names are whole numbers, " + std::to_string(number) + " after " +
+                     std::to_string(*last_number_) +
+                     ", expected input.frame_rate_hz: how many make a second (1000: "
+                     "milliseconds)");
+  }
+  is_assumed_by_one_ = false;
+}
+
+std::optional<TimeNs> FrameClock::OfNumber(double number) const {
+  const double time_ns = number * 1e9 / rate_hz_;
+  if (!(time_ns <= static_cast<double>(kMaxStampNs))) return std::nullopt;
+  return static_cast<TimeNs>(std::floor(time_ns + 0.5));
+}
+
+}  // namespace unlidar

@@ -1,0 +1,107 @@
+#include "io/livox_lidars.hpp"
+
+#include <arpa/inet.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <utility>
+
+#include "base/format.hpp"
+#include "io/input_limits.hpp"
+
+namespace unlidar {
+namespace {
+
+std::string NameOf(std::uint32_t source, const LivoxPacket& packet) {
+  std::string name = AddressText(source);
+  std::replace(name.begin(), name.end(), '.', '-');
+  if (packet.slot > 1 || packet.lidar > 1) {
+    name += "-" + std::to_string(packet.slot) + "-" + std::to_string(packet.lidar);
+  }
+  return name;
+}
+
+// Four numbers of an address and, of one at a hub, two more; all as NameOf() writes them.
+bool IsLivoxName(const std::string& name) {
+  int numbers = 0;
+  for (std::size_t begin = 0; begin <= name.size(); ++numbers) {
+    const std::size_t end = std::min(name.find('-', begin), name.size());
+    std::uint8_t value = 0;
+    const auto [read, error] = std::from_chars(name.data() + begin, name.data() + end, value);
+    if (error != std::errc() || std::to_string(value) != name.substr(begin, end - begin)) {
+      return false;
+    }
+    begin = end + 1;
+  }
+  return numbers == 4 || numbers == 6;
+}
+
+}  // namespace
+
+std::set<std::string> LivoxNames(const std::map<std::string, SensorConfig>& sensors) {
+  std::set<std::string> names;
+  for (const auto& [name, sensor] : sensors) {
+    if (IsLivoxName(name)) names.insert(name);
+  }
+  return names;
+}
+
+LivoxLidar* LivoxLidars::Take(const Datagram& datagram) {
+  const LivoxPacket packet = ParseLivoxPacket(datagram.payload);
+  if (packet.rays == 0) return nullptr;
+  LivoxLidar& lidar = LidarOf(datagram, packet);
+  lidar.came = datagram.came;
+  lidar.cutter.Add(packet, datagram.arrival());
+  BoundUnfinished();
+  return &lidar;
+}
+
+LivoxLidar& LivoxLidars::LidarOf(const Datagram& datagram, const LivoxPacket& packet) {
+  const Identity identity(datagram.source, packet.slot, packet.lidar);
+  const auto known = lidars_.find(identity);
+  if (known != lidars_.end()) return known->second;
+  std::string name = NameOf(datagram.source, packet);
+  if (!allowed_.empty() && allowed_.count(name) == 0) {
+    throw PacketError("is of " + name + ", expected one that sensors names, as " +
+                      *allowed_.begin());
+  }
+  if (lidars_.size() >= kMaxSensors) MakeRoom(datagram.came);
+  return lidars_.emplace(identity, LivoxLidar(std::move(name), frame_ns_)).first->second;
+}
+
+// Whoever has not sent a whole frame goes first: packets of ever new senders cost nobody his place.
+void LivoxLidars::MakeRoom(Clock::time_point now) {
+  const auto is_before = [](const auto& a, const auto& b) {
+    return std::make_pair(a.second.sensor.has_value(), a.second.came) <
+           std::make_pair(b.second.sensor.has_value(), b.second.came);
+  };
+  const auto last = std::min_element(lidars_.begin(), lidars_.end(), is_before);
+  if (last->second.sensor && now - last->second.came <= silent_) {
+    throw PacketError("is of one more sensor, expected at most " + std::to_string(kMaxSensors));
+  }
+  if (last->second.sensor) free_places_.insert(*last->second.sensor);
+  forgotten_packets_ += last->second.cutter.counts().packets();
+  lidars_.erase(last);
+}
+
+std::optional<std::size_t> LivoxLidars::FreePlace() {
+  if (free_places_.empty()) return std::nullopt;
+  return free_places_.extract(free_places_.begin()).value();
+}
+
+std::size_t LivoxLidars::unfinished_bytes() const {
+  std::size_t bytes = 0;
+  ForEach([&](const LivoxLidar& lidar) { bytes += lidar.cutter.unfinished_bytes(); });
+  return bytes;
+}
+
+void LivoxLidars::BoundUnfinished() {
+  if (unfinished_bytes() <= kMaxUnfinishedBytes) return;
+  const auto has_less = [](const auto& a, const auto& b) {
+    return a.second.cutter.unfinished_bytes() < b.second.cutter.unfinished_bytes();
+  };
+  std::max_element(lidars_.begin(), lidars_.end(), has_less)->second.cutter.DropUnfinished();
+}
+
+}  // namespace unlidar

@@ -1,0 +1,95 @@
+#include "io/livox_time.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdlib>
+#include <utility>
+
+#include "io/frame_directory.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr TimeNs kMostTurnOf = 5'000;  // 200 ppm
+
+template <class Packets, class Value>
+TimeNs MedianOf(const Packets& packets, const Value& value) {
+  std::array<TimeNs, LivoxTime::kLastPackets> values{};
+  const auto end = std::transform(packets.begin(), packets.end(), values.begin(), value);
+  const auto middle = values.begin() + (end - values.begin()) / 2;
+  std::nth_element(values.begin(), middle, end);
+  return *middle;
+}
+
+}  // namespace
+
+void PowerOnClock::Follow(TimeNs lag_ns, TimeNs next_frame_ns, TimeNs frame_ns) {
+  const TimeNs most_ns = frame_ns / kMostTurnOf;
+  before_ns_ = zero_ns_;
+  turned_at_ns_ = next_frame_ns - zero_ns_;
+  zero_ns_ += std::clamp(lag_ns - zero_ns_, -most_ns, most_ns);
+}
+
+bool PowerOnClock::IsLeftBehind(TimeNs stamp_ns, const Arrival& arrival) {
+  const TimeNs host_ns = arrival.unix_ns - arrival.steady_ns;
+  if (std::abs(host_ns - host_ns_) <= LivoxTime::kMaxStepNs) return false;
+  host_ns_ = host_ns;
+  // A computer that has slept is where it was.
+  return std::abs(arrival.unix_ns - stamp_ns - zero_ns_) > LivoxTime::kMaxStepNs;
+}
+
+std::optional<LivoxTime::Reading> LivoxTime::Take(const LivoxPacket& packet, const Arrival& arrival,
+                                                  TimeNs earliest_ns) {
+  const Arrival host{std::clamp<TimeNs>(arrival.unix_ns, 0, kMaxStampNs), arrival.steady_ns};
+  const bool counts_from_power_on = packet.clock == LivoxClock::kPowerOn;
+  const TimeNs stamp_ns = packet.stamp_ns;
+  const TimeNs lag_ns = host.unix_ns - stamp_ns;
+  const TimeNs zero_ns = std::min(std::max(host.unix_ns, earliest_ns), kMaxStampNs) - stamp_ns;
+  if (counts_from_power_on && !power_on_) {
+    const bool goes_on = !last_.empty() && IsNear(stamp_ns);  // it has lost its source of time
+    power_on_.emplace(goes_on ? 0 : zero_ns, host);
+  } else if (counts_from_power_on && power_on_->IsLeftBehind(stamp_ns, host)) {
+    power_on_.emplace(lag_ns, host);
+    return BeginAnew(host.unix_ns, lag_ns);
+  }
+  const TimeNs offset_ns = counts_from_power_on ? power_on_->OffsetOf(stamp_ns) : 0;
+  if (stamp_ns > kMaxStampNs - offset_ns) return std::nullopt;
+  const TimeNs time_ns = stamp_ns + offset_ns;
+  if (last_.empty() || IsNear(time_ns)) {
+    astray_in_a_row_ = 0;
+    Remember({time_ns, lag_ns});
+    return Reading{time_ns, false};
+  }
+  if (!IsRunBelieved(time_ns)) return std::nullopt;
+  if (counts_from_power_on) power_on_.emplace(zero_ns, host);
+  return BeginAnew(counts_from_power_on ? stamp_ns + zero_ns : time_ns, lag_ns);
+}
+
+bool LivoxTime::IsNear(TimeNs time_ns) const { return std::abs(time_ns - now_ns_) <= kMaxStepNs; }
+
+bool LivoxTime::IsRunBelieved(TimeNs time_ns) {
+  const bool agrees = last_astray_ns_ && std::abs(time_ns - *last_astray_ns_) <= kMaxStepNs;
+  astray_in_a_row_ = agrees ? astray_in_a_row_ + 1 : 1;
+  last_astray_ns_ = time_ns;
+  return astray_in_a_row_ >= kLastPackets;
+}
+
+LivoxTime::Reading LivoxTime::BeginAnew(TimeNs time_ns, TimeNs lag_ns) {
+  last_.clear();
+  astray_in_a_row_ = 0;
+  Remember({time_ns, lag_ns});
+  return {time_ns, true};
+}
+
+void LivoxTime::Remember(const Taken& taken) {
+  last_.push_back(taken);
+  if (last_.size() > kLastPackets) last_.pop_front();
+  now_ns_ = MedianOf(last_, [](const Taken& one) { return one.time_ns; });
+  const std::int64_t frame = now_ns_ / frame_ns_;
+  if (std::exchange(followed_, frame) == frame || !power_on_) return;
+  const TimeNs lag_ns = MedianOf(last_, [](const Taken& one) { return one.lag_ns; });
+  power_on_->Follow(lag_ns, (frame + 1) * frame_ns_, frame_ns_);
+}
+
+}  // namespace unlidar

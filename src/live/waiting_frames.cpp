@@ -1,0 +1,89 @@
+#include "live/waiting_frames.hpp"
+
+#include <algorithm>
+#include <map>
+#include <utility>
+
+namespace unlidar {
+namespace {
+
+template <class Value>
+std::size_t BytesOf(const std::vector<Value>& values) {
+  return values.capacity() * sizeof(Value);
+}
+
+std::size_t BytesOf(const LoadedFrame& frame) {
+  const PcdCloud& cloud = frame.cloud;
+  return BytesOf(cloud.points_m) + BytesOf(cloud.integer_times) + BytesOf(cloud.floating_times) +
+         BytesOf(frame.return_rows) + BytesOf(frame.points_m) + BytesOf(frame.times_ns);
+}
+
+}  // namespace
+
+LoadedFrame& WaitingFrames::Next() {
+  if (num_waiting_ == slots_.size()) slots_.emplace_back();
+  return slots_[num_waiting_].frame;
+}
+
+void WaitingFrames::Add(TimeNs time_ns) {
+  Slot& slot = slots_[num_waiting_];
+  slot.time_ns = time_ns;
+  bytes_ -= slot.bytes;
+  slot.bytes = BytesOf(slot.frame);
+  bytes_ += slot.bytes;
+  ++num_waiting_;
+  std::push_heap(slots_.begin(), end(), ComesLater);
+}
+
+LoadedFrame* WaitingFrames::TakeEarliest() {
+  std::pop_heap(slots_.begin(), end(), ComesLater);
+  --num_waiting_;
+  return &slots_[num_waiting_].frame;
+}
+
+bool WaitingFrames::IsOverfull() const {
+  return num_waiting_ > kMaxFrames || (num_waiting_ > 1 && bytes_ > kMaxBytes);
+}
+
+std::optional<WaitingFrames::Dropped> WaitingFrames::DropSurplus() {
+  if (!IsOverfull()) return std::nullopt;
+  for (; slots_.size() > num_waiting_; slots_.pop_back()) bytes_ -= slots_.back().bytes;
+  if (!IsOverfull()) return std::nullopt;
+  std::iter_swap(NewestOfMost(), slots_.end() - 1);
+  const LoadedFrame& frame = slots_.back().frame;
+  const Dropped dropped{frame.info.sensor, frame.file.stamp_ns};
+  bytes_ -= slots_.back().bytes;
+  slots_.pop_back();
+  --num_waiting_;
+  std::make_heap(slots_.begin(), end(), ComesLater);
+  return dropped;
+}
+
+WaitingFrames::Place WaitingFrames::NewestOfMost() {
+  std::map<std::uint32_t, std::size_t> cost;  // a frame without points takes room, too
+  for (const Slot& slot : slots_) {
+    cost[slot.frame.info.sensor] += slot.bytes + kMaxBytes / kMaxFrames;
+  }
+  const auto most = std::max_element(
+      cost.begin(), cost.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  const auto is_earlier = [&](const Slot& a, const Slot& b) {
+    const bool is_of_most = a.frame.info.sensor == most->first;
+    const bool is_other_of_most = b.frame.info.sensor == most->first;
+    return std::make_pair(is_of_most, a.time_ns) < std::make_pair(is_other_of_most, b.time_ns);
+  };
+  return std::max_element(slots_.begin(), slots_.end(), is_earlier);
+}
+
+std::vector<LoadedFrame> WaitingFrames::TakeAll() {
+  slots_.resize(num_waiting_);
+  std::sort(slots_.begin(), slots_.end(),
+            [](const Slot& a, const Slot& b) { return a.ComesBefore(b); });
+  std::vector<LoadedFrame> frames;
+  frames.reserve(slots_.size());
+  for (Slot& slot : slots_) frames.push_back(std::move(slot.frame));
+  slots_.clear();
+  num_waiting_ = bytes_ = 0;
+  return frames;
+}
+
+}  // namespace unlidar

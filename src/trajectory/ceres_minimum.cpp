@@ -1,0 +1,124 @@
+#include "trajectory/ceres_minimum.hpp"
+
+#include <ceres/evaluation_callback.h>
+#include <ceres/problem.h>
+#include <ceres/solver.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <new>
+
+#include "base/memory_reserve.hpp"
+#include "trajectory/spline_cost.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr double kNoTotalStepM = 1e-9;  // of all control points together
+
+// Near the minimum the cost is the same but for rounding over micrometres, in a gap over more, and
+// Ceres gives the point of the lowest cost. The minimum is where the slope vanishes: of the points
+// to which it moved, the last.
+class LastPoint : public ceres::EvaluationCallback {
+ public:
+  explicit LastPoint(const std::vector<Eigen::Vector3d>& control_points_m)
+      : control_points_m_(control_points_m), last_m_(control_points_m) {}
+
+  // Derivatives are asked for where it starts and where it has moved to.
+  void PrepareForEvaluation(bool evaluate_jacobians, bool /*is_new_point*/) override {
+    if (evaluate_jacobians) last_m_ = control_points_m_;
+  }
+
+  const std::vector<Eigen::Vector3d>& last_m() const { return last_m_; }
+
+ private:
+  const std::vector<Eigen::Vector3d>& control_points_m_;  // in which Ceres puts what it evaluates
+  std::vector<Eigen::Vector3d> last_m_;
+};
+
+ceres::Problem::Options ProblemOptions(LastPoint* last_point) {
+  ceres::Problem::Options options;
+  options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  options.disable_all_safety_checks = true;
+  options.evaluation_callback = last_point;
+  return options;
+}
+
+void AddResiduals(const SplineModel& model, const TrajectoryScales& scales,
+                  ceres::LossFunction* loss, std::vector<Eigen::Vector3d>& control_points_m,
+                  ceres::Problem& problem) {
+  const auto add = [&](const SplineRow& row, double scale, ceres::LossFunction* row_loss) {
+    Eigen::Vector3d* const control = &control_points_m[static_cast<std::size_t>(row.first)];
+    problem.AddResidualBlock(new SplineCost(row, scale), row_loss, control[0].data(),
+                             control[1].data(), control[2].data(), control[3].data());
+  };
+  for (const auto& row : model.measurements) add(row, 1.0, loss);
+  for (const auto& row : model.smoothness) {
+    add(row, scales.noise / scales.acceleration_mps2, nullptr);
+  }
+  for (const auto& row : model.start) add(row, 1.0, nullptr);
+}
+
+ceres::Solver::Options SolverOptions(int max_iterations,
+                                     const std::vector<Eigen::Vector3d>& control_points_m) {
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  // Eigen's solver throws where an allocation fails; CHOLMOD returns null, which Ceres overlooks.
+  options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
+  options.logging_type = ceres::SILENT;
+  options.num_threads = 1;
+  options.max_num_iterations = max_iterations;
+  options.initial_trust_region_radius = 1e12;  // quadratic, but for the few that the loss bends
+  // It ends where nothing moves any more. Until then a step counts by how the cost fell since the
+  // start, not by its own change, which drowns in rounding.
+  double squares_m2 = 0.0;
+  for (const auto& point_m : control_points_m) squares_m2 += point_m.squaredNorm();
+  options.parameter_tolerance = kNoTotalStepM / std::max(1.0, std::sqrt(squares_m2));
+  options.function_tolerance = 0.0;
+  options.gradient_tolerance = 0.0;
+  options.use_nonmonotonic_steps = true;
+  options.max_consecutive_nonmonotonic_steps = max_iterations;
+  return options;
+}
+
+// Some destructors of Ceres allocate: to fail in one ends the program. What the whole takes is put
+// aside before.
+void SolveWithReserve(const ceres::Solver::Options& options, ceres::Problem* problem,
+                      ceres::Solver::Summary* summary) {
+  constexpr std::size_t kBytesPerResidualBlock = 4096;  // more than twice of what it is
+  constexpr std::size_t kBytesAtLeast = 1U << 17U;
+  const auto num_blocks = static_cast<std::size_t>(problem->NumResidualBlocks());
+  const MemoryReserve reserve(kBytesAtLeast + kBytesPerResidualBlock * num_blocks);
+  ceres::Solve(options, problem, summary);
+  if (reserve.was_needed()) throw std::bad_alloc();
+}
+
+}  // namespace
+
+MinimumReport MinimiseByCeres(const SplineModel& model, const TrajectoryScales& scales,
+                              const TruncatedLoss& loss, int max_iterations,
+                              std::vector<Eigen::Vector3d>& control_points_m) {
+  // Two costs that are the same to the last digit end it, whatever the step was: then once more.
+  constexpr int kMaxSolves = 4;
+  TruncatedLossFunction loss_function(loss);
+  LastPoint last_point(control_points_m);
+  ceres::Problem problem(ProblemOptions(&last_point));
+  AddResiduals(model, scales, &loss_function, control_points_m, problem);
+  const ceres::Solver::Options options = SolverOptions(max_iterations, control_points_m);
+  MinimumReport report;
+  for (int solve = 0; solve < kMaxSolves; ++solve) {
+    ceres::Solver::Summary summary;
+    SolveWithReserve(options, &problem, &summary);
+    control_points_m = last_point.last_m();
+    if (solve == 0) report.initial_cost = summary.initial_cost;
+    report.final_cost = summary.final_cost;
+    report.iterations += summary.num_successful_steps + summary.num_unsuccessful_steps;
+    report.converged = summary.termination_type == ceres::CONVERGENCE;
+    report.termination = ceres::TerminationTypeToString(summary.termination_type);
+    if (!report.converged || summary.iterations.back().step_norm <= kNoTotalStepM) break;
+  }
+  return report;
+}
+
+}  // namespace unlidar

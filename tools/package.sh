@@ -41,7 +41,7 @@ say "Packing"
 quietly "CPack could not make the packages" \
   cpack --config "$build_dir/CPackConfig.cmake" -B "$packages"
 rm -rf -- "$packages/_CPack_Packages"
-quietly "pip could not make the wheel; is there a network?" \
-  "$venv/bin/python" -m pip wheel --disable-pip-version-check --no-deps \
+quietly "pip could not make the wheel" \
+  "$venv/bin/python" -m pip wheel --disable-pip-version-check --no-deps --no-build-isolation \
   --wheel-dir "$packages" "$root/tools"
 ls -- "$packages"

@@ -4,6 +4,8 @@
 # shellcheck shell=bash
 # shellcheck disable=SC2034  # its variables are used by the scripts that source it
 
+set -o pipefail
+
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 build_dir=$root/build
 lint_dir=$root/build-lint
@@ -15,7 +17,7 @@ venv=$root/.venv
 setup_log=$root/out/setup.log
 
 # What the program and its tests are built with. PCL is needed for its headers and as an oracle of
-# the tests, Ceres as one alone; the program itself links nothing of them but pcl_common.
+# the tests; the program itself links nothing of it but pcl_common.
 build_packages=(
   build-essential cmake ninja-build
   libpcl-dev liblz4-dev libeigen3-dev libceres-dev libyaml-cpp-dev libcli11-dev
@@ -30,12 +32,12 @@ check_packages=(
 # llvm has what names the functions of a stack trace.
 sanitize_packages=(clang libclang-rt-dev llvm)
 bench_packages=(time)
-package_packages=(dpkg-dev help2man)
+package_packages=(dpkg-dev file help2man)  # CPack tells programs from other files by `file`
 arm64_packages=(g++-aarch64-linux-gnu qemu-user-static)
 # What the program and its tests are built with, of arm64: some with all that they depend on, some
 # alone, as VTK and compilers hang on those.
 arm64_sysroot_packages=(
-  libc6-dev libpcl-common1.13 liblz4-dev libeigen3-dev libyaml-cpp-dev libcli11-dev
+  libc6-dev libpcl-common1.13 liblz4-dev libeigen3-dev libceres-dev libyaml-cpp-dev libcli11-dev
   nlohmann-json3-dev libgtest-dev
 )
 arm64_lone_packages=(
@@ -44,7 +46,7 @@ arm64_lone_packages=(
 )
 
 # Of Python, for the tests: one that asks for older packages than the harness does, and needs none of
-# them for what is used of it.
+# them for what is used of it. tools/lock.sh has the release.
 lone_python_package='ouster-sdk>=1.0'
 
 say() {
@@ -56,15 +58,53 @@ fail() {
   exit 1
 }
 
-# quietly REASON COMMAND...: the command's output goes to the log; when it fails, its last lines
-# are shown and the script ends with REASON.
-quietly() {
-  local reason=$1
-  shift
-  if ! "$@" >"$setup_log" 2>&1 </dev/null; then
-    tail -n 10 -- "$setup_log" >&2
+# followed SHOW REASON COMMAND...: the command's output goes to the log and to SHOW, which tells of it;
+# when it fails, its last lines are shown and the script ends with REASON.
+followed() {
+  local show=$1 reason=$2
+  shift 2
+  if ! "$@" 2>&1 </dev/null | tee -- "$setup_log" | "$show"; then
+    grep -vE '^(dl|pm)status:' -- "$setup_log" | tail -n 10 >&2
     fail "$reason (whole output: $setup_log)"
   fi
+}
+
+# quietly REASON COMMAND...: shown only when it fails.
+quietly() {
+  followed swallow "$@"
+}
+
+swallow() {
+  cat >/dev/null
+}
+
+# apt_progress: how much apt-get is going to do, and each tenth of it that it has done.
+apt_progress() {
+  local line kind percent now last=
+  while IFS= read -r line; do
+    case $line in
+      *' newly installed'* | 'Need to get '* | 'After this operation'*) printf '    %s\n' "$line" ;;
+      dlstatus:* | pmstatus:*)
+        IFS=: read -r kind _ percent _ <<<"$line"
+        percent=${percent%.*}
+        now="${kind/pmstatus/installed}: $((percent / 10 * 10)) %"
+        now=${now/dlstatus/downloaded}
+        [[ $now == "$last" ]] || printf '    %s\n' "$now"
+        last=$now
+        ;;
+    esac
+  done
+}
+
+# pip_progress: the packages that pip fetches, ten at a time, and that it installs them.
+pip_progress() {
+  local line count=0
+  while IFS= read -r line; do
+    case $line in
+      'Collecting '* | 'Processing '*) ((++count % 10)) || printf '    downloaded: %d packages\n' "$count" ;;
+      'Installing collected packages'*) printf '    installing: %d packages\n' "$count" ;;
+    esac
+  done
 }
 
 check_root_is_writable() {
@@ -97,12 +137,12 @@ install_packages() {
     as_root=(sudo)
     sudo -v || fail "these packages are missing: ${missing[*]}; sudo refused to install them"
   fi
-  as_root+=(env DEBIAN_FRONTEND=noninteractive)
-  say "Installing ${missing[*]} (once, some minutes)"
+  as_root+=(env DEBIAN_FRONTEND=noninteractive LC_ALL=C)
+  say "Installing ${missing[*]} (once)"
   # An unreachable foreign source must not stop what the others can deliver: the install decides.
   "${as_root[@]}" apt-get -qq -o DPkg::Lock::Timeout=300 update >/dev/null 2>&1 </dev/null || true
-  quietly "apt-get could not install ${missing[*]}; is there a network?" \
-    "${as_root[@]}" apt-get -qq -y -o DPkg::Lock::Timeout=300 -o Dpkg::Use-Pty=0 \
+  followed apt_progress "apt-get could not install ${missing[*]}; is there a network?" \
+    "${as_root[@]}" apt-get -q -y -o DPkg::Lock::Timeout=300 -o Dpkg::Use-Pty=0 -o APT::Status-Fd=1 \
     install --no-install-recommends "${missing[@]}"
 }
 
@@ -168,6 +208,7 @@ build_for_arm64() {
 make_arm64_sysroot() {
   local package part=$arm64_sysroot.part
   local packages="${arm64_sysroot_packages[*]} ${arm64_lone_packages[*]}"
+  local libraries=$part/usr/lib/aarch64-linux-gnu
   local apt=(apt-get -qq -y -o APT::Architecture=arm64 -o APT::Architectures=arm64
     -o Dir::State="$part/apt" -o Dir::State::status="$part/apt/status" -o Dir::Cache="$part/apt"
     -o APT::Sandbox::User="$(id -un)" -o APT::Install-Recommends=false)
@@ -187,6 +228,12 @@ make_arm64_sysroot() {
     quietly "$package could not be unpacked" dpkg-deb --extract "$package" "$part"
   done
   rm -rf -- "$part/apt"
+  # What installing does: the alternative that gives the library its name.
+  for package in blas lapack; do
+    ln -s "atlas/lib$package.so" "atlas/lib$package.so.3" "$libraries"
+  done
+  # Ceres names these libraries where they would be installed.
+  sed -i 's|;/usr/lib/|;${_IMPORT_PREFIX}/lib/|g' "$libraries/cmake/Ceres/CeresTargets.cmake"
   printf '%s\n' "$packages" >"$part/packages"
   mv -- "$part" "$arm64_sysroot"
 }
@@ -205,15 +252,21 @@ find_python() {
   return 1
 }
 
-# make_venv EXTRA: .venv with unlidar_tools and what its EXTRA needs ('' for the plain package),
-# installed in place. A stamp keeps what was installed from which pyproject.toml; it also names the
-# folder and the Python, because environments survive neither a move nor another Python.
+# make_venv EXTRA: .venv with unlidar_tools, installed in place, and what it and its EXTRA need ('' for
+# the plain package, or test), in the releases of requirements*.txt and no others. A stamp keeps what was
+# installed; it also names the folder and the Python, because environments survive neither a move nor
+# another Python. A package that is needed no more must not stay: other releases make all of it anew.
+# What tests need stays for tests.
 make_venv() {
   local extra=$1 python place project stamp_file=$venv/unlidar_tools.stamp
+  local pip=("$venv/bin/python" -u -m pip install --disable-pip-version-check --no-deps)
   python=$(find_python) ||
     fail "Python 3.11 or newer with venv is needed, found $(python3 --version 2>&1 || true)"
-  place="$root with $python, $("$python" --version)"
-  project="pyproject.toml:$(sha256sum <"$root/tools/pyproject.toml") $lone_python_package"
+  place="$root with $python, $("$python" --version), $(
+    cat -- "$root"/tools/requirements{,-test}.txt | sha256sum
+  )"
+  project="pyproject.toml:$(sha256sum <"$root/tools/pyproject.toml")"
+  ! grep -qxF extra:test "$stamp_file" 2>/dev/null || extra='test'
   if ! "$venv/bin/python" -c '' 2>/dev/null || ! grep -qxF "$place" "$stamp_file" 2>/dev/null; then
     rm -rf -- "$venv"
   elif grep -qxF "$project" "$stamp_file" && grep -qxF "extra:$extra" "$stamp_file"; then
@@ -221,11 +274,12 @@ make_venv() {
   fi
   say "Installing the Python harness in $venv"
   [[ -e $venv ]] || quietly "$python could not make a virtual environment" "$python" -m venv "$venv"
-  quietly "pip could not install the harness; is there a network?" \
-    "$venv/bin/python" -m pip install --disable-pip-version-check \
-    --editable "$root/tools${extra:+[$extra]}"
-  [[ $extra != test ]] || quietly "pip could not install $lone_python_package; is there a network?" \
-    "$venv/bin/python" -m pip install --disable-pip-version-check --no-deps "$lone_python_package"
+  # Nothing but wheels: what builds others would come in any release.
+  followed pip_progress "pip could not install what the harness needs; is there a network?" \
+    "${pip[@]}" --require-hashes --only-binary :all: \
+    --requirement "$root/tools/requirements${extra:+-$extra}.txt"
+  quietly "pip could not install the harness" \
+    "${pip[@]}" --no-build-isolation --editable "$root/tools"
   # The plain install is part of every one with an extra.
   printf '%s\n' "$place" "$project" extra: "extra:$extra" >"$stamp_file"
 }

@@ -92,6 +92,10 @@ class Measures:
     nees: float | None = None
     nees_median: float | None = None
     nees_within95: float | None = None
+    nees_unbiased: float | None = None
+    nees_unbiased_median: float | None = None
+    nees_unbiased_within95: float | None = None
+    truth_is: str | None = None  # where it is known to be of another point than the returns'
     challenge_mse: float | None = None  # m²
     rows_judged: int | None = None
     rows_unjudged: int | None = None
@@ -121,8 +125,8 @@ class Run:
     summary: Path
     target_returns: Path
     clusters: Path
-    figure: Path
-    page: Path
+    figure: Path | None  # None without report
+    page: Path | None
     tracks: int
     measures: Measures | None  # None without truth
     messages: tuple[str, ...]  # of the program
@@ -168,6 +172,7 @@ def run(
     settings: Mapping[str, object] | None = None,
     threads: int | None = None,
     options: ConvertOptions | None = None,
+    report: bool = True,
 ) -> Run:
     """Converts one recording if need be, tracks, evaluates where there is truth, and reports.
 
@@ -184,7 +189,7 @@ def run(
         raise UsageError(f"sensors is '{sensors}', expected a list of names")
     names = None if sensors is None else list(sensors)
     reading = options or ConvertOptions()
-    found = pipeline.run(Path(recording), Path(out), names, chosen, reading)
+    found = pipeline.run(Path(recording), Path(out), names, chosen, reading, report=report)
     return Run(
         out=found.out,
         frames=found.record.frames,
@@ -193,8 +198,8 @@ def run(
         summary=found.out / SUMMARY,
         target_returns=found.out / TARGET_RETURNS,
         clusters=found.out / CLUSTERS,
-        figure=found.figure,
-        page=found.page,
+        figure=found.figure if report else None,
+        page=found.page if report else None,
         tracks=found.record.tracks or 0,
         measures=None if found.measures is None else _measures(found.measures),
         messages=found.record.messages,

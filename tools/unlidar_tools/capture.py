@@ -9,10 +9,11 @@ from typing import Any
 
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.extras import load_extra
+from unlidar_tools.limits import BoundedFile
 
 SUFFIXES = (".pcap", ".pcapng")
 _MOST_OPEN = 64  # packets of which pieces are waited for
-_END = 1 << 16  # behind every piece
+_END = 1 << 16  # behind every piece, and longer than any packet
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def datagrams(path: Path) -> Iterator[Datagram]:
     """
     dpkt = _dpkt(path)
     try:
-        with path.open("rb") as file:
+        with BoundedFile(path) as file:
             reader = dpkt.pcap.UniversalReader(file)
             link = _links(dpkt).get(reader.datalink())
             if link is None:
@@ -51,6 +52,8 @@ def datagrams(path: Path) -> Iterator[Datagram]:
                 )
             pieces = _Pieces()
             for time_s, frame in reader:
+                if not frame:  # no network has such; a sparse file is full of them
+                    raise InputError(f"{path}: damaged: a packet of 0 bytes")
                 packet = _udp_over_ip(dpkt, link, frame, pieces)
                 if packet is not None:
                     yield Datagram(float(time_s), *packet)
@@ -88,6 +91,9 @@ class _Pieces:
         if ip.offset * 8 in found:  # numbers come again: that one was never completed
             found = {}
         found[ip.offset * 8] = bytes(ip.data)
+        if sum(map(len, found.values())) > _END:  # pieces of no packet
+            self._open.pop(key, None)
+            return None
         if not ip.mf:
             found[_END] = b""
         self._open[key] = found

@@ -8,9 +8,10 @@ from typing import Annotated, TypeVar
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 from pydantic.json_schema import GenerateJsonSchema
-from ruamel.yaml import YAML, YAMLError
+from ruamel.yaml import YAMLError
 
-from unlidar_tools.errors import ConfigError, reason
+from unlidar_tools.errors import ConfigError, listed, reason
+from unlidar_tools.limits import load_yaml
 
 T = TypeVar("T")
 
@@ -36,7 +37,7 @@ class _Untitled(GenerateJsonSchema):
 def read_checked(path: Path, adapter: TypeAdapter[T]) -> T:
     """What a YAML file holds; ConfigError naming file, key, value and what was expected."""
     try:
-        data = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+        data = load_yaml(path)
     except (OSError, ValueError, RecursionError, YAMLError) as error:
         raise ConfigError(f"{path}: cannot be read as YAML: {reason(error)}") from error
     try:
@@ -86,7 +87,7 @@ def _first(error: ValidationError, adapter: TypeAdapter) -> str:
     kind, value = fault["type"], fault["input"]
     *parents, last = fault["loc"] or ("",)
     if kind == _UNKNOWN:
-        known = ", ".join(_keys_of(parents, adapter))
+        known = listed(_keys_of(parents, adapter))
         return f"{_spell(parents)}unknown key '{last}', expected one of {known}"
     if kind == "missing" and isinstance(last, str):
         return f"{_spell(parents)}key '{last}' is missing"

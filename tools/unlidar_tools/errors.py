@@ -1,10 +1,15 @@
-"""Errors that a user can mend, and the one place that turns them into an exit code."""
+"""Errors that a user can mend, and the one place that turns them into a line and an exit code."""
 
 import os
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
-from unlidar_tools.printable import printable
+from unlidar_tools.printable import hide_secrets, printable
+
+_MOST = 240  # characters of a message
+_MOST_NAMES = 110  # of the names in a list
+_MOST_WORDS = 48, 100  # of further paths or words and of the first one, where all is too long
 
 
 class UnlidarError(Exception):
@@ -59,6 +64,40 @@ def reason(error: BaseException) -> str:
     return " ".join(text.split())
 
 
+def listed(names: Iterable[str], most: int = _MOST_NAMES) -> str:
+    """Names for a message, as many as fit: `a, b, c and 5 more`."""
+    known = [_cut(str(name), _MOST_NAMES) for name in names]
+    shown, length = 0, 0
+    while shown < len(known) and (not shown or length + len(known[shown]) <= most):
+        length += len(known[shown]) + 2
+        shown += 1
+    rest = len(known) - shown
+    return ", ".join(known[:shown]) + (f" and {rest} more" if rest else "")
+
+
+def shortened(message: str) -> str:
+    """One printable line of bounded length: long names lose their middle, then the whole does.
+
+    The file that it begins with goes last, and the expectation that it ends with never.
+    """
+    line = printable(hide_secrets(" ".join(message.split())))
+    first, blank, rest = line.partition(" ")
+    others, own = _MOST_WORDS
+    if len(line) > _MOST:
+        rest = re.sub(r"\S+", lambda word: _cut(word[0], others), rest)
+    if len(first) + len(rest) >= _MOST:
+        first = _cut(first, own)
+    return _cut(first + blank + rest, _MOST)
+
+
+def _cut(text: str, most: int) -> str:
+    """With its middle left out: a path ends with what it is called."""
+    if len(text) <= most:
+        return text
+    head = most // 2 - 3
+    return f"{text[:head]}...{text[head + 3 - most :]}"
+
+
 def report_errors(act: Callable[[], None]) -> int:
     """Does it and returns the exit code; an error becomes one line on stderr."""
     exit_code = _exit_code_of(act)
@@ -97,6 +136,5 @@ def _forget_stdout() -> None:
 
 
 def _tell(message: str, exit_code: int = 0) -> int:
-    line = printable(" ".join(message.split()))
-    print(f"unlidar: error: {line}", file=sys.stderr)
+    print(f"unlidar: error: {shortened(message)}", file=sys.stderr)
     return exit_code

@@ -1,5 +1,7 @@
 """Packages that only some commands need, and that an install need not have."""
 
+import shlex
+import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
@@ -36,8 +38,18 @@ def load_lone(module: str, package: str, missing: str) -> ModuleType:
     try:
         return import_module(module)
     except ImportError as error:
-        raise UsageError(f"{missing}, expected pip install --no-deps '{package}' before") from error
+        raise UsageError(f"{missing}, expected {_pip()} --no-deps '{package}' before") from error
+
+
+def advice(extra: str) -> str:
+    """A command that installs an extra beside unlidar-tools, which is not looked for elsewhere."""
+    return f"{_pip()} 'unlidar-tools[{extra}]'"
 
 
 def _advised(missing: str, extra: str) -> str:
-    return f"{missing}, expected pip install 'unlidar-tools[{extra}]' before"
+    return f"{missing}, expected {advice(extra)} before"
+
+
+def _pip() -> str:
+    # This one's: Debian's own refuses to install, and another one would do it elsewhere.
+    return f"{shlex.quote(sys.executable)} -m pip install"

@@ -1,7 +1,7 @@
 """Frame directories: `<sensor>/<stamp>.pcd`, read and written without PCL."""
 
-import csv
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -9,11 +9,14 @@ from types import MappingProxyType
 import numpy as np
 
 from unlidar_tools.errors import InputError, reason
+from unlidar_tools.frame_clock import stamps_of_table, times_of_names
+from unlidar_tools.limits import MOST_FRAME, MOST_RECORD, TooLargeError, read_limited, require_file
 from unlidar_tools.names import folder_names
-from unlidar_tools.stamps import parse_stamp_ns
 
 _NO_FIELDS: Mapping[str, np.ndarray] = MappingProxyType({})
 _MAX_HEADER_BYTES = 1 << 16
+_PIECE_BYTES = 1 << 20  # of a text that becomes numbers at a time
+_BLANK = re.compile(rb"\s")
 _HEADER_KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT",
                 "POINTS", "DATA"}  # fmt: skip
 
@@ -38,29 +41,24 @@ def find_sensors(recording: Path) -> dict[str, Path]:
     return dict(zip(folder_names(d.name for d in found), found, strict=True))
 
 
-def list_frames(directory: Path) -> list[FrameFile]:
-    """The frames of a directory in order of time, by the same rules as the program."""
-    named = stamps_of_table(directory / "timestamps.csv")
+def list_frames(directory: Path, rate_hz: float | None = None) -> list[FrameFile]:
+    """The frames of a directory in order of time, by the same rules as the program.
+
+    `rate_hz`: of frames that are numbered, as of `times_of_names`.
+    """
+    paths = sorted(directory.glob("*.pcd"))
+    table = directory / "timestamps.csv"
+    stamps_ns: Sequence[int | None]
+    if table.is_file():
+        stamps_ns = stamps_of_table(table, paths)
+    else:
+        stamps_ns = times_of_names(directory, [path.stem for path in paths], rate_hz).stamps_ns
     frames = []
-    for path in directory.glob("*.pcd"):
-        try:
-            frames.append(FrameFile(parse_stamp_ns(named.get(path.name, path.stem)), path))
-        except ValueError as error:
-            raise InputError(
-                f"{path}: the name is no time stamp and timestamps.csv has no row for it"
-            ) from error
+    for stamp_ns, path in zip(stamps_ns, paths, strict=True):
+        if stamp_ns is None:
+            raise InputError(f"{path}: the name is no time stamp and there is no timestamps.csv")
+        frames.append(FrameFile(stamp_ns, path))
     return sorted(frames, key=lambda f: (f.stamp_ns, f.path.name))
-
-
-def stamps_of_table(path: Path) -> dict[str, str]:
-    """Stamps by file name from a table `file,timestamp`; empty where there is none."""
-    if not path.is_file():
-        return {}
-    try:
-        with path.open(newline="") as file:
-            return {row["file"]: row["timestamp"].strip() for row in csv.DictReader(file)}
-    except (OSError, KeyError, AttributeError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected columns file,timestamp: {reason(error)}") from error
 
 
 def write_pcd(path: Path, xyz_m: np.ndarray, fields: Mapping[str, np.ndarray] = _NO_FIELDS) -> None:
@@ -90,8 +88,9 @@ def read_pcd(path: Path) -> dict[str, np.ndarray]:
     Throws InputError naming the file and what is wrong with it.
     """
     try:
-        content = path.read_bytes()
-    except OSError as error:
+        require_file(path)
+        content = read_limited(path, MOST_FRAME)
+    except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from error
     try:
         return _parse_pcd(content)
@@ -170,12 +169,23 @@ def _parse_pcd(content: bytes) -> dict[str, np.ndarray]:
 
 
 def _ascii_columns(body: bytes, points: int, counts: list[int]) -> list[np.ndarray]:
-    values = np.array(body.split(), dtype=float)
     width = sum(counts)
+    values = _numbers(body, points * width)
     if len(values) < points * width:
         raise ValueError(f"{points} rows of {width} values announced, {len(values)} values follow")
     table = values[: points * width].reshape(points, width)
     return [table[:, first] for first in np.cumsum([0, *counts[:-1]])]
+
+
+def _numbers(body: bytes, most: int) -> np.ndarray:
+    """The first numbers of a text; a piece at a time, as an object for each takes ten times it."""
+    parts, begin, left = [np.zeros(0)], 0, most
+    while begin < len(body) and left > 0:
+        blank = _BLANK.search(body, begin + _PIECE_BYTES)
+        end = blank.start() if blank else len(body)
+        parts.append(np.array(body[begin:end].split(), dtype=float))
+        begin, left = end, left - len(parts[-1])
+    return np.concatenate(parts)
 
 
 def _compressed_columns(
@@ -184,6 +194,8 @@ def _compressed_columns(
     """A binary_compressed file holds its fields one after another, compressed with LZF."""
     packed, size = (int(v) for v in np.frombuffer(body, "<u4", 2))
     expected = points * sum(t.itemsize * n for t, n in zip(types, counts, strict=True))
+    if size > MOST_RECORD:
+        raise TooLargeError("it, unpacked,", size, MOST_RECORD)
     if size != expected or packed > len(body) - 8:
         raise ValueError(f"{size} bytes in {packed} compressed, expected {expected} bytes")
     plain = _lzf_decompress(body[8 : 8 + packed], size)

@@ -4,6 +4,7 @@ import json
 import subprocess
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,10 +15,11 @@ from rich.table import Table
 from unlidar_tools.errors import ProgramError
 from unlidar_tools.evaluation import evaluate
 from unlidar_tools.evaluation.markdown import percent
+from unlidar_tools.frame_clock import rate_of
 from unlidar_tools.output import clear_results
-from unlidar_tools.play import MessageSink, frames_in_order, play
-from unlidar_tools.program import NAME, TRAJECTORY, find_program
-from unlidar_tools.record import read_finished
+from unlidar_tools.play import MessageSink, PlayedFrame, frames_in_order, play
+from unlidar_tools.program import NAME, SUMMARY, TRAJECTORY, find_program
+from unlidar_tools.record import read_finished, read_object
 from unlidar_tools.truth import read_tracks, read_truth
 
 TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE = "live.csv", "live_events.jsonl", "live_summary.json"
@@ -54,7 +56,10 @@ def run_live(run: Path) -> LiveRun:
     trajectory, events = run / TRAJECTORY_LIVE, run / EVENTS_LIVE
     command = [find_program(), "--stdin", "--out", trajectory, "--events", events]
     command += ["--summary", run / SUMMARY_LIVE, *record.options]
-    wall_s = _send([str(part) for part in command], record.frames)
+    config = read_object(run / SUMMARY).get("config", {})
+    rates_hz = {name: rate_of(config, name) for name in record.frames}
+    frames = frames_in_order(record.frames, rates_hz=rates_hz)
+    wall_s = _send([str(part) for part in command], frames)
     truth = None if record.truth is None else read_truth(record.truth)
     batch, live = (
         None if truth is None else evaluate(truth, read_tracks(path))
@@ -89,13 +94,13 @@ def live_table(result: LiveRun) -> Table:
     return table
 
 
-def _send(command: list[str], sensors: dict[str, Path]) -> float:
+def _send(command: list[str], frames: Iterator[PlayedFrame]) -> float:
     with tempfile.TemporaryFile() as said:
         begin = time.perf_counter()
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
         assert process.stdin is not None
         try:
-            play(frames_in_order(sensors), MessageSink(process.stdin), rate=np.inf)
+            play(frames, MessageSink(process.stdin), rate=np.inf)
             process.stdin.close()
         except BrokenPipeError:  # it ended on its own: what it said tells why
             pass

@@ -5,6 +5,7 @@ or a NAME of the program's `--frames NAME=DIR`, is what `check_name` lets throug
 """
 
 import re
+import zlib
 from collections.abc import Iterable
 
 from unlidar_tools.printable import printable
@@ -33,8 +34,7 @@ def folder_names(texts: Iterable[str]) -> list[str]:
     names: list[str] = []
     taken: set[str] = set()  # in lower case: file systems that do not tell a from A exist
     for text in texts:
-        like = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:_MOST].strip("_-") or "sensor"
-        plain = text if _NAME.fullmatch(text) else like
+        plain = text if _NAME.fullmatch(text) else _like(text)
         plain += "_cloud" if plain in RESERVED else ""
         name, number = plain, 2
         while name.lower() in taken:
@@ -44,3 +44,17 @@ def folder_names(texts: Iterable[str]) -> list[str]:
         names.append(name)
         taken.add(name.lower())
     return names
+
+
+def topic_level(text: str) -> str:
+    """A level of a topic: the text itself where that is a name, else one that is like it.
+
+    Brokers refuse wildcards, control characters and long topics, some by closing the connection.
+    """
+    if _NAME.fullmatch(text):
+        return text
+    return f"{_like(text)[: _MOST - 9]}-{zlib.crc32(text.encode('utf-8', 'replace')):08x}"
+
+
+def _like(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:_MOST].strip("_-") or "sensor"

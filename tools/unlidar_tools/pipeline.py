@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from unlidar_tools.conversion import Options, convert, kept_of
-from unlidar_tools.convert_command import tell_notes
-from unlidar_tools.errors import InputError, OutputError, UsageError
+from unlidar_tools.errors import InputError, OutputError, UsageError, listed
 from unlidar_tools.figure import write_figure
-from unlidar_tools.frames_io import find_sensors
+from unlidar_tools.frames_io import find_sensors, list_frames
 from unlidar_tools.live_run import EVENTS_LIVE, SUMMARY_LIVE, TRAJECTORY_LIVE
 from unlidar_tools.output import FRAMES, RUN_RECORD, clear_results, write_file
 from unlidar_tools.presets import preset_of
@@ -24,26 +23,28 @@ from unlidar_tools.program import (
     run_program,
 )
 from unlidar_tools.record import (
+    EXPLANATION,
     MEASURES,
     RunRecord,
     is_result,
     write_measures,
     write_record,
 )
-from unlidar_tools.report import PAGE, read_results, write_page
+from unlidar_tools.report import PAGE, ReportData, judged, read_results, write_page
 from unlidar_tools.report.rrd import RECORDING
 from unlidar_tools.report.static import FOLDER, figure_data
 from unlidar_tools.station import places_sensors, read_station, station_options
-from unlidar_tools.telling import timed
-from unlidar_tools.truth import TRUTH_NAME, read_truth
+from unlidar_tools.telling import note, timed
+from unlidar_tools.truth import TRUTH_NAME, read_tracks, read_truth
 
 CONFIG = "config.yaml"  # in the results of one of many recordings: what was given for all
 _DEFAULTS = Options()
 _FIGURE = "figure.png"
 # What is made anew by every run, and all that may lie in its folder.
 RESULTS = (TRAJECTORY, SUMMARY, TARGET_RETURNS, CLUSTERS, MEASURES, _FIGURE, PAGE, RUN_RECORD)
-_LIVE = (TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE)  # of `run --live`
-_OWN = (*RESULTS, *_LIVE, CONFIG, FRAMES, FOLDER, RECORDING)
+# Of `run --live` and of `explain`, gone with the run that they are about.
+_LATER = (TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE, EXPLANATION)
+_OWN = (*RESULTS, *_LATER, CONFIG, FRAMES, FOLDER, RECORDING)
 _UNFINISHED = re.compile(r"^\.partial-\d+-")  # of `write_file`
 
 
@@ -104,12 +105,13 @@ def prepare(
         broken = report["broken"] is not None
         if broken:
             notes.append(f"{report['broken']}; went on with what could be read: {kept_of(report)}")
-        tell_notes(notes)
+        for text in notes:
+            note(text)
         sensors = {name: frames / name for name in report["frames"]}
     if chosen:
         missing = [name for name in chosen if name not in sensors]
         if missing:
-            raise UsageError(f"{path}: has no sensor '{missing[0]}', it holds {', '.join(sensors)}")
+            raise UsageError(f"{path}: has no sensor '{missing[0]}', it holds {listed(sensors)}")
         sensors = {name: sensors[name] for name in chosen}
     truth = frames / TRUTH_NAME
     poses = station_options(read_station(frames), list(sensors))
@@ -123,8 +125,9 @@ def run(
     options: list[str],
     reading: Options = _DEFAULTS,
     key: str | None = None,
+    report: bool = True,
 ) -> RunResult:
-    """Converts if need be, tracks, evaluates where there is truth, draws and reports.
+    """Converts if need be, tracks, evaluates where there is truth, with `report` also draws.
 
     What is wrong with the program or its options is told before the conversion. `key` goes into
     the record.
@@ -134,7 +137,7 @@ def run(
     refuse_foreign(out)
     recording = prepare(path, out, chosen, reading)
     if recording.truth is not None:
-        read_truth(recording.truth)  # an error in it is told before the tracking, not after
+        recording = _with_fitting_truth(recording, options)
     preset = preset_of(recording.frames, options)
     if preset is not None:
         options = ["--config", str(preset), *options]
@@ -151,22 +154,50 @@ def run(
         broken=recording.broken,
         key=key,
     )
-    clear_results(out, (*RESULTS, *_LIVE))
+    clear_results(out, (*RESULTS, *_LATER))
     write_record(out, record)
     outcome = run_program(recording.sensors, out, record.options)
     record = replace(record, messages=outcome.messages, tracking_s=outcome.wall_s)
     with timed("read and evaluate the results"):
-        data = read_results(out, record)
-        if data.measures is not None:
-            write_measures(out, data.measures)
+        tracks = read_tracks(out / TRAJECTORY)
+        measures = judged(record, tracks)
+        if measures is not None:
+            write_measures(out, measures)
+    if report:
+        _draw(read_results(out, record, tracks, measures), out)
+    count = len(np.unique(tracks.track_id))
+    record = replace(record, tracks=count, total_s=time.perf_counter() - begin)
+    write_record(out, record)
+    return RunResult(out, record, measures, outcome.answer)
+
+
+def _with_fitting_truth(recording: Recording, options: list[str]) -> Recording:
+    """Without its truth where that is of another time than the frames: no measure would be true.
+
+    An error in the truth is told here, before the tracking and not after.
+    """
+    truth = read_truth(recording.truth)
+    frames = [frame for folder in recording.sensors.values() for frame in list_frames(folder)]
+    shifted = any("time_offset_s" in option for option in (*options, *recording.poses))
+    if len(truth) == 0 or not frames or shifted:
+        return recording
+    stamps_s = [frame.stamp_ns * 1e-9 for frame in frames]
+    first_s, last_s = truth.time_s.min(), truth.time_s.max()
+    if min(stamps_s) <= last_s and first_s <= max(stamps_s):
+        return recording
+    said = (
+        f"{recording.truth}: not evaluated: it is of {first_s:.3f} to {last_s:.3f} s, the frames "
+        f"of {min(stamps_s):.3f} to {max(stamps_s):.3f} s"
+    )
+    note(said)
+    return replace(recording, truth=None, notes=[*recording.notes, said])
+
+
+def _draw(data: ReportData, out: Path) -> None:
     with timed(f"draw: {_FIGURE}"):
         write_file(out / _FIGURE, lambda work: write_figure(figure_data(data), work))
     with timed(f"write: {PAGE}"):
         write_page(data, out)
-    tracks = len(np.unique(data.tracks.track_id))
-    record = replace(record, tracks=tracks, total_s=time.perf_counter() - begin)
-    write_record(out, record)
-    return RunResult(out, record, data.measures, outcome.answer)
 
 
 def is_own(name: str) -> bool:
@@ -178,7 +209,7 @@ def refuse_foreign(out: Path) -> None:
     """Files that have the names of results may be removed only where a run has left its record."""
     if not out.is_dir() or is_result(out):
         return
-    foreign = next((name for name in (*RESULTS, *_LIVE) if (out / name).exists()), None)
+    foreign = next((name for name in (*RESULTS, *_LATER) if (out / name).exists()), None)
     if foreign is not None:
         raise OutputError(
             f"{out / foreign}: was not written by this command and is not replaced, choose another "

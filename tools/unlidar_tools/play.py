@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import BinaryIO, Protocol
 
 from unlidar_tools.errors import InputError, OutputError, reason
@@ -14,6 +15,7 @@ from unlidar_tools.stamps import format_stamp_ns
 
 # By so much the first frame of the first sensor may come late: less than `live.reorder_s`.
 _MAX_LATE_NS = 200_000_000
+_NO_RATES: Mapping[str, float | None] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,14 @@ class FolderSink:
             raise OutputError(f"{folder / name}: cannot be written: {reason(error)}") from error
 
 
-def frames_in_order(sensors: Mapping[str, Path], repeat: int = 1) -> Iterator[PlayedFrame]:
+def frames_in_order(
+    sensors: Mapping[str, Path],
+    repeat: int = 1,
+    rates_hz: Mapping[str, float | None] = _NO_RATES,
+) -> Iterator[PlayedFrame]:
     """All frames by their stamps, `repeat` times one after the other.
+
+    `rates_hz`: of sensors whose frames are numbered, as of `list_frames`.
 
     The first sensor goes first, as the program takes its output times from it: others that begin
     a little before it wait for its first frame.
@@ -84,7 +92,7 @@ def frames_in_order(sensors: Mapping[str, Path], repeat: int = 1) -> Iterator[Pl
     frames = [
         (frame.stamp_ns, order, name, frame.path)
         for order, (name, directory) in enumerate(sensors.items())
-        for frame in list_frames(directory)
+        for frame in list_frames(directory, rates_hz.get(name))
     ]
     frames.sort(key=lambda frame: frame[:2])
     first = next((i for i, frame in enumerate(frames) if frame[1] == 0), 0)

@@ -4,9 +4,12 @@ import json
 from pathlib import Path
 
 from unlidar_tools.configs import CONFIG_DIR
+from unlidar_tools.limits import read_text
 
 MMAUD = CONFIG_DIR / "mmaud.yaml"
 _HOLDS = "input.stamp"
+_MMAUD_KIND, _MMAUD_TRUTH = "mmaud", "/leica/point/relative"  # of a folder, and of its bags
+_PRISM = "a prism on the drone, a constant offset of about 0.57 m from the centre of the returns"
 
 
 def preset_of(frames: Path, options: list[str]) -> Path | None:
@@ -16,11 +19,19 @@ def preset_of(frames: Path, options: list[str]) -> Path | None:
     """
     if "--config" in options or any(option.startswith(f"{_HOLDS}=") for option in options):
         return None
-    return MMAUD if _kind(frames) == "mmaud" else None
+    return MMAUD if _conversion(frames).get("kind") == _MMAUD_KIND else None
 
 
-def _kind(frames: Path) -> str | None:
+def about_truth(truth: Path) -> dict[str, str]:
+    """For the measures, where a truth is known to be that of another point than the returns'."""
+    known = _conversion(truth.parent)
+    is_prism = known.get("kind") == _MMAUD_KIND or _MMAUD_TRUTH in known.get("truth_topics", ())
+    return {"truth_is": _PRISM} if is_prism else {}
+
+
+def _conversion(frames: Path) -> dict:
     try:
-        return json.loads((frames / "conversion.json").read_text())["kind"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return None  # frames from elsewhere
+        known = json.loads(read_text(frames / "conversion.json"))
+    except (OSError, ValueError, RecursionError):
+        return {}  # frames from elsewhere
+    return known if isinstance(known, dict) else {}

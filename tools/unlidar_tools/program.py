@@ -41,6 +41,11 @@ class Outcome:
     wall_s: float
 
 
+def warnings_of(summary: dict) -> list[str]:
+    """What a summary of the program warns of, a line each; none in those of older programs."""
+    return [str(warning["text"]) for warning in summary.get("warnings", [])]
+
+
 def find_program() -> Path:
     """From the environment variable UNLIDAR_TRACK, else on PATH, else in a build folder."""
     named = os.environ.get(VARIABLE)

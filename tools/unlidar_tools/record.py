@@ -1,6 +1,7 @@
 """`run.json`: what a run was. Its one reader and its one writer, whichever command ran.
 
-Beside it lie the files of the program, which say what was found, and `evaluation.json`.
+Beside it lie the files of the program, which say what was found, `evaluation.json`, and
+`explanation.json` where `unlidar explain` was asked.
 """
 
 import json
@@ -8,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unlidar_tools.errors import InputError, reason
+from unlidar_tools.limits import read_text
 from unlidar_tools.output import RUN_RECORD, write_file
 
-MEASURES = "evaluation.json"
+MEASURES, EXPLANATION = "evaluation.json", "explanation.json"
 _VERSION = 1  # of the record's form; what a reader does not know it refuses
 
 
@@ -55,8 +57,7 @@ def write_record(run: Path, record: RunRecord) -> None:
         "total_s": _rounded(record.total_s),
         "key": record.key,
     }
-    text = json.dumps(content, indent=2) + "\n"
-    write_file(run / RUN_RECORD, lambda work: work.write_text(text, encoding="utf-8"))
+    _write_object(run / RUN_RECORD, content)
 
 
 def read_record(run: Path) -> RunRecord:
@@ -109,19 +110,28 @@ def is_result(folder: Path) -> bool:
 
 def write_measures(run: Path, measures: dict) -> None:
     """Writes `run`/evaluation.json."""
-    text = json.dumps(measures, indent=2) + "\n"
-    write_file(run / MEASURES, lambda work: work.write_text(text, encoding="utf-8"))
+    _write_object(run / MEASURES, measures)
+
+
+def write_explanation(run: Path, explanation: dict) -> None:
+    """Writes `run`/explanation.json."""
+    _write_object(run / EXPLANATION, explanation)
 
 
 def read_object(path: Path) -> dict:
     """A JSON object from a file, else InputError."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds a {type(content).__name__}, expected a JSON object")
     return content
+
+
+def _write_object(path: Path, content: dict) -> None:
+    text = json.dumps(content, indent=2) + "\n"
+    write_file(path, lambda work: work.write_text(text, encoding="utf-8"))
 
 
 def _written(path: Path, run: Path) -> str:

@@ -3,9 +3,11 @@
 import re
 from decimal import ROUND_HALF_UP, Decimal
 
-_NUMBER = re.compile(r"-?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
+_UNSIGNED = r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?"
+_STAMP, _SECONDS = re.compile(f"-?{_UNSIGNED}"), re.compile(f"[+-]?{_UNSIGNED}")
 _NS_PER_S = 1_000_000_000
 _LIMIT_NS = 1 << 63
+MOST_STAMP_NS = 4 * 10**18  # that the program takes, before and after 1970: 126 years
 
 
 def parse_stamp_ns(text: str) -> int:
@@ -14,7 +16,7 @@ def parse_stamp_ns(text: str) -> int:
     Whole numbers are seconds below 1e11, then milli-, micro- and from 1e17 nanoseconds.
     ValueError for anything else, and for what 64 bits do not hold.
     """
-    if not _NUMBER.fullmatch(text):
+    if not _STAMP.fullmatch(text):
         raise ValueError(f"'{text}' is not a time stamp")
     ns_per_unit = _NS_PER_S
     if text.lstrip("-").isdigit():
@@ -26,7 +28,7 @@ def parse_stamp_ns(text: str) -> int:
 
 def parse_seconds_ns(text: str) -> int:
     """Seconds, however they are written, to the nearest nanosecond; ValueError for what is none."""
-    if not _NUMBER.fullmatch(text.strip().removeprefix("+")):
+    if not _SECONDS.fullmatch(text.strip()):
         raise ValueError(f"'{text}' is not a number of seconds")
     return _to_ns(text.strip(), _NS_PER_S)
 

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
-from ruamel.yaml import YAML, YAMLError
+from ruamel.yaml import YAMLError
 
 from unlidar_tools.errors import InputError, reason
+from unlidar_tools.limits import load_yaml
 from unlidar_tools.printable import printable
 
 STATION_NAME = "station.yaml"
@@ -56,8 +57,7 @@ def read_station(folder: Path) -> dict[str, Pose]:
     if not path.is_file():
         return {}
     try:
-        data = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-        return _POSES.validate_python((data or {}).get("sensors") or {})
+        return _POSES.validate_python((load_yaml(path) or {}).get("sensors") or {})
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         key = ".".join(map(str, ("sensors", *fault["loc"])))
@@ -71,8 +71,8 @@ def places_sensors(options: list[str]) -> bool:
     if "--config" not in options:
         return False
     try:
-        text = Path(options[options.index("--config") + 1]).read_text(encoding="utf-8")
-        return bool(YAML(typ="safe", pure=True).load(text).get("sensors"))
+        path = Path(options[options.index("--config") + 1])
+        return bool(load_yaml(path).get("sensors"))
     except (OSError, ValueError, AttributeError, RecursionError, YAMLError):
         return False  # the program will say what is wrong with it
 

@@ -9,7 +9,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from unlidar_tools.printable import printable
+from unlidar_tools.errors import reason
+from unlidar_tools.printable import hide_secrets, printable
 
 _STAGE, _NOTE = "unlidar: ", "unlidar: note: "
 LOGGER = logging.getLogger("unlidar_tools")
@@ -72,9 +73,28 @@ class Often:
             note(f"{self._what}{times}: {detail}")
 
 
+def quieten(what: str, *loggers: str) -> None:
+    """Says what libraries would say for every bad request as `Often` does, a line without trace."""
+    said = _Said(what)
+    for name in loggers:
+        logger = logging.getLogger(name)
+        logger.handlers, logger.propagate = [said], False
+
+
+class _Said(logging.Handler):
+    def __init__(self, what: str) -> None:
+        super().__init__(logging.WARNING)
+        self._said = Often(what)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        error = record.exc_info[1] if record.exc_info else None
+        text = record.getMessage().strip()
+        self._said(f"{text}: {type(error).__name__}: {reason(error)}" if error else text)
+
+
 class _Lines(logging.Handler):
     """A line each, to whatever stderr is then."""
 
     def emit(self, record: logging.LogRecord) -> None:
         kind = _NOTE if record.levelno >= logging.WARNING else _STAGE
-        print(f"{kind}{printable(record.getMessage())}", file=sys.stderr)
+        print(f"{kind}{printable(hide_secrets(record.getMessage()))}", file=sys.stderr)

@@ -2,6 +2,7 @@
 
 import csv
 import math
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -9,11 +10,13 @@ from typing import TextIO
 
 import numpy as np
 
-from unlidar_tools.errors import InputError, reason
-from unlidar_tools.stamps import parse_seconds_ns
+from unlidar_tools.errors import InputError, listed, reason
+from unlidar_tools.limits import lines_of, require_file
+from unlidar_tools.stamps import format_stamp_ns, parse_seconds_ns, parse_stamp_ns
 
 TRUTH_NAME = "ground_truth.csv"
 _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+_EXPECTED = f"timestamp,x,y,z in its first line, or lines of {' '.join(_TUM)}"
 _TUM_COLUMNS = ("timestamp", "x", "y", "z")  # what becomes of the first of them
 
 
@@ -100,10 +103,21 @@ def read_all_tracks(paths: Sequence[Path]) -> Tracks:
 def is_tum(path: Path) -> bool:
     """Whether the first line that is no comment is eight words, or there are but comments."""
     try:
+        require_file(path)
         with path.open(encoding="utf-8-sig") as file:
             return _is_tum(file)
-    except (OSError, UnicodeDecodeError):
+    except (OSError, ValueError):
         return False  # told in full when it is read
+
+
+def columns_of(path: Path) -> set[str]:
+    """The names in the first line of a CSV; none of TUM, or of what cannot be read."""
+    try:
+        require_file(path)
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            return set(next(csv.reader(lines_of(file)), ()))
+    except (OSError, ValueError, csv.Error):
+        return set()  # told in full when it is read
 
 
 def _triple(pattern: str) -> list[str]:
@@ -117,9 +131,10 @@ def _xyz(table: dict[str, np.ndarray]) -> np.ndarray:
 def _read_columns(
     path: Path, required: set[str], optional: dict[str, float]
 ) -> dict[str, np.ndarray]:
-    columns: dict[str, list[float]] = {name: [] for name in (*required, *optional)}
-    stamps_ns: list[int] = []
+    columns = {name: array("d") for name in (*required, *optional)}
+    stamps_ns = array("q")
     try:
+        require_file(path)
         with path.open(newline="", encoding="utf-8-sig") as file:
             tum = _is_tum(file)
             file.seek(0)
@@ -127,26 +142,46 @@ def _read_columns(
                 for name, values in columns.items():
                     values.append(_number(path, line, name, row.get(name), optional))
                 stamps_ns.append(_stamp_ns(path, line, row["timestamp"]))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from error
     table = {name: np.array(values, dtype=float) for name, values in columns.items()}
     return table | {"stamp_ns": np.array(stamps_ns, dtype=np.int64)}
 
 
 def _csv_rows(path: Path, file: TextIO, required: set[str]) -> Iterator[tuple[int, dict[str, str]]]:
-    reader = csv.DictReader(file)
-    missing = sorted(required - set(reader.fieldnames or ()))
+    reader = csv.DictReader(lines_of(file))
+    names = reader.fieldnames or ()
+    missing = sorted(required - set(names))
     if missing:
-        raise InputError(
-            f"{path}: has no column {missing[0]}, expected {', '.join(sorted(required))}, or lines "
-            f"of {' '.join(_TUM)}"
-        )
+        why = _first_line(names)
+        raise InputError(f"{path}: has no column {missing[0]}, {why}, expected {_EXPECTED}")
     for row in reader:
         yield reader.line_num, row
 
 
+def _first_line(names: Sequence[str]) -> str:
+    """How it looks: what others than this program write, or leave out."""
+    first = ",".join(names).strip()
+    words = first.replace(",", " ").replace(";", " ").split()
+    if not words:
+        return "it is empty" if not names else "its first line is empty"
+    if all(_is_number(word) for word in words):
+        return f"its first line is {len(words)} numbers"
+    if len(names) == 1 and len(words) > 1:
+        return "its first line has no commas"
+    return f"it has {listed(names)}"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def _tum_rows(path: Path, file: TextIO) -> Iterator[tuple[int, dict[str, str]]]:
-    for line, text in enumerate(file, 1):
+    for line, text in enumerate(lines_of(file), 1):
         words = text.split()
         if not words or words[0].startswith("#"):
             continue
@@ -157,7 +192,7 @@ def _tum_rows(path: Path, file: TextIO) -> Iterator[tuple[int, dict[str, str]]]:
 
 def _is_tum(file: TextIO) -> bool:
     commented = False
-    for text in file:
+    for text in lines_of(file):
         words = text.split()
         if words and not words[0].startswith("#"):
             return len(words) == len(_TUM) and "," not in text
@@ -169,7 +204,20 @@ def _stamp_ns(path: Path, line: int, text: str) -> int:
     try:
         return parse_seconds_ns(text)
     except ValueError as error:
-        raise InputError(f"{path}:{line}: timestamp is '{text}', expected seconds") from error
+        raise InputError(
+            f"{path}:{line}: timestamp is '{text[:40]}'{_unit_of(text)}, expected seconds"
+        ) from error
+
+
+def _unit_of(text: str) -> str:
+    """What the number of a stamp says where it is a Unix time in another unit than seconds."""
+    try:
+        spelled = format_stamp_ns(parse_stamp_ns(text.strip()))
+    except ValueError:
+        return ""
+    units = {13: "milli", 16: "micro", 19: "nano"}
+    unit = units.get(len(text.strip().lstrip("-")))
+    return f", which may be {unit}seconds ({spelled} s)" if unit else ""
 
 
 def _number(

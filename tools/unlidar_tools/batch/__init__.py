@@ -1,12 +1,12 @@
 """Many recordings in, their results and one table out."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 from unlidar_tools.batch.cluster import run_on_cluster
-from unlidar_tools.batch.discovery import Found, find_recordings
+from unlidar_tools.batch.discovery import Found, common_folder, find_recordings
 from unlidar_tools.batch.job import (
     DONE_BEFORE,
     Job,
@@ -14,21 +14,26 @@ from unlidar_tools.batch.job import (
     Row,
     Settings,
     digest,
+    failed,
     finished,
     make_job,
 )
 from unlidar_tools.batch.register import registered
 from unlidar_tools.batch.table import table_files, write_tables
-from unlidar_tools.errors import UsageError
+from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.processes import side_by_side
 from unlidar_tools.program import check_options, find_program
 from unlidar_tools.progress import with_progress
 
 
 def run_many(
-    root: Path, out: Path, settings: Settings, at_once: int, scheduler: str | None = None
+    given: Sequence[Path],
+    out: Path,
+    settings: Settings,
+    at_once: int,
+    scheduler: str | None = None,
 ) -> list[Row]:
-    """Runs every recording below `root`, each to its own folder of `out`; a row for each.
+    """Runs the recordings given and all below, each to its own folder of `out`; a row for each.
 
     What an earlier run has done with the same input, settings and program is not done again. A
     recording that fails does not stop the others. Throws UsageError or ConfigError for what would
@@ -36,20 +41,30 @@ def run_many(
     """
     check_options(settings.options_with(settings.config_file))
     program = digest(find_program())
+    root = common_folder(given)
     if out.resolve() == root.resolve():
         raise UsageError(f"--out {out}: is the folder of the recordings, choose another")
-    found = find_recordings(root, out)
+    found = find_recordings(given, out)
     _refuse_inside(out, found)
     with registered(out, [f.name for f in found], table_files(out)) as token:
-        jobs = [make_job(f.name, f.path, out / f.name, settings, program, token) for f in found]
-        earlier = [finished(job) for job in jobs]
-        rows = {row.name: replace(row, status=DONE_BEFORE) for row in earlier if row is not None}
-        left = [job for job in jobs if job.name not in rows]
+        rows: dict[str, Row] = {}
+        left: list[Job] = []
+        for one in found:
+            try:
+                job = make_job(one.name, one.path, out / one.name, settings, program, token)
+            except InputError as error:  # it cannot even be looked at
+                rows[one.name] = failed(one.name, error)
+                continue
+            row = finished(job)
+            if row is None:
+                left.append(job)
+            else:
+                rows[one.name] = replace(row, status=DONE_BEFORE)
         done = run_on_cluster(left, scheduler) if scheduler else _run_here(left, at_once)
         with closing(done):
             for row in with_progress(done, len(left), f"Running {root.resolve().name}"):
                 rows[row.name] = row
-        in_order = [rows[job.name] for job in jobs]
+        in_order = [rows[one.name] for one in found]
         write_tables(in_order, out)
     return in_order
 

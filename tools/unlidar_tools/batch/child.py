@@ -30,8 +30,20 @@ def do(job: Job) -> None:
             if settings.config is not None:
                 Path(CONFIG).write_text(settings.config)
             options = settings.options_with(None if settings.config is None else CONFIG)
-            reading = Options(truths=tuple(settings.truths), skip_bad=settings.skip_bad)
-            run(Path(job.recording), Path(), settings.sensors, options, reading, job.key)
+            reading = Options(
+                truths=tuple(settings.truths),
+                skip_bad=settings.skip_bad,
+                rate_hz=settings.rate_hz,
+            )
+            run(
+                Path(job.recording),
+                Path(),
+                settings.sensors,
+                options,
+                reading,
+                job.key,
+                settings.report,
+            )
     except Exception as error:
         if isinstance(error, OutputError) and finished(job) is not None:
             return  # another worker was given the same job and was faster

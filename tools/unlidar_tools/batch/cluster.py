@@ -5,6 +5,7 @@ from collections.abc import Generator
 
 from unlidar_tools.batch.job import FAILED, Job, Row, launch
 from unlidar_tools.errors import UsageError, reason
+from unlidar_tools.extras import advice
 
 _PATIENCE_S = 30
 
@@ -18,9 +19,7 @@ def run_on_cluster(jobs: list[Job], scheduler: str) -> Generator[Row, None, None
     try:
         from distributed import Client, as_completed
     except ImportError as error:
-        raise UsageError(
-            "--scheduler needs the extra [cluster]: pip install 'unlidar-tools[cluster]'"
-        ) from error
+        raise UsageError(f"--scheduler needs the extra [cluster]: {advice('cluster')}") from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are told in rows
     try:
         client = Client(scheduler, timeout=_PATIENCE_S)

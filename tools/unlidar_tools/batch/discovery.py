@@ -1,10 +1,12 @@
 """Which recordings lie in a folder."""
 
+import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from unlidar_tools.conversion import KINDS
+from unlidar_tools.conversion import EXPECTED, KINDS
 from unlidar_tools.errors import InputError, UnlidarError, reason
 from unlidar_tools.frames_io import find_sensors, list_frames
 from unlidar_tools.output import MARKERS
@@ -29,40 +31,82 @@ def is_recording(path: Path) -> bool:
                 return False
             if sensors:
                 return _belong_together(path, sensors)
-        return any(kind.matches(path) for kind in KINDS)
+        # A pipe of any name would be waited for.
+        return (path.is_dir() or path.is_file()) and any(kind.matches(path) for kind in KINDS)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from error
 
 
-def find_recordings(root: Path, results: Path) -> list[Found]:
-    """All recordings below `root`, in natural order of their names.
+def common_folder(given: Sequence[Path]) -> Path:
+    """A folder of recordings itself, else the folder below which all that was named lies."""
+    if len(given) == 1:
+        return given[0]
+    return Path(os.path.commonpath([_plain(path).parent for path in given]))
 
-    Left out are hidden files, results of earlier runs and the folder `results` that this run
-    writes to. Throws InputError if there is none.
+
+def find_recordings(given: Sequence[Path], results: Path) -> list[Found]:
+    """All recordings among the paths that are given and below them, in natural order of names.
+
+    Left out of folders are hidden files, results of earlier runs and the folder `results` that this
+    run writes to. A file that is given counts, whatever it is, and so does what cannot be looked
+    at, and one of several folders that holds none: running it says why. Throws InputError for the
+    only folder if it holds none.
     """
-    found: list[Found] = []
-    seen = {results.resolve()}
+    root = common_folder(given)
+    found: dict[str, Found] = {}
+    for path in given:
+        below = _below(path, _real(results)) if _is_folder(path) else [path]
+        if not below and len(given) == 1:
+            raise InputError(f"{path}: no recording in it or below, expected {EXPECTED}")
+        for one in below or [path]:
+            at = one if root == path else _plain(one)
+            found.setdefault(_real(one), Found(at.relative_to(root).as_posix(), one))
+    return sorted(found.values(), key=lambda f: _natural(f.name))
+
+
+def _plain(path: Path) -> Path:
+    """Absolute and without `..`, its links kept: names in the results go no way back."""
+    return Path(os.path.abspath(path))  # noqa: PTH100 - resolve() would follow links
+
+
+def _real(path: Path) -> str:
+    """Its links followed as far as they lead somewhere: resolve() raises for one in a circle."""
+    return os.path.realpath(path)
+
+
+def _below(root: Path, results: str) -> list[Path]:
+    """The recordings in a folder and further below."""
+    found: list[Path] = []
+    seen = {results}
     waiting = [root]
     while waiting:
         folder = waiting.pop()
-        if folder.resolve() in seen:  # also a circle of links
+        if _real(folder) in seen:
             continue
-        seen.add(folder.resolve())
+        seen.add(_real(folder))
         try:
             entries = [path for path in folder.iterdir() if not path.name.startswith(".")]
         except OSError as error:
-            raise InputError(f"{folder}: cannot be read: {reason(error)}") from error
+            if folder == root:
+                raise InputError(f"{folder}: cannot be read: {reason(error)}") from error
+            found.append(folder)
+            continue
         for path in entries:
-            if path.resolve() in seen or (path.is_dir() and _is_result(path)):
+            if _real(path) in seen or (path.is_dir() and _is_result(path)):
                 continue
-            if is_recording(path):
-                found.append(Found(path.relative_to(root).as_posix(), path))
-            elif path.is_dir():
+            if _is_folder(path):
                 waiting.append(path)
-    if not found:
-        expected = "; ".join(kind.description for kind in KINDS)
-        raise InputError(f"{root}: no recording in it, expected folders of PCD frames; {expected}")
-    return sorted(found, key=lambda f: _natural(f.name))
+            elif path.is_dir() or is_recording(path):
+                found.append(path)
+    return found
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether it is no recording but may hold some."""
+    try:
+        return path.is_dir() and not is_recording(path)
+    except InputError:  # a folder that cannot be read is told when it is run
+        return False
 
 
 def _is_result(folder: Path) -> bool:

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unlidar_tools import __version__
-from unlidar_tools.errors import InputError, reason
+from unlidar_tools.errors import InputError, UnlidarError, reason, shortened
 from unlidar_tools.presets import MMAUD
 from unlidar_tools.processes import Launcher
+from unlidar_tools.program import SUMMARY
 from unlidar_tools.record import MEASURES, read_finished, read_object
 
 DONE, DONE_BEFORE, FAILED = "done", "done before", "failed"
@@ -30,6 +31,8 @@ class Settings:
     threads: int  # of the program, for each recording
     truths: list[str]  # topics of bags, as of `convert`
     skip_bad: bool
+    report: bool  # whether figure and page are made
+    rate_hz: float | None = None  # of frames that are numbered
 
     def options_with(self, config: str | None) -> list[str]:
         """All options of the program, with the configuration read from the file `config`."""
@@ -63,6 +66,7 @@ class Row:
     exit_code: int = 0
     preset: str | None = None  # as in RunResult
     broken: bool = False  # whether the recording is, and only what could be read was tracked
+    warnings: tuple[str, ...] = ()  # codes of what makes the results doubtful
 
 
 def make_job(
@@ -80,6 +84,7 @@ def make_job(
         "options": settings.options,
         "truths": settings.truths,
         "skip_bad": settings.skip_bad,
+        "report": settings.report,
         "preset": MMAUD.read_text() if settings.config is None else None,
         "program": program,
         "harness": __version__,
@@ -105,6 +110,7 @@ def finished(job: Job) -> Row | None:
         if record.key != job.key:
             return None
         measures = None if record.truth is None else read_object(out / MEASURES)
+        warnings = read_object(out / SUMMARY).get("warnings", [])
     except InputError:
         return None
     return Row(
@@ -115,7 +121,13 @@ def finished(job: Job) -> Row | None:
         measures,
         preset=record.preset,
         broken=record.broken,
+        warnings=tuple(sorted({str(warning["code"]) for warning in warnings})),
     )
+
+
+def failed(name: str, error: UnlidarError) -> Row:
+    """The row of a recording that could not even be begun."""
+    return Row(name, FAILED, reason=shortened(str(error)), exit_code=error.exit_code)
 
 
 class JobLauncher:

@@ -88,6 +88,8 @@ def _remark(row: Row) -> str:
         remarks.append("broken, what could be read")
     if row.measures is None:
         remarks.append("no truth")
+    if row.warnings:
+        remarks.append(f"doubtful: {' '.join(row.warnings)}")
     return ", ".join(remarks)
 
 

@@ -6,13 +6,12 @@ import textwrap
 from collections.abc import Callable
 from pathlib import Path
 
-from ruamel.yaml import YAML
-
 from unlidar_tools import __version__
 from unlidar_tools.benchmark.job import Result
 from unlidar_tools.benchmark.summary import ALL, Estimate, Row
 from unlidar_tools.benchmark.variants import Variant
 from unlidar_tools.evaluation.markdown import table_line
+from unlidar_tools.limits import load_yaml
 from unlidar_tools.output import write_file
 from unlidar_tools.printable import printable
 
@@ -22,6 +21,8 @@ _HEAD = (
     "scene", "method", "within 1 m", "matched", "matched RMSE", "coverage", "RMSE", "dx", "dy",
     "dz", "false rows", "tracks, seed by seed", "CPU", "of duration",
 )  # fmt: skip
+_NOTHING = "-"
+_UNKNOWN = "not available here"  # of a published figure
 _DIFFERENCES = ("scene", "variant", "within 1 m", "coverage", "RMSE", "false rows")
 
 
@@ -29,7 +30,7 @@ def write_report(
     rows: list[Row], results: list[Result], variants: list[Variant], command: str, out: Path
 ) -> list[Path]:
     """Writes both files to the folder `out` and returns their paths."""
-    published = YAML(typ="safe", pure=True).load(_PUBLISHED.read_text(encoding="utf-8"))
+    published = load_yaml(_PUBLISHED)
     document = {
         "version": __version__,
         "command": command,
@@ -80,28 +81,41 @@ recording, *of duration*: the largest share of a recording's duration.
 
 
 def _table(rows: list[Row]) -> str:
-    lines = [table_line(_HEAD), "|---|---|" + "---:|" * (len(_HEAD) - 2)]
-    for row in rows:
-        e = row.estimates
-        lines.append(
-            table_line(
-                (
-                    _scene(row),
-                    row.variant,
-                    _percent(e["within1m"]),
-                    _percent(e["matched"], interval=False),
-                    _metres(e["matched_rmse"]),
-                    _percent(e["coverage"], interval=False),
-                    _metres(e["rmse"]),
-                    *(_metres(e[axis], interval=False) for axis in ("dx", "dy", "dz")),
-                    _percent(e["false"], interval=False),
-                    _tracks(row),
-                    "-" if row.cpu_s is None else f"{row.cpu_s:.2f} s",
-                    "-" if row.share_of_duration is None else f"{row.share_of_duration:.1%}",
-                )
-            )
-        )
-    return "\n".join(lines) + "\n"
+    cells = [_cells(row) for row in rows]
+    # A column in which no row says anything is left out.
+    told = [i for i in range(len(_HEAD)) if i < 2 or any(line[i] != _NOTHING for line in cells)]
+    lines = [[_HEAD[i] for i in told], ["---", "---", *("---:" for _ in told[2:])]]
+    lines += [[line[i] for i in told] for line in cells]
+    return "\n".join(map(table_line, lines)) + "\n"
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    e = row.estimates
+    return (
+        _scene(row),
+        row.variant,
+        _why_unmeasured(row) or _percent(e["within1m"]),
+        _percent(e["matched"], interval=False),
+        _metres(e["matched_rmse"]),
+        _percent(e["coverage"], interval=False),
+        _metres(e["rmse"]),
+        *(_metres(e[axis], interval=False) for axis in ("dx", "dy", "dz")),
+        _NOTHING if _has_failed(row) else _percent(e["false"], interval=False),
+        _NOTHING if _has_failed(row) else _tracks(row) or _NOTHING,
+        _NOTHING if row.cpu_s is None else f"{row.cpu_s:.2f} s",
+        _NOTHING if row.share_of_duration is None else f"{row.share_of_duration:.1%}",
+    )
+
+
+def _why_unmeasured(row: Row) -> str:
+    """In place of a row of dashes."""
+    if _has_failed(row):
+        return "failed"
+    return "no drone" if row.tracks_in_empty_sky and row.estimates["coverage"].mean is None else ""
+
+
+def _has_failed(row: Row) -> bool:
+    return len(row.failures) == len(row.seeds)
 
 
 def _difference_table(rows: list[Row]) -> str:
@@ -117,6 +131,9 @@ def _difference_table(rows: list[Row]) -> str:
 def _published(groups: list[dict]) -> str:
     parts = []
     for group in groups:
+        known = [row for row in group["rows"] if row["value"] != _UNKNOWN]
+        if not known:  # a table would say nothing
+            continue
         about = f"**{group['title']}**. Measured on: {group['measured_on']}. {group['measure']}."
         lines = [
             textwrap.fill(about, 118),
@@ -124,7 +141,7 @@ def _published(groups: list[dict]) -> str:
             table_line(("", "value", "source")),
             "|---|---:|---|",
         ]
-        lines += [table_line((row["name"], row["value"], row["source"])) for row in group["rows"]]
+        lines += [table_line((row["name"], row["value"], row["source"])) for row in known]
         lines += ["", f"Verified in the source: {', '.join(group['verified']) or 'nothing'}."]
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
@@ -155,7 +172,7 @@ def _text(
     estimate: Estimate, interval: bool, number: Callable[[float], str], unit: str = ""
 ) -> str:
     if estimate.mean is None:
-        return "-"
+        return _NOTHING
     text = number(estimate.mean) + unit
     if not interval or estimate.low is None:
         return text

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unlidar_tools.configs import scenario_names
-from unlidar_tools.errors import InputError, UsageError
+from unlidar_tools.errors import InputError, UsageError, listed
 from unlidar_tools.frames_io import find_sensors
 from unlidar_tools.simulate import load_scenario
 from unlidar_tools.truth import TRUTH_NAME
@@ -66,7 +66,7 @@ def find_scenes(directory: Path, names: list[str], seed_names: list[str] | None)
     for name in names:
         if name not in known:
             raise UsageError(
-                f"{directory}: has no scene '{name}', it holds {', '.join(sorted(known))}"
+                f"{directory}: has no scene '{name}', it holds {listed(sorted(known))}"
             )
     chosen = [
         one

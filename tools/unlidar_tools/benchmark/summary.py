@@ -17,7 +17,10 @@ _SEED = 1
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean with the ends of its 95 % interval; None where nothing was measured."""
+    """A mean with the ends of its 95 % interval; None where nothing was measured.
+
+    Of one seed there is no interval.
+    """
 
     mean: float | None
     low: float | None = None
@@ -116,16 +119,19 @@ def _estimate(
 ) -> Estimate:
     """Mean over the scenes of the means over their seeds."""
     rng = np.random.default_rng(_SEED)
-    means, drawn = [], []
+    means, drawn, most = [], [], 0
     for scene in scenes:
         found = [value(r) for r in results if r.scene == scene]
         values = np.array([v for v in found if v is not None], dtype=float)
         if len(values) == 0:
             continue
+        most = max(most, len(values))
         means.append(values.mean())
         drawn.append(values[rng.integers(0, len(values), (_RESAMPLES, len(values)))].mean(axis=1))
     if not means:
         return Estimate(None)
     tails = 50 * (1 - LEVEL), 50 * (1 + LEVEL)
+    if most < 2:  # of one seed nothing else can be drawn
+        return Estimate(float(np.mean(means)))
     low, high = np.percentile(np.mean(drawn, axis=0), tails)
     return Estimate(float(np.mean(means)), float(low), float(high))

@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ruamel.yaml import YAML, YAMLError
+from ruamel.yaml import YAMLError
 
 from unlidar_tools.configs import CONFIG_DIR
 from unlidar_tools.errors import ConfigError, UsageError, reason
+from unlidar_tools.limits import load_yaml
 
 ROBUST = "robust"
 _PAPER = ("paper", "paper_best")
@@ -51,12 +52,12 @@ def variant(text: str, base: Variant) -> Variant:
 def ablation(base: Variant) -> list[Variant]:
     """The pieces of evidence of the robust method, each switched off."""
     try:
-        known = YAML(typ="safe", pure=True).load(_ABLATION.read_text(encoding="utf-8"))
+        known = load_yaml(_ABLATION)
         return [
             _changed(base, name, [f"{key}={value}" for key, value in keys.items()])
             for name, keys in known.items()
         ]
-    except (OSError, YAMLError, AttributeError) as error:
+    except (OSError, ValueError, AttributeError, RecursionError, YAMLError) as error:
         raise ConfigError(f"{_ABLATION}: expected names with keys: {reason(error)}") from error
 
 

@@ -7,6 +7,7 @@ which they are tried.
 import json
 from collections.abc import Iterable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 from unlidar_tools import __version__
@@ -28,7 +29,7 @@ from unlidar_tools.conversion.source import (
 )
 from unlidar_tools.conversion.truth_file import TruthFile
 from unlidar_tools.conversion.velodyne_capture import VelodyneCapture
-from unlidar_tools.errors import InputError, UsageError
+from unlidar_tools.errors import InputError, UsageError, listed
 from unlidar_tools.frames_io import is_return, write_pcd
 from unlidar_tools.names import check_name
 from unlidar_tools.output import complete_directory
@@ -49,28 +50,36 @@ KINDS: tuple[type[Source], ...] = (
     FrameFolder,
 )
 _DEFAULTS = Options()
-_NAMED = 5  # recordings in a message
+# What a message says; docs/formats.md has all of it.
+EXPECTED = "a ROS bag, a LiDAR's .pcap, .lvx or .las, an MMAUD sequence or a folder of frames"
 
 
 def open_source(path: Path, options: Options = _DEFAULTS) -> Source:
     """The recording at `path`, of whichever kind it is."""
     if not path.exists():
         raise InputError(f"{path}: does not exist")
+    if not path.is_dir() and not path.is_file():  # opening a pipe would wait for a writer
+        raise InputError(f"{path}: is a pipe or a device, expected a file or a folder")
     for kind in KINDS:
         if kind.matches(path):
             return kind(path, options)
-    expected = "; ".join(kind.description for kind in KINDS)
-    several = _recordings_in(path)
-    hint = f"; it holds recordings ({several}): name one, or all by unlidar run {path}"
-    raise InputError(
-        f"{path}: no recording of a known kind, expected {expected}{hint if several else ''}"
-    )
+    if several := _recordings_in(path):
+        raise InputError(
+            f"{path}: holds recordings ({listed(several, 36)}): name one, or unlidar run {path}"
+        )
+    raise InputError(f"{path}: no recording of a known kind, expected {EXPECTED}")
 
 
 def list_streams(path: Path) -> tuple[str, list[Stream]]:
     """The kind of the recording at `path` and all it holds."""
     with closing(open_source(path)) as source:
-        return source.kind, source.streams()
+        spans_ns = source.spans_ns()
+        return source.kind, [_timed(stream, spans_ns) for stream in source.streams()]
+
+
+def _timed(stream: Stream, spans_ns: dict[str, tuple[int, int]]) -> Stream:
+    first, last = spans_ns.get(stream.name, (0, 0))
+    return replace(stream, span_s=(last - first) * 1e-9) if last > first else stream
 
 
 def convert(
@@ -92,7 +101,7 @@ def convert(
         unknown = [name for name in chosen if name not in source.sensors]
         if unknown:
             raise UsageError(
-                f"{path}: has no sensor '{unknown[0]}', it holds {', '.join(source.sensors)}"
+                f"{path}: has no sensor '{unknown[0]}', it holds {listed(source.sensors)}"
             )
         with complete_directory(out, force, path) as work:
             writer = _Writer(path, work, chosen, options)
@@ -228,10 +237,8 @@ class _Writer:
         return self._work / check_name(sensor)
 
 
-def _recordings_in(path: Path) -> str:
+def _recordings_in(path: Path) -> list[str]:
     """The names of the recordings directly in a folder."""
     if not path.is_dir():
-        return ""
-    names = [p.name for p in sorted(path.iterdir()) if any(kind.matches(p) for kind in KINDS)]
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
+        return []
+    return [p.name for p in sorted(path.iterdir()) if any(kind.matches(p) for kind in KINDS)]

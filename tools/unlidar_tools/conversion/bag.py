@@ -26,15 +26,18 @@ from unlidar_tools.conversion.message_types import (
 from unlidar_tools.conversion.placing import Placing
 from unlidar_tools.conversion.point_times import OFFSET_FIELD, offsets_ns
 from unlidar_tools.conversion.positions import FIX, Positions
+from unlidar_tools.conversion.scans import unpacked_message, widest
 from unlidar_tools.conversion.source import Options, SourceFrame, Stream, TruthRow, Unreadable
 from unlidar_tools.conversion.stamps_seen import StampsSeen
 from unlidar_tools.conversion.transforms import StaticTransforms
-from unlidar_tools.errors import InputError, reason
+from unlidar_tools.errors import InputError, listed, reason
+from unlidar_tools.limits import MEGABYTE, TooLargeError
 from unlidar_tools.stamps import format_stamp_ns
 from unlidar_tools.station import Pose
 
 # So many messages tell which sensors send to a topic: they take turns.
 _MESSAGES_OF_A_TOPIC = 50
+_MOST_PARSED = MEGABYTE  # of a message that becomes an object for every part
 # What a message whose bytes or definition are wrong makes of its parser.
 _UNREADABLE = (ValueError, AttributeError, LookupError, TypeError, OverflowError, SerdeError)
 
@@ -50,8 +53,8 @@ class RosBag:
 
     def __init__(self, path: Path, options: Options) -> None:
         self._path, self._options = path, options
-        opened = open_bag(path)
-        self._readers, self._flaw, self._opened_notes = opened.parts, opened.flaw, opened.notes
+        self._opened = open_bag(path)
+        self._readers, self._flaw = self._opened.parts, self._opened.flaw
         connections = [c for reader in self._readers for c in reader.connections]
         self._topics = BagTopics(path, connections, options)
         self._sensors = BagSensors({topic: self._frame_ids(topic) for topic in self._topics.clouds})
@@ -101,6 +104,10 @@ class RosBag:
             for topic in self._topics.all.values()
         ]
 
+    def spans_ns(self) -> dict[str, tuple[int, int]]:
+        """Log times of its topics."""
+        return widest(item for reader in self._readers for item in reader.spans_ns().items())
+
     def total(self, sensors: list[str]) -> int:
         """By the share of the time asked for in that of the bag."""
         messages = sum(self.sensors[name] for name in sensors)
@@ -139,7 +146,7 @@ class RosBag:
 
     def notes(self) -> list[str]:
         """What was chosen, could not be related, or differs from what one expects."""
-        notes = [*self._opened_notes, *self._sensor_notes(), *self._topics.truth_notes()]
+        notes = [*self._opened.notes, *self._sensor_notes(), *self._topics.truth_notes()]
         notes += self._placing.notes()
         found = [stamps.note(topic) for topic, stamps in self._stamps.items()]
         notes += [note for note in found if note]
@@ -168,8 +175,7 @@ class RosBag:
 
     def close(self) -> None:
         """Closes the files."""
-        for reader in self._readers:
-            reader.close()
+        self._opened.close()
 
     def _messages(self, topic: str) -> Iterator[tuple[Connection, bytes]]:
         """Of one topic, up to where the bag is damaged: that is told when all is read."""
@@ -177,7 +183,7 @@ class RosBag:
             chosen = [c for c in reader.connections if c.topic == topic]
             with suppress(Exception):
                 for connection, _, raw in reader.messages(chosen, None, None) if chosen else ():
-                    yield connection, raw
+                    yield connection, _plain(connection, raw)
 
     def _frame_ids(self, topic: str) -> list[str]:
         """Of the first messages of a topic of clouds."""
@@ -214,6 +220,7 @@ class RosBag:
     ) -> SourceFrame | TruthRow | Unreadable | None:
         topic = connection.topic
         try:
+            raw = _plain(connection, raw)
             if topic in self._topics.truths:
                 return self._truth(connection, log_ns, raw)
             return self._frame(connection, log_ns, raw, left_out)
@@ -268,11 +275,16 @@ class RosBag:
         for topic in dict.fromkeys(self._sensors.all().values()):
             names = self._sensors.of_topic(topic)
             if len(names) > 1:
-                notes.append(
-                    f"{topic}: has {len(names)} frame_ids, each a sensor: {', '.join(names)}"
-                )
+                notes.append(f"{topic}: has {len(names)} frame_ids, each a sensor: {listed(names)}")
         return notes
 
 
+def _plain(connection: Connection, raw: bytes) -> bytes:
+    return raw if is_ros1(connection) else unpacked_message(raw)
+
+
 def _parsed(connection: Connection, raw: bytes) -> Any:
+    """A message that is no cloud; ValueError for one that is too long for that."""
+    if len(raw) > _MOST_PARSED:
+        raise TooLargeError("a message", len(raw), _MOST_PARSED)
     return deserialize(raw, connection.msgtype, types_of(connection), is_ros1(connection))

@@ -1,32 +1,34 @@
 """Opening what ROS records: single files, folders of ROS 2, folders of split bags."""
 
 import re
-from collections import defaultdict
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Protocol
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag1 import Reader as Reader1
-from rosbags.rosbag1.reader import IndexData
-from rosbags.rosbag2 import Reader as Reader2
 
-from unlidar_tools.conversion.clouds import CLOUD_TYPES
-from unlidar_tools.conversion.positions import POSITION_TYPES
+from unlidar_tools.conversion.bag_readers import Reader1, Reader2
+from unlidar_tools.conversion.mcap import scan_mcap
 from unlidar_tools.conversion.scans import (
+    DAMAGE,
+    RawMessage,
+    Scan,
     ScanReader,
-    salvage_reader,
-    scan_mcap,
+    scan_rosbag1,
     scan_sqlite,
     storage_suffix,
     write_ahead_log,
 )
-from unlidar_tools.conversion.transforms import is_static_topic
+from unlidar_tools.conversion.unpacking import ZstdError, unpack_file
 from unlidar_tools.errors import InputError, reason
 
 _SUFFIXES = (".bag", ".db3", ".mcap")
 _METADATA = "metadata.yaml"
+_PACKED = ".zstd"  # of files that their recorder packed as a whole
+_SCANS: dict[str, Scan] = {".bag": scan_rosbag1, ".mcap": scan_mcap, ".db3": scan_sqlite}
 # What recorders append to the names of the files of a split bag: the date and a number.
 _NUMBER = re.compile(r"(_?\d{4}(-\d\d){5})?(_\d+)?$")
 
@@ -37,6 +39,10 @@ class Reader(Protocol):
     connections: list[Connection]
     start_time: int
     end_time: int
+
+    def spans_ns(self) -> dict[str, tuple[int, int]]:
+        """Log times of the first and the last message by topic, without reading messages."""
+        ...
 
     def messages(
         self, connections: Collection[Connection], start: int | None, stop: int | None
@@ -56,6 +62,14 @@ class Opened:
     parts: list[Reader]
     flaw: str | None
     notes: list[str] = field(default_factory=list)
+    scratch: TemporaryDirectory | None = None  # with what had to be unpacked
+
+    def close(self) -> None:
+        """Lets go of the files."""
+        for part in self.parts:
+            part.close()
+        if self.scratch is not None:
+            self.scratch.cleanup()
 
 
 def is_bag(path: Path) -> bool:
@@ -68,7 +82,11 @@ def is_bag(path: Path) -> bool:
 def open_bag(path: Path) -> Opened:
     """Opens a recording; of a broken one what is left. InputError if nothing is."""
     files, flaw = _bag_files(path) if path.is_dir() else [path], None
-    if path.is_dir() and (path / _METADATA).is_file() and not any(map(_is_to_be_scanned, files)):
+    scratch = None
+    if path.is_dir() and (packed := sorted(path.glob(f"*{_PACKED}"))):
+        scratch = TemporaryDirectory(prefix="unlidar-")
+        files = [_unpacked(file, Path(scratch.name)) for file in packed]
+    elif path.is_dir() and (path / _METADATA).is_file() and not any(map(_is_to_be_scanned, files)):
         try:
             return Opened([_opened(Reader2(path))], None)
         except Exception as error:  # whatever a damaged file makes of the parser
@@ -89,24 +107,7 @@ def open_bag(path: Path) -> Opened:
     notes = [
         f"{log}: rows that were not yet worked into the database are read, too" for log in logs
     ]
-    return Opened(sorted(parts, key=lambda part: part.start_time), flaw, notes)
-
-
-class _Reader1(Reader1):
-    """Keeps no index of topics that are of no use here: an IMU sends millions of messages."""
-
-    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """The entries of one topic in one chunk; of a useless topic one entry stands for all."""
-        useful = {
-            c.id
-            for c in self.connections
-            if c.msgtype in (*CLOUD_TYPES, *POSITION_TYPES) or is_static_topic(c.topic, c.msgtype)
-        }
-        found: dict[int, list[IndexData]] = defaultdict(list)
-        super().read_index_data(pos, found)
-        for number, entries in found.items():
-            index = indexes[number]
-            index += entries if number in useful else [(index or entries)[0]] * len(entries)
+    return Opened(sorted(parts, key=lambda part: part.start_time), flaw, notes, scratch)
 
 
 def _open_whole(path: Path) -> Reader:
@@ -114,7 +115,7 @@ def _open_whole(path: Path) -> Reader:
         return ScanReader(path, scan_sqlite)
     match storage_suffix(path):
         case ".bag":
-            return _opened(_Reader1(path))
+            return _opened(Reader1(path))
         case ".mcap":
             try:
                 return _opened(Reader2(path))
@@ -135,10 +136,27 @@ def _opened(reader: Reader1 | Reader2) -> Reader:
 
 
 def _salvage(path: Path) -> Reader:
+    """What is left of a broken file, up to the point where it breaks."""
+    scan = _SCANS[storage_suffix(path)]
+
+    def up_to_damage(path: Path) -> Iterator[Connection | RawMessage]:
+        with suppress(*DAMAGE):
+            yield from scan(path)
+
     try:
-        return salvage_reader(path)
+        return ScanReader(path, up_to_damage)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from error
+
+
+def _unpacked(packed: Path, folder: Path) -> Path:
+    """The file that was packed as a whole."""
+    file = folder / packed.stem
+    try:
+        unpack_file(packed, file)
+    except (OSError, ValueError, EOFError, ZstdError) as error:
+        raise InputError(f"{packed}: cannot be unpacked: {reason(error)}") from error
+    return file
 
 
 def _bag_files(directory: Path) -> list[Path]:

@@ -11,7 +11,7 @@ from unlidar_tools.conversion.message_types import ROS1_ENCODING, ROS2_ENCODING,
 from unlidar_tools.conversion.positions import POSITION_TYPES, says_truth
 from unlidar_tools.conversion.source import Options
 from unlidar_tools.conversion.transforms import is_static_topic
-from unlidar_tools.errors import InputError, UsageError
+from unlidar_tools.errors import InputError, UsageError, listed
 
 _REFUSED = {
     "sensor_msgs/msg/LaserScan": "a scan of one plane, which cannot tell where a drone is in 3-D",
@@ -70,9 +70,9 @@ class BagTopics:
 
     def truth_notes(self) -> list[str]:
         """What was chosen, or why nothing."""
-        others = ", ".join(name for name in self._positions if name not in self.truths)
+        others = listed(name for name in self._positions if name not in self.truths)
         if self.truths:
-            note = f"truth is {', '.join(self.truths)} ({self._why_truth})"
+            note = f"truth is {listed(self.truths)} ({self._why_truth})"
             return [f"{note} and not {others}: --truth for another" if others else note]
         if others:
             return [f"no truth: no name of {others} says that it is, --truth takes one"]
@@ -92,10 +92,8 @@ class BagTopics:
 
     def why_no_clouds(self) -> str:
         """What the bag holds instead."""
-        topics = self.all.values()
-        held = ", ".join(
-            f"{t.name} ({t.type}{'' if t.messages else ', no messages'})" for t in topics
-        )
+        topics = sorted(self.all.values(), key=lambda topic: not topic.messages)
+        held = listed(f"{t.name} ({t.type}{'' if t.messages else ', no messages'})" for t in topics)
         refused = {t.type: _REFUSED[t.msgtype] for t in topics if t.msgtype in _REFUSED}
         why = "".join(f"; {name} is {text}" for name, text in refused.items())
         return f"{self._path}: has no topic with clouds, it holds {held or 'no topic'}{why}"
@@ -119,7 +117,7 @@ class BagTopics:
     def _check(self, name: str, types: tuple[str, ...], otherwise: str) -> None:
         topic = self.all.get(name)
         if topic is None:
-            raise UsageError(f"{self._path}: has no topic '{name}', it holds {', '.join(self.all)}")
+            raise UsageError(f"{self._path}: has no topic '{name}', it holds {listed(self.all)}")
         if topic.msgtype not in types:
             why = _REFUSED.get(topic.msgtype, otherwise)
             raise InputError(f"{self._path}: {name} is {topic.type}: {why}")

@@ -12,7 +12,7 @@ from rosbags.typesys.store import Typestore
 
 from unlidar_tools.conversion.message_types import LIVOX_CLOUDS, known_types
 from unlidar_tools.conversion.point_times import TIME_FIELDS
-from unlidar_tools.errors import reason
+from unlidar_tools.errors import listed, reason
 from unlidar_tools.frames_io import is_return
 
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -106,8 +106,8 @@ def _decode_point_cloud(message: Any) -> Cloud:
         fields[name] = (order + kind, int(field.offset))
     missing = [axis for axis in "xyz" if axis not in fields]
     if missing:
-        names = " ".join(field.name for field in message.fields)
-        raise ValueError(f"its fields are '{names}', expected x, y and z")
+        names = listed(field.name for field in message.fields)
+        raise ValueError(f"its fields are {names or 'none'}, expected x, y and z")
     if not needed:
         empty = np.zeros((0, 3), dtype=np.float32)
         return Cloud(stamp_ns(message), message.header.frame_id, empty)

@@ -9,7 +9,9 @@ import numpy as np
 
 from unlidar_tools.conversion.source import Options, SourceFrame, Stream, TruthRow, Unreadable
 from unlidar_tools.errors import InputError, UsageError, reason
-from unlidar_tools.stamps import parse_stamp_ns
+from unlidar_tools.frame_clock import times_of_names
+from unlidar_tools.limits import check_frame_size, lines_of
+from unlidar_tools.stamps import format_stamp_ns, parse_stamp_ns
 from unlidar_tools.station import Pose, read_station
 from unlidar_tools.truth import TRUTH_NAME
 
@@ -37,17 +39,26 @@ def refuse_bag_options(
             raise UsageError(f"{path}: {what}, {option} is for bags")
 
 
-def files_stamped_by_name(directory: Path) -> tuple[list[StampedFile], list[Unreadable]]:
-    """The `<seconds>.npy` of a folder in order of time, and those whose names are no stamps."""
+def files_stamped_by_name(
+    directory: Path, rate_hz: float | None = None
+) -> tuple[list[StampedFile], list[Unreadable], str | None]:
+    """The `<seconds>.npy` of a folder in order of time, those that have no stamp, and a note.
+
+    `rate_hz` and the note: as of `times_of_names`.
+    """
     files, unnamed = [], []
-    for path in sorted(directory.glob("*.npy")):
-        stamp = path.name.removesuffix(".npy")
-        try:
-            files.append((parse_stamp_ns(stamp), stamp, path))
-        except ValueError:
+    paths = sorted(directory.glob("*.npy"))
+    names = [path.name.removesuffix(".npy") for path in paths]
+    times = times_of_names(directory, names, rate_hz)
+    for name, stamp_ns, path in zip(names, times.stamps_ns, paths, strict=True):
+        if stamp_ns is not None:
+            stamp = format_stamp_ns(stamp_ns) if times.are_numbers else name
+            files.append((stamp_ns, stamp, path))
+        else:
             why = f"{path}: expected a name of seconds, like 1706255621.6.npy"
             unnamed.append(Unreadable(directory.name, why))
-    return sorted(files), unnamed
+    note = None if times.note is None else f"{directory}: {times.note}"
+    return sorted(files), unnamed, note
 
 
 def in_window(files: list[StampedFile], options: Options, begin_ns: int) -> list[StampedFile]:
@@ -58,6 +69,7 @@ def in_window(files: list[StampedFile], options: Options, begin_ns: int) -> list
 
 def load_rows(path: Path) -> np.ndarray:
     """The array of a file as (N, 3); an array without elements is a frame without returns."""
+    check_frame_size(path)
     try:
         array = np.load(path, allow_pickle=False)
     except Exception as error:  # numpy evaluates the header as Python: any error may come of it
@@ -91,7 +103,7 @@ def truth_of_folder(
 ) -> Iterator[TruthRow | Unreadable]:
     """The rows of `ground_truth/<seconds>.npy`, or else of `ground_truth.csv`."""
     if has_truth_folder(recording):
-        files, unnamed = files_stamped_by_name(recording / TRUTH_FOLDER)
+        files, unnamed, _ = files_stamped_by_name(recording / TRUTH_FOLDER, options.rate_hz)
         yield from unnamed
         for _, stamp, path in in_window(files, options, begin_ns):
             yield read_or_not(TRUTH_FOLDER, lambda p=path, s=stamp: TruthRow(s, _position(p)))
@@ -132,8 +144,14 @@ class FileSource:
         yield from (file for file in self._unnamed if file.where in sensors)
         for sensor in sensors:
             for file in self._asked_for(sensor):
-                yield read_or_not(sensor, lambda s=sensor, f=file: self._frame(s, f))
+                yield read_or_not(sensor, lambda s=sensor, f=file: self._bounded(s, f))
         yield from truth_of_folder(self._path, self._options, self._begin_ns)
+
+    def spans_ns(self) -> dict[str, tuple[int, int]]:
+        """By the stamps of its files and of the truth."""
+        spans = {name: (f[0][0], f[-1][0]) for name, f in self._files.items() if f}
+        stamps_ns = _truth_stamps_ns(self._path)
+        return spans | ({TRUTH_FOLDER: (min(stamps_ns), max(stamps_ns))} if stamps_ns else {})
 
     def total(self, sensors: list[str]) -> int:
         """The files."""
@@ -153,13 +171,27 @@ class FileSource:
     def _frame(self, sensor: str, file: StampedFile) -> SourceFrame:
         raise NotImplementedError
 
+    def _bounded(self, sensor: str, file: StampedFile) -> SourceFrame:
+        check_frame_size(file[2])
+        return self._frame(sensor, file)
+
     def _asked_for(self, sensor: str) -> list[StampedFile]:
         return in_window(self._files[sensor], self._options, self._begin_ns)
 
     def _truth_streams(self) -> list[Stream]:
         if not self.truths:
             return []
-        return [Stream(TRUTH_FOLDER, ".npy or .csv", 0, "ground_truth.csv")]
+        kind = ".npy" if has_truth_folder(self._path) else ".csv"
+        rows = len(_truth_stamps_ns(self._path))
+        return [Stream(TRUTH_FOLDER, kind, rows, "ground_truth.csv")]
+
+
+def _truth_stamps_ns(recording: Path) -> list[int]:
+    if has_truth_folder(recording):
+        return [file[0] for file in files_stamped_by_name(recording / TRUTH_FOLDER)[0]]
+    if (recording / TRUTH_NAME).is_file():
+        return [parse_stamp_ns(row.stamp) for row in _rows_of_table(recording / TRUTH_NAME)]
+    return []
 
 
 def _position(path: Path) -> tuple[float, float, float]:
@@ -174,7 +206,7 @@ def _rows_of_table(path: Path) -> list[TruthRow]:
     rows = []
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
+            reader = csv.DictReader(lines_of(file))
             for row in reader:
                 rows.append(_row_of_table(row))
                 if not np.isfinite(rows[-1].xyz_m).all():

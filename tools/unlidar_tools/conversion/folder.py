@@ -1,7 +1,7 @@
 """Folders of one file per frame: PCD, PLY, KITTI's .bin or .npy, of one sensor or of several."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import ClassVar
@@ -20,14 +20,12 @@ from unlidar_tools.conversion.ply import read_ply
 from unlidar_tools.conversion.point_times import OFFSET_FIELD, TIME_FIELDS, offsets_ns
 from unlidar_tools.conversion.source import Options, SourceFrame, Stream, Unreadable
 from unlidar_tools.errors import InputError, reason
-from unlidar_tools.frames_io import is_return, read_pcd, stamps_of_table
+from unlidar_tools.frame_clock import stamps_of_table, times_of_names
+from unlidar_tools.frames_io import is_return, read_pcd
 from unlidar_tools.names import folder_names
 from unlidar_tools.stamps import format_stamp_ns, parse_stamp_ns
 
 _NS_PER_S = 1_000_000_000
-_DEFAULT_RATE_HZ = 10.0
-# A whole number below this is no Unix time (it would lie before 1973) but the number of a frame.
-_LEAST_UNIX_S = 10**8
 _KITTI_ROW = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
 _KITTI_TIMES = ("timestamps.txt", "times.txt")
 _KITTI_STAMP = re.compile(r"(\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d)\.(\d{1,9})")
@@ -120,37 +118,30 @@ class FrameFolder(FileSource):
             ),
             None,
         )
-        if not (directory / "timestamps.csv").is_file():
-            if listed is not None:
-                return _stamps_of_list(listed, paths), []
-            if all(p.stem.isdecimal() and int(p.stem) < _LEAST_UNIX_S for p in paths):
-                return self._numbered(directory, paths, options), []
-        table = stamps_of_table(directory / "timestamps.csv")
-        files, unnamed = [], []
-        for path in paths:
-            spelled = table.get(path.name, path.stem)
-            try:
-                stamp_ns = parse_stamp_ns(spelled)
-                files.append((stamp_ns, format_stamp_ns(stamp_ns), path))
-            except ValueError:
-                unnamed.append(
-                    f"{path}: the name is no time stamp, and there is no row for it in "
-                    "timestamps.csv and no timestamps.txt or times.txt"
-                )
-        return sorted(files), unnamed
+        if (directory / "timestamps.csv").is_file():
+            return _stamped(stamps_of_table(directory / "timestamps.csv", paths), paths)
+        if listed is not None:
+            return _stamps_of_list(listed, paths), []
+        times = times_of_names(directory, [path.stem for path in paths], options.rate_hz)
+        if times.note is not None:
+            self._notes.append(f"{directory}: {times.note}")
+        return _stamped(times.stamps_ns, paths)
 
-    def _numbered(self, directory: Path, paths: list[Path], options: Options) -> list[StampedFile]:
-        rate_hz = options.rate_hz or _DEFAULT_RATE_HZ
-        if options.rate_hz is None:
-            self._notes.append(
-                f"{directory}: names are numbers of frames, not stamps: took {rate_hz:g} frames a "
-                "second, --rate HZ for another"
-            )
-        files = []
-        for path in paths:
-            stamp_ns = round(int(path.stem) * _NS_PER_S / rate_hz)
+
+def _stamped(
+    stamps_ns: Sequence[int | None], paths: list[Path]
+) -> tuple[list[StampedFile], list[str]]:
+    """The files with a stamp, in order of time, and what is wrong with the others."""
+    files, unnamed = [], []
+    for stamp_ns, path in zip(stamps_ns, paths, strict=True):
+        if stamp_ns is not None:
             files.append((stamp_ns, format_stamp_ns(stamp_ns), path))
-        return sorted(files)
+        else:
+            unnamed.append(
+                f"{path}: the name is no time stamp and no mere number, and there is no "
+                "timestamps.csv, timestamps.txt or times.txt"
+            )
+    return sorted(files), unnamed
 
 
 def _frame_folders(path: Path) -> list[Path]:

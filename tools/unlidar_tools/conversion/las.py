@@ -14,6 +14,7 @@ from unlidar_tools.conversion.point_times import OFFSET_FIELD
 from unlidar_tools.conversion.source import Options, SourceFrame
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.extras import load_extra
+from unlidar_tools.limits import MOST_RECORD, MOST_TEXT
 from unlidar_tools.names import folder_names
 from unlidar_tools.stamps import format_stamp_ns
 
@@ -70,6 +71,7 @@ class LasFile(OneFileSource):
             raise InputError(f"{path}: its {count} points have one time, expected each its own")
         self._begin_ns = min(numbers) * _FRAME_NS
         self.sensors = {folder_names([path.stem])[0]: len(numbers)}
+        self._spans_ns = dict.fromkeys(self.sensors, (oldest_ns, newest_ns))
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
         """Frames in order of time; a file that is not in order is held in memory for it."""
@@ -98,8 +100,9 @@ class LasFile(OneFileSource):
         try:
             with self._laspy.open(self._path, read_evlrs=False) as file:
                 count = file.header.point_count
+                at_once = min(CHUNK_POINTS, max(1, MOST_RECORD // file.header.point_format.size))
                 while read < count:
-                    points = file.read_points(min(CHUNK_POINTS, count - read))
+                    points = file.read_points(min(at_once, count - read))
                     if len(points) == 0:
                         break
                     read += len(points)
@@ -154,6 +157,8 @@ def _check_header(path: Path) -> bool:
     _, encoding, major, minor, header, begin, records, form = _HEAD.unpack_from(head)
     if major != 1 or minor > 4:
         raise InputError(f"{path}: has version {major}.{minor}, expected 1.0 to 1.4")
+    if begin > MOST_TEXT:
+        raise InputError(f"{path}: its header has {begin} bytes, expected at most {MOST_TEXT}")
     if not header + records * _LEAST_RECORD <= begin <= size:
         raise InputError(f"{path}: its header does not fit its {size} bytes")
     if form & _PACKED:

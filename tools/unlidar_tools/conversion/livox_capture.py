@@ -49,6 +49,9 @@ class _LivoxRecording(OneFileSource):
             raise InputError(f"{path}: holds no points of a Livox LiDAR, expected {self._expected}")
         self._begin_ns = min(first for first, _ in spans.values()) * _FRAME_NS
         self.sensors = {name: last - first + 1 for name, (first, last) in spans.items()}
+        self._spans_ns = {
+            name: (first * _FRAME_NS, last * _FRAME_NS) for name, (first, last) in spans.items()
+        }
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
         """Frames as they become complete."""
@@ -91,8 +94,8 @@ class LivoxCapture(_LivoxRecording):
     def __init__(self, path: Path, options: Options) -> None:
         if maker_of(path) == "Hesai":
             raise InputError(
-                f"{path}: holds packets of a Hesai LiDAR, which are not read, expected a bag of "
-                "its points, which the maker's driver for ROS makes of a capture"
+                f"{path}: holds packets of a Hesai LiDAR, which are not read, expected a bag that "
+                "its driver for ROS made of them"
             )
         super().__init__(path, options)
 

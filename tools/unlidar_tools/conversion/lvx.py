@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from unlidar_tools import livox
-from unlidar_tools.errors import InputError, reason
+from unlidar_tools.errors import InputError, listed, reason
 from unlidar_tools.names import folder_names
 from unlidar_tools.printable import printable
 from unlidar_tools.station import Pose
@@ -68,7 +68,7 @@ def packets(path: Path) -> Iterator[tuple[str, livox.Packet]]:
                     at = file.tell()
                     lidar, packet = layout.packet(path, file)
                     if lidar not in known:
-                        names = ", ".join(one.name for one in known.values())
+                        names = listed(one.name for one in known.values())
                         raise InputError(f"{path}: at byte {at}: expected a packet of {names}")
                     if packet is not None:
                         yield known[lidar].name, packet

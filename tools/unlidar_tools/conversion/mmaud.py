@@ -28,10 +28,11 @@ class MmaudFolder(FileSource):
     def __init__(self, path: Path, options: Options) -> None:
         refuse_bag_options(path, options)
         names = [name for name in (*_LIDARS, _RADAR) if (path / name).is_dir()]
-        found = {name: files_stamped_by_name(path / name) for name in names}
-        files = {name: stamped for name, (stamped, _) in found.items()}
+        found = {name: files_stamped_by_name(path / name, options.rate_hz) for name in names}
+        files = {name: stamped for name, (stamped, _, _) in found.items()}
+        self._notes = [note for _, _, note in found.values() if note is not None]
         super().__init__(
-            path, options, files, [u for _, unnamed in found.values() for u in unnamed]
+            path, options, files, [u for _, unnamed, _ in found.values() for u in unnamed]
         )
 
     @classmethod
@@ -59,8 +60,8 @@ class MmaudFolder(FileSource):
         return found + self._truth_streams()
 
     def notes(self) -> list[str]:
-        """Nothing is guessed here."""
-        return []
+        """Where stamps had to be made up."""
+        return self._notes
 
     def _frame(self, sensor: str, file: StampedFile) -> SourceFrame:
         _, stamp, path = file

@@ -15,6 +15,7 @@ class OneFileSource:
     keeps_beginning: ClassVar[bool] = True
     truths: int = 0
     sensors: dict[str, int]
+    _spans_ns: dict[str, tuple[int, int]]
     _holds: ClassVar[str]  # what its sensors sent
 
     def lidars(self) -> list[str]:
@@ -24,6 +25,10 @@ class OneFileSource:
     def streams(self) -> list[Stream]:
         """All of them."""
         return [Stream(name, self._holds, n, "frames") for name, n in self.sensors.items()]
+
+    def spans_ns(self) -> dict[str, tuple[int, int]]:
+        """As the first reading found them."""
+        return self._spans_ns
 
     def total(self, sensors: list[str]) -> int:
         """Their frames, as the first reading counted them."""

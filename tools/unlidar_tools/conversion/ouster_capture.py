@@ -16,8 +16,9 @@ from unlidar_tools.conversion.one_file import OneFileSource, up_to_damage
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
 from unlidar_tools.conversion.source import Options, SourceFrame
 from unlidar_tools.conversion.stamps_seen import StampsSeen
-from unlidar_tools.errors import InputError, reason
+from unlidar_tools.errors import InputError, listed, reason
 from unlidar_tools.extras import load_lone
+from unlidar_tools.limits import read_text
 from unlidar_tools.stamps import format_stamp_ns
 
 _RANGES = ("RANGE", "RANGE2")  # of the first and the second return
@@ -45,6 +46,7 @@ class OusterCapture(OneFileSource):
         self._begin_ns: int | None = None
         self._turns: dict[str, _Turns] = {}
         self.sensors: dict[str, int] = {}
+        self._spans_ns: dict[str, tuple[int, int]] = {}
         newest: dict[str, int] = {}
         with up_to_damage(self.sensors):
             for datagram, model in self._points():
@@ -52,6 +54,8 @@ class OusterCapture(OneFileSource):
                 name = datagram.sensor
                 self.sensors[name] = self.sensors.get(name, 0) + (turn != newest.get(name))
                 newest[name] = turn
+                stamp_ns = round(datagram.time_s * 1e9)
+                self._spans_ns[name] = self._spans_ns.get(name, (stamp_ns, 0))[0], stamp_ns
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
         """Turns as they become complete."""
@@ -98,10 +102,10 @@ class OusterCapture(OneFileSource):
             fitting = [model for model in fitting if str(model.info.sn) == serial]
         if len(fitting) == 1:
             return fitting[0]
-        told = ", ".join(f"{model.file.name} {model.bytes}" for model in self._models)
+        told = listed(f"{model.file.name} {model.bytes}" for model in self._models)
         raise InputError(
-            f"{self._path}: none of its metadata is that of {datagram.source}, whose packets have "
-            f"{size} bytes, expected this sensor's own, in the mode of the capture (bytes: {told})"
+            f"{self._path}: no metadata fits {datagram.source}, whose packets have {size} bytes, "
+            f"expected this sensor's own (bytes: {told})"
         )
 
     def _frames(self, name: str, turns: Iterator[tuple[int, SourceFrame]]) -> Iterator[SourceFrame]:
@@ -185,7 +189,7 @@ def _metadata(path: Path) -> list[Path]:
 
 def _model(sdk: ModuleType, file: Path) -> _Model:
     try:
-        info = sdk.SensorInfo(file.read_text(encoding="utf-8"))
+        info = sdk.SensorInfo(read_text(file))
         return _Model(file, info, sdk.PacketFormat(info))
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(f"{file}: no metadata of an Ouster LiDAR: {reason(error)}") from error

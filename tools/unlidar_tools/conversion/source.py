@@ -85,6 +85,12 @@ class Stream:
     type: str
     items: int
     becomes: str  # what convert makes of it, or why nothing
+    span_s: float | None = None  # from its first to its last item; None where that is not known
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Items in a second, None where no two are known."""
+        return (self.items - 1) / self.span_s if self.span_s and self.items > 1 else None
 
 
 class Source(Protocol):
@@ -109,6 +115,13 @@ class Source(Protocol):
 
     def streams(self) -> list[Stream]:
         """All that the recording holds."""
+        ...
+
+    def spans_ns(self) -> dict[str, tuple[int, int]]:
+        """When the first and the last item of a stream was, by its name, as far as is known.
+
+        By an index where there is one; of an MCAP or ROS 1 to within a chunk.
+        """
         ...
 
     def total(self, sensors: list[str]) -> int:

@@ -42,6 +42,7 @@ class VelodyneCapture(OneFileSource):
         self._path, self._options = path, options
         self._stamps: dict[str, StampsSeen] = {}
         self.sensors: dict[str, int] = {}
+        self._spans_ns: dict[str, tuple[int, int]] = {}
         self._begin_ns: int | None = None
         azimuths: dict[str, int] = {}
         with up_to_damage(self.sensors):
@@ -50,6 +51,8 @@ class VelodyneCapture(OneFileSource):
                 name = datagram.sensor
                 turns = azimuth < azimuths.get(name, 1 << 16)
                 self.sensors[name] = self.sensors.get(name, 0) + turns
+                stamp_ns = round(datagram.time_s * 1e9)
+                self._spans_ns[name] = self._spans_ns.get(name, (stamp_ns, 0))[0], stamp_ns
                 azimuths[name] = azimuth
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:

@@ -20,6 +20,7 @@ from unlidar_tools.evaluate_options import Options
 from unlidar_tools.evaluation.association import FALSE_BEYOND_M, MAX_STEP_S
 from unlidar_tools.evaluation.judgement import Judgement, judge, judge_files
 from unlidar_tools.evaluation.measures import WITHIN_M, measure
+from unlidar_tools.presets import about_truth
 from unlidar_tools.truth import Tracks, Truth
 
 __all__ = [
@@ -38,10 +39,10 @@ __all__ = [
 def evaluate_files(
     truth: Path, tracks: Path | Sequence[Path], options: Options | None = None
 ) -> dict:
-    """`evaluate` on files; the tracks may be in several."""
+    """`evaluate` on files, with what the truth is; the tracks may be in several."""
     options = options or Options()
     files = [tracks] if isinstance(tracks, Path) else tracks
-    return measure([judge_files(truth, files, options)], options)
+    return measure([judge_files(truth, files, options)], options) | about_truth(truth)
 
 
 def evaluate(truth: Truth, tracks: Tracks, options: Options | None = None) -> dict:

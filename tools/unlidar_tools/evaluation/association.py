@@ -21,6 +21,10 @@ class Coverage:
     error_m: np.ndarray  # (N, 3) estimate minus truth
     sigma_m: np.ndarray  # (N, 3) of the estimate, NaN where not known
 
+    def rows(self, chosen: np.ndarray) -> "Coverage":
+        """These rows of it."""
+        return Coverage(self.distance_m[chosen], self.error_m[chosen], self.sigma_m[chosen])
+
     def take(self, rows: np.ndarray, other: "Coverage") -> None:
         """Takes over these rows of another."""
         for mine, theirs in (

@@ -1,7 +1,7 @@
 """One trajectory against one truth, row by row: what all measures are computed from."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,9 @@ from unlidar_tools.evaluation.alignment import (
     shift,
 )
 from unlidar_tools.evaluation.association import Coverage, OwnRows, cover, identities, own_rows
+from unlidar_tools.evaluation.coordinates import doubt_of
+from unlidar_tools.evaluation.plausibility import refuse_swapped, require_common_time
+from unlidar_tools.telling import note
 from unlidar_tools.truth import Tracks, Truth, read_all_tracks, read_truth
 
 
@@ -30,7 +33,7 @@ class Judgement:
     seen: np.ndarray  # (N,) bool: in view of a sensor
     nearest: Coverage  # (N,)
     own: Coverage  # (N,) matched one to one
-    nees: np.ndarray  # (N,) NaN where not covered or the trajectory has no sigma
+    judged_by: Coverage  # (N,) the one of both by which sigmas are judged
     switches: int
     completed_m: np.ndarray  # (N, 3) error of the completed track; NaN without one
     rows: OwnRows  # (M,)
@@ -38,11 +41,26 @@ class Judgement:
     alignment: Alignment
     time_offset_s: float
     time_offset_sigma_s: float | None  # None: as given, not estimated
+    doubt: str | None  # that the truth is in the same coordinates
+
+    @property
+    def nees(self) -> np.ndarray:
+        """(N,) NaN where not covered or the trajectory has no sigma."""
+        return _nees(self.judged_by, self.alignment)
 
     @property
     def covered(self) -> np.ndarray:
         """(N,) bool: in view and with an estimate."""
         return self.seen & np.isfinite(self.nearest.distance_m)
+
+    @property
+    def nees_unbiased(self) -> np.ndarray:
+        """(K,) of the covered rows, about their mean error: a lever arm is no error of a sigma."""
+        known = self.judged_by.rows(self.covered & np.isfinite(self.judged_by.distance_m))
+        if len(known.distance_m) == 0:
+            return np.zeros(0)
+        mean_m = known.error_m.mean(axis=0)
+        return _nees(replace(known, error_m=known.error_m - mean_m), self.alignment)
 
     @property
     def matched(self) -> np.ndarray:
@@ -55,13 +73,26 @@ class Judgement:
         return len(np.unique(self.target))
 
 
-def judge_files(truth: Path, trajectories: Sequence[Path], options: Options) -> Judgement:
-    """`judge` on files; what cannot be judged is said with the name of the first trajectory."""
-    files = read_truth(truth), read_all_tracks(trajectories)
+def judge_files(
+    truth: Path, trajectories: Sequence[Path], options: Options, one_clock: bool = False
+) -> Judgement:
+    """`judge` on files; what cannot be judged, or is in doubt, is said with the first trajectory.
+
+    They must have a time in common unless they are known to be of `one_clock`. UsageError where
+    truth and trajectory are swapped.
+    """
+    refuse_swapped(truth, trajectories)
+    known, tracks = read_truth(truth), read_all_tracks(trajectories)
     try:
-        return judge(*files, options)
+        if not one_clock:
+            given_s = 0.0 if options.time_offset == AUTO else float(options.time_offset)
+            require_common_time(known, shift(tracks, given_s))
+        judged = judge(known, tracks, options)
     except InputError as error:
         raise InputError(f"{trajectories[0]}: {error}") from error
+    if judged.doubt is not None:
+        note(f"{trajectories[0]}: {judged.doubt}")
+    return judged
 
 
 def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
@@ -81,6 +112,9 @@ def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
     moved = alignment.apply(tracks) if options.align != "none" else tracks
     nearest = cover(truth, moved)
     who = identities(truth, moved)
+    met = np.isfinite(nearest.distance_m)
+    known_m = truth.xyz_m[met]
+    are_aligned = options.align != "none"
     return Judgement(
         tracks=len(np.unique(tracks.track_id)),
         time_s=truth.time_s,
@@ -89,7 +123,7 @@ def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
         nearest=nearest,
         own=who.own,
         # Among several targets the nearest track may be another one's, and its sigma with it.
-        nees=_nees(who.own if len(np.unique(truth.target)) > 1 else nearest, alignment),
+        judged_by=who.own if len(np.unique(truth.target)) > 1 else nearest,
         switches=who.switches,
         completed_m=complete(moved, truth.time_s) - truth.xyz_m,
         rows=own_rows(truth, moved),
@@ -97,6 +131,7 @@ def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
         alignment=alignment,
         time_offset_s=offset_s,
         time_offset_sigma_s=sigma_s,
+        doubt=doubt_of(known_m, known_m + nearest.error_m[met], are_aligned),
     )
 
 

@@ -89,14 +89,20 @@ def _identities(judged: Sequence[Judgement]) -> dict:
 
 
 def _nees(judged: Sequence[Judgement]) -> dict:
-    nees = np.concatenate([one.nees[one.covered] for one in judged])
+    return {
+        **_nees_measures("", np.concatenate([one.nees[one.covered] for one in judged])),
+        **_nees_measures("_unbiased", np.concatenate([one.nees_unbiased for one in judged])),
+    }
+
+
+def _nees_measures(kind: str, nees: np.ndarray) -> dict:
     nees = nees[np.isfinite(nees)]
     if len(nees) == 0:
         return {}
     return {
-        "nees": _rounded(nees.mean()),
-        "nees_median": _rounded(np.median(nees)),
-        "nees_within95": _rounded((nees <= NEES_95).mean()),
+        f"nees{kind}": _rounded(nees.mean()),
+        f"nees{kind}_median": _rounded(np.median(nees)),
+        f"nees{kind}_within95": _rounded((nees <= NEES_95).mean()),
     }
 
 

@@ -10,9 +10,11 @@ from unlidar_tools.errors import InputError, reason
 from unlidar_tools.evaluate_options import Options
 from unlidar_tools.evaluation.judgement import judge_files
 from unlidar_tools.evaluation.measures import measure
+from unlidar_tools.limits import read_text
 from unlidar_tools.output import FRAMES, RUN_RECORD
+from unlidar_tools.presets import about_truth
 from unlidar_tools.program import TRAJECTORY
-from unlidar_tools.record import read_record
+from unlidar_tools.record import MEASURES, read_record
 from unlidar_tools.telling import note
 from unlidar_tools.truth import TRUTH_NAME
 
@@ -28,6 +30,7 @@ class Flight:
     group: str  # day, night, ...; empty: none
     truth: Path
     trajectory: Path
+    one_clock: bool = False  # they are known to be: a run has judged the one by the other
 
 
 def read_manifest(path: Path) -> list[Flight]:
@@ -37,10 +40,10 @@ def read_manifest(path: Path) -> list[Flight]:
     folder is.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
         is_json = path.suffix.lower() == ".json"
         rows = json.loads(text) if is_json else list(csv.DictReader(text.splitlines()))
-    except (OSError, ValueError, csv.Error) as error:
+    except (OSError, ValueError, csv.Error, RecursionError) as error:
         raise InputError(f"{path}: cannot be read as a manifest: {reason(error)}") from error
     if not isinstance(rows, list) or not rows:
         raise InputError(f"{path}: lists no sequence, expected rows with {', '.join(_COLUMNS)}")
@@ -56,7 +59,7 @@ def find_results(folder: Path, group: str = "") -> list[Flight]:
     if not folder.is_dir():
         raise InputError(f"{folder}: is no folder, expected results with a {TRAJECTORY}")
     if (folder / TRAJECTORY).is_file():
-        return [Flight(folder.resolve().name, group, _truth_of(folder), folder / TRAJECTORY)]
+        return [_of_results(folder.resolve().name, group, folder)]
     found = sorted(path.parent for path in folder.rglob(TRAJECTORY))
     names = {one.relative_to(folder).as_posix(): one for one in found}
     names = {name: one for name, one in names.items() if "/." not in f"/{name}"}  # unfinished
@@ -65,7 +68,7 @@ def find_results(folder: Path, group: str = "") -> list[Flight]:
     flights = []
     for name, one in names.items():
         try:
-            flights.append(Flight(name, group, _truth_of(one), one / TRAJECTORY))
+            flights.append(_of_results(name, group, one))
         except NoTruthError as error:
             note(f"{error}, left out")
     if not flights:
@@ -78,11 +81,14 @@ def evaluate_sequences(sequences: Iterable[Flight], options: Options) -> dict:
 
     Each sequence is aligned on its own. Within a group every stamp of the truth counts once.
     """
-    judged = [(one, judge_files(one.truth, [one.trajectory], options)) for one in sequences]
+    judged = [
+        (one, judge_files(one.truth, [one.trajectory], options, one.one_clock)) for one in sequences
+    ]
     groups = list(dict.fromkeys(one.group for one, _ in judged if one.group))
     return {
         "sequences": [
             {"sequence": one.name, "group": one.group, **measure([result], options)}
+            | about_truth(one.truth)
             for one, result in judged
         ],
         "groups": {
@@ -91,6 +97,11 @@ def evaluate_sequences(sequences: Iterable[Flight], options: Options) -> dict:
         }
         | {ALL: measure([result for _, result in judged], options)},
     }
+
+
+def _of_results(name: str, group: str, folder: Path) -> Flight:
+    judged = (folder / MEASURES).is_file()
+    return Flight(name, group, _truth_of(folder), folder / TRAJECTORY, judged)
 
 
 def _of_row(path: Path, number: int, row: object) -> Flight:

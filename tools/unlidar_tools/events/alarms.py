@@ -3,8 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from unlidar_tools.events.event import Row
-from unlidar_tools.events.site import Zone
+from unlidar_tools.events.event import BACK_NS, Row
+from unlidar_tools.events.site import Zone, Zones
+
+# Time outside of a zone takes so many times its length off the stay: noise at an edge delays an
+# alarm, and who is outside for a fifth of the time has not stayed.
+_OUTSIDE = 4
 
 
 @dataclass(frozen=True)
@@ -19,12 +23,21 @@ class Alarm:
 
 
 @dataclass
+class _Stay:
+    """Of a track in a zone."""
+
+    since_ns: int
+    stayed_ns: int = 0  # inside, less what was outside
+    is_inside: bool = True
+
+
+@dataclass
 class _Course:
     """What is known of a track that goes on."""
 
     probability: float = 1.0
     newest_ns: int | None = None
-    inside_since_ns: dict[str, int] = field(default_factory=dict)
+    stays: dict[str, _Stay] = field(default_factory=dict)
     alarms: dict[str, Alarm] = field(default_factory=dict)
 
 
@@ -32,7 +45,7 @@ class Watchman:
     """The rules of one station. Time is that of the rows, however fast they come."""
 
     def __init__(self, zones: Sequence[Zone]) -> None:
-        self._zones = zones
+        self._zones = Zones(zones)
         self._courses: dict[int, _Course] = {}
 
     def known(self, track: int, probability: float | None) -> None:
@@ -44,22 +57,30 @@ class Watchman:
         """The alarms that this row raises: for each track and zone one at most."""
         self.known(row.track, row.drone)
         course = self._course(row.track)
-        if course.newest_ns is not None and row.timestamp <= course.newest_ns:
+        passed_ns = row.timestamp - course.newest_ns if course.newest_ns is not None else 0
+        if course.newest_ns is not None and -BACK_NS <= passed_ns <= 0:
             return []  # told before
-        course.newest_ns = row.timestamp
+        course.newest_ns, passed_ns = row.timestamp, max(0, passed_ns)
+        inside = {zone.name: zone for zone in self._zones.around(row.x, row.y, row.z)}
+        for name in [name for name in course.stays if name not in inside]:
+            stay = course.stays[name]
+            stay.is_inside = False
+            stay.stayed_ns -= _OUTSIDE * passed_ns
+            if stay.stayed_ns <= 0:
+                del course.stays[name]
         raised = []
-        for zone in self._zones:
-            if not zone.holds(row.x, row.y, row.z):
-                course.inside_since_ns.pop(zone.name, None)
-                continue
-            since_ns = course.inside_since_ns.setdefault(zone.name, row.timestamp)
+        for name, zone in inside.items():
+            stay = course.stays.setdefault(name, _Stay(row.timestamp))
+            # Between a row outside and one inside it was in neither for all of the time.
+            stay.stayed_ns += passed_ns if stay.is_inside and row.timestamp > stay.since_ns else 0
+            stay.is_inside = True
             if (
-                zone.name not in course.alarms
-                and row.timestamp - since_ns >= round(zone.rule.min_stay_s * 1e9)
+                name not in course.alarms
+                and stay.stayed_ns >= round(zone.rule.min_stay_s * 1e9)
                 and course.probability >= zone.rule.min_probability
             ):
-                alarm = Alarm(zone.name, row.track, since_ns, row.timestamp, row)
-                course.alarms[zone.name] = alarm
+                alarm = Alarm(name, row.track, stay.since_ns, row.timestamp, row)
+                course.alarms[name] = alarm
                 raised.append(alarm)
         return raised
 
@@ -67,10 +88,6 @@ class Watchman:
         """The track has ended, and so have these alarms."""
         course = self._courses.pop(track, None)
         return [] if course is None else list(course.alarms.values())
-
-    def end_all(self) -> list[Alarm]:
-        """The engine has begun anew: no track from before goes on."""
-        return [alarm for track in list(self._courses) for alarm in self.end(track)]
 
     def _course(self, track: int) -> _Course:
         return self._courses.setdefault(track, _Course())

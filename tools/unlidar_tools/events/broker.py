@@ -2,87 +2,147 @@
 
 import asyncio
 import contextlib
-import json
-from collections.abc import AsyncIterator
-from urllib.parse import unquote, urlsplit
+import threading
+from collections.abc import AsyncIterator, Callable
 
 import paho.mqtt.client as paho
-from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.reasoncodes import ReasonCode
 
-from unlidar_tools.errors import UsageError, reason
+from unlidar_tools.addresses import MQTT, read_address
+from unlidar_tools.errors import reason
 from unlidar_tools.events.event import MOST_BYTES
-from unlidar_tools.events.source import Line, Source
-from unlidar_tools.telling import Often, note
+from unlidar_tools.events.fair import FairQueue
+from unlidar_tools.events.lines import Line, Published, Source, check_station
+from unlidar_tools.events.mqtt import KEEPALIVE_S, make_client
+from unlidar_tools.events.site import Tls
+from unlidar_tools.events.tls import tls_context
+from unlidar_tools.telling import Often
 
 PREFIX = "unlidar"
 RELAY, SITE = "relay", "site"  # topics of whether a relay is there, and of where its station stands
 OFFLINE = "offline"
-_PORT = 1883
-_WAIT_S = 1, 15
-_MOST_WAITING = 20_000
+_WAIT_S = 1.0, 15.0
+_LAST_WORDS_S = 2.0
+# Of one station; a relay that was away publishes 10,000 messages at once.
+_MOST_WAITING, _MOST_WAITING_BYTES = 12_000, 8_000_000
+_MOST_SENDERS = 256
+_OVERHEAD_BYTES = 400  # of a message, beside its text
+_SHARE = 64  # so many messages are handed on at once
 
 
 class Broker(Source):
-    """Subscribes to every station; a broker that leaves is called again.
-
-    A relay's good-bye becomes the line {"event":"gone","station":...}.
-    """
+    """Subscribes to every station; a broker that leaves is called again."""
 
     many = True
 
-    def __init__(self, text: str) -> None:
-        """UsageError for an address that is none."""
-        url = urlsplit(text)
-        try:
-            self._host, self._port = url.hostname, url.port or _PORT
-        except ValueError:
-            self._host = None
-        if not self._host or url.path.strip("/"):
-            raise UsageError(f"'{text}', expected mqtt://[USER:PASSWORD@]HOST[:PORT]")
-        super().__init__(f"mqtt://{self._host}:{self._port}")
-        self._login = unquote(url.username or ""), unquote(url.password or "") or None
+    def __init__(self, text: str, tls: Tls | None = None) -> None:
+        """UsageError for an address that is none, ConfigError for files of TLS."""
+        address = read_address(text, MQTT, "mqtt[s]://[USER:PASSWORD@]HOST[:PORT]")
+        super().__init__(address.name)
+        self._address = address
+        self._tls = tls_context(tls or Tls(), self.name) if address.scheme == "mqtts" else None
 
-    async def lines(self) -> AsyncIterator[Line]:
+    async def _read(self) -> AsyncIterator[list[Line]]:
         """For ever."""
         loop = asyncio.get_running_loop()
-        queue: asyncio.Queue[bytes] = asyncio.Queue()
-        dropped = Often(f"{self.name}: more comes than can be taken in, a message is left out")
-        client = paho.Client(CallbackAPIVersion.VERSION2)
-        client.reconnect_delay_set(*_WAIT_S)
-        if self._login[0]:
-            client.username_pw_set(*self._login)
-        client.on_connect = lambda c, *_: c.subscribe(f"{PREFIX}/+/#", qos=1)
-        client.on_disconnect = lambda _c, _u, _f, code, _p: (
-            note(f"{self.name}: {code}; it is tried again") if code != 0 else None
-        )
-
-        def come(_client: paho.Client, _user: object, message: paho.MQTTMessage) -> None:
-            line = _line(message.topic, message.payload)
-            if queue.qsize() >= _MOST_WAITING:
-                dropped(f"{_MOST_WAITING} wait")
-            elif line is not None:
-                with contextlib.suppress(RuntimeError):  # the loop has ended
-                    loop.call_soon_threadsafe(queue.put_nowait, line)
-
-        client.on_message = come
+        filled = asyncio.Event()
+        listener = _Listener(self, lambda: loop.call_soon_threadsafe(filled.set))
+        listener.start()
         try:
-            client.connect_async(self._host, self._port)
-            client.loop_start()
             while True:
-                yield Line(await queue.get(), old=False)
-        except (OSError, ValueError) as error:
-            raise UsageError(f"{self.name}: {reason(error)}") from error
+                await filled.wait()
+                filled.clear()
+                while messages := listener.queue.take(_SHARE):
+                    yield [Line(message, old=message.retained) for message in messages]
         finally:
+            listener.end()
+            await loop.run_in_executor(None, listener.join, _LAST_WORDS_S)
+
+    def call(self) -> paho.Client:
+        """A client that is connected. OSError, also of TLS."""
+        client = make_client(self._address.login, self._tls)
+        client.connect(self._address.host, self._address.port, KEEPALIVE_S)
+        return client
+
+
+class _Listener(threading.Thread):
+    """Hears a broker, whatever it says or how often it leaves."""
+
+    def __init__(self, broker: Broker, filled: Callable[[], object]) -> None:
+        super().__init__(daemon=True)
+        self.queue: FairQueue[Published] = FairQueue(
+            _MOST_SENDERS,
+            _MOST_WAITING,
+            _MOST_WAITING_BYTES,
+            lambda station: self._dropped(f"{station}: more comes than can be taken in"),
+        )
+        self._broker, self._filled = broker, filled
+        self._client: paho.Client | None = None
+        self._ended = threading.Event()
+        self._wait_s = _WAIT_S[0]
+        self._why = ""
+        self._lost = Often(f"{broker.name}: is tried again")
+        self._dropped = Often(f"{broker.name}: a message is left out")
+
+    def end(self) -> None:
+        """Soon nothing is heard any more."""
+        self._ended.set()
+        if (client := self._client) is not None:
             client.disconnect()
-            await loop.run_in_executor(None, client.loop_stop)
 
+    def run(self) -> None:
+        """Until the end."""
+        while not self._ended.is_set():
+            self._why = ""
+            try:
+                self._client = client = self._broker.call()
+                client.on_connect = lambda c, _u, _f, code, _p: self._subscribe(c, code)
+                client.on_subscribe = lambda c, _u, _m, codes, _p: self._subscribed(c, codes)
+                client.on_disconnect = lambda _c, _u, _f, code, _p: self._leave(code)
+                client.on_message = lambda _c, _u, message: self._take(message)
+                client.loop_forever()
+            except Exception as error:  # whatever paho stumbles over in a packet that is none
+                self._why = reason(error)
+            if not self._ended.is_set():
+                self._lost(self._why or "the connection was closed")
+                self._ended.wait(self._wait_s)
+                self._wait_s = min(2 * self._wait_s, _WAIT_S[1])
 
-def _line(topic: str, payload: bytes) -> bytes | None:
-    """What is said of a station, None of what is of no use here."""
-    station, _, kind = topic.removeprefix(f"{PREFIX}/").partition("/")
-    if len(payload) > MOST_BYTES:
-        return None
-    if kind == RELAY:
-        gone = {"event": "gone", "station": station}
-        return json.dumps(gone).encode() if payload == OFFLINE.encode() else None
-    return payload
+    def _subscribe(self, client: paho.Client, code: ReasonCode) -> None:
+        if code.is_failure:
+            self._why = f"refuses us: {code}"
+            return
+        self._wait_s = _WAIT_S[0]
+        client.subscribe(f"{PREFIX}/+/#", qos=1)
+
+    def _subscribed(self, client: paho.Client, codes: list[ReasonCode]) -> None:
+        if any(code.is_failure for code in codes):
+            self._why = f"does not let us read {PREFIX}/#"
+            client.disconnect()
+
+    def _leave(self, code: ReasonCode) -> None:
+        if code.is_failure:
+            self._why = self._why or str(code)
+
+    def _take(self, message: paho.MQTTMessage) -> None:
+        try:
+            topic = message.topic
+        except UnicodeDecodeError:
+            self._dropped("its topic is no UTF-8")
+            return
+        _, _, rest = topic.partition("/")
+        station, _, kind = rest.partition("/")
+        gone = kind == RELAY and message.payload == OFFLINE.encode()
+        if kind == RELAY and not gone:
+            return
+        if len(message.payload) > MOST_BYTES:
+            self._dropped(f"{topic[:80]}: has {len(message.payload)} bytes")
+            return
+        try:
+            told = Published(check_station(station), message.payload, gone, message.retain)
+        except ValueError as error:
+            self._dropped(str(error)[:200])
+            return
+        self.queue.put(station, told, len(message.payload) + _OVERHEAD_BYTES)
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._filled()

@@ -1,30 +1,94 @@
-"""The engine's events: a line of JSON each, as docs/live.md describes them."""
+"""The engine's events: a line of JSON each, as docs/live.md describes them.
+
+Every number, name and length that comes in is bounded here and nowhere else. An event leaves as it
+was understood, written anew: the engine's digits as they came, nothing that was not looked at.
+"""
 
 import json
+import math
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+)
 from pydantic.dataclasses import dataclass
 
-from unlidar_tools.stamps import parse_seconds_ns
+from unlidar_tools.checking import require
+from unlidar_tools.events.clock import AHEAD_S
+from unlidar_tools.printable import is_visible
+from unlidar_tools.stamps import format_stamp_ns, parse_seconds_ns
 
 # More than ten times the longest that the engine writes.
 MOST_BYTES = 16_384
+MOST_NAME = 120
+BACK_NS = 10_000_000_000  # a row of a track that is older by more: its clock was set back
+_MOST_DIGITS = 40
+_MOST_STAMP_NS = 4_000_000_000_000_000_000  # as the engine: of the year 2096, before and after 1970
+_MOST_COUNT = 2**53 - 1  # a whole number that JavaScript and SQLite hold
+_MOST_M = 1e6
+_MOST_MPS = 1e4
+_OLDEST_S = 86_400.0  # a row, behind its event: what `live.delay_s` may hold back
+# Of what a later engine adds, so much is passed on.
+_MOST_MORE, _MOST_MORE_CHARACTERS = 32, 4096
+_MORE_KEY = re.compile("[A-Za-z_][A-Za-z0-9_]{0,39}")
+
+
+class Digits(str):
+    """A number as it was written, which a text in quotes is not."""
+
+    __slots__ = ()
+
+
+def _digits(value: object) -> str:
+    if type(value) is not Digits:
+        raise ValueError("expected a number")
+    require(len(value) <= _MOST_DIGITS, f"expected a number of at most {_MOST_DIGITS} digits")
+    return value
 
 
 def _stamp_ns(value: object) -> int:
-    return parse_seconds_ns(str(value))
+    stamp_ns = parse_seconds_ns(_digits(value))
+    require(abs(stamp_ns) <= _MOST_STAMP_NS, "expected seconds within 126 years of 1970")
+    return stamp_ns
+
+
+def _count(value: object) -> int:
+    digits = _digits(value)
+    require(digits.isdecimal() and int(digits) <= _MOST_COUNT, "expected a number from 0 to 2^53-1")
+    return int(digits)
+
+
+def _name(value: object) -> str:
+    require(type(value) is str, "expected a text")
+    require(is_visible(value), "expected a text of characters that can be seen")
+    return value
 
 
 StampNs = Annotated[int, BeforeValidator(_stamp_ns)]
-Number = Annotated[int, Field(ge=0)]
-Share = Annotated[float, Field(ge=0, le=1)]
-Sigma = Annotated[float, Field(ge=0)]
+Number = Annotated[int, BeforeValidator(_count)]
+_Real = Annotated[float, BeforeValidator(lambda value: float(_digits(value)))]
+Metres = Annotated[_Real, Field(ge=-_MOST_M, le=_MOST_M)]
+Speed = Annotated[_Real, Field(ge=-_MOST_MPS, le=_MOST_MPS)]
+Sigma = Annotated[_Real, Field(ge=0, le=_MOST_M)]
+Share = Annotated[_Real, Field(ge=0, le=1)]
+Latitude = Annotated[_Real, Field(ge=-90, le=90)]
+Longitude = Annotated[_Real, Field(ge=-360, le=360)]
+Name = Annotated[str, BeforeValidator(_name), Field(max_length=MOST_NAME)]
+State = Annotated[str, BeforeValidator(_name), Field(max_length=40)]
 
 # What a later engine adds to an event is passed on, and is no error.
 _event = dataclass(
-    frozen=True, kw_only=True, config=ConfigDict(extra="ignore", allow_inf_nan=False)
+    frozen=True,
+    kw_only=True,
+    config=ConfigDict(extra="ignore", allow_inf_nan=False),
 )
 
 
@@ -47,18 +111,22 @@ class Row:
     at: StampNs
     track: Number
     timestamp: StampNs
-    x: float
-    y: float
-    z: float
-    vx: float
-    vy: float
-    vz: float
+    x: Metres
+    y: Metres
+    z: Metres
+    vx: Speed
+    vy: Speed
+    vz: Speed
     sigma_x: Sigma
     sigma_y: Sigma
     sigma_z: Sigma
-    support: Annotated[float, Field(ge=0)]
-    late: bool
+    support: Annotated[_Real, Field(ge=0, le=1e9)]
+    late: Annotated[bool, Strict()]
     drone: Share | None = None
+    # Of a relay whose station knows where it stands.
+    latitude_deg: Latitude | None = None
+    longitude_deg: Longitude | None = None
+    height_m: Metres | None = None
 
 
 @_event
@@ -77,8 +145,8 @@ class SensorState:
 
     event: Literal["sensor"]
     at: StampNs
-    name: Annotated[str, Field(max_length=120)]
-    state: Annotated[str, Field(max_length=40)]
+    name: Name
+    state: State
 
 
 @_event
@@ -87,44 +155,127 @@ class EngineState:
 
     event: Literal["state"]
     at: StampNs
-    state: Annotated[str, Field(max_length=40)]
+    state: State
     frames: Number
     dropped: Number
 
 
+def _in_time(event: "Event") -> "Event":
+    """What an event tells of was before it; rows come as late as `live.delay_s` wants."""
+    for key in ("timestamp", "first_evidence"):
+        stamp_ns = getattr(event, key, event.at)
+        require(
+            -AHEAD_S <= (event.at - stamp_ns) * 1e-9 <= _OLDEST_S,
+            f"{key}: expected a time of at most {_OLDEST_S:g} s before 'at'",
+        )
+    return event
+
+
 Event = TrackBegins | Row | TrackEnds | SensorState | EngineState
-KINDS = ("track", "row", "end", "sensor", "state")
-_EVENT: TypeAdapter[Event] = TypeAdapter(Annotated[Event, Field(discriminator="event")])
+Tokens = dict[str, str]  # an event's keys with their values as JSON, in their order
+_EVENT: TypeAdapter[Event] = TypeAdapter(
+    Annotated[Event, Field(discriminator="event"), AfterValidator(_in_time)]
+)
 
 
-def decode(line: str | bytes) -> tuple[Event, str]:
-    """An event and its text, one line without its end. ValueError naming what is wrong with it.
-
-    Stamps are exact: a float would lose their last digits.
-    """
+def parse(line: str | bytes) -> dict[str, Any]:
+    """A JSON object whose numbers are `Digits`. ValueError naming what is wrong with it."""
     if len(line) > MOST_BYTES:
         raise ValueError(f"has {len(line)} characters, expected at most {MOST_BYTES}")
-    text = line.decode() if isinstance(line, bytes) else line
     try:
-        values = json.loads(text, parse_float=str, parse_constant=_refuse)
+        values = json.loads(
+            line.decode() if isinstance(line, bytes) else line,
+            parse_float=Digits,
+            parse_int=Digits,
+            parse_constant=refuse_constant,
+            object_pairs_hook=_each_once,
+        )
     except RecursionError as error:
         raise ValueError("is nested too deeply") from error
     except ValueError as error:
         raise ValueError(f"is no JSON: {error}") from error
     if not isinstance(values, dict):
         raise ValueError("is no JSON object")
+    return values
+
+
+def understand(values: Mapping[str, Any]) -> tuple[Event, Tokens]:
+    """The event of an object that was parsed. ValueError naming the key and what is expected."""
     try:
-        return _EVENT.validate_python(values), text.strip()
+        event = _EVENT.validate_python(values)
     except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
-        key = ".".join(map(str, fault["loc"][1:])) or "event"
-        raise ValueError(f"{key}: {fault['msg']}") from error
+        fault = error.errors(include_url=False, include_input=False)[0]
+        key = ".".join(str(part)[:MOST_NAME] for part in fault["loc"][1:2]) or "event"
+        raise ValueError(f"{key}: {fault['msg']}"[:200]) from error
+    own = event.__dataclass_fields__
+    tokens = {key: _token(value) for key, value in values.items() if key in own}
+    room = _MOST_MORE_CHARACTERS
+    for key in [key for key in values if key not in own][:_MOST_MORE]:
+        token = _token(values[key])
+        room -= len(key) + len(token)
+        if token and _MORE_KEY.fullmatch(key) and room >= 0:
+            tokens[key] = token
+    return event, tokens
 
 
-def extended(text: str, more: Mapping[str, Any]) -> str:
-    """An event's text with more keys at its end; what was there keeps every digit."""
-    return f"{text[:-1].rstrip()},{json.dumps(more, separators=(',', ':'))[1:]}" if more else text
+def decode(line: str | bytes) -> tuple[Event, str]:
+    """An event and its text: one line of JSON, which decodes to the same. ValueError as above.
+
+    Stamps are exact: a float would lose their last digits.
+    """
+    event, tokens = understand(parse(line))
+    return event, joined(tokens)
 
 
-def _refuse(name: str) -> None:
+def track_ends(track: int, at_ns: int, stamp_ns: int) -> tuple[Event, Tokens]:
+    """The event of an end that nobody told; the stamp as an event of this time may have it."""
+    at_ns = min(max(at_ns, -_MOST_STAMP_NS), _MOST_STAMP_NS)
+    stamp_ns = min(max(stamp_ns, at_ns - round(_OLDEST_S * 1e9), -_MOST_STAMP_NS), at_ns)
+    values = {"event": "end", "at": at_ns, "track": track, "timestamp": stamp_ns}
+    stamps = {key: Digits(format_stamp_ns(values[key])) for key in ("at", "timestamp")}
+    return understand(values | stamps | {"track": Digits(track)})
+
+
+def extended(text: str, more: Mapping[str, str | float | bool | None]) -> str:
+    """An event's text with more keys, which it does not have, at its end."""
+    own = joined({key: token(value) for key, value in more.items()})
+    return f"{text[:-1]},{own[1:]}" if more else text
+
+
+def joined(tokens: Tokens) -> str:
+    """The text of an event."""
+    return f"{{{','.join(f'{_quoted(key)}:{token}' for key, token in tokens.items())}}}"
+
+
+def token(value: str | float | bool | None) -> str:
+    """A value of ours as JSON; ValueError where it is no number that JSON knows."""
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def _token(value: object) -> str:
+    """A value from outside as JSON; empty for what is not passed on."""
+    match value:
+        case Digits():
+            bounded = len(value) <= _MOST_DIGITS and math.isfinite(float(value))
+            return str(value) if bounded else ""
+        case str():
+            return _quoted(value) if len(value) <= MOST_NAME and value.isprintable() else ""
+        case bool() | None:
+            return token(value)
+    return ""
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
+
+
+def refuse_constant(name: str) -> None:
+    """ValueError: NaN and Infinity are of JavaScript alone."""
     raise ValueError(f"{name} is no number of JSON")
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        raise ValueError("a key is there twice")
+    return values

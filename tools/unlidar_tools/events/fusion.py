@@ -1,9 +1,7 @@
 """Tracks of several stations that are one drone: which belong together, and where it is.
 
 Everything is in one frame and of one kind of time; nothing here knows where events come from. Two
-tracks are compared by the Mahalanobis distance of their positions at one instant. How their errors
-hang together is not known (the same wind, the same survey), so positions are joined by covariance
-intersection (Julier and Uhlmann, 1997), which is never too sure whatever the correlation.
+tracks are compared by the Mahalanobis distance of their positions at one instant.
 """
 
 import itertools
@@ -13,30 +11,22 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
-Key = tuple[str, int]  # station, number of its track
+from unlidar_tools.events.estimates import Estimate, at, jumps, together
+from unlidar_tools.events.neighbours import Key, Neighbours
 
 _GATE = 11.345  # of chi-square with 3 degrees of freedom, 99 %
 _APART = 4.0  # a pair is parted at so many times the gate: none flickers
 _SMOOTHING_S = 1.0
 _JOIN_S = 1.0  # two courses are alike for so long at least
+_LEAST_APART_NS = 40_000_000  # of what is remembered of a track
 _NEAR_S = 0.5  # estimates further apart in time are not compared
 _HISTORY_S = 10.0  # by so much a station may be heard later than another
 _PATIENCE_S = 2.0  # a new track waits so long for stations that are behind
-_ACCELERATION_MPS2 = 3.0  # 1-sigma, of a drone between two rows
 _FORGET_S = 120.0  # of what is known of clocks
 _LEAST_SPREAD_MPS = 1.0  # of velocities, for clocks to be told from places
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Where a track is at an instant."""
-
-    stamp_ns: int
-    xyz_m: np.ndarray  # (3,)
-    velocity_mps: np.ndarray  # (3,)
-    covariance_m2: np.ndarray  # (3, 3) of the position
+_REACH_M = 100.0  # tracks further apart are not compared, however little is known of their places
+_STEP_S = 3.0  # tracks of one drone are at most so far apart in time, and rows of one track
 
 
 @dataclass(frozen=True)
@@ -89,73 +79,106 @@ class _Clock:
 
 
 class Fusion:
-    """Takes the rows of all stations in, in any order of stations."""
+    """Takes the rows of all stations in, in any order of stations.
+
+    Work for a row follows from the tracks near it, not from all that there are.
+    """
 
     def __init__(self, survey_sigma_m: float) -> None:
         """`survey_sigma_m`: how well the stations' places are known, for each axis."""
         self._survey_m2 = survey_sigma_m**2 * np.eye(3)
         self._heard: dict[Key, list[Estimate]] = {}  # the last _HISTORY_S of each track
-        self._identity: dict[Key, int] = {}
-        self._pairs: dict[frozenset[Key], _Pair] = {}
+        self._identity: dict[Key, int] = {}  # 0: none yet
+        self._members: dict[int, set[Key]] = {}  # of each identity
+        self._pairs: dict[Key, dict[Key, _Pair]] = {}  # each under both of its tracks
+        self._cuts: dict[Key, int] = {}
+        self._near = Neighbours(_REACH_M)
         self._clocks: dict[tuple[str, str], _Clock] = {}
         self._numbers = itertools.count(1)
 
     def take(self, key: Key, estimate: Estimate) -> int:
         """The drone's identity, as of now."""
         heard = self._heard.setdefault(key, [])
+        is_cut = bool(heard) and self._is_cut(heard[-1], estimate)
+        self._cuts[key] = self._cuts.get(key, 0) + 1 if is_cut else 0
+        if is_cut:
+            self._part(key)
+            heard.clear()
         if heard and estimate.stamp_ns <= heard[-1].stamp_ns:
             return self._identity[key]
+        if len(heard) > 1 and heard[-1].stamp_ns - heard[-2].stamp_ns < _LEAST_APART_NS:
+            heard.pop()  # however many rows a station tells, so much is remembered of them
         heard.append(estimate)
         del heard[: _index(heard, estimate.stamp_ns - _HISTORY_S * 1e9)]
         self._identity.setdefault(key, 0)
-        for other, theirs in self._heard.items():
-            nearest = _nearest(theirs, estimate.stamp_ns)
-            apart_s = abs(estimate.stamp_ns - nearest.stamp_ns) * 1e-9
-            if other[0] != key[0] and apart_s <= _NEAR_S:
+        self._near.put(key, tuple(estimate.xyz_m.tolist()))
+        pairs = self._pairs.setdefault(key, {})
+        near = self._near.around(key)
+        for other in {*pairs, *near}:
+            nearest = _nearest(self._heard[other], estimate.stamp_ns)
+            if _apart_s(estimate, nearest) <= _NEAR_S:
                 self._compare(key, estimate, other, nearest)
-        self._regroup()
+            elif other in pairs and _apart_s(estimate, self._heard[other][-1]) > _STEP_S:
+                pairs[other].joined = False
+        own = self._members.get(self._identity[key], set())
+        for other in set(pairs).difference(near):
+            if not (pairs[other].joined and other in own):
+                self._unpair(key, other)
+        self._regroup(key)
         return self._identity[key]
 
     def end(self, key: Key) -> None:
         """The track has ended; the drone lives on in the others of it."""
-        self._heard.pop(key, None)
-        self._identity.pop(key, None)
-        self._pairs = {pair: value for pair, value in self._pairs.items() if key not in pair}
+        if key not in self._heard:
+            return
+        self._part(key)
+        self._rename(key, 0)
+        self._near.remove(key)
+        del self._heard[key], self._identity[key], self._pairs[key], self._cuts[key]
+
+    def cuts(self, key: Key) -> int:
+        """So many of its last rows, one after the other, were no course of one drone."""
+        return self._cuts.get(key, 0)
+
+    def forget(self, station: str) -> None:
+        """A station that is not there any more; its tracks have ended."""
+        self._clocks = {pair: c for pair, c in self._clocks.items() if station not in pair}
 
     def identities(self) -> set[int]:
         """Of all drones that there are."""
-        return set(self._identity.values())
+        return set(self._members)
 
     def is_settled(self, identity: int) -> bool:
         """False of a new drone that looks like an older one, until that is decided."""
-        members = [key for key, number in self._identity.items() if number == identity]
+        members = self._members[identity]
         stations = {station for station, _ in members}
-        older = [
-            key
-            for key, number in self._identity.items()
-            if number < identity and key[0] not in stations
-        ]
-        return not any(self._may_join(own, other) for own in members for other in older)
+        return not any(
+            self._may_join(own, other)
+            for own in members
+            for other in {*self._pairs[own], *self._near.around(own)}
+            if self._identity[other] < identity and other[0] not in stations
+        )
 
     def _may_join(self, own: Key, other: Key) -> bool:
         """Whether it is still open if a new track is the drone of an older one."""
-        pair = self._pairs.get(frozenset((own, other)))
+        heard = self._heard[own]
+        known_s = (heard[-1].stamp_ns - heard[0].stamp_ns) * 1e-9
+        if known_s >= _PATIENCE_S + 1.5 * _JOIN_S:
+            return False  # nobody hides a drone by coming near again and again
+        pair = self._pairs[own].get(other)
         if pair is not None:
             return pair.distance <= _GATE and (pair.newest_ns - pair.begin_ns) * 1e-9 < _JOIN_S
-        heard = self._heard[own]
-        is_behind = self._heard[other][-1].stamp_ns < heard[0].stamp_ns
-        return is_behind and (heard[-1].stamp_ns - heard[0].stamp_ns) * 1e-9 < _PATIENCE_S
+        behind_s = (heard[0].stamp_ns - self._heard[other][-1].stamp_ns) * 1e-9
+        return 0 < behind_s <= _HISTORY_S and known_s < _PATIENCE_S
 
     def drone(self, identity: int) -> Fused:
         """One drone at the newest instant of its tracks. KeyError where there is none."""
-        members = tuple(sorted(k for k, number in self._identity.items() if number == identity))
-        if not members:
-            raise KeyError(identity)
-        return Fused(identity, members, _together(self._heard[key][-1] for key in members))
+        members = tuple(sorted(self._members[identity]))
+        return Fused(identity, members, together(self._heard[key][-1] for key in members))
 
     def fused(self) -> list[Fused]:
         """Every drone, by identity."""
-        return [self.drone(identity) for identity in sorted(self.identities())]
+        return [self.drone(identity) for identity in sorted(self._members)]
 
     def clock_offset_s(self, station: str, other: str) -> float | None:
         """By how much the stamps of `station` are ahead of the other's, as far as flights tell.
@@ -174,7 +197,10 @@ class Fusion:
         difference = mine.xyz_m - theirs.xyz_m
         total = mine.covariance_m2 + theirs.covariance_m2 + 2 * self._survey_m2
         squared = float(difference @ np.linalg.solve(total, difference))
-        pair = self._pairs.setdefault(frozenset((key, other)), _Pair(squared, stamp_ns, stamp_ns))
+        pair = self._pairs[key].get(other)
+        if pair is None:
+            pair = self._pairs[key][other] = _Pair(squared, stamp_ns, stamp_ns)
+            self._pairs[other][key] = pair
         passed_s = max(0, stamp_ns - pair.newest_ns) * 1e-9  # none where a station is heard later
         share = 1 - math.exp(-passed_s / _SMOOTHING_S)
         pair.distance += share * (squared - pair.distance)
@@ -193,37 +219,79 @@ class Fusion:
             )
             clock.take(stamp_ns, velocity, behind.xyz_m - ahead.xyz_m)
 
-    def _regroup(self) -> None:
-        """Groups with at most one track of each station, the most alike pairs first.
+    def _is_cut(self, before: Estimate, now: Estimate) -> bool:
+        """Whether a track is somewhere else, or of another time, than it can have come to."""
+        passed_s = (now.stamp_ns - before.stamp_ns) * 1e-9
+        return not -_HISTORY_S <= passed_s <= _STEP_S or jumps(before, now)
 
-        Whom a track is with already goes before somebody new.
+    def _part(self, key: Key) -> None:
+        """A track is with nobody any more; whom it was with keep their name."""
+        for other in list(self._pairs[key]):
+            self._unpair(key, other)
+        if len(self._members[self._identity[key]]) > 1:
+            self._rename(key, 0)
+
+    def _unpair(self, key: Key, other: Key) -> None:
+        del self._pairs[key][other], self._pairs[other][key]
+
+    def _regroup(self, key: Key) -> None:
+        """The group of a track that was heard: at most one of each station.
+
+        Whom it is with already goes before somebody new, then the most alike come first.
         """
-        group: dict[Key, set[Key]] = {key: {key} for key in self._heard}
-        joined = [(pair, tuple(keys)) for keys, pair in self._pairs.items() if pair.joined]
+        rest = set(self._members.get(self._identity[key], ()))
+        group = self._connected(key, rest)
+        rest -= group
+        joined = ((pair.distance, other) for other, pair in self._pairs[key].items() if pair.joined)
+        for _, other in sorted(joined):
+            theirs = self._members[self._identity[other]] - rest
+            if not {station for station, _ in group} & {station for station, _ in theirs}:
+                group |= theirs
+        groups = [group]
+        while rest:
+            groups.append(self._connected(min(rest), rest))
+            rest -= groups[-1]
+        self._name(groups, key)
 
-        def order(entry: tuple[_Pair, tuple[Key, ...]]) -> tuple:
-            one, two = entry[1]
-            together = self._identity[one] == self._identity[two] != 0
-            return not together, entry[0].distance, sorted(entry[1])
+    def _connected(self, key: Key, among: set[Key]) -> set[Key]:
+        """Who is joined with a track, or with one that is."""
+        reached, open_keys = {key}, [key]
+        while open_keys:
+            pairs = self._pairs[open_keys.pop()]
+            new = {two for two in among - reached if two in pairs and pairs[two].joined}
+            reached |= new
+            open_keys += new
+        return reached
 
-        for _, (one, two) in sorted(joined, key=order):
-            first, second = group[one], group[two]
-            stations = [key[0] for key in first | second]
-            if first is not second and len(set(stations)) == len(stations):
-                first |= second
-                for key in second:
-                    group[key] = first
-        self._name({id(members): members for members in group.values()}.values())
+    def _name(self, groups: Iterable[set[Key]], heard: Key) -> None:
+        """The oldest identity of a group is its own; it is given once.
 
-    def _name(self, groups: Iterable[set[Key]]) -> None:
-        """The oldest identity of a group is its own; it is given once, to the largest group."""
+        The largest group comes first, then the one that was `heard` just now.
+        """
         given: set[int] = set()
-        for members in sorted(groups, key=lambda keys: (-len(keys), sorted(keys))):
+        for members in sorted(groups, key=lambda keys: (-len(keys), heard not in keys, min(keys))):
             known = {self._identity[key] for key in members} - {0} - given
             identity = min(known) if known else next(self._numbers)
             given.add(identity)
             for key in members:
-                self._identity[key] = identity
+                self._rename(key, identity)
+
+    def _rename(self, key: Key, identity: int) -> None:
+        """0: it has none."""
+        before = self._identity.get(key, 0)
+        if before == identity:
+            return
+        self._identity[key] = identity
+        if before:
+            self._members[before].discard(key)
+            if not self._members[before]:
+                del self._members[before]
+        if identity:
+            self._members.setdefault(identity, set()).add(key)
+
+
+def _apart_s(one: Estimate, two: Estimate) -> float:
+    return abs(one.stamp_ns - two.stamp_ns) * 1e-9
 
 
 def _index(heard: list[Estimate], stamp_ns: float) -> int:
@@ -234,48 +302,3 @@ def _index(heard: list[Estimate], stamp_ns: float) -> int:
 def _nearest(heard: list[Estimate], stamp_ns: int) -> Estimate:
     after = _index(heard, stamp_ns)
     return min(heard[max(0, after - 1) : after + 1], key=lambda e: abs(e.stamp_ns - stamp_ns))
-
-
-def at(estimate: Estimate, stamp_ns: int) -> Estimate:
-    """Carried on at its velocity; less sure by what the drone may have accelerated."""
-    passed_s = (stamp_ns - estimate.stamp_ns) * 1e-9
-    sigma_m = 0.5 * _ACCELERATION_MPS2 * passed_s**2
-    return Estimate(
-        stamp_ns,
-        estimate.xyz_m + passed_s * estimate.velocity_mps,
-        estimate.velocity_mps,
-        estimate.covariance_m2 + sigma_m**2 * np.eye(3),
-    )
-
-
-def covariance_intersection(
-    one_m: np.ndarray, one_m2: np.ndarray, two_m: np.ndarray, two_m2: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Position, covariance and the share of the first, which makes the determinant least.
-
-    P^-1 = w P1^-1 + (1 - w) P2^-1, P^-1 x = w P1^-1 x1 + (1 - w) P2^-1 x2.
-    """
-    first, second = np.linalg.inv(one_m2), np.linalg.inv(two_m2)
-
-    def log_volume(share: float) -> float:
-        return -float(np.linalg.slogdet(share * first + (1 - share) * second)[1])
-
-    found = minimize_scalar(log_volume, bounds=(0, 1), method="bounded", options={"xatol": 1e-4})
-    # The ends are not tried by a bounded search, and often the best.
-    share = min((0.0, 1.0, float(found.x)), key=log_volume)
-    covariance = np.linalg.inv(share * first + (1 - share) * second)
-    position = covariance @ (share * first @ one_m + (1 - share) * second @ two_m)
-    return position, covariance, share
-
-
-def _together(estimates: Iterable[Estimate]) -> Estimate:
-    known = list(estimates)
-    stamp_ns = max(estimate.stamp_ns for estimate in known)
-    result, *others = (at(estimate, stamp_ns) for estimate in known)
-    for other in others:
-        position, covariance, share = covariance_intersection(
-            result.xyz_m, result.covariance_m2, other.xyz_m, other.covariance_m2
-        )
-        velocity = share * result.velocity_mps + (1 - share) * other.velocity_mps
-        result = Estimate(stamp_ns, position, velocity, covariance)
-    return result

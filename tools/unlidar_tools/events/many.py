@@ -1,35 +1,64 @@
 """Several stations as one sky: their rows in one frame, their tracks joined into drones."""
 
 import json
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from unlidar_tools.events.event import Row, SensorState, TrackEnds, decode
-from unlidar_tools.events.fusion import Estimate, Fused, Fusion
+from unlidar_tools.events.clock import Heard, Progress, StreamClock
+from unlidar_tools.events.event import (
+    BACK_NS,
+    Digits,
+    Event,
+    Row,
+    SensorState,
+    Tokens,
+    TrackEnds,
+    joined,
+    parse,
+    token,
+    track_ends,
+    understand,
+)
+from unlidar_tools.events.fusion import Estimate, Fused, Fusion, Key
+from unlidar_tools.events.lines import QUIET_S, SKY, Published, check_station
 from unlidar_tools.events.site import Place, Site, Zone
-from unlidar_tools.events.station import Message, Station
-from unlidar_tools.geodesy import Origin, from_geodetic, turn_between
+from unlidar_tools.events.station import INSTANCE, SILENT_S, Message, Station
+from unlidar_tools.geodesy import from_geodetic, turn_between
 from unlidar_tools.names import check_name
 from unlidar_tools.stamps import format_stamp_ns
 from unlidar_tools.telling import Often
 
-SKY = "sky"  # the name of the station that no one is: its tracks are drones of all
 _SURVEY_SIGMA_M = 0.5
 _STEP_NS = 50_000_000  # a drone's rows are not closer together, however many stations tell of it
 _PLACE = TypeAdapter(Place)
+_PLACE_KEYS = "latitude_deg", "longitude_deg", "height_m", "heading_deg"
 _MOST_STATIONS = 64
+_MOST_NAMES = 16_384  # that have spoken; names are invented at no cost
+_MOST_PLACES = 4096
+_MOST_INSTANCES = 8  # of a station's relays, whose places are known
+_MOST_DRONES = 2048  # at once; more than a station's tracks, so that no station fills the sky
+_TWIN_ROWS = 4  # so many rows of a track, each of which has jumped, are of two
+_COLUMNS = "x", "y", "z", "vx", "vy", "vz", "sigma_x", "sigma_y", "sigma_z"
+
+Relay = tuple[str, str | None]  # the name of its station, which of several that took this name
 
 
 @dataclass
 class _Known:
-    """One station."""
+    """One station, or one of two relays that call themselves alike."""
 
     station: Station
-    place: Place | None = None
-    at_ns: int = 0
+    topic: str  # its name, by which its place is known
+    instance: str | None  # of its relay
+    heard: Heard
+    at_ns: int
+    is_gone: bool = False  # its relay's last will says so
+    speaks_on: bool = False  # has said more than one thing
 
 
 @dataclass(frozen=True)
@@ -41,139 +70,263 @@ class Told:
 
 
 class Many:
-    """Takes in what relays published, as lines that name their stations."""
+    """Takes in what relays published. What one station says ends or hides nothing of another."""
 
     def __init__(self, site: Site, zones: Sequence[Zone], source: str) -> None:
         """`site.origin` is that of the common frame; the zones are watched for drones."""
         self._site = site
+        self._progress = Progress()
+        self._clock = StreamClock(progress=self._progress)
+        self._looked = self._clock.heard(0)
         self._stations: dict[str, _Known] = {}
+        self._names: OrderedDict[str, None] = OrderedDict()  # that have spoken, the newest last
+        # By station, then by its relay; None: what was told last.
+        self._places: OrderedDict[str, OrderedDict[str | None, Place]] = OrderedDict()
         self._fusion = Fusion(_SURVEY_SIGMA_M)
-        self._sky = Station(replace(site, station=SKY), zones, source, places=False)
+        sky = replace(site, station=SKY)
+        self._sky = Station(
+            sky, zones, places=False, progress=self._progress, most_tracks=_MOST_DRONES
+        )
         self._drones: dict[int, int] = {}  # with the stamps of their newest rows
+        self._kinds: dict[Key, float | None] = {}  # of each track, how likely it is a drone
         self.bad = Often(f"{source}: a message is left out")
+        self._twins = Often(f"{source}: two relays have one name, give each its own")
+        self._crowded = Often(f"{source}: more than {_MOST_STATIONS} stations, one is forgotten")
 
-    def take(self, line: bytes) -> list[Told]:
-        """What follows from a line."""
+    def take(self, line: bytes | Published) -> list[Told]:
+        """What follows from a message, or from a line that names its station.
+
+        An empty line is none: time has passed.
+        """
+        told = self._aged(QUIET_S if line else 0.0)
+        if not line:
+            return told
         try:
-            values = json.loads(line)
-            name = check_name(values["station"])
-            known = self._known(name)
-            kind = values.get("event")
-            if kind == "site":
-                known.place = _PLACE.validate_json(json.dumps(values["origin"]))
-                return []
-            if kind == "gone":
-                return self._told(known.station.lost(known.at_ns), shown=False)
-            if kind == "alarm":
-                return []  # those of the common frame are raised here
-            text = line.decode()
-            if kind == "row":
-                text = self._moved(text, values, known)
-        except (ValueError, TypeError, KeyError, RecursionError, ValidationError) as error:
+            self._take(line, told)
+        except (ValueError, TypeError, KeyError, ValidationError) as error:
             self.bad(" ".join(str(error).split())[:200])
+        return told
+
+    def _take(self, line: bytes | Published, told: list[Told]) -> None:
+        """Tells more. ValueError and the like of what is no message."""
+        if isinstance(line, Published):
+            name = line.station
+            values = {"event": "gone"} if line.gone else parse(line.text)
+            if line.retained:
+                values.pop(INSTANCE, None)  # of a relay that may long be gone
+        else:
+            values = parse(line)
+            name = values.get("station")
+        relay = (check_station(name), _instance_of(values))
+        match values.get("event"):
+            case "site":
+                self._put_place(relay, values.get("origin"))
+                return
+            case "gone":
+                told += self._gone(relay[0])
+                return
+            case "alarm":
+                return  # those of the common frame are raised here
+        event, tokens = understand(values)
+        if isinstance(event, Row):
+            event, tokens = self._moved(event, tokens, relay)
+        known = self._station_of(*relay, event.at, told)
+        known.station.believe(event.at)
+        known.speaks_on = self._has_spoken(relay[0])
+        known.heard, known.at_ns, known.is_gone = self._clock.heard(event.at), event.at, False
+        told += self._told(known.station.follow(event, tokens), shown=False)
+
+    def _aged(self, every_s: float) -> list[Told]:
+        """The end of whatever was not heard of for long; looked for every so many seconds."""
+        if self._clock.age_s(self._looked) < every_s:
             return []
-        return self._told(known.station.take(text), shown=False)
+        self._looked = self._clock.heard(0)
+        told = []
+        for known in self._stations.values():  # a drone ends with the last of its tracks
+            told += self._told(known.station.aged(), shown=False)
+        return told
 
-    def clocks_s(self) -> dict[tuple[str, str], float]:
-        """By how much each station's stamps are ahead of each later one's, where that is known."""
-        names = sorted(self._stations)
-        offsets = {(a, b): self._fusion.clock_offset_s(a, b) for a in names for b in names if a < b}
-        return {pair: offset for pair, offset in offsets.items() if offset is not None}
+    def _station_of(self, name: str, instance: str | None, at_ns: int, told: list[Told]) -> _Known:
+        """Who is heard under a name. Tells what ends as there is one more."""
+        known = self._stations.get(name)
+        own = name
+        if known is not None and instance not in (None, known.instance):
+            is_over = known.is_gone or self._clock.age_s(known.heard) > SILENT_S
+            if known.instance is None or is_over:
+                known.instance = instance
+            else:
+                self._twins(f"'{name}', {known.instance} and {instance}")
+                own = check_name(f"{name}_{instance}")
+                known = self._stations.get(own)
+        if known is None:
+            told += self._make_room()
+            site = Site(station=own, origin=self._site.origin)
+            station = Station(site, places=False, progress=self._progress)
+            known = _Known(station, name, instance, self._clock.heard(at_ns), at_ns)
+            self._stations[own] = known
+        return known
 
-    def _known(self, name: str) -> _Known:
-        if name not in self._stations:
-            if len(self._stations) >= _MOST_STATIONS or name == SKY:
-                raise ValueError(f"station '{name}', expected another name or fewer stations")
-            own = Station(Site(station=name, origin=self._site.origin), places=False)
-            self._stations[name] = _Known(own)
-        return self._stations[name]
+    def _make_room(self) -> list[Told]:
+        """Who is gone gives way, then who has no track or spoke once, then who came last."""
+        if len(self._stations) < _MOST_STATIONS:
+            return []
+        names = list(self._stations)
+
+        def rank(name: str) -> tuple[int, float]:
+            known = self._stations[name]
+            if known.station.has_tracks and known.speaks_on and not known.is_gone:
+                return 2, -names.index(name)
+            return int(not known.is_gone), -self._clock.age_s(known.heard)
+
+        name = min(names, key=rank)
+        self._crowded(f"'{name}'")
+        known = self._stations[name]
+        told = self._told(known.station.lost(known.at_ns), shown=False)
+        del self._stations[name]
+        self._fusion.forget(name)
+        return told
+
+    def _has_spoken(self, name: str) -> bool:
+        """Before now, and not too many names ago."""
+        has_spoken = name in self._names
+        self._names[name] = None
+        self._names.move_to_end(name)
+        if len(self._names) > _MOST_NAMES:
+            self._names.popitem(last=False)
+        return has_spoken
+
+    def _gone(self, name: str) -> list[Told]:
+        """A relay has left. Of two with one name nobody knows which: theirs ends by age."""
+        alike = [k for k in self._stations.values() if k.topic == name and not k.is_gone]
+        if len(alike) != 1:
+            return []
+        alike[0].is_gone = True
+        return self._told(alike[0].station.lost(alike[0].at_ns), shown=False)
 
     def _told(self, messages: list[Message], shown: bool) -> list[Told]:
         told = []
         for message in messages:
             event = message.event
-            known = self._stations[message.station]
-            known.at_ns = max(known.at_ns, message.at_ns)
+            assert event is not None  # alarms are those of the sky
             told.append(
                 Told(message, shown or isinstance(event, SensorState) or event.event == "state")
             )
             if isinstance(event, Row) and not event.late:
-                told += self._drone(
-                    self._fusion.take((message.station, event.track), _estimate(event)), event
-                )
+                key = message.station, event.track
+                self._kinds[key] = event.drone
+                identity = self._fusion.take(key, _estimate(event))
+                if self._fusion.cuts(key) >= _TWIN_ROWS:
+                    self._twins(f"'{message.station}', whose track {event.track} jumps to and fro")
+                told += self._drone(identity, event)
             elif isinstance(event, TrackEnds):
                 self._fusion.end((message.station, event.track))
+                self._kinds.pop((message.station, event.track), None)
                 told += self._ended(event.at)
         return told
 
     def _drone(self, identity: int, row: Row) -> list[Told]:
         """The newest place of the drone that a row is of, and the end of those that are no more."""
         told = self._ended(row.at)
-        if row.timestamp - self._drones.get(identity, row.timestamp - _STEP_NS) < _STEP_NS:
+        passed_ns = row.timestamp - self._drones.get(identity, row.timestamp - _STEP_NS)
+        if -BACK_NS <= passed_ns < _STEP_NS:
             return told
-        if identity not in self._drones and not self._fusion.is_settled(identity):
+        begins = identity not in self._drones
+        if begins and not self._fusion.is_settled(identity):
             return told
         drone = self._fusion.drone(identity)
+        try:
+            # Nobody takes it from the others that it is a drone.
+            kinds = [self._kinds[key] for key in drone.members]
+            event, tokens = _row_of(drone, row, None if None in kinds else max(kinds))
+        except ValueError as error:  # carried on, it is beyond all bounds
+            self.bad(f"drone {identity}: {error}"[:200])
+            return told
         stamp_ns = drone.estimate.stamp_ns
-        begins = identity not in self._drones
         self._drones[identity] = stamp_ns
-        lines = [_row_text(drone, row)]
+        messages = self._sky.follow(event, tokens)
         if begins:
-            stamp = format_stamp_ns(stamp_ns)
-            at = format_stamp_ns(row.at)
-            lines.insert(
-                0,
-                f'{{"event":"track","at":{at},"track":{identity},"first_evidence":{stamp}}}',
-            )
-        return told + [Told(m, shown=True) for line in lines for m in self._sky.take(line)]
+            messages = self._sky.follow(*_begin_of(identity, row.at, stamp_ns)) + messages
+        return told + [Told(message, shown=True) for message in messages]
 
     def _ended(self, at_ns: int) -> list[Told]:
         alive = self._fusion.identities()
         told = []
         for identity in [i for i in self._drones if i not in alive]:
-            stamp = format_stamp_ns(self._drones.pop(identity))
-            at = format_stamp_ns(at_ns)
-            line = f'{{"event":"end","at":{at},"track":{identity},"timestamp":{stamp}}}'
-            told += [Told(message, shown=True) for message in self._sky.take(line)]
+            over = track_ends(identity, at_ns, self._drones.pop(identity))
+            told += [Told(message, shown=True) for message in self._sky.follow(*over)]
         return told
 
-    def _moved(self, text: str, values: dict, known: _Known) -> str:
+    def _put_place(self, relay: Relay, origin: dict[str, Any] | None) -> None:
+        """Where a station stands; known also while nothing else is heard of it."""
+        place = None
+        if origin is not None:
+            known = {key: float(origin[key]) for key in _PLACE_KEYS if type(origin[key]) is Digits}
+            place = _PLACE.validate_json(json.dumps(known))
+        name, instance = relay
+        places = self._places.pop(name, OrderedDict())
+        for key in dict.fromkeys((instance, None)):
+            places.pop(key, None)
+            if place is not None:
+                places[key] = place  # None comes last, and is never the oldest
+        while len(places) > _MOST_INSTANCES:
+            places.popitem(last=False)
+        if places:
+            self._places[name] = places
+        if len(self._places) > _MOST_PLACES:
+            heard = {known.topic for known in self._stations.values()}
+            del self._places[next(other for other in self._places if other not in heard)]
+
+    def _moved(self, row: Row, tokens: Tokens, relay: Relay) -> tuple[Event, Tokens]:
         """The row in the common frame; as it is where one of the two places is not known."""
-        if known.place is None or self._site.origin is None or "latitude_deg" not in values:
-            return text
-        row, _ = decode(text)
-        assert isinstance(row, Row)
-        own, common = known.place.origin(), self._site.origin.origin()
-        place = np.array([[values[k] for k in ("latitude_deg", "longitude_deg", "height_m")]])
-        return _moved_text(row, from_geodetic(common, place.astype(float))[0], own, common)
+        places = self._places.get(relay[0], {})
+        known = places.get(relay[1]) or places.get(None)
+        given = row.latitude_deg, row.longitude_deg, row.height_m
+        if known is None or self._site.origin is None or None in given:
+            return row, tokens
+        own, common = known.origin(), self._site.origin.origin()
+        turn = turn_between(own, common)
+        sigma_m2 = np.diag((row.sigma_x, row.sigma_y, row.sigma_z)) ** 2
+        return _with_numbers(
+            tokens,
+            from_geodetic(common, np.array([given]))[0],
+            turn @ (row.vx, row.vy, row.vz),
+            np.sqrt(np.diag(turn @ sigma_m2 @ turn.T)),
+        )
 
 
-def _moved_text(row: Row, xyz_m: np.ndarray, own: Origin, common: Origin) -> str:
-    turn = turn_between(own, common)
-    velocity = turn @ (row.vx, row.vy, row.vz)
-    sigma = np.sqrt(np.diag(turn @ np.diag((row.sigma_x, row.sigma_y, row.sigma_z)) ** 2 @ turn.T))
-    return _text(row, row.track, row.timestamp, xyz_m, velocity, sigma)
+def _instance_of(values: dict[str, Any]) -> str | None:
+    instance = values.get(INSTANCE)
+    return instance if type(instance) is str and instance.isalnum() else None
 
 
-def _row_text(drone: Fused, row: Row) -> str:
+def _row_of(drone: Fused, row: Row, kind: float | None) -> tuple[Event, Tokens]:
+    """ValueError where no row can be so."""
     estimate = drone.estimate
-    sigma = np.sqrt(np.diag(estimate.covariance_m2))
-    return _text(
-        row, drone.identity, estimate.stamp_ns, estimate.xyz_m, estimate.velocity_mps, sigma
-    )
+    values = {"track": drone.identity, "support": row.support, "late": row.late}
+    values |= {} if kind is None else {"drone": kind}
+    tokens = {
+        "event": token("row"),
+        "at": format_stamp_ns(row.at),
+        "timestamp": format_stamp_ns(estimate.stamp_ns),
+        **{key: token(value) for key, value in values.items()},
+    }
+    sigma_m = np.sqrt(np.diag(estimate.covariance_m2))
+    return _with_numbers(tokens, estimate.xyz_m, estimate.velocity_mps, sigma_m)
 
 
-def _text(
-    row: Row, track: int, stamp_ns: int, xyz: np.ndarray, velocity: np.ndarray, sigma: np.ndarray
-) -> str:
-    columns = ("x", "y", "z", "vx", "vy", "vz", "sigma_x", "sigma_y", "sigma_z")
-    numbers = dict(zip(columns, np.round((*xyz, *velocity, *sigma), 6).tolist(), strict=True))
-    more = numbers | {"support": row.support, "late": row.late}
-    more |= {} if row.drone is None else {"drone": row.drone}
-    return (
-        f'{{"event":"row","at":{format_stamp_ns(row.at)},"track":{track},'
-        f'"timestamp":{format_stamp_ns(stamp_ns)},{json.dumps(more)[1:]}'
-    )
+def _begin_of(track: int, at_ns: int, stamp_ns: int) -> tuple[Event, Tokens]:
+    stamps = {"at": at_ns, "first_evidence": stamp_ns}
+    values = {key: Digits(format_stamp_ns(value)) for key, value in stamps.items()}
+    return understand({"event": "track", "track": Digits(track)} | values)
+
+
+def _with_numbers(
+    tokens: Tokens, xyz_m: np.ndarray, velocity_mps: np.ndarray, sigma_m: np.ndarray
+) -> tuple[Event, Tokens]:
+    """A row's tokens with other places, looked at like all that comes in."""
+    numbers = np.round((*xyz_m, *velocity_mps, *sigma_m), 6).tolist()
+    columns = {key: token(value) for key, value in zip(_COLUMNS, numbers, strict=True)}
+    return understand(parse(joined(tokens | columns)))
 
 
 def _estimate(row: Row) -> Estimate:

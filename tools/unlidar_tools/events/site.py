@@ -4,20 +4,31 @@ The text below a field is its description. Defaults stand here only.
 """
 
 import json
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, Field, TypeAdapter
 
 from unlidar_tools.checking import NotNegative, checked, read_checked, require
 from unlidar_tools.errors import ConfigError, reason
+from unlidar_tools.events.event import refuse_constant
 from unlidar_tools.geodesy import Origin, from_geodetic
 from unlidar_tools.names import check_name
-from unlidar_tools.printable import printable
+from unlidar_tools.printable import is_visible, printable
+
+if TYPE_CHECKING:
+    import shapely
 
 _MOST_NAME = 80
+_MOST_ZONES = 10_000
+_MOST_FILE_BYTES = 32_000_000
+MOST_AWAY_M = 500_000.0  # a zone's corner from the station; flat earth ends long before
+
+T = TypeVar("T", "Output", "Tls")
 
 
 @checked
@@ -26,14 +37,25 @@ class Place:
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     longitude_deg: Annotated[float, Field(ge=-360, le=360)]
-    height_m: float
+    height_m: Annotated[float, Field(ge=-100_000, le=100_000)]
     """Above the WGS 84 ellipsoid."""
-    heading_deg: float = 90.0
+    heading_deg: Annotated[float, Field(ge=-360, le=360)] = 90.0
     """Compass direction of the x axis; 90: x east, y north."""
 
     def origin(self) -> Origin:
         """As the functions of geodesy take it."""
         return Origin(self.latitude_deg, self.longitude_deg, self.height_m, self.heading_deg)
+
+
+@checked
+class Tls:
+    """Of the broker to which `watch mqtts://` listens."""
+
+    ca_file: str | None = None
+    """Whom to trust; the system's authorities where there is none."""
+    certificate_file: str | None = None
+    """Who we are, PEM."""
+    key_file: str | None = None
 
 
 @checked
@@ -73,6 +95,7 @@ class Site:
     origin: Place | None = None
     outputs: tuple[Output, ...] = ()
     rules: tuple[Rule, ...] = ()
+    tls: Tls = Tls()
 
     def __post_init__(self) -> None:
         require(
@@ -107,13 +130,40 @@ class Zone:
 def load_site(path: Path) -> Site:
     """Checked; files named in it are taken from its folder. ConfigError with one line."""
     site = read_checked(path, _SITE)
-    files = "ca_file", "certificate_file", "key_file"
-    outputs = tuple(
-        replace(o, **{f: str(path.parent / v) for f in files if (v := getattr(o, f)) is not None})
-        for o in site.outputs
-    )
     rules = tuple(replace(rule, zones=str(path.parent / rule.zones)) for rule in site.rules)
-    return replace(site, outputs=outputs, rules=rules)
+    return replace(
+        site,
+        outputs=tuple(_beside(path, output) for output in site.outputs),
+        rules=rules,
+        tls=_beside(path, site.tls),
+    )
+
+
+def _beside(path: Path, files: T) -> T:
+    """With the files of TLS taken from the folder of `path`."""
+    keys = "ca_file", "certificate_file", "key_file"
+    found = {key: getattr(files, key) for key in keys}
+    return replace(files, **{k: str(path.parent / v) for k, v in found.items() if v is not None})
+
+
+class Zones:
+    """Many of them: which hold a position is found by an index in space."""
+
+    def __init__(self, zones: Sequence[Zone]) -> None:
+        self._zones = list(zones)
+        if zones:
+            import shapely
+
+            self._tree = shapely.STRtree([zone.polygon for zone in zones])
+
+    def around(self, x_m: float, y_m: float, z_m: float) -> list[Zone]:
+        """Those that hold it, in their order."""
+        import shapely
+
+        if not self._zones:
+            return []
+        near = sorted(self._tree.query(shapely.Point(x_m, y_m)))  # by their bounding boxes
+        return [zone for zone in map(self._zones.__getitem__, near) if zone.holds(x_m, y_m, z_m)]
 
 
 def load_zones(site: Site) -> list[Zone]:
@@ -123,65 +173,118 @@ def load_zones(site: Site) -> list[Zone]:
     zones = [
         zone for rule in site.rules for zone in _read_zones(Path(rule.zones), rule, site.origin)
     ]
-    names = [zone.name for zone in zones]
-    for name in names:
-        if names.count(name) > 1:
+    if len(zones) > _MOST_ZONES:
+        raise ConfigError(f"rules: {len(zones)} zones, expected at most {_MOST_ZONES}")
+    names = Counter(zone.name for zone in zones)
+    for name, count in names.items():
+        if count > 1:
             raise ConfigError(f"rules: two zones have the name '{printable(name)}'")
     return zones
 
 
 def _read_zones(path: Path, rule: Rule, place: Place) -> list[Zone]:
+    import shapely
+
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        if path.stat().st_size > _MOST_FILE_BYTES:
+            raise ConfigError(f"{path}: is larger than {_MOST_FILE_BYTES / 1e6:g} MB")
+        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse_constant)
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: cannot be read as GeoJSON: {reason(error)}") from error
     kind = data.get("type") if isinstance(data, dict) else None
     features = data.get("features") if kind == "FeatureCollection" else [data]
     if kind not in ("FeatureCollection", "Feature") or not isinstance(features, list):
         raise ConfigError(f"{path}: expected a GeoJSON FeatureCollection or Feature")
+    if not _is_geographic(data.get("crs")):
+        raise ConfigError(f"{path}: crs: expected none, as coordinates are longitude, latitude")
     zones = []
     for i, feature in enumerate(features):
         try:
             zones.append(_zone(feature, i, path, rule, place))
-        except (ValueError, TypeError, AttributeError, KeyError) as error:
-            raise ConfigError(f"{path}: features[{i}]: {reason(error)}") from error
+        except (
+            ValueError,
+            TypeError,
+            KeyError,
+            OverflowError,
+            shapely.errors.ShapelyError,
+        ) as error:
+            raise ConfigError(f"{path}: features[{i}]: {reason(error)[:200]}") from error
     if not zones:
         raise ConfigError(f"{path}: holds no feature, expected at least one polygon")
     return zones
 
 
+def _is_geographic(crs: object) -> bool:
+    """Of the member that GeoJSON had before 2016: none, or WGS 84."""
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    return crs is None or (isinstance(name, str) and name.endswith(("CRS84", ":4326")))
+
+
 def _zone(feature: dict, number: int, path: Path, rule: Rule, place: Place) -> Zone:
     import shapely
 
-    geometry = feature.get("geometry") or {}
+    require(isinstance(feature, dict), "expected a GeoJSON Feature")
+    geometry = feature.get("geometry")
+    properties = feature.get("properties")
+    properties = {} if properties is None else properties
+    require(isinstance(properties, dict), "properties: expected names with values")
+    kind = geometry.get("type") if isinstance(geometry, dict) else None
     require(
-        geometry.get("type") in ("Polygon", "MultiPolygon"),
-        f"geometry is '{geometry.get('type')}', expected a Polygon or MultiPolygon",
+        kind in ("Polygon", "MultiPolygon"),
+        f"geometry is '{kind}', expected a Polygon or MultiPolygon",
     )
-    shape = shapely.from_geojson(json.dumps(geometry))
-    degrees = shapely.get_coordinates(shape)
-    require(len(degrees) > 0, "geometry is empty")
-    require(bool((np.abs(degrees) <= (360, 90)).all()), "coordinates are not longitude, latitude")
-    origin = place.origin()
-    polygon = shapely.transform(
-        shape,
-        lambda lonlat: from_geodetic(
-            origin, np.column_stack([lonlat[:, ::-1], np.full(len(lonlat), origin.height_m)])
-        )[:, :2],
+    parts = geometry.get("coordinates")
+    parts = [parts] if kind == "Polygon" else parts
+    require(isinstance(parts, list) and len(parts) > 0, "geometry is empty")
+    polygon = shapely.union_all([_polygon(part, place.origin()) for part in parts])
+    name = properties.get("name", f"{path.stem}_{number + 1}"[:_MOST_NAME])
+    require(
+        isinstance(name, str) and len(name) <= _MOST_NAME and is_visible(name),
+        f"name: expected a text of at most {_MOST_NAME} characters that can be seen",
     )
-    require(bool(shapely.is_valid(polygon)), f"{shapely.is_valid_reason(polygon)}")
-    properties = feature.get("properties") or {}
     low_m, high_m = (
         _height(properties, key, default)
         for key, default in (("min_height_m", -np.inf), ("max_height_m", np.inf))
     )
     require(low_m < high_m, "min_height_m is not below max_height_m")
-    name = properties.get("name", f"{path.stem}_{number + 1}")
-    require(
-        isinstance(name, str) and 0 < len(name) <= _MOST_NAME,
-        f"name: expected a text of at most {_MOST_NAME} characters",
-    )
     return Zone(name, rule, polygon, low_m, high_m)
+
+
+def _polygon(rings: object, origin: Origin) -> "shapely.Polygon":
+    """In the metres of the station."""
+    import shapely
+
+    require(isinstance(rings, list) and len(rings) > 0, "geometry is empty")
+    shell, *holes = (_ring(ring, origin) for ring in rings)
+    polygon = shapely.Polygon(shell, holes)
+    require(bool(shapely.is_valid(polygon)), f"{shapely.is_valid_reason(polygon)}")
+    require(polygon.area > 0, "a polygon has no area")
+    return polygon
+
+
+def _ring(ring: object, origin: Origin) -> np.ndarray:
+    """(N, 2) metres of the station."""
+    require(isinstance(ring, list) and len(ring) > 0, "geometry is empty")
+    for position in ring:
+        require(
+            isinstance(position, list)
+            and len(position) >= 2
+            and all(type(value) in (int, float) for value in position[:2]),
+            f"coordinates: '{printable(str(position)[:40])}', expected numbers",
+        )
+    degrees = np.array([position[:2] for position in ring], dtype=float)
+    require(bool((np.abs(degrees) <= (360, 90)).all()), "coordinates are not longitude, latitude")
+    require(len(ring) >= 4 and bool((degrees[0] == degrees[-1]).all()), "a ring is not closed")
+    places = np.column_stack([degrees[:, ::-1], np.full(len(degrees), origin.height_m)])
+    metres = from_geodetic(origin, places)
+    far_m = float(np.linalg.norm(metres, axis=1).max())
+    require(
+        far_m <= MOST_AWAY_M,
+        f"reaches {far_m / 1e3:.0f} km from the station, expected at most "
+        f"{MOST_AWAY_M / 1e3:g}: longitude comes before latitude",
+    )
+    return metres[:, :2]
 
 
 def _height(properties: dict, key: str, default: float) -> float:
@@ -189,7 +292,8 @@ def _height(properties: dict, key: str, default: float) -> float:
     if value is None:
         return default
     require(
-        isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value),
-        f"{key}: '{value}', expected a number of metres above the station's origin",
+        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1e6,
+        f"{key}: '{printable(str(value)[:40])}', expected a number of metres above the station's "
+        "origin",
     )
     return float(value)

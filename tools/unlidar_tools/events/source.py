@@ -1,88 +1,44 @@
-"""Where events come from: a file that grows, stdin, or a server by TCP."""
+"""Where events come from: a file that grows, stdin, a server by TCP, or a broker."""
 
 import asyncio
 import contextlib
 import os
+import stat
 import sys
 import threading
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
-from urllib.parse import urlsplit
 
-from unlidar_tools.errors import InputError, UsageError, reason
-from unlidar_tools.events.event import MOST_BYTES
-from unlidar_tools.telling import note
+from unlidar_tools.addresses import Scheme, read_address
+from unlidar_tools.errors import InputError, reason
+from unlidar_tools.events.lines import Line, Lines, Source
+from unlidar_tools.events.site import Tls
+from unlidar_tools.telling import Often, note
 
 _LOOK_S = 0.1  # how often a file is looked at
 _CHUNK = 1 << 18
 _RETRY_S = 0.5, 15.0
 _DIAL_S = 10.0
+_EXPECTED = "a file, -, tcp://HOST:PORT or mqtt[s]://HOST"
 
 
-@dataclass(frozen=True)
-class Line:
-    """A line of events, or None where the source has nothing more for the moment."""
+def open_source(text: str, tls: Tls | None = None) -> Source:
+    """By what the command line says: `-`, tcp://HOST:PORT, mqtt[s]://HOST or a file.
 
-    data: bytes
-    old: bool  # it was there before we came
-
-
-class Lines:
-    """Cuts bytes into lines; one that is too long is handed on once, cut short, to be refused."""
-
-    def __init__(self) -> None:
-        self._rest = b""
-        self._skipping = False
-
-    def take(self, data: bytes) -> list[bytes]:
-        """The lines that are whole now; empty ones are left out."""
-        *whole, self._rest = (self._rest + data).split(b"\n")
-        if whole and self._skipping:
-            self._skipping = False
-            whole[0] = b""
-        if len(self._rest) > MOST_BYTES:
-            if not self._skipping:
-                whole.append(self._rest[: MOST_BYTES + 1])
-            self._skipping = True
-            self._rest = b""
-        return [line for line in whole if line.strip()]
-
-
-class Source:
-    """An endless or ending series of lines."""
-
-    many = False  # the lines name their stations, of which there are several
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-    def lines(self) -> AsyncIterator[Line]:
-        """To be iterated once."""
-        raise NotImplementedError
-
-
-def open_source(text: str) -> Source:
-    """By what the command line says: `-`, tcp://HOST:PORT, mqtt://HOST or a file.
+    `tls`: of a broker; None: as the system has it.
 
     UsageError for what is none of these, InputError for a file in a folder that is not there.
     """
     if text == "-":
         return _Stdin("stdin")
-    if text.startswith("mqtt://"):
+    if text.startswith(("mqtt://", "mqtts://")):
         from unlidar_tools.events.broker import Broker  # which needs a package of its own
 
-        return Broker(text)
+        return Broker(text, tls)
     if "://" in text:
-        url = urlsplit(text)
-        try:
-            host, port = url.hostname, url.port
-        except ValueError:
-            host = port = None
-        if url.scheme != "tcp" or not host or not port or url.path.strip("/"):
-            raise UsageError(f"'{text}', expected a file, -, tcp://HOST:PORT or mqtt://HOST")
-        return _Tcp(text, host, port)
+        address = read_address(text, {"tcp": Scheme()}, _EXPECTED)
+        return _Tcp(address.name, address.host, address.port)
     path = Path(text)
     if path.is_dir() or not path.parent.is_dir():
         raise InputError(f"{path}: is no file of events and cannot become one")
@@ -100,29 +56,49 @@ class _File(Source):
     def __init__(self, name: str, path: Path) -> None:
         super().__init__(name)
         self._path = path
+        self._failed = Often(f"{path}: cannot be read, it is tried again")
 
-    async def lines(self) -> AsyncIterator[Line]:
+    async def _read(self) -> AsyncIterator[list[Line]]:
         # What lies in the first file is old; what replaces it, or appears later, is new.
         old_bytes = self._path.stat().st_size if self._path.exists() else 0
+        if self._path.exists():
+            self._check()
         while True:
-            file = self._open()
-            if file is None:
+            try:
+                file = self._open()
+            except FileNotFoundError:
                 await asyncio.sleep(_LOOK_S)
                 continue
+            except OSError as error:  # who replaces it may not have made it readable yet
+                self._failed(reason(error))
+                await asyncio.sleep(_RETRY_S[0])
+                continue
             with file:
-                async for line in self._of(file, old_bytes):
-                    yield line
+                async for lines in self._of(file, old_bytes):
+                    yield lines
             old_bytes = 0
 
-    def _open(self) -> BinaryIO | None:
+    def _check(self) -> None:
+        """InputError at the start: then it is a mistake."""
         try:
-            return self._path.open("rb")
+            with self._open() as file:
+                file.read(1)
         except FileNotFoundError:
-            return None
+            pass
         except OSError as error:
             raise InputError(f"{self._path}: cannot be read: {reason(error)}") from error
 
-    async def _of(self, file: BinaryIO, old_bytes: int) -> AsyncIterator[Line]:
+    def _open(self) -> BinaryIO:
+        """Never waits: a pipe that took the place of the file has nobody at its other end."""
+        file = open(  # noqa: SIM115 - the caller's
+            self._path, "rb", opener=lambda path, flags: os.open(path, flags | os.O_NONBLOCK)
+        )
+        if stat.S_ISFIFO(os.fstat(file.fileno()).st_mode):
+            file.close()
+            raise OSError("is a pipe")
+        return file
+
+    async def _of(self, file: BinaryIO, old_bytes: int) -> AsyncIterator[list[Line]]:
         """The lines of one file until another one, or a shorter one, is in its place."""
         cut, done = Lines(), 0
         while True:
@@ -131,16 +107,15 @@ class _File(Source):
                 # A piece is either old or new.
                 data = file.read(min(_CHUNK, old_bytes - done) if done < old_bytes else _CHUNK)
             except OSError as error:
-                raise InputError(f"{self._path}: cannot be read: {reason(error)}") from error
-            done += len(data)
-            for line in cut.take(data):
-                yield Line(line, old=done <= old_bytes)
+                self._failed(reason(error))
+                data = b""
             if data:
-                await asyncio.sleep(0)
-            elif replaced:
+                done += len(data)
+                yield [Line(line, old=done <= old_bytes) for line in cut.take(data)]
+                continue
+            if replaced:
                 return
-            else:
-                await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_LOOK_S)
 
     def _replaced(self, file: BinaryIO, done: int) -> bool:
         try:
@@ -159,7 +134,7 @@ class _Stdin(Source):
             raise InputError("stdin: is not open")
         return sys.stdin.buffer
 
-    async def lines(self) -> AsyncIterator[Line]:
+    async def _read(self) -> AsyncIterator[list[Line]]:
         loop = asyncio.get_running_loop()
         queue: asyncio.Queue[bytes | OSError] = asyncio.Queue(4)
 
@@ -180,10 +155,8 @@ class _Stdin(Source):
         while data := await queue.get():
             if isinstance(data, OSError):
                 raise InputError(f"{self.name}: cannot be read: {reason(data)}") from data
-            for line in cut.take(data):
-                yield Line(line, old=False)
-        for line in cut.take(b"\n"):
-            yield Line(line, old=False)
+            yield _new(cut.take(data))
+        yield _new(cut.take(b"\n"))
 
 
 class _Fifo(_Stdin):
@@ -204,7 +177,7 @@ class _Tcp(Source):
         super().__init__(name)
         self._host, self._port = host, port
 
-    async def lines(self) -> AsyncIterator[Line]:
+    async def _read(self) -> AsyncIterator[list[Line]]:
         wait_s, told = _RETRY_S[0], False
         while True:
             try:
@@ -214,8 +187,7 @@ class _Tcp(Source):
                     cut = Lines()
                     while data := await reader.read(_CHUNK):
                         wait_s, told = _RETRY_S[0], False
-                        for line in cut.take(data):
-                            yield Line(line, old=False)
+                        yield _new(cut.take(data))
                     lost = "the connection was closed"
                 finally:
                     writer.close()
@@ -226,3 +198,7 @@ class _Tcp(Source):
             told = True
             await asyncio.sleep(wait_s)
             wait_s = min(2 * wait_s, _RETRY_S[1])
+
+
+def _new(lines: list[bytes]) -> list[Line]:
+    return [Line(line, old=False) for line in lines]

@@ -1,20 +1,26 @@
 """One station: its events in, messages out, with places, its name and the alarms added."""
 
-import json
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from unlidar_tools.events.alarms import Alarm, Watchman
+from unlidar_tools.events.clock import Heard, Progress, StreamClock
 from unlidar_tools.events.event import (
     EngineState,
     Event,
     Row,
+    SensorState,
+    Tokens,
     TrackBegins,
     TrackEnds,
-    decode,
-    extended,
+    joined,
+    parse,
+    token,
+    track_ends,
+    understand,
 )
 from unlidar_tools.events.site import Site, Zone
 from unlidar_tools.geodesy import Origin, to_geodetic
@@ -24,6 +30,15 @@ from unlidar_tools.telling import Often
 ALARM = "alarm"
 RAISED, ENDED = "raised", "ended"
 WARMING_UP = "warming_up"
+INSTANCE = "instance"  # the key by which two relays of one name are told apart: each sets its own
+_OURS = INSTANCE, "age_s"  # said by relays and by the page's server: an engine's own go no further
+# A track of which nothing is heard for so long has ended, though nobody said so. The engine lets
+# one go that is unseen for `tracking.max_gap_s`, 10 s.
+SILENT_S = 60.0
+MOST_TRACKS = 256  # of a station at once; beyond that the one that is unheard for longest has ended
+_MOST_SENSORS = 64  # of an engine, by its own limit
+
+Place = tuple[float, float, float]  # degrees north and east, metres above the ellipsoid
 
 
 @dataclass(frozen=True)
@@ -35,104 +50,179 @@ class Message:
     at_ns: int
     text: str  # JSON, one line
     event: Event | None  # None of an alarm
-    place: tuple[float, float, float] | None = None  # degrees north and east, metres; of rows
+    place: Place | None = None  # of rows
     alarm: Alarm | None = None
     alarm_state: str = ""
+
+
+@dataclass
+class _Track:
+    """One that goes on."""
+
+    heard: Heard
+    at_ns: int  # of what was heard last
+    row: Row | None = None  # the newest
 
 
 class Station:
     """Takes lines of events in. One that cannot be understood is counted, said and left out."""
 
     def __init__(
-        self, site: Site, zones: Sequence[Zone] = (), source: str = "events", places: bool = True
+        self,
+        site: Site,
+        zones: Sequence[Zone] = (),
+        source: str = "events",
+        places: bool = True,
+        progress: Progress | None = None,
+        most_tracks: int = MOST_TRACKS,
     ) -> None:
-        """`places`: work out where on the globe each row is, which takes most of the time."""
+        """`places`: work out where on the globe each row is, which takes most of the time.
+
+        `progress`: of all stations that are heard together.
+        """
+        self._most_tracks = most_tracks
         self._name = site.station
         self._origin = site.origin.origin() if site.origin is not None and places else None
         self._watchman = Watchman(zones)
-        self._tracks: dict[int, Row | None] = {}  # that go on, with their newest rows
+        self._clock = StreamClock(progress=progress)
+        self._tracks: OrderedDict[int, _Track] = OrderedDict()  # unheard for longest first
+        self._sensors: set[str] = set()
         self.bad = Often(f"{source}: a line is left out")
 
     def take(self, line: bytes | str) -> list[Message]:
-        """What follows from a line, in the order in which it is to be told."""
+        """What follows from a line, in the order in which it is to be told.
+
+        An empty line is none: time has passed.
+        """
+        told = self.aged()
+        if not line:
+            return told
         try:
-            event, text = decode(line)
+            event, tokens = understand(parse(line))
+            self.believe(event.at)
+            told += self.follow(event, tokens)
         except ValueError as error:
             self.bad(" ".join(str(error).split())[:200])
-            return []
-        place = None
-        if isinstance(event, Row):
-            place = self._place(event)
-        message = self._message(event, text, place)
+        return told
+
+    def believe(self, at_ns: int) -> None:
+        """ValueError unless an event of this time can be of this station."""
+        if not self._clock.believes(at_ns):
+            raise ValueError(
+                f"at: {format_stamp_ns(at_ns)} is neither of now nor near to what came before"
+            )
+
+    def follow(self, event: Event, tokens: Tokens) -> list[Message]:
+        """What follows from an event that is believed. ValueError of one too many."""
+        place = self._place(event) if isinstance(event, Row) else None
+        message = self._message(event, tokens, place)
         match event:
             case TrackBegins():
-                self._tracks.setdefault(event.track, None)
+                ended = self._hear(event)
                 self._watchman.known(event.track, event.drone)
-                return [message]
+                return [*ended, message]
             case Row():
-                self._tracks[event.track] = event
+                ended = self._hear(event)
                 raised = self._watchman.take(event)
-                return [message, *(self._alarm(a, RAISED, event.at) for a in raised)]
+                told = (self._alarm(a, RAISED, event.at) for a in raised)
+                return [*ended, message, *told]
             case TrackEnds():
                 self._tracks.pop(event.track, None)
                 over = self._watchman.end(event.track)
                 return [message, *(self._alarm(a, ENDED, event.at) for a in over)]
             case EngineState(state=state) if state == WARMING_UP:
-                return [*self._begin_anew(event.at), message]
+                return [*self.lost(event.at), message]
+            case SensorState(name=name):
+                if name not in self._sensors and len(self._sensors) >= _MOST_SENSORS:
+                    raise ValueError(f"name: expected at most {_MOST_SENSORS} sensors")
+                self._sensors.add(name)
         return [message]
 
+    def aged(self) -> list[Message]:
+        """The end of tracks and alarms of which nothing was heard for `SILENT_S`."""
+        told: list[Message] = []
+        while self._tracks:
+            track, known = next(iter(self._tracks.items()))
+            if self._clock.age_s(known.heard) <= SILENT_S:
+                break
+            told += self._end(track, known.at_ns + round(SILENT_S * 1e9))
+        return told
+
     def lost(self, at_ns: int) -> list[Message]:
-        """Nothing comes from it any more: its tracks and alarms have ended."""
-        return self._begin_anew(at_ns)
+        """Nothing comes from it any more: its tracks and alarms have ended.
 
-    def _begin_anew(self, at_ns: int) -> list[Message]:
-        """A killed engine has not ended its tracks."""
-        over = self._watchman.end_all()
-        ends = []
-        for track, row in self._tracks.items():
-            event, text = decode(
-                f'{{"event":"end","at":{format_stamp_ns(at_ns)},"track":{track},'
-                f'"timestamp":{format_stamp_ns(row.timestamp if row else at_ns)}}}'
-            )
-            ends.append(self._message(event, text, None))
-        self._tracks.clear()
-        return [*ends, *(self._alarm(alarm, ENDED, at_ns) for alarm in over)]
+        A killed engine has not ended its tracks either.
+        """
+        self._sensors.clear()
+        told = [message for track in list(self._tracks) for message in self._end(track, at_ns)]
+        return sorted(told, key=lambda message: message.kind == ALARM)
 
-    def _message(self, event: Event, text: str, place: tuple | None) -> Message:
-        more: dict = {} if '"station":' in text else {"station": self._name}
-        if place is not None:
-            more |= _place_keys(place)
-        return Message(event.event, self._name, event.at, extended(text, more), event, place)
+    @property
+    def has_tracks(self) -> bool:
+        """Whether any goes on."""
+        return bool(self._tracks)
 
-    def _place(self, row: Row) -> tuple[float, float, float] | None:
-        if self._origin is None:
-            return None
-        return place_of(self._origin, row)
+    def _hear(self, event: TrackBegins | Row) -> list[Message]:
+        """The track goes on; the end of another where there are too many."""
+        known = _Track(self._clock.heard(event.at), event.at)
+        if event.track in self._tracks:
+            known.row = self._tracks.pop(event.track).row
+        self._tracks[event.track] = known
+        if isinstance(event, Row):
+            known.row = event
+        if len(self._tracks) <= self._most_tracks:
+            return []
+        oldest, other = next(iter(self._tracks.items()))
+        return self._end(oldest, other.at_ns)
+
+    def _end(self, track: int, at_ns: int) -> list[Message]:
+        """Of a track whose end nobody tells."""
+        row = self._tracks.pop(track).row
+        event, tokens = track_ends(track, at_ns, at_ns if row is None else row.timestamp)
+        over = self._watchman.end(track)
+        told = (self._alarm(alarm, ENDED, at_ns) for alarm in over)
+        return [self._message(event, tokens, None), *told]
+
+    def _message(self, event: Event, tokens: Tokens, place: Place | None) -> Message:
+        own = {"station": token(self._name)} | _place_tokens(place)
+        text = joined({k: v for k, v in tokens.items() if k not in _OURS} | own)
+        return Message(event.event, self._name, event.at, text, event, place)
+
+    def _place(self, row: Row) -> Place | None:
+        return None if self._origin is None else place_of(self._origin, row)
 
     def _alarm(self, alarm: Alarm, state: str, at_ns: int) -> Message:
-        row = self._tracks.get(alarm.track) or alarm.row
+        known = self._tracks.get(alarm.track)
+        row = alarm.row if known is None or known.row is None else known.row
         place = self._place(row)
-        text = (
-            f'{{"event":"{ALARM}","at":{format_stamp_ns(at_ns)},"state":"{state}",'
-            f'"track":{alarm.track},"zone":{json.dumps(alarm.zone)},'
-            f'"since":{format_stamp_ns(alarm.since_ns)},'
-            f'"raised":{format_stamp_ns(alarm.raised_ns)},'
-            f'"timestamp":{format_stamp_ns(row.timestamp)},'
-            f'"x":{row.x},"y":{row.y},"z":{row.z}}}'
-        )
-        more = {"station": self._name} | (_place_keys(place) if place else {})
-        return Message(ALARM, self._name, at_ns, extended(text, more), None, place, alarm, state)
+        values = {
+            "event": token(ALARM),
+            "at": format_stamp_ns(at_ns),
+            "state": token(state),
+            "track": token(alarm.track),
+            "zone": token(alarm.zone),
+            "since": format_stamp_ns(alarm.since_ns),
+            "raised": format_stamp_ns(alarm.raised_ns),
+            "timestamp": format_stamp_ns(row.timestamp),
+            **{key: token(getattr(row, key)) for key in "xyz"},
+            "station": token(self._name),
+            **_place_tokens(place),
+        }
+        return Message(ALARM, self._name, at_ns, joined(values), None, place, alarm, state)
 
 
-def place_of(origin: Origin, row: Row) -> tuple[float, float, float]:
+def place_of(origin: Origin, row: Row) -> Place:
     """Degrees north and east, metres above the ellipsoid."""
     lat, lon, height = to_geodetic(origin, np.array([[row.x, row.y, row.z]]))[0]
     return float(lat), float(lon), float(height)
 
 
-def _place_keys(place: tuple[float, float, float]) -> dict[str, float]:
+def _place_tokens(place: Place | None) -> Tokens:
+    if place is None:
+        return {}
+    lat, lon, height = place
     return {
-        "latitude_deg": round(place[0], 8),
-        "longitude_deg": round(place[1], 8),
-        "height_m": round(place[2], 3),
+        "latitude_deg": token(round(lat, 8)),
+        "longitude_deg": token(round(lon, 8)),
+        "height_m": token(round(height, 3)),
     }

@@ -11,6 +11,7 @@ import numpy as np
 from unlidar_tools.completion import complete
 from unlidar_tools.errors import InputError, UsageError, reason
 from unlidar_tools.export.trajectory import Result
+from unlidar_tools.limits import read_text
 from unlidar_tools.output import write_file
 from unlidar_tools.stamps import format_stamp_ns, parse_stamp_ns
 
@@ -53,8 +54,7 @@ def write_mmaud(
 def read_stamps(path: Path, sequences: Sequence[str]) -> Stamps:
     """Stamps asked for: a CSV with Sequence and Timestamp, or for one sequence a list of stamps."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = file.read().splitlines()
+        lines = read_text(path).splitlines()
         if lines and "," in lines[0]:
             rows = [(row["Sequence"], row["Timestamp"]) for row in csv.DictReader(lines)]
         elif len(sequences) == 1:

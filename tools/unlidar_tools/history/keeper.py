@@ -1,49 +1,142 @@
-"""Messages into a store while they come."""
+"""Messages into a store by a thread of its own: whoever hands them over never waits."""
 
-import asyncio
+import sqlite3
+import threading
+import time
+from collections import deque
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
+from itertools import islice
 from pathlib import Path
 
-from unlidar_tools.events.site import Site
+from unlidar_tools.errors import reason
+from unlidar_tools.events.site import Place, Site
 from unlidar_tools.events.station import Message
-from unlidar_tools.history import DAYS, MEGABYTES
-from unlidar_tools.history.store import Store
+from unlidar_tools.history import DAYS, MEGABYTES, MEMORY_MEGABYTES
+from unlidar_tools.history.ageing import Ageing
+from unlidar_tools.history.schema import Location, is_damage, set_aside
+from unlidar_tools.history.store import Placed, Store
+from unlidar_tools.telling import Often, note
 
 _WRITE_S = 0.5  # so much a power cut may take
-_MOST_WAITING = 5000
 _TIDY_S = 60.0
+_AT_A_TIME = 2000  # messages in a transaction
+_MOST_WAITING, _MOST_BYTES = 20_000, 8_000_000  # while the store cannot be written
+_LAST_WORDS_S = 5.0
+_SLOW_S = 0.5
 
 
 class Keeper:
-    """Collects for a moment, then writes in one transaction."""
+    """A store that cannot be written is said and tried again; what waits for it is bounded."""
 
-    def __init__(self, store: Store) -> None:
-        self.store = store
-        self._waiting: list[Message] = []
+    def __init__(self, path: Path | None, days: float = DAYS, megabytes: float = MEGABYTES) -> None:
+        """`path` None: in memory, and less. OutputError where it is something else."""
+        if path is None:
+            megabytes = min(megabytes, MEMORY_MEGABYTES)
+        ageing = Ageing()
+        self._open = lambda: Store(path, days, megabytes, ageing)
+        self._waiting: deque[Message | Placed] = deque()
+        self._bytes = 0
+        self._lock = threading.Lock()
+        self._failed = Often(f"{path or 'memory'}: cannot be written, it is tried again")
+        self._left_out = Often(f"{path or 'memory'}: too much waits, a message is not kept")
+        self._damaged = 0  # times in a row
+        self._is_failing = False
+        self._began_s: float | None = None  # to write
+        self._ended = threading.Event()
+        self._until_s = 0.0
+        self._store: Store | None = None
+        try:
+            self._store = self._open()
+        except (sqlite3.Error, OSError) as error:
+            self._fail(error)
+        self.location: Location = self._store.location if self._store else Location.of(path)
+        self._thread = threading.Thread(target=self._run, name="keeper", daemon=True)
+        self._thread.start()
 
-    def __call__(self, message: Message) -> None:
-        """Keeps a message."""
-        self._waiting.append(message)
-        if len(self._waiting) >= _MOST_WAITING:
-            self.write()
+    def __call__(self, message: Message | Placed) -> None:
+        """Keeps a message, soon."""
+        size = len(message.text) if isinstance(message, Message) else 0
+        with self._lock:
+            if len(self._waiting) < _MOST_WAITING and self._bytes + size <= _MOST_BYTES:
+                self._waiting.append(message)
+                self._bytes += size
+                return
+        self._left_out(f"{_MOST_WAITING} messages or {_MOST_BYTES // 10**6} MB wait")
 
-    def write(self) -> None:
-        """What has come so far is kept now."""
-        waiting, self._waiting = self._waiting, []
-        if waiting:
-            self.store.take(waiting)
+    def place(self, station: str, place: Place | None) -> None:
+        """Keeps where a station stands, soon."""
+        self(Placed(station, place))
 
-    async def run(self) -> None:
-        """For ever."""
-        loop = asyncio.get_running_loop()
-        tidied = loop.time() - _TIDY_S
+    @property
+    def is_behind(self) -> bool:
+        """True while a store that works well has much to do: a file may be read slower then."""
+        began_s = self._began_s
+        stuck = began_s is not None and time.monotonic() - began_s > _SLOW_S
+        much = len(self._waiting) > _MOST_WAITING // 2 or self._bytes > _MOST_BYTES // 2
+        return much and not self._is_failing and not stuck
+
+    def close(self) -> None:
+        """What waits has a few seconds to be written."""
+        self._until_s = time.monotonic() + _LAST_WORDS_S
+        self._ended.set()
+        self._thread.join(2 * _LAST_WORDS_S)
+        if self._waiting:
+            note(f"{self.location}: {len(self._waiting)} messages were not kept")
+
+    def _run(self) -> None:
+        tidied_s = -_TIDY_S
         while True:
-            await asyncio.sleep(_WRITE_S)
-            self.write()
-            if loop.time() - tidied >= _TIDY_S:
-                tidied = loop.time()
-                self.store.tidy()
+            ended = self._ended.wait(_WRITE_S)
+            done = self._attempt(self._write)
+            if done and (ended or time.monotonic() - tidied_s >= _TIDY_S):
+                tidied_s = time.monotonic()
+                self._attempt(Store.tidy)
+            if ended and (done or time.monotonic() > self._until_s):
+                break
+            if ended:
+                time.sleep(_WRITE_S)
+        if self._store is not None:
+            self._store.close()
+
+    def _attempt(self, work: Callable[[Store], None]) -> bool:
+        """False where it failed; the next attempt is with the store opened anew."""
+        self._began_s = time.monotonic()
+        try:
+            if self._store is None:
+                if self._damaged > 1:
+                    set_aside(self.location)
+                self._store = self._open()
+            work(self._store)
+        except Exception as error:  # a thread that ended would keep nothing more, unsaid
+            self._fail(error)
+            return False
+        finally:
+            self._began_s = None
+        self._is_failing, self._damaged = False, 0
+        return True
+
+    def _write(self, store: Store) -> None:
+        while True:
+            with self._lock:
+                batch = list(islice(self._waiting, _AT_A_TIME))
+            if not batch:
+                return
+            self._began_s = time.monotonic()
+            store.take(batch)
+            with self._lock:
+                for _ in batch:
+                    message = self._waiting.popleft()
+                    self._bytes -= len(message.text) if isinstance(message, Message) else 0
+
+    def _fail(self, error: Exception) -> None:
+        self._is_failing = True
+        self._failed(reason(error))
+        if isinstance(error, sqlite3.Error):
+            self._damaged = self._damaged + 1 if is_damage(error) else 0
+        if self._store is not None and self._store.location.path is not None:
+            self._store.close()
+            self._store = None
 
 
 @asynccontextmanager
@@ -54,16 +147,9 @@ async def keeping(
     if path is None:
         yield lambda _message: None
         return
-    store = Store(path, days, megabytes)
-    store.place(site.station, site.origin)
-    keeper = Keeper(store)
-    running = asyncio.ensure_future(keeper.run())
+    keeper = Keeper(path, days, megabytes)
+    keeper.place(site.station, site.origin)
     try:
         yield keeper
     finally:
-        running.cancel()
-        with suppress(asyncio.CancelledError):
-            await running
-        keeper.write()
-        store.tidy()
-        store.close()
+        keeper.close()

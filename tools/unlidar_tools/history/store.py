@@ -1,148 +1,148 @@
-"""The store: one SQLite file in WAL mode, bounded by days and by size."""
+"""The store: one SQLite file in WAL mode, bounded by days, by size and by kind.
+
+Nothing here trusts a stamp: how long something is kept goes by when it was taken in. Recordings of
+any year may be played into a store.
+"""
 
 import sqlite3
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from unlidar_tools.errors import InputError, OutputError, reason
 from unlidar_tools.events.event import Row, TrackBegins, TrackEnds
 from unlidar_tools.events.site import Place
-from unlidar_tools.events.station import ALARM, Message
+from unlidar_tools.events.station import Message
 from unlidar_tools.history import DAYS, MEGABYTES
+from unlidar_tools.history.ageing import Ageing, Mark
+from unlidar_tools.history.reader import ROW, Reader
+from unlidar_tools.history.schema import Location, open_for_writing
 from unlidar_tools.telling import Often
 
 _NS_PER_DAY = 86_400_000_000_000
-_KIND = 0x554E4C44  # PRAGMA application_id: "UNLD"
-_VERSION = 1
-_SHARE = 0.05  # of what there is goes at a time when the size is reached
-_SCHEMA = f"""
-PRAGMA application_id = {_KIND};
-PRAGMA user_version = {_VERSION};
-CREATE TABLE station (
-  name TEXT PRIMARY KEY, latitude_deg REAL, longitude_deg REAL, height_m REAL, heading_deg REAL
-) WITHOUT ROWID;
-CREATE TABLE track (
-  id INTEGER PRIMARY KEY, station TEXT NOT NULL, number INTEGER NOT NULL,
-  begin_ns INTEGER NOT NULL, newest_ns INTEGER NOT NULL, ended INTEGER NOT NULL DEFAULT 0
-);
-CREATE INDEX track_number ON track (station, number, id);
-CREATE INDEX track_time ON track (newest_ns);
-CREATE TABLE row (
-  track INTEGER NOT NULL REFERENCES track (id), stamp_ns INTEGER NOT NULL,
-  x REAL NOT NULL, y REAL NOT NULL, z REAL NOT NULL,
-  vx REAL NOT NULL, vy REAL NOT NULL, vz REAL NOT NULL,
-  sigma_x REAL NOT NULL, sigma_y REAL NOT NULL, sigma_z REAL NOT NULL,
-  support REAL NOT NULL, drone REAL,
-  PRIMARY KEY (track, stamp_ns)
-) WITHOUT ROWID;
-CREATE TABLE told (
-  at_ns INTEGER NOT NULL, station TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL,
-  UNIQUE (at_ns, station, kind, text)
-);
-"""
-_ROW = "x, y, z, vx, vy, vz, sigma_x, sigma_y, sigma_z, support, drone"
+_SHARE = 0.05  # of a station's tracks goes at a time when the size is reached
+_AT_A_TIME = 500  # tracks in a transaction: nobody else who writes waits long
+_GAP_NS = 600_000_000_000  # rows further from a track are of another one of its number
+_MOST_TOLD = 20_000  # alarms, and as many of each other kind: no flood of one takes another
+# Of one message, which is then left out; others of these mean that nothing can be written.
+_BAD_VALUE = (
+    ArithmeticError,
+    TypeError,
+    ValueError,
+    sqlite3.DataError,
+    sqlite3.InterfaceError,
+    sqlite3.ProgrammingError,
+)
 
 
 @dataclass(frozen=True)
-class StoredTrack:
-    """A track and, of the time that was asked for, its rows."""
+class Placed:
+    """Where a station stands, for exports."""
 
-    identity: int  # unique in the store, where an engine's numbers may begin again
     station: str
-    number: int
-    rows: list[tuple]  # stamp_ns and the columns of a row
+    place: Place | None
 
 
 class Store:
-    """Open for writing; one process at a time writes, any number reads.
+    """Open for writing, by one thread; one process at a time writes, any number reads.
 
-    Taking the same events in again changes nothing.
+    Taking the same events in again changes nothing. Every method may raise sqlite3.Error (locked,
+    full, damaged); then nothing has changed, and it may be tried again.
     """
 
-    def __init__(self, path: Path | None, days: float = DAYS, megabytes: float = MEGABYTES) -> None:
-        """`path` None: in memory. OutputError where it cannot be, or is something else."""
-        self._path = path
+    def __init__(
+        self,
+        path: Path | None,
+        days: float = DAYS,
+        megabytes: float = MEGABYTES,
+        ageing: Ageing | None = None,
+    ) -> None:
+        """`path` None: in memory. OutputError where it cannot be, or is something else.
+
+        `ageing`: what time it is for the store, where it was open before.
+        """
+        self.location = Location.of(path)
         self._days_ns = round(days * _NS_PER_DAY)
         self._most_bytes = round(megabytes * 1e6)
-        self._open_tracks: dict[tuple[str, int], tuple[int, int]] = {}  # -> id, begin
-        self._newest_ns = 0
-        self._failed = Often(f"{path}: cannot be written, what comes is not kept")
-        try:
-            self._db = sqlite3.connect(
-                ":memory:" if path is None else path, isolation_level=None, timeout=10
-            )
-            self._prepare()
-        except sqlite3.Error as error:
-            raise OutputError(f"{path}: cannot be a store: {reason(error)}") from error
+        self._ageing = Ageing() if ageing is None else ageing
+        self._going_on: dict[tuple[str, int], tuple[int, int, int]] = {}  # id, begin, newest
+        self._told = 0  # since they were counted
+        self._bad = Often(f"{self.location}: a message is left out")
+        self._db: sqlite3.Connection | None = None
+        self._inode = 0
+        self.open()
 
-    def _prepare(self) -> None:
-        db = self._db
-        kind, version, tables = (
-            db.execute(query).fetchone()[0]
-            for query in (
-                "PRAGMA application_id",
-                "PRAGMA user_version",
-                "SELECT count(*) FROM sqlite_master",
-            )
-        )
-        if tables and (kind, version) != (_KIND, _VERSION):
-            raise OutputError(f"{self._path}: is a database, but no store of this version")
-        if not tables:
-            db.execute("PRAGMA auto_vacuum = INCREMENTAL")
-        db.execute("PRAGMA journal_mode = WAL")
-        # A power cut may take the last seconds, and never the file.
-        db.execute("PRAGMA synchronous = NORMAL")
-        if not tables:
-            db.executescript(f"BEGIN; {_SCHEMA} COMMIT;")
-        self._newest_ns = (
-            db.execute("SELECT coalesce(max(newest_ns), 0) FROM track").fetchone()[0] or 0
-        )
-        for identity, station, number, begin_ns in db.execute(
-            "SELECT max(id), station, number, begin_ns FROM track WHERE NOT ended "
-            "GROUP BY station, number"
-        ):
-            self._open_tracks[station, number] = identity, begin_ns
+    def open(self) -> None:
+        """Anew, if it is open: another file may be in its place."""
+        self.close()
+        self._db = open_for_writing(self.location)
+        self._inode = self._inode_now()
+        with self._transaction() as db:
+            now_ns = self._ageing.now_ns()
+            # Of a store of version 1, or written by others: nothing is lost by an upgrade.
+            for table, stamp in (("track", "newest_ns"), ("told", "at_ns")):
+                db.execute(
+                    f"UPDATE {table} SET taken_ns = CASE WHEN {stamp} BETWEEN ? AND ? "
+                    f"THEN {stamp} ELSE ? END WHERE taken_ns IS NULL",
+                    (now_ns - self._days_ns, now_ns, now_ns),
+                )
+            mark = db.execute("SELECT time_ns, date_ns FROM clock").fetchone()
+            if mark is None:
+                mark = self._first_mark(db, now_ns)
+        self._ageing.begin(mark, self._days_ns)
+
+    def _first_mark(self, db: sqlite3.Connection, now_ns: int) -> Mark | None:
+        """Of version 2, which had this computer's clock for its time: it may have been set back."""
+        for table in ("track", "told"):
+            db.execute(f"UPDATE {table} SET taken_ns = min(taken_ns, ?)", (now_ns,))
+        newest = "SELECT max(taken_ns) AS at_ns FROM "
+        (newest_ns,) = db.execute(
+            f"SELECT max(at_ns) FROM ({newest} track UNION ALL {newest} told)"
+        ).fetchone()
+        return None if newest_ns is None else (newest_ns, newest_ns)
 
     def close(self) -> None:
         """Nothing is taken in any more."""
-        self._db.close()
+        if self._db is not None:
+            self._db.close()
+            self._db = None
 
     def place(self, station: str, place: Place | None) -> None:
-        """Where a station stands, for exports."""
-        values = (None,) * 4
-        if place is not None:
-            values = place.latitude_deg, place.longitude_deg, place.height_m, place.heading_deg
-        self._db.execute(
-            "INSERT OR REPLACE INTO station VALUES (?, ?, ?, ?, ?)", (station, *values)
-        )
+        """Keeps where a station stands."""
+        self.take([Placed(station, place)])
 
-    def take(self, messages: Sequence[Message]) -> None:
-        """Keeps them, all or none; where the disk is full it is said and the next are tried."""
-        known = dict(self._open_tracks)
-        try:
-            self._db.execute("BEGIN IMMEDIATE")
-            try:
-                for message in messages:
-                    self._take(message)
-                self._db.execute("COMMIT")
-            except BaseException:
-                self._db.execute("ROLLBACK") if self._db.in_transaction else None
-                raise
-        except sqlite3.Error as error:
-            self._open_tracks = known
-            self._failed(reason(error))
+    def take(self, messages: Sequence[Message | Placed]) -> None:
+        """Keeps them, all or none but those with values that no store can hold."""
+        if self._inode != self._inode_now():
+            self.open()
+        mark = self._ageing.mark()
+        self._going_on = {}  # another process may have written since
+        with self._transaction() as db:
+            for message in messages:
+                try:
+                    self._take(db, message, mark[0])
+                except _BAD_VALUE as error:
+                    self._bad(" ".join(str(error).split())[:200])
+            db.execute("INSERT OR REPLACE INTO clock VALUES (1, ?, ?)", mark)
+        self._bound()
 
-    def _take(self, message: Message) -> None:
-        self._newest_ns = max(self._newest_ns, message.at_ns)
+    def _take(self, db: sqlite3.Connection, message: Message | Placed, now_ns: int) -> None:
+        if isinstance(message, Placed):
+            values = (None,) * 4
+            if (place := message.place) is not None:
+                values = place.latitude_deg, place.longitude_deg, place.height_m, place.heading_deg
+            db.execute(
+                "INSERT OR REPLACE INTO station VALUES (?, ?, ?, ?, ?)", (message.station, *values)
+            )
+            return
         event, station = message.event, message.station
         match event:
             case TrackBegins():
-                self._track(station, event.track, event.first_evidence)
+                self._track(db, station, event.track, event.first_evidence, now_ns)
             case Row():
-                identity = self._track(station, event.track, event.timestamp)
-                self._db.execute(
-                    f"INSERT OR IGNORE INTO row (track, stamp_ns, {_ROW}) "
+                identity = self._track(db, station, event.track, event.timestamp, now_ns)
+                new = db.execute(
+                    f"INSERT OR IGNORE INTO row (track, stamp_ns, {ROW}) "
                     "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
                     (
                         *(identity, event.timestamp, event.x, event.y, event.z),
@@ -150,177 +150,141 @@ class Store:
                         *(event.sigma_x, event.sigma_y, event.sigma_z),
                         *(event.support, event.drone),
                     ),
-                )
-                self._db.execute(
-                    "UPDATE track SET newest_ns = max(newest_ns, ?) WHERE id = ?",
-                    (event.timestamp, identity),
-                )
+                ).rowcount
+                if new:
+                    db.execute(
+                        "UPDATE track SET newest_ns = max(newest_ns, ?), taken_ns = ? WHERE id = ?",
+                        (event.timestamp, now_ns, identity),
+                    )
             case TrackEnds():
-                found = self._open_tracks.pop((station, event.track), None)
-                if found is not None:
-                    self._db.execute("UPDATE track SET ended = 1 WHERE id = ?", (found[0],))
-            case _:
-                self._db.execute(
-                    "INSERT OR IGNORE INTO told VALUES (?, ?, ?, ?)",
-                    (message.at_ns, station, message.kind, message.text),
+                self._going_on.pop((station, event.track), None)
+                db.execute(
+                    "UPDATE track SET ended = 1 WHERE station = ? AND number = ? AND NOT ended",
+                    (station, event.track),
                 )
+            case _:
+                self._told += db.execute(
+                    "INSERT OR IGNORE INTO told (at_ns, station, kind, text, taken_ns) "
+                    "VALUES (?, ?, ?, ?, ?)",
+                    (message.at_ns, station, message.kind, message.text, now_ns),
+                ).rowcount
 
-    def _track(self, station: str, number: int, stamp_ns: int) -> int:
-        """The track that goes on under this number; else one that has this instant; else new."""
-        key = station, number
-        if key in self._open_tracks and stamp_ns >= self._open_tracks[key][1]:
-            return self._open_tracks[key][0]
-        found = self._db.execute(
-            "SELECT id, begin_ns FROM track WHERE station = ? AND number = ? AND begin_ns <= ? "
-            "AND newest_ns >= ? ORDER BY id DESC LIMIT 1",
-            (station, number, stamp_ns, stamp_ns),
-        ).fetchone()
-        if found is None:
-            cursor = self._db.execute(
-                "INSERT INTO track (station, number, begin_ns, newest_ns) VALUES (?, ?, ?, ?)",
-                (station, number, stamp_ns, stamp_ns),
-            )
-            found = cursor.lastrowid, stamp_ns
-        self._open_tracks[key] = found
-        return found[0]
+    def _track(
+        self, db: sqlite3.Connection, station: str, number: int, stamp_ns: int, now_ns: int
+    ) -> int:
+        """The one of this number that has this instant; else that goes on; else a new one."""
+        known = self._going_on.get((station, number))
+        if known is not None and known[1] <= stamp_ns <= known[2] + _GAP_NS:
+            identity, begin_ns, newest_ns = known
+        else:
+            found = db.execute(
+                "SELECT id, begin_ns, newest_ns FROM track WHERE station = ? AND number = ? "
+                "AND begin_ns <= ? AND newest_ns >= ? - (CASE WHEN ended THEN 0 ELSE ? END) "
+                "ORDER BY newest_ns >= ? DESC, id DESC LIMIT 1",
+                (station, number, stamp_ns, stamp_ns, _GAP_NS, stamp_ns),
+            ).fetchone()
+            if found is None:
+                cursor = db.execute(
+                    "INSERT INTO track (station, number, begin_ns, newest_ns, taken_ns) "
+                    "VALUES (?, ?, ?, ?, ?)",
+                    (station, number, stamp_ns, stamp_ns, now_ns),
+                )
+                found = cursor.lastrowid, stamp_ns, stamp_ns
+            identity, begin_ns, newest_ns = found
+        self._going_on[station, number] = identity, begin_ns, max(newest_ns, stamp_ns)
+        return identity
 
     def tidy(self) -> None:
-        """Lets go what is older than the days, then the oldest until the size is kept.
+        """Lets go what was taken in before the days, then bounds the size.
 
-        A track goes as a whole, by its newest row.
+        A track goes as a whole, by when its newest row was taken in.
         """
-        try:
-            self._drop_before(self._newest_ns - self._days_ns)
-            while self._bytes() > self._most_bytes:
-                count = self._db.execute("SELECT count(*) FROM track").fetchone()[0]
-                oldest = self._db.execute(
-                    "SELECT newest_ns FROM track ORDER BY newest_ns LIMIT 1 OFFSET ?",
-                    (int(_SHARE * count),),
-                ).fetchone()
-                if oldest is None:  # what the stations told of themselves is all there is
-                    oldest = self._db.execute("SELECT avg(at_ns) FROM told").fetchone()
-                if oldest[0] is None or not self._drop_before(int(oldest[0]) + 1):
-                    break
-            self._db.execute("PRAGMA incremental_vacuum").fetchall()
-            self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-        except sqlite3.Error as error:
-            self._failed(reason(error))
+        self._let_go(self._ageing.mark())
+        self._told = _MOST_TOLD  # counted now
+        self._bound()
+        self._connection().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
 
-    def _drop_before(self, stamp_ns: int) -> int:
-        """How much went."""
-        db = self._db
-        db.execute("BEGIN IMMEDIATE")
-        try:
-            old = "SELECT id FROM track WHERE newest_ns < ?"
-            db.execute(f"DELETE FROM row WHERE track IN ({old})", (stamp_ns,))
-            gone = db.execute("DELETE FROM track WHERE newest_ns < ?", (stamp_ns,)).rowcount
-            gone += db.execute("DELETE FROM told WHERE at_ns < ?", (stamp_ns,)).rowcount
-            db.execute("COMMIT")
-        except BaseException:
-            db.execute("ROLLBACK") if db.in_transaction else None
-            raise
-        if gone:
-            alive = {i for (i,) in db.execute("SELECT id FROM track WHERE NOT ended")}
-            self._open_tracks = {k: v for k, v in self._open_tracks.items() if v[0] in alive}
-        return gone
+    def _let_go(self, mark: Mark) -> None:
+        before_ns = mark[0] - self._days_ns
+        while self._drop("SELECT id FROM track WHERE taken_ns < ? LIMIT ?", before_ns, _AT_A_TIME):
+            pass
+        with self._transaction() as db:
+            db.execute("DELETE FROM told WHERE taken_ns < ?", (before_ns,))
+            db.execute("INSERT OR REPLACE INTO clock VALUES (1, ?, ?)", mark)
+
+    def _bound(self) -> None:
+        """Nothing grows beyond its bound, however fast it comes."""
+        if self._told >= _MOST_TOLD // 10:
+            self._told = 0
+            with self._transaction() as db:
+                for (kind,) in db.execute("SELECT DISTINCT kind FROM told").fetchall():
+                    db.execute(
+                        "DELETE FROM told WHERE kind = ? AND rowid <= (SELECT rowid FROM told "
+                        "WHERE kind = ? ORDER BY rowid DESC LIMIT 1 OFFSET ?)",
+                        (kind, kind, _MOST_TOLD),
+                    )
+        while self._bytes() > self._most_bytes and self._drop_oldest():
+            pass
+
+    def _drop_oldest(self) -> int:
+        """Of the station with the most tracks: no station's flood takes what others told."""
+        db = self._connection()
+        found = db.execute(
+            "SELECT station, count(*) FROM track GROUP BY station ORDER BY 2 DESC LIMIT 1"
+        ).fetchone()
+        if found is not None:
+            station, count = found
+            return self._drop(
+                "SELECT id FROM track WHERE station = ? ORDER BY taken_ns, id LIMIT ?",
+                station,
+                min(_AT_A_TIME, int(_SHARE * count) + 1),
+            )
+        with self._transaction():
+            return db.execute(
+                "DELETE FROM told WHERE rowid <= (SELECT min(rowid) FROM told) + ?", (_AT_A_TIME,)
+            ).rowcount
+
+    def _drop(self, which: str, *values: object) -> int:
+        """How many tracks went."""
+        with self._transaction() as db:
+            chosen = [(identity,) for (identity,) in db.execute(which, values)]
+            db.executemany("DELETE FROM row WHERE track = ?", chosen)
+            db.executemany("DELETE FROM track WHERE id = ?", chosen)
+        db.execute("PRAGMA incremental_vacuum").fetchall()
+        return len(chosen)
 
     def _bytes(self) -> int:
         """What is in use, without the pages that are free again."""
         pages, free, size = (
-            self._db.execute(f"PRAGMA {name}").fetchone()[0]
+            self._connection().execute(f"PRAGMA {name}").fetchone()[0]
             for name in ("page_count", "freelist_count", "page_size")
         )
         return (pages - free) * size
 
-    def reader(self) -> "Reader":
-        """Reads what this store holds, also one in memory; of this thread only."""
-        return Reader(self._path, self._db)
-
-
-class Reader:
-    """Reads a store, also while another process writes it."""
-
-    def __init__(self, path: Path | None, db: sqlite3.Connection | None = None) -> None:
-        """InputError where there is no store."""
-        self._path = path
-        if db is not None:
-            self._db = db
-            return
-        assert path is not None
-        if not path.is_file():
-            raise InputError(f"{path}: is no store, expected what 'unlidar watch --store' wrote")
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        db = self._connection()
+        db.execute("BEGIN IMMEDIATE")
         try:
-            self._db = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=10)
-            kind, version = (
-                self._db.execute(f"PRAGMA {name}").fetchone()[0]
-                for name in ("application_id", "user_version")
-            )
-        except sqlite3.Error as error:
-            raise InputError(f"{path}: cannot be read as a store: {reason(error)}") from error
-        if (kind, version) != (_KIND, _VERSION):
-            raise InputError(f"{path}: is no store of this version")
+            yield db
+            db.execute("COMMIT")
+        except BaseException:
+            if db.in_transaction:
+                db.execute("ROLLBACK")
+            raise
 
-    def close(self) -> None:
-        """Nothing is read any more."""
-        self._db.close()
+    def _connection(self) -> sqlite3.Connection:
+        if self._db is None:
+            self._db = open_for_writing(self.location)
+        return self._db
 
-    def tracks(
-        self,
-        since_ns: int | None = None,
-        until_ns: int | None = None,
-        station: str | None = None,
-    ) -> Iterator[StoredTrack]:
-        """Those with a row in the time asked for, in the order of their begins."""
-        low = -(1 << 63) if since_ns is None else since_ns
-        high = (1 << 63) - 1 if until_ns is None else until_ns
-        chosen = self._all(
-            "SELECT id, station, number FROM track WHERE newest_ns >= ? AND begin_ns <= ? "
-            "AND (? IS NULL OR station = ?) ORDER BY begin_ns, id",
-            (low, high, station, station),
-        )
-        for identity, name, number in chosen:
-            rows = self._all(
-                f"SELECT stamp_ns, {_ROW} FROM row WHERE track = ? AND stamp_ns BETWEEN ? AND ? "
-                "ORDER BY stamp_ns",
-                (identity, low, high),
-            )
-            if rows:
-                yield StoredTrack(identity, name, number, rows)
-
-    def spans(self) -> list[tuple[str, int, int, int]]:
-        """Station, number, first and newest stamp of each track."""
-        return self._all(
-            "SELECT station, number, begin_ns, newest_ns FROM track ORDER BY begin_ns", ()
-        )
-
-    def told(self, kind: str, since_ns: int, until_ns: int) -> list[str]:
-        """Texts of one kind in a time."""
-        rows = self._all(
-            "SELECT text FROM told WHERE kind = ? AND at_ns BETWEEN ? AND ? ORDER BY at_ns, rowid",
-            (kind, since_ns, until_ns),
-        )
-        return [text for (text,) in rows]
-
-    def alarms(self, since_ns: int, until_ns: int) -> list[str]:
-        """Alarms that were raised or ended in a time."""
-        return self.told(ALARM, since_ns, until_ns)
-
-    def place(self, station: str) -> Place | None:
-        """Where a station stands, where that is known."""
-        found = self._all(
-            "SELECT latitude_deg, longitude_deg, height_m, heading_deg FROM station "
-            "WHERE name = ? AND latitude_deg IS NOT NULL",
-            (station,),
-        )
-        names = "latitude_deg", "longitude_deg", "height_m", "heading_deg"
-        return Place(**dict(zip(names, found[0], strict=True))) if found else None
-
-    def stations(self) -> list[str]:
-        """Their names."""
-        return [name for (name,) in self._all("SELECT DISTINCT station FROM track ORDER BY 1", ())]
-
-    def _all(self, query: str, values: tuple) -> list[tuple]:
+    def _inode_now(self) -> int:
+        """0 where the file is gone: SQLite would go on to write into what nobody can open."""
         try:
-            return self._db.execute(query, values).fetchall()
-        except sqlite3.Error as error:
-            raise InputError(f"{self._path}: cannot be read: {reason(error)}") from error
+            return 0 if self.location.path is None else self.location.path.stat().st_ino
+        except OSError:
+            return 0
+
+    def reader(self) -> Reader:
+        """Reads what this store holds, also one in memory."""
+        return Reader(self.location)

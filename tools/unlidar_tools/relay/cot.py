@@ -1,23 +1,16 @@
 """Cursor on Target: what TAK clients show on their maps.
 
-Python's own XML and sockets: pytak warns at its import of what it would need for more, asks for a
+Python's own XML: pytak warns at its import of what it would need for more, asks for a
 client certificate where a server wants none, and allows every cipher of TLS.
 """
 
-import asyncio
-import contextlib
-import ipaddress
 import math
-import socket
-import ssl
 import time
 import xml.etree.ElementTree as Xml
-from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from unlidar_tools.events.alarms import Alarm
 from unlidar_tools.events.event import Row, TrackEnds
-from unlidar_tools.events.site import Output as Wanted
 from unlidar_tools.events.site import Place
 from unlidar_tools.events.station import ALARM, RAISED, Message
 from unlidar_tools.printable import printable
@@ -29,10 +22,8 @@ _ALARM_STALE_S = 3600
 _LEAST_STALE_S = 5.0
 # Stamps that are further from the wall clock are those of a clock of its own, or of a recording.
 _MOST_APART_S = 60.0
-_DIAL_S = 10.0
 _UNKNOWN = "9999999.0"
 _MEASURED = "m-g"  # how: by a machine
-_MULTICAST_HOPS = 4
 
 
 class Encoder:
@@ -133,93 +124,3 @@ def _finished(
     for key, value_s in (("time", time_s), ("start", time_s), ("stale", time_s + stale_s)):
         event.set(key, datetime.fromtimestamp(value_s, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"))
     return Xml.tostring(event, encoding="UTF-8", xml_declaration=True)
-
-
-class UdpSender:
-    """One event a datagram, to one host, a broadcast address or a multicast group."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self._host, self._port = host, port
-        self._transport: asyncio.DatagramTransport | None = None
-
-    async def connect(self) -> None:
-        """OSError for a name that is not known."""
-        loop = asyncio.get_running_loop()
-        found = await loop.getaddrinfo(self._host, self._port, type=socket.SOCK_DGRAM)
-        family, *_, address = found[0]
-        # No errors of an earlier datagram: that nobody listens just now is no loss of the way.
-        self._transport, _ = await loop.create_datagram_endpoint(
-            asyncio.DatagramProtocol, remote_addr=address[:2], family=family, allow_broadcast=True
-        )
-        if ipaddress.ip_address(address[0].partition("%")[0]).is_multicast:
-            own = self._transport.get_extra_info("socket")
-            if family == socket.AF_INET6:
-                own.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, _MULTICAST_HOPS)
-            else:
-                own.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, _MULTICAST_HOPS)
-
-    async def send(self, messages: Sequence[bytes]) -> None:
-        """Whether anybody has them nobody knows."""
-        assert self._transport is not None
-        for message in messages:
-            if self._transport.is_closing():
-                raise ConnectionError("the socket was closed")
-            self._transport.sendto(message)
-
-    async def lost(self) -> None:
-        """Never."""
-        await asyncio.Event().wait()
-
-    async def close(self) -> None:
-        """Closes the socket; what was sent leaves before."""
-        if self._transport is not None:
-            self._transport.close()
-        self._transport = None
-
-
-class StreamSender:
-    """Events one after the other, as TAK servers take them by TCP and TLS."""
-
-    def __init__(self, host: str, port: int, tls: ssl.SSLContext | None) -> None:
-        self._host, self._port, self._tls = host, port, tls
-        self._reader: asyncio.StreamReader | None = None
-        self._writer: asyncio.StreamWriter | None = None
-
-    async def connect(self) -> None:
-        """OSError, also of TLS."""
-        dial = asyncio.open_connection(self._host, self._port, ssl=self._tls)
-        try:
-            self._reader, self._writer = await asyncio.wait_for(dial, _DIAL_S)
-        except TimeoutError as error:
-            raise ConnectionError(f"no answer within {_DIAL_S:g} s") from error
-
-    async def send(self, messages: Sequence[bytes]) -> None:
-        """Returns when the system has taken them."""
-        assert self._writer is not None
-        self._writer.write(b"".join(messages))
-        try:
-            await asyncio.wait_for(self._writer.drain(), _DIAL_S)
-        except TimeoutError as error:
-            raise ConnectionError(f"took nothing for {_DIAL_S:g} s") from error
-
-    async def lost(self) -> None:
-        """Reads away what a server tells its clients, until it leaves."""
-        assert self._reader is not None
-        while await self._reader.read(65536):
-            pass
-
-    async def close(self) -> None:
-        """Closes the connection."""
-        if self._writer is not None:
-            self._writer.close()
-            with contextlib.suppress(OSError, asyncio.TimeoutError):
-                await asyncio.wait_for(self._writer.wait_closed(), 1.0)
-        self._reader = self._writer = None
-
-
-def tls_context(wanted: Wanted) -> ssl.SSLContext:
-    """Python's defaults: the server's name and certificate are checked. OSError of the files."""
-    context = ssl.create_default_context(cafile=wanted.ca_file)
-    if wanted.certificate_file is not None:
-        context.load_cert_chain(wanted.certificate_file, wanted.key_file)
-    return context

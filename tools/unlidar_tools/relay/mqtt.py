@@ -3,64 +3,73 @@
 import asyncio
 import contextlib
 import json
+import secrets
 import ssl
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
 import paho.mqtt.client as paho
-from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
 from unlidar_tools.events.broker import OFFLINE, PREFIX, RELAY, SITE
-from unlidar_tools.events.event import EngineState, SensorState
+from unlidar_tools.events.event import EngineState, SensorState, extended
+from unlidar_tools.events.mqtt import KEEPALIVE_S, Login, make_client
 from unlidar_tools.events.site import Site
-from unlidar_tools.events.station import Message
+from unlidar_tools.events.station import INSTANCE, Message
+from unlidar_tools.names import topic_level
 
 ONLINE = "online"
+_INSTANCE = secrets.token_hex(8)  # tells two relays that took the same name from one that came back
 _QOS = 1
 _ANSWER_S = 10.0
-_KEEPALIVE_S = 15
+_GREET_S = 1.0
 
 Publication = tuple[str, str, bool]  # topic, text, retained
 
 
 def encode(message: Message) -> Publication:
     """Who comes later still gets the states."""
+    text = extended(message.text, {INSTANCE: _INSTANCE})
     topic = f"{PREFIX}/{message.station}/{message.kind}"
     if isinstance(message.event, SensorState):
-        return f"{topic}/{_level(message.event.name)}", message.text, True
-    return topic, message.text, isinstance(message.event, EngineState)
+        return f"{topic}/{topic_level(message.event.name)}", text, True
+    return topic, text, isinstance(message.event, EngineState)
 
 
 class MqttSender:
     """A broker. What was published and not acknowledged is published again."""
+
+    reach = "acknowledged by the broker"
 
     def __init__(
         self,
         host: str,
         port: int,
         site: Site,
-        login: tuple[str, str | None] | None,
+        login: Login | None,
         tls: ssl.SSLContext | None,
     ) -> None:
         self._host, self._port, self._login, self._tls = host, port, login, tls
         self._state_topic = f"{PREFIX}/{site.station}/{RELAY}"
-        self._first: list[Publication] = [(self._state_topic, ONLINE, True)]
+        told = {"event": SITE, "station": site.station, INSTANCE: _INSTANCE}
         if site.origin is not None:
-            told = {"event": SITE, "station": site.station, "origin": asdict(site.origin)}
-            self._first.append((f"{PREFIX}/{site.station}/{SITE}", json.dumps(told), True))
+            told["origin"] = asdict(site.origin)
+        self.probe: Publication = self._state_topic, ONLINE, True
+        self._greeting = [
+            self.probe,
+            (f"{PREFIX}/{site.station}/{SITE}", json.dumps(told), True),
+        ]
         self._client: paho.Client | None = None
         self._lost: asyncio.Future[None] | None = None
+        self._greet_later: asyncio.TimerHandle | None = None
+        self._is_greeted = False
+        self._broke = False  # the way, with what was sent last
 
     async def connect(self) -> None:
         """OSError where there is no broker or it refuses us."""
         loop = asyncio.get_running_loop()
-        client = paho.Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
+        client = make_client(self._login, self._tls)
         client.max_inflight_messages_set(0)  # bounded by what `send` is given
-        if self._login is not None:
-            client.username_pw_set(*self._login)
-        if self._tls is not None:
-            client.tls_set_context(self._tls)
         client.will_set(self._state_topic, OFFLINE, _QOS, retain=True)
         connected: asyncio.Future[None] = loop.create_future()
         lost: asyncio.Future[None] = loop.create_future()
@@ -82,7 +91,7 @@ class MqttSender:
         self._client, self._lost = client, lost
         # Its own call waits for the name and the answer of the system.
         await loop.run_in_executor(
-            None, lambda: client.connect(self._host, self._port, _KEEPALIVE_S)
+            None, lambda: client.connect(self._host, self._port, KEEPALIVE_S)
         )
         client.loop_start()
         done, _ = await asyncio.wait(
@@ -91,23 +100,43 @@ class MqttSender:
         if not done:
             raise ConnectionError(f"no answer within {_ANSWER_S:g} s")
         (connected if connected.done() else lost).result()
-        await self.send(self._first)
+        self._is_greeted = False
+        # A link that breaks after a message or two would carry nothing but greetings.
+        if self._broke:
+            self._greet_later = loop.call_later(_GREET_S, self._greet)
+        else:
+            self._greet()
 
-    async def send(self, messages: Sequence[Publication]) -> None:
+    async def send(self, messages: Sequence[Publication], arrived: Callable[[], None]) -> None:
         """Returns when the broker has acknowledged all."""
+        self._broke = True
+        await self._publish(messages, arrived)
+        self._broke = False
+        self._greet()
+
+    def _greet(self) -> None:
+        """Once in a connection. Where that is not acknowledged, there will be another one."""
+        if self._client is not None and not self._is_greeted:
+            self._is_greeted = True
+            for topic, text, retain in self._greeting:
+                self._client.publish(topic, text, _QOS, retain)
+
+    async def _publish(self, messages: Sequence[Publication], arrived: Callable[[], None]) -> None:
         assert self._client is not None
         waiting = [
             self._client.publish(topic, text, _QOS, retain) for topic, text, retain in messages
         ]
-        end_s = asyncio.get_running_loop().time() + _ANSWER_S
+        clock = asyncio.get_running_loop().time
         for info in waiting:
             # Acknowledged in order: when the last one is, nobody waits.
+            end_s = clock() + _ANSWER_S
             while info.rc == paho.MQTT_ERR_SUCCESS and not info.is_published():
-                if asyncio.get_running_loop().time() > end_s or not self._client.is_connected():
+                if clock() > end_s or not self._client.is_connected():
                     raise ConnectionError("did not acknowledge")
                 await asyncio.sleep(0.002)
             if info.rc != paho.MQTT_ERR_SUCCESS:
                 raise ConnectionError(paho.error_string(info.rc))
+            arrived()
 
     async def lost(self) -> None:
         """When the broker leaves."""
@@ -117,6 +146,8 @@ class MqttSender:
     async def close(self) -> None:
         """With a word to those who listen, where that is still possible."""
         client, self._client = self._client, None
+        if self._greet_later is not None:
+            self._greet_later.cancel()
         if client is None:
             return
         if client.is_connected():
@@ -125,8 +156,3 @@ class MqttSender:
         await asyncio.get_running_loop().run_in_executor(None, client.loop_stop)
         if self._lost is not None and self._lost.done():
             self._lost.exception()  # it was seen
-
-
-def _level(name: str) -> str:
-    """A name as a level of a topic."""
-    return "".join("_" if c in "/+#\0" else c for c in name)

@@ -3,26 +3,26 @@
 import asyncio
 import contextlib
 import signal
-import ssl
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
-from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
-from unlidar_tools.errors import ConfigError, UsageError, reason
+from unlidar_tools.addresses import MQTT, Scheme, read_address
+from unlidar_tools.errors import ConfigError, UsageError
 from unlidar_tools.events.event import Row
 from unlidar_tools.events.site import Output as Wanted
 from unlidar_tools.events.site import Site, load_zones
 from unlidar_tools.events.source import Source
 from unlidar_tools.events.station import Message, Station
+from unlidar_tools.events.tls import tls_context
 from unlidar_tools.relay.output import Output
 from unlidar_tools.telling import note
 
 _LAST_WORDS_S = 5.0
 _LOCAL = ("localhost", "127.0.0.1", "::1")
-_COT = {"cot+udp": None, "cot+tcp": None, "cot+tls": None}
-_MQTT_PORTS = {"mqtt": 1883, "mqtts": 8883}
-_SCHEMES = (*_COT, *_MQTT_PORTS, "ws")
+_COT = {"cot+udp": Scheme(), "cot+tcp": Scheme(), "cot+tls": Scheme()}
+_SCHEMES = {**_COT, **MQTT, "ws": Scheme(token=True)}
+_EXPECTED = f"HOST:PORT after one of {', '.join(f'{scheme}://' for scheme in _SCHEMES)}"
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,7 @@ class Told:
     """What became of the messages for one output."""
 
     name: str
+    reach: str  # how far those that were sent came, as far as it is known
     sent: int
     dropped: int
     waiting: int
@@ -50,40 +51,36 @@ class Way:
 
 def make_way(wanted: Wanted, site: Site) -> Way:
     """UsageError for an address that is none, ConfigError where the site lacks what it needs."""
-    url, shown = _split(wanted.to)
-    assert url.hostname is not None
-    tls = _tls(wanted, shown) if url.scheme in ("cot+tls", "mqtts") else None
-    if url.scheme in _COT:
-        from unlidar_tools.relay.cot import Encoder, StreamSender, UdpSender
+    address = read_address(wanted.to, _SCHEMES, _EXPECTED)
+    tls = tls_context(wanted, address.name) if address.scheme in ("cot+tls", "mqtts") else None
+    if address.scheme in _COT:
+        from unlidar_tools.relay.cot import Encoder
+        from unlidar_tools.relay.sockets import StreamSender, UdpSender
 
         if site.origin is None:
-            raise ConfigError(f"{shown}: Cursor on Target needs the site's 'origin' (--site)")
-        assert url.port is not None
-        if url.scheme == "cot+udp":
-            sender = UdpSender(url.hostname, url.port)
+            raise ConfigError(
+                f"{address.name}: Cursor on Target needs the site's 'origin' (--site)"
+            )
+        if address.scheme == "cot+udp":
+            sender = UdpSender(address.host, address.port)
         else:
-            sender = StreamSender(url.hostname, url.port, tls)
+            sender = StreamSender(address.host, address.port, tls)
         encoder = Encoder(site.origin, wanted.every_s)
-        return Way(Output(shown, sender, wanted.room), encoder.encode)
-    if url.scheme in _MQTT_PORTS:
+        return Way(Output(address.name, sender, wanted.room), encoder.encode)
+    if address.scheme in MQTT:
         from unlidar_tools.relay.mqtt import MqttSender, encode
 
-        login = None
-        if url.username:
-            login = unquote(url.username), unquote(url.password) if url.password else None
-        port = url.port or _MQTT_PORTS[url.scheme]
-        sender = MqttSender(url.hostname, port, site, login, tls)
-        return Way(Output(shown, sender, wanted.room), encode)
+        sender = MqttSender(address.host, address.port, site, address.login, tls)
+        return Way(Output(address.name, sender, wanted.room, sender.probe), encode)
     from unlidar_tools.relay.web_socket import WebSocketSender
 
-    token = parse_qs(url.query).get("token", [None])[0]
-    if url.hostname not in _LOCAL and not token:
+    if address.host not in _LOCAL and not address.token:
         raise UsageError(
-            f"{shown}: an address that others reach needs a token: ws://HOST:PORT/?token=SECRET"
+            f"{address.name}: an address that others reach needs a token, expected /?token=SECRET "
+            "behind it"
         )
-    assert url.port is not None
-    server = WebSocketSender(url.hostname, url.port, wanted.room, token, None)
-    return Way(Output(shown, server, wanted.room), lambda message: message.text)
+    server = WebSocketSender(address.host, address.port, wanted.room, address.token, None)
+    return Way(Output(address.name, server, wanted.room), lambda message: message.text)
 
 
 async def relay(
@@ -121,24 +118,30 @@ async def relay(
         for task in running:
             task.cancel()
         await asyncio.gather(*running, return_exceptions=True)
-    told = [Told(o.name, o.sent, o.dropped, o.waiting) for o in (way.output for way in ways)]
+    told = [
+        Told(o.name, o.reach, o.sent, o.dropped, o.waiting) for o in (way.output for way in ways)
+    ]
     for output in told:
         left = f", {output.waiting} not" if output.waiting else ""
         out = f", {output.dropped} left out" if output.dropped else ""
-        note(f"{output.name}: {output.sent} messages sent{left}{out}")
+        note(f"{output.name}: {output.sent} messages sent{left}{out} (sent: {output.reach})")
     return told
 
 
 async def until_signal(tasks: Sequence[asyncio.Future]) -> None:
-    """Returns when one of the tasks is done, or at SIGINT or SIGTERM."""
+    """Returns when one of the tasks is done, or at SIGINT, SIGTERM or SIGHUP.
+
+    One that is ignored stays so: nohup wants that of SIGHUP.
+    """
     loop = asyncio.get_running_loop()
     stopped = asyncio.Event()
     stop = asyncio.ensure_future(stopped.wait())
-    numbers = signal.SIGINT, signal.SIGTERM
-    before = [signal.getsignal(number) for number in numbers]
+    known = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     with contextlib.ExitStack() as undo:
         with contextlib.suppress(ValueError, RuntimeError):  # not the main thread: no signals here
-            for number, handler in zip(numbers, before, strict=True):
+            for number, handler in known.items():
+                if handler is signal.SIG_IGN:
+                    continue
                 loop.add_signal_handler(number, stopped.set)
                 undo.callback(signal.signal, number, handler)
                 undo.callback(loop.remove_signal_handler, number)
@@ -147,26 +150,3 @@ async def until_signal(tasks: Sequence[asyncio.Future]) -> None:
     for task in tasks[1:]:
         if task.done():
             task.result()
-
-
-def _split(text: str) -> tuple[SplitResult, str]:
-    """An address, and how it is shown: without its secrets."""
-    url = urlsplit(text)
-    try:
-        host, port = url.hostname, url.port
-    except ValueError:
-        host = port = None
-    if url.scheme not in _SCHEMES or not host or (port is None and url.scheme not in _MQTT_PORTS):
-        schemes = ", ".join(f"{scheme}://" for scheme in _SCHEMES)
-        raise UsageError(f"'{text}', expected HOST:PORT after one of {schemes}")
-    named = f"[{host}]" if ":" in host else host
-    return url, f"{url.scheme}://{named}" + (f":{port}" if port is not None else "")
-
-
-def _tls(wanted: Wanted, shown: str) -> ssl.SSLContext:
-    from unlidar_tools.relay.cot import tls_context
-
-    try:
-        return tls_context(wanted)
-    except (OSError, ssl.SSLError) as error:
-        raise ConfigError(f"{shown}: certificate or key: {reason(error)}") from error

@@ -1,17 +1,18 @@
 """JSON by WebSocket: a small server that tells every client each event as a text message."""
 
 import asyncio
+import contextlib
 import hmac
 import http
 import ssl
 from collections import deque
-from collections.abc import Sequence
-from urllib.parse import parse_qs, urlsplit
+from collections.abc import Callable, Sequence
+from urllib.parse import parse_qs
 
 from websockets.asyncio.server import Request, Response, Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
-from unlidar_tools.telling import Often, stage
+from unlidar_tools.telling import Often, quieten, stage
 
 _MOST_CLIENTS = 64
 _MOST_INCOMING_BYTES = 1024
@@ -22,6 +23,8 @@ class WebSocketSender:
 
     A client that is slow loses its own oldest messages, and holds up nobody else.
     """
+
+    reach = "told to whoever was there"
 
     def __init__(
         self, host: str, port: int, room: int, token: str | None, tls: ssl.SSLContext | None
@@ -40,6 +43,7 @@ class WebSocketSender:
 
     async def connect(self) -> None:
         """OSError where the address is taken."""
+        quieten("the WebSocket server", "websockets", "asyncio")
         self._server = await serve(
             self._tell,
             self._host,
@@ -53,10 +57,12 @@ class WebSocketSender:
         )
         stage(f"ws://{self._host}:{self.port} is open")
 
-    async def send(self, messages: Sequence[str]) -> None:
+    async def send(self, messages: Sequence[str], arrived: Callable[[], None]) -> None:
         """To all who are there; nobody is waited for."""
-        for client in self._clients:
-            client.offer(messages)
+        for message in messages:
+            for client in self._clients:
+                client.offer(message)
+            arrived()
 
     async def lost(self) -> None:
         """Never."""
@@ -70,7 +76,7 @@ class WebSocketSender:
             await server.wait_closed()
 
     def _check(self, connection: ServerConnection, request: Request) -> Response | None:
-        given = parse_qs(urlsplit(request.path).query).get("token", [""])[0]
+        given = parse_qs(request.path.partition("?")[2]).get("token", [""])[0]
         if self._token is not None and not hmac.compare_digest(
             given.encode(), self._token.encode()
         ):
@@ -84,8 +90,9 @@ class WebSocketSender:
         self._clients.add(client)
         telling = asyncio.ensure_future(client.tell(connection))
         try:
-            async for _ in connection:
-                pass  # what a client says is not listened to
+            with contextlib.suppress(ConnectionClosed):  # without a good-bye
+                async for _ in connection:
+                    pass  # what a client says is not listened to
         finally:
             self._clients.discard(client)
             telling.cancel()
@@ -97,9 +104,9 @@ class _Client:
         self._room, self._dropped = room, dropped
         self._filled = asyncio.Event()
 
-    def offer(self, messages: Sequence[str]) -> None:
-        self._queue.extend(messages)
-        while len(self._queue) > self._room:
+    def offer(self, message: str) -> None:
+        self._queue.append(message)
+        if len(self._queue) > self._room:
             self._queue.popleft()
             self._dropped(f"{self._room} messages wait")
         self._filled.set()

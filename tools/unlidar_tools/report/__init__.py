@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from unlidar_tools.output import write_file
-from unlidar_tools.report.data import ReportData, load_run, read_results
+from unlidar_tools.report.data import ReportData, judged, load_run, read_results
 from unlidar_tools.report.page import page_of
 
 PAGE = "report.html"
 
-__all__ = ["PAGE", "ReportData", "load_run", "read_results", "write_page"]
+__all__ = ["PAGE", "ReportData", "judged", "load_run", "read_results", "write_page"]
 
 
 def write_page(data: ReportData, run: Path) -> Path:

@@ -1,7 +1,7 @@
 """What a report is made of: the files of one run, read into arrays."""
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +9,13 @@ import numpy as np
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.evaluation import evaluate
 from unlidar_tools.frames_io import read_returns
+from unlidar_tools.limits import lines_of
+from unlidar_tools.mounting import mounting_of
+from unlidar_tools.presets import about_truth
 from unlidar_tools.program import CLUSTERS, SUMMARY, TARGET_RETURNS, TRAJECTORY
 from unlidar_tools.record import RunRecord, read_finished, read_object
-from unlidar_tools.report.sample import Sample, Station, sample_returns
+from unlidar_tools.report.explanation import Lost, read_explanation
+from unlidar_tools.report.sample import Sample, sample_returns
 from unlidar_tools.truth import Tracks, Truth, read_tracks, read_truth
 
 
@@ -35,6 +39,7 @@ class ReportData:
     clusters: Clusters
     sample: Sample
     missing_frames: list[Path]  # directories of the run that are gone
+    explanation: list[Lost] = field(default_factory=list)  # none where it was not asked for
 
     @property
     def flight_m(self) -> np.ndarray:
@@ -44,24 +49,31 @@ class ReportData:
 
 def load_run(run: Path) -> ReportData:
     """`read_results` of a folder that `unlidar run` left; InputError if `run` is none."""
-    return read_results(run, read_finished(run))
+    record = read_finished(run)
+    tracks = read_tracks(run / TRAJECTORY)
+    return read_results(run, record, tracks, judged(record, tracks))
 
 
-def read_results(run: Path, record: RunRecord) -> ReportData:
+def judged(record: RunRecord, tracks: Tracks) -> dict | None:
+    """The measures of a run with what its truth is; None without one, or if it is gone."""
+    if record.truth is None or not record.truth.is_file():
+        return None
+    return evaluate(read_truth(record.truth), tracks) | about_truth(record.truth)
+
+
+def read_results(run: Path, record: RunRecord, tracks: Tracks, measures: dict | None) -> ReportData:
     """Reads the program's files in the folder `run`, and a sample of the frames it read.
 
     Frames or truth that have been moved away are left out. Throws InputError if one of the files
     cannot be read.
     """
     summary = read_object(run / SUMMARY)
-    tracks = read_tracks(run / TRAJECTORY)
     truth = _no_truth()
     if record.truth is not None and record.truth.is_file():
         truth = read_truth(record.truth)
-    has_truth = record.truth is not None and record.truth.is_file()
     present = {name: path for name, path in record.frames.items() if path.is_dir()}
     sample = sample_returns(
-        {name: (path, _station(run / SUMMARY, summary, name)) for name, path in present.items()},
+        {name: (path, mounting_of(run / SUMMARY, summary, name)) for name, path in present.items()},
         tracks,
         read_returns(run / TARGET_RETURNS),
         summary.get("counts", {}).get("returns", 0),
@@ -71,38 +83,24 @@ def read_results(run: Path, record: RunRecord) -> ReportData:
         summary=summary,
         tracks=tracks,
         truth=truth,
-        measures=evaluate(truth, tracks) if has_truth else None,
+        measures=measures,
         clusters=_read_clusters(run / CLUSTERS),
         sample=sample,
         missing_frames=[path for name, path in record.frames.items() if name not in present],
+        explanation=read_explanation(run),
     )
 
 
 def _read_clusters(path: Path) -> Clusters:
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            columns, *rows = list(csv.reader(file)) or [[]]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+            columns, *rows = list(csv.reader(lines_of(file))) or [[]]
+    except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from error
     for line, row in enumerate(rows, start=2):
         if len(row) != len(columns):
             raise InputError(f"{path}:{line}: {len(row)} values, expected {len(columns)}")
     return Clusters(columns, rows)
-
-
-def _station(path: Path, summary: dict, name: str) -> Station:
-    """Pose and clock that the program used for a sensor."""
-    try:
-        known = summary.get("config", {}).get("sensors", {}).get(name)
-        if known is None:
-            return Station()
-        return Station(
-            tuple(float(v) for v in known["translation_m"]),
-            tuple(float(v) for v in known["rotation"]),
-            float(known["time_offset_s"]),
-        )
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: config.sensors.{name}: {reason(error)}") from error
 
 
 def _no_truth() -> Truth:

@@ -7,7 +7,9 @@ from itertools import chain, repeat
 from unlidar_tools.colours import track_colours
 from unlidar_tools.evaluation.markdown import percent
 from unlidar_tools.evaluation.measures import several_drones
+from unlidar_tools.program import warnings_of
 from unlidar_tools.report.data import ReportData
+from unlidar_tools.report.explanation import Lost
 
 _DIGITS = 4
 _TRACK_HEADS = {
@@ -23,6 +25,8 @@ _KIND_HEADS = {
     "flight.log_ratio.climb": "climb says", "flight.log_ratio.turn": "turn says",
     "echo.echo_m2_per_s": "echo [m²/s]", "echo.extent_m": "extent [m]",
 }  # fmt: skip
+
+_LOST_HEADS = ("from [s]", "to [s]", "seconds", "stage", "measured")
 
 
 def number(value: object) -> str:
@@ -78,6 +82,15 @@ def card(name: str, value: str) -> str:
 def note(text: str) -> str:
     """A remark in small print."""
     return f"<p class='note'>{escape(text)}</p>"
+
+
+def warnings(data: ReportData) -> str:
+    """What makes the results doubtful: what the program and the conversion had to assume."""
+    texts = [*data.record.notes, *warnings_of(data.summary)]
+    if not texts:
+        return ""
+    items = "".join(f"<li>{escape(text)}</li>" for text in texts)
+    return f"<ul class='warnings'>{items}</ul>"
 
 
 def flat(values: dict, prefix: str = "") -> list[tuple[str, object]]:
@@ -166,6 +179,23 @@ def drones_table(data: ReportData) -> str:
         for one in targets
     ]
     return table(["drone", "matched", "RMSE of the matched [m]", "coverage"], rows)
+
+
+def explanation_section(explanation: Sequence[Lost], begin_s: float) -> str:
+    """Where each target was lost, times after `begin_s`; nothing where nothing was explained."""
+    if not explanation:
+        return ""
+    parts = []
+    for one in explanation:
+        rows = [
+            (f"{r.from_s - begin_s:.1f}", f"{r.to_s - begin_s:.1f}", r.seconds, r.stage, r.measured)
+            for r in one.runs
+        ]
+        shares = ", ".join(f"{stage} {percent(share)}" for stage, share in one.shares.items())
+        parts.append(f"<h3>{escape(one.target)}</h3>{table(_LOST_HEADS, rows)}{note(shares)}")
+    meanings = {r.stage: r.meaning for one in explanation for r in one.runs}
+    parts += [note(f"{stage}: {meaning}") for stage, meaning in meanings.items()]
+    return f"<section><h2>Where it was lost</h2>{''.join(parts)}</section>"
 
 
 def _after(value: object, column: str, begin_s: float) -> object:

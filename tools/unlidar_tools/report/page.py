@@ -20,10 +20,12 @@ from unlidar_tools.report.data import ReportData
 from unlidar_tools.report.html import (
     cards,
     drones_table,
+    explanation_section,
     note,
     number,
     run_tables,
     tracks_table,
+    warnings,
 )
 from unlidar_tools.report.moments import pack_courses, pack_moments
 from unlidar_tools.report.sample import FARTHEST_M
@@ -70,10 +72,12 @@ def page_of(data: ReportData) -> str:
         "subtitle": escape(_subtitle(data, begin_s)),
         "verdict": escape(_verdict(data)),
         "verdict_class": "" if len(data.tracks) else "none",
+        "warnings": warnings(data),
         "cards": cards(data),
         "scene_note": escape(_scene_note(data)),
         "over_time": _over_time(data, "over_time" in figures),
         "error": _error(data, errors),
+        "explanation": explanation_section(data.explanation, begin_s),
         "tracks": tracks_table(data, begin_s),
         "clusters": _cluster_section(data, head, rows),
         "run": run_tables(data, _versions(data)),
@@ -215,12 +219,24 @@ def _error(data: ReportData, errors: charts.Errors) -> str:
         "The histogram counts every one of them"
     )
     text += f"; its last bar also the {beyond:,} that are longer." if beyond else "."
+    text += _about_sigmas(data.measures)
     every = charts.drawn_errors(errors).every
     text += f" The curves show one in {every}." if every > 1 else ""
     return drones + (
         "<div class='pair'><div id='error_over_time' class='plot'></div>"
         f"<div id='error_histogram' class='plot'></div></div>{note(text)}"
     )
+
+
+def _about_sigmas(m: dict) -> str:
+    """NEES with and without the mean error, and which point the truth is of where that is known."""
+    said = ""
+    if "nees" in m:
+        said += (
+            f" NEES (3 if the sigmas are honest): {m['nees']:.2f}, without the mean error "
+            f"{m['nees_unbiased']:.2f}."
+        )
+    return said + (f" The truth is {m['truth_is']}." if "truth_is" in m else "")
 
 
 def _cluster_rows(data: ReportData) -> tuple[list[str], list[list[str]]]:

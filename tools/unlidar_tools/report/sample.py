@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from unlidar_tools.frames_io import list_frames, read_returns
+from unlidar_tools.mounting import Mounting
 from unlidar_tools.progress import with_progress
 from unlidar_tools.truth import Tracks
 
@@ -20,19 +20,6 @@ MOST_TARGETS = 40_000
 FARTHEST_M = 320.0
 _NEAR_TRACK_M = 6.0  # no target return is farther from the estimate than this
 _SAME_POINT_M = 2e-3
-
-
-@dataclass(frozen=True)
-class Station:
-    """Where a sensor stands in the common frame, and its clock."""
-
-    translation_m: tuple[float, ...] = (0.0, 0.0, 0.0)
-    rotation: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)  # unit quaternion x, y, z, w
-    time_offset_s: float = 0.0
-
-    def place(self, xyz_m: np.ndarray) -> np.ndarray:
-        """From the sensor's frame into the common one, (N, 3)."""
-        return Rotation.from_quat(self.rotation).apply(xyz_m) + np.array(self.translation_m)
 
 
 @dataclass(frozen=True)
@@ -61,11 +48,11 @@ class Sample:
 class _Frame:
     time_s: float
     path: Path
-    station: Station
+    mounting: Mounting
 
 
 def sample_returns(
-    sensors: dict[str, tuple[Path, Station]],
+    sensors: dict[str, tuple[Path, Mounting]],
     tracks: Tracks,
     target_m: np.ndarray,
     expected_returns: int,
@@ -75,7 +62,7 @@ def sample_returns(
     The first sensor's frames give the moments. `target_m` (T, 3) are the target returns, whose
     times are found by looking them up in the frames.
     """
-    frames = [_frames(directory, station) for directory, station in sensors.values()]
+    frames = [_frames(directory, mounting) for directory, mounting in sensors.values()]
     first_s = np.array([frame.time_s for frame in frames[0]] if frames else [])
     per_step = -(-len(first_s) // MOST_STEPS)
     chunks = [first_s[i : i + per_step] for i in range(0, len(first_s), max(1, per_step))]
@@ -96,7 +83,7 @@ def sample_returns(
     for step, group in moments:
         clouds = [np.zeros((0, 3))]
         for frame in group:
-            cloud = frame.station.place(read_returns(frame.path))
+            cloud = frame.mounting.place(read_returns(frame.path))
             count, returns = count + 1, returns + len(cloud)
             clock.look_up(cloud, frame.time_s)
             near = cloud[np.abs(cloud).max(axis=1, initial=0.0) <= FARTHEST_M]
@@ -154,8 +141,8 @@ def _thinned(points_m: np.ndarray, most: int, rng: np.random.Generator) -> np.nd
     return points_m[np.sort(rng.choice(len(points_m), most, replace=False))]
 
 
-def _frames(directory: Path, station: Station) -> list[_Frame]:
+def _frames(directory: Path, mounting: Mounting) -> list[_Frame]:
     return [
-        _Frame(frame.stamp_ns * 1e-9 + station.time_offset_s, frame.path, station)
-        for frame in list_frames(directory)
+        _Frame(frame.stamp_ns * 1e-9 + mounting.time_offset_s, frame.path, mounting)
+        for frame in list_frames(directory, mounting.frame_rate_hz)
     ]

@@ -19,7 +19,7 @@ from unlidar_tools.checking import (
     schema_of,
 )
 from unlidar_tools.configs import SCENARIO_DIR, scenario_names
-from unlidar_tools.errors import UsageError
+from unlidar_tools.errors import UsageError, listed
 from unlidar_tools.names import check_name
 from unlidar_tools.simulate.sensors import MODELS
 
@@ -187,7 +187,7 @@ def load_scenario(name_or_path: str) -> Scenario:
     if path.suffix not in (".yaml", ".yml"):
         path = SCENARIO_DIR / f"{name_or_path}.yaml"
         if not path.is_file():
-            known = ", ".join(scenario_names())
+            known = listed(scenario_names())
             raise UsageError(
                 f"no scenario '{name_or_path}', expected a .yaml file or one of {known}"
             )

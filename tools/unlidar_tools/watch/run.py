@@ -7,16 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unlidar_tools.errors import ConfigError, OutputError, reason
-from unlidar_tools.events.many import SKY, Many, Told
+from unlidar_tools.events.lines import QUIET_S, SKY, Line
+from unlidar_tools.events.many import Many, Told
 from unlidar_tools.events.site import Site, Zone, load_zones
 from unlidar_tools.events.source import Source
 from unlidar_tools.events.station import Station
 from unlidar_tools.history.keeper import Keeper
-from unlidar_tools.history.store import Store
+from unlidar_tools.history.timeline import Archive
 from unlidar_tools.relay.run import until_signal
 from unlidar_tools.telling import note
-from unlidar_tools.watch.server import Pages, listen, make_app, make_server
+from unlidar_tools.watch.connections import Listener
+from unlidar_tools.watch.pages import Pages
+from unlidar_tools.watch.server import Serving, make_app
 from unlidar_tools.watch.sky import Sky
+
+_WAIT_S = 0.01
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,7 @@ class Served:
 
     address: str
     port: int
+    token_file: Path | None
     token: str | None
     certificate: str | None
     key: str | None
@@ -36,54 +42,70 @@ class Served:
 async def watch(source: Source, site: Site, served: Served) -> None:
     """Until a signal. A source that ends does not end it: the page still shows what was.
 
-    OutputError where the address cannot be served or the store not be written.
+    OutputError where the address cannot be served, or the store cannot be one.
     """
     zones = load_zones(site)
-    store = Store(served.store, served.days, served.megabytes)
-    keeper = Keeper(store)
-    pages = Pages(Sky())
-    app = make_app(pages, store.reader(), site, zones, served.token, SKY if source.many else None)
+    keeper = Keeper(served.store, served.days, served.megabytes)
+    archive = Archive(keeper.location)
     try:
-        server = make_server(app, served.certificate, served.key)
-        server.config.load()
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{served.certificate}: certificate or key: {reason(error)}") from error
-    try:
-        listener = listen(served.address, served.port)
-    except OSError as error:
-        where = f"{served.address}:{served.port}"
-        raise OutputError(f"{where}: cannot be served: {reason(error)}") from error
-
-    async def take() -> None:
-        taken = _taker(source, site, zones)
-        placed = set()
-        async for line in source.lines():
-            for told in taken(line.data):
-                if told.message.station not in placed:  # everything is in one frame
-                    placed.add(told.message.station)
-                    store.place(told.message.station, site.origin)
-                keeper(told.message)
-                if told.shown:
-                    pages.take(told.message)
-        note(f"{source.name}: has ended; the page stays")
-        await asyncio.Event().wait()
-
-    serving = asyncio.ensure_future(server.serve(sockets=[listener]))
-    tasks = [asyncio.ensure_future(work) for work in (take(), keeper.run(), pages.run())]
-    try:
-        print(_address(served, listener.getsockname()[1]), flush=True, file=sys.stdout)
-        await until_signal([*tasks, serving])
-        tasks[0].result() if tasks[0].done() else None
+        sky = Sky()
+        pages = Pages(sky)
+        only = SKY if source.many else None
+        app = make_app(sky, pages, archive, site, zones, served.token, only)
+        await _watch(
+            source, site, zones, served, _Outs(keeper, pages, _serving(app, pages, served))
+        )
     finally:
-        pages.close()
-        server.should_exit = True
-        await asyncio.gather(serving, return_exceptions=True)
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        keeper.write()
-        store.tidy()
-        store.close()
+        archive.close()
+        keeper.close()
+
+
+@dataclass(frozen=True)
+class _Outs:
+    keeper: Keeper
+    pages: Pages
+    serving: Serving
+
+
+async def _watch(
+    source: Source, site: Site, zones: Sequence[Zone], served: Served, outs: _Outs
+) -> None:
+    listener = _listen(served, outs.serving)
+    serving = outs.serving.start(listener)
+    taking = asyncio.ensure_future(_take(source, site, zones, outs))
+    try:
+        # As soon as signals are heard: who reads it may send one.
+        asyncio.get_running_loop().call_soon(_say_where, served, listener.getsockname()[1])
+        await until_signal([taking, serving])
+        if taking.done():
+            taking.result()
+    finally:
+        outs.serving.stop()
+        taking.cancel()
+        await asyncio.gather(taking, return_exceptions=True)
+
+
+async def _take(source: Source, site: Site, zones: Sequence[Zone], outs: _Outs) -> None:
+    taken = _taker(source, site, zones)
+    placed = set()
+
+    def take(line: Line) -> None:
+        for told in taken(line.data):
+            message = told.message
+            if message.station not in placed:  # everything is in one frame
+                placed.add(message.station)
+                outs.keeper.place(message.station, site.origin)
+            outs.keeper(message)
+            outs.pages.take(message, told.shown, line.old)
+
+    async for line in source.lines():
+        take(line)
+        while line.old and outs.keeper.is_behind:
+            await asyncio.sleep(_WAIT_S)  # a long file is kept whole
+    note(f"{source.name}: has ended; the page stays")
+    while True:  # tracks that nobody has ended still grow old
+        await asyncio.sleep(QUIET_S)
+        take(Line(b"", old=False))
 
 
 def _taker(source: Source, site: Site, zones: Sequence[Zone]) -> Callable[[bytes], Iterable[Told]]:
@@ -94,7 +116,25 @@ def _taker(source: Source, site: Site, zones: Sequence[Zone]) -> Callable[[bytes
     return lambda line: (Told(message, shown=True) for message in station.take(line))
 
 
-def _address(served: Served, port: int) -> str:
+def _serving(app: Callable, pages: Pages, served: Served) -> Serving:
+    try:
+        return Serving(app, pages, served.certificate, served.key)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{served.certificate}: certificate or key: {reason(error)}") from error
+
+
+def _listen(served: Served, serving: Serving) -> Listener:
+    try:
+        return Listener.at(served.address, served.port, serving.connections)
+    except OSError as error:
+        where = f"{served.address}:{served.port}"
+        raise OutputError(f"{where}: cannot be served: {reason(error)}") from error
+
+
+def _say_where(served: Served, port: int) -> None:
+    """The token is not said: journals and terminals keep what is."""
     scheme = "https" if served.certificate else "http"
     host = f"[{served.address}]" if ":" in served.address else served.address
-    return f"{scheme}://{host}:{port}/" + (f"?token={served.token}" if served.token else "")
+    if served.token_file is not None:
+        note(f"a browser is let in once with ?token= and the content of {served.token_file}")
+    print(f"{scheme}://{host}:{port}/", flush=True, file=sys.stdout)

@@ -1,110 +1,238 @@
-"""What goes on now: tracks with their tails, LiDARs, alarms; for pages that open later."""
+"""What goes on now: tracks with their tails, LiDARs, alarms; for pages that open later.
+
+Everything is bounded, and everything grows old: pages are told how long ago each was heard.
+"""
 
 import json
+import threading
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
-from unlidar_tools.events.event import EngineState, Row, SensorState, TrackBegins, TrackEnds
+from unlidar_tools.events.clock import AHEAD_S, BEHIND_S, Heard, StreamClock
+from unlidar_tools.events.event import (
+    EngineState,
+    Row,
+    SensorState,
+    TrackBegins,
+    TrackEnds,
+    extended,
+)
 from unlidar_tools.events.station import ALARM, RAISED, Message
+from unlidar_tools.telling import Often
 
 TAIL_S = 60.0
+FORGET_S = 600.0  # a track of which nothing was heard for so long is over, and so is its alarm
+MOST_TRACKS = 256
+_MOST_ROWS = 20_000  # of all tails together; more are thinned
+_MOST_ALARMS = 256
+_MOST_STATIONS = 64
+_MOST_SENSORS = 16  # of a station: no station's names take the place of another's
+_MOST_TEXT = 1000  # of what is told of a LiDAR or an engine; more is cut to what the page shows
 _TAIL_STEP_NS = 100_000_000
-# A track whose engine said nothing of its end, and nothing else for so long, is over.
-_FORGET_NS = 600_000_000_000
-# Stamps so far behind the machine's clock, or ahead of it, are of this clock: of a quiet week.
-_BEHIND_S, _AHEAD_S = 7 * 86400.0, 10.0
+_MS_NS = 1_000_000
 
 
 @dataclass
 class _Course:
     station: str
     number: int
+    heard: Heard
     drone: float | None = None
-    tail: deque[tuple] = field(default_factory=deque)
-    newest_ns: int = 0
+    tail: deque[tuple[int, str]] = field(default_factory=deque)  # stamps, and rows as JSON
+
+
+@dataclass
+class _Told:
+    """The newest that was said of something."""
+
+    text: str
+    heard: Heard
 
 
 class Sky:
-    """The newest of everything. Memory follows what flies now, not how long it runs."""
+    """The newest of everything. It may be told and asked by several threads."""
 
     def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._courses: dict[tuple[str, int], _Course] = {}
-        self._sensors: dict[tuple[str, str], str] = {}
-        self._engines: dict[str, str] = {}
-        self._alarms: dict[tuple[str, int, str], str] = {}
-        self.at_ns = 0
-        self._heard_s = time.monotonic()
+        self._sensors: dict[str, dict[str, _Told]] = {}
+        self._engines: dict[str, _Told] = {}
+        self._alarms: dict[tuple[str, int, str], _Told] = {}
+        self._stations: dict[str, Heard] = {}  # whoever has said anything
+        self._clock = StreamClock()
+        self._clock_of: str | None = None  # the station whose stamps the clock goes by
+        self._crowded_s: float | None = None
+        self._too_many = Often("more goes on than pages can show, the oldest is left out")
 
-    def take(self, message: Message) -> None:
-        """What follows from it."""
-        if message.at_ns > self.at_ns:
-            self.at_ns, self._heard_s = message.at_ns, time.monotonic()
+    def take(self, message: Message, shown: bool = True, old: bool = False) -> None:
+        """What follows from it. Of what is not `shown`, that its station was heard.
+
+        What is `old` was said when its stamp says, as far as this computer's clock allows that.
+        """
+        with self._lock:
+            heard = self._hear(message, old)
+            if by_itself(message):
+                _keep(self._stations, message.station, heard, _MOST_STATIONS)
+            if shown:
+                self._take(message, heard)
+
+    def _take(self, message: Message, heard: Heard) -> None:
         event, station = message.event, message.station
         match event:
             case TrackBegins():
-                self._course(station, event.track).drone = event.drone
+                self._course(station, event.track, heard).drone = event.drone
             case Row():
-                self._row(self._course(station, event.track), event)
+                self._row(self._course(station, event.track, heard), event)
             case TrackEnds():
                 self._courses.pop((station, event.track), None)
+                for key in [key for key in self._alarms if key[:2] == (station, event.track)]:
+                    del self._alarms[key]
             case SensorState():
-                self._sensors[station, event.name] = message.text
+                if station in self._sensors or len(self._sensors) < _MOST_STATIONS:
+                    sensors = self._sensors.setdefault(station, {})
+                    told = _Told(_brief(message), heard)
+                    self._crowded(_keep(sensors, event.name, told, _MOST_SENSORS))
             case EngineState():
-                self._engines[station] = message.text
+                _keep(self._engines, station, _Told(_brief(message), heard), _MOST_STATIONS)
         if message.kind == ALARM and message.alarm is not None:
             key = station, message.alarm.track, message.alarm.zone
             if message.alarm_state == RAISED:
-                self._alarms[key] = message.text
+                told = _Told(message.text, heard)
+                self._crowded(_keep(self._alarms, key, told, _MOST_ALARMS))
             else:
                 self._alarms.pop(key, None)
 
+    def _hear(self, message: Message, old: bool) -> Heard:
+        """Now, or when the stamp says. Time itself follows the stamps that are to be believed.
+
+        A station whose stamps are of another time takes the time from none that has the right one.
+        """
+        behind_s = time.time() - message.at_ns * 1e-9
+        is_borne_out = -AHEAD_S <= behind_s <= BEHIND_S
+        may_lead = is_borne_out or self._clock_of in (None, message.station)
+        if may_lead and self._clock.believes(message.at_ns):
+            self._clock_of = message.station
+        heard = self._clock.heard(message.at_ns)
+        if old and is_borne_out:
+            heard = replace(heard, machine_s=heard.machine_s - max(0.0, behind_s), live=True)
+        return heard
+
     def now_s(self) -> float:
         """What time it is for the station, also while it says nothing; 0 before its first word."""
-        if self.at_ns == 0:
-            return 0.0
-        wall_s, at_s = time.time(), self.at_ns * 1e-9
-        if -_AHEAD_S <= wall_s - at_s <= _BEHIND_S:
-            return wall_s
-        return at_s + time.monotonic() - self._heard_s
+        return self._clock.now_ns() * 1e-9
 
     def snapshot(self) -> str:
-        """JSON: tracks with tails as rows of numbers, and the newest events of everything else."""
-        tracks = [
-            {
-                "station": c.station,
-                "track": c.number,
-                "drone": c.drone,
-                "rows": list(c.tail),
-            }
-            for c in self._courses.values()
-            if c.tail and self.at_ns - c.newest_ns < _FORGET_NS
-        ]
-        events = [*self._sensors.values(), *self._engines.values(), *self._alarms.values()]
+        """JSON: tracks with tails as rows of numbers, and the newest events of everything else.
+
+        Each with `age_s`, for how long nothing more was heard of it; `heard`: of each station.
+        `crowded`: something was left out of late.
+        """
+        with self._lock:
+            self._forget()
+            age_s = self._clock.age_s
+            tracks = [
+                f'{{"station":{json.dumps(c.station)},"track":{c.number},'
+                f'"drone":{json.dumps(c.drone)},"age_s":{age_s(c.heard):.1f},'
+                f'"rows":[{",".join(text for _, text in c.tail)}]}}'
+                for c in self._courses.values()
+                if c.tail
+            ]
+            sensors = (told for known in self._sensors.values() for told in known.values())
+            events = [*sensors, *self._engines.values(), *self._alarms.values()]
+            heard = {name: round(age_s(heard), 1) for name, heard in self._stations.items()}
+            texts = [extended(told.text, {"age_s": round(age_s(told.heard), 1)}) for told in events]
+            return (
+                f'{{{self.times()},"tracks":[{",".join(tracks)}],"events":[{",".join(texts)}],'
+                f'"heard":{json.dumps(heard)},"crowded":{json.dumps(self._is_crowded())}}}'
+            )
+
+    def times(self) -> str:
+        """Members of a JSON object: the stations' time, their newest stamp, the server's clock."""
         return (
-            f'{{"now":{self.now_s():.3f},"at":{self.at_ns * 1e-9:.3f},'
-            f'"tracks":{json.dumps(tracks, separators=(",", ":"))},"events":[{",".join(events)}]}}'
+            f'"now":{self.now_s():.3f},"at":{self._clock.newest_ns * 1e-9:.3f},'
+            f'"clock":{time.monotonic():.3f}'
         )
 
-    def _course(self, station: str, number: int) -> _Course:
-        return self._courses.setdefault((station, number), _Course(station, number))
+    def _forget(self) -> None:
+        def over(heard: Iterable[tuple[object, Heard]]) -> list:
+            return [key for key, at in heard if self._clock.age_s(at) >= FORGET_S]
+
+        for key in over((key, course.heard) for key, course in self._courses.items()):
+            del self._courses[key]
+        alive = {key: course.heard for key, course in self._courses.items()}
+        for key in over((key, alive.get(key[:2], t.heard)) for key, t in self._alarms.items()):
+            del self._alarms[key]
+
+    def _course(self, station: str, number: int, heard: Heard) -> _Course:
+        course = self._courses.pop((station, number), None)
+        if course is None:
+            if len(self._courses) >= MOST_TRACKS:
+                self._forget()
+            while len(self._courses) >= MOST_TRACKS:
+                # One of a single row goes before one that has flown.
+                least = min(self._courses, key=lambda key: len(self._courses[key].tail) > 1)
+                del self._courses[least]
+                self._crowded(True)
+            course = _Course(station, number, heard)
+        course.heard = heard
+        self._courses[station, number] = course  # the last: in the order in which they were heard
+        return course
 
     def _row(self, course: _Course, row: Row) -> None:
         if row.drone is not None:
             course.drone = row.drone
-        tail = course.tail
-        if len(tail) > 1 and row.timestamp - round(tail[-2][0] * 1e9) < _TAIL_STEP_NS:
+        tail, stamp_ns = course.tail, row.timestamp
+        if tail and stamp_ns <= tail[-1][0]:
+            if stamp_ns > tail[-1][0] - TAIL_S * 1e9:
+                return  # told before
+            tail.clear()  # its clock was set back: what is said now counts
+        step_ns = max(_TAIL_STEP_NS, round(TAIL_S * 1e9) * len(self._courses) // _MOST_ROWS)
+        if len(tail) > 1 and tail[-1][0] - tail[-2][0] < step_ns - _MS_NS:
             tail.pop()  # the newest stays whole, older ones are thinned
-        tail.append(compact(row))
-        course.newest_ns = max(course.newest_ns, row.timestamp)
-        while tail[0][0] < tail[-1][0] - TAIL_S:
+        tail.append((stamp_ns, compact(row)))
+        while tail[0][0] < stamp_ns - TAIL_S * 1e9:
             tail.popleft()
 
+    def _crowded(self, is_full: bool) -> None:
+        if is_full:
+            self._crowded_s = time.monotonic()
+            self._too_many(f"{MOST_TRACKS} tracks and alarms, {_MOST_SENSORS} LiDARs of a station")
 
-def compact(row: Row) -> tuple:
-    """Seconds, metres, m/s, metres, returns; to the millimetre."""
+    def _is_crowded(self) -> bool:
+        return self._crowded_s is not None and time.monotonic() - self._crowded_s < TAIL_S
+
+
+def by_itself(message: Message) -> bool:
+    """Whether its station spoke. Ends and alarms are also told of one that says nothing more."""
+    return message.event is not None and not isinstance(message.event, TrackEnds)
+
+
+def _keep(of: dict, key: object, value: object, most: int) -> bool:
+    """As the newest of at most so many; whether the oldest had to go."""
+    of.pop(key, None)
+    of[key] = value
+    if len(of) <= most:
+        return False
+    del of[next(iter(of))]
+    return True
+
+
+def _brief(message: Message) -> str:
+    """The event's text; where a later engine says much more, what the page shows."""
+    event = message.event
+    if len(message.text) <= _MOST_TEXT or not isinstance(event, SensorState | EngineState):
+        return message.text
+    told = {"event": event.event, "at": event.at / 1e9, "station": message.station}
+    names = ("name", "state") if isinstance(event, SensorState) else ("state", "frames", "dropped")
+    return json.dumps(told | {name: getattr(event, name) for name in names})
+
+
+def compact(row: Row) -> str:
+    """JSON: seconds, metres, m/s, metres, returns; to the millimetre."""
     numbers = (
         *(row.x, row.y, row.z, row.vx, row.vy, row.vz),
         *(row.sigma_x, row.sigma_y, row.sigma_z, row.support),
     )
-    return (row.timestamp / 1e9, *(round(value, 3) for value in numbers))
+    return json.dumps([row.timestamp / 1e9, *(round(value, 3) for value in numbers)])

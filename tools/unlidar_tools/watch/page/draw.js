@@ -148,8 +148,15 @@ function drawZones(context, project, zones, alarmed) {
   }
 }
 
-/** Tail, shadow and height line, two sigmas, course, name. */
+/** Tail, shadow and height line, two sigmas, course, name; only a trace of one that is no longer heard. */
 function drawTrack(context, project, track, label, placed) {
+  context.save();
+  if (track.unheard) context.filter = "opacity(55%) grayscale(80%)";
+  drawHeard(context, project, track, track.unheard ? `${label} no longer heard` : label, placed);
+  context.restore();
+}
+
+function drawHeard(context, project, track, label, placed) {
   const last = track.rows.at(-1), colour = colourOf(track.track);
   context.strokeStyle = context.fillStyle = colour;
   if (!view.flat) {
@@ -238,7 +245,7 @@ function drawStrip(canvas, spans, alarms, begin, end, at) {
     let lane = lanes.findIndex((until) => until <= from);
     if (lane < 0) lane = lanes.length;
     lanes[lane] = to;
-    context.fillStyle = colourOf(number);
+    context.fillStyle = number === null ? cssColour("--soft") : colourOf(number); // null: many
     const x = Math.max(0, where(from));
     context.fillRect(x, 6 + (lane % 5) * 8, Math.max(2, Math.min(width, where(to)) - x), 6);
   }

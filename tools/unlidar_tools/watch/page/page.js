@@ -1,93 +1,19 @@
 "use strict";
-// Takes in what the server tells, keeps the newest minute of each track, and shows it, or an hour ago.
+// Shows what is told, now or an hour ago.
 
-const byId = (id) => document.getElementById(id);
-const TAIL = 60, GONE = 3, SILENT_LINK = 6, HISTORY = 120, SPANS_EVERY = 5000;
-
-const live = { tracks: new Map(), sensors: new Map(), engines: new Map(), alarms: new Map(), now: 0, at: 0 };
+const GONE = 3, HISTORY = 120, SPANS_EVERY = 5000;
 const past = { at: null, tracks: [], begin: 0, end: 0, asked: 0, playing: false };
 const line = { hours: 1, spans: [], alarms: [] };
-let site = { station: "unlidar", heading: null, zones: [] };
-let heard = 0, hushed = new Set(), frames = 0;
-
-const keyOf = (thing) => `${thing.station}/${thing.track}`;
-const stations = () => new Set([...live.tracks.values()].map((track) => track.station));
-const labelOf = (track) => (stations().size > 1 ? `${track.station} ${track.track}` : `${track.track}`);
-/** The station's time when the server spoke last, and what has passed since. */
-const now = () => (live.now ? live.now + (performance.now() - heard) / 1000 : 0);
-const clock = (time) => (time ? new Date(time * 1000).toISOString().slice(11, 19) : "--:--:--");
-
-// What comes in
-
-function trackOf(thing) {
-  const key = keyOf(thing);
-  if (!live.tracks.has(key)) {
-    live.tracks.set(key, { station: thing.station, track: thing.track, drone: thing.drone ?? null, rows: [], ended: null });
-  }
-  return live.tracks.get(key);
-}
-
-const take = {
-  track: (e) => { trackOf(e).drone = e.drone ?? null; },
-  row: (e) => {
-    const track = trackOf(e);
-    if (e.drone !== undefined) track.drone = e.drone;
-    track.ended = null;
-    const row = [e.timestamp, e.x, e.y, e.z, e.vx, e.vy, e.vz, e.sigma_x, e.sigma_y, e.sigma_z, e.support];
-    if (track.rows.length && track.rows.at(-1)[T] >= row[T]) return;
-    track.rows.push(row);
-    while (track.rows[0][T] < row[T] - TAIL) track.rows.shift();
-  },
-  end: (e) => { live.tracks.delete(keyOf(e)); },
-  sensor: (e) => live.sensors.set(`${e.station}/${e.name}`, e),
-  state: (e) => live.engines.set(e.station, e),
-  alarm: (e) => {
-    const key = `${keyOf(e)}/${e.zone}`;
-    if (e.state == "raised") live.alarms.set(key, e);
-    else live.alarms.delete(key), hushed.delete(key);
-    loadSpans();
-  },
-};
-
-function takeAll(batch) {
-  [live.now, live.at] = [batch.now, batch.at];
-  for (const event of batch.events) take[event.event]?.(event);
-  heard = performance.now();
-}
-
-function connect() {
-  const source = new EventSource("live");
-  source.addEventListener("begin", (message) => {
-    site = JSON.parse(message.data);
-    byId("station").textContent = document.title = `unlidar ${site.station}`;
-    setLink(true);
-  });
-  source.addEventListener("snapshot", (message) => {
-    const told = JSON.parse(message.data);
-    for (const held of [live.tracks, live.sensors, live.engines, live.alarms]) held.clear();
-    for (const track of told.tracks) live.tracks.set(keyOf(track), { ...track, ended: null });
-    takeAll(told);
-    loadSpans();
-    setTimeout(loadSpans, 1200); // what came last is stored by then
-  });
-  source.addEventListener("message", (message) => takeAll(JSON.parse(message.data)));
-  source.addEventListener("error", () => {
-    setLink(false);
-    if (source.readyState == EventSource.CLOSED) setTimeout(connect, 1000);
-  });
-}
-
-function setLink(on) {
-  const link = byId("link"), text = on ? "connected" : "no connection";
-  link.className = `badge ${on ? "on" : "off"}`;
-  if (link.textContent != text) link.textContent = text;
-}
+let frames = 0, tones = 0;
 
 // What is shown
 
 /** The tracks that are there at the time shown, each with its tail. */
 function shown() {
-  if (past.at === null) return [...live.tracks.values()].filter((track) => track.rows.length);
+  if (past.at === null) {
+    forget();
+    return [...live.tracks.values()].filter((track) => track.rows.length).map((track) => ({ ...track, unheard: isUnheard(track) }));
+  }
   const found = [];
   for (const track of past.tracks) {
     const rows = track.rows.filter((row) => row[T] <= past.at && row[T] > past.at - TAIL);
@@ -106,71 +32,98 @@ const setText = (element, text) => { if (element.textContent !== text) element.t
 
 function showTable(tracks) {
   const alarmed = new Set([...live.alarms.values()].map(keyOf));
-  setText(byId("count"), String(tracks.length));
+  const heardNow = tracks.filter((track) => !track.unheard).length;
+  setText(byId("count"), heardNow == tracks.length ? String(heardNow) : `${heardNow}, and ${tracks.length - heardNow} no longer heard`);
   byId("nothing").hidden = tracks.length > 0;
+  setText(byId("nothing"), !live.heard.size ? "Nothing heard yet." : past.at === null && isBlind() ? "No track, and nothing can be seen." : "Nothing flies.");
   byId("tracks").dataset.of = "tr";
   setRows(byId("tracks"), tracks, (tr, track) => {
     if (!tr.children.length) {
-      for (let i = 0; i < 6; i++) tr.append(document.createElement("td"));
+      for (let i = 0; i < 8; i++) tr.append(document.createElement("td"));
       const mark = document.createElement("span");
       mark.className = "mark";
       tr.children[0].append(mark, document.createElement("span"));
     }
     const last = track.rows.at(-1), hot = past.at === null && alarmed.has(keyOf(track));
-    tr.className = hot ? "alarmed" : "";
+    tr.className = `${hot ? "alarmed" : ""} ${track.unheard ? "unheard" : ""}`;
     tr.dataset.key = keyOf(track);
     tr.querySelector(".mark").style.background = colourOf(track.track);
-    const drone = track.drone === null || track.drone === undefined ? "" : ` (${Math.round(100 * track.drone)} %)`;
-    setText(tr.querySelector("td span:last-child"), `${labelOf(track)}${drone}${hot ? " alarm" : ""}`);
+    setText(tr.querySelector("td span:last-child"), `${labelOf(track)}${hot ? " alarm" : ""}`);
     const texts = [
       last[Z].toFixed(1), Math.hypot(last[VX], last[VY]).toFixed(1),
       `${last[VZ] < 0 ? "\u2212" : "+"}${Math.abs(last[VZ]).toFixed(1)}`,
       Math.hypot(last[X], last[Y], last[Z]).toFixed(0), Math.hypot(last[SX], last[SY], last[SZ]).toFixed(2),
+      typeof track.drone == "number" ? `${Math.round(100 * track.drone)} %` : "",
+      past.at === null ? seconds(age(track)) : "",
     ];
     texts.forEach((text, i) => setText(tr.children[i + 1], text));
   });
 }
 
+/** Each with when it was said: an old word is no state. */
 function showHealth() {
   const items = [];
-  const several = live.engines.size > 1;
-  for (const engine of live.engines.values()) {
-    const name = several ? `${engine.station}: tracking` : "Tracking";
-    items.push([name, engine.state.replace("_", " "), engine.state == "overloaded" ? "warn" : engine.state == "running" ? "" : "plain"]);
-    if (engine.load !== undefined) items.push(["Load", `${Math.round(100 * engine.load)} %`, engine.load > 0.9 ? "warn" : ""]);
-    items.push(["Frames", `${engine.frames}, ${engine.dropped} dropped (at ${clock(engine.at)})`, engine.dropped ? "warn" : ""]);
+  for (const station of engines()) {
+    const engine = live.engines.get(station), unknown = !isLinked() || isUnknown(station);
+    const state = engine ? engine.state.replace("_", " ") : "state not told";
+    const kind = unknown || state == "overloaded" ? "warn" : state == "running" ? "" : "plain";
+    const told = engine ? age(engine) : null;
+    items.push([ofStation(station, "Tracking"), `${unknown ? "unknown, was " : ""}${state}`, kind, told]);
+    if (typeof engine?.load == "number") items.push(["Load", `${Math.round(100 * engine.load)} %`, unknown || engine.load > 0.9 ? "warn" : "", told]);
+    if (engine) items.push(["Frames", `${engine.frames}, ${engine.dropped} dropped`, engine.dropped ? "warn" : unknown ? "plain" : "", told]);
+    const heardAt = live.heard.get(station);
+    if (heardAt !== undefined) items.push([ofStation(station, "Last heard"), "", unknown ? "warn" : "plain", age({ heard: heardAt })]);
   }
   for (const sensor of live.sensors.values()) {
-    const name = several ? `${sensor.station}: ${sensor.name}` : sensor.name;
-    items.push([name, sensor.state == "ok" ? "ok" : `${sensor.state} since ${clock(sensor.at)}`, sensor.state == "ok" ? "" : "warn"]);
+    const unknown = !isLinked() || isUnknown(sensor.station), ok = sensor.state == "ok";
+    const state = ok ? `${unknown ? "unknown, was " : ""}ok` : `${sensor.state} since ${clock(sensor.at)}`;
+    items.push([ofStation(sensor.station, sensor.name), state, ok && !unknown ? "" : "warn", age(sensor)]);
   }
-  if (live.at) items.push(["Newest event", clock(live.at), "plain"]);
-  if (!items.length) items.push(["Nothing heard yet", "", "plain"]);
+  if (live.at) items.push(["Newest event", clock(live.at), "plain", null]);
+  if (!items.length) items.push(["Nothing heard yet", "", "plain", null]);
   byId("health").dataset.of = "li";
-  setRows(byId("health"), items, (li, [name, value, kind]) => {
+  setRows(byId("health"), items, (li, [name, value, kind, told]) => {
     if (!li.children.length) {
-      li.append(document.createElement("span"), document.createElement("span"));
-      li.lastChild.className = "value";
+      for (const part of ["", "value", "age"]) li.append(document.createElement("span")), li.lastChild.className = part;
     }
     li.className = kind;
-    setText(li.firstChild, name);
-    setText(li.lastChild, value);
+    [name, value, told === null ? "" : ago(told)].forEach((text, i) => setText(li.children[i], text));
   });
 }
 
+function showTroubles() {
+  const found = troubles();
+  byId("trouble").hidden = found.length == 0;
+  byId("troubles").dataset.of = "li";
+  setRows(byId("troubles"), found, (li, text) => setText(li, text));
+  const link = byId("link"), linked = isLinked();
+  link.className = `badge ${linked ? "on" : "off"}`;
+  setText(link, linked ? "connected" : heard ? "no connection" : "connecting");
+}
+
+const lost = (alarm) => { const track = live.tracks.get(keyOf(alarm)); return !isLinked() || isUnheard(track ?? alarm); };
+
 function showAlarms() {
-  const alarms = [...live.alarms.values()];
+  const alarms = [...live.alarms.values()].sort((a, b) => lost(a) - lost(b));
   byId("alarm_panel").hidden = alarms.length == 0;
+  byId("alarm_panel").className = alarms.every(lost) ? "lost" : "";
   byId("alarms").dataset.of = "li";
-  setRows(byId("alarms"), alarms, (li, alarm) =>
-    setText(li, `Track ${labelOf(alarm)} in ${alarm.zone} since ${clock(alarm.since)}`));
+  setRows(byId("alarms"), alarms, (li, alarm) => {
+    const unheard = lost(alarm) ? `: the track is no longer heard, last ${ago(age(live.tracks.get(keyOf(alarm)) ?? alarm))}` : "";
+    li.className = unheard ? "lost" : "";
+    setText(li, `Track ${labelOf(alarm)} in ${alarm.zone} since ${clock(alarm.since)}${unheard}`);
+  });
   byId("hush").hidden = [...live.alarms.keys()].every((key) => hushed.has(key));
+  const station = `unlidar ${site.station}`;
+  setText(byId("station"), station);
+  const title = alarms.some((alarm) => !lost(alarm)) ? `Alarm: ${station}` : byId("trouble").hidden ? station : `Trouble: ${station}`;
+  if (document.title != title) document.title = title;
 }
 
 function describe(tracks) {
   const each = tracks.slice(0, 10).map((track) => {
     const last = track.rows.at(-1);
-    return `track ${labelOf(track)} ${Math.hypot(last[X], last[Y]).toFixed(0)} metres away at ${last[Z].toFixed(0)} metres`;
+    return `track ${labelOf(track)}${track.unheard ? ", no longer heard," : ""} ${Math.hypot(last[X], last[Y]).toFixed(0)} metres away at ${last[Z].toFixed(0)} metres`;
   });
   return tracks.length ? `Sky: ${each.join(", ")}` : "Sky: no track";
 }
@@ -178,7 +131,8 @@ function describe(tracks) {
 let described = 0;
 function show() {
   const tracks = shown().sort((a, b) => a.track - b.track);
-  const zones = new Set(past.at === null ? [...live.alarms.values()].map((alarm) => alarm.zone) : []);
+  const alarms = past.at === null ? [...live.alarms.values()].filter((alarm) => !lost(alarm)) : [];
+  const zones = new Set(alarms.map((alarm) => alarm.zone));
   drawSky(byId("view"), tracks, site, zones, labelOf);
   frames++;
   const time = performance.now();
@@ -186,6 +140,7 @@ function show() {
     described = time;
     showTable(tracks);
     showHealth();
+    showTroubles();
     showAlarms();
     byId("view").setAttribute("aria-label", describe(tracks));
     setText(byId("now"), clock(past.at ?? now()));
@@ -210,8 +165,6 @@ function showStrip() {
 let drawnAt = 0;
 function loop(time) {
   requestAnimationFrame(loop);
-  if (heard && performance.now() - heard > 1000 * SILENT_LINK) setLink(false);
-  else if (heard && byId("link").classList.contains("off") && performance.now() - heard < 1000) setLink(true);
   if (past.playing && past.at !== null) {
     past.at += Math.min((time - drawnAt) / 1000, 0.5);
     loadPast();
@@ -225,12 +178,16 @@ function loop(time) {
 // The past
 
 async function answer(path) {
+  let told = null;
   try {
     const got = await fetch(path);
-    return got.ok ? await got.json() : null;
+    if (got.ok) told = await got.json();
   } catch {
-    return null; // the link says it
+    // the link says it
   }
+  const left_out = told?.left_out ? `${told.left_out} more tracks are left out.` : "";
+  setText(byId("past_note"), told ? left_out : "The past cannot be read just now.");
+  return told;
 }
 
 let spansAsked = 0;
@@ -381,11 +338,10 @@ function tone(frequency, seconds) {
   source.stop(audio.currentTime + seconds);
   tones++;
 }
-let tones = 0;
 
 setInterval(() => {
   const loud = byId("sound").getAttribute("aria-pressed") == "true";
-  if (!loud || ![...live.alarms.keys()].some((key) => !hushed.has(key))) return;
+  if (!loud || ![...live.alarms].some(([key, alarm]) => !hushed.has(key) && !lost(alarm))) return;
   tone(880, 0.35);
   setTimeout(() => tone(660, 0.35), 380);
 }, 1500);

@@ -4,7 +4,7 @@ import argparse
 import asyncio
 from pathlib import Path
 
-from unlidar_tools.arguments import positive, whole
+from unlidar_tools.cli.arguments import positive, whole
 from unlidar_tools.errors import UsageError
 from unlidar_tools.extras import need_station
 from unlidar_tools.history import DAYS, MEGABYTES
@@ -22,8 +22,8 @@ def define(p: argparse.ArgumentParser) -> None:
         "events",
         metavar="EVENTS",
         help="of unlidar_track --events: a file, which is followed as it grows; - for stdin; "
-        "tcp://HOST:PORT. Or mqtt://[USER:PASSWORD@]HOST[:PORT]: a broker to which the relays of "
-        "several stations publish",
+        "tcp://HOST:PORT. Or mqtt[s]://[USER:PASSWORD@]HOST[:PORT]: a broker to which the relays "
+        "of several stations publish",
     )
     p.add_argument(
         "--site",
@@ -78,12 +78,12 @@ def define(p: argparse.ArgumentParser) -> None:
 
 
 def act(a: argparse.Namespace) -> None:
-    """Serves until SIGINT or SIGTERM, which are no errors."""
+    """Serves until SIGINT, SIGTERM or SIGHUP, which are no errors."""
     need_station("watch", ("paho", "shapely", "starlette", "uvicorn"))
     from unlidar_tools.events.site import Site, load_site
     from unlidar_tools.events.source import open_source
+    from unlidar_tools.watch.gate import LOCAL
     from unlidar_tools.watch.run import Served, watch
-    from unlidar_tools.watch.server import LOCAL
 
     token = _token(a.token_file)
     if a.address not in LOCAL and token is None:
@@ -98,6 +98,7 @@ def act(a: argparse.Namespace) -> None:
     served = Served(
         a.address,
         a.port,
+        a.token_file,
         token,
         None if a.certificate is None else str(a.certificate),
         None if a.key is None else str(a.key),
@@ -105,7 +106,7 @@ def act(a: argparse.Namespace) -> None:
         a.days,
         a.megabytes,
     )
-    asyncio.run(watch(open_source(a.events), site, served))
+    asyncio.run(watch(open_source(a.events, site.tls), site, served))
 
 
 def _token(path: Path | None) -> str | None:

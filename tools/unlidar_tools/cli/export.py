@@ -4,7 +4,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from unlidar_tools.arguments import number, origin, whole
+from unlidar_tools.cli.arguments import number, origin, whole
 from unlidar_tools.export_options import FORMATS, Options, check, guess_format
 
 EXAMPLE = """unlidar export out/run/seq0001 flight.mcap

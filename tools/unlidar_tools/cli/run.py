@@ -5,8 +5,9 @@ import os
 import sys
 from pathlib import Path
 
-from unlidar_tools.convert_command import define_reading
+from unlidar_tools.cli.convert import define_reading
 from unlidar_tools.errors import BatchError, ConfigError, UsageError, reason
+from unlidar_tools.limits import read_text
 from unlidar_tools.printable import printable
 
 EXAMPLE = """unlidar simulate demo out/demo && unlidar run out/demo --method robust
@@ -19,11 +20,15 @@ def define(p: argparse.ArgumentParser) -> None:
         "recording",
         metavar="RECORDING",
         type=Path,
+        nargs="+",
         help="a folder of frame directories (converted or simulated), anything convert reads, or a "
-        "folder with any number of these in it or further below",
+        "folder with any number of these in it or further below; or several of all these",
     )
     p.add_argument(
-        "--out", metavar="DIR", type=Path, help="for the results (default: out/run/RECORDING)"
+        "--out",
+        metavar="DIR",
+        type=Path,
+        help="for the results (default: out/run/RECORDING, of several out/run/ and their folder)",
     )
     p.add_argument("--method", choices=("robust", "paper"), help="default: that of the program")
     p.add_argument(
@@ -43,6 +48,12 @@ def define(p: argparse.ArgumentParser) -> None:
     define_reading(p)
     p.add_argument("--threads", metavar="N", type=int, help="of the program, for each recording")
     p.add_argument(
+        "--no-report",
+        action="store_false",
+        dest="report",
+        help="without figure and page, which take seconds for each recording",
+    )
+    p.add_argument(
         "--live",
         action="store_true",
         help="send one recording through the live program as well, and compare",
@@ -50,7 +61,9 @@ def define(p: argparse.ArgumentParser) -> None:
     many = p.add_argument_group(
         "many recordings",
         "Each gets a folder of results, complete or absent: after an interruption the same command "
-        "goes on where it was. What was done with the same input, settings and program is kept.",
+        "goes on where it was. What was done with the same input, settings and program is kept. A "
+        "recording that fails does not stop the others; the exit code is then that of the failed "
+        "ones, or 1 where theirs differ.",
     )
     many.add_argument(
         "--jobs", metavar="N", type=int, help="recordings at once (default: one for each core)"
@@ -64,29 +77,29 @@ def define(p: argparse.ArgumentParser) -> None:
 
 
 def _run(a: argparse.Namespace) -> None:
-    from unlidar_tools.batch.discovery import is_recording
+    from unlidar_tools.batch.discovery import common_folder, is_recording
 
     for name, value in (("--jobs", a.jobs), ("--threads", a.threads)):
         if value is not None and value < 1:
             raise UsageError(f"{name} {value}: expected a number from 1 on")
     if a.jobs is not None and a.scheduler is not None:
         raise UsageError("--jobs and --scheduler: expected one of them")
-    a.out = a.out or Path("out/run") / a.recording.resolve().name
-    if a.recording.is_dir() and not is_recording(a.recording):
+    name = common_folder(a.recording).resolve().name
+    a.out = a.out or Path("out/run") / name
+    first, *others = a.recording
+    if others or (first.is_dir() and not is_recording(first)):
         if a.live:
-            raise UsageError(
-                f"{a.recording}: --live is for one recording, this is a folder of them"
-            )
-        _run_many(a)
+            raise UsageError(f"{first}: --live is for one recording, these are more")
+        _run_many(a, name)
     elif a.jobs is not None or a.scheduler is not None:
-        raise UsageError(
-            f"{a.recording}: --jobs and --scheduler are for a folder of recordings, this is one"
-        )
+        raise UsageError(f"{first}: --jobs and --scheduler are for many recordings, this is one")
+    elif first.is_dir() and a.out.resolve() == first.resolve():
+        raise UsageError(f"--out {a.out}: is the recording itself, choose another folder")
     else:
-        _run_one(a)
+        _run_one(a, first)
 
 
-def _run_one(a: argparse.Namespace) -> None:
+def _run_one(a: argparse.Namespace, recording: Path) -> None:
     from unlidar_tools.conversion import Options
     from unlidar_tools.pipeline import run
     from unlidar_tools.tables import console, measures_table
@@ -95,8 +108,8 @@ def _run_one(a: argparse.Namespace) -> None:
     options = ["--config", str(a.config)] if a.config else []
     options += _assignments(a)
     options += ["--threads", str(a.threads)] if a.threads is not None else []
-    reading = Options(truths=tuple(a.truth), skip_bad=a.skip_bad)
-    result = run(a.recording, a.out, a.sensors, options, reading)
+    reading = Options(truths=tuple(a.truth), skip_bad=a.skip_bad, rate_hz=a.rate)
+    result = run(recording, a.out, a.sensors, options, reading, report=a.report)
     for line in result.record.messages:
         print(printable(line), file=sys.stderr)
     for line in result.answer.splitlines():
@@ -110,8 +123,9 @@ def _run_one(a: argparse.Namespace) -> None:
         print(f"settings   {_about(result.record.preset)}")
     print(f"time       {result.record.tracking_s:.2f} s")
     print(f"trajectory {printable(result.trajectory)}")
-    print(f"figure     {printable(result.figure)}")
-    print(f"page       {printable(result.page)}")
+    if a.report:
+        print(f"figure     {printable(result.figure)}")
+        print(f"page       {printable(result.page)}")
     if a.live:
         _run_live(a.out)
 
@@ -126,7 +140,7 @@ def _run_live(out: Path) -> None:
     print(f"live rows  {printable(result.trajectory)}")
 
 
-def _run_many(a: argparse.Namespace) -> None:
+def _run_many(a: argparse.Namespace, name: str) -> None:
     from unlidar_tools.batch import run_many
     from unlidar_tools.batch.job import FAILED, Settings
     from unlidar_tools.batch.table import rich_table, table_files
@@ -139,10 +153,18 @@ def _run_many(a: argparse.Namespace) -> None:
     config_file = str(a.config) if a.config else None
     config = _read(a.config)
     settings = Settings(
-        a.sensors, config_file, config, _assignments(a), threads, a.truth, a.skip_bad
+        a.sensors,
+        config_file,
+        config,
+        _assignments(a),
+        threads,
+        a.truth,
+        a.skip_bad,
+        a.report,
+        a.rate,
     )
     rows = run_many(a.recording, a.out, settings, at_once, a.scheduler)
-    title = f"{a.recording.resolve().name}: {len(rows)} recording{'s' * (len(rows) != 1)}"
+    title = f"{name}: {len(rows)} recording{'s' * (len(rows) != 1)}"
     console().print(rich_table(rows, title))
     tables = table_files(a.out)
     failed = [row for row in rows if row.status == FAILED]
@@ -162,15 +184,18 @@ def _run_many(a: argparse.Namespace) -> None:
 
 def _assignments(a: argparse.Namespace) -> list[str]:
     options = []
-    for assignment in (*([f"method={a.method}"] if a.method else []), *a.assignments):
+    method = [f"method={a.method}"] if a.method else []
+    # Frames may be numbered in what is converted, or in what the program reads itself.
+    rate = [f"input.frame_rate_hz={a.rate!r}"] if a.rate else []
+    for assignment in (*method, *rate, *a.assignments):
         options += ["--set", assignment]
     return options
 
 
 def _read(config: Path | None) -> str | None:
     try:
-        return None if config is None else config.read_text()
-    except (OSError, UnicodeDecodeError) as error:
+        return None if config is None else read_text(config)
+    except (OSError, ValueError) as error:
         raise ConfigError(f"{config}: cannot be read: {reason(error)}") from error
 
 

@@ -5,8 +5,8 @@ import json
 import re
 from pathlib import Path
 
-from unlidar_tools.arguments import number, positive, whole
-from unlidar_tools.errors import UsageError
+from unlidar_tools.cli.arguments import number, positive, whole
+from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.evaluate_options import ALIGNMENTS, AUTO, Options
 from unlidar_tools.telling import note
 
@@ -90,6 +90,8 @@ def act(a: argparse.Namespace) -> None:
             raise UsageError(f"{a.inputs[0]}: is no folder; --group and --manifest name the files")
         _many(a, options)
     elif len(a.inputs) >= 2:
+        if folder := next((path for path in a.inputs if path.is_dir()), None):
+            raise InputError(f"{folder}: is a folder, expected files TRUTH TRAJ, or only folders")
         _one(a, options)
     else:
         raise UsageError(

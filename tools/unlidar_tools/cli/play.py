@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from unlidar_tools.arguments import count
 from unlidar_tools.capture import is_capture
-from unlidar_tools.errors import InputError, ProgramError, UsageError, reason
+from unlidar_tools.cli.arguments import count
+from unlidar_tools.errors import InputError, ProgramError, UsageError, listed, reason
 
 if TYPE_CHECKING:
     from unlidar_tools.play import Played
@@ -93,9 +93,7 @@ def _play_frames(a: argparse.Namespace) -> None:
         )
     for name in a.sensors or ():
         if name not in sensors:
-            raise UsageError(
-                f"{a.recording}: has no sensor '{name}', it holds {', '.join(sensors)}"
-            )
+            raise UsageError(f"{a.recording}: has no sensor '{name}', it holds {listed(sensors)}")
     if a.sensors:
         sensors = {name: sensors[name] for name in a.sensors}
     frames = frames_in_order(sensors, a.repeat)

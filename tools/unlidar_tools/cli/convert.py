@@ -1,11 +1,10 @@
 """`unlidar convert`: its options and what it prints."""
 
 import argparse
-from collections.abc import Iterable
 from pathlib import Path
 
 from unlidar_tools import telling
-from unlidar_tools.arguments import count, not_negative, origin, positive
+from unlidar_tools.cli.arguments import count, not_negative, origin, positive
 from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.printable import cell, printable
 
@@ -41,9 +40,6 @@ def define(p: argparse.ArgumentParser) -> None:
         default=1,
         help="N messages of a sensor make a frame, for rosette scanners that send often",
     )
-    p.add_argument(
-        "--rate", metavar="HZ", type=positive, help="of frames whose names are but numbers"
-    )
     define_reading(p)
     bags = p.add_argument_group("ROS recordings")
     bags.add_argument(
@@ -72,6 +68,13 @@ def define(p: argparse.ArgumentParser) -> None:
 def define_reading(p: argparse.ArgumentParser) -> None:
     """Adds what `run` asks of a conversion, too."""
     p.add_argument(
+        "--rate",
+        metavar="HZ",
+        type=positive,
+        help="of frames whose names are but numbers: how many of these make a second (1000 where "
+        "they are milliseconds)",
+    )
+    p.add_argument(
         "--truth",
         metavar="TOPIC",
         action="append",
@@ -86,10 +89,12 @@ def define_reading(p: argparse.ArgumentParser) -> None:
     )
 
 
-def tell_notes(notes: Iterable[str]) -> None:
-    """Says on stderr what the user should know of a conversion."""
-    for note in notes:
-        telling.note(note)
+def counts_of(report: dict) -> str:
+    """Frames and returns of each sensor, as a conversion or a simulation reports them."""
+    return ", ".join(
+        f"{name} {frames} frames with {report['returns'][name]} returns"
+        for name, frames in report["frames"].items()
+    )
 
 
 def _convert(a: argparse.Namespace) -> None:
@@ -113,13 +118,10 @@ def _convert(a: argparse.Namespace) -> None:
     )
     report = convert(a.source, a.out, a.sensors, a.force, options)
     if report["broken"] is not None:
-        what = f"what could be read is in {a.out}: {kept_of(report)}"
-        raise InputError(f"{report['broken']}; {what}")
-    tell_notes(report["notes"])
-    counts = ", ".join(
-        f"{name} {frames} frames with {report['returns'][name]} returns"
-        for name, frames in report["frames"].items()
-    )
+        raise InputError(f"{report['broken']}; kept {kept_of(report)}")
+    for note in report["notes"]:
+        telling.note(note)
+    counts = counts_of(report)
     truth = report["truth_rows"]
     told = "no truth" if truth is None else f"{truth} truth rows"
     print(printable(f"{a.out}: {counts}, {told}"))
@@ -138,8 +140,12 @@ def _list(source: Path) -> None:
         console.width = _WIDEST
     console.print(cell(f"{source} ({kind})"), soft_wrap=True)
     table = Table(box=box.SIMPLE)
-    for title in ("name", "type", "items", "becomes"):
-        table.add_column(title, justify="right" if title == "items" else "left", overflow="fold")
+    for title in ("name", "type", "items", "duration, s", "rate, Hz", "becomes"):
+        is_text = title in ("name", "type", "becomes")
+        table.add_column(title, justify="left" if is_text else "right", overflow="fold")
     for stream in streams:
-        table.add_row(*map(cell, (stream.name, stream.type, stream.items, stream.becomes)))
+        duration = "-" if stream.span_s is None else f"{stream.span_s:.1f}"
+        rate = "-" if stream.rate_hz is None else f"{stream.rate_hz:.1f}"
+        cells = stream.name, stream.type, stream.items, duration, rate, stream.becomes
+        table.add_row(*map(cell, cells))
     console.print(table)

@@ -9,12 +9,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unlidar_tools.arguments import number, origin
+from unlidar_tools.cli.arguments import number, origin
 from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.stamps import parse_seconds_ns
 
 if TYPE_CHECKING:
-    from unlidar_tools.history.store import Reader
+    from unlidar_tools.history.reader import Reader
 
 FORMATS = ("csv", "geojson", "kml", "mcap")
 EXAMPLE = """unlidar history sky.db --since 2h
@@ -22,6 +22,7 @@ EXAMPLE = """unlidar history sky.db --since 2h
   unlidar history sky.db --since 1d --format geojson > day.geojson"""
 _TEXTS = "csv", "geojson", "kml"
 _UNITS_S = {"s": 1, "min": 60, "h": 3600, "d": 86400}
+_LONGEST_S = 1e10  # before all that a store can hold
 _AGO = re.compile(r"(\d+(?:\.\d+)?)(s|min|h|d)")
 
 
@@ -67,7 +68,7 @@ def define(p: argparse.ArgumentParser) -> None:
 def act(a: argparse.Namespace) -> None:
     """Writes, or lists."""
     from unlidar_tools.export_options import guess_format
-    from unlidar_tools.history.store import Reader
+    from unlidar_tools.history.reader import Reader
 
     if a.heading is not None and a.origin is None:
         raise UsageError("--heading needs --origin")
@@ -139,7 +140,7 @@ def _list(reader: "Reader", a: argparse.Namespace) -> None:
 
 
 def _span(reader: "Reader", a: argparse.Namespace) -> tuple[int | None, int | None]:
-    newest_ns = max((span[3] for span in reader.spans()), default=0)
+    newest_ns = reader.newest_ns()
     since_ns, until_ns = (
         None if time is None else time[1] if time[0] else newest_ns - time[1]
         for time in (a.since, a.until)
@@ -151,7 +152,7 @@ def _time(text: str) -> tuple[bool, int]:
     """Nanoseconds, and whether they count from 1970: else back from the newest row."""
     ago = _AGO.fullmatch(text)
     if ago:
-        return False, round(float(ago[1]) * _UNITS_S[ago[2]] * 1e9)
+        return False, round(min(float(ago[1]) * _UNITS_S[ago[2]], _LONGEST_S) * 1e9)
     try:
         return True, parse_seconds_ns(text)
     except ValueError:

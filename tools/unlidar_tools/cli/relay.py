@@ -60,7 +60,7 @@ def act(a: argparse.Namespace) -> None:
     site = replace(site, outputs=(*site.outputs, *(Output(to=url) for url in a.to)))
     if not site.outputs and a.store is None:
         raise UsageError("nobody to tell: give --to URL, outputs in the file of --site, or --store")
-    if a.events.startswith("mqtt://"):
+    if a.events.startswith(("mqtt://", "mqtts://")):
         raise UsageError(f"'{a.events}', expected the events of one engine")
     source = open_source(a.events)
 

@@ -18,7 +18,7 @@ def define(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--rerun",
         action="store_true",
-        help="also recording.rrd for the rerun viewer (pip install 'unlidar-tools[rerun]')",
+        help="also recording.rrd for the rerun viewer (needs the extra rerun)",
     )
     p.set_defaults(act=_report)
 

@@ -1,0 +1,20 @@
+"""Whom to trust by TLS, and who we are."""
+
+import ssl
+
+from unlidar_tools.errors import ConfigError, reason
+from unlidar_tools.events.site import Output, Tls
+
+
+def tls_context(files: Output | Tls, shown: str) -> ssl.SSLContext:
+    """Python's defaults: the server's name and certificate are checked.
+
+    ConfigError naming the address, as it is shown, where a file cannot be read.
+    """
+    try:
+        context = ssl.create_default_context(cafile=files.ca_file)
+        if files.certificate_file is not None:
+            context.load_cert_chain(files.certificate_file, files.key_file)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{shown}: certificate or key: {reason(error)}") from error
+    return context

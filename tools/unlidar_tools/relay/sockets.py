@@ -1,0 +1,157 @@
+"""UDP, TCP and TLS for Cursor on Target: which has no acknowledgement of its own."""
+
+import asyncio
+import contextlib
+import fcntl
+import ipaddress
+import os
+import select
+import socket
+import ssl
+import struct
+import termios
+from collections.abc import Callable, Sequence
+
+_DIAL_S = 10.0
+_LOOK_S = 0.005
+# What the system of a machine has taken its program may never read: so long a reset would tell so.
+_SETTLE_S = 0.1
+_MULTICAST_HOPS = 4
+# Of a connection: the other side reset it, or sends nothing more.
+_RESET = select.POLLERR | select.POLLHUP
+_LEFT = _RESET | select.POLLRDHUP
+
+
+class UdpSender:
+    """One event a datagram, to one host, a broadcast address or a multicast group."""
+
+    reach = "handed to the network"
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host, self._port = host, port
+        self._transport: asyncio.DatagramTransport | None = None
+
+    async def connect(self) -> None:
+        """OSError for a name that is not known."""
+        loop = asyncio.get_running_loop()
+        found = await loop.getaddrinfo(self._host, self._port, type=socket.SOCK_DGRAM)
+        family, *_, address = found[0]
+        # No errors of an earlier datagram: that nobody listens just now is no loss of the way.
+        self._transport, _ = await loop.create_datagram_endpoint(
+            asyncio.DatagramProtocol, remote_addr=address[:2], family=family, allow_broadcast=True
+        )
+        if ipaddress.ip_address(address[0].partition("%")[0]).is_multicast:
+            own = self._transport.get_extra_info("socket")
+            if family == socket.AF_INET6:
+                own.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, _MULTICAST_HOPS)
+            else:
+                own.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, _MULTICAST_HOPS)
+
+    async def send(self, messages: Sequence[bytes], arrived: Callable[[], None]) -> None:
+        """Whether anybody has them nobody knows."""
+        assert self._transport is not None
+        for message in messages:
+            if self._transport.is_closing():
+                raise ConnectionError("the socket was closed")
+            self._transport.sendto(message)
+            arrived()
+
+    async def lost(self) -> None:
+        """Never."""
+        await asyncio.Event().wait()
+
+    async def close(self) -> None:
+        """Closes the socket; what was sent leaves before."""
+        if self._transport is not None:
+            self._transport.close()
+        self._transport = None
+
+
+class StreamSender:
+    """Events one after the other, as TAK servers take them by TCP and TLS."""
+
+    reach = "acknowledged by the other machine, by no program"
+
+    def __init__(self, host: str, port: int, tls: ssl.SSLContext | None) -> None:
+        self._host, self._port, self._tls = host, port, tls
+        self._reader: asyncio.StreamReader | None = None
+        self._writer: asyncio.StreamWriter | None = None
+        self._wire: int | None = None  # the connection for the system, also after TLS has closed it
+
+    async def connect(self) -> None:
+        """OSError, also of TLS."""
+        dial = asyncio.open_connection(self._host, self._port, ssl=self._tls)
+        try:
+            async with asyncio.timeout(_DIAL_S):
+                self._reader, self._writer = await dial
+            # Not 0: TLS would wait for less than nothing.
+            self._writer.transport.set_write_buffer_limits(high=1)
+            self._wire = os.dup(self._writer.get_extra_info("socket").fileno())
+        except TimeoutError as error:
+            raise ConnectionError(f"no answer within {_DIAL_S:g} s") from error
+
+    async def send(self, messages: Sequence[bytes], arrived: Callable[[], None]) -> None:
+        """Returns when the other machine's system has acknowledged them and not taken it back.
+
+        TCP knows no more.
+        """
+        assert self._writer is not None and self._wire is not None
+        if _look(self._wire) & _LEFT:
+            raise ConnectionError("the connection was closed")
+        for message in messages:
+            self._writer.write(message)
+            try:
+                async with asyncio.timeout(_DIAL_S):
+                    await self._writer.drain()
+            except TimeoutError as error:
+                raise ConnectionError(f"took nothing for {_DIAL_S:g} s") from error
+        await self._acknowledged(self._wire)
+        for _ in messages:
+            arrived()
+
+    async def _acknowledged(self, wire: int) -> None:
+        """OSError where the other side reset the connection: it has not read all of it."""
+        clock = asyncio.get_running_loop().time
+        moved_s, left = clock(), 0
+        while not (seen := _look(wire)) & _RESET:
+            before, left = left, _unacknowledged(wire)
+            if left != before:
+                moved_s = clock()
+            still_s = clock() - moved_s
+            # Whoever leaves without a reset has read all.
+            if not left and (still_s > _SETTLE_S or seen & _LEFT):
+                return
+            if still_s > _DIAL_S:
+                raise ConnectionError(f"took nothing for {_DIAL_S:g} s")
+            await asyncio.sleep(_LOOK_S)
+        raise ConnectionResetError("the connection was reset")
+
+    async def lost(self) -> None:
+        """Reads away what a server tells its clients, until it leaves."""
+        assert self._reader is not None
+        while await self._reader.read(65536):
+            pass
+
+    async def close(self) -> None:
+        """Closes the connection."""
+        writer, wire = self._writer, self._wire
+        self._reader = self._writer = self._wire = None
+        if wire is not None:
+            os.close(wire)
+        if writer is not None:
+            writer.close()
+            with contextlib.suppress(OSError, TimeoutError):
+                async with asyncio.timeout(1.0):
+                    await writer.wait_closed()
+
+
+def _look(wire: int) -> int:
+    """What the system knows of a connection just now, whatever the loop has come to."""
+    poll = select.poll()
+    poll.register(wire, select.POLLRDHUP)
+    return next((events for _, events in poll.poll(0)), 0)
+
+
+def _unacknowledged(wire: int) -> int:
+    """Bytes, of TLS with what it adds."""
+    return struct.unpack("i", fcntl.ioctl(wire, termios.TIOCOUTQ, b"\0" * 4))[0]

@@ -1,0 +1,61 @@
+"""Outlines of zones for pages: no more corners than a page can draw, however many a file has."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from unlidar_tools.events.site import MOST_AWAY_M, Zone
+from unlidar_tools.printable import printable
+from unlidar_tools.telling import note
+
+_MOST_CORNERS = 50_000  # of all zones: five of each of 10,000
+_STEP_M = 0.1  # corners that are off by less are left out first, then by twice as much and so on
+_RING = 4  # corners at least: three and the first again
+
+Ring = list[list[float]]
+
+
+def drawable(zones: Sequence[Zone]) -> list[list[Ring]]:
+    """The rings of each zone, in metres. Alarms go by the zones as they are."""
+    import shapely
+
+    sizes = [int(shapely.get_num_coordinates(zone.polygon)) for zone in zones]
+    room = _share(sizes)
+    shown, drawn = [], 0
+    for zone, size in zip(zones, sizes, strict=True):
+        rings = shapely.get_rings(shapely.get_parts(zone.polygon))
+        if size > room:
+            rings = _simpler(rings, room)
+        shown.append([shapely.get_coordinates(ring).round(2).tolist() for ring in rings])
+        drawn += sum(map(len, shown[-1]))
+    if drawn < sum(sizes):
+        largest = printable(zones[sizes.index(max(sizes))].name)
+        note(
+            f"zones have {sum(sizes)} corners, '{largest}' {max(sizes)} of them: pages draw "
+            f"{drawn}, alarms go by all"
+        )
+    return shown
+
+
+def _share(sizes: Sequence[int]) -> int:
+    """So many corners a zone may have: those that have fewer leave their room to others."""
+    room, left = _MOST_CORNERS, len(sizes)
+    for size in sorted(sizes):
+        if size * left > room:
+            return room // left
+        room, left = room - size, left - 1
+    return _MOST_CORNERS
+
+
+def _simpler(rings: Any, room: int) -> Any:
+    """With `room` corners at most: coarser, and of ever so many rings the longest."""
+    import numpy as np
+    import shapely
+
+    rings = rings[np.argsort(-shapely.length(rings), kind="stable")[: max(1, room // _RING)]]
+    tolerance_m = _STEP_M
+    while shapely.get_num_coordinates(rings).sum() > room and tolerance_m < MOST_AWAY_M:
+        coarser = shapely.simplify(rings, tolerance_m)
+        rings = np.where(shapely.get_num_coordinates(coarser) >= _RING, coarser, rings)
+        tolerance_m *= 2
+    fits = shapely.get_num_coordinates(rings).cumsum() <= room
+    return rings[fits] if fits.any() else rings[:1]

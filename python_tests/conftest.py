@@ -1,6 +1,8 @@
 """Fixtures of all Python tests."""
 
+import json
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,9 @@ settings.register_profile(
     "tests", deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("tests")
+
+# Where it is ignored, as under nohup, programs that are started ignore it as well.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -45,5 +50,33 @@ def fails(capsys):
         assert len(lines) == 1, lines
         assert lines[0].startswith("unlidar: error: ")
         return lines[0]
+
+    return call
+
+
+@pytest.fixture
+def traced(tmp_path, monkeypatch):
+    """Makes a finished run with a trace by hand; its program is stood in for."""
+    from traced_run import TracedRun
+    from unlidar_tools import explain
+
+    def make(**how):
+        run = TracedRun(tmp_path / "run", **how)
+        monkeypatch.setattr(explain, "run_program", run.program)
+        return run
+
+    return make
+
+
+@pytest.fixture
+def explained(capsys):
+    """The targets in the JSON of `unlidar explain`."""
+    from unlidar_tools.cli import main
+
+    def call(run, *options: object) -> list[dict]:
+        folder = run if isinstance(run, Path) else run.write()
+        capsys.readouterr()
+        assert main(["explain", str(folder), "--json", *map(str, options)]) == 0
+        return json.loads(capsys.readouterr().out)["targets"]
 
     return call

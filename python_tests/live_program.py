@@ -103,7 +103,7 @@ def feed(data: bytes, out: Path, *arguments: str | Path) -> tuple[int, str, str]
         [PROGRAM, "--stdin", "--out", out, *arguments],
         input=data,
         capture_output=True,
-        timeout=120,
+        timeout=300,
     )
     return done.returncode, done.stdout.decode(), done.stderr.decode()
 

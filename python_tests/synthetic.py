@@ -154,7 +154,7 @@ def run_program(
         text=True,
         stdin=subprocess.DEVNULL,
         cwd=cwd,
-        timeout=120,
+        timeout=300,
         preexec_fn=limit_memory,
     )
 

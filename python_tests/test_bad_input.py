@@ -440,7 +440,7 @@ def test_frames_that_fall_on_one_nanosecond_after_another_are_borne(
 # --- output that cannot be written ------------------------------------------------------------
 
 
-@pytest.mark.parametrize("option", ["--out", "--clusters", "--points", "--summary"])
+@pytest.mark.parametrize("option", ["--out", "--clusters", "--points", "--summary", "--trace"])
 @pytest.mark.parametrize("place", ["missing_folder", "under_a_file", "is_a_folder"])
 def test_an_output_that_cannot_be_written_is_refused(
     frames: Path, tmp_path: Path, option: str, place: str
@@ -494,3 +494,14 @@ def test_a_refusal_keeps_the_older_output(frames: Path, flight: Flight, out: Pat
     assert run_program("--frames", frames, "--out", out).returncode == INPUT
     assert out.read_text() == "older\n"
     assert [p.name for p in out.parent.iterdir()] == [out.name]
+
+
+def test_the_folder_of_a_whole_recording_is_told_from_that_of_a_lidar(tmp_path: Path) -> None:
+    write_frames(tmp_path / "rec" / "mid360", make_flight(frames=3))
+    (tmp_path / "rec" / ".hidden").mkdir()
+    result = run_program("--frames", tmp_path / "rec", "--out", tmp_path / "traj.csv")
+    assert result.returncode == 4
+    assert result.stderr.splitlines() == [
+        f"unlidar_track: error: {tmp_path}/rec: holds no .pcd file, expected at least one frame; a "
+        f"recording of several LiDARs has one --frames each, as --frames {tmp_path}/rec/mid360"
+    ]

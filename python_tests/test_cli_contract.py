@@ -29,8 +29,8 @@ from synthetic import (
 
 OPTIONS = [
     "--frames", "--out", "--config", "--set", "--at", "--rate", "--format", "--clusters",
-    "--points", "--summary", "--only-drones", "--follow", "--stdin", "--events", "--threads",
-    "--quiet", "--verbose", "--version", "--help",
+    "--points", "--summary", "--trace", "--only-drones", "--follow", "--stdin", "--events",
+    "--threads", "--quiet", "--verbose", "--version", "--help",
 ]  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from unlidar_tools.cli import main
-from unlidar_tools.completion_command import SHELLS
+from unlidar_tools.cli.completion import SHELLS
 
 
 @pytest.fixture(params=SHELLS)

@@ -104,7 +104,12 @@ def test_the_summary_holds_what_was_set_and_can_be_used_as_config(
     assert first["input"]["min_range_m"] == 0.25
     assert first["paper"]["window_frames"] == 3
     assert first["sensors"] == {
-        "a": {"translation_m": [1, 2, 3], "rotation": [0, 0, 1, 0], "time_offset_s": 0}
+        "a": {
+            "translation_m": [1, 2, 3],
+            "rotation": [0, 0, 1, 0],
+            "time_offset_s": 0,
+            "frame_rate_hz": 0,
+        }
     }
     config = tmp_path / "again.yaml"
     config.write_text(json.dumps(first))  # JSON is YAML

@@ -1,6 +1,9 @@
 """Folders of PCD, PLY, KITTI's .bin and .npy: the same points, stamps from names or lists."""
 
+import os
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +11,8 @@ import pytest
 from bags import random_points, read_xyz, returns_of
 from unlidar_tools.cli import main
 from unlidar_tools.conversion import Options, convert
-from unlidar_tools.frames_io import read_pcd, write_pcd
+from unlidar_tools.errors import InputError
+from unlidar_tools.frames_io import list_frames, read_pcd, write_pcd
 
 STAMPS = ("1706255621.600227123", "1706255621700000000", "1706255622")
 NAMES = ("1706255621.600227123.pcd", "1706255621.700000000.pcd", "1706255622.000000000.pcd")
@@ -107,6 +111,12 @@ def test_numbered_files_are_frames_of_the_rate_that_is_said_or_given(tmp_path, c
     )
 
 
+@pytest.mark.parametrize("rate", ["1e-300", "1e300"])
+def test_a_rate_that_no_sensor_has_is_refused(rate, tmp_path, fails):
+    folder = make_folder(tmp_path / "seq", "npy", ("1", "2", "3"))
+    assert "--rate" in fails(4, "convert", folder, tmp_path / "out", "--rate", rate)
+
+
 def test_kitti_lists_of_stamps_belong_to_the_files_in_order(tmp_path, fails):
     drive = tmp_path / "drive"
     make_folder(drive / "velodyne_points/data", "kitti", ("0000", "0001", "0002"))
@@ -138,6 +148,58 @@ def test_a_table_of_stamps_goes_before_the_names(tmp_path):
     )
     convert(folder, tmp_path / "out")
     check_frames(tmp_path / "out/seq")
+
+
+def test_a_row_of_a_table_of_stamps_for_a_file_that_is_missing_is_refused(tmp_path, fails):
+    folder = make_folder(tmp_path / "seq", "npy", ("a", "b", "gone"))
+    (folder / "gone.npy").unlink()
+    rows = zip(("a.npy", "b.npy", "gone.npy"), STAMPS, strict=True)
+    text = "".join(f"{name},{stamp}\n" for name, stamp in rows)
+    (folder / "timestamps.csv").write_text("file,timestamp\n" + text)
+    assert "'gone.npy' is no frame" in fails(4, "convert", folder, tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", ["a.db3", "a.bag", "a.mcap", "a.pcap", "a.las", "a.pcd", "a"])
+def test_a_pipe_is_no_recording_and_is_not_waited_for(name, tmp_path):
+    os.mkfifo(tmp_path / name)
+    command = [sys.executable, "-m", "unlidar_tools", "convert", tmp_path / name, tmp_path / "out"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 4
+    assert result.stderr.count("\n") == 1 and "is a pipe" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["1.5.npy", "1.5.pcd"])
+def test_a_pipe_among_the_frames_is_not_waited_for(name, tmp_path):
+    (tmp_path / "seq").mkdir()
+    os.mkfifo(tmp_path / "seq" / name)
+    command = [sys.executable, "-m", "unlidar_tools", "convert", tmp_path / "seq", tmp_path / "out"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 4
+    assert result.stderr.count("\n") == 1 and "is a pipe" in result.stderr
+
+
+@pytest.mark.parametrize("row", ["", "000000.npy,today\n"])
+def test_a_table_of_stamps_has_a_stamp_for_every_file(row, tmp_path, fails):
+    """The number in a name is no time beside those of a table."""
+    folder = make_folder(tmp_path / "seq", "npy", ("000000", "b", "c"))
+    (folder / "timestamps.csv").write_text(f"file,timestamp\nb.npy,{STAMPS[0]}\n{row}")
+    line = fails(4, "convert", folder, tmp_path / "out")
+    assert "timestamps.csv" in line
+    assert "'000000.npy'" in line
+
+
+def test_frames_are_listed_by_a_whole_table_alone(tmp_path):
+    folder = make_folder(tmp_path / "seq", "pcd", ("000000", "b", "c"))
+    table = folder / "timestamps.csv"
+    rows = [
+        f"{name}.pcd,{stamp}\n" for name, stamp in zip(("000000", "b", "c"), STAMPS, strict=True)
+    ]
+    table.write_text("file,timestamp\n" + "".join(rows))
+    assert [f.path.stem for f in list_frames(folder)] == ["000000", "b", "c"]
+    for listed in ([], rows[1:], [*rows, rows[0]]):
+        table.write_text("file,timestamp\n" + "".join(listed))
+        with pytest.raises(InputError, match=r"timestamps\.csv: .*expected one"):
+            list_frames(folder)
 
 
 def test_times_of_points_of_pcd_files_are_kept(tmp_path):

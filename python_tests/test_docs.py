@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from synthetic import PROJECT, TRAJ_HEADER
 
-PAGES = ("researcher_with_a_bag", "mmaud", "own_sensor", "live", "station", "kinds")
+PAGES = ("researcher_with_a_bag", "mmaud", "own_sensor", "live", "station", "kinds", "explain")
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -90,11 +90,10 @@ def test_the_page_on_own_sensors_works_as_written(folder: Path) -> None:
 def test_the_page_on_live_tracking_works_as_written(folder: Path) -> None:
     said = run_blocks("live", folder)
     assert TRAJ_HEADER in said
-    assert (folder / "traj.csv").read_text().count("\n") > 50
-    assert (folder / "piped.csv").read_text().count("\n") > 50
-    told = {
-        json.loads(line)["event"] for line in (folder / "events.jsonl").read_text().splitlines()
-    }
+    live = folder / "out/live"
+    assert (live / "traj.csv").read_text().count("\n") > 50
+    assert (live / "piped.csv").read_text().count("\n") > 50
+    told = {json.loads(line)["event"] for line in (live / "events.jsonl").read_text().splitlines()}
     page = (PROJECT / "docs/live.md").read_text()
     table = page.partition("| `event` |")[2].partition("\n\n")[0]
     assert told == set(re.findall(r"^\| `([a-z]+)` \|", table, re.MULTILINE))
@@ -118,6 +117,15 @@ def test_the_page_on_stations_works_as_written(folder: Path) -> None:
         options = re.findall(r"^  (--[a-z-]+)", shown, re.MULTILINE)
         common = {"--verbose", "--port", "--station", "--origin", "--heading"}
         assert [o for o in options if o not in page and o not in common] == [], command
+
+
+def test_the_page_on_explaining_works_as_written(folder: Path, program: Path) -> None:
+    shown = subprocess.run([program, "--help"], capture_output=True, text=True, check=True).stdout
+    if "--trace" not in shown:
+        pytest.skip(f"{program} has no --trace")
+    said = run_blocks("explain", folder)
+    assert re.search(r"^drone 0: \d+ s: found [0-9.]+ %", said, re.MULTILINE)
+    assert json.loads(said.splitlines()[-1])["targets"]
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -14,10 +14,20 @@ from unlidar_tools.evaluation.bootstrap import LEVEL, times_drawn
 from unlidar_tools.truth import Tracks, Truth
 
 ERRORS_OF_ROTATION = 2e-4  # measures have four places
-SHARES = ("coverage", "within1m", "matched", "false", "rows_false", "nees_within95")
+SHARES = (
+    "coverage",
+    "within1m",
+    "matched",
+    "false",
+    "rows_false",
+    "nees_within95",
+    "nees_unbiased_within95",
+)
 # Not of the shape of the errors, which a motion keeps, but of the axes that it turns.
 OF_THE_AXES = ("dx", "dy", "dz", "mae_x", "mae_y", "mae_z", "bias", "rows_dx", "rows_dy", "rows_dz")
-OF_THE_SIGMAS = ("nees", "nees_median", "nees_within95")
+OF_THE_SIGMAS = [
+    f"nees{about}{kind}" for about in ("", "_unbiased") for kind in ("", "_median", "_within95")
+]
 
 
 SEEDS = st.integers(0, 2**32 - 1)

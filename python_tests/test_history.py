@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
@@ -17,7 +18,9 @@ from station_events import BEGIN_NS, end, row, sensor, square, stamp, state, tra
 from unlidar_tools.cli import main
 from unlidar_tools.events.site import Place, load_site, load_zones
 from unlidar_tools.events.station import Message, Station
-from unlidar_tools.history.store import Reader, Store
+from unlidar_tools.history.ageing import Ageing
+from unlidar_tools.history.reader import Reader
+from unlidar_tools.history.store import Store
 
 PLACE = Place(latitude_deg=47.0, longitude_deg=8.0, height_m=500.0)
 
@@ -79,6 +82,18 @@ def test_since_and_until_bound_the_rows(store, capsys) -> None:
     assert len(stamps("--since", day)) == 100
     assert len(stamps("--until", day)) == 0
     assert len(stamps("--since", "2024-01-26T21:31+01:00")) == 50
+
+
+@pytest.mark.parametrize(
+    ("since", "count"),
+    [("99999999d", 100), ("9" * 400 + "d", 100), ("0001-01-01", 100), ("9999-12-31", 0)],
+)
+def test_a_time_beyond_all_that_can_be_kept_is_no_error(since, count, store, capsys) -> None:
+    assert len(table(history(capsys, store, "--since", since, "--format", "csv"))) == count
+    with contextlib.closing(sqlite3.connect(store, isolation_level=None)) as db:
+        db.execute("UPDATE row SET stamp_ns = stamp_ns - ?", (8 * 10**18,))
+        db.execute("UPDATE track SET begin_ns = -9e18, newest_ns = -9e18")
+    history(capsys, store, "--since", "7d")
 
 
 def test_other_formats_are_those_of_export(store, tmp_path, capsys) -> None:
@@ -163,10 +178,14 @@ def test_rows_of_before_are_none_of_a_track_that_goes_on(tmp_path) -> None:
 
 
 def test_days_bound_what_is_kept(tmp_path) -> None:
-    keeping = Store(tmp_path / "sky.db", days=1.5)
+    """By this computer's clock, whatever the stamps are."""
+    now = [time.time_ns()]
+    ageing = Ageing(lambda: now[0], lambda: now[0])
+    keeping = Store(tmp_path / "sky.db", days=1.5, ageing=ageing)
     for day in range(4):
-        keeping.take(messages(tmp_path, state("running", day * 86400.0), *flight(day, day * 86400)))
+        keeping.take(messages(tmp_path, state("running", day), *flight(day, day * 100.0)))
         keeping.tidy()
+        now[0] += 86_400_000_000_000
     assert [t.number for t in keeping.reader().tracks()] == [2, 3]
     assert len(keeping.reader().told("state", 0, 1 << 62)) == 2
     keeping.close()

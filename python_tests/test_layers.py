@@ -1,4 +1,4 @@
-"""Each folder of the C++ sources is a layer, and no include runs back up."""
+"""Each folder of the C++ sources is a layer, and no include runs back up; nor does an import."""
 
 from __future__ import annotations
 
@@ -23,6 +23,25 @@ LAYERS = (
     "api",  # what the public headers declare, by the layers above
     "app",  # the command line and its files
 )
+# Of tools/unlidar_tools/events: a module imports those above it in this list.
+EVENTS = (
+    "clock",  # which stamps are believed
+    "event",  # what may come in, and how it leaves
+    "fair",  # a queue of several senders
+    "lines",  # lines wherever they come from
+    "site",  # where a station stands, its zones
+    "tls",
+    "mqtt",
+    "broker",
+    "source",  # a file, stdin, a server, a broker
+    "neighbours",
+    "estimates",
+    "fusion",  # tracks that are one drone
+    "alarms",
+    "station",  # one station
+    "many",  # several, as one sky
+)
+IMPORT = re.compile(r"^ *from unlidar_tools\.events\.(\w+) import", re.MULTILINE)
 INCLUDE = re.compile(r'^#include "([^"]+)"', re.MULTILINE)
 ROOTS = (PROJECT / "include", PROJECT / "src")
 
@@ -48,3 +67,26 @@ def test_public_headers_show_the_standard_library_and_eigen_only() -> None:
     for path in (PROJECT / "include").rglob("*.hpp"):
         for include in re.findall(r"^#include <([^>]+)>", path.read_text(), re.MULTILINE):
             assert include == "Eigen/Core" or re.fullmatch(r"[a-z_]+", include), path.name
+
+
+def test_no_import_of_a_stations_events_runs_back_up() -> None:
+    folder = PROJECT / "tools/unlidar_tools/events"
+    names = {path.stem for path in folder.glob("*.py")} - {"__init__"}
+    assert names == set(EVENTS)
+    wrong = [
+        f"{name} imports {other}"
+        for name in EVENTS
+        for other in IMPORT.findall((folder / f"{name}.py").read_text())
+        if EVENTS.index(other) >= EVENTS.index(name)
+    ]
+    assert wrong == []
+
+
+def test_ceres_is_called_from_two_files_of_the_trajectory_and_from_nowhere_else() -> None:
+    callers = {
+        path.relative_to(root).as_posix()
+        for root in ROOTS
+        for path in root.rglob("*.[ch]pp")
+        if "#include <ceres/" in path.read_text()
+    }
+    assert callers == {"trajectory/ceres_minimum.cpp", "trajectory/spline_cost.hpp"}

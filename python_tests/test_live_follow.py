@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
@@ -318,6 +319,24 @@ def an_hour_before(paths: list[Path], folder: Path) -> list[Path]:
     return earlier
 
 
+def test_a_frame_of_another_time_costs_no_row(frames: Path, tmp_path: Path, flight: Flight) -> None:
+    stray = tmp_path / "3960000000.0.pcd"
+    paths = by_stamp(frames)
+    stray.write_bytes(paths[0].read_bytes())
+    with Station(tmp_path) as station:
+        move_into(tmp_path / "frames/lidar", paths[:30])
+        wait_idle(station)
+        move_into(tmp_path / "frames/lidar", [stray])
+        wait_idle(station)
+        move_into(tmp_path / "frames/lidar", paths[30:])
+        wait_idle(station)
+        said = station.stop()
+    code, _, _ = feed(b"".join(messages(lidar=frames)), tmp_path / "by_stdin.csv")
+    assert code == 0
+    assert station.trajectory.read_bytes() == (tmp_path / "by_stdin.csv").read_bytes()
+    assert "1 frame astray and left out: the clock of lidar is " in said
+
+
 def test_a_clock_that_goes_back_is_followed_and_said(frames: Path, tmp_path: Path) -> None:
     target = tmp_path / "frames/lidar"
     # More than it remembers: an old name is new all the same.
@@ -343,7 +362,8 @@ def test_a_clock_that_goes_back_is_followed_and_said(frames: Path, tmp_path: Pat
     assert is_before[: len(first)].all() and not set(first) & set(second)
     told = [json.loads(line) for line in station.events.read_text().splitlines()]
     states = [e["state"] for e in told if e["event"] == "state"]
-    assert states[:4] == ["warming_up", "running"] * 2
+    # Each state is said again as long as it lasts.
+    assert [state for state, _ in itertools.groupby(states)][:4] == ["warming_up", "running"] * 2
     assert said.count("begins anew at 17062964") == 1
 
 
@@ -360,6 +380,56 @@ def test_a_restart_after_the_clock_went_back_goes_on(frames: Path, tmp_path: Pat
     assert station.trajectory.read_text().startswith(old)
     assert len(rows_of(station.trajectory)) > 40
     assert set(ids(station.trajectory)[1:]) == {42}
+
+
+def test_one_row_of_another_time_hides_no_frame_from_a_restart(
+    frames: Path, tmp_path: Path
+) -> None:
+    """Also where it is not the last."""
+    first_s = BEGIN_NS // 10**9
+    row = "{}.000000000,{},1,2,3,0,0,0,0.1,0.1,0.1,5\n"
+    old = f"{TRAJ_HEADER}\n" + "".join(
+        row.format(*at) for at in [(first_s - 9000, 3), (3_960_000_000, 4), (first_s - 8000, 5)]
+    )
+    (tmp_path / "traj.csv").write_text(old)
+    move_into(tmp_path / "frames/lidar", by_stamp(frames))
+    with Station(tmp_path) as station:
+        wait_idle(station)
+        station.stop()
+    assert station.trajectory.read_text().startswith(old)
+    assert len(rows_of(station.trajectory)) > 40
+
+
+def test_what_an_earlier_run_has_worked_off_is_counted_and_said(
+    frames: Path, tmp_path: Path
+) -> None:
+    later_s = BEGIN_NS // 10**9 + 3600
+    (tmp_path / "traj.csv").write_text(
+        f"{TRAJ_HEADER}\n{later_s}.000000000,41,1,2,3,0,0,0,0.1,0.1,0.1,5\n"
+    )
+    move_into(tmp_path / "frames/lidar", by_stamp(frames))
+    with Station(tmp_path, "--summary", str(tmp_path / "summary.json")) as station:
+        wait_idle(station)
+        said = station.stop()
+    count = len(by_stamp(frames))
+    told = json.loads((tmp_path / "summary.json").read_text())["counts"]
+    assert told["worked_off_frames"] == count
+    assert f"{count} frames passed over: worked off by an earlier run" in said
+
+
+def test_names_that_are_written_again_are_said_at_once(frames: Path, tmp_path: Path) -> None:
+    """A ring of files: the second time round each has the stamp of the first."""
+    (tmp_path / "frames/lidar").mkdir(parents=True)
+    with Station(tmp_path) as station:
+        wait_idle(station)
+        for _ in range(2):
+            for number, path in enumerate(by_stamp(frames)[:20]):
+                shutil.copy(path, tmp_path / "next")
+                (tmp_path / "next").rename(tmp_path / f"frames/lidar/{number:03}.pcd")
+            wait_idle(station)
+        station.live.process.kill()  # so that nothing is summed up
+        said = station.live.process.communicate()[1].decode()
+    assert "16 frames passed over: the stamp had come before" in said
 
 
 # --- outputs --------------------------------------------------------------------------------------

@@ -24,6 +24,7 @@ from live_program import (
     write_two_sensors,
 )
 from synthetic import (
+    BEGIN_NS,
     NO_DRONE_TRAJ,
     Flight,
     make_flight,
@@ -82,6 +83,25 @@ def test_an_endless_window_and_delay_give_what_a_recording_gives(
         assert code == 0, said
         assert (tmp_path / "live.csv").read_bytes() == (tmp_path / "batch.csv").read_bytes()
         assert len(rows_of(tmp_path / "live.csv")) > 20
+
+
+def test_summaries_of_both_have_the_report_of_ceres_and_live_ones_have_none(
+    frames: Path, stream: list[bytes], tmp_path: Path
+) -> None:
+    def splines(summary: Path) -> list[dict | None]:
+        return [t.get("spline") for t in json.loads(summary.read_text())["tracks"]]
+
+    track([f"lidar={frames}"], tmp_path / "a.csv", "--summary", tmp_path / "a.json")
+    for name, options in (("b", ENDLESS), ("c", [])):
+        summary = ("--summary", tmp_path / f"{name}.json")
+        code, _, said = feed(b"".join(stream), tmp_path / f"{name}.csv", *options, *summary)
+        assert code == 0, said
+    (spline,) = splines(tmp_path / "a.json")
+    assert spline["solver"] == "ceres" and spline["termination"] == "CONVERGENCE"
+    assert spline["iterations"] > 0
+    assert 0 < spline["final_cost"] <= spline["initial_cost"]
+    assert splines(tmp_path / "b.json") == [spline]
+    assert splines(tmp_path / "c.json") == [None]
 
 
 def test_so_do_frames_of_several_sensors_with_poses_and_clocks(
@@ -190,6 +210,98 @@ def test_later_frames_are_counted_and_dropped(stream: list[bytes], tmp_path: Pat
     last = [e for e in events_of(out) if e["event"] == "state"][-1]
     assert last["frames"] == len(stream) - 1
     assert last["dropped"] == 1
+
+
+# --- clocks ---------------------------------------------------------------------------------------
+
+
+def said_of(data: list[bytes], out: Path) -> tuple[str, dict]:
+    """Standard error and the counts of a run that ends well."""
+    summary = out.with_suffix(".json")
+    code, _, said = feed(b"".join(data), out, "--summary", summary)
+    assert code == 0, said
+    return said, json.loads(summary.read_text())["counts"]
+
+
+@pytest.mark.parametrize("glitch_s", ["3960000000.0", "1706300021.5", "1706300065.0", "12.0"])
+def test_a_sensor_that_glitches_and_dies_costs_no_row(
+    glitch_s: str, stream: list[bytes], plain: tuple[bytes, str], tmp_path: Path
+) -> None:
+    glitch = message("other", glitch_s, stream[20].partition(b"\n")[2])
+    said, counts = said_of([*stream[:20], glitch, *stream[20:]], tmp_path / "traj.csv")
+    assert (tmp_path / "traj.csv").read_bytes() == plain[0]
+    assert counts["late_frames"] == 0
+    assert counts["astray_frames"] == 1
+    assert "1 frame astray and left out: the clock of other is " in said
+
+
+def test_a_glitch_before_the_first_frame_is_outvoted(
+    stream: list[bytes], plain: tuple[bytes, str], tmp_path: Path
+) -> None:
+    glitch = message("other", "3960000000.0", stream[0].partition(b"\n")[2])
+    said, counts = said_of([glitch, *stream], tmp_path / "traj.csv")
+    rows = (tmp_path / "traj.csv").read_text().splitlines()
+    expected = plain[0].decode().splitlines()
+    assert counts["late_frames"] == counts["astray_frames"] == 0
+    assert "begins anew" in said
+    # Output times are those of the other for as long as it may be silent.
+    assert len(rows) > len(expected) - 25
+    assert [row.split(",")[0] for row in rows][-20:] == [r.split(",")[0] for r in expected][-20:]
+
+
+@pytest.mark.parametrize("apart_s", [-7200, -3, 3, 7200])
+def test_sensors_whose_clocks_are_apart_do_not_stop_each_other(
+    apart_s: int, stream: list[bytes], plain: tuple[bytes, str], tmp_path: Path
+) -> None:
+    both = []
+    for one in stream:
+        head, _, pcd = one.partition(b"\n")
+        both += [one, message("other", f"{float(head.split()[2]) + apart_s:.6f}", pcd)]
+    said, counts = said_of(both, tmp_path / "traj.csv")
+    assert (tmp_path / "traj.csv").read_bytes() == plain[0]
+    _, events, _ = feed(b"".join(both), tmp_path / "again.csv", "--events", "-")
+    told = [json.loads(line) for line in events.splitlines()]
+    assert [e["state"] for e in told if e.get("name") == "other"] == ["silent"]
+    assert counts["late_frames"] + counts["astray_frames"] == len(stream)
+    assert "dropped" in said or "the clock of other is" in said
+
+
+def test_a_pause_loses_no_frame(stream: list[bytes], tmp_path: Path) -> None:
+    data = []
+    for k, one in enumerate(stream):
+        head, _, pcd = one.partition(b"\n")
+        data.append(message("lidar", f"{float(head.split()[2]) + (20 if k > 30 else 0):.6f}", pcd))
+    _, counts = said_of(data, tmp_path / "traj.csv")
+    assert counts["frames"] == len(stream)
+    assert counts["late_frames"] == counts["astray_frames"] == 0
+
+
+# --- a trajectory that is there -------------------------------------------------------------------
+
+
+def test_a_trajectory_of_later_rows_is_left_alone_and_one_of_earlier_rows_goes_on(
+    stream: list[bytes], plain: tuple[bytes, str], tmp_path: Path
+) -> None:
+    header, first, *_ = plain[0].decode().splitlines(keepends=True)
+    out, events = tmp_path / "traj.csv", tmp_path / "events.jsonl"
+    later = header + "1706390000.0" + first[first.index(",") :]
+    out.write_text(later)
+    code, _, said = feed(b"".join(stream), out, "--events", events)
+    assert code == 5
+    assert "holds rows until 1706390000.000000000, and those of stdin begin before" in said
+    assert len(said.splitlines()[-1]) <= 250
+    assert out.read_text() == later
+    told = events.read_text()
+    assert '"warming_up"' in told and '"track"' not in told
+    earlier = header + "1706200000.0" + first[first.index(",") :]
+    out.write_text(earlier)
+    said, _ = said_of(stream, out)
+    assert "appends to it, it holds rows until 1706200000.000000000" in said
+    assert len(rows_of(out)) == len(plain[0].splitlines())
+    once = out.read_bytes()
+    code, _, said = feed(b"".join(stream), out)  # the same once more
+    assert code == 5 and "those of stdin begin before" in said
+    assert out.read_bytes() == once
 
 
 # --- rows and events ----------------------------------------------------------------------------
@@ -417,6 +529,19 @@ def test_the_number_of_sensors_is_bounded(stream: list[bytes], tmp_path: Path) -
     assert "message 65" in said and "expected at most 64" in said
 
 
+def test_more_frames_than_may_wait_for_their_order_are_left_out_and_said(tmp_path: Path) -> None:
+    write_pcd(tmp_path / "empty.pcd", np.zeros((0, 3), np.float32))
+    pcd = (tmp_path / "empty.pcd").read_bytes()
+    stream = b"".join(message("a", str(BEGIN_NS + k), pcd) for k in range(5000))
+    summary = tmp_path / "summary.json"
+    code, _, said = feed(stream, tmp_path / "traj.csv", "--summary", str(summary))
+    assert code == 0, said
+    counts = json.loads(summary.read_text())["counts"]
+    assert counts["surplus_frames"] > 800
+    assert counts["frames"] + counts["surplus_frames"] == 5000
+    assert "left out: more than may wait for live.reorder_s" in said
+
+
 def test_a_sensor_that_the_config_does_not_name_is_said(
     stream: list[bytes], tmp_path: Path
 ) -> None:
@@ -437,6 +562,7 @@ def test_a_sensor_that_the_config_does_not_name_is_said(
         (["--stdin", "--at", "stamps.csv"], "--at stamps.csv: not with --stdin"),
         (["--stdin", "--clusters", "c.csv"], "--clusters c.csv: not with --stdin"),
         (["--stdin", "--points", "p.pcd"], "--points p.pcd: not with --stdin"),
+        (["--stdin", "--trace", "t.jsonl"], "--trace t.jsonl: not with --stdin"),
         (["--stdin", "--format", "tum"], "--format tum: not with --stdin"),
         (["--stdin", "--rate", "0"], "--rate '0'"),
         (["--follow", "--frames", "f", "--at", "s"], "--at s: not with --follow"),

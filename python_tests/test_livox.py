@@ -123,25 +123,118 @@ def test_several_sensors_are_told_apart_by_address_and_slot(
     packets: list[Packet], tmp_path: Path
 ) -> None:
     """Of a direct LiDAR, and two at a hub; each saw a third of the packets."""
-    rows, summaries = [], tmp_path / "summary.json"
-    out = tmp_path / "traj.csv"
-    pose = ("--set", "sensors.127-0-0-2.translation_m=[0, 0, 5]", "--rate", "10")
-    with Listening("--out", out, "--summary", summaries, *pose) as live:
+    summary = tmp_path / "summary.json"
+    pose = ("--set", "sensors.roof.translation_m=[0, 0, 5]", "--rate", "10")
+    with Listening("--out", tmp_path / "traj.csv", "--summary", summary, *pose) as live:
         for k in range(0, len(packets), 30):
             part = packets[k : k + 30]
-            live.receive(map(protocol2, part[::3]), "127.0.0.2")
-            live.receive([protocol1(p, slot=2) for p in part[1::3]], "127.0.0.3")
             live.receive([protocol1(p, slot=3, lidar=2) for p in part[2::3]], "127.0.0.3")
+            live.receive([protocol1(p, slot=2) for p in part[1::3]], "127.0.0.3")
+            live.receive(map(protocol2, part[::3]), "127.0.0.2")
         code, _, said = live.end(signal.SIGTERM)
     assert code == 0, said
-    rows = rows_of(out)
-    summary = json.loads(summaries.read_text())
-    names = [one["name"] for one in summary["inputs"]]
-    assert names == ["127-0-0-2", "127-0-0-3-2-1", "127-0-0-3-3-2"]
-    assert sum(one["packets"]["used"] for one in summary["inputs"]) == len(packets)
+    inputs = json.loads(summary.read_text())["inputs"]
+    # By address, whoever was first.
+    assert [one["name"] for one in inputs] == ["127-0-0-2", "127-0-0-3-2-1", "127-0-0-3-3-2"]
+    assert sum(one["packets"]["used"] for one in inputs) == len(packets)
     assert "the config has no sensors.127-0-0-3-2-1" in said
-    assert summary["config"]["sensors"]["127-0-0-2"]["translation_m"] == [0, 0, 5]
-    assert isinstance(rows, list)
+
+
+# --- anybody may send to a port -----------------------------------------------------------------
+
+
+def test_where_the_config_names_addresses_nobody_else_is_heard(
+    packets: list[Packet], by_stdin: bytes, tmp_path: Path
+) -> None:
+    summary, out = tmp_path / "summary.json", tmp_path / "traj.csv"
+    named = ("--set", "sensors.127-0-0-1.time_offset_s=0")
+    with Listening("--out", out, "--summary", summary, *named) as live:
+        for host in range(2, 72):
+            live.receive([protocol2(packets[0])], f"127.0.0.{host}")
+        live.receive([protocol1(packets[0], slot=2)])
+        live.receive(map(protocol2, packets))
+        code, _, said = live.end(signal.SIGTERM)
+    assert code == 0, said
+    assert out.read_bytes() == by_stdin
+    told = json.loads(summary.read_text())
+    assert [one["name"] for one in told["inputs"]] == ["127-0-0-1"]
+    assert told["counts"]["refused_packets"] == 71
+    assert "from 127.0.0.2 is of 127-0-0-2, expected one that sensors names" in said
+
+
+def test_packets_of_ever_new_senders_cost_no_lidar_its_place(
+    packets: list[Packet], by_stdin: bytes, tmp_path: Path
+) -> None:
+    summary, out = tmp_path / "summary.json", tmp_path / "traj.csv"
+    with Listening("--out", out, "--summary", summary) as live:
+        for host in range(2, 102):
+            live.receive([protocol2(packets[0])], f"127.0.0.{host}")
+        live.receive(map(protocol2, packets))
+        code, _, said = live.end(signal.SIGTERM)
+    assert code == 0, said
+    told = json.loads(summary.read_text())
+    assert packets_by_name(told)["127-0-0-1"]["used"] == len(packets)
+    assert out.read_bytes() == by_stdin
+
+
+def packets_by_name(summary: dict) -> dict[str, dict]:
+    return {one["name"]: one["packets"] for one in summary["inputs"]}
+
+
+@pytest.mark.parametrize("count", [3, 15])
+@pytest.mark.parametrize("ahead_s", [-86_400, 59, 2_260_000_000])
+def test_a_stranger_of_another_time_costs_no_row(
+    ahead_s: int, count: int, packets: list[Packet], by_stdin: bytes, tmp_path: Path
+) -> None:
+    summary, out = tmp_path / "summary.json", tmp_path / "traj.csv"
+    half = len(packets) // 2
+    strange = [
+        protocol2(packets[half], counter=k, stamp_ns=packets[half].stamp_ns + when_ns)
+        for k in range(count)
+        if (when_ns := ahead_s * 10**9 + k * FRAME_NS)
+    ]
+    with Listening("--out", out, "--summary", summary) as live:
+        live.receive(map(protocol2, packets[:half]))
+        live.receive(strange, "127.0.0.9")
+        live.receive(map(protocol2, packets[half:]))
+        code, _, said = live.end(signal.SIGTERM)
+    assert code == 0, said
+    assert out.read_bytes() == by_stdin
+    counts = json.loads(summary.read_text())["counts"]
+    assert counts["late_frames"] == 0
+    assert counts["astray_frames"] == count
+    assert f"{count} frames astray and left out" in said
+
+
+@pytest.mark.parametrize("ahead_s", [-0.2, 0.03, 0.5, 0.95])
+def test_packets_in_a_lidars_own_name_end_none_of_its_frames(
+    ahead_s: float, packets: list[Packet], by_stdin: bytes, tmp_path: Path
+) -> None:
+    """Some in a row, every 0.4 s, of a time that may well be its own."""
+    sent = []
+    for k, packet in enumerate(packets):
+        sent.append(protocol2(packet))
+        if k % 83 == 40 and k < len(packets) - 250:  # a frame behind the end would be one more
+            empty = np.zeros_like(packet.units)
+            for i in range(1 + k % 8):
+                when_ns = packet.stamp_ns + round(ahead_s * 1e9) + i
+                forged = Packet(40_000 + i, when_ns, empty, packet.unit_m)
+                sent.append(protocol2(forged))
+    rows, summary, said = rows_by_packets(sent, tmp_path)
+    assert rows == by_stdin, said
+    forged = len(sent) - len(packets)
+    assert packets_of(summary)["late"] <= forged
+    assert packets_of(summary)["used"] >= len(packets)
+
+
+def test_a_few_packets_without_a_lidar_are_no_time(packets: list[Packet], tmp_path: Path) -> None:
+    events = tmp_path / "events.jsonl"
+    strange = [protocol2(packets[0], counter=k, stamp_ns=39 * 10**17 + k * 10**8) for k in range(4)]
+    with Listening("--out", tmp_path / "traj.csv", "--events", events) as live:
+        live.receive(strange)
+        code, _, said = live.end(signal.SIGTERM)
+    assert code == 0, said
+    assert all(event["at"] == 0 for event in events_of(events))
 
 
 # --- a network ----------------------------------------------------------------------------------

@@ -96,9 +96,9 @@ def test_what_does_not_answer_is_told(fails, monkeypatch) -> None:
 
 
 def test_what_never_starts_is_told(fails, monkeypatch) -> None:
-    from unlidar_tools import sensor_command
+    from unlidar_tools.cli import sensor as command
 
-    monkeypatch.setattr(sensor_command, "_STARTS_WITHIN_S", 0.5)
+    monkeypatch.setattr(command, "_STARTS_WITHIN_S", 0.5)
     with Device(never_starts=True) as device:
         said = fails(4, *sensor(device, "--lidar", device.address))
     assert "127.0.0.2: is not measuring but in state 6" in said

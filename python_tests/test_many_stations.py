@@ -189,8 +189,9 @@ def test_states_of_each_station_are_shown_and_its_own_rows_only_kept(tmp_path) -
 @pytest.mark.parametrize(
     "line",
     [
-        b"", b"[]", b"{}", b'{"station":"a b","event":"row"}', b'{"station":"sky","event":"row"}',
-        b'{"station":"a","event":"site"}', b'{"station":"a","event":"site","origin":{"x":1}}',
+        b"[]", b"{}", b'{"station":"a b","event":"row"}', b'{"station":"sky","event":"row"}',
+        b'{"station":"a","event":"site","origin":3}',
+        b'{"station":"a","event":"site","origin":{"x":1}}',
         b'{"station":"a","event":"row","latitude_deg":"x"}', b"[" * 9999, b"\xff",
     ],
 )  # fmt: skip

@@ -42,7 +42,7 @@ def refusal(*arguments: str | Path) -> str:
     return result.stderr
 
 
-@pytest.mark.parametrize("option", ["--clusters", "--points", "--summary"])
+@pytest.mark.parametrize("option", ["--clusters", "--points", "--summary", "--trace"])
 def test_two_outputs_cannot_be_one_file(frames: Path, tmp_path: Path, option: str) -> None:
     (tmp_path / "link").symlink_to(tmp_path)
     same = tmp_path / "link" / "traj.csv"

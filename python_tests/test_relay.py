@@ -33,7 +33,6 @@ from station_events import (
     write_site,
 )
 from unlidar_tools.events.source import _File
-from unlidar_tools.relay.output import Output
 
 FLIGHT = [
     sensor("mid360", "ok"),
@@ -43,6 +42,12 @@ FLIGHT = [
     end(7, 16.0),
 ]
 ZONE = square(50, "apron <&>")
+
+
+UPGRADE = (
+    b"GET / HTTP/1.1\r\nHost: a\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
 
 
 class Relay:
@@ -415,8 +420,15 @@ def test_web_sockets_get_every_event_and_other_sites_pages_nothing(site, tmp_pat
                 assert told.count("row") == 60
         with pytest.raises(InvalidStatus):
             connect(url, origin="https://elsewhere.example")
-        code, _ = relay.end(signal.SIGINT)
+        for junk in (b"junk\r\n\r\n", UPGRADE.replace(b"/", b"//[", 1)):
+            with socket.create_connection(("127.0.0.1", port), PATIENCE_S) as other:
+                other.sendall(junk)
+                answer = other.recv(100)
+        assert answer.startswith(b"HTTP/1.1 101")
+        code, said = relay.end(signal.SIGINT)
     assert code == 0
+    assert "Traceback" not in said
+    assert "failed" not in said
 
 
 def test_a_file_is_followed_across_rotation_and_what_it_held_is_not_sent(tmp_path, broker) -> None:
@@ -457,8 +469,8 @@ def test_what_came_while_the_file_was_opened_is_new(tmp_path) -> None:
 
     async def flags() -> list[bool]:
         with path.open("rb") as file:
-            lines = _File(str(path), path)._of(file, len(old))
-            return [(await anext(lines)).old for _ in range(2)]
+            pieces = _File(str(path), path)._of(file, len(old))
+            return [line.old for _ in range(2) for line in await anext(pieces)]
 
     assert asyncio.run(flags()) == [True, False]
 
@@ -492,71 +504,35 @@ def test_events_come_by_tcp_and_the_server_may_leave(tmp_path, broker) -> None:
         assert relay.end(signal.SIGTERM)[0] == 0
 
 
-class Wire:
-    """A way that is there or not, as the test wants."""
-
-    def __init__(self) -> None:
-        self.got: list[int] = []
-        self.open = asyncio.Event()
-        self.fail_after: int | None = None
-
-    async def connect(self) -> None:
-        if not self.open.is_set():
-            raise ConnectionError("nobody there")
-
-    async def send(self, messages) -> None:
-        for message in messages:
-            if self.fail_after is not None and len(self.got) >= self.fail_after:
-                self.fail_after = None
-                raise ConnectionError("cut")
-            self.got.append(message)
-
-    async def lost(self) -> None:
-        await asyncio.Event().wait()
-
-    async def close(self) -> None:
-        pass
+def test_a_sensor_of_any_name_has_a_topic_that_brokers_take(site, broker) -> None:
+    names = ["a/+/#", "x" * 120, "mast süd", "mid360"]
+    with broker.subscribed("unlidar/#") as got:
+        url = f"mqtt://127.0.0.1:{broker.port}"
+        with Relay("-", "--site", site, "--to", url, stdin=True) as relay:
+            relay.feed(*[sensor(name, "ok") for name in names], row(1, 0))
+            code, said = relay.end()
+        assert (code, "it is tried again" in said) == (0, False), said
+        wait_until(lambda: "unlidar/north/row" in dict(got), "what is behind them has come")
+    topics = [topic for topic, _ in got if "/sensor/" in topic]
+    assert len(set(topics)) == len(topics)
+    assert "unlidar/north/sensor/mid360" in topics
+    assert all(topic.count("/") == 3 and topic.isascii() for topic in topics)
 
 
-def test_room_is_bounded_the_oldest_rows_go_first_and_are_counted(caplog) -> None:
-    async def check() -> None:
-        wire = Wire()
-        output = Output("wire", wire, 10)
-        running = asyncio.ensure_future(output.run())
-        for i in range(100):
-            output.offer(i, spare=i != 3)  # 3 is an alarm
-        assert (output.waiting, output.dropped) == (10, 90)
-        wire.open.set()
-        await output.drain(PATIENCE_S)
-        running.cancel()
-        assert wire.got == [3, *range(91, 100)]
-        for i in range(20):  # nothing that one can spare: still bounded
-            output.offer(i, spare=False)
-        assert output.waiting == 10
-
-    asyncio.run(check())
-    said = [m for m in caplog.messages if "queue full" in m]
-    assert 5 <= len(said) <= 9  # the first, second, fourth, ... time
-
-
-@pytest.mark.parametrize("after", [0, 1, 5, 63, 64, 99])
-def test_whenever_the_way_is_cut_all_comes_in_order(after, monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.relay.output._WAIT_S", (0.01, 0.02))
-
-    async def check() -> None:
-        wire = Wire()
-        wire.open.set()
-        wire.fail_after = after
-        output = Output("wire", wire, 1000)
-        running = asyncio.ensure_future(output.run())
-        for i in range(100):
-            output.offer(i, spare=True)
-        await output.drain(PATIENCE_S)
-        running.cancel()
-        assert list(dict.fromkeys(wire.got)) == list(range(100))
-        assert output.dropped == 0
-
-    asyncio.run(check())
+def test_each_run_of_a_relay_tells_who_it_is(site, broker) -> None:
+    with broker.subscribed("unlidar/north/+") as got:
+        for _ in range(2):
+            with Relay(
+                "-", "--site", site, "--to", f"mqtt://127.0.0.1:{broker.port}", stdin=True
+            ) as relay:
+                relay.feed(row(1, 0))
+                assert relay.end()[0] == 0
+        wait_until(lambda: sum(text == "offline" for _, text in got) == 2, "both have told")
+    told = [json.loads(text) for topic, text in got if text.startswith("{")]
+    assert [t["event"] for t in told] == 2 * ["site", "row"]
+    first, second = (t["instance"] for t in told if t["event"] == "site")
+    assert [t["instance"] for t in told] == [first, first, second, second] and first != second
+    assert {t["origin"]["latitude_deg"] for t in told if t["event"] == "site"} == {47.0}
 
 
 @pytest.mark.parametrize(

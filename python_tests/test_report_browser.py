@@ -10,6 +10,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from browser import NARROW, WAIT_S, WIDE, chromium
+from hostile import ALL, HOSTILE, broken_out
 from report_run import make_run
 from unlidar_tools.cli import main
 
@@ -344,3 +345,45 @@ def test_a_run_without_a_drone_and_without_truth_is_shown_too(driver, reports, s
     assert page.moment()[2:] == [[[], [], []]] * 2
     inner, whole = page.run("return [innerWidth, document.documentElement.scrollWidth]")
     assert whole <= inner
+
+
+def poisoned(value: object) -> object:
+    """Every text of a summary with names that would run a script, as keys and as values."""
+    if isinstance(value, dict):
+        return {key: poisoned(v) for key, v in value.items()} | {ALL: ALL, HOSTILE[0]: [ALL]}
+    return value
+
+
+def test_no_name_of_a_run_runs_a_script_or_puts_an_element_in(driver, tmp_path):
+    folder = HOSTILE[0].replace("/", "")
+    run = make_run(tmp_path / folder, title=ALL, track_ids=(2, 5))
+    (run / "frames" / "mid360").rename(run / "frames" / folder)
+    record = json.loads((run / "run.json").read_text())
+    record |= {
+        "frames": {ALL: f"frames/{folder}"},
+        "options": ["--set", ALL],
+        "preset": ALL,
+        "notes": list(HOSTILE),
+        "messages": list(HOSTILE),
+    }
+    (run / "run.json").write_text(json.dumps(record))
+    summary = json.loads((run / "summary.json").read_text())
+    summary["version"] = ALL
+    summary["inputs"] = [dict(each, name=ALL, directory=ALL) for each in summary["inputs"]]
+    summary["config"] = poisoned(summary["config"])
+    summary["config"]["sensors"] = {ALL: summary["config"]["sensors"].get("mid360", {})}
+    summary["counts"][ALL] = 3
+    summary["times_s"][ALL] = 0.5
+    (run / "summary.json").write_text(json.dumps(summary))
+    clusters = (run / "clusters.csv").read_text().splitlines()
+    clusters[0] += ",<img src=x onerror=pwned=1 evil>"
+    clusters[1:] = [f"{line},</script><script>pwned=1</script>" for line in clusters[1:]]
+    (run / "clusters.csv").write_text("\n".join(clusters) + "\n")
+    assert main(["report", str(run)]) == 0
+    page = Page(driver, run / "report.html", WIDE)
+    for details in ("true", "false", "true"):
+        page.run(f"document.querySelectorAll('details').forEach((d) => d.open = {details})")
+    page.run("document.querySelectorAll('th[data-column]').forEach((th) => th.click())")
+    page.slide_to(5)
+    assert "img src=x" in page.run("return document.body.innerText")  # as text
+    assert broken_out(page) == []

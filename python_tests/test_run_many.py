@@ -54,7 +54,7 @@ def frames(folder: Path, begin_s: int) -> Path:
 
 
 def names(root: Path, results: Path | None = None) -> list[str]:
-    return [found.name for found in find_recordings(root, results or root / "nowhere")]
+    return [found.name for found in find_recordings([root], results or root / "nowhere")]
 
 
 def test_recordings_of_all_kinds_are_found_in_natural_order(tmp_path) -> None:
@@ -80,6 +80,16 @@ def test_results_hidden_folders_and_circles_of_links_are_no_recordings(tmp_path)
         (earlier / name).write_text("")
     (tmp_path / "val/again").symlink_to(tmp_path)
     assert names(tmp_path, tmp_path / "out") == ["val/seq1"]
+
+
+def test_links_to_themselves_and_pipes_are_no_recordings(tmp_path) -> None:
+    frames(tmp_path / "b/lidar", 1)
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "loop.bag").symlink_to("loop.bag")
+    os.mkfifo(tmp_path / "pipe.bag")
+    assert names(tmp_path) == ["b"]
+    assert not is_recording(tmp_path / "pipe.bag")
+    assert find_recordings([tmp_path / "b", tmp_path / "loop"], tmp_path / "loop")
 
 
 def test_frames_side_by_side_are_sensors_if_they_overlap_in_time_else_recordings(tmp_path) -> None:
@@ -151,7 +161,7 @@ def test_what_is_done_is_kept_until_something_changes(stand_in, data, tmp_path) 
 
 def test_the_key_changes_with_whatever_changes_the_results(data) -> None:
     recording = data / "val/seq0001"
-    settings = Settings(None, None, None, ["--set", "input.min_range_m=1"], 1, [], False)
+    settings = Settings(None, None, None, ["--set", "input.min_range_m=1"], 1, [], False, True)
 
     def key(settings: Settings = settings, program: str = "a") -> str:
         return make_job("name", recording, data / "out", settings, program, "").key

@@ -17,8 +17,8 @@ from synthetic import PROJECT, run_program
 
 # What the scripts may use of the system; everything else comes from the stand-ins.
 SYSTEM = ["basename", "bash", "cat", "chmod", "cp", "cut", "dirname", "env", "grep", "mkdir"]
-SYSTEM += ["nproc", "realpath", "rm", "sed", "sha256sum", "sort", "stat", "tail", "touch", "true"]
-SYSTEM += ["tr", "xargs"]
+SYSTEM += ["nproc", "realpath", "rm", "sed", "sha256sum", "sort", "stat", "tail", "tee", "touch"]
+SYSTEM += ["tr", "true", "xargs"]
 
 # Pretends that every package is there.
 ALL_INSTALLED = 'shift 2; for p in "$@"; do echo "$p installed"; done'
@@ -29,7 +29,7 @@ case "$*" in
   *'-m venv'*) for last; do :; done; mkdir -p "$last/bin"
     cp "$0" "$last/bin/python"; cp "$HERE/unlidar" "$last/bin/unlidar"
     echo "${0##*/} makes $last" >>"$HERE/venvs" ;;
-  *'-m pip'*) echo pip >>"$HERE/calls" ;;
+  *'-m pip'*) echo pip >>"$HERE/calls"; echo "$*" >>"$HERE/pips" ;;
 esac
 """
 
@@ -92,7 +92,7 @@ def sandbox(tmp_path: Path) -> Sandbox:
 
 
 @pytest.mark.parametrize(
-    "script", ["demo.sh", "test.sh", "package.sh", "fuzz.sh", "bench.sh", "arm64.sh"]
+    "script", ["demo.sh", "test.sh", "package.sh", "fuzz.sh", "bench.sh", "arm64.sh", "lock.sh"]
 )
 def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> None:
     shown = sandbox.run(script, "--help")
@@ -109,6 +109,7 @@ def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> 
         ("test.sh", ["more"], "unexpected argument 'more'"),
         ("test.sh", ["--quick", "--sanitize"], "expected one option, got 2"),
         ("package.sh", ["--fast"], "unexpected argument '--fast'"),
+        ("lock.sh", ["--fast"], "unexpected argument '--fast'"),
         ("arm64.sh", ["--slow"], "unexpected argument '--slow'"),
         ("arm64.sh", ["--quick", "more"], "expected one option, got 2"),
         ("bench.sh", ["--slow"], "unknown option '--slow'"),
@@ -131,20 +132,30 @@ def test_wrong_arguments_are_refused_before_anything_is_installed(
 def test_the_demo_runs_twice_and_installs_once(sandbox: Sandbox) -> None:
     first = sandbox.run("demo.sh")
     assert first.returncode == 0, first.stderr
-    assert sandbox.calls() == ["cmake", "cmake", "pip"]
+    assert sandbox.calls() == ["cmake", "cmake", "pip", "pip"]
     assert "unlidar " in first.stdout
     again = sandbox.run("demo.sh")
     assert again.returncode == 0, again.stderr
     assert sandbox.calls() == ["cmake", "cmake"]
 
 
-def test_a_changed_pyproject_or_a_moved_folder_is_installed_anew(sandbox: Sandbox) -> None:
+def test_pip_takes_the_wheels_of_the_lock_and_nothing_else(sandbox: Sandbox) -> None:
+    sandbox.run("demo.sh")
+    locked, own = (sandbox.bin / "pips").read_text().splitlines()
+    for option in ("--no-deps", "--require-hashes", "--only-binary :all:"):
+        assert f" {option} " in locked
+    assert locked.endswith(f"--requirement {sandbox.root}/tools/requirements.txt")
+    assert "--no-deps --no-build-isolation --editable" in own
+
+
+def test_changed_requirements_or_a_moved_folder_are_installed_anew(sandbox: Sandbox) -> None:
     sandbox.run("demo.sh")
     sandbox.calls()
-    with (sandbox.root / "tools" / "pyproject.toml").open("a") as file:
-        file.write("# changed\n")
-    sandbox.run("demo.sh")
-    assert "pip" in sandbox.calls()
+    for name in ("pyproject.toml", "requirements.txt"):
+        with (sandbox.root / "tools" / name).open("a") as file:
+            file.write("# changed\n")
+        sandbox.run("demo.sh")
+        assert "pip" in sandbox.calls()
     sandbox.root = sandbox.root.rename(sandbox.root.with_name("elsewhere"))
     sandbox.run("demo.sh")
     assert "pip" in sandbox.calls()
@@ -176,6 +187,35 @@ def test_a_failing_apt_is_shown_with_the_missing_package(sandbox: Sandbox) -> No
     assert "apt-get could not install libceres-dev; is there a network?" in reason
     assert "cannot reach the mirror" in refused.stderr
     assert set(sandbox.calls()) == {"apt-get"}
+
+
+# apt-get as it speaks where its status goes to stdout.
+APT = """
+case $* in *install*) ;; *) exit 0 ;; esac
+echo "Reading package lists..."
+echo "0 upgraded, 217 newly installed, 0 to remove and 0 not upgraded."
+echo "Need to get 412 MB of archives."
+echo "dlstatus:1:3.1:Retrieving file 1 of 217"
+echo "dlstatus:99:57.8:Retrieving file 99 of 217"
+for i in 12.0 15.5 100.0; do echo "pmstatus:libfoo:$i:Unpacking libfoo (amd64)"; done
+"""
+
+
+def test_what_apt_does_is_told_while_it_does_it(sandbox: Sandbox) -> None:
+    sandbox.put("dpkg-query", ALL_INSTALLED.replace("echo", '[ "$p" = libceres-dev ] || echo'))
+    sandbox.put("sudo", 'case $1 in -*) ;; *) exec "$@" ;; esac')
+    sandbox.put("apt-get", APT)
+    shown = sandbox.run("demo.sh")
+    assert shown.returncode == 0, shown.stderr
+    told = shown.stdout.partition("Installing libceres-dev")[2].partition("\n==>")[0]
+    assert [line.strip() for line in told.splitlines()[1:] if line.strip()] == [
+        "0 upgraded, 217 newly installed, 0 to remove and 0 not upgraded.",
+        "Need to get 412 MB of archives.",
+        "downloaded: 0 %",
+        "downloaded: 50 %",
+        "installed: 10 %",
+        "installed: 100 %",
+    ]
 
 
 # Pretends to be CMake, which builds two copies of a fuzzer.
@@ -241,19 +281,46 @@ def test_ci_runs_the_test_script_from_any_folder(tmp_path: Path) -> None:
     assert (ran.returncode, ran.stdout) == (7, "tested\n")
 
 
-def test_the_readme_speaks_of_options_and_files_that_exist() -> None:
-    text = (PROJECT / "README.md").read_text()
+def test_the_reference_speaks_of_options_and_columns_that_exist() -> None:
+    text = (PROJECT / "docs/reference.md").read_text()
     shown = run_program("--help").stdout
     table = text.split("| option | meaning |")[1].split("\n\n")[0]
     named = set(re.findall(r"--[a-z]+", table))
     assert len(named) >= 15
     assert [option for option in named if option not in shown] == []
-    links = re.findall(r"\]\(([^)#]+)\)", text)
-    local = [link for link in links if not link.startswith("http")]
-    assert local and [link for link in local if not (PROJECT / link).exists()] == []
     header = (PROJECT / "python_tests" / "synthetic.py").read_text().split('TRAJ_HEADER = "')[1]
     columns = header.split('"')[0].split(",")
     assert [c for c in columns if not re.search(rf"[`,]{c}[`,]", text)] == []
+
+
+def anchors(page: Path) -> set[str]:
+    """Of the headings of a page, as they are linked to."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", h.strip()).lower().replace(" ", "-") for h in headings}
+
+
+def test_every_page_is_reached_from_the_index_and_every_link_leads_on() -> None:
+    reached, waiting = set(), [PROJECT / "docs/README.md"]
+    while waiting:
+        page = waiting.pop()
+        if page in reached:
+            continue
+        reached.add(page)
+        for link in re.findall(r"\[[^\]]*\]\(([^)\s]+)\)", page.read_text()):
+            if link.startswith("http"):
+                continue
+            place, _, anchor = link.partition("#")
+            target = (page.parent / place).resolve() if place else page
+            assert target.exists(), f"{page.name}: {link}"
+            if target.suffix == ".md":
+                assert not anchor or anchor in anchors(target), f"{page.name}: {link}"
+                waiting.append(target)
+    assert set((PROJECT / "docs").rglob("*.md")) <= reached
+
+
+def test_the_readme_is_short() -> None:
+    assert len((PROJECT / "README.md").read_text().split()) <= 1000
+    assert len((PROJECT / "docs/method.md").read_text().split()) <= 5000
 
 
 def test_settings_in_the_documents_are_keys_of_the_configuration() -> None:

@@ -75,7 +75,7 @@ def test_a_heading_turns_the_places(tmp_path) -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        "",
+        " ",
         "no json",
         "[1]",
         "{}",
@@ -127,11 +127,21 @@ def test_an_alarm_is_raised_when_a_track_has_stayed_and_ends_with_it(tmp_path) -
     assert alarms(watched, end(3, 12)) == []
 
 
-def test_a_stay_is_without_a_break(tmp_path) -> None:
+@pytest.mark.parametrize(("every", "raised"), [(3, 0), (4, 0), (12, 1), (38, 1)])
+def test_noise_at_an_edge_hides_no_stay_and_passing_by_is_none(every, raised, tmp_path) -> None:
+    """One row in so many is outside."""
     watched = station(tmp_path, [square(50)])
     inside, outside = (0.0, 0.0, 20.0), (60.0, 0.0, 20.0)
-    course = [row(1, t / 10, outside if t % 15 == 0 else inside) for t in range(100)]
-    assert alarms(watched, *course) == []
+    course = [row(1, t / 20, outside if t % every == 0 else inside) for t in range(300)]
+    assert len(alarms(watched, *course)) == raised
+
+
+def test_a_zone_that_was_left_is_entered_anew(tmp_path) -> None:
+    watched = station(tmp_path, [square(50)])
+    course = [row(1, t / 10) for t in range(15)]
+    course += [row(1, 1.5 + t / 10, (90.0, 0.0, 20.0)) for t in range(20)]
+    assert alarms(watched, *course, *[row(1, 3.5 + t / 10) for t in range(20)]) == []
+    assert len(alarms(watched, row(1, 5.5))) == 1
 
 
 def test_rows_before_the_confirmation_count_with_their_own_times(tmp_path) -> None:
@@ -233,6 +243,11 @@ def test_a_wrong_site_is_one_line_that_names_the_key(site, said, tmp_path) -> No
     assert "\n" not in str(refused.value)
 
 
+def ring(positions: str) -> str:
+    geometry = f'{{"type":"Polygon","coordinates":[[{positions}]]}}'
+    return f'{{"type":"Feature","geometry":{geometry}}}'
+
+
 @pytest.mark.parametrize(
     ("zones", "said"),
     [
@@ -245,6 +260,32 @@ def test_a_wrong_site_is_one_line_that_names_the_key(site, said, tmp_path) -> No
         (json.dumps(square(5, max_height_m="high")), "max_height_m: 'high'"),
         (json.dumps(square(5, name="")), "name: expected"),
         (json.dumps(square(1e9)), "longitude, latitude"),
+        (ring("[8,47],[8.01,47.01],[8.01,47]"), "a ring is not closed"),
+        (ring("[8,47],[8.01,47.01],[8,47]"), "a ring is not closed"),
+        (ring("[NaN,47],[8,47],[8,48],[NaN,47]"), "NaN is no number"),
+        (ring("[1e999,47],[8,47],[8,48],[1e999,47]"), "longitude, latitude"),
+        (ring(f"[{'9' * 400},47],[8,47],[8,48],[8,47]"), "features[0]"),
+        (ring('["8","47"],["8","48"],["9","48"],["8","47"]'), "expected numbers"),
+        (ring("[true,47],[8,48],[9,48],[true,47]"), "expected numbers"),
+        (ring("[8],[8],[9],[8]"), "expected numbers"),
+        (ring("8,47,9,48"), "expected numbers"),
+        (ring("[8,47],[8.01,47.01],[8.01,47],[8,47.01],[8,47]"), "Self-intersection"),
+        (ring("[8,47],[8,47],[8,47],[8,47]"), "features[0]"),
+        (ring("[47,8],[47.01,8],[47.01,8.01],[47,8]"), "longitude comes before latitude"),
+        (ring("[356750,222950],[356760,222950],[356760,222960],[356750,222950]"), "longitude"),
+        (ring(""), "geometry is empty"),
+        ('{"type":"Feature","geometry":{"type":"Polygon","coordinates":[]}}', "is empty"),
+        ('{"type":"Feature","geometry":{"type":"Polygon"}}', "geometry is empty"),
+        ('{"type":"Feature","geometry":{"type":"MultiPolygon","coordinates":[3]}}', "is empty"),
+        ('{"type":"Feature","geometry":null}', "'None'"),
+        ('{"type":"Feature","geometry":[]}', "'None'"),
+        (json.dumps(square(5) | {"properties": [1]}), "properties: expected"),
+        (json.dumps(square(5, name="a\nb")), "that can be seen"),
+        (json.dumps(square(5, name=["a"])), "that can be seen"),
+        (json.dumps(square(5, min_height_m=10**400)), "min_height_m"),
+        (json.dumps(square(5) | {"crs": {"properties": {"name": "EPSG:21781"}}}), "crs"),
+        ("[" * 100_000, "cannot be read as GeoJSON"),
+        ('{"type":"Feature","crs":' + "[" * 900 + "]" * 900 + "}", "crs"),
     ],
 )
 def test_a_wrong_zone_is_one_line_that_names_the_file(zones, said, tmp_path) -> None:
@@ -254,9 +295,32 @@ def test_a_wrong_zone_is_one_line_that_names_the_file(zones, said, tmp_path) -> 
         load_zones(site)
     assert said in str(refused.value)
     assert "zones.geojson" in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value).removeprefix(str(tmp_path))) < 250
+
+
+def test_a_huge_file_is_not_read(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("unlidar_tools.events.site._MOST_FILE_BYTES", 1000)
+    site = load_site(write_site(tmp_path, [square(5)] * 50))
+    with pytest.raises(ConfigError, match=r"is larger than 0\.001 MB"):
+        load_zones(site)
 
 
 def test_two_zones_need_two_names(tmp_path) -> None:
     site = load_site(write_site(tmp_path, [square(5, "a"), square(9, "a")]))
     with pytest.raises(ConfigError, match="two zones have the name 'a'"):
         load_zones(site)
+
+
+@given(st.lists(st.tuples(*[st.integers(-6, 6)] * 2, st.integers(1, 5)), max_size=30))
+def test_zones_are_found_as_if_each_were_asked(squares) -> None:
+    from shapely import box
+    from unlidar_tools.events.site import Rule, Zone, Zones
+
+    zones = [
+        Zone(f"z{i}", Rule(zones="z"), box(x - r, y - r, x + r, y + r), -r, r)
+        for i, (x, y, r) in enumerate(squares)
+    ]
+    index = Zones(zones)
+    for x, y, z in ((0, 0, 0), (1, -2, 3), (-6, 6, 1), (2.5, 2.5, -2)):
+        assert index.around(x, y, z) == [zone for zone in zones if zone.holds(x, y, z)]

@@ -16,7 +16,7 @@ import pytest
 from synthetic import PROJECT, run_program
 
 # What the scripts may use of the system; everything else comes from the stand-ins.
-SYSTEM = ["basename", "bash", "cat", "chmod", "cp", "cut", "dirname", "env", "grep", "mkdir"]
+SYSTEM = ["basename", "bash", "cat", "chmod", "cp", "cut", "dirname", "env", "grep", "mkdir", "sh"]
 SYSTEM += ["nproc", "realpath", "rm", "sed", "sha256sum", "sort", "stat", "tail", "tee", "touch"]
 SYSTEM += ["tr", "true", "xargs"]
 
@@ -189,15 +189,18 @@ def test_a_failing_apt_is_shown_with_the_missing_package(sandbox: Sandbox) -> No
     assert set(sandbox.calls()) == {"apt-get"}
 
 
-# apt-get as it speaks where its status goes to stdout.
+# apt-get as it speaks: scripts of packages find the descriptor of its status closed, and fail where
+# that leaves them without an output, as libxml-sax-perl's does.
 APT = """
 case $* in *install*) ;; *) exit 0 ;; esac
+fd=${*#*Status-Fd=} fd=${fd%% *}
 echo "Reading package lists..."
 echo "0 upgraded, 217 newly installed, 0 to remove and 0 not upgraded."
 echo "Need to get 412 MB of archives."
-echo "dlstatus:1:3.1:Retrieving file 1 of 217"
-echo "dlstatus:99:57.8:Retrieving file 99 of 217"
-for i in 12.0 15.5 100.0; do echo "pmstatus:libfoo:$i:Unpacking libfoo (amd64)"; done
+echo "dlstatus:1:3.1:Retrieving file 1 of 217" >&$fd
+echo "dlstatus:99:57.8:Retrieving file 99 of 217" >&$fd
+for i in 12.0 15.5 100.0; do echo "pmstatus:libfoo:$i:Unpacking libfoo (amd64)" >&$fd; done
+(eval "exec $fd>&-"; echo "Setting up libfoo") || exit 100
 """
 
 

@@ -140,10 +140,12 @@ install_packages() {
   as_root+=(env DEBIAN_FRONTEND=noninteractive LC_ALL=C)
   say "Installing ${missing[*]} (once)"
   # An unreachable foreign source must not stop what the others can deliver: the install decides.
+  # Its progress has a descriptor of its own, opened behind sudo, which closes all but three: scripts
+  # of packages find the one that apt reports on closed, and libxml-sax-perl's fails without its output.
   "${as_root[@]}" apt-get -qq -o DPkg::Lock::Timeout=300 update >/dev/null 2>&1 </dev/null || true
   followed apt_progress "apt-get could not install ${missing[*]}; is there a network?" \
-    "${as_root[@]}" apt-get -q -y -o DPkg::Lock::Timeout=300 -o Dpkg::Use-Pty=0 -o APT::Status-Fd=1 \
-    install --no-install-recommends "${missing[@]}"
+    "${as_root[@]}" sh -c 'exec apt-get "$@" 3>&1' apt-get -q -y -o DPkg::Lock::Timeout=300 \
+    -o Dpkg::Use-Pty=0 -o APT::Status-Fd=3 install --no-install-recommends "${missing[@]}"
 }
 
 # configure_in FOLDER OPTION...: a build with these options of CMake.

@@ -18,8 +18,8 @@ _WAIT_S = 0.5, 30.0  # between two attempts, the first and the longest
 _SHARE = 64  # so many messages are handed over at once; when connected one, then twice as many
 # A message is left out when so many trials in a row showed that others get through where it does
 # not. In a trial up to so many others go before it: a link that breaks by itself, when and however
-# often it likes, would have to do so at a place drawn by lot, each time.
-_TRIALS, _MOST_BEFORE = 4, 8
+# often it likes, would have to do so at a place drawn by lot, each time: once in 16**6 messages.
+_TRIALS, _MOST_BEFORE = 6, 16
 _LOSSES = 4  # before another one is sent out of turn, where none has arrived that could be again
 _SHOWN = 80  # characters of such a message
 

@@ -107,7 +107,7 @@ def test_every_stage_and_every_gate_has_a_row_on_the_page() -> None:
 
 
 def test_every_rule_of_the_program_that_refuses_a_path_has_a_meaning() -> None:
-    header = PROJECT / "src/robust/tracking/rejection.hpp"
+    header = PROJECT / "src/tracking/rejection.hpp"
     if not header.is_file():
         pytest.skip("the program names no rules yet")
     names = re.findall(r"^\s+k([A-Z]\w+)", header.read_text(), re.MULTILINE)

@@ -13,13 +13,12 @@ LAYERS = (
     "io",  # frames: files, folders, messages, stamps
     "trajectory",  # the spline through a target's measurements, and its rows
     "paper",  # the paper's score
-    "robust/scene",  # what is where, and what holds what up
-    "robust/plots",  # what a frame shows that the scene does not explain
-    "robust/tracking",  # the paths of plots that a flying target explains
-    "robust/collection",  # all returns of a target, once its path is known
-    "robust",  # the robust method of these
+    "scene",  # what stands where, what holds it up, and the plots that it does not explain
+    "tracking",  # the paths of plots that a flying target explains
+    "collection",  # all returns of a target, once its path is known
     "recording",  # frames that are all there: targets by either method, tracks
     "live",  # frames that come one by one
+    "config",  # defaults, YAML, constraints
     "api",  # what the public headers declare, by the layers above
     "app",  # the command line and its files
 )

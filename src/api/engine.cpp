@@ -6,8 +6,8 @@
 #include <variant>
 
 #include "base/format.hpp"
+#include "io/stamp_list.hpp"
 #include "live/live_engine.hpp"
-#include "trajectory/output_times.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

@@ -2,9 +2,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include "app/config_json.hpp"
 #include "app/output.hpp"
 #include "app/version.hpp"
+#include "config/config_json.hpp"
 
 namespace unlidar {
 namespace {

@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
-#include "app/config.hpp"
 #include "app/frame_times.hpp"
 #include "app/live_output.hpp"
 #include "base/recording.hpp"
+#include "config/config.hpp"
 #include "io/followed_folders.hpp"
 #include "io/livox_frames.hpp"
 

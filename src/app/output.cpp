@@ -6,9 +6,9 @@
 #include <queue>
 #include <utility>
 
-#include "app/config_json.hpp"
 #include "app/version.hpp"
 #include "base/format.hpp"
+#include "config/config_json.hpp"
 #include "io/pcd.hpp"
 
 namespace unlidar {

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "app/config.hpp"
 #include "app/output_files.hpp"
+#include "config/config.hpp"
 #include "recording/pipeline.hpp"
 
 namespace unlidar {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "app/output_files.hpp"
-#include "robust/trace.hpp"
+#include "recording/trace.hpp"
 
 namespace unlidar {
 

@@ -8,7 +8,6 @@
 #include <string>
 #include <vector>
 
-#include "app/config.hpp"
 #include "app/console.hpp"
 #include "app/live.hpp"
 #include "app/output.hpp"
@@ -16,6 +15,8 @@
 #include "app/trace_output.hpp"
 #include "base/format.hpp"
 #include "base/parallel.hpp"
+#include "config/config.hpp"
+#include "io/stamp_list.hpp"
 #include "recording/pipeline.hpp"
 #include "trajectory/output_times.hpp"
 #include "unlidar/error.hpp"

@@ -4,8 +4,8 @@
 #include <variant>
 #include <vector>
 
-#include "app/config.hpp"
 #include "base/format.hpp"
+#include "config/config.hpp"
 #include "fuzz/fuzz.hpp"
 
 namespace unlidar::fuzz {

@@ -14,8 +14,8 @@
 #include <type_traits>
 #include <vector>
 
-#include "app/config_keys.hpp"
 #include "app/output.hpp"
+#include "config/config_keys.hpp"
 #include "fuzz/fuzz.hpp"
 #include "io/pcd.hpp"
 #include "recording/pipeline.hpp"

@@ -12,7 +12,7 @@
 #include "live/seen_plot.hpp"
 #include "live/track_follower.hpp"
 #include "live/track_judge.hpp"
-#include "robust/tracking/track_model.hpp"
+#include "tracking/track_model.hpp"
 #include "trajectory/kind.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "robust/scene/shell_table.hpp"
+#include "scene/shell_table.hpp"
 
 namespace unlidar {
 

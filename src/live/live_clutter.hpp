@@ -8,7 +8,7 @@
 #include "base/queue.hpp"
 #include "live/fading_grid.hpp"
 #include "live/seen_plot.hpp"
-#include "robust/robust.hpp"
+#include "recording/robust.hpp"
 
 namespace unlidar {
 

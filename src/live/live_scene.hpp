@@ -14,10 +14,10 @@
 #include "live/live_clutter.hpp"
 #include "live/occupancy.hpp"
 #include "live/seen_plot.hpp"
-#include "robust/scene/field_of_view.hpp"
-#include "robust/scene/ground.hpp"
-#include "robust/scene/stations.hpp"
-#include "robust/scene/support.hpp"
+#include "scene/field_of_view.hpp"
+#include "scene/ground.hpp"
+#include "scene/stations.hpp"
+#include "scene/support.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

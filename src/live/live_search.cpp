@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "live/past_flight.hpp"
-#include "robust/tracking/flight.hpp"
+#include "tracking/flight.hpp"
 
 namespace unlidar {
 namespace {

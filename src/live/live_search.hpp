@@ -10,8 +10,8 @@
 #include "live/live_scene.hpp"
 #include "live/moments.hpp"
 #include "live/seen_plot.hpp"
-#include "robust/tracking/track_model.hpp"
-#include "robust/tracking/track_search.hpp"
+#include "tracking/track_model.hpp"
+#include "tracking/track_search.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

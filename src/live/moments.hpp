@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "base/queue.hpp"
-#include "robust/tracking/track_model.hpp"
+#include "tracking/track_model.hpp"
 
 namespace unlidar {
 

@@ -8,8 +8,8 @@
 #include <optional>
 #include <vector>
 
-#include "robust/scene/background.hpp"
-#include "robust/scene/shell_table.hpp"
+#include "scene/background.hpp"
+#include "scene/shell_table.hpp"
 
 namespace unlidar {
 

@@ -7,7 +7,7 @@
 
 #include "live/moments.hpp"
 #include "live/seen_plot.hpp"
-#include "robust/tracking/track_model.hpp"
+#include "tracking/track_model.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

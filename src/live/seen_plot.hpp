@@ -5,8 +5,8 @@
 #include <optional>
 #include <vector>
 
-#include "robust/plots/plots.hpp"
-#include "robust/tracking/track_model.hpp"
+#include "scene/plots.hpp"
+#include "tracking/track_model.hpp"
 
 namespace unlidar {
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "robust/plots/plots.hpp"
+#include "scene/plots.hpp"
 #include "trajectory/trajectory.hpp"
 #include "trajectory/trajectory_fitter.hpp"
 

@@ -8,11 +8,11 @@
 #include <vector>
 
 #include "base/queue.hpp"
+#include "collection/collect.hpp"
+#include "collection/frame_length.hpp"
 #include "live/seen_plot.hpp"
 #include "live/track_fit.hpp"
-#include "robust/collection/collect.hpp"
-#include "robust/collection/frame_length.hpp"
-#include "robust/tracking/track_model.hpp"
+#include "tracking/track_model.hpp"
 #include "trajectory/trajectory_fitter.hpp"
 
 namespace unlidar {

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <utility>
 
-#include "robust/collection/hanging.hpp"
+#include "collection/hanging.hpp"
 
 namespace unlidar {
 namespace {

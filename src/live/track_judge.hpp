@@ -5,9 +5,9 @@
 #include <optional>
 #include <vector>
 
+#include "collection/cloud.hpp"
 #include "live/seen_plot.hpp"
 #include "live/track_follower.hpp"
-#include "robust/collection/cloud.hpp"
 
 namespace unlidar {
 

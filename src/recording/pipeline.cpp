@@ -7,8 +7,8 @@
 
 #include "base/format.hpp"
 #include "recording/windows.hpp"
-#include "robust/scene/pose_check.hpp"
-#include "robust/scene/sight.hpp"
+#include "scene/pose_check.hpp"
+#include "scene/sight.hpp"
 
 namespace unlidar {
 namespace {

@@ -10,7 +10,7 @@
 #include "base/recording.hpp"
 #include "io/frames.hpp"
 #include "paper/paper.hpp"
-#include "robust/robust.hpp"
+#include "recording/robust.hpp"
 #include "trajectory/echo.hpp"
 #include "trajectory/kind.hpp"
 #include "trajectory/output_times.hpp"

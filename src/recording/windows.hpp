@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "robust/robust.hpp"
+#include "recording/robust.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

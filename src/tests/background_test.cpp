@@ -1,4 +1,4 @@
-#include "robust/scene/background.hpp"
+#include "scene/background.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "robust/collection/cloud.hpp"
+#include "collection/cloud.hpp"
 
 #include <gtest/gtest.h>
 

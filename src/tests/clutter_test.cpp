@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "robust/plots/plots.hpp"
+#include "scene/plots.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {

@@ -1,4 +1,4 @@
-#include "robust/collection/collect.hpp"
+#include "collection/collect.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "app/config.hpp"
+#include "config/config.hpp"
 
 #include <gtest/gtest.h>
 #include <yaml-cpp/yaml.h>
@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "app/config_keys.hpp"
+#include "config/config_keys.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"

@@ -1,4 +1,4 @@
-#include "robust/scene/depth_map.hpp"
+#include "scene/depth_map.hpp"
 
 #include <gtest/gtest.h>
 

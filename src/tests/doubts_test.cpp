@@ -1,4 +1,4 @@
-#include "robust/tracking/doubts.hpp"
+#include "tracking/doubts.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,8 +6,8 @@
 #include <cmath>
 #include <vector>
 
-#include "robust/tracking/backwards.hpp"
 #include "tests/synthetic_plots.hpp"
+#include "tracking/backwards.hpp"
 
 namespace unlidar {
 namespace {

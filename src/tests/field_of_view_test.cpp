@@ -1,4 +1,4 @@
-#include "robust/scene/field_of_view.hpp"
+#include "scene/field_of_view.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "robust/tracking/flight.hpp"
+#include "tracking/flight.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "robust/plots/floating.hpp"
+#include "scene/floating.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <vector>
 
-#include "robust/scene/background.hpp"
+#include "scene/background.hpp"
 #include "tests/range_grid_oracle.hpp"
 #include "tests/synthetic_recording.hpp"
 

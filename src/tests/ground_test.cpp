@@ -1,4 +1,4 @@
-#include "robust/scene/ground.hpp"
+#include "scene/ground.hpp"
 
 #include <gtest/gtest.h>
 

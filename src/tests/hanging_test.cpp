@@ -1,4 +1,4 @@
-#include "robust/collection/hanging.hpp"
+#include "collection/hanging.hpp"
 
 #include <gtest/gtest.h>
 

@@ -6,8 +6,8 @@
 #include <numeric>
 #include <vector>
 
-#include "robust/plots/linkage.hpp"
-#include "robust/plots/plots.hpp"
+#include "scene/linkage.hpp"
+#include "scene/plots.hpp"
 #include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 

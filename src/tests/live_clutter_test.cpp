@@ -4,8 +4,8 @@
 
 #include <vector>
 
-#include "robust/scene/field_of_view.hpp"
-#include "robust/scene/ground.hpp"
+#include "scene/field_of_view.hpp"
+#include "scene/ground.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,4 +1,4 @@
-#include "robust/tracking/null_score.hpp"
+#include "tracking/null_score.hpp"
 
 #include <gtest/gtest.h>
 

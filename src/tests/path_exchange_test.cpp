@@ -1,5 +1,5 @@
 // What it takes to let paths exchange tails, however many there are.
-#include "robust/tracking/path_exchange.hpp"
+#include "tracking/path_exchange.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "robust/plots/plots.hpp"
+#include "scene/plots.hpp"
 
 #include <gtest/gtest.h>
 
@@ -12,7 +12,7 @@
 #include <set>
 #include <vector>
 
-#include "robust/plots/floating.hpp"
+#include "scene/floating.hpp"
 #include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 

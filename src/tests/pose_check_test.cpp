@@ -1,4 +1,4 @@
-#include "robust/scene/pose_check.hpp"
+#include "scene/pose_check.hpp"
 
 #include <gtest/gtest.h>
 

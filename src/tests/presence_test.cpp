@@ -1,4 +1,4 @@
-#include "robust/collection/presence.hpp"
+#include "collection/presence.hpp"
 
 #include <gtest/gtest.h>
 

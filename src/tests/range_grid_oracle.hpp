@@ -4,7 +4,7 @@
 #include <Eigen/Core>
 #include <cmath>
 
-#include "robust/scene/range_grid.hpp"
+#include "scene/range_grid.hpp"
 
 namespace unlidar::testing {
 

@@ -1,4 +1,4 @@
-#include "robust/scene/range_grid.hpp"
+#include "scene/range_grid.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "robust/robust.hpp"
+#include "recording/robust.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Of which frames the scene is taken.
-#include "robust/scene/scene_frames.hpp"
+#include "scene/scene_frames.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "robust/scene/sight.hpp"
+#include "scene/sight.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "robust/collection/spots.hpp"
+#include "collection/spots.hpp"
 
 #include <gtest/gtest.h>
 

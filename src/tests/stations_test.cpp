@@ -1,4 +1,4 @@
-#include "robust/scene/stations.hpp"
+#include "scene/stations.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "robust/collection/stays.hpp"
+#include "collection/stays.hpp"
 
 #include <gtest/gtest.h>
 

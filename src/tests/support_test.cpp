@@ -1,4 +1,4 @@
-#include "robust/scene/support.hpp"
+#include "scene/support.hpp"
 
 #include <gtest/gtest.h>
 

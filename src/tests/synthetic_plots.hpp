@@ -8,8 +8,8 @@
 #include <functional>
 #include <vector>
 
-#include "robust/tracking/tracker.hpp"
 #include "tests/synthetic_recording.hpp"
+#include "tracking/tracker.hpp"
 
 namespace unlidar::testing {
 

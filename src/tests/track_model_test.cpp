@@ -1,4 +1,4 @@
-#include "robust/tracking/track_model.hpp"
+#include "tracking/track_model.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,10 +7,10 @@
 #include <limits>
 #include <vector>
 
-#include "robust/tracking/path_exchange.hpp"
 #include "tests/draws.hpp"
 #include "tests/synthetic_plots.hpp"
 #include "tests/tracker_oracle.hpp"
+#include "tracking/path_exchange.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,4 +1,4 @@
-#include "robust/tracking/track_search.hpp"
+#include "tracking/track_search.hpp"
 
 #include <gtest/gtest.h>
 

@@ -9,9 +9,9 @@
 #include <limits>
 #include <vector>
 
-#include "robust/tracking/track_model.hpp"
-#include "robust/tracking/tracker.hpp"
 #include "tests/synthetic_plots.hpp"
+#include "tracking/track_model.hpp"
+#include "tracking/tracker.hpp"
 
 namespace unlidar::testing {
 

@@ -1,4 +1,4 @@
-#include "robust/tracking/tracker.hpp"
+#include "tracking/tracker.hpp"
 
 #include <gtest/gtest.h>
 

@@ -56,7 +56,7 @@ MEANINGS = {
         "own_sensor.md",
     ),
 }
-# By the names of the program's rules (src/robust/tracking/rejection.hpp); below_threshold is PATH.
+# By the names of the program's rules (src/tracking/rejection.hpp); below_threshold is PATH.
 GATES = {
     "too_few_detections": Meaning(
         "A path is above the threshold, but in too few frames: clutter that repeats itself is no "

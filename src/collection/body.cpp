@@ -1,0 +1,69 @@
+#include "collection/body.hpp"
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+namespace unlidar {
+namespace {
+
+constexpr double kPriorReturns = 10.0;
+
+// Columns: along the ray, across it on the level, across both. Any, where the ray is upright.
+Eigen::Matrix3d RayAxes(const Eigen::Vector3d& ray_m) {
+  Eigen::Matrix3d axes;
+  axes.col(0) = ray_m.stableNormalized();
+  axes.col(1) = Eigen::Vector3d::UnitZ().cross(axes.col(0)).stableNormalized();
+  if (axes.col(1).squaredNorm() < 0.5) axes.col(1) = Eigen::Vector3d::UnitX();
+  axes.col(2) = axes.col(0).cross(axes.col(1));
+  return axes;
+}
+
+}  // namespace
+
+Eigen::Matrix3d BodyCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m) {
+  const Eigen::Matrix3d axes = RayAxes(ray_m);
+  const Eigen::Vector3d sigmas_m(body.depth_m, body.width_m, body.height_m);
+  return axes * sigmas_m.cwiseAbs2().asDiagonal() * axes.transpose();
+}
+
+Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity_mps) {
+  if (frame.is_timed) return Eigen::Matrix3d::Zero();
+  const Eigen::Vector3d along_m =
+      velocity_mps * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+  return along_m * along_m.transpose() / 12.0;
+}
+
+BodySpread::BodySpread(double sigma_m)
+    : variance_m2_(sigma_m * sigma_m),
+      sums_m2_(Eigen::Array3d::Constant(kPriorReturns * variance_m2_)),
+      weights_(Eigen::Array3d::Constant(kPriorReturns)),
+      count_(kPriorReturns) {}
+
+void BodySpread::Add(const Recording& recording, const FrameInfo& frame,
+                     const Eigen::Vector3d& viewpoint_m, const std::vector<std::uint32_t>& returns,
+                     const TrajectoryRow& expected) {
+  const Eigen::Matrix3d axes = RayAxes(expected.position_m - viewpoint_m);
+  const Eigen::Array3d streak_m2 =
+      (axes.transpose() * StreakM2(frame, expected.velocity_mps) * axes).diagonal();
+  // The less of a square is the body's, the less it says of it.
+  const Eigen::Array3d weight = (variance_m2_ / (variance_m2_ + streak_m2)).square();
+  const double has_streak = 1.0 - std::pow(weight.minCoeff(), 2);
+  const Eigen::Vector3d across = axes.col(0).cross(expected.velocity_mps).stableNormalized();
+  for (const std::uint32_t i : returns) {
+    const double late_s =
+        static_cast<double>(recording.times_ns[i] - expected.time_ns) * kSecondsPerNs;
+    const Eigen::Vector3d offset_m =
+        recording.points_m[i].cast<double>() - expected.position_m - late_s * expected.velocity_mps;
+    sums_m2_ += weight * ((axes.transpose() * offset_m).array().square() - streak_m2);
+    weights_ += weight;
+    across_m2_ += has_streak * std::pow(across.dot(offset_m), 2);
+    count_ += 1.0;
+  }
+}
+
+BodySigmas BodySpread::Sigmas() const {
+  const Eigen::Array3d sigmas_m = (sums_m2_ / weights_).max(across_m2_ / count_).sqrt();
+  return {sigmas_m[0], sigmas_m[1], sigmas_m[2]};
+}
+
+}  // namespace unlidar

@@ -1,0 +1,58 @@
+#include "collection/frame_length.hpp"
+
+#include <cmath>
+
+#include "collection/collect.hpp"
+
+namespace unlidar {
+namespace {
+
+// LiDARs give 5 to 20 frames a second, most of them 10.
+constexpr double kTurnS = 0.1;
+constexpr double kLongestTurnS = 0.2;
+
+}  // namespace
+
+bool FrameLength::IsOpen(double length_s) { return length_s > kLongestTurnS; }
+
+void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
+  // The stamp stands at the same share of either length.
+  late_s_ = streak.stamp_s * (1.0 - kTurnS / streak.length_s);
+  const Eigen::Vector3d along = streak.velocity_mps.stableNormalized();
+  const double square_sum_m2 = along.dot(streak.scatter_m2 * along);
+  const double beam_m = kBeamSigmaRad * streak.ray_m.norm();
+  const double body_m2 = along.dot(BodyCovarianceM2(body, streak.ray_m) * along) + beam_m * beam_m;
+  const auto log_likelihood = [&](double streak_s) {
+    const double variance_m2 =
+        body_m2 + streak.velocity_mps.squaredNorm() * streak_s * streak_s / 12.0;
+    return -0.5 *
+           ((streak.num_returns - 1.0) * std::log(variance_m2) + square_sum_m2 / variance_m2);
+  };
+  log_short_ += log_likelihood(kTurnS) - log_likelihood(streak.length_s);
+}
+
+void FrameLength::Add(const Recording& recording, const FrameInfo& frame,
+                      const Eigen::Vector3d& viewpoint_m, const std::vector<std::uint32_t>& returns,
+                      const Eigen::Vector3d& velocity_mps, const BodySigmas& body) {
+  Streak streak;
+  streak.length_s = static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+  if (frame.is_timed || !IsOpen(streak.length_s)) return;
+  streak.stamp_s =
+      static_cast<double>(frame.stamp_ns - frame.begin_ns) * kSecondsPerNs - 0.5 * streak.length_s;
+  streak.num_returns = static_cast<double>(returns.size());
+  streak.velocity_mps = velocity_mps;
+  Eigen::Vector3d mean_m = Eigen::Vector3d::Zero();
+  for (const std::uint32_t i : returns) {
+    mean_m += recording.points_m[i].cast<double>() / streak.num_returns;
+  }
+  for (const std::uint32_t i : returns) {
+    const Eigen::Vector3d offset_m = recording.points_m[i].cast<double>() - mean_m;
+    streak.scatter_m2 += offset_m * offset_m.transpose();
+  }
+  streak.ray_m = mean_m - viewpoint_m;
+  Add(streak, body);
+}
+
+double FrameLength::LateS() const { return late_s_ / (1.0 + std::exp(-log_short_)); }
+
+}  // namespace unlidar

@@ -1,0 +1,89 @@
+#include "collection/spots.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cstddef>
+
+#include "base/voxel_grid.hpp"
+#include "base/voxel_numbers.hpp"
+#include "scene/background.hpp"
+#include "scene/plots.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+namespace {
+
+// The noise of ranging, four times over, and the width of a beam.
+constexpr RangeRadius kSpot{0.08, 0.002};
+// No neighbourhood of a spot within 250 m reaches farther. Beyond, some returns are missed, and the
+// rate of the surroundings holds.
+constexpr double kReachM = 1.0;
+
+// The voxels about some places.
+class Neighbourhood {
+ public:
+  Neighbourhood(const Recording& recording, const std::vector<std::uint32_t>& returns) {
+    for (const std::uint32_t i : returns) {
+      const Eigen::Vector3f& point_m = recording.points_m[i];
+      box_.extend(point_m);
+      const Voxel home = VoxelAt(point_m, kReachM);
+      for (int dx = -1; dx <= 1; ++dx) {
+        for (int dy = -1; dy <= 1; ++dy) {
+          for (int dz = -1; dz <= 1; ++dz) {
+            voxels_.FindOrAdd(0, KeyOf({home.x + dx, home.y + dy, home.z + dz}));
+          }
+        }
+      }
+    }
+    const Eigen::Vector3f margin_m = Eigen::Vector3f::Constant(static_cast<float>(2.0 * kReachM));
+    box_ = {box_.min() - margin_m, box_.max() + margin_m};
+  }
+
+  bool Holds(const Eigen::Vector3f& point_m) const {
+    return box_.contains(point_m) &&
+           voxels_.Find(0, VoxelOf(point_m, kReachM)) != VoxelNumbers::kNone;
+  }
+
+ private:
+  Eigen::AlignedBox3f box_;  // most returns are beyond it
+  VoxelNumbers voxels_;
+};
+
+}  // namespace
+
+Spots::Spots(const Recording& recording, const std::vector<SensorView>& views,
+             const std::vector<std::uint32_t>& candidates)
+    : views_(views) {
+  std::vector<const Background*> backgrounds;
+  for (const SensorView& view : views) {
+    const auto at = std::find(backgrounds.begin(), backgrounds.end(), view.background);
+    stations_.push_back(static_cast<std::size_t>(at - backgrounds.begin()));
+    if (at != backgrounds.end()) continue;
+    backgrounds.push_back(view.background);
+    grids_.emplace_back(kSpot);
+  }
+  const Neighbourhood neighbourhood(recording, candidates);
+  for (const FrameInfo& frame : recording.frames) {
+    const SensorView& view = views[frame.sensor];
+    RangeGrid& grid = grids_[stations_[frame.sensor]];
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      const Eigen::Vector3f& point_m = recording.points_m[i];
+      if (!neighbourhood.Holds(point_m)) continue;
+      if (std::binary_search(candidates.begin(), candidates.end(), i)) continue;
+      grid.Add(point_m - view.viewpoint_m, view.background->BinOf(recording.times_ns[i]));
+    }
+  }
+}
+
+double Spots::RateOutside(std::uint32_t sensor, const Eigen::Vector3f& point_m, TimeNs from_ns,
+                          TimeNs to_ns, double surroundings_rate) const {
+  const SensorView& view = views_[sensor];
+  const RangeGrid& grid = grids_[stations_[sensor]];
+  const Eigen::Vector3f ray_m = point_m - view.viewpoint_m;
+  const BinRange inside = view.background->BinsTouching(from_ns, to_ns);
+  const double returns = grid.Count(ray_m) - grid.Count(ray_m, inside);
+  const double exposure = view.background->NumFramesOutside(inside) * grid.VolumeM3(ray_m);
+  return ClutterRate(returns, exposure, surroundings_rate);
+}
+
+}  // namespace unlidar

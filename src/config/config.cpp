@@ -1,0 +1,321 @@
+#include "config/config.hpp"
+
+#include <yaml-cpp/depthguard.h>
+#include <yaml-cpp/eventhandler.h>
+#include <yaml-cpp/yaml.h>
+
+#include <algorithm>
+#include <iterator>
+#include <numeric>
+#include <set>
+#include <sstream>
+#include <string_view>
+#include <utility>
+
+#include "base/format.hpp"
+#include "config/config_keys.hpp"
+#include "config/config_values.hpp"
+#include "io/input_file.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr std::size_t kMaxConfigBytes = 1 << 18;
+constexpr std::string_view kSensorPrefix = "sensors.";
+
+std::size_t EditDistance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = row[0]++;
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t substituted = diagonal + (a[i] == b[j] ? 0 : 1);
+      diagonal = row[j + 1];
+      row[j + 1] = std::min({substituted, diagonal + 1, row[j] + 1});
+    }
+  }
+  return row.back();
+}
+
+std::string Join(const std::string& section, const std::string& key) {
+  return section.empty() ? key : section + "." + key;
+}
+
+// `place`: with a colon, or empty.
+void CheckSensorName(const std::string& place, const std::string& name) {
+  if (IsSensorName(name)) return;
+  throw ConfigError(place + "sensors: " + Quoted(name) + ", " + kExpectedSensorName);
+}
+
+// Overlays values on a config and remembers where each came from, for messages.
+class Overlay {
+ public:
+  explicit Overlay(Config& config) : config_(config) {}
+
+  // Applies the map below the dotted prefix; where(node) names a node's place in the source.
+  template <class Where>
+  void ApplyMap(const std::string& prefix, const YAML::Node& map, const Where& where) {
+    std::set<std::string> seen;
+    for (const auto& item : map) {
+      // A dotted key would be a second way to write, and hide, a nested one.
+      if (!item.first.IsScalar() || item.first.Scalar().find('.') != std::string::npos) {
+        throw ConfigError(where(item.first) + ": " + Quote(item.first) +
+                          " is not a key, expected a plain name (sections are nested)");
+      }
+      const std::string key = Join(prefix, item.first.Scalar());
+      if (!seen.insert(key).second) {
+        throw ConfigError(where(item.first) + ": " + Shortened(key) + ": repeated, expected once");
+      }
+      if (IsSection(key)) {
+        ApplySection(key, item.second, where(item.first), where);
+      } else {
+        ApplyValue(key, item.second, where(item.first));
+      }
+    }
+  }
+
+  void ApplyValue(const std::string& key, const YAML::Node& node, const std::string& place) {
+    bool known = false;
+    const auto assign = [&](const std::string& name, auto& field, const auto& constraint) {
+      if (name != key) return;
+      known = true;
+      if (!Read(node, field, constraint)) {
+        throw ConfigError(place + ": " + Shortened(key) + ": " + Quote(node) + ", expected " +
+                          Expected(field, constraint));
+      }
+      places_[key] = place;
+    };
+    VisitKeys(assign, config_);
+    const std::size_t last_dot = key.rfind('.');
+    if (IsBelowSensors(key) && last_dot >= kSensorPrefix.size()) {
+      SensorConfig& sensor = SensorOf(key.substr(0, last_dot), place);
+      VisitSensorKeys(assign, key.substr(0, last_dot + 1), sensor);
+    }
+    if (!known) {
+      throw ConfigError(place + ": " + Shortened(key) + ": unknown key" + Suggestion(key));
+    }
+  }
+
+  // Where each value came from, by key.
+  const std::map<std::string, std::string>& places() const { return places_; }
+
+ private:
+  static bool IsBelowSensors(const std::string& key) {
+    return key.compare(0, kSensorPrefix.size(), kSensorPrefix) == 0;
+  }
+
+  bool IsSection(const std::string& key) {
+    if (key == "sensors" ||
+        (IsBelowSensors(key) && key.find('.', kSensorPrefix.size()) == std::string::npos)) {
+      return true;
+    }
+    bool is_section = false;
+    VisitKeys(
+        [&](const std::string& name, const auto&, const auto&) {
+          is_section = is_section || name.compare(0, key.size() + 1, key + ".") == 0;
+        },
+        config_);
+    return is_section;
+  }
+
+  template <class Where>
+  void ApplySection(const std::string& key, const YAML::Node& node, const std::string& place,
+                    const Where& where) {
+    if (IsBelowSensors(key)) SensorOf(key, place);  // an empty entry is the identity pose
+    if (node.IsNull()) return;                      // a section with all keys commented out
+    if (!node.IsMap()) {
+      throw ConfigError(place + ": " + Shortened(key) + ": " + Quote(node) +
+                        ", expected a section of `key: value` lines");
+    }
+    ApplyMap(key, node, where);
+  }
+
+  SensorConfig& SensorOf(const std::string& key, const std::string& place) {
+    const std::string name = key.substr(kSensorPrefix.size());
+    CheckSensorName(place + ": ", name);
+    return config_.sensors[name];
+  }
+
+  // "" or the nearest known key, if it is near.
+  std::string Suggestion(const std::string& key) {
+    std::string best;
+    std::size_t best_distance = std::max<std::size_t>(3, key.size() / 3);
+    const auto consider = [&](const std::string& name, const auto&, const auto&) {
+      if (key.size() >= name.size() + best_distance) return;  // it may be endless
+      std::size_t distance = EditDistance(key, name);
+      // The right name in the wrong section is near, too.
+      if (name.substr(name.rfind('.') + 1) == key.substr(key.rfind('.') + 1)) distance = 1;
+      if (distance >= best_distance) return;
+      best_distance = distance;
+      best = name;
+    };
+    VisitKeys(consider, config_);
+    if (IsBelowSensors(key)) {
+      const SensorConfig sensor;
+      VisitSensorKeys(consider, key.substr(0, key.rfind('.') + 1), sensor);
+    }
+    return best.empty() ? "; configs/default.yaml lists all" : "; did you mean " + best + "?";
+  }
+
+  Config& config_;
+  std::map<std::string, std::string> places_;
+};
+
+// Constraints between keys.
+//
+// `places`: where values came from, for messages, as far as that is known.
+void CheckConsistent(const Config& config, const std::map<std::string, std::string>& places) {
+  const auto check_order = [&](const std::string& low_key, double low, const std::string& high_key,
+                               double high) {
+    if (low < high) return;
+    const auto high_place = places.find(high_key);
+    const auto place = high_place != places.end() ? high_place : places.find(low_key);
+    throw ConfigError((place != places.end() ? place->second + ": " : "") + high_key + ": '" +
+                      NumberText(high) + "', expected more than " + low_key + " (" +
+                      NumberText(low) + ")");
+  };
+  const InputConfig& input = config.input;
+  check_order("input.min_range_m", input.min_range_m, "input.max_range_m", input.max_range_m);
+  const TrajectoryConfig& trajectory = config.trajectory;
+  check_order("trajectory.min_noise_scale", trajectory.min_noise_scale,
+              "trajectory.max_noise_scale", trajectory.max_noise_scale);
+  check_order("trajectory.min_knot_spacing_s", trajectory.min_knot_spacing_s,
+              "trajectory.max_knot_spacing_s", trajectory.max_knot_spacing_s);
+  check_order("live.reorder_s", config.live.reorder_s, "live.delay_s", config.live.delay_s);
+}
+
+std::string ReadText(const std::string& path) {
+  try {
+    return ReadWhole(path, {"a YAML file of config keys"}, kMaxConfigBytes);
+  } catch (const InputError& error) {
+    throw ConfigError(error.what());
+  }
+}
+
+// Looks at no value, but at where documents begin.
+class DocumentLines : public YAML::EventHandler {
+ public:
+  // Of the document that was begun last, from 1.
+  int line() const { return line_; }
+
+  void OnDocumentStart(const YAML::Mark& mark) override { line_ = mark.line + 1; }
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                const std::string&) override {}
+  void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                       YAML::EmitterStyle::value) override {}
+  void OnSequenceEnd() override {}
+  void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                  YAML::EmitterStyle::value) override {}
+  void OnMapEnd() override {}
+
+ private:
+  int line_ = 0;
+};
+
+// The root of the one YAML document in the text; errors are prefixed by place(line).
+//
+// YAML::LoadAll has no end where the parser cannot pass a character (a comma outside of a list): it
+// takes an empty document before it, again and again. Two documents are asked for here, whatever
+// the text; what the second one begins with is either another document or such a character.
+template <class Place>
+YAML::Node ParseYaml(const std::string& text, const Place& place) {
+  try {
+    std::istringstream stream(text);
+    YAML::Parser parser(stream);
+    DocumentLines documents;
+    if (parser.HandleNextDocument(documents) && parser.HandleNextDocument(documents)) {
+      throw ConfigError(place(documents.line()) +
+                        ": what stands here is no part of the YAML document before it, expected "
+                        "one document");
+    }
+    return YAML::Load(text);
+  } catch (const YAML::DeepRecursion& error) {
+    throw ConfigError(place(error.mark.line + 1) + ": more than " + std::to_string(error.depth()) +
+                      " levels, expected sections with keys");
+  } catch (const YAML::Exception& error) {
+    throw ConfigError(place(error.mark.line + 1) + ": " + Shortened(error.msg, 200) +
+                      ", expected YAML");
+  }
+}
+
+void ApplyFile(const std::string& path, Overlay& overlay) {
+  const auto place = [&](int line) { return path + ":" + std::to_string(line); };
+  const auto where = [&](const YAML::Node& node) { return place(node.Mark().line + 1); };
+  const YAML::Node root = ParseYaml(ReadText(path), place);
+  if (root.IsNull()) return;  // nothing but comments
+  if (!root.IsMap()) {
+    throw ConfigError(where(root) + ": " + Quote(root) + ", expected `section: ...` lines");
+  }
+  overlay.ApplyMap("", root, where);
+}
+
+void ApplyAssignment(const std::string& assignment, Overlay& overlay) {
+  const std::string place = "--set " + Shortened(assignment);
+  const std::size_t equals = assignment.find('=');
+  if (equals == std::string::npos || equals == 0) {
+    throw UsageError(place + ": expected section.key=value");
+  }
+  const YAML::Node value = ParseYaml(
+      assignment.substr(equals + 1), [&](int) -> const auto& { return place; });
+  overlay.ApplyValue(assignment.substr(0, equals), value, place);
+}
+
+}  // namespace
+
+Config LoadConfig(const std::string& path, const std::vector<std::string>& assignments) {
+  Config config;
+  Overlay overlay(config);
+  if (!path.empty()) ApplyFile(path, overlay);
+  for (const std::string& assignment : assignments) ApplyAssignment(assignment, overlay);
+  CheckConsistent(config, overlay.places());
+  return config;
+}
+
+void CheckConfig(const Config& config) {
+  const auto check = [](const std::string& key, const auto& field, const auto& constraint) {
+    if (Holds(field, constraint)) return;
+    throw ConfigError(key + ": " + TextOf(field) + ", expected " + Expected(field, constraint));
+  };
+  VisitKeys(check, config);
+  for (const auto& [name, sensor] : config.sensors) {
+    CheckSensorName("", name);
+    VisitSensorKeys(check, std::string(kSensorPrefix) + name + ".", sensor);
+  }
+  CheckConsistent(config, {});
+}
+
+void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sources) {
+  std::string unused = "";
+  for (const auto& [name, sensor] : config.sensors) {
+    const bool used = std::any_of(sources.begin(), sources.end(),
+                                  [&name = name](const auto& s) { return s.name == name; });
+    if (!used && unused.empty()) unused = name;
+  }
+  if (unused.empty()) return;
+  for (const FrameSource& source : sources) {
+    if (source.name.empty() || config.sensors.count(source.name) > 0) continue;
+    const std::string name = Shortened(source.name);
+    throw ConfigError("--frames " + name + "=" + source.directory + ": the config has no sensors." +
+                      name + " but an unused sensors." + Shortened(unused) +
+                      ", expected the same name (an empty sensors." + name +
+                      " is the identity pose)");
+  }
+}
+
+std::vector<ConfigEntry> ListConfig(const Config& config) {
+  std::vector<ConfigEntry> entries;
+  const auto list = [&](const std::string& key, const auto& field, const auto& constraint) {
+    entries.push_back({key, ValueOf(field, constraint)});
+  };
+  VisitKeys(list, config);
+  for (const auto& [name, sensor] : config.sensors) {
+    VisitSensorKeys(list, std::string(kSensorPrefix) + name + ".", sensor);
+  }
+  return entries;
+}
+
+}  // namespace unlidar

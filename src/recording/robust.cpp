@@ -1,0 +1,318 @@
+#include "recording/robust.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "collection/cloud.hpp"
+#include "collection/hanging.hpp"
+#include "collection/stays.hpp"
+#include "scene/views.hpp"
+#include "tracking/doubts.hpp"
+#include "tracking/flight.hpp"
+#include "tracking/null_score.hpp"
+
+namespace unlidar {
+namespace {
+
+std::vector<Plot> PlotsOf(const Path& path, const std::vector<Plot>& plots) {
+  std::vector<Plot> members;
+  for (const std::uint32_t i : path.plots) members.push_back(plots[i]);
+  return members;
+}
+
+// Whether what was collected of a target is less likely it, by what its places return at other
+// times, than any path must be. A place where it always was tells neither.
+bool IsClutter(const std::vector<Measurement>& measurements, double threshold) {
+  double log_ratio = 0.0;
+  for (const Measurement& m : measurements) {
+    if (m.log_ratio == 0.0) return false;
+    log_ratio += m.log_ratio;
+  }
+  return log_ratio < threshold;
+}
+
+// How much less likely a path is a target for what else is about it at the same time, which its
+// clutter, that of other times, does not tell: a bush in a gust and whoever passes behind a hedge
+// are seen all at once. Plots of targets (`are_targets`, plots) and its own do not count.
+double LossAmongOthers(const Path& path, const std::vector<Plot>& plots,
+                       const std::vector<char>& are_targets,
+                       const std::vector<SensorView>& sensor_views, const RobustConfig& config) {
+  const TimeNs reach_ns = NsOf((kClutterExclusionBins + 0.5) * config.background.bin_s);
+  double loss = 0.0;
+  auto first = plots.begin();
+  for (const std::uint32_t i : path.plots) {
+    const Plot& plot = plots[i];
+    const double radius_m = config.plots.clutter_narrow.At(plot.ray_m.norm());
+    while (first->frame_time_ns < plot.frame_time_ns - reach_ns) ++first;
+    double others = 0.0;
+    for (auto other = first;
+         other != plots.end() && other->frame_time_ns <= plot.frame_time_ns + reach_ns; ++other) {
+      const auto k = static_cast<std::uint32_t>(other - plots.begin());
+      if (other->sensor != plot.sensor || are_targets[k] != 0) continue;
+      if ((other->position_m - plot.position_m).squaredNorm() > radius_m * radius_m) continue;
+      if (!std::binary_search(path.plots.begin(), path.plots.end(), k)) others += 1.0;
+    }
+    if (others == 0.0) continue;
+    const Background& background = *sensor_views[plot.sensor].background;
+    const double frames = background.NumFrames(
+        plot.sensor, background.BinsAround(background.BinOf(plot.time_ns), kClutterExclusionBins));
+    const double exposure = frames * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
+    const double log_rate = std::log(ClutterRate(others, exposure, std::exp(plot.log_clutter)));
+    loss += std::max(0.0, log_rate - plot.log_clutter);
+  }
+  return loss;
+}
+
+// Which plots no path explains that is likelier a target than chance.
+std::vector<char> AreClutter(std::size_t num_plots, const std::vector<Path>& paths,
+                             double threshold) {
+  std::vector<char> are_clutter(num_plots, 1);
+  for (const Path& path : paths) {
+    if (path.score < threshold) continue;
+    for (const std::uint32_t i : path.plots) are_clutter[i] = 0;
+  }
+  return are_clutter;
+}
+
+// Makes the targets of paths, one after the other: a return is one target's.
+class TargetCollector {
+ public:
+  // Paths are changed where two are one target's.
+  TargetCollector(const Recording& recording, const Views& views, const Watch& watch,
+                  double threshold, const RobustConfig& config,
+                  const TrajectoryConfig& trajectory_config, std::vector<Path>* paths)
+      : recording_(recording),
+        plots_(views.plots()),
+        sensor_views_(views.SensorViews()),
+        watch_(watch),
+        threshold_(threshold),
+        config_(config),
+        trajectory_config_(trajectory_config),
+        paths_(*paths),
+        excluded_(views.are_bodies()),
+        taken_(excluded_.size(), 0) {}
+
+  Rejection Add(std::size_t k) {
+    const Path& path = paths_[k];
+    std::vector<Plot> members = FreePlotsOf(path);
+    if (2 * members.size() < path.plots.size()) {
+      // A drone that shows as two plots in a frame leaves a second path beside its first, which may
+      // go on where the first ends.
+      const std::size_t owner = OwnerOf(path);
+      if (owner == targets_.size()) return Rejection::kSharesReturns;
+      Extend(owner, path);
+      return Rejection::kPartOfAnotherTrack;
+    }
+    if (!HasFrames(members, config_.min_plots)) return Rejection::kTooFewDetections;
+    Target target;
+    const Rejection rejection = Collect(k, std::move(members), &target);
+    if (rejection != Rejection::kNone) return rejection;
+    Mark(target, 1);
+    targets_.push_back(std::move(target));
+    path_of_.push_back(k);
+    return Rejection::kNone;
+  }
+
+  // The targets that are left when all are known; the verdicts (paths) of the others are set.
+  std::vector<Target> Finish(std::vector<PathVerdict>* verdicts) {
+    const std::vector<Rejection> rejections =
+        ShapeRejections(recording_, sensor_views_, plots_, targets_, config_, trajectory_config_);
+    std::vector<Target> kept;
+    for (std::size_t t = 0; t < targets_.size(); ++t) {
+      (*verdicts)[path_of_[t]].rejection = rejections[t];
+      if (rejections[t] == Rejection::kNone) kept.push_back(std::move(targets_[t]));
+    }
+    return kept;
+  }
+
+ private:
+  // Those without a return that is excluded.
+  std::vector<Plot> FreePlotsOf(const Path& path) const {
+    std::vector<Plot> members = PlotsOf(path, plots_);
+    members.erase(std::remove_if(members.begin(), members.end(),
+                                 [&](const Plot& plot) { return HasAnyOf(plot, excluded_); }),
+                  members.end());
+    return members;
+  }
+
+  Rejection Collect(std::size_t k, std::vector<Plot> members, Target* target) {
+    if (config_.Uses(Rule::kDwell)) AddStays(recording_, taken_, &members);
+    for (const Plot& plot : members) {
+      for (const std::uint32_t i : plot.returns) excluded_[i] = 0;
+    }
+    *target =
+        CollectTarget(recording_, sensor_views_, members, excluded_, config_, trajectory_config_);
+    const std::vector<Measurement>& measurements = target->measurements;
+    // What another target's returns leave of it may be a single sighting, which is no track.
+    if (measurements.size() < 2) return Rejection::kSingleMeasurement;
+    if (config_.Uses(Rule::kSuspended) && MayHang(measurements)) return Rejection::kSuspended;
+    if (config_.Uses(Rule::kClutterReturns) && IsClutter(measurements, threshold_)) {
+      return Rejection::kClutterReturns;
+    }
+    target->score = paths_[k].score;
+    if (config_.Uses(Rule::kAlternatives)) {
+      target->doubts = DoubtsOf(k, paths_, plots_, watch_, config_.tracker, measurements);
+    }
+    if (!config_.Uses(Rule::kFrameLength)) target->late_ns = 0;
+    return Rejection::kNone;
+  }
+
+  void Mark(const Target& target, char is_taken) {
+    for (const std::uint32_t i : target.returns) excluded_[i] = taken_[i] = is_taken;
+  }
+
+  // The target that has most of the plots of a path; the number of targets if none has.
+  std::size_t OwnerOf(const Path& path) const {
+    const auto is_owner = [&](const Target& target) {
+      const auto has = [&](std::uint32_t plot) {
+        const std::vector<std::uint32_t>& returns = plots_[plot].returns;
+        return std::any_of(returns.begin(), returns.end(), [&](std::uint32_t i) {
+          return std::binary_search(target.returns.begin(), target.returns.end(), i);
+        });
+      };
+      const auto own = std::count_if(path.plots.begin(), path.plots.end(), has);
+      return 2 * static_cast<std::size_t>(own) > path.plots.size();
+    };
+    return static_cast<std::size_t>(std::find_if(targets_.begin(), targets_.end(), is_owner) -
+                                    targets_.begin());
+  }
+
+  // Gives a target what another path has before or after it, if that is as much as a target has at
+  // least, with its share of the score.
+  void Extend(std::size_t owner, const Path& other) {
+    Target& target = targets_[owner];
+    const TimeNs begin_ns = target.measurements.front().time_ns;
+    const TimeNs end_ns = target.measurements.back().time_ns;
+    Path beyond;
+    for (const std::uint32_t plot : other.plots) {
+      const TimeNs time_ns = plots_[plot].time_ns;
+      const bool is_within = begin_ns <= time_ns && time_ns <= end_ns;
+      if (!is_within && !HasAnyOf(plots_[plot], excluded_)) beyond.plots.push_back(plot);
+    }
+    if (!HasFrames(PlotsOf(beyond, plots_), config_.min_plots)) return;
+    Path& path = paths_[path_of_[owner]];
+    const Path before = path;
+    path.score += other.score * static_cast<double>(beyond.plots.size()) /
+                  static_cast<double>(other.plots.size());
+    path.plots.insert(path.plots.end(), beyond.plots.begin(), beyond.plots.end());
+    std::sort(path.plots.begin(), path.plots.end());
+    Mark(target, 0);
+    Target whole;
+    if (Collect(path_of_[owner], FreePlotsOf(path), &whole) == Rejection::kNone) {
+      target = std::move(whole);
+    } else {
+      path = before;
+    }
+    Mark(target, 1);
+  }
+
+  const Recording& recording_;
+  const std::vector<Plot>& plots_;
+  std::vector<SensorView> sensor_views_;
+  const Watch& watch_;
+  double threshold_;
+  const RobustConfig& config_;
+  const TrajectoryConfig& trajectory_config_;
+  std::vector<Path>& paths_;
+  std::vector<char> excluded_;  // returns of bodies and of targets,
+  std::vector<char> taken_;     // and of these alone
+  std::vector<Target> targets_;
+  std::vector<std::size_t> path_of_;  // (targets)
+};
+
+}  // namespace
+
+RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,
+                               const TrajectoryConfig& trajectory_config, const TraceSink& trace) {
+  RobustResult result;
+  if (recording.points_m.empty()) {
+    if (trace) trace(recording, {{}, {}, {}, {}, 0.0});
+    return result;
+  }
+  Views views(recording, Stations(recording.sensors), config);
+  const std::vector<Plot>& plots = views.plots();
+  // A score is a log likelihood ratio, weighted by how likely its first plot is the first: so by
+  // Ville's inequality clutter reaches the threshold from all plots and with all models together
+  // with a probability of at most false_alarms_per_recording, if it is what the model says.
+  const std::size_t num_models =
+      config.tracker.sigma_a_mps2.size() * config.tracker.birth_speeds_mps.size();
+  const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
+  double threshold = std::log(num_starts / config.false_alarms_per_recording);
+  const Watch watch = WatchOf(recording);
+  const std::vector<SensorView> sensor_views = views.SensorViews();
+  const auto verdicts_of = [&](const std::vector<Path>& paths) {
+    std::vector<PathVerdict> verdicts;
+    std::vector<char> are_targets(plots.size(), 0);
+    for (const Path& path : paths) {
+      PathVerdict& verdict = verdicts.emplace_back();
+      if (path.score < threshold) {
+        verdict.rejection = Rejection::kBelowThreshold;
+        continue;
+      }
+      verdict.rejection = FlightRejection(recording, watch, PlotsOf(path, plots), config);
+      if (verdict.rejection != Rejection::kNone) continue;
+      if (config.Uses(Rule::kCrowded)) {
+        verdict.crowding_penalty = LossAmongOthers(path, plots, are_targets, sensor_views, config);
+      }
+      if (path.score - verdict.crowding_penalty < threshold) {
+        verdict.rejection = Rejection::kCrowded;
+        continue;
+      }
+      for (const std::uint32_t i : path.plots) are_targets[i] = 1;
+    }
+    return verdicts;
+  };
+
+  // What the first round finds is clutter no more for the second, which then sees farther. What
+  // floats in one place is none from the start.
+  std::vector<char> explained = views.are_parked();
+  std::vector<Path> paths;
+  std::vector<PathVerdict> verdicts;  // (paths)
+  for (int round = 0; round < config.rounds; ++round) {
+    views.EstimateClutter(explained);
+    paths = FindPaths(plots, watch, config.tracker);
+    const std::vector<char> before = explained;
+    verdicts = verdicts_of(paths);
+    for (std::size_t k = 0; k < paths.size(); ++k) {
+      if (verdicts[k].rejection != Rejection::kNone) continue;
+      for (const std::uint32_t i : paths[k].plots) explained[i] = 1;
+    }
+    if (explained == before) break;
+  }
+  // What it is shows with its frames in random order. Scores above that are as rare as above the
+  // model's.
+  const double null_score =
+      config.Uses(Rule::kPermutationNull)
+          ? NullScore(recording, plots, AreClutter(plots.size(), paths, threshold), watch,
+                      config.tracker)
+          : 0.0;
+  const double null_threshold = null_score - std::log(config.false_alarms_per_recording);
+  if (null_threshold > threshold) {
+    threshold = null_threshold;
+    verdicts = verdicts_of(paths);
+  }
+
+  const std::vector<char>& are_bodies = views.are_bodies();
+  result.counts = {views.num_unexplained(),
+                   static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),
+                   plots.size(),
+                   paths.size(),
+                   threshold,
+                   null_score,
+                   config.false_alarms_per_recording};
+  TargetCollector collector(recording, views, watch, threshold, config, trajectory_config, &paths);
+  for (std::size_t k = 0; k < paths.size(); ++k) {
+    if (verdicts[k].rejection == Rejection::kNone) verdicts[k].rejection = collector.Add(k);
+  }
+  result.targets = collector.Finish(&verdicts);
+  if (trace) trace(recording, {plots, are_bodies, paths, verdicts, threshold});
+  for (Target& target : result.targets) {
+    for (Measurement& m : target.measurements) m.time_ns += target.late_ns;
+    for (Doubt& doubt : target.doubts) doubt.time_ns += target.late_ns;
+  }
+  return result;
+}
+
+}  // namespace unlidar

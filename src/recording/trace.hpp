@@ -1,0 +1,32 @@
+// What a search measured and decided, for --trace.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "scene/plots.hpp"
+#include "tracking/rejection.hpp"
+#include "tracking/tracker.hpp"
+
+namespace unlidar {
+
+// What became of a path.
+struct PathVerdict {
+  double crowding_penalty = 0.0;  // taken off its score for what else is detected about it then
+  Rejection rejection = Rejection::kNone;
+};
+
+struct SearchTrace {
+  const std::vector<Plot>& plots;            // in order of time
+  const std::vector<char>& are_bodies;       // (returns)
+  const std::vector<Path>& paths;            // by falling score
+  const std::vector<PathVerdict>& verdicts;  // (paths)
+  double score_threshold;
+};
+
+// Called at the end of a search; the recording, as the trace, is there during the call only.
+using TraceSink = std::function<void(const Recording& recording, const SearchTrace& trace)>;
+
+}  // namespace unlidar

@@ -1,0 +1,147 @@
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "scene/plots.hpp"
+
+namespace unlidar {
+namespace {
+
+// The share of plots that come again to their spots where nothing is known, with the weight of one.
+constexpr double kUnknownShareAgain = 0.5;
+
+class ClutterEstimate {
+ public:
+  ClutterEstimate(const std::vector<SensorView>& views, const PlotConfig& config,
+                  const std::vector<char>& explained, const std::vector<Plot>& plots)
+      : views_(views), config_(config), explained_(explained), plots_(plots) {
+    for (const Plot& plot : plots) bins_.push_back(BackgroundOf(plot).BinOf(plot.time_ns));
+    const std::vector<RangeGrid> spots = GridsOf(config.spot, [](std::size_t) { return true; });
+    for (std::size_t i = 0; i < plots.size(); ++i) spots_.push_back(CountsAt(spots, i));
+    SetRates();
+  }
+
+  // Of a plot: log of the clutter plots per m^3 and frame of its sensor.
+  double LogClutter(std::size_t i) const {
+    const Plot& plot = plots_[i];
+    if (plot.is_floating) return std::log(rates_[i]);
+    // A target that was found may have come back to its own place.
+    const double least_rate = std::max(rates_[i], explained_[i] ? 0.0 : plot.place_rate);
+    // A static thing that is seldom hit would give the plots of its place at the rate at which they
+    // came, the plot itself left out.
+    const double plot_rate = 1.0 / NumFrames(plot) / PlotVolumeM3(plot);
+    const auto log_rate = [&](std::uint32_t others) {
+      return std::log(std::max(least_rate, others * plot_rate));
+    };
+    const std::uint32_t in_visit = InVisit(i);
+    if (!MayBeVisit(i)) return log_rate(spots_[i].elsewhen + in_visit - 1);
+    // All of them may be one visit of what does not stay. Then the first is not told by the others
+    // as these are by it: by the chain rule the k-th has the rate of k - 1, and each gets its share
+    // of the logarithm.
+    double sum = 0.0;
+    for (std::uint32_t k = 0; k < in_visit; ++k) sum += log_rate(k);
+    return shares_again_[i] * log_rate(in_visit - 1) + (1.0 - shares_again_[i]) * sum / in_visit;
+  }
+
+ private:
+  // Plots in a neighbourhood: those that may be of the same visit, and those of other times.
+  struct Counts {
+    std::uint32_t near = 0;
+    std::uint32_t elsewhen = 0;
+  };
+
+  // Plots of its spot that may be of one visit, itself counted.
+  std::uint32_t InVisit(std::size_t i) const { return spots_[i].near + (explained_[i] ? 1U : 0U); }
+
+  // Whether they are all that came to its spot, and more than one.
+  bool MayBeVisit(std::size_t i) const { return spots_[i].elsewhen == 0 && InVisit(i) > 1; }
+
+  const Background& BackgroundOf(const Plot& plot) const { return *views_[plot.sensor].background; }
+
+  std::uint32_t NumFrames(const Plot& plot) const {
+    return BackgroundOf(plot).NumFrames(plot.sensor, {0, BackgroundOf(plot).num_bins()});
+  }
+
+  BinRange Near(std::size_t i) const {
+    return BackgroundOf(plots_[i]).BinsAround(bins_[i],
+                                              static_cast<std::uint32_t>(kClutterExclusionBins));
+  }
+
+  // (sensors), of the plots of which `counts` is true, but for those that are explained.
+  template <class Selection>
+  std::vector<RangeGrid> GridsOf(const RangeRadius& radius, const Selection& counts) const {
+    std::vector<RangeGrid> grids(views_.size(), RangeGrid(radius));
+    for (std::size_t i = 0; i < plots_.size(); ++i) {
+      if (explained_[i] != 0 || !counts(i)) continue;
+      grids[plots_[i].sensor].Add(plots_[i].ray_m.cast<float>(), bins_[i]);
+    }
+    return grids;
+  }
+
+  Counts CountsAt(const std::vector<RangeGrid>& grids, std::size_t i) const {
+    const RangeGrid& grid = grids[plots_[i].sensor];
+    const Eigen::Vector3f place_m = plots_[i].ray_m.cast<float>();
+    const std::uint32_t near = grid.Count(place_m, Near(i));
+    return {near, grid.Count(place_m) - near};
+  }
+
+  // What is seen about a place at other times, and, where that is asked, the share of it that comes
+  // to its spot again and again, as twigs do. From wide to narrow: each level is the prior of the
+  // next, so that an empty neighbourhood still has what its surroundings have, and a level is
+  // believed only as far as its exposure goes.
+  void SetRates() {
+    rates_.assign(plots_.size(), 1e-6);
+    shares_again_.assign(plots_.size(), kUnknownShareAgain);
+    for (const RangeRadius& radius :
+         {kClutterWide, config_.clutter_middle, config_.clutter_narrow}) {
+      const std::vector<RangeGrid> all = GridsOf(radius, [](std::size_t) { return true; });
+      const std::vector<RangeGrid> again =
+          GridsOf(radius, [&](std::size_t i) { return spots_[i].elsewhen > 0; });
+      for (std::size_t i = 0; i < plots_.size(); ++i) {
+        const Plot& plot = plots_[i];
+        std::uint32_t count = CountsAt(all, i).elsewhen;
+        // What floats is no clutter, whenever it was seen at its spot.
+        if (plot.is_floating) count -= std::min(count, spots_[i].elsewhen);
+        const std::uint32_t frames =
+            NumFrames(plot) - BackgroundOf(plot).NumFrames(plot.sensor, Near(i));
+        const double exposure = frames * all[plot.sensor].VolumeM3(plot.ray_m.cast<float>());
+        rates_[i] = ClutterRate(count, exposure, rates_[i]);
+        if (!MayBeVisit(i)) continue;
+        shares_again_[i] = (CountsAt(again, i).elsewhen + shares_again_[i]) / (count + 1.0);
+      }
+    }
+  }
+
+  const std::vector<SensorView>& views_;
+  const PlotConfig& config_;
+  const std::vector<char>& explained_;
+  const std::vector<Plot>& plots_;
+  std::vector<std::uint32_t> bins_;  // (plots), and so all of these:
+  std::vector<Counts> spots_;
+  std::vector<double> rates_;
+  std::vector<double> shares_again_;
+};
+
+}  // namespace
+
+double PlotVolumeM3(const Plot& plot) {
+  return std::pow(2.0 * M_PI * std::exp(1.0) * plot.variance_m2, 1.5);
+}
+
+void SetPlaceRates(const Background& background, std::vector<Plot>* plots) {
+  for (Plot& plot : *plots) {
+    double sum = 0.0;
+    for (const std::uint32_t i : plot.returns) sum += background.PlaceRate(i);
+    plot.place_rate = sum / static_cast<double>(plot.returns.size());
+  }
+}
+
+void EstimateClutter(const std::vector<SensorView>& views, const PlotConfig& config,
+                     const std::vector<char>& explained, std::vector<Plot>* plots) {
+  const ClutterEstimate estimate(views, config, explained, *plots);
+  for (std::size_t i = 0; i < plots->size(); ++i) (*plots)[i].log_clutter = estimate.LogClutter(i);
+}
+
+}  // namespace unlidar

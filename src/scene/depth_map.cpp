@@ -1,0 +1,120 @@
+#include "scene/depth_map.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "base/angles.hpp"
+
+namespace unlidar {
+
+DepthMap::DepthMap(double cell_deg)
+    : num_bins_(1),
+      columns_(static_cast<std::size_t>(std::ceil(360.0 / cell_deg))),
+      rows_(static_cast<std::size_t>(std::ceil(180.0 / cell_deg))),
+      column_rad_(2.0 * M_PI / static_cast<double>(columns_)),
+      row_rad_(M_PI / static_cast<double>(rows_)),
+      first_(columns_ * rows_ + 1, 0) {
+  for (std::size_t row = 0; row < rows_; ++row) {
+    const double at_rad = (static_cast<double>(row) + 0.5) * row_rad_ - M_PI / 2;
+    elevations_.push_back({at_rad, std::cos(at_rad), std::sin(at_rad)});
+  }
+  for (std::size_t column = 0; column < columns_; ++column) {
+    const double at_rad = (static_cast<double>(column) + 0.5) * column_rad_ - M_PI;
+    azimuths_.push_back({at_rad, std::cos(at_rad), std::sin(at_rad)});
+  }
+}
+
+DepthMap::DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
+                   std::size_t num_bins, double cell_deg)
+    : DepthMap(cell_deg) {
+  Workspace workspace;
+  Fill(points_m, bins, num_bins, &workspace);
+}
+
+void DepthMap::Fill(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
+                    std::size_t num_bins, Workspace* workspace) {
+  // Points by cell, in their order: that is mostly the order of the bins.
+  constexpr double kQuantum_m = 0.05;
+  constexpr std::uint64_t kMaxQuanta = 0xFFFF;
+  auto& [cells, next, entries] = *workspace;
+  num_bins_ = num_bins;
+  cells.resize(points_m.size());
+  next.assign(columns_ * rows_ + 1, 0);
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    cells[i] = static_cast<std::uint32_t>(CellOf(points_m[i]));
+    ++next[cells[i] + 1];
+  }
+  std::partial_sum(next.begin(), next.end(), next.begin());
+  entries.resize(points_m.size());  // bin << 16 | range
+  for (std::size_t i = 0; i < entries.size(); ++i) {
+    const double quanta = std::min(static_cast<double>(kMaxQuanta),
+                                   static_cast<double>(points_m[i].norm()) / kQuantum_m);
+    const std::uint64_t bin = bins.empty() ? 0 : bins[i];
+    entries[next[cells[i]]++] = bin << 16U | static_cast<std::uint64_t>(quanta);
+  }
+  const auto bin_of = [](std::uint64_t entry) { return entry >> 16U; };
+  depths_.clear();
+  first_.clear();
+  auto begin = entries.begin();
+  for (std::size_t cell = 0; cell < columns_ * rows_; ++cell) {
+    first_.push_back(depths_.size());
+    const auto end = entries.begin() + static_cast<std::ptrdiff_t>(next[cell]);
+    const auto is_earlier = [&](std::uint64_t a, std::uint64_t b) { return bin_of(a) < bin_of(b); };
+    if (!std::is_sorted(begin, end, is_earlier)) std::sort(begin, end);
+    while (begin != end) {
+      const auto last = std::find_if(
+          begin, end, [&](std::uint64_t entry) { return bin_of(entry) != bin_of(*begin); });
+      const auto middle = begin + (last - begin) / 2;
+      std::nth_element(begin, middle, last);
+      depths_.push_back(
+          {static_cast<std::uint32_t>(bin_of(*middle)),
+           static_cast<float>(kQuantum_m * static_cast<double>(*middle & kMaxQuanta))});
+      begin = last;
+    }
+  }
+  first_.push_back(depths_.size());
+}
+
+double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m,
+                             const ElevationRange& view) const {
+  const auto range_m = static_cast<double>(place_m.norm());
+  const Eigen::Vector3d towards = place_m.cast<double>() / range_m;
+  const double radius_rad = std::atan2(radius_m, range_m);
+  const double least_cosine = std::cos(radius_rad);
+  const double elevation_rad = std::asin(towards.z());
+  double all = 0.0;
+  double hidden = 0.0;
+  const auto num_bins = static_cast<double>(num_bins_);
+  const auto hidden_bins = [&](std::size_t cell) {
+    const Depths depths = DepthsOf(cell);
+    return static_cast<double>(std::count_if(depths.begin(), depths.end(), [&](const Depth& depth) {
+      return static_cast<double>(depth.median_m) < range_m - margin_m;
+    }));
+  };
+  for (std::size_t row = 0; row < rows_; ++row) {
+    const Angle& elevation = elevations_[row];
+    if (std::abs(elevation.rad - elevation_rad) > radius_rad) continue;
+    const double weight = elevation.cosine;  // cells are narrower towards the zenith
+    const bool is_in_view = elevation.rad > view.lowest_rad && elevation.rad < view.highest_rad;
+    for (std::size_t column = 0; column < columns_; ++column) {
+      const Angle& azimuth = azimuths_[column];
+      const Eigen::Vector3d cell(weight * azimuth.cosine, weight * azimuth.sine, elevation.sine);
+      if (cell.dot(towards) < least_cosine) continue;
+      all += weight * num_bins;
+      hidden += weight * (is_in_view ? hidden_bins(row * columns_ + column) : num_bins);
+    }
+  }
+  // What is narrower than a cell: its own has the word.
+  return all > 0.0 ? hidden / all : hidden_bins(CellOf(place_m)) / num_bins;
+}
+
+std::size_t DepthMap::CellOf(const Eigen::Vector3f& p) const {
+  const double azimuth_rad = AzimuthRad(p) + M_PI;
+  const double elevation_rad = ElevationRad(p) + M_PI / 2;
+  const auto column = std::min(static_cast<std::size_t>(azimuth_rad / column_rad_), columns_ - 1);
+  const auto row = std::min(static_cast<std::size_t>(elevation_rad / row_rad_), rows_ - 1);
+  return row * columns_ + column;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,84 @@
+// How far one sees in each direction.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "scene/field_of_view.hpp"
+
+namespace unlidar {
+
+// Median range of the returns per cell of directions, and per time bin. It holds the pairs of a
+// cell and a bin in which something was seen, however many bins there are.
+class DepthMap {
+ public:
+  struct Depth {
+    std::uint32_t bin;
+    float median_m;
+  };
+
+  // Those of one cell, by bin.
+  class Depths {
+   public:
+    Depths(const Depth* begin, const Depth* end) : begin_(begin), end_(end) {}
+    const Depth* begin() const { return begin_; }
+    const Depth* end() const { return end_; }
+
+   private:
+    const Depth* begin_;
+    const Depth* end_;
+  };
+
+  // What it is filled in, kept for the next time.
+  struct Workspace {
+    std::vector<std::uint32_t> cells;    // (points)
+    std::vector<std::size_t> next;       // by cell
+    std::vector<std::uint64_t> entries;  // (points) by cell
+  };
+
+  // An empty one, of one time bin.
+  explicit DepthMap(double cell_deg);
+
+  // `bins`: one per point, each below `num_bins`, which is at least 1; or none, where all are 0.
+  DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>& bins, std::size_t num_bins,
+           double cell_deg);
+
+  // Begins anew, in the memory that it has.
+  void Fill(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
+            std::size_t num_bins, Workspace* workspace);
+
+  // What was seen in the direction of a point.
+  Depths DepthsAt(const Eigen::Vector3f& point_m) const { return DepthsOf(CellOf(point_m)); }
+
+  // Of the directions within `radius_m` of a place, as seen from the sensor, the share in which
+  // something is nearer than the place by `margin_m`, over all bins, or that are out of view.
+  double HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m,
+                     const ElevationRange& view) const;
+
+ private:
+  struct Angle {
+    double rad;
+    double cosine;
+    double sine;
+  };
+
+  std::size_t CellOf(const Eigen::Vector3f& point_m) const;
+  Depths DepthsOf(std::size_t cell) const {
+    return {depths_.data() + first_[cell], depths_.data() + first_[cell + 1]};
+  }
+
+  std::size_t num_bins_;
+  std::size_t columns_;
+  std::size_t rows_;
+  double column_rad_;
+  double row_rad_;
+  std::vector<Angle> elevations_;   // (rows) middles
+  std::vector<Angle> azimuths_;     // (columns)
+  std::vector<std::size_t> first_;  // depths of a cell, row by row, begin here; and of all, end
+  std::vector<Depth> depths_;       // by cell, then by bin
+};
+
+}  // namespace unlidar

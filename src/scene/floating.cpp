@@ -1,0 +1,220 @@
+#include "scene/floating.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <unordered_map>
+
+#include "scene/point_tree.hpp"
+
+namespace unlidar {
+namespace {
+
+// Which plots are nothing but returns that came before or after with the very same coordinates: no
+// LiDAR measures a place twice alike, so these are repetitions of one frame.
+std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot>& plots) {
+  struct Hash {
+    std::size_t operator()(const std::array<float, 3>& p) const {
+      std::size_t h = 0;
+      for (const float x : p) h = h * 1000003U + std::hash<float>()(x);
+      return h;
+    }
+  };
+  const auto key = [&](std::uint32_t i) {
+    const Eigen::Vector3f& p = recording.points_m[i];
+    return std::array<float, 3>{p.x(), p.y(), p.z()};
+  };
+  struct Frames {
+    std::uint32_t first;
+    bool are_more;
+  };
+  std::unordered_map<std::array<float, 3>, Frames, Hash> frames_of;
+  for (const Plot& plot : plots) {
+    for (const std::uint32_t i : plot.returns) {
+      Frames& frames = frames_of.try_emplace(key(i), Frames{plot.frame, false}).first->second;
+      frames.are_more = frames.are_more || frames.first != plot.frame;
+    }
+  }
+  std::vector<char> are_replayed;
+  are_replayed.reserve(plots.size());
+  for (const Plot& plot : plots) {
+    are_replayed.push_back(
+        std::all_of(plot.returns.begin(), plot.returns.end(),
+                    [&](std::uint32_t i) { return frames_of.at(key(i)).are_more; }));
+  }
+  return are_replayed;
+}
+
+// How the place of a plot is seen.
+enum class Stance : char {
+  kPasses,   // no more often than all about it
+  kStands,   // again and again
+  kHasCome,  // again and again for a while, and not before or after it
+};
+
+// Whether plots that lie within these frames, the last one counted, are a visit: of a thing that
+// stands there all the time they would lie within so small a share of the frames less often than 1
+// in 100, and what sways comes again sooner.
+bool IsVisit(std::uint32_t num_plots, const std::vector<FrameInfo>& frames,
+             std::uint32_t first_frame, std::uint32_t last_frame) {
+  constexpr double kMayBeChance = 0.01;
+  constexpr TimeNs kLongestSwayNs = 20'000'000'000;
+  const double share = (last_frame - first_frame + 1.0) / static_cast<double>(frames.size());
+  const TimeNs before_ns = frames[first_frame].begin_ns - frames.front().begin_ns;
+  const TimeNs after_ns = frames.back().end_ns - frames[last_frame].end_ns;
+  return num_plots * std::pow(share, num_plots - 1.0) < kMayBeChance &&
+         before_ns + after_ns > kLongestSwayNs;
+}
+
+std::vector<Stance> StancesOf(const Recording& recording, const std::vector<Plot>& plots,
+                              const RangeRadius& place) {
+  constexpr double kWider = 3.0;
+  constexpr std::uint32_t kMinPlots = 3;
+  RangeGrid places(place);
+  RangeGrid regions({kWider * place.constant_m, kWider * place.slope});
+  for (const Plot& plot : plots) {
+    places.Add(plot.position_m.cast<float>(), plot.frame);
+    regions.Add(plot.position_m.cast<float>(), 0);
+  }
+  BinSet seen(recording.frames.size());
+  std::vector<std::uint32_t> frames;
+  std::vector<Stance> stances(plots.size(), Stance::kPasses);
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    const Eigen::Vector3f place_m = plots[i].position_m.cast<float>();
+    const std::uint32_t here = places.Count(place_m);
+    const double chance =
+        regions.Count(place_m) * places.VolumeM3(place_m) / regions.VolumeM3(place_m);
+    if (here < kMinPlots || here <= chance + 3.0 * std::sqrt(chance)) continue;
+    places.InsertBins(place_m, &seen);
+    frames.clear();
+    seen.MoveTo(&frames);
+    stances[i] = IsVisit(here, recording.frames, frames.front(), frames.back()) ? Stance::kHasCome
+                                                                                : Stance::kStands;
+  }
+  return stances;
+}
+
+// What else stands beside each floating plot at the same time, against what does farther about it.
+class Company {
+ public:
+  Company(const std::vector<Plot>& plots, const std::vector<Stance>& stances,
+          const Support& support)
+      : tallies_({support.config().body_m, 0.01}) {
+    constexpr TimeNs kSameTimeNs = 300'000'000;
+    const std::vector<Standing> all_standing = ByTime(plots, stances);
+    auto first = all_standing.begin();
+    for (std::size_t i = 0; i < plots.size(); ++i) {
+      const Plot& plot = plots[i];
+      while (first != all_standing.end() && first->time_ns < plot.frame_time_ns - kSameTimeNs)
+        ++first;
+      if (!plot.is_floating) continue;
+      const double reach_m =
+          support.ReachM(plot.position_m.cast<float>(), stances[i] == Stance::kHasCome);
+      const auto tally_at = [&](double distance_m) {
+        if (distance_m >= kSurroundings * reach_m) return kNone;
+        return distance_m <= support.config().body_m ? kSelf
+               : distance_m < reach_m                ? kBeside
+                                                     : kAbout;
+      };
+      Tallies tallies{};
+      tallies[kPlots] = 1;
+      for (auto standing = first;
+           standing != all_standing.end() && standing->time_ns <= plot.frame_time_ns + kSameTimeNs;
+           ++standing) {
+        Count(standing->places_m, 0, plot.position_m, tally_at, &tallies);
+      }
+      for (std::uint32_t t = 0; t < kNone; ++t) {
+        if (tallies[t] > 0) tallies_.Add(plot.position_m.cast<float>(), t, tallies[t]);
+      }
+    }
+  }
+
+  // Whether there is more beside a floating plot than by chance.
+  bool Holds(const Plot& plot) const {
+    const auto sum_of = [&](Tally tally) {
+      return tallies_.Count(plot.position_m.cast<float>(), {tally, tally + 1U});
+    };
+    // A plot beside it was counted for every plot of its own that is near in time.
+    const double times = static_cast<double>(sum_of(kSelf)) / sum_of(kPlots);
+    const double chance =
+        sum_of(kAbout) / times / (kSurroundings * kSurroundings * kSurroundings - 1.0);
+    return sum_of(kBeside) / times > chance + 2.0 * std::sqrt(chance);
+  }
+
+ private:
+  static constexpr double kSurroundings = 5.0;  // times the reach
+  // The first three, and none, in order of distance.
+  enum Tally : std::uint32_t { kSelf, kBeside, kAbout, kPlots, kNone, kNumTallies };
+  using Tallies = std::array<std::uint32_t, kNumTallies>;
+
+  // Where something stands at one time.
+  struct Standing {
+    TimeNs time_ns;
+    PointTree<double> places_m;
+  };
+
+  static std::vector<Standing> ByTime(const std::vector<Plot>& plots,
+                                      const std::vector<Stance>& stances) {
+    std::vector<Standing> all_standing;
+    std::vector<Eigen::Vector3d> places_m;
+    for (std::size_t i = 0; i < plots.size(); ++i) {
+      if (stances[i] != Stance::kPasses) places_m.push_back(plots[i].position_m);
+      const bool is_last =
+          i + 1 == plots.size() || plots[i + 1].frame_time_ns != plots[i].frame_time_ns;
+      if (!is_last || places_m.empty()) continue;
+      all_standing.push_back({plots[i].frame_time_ns, PointTree<double>(places_m)});
+      places_m.clear();
+    }
+    return all_standing;
+  }
+
+  // Adds to `tallies` each place of a node by its distance from a position: all at once where the
+  // nearest and the farthest corner of its box agree.
+  template <class TallyAt>
+  static void Count(const PointTree<double>& places_m, std::uint32_t id,
+                    const Eigen::Vector3d& position_m, const TallyAt& tally_at, Tallies* tallies) {
+    const PointTree<double>::Node& node = places_m.nodes()[id];
+    const Eigen::Vector3d below_m = position_m - node.low_m;
+    const Eigen::Vector3d above_m = node.high_m - position_m;
+    const double nearest_m = (-below_m).cwiseMax(-above_m).cwiseMax(0.0).norm();
+    const Tally tally = tally_at(nearest_m);
+    if (tally == tally_at(below_m.cwiseAbs().cwiseMax(above_m.cwiseAbs()).norm())) {
+      (*tallies)[tally] += node.end - node.begin;
+    } else if (node.IsLeaf()) {
+      for (std::uint32_t i = node.begin; i < node.end; ++i) {
+        ++(*tallies)[tally_at((position_m - places_m.points_m()[i]).norm())];
+      }
+    } else {
+      Count(places_m, node.left, position_m, tally_at, tallies);
+      Count(places_m, node.right, position_m, tally_at, tallies);
+    }
+  }
+
+  RangeGrid tallies_;  // in the place of time bins: kinds of tallies
+};
+
+}  // namespace
+
+void MarkFloating(const Recording& recording, const Support& support, const RobustConfig& config,
+                  std::vector<Plot>* plots) {
+  if (plots->empty()) return;
+  std::vector<Stance> stances = StancesOf(recording, *plots, config.background.place);
+  if (!config.Uses(Rule::kTransient)) {
+    std::replace(stances.begin(), stances.end(), Stance::kHasCome, Stance::kStands);
+  }
+  for (std::size_t i = 0; i < plots->size(); ++i) {
+    Plot& plot = (*plots)[i];
+    plot.is_floating =
+        stances[i] != Stance::kPasses &&
+        support.IsFloating(plot.position_m.cast<float>(), stances[i] == Stance::kHasCome);
+  }
+  const Company company(*plots, stances, support);
+  const std::vector<char> are_replayed = AreReplayed(recording, *plots);
+  for (std::size_t i = 0; i < plots->size(); ++i) {
+    Plot& plot = (*plots)[i];
+    plot.is_floating = plot.is_floating && !company.Holds(plot) && !are_replayed[i];
+  }
+}
+
+}  // namespace unlidar

@@ -1,0 +1,228 @@
+#include "scene/ground.hpp"
+
+#include <Eigen/Jacobi>
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+namespace unlidar {
+namespace {
+
+// The height of a cell is a low quantile of its returns, so that strays below it do not count; a
+// cell of fewer returns has none, and fewer cells bear no plane out.
+constexpr double kQuantile = 0.05;
+constexpr std::uint32_t kMinReturns = 10;
+constexpr std::size_t kMinCells = 6;
+// What flies is seen near the station: within so far all cells count alike, farther ones by the
+// inverse square of their distance. A plane that they lead to must bear so much more of all cells
+// than the one that all lead to.
+constexpr double kNearM = 20.0;
+constexpr double kBetterBorneOut = 1.1;
+// Cells as near to the plane as rough ground is make it. Ground rises above it by little: more is a
+// bush, a car or the station itself; hollows are as deep as the relief, and deeper are reflections.
+constexpr double kPlaneBandM = 0.6;
+constexpr int kIterations = 6;
+constexpr double kMaxRiseM = 0.5;
+constexpr double kMaxReliefM = 1.5;
+// Of the returns of a cell of floor; of walls and trunks a few percent are as low.
+constexpr double kFlatShare = 0.25;
+
+template <class Number>
+double Quantile(Number* begin, Number* end, double share) {
+  Number* const at =
+      begin + static_cast<std::ptrdiff_t>(share * static_cast<double>(end - begin - 1));
+  std::nth_element(begin, at, end);
+  return static_cast<double>(*at);
+}
+
+}  // namespace
+
+Ground::Ground(const PointsView& points_m, const GroundConfig& config) : Ground(config) {
+  Workspace workspace;
+  Fit(points_m, &workspace);
+}
+
+void Ground::Fit(const PointsView& points_m, Workspace* workspace) {
+  exists_ = false;
+  plane_.setZero();
+  SetHeights(points_m, workspace);
+  FitPlane(workspace);
+}
+
+void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
+  std::vector<float>& heights_m = workspace->heights_m;
+  std::vector<std::uint32_t>& known = workspace->known;
+  numbers_.Clear();
+  cells_.clear();
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    const Cell cell = CellOf(points_m[i]);
+    const std::uint32_t number = numbers_.FindOrAdd(0, KeyOf(cell));
+    if (number == cells_.size()) cells_.push_back(cell);
+    ++cells_[number].end;
+  }
+  std::uint32_t end = 0;
+  for (Cell& cell : cells_) end += std::exchange(cell.end, end);
+  heights_m.resize(points_m.size());
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    heights_m[cells_[numbers_.Find(0, KeyOf(CellOf(points_m[i])))].end++] = points_m[i].z();
+  }
+  known.clear();
+  std::uint32_t begin = 0;
+  for (std::uint32_t number = 0; number < cells_.size(); ++number) {
+    Cell& cell = cells_[number];
+    if (cell.end - begin >= kMinReturns) {
+      cell.height_m = Quantile(heights_m.data() + begin, heights_m.data() + cell.end, kQuantile);
+      known.push_back(number);
+    }
+    begin = cell.end;
+  }
+  // Whatever the order of the points.
+  std::sort(known.begin(), known.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return std::make_pair(cells_[a].x, cells_[a].y) < std::make_pair(cells_[b].x, cells_[b].y);
+  });
+}
+
+// From a bank or a hill most of what is seen lies lower, on another plane: so what is near is asked
+// as well.
+void Ground::FitPlane(Workspace* workspace) {
+  Plane plane = PlaneOf(std::numeric_limits<double>::infinity(), workspace);
+  const Plane near = PlaneOf(kNearM, workspace);
+  if (near.support > kBetterBorneOut * plane.support) plane = near;
+  plane_ = plane.coefficients;
+  support_ = plane.support;
+  exists_ = plane.support > 0.0 && plane_.tail<2>().norm() < config_.max_slope;
+}
+
+// Iterated least squares on the lower half of the cells as near as that, then on all that lie
+// within the band of the plane.
+Ground::Plane Ground::PlaneOf(double reach_m, Workspace* workspace) const {
+  const std::vector<std::uint32_t>& known = workspace->known;
+  std::vector<double>& lowest_m = workspace->lowest_m;
+  std::vector<std::uint32_t>& inliers = workspace->inliers;
+  lowest_m.clear();
+  for (const std::uint32_t number : known) {
+    if (DistanceM(cells_[number]) <= reach_m) lowest_m.push_back(cells_[number].height_m);
+  }
+  Plane plane;
+  if (lowest_m.size() < kMinCells) return plane;
+  const double median_m = Quantile(lowest_m.data(), lowest_m.data() + lowest_m.size(), 0.5);
+  inliers.clear();
+  for (const std::uint32_t number : known) {
+    const Cell& cell = cells_[number];
+    if (cell.height_m <= median_m && DistanceM(cell) <= reach_m) inliers.push_back(number);
+  }
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    if (!Refit(kPlaneBandM, &plane, workspace)) return plane;
+  }
+  plane.support = SupportOf(inliers);
+  return plane;
+}
+
+bool Ground::Refit(double band_m, Plane* plane, Workspace* workspace) const {
+  std::vector<std::uint32_t>& inliers = workspace->inliers;
+  if (inliers.size() < kMinCells) return false;
+  // The triangle of the QR decomposition, and the right-hand side beside it, cell by cell.
+  Eigen::Matrix4d triangle = Eigen::Matrix4d::Zero();
+  for (const std::uint32_t number : inliers) {
+    triangle.row(3) << MiddleOf(cells_[number]).transpose(), cells_[number].height_m;
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      Eigen::JacobiRotation<double> givens;
+      givens.makeGivens(triangle(k, k), triangle(3, k));
+      triangle.applyOnTheLeft(k, 3, givens.adjoint());
+    }
+  }
+  plane->coefficients = triangle.topLeftCorner<3, 3>().colPivHouseholderQr().solve(
+      triangle.topRightCorner<4, 1>().head<3>());
+  SetInliers(band_m, *plane, workspace);
+  return true;
+}
+
+void Ground::SetInliers(double band_m, const Plane& plane, Workspace* workspace) const {
+  workspace->inliers.clear();
+  for (const std::uint32_t number : workspace->known) {
+    const Cell& cell = cells_[number];
+    if (std::abs(cell.height_m - plane.coefficients.dot(MiddleOf(cell))) < band_m) {
+      workspace->inliers.push_back(number);
+    }
+  }
+}
+
+double Ground::SupportOf(const std::vector<std::uint32_t>& inliers) const {
+  double support = 0.0;
+  for (const std::uint32_t number : inliers) {
+    const double share = kNearM / std::max(kNearM, DistanceM(cells_[number]));
+    support += share * share;
+  }
+  return support;
+}
+
+// In steps, as a plane among walls and things is off by more than a narrow band at first.
+double Ground::FlatSupport(double band_m, Workspace* workspace) const {
+  if (!exists_) return 0.0;
+  Plane plane;
+  plane.coefficients = plane_;
+  double step_m = kPlaneBandM;
+  SetInliers(step_m, plane, workspace);
+  while (step_m > band_m) {
+    step_m = std::max(band_m, 0.5 * step_m);
+    for (int iteration = 0; iteration < kIterations; ++iteration) {
+      if (!Refit(step_m, &plane, workspace)) return 0.0;
+    }
+  }
+  const double rise_m = band_m + plane.coefficients.tail<2>().norm() * config_.cell_m;
+  std::vector<std::uint32_t>& inliers = workspace->inliers;
+  const auto is_not_flat = [&](std::uint32_t number) {
+    const float* const begin =
+        workspace->heights_m.data() + (number == 0 ? 0 : cells_[number - 1].end);
+    const float* const end = workspace->heights_m.data() + cells_[number].end;
+    const auto low = std::count_if(
+        begin, end, [&](float height_m) { return height_m < cells_[number].height_m + rise_m; });
+    return static_cast<double>(low) < kFlatShare * static_cast<double>(end - begin);
+  };
+  inliers.erase(std::remove_if(inliers.begin(), inliers.end(), is_not_flat), inliers.end());
+  return SupportOf(inliers);
+}
+
+Ground::Cell Ground::CellOf(const Eigen::Vector3f& point_m) const {
+  const auto number = [&](float coordinate_m) {
+    return static_cast<int>(std::floor(static_cast<double>(coordinate_m) / config_.cell_m));
+  };
+  Cell cell;
+  cell.x = number(point_m.x());
+  cell.y = number(point_m.y());
+  return cell;
+}
+
+VoxelKey Ground::KeyOf(const Cell& cell) {
+  return static_cast<VoxelKey>(static_cast<std::uint32_t>(cell.x)) << 32U |
+         static_cast<std::uint32_t>(cell.y);
+}
+
+// With the 1 that the height at the origin is multiplied by.
+Eigen::Vector3d Ground::MiddleOf(const Cell& cell) const {
+  return {1.0, (cell.x + 0.5) * config_.cell_m, (cell.y + 0.5) * config_.cell_m};
+}
+
+double Ground::DistanceM(const Cell& cell) const { return MiddleOf(cell).tail<2>().norm(); }
+
+double Ground::HeightAbove(const Eigen::Vector3f& point_m) const {
+  if (!exists_) return std::numeric_limits<double>::infinity();
+  const Eigen::Vector3d p = point_m.cast<double>();
+  double ground_m = plane_.dot(Eigen::Vector3d(1.0, p.x(), p.y()));
+  const std::uint32_t number = numbers_.Find(0, KeyOf(CellOf(point_m)));
+  if (number != VoxelNumbers::kNone) {
+    const double height_m = cells_[number].height_m;  // or none: no comparison holds
+    if (std::abs(height_m - ground_m) < kMaxReliefM) {
+      ground_m = std::min(height_m, ground_m + kMaxRiseM);
+    }
+  }
+  return p.z() - ground_m;
+}
+
+bool Ground::Holds(const Eigen::Vector3f& point_m) const {
+  return HeightAbove(point_m) < config_.thickness_m;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,144 @@
+#include "scene/linkage.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace unlidar {
+namespace {
+
+using Tree = PointTree<float>;
+
+float Square(float x) { return x * x; }
+
+// Points of a leaf with one place differ in their pairs with another one only by whether they
+// come before or after it: the first and the last stand for all.
+std::uint32_t StepOf(const Tree::Node& leaf) {
+  const std::uint32_t size = leaf.end - leaf.begin;
+  return leaf.low_m == leaf.high_m && size > 1 ? size - 1 : 1;
+}
+
+}  // namespace
+
+void Linker::Link(const std::vector<Eigen::Vector3f>& points_m,
+                  const std::vector<std::uint32_t>& returns, const RangeRadius& radius) {
+  sites_m_.clear();
+  for (const std::uint32_t i : returns) sites_m_.push_back(points_m[i]);
+  tree_.Reset(sites_m_);
+  reaches_m_.clear();
+  for (const Eigen::Vector3f& site_m : tree_.points_m()) {
+    const auto range_m = static_cast<double>(site_m.norm());
+    reaches_m_.push_back(static_cast<float>(radius.At(range_m)));
+  }
+  sets_.Reset(returns.size());
+  boxes_.resize(tree_.nodes().size());
+  for (std::size_t id = boxes_.size(); id-- > 0;) Describe(id);  // children before their parent
+  if (!boxes_.empty()) Connect(0);
+  ends_.clear();
+  group_of_.resize(returns.size());
+  for (std::size_t i = 0; i < returns.size(); ++i) {
+    const std::size_t first = sets_.Find(i);
+    if (first == i) ends_.push_back(0);
+    group_of_[i] = first == i ? ends_.size() - 1 : group_of_[first];
+    ++ends_[group_of_[i]];
+  }
+  // Members by group: what are counts become begins, and then ends.
+  std::size_t begin = 0;
+  for (std::size_t& end : ends_) begin += std::exchange(end, begin);
+  members_.resize(returns.size());
+  for (std::size_t i = 0; i < returns.size(); ++i) members_[ends_[group_of_[i]]++] = returns[i];
+}
+
+void Linker::Describe(std::size_t id) {
+  const Tree::Node& node = tree_.nodes()[id];
+  Box& box = boxes_[id];
+  if (node.IsLeaf()) {
+    const auto [least, greatest] =
+        std::minmax_element(reaches_m_.begin() + node.begin, reaches_m_.begin() + node.end);
+    box = {*least, *greatest, false};
+  } else {
+    const Box& left = boxes_[node.left];
+    const Box& right = boxes_[node.right];
+    box = {std::min(left.least_reach_m, right.least_reach_m),
+           std::max(left.greatest_reach_m, right.greatest_reach_m), false};
+  }
+  box.is_one = (node.high_m - node.low_m).squaredNorm() < Square(box.least_reach_m);
+}
+
+bool Linker::AreNear(std::uint32_t a, std::uint32_t b) const {
+  const Eigen::Vector3f& point_a_m = tree_.points_m()[a];
+  const Eigen::Vector3f& point_b_m = tree_.points_m()[b];
+  const bool is_a_first =
+      point_a_m.x() < point_b_m.x() ||
+      (point_a_m.x() == point_b_m.x() && tree_.indices()[a] < tree_.indices()[b]);
+  return (point_a_m - point_b_m).squaredNorm() < Square(reaches_m_[is_a_first ? a : b]);
+}
+
+bool Linker::MayBeNear(std::uint32_t a, std::uint32_t b) const {
+  const Tree::Node& node_a = tree_.nodes()[a];
+  const Tree::Node& node_b = tree_.nodes()[b];
+  const Eigen::Vector3f gap_m = (node_b.low_m - node_a.high_m)
+                                    .cwiseMax(node_a.low_m - node_b.high_m)
+                                    .cwiseMax(Eigen::Vector3f::Zero());
+  return gap_m.squaredNorm() <
+         Square(std::max(boxes_[a].greatest_reach_m, boxes_[b].greatest_reach_m));
+}
+
+void Linker::Join(std::uint32_t a, std::uint32_t b) {
+  sets_.Join(tree_.indices()[a], tree_.indices()[b]);
+}
+
+std::size_t Linker::SetOf(std::uint32_t one) {
+  return sets_.Find(tree_.indices()[tree_.nodes()[one].begin]);
+}
+
+// Joins the near points of a node.
+void Linker::Connect(std::uint32_t id) {
+  const Tree::Node& node = tree_.nodes()[id];
+  if (boxes_[id].is_one) {
+    for (std::uint32_t i = node.begin + 1; i < node.end; ++i) Join(node.begin, i);
+  } else if (node.IsLeaf()) {
+    for (std::uint32_t i = node.begin; i < node.end; ++i) {
+      for (std::uint32_t k = node.begin; k < i; ++k) {
+        if (AreNear(k, i)) Join(k, i);
+      }
+    }
+  } else {
+    Connect(node.left);
+    Connect(node.right);
+    Connect(node.left, node.right);
+    boxes_[id].is_one = AreOne(node.left, node.right);
+  }
+}
+
+bool Linker::AreOne(std::uint32_t a, std::uint32_t b) {
+  return boxes_[a].is_one && boxes_[b].is_one && SetOf(a) == SetOf(b);
+}
+
+// Joins the near points of two nodes.
+void Linker::Connect(std::uint32_t a, std::uint32_t b) {
+  if (!MayBeNear(a, b) || AreOne(a, b)) return;
+  const Tree::Node& node_a = tree_.nodes()[a];
+  const Tree::Node& node_b = tree_.nodes()[b];
+  if (node_a.IsLeaf() && node_b.IsLeaf()) {
+    const bool are_ones = boxes_[a].is_one && boxes_[b].is_one;
+    for (std::uint32_t i = node_a.begin; i < node_a.end; i += StepOf(node_a)) {
+      for (std::uint32_t k = node_b.begin; k < node_b.end; k += StepOf(node_b)) {
+        if (!AreNear(i, k)) continue;
+        Join(i, k);
+        if (are_ones) return;
+      }
+    }
+    return;
+  }
+  const bool is_a_larger =
+      (node_a.high_m - node_a.low_m).squaredNorm() >= (node_b.high_m - node_b.low_m).squaredNorm();
+  if (node_b.IsLeaf() || (is_a_larger && !node_a.IsLeaf())) {
+    Connect(node_a.left, b);
+    Connect(node_a.right, b);
+  } else {
+    Connect(a, node_b.left);
+    Connect(a, node_b.right);
+  }
+}
+
+}  // namespace unlidar

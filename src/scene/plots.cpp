@@ -1,0 +1,223 @@
+#include "scene/plots.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <tuple>
+#include <utility>
+
+#include "scene/field_of_view.hpp"
+
+namespace unlidar {
+namespace {
+
+// How near the returns of one body are: looser than those of a plot, as head and legs are hit
+// apart.
+constexpr RangeRadius kBodyLink{1.5, 0.02};
+// The lower edge of the field of view hides the legs of what is lower than a person, and stands as
+// near to it as a few rays.
+constexpr double kBodyHeightM = 2.0;
+constexpr double kBodyEdgeRad = 0.05;
+// Part of a body is what is nearer to its box than this share of its length, and at least so near:
+// its far side is hidden, its rest sparse.
+constexpr double kBodyMargin = 0.5;
+constexpr double kMinBodyMarginM = 0.75;
+// Of the ground: what is lower is no legs.
+constexpr double kRoughnessM = 0.25;
+
+bool IsBody(const Recording& recording, const IndexView& returns, const Ground& ground,
+            double lowest_elevation_rad, const PlotConfig& config) {
+  const int n = static_cast<int>(returns.size());
+  if (n >= config.body_contact_returns) {
+    for (const std::uint32_t i : returns) {
+      const Eigen::Vector3f& p = recording.points_m[i];
+      const double height_m = ground.HeightAbove(p);
+      if (height_m < config.body_contact_m) return true;
+      const double elevation_rad = std::asin(static_cast<double>(p.z() / p.norm()));
+      if (height_m < kBodyHeightM && elevation_rad < lowest_elevation_rad + kBodyEdgeRad) {
+        return true;
+      }
+    }
+  }
+  if (n < config.body_spread_returns) return false;
+  const Eigen::Vector3d mean = MeanOf(recording, returns);
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  for (const std::uint32_t i : returns) {
+    const Eigen::Vector3d d = recording.points_m[i].cast<double>() - mean;
+    covariance += d * d.transpose() / n;
+  }
+  // The second axis, not the first: a fast target leaves a streak in one direction.
+  const Eigen::Vector3d variances =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance, Eigen::EigenvaluesOnly)
+          .eigenvalues();
+  return variances[1] > config.body_spread_m * config.body_spread_m;
+}
+
+BodyBox BoxOf(const Recording& recording, const IndexView& returns) {
+  const Eigen::Array3f first = recording.points_m[returns.front()].array();
+  BodyBox box{recording.times_ns[returns.front()], first, first};
+  for (const std::uint32_t i : returns) {
+    box.low_m = box.low_m.min(recording.points_m[i].array());
+    box.high_m = box.high_m.max(recording.points_m[i].array());
+  }
+  return box;
+}
+
+double VarianceM2(double range_m, std::size_t num_returns, const PlotConfig& config) {
+  const double beam_m = config.noise_per_range * range_m;
+  return config.noise_m * config.noise_m +
+         config.noise_per_return_m * config.noise_per_return_m / static_cast<double>(num_returns) +
+         beam_m * beam_m;
+}
+
+}  // namespace
+
+Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const std::uint32_t i : returns) sum += recording.points_m[i].cast<double>();
+  return sum / static_cast<double>(returns.size());
+}
+
+void SortByFrameTime(std::vector<Plot>* plots) {
+  std::stable_sort(plots->begin(), plots->end(),
+                   [](const Plot& a, const Plot& b) { return a.frame_time_ns < b.frame_time_ns; });
+}
+
+bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
+  return std::any_of(plot.returns.begin(), plot.returns.end(),
+                     [&](std::uint32_t i) { return returns[i] != 0; });
+}
+
+void Columns::Add(const Plot& plot) {
+  constexpr RangeRadius kRadius{0.6, 0.005};
+  columns_.push_back({plot.position_m.x(), kRadius.At(plot.ray_m.norm()), &plot, columns_.size()});
+}
+
+void Columns::Sort() {
+  std::sort(columns_.begin(), columns_.end(), [](const Column& a, const Column& b) {
+    return std::tie(a.x_m, a.number) < std::tie(b.x_m, b.number);
+  });
+  widest_m_ = 0.0;
+  for (const Column& column : columns_) widest_m_ = std::max(widest_m_, column.radius_m);
+}
+
+bool Columns::IsIn(const Eigen::Vector3d& point_m, const Column& column) {
+  constexpr double kBelowM = 0.4;
+  const Eigen::Vector3d below_m = column.plot->position_m - point_m;
+  return below_m.z() > kBelowM && below_m.z() < column.plot->column_m &&
+         below_m.head<2>().norm() < column.radius_m;
+}
+
+// Counts what is below each plot. What the scene explains counts too: near the ground it explains
+// legs.
+void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame) {
+  columns_.Clear();
+  for (const Plot& plot : found_.plots) columns_.Add(plot);
+  columns_.Sort();
+  for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+    columns_.VisitAbove(recording.points_m[i].cast<double>(),
+                        [&](std::size_t number) { ++found_.plots[number].num_below; });
+  }
+}
+
+FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_index,
+                               std::vector<std::uint32_t>* candidates, const Ground& ground,
+                               double lowest_elevation_rad, const PlotConfig& config) {
+  const FrameInfo& frame = recording.frames[frame_index];
+  found_.plots.clear();
+  found_.bodies.clear();
+  found_.body_returns.clear();
+  if (candidates->empty()) return found_;
+  is_body_.assign(frame.last_return - frame.first_return, 0);
+  linker_.Link(recording.points_m, *candidates, kBodyLink);
+  for (std::size_t g = 0; g < linker_.size(); ++g) {
+    const IndexView body = linker_[g];
+    if (!IsBody(recording, body, ground, lowest_elevation_rad, config)) continue;
+    for (const std::uint32_t i : body) is_body_[i - frame.first_return] = 1;
+    found_.body_returns.insert(found_.body_returns.end(), body.begin(), body.end());
+    found_.bodies.push_back(BoxOf(recording, body));
+  }
+  candidates->erase(
+      std::remove_if(candidates->begin(), candidates->end(),
+                     [&](std::uint32_t i) { return is_body_[i - frame.first_return] != 0; }),
+      candidates->end());
+  linker_.Link(recording.points_m, *candidates, config.link);
+  for (std::size_t g = 0; g < linker_.size(); ++g) {
+    const IndexView returns = linker_[g];
+    Plot plot;
+    plot.frame = frame_index;
+    plot.sensor = frame.sensor;
+    plot.frame_time_ns = frame.middle_ns();
+    plot.streak_s =
+        frame.is_timed ? 0.0 : static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+    plot.ray_m = plot.position_m = MeanOf(recording, returns);
+    plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config);
+    plot.column_m = ground.HeightAbove(plot.position_m.cast<float>()) - kRoughnessM;
+    TimeNs time_sum = 0;
+    plot.lowest_m = std::numeric_limits<double>::infinity();
+    for (const std::uint32_t i : returns) {
+      plot.lowest_m = std::min(plot.lowest_m, ground.HeightAbove(recording.points_m[i]));
+      time_sum += recording.times_ns[i] - frame.begin_ns;
+    }
+    plot.time_ns = frame.begin_ns + time_sum / static_cast<TimeNs>(returns.size());
+    plot.num_returns = static_cast<std::uint32_t>(returns.size());
+    found_.plots.push_back(plot);
+  }
+  CountBelow(recording, frame);
+  return found_;
+}
+
+bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies) {
+  const auto margin_ns = NsOf(kBodyMarginS);
+  const Eigen::Array3f p = plot.position_m.cast<float>().array();
+  auto body =
+      std::lower_bound(bodies.begin(), bodies.end(), plot.time_ns - margin_ns,
+                       [](const BodyBox& box, TimeNs time_ns) { return box.time_ns < time_ns; });
+  for (; body != bodies.end() && body->time_ns <= plot.time_ns + margin_ns; ++body) {
+    // Its far side may reach as far as its length, its top as its height.
+    const Eigen::Array3f size_m = body->high_m - body->low_m;
+    const float length_m = size_m.head<2>().maxCoeff();
+    const Eigen::Array3f margin_m =
+        (static_cast<float>(kBodyMargin) * Eigen::Array3f(length_m, length_m, size_m.z()))
+            .max(static_cast<float>(kMinBodyMarginM));
+    if ((p > body->low_m - margin_m).all() && (p < body->high_m + margin_m).all()) return true;
+  }
+  return false;
+}
+
+std::vector<Plot> MakePlots(const Recording& recording,
+                            const std::vector<std::uint32_t>& candidates, const Ground& ground,
+                            const PlotConfig& config, std::vector<char>* is_body) {
+  std::vector<Plot> plots;
+  is_body->assign(recording.points_m.size(), 0);
+  const double lowest_elevation_rad = LowestElevationRad(recording.points_m);
+  std::vector<BodyBox> bodies;
+  std::size_t next = 0;
+  FramePlotter plotter;
+  std::vector<std::uint32_t> members;
+  for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
+    members.clear();
+    while (next < candidates.size() && candidates[next] < recording.frames[f].last_return) {
+      members.push_back(candidates[next++]);
+    }
+    FramePlots& found = plotter.Find(recording, f, &members, ground, lowest_elevation_rad, config);
+    for (const std::uint32_t i : found.body_returns) (*is_body)[i] = 1;
+    bodies.insert(bodies.end(), found.bodies.begin(), found.bodies.end());
+    for (std::size_t i = 0; i < found.plots.size(); ++i) {
+      const IndexView returns = plotter.ReturnsOf(i);
+      found.plots[i].returns.assign(returns.begin(), returns.end());
+      plots.push_back(std::move(found.plots[i]));
+    }
+  }
+  std::stable_sort(bodies.begin(), bodies.end(),
+                   [](const BodyBox& a, const BodyBox& b) { return a.time_ns < b.time_ns; });
+  const Queue<BodyBox> in_order(bodies.begin(), bodies.end());
+  plots.erase(std::remove_if(plots.begin(), plots.end(),
+                             [&](const Plot& plot) { return IsNearBody(plot, in_order); }),
+              plots.end());
+  SortByFrameTime(&plots);
+  return plots;
+}
+
+}  // namespace unlidar

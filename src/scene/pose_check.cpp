@@ -1,0 +1,53 @@
+#include "scene/pose_check.hpp"
+
+#include <cmath>
+
+#include "base/format.hpp"
+
+namespace unlidar {
+namespace {
+
+Warning WarningOf(const std::string& sensor, const Eigen::Vector3f& up) {
+  if (up.z() < -0.9F) {
+    return {"upside_down", sensor +
+                               ": upside down: the ground is above; z must point up (sensors." +
+                               sensor + ".rotation), positions and tracks are wrong"};
+  }
+  std::string axes;
+  for (const float value : up) axes += (axes.empty() ? "" : ", ") + FixedText(value, 1);
+  return {"z_not_up", sensor + ": z does not point up: the ground says that up is about (" + axes +
+                          "); turn it by sensors." + sensor +
+                          ".rotation, positions and tracks are wrong"};
+}
+
+Warning WarningOf(const std::string& sensor, const EgoMotion::Motion& motion) {
+  return {"sensor_moves", sensor + ": the LiDAR moves (about " +
+                              FixedText(motion.velocity_mps.norm(), 1) + " m/s, " +
+                              FixedText(std::abs(motion.turn_deg_per_s), 0) +
+                              " degrees/s): drones are found only from one that stands still"};
+}
+
+}  // namespace
+
+void PoseCheck::AddFrame(const std::string& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
+                         const Eigen::Vector3f* end_m, const Eigen::Vector3f& origin_m) {
+  up_.AddFrame(time_ns, begin_m, end_m, origin_m);
+  motion_.AddFrame(time_ns, begin_m, end_m, origin_m);
+  Warn(sensor);
+}
+
+void PoseCheck::Finish(const std::string& sensor) {
+  up_.Finish();
+  Warn(sensor);
+}
+
+void PoseCheck::Warn(const std::string& sensor) {
+  if (up_.found() && !std::exchange(has_told_up_, true)) {
+    warnings_.push_back(WarningOf(sensor, *up_.found()));
+  }
+  if (motion_.found() && !std::exchange(has_told_motion_, true)) {
+    warnings_.push_back(WarningOf(sensor, *motion_.found()));
+  }
+}
+
+}  // namespace unlidar

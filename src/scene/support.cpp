@@ -1,0 +1,119 @@
+#include "scene/support.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <vector>
+
+#include "base/voxel_grid.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr double kCellM = 2.0;
+// Nothing that comes on the ground reaches higher: lorries and buses have up to 4.5 m.
+constexpr double kTallestVisitorM = 5.0;
+
+}  // namespace
+
+Support::Support(const Ground& ground, double cell_deg, const SupportConfig& config)
+    : ground_(ground), config_(config), depth_(cell_deg) {}
+
+Support::Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
+                 double cell_deg, const SupportConfig& config)
+    : Support(ground, cell_deg, config) {
+  Workspace workspace;
+  Fill(structure_m, view, &workspace);
+}
+
+void Support::Fill(const PointsView& structure_m, const ElevationRange& view,
+                   Workspace* workspace) {
+  auto& [seen, points_m, cells, depth] = *workspace;
+  view_ = view;
+  depth_.Fill(structure_m, {}, 1, &depth);
+  seen.Clear();
+  points_m.clear();
+  cells.clear();
+  cells_.Clear();
+  first_.clear();
+  for (std::size_t i = 0; i < structure_m.size(); ++i) {
+    const Eigen::Vector3f& point_m = structure_m[i];
+    if (seen.FindOrAdd(0, VoxelOf(point_m, config_.voxel_m)) < points_m.size()) continue;
+    points_m.push_back(point_m);
+    cells.push_back(cells_.FindOrAdd(0, VoxelOf(point_m, kCellM)));
+    if (cells.back() == first_.size()) first_.push_back(0);
+    ++first_[cells.back()];
+  }
+  // Points by cell, from the last on: what are counts become ends, and then begins.
+  std::partial_sum(first_.begin(), first_.end(), first_.begin());
+  points_m_.resize(points_m.size());
+  for (std::size_t i = points_m.size(); i-- > 0;) points_m_[--first_[cells[i]]] = points_m[i];
+  first_.push_back(static_cast<std::uint32_t>(points_m_.size()));
+}
+
+// High above a known ground nothing comes that stands: so it is held by nothing that is hidden, or
+// seen badly as it is far away.
+bool Support::FlewTo(const Eigen::Vector3f& place_m, bool has_come) const {
+  if (!has_come) return false;
+  const double height_m = ground_.HeightAbove(place_m);
+  return std::isfinite(height_m) && height_m > kTallestVisitorM;
+}
+
+double Support::ReachM(const Eigen::Vector3f& place_m, bool has_come) const {
+  const auto range_m = static_cast<double>(place_m.norm());
+  return FlewTo(place_m, has_come) ? config_.reach.At(range_m) : config_.ReachM(range_m);
+}
+
+bool Support::IsFloating(const Eigen::Vector3f& place_m, bool has_come) const {
+  const auto range_m = static_cast<double>(place_m.norm());
+  if (range_m > config_.max_range_m) return false;
+  // The station itself may hold it, as the ground may.
+  const double nearest_m = std::min(range_m, ground_.HeightAbove(place_m));
+  const auto reach_m = static_cast<float>(ReachM(place_m, has_come));
+  if (nearest_m < static_cast<double>(reach_m)) return false;
+  const auto body_m = static_cast<float>(config_.body_m);
+  const auto holds = [&](const Eigen::Vector3f& structure_m) {
+    const float distance_m = (structure_m - place_m).norm();
+    return distance_m > body_m && distance_m < reach_m;
+  };
+  const Voxel home = VoxelAt(place_m, kCellM);
+  // From near to far: most places are next to structure, and done at once.
+  const auto last_ring =
+      static_cast<std::int64_t>(std::ceil(static_cast<double>(reach_m) / kCellM));
+  for (std::int64_t ring = 0; ring <= last_ring; ++ring) {
+    for (std::int64_t dx = -ring; dx <= ring; ++dx) {
+      for (std::int64_t dy = -ring; dy <= ring; ++dy) {
+        const bool is_edge = std::abs(dx) == ring || std::abs(dy) == ring;
+        const std::int64_t step = is_edge || ring == 0 ? 1 : 2 * ring;
+        for (std::int64_t dz = -ring; dz <= ring; dz += step) {
+          const std::uint32_t cell = cells_.Find(0, KeyOf({home.x + dx, home.y + dy, home.z + dz}));
+          if (cell == VoxelNumbers::kNone) continue;
+          const Eigen::Vector3f* const points_m = points_m_.data();
+          if (std::any_of(points_m + first_[cell], points_m + first_[cell + 1], holds)) {
+            return false;
+          }
+        }
+      }
+    }
+  }
+  // What holds it may be hidden or out of view.
+  return FlewTo(place_m, has_come) ||
+         depth_.HiddenShare(place_m, config_.ReachM(range_m), config_.body_m, view_) <=
+             config_.max_hidden_share;
+}
+
+std::vector<std::uint32_t> Support::FloatingReturns(
+    const Recording& recording, const std::vector<std::uint32_t>& structure) const {
+  VoxelNumbers seen;
+  std::vector<char> verdicts;  // by voxel
+  std::vector<std::uint32_t> floating;
+  for (const std::uint32_t i : structure) {
+    const Eigen::Vector3f& point_m = recording.points_m[i];
+    const std::uint32_t voxel = seen.FindOrAdd(0, VoxelOf(point_m, config_.voxel_m));
+    if (voxel == verdicts.size()) verdicts.push_back(IsFloating(point_m) ? 1 : 0);
+    if (verdicts[voxel] != 0) floating.push_back(i);
+  }
+  return floating;
+}
+
+}  // namespace unlidar

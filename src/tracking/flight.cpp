@@ -1,0 +1,167 @@
+#include "tracking/flight.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <deque>
+#include <set>
+#include <utility>
+
+namespace unlidar {
+namespace {
+
+// Which share of a path is higher above the ground. The lower parts of people and cars are not hit
+// in every frame, so heights are the lowest of a while.
+double ShareHigher(const std::vector<Plot>& path, double height_m) {
+  constexpr TimeNs kWindowNs = 750'000'000;
+  std::size_t num_high = 0;
+  std::deque<std::size_t>
+      lowest;  // of those in the window that may be its lowest, by rising height
+  std::size_t next = 0;
+  for (const Plot& plot : path) {
+    for (; next < path.size() && path[next].frame_time_ns <= plot.frame_time_ns + kWindowNs;
+         ++next) {
+      while (!lowest.empty() && path[lowest.back()].lowest_m >= path[next].lowest_m) {
+        lowest.pop_back();
+      }
+      lowest.push_back(next);
+    }
+    while (path[lowest.front()].frame_time_ns < plot.frame_time_ns - kWindowNs) lowest.pop_front();
+    if (path[lowest.front()].lowest_m > height_m) ++num_high;
+  }
+  return static_cast<double>(num_high) / static_cast<double>(path.size());
+}
+
+constexpr double kSomethingElse = 0.05;  // how often that is below a drone anywhere
+
+// Where a path is: between its plots on the way, beyond its ends there.
+Eigen::Vector3d PositionM(const std::vector<Plot>& path, TimeNs time_ns) {
+  const auto next =
+      std::lower_bound(path.begin(), path.end(), time_ns,
+                       [](const Plot& plot, TimeNs at_ns) { return plot.frame_time_ns < at_ns; });
+  if (next == path.begin()) return next->position_m;
+  const Plot& last = *(next - 1);
+  if (next == path.end()) return last.position_m;
+  const double share = static_cast<double>(time_ns - last.frame_time_ns) /
+                       static_cast<double>(next->frame_time_ns - last.frame_time_ns);
+  return last.position_m + share * (next->position_m - last.position_m);
+}
+
+// In which share of the frames something is where it is below each of these plots, while the path
+// is so far away that no body at the plot reaches there.
+std::vector<double> SharesBelowElsewhere(const Recording& recording, const std::vector<Plot>& path,
+                                         const std::vector<const Plot*>& plots) {
+  constexpr double kElsewhereM = 3.0;
+  std::vector<double> shares(plots.size(), kSomethingElse);
+  if (recording.points_m.empty()) return shares;  // a stream keeps none
+  Columns columns;
+  for (const Plot* plot : plots) columns.Add(*plot);
+  columns.Sort();
+  std::vector<double> num_frames(plots.size(), 0.0);
+  std::vector<double> num_hit(plots.size(), 0.0);
+  std::vector<char> may_be_hit(plots.size());  // in the frame, which counts once
+  for (const FrameInfo& frame : recording.frames) {
+    const Eigen::Vector3d path_m = PositionM(path, frame.middle_ns());
+    for (std::size_t i = 0; i < plots.size(); ++i) {
+      const Plot& plot = *plots[i];
+      may_be_hit[i] =
+          plot.sensor == frame.sensor && (plot.position_m - path_m).head<2>().norm() > kElsewhereM;
+      if (may_be_hit[i]) num_frames[i] += 1.0;
+    }
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      columns.VisitAbove(recording.points_m[i].cast<double>(), [&](std::size_t plot) {
+        if (std::exchange(may_be_hit[plot], 0)) num_hit[plot] += 1.0;
+      });
+    }
+  }
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    const double share = (num_hit[i] + kSomethingElse) / (num_frames[i] + 1.0);
+    shares[i] = std::max(share, kSomethingElse);
+  }
+  return shares;
+}
+
+// Whether nothing stands below a path. What stands on the ground and is seen at some height shows
+// below it as much more as there is room (plots count what is beyond half a drone's height and the
+// roughness of the ground). So each plot with nothing below makes a body less likely, the more the
+// higher it is and the more returns it has, unless something hides the rest. One with something
+// below makes it more likely, the more the less often something is there anyway: a bollard is.
+bool IsNothingBelow(const Recording& recording, const std::vector<Plot>& path, double chance) {
+  constexpr double kOwnHeightM = 0.6;
+  constexpr double kNotCountedM = 0.55;
+  constexpr double kHidden = 0.02;
+  double log_ratio = 0.0;  // of the likelihoods of a body and of a drone
+  std::vector<const Plot*> above_something;
+  for (const Plot& plot : path) {
+    if (plot.num_below > 0) {
+      above_something.push_back(&plot);
+      continue;
+    }
+    const double room_m = std::max(plot.lowest_m - kNotCountedM, 0.0);
+    const double own_share = kOwnHeightM / (kOwnHeightM + room_m);
+    const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);
+    log_ratio += std::log(nothing) - std::log1p(-kSomethingElse);
+  }
+  const double log_chance = std::log(chance);
+  // Most paths of bodies need no look at all frames.
+  if (above_something.empty() || log_ratio >= log_chance) return log_ratio < log_chance;
+  for (const double share : SharesBelowElsewhere(recording, path, above_something)) {
+    log_ratio -= std::log(share);
+  }
+  return log_ratio < log_chance;
+}
+
+// What a target returns for its range: returns per second times range^2, of the sensor that sees it
+// best. In pauses it may be hidden: only frames near a plot in time count.
+double EchoM2PerS(const Recording& recording, const Watch& watch, const std::vector<Plot>& path) {
+  constexpr TimeNs kNearNs = 500'000'000;
+  std::vector<double> returns(recording.sensors.size(), 0.0);
+  std::vector<double> seconds_per_m2(recording.sensors.size(), 0.0);
+  for (const Plot& plot : path) returns[plot.sensor] += static_cast<double>(plot.num_returns);
+  auto next = path.begin();
+  for (const FrameInfo& frame : recording.frames) {
+    const TimeNs time_ns = (frame.begin_ns + frame.end_ns) / 2;
+    while (next + 1 != path.end() &&
+           std::abs((next + 1)->time_ns - time_ns) <= std::abs(next->time_ns - time_ns)) {
+      ++next;
+    }
+    if (std::abs(next->time_ns - time_ns) > kNearNs) continue;
+    const Eigen::Vector3d ray_m = next->position_m - watch.sensors[frame.sensor].viewpoint_m;
+    seconds_per_m2[frame.sensor] +=
+        static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs / ray_m.squaredNorm();
+  }
+  double echo = 0.0;
+  for (std::size_t s = 0; s < returns.size(); ++s) {
+    if (returns[s] > 0.0) echo = std::max(echo, returns[s] / seconds_per_m2[s]);
+  }
+  return echo;
+}
+
+}  // namespace
+
+bool HasFrames(const std::vector<Plot>& path, int least) {
+  std::set<std::uint32_t> frames;
+  for (const Plot& plot : path) frames.insert(plot.frame);
+  return static_cast<int>(frames.size()) >= least;
+}
+
+double OffGroundM(const Recording& recording, const std::vector<Plot>& path,
+                  const RobustConfig& config) {
+  // Above what grows on the ground or lies there, and the error of the ground below it.
+  constexpr double kClearM = 0.75;
+  return IsNothingBelow(recording, path, config.false_alarms_per_recording)
+             ? std::min(kClearM, config.off_ground_m)
+             : config.off_ground_m;
+}
+
+Rejection FlightRejection(const Recording& recording, const Watch& watch,
+                          const std::vector<Plot>& path, const RobustConfig& config) {
+  if (!HasFrames(path, config.min_plots)) return Rejection::kTooFewDetections;
+  if (ShareHigher(path, OffGroundM(recording, path, config)) <= config.off_ground_share) {
+    return Rejection::kNearGround;
+  }
+  if (EchoM2PerS(recording, watch, path) <= config.min_echo_m2_per_s) return Rejection::kWeakReturn;
+  return Rejection::kNone;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,240 @@
+#include "tracking/path_exchange.hpp"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cstddef>
+#include <iterator>
+#include <limits>
+#include <utility>
+
+#include "tracking/track_model.hpp"
+
+namespace unlidar {
+namespace {
+
+using Members = std::vector<std::uint32_t>;
+
+// Positions are noisy, and a path's first velocity is only learned.
+constexpr double kReachSlack_m = 2.0;
+
+// Where and when a path is.
+struct Extent {
+  Eigen::Array3d low_m = Eigen::Array3d::Zero();
+  Eigen::Array3d high_m = Eigen::Array3d::Zero();
+  TimeNs first_ns = 0;
+  TimeNs last_ns = 0;
+};
+
+Extent ExtentOf(const std::vector<Plot>& plots, const Path& path) {
+  Extent extent;
+  if (path.plots.empty()) return extent;
+  const Plot& first = plots[path.plots.front()];
+  extent = {first.position_m.array(), first.position_m.array(), first.time_ns, first.time_ns};
+  for (const std::uint32_t i : path.plots) {
+    const Plot& plot = plots[i];
+    extent.low_m = extent.low_m.min(plot.position_m.array());
+    extent.high_m = extent.high_m.max(plot.position_m.array());
+    extent.first_ns = std::min(extent.first_ns, plot.time_ns);
+    extent.last_ns = std::max(extent.last_ns, plot.time_ns);
+  }
+  return extent;
+}
+
+// Whether any plot of one path may be reached from one of the other: false only if none is.
+bool MayMeet(const Extent& a, const Extent& b, const TrackerConfig& config) {
+  const TimeNs most_ns = std::max(a.last_ns - b.first_ns, b.last_ns - a.first_ns);
+  const double reach_m =
+      config.max_speed_mps * static_cast<double>(most_ns) * kSecondsPerNs + kReachSlack_m;
+  const Eigen::Array3d gap_m = (a.low_m - b.high_m).max(b.low_m - a.high_m).max(0.0);
+  return gap_m.matrix().squaredNorm() <= reach_m * reach_m;
+}
+
+// So many plots of two paths come before a time.
+struct Cut {
+  std::size_t in_a = 0;
+  std::size_t in_b = 0;
+};
+
+// Whether so many plots of one path can go on as what follows so many of the other.
+bool IsReachable(const std::vector<Plot>& plots, const Members& from, std::size_t num_before,
+                 const Members& to, std::size_t num_skipped, const TrackerConfig& config) {
+  if (num_before == 0 || num_skipped == to.size()) return true;
+  return IsInReach(plots[from[num_before - 1]], plots[to[num_skipped]], kReachSlack_m, config);
+}
+
+// Where two paths may exchange what follows. Where the next plot is of the same path for a while, a
+// cut only moves that path's plots to the other. Near a change it may leave a stray first or last
+// plot behind.
+std::vector<Cut> CutsOf(const std::vector<Plot>& plots, const Members& a, const Members& b,
+                        const TrackerConfig& config) {
+  constexpr std::size_t kReach = 2;
+  std::vector<char> is_of_a;  // each plot of the two
+  is_of_a.reserve(a.size() + b.size());
+  for (Cut at; at.in_a + at.in_b < a.size() + b.size();) {
+    is_of_a.push_back(at.in_b == b.size() || (at.in_a < a.size() && a[at.in_a] < b[at.in_b]));
+    ++(is_of_a.back() ? at.in_a : at.in_b);
+  }
+  std::vector<char> is_cut(is_of_a.size(), 0);
+  for (std::size_t k = 1; k < is_of_a.size(); ++k) {
+    if (is_of_a[k] == is_of_a[k - 1]) continue;
+    const std::size_t last = std::min(k + kReach, is_of_a.size() - 1);
+    for (std::size_t j = k - std::min(k - 1, kReach); j <= last; ++j) is_cut[j] = 1;
+  }
+  std::vector<Cut> cuts;
+  Cut at;
+  for (std::size_t k = 0; k < is_of_a.size(); ++k) {
+    if (is_cut[k] && IsReachable(plots, a, at.in_a, b, at.in_b, config) &&
+        IsReachable(plots, b, at.in_b, a, at.in_a, config)) {
+      cuts.push_back(at);
+    }
+    ++(is_of_a[k] ? at.in_a : at.in_b);
+  }
+  return cuts;
+}
+
+bool IsTooShort(const Path& path, const TrackerConfig& config) {
+  return path.plots.size() < static_cast<std::size_t>(config.min_fragment_plots);
+}
+
+// The best that two paths can become by joining them or by exchanging what follows some time. A
+// path costs `birth_cost`, an empty one nothing.
+bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Path* b) {
+  // What is too weak to stand alone is worth nothing.
+  const auto value = [&](const Path& path) {
+    return IsTooShort(path, config) ? 0.0 : std::max(0.0, path.score - config.birth_cost);
+  };
+  double best = value(*a) + value(*b) + config.min_exchange_log;
+  Path best_a;
+  Path best_b;
+  const auto consider = [&](Members first, Members second) {
+    Path p = scorer.Scored(std::move(first));
+    Path q = scorer.Scored(std::move(second));
+    if (value(p) + value(q) <= best) return;
+    best = value(p) + value(q);
+    best_a = std::move(p);
+    best_b = std::move(q);
+  };
+  Members all;
+  std::set_union(a->plots.begin(), a->plots.end(), b->plots.begin(), b->plots.end(),
+                 std::back_inserter(all));
+  consider(all, {});
+  for (const Cut& cut : CutsOf(scorer.plots(), a->plots, b->plots, config)) {
+    const auto cut_a = a->plots.cbegin() + static_cast<std::ptrdiff_t>(cut.in_a);
+    const auto cut_b = b->plots.cbegin() + static_cast<std::ptrdiff_t>(cut.in_b);
+    Members first(a->plots.cbegin(), cut_a);
+    Members second(b->plots.cbegin(), cut_b);
+    first.insert(first.end(), cut_b, b->plots.cend());
+    second.insert(second.end(), cut_a, a->plots.cend());
+    consider(std::move(first), std::move(second));
+  }
+  if (best_a.plots.empty() && best_b.plots.empty()) return false;
+  *a = std::move(best_a);
+  *b = std::move(best_b);
+  return true;
+}
+
+// Drops the few plots that stand between two pauses, or before the first or after the last one,
+// where the path is better without: a search that allows no longer gap had to step on them.
+bool Prune(const PathScorer& scorer, const TrackerConfig& config, Path* path) {
+  constexpr TimeNs kPause_ns = 500'000'000;
+  constexpr std::size_t kMaxPlots = 6;
+  const std::vector<Plot>& plots = scorer.plots();
+  Path best = *path;
+  for (std::size_t first = 0; first < path->plots.size();) {
+    std::size_t last = first + 1;
+    while (last < path->plots.size() &&
+           plots[path->plots[last]].time_ns - plots[path->plots[last - 1]].time_ns < kPause_ns) {
+      ++last;
+    }
+    if (last - first <= kMaxPlots && last - first < path->plots.size()) {
+      Members rest(path->plots.begin(), path->plots.begin() + static_cast<std::ptrdiff_t>(first));
+      rest.insert(rest.end(), path->plots.begin() + static_cast<std::ptrdiff_t>(last),
+                  path->plots.end());
+      Path pruned = scorer.Scored(std::move(rest));
+      if (pruned.score > best.score) best = std::move(pruned);
+    }
+    first = last;
+  }
+  if (best.score <= path->score + config.min_exchange_log) return false;
+  *path = std::move(best);
+  return true;
+}
+
+}  // namespace
+
+Path PathScorer::Scored(Members members) const {
+  Path path;
+  path.plots = std::move(members);
+  if (path.plots.empty()) return path;
+  const std::size_t birth = path.plots.front();
+  path.score = -std::numeric_limits<double>::infinity();
+  for (std::size_t k = 1; k < path.plots.size(); ++k) {
+    if (plots_[path.plots[k]].frame == plots_[path.plots[k - 1]].frame) return path;
+  }
+  std::vector<Moment> moments;
+  moments.reserve(path.plots.size());
+  for (const std::uint32_t i : path.plots) {
+    moments.push_back(MomentOf(plots_[i], plots_.front(), watch_));
+  }
+  for (const double sigma : config_.sigma_a_mps2) {
+    const TrackModel model(sigma, watch_, config_);
+    for (const double speed_mps : config_.birth_speeds_mps) {
+      Hypothesis h = model.Birth(plots_[birth], log_births_[birth], moments.front(), speed_mps);
+      for (std::size_t k = 1; k < path.plots.size(); ++k) {
+        h = model.Follow(h, plots_[path.plots[k]], moments[k]);
+      }
+      path.score = std::max(path.score, h.score);
+    }
+  }
+  return path;
+}
+
+bool IsInReach(const Plot& from, const Plot& to, double slack_m, const TrackerConfig& config) {
+  const double dt_s = static_cast<double>(to.time_ns - from.time_ns) * kSecondsPerNs;
+  return (to.position_m - from.position_m).norm() < config.max_speed_mps * dt_s + slack_m;
+}
+
+std::size_t ImprovePaths(const PathScorer& scorer, const TrackerConfig& config,
+                         std::vector<Path>* paths) {
+  const std::size_t count = paths->size();
+  std::vector<Extent> extents;
+  for (const Path& path : *paths) extents.push_back(ExtentOf(scorer.plots(), path));
+  // What has not changed since it was looked at is not looked at again.
+  std::uint64_t now = 1;
+  std::vector<std::uint64_t> changed(count, now);  // when,
+  std::vector<std::uint64_t> compared(count, 0);   // and when last with all behind it,
+  std::vector<std::uint64_t> pruned(count, 0);     // or alone
+  const auto note_change = [&](std::size_t i) {
+    changed[i] = ++now;
+    extents[i] = ExtentOf(scorer.plots(), (*paths)[i]);
+  };
+  std::size_t num_compared = 0;
+  for (bool is_done = false; !is_done;) {
+    const std::uint64_t before = now;
+    for (std::size_t i = 0; i < count; ++i) {
+      Path& a = (*paths)[i];
+      const std::uint64_t last = std::exchange(compared[i], now);
+      for (std::size_t j = i + 1; j < count && !a.plots.empty(); ++j) {
+        Path& b = (*paths)[j];
+        if (std::max(changed[i], changed[j]) <= last || b.plots.empty()) continue;
+        if (!MayMeet(extents[i], extents[j], config)) continue;
+        ++num_compared;
+        if (!Exchange(scorer, config, &a, &b)) continue;
+        note_change(i);
+        note_change(j);
+      }
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      Path& path = (*paths)[i];
+      if (changed[i] <= std::exchange(pruned[i], now) || path.plots.empty()) continue;
+      if (Prune(scorer, config, &path)) note_change(i);
+    }
+    is_done = now == before;
+  }
+  paths->erase(std::remove_if(paths->begin(), paths->end(),
+                              [&](const Path& path) { return IsTooShort(path, config); }),
+               paths->end());
+  return num_compared;
+}
+
+}  // namespace unlidar

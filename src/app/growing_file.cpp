@@ -21,9 +21,9 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kLookForReader(100);
+constexpr milliseconds kReaderPollInterval(100);
 // What a reader that takes nothing is given before the program ends without it.
-constexpr milliseconds kLastChance(1000);
+constexpr milliseconds kReaderTimeout(1000);
 
 // Far longer than any line of an output.
 constexpr std::size_t kMaxLineBytes = std::size_t{1} << 16;
@@ -137,7 +137,7 @@ int GrowingFile::OpenPipe() const {
     }
     if (errno != ENXIO) FailWithErrno();
     if (signals_.ShouldEnd()) Fail("it has no reader");
-    signals_.Wait({}, kLookForReader);
+    signals_.Wait({}, kReaderPollInterval);
   }
 }
 
@@ -204,7 +204,7 @@ void GrowingFile::WriteSpecial() {
   std::string_view rest = waiting_;
   while (!rest.empty()) {
     const bool ends = signals_.ShouldEnd();
-    const auto ready = signals_.Wait({{fd_, POLLOUT, 0}}, ends ? kLastChance : milliseconds(-1));
+    const auto ready = signals_.Wait({{fd_, POLLOUT, 0}}, ends ? kReaderTimeout : milliseconds(-1));
     if (ready.front().revents == 0) {
       if (ends) Fail("its reader takes nothing");
       continue;

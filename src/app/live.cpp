@@ -7,11 +7,11 @@
 #include <memory>
 #include <optional>
 
+#include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/live_output.hpp"
 #include "app/live_sources.hpp"
 #include "app/live_summary.hpp"
-#include "app/live_teller.hpp"
 #include "app/output.hpp"
 #include "app/output_files.hpp"
 #include "app/service_notify.hpp"
@@ -27,7 +27,7 @@ namespace unlidar {
 namespace {
 
 // How often it looks whether a sensor is silent and a full disk has room again.
-constexpr std::chrono::milliseconds kLookAround(250);
+constexpr std::chrono::milliseconds kPollInterval(250);
 
 // How long rows of a track wait for it to be a drone: no longer than anything is remembered.
 TimeNs HoldNs(const LiveConfig& live) {
@@ -52,17 +52,17 @@ class LiveRun {
       : request_(request),
         config_(config),
         output_(request.out, request.events, EarlierRows(config), signals_, note),
-        teller_(output_, service_, note),
-        intake_(request, config, teller_) {
-    output_.KeepOnlyDrones(request.least_drone, HoldNs(config.live));
+        reporter_(output_, service_, note),
+        intake_(request, config, reporter_) {
+    output_.KeepOnlyDrones(request.min_drone_probability, HoldNs(config.live));
   }
 
   void Run() {
     try {
-      source_ = OpenSource(request_, config_, TakenUpAfter(), intake_, teller_);
+      source_ = OpenSource(request_, config_, ResumeAfter(), intake_, reporter_);
       if (const std::optional<TimeNs> last_row_ns = output_.row_times().last_ns()) {
-        teller_.Note(request_.out + ": appends to it, it holds rows until " +
-                     SecondsText(*last_row_ns));
+        reporter_.Note(request_.out + ": appends to it, it holds rows until " +
+                       SecondsText(*last_row_ns));
       }
       while (const std::optional<bool> is_ready = Wait()) {
         if (!source_->Read(*is_ready)) break;
@@ -88,7 +88,7 @@ class LiveRun {
  private:
   // A restart reads the last window before the last row once more: the scene must be known again
   // where the rows go on.
-  std::optional<TimeNs> TakenUpAfter() {
+  std::optional<TimeNs> ResumeAfter() {
     const std::optional<TimeNs> latest_row_ns = output_.row_times().latest_ns();
     if (!latest_row_ns) return std::nullopt;
     if (request_.sources.empty()) {
@@ -98,17 +98,17 @@ class LiveRun {
     const double window_s = config_.live.window_s;
     std::optional<TimeNs> after_ns;
     if (std::isfinite(window_s)) after_ns = *latest_row_ns - NsOf(window_s);
-    output_.LeaveOut(after_ns, *latest_row_ns);
+    output_.SkipRows(after_ns, *latest_row_ns);
     return after_ns;
   }
 
   // Waits for the source or a signal, and does what comes up besides. Whether the source is ready;
   // none where it is time to end. Every source is open when it is first waited for.
   std::optional<bool> Wait() {
-    service_.TellAlive();
+    service_.SendHeartbeat();
     std::vector<pollfd> fds = {{source_->fd(), POLLIN, 0}};
     for (const int reader : output_.reader_fds()) fds.push_back({reader, 0, 0});
-    fds = signals_.Wait(fds, source_->is_idle() ? kLookAround : std::chrono::milliseconds(0));
+    fds = signals_.Wait(fds, source_->is_idle() ? kPollInterval : std::chrono::milliseconds(0));
     if (std::any_of(fds.begin() + 1, fds.end(), [](const pollfd& f) { return f.revents != 0; })) {
       throw OutputError("the reader of an output has left");
     }
@@ -119,7 +119,7 @@ class LiveRun {
   }
 
   void Close() {
-    service_.TellStopping();
+    service_.ReportStopping();
     intake_.Close();
     output_.Close();
   }
@@ -129,7 +129,7 @@ class LiveRun {
   Signals signals_;
   ServiceNotifier service_;
   LiveOutput output_;
-  LiveTeller teller_;
+  LiveEventReporter reporter_;
   LiveIntake intake_;
   std::unique_ptr<LiveSource> source_;
 };
@@ -141,24 +141,25 @@ void NoteLosses(const LiveSummary& summary, const std::function<void(const std::
   for (const LiveInput& input : summary.inputs) {
     if (!input.packets) continue;
     const LivoxCounts& packets = *input.packets;
-    const auto told = [](std::uint64_t count, const char* what) {
+    const auto counted = [](std::uint64_t count, const char* what) {
       return count > 0 ? ", " + std::to_string(count) + " " + what : std::string();
     };
-    note(input.name + ": " + Count(packets.used, "packet") + " used" + told(packets.lost, "lost") +
-         told(packets.repeated, "repeated") + told(packets.reordered, "reordered") +
-         told(packets.late, "too late") + told(packets.astray, "of a time far from the others") +
-         told(packets.excess, "more than a frame holds"));
+    note(input.name + ": " + Count(packets.used, "packet") + " used" +
+         counted(packets.lost, "lost") + counted(packets.repeated, "repeated") +
+         counted(packets.reordered, "reordered") + counted(packets.late, "too late") +
+         counted(packets.astray, "of a time far from the others") +
+         counted(packets.excess, "more than a frame holds"));
   }
   if (summary.refused_packets > 0) note(Count(summary.refused_packets, "packet") + " refused");
   say(summary.counts.bad_frames, " could not be parsed and skipped (input.skip_bad_frames)");
   say(summary.late_frames, " came later than live.reorder_s and dropped");
   say(summary.astray_frames,
       " astray and left out: neither this clock nor most LiDARs bear them out");
-  say(summary.surplus_frames, kSurplusText);
+  say(summary.overflow_frames, kOverflowText);
   say(summary.overload_frames, " left out while overloaded");
   say(summary.followed.vanished, kVanishedText);
   say(summary.followed.passed_over, kPassedOverText);
-  say(summary.followed.worked_off, kWorkedOffText);
+  say(summary.followed.already_processed, kAlreadyProcessedText);
   if (summary.left_out_rows > 0) {
     note(Count(summary.left_out_rows, "row") + " left out: --out held them already");
   }

@@ -18,9 +18,9 @@ struct LiveRequest {
   std::optional<LivoxEndpoint> livox;  // where packets come; without it and folders, stdin
   OutputTimes output_times;
   std::string out;
-  std::string events;        // empty for none, `-` for stdout
-  std::string summary;       // empty for none
-  double least_drone = 0.0;  // rows of a track wait until it is as likely a drone as that
+  std::string events;                  // empty for none, `-` for stdout
+  std::string summary;                 // empty for none
+  double min_drone_probability = 0.0;  // rows of a track wait until it is as likely a drone as that
 };
 
 // Runs until stdin ends or SIGTERM or SIGINT comes, then writes what is pending, also where it ends

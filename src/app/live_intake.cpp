@@ -25,12 +25,13 @@ std::vector<std::string> NamesOf(const std::vector<FrameSource>& sources) {
 
 }  // namespace
 
-LiveIntake::LiveIntake(const LiveRequest& request, const Config& config, LiveTeller& teller)
+LiveIntake::LiveIntake(const LiveRequest& request, const Config& config,
+                       LiveEventReporter& reporter)
     : config_(config),
-      teller_(teller),
+      reporter_(reporter),
       engine_(
           config, NamesOf(request.sources), request.output_times,
-          [this](const EngineEvent& event) { teller_.Take(event, Progress()); },
+          [this](const EngineEvent& event) { reporter_.Take(event, Progress()); },
           request.livox ? std::make_optional(TimeReading::kOffset) : std::nullopt,
           request.livox.has_value()),
       skips_bad_frames_(config.input.skip_bad_frames || request.livox),
@@ -42,7 +43,7 @@ LiveIntake::LiveIntake(const LiveRequest& request, const Config& config, LiveTel
 void LiveIntake::AppendSensor(const std::string& name) {
   sensors_.emplace_back();
   sensors_.back().name = Shortened(name, kMaxSensorNameBytes);  // a folder's may be anything
-  teller_.AddSensor(sensors_.back().name);
+  reporter_.AddSensor(sensors_.back().name);
 }
 
 std::optional<std::size_t> LiveIntake::SensorNamed(const std::string& name) const {
@@ -54,7 +55,7 @@ std::optional<std::size_t> LiveIntake::SensorNamed(const std::string& name) cons
 
 std::size_t LiveIntake::AddSensor(const std::string& name, const std::string& first) {
   if (!config_.sensors.empty() && config_.sensors.count(name) == 0) {
-    teller_.Note(first + ": the config has no sensors." + name + ", it stands at the origin");
+    reporter_.Note(first + ": the config has no sensors." + name + ", it stands at the origin");
   }
   engine_.AddSensor(name);
   AppendSensor(name);
@@ -62,29 +63,29 @@ std::size_t LiveIntake::AddSensor(const std::string& name, const std::string& fi
 }
 
 void LiveIntake::ReplaceSensor(std::size_t sensor, const std::string& name) {
-  teller_.Note(name + " takes the place of " + sensors_[sensor].name + ", which is silent");
+  reporter_.Note(name + " takes the place of " + sensors_[sensor].name + ", which is silent");
   engine_.ReplaceSensor(static_cast<std::uint32_t>(sensor), name);
   sensors_[sensor] = Sensor();
   sensors_[sensor].name = name;
-  teller_.ReplaceSensor(sensor, name);
+  reporter_.ReplaceSensor(sensor, name);
 }
 
 bool LiveIntake::IsInTime(std::size_t sensor, TimeNs stamp_ns,
                           std::optional<Clock::duration> waited,
                           const std::optional<Arrival>& arrival) {
   const Clock::time_point now = Clock::now();
-  sensors_[sensor].came = now;
+  sensors_[sensor].arrived = now;
   if (std::exchange(sensors_[sensor].is_silent_by_clock, false)) {
     const bool is_blinded =
         engine_.StateOf(static_cast<std::uint32_t>(sensor)) == SensorState::kBlinded;
-    teller_.TellSensor(sensor, is_blinded ? SensorState::kBlinded : SensorState::kOk,
-                       engine_.newest_ns());
+    reporter_.ReportSensor(sensor, is_blinded ? SensorState::kBlinded : SensorState::kOk,
+                           engine_.newest_ns());
   }
   const bool is_kept = pace_.Keeps(sensor, waited, now);
-  teller_.TellPace(pace_.one_in(), overload_frames_, Progress());
+  reporter_.ReportPace(pace_.one_in(), overload_frames_, Progress());
   if (is_kept) return true;
   ++overload_frames_;
-  engine_.LeaveOut(static_cast<std::uint32_t>(sensor), stamp_ns, arrival);
+  engine_.NoteSkipped(static_cast<std::uint32_t>(sensor), stamp_ns, arrival);
   return false;
 }
 
@@ -92,7 +93,7 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
                      std::optional<Arrival> arrival) {
   const std::uint64_t late_before = engine_.late_frames();
   const std::uint64_t astray_before = engine_.astray_frames().count;
-  const std::uint64_t surplus_before = engine_.surplus_frames().count;
+  const std::uint64_t overflow_before = engine_.overflow_frames().count;
   const auto index = static_cast<std::uint32_t>(sensor);
   const double begin_s = ThreadCpuSeconds();
   try {
@@ -107,23 +108,23 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
     num_engine_warnings_ = engine_.warnings().size();
     Warn(engine_.warnings());
   }
-  frame_times_.Add(ThreadCpuSeconds() - begin_s);
-  if (!teller_.HasTold(sensor) && engine_.has_begun() && !engine_.IsApart(index)) {
-    teller_.TellSensor(sensor, SensorState::kOk, engine_.newest_ns());
+  processing_times_.Add(ThreadCpuSeconds() - begin_s);
+  if (!reporter_.HasReported(sensor) && engine_.has_begun() && !engine_.IsOutOfSync(index)) {
+    reporter_.ReportSensor(sensor, SensorState::kOk, engine_.newest_ns());
   }
-  LookForApart();
+  CheckOutOfSync();
   NoteLeftOut(late_before, astray_before, name);
-  NoteSurplus(surplus_before);
-  teller_.TellAlive(Progress());
-  teller_.Flush();
+  NoteOverflow(overflow_before);
+  reporter_.SendHeartbeat(Progress());
+  reporter_.Flush();
 }
 
 void LiveIntake::NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before,
                              const std::string& name) {
   const std::uint64_t late = engine_.late_frames();
   if (late > late_before && IsWorthANote(late)) {
-    teller_.Note(Count(late, "frame") +
-                 " later than live.reorder_s and dropped, the last: " + name);
+    reporter_.Note(Count(late, "frame") +
+                   " later than live.reorder_s and dropped, the last: " + name);
   }
   const AstrayFrames& astray = engine_.astray_frames();
   if (!IsWorthANote(astray_before, astray.count)) return;
@@ -134,21 +135,21 @@ void LiveIntake::NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_bef
             seconds.substr(0, seconds.find('.')) + " s " +
             (astray.ahead_ns < 0 ? "behind" : "ahead of") + " that of the others";
   }
-  teller_.Note(note);
+  reporter_.Note(note);
 }
 
-void LiveIntake::NoteSurplus(std::uint64_t before) {
-  const SurplusFrames& surplus = engine_.surplus_frames();
-  if (!IsWorthANote(before, surplus.count)) return;
-  teller_.Note(Count(surplus.count, "frame") + kSurplusText + ", the last of " +
-               sensors_[surplus.sensor].name);
+void LiveIntake::NoteOverflow(std::uint64_t before) {
+  const OverflowFrames& overflow = engine_.overflow_frames();
+  if (!IsWorthANote(before, overflow.count)) return;
+  reporter_.Note(Count(overflow.count, "frame") + kOverflowText + ", the last of " +
+                 sensors_[overflow.sensor].name);
 }
 
 void LiveIntake::TakeBadFrame(const InputError& error) {
   if (!skips_bad_frames_) throw InputError(error);
   if (IsWorthANote(++bad_frames_)) {
-    teller_.Note(Count(bad_frames_, "frame") + " bad and skipped" + why_skipped_ +
-                 ", the last: " + error.what());
+    reporter_.Note(Count(bad_frames_, "frame") + " bad and skipped" + why_skipped_ +
+                   ", the last: " + error.what());
   }
 }
 
@@ -156,40 +157,40 @@ void LiveIntake::TakeFollowed(const FollowedCounts& counts) {
   const FollowedCounts before = std::exchange(followed_, counts);
   const auto say = [&](std::uint64_t FollowedCounts::*count, const char* what) {
     if (IsWorthANote(before.*count, counts.*count)) {
-      teller_.Note(Count(counts.*count, "frame") + what);
+      reporter_.Note(Count(counts.*count, "frame") + what);
     }
   };
   say(&FollowedCounts::vanished, kVanishedText);
   say(&FollowedCounts::passed_over, kPassedOverText);
-  say(&FollowedCounts::worked_off, kWorkedOffText);
+  say(&FollowedCounts::already_processed, kAlreadyProcessedText);
 }
 
-void LiveIntake::LookForSilence() {
+void LiveIntake::CheckSilence() {
   const Clock::time_point now = Clock::now();
   const auto is_quiet = [&](const Sensor& sensor) {
-    return now - sensor.came > Seconds(config_.live.silent_s);
+    return now - sensor.arrived > Seconds(config_.live.silent_s);
   };
   if (!std::all_of(sensors_.begin(), sensors_.end(), is_quiet)) return;
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     sensors_[i].is_silent_by_clock = true;
-    teller_.TellSensor(i, SensorState::kSilent, engine_.newest_ns());
+    reporter_.ReportSensor(i, SensorState::kSilent, engine_.newest_ns());
   }
 }
 
 // The engine tells of what it has taken: a sensor whose frames are all set aside is silent, too.
-void LiveIntake::LookForApart() {
+void LiveIntake::CheckOutOfSync() {
   if (!engine_.has_begun()) return;
   const TimeNs now_ns = engine_.newest_ns();
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     const auto index = static_cast<std::uint32_t>(i);
-    std::optional<TimeNs>& since_ns = sensors_[i].apart_since_ns;
-    if (!engine_.IsApart(index) || engine_.StateOf(index) != SensorState::kSilent) {
+    std::optional<TimeNs>& since_ns = sensors_[i].out_of_sync_since_ns;
+    if (!engine_.IsOutOfSync(index) || engine_.StateOf(index) != SensorState::kSilent) {
       since_ns.reset();
       continue;
     }
     since_ns = std::min(since_ns.value_or(now_ns), now_ns);
     if (now_ns - *since_ns > NsOf(config_.live.silent_s)) {
-      teller_.TellSensor(i, SensorState::kSilent, now_ns);
+      reporter_.ReportSensor(i, SensorState::kSilent, now_ns);
     }
   }
 }
@@ -198,21 +199,21 @@ void LiveIntake::Warn(const std::vector<Warning>& warnings) {
   for (const Warning& warning : warnings) {
     if (std::find(warnings_.begin(), warnings_.end(), warning) != warnings_.end()) continue;
     warnings_.push_back(warning);
-    teller_.Note("warning: " + warning.text);
+    reporter_.Note("warning: " + warning.text);
   }
 }
 
 void LiveIntake::Close() {
   engine_.Close();
   Warn(engine_.warnings());
-  teller_.TellState(Progress());
+  reporter_.ReportState(Progress());
 }
 
 LiveProgress LiveIntake::Progress() const {
   const InputCounts& counts = engine_.counts();
   return {engine_.newest_ns(), counts.frames,
           bad_frames_ + counts.bad_frames + engine_.late_frames() + engine_.astray_frames().count +
-              engine_.surplus_frames().count + overload_frames_ + followed_.vanished +
+              engine_.overflow_frames().count + overload_frames_ + followed_.vanished +
               followed_.passed_over};
 }
 
@@ -227,10 +228,10 @@ LiveSummary LiveIntake::Summary() const {
   summary.counts.bad_frames += bad_frames_;
   summary.late_frames = engine_.late_frames();
   summary.astray_frames = engine_.astray_frames().count;
-  summary.surplus_frames = engine_.surplus_frames().count;
+  summary.overflow_frames = engine_.overflow_frames().count;
   summary.overload_frames = overload_frames_;
   summary.followed = followed_;
-  summary.frame_times = frame_times_;
+  summary.processing_times = processing_times_;
   return summary;
 }
 

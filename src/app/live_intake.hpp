@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
-#include "app/frame_times.hpp"
 #include "app/live.hpp"
+#include "app/live_event_reporter.hpp"
 #include "app/live_summary.hpp"
-#include "app/live_teller.hpp"
+#include "app/processing_times.hpp"
 #include "io/followed_folders.hpp"
 #include "io/frame_pace.hpp"
 #include "io/input_limits.hpp"
@@ -29,7 +29,7 @@ class LiveIntake {
 
   // The sensors of a request for folders are those of its sources, others are added as they come.
   // All arguments outlive it. Throws ConfigError.
-  LiveIntake(const LiveRequest& request, const Config& config, LiveTeller& teller);
+  LiveIntake(const LiveRequest& request, const Config& config, LiveEventReporter& reporter);
   LiveIntake(const LiveIntake&) = delete;
   LiveIntake& operator=(const LiveIntake&) = delete;
 
@@ -39,7 +39,7 @@ class LiveIntake {
   std::optional<std::size_t> SensorNamed(const std::string& name) const;
   const std::string& NameOf(std::size_t sensor) const { return sensors_[sensor].name; }
 
-  // `first`: what messages call what came first of it. Returns its index.
+  // `first`: what messages call what arrived first of it. Returns its index.
   std::size_t AddSensor(const std::string& name, const std::string& first);
 
   // The place of one that is heard no more is another's from now on.
@@ -62,7 +62,7 @@ class LiveIntake {
   void TakeFollowed(const FollowedCounts& counts);
 
   // A pulled cable: time stands still for the engine, but not for who waits for an answer.
-  void LookForSilence();
+  void CheckSilence();
 
   // Tells them, and keeps them for the summary.
   void Warn(const std::vector<Warning>& warnings);
@@ -78,24 +78,24 @@ class LiveIntake {
     std::string name;
     std::uint64_t frames = 0;
     bool is_silent_by_clock = false;
-    Clock::time_point came = Clock::now();  // its last frame
-    std::optional<TimeNs> apart_since_ns;   // by the stamps of the others
+    Clock::time_point arrived = Clock::now();    // its last frame
+    std::optional<TimeNs> out_of_sync_since_ns;  // by the stamps of the others
   };
 
   void AppendSensor(const std::string& name);
   void NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before, const std::string& name);
-  void NoteSurplus(std::uint64_t before);
-  void LookForApart();
+  void NoteOverflow(std::uint64_t before);
+  void CheckOutOfSync();
   LiveProgress Progress() const;
 
   const Config& config_;
-  LiveTeller& teller_;
+  LiveEventReporter& reporter_;
   LiveEngine engine_;
   bool skips_bad_frames_;
   const char* why_skipped_;
   FramePace pace_;
   std::vector<Sensor> sensors_;
-  FrameTimes frame_times_;
+  ProcessingTimes processing_times_;
   std::uint64_t bad_frames_ = 0;  // but for those that the engine counts
   std::uint64_t overload_frames_ = 0;
   FollowedCounts followed_;

@@ -24,9 +24,9 @@ std::string Quoted(const std::string& text) {
 
 // Bounded numbers are all that JSON and its readers can take.
 bool IsWritable(const TrajectoryRow& row) {
-  constexpr double kMost = 1e9;
+  constexpr double kMaxMagnitude = 1e9;
   const auto is_bounded = [](const Eigen::Vector3d& vector) {
-    return vector.allFinite() && vector.cwiseAbs().maxCoeff() <= kMost;
+    return vector.allFinite() && vector.cwiseAbs().maxCoeff() <= kMaxMagnitude;
   };
   return is_bounded(row.position_m) && is_bounded(row.velocity_mps) && is_bounded(row.sigma_m);
 }
@@ -86,24 +86,24 @@ LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events,
 
 // It is told with its first row: what reads the rows after a kill must know every number that was.
 void LiveOutput::Confirm(const TrackConfirmed& track) {
-  Confirmed& confirmed = alive_[track.track_id];
+  Confirmed& confirmed = open_tracks_[track.track_id];
   confirmed.first_evidence_ns = track.first_evidence_ns;
 }
 
-void LiveOutput::Give(TimeNs at_ns, const RowGiven& given) {
+void LiveOutput::AddRow(TimeNs at_ns, const RowGiven& given) {
   const TrajectoryRow& row = given.row;
   if (!IsWritable(row)) {
     ++unwritable_rows_;
     return;
   }
-  if (IsLeftOut(row.time_ns)) {
+  if (IsSkipped(row.time_ns)) {
     ++left_out_rows_;
     return;
   }
-  Confirmed& confirmed = alive_[row.track_id];
-  if (!confirmed.track && given.kind.drone < least_drone_) return Hold(row, confirmed);
+  Confirmed& confirmed = open_tracks_[row.track_id];
+  if (!confirmed.track && given.kind.drone < min_drone_probability_) return Hold(row, confirmed);
   CheckIsLater(confirmed.held.empty() ? row.time_ns : confirmed.held.front().time_ns);
-  LiveTrack& track = Announced(at_ns, given.kind, confirmed);
+  LiveTrack& track = AnnouncedTrack(at_ns, given.kind, confirmed);
   // Given as late as they were held.
   for (const TrajectoryRow& held : std::exchange(confirmed.held, {})) {
     Write(at_ns, {held, true, given.kind}, track);
@@ -137,8 +137,8 @@ void LiveOutput::Write(TimeNs at_ns, const RowGiven& given, LiveTrack& track) {
 }
 
 void LiveOutput::End(TimeNs at_ns, const TrackEnded& track) {
-  const Confirmed confirmed = std::exchange(alive_[track.track_id], {});
-  alive_.erase(track.track_id);
+  const Confirmed confirmed = std::exchange(open_tracks_[track.track_id], {});
+  open_tracks_.erase(track.track_id);
   if (!confirmed.track) {
     if (!confirmed.held.empty()) ++tracks_left_out_;
     return;
@@ -153,13 +153,13 @@ void LiveOutput::End(TimeNs at_ns, const TrackEnded& track) {
   AppendEvent("end", at_ns, fields);
 }
 
-void LiveOutput::TellSensor(TimeNs at_ns, const std::string& name, SensorState state) {
+void LiveOutput::ReportSensor(TimeNs at_ns, const std::string& name, SensorState state) {
   AppendEvent("sensor", at_ns,
               ",\"name\":" + Quoted(name) + ",\"state\":\"" + SensorStateName(state) + "\"");
 }
 
-void LiveOutput::TellState(TimeNs at_ns, LiveState state, std::uint64_t frames,
-                           std::uint64_t dropped) {
+void LiveOutput::ReportState(TimeNs at_ns, LiveState state, std::uint64_t frames,
+                             std::uint64_t dropped) {
   AppendEvent("state", at_ns,
               std::string(",\"state\":\"") + LiveStateName(state) + "\",\"frames\":" +
                   std::to_string(frames) + ",\"dropped\":" + std::to_string(dropped));
@@ -188,7 +188,7 @@ std::vector<int> LiveOutput::reader_fds() const {
   return fds;
 }
 
-bool LiveOutput::IsLeftOut(TimeNs time_ns) const {
+bool LiveOutput::IsSkipped(TimeNs time_ns) const {
   return left_out_until_ns_ && time_ns <= *left_out_until_ns_ &&
          (!left_out_after_ns_ || time_ns > *left_out_after_ns_);
 }
@@ -221,7 +221,7 @@ void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
 }
 
 // The track as it is written. The first time its beginning is told.
-LiveTrack& LiveOutput::Announced(TimeNs at_ns, const Kind& kind, Confirmed& confirmed) {
+LiveTrack& LiveOutput::AnnouncedTrack(TimeNs at_ns, const Kind& kind, Confirmed& confirmed) {
   if (!confirmed.track) {
     confirmed.track = tracks_.size();
     tracks_.push_back(

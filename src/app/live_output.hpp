@@ -57,15 +57,15 @@ class LiveOutput {
   void RefuseEarlierRows() { first_after_ns_ = row_times_.last_ns(); }
 
   // Rows after a time (none: from the beginning) and up to another are left out from now on.
-  void LeaveOut(std::optional<TimeNs> after_ns, TimeNs until_ns) {
+  void SkipRows(std::optional<TimeNs> after_ns, TimeNs until_ns) {
     left_out_after_ns_ = after_ns;
     left_out_until_ns_ = until_ns;
   }
 
   // A track's rows are held back until its probability of being a drone has once been so high; of
   // what is held, rows older than `hold_ns` before the newest are forgotten.
-  void KeepOnlyDrones(double least, TimeNs hold_ns) {
-    least_drone_ = least;
+  void KeepOnlyDrones(double min_probability, TimeNs hold_ns) {
+    min_drone_probability_ = min_probability;
     hold_ns_ = hold_ns;
   }
 
@@ -73,10 +73,10 @@ class LiveOutput {
   // newest stamp taken in.
   void Confirm(const TrackConfirmed& track);
   // Throws OutputError for a row that is refused.
-  void Give(TimeNs at_ns, const RowGiven& given);
+  void AddRow(TimeNs at_ns, const RowGiven& given);
   void End(TimeNs at_ns, const TrackEnded& track);
-  void TellSensor(TimeNs at_ns, const std::string& name, SensorState state);
-  void TellState(TimeNs at_ns, LiveState state, std::uint64_t frames, std::uint64_t dropped);
+  void ReportSensor(TimeNs at_ns, const std::string& name, SensorState state);
+  void ReportState(TimeNs at_ns, LiveState state, std::uint64_t frames, std::uint64_t dropped);
 
   // Rows go before the events that tell of them. Throws OutputError.
   void Flush();
@@ -103,10 +103,10 @@ class LiveOutput {
     std::deque<TrajectoryRow> held;    // rows, until it is
   };
 
-  bool IsLeftOut(TimeNs time_ns) const;
+  bool IsSkipped(TimeNs time_ns) const;
   void CheckIsLater(TimeNs time_ns);
   void ReadRow(std::string_view line, std::uint64_t number);
-  LiveTrack& Announced(TimeNs at_ns, const Kind& kind, Confirmed& confirmed);
+  LiveTrack& AnnouncedTrack(TimeNs at_ns, const Kind& kind, Confirmed& confirmed);
   void Hold(const TrajectoryRow& row, Confirmed& confirmed) const;
   void Write(TimeNs at_ns, const RowGiven& given, LiveTrack& track);
   void AppendEvent(const char* name, TimeNs at_ns, const std::string& fields);
@@ -117,12 +117,12 @@ class LiveOutput {
   std::optional<TimeNs> left_out_after_ns_;
   std::optional<TimeNs> left_out_until_ns_;
   std::optional<TimeNs> first_after_ns_;  // until the first row, or the file was moved away
-  double least_drone_ = 0.0;
+  double min_drone_probability_ = 0.0;
   TimeNs hold_ns_ = 0;
   std::uint64_t tracks_left_out_ = 0;
   std::uint64_t left_out_rows_ = 0;
   std::uint64_t unwritable_rows_ = 0;
-  std::map<int, Confirmed> alive_;  // by the engine's number
+  std::map<int, Confirmed> open_tracks_;  // by the engine's number
   std::vector<LiveTrack> tracks_;
   GrowingFile trajectory_;
   std::optional<GrowingFile> events_;

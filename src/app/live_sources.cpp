@@ -97,13 +97,14 @@ class MessageSource : public LiveSource {
 // --livox
 class PacketSource : public LiveSource {
  public:
-  PacketSource(LivoxEndpoint endpoint, const Config& config, LiveIntake& intake, LiveTeller& teller)
+  PacketSource(LivoxEndpoint endpoint, const Config& config, LiveIntake& intake,
+               LiveEventReporter& reporter)
       : intake_(intake),
-        teller_(teller),
+        reporter_(reporter),
         lidars_(LivoxNames(config.sensors), NsOf(config.live.frame_s),
                 std::chrono::nanoseconds(NsOf(config.live.silent_s))),
         receiver_(endpoint) {
-    teller_.Note("listens on " + receiver_.name());
+    reporter_.Note("listens on " + receiver_.name());
   }
 
   int fd() const override { return receiver_.fd(); }
@@ -111,7 +112,7 @@ class PacketSource : public LiveSource {
   bool Read(bool /*is_ready*/) override {
     for (int i = 0; i < kMaxPacketsAtOnce && TakePacket(); ++i) {
     }
-    intake_.LookForSilence();
+    intake_.CheckSilence();
     return true;
   }
 
@@ -121,7 +122,7 @@ class PacketSource : public LiveSource {
     }
     lidars_.ForEach([this](LivoxLidar& lidar) {
       lidar.cutter.Flush();
-      TakeFrames(lidar, ArrivalAt(lidar.came), Clock::now());
+      TakeFrames(lidar, ArrivalAt(lidar.arrived), Clock::now());
     });
   }
 
@@ -151,11 +152,11 @@ class PacketSource : public LiveSource {
     if (!datagram) return false;
     try {
       LivoxLidar* const lidar = lidars_.Take(*datagram);
-      if (lidar != nullptr) TakeFrames(*lidar, datagram->arrival(), datagram->came);
+      if (lidar != nullptr) TakeFrames(*lidar, datagram->arrival(), datagram->arrived);
     } catch (const PacketError& error) {
       if (IsWorthANote(++refused_packets_)) {
-        teller_.Note(Count(refused_packets_, "packet") + " refused, the last: one from " +
-                     AddressText(datagram->source) + " " + error.what());
+        reporter_.Note(Count(refused_packets_, "packet") + " refused, the last: one from " +
+                       AddressText(datagram->source) + " " + error.what());
       }
     }
     return true;
@@ -164,7 +165,7 @@ class PacketSource : public LiveSource {
   // A LiDAR is a sensor of the run with its first frame.
   std::size_t SensorOf(LivoxLidar& lidar) {
     if (lidar.sensor) return *lidar.sensor;
-    lidar.sensor = lidars_.FreePlace();
+    lidar.sensor = lidars_.FreeSlot();
     if (lidar.sensor) {
       intake_.ReplaceSensor(*lidar.sensor, lidar.name);
     } else {
@@ -173,24 +174,24 @@ class PacketSource : public LiveSource {
     return *lidar.sensor;
   }
 
-  // `came`: the packet that completed them.
-  void TakeFrames(LivoxLidar& lidar, const Arrival& arrival, Clock::time_point came) {
+  // `arrived`: the packet that completed them.
+  void TakeFrames(LivoxLidar& lidar, const Arrival& arrival, Clock::time_point arrived) {
     while (std::optional<LivoxFrame> frame = lidar.cutter.Next()) {
       const std::size_t sensor = SensorOf(lidar);
-      if (!intake_.IsInTime(sensor, frame->stamp_ns, Clock::now() - came, arrival)) continue;
+      if (!intake_.IsInTime(sensor, frame->stamp_ns, Clock::now() - arrived, arrival)) continue;
       intake_.Add(sensor, frame->stamp_ns,
                   "frame of " + lidar.name + ", stamp " + std::to_string(frame->stamp_ns) + " ns",
                   std::move(frame->cloud), arrival);
     }
     const LivoxCounts& counts = lidar.cutter.counts();
-    if (counts.lost <= lidar.lost_said) return;
-    teller_.Note(lidar.name + ": " + Count(counts.lost, "packet") + " lost, " +
-                 std::to_string(counts.used) + " used");
-    lidar.lost_said = 2 * counts.lost;
+    if (counts.lost <= lidar.lost_reported) return;
+    reporter_.Note(lidar.name + ": " + Count(counts.lost, "packet") + " lost, " +
+                   std::to_string(counts.used) + " used");
+    lidar.lost_reported = 2 * counts.lost;
   }
 
   LiveIntake& intake_;
-  LiveTeller& teller_;
+  LiveEventReporter& reporter_;
   LivoxLidars lidars_;
   LivoxReceiver receiver_;
   std::uint64_t refused_packets_ = 0;
@@ -203,7 +204,7 @@ class FolderSource : public LiveSource {
                std::optional<TimeNs> after_ns, LiveIntake& intake)
       : sources_(sources),
         intake_(intake),
-        folders_(Watched(sources, config), after_ns,
+        folders_(FollowedFoldersOf(sources, config), after_ns,
                  [this](const InputError& error) { intake_.TakeBadFrame(error); }) {}
 
   int fd() const override { return folders_.fd(); }
@@ -215,7 +216,7 @@ class FolderSource : public LiveSource {
     if (const std::optional<FollowedFrame> frame = folders_.Next()) {
       Take(*frame);
     } else {
-      intake_.LookForSilence();
+      intake_.CheckSilence();
     }
     intake_.TakeFollowed(folders_.counts());
     return true;
@@ -228,21 +229,23 @@ class FolderSource : public LiveSource {
   }
 
  private:
-  static std::vector<FollowedFolders::Folder> Watched(const std::vector<FrameSource>& sources,
-                                                      const Config& config) {
-    std::vector<FollowedFolders::Folder> watched;
+  static std::vector<FollowedFolders::Folder> FollowedFoldersOf(
+      const std::vector<FrameSource>& sources, const Config& config) {
+    std::vector<FollowedFolders::Folder> folders;
     for (const FrameSource& source : sources) {
       const SensorConfig sensor = SensorConfigOf(config, SourceName(source));
-      watched.push_back({source.directory, OffsetNs(SourceName(source), sensor),
+      folders.push_back({source.directory, OffsetNs(SourceName(source), sensor),
                          FrameRateHz(config.input, sensor)});
     }
-    return watched;
+    return folders;
   }
 
   void Take(const FollowedFrame& frame) {
-    // What was there before the program tells nothing by when it came.
-    const auto waited = frame.came ? std::make_optional(Clock::now() - *frame.came) : std::nullopt;
-    const auto arrival = frame.came ? std::make_optional(ArrivalAt(*frame.came)) : std::nullopt;
+    // What was there before the program tells nothing by when it arrived.
+    const auto waited =
+        frame.arrived ? std::make_optional(Clock::now() - *frame.arrived) : std::nullopt;
+    const auto arrival =
+        frame.arrived ? std::make_optional(ArrivalAt(*frame.arrived)) : std::nullopt;
     if (!intake_.IsInTime(frame.folder, frame.file.stamp_ns, waited, arrival)) return;
     const std::string& path = frame.file.path;
     PcdCloud cloud;
@@ -265,9 +268,9 @@ class FolderSource : public LiveSource {
 
 std::unique_ptr<LiveSource> OpenSource(const LiveRequest& request, const Config& config,
                                        std::optional<TimeNs> after_ns, LiveIntake& intake,
-                                       LiveTeller& teller) {
+                                       LiveEventReporter& reporter) {
   if (request.livox) {
-    return std::make_unique<PacketSource>(*request.livox, config, intake, teller);
+    return std::make_unique<PacketSource>(*request.livox, config, intake, reporter);
   }
   if (request.sources.empty()) return std::make_unique<MessageSource>(config, intake);
   return std::make_unique<FolderSource>(request.sources, config, after_ns, intake);

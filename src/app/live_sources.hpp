@@ -5,9 +5,9 @@
 #include <optional>
 
 #include "app/live.hpp"
+#include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/live_summary.hpp"
-#include "app/live_teller.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -41,6 +41,6 @@ class LiveSource {
 // references outlive it. Throws InputError.
 std::unique_ptr<LiveSource> OpenSource(const LiveRequest& request, const Config& config,
                                        std::optional<TimeNs> after_ns, LiveIntake& intake,
-                                       LiveTeller& teller);
+                                       LiveEventReporter& reporter);
 
 }  // namespace unlidar

@@ -42,7 +42,7 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
   }
   const InputCounts& counts = summary.counts;
   constexpr double kMsPerS = 1e3;
-  const FrameTimes& times = summary.frame_times;
+  const ProcessingTimes& times = summary.processing_times;
   const Json json = {{"version", kVersion},
                      {"inputs", inputs},
                      {"config", ConfigJson(config)},
@@ -52,11 +52,11 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                        {"bad_frames", counts.bad_frames},
                        {"late_frames", summary.late_frames},
                        {"astray_frames", summary.astray_frames},
-                       {"surplus_frames", summary.surplus_frames},
+                       {"surplus_frames", summary.overflow_frames},
                        {"overload_frames", summary.overload_frames},
                        {"vanished_frames", summary.followed.vanished},
                        {"passed_over_frames", summary.followed.passed_over},
-                       {"worked_off_frames", summary.followed.worked_off},
+                       {"worked_off_frames", summary.followed.already_processed},
                        {"refused_packets", summary.refused_packets},
                        {"rows", counts.rows},
                        {"no_return_rows", counts.no_return_rows},

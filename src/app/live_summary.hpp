@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "app/frame_times.hpp"
 #include "app/live_output.hpp"
+#include "app/processing_times.hpp"
 #include "base/recording.hpp"
 #include "config/config.hpp"
 #include "io/followed_folders.hpp"
@@ -19,7 +19,7 @@ struct LiveInput {
   std::string name;
   std::string directory;  // empty for stdin and --livox
   std::uint64_t frames = 0;
-  double blinded_s = 0.0;              // as of SensorSight
+  double blinded_s = 0.0;              // as of SensorHealth
   std::optional<LivoxCounts> packets;  // of --livox
 };
 
@@ -29,10 +29,10 @@ struct LiveSummary {
   InputCounts counts;
   std::uint64_t late_frames = 0;      // later than live.reorder_s
   std::uint64_t astray_frames = 0;    // of stamps that were not borne out
-  std::uint64_t surplus_frames = 0;   // more than may wait for live.reorder_s
+  std::uint64_t overflow_frames = 0;  // more than may wait for live.reorder_s
   std::uint64_t overload_frames = 0;  // left out to keep up
   FollowedCounts followed;
-  FrameTimes frame_times;             // of the processor, in the engine
+  ProcessingTimes processing_times;   // of the processor, in the engine
   std::uint64_t refused_packets = 0;  // that are none of a Livox sensor
   std::vector<LiveTrack> tracks;
   std::uint64_t tracks_left_out = 0;  // as of --only-drones
@@ -46,11 +46,11 @@ inline constexpr const char* kVanishedText = " removed before it could be read";
 inline constexpr const char* kPassedOverText = " passed over: the stamp had come before";
 
 // Behind the number of frames that an earlier run has worked off.
-inline constexpr const char* kWorkedOffText =
+inline constexpr const char* kAlreadyProcessedText =
     " passed over: worked off by an earlier run, as the rows of --out tell";
 
 // Behind the number of frames that had no room.
-inline constexpr const char* kSurplusText =
+inline constexpr const char* kOverflowText =
     " left out: more than may wait for live.reorder_s (4,096, or 192 MB)";
 
 std::string LiveSummaryJson(const LiveSummary& summary, const Config& config);

@@ -115,7 +115,7 @@ Json CountsJson(const PipelineResult& result) {
   return json;
 }
 
-Json FlightJson(const FlightCharacter& flight) {
+Json FlightJson(const FlightStatistics& flight) {
   const auto log_ratio = [&](Cue cue) { return flight.log_ratios[static_cast<std::size_t>(cue)]; };
   return {{"judged_s", flight.seconds},
           {"hover_share", flight.hover_share},

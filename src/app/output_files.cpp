@@ -107,7 +107,7 @@ class TemporaryFile {
         old_(Status(target_)),
         temporary_(target_),
         fd_(Create()) {
-    if (old_) HandOnPermissions();
+    if (old_) CopyPermissions();
   }
 
   void Write(const OutputFile& file) {
@@ -130,7 +130,7 @@ class TemporaryFile {
     return fd;
   }
 
-  void HandOnPermissions() const {
+  void CopyPermissions() const {
     mode_t mode = old_->st_mode & kRights;
     // Only root may give a file away, others at least to a group of theirs. In a group that is not
     // the old one, nobody gains a right.

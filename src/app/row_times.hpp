@@ -10,15 +10,16 @@ namespace unlidar {
 
 // Rows come in order but for those of a track, which follow in one go when it is confirmed. One
 // that is earlier than the latest by more than they may be late is of a clock that has gone back:
-// what came before it was ahead. Rows beyond `most_ns` count where there are no others.
+// what came before it was ahead. Rows beyond `max_time_ns` count where there are no others.
 class RowTimes {
  public:
-  RowTimes(TimeNs most_late_ns, TimeNs most_ns) : most_late_ns_(most_late_ns), most_ns_(most_ns) {}
+  RowTimes(TimeNs max_late_ns, TimeNs max_time_ns)
+      : max_late_ns_(max_late_ns), max_time_ns_(max_time_ns) {}
 
   void Add(TimeNs time_ns) {
     last_ns_ = time_ns;
     Take(time_ns, &latest_ns_);
-    if (time_ns <= most_ns_) Take(time_ns, &latest_within_ns_);
+    if (time_ns <= max_time_ns_) Take(time_ns, &latest_within_ns_);
   }
 
   // The row at the end.
@@ -31,12 +32,12 @@ class RowTimes {
 
  private:
   void Take(TimeNs time_ns, std::optional<TimeNs>* latest_ns) const {
-    const bool has_gone_back = *latest_ns && **latest_ns - time_ns > most_late_ns_;
+    const bool has_gone_back = *latest_ns && **latest_ns - time_ns > max_late_ns_;
     *latest_ns = has_gone_back ? time_ns : std::max(latest_ns->value_or(time_ns), time_ns);
   }
 
-  TimeNs most_late_ns_;
-  TimeNs most_ns_;
+  TimeNs max_late_ns_;
+  TimeNs max_time_ns_;
   std::optional<TimeNs> last_ns_;
   std::optional<TimeNs> latest_ns_;
   std::optional<TimeNs> latest_within_ns_;

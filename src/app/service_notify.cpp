@@ -48,15 +48,15 @@ ServiceNotifier::ServiceNotifier()
   if (const auto time = WatchdogTime()) feeding_ = Clock::duration(*time) / kFeedings;
 }
 
-void ServiceNotifier::TellAlive() {
+void ServiceNotifier::SendHeartbeat() {
   if (!has_started_) has_started_ = Send("READY=1");
   const Clock::time_point now = Clock::now();
   if (feeding_ && now - fed_ >= *feeding_ && Send("WATCHDOG=1")) fed_ = now;
 }
 
-void ServiceNotifier::TellStatus(const std::string& status) const { Send("STATUS=" + status); }
+void ServiceNotifier::ReportStatus(const std::string& status) const { Send("STATUS=" + status); }
 
-void ServiceNotifier::TellStopping() const { Send("STOPPING=1"); }
+void ServiceNotifier::ReportStopping() const { Send("STOPPING=1"); }
 
 bool ServiceNotifier::Send(const std::string& message) const {
   if (socket_.get() < 0) return false;

@@ -12,20 +12,20 @@
 namespace unlidar {
 
 // Speaks to $NOTIFY_SOCKET; says nothing where there is none, as in a shell. Never waits and never
-// fails: what could not be sent of TellAlive() is sent by a later one.
+// fails: what could not be sent of SendHeartbeat() is sent by a later one.
 class ServiceNotifier {
  public:
   ServiceNotifier();
 
   // For the loop that does the work, each time round. The first call says that the service has
   // started. Later ones feed the watchdog, four times in $WATCHDOG_USEC and not more often.
-  void TellAlive();
+  void SendHeartbeat();
 
   // A line for people, in `systemctl status`.
-  void TellStatus(const std::string& status) const;
+  void ReportStatus(const std::string& status) const;
 
   // The service is about to end, by itself or by a signal.
-  void TellStopping() const;
+  void ReportStopping() const;
 
  private:
   using Clock = std::chrono::steady_clock;

@@ -22,7 +22,7 @@ Json Rounded(double value) {
   return std::isfinite(value) ? Json(std::round(value * kPerUnit) / kPerUnit) : Json(nullptr);
 }
 
-Json PlaceJson(const Eigen::Vector3d& place_m) {
+Json PositionJson(const Eigen::Vector3d& place_m) {
   return Json::array({Rounded(place_m.x()), Rounded(place_m.y()), Rounded(place_m.z())});
 }
 
@@ -37,7 +37,7 @@ Json PathJson(const Path& path, const PathVerdict& verdict, const SearchTrace& t
   Json detections = Json::array();
   for (const std::uint32_t i : path.plots) {
     const Plot& plot = trace.plots[i];
-    Json detection = PlaceJson(plot.position_m);
+    Json detection = PositionJson(plot.position_m);
     detection.insert(detection.begin(), SecondsText(plot.time_ns));
     detections.push_back(std::move(detection));
   }
@@ -93,7 +93,7 @@ void TraceOutput::AddFrames(const Recording& recording, const SearchTrace& trace
     Json bodies = Json::array();
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
       if (trace.are_bodies[i] == 0) continue;
-      bodies.push_back(PlaceJson(recording.points_m[i].cast<double>()));
+      bodies.push_back(PositionJson(recording.points_m[i].cast<double>()));
     }
     Append(Json({{"trace", "frame"},
                  {"sensor", recording.sensors[frame.sensor].name},

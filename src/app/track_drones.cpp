@@ -77,7 +77,7 @@ PipelineRequest ToRequest(const Arguments& arguments) {
   PipelineRequest request;
   request.sources = arguments.sources;
   request.score_clusters = !arguments.clusters.empty();
-  request.least_drone = arguments.only_drones;
+  request.min_drone_probability = arguments.only_drones;
   if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
   if (!arguments.at.empty()) {
     request.output_times = ReadStampList(arguments.at, &request.are_times_whole);
@@ -210,7 +210,7 @@ void TrackWhileFramesCome(const Arguments& arguments, const Config& config) {
   request.out = arguments.out;
   request.events = arguments.events;
   request.summary = arguments.summary;
-  request.least_drone = arguments.only_drones;
+  request.min_drone_probability = arguments.only_drones;
   const std::string done = TrackLive(request, config, [&](const std::string& text) {
     if (!arguments.quiet) PrintNote(text);
   });

@@ -33,16 +33,16 @@ void ParallelFor(std::size_t count, const Work& work) {
       }
     }
   };
-  const auto most = static_cast<std::size_t>(std::max(1, MaxThreads().load()));
-  std::vector<std::thread> others;
-  others.reserve(std::min(most, count));
+  const auto max_threads = static_cast<std::size_t>(std::max(1, MaxThreads().load()));
+  std::vector<std::thread> workers;
+  workers.reserve(std::min(max_threads, count));
   try {
-    while (others.size() + 1 < std::min(most, count)) others.emplace_back(run);
+    while (workers.size() + 1 < std::min(max_threads, count)) workers.emplace_back(run);
   } catch (const std::system_error&) {
     // The threads that there are do the work.
   }
   run();
-  for (std::thread& other : others) other.join();
+  for (std::thread& other : workers) other.join();
   for (const std::exception_ptr& error : errors) {
     if (error) std::rethrow_exception(error);
   }

@@ -17,8 +17,8 @@ class Queue {
   using ConstIterator = typename std::vector<T>::const_iterator;
 
   Queue() = default;
-  template <class Other>
-  Queue(Other first, Other last) : values_(first, last), last_(values_.size()) {}
+  template <class InputIterator>
+  Queue(InputIterator first, InputIterator last) : values_(first, last), last_(values_.size()) {}
 
   bool empty() const { return first_ == last_; }
   std::size_t size() const { return last_ - first_; }
@@ -59,7 +59,7 @@ class Queue {
   void clear() { first_ = last_ = 0; }
 
   // Frees what is not needed now.
-  void Shed() {
+  void ShrinkToFit() {
     values_.erase(end(), values_.end());
     values_.erase(values_.begin(), begin());
     values_.shrink_to_fit();

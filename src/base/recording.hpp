@@ -112,7 +112,7 @@ struct Measurement {
 
 // That a target may have been somewhere else at some time, how likely, and where then: a mean and
 // variances.
-struct Doubt {
+struct AlternativeMode {
   TimeNs time_ns = 0;
   double probability = 0.0;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
@@ -124,9 +124,9 @@ struct Target {
   std::vector<Measurement> measurements;  // in time order
   std::vector<std::uint32_t> returns;     // indices into the recording, ascending
   double depth_sigma_m = 0.0;  // of all measurements together, along the rays from their viewpoints
-  std::vector<Doubt> doubts;   // in time order
-  TimeNs late_ns = 0;          // its returns were measured so much later than their times say
-  double score = 0.0;          // the method's own, see there
+  std::vector<AlternativeMode> alternative_modes;  // in time order
+  TimeNs time_bias_ns = 0;  // its returns were measured so much later than their times say
+  double score = 0.0;       // the method's own, see there
 };
 
 }  // namespace unlidar

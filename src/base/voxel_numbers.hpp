@@ -60,14 +60,14 @@ class VoxelNumbers {
       slot.number = kNone;
       if (!is_free(moved)) slots_[SlotOf(moved.grid, moved.key)] = moved;
     }
-    if (const std::size_t enough = PowerAbove(size_); kFarTooMuch * enough <= slots_.size()) {
+    if (const std::size_t enough = PowerAbove(size_); kShrinkFactor * enough <= slots_.size()) {
       MoveTo(enough);
     }
   }
 
  private:
-  static constexpr std::size_t kFewest = 64;
-  static constexpr std::size_t kFarTooMuch = 4;
+  static constexpr std::size_t kMinSlots = 64;
+  static constexpr std::size_t kShrinkFactor = 4;
 
   struct Slot {
     VoxelKey key = 0;
@@ -77,12 +77,12 @@ class VoxelNumbers {
 
   // A table of this size is between a quarter and half full.
   static std::size_t PowerAbove(std::size_t size) {
-    std::size_t power = kFewest;
+    std::size_t power = kMinSlots;
     while (power < 2 * (size + 1)) power *= 2;
     return power;
   }
 
-  void Grow() { MoveTo(std::max(kFewest, 2 * slots_.size())); }
+  void Grow() { MoveTo(std::max(kMinSlots, 2 * slots_.size())); }
 
   // To a table of another size.
   void MoveTo(std::size_t num_slots) {

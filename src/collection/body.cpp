@@ -50,10 +50,10 @@ void BodySpread::Add(const Recording& recording, const FrameInfo& frame,
   const double has_streak = 1.0 - std::pow(weight.minCoeff(), 2);
   const Eigen::Vector3d across = axes.col(0).cross(expected.velocity_mps).stableNormalized();
   for (const std::uint32_t i : returns) {
-    const double late_s =
+    const double elapsed_s =
         static_cast<double>(recording.times_ns[i] - expected.time_ns) * kSecondsPerNs;
-    const Eigen::Vector3d offset_m =
-        recording.points_m[i].cast<double>() - expected.position_m - late_s * expected.velocity_mps;
+    const Eigen::Vector3d offset_m = recording.points_m[i].cast<double>() - expected.position_m -
+                                     elapsed_s * expected.velocity_mps;
     sums_m2_ += weight * ((axes.transpose() * offset_m).array().square() - streak_m2);
     weights_ += weight;
     across_m2_ += has_streak * std::pow(across.dot(offset_m), 2);

@@ -18,7 +18,7 @@ namespace {
 // Drones of 0.8 m have 0.18 m, puffs of steam mostly 0.3 to 0.6 m.
 constexpr double kWidestDroneM = 0.35;
 // Half way between the two: what is no wider has been no piece of a cloud.
-constexpr double kSurelyDroneM = 0.25;
+constexpr double kCertainDroneM = 0.25;
 // The smallest drones are 8 cm wide: 0.023 m. An insect of 3 cm has 0.01 m and the noise of
 // directions near the sensor, drones of 0.2 m and more have 0.05 to 0.15 m. By so many returns
 // beside the first of their frames a drone of 0.05 m seems to be an insect less often than 1 in
@@ -31,7 +31,7 @@ constexpr double kStraysFromM = 3.0;
 constexpr double kStraysToM = 6.0;
 // The returns of a frame count as so many at most: what is beside a target in a single frame is no
 // part of it, however much that is.
-constexpr double kMostOfFrame = 5.0;
+constexpr double kMaxReturnsOfFrame = 5.0;
 // A piece of a cloud is as near as this to what some cloud returns at some time, for so much of its
 // own time, and goes the same way: with the wind, give or take the whirls in it.
 constexpr RangeRadius kReach{2.0, 0.02};
@@ -42,7 +42,7 @@ constexpr double kWhirlShare = 0.7;
 double Cube(double x) { return x * x * x; }
 
 // Those that lie about a target of a recording, and its own.
-Shape ShapeOf(const Recording& recording, const std::vector<SensorView>& views,
+Shape ShapeOf(const Recording& recording, const std::vector<StationModel>& station_models,
               const std::vector<Plot>& plots, const Target& target,
               const TrajectoryConfig& config) {
   const auto is_earlier = [](const Plot& plot, TimeNs time_ns) {
@@ -51,7 +51,7 @@ Shape ShapeOf(const Recording& recording, const std::vector<SensorView>& views,
   const Trajectory trajectory = FitTrajectory(target.measurements, config);
   Shape shape;
   std::vector<std::uint32_t> returns;
-  std::vector<Lump> lumps;
+  std::vector<ReturnCluster> clusters;
   auto own = target.returns.begin();
   for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
     const FrameInfo& frame = recording.frames[f];
@@ -67,12 +67,13 @@ Shape ShapeOf(const Recording& recording, const std::vector<SensorView>& views,
                           std::back_inserter(returns));
     }
     if (returns.empty()) continue;
-    lumps.clear();
+    clusters.clear();
     for (const std::uint32_t i : returns) {
-      lumps.push_back({recording.times_ns[i], recording.points_m[i].cast<double>(),
-                       std::binary_search(target.returns.begin(), target.returns.end(), i)});
+      clusters.push_back({recording.times_ns[i], recording.points_m[i].cast<double>(),
+                          std::binary_search(target.returns.begin(), target.returns.end(), i)});
     }
-    shape.Add(trajectory.At(time_ns), views[frame.sensor].viewpoint_m.cast<double>(), lumps);
+    shape.Add(trajectory.At(time_ns), station_models[frame.sensor].viewpoint_m.cast<double>(),
+              clusters);
   }
   return shape;
 }
@@ -80,7 +81,7 @@ Shape ShapeOf(const Recording& recording, const std::vector<SensorView>& views,
 }  // namespace
 
 void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
-                const std::vector<Lump>& lumps) {
+                const std::vector<ReturnCluster>& clusters) {
   const Eigen::Vector3d along = at.velocity_mps.stableNormalized();
   const Eigen::Vector3d ray_m = at.position_m - viewpoint_m;
   const double beam_m2 = kBeamSigmaRad * kBeamSigmaRad * ray_m.squaredNorm();
@@ -89,36 +90,36 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
   double strays = 0.0;
   Tally centred;  // its own, about their mean
   Eigen::Vector3d own_sum_m = Eigen::Vector3d::Zero();
-  for (const Lump& lump : lumps) {
-    const double later_s = static_cast<double>(lump.time_ns - at.time_ns) * kSecondsPerNs;
-    const Eigen::Vector3d off_m = lump.position_m - at.position_m - later_s * at.velocity_mps;
-    const double distance_m = off_m.norm();
-    if (lump.is_own || distance_m < kNearM) {
-      const Eigen::Vector3d off_across_m = off_m - off_m.dot(along) * along;
-      double across_m2 = 0.5 * lump.num_returns * off_across_m.squaredNorm();
-      if (lump.scatter_m2 != nullptr) {
-        across_m2 += 0.5 * (lump.scatter_m2->trace() - along.dot(*lump.scatter_m2 * along));
+  for (const ReturnCluster& cluster : clusters) {
+    const double later_s = static_cast<double>(cluster.time_ns - at.time_ns) * kSecondsPerNs;
+    const Eigen::Vector3d offset_m = cluster.position_m - at.position_m - later_s * at.velocity_mps;
+    const double distance_m = offset_m.norm();
+    if (cluster.is_own || distance_m < kNearM) {
+      const Eigen::Vector3d offset_across_m = offset_m - offset_m.dot(along) * along;
+      double across_m2 = 0.5 * cluster.num_returns * offset_across_m.squaredNorm();
+      if (cluster.scatter_m2 != nullptr) {
+        across_m2 += 0.5 * (cluster.scatter_m2->trace() - along.dot(*cluster.scatter_m2 * along));
       }
-      if (lump.is_own) {
-        centred.Add({lump.num_returns, across_m2});
-        own_sum_m += lump.num_returns * off_across_m;
+      if (cluster.is_own) {
+        centred.Add({cluster.num_returns, across_m2});
+        own_sum_m += cluster.num_returns * offset_across_m;
       }
-      (lump.is_own ? own : near)
-          .Add({lump.num_returns, std::max(across_m2 - lump.num_returns * beam_m2, 0.0)});
-      returns_.push_back({lump.position_m, at.velocity_mps});
+      (cluster.is_own ? own : near)
+          .Add({cluster.num_returns, std::max(across_m2 - cluster.num_returns * beam_m2, 0.0)});
+      returns_.push_back({cluster.position_m, at.velocity_mps});
     } else if (distance_m > kStraysFromM && distance_m < kStraysToM) {
-      strays += lump.num_returns;
+      strays += cluster.num_returns;
     }
   }
   if (centred.count > 1.0) {
     const double of_mean_m2 = 0.5 * own_sum_m.squaredNorm() / centred.count;
     within_.Add({centred.count - 1.0, std::max(centred.sum_m2 - of_mean_m2, 0.0)});
   }
-  const double weight = kMostOfFrame / std::max(kMostOfFrame, own.count + near.count);
+  const double weight = kMaxReturnsOfFrame / std::max(kMaxReturnsOfFrame, own.count + near.count);
   own_.Add(own, weight);
   near_.Add(near, weight);
   strays_ += weight * strays;
-  way_.push_back({at.position_m, at.velocity_mps});
+  path_.push_back({at.position_m, at.velocity_mps});
 }
 
 double Shape::SpreadM() const {
@@ -132,18 +133,19 @@ double Shape::SpreadM() const {
 }
 
 bool Shape::IsPieceOf(const std::vector<const Shape*>& clouds) const {
-  const auto is_in_cloud = [&](const Mover& at) {
+  const auto is_in_cloud = [&](const MotionState& at) {
     const double reach_m = kReach.At(at.position_m.norm());
     return std::any_of(clouds.begin(), clouds.end(), [&](const Shape* cloud) {
-      return std::any_of(cloud->returns_.begin(), cloud->returns_.end(), [&](const Mover& part) {
-        return (part.position_m - at.position_m).squaredNorm() < reach_m * reach_m &&
-               (part.velocity_mps - at.velocity_mps).norm() <
-                   kWhirlMps + kWhirlShare * part.velocity_mps.norm();
-      });
+      return std::any_of(
+          cloud->returns_.begin(), cloud->returns_.end(), [&](const MotionState& part) {
+            return (part.position_m - at.position_m).squaredNorm() < reach_m * reach_m &&
+                   (part.velocity_mps - at.velocity_mps).norm() <
+                       kWhirlMps + kWhirlShare * part.velocity_mps.norm();
+          });
     });
   };
-  const auto num_in = std::count_if(way_.begin(), way_.end(), is_in_cloud);
-  return static_cast<double>(num_in) > kPieceShare * static_cast<double>(way_.size());
+  const auto num_in = std::count_if(path_.begin(), path_.end(), is_in_cloud);
+  return static_cast<double>(num_in) > kPieceShare * static_cast<double>(path_.size());
 }
 
 bool Shape::IsInsect() const {
@@ -151,12 +153,12 @@ bool Shape::IsInsect() const {
          within_.sum_m2 < kNarrowestDroneM * kNarrowestDroneM * within_.count;
 }
 
-bool Shape::MayBeWide() const { return SpreadM() > kSurelyDroneM; }
+bool Shape::MayBeCloud() const { return SpreadM() > kCertainDroneM; }
 
 void Shape::Clear() {
   own_ = near_ = within_ = Tally();
   strays_ = 0.0;
-  way_.clear();
+  path_.clear();
   returns_.clear();
 }
 
@@ -165,7 +167,7 @@ bool Shape::IsCloud(const std::vector<const Shape*>& clouds) const {
 }
 
 std::vector<Rejection> ShapeRejections(const Recording& recording,
-                                       const std::vector<SensorView>& views,
+                                       const std::vector<StationModel>& station_models,
                                        const std::vector<Plot>& plots,
                                        const std::vector<Target>& targets,
                                        const RobustConfig& config,
@@ -173,7 +175,7 @@ std::vector<Rejection> ShapeRejections(const Recording& recording,
   std::vector<Shape> shapes;
   shapes.reserve(targets.size());
   for (const Target& target : targets) {
-    shapes.push_back(ShapeOf(recording, views, plots, target, trajectory_config));
+    shapes.push_back(ShapeOf(recording, station_models, plots, target, trajectory_config));
   }
   std::vector<Rejection> rejections(targets.size(), Rejection::kNone);
   for (std::size_t t = 0; t < targets.size(); ++t) {

@@ -6,7 +6,7 @@
 
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
-#include "scene/sensor_view.hpp"
+#include "scene/station_model.hpp"
 #include "tracking/rejection.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/types.hpp"
@@ -17,7 +17,7 @@ namespace unlidar {
 constexpr double kInTheAirM = 2.0;
 
 // Returns of one frame that lie together, or a single one.
-struct Lump {
+struct ReturnCluster {
   TimeNs time_ns = 0;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // their mean
   bool is_own = false;                                   // of the target that is judged
@@ -30,7 +30,7 @@ class Shape {
  public:
   // A frame: the target at its middle, seen from a viewpoint, and what the frame shows in the air.
   void Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
-           const std::vector<Lump>& lumps);
+           const std::vector<ReturnCluster>& clusters);
 
   // Whether it lies wider than a drone, or is a piece of one of these clouds.
   bool IsCloud(const std::vector<const Shape*>& clouds) const;
@@ -39,7 +39,7 @@ class Shape {
   bool IsInsect() const;
 
   // Whether it lies so wide that it may be a piece of a cloud that is still small.
-  bool MayBeWide() const;
+  bool MayBeCloud() const;
 
   // Of nothing yet.
   void Clear();
@@ -57,7 +57,7 @@ class Shape {
   };
 
   // Something in motion.
-  struct Mover {
+  struct MotionState {
     Eigen::Vector3d position_m;
     Eigen::Vector3d velocity_mps;
   };
@@ -72,17 +72,17 @@ class Shape {
   Tally near_;    // of others
   Tally within_;  // its own beside the first of each frame, about the means of the frames
   double strays_ = 0.0;
-  std::vector<Mover> way_;      // in the frames that show something about it
-  std::vector<Mover> returns_;  // its own and those near it
+  std::vector<MotionState> path_;     // in the frames that show something about it
+  std::vector<MotionState> returns_;  // its own and those near it
 };
 
 // (targets) Which are clouds: what is about them at the same time, beyond what strays farther about
 // them explain, lies wider than any drone. A cloud comes in many pieces, one after
 // another on nearly the same way, and while they are small they look like drones: so what stays
 // where a cloud is at some time is a piece of it. And the insects: their returns of a frame lie
-// closer together than those of any drone. `plots` in order of time; `views`: (sensors).
+// closer together than those of any drone. `plots` in order of time; `station_models`: (sensors).
 std::vector<Rejection> ShapeRejections(const Recording& recording,
-                                       const std::vector<SensorView>& views,
+                                       const std::vector<StationModel>& station_models,
                                        const std::vector<Plot>& plots,
                                        const std::vector<Target>& targets,
                                        const RobustConfig& config,

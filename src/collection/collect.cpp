@@ -7,9 +7,9 @@
 #include <optional>
 
 #include "collection/body.hpp"
+#include "collection/dwell_intervals.hpp"
 #include "collection/frame_length.hpp"
-#include "collection/presence.hpp"
-#include "collection/sensor_shifts.hpp"
+#include "collection/sensor_biases.hpp"
 #include "collection/spots.hpp"
 #include "collection/visibility.hpp"
 
@@ -23,9 +23,10 @@ constexpr double kMaxSearchSigmaM = 1.0;
 // In each round returns are looked for so far beyond the ends.
 constexpr TimeNs kMaxExtensionNs = 2'000'000'000;
 // The target's stay this near to a place says nothing of the clutter there: a body and its noise.
-constexpr RangeRadius kPresence{1.5, 0.03};
-// Before its first sighting and behind its last one it may be where it was then, for so long.
-constexpr TimeNs kMayStayNs = 10'000'000'000;
+constexpr RangeRadius kDwellRadius{1.5, 0.03};
+// Before its first sensor_measurement and behind its last one it may be where it was then, for so
+// long.
+constexpr TimeNs kMaxDwellBeyondEndsNs = 10'000'000'000;
 
 // The covariance of one return about the target, without that of the trajectory.
 Eigen::Matrix3d ReturnCovarianceM2(const Eigen::Vector3d& ray_m, const BodySigmas& body) {
@@ -33,7 +34,7 @@ Eigen::Matrix3d ReturnCovarianceM2(const Eigen::Vector3d& ray_m, const BodySigma
   return BodyCovarianceM2(body, ray_m) + beam_m * beam_m * Eigen::Matrix3d::Identity();
 }
 
-Measurement Measure(const Recording& recording, const FrameInfo& frame, const SensorView& view,
+Measurement Measure(const Recording& recording, const FrameInfo& frame, const StationModel& station,
                     const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
                     const BodySigmas& body) {
   Measurement m;
@@ -45,10 +46,10 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame, const Se
   }
   m.time_ns = frame.begin_ns + std::llround(offset_ns);
   m.support = static_cast<int>(returns.size());
-  m.viewpoint_m = view.viewpoint_m.cast<double>();
+  m.viewpoint_m = station.viewpoint_m.cast<double>();
   m.covariance_m2 =
       kCentreSigmaM * kCentreSigmaM * Eigen::Matrix3d::Identity() +
-      (ReturnCovarianceM2(RayM(view, m.position_m), body) + StreakM2(frame, velocity_mps)) / n;
+      (ReturnCovarianceM2(RayM(station, m.position_m), body) + StreakM2(frame, velocity_mps)) / n;
   return m;
 }
 
@@ -58,7 +59,7 @@ bool IsEarlier(const Measurement& a, const Measurement& b) { return a.time_ns < 
 // returns. What stations see from different sides is compared, and fitted, as seen from one.
 class FacingSide {
  public:
-  FacingSide(const SensorView& main, double share) : main_(main), share_(share) {}
+  FacingSide(const StationModel& main, double share) : main_(main), share_(share) {}
 
   // How far the centre lies behind what the main station sees.
   Eigen::Vector3d DepthM(const Eigen::Vector3d& place_m, double body_sigma_m) const {
@@ -66,18 +67,18 @@ class FacingSide {
   }
 
   // From what a sensor sees to what the main station does; none for its own sensors.
-  Eigen::Vector3d OffsetM(const SensorView& view, const Eigen::Vector3d& place_m,
+  Eigen::Vector3d OffsetM(const StationModel& station, const Eigen::Vector3d& place_m,
                           double body_sigma_m) const {
-    return DepthFrom(view, place_m, body_sigma_m) - DepthM(place_m, body_sigma_m);
+    return DepthFrom(station, place_m, body_sigma_m) - DepthM(place_m, body_sigma_m);
   }
 
  private:
-  Eigen::Vector3d DepthFrom(const SensorView& view, const Eigen::Vector3d& place_m,
+  Eigen::Vector3d DepthFrom(const StationModel& station, const Eigen::Vector3d& place_m,
                             double body_sigma_m) const {
-    return share_ * body_sigma_m * RayM(view, place_m).normalized();
+    return share_ * body_sigma_m * RayM(station, place_m).normalized();
   }
 
-  SensorView main_;
+  StationModel main_;
   double share_;
 };
 
@@ -91,22 +92,23 @@ struct Candidate {
 };
 
 // What a frame shows of the target, as far as it may be told from its surroundings.
-struct Look {
+struct GatedFrame {
   const FrameInfo* frame = nullptr;
   TrajectoryRow expected;
   Eigen::Vector3d facing_m = Eigen::Vector3d::Zero();
   std::vector<Candidate> candidates;
 };
 
-std::vector<Candidate> FindCandidates(const Recording& recording, const FrameInfo& frame,
-                                      const SensorView& view, const std::vector<char>& excluded,
-                                      const Trajectory& trajectory, const Presence& presence,
-                                      const TrajectoryRow& expected, double returns_per_frame,
-                                      const BodySigmas& body) {
+std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& frame,
+                                   const StationModel& station, const std::vector<char>& excluded,
+                                   const Trajectory& trajectory,
+                                   const DwellIntervals& dwell_intervals,
+                                   const TrajectoryRow& expected, double returns_per_frame,
+                                   const BodySigmas& body) {
   const TimeNs middle_ns = expected.time_ns;
   const Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) +
                             StreakM2(frame, expected.velocity_mps) +
-                            ReturnCovarianceM2(RayM(view, expected.position_m), body);
+                            ReturnCovarianceM2(RayM(station, expected.position_m), body);
   const Eigen::Matrix3d information = s.inverse();
   const double log_peak =
       std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
@@ -127,37 +129,38 @@ std::vector<Candidate> FindCandidates(const Recording& recording, const FrameInf
     const double distance2 = e.dot(information * e);
     if (distance2 > kGate * kGate) continue;
     const Eigen::Vector3d place_m = recording.points_m[i].cast<double>();
-    // The target's presence says nothing of the clutter there.
+    // The target's dwell_intervals says nothing of the clutter there.
     auto [from_ns, to_ns] =
-        presence.About(time_ns, place_m, kPresence.At(RayM(view, place_m).norm()));
-    const double rate =
-        view.background->RateOutside(recording.points_m[i] - view.viewpoint_m, from_ns, to_ns);
+        dwell_intervals.Around(time_ns, place_m, kDwellRadius.At(RayM(station, place_m).norm()));
+    const double rate = station.background->RateOutside(recording.points_m[i] - station.viewpoint_m,
+                                                        from_ns, to_ns);
     const double log_density = log_peak - 0.5 * distance2;
     if (rate >= 0.0 && log_density < std::log(rate)) continue;
     // Nor does what may be its stay beyond what is known of it so far: a few returns, which are
     // hardly anything in the surroundings, but all there is at the very place.
-    if (from_ns <= trajectory.begin_ns()) from_ns -= kMayStayNs;
-    if (to_ns >= trajectory.end_ns()) to_ns += kMayStayNs;
+    if (from_ns <= trajectory.begin_ns()) from_ns -= kMaxDwellBeyondEndsNs;
+    if (to_ns >= trajectory.end_ns()) to_ns += kMaxDwellBeyondEndsNs;
     candidates.push_back({i, log_density, rate, from_ns, to_ns});
   }
   return candidates;
 }
 
-struct Members {
+struct AssignedReturns {
   std::vector<std::uint32_t> returns;
   double log_ratio = 0.0;  // of all, as far as it is known what their places return
 };
 
 // The candidates that are likelier the target's than those of their very places, too.
-Members MembersOf(const Recording& recording, const Look& look, const std::optional<Spots>& spots) {
-  Members members;
-  for (const Candidate& candidate : look.candidates) {
+AssignedReturns AssignReturns(const Recording& recording, const GatedFrame& gated,
+                              const std::optional<Spots>& spots) {
+  AssignedReturns members;
+  for (const Candidate& candidate : gated.candidates) {
     double log_ratio = 0.0;
     if (candidate.surroundings_rate >= 0.0) {
       double rate = candidate.surroundings_rate;
       if (spots) {
         rate = std::max(rate,
-                        spots->RateOutside(look.frame->sensor, recording.points_m[candidate.index],
+                        spots->RateOutside(gated.frame->sensor, recording.points_m[candidate.index],
                                            candidate.from_ns, candidate.to_ns, rate));
       }
       log_ratio = candidate.log_density - std::log(rate);
@@ -169,17 +172,17 @@ Members MembersOf(const Recording& recording, const Look& look, const std::optio
   return members;
 }
 
-std::vector<std::uint32_t> ReturnsOf(const std::vector<Look>& looks) {
+std::vector<std::uint32_t> ReturnsOf(const std::vector<GatedFrame>& gated_frames) {
   std::vector<std::uint32_t> returns;
-  for (const Look& look : looks) {
-    for (const Candidate& candidate : look.candidates) returns.push_back(candidate.index);
+  for (const GatedFrame& gated : gated_frames) {
+    for (const Candidate& candidate : gated.candidates) returns.push_back(candidate.index);
   }
   return returns;
 }
 
 }  // namespace
 
-Target CollectTarget(const Recording& recording, const std::vector<SensorView>& views,
+Target CollectTarget(const Recording& recording, const std::vector<StationModel>& station_models,
                      const std::vector<Plot>& path, const std::vector<char>& excluded,
                      const RobustConfig& robust, const TrajectoryConfig& trajectory_config) {
   const CollectConfig& config = robust.collect;
@@ -190,73 +193,77 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
     returns[recording.frames[plot.frame].sensor] += static_cast<int>(plot.returns.size());
   }
   const std::size_t main_sensor = MainSensor(returns);
-  const FacingSide facing(views[main_sensor], config.facing_side);
+  const FacingSide facing(station_models[main_sensor], config.facing_side);
   for (const Plot& plot : path) {
     const FrameInfo& frame = recording.frames[plot.frame];
-    target.measurements.push_back(Measure(recording, frame, views[frame.sensor], plot.returns,
-                                          Eigen::Vector3d::Zero(), body));
+    target.measurements.push_back(Measure(recording, frame, station_models[frame.sensor],
+                                          plot.returns, Eigen::Vector3d::Zero(), body));
     Eigen::Vector3d& position_m = target.measurements.back().position_m;
-    position_m += facing.OffsetM(views[frame.sensor], position_m, body.width_m);
+    position_m += facing.OffsetM(station_models[frame.sensor], position_m, body.width_m);
     target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
   }
   std::stable_sort(target.measurements.begin(), target.measurements.end(), IsEarlier);
   std::sort(target.returns.begin(), target.returns.end());
 
-  std::vector<SensorShift> shifts(recording.sensors.size());
+  std::vector<SensorBias> sensor_biases(recording.sensors.size());
   std::vector<FrameLength> lengths(recording.sensors.size());
   for (int round = 0; round < config.rounds; ++round) {
     const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
-    const Presence presence(trajectory);
-    const Visibility visibility(recording, views, trajectory, target.returns);
-    std::vector<Sighting> sightings;
+    const DwellIntervals dwell_intervals(trajectory);
+    const Visibility visibility(recording, station_models, trajectory, target.returns);
+    std::vector<SensorMeasurement> sensor_measurements;
     BodySpread spread(config.body_sigma_m);
     lengths.assign(recording.sensors.size(), FrameLength());
-    std::vector<Look> looks;
+    std::vector<GatedFrame> gated_frames;
     for (const FrameInfo& frame : recording.frames) {
       const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
       if (middle_ns < trajectory.begin_ns() - kMaxExtensionNs) continue;
       if (middle_ns > trajectory.end_ns() + kMaxExtensionNs) continue;
-      const SensorView& view = views[frame.sensor];
-      const SensorShift& shift = shifts[frame.sensor];
-      TrajectoryRow expected = trajectory.At(middle_ns - NsOf(shift.delay_s));
+      const StationModel& station = station_models[frame.sensor];
+      const SensorBias& sensor_bias = sensor_biases[frame.sensor];
+      TrajectoryRow expected = trajectory.At(middle_ns - NsOf(sensor_bias.delay_s));
       if (expected.sigma_m.maxCoeff() > kMaxSearchSigmaM) continue;
       expected.time_ns = middle_ns;  // by the sensor's clock
-      expected.position_m += shift.bias_m;
-      const Eigen::Vector3d facing_m = facing.OffsetM(view, expected.position_m, body.width_m);
+      expected.position_m += sensor_bias.bias_m;
+      const Eigen::Vector3d facing_m = facing.OffsetM(station, expected.position_m, body.width_m);
       expected.position_m -= facing_m;
       const double returns_per_frame =
-          visibility.ReturnsPerFrame(frame.sensor, middle_ns, RayM(view, expected.position_m));
-      looks.push_back({&frame, expected, facing_m,
-                       FindCandidates(recording, frame, view, excluded, trajectory, presence,
-                                      expected, returns_per_frame, body)});
+          visibility.ReturnsPerFrame(frame.sensor, middle_ns, RayM(station, expected.position_m));
+      gated_frames.push_back({&frame, expected, facing_m,
+                              GateReturns(recording, frame, station, excluded, trajectory,
+                                          dwell_intervals, expected, returns_per_frame, body)});
     }
     std::optional<Spots> spots;
-    if (robust.Uses(Rule::kSpots)) spots.emplace(recording, views, ReturnsOf(looks));
+    if (robust.Uses(Rule::kSpots))
+      spots.emplace(recording, station_models, ReturnsOf(gated_frames));
     Target next;
-    for (const Look& look : looks) {
-      const auto [members, log_ratio] = MembersOf(recording, look, spots);
+    for (const GatedFrame& gated : gated_frames) {
+      const auto [members, log_ratio] = AssignReturns(recording, gated, spots);
       if (members.empty()) continue;
-      const FrameInfo& frame = *look.frame;
-      const SensorView& view = views[frame.sensor];
-      const Eigen::Vector3d& velocity_mps = look.expected.velocity_mps;
-      spread.Add(recording, frame, view.viewpoint_m.cast<double>(), members, look.expected);
-      lengths[frame.sensor].Add(recording, frame, view.viewpoint_m.cast<double>(), members,
+      const FrameInfo& frame = *gated.frame;
+      const StationModel& station = station_models[frame.sensor];
+      const Eigen::Vector3d& velocity_mps = gated.expected.velocity_mps;
+      spread.Add(recording, frame, station.viewpoint_m.cast<double>(), members, gated.expected);
+      lengths[frame.sensor].Add(recording, frame, station.viewpoint_m.cast<double>(), members,
                                 velocity_mps, body);
-      sightings.push_back({Measure(recording, frame, view, members, velocity_mps, body),
-                           frame.sensor, velocity_mps});
-      sightings.back().measurement.position_m += look.facing_m;
-      sightings.back().measurement.log_ratio = log_ratio;
+      sensor_measurements.push_back(
+          {Measure(recording, frame, station, members, velocity_mps, body), frame.sensor,
+           velocity_mps});
+      sensor_measurements.back().measurement.position_m += gated.facing_m;
+      sensor_measurements.back().measurement.log_ratio = log_ratio;
       next.returns.insert(next.returns.end(), members.begin(), members.end());
     }
-    if (sightings.empty()) return next;
-    std::stable_sort(sightings.begin(), sightings.end(), [](const Sighting& a, const Sighting& b) {
-      return a.measurement.time_ns < b.measurement.time_ns;
-    });
-    shifts = SensorShifts(sightings, views, config);
-    for (Sighting& sighting : sightings) {
-      sighting.measurement.position_m -= shifts[sighting.sensor].bias_m;
-      sighting.measurement.time_ns -= NsOf(shifts[sighting.sensor].delay_s);
-      next.measurements.push_back(sighting.measurement);
+    if (sensor_measurements.empty()) return next;
+    std::stable_sort(sensor_measurements.begin(), sensor_measurements.end(),
+                     [](const SensorMeasurement& a, const SensorMeasurement& b) {
+                       return a.measurement.time_ns < b.measurement.time_ns;
+                     });
+    sensor_biases = EstimateSensorBiases(sensor_measurements, station_models, config);
+    for (SensorMeasurement& sensor_measurement : sensor_measurements) {
+      sensor_measurement.measurement.position_m -= sensor_biases[sensor_measurement.sensor].bias_m;
+      sensor_measurement.measurement.time_ns -=
+          NsOf(sensor_biases[sensor_measurement.sensor].delay_s);
+      next.measurements.push_back(sensor_measurement.measurement);
     }
     std::stable_sort(next.measurements.begin(), next.measurements.end(), IsEarlier);
     std::sort(next.returns.begin(), next.returns.end());
@@ -271,7 +278,7 @@ Target CollectTarget(const Recording& recording, const std::vector<SensorView>& 
   }
   target.depth_sigma_m = kFacingSideSigma * body.width_m;
   // The clocks of all agree with that of the main sensor.
-  target.late_ns = NsOf(lengths[main_sensor].LateS());
+  target.time_bias_ns = NsOf(lengths[main_sensor].TimeBiasS());
   return target;
 }
 

@@ -5,7 +5,7 @@
 
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
-#include "scene/sensor_view.hpp"
+#include "scene/station_model.hpp"
 #include "trajectory/trajectory.hpp"
 #include "unlidar/config.hpp"
 
@@ -19,9 +19,9 @@ constexpr double kBeamSigmaRad = 0.002;
 // have 0.2 to 0.4, the drone of seq0001 0.55.
 constexpr double kFacingSideSigma = 0.3;
 
-// The target of a path: its returns, and per frame their mean. `views`: (sensors). `excluded`
-// returns (N) are left alone. Empty measurements where nothing fits.
-Target CollectTarget(const Recording& recording, const std::vector<SensorView>& views,
+// The target of a path: its returns, and per frame their mean. `station_models`: (sensors).
+// `excluded` returns (N) are left alone. Empty measurements where nothing fits.
+Target CollectTarget(const Recording& recording, const std::vector<StationModel>& station_models,
                      const std::vector<Plot>& path, const std::vector<char>& excluded,
                      const RobustConfig& robust, const TrajectoryConfig& trajectory_config);
 

@@ -8,16 +8,16 @@ namespace unlidar {
 namespace {
 
 // LiDARs give 5 to 20 frames a second, most of them 10.
-constexpr double kTurnS = 0.1;
-constexpr double kLongestTurnS = 0.2;
+constexpr double kRevolutionS = 0.1;
+constexpr double kMaxRevolutionS = 0.2;
 
 }  // namespace
 
-bool FrameLength::IsOpen(double length_s) { return length_s > kLongestTurnS; }
+bool FrameLength::IsAmbiguous(double length_s) { return length_s > kMaxRevolutionS; }
 
 void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
   // The stamp stands at the same share of either length.
-  late_s_ = streak.stamp_s * (1.0 - kTurnS / streak.length_s);
+  time_bias_s_ = streak.stamp_s * (1.0 - kRevolutionS / streak.length_s);
   const Eigen::Vector3d along = streak.velocity_mps.stableNormalized();
   const double square_sum_m2 = along.dot(streak.scatter_m2 * along);
   const double beam_m = kBeamSigmaRad * streak.ray_m.norm();
@@ -28,7 +28,7 @@ void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
     return -0.5 *
            ((streak.num_returns - 1.0) * std::log(variance_m2) + square_sum_m2 / variance_m2);
   };
-  log_short_ += log_likelihood(kTurnS) - log_likelihood(streak.length_s);
+  log_short_ += log_likelihood(kRevolutionS) - log_likelihood(streak.length_s);
 }
 
 void FrameLength::Add(const Recording& recording, const FrameInfo& frame,
@@ -36,7 +36,7 @@ void FrameLength::Add(const Recording& recording, const FrameInfo& frame,
                       const Eigen::Vector3d& velocity_mps, const BodySigmas& body) {
   Streak streak;
   streak.length_s = static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
-  if (frame.is_timed || !IsOpen(streak.length_s)) return;
+  if (frame.is_timed || !IsAmbiguous(streak.length_s)) return;
   streak.stamp_s =
       static_cast<double>(frame.stamp_ns - frame.begin_ns) * kSecondsPerNs - 0.5 * streak.length_s;
   streak.num_returns = static_cast<double>(returns.size());
@@ -53,6 +53,6 @@ void FrameLength::Add(const Recording& recording, const FrameInfo& frame,
   Add(streak, body);
 }
 
-double FrameLength::LateS() const { return late_s_ / (1.0 + std::exp(-log_short_)); }
+double FrameLength::TimeBiasS() const { return time_bias_s_ / (1.0 + std::exp(-log_short_)); }
 
 }  // namespace unlidar

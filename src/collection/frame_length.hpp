@@ -26,7 +26,7 @@ struct Streak {
 class FrameLength {
  public:
   // Whether a streak tells anything: frames of up to 0.2 s are what LiDARs take for one.
-  static bool IsOpen(double length_s);
+  static bool IsAmbiguous(double length_s);
 
   void Add(const Streak& streak, const BodySigmas& body);
 
@@ -37,11 +37,11 @@ class FrameLength {
 
   // How much later than in the middle of such frames returns were measured, as is to be expected of
   // what is known. None for frames with times, or that come as fast as a LiDAR gives them.
-  double LateS() const;
+  double TimeBiasS() const;
 
  private:
-  double log_short_ = 0.0;  // log likelihood ratio: frames last as long as a LiDAR's turn
-  double late_s_ = 0.0;     // if they do
+  double log_short_ = 0.0;    // log likelihood ratio: frames last as long as a LiDAR's turn
+  double time_bias_s_ = 0.0;  // if they do
 };
 
 }  // namespace unlidar

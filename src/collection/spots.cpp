@@ -39,7 +39,7 @@ class Neighbourhood {
     box_ = {box_.min() - margin_m, box_.max() + margin_m};
   }
 
-  bool Holds(const Eigen::Vector3f& point_m) const {
+  bool Contains(const Eigen::Vector3f& point_m) const {
     return box_.contains(point_m) &&
            voxels_.Find(0, VoxelOf(point_m, kReachM)) != VoxelNumbers::kNone;
   }
@@ -51,38 +51,38 @@ class Neighbourhood {
 
 }  // namespace
 
-Spots::Spots(const Recording& recording, const std::vector<SensorView>& views,
+Spots::Spots(const Recording& recording, const std::vector<StationModel>& station_models,
              const std::vector<std::uint32_t>& candidates)
-    : views_(views) {
+    : station_models_(station_models) {
   std::vector<const Background*> backgrounds;
-  for (const SensorView& view : views) {
-    const auto at = std::find(backgrounds.begin(), backgrounds.end(), view.background);
+  for (const StationModel& station : station_models) {
+    const auto at = std::find(backgrounds.begin(), backgrounds.end(), station.background);
     stations_.push_back(static_cast<std::size_t>(at - backgrounds.begin()));
     if (at != backgrounds.end()) continue;
-    backgrounds.push_back(view.background);
+    backgrounds.push_back(station.background);
     grids_.emplace_back(kSpot);
   }
   const Neighbourhood neighbourhood(recording, candidates);
   for (const FrameInfo& frame : recording.frames) {
-    const SensorView& view = views[frame.sensor];
+    const StationModel& station = station_models[frame.sensor];
     RangeGrid& grid = grids_[stations_[frame.sensor]];
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
       const Eigen::Vector3f& point_m = recording.points_m[i];
-      if (!neighbourhood.Holds(point_m)) continue;
+      if (!neighbourhood.Contains(point_m)) continue;
       if (std::binary_search(candidates.begin(), candidates.end(), i)) continue;
-      grid.Add(point_m - view.viewpoint_m, view.background->BinOf(recording.times_ns[i]));
+      grid.Add(point_m - station.viewpoint_m, station.background->BinOf(recording.times_ns[i]));
     }
   }
 }
 
 double Spots::RateOutside(std::uint32_t sensor, const Eigen::Vector3f& point_m, TimeNs from_ns,
                           TimeNs to_ns, double surroundings_rate) const {
-  const SensorView& view = views_[sensor];
+  const StationModel& station = station_models_[sensor];
   const RangeGrid& grid = grids_[stations_[sensor]];
-  const Eigen::Vector3f ray_m = point_m - view.viewpoint_m;
-  const BinRange inside = view.background->BinsTouching(from_ns, to_ns);
+  const Eigen::Vector3f ray_m = point_m - station.viewpoint_m;
+  const BinRange inside = station.background->BinsTouching(from_ns, to_ns);
   const double returns = grid.Count(ray_m) - grid.Count(ray_m, inside);
-  const double exposure = view.background->NumFramesOutside(inside) * grid.VolumeM3(ray_m);
+  const double exposure = station.background->NumFramesOutside(inside) * grid.VolumeM3(ray_m);
   return ClutterRate(returns, exposure, surroundings_rate);
 }
 

@@ -8,7 +8,7 @@
 
 #include "base/recording.hpp"
 #include "scene/range_grid.hpp"
-#include "scene/sensor_view.hpp"
+#include "scene/station_model.hpp"
 
 namespace unlidar {
 
@@ -17,10 +17,10 @@ namespace unlidar {
 // has a hundred times its rate.
 class Spots {
  public:
-  // `views`: (sensors). `candidates`: the returns that may be the target's, as indices into the
-  // recording, ascending. Their places may be asked for; they do not count, as a target may come
-  // back to where it was.
-  Spots(const Recording& recording, const std::vector<SensorView>& views,
+  // `station_models`: (sensors). `candidates`: the returns that may be the target's, as indices
+  // into the recording, ascending. Their places may be asked for; they do not count, as a target
+  // may come back to where it was.
+  Spots(const Recording& recording, const std::vector<StationModel>& station_models,
         const std::vector<std::uint32_t>& candidates);
 
   // Returns per m^3 and frame at the place of a candidate, as its station sees it in the bins that
@@ -29,7 +29,7 @@ class Spots {
                      TimeNs to_ns, double surroundings_rate) const;
 
  private:
-  const std::vector<SensorView>& views_;
+  const std::vector<StationModel>& station_models_;
   std::vector<std::size_t> stations_;  // (sensors)
   std::vector<RangeGrid> grids_;       // (stations)
 };

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "scene/sensor_view.hpp"
+#include "scene/station_model.hpp"
 #include "trajectory/trajectory.hpp"
 
 namespace unlidar {
@@ -15,8 +15,8 @@ namespace unlidar {
 // range. Some time tells more of it than the whole flight does, which it leans on.
 class Visibility {
  public:
-  // `views`: (sensors). `returns`: the target's, ascending.
-  Visibility(const Recording& recording, const std::vector<SensorView>& views,
+  // `station_models`: (sensors). `returns`: the target's, ascending.
+  Visibility(const Recording& recording, const std::vector<StationModel>& station_models,
              const Trajectory& trajectory, const std::vector<std::uint32_t>& returns);
 
   // Beyond its ends as often as there.
@@ -24,13 +24,13 @@ class Visibility {
                          const Eigen::Vector3d& ray_m) const;
 
  private:
-  struct Look {
+  struct FrameExposure {
     TimeNs time_ns;
     double num_returns;
     double per_m2;
   };
   struct Sensor {
-    std::vector<Look> looks;  // by time
+    std::vector<FrameExposure> exposures;  // by time
     double num_returns = 0.0;
     double per_m2 = 0.0;
   };

@@ -42,10 +42,10 @@ std::string Join(const std::string& section, const std::string& key) {
   return section.empty() ? key : section + "." + key;
 }
 
-// `place`: with a colon, or empty.
-void CheckSensorName(const std::string& place, const std::string& name) {
+// `location`: with a colon, or empty.
+void CheckSensorName(const std::string& location, const std::string& name) {
   if (IsSensorName(name)) return;
-  throw ConfigError(place + "sensors: " + Quoted(name) + ", " + kExpectedSensorName);
+  throw ConfigError(location + "sensors: " + Quoted(name) + ", " + kExpectedSensorName);
 }
 
 // Overlays values on a config and remembers where each came from, for messages.
@@ -53,9 +53,9 @@ class Overlay {
  public:
   explicit Overlay(Config& config) : config_(config) {}
 
-  // Applies the map below the dotted prefix; where(node) names a node's place in the source.
-  template <class Where>
-  void ApplyMap(const std::string& prefix, const YAML::Node& map, const Where& where) {
+  // Applies the map below the dotted prefix; where(node) names a node's location in the source.
+  template <class LocationOf>
+  void ApplyMap(const std::string& prefix, const YAML::Node& map, const LocationOf& where) {
     std::set<std::string> seen;
     for (const auto& item : map) {
       // A dotted key would be a second way to write, and hide, a nested one.
@@ -75,30 +75,30 @@ class Overlay {
     }
   }
 
-  void ApplyValue(const std::string& key, const YAML::Node& node, const std::string& place) {
+  void ApplyValue(const std::string& key, const YAML::Node& node, const std::string& location) {
     bool known = false;
     const auto assign = [&](const std::string& name, auto& field, const auto& constraint) {
       if (name != key) return;
       known = true;
       if (!Read(node, field, constraint)) {
-        throw ConfigError(place + ": " + Shortened(key) + ": " + Quote(node) + ", expected " +
+        throw ConfigError(location + ": " + Shortened(key) + ": " + Quote(node) + ", expected " +
                           Expected(field, constraint));
       }
-      places_[key] = place;
+      locations_[key] = location;
     };
     VisitKeys(assign, config_);
     const std::size_t last_dot = key.rfind('.');
     if (IsBelowSensors(key) && last_dot >= kSensorPrefix.size()) {
-      SensorConfig& sensor = SensorOf(key.substr(0, last_dot), place);
+      SensorConfig& sensor = SensorOf(key.substr(0, last_dot), location);
       VisitSensorKeys(assign, key.substr(0, last_dot + 1), sensor);
     }
     if (!known) {
-      throw ConfigError(place + ": " + Shortened(key) + ": unknown key" + Suggestion(key));
+      throw ConfigError(location + ": " + Shortened(key) + ": unknown key" + Suggestion(key));
     }
   }
 
-  // Where each value came from, by key.
-  const std::map<std::string, std::string>& places() const { return places_; }
+  // LocationOf each value came from, by key.
+  const std::map<std::string, std::string>& locations() const { return locations_; }
 
  private:
   static bool IsBelowSensors(const std::string& key) {
@@ -119,21 +119,21 @@ class Overlay {
     return is_section;
   }
 
-  template <class Where>
-  void ApplySection(const std::string& key, const YAML::Node& node, const std::string& place,
-                    const Where& where) {
-    if (IsBelowSensors(key)) SensorOf(key, place);  // an empty entry is the identity pose
-    if (node.IsNull()) return;                      // a section with all keys commented out
+  template <class LocationOf>
+  void ApplySection(const std::string& key, const YAML::Node& node, const std::string& location,
+                    const LocationOf& where) {
+    if (IsBelowSensors(key)) SensorOf(key, location);  // an empty entry is the identity pose
+    if (node.IsNull()) return;                         // a section with all keys commented out
     if (!node.IsMap()) {
-      throw ConfigError(place + ": " + Shortened(key) + ": " + Quote(node) +
+      throw ConfigError(location + ": " + Shortened(key) + ": " + Quote(node) +
                         ", expected a section of `key: value` lines");
     }
     ApplyMap(key, node, where);
   }
 
-  SensorConfig& SensorOf(const std::string& key, const std::string& place) {
+  SensorConfig& SensorOf(const std::string& key, const std::string& location) {
     const std::string name = key.substr(kSensorPrefix.size());
-    CheckSensorName(place + ": ", name);
+    CheckSensorName(location + ": ", name);
     return config_.sensors[name];
   }
 
@@ -159,20 +159,20 @@ class Overlay {
   }
 
   Config& config_;
-  std::map<std::string, std::string> places_;
+  std::map<std::string, std::string> locations_;
 };
 
 // Constraints between keys.
 //
-// `places`: where values came from, for messages, as far as that is known.
-void CheckConsistent(const Config& config, const std::map<std::string, std::string>& places) {
+// `locations`: where values came from, for messages, as far as that is known.
+void CheckConsistent(const Config& config, const std::map<std::string, std::string>& locations) {
   const auto check_order = [&](const std::string& low_key, double low, const std::string& high_key,
                                double high) {
     if (low < high) return;
-    const auto high_place = places.find(high_key);
-    const auto place = high_place != places.end() ? high_place : places.find(low_key);
-    throw ConfigError((place != places.end() ? place->second + ": " : "") + high_key + ": '" +
-                      NumberText(high) + "', expected more than " + low_key + " (" +
+    const auto high_place = locations.find(high_key);
+    const auto location = high_place != locations.end() ? high_place : locations.find(low_key);
+    throw ConfigError((location != locations.end() ? location->second + ": " : "") + high_key +
+                      ": '" + NumberText(high) + "', expected more than " + low_key + " (" +
                       NumberText(low) + ")");
   };
   const InputConfig& input = config.input;
@@ -216,36 +216,36 @@ class DocumentLines : public YAML::EventHandler {
   int line_ = 0;
 };
 
-// The root of the one YAML document in the text; errors are prefixed by place(line).
+// The root of the one YAML document in the text; errors are prefixed by location(line).
 //
 // YAML::LoadAll has no end where the parser cannot pass a character (a comma outside of a list): it
 // takes an empty document before it, again and again. Two documents are asked for here, whatever
 // the text; what the second one begins with is either another document or such a character.
 template <class Place>
-YAML::Node ParseYaml(const std::string& text, const Place& place) {
+YAML::Node ParseYaml(const std::string& text, const Place& location) {
   try {
     std::istringstream stream(text);
     YAML::Parser parser(stream);
     DocumentLines documents;
     if (parser.HandleNextDocument(documents) && parser.HandleNextDocument(documents)) {
-      throw ConfigError(place(documents.line()) +
+      throw ConfigError(location(documents.line()) +
                         ": what stands here is no part of the YAML document before it, expected "
                         "one document");
     }
     return YAML::Load(text);
   } catch (const YAML::DeepRecursion& error) {
-    throw ConfigError(place(error.mark.line + 1) + ": more than " + std::to_string(error.depth()) +
-                      " levels, expected sections with keys");
+    throw ConfigError(location(error.mark.line + 1) + ": more than " +
+                      std::to_string(error.depth()) + " levels, expected sections with keys");
   } catch (const YAML::Exception& error) {
-    throw ConfigError(place(error.mark.line + 1) + ": " + Shortened(error.msg, 200) +
+    throw ConfigError(location(error.mark.line + 1) + ": " + Shortened(error.msg, 200) +
                       ", expected YAML");
   }
 }
 
 void ApplyFile(const std::string& path, Overlay& overlay) {
-  const auto place = [&](int line) { return path + ":" + std::to_string(line); };
-  const auto where = [&](const YAML::Node& node) { return place(node.Mark().line + 1); };
-  const YAML::Node root = ParseYaml(ReadText(path), place);
+  const auto location = [&](int line) { return path + ":" + std::to_string(line); };
+  const auto where = [&](const YAML::Node& node) { return location(node.Mark().line + 1); };
+  const YAML::Node root = ParseYaml(ReadText(path), location);
   if (root.IsNull()) return;  // nothing but comments
   if (!root.IsMap()) {
     throw ConfigError(where(root) + ": " + Quote(root) + ", expected `section: ...` lines");
@@ -254,14 +254,14 @@ void ApplyFile(const std::string& path, Overlay& overlay) {
 }
 
 void ApplyAssignment(const std::string& assignment, Overlay& overlay) {
-  const std::string place = "--set " + Shortened(assignment);
+  const std::string location = "--set " + Shortened(assignment);
   const std::size_t equals = assignment.find('=');
   if (equals == std::string::npos || equals == 0) {
-    throw UsageError(place + ": expected section.key=value");
+    throw UsageError(location + ": expected section.key=value");
   }
   const YAML::Node value = ParseYaml(
-      assignment.substr(equals + 1), [&](int) -> const auto& { return place; });
-  overlay.ApplyValue(assignment.substr(0, equals), value, place);
+      assignment.substr(equals + 1), [&](int) -> const auto& { return location; });
+  overlay.ApplyValue(assignment.substr(0, equals), value, location);
 }
 
 }  // namespace
@@ -271,7 +271,7 @@ Config LoadConfig(const std::string& path, const std::vector<std::string>& assig
   Overlay overlay(config);
   if (!path.empty()) ApplyFile(path, overlay);
   for (const std::string& assignment : assignments) ApplyAssignment(assignment, overlay);
-  CheckConsistent(config, overlay.places());
+  CheckConsistent(config, overlay.locations());
   return config;
 }
 

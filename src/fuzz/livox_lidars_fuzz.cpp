@@ -23,7 +23,8 @@ constexpr TimeNs kTickNs = 50 * kMsNs;
 constexpr TimeNs kHostNs = 1'700'000'000'000'000'000;
 constexpr std::uint32_t kOwnAddress = 0xc0a8010a;  // 192.168.1.10
 
-// Of strangers, from this computer's clock: beyond StampJudge::kHostClockNs, up to the ends.
+// Of strangers, from this computer's clock: beyond StampValidator::kHostClockToleranceNs, up to the
+// ends.
 constexpr std::array<TimeNs, 8> kApartNs = {-kHostNs,
                                             -61'000 * kMsNs,
                                             61'000 * kMsNs,
@@ -54,7 +55,7 @@ class Station {
     Datagram datagram;
     datagram.source = source;
     datagram.received_ns = host_ns_;
-    datagram.came = Datagram::Clock::time_point(std::chrono::nanoseconds(host_ns_ - kHostNs));
+    datagram.arrived = Datagram::Clock::time_point(std::chrono::nanoseconds(host_ns_ - kHostNs));
     datagram.payload = Packet2(header, point);
     LivoxLidar* lidar = nullptr;
     if (!Succeeds([&] { lidar = lidars_.Take(datagram); })) return;
@@ -71,7 +72,7 @@ class Station {
   void End(bool keeps_the_law) {
     engine_.Close();
     const std::uint64_t used = engine_.counts().frames + engine_.late_frames() +
-                               engine_.astray_frames().count + engine_.surplus_frames().count +
+                               engine_.astray_frames().count + engine_.overflow_frames().count +
                                bad_frames_;
     Require(used == frames_, "every frame is accounted for");
     Require(!keeps_the_law || own_taken_ == own_frames_,
@@ -84,7 +85,7 @@ class Station {
   void TakeFrames(LivoxLidar& lidar, bool is_own) {
     while (auto frame = lidar.cutter.Next()) {
       if (!lidar.sensor) {
-        lidar.sensor = lidars_.FreePlace();
+        lidar.sensor = lidars_.FreeSlot();
         if (lidar.sensor) engine_.ReplaceSensor(static_cast<std::uint32_t>(*lidar.sensor), "other");
       }
       if (!lidar.sensor) lidar.sensor = engine_.AddSensor(lidar.name);
@@ -98,7 +99,8 @@ class Station {
         engine_.Add({sensor, frame->stamp_ns, "frame", std::move(frame->cloud), arrival});
       });
       if (!is_good) ++bad_frames_;
-      const bool is_taken = is_good && engine_.late_frames() == late && !engine_.IsApart(sensor);
+      const bool is_taken =
+          is_good && engine_.late_frames() == late && !engine_.IsOutOfSync(sensor);
       if (is_own && is_taken) ++own_taken_;
     }
   }

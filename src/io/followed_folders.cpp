@@ -70,7 +70,7 @@ File FileAt(const std::string& path) {
 
 }  // namespace
 
-FollowedFolders::Watched::Watched(const Folder& folder)
+FollowedFolders::WatchedFolder::WatchedFolder(const Folder& folder)
     : directory(fs::absolute(folder.directory).lexically_normal().string()),
       clock(folder.directory, folder.frame_rate_hz),
       offset_ns(folder.offset_ns) {}
@@ -116,7 +116,7 @@ std::optional<FollowedFrame> FollowedFolders::Next() {
     const auto node = pending_.extract(pending_.begin());
     const std::size_t index = node.key().second;
     const Pending& next = node.mapped();
-    Watched& folder = folders_[index];
+    WatchedFolder& folder = folders_[index];
     const std::string path = (fs::path(folder.directory) / next.name).string();
     const File file = FileAt(path);
     if (file.state == FileState::kGone) {
@@ -129,16 +129,16 @@ std::optional<FollowedFrame> FollowedFolders::Next() {
       if (!list_again_) list_again_ = Clock::now() + kSettleTime;
       continue;
     }
-    NoteGiven(next.stamp_ns, folder);
+    MarkDelivered(next.stamp_ns, folder);
     const bool was_there = next.is_listed && file.changed_ns <= folder.listed_ns;
-    return FollowedFrame{index, {path, next.stamp_ns}, was_there ? std::nullopt : next.came};
+    return FollowedFrame{index, {path, next.stamp_ns}, was_there ? std::nullopt : next.arrived};
   }
   return std::nullopt;
 }
 
 // Watches the folder, or the nearest one above it in which it will appear.
 void FollowedFolders::Attach(std::size_t index) {
-  Watched& folder = folders_[index];
+  WatchedFolder& folder = folders_[index];
   const std::string directory = folder.directory;
   while ((folder.watch = AddWatch(directory, kFolderMask)) < 0) {
     fs::path below = directory;
@@ -165,9 +165,10 @@ void FollowedFolders::Detach(std::size_t index) {
 
 // Ends a watch that no folder needs any more.
 void FollowedFolders::Release(int watch) {
-  const bool is_needed = std::any_of(folders_.begin(), folders_.end(), [&](const Watched& folder) {
-    return folder.watch == watch || folder.ancestor_watch == watch;
-  });
+  const bool is_needed =
+      std::any_of(folders_.begin(), folders_.end(), [&](const WatchedFolder& folder) {
+        return folder.watch == watch || folder.ancestor_watch == watch;
+      });
   if (watch >= 0 && !is_needed) ::inotify_rm_watch(fd_, watch);
 }
 
@@ -221,7 +222,7 @@ void FollowedFolders::TakeEvent(int watch, std::uint32_t mask, const std::string
   }
 }
 
-void FollowedFolders::Settle(const std::vector<std::string>& names, Watched* folder) {
+void FollowedFolders::Settle(const std::vector<std::string>& names, WatchedFolder* folder) {
   if (folder->clock.is_settled()) return;
   std::vector<std::string_view> stems;
   for (const std::string& name : names) {
@@ -234,25 +235,25 @@ void FollowedFolders::Settle(const std::vector<std::string>& names, Watched* fol
 
 // Empty for a name that is no stamp, which is told once.
 std::optional<TimeNs> FollowedFolders::StampOf(const std::string& name, bool is_listed,
-                                               Watched* folder) {
+                                               WatchedFolder* folder) {
   const bool was_settled = folder->clock.is_settled();
-  const bool was_told = is_listed && folder->was_listed;
+  const bool was_reported = is_listed && folder->was_listed;
   try {
     const std::optional<TimeNs> stamp_ns = folder->clock.TimeOf(StemOf(name));
     if (!was_settled && folder->clock.warning()) warnings_.push_back(*folder->clock.warning());
-    if (!stamp_ns && !was_told) {
+    if (!stamp_ns && !was_reported) {
       on_bad_frame_(InputError((fs::path(folder->directory) / name).string() + ": '" +
                                std::string(StemOf(name)) + "' is no stamp, " + kExpectedStamp));
     }
     return stamp_ns;
   } catch (const InputError& error) {
-    if (!was_told) on_bad_frame_(error);
+    if (!was_reported) on_bad_frame_(error);
     return std::nullopt;
   }
 }
 
 void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_listed) {
-  Watched& folder = folders_[index];
+  WatchedFolder& folder = folders_[index];
   const fs::path path = fs::path(folder.directory) / name;
   if (name == kStampFile) {
     throw InputError(path.string() +
@@ -262,11 +263,11 @@ void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_
   const std::optional<TimeNs> stamp_ns = StampOf(name, is_listed, &folder);
   if (!stamp_ns) return;
   const TimeNs common_ns = *stamp_ns + folder.offset_ns;
-  if (is_listed && WasWorkedOff(folder, *stamp_ns)) {
-    if (!folder.was_listed) ++counts_.worked_off;
+  if (is_listed && WasProcessed(folder, *stamp_ns)) {
+    if (!folder.was_listed) ++counts_.already_processed;
     return;
   }
-  if (WasGiven(folder, *stamp_ns, is_listed)) {
+  if (WasDelivered(folder, *stamp_ns, is_listed)) {
     if (!is_listed) ++counts_.passed_over;
     return;
   }
@@ -286,22 +287,22 @@ void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_
 }
 
 // By an earlier run.
-bool FollowedFolders::WasWorkedOff(const Watched& folder, TimeNs stamp_ns) const {
+bool FollowedFolders::WasProcessed(const WatchedFolder& folder, TimeNs stamp_ns) const {
   return after_ns_ && stamp_ns + folder.offset_ns <= *after_ns_;
 }
 
-bool FollowedFolders::WasGiven(const Watched& folder, TimeNs stamp_ns, bool is_listed) {
+bool FollowedFolders::WasDelivered(const WatchedFolder& folder, TimeNs stamp_ns, bool is_listed) {
   const bool is_old = folder.newest_forgotten_ns && stamp_ns <= *folder.newest_forgotten_ns;
-  return (is_listed && is_old) || folder.given_ns.count(stamp_ns) > 0;
+  return (is_listed && is_old) || folder.delivered_ns.count(stamp_ns) > 0;
 }
 
-void FollowedFolders::NoteGiven(TimeNs stamp_ns, Watched& folder) {
-  folder.given_ns.insert(stamp_ns);
-  folder.given_in_order_ns.push_back(stamp_ns);
-  if (folder.given_in_order_ns.size() <= kMaxGiven) return;
-  const TimeNs forgotten_ns = folder.given_in_order_ns.front();
-  folder.given_in_order_ns.pop_front();
-  folder.given_ns.erase(forgotten_ns);
+void FollowedFolders::MarkDelivered(TimeNs stamp_ns, WatchedFolder& folder) {
+  folder.delivered_ns.insert(stamp_ns);
+  folder.delivered_in_order_ns.push_back(stamp_ns);
+  if (folder.delivered_in_order_ns.size() <= kMaxDelivered) return;
+  const TimeNs forgotten_ns = folder.delivered_in_order_ns.front();
+  folder.delivered_in_order_ns.pop_front();
+  folder.delivered_ns.erase(forgotten_ns);
   folder.newest_forgotten_ns =
       std::max(folder.newest_forgotten_ns.value_or(forgotten_ns), forgotten_ns);
 }

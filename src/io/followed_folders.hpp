@@ -22,7 +22,8 @@ namespace unlidar {
 struct FollowedCounts {
   std::uint64_t vanished = 0;     // gone before they were read
   std::uint64_t passed_over = 0;  // their stamp had come before
-  std::uint64_t worked_off = 0;   // there when their folder was first listed, up to `after_ns`
+  std::uint64_t already_processed =
+      0;  // there when their folder was first listed, up to `after_ns`
 };
 
 struct FollowedFrame {
@@ -31,7 +32,7 @@ struct FollowedFrame {
   std::size_t folder = 0;
   FrameFile file;  // its stamp is its name
   // When it was seen; empty for one that was there when its folder was first listed.
-  std::optional<Clock::time_point> came;
+  std::optional<Clock::time_point> arrived;
 };
 
 // The frames of some folders in the order of their stamps: those that are there, then those that
@@ -39,14 +40,14 @@ struct FollowedFrame {
 // removed and come back. A file that is open for writing waits until it is closed.
 //
 // At most kMaxPending frames are remembered: for more, and where the system lost count, the folders
-// are listed again. A frame is given once: one whose stamp is among the last kMaxGiven that its
+// are listed again. A frame is given once: one whose stamp is among the last kMaxDelivered that its
 // folder gave is passed over and counted. One that is found by listing is also passed over where it
 // is no newer than those before: it was there already. One that appears is new, however old its
 // stamp is, as the clock may have gone back.
 class FollowedFolders {
  public:
   static constexpr std::size_t kMaxPending = std::size_t{1} << 13;
-  static constexpr std::size_t kMaxGiven = 1024;
+  static constexpr std::size_t kMaxDelivered = 1024;
 
   struct Folder {
     std::string directory;
@@ -85,8 +86,8 @@ class FollowedFolders {
   void NoteVanished() { ++counts_.vanished; }
 
  private:
-  struct Watched {
-    explicit Watched(const Folder& folder);
+  struct WatchedFolder {
+    explicit WatchedFolder(const Folder& folder);
 
     std::string directory;  // absolute
     FrameClock clock;
@@ -95,15 +96,15 @@ class FollowedFolders {
     int ancestor_watch = -1;  // of the nearest folder above that exists
     bool was_listed = false;
     TimeNs listed_ns = 0;  // Unix time of the first time
-    std::set<TimeNs> given_ns;
-    std::deque<TimeNs> given_in_order_ns;
+    std::set<TimeNs> delivered_ns;
+    std::deque<TimeNs> delivered_in_order_ns;
     std::optional<TimeNs> newest_forgotten_ns;
   };
   struct Pending {
     std::string name;
     TimeNs stamp_ns = 0;
     bool is_listed = false;  // not by an event: its writer may still be at it
-    std::optional<FollowedFrame::Clock::time_point> came;
+    std::optional<FollowedFrame::Clock::time_point> arrived;
   };
   using Order = std::pair<TimeNs, std::size_t>;  // stamp with its offset, folder
 
@@ -114,14 +115,14 @@ class FollowedFolders {
   void List(std::size_t index);
   void ListAll();
   void TakeEvent(int watch, std::uint32_t mask, const std::string& name);
-  void Settle(const std::vector<std::string>& names, Watched* folder);
+  void Settle(const std::vector<std::string>& names, WatchedFolder* folder);
   void Offer(std::size_t index, const std::string& name, bool is_listed);
-  std::optional<TimeNs> StampOf(const std::string& name, bool is_listed, Watched* folder);
-  bool WasWorkedOff(const Watched& folder, TimeNs stamp_ns) const;
-  static bool WasGiven(const Watched& folder, TimeNs stamp_ns, bool is_listed);
-  static void NoteGiven(TimeNs stamp_ns, Watched& folder);
+  std::optional<TimeNs> StampOf(const std::string& name, bool is_listed, WatchedFolder* folder);
+  bool WasProcessed(const WatchedFolder& folder, TimeNs stamp_ns) const;
+  static bool WasDelivered(const WatchedFolder& folder, TimeNs stamp_ns, bool is_listed);
+  static void MarkDelivered(TimeNs stamp_ns, WatchedFolder& folder);
 
-  std::vector<Watched> folders_;
+  std::vector<WatchedFolder> folders_;
   std::optional<TimeNs> after_ns_;
   BadFrameCallback on_bad_frame_;
   int fd_ = -1;

@@ -14,13 +14,13 @@
 namespace unlidar {
 namespace {
 
-constexpr std::uint64_t kLeastUnixS = 100'000'000;
-constexpr std::uint64_t kMostUnixS = 100'000'000'000;  // as of NsPerUnitByMagnitude
+constexpr std::uint64_t kMinUnixS = 100'000'000;
+constexpr std::uint64_t kMaxUnixS = 100'000'000'000;  // as of NsPerUnitByMagnitude
 constexpr std::uint64_t kHourS = 3600;
 
 struct NumberUnit {
-  std::uint64_t least_step;
-  std::uint64_t most_step;
+  std::uint64_t min_step;
+  std::uint64_t max_step;
   double rate_hz;
   const char* words;
 };
@@ -51,8 +51,8 @@ std::uint64_t MedianStep(const std::vector<std::uint64_t>& numbers) {
 }
 
 bool AreNumbers(const std::vector<std::uint64_t>& numbers) {
-  if (numbers.front() < kLeastUnixS) return true;
-  return numbers.back() < kMostUnixS && MedianStep(numbers) > kHourS;
+  if (numbers.front() < kMinUnixS) return true;
+  return numbers.back() < kMaxUnixS && MedianStep(numbers) > kHourS;
 }
 
 }  // namespace
@@ -96,7 +96,7 @@ void FrameClock::SetNumbers(std::uint64_t step, const std::string& seen) {
     return;
   }
   const auto* const unit = std::find_if(kUnits.begin(), kUnits.end(), [&](const NumberUnit& known) {
-    return known.least_step <= step && step <= known.most_step;
+    return known.min_step <= step && step <= known.max_step;
   });
   if (unit == kUnits.end()) {
     throw InputError(source_ + ": names are whole numbers (" + seen +
@@ -118,7 +118,7 @@ std::optional<TimeNs> FrameClock::TimeOf(std::string_view name) {
       return 0;
     }
     if (!ParseStamp(name)) return std::nullopt;
-    if (number && *number < kLeastUnixS) {
+    if (number && *number < kMinUnixS) {
       is_assumed_by_one_ = rate_hz_ <= 0.0 && !last_number_;
       SetNumbers(last_number_ ? *number : 0, std::to_string(*number) + " at first");
     } else {
@@ -140,7 +140,7 @@ std::optional<TimeNs> FrameClock::TimeOf(std::string_view name) {
 // Of a stream: that the numbers are those of frames was assumed by the first one alone.
 void FrameClock::CheckSecond(std::uint64_t number) {
   const auto [less, more] = std::minmax(number, *last_number_);
-  if (more - less > kUnits.front().most_step) {
+  if (more - less > kUnits.front().max_step) {
     throw InputError(source_ + ": names are whole numbers, " + std::to_string(number) + " after " +
                      std::to_string(*last_number_) +
                      ", expected input.frame_rate_hz: how many make a second (1000: "

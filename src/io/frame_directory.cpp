@@ -58,10 +58,11 @@ std::vector<std::string> FrameNames(const std::string& directory) {
     const dirent* entry = readdir(folder.get());
     if (entry == nullptr) break;
     const std::string name = entry->d_name;
-    const bool is_told = entry->d_type != DT_UNKNOWN && entry->d_type != DT_LNK;
+    const bool is_type_known = entry->d_type != DT_UNKNOWN && entry->d_type != DT_LNK;
     std::error_code broken_link;  // stays in the list, so that reading it is an error
-    const bool is_folder = is_told ? entry->d_type == DT_DIR
-                                   : fs::is_directory(fs::path(directory) / name, broken_link);
+    const bool is_folder = is_type_known
+                               ? entry->d_type == DT_DIR
+                               : fs::is_directory(fs::path(directory) / name, broken_link);
     if (IsFrameName(name) && !is_folder) names.push_back(name);
     if (is_folder && name.front() != '.' && (subfolder.empty() || name < subfolder)) {
       subfolder = name;

@@ -34,32 +34,32 @@ void FrameMessageReader::Append(std::string_view bytes) {
 }
 
 std::optional<FrameMessage> FrameMessageReader::Next() {
-  if (!head_ && !ReadHead()) return std::nullopt;
-  if (Rest().size() < head_->length) return std::nullopt;
-  const Head head = *std::exchange(head_, std::nullopt);
+  if (!header_ && !ReadHeader()) return std::nullopt;
+  if (Unread().size() < header_->length) return std::nullopt;
+  const MessageHeader header = *std::exchange(header_, std::nullopt);
   FrameMessage message;
-  message.sensor = head.sensor;
-  message.stamp_ns = head.stamp_ns;
-  message.name =
-      name_ + ": message " + std::to_string(number_) + " (" + head.sensor + " " + head.stamp + ")";
-  message.pcd = Rest().substr(0, head.length);
-  begin_ += head.length;
+  message.sensor = header.sensor;
+  message.stamp_ns = header.stamp_ns;
+  message.name = name_ + ": message " + std::to_string(number_) + " (" + header.sensor + " " +
+                 header.stamp + ")";
+  message.pcd = Unread().substr(0, header.length);
+  begin_ += header.length;
   ++number_;
   return message;
 }
 
 void FrameMessageReader::Finish() const {
-  const std::size_t got = Rest().size();
-  if (head_) {
-    Fail("ends after " + std::to_string(got) + " bytes of the PCD of " + head_->sensor + " " +
-         head_->stamp + ", expected " + std::to_string(head_->length));
+  const std::size_t got = Unread().size();
+  if (header_) {
+    Fail("ends after " + std::to_string(got) + " bytes of the PCD of " + header_->sensor + " " +
+         header_->stamp + ", expected " + std::to_string(header_->length));
   }
-  if (got > 0) Fail("ends within its line: " + Quoted(Rest()) + ", " + kExpectedLine);
+  if (got > 0) Fail("ends within its line: " + Quoted(Unread()) + ", " + kExpectedLine);
 }
 
 // False as long as the line is not complete. Garbage is told at its first byte.
-bool FrameMessageReader::ReadHead() {
-  const std::string_view rest = Rest();
+bool FrameMessageReader::ReadHeader() {
+  const std::string_view rest = Unread();
   if (rest.substr(0, kKeyword.size()) != kKeyword.substr(0, rest.size())) {
     Fail("begins with " + Quoted(rest.substr(0, rest.find('\n'))) + ", " + kExpectedLine);
   }
@@ -69,42 +69,43 @@ bool FrameMessageReader::ReadHead() {
     Fail("begins with " + Quoted(rest) + " and no newline within " +
          std::to_string(kMaxMessageLineBytes) + " bytes, " + kExpectedLine);
   }
-  head_ = ParseHead(rest.substr(0, end));
+  header_ = ParseHeader(rest.substr(0, end));
   begin_ += end + 1;
   return true;
 }
 
-FrameMessageReader::Head FrameMessageReader::ParseHead(std::string_view line) {
+FrameMessageReader::MessageHeader FrameMessageReader::ParseHeader(std::string_view line) {
   const std::vector<std::string_view> words = Words(line);
   if (words.size() != 4) {
     Fail("has the line " + Quoted(line) + ", " + kExpectedLine + " with one space between two");
   }
-  Head head;
-  head.sensor = words[1];
-  if (!IsSensorName(head.sensor)) {
+  MessageHeader header;
+  header.sensor = words[1];
+  if (!IsSensorName(header.sensor)) {
     Fail("has the NAME " + Quoted(words[1]) + ", " + kExpectedSensorName);
   }
-  head.stamp = words[2];
-  const std::optional<TimeNs> stamp_ns = StampOf(head);
+  header.stamp = words[2];
+  const std::optional<TimeNs> stamp_ns = StampOf(header);
   if (!stamp_ns) Fail("has the STAMP " + Quoted(words[2]) + ", " + kExpectedStamp);
-  head.stamp_ns = *stamp_ns;
+  header.stamp_ns = *stamp_ns;
   const std::string_view length = words[3];
   const auto [end, error] =
-      std::from_chars(length.data(), length.data() + length.size(), head.length);
+      std::from_chars(length.data(), length.data() + length.size(), header.length);
   if (error != std::errc() || end != length.data() + length.size() ||
-      head.length > kMaxMessageBytes) {
+      header.length > kMaxMessageBytes) {
     Fail("has the LENGTH " + Quoted(length) + ", expected a number of bytes up to " +
          std::to_string(kMaxMessageBytes));
   }
-  return head;
+  return header;
 }
 
-std::optional<TimeNs> FrameMessageReader::StampOf(const Head& head) {
+std::optional<TimeNs> FrameMessageReader::StampOf(const MessageHeader& header) {
   const auto known =
-      clocks_.try_emplace(head.sensor, name_ + ": " + head.sensor, rate_hz_(head.sensor)).first;
+      clocks_.try_emplace(header.sensor, name_ + ": " + header.sensor, rate_hz_(header.sensor))
+          .first;
   FrameClock& clock = known->second;
   const bool was_settled = clock.is_settled();
-  const std::optional<TimeNs> stamp_ns = clock.TimeOf(head.stamp);
+  const std::optional<TimeNs> stamp_ns = clock.TimeOf(header.stamp);
   if (!was_settled && clock.warning()) warnings_.push_back(*clock.warning());
   return stamp_ns;
 }

@@ -48,24 +48,24 @@ class FrameMessageReader {
   void Finish() const;
 
  private:
-  struct Head {
+  struct MessageHeader {
     std::string sensor;
     std::string stamp;  // as it was written
     TimeNs stamp_ns = 0;
     std::size_t length = 0;
   };
 
-  std::string_view Rest() const { return {buffer_.data() + begin_, buffer_.size() - begin_}; }
-  bool ReadHead();
-  Head ParseHead(std::string_view line);
-  std::optional<TimeNs> StampOf(const Head& head);
+  std::string_view Unread() const { return {buffer_.data() + begin_, buffer_.size() - begin_}; }
+  bool ReadHeader();
+  MessageHeader ParseHeader(std::string_view line);
+  std::optional<TimeNs> StampOf(const MessageHeader& header);
   [[noreturn]] void Fail(const std::string& what) const;
 
   std::string name_;
   std::string buffer_;
-  std::size_t begin_ = 0;     // of what was not given yet
-  std::uint64_t number_ = 1;  // of the message that begins there
-  std::optional<Head> head_;  // of this message, once its line is there
+  std::size_t begin_ = 0;                // of what was not given yet
+  std::uint64_t number_ = 1;             // of the message that begins there
+  std::optional<MessageHeader> header_;  // of this message, once its line is there
   RateOfSensor rate_hz_;
   std::map<std::string, FrameClock> clocks_;  // by sensor
   std::vector<Warning> warnings_;             // not taken yet

@@ -5,7 +5,7 @@
 namespace unlidar {
 namespace {
 
-constexpr std::uint64_t kMostOneIn = 1024;
+constexpr std::uint64_t kMaxOneIn = 1024;
 
 }  // namespace
 
@@ -20,12 +20,12 @@ void FramePace::Adapt(Clock::duration waited, Clock::time_point now) {
   shortest_wait_ = std::min(shortest_wait_.value_or(waited), waited);
   const Clock::duration excess = waited - *shortest_wait_;
   // A change takes its time to show.
-  const bool has_settled = !changed_ || now - *changed_ >= patience_ / 2;
+  const bool has_settled = !changed_ || now - *changed_ >= max_extra_wait_ / 2;
   if (!has_settled) return;
-  if (excess > patience_ && one_in_ < kMostOneIn) {
+  if (excess > max_extra_wait_ && one_in_ < kMaxOneIn) {
     one_in_ *= 2;
     changed_ = now;
-  } else if (excess < patience_ / 4 && one_in_ > 1) {
+  } else if (excess < max_extra_wait_ / 4 && one_in_ > 1) {
     one_in_ /= 2;
     changed_ = now;
   }

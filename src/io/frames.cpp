@@ -17,7 +17,7 @@ namespace unlidar {
 namespace {
 
 // Recordings of two sensors that are longer than each other by so much are not of one rate.
-constexpr double kMostUneven = 1.3;
+constexpr double kMaxDurationRatio = 1.3;
 
 }  // namespace
 
@@ -172,8 +172,8 @@ void FrameReader::AppendClockWarnings(std::vector<Warning>* warnings) const {
     const bool are_assumed = first.clock().warning() && other->clock().warning();
     const double first_s = seconds_of(first);
     const double other_s = seconds_of(*other);
-    const auto [least_s, most_s] = std::minmax(first_s, other_s);
-    if (are_assumed && most_s > kMostUneven * least_s + 1.0) {
+    const auto [shortest_s, longest_s] = std::minmax(first_s, other_s);
+    if (are_assumed && longest_s > kMaxDurationRatio * shortest_s + 1.0) {
       warnings->push_back({"sensors_uneven", names + FixedText(first_s, 0) + " s and " +
                                                  FixedText(other_s, 0) +
                                                  " s of numbered frames: of one rate? "

@@ -11,7 +11,7 @@ namespace unlidar {
 namespace {
 
 // Packets overtake each other in a network by less than this and half of LivoxTime::kLastPackets.
-constexpr TimeNs kPatienceNs = 5'000'000;
+constexpr TimeNs kMaxReorderNs = 5'000'000;
 
 // What a packet takes besides its points: a node of the map, two blocks of the heap.
 constexpr std::size_t kPartBytes = 192;
@@ -29,8 +29,8 @@ void LivoxFrameCutter::Add(const LivoxPacket& packet, const Arrival& arrival) {
     ++counts_.astray;
     return;
   }
-  if (reading->is_anew) BeginAnew();
-  CloseUntil(time_.now_ns() - kPatienceNs);
+  if (reading->is_restart) Restart();
+  CloseUntil(time_.now_ns() - kMaxReorderNs);
   const TimeNs time_ns = reading->time_ns;
   const std::int64_t index = FloorDivide(time_ns, frame_ns_);
   const Order order{time_ns, packet.counter ? packet.counter->packet : std::uint16_t{0}};
@@ -70,7 +70,7 @@ std::int64_t LivoxFrameCutter::NextFrame() const {
   return closed_ ? *closed_ + 1 : 0;
 }
 
-void LivoxFrameCutter::BeginAnew() {
+void LivoxFrameCutter::Restart() {
   Flush();
   closed_.reset();
   last_ns_.reset();

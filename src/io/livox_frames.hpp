@@ -74,7 +74,7 @@ class LivoxFrameCutter {
   };
 
   std::int64_t NextFrame() const;
-  void BeginAnew();
+  void Restart();
   void CountBy(LivoxCounter counter);
   void CountGaps(const OpenFrame& frame, TimeNs spacing_ns);
   void CloseUntil(TimeNs time_ns);

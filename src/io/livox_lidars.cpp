@@ -51,7 +51,7 @@ LivoxLidar* LivoxLidars::Take(const Datagram& datagram) {
   const LivoxPacket packet = ParseLivoxPacket(datagram.payload);
   if (packet.rays == 0) return nullptr;
   LivoxLidar& lidar = LidarOf(datagram, packet);
-  lidar.came = datagram.came;
+  lidar.arrived = datagram.arrived;
   lidar.cutter.Add(packet, datagram.arrival());
   BoundUnfinished();
   return &lidar;
@@ -66,28 +66,28 @@ LivoxLidar& LivoxLidars::LidarOf(const Datagram& datagram, const LivoxPacket& pa
     throw PacketError("is of " + name + ", expected one that sensors names, as " +
                       *allowed_.begin());
   }
-  if (lidars_.size() >= kMaxSensors) MakeRoom(datagram.came);
+  if (lidars_.size() >= kMaxSensors) MakeRoom(datagram.arrived);
   return lidars_.emplace(identity, LivoxLidar(std::move(name), frame_ns_)).first->second;
 }
 
 // Whoever has not sent a whole frame goes first: packets of ever new senders cost nobody his place.
 void LivoxLidars::MakeRoom(Clock::time_point now) {
   const auto is_before = [](const auto& a, const auto& b) {
-    return std::make_pair(a.second.sensor.has_value(), a.second.came) <
-           std::make_pair(b.second.sensor.has_value(), b.second.came);
+    return std::make_pair(a.second.sensor.has_value(), a.second.arrived) <
+           std::make_pair(b.second.sensor.has_value(), b.second.arrived);
   };
   const auto last = std::min_element(lidars_.begin(), lidars_.end(), is_before);
-  if (last->second.sensor && now - last->second.came <= silent_) {
+  if (last->second.sensor && now - last->second.arrived <= silent_) {
     throw PacketError("is of one more sensor, expected at most " + std::to_string(kMaxSensors));
   }
-  if (last->second.sensor) free_places_.insert(*last->second.sensor);
+  if (last->second.sensor) free_slots_.insert(*last->second.sensor);
   forgotten_packets_ += last->second.cutter.counts().packets();
   lidars_.erase(last);
 }
 
-std::optional<std::size_t> LivoxLidars::FreePlace() {
-  if (free_places_.empty()) return std::nullopt;
-  return free_places_.extract(free_places_.begin()).value();
+std::optional<std::size_t> LivoxLidars::FreeSlot() {
+  if (free_slots_.empty()) return std::nullopt;
+  return free_slots_.extract(free_slots_.begin()).value();
 }
 
 std::size_t LivoxLidars::unfinished_bytes() const {

@@ -27,9 +27,9 @@ struct LivoxLidar {
 
   std::string name;
   LivoxFrameCutter cutter;
-  Datagram::Clock::time_point came;   // its last packet
-  std::optional<std::size_t> sensor;  // of the run, from its first frame on
-  std::uint64_t lost_said = 0;
+  Datagram::Clock::time_point arrived;  // its last packet
+  std::optional<std::size_t> sensor;    // of the run, from its first frame on
+  std::uint64_t lost_reported = 0;
 };
 
 // Anybody may send to a port. Where `sensors` names addresses, only those are taken. Else the first
@@ -48,7 +48,7 @@ class LivoxLidars {
   LivoxLidar* Take(const Datagram& datagram);
 
   // The place in the run that one has given up.
-  std::optional<std::size_t> FreePlace();
+  std::optional<std::size_t> FreeSlot();
 
   // In the order of their addresses.
   template <class Visit>
@@ -77,7 +77,7 @@ class LivoxLidars {
   TimeNs frame_ns_;
   Clock::duration silent_;
   std::map<Identity, LivoxLidar> lidars_;
-  std::set<std::size_t> free_places_;
+  std::set<std::size_t> free_slots_;
   std::uint64_t forgotten_packets_ = 0;
 };
 

@@ -247,11 +247,11 @@ LivoxPacket Parse2(std::string_view payload) {
   const Layout layout = Layout2(Get<std::uint8_t>(payload, 10), rays);
   CheckLength(payload, kHeaderBytes2 + layout.rays * RayBytes(layout));
   CheckLength(payload, Get<std::uint16_t>(payload, 1));
-  const auto told = Get<std::uint32_t>(payload, 24);
+  const auto stated = Get<std::uint32_t>(payload, 24);
   boost::crc_32_type crc;
   crc.process_bytes(payload.data() + kCheckedFrom2, payload.size() - kCheckedFrom2);
-  if (told != 0 && told != crc.checksum()) {
-    Fail("has the checksum " + std::to_string(told) + ", expected " +
+  if (stated != 0 && stated != crc.checksum()) {
+    Fail("has the checksum " + std::to_string(stated) + ", expected " +
          std::to_string(crc.checksum()) + " by its bytes");
   }
   const auto time_type = Get<std::uint8_t>(payload, 11);

@@ -146,7 +146,7 @@ void LivoxReceiver::TakeAll() {
     Datagram datagram;
     datagram.source = ntohl(sender.sin_addr.s_addr);
     datagram.received_ns = NsSinceEpoch(std::chrono::system_clock::now());
-    datagram.came = Datagram::Clock::now();
+    datagram.arrived = Datagram::Clock::now();
     datagram.payload.assign(bytes.data(), length);
     taken.push_back(std::move(datagram));
   }

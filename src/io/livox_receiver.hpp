@@ -32,10 +32,10 @@ struct Datagram {
 
   std::uint32_t source = 0;  // address of the sender, in the order of the host
   TimeNs received_ns = 0;    // Unix time
-  Clock::time_point came;
+  Clock::time_point arrived;
   std::string payload;
 
-  Arrival arrival() const { return {received_ns, NsSinceEpoch(came)}; }
+  Arrival arrival() const { return {received_ns, NsSinceEpoch(arrived)}; }
 };
 
 // A thread of its own takes the packets: while a frame is worked off, the system would keep but a

@@ -11,7 +11,7 @@
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kMostTurnOf = 5'000;  // 200 ppm
+constexpr TimeNs kMaxSlewDivisor = 5'000;  // 200 ppm
 
 template <class Packets, class Value>
 TimeNs MedianOf(const Packets& packets, const Value& value) {
@@ -25,13 +25,13 @@ TimeNs MedianOf(const Packets& packets, const Value& value) {
 }  // namespace
 
 void PowerOnClock::Follow(TimeNs lag_ns, TimeNs next_frame_ns, TimeNs frame_ns) {
-  const TimeNs most_ns = frame_ns / kMostTurnOf;
+  const TimeNs max_slew_ns = frame_ns / kMaxSlewDivisor;
   before_ns_ = zero_ns_;
   turned_at_ns_ = next_frame_ns - zero_ns_;
-  zero_ns_ += std::clamp(lag_ns - zero_ns_, -most_ns, most_ns);
+  zero_ns_ += std::clamp(lag_ns - zero_ns_, -max_slew_ns, max_slew_ns);
 }
 
-bool PowerOnClock::IsLeftBehind(TimeNs stamp_ns, const Arrival& arrival) {
+bool PowerOnClock::WasHostClockSet(TimeNs stamp_ns, const Arrival& arrival) {
   const TimeNs host_ns = arrival.unix_ns - arrival.steady_ns;
   if (std::abs(host_ns - host_ns_) <= LivoxTime::kMaxStepNs) return false;
   host_ns_ = host_ns;
@@ -49,9 +49,9 @@ std::optional<LivoxTime::Reading> LivoxTime::Take(const LivoxPacket& packet, con
   if (counts_from_power_on && !power_on_) {
     const bool goes_on = !last_.empty() && IsNear(stamp_ns);  // it has lost its source of time
     power_on_.emplace(goes_on ? 0 : zero_ns, host);
-  } else if (counts_from_power_on && power_on_->IsLeftBehind(stamp_ns, host)) {
+  } else if (counts_from_power_on && power_on_->WasHostClockSet(stamp_ns, host)) {
     power_on_.emplace(lag_ns, host);
-    return BeginAnew(host.unix_ns, lag_ns);
+    return Restart(host.unix_ns, lag_ns);
   }
   const TimeNs offset_ns = counts_from_power_on ? power_on_->OffsetOf(stamp_ns) : 0;
   if (stamp_ns > kMaxStampNs - offset_ns) return std::nullopt;
@@ -61,21 +61,21 @@ std::optional<LivoxTime::Reading> LivoxTime::Take(const LivoxPacket& packet, con
     Remember({time_ns, lag_ns});
     return Reading{time_ns, false};
   }
-  if (!IsRunBelieved(time_ns)) return std::nullopt;
+  if (!IsRunConfirmed(time_ns)) return std::nullopt;
   if (counts_from_power_on) power_on_.emplace(zero_ns, host);
-  return BeginAnew(counts_from_power_on ? stamp_ns + zero_ns : time_ns, lag_ns);
+  return Restart(counts_from_power_on ? stamp_ns + zero_ns : time_ns, lag_ns);
 }
 
 bool LivoxTime::IsNear(TimeNs time_ns) const { return std::abs(time_ns - now_ns_) <= kMaxStepNs; }
 
-bool LivoxTime::IsRunBelieved(TimeNs time_ns) {
+bool LivoxTime::IsRunConfirmed(TimeNs time_ns) {
   const bool agrees = last_astray_ns_ && std::abs(time_ns - *last_astray_ns_) <= kMaxStepNs;
   astray_in_a_row_ = agrees ? astray_in_a_row_ + 1 : 1;
   last_astray_ns_ = time_ns;
   return astray_in_a_row_ >= kLastPackets;
 }
 
-LivoxTime::Reading LivoxTime::BeginAnew(TimeNs time_ns, TimeNs lag_ns) {
+LivoxTime::Reading LivoxTime::Restart(TimeNs time_ns, TimeNs lag_ns) {
   last_.clear();
   astray_in_a_row_ = 0;
   Remember({time_ns, lag_ns});

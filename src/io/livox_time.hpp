@@ -29,7 +29,7 @@ class PowerOnClock {
   void Follow(TimeNs lag_ns, TimeNs next_frame_ns, TimeNs frame_ns);
 
   // Whether this computer's clock was set, so that its time is another one than that of the sensor.
-  bool IsLeftBehind(TimeNs stamp_ns, const Arrival& arrival);
+  bool WasHostClockSet(TimeNs stamp_ns, const Arrival& arrival);
 
  private:
   TimeNs zero_ns_;
@@ -49,7 +49,7 @@ class LivoxTime {
 
   struct Reading {
     TimeNs time_ns = 0;
-    bool is_anew = false;  // unrelated to all before
+    bool is_restart = false;  // unrelated to all before
   };
 
   // `frame_ns`: the times [k, k + 1) * frame_ns are a frame.
@@ -70,8 +70,8 @@ class LivoxTime {
   };
 
   bool IsNear(TimeNs time_ns) const;
-  bool IsRunBelieved(TimeNs time_ns);
-  Reading BeginAnew(TimeNs time_ns, TimeNs lag_ns);
+  bool IsRunConfirmed(TimeNs time_ns);
+  Reading Restart(TimeNs time_ns, TimeNs lag_ns);
   void Remember(const Taken& taken);
 
   TimeNs frame_ns_;

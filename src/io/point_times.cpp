@@ -50,13 +50,13 @@ std::optional<TimeNs> PointTime(const RawTime& raw, TimeReading reading, TimeNs 
 
 void TimeReadingVote::Add(const RawTime& raw, TimeNs stamp_ns) {
   std::size_t nearest = 0;
-  std::int64_t least_ns = std::numeric_limits<std::int64_t>::max();
+  std::int64_t nearest_ns = std::numeric_limits<std::int64_t>::max();
   for (std::size_t i = 0; i < kReadings.size(); ++i) {
     const std::optional<TimeNs> time_ns = PointTime(raw, kReadings[i], stamp_ns);
     if (!time_ns) continue;
     const std::int64_t distance_ns = std::abs(*time_ns - stamp_ns);
-    if (distance_ns >= least_ns) continue;
-    least_ns = distance_ns;
+    if (distance_ns >= nearest_ns) continue;
+    nearest_ns = distance_ns;
     nearest = i;
   }
   ++votes_[nearest];

@@ -67,21 +67,21 @@ void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
 bool SensorFrames::CanTellUnits() const {
   const bool is_due = source_ == Source::kRecording ||
                       (kUnitsFromNs <= returns_for_ns_ && returns_for_ns_ <= kUnitsUntilNs);
-  return is_due && AreEnoughToRefuse(ranges_);
+  return is_due && SufficeToRefuse(ranges_);
 }
 
-std::optional<std::string> SensorFrames::UnitDoubt() const {
+std::optional<std::string> SensorFrames::UnitProblem() const {
   if (!CanTellUnits()) return std::nullopt;
-  const auto why = WhyNoMetres(ranges_, input_.max_range_m);
+  const auto why = WhyNotMetres(ranges_, input_.max_range_m);
   return why ? std::make_optional(info_.name + ": " + *why) : std::nullopt;
 }
 
 void SensorFrames::CheckUnits() const {
-  if (const auto why = UnitDoubt()) throw UnitError(*why);
+  if (const auto why = UnitProblem()) throw UnitError(*why);
 }
 
 std::vector<Warning> SensorFrames::RangeWarnings(bool are_metres) const {
-  auto why = WhyNoMetres(ranges_, input_.max_range_m);
+  auto why = WhyNotMetres(ranges_, input_.max_range_m);
   if (!why) why = WhyCentimetres(ranges_);
   if (why && !are_metres) return {{"not_metres", info_.name + ": " + *why}};
   const auto doubt = WarningOfRanges(info_.name, ranges_, input_.max_range_m);

@@ -47,7 +47,7 @@ class SensorFrames {
 
   // Why the coordinates of the frames loaded so far can be no metres, with the name; empty where
   // they can be, or it cannot be told.
-  std::optional<std::string> UnitDoubt() const;
+  std::optional<std::string> UnitProblem() const;
 
   // Throws UnitError for that.
   void CheckUnits() const;

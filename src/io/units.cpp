@@ -8,12 +8,12 @@
 namespace unlidar {
 namespace {
 
-constexpr int kLeastExponent = -10;
+constexpr int kMinExponent = -10;
 constexpr double kStepsPerOctave = 8.0;
 
-constexpr std::uint64_t kEnough = 20;
-constexpr std::uint64_t kEnoughToRefuse = 2'000;
-constexpr std::uint64_t kEnoughFramesToRefuse = 5;
+constexpr std::uint64_t kMinReturns = 20;
+constexpr std::uint64_t kMinReturnsToRefuse = 2'000;
+constexpr std::uint64_t kMinFramesToRefuse = 5;
 // LiDARs reach 450 m; the middle return of the ones that reach farthest lies well within this.
 constexpr double kFarM = 500.0;
 constexpr double kFarShare = 0.5;
@@ -33,8 +33,8 @@ constexpr double kNearShare = 0.9;
 constexpr double kNearestM = 40.0;
 constexpr double kNearestShare = 0.05;
 constexpr double kFarthestShare = 0.99;
-constexpr double kLeastSpan = 3.0;
-constexpr std::uint64_t kLeastPerFrame = 200;
+constexpr double kMinSpanRatio = 3.0;
+constexpr std::uint64_t kMinReturnsPerFrame = 200;
 
 double FarM(double max_range_m) { return std::max(kFarM, kFarOfMaxRange * max_range_m); }
 
@@ -47,7 +47,7 @@ bool AreOfMap(const RangeStatistics& ranges, double far_m) {
 std::size_t RangeStatistics::StepOf(double range_m) {
   int exponent = 0;
   const double fraction = std::frexp(range_m, &exponent);  // in [0.5, 1)
-  const double step = (exponent - 1 - kLeastExponent) * kStepsPerOctave +
+  const double step = (exponent - 1 - kMinExponent) * kStepsPerOctave +
                       std::floor((2.0 * fraction - 1.0) * kStepsPerOctave);
   return static_cast<std::size_t>(std::clamp(step, 0.0, static_cast<double>(kSteps - 1)));
 }
@@ -55,7 +55,7 @@ std::size_t RangeStatistics::StepOf(double range_m) {
 double RangeStatistics::BeginOf(std::size_t step) {
   const double octave = std::floor(static_cast<double>(step) / kStepsPerOctave);
   const double part = static_cast<double>(step) - octave * kStepsPerOctave;
-  return std::ldexp(1.0 + part / kStepsPerOctave, static_cast<int>(octave) + kLeastExponent);
+  return std::ldexp(1.0 + part / kStepsPerOctave, static_cast<int>(octave) + kMinExponent);
 }
 
 void RangeStatistics::Add(const Eigen::Vector3d& point_m, double range_m) {
@@ -98,10 +98,10 @@ double RangeStatistics::spread_m() const {
   return std::sqrt(std::max(0.0, mean_square_m2 - mean_m() * mean_m()));
 }
 
-std::optional<std::string> WhyNoMetres(const RangeStatistics& ranges, double max_range_m) {
+std::optional<std::string> WhyNotMetres(const RangeStatistics& ranges, double max_range_m) {
   const double far_m = FarM(max_range_m);
   const double share = ranges.ShareBeyond(far_m);
-  if (ranges.returns() < kEnough || share < kFarShare) return std::nullopt;
+  if (ranges.returns() < kMinReturns || share < kFarShare) return std::nullopt;
   const double middle = ranges.Quantile(0.5);
   const std::string seen = FixedText(100.0 * share, 0) + " % of the returns are farther than " +
                            FixedText(far_m, 0) + " m, the middle one " + FixedText(middle, 0) +
@@ -121,11 +121,11 @@ std::optional<std::string> WhyNoMetres(const RangeStatistics& ranges, double max
 }
 
 std::optional<std::string> WhyCentimetres(const RangeStatistics& ranges) {
-  if (!AreEnoughToRefuse(ranges) || ranges.returns() < kLeastPerFrame * ranges.frames()) {
+  if (!SufficeToRefuse(ranges) || ranges.returns() < kMinReturnsPerFrame * ranges.frames()) {
     return std::nullopt;
   }
   const double nearest_m = ranges.Quantile(kNearestShare);
-  if (nearest_m < kNearestM || ranges.Quantile(kFarthestShare) < kLeastSpan * nearest_m) {
+  if (nearest_m < kNearestM || ranges.Quantile(kFarthestShare) < kMinSpanRatio * nearest_m) {
     return std::nullopt;
   }
   return "19 of 20 returns are farther than " + FixedText(nearest_m, 0) +
@@ -133,13 +133,13 @@ std::optional<std::string> WhyCentimetres(const RangeStatistics& ranges) {
          "input.scale_m=0.01 (0.3048)";
 }
 
-bool AreEnoughToRefuse(const RangeStatistics& ranges) {
-  return ranges.returns() >= kEnoughToRefuse && ranges.frames() >= kEnoughFramesToRefuse;
+bool SufficeToRefuse(const RangeStatistics& ranges) {
+  return ranges.returns() >= kMinReturnsToRefuse && ranges.frames() >= kMinFramesToRefuse;
 }
 
 std::optional<Warning> WarningOfRanges(const std::string& sensor, const RangeStatistics& ranges,
                                        double max_range_m) {
-  if (ranges.returns() < kEnough) return std::nullopt;
+  if (ranges.returns() < kMinReturns) return std::nullopt;
   const double far_m = FarM(max_range_m);
   if (ranges.ShareBeyond(far_m) >= kFarShare && AreOfMap(ranges, far_m)) {
     return Warning{"map_coordinates",

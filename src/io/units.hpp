@@ -51,16 +51,16 @@ class RangeStatistics {
 // within a quarter of input.max_range_m where that is more. `max_range_m`: that. Empty if so, or if
 // there are too few returns to tell, or if they are of a map and not dropped for their range; else
 // what is wrong and what helps, without the name.
-std::optional<std::string> WhyNoMetres(const RangeStatistics& ranges, double max_range_m);
+std::optional<std::string> WhyNotMetres(const RangeStatistics& ranges, double max_range_m);
 
 // Why the coordinates of a sensor look like centimetres though they are within reach: nearly
 // nothing is near, but much over a wide span of ranges, as a station sees its own surroundings.
 // Empty if they do not, or if there is too little to tell. A doubt: a LiDAR may look afar alone.
 std::optional<std::string> WhyCentimetres(const RangeStatistics& ranges);
 
-// Whether there are so many returns, of so many frames, that WhyNoMetres() is an error: the few
+// Whether there are so many returns, of so many frames, that WhyNotMetres() is an error: the few
 // that an empty sky gives may all be noise from afar.
-bool AreEnoughToRefuse(const RangeStatistics& ranges);
+bool SufficeToRefuse(const RangeStatistics& ranges);
 
 // A warning where all returns are about one place far from the origin, or nearly all are nearer
 // than any drone.

@@ -14,10 +14,10 @@ namespace {
 // Beyond what was seen of a target a stream can only guess how it goes on. A row there is given
 // while its sigma is at most this share of the largest that may be written; else it waits for a
 // sighting, or for the end of the stream.
-constexpr double kGuessedShare = 0.25;
+constexpr double kExtrapolatedSigmaShare = 0.25;
 // What waits for so long to be known as a drone has no older rows: it may hang there for days.
-constexpr double kWaitS = 20.0;
-constexpr double kTaken = 0.0;  // gain from which a plot is a track's
+constexpr double kMaxUnreportedS = 20.0;
+constexpr double kMinClaimGain = 0.0;  // gain from which a plot is a track's
 
 }  // namespace
 
@@ -27,83 +27,87 @@ ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackMo
       models_(models),
       instants_(std::move(output_times), NsOf(config.live.silent_s)),
       fitter_(config.trajectory),
-      judge_(config.live.window_s),
+      validator_(config.live.window_s),
       on_event_(std::move(on_event)) {}
 
 // What a place has shown since the track came there is no clutter to it.
-void ConfirmedTracks::SetSuited(const std::vector<SeenPlot>& plots, Track* track) {
-  track->suited.assign(plots.begin(), plots.end());
-  for (SeenPlot& seen : track->suited) {
-    if (!seen.since_s || !track->follower->IsNear(seen.plot.position_m, *seen.since_s)) continue;
-    const double log_before = std::max(seen.log_surroundings, std::log(seen.plot.place_rate));
+void ConfirmedTracks::SetAdaptedPlots(const std::vector<LivePlot>& plots, Track* track) {
+  track->adapted_plots.assign(plots.begin(), plots.end());
+  for (LivePlot& seen : track->adapted_plots) {
+    if (!seen.dwell_begin_s || !track->follower->IsNear(seen.plot.position_m, *seen.dwell_begin_s))
+      continue;
+    const double log_before =
+        std::max(seen.log_surrounding_clutter, std::log(seen.plot.place_rate));
     seen.plot.log_clutter = std::min(seen.plot.log_clutter, log_before);
   }
 }
 
-const std::vector<char>& ConfirmedTracks::Extend(const std::vector<SeenPlot>& plots,
-                                                 const Moment& at) {
+const std::vector<char>& ConfirmedTracks::Extend(const std::vector<LivePlot>& plots,
+                                                 const FrameTime& at) {
   claims_.assign(plots.size(), Claim());
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
     const TrackFollower& follower = *tracks_[t].follower;
-    SetSuited(plots, &tracks_[t]);
-    follower.SetGains(tracks_[t].suited, at, &gains_);
+    SetAdaptedPlots(plots, &tracks_[t]);
+    follower.SetGains(tracks_[t].adapted_plots, at, &gains_);
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (gains_[i] > claims_[i].gain) claims_[i] = {gains_[i], t};
     }
   }
   are_free_.clear();
-  for (const Claim& claim : claims_) are_free_.push_back(claim.gain <= kTaken ? 1 : 0);
+  for (const Claim& claim : claims_) are_free_.push_back(claim.gain <= kMinClaimGain ? 1 : 0);
   for (std::size_t t = 0; t < tracks_.size(); ++t) {
     are_allowed_ = are_free_;
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (claims_[i].track == t) are_allowed_[i] = 1;
     }
-    tracks_[t].follower->Extend(tracks_[t].suited, are_allowed_, at);
+    tracks_[t].follower->Extend(tracks_[t].adapted_plots, are_allowed_, at);
   }
   return are_free_;
 }
 
-bool ConfirmedTracks::HasAt(const Eigen::Vector3d& place_m, double since_s, double time_s) const {
+bool ConfirmedTracks::HasTrackAt(const Eigen::Vector3d& place_m, double dwell_begin_s,
+                                 double time_s) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
-    return track.follower->IsNear(place_m, time_s) && track.follower->IsNear(place_m, since_s);
+    return track.follower->IsNear(place_m, time_s) &&
+           track.follower->IsNear(place_m, dwell_begin_s);
   });
 }
 
 // A drone that shows as two plots in a frame is no second one.
-bool ConfirmedTracks::Has(const Flight& flight) const {
+bool ConfirmedTracks::HasTrackOf(const Flight& flight) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
     const auto near =
-        std::count_if(flight.plots.begin(), flight.plots.end(), [&](const SeenPlot& seen) {
+        std::count_if(flight.plots.begin(), flight.plots.end(), [&](const LivePlot& seen) {
           return track.follower->IsNear(seen.plot.position_m, seen.time_s);
         });
     return 2 * static_cast<std::size_t>(near) >= flight.plots.size();
   });
 }
 
-bool ConfirmedTracks::Begin(const Flight& flight, double least_score,
-                            const std::function<Flight(const Flight&)>& with_past) {
+bool ConfirmedTracks::Initiate(const Flight& flight, double score_threshold,
+                               const std::function<Flight(const Flight&)>& with_history) {
   const auto follow = [&](const Flight& its) {
     return std::make_unique<TrackFollower>(its, models_, config_.robust.tracker,
                                            config_.robust.collect);
   };
-  if (follow(flight)->score() < least_score) return false;
-  if (Has(flight)) return true;
+  if (follow(flight)->score() < score_threshold) return false;
+  if (HasTrackOf(flight)) return true;
   tracks_.emplace_back();
-  tracks_.back().follower = follow(with_past(flight));
+  tracks_.back().follower = follow(with_history(flight));
   tracks_.back().number = next_number_++;
   return true;
 }
 
-void ConfirmedTracks::Judge(const std::vector<SeenPlot>& seen, double time_s) {
+void ConfirmedTracks::Judge(const std::vector<LivePlot>& seen, double time_s) {
   for (auto track = tracks_.begin(); track != tracks_.end();) {
     TrackFollower& follower = *track->follower;
-    if (!track->verdict || time_s >= track->verdict->until_s) {
-      if (!track->is_told) follower.Fit(fitter_);
-      track->verdict =
-          judge_.Judge(track->number, follower, track->is_told, seen, time_s, track->verdict);
+    if (!track->verdict || time_s >= track->verdict->next_judgement_s) {
+      if (!track->is_reported) follower.Fit(fitter_);
+      track->verdict = validator_.Judge(track->number, follower, track->is_reported, seen, time_s,
+                                        track->verdict);
     }
-    if (track->is_told && track->verdict->is_other) {
-      TellEnd(*track);
+    if (track->is_reported && track->verdict->is_rejected) {
+      ReportEnd(*track);
       track = tracks_.erase(track);
     } else {
       ++track;
@@ -111,24 +115,24 @@ void ConfirmedTracks::Judge(const std::vector<SeenPlot>& seen, double time_s) {
   }
 }
 
-const std::vector<SeenPlot>& ConfirmedTracks::GiveRows(TimeNs searched_ns, TimeNs newest_ns) {
+const std::vector<LivePlot>& ConfirmedTracks::EmitRows(TimeNs searched_ns, TimeNs newest_ns) {
   const TimeNs due_ns = newest_ns - NsOf(config_.live.delay_s);
   settled_.clear();
   for (Track& track : tracks_) {
-    Append(&track, std::min(due_ns, searched_ns), newest_ns, kGuessedShare);
+    EmitRowsOf(&track, std::min(due_ns, searched_ns), newest_ns, kExtrapolatedSigmaShare);
   }
   return settled_;
 }
 
-const std::vector<SeenPlot>& ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs searched_ns) {
+const std::vector<LivePlot>& ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs searched_ns) {
   settled_.clear();
   for (auto track = tracks_.begin(); track != tracks_.end();) {
-    if (track->follower->last_tried_ns() >= lost_ns) {
+    if (track->follower->last_tentative_ns() >= lost_ns) {
       ++track;
       continue;
     }
-    Append(&*track, searched_ns, searched_ns, kGuessedShare);
-    TellEnd(*track);
+    EmitRowsOf(&*track, searched_ns, searched_ns, kExtrapolatedSigmaShare);
+    ReportEnd(*track);
     track = tracks_.erase(track);
   }
   return settled_;
@@ -137,79 +141,81 @@ const std::vector<SeenPlot>& ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs sea
 void ConfirmedTracks::Close(TimeNs newest_ns) {
   settled_.clear();
   for (Track& track : tracks_) {
-    Append(&track, std::numeric_limits<TimeNs>::max() / 2, newest_ns, 1.0);
-    TellEnd(track);
+    EmitRowsOf(&track, std::numeric_limits<TimeNs>::max() / 2, newest_ns, 1.0);
+    ReportEnd(track);
   }
   tracks_.clear();
 }
 
 void ConfirmedTracks::Forget(TimeNs oldest_ns) {
   for (const Track& track : tracks_) {
-    if (track.is_told) oldest_ns = std::min(oldest_ns, track.given_ns);
+    if (track.is_reported) oldest_ns = std::min(oldest_ns, track.emitted_until_ns);
   }
   instants_.Forget(oldest_ns);
 }
 
-void ConfirmedTracks::TellEnd(const Track& track) {
-  if (!track.is_told) return;
+void ConfirmedTracks::ReportEnd(const Track& track) {
+  if (!track.is_reported) return;
   on_event_(TrackEnded{track.id, track.follower->last_evidence_ns(), track.kind.kind()});
 }
 
-// When its target was there, as PresenceInterval() says it of a recording, but for what is given.
+// When its target was there, as ExistenceInterval() says it of a recording, but for what is given.
 TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) const {
   const std::vector<Measurement>& measurements = track.follower->fit().measurements();
   const double probability = config_.trajectory.silence_probability;
   const TimeNs half_ns = period_ns_ / 2;
   TimeInterval presence;
-  presence.begin_ns = track.is_told ? track.given_ns + 1
-                                    : measurements.front().time_ns - half_ns -
-                                          SilenceBeforeNs(measurements, period_ns_, probability);
-  presence.end_ns = std::min(until_ns, track.follower->last_evidence_ns() + half_ns +
-                                           SilenceAfterNs(measurements, period_ns_, probability));
+  presence.begin_ns = track.is_reported
+                          ? track.emitted_until_ns + 1
+                          : measurements.front().time_ns - half_ns -
+                                UndetectedBeforeNs(measurements, period_ns_, probability);
+  presence.end_ns =
+      std::min(until_ns, track.follower->last_evidence_ns() + half_ns +
+                             UndetectedAfterNs(measurements, period_ns_, probability));
   return presence;
 }
 
 // Gives the rows of a track until then, if there are any and it is no worse than a drone, and
 // appends the plots that they settle.
-void ConfirmedTracks::Append(Track* track, TimeNs until_ns, TimeNs newest_ns,
-                             double guessed_share) {
+void ConfirmedTracks::EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns,
+                                 double extrapolated_share) {
   if (!track->verdict || !track->verdict->is_drone) {
-    not_told_.clear();
-    track->follower->Settle(until_ns - NsOf(kWaitS), &not_told_);
+    unreported_.clear();
+    track->follower->Settle(until_ns - NsOf(kMaxUnreportedS), &unreported_);
     return;
   }
-  instants_.GetBetween(track->given_ns, until_ns, &due_);
+  instants_.GetBetween(track->emitted_until_ns, until_ns, &due_);
   if (due_.size() == 0) return;
   TrackFollower& follower = *track->follower;
   follower.Fit(fitter_);
   track->kind.Observe(follower.fit().trajectory(), until_ns);
   const Kind kind = track->kind.kind();
   source_.trajectory = follower.fit().trajectory();
-  source_.trajectory.origin_ns += follower.late_ns();
+  source_.trajectory.origin_ns += follower.time_bias_ns();
   source_.presence = PresenceOf(*track, until_ns);
   source_.depth_sigma_m = follower.depth_sigma_m();
-  SetSights(follower.fit().measurements(), &source_.sights);
+  SetViewpoints(follower.fit().measurements(), &source_.viewpoints);
   source_.max_sigma_m = config_.trajectory.max_sigma_m;
-  if (!std::exchange(track->is_told, true)) {
-    track->given_ns = source_.presence.begin_ns - 1;
+  if (!std::exchange(track->is_reported, true)) {
+    track->emitted_until_ns = source_.presence.begin_ns - 1;
     track->id = next_id_++;
     on_event_(TrackConfirmed{track->id, follower.first_evidence_ns(), kind});
   }
   source_.track_id = track->id;
   RowSampler rows(source_, due_);
-  const TimeNs late_ns = newest_ns - NsOf(config_.live.delay_s) - period_ns_;
-  const TimeInterval seen{follower.fit().measurements().front().time_ns + follower.late_ns(),
-                          follower.last_evidence_ns() + follower.late_ns()};
-  const double max_guessed_m = guessed_share * source_.max_sigma_m;
+  const TimeNs late_before_ns = newest_ns - NsOf(config_.live.delay_s) - period_ns_;
+  const TimeInterval seen{follower.fit().measurements().front().time_ns + follower.time_bias_ns(),
+                          follower.last_evidence_ns() + follower.time_bias_ns()};
+  const double max_extrapolated_sigma_m = extrapolated_share * source_.max_sigma_m;
   while (std::optional<TrajectoryRow> row = rows.Next()) {
-    const bool is_guessed = row->time_ns < seen.begin_ns || row->time_ns > seen.end_ns;
-    if (is_guessed && row->sigma_m.maxCoeff() > max_guessed_m) continue;
+    const bool is_extrapolated = row->time_ns < seen.begin_ns || row->time_ns > seen.end_ns;
+    if (is_extrapolated && row->sigma_m.maxCoeff() > max_extrapolated_sigma_m) continue;
     const TimeInterval around = instants_.Around(row->time_ns);
     row->support = follower.fit().ReturnsBetween(around.begin_ns, around.end_ns);
-    on_event_(RowGiven{*row, row->time_ns < late_ns, kind});
-    track->given_ns = row->time_ns;
+    on_event_(RowGiven{*row, row->time_ns < late_before_ns, kind});
+    track->emitted_until_ns = row->time_ns;
   }
-  follower.Settle(track->given_ns, &settled_);
+  follower.Settle(track->emitted_until_ns, &settled_);
 }
 
 }  // namespace unlidar

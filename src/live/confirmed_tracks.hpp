@@ -9,9 +9,9 @@
 
 #include "base/recording.hpp"
 #include "live/live_instants.hpp"
-#include "live/seen_plot.hpp"
+#include "live/live_plot.hpp"
 #include "live/track_follower.hpp"
-#include "live/track_judge.hpp"
+#include "live/track_validator.hpp"
 #include "tracking/track_model.hpp"
 #include "trajectory/kind.hpp"
 #include "unlidar/config.hpp"
@@ -35,27 +35,28 @@ class ConfirmedTracks {
   // Goes on with plots of a frame at `at`. Each is that of one track at most, of the one that it
   // suits best. Returns (plots) which are free, until the next call: no track explains them better
   // than clutter, so they may be another target's.
-  const std::vector<char>& Extend(const std::vector<SeenPlot>& plots, const Moment& at);
+  const std::vector<char>& Extend(const std::vector<LivePlot>& plots, const FrameTime& at);
 
-  // Whether one of them was at a place at `since_s`, and is likely to be there still at `time_s`.
-  bool HasAt(const Eigen::Vector3d& place_m, double since_s, double time_s) const;
+  // Whether one of them was at a place at `dwell_begin_s`, and is likely to be there still at
+  // `time_s`.
+  bool HasTrackAt(const Eigen::Vector3d& place_m, double dwell_begin_s, double time_s) const;
 
   // Begins a track with a flight, unless one has it already. False if the flight is worth less than
-  // `least_score` as a track. `with_past`: gives the flight with what it was before.
-  bool Begin(const Flight& flight, double least_score,
-             const std::function<Flight(const Flight&)>& with_past);
+  // `score_threshold` as a track. `with_history`: gives the flight with what it was before.
+  bool Initiate(const Flight& flight, double score_threshold,
+                const std::function<Flight(const Flight&)>& with_history);
 
   // Judges the tracks by what the frames of the last while show, `seen` in their order. One that
   // may be no drone is followed without a row; one that has rows and proves to be a cloud ends.
-  void Judge(const std::vector<SeenPlot>& seen, double time_s);
+  void Judge(const std::vector<LivePlot>& seen, double time_s);
 
   // Gives the rows that are due when `newest_ns` is the newest stamp and frames were searched until
   // `searched_ns`. Returns the plots that are the tracks' for good by now, until the next call.
-  const std::vector<SeenPlot>& GiveRows(TimeNs searched_ns, TimeNs newest_ns);
+  const std::vector<LivePlot>& EmitRows(TimeNs searched_ns, TimeNs newest_ns);
 
   // Ends the tracks that were seen last before `lost_ns`, their last rows given. Returns as
-  // GiveRows().
-  const std::vector<SeenPlot>& EndLost(TimeNs lost_ns, TimeNs searched_ns);
+  // EmitRows().
+  const std::vector<LivePlot>& EndLost(TimeNs lost_ns, TimeNs searched_ns);
 
   // Ends all of them.
   void Close(TimeNs newest_ns);
@@ -78,31 +79,31 @@ class ConfirmedTracks {
     int number = 0;  // as it began
     int id = 0;      // as it is told
     std::unique_ptr<TrackFollower> follower;
-    std::vector<SeenPlot> suited;  // the plots of a frame, as it sees them
-    std::optional<TrackJudge::Verdict> verdict;
+    std::vector<LivePlot> adapted_plots;  // the plots of a frame, as it sees them
+    std::optional<TrackValidator::Verdict> verdict;
     KindFilter kind;
-    TimeNs given_ns = std::numeric_limits<TimeNs>::min();  // up to here
-    bool is_told = false;
+    TimeNs emitted_until_ns = std::numeric_limits<TimeNs>::min();  // up to here
+    bool is_reported = false;
   };
 
-  bool Has(const Flight& flight) const;
-  static void SetSuited(const std::vector<SeenPlot>& plots, Track* track);
+  bool HasTrackOf(const Flight& flight) const;
+  static void SetAdaptedPlots(const std::vector<LivePlot>& plots, Track* track);
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
-  void TellEnd(const Track& track);
-  void Append(Track* track, TimeNs until_ns, TimeNs newest_ns, double guessed_share);
+  void ReportEnd(const Track& track);
+  void EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns, double extrapolated_share);
 
   const Config& config_;
   const std::vector<TrackModel>& models_;
   LiveInstants instants_;
   TrajectoryFitter fitter_;
-  TrackJudge judge_;
+  TrackValidator validator_;
   // What a frame is worked on with, kept for the next.
   std::vector<Claim> claims_;      // (plots)
   std::vector<double> gains_;      // (plots) of a track
   std::vector<char> are_free_;     // (plots)
   std::vector<char> are_allowed_;  // (plots) a track
-  std::vector<SeenPlot> settled_;
-  std::vector<SeenPlot> not_told_;
+  std::vector<LivePlot> settled_;
+  std::vector<LivePlot> unreported_;
   OutputInstants due_;
   RowSource source_;
   EngineCallback on_event_;

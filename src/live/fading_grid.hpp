@@ -16,7 +16,7 @@ class FadingGrid {
 
   // Times may come in any order; what is late by little is counted as if it were not.
   void Add(const Eigen::Vector3f& point_m, double time_s, double count = 1.0) {
-    counts_.VisitHomes(point_m, {0.0, time_s}, [&](std::uint32_t, Count& seen, bool) {
+    counts_.VisitOverlappingShells(point_m, {0.0, time_s}, [&](std::uint32_t, Count& seen, bool) {
       seen.count = seen.count * Fade(time_s - seen.time_s) + count;
       seen.time_s = std::max(seen.time_s, time_s);
     });
@@ -25,8 +25,8 @@ class FadingGrid {
   // In the neighbourhood of a point.
   double CountAt(const Eigen::Vector3f& point_m, double time_s) const {
     double sum = 0.0;
-    counts_.VisitBlock(point_m,
-                       [&](const Count& seen) { sum += seen.count * Fade(time_s - seen.time_s); });
+    counts_.VisitNeighbourhood(
+        point_m, [&](const Count& seen) { sum += seen.count * Fade(time_s - seen.time_s); });
     return sum;
   }
 

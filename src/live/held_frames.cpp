@@ -15,12 +15,12 @@ void HeldFrames::Add(CloudFrame frame, TimeNs time_ns) {
   held_.push_back({time_ns, std::string(frame.name), std::move(frame)});
 }
 
-bool HeldFrames::TakeAt(Place place, Held* taken) {
-  if (place == held_.end()) return false;
-  *taken = std::move(*place);
+bool HeldFrames::TakeAt(HeldIterator position, Held* taken) {
+  if (position == held_.end()) return false;
+  *taken = std::move(*position);
   taken->frame.name = taken->name;
   points_ -= taken->frame.cloud.points_m.size();
-  held_.erase(place);
+  held_.erase(position);
   return true;
 }
 
@@ -28,7 +28,7 @@ bool HeldFrames::IsOverfull() const {
   return held_.size() > kMaxFrames || (held_.size() > 1 && points_ > kMaxPoints);
 }
 
-HeldFrames::Place HeldFrames::OldestOfMost() {
+HeldFrames::HeldIterator HeldFrames::OldestOfBusiestSensor() {
   std::map<std::uint32_t, std::size_t> cost;  // a frame without points takes room, too
   for (const Held& held : held_) {
     cost[held.frame.sensor] += held.frame.cloud.points_m.size() + kMaxPoints / kMaxFrames;

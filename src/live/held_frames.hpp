@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "io/pcd.hpp"
-#include "live/stamp_judge.hpp"
+#include "live/stamp_validator.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -45,16 +45,16 @@ class HeldFrames {
   template <class IsDue>
   bool TakeEarliest(const IsDue& is_due, Held* taken);
 
-  // Takes one that is to go: one for which `is_to_go(sensor, time_ns)`, else, where there are too
-  // many, the one of the sensor with the most that has waited longest.
-  template <class IsToGo>
-  bool TakeSurplus(const IsToGo& is_to_go, Held* taken);
+  // Takes one that is to go: one for which `should_drop(sensor, time_ns)`, else, where there are
+  // too many, the one of the sensor with the most that has waited longest.
+  template <class ShouldDrop>
+  bool TakeOverflow(const ShouldDrop& should_drop, Held* taken);
 
  private:
-  using Place = std::vector<Held>::iterator;
+  using HeldIterator = std::vector<Held>::iterator;
 
-  bool TakeAt(Place place, Held* taken);
-  Place OldestOfMost();
+  bool TakeAt(HeldIterator position, Held* taken);
+  HeldIterator OldestOfBusiestSensor();
   bool IsOverfull() const;
 
   std::vector<Held> held_;  // as they came
@@ -63,8 +63,8 @@ class HeldFrames {
 
 template <class IsDue>
 bool HeldFrames::TakeEarliest(const IsDue& is_due, Held* taken) {
-  Place earliest = held_.end();
-  for (Place at = held_.begin(); at != held_.end(); ++at) {
+  HeldIterator earliest = held_.end();
+  for (HeldIterator at = held_.begin(); at != held_.end(); ++at) {
     const bool is_earlier =
         earliest == held_.end() || std::make_pair(at->time_ns, at->frame.sensor) <
                                        std::make_pair(earliest->time_ns, earliest->frame.sensor);
@@ -73,13 +73,13 @@ bool HeldFrames::TakeEarliest(const IsDue& is_due, Held* taken) {
   return TakeAt(earliest, taken);
 }
 
-template <class IsToGo>
-bool HeldFrames::TakeSurplus(const IsToGo& is_to_go, Held* taken) {
-  const Place found = std::find_if(held_.begin(), held_.end(), [&](const Held& held) {
-    return is_to_go(held.frame.sensor, held.time_ns);
+template <class ShouldDrop>
+bool HeldFrames::TakeOverflow(const ShouldDrop& should_drop, Held* taken) {
+  const HeldIterator found = std::find_if(held_.begin(), held_.end(), [&](const Held& held) {
+    return should_drop(held.frame.sensor, held.time_ns);
   });
   if (found != held_.end()) return TakeAt(found, taken);
-  return IsOverfull() && TakeAt(OldestOfMost(), taken);
+  return IsOverfull() && TakeAt(OldestOfBusiestSensor(), taken);
 }
 
 }  // namespace unlidar

@@ -6,17 +6,17 @@
 namespace unlidar {
 namespace {
 
-constexpr double kAgedWindows = 3.0;  // leave a twentieth of every count
-constexpr double kWider = 3.0;        // the surroundings of a place, times its radius
-constexpr double kMinStanding = 3.0;
-constexpr double kCompanySlope = 0.01;
-constexpr double kFarther = 5.0;    // the surroundings of a floating thing, times its reach
-constexpr double kSameTimeS = 0.6;  // before it
-constexpr double kLatelyS = 3.0;
-constexpr double kSolidShare = 0.2;  // of the frames of its sensor, in which it has a plot
+constexpr double kDiscountWindows = 3.0;     // leave a twentieth of every count
+constexpr double kSurroundingsFactor = 3.0;  // the surroundings of a place, times its radius
+constexpr double kMinStaticCount = 3.0;
+constexpr double kNeighbourSlope = 0.01;
+constexpr double kOuterReachFactor = 5.0;  // the surroundings of a floating thing, times its reach
+constexpr double kSimultaneousS = 0.6;     // before it
+constexpr double kRecentS = 3.0;
+constexpr double kPersistentShare = 0.2;  // of the frames of its sensor, in which it has a plot
 
-RangeRadius Wider(const RangeRadius& radius) {
-  return {kWider * radius.constant_m, kWider * radius.slope};
+RangeRadius Surroundings(const RangeRadius& radius) {
+  return {kSurroundingsFactor * radius.constant_m, kSurroundingsFactor * radius.slope};
 }
 
 }  // namespace
@@ -26,35 +26,36 @@ LiveClutter::LiveClutter(const RobustConfig& config, double fade_s)
       exclusion_s_((kClutterExclusionBins + 0.5) * config.background.bin_s),
       fade_s_(fade_s),
       place_(config.background.place),
-      standing_(config.background.place, fade_s),
-      about_(Wider(config.background.place), fade_s),
-      floating_({config.support.body_m, kCompanySlope}, fade_s),
-      self_({config.support.body_m, kCompanySlope}, fade_s),
-      beside_({config.support.body_m, kCompanySlope}, fade_s),
-      farther_({config.support.body_m, kCompanySlope}, fade_s) {}
+      static_grid_(config.background.place, fade_s),
+      surroundings_(Surroundings(config.background.place), fade_s),
+      floating_({config.support.body_m, kNeighbourSlope}, fade_s),
+      self_({config.support.body_m, kNeighbourSlope}, fade_s),
+      neighbours_({config.support.body_m, kNeighbourSlope}, fade_s),
+      outer_({config.support.body_m, kNeighbourSlope}, fade_s) {}
 
 LiveClutter::Sensor& LiveClutter::SensorAt(std::uint32_t sensor) {
   while (sensors_.size() <= sensor) {
     sensors_.push_back({FadingGrid(kClutterWide, fade_s_),
                         FadingGrid(config_.clutter_middle, fade_s_),
                         FadingGrid(config_.clutter_narrow, fade_s_),
-                        FadingGrid(config_.spot, fade_s_), FadingGrid(place_, kLatelyS)});
+                        FadingGrid(config_.spot, fade_s_), FadingGrid(place_, kRecentS)});
   }
   return sensors_[sensor];
 }
 
-void LiveClutter::Foresee(std::uint32_t sensor, double time_s, const std::vector<SeenPlot>& plots) {
+void LiveClutter::AddLookahead(std::uint32_t sensor, double time_s,
+                               const std::vector<LivePlot>& plots) {
   Sensor& seen = SensorAt(sensor);
-  if (foreseen_until_s_ < 0.0) foreseen_from_s_ = time_s;
-  foreseen_until_s_ = time_s;
-  seen.ahead_s.push_back(time_s);
-  seen.frames_foreseen += 1.0;
-  for (const SeenPlot& plot : plots) {
+  if (lookahead_end_s_ < 0.0) lookahead_begin_s_ = time_s;
+  lookahead_end_s_ = time_s;
+  seen.lookahead_s.push_back(time_s);
+  seen.lookahead_frames += 1.0;
+  for (const LivePlot& plot : plots) {
     const Eigen::Vector3f place_m = plot.plot.ray_m.cast<float>();
     const Recent recent{time_s, plot.plot.frame, sensor, place_m};
-    ahead_.push_back(recent);
-    Count(recent, foreseen_from_s_, 1.0);
-    seen.spot.Add(place_m, foreseen_from_s_);
+    lookahead_.push_back(recent);
+    Count(recent, lookahead_begin_s_, 1.0);
+    seen.spot.Add(place_m, lookahead_begin_s_);
   }
 }
 
@@ -65,17 +66,17 @@ void LiveClutter::Count(const Recent& plot, double time_s, double count) {
   }
 }
 
-void LiveClutter::Age() {
-  if (std::isfinite(fade_s_)) aged_s_ += kAgedWindows * fade_s_;
+void LiveClutter::Discount() {
+  if (std::isfinite(fade_s_)) discount_s_ += kDiscountWindows * fade_s_;
 }
 
 void LiveClutter::AddFrame(std::uint32_t sensor, double time_s) {
-  time_s += aged_s_;
+  time_s += discount_s_;
   Sensor& seen = SensorAt(sensor);
   seen.recent_s.push_back(time_s);
-  seen.frames_lately =
-      seen.frames_lately * std::exp(-std::max(0.0, time_s - seen.lately_s) / kLatelyS) + 1.0;
-  seen.lately_s = std::max(seen.lately_s, time_s);
+  seen.recent_frames =
+      seen.recent_frames * std::exp(-std::max(0.0, time_s - seen.recent_time_s) / kRecentS) + 1.0;
+  seen.recent_time_s = std::max(seen.recent_time_s, time_s);
 }
 
 // What is older than the exclusion is clutter from now on, and what was foreseen is none while it
@@ -83,14 +84,15 @@ void LiveClutter::AddFrame(std::uint32_t sensor, double time_s) {
 void LiveClutter::Settle(double time_s) {
   const double until_s = time_s - exclusion_s_;
   const double from_s = time_s + exclusion_s_;
-  for (; !ahead_.empty() && ahead_.front().time_s <= from_s; ahead_.pop_front()) {
-    Count(ahead_.front(), foreseen_from_s_, -1.0);
+  for (; !lookahead_.empty() && lookahead_.front().time_s <= from_s; lookahead_.pop_front()) {
+    Count(lookahead_.front(), lookahead_begin_s_, -1.0);
   }
   for (; !recent_.empty() && recent_.front().time_s < until_s; recent_.pop_front()) {
     Count(recent_.front(), recent_.front().time_s, 1.0);
   }
   for (Sensor& sensor : sensors_) {
-    while (!sensor.ahead_s.empty() && sensor.ahead_s.front() <= from_s) sensor.ahead_s.pop_front();
+    while (!sensor.lookahead_s.empty() && sensor.lookahead_s.front() <= from_s)
+      sensor.lookahead_s.pop_front();
     for (; !sensor.recent_s.empty() && sensor.recent_s.front() < until_s;
          sensor.recent_s.pop_front()) {
       const double at_s = sensor.recent_s.front();
@@ -100,83 +102,86 @@ void LiveClutter::Settle(double time_s) {
   }
 }
 
-void LiveClutter::Judge(const Support& support, double time_s, std::vector<SeenPlot>* plots) {
-  time_s += aged_s_;
+void LiveClutter::Judge(const Support& support, double time_s, std::vector<LivePlot>* plots) {
+  time_s += discount_s_;
   Settle(time_s);
-  for (SeenPlot& seen : *plots) {
+  for (LivePlot& seen : *plots) {
     Plot& plot = seen.plot;
     const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
-    standing_.Add(place_m, time_s);
-    about_.Add(place_m, time_s);
-    const double here = standing_.CountAt(place_m, time_s);
-    const double chance =
-        about_.CountAt(place_m, time_s) * standing_.VolumeM3(place_m) / about_.VolumeM3(place_m);
-    const bool is_standing = here >= kMinStanding && here > chance + 3.0 * std::sqrt(chance);
-    if (is_standing) standing_plots_.push_back({time_s, plot.ray_m});
+    static_grid_.Add(place_m, time_s);
+    surroundings_.Add(place_m, time_s);
+    const double here = static_grid_.CountAt(place_m, time_s);
+    const double chance = surroundings_.CountAt(place_m, time_s) * static_grid_.VolumeM3(place_m) /
+                          surroundings_.VolumeM3(place_m);
+    const bool is_static = here >= kMinStaticCount && here > chance + 3.0 * std::sqrt(chance);
+    if (is_static) static_plots_.push_back({time_s, plot.ray_m});
     Sensor& sensor = SensorAt(plot.sensor);
-    sensor.lately.Add(place_m, time_s);
+    sensor.recent_plots.Add(place_m, time_s);
     // What is hit now and then in one place is a twig or a wire.
-    const bool is_solid =
-        sensor.lately.CountAt(place_m, time_s) >= kSolidShare * sensor.frames_lately;
+    const bool is_persistent =
+        sensor.recent_plots.CountAt(place_m, time_s) >= kPersistentShare * sensor.recent_frames;
     // Fog may hide what holds a thing.
-    plot.is_floating = is_standing && is_solid && !is_blinded_ && support.IsFloating(place_m);
+    plot.is_floating = is_static && is_persistent && !is_blinded_ && support.IsFloating(place_m);
   }
-  while (!standing_plots_.empty() && standing_plots_.front().time_s < time_s - kSameTimeS) {
-    standing_plots_.pop_front();
+  while (!static_plots_.empty() && static_plots_.front().time_s < time_s - kSimultaneousS) {
+    static_plots_.pop_front();
   }
-  for (SeenPlot& seen : *plots) {
+  for (LivePlot& seen : *plots) {
     Plot& plot = seen.plot;
-    if (plot.is_floating) plot.is_floating = !HasCompany(plot, support.config(), time_s);
+    if (plot.is_floating) plot.is_floating = !HasNeighbours(plot, support.config(), time_s);
   }
-  for (SeenPlot& seen : *plots) {
+  for (LivePlot& seen : *plots) {
     Plot& plot = seen.plot;
     const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
     Sensor& sensor = SensorAt(plot.sensor);
-    const double frames = std::max(1.0, sensor.frames + static_cast<double>(sensor.ahead_s.size()));
+    const double frames =
+        std::max(1.0, sensor.frames + static_cast<double>(sensor.lookahead_s.size()));
     double rate = 1e-6;
     for (const FadingGrid* grid : {&sensor.wide, &sensor.middle, &sensor.narrow}) {
       const double exposure = frames * grid->VolumeM3(place_m);
       rate = ClutterRate(grid->CountAt(place_m, time_s), exposure, rate);
     }
     plot.log_clutter = std::log(rate);
-    seen.log_surroundings = plot.log_clutter;
-    const bool is_foreseen = time_s <= foreseen_until_s_;
-    const double others = sensor.spot.CountAt(place_m, time_s) - (is_foreseen ? 1.0 : 0.0);
-    if (!is_foreseen) sensor.spot.Add(place_m, time_s);
+    seen.log_surrounding_clutter = plot.log_clutter;
+    const bool is_lookahead = time_s <= lookahead_end_s_;
+    const double others = sensor.spot.CountAt(place_m, time_s) - (is_lookahead ? 1.0 : 0.0);
+    if (!is_lookahead) sensor.spot.Add(place_m, time_s);
     if (!plot.is_floating) {
       const double spot_rate =
-          others / std::max(frames, sensor.frames_foreseen) / PlotVolumeM3(plot);
+          others / std::max(frames, sensor.lookahead_frames) / PlotVolumeM3(plot);
       plot.log_clutter = std::log(std::max({rate, spot_rate, plot.place_rate}));
     }
     recent_.push_back({time_s, plot.frame, plot.sensor, place_m});
   }
 }
 
-// Whether more stands beside a floating plot at the same time than by chance: then what holds the
-// one up is likely to hold the other.
-bool LiveClutter::HasCompany(const Plot& plot, const SupportConfig& support, double time_s) {
+// Whether more stands num_neighbours a floating plot at the same time than by chance: then what
+// holds the one up is likely to hold the other.
+bool LiveClutter::HasNeighbours(const Plot& plot, const SupportConfig& support, double time_s) {
   const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
   const double reach_m = support.ReachM(plot.ray_m.norm());
   double self = 0.0;
-  double beside = 0.0;
-  double farther = 0.0;
-  for (const Standing& other : standing_plots_) {
+  double num_neighbours = 0.0;
+  double num_outer = 0.0;
+  for (const StaticPlot& other : static_plots_) {
     const double distance_m = (plot.ray_m - other.position_m).norm();
-    if (distance_m >= kFarther * reach_m) continue;
-    (distance_m <= support.body_m ? self : distance_m < reach_m ? beside : farther) += 1.0;
+    if (distance_m >= kOuterReachFactor * reach_m) continue;
+    (distance_m <= support.body_m ? self
+     : distance_m < reach_m       ? num_neighbours
+                                  : num_outer) += 1.0;
   }
   floating_.Add(place_m, time_s);
   self_.Add(place_m, time_s, self);
-  beside_.Add(place_m, time_s, beside);
-  farther_.Add(place_m, time_s, farther);
-  // What is beside it was counted once for each of its own plots near in time.
+  neighbours_.Add(place_m, time_s, num_neighbours);
+  outer_.Add(place_m, time_s, num_outer);
+  // What is num_neighbours it was counted once for each of its own plots near in time.
   const double times = self_.CountAt(place_m, time_s) / floating_.CountAt(place_m, time_s);
-  const double chance =
-      farther_.CountAt(place_m, time_s) / times / (kFarther * kFarther * kFarther - 1.0);
-  return beside_.CountAt(place_m, time_s) / times > chance + 2.0 * std::sqrt(chance);
+  const double chance = outer_.CountAt(place_m, time_s) / times /
+                        (kOuterReachFactor * kOuterReachFactor * kOuterReachFactor - 1.0);
+  return neighbours_.CountAt(place_m, time_s) / times > chance + 2.0 * std::sqrt(chance);
 }
 
-void LiveClutter::Explain(const Plot& plot) {
+void LiveClutter::RemoveFromClutter(const Plot& plot) {
   const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
   for (auto at = recent_.begin(); at != recent_.end(); ++at) {
     if (at->frame != plot.frame || at->position_m != place_m) continue;
@@ -187,14 +192,15 @@ void LiveClutter::Explain(const Plot& plot) {
 }
 
 void LiveClutter::Sweep(double time_s) {
-  time_s += aged_s_;
+  time_s += discount_s_;
   for (Sensor& sensor : sensors_) {
     for (FadingGrid* grid :
-         {&sensor.wide, &sensor.middle, &sensor.narrow, &sensor.spot, &sensor.lately}) {
+         {&sensor.wide, &sensor.middle, &sensor.narrow, &sensor.spot, &sensor.recent_plots}) {
       grid->Sweep(time_s);
     }
   }
-  for (FadingGrid* grid : {&standing_, &about_, &floating_, &self_, &beside_, &farther_}) {
+  for (FadingGrid* grid :
+       {&static_grid_, &surroundings_, &floating_, &self_, &neighbours_, &outer_}) {
     grid->Sweep(time_s);
   }
 }

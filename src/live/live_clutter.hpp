@@ -7,7 +7,7 @@
 
 #include "base/queue.hpp"
 #include "live/fading_grid.hpp"
-#include "live/seen_plot.hpp"
+#include "live/live_plot.hpp"
 #include "recording/robust.hpp"
 
 namespace unlidar {
@@ -20,25 +20,25 @@ class LiveClutter {
 
   // The plots of one of the first frames, in order of time and before any is judged: among those,
   // what comes later tells of clutter, too.
-  void Foresee(std::uint32_t sensor, double time_s, const std::vector<SeenPlot>& plots);
+  void AddLookahead(std::uint32_t sensor, double time_s, const std::vector<LivePlot>& plots);
 
   // A frame of a sensor was taken, whether or not it shows any plot.
   void AddFrame(std::uint32_t sensor, double time_s);
 
   // Tells of each plot, of one frame, whether it floats and how much clutter is there. Then
   // remembers the plots.
-  void Judge(const Support& support, double time_s, std::vector<SeenPlot>* plots);
+  void Judge(const Support& support, double time_s, std::vector<LivePlot>* plots);
 
   // Whether a sensor is blinded or may be: then nothing is known to float, as what holds it may not
   // be seen.
   void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
 
   // A plot that is a target's is no clutter. Only one of the last second can still be told.
-  void Explain(const Plot& plot);
+  void RemoveFromClutter(const Plot& plot);
 
   // What was seen until now weighs little against what follows: the weather has changed. Not with
   // an endless window, which forgets nothing.
-  void Age();
+  void Discount();
 
   void Sweep(double time_s);
 
@@ -55,24 +55,24 @@ class LiveClutter {
     FadingGrid middle;
     FadingGrid narrow;
     FadingGrid spot;
-    FadingGrid lately;           // plots of the last moments,
-    double frames_lately = 0.0;  // and frames, faded, up to
-    double lately_s = 0.0;
+    FadingGrid recent_plots;     // plots of the last moments,
+    double recent_frames = 0.0;  // and frames, faded, up to
+    double recent_time_s = 0.0;
     double frames = 0.0;  // likewise, all whose plots are clutter by now
     double time_s = 0.0;
-    Queue<double> recent_s{};  // frames whose plots are not
-    Queue<double> ahead_s{};   // foreseen frames whose plots are clutter from the other side
-    double frames_foreseen = 0.0;
+    Queue<double> recent_s{};     // frames whose plots are not
+    Queue<double> lookahead_s{};  // foreseen frames whose plots are clutter from the other side
+    double lookahead_frames = 0.0;
   };
 
   // A plot that stands still, and when.
-  struct Standing {
+  struct StaticPlot {
     double time_s = 0.0;
     Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   };
 
   Sensor& SensorAt(std::uint32_t sensor);
-  bool HasCompany(const Plot& plot, const SupportConfig& support, double time_s);
+  bool HasNeighbours(const Plot& plot, const SupportConfig& support, double time_s);
   void Settle(double time_s);
   void Count(const Recent& plot, double time_s, double count);
 
@@ -80,22 +80,22 @@ class LiveClutter {
   double exclusion_s_;
   double fade_s_;
   bool is_blinded_ = false;
-  double aged_s_ = 0.0;  // by which all that was seen is older than its time says
+  double discount_s_ = 0.0;  // by which all that was seen is older than its time says
   RangeRadius place_;
   std::vector<Sensor> sensors_;
   Queue<Recent> recent_;
-  Queue<Recent> ahead_;  // foreseen, and farther ahead than the exclusion
-  double foreseen_from_s_ = 0.0;
-  double foreseen_until_s_ = -1.0;
-  FadingGrid standing_;             // plots at one place,
-  FadingGrid about_;                // and in a wider one
-  Queue<Standing> standing_plots_;  // of the last moments
+  Queue<Recent> lookahead_;  // foreseen, and farther ahead than the exclusion
+  double lookahead_begin_s_ = 0.0;
+  double lookahead_end_s_ = -1.0;
+  FadingGrid static_grid_;          // plots at one place,
+  FadingGrid surroundings_;         // and in a wider one
+  Queue<StaticPlot> static_plots_;  // of the last moments
   // About each floating plot at the same time: it and what stands as near as its own body, beside
   // it and farther away.
   FadingGrid floating_;
   FadingGrid self_;
-  FadingGrid beside_;
-  FadingGrid farther_;
+  FadingGrid neighbours_;
+  FadingGrid outer_;
 };
 
 }  // namespace unlidar

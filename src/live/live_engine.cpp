@@ -66,7 +66,7 @@ void LiveEngine::Add(CloudFrame frame) {
                      " ns of an earlier frame, expected one frame for each stamp");
   }
   if (is_endless_) return Take(std::move(frame), stamp_ns);
-  using Verdict = StampJudge::Verdict;
+  using Verdict = StampValidator::Verdict;
   const std::uint32_t index = frame.sensor;
   const Verdict verdict = stamps_.Judge({index, stamp_ns, frame.arrival});
   if (verdict == Verdict::kTaken && held_.empty()) return Take(std::move(frame), stamp_ns);
@@ -78,16 +78,16 @@ void LiveEngine::Add(CloudFrame frame) {
   Settle(verdict);
 }
 
-void LiveEngine::LeaveOut(std::uint32_t sensor, TimeNs stamp_ns,
-                          const std::optional<Arrival>& arrival) {
+void LiveEngine::NoteSkipped(std::uint32_t sensor, TimeNs stamp_ns,
+                             const std::optional<Arrival>& arrival) {
   const TimeNs time_ns = stamp_ns + sensors_.at(sensor).frames.offset_ns();
   if (is_endless_ || std::abs(time_ns) > kMaxStampNs) return;
   Settle(stamps_.Judge({sensor, time_ns, arrival}));
 }
 
 // The verdict on a frame decides on those that wait, too.
-void LiveEngine::Settle(StampJudge::Verdict verdict) {
-  if (verdict == StampJudge::Verdict::kAnew) BeginAnew();
+void LiveEngine::Settle(StampValidator::Verdict verdict) {
+  if (verdict == StampValidator::Verdict::kRestart) Restart();
   TakeHeld();
   DropAstray(
       [this](std::uint32_t sensor, TimeNs time_ns) { return !stamps_.IsPending(sensor, time_ns); });
@@ -102,14 +102,14 @@ bool LiveEngine::CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeN
 // In the order of their stamps: none may come behind what was handed on.
 void LiveEngine::TakeHeld() {
   const auto is_due = [this](std::uint32_t sensor, TimeNs time_ns) {
-    return stamps_.IsBorneOut(sensor, time_ns);
+    return stamps_.IsConfirmed(sensor, time_ns);
   };
   while (held_.TakeEarliest(is_due, &taken_)) Take(std::move(taken_.frame), taken_.time_ns);
 }
 
-template <class IsToGo>
-void LiveEngine::DropAstray(const IsToGo& is_to_go) {
-  while (held_.TakeSurplus(is_to_go, &taken_)) {
+template <class ShouldDrop>
+void LiveEngine::DropAstray(const ShouldDrop& should_drop) {
+  while (held_.TakeOverflow(should_drop, &taken_)) {
     ++astray_.count;
     astray_.sensor = taken_.frame.sensor;
     astray_.ahead_ns = has_begun() ? taken_.time_ns - newest_ns() : 0;
@@ -117,7 +117,7 @@ void LiveEngine::DropAstray(const IsToGo& is_to_go) {
 }
 
 void LiveEngine::Take(CloudFrame frame, TimeNs stamp_ns) {
-  if (HasForgottenAll(stamp_ns)) BeginAnew();
+  if (HasForgottenAll(stamp_ns)) Restart();
   Sensor& sensor = sensors_[frame.sensor];
   std::vector<TimeNs>& stamps_ns = sensor.stamps_ns;
   stamps_ns.insert(std::lower_bound(stamps_ns.begin(), stamps_ns.end(), frame.stamp_ns),
@@ -136,30 +136,30 @@ void LiveEngine::Take(CloudFrame frame, TimeNs stamp_ns) {
   stamps_.Take(stamp_ns);
   if (is_first) on_event_(EngineState::kWarmingUp);
   sensor.newest_ns = std::max(sensor.newest_ns, stamp_ns);
-  TellSensors(frame.sensor);
+  ReportSensorStates(frame.sensor);
   waiting_.Add(stamp_ns);
   if (is_endless_) return;
   Release(SettledNs());
-  DropSurplus();
+  DropOverflow();
 }
 
-void LiveEngine::DropSurplus() {
-  while (const std::optional<WaitingFrames::Dropped> dropped = waiting_.DropSurplus()) {
+void LiveEngine::DropOverflow() {
+  while (const std::optional<WaitingFrames::Dropped> dropped = waiting_.DropOverflow()) {
     std::vector<TimeNs>& stamps_ns = sensors_[dropped->sensor].stamps_ns;
     stamps_ns.erase(std::lower_bound(stamps_ns.begin(), stamps_ns.end(), dropped->stamp_ns));
     --counts_.frames;
-    ++surplus_.count;
-    surplus_.sensor = dropped->sensor;
+    ++overflow_.count;
+    overflow_.sensor = dropped->sensor;
   }
 }
 
 void LiveEngine::CheckUnits(std::uint32_t index) {
   const SensorFrames& frames = sensors_[index].frames;
-  const auto why = frames.UnitDoubt();
+  const auto why = frames.UnitProblem();
   if (!why || are_metres_) return Warn(index, frames.RangeWarnings(are_metres_));
-  sensors_[index].is_no_metres = true;
+  sensors_[index].is_not_metres = true;
   const auto is_right = [](const Sensor& sensor) {
-    return sensor.was_heard && !sensor.is_no_metres;
+    return sensor.was_heard && !sensor.is_not_metres;
   };
   if (std::none_of(sensors_.begin(), sensors_.end(), is_right)) throw UnitError(*why);
   Warn(index, {{"not_metres", *why}});
@@ -168,7 +168,7 @@ void LiveEngine::CheckUnits(std::uint32_t index) {
 void LiveEngine::Advance(TimeNs now_ns) {
   if (!has_begun() || now_ns <= newest_ns()) return;
   stamps_.Take(std::min(now_ns, kMaxStampNs));
-  TellSensors(std::nullopt);
+  ReportSensorStates(std::nullopt);
   if (is_endless_) return;
   Release(SettledNs());
   tracker_->Advance(SettledNs(), newest_ns());
@@ -204,18 +204,18 @@ bool LiveEngine::HasForgottenAll(TimeNs stamp_ns) const {
 }
 
 // Nothing of what was is related to what comes.
-void LiveEngine::BeginAnew() {
+void LiveEngine::Restart() {
   EndTracks();
   auto tracker = std::make_unique<LiveTracker>(config_, output_times_, on_event_);
   tracker->NumberFrom(tracker_->next_id());
   tracker_ = std::move(tracker);
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
-    Sensor anew(FramesOf(i, sensors_[i].frames.info().name));
-    anew.sight = std::move(sensors_[i].sight);  // which no clock changes,
-    anew.pose = std::move(sensors_[i].pose);    // nor this,
-    anew.was_heard = sensors_[i].was_heard;     // nor the unit
-    anew.is_no_metres = sensors_[i].is_no_metres;
-    sensors_[i] = std::move(anew);
+    Sensor fresh(FramesOf(i, sensors_[i].frames.info().name));
+    fresh.sensor_health = std::move(sensors_[i].sensor_health);  // which no clock changes,
+    fresh.pose = std::move(sensors_[i].pose);                    // nor this,
+    fresh.was_heard = sensors_[i].was_heard;                     // nor the unit
+    fresh.is_not_metres = sensors_[i].is_not_metres;
+    sensors_[i] = std::move(fresh);
   }
   stamps_.Begin();
 }
@@ -224,13 +224,13 @@ void LiveEngine::BeginAnew() {
 TimeNs LiveEngine::SettledNs() const { return newest_ns() - NsOf(config_.live.reorder_s); }
 
 // `heard`: the sensor of the frame that has just come.
-void LiveEngine::TellSensors(std::optional<std::uint32_t> heard) {
+void LiveEngine::ReportSensorStates(std::optional<std::uint32_t> heard) {
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     Sensor& sensor = sensors_[i];
     const bool is_silent =
         i != heard && (sensor.state == SensorState::kSilent ||
                        newest_ns() - sensor.newest_ns > NsOf(config_.live.silent_s));
-    const bool is_blinded = !is_endless_ && sensor.sight.is_blinded();
+    const bool is_blinded = !is_endless_ && sensor.sensor_health.is_blinded();
     const SensorState state = is_silent    ? SensorState::kSilent
                               : is_blinded ? SensorState::kBlinded
                                            : SensorState::kOk;
@@ -238,19 +238,19 @@ void LiveEngine::TellSensors(std::optional<std::uint32_t> heard) {
   }
 }
 
-// What a frame tells of the sight of its sensor.
-void LiveEngine::LookAt(const LoadedFrame& frame) {
+// What a frame tells of the sensor_health of its sensor.
+void LiveEngine::UpdateSensorHealth(const LoadedFrame& frame) {
   Sensor& sensor = sensors_[frame.info.sensor];
   const Eigen::Vector3f* const begin_m = frame.points_m.data();
   const Eigen::Vector3f* const end_m = begin_m + frame.points_m.size();
   const SensorInfo& info = sensor.frames.info();
-  sensor.sight.AddFrame(frame.info.begin_ns, begin_m, end_m, info.origin_m);
+  sensor.sensor_health.AddFrame(frame.info.begin_ns, begin_m, end_m, info.origin_m);
   if (is_endless_) return;  // all is told of the recording at the end
   sensor.pose.AddFrame(info.name, frame.info.begin_ns, begin_m, end_m, info.origin_m);
   Warn(frame.info.sensor, sensor.pose.TakeWarnings());
 }
 
-// Each kind once of a sensor, however often it begins anew.
+// Each kind once of a sensor, however often it begins fresh.
 void LiveEngine::Warn(std::uint32_t sensor, std::vector<Warning> warnings) {
   for (Warning& warning : warnings) {
     if (warned_of_.emplace(sensor, warning.code).second) warnings_.push_back(std::move(warning));
@@ -261,11 +261,11 @@ void LiveEngine::Warn(std::uint32_t sensor, std::vector<Warning> warnings) {
 // what was handed on alone, so that they are the same in whatever order the frames came.
 void LiveEngine::Release(TimeNs until_ns) {
   while (!waiting_.empty() && waiting_.earliest_ns() <= until_ns) {
-    HandOn(until_ns, waiting_.TakeEarliest());
+    PassToTracker(until_ns, waiting_.TakeEarliest());
   }
 }
 
-void LiveEngine::HandOn(TimeNs until_ns, LoadedFrame* frame) {
+void LiveEngine::PassToTracker(TimeNs until_ns, LoadedFrame* frame) {
   const std::uint32_t index = frame->info.sensor;
   Sensor& sensor = sensors_[index];
   const TimeNs offset_ns = sensor.frames.offset_ns();
@@ -283,16 +283,17 @@ void LiveEngine::HandOn(TimeNs until_ns, LoadedFrame* frame) {
     return;
   }
   const SensorInfo& info = sensor.frames.info();
-  if (info.frame_period_ns != std::exchange(sensor.told_period_ns, info.frame_period_ns)) {
+  if (info.frame_period_ns != std::exchange(sensor.reported_period_ns, info.frame_period_ns)) {
     tracker_->SetSensor(index, info);
   }
-  LookAt(*frame);
-  tracker_->SetBlinded(std::any_of(sensors_.begin(), sensors_.end(),
-                                   [](const Sensor& other) { return other.sight.is_doubtful(); }));
+  UpdateSensorHealth(*frame);
+  tracker_->SetBlinded(std::any_of(sensors_.begin(), sensors_.end(), [](const Sensor& other) {
+    return other.sensor_health.may_be_blinded();
+  }));
   const bool was_warm = tracker_->is_warm();
   tracker_->Take(frame);
   if (!was_warm && tracker_->is_warm()) on_event_(EngineState::kRunning);
-  tracker_->GiveRows(now_ns);
+  tracker_->EmitRows(now_ns);
 }
 
 // With an endless delay no row is due before the end, and then all that there is to know is known:
@@ -300,7 +301,7 @@ void LiveEngine::HandOn(TimeNs until_ns, LoadedFrame* frame) {
 void LiveEngine::TrackAll() {
   Recording recording;
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
-    if (sensors_[i].frames.UnitDoubt()) CheckUnits(i);
+    if (sensors_[i].frames.UnitProblem()) CheckUnits(i);
     sensors_[i].frames.AppendWarnings(are_metres_, &recording.warnings);
     recording.sensors.push_back(sensors_[i].frames.info());
   }
@@ -308,7 +309,7 @@ void LiveEngine::TrackAll() {
   for (LoadedFrame& loaded : waiting_.TakeAll()) {
     try {
       sensors_[loaded.info.sensor].frames.Finish(loaded);
-      LookAt(loaded);
+      UpdateSensorHealth(loaded);
       frames.push_back(std::move(loaded));
     } catch (const InputError&) {
       if (!config_.input.skip_bad_frames) throw;

@@ -13,10 +13,10 @@
 #include "io/sensor_frames.hpp"
 #include "live/held_frames.hpp"
 #include "live/live_tracker.hpp"
-#include "live/stamp_judge.hpp"
+#include "live/stamp_validator.hpp"
 #include "live/waiting_frames.hpp"
 #include "scene/pose_check.hpp"
-#include "scene/sight.hpp"
+#include "scene/sensor_health.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"
 #include "unlidar/types.hpp"
@@ -34,7 +34,7 @@ struct AstrayFrames {
 };
 
 // The frames that were more than may wait for live.reorder_s, and were left out.
-struct SurplusFrames {
+struct OverflowFrames {
   std::uint64_t count = 0;
   std::uint32_t sensor = 0;  // of the last of them
 };
@@ -55,7 +55,7 @@ class LiveEngine {
   void Add(CloudFrame frame);
 
   // A frame has come, but is not to be worked off. Its stamp tells of the clocks all the same.
-  void LeaveOut(std::uint32_t sensor, TimeNs stamp_ns, const std::optional<Arrival>& arrival);
+  void NoteSkipped(std::uint32_t sensor, TimeNs stamp_ns, const std::optional<Arrival>& arrival);
 
   void Advance(TimeNs now_ns);
   void Close();
@@ -65,17 +65,19 @@ class LiveEngine {
   const InputCounts& counts() const { return counts_; }
   std::uint64_t late_frames() const { return late_frames_; }
   const AstrayFrames& astray_frames() const { return astray_; }
-  const SurplusFrames& surplus_frames() const { return surplus_; }
+  const OverflowFrames& overflow_frames() const { return overflow_; }
   const std::vector<Warning>& warnings() const { return warnings_; }
 
   // As it was last told.
   SensorState StateOf(std::uint32_t sensor) const { return sensors_.at(sensor).state; }
 
   // Whether its last frame was set aside: its clock is not that of the others.
-  bool IsApart(std::uint32_t sensor) const { return stamps_.IsApart(sensor); }
+  bool IsOutOfSync(std::uint32_t sensor) const { return stamps_.IsOutOfSync(sensor); }
 
   // For so long the sensor was blinded.
-  double BlindedS(std::uint32_t sensor) const { return sensors_.at(sensor).sight.blinded_s(); }
+  double BlindedS(std::uint32_t sensor) const {
+    return sensors_.at(sensor).sensor_health.blinded_s();
+  }
 
  private:
   struct Sensor {
@@ -84,31 +86,31 @@ class LiveEngine {
     SensorFrames frames;
     TimeNs newest_ns = 0;
     SensorState state = SensorState::kSilent;  // as it was told, and before it is
-    SensorSight sight;
+    SensorHealth sensor_health;
     PoseCheck pose;
-    bool was_heard = false;     // ever,
-    bool is_no_metres = false;  // and its coordinates can be none
-    TimeNs told_period_ns = 0;
+    bool was_heard = false;      // ever,
+    bool is_not_metres = false;  // and its coordinates can be none
+    TimeNs reported_period_ns = 0;
     std::vector<TimeNs> stamps_ns;  // of the frames that may still come twice, ascending
   };
 
   SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;
   bool CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeNs stamp_ns) const;
-  void Settle(StampJudge::Verdict verdict);
+  void Settle(StampValidator::Verdict verdict);
   void TakeHeld();
-  template <class IsToGo>
-  void DropAstray(const IsToGo& is_to_go);
+  template <class ShouldDrop>
+  void DropAstray(const ShouldDrop& should_drop);
   void Take(CloudFrame frame, TimeNs stamp_ns);
-  void DropSurplus();
+  void DropOverflow();
   void CheckUnits(std::uint32_t index);  // a sensor of another unit does not end the run of others
   bool HasForgottenAll(TimeNs stamp_ns) const;
   void EndTracks();
-  void BeginAnew();
+  void Restart();
   TimeNs SettledNs() const;
-  void TellSensors(std::optional<std::uint32_t> heard);
-  void LookAt(const LoadedFrame& frame);
+  void ReportSensorStates(std::optional<std::uint32_t> heard);
+  void UpdateSensorHealth(const LoadedFrame& frame);
   void Warn(std::uint32_t sensor, std::vector<Warning> warnings);
-  void HandOn(TimeNs until_ns, LoadedFrame* frame);
+  void PassToTracker(TimeNs until_ns, LoadedFrame* frame);
   void Release(TimeNs until_ns);
   void TrackAll();
 
@@ -121,12 +123,12 @@ class LiveEngine {
   std::vector<Sensor> sensors_;
   WaitingFrames waiting_;
   std::unique_ptr<LiveTracker> tracker_;
-  StampJudge stamps_;
+  StampValidator stamps_;
   HeldFrames held_;
   HeldFrames::Held taken_;  // from there
   InputCounts counts_;
   std::uint64_t late_frames_ = 0;
-  SurplusFrames surplus_;
+  OverflowFrames overflow_;
   AstrayFrames astray_;
   std::vector<Warning> warnings_;                              // what is in doubt so far
   std::set<std::pair<std::uint32_t, std::string>> warned_of_;  // sensor and code

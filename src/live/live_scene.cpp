@@ -13,8 +13,8 @@ constexpr std::size_t kElevationReturns = 100'000;
 constexpr std::int64_t kMaxPauseBins = 5;
 // Frames over which plots are counted, and by how many more the weather has changed: no swarm is so
 // large.
-constexpr int kLatelyFrames = 5;
-constexpr int kUsualFrames = 100;
+constexpr int kRecentFrames = 5;
+constexpr int kTypicalFrames = 100;
 constexpr double kSurgeFactor = 2.0;
 constexpr double kSurgePlots = 30.0;
 
@@ -49,7 +49,7 @@ double LiveScene::SecondsOfBin(std::int64_t bin) const {
          kSecondsPerNs;
 }
 
-// A pause between frames takes no more bins than it needs to end every stay.
+// A pause between frames takes no more bins than it needs to end every dwell.
 std::int64_t LiveScene::BinOf(TimeNs time_ns) {
   const std::int64_t slot = (time_ns - begin_ns_) / bin_ns_;
   if (slot > newest_slot_) {
@@ -86,18 +86,18 @@ bool LiveScene::Take(LoadedFrame* frame) {
   for (Eigen::Vector3f& point_m : frame->points_m) {
     point_m -= station.viewpoint_m;
     station.occupancy.Add(point_m, bin);
-    station.view.Add(point_m);
+    station.field_of_view.Add(point_m);
     if (!station.snapshot && station.early_returns_m.size() < kElevationReturns) {
       station.early_returns_m.push_back(point_m);
     }
   }
-  const auto let_wait = [&] {
+  const auto enqueue = [&] {
     auto& [waiting, its_bin] = waiting_.Append();
     std::swap(waiting, *frame);
     its_bin = bin;
   };
   if (!is_warm_) {
-    let_wait();
+    enqueue();
     if (front_ns_ - begin_ns_ >= kWarmUpNs) WarmUp();
     return false;
   }
@@ -107,7 +107,7 @@ bool LiveScene::Take(LoadedFrame* frame) {
     return false;
   }
   if (front_ns_ - snapshot_ns_ >= snapshot_interval_ns_) RefitAll();
-  let_wait();
+  enqueue();
   return true;
 }
 
@@ -125,7 +125,7 @@ void LiveScene::Learn(const LoadedFrame& frame, std::int64_t bin, Station* stati
 void LiveScene::WarmUp() {
   for (const auto& [frame, bin] : waiting_) Learn(frame, bin, &StationOf(frame.info.sensor));
   RefitAll();
-  num_unforeseen_ = waiting_.size();
+  num_warm_up_frames_ = waiting_.size();
   if (front_ns_ - begin_ns_ < kWarmUpNs) return;
   for (Station& station : scenes_) {
     if (station.begin_ns - begin_ns_ < bin_ns_) station.search_from_ns = station.begin_ns;
@@ -150,15 +150,15 @@ void LiveScene::Refit(Station* station) {
   station->occupancy.GetStructure(&points_m);
   station->snapshot->ground.Fit(points_m, &ground);
   station->occupancy.GetSupporters(&points_m);
-  station->snapshot->support.Fill(points_m, station->view.Edges(), &support);
+  station->snapshot->support.Fill(points_m, station->field_of_view.Edges(), &support);
 }
 
 void LiveScene::RefitAll() {
   if (std::exchange(is_warm_, true)) {
     // What the warm-up held all at once is not needed any more.
     if (snapshot_interval_ns_ < kLastRefitNs) {
-      waiting_.Shed();
-      held_.Shed();
+      waiting_.ShrinkToFit();
+      held_.ShrinkToFit();
     }
     snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
     for (Station& station : scenes_) {
@@ -178,18 +178,18 @@ TimeNs LiveScene::MakePlots(const IsTarget& is_target) {
   const TimeNs middle_ns = frame.info.middle_ns();
   MakePlotsOf(&frame, bin, is_target, &held_.Append());
   // Never again do as many wait as for the warm-up.
-  if (num_unforeseen_ > 0) frame = LoadedFrame();
+  if (num_warm_up_frames_ > 0) frame = LoadedFrame();
   waiting_.pop_front();
-  if (num_unforeseen_ > 0 && --num_unforeseen_ == 0) Foresee();
+  if (num_warm_up_frames_ > 0 && --num_warm_up_frames_ == 0) AddLookahead();
   return middle_ns;
 }
 
 // What waited for the warm-up is judged as a recording is: by what came before and after.
-void LiveScene::Foresee() {
+void LiveScene::AddLookahead() {
   for (SceneFrame& frame : held_) {
-    LeaveOutBodies(&frame);
+    RemoveBodies(&frame);
     StationOf(frame.info.sensor)
-        .clutter.Foresee(frame.info.sensor, SecondsOf(frame.info.middle_ns()), frame.plots);
+        .clutter.AddLookahead(frame.info.sensor, SecondsOf(frame.info.middle_ns()), frame.plots);
   }
 }
 
@@ -207,8 +207,9 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
     return station.snapshot->support.IsFloating(point_m);
   };
   const double time_s = SecondsOf(loaded->info.middle_ns());
-  const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t since_bin) {
-    return is_target && is_target(point_m + station.viewpoint_m, SecondsOfBin(since_bin), time_s);
+  const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t dwell_begin_bin) {
+    return is_target &&
+           is_target(point_m + station.viewpoint_m, SecondsOfBin(dwell_begin_bin), time_s);
   };
   const Occupancy::IsTargetSince is_target_since = std::cref(is_known_target);  // no allocation
   for (std::uint32_t i = 0; i < frame_.points_m.size(); ++i) {
@@ -217,29 +218,30 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
         station.occupancy.Judge(point_m, bin, num_snapshots_, floats, is_target_since));
     const Occupancy::Verdict& verdict = verdicts_.back();
     if (verdict.is_structure && !verdict.floats) continue;
-    if (!station.snapshot->ground.Holds(point_m)) candidates_.push_back(i);
+    if (!station.snapshot->ground.IsGround(point_m)) candidates_.push_back(i);
   }
   FramePlots& found = plotter_.Find(frame_, 0, &candidates_, station.snapshot->ground,
                                     station.lowest_elevation_rad, config_.robust.plots);
   held->info = frame_.frames[0];
   held->plots.clear();
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
-    SeenPlot seen;
+    LivePlot seen;
     seen.plot = found.plots[p];
     seen.stamp_ns = held->info.stamp_ns;
     Plot& plot = seen.plot;
     plot.frame = num_frames_;
     double rate = 0.0;
-    std::optional<std::int64_t> since_bin = bin;
+    std::optional<std::int64_t> dwell_begin_bin = bin;
     for (const std::uint32_t i : plotter_.ReturnsOf(p)) {
       const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - plot.position_m;
       seen.scatter_m2 += d * d.transpose();
       rate += static_cast<double>(verdicts_[i].place_rate);
-      since_bin = std::min(since_bin, verdicts_[i].since_bin);  // none is less than any
+      dwell_begin_bin =
+          std::min(dwell_begin_bin, verdicts_[i].dwell_begin_bin);  // none is less than any
     }
     plot.place_rate = std::max(rate / static_cast<double>(plot.num_returns),
                                station.occupancy.RateAbout(plot.position_m.cast<float>(), bin));
-    if (since_bin) seen.since_s = SecondsOfBin(*since_bin);
+    if (dwell_begin_bin) seen.dwell_begin_s = SecondsOfBin(*dwell_begin_bin);
     held->plots.push_back(seen);
   }
   ++num_frames_;
@@ -253,7 +255,7 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
 }
 
 bool LiveScene::Next(TimeNs until_ns, SceneFrame* frame) {
-  if (num_unforeseen_ > 0) return false;
+  if (num_warm_up_frames_ > 0) return false;
   if (held_.empty() || held_.front().info.middle_ns() > until_ns) return false;
   std::swap(*frame, held_.front());
   held_.pop_front();
@@ -261,11 +263,11 @@ bool LiveScene::Next(TimeNs until_ns, SceneFrame* frame) {
   return true;
 }
 
-void LiveScene::LeaveOutBodies(SceneFrame* frame) {
+void LiveScene::RemoveBodies(SceneFrame* frame) {
   const Queue<BodyBox>& bodies = StationOf(frame->info.sensor).bodies;
-  std::vector<SeenPlot>& plots = frame->plots;
+  std::vector<LivePlot>& plots = frame->plots;
   plots.erase(std::remove_if(plots.begin(), plots.end(),
-                             [&](const SeenPlot& seen) { return IsNearBody(seen.plot, bodies); }),
+                             [&](const LivePlot& seen) { return IsNearBody(seen.plot, bodies); }),
               plots.end());
 }
 
@@ -276,10 +278,10 @@ bool LiveScene::IsSurge(const SceneFrame& frame) {
   PlotRate& rate = rates_[frame.info.sensor];
   const auto plots = static_cast<double>(frame.plots.size());
   ++rate.frames;
-  rate.lately += (plots - rate.lately) / std::min(rate.frames, kLatelyFrames);
-  rate.usual += (plots - rate.usual) / std::min(rate.frames, kUsualFrames);
-  if (rate.lately < kSurgeFactor * rate.usual + kSurgePlots) return false;
-  rate.usual = rate.lately;
+  rate.recent += (plots - rate.recent) / std::min(rate.frames, kRecentFrames);
+  rate.typical += (plots - rate.typical) / std::min(rate.frames, kTypicalFrames);
+  if (rate.recent < kSurgeFactor * rate.typical + kSurgePlots) return false;
+  rate.typical = rate.recent;
   return true;
 }
 
@@ -290,29 +292,29 @@ void LiveScene::Judge(SceneFrame* frame) {
   Queue<BodyBox>& bodies = station.bodies;
   const TimeNs oldest_ns = middle_ns - 2 * NsOf(kBodyMarginS);
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
-  LeaveOutBodies(frame);
+  RemoveBodies(frame);
   if (IsSurge(*frame)) {
-    station.clutter.Age();
+    station.clutter.Discount();
     station.search_from_ns = middle_ns + kWarmUpNs;
     learning_since_ns_ = middle_ns;
   }
   frame->is_searched = middle_ns >= station.search_from_ns;
-  frame->watched_s = frame->time_s - SecondsOf(learning_since_ns_);
+  frame->observed_s = frame->time_s - SecondsOf(learning_since_ns_);
   // What was seen in the first seconds is judged when they are over.
   if (frame->is_searched) {
-    frame->watched_s = std::max(frame->watched_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
+    frame->observed_s = std::max(frame->observed_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
   }
   station.clutter.AddFrame(frame->info.sensor, frame->time_s);
   station.clutter.Judge(station.snapshot->support, frame->time_s, &frame->plots);
-  for (SeenPlot& seen : frame->plots) {
+  for (LivePlot& seen : frame->plots) {
     seen.time_s = frame->time_s;
     seen.plot.position_m += station.viewpoint_m.cast<double>();
   }
 }
 
-void LiveScene::Explain(const std::vector<SeenPlot>& plots) {
-  for (const SeenPlot& seen : plots) {
-    StationOf(seen.plot.sensor).clutter.Explain(seen.plot);
+void LiveScene::RemoveFromClutter(const std::vector<LivePlot>& plots) {
+  for (const LivePlot& seen : plots) {
+    StationOf(seen.plot.sensor).clutter.RemoveFromClutter(seen.plot);
   }
 }
 

@@ -12,8 +12,8 @@
 #include "base/queue.hpp"
 #include "io/frame_preparation.hpp"
 #include "live/live_clutter.hpp"
+#include "live/live_plot.hpp"
 #include "live/occupancy.hpp"
-#include "live/seen_plot.hpp"
 #include "scene/field_of_view.hpp"
 #include "scene/ground.hpp"
 #include "scene/stations.hpp"
@@ -26,9 +26,9 @@ namespace unlidar {
 struct SceneFrame {
   FrameInfo info;
   double time_s = 0.0;          // of its middle, since the first frame began
-  double watched_s = 0.0;       // until then, since the youngest station began
+  double observed_s = 0.0;      // until then, since the youngest station began
   bool is_searched = false;     // or it only told of clutter: its station was hardly warm
-  std::vector<SeenPlot> plots;  // in the common frame, judged
+  std::vector<LivePlot> plots;  // in the common frame, judged
 };
 
 // So long a stream is only looked at before what it shows can be judged by what is known of it.
@@ -44,9 +44,10 @@ class LiveScene {
   // Returns the viewpoint of its station, in the common frame. A sensor may be told again.
   Eigen::Vector3f AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m);
 
-  // Whether a known target, none if empty, was at a place at `since_s` and is there at `time_s`.
+  // Whether a known target, none if empty, was at a place at `dwell_begin_s` and is there at
+  // `time_s`.
   using IsTarget =
-      std::function<bool(const Eigen::Vector3f& place_m, double since_s, double time_s)>;
+      std::function<bool(const Eigen::Vector3f& place_m, double dwell_begin_s, double time_s)>;
 
   // As LiveClutter::SetBlinded, from the next frame on: weather is that of all sensors.
   void SetBlinded(bool is_blinded);
@@ -72,8 +73,8 @@ class LiveScene {
   // is none. No body that comes later keeps its plots out. The memory of `frame` is used again.
   bool Next(TimeNs until_ns, SceneFrame* frame);
 
-  // Plots of Next() that are a target's are no clutter: see LiveClutter::Explain.
-  void Explain(const std::vector<SeenPlot>& plots);
+  // Plots of Next() that are a target's are no clutter: see LiveClutter::RemoveFromClutter.
+  void RemoveFromClutter(const std::vector<LivePlot>& plots);
 
   // Forgets what is too old to count. Call it now and then.
   void Sweep(double time_s);
@@ -107,7 +108,7 @@ class LiveScene {
     TimeNs begin_ns = 0;
     TimeNs search_from_ns = 0;  // what it shows before only tells of clutter
     Occupancy occupancy;
-    FieldOfView view;
+    FieldOfView field_of_view;
     std::unique_ptr<Snapshot> snapshot;            // none before it is warm
     std::vector<BinnedFrame> early;                // frames before, if others are
     std::vector<Eigen::Vector3f> early_returns_m;  // for the lowest elevation
@@ -116,10 +117,10 @@ class LiveScene {
     Queue<BodyBox> bodies;
   };
 
-  // How many plots the frames of a sensor have lately, and had before.
+  // How many plots the frames of a sensor have recent, and had before.
   struct PlotRate {
-    double lately = 0.0;
-    double usual = 0.0;
+    double recent = 0.0;
+    double typical = 0.0;
     int frames = 0;
   };
 
@@ -135,8 +136,8 @@ class LiveScene {
   void RefitAll();
   void MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarget& is_target,
                    SceneFrame* held);
-  void Foresee();
-  void LeaveOutBodies(SceneFrame* frame);
+  void AddLookahead();
+  void RemoveBodies(SceneFrame* frame);
   void Judge(SceneFrame* frame);
 
   const Config& config_;
@@ -161,10 +162,10 @@ class LiveScene {
 
   // Frames on their way.
   Queue<BinnedFrame> waiting_;
-  Queue<SceneFrame> held_;          // not yet judged: their plots are relative to the viewpoint
-  std::uint32_t num_frames_ = 0;    // made into plots
-  std::size_t num_unforeseen_ = 0;  // frames that waited for the warm-up and still do
-  std::vector<PlotRate> rates_;     // (sensors)
+  Queue<SceneFrame> held_;              // not yet judged: their plots are relative to the viewpoint
+  std::uint32_t num_frames_ = 0;        // made into plots
+  std::size_t num_warm_up_frames_ = 0;  // frames that waited for the warm-up and still do
+  std::vector<PlotRate> rates_;         // (sensors)
 
   // What the plots of a frame are made with, kept for the next.
   Recording frame_;

@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <utility>
 
-#include "live/past_flight.hpp"
+#include "live/backward_extension.hpp"
 #include "tracking/flight.hpp"
 
 namespace unlidar {
@@ -13,41 +13,41 @@ namespace {
 
 constexpr double kRatesFadeS = 60.0;
 constexpr double kMaxStepS = 1.0;  // without a plot: what is before and after may be two things
-constexpr RangeRadius kLeastMove{0.8, 0.02};
-constexpr double kLongStandS = 2.0;
+constexpr RangeRadius kMinMove{0.8, 0.02};
+constexpr double kMinStaticS = 2.0;
 // What the clutter of a place is, is hardly known at first, nor while a sensor is blinded: paths
 // of it are more frequent then than its mean rate says, for where one plot was unexpected so is the
 // next.
-constexpr double kUnknownLog = 16.0;
+constexpr double kMaxClutterUncertaintyMargin = 16.0;
 constexpr double kLearningS = 10.0;
 // Where more others were seen about a path than its own, that takes longer.
-constexpr double kLearningCrowdS = 30.0;
+constexpr double kCrowdedLearningS = 30.0;
 
 // How far the last third of some plots in order of time lies from the first.
-double DriftM(const SeenPlot* plots, std::size_t count) {
+double DriftM(const LivePlot* plots, std::size_t count) {
   const std::size_t third = std::max<std::size_t>(1, count / 3);
-  Eigen::Vector3d way_m = Eigen::Vector3d::Zero();
+  Eigen::Vector3d displacement_m = Eigen::Vector3d::Zero();
   for (std::size_t i = 0; i < third; ++i) {
-    way_m += plots[count - third + i].plot.position_m - plots[i].plot.position_m;
+    displacement_m += plots[count - third + i].plot.position_m - plots[i].plot.position_m;
   }
-  return way_m.norm() / static_cast<double>(third);
+  return displacement_m.norm() / static_cast<double>(third);
 }
 
-bool Floats(const std::vector<SeenPlot>& path) {
+bool Floats(const std::vector<LivePlot>& path) {
   const auto num_floating = std::count_if(
-      path.begin(), path.end(), [](const SeenPlot& seen) { return seen.plot.is_floating; });
+      path.begin(), path.end(), [](const LivePlot& seen) { return seen.plot.is_floating; });
   return 2 * static_cast<std::size_t>(num_floating) >= path.size();
 }
 
 // A stream does not know how often a place will be hit later on: a twig that is hit more often for
 // a while looks like something new. What neither moves nor floats may be one.
-bool MovesOrFloats(const std::vector<SeenPlot>& path) {
-  const double least_m = kLeastMove.At(path.front().plot.ray_m.norm());
-  return Floats(path) || DriftM(path.data(), path.size()) > least_m;
+bool MovesOrFloats(const std::vector<LivePlot>& path) {
+  const double min_move_m = kMinMove.At(path.front().plot.ray_m.norm());
+  return Floats(path) || DriftM(path.data(), path.size()) > min_move_m;
 }
 
 // How many plots at the begin of a path are low: up to the last part between two pauses that is.
-std::size_t LowPrefix(const std::vector<SeenPlot>& path, double off_ground_m) {
+std::size_t NearGroundPrefix(const std::vector<LivePlot>& path, double off_ground_m) {
   std::size_t first = 0;
   for (std::size_t begin = 0; begin < path.size();) {
     std::size_t end = begin + 1;
@@ -55,7 +55,7 @@ std::size_t LowPrefix(const std::vector<SeenPlot>& path, double off_ground_m) {
     const auto low =
         std::count_if(path.begin() + static_cast<std::ptrdiff_t>(begin),
                       path.begin() + static_cast<std::ptrdiff_t>(end),
-                      [&](const SeenPlot& seen) { return seen.plot.lowest_m <= off_ground_m; });
+                      [&](const LivePlot& seen) { return seen.plot.lowest_m <= off_ground_m; });
     if (2 * static_cast<std::size_t>(low) > end - begin) first = end;
     begin = end;
   }
@@ -64,25 +64,25 @@ std::size_t LowPrefix(const std::vector<SeenPlot>& path, double off_ground_m) {
 
 // How many plots at the begin of a path stand still for long without floating: what flies off from
 // there is another thing than what stands there. What drifts does not stand, however slow it is.
-std::size_t StandingPrefix(const std::vector<SeenPlot>& path) {
-  const double least_m = kLeastMove.At(path.front().plot.ray_m.norm());
+std::size_t StaticPrefix(const std::vector<LivePlot>& path) {
+  const double min_move_m = kMinMove.At(path.front().plot.ray_m.norm());
   Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
   std::size_t count = 0;
   std::size_t num_floating = 0;
-  for (const SeenPlot& seen : path) {
+  for (const LivePlot& seen : path) {
     const Eigen::Vector3d& at_m = seen.plot.position_m;
-    if (count > 0 && (at_m - sum_m / static_cast<double>(count)).norm() > least_m) break;
+    if (count > 0 && (at_m - sum_m / static_cast<double>(count)).norm() > min_move_m) break;
     sum_m += at_m;
     num_floating += seen.plot.is_floating ? 1U : 0U;
     ++count;
   }
-  const bool is_long = path[count - 1].time_s - path.front().time_s > kLongStandS;
-  const bool stands = 2.0 * DriftM(path.data(), count) < least_m;
+  const bool is_long = path[count - 1].time_s - path.front().time_s > kMinStaticS;
+  const bool stands = 2.0 * DriftM(path.data(), count) < min_move_m;
   return is_long && stands && 2 * num_floating < count && count < path.size() ? count : 0;
 }
 
 // How many plots at the begin of a path lie before its last long pause.
-std::size_t PausePrefix(const std::vector<SeenPlot>& path) {
+std::size_t PausePrefix(const std::vector<LivePlot>& path) {
   std::size_t first = path.size() - 1;
   while (first > 0 && path[first].time_s - path[first - 1].time_s < kLongPauseS) --first;
   return first;
@@ -99,16 +99,17 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info,
                            const Eigen::Vector3f& viewpoint_m) {
   if (recent_.sensors.size() <= sensor) {
     recent_.sensors.resize(sensor + 1);
-    watch_.sensors.resize(sensor + 1);
-    moment_.frames_before.resize(sensor + 1, 0);
+    scan_schedule_.sensors.resize(sensor + 1);
+    frame_time_.frames_before.resize(sensor + 1, 0);
   }
   recent_.sensors[sensor] = info;
-  watch_.sensors[sensor].viewpoint_m = viewpoint_m.cast<double>();
-  watch_.sensors[sensor].frame_s = static_cast<double>(info.frame_period_ns) * kSecondsPerNs;
+  scan_schedule_.sensors[sensor].viewpoint_m = viewpoint_m.cast<double>();
+  scan_schedule_.sensors[sensor].frame_s =
+      static_cast<double>(info.frame_period_ns) * kSecondsPerNs;
   const TrackerConfig& tracker = config_.robust.tracker;
   for (std::size_t m = 0; m < tracker.sigma_a_mps2.size(); ++m) {
-    if (models_.size() <= m) models_.emplace_back(tracker.sigma_a_mps2[m], watch_, tracker);
-    models_[m].SetWatch(watch_);
+    if (models_.size() <= m) models_.emplace_back(tracker.sigma_a_mps2[m], scan_schedule_, tracker);
+    models_[m].SetScanSchedule(scan_schedule_);
     if (searches_.size() <= m) {
       searches_.emplace_back(plots_, log_births_, free_, models_[m], tracker);
     }
@@ -116,43 +117,45 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info,
   }
 }
 
-const Moment& LiveSearch::Begin(const SceneFrame& frame) {
+const FrameTime& LiveSearch::Begin(const SceneFrame& frame) {
   recent_.frames.push_back(frame.info);
-  moment_.time_s = frame.time_s;
-  moment_.sensor = frame.info.sensor;
-  return moment_;
+  frame_time_.time_s = frame.time_s;
+  frame_time_.sensor = frame.info.sensor;
+  return frame_time_;
 }
 
 // How many plots are seen in what time, those of the last while. Sets (plots) the odds of each to
 // be the first of a path.
 void LiveSearch::CountPlots(const SceneFrame& frame) {
-  const double passed_s = std::max(0.0, frame.time_s - rates_s_);
+  const double passed_s = std::max(0.0, frame.time_s - rate_time_s_);
   const double fade = std::exp(-passed_s / kRatesFadeS);
-  watched_s_ = watched_s_ * fade + passed_s;
+  rate_window_s_ = rate_window_s_ * fade + passed_s;
   odds_ *= fade;
   num_plots_ *= fade;
-  rates_s_ = std::max(rates_s_, frame.time_s);
+  rate_time_s_ = std::max(rate_time_s_, frame.time_s);
   birth_odds_.clear();
-  for (const SeenPlot& seen : frame.plots) {
-    birth_odds_.push_back(std::exp(LogBirthOdds(seen.plot, watch_, config_.robust.tracker)));
+  for (const LivePlot& seen : frame.plots) {
+    birth_odds_.push_back(
+        std::exp(LogBirthOdds(seen.plot, scan_schedule_, config_.robust.tracker)));
     odds_ += birth_odds_.back();
     num_plots_ += 1.0;
   }
 }
 
 // How much likelier clutter makes paths than its mean rate says, if that is learned in so long.
-double LiveSearch::UnknownLog(double learning_s) const {
-  return is_blinded_ ? kUnknownLog : kUnknownLog * std::exp(-known_s_ / learning_s);
+double LiveSearch::ClutterUncertaintyMargin(double learning_s) const {
+  return is_blinded_ ? kMaxClutterUncertaintyMargin
+                     : kMaxClutterUncertaintyMargin * std::exp(-observed_s_ / learning_s);
 }
 
 // Clutter alone makes a path of this score so many times an hour, as every plot may be the first of
 // one, with every model.
-double LiveSearch::LeastScore() const {
-  const double plots_per_hour = 3600.0 * num_plots_ / std::max(watched_s_, 1.0);
+double LiveSearch::ScoreThreshold() const {
+  const double plots_per_hour = 3600.0 * num_plots_ / std::max(rate_window_s_, 1.0);
   const auto num_models =
       static_cast<double>(models_.size() * config_.robust.tracker.birth_speeds_mps.size());
   return std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) +
-         UnknownLog(kLearningS);
+         ClutterUncertaintyMargin(kLearningS);
 }
 
 const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector<char>& are_free) {
@@ -161,26 +164,26 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
   paths_.clear();
   if (frame.is_searched && !frame.plots.empty()) {
     const std::size_t first = plots_.size();
-    moments_.Add(frame.plots.front().plot.frame, moment_);
+    frame_times_.Add(frame.plots.front().plot.frame, frame_time_);
     for (std::size_t i = 0; i < frame.plots.size(); ++i) {
       const double even = tracker.even_birth_share;
       log_births_.push_back(std::log(even + (1.0 - even) * birth_odds_[i] * num_plots_ / odds_));
       plots_.push_back(frame.plots[i].plot);
-      seen_.push_back(frame.plots[i]);
+      recent_plots_.push_back(frame.plots[i]);
       free_.push_back(are_free[i]);
     }
-    SetSlice(plots_, log_births_, first, moment_, tracker, &slice_);
-    known_s_ = frame.watched_s;
-    least_score_ = LeastScore();
+    SetScan(plots_, log_births_, first, frame_time_, tracker, &scan_);
+    observed_s_ = frame.observed_s;
+    score_threshold_ = ScoreThreshold();
     for (TrackSearch& search : searches_) {
-      search.Extend(slice_);
-      search.AppendPathsToLastSlice(least_score_, &paths_);
+      search.Extend(scan_);
+      search.AppendPathsToLastScan(score_threshold_, &paths_);
     }
     std::sort(paths_.begin(), paths_.end(), [](const Path& a, const Path& b) {
       return a.score > b.score || (a.score == b.score && a.plots < b.plots);
     });
   }
-  ++moment_.frames_before[frame.info.sensor];
+  ++frame_time_.frames_before[frame.info.sensor];
   return paths_;
 }
 
@@ -191,8 +194,8 @@ const Flight* LiveSearch::FlightOf(const Path& path) {
   plots.clear();
   for (const std::uint32_t i : path.plots) {
     if (!free_[i]) return nullptr;
-    flight.plots.push_back(seen_[i]);
-    plots.push_back(seen_[i].plot);
+    flight.plots.push_back(recent_plots_[i]);
+    plots.push_back(recent_plots_[i].plot);
   }
   const RobustConfig& robust = config_.robust;
   std::size_t first = 0;
@@ -202,35 +205,35 @@ const Flight* LiveSearch::FlightOf(const Path& path) {
     first += count;
   };
   drop(PausePrefix(flight.plots));
-  drop(LowPrefix(flight.plots, OffGroundM(recent_, plots, robust)));
+  drop(NearGroundPrefix(flight.plots, MinFlightHeightM(recent_, plots, robust)));
   if (flight.plots.empty()) return nullptr;
-  drop(StandingPrefix(flight.plots));
-  if (FlightRejection(recent_, watch_, plots, robust) != Rejection::kNone ||
+  drop(StaticPrefix(flight.plots));
+  if (FlightRejection(recent_, scan_schedule_, plots, robust) != Rejection::kNone ||
       !MovesOrFloats(flight.plots)) {
     return nullptr;
   }
-  flight.moments.clear();
-  for (const Plot& plot : plots) flight.moments.push_back(moments_.At(plot.frame));
+  flight.frame_times.clear();
+  for (const Plot& plot : plots) flight.frame_times.push_back(frame_times_.At(plot.frame));
   flight.log_birth = log_births_[path.plots[first]];
-  flight.is_cut = first > 0;
+  flight.starts_new_target = first > 0;
   return &flight;
 }
 
 // Whether more other plots lie about the places of the flight than it has itself.
 bool LiveSearch::IsCrowded(const Path& path) const {
-  const std::vector<SeenPlot>& flight = flight_.plots;
-  const auto is_about = [&](const SeenPlot& other) {
-    return std::any_of(flight.begin(), flight.end(), [&](const SeenPlot& seen) {
+  const std::vector<LivePlot>& flight = flight_.plots;
+  const auto is_about = [&](const LivePlot& other) {
+    return std::any_of(flight.begin(), flight.end(), [&](const LivePlot& seen) {
       const double reach_m = config_.robust.support.ReachM(seen.plot.ray_m.norm());
       return (other.plot.position_m - seen.plot.position_m).squaredNorm() < reach_m * reach_m;
     });
   };
   std::size_t others = 0;
   auto own = path.plots.begin();
-  for (std::uint32_t i = 0; i < seen_.size(); ++i) {
+  for (std::uint32_t i = 0; i < recent_plots_.size(); ++i) {
     if (own != path.plots.end() && *own == i) {
       ++own;
-    } else if (is_about(seen_[i]) && ++others > flight.size()) {
+    } else if (is_about(recent_plots_[i]) && ++others > flight.size()) {
       return true;
     }
   }
@@ -238,31 +241,32 @@ bool LiveSearch::IsCrowded(const Path& path) const {
 }
 
 // Unsupported detections have no neighbours by definition.
-double LiveSearch::LeastScoreOf(const Path& path) const {
-  if (Floats(flight_.plots) || !IsCrowded(path)) return least_score_;
-  return least_score_ - UnknownLog(kLearningS) + UnknownLog(kLearningCrowdS);
+double LiveSearch::ScoreThresholdOf(const Path& path) const {
+  if (Floats(flight_.plots) || !IsCrowded(path)) return score_threshold_;
+  return score_threshold_ - ClutterUncertaintyMargin(kLearningS) +
+         ClutterUncertaintyMargin(kCrowdedLearningS);
 }
 
-Flight LiveSearch::WithPast(const Flight& flight) {
+Flight LiveSearch::WithHistory(const Flight& flight) {
   Flight whole = flight;
-  if (flight.is_cut) return whole;
-  const std::vector<std::size_t> past =
-      PastOf(flight, seen_, free_, moments_, moment_.frames_before, models_, config_);
-  std::vector<SeenPlot> before;
-  std::vector<Moment> moments;
+  if (flight.starts_new_target) return whole;
+  const std::vector<std::size_t> past = ExtendBackwards(
+      flight, recent_plots_, free_, frame_times_, frame_time_.frames_before, models_, config_);
+  std::vector<LivePlot> before;
+  std::vector<FrameTime> frame_times;
   for (const std::size_t i : past) {
-    before.push_back(seen_[i]);
-    moments.push_back(moments_.At(seen_[i].plot.frame));
+    before.push_back(recent_plots_[i]);
+    frame_times.push_back(frame_times_.At(recent_plots_[i].plot.frame));
     free_[i] = 0;
   }
   whole.plots.insert(whole.plots.begin(), before.begin(), before.end());
-  whole.moments.insert(whole.moments.begin(), moments.begin(), moments.end());
+  whole.frame_times.insert(whole.frame_times.begin(), frame_times.begin(), frame_times.end());
   return whole;
 }
 
 void LiveSearch::Take(const Path& path) {
   for (const std::uint32_t i : path.plots) free_[i] = 0;
-  for (TrackSearch& search : searches_) search.DropTaken();
+  for (TrackSearch& search : searches_) search.DropAssigned();
 }
 
 void LiveSearch::Forget(TimeNs oldest_ns) {
@@ -271,10 +275,10 @@ void LiveSearch::Forget(TimeNs oldest_ns) {
   const auto gone = static_cast<std::size_t>(kept - plots_.begin());
   for (TrackSearch& search : searches_) search.Forget(gone);
   DropFirst(gone, &plots_);
-  DropFirst(gone, &seen_);
+  DropFirst(gone, &recent_plots_);
   DropFirst(gone, &log_births_);
   DropFirst(gone, &free_);
-  if (!plots_.empty()) moments_.Forget(plots_.front().frame);
+  if (!plots_.empty()) frame_times_.Forget(plots_.front().frame);
   const auto frame =
       std::find_if(recent_.frames.begin(), recent_.frames.end(),
                    [&](const FrameInfo& info) { return info.begin_ns >= oldest_ns; });

@@ -7,9 +7,9 @@
 
 #include "base/queue.hpp"
 #include "base/recording.hpp"
+#include "live/live_plot.hpp"
 #include "live/live_scene.hpp"
-#include "live/moments.hpp"
-#include "live/seen_plot.hpp"
+#include "live/recent_frame_times.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"
 #include "unlidar/config.hpp"
@@ -40,7 +40,7 @@ class LiveSearch {
   const std::vector<TrackModel>& models() const { return models_; }
 
   // Takes the next frame. Returns its moment, which is that of its plots.
-  const Moment& Begin(const SceneFrame& frame);
+  const FrameTime& Begin(const SceneFrame& frame);
 
   // Goes on to the plots of that frame. `are_free` (plots): those that no track has. Returns the
   // paths that end with one of them and reach a least score, the best first, until the next call.
@@ -48,17 +48,17 @@ class LiveSearch {
 
   // What a track that begins with a path must reach, whose flight was the last that was asked for,
   // as of the last frame that was searched.
-  double LeastScoreOf(const Path& path) const;
+  double ScoreThresholdOf(const Path& path) const;
 
   // What flies of such a path, which may have come from something on the ground; until the next
   // call. Null if that is no drone, or if another path took any of its plots.
   const Flight* FlightOf(const Path& path);
 
   // That flight with what it was before the search found it, which is the track's from now on.
-  Flight WithPast(const Flight& flight);
+  Flight WithHistory(const Flight& flight);
 
   // What was seen in the last while, in order of time.
-  const std::vector<SeenPlot>& seen() const { return seen_; }
+  const std::vector<LivePlot>& seen() const { return recent_plots_; }
 
   // The plots of the path are a track's, and no other path's.
   void Take(const Path& path);
@@ -68,33 +68,33 @@ class LiveSearch {
 
  private:
   void CountPlots(const SceneFrame& frame);
-  double LeastScore() const;
-  double UnknownLog(double learning_s) const;
+  double ScoreThreshold() const;
+  double ClutterUncertaintyMargin(double learning_s) const;
   bool IsCrowded(const Path& path) const;
 
   const Config& config_;
-  Watch watch_;
+  ScanSchedule scan_schedule_;
   Recording recent_;  // sensors and frames of the last while, without returns
-  Moment moment_;
+  FrameTime frame_time_;
   std::vector<TrackModel> models_;
   std::vector<Plot> plots_;
-  std::vector<SeenPlot> seen_;      // the same
-  std::vector<double> log_births_;  // (plots)
-  std::vector<char> free_;          // (plots)
+  std::vector<LivePlot> recent_plots_;  // the same
+  std::vector<double> log_births_;      // (plots)
+  std::vector<char> free_;              // (plots)
   std::vector<TrackSearch> searches_;
-  Moments moments_;  // of the frames with plots
+  RecentFrameTimes frame_times_;  // of the frames with plots
   // What a frame is worked on with, kept for the next.
   std::vector<double> birth_odds_;  // (plots)
-  Slice slice_;
+  Scan scan_;
   Queue<Path> paths_;
   Flight flight_;
   std::vector<Plot> flight_plots_;
-  double odds_ = 0.0;       // sum over all plots, faded,
-  double num_plots_ = 0.0;  // and their number,
-  double watched_s_ = 0.0;  // and how long that took
-  double rates_s_ = 0.0;    // when
-  double known_s_ = 0.0;    // for how long what is searched was watched
-  double least_score_ = 0.0;
+  double odds_ = 0.0;           // sum over all plots, faded,
+  double num_plots_ = 0.0;      // and their number,
+  double rate_window_s_ = 0.0;  // and how long that took
+  double rate_time_s_ = 0.0;    // when
+  double observed_s_ = 0.0;     // for how long what is searched was watched
+  double score_threshold_ = 0.0;
   bool is_blinded_ = false;
 };
 

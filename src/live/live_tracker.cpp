@@ -8,8 +8,8 @@ namespace {
 
 constexpr double kBodyHoldS = 0.1;  // plots wait so long for a body that may show beside them
 // Frames that wait since the begin, with each new one.
-constexpr std::size_t kWaitingAtOnce = 3;
-constexpr double kTidyS = 2.0;
+constexpr std::size_t kBacklogPerFrame = 3;
+constexpr double kCleanUpIntervalS = 2.0;
 constexpr double kKeepPathsS = 30.0;  // a path that is not confirmed by then has no older part
 
 }  // namespace
@@ -27,15 +27,15 @@ void LiveTracker::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
 
 void LiveTracker::Take(LoadedFrame* frame) {
   tracks_.AddInstants(frame->info);
-  if (scene_.Take(frame)) MakePlots(kWaitingAtOnce);
+  if (scene_.Take(frame)) MakePlots(kBacklogPerFrame);
 }
 
 void LiveTracker::Advance(TimeNs settled_ns, TimeNs now_ns) {
   if (is_warm()) {
-    MakePlots(kWaitingAtOnce);
+    MakePlots(kBacklogPerFrame);
     if (scene_.num_waiting() == 0) SearchUntil(settled_ns - NsOf(kBodyHoldS));
   }
-  GiveRows(now_ns);
+  EmitRows(now_ns);
 }
 
 void LiveTracker::Close(TimeNs newest_ns) {
@@ -45,15 +45,15 @@ void LiveTracker::Close(TimeNs newest_ns) {
   tracks_.Close(newest_ns);
 }
 
-void LiveTracker::GiveRows(TimeNs newest_ns) {
-  scene_.Explain(tracks_.GiveRows(searched_ns_, newest_ns));
+void LiveTracker::EmitRows(TimeNs newest_ns) {
+  scene_.RemoveFromClutter(tracks_.EmitRows(searched_ns_, newest_ns));
 }
 
-void LiveTracker::MakePlots(std::size_t most) {
-  for (; scene_.num_waiting() > 0 && most > 0; --most) {
+void LiveTracker::MakePlots(std::size_t max_frames) {
+  for (; scene_.num_waiting() > 0 && max_frames > 0; --max_frames) {
     const TimeNs middle_ns =
-        scene_.MakePlots([&](const Eigen::Vector3f& place_m, double since_s, double time_s) {
-          return tracks_.HasAt(place_m.cast<double>(), since_s, time_s);
+        scene_.MakePlots([&](const Eigen::Vector3f& place_m, double dwell_begin_s, double time_s) {
+          return tracks_.HasTrackAt(place_m.cast<double>(), dwell_begin_s, time_s);
         });
     SearchUntil(middle_ns - NsOf(kBodyHoldS));
   }
@@ -69,9 +69,9 @@ void LiveTracker::Search() {
   Confirm();
   tracks_.Judge(search_.seen(), frame_.time_s);
   const TimeNs lost_ns = middle_ns - NsOf(config_.robust.tracker.max_gap_s);
-  scene_.Explain(tracks_.EndLost(lost_ns, searched_ns_));
-  if (frame_.time_s - tidied_s_ < kTidyS) return;
-  tidied_s_ = frame_.time_s;
+  scene_.RemoveFromClutter(tracks_.EndLost(lost_ns, searched_ns_));
+  if (frame_.time_s - cleaned_up_s_ < kCleanUpIntervalS) return;
+  cleaned_up_s_ = frame_.time_s;
   search_.Forget(middle_ns - NsOf(kKeepPathsS));
   scene_.Sweep(frame_.time_s);
   tracks_.Forget(searched_ns_ - NsOf(kKeepPathsS));
@@ -79,13 +79,13 @@ void LiveTracker::Search() {
 
 // Goes on with the tracks and the search, and takes what that finds for tracks.
 void LiveTracker::Confirm() {
-  const Moment& at = search_.Begin(frame_);
+  const FrameTime& at = search_.Begin(frame_);
   const std::vector<char>& are_free = tracks_.Extend(frame_.plots, at);
   for (const Path& path : search_.Extend(frame_, are_free)) {
     const Flight* const flight = search_.FlightOf(path);
     if (flight == nullptr) continue;
-    const auto with_past = [&](const Flight& its) { return search_.WithPast(its); };
-    if (tracks_.Begin(*flight, search_.LeastScoreOf(path), with_past)) search_.Take(path);
+    const auto with_history = [&](const Flight& its) { return search_.WithHistory(its); };
+    if (tracks_.Initiate(*flight, search_.ScoreThresholdOf(path), with_history)) search_.Take(path);
   }
 }
 

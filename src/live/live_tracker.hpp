@@ -36,7 +36,7 @@ class LiveTracker {
   void Take(LoadedFrame* frame);
 
   // Gives the rows that are due when `newest_ns` is the newest stamp that has come.
-  void GiveRows(TimeNs newest_ns);
+  void EmitRows(TimeNs newest_ns);
 
   // No frame with an earlier stamp than `settled_ns` will come: goes on as far as that tells, and
   // gives the rows that are due at `now_ns`.
@@ -52,7 +52,7 @@ class LiveTracker {
   void NumberFrom(int id) { tracks_.NumberFrom(id); }
 
  private:
-  void MakePlots(std::size_t most);
+  void MakePlots(std::size_t max_frames);
   void SearchUntil(TimeNs until_ns);
   void Search();
   void Confirm();
@@ -63,7 +63,7 @@ class LiveTracker {
   ConfirmedTracks tracks_;
   SceneFrame frame_;                                         // the one at hand
   TimeNs searched_ns_ = std::numeric_limits<TimeNs>::min();  // middle of the newest one searched
-  double tidied_s_ = 0.0;
+  double cleaned_up_s_ = 0.0;
 };
 
 }  // namespace unlidar

@@ -26,22 +26,22 @@ std::uint64_t LowBits(std::int64_t count) {
   return count >= 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << count) - 1;
 }
 
-// Bits from `first` to `last` of the stay about the set bit `at`: bits with breaks of at most
+// Bits from `first` to `last` of the dwell about the set bit `at`: bits with breaks of at most
 // `max_break`.
-struct Stay {
+struct Dwell {
   int first;
   int last;
 };
 
-Stay StayAt(std::uint64_t word, int at, int max_break) {
-  Stay stay{at, at};
-  for (int i = at - 1; i >= 0 && stay.first - i <= max_break + 1; --i) {
-    if (word >> i & 1U) stay.first = i;
+Dwell DwellAt(std::uint64_t word, int at, int max_break) {
+  Dwell dwell{at, at};
+  for (int i = at - 1; i >= 0 && dwell.first - i <= max_break + 1; --i) {
+    if (word >> i & 1U) dwell.first = i;
   }
-  for (int i = at + 1; i < 64 && i - stay.last <= max_break + 1; ++i) {
-    if (word >> i & 1U) stay.last = i;
+  for (int i = at + 1; i < 64 && i - dwell.last <= max_break + 1; ++i) {
+    if (word >> i & 1U) dwell.last = i;
   }
-  return stay;
+  return dwell;
 }
 
 }  // namespace
@@ -54,31 +54,32 @@ Occupancy::Occupancy(const BackgroundConfig& config)
 void Occupancy::AddFrame(std::int64_t bin) {
   if (bin > newest_) {
     const std::int64_t passed = bin - newest_;
-    const std::uint64_t out = passed >= kWindow ? watched_ : watched_ & ~LowBits(kWindow - passed);
-    older_watched_ = (older_watched_ + NumBits(out)) * Fade(passed);
+    const std::uint64_t out =
+        passed >= kWindow ? observed_bins_ : observed_bins_ & ~LowBits(kWindow - passed);
+    older_observed_bins_ = (older_observed_bins_ + NumBits(out)) * Fade(passed);
     frames_ *= Fade(passed);
     bins_with_frames_ *= Fade(passed);
-    watched_ = passed >= kWindow ? 0 : watched_ << passed;
+    observed_bins_ = passed >= kWindow ? 0 : observed_bins_ << passed;
     newest_ = bin;
   }
   const std::int64_t age = newest_ - bin;
   if (age >= kWindow) return;
   frames_ += 1.0;
-  if (!(watched_ >> age & 1U)) {
-    watched_ |= std::uint64_t{1} << age;
+  if (!(observed_bins_ >> age & 1U)) {
+    observed_bins_ |= std::uint64_t{1} << age;
     bins_with_frames_ += 1.0;
   }
 }
 
 // Brings the bits of a place up to the newest bin. Hits that leave the window count as older ones,
-// unless they belong to the stay of what came: what hovers for longer than the window does not
+// unless they belong to the dwell of what came: what hovers for longer than the window does not
 // become structure by that. What is structure has long stays, too, if it is hit often.
 void Occupancy::Shift(Place* place) const {
   const std::int64_t passed = newest_ - place->own.bin;
   if (passed <= 0) return;
   const std::uint64_t out =
       passed >= kWindow ? place->own.word : place->own.word & ~LowBits(kWindow - passed);
-  if (!place->is_stay_long || place->is_structure) {
+  if (!place->is_dwell_long || place->is_structure) {
     place->older += static_cast<float>(NumBits(out));
   }
   place->older *= static_cast<float>(Fade(passed));
@@ -92,7 +93,7 @@ void Occupancy::Add(const Eigen::Vector3f& point_m, std::int64_t bin) {
   const std::uint64_t bit = std::uint64_t{1} << age;
   Place unknown;
   unknown.own.bin = newest_;
-  places_.VisitHomes(point_m, unknown, [&](std::uint32_t, Place& place, bool is_own) {
+  places_.VisitOverlappingShells(point_m, unknown, [&](std::uint32_t, Place& place, bool is_own) {
     Shift(&place);
     if (place.own.word & bit) return;
     place.own.word |= bit;
@@ -101,10 +102,10 @@ void Occupancy::Add(const Eigen::Vector3f& point_m, std::int64_t bin) {
   });
 }
 
-void Occupancy::LookAround(const Eigen::Vector3f& point_m, Place* place) {
+void Occupancy::UpdateNeighbourhood(const Eigen::Vector3f& point_m, Place* place) {
   if (place->near.bin == newest_ && place->near.word != 0) return;
   Hits hits;
-  places_.VisitBlock(point_m, [&](Place& neighbour) {
+  places_.VisitNeighbourhood(point_m, [&](Place& neighbour) {
     Shift(&neighbour);
     Count(neighbour, &hits);
   });
@@ -114,7 +115,7 @@ void Occupancy::LookAround(const Eigen::Vector3f& point_m, Place* place) {
 
 Occupancy::Hits Occupancy::HitsAbout(const Eigen::Vector3f& point_m) const {
   Hits hits;
-  places_.VisitBlock(point_m, [&](const Place& place) { Count(place, &hits); });
+  places_.VisitNeighbourhood(point_m, [&](const Place& place) { Count(place, &hits); });
   return hits;
 }
 
@@ -123,12 +124,13 @@ void Occupancy::Count(const Place& place, Hits* hits) const {
   const std::int64_t passed = newest_ - place.own.bin;
   hits->word |= passed >= kWindow ? 0 : place.own.word << passed;
   if (place.older > 0.0F) {
-    hits->free_share *= 1.0F - std::min(1.0F, place.older / static_cast<float>(older_watched_));
+    hits->free_share *=
+        1.0F - std::min(1.0F, place.older / static_cast<float>(older_observed_bins_));
   }
 }
 
 float Occupancy::OlderOf(const Hits& hits) const {
-  return (1.0F - hits.free_share) * static_cast<float>(older_watched_);
+  return (1.0F - hits.free_share) * static_cast<float>(older_observed_bins_);
 }
 
 // Returns per frame and m^3 at a place that is hit in so many of so many bins.
@@ -146,16 +148,17 @@ double Occupancy::RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) co
   std::size_t num_free = 0;
   for (std::size_t k = 0; k < hits.size(); ++k) {
     const auto axis = static_cast<Eigen::Index>(k / 2);
-    const Eigen::Vector3f way_m = (k % 2 == 0 ? step_m : -step_m) * Eigen::Vector3f::Unit(axis);
-    hits[k] = HitsAbout(point_m + way_m);
+    const Eigen::Vector3f offset_m = (k % 2 == 0 ? step_m : -step_m) * Eigen::Vector3f::Unit(axis);
+    hits[k] = HitsAbout(point_m + offset_m);
     // In open air it is enough to look at a few.
     num_free += hits[k].word == 0 && hits[k].free_share >= 1.0F ? 1U : 0U;
     if (num_free > kSpared) return 0.0;
   }
   const std::uint64_t here = HitsAbout(point_m).word | std::uint64_t{1} << age;
-  const Stay stay = StayAt(here, static_cast<int>(age), max_break_);
-  const std::uint64_t others = watched_ & (~LowBits(stay.last + 1) | LowBits(stay.first));
-  const float exposed = static_cast<float>(NumBits(others)) + static_cast<float>(older_watched_);
+  const Dwell dwell = DwellAt(here, static_cast<int>(age), max_break_);
+  const std::uint64_t others = observed_bins_ & (~LowBits(dwell.last + 1) | LowBits(dwell.first));
+  const float exposed =
+      static_cast<float>(NumBits(others)) + static_cast<float>(older_observed_bins_);
   if (exposed < 1.0F) return 0.0;
   std::array<float, 6> occupied{};
   std::transform(hits.begin(), hits.end(), occupied.begin(), [&](const Hits& about) {
@@ -173,34 +176,34 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
   verdict.is_structure = true;
   if (found == nullptr || age < 0 || age >= kWindow) return verdict;
   Place& place = *found;
-  const auto tell_floating = [&] {
+  const auto set_floating = [&] {
     if (std::exchange(place.scene, scene) != scene) place.floats = floats(point_m);
     verdict.floats = place.floats;
   };
   if (place.judged_until >= newest_) {
-    tell_floating();
+    set_floating();
     return verdict;
   }
-  LookAround(point_m, &place);
+  UpdateNeighbourhood(point_m, &place);
   const std::uint64_t word = place.near.word | std::uint64_t{1} << age;
-  const Stay stay = StayAt(word, static_cast<int>(age), max_break_);
-  const std::uint64_t in_stay = LowBits(stay.last + 1) & ~LowBits(stay.first);
-  float occupied = static_cast<float>(NumBits(word & watched_ & ~in_stay));
-  float exposed = static_cast<float>(NumBits(watched_ & ~in_stay));
-  // The stay may reach back beyond the window as far as its last bits tell.
-  place.is_stay_long = stay.last + max_break_ + 1 >= kWindow;
-  if (!place.is_stay_long) verdict.since_bin = newest_ - stay.last;
-  if (place.is_stay_long || 2 * NumBits(in_stay & watched_) > NumBits(watched_)) {
+  const Dwell dwell = DwellAt(word, static_cast<int>(age), max_break_);
+  const std::uint64_t in_dwell = LowBits(dwell.last + 1) & ~LowBits(dwell.first);
+  float occupied = static_cast<float>(NumBits(word & observed_bins_ & ~in_dwell));
+  float exposed = static_cast<float>(NumBits(observed_bins_ & ~in_dwell));
+  // The dwell may reach back beyond the window as far as its last bits tell.
+  place.is_dwell_long = dwell.last + max_break_ + 1 >= kWindow;
+  if (!place.is_dwell_long) verdict.dwell_begin_bin = newest_ - dwell.last;
+  if (place.is_dwell_long || 2 * NumBits(in_dwell & observed_bins_) > NumBits(observed_bins_)) {
     occupied = std::max(occupied, place.past_occupied);
     exposed = std::max(exposed, place.past_exposed);
   } else {
     occupied += place.older_near;
-    exposed += static_cast<float>(older_watched_);
+    exposed += static_cast<float>(older_observed_bins_);
     place.past_occupied = occupied;
     place.past_exposed = exposed;
   }
   const auto min_exposed =
-      static_cast<float>(config_.min_exposure * static_cast<double>(NumBits(watched_)));
+      static_cast<float>(config_.min_exposure * static_cast<double>(NumBits(observed_bins_)));
   const bool is_unknown = exposed < min_exposed;
   verdict.is_structure =
       is_unknown || occupied > static_cast<float>(config_.max_occupancy) * exposed;
@@ -210,15 +213,15 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
       (occupied >= kSupportingHits &&
        occupied > kSupportingShare * static_cast<float>(config_.max_occupancy) * exposed);
   if (verdict.is_structure) {
-    tell_floating();
+    set_floating();
     // What came with a target is the target.
-    if (is_unknown && !verdict.floats && verdict.since_bin && is_target &&
-        is_target(point_m, *verdict.since_bin)) {
+    if (is_unknown && !verdict.floats && verdict.dwell_begin_bin && is_target &&
+        is_target(point_m, *verdict.dwell_begin_bin)) {
       verdict.is_structure = place.is_structure = place.is_supporter = false;
       return verdict;
     }
     // Not all places at once are looked at anew.
-    if (NumBits(watched_) >= kSettledBins) {
+    if (NumBits(observed_bins_) >= kSettledBins) {
       place.judged_until = newest_ + 4 + static_cast<std::int64_t>(1e3F * place.point_m.norm()) % 8;
     }
     return verdict;
@@ -235,7 +238,7 @@ void Occupancy::GetStructure(std::vector<Eigen::Vector3f>* points_m) const {
 // In the first seconds what is hit seldom may be a pole. Where something has flown away from is no
 // longer hit.
 void Occupancy::GetSupporters(std::vector<Eigen::Vector3f>* points_m) const {
-  const bool is_young = NumBits(watched_) < kYoungBins;
+  const bool is_young = NumBits(observed_bins_) < kYoungBins;
   const auto is_supporter = [&](const Place& place) {
     if (!is_young || place.is_structure) return place.is_supporter;
     const Bits& own = place.own;

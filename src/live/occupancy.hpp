@@ -14,15 +14,16 @@
 namespace unlidar {
 
 // Occupancy of places over a sliding window of time bins, as bits; what is older counts on, but
-// fades. As Background says it of a recording, a return is judged by the bins outside the stay of
+// fades. As Background says it of a recording, a return is judged by the bins outside the dwell of
 // its place: by what came before, for a stream does not know what follows.
 class Occupancy {
  public:
   struct Verdict {
-    bool is_structure = false;              // or too little is known to tell
-    bool floats = false;                    // structure that nothing holds up
-    float place_rate = 0.0F;                // as Background::PlaceRate
-    std::optional<std::int64_t> since_bin;  // in which the stay of its place began, if it is known
+    bool is_structure = false;  // or too little is known to tell
+    bool floats = false;        // structure that nothing holds up
+    float place_rate = 0.0F;    // as Background::PlaceRate
+    std::optional<std::int64_t>
+        dwell_begin_bin;  // in which the dwell of its place began, if it is known
   };
 
   // Whether a place floats in a scene, which is asked once for each place and scene.
@@ -51,7 +52,7 @@ class Occupancy {
   void GetStructure(std::vector<Eigen::Vector3f>* points_m) const;
 
   // Likewise of each place that was hit at least half as often as structure, at several times
-  // outside its stay: what is seen seldom may hold things up as well. In the first seconds of each
+  // outside its dwell: what is seen seldom may hold things up as well. In the first seconds of each
   // that is hit until now.
   void GetSupporters(std::vector<Eigen::Vector3f>* points_m) const;
 
@@ -73,10 +74,10 @@ class Occupancy {
     Bits near;                   // and in its neighbourhood, by the time it was last asked for
     float older = 0.0F;          // hits in the voxel before the window, faded,
     float older_near = 0.0F;     // and in the neighbourhood
-    float past_occupied = 0.0F;  // outside of the stay when that began
+    float past_occupied = 0.0F;  // outside of the dwell when that began
     float past_exposed = 0.0F;
-    bool is_stay_long = false;  // it fills the window
-    bool is_own = false;        // of the shell that its last return lies in
+    bool is_dwell_long = false;  // it fills the window
+    bool is_own = false;         // of the shell that its last return lies in
     bool is_structure = false;
     bool is_supporter = false;
     bool floats = false;
@@ -98,15 +99,15 @@ class Occupancy {
   double RateOf(float occupied, float exposed, const Eigen::Vector3f& point_m) const;
   template <class IsWanted>
   void GetReturnsOf(const IsWanted& is_wanted, std::vector<Eigen::Vector3f>* points_m) const;
-  void LookAround(const Eigen::Vector3f& point_m, Place* place);
+  void UpdateNeighbourhood(const Eigen::Vector3f& point_m, Place* place);
 
   BackgroundConfig config_;
   int max_break_;
   std::int64_t newest_ = 0;
-  std::uint64_t watched_ = 0;      // bit i: any frame i bins before the newest
-  double older_watched_ = 0.0;     // before the window, faded
-  double frames_ = 0.0;            // all, faded
-  double bins_with_frames_ = 0.0;  // likewise
+  std::uint64_t observed_bins_ = 0;   // bit i: any frame i bins before the newest
+  double older_observed_bins_ = 0.0;  // before the window, faded
+  double frames_ = 0.0;               // all, faded
+  double bins_with_frames_ = 0.0;     // likewise
   ShellTable<Place> places_;
 };
 

@@ -8,10 +8,10 @@ namespace unlidar {
 namespace {
 
 constexpr std::size_t kMaxLeaves = 24;
-constexpr double kLostAfterS = 1.0;  // after it a track has to be found again,
+constexpr double kMaxCoastS = 1.0;  // after it a track has to be found again,
 // by so much likelihood, misses paid: it has most likely gone on, and clutter alone makes as much
 // with a chance of e^-1 at most if it is gone, which it is once in twenty pauses or less.
-constexpr double kFoundAgain = 1.0;
+constexpr double kReacquisitionGain = 1.0;
 constexpr double kFitS = 6.0;  // of measurements behind the settled one that a fit looks at
 constexpr double kPriorReturns = 10.0;
 constexpr double kGateSigmas = 6.0;
@@ -25,45 +25,45 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
       collect_(collect),
       plots_(flight.plots.begin(), flight.plots.end()),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
-      body_sum_m2_(kPriorReturns * collect.body_sigma_m * collect.body_sigma_m),
+      body_scatter_m2_(kPriorReturns * collect.body_sigma_m * collect.body_sigma_m),
       body_count_(kPriorReturns),
       body_sigma_m_(collect.body_sigma_m) {
   std::vector<const Plot*> path;
-  for (const SeenPlot& seen : flight.plots) path.push_back(&seen.plot);
+  for (const LivePlot& seen : flight.plots) path.push_back(&seen.plot);
   for (std::uint32_t m = 0; m < models.size(); ++m) {
     Node node;
     node.model = m;
     for (const Hypothesis& h :
-         FollowPath(models[m], path, flight.moments, flight.log_birth, tracker)) {
+         FilterPath(models[m], path, flight.frame_times, flight.log_birth, tracker)) {
       node.h = h;
-      node.believed = static_cast<std::int32_t>(nodes_.size());
-      node.now = h.score;
+      node.confirmed = static_cast<std::int32_t>(nodes_.size());
+      node.current_score = h.score;
       nodes_.push_back(node);
-      node.parent = node.believed;
+      node.parent = node.confirmed;
       ++node.plot;
     }
     leaves_.push_back(static_cast<std::int32_t>(nodes_.size()) - 1);
   }
 }
 
-void TrackFollower::SetGains(const std::vector<SeenPlot>& plots, const Moment& at,
+void TrackFollower::SetGains(const std::vector<LivePlot>& plots, const FrameTime& at,
                              std::vector<double>* gains) const {
   gains->clear();
   const Node& best = nodes_[static_cast<std::size_t>(BestLeaf())];
   const TrackModel& model = (*models_)[best.model];
-  const double unseen = model.ScoreUnseen(best.h, at);
-  const Prediction p = model.Predict(best.h, model.ScoreBefore(best.h, at),
+  const double score_if_missed = model.ScoreAfterMisses(best.h, at);
+  const Prediction p = model.Predict(best.h, model.PredictedScore(best.h, at),
                                      model.MotionOver(at.time_s - best.h.time_s), at);
-  for (const SeenPlot& seen : plots) {
-    gains->push_back(p.score + model.GainOf(p, seen.plot).log - unseen);
+  for (const LivePlot& seen : plots) {
+    gains->push_back(p.score + model.ScoreIncrementOf(p, seen.plot).log - score_if_missed);
   }
 }
 
-void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector<char>& is_allowed,
-                           const Moment& at) {
+void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector<char>& is_allowed,
+                           const FrameTime& at) {
   const std::size_t num_models = models_->size();
-  auto& [ways, predicted, next, moved] = scratch_;
-  ways.assign(plots.size() * num_models, Way());
+  auto& [associations, predicted, next, moved] = scratch_;
+  associations.assign(plots.size() * num_models, Association());
   predicted.clear();
   for (const std::int32_t leaf : leaves_) {
     const Node& node = nodes_[static_cast<std::size_t>(leaf)];
@@ -71,7 +71,7 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
     const double dt_s = at.time_s - node.h.time_s;
     const Motion motion = model.MotionOver(dt_s);
     predicted.emplace_back(motion,
-                           model.Predict(node.h, model.ScoreBefore(node.h, at), motion, at));
+                           model.Predict(node.h, model.PredictedScore(node.h, at), motion, at));
     const Prediction& p = predicted.back().second;
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (!is_allowed[i]) continue;
@@ -79,49 +79,51 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
       const double reach_m = kGateSigmas * std::sqrt(p.agile.position_m2 + plot.variance_m2) +
                              0.2 * p.velocity_mps.norm();
       if ((plot.position_m - p.position_m).squaredNorm() > reach_m * reach_m) continue;
-      const Gain gain = model.GainOf(p, plot);
-      Way& way = ways[i * num_models + node.model];
-      if (p.score + gain.log > way.score) way = {p.score + gain.log, leaf, gain};
+      const ScoreIncrement gain = model.ScoreIncrementOf(p, plot);
+      Association& association = associations[i * num_models + node.model];
+      if (p.score + gain.log > association.score) association = {p.score + gain.log, leaf, gain};
     }
   }
   next.clear();
   for (std::size_t k = 0; k < leaves_.size(); ++k) {
     Node& node = nodes_[static_cast<std::size_t>(leaves_[k])];
-    node.now = (*models_)[node.model].ScoreUnseen(node.h, at);
+    node.current_score = (*models_)[node.model].ScoreAfterMisses(node.h, at);
     if (at.time_s - node.h.time_s <= tracker_.max_gap_s) next.push_back(leaves_[k]);
   }
   for (std::size_t i = 0; i < plots.size(); ++i) {
     bool is_taken = false;
     for (std::size_t m = 0; m < num_models; ++m) {
-      const Way& way = ways[i * num_models + m];
-      if (way.leaf == kNoIndex) continue;
+      const Association& association = associations[i * num_models + m];
+      if (association.leaf == kNoIndex) continue;
       const auto index = static_cast<std::size_t>(
-          std::find(leaves_.begin(), leaves_.end(), way.leaf) - leaves_.begin());
-      const Node from = nodes_[static_cast<std::size_t>(way.leaf)];
+          std::find(leaves_.begin(), leaves_.end(), association.leaf) - leaves_.begin());
+      const Node from = nodes_[static_cast<std::size_t>(association.leaf)];
       Node node = from;
-      node.h = (*models_)[from.model].Update(from.h, predicted[index].first,
-                                             predicted[index].second, plots[i].plot, at, way.gain);
+      node.h =
+          (*models_)[from.model].Update(from.h, predicted[index].first, predicted[index].second,
+                                        plots[i].plot, at, association.gain);
       if (node.h.state.mean.col(1).norm() > tracker_.max_speed_mps) continue;
       const auto index_of_node = static_cast<std::int32_t>(nodes_.size());
-      const std::int32_t believed = BelievedAt(way.leaf);
-      const double gain = node.h.score - nodes_[static_cast<std::size_t>(believed)].h.score;
-      const bool goes_on = believed == way.leaf && at.time_s - from.h.time_s <= kLostAfterS;
-      if (goes_on || gain >= kFoundAgain) node.believed = index_of_node;
+      const std::int32_t confirmed = ConfirmedAt(association.leaf);
+      const double gain = node.h.score - nodes_[static_cast<std::size_t>(confirmed)].h.score;
+      const bool is_continuous =
+          confirmed == association.leaf && at.time_s - from.h.time_s <= kMaxCoastS;
+      if (is_continuous || gain >= kReacquisitionGain) node.confirmed = index_of_node;
       if (!is_taken) {
         plots_.push_back(plots[i]);
         is_taken = true;
       }
       node.plot = first_plot_ + plots_.size() - 1;
-      node.parent = way.leaf;
-      node.now = node.h.score;
+      node.parent = association.leaf;
+      node.current_score = node.h.score;
       next.push_back(index_of_node);
       nodes_.push_back(node);
     }
   }
   if (next.empty()) return;  // nothing can go on: it ends
   std::sort(next.begin(), next.end(), [&](std::int32_t a, std::int32_t b) {
-    const double score_a = nodes_[static_cast<std::size_t>(a)].now;
-    const double score_b = nodes_[static_cast<std::size_t>(b)].now;
+    const double score_a = nodes_[static_cast<std::size_t>(a)].current_score;
+    const double score_b = nodes_[static_cast<std::size_t>(b)].current_score;
     return score_a > score_b || (score_a == score_b && a < b);
   });
   next.resize(std::min(next.size(), kMaxLeaves));
@@ -130,34 +132,35 @@ void TrackFollower::Extend(const std::vector<SeenPlot>& plots, const std::vector
 
 std::int32_t TrackFollower::BestLeaf() const {
   return *std::max_element(leaves_.begin(), leaves_.end(), [&](std::int32_t a, std::int32_t b) {
-    return nodes_[static_cast<std::size_t>(a)].now < nodes_[static_cast<std::size_t>(b)].now;
+    return nodes_[static_cast<std::size_t>(a)].current_score <
+           nodes_[static_cast<std::size_t>(b)].current_score;
   });
 }
 
-// What is settled is believed.
-std::int32_t TrackFollower::BelievedAt(std::int32_t leaf) const {
-  return std::max(settled_, nodes_[static_cast<std::size_t>(leaf)].believed);
+// What is settled is confirmed.
+std::int32_t TrackFollower::ConfirmedAt(std::int32_t leaf) const {
+  return std::max(settled_, nodes_[static_cast<std::size_t>(leaf)].confirmed);
 }
 
-std::int32_t TrackFollower::Head() const { return BelievedAt(BestLeaf()); }
+std::int32_t TrackFollower::NewestConfirmed() const { return ConfirmedAt(BestLeaf()); }
 
 double TrackFollower::score() const { return nodes_[static_cast<std::size_t>(BestLeaf())].h.score; }
 
 TimeNs TrackFollower::last_evidence_ns() const {
-  return PlotOf(nodes_[static_cast<std::size_t>(Head())]).plot.time_ns;
+  return PlotOf(nodes_[static_cast<std::size_t>(NewestConfirmed())]).plot.time_ns;
 }
 
-// By the best way on, unless a new target is as likely by now.
-TimeNs TrackFollower::last_tried_ns() const {
+// By the best association on, unless a new target is as likely by current_score.
+TimeNs TrackFollower::last_tentative_ns() const {
   const std::int32_t leaf = BestLeaf();
   const Node& best = nodes_[static_cast<std::size_t>(leaf)];
-  const Node& believed = nodes_[static_cast<std::size_t>(BelievedAt(leaf))];
-  const bool is_unlikely = best.now < believed.h.score - tracker_.birth_cost;
-  return PlotOf(is_unlikely ? believed : best).plot.time_ns;
+  const Node& confirmed = nodes_[static_cast<std::size_t>(ConfirmedAt(leaf))];
+  const bool is_unlikely = best.current_score < confirmed.h.score - tracker_.birth_cost;
+  return PlotOf(is_unlikely ? confirmed : best).plot.time_ns;
 }
 
-void TrackFollower::Settle(TimeNs until_ns, std::vector<SeenPlot>* settled) {
-  std::int32_t at = Head();
+void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
+  std::int32_t at = NewestConfirmed();
   while (at != kNoIndex) {
     const Node& node = nodes_[static_cast<std::size_t>(at)];
     if (PlotOf(node).plot.frame_time_ns <= until_ns) break;
@@ -168,11 +171,11 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<SeenPlot>* settled) {
   for (std::int32_t k = at; k != kNoIndex && k != settled_;
        k = nodes_[static_cast<std::size_t>(k)].parent) {
     settled->push_back(PlotOf(nodes_[static_cast<std::size_t>(k)]));
-    Learn(nodes_[static_cast<std::size_t>(k)], &settled_lengths_);
+    UpdateFrameLength(nodes_[static_cast<std::size_t>(k)], &settled_lengths_);
   }
   std::reverse(settled->begin() + first, settled->end());
   settled_ = at;
-  // What does not go on from there is no way any more.
+  // What does not go on from there is no association any more.
   leaves_.erase(std::remove_if(leaves_.begin(), leaves_.end(),
                                [&](std::int32_t leaf) {
                                  std::int32_t k = leaf;
@@ -184,17 +187,17 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<SeenPlot>* settled) {
                 leaves_.end());
   // How far the returns of the body spread across the ray and the motion.
   for (auto its = settled->begin() + first; its != settled->end(); ++its) {
-    const SeenPlot& seen = *its;
+    const LivePlot& seen = *its;
     const auto n = static_cast<double>(seen.plot.num_returns);
     if (n < 2.0) continue;
     const Eigen::Vector3d across =
         seen.plot.ray_m.cross(nodes_[static_cast<std::size_t>(at)].h.state.mean.col(1))
             .stableNormalized();
     if (across.squaredNorm() < 0.5) continue;
-    body_sum_m2_ += across.dot(seen.scatter_m2 * across);
+    body_scatter_m2_ += across.dot(seen.scatter_m2 * across);
     body_count_ += n - 1.0;
   }
-  body_sigma_m_ = std::sqrt(body_sum_m2_ / body_count_);
+  body_sigma_m_ = std::sqrt(body_scatter_m2_ / body_count_);
   Forget();
 }
 
@@ -223,7 +226,7 @@ void TrackFollower::Forget() {
     if (moved[k] != kWanted) continue;
     Node node = nodes_[k];
     if (node.parent != kNoIndex) node.parent = moved[static_cast<std::size_t>(node.parent)];
-    node.believed = moved[static_cast<std::size_t>(std::max(settled_, node.believed))];
+    node.confirmed = moved[static_cast<std::size_t>(std::max(settled_, node.confirmed))];
     moved[k] = static_cast<std::int32_t>(kept);
     nodes_[kept++] = node;
   }
@@ -235,7 +238,7 @@ void TrackFollower::Forget() {
 
 // As the collection of a recording measures the returns of a frame.
 Measurement TrackFollower::Measure(const Node& node) const {
-  const SeenPlot& seen = PlotOf(node);
+  const LivePlot& seen = PlotOf(node);
   const auto n = static_cast<double>(seen.plot.num_returns);
   const double range_m = seen.plot.ray_m.norm();
   const double beam_m = kBeamSigmaRad * range_m;
@@ -253,12 +256,13 @@ Measurement TrackFollower::Measure(const Node& node) const {
   return m;
 }
 
-void TrackFollower::Learn(const Node& node, std::vector<KnownLength>* lengths) const {
+void TrackFollower::UpdateFrameLength(const Node& node,
+                                      std::vector<FrameLengthEstimate>* lengths) const {
   const Plot& plot = PlotOf(node).plot;
   if (plot.sensor >= lengths->size()) lengths->resize(plot.sensor + 1);
-  KnownLength& known = (*lengths)[plot.sensor];
+  FrameLengthEstimate& known = (*lengths)[plot.sensor];
   known.num_returns += static_cast<int>(plot.num_returns);
-  if (!FrameLength::IsOpen(plot.streak_s)) return;
+  if (!FrameLength::IsAmbiguous(plot.streak_s)) return;
   Streak streak;
   streak.length_s = plot.streak_s;
   streak.stamp_s = static_cast<double>(PlotOf(node).stamp_ns - plot.frame_time_ns) * kSecondsPerNs;
@@ -270,22 +274,24 @@ void TrackFollower::Learn(const Node& node, std::vector<KnownLength>* lengths) c
 }
 
 // As in a recording by the sensor with the most returns.
-void TrackFollower::SetLate() {
+void TrackFollower::UpdateTimeBias() {
   lengths_ = settled_lengths_;
-  for (std::int32_t k = Head(); k != kNoIndex && k != settled_;
+  for (std::int32_t k = NewestConfirmed(); k != kNoIndex && k != settled_;
        k = nodes_[static_cast<std::size_t>(k)].parent) {
-    Learn(nodes_[static_cast<std::size_t>(k)], &lengths_);
+    UpdateFrameLength(nodes_[static_cast<std::size_t>(k)], &lengths_);
   }
-  const auto main = std::max_element(
-      lengths_.begin(), lengths_.end(),
-      [](const KnownLength& a, const KnownLength& b) { return a.num_returns < b.num_returns; });
-  late_ns_ = NsOf(main->length.LateS());
+  const auto main =
+      std::max_element(lengths_.begin(), lengths_.end(),
+                       [](const FrameLengthEstimate& a, const FrameLengthEstimate& b) {
+                         return a.num_returns < b.num_returns;
+                       });
+  time_bias_ns_ = NsOf(main->length.TimeBiasS());
 }
 
 void TrackFollower::Fit(TrajectoryFitter& fitter) {
-  SetLate();
+  UpdateTimeBias();
   fit_.Clear();
-  const std::int32_t head = Head();
+  const std::int32_t head = NewestConfirmed();
   const double from_s =
       settled_ == kNoIndex
           ? -1e300
@@ -294,7 +300,7 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
     const Node& node = nodes_[static_cast<std::size_t>(k)];
     if (node.h.time_s < from_s) break;
     const Measurement measurement = Measure(node);
-    const SeenPlot& seen = PlotOf(node);
+    const LivePlot& seen = PlotOf(node);
     fit_.AddEarlier(measurement,
                     {seen.stamp_ns, seen.plot.frame, seen.plot.position_m, measurement.support});
   }
@@ -302,14 +308,14 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
 }
 
 bool TrackFollower::IsNear(const Eigen::Vector3d& place_m, double time_s) const {
-  constexpr double kNear_m = 1.5;
+  constexpr double kNearM = 1.5;
   const Node* before = &nodes_[static_cast<std::size_t>(BestLeaf())];
   while (before->h.time_s > time_s && before->parent != kNoIndex) {
     before = &nodes_[static_cast<std::size_t>(before->parent)];
   }
   const Eigen::Vector3d at_m =
       before->h.state.mean.col(0) + (time_s - before->h.time_s) * before->h.state.mean.col(1);
-  return (at_m - place_m).norm() < kNear_m;
+  return (at_m - place_m).norm() < kNearM;
 }
 
 }  // namespace unlidar

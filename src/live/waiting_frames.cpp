@@ -45,11 +45,11 @@ bool WaitingFrames::IsOverfull() const {
   return num_waiting_ > kMaxFrames || (num_waiting_ > 1 && bytes_ > kMaxBytes);
 }
 
-std::optional<WaitingFrames::Dropped> WaitingFrames::DropSurplus() {
+std::optional<WaitingFrames::Dropped> WaitingFrames::DropOverflow() {
   if (!IsOverfull()) return std::nullopt;
   for (; slots_.size() > num_waiting_; slots_.pop_back()) bytes_ -= slots_.back().bytes;
   if (!IsOverfull()) return std::nullopt;
-  std::iter_swap(NewestOfMost(), slots_.end() - 1);
+  std::iter_swap(NewestOfBusiestSensor(), slots_.end() - 1);
   const LoadedFrame& frame = slots_.back().frame;
   const Dropped dropped{frame.info.sensor, frame.file.stamp_ns};
   bytes_ -= slots_.back().bytes;
@@ -59,7 +59,7 @@ std::optional<WaitingFrames::Dropped> WaitingFrames::DropSurplus() {
   return dropped;
 }
 
-WaitingFrames::Place WaitingFrames::NewestOfMost() {
+WaitingFrames::SlotIterator WaitingFrames::NewestOfBusiestSensor() {
   std::map<std::uint32_t, std::size_t> cost;  // a frame without points takes room, too
   for (const Slot& slot : slots_) {
     cost[slot.frame.info.sensor] += slot.bytes + kMaxBytes / kMaxFrames;
@@ -67,9 +67,9 @@ WaitingFrames::Place WaitingFrames::NewestOfMost() {
   const auto most = std::max_element(
       cost.begin(), cost.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
   const auto is_earlier = [&](const Slot& a, const Slot& b) {
-    const bool is_of_most = a.frame.info.sensor == most->first;
-    const bool is_other_of_most = b.frame.info.sensor == most->first;
-    return std::make_pair(is_of_most, a.time_ns) < std::make_pair(is_other_of_most, b.time_ns);
+    const bool is_a_of_busiest = a.frame.info.sensor == most->first;
+    const bool is_b_of_busiest = b.frame.info.sensor == most->first;
+    return std::make_pair(is_a_of_busiest, a.time_ns) < std::make_pair(is_b_of_busiest, b.time_ns);
   };
   return std::max_element(slots_.begin(), slots_.end(), is_earlier);
 }

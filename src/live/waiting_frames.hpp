@@ -35,7 +35,7 @@ class WaitingFrames {
   LoadedFrame* TakeEarliest();
 
   // Where there are too many, the newest of the sensor with the most goes.
-  std::optional<Dropped> DropSurplus();
+  std::optional<Dropped> DropOverflow();
 
   // By time and sensor.
   std::vector<LoadedFrame> TakeAll();
@@ -51,12 +51,12 @@ class WaitingFrames {
              (time_ns == other.time_ns && frame.info.sensor < other.frame.info.sensor);
     }
   };
-  using Place = std::vector<Slot>::iterator;
+  using SlotIterator = std::vector<Slot>::iterator;
 
   static bool ComesLater(const Slot& a, const Slot& b) { return b.ComesBefore(a); }
   bool IsOverfull() const;
-  Place end() { return slots_.begin() + static_cast<std::ptrdiff_t>(num_waiting_); }
-  Place NewestOfMost();
+  SlotIterator end() { return slots_.begin() + static_cast<std::ptrdiff_t>(num_waiting_); }
+  SlotIterator NewestOfBusiestSensor();
 
   // The first `num_waiting_` are a heap, the earliest on top. Others are room for more.
   std::vector<Slot> slots_;

@@ -8,8 +8,9 @@
 namespace unlidar {
 namespace {
 
-constexpr float kLargestCoordinateM = 1e37F;      // sums of two of them are finite
-constexpr std::size_t kMostPoints = 700'000'000;  // three cells a point fit a 31 bit cell number
+constexpr float kLargestCoordinateM = 1e37F;  // sums of two of them are finite
+constexpr std::size_t kMaxClusterPoints =
+    700'000'000;  // three cells a point fit a 31 bit cell number
 
 void DropSmallClusters(int min_cluster_size, Clustering& result) {
   std::vector<std::int64_t> sizes(static_cast<std::size_t>(result.num_clusters), 0);
@@ -29,7 +30,8 @@ void DropSmallClusters(int min_cluster_size, Clustering& result) {
 }  // namespace
 
 Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const ClusteringConfig& config) {
-  if (points_m.size() > kMostPoints) throw std::length_error("clustering: over 700 million points");
+  if (points_m.size() > kMaxClusterPoints)
+    throw std::length_error("clustering: over 700 million points");
   std::vector<std::uint32_t> usable;
   usable.reserve(points_m.size());
   for (std::size_t i = 0; i < points_m.size(); ++i) {

@@ -8,13 +8,13 @@
 #include "base/format.hpp"
 #include "recording/windows.hpp"
 #include "scene/pose_check.hpp"
-#include "scene/sight.hpp"
+#include "scene/sensor_health.hpp"
 
 namespace unlidar {
 namespace {
 
 // 1973: less is no Unix time, see FrameClock.
-constexpr TimeNs kLeastUnixNs = 100'000'000 * kNsPerSecond;
+constexpr TimeNs kMinUnixNs = 100'000'000 * kNsPerSecond;
 
 // Runs one stage after the other and takes their times.
 class StageTimer {
@@ -27,18 +27,18 @@ class StageTimer {
   // Ends the stage that began with the end of the one before.
   void End(const std::string& stage, const std::string& found) {
     const auto now = Clock::now();
-    Tell(stage, found, now - begin_);
+    Record(stage, found, now - begin_);
     begin_ = now;
   }
 
   // The same for a stage that took turns with the next one, and this long in all.
   void End(const std::string& stage, const std::string& found, Clock::duration taken) {
-    Tell(stage, found, taken);
+    Record(stage, found, taken);
     begin_ += taken;
   }
 
  private:
-  void Tell(const std::string& stage, const std::string& found, Clock::duration taken) {
+  void Record(const std::string& stage, const std::string& found, Clock::duration taken) {
     times_.push_back({stage, std::chrono::duration<double>(taken).count()});
     progress_(times_.back(), found);
   }
@@ -61,10 +61,10 @@ FittedTrack FitTrack(const Recording& recording, const Target& target,
   FittedTrack track;
   RowSource& rows = track.row_source;
   rows.trajectory = FitTrajectoryByCeres(target.measurements, config);
-  rows.presence = PresenceInterval(recording, target.measurements, config.silence_probability);
+  rows.presence = ExistenceInterval(recording, target.measurements, config.silence_probability);
   rows.depth_sigma_m = target.depth_sigma_m;
-  SetSights(target.measurements, &rows.sights);
-  rows.widenings = WideningsOf(target.doubts, rows.trajectory);
+  SetViewpoints(target.measurements, &rows.viewpoints);
+  rows.covariance_inflations = CovarianceInflationsOf(target.alternative_modes, rows.trajectory);
   rows.max_sigma_m = config.max_sigma_m;
   rows.support = SupportByFrame(recording, target.returns);
   track.begin_ns = rows.trajectory.begin_ns();
@@ -75,7 +75,7 @@ FittedTrack FitTrack(const Recording& recording, const Target& target,
   KindFilter kind;
   kind.Observe(rows.trajectory, track.end_ns);
   track.flight = kind.Describe();
-  track.echo = DescribeEcho(recording, target, rows.trajectory);
+  track.echo = DescribeReturns(recording, target, rows.trajectory);
   return track;
 }
 
@@ -85,7 +85,7 @@ std::size_t CountRows(const RowStream& next) {
   return count;
 }
 
-std::string Found(const Recording& recording) {
+std::string InputSummary(const Recording& recording) {
   return Count(recording.counts.frames, "frame") + ", " + Count(recording.counts.returns, "return");
 }
 
@@ -114,37 +114,37 @@ FrameFeed FeedOf(const Recording& recording) {
 }
 
 // What the frames of a sensor tell of itself.
-struct SensorWatch {
-  SensorSight sight;
+struct SensorMonitor {
+  SensorHealth sensor_health;
   PoseCheck pose;
 };
 
 // The same frames, looked at for what they tell of their sensors as they pass.
-FrameFeed Watched(const FrameFeed& feed, std::vector<SensorWatch>* watches) {
-  return [&feed, watches](TimeNs until_ns, Recording* recording) {
+FrameFeed Monitored(const FrameFeed& feed, std::vector<SensorMonitor>* monitors) {
+  return [&feed, monitors](TimeNs until_ns, Recording* recording) {
     const std::size_t known = recording->frames.size();
     const TimeNs next_ns = feed(until_ns, recording);
-    watches->resize(recording->sensors.size());
+    monitors->resize(recording->sensors.size());
     for (std::size_t i = known; i < recording->frames.size(); ++i) {
       const FrameInfo& frame = recording->frames[i];
       const SensorInfo& sensor = recording->sensors[frame.sensor];
       const Eigen::Vector3f* const begin_m = recording->points_m.data() + frame.first_return;
       const Eigen::Vector3f* const end_m = recording->points_m.data() + frame.last_return;
-      SensorWatch& watch = (*watches)[frame.sensor];
-      watch.sight.AddFrame(frame.begin_ns, begin_m, end_m, sensor.origin_m);
-      watch.pose.AddFrame(sensor.name, frame.begin_ns, begin_m, end_m, sensor.origin_m);
+      SensorMonitor& monitor = (*monitors)[frame.sensor];
+      monitor.sensor_health.AddFrame(frame.begin_ns, begin_m, end_m, sensor.origin_m);
+      monitor.pose.AddFrame(sensor.name, frame.begin_ns, begin_m, end_m, sensor.origin_m);
     }
     return next_ns;
   };
 }
 
-void TakeFindings(std::vector<SensorWatch>* watches, PipelineResult* result) {
+void TakeFindings(std::vector<SensorMonitor>* monitors, PipelineResult* result) {
   result->warnings = result->recording.warnings;
-  for (std::size_t i = 0; i < watches->size(); ++i) {
-    SensorWatch& watch = (*watches)[i];
-    result->blinded_s.push_back(watch.sight.blinded_s());
-    watch.pose.Finish(result->recording.sensors[i].name);
-    for (Warning& warning : watch.pose.TakeWarnings()) {
+  for (std::size_t i = 0; i < monitors->size(); ++i) {
+    SensorMonitor& monitor = (*monitors)[i];
+    result->blinded_s.push_back(monitor.sensor_health.blinded_s());
+    monitor.pose.Finish(result->recording.sensors[i].name);
+    for (Warning& warning : monitor.pose.TakeWarnings()) {
       result->warnings.push_back(std::move(warning));
     }
   }
@@ -156,8 +156,8 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
                                   TimeNs last_stamp_ns, StageTimer& timer, PipelineResult& result) {
   Recording& recording = result.recording;
   std::vector<Target> targets;
-  std::vector<SensorWatch> watches;
-  const FrameFeed feed = Watched(frames, &watches);
+  std::vector<SensorMonitor> monitors;
+  const FrameFeed feed = Monitored(frames, &monitors);
   // The paper's score is one of a whole recording.
   if (config.method == Method::kRobust && !request.score_clusters &&
       NeedsWindows(first_stamp_ns, last_stamp_ns, config.robust)) {
@@ -172,10 +172,10 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
                                                config.trajectory, request.trace, &recording);
     targets = std::move(robust.targets);
     result.robust_counts = robust.counts;
-    timer.End("read", Found(recording), reading);
+    timer.End("read", InputSummary(recording), reading);
   } else {
     feed(std::numeric_limits<TimeNs>::max(), &recording);
-    timer.End("read", Found(recording));
+    timer.End("read", InputSummary(recording));
     if (config.method == Method::kPaper) {
       targets = FindTargetsPaper(recording, config.paper, &result.clusters);
     } else {
@@ -185,7 +185,7 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
       result.robust_counts = robust.counts;
     }
   }
-  TakeFindings(&watches, &result);
+  TakeFindings(&monitors, &result);
   std::sort(targets.begin(), targets.end(), IsSeenEarlier);
   timer.End("targets", Count(targets.size(), "target"));
   return targets;
@@ -205,7 +205,7 @@ void FitTracks(const PipelineRequest& request, const Config& config,
   for (const Target& target : targets) {
     FittedTrack track = FitTrack(recording, target, config.trajectory);
     track.id = track.row_source.track_id = next_id++;
-    if (track.flight.kind.drone < request.least_drone) {
+    if (track.flight.kind.drone < request.min_drone_probability) {
       ++result.tracks_left_out;
       continue;
     }
@@ -218,7 +218,7 @@ void FitTracks(const PipelineRequest& request, const Config& config,
 // Where the first sensor's frames are numbered, so are output times that are small whole numbers.
 OutputTimes TimesOf(const PipelineRequest& request, const FrameClock& clock) {
   const auto* const list = std::get_if<std::vector<TimeNs>>(&request.output_times);
-  const auto is_number = [](TimeNs time_ns) { return 0 <= time_ns && time_ns < kLeastUnixNs; };
+  const auto is_number = [](TimeNs time_ns) { return 0 <= time_ns && time_ns < kMinUnixNs; };
   if (list == nullptr || !request.are_times_whole || !clock.counts() ||
       !std::all_of(list->begin(), list->end(), is_number)) {
     return request.output_times;

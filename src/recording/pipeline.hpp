@@ -11,9 +11,9 @@
 #include "io/frames.hpp"
 #include "paper/paper.hpp"
 #include "recording/robust.hpp"
-#include "trajectory/echo.hpp"
 #include "trajectory/kind.hpp"
 #include "trajectory/output_times.hpp"
+#include "trajectory/return_statistics.hpp"
 #include "trajectory/sampling.hpp"
 #include "unlidar/config.hpp"
 
@@ -29,8 +29,8 @@ struct FittedTrack {
   std::vector<std::uint32_t> returns;  // indices into the recording, ascending
   RowSource row_source;
   std::size_t num_rows = 0;
-  FlightCharacter flight;
-  EchoCharacter echo;
+  FlightStatistics flight;
+  ReturnStatistics echo;
 };
 
 struct PipelineRequest {
@@ -38,8 +38,9 @@ struct PipelineRequest {
   OutputTimes output_times;
   bool are_times_whole = false;  // a list that was written in whole numbers, maybe those of frames
   bool score_clusters = false;   // the paper's numbers of every global cluster, for --clusters
-  double least_drone = 0.0;      // tracks of a lower probability of being a drone are left out
-  TraceSink trace;               // of the robust method; may be none
+  double min_drone_probability =
+      0.0;          // tracks of a lower probability of being a drone are left out
+  TraceSink trace;  // of the robust method; may be none
 };
 
 struct StageTime {
@@ -52,10 +53,11 @@ struct PipelineResult {
   std::optional<RobustCounts> robust_counts;  // with the robust method
   std::vector<ClusterScore> clusters;         // empty unless asked for or needed by the method
   std::vector<FittedTrack> tracks;
-  std::size_t tracks_left_out = 0;  // as of PipelineRequest::least_drone; the others keep their ids
-  OutputInstants output_instants;   // at which the tracks have rows
+  std::size_t tracks_left_out =
+      0;  // as of PipelineRequest::min_drone_probability; the others keep their ids
+  OutputInstants output_instants;  // at which the tracks have rows
   std::vector<Warning> warnings;
-  std::vector<double> blinded_s;  // for how long each sensor was, see SensorSight
+  std::vector<double> blinded_s;  // for how long each sensor was, see SensorHealth
   std::vector<StageTime> times;
 };
 

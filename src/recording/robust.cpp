@@ -6,10 +6,10 @@
 #include <utility>
 
 #include "collection/cloud.hpp"
-#include "collection/hanging.hpp"
-#include "collection/stays.hpp"
-#include "scene/views.hpp"
-#include "tracking/doubts.hpp"
+#include "collection/dwells.hpp"
+#include "collection/suspended.hpp"
+#include "scene/multi_station_plots.hpp"
+#include "tracking/alternative_modes.hpp"
 #include "tracking/flight.hpp"
 #include "tracking/null_score.hpp"
 
@@ -36,11 +36,12 @@ bool IsClutter(const std::vector<Measurement>& measurements, double threshold) {
 // How much less likely a path is a target for what else is about it at the same time, which its
 // clutter, that of other times, does not tell: a bush in a gust and whoever passes behind a hedge
 // are seen all at once. Plots of targets (`are_targets`, plots) and its own do not count.
-double LossAmongOthers(const Path& path, const std::vector<Plot>& plots,
+double CrowdingPenalty(const Path& path, const std::vector<Plot>& plots,
                        const std::vector<char>& are_targets,
-                       const std::vector<SensorView>& sensor_views, const RobustConfig& config) {
+                       const std::vector<StationModel>& station_models,
+                       const RobustConfig& config) {
   const TimeNs reach_ns = NsOf((kClutterExclusionBins + 0.5) * config.background.bin_s);
-  double loss = 0.0;
+  double penalty = 0.0;
   auto first = plots.begin();
   for (const std::uint32_t i : path.plots) {
     const Plot& plot = plots[i];
@@ -55,14 +56,14 @@ double LossAmongOthers(const Path& path, const std::vector<Plot>& plots,
       if (!std::binary_search(path.plots.begin(), path.plots.end(), k)) others += 1.0;
     }
     if (others == 0.0) continue;
-    const Background& background = *sensor_views[plot.sensor].background;
+    const Background& background = *station_models[plot.sensor].background;
     const double frames = background.NumFrames(
         plot.sensor, background.BinsAround(background.BinOf(plot.time_ns), kClutterExclusionBins));
     const double exposure = frames * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
     const double log_rate = std::log(ClutterRate(others, exposure, std::exp(plot.log_clutter)));
-    loss += std::max(0.0, log_rate - plot.log_clutter);
+    penalty += std::max(0.0, log_rate - plot.log_clutter);
   }
-  return loss;
+  return penalty;
 }
 
 // Which plots no path explains that is likelier a target than chance.
@@ -80,19 +81,19 @@ std::vector<char> AreClutter(std::size_t num_plots, const std::vector<Path>& pat
 class TargetCollector {
  public:
   // Paths are changed where two are one target's.
-  TargetCollector(const Recording& recording, const Views& views, const Watch& watch,
-                  double threshold, const RobustConfig& config,
+  TargetCollector(const Recording& recording, const MultiStationPlots& multi_station_plots,
+                  const ScanSchedule& scan_schedule, double threshold, const RobustConfig& config,
                   const TrajectoryConfig& trajectory_config, std::vector<Path>* paths)
       : recording_(recording),
-        plots_(views.plots()),
-        sensor_views_(views.SensorViews()),
-        watch_(watch),
+        plots_(multi_station_plots.plots()),
+        station_models_(multi_station_plots.StationModels()),
+        scan_schedule_(scan_schedule),
         threshold_(threshold),
         config_(config),
         trajectory_config_(trajectory_config),
         paths_(*paths),
-        excluded_(views.are_bodies()),
-        taken_(excluded_.size(), 0) {}
+        excluded_(multi_station_plots.are_bodies()),
+        assigned_returns_(excluded_.size(), 0) {}
 
   Rejection Add(std::size_t k) {
     const Path& path = paths_[k];
@@ -105,7 +106,7 @@ class TargetCollector {
       Extend(owner, path);
       return Rejection::kPartOfAnotherTrack;
     }
-    if (!HasFrames(members, config_.min_plots)) return Rejection::kTooFewDetections;
+    if (!HasMinFrames(members, config_.min_plots)) return Rejection::kTooFewDetections;
     Target target;
     const Rejection rejection = Collect(k, std::move(members), &target);
     if (rejection != Rejection::kNone) return rejection;
@@ -118,7 +119,7 @@ class TargetCollector {
   // The targets that are left when all are known; the verdicts (paths) of the others are set.
   std::vector<Target> Finish(std::vector<PathVerdict>* verdicts) {
     const std::vector<Rejection> rejections =
-        ShapeRejections(recording_, sensor_views_, plots_, targets_, config_, trajectory_config_);
+        ShapeRejections(recording_, station_models_, plots_, targets_, config_, trajectory_config_);
     std::vector<Target> kept;
     for (std::size_t t = 0; t < targets_.size(); ++t) {
       (*verdicts)[path_of_[t]].rejection = rejections[t];
@@ -138,29 +139,31 @@ class TargetCollector {
   }
 
   Rejection Collect(std::size_t k, std::vector<Plot> members, Target* target) {
-    if (config_.Uses(Rule::kDwell)) AddStays(recording_, taken_, &members);
+    if (config_.Uses(Rule::kDwell)) AddDwells(recording_, assigned_returns_, &members);
     for (const Plot& plot : members) {
       for (const std::uint32_t i : plot.returns) excluded_[i] = 0;
     }
     *target =
-        CollectTarget(recording_, sensor_views_, members, excluded_, config_, trajectory_config_);
+        CollectTarget(recording_, station_models_, members, excluded_, config_, trajectory_config_);
     const std::vector<Measurement>& measurements = target->measurements;
     // What another target's returns leave of it may be a single sighting, which is no track.
     if (measurements.size() < 2) return Rejection::kSingleMeasurement;
-    if (config_.Uses(Rule::kSuspended) && MayHang(measurements)) return Rejection::kSuspended;
+    if (config_.Uses(Rule::kSuspended) && MayBeSuspended(measurements))
+      return Rejection::kSuspended;
     if (config_.Uses(Rule::kClutterReturns) && IsClutter(measurements, threshold_)) {
       return Rejection::kClutterReturns;
     }
     target->score = paths_[k].score;
     if (config_.Uses(Rule::kAlternatives)) {
-      target->doubts = DoubtsOf(k, paths_, plots_, watch_, config_.tracker, measurements);
+      target->alternative_modes =
+          AlternativeModesOf(k, paths_, plots_, scan_schedule_, config_.tracker, measurements);
     }
-    if (!config_.Uses(Rule::kFrameLength)) target->late_ns = 0;
+    if (!config_.Uses(Rule::kFrameLength)) target->time_bias_ns = 0;
     return Rejection::kNone;
   }
 
-  void Mark(const Target& target, char is_taken) {
-    for (const std::uint32_t i : target.returns) excluded_[i] = taken_[i] = is_taken;
+  void Mark(const Target& target, char is_assigned) {
+    for (const std::uint32_t i : target.returns) excluded_[i] = assigned_returns_[i] = is_assigned;
   }
 
   // The target that has most of the plots of a path; the number of targets if none has.
@@ -191,7 +194,7 @@ class TargetCollector {
       const bool is_within = begin_ns <= time_ns && time_ns <= end_ns;
       if (!is_within && !HasAnyOf(plots_[plot], excluded_)) beyond.plots.push_back(plot);
     }
-    if (!HasFrames(PlotsOf(beyond, plots_), config_.min_plots)) return;
+    if (!HasMinFrames(PlotsOf(beyond, plots_), config_.min_plots)) return;
     Path& path = paths_[path_of_[owner]];
     const Path before = path;
     path.score += other.score * static_cast<double>(beyond.plots.size()) /
@@ -210,14 +213,14 @@ class TargetCollector {
 
   const Recording& recording_;
   const std::vector<Plot>& plots_;
-  std::vector<SensorView> sensor_views_;
-  const Watch& watch_;
+  std::vector<StationModel> station_models_;
+  const ScanSchedule& scan_schedule_;
   double threshold_;
   const RobustConfig& config_;
   const TrajectoryConfig& trajectory_config_;
   std::vector<Path>& paths_;
-  std::vector<char> excluded_;  // returns of bodies and of targets,
-  std::vector<char> taken_;     // and of these alone
+  std::vector<char> excluded_;          // returns of bodies and of targets,
+  std::vector<char> assigned_returns_;  // and of these alone
   std::vector<Target> targets_;
   std::vector<std::size_t> path_of_;  // (targets)
 };
@@ -231,8 +234,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     if (trace) trace(recording, {{}, {}, {}, {}, 0.0});
     return result;
   }
-  Views views(recording, Stations(recording.sensors), config);
-  const std::vector<Plot>& plots = views.plots();
+  MultiStationPlots multi_station_plots(recording, Stations(recording.sensors), config);
+  const std::vector<Plot>& plots = multi_station_plots.plots();
   // A score is a log likelihood ratio, weighted by how likely its first plot is the first: so by
   // Ville's inequality clutter reaches the threshold from all plots and with all models together
   // with a probability of at most false_alarms_per_recording, if it is what the model says.
@@ -240,8 +243,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
       config.tracker.sigma_a_mps2.size() * config.tracker.birth_speeds_mps.size();
   const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
   double threshold = std::log(num_starts / config.false_alarms_per_recording);
-  const Watch watch = WatchOf(recording);
-  const std::vector<SensorView> sensor_views = views.SensorViews();
+  const ScanSchedule scan_schedule = ScanScheduleOf(recording);
+  const std::vector<StationModel> station_models = multi_station_plots.StationModels();
   const auto verdicts_of = [&](const std::vector<Path>& paths) {
     std::vector<PathVerdict> verdicts;
     std::vector<char> are_targets(plots.size(), 0);
@@ -251,10 +254,11 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
         verdict.rejection = Rejection::kBelowThreshold;
         continue;
       }
-      verdict.rejection = FlightRejection(recording, watch, PlotsOf(path, plots), config);
+      verdict.rejection = FlightRejection(recording, scan_schedule, PlotsOf(path, plots), config);
       if (verdict.rejection != Rejection::kNone) continue;
       if (config.Uses(Rule::kCrowded)) {
-        verdict.crowding_penalty = LossAmongOthers(path, plots, are_targets, sensor_views, config);
+        verdict.crowding_penalty =
+            CrowdingPenalty(path, plots, are_targets, station_models, config);
       }
       if (path.score - verdict.crowding_penalty < threshold) {
         verdict.rejection = Rejection::kCrowded;
@@ -267,25 +271,25 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
 
   // What the first round finds is clutter no more for the second, which then sees farther. What
   // floats in one place is none from the start.
-  std::vector<char> explained = views.are_parked();
+  std::vector<char> assigned = multi_station_plots.are_static_floating();
   std::vector<Path> paths;
   std::vector<PathVerdict> verdicts;  // (paths)
   for (int round = 0; round < config.rounds; ++round) {
-    views.EstimateClutter(explained);
-    paths = FindPaths(plots, watch, config.tracker);
-    const std::vector<char> before = explained;
+    multi_station_plots.EstimateClutter(assigned);
+    paths = FindPaths(plots, scan_schedule, config.tracker);
+    const std::vector<char> before = assigned;
     verdicts = verdicts_of(paths);
     for (std::size_t k = 0; k < paths.size(); ++k) {
       if (verdicts[k].rejection != Rejection::kNone) continue;
-      for (const std::uint32_t i : paths[k].plots) explained[i] = 1;
+      for (const std::uint32_t i : paths[k].plots) assigned[i] = 1;
     }
-    if (explained == before) break;
+    if (assigned == before) break;
   }
   // What it is shows with its frames in random order. Scores above that are as rare as above the
   // model's.
   const double null_score =
       config.Uses(Rule::kPermutationNull)
-          ? NullScore(recording, plots, AreClutter(plots.size(), paths, threshold), watch,
+          ? NullScore(recording, plots, AreClutter(plots.size(), paths, threshold), scan_schedule,
                       config.tracker)
           : 0.0;
   const double null_threshold = null_score - std::log(config.false_alarms_per_recording);
@@ -294,23 +298,24 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     verdicts = verdicts_of(paths);
   }
 
-  const std::vector<char>& are_bodies = views.are_bodies();
-  result.counts = {views.num_unexplained(),
+  const std::vector<char>& are_bodies = multi_station_plots.are_bodies();
+  result.counts = {multi_station_plots.num_unexplained(),
                    static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),
                    plots.size(),
                    paths.size(),
                    threshold,
                    null_score,
                    config.false_alarms_per_recording};
-  TargetCollector collector(recording, views, watch, threshold, config, trajectory_config, &paths);
+  TargetCollector collector(recording, multi_station_plots, scan_schedule, threshold, config,
+                            trajectory_config, &paths);
   for (std::size_t k = 0; k < paths.size(); ++k) {
     if (verdicts[k].rejection == Rejection::kNone) verdicts[k].rejection = collector.Add(k);
   }
   result.targets = collector.Finish(&verdicts);
   if (trace) trace(recording, {plots, are_bodies, paths, verdicts, threshold});
   for (Target& target : result.targets) {
-    for (Measurement& m : target.measurements) m.time_ns += target.late_ns;
-    for (Doubt& doubt : target.doubts) doubt.time_ns += target.late_ns;
+    for (Measurement& m : target.measurements) m.time_ns += target.time_bias_ns;
+    for (AlternativeMode& mode : target.alternative_modes) mode.time_ns += target.time_bias_ns;
   }
   return result;
 }

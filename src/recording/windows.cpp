@@ -26,18 +26,18 @@ struct KeptReturn {
 };
 
 // A target whose returns are not, or no more, in a recording.
-struct Piece {
+struct Tracklet {
   Target target;                    // without returns
   std::vector<KeptReturn> returns;  // ascending
 };
 
-std::size_t CountBetween(const Piece& piece, TimeNs from_ns, TimeNs to_ns) {
+std::size_t CountBetween(const Tracklet& tracklet, TimeNs from_ns, TimeNs to_ns) {
   return static_cast<std::size_t>(std::count_if(
-      piece.returns.begin(), piece.returns.end(),
+      tracklet.returns.begin(), tracklet.returns.end(),
       [&](const KeptReturn& kept) { return from_ns <= kept.stamp_ns && kept.stamp_ns < to_ns; }));
 }
 
-std::size_t CountShared(const Piece& a, const Piece& b) {
+std::size_t CountShared(const Tracklet& a, const Tracklet& b) {
   std::vector<KeptReturn> shared;
   std::set_intersection(a.returns.begin(), a.returns.end(), b.returns.begin(), b.returns.end(),
                         std::back_inserter(shared));
@@ -45,18 +45,19 @@ std::size_t CountShared(const Piece& a, const Piece& b) {
 }
 
 // Keeps what is before a time, or what is not; of the score the share of the returns kept.
-void Cut(TimeNs at_ns, bool keeps_before, Piece* piece) {
+void Cut(TimeNs at_ns, bool keeps_before, Tracklet* tracklet) {
   const auto goes = [&](TimeNs time_ns) { return (time_ns < at_ns) != keeps_before; };
-  const auto all = static_cast<double>(piece->returns.size());
+  const auto all = static_cast<double>(tracklet->returns.size());
   const auto cut = [&](auto* items, const auto& time_of) {
     items->erase(std::remove_if(items->begin(), items->end(),
                                 [&](const auto& item) { return goes(time_of(item)); }),
                  items->end());
   };
-  cut(&piece->returns, [](const KeptReturn& kept) { return kept.stamp_ns; });
-  cut(&piece->target.measurements, [](const Measurement& m) { return m.time_ns; });
-  cut(&piece->target.doubts, [](const Doubt& doubt) { return doubt.time_ns; });
-  piece->target.score *= static_cast<double>(piece->returns.size()) / all;
+  cut(&tracklet->returns, [](const KeptReturn& kept) { return kept.stamp_ns; });
+  cut(&tracklet->target.measurements, [](const Measurement& m) { return m.time_ns; });
+  cut(&tracklet->target.alternative_modes,
+      [](const AlternativeMode& mode) { return mode.time_ns; });
+  tracklet->target.score *= static_cast<double>(tracklet->returns.size()) / all;
 }
 
 class WindowSearch {
@@ -86,9 +87,9 @@ class WindowSearch {
     counts_.score_threshold = std::max(counts_.score_threshold, found.counts.score_threshold);
     counts_.null_score = std::max(counts_.null_score, found.counts.null_score);
     counts_.false_alarms += found.counts.false_alarms;
-    std::vector<Piece> pieces;
-    for (Target& target : found.targets) pieces.push_back(PieceOf(std::move(target)));
-    Join(begin_ns, std::move(pieces));
+    std::vector<Tracklet> tracklets;
+    for (Target& target : found.targets) tracklets.push_back(TrackletOf(std::move(target)));
+    Join(begin_ns, std::move(tracklets));
   }
 
   // The stamp of the first frame that is not before a time.
@@ -102,13 +103,13 @@ class WindowSearch {
   RobustResult Finish(Recording* recording) {
     RobustResult result;
     result.counts = counts_;
-    std::stable_sort(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) {
-      return a.target.score > b.target.score;
-    });
+    std::stable_sort(
+        tracklets_.begin(), tracklets_.end(),
+        [](const Tracklet& a, const Tracklet& b) { return a.target.score > b.target.score; });
     // A return is one target's.
     std::set<KeptReturn> all;
-    for (Piece& piece : pieces_) {
-      auto& returns = piece.returns;
+    for (Tracklet& tracklet : tracklets_) {
+      auto& returns = tracklet.returns;
       returns.erase(std::remove_if(returns.begin(), returns.end(),
                                    [&](const KeptReturn& kept) { return all.count(kept) > 0; }),
                     returns.end());
@@ -130,13 +131,13 @@ class WindowSearch {
       info.last_return = static_cast<std::uint32_t>(recording->points_m.size());
     }
     const std::vector<KeptReturn> order(all.begin(), all.end());
-    for (Piece& piece : pieces_) {
-      if (piece.returns.empty()) continue;
-      for (const KeptReturn& own : piece.returns) {
-        piece.target.returns.push_back(static_cast<std::uint32_t>(
+    for (Tracklet& tracklet : tracklets_) {
+      if (tracklet.returns.empty()) continue;
+      for (const KeptReturn& own : tracklet.returns) {
+        tracklet.target.returns.push_back(static_cast<std::uint32_t>(
             std::lower_bound(order.begin(), order.end(), own) - order.begin()));
       }
-      result.targets.push_back(std::move(piece.target));
+      result.targets.push_back(std::move(tracklet.target));
     }
     return result;
   }
@@ -158,46 +159,46 @@ class WindowSearch {
     }
   }
 
-  Piece PieceOf(Target target) const {
-    Piece piece;
+  Tracklet TrackletOf(Target target) const {
+    Tracklet tracklet;
     std::size_t frame = 0;
     for (const std::uint32_t i : target.returns) {
       while (window_.frames[frame].last_return <= i) ++frame;
       const FrameInfo& info = window_.frames[frame];
-      piece.returns.push_back({first_frame_ + frame, i - info.first_return, info.stamp_ns,
-                               window_.times_ns[i], window_.points_m[i]});
+      tracklet.returns.push_back({first_frame_ + frame, i - info.first_return, info.stamp_ns,
+                                  window_.times_ns[i], window_.points_m[i]});
     }
     target.returns.clear();
-    piece.target = std::move(target);
-    return piece;
+    tracklet.target = std::move(target);
+    return tracklet;
   }
 
   // Takes in the targets of the window that begins at a border.
-  void Join(TimeNs border_ns, std::vector<Piece> found) {
+  void Join(TimeNs border_ns, std::vector<Tracklet> found) {
     struct Pair {
       std::size_t shared;
       std::size_t before;
       std::size_t behind;
     };
     std::vector<Pair> pairs;
-    for (std::size_t i = 0; i < pieces_.size(); ++i) {
-      if (pieces_[i].returns.back().stamp_ns < border_ns - margin_ns_) continue;
+    for (std::size_t i = 0; i < tracklets_.size(); ++i) {
+      if (tracklets_[i].returns.back().stamp_ns < border_ns - margin_ns_) continue;
       for (std::size_t k = 0; k < found.size(); ++k) {
-        const std::size_t shared = CountShared(pieces_[i], found[k]);
+        const std::size_t shared = CountShared(tracklets_[i], found[k]);
         if (shared > 0) pairs.push_back({shared, i, k});
       }
     }
     std::stable_sort(pairs.begin(), pairs.end(),
                      [](const Pair& a, const Pair& b) { return a.shared > b.shared; });
-    const auto about_border = [&](const Piece& piece) {
-      return CountBetween(piece, border_ns - margin_ns_, border_ns + margin_ns_);
+    const auto about_border = [&](const Tracklet& tracklet) {
+      return CountBetween(tracklet, border_ns - margin_ns_, border_ns + margin_ns_);
     };
-    std::vector<char> is_cut(pieces_.size(), 0);
+    std::vector<char> is_cut(tracklets_.size(), 0);
     std::vector<char> is_joined(found.size(), 0);
     std::vector<char> is_cut_behind(found.size(), 0);
     for (const Pair& pair : pairs) {
-      Piece& before = pieces_[pair.before];
-      Piece& behind = found[pair.behind];
+      Tracklet& before = tracklets_[pair.before];
+      Tracklet& behind = found[pair.behind];
       const bool are_one = !is_cut[pair.before] && !is_cut_behind[pair.behind] &&
                            2 * pair.shared >= std::min(about_border(before), about_border(behind));
       if (!std::exchange(is_cut[pair.before], 1)) Cut(border_ns, true, &before);
@@ -212,24 +213,24 @@ class WindowSearch {
       };
       append(behind.returns, &before.returns);
       append(behind.target.measurements, &before.target.measurements);
-      append(behind.target.doubts, &before.target.doubts);
+      append(behind.target.alternative_modes, &before.target.alternative_modes);
     }
     // What lies on the other side alone is the business of the window there, which saw more of it.
-    for (std::size_t i = 0; i < pieces_.size(); ++i) {
-      if (!is_cut[i] && pieces_[i].returns.front().stamp_ns >= border_ns)
-        pieces_[i].returns.clear();
+    for (std::size_t i = 0; i < tracklets_.size(); ++i) {
+      if (!is_cut[i] && tracklets_[i].returns.front().stamp_ns >= border_ns)
+        tracklets_[i].returns.clear();
     }
     for (std::size_t k = 0; k < found.size(); ++k) {
       const bool is_behind =
           !found[k].returns.empty() && found[k].returns.back().stamp_ns >= border_ns;
-      if (is_behind && !is_joined[k]) pieces_.push_back(std::move(found[k]));
+      if (is_behind && !is_joined[k]) tracklets_.push_back(std::move(found[k]));
     }
-    pieces_.erase(std::remove_if(pieces_.begin(), pieces_.end(),
-                                 [](const Piece& piece) {
-                                   return piece.returns.empty() ||
-                                          piece.target.measurements.empty();
-                                 }),
-                  pieces_.end());
+    tracklets_.erase(std::remove_if(tracklets_.begin(), tracklets_.end(),
+                                    [](const Tracklet& tracklet) {
+                                      return tracklet.returns.empty() ||
+                                             tracklet.target.measurements.empty();
+                                    }),
+                     tracklets_.end());
   }
 
   const RobustConfig& config_;
@@ -240,7 +241,7 @@ class WindowSearch {
   TimeNs next_stamp_ns_ = 0;       // of the first frame that was not fed yet
   std::uint64_t first_frame_ = 0;  // of the window, among all
   std::vector<FrameInfo> frames_;  // all
-  std::vector<Piece> pieces_;
+  std::vector<Tracklet> tracklets_;
   RobustCounts counts_;
 };
 

@@ -11,79 +11,81 @@ namespace unlidar {
 namespace {
 
 // So many returns ahead of its turn memory is asked for what belongs to one: no cache holds it all.
-constexpr std::size_t kAhead = 16;
+constexpr std::size_t kPrefetchDistance = 16;
 
-// When a place was hit and when it could have been, summed up so that each stay there is judged in
+// When a place was hit and when it could have been, summed up so that each dwell there is judged in
 // constant time, however long the recording.
 class PlaceHistory {
  public:
-  // What the bins outside a stay show.
-  struct Rest {
+  // What the bins outside a dwell show.
+  struct OutsideOccupancy {
     double num_exposed = 0.0;
     double num_occupied = 0.0;
   };
 
   // `hits`: the bins, ascending, in which the place was hit. `depths`: what was seen in its
-  // direction, which hides the place if it is nearer than `visible_m`. `breaks_stay(a, b)`: whether
-  // a place that is hit in bin a, and then in bin b, was empty for too long for one stay.
-  template <class BreaksStay>
+  // direction, which occludes the place if it is nearer than `visible_m`. `breaks_dwell(a, b)`:
+  // whether a place that is hit in bin a, and then in bin b, was empty for too long for one dwell.
+  template <class BreaksDwell>
   void Assign(const std::vector<std::uint32_t>& hits, std::size_t num_bins,
-              const DepthMap::Depths& depths, double visible_m, const BreaksStay& breaks_stay) {
+              const DepthMap::Depths& depths, double visible_m, const BreaksDwell& breaks_dwell) {
     hits_ = &hits;
     num_bins_ = num_bins;
-    is_behind_.assign(hits.size(), 0);
-    stay_of_.resize(hits.size());
-    stays_.clear();
-    num_hidden_ = 0;
+    is_occluded_.assign(hits.size(), 0);
+    dwell_of_.resize(hits.size());
+    dwells_.clear();
+    num_occluded_ = 0;
     const DepthMap::Depth* depth = depths.begin();
-    // Counts what hides the place in the bins before `end`, and tells whether something does in it.
-    const auto hides = [&](std::uint32_t end, std::size_t* num_hidden) {
+    // Counts what occludes the place in the bins before `end`, and tells whether something does in
+    // it.
+    const auto occludes = [&](std::uint32_t end, std::size_t* num_occluded) {
       const auto is_near = [&] { return static_cast<double>(depth->median_m) < visible_m; };
-      for (; depth != depths.end() && depth->bin < end; ++depth) *num_hidden += is_near() ? 1U : 0U;
+      for (; depth != depths.end() && depth->bin < end; ++depth)
+        *num_occluded += is_near() ? 1U : 0U;
       return depth != depths.end() && depth->bin == end && is_near();
     };
     for (std::size_t k = 0; k < hits.size(); ++k) {
       std::size_t num_between = 0;
-      is_behind_[k] = hides(hits[k], &num_between) ? 1 : 0;
+      is_occluded_[k] = occludes(hits[k], &num_between) ? 1 : 0;
       if (depth != depths.end() && depth->bin == hits[k]) ++depth;
-      num_hidden_ += num_between;
-      if (k == 0 || breaks_stay(hits[k - 1], hits[k])) {
-        stays_.push_back({k, k, 0});
+      num_occluded_ += num_between;
+      if (k == 0 || breaks_dwell(hits[k - 1], hits[k])) {
+        dwells_.push_back({k, k, 0});
       } else {
-        stays_.back().num_hidden += num_between;
+        dwells_.back().num_occluded += num_between;
       }
-      stays_.back().last = k;
-      stay_of_[k] = stays_.size() - 1;
+      dwells_.back().last = k;
+      dwell_of_[k] = dwells_.size() - 1;
     }
-    hides(static_cast<std::uint32_t>(num_bins), &num_hidden_);
+    occludes(static_cast<std::uint32_t>(num_bins), &num_occluded_);
   }
 
-  // Outside the stay that holds `bin`, one of the hits.
-  Rest Outside(std::uint32_t bin) const {
+  // Outside the dwell that holds `bin`, one of the hits.
+  OutsideOccupancy Outside(std::uint32_t bin) const {
     const auto k = static_cast<std::size_t>(std::lower_bound(hits_->begin(), hits_->end(), bin) -
                                             hits_->begin());
-    const Stay& stay = stays_[stay_of_[k]];
-    const std::size_t num_outside = num_bins_ - ((*hits_)[stay.last] + 1 - (*hits_)[stay.first]);
+    const Dwell& dwell = dwells_[dwell_of_[k]];
+    const std::size_t num_outside = num_bins_ - ((*hits_)[dwell.last] + 1 - (*hits_)[dwell.first]);
     // What is seen through the gaps of something nearer can be seen so at other times, too.
-    const std::size_t num_hidden = is_behind_[k] != 0 ? 0 : num_hidden_ - stay.num_hidden;
-    return {static_cast<double>(num_outside - num_hidden),
-            static_cast<double>(hits_->size() - (stay.last + 1 - stay.first))};
+    const std::size_t num_occluded = is_occluded_[k] != 0 ? 0 : num_occluded_ - dwell.num_occluded;
+    return {static_cast<double>(num_outside - num_occluded),
+            static_cast<double>(hits_->size() - (dwell.last + 1 - dwell.first))};
   }
 
  private:
-  struct Stay {
+  struct Dwell {
     std::size_t first;  // and last of its hits
     std::size_t last;
-    std::size_t num_hidden;  // bins between them in which the place was hidden
+    std::size_t num_occluded;  // bins between them in which the place was hidden
   };
 
   const std::vector<std::uint32_t>* hits_ = nullptr;
   std::size_t num_bins_ = 0;
-  std::size_t num_hidden_ = 0;  // bins without a hit in which the place was hidden
+  std::size_t num_occluded_ = 0;  // bins without a hit in which the place was hidden
   // Per hit:
-  std::vector<char> is_behind_;  // something nearer
-  std::vector<std::size_t> stay_of_;
-  std::vector<Stay> stays_;
+  std::vector<char> is_occluded_;  // something nearer
+  std::vector<std::size_t> dwell_of_;
+  std::vector<Dwell> dwells_;
 };
 
 // Indices by place, and in ascending order those of one.
@@ -107,7 +109,7 @@ PlaceOrder OrderByPlace(const std::vector<std::uint32_t>& places, std::size_t nu
 
 // Where nothing was seen, something still may be: of what comes as a Poisson process, as much as
 // Jeffreys' prior has.
-constexpr double kLeastReturns = 0.5;
+constexpr double kJeffreysReturns = 0.5;
 
 }  // namespace
 
@@ -165,7 +167,7 @@ std::vector<std::uint32_t> Background::AddToGrid(const Recording& recording,
   const std::size_t n = recording.points_m.size();
   std::vector<std::uint32_t> places(n);
   for (std::size_t i = 0; i < n; ++i) {
-    if (i + kAhead < n) grid_.Expect(recording.points_m[i + kAhead]);
+    if (i + kPrefetchDistance < n) grid_.Prefetch(recording.points_m[i + kPrefetchDistance]);
     places[i] = grid_.Add(recording.points_m[i], bins[i]);
   }
   return places;
@@ -180,7 +182,7 @@ void Background::Classify(const Recording& recording) {
   const auto [order, ends] = OrderByPlace(places, grid_.num_places());
 
   const auto max_break = static_cast<Tick>(config_.max_break_s / config_.bin_s);
-  const auto breaks_stay = [&](std::uint32_t a, std::uint32_t b) {
+  const auto breaks_dwell = [&](std::uint32_t a, std::uint32_t b) {
     return ticks_[b] - ticks_[a] > max_break + 1;
   };
   const double min_exposed = config_.min_exposure * static_cast<double>(num_bins());
@@ -198,21 +200,21 @@ void Background::Classify(const Recording& recording) {
     grid_.InsertBins(place_m, &occupied);
     occupied.MoveTo(&hits);
     history.Assign(hits, num_bins(), depth.DepthsAt(place_m),
-                   static_cast<double>(place_m.norm()) - config_.occluder_margin_m, breaks_stay);
+                   static_cast<double>(place_m.norm()) - config_.occluder_margin_m, breaks_dwell);
     const double volume_m3 = grid_.VolumeM3(place_m);
     for (; at < end; ++at) {
       const std::uint32_t index = order[at];
-      if (at + kAhead < n) __builtin_prefetch(&bins[order[at + kAhead]]);
-      const PlaceHistory::Rest rest = history.Outside(bins[index]);
+      if (at + kPrefetchDistance < n) __builtin_prefetch(&bins[order[at + kPrefetchDistance]]);
+      const PlaceHistory::OutsideOccupancy outside = history.Outside(bins[index]);
       // Structure, or too little is known to tell.
-      if (rest.num_exposed < min_exposed ||
-          rest.num_occupied > config_.max_occupancy * rest.num_exposed) {
+      if (outside.num_exposed < min_exposed ||
+          outside.num_occupied > config_.max_occupancy * outside.num_exposed) {
         is_structure[index] = 1;
         continue;
       }
-      if (rest.num_occupied <= 1.0) continue;  // a single one may be a passing target's
+      if (outside.num_occupied <= 1.0) continue;  // a single one may be a passing target's
       // Poisson, from the share of bins with a hit.
-      const double hits_per_bin = -std::log1p(-(rest.num_occupied - 1.0) / rest.num_exposed);
+      const double hits_per_bin = -std::log1p(-(outside.num_occupied - 1.0) / outside.num_exposed);
       place_rates_.emplace_back(index,
                                 static_cast<float>(hits_per_bin / frames_per_bin / volume_m3));
     }
@@ -238,7 +240,7 @@ double Background::RateOutside(const Eigen::Vector3f& place_m, TimeNs from_ns, T
   const std::uint32_t num_outside = num_bins() - (inside.last - inside.first);
   if (num_outside < config_.min_exposure * static_cast<double>(num_bins())) return -1.0;
   const std::uint32_t returns = grid_.Count(place_m) - grid_.Count(place_m, inside);
-  return std::max<double>(returns, kLeastReturns) /
+  return std::max<double>(returns, kJeffreysReturns) /
          (NumFramesOutside(inside) * grid_.VolumeM3(place_m));
 }
 

@@ -21,7 +21,7 @@ class Background {
   const std::vector<std::uint32_t>& structure() const { return structure_; }
   const std::vector<std::uint32_t>& unexplained() const { return unexplained_; }
 
-  // Hits per m^3 and frame at the place of return `i` outside its stay; 0 for structure, and where
+  // Hits per m^3 and frame at the place of return `i` outside its dwell; 0 for structure, and where
   // at most one other bin has any. A place that is seldom hit in the midst of much that is hit
   // often, as in dense rain near the sensor, is no open air.
   double PlaceRate(std::uint32_t i) const;

@@ -10,13 +10,13 @@ namespace unlidar {
 namespace {
 
 // The share of plots that come again to their spots where nothing is known, with the weight of one.
-constexpr double kUnknownShareAgain = 0.5;
+constexpr double kPriorRecurrenceShare = 0.5;
 
 class ClutterEstimate {
  public:
-  ClutterEstimate(const std::vector<SensorView>& views, const PlotConfig& config,
-                  const std::vector<char>& explained, const std::vector<Plot>& plots)
-      : views_(views), config_(config), explained_(explained), plots_(plots) {
+  ClutterEstimate(const std::vector<StationModel>& station_models, const PlotConfig& config,
+                  const std::vector<char>& assigned, const std::vector<Plot>& plots)
+      : station_models_(station_models), config_(config), assigned_(assigned), plots_(plots) {
     for (const Plot& plot : plots) bins_.push_back(BackgroundOf(plot).BinOf(plot.time_ns));
     const std::vector<RangeGrid> spots = GridsOf(config.spot, [](std::size_t) { return true; });
     for (std::size_t i = 0; i < plots.size(); ++i) spots_.push_back(CountsAt(spots, i));
@@ -28,37 +28,44 @@ class ClutterEstimate {
     const Plot& plot = plots_[i];
     if (plot.is_floating) return std::log(rates_[i]);
     // A target that was found may have come back to its own place.
-    const double least_rate = std::max(rates_[i], explained_[i] ? 0.0 : plot.place_rate);
+    const double min_rate = std::max(rates_[i], assigned_[i] ? 0.0 : plot.place_rate);
     // A static thing that is seldom hit would give the plots of its place at the rate at which they
     // came, the plot itself left out.
     const double plot_rate = 1.0 / NumFrames(plot) / PlotVolumeM3(plot);
     const auto log_rate = [&](std::uint32_t others) {
-      return std::log(std::max(least_rate, others * plot_rate));
+      return std::log(std::max(min_rate, others * plot_rate));
     };
-    const std::uint32_t in_visit = InVisit(i);
-    if (!MayBeVisit(i)) return log_rate(spots_[i].elsewhen + in_visit - 1);
+    const std::uint32_t num_in_dwell = NumInDwell(i);
+    if (!MayBeSingleDwell(i)) return log_rate(spots_[i].at_other_times + num_in_dwell - 1);
     // All of them may be one visit of what does not stay. Then the first is not told by the others
     // as these are by it: by the chain rule the k-th has the rate of k - 1, and each gets its share
     // of the logarithm.
     double sum = 0.0;
-    for (std::uint32_t k = 0; k < in_visit; ++k) sum += log_rate(k);
-    return shares_again_[i] * log_rate(in_visit - 1) + (1.0 - shares_again_[i]) * sum / in_visit;
+    for (std::uint32_t k = 0; k < num_in_dwell; ++k) sum += log_rate(k);
+    return recurrence_shares_[i] * log_rate(num_in_dwell - 1) +
+           (1.0 - recurrence_shares_[i]) * sum / num_in_dwell;
   }
 
  private:
   // Plots in a neighbourhood: those that may be of the same visit, and those of other times.
   struct Counts {
     std::uint32_t near = 0;
-    std::uint32_t elsewhen = 0;
+    std::uint32_t at_other_times = 0;
   };
 
   // Plots of its spot that may be of one visit, itself counted.
-  std::uint32_t InVisit(std::size_t i) const { return spots_[i].near + (explained_[i] ? 1U : 0U); }
+  std::uint32_t NumInDwell(std::size_t i) const {
+    return spots_[i].near + (assigned_[i] ? 1U : 0U);
+  }
 
   // Whether they are all that came to its spot, and more than one.
-  bool MayBeVisit(std::size_t i) const { return spots_[i].elsewhen == 0 && InVisit(i) > 1; }
+  bool MayBeSingleDwell(std::size_t i) const {
+    return spots_[i].at_other_times == 0 && NumInDwell(i) > 1;
+  }
 
-  const Background& BackgroundOf(const Plot& plot) const { return *views_[plot.sensor].background; }
+  const Background& BackgroundOf(const Plot& plot) const {
+    return *station_models_[plot.sensor].background;
+  }
 
   std::uint32_t NumFrames(const Plot& plot) const {
     return BackgroundOf(plot).NumFrames(plot.sensor, {0, BackgroundOf(plot).num_bins()});
@@ -69,12 +76,12 @@ class ClutterEstimate {
                                               static_cast<std::uint32_t>(kClutterExclusionBins));
   }
 
-  // (sensors), of the plots of which `counts` is true, but for those that are explained.
+  // (sensors), of the plots of which `counts` is true, but for those that are assigned.
   template <class Selection>
   std::vector<RangeGrid> GridsOf(const RangeRadius& radius, const Selection& counts) const {
-    std::vector<RangeGrid> grids(views_.size(), RangeGrid(radius));
+    std::vector<RangeGrid> grids(station_models_.size(), RangeGrid(radius));
     for (std::size_t i = 0; i < plots_.size(); ++i) {
-      if (explained_[i] != 0 || !counts(i)) continue;
+      if (assigned_[i] != 0 || !counts(i)) continue;
       grids[plots_[i].sensor].Add(plots_[i].ray_m.cast<float>(), bins_[i]);
     }
     return grids;
@@ -93,35 +100,36 @@ class ClutterEstimate {
   // believed only as far as its exposure goes.
   void SetRates() {
     rates_.assign(plots_.size(), 1e-6);
-    shares_again_.assign(plots_.size(), kUnknownShareAgain);
+    recurrence_shares_.assign(plots_.size(), kPriorRecurrenceShare);
     for (const RangeRadius& radius :
          {kClutterWide, config_.clutter_middle, config_.clutter_narrow}) {
       const std::vector<RangeGrid> all = GridsOf(radius, [](std::size_t) { return true; });
       const std::vector<RangeGrid> again =
-          GridsOf(radius, [&](std::size_t i) { return spots_[i].elsewhen > 0; });
+          GridsOf(radius, [&](std::size_t i) { return spots_[i].at_other_times > 0; });
       for (std::size_t i = 0; i < plots_.size(); ++i) {
         const Plot& plot = plots_[i];
-        std::uint32_t count = CountsAt(all, i).elsewhen;
+        std::uint32_t count = CountsAt(all, i).at_other_times;
         // What floats is no clutter, whenever it was seen at its spot.
-        if (plot.is_floating) count -= std::min(count, spots_[i].elsewhen);
+        if (plot.is_floating) count -= std::min(count, spots_[i].at_other_times);
         const std::uint32_t frames =
             NumFrames(plot) - BackgroundOf(plot).NumFrames(plot.sensor, Near(i));
         const double exposure = frames * all[plot.sensor].VolumeM3(plot.ray_m.cast<float>());
         rates_[i] = ClutterRate(count, exposure, rates_[i]);
-        if (!MayBeVisit(i)) continue;
-        shares_again_[i] = (CountsAt(again, i).elsewhen + shares_again_[i]) / (count + 1.0);
+        if (!MayBeSingleDwell(i)) continue;
+        recurrence_shares_[i] =
+            (CountsAt(again, i).at_other_times + recurrence_shares_[i]) / (count + 1.0);
       }
     }
   }
 
-  const std::vector<SensorView>& views_;
+  const std::vector<StationModel>& station_models_;
   const PlotConfig& config_;
-  const std::vector<char>& explained_;
+  const std::vector<char>& assigned_;
   const std::vector<Plot>& plots_;
   std::vector<std::uint32_t> bins_;  // (plots), and so all of these:
   std::vector<Counts> spots_;
   std::vector<double> rates_;
-  std::vector<double> shares_again_;
+  std::vector<double> recurrence_shares_;
 };
 
 }  // namespace
@@ -138,9 +146,9 @@ void SetPlaceRates(const Background& background, std::vector<Plot>* plots) {
   }
 }
 
-void EstimateClutter(const std::vector<SensorView>& views, const PlotConfig& config,
-                     const std::vector<char>& explained, std::vector<Plot>* plots) {
-  const ClutterEstimate estimate(views, config, explained, *plots);
+void EstimateClutter(const std::vector<StationModel>& station_models, const PlotConfig& config,
+                     const std::vector<char>& assigned, std::vector<Plot>* plots) {
+  const ClutterEstimate estimate(station_models, config, assigned, *plots);
   for (std::size_t i = 0; i < plots->size(); ++i) (*plots)[i].log_clutter = estimate.LogClutter(i);
 }
 

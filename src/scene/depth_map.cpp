@@ -81,7 +81,7 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, do
   const auto range_m = static_cast<double>(place_m.norm());
   const Eigen::Vector3d towards = place_m.cast<double>() / range_m;
   const double radius_rad = std::atan2(radius_m, range_m);
-  const double least_cosine = std::cos(radius_rad);
+  const double min_cosine = std::cos(radius_rad);
   const double elevation_rad = std::asin(towards.z());
   double all = 0.0;
   double hidden = 0.0;
@@ -100,7 +100,7 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, do
     for (std::size_t column = 0; column < columns_; ++column) {
       const Angle& azimuth = azimuths_[column];
       const Eigen::Vector3d cell(weight * azimuth.cosine, weight * azimuth.sine, elevation.sine);
-      if (cell.dot(towards) < least_cosine) continue;
+      if (cell.dot(towards) < min_cosine) continue;
       all += weight * num_bins;
       hidden += weight * (is_in_view ? hidden_bins(row * columns_ + column) : num_bins);
     }

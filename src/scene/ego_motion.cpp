@@ -8,13 +8,13 @@
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kEveryNs = 500'000'000;
-constexpr TimeNs kLookSpanNs = 200'000'000;
+constexpr TimeNs kSnapshotIntervalNs = 500'000'000;
+constexpr TimeNs kSnapshotSpanNs = 200'000'000;
 constexpr std::array<TimeNs, 3> kLagsNs = {500'000'000, 2'000'000'000, 8'000'000'000};
-constexpr std::ptrdiff_t kMostOfLook = 8192;  // of a frame, evenly spread
+constexpr std::ptrdiff_t kMaxCellPointsOfFrame = 8192;  // of a frame, evenly spread
 constexpr TimeNs kForgetNs = 10'000'000'000;  // after it, nothing that was seen before counts
 
-constexpr std::size_t kLooksKept = 20;  // more than the longest lag has
+constexpr std::size_t kNumSnapshots = 20;  // more than the longest lag has
 
 constexpr float kStationM = 1.0F;  // the station itself
 constexpr float kUprightM = 0.5F;  // steeper than any ground across a cell
@@ -23,27 +23,27 @@ constexpr float kUprightM = 0.5F;  // steeper than any ground across a cell
 constexpr int kShift = 16;
 constexpr int kTurns = 15;  // to either side,
 constexpr double kTurnDeg = 2.0;
-constexpr int kDrawnReach = 40 + kShift + 3;  // of cells turned and shifted
-constexpr int kDrawnSide = 2 * kDrawnReach;
+constexpr int kRasterReach = 40 + kShift + 3;  // of cells turned and shifted
+constexpr int kRasterSide = 2 * kRasterReach;
 
-constexpr std::size_t kLeastCells = 30;
-constexpr std::size_t kMostCells = 100;
+constexpr std::size_t kMinSharedCells = 30;
+constexpr std::size_t kMaxCells = 100;
 // A sensor that stands matches at most 0.065 better moved, with rain, sway, walkers and traffic;
 // one that is carried, drives or turns matches 0.19 to 0.77 better.
-constexpr double kLeastGain = 0.12;
-constexpr double kLeastMatch = 0.6;
-constexpr int kLooksToTell = 4;
+constexpr double kMinMatchGain = 0.12;
+constexpr double kMinMatch = 0.6;
+constexpr int kSnapshotsToConfirm = 4;
 // What sensors change in half a second, and matches of what has no order do not keep to.
-constexpr double kMostChangeMps = 4.0;
-constexpr double kMostChangeDegPerS = 12.0;
+constexpr double kMaxChangeMps = 4.0;
+constexpr double kMaxChangeDegPerS = 12.0;
 
-std::size_t DrawnAt(int x, int y) {
-  return static_cast<std::size_t>((x + kDrawnReach) * kDrawnSide + y + kDrawnReach);
+std::size_t RasterIndex(int x, int y) {
+  return static_cast<std::size_t>((x + kRasterReach) * kRasterSide + y + kRasterReach);
 }
 
-bool AreAlike(const EgoMotion::Motion& a, const EgoMotion::Motion& b) {
-  return (a.velocity_mps - b.velocity_mps).norm() <= kMostChangeMps &&
-         std::abs(a.turn_deg_per_s - b.turn_deg_per_s) <= kMostChangeDegPerS;
+bool AreConsistent(const EgoMotion::Motion& a, const EgoMotion::Motion& b) {
+  return (a.velocity_mps - b.velocity_mps).norm() <= kMaxChangeMps &&
+         std::abs(a.turn_deg_per_s - b.turn_deg_per_s) <= kMaxChangeDegPerS;
 }
 
 }  // namespace
@@ -51,10 +51,10 @@ bool AreAlike(const EgoMotion::Motion& a, const EgoMotion::Motion& b) {
 EgoMotion::EgoMotion()
     : lowest_m_(Cells().size()),
       highest_m_(lowest_m_.size()),
-      looks_(kLooksKept),
-      drawn_(static_cast<std::size_t>(kDrawnSide) * kDrawnSide) {
-  some_.reserve(2 * kMostCells);
-  turned_.reserve(2 * kMostCells);
+      snapshots_(kNumSnapshots),
+      raster_(static_cast<std::size_t>(kRasterSide) * kRasterSide) {
+  sampled_.reserve(2 * kMaxCells);
+  transformed_.reserve(2 * kMaxCells);
   matches_.reserve(kLagsNs.size());
   ForgetCollected();
 }
@@ -64,19 +64,20 @@ void EgoMotion::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
   if (found_) return;
   if (last_ns_ && (time_ns < *last_ns_ || time_ns - *last_ns_ > kForgetNs)) {
     ForgetCollected();
-    is_looking_ = false;
-    num_looks_ = 0;
-    looks_in_motion_ = 0;
+    is_recording_ = false;
+    num_snapshots_ = 0;
+    moving_snapshots_ = 0;
   }
   last_ns_ = time_ns;
   // With a tolerance, since stamps are not even.
-  constexpr TimeNs kSlackNs = kLookSpanNs / 4;
-  if (is_looking_ && time_ns >= look_begin_ns_ + kLookSpanNs - kSlackNs) EndLook();
-  if (!is_looking_ && (num_looks_ == 0 || time_ns >= look_begin_ns_ + kEveryNs - kSlackNs)) {
-    is_looking_ = true;
-    look_begin_ns_ = time_ns;
+  constexpr TimeNs kSlackNs = kSnapshotSpanNs / 4;
+  if (is_recording_ && time_ns >= snapshot_begin_ns_ + kSnapshotSpanNs - kSlackNs) EndSnapshot();
+  if (!is_recording_ &&
+      (num_snapshots_ == 0 || time_ns >= snapshot_begin_ns_ + kSnapshotIntervalNs - kSlackNs)) {
+    is_recording_ = true;
+    snapshot_begin_ns_ = time_ns;
   }
-  if (is_looking_) Collect(begin_m, end_m, origin_m);
+  if (is_recording_) Collect(begin_m, end_m, origin_m);
 }
 
 void EgoMotion::ForgetCollected() {
@@ -86,7 +87,8 @@ void EgoMotion::ForgetCollected() {
 
 void EgoMotion::Collect(const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
                         const Eigen::Vector3f& origin_m) {
-  const std::ptrdiff_t step = std::max<std::ptrdiff_t>(1, (end_m - begin_m) / kMostOfLook);
+  const std::ptrdiff_t step =
+      std::max<std::ptrdiff_t>(1, (end_m - begin_m) / kMaxCellPointsOfFrame);
   for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
     const Eigen::Vector3f relative_m = begin_m[i] - origin_m;
     const float level_m = relative_m.head<2>().norm();
@@ -98,85 +100,86 @@ void EgoMotion::Collect(const Eigen::Vector3f* begin_m, const Eigen::Vector3f* e
   }
 }
 
-void EgoMotion::EndLook() {
-  is_looking_ = false;
-  Look& look = looks_[num_looks_ % kLooksKept];
-  look.time_ns = look_begin_ns_;
-  for (std::size_t i = 0; i < look.cells.size(); ++i) {
-    look.cells[i] = highest_m_[i] - lowest_m_[i] > kUprightM;
+void EgoMotion::EndSnapshot() {
+  is_recording_ = false;
+  Snapshot& snapshot = snapshots_[num_snapshots_ % kNumSnapshots];
+  snapshot.time_ns = snapshot_begin_ns_;
+  for (std::size_t i = 0; i < snapshot.cells.size(); ++i) {
+    snapshot.cells[i] = highest_m_[i] - lowest_m_[i] > kUprightM;
   }
   ForgetCollected();
   matches_.clear();
   std::optional<Motion> motion;
   for (const TimeNs lag_ns : kLagsNs) {
-    const Look* const earlier = LookBefore(look.time_ns - lag_ns, lag_ns / 5);
+    const Snapshot* const earlier = SnapshotBefore(snapshot.time_ns - lag_ns, lag_ns / 5);
     if (earlier == nullptr || motion) continue;
-    if (std::min(look.cells.count(), earlier->cells.count()) < kLeastCells) continue;
-    matches_.push_back(MatchOf(look, *earlier));
+    if (std::min(snapshot.cells.count(), earlier->cells.count()) < kMinSharedCells) continue;
+    matches_.push_back(MatchOf(snapshot, *earlier));
     const Match& match = matches_.back();
-    if (match.moved >= kLeastMatch && match.moved - match.as_it_is >= kLeastGain) {
+    if (match.moved >= kMinMatch && match.moved - match.stationary >= kMinMatchGain) {
       motion = match.motion;
     }
   }
-  ++num_looks_;
-  const bool goes_on = motion && looks_in_motion_ > 0 && AreAlike(*motion, motion_);
-  looks_in_motion_ = motion ? (goes_on ? looks_in_motion_ + 1 : 1) : 0;
+  ++num_snapshots_;
+  const bool is_consistent = motion && moving_snapshots_ > 0 && AreConsistent(*motion, motion_);
+  moving_snapshots_ = motion ? (is_consistent ? moving_snapshots_ + 1 : 1) : 0;
   motion_ = motion.value_or(Motion());
-  if (looks_in_motion_ >= kLooksToTell) found_ = motion;
+  if (moving_snapshots_ >= kSnapshotsToConfirm) found_ = motion;
 }
 
-// The newest look of about this time, but for the one that has just ended; null if there is none.
-const EgoMotion::Look* EgoMotion::LookBefore(TimeNs time_ns, TimeNs tolerance_ns) const {
-  const std::size_t known = std::min(num_looks_, kLooksKept - 1);
+// The newest snapshot of about this time, but for the one that has just ended; null if there is
+// none.
+const EgoMotion::Snapshot* EgoMotion::SnapshotBefore(TimeNs time_ns, TimeNs tolerance_ns) const {
+  const std::size_t known = std::min(num_snapshots_, kNumSnapshots - 1);
   for (std::size_t ago = 1; ago <= known; ++ago) {
-    const Look& look = looks_[(num_looks_ - ago) % kLooksKept];
-    if (std::abs(look.time_ns - time_ns) <= tolerance_ns) return &look;
+    const Snapshot& snapshot = snapshots_[(num_snapshots_ - ago) % kNumSnapshots];
+    if (std::abs(snapshot.time_ns - time_ns) <= tolerance_ns) return &snapshot;
   }
   return nullptr;
 }
 
 // Each cell with those about it: rays do not hit the same place twice.
-void EgoMotion::Draw(const Look& look) {
-  std::fill(drawn_.begin(), drawn_.end(), 0);
+void EgoMotion::Rasterise(const Snapshot& snapshot) {
+  std::fill(raster_.begin(), raster_.end(), 0);
   for (int x = -kReach; x < kReach; ++x) {
     for (int y = -kReach; y < kReach; ++y) {
-      if (!look.cells[CellAt(x, y)]) continue;
+      if (!snapshot.cells[CellAt(x, y)]) continue;
       for (int i = x - 1; i <= x + 1; ++i) {
-        for (int j = y - 1; j <= y + 1; ++j) drawn_[DrawnAt(i, j)] = 1;
+        for (int j = y - 1; j <= y + 1; ++j) raster_[RasterIndex(i, j)] = 1;
       }
     }
   }
 }
 
-EgoMotion::Match EgoMotion::MatchOf(const Look& look, const Look& earlier) {
-  Draw(earlier);
-  const std::size_t step = (look.cells.count() + kMostCells - 1) / kMostCells;
-  some_.clear();
+EgoMotion::Match EgoMotion::MatchOf(const Snapshot& snapshot, const Snapshot& earlier) {
+  Rasterise(earlier);
+  const std::size_t step = (snapshot.cells.count() + kMaxCells - 1) / kMaxCells;
+  sampled_.clear();
   std::size_t number = 0;
   for (int x = -kReach; x < kReach; ++x) {
     for (int y = -kReach; y < kReach; ++y) {
-      if (look.cells[CellAt(x, y)] && number++ % step == 0) some_.push_back({x, y});
+      if (snapshot.cells[CellAt(x, y)] && number++ % step == 0) sampled_.push_back({x, y});
     }
   }
-  turned_ = some_;
+  transformed_ = sampled_;
   const auto share_at = [&](int x, int y) {
     int hits = 0;
-    for (const Cell& cell : turned_) hits += drawn_[DrawnAt(cell.x + x, cell.y + y)];
-    return hits / static_cast<double>(turned_.size());
+    for (const Cell& cell : transformed_) hits += raster_[RasterIndex(cell.x + x, cell.y + y)];
+    return hits / static_cast<double>(transformed_.size());
   };
   Match match;
-  match.as_it_is = match.moved = share_at(0, 0);
-  if (match.as_it_is > 1.0 - kLeastGain) return match;
-  const double lag_s = static_cast<double>(look.time_ns - earlier.time_ns) * kSecondsPerNs;
+  match.stationary = match.moved = share_at(0, 0);
+  if (match.stationary > 1.0 - kMinMatchGain) return match;
+  const double lag_s = static_cast<double>(snapshot.time_ns - earlier.time_ns) * kSecondsPerNs;
   for (int turn = -kTurns; turn <= kTurns; ++turn) {
     const double angle_rad = turn * kTurnDeg * M_PI / 180.0;
     const double c = std::cos(angle_rad);
     const double s = std::sin(angle_rad);
-    for (std::size_t i = 0; i < some_.size(); ++i) {
-      const double x = some_[i].x + 0.5;
-      const double y = some_[i].y + 0.5;
-      turned_[i] = {static_cast<int>(std::floor(c * x - s * y)),
-                    static_cast<int>(std::floor(s * x + c * y))};
+    for (std::size_t i = 0; i < sampled_.size(); ++i) {
+      const double x = sampled_[i].x + 0.5;
+      const double y = sampled_[i].y + 0.5;
+      transformed_[i] = {static_cast<int>(std::floor(c * x - s * y)),
+                         static_cast<int>(std::floor(s * x + c * y))};
     }
     for (int x = -kShift; x <= kShift; ++x) {
       for (int y = -kShift; y <= kShift; ++y) {

@@ -12,8 +12,8 @@
 namespace unlidar {
 
 // Of one sensor, by correlative scan matching (Olson, ICRA 2009) of looks of 0.2 s, one each half
-// second. A look is the cells of 1 m, seen from above, in which something stands upright: walls,
-// trunks, poles, cars. Ground is left out since it looks the same from everywhere.
+// second. A snapshot is the cells of 1 m, seen from above, in which something stands upright:
+// walls, trunks, poles, cars. Ground is left out since it looks the same from everywhere.
 //
 // A sensor that stands sees what stands there again in the same cells, whatever walks about; one
 // that moves sees it in cells that a turn and a shift of all of them explain far better. It moves
@@ -27,9 +27,9 @@ class EgoMotion {
     double turn_deg_per_s = 0.0;
   };
 
-  // How well a look matches an earlier one: shares of its cells.
+  // How well a snapshot matches an earlier one: shares of its cells.
   struct Match {
-    double as_it_is = 0.0;
+    double stationary = 0.0;
     double moved = 0.0;  // at best
     Motion motion;       // of that
   };
@@ -43,7 +43,7 @@ class EgoMotion {
   // Once it was found to move.
   const std::optional<Motion>& found() const { return found_; }
 
-  // The matches of the last look, of those lags that could be tried.
+  // The matches of the last snapshot, of those lags that could be tried.
   const std::vector<Match>& matches() const { return matches_; }
 
  private:
@@ -56,7 +56,7 @@ class EgoMotion {
     int x = 0;
     int y = 0;
   };
-  struct Look {
+  struct Snapshot {
     TimeNs time_ns = 0;  // of its begin
     Cells cells;         // in which something stands
   };
@@ -68,24 +68,24 @@ class EgoMotion {
   void Collect(const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
                const Eigen::Vector3f& origin_m);
   void ForgetCollected();
-  void EndLook();
-  const Look* LookBefore(TimeNs time_ns, TimeNs tolerance_ns) const;
-  void Draw(const Look& look);
-  Match MatchOf(const Look& look, const Look& earlier);
+  void EndSnapshot();
+  const Snapshot* SnapshotBefore(TimeNs time_ns, TimeNs tolerance_ns) const;
+  void Rasterise(const Snapshot& snapshot);
+  Match MatchOf(const Snapshot& snapshot, const Snapshot& earlier);
 
   std::optional<TimeNs> last_ns_;
-  bool is_looking_ = false;
-  TimeNs look_begin_ns_ = 0;      // of this look, or the last
-  std::vector<float> lowest_m_;   // (cells) of this look
-  std::vector<float> highest_m_;  // (cells)
-  std::vector<Look> looks_;       // the last ones, in turns,
-  std::size_t num_looks_ = 0;     // of so many in all
-  std::vector<char> drawn_;       // (cells and a margin) where an earlier look has any
-  std::vector<Cell> some_;        // cells of a look, evenly drawn,
-  std::vector<Cell> turned_;      // and where they come to lie
+  bool is_recording_ = false;
+  TimeNs snapshot_begin_ns_ = 0;     // of this snapshot, or the last
+  std::vector<float> lowest_m_;      // (cells) of this snapshot
+  std::vector<float> highest_m_;     // (cells)
+  std::vector<Snapshot> snapshots_;  // the last ones, in turns,
+  std::size_t num_snapshots_ = 0;    // of so many in all
+  std::vector<char> raster_;         // (cells and a margin) where an earlier snapshot has any
+  std::vector<Cell> sampled_;        // cells of a snapshot, evenly drawn,
+  std::vector<Cell> transformed_;    // and where they come to lie
   std::vector<Match> matches_;
-  int looks_in_motion_ = 0;  // in a row, that speak of one motion,
-  Motion motion_;            // the last of them
+  int moving_snapshots_ = 0;  // in a row, that speak of one motion,
+  Motion motion_;             // the last of them
   std::optional<Motion> found_;
 };
 

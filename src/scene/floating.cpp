@@ -47,17 +47,17 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
 }
 
 // How the place of a plot is seen.
-enum class Stance : char {
-  kPasses,   // no more often than all about it
-  kStands,   // again and again
-  kHasCome,  // again and again for a while, and not before or after it
+enum class Persistence : char {
+  kIncidental,  // no more often than all about it
+  kPersistent,  // again and again
+  kTransient,   // again and again for a while, and not before or after it
 };
 
 // Whether plots that lie within these frames, the last one counted, are a visit: of a thing that
 // stands there all the time they would lie within so small a share of the frames less often than 1
 // in 100, and what sways comes again sooner.
-bool IsVisit(std::uint32_t num_plots, const std::vector<FrameInfo>& frames,
-             std::uint32_t first_frame, std::uint32_t last_frame) {
+bool IsTransient(std::uint32_t num_plots, const std::vector<FrameInfo>& frames,
+                 std::uint32_t first_frame, std::uint32_t last_frame) {
   constexpr double kMayBeChance = 0.01;
   constexpr TimeNs kLongestSwayNs = 20'000'000'000;
   const double share = (last_frame - first_frame + 1.0) / static_cast<double>(frames.size());
@@ -67,8 +67,8 @@ bool IsVisit(std::uint32_t num_plots, const std::vector<FrameInfo>& frames,
          before_ns + after_ns > kLongestSwayNs;
 }
 
-std::vector<Stance> StancesOf(const Recording& recording, const std::vector<Plot>& plots,
-                              const RangeRadius& place) {
+std::vector<Persistence> PersistencesOf(const Recording& recording, const std::vector<Plot>& plots,
+                                        const RangeRadius& place) {
   constexpr double kWider = 3.0;
   constexpr std::uint32_t kMinPlots = 3;
   RangeGrid places(place);
@@ -79,7 +79,7 @@ std::vector<Stance> StancesOf(const Recording& recording, const std::vector<Plot
   }
   BinSet seen(recording.frames.size());
   std::vector<std::uint32_t> frames;
-  std::vector<Stance> stances(plots.size(), Stance::kPasses);
+  std::vector<Persistence> persistences(plots.size(), Persistence::kIncidental);
   for (std::size_t i = 0; i < plots.size(); ++i) {
     const Eigen::Vector3f place_m = plots[i].position_m.cast<float>();
     const std::uint32_t here = places.Count(place_m);
@@ -89,40 +89,41 @@ std::vector<Stance> StancesOf(const Recording& recording, const std::vector<Plot
     places.InsertBins(place_m, &seen);
     frames.clear();
     seen.MoveTo(&frames);
-    stances[i] = IsVisit(here, recording.frames, frames.front(), frames.back()) ? Stance::kHasCome
-                                                                                : Stance::kStands;
+    persistences[i] = IsTransient(here, recording.frames, frames.front(), frames.back())
+                          ? Persistence::kTransient
+                          : Persistence::kPersistent;
   }
-  return stances;
+  return persistences;
 }
 
 // What else stands beside each floating plot at the same time, against what does farther about it.
-class Company {
+class NeighbourTest {
  public:
-  Company(const std::vector<Plot>& plots, const std::vector<Stance>& stances,
-          const Support& support)
+  NeighbourTest(const std::vector<Plot>& plots, const std::vector<Persistence>& persistences,
+                const Support& support)
       : tallies_({support.config().body_m, 0.01}) {
     constexpr TimeNs kSameTimeNs = 300'000'000;
-    const std::vector<Standing> all_standing = ByTime(plots, stances);
-    auto first = all_standing.begin();
+    const std::vector<StaticDetections> all_static = ByTime(plots, persistences);
+    auto first = all_static.begin();
     for (std::size_t i = 0; i < plots.size(); ++i) {
       const Plot& plot = plots[i];
-      while (first != all_standing.end() && first->time_ns < plot.frame_time_ns - kSameTimeNs)
+      while (first != all_static.end() && first->time_ns < plot.frame_time_ns - kSameTimeNs)
         ++first;
       if (!plot.is_floating) continue;
       const double reach_m =
-          support.ReachM(plot.position_m.cast<float>(), stances[i] == Stance::kHasCome);
+          support.ReachM(plot.position_m.cast<float>(), persistences[i] == Persistence::kTransient);
       const auto tally_at = [&](double distance_m) {
         if (distance_m >= kSurroundings * reach_m) return kNone;
         return distance_m <= support.config().body_m ? kSelf
-               : distance_m < reach_m                ? kBeside
-                                                     : kAbout;
+               : distance_m < reach_m                ? kNeighbouring
+                                                     : kOuterReachFactor;
       };
       Tallies tallies{};
       tallies[kPlots] = 1;
-      for (auto standing = first;
-           standing != all_standing.end() && standing->time_ns <= plot.frame_time_ns + kSameTimeNs;
-           ++standing) {
-        Count(standing->places_m, 0, plot.position_m, tally_at, &tallies);
+      for (auto detections = first; detections != all_static.end() &&
+                                    detections->time_ns <= plot.frame_time_ns + kSameTimeNs;
+           ++detections) {
+        Count(detections->places_m, 0, plot.position_m, tally_at, &tallies);
       }
       for (std::uint32_t t = 0; t < kNone; ++t) {
         if (tallies[t] > 0) tallies_.Add(plot.position_m.cast<float>(), t, tallies[t]);
@@ -131,42 +132,49 @@ class Company {
   }
 
   // Whether there is more beside a floating plot than by chance.
-  bool Holds(const Plot& plot) const {
+  bool HasNeighbours(const Plot& plot) const {
     const auto sum_of = [&](Tally tally) {
       return tallies_.Count(plot.position_m.cast<float>(), {tally, tally + 1U});
     };
     // A plot beside it was counted for every plot of its own that is near in time.
     const double times = static_cast<double>(sum_of(kSelf)) / sum_of(kPlots);
     const double chance =
-        sum_of(kAbout) / times / (kSurroundings * kSurroundings * kSurroundings - 1.0);
-    return sum_of(kBeside) / times > chance + 2.0 * std::sqrt(chance);
+        sum_of(kOuterReachFactor) / times / (kSurroundings * kSurroundings * kSurroundings - 1.0);
+    return sum_of(kNeighbouring) / times > chance + 2.0 * std::sqrt(chance);
   }
 
  private:
   static constexpr double kSurroundings = 5.0;  // times the reach
   // The first three, and none, in order of distance.
-  enum Tally : std::uint32_t { kSelf, kBeside, kAbout, kPlots, kNone, kNumTallies };
+  enum Tally : std::uint32_t {
+    kSelf,
+    kNeighbouring,
+    kOuterReachFactor,
+    kPlots,
+    kNone,
+    kNumTallies
+  };
   using Tallies = std::array<std::uint32_t, kNumTallies>;
 
   // Where something stands at one time.
-  struct Standing {
+  struct StaticDetections {
     TimeNs time_ns;
     PointTree<double> places_m;
   };
 
-  static std::vector<Standing> ByTime(const std::vector<Plot>& plots,
-                                      const std::vector<Stance>& stances) {
-    std::vector<Standing> all_standing;
+  static std::vector<StaticDetections> ByTime(const std::vector<Plot>& plots,
+                                              const std::vector<Persistence>& persistences) {
+    std::vector<StaticDetections> all_static;
     std::vector<Eigen::Vector3d> places_m;
     for (std::size_t i = 0; i < plots.size(); ++i) {
-      if (stances[i] != Stance::kPasses) places_m.push_back(plots[i].position_m);
+      if (persistences[i] != Persistence::kIncidental) places_m.push_back(plots[i].position_m);
       const bool is_last =
           i + 1 == plots.size() || plots[i + 1].frame_time_ns != plots[i].frame_time_ns;
       if (!is_last || places_m.empty()) continue;
-      all_standing.push_back({plots[i].frame_time_ns, PointTree<double>(places_m)});
+      all_static.push_back({plots[i].frame_time_ns, PointTree<double>(places_m)});
       places_m.clear();
     }
-    return all_standing;
+    return all_static;
   }
 
   // Adds to `tallies` each place of a node by its distance from a position: all at once where the
@@ -199,21 +207,23 @@ class Company {
 void MarkFloating(const Recording& recording, const Support& support, const RobustConfig& config,
                   std::vector<Plot>* plots) {
   if (plots->empty()) return;
-  std::vector<Stance> stances = StancesOf(recording, *plots, config.background.place);
+  std::vector<Persistence> persistences =
+      PersistencesOf(recording, *plots, config.background.place);
   if (!config.Uses(Rule::kTransient)) {
-    std::replace(stances.begin(), stances.end(), Stance::kHasCome, Stance::kStands);
+    std::replace(persistences.begin(), persistences.end(), Persistence::kTransient,
+                 Persistence::kPersistent);
   }
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
-    plot.is_floating =
-        stances[i] != Stance::kPasses &&
-        support.IsFloating(plot.position_m.cast<float>(), stances[i] == Stance::kHasCome);
+    plot.is_floating = persistences[i] != Persistence::kIncidental &&
+                       support.IsFloating(plot.position_m.cast<float>(),
+                                          persistences[i] == Persistence::kTransient);
   }
-  const Company company(*plots, stances, support);
+  const NeighbourTest neighbour_test(*plots, persistences, support);
   const std::vector<char> are_replayed = AreReplayed(recording, *plots);
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
-    plot.is_floating = plot.is_floating && !company.Holds(plot) && !are_replayed[i];
+    plot.is_floating = plot.is_floating && !neighbour_test.HasNeighbours(plot) && !are_replayed[i];
   }
 }
 

@@ -19,7 +19,7 @@ constexpr std::size_t kMinCells = 6;
 // inverse square of their distance. A plane that they lead to must bear so much more of all cells
 // than the one that all lead to.
 constexpr double kNearM = 20.0;
-constexpr double kBetterBorneOut = 1.1;
+constexpr double kMinSupportRatio = 1.1;
 // Cells as near to the plane as rough ground is make it. Ground rises above it by little: more is a
 // bush, a car or the station itself; hollows are as deep as the relief, and deeper are reflections.
 constexpr double kPlaneBandM = 0.6;
@@ -89,7 +89,7 @@ void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
 void Ground::FitPlane(Workspace* workspace) {
   Plane plane = PlaneOf(std::numeric_limits<double>::infinity(), workspace);
   const Plane near = PlaneOf(kNearM, workspace);
-  if (near.support > kBetterBorneOut * plane.support) plane = near;
+  if (near.support > kMinSupportRatio * plane.support) plane = near;
   plane_ = plane.coefficients;
   support_ = plane.support;
   exists_ = plane.support > 0.0 && plane_.tail<2>().norm() < config_.max_slope;
@@ -221,7 +221,7 @@ double Ground::HeightAbove(const Eigen::Vector3f& point_m) const {
   return p.z() - ground_m;
 }
 
-bool Ground::Holds(const Eigen::Vector3f& point_m) const {
+bool Ground::IsGround(const Eigen::Vector3f& point_m) const {
   return HeightAbove(point_m) < config_.thickness_m;
 }
 

@@ -47,7 +47,7 @@ class Ground {
   double HeightAbove(const Eigen::Vector3f& point_m) const;
 
   // Whether a return comes from the ground itself.
-  bool Holds(const Eigen::Vector3f& point_m) const;
+  bool IsGround(const Eigen::Vector3f& point_m) const;
 
  private:
   // A column of the scene.

@@ -21,17 +21,17 @@ std::uint32_t StepOf(const Tree::Node& leaf) {
 
 void Linker::Link(const std::vector<Eigen::Vector3f>& points_m,
                   const std::vector<std::uint32_t>& returns, const RangeRadius& radius) {
-  sites_m_.clear();
-  for (const std::uint32_t i : returns) sites_m_.push_back(points_m[i]);
-  tree_.Reset(sites_m_);
+  positions_m_.clear();
+  for (const std::uint32_t i : returns) positions_m_.push_back(points_m[i]);
+  tree_.Reset(positions_m_);
   reaches_m_.clear();
-  for (const Eigen::Vector3f& site_m : tree_.points_m()) {
-    const auto range_m = static_cast<double>(site_m.norm());
+  for (const Eigen::Vector3f& position_m : tree_.points_m()) {
+    const auto range_m = static_cast<double>(position_m.norm());
     reaches_m_.push_back(static_cast<float>(radius.At(range_m)));
   }
   sets_.Reset(returns.size());
   boxes_.resize(tree_.nodes().size());
-  for (std::size_t id = boxes_.size(); id-- > 0;) Describe(id);  // children before their parent
+  for (std::size_t id = boxes_.size(); id-- > 0;) SetBounds(id);  // children before their parent
   if (!boxes_.empty()) Connect(0);
   ends_.clear();
   group_of_.resize(returns.size());
@@ -48,7 +48,7 @@ void Linker::Link(const std::vector<Eigen::Vector3f>& points_m,
   for (std::size_t i = 0; i < returns.size(); ++i) members_[ends_[group_of_[i]]++] = returns[i];
 }
 
-void Linker::Describe(std::size_t id) {
+void Linker::SetBounds(std::size_t id) {
   const Tree::Node& node = tree_.nodes()[id];
   Box& box = boxes_[id];
   if (node.IsLeaf()) {
@@ -58,10 +58,10 @@ void Linker::Describe(std::size_t id) {
   } else {
     const Box& left = boxes_[node.left];
     const Box& right = boxes_[node.right];
-    box = {std::min(left.least_reach_m, right.least_reach_m),
-           std::max(left.greatest_reach_m, right.greatest_reach_m), false};
+    box = {std::min(left.min_reach_m, right.min_reach_m),
+           std::max(left.max_reach_m, right.max_reach_m), false};
   }
-  box.is_one = (node.high_m - node.low_m).squaredNorm() < Square(box.least_reach_m);
+  box.is_connected = (node.high_m - node.low_m).squaredNorm() < Square(box.min_reach_m);
 }
 
 bool Linker::AreNear(std::uint32_t a, std::uint32_t b) const {
@@ -79,8 +79,7 @@ bool Linker::MayBeNear(std::uint32_t a, std::uint32_t b) const {
   const Eigen::Vector3f gap_m = (node_b.low_m - node_a.high_m)
                                     .cwiseMax(node_a.low_m - node_b.high_m)
                                     .cwiseMax(Eigen::Vector3f::Zero());
-  return gap_m.squaredNorm() <
-         Square(std::max(boxes_[a].greatest_reach_m, boxes_[b].greatest_reach_m));
+  return gap_m.squaredNorm() < Square(std::max(boxes_[a].max_reach_m, boxes_[b].max_reach_m));
 }
 
 void Linker::Join(std::uint32_t a, std::uint32_t b) {
@@ -94,7 +93,7 @@ std::size_t Linker::SetOf(std::uint32_t one) {
 // Joins the near points of a node.
 void Linker::Connect(std::uint32_t id) {
   const Tree::Node& node = tree_.nodes()[id];
-  if (boxes_[id].is_one) {
+  if (boxes_[id].is_connected) {
     for (std::uint32_t i = node.begin + 1; i < node.end; ++i) Join(node.begin, i);
   } else if (node.IsLeaf()) {
     for (std::uint32_t i = node.begin; i < node.end; ++i) {
@@ -106,26 +105,26 @@ void Linker::Connect(std::uint32_t id) {
     Connect(node.left);
     Connect(node.right);
     Connect(node.left, node.right);
-    boxes_[id].is_one = AreOne(node.left, node.right);
+    boxes_[id].is_connected = AreConnected(node.left, node.right);
   }
 }
 
-bool Linker::AreOne(std::uint32_t a, std::uint32_t b) {
-  return boxes_[a].is_one && boxes_[b].is_one && SetOf(a) == SetOf(b);
+bool Linker::AreConnected(std::uint32_t a, std::uint32_t b) {
+  return boxes_[a].is_connected && boxes_[b].is_connected && SetOf(a) == SetOf(b);
 }
 
 // Joins the near points of two nodes.
 void Linker::Connect(std::uint32_t a, std::uint32_t b) {
-  if (!MayBeNear(a, b) || AreOne(a, b)) return;
+  if (!MayBeNear(a, b) || AreConnected(a, b)) return;
   const Tree::Node& node_a = tree_.nodes()[a];
   const Tree::Node& node_b = tree_.nodes()[b];
   if (node_a.IsLeaf() && node_b.IsLeaf()) {
-    const bool are_ones = boxes_[a].is_one && boxes_[b].is_one;
+    const bool are_connected = boxes_[a].is_connected && boxes_[b].is_connected;
     for (std::uint32_t i = node_a.begin; i < node_a.end; i += StepOf(node_a)) {
       for (std::uint32_t k = node_b.begin; k < node_b.end; k += StepOf(node_b)) {
         if (!AreNear(i, k)) continue;
         Join(i, k);
-        if (are_ones) return;
+        if (are_connected) return;
       }
     }
     return;

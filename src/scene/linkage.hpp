@@ -38,21 +38,21 @@ class Linker {
  private:
   // What is known of the points of a node.
   struct Box {
-    float least_reach_m;
-    float greatest_reach_m;
-    bool is_one;  // they belong together
+    float min_reach_m;
+    float max_reach_m;
+    bool is_connected;  // they belong together
   };
 
-  void Describe(std::size_t id);
+  void SetBounds(std::size_t id);
   bool AreNear(std::uint32_t a, std::uint32_t b) const;
   bool MayBeNear(std::uint32_t a, std::uint32_t b) const;
   void Join(std::uint32_t a, std::uint32_t b);
   std::size_t SetOf(std::uint32_t one);
-  bool AreOne(std::uint32_t a, std::uint32_t b);
+  bool AreConnected(std::uint32_t a, std::uint32_t b);
   void Connect(std::uint32_t id);
   void Connect(std::uint32_t a, std::uint32_t b);
 
-  std::vector<Eigen::Vector3f> sites_m_;
+  std::vector<Eigen::Vector3f> positions_m_;
   PointTree<float> tree_;
   std::vector<float> reaches_m_;  // radius at each point, by leaf
   DisjointSets sets_;

@@ -12,7 +12,7 @@
 #include "scene/background.hpp"
 #include "scene/ground.hpp"
 #include "scene/linkage.hpp"
-#include "scene/sensor_view.hpp"
+#include "scene/station_model.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -149,11 +149,11 @@ std::vector<Plot> MakePlots(const Recording& recording,
 void SetPlaceRates(const Background& background, std::vector<Plot>* plots);
 
 // Sets log_clutter of every plot, MarkFloating and SetPlaceRates done, from the plots of its sensor
-// that are not `explained` (size of plots): from those at other times in three narrowing
+// that are not `assigned` (size of plots): from those at other times in three narrowing
 // neighbourhoods, and, unless it floats, from the rate of a static thing at its place (which plots
 // of one visit tell only as far as each follows others, where few things are static) and from that
-// of all returns there. `views`: (sensors).
-void EstimateClutter(const std::vector<SensorView>& views, const PlotConfig& config,
-                     const std::vector<char>& explained, std::vector<Plot>* plots);
+// of all returns there. `station_models`: (sensors).
+void EstimateClutter(const std::vector<StationModel>& station_models, const PlotConfig& config,
+                     const std::vector<char>& assigned, std::vector<Plot>* plots);
 
 }  // namespace unlidar

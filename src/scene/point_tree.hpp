@@ -52,7 +52,7 @@ class PointTree {
   const std::vector<std::uint32_t>& indices() const { return indices_; }
 
  private:
-  static constexpr std::uint32_t kMostInLeaf = 8;
+  static constexpr std::uint32_t kMaxLeafSize = 8;
 
   std::uint32_t Build(const std::vector<Point>& points_m, std::uint32_t begin, std::uint32_t end) {
     Node node;
@@ -65,7 +65,7 @@ class PointTree {
     }
     const auto id = static_cast<std::uint32_t>(nodes_.size());
     nodes_.push_back(node);
-    if (end - begin <= kMostInLeaf || node.low_m == node.high_m) {
+    if (end - begin <= kMaxLeafSize || node.low_m == node.high_m) {
       std::sort(indices_.begin() + begin, indices_.begin() + end);
     } else {
       Eigen::Index axis = 0;

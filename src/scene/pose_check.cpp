@@ -42,10 +42,10 @@ void PoseCheck::Finish(const std::string& sensor) {
 }
 
 void PoseCheck::Warn(const std::string& sensor) {
-  if (up_.found() && !std::exchange(has_told_up_, true)) {
+  if (up_.found() && !std::exchange(has_warned_up_, true)) {
     warnings_.push_back(WarningOf(sensor, *up_.found()));
   }
-  if (motion_.found() && !std::exchange(has_told_motion_, true)) {
+  if (motion_.found() && !std::exchange(has_warned_motion_, true)) {
     warnings_.push_back(WarningOf(sensor, *motion_.found()));
   }
 }

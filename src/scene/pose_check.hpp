@@ -34,8 +34,8 @@ class PoseCheck {
 
   UpDirection up_;
   EgoMotion motion_;
-  bool has_told_up_ = false;
-  bool has_told_motion_ = false;
+  bool has_warned_up_ = false;
+  bool has_warned_motion_ = false;
   std::vector<Warning> warnings_;
 };
 

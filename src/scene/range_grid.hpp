@@ -53,7 +53,7 @@ class RangeGrid {
   std::uint32_t Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::uint32_t count = 1);
 
   // Says that a point will be added soon, so that its place is at hand by then.
-  void Expect(const Eigen::Vector3f& point_m) const { places_.Prefetch(point_m); }
+  void Prefetch(const Eigen::Vector3f& point_m) const { places_.Prefetch(point_m); }
 
   // Points in the neighbourhood of `point_m`, in all bins or in some.
   std::uint32_t Count(const Eigen::Vector3f& point_m) const;

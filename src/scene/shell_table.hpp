@@ -38,7 +38,8 @@ class ShellTable {
   // Calls visit(number, value, is_own) for the voxel of a point in each shell whose neighbourhoods
   // may reach it; `is_own` where neighbourhoods of the point itself lie. New voxels hold `initial`.
   template <class Visit>
-  void VisitHomes(const Eigen::Vector3f& point_m, const Value& initial, const Visit& visit) {
+  void VisitOverlappingShells(const Eigen::Vector3f& point_m, const Value& initial,
+                              const Visit& visit) {
     // The shells with a place near enough: a block reaches two edges along each axis.
     const double range_m = static_cast<double>(point_m.norm());
     const auto reach_m = [&](std::size_t shell) {
@@ -75,12 +76,12 @@ class ShellTable {
 
   // Calls visit(value) for the voxels in the neighbourhood of a point.
   template <class Visit>
-  void VisitBlock(const Eigen::Vector3f& point_m, const Visit& visit) const {
+  void VisitNeighbourhood(const Eigen::Vector3f& point_m, const Visit& visit) const {
     VisitNumbers(point_m, [&](std::uint32_t number) { visit(values_[number]); });
   }
 
   template <class Visit>
-  void VisitBlock(const Eigen::Vector3f& point_m, const Visit& visit) {
+  void VisitNeighbourhood(const Eigen::Vector3f& point_m, const Visit& visit) {
     VisitNumbers(point_m, [&](std::uint32_t number) { visit(values_[number]); });
   }
 

@@ -5,7 +5,7 @@
 namespace unlidar {
 namespace {
 
-constexpr float kTogetherM = 2.0F;
+constexpr float kMaxStationRadiusM = 2.0F;
 
 }  // namespace
 
@@ -15,7 +15,7 @@ Stations::Stations(const std::vector<SensorInfo>& sensors) {
 
 std::size_t Stations::Add(std::uint32_t sensor, const Eigen::Vector3f& sensor_origin_m) {
   const auto is_near = [&](const Eigen::Vector3f& viewpoint_m) {
-    return (sensor_origin_m - viewpoint_m).norm() <= kTogetherM;
+    return (sensor_origin_m - viewpoint_m).norm() <= kMaxStationRadiusM;
   };
   const auto known = std::find_if(viewpoints_m_.begin(), viewpoints_m_.end(), is_near);
   const auto station = static_cast<std::size_t>(known - viewpoints_m_.begin());

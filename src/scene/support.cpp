@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kCellM = 2.0;
 // Nothing that comes on the ground reaches higher: lorries and buses have up to 4.5 m.
-constexpr double kTallestVisitorM = 5.0;
+constexpr double kMaxGroundVehicleHeightM = 5.0;
 
 }  // namespace
 
@@ -53,26 +53,26 @@ void Support::Fill(const PointsView& structure_m, const ElevationRange& view,
 
 // High above a known ground nothing comes that stands: so it is held by nothing that is hidden, or
 // seen badly as it is far away.
-bool Support::FlewTo(const Eigen::Vector3f& place_m, bool has_come) const {
-  if (!has_come) return false;
+bool Support::ArrivedByAir(const Eigen::Vector3f& place_m, bool is_transient) const {
+  if (!is_transient) return false;
   const double height_m = ground_.HeightAbove(place_m);
-  return std::isfinite(height_m) && height_m > kTallestVisitorM;
+  return std::isfinite(height_m) && height_m > kMaxGroundVehicleHeightM;
 }
 
-double Support::ReachM(const Eigen::Vector3f& place_m, bool has_come) const {
+double Support::ReachM(const Eigen::Vector3f& place_m, bool is_transient) const {
   const auto range_m = static_cast<double>(place_m.norm());
-  return FlewTo(place_m, has_come) ? config_.reach.At(range_m) : config_.ReachM(range_m);
+  return ArrivedByAir(place_m, is_transient) ? config_.reach.At(range_m) : config_.ReachM(range_m);
 }
 
-bool Support::IsFloating(const Eigen::Vector3f& place_m, bool has_come) const {
+bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) const {
   const auto range_m = static_cast<double>(place_m.norm());
   if (range_m > config_.max_range_m) return false;
   // The station itself may hold it, as the ground may.
   const double nearest_m = std::min(range_m, ground_.HeightAbove(place_m));
-  const auto reach_m = static_cast<float>(ReachM(place_m, has_come));
+  const auto reach_m = static_cast<float>(ReachM(place_m, is_transient));
   if (nearest_m < static_cast<double>(reach_m)) return false;
   const auto body_m = static_cast<float>(config_.body_m);
-  const auto holds = [&](const Eigen::Vector3f& structure_m) {
+  const auto supports = [&](const Eigen::Vector3f& structure_m) {
     const float distance_m = (structure_m - place_m).norm();
     return distance_m > body_m && distance_m < reach_m;
   };
@@ -89,15 +89,15 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m, bool has_come) const {
           const std::uint32_t cell = cells_.Find(0, KeyOf({home.x + dx, home.y + dy, home.z + dz}));
           if (cell == VoxelNumbers::kNone) continue;
           const Eigen::Vector3f* const points_m = points_m_.data();
-          if (std::any_of(points_m + first_[cell], points_m + first_[cell + 1], holds)) {
+          if (std::any_of(points_m + first_[cell], points_m + first_[cell + 1], supports)) {
             return false;
           }
         }
       }
     }
   }
-  // What holds it may be hidden or out of view.
-  return FlewTo(place_m, has_come) ||
+  // What supports it may be hidden or out of view.
+  return ArrivedByAir(place_m, is_transient) ||
          depth_.HiddenShare(place_m, config_.ReachM(range_m), config_.body_m, view_) <=
              config_.max_hidden_share;
 }

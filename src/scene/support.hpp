@@ -38,18 +38,18 @@ class Support {
 
   const SupportConfig& config() const { return config_; }
 
-  // `has_come`: the thing was not there before, or is no more.
-  bool IsFloating(const Eigen::Vector3f& place_m, bool has_come = false) const;
+  // `is_transient`: the thing was not there before, or is no more.
+  bool IsFloating(const Eigen::Vector3f& place_m, bool is_transient = false) const;
 
   // How far from a thing that may be which holds it up.
-  double ReachM(const Eigen::Vector3f& place_m, bool has_come) const;
+  double ReachM(const Eigen::Vector3f& place_m, bool is_transient) const;
 
   // The returns of `structure` that float; both are indices into the recording, ascending.
   std::vector<std::uint32_t> FloatingReturns(const Recording& recording,
                                              const std::vector<std::uint32_t>& structure) const;
 
  private:
-  bool FlewTo(const Eigen::Vector3f& place_m, bool has_come) const;
+  bool ArrivedByAir(const Eigen::Vector3f& place_m, bool is_transient) const;
 
   const Ground& ground_;
   ElevationRange view_;

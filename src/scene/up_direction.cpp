@@ -9,24 +9,24 @@ namespace unlidar {
 namespace {
 
 constexpr TimeNs kCollectNs = 5'000'000'000;
-constexpr std::ptrdiff_t kMostOfFrame = 1024;
-constexpr std::size_t kMostPoints = 40'000;
-constexpr std::size_t kLeastPoints = 500;
+constexpr std::ptrdiff_t kMaxPointsOfFrame = 1024;
+constexpr std::size_t kMaxPoints = 40'000;
+constexpr std::size_t kMinPoints = 500;
 // Steeper than any ground, so that directions 45 degrees apart leave no gap.
 constexpr double kMaxGroundSlope = 0.5;
 constexpr float kRoughM = 1.0F;  // rougher than ground is
 // Things stand on ground, or it may be a wall.
-constexpr double kLeastAbove = 0.1;
+constexpr double kMinShareAbove = 0.1;
 // So many cells must the right direction have, and so much more ground than z. Right way up, other
 // directions have at most 0.53 of what z has.
-constexpr double kLeastGroundCells = 20.0;
-constexpr double kMoreThanZ = 2.0;
+constexpr double kMinGroundCells = 20.0;
+constexpr double kMinGroundRatio = 2.0;
 // A floor is flat, and no farther below than in a hall. Halls and roofs above a floor that is seen
 // have 4 cells of it or more; the open, turned upside down, has 0.2 at most. On its side a LiDAR
 // may take a facade for one.
 constexpr double kMaxFloorSlope = 0.2;
 constexpr double kFloorBandM = 0.1;
-constexpr double kLeastFloorCells = 4.0;
+constexpr double kMinFloorCells = 4.0;
 constexpr double kMaxFloorDepthM = 15.0;
 constexpr float kBelowM = 0.3F;
 
@@ -56,9 +56,9 @@ void UpDirection::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
   if (IsDone()) return;
   if (begin_m != end_m && !begin_ns_) begin_ns_ = time_ns;
   const bool is_over =
-      begin_ns_ && time_ns - *begin_ns_ >= kCollectNs && points_m_.size() >= kLeastPoints;
-  if (is_over || points_m_.size() >= kMostPoints) return TryNext();
-  const std::ptrdiff_t step = std::max<std::ptrdiff_t>(1, (end_m - begin_m) / kMostOfFrame);
+      begin_ns_ && time_ns - *begin_ns_ >= kCollectNs && points_m_.size() >= kMinPoints;
+  if (is_over || points_m_.size() >= kMaxPoints) return TryNext();
+  const std::ptrdiff_t step = std::max<std::ptrdiff_t>(1, (end_m - begin_m) / kMaxPointsOfFrame);
   for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
     points_m_.push_back(begin_m[i] - origin_m);
   }
@@ -71,12 +71,12 @@ void UpDirection::Finish() {
 UpDirection::Evidence UpDirection::EvidenceOf(const Eigen::Vector3f& up) {
   const Eigen::Matrix3f rotation =
       Eigen::Quaternionf::FromTwoVectors(up, Eigen::Vector3f::UnitZ()).toRotationMatrix();
-  turned_m_.clear();
-  for (const Eigen::Vector3f& point_m : points_m_) turned_m_.push_back(rotation * point_m);
-  ground_.Fit(turned_m_, &workspace_);
+  rotated_m_.clear();
+  for (const Eigen::Vector3f& point_m : points_m_) rotated_m_.push_back(rotation * point_m);
+  ground_.Fit(rotated_m_, &workspace_);
   double above = 0.0;
   double below = 0.0;
-  for (const Eigen::Vector3f& point_m : turned_m_) {
+  for (const Eigen::Vector3f& point_m : rotated_m_) {
     const double height_m = ground_.HeightAbove(point_m);
     above += height_m > kRoughM ? 1.0 : 0.0;
     below += height_m < -kRoughM ? 1.0 : 0.0;
@@ -86,18 +86,18 @@ UpDirection::Evidence UpDirection::EvidenceOf(const Eigen::Vector3f& up) {
   evidence.cells = ground_.support();
   evidence.ground = evidence.cells * (all - above - below) / all * (all - below) / all;
   if (below > above) evidence.ground *= above / below;  // things hang from it
-  evidence.has_things = above >= kLeastAbove * all;
+  evidence.has_objects_above = above >= kMinShareAbove * all;
   return evidence;
 }
 
 bool UpDirection::HasFloor() {
-  turned_m_.clear();
+  rotated_m_.clear();
   for (const Eigen::Vector3f& point_m : points_m_) {
-    if (point_m.z() < -kBelowM) turned_m_.push_back(point_m);
+    if (point_m.z() < -kBelowM) rotated_m_.push_back(point_m);
   }
   Ground floor(WithSlope(kMaxFloorSlope));
-  floor.Fit(turned_m_, &workspace_);
-  return floor.FlatSupport(kFloorBandM, &workspace_) >= kLeastFloorCells &&
+  floor.Fit(rotated_m_, &workspace_);
+  return floor.FlatSupport(kFloorBandM, &workspace_) >= kMinFloorCells &&
          floor.height_m() > -kMaxFloorDepthM;
 }
 
@@ -105,20 +105,20 @@ void UpDirection::TryNext() {
   const auto finish = [&] {
     next_ = std::numeric_limits<std::size_t>::max();
     points_m_ = {};
-    turned_m_ = {};
+    rotated_m_ = {};
   };
-  if (points_m_.size() < kLeastPoints) return finish();
+  if (points_m_.size() < kMinPoints) return finish();
   if (next_ == directions_.size()) {
-    const bool is_in_doubt =
-        best_.cells >= kLeastGroundCells && best_.ground >= kMoreThanZ * z_.ground;
-    if (is_in_doubt && !HasFloor()) found_ = best_up_;
+    const bool is_contradicted =
+        best_.cells >= kMinGroundCells && best_.ground >= kMinGroundRatio * z_.ground;
+    if (is_contradicted && !HasFloor()) found_ = best_up_;
     return finish();
   }
   const Eigen::Vector3f& up = directions_[next_];
   const Evidence evidence = EvidenceOf(up);
   if (next_++ == 0) {
     z_ = evidence;
-  } else if (evidence.has_things && evidence.ground > best_.ground) {
+  } else if (evidence.has_objects_above && evidence.ground > best_.ground) {
     best_ = evidence;
     best_up_ = up;
   }

@@ -38,9 +38,9 @@ class UpDirection {
   bool IsDone() const { return next_ > directions_.size(); }
   // That a direction is up.
   struct Evidence {
-    double cells = 0.0;       // of ground, far ones by the inverse square of their distance
-    double ground = 0.0;      // the same, by the share of the returns on it, not below
-    bool has_things = false;  // stand on it
+    double cells = 0.0;              // of ground, far ones by the inverse square of their distance
+    double ground = 0.0;             // the same, by the share of the returns on it, not below
+    bool has_objects_above = false;  // stand on it
   };
 
   Evidence EvidenceOf(const Eigen::Vector3f& up);
@@ -49,7 +49,7 @@ class UpDirection {
 
   std::vector<Eigen::Vector3f> directions_;  // z first
   std::vector<Eigen::Vector3f> points_m_;    // from the sensor
-  std::vector<Eigen::Vector3f> turned_m_;
+  std::vector<Eigen::Vector3f> rotated_m_;
   Ground ground_;
   Ground::Workspace workspace_;
   std::optional<TimeNs> begin_ns_;  // of the first frame with a return

@@ -58,9 +58,9 @@ class Sky {
 
   // By the order of the things.
   std::vector<double> Kept() const {
-    const std::vector<SensorView> views = {{Eigen::Vector3f::Zero(), nullptr}};
+    const std::vector<StationModel> station_models = {{Eigen::Vector3f::Zero(), nullptr}};
     const std::vector<Rejection> rejections = ShapeRejections(
-        maker_.recording, views, Plots(), targets_, RobustConfig(), TrajectoryConfig());
+        maker_.recording, station_models, Plots(), targets_, RobustConfig(), TrajectoryConfig());
     std::vector<double> kept;
     for (std::size_t t = 0; t < targets_.size(); ++t) {
       if (rejections[t] == Rejection::kNone) kept.push_back(targets_[t].score);

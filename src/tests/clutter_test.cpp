@@ -43,13 +43,13 @@ struct Clutter {
 const Eigen::Vector3d kSkyLow_m(10, -30, 5);
 const Eigen::Vector3d kSkyHigh_m(60, 30, 45);
 
-void Estimate(const std::vector<char>& explained, Clutter* clutter) {
+void Estimate(const std::vector<char>& assigned, Clutter* clutter) {
   const Recording& recording = clutter->maker.recording;
   const Background background(recording, BackgroundConfig());
-  const std::vector<SensorView> views(recording.sensors.size(),
-                                      {Eigen::Vector3f::Zero(), &background});
+  const std::vector<StationModel> station_models(recording.sensors.size(),
+                                                 {Eigen::Vector3f::Zero(), &background});
   SetPlaceRates(background, &clutter->plots);
-  EstimateClutter(views, PlotConfig(), explained, &clutter->plots);
+  EstimateClutter(station_models, PlotConfig(), assigned, &clutter->plots);
 }
 
 Clutter UniformClutter(
@@ -193,11 +193,11 @@ TEST(EstimateClutter, WhatIsExplainedIsNoClutter) {
   };
   Clutter clutter = UniformClutter(20.0, 200, circle);
   EXPECT_GT(MedianLogClutter(clutter, kDrone), LogRate(20.0) + 0.7);
-  std::vector<char> explained(clutter.plots.size());
-  for (std::size_t i = 0; i < explained.size(); ++i) {
-    explained[i] = clutter.maker.labels[clutter.plots[i].returns.front()] == kDrone ? 1 : 0;
+  std::vector<char> assigned(clutter.plots.size());
+  for (std::size_t i = 0; i < assigned.size(); ++i) {
+    assigned[i] = clutter.maker.labels[clutter.plots[i].returns.front()] == kDrone ? 1 : 0;
   }
-  Estimate(explained, &clutter);
+  Estimate(assigned, &clutter);
   EXPECT_NEAR(MedianLogClutter(clutter, kDrone), LogRate(20.0), 0.5);
 }
 

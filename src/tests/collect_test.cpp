@@ -54,11 +54,11 @@ Target Collect(const RecordingMaker& maker, const std::vector<Plot>& path,
                std::vector<char> excluded = {}, const CollectConfig& config = CollectConfig()) {
   excluded.resize(maker.labels.size(), 0);
   const Background background(maker.recording, BackgroundConfig());
-  const std::vector<SensorView> views(maker.recording.sensors.size(),
-                                      {Eigen::Vector3f::Zero(), &background});
+  const std::vector<StationModel> station_models(maker.recording.sensors.size(),
+                                                 {Eigen::Vector3f::Zero(), &background});
   RobustConfig robust;
   robust.collect = config;
-  return CollectTarget(maker.recording, views, path, excluded, robust, TrajectoryConfig());
+  return CollectTarget(maker.recording, station_models, path, excluded, robust, TrajectoryConfig());
 }
 
 double ShareFound(const RecordingMaker& maker, const Target& target, int label) {
@@ -484,24 +484,25 @@ TEST(CollectTarget, TheStreaksOfATargetTellHowLongSlowFramesWereMeasured) {
   for (const std::uint32_t seed : {21U, 22U, 23U}) {
     const RecordingMaker short_frames = SlowFrames(seed, 0.1);
     const Target thinned = Collect(short_frames, PathOf(short_frames, 0, 19));
-    EXPECT_NEAR(static_cast<double>(thinned.late_ns) * kSecondsPerNs, -0.2, 0.002);
+    EXPECT_NEAR(static_cast<double>(thinned.time_bias_ns) * kSecondsPerNs, -0.2, 0.002);
     const RecordingMaker long_frames = SlowFrames(seed, 0.5);
     const Target whole = Collect(long_frames, PathOf(long_frames, 0, 19));
-    EXPECT_NEAR(static_cast<double>(whole.late_ns) * kSecondsPerNs, 0.0, 0.002);
+    EXPECT_NEAR(static_cast<double>(whole.time_bias_ns) * kSecondsPerNs, 0.0, 0.002);
   }
 }
 
 TEST(CollectTarget, FramesOfALidarThatGivesTenASecondAreNotLate) {
   const RecordingMaker maker = Flight(24, 4.0);
-  EXPECT_EQ(Collect(maker, PathOf(maker, 0, kFrames - 1)).late_ns, 0);
+  EXPECT_EQ(Collect(maker, PathOf(maker, 0, kFrames - 1)).time_bias_ns, 0);
 }
 
 // Its stamps stand at the end of what was measured, wherever that began.
 TEST(CollectTarget, AStampAtTheEndOfASlowFrameIsNearWhatWasMeasured) {
   RecordingMaker maker = SlowFrames(25, 0.1);
   for (FrameInfo& frame : maker.recording.frames) frame.stamp_ns = frame.end_ns;
-  EXPECT_NEAR(static_cast<double>(Collect(maker, PathOf(maker, 0, 19)).late_ns) * kSecondsPerNs,
-              0.2, 0.002);
+  EXPECT_NEAR(
+      static_cast<double>(Collect(maker, PathOf(maker, 0, 19)).time_bias_ns) * kSecondsPerNs, 0.2,
+      0.002);
 }
 
 TEST(CollectTarget, IsEmptyWhereAllReturnsAreExcluded) {

@@ -25,8 +25,8 @@ Flight AsItIs(const Flight& flight) { return flight; }
 constexpr double kAnyScore = -1e9;
 constexpr TimeNs kEndless = std::numeric_limits<TimeNs>::max() / 2;
 
-SeenPlot PlotAt(int i, const Eigen::Vector3d& position_m) {
-  SeenPlot seen;
+LivePlot PlotAt(int i, const Eigen::Vector3d& position_m) {
+  LivePlot seen;
   seen.plot.frame = static_cast<std::uint32_t>(i);
   seen.plot.time_ns = seen.plot.frame_time_ns = FrameAt(i).middle_ns();
   seen.plot.position_m = seen.plot.ray_m = position_m;
@@ -39,22 +39,22 @@ SeenPlot PlotAt(int i, const Eigen::Vector3d& position_m) {
   return seen;
 }
 
-Moment MomentAt(int i) { return {MiddleS(i), {static_cast<std::uint32_t>(i)}}; }
+FrameTime MomentAt(int i) { return {MiddleS(i), {static_cast<std::uint32_t>(i)}}; }
 
-void Append(const SeenPlot& seen, Flight* flight) {
+void Append(const LivePlot& seen, Flight* flight) {
   flight->plots.push_back(seen);
-  flight->moments.push_back(MomentAt(static_cast<int>(seen.plot.frame)));
+  flight->frame_times.push_back(MomentAt(static_cast<int>(seen.plot.frame)));
 }
 
 // A drone that passes.
-SeenPlot DroneAt(int i) { return PlotAt(i, {15.0, -10.0 + 0.4 * i, 8.0}); }
+LivePlot DroneAt(int i) { return PlotAt(i, {15.0, -10.0 + 0.4 * i, 8.0}); }
 
 // Another one, far from it.
-SeenPlot OtherAt(int i) { return PlotAt(i, {-25.0, 5.0 - 0.3 * i, 12.0}); }
+LivePlot OtherAt(int i) { return PlotAt(i, {-25.0, 5.0 - 0.3 * i, 12.0}); }
 
 // One far away, of a single return.
-SeenPlot FarAt(int i, const Eigen::Vector3d& position_m, double log_clutter) {
-  SeenPlot seen = PlotAt(i, position_m);
+LivePlot FarAt(int i, const Eigen::Vector3d& position_m, double log_clutter) {
+  LivePlot seen = PlotAt(i, position_m);
   seen.plot.variance_m2 = 0.1;
   seen.plot.log_clutter = log_clutter;
   seen.plot.num_returns = 1;
@@ -63,7 +63,7 @@ SeenPlot FarAt(int i, const Eigen::Vector3d& position_m, double log_clutter) {
 }
 
 // One that turns.
-SeenPlot CirclingAt(int i) {
+LivePlot CirclingAt(int i) {
   return PlotAt(i, {20.0 + 6.0 * std::cos(0.06 * i), 6.0 * std::sin(0.06 * i), 8.0});
 }
 
@@ -76,7 +76,7 @@ Flight FlightUntil(int end, const PlotOf& plot_of) {
 
 struct Tracks {
   Config config;
-  Watch watch;
+  ScanSchedule scan_schedule;
   std::vector<TrackModel> models;
   std::vector<TrajectoryRow> rows;
   std::vector<TrackConfirmed> confirmed;
@@ -84,8 +84,8 @@ struct Tracks {
   ConfirmedTracks tracks;
 
   Tracks()
-      : watch{{Watch::Sensor()}},
-        models({TrackModel(4.0, watch, config.robust.tracker)}),
+      : scan_schedule{{ScanSchedule::Sensor()}},
+        models({TrackModel(4.0, scan_schedule, config.robust.tracker)}),
         tracks(config, models, FirstSensorStamps{}, [this](const EngineEvent& event) {
           if (const auto* given = std::get_if<RowGiven>(&event)) rows.push_back(given->row);
           if (const auto* at = std::get_if<TrackConfirmed>(&event)) confirmed.push_back(*at);
@@ -95,23 +95,23 @@ struct Tracks {
   }
 
   // Begins a track with a flight as it is, and judges it.
-  bool Begin(const Flight& flight, double least_score) {
-    const bool begins = tracks.Begin(flight, least_score, AsItIs);
+  bool Initiate(const Flight& flight, double least_score) {
+    const bool begins = tracks.Initiate(flight, least_score, AsItIs);
     seen.insert(seen.end(), flight.plots.begin(), flight.plots.end());
     tracks.Judge(seen, flight.plots.back().time_s);
     return begins;
   }
 
   // The tracks go on to a frame with a plot, are judged, and give all rows that are due.
-  void GoTo(int i, const SeenPlot& plot) {
+  void GoTo(int i, const LivePlot& plot) {
     tracks.AddInstants(FrameAt(i));
     tracks.Extend({plot}, MomentAt(i));
     seen.push_back(plot);
     tracks.Judge(seen, plot.time_s);
-    tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
+    tracks.EmitRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
   }
 
-  std::vector<SeenPlot> seen;
+  std::vector<LivePlot> seen;
 };
 
 TEST(ConfirmedTracks, WithoutOneEveryPlotIsFree) {
@@ -121,19 +121,19 @@ TEST(ConfirmedTracks, WithoutOneEveryPlotIsFree) {
 
 TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
   Tracks t;
-  ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
-  ASSERT_TRUE(t.Begin(FlightUntil(20, OtherAt), kAnyScore));
-  const SeenPlot stray = PlotAt(20, {40.0, 30.0, 10.0});
-  const std::vector<SeenPlot> plots = {stray, OtherAt(20), DroneAt(20)};
+  ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
+  ASSERT_TRUE(t.Initiate(FlightUntil(20, OtherAt), kAnyScore));
+  const LivePlot stray = PlotAt(20, {40.0, 30.0, 10.0});
+  const std::vector<LivePlot> plots = {stray, OtherAt(20), DroneAt(20)};
   EXPECT_EQ(t.tracks.Extend(plots, MomentAt(20)), (std::vector<char>{1, 0, 0}));
 }
 
 TEST(ConfirmedTracks, APlaceIsATargetsWhileItIsThere) {
   Tracks t;
-  ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
+  ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
   const auto seconds = [](int i) { return DroneAt(i).time_s; };
   const auto has = [&](int place, int since, int until) {
-    return t.tracks.HasAt(DroneAt(place).plot.position_m, seconds(since), seconds(until));
+    return t.tracks.HasTrackAt(DroneAt(place).plot.position_m, seconds(since), seconds(until));
   };
   EXPECT_TRUE(has(19, 19, 19));
   EXPECT_TRUE(has(21, 20, 21));
@@ -148,10 +148,10 @@ TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
   Flight flight;
   for (int i = 0; i < 100; i += 5) Append(far_at(i), &flight);
   for (int i = 0; i < kEnd; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Begin(flight, kAnyScore));
+  ASSERT_TRUE(t.Initiate(flight, kAnyScore));
   for (int i = 100; i < kEnd; ++i) {
     const bool is_seen = i == 115 || i == 130 || i == 145 || i == 160;
-    t.tracks.Extend(is_seen ? std::vector<SeenPlot>{far_at(i)} : std::vector<SeenPlot>(),
+    t.tracks.Extend(is_seen ? std::vector<LivePlot>{far_at(i)} : std::vector<LivePlot>(),
                     MomentAt(i));
   }
   t.tracks.Close(kEndless);
@@ -163,10 +163,10 @@ TEST(ConfirmedTracks, AFlightIsATrackOnceAndOnlyIfItIsWorthIt) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
   const Flight flight = FlightUntil(20, DroneAt);
-  EXPECT_FALSE(t.Begin(flight, 1e9));
-  EXPECT_TRUE(t.Begin(flight, kAnyScore));
-  EXPECT_TRUE(t.Begin(flight, kAnyScore));
-  EXPECT_FALSE(t.Begin(flight, 1e9));
+  EXPECT_FALSE(t.Initiate(flight, 1e9));
+  EXPECT_TRUE(t.Initiate(flight, kAnyScore));
+  EXPECT_TRUE(t.Initiate(flight, kAnyScore));
+  EXPECT_FALSE(t.Initiate(flight, 1e9));
   t.tracks.Close(kEndless);
   ASSERT_EQ(t.confirmed.size(), 1U);
   EXPECT_EQ(t.confirmed[0].track_id, 0);
@@ -178,14 +178,14 @@ TEST(ConfirmedTracks, AFlightIsATrackOnceAndOnlyIfItIsWorthIt) {
 TEST(ConfirmedTracks, EveryRowIsGivenOnceInOrderWhereTheDroneIs) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
+  ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
   std::size_t num_settled = 0;
   for (int i = 20; i < 60; ++i) {
-    const SeenPlot seen = DroneAt(i);
+    const LivePlot seen = DroneAt(i);
     t.tracks.AddInstants(FrameAt(i));
     t.tracks.Extend({seen}, MomentAt(i));
     const TimeNs middle_ns = FrameAt(i).middle_ns();
-    num_settled += t.tracks.GiveRows(middle_ns, FrameAt(i).stamp_ns).size();
+    num_settled += t.tracks.EmitRows(middle_ns, FrameAt(i).stamp_ns).size();
     for (const TrajectoryRow& row : t.rows) EXPECT_LE(row.time_ns, middle_ns);
     EXPECT_TRUE(t.tracks.EndLost(middle_ns - 10 * kPeriodNs, middle_ns).empty());
   }
@@ -219,12 +219,12 @@ TEST(ConfirmedTracks, RowsFollowADroneThatSetsOff) {
     return PlotAt(i, truth_m(i) + random.NormalVector(0.03));
   };
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Begin(FlightUntil(20, setting_off_at), kAnyScore));
+  ASSERT_TRUE(t.Initiate(FlightUntil(20, setting_off_at), kAnyScore));
   for (int i = 20; i < kHovers + 30; ++i) {
-    const SeenPlot seen = setting_off_at(i);
+    const LivePlot seen = setting_off_at(i);
     t.tracks.AddInstants(FrameAt(i));
     t.tracks.Extend({seen}, MomentAt(i));
-    t.tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
+    t.tracks.EmitRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
   }
   ASSERT_GT(t.rows.size(), 90U);
   for (const TrajectoryRow& row : t.rows) {
@@ -235,9 +235,9 @@ TEST(ConfirmedTracks, RowsFollowADroneThatSetsOff) {
 
 // A drone at 4 m/s, seen by a sensor that gives a frame without times every half second: its
 // returns were measured within so much of that from the stamp.
-SeenPlot SeldomAt(int i, double measured_s, Random* random) {
+LivePlot SeldomAt(int i, double measured_s, Random* random) {
   constexpr int kEvery = 5;
-  SeenPlot seen = PlotAt(kEvery * i, Eigen::Vector3d::Zero());
+  LivePlot seen = PlotAt(kEvery * i, Eigen::Vector3d::Zero());
   seen.plot.frame = static_cast<std::uint32_t>(i);
   seen.plot.time_ns = seen.plot.frame_time_ns = seen.stamp_ns + kEvery * kPeriodNs / 2;
   seen.plot.streak_s = kEvery * kPeriodS;
@@ -268,20 +268,20 @@ TEST(ConfirmedTracks, RowsOfFramesThatComeSeldomAreWhereTheDroneWasThen) {
     t.tracks.SetPeriod(5 * kPeriodNs);
     Random random(31);
     const auto moment_at = [](int i) {
-      return Moment{(i + 0.5) * 0.5, {static_cast<std::uint32_t>(i)}};
+      return FrameTime{(i + 0.5) * 0.5, {static_cast<std::uint32_t>(i)}};
     };
     Flight flight;
     for (int i = 0; i < 12; ++i) {
       flight.plots.push_back(SeldomAt(i, measured_s, &random));
-      flight.moments.push_back(moment_at(i));
+      flight.frame_times.push_back(moment_at(i));
       t.tracks.AddInstants(FrameAt(5 * i));
     }
-    ASSERT_TRUE(t.Begin(flight, kAnyScore));
+    ASSERT_TRUE(t.Initiate(flight, kAnyScore));
     for (int i = 12; i < 30; ++i) {
-      const SeenPlot seen = SeldomAt(i, measured_s, &random);
+      const LivePlot seen = SeldomAt(i, measured_s, &random);
       t.tracks.AddInstants(FrameAt(5 * i));
       t.tracks.Extend({seen}, moment_at(i));
-      t.tracks.GiveRows(seen.plot.frame_time_ns, seen.stamp_ns);
+      t.tracks.EmitRows(seen.plot.frame_time_ns, seen.stamp_ns);
     }
     ASSERT_GE(t.rows.size(), 25U);
     for (std::size_t k = 0; k < t.rows.size(); ++k) {
@@ -303,12 +303,12 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
     Flight flight;
     for (int i = 0; i <= kLast; i += 6) Append(CirclingAt(i), &flight);
     for (int i = 0; i <= kLast; ++i) t.tracks.AddInstants(FrameAt(i));
-    ASSERT_TRUE(t.Begin(flight, kAnyScore));
-    const auto go_to = [&](int i, const std::vector<SeenPlot>& plots) {
+    ASSERT_TRUE(t.Initiate(flight, kAnyScore));
+    const auto go_to = [&](int i, const std::vector<LivePlot>& plots) {
       t.tracks.AddInstants(FrameAt(i));
       t.tracks.Extend(plots, MomentAt(i));
       // All rows are due.
-      t.tracks.GiveRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns + NsOf(10.0));
+      t.tracks.EmitRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns + NsOf(10.0));
     };
     for (int i = kLast + 1; i < kAgain; ++i) go_to(i, {});
     const std::size_t num_guessed = t.rows.size();
@@ -330,8 +330,8 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
 TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
   Tracks t;
   for (int i = 0; i < 40; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Begin(FlightUntil(20, DroneAt), kAnyScore));
-  ASSERT_TRUE(t.Begin(FlightUntil(40, OtherAt), kAnyScore));
+  ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
+  ASSERT_TRUE(t.Initiate(FlightUntil(40, OtherAt), kAnyScore));
   const TimeNs middle_ns = FrameAt(39).middle_ns();
   t.tracks.EndLost(FrameAt(19).middle_ns(), middle_ns);
   EXPECT_TRUE(t.ended.empty());
@@ -341,18 +341,18 @@ TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
 }
 
 // A puff of steam on the way of DroneAt: its returns lie wide.
-SeenPlot PuffAt(int i) {
-  SeenPlot seen = DroneAt(i);
+LivePlot PuffAt(int i) {
+  LivePlot seen = DroneAt(i);
   constexpr double kSpreadM = 0.6;
   seen.scatter_m2 = static_cast<double>(seen.plot.num_returns) * kSpreadM * kSpreadM *
                     Eigen::Matrix3d::Identity();
   return seen;
 }
 
-void ExpectFollowedWithoutARow(SeenPlot (*plot_at)(int)) {
+void ExpectFollowedWithoutARow(LivePlot (*plot_at)(int)) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Begin(FlightUntil(20, plot_at), kAnyScore));
+  ASSERT_TRUE(t.Initiate(FlightUntil(20, plot_at), kAnyScore));
   for (int i = 20; i < 60; ++i) t.GoTo(i, plot_at(i));
   EXPECT_EQ(t.tracks.Extend({plot_at(60)}, MomentAt(60)), (std::vector<char>{0}));
   t.tracks.Close(kEndless);
@@ -365,7 +365,7 @@ TEST(ConfirmedTracks, ACloudIsFollowedWithoutARow) { ExpectFollowedWithoutARow(P
 
 TEST(ConfirmedTracks, AnInsectIsFollowedWithoutARow) {
   ExpectFollowedWithoutARow([](int i) {
-    SeenPlot seen = DroneAt(i);
+    LivePlot seen = DroneAt(i);
     seen.scatter_m2 = 3.0 * 0.01 * 0.01 * Eigen::Matrix3d::Identity();
     return seen;
   });
@@ -376,7 +376,7 @@ TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {
   constexpr int kGrows = 40;
   const auto growing_at = [](int i) { return i < kGrows ? DroneAt(i) : PuffAt(i); };
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Begin(FlightUntil(20, growing_at), kAnyScore));
+  ASSERT_TRUE(t.Initiate(FlightUntil(20, growing_at), kAnyScore));
   for (int i = 20; i < 120; ++i) t.GoTo(i, growing_at(i));
   ASSERT_EQ(t.confirmed.size(), 1U);
   ASSERT_EQ(t.ended.size(), 1U);
@@ -392,8 +392,8 @@ TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {
     Append(OtherAt(kLater + i), &drone);
     t.tracks.AddInstants(FrameAt(kLater + i));
   }
-  ASSERT_TRUE(t.Begin(piece, kAnyScore));
-  ASSERT_TRUE(t.Begin(drone, kAnyScore));
+  ASSERT_TRUE(t.Initiate(piece, kAnyScore));
+  ASSERT_TRUE(t.Initiate(drone, kAnyScore));
   t.rows.clear();
   t.tracks.Close(kEndless);
   ASSERT_EQ(t.confirmed.size(), 2U);
@@ -414,7 +414,7 @@ TEST(ConfirmedTracks, WhatStandsFarAwayHasNoRowUntilItGoesAway) {
       return PlotAt(i, Eigen::Vector3d(range_m, away_m, 6.0) + random.NormalVector(0.08));
     };
     for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-    ASSERT_TRUE(t.Begin(FlightUntil(20, standing_at), kAnyScore));
+    ASSERT_TRUE(t.Initiate(FlightUntil(20, standing_at), kAnyScore));
     for (int i = 20; i < kStands; ++i) t.GoTo(i, standing_at(i));
     EXPECT_EQ(t.confirmed.empty(), range_m > 25.0) << range_m;
     EXPECT_EQ(t.rows.empty(), range_m > 25.0) << range_m;
@@ -435,7 +435,7 @@ TEST(ConfirmedTracks, WhatGoesOnFarAwayHasRowsBeforeItHasGoneFar) {
       return PlotAt(i, place_m + random.NormalVector(0.08));
     };
     for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-    ASSERT_TRUE(t.Begin(FlightUntil(20, at), kAnyScore));
+    ASSERT_TRUE(t.Initiate(FlightUntil(20, at), kAnyScore));
     for (int i = 20; i < 50; ++i) t.GoTo(i, at(i));
     EXPECT_EQ(t.confirmed.empty(), speed_mps == 0.0) << speed_mps;
   }
@@ -449,15 +449,15 @@ TEST(ConfirmedTracks, WhatMayHaveBeenSeenSinceIsNotLost) {
   constexpr int kLast = 300;
   Flight flight;
   for (int i = 0; i < 100; i += 5) Append(far_at(i), &flight);
-  ASSERT_TRUE(t.Begin(flight, kAnyScore));
+  ASSERT_TRUE(t.Initiate(flight, kAnyScore));
   int end = 0;
   for (int i = 100; t.ended.empty() && i < kLast + 150; ++i) {
     t.tracks.AddInstants(FrameAt(i));
     const bool is_seen = i == 145 || i == 190 || i == 235 || (i >= 270 && i <= kLast && i % 5 == 0);
-    t.tracks.Extend(is_seen ? std::vector<SeenPlot>{far_at(i)} : std::vector<SeenPlot>(),
+    t.tracks.Extend(is_seen ? std::vector<LivePlot>{far_at(i)} : std::vector<LivePlot>(),
                     MomentAt(i));
     const TimeNs now_ns = FrameAt(i).middle_ns();
-    t.tracks.GiveRows(now_ns, FrameAt(i).stamp_ns);
+    t.tracks.EmitRows(now_ns, FrameAt(i).stamp_ns);
     t.tracks.EndLost(now_ns - max_gap_ns, now_ns);
     end = i;
   }
@@ -474,17 +474,17 @@ TEST(ConfirmedTracks, WhatAPlaceShowsSinceATrackCameIsNoClutterToIt) {
     constexpr int kStops = 40;
     constexpr int kEnd = 60;
     const auto stopping_at = [&](int i) {
-      SeenPlot seen = DroneAt(std::min(i, kStops));
+      LivePlot seen = DroneAt(std::min(i, kStops));
       seen = PlotAt(i, seen.plot.position_m);
       seen.plot.num_returns = 1;
       if (i <= kStops) return seen;
-      seen.log_surroundings = seen.plot.log_clutter;
+      seen.log_surrounding_clutter = seen.plot.log_clutter;
       seen.plot.log_clutter = 4.0;
-      seen.since_s = DroneAt(came_with_it ? kStops : 0).time_s;
+      seen.dwell_begin_s = DroneAt(came_with_it ? kStops : 0).time_s;
       return seen;
     };
     for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-    ASSERT_TRUE(t.Begin(FlightUntil(20, stopping_at), kAnyScore));
+    ASSERT_TRUE(t.Initiate(FlightUntil(20, stopping_at), kAnyScore));
     for (int i = 20; i < kEnd; ++i) t.GoTo(i, stopping_at(i));
     const TrajectoryRow& last = t.rows.back();
     const bool has_stopped = (last.position_m - DroneAt(kStops).plot.position_m).norm() < 0.3 &&

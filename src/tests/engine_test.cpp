@@ -24,8 +24,8 @@ using testing::kPeriodNs;
 using testing::kPeriodS;
 using testing::Random;
 
-// Everything that an engine told.
-struct Told {
+// Everything that an engine output.
+struct EngineOutput {
   std::vector<TrajectoryRow> rows;
   std::vector<double> delays_s;  // of the rows that are not late
   std::vector<TrackConfirmed> confirmed;
@@ -80,26 +80,27 @@ class Scene {
   std::vector<Eigen::Vector3d> trees_m_;
 };
 
-Told ToldOf(std::vector<Frame> frames, const Config& config = Config(),
-            const std::vector<std::string>& sensors = {"a"}) {
-  Told told;
+EngineOutput EngineOutputOf(std::vector<Frame> frames, const Config& config = Config(),
+                            const std::vector<std::string>& sensors = {"a"}) {
+  EngineOutput output;
   Engine* asked = nullptr;
   Engine engine(config, sensors, [&](const EngineEvent& event) {
     if (const auto* row = std::get_if<RowGiven>(&event)) {
-      told.rows.push_back(row->row);
+      output.rows.push_back(row->row);
       if (!row->is_late) {
-        told.delays_s.push_back(static_cast<double>(asked->newest_ns() - row->row.time_ns) * 1e-9);
+        output.delays_s.push_back(static_cast<double>(asked->newest_ns() - row->row.time_ns) *
+                                  1e-9);
       }
     }
-    if (const auto* at = std::get_if<TrackConfirmed>(&event)) told.confirmed.push_back(*at);
-    if (const auto* at = std::get_if<TrackEnded>(&event)) told.ended.push_back(*at);
-    if (const auto* at = std::get_if<EngineState>(&event)) told.states.push_back(*at);
-    if (const auto* at = std::get_if<SensorChanged>(&event)) told.sensors.push_back(*at);
+    if (const auto* at = std::get_if<TrackConfirmed>(&event)) output.confirmed.push_back(*at);
+    if (const auto* at = std::get_if<TrackEnded>(&event)) output.ended.push_back(*at);
+    if (const auto* at = std::get_if<EngineState>(&event)) output.states.push_back(*at);
+    if (const auto* at = std::get_if<SensorChanged>(&event)) output.sensors.push_back(*at);
   });
   asked = &engine;
   for (Frame& frame : frames) engine.Add(std::move(frame));
   engine.Close();
-  return told;
+  return output;
 }
 
 std::vector<Frame> Frames(Scene scene, int count) {
@@ -117,19 +118,20 @@ bool AreSame(const std::vector<TrajectoryRow>& a, const std::vector<TrajectoryRo
 }
 
 TEST(Engine, TellsOfADroneWithinItsDelayAndWhereItIs) {
-  const Told told = ToldOf(Frames(Scene(1, 6.0, 14.0), 280));
-  ASSERT_EQ(told.confirmed.size(), 1U);
-  EXPECT_NEAR(static_cast<double>(told.confirmed[0].first_evidence_ns - kBeginNs) * 1e-9, 6.0, 0.6);
-  ASSERT_EQ(told.ended.size(), 1U);
-  EXPECT_NEAR(static_cast<double>(told.ended[0].last_evidence_ns - kBeginNs) * 1e-9, 14.0, 0.2);
-  ASSERT_GT(told.rows.size(), 70U);
-  ASSERT_GT(told.delays_s.size(), 50U);
-  EXPECT_LE(*std::max_element(told.delays_s.begin(), told.delays_s.end()),
+  const EngineOutput output = EngineOutputOf(Frames(Scene(1, 6.0, 14.0), 280));
+  ASSERT_EQ(output.confirmed.size(), 1U);
+  EXPECT_NEAR(static_cast<double>(output.confirmed[0].first_evidence_ns - kBeginNs) * 1e-9, 6.0,
+              0.6);
+  ASSERT_EQ(output.ended.size(), 1U);
+  EXPECT_NEAR(static_cast<double>(output.ended[0].last_evidence_ns - kBeginNs) * 1e-9, 14.0, 0.2);
+  ASSERT_GT(output.rows.size(), 70U);
+  ASSERT_GT(output.delays_s.size(), 50U);
+  EXPECT_LE(*std::max_element(output.delays_s.begin(), output.delays_s.end()),
             Config().live.delay_s + kPeriodS + 1e-6);
   double square_m2 = 0.0;
-  for (std::size_t i = 0; i < told.rows.size(); ++i) {
-    const TrajectoryRow& row = told.rows[i];
-    EXPECT_TRUE(i == 0 || told.rows[i - 1].time_ns < row.time_ns);
+  for (std::size_t i = 0; i < output.rows.size(); ++i) {
+    const TrajectoryRow& row = output.rows[i];
+    EXPECT_TRUE(i == 0 || output.rows[i - 1].time_ns < row.time_ns);
     // A stamp is the begin of its frame.
     const Eigen::Vector3d truth_m =
         Scene::DroneAt(static_cast<double>(row.time_ns - kBeginNs) * 1e-9);
@@ -137,16 +139,16 @@ TEST(Engine, TellsOfADroneWithinItsDelayAndWhereItIs) {
     EXPECT_LT((row.position_m - truth_m).norm(), 1.0);
     EXPECT_GT(row.sigma_m.minCoeff(), 0.0);
   }
-  EXPECT_LT(std::sqrt(square_m2 / static_cast<double>(told.rows.size())), 0.2);
+  EXPECT_LT(std::sqrt(square_m2 / static_cast<double>(output.rows.size())), 0.2);
 }
 
 // The scene is learned for three seconds, and then they are searched.
 TEST(Engine, TellsOfADroneThatWasThereFromTheBegin) {
-  const Told told = ToldOf(Frames(Scene(1, 0.0, 14.0), 140));
-  ASSERT_EQ(told.confirmed.size(), 1U);
-  EXPECT_LT(told.confirmed[0].first_evidence_ns, kBeginNs + NsOf(0.3));
-  EXPECT_LE(told.rows.front().time_ns, kBeginNs + kPeriodNs);
-  EXPECT_GT(told.rows.size(), 135U);
+  const EngineOutput output = EngineOutputOf(Frames(Scene(1, 0.0, 14.0), 140));
+  ASSERT_EQ(output.confirmed.size(), 1U);
+  EXPECT_LT(output.confirmed[0].first_evidence_ns, kBeginNs + NsOf(0.3));
+  EXPECT_LE(output.rows.front().time_ns, kBeginNs + kPeriodNs);
+  EXPECT_GT(output.rows.size(), 135U);
 }
 
 // Warm-up: the scene is learned before detections are scored, and is searched from its begin then.
@@ -163,14 +165,14 @@ TEST(Engine, AFlightOfTheWarmUpHasAllItsRowsOnceTheSceneIsKnown) {
             (drone_m + random.NormalVector(0.1)).cast<float>());
       }
     }
-    const Told told = ToldOf(frames);
-    ASSERT_EQ(told.confirmed.size(), 1U) << height_m;
-    ASSERT_GE(told.rows.size(), 58U);
-    for (std::size_t i = 1; i < told.rows.size(); ++i) {
-      EXPECT_EQ(told.rows[i].time_ns - told.rows[i - 1].time_ns, kPeriodNs);
+    const EngineOutput output = EngineOutputOf(frames);
+    ASSERT_EQ(output.confirmed.size(), 1U) << height_m;
+    ASSERT_GE(output.rows.size(), 58U);
+    for (std::size_t i = 1; i < output.rows.size(); ++i) {
+      EXPECT_EQ(output.rows[i].time_ns - output.rows[i - 1].time_ns, kPeriodNs);
     }
     frames.resize(kTwoSeconds);
-    EXPECT_TRUE(ToldOf(frames).confirmed.empty());
+    EXPECT_TRUE(EngineOutputOf(frames).confirmed.empty());
   }
 }
 
@@ -179,29 +181,29 @@ TEST(Engine, NoTrackReachesBackBeyondALongPause) {
   std::vector<Frame> frames = Frames(Scene(1, 6.0, 6.35), 90);
   const std::vector<Frame> later = Frames(Scene(1, 10.5, 16.0), 160);
   frames.insert(frames.end(), later.begin() + 90, later.end());
-  const Told told = ToldOf(std::move(frames));
-  ASSERT_EQ(told.confirmed.size(), 1U);
-  EXPECT_GT(told.confirmed[0].first_evidence_ns, kBeginNs + NsOf(10.4));
+  const EngineOutput output = EngineOutputOf(std::move(frames));
+  ASSERT_EQ(output.confirmed.size(), 1U);
+  EXPECT_GT(output.confirmed[0].first_evidence_ns, kBeginNs + NsOf(10.4));
 }
 
 TEST(Engine, TellsOfNothingWhereNothingFlies) {
   for (std::uint32_t seed = 1; seed <= 3; ++seed) {
-    const Told told = ToldOf(Frames(Scene(seed, 1e9, 1e9), 250));
-    EXPECT_TRUE(told.confirmed.empty()) << seed;
-    EXPECT_TRUE(told.rows.empty()) << seed;
-    ASSERT_EQ(told.states.size(), 2U);
-    EXPECT_EQ(told.states[0], EngineState::kWarmingUp);
-    EXPECT_EQ(told.states[1], EngineState::kRunning);
+    const EngineOutput output = EngineOutputOf(Frames(Scene(seed, 1e9, 1e9), 250));
+    EXPECT_TRUE(output.confirmed.empty()) << seed;
+    EXPECT_TRUE(output.rows.empty()) << seed;
+    ASSERT_EQ(output.states.size(), 2U);
+    EXPECT_EQ(output.states[0], EngineState::kWarmingUp);
+    EXPECT_EQ(output.states[1], EngineState::kRunning);
   }
 }
 
 TEST(Engine, GivesTheSameRowsInWhateverOrderFramesComeThatAreNotTooLate) {
   const std::vector<Frame> frames = Frames(Scene(2, 5.0, 1e9), 160);
-  const Told in_order = ToldOf(frames);
+  const EngineOutput in_order = EngineOutputOf(frames);
   ASSERT_FALSE(in_order.rows.empty());
   std::vector<Frame> shuffled = frames;  // by 0.1 s: less than live.reorder_s
   for (std::size_t i = 10; i + 1 < shuffled.size(); i += 3) std::swap(shuffled[i], shuffled[i + 1]);
-  EXPECT_TRUE(AreSame(ToldOf(shuffled).rows, in_order.rows));
+  EXPECT_TRUE(AreSame(EngineOutputOf(shuffled).rows, in_order.rows));
 }
 
 TEST(Engine, DropsAndCountsFramesThatComeTooLateAndRefusesRepeatedStamps) {
@@ -229,45 +231,45 @@ constexpr TimeNs kHourNs = 3600 * TimeNs{1'000'000'000};
 
 TEST(Engine, AClockThatGoesBackIsANewBeginning) {
   const std::vector<Frame> frames = Jumping(300, 150, 300, -kHourNs);
-  const Told told = ToldOf(frames);
+  const EngineOutput output = EngineOutputOf(frames);
   using State = EngineState;
-  EXPECT_EQ(told.states, (std::vector<State>{State::kWarmingUp, State::kRunning, State::kWarmingUp,
-                                             State::kRunning}));
-  ASSERT_EQ(told.confirmed.size(), 2U);
-  EXPECT_EQ(told.confirmed[1].track_id, 1);
-  EXPECT_EQ(told.ended.size(), 2U);
+  EXPECT_EQ(output.states, (std::vector<State>{State::kWarmingUp, State::kRunning,
+                                               State::kWarmingUp, State::kRunning}));
+  ASSERT_EQ(output.confirmed.size(), 2U);
+  EXPECT_EQ(output.confirmed[1].track_id, 1);
+  EXPECT_EQ(output.ended.size(), 2U);
   // Before it and after it the rows are those of two engines.
-  std::vector<TrajectoryRow> rows = ToldOf({frames.begin(), frames.begin() + 150}).rows;
+  std::vector<TrajectoryRow> rows = EngineOutputOf({frames.begin(), frames.begin() + 150}).rows;
   ASSERT_GT(rows.size(), 50U);
-  for (TrajectoryRow row : ToldOf({frames.begin() + 150, frames.end()}).rows) {
+  for (TrajectoryRow row : EngineOutputOf({frames.begin() + 150, frames.end()}).rows) {
     row.track_id = 1;
     rows.push_back(row);
   }
   EXPECT_GT(rows.size(), 150U);
-  EXPECT_TRUE(AreSame(told.rows, rows));
+  EXPECT_TRUE(AreSame(output.rows, rows));
 }
 
 TEST(Engine, APauseLongerThanAllThatItRemembersIsANewBeginning) {
   const std::vector<Frame> frames = Jumping(300, 150, 300, kHourNs);
-  const Told told = ToldOf(frames);
-  EXPECT_EQ(told.states.size(), 4U);
-  std::vector<TrajectoryRow> rows = ToldOf({frames.begin(), frames.begin() + 150}).rows;
-  for (TrajectoryRow row : ToldOf({frames.begin() + 150, frames.end()}).rows) {
+  const EngineOutput output = EngineOutputOf(frames);
+  EXPECT_EQ(output.states.size(), 4U);
+  std::vector<TrajectoryRow> rows = EngineOutputOf({frames.begin(), frames.begin() + 150}).rows;
+  for (TrajectoryRow row : EngineOutputOf({frames.begin() + 150, frames.end()}).rows) {
     row.track_id = 1;
     rows.push_back(row);
   }
   EXPECT_GT(rows.size(), 150U);
-  EXPECT_TRUE(AreSame(told.rows, rows));
+  EXPECT_TRUE(AreSame(output.rows, rows));
   // A shorter one is none.
   const TimeNs shorter_ns = static_cast<TimeNs>((Config().live.window_s - 1.0) * 1e9);
-  EXPECT_EQ(ToldOf(Jumping(300, 150, 300, shorter_ns)).states.size(), 2U);
+  EXPECT_EQ(EngineOutputOf(Jumping(300, 150, 300, shorter_ns)).states.size(), 2U);
 }
 
 TEST(Engine, OneStampOfTheFarFutureBlindsNobody) {
-  const Told told = ToldOf(Jumping(300, 150, 151, 500'000 * kHourNs));
-  ASSERT_GT(told.rows.size(), 150U);
-  EXPECT_LT(told.rows.back().time_ns, kBeginNs + 300 * kPeriodNs);
-  EXPECT_GT(told.rows.back().time_ns, kBeginNs + 295 * kPeriodNs);
+  const EngineOutput output = EngineOutputOf(Jumping(300, 150, 151, 500'000 * kHourNs));
+  ASSERT_GT(output.rows.size(), 150U);
+  EXPECT_LT(output.rows.back().time_ns, kBeginNs + 300 * kPeriodNs);
+  EXPECT_GT(output.rows.back().time_ns, kBeginNs + 295 * kPeriodNs);
 }
 
 TEST(Engine, APauseOfSensorsLosesNoFrameAndFramesThatWaitAreCounted) {
@@ -301,9 +303,9 @@ TEST(Engine, ASensorFarBehindTheOthersIsLateAndEndsNothing) {
     frames.back().sensor = 1;
     frames.back().stamp_ns -= kHourNs;
   }
-  const Told told = ToldOf(std::move(frames), Config(), {"a", "b"});
-  EXPECT_EQ(told.states.size(), 2U);
-  EXPECT_TRUE(AreSame(told.rows, ToldOf(alone).rows));
+  const EngineOutput output = EngineOutputOf(std::move(frames), Config(), {"a", "b"});
+  EXPECT_EQ(output.states.size(), 2U);
+  EXPECT_TRUE(AreSame(output.rows, EngineOutputOf(alone).rows));
 }
 
 TEST(Engine, ADroneThatHoversForLongerThanTheWindowStaysOneTrack) {
@@ -324,10 +326,10 @@ TEST(Engine, ADroneThatHoversForLongerThanTheWindowStaysOneTrack) {
       frames.back().points_m.push_back((at_m + random.NormalVector(0.1)).cast<float>());
     }
   }
-  const Told told = ToldOf(std::move(frames), config);
-  ASSERT_EQ(told.confirmed.size(), 1U);
-  EXPECT_GT(told.rows.size(), 320U);
-  EXPECT_GT(static_cast<double>(told.rows.back().time_ns - kBeginNs) * 1e-9, 40.0);
+  const EngineOutput output = EngineOutputOf(std::move(frames), config);
+  ASSERT_EQ(output.confirmed.size(), 1U);
+  EXPECT_GT(output.rows.size(), 320U);
+  EXPECT_GT(static_cast<double>(output.rows.back().time_ns - kBeginNs) * 1e-9, 40.0);
 }
 
 TEST(Engine, TellsWhenASensorIsSilentAndWhenItIsBack) {
@@ -340,9 +342,9 @@ TEST(Engine, TellsWhenASensorIsSilentAndWhenItIsBack) {
       frames.back().stamp_ns += kPeriodNs / 3;
     }
   }
-  const Told told = ToldOf(std::move(frames), Config(), {"a", "b"});
+  const EngineOutput output = EngineOutputOf(std::move(frames), Config(), {"a", "b"});
   std::vector<SensorState> states;
-  for (const SensorChanged& change : told.sensors) {
+  for (const SensorChanged& change : output.sensors) {
     if (change.sensor == 1) states.push_back(change.state);
   }
   EXPECT_EQ(states,
@@ -365,11 +367,11 @@ TEST(Engine, InThickFogItTellsThatItIsBlindedAndOfNoDroneThatIsNotThere) {
   for (std::uint32_t seed = 1; seed <= 2; ++seed) {
     std::vector<Frame> frames = Frames(Scene(seed, 1e9, 1e9), 100);
     AddFog(1500, seed, &frames);
-    const Told told = ToldOf(frames);
-    EXPECT_TRUE(told.confirmed.empty()) << seed;
-    ASSERT_EQ(told.sensors.size(), 2U) << seed;
-    EXPECT_EQ(told.sensors[0].state, SensorState::kOk);
-    EXPECT_EQ(told.sensors[1].state, SensorState::kBlinded);
+    const EngineOutput output = EngineOutputOf(frames);
+    EXPECT_TRUE(output.confirmed.empty()) << seed;
+    ASSERT_EQ(output.sensors.size(), 2U) << seed;
+    EXPECT_EQ(output.sensors[0].state, SensorState::kOk);
+    EXPECT_EQ(output.sensors[1].state, SensorState::kBlinded);
   }
 }
 
@@ -385,7 +387,7 @@ TEST(Engine, SnowThatComesIsNoSwarmOfDrones) {
       frames[static_cast<std::size_t>(i)].points_m.push_back(flake_m);
     }
   }
-  EXPECT_EQ(ToldOf(frames).confirmed.size(), 0U);
+  EXPECT_EQ(EngineOutputOf(frames).confirmed.size(), 0U);
 }
 
 TEST(Engine, AWindowThatIsCoveredForAWhileBlindsOneSensorForThatWhile) {
@@ -397,12 +399,12 @@ TEST(Engine, AWindowThatIsCoveredForAWhileBlindsOneSensorForThatWhile) {
     frames.back().stamp_ns += kPeriodNs / 3;
     if (i >= 100 && i < 200) frames.back().points_m.clear();
   }
-  const Told told = ToldOf(std::move(frames), Config(), {"a", "b"});
-  ASSERT_EQ(told.sensors.size(), 4U);
-  EXPECT_EQ(told.sensors[2].sensor, 1U);
-  EXPECT_EQ(told.sensors[2].state, SensorState::kBlinded);
-  EXPECT_EQ(told.sensors[3].sensor, 1U);
-  EXPECT_EQ(told.sensors[3].state, SensorState::kOk);
+  const EngineOutput output = EngineOutputOf(std::move(frames), Config(), {"a", "b"});
+  ASSERT_EQ(output.sensors.size(), 4U);
+  EXPECT_EQ(output.sensors[2].sensor, 1U);
+  EXPECT_EQ(output.sensors[2].state, SensorState::kBlinded);
+  EXPECT_EQ(output.sensors[3].sensor, 1U);
+  EXPECT_EQ(output.sensors[3].state, SensorState::kOk);
 }
 
 TEST(Engine, TellsTheSameWhereverItsSensorStands) {
@@ -410,8 +412,8 @@ TEST(Engine, TellsTheSameWhereverItsSensorStands) {
   Config moved;
   moved.sensors["a"].translation_m = by_m;
   const std::vector<Frame> frames = Frames(Scene(1, 6.0, 14.0), 200);
-  const Told at_origin = ToldOf(frames);
-  const Told elsewhere = ToldOf(frames, moved);
+  const EngineOutput at_origin = EngineOutputOf(frames);
+  const EngineOutput elsewhere = EngineOutputOf(frames, moved);
   ASSERT_EQ(elsewhere.confirmed.size(), 1U);
   ASSERT_EQ(elsewhere.rows.size(), at_origin.rows.size());
   for (std::size_t i = 0; i < elsewhere.rows.size(); ++i) {
@@ -434,12 +436,12 @@ TEST(Engine, AStationThatIsHeardLaterLearnsWhatIsAboutItAndFindsItsDrone) {
     frames.push_back(about_a.FrameAt(i, 0));
     if (i >= 80) frames.push_back(about_b.FrameAt(i, 1));
   }
-  const Told told = ToldOf(frames, config, {"a", "b"});
-  ASSERT_EQ(told.confirmed.size(), 1U);
-  EXPECT_NEAR(static_cast<double>(told.confirmed[0].first_evidence_ns - kBeginNs) * 1e-9, 20.0,
+  const EngineOutput output = EngineOutputOf(frames, config, {"a", "b"});
+  ASSERT_EQ(output.confirmed.size(), 1U);
+  EXPECT_NEAR(static_cast<double>(output.confirmed[0].first_evidence_ns - kBeginNs) * 1e-9, 20.0,
               0.6);
-  ASSERT_GT(told.rows.size(), 70U);
-  for (const TrajectoryRow& row : told.rows) {
+  ASSERT_GT(output.rows.size(), 70U);
+  for (const TrajectoryRow& row : output.rows) {
     const Eigen::Vector3d truth_m =
         by_m + Scene::DroneAt(static_cast<double>(row.time_ns - kBeginNs) * 1e-9);
     EXPECT_LT((row.position_m - truth_m).norm(), 0.5);
@@ -453,16 +455,16 @@ TEST(Engine, APauseOfAllSensorsMakesNoNewScene) {
     frames.push_back(scene.FrameAt(i));
     if (i >= 150) frames.back().stamp_ns += 3600 * TimeNs{1'000'000'000};
   }
-  EXPECT_TRUE(ToldOf(std::move(frames)).confirmed.empty());
+  EXPECT_TRUE(EngineOutputOf(std::move(frames)).confirmed.empty());
 }
 
 TEST(Engine, AdvanceGivesWhatIsDueTellsOfSilenceAndEndsWhatMayComeLate) {
   Scene scene(7, 4.0, 1e9);
-  Told told;
+  EngineOutput output;
   TimeNs last_row_ns = 0;
   Engine engine(Config(), {"a"}, [&](const EngineEvent& event) {
     if (const auto* row = std::get_if<RowGiven>(&event)) last_row_ns = row->row.time_ns;
-    if (const auto* at = std::get_if<SensorChanged>(&event)) told.sensors.push_back(*at);
+    if (const auto* at = std::get_if<SensorChanged>(&event)) output.sensors.push_back(*at);
   });
   engine.Advance(kBeginNs);  // nothing has begun
   EXPECT_EQ(engine.newest_ns(), 0);
@@ -473,17 +475,17 @@ TEST(Engine, AdvanceGivesWhatIsDueTellsOfSilenceAndEndsWhatMayComeLate) {
   const double silent_s = Config().live.silent_s;
   engine.Advance(end_ns + static_cast<TimeNs>((silent_s - 0.1) * 1e9));
   EXPECT_EQ(last_row_ns, end_ns);
-  EXPECT_EQ(told.sensors.size(), 1U);
+  EXPECT_EQ(output.sensors.size(), 1U);
   engine.Advance(end_ns + static_cast<TimeNs>((silent_s + 0.1) * 1e9));
-  ASSERT_EQ(told.sensors.size(), 2U);
-  EXPECT_EQ(told.sensors.back().state, SensorState::kSilent);
+  ASSERT_EQ(output.sensors.size(), 2U);
+  EXPECT_EQ(output.sensors.back().state, SensorState::kSilent);
   engine.Advance(end_ns);  // time does not run back
   EXPECT_EQ(engine.newest_ns(), end_ns + static_cast<TimeNs>((silent_s + 0.1) * 1e9));
   engine.Add(scene.FrameAt(120));
   EXPECT_EQ(engine.late_frames(), 1U);
   engine.Add(scene.FrameAt(150));
-  ASSERT_EQ(told.sensors.size(), 3U);
-  EXPECT_EQ(told.sensors.back().state, SensorState::kOk);
+  ASSERT_EQ(output.sensors.size(), 3U);
+  EXPECT_EQ(output.sensors.back().state, SensorState::kOk);
   engine.Close();
 }
 
@@ -491,7 +493,7 @@ TEST(Engine, WithAnEndlessDelayAdvanceChangesNoRow) {
   const std::vector<Frame> frames = Frames(Scene(8, 4.0, 12.0), 160);
   Config endless;
   endless.live.delay_s = std::numeric_limits<double>::infinity();
-  const Told alone = ToldOf(frames, endless);
+  const EngineOutput alone = EngineOutputOf(frames, endless);
   ASSERT_FALSE(alone.rows.empty());
   std::vector<TrajectoryRow> rows;
   Engine engine(endless, {"a"}, [&](const EngineEvent& event) {
@@ -512,7 +514,7 @@ TEST(Engine, PointTimesAreOffsetsWhateverTheStampsAreLike) {
     frame.stamp_ns -= kBeginNs - kPeriodNs / 100;
     frame.offsets_ns.assign(frame.points_m.size(), kPeriodNs / 2);
   }
-  EXPECT_NO_THROW(ToldOf(frames));
+  EXPECT_NO_THROW(EngineOutputOf(frames));
   EXPECT_NO_THROW(TrackRecording(Config(), {"a"}, frames));
 }
 

@@ -28,7 +28,7 @@ std::vector<Plot> PathAt(double height_m, int num_frames, std::uint32_t returns_
 }
 
 bool IsKnownToBeInTheAir(const std::vector<Plot>& path, const Recording& recording = {}) {
-  return OffGroundM(recording, path, Config()) < kHigh_m;
+  return MinFlightHeightM(recording, path, Config()) < kHigh_m;
 }
 
 TEST(Flight, WhatHasNothingBelowItInEnoughReturnsIsInTheAir) {

@@ -46,13 +46,13 @@ class Follower {
     while (const auto frame = folders.Next()) {
       const fs::path path = frame->file.path;
       names.push_back((path.parent_path().filename() / path.filename()).string());
-      came.push_back(frame->came.has_value());
+      arrived.push_back(frame->arrived.has_value());
     }
     return names;
   }
 
   std::vector<std::string> bad;
-  std::vector<bool> came;  // of each frame: it came while the folder was followed
+  std::vector<bool> arrived;  // of each frame: it arrived while the folder was followed
   FollowedFolders folders;
 };
 
@@ -72,11 +72,11 @@ TEST(FollowedFolders, GivesWhatIsThereInOrderOfStampsThenWhatAppears) {
   fs::create_directories(folder / "f/7.0.pcd");
   Follower follower({folder / "f"});
   EXPECT_EQ(follower.Take(), (Names{"f/9.5.pcd", "f/10.0.pcd", "f/11.0.pcd"}));
-  EXPECT_EQ(follower.came, (std::vector<bool>{false, false, false}));
+  EXPECT_EQ(follower.arrived, (std::vector<bool>{false, false, false}));
   Rename(folder, "f/12.0.pcd");
   folder.Write("f/11.5.pcd", "");  // closed after it was written
   EXPECT_EQ(follower.Take(), (Names{"f/11.5.pcd", "f/12.0.pcd"}));
-  EXPECT_TRUE(follower.came.back());
+  EXPECT_TRUE(follower.arrived.back());
   EXPECT_TRUE(follower.Take().empty());
   EXPECT_TRUE(follower.bad.empty());
 }
@@ -95,7 +95,7 @@ TEST(FollowedFolders, OnlyWhatWasThereHasNoTimeOfArrival) {
   folder.Write("g/4.0.pcd", "");
   fs::rename(folder / "g", folder / "f");
   EXPECT_EQ(follower.Take(), Names{"f/4.0.pcd"});  // found by listing
-  EXPECT_EQ(follower.came, (std::vector<bool>{false, false, true, true}));
+  EXPECT_EQ(follower.arrived, (std::vector<bool>{false, false, true, true}));
 }
 
 TEST(FollowedFolders, TellsByItsDescriptorThatSomethingHappened) {
@@ -262,21 +262,21 @@ TEST(FollowedFolders, PassesOverWhatAnEarlierRunHasWorkedOff) {
   const TemporaryFolder folder;
   for (const char* name : {"f/1.0.pcd", "f/2.0.pcd", "f/3.0.pcd"}) folder.Write(name, "");
   Follower follower({folder / "f"}, 2'000'000'000);
-  EXPECT_EQ(follower.folders.counts().worked_off, 2U);
+  EXPECT_EQ(follower.folders.counts().already_processed, 2U);
   EXPECT_EQ(follower.Take(), Names{"f/3.0.pcd"});
   folder.Write("f/1.5.pcd", "");  // it is new, whatever its clock says
   EXPECT_EQ(follower.Take(), Names{"f/1.5.pcd"});
   fs::rename(folder / "f", folder / "g");
   fs::rename(folder / "g", folder / "f");
   EXPECT_TRUE(follower.Take().empty());  // listed again
-  EXPECT_EQ(follower.folders.counts().worked_off, 2U);
+  EXPECT_EQ(follower.folders.counts().already_processed, 2U);
   EXPECT_EQ(follower.folders.counts().passed_over, 0U);
 }
 
 TEST(FollowedFolders, GivesFramesOfAClockThatHasGoneBackHoweverManyItGaveBefore) {
   const TemporaryFolder folder;
   Follower follower({folder / "f"});
-  const int count = static_cast<int>(FollowedFolders::kMaxGiven) + 100;
+  const int count = static_cast<int>(FollowedFolders::kMaxDelivered) + 100;
   for (int i = 0; i < count; ++i) folder.Write("f/" + std::to_string(10'000 + i) + ".0.pcd", "");
   EXPECT_EQ(follower.Take().size(), static_cast<std::size_t>(count));
   for (const char* name : {"f/5000.0.pcd", "f/5001.0.pcd"}) folder.Write(name, "");

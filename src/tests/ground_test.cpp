@@ -98,7 +98,7 @@ TEST(Ground, HoldsWhatIsNoHigherThanItIsThick) {
     for (int i = 0; i < 500; ++i) {
       Eigen::Vector3d p = random.InBox({-kHalf_m, -kHalf_m, 0}, {kHalf_m, kHalf_m, 0});
       p.z() = SlopeAt(p.x(), p.y()) + random.Uniform(-1.0, 2.0);
-      const bool holds = ground.Holds(p.cast<float>());
+      const bool holds = ground.IsGround(p.cast<float>());
       EXPECT_EQ(holds, ground.HeightAbove(p.cast<float>()) < thickness_m);
       num_held += holds ? 1 : 0;
     }
@@ -109,7 +109,7 @@ TEST(Ground, HoldsWhatIsNoHigherThanItIsThick) {
 
 TEST(Ground, HoldsNothingWhereNoneIsSeen) {
   const Ground ground({}, GroundConfig());
-  EXPECT_FALSE(ground.Holds({3.0F, 4.0F, -100.0F}));
+  EXPECT_FALSE(ground.IsGround({3.0F, 4.0F, -100.0F}));
 }
 
 TEST(Ground, OfASensorThatLooksUpIsInfinitelyFarBelow) {

@@ -45,7 +45,7 @@ TEST(HeldFrames, WhereThereAreTooManyTheSensorWithTheMostLosesItsOldest) {
     TimeNs lost = 0;
     for (TimeNs k = 0; k < 1000; ++k) {
       held.Add(FrameOf(0, "many", points), k);
-      while (held.TakeSurplus(Never, &taken)) {
+      while (held.TakeOverflow(Never, &taken)) {
         EXPECT_EQ(taken.frame.sensor, 0U);
         EXPECT_EQ(taken.time_ns, lost++);
       }

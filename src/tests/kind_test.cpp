@@ -31,13 +31,13 @@ std::vector<Measurement> Measure(const Path& path, double duration_s, double sig
   return measurements;
 }
 
-FlightCharacter Judge(const Trajectory& trajectory) {
+FlightStatistics Judge(const Trajectory& trajectory) {
   KindFilter filter;
   filter.Observe(trajectory, trajectory.end_ns());
   return filter.Describe();
 }
 
-FlightCharacter Judge(const Path& path, double duration_s, double sigma_m = 0.05) {
+FlightStatistics Judge(const Path& path, double duration_s, double sigma_m = 0.05) {
   return Judge(FitTrajectory(Measure(path, duration_s, sigma_m), {}));
 }
 
@@ -73,7 +73,7 @@ void ExpectNear(const Kind& a, const Kind& b, double tolerance) {
 }
 
 TEST(Kind, WhatHoversIsADrone) {
-  const FlightCharacter character = Judge(Hover, 10.0);
+  const FlightStatistics character = Judge(Hover, 10.0);
   EXPECT_GT(character.kind.drone, 0.95);
   EXPECT_EQ(character.hover_share, 1.0);
   EXPECT_LT(character.wander_m, 0.3);
@@ -178,7 +178,7 @@ TEST(Kind, TheLessIsKnownTheNearerToThePrior) {
 TEST(Kind, AGapSaysLittle) {
   std::vector<Measurement> measurements = Measure(Hover, 12.0, 0.05);
   measurements.erase(measurements.begin() + 11, measurements.end() - 11);
-  const FlightCharacter gap = Judge(FitTrajectory(measurements, {}));
+  const FlightStatistics gap = Judge(FitTrajectory(measurements, {}));
   EXPECT_EQ(gap.seconds, 12.0);
   EXPECT_LT(gap.kind.drone, Judge(Hover, 12.0).kind.drone);
 }
@@ -191,7 +191,7 @@ TEST(Kind, SecondBySecondIsAsAllAtOnce) {
     filter.Observe(trajectory, at_ns);
   }
   filter.Observe(trajectory, trajectory.end_ns());
-  const FlightCharacter all = Judge(trajectory);
+  const FlightStatistics all = Judge(trajectory);
   EXPECT_EQ(filter.Describe().seconds, 12.0);
   EXPECT_EQ(filter.kind().drone, all.kind.drone);
   EXPECT_EQ(filter.Describe().log_ratios, all.log_ratios);
@@ -203,7 +203,7 @@ TEST(Kind, AbsurdSpeedsAreNoFault) {
     for (std::size_t i = 0; i < trajectory.control_points_m.size(); ++i) {
       trajectory.control_points_m[i] *= speed_mps;
     }
-    const FlightCharacter character = Judge(LessSure(trajectory, 1e-6));
+    const FlightStatistics character = Judge(LessSure(trajectory, 1e-6));
     EXPECT_NEAR(character.kind.drone + character.kind.bird_like + character.kind.unknown, 1.0,
                 1e-9);
     for (const double log_ratio : character.log_ratios) EXPECT_TRUE(std::isfinite(log_ratio));

@@ -23,8 +23,8 @@ class LiveClutterTest : public ::testing::Test {
                  config_.support) {}
 
   // A twig that is hit now and then, and one thing that was there once, in the first frame.
-  static std::vector<SeenPlot> PlotsOf(int i) {
-    std::vector<SeenPlot> plots;
+  static std::vector<LivePlot> PlotsOf(int i) {
+    std::vector<LivePlot> plots;
     const auto add = [&](const Eigen::Vector3d& place_m) {
       plots.emplace_back();
       Plot& plot = plots.back().plot;
@@ -37,8 +37,8 @@ class LiveClutterTest : public ::testing::Test {
     return plots;
   }
 
-  std::vector<SeenPlot> Judge(LiveClutter* clutter, int i) const {
-    std::vector<SeenPlot> plots = PlotsOf(i);
+  std::vector<LivePlot> Judge(LiveClutter* clutter, int i) const {
+    std::vector<LivePlot> plots = PlotsOf(i);
     clutter->AddFrame(0, i * kPeriodS);
     clutter->Judge(support_, i * kPeriodS, &plots);
     return plots;
@@ -53,17 +53,17 @@ class LiveClutterTest : public ::testing::Test {
 TEST_F(LiveClutterTest, WhatIsForeseenTellsOfTheClutterBeforeIt) {
   LiveClutter clutter(config_, 60.0);
   LiveClutter blind(config_, 60.0);
-  for (int i = 0; i < kFrames; ++i) clutter.Foresee(0, i * kPeriodS, PlotsOf(i));
-  const std::vector<SeenPlot> first = Judge(&clutter, 0);
+  for (int i = 0; i < kFrames; ++i) clutter.AddLookahead(0, i * kPeriodS, PlotsOf(i));
+  const std::vector<LivePlot> first = Judge(&clutter, 0);
   EXPECT_GT(first[0].plot.log_clutter, first[1].plot.log_clutter + 3.0);
-  const std::vector<SeenPlot> unforeseen = Judge(&blind, 0);
+  const std::vector<LivePlot> unforeseen = Judge(&blind, 0);
   EXPECT_NEAR(unforeseen[0].plot.log_clutter, unforeseen[1].plot.log_clutter, 0.1);
 }
 
 TEST_F(LiveClutterTest, WhatABlindedSensorSeesIsNotKnownToFloat) {
   LiveClutter clutter(config_, 60.0);
   for (int i = 0; i < 120; ++i) {
-    std::vector<SeenPlot> plots(1);
+    std::vector<LivePlot> plots(1);
     plots[0].plot.position_m = plots[0].plot.ray_m = kTwig_m;
     plots[0].plot.variance_m2 = 0.02;
     plots[0].plot.frame = static_cast<std::uint32_t>(i);
@@ -80,10 +80,10 @@ TEST_F(LiveClutterTest, WhatABlindedSensorSeesIsNotKnownToFloat) {
 TEST_F(LiveClutterTest, WhatWasForeseenCountsOnce) {
   LiveClutter clutter(config_, 60.0);
   LiveClutter blind(config_, 60.0);
-  for (int i = 0; i < kFrames; ++i) clutter.Foresee(0, i * kPeriodS, PlotsOf(i));
+  for (int i = 0; i < kFrames; ++i) clutter.AddLookahead(0, i * kPeriodS, PlotsOf(i));
   for (int i = 0; i < 2 * kFrames; ++i) {
-    const std::vector<SeenPlot> a = Judge(&clutter, i);
-    const std::vector<SeenPlot> b = Judge(&blind, i);
+    const std::vector<LivePlot> a = Judge(&clutter, i);
+    const std::vector<LivePlot> b = Judge(&blind, i);
     if (i < kFrames + 13) continue;
     for (std::size_t k = 0; k < a.size(); ++k) {
       EXPECT_NEAR(a[k].plot.log_clutter, b[k].plot.log_clutter, 0.05) << i;

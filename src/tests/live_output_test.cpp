@@ -53,7 +53,7 @@ class OnlyDrones : public ::testing::Test {
     int second = 0;
     for (const double drone : drones) {
       ++second;
-      output_.Give(second * kSecondNs, Row(second, drone, track_id));
+      output_.AddRow(second * kSecondNs, Row(second, drone, track_id));
     }
     output_.End(second * kSecondNs, {track_id, second * kSecondNs, {}});
     output_.Flush();
@@ -94,14 +94,14 @@ TEST(LiveOutput, NumbersThatJsonDoesNotHaveAreNeverWritten) {
   const std::string path = folder / "traj.csv";
   LiveOutput output(path, folder / "events.jsonl", kRows, signals, [](const std::string&) {});
   output.Confirm({0, 0, {}});
-  output.Give(kSecondNs, Row(1, 0.5));
+  output.AddRow(kSecondNs, Row(1, 0.5));
   for (const double value : {std::nan(""), HUGE_VAL, -HUGE_VAL, 1e300}) {
     RowGiven given = Row(2, 0.5);
     given.row.position_m.y() = value;
-    output.Give(2 * kSecondNs, given);
+    output.AddRow(2 * kSecondNs, given);
     given = Row(2, 0.5);
     given.row.sigma_m.z() = value;
-    output.Give(2 * kSecondNs, given);
+    output.AddRow(2 * kSecondNs, given);
   }
   output.Flush();
   EXPECT_EQ(ReadFile(path), Text({1}));
@@ -114,8 +114,8 @@ TEST(LiveOutput, RowsThatTheFileHoldsAreLeftOutAndCounted) {
   Signals signals;
   std::ofstream(path) << Text({1, 2, 3});
   LiveOutput output(path, "", kRows, signals, [](const std::string&) {});
-  output.LeaveOut(std::nullopt, *output.row_times().latest_ns());
-  for (const int second : {2, 3, 4}) output.Give(second * kSecondNs, Row(second, 0.5));
+  output.SkipRows(std::nullopt, *output.row_times().latest_ns());
+  for (const int second : {2, 3, 4}) output.AddRow(second * kSecondNs, Row(second, 0.5));
   EXPECT_EQ(output.left_out_rows(), 2U);
 }
 
@@ -142,11 +142,11 @@ TEST(LiveOutput, AFirstRowThatIsNotLaterThanTheFileIsRefusedAndAnyAfterALaterOne
   for (const int second : {2, 3}) {
     LiveOutput output(path, events, kRows, signals, ignore);
     output.RefuseEarlierRows();
-    output.TellState(0, LiveState::kWarmingUp, 1, 0);
+    output.ReportState(0, LiveState::kWarmingUp, 1, 0);
     output.Flush();
     EXPECT_NE(ReadFile(events), "");  // which wait for no row
     output.Confirm({0, 0, {}});
-    EXPECT_THROW(output.Give(second * kSecondNs, Row(second, 0.5)), OutputError);
+    EXPECT_THROW(output.AddRow(second * kSecondNs, Row(second, 0.5)), OutputError);
     output.Flush();
     EXPECT_EQ(ReadFile(path), Text({1, 2, 3}));
     EXPECT_EQ(ReadFile(events).find("\"row\""), std::string::npos);
@@ -154,8 +154,8 @@ TEST(LiveOutput, AFirstRowThatIsNotLaterThanTheFileIsRefusedAndAnyAfterALaterOne
   LiveOutput output(path, events, kRows, signals, ignore);
   output.RefuseEarlierRows();
   output.Confirm({0, 0, {}});
-  output.Give(4 * kSecondNs, Row(4, 0.5));
-  output.Give(kSecondNs, Row(1, 0.5));  // the clock of the station went back
+  output.AddRow(4 * kSecondNs, Row(4, 0.5));
+  output.AddRow(kSecondNs, Row(1, 0.5));  // the clock of the station went back
   output.Flush();
   std::string rows = Text({1, 2, 3});
   AppendTrajectoryRow(Row(4, 0.0).row, 1, rows);
@@ -172,8 +172,8 @@ TEST(LiveOutput, RowsThatWereHeldAreRefusedByTheFirstOfThem) {
   output.RefuseEarlierRows();
   output.KeepOnlyDrones(0.8, 60 * kSecondNs);
   output.Confirm({0, 0, {}});
-  output.Give(3 * kSecondNs, Row(3, 0.5));
-  EXPECT_THROW(output.Give(4 * kSecondNs, Row(4, 0.9)), OutputError);
+  output.AddRow(3 * kSecondNs, Row(3, 0.5));
+  EXPECT_THROW(output.AddRow(4 * kSecondNs, Row(4, 0.9)), OutputError);
 }
 
 TEST(LiveOutput, ATrackIsToldWithItsFirstRowSoThatNoKillMakesTwoOfOneNumber) {
@@ -184,7 +184,7 @@ TEST(LiveOutput, ATrackIsToldWithItsFirstRowSoThatNoKillMakesTwoOfOneNumber) {
   output.Confirm({0, 0, {}});
   output.Flush();
   EXPECT_EQ(ReadFile(events), "");
-  output.Give(kSecondNs, Row(1, 0.5));
+  output.AddRow(kSecondNs, Row(1, 0.5));
   output.Flush();
   const std::string told = ReadFile(events);
   EXPECT_EQ(told.find("{\"event\":\"track\""), 0U);

@@ -98,7 +98,7 @@ std::vector<SceneFrame> FramesOf(int count, Station station = {0, Eigen::Vector3
 std::size_t NumFloating(const std::vector<SceneFrame>& frames) {
   std::size_t count = 0;
   for (const SceneFrame& frame : frames) {
-    for (const SeenPlot& seen : frame.plots) {
+    for (const LivePlot& seen : frame.plots) {
       if (seen.plot.position_m.z() > 5.0 && seen.plot.is_floating) ++count;
     }
   }
@@ -129,7 +129,7 @@ TEST(LiveScene, EveryFrameLeavesItOnceInOrderAndIsSearchedInASceneThatWasWarm) {
     const SceneFrame& frame = frames[static_cast<std::size_t>(i)];
     EXPECT_EQ(frame.info.stamp_ns, kBeginNs + i * kPeriodNs);
     EXPECT_NEAR(frame.time_s, testing::MiddleS(i), 1e-9);
-    EXPECT_EQ(frame.watched_s, std::max(3.0, frame.time_s));
+    EXPECT_EQ(frame.observed_s, std::max(3.0, frame.time_s));
     EXPECT_TRUE(frame.is_searched);
   }
 }
@@ -195,7 +195,7 @@ TEST(LiveScene, AStationThatComesLaterIsWarmLater) {
     while (scene.Next(kEndless, &frame)) {
       if (frame.info.sensor == 0) continue;
       const double own_s = (i - kLater + 0.5) * kPeriodS;
-      EXPECT_NEAR(frame.watched_s, own_s, 1e-9) << i;
+      EXPECT_NEAR(frame.observed_s, own_s, 1e-9) << i;
       EXPECT_EQ(frame.is_searched, own_s > 6.0) << i;
     }
   }

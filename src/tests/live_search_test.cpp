@@ -32,9 +32,9 @@ std::optional<double> BeginOfFlight(int num_frames, const PlaceAt& place_at) {
     SceneFrame frame;
     frame.info = testing::FrameAt(i);
     frame.time_s = testing::MiddleS(i);
-    frame.watched_s = 60.0;
+    frame.observed_s = 60.0;
     frame.is_searched = true;
-    SeenPlot seen;
+    LivePlot seen;
     seen.time_s = frame.time_s;
     seen.stamp_ns = frame.info.stamp_ns;
     Plot& plot = seen.plot;
@@ -90,11 +90,11 @@ double LeastScoreBeside(double distance_m) {
     SceneFrame frame;
     frame.info = testing::FrameAt(i);
     frame.time_s = testing::MiddleS(i);
-    frame.watched_s = 3.0;
+    frame.observed_s = 3.0;
     frame.is_searched = true;
     const Eigen::Vector3d at_m(3.0 * frame.time_s, 0.0, 20.0);
     for (int k = 0; k <= kNumOthers; ++k) {
-      SeenPlot seen;
+      LivePlot seen;
       seen.time_s = frame.time_s;
       seen.stamp_ns = frame.info.stamp_ns;
       Plot& plot = seen.plot;
@@ -112,7 +112,7 @@ double LeastScoreBeside(double distance_m) {
     }
     search.Begin(frame);
     for (const Path& path : search.Extend(frame, {1, 1, 1, 1})) {
-      if (search.FlightOf(path) != nullptr) return search.LeastScoreOf(path);
+      if (search.FlightOf(path) != nullptr) return search.ScoreThresholdOf(path);
     }
   }
   ADD_FAILURE() << "no flight";

@@ -34,11 +34,11 @@ class Port {
     Datagram datagram;
     datagram.source = source;
     datagram.received_ns = kBeginNs;
-    datagram.came = Datagram::Clock::time_point(std::chrono::milliseconds(at_ms));
+    datagram.arrived = Datagram::Clock::time_point(std::chrono::milliseconds(at_ms));
     datagram.payload = Packet2(header, Repeated(point, rays), false);
     LivoxLidar* const lidar = lidars.Take(datagram);
     while (lidar->cutter.Next()) {
-      if (!lidar->sensor) lidar->sensor = lidars.FreePlace();
+      if (!lidar->sensor) lidar->sensor = lidars.FreeSlot();
       if (!lidar->sensor) lidar->sensor = next_sensor++;
     }
     return *lidar;

@@ -40,7 +40,7 @@ class Sensor {
       const auto reading =
           time.Take(PacketOf(stamp_ns), {unix_ns() + late_ns, steady_ns + late_ns}, 0);
       if (!reading) continue;
-      if (reading->is_anew) {
+      if (reading->is_restart) {
         ++times_anew;
       } else {
         EXPECT_GT(reading->time_ns, last_ns);

@@ -29,12 +29,12 @@ Recording FramesOnly() {
 }
 
 double BestScore(const std::vector<Plot>& plots) {
-  return FindPaths(plots, WatchOf(FramesOnly()), TrackerConfig()).front().score;
+  return FindPaths(plots, ScanScheduleOf(FramesOnly()), TrackerConfig()).front().score;
 }
 
 double NullScoreOf(const std::vector<Plot>& plots) {
   const Recording recording = FramesOnly();
-  return NullScore(recording, plots, std::vector<char>(plots.size(), 1), WatchOf(recording),
+  return NullScore(recording, plots, std::vector<char>(plots.size(), 1), ScanScheduleOf(recording),
                    TrackerConfig());
 }
 
@@ -86,8 +86,9 @@ TEST(NullScore, IsThatOfTheClutterAloneAndTheSameEveryTime) {
   const std::vector<Plot> alone(plots.begin(),
                                 plots.begin() + static_cast<std::ptrdiff_t>(num_clutter));
   const Recording recording = FramesOnly();
-  const Watch watch = WatchOf(recording);
-  EXPECT_EQ(NullScore(recording, plots, are_clutter, watch, TrackerConfig()), NullScoreOf(alone));
+  const ScanSchedule scan_schedule = ScanScheduleOf(recording);
+  EXPECT_EQ(NullScore(recording, plots, are_clutter, scan_schedule, TrackerConfig()),
+            NullScoreOf(alone));
   EXPECT_EQ(NullScoreOf(alone), NullScoreOf(alone));
   EXPECT_EQ(NullScoreOf({}), 0.0);
 }

@@ -85,9 +85,9 @@ TEST_F(OccupancyTest, TellsSinceWhenAPlaceIsHit) {
     Bin(bin, bin < 4 || (bin >= 40 && bin % 2 == 0));
     const Occupancy::Verdict verdict = occupancy_.Judge({10, 5, 3}, bin, 0, NeverFloats);
     if (bin >= 40 && bin < 100) {
-      EXPECT_EQ(verdict.since_bin, 40) << bin;
+      EXPECT_EQ(verdict.dwell_begin_bin, 40) << bin;
     } else if (bin >= 110) {
-      EXPECT_FALSE(verdict.since_bin) << bin;
+      EXPECT_FALSE(verdict.dwell_begin_bin) << bin;
     }
   }
 }

@@ -12,6 +12,7 @@
 
 #include "app/output.hpp"
 #include "io/pcd.hpp"
+#include "io/stamp_list.hpp"
 #include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
@@ -212,36 +213,36 @@ void ExpectFrames(const TimeInterval& interval, int first, int last) {
 
 const Recording kHundredFrames = FramesOf(std::vector<std::uint32_t>(100, 1));
 
-TEST(PresenceInterval, OfATargetSeenInEveryFrameIsItsFirstAndLastFrame) {
-  ExpectFrames(PresenceInterval(kHundredFrames, SeenInFrames(EveryNth(1, 40, 20)), 0.05), 40, 59);
-  ExpectFrames(PresenceInterval(kHundredFrames, SeenInFrames({7}), 0.05), 7, 7);
+TEST(ExistenceInterval, OfATargetSeenInEveryFrameIsItsFirstAndLastFrame) {
+  ExpectFrames(ExistenceInterval(kHundredFrames, SeenInFrames(EveryNth(1, 40, 20)), 0.05), 40, 59);
+  ExpectFrames(ExistenceInterval(kHundredFrames, SeenInFrames({7}), 0.05), 7, 7);
 }
 
-TEST(PresenceInterval, GoesOnThroughALikelySilence) {
+TEST(ExistenceInterval, GoesOnThroughALikelySilence) {
   for (const int n : {2, 3, 5}) {
     const std::vector<Measurement> seen = SeenInFrames(EveryNth(n, 40, 6));
     for (const double probability : {0.3, 0.04, 0.011}) {
       const int silence = LongestLikelySilence(1.0 / n, probability);
-      ExpectFrames(PresenceInterval(kHundredFrames, seen, probability), 40 - silence,
+      ExpectFrames(ExistenceInterval(kHundredFrames, seen, probability), 40 - silence,
                    40 + 5 * n + silence);
     }
-    ExpectFrames(PresenceInterval(kHundredFrames, seen, 1.0), 40, 40 + 5 * n);
+    ExpectFrames(ExistenceInterval(kHundredFrames, seen, 1.0), 40, 40 + 5 * n);
   }
 }
 
-TEST(PresenceInterval, EachEndHasTheSilenceOfItsOwnMeasurements) {
+TEST(ExistenceInterval, EachEndHasTheSilenceOfItsOwnMeasurements) {
   std::vector<int> frames = EveryNth(1, 20, 20);
   const std::vector<int> sparse = EveryNth(4, 43, 9);
   frames.insert(frames.end(), sparse.begin(), sparse.end());
-  ExpectFrames(PresenceInterval(kHundredFrames, SeenInFrames(frames), 0.05), 20,
+  ExpectFrames(ExistenceInterval(kHundredFrames, SeenInFrames(frames), 0.05), 20,
                sparse.back() + LongestLikelySilence(0.25, 0.05));
 }
 
-TEST(PresenceInterval, OneOcclusionSaysNothingOfHowOftenATargetIsSeen) {
-  ExpectFrames(PresenceInterval(kHundredFrames, SeenInFrames({30, 31, 32, 52, 53}), 0.05), 30, 53);
+TEST(ExistenceInterval, OneOcclusionSaysNothingOfHowOftenATargetIsSeen) {
+  ExpectFrames(ExistenceInterval(kHundredFrames, SeenInFrames({30, 31, 32, 52, 53}), 0.05), 30, 53);
 }
 
-TEST(PresenceInterval, OfPausesOfDecadesDoesNotOverflow) {
+TEST(ExistenceInterval, OfPausesOfDecadesDoesNotOverflow) {
   constexpr TimeNs kDecadesNs = 1'900'000'000 * kSecond;
   Recording recording = FramesOf({1, 1, 1, 1, 1});
   std::vector<Measurement> seen(recording.frames.size());
@@ -251,17 +252,17 @@ TEST(PresenceInterval, OfPausesOfDecadesDoesNotOverflow) {
     frame.end_ns = frame.begin_ns + kPeriodNs;
     seen[i].time_ns = frame.begin_ns + kPeriodNs / 2;
   }
-  const TimeInterval interval = PresenceInterval(recording, seen, 1e-6);
+  const TimeInterval interval = ExistenceInterval(recording, seen, 1e-6);
   EXPECT_EQ(interval.begin_ns, recording.frames.front().begin_ns);
   EXPECT_EQ(interval.end_ns, recording.frames.back().end_ns);
 }
 
-TEST(PresenceInterval, EndsWithTheRecording) {
+TEST(ExistenceInterval, EndsWithTheRecording) {
   const Recording recording = FramesOf(std::vector<std::uint32_t>(30, 1));
-  ExpectFrames(PresenceInterval(recording, SeenInFrames(EveryNth(5, 2, 6)), 0.05), 0, 29);
+  ExpectFrames(ExistenceInterval(recording, SeenInFrames(EveryNth(5, 2, 6)), 0.05), 0, 29);
 }
 
-TEST(PresenceInterval, IsWidenedToTheFramesOfAnySensor) {
+TEST(ExistenceInterval, IsWidenedToTheFramesOfAnySensor) {
   Recording recording = FramesOf({1, 1, 1, 1});
   recording.sensors.push_back(recording.sensors.front());
   FrameInfo frame = recording.frames[1];
@@ -270,7 +271,7 @@ TEST(PresenceInterval, IsWidenedToTheFramesOfAnySensor) {
   frame.end_ns = 3 * kPeriodNs + kPeriodNs / 2 + 1;
   frame.first_return = frame.last_return = recording.frames[1].last_return;
   recording.frames.insert(recording.frames.begin() + 2, frame);
-  const TimeInterval interval = PresenceInterval(recording, SeenInFrames({1, 2, 3}), 0.05);
+  const TimeInterval interval = ExistenceInterval(recording, SeenInFrames({1, 2, 3}), 0.05);
   EXPECT_EQ(interval.begin_ns, kPeriodNs / 2);
   EXPECT_EQ(interval.end_ns, 4 * kPeriodNs);
 }
@@ -337,9 +338,9 @@ TEST(SampleRows, SigmasHoldWhatIsDoubtedAsWell) {
   constexpr double kOtherSigma_m = 0.3;
   for (const double probability : {0.005, 0.02, 0.2, 0.8}) {
     const Eigen::Vector3d offset_m(5.0, -0.1, 0.0);
-    const Doubt doubt{times_ns[0], probability, plain.position_m + offset_m,
-                      Eigen::Vector3d::Constant(kOtherSigma_m * kOtherSigma_m)};
-    source.widenings = WideningsOf({doubt}, source.trajectory);
+    const AlternativeMode mode{times_ns[0], probability, plain.position_m + offset_m,
+                               Eigen::Vector3d::Constant(kOtherSigma_m * kOtherSigma_m)};
+    source.covariance_inflations = CovarianceInflationsOf({mode}, source.trajectory);
     const TrajectoryRow row = Sampled(source, times_ns).front();
     EXPECT_EQ(row.position_m, plain.position_m);
     for (int axis = 0; axis < 3; ++axis) {
@@ -359,17 +360,17 @@ TEST(SampleRows, SigmasHoldWhatIsDoubtedAsWell) {
   // It counts against the limit.
   source.max_sigma_m = 1.0;
   EXPECT_TRUE(Sampled(source, times_ns).empty());
-  source.widenings = WideningsOf({{times_ns[0]}}, source.trajectory);
+  source.covariance_inflations = CovarianceInflationsOf({{times_ns[0]}}, source.trajectory);
   EXPECT_EQ(Sampled(source, times_ns).front().sigma_m, plain.sigma_m);
 }
 
 TEST(SampleRows, BetweenTwoDoubtsSigmasChangeGradually) {
   RowSource source = SourceOf({0, 19 * kPeriodNs});
-  source.widenings = {{4 * kPeriodNs, Eigen::Vector3d::Zero()},
-                      {8 * kPeriodNs, Eigen::Vector3d::Ones()}};
+  source.covariance_inflations = {{4 * kPeriodNs, Eigen::Vector3d::Zero()},
+                                  {8 * kPeriodNs, Eigen::Vector3d::Ones()}};
   const std::vector<TimeNs> times_ns = {3 * kPeriodNs, 5 * kPeriodNs, 9 * kPeriodNs};
   const auto rows = Sampled(source, times_ns);
-  source.widenings.clear();
+  source.covariance_inflations.clear();
   const auto plain = Sampled(source, times_ns);
   constexpr std::array<double, 3> kAdded_m2 = {0.0, 0.25, 1.0};
   for (std::size_t i = 0; i < kAdded_m2.size(); ++i) {
@@ -383,7 +384,7 @@ TEST(SampleRows, TheRayOfARowBeginsWhereItsNearestMeasurementWasSeenFrom) {
   RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
   const auto plain = Sampled(source, times_ns);
   source.depth_sigma_m = 0.2;
-  source.sights = {
+  source.viewpoints = {
       {0, {0.0, 0.0, -1000.0}}, {5 * kPeriodNs, {-1000.0, 0.0, 0.0}}, {20 * kPeriodNs, {0, 0, 0}}};
   const auto rows = Sampled(source, times_ns);
   ASSERT_EQ(rows.size(), 2U);

@@ -41,7 +41,7 @@ Found FindPlots(const Recording& recording, const PlotConfig& config = PlotConfi
   const Ground ground({recording.points_m, background.structure()}, GroundConfig());
   std::copy_if(background.unexplained().begin(), background.unexplained().end(),
                std::back_inserter(found.candidates),
-               [&](std::uint32_t i) { return !ground.Holds(recording.points_m[i]); });
+               [&](std::uint32_t i) { return !ground.IsGround(recording.points_m[i]); });
   found.plots = MakePlots(recording, found.candidates, ground, config, &found.is_body);
   return found;
 }

@@ -37,7 +37,7 @@ TEST(Queue, HoldsWhatADequeHolds) {
         queue.Erase(queue.begin() + at);
         expected.erase(expected.begin() + at);
       }
-      if (i % 700 == 0) queue.Shed();
+      if (i % 700 == 0) queue.ShrinkToFit();
       ASSERT_EQ(std::deque<int>(queue.begin(), queue.end()), expected) << seed << ' ' << i;
       ASSERT_EQ(queue.size(), expected.size());
       ASSERT_EQ(queue.empty(), expected.empty());

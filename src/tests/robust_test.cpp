@@ -349,7 +349,7 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
   candidates.insert(candidates.end(), background.unexplained().begin(),
                     background.unexplained().end());
   const auto num_free = std::count_if(candidates.begin(), candidates.end(), [&](std::uint32_t i) {
-    return !ground.Holds(maker.recording.points_m[i]);
+    return !ground.IsGround(maker.recording.points_m[i]);
   });
   EXPECT_EQ(result.counts.unexplained_returns, static_cast<std::size_t>(num_free));
   EXPECT_GE(result.counts.paths, result.targets.size());

@@ -62,16 +62,16 @@ TEST(ServiceNotifier, SaysOnceThatItHasStartedWhatItDoesAndThatItEnds) {
   Manager manager(folder / "notify");
   ServiceNotifier service;
   EXPECT_EQ(manager.Heard(), Messages());
-  service.TellAlive();
-  service.TellAlive();
-  service.TellStatus("running");
-  service.TellStopping();
+  service.SendHeartbeat();
+  service.SendHeartbeat();
+  service.ReportStatus("running");
+  service.ReportStopping();
   EXPECT_EQ(manager.Heard(), (Messages{"READY=1", "STATUS=running", "STOPPING=1"}));
 }
 
 TEST(ServiceNotifier, ReachesASocketOfTheAbstractNamespace) {
   Manager manager("@unlidar-test-" + std::to_string(::getpid()));
-  ServiceNotifier().TellAlive();
+  ServiceNotifier().SendHeartbeat();
   EXPECT_EQ(manager.Heard(), Messages{"READY=1"});
 }
 
@@ -80,10 +80,10 @@ TEST(ServiceNotifier, FeedsTheWatchdogWhileTheLoopComesRoundAndNotMoreOftenThanI
   Manager manager(folder / "notify");
   ::setenv("WATCHDOG_USEC", "200000", 1);
   ServiceNotifier service;
-  service.TellAlive();
+  service.SendHeartbeat();
   EXPECT_EQ(manager.Heard(), Messages{"READY=1"});
   std::this_thread::sleep_for(std::chrono::milliseconds(50));
-  for (int i = 0; i < 1000; ++i) service.TellAlive();
+  for (int i = 0; i < 1000; ++i) service.SendHeartbeat();
   const Messages fed = manager.Heard();
   ASSERT_FALSE(fed.empty());
   EXPECT_EQ(fed.front(), "WATCHDOG=1");
@@ -98,7 +98,7 @@ TEST(ServiceNotifier, LeavesTheWatchdogOfAnotherProcessAlone) {
   ::setenv("WATCHDOG_USEC", "4", 1);
   ::setenv("WATCHDOG_PID", "1", 1);
   ServiceNotifier service;
-  for (int i = 0; i < 10; ++i) service.TellAlive();
+  for (int i = 0; i < 10; ++i) service.SendHeartbeat();
   EXPECT_EQ(manager.Heard(), Messages{"READY=1"});
 }
 
@@ -106,9 +106,9 @@ TEST(ServiceNotifier, SaysItHasStartedAsSoonAsItIsHeard) {
   const TemporaryFolder folder;
   ::setenv("NOTIFY_SOCKET", (folder / "notify").c_str(), 1);
   ServiceNotifier service;
-  service.TellAlive();  // nobody is there
+  service.SendHeartbeat();  // nobody is there
   Manager manager(folder / "notify");
-  service.TellAlive();
+  service.SendHeartbeat();
   EXPECT_EQ(manager.Heard(), Messages{"READY=1"});
 }
 
@@ -117,11 +117,11 @@ TEST(ServiceNotifier, NeedsNoManager) {
                                   std::string(300, '/'), std::string("/absent/socket")}) {
     ::setenv("NOTIFY_SOCKET", name.c_str(), 1);
     ServiceNotifier service;
-    service.TellAlive();
-    service.TellStopping();
+    service.SendHeartbeat();
+    service.ReportStopping();
   }
   ::unsetenv("NOTIFY_SOCKET");
-  ServiceNotifier().TellAlive();
+  ServiceNotifier().SendHeartbeat();
 }
 
 }  // namespace

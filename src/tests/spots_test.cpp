@@ -21,7 +21,7 @@ constexpr int kCandidate = 1;
 double RateAtLast(const RecordingMaker& maker, double surroundings_rate, double from_s = -2.0,
                   double to_s = -1.0) {
   const Background background(maker.recording, BackgroundConfig());
-  const std::vector<SensorView> views(1, {Eigen::Vector3f::Zero(), &background});
+  const std::vector<StationModel> station_models(1, {Eigen::Vector3f::Zero(), &background});
   std::vector<std::uint32_t> candidates;
   for (std::uint32_t i = 0; i < maker.labels.size(); ++i) {
     if (maker.labels[i] == kCandidate) candidates.push_back(i);
@@ -29,7 +29,7 @@ double RateAtLast(const RecordingMaker& maker, double surroundings_rate, double 
   const auto at_ns = [](double time_s) {
     return testing::kBeginNs + static_cast<TimeNs>(std::llround(time_s * 1e9));
   };
-  return Spots(maker.recording, views, candidates)
+  return Spots(maker.recording, station_models, candidates)
       .RateOutside(0, maker.recording.points_m[candidates.back()], at_ns(from_s), at_ns(to_s),
                    surroundings_rate);
 }

@@ -30,15 +30,15 @@ inline Plot MakePlot(TimeNs time_ns, const Eigen::Vector3d& position_m, double l
 }
 
 // Of sensors that watch without a pause from the first plot to the last, all at the same times.
-inline Watch WatchOver(const std::vector<Plot>& plots, int num_sensors = 1) {
-  Watch::Sensor sensor{kPeriodS, {}};
+inline ScanSchedule WatchOver(const std::vector<Plot>& plots, int num_sensors = 1) {
+  ScanSchedule::Sensor sensor{kPeriodS, {}};
   if (!plots.empty()) {
     for (TimeNs time_ns = plots.front().frame_time_ns; time_ns <= plots.back().frame_time_ns;
          time_ns += kPeriodNs) {
       sensor.frame_times_ns.push_back(time_ns);
     }
   }
-  return {std::vector<Watch::Sensor>(static_cast<std::size_t>(num_sensors), sensor)};
+  return {std::vector<ScanSchedule::Sensor>(static_cast<std::size_t>(num_sensors), sensor)};
 }
 
 // Each plot is that of any of the sensors.

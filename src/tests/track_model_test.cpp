@@ -122,9 +122,9 @@ TEST(PathScorer, ScoresAnySequenceAsThePlainModelDoes) {
     for (std::uint32_t i = 0; i < plots.size(); ++i) {
       if (members.empty() || random.Index(4) != 0) members.push_back(i);
     }
-    const Watch watch = WatchOver(plots, num_sensors);
-    const std::vector<double> log_births = LogBirths(plots, watch, config);
-    const Path path = PathScorer(plots, log_births, watch, config).Scored(members);
+    const ScanSchedule scan_schedule = WatchOver(plots, num_sensors);
+    const std::vector<double> log_births = LogBirths(plots, scan_schedule, config);
+    const Path path = PathScorer(plots, log_births, scan_schedule, config).WithScore(members);
     EXPECT_EQ(path.plots, members);
     const double expected = PlainScore(plots, members, config, num_sensors);
     EXPECT_NEAR(path.score, expected, kScoreTolerance + 1e-5 * std::abs(expected)) << seed;
@@ -139,12 +139,12 @@ TEST(PathScorer, TwoPlotsOfOneFrameAreNoPath) {
   plots.push_back(plots.back());  // of the same frame, a little later in it
   plots.back().time_ns += kPeriodNs / 4;
   const TrackerConfig config;
-  const Watch watch = WatchOver(plots);
+  const ScanSchedule scan_schedule = WatchOver(plots);
   const std::vector<double> log_births(plots.size(), 0.0);
-  const PathScorer scorer(plots, log_births, watch, config);
-  EXPECT_GT(scorer.Scored({0, 1, 2, 3, 4}).score, 0.0);
-  EXPECT_GT(scorer.Scored({0, 1, 2, 3, 5}).score, 0.0);
-  EXPECT_EQ(scorer.Scored({0, 1, 2, 3, 4, 5}).score, -std::numeric_limits<double>::infinity());
+  const PathScorer scorer(plots, log_births, scan_schedule, config);
+  EXPECT_GT(scorer.WithScore({0, 1, 2, 3, 4}).score, 0.0);
+  EXPECT_GT(scorer.WithScore({0, 1, 2, 3, 5}).score, 0.0);
+  EXPECT_EQ(scorer.WithScore({0, 1, 2, 3, 4, 5}).score, -std::numeric_limits<double>::infinity());
 }
 
 TEST(PathScorer, OnlyFramesThatWereTakenCanMissATarget) {
@@ -155,12 +155,12 @@ TEST(PathScorer, OnlyFramesThatWereTakenCanMissATarget) {
   const TrackerConfig config;
   const std::vector<std::uint32_t> all = {0, 1, 2, 3, 4, 5, 6, 7};
   const std::vector<double> log_births(plots.size(), 0.0);
-  const Watch watched = WatchOver(plots);
-  Watch paused = watched;  // the recorder stood still between the plots
+  const ScanSchedule watched = WatchOver(plots);
+  ScanSchedule paused = watched;  // the recorder stood still between the plots
   std::vector<TimeNs>& times_ns = paused.sensors[0].frame_times_ns;
   times_ns.erase(times_ns.begin() + 4, times_ns.begin() + 33);
-  const double score_watched = PathScorer(plots, log_births, watched, config).Scored(all).score;
-  const double score_paused = PathScorer(plots, log_births, paused, config).Scored(all).score;
+  const double score_watched = PathScorer(plots, log_births, watched, config).WithScore(all).score;
+  const double score_paused = PathScorer(plots, log_births, paused, config).WithScore(all).score;
   EXPECT_GT(score_paused, score_watched + 5.0);
 }
 
@@ -183,7 +183,7 @@ TEST(PathScorer, FramesOfTheSameInstantAreNotMissed) {
     all.push_back(k);
     if (plots[k].sensor == 0) first.push_back(k);
   }
-  EXPECT_GT(scorer.Scored(all).score, scorer.Scored(first).score + 20.0);
+  EXPECT_GT(scorer.WithScore(all).score, scorer.WithScore(first).score + 20.0);
 }
 
 TEST(LogBirths, AndVisibilityAreThoseOfTheRangeFromTheSensor) {
@@ -191,18 +191,21 @@ TEST(LogBirths, AndVisibilityAreThoseOfTheRangeFromTheSensor) {
   const Eigen::Vector3d origin_m(300.0, -40.0, 2.0);
   std::vector<Plot> plots = {MakePlot(kBeginNs, {0, 60, 60}, -9.0),
                              MakePlot(kBeginNs, {0, 10, 10}, -9.0)};
-  const Watch watch = WatchOver(plots);
+  const ScanSchedule scan_schedule = WatchOver(plots);
   std::vector<Plot> moved = plots;
   for (Plot& plot : moved) plot.position_m += origin_m;
-  Watch moved_watch = watch;
+  ScanSchedule moved_watch = scan_schedule;
   moved_watch.sensors[0].viewpoint_m = origin_m;
   for (std::size_t i = 0; i < plots.size(); ++i) {
     EXPECT_DOUBLE_EQ(LogBirthOdds(moved[i], moved_watch, config),
-                     LogBirthOdds(plots[i], watch, config));
-    const auto log_hit = [&](const Plot& plot, const Watch& of) {
-      return TrackModel(1.0, of, config).Birth(plot, 0.0, {0.0, {0}}, 1.0).log_hit;
+                     LogBirthOdds(plots[i], scan_schedule, config));
+    const auto log_detection_probability = [&](const Plot& plot, const ScanSchedule& of) {
+      return TrackModel(1.0, of, config)
+          .Birth(plot, 0.0, {0.0, {0}}, 1.0)
+          .log_detection_probability;
     };
-    EXPECT_DOUBLE_EQ(log_hit(moved[i], moved_watch), log_hit(plots[i], watch));
+    EXPECT_DOUBLE_EQ(log_detection_probability(moved[i], moved_watch),
+                     log_detection_probability(plots[i], scan_schedule));
   }
 }
 
@@ -211,10 +214,10 @@ TEST(LogBirths, ExpectReturnsByTheSecondWhateverTheFrameRate) {
   const TrackerConfig config;
   const std::vector<Plot> plots = {MakePlot(kBeginNs, {0, 600, 600}, -9.0)};
   const auto chance = [&](double frame_s) {
-    Watch watch = WatchOver(plots);
-    watch.sensors[0].frame_s = frame_s;
-    const TrackModel model(1.0, watch, config);
-    return std::exp(model.Birth(plots[0], 0.0, {0.0, {0}}, 1.0).log_hit);
+    ScanSchedule scan_schedule = WatchOver(plots);
+    scan_schedule.sensors[0].frame_s = frame_s;
+    const TrackModel model(1.0, scan_schedule, config);
+    return std::exp(model.Birth(plots[0], 0.0, {0.0, {0}}, 1.0).log_detection_probability);
   };
   EXPECT_NEAR(chance(0.1) / chance(0.05), 2.0, 1e-3);
 }
@@ -223,7 +226,7 @@ TEST(PathScorer, TheEmptyPathIsWorthNothing) {
   const std::vector<Plot> plots;
   const std::vector<double> log_births;
   const TrackerConfig config;
-  EXPECT_EQ(PathScorer(plots, log_births, WatchOver({}), config).Scored({}).score, 0.0);
+  EXPECT_EQ(PathScorer(plots, log_births, WatchOver({}), config).WithScore({}).score, 0.0);
 }
 
 struct PredictedPlot {
@@ -235,7 +238,7 @@ struct PredictedPlot {
 PredictedPlot RandomPrediction(const TrackModel& model, Random* random) {
   Plot first = RandomPlot(kBeginNs, random->InBox({-40, -40, 0}, {40, 40, 40}), random);
   first.sensor = 0;
-  Moment at{0.0, {0, 0, 0}};
+  FrameTime at{0.0, {0, 0, 0}};
   const auto move_on = [&](double dt_s) {
     at.time_s += dt_s;
     at.frames_before[0] += static_cast<std::uint32_t>(std::ceil(dt_s / kPeriodS));
@@ -246,12 +249,12 @@ PredictedPlot RandomPrediction(const TrackModel& model, Random* random) {
     move_on(dt_s);
     first.position_m += random->NormalVector(5.0 * dt_s);
     const Motion motion = model.MotionOver(dt_s);
-    const Prediction p = model.Predict(h, model.ScoreBefore(h, at), motion, at);
-    h = model.Update(h, motion, p, first, at, model.GainOf(p, first));
+    const Prediction p = model.Predict(h, model.PredictedScore(h, at), motion, at);
+    h = model.Update(h, motion, p, first, at, model.ScoreIncrementOf(p, first));
   }
   const double dt_s = random->Uniform(0.05, 3.0);
   move_on(dt_s);
-  const Prediction p = model.Predict(h, model.ScoreBefore(h, at), model.MotionOver(dt_s), at);
+  const Prediction p = model.Predict(h, model.PredictedScore(h, at), model.MotionOver(dt_s), at);
   const double spread_m = std::sqrt(p.steady.position_m2) * random->Uniform(0.0, 10.0);
   return {p, RandomPlot(kBeginNs, p.position_m + random->NormalVector(spread_m), random)};
 }
@@ -267,7 +270,7 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
         const PredictedPlot at = RandomPrediction(model, &random);
         const Prediction& p = at.prediction;
         const Plot& plot = at.plot;
-        const double score = p.score + model.GainOf(p, plot).log;
+        const double score = p.score + model.ScoreIncrementOf(p, plot).log;
         const double distance2_m2 = (plot.position_m - p.position_m).squaredNorm();
         const double offset_s =
             std::abs(static_cast<double>(plot.time_ns - plot.frame_time_ns)) * 1e-9;

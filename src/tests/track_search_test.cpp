@@ -26,30 +26,31 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
   double best = 0.0;
   for (std::size_t first = 0, last = 0; first < plots.size(); first = last) {
     while (last < plots.size() && plots[last].frame == plots[first].frame) ++last;
-    const Moment at = MomentOf(plots[first], plots.front(), WatchOver(plots));
+    const FrameTime at = FrameTimeOf(plots[first], plots.front(), WatchOver(plots));
     const std::size_t num_before = all.size();
     for (std::size_t i = first; i < last; ++i) {
-      std::vector<Hypothesis> ways;
+      std::vector<Hypothesis> hypotheses;
       for (std::size_t k = 0; k < num_before; ++k) {
         const Hypothesis& from = all[k];
-        const double unseen = model.ScoreBefore(from, at);
+        const double unseen = model.PredictedScore(from, at);
         if (at.time_s - from.time_s > config.max_gap_s) continue;
         if (unseen < config.give_up_log) continue;
         const Motion motion = model.MotionOver(at.time_s - from.time_s);
         const Prediction p = model.Predict(from, unseen, motion, at);
-        const Gain gain = model.GainOf(p, plots[i]);
-        const double score = p.score + gain.log;
+        const ScoreIncrement increment = model.ScoreIncrementOf(p, plots[i]);
+        const double score = p.score + increment.log;
         if (score < std::max(config.give_up_log, log_births[i] + config.rebirth_log)) continue;
-        ways.push_back(model.Update(from, motion, p, plots[i], at, gain));
+        hypotheses.push_back(model.Update(from, motion, p, plots[i], at, increment));
       }
-      std::stable_sort(ways.begin(), ways.end(),
+      std::stable_sort(hypotheses.begin(), hypotheses.end(),
                        [](const Hypothesis& a, const Hypothesis& b) { return a.score > b.score; });
-      ways.resize(std::min(ways.size(), static_cast<std::size_t>(config.hypotheses_per_plot)));
-      for (const Hypothesis& way : ways) {
-        if (way.state.mean.col(1).norm() > config.max_speed_mps) continue;
-        all.push_back(way);
-        if (way.num_plots >= static_cast<std::uint32_t>(config.min_fragment_plots))
-          best = std::max(best, way.score);
+      hypotheses.resize(
+          std::min(hypotheses.size(), static_cast<std::size_t>(config.hypotheses_per_plot)));
+      for (const Hypothesis& hypothesis : hypotheses) {
+        if (hypothesis.state.mean.col(1).norm() > config.max_speed_mps) continue;
+        all.push_back(hypothesis);
+        if (hypothesis.num_plots >= static_cast<std::uint32_t>(config.min_fragment_plots))
+          best = std::max(best, hypothesis.score);
       }
       for (const double speed_mps : config.birth_speeds_mps) {
         all.push_back(model.Birth(plots[i], log_births[i], at, speed_mps));
@@ -61,8 +62,8 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
 
 Path BestOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
             const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config) {
-  const std::vector<Slice> slices = SlicesOf(plots, log_births, WatchOver(plots), config);
-  return TrackSearch(plots, log_births, slices, free, model, config).Best();
+  const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots), config);
+  return TrackSearch(plots, log_births, scans, free, model, config).Best();
 }
 
 // Two drones in clutter, with plots that differ.
@@ -132,8 +133,8 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
   const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), config);
   const TrackModel model(config.sigma_a_mps2[1], WatchOver({}), config);
   std::vector<char> free(plots.size(), 1);
-  const std::vector<Slice> slices = SlicesOf(plots, log_births, WatchOver(plots), config);
-  TrackSearch search(plots, log_births, slices, free, model, config);
+  const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots), config);
+  TrackSearch search(plots, log_births, scans, free, model, config);
   double before = 1e9;
   int num_paths = 0;
   for (Path path = search.Best(); !path.plots.empty(); path = search.Best(), ++num_paths) {

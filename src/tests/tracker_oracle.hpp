@@ -103,7 +103,7 @@ class PlainModel {
  private:
   // The chance that the one of all sensors which sees it next is `to`.
   double SensorShare(std::uint32_t from, std::uint32_t to) const {
-    const double change = num_sensors_ > 1 ? kSensorChange : 0.0;
+    const double change = num_sensors_ > 1 ? kSensorSwitchProbability : 0.0;
     return from == to ? 1.0 - change : change / (num_sensors_ - 1);
   }
 

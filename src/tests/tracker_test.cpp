@@ -73,11 +73,12 @@ std::vector<Plot> TinyProblem(Random* random) {
 }
 
 // The best path that the search finds, as it is.
-Path BestOf(const std::vector<Plot>& plots, const Watch& watch, TrackerConfig config) {
+Path BestOf(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
+            TrackerConfig config) {
   config.min_exchange_log = 1e6;
   config.max_paths = 1;
   config.min_fragment_log = 0.0;
-  const std::vector<Path> paths = FindPaths(plots, watch, config);
+  const std::vector<Path> paths = FindPaths(plots, scan_schedule, config);
   return paths.empty() ? Path() : paths[0];
 }
 
@@ -100,12 +101,12 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
     std::vector<Plot> plots = TinyProblem(&random);
     const int num_sensors = 1 + problem / 4 % 3;
     MixSensors(num_sensors, &mixer, &plots);
-    const Watch watch = WatchOver(plots, num_sensors);
+    const ScanSchedule scan_schedule = WatchOver(plots, num_sensors);
     TrackerConfig few_ways;
     few_ways.min_fragment_plots = 1 + problem % 4;
     const TrackerConfig all_ways = WithAllWays(few_ways);
     const Path expected = BestByEnumeration(plots, all_ways, num_sensors);
-    const Path found = BestOf(plots, watch, all_ways);
+    const Path found = BestOf(plots, scan_schedule, all_ways);
     EXPECT_NEAR(found.score, expected.score, kScoreTolerance) << problem;
     if (!found.plots.empty()) {  // another one may be as good
       EXPECT_NEAR(PlainScore(plots, found.plots, all_ways, num_sensors), expected.score,
@@ -113,13 +114,13 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
           << problem;
     }
     num_long += expected.plots.size() >= 4 ? 1 : 0;
-    const double score = BestOf(plots, watch, few_ways).score;
+    const double score = BestOf(plots, scan_schedule, few_ways).score;
     EXPECT_LE(score, found.score) << problem;
     lost_by_default += found.score - score;
     // Keeping a few ways to each plot loses next to nothing.
     few_ways.hypotheses_per_plot = 3;
     few_ways.rebirth_log = all_ways.rebirth_log;
-    lost += found.score - BestOf(plots, watch, few_ways).score;
+    lost += found.score - BestOf(plots, scan_schedule, few_ways).score;
   }
   EXPECT_GT(num_long, kProblems / 3);
   EXPECT_LT(lost, 0.1 * kProblems);

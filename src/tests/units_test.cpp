@@ -30,7 +30,7 @@ RangeStatistics Scene(double unit_m, const Eigen::Vector3d& place_m = Eigen::Vec
 }
 
 std::string Why(const RangeStatistics& ranges, double max_range_m = kMaxRangeM) {
-  return WhyNoMetres(ranges, max_range_m).value_or("");
+  return WhyNotMetres(ranges, max_range_m).value_or("");
 }
 
 TEST(Units, MetresAreMetres) {
@@ -128,7 +128,7 @@ TEST(Units, OnlyManyReturnsOfSeveralFramesAreEnoughToRefuse) {
       for (int i = 0; i < returns_each; ++i) frame.Add({0.0, 0.0, 900.0}, 900.0);
       all.Add(frame);
     }
-    return AreEnoughToRefuse(all);
+    return SufficeToRefuse(all);
   };
   EXPECT_TRUE(of(5, 400));
   EXPECT_FALSE(of(4, 5'000));

@@ -27,7 +27,7 @@ TEST(WaitingFrames, GoInTheOrderOfTheirTimes) {
     EXPECT_EQ(waiting.TakeEarliest()->file.stamp_ns, time_ns);
   }
   EXPECT_TRUE(waiting.empty());
-  EXPECT_FALSE(waiting.DropSurplus());
+  EXPECT_FALSE(waiting.DropOverflow());
 }
 
 TEST(WaitingFrames, WhoSendsTooManyLosesHisOwnNewestAndNobodyElseAny) {
@@ -36,7 +36,7 @@ TEST(WaitingFrames, WhoSendsTooManyLosesHisOwnNewestAndNobodyElseAny) {
   std::size_t dropped = 0;
   for (TimeNs k = 0; k < 5000; ++k) {
     Add(&waiting, 0, k);
-    while (const auto gone = waiting.DropSurplus()) {
+    while (const auto gone = waiting.DropOverflow()) {
       ++dropped;
       EXPECT_EQ(gone->sensor, 0U);
       EXPECT_EQ(gone->stamp_ns, k);
@@ -57,18 +57,18 @@ TEST(WaitingFrames, AreBoundedInBytesWithTheMemoryOfThoseThatHaveGone) {
   std::size_t dropped = 0;
   for (TimeNs k = 0; k < 12; ++k) {
     Add(&waiting, 0, k, kPoints);
-    while (waiting.DropSurplus()) ++dropped;
+    while (waiting.DropOverflow()) ++dropped;
   }
   EXPECT_EQ(dropped, 12 - kMost);
   while (!waiting.empty()) waiting.TakeEarliest();
   Add(&waiting, 0, 100, kPoints);  // into memory that is there
-  EXPECT_FALSE(waiting.DropSurplus());
+  EXPECT_FALSE(waiting.DropOverflow());
 }
 
 TEST(WaitingFrames, OneFrameIsKeptHoweverLargeItIs) {
   WaitingFrames waiting;
   Add(&waiting, 0, 1, WaitingFrames::kMaxBytes / sizeof(Eigen::Vector3f) + 1);
-  EXPECT_FALSE(waiting.DropSurplus());
+  EXPECT_FALSE(waiting.DropOverflow());
 }
 
 // Stamps that stand still let none of them go.
@@ -81,7 +81,7 @@ TEST(LiveEngine, FramesOfOneInstantAreBoundedAndEachIsCounted) {
     frame.name = "frame";
     engine.Add(std::move(frame));
   }
-  EXPECT_EQ(engine.surplus_frames().count, kFrames - WaitingFrames::kMaxFrames);
+  EXPECT_EQ(engine.overflow_frames().count, kFrames - WaitingFrames::kMaxFrames);
   EXPECT_EQ(engine.counts().frames, WaitingFrames::kMaxFrames);
 }
 

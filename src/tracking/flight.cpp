@@ -12,7 +12,7 @@ namespace {
 
 // Which share of a path is higher above the ground. The lower parts of people and cars are not hit
 // in every frame, so heights are the lowest of a while.
-double ShareHigher(const std::vector<Plot>& path, double height_m) {
+double ShareAbove(const std::vector<Plot>& path, double height_m) {
   constexpr TimeNs kWindowNs = 750'000'000;
   std::size_t num_high = 0;
   std::deque<std::size_t>
@@ -32,7 +32,7 @@ double ShareHigher(const std::vector<Plot>& path, double height_m) {
   return static_cast<double>(num_high) / static_cast<double>(path.size());
 }
 
-constexpr double kSomethingElse = 0.05;  // how often that is below a drone anywhere
+constexpr double kMinOccupancyBelow = 0.05;  // how often that is below a drone anywhere
 
 // Where a path is: between its plots on the way, beyond its ends there.
 Eigen::Vector3d PositionM(const std::vector<Plot>& path, TimeNs time_ns) {
@@ -49,10 +49,11 @@ Eigen::Vector3d PositionM(const std::vector<Plot>& path, TimeNs time_ns) {
 
 // In which share of the frames something is where it is below each of these plots, while the path
 // is so far away that no body at the plot reaches there.
-std::vector<double> SharesBelowElsewhere(const Recording& recording, const std::vector<Plot>& path,
-                                         const std::vector<const Plot*>& plots) {
-  constexpr double kElsewhereM = 3.0;
-  std::vector<double> shares(plots.size(), kSomethingElse);
+std::vector<double> OccupancyBelowWhileAway(const Recording& recording,
+                                            const std::vector<Plot>& path,
+                                            const std::vector<const Plot*>& plots) {
+  constexpr double kAwayM = 3.0;
+  std::vector<double> shares(plots.size(), kMinOccupancyBelow);
   if (recording.points_m.empty()) return shares;  // a stream keeps none
   Columns columns;
   for (const Plot* plot : plots) columns.Add(*plot);
@@ -65,7 +66,7 @@ std::vector<double> SharesBelowElsewhere(const Recording& recording, const std::
     for (std::size_t i = 0; i < plots.size(); ++i) {
       const Plot& plot = *plots[i];
       may_be_hit[i] =
-          plot.sensor == frame.sensor && (plot.position_m - path_m).head<2>().norm() > kElsewhereM;
+          plot.sensor == frame.sensor && (plot.position_m - path_m).head<2>().norm() > kAwayM;
       if (may_be_hit[i]) num_frames[i] += 1.0;
     }
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
@@ -75,8 +76,8 @@ std::vector<double> SharesBelowElsewhere(const Recording& recording, const std::
     }
   }
   for (std::size_t i = 0; i < plots.size(); ++i) {
-    const double share = (num_hit[i] + kSomethingElse) / (num_frames[i] + 1.0);
-    shares[i] = std::max(share, kSomethingElse);
+    const double share = (num_hit[i] + kMinOccupancyBelow) / (num_frames[i] + 1.0);
+    shares[i] = std::max(share, kMinOccupancyBelow);
   }
   return shares;
 }
@@ -86,7 +87,7 @@ std::vector<double> SharesBelowElsewhere(const Recording& recording, const std::
 // roughness of the ground). So each plot with nothing below makes a body less likely, the more the
 // higher it is and the more returns it has, unless something hides the rest. One with something
 // below makes it more likely, the more the less often something is there anyway: a bollard is.
-bool IsNothingBelow(const Recording& recording, const std::vector<Plot>& path, double chance) {
+bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, double chance) {
   constexpr double kOwnHeightM = 0.6;
   constexpr double kNotCountedM = 0.55;
   constexpr double kHidden = 0.02;
@@ -100,12 +101,12 @@ bool IsNothingBelow(const Recording& recording, const std::vector<Plot>& path, d
     const double room_m = std::max(plot.lowest_m - kNotCountedM, 0.0);
     const double own_share = kOwnHeightM / (kOwnHeightM + room_m);
     const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);
-    log_ratio += std::log(nothing) - std::log1p(-kSomethingElse);
+    log_ratio += std::log(nothing) - std::log1p(-kMinOccupancyBelow);
   }
   const double log_chance = std::log(chance);
   // Most paths of bodies need no look at all frames.
   if (above_something.empty() || log_ratio >= log_chance) return log_ratio < log_chance;
-  for (const double share : SharesBelowElsewhere(recording, path, above_something)) {
+  for (const double share : OccupancyBelowWhileAway(recording, path, above_something)) {
     log_ratio -= std::log(share);
   }
   return log_ratio < log_chance;
@@ -113,7 +114,8 @@ bool IsNothingBelow(const Recording& recording, const std::vector<Plot>& path, d
 
 // What a target returns for its range: returns per second times range^2, of the sensor that sees it
 // best. In pauses it may be hidden: only frames near a plot in time count.
-double EchoM2PerS(const Recording& recording, const Watch& watch, const std::vector<Plot>& path) {
+double ReturnRateM2PerS(const Recording& recording, const ScanSchedule& scan_schedule,
+                        const std::vector<Plot>& path) {
   constexpr TimeNs kNearNs = 500'000'000;
   std::vector<double> returns(recording.sensors.size(), 0.0);
   std::vector<double> seconds_per_m2(recording.sensors.size(), 0.0);
@@ -126,41 +128,44 @@ double EchoM2PerS(const Recording& recording, const Watch& watch, const std::vec
       ++next;
     }
     if (std::abs(next->time_ns - time_ns) > kNearNs) continue;
-    const Eigen::Vector3d ray_m = next->position_m - watch.sensors[frame.sensor].viewpoint_m;
+    const Eigen::Vector3d ray_m =
+        next->position_m - scan_schedule.sensors[frame.sensor].viewpoint_m;
     seconds_per_m2[frame.sensor] +=
         static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs / ray_m.squaredNorm();
   }
-  double echo = 0.0;
+  double return_rate_m2_per_s = 0.0;
   for (std::size_t s = 0; s < returns.size(); ++s) {
-    if (returns[s] > 0.0) echo = std::max(echo, returns[s] / seconds_per_m2[s]);
+    if (returns[s] > 0.0)
+      return_rate_m2_per_s = std::max(return_rate_m2_per_s, returns[s] / seconds_per_m2[s]);
   }
-  return echo;
+  return return_rate_m2_per_s;
 }
 
 }  // namespace
 
-bool HasFrames(const std::vector<Plot>& path, int least) {
+bool HasMinFrames(const std::vector<Plot>& path, int min_frames) {
   std::set<std::uint32_t> frames;
   for (const Plot& plot : path) frames.insert(plot.frame);
-  return static_cast<int>(frames.size()) >= least;
+  return static_cast<int>(frames.size()) >= min_frames;
 }
 
-double OffGroundM(const Recording& recording, const std::vector<Plot>& path,
-                  const RobustConfig& config) {
+double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& path,
+                        const RobustConfig& config) {
   // Above what grows on the ground or lies there, and the error of the ground below it.
   constexpr double kClearM = 0.75;
-  return IsNothingBelow(recording, path, config.false_alarms_per_recording)
+  return HasNothingBelow(recording, path, config.false_alarms_per_recording)
              ? std::min(kClearM, config.off_ground_m)
              : config.off_ground_m;
 }
 
-Rejection FlightRejection(const Recording& recording, const Watch& watch,
+Rejection FlightRejection(const Recording& recording, const ScanSchedule& scan_schedule,
                           const std::vector<Plot>& path, const RobustConfig& config) {
-  if (!HasFrames(path, config.min_plots)) return Rejection::kTooFewDetections;
-  if (ShareHigher(path, OffGroundM(recording, path, config)) <= config.off_ground_share) {
+  if (!HasMinFrames(path, config.min_plots)) return Rejection::kTooFewDetections;
+  if (ShareAbove(path, MinFlightHeightM(recording, path, config)) <= config.off_ground_share) {
     return Rejection::kNearGround;
   }
-  if (EchoM2PerS(recording, watch, path) <= config.min_echo_m2_per_s) return Rejection::kWeakReturn;
+  if (ReturnRateM2PerS(recording, scan_schedule, path) <= config.min_echo_m2_per_s)
+    return Rejection::kWeakReturn;
   return Rejection::kNone;
 }
 

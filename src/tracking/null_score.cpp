@@ -30,7 +30,7 @@ std::vector<std::uint32_t> ShuffledFrames(const Recording& recording) {
 }  // namespace
 
 double NullScore(const Recording& recording, const std::vector<Plot>& plots,
-                 const std::vector<char>& are_clutter, const Watch& watch,
+                 const std::vector<char>& are_clutter, const ScanSchedule& scan_schedule,
                  const TrackerConfig& config) {
   const std::vector<std::uint32_t> places = ShuffledFrames(recording);
   std::vector<Plot> shuffled;
@@ -46,7 +46,7 @@ double NullScore(const Recording& recording, const std::vector<Plot>& plots,
     shuffled.push_back(std::move(plot));
   }
   SortByFrameTime(&shuffled);
-  const std::vector<Path> paths = FindPaths(shuffled, watch, config);  // by falling score
+  const std::vector<Path> paths = FindPaths(shuffled, scan_schedule, config);  // by falling score
   return paths.empty() ? 0.0 : paths.front().score;
 }
 

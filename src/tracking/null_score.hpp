@@ -15,7 +15,7 @@ namespace unlidar {
 // order is the same whenever the recording is. `are_clutter` (plots): those that no target
 // explains.
 double NullScore(const Recording& recording, const std::vector<Plot>& plots,
-                 const std::vector<char>& are_clutter, const Watch& watch,
+                 const std::vector<char>& are_clutter, const ScanSchedule& scan_schedule,
                  const TrackerConfig& config);
 
 }  // namespace unlidar

@@ -41,10 +41,10 @@ Extent ExtentOf(const std::vector<Plot>& plots, const Path& path) {
 }
 
 // Whether any plot of one path may be reached from one of the other: false only if none is.
-bool MayMeet(const Extent& a, const Extent& b, const TrackerConfig& config) {
-  const TimeNs most_ns = std::max(a.last_ns - b.first_ns, b.last_ns - a.first_ns);
+bool MayInteract(const Extent& a, const Extent& b, const TrackerConfig& config) {
+  const TimeNs max_interval_ns = std::max(a.last_ns - b.first_ns, b.last_ns - a.first_ns);
   const double reach_m =
-      config.max_speed_mps * static_cast<double>(most_ns) * kSecondsPerNs + kReachSlack_m;
+      config.max_speed_mps * static_cast<double>(max_interval_ns) * kSecondsPerNs + kReachSlack_m;
   const Eigen::Array3d gap_m = (a.low_m - b.high_m).max(b.low_m - a.high_m).max(0.0);
   return gap_m.matrix().squaredNorm() <= reach_m * reach_m;
 }
@@ -107,8 +107,8 @@ bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Pa
   Path best_a;
   Path best_b;
   const auto consider = [&](Members first, Members second) {
-    Path p = scorer.Scored(std::move(first));
-    Path q = scorer.Scored(std::move(second));
+    Path p = scorer.WithScore(std::move(first));
+    Path q = scorer.WithScore(std::move(second));
     if (value(p) + value(q) <= best) return;
     best = value(p) + value(q);
     best_a = std::move(p);
@@ -150,7 +150,7 @@ bool Prune(const PathScorer& scorer, const TrackerConfig& config, Path* path) {
       Members rest(path->plots.begin(), path->plots.begin() + static_cast<std::ptrdiff_t>(first));
       rest.insert(rest.end(), path->plots.begin() + static_cast<std::ptrdiff_t>(last),
                   path->plots.end());
-      Path pruned = scorer.Scored(std::move(rest));
+      Path pruned = scorer.WithScore(std::move(rest));
       if (pruned.score > best.score) best = std::move(pruned);
     }
     first = last;
@@ -162,7 +162,7 @@ bool Prune(const PathScorer& scorer, const TrackerConfig& config, Path* path) {
 
 }  // namespace
 
-Path PathScorer::Scored(Members members) const {
+Path PathScorer::WithScore(Members members) const {
   Path path;
   path.plots = std::move(members);
   if (path.plots.empty()) return path;
@@ -171,17 +171,17 @@ Path PathScorer::Scored(Members members) const {
   for (std::size_t k = 1; k < path.plots.size(); ++k) {
     if (plots_[path.plots[k]].frame == plots_[path.plots[k - 1]].frame) return path;
   }
-  std::vector<Moment> moments;
-  moments.reserve(path.plots.size());
+  std::vector<FrameTime> frame_times;
+  frame_times.reserve(path.plots.size());
   for (const std::uint32_t i : path.plots) {
-    moments.push_back(MomentOf(plots_[i], plots_.front(), watch_));
+    frame_times.push_back(FrameTimeOf(plots_[i], plots_.front(), scan_schedule_));
   }
   for (const double sigma : config_.sigma_a_mps2) {
-    const TrackModel model(sigma, watch_, config_);
+    const TrackModel model(sigma, scan_schedule_, config_);
     for (const double speed_mps : config_.birth_speeds_mps) {
-      Hypothesis h = model.Birth(plots_[birth], log_births_[birth], moments.front(), speed_mps);
+      Hypothesis h = model.Birth(plots_[birth], log_births_[birth], frame_times.front(), speed_mps);
       for (std::size_t k = 1; k < path.plots.size(); ++k) {
-        h = model.Follow(h, plots_[path.plots[k]], moments[k]);
+        h = model.PredictAndUpdate(h, plots_[path.plots[k]], frame_times[k]);
       }
       path.score = std::max(path.score, h.score);
     }
@@ -217,7 +217,7 @@ std::size_t ImprovePaths(const PathScorer& scorer, const TrackerConfig& config,
       for (std::size_t j = i + 1; j < count && !a.plots.empty(); ++j) {
         Path& b = (*paths)[j];
         if (std::max(changed[i], changed[j]) <= last || b.plots.empty()) continue;
-        if (!MayMeet(extents[i], extents[j], config)) continue;
+        if (!MayInteract(extents[i], extents[j], config)) continue;
         ++num_compared;
         if (!Exchange(scorer, config, &a, &b)) continue;
         note_change(i);

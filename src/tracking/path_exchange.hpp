@@ -13,19 +13,19 @@ namespace unlidar {
 class PathScorer {
  public:
   PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-             const Watch& watch, const TrackerConfig& config)
-      : plots_(plots), log_births_(log_births), watch_(watch), config_(config) {}
+             const ScanSchedule& scan_schedule, const TrackerConfig& config)
+      : plots_(plots), log_births_(log_births), scan_schedule_(scan_schedule), config_(config) {}
 
   // The path of these plots, with the score of the agility and birth speed that suit it best; minus
   // infinity where two of them are of one frame.
-  Path Scored(std::vector<std::uint32_t> members) const;
+  Path WithScore(std::vector<std::uint32_t> members) const;
 
   const std::vector<Plot>& plots() const { return plots_; }
 
  private:
   const std::vector<Plot>& plots_;
   const std::vector<double>& log_births_;
-  Watch watch_;
+  ScanSchedule scan_schedule_;
   const TrackerConfig& config_;
 };
 

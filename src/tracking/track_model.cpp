@@ -52,69 +52,74 @@ double OffsetS(const Plot& plot) {
 
 // Returns of a target come as a Poisson process whose rate falls with the square of range. Its
 // scale is unknown and has a gamma distribution: log probability of none.
-double LogUnseen(double shape, double rate, double exposure) {
+double LogProbabilityOfNoReturn(double shape, double rate, double exposure) {
   return -shape * std::log1p(exposure / rate);
 }
 
 double PerM2(const Eigen::Vector3d& ray_m) { return 1.0 / std::max(ray_m.squaredNorm(), 1.0); }
 
-double LogHitOf(double log_miss) { return std::log(std::max(-std::expm1(log_miss), 1e-6)); }
+double LogDetectionProbability(double log_miss_probability) {
+  return std::log(std::max(-std::expm1(log_miss_probability), 1e-6));
+}
 
 // How many frames of the sensor that saw it last a target was not seen in. None where that was at
 // the same instant: the frame of its last plot is not before it.
-double MissedFrames(const Hypothesis& from, const Moment& at) {
+double NumMissedDetections(const Hypothesis& from, const FrameTime& at) {
   const std::uint32_t before = at.frames_before[from.sensor];
   return before > from.frames ? before - from.frames : 0.0;
 }
 
 }  // namespace
 
-Watch WatchOf(const Recording& recording) {
-  Watch watch;
+ScanSchedule ScanScheduleOf(const Recording& recording) {
+  ScanSchedule scan_schedule;
   const Stations stations(recording.sensors);
   for (std::uint32_t s = 0; s < recording.sensors.size(); ++s) {
     const TimeNs period_ns = recording.sensors[s].frame_period_ns;
-    watch.sensors.push_back({static_cast<double>(period_ns) * kSecondsPerNs,
-                             {},
-                             stations.ViewpointM(stations.StationOf(s)).cast<double>()});
+    scan_schedule.sensors.push_back({static_cast<double>(period_ns) * kSecondsPerNs,
+                                     {},
+                                     stations.ViewpointM(stations.StationOf(s)).cast<double>()});
   }
   for (const FrameInfo& frame : recording.frames) {
-    watch.sensors[frame.sensor].frame_times_ns.push_back(frame.middle_ns());
+    scan_schedule.sensors[frame.sensor].frame_times_ns.push_back(frame.middle_ns());
   }
-  for (Watch::Sensor& sensor : watch.sensors) {
+  for (ScanSchedule::Sensor& sensor : scan_schedule.sensors) {
     std::sort(sensor.frame_times_ns.begin(), sensor.frame_times_ns.end());
   }
-  return watch;
+  return scan_schedule;
 }
 
-std::uint32_t Watch::FramesBefore(std::uint32_t sensor, TimeNs time_ns) const {
+std::uint32_t ScanSchedule::FramesBefore(std::uint32_t sensor, TimeNs time_ns) const {
   const std::vector<TimeNs>& times_ns = sensors[sensor].frame_times_ns;
   return static_cast<std::uint32_t>(std::lower_bound(times_ns.begin(), times_ns.end(), time_ns) -
                                     times_ns.begin());
 }
 
-Moment MomentOf(const Plot& plot, const Plot& first, const Watch& watch) {
-  Moment moment;
-  moment.sensor = plot.sensor;
-  moment.time_s = static_cast<double>(plot.frame_time_ns - first.frame_time_ns) * kSecondsPerNs;
-  for (std::uint32_t s = 0; s < watch.sensors.size(); ++s) {
-    moment.frames_before.push_back(watch.FramesBefore(s, plot.frame_time_ns));
+FrameTime FrameTimeOf(const Plot& plot, const Plot& first, const ScanSchedule& scan_schedule) {
+  FrameTime frame_time;
+  frame_time.sensor = plot.sensor;
+  frame_time.time_s = static_cast<double>(plot.frame_time_ns - first.frame_time_ns) * kSecondsPerNs;
+  for (std::uint32_t s = 0; s < scan_schedule.sensors.size(); ++s) {
+    frame_time.frames_before.push_back(scan_schedule.FramesBefore(s, plot.frame_time_ns));
   }
-  return moment;
+  return frame_time;
 }
 
-double LogBirthOdds(const Plot& plot, const Watch& watch, const TrackerConfig& config) {
-  const Watch::Sensor& sensor = watch.sensors[plot.sensor];
-  const double log_unseen = LogUnseen(config.echo_shape, config.echo_shape / config.echo_m2_per_s,
-                                      sensor.frame_s * PerM2(plot.position_m - sensor.viewpoint_m));
-  return std::log(-std::expm1(log_unseen)) - plot.log_clutter;
+double LogBirthOdds(const Plot& plot, const ScanSchedule& scan_schedule,
+                    const TrackerConfig& config) {
+  const ScanSchedule::Sensor& sensor = scan_schedule.sensors[plot.sensor];
+  const double log_no_return =
+      LogProbabilityOfNoReturn(config.echo_shape, config.echo_shape / config.echo_m2_per_s,
+                               sensor.frame_s * PerM2(plot.position_m - sensor.viewpoint_m));
+  return std::log(-std::expm1(log_no_return)) - plot.log_clutter;
 }
 
-std::vector<double> LogBirths(const std::vector<Plot>& plots, const Watch& watch,
+std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                               const TrackerConfig& config) {
   std::vector<double> logs(plots.size());
   if (plots.empty()) return logs;
-  for (std::size_t i = 0; i < plots.size(); ++i) logs[i] = LogBirthOdds(plots[i], watch, config);
+  for (std::size_t i = 0; i < plots.size(); ++i)
+    logs[i] = LogBirthOdds(plots[i], scan_schedule, config);
   const double largest = *std::max_element(logs.begin(), logs.end());
   double sum = 0.0;
   for (const double log : logs) sum += std::exp(log - largest);
@@ -124,25 +129,27 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const Watch& watch
   return logs;
 }
 
-TrackModel::TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config)
+TrackModel::TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule,
+                       const TrackerConfig& config)
     : sigma_(sigma_a_mps2), config_(&config) {
-  SetWatch(watch);
+  SetScanSchedule(scan_schedule);
 }
 
-void TrackModel::SetWatch(const Watch& watch) {
+void TrackModel::SetScanSchedule(const ScanSchedule& scan_schedule) {
   frame_s_.clear();
   viewpoints_m_.clear();
-  for (const Watch::Sensor& sensor : watch.sensors) {
+  for (const ScanSchedule::Sensor& sensor : scan_schedule.sensors) {
     frame_s_.push_back(sensor.frame_s);
     viewpoints_m_.push_back(sensor.viewpoint_m);
   }
   if (frame_s_.size() == 1) return;
   // Two sensors are no two chances to be seen.
-  log_same_sensor_ = std::log1p(-kSensorChange);
-  log_other_sensor_ = std::log(kSensorChange / (static_cast<double>(frame_s_.size()) - 1.0));
+  log_same_sensor_ = std::log1p(-kSensorSwitchProbability);
+  log_other_sensor_ =
+      std::log(kSensorSwitchProbability / (static_cast<double>(frame_s_.size()) - 1.0));
 }
 
-Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const Moment& at,
+Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const FrameTime& at,
                              double speed_mps) const {
   Hypothesis birth;
   birth.score = log_birth;
@@ -157,18 +164,19 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const Moment& a
   covariance.diagonal() << plot.variance_m2 + offset_s * offset_s * velocity_m2_per_s2,
       velocity_m2_per_s2, sigma_ * sigma_;
   covariance(0, 1) = covariance(1, 0) = -offset_s * velocity_m2_per_s2;
-  SetVisibility(&birth);
+  SetDetectionProbability(&birth);
   return birth;
 }
 
-double TrackModel::ScoreUnseen(const Hypothesis& from, const Moment& at) const {
-  const double missed = MissedFrames(from, at);
-  return from.score + LogMiss(from, missed * from.per_frame_s_per_m2);
+double TrackModel::ScoreAfterMisses(const Hypothesis& from, const FrameTime& at) const {
+  const double missed = NumMissedDetections(from, at);
+  return from.score + LogMissProbability(from, missed * from.frame_exposure_s_per_m2);
 }
 
-double TrackModel::ScoreBefore(const Hypothesis& from, const Moment& at) const {
-  if (at.sensor == from.sensor) return ScoreUnseen(from, at);
-  return from.score + LogMissUnknown(MissedFrames(from, at) * from.per_frame_s_per_m2);
+double TrackModel::PredictedScore(const Hypothesis& from, const FrameTime& at) const {
+  if (at.sensor == from.sensor) return ScoreAfterMisses(from, at);
+  return from.score +
+         LogPriorMissProbability(NumMissedDetections(from, at) * from.frame_exposure_s_per_m2);
 }
 
 Motion TrackModel::MotionOver(double dt_s) const {
@@ -176,11 +184,13 @@ Motion TrackModel::MotionOver(double dt_s) const {
 }
 
 Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motion& motion,
-                               const Moment& at) const {
+                               const FrameTime& at) const {
   Prediction p;
   p.score = score;
-  p.log_hit = at.sensor == from.sensor ? from.log_hit
-                                       : LogHitOf(LogMissUnknown(PerFrame(at.sensor, from.state)));
+  p.log_detection_probability = at.sensor == from.sensor
+                                    ? from.log_detection_probability
+                                    : LogDetectionProbability(LogPriorMissProbability(
+                                          ExposureOfFrame(at.sensor, from.state)));
   p.sensor = from.sensor;
   p.speed_mps = std::min(from.state.mean.col(1).norm(), config_->max_speed_mps);
   const auto onto_position = motion.transition.row(0);
@@ -191,18 +201,18 @@ Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motio
   const Eigen::Vector3d with_position = covariance * onto_position.transpose();
   p.steady = {onto_position * with_position, onto_velocity * with_position,
               onto_velocity * covariance * onto_velocity.transpose()};
-  const auto add_noise = [&](double factor, Spread* spread) {
-    spread->position_m2 += factor * motion.noise(0, 0);
-    spread->covariance_m2_per_s += factor * motion.noise(0, 1);
-    spread->velocity_m2_per_s2 += factor * motion.noise(1, 1);
+  const auto add_noise = [&](double factor, AxisVariances* variances) {
+    variances->position_m2 += factor * motion.noise(0, 0);
+    variances->covariance_m2_per_s += factor * motion.noise(0, 1);
+    variances->velocity_m2_per_s2 += factor * motion.noise(1, 1);
   };
   add_noise(1.0, &p.steady);
   p.agile = p.steady;
-  add_noise(AgileFactor(), &p.agile);
+  add_noise(ManoeuvreNoiseFactor(), &p.agile);
   return p;
 }
 
-Gain TrackModel::GainOf(const Prediction& p, const Plot& plot) const {
+ScoreIncrement TrackModel::ScoreIncrementOf(const Prediction& p, const Plot& plot) const {
   const double noise = StreakVarianceM2(plot, p.speed_mps);
   const double offset_s = OffsetS(plot);
   const double distance2 =
@@ -212,98 +222,104 @@ Gain TrackModel::GainOf(const Prediction& p, const Plot& plot) const {
   };
   const double steady = log_density(p.steady.At(offset_s) + noise);
   const double agile = log_density(p.agile.At(offset_s) + noise) + config_->manoeuvre_log;
-  return {std::max(steady, agile) + p.log_hit - plot.log_clutter +
+  return {std::max(steady, agile) + p.log_detection_probability - plot.log_clutter +
               (p.sensor == plot.sensor ? log_same_sensor_ : log_other_sensor_),
           agile > steady};
 }
 
 Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, const Prediction& p,
-                              const Plot& plot, const Moment& at, const Gain& gain) const {
+                              const Plot& plot, const FrameTime& at,
+                              const ScoreIncrement& increment) const {
   Eigen::Matrix3d covariance =
       motion.transition * from.state.covariance * motion.transition.transpose() + motion.noise;
-  if (gain.is_agile) covariance += AgileFactor() * motion.noise;
+  if (increment.is_agile) covariance += ManoeuvreNoiseFactor() * motion.noise;
   // The plot shows the position in the middle of the frame, moved on by the velocity.
   const double offset_s = OffsetS(plot);
   const Eigen::Vector3d seen = covariance.col(0) + offset_s * covariance.col(1);
   const double variance = seen[0] + offset_s * seen[1] + StreakVarianceM2(plot, p.speed_mps);
-  const Eigen::Vector3d weight = seen / variance;
+  const Eigen::Vector3d kalman_gain = seen / variance;
   Hypothesis h;
-  h.score = p.score + gain.log;
+  h.score = p.score + increment.log;
   h.time_s = at.time_s;
   h.sensor = plot.sensor;
   h.frames = at.frames_before[plot.sensor] + 1;
   h.num_plots = from.num_plots + 1;
   // Frames in which it was missed, and that of the plot.
-  h.hits = 1.0;
-  h.exposure_s_per_m2 = from.per_frame_s_per_m2 * MissedFrames(from, at);
+  h.num_detections = 1.0;
+  h.exposure_s_per_m2 = from.frame_exposure_s_per_m2 * NumMissedDetections(from, at);
   if (plot.sensor == from.sensor) {
-    h.hits += from.hits;
-    h.exposure_s_per_m2 += from.exposure_s_per_m2 + from.per_frame_s_per_m2;
+    h.num_detections += from.num_detections;
+    h.exposure_s_per_m2 += from.exposure_s_per_m2 + from.frame_exposure_s_per_m2;
   } else {
-    h.exposure_s_per_m2 += PerFrame(plot.sensor, from.state);
+    h.exposure_s_per_m2 += ExposureOfFrame(plot.sensor, from.state);
   }
   h.state.mean = from.state.mean * motion.transition.transpose();
-  h.state.mean += (plot.position_m - p.position_m - offset_s * p.velocity_mps) * weight.transpose();
-  h.state.covariance = covariance - weight * seen.transpose();
-  SetVisibility(&h);
+  h.state.mean +=
+      (plot.position_m - p.position_m - offset_s * p.velocity_mps) * kalman_gain.transpose();
+  h.state.covariance = covariance - kalman_gain * seen.transpose();
+  SetDetectionProbability(&h);
   return h;
 }
 
-Hypothesis TrackModel::Follow(const Hypothesis& from, const Plot& plot, const Moment& at) const {
+Hypothesis TrackModel::PredictAndUpdate(const Hypothesis& from, const Plot& plot,
+                                        const FrameTime& at) const {
   const Motion motion = MotionOver(at.time_s - from.time_s);
-  const Prediction p = Predict(from, ScoreBefore(from, at), motion, at);
-  return Update(from, motion, p, plot, at, GainOf(p, plot));
+  const Prediction p = Predict(from, PredictedScore(from, at), motion, at);
+  return Update(from, motion, p, plot, at, ScoreIncrementOf(p, plot));
 }
 
 ScoreBound TrackModel::BoundOf(const Prediction& p, const FrameBounds& frame) const {
   const double streak_m = p.speed_mps * frame.streak_s;
-  const double largest_m2 = frame.largest_variance_m2 + streak_m * streak_m / 36.0;
-  const double common = p.score + p.log_hit;
-  const auto peak = [&](const Spread& spread) {
+  const double max_m2 = frame.max_variance_m2 + streak_m * streak_m / 36.0;
+  const double common = p.score + p.log_detection_probability;
+  const auto peak = [&](const AxisVariances& variances) {
     return common -
-           1.5 * std::log(2.0 * M_PI * (spread.Least(frame.half_span_s) + frame.least_variance_m2));
+           1.5 * std::log(2.0 * M_PI * (variances.Min(frame.half_span_s) + frame.min_variance_m2));
   };
-  const auto slope = [&](const Spread& spread) {
-    return 0.5 / (spread.Largest(frame.half_span_s) + largest_m2);
+  const auto slope = [&](const AxisVariances& variances) {
+    return 0.5 / (variances.Max(frame.half_span_s) + max_m2);
   };
   return {peak(p.steady), slope(p.steady), peak(p.agile) + config_->manoeuvre_log, slope(p.agile),
           frame.half_span_s * p.velocity_mps.norm()};
 }
 
 // How often it was seen so far tells how often it should be seen.
-double TrackModel::LogMiss(const Hypothesis& from, double exposure_s_per_m2) const {
-  return LogUnseen(config_->echo_shape + from.hits,
-                   config_->echo_shape / config_->echo_m2_per_s + from.exposure_s_per_m2,
-                   exposure_s_per_m2);
+double TrackModel::LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const {
+  return LogProbabilityOfNoReturn(
+      config_->echo_shape + from.num_detections,
+      config_->echo_shape / config_->echo_m2_per_s + from.exposure_s_per_m2, exposure_s_per_m2);
 }
 
-double TrackModel::LogMissUnknown(double exposure_s_per_m2) const {
-  return LogUnseen(config_->echo_shape, config_->echo_shape / config_->echo_m2_per_s,
-                   exposure_s_per_m2);
+double TrackModel::LogPriorMissProbability(double exposure_s_per_m2) const {
+  return LogProbabilityOfNoReturn(config_->echo_shape, config_->echo_shape / config_->echo_m2_per_s,
+                                  exposure_s_per_m2);
 }
 
-double TrackModel::PerFrame(std::uint32_t sensor, const State& state) const {
+double TrackModel::ExposureOfFrame(std::uint32_t sensor, const State& state) const {
   return frame_s_[sensor] * PerM2(state.mean.col(0) - viewpoints_m_[sensor]);
 }
 
-void TrackModel::SetVisibility(Hypothesis* h) const {
-  h->per_frame_s_per_m2 = PerFrame(h->sensor, h->state);
-  h->log_hit = LogHitOf(LogMiss(*h, h->per_frame_s_per_m2));
+void TrackModel::SetDetectionProbability(Hypothesis* h) const {
+  h->frame_exposure_s_per_m2 = ExposureOfFrame(h->sensor, h->state);
+  h->log_detection_probability =
+      LogDetectionProbability(LogMissProbability(*h, h->frame_exposure_s_per_m2));
 }
 
-double TrackModel::AgileFactor() const { return kManoeuvreFactor * kManoeuvreFactor - 1.0; }
+double TrackModel::ManoeuvreNoiseFactor() const {
+  return kManoeuvreFactor * kManoeuvreFactor - 1.0;
+}
 
-std::vector<Hypothesis> FollowPath(const TrackModel& model, const std::vector<const Plot*>& plots,
-                                   const std::vector<Moment>& moments, double log_birth,
+std::vector<Hypothesis> FilterPath(const TrackModel& model, const std::vector<const Plot*>& plots,
+                                   const std::vector<FrameTime>& frame_times, double log_birth,
                                    const TrackerConfig& config) {
   std::vector<Hypothesis> best;
   for (const double speed_mps : config.birth_speeds_mps) {
-    std::vector<Hypothesis> way;
-    way.push_back(model.Birth(*plots.front(), log_birth, moments.front(), speed_mps));
+    std::vector<Hypothesis> hypotheses;
+    hypotheses.push_back(model.Birth(*plots.front(), log_birth, frame_times.front(), speed_mps));
     for (std::size_t k = 1; k < plots.size(); ++k) {
-      way.push_back(model.Follow(way.back(), *plots[k], moments[k]));
+      hypotheses.push_back(model.PredictAndUpdate(hypotheses.back(), *plots[k], frame_times[k]));
     }
-    if (best.empty() || way.back().score > best.back().score) best = std::move(way);
+    if (best.empty() || hypotheses.back().score > best.back().score) best = std::move(hypotheses);
   }
   return best;
 }

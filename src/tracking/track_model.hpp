@@ -21,7 +21,7 @@ constexpr double kManoeuvreFactor = 3.0;
 constexpr double kSearchAccelerationTimeS = 2.0;
 
 // Sensors mostly look different ways: the one that saw a target sees it next, but for this share.
-constexpr double kSensorChange = 0.1;
+constexpr double kSensorSwitchProbability = 0.1;
 
 // Position, velocity, acceleration; the covariance is the same on every axis.
 struct State {
@@ -37,11 +37,11 @@ struct Motion {
 
 struct Hypothesis {
   double score = 0.0;
-  double time_s = 0.0;              // middle of the frame of its last plot
-  double hits = 0.0;                // plots of its sensor since another one saw it, or the first,
-  double exposure_s_per_m2 = 0.0;   // and the sum over the frames in which it could be seen, of
-  double per_frame_s_per_m2 = 0.0;  // how long a frame lasts over range^2
-  double log_hit = 0.0;             // log probability of being seen in a frame of its sensor
+  double time_s = 0.0;             // middle of the frame of its last plot
+  double num_detections = 0.0;     // plots of its sensor since another one saw it, or the first,
+  double exposure_s_per_m2 = 0.0;  // and the sum over the frames in which it could be seen, of
+  double frame_exposure_s_per_m2 = 0.0;    // how long a frame lasts over range^2
+  double log_detection_probability = 0.0;  // log probability of being seen in a frame of its sensor
   State state;
   std::uint32_t sensor = 0;     // of its last plot
   std::uint32_t frames = 0;     // of that sensor so far
@@ -51,7 +51,7 @@ struct Hypothesis {
 };
 
 // Variances per axis of a position and a velocity, and their covariance.
-struct Spread {
+struct AxisVariances {
   double position_m2 = 0.0;
   double covariance_m2_per_s = 0.0;
   double velocity_m2_per_s2 = 0.0;
@@ -62,13 +62,13 @@ struct Spread {
   }
 
   // The least and largest of At within [-half_span_s, half_span_s].
-  double Least(double half_span_s) const {
+  double Min(double half_span_s) const {
     if (std::abs(covariance_m2_per_s) >= half_span_s * velocity_m2_per_s2) {
       return std::min(At(-half_span_s), At(half_span_s));
     }
     return At(-covariance_m2_per_s / velocity_m2_per_s2);
   }
-  double Largest(double half_span_s) const { return std::max(At(-half_span_s), At(half_span_s)); }
+  double Max(double half_span_s) const { return std::max(At(-half_span_s), At(half_span_s)); }
 };
 
 // Where a hypothesis expects its next plot: of its state only what the likelihood of a plot needs.
@@ -76,26 +76,26 @@ struct Prediction {
   std::int32_t history = kNoIndex;
   std::uint32_t motion = 0;  // index of that since its last plot
   double score = 0.0;        // misses on the way counted
-  double log_hit = 0.0;
+  double log_detection_probability = 0.0;
   double speed_mps = 0.0;    // of the hypothesis
   std::uint32_t sensor = 0;  // that saw it last
   // At the middle of the frame; a plot may lie before or after it.
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
-  Spread steady;
-  Spread agile;  // had it manoeuvred on the way
+  AxisVariances steady;
+  AxisVariances agile;  // had it manoeuvred on the way
 };
 
 // What a plot adds to the score of a prediction.
-struct Gain {
+struct ScoreIncrement {
   double log = 0.0;
   bool is_agile = false;  // a manoeuvre explains it better
 };
 
 // What the plots of a frame have in common, and how far they differ.
 struct FrameBounds {
-  double least_variance_m2 = 0.0;
-  double largest_variance_m2 = 0.0;
+  double min_variance_m2 = 0.0;
+  double max_variance_m2 = 0.0;
   double streak_s = 0.0;
   double half_span_s = 0.0;  // no plot is farther from the middle of the frame
 };
@@ -127,66 +127,68 @@ struct ScoreBound {
 };
 
 // The middle of a frame, and how often a target could have been seen until then.
-struct Moment {
+struct FrameTime {
   double time_s = 0.0;                       // since the frame of the first plot
   std::vector<std::uint32_t> frames_before;  // (sensors)
   std::uint32_t sensor = 0;                  // that took the frame
 };
 
 // Of the frame of a plot. The first plot is that of the earliest frame.
-Moment MomentOf(const Plot& plot, const Plot& first, const Watch& watch);
+FrameTime FrameTimeOf(const Plot& plot, const Plot& first, const ScanSchedule& scan_schedule);
 
 // Log of the chance that a target which appears somewhere is seen at a plot, over the clutter
 // there.
-double LogBirthOdds(const Plot& plot, const Watch& watch, const TrackerConfig& config);
+double LogBirthOdds(const Plot& plot, const ScanSchedule& scan_schedule,
+                    const TrackerConfig& config);
 
 // What each plot brings as the first of a path, relative to an even choice among all of them. A
 // target may appear anywhere that it can be seen: with a chance in proportion to volume, so a plot
 // is the likelier to be its first the rarer clutter is at its place. Normalised, so that the mean
 // of exp is 1.
-std::vector<double> LogBirths(const std::vector<Plot>& plots, const Watch& watch,
+std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                               const TrackerConfig& config);
 
 class TrackModel {
  public:
-  TrackModel(double sigma_a_mps2, const Watch& watch, const TrackerConfig& config);
+  TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule, const TrackerConfig& config);
 
   // Takes on other sensors.
-  void SetWatch(const Watch& watch);
+  void SetScanSchedule(const ScanSchedule& scan_schedule);
 
-  Hypothesis Birth(const Plot& plot, double log_birth, const Moment& at, double speed_mps) const;
+  Hypothesis Birth(const Plot& plot, double log_birth, const FrameTime& at, double speed_mps) const;
 
   // Score of a hypothesis that was not seen in the frames until `at` by the sensor that saw it
   // last.
-  double ScoreUnseen(const Hypothesis& from, const Moment& at) const;
+  double ScoreAfterMisses(const Hypothesis& from, const FrameTime& at) const;
 
   // The same before it is seen in the frame at `at`. If that is another sensor's, the target has
   // left what the last one sees: how often it was seen there tells nothing of since then.
-  double ScoreBefore(const Hypothesis& from, const Moment& at) const;
+  double PredictedScore(const Hypothesis& from, const FrameTime& at) const;
 
   Motion MotionOver(double dt_s) const;
 
   // `score`: of the hypothesis before the frame at `at`, over `motion`.
   Prediction Predict(const Hypothesis& from, double score, const Motion& motion,
-                     const Moment& at) const;
+                     const FrameTime& at) const;
 
-  Gain GainOf(const Prediction& p, const Plot& plot) const;
+  ScoreIncrement ScoreIncrementOf(const Prediction& p, const Plot& plot) const;
 
   // The hypothesis that goes on with a plot of the frame at `at`, for which it was predicted.
   Hypothesis Update(const Hypothesis& from, const Motion& motion, const Prediction& p,
-                    const Plot& plot, const Moment& at, const Gain& gain) const;
+                    const Plot& plot, const FrameTime& at, const ScoreIncrement& increment) const;
 
   // The hypothesis that goes on with a plot of the frame at `at`, unseen until then.
-  Hypothesis Follow(const Hypothesis& from, const Plot& plot, const Moment& at) const;
+  Hypothesis PredictAndUpdate(const Hypothesis& from, const Plot& plot, const FrameTime& at) const;
 
   ScoreBound BoundOf(const Prediction& p, const FrameBounds& frame) const;
 
  private:
-  void SetVisibility(Hypothesis* h) const;
-  double AgileFactor() const;  // further noise of a manoeuvre
-  double LogMiss(const Hypothesis& from, double exposure_s_per_m2) const;
-  double LogMissUnknown(double exposure_s_per_m2) const;  // nothing is known of how it is seen
-  double PerFrame(std::uint32_t sensor, const State& state) const;
+  void SetDetectionProbability(Hypothesis* h) const;
+  double ManoeuvreNoiseFactor() const;  // further noise of a manoeuvre
+  double LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const;
+  double LogPriorMissProbability(
+      double exposure_s_per_m2) const;  // nothing is known of how it is seen
+  double ExposureOfFrame(std::uint32_t sensor, const State& state) const;
 
   double sigma_;
   std::vector<double> frame_s_;                // (sensors)
@@ -197,9 +199,9 @@ class TrackModel {
 };
 
 // The hypotheses (plots) that go on from one plot to the next, with the first velocity that suits
-// them best. `moments` (plots): of their frames.
-std::vector<Hypothesis> FollowPath(const TrackModel& model, const std::vector<const Plot*>& plots,
-                                   const std::vector<Moment>& moments, double log_birth,
+// them best. `frame_times` (plots): of their frames.
+std::vector<Hypothesis> FilterPath(const TrackModel& model, const std::vector<const Plot*>& plots,
+                                   const std::vector<FrameTime>& frame_times, double log_birth,
                                    const TrackerConfig& config);
 
 }  // namespace unlidar

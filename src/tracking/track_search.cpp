@@ -14,54 +14,54 @@ constexpr double kBoundSlack = 1e-9;
 
 }  // namespace
 
-void SetSlice(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-              std::size_t first, const Moment& at, const TrackerConfig& config, Slice* slice) {
-  slice->first = slice->last = first;
-  slice->at = at;
-  slice->places.clear();
-  FrameBounds& bounds = slice->bounds;
+void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+             std::size_t first, const FrameTime& at, const TrackerConfig& config, Scan* scan) {
+  scan->first = scan->last = first;
+  scan->at = at;
+  scan->entries.clear();
+  FrameBounds& bounds = scan->bounds;
   bounds = FrameBounds();
-  bounds.least_variance_m2 = plots[first].variance_m2;
+  bounds.min_variance_m2 = plots[first].variance_m2;
   bounds.streak_s = plots[first].streak_s;
-  std::size_t& last = slice->last;
+  std::size_t& last = scan->last;
   for (; last < plots.size() && plots[last].frame == plots[first].frame; ++last) {
     const Plot& plot = plots[last];
-    bounds.least_variance_m2 = std::min(bounds.least_variance_m2, plot.variance_m2);
-    bounds.largest_variance_m2 = std::max(bounds.largest_variance_m2, plot.variance_m2);
+    bounds.min_variance_m2 = std::min(bounds.min_variance_m2, plot.variance_m2);
+    bounds.max_variance_m2 = std::max(bounds.max_variance_m2, plot.variance_m2);
     bounds.half_span_s =
         std::max(bounds.half_span_s,
                  static_cast<double>(std::abs(plot.time_ns - plot.frame_time_ns)) * kSecondsPerNs);
-    slice->places.push_back({plot.position_m, plot.log_clutter,
+    scan->entries.push_back({plot.position_m, plot.log_clutter,
                              std::max(config.give_up_log, log_births[last] + config.rebirth_log),
                              last});
   }
-  std::sort(slice->places.begin(), slice->places.end(),
-            [](const Slice::Place& a, const Slice::Place& b) {
+  std::sort(scan->entries.begin(), scan->entries.end(),
+            [](const Scan::Entry& a, const Scan::Entry& b) {
               return a.position_m.x() < b.position_m.x();
             });
 }
 
-std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                            const Watch& watch, const TrackerConfig& config) {
-  std::vector<Slice> slices;
-  for (std::size_t i = 0; i < plots.size(); i = slices.back().last) {
-    slices.emplace_back();
-    SetSlice(plots, log_births, i, MomentOf(plots[i], plots.front(), watch), config,
-             &slices.back());
+std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                          const ScanSchedule& scan_schedule, const TrackerConfig& config) {
+  std::vector<Scan> scans;
+  for (std::size_t i = 0; i < plots.size(); i = scans.back().last) {
+    scans.emplace_back();
+    SetScan(plots, log_births, i, FrameTimeOf(plots[i], plots.front(), scan_schedule), config,
+            &scans.back());
   }
-  return slices;
+  return scans;
 }
 
 TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                         const std::vector<Slice>& slices, const std::vector<char>& free,
+                         const std::vector<Scan>& scans, const std::vector<char>& free,
                          const TrackModel& model, const TrackerConfig& config)
     : TrackSearch(plots, log_births, free, model, config) {
   // Room for the births and as many that go on: rarely are there more, which then have to move.
   history_.reserve(plots.size() * 2 * config.birth_speeds_mps.size());
-  for (const Slice& slice : slices) Extend(slice);
-  const auto least_plots = static_cast<std::uint32_t>(config_.min_fragment_plots);
+  for (const Scan& scan : scans) Extend(scan);
+  const auto min_plots = static_cast<std::uint32_t>(config_.min_fragment_plots);
   for (std::size_t h = 0; h < history_.size(); ++h) {
-    if (history_[h].score <= 0.0 || history_[h].num_plots < least_plots) continue;
+    if (history_[h].score <= 0.0 || history_[h].num_plots < min_plots) continue;
     ends_.push_back({history_[h].score, static_cast<std::int32_t>(h)});
   }
   std::make_heap(ends_.begin(), ends_.end());
@@ -103,49 +103,51 @@ void TrackSearch::SetPathTo(std::int32_t hypothesis, Path* path) const {
   std::reverse(path->plots.begin(), path->plots.end());
 }
 
-void TrackSearch::AppendPathsToLastSlice(double least, Queue<Path>* paths) const {
+void TrackSearch::AppendPathsToLastScan(double min_score, Queue<Path>* paths) const {
   // Those of one plot come one after the other.
-  for (std::size_t first = last_slice_; first < history_.size();) {
+  for (std::size_t first = last_scan_; first < history_.size();) {
     std::size_t best = first;
     std::size_t h = first;
     for (; h < history_.size() && history_[h].plot == history_[first].plot; ++h) {
       if (history_[h].score > history_[best].score) best = h;
     }
-    if (history_[best].score >= least) {
+    if (history_[best].score >= min_score) {
       SetPathTo(static_cast<std::int32_t>(best), &paths->Append());
     }
     first = h;
   }
 }
 
-void TrackSearch::AppendWays(const Moment& end, double least, std::vector<Way>* ways) const {
+void TrackSearch::AppendAlternatives(const FrameTime& end, double min_score,
+                                     std::vector<AlternativePath>* alternatives) const {
   for (const Hypothesis& last : history_) {
-    if (last.score < least) continue;
-    Way way;
-    way.score = model_.ScoreUnseen(last, end);
-    if (way.score < least) continue;
+    if (last.score < min_score) continue;
+    AlternativePath alternative;
+    alternative.score = model_.ScoreAfterMisses(last, end);
+    if (alternative.score < min_score) continue;
     for (const Hypothesis* h = &last; h != nullptr;
          h = h->parent == kNoIndex ? nullptr : &history_[static_cast<std::size_t>(h->parent)]) {
-      way.steps.push_back({static_cast<std::uint32_t>(h->plot), h->time_s, h->state});
+      alternative.steps.push_back({static_cast<std::uint32_t>(h->plot), h->time_s, h->state});
     }
-    std::reverse(way.steps.begin(), way.steps.end());
-    ways->push_back(std::move(way));
+    std::reverse(alternative.steps.begin(), alternative.steps.end());
+    alternatives->push_back(std::move(alternative));
   }
 }
 
-void TrackSearch::DropTaken() {
-  std::vector<std::int32_t>& is_taken = marks_;
-  is_taken.resize(history_.size());
+void TrackSearch::DropAssigned() {
+  std::vector<std::int32_t>& is_assigned = marks_;
+  is_assigned.resize(history_.size());
   for (std::size_t h = 0; h < history_.size(); ++h) {
     const std::int32_t parent = history_[h].parent;
-    is_taken[h] = !free_[static_cast<std::size_t>(history_[h].plot)] ||
-                          (parent != kNoIndex && is_taken[static_cast<std::size_t>(parent)] != 0)
-                      ? 1
-                      : 0;
+    is_assigned[h] =
+        !free_[static_cast<std::size_t>(history_[h].plot)] ||
+                (parent != kNoIndex && is_assigned[static_cast<std::size_t>(parent)] != 0)
+            ? 1
+            : 0;
   }
   active_.erase(
       std::remove_if(active_.begin(), active_.end(),
-                     [&](std::int32_t h) { return is_taken[static_cast<std::size_t>(h)] != 0; }),
+                     [&](std::int32_t h) { return is_assigned[static_cast<std::size_t>(h)] != 0; }),
       active_.end());
 }
 
@@ -159,18 +161,18 @@ void TrackSearch::Forget(std::size_t num_plots) {
   std::vector<std::int32_t>& moved = marks_;
   moved.reserve(history_.capacity());
   moved.assign(history_.size(), kNoIndex);
-  constexpr std::int32_t kWanted = 0;
+  constexpr std::int32_t kKept = 0;
   for (const std::int32_t leaf : active_) {
     for (std::int32_t h = leaf; h != kNoIndex && is_kept_plot(h);) {
       std::int32_t& mark = moved[static_cast<std::size_t>(h)];
-      if (mark == kWanted) break;
-      mark = kWanted;
+      if (mark == kKept) break;
+      mark = kKept;
       h = history_[static_cast<std::size_t>(h)].parent;
     }
   }
   std::size_t kept = 0;
   for (std::size_t h = 0; h < history_.size(); ++h) {
-    if (moved[h] != kWanted) continue;
+    if (moved[h] != kKept) continue;
     Hypothesis hypothesis = history_[h];
     hypothesis.plot -= static_cast<std::int32_t>(num_plots);
     if (hypothesis.parent != kNoIndex) {
@@ -180,22 +182,22 @@ void TrackSearch::Forget(std::size_t num_plots) {
     history_[kept++] = hypothesis;
   }
   history_.resize(kept);
-  last_slice_ = kept;
+  last_scan_ = kept;
   for (std::int32_t& h : active_) h = moved[static_cast<std::size_t>(h)];
 }
 
-void TrackSearch::Extend(const Slice& slice) {
-  last_slice_ = history_.size();
-  Predict(slice.at);
-  KeepBest(slice);
-  FindCandidates(slice);
-  for (std::size_t i = slice.first; i < slice.last; ++i) {
+void TrackSearch::Extend(const Scan& scan) {
+  last_scan_ = history_.size();
+  Predict(scan.at);
+  PruneHypotheses(scan);
+  FindCandidates(scan);
+  for (std::size_t i = scan.first; i < scan.last; ++i) {
     if (!free_[i]) continue;
-    for (const Candidate& candidate : candidates_[i - slice.first]) {
+    for (const Candidate& candidate : candidates_[i - scan.first]) {
       const Prediction& p = predictions_[candidate.index];
       const Hypothesis& from = history_[static_cast<std::size_t>(p.history)];
       Hypothesis h =
-          model_.Update(from, motions_[p.motion], p, plots_[i], slice.at, candidate.gain);
+          model_.Update(from, motions_[p.motion], p, plots_[i], scan.at, candidate.increment);
       if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.parent = p.history;
@@ -203,7 +205,7 @@ void TrackSearch::Extend(const Slice& slice) {
     }
     if (log_births_[i] < config_.give_up_log) continue;  // where nothing begins
     for (const double speed_mps : config_.birth_speeds_mps) {
-      Hypothesis h = model_.Birth(plots_[i], log_births_[i], slice.at, speed_mps);
+      Hypothesis h = model_.Birth(plots_[i], log_births_[i], scan.at, speed_mps);
       h.plot = static_cast<std::int32_t>(i);
       Add(h);
     }
@@ -216,7 +218,7 @@ void TrackSearch::Add(const Hypothesis& hypothesis) {
 }
 
 // Carries all hypotheses on to a time. Drops what is too old or too unlikely.
-void TrackSearch::Predict(const Moment& at) {
+void TrackSearch::Predict(const FrameTime& at) {
   predictions_.clear();
   motions_.clear();
   double motion_dt = -1.0;
@@ -224,7 +226,7 @@ void TrackSearch::Predict(const Moment& at) {
     const Hypothesis& from = history_[static_cast<std::size_t>(index)];
     const double dt = at.time_s - from.time_s;
     if (dt > config_.max_gap_s) continue;
-    const double score = model_.ScoreBefore(from, at);
+    const double score = model_.PredictedScore(from, at);
     if (score < config_.give_up_log) continue;
     if (dt != motion_dt) {
       motions_.push_back(model_.MotionOver(dt));
@@ -239,80 +241,82 @@ void TrackSearch::Predict(const Moment& at) {
 // In rain most plots are births that lead nowhere: only the best hypotheses are carried on, by what
 // a plot just where they expect it could make of them. A birth far away, whose misses cost nothing
 // because it would hardly ever be seen, does not crowd out what is near.
-void TrackSearch::KeepBest(const Slice& slice) {
+void TrackSearch::PruneHypotheses(const Scan& scan) {
   bounds_.clear();
-  promises_.clear();
+  ranking_.clear();
   for (const Prediction& p : predictions_) {
-    bounds_.push_back(model_.BoundOf(p, slice.bounds));
-    promises_.emplace_back(-bounds_.back().steady_top, promises_.size());
+    bounds_.push_back(model_.BoundOf(p, scan.bounds));
+    ranking_.emplace_back(-bounds_.back().steady_top, ranking_.size());
   }
   const auto move_best_to_front = [&](std::size_t count) {
-    if (promises_.size() <= count) return;
-    std::nth_element(promises_.begin(), promises_.begin() + static_cast<std::ptrdiff_t>(count),
-                     promises_.end());
+    if (ranking_.size() <= count) return;
+    std::nth_element(ranking_.begin(), ranking_.begin() + static_cast<std::ptrdiff_t>(count),
+                     ranking_.end());
   };
   const std::size_t most =
       static_cast<std::size_t>(config_.max_hypotheses) +
-      static_cast<std::size_t>(config_.max_hypotheses_per_plot) * (slice.last - slice.first);
+      static_cast<std::size_t>(config_.max_hypotheses_per_plot) * (scan.last - scan.first);
   move_best_to_front(most);
-  promises_.resize(std::min(promises_.size(), most));
+  ranking_.resize(std::min(ranking_.size(), most));
   // What the most promising make of a plot bounds the others from the start; the order changes no
   // result.
-  constexpr std::size_t kPromising = 64;
-  move_best_to_front(kPromising);
+  constexpr std::size_t kNumRankedFirst = 64;
+  move_best_to_front(kNumRankedFirst);
   is_kept_.assign(predictions_.size(), 0);
-  for (const auto& [promise, k] : promises_) is_kept_[k] = 1;
+  for (const auto& [negated_bound, k] : ranking_) is_kept_[k] = 1;
   active_.clear();
   for (std::size_t k = 0; k < predictions_.size(); ++k) {
     if (is_kept_[k]) active_.push_back(predictions_[k].history);
   }
 }
 
-// The best ways to go on to each free plot, if they are not much worse than to begin there.
-void TrackSearch::FindCandidates(const Slice& slice) {
-  while (candidates_.size() < slice.last - slice.first) {
+// The best alternatives to go on to each free plot, if they are not much worse than to begin there.
+void TrackSearch::FindCandidates(const Scan& scan) {
+  while (candidates_.size() < scan.last - scan.first) {
     candidates_.emplace_back();
     candidates_.back().reserve(static_cast<std::size_t>(config_.hypotheses_per_plot) + 1);
   }
   for (std::vector<Candidate>& candidates : candidates_) candidates.clear();
-  places_.clear();
-  for (const Slice::Place& place : slice.places) {
-    if (free_[place.plot]) places_.push_back(place);
+  entries_.clear();
+  for (const Scan::Entry& entry : scan.entries) {
+    if (free_[entry.plot]) entries_.push_back(entry);
   }
-  if (places_.empty()) return;
-  double least_need = -std::numeric_limits<double>::infinity();
-  bool is_stale = true;  // the place of the least need needs more by now
-  for (const auto& [promise, k] : promises_) {
+  if (entries_.empty()) return;
+  double min_threshold = -std::numeric_limits<double>::infinity();
+  bool is_stale = true;  // the entry of the min_score need needs more by now
+  for (const auto& [negated_bound, k] : ranking_) {
     if (is_stale) {
-      least_need = std::numeric_limits<double>::infinity();
-      for (const Slice::Place& place : places_) {
-        least_need = std::min(least_need, place.least_score + place.log_clutter);
+      min_threshold = std::numeric_limits<double>::infinity();
+      for (const Scan::Entry& entry : entries_) {
+        min_threshold = std::min(min_threshold, entry.score_threshold + entry.log_clutter);
       }
       is_stale = false;
     }
     const Prediction& p = predictions_[k];
     const ScoreBound& bound = bounds_[k];
-    const double reach_m = bound.ReachM(least_need - kBoundSlack);
+    const double reach_m = bound.ReachM(min_threshold - kBoundSlack);
     if (reach_m < 0.0) continue;
-    auto place =
-        std::lower_bound(places_.begin(), places_.end(), p.position_m.x() - reach_m,
-                         [](const Slice::Place& at, double x) { return at.position_m.x() < x; });
-    for (; place != places_.end() && place->position_m.x() <= p.position_m.x() + reach_m; ++place) {
-      const double distance2_m2 = (place->position_m - p.position_m).squaredNorm();
-      if (bound.At(distance2_m2) - place->log_clutter < place->least_score - kBoundSlack) continue;
-      const Gain gain = model_.GainOf(p, plots_[place->plot]);
-      const double score = p.score + gain.log;
-      if (score < place->least_score) continue;
-      std::vector<Candidate>& best = candidates_[place->plot - slice.first];
-      Keep({score, gain, k}, &best);
+    auto entry =
+        std::lower_bound(entries_.begin(), entries_.end(), p.position_m.x() - reach_m,
+                         [](const Scan::Entry& at, double x) { return at.position_m.x() < x; });
+    for (; entry != entries_.end() && entry->position_m.x() <= p.position_m.x() + reach_m;
+         ++entry) {
+      const double distance2_m2 = (entry->position_m - p.position_m).squaredNorm();
+      if (bound.At(distance2_m2) - entry->log_clutter < entry->score_threshold - kBoundSlack)
+        continue;
+      const ScoreIncrement increment = model_.ScoreIncrementOf(p, plots_[entry->plot]);
+      const double score = p.score + increment.log;
+      if (score < entry->score_threshold) continue;
+      std::vector<Candidate>& best = candidates_[entry->plot - scan.first];
+      InsertCandidate({score, increment, k}, &best);
       if (best.size() < static_cast<std::size_t>(config_.hypotheses_per_plot)) continue;
-      is_stale = is_stale || place->least_score + place->log_clutter <= least_need;
-      place->least_score = best.back().score;
+      is_stale = is_stale || entry->score_threshold + entry->log_clutter <= min_threshold;
+      entry->score_threshold = best.back().score;
     }
   }
 }
 
-void TrackSearch::Keep(const Candidate& candidate, std::vector<Candidate>* best) const {
+void TrackSearch::InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const {
   const auto at = std::upper_bound(
       best->begin(), best->end(), candidate, [](const Candidate& a, const Candidate& b) {
         return a.score > b.score || (a.score == b.score && a.index < b.index);

@@ -12,32 +12,32 @@
 namespace unlidar {
 
 // The plots of one frame.
-struct Slice {
-  struct Place {
+struct Scan {
+  struct Entry {
     Eigen::Vector3d position_m;
     double log_clutter;
-    double least_score;  // of a hypothesis that may go on with it
-    std::size_t plot;    // index into all plots
+    double score_threshold;  // of a hypothesis that may go on with it
+    std::size_t plot;        // index into all plots
   };
 
   std::size_t first = 0;  // index of the first plot,
   std::size_t last = 0;   // and of the one after the last
-  Moment at;
+  FrameTime at;
   FrameBounds bounds;
-  std::vector<Place> places;  // by x
+  std::vector<Entry> entries;  // by x
 };
 
 // Makes it that of the frame whose first plot is `first`, in the memory that it has.
-void SetSlice(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-              std::size_t first, const Moment& at, const TrackerConfig& config, Slice* slice);
+void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+             std::size_t first, const FrameTime& at, const TrackerConfig& config, Scan* scan);
 
 // What all searches through the same plots, frame by frame in order of time, share. Size of
 // `log_births`: that of `plots`.
-std::vector<Slice> SlicesOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                            const Watch& watch, const TrackerConfig& config);
+std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                          const ScanSchedule& scan_schedule, const TrackerConfig& config);
 
-// One of the ways that a search has found.
-struct Way {
+// One of the alternatives that a search has found.
+struct AlternativePath {
   struct Step {
     std::uint32_t plot = 0;
     double time_s = 0.0;  // in the middle of its frame,
@@ -52,7 +52,7 @@ class TrackSearch {
   // Searches at once; `free` (size of `plots`) is kept: plots may cease to be free later on.
   // Best() and the like may be called then.
   TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-              const std::vector<Slice>& slices, const std::vector<char>& free,
+              const std::vector<Scan>& scans, const std::vector<char>& free,
               const TrackModel& model, const TrackerConfig& config);
 
   // For a stream, whose plots are still to come: Extend() carries the search on to each frame.
@@ -62,21 +62,22 @@ class TrackSearch {
   // The best path through plots that are still free; empty if none is worth anything.
   Path Best();
 
-  // Carries all hypotheses on to the plots of a slice, later than all before.
-  void Extend(const Slice& slice);
+  // Carries all hypotheses on to the plots of a scan, later than all before.
+  void Extend(const Scan& scan);
 
-  // Appends the best path to each plot of the last slice, if its score is at least `least`.
-  void AppendPathsToLastSlice(double least, Queue<Path>* paths) const;
+  // Appends the best path to each plot of the last scan, if its score is at min_score `min_score`.
+  void AppendPathsToLastScan(double min_score, Queue<Path>* paths) const;
 
   // Begins nowhere else but with this one, as of a plot before all that follow.
   void Begin(const Hypothesis& hypothesis) { Add(hypothesis); }
 
-  // Appends all ways, unseen from their last plots to the end, but for those whose score is less
-  // than `least` then.
-  void AppendWays(const Moment& end, double least, std::vector<Way>* ways) const;
+  // Appends all alternatives, unseen from their last plots to the end, but for those whose score is
+  // less than `min_score` then.
+  void AppendAlternatives(const FrameTime& end, double min_score,
+                          std::vector<AlternativePath>* alternatives) const;
 
   // Drops the hypotheses that hold plots which are free no more.
-  void DropTaken();
+  void DropAssigned();
 
   // Forgets what leads nowhere, and the first plots, which the caller erases: what remains moves up
   // by so many.
@@ -88,26 +89,26 @@ class TrackSearch {
  private:
   struct Candidate {
     double score;
-    Gain gain;
+    ScoreIncrement increment;
     std::size_t index;  // of the prediction
   };
 
   // Of a path; the greatest is the best, of equal ones the first.
-  struct End {
+  struct PathEnd {
     double score;
     std::int32_t hypothesis;  // index into the history
 
-    bool operator<(const End& other) const {
+    bool operator<(const PathEnd& other) const {
       return score < other.score || (score == other.score && hypothesis > other.hypothesis);
     }
   };
 
   void SetPathTo(std::int32_t hypothesis, Path* path) const;
   void Add(const Hypothesis& hypothesis);
-  void Predict(const Moment& at);
-  void KeepBest(const Slice& slice);
-  void FindCandidates(const Slice& slice);
-  void Keep(const Candidate& candidate, std::vector<Candidate>* best) const;
+  void Predict(const FrameTime& at);
+  void PruneHypotheses(const Scan& scan);
+  void FindCandidates(const Scan& scan);
+  void InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const;
 
   const std::vector<Plot>& plots_;
   const std::vector<double>& log_births_;
@@ -115,16 +116,16 @@ class TrackSearch {
   TrackModel model_;
   const TrackerConfig& config_;
   std::vector<Hypothesis> history_;
-  std::size_t last_slice_ = 0;           // where its hypotheses begin
-  std::vector<End> ends_;                // heap of those that may still be free
+  std::size_t last_scan_ = 0;            // where its hypotheses begin
+  std::vector<PathEnd> ends_;            // heap of those that may still be free
   std::vector<std::int32_t> active_;     // those that may go on: indices into the history
   std::vector<Prediction> predictions_;  // of all active before, at the time at hand,
   std::vector<Motion> motions_;          // one for each time of a last plot,
   std::vector<ScoreBound> bounds_;       // how far they reach,
-  std::vector<std::pair<double, std::size_t>> promises_;  // minus promise, index of those kept
+  std::vector<std::pair<double, std::size_t>> ranking_;  // minus promise, index of those kept
   std::vector<char> is_kept_;
   std::vector<std::int32_t> marks_;                 // (history) while some of it is dropped
-  std::vector<Slice::Place> places_;                // of the free plots of the frame at hand
+  std::vector<Scan::Entry> entries_;                // of the free plots of the frame at hand
   std::vector<std::vector<Candidate>> candidates_;  // per plot of the frame at hand, the best first
 };
 

@@ -11,7 +11,7 @@
 namespace unlidar {
 
 // When and from where each sensor watches the air.
-struct Watch {
+struct ScanSchedule {
   struct Sensor {
     double frame_s = 0.1;                                   // how long a frame lasts
     std::vector<TimeNs> frame_times_ns;                     // middles of its frames, ascending
@@ -22,7 +22,7 @@ struct Watch {
   std::uint32_t FramesBefore(std::uint32_t sensor, TimeNs time_ns) const;
 };
 
-Watch WatchOf(const Recording& recording);
+ScanSchedule ScanScheduleOf(const Recording& recording);
 
 struct Path {
   std::vector<std::uint32_t> plots;  // ascending
@@ -42,7 +42,7 @@ struct Effort {
 // is left. As this takes the best first, pairs of paths then exchange tails, or join, as long as
 // the sum of their scores grows: crossing targets find their own continuation.
 // `effort`, if there is one, is told what that took.
-std::vector<Path> FindPaths(const std::vector<Plot>& plots, const Watch& watch,
+std::vector<Path> FindPaths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                             const TrackerConfig& config, Effort* effort = nullptr);
 
 }  // namespace unlidar

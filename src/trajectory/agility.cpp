@@ -14,7 +14,7 @@ namespace unlidar {
 namespace {
 
 constexpr int kLowestLevel = -6;
-constexpr double kStay_s = 0.5;
+constexpr double kHoldingTime_s = 0.5;
 constexpr std::array<double, 3> kSpreads = {0.25, 0.5, 1.0};  // of the logarithm of sigma_a
 
 using Levels = AgilityMemory::Levels;
@@ -23,18 +23,18 @@ Levels LogVariances() {
   return Levels::LinSpaced(kLowestLevel, kLowestLevel + kAgilityLevels - 1) * std::log(2.0);
 }
 
-// Slower than this (m/s), a way is hardly one.
-constexpr double kSlowMps = 0.5;
-// The least and the largest ratio of the variances along and across a way, and what says that they
-// are alike beforehand, as so many degrees of freedom.
-constexpr double kLeastRatio = 1.0 / 32.0;
-constexpr double kMostRatio = 32.0;
-constexpr double kAlikeFreedom = 10.0;
+// Slower than this (m/s), a direction is hardly one.
+constexpr double kMinSpeedMps = 0.5;
+// The least and the largest ratio of the variances along and across a direction, and what says that
+// they are alike beforehand, as so many degrees of freedom.
+constexpr double kMinRatio = 1.0 / 32.0;
+constexpr double kMaxRatio = 32.0;
+constexpr double kPriorFreedom = 10.0;
 
 // Of the two rows of an interval.
-Drive DriveOf(const SplineModel& model, std::size_t interval, const SplineFit& fit,
-              const TrajectoryScales& scales) {
-  Drive drive;
+DrivingNoise DrivingNoiseOf(const SplineModel& model, std::size_t interval, const SplineFit& fit,
+                            const TrajectoryScales& scales) {
+  DrivingNoise driving_noise;
   Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
   for (const std::size_t i : {2 * interval + 1, 2 * interval + 2}) {
     const Eigen::Vector4d& basis = model.smoothness[i].basis;
@@ -43,56 +43,60 @@ Drive DriveOf(const SplineModel& model, std::size_t interval, const SplineFit& f
     for (int a = 0; a < 4; ++a) {
       const Eigen::Vector3d& point_m = fit.control_points_m[Index(first + a)];
       value += basis[a] * point_m;
-      velocity_mps += 0.5 * model.bends[i].velocity[a] * point_m;
+      velocity_mps += 0.5 * model.derivatives[i].velocity[a] * point_m;
     }
-    drive.squares += value * value.transpose();
-    drive.unknown += Square(scales.noise) * CovarianceOfSum(first, basis, fit.inverse);
+    driving_noise.squares += value * value.transpose();
+    driving_noise.unknown += Square(scales.noise) * CovarianceOfSum(first, basis, fit.inverse);
   }
   const double variance = Square(scales.acceleration_mps2);
-  drive.squares /= variance;
-  drive.unknown /= variance;
-  drive.way = velocity_mps / std::sqrt(velocity_mps.squaredNorm() + Square(kSlowMps));
-  return drive;
+  driving_noise.squares /= variance;
+  driving_noise.unknown /= variance;
+  driving_noise.direction =
+      velocity_mps / std::sqrt(velocity_mps.squaredNorm() + Square(kMinSpeedMps));
+  return driving_noise;
 }
 
 double Dot(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) { return a.cwiseProduct(b).sum(); }
 
-// The variance along the way over that across it: each from what was fitted, over its degrees of
-// freedom.
-double AlongOverAcross(const std::vector<Drive>& drives,
+// The variance along the direction over that across it: each from what was fitted, over its degrees
+// of freedom.
+double AlongOverAcross(const std::vector<DrivingNoise>& driving_noises,
                        const std::vector<Eigen::Matrix3d>& agility) {
-  double along = kAlikeFreedom;
-  double across = kAlikeFreedom;
-  double along_freedom = kAlikeFreedom;
-  double across_freedom = kAlikeFreedom;
-  for (std::size_t i = 0; i < drives.size(); ++i) {
-    const Drive& drive = drives[i];
-    const double share = drive.way.squaredNorm();
+  double along = kPriorFreedom;
+  double across = kPriorFreedom;
+  double along_freedom = kPriorFreedom;
+  double across_freedom = kPriorFreedom;
+  for (std::size_t i = 0; i < driving_noises.size(); ++i) {
+    const DrivingNoise& driving_noise = driving_noises[i];
+    const double share = driving_noise.direction.squaredNorm();
     if (share == 0.0) continue;
-    const Eigen::Matrix3d onto_way = drive.way * drive.way.transpose() / share;
-    const Eigen::Matrix3d off_way = Eigen::Matrix3d::Identity() - onto_way;
+    const Eigen::Matrix3d along_projector =
+        driving_noise.direction * driving_noise.direction.transpose() / share;
+    const Eigen::Matrix3d across_projector = Eigen::Matrix3d::Identity() - along_projector;
     const Eigen::Matrix3d prior = agility[i] * agility[i];
     const double level = prior.trace() / 3.0;
-    along += share * Dot(onto_way, drive.squares) / level;
-    across += share * Dot(off_way, drive.squares) / level;
-    along_freedom +=
-        share * std::clamp(1.0 - Dot(onto_way, drive.unknown) / Dot(onto_way, prior), 0.0, 1.0);
-    across_freedom +=
-        share * std::clamp(2.0 - 2.0 * Dot(off_way, drive.unknown) / Dot(off_way, prior), 0.0, 2.0);
+    along += share * Dot(along_projector, driving_noise.squares) / level;
+    across += share * Dot(across_projector, driving_noise.squares) / level;
+    along_freedom += share * std::clamp(1.0 - Dot(along_projector, driving_noise.unknown) /
+                                                  Dot(along_projector, prior),
+                                        0.0, 1.0);
+    across_freedom += share * std::clamp(2.0 - 2.0 * Dot(across_projector, driving_noise.unknown) /
+                                                   Dot(across_projector, prior),
+                                         0.0, 2.0);
   }
-  return std::clamp(along / along_freedom * across_freedom / across, kLeastRatio, kMostRatio);
+  return std::clamp(along / along_freedom * across_freedom / across, kMinRatio, kMaxRatio);
 }
 
-// Standard deviations along the way and across it, of which the mean variance per axis is 1: a
-// symmetric matrix, and its inverse.
-class Shape {
+// Standard deviations along the direction and across it, of which the mean variance per axis is 1:
+// a symmetric matrix, and its inverse.
+class AnisotropicSigma {
  public:
-  Shape(const Eigen::Vector3d& way, double along_over_across) {
-    const double share = way.squaredNorm();
+  AnisotropicSigma(const Eigen::Vector3d& direction, double along_over_across) {
+    const double share = direction.squaredNorm();
     const double ratio = 1.0 + (along_over_across - 1.0) * share;
     across_ = std::sqrt(3.0 / (ratio + 2.0));
     along_ = std::sqrt(ratio) * across_;
-    if (share > 0.0) onto_way_ = way * way.transpose() / share;
+    if (share > 0.0) along_projector_ = direction * direction.transpose() / share;
   }
 
   Eigen::Matrix3d Sigmas() const { return With(across_, along_); }
@@ -100,19 +104,19 @@ class Shape {
 
  private:
   Eigen::Matrix3d With(double across, double along) const {
-    return across * Eigen::Matrix3d::Identity() + (along - across) * onto_way_;
+    return across * Eigen::Matrix3d::Identity() + (along - across) * along_projector_;
   }
 
   double across_;
   double along_;
-  Eigen::Matrix3d onto_way_ = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d along_projector_ = Eigen::Matrix3d::Zero();
 };
 
 // What a hidden Markov chain says of the variances (intervals): sets their means, and returns its
 // log evidence.
-double FollowLevels(AgilityMemory& memory, std::size_t which) {
+double ForwardBackward(AgilityMemory& memory, std::size_t which) {
   const std::vector<Levels>& likelihoods = memory.likelihoods;
-  const std::vector<double>& stays = memory.stays;
+  const std::vector<double>& stay_probabilities = memory.stay_probabilities;
   const double spread = kSpreads[which];
   Levels prior = (-0.5 * (0.5 * LogVariances() / spread).square()).exp();
   prior /= prior.sum();
@@ -122,7 +126,8 @@ double FollowLevels(AgilityMemory& memory, std::size_t which) {
   forward.resize(n);
   Levels expected = prior;
   for (std::size_t i = 0; i < n; ++i) {
-    if (i > 0) expected = stays[i] * forward[i - 1] + (1.0 - stays[i]) * prior;
+    if (i > 0)
+      expected = stay_probabilities[i] * forward[i - 1] + (1.0 - stay_probabilities[i]) * prior;
     forward[i] = likelihoods[i] * expected;
     log_evidence += std::log(forward[i].sum());
     forward[i] /= forward[i].sum();
@@ -134,7 +139,8 @@ double FollowLevels(AgilityMemory& memory, std::size_t which) {
     const Levels posterior = forward[i] * backward;
     memory.variances[which][i] = (posterior * variances).sum() / posterior.sum();
     const Levels later = likelihoods[i] * backward;
-    backward = stays[i] * later + (1.0 - stays[i]) * (prior * later).sum();
+    backward =
+        stay_probabilities[i] * later + (1.0 - stay_probabilities[i]) * (prior * later).sum();
     backward /= backward.sum();
   }
   return log_evidence;
@@ -146,25 +152,27 @@ void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, AgilityM
                   SplineModel& model) {
   const Levels log_variances = LogVariances();
   const std::size_t n = model.agility.size();
-  std::vector<Drive>& drives = memory.drives;
-  drives.resize(n);
+  std::vector<DrivingNoise>& driving_noises = memory.driving_noises;
+  driving_noises.resize(n);
   memory.likelihoods.resize(n);
-  memory.stays.resize(n);
-  for (std::size_t i = 0; i < n; ++i) drives[i] = DriveOf(model, i, fit, scales);
-  const double along_over_across = AlongOverAcross(drives, model.agility);
+  memory.stay_probabilities.resize(n);
+  for (std::size_t i = 0; i < n; ++i) driving_noises[i] = DrivingNoiseOf(model, i, fit, scales);
+  const double along_over_across = AlongOverAcross(driving_noises, model.agility);
   for (std::size_t i = 0; i < n; ++i) {
-    const Eigen::Matrix3d whiten = Shape(drives[i].way, along_over_across).Inverse();
-    const double fitted = Dot(whiten * whiten, drives[i].squares);
+    const Eigen::Matrix3d whiten =
+        AnisotropicSigma(driving_noises[i].direction, along_over_across).Inverse();
+    const double fitted = Dot(whiten * whiten, driving_noises[i].squares);
     const Eigen::Matrix3d prior = model.agility[i] * model.agility[i];
-    const double measured = std::clamp(3.0 - Dot(prior.inverse(), drives[i].unknown), 0.0, 3.0);
+    const double measured =
+        std::clamp(3.0 - Dot(prior.inverse(), driving_noises[i].unknown), 0.0, 3.0);
     const Levels log_likelihood =
         -0.5 * (measured * log_variances + fitted * (-log_variances).exp());
     memory.likelihoods[i] = (log_likelihood - log_likelihood.maxCoeff()).exp();
     const double step_s = 0.5 * (model.knots_s[i + 4] - model.knots_s[i + 2]);
-    memory.stays[i] = std::exp(-step_s / kStay_s);
+    memory.stay_probabilities[i] = std::exp(-step_s / kHoldingTime_s);
   }
   std::array<double, kSpreads.size()> shares;
-  for (std::size_t s = 0; s < shares.size(); ++s) shares[s] = FollowLevels(memory, s);
+  for (std::size_t s = 0; s < shares.size(); ++s) shares[s] = ForwardBackward(memory, s);
   const double best = *std::max_element(shares.begin(), shares.end());
   double sum = 0.0;
   for (double& share : shares) {
@@ -175,7 +183,7 @@ void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, AgilityM
     double variance = 0.0;
     for (std::size_t s = 0; s < shares.size(); ++s) variance += shares[s] * memory.variances[s][i];
     const double level = std::sqrt(variance / sum);
-    const Shape shape(drives[i].way, along_over_across);
+    const AnisotropicSigma shape(driving_noises[i].direction, along_over_across);
     model.agility[i] = level * shape.Sigmas();
     for (const std::size_t row : {2 * i + 1, 2 * i + 2}) {
       model.smoothness[row].sqrt_information = shape.Inverse() / level;

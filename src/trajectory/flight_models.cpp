@@ -13,25 +13,25 @@ namespace {
 // How often which value occurs: normal about a mean, but for a share of them that is normal about
 // zero; with a spread of zero a density of 1 / (1 + |x| / mean), for signed values its square. Cut
 // off where the grid ends. All in m/s, or m/s^2 for turns.
-struct Law {
+struct CueDistribution {
   double mean = 0.0;
-  double spread = 0.0;      // standard deviation
-  double step = 0.0;        // standard deviation of the change within a second
-  double rest_share = 0.0;  // of values near zero,
-  double rest_spread = 1.0;
+  double spread = 0.0;       // standard deviation
+  double step = 0.0;         // standard deviation of the change within a second
+  double hover_share = 0.0;  // of values near zero,
+  double hover_spread = 1.0;
 };
 
 struct StatedModel {
   FlightClass flight_class;
   double share;  // among those of its class
-  std::array<Law, kNumCues> laws;
+  std::array<CueDistribution, kNumCues> distributions;
 };
 
 // Ground speed, climb and turn of each model. docs/kinds.md says more of the sources. Speeds are
 // over the ground: their spread includes 3 m/s of wind. What no source tells is an estimate.
-constexpr Law kBroadSpeed = {1.0, 0.0, 5.0};  // as likely in each ratio of speeds
-constexpr Law kBroadClimb = {1.0, 0.0, 3.0};
-constexpr Law kBroadTurn = {2.0, 0.0, 4.0};
+constexpr CueDistribution kBroadSpeed = {1.0, 0.0, 5.0};  // as likely in each ratio of speeds
+constexpr CueDistribution kBroadClimb = {1.0, 0.0, 3.0};
+constexpr CueDistribution kBroadTurn = {2.0, 0.0, 4.0};
 constexpr std::array<StatedModel, 8> kModels = {{
     // A drone on a mission, as steady as a bird. Data sheets of camera drones: they hold their
     // place within 0.1 to 0.5 m, fly at up to 15 to 21 m/s, climb at up to 8 and sink at up to 6.
@@ -53,16 +53,18 @@ constexpr std::array<StatedModel, 8> kModels = {{
     // Anything: no value is preferred, and none is kept.
     {FlightClass::kUnknown, 1.0, {{kBroadSpeed, kBroadClimb, kBroadTurn}}},
 }};
-constexpr std::array<Law, kNumCues> kBroad = {kBroadSpeed, kBroadClimb, kBroadTurn};
+constexpr std::array<CueDistribution, kNumCues> kBroad = {kBroadSpeed, kBroadClimb, kBroadTurn};
 
-// No model is the whole truth: so much of every law is the broad one.
-constexpr double kOtherShare = 0.02;
+// No model is the whole truth: so much of every distribution is the broad one.
+constexpr double kBroadShare = 0.02;
 
 // So often a second a value is drawn anew, the others are those of before with a change. It is the
 // same for all, so that how long something is kept up says little.
-constexpr double kRedraw = 0.1;
+constexpr double kRedrawRate = 0.1;
 
-double Bell(double x, double sigma) { return std::exp(-0.5 * Square(x / sigma)) / sigma; }
+double GaussianDensity(double x, double sigma) {
+  return std::exp(-0.5 * Square(x / sigma)) / sigma;
+}
 
 struct Grid {
   std::vector<double> values;
@@ -94,7 +96,7 @@ const Grid& GridOf(Cue cue) {
 }
 
 // Shares of the values of a grid.
-std::vector<double> SharesOf(const Law& law, Cue cue) {
+std::vector<double> SharesOf(const CueDistribution& distribution, Cue cue) {
   const Grid& grid = GridOf(cue);
   const auto shares_of = [&](const auto& density) {
     std::vector<double> shares(grid.values.size());
@@ -104,36 +106,39 @@ std::vector<double> SharesOf(const Law& law, Cue cue) {
     Normalise(&shares);
     return shares;
   };
-  if (law.spread == 0.0) {
+  if (distribution.spread == 0.0) {
     const double power = cue == Cue::kSpeed ? 1.0 : 2.0;
-    return shares_of([&](double x) { return std::pow(1.0 + std::abs(x) / law.mean, -power); });
+    return shares_of(
+        [&](double x) { return std::pow(1.0 + std::abs(x) / distribution.mean, -power); });
   }
-  const std::vector<double> moving =
-      shares_of([&](double x) { return Bell(x - law.mean, law.spread); });
-  const std::vector<double> resting = shares_of([&](double x) { return Bell(x, law.rest_spread); });
+  const std::vector<double> moving = shares_of(
+      [&](double x) { return GaussianDensity(x - distribution.mean, distribution.spread); });
+  const std::vector<double> hovering =
+      shares_of([&](double x) { return GaussianDensity(x, distribution.hover_spread); });
   std::vector<double> shares(moving.size());
   for (std::size_t i = 0; i < shares.size(); ++i) {
-    shares[i] = (1.0 - law.rest_share) * moving[i] + law.rest_share * resting[i];
+    shares[i] =
+        (1.0 - distribution.hover_share) * moving[i] + distribution.hover_share * hovering[i];
   }
   return shares;
 }
 
-Chain MakeChain(const Law& law, Cue cue) {
-  Chain chain;
-  chain.shares = SharesOf(law, cue);
+MarkovChain MakeMarkovChain(const CueDistribution& distribution, Cue cue) {
+  MarkovChain chain;
+  chain.shares = SharesOf(distribution, cue);
   const std::vector<double> broad = SharesOf(kBroad[static_cast<std::size_t>(cue)], cue);
   for (std::size_t i = 0; i < broad.size(); ++i) {
-    chain.shares[i] = (1.0 - kOtherShare) * chain.shares[i] + kOtherShare * broad[i];
+    chain.shares[i] = (1.0 - kBroadShare) * chain.shares[i] + kBroadShare * broad[i];
   }
   const Grid& grid = GridOf(cue);
   for (const double from : grid.values) {
     std::vector<double> step(grid.values.size());
     for (std::size_t j = 0; j < step.size(); ++j) {
-      step[j] = grid.widths[j] * Bell(grid.values[j] - from, law.step);
+      step[j] = grid.widths[j] * GaussianDensity(grid.values[j] - from, distribution.step);
     }
     Normalise(&step);
     for (std::size_t j = 0; j < step.size(); ++j) {
-      step[j] = (1.0 - kRedraw) * step[j] + kRedraw * chain.shares[j];
+      step[j] = (1.0 - kRedrawRate) * step[j] + kRedrawRate * chain.shares[j];
     }
     chain.steps.push_back(std::move(step));
   }
@@ -165,7 +170,7 @@ const std::vector<FlightModel>& FlightModels() {
     for (const StatedModel& stated : kModels) {
       FlightModel model{stated.flight_class, stated.share, {}};
       for (std::size_t c = 0; c < kNumCues; ++c) {
-        model.chains[c] = MakeChain(stated.laws[c], static_cast<Cue>(c));
+        model.chains[c] = MakeMarkovChain(stated.distributions[c], static_cast<Cue>(c));
       }
       models.push_back(std::move(model));
     }
@@ -174,8 +179,8 @@ const std::vector<FlightModel>& FlightModels() {
   return kFlightModels;
 }
 
-// Rice's law: how likely the length of a vector in the plane is measured like this, for each true
-// one. What is the same for all of them is left out.
+// Rice's distribution: how likely the length of a vector in the plane is measured like this, for
+// each true one. What is the same for all of them is left out.
 void SetLikelihoodsOfSpeed(double speed_mps, double variance, std::vector<double>* likelihoods) {
   const Grid& grid = GridOf(Cue::kSpeed);
   const double measured_mps = std::min(speed_mps, grid.values.back());  // what is beyond is there
@@ -192,7 +197,8 @@ void SetLikelihoodsOf(Cue cue, double measured, double variance, std::vector<dou
   const double x = std::clamp(measured, grid.values.front(), grid.values.back());
   likelihoods->resize(grid.values.size());
   for (std::size_t i = 0; i < likelihoods->size(); ++i) {
-    (*likelihoods)[i] = Bell(x - grid.values[i], std::sqrt(VarianceAt(grid, i, variance)));
+    (*likelihoods)[i] =
+        GaussianDensity(x - grid.values[i], std::sqrt(VarianceAt(grid, i, variance)));
   }
 }
 

@@ -19,7 +19,7 @@ inline constexpr std::size_t kNumFlightClasses = 3;
 enum class FlightClass : std::size_t { kDrone, kBirdLike, kUnknown };
 
 // How a cue behaves, on its grid of values.
-struct Chain {
+struct MarkovChain {
   std::vector<double> shares;              // (grid) how often which value occurs
   std::vector<std::vector<double>> steps;  // (grid, grid) from each value to each within a second
 };
@@ -27,7 +27,7 @@ struct Chain {
 struct FlightModel {
   FlightClass flight_class;
   double share;  // among those of its class
-  std::array<Chain, kNumCues> chains;
+  std::array<MarkovChain, kNumCues> chains;
 };
 
 const std::vector<FlightModel>& FlightModels();

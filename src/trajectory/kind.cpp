@@ -41,10 +41,10 @@ std::array<double, kNumFlightClasses> LogLikelihoodsOfClasses(const LogLikelihoo
 
 }  // namespace
 
-KindFilter::KindFilter() : beliefs_(FlightModels().size()) {
-  for (std::size_t m = 0; m < beliefs_.size(); ++m) {
+KindFilter::KindFilter() : posteriors_(FlightModels().size()) {
+  for (std::size_t m = 0; m < posteriors_.size(); ++m) {
     for (std::size_t c = 0; c < kNumCues; ++c) {
-      beliefs_[m][c].shares = FlightModels()[m].chains[c].shares;
+      posteriors_[m][c].shares = FlightModels()[m].chains[c].shares;
     }
   }
 }
@@ -66,20 +66,20 @@ void KindFilter::Observe(const Trajectory& trajectory, TimeNs until_ns) {
     if (seconds_ == 0.0) first_m_ = last_->position_m;
   }
   while (last_->time_ns + kStepNs <= end_ns) {
-    Judge(InstantAt(trajectory, last_->time_ns + kStepNs));
+    Update(InstantAt(trajectory, last_->time_ns + kStepNs));
   }
 }
 
-void KindFilter::Judge(const Instant& next) {
+void KindFilter::Update(const Instant& next) {
   constexpr double kStepS = static_cast<double>(kStepNs) * kSecondsPerNs;
   const Eigen::Vector3d velocity_mps = (next.position_m - last_->position_m) / kStepS;
   const double speed_mps = velocity_mps.head<2>().norm();
   SetLikelihoodsOfSpeed(speed_mps, (next.across_m2 + last_->across_m2) / Square(kStepS),
                         &likelihoods_);
-  Take(Cue::kSpeed);
+  UpdateCue(Cue::kSpeed);
   SetLikelihoodsOf(Cue::kClimb, velocity_mps.z(),
                    (next.height_m2 + last_->height_m2) / Square(kStepS), &likelihoods_);
-  Take(Cue::kClimb);
+  UpdateCue(Cue::kClimb);
   if (before_) {
     const Eigen::Vector3d earlier_mps = (last_->position_m - before_->position_m) / kStepS;
     const Eigen::Vector2d along_mps = (velocity_mps + earlier_mps).head<2>();
@@ -90,45 +90,45 @@ void KindFilter::Judge(const Instant& next) {
         Cue::kTurn, turn_mps2,
         (before_->across_m2 + 4.0 * last_->across_m2 + next.across_m2) / Square(Square(kStepS)),
         &likelihoods_);
-    Take(Cue::kTurn);
+    UpdateCue(Cue::kTurn);
     turn_sum_ += Square(turn_mps2);
     turns_ += 1.0;
   }
-  const double way_m = velocity_mps.norm() * kStepS;
+  const double step_m = velocity_mps.norm() * kStepS;
   if (speed_mps < kHoverMps) {
     hover_s_ += kStepS;
-    hover_sum_m2_ += Square(way_m);
+    hover_sum_m2_ += Square(step_m);
   }
   seconds_ += kStepS;
   speed_sum_mps_ += speed_mps * kStepS;
   climb_sum_ += Square(velocity_mps.z()) * kStepS;
-  way_m_ += way_m;
+  path_length_m_ += step_m;
   before_ = std::exchange(last_, next);
 }
 
-void KindFilter::Take(Cue cue) {
+void KindFilter::UpdateCue(Cue cue) {
   const auto c = static_cast<std::size_t>(cue);
   const double most = *std::max_element(likelihoods_.begin(), likelihoods_.end());
-  for (std::size_t m = 0; m < beliefs_.size(); ++m) {
-    const Chain& chain = FlightModels()[m].chains[c];
-    Belief& belief = beliefs_[m][c];
-    next_.assign(belief.shares.size(), 0.0);
+  for (std::size_t m = 0; m < posteriors_.size(); ++m) {
+    const MarkovChain& chain = FlightModels()[m].chains[c];
+    CuePosterior& posterior = posteriors_[m][c];
+    next_.assign(posterior.shares.size(), 0.0);
     for (std::size_t i = 0; i < next_.size(); ++i) {
       for (std::size_t j = 0; j < next_.size(); ++j) {
-        next_[j] += belief.shares[i] * chain.steps[i][j];
+        next_[j] += posterior.shares[i] * chain.steps[i][j];
       }
     }
     for (std::size_t j = 0; j < next_.size(); ++j) next_[j] *= likelihoods_[j] / most;
-    belief.log_likelihood += std::log(std::accumulate(next_.begin(), next_.end(), 0.0));
+    posterior.log_likelihood += std::log(std::accumulate(next_.begin(), next_.end(), 0.0));
     Normalise(&next_);
-    belief.shares = next_;
+    posterior.shares = next_;
   }
 }
 
 Kind KindFilter::kind() const {
   std::array<double, kNumFlightClasses> logs = LogLikelihoodsOfClasses([&](std::size_t m) {
     double log = 0.0;
-    for (const Belief& belief : beliefs_[m]) log += belief.log_likelihood;
+    for (const CuePosterior& posterior : posteriors_[m]) log += posterior.log_likelihood;
     return log;
   });
   logs[0] += std::log(kPriorKind.drone);
@@ -146,12 +146,12 @@ Kind KindFilter::kind() const {
           (kKindSteps - drone - bird_like) / kKindSteps};
 }
 
-FlightCharacter KindFilter::Describe() const {
-  FlightCharacter character;
+FlightStatistics KindFilter::Describe() const {
+  FlightStatistics character;
   character.kind = kind();
   for (std::size_t c = 0; c < kNumCues; ++c) {
     const std::array<double, kNumFlightClasses> logs =
-        LogLikelihoodsOfClasses([&](std::size_t m) { return beliefs_[m][c].log_likelihood; });
+        LogLikelihoodsOfClasses([&](std::size_t m) { return posteriors_[m][c].log_likelihood; });
     character.log_ratios[c] = logs[0] - logs[1];
   }
   if (seconds_ == 0.0) return character;
@@ -161,7 +161,8 @@ FlightCharacter KindFilter::Describe() const {
   character.speed_mps = speed_sum_mps_ / seconds_;
   character.climb_mps = std::sqrt(climb_sum_ / seconds_);
   character.turn_mps2 = turns_ > 0.0 ? std::sqrt(turn_sum_ / turns_) : 0.0;
-  character.straightness = way_m_ > 0.0 ? (last_->position_m - first_m_).norm() / way_m_ : 0.0;
+  character.straightness =
+      path_length_m_ > 0.0 ? (last_->position_m - first_m_).norm() / path_length_m_ : 0.0;
   return character;
 }
 

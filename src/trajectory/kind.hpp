@@ -21,7 +21,7 @@ namespace unlidar {
 inline constexpr Kind kPriorKind = {0.25, 0.25, 0.5};
 
 // How a track flew, and what that says.
-struct FlightCharacter {
+struct FlightStatistics {
   Kind kind = kPriorKind;
   // (cues) Log likelihood ratio of drone to bird-like by each cue alone: above 0 for a drone. They
   // need not add up: together, one model has to explain all three.
@@ -45,7 +45,7 @@ class KindFilter {
   void Observe(const Trajectory& trajectory, TimeNs until_ns);
 
   Kind kind() const;
-  FlightCharacter Describe() const;
+  FlightStatistics Describe() const;
 
  private:
   struct Instant {
@@ -56,18 +56,18 @@ class KindFilter {
   };
 
   // The forward algorithm of one model and cue.
-  struct Belief {
+  struct CuePosterior {
     std::vector<double> shares;  // (grid) of each value, in view of all that was seen
     double log_likelihood = 0.0;
   };
 
   static Instant InstantAt(const Trajectory& trajectory, TimeNs time_ns);
-  void Judge(const Instant& next);
-  void Take(Cue cue);
+  void Update(const Instant& next);
+  void UpdateCue(Cue cue);
 
-  std::vector<std::array<Belief, kNumCues>> beliefs_;  // (models)
-  std::vector<double> likelihoods_;                    // (grid) of what is taken in next
-  std::vector<double> next_;                           // (grid) shares of a belief after it
+  std::vector<std::array<CuePosterior, kNumCues>> posteriors_;  // (models)
+  std::vector<double> likelihoods_;                             // (grid) of what is taken in next
+  std::vector<double> next_;  // (grid) shares of a posterior after it
   std::optional<Instant> last_;
   std::optional<Instant> before_;  // a second earlier
   Eigen::Vector3d first_m_ = Eigen::Vector3d::Zero();
@@ -78,7 +78,7 @@ class KindFilter {
   double speed_sum_mps_ = 0.0;
   double climb_sum_ = 0.0;  // of squares,
   double turn_sum_ = 0.0;   // too
-  double way_m_ = 0.0;
+  double path_length_m_ = 0.0;
 };
 
 }  // namespace unlidar

@@ -36,7 +36,7 @@ std::uint64_t Distance(TimeNs a, TimeNs b) {
 // `probability`, if it is seen per frame period as often as in the nearest measurements. The
 // longest of their pauses is left out: it may be an occlusion.
 template <typename Iterator>
-TimeNs Silence(Iterator first, Iterator last, TimeNs period_ns, double probability) {
+TimeNs UndetectedTimeNs(Iterator first, Iterator last, TimeNs period_ns, double probability) {
   constexpr int kMaxSlices = 10;  // frame periods with a measurement
   int num_pauses = 0;
   TimeNs sum = 0;
@@ -63,7 +63,7 @@ TimeNs Silence(Iterator first, Iterator last, TimeNs period_ns, double probabili
 // The sigma of a target that is elsewhere with some probability, `offset_m` off with another sigma:
 // that of a Gaussian which holds as much between as many sigmas as a fit's own does, 99 %. Its
 // variance would tell most of what is hardly likely but far away.
-double SigmaWith(double probability, double sigma_m, double offset_m, double other_sigma_m) {
+double MixtureSigma(double probability, double sigma_m, double offset_m, double other_sigma_m) {
   constexpr double kSigmas = 2.575829;
   constexpr double kWithin = 0.99;
   const auto below = [](double x_m, double of_m) {
@@ -87,25 +87,25 @@ double SigmaWith(double probability, double sigma_m, double offset_m, double oth
 
 }  // namespace
 
-TimeNs SilenceBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
-                       double probability) {
-  return Silence(measurements.begin(), measurements.end(), period_ns, probability);
+TimeNs UndetectedBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                          double probability) {
+  return UndetectedTimeNs(measurements.begin(), measurements.end(), period_ns, probability);
 }
 
-TimeNs SilenceAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
-                      double probability) {
-  return Silence(measurements.rbegin(), measurements.rend(), period_ns, probability);
+TimeNs UndetectedAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                         double probability) {
+  return UndetectedTimeNs(measurements.rbegin(), measurements.rend(), period_ns, probability);
 }
 
-TimeInterval PresenceInterval(const Recording& recording,
-                              const std::vector<Measurement>& measurements,
-                              double silence_probability) {
+TimeInterval ExistenceInterval(const Recording& recording,
+                               const std::vector<Measurement>& measurements,
+                               double silence_probability) {
   TimeInterval interval{measurements.front().time_ns, measurements.back().time_ns};
   const TimeInterval seen = interval;
-  TimeInterval watched = interval;
+  TimeInterval recorded = interval;
   for (const FrameInfo& frame : recording.frames) {
-    watched.begin_ns = std::min(watched.begin_ns, frame.begin_ns);
-    watched.end_ns = std::max(watched.end_ns, frame.end_ns);
+    recorded.begin_ns = std::min(recorded.begin_ns, frame.begin_ns);
+    recorded.end_ns = std::max(recorded.end_ns, frame.end_ns);
     if (frame.begin_ns <= seen.begin_ns && seen.begin_ns <= frame.end_ns) {
       interval.begin_ns = std::min(interval.begin_ns, frame.begin_ns);
     }
@@ -114,10 +114,10 @@ TimeInterval PresenceInterval(const Recording& recording,
     }
   }
   const TimeNs period_ns = ShortestPeriodNs(recording);
-  const TimeNs before_ns = SilenceBeforeNs(measurements, period_ns, silence_probability);
-  const TimeNs after_ns = SilenceAfterNs(measurements, period_ns, silence_probability);
-  return {std::max(watched.begin_ns, interval.begin_ns - before_ns),
-          std::min(watched.end_ns, interval.end_ns + after_ns)};
+  const TimeNs before_ns = UndetectedBeforeNs(measurements, period_ns, silence_probability);
+  const TimeNs after_ns = UndetectedAfterNs(measurements, period_ns, silence_probability);
+  return {std::max(recorded.begin_ns, interval.begin_ns - before_ns),
+          std::min(recorded.end_ns, interval.end_ns + after_ns)};
 }
 
 std::vector<FrameSupport> SupportByFrame(const Recording& recording,
@@ -135,30 +135,32 @@ std::vector<FrameSupport> SupportByFrame(const Recording& recording,
   return support;
 }
 
-std::vector<Widening> WideningsOf(const std::vector<Doubt>& doubts, const Trajectory& trajectory) {
-  std::vector<Widening> widenings;
-  for (const Doubt& doubt : doubts) {
-    const TrajectoryRow row = trajectory.At(doubt.time_ns);
+std::vector<CovarianceInflation> CovarianceInflationsOf(
+    const std::vector<AlternativeMode>& alternative_modes, const Trajectory& trajectory) {
+  std::vector<CovarianceInflation> covariance_inflations;
+  for (const AlternativeMode& mode : alternative_modes) {
+    const TrajectoryRow row = trajectory.At(mode.time_ns);
     Eigen::Vector3d added_m2;
     for (int axis = 0; axis < 3; ++axis) {
-      const double sigma_m = SigmaWith(doubt.probability, row.sigma_m[axis],
-                                       doubt.position_m[axis] - row.position_m[axis],
-                                       std::sqrt(doubt.variance_m2[axis]));
+      const double sigma_m = MixtureSigma(mode.probability, row.sigma_m[axis],
+                                          mode.position_m[axis] - row.position_m[axis],
+                                          std::sqrt(mode.variance_m2[axis]));
       added_m2[axis] = Square(sigma_m) - Square(row.sigma_m[axis]);
     }
-    if (!widenings.empty() && widenings.back().time_ns == doubt.time_ns) {
-      Eigen::Vector3d& before_m2 = widenings.back().variance_m2;
+    if (!covariance_inflations.empty() && covariance_inflations.back().time_ns == mode.time_ns) {
+      Eigen::Vector3d& before_m2 = covariance_inflations.back().variance_m2;
       before_m2 = before_m2.cwiseMax(added_m2);
     } else {
-      widenings.push_back({doubt.time_ns, added_m2});
+      covariance_inflations.push_back({mode.time_ns, added_m2});
     }
   }
-  return widenings;
+  return covariance_inflations;
 }
 
-void SetSights(const std::vector<Measurement>& measurements, std::vector<Sight>* sights) {
-  sights->clear();
-  for (const Measurement& m : measurements) sights->push_back({m.time_ns, m.viewpoint_m});
+void SetViewpoints(const std::vector<Measurement>& measurements,
+                   std::vector<TimedViewpoint>* viewpoints) {
+  viewpoints->clear();
+  for (const Measurement& m : measurements) viewpoints->push_back({m.time_ns, m.viewpoint_m});
 }
 
 RowSampler::RowSampler(const RowSource& source, const OutputInstants& instants)
@@ -190,35 +192,38 @@ std::optional<TrajectoryRow> RowSampler::Sample() {
     row.track_id = source_.track_id;
     const Eigen::Vector3d ray_m = row.position_m - ViewpointAt(time_ns);
     const Eigen::Vector3d depth_m = source_.depth_sigma_m * ray_m.stableNormalized();
-    row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2() + WideningAt(time_ns)).cwiseSqrt();
+    row.sigma_m =
+        (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2() + VarianceInflationAt(time_ns)).cwiseSqrt();
     if (IsFinite(row) && row.sigma_m.maxCoeff() <= source_.max_sigma_m) return row;
   }
   return std::nullopt;
 }
 
-// Of two sights that are equally near, the earlier one counts; without any, the origin.
+// Of two viewpoints that are equally near, the earlier one counts; without any, the origin.
 Eigen::Vector3d RowSampler::ViewpointAt(TimeNs time_ns) const {
-  const std::vector<Sight>& sights = source_.sights;
-  if (sights.empty()) return Eigen::Vector3d::Zero();
-  auto at = std::lower_bound(sights.begin(), sights.end(), time_ns,
-                             [](const Sight& sight, TimeNs t) { return sight.time_ns < t; });
-  if (at == sights.end() || (at != sights.begin() && Distance(std::prev(at)->time_ns, time_ns) <=
-                                                         Distance(at->time_ns, time_ns))) {
+  const std::vector<TimedViewpoint>& viewpoints = source_.viewpoints;
+  if (viewpoints.empty()) return Eigen::Vector3d::Zero();
+  auto at = std::lower_bound(
+      viewpoints.begin(), viewpoints.end(), time_ns,
+      [](const TimedViewpoint& viewpoint, TimeNs t) { return viewpoint.time_ns < t; });
+  if (at == viewpoints.end() ||
+      (at != viewpoints.begin() &&
+       Distance(std::prev(at)->time_ns, time_ns) <= Distance(at->time_ns, time_ns))) {
     --at;
   }
   return at->viewpoint_m;
 }
 
 // Beyond the ends as there.
-Eigen::Vector3d RowSampler::WideningAt(TimeNs time_ns) const {
-  const std::vector<Widening>& all = source_.widenings;
+Eigen::Vector3d RowSampler::VarianceInflationAt(TimeNs time_ns) const {
+  const std::vector<CovarianceInflation>& all = source_.covariance_inflations;
   if (all.empty()) return Eigen::Vector3d::Zero();
   const auto after =
       std::lower_bound(all.begin(), all.end(), time_ns,
-                       [](const Widening& one, TimeNs t) { return one.time_ns < t; });
+                       [](const CovarianceInflation& one, TimeNs t) { return one.time_ns < t; });
   if (after == all.end()) return all.back().variance_m2;
   if (after == all.begin()) return all.front().variance_m2;
-  const Widening& before = *std::prev(after);
+  const CovarianceInflation& before = *std::prev(after);
   const double share = static_cast<double>(time_ns - before.time_ns) /
                        static_cast<double>(after->time_ns - before.time_ns);
   return (1.0 - share) * before.variance_m2 + share * after->variance_m2;

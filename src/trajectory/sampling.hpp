@@ -18,10 +18,10 @@ struct TimeInterval {
 
 // How long a target may have gone unseen before its first and after its last measurement: as long
 // as a silence is likelier than `probability`.
-TimeNs SilenceBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
-                       double probability);
-TimeNs SilenceAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
-                      double probability);
+TimeNs UndetectedBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                          double probability);
+TimeNs UndetectedAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
+                         double probability);
 
 // When a target was there: from first to last measurement, widened to the whole frames, of any
 // sensor, in which they lie (a stamp names all of its frame, whose returns were measured a little
@@ -29,9 +29,9 @@ TimeNs SilenceAfterNs(const std::vector<Measurement>& measurements, TimeNs perio
 // drone that is hit in one frame of five was there for some frames before the first hit. One that
 // is hit in every frame was not, nor is any with a silence_probability of 1. Ends with the
 // recording.
-TimeInterval PresenceInterval(const Recording& recording,
-                              const std::vector<Measurement>& measurements,
-                              double silence_probability);
+TimeInterval ExistenceInterval(const Recording& recording,
+                               const std::vector<Measurement>& measurements,
+                               double silence_probability);
 
 // The returns of a target in one frame.
 struct FrameSupport {
@@ -44,31 +44,35 @@ std::vector<FrameSupport> SupportByFrame(const Recording& recording,
                                          const std::vector<std::uint32_t>& returns);
 
 // From where a target was seen at some time.
-struct Sight {
+struct TimedViewpoint {
   TimeNs time_ns = 0;
   Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();
 };
 
 // How much wider than its fit says the position of a target is spread at some time, per axis.
-struct Widening {
+struct CovarianceInflation {
   TimeNs time_ns = 0;
   Eigen::Vector3d variance_m2 = Eigen::Vector3d::Zero();
 };
 
-// So that they hold what is doubted of a fit as well. Of several doubts of one time the gravest
-// counts.
-std::vector<Widening> WideningsOf(const std::vector<Doubt>& doubts, const Trajectory& trajectory);
+// So that they hold what is doubted of a fit as well. Of several alternative_modes of one time the
+// gravest counts.
+std::vector<CovarianceInflation> CovarianceInflationsOf(
+    const std::vector<AlternativeMode>& alternative_modes, const Trajectory& trajectory);
 
-void SetSights(const std::vector<Measurement>& measurements, std::vector<Sight>* sights);
+void SetViewpoints(const std::vector<Measurement>& measurements,
+                   std::vector<TimedViewpoint>* viewpoints);
 
 // What the rows of a track are computed from. They are not kept: there may be millions of them.
 struct RowSource {
   int track_id = 0;
   Trajectory trajectory;
   TimeInterval presence;
-  double depth_sigma_m = 0.0;       // an error that all rows share, along their rays:
-  std::vector<Sight> sights;        // from the viewpoint of the nearest of these, in order of time
-  std::vector<Widening> widenings;  // in order of time: between two of them as on a straight line
+  double depth_sigma_m = 0.0;  // an error that all rows share, along their rays:
+  std::vector<TimedViewpoint>
+      viewpoints;  // from the viewpoint of the nearest of these, in order of time
+  std::vector<CovarianceInflation>
+      covariance_inflations;  // in order of time: between two of them as on a straight line
   double max_sigma_m = 0.0;
   std::vector<FrameSupport> support;
 };
@@ -88,7 +92,7 @@ class RowSampler {
  private:
   std::optional<TrajectoryRow> Sample();
   Eigen::Vector3d ViewpointAt(TimeNs time_ns) const;
-  Eigen::Vector3d WideningAt(TimeNs time_ns) const;
+  Eigen::Vector3d VarianceInflationAt(TimeNs time_ns) const;
 
   const RowSource& source_;
   const OutputInstants& instants_;

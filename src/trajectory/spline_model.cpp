@@ -65,16 +65,16 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
              model.knots_s);
 
   const int num_intervals = static_cast<int>(model.knots_s.size()) - 7;
-  model.bends.clear();
+  model.derivatives.clear();
   for (int i = 0; i < num_intervals; ++i) {
     const Eigen::Matrix4d polynomials = BasisPolynomials(model.knots_s, i);
     const double length_s = model.knots_s[Index(i + 4)] - model.knots_s[Index(i + 3)];
-    const auto add_bend = [&](double u_s, double weight_s) {
-      model.bends.push_back({i, EvaluateBasis(polynomials, u_s, 1),
-                             EvaluateBasis(polynomials, u_s, 2), EvaluateBasis(polynomials, u_s, 3),
-                             weight_s});
+    const auto add_derivatives = [&](double u_s, double weight_s) {
+      model.derivatives.push_back({i, EvaluateBasis(polynomials, u_s, 1),
+                                   EvaluateBasis(polynomials, u_s, 2),
+                                   EvaluateBasis(polynomials, u_s, 3), weight_s});
     };
-    if (i == 0) add_bend(0.0, 0.0);
+    if (i == 0) add_derivatives(0.0, 0.0);
     if (model.knots_s[Index(i + 3)] == 0.0) {
       model.start = {RowAt(polynomials, i, 0.0, 0), RowAt(polynomials, i, 0.0, 1)};
       model.start[0].sqrt_information /= kPositionSigmaM;
@@ -83,7 +83,7 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
     }
     // |a' + a / tau|^2 is a square of straight lines: two Gauss points are exact.
     for (const double side : {-1.0, 1.0}) {
-      add_bend(0.5 * length_s * (1.0 + side / std::sqrt(3.0)), 0.5 * length_s);
+      add_derivatives(0.5 * length_s * (1.0 + side / std::sqrt(3.0)), 0.5 * length_s);
     }
   }
   model.measurements.clear();
@@ -103,15 +103,16 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
 
 void SetSmoothness(double acceleration_time_s, SplineModel& model) {
   model.acceleration_time_s = acceleration_time_s;
-  model.agility.assign(model.bends.size() / 2, Eigen::Matrix3d::Identity());
+  model.agility.assign(model.derivatives.size() / 2, Eigen::Matrix3d::Identity());
   model.smoothness.clear();
-  for (const SplineBend& bend : model.bends) {
+  for (const SplineDerivatives& point_derivatives : model.derivatives) {
     SplineRow row;
-    row.first = bend.first;
-    row.basis = model.smoothness.empty()
-                    ? bend.acceleration
-                    : std::sqrt(0.5 * acceleration_time_s * bend.weight_s) *
-                          (bend.jerk + bend.acceleration / acceleration_time_s);
+    row.first = point_derivatives.first;
+    row.basis =
+        model.smoothness.empty()
+            ? point_derivatives.acceleration
+            : std::sqrt(0.5 * acceleration_time_s * point_derivatives.weight_s) *
+                  (point_derivatives.jerk + point_derivatives.acceleration / acceleration_time_s);
     model.smoothness.push_back(row);
   }
 }

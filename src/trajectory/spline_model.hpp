@@ -11,7 +11,7 @@
 namespace unlidar {
 
 // Derivatives of the spline at a point of an interval, over its control points.
-struct SplineBend {
+struct SplineDerivatives {
   int first = 0;
   Eigen::Vector4d velocity = Eigen::Vector4d::Zero();
   Eigen::Vector4d acceleration = Eigen::Vector4d::Zero();
@@ -26,12 +26,12 @@ struct SplineModel {
   std::vector<double> times_s;  // of the measurements, since the first
   std::vector<double> knots_s;
   std::vector<SplineRow> measurements;
-  std::vector<SplineRow> start;   // nearly nothing about the first position and velocity
-  std::vector<SplineBend> bends;  // of the begin, then two an interval
+  std::vector<SplineRow> start;  // nearly nothing about the first position and velocity
+  std::vector<SplineDerivatives> derivatives;  // of the begin, then two an interval
 
   double acceleration_time_s = 0.0;      // tau, by SetSmoothness(), as are:
   std::vector<Eigen::Matrix3d> agility;  // (intervals) sigma_a there over that of the whole: I
-  std::vector<SplineRow> smoothness;     // (bends) for sigma_a = 1 m/s^2
+  std::vector<SplineRow> smoothness;     // (derivatives) for sigma_a = 1 m/s^2
   int num_control_points() const { return static_cast<int>(knots_s.size()) - 4; }
 };
 

@@ -9,13 +9,13 @@
 namespace unlidar {
 namespace {
 
-struct Site {
+struct SplinePoint {
   std::size_t first = 0;
   Eigen::Vector4d basis = Eigen::Vector4d::Zero();
   Eigen::Vector4d slope = Eigen::Vector4d::Zero();
 };
 
-Site SiteAt(const Trajectory& trajectory, TimeNs time_ns) {
+SplinePoint SplinePointAt(const Trajectory& trajectory, TimeNs time_ns) {
   const double time_s = static_cast<double>(time_ns - trajectory.origin_ns) * kSecondsPerNs;
   const int interval = IntervalAt(trajectory.knots_s, time_s);
   const auto first = static_cast<std::size_t>(interval);
@@ -24,13 +24,13 @@ Site SiteAt(const Trajectory& trajectory, TimeNs time_ns) {
   return {first, EvaluateBasis(polynomials, u_s, 0), EvaluateBasis(polynomials, u_s, 1)};
 }
 
-Eigen::Matrix3d CovarianceOf(const Trajectory& trajectory, const Site& site) {
+Eigen::Matrix3d CovarianceOf(const Trajectory& trajectory, const SplinePoint& point) {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   for (std::size_t a = 0; a < 4; ++a) {
     for (std::size_t b = a; b < 4; ++b) {
-      const double weight = site.basis[static_cast<Eigen::Index>(a)] *
-                            site.basis[static_cast<Eigen::Index>(b)] * (a == b ? 0.5 : 1.0);
-      const Eigen::Matrix3d& block = trajectory.covariances_m2[site.first + a][b - a];
+      const double weight = point.basis[static_cast<Eigen::Index>(a)] *
+                            point.basis[static_cast<Eigen::Index>(b)] * (a == b ? 0.5 : 1.0);
+      const Eigen::Matrix3d& block = trajectory.covariances_m2[point.first + a][b - a];
       covariance += weight * (block + block.transpose());
     }
   }
@@ -40,21 +40,21 @@ Eigen::Matrix3d CovarianceOf(const Trajectory& trajectory, const Site& site) {
 }  // namespace
 
 TrajectoryRow Trajectory::At(TimeNs time_ns) const {
-  const Site site = SiteAt(*this, time_ns);
+  const SplinePoint point = SplinePointAt(*this, time_ns);
   TrajectoryRow row;
   row.time_ns = time_ns;
   row.position_m = origin_m;
   for (std::size_t j = 0; j < 4; ++j) {
     const auto i = static_cast<Eigen::Index>(j);
-    row.position_m += site.basis[i] * control_points_m[site.first + j];
-    row.velocity_mps += site.slope[i] * control_points_m[site.first + j];
+    row.position_m += point.basis[i] * control_points_m[point.first + j];
+    row.velocity_mps += point.slope[i] * control_points_m[point.first + j];
   }
-  row.sigma_m = CovarianceOf(*this, site).diagonal().cwiseMax(0.0).cwiseSqrt();
+  row.sigma_m = CovarianceOf(*this, point).diagonal().cwiseMax(0.0).cwiseSqrt();
   return row;
 }
 
 Eigen::Matrix3d Trajectory::CovarianceAt(TimeNs time_ns) const {
-  return CovarianceOf(*this, SiteAt(*this, time_ns));
+  return CovarianceOf(*this, SplinePointAt(*this, time_ns));
 }
 
 Trajectory FitTrajectory(const std::vector<Measurement>& measurements,

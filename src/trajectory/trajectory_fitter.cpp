@@ -42,13 +42,12 @@ void TrajectoryFitter::SetAccelerationTime(double acceleration_time_s) {
 // The most likely at the weights of the fit so far, which has the typical one: halved or doubled as
 // long as that is likelier.
 ScaleSearch TrajectoryFitter::SearchAccelerationTimes() {
-  constexpr double kLeastS = 0.25;
-  constexpr double kMostS = 4.0;
+  constexpr double kMinS = 0.25;
+  constexpr double kMaxS = 4.0;
   const double typical_s = model_.acceleration_time_s;
   ScaleSearch best = SearchScales(model_, fit_, config_, memory_);
   for (const double factor : {0.5, 2.0}) {
-    for (double time_s = factor * typical_s; time_s >= kLeastS && time_s <= kMostS;
-         time_s *= factor) {
+    for (double time_s = factor * typical_s; time_s >= kMinS && time_s <= kMaxS; time_s *= factor) {
       SetAccelerationTime(time_s);
       const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
       if (!(found.log_evidence > best.log_evidence)) break;
@@ -69,7 +68,7 @@ MinimumReport TrajectoryFitter::FindMinimum(const TrajectoryScales& scales) {
                                          max_ceres_iterations_, control_points_m);
   if (report.converged) {
     fit_.control_points_m = std::move(control_points_m);
-    TakeMinimum(model_, scales, config_, memory_, fit_);
+    AdoptMinimum(model_, scales, config_, memory_, fit_);
     report.solver = "ceres";
   } else {
     Descend(model_, scales, config_, memory_, fit_);

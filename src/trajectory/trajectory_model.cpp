@@ -154,8 +154,8 @@ MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales,
   return report;
 }
 
-void TakeMinimum(const SplineModel& model, const TrajectoryScales& scales,
-                 const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
+void AdoptMinimum(const SplineModel& model, const TrajectoryScales& scales,
+                  const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
   SetWeights(model, LossOf(scales, config), fit);
   memory.solver.SetMeasurements(model, fit.weights);
   memory.solver.Factorise(Ratio(scales));
@@ -222,11 +222,11 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
   };
   // Every third, and those beside the likely ones: what is less likely by far adds nothing.
   constexpr int kStride = 3;
-  constexpr double kFarLog = 12.0;
+  constexpr double kMaxLogDeficit = 12.0;
   auto& bests = memory.bests;
   bests.assign(Index(num_ratios + kStride), kNever);
   for (int i = 0; i < num_ratios; i += kStride) bests[Index(i)] = add_candidates(i);
-  const double least = *std::max_element(bests.begin(), bests.end()) - kFarLog;
+  const double least = *std::max_element(bests.begin(), bests.end()) - kMaxLogDeficit;
   for (int i = 0; i < num_ratios; ++i) {
     const int before = i - i % kStride;
     if (i != before && std::max(bests[Index(before)], bests[Index(before + kStride)]) > least) {

@@ -57,8 +57,8 @@ MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales,
                       const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
 
 // Sets weights and inverse to those of the control points, which are those of the robust minimum.
-void TakeMinimum(const SplineModel& model, const TrajectoryScales& scales,
-                 const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
+void AdoptMinimum(const SplineModel& model, const TrajectoryScales& scales,
+                  const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
 
 // Scales by their posterior means, at the tau of the model, and the evidence for that, at given
 // weights and as agile all along. The mean of sigma_a, not its mode: with a few measurements the

@@ -1,0 +1,86 @@
+#include "app/live_event_reporter.hpp"
+
+#include <utility>
+#include <variant>
+
+#include "app/output.hpp"
+#include "base/format.hpp"
+
+namespace unlidar {
+namespace {
+
+// Two thirds of the time after which readers take an engine for stopped.
+constexpr TimeNs kStateIntervalNs = 40'000'000'000;
+
+}  // namespace
+
+bool IsWorthANote(std::uint64_t count) { return count > 0 && (count & (count - 1)) == 0; }
+
+bool IsWorthANote(std::uint64_t before, std::uint64_t count) {
+  return (before ^ count) > before;  // a higher bit is set
+}
+
+void LiveEventReporter::Take(const EngineEvent& event, const LiveProgress& now) {
+  if (const auto* confirmed = std::get_if<TrackConfirmed>(&event)) {
+    output_.Confirm(*confirmed);
+  } else if (const auto* given = std::get_if<RowGiven>(&event)) {
+    const std::uint64_t unwritable = output_.unwritable_rows();
+    output_.AddRow(now.newest_ns, *given);
+    if (output_.unwritable_rows() > unwritable && IsWorthANote(output_.unwritable_rows())) {
+      Note(Count(output_.unwritable_rows(), "row") + kUnwritableText);
+    }
+  } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {
+    output_.End(now.newest_ns, *ended);
+  } else if (const auto* changed = std::get_if<SensorChanged>(&event)) {
+    ReportSensor(changed->sensor, changed->state, now.newest_ns);
+  } else {
+    OnEngineState(std::get<EngineState>(event), now);
+  }
+}
+
+void LiveEventReporter::OnEngineState(EngineState state, const LiveProgress& now) {
+  const bool is_beginning = state == EngineState::kWarmingUp;
+  state_ = is_beginning ? LiveState::kWarmingUp : LiveState::kRunning;
+  if (is_beginning && std::exchange(has_begun_, true)) {
+    Note("begins anew at " + SecondsText(now.newest_ns) +
+         ": the clock has gone back, or no frame came for longer than live.window_s");
+  }
+  state_reported_ns_ = now.newest_ns;  // also where overload hides it: the clock may have gone back
+  if (!is_overloaded()) ReportState(now);
+}
+
+void LiveEventReporter::ReportSensor(std::size_t index, SensorState state, TimeNs newest_ns) {
+  Sensor& sensor = sensors_[index];
+  if (sensor.state == state) return;
+  sensor.state = state;
+  output_.ReportSensor(newest_ns, sensor.name, state);
+  if (state == SensorState::kBlinded && IsWorthANote(++sensor.num_blinded)) {
+    Note(sensor.name + ": blinded: it does not see what it should (fog, snow, a covered window?)");
+  }
+}
+
+void LiveEventReporter::ReportPace(std::uint64_t one_in, std::uint64_t left_out,
+                                   const LiveProgress& now) {
+  const bool was_overloaded = is_overloaded();
+  if (std::exchange(one_in_, one_in) == one_in) return;
+  Note(is_overloaded() ? "overloaded: one frame in " + std::to_string(one_in) + " is worked off"
+                       : "no more overloaded, left out: " + Count(left_out, "frame"));
+  if (was_overloaded != is_overloaded()) ReportState(now);
+}
+
+// Warming up is a beginning, which ends all tracks of before for those who read it: it is told
+// once.
+void LiveEventReporter::SendHeartbeat(const LiveProgress& now) {
+  if (state_ == LiveState::kRunning && now.newest_ns - state_reported_ns_ >= kStateIntervalNs) {
+    ReportState(now);
+  }
+}
+
+void LiveEventReporter::ReportState(const LiveProgress& now) {
+  const LiveState state = is_overloaded() ? LiveState::kOverloaded : state_;
+  state_reported_ns_ = now.newest_ns;
+  output_.ReportState(now.newest_ns, state, now.frames, now.lost_frames);
+  service_.ReportStatus(LiveStateName(state));
+}
+
+}  // namespace unlidar

@@ -1,0 +1,89 @@
+// What a live run tells of itself while it goes on: events, its state, notes.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/live_output.hpp"
+#include "app/service_notify.hpp"
+#include "unlidar/engine.hpp"
+
+namespace unlidar {
+
+// What happens again and again is noted the first time, the second, the fourth and so on.
+bool IsWorthANote(std::uint64_t count);
+
+// The same where several came at once.
+bool IsWorthANote(std::uint64_t before, std::uint64_t count);
+
+// How far a run has come.
+struct LiveProgress {
+  TimeNs newest_ns = 0;  // stamp
+  std::uint64_t frames = 0;
+  std::uint64_t lost_frames = 0;
+};
+
+// Sensors and tracks are told again only when they have changed.
+class LiveEventReporter {
+ public:
+  using NoteCallback = std::function<void(const std::string&)>;
+
+  // All of them outlive it.
+  LiveEventReporter(LiveOutput& output, const ServiceNotifier& service, const NoteCallback& note)
+      : output_(output), service_(service), note_(note) {}
+
+  // A line for the user.
+  void Note(const std::string& text) const { note_(text); }
+
+  // Sensors are numbered as they are added.
+  void AddSensor(const std::string& name) { sensors_.push_back({name, std::nullopt, 0}); }
+
+  // The next events of this number are another's.
+  void ReplaceSensor(std::size_t index, const std::string& name) {
+    sensors_[index] = {name, std::nullopt, 0};
+  }
+
+  // An event of the engine.
+  void Take(const EngineEvent& event, const LiveProgress& now);
+
+  void ReportSensor(std::size_t index, SensorState state, TimeNs newest_ns);
+  bool HasReported(std::size_t sensor) const { return sensors_[sensor].state.has_value(); }
+
+  // One frame in so many is worked off, and so many were left out by now.
+  void ReportPace(std::uint64_t one_in, std::uint64_t left_out, const LiveProgress& now);
+
+  void ReportState(const LiveProgress& now);
+
+  // Repeats the state now and then while frames are worked off, so that a quiet sky differs from an
+  // engine that has stopped.
+  void SendHeartbeat(const LiveProgress& now);
+
+  // All of it goes out. Throws OutputError.
+  void Flush() { output_.Flush(); }
+
+ private:
+  void OnEngineState(EngineState state, const LiveProgress& now);
+
+  struct Sensor {
+    std::string name;
+    std::optional<SensorState> state;  // as it was told
+    std::uint64_t num_blinded = 0;
+  };
+
+  bool is_overloaded() const { return one_in_ > 1; }
+
+  LiveOutput& output_;
+  const ServiceNotifier& service_;
+  const NoteCallback& note_;
+  std::vector<Sensor> sensors_;
+  LiveState state_ = LiveState::kWarmingUp;  // but for overload
+  bool has_begun_ = false;
+  std::uint64_t one_in_ = 1;
+  TimeNs state_reported_ns_ = 0;  // stamp
+};
+
+}  // namespace unlidar

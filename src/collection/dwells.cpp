@@ -1,0 +1,159 @@
+#include "collection/dwells.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <unordered_map>
+#include <utility>
+
+#include "base/voxel_grid.hpp"
+
+namespace unlidar {
+namespace {
+
+// All of a dwell is as near to the path's end as this.
+constexpr float kReach_m = 3.0F;
+// From frame to frame it is looked for so near to where it was last.
+constexpr float kStep_m = 1.0F;
+constexpr float kSmoothing = 0.3F;  // weight of a frame for where it is
+// Low over the ground a target is hidden for seconds by what is hardly higher.
+constexpr TimeNs kMaxGap_ns = 3'000'000'000;
+// What has others as near as this at other times is of its place, as the ground is.
+constexpr float kPlace_m = 0.3F;
+constexpr std::size_t kMinFrames = 5;
+// Standard deviation of its returns, per axis, about where it is: people are higher, rain is
+// anywhere.
+constexpr float kMaxSpread_m = 0.3F;
+
+struct Return {
+  std::uint32_t index;
+  std::uint32_t frame;
+  TimeNs time_ns;  // of its frame
+};
+
+// One end of a path: direction -1 is its beginning, 1 its end.
+class PathEnd {
+ public:
+  PathEnd(const Recording& recording, const std::vector<char>& taken, const std::vector<Plot>& path,
+          int direction)
+      : recording_(recording),
+        last_(direction < 0 ? path.front() : path.back()),
+        place_m_(last_.position_m.cast<float>()) {
+    for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
+      const FrameInfo& frame = recording.frames[f];
+      const TimeNs time_ns = frame.middle_ns();
+      const bool is_beyond = direction * (time_ns - last_.frame_time_ns) > 0;
+      if (!is_beyond && !IsTargetAway(path, time_ns)) continue;
+      num_away_frames_ += is_beyond ? 0U : 1U;
+      for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+        if ((recording.points_m[i] - place_m_).squaredNorm() > kReach_m * kReach_m) continue;
+        if (!is_beyond) {
+          away_returns_[VoxelOf(recording.points_m[i], kPlace_m)].push_back(recording.points_m[i]);
+        } else if (taken[i] == 0) {
+          beyond_.push_back({i, f, time_ns});
+        }
+      }
+    }
+    const auto is_later = [&](const Return& a, const Return& b) {
+      return direction * (a.time_ns - b.time_ns) < 0;
+    };
+    std::stable_sort(beyond_.begin(), beyond_.end(), is_later);
+  }
+
+  std::vector<Plot> Dwell() const {
+    std::vector<Plot> dwell;
+    Eigen::Vector3f at_m = place_m_;
+    TimeNs time_ns = last_.frame_time_ns;
+    Eigen::Array3f square_sum_m2 = Eigen::Array3f::Zero();
+    float num_returns = 0.0F;
+    for (auto first = beyond_.begin(); first != beyond_.end();) {
+      if (std::abs(first->time_ns - time_ns) > kMaxGap_ns) break;
+      const auto next = std::find_if(first, beyond_.end(),
+                                     [&](const Return& one) { return one.frame != first->frame; });
+      std::vector<std::uint32_t> returns;
+      for (auto one = first; one != next; ++one) {
+        if ((PointM(*one) - at_m).norm() > kStep_m || IsBackground(*one)) continue;
+        returns.push_back(one->index);
+        square_sum_m2 += (PointM(*one) - at_m).array().square();
+        num_returns += 1.0F;
+      }
+      if (!returns.empty()) {
+        dwell.push_back(PlotOf(first->frame, std::move(returns)));
+        at_m += kSmoothing * (dwell.back().position_m.cast<float>() - at_m);
+        time_ns = first->time_ns;
+      }
+      first = next;
+    }
+    const bool is_wide = (square_sum_m2 > num_returns * kMaxSpread_m * kMaxSpread_m).any();
+    if (is_wide || dwell.size() < kMinFrames || !HasEnoughBackground(dwell)) dwell.clear();
+    return dwell;
+  }
+
+ private:
+  Eigen::Vector3f PointM(const Return& one) const { return recording_.points_m[one.index]; }
+
+  Plot PlotOf(std::uint32_t frame_index, std::vector<std::uint32_t> returns) const {
+    const FrameInfo& frame = recording_.frames[frame_index];
+    Plot plot;
+    plot.frame = frame_index;
+    plot.sensor = frame.sensor;
+    plot.time_ns = plot.frame_time_ns = frame.middle_ns();
+    plot.position_m = MeanOf(recording_, returns);
+    plot.num_returns = static_cast<std::uint32_t>(returns.size());
+    plot.returns = std::move(returns);
+    return plot;
+  }
+
+  // Whether the target is known to be away from the place.
+  bool IsTargetAway(const std::vector<Plot>& path, TimeNs time_ns) const {
+    const auto next = std::lower_bound(
+        path.begin(), path.end(), time_ns,
+        [](const Plot& plot, TimeNs then_ns) { return plot.frame_time_ns < then_ns; });
+    const auto is_away = [&](const Plot& plot) {
+      return (plot.position_m.cast<float>() - place_m_).norm() > 2.0F * kReach_m;
+    };
+    return next != path.end() && next != path.begin() && is_away(*next) && is_away(*(next - 1));
+  }
+
+  bool IsBackground(const Return& one) const {
+    const Voxel voxel = VoxelAt(PointM(one), kPlace_m);
+    for (int k = 0; k < 27; ++k) {
+      const auto cell = away_returns_.find(
+          KeyOf({voxel.x + k % 3 - 1, voxel.y + k / 3 % 3 - 1, voxel.z + k / 9 - 1}));
+      if (cell == away_returns_.end()) continue;
+      for (const Eigen::Vector3f& other_m : cell->second) {
+        if ((other_m - PointM(one)).squaredNorm() < kPlace_m * kPlace_m) return true;
+      }
+    }
+    return false;
+  }
+
+  // Whether enough is known of other times: as much as the dwell lasts.
+  bool HasEnoughBackground(const std::vector<Plot>& dwell) const {
+    const auto [begin, end] = std::minmax(dwell.front().frame, dwell.back().frame);
+    return num_away_frames_ > end - begin;
+  }
+
+  const Recording& recording_;
+  const Plot& last_;
+  Eigen::Vector3f place_m_;
+  std::vector<Return> beyond_;  // of the time beyond the end, away from it
+  // What is seen while the target is elsewhere, by voxel, and in how many frames.
+  std::unordered_map<VoxelKey, std::vector<Eigen::Vector3f>> away_returns_;
+  std::uint32_t num_away_frames_ = 0;
+};
+
+}  // namespace
+
+void AddDwells(const Recording& recording, const std::vector<char>& taken,
+               std::vector<Plot>* path) {
+  std::vector<Plot> before = PathEnd(recording, taken, *path, -1).Dwell();
+  std::vector<Plot> after = PathEnd(recording, taken, *path, 1).Dwell();
+  std::move(before.begin(), before.end(), std::back_inserter(*path));
+  std::move(after.begin(), after.end(), std::back_inserter(*path));
+  SortByFrameTime(path);
+}
+
+}  // namespace unlidar

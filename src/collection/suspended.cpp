@@ -1,0 +1,136 @@
+#include "collection/suspended.hpp"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+#include "collection/collect.hpp"
+#include "scene/range_grid.hpp"
+
+namespace unlidar {
+namespace {
+
+// A cable that is nearer returns something.
+constexpr double kCableRangeM = 25.0;
+// What moves farther from its mean place does not hang.
+constexpr RangeRadius kMinDisplacement{0.8, 0.02};
+// Most swings are over sooner: means over so long stay where they are, but for what hovers.
+constexpr double kSwingPeriodS = 3.0;
+// So much of the variance of where something was is its way, where it goes straight on.
+constexpr double kStraightShare = 0.75;
+// What stays surpasses this many standard deviations of a Gaussian once in 1,000 times.
+constexpr double kQuantile = 3.09;
+
+// Measurements of a while.
+struct TimeBlock {
+  double count = 0.0;
+  Eigen::Array3d sum_m = Eigen::Array3d::Zero();
+};
+
+// The kQuantile of chi squared (Wilson and Hilferty).
+double ChiSquared(double degrees) {
+  const double variance = 2.0 / (9.0 * degrees);
+  return degrees * std::pow(1.0 - variance + kQuantile * std::sqrt(variance), 3.0);
+}
+
+// Of at least one.
+Eigen::Vector3d MeanOf(const std::vector<Measurement>& measurements) {
+  Eigen::Vector3d mean_m = Eigen::Vector3d::Zero();
+  for (const Measurement& m : measurements) mean_m += m.position_m;
+  return mean_m / static_cast<double>(measurements.size());
+}
+
+double MinRangeM(const std::vector<Measurement>& measurements, const Eigen::Vector3d& mean_m) {
+  double range_m = std::numeric_limits<double>::infinity();
+  for (const Measurement& m : measurements) {
+    range_m = std::min(range_m, (mean_m - m.viewpoint_m).norm());
+  }
+  return range_m;
+}
+
+}  // namespace
+
+bool IsStaticFar(const std::vector<Measurement>& measurements) {
+  const Eigen::Vector3d mean_m = MeanOf(measurements);
+  const double range_m = MinRangeM(measurements, mean_m);
+  double farthest_m = 0.0;
+  for (const Measurement& m : measurements) {
+    farthest_m = std::max(farthest_m, (m.position_m - mean_m).norm());
+  }
+  return range_m > kCableRangeM && farthest_m < kMinDisplacement.At(range_m);
+}
+
+// The means of blocks are to differ by more than the scatter within them explains: no less than the
+// width of the beam, anywhere in which a return may come from.
+bool DriftsBeyondNoise(const std::vector<Measurement>& measurements) {
+  const Eigen::Vector3d mean_m = MeanOf(measurements);
+  const double range_m = MinRangeM(measurements, mean_m);
+  const TimeNs begin_ns = measurements.front().time_ns;
+  const double duration_s =
+      static_cast<double>(measurements.back().time_ns - begin_ns) * kSecondsPerNs;
+  if (duration_s <= 0.0) return false;
+  const double num_blocks = std::max(2.0, std::floor(duration_s / kSwingPeriodS));
+  std::vector<TimeBlock> blocks(static_cast<std::size_t>(num_blocks));
+  const auto block_of = [&](const Measurement& m) -> TimeBlock& {
+    const double share = static_cast<double>(m.time_ns - begin_ns) * kSecondsPerNs / duration_s;
+    return blocks[static_cast<std::size_t>(std::min(share * num_blocks, num_blocks - 1.0))];
+  };
+  for (const Measurement& m : measurements) {
+    TimeBlock& at = block_of(m);
+    at.count += 1.0;
+    at.sum_m += (m.position_m - mean_m).array();
+  }
+  Eigen::Array3d within_m2 = Eigen::Array3d::Zero();
+  for (const Measurement& m : measurements) {
+    const TimeBlock& at = block_of(m);
+    within_m2 += ((m.position_m - mean_m).array() - at.sum_m / at.count).square();
+  }
+  const auto num_seen = static_cast<double>(std::count_if(
+      blocks.begin(), blocks.end(), [](const TimeBlock& at) { return at.count > 0.0; }));
+  const double beam_m = kBeamSigmaRad * range_m;
+  const double freedom = static_cast<double>(measurements.size()) - num_seen;
+  within_m2 = (within_m2 / std::max(freedom, 1.0)).max(beam_m * beam_m);
+  double between = 0.0;
+  for (const TimeBlock& at : blocks) {
+    if (at.count > 0.0) between += (at.sum_m.square() / (at.count * within_m2)).sum();
+  }
+  return between > ChiSquared(3.0 * (num_seen - 1.0));
+}
+
+// A straight and even way is to explain most of where it was. Of things that swing by 0.3 to 0.8 m
+// at 0.2 to 0.6 Hz, looked at every half second, at most three of 100 ever seem to.
+bool MovesStraight(const std::vector<Measurement>& measurements) {
+  const Eigen::Vector3d mean_m = MeanOf(measurements);
+  const TimeNs begin_ns = measurements.front().time_ns;
+  const auto seconds = [&](const Measurement& m) {
+    return static_cast<double>(m.time_ns - begin_ns) * kSecondsPerNs;
+  };
+  const double duration_s = seconds(measurements.back());
+  if (duration_s < kSwingPeriodS) return false;
+  double mean_s = 0.0;
+  for (const Measurement& m : measurements) mean_s += seconds(m);
+  mean_s /= static_cast<double>(measurements.size());
+  double square_s2 = 0.0;
+  double square_m2 = 0.0;
+  Eigen::Vector3d product_m_s = Eigen::Vector3d::Zero();
+  for (const Measurement& m : measurements) {
+    const double centred_s = seconds(m) - mean_s;
+    const Eigen::Vector3d centred_m = m.position_m - mean_m;
+    square_s2 += centred_s * centred_s;
+    square_m2 += centred_m.squaredNorm();
+    product_m_s += centred_s * centred_m;
+  }
+  const Eigen::Vector3d velocity_mps = product_m_s / square_s2;
+  const double min_displacement_m = kMinDisplacement.At(MinRangeM(measurements, mean_m));
+  return 2.0 * duration_s * velocity_mps.norm() > min_displacement_m &&
+         velocity_mps.dot(product_m_s) > kStraightShare * square_m2;
+}
+
+bool MayBeSuspended(const std::vector<Measurement>& measurements) {
+  return IsStaticFar(measurements) && !DriftsBeyondNoise(measurements);
+}
+
+}  // namespace unlidar

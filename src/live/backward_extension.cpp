@@ -1,0 +1,93 @@
+#include "live/backward_extension.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "live/track_follower.hpp"
+
+namespace unlidar {
+namespace {
+
+// A plot as it is seen with time running backwards from 0.
+LivePlot InReverse(LivePlot seen) {
+  seen.plot.time_ns = -seen.plot.time_ns;
+  seen.plot.frame_time_ns = -seen.plot.frame_time_ns;
+  seen.time_s = -seen.time_s;
+  return seen;
+}
+
+// The moment of its frame likewise. Sensors may have been heard since.
+FrameTime FrameTimeInReverse(const Plot& plot, const RecentFrameTimes& frame_times,
+                             const std::vector<std::uint32_t>& num_frames) {
+  FrameTime at = frame_times.At(plot.frame);
+  at.time_s = -at.time_s;
+  at.frames_before.resize(num_frames.size(), 0);
+  for (std::uint32_t s = 0; s < num_frames.size(); ++s) {
+    std::uint32_t& before = at.frames_before[s];
+    const std::uint32_t until = before + (s == plot.sensor ? 1U : 0U);
+    before = num_frames[s] - std::min(num_frames[s], until);
+  }
+  return at;
+}
+
+}  // namespace
+
+std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector<LivePlot>& seen,
+                                         const std::vector<char>& are_free,
+                                         const RecentFrameTimes& frame_times,
+                                         const std::vector<std::uint32_t>& num_frames,
+                                         const std::vector<TrackModel>& models,
+                                         const Config& config) {
+  Flight back;
+  back.log_birth = flight.log_birth;
+  for (auto plot = flight.plots.rbegin(); plot != flight.plots.rend(); ++plot) {
+    back.plots.push_back(InReverse(*plot));
+    back.frame_times.push_back(FrameTimeInReverse(plot->plot, frame_times, num_frames));
+  }
+  const Plot& first = flight.plots.front().plot;
+  const RobustConfig& robust = config.robust;
+  TrackFollower follower(back, models, robust.tracker, robust.collect);
+  const auto num_floating = std::count_if(flight.plots.begin(), flight.plots.end(),
+                                          [](const LivePlot& one) { return one.plot.is_floating; });
+  const bool floats = 2 * static_cast<std::size_t>(num_floating) >= flight.plots.size();
+  const auto is_before = [&](const LivePlot& one) {
+    return one.plot.frame_time_ns < first.frame_time_ns;
+  };
+  auto end = static_cast<std::size_t>(std::partition_point(seen.begin(), seen.end(), is_before) -
+                                      seen.begin());
+  while (end > 0) {
+    std::size_t begin = end - 1;
+    while (begin > 0 && seen[begin - 1].plot.frame == seen[end - 1].plot.frame) --begin;
+    std::vector<LivePlot> plots;
+    for (std::size_t i = begin; i < end; ++i) {
+      if (!are_free[i] || seen[i].plot.lowest_m <= robust.off_ground_m) continue;
+      plots.push_back(InReverse(seen[i]));
+      const double apart_m = (seen[i].plot.position_m - first.position_m).norm();
+      // What floats by now did so before that was known.
+      if (floats && apart_m < robust.support.body_m) {
+        plots.back().plot.log_clutter = seen[i].log_surrounding_clutter;
+      }
+    }
+    end = begin;
+    if (plots.empty()) continue;
+    if (plots[0].plot.frame_time_ns - follower.last_evidence_ns() > NsOf(kLongPauseS)) break;
+    follower.Extend(plots, std::vector<char>(plots.size(), 1),
+                    FrameTimeInReverse(seen[begin].plot, frame_times, num_frames));
+  }
+  std::vector<std::size_t> past;
+  std::vector<LivePlot> settled;
+  follower.Settle(std::numeric_limits<TimeNs>::max(), &settled);
+  for (const LivePlot& one : settled) {
+    const auto is_same_plot = [&](const LivePlot& other) {
+      return other.plot.frame == one.plot.frame && other.plot.position_m == one.plot.position_m;
+    };
+    const auto at = std::find_if(seen.begin(), seen.end(), is_same_plot);
+    if (at == seen.end() || !is_before(*at)) continue;
+    past.push_back(static_cast<std::size_t>(at - seen.begin()));
+  }
+  std::sort(past.begin(), past.end());
+  return past;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,206 @@
+#include "live/stamp_validator.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+namespace unlidar {
+namespace {
+
+// Clocks farther from each other are apart: late frames are no matter of the network then.
+constexpr TimeNs kMaxClockDifferenceNs = 1'000'000'000;
+
+// A clock that has gone back by less catches up sooner than the scene is learned anew.
+constexpr TimeNs kCatchUpNs = 5'000'000'000;
+
+// Frames that come at once, by this computer's clock, bear out nothing: a burst of packets.
+constexpr TimeNs kBurstNs = 200'000'000;
+
+// By so much nearer to this computer's clock: two clocks on both sides of it do not take turns.
+constexpr TimeNs kHostClockMarginNs = 500'000'000;
+
+}  // namespace
+
+StampValidator::StampValidator(const LiveConfig& config)
+    : reorder_ns_(NsOf(config.reorder_s)), silent_ns_(NsOf(config.silent_s)) {
+  if (std::isfinite(config.window_s)) window_ns_ = NsOf(config.window_s);
+}
+
+StampValidator::Verdict StampValidator::Judge(const FrameStamp& stamp) {
+  UpdateClock(stamp);
+  Clock& clock = clocks_[stamp.sensor];
+  const TimeNs time_ns = stamp.time_ns;
+  if (newest_ns_ ? IsReachedByMajority(stamp.sensor, time_ns)
+                 : !stamp.arrival || MatchesHostClock(stamp)) {
+    const bool is_late = newest_ns_ && time_ns < *newest_ns_ - reorder_ns_;
+    if (!is_late || time_ns >= *newest_ns_ - std::max(kMaxClockDifferenceNs, reorder_ns_)) {
+      clock.run = 0;
+      if (is_late) return Verdict::kLate;
+      if (!newest_ns_) ConfirmRun(stamp);
+      matches_host_clock_ = MatchesHostClock(stamp);
+      reached_ns_ = newest_ns_ ? std::max(reached_ns_, time_ns) : time_ns;
+      return Verdict::kTaken;
+    }
+  }
+  ExtendOutOfSyncRun(stamp, &clock);
+  const bool is_behind = newest_ns_ && time_ns < *newest_ns_;
+  const TimeNs back_ns = std::max(reorder_ns_, std::min(kCatchUpNs, window_ns_.value_or(0)));
+  if (is_behind && (!window_ns_ || *newest_ns_ - time_ns <= back_ns)) return Verdict::kLate;
+  if (!IsRunConfirmed(stamp)) return Verdict::kUnconfirmed;
+  ConfirmRun(stamp);
+  matches_host_clock_ = MatchesHostClock(stamp);
+  const bool is_restart =
+      is_behind || (window_ns_ && newest_ns_ && clock.run_begin_ns - *newest_ns_ > *window_ns_);
+  return is_restart ? Verdict::kRestart : Verdict::kTaken;
+}
+
+// Takes in that a sensor talks, and how much time its stamps say has passed.
+void StampValidator::UpdateClock(const FrameStamp& stamp) {
+  Clock& clock = clocks_[stamp.sensor];
+  now_ = stamp.arrival;
+  if (now_) now_->unix_ns = std::clamp(now_->unix_ns, -kMaxStampNs, kMaxStampNs);
+  if (clock.last_ns) {
+    std::rotate(clock.steps_ns.begin(), clock.steps_ns.begin() + 1, clock.steps_ns.end());
+    clock.steps_ns.back() = std::max<TimeNs>(stamp.time_ns - *clock.last_ns, 0);
+  }
+  if (clock.last_ns && stamp.time_ns > *clock.last_ns && ContinuesFrom(clock, stamp.time_ns)) {
+    const TimeNs heard_ns = clock.heard_ns + (stamp.time_ns - *clock.last_ns);
+    stream_ns_ = std::clamp(heard_ns, stream_ns_, kMaxStampNs);
+  }
+  if (clock.run > 0 && !ContinuesFrom(clock, stamp.time_ns)) clock.run = 0;
+  clock.is_run_confirmed = false;
+  clock.last_ns = stamp.time_ns;
+  clock.heard_ns = stream_ns_;
+  if (now_) clock.heard_steady_ns = now_->steady_ns;
+  clock.host_clock_error_ns = now_ ? std::abs(stamp.time_ns - now_->unix_ns) : kMaxStampNs;
+}
+
+void StampValidator::ExtendOutOfSyncRun(const FrameStamp& stamp, Clock* clock) const {
+  if (clock->run++ == 0) {
+    clock->run_begin_ns = clock->run_end_ns = stamp.time_ns;
+    if (now_) clock->run_steady_ns = now_->steady_ns;
+  }
+  clock->run_begin_ns = std::min(clock->run_begin_ns, stamp.time_ns);
+  clock->run_end_ns = std::max(clock->run_end_ns, stamp.time_ns);
+}
+
+bool StampValidator::MatchesHostClock(const FrameStamp& stamp) const {
+  return now_ && std::abs(stamp.time_ns - now_->unix_ns) <= kHostClockToleranceNs;
+}
+
+TimeNs StampValidator::ElapsedNs(const Clock& clock) const {
+  return matches_host_clock_ && now_ ? now_->steady_ns - clock.heard_steady_ns
+                                     : stream_ns_ - clock.heard_ns;
+}
+
+// A sum of stamps and times that have passed must be a time as well: differences of two are then.
+TimeNs StampValidator::NowOf(const Clock& clock) const {
+  return std::min(*clock.last_ns + ElapsedNs(clock), kMaxStampNs);
+}
+
+bool StampValidator::IsActive(const Clock& clock) const {
+  if (!clock.last_ns) return false;
+  return ElapsedNs(clock) <= silent_ns_ ||
+         (now_ && now_->steady_ns - clock.heard_steady_ns <= kBurstNs);
+}
+
+bool StampValidator::ContinuesFrom(const Clock& clock, TimeNs time_ns) const {
+  return std::abs(time_ns - *clock.last_ns) <=
+         std::max(kMaxClockDifferenceNs, 2 * clock.period_ns());
+}
+
+// Whether the clocks of most have come so far.
+bool StampValidator::IsReachedByMajority(std::uint32_t sensor, TimeNs time_ns) const {
+  std::size_t others = 0;
+  std::size_t reached = 0;
+  for (std::size_t i = 0; i < clocks_.size(); ++i) {
+    const Clock& clock = clocks_[i];
+    if (i == sensor || clock.run > 0 || !IsActive(clock)) continue;
+    ++others;
+    const TimeNs slack_ns = std::max(reorder_ns_, clock.period_ns());
+    if (time_ns <= NowOf(clock) + slack_ns) ++reached;
+  }
+  if (others > 0) return reached >= (others + 1) / 2;
+  const TimeNs pause_ns = std::max({silent_ns_, reorder_ns_, 2 * clocks_[sensor].period_ns()});
+  return time_ns <= std::max(*newest_ns_, reached_ns_) + pause_ns;
+}
+
+bool StampValidator::IsConfirmed(std::uint32_t sensor, TimeNs time_ns) const {
+  const Clock& clock = clocks_[sensor];
+  if (newest_ns_ && time_ns < *newest_ns_ - reorder_ns_) return false;
+  if (clock.is_run_confirmed && clock.run_begin_ns <= time_ns && time_ns <= clock.run_end_ns) {
+    return true;
+  }
+  // A clock that is farther ahead is another one: its frames are not those of their stamps.
+  return newest_ns_ &&
+         IsReachedByMajority(sensor, std::max(time_ns, *clock.last_ns - kMaxClockDifferenceNs));
+}
+
+bool StampValidator::IsPending(std::uint32_t sensor, TimeNs time_ns) const {
+  const Clock& clock = clocks_[sensor];
+  const TimeNs kept_ns =
+      std::max(silent_ns_ + 2 * kMaxClockDifferenceNs, 2 * kFramesToConfirm * clock.period_ns());
+  return clock.run > 0 && IsActive(clock) && clock.run_begin_ns <= time_ns &&
+         time_ns <= clock.run_end_ns && *clock.last_ns - time_ns <= kept_ns;
+}
+
+bool StampValidator::IsRunConfirmed(const FrameStamp& stamp) const {
+  const Clock& own = clocks_[stamp.sensor];
+  int frames = own.run;
+  int agreeing = 1;
+  int contradicting = 0;
+  bool is_stream_heard = false;
+  TimeNs others_host_clock_error_ns = kMaxStampNs;  // of those that contradict, the nearest
+  for (std::size_t i = 0; i < clocks_.size(); ++i) {
+    const Clock& clock = clocks_[i];
+    if (i == stamp.sensor || !IsActive(clock)) continue;
+    if (newest_ns_ && clock.run == 0) is_stream_heard = true;
+    if (clock.run > 0 && std::abs(NowOf(clock) - stamp.time_ns) <= kMaxClockDifferenceNs) {
+      ++agreeing;
+      frames += clock.run;
+    } else {
+      ++contradicting;
+      others_host_clock_error_ns = std::min(others_host_clock_error_ns, clock.host_clock_error_ns);
+    }
+  }
+  const bool matches_host_clock = MatchesHostClock(stamp);
+  const bool contradicts_host_clock = newest_ns_ && matches_host_clock_ && !matches_host_clock;
+  const TimeNs min_run_ns = contradicts_host_clock              ? silent_ns_
+                            : newest_ns_ && matches_host_clock_ ? kBurstNs
+                                                                : 0;
+  if (frames < kFramesToConfirm || (now_ && now_->steady_ns - own.run_steady_ns < min_run_ns)) {
+    return false;
+  }
+  if (!is_stream_heard) return agreeing >= contradicting;
+  if (contradicts_host_clock) return false;
+  const bool wins_tie = matches_host_clock &&
+                        (!matches_host_clock_ ||
+                         own.host_clock_error_ns + kHostClockMarginNs < others_host_clock_error_ns);
+  return wins_tie ? agreeing >= contradicting : agreeing > contradicting;
+}
+
+// All that agree with it are of one clock from now on.
+void StampValidator::ConfirmRun(const FrameStamp& stamp) {
+  for (std::size_t i = 0; i < clocks_.size(); ++i) {
+    Clock& clock = clocks_[i];
+    const bool is_own = i == stamp.sensor;
+    if (!is_own && (clock.run == 0 || !IsActive(clock) ||
+                    std::abs(NowOf(clock) - stamp.time_ns) > kMaxClockDifferenceNs)) {
+      continue;
+    }
+    if (clock.run == 0) clock.run_begin_ns = clock.run_end_ns = stamp.time_ns;
+    clock.run = 0;
+    clock.is_run_confirmed = true;
+  }
+}
+
+void StampValidator::Begin() {
+  newest_ns_.reset();
+  reached_ns_ = -kMaxStampNs;
+}
+
+void StampValidator::Take(TimeNs time_ns) {
+  newest_ns_ = std::max(newest_ns_.value_or(time_ns), time_ns);
+}
+
+}  // namespace unlidar

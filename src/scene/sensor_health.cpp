@@ -1,0 +1,173 @@
+#include "scene/sensor_health.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "base/angles.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr TimeNs kSnapshotNs = 500'000'000;
+constexpr int kSnapshotsToChange = 6;
+constexpr double kMinSnapshots = 10.0;        // fewer do not tell what should be seen,
+constexpr double kMinSnapshotsAnew = 60.0;    // nor fewer than these that a sensor was moved
+constexpr double kMaxSnapshots = 28'800;      // four hours
+constexpr TimeNs kPauseNs = 2 * kSnapshotNs;  // without a frame: nothing is known of that time
+constexpr std::ptrdiff_t kMaxReturns = 8192;  // of a frame that are looked at, evenly spread
+
+// Directions are 5 degrees wide at the horizon. A surface is in one or two ranges of a direction,
+// each of 15 %, fog in all of them; so narrow that 1,000 strays a frame seldom hit one twice.
+constexpr int kAzimuths = 72;
+constexpr int kHeights = 36;
+constexpr int kDirections = kAzimuths * kHeights;
+constexpr int kRanges = 48;
+constexpr float kNearestM = 0.5F;
+const float kRangesPerLog2 = 1.0F / std::log2(1.15F);
+
+constexpr float kWindowM = 1.0F;  // nearer is the window, and what hangs on it
+constexpr float kAirM = 30.0F;    // no flake or drop returns from farther away
+constexpr float kStructureRate = 0.6F;
+// Places and directions that are too few to tell anything: a person hides more.
+constexpr double kMinStructure = 40.0;
+constexpr int kMinDirections = 60;
+// In clear air 0.97 or more of the structure is seen and 0.1 to 0.7 places come or go in a
+// direction, with 300 strays a frame 1.0 to 2.8, with 1,000 in fog or snow 5.3. Below and above
+// these a sensor is blinded; one that is must be so much better to see again.
+constexpr double kMinSeenRatio = 0.5;
+constexpr double kMaxStraysPerDirection = 4.0;
+constexpr double kMargin = 0.8;
+constexpr double kMaxNearShare = 0.8;       // share of the directions
+constexpr double kMinStructureRatio = 0.6;  // of the structure known before
+
+int RangeOf(float range_m) {
+  const float at = std::log2(std::max(range_m, kNearestM) / kNearestM) * kRangesPerLog2;
+  return std::min(static_cast<int>(at), kRanges - 1);
+}
+
+std::size_t PlaceOf(const Eigen::Vector3f& relative_m) {
+  const float range_m = std::max(relative_m.norm(), kNearestM);
+  const double turns = AzimuthRad(relative_m) / (2.0 * M_PI) + 0.5;
+  const float height = 0.5F * (relative_m.z() / range_m + 1.0F);
+  const int column = std::clamp(static_cast<int>(turns * kAzimuths), 0, kAzimuths - 1);
+  const int row = std::clamp(static_cast<int>(height * kHeights), 0, kHeights - 1);
+  return static_cast<std::size_t>((row * kAzimuths + column) * kRanges + RangeOf(range_m));
+}
+
+const std::size_t kWindowRange = static_cast<std::size_t>(RangeOf(kWindowM));
+const std::size_t kAirRange = static_cast<std::size_t>(RangeOf(kAirM));
+
+}  // namespace
+
+SensorHealth::SensorHealth()
+    : hits_(static_cast<std::size_t>(kDirections) * kRanges, 0),
+      hits_before_(hits_),
+      has_returned_(kDirections, 0) {
+  reference_.rates.resize(hits_.size(), 0.0F);
+}
+
+void SensorHealth::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
+                            const Eigen::Vector3f* end_m, const Eigen::Vector3f& origin_m) {
+  const TimeNs passed_ns = time_ns - std::exchange(last_ns_, time_ns);
+  if (is_blinded_ && passed_ns > 0) blinded_ns_ += std::min(passed_ns, kPauseNs);
+  const TimeNs elapsed_ns = time_ns - snapshot_begin_ns_;
+  if (frames_ > 0 && (passed_ns < 0 || elapsed_ns >= kSnapshotNs)) EndSnapshot();
+  if (frames_ ==
+      0) {  // snapshots follow one another without a gap, unless frames are farther apart
+    const bool is_contiguous = elapsed_ns >= kSnapshotNs && elapsed_ns < 2 * kSnapshotNs;
+    snapshot_begin_ns_ = is_contiguous ? snapshot_begin_ns_ + kSnapshotNs : time_ns;
+  }
+  ++frames_;
+  const std::ptrdiff_t step = (end_m - begin_m) / kMaxReturns + 1;
+  for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
+    const std::size_t place = PlaceOf(begin_m[i] - origin_m);
+    hits_[place] = 1;
+    has_returned_[place / kRanges] = 1;
+    ++returns_;
+  }
+}
+
+SensorHealth::Snapshot SensorHealth::CompareWith(const OccupancyModel& model) const {
+  Snapshot snapshot;
+  snapshot.returns = returns_;
+  for (std::size_t first = 0; first < hits_.size(); first += kRanges) {
+    if (has_returned_[first / kRanges] == 0) continue;
+    bool is_hit = false;
+    bool is_known = false;
+    bool is_hit_beyond = false;
+    for (std::size_t range = 0; range < kRanges; ++range) {
+      const bool is_place_hit = hits_[first + range] != 0;
+      is_hit |= is_place_hit;
+      if (range <= kWindowRange) continue;
+      is_hit_beyond |= is_place_hit;
+      const auto rate = static_cast<double>(model.rates[first + range]);
+      if (rate >= static_cast<double>(kStructureRate)) {
+        is_known = true;
+        snapshot.expected += rate;
+        snapshot.seen += is_place_hit ? 1.0 : 0.0;
+      }
+      const bool was_hit = hits_before_[first + range] != 0;
+      snapshot.strays += range < kAirRange && is_place_hit != was_hit ? 1 : 0;
+    }
+    snapshot.directions += is_hit || is_known ? 1 : 0;
+    snapshot.near_directions += is_hit && !is_hit_beyond ? 1 : 0;
+  }
+  return snapshot;
+}
+
+bool SensorHealth::IsDegraded(const Snapshot& snapshot) const {
+  const double margin = is_blinded_ ? kMargin : 1.0;
+  const bool is_wide = snapshot.directions >= kMinDirections;
+  if (is_wide && snapshot.near_directions > margin * kMaxNearShare * snapshot.directions)
+    return true;
+  if (is_wide && snapshot.strays > margin * kMaxStraysPerDirection * snapshot.directions)
+    return true;
+  if (reference_.snapshots < kMinSnapshots) return false;
+  if (snapshot.expected >= kMinStructure &&
+      snapshot.seen * margin < kMinSeenRatio * snapshot.expected) {
+    return true;
+  }
+  return snapshot.returns == 0 && mean_returns_ >= kMinStructure;
+}
+
+void SensorHealth::Update(OccupancyModel* model) const {
+  model->snapshots = std::min(model->snapshots + 1.0, kMaxSnapshots);
+  const auto weight = static_cast<float>(1.0 / model->snapshots);
+  for (std::size_t first = 0; first < hits_.size(); first += kRanges) {
+    if (has_returned_[first / kRanges] == 0) continue;
+    for (std::size_t i = first; i < first + kRanges; ++i) {
+      model->rates[i] += weight * (static_cast<float>(hits_[i]) - model->rates[i]);
+    }
+  }
+}
+
+void SensorHealth::EndSnapshot() {
+  snapshot_ = CompareWith(reference_);
+  const bool is_degraded = IsDegraded(snapshot_);
+  contrary_snapshots_ = is_degraded == is_blinded_ ? 0 : contrary_snapshots_ + 1;
+  if (contrary_snapshots_ >= kSnapshotsToChange) {
+    is_blinded_ = is_degraded;
+    contrary_snapshots_ = 0;
+    candidate_ = {};
+    if (is_blinded_) candidate_.rates.resize(hits_.size(), 0.0F);
+  }
+  if (is_blinded_) {
+    Update(&candidate_);
+    const double num_expected = CompareWith(candidate_).expected;
+    if (candidate_.snapshots >= kMinSnapshotsAnew && num_expected >= kMinStructure &&
+        num_expected >= kMinStructureRatio * snapshot_.expected) {
+      reference_ = std::exchange(candidate_, {std::vector<float>(hits_.size(), 0.0F), 0.0});
+    }
+  } else if (!is_degraded) {
+    Update(&reference_);
+    mean_returns_ += (snapshot_.returns - mean_returns_) / reference_.snapshots;
+  }
+  hits_before_.swap(hits_);
+  std::fill(hits_.begin(), hits_.end(), 0);
+  frames_ = 0;
+  returns_ = 0;
+}
+
+}  // namespace unlidar

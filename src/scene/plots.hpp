@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -67,13 +68,18 @@ void SortByFrameTime(std::vector<Plot>* plots);
 class Columns {
  public:
   // Numbers the plots that are added, which must outlive this, in this order. Sort() when all are.
-  void Clear() { columns_.clear(); }
+  void Clear() {
+    columns_.clear();
+    box_.setEmpty();
+  }
   void Add(const Plot& plot);
   void Sort();
 
   // Calls `visit(number)` for each plot that the return is below.
   template <class Visit>
-  void VisitAbove(const Eigen::Vector3d& point_m, const Visit& visit) const {
+  void VisitAbove(const Eigen::Vector3f& return_m, const Visit& visit) const {
+    if (!box_.contains(return_m)) return;
+    const Eigen::Vector3d point_m = return_m.cast<double>();
     auto at = std::lower_bound(columns_.begin(), columns_.end(), point_m.x() - widest_m_,
                                [](const Column& column, double x) { return column.x_m < x; });
     for (; at != columns_.end() && at->x_m < point_m.x() + widest_m_; ++at) {
@@ -93,6 +99,7 @@ class Columns {
 
   std::vector<Column> columns_;
   double widest_m_ = 0.0;
+  Eigen::AlignedBox3f box_;  // about all of them: most returns are beyond it
 };
 
 // Whether a plot has any of some returns (N, not 0 for each of them).

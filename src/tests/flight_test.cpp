@@ -158,7 +158,8 @@ TEST(Flight, WhatIsOnTheGroundOrAboveThePathIsNoLegs) {
     columns.Add(plot);
     columns.Sort();
     bool is_below_it = false;
-    columns.VisitAbove(plot.position_m - lower_by_m, [&](std::size_t) { is_below_it = true; });
+    columns.VisitAbove((plot.position_m - lower_by_m).cast<float>(),
+                       [&](std::size_t) { is_below_it = true; });
     return is_below_it;
   };
   EXPECT_TRUE(is_below({0.3, 0.3, 0.45}));

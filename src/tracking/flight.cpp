@@ -70,7 +70,7 @@ std::vector<double> OccupancyBelowWhileAway(const Recording& recording,
       if (may_be_hit[i]) num_frames[i] += 1.0;
     }
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-      columns.VisitAbove(recording.points_m[i].cast<double>(), [&](std::size_t plot) {
+      columns.VisitAbove(recording.points_m[i], [&](std::size_t plot) {
         if (std::exchange(may_be_hit[plot], 0)) num_hit[plot] += 1.0;
       });
     }

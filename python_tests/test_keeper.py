@@ -43,7 +43,7 @@ def rows_kept(path: Path) -> int:
 @pytest.fixture
 def said(monkeypatch) -> list[str]:
     notes: list[str] = []
-    monkeypatch.setattr("unlidar_tools.telling.note", notes.append)
+    monkeypatch.setattr("unlidar_tools.reporting.note", notes.append)
     monkeypatch.setattr("unlidar_tools.history.keeper.note", notes.append)
     monkeypatch.setattr("unlidar_tools.history.schema.note", notes.append)
     return notes

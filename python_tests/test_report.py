@@ -22,9 +22,9 @@ from unlidar_tools.report import sample as sampling
 from unlidar_tools.report.charts import errors_of, lengths_of
 from unlidar_tools.report.data import Clusters
 from unlidar_tools.report.lines import at_times, drawn_rows, range_sigma, speed, tube
-from unlidar_tools.report.moments import pack_courses, pack_moments, target_steps
 from unlidar_tools.report.page import begin_of, page_of
 from unlidar_tools.report.static import figure_data
+from unlidar_tools.report.view_data import pack_trajectories, pack_view, target_steps
 from unlidar_tools.truth import Tracks, Truth
 
 MOST_BYTES = 10_000_000
@@ -87,7 +87,7 @@ def test_all_frames_have_the_same_chance_to_be_drawn(run_dir, monkeypatch):
 
 
 def test_points_survive_the_packing_to_half_a_centimetre(data):
-    packed = pack_moments(data, begin_of(data))
+    packed = pack_view(data, begin_of(data))
     values = np.frombuffer(base64.b64decode(packed["steps"]), "<i2").reshape(-1, 3)
     points = values * packed["unit"]
     assert np.abs(points - np.concatenate(data.sample.steps_m)).max() <= 0.00501
@@ -194,10 +194,10 @@ def test_each_track_has_one_colour_in_figures_curves_moments_and_tables(tmp_path
 
 
 def test_lines_and_tubes_carry_their_times(data):
-    from unlidar_tools.report.charts import FIRST_COURSE, scene
+    from unlidar_tools.report.charts import FIRST_TRAJECTORY, scene
 
     begin_s = begin_of(data)
-    packed = pack_courses(data, begin_s, FIRST_COURSE)
+    packed = pack_trajectories(data, begin_s, FIRST_TRAJECTORY)
     names = [scene(data).data[course["trace"]].name for course in packed]
     assert names == ["truth", "track 0", "track 0 ± 2 sigma"]
 

@@ -11,7 +11,7 @@ from unlidar_tools.simulate import Scenario, Simulation, load_scenario, shapes
 from unlidar_tools.simulate.flight import make_path
 from unlidar_tools.simulate.recording import STRAY
 from unlidar_tools.simulate.scenario import Drone, Flight, Fog, Scene, Sensor
-from unlidar_tools.simulate.world import Thing
+from unlidar_tools.simulate.world import SceneObject
 
 EMPTY = Scene(random_buildings=0, poles=0, trees=0)
 NAMES = scenario_names()
@@ -24,11 +24,11 @@ def simulation(scene: Scene, seed: int = 1, **changes) -> Simulation:
     return Simulation(dataclasses.replace(base, **changes), seed)
 
 
-def things(simulated: Simulation, kind: str) -> list[Thing]:
+def things(simulated: Simulation, kind: str) -> list[SceneObject]:
     return [thing for thing in simulated.things if thing.kind == kind]
 
 
-def speed_mps(thing: Thing, duration_s: float = 4.0) -> np.ndarray:
+def speed_mps(thing: SceneObject, duration_s: float = 4.0) -> np.ndarray:
     at = np.arange(0, duration_s, 1e-3)
     return np.linalg.norm(np.diff(thing.centres(at), axis=0), axis=1) / 1e-3
 
@@ -100,7 +100,7 @@ def test_crowns_sway_about_their_place_by_what_they_are_told():
         assert np.abs(away.mean(axis=0)).max() < 0.1
 
 
-def returns_of(simulated: Simulation, *wanted: Thing) -> list[tuple[np.ndarray, np.ndarray]]:
+def returns_of(simulated: Simulation, *wanted: SceneObject) -> list[tuple[np.ndarray, np.ndarray]]:
     """Places (N, 3) and times (N,) of the returns of each."""
     frames = list(simulated.frames("mid360"))
     found = []
@@ -112,7 +112,7 @@ def returns_of(simulated: Simulation, *wanted: Thing) -> list[tuple[np.ndarray, 
     return found
 
 
-def top_of(thing: Thing) -> np.ndarray:
+def top_of(thing: SceneObject) -> np.ndarray:
     return thing.centre_m + thing.size_m / 2 * np.array([0, 0, 1])
 
 

@@ -1,4 +1,4 @@
-// Tracks drones while frames come: frames in, rows out within a second.
+// Online tracking of drones: frames in, rows out within a second.
 //
 //   unlidar::Engine engine(unlidar::LoadConfig("station.yaml"), {"roof"},
 //                          [](const unlidar::EngineEvent& event) {
@@ -21,101 +21,101 @@
 
 namespace unlidar {
 
-// A new track, told before its first row. Tracks are numbered from 0 and keep their numbers.
+// A new track, reported before its first row. Tracks are numbered from 0 and keep their numbers.
 struct TrackConfirmed {
   int track_id = 0;
   TimeNs first_evidence_ns = 0;
-  Kind kind;  // by what was seen until now
+  Kind kind;  // as judged so far
 };
 
-// Rows of one track come in order of time. None is taken back.
+// Rows of one track are emitted in order of time. None is retracted.
 struct RowGiven {
   TrajectoryRow row;
-  bool is_late = false;  // older than live.delay_s and a frame: only now confirmed or seen again
-  Kind kind;             // of its track, by what was seen until now
+  bool is_late = false;  // by more than live.delay_s and a frame: just confirmed or reacquired
+  Kind kind;             // of its track, as judged so far
 };
 
 struct TrackEnded {
   int track_id = 0;
   TimeNs last_evidence_ns = 0;
   Kind kind;
-  // Of the one fit that gave all of its rows: with an endless live.delay_s alone.
+  // Of the single fit behind all rows; set only if live.delay_s is infinite.
   std::optional<MinimumReport> minimum = {};
 };
 
-// Silent: without a frame for live.silent_s. Blinded: it gives frames, but does not see what it
-// should: fog, snow, a covered window. What flies there may not be found.
+// Silent: no frame for live.silent_s. Blinded: frames arrive, but lack expected returns (fog, snow,
+// a covered window); targets may be missed.
 enum class SensorState { kOk, kSilent, kBlinded };
 
-// Told of a sensor with its first frame, and whenever it changes. With an endless live.delay_s none
-// is blinded.
+// Emitted with the first frame of a sensor and at each change of its state. No sensor is reported
+// as blinded if live.delay_s is infinite.
 struct SensorChanged {
-  std::uint32_t sensor = 0;  // index as of its frames
+  std::uint32_t sensor = 0;  // same as Frame::sensor
   SensorState state = SensorState::kOk;
 };
 
-// Told with the first frame, and when enough of the scene is known to find anything in it; once
-// more where the clock of the stamps has gone back.
+// Emitted with the first frame and at the end of the warm-up; again after the clock of the stamps
+// has jumped back.
 enum class EngineState { kWarmingUp, kRunning };
 
 using EngineEvent = std::variant<TrackConfirmed, RowGiven, TrackEnded, SensorChanged, EngineState>;
 
-// Called from within Add(), Advance() and Close(); must not call the engine's own.
+// Called from within Add(), Advance() and Close(); must not call functions of the engine.
 using EngineCallback = std::function<void(const EngineEvent&)>;
 
 class LiveEngine;
 
-// Takes frames one by one and gives rows as soon as they are due. Time is that of the stamps, never
-// the wall clock: the same calls give the same events however fast they come. Memory and time per
-// frame are bounded by the config; with an endless live.delay_s all frames are kept, and Close()
-// gives what TrackRecording() gives. Not for several threads at once.
+// Takes frames one by one and emits rows as soon as they are due. Time is that of the stamps, never
+// the wall clock: the same calls give the same events at any speed. Memory and time per frame are
+// bounded by the config; with an infinite live.delay_s all frames are kept, and Close() emits the
+// rows that TrackRecording() returns. Not thread-safe.
 class Engine {
  public:
-  // `sensors`: their names, which tie them to `sensors` of the config. Throws ConfigError for a
-  // config that CheckConfig() refuses and for the method paper with a delay that ends; UsageError
-  // for a rate outside (0, 1e6] Hz.
+  // `sensors`: names of the sensors, the keys to `sensors` of the config. Throws ConfigError for a
+  // config that CheckConfig() refuses and for the method paper with a finite delay; UsageError for
+  // a rate outside (0, 1e6] Hz.
   Engine(const Config& config, const std::vector<std::string>& sensors, EngineCallback on_event,
          const OutputTimes& output_times = FirstSensorStamps{});
   ~Engine();
   Engine(const Engine&) = delete;
   Engine& operator=(const Engine&) = delete;
 
-  // A sensor that was not known at the beginning: the index of its frames.
+  // Adds a sensor not named at construction. Returns its index, see Frame::sensor.
   std::uint32_t AddSensor(const std::string& name);
 
-  // Frames may come in any order within live.reorder_s; those that come later are counted and
-  // dropped. So are those whose stamps are astray: farther ahead than the clocks of most sensors
-  // have come. Where eight in a row agree, and no more sensors contradict them than agree, they are
-  // the time of now: after a pause they are all taken; where they are older than what was taken by
-  // more than 5 s, or newer by more than live.window_s, tracks end and the engine begins anew.
-  // Throws InputError for a frame of no sensor, with a stamp that its sensor
-  // had already or beyond the years 1844 to 2096, or with point times that are not one per point
-  // and within 1 s or 10 frames of the stamp; it is left out then, and the next may follow. Throws
-  // UnitError, which is an InputError, where the first seconds of all sensors show no metres.
+  // Frames may arrive in any order within live.reorder_s; later ones are counted and dropped. So
+  // are frames with a stray stamp: farther ahead than the clocks of most sensors. If eight stray
+  // stamps in a row agree, and no more sensors contradict them than agree, they define the current
+  // time: after a pause all are accepted; if they are older than the accepted ones by more than
+  // 5 s, or newer by more than live.window_s, tracks end and the engine starts anew.
+  // Throws InputError for a frame of an unknown sensor, with a repeated stamp or one outside the
+  // years 1844 to 2096, or with point times that are not one per point and within 1 s or 10 frames
+  // of the stamp; that frame is ignored and the next may follow. Throws UnitError, an InputError,
+  // if the first seconds of all sensors are not in metres.
   void Add(Frame frame);
 
-  // As much time has passed, although no frame says so: none older than `now_ns` less
-  // live.reorder_s will come any more, time offsets applied. Gives the rows that are due and tells
-  // of sensors that are silent. Nothing before the first frame.
+  // Advances time without a frame: no frame older than `now_ns` less live.reorder_s will follow,
+  // time offsets applied. Emits the rows that are due and reports silent sensors. Does nothing
+  // before the first frame.
   void Advance(TimeNs now_ns);
 
-  // No frame will follow: gives all rows that are pending and ends all tracks.
+  // Emits all pending rows and ends all tracks; no frame may follow.
   void Close();
 
-  // The newest stamp taken in, time offsets applied, or the time of Advance() where that is newer;
-  // 0 before the first frame. It falls where the engine begins anew only.
+  // Returns the newest accepted stamp, time offsets applied, or the time of Advance() if newer; 0
+  // before the first frame. Decreases only when the engine starts anew.
   TimeNs newest_ns() const;
 
-  // What is in doubt about the frames so far, each once: a sensor that moves, z that is not up.
+  // Warnings about the frames so far, each once: a moving sensor, a z axis that is not up.
   const std::vector<Warning>& warnings() const;
 
-  // Frames taken in, empty ones among them, and those dropped as too late or astray.
+  // Frames accepted, including empty ones, and those dropped as too late or with a stray stamp.
   const InputCounts& counts() const;
   std::uint64_t late_frames() const;
   std::uint64_t astray_frames() const;
 
  private:
-  std::vector<std::string> sensors_;  // as messages call them
+  std::vector<std::string> sensors_;  // names for messages
   std::string frame_name_;
   std::unique_ptr<LiveEngine> live_;
 };

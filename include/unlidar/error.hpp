@@ -1,4 +1,4 @@
-// The one error hierarchy; `main` is the one place that turns it into an exit code.
+// The error hierarchy; only `main` turns it into an exit code.
 #pragma once
 
 #include <stdexcept>
@@ -8,7 +8,7 @@ namespace unlidar {
 
 // Exit codes of the program, part of its contract with scripts.
 enum class ExitCode : int {
-  kDone = 0,  // a drone or none
+  kDone = 0,  // with or without a drone
   kInternal = 1,
   kUsage = 2,
   kConfig = 3,
@@ -16,8 +16,7 @@ enum class ExitCode : int {
   kOutput = 5,
 };
 
-// An error that a user can mend. `what()` is one line that names the file, the value and what was
-// expected.
+// An error that a user can fix. `what()` is one line with the file, the value and the expected one.
 class Error : public std::runtime_error {
  public:
   Error(ExitCode code, const std::string& message) : std::runtime_error(message), code_(code) {}
@@ -37,8 +36,8 @@ struct InputError : Error {
   explicit InputError(const std::string& message) : Error(ExitCode::kInput, message) {}
 };
 
-// Coordinates that are not metres: no frame of that sensor is worth more than the one it was found
-// by, so that leaving out bad frames is no help.
+// Coordinates that are not in metres. All frames of that sensor are affected, so skipping bad
+// frames does not help.
 struct UnitError : InputError {
   explicit UnitError(const std::string& message) : InputError(message) {}
 };

@@ -1,4 +1,4 @@
-// Tracks of the drones in a recording that is in memory.
+// Tracks of the drones in an in-memory recording.
 //
 //   std::vector<unlidar::Frame> frames = ...;  // {sensor, stamp_ns, points_m, offsets_ns}
 //   for (const unlidar::Track& track : unlidar::TrackRecording({}, {"roof"}, frames)) {
@@ -20,13 +20,13 @@ struct Track {
   TimeNs begin_ns = 0;  // first and last evidence
   TimeNs end_ns = 0;
   Kind kind;
-  MinimumReport minimum;            // of the fit that gave the rows
-  std::vector<TrajectoryRow> rows;  // one per output time while it was there, in order of time
+  MinimumReport minimum;            // of the fit behind the rows
+  std::vector<TrajectoryRow> rows;  // one per output time of its existence, ascending
 };
 
-// `sensors`: the names of the LiDARs by the index in their frames, which tie them to `sensors` of
-// the config. Frames in any order. What the program writes of the same frames, row by row; no track
-// where nothing flies. Throws what Engine throws.
+// Returns the tracks that the program writes for the same frames, row by row; none if nothing
+// flies. `sensors`: names of the LiDARs by Frame::sensor, the keys to `sensors` of the config.
+// Frames may be in any order. Throws the same as Engine.
 std::vector<Track> TrackRecording(const Config& config, const std::vector<std::string>& sensors,
                                   std::vector<Frame> frames,
                                   const OutputTimes& output_times = FirstSensorStamps{});

@@ -1,4 +1,4 @@
-// What goes in and what comes out: frames, the times of rows, rows.
+// Input and output types: frames, output times, rows.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,19 +14,19 @@ using TimeNs = std::int64_t;
 
 inline constexpr double kSecondsPerNs = 1e-9;
 
-// One frame of one sensor, in the sensor's own axes and by its own clock; `sensors` of the config
-// has its pose and its time offset.
+// One frame of one sensor, in the sensor's own axes and clock; `sensors` of the config has its pose
+// and time offset.
 struct Frame {
-  std::uint32_t sensor = 0;  // index into the names of the sensors
-  TimeNs stamp_ns = 0;       // the instant of the frame that input.stamp of the config names
-  // (N) all rays or those with a return: rows of NaN, Inf and (0, 0, 0) are counted and left out.
+  std::uint32_t sensor = 0;  // index into the sensor names
+  TimeNs stamp_ns = 0;       // instant of the frame chosen by input.stamp of the config
+  // (N) All rays or those with a return; points with NaN or Inf and (0, 0, 0) are counted and
+  // skipped.
   std::vector<Eigen::Vector3f> points_m;
-  // (N) when each ray was measured, in nanoseconds from the stamp; or empty where that is unknown.
+  // (N) Measurement time of each ray, in nanoseconds from the stamp; empty if unknown.
   std::vector<std::int64_t> offsets_ns;
 };
 
-// The instants at which rows are given: the stamps of the first sensor's frames, so many a second,
-// or these.
+// Times of the rows: the stamps of the first sensor's frames, a fixed rate, or a list.
 struct FirstSensorStamps {};
 struct Rate {
   std::int64_t nanohertz = 0;  // above 0 to 1e15
@@ -40,33 +40,32 @@ struct TrajectoryRow {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
   Eigen::Vector3d sigma_m = Eigen::Vector3d::Zero();
-  // Returns of the target in frames whose stamps are nearer to this row than to any other row of
-  // its track.
+  // Number of returns of the target in frames whose stamps are closer to this row than to any other
+  // row of its track.
   int support = 0;
 };
 
-// What a track is, as probabilities that add up to 1, each a multiple of 0.0001. `unknown`: too
-// little was seen of it, or it flies like neither.
+// Class probabilities of a track, which add up to 1, each a multiple of 0.0001. `unknown`: too
+// little evidence, or a flight like neither.
 struct Kind {
   double drone = 0.0;
   double bird_like = 0.0;  // birds and bats
   double unknown = 1.0;
 };
 
-// How the minimum of a fit was found, and by whom: "ceres" or "banded".
+// Report of the minimisation of a fit; `solver` is "ceres" or "banded".
 struct MinimumReport {
   const char* solver = "banded";
   int iterations = 0;
   bool converged = false;
-  // Of Ceres alone, also where it did not converge and the banded solver found the minimum instead:
-  // half of the sum that is minimised, at its start and its end, and why it ended, in its words.
+  // Set by Ceres only, also if it did not converge and the banded solver found the minimum instead:
+  // half of the minimised sum at the start and the end, and Ceres' own termination type.
   double initial_cost = 0.0;
   double final_cost = 0.0;
   const char* termination = "";
 };
 
-// A doubt about the input that the user should know of: results may be wrong although nothing
-// failed.
+// A suspected fault of the input: results may be wrong although nothing failed.
 struct Warning {
   std::string code;  // stable, for programs: lower case with '_'
   std::string text;  // one line, for people; names the sensor
@@ -76,7 +75,7 @@ struct Warning {
   }
 };
 
-// What was read, for the summary and for messages.
+// Counts of the input, for the summary and for messages.
 struct InputCounts {
   std::uint64_t frames = 0;
   std::uint64_t empty_frames = 0;
@@ -84,7 +83,7 @@ struct InputCounts {
   std::uint64_t rows = 0;
   std::uint64_t no_return_rows = 0;     // (0, 0, 0): a ray without a return
   std::uint64_t non_finite_rows = 0;    // NaN or Inf
-  std::uint64_t out_of_range_rows = 0;  // beyond input.max_range_m or nearer than min_range_m
+  std::uint64_t out_of_range_rows = 0;  // beyond input.max_range_m or closer than min_range_m
   std::uint64_t returns = 0;
 };
 

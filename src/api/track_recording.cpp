@@ -8,7 +8,7 @@
 namespace unlidar {
 namespace {
 
-// Each track is told of before its rows; ids count from 0.
+// Each track is reported before its rows; ids count from 0.
 struct Collector {
   std::vector<Track>& tracks;
 

@@ -8,7 +8,8 @@ namespace {
 
 constexpr double kPriorReturns = 10.0;
 
-// Columns: along the ray, across it on the level, across both. Any, where the ray is upright.
+// Columns: along the ray, across it horizontally, across both. For a vertical ray the horizontal
+// axis is arbitrary.
 Eigen::Matrix3d RayAxes(const Eigen::Vector3d& ray_m) {
   Eigen::Matrix3d axes;
   axes.col(0) = ray_m.stableNormalized();
@@ -45,7 +46,7 @@ void BodySpread::Add(const Recording& recording, const FrameInfo& frame,
   const Eigen::Matrix3d axes = RayAxes(expected.position_m - viewpoint_m);
   const Eigen::Array3d streak_m2 =
       (axes.transpose() * StreakM2(frame, expected.velocity_mps) * axes).diagonal();
-  // The less of a square is the body's, the less it says of it.
+  // Squared offsets are weighted by the share of their variance that is due to the body.
   const Eigen::Array3d weight = (variance_m2_ / (variance_m2_ + streak_m2)).square();
   const double has_streak = 1.0 - std::pow(weight.minCoeff(), 2);
   const Eigen::Vector3d across = axes.col(0).cross(expected.velocity_mps).stableNormalized();

@@ -14,26 +14,26 @@
 namespace unlidar {
 namespace {
 
-// Standard deviation per axis across the motion: a quarter of its width for a flat disc from above.
-// Drones of 0.8 m have 0.18 m, puffs of steam mostly 0.3 to 0.6 m.
+// Standard deviation per axis across the motion: a quarter of the width for a flat disc seen from
+// above. Drones of 0.8 m have 0.18 m, puffs of steam mostly 0.3 to 0.6 m.
 constexpr double kWidestDroneM = 0.35;
-// Half way between the two: what is no wider has been no piece of a cloud.
+// Half way between drones and puffs of steam: no narrower target has been a piece of a cloud.
 constexpr double kCertainDroneM = 0.25;
-// The smallest drones are 8 cm wide: 0.023 m. An insect of 3 cm has 0.01 m and the noise of
-// directions near the sensor, drones of 0.2 m and more have 0.05 to 0.15 m. By so many returns
-// beside the first of their frames a drone of 0.05 m seems to be an insect less often than 1 in
+// The smallest drones are 8 cm wide: 0.023 m. An insect of 3 cm has 0.01 m and the angular noise
+// near the sensor, drones of 0.2 m and more have 0.05 to 0.15 m. With this number of returns, not
+// counting the first of each frame, a drone of 0.05 m passes for an insect less often than 1 in
 // 10,000.
 constexpr double kNarrowestDroneM = 0.02;
 constexpr double kEnoughReturns = 8.0;
-// What is as near to a target may be part of it. Strays are counted between the other two.
+// Returns within kNearM of a target may be part of it. Strays are counted between the other two.
 constexpr double kNearM = 1.6;
 constexpr double kStraysFromM = 3.0;
 constexpr double kStraysToM = 6.0;
-// The returns of a frame count as so many at most: what is beside a target in a single frame is no
-// part of it, however much that is.
+// Cap on the weight of a frame: returns beside a target in a single frame are no part of it,
+// however many there are.
 constexpr double kMaxReturnsOfFrame = 5.0;
-// A piece of a cloud is as near as this to what some cloud returns at some time, for so much of its
-// own time, and goes the same way: with the wind, give or take the whirls in it.
+// A piece of a cloud is within kReach of a return of some cloud, at any time, for at least this
+// share of its path, and moves with the same velocity: the wind, up to the turbulence in it.
 constexpr RangeRadius kReach{2.0, 0.02};
 constexpr double kPieceShare = 0.5;
 constexpr double kWhirlMps = 0.8;
@@ -41,7 +41,7 @@ constexpr double kWhirlShare = 0.7;
 
 double Cube(double x) { return x * x * x; }
 
-// Those that lie about a target of a recording, and its own.
+// Shape of a target of a recording, from its own returns and those about it.
 Shape ShapeOf(const Recording& recording, const std::vector<StationModel>& station_models,
               const std::vector<Plot>& plots, const Target& target,
               const TrajectoryConfig& config) {
@@ -88,7 +88,7 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
   Tally own;
   Tally near;
   double strays = 0.0;
-  Tally centred;  // its own, about their mean
+  Tally centred;  // own returns, about their mean
   Eigen::Vector3d own_sum_m = Eigen::Vector3d::Zero();
   for (const ReturnCluster& cluster : clusters) {
     const double later_s = static_cast<double>(cluster.time_ns - at.time_ns) * kSecondsPerNs;
@@ -123,7 +123,7 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
 }
 
 double Shape::SpreadM() const {
-  constexpr double kMeanSquareInBall = 0.2;  // per axis across the motion, of its radius squared
+  constexpr double kMeanSquareInBall = 0.2;  // per axis across the motion, over radius^2
   const double strays = strays_ * Cube(kNearM) / (Cube(kStraysToM) - Cube(kStraysFromM));
   Tally body = near_;
   body.Add({1.0, kMeanSquareInBall * kNearM * kNearM}, -strays);

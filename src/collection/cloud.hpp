@@ -1,4 +1,5 @@
-// What flies, but is no drone by its size: clouds of steam, smoke, dust; insects.
+// Rejects flying targets that are no drones by their size: clouds of steam, smoke and dust;
+// insects.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,39 +14,40 @@
 
 namespace unlidar {
 
-// What is lower may stand on the ground, and tells nothing of what is about a target in the air.
+// Lower returns may stand on the ground, and are no evidence of a cloud about a target in the air.
 constexpr double kInTheAirM = 2.0;
 
-// Returns of one frame that lie together, or a single one.
+// A cluster of returns of one frame, or a single return.
 struct ReturnCluster {
   TimeNs time_ns = 0;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // their mean
-  bool is_own = false;                                   // of the target that is judged
+  bool is_own = false;                                   // of the target under test
   double num_returns = 1.0;
-  const Eigen::Matrix3d* scatter_m2 = nullptr;  // sum over them, about the mean; none for one
+  const Eigen::Matrix3d* scatter_m2 = nullptr;  // sum over returns, about their mean; may be null
 };
 
-// What a target looks like along its way, and whether that is a cloud or an insect.
+// Extent of a target and of the returns about it along its trajectory.
 class Shape {
  public:
-  // A frame: the target at its middle, seen from a viewpoint, and what the frame shows in the air.
+  // Adds a frame. `at`: the target at its middle; `clusters`: the returns of the frame in the air.
   void Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
            const std::vector<ReturnCluster>& clusters);
 
-  // Whether it lies wider than a drone, or is a piece of one of these clouds.
+  // True if it is wider than any drone, or a piece of one of these clouds.
   bool IsCloud(const std::vector<const Shape*>& clouds) const;
 
-  // Whether the returns of a frame lie closer together than those of any drone do.
+  // True if its returns lie closer together than those of any drone.
   bool IsInsect() const;
 
-  // Whether it lies so wide that it may be a piece of a cloud that is still small.
+  // True if it is wide enough to be a piece of a cloud that is still small.
   bool MayBeCloud() const;
 
-  // Of nothing yet.
+  // Removes all frames.
   void Clear();
 
  private:
-  // Returns, and the sum of their squared distances from the target across its motion, per axis.
+  // Number of returns, and the sum of their squared distances from the target across its motion,
+  // per axis.
   struct Tally {
     double count = 0.0;
     double sum_m2 = 0.0;
@@ -56,31 +58,33 @@ class Shape {
     }
   };
 
-  // Something in motion.
+  // Position and velocity at one time.
   struct MotionState {
     Eigen::Vector3d position_m;
     Eigen::Vector3d velocity_mps;
   };
 
-  // Standard deviation per axis, across the motion, of all that is about the target but for strays.
+  // Standard deviation per axis, across the motion, of all returns about the target, corrected for
+  // strays.
   double SpreadM() const;
 
-  // Whether it is where another one is at some time, and goes the same way, for most of its own.
+  // True if most of its path lies near returns of a cloud, at any time, with a similar velocity.
   bool IsPieceOf(const std::vector<const Shape*>& clouds) const;
 
   Tally own_;
-  Tally near_;    // of others
-  Tally within_;  // its own beside the first of each frame, about the means of the frames
+  Tally near_;    // other returns near it
+  Tally within_;  // own returns less one per frame, about the means of the frames
   double strays_ = 0.0;
-  std::vector<MotionState> path_;     // in the frames that show something about it
-  std::vector<MotionState> returns_;  // its own and those near it
+  std::vector<MotionState> path_;     // in the frames with returns about it
+  std::vector<MotionState> returns_;  // own returns and those near it
 };
 
-// (targets) Which are clouds: what is about them at the same time, beyond what strays farther about
-// them explain, lies wider than any drone. A cloud comes in many pieces, one after
-// another on nearly the same way, and while they are small they look like drones: so what stays
-// where a cloud is at some time is a piece of it. And the insects: their returns of a frame lie
-// closer together than those of any drone. `plots` in order of time; `station_models`: (sensors).
+// Returns kCloud, kInsect or kNone (targets). Cloud: the returns about the target at the same time,
+// less the strays expected from farther about it, are wider than any drone. A cloud comes in many
+// pieces, one after another on nearly the same path, which look like drones while they are small; a
+// target that stays where a cloud is at any time is therefore a piece of it. Insect: the returns of
+// a frame are closer together than those of any drone. `plots`: in order of time; `station_models`:
+// (sensors).
 std::vector<Rejection> ShapeRejections(const Recording& recording,
                                        const std::vector<StationModel>& station_models,
                                        const std::vector<Plot>& plots,

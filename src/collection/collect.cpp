@@ -16,19 +16,20 @@
 namespace unlidar {
 namespace {
 
-// A return lies within so many standard deviations of its target, but for one in 1,000.
+// Gate in standard deviations, exceeded by about 1 in 1,000 returns of a target.
 constexpr double kGate = 4.0;
-// Where the trajectory is less sure, all that is about would be collected.
+// Where the trajectory is less certain, all returns in the surroundings would be collected.
 constexpr double kMaxSearchSigmaM = 1.0;
-// In each round returns are looked for so far beyond the ends.
+// Each round searches this far beyond the ends.
 constexpr TimeNs kMaxExtensionNs = 2'000'000'000;
-// The target's stay this near to a place says nothing of the clutter there: a body and its noise.
+// A dwell of the target within this radius is left out of the clutter rate there: body size and
+// noise.
 constexpr RangeRadius kDwellRadius{1.5, 0.03};
-// Before its first sensor_measurement and behind its last one it may be where it was then, for so
+// Before its first measurement and after its last one the target may have dwelt there for this
 // long.
 constexpr TimeNs kMaxDwellBeyondEndsNs = 10'000'000'000;
 
-// The covariance of one return about the target, without that of the trajectory.
+// Covariance of one return about the target, without that of the trajectory.
 Eigen::Matrix3d ReturnCovarianceM2(const Eigen::Vector3d& ray_m, const BodySigmas& body) {
   const double beam_m = kBeamSigmaRad * ray_m.norm();
   return BodyCovarianceM2(body, ray_m) + beam_m * beam_m * Eigen::Matrix3d::Identity();
@@ -55,18 +56,20 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame, const St
 
 bool IsEarlier(const Measurement& a, const Measurement& b) { return a.time_ns < b.time_ns; }
 
-// Only the side of a body that faces its sensor is seen: the centre lies behind the mean of the
-// returns. What stations see from different sides is compared, and fitted, as seen from one.
+// Only the side of a body that faces the sensor is seen, so the centre lies behind the mean of the
+// returns. Measurements of stations with different viewpoints are compared, and fitted, as seen
+// from the main station.
 class FacingSide {
  public:
   FacingSide(const StationModel& main, double share) : main_(main), share_(share) {}
 
-  // How far the centre lies behind what the main station sees.
+  // Offset of the centre from the mean of the returns that the main station sees.
   Eigen::Vector3d DepthM(const Eigen::Vector3d& place_m, double body_sigma_m) const {
     return DepthFrom(main_, place_m, body_sigma_m);
   }
 
-  // From what a sensor sees to what the main station does; none for its own sensors.
+  // Offset from the mean that a station sees to that of the main station; zero for the main
+  // station.
   Eigen::Vector3d OffsetM(const StationModel& station, const Eigen::Vector3d& place_m,
                           double body_sigma_m) const {
     return DepthFrom(station, place_m, body_sigma_m) - DepthM(place_m, body_sigma_m);
@@ -82,16 +85,16 @@ class FacingSide {
   double share_;
 };
 
-// A return that is likelier the target's than that of its surroundings.
+// A return that is likelier to be the target's than clutter of its surroundings.
 struct Candidate {
   std::uint32_t index = 0;
-  double log_density = 0.0;        // of the target's returns at its place
+  double log_density = 0.0;        // log intensity of the target's returns there
   double surroundings_rate = 0.0;  // while the target is elsewhere; negative: unknown
-  TimeNs from_ns = 0;              // when the target is, or may be, at its place
+  TimeNs from_ns = 0;              // dwell of the target there, certain or possible
   TimeNs to_ns = 0;
 };
 
-// What a frame shows of the target, as far as it may be told from its surroundings.
+// Returns of one frame that pass the gate.
 struct GatedFrame {
   const FrameInfo* frame = nullptr;
   TrajectoryRow expected;
@@ -121,7 +124,7 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
   for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
     const Eigen::Vector3f d = recording.points_m[i] - centre;
     if (d.squaredNorm() > reach_m * reach_m || excluded[i]) continue;
-    // With point times the return belongs to another place on the trajectory.
+    // With point times the return belongs to another point of the trajectory.
     const TimeNs time_ns = recording.times_ns[i];
     const Eigen::Vector3d e =
         d.cast<double>() -
@@ -129,15 +132,15 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
     const double distance2 = e.dot(information * e);
     if (distance2 > kGate * kGate) continue;
     const Eigen::Vector3d place_m = recording.points_m[i].cast<double>();
-    // The target's dwell_intervals says nothing of the clutter there.
+    // The target's own dwell is left out of the clutter rate there.
     auto [from_ns, to_ns] =
         dwell_intervals.Around(time_ns, place_m, kDwellRadius.At(RayM(station, place_m).norm()));
     const double rate = station.background->RateOutside(recording.points_m[i] - station.viewpoint_m,
                                                         from_ns, to_ns);
     const double log_density = log_peak - 0.5 * distance2;
     if (rate >= 0.0 && log_density < std::log(rate)) continue;
-    // Nor does what may be its stay beyond what is known of it so far: a few returns, which are
-    // hardly anything in the surroundings, but all there is at the very place.
+    // A possible dwell beyond the ends known so far is left out of the rate at the spot: its few
+    // returns hardly change the rate of the surroundings, but are all there is at the spot.
     if (from_ns <= trajectory.begin_ns()) from_ns -= kMaxDwellBeyondEndsNs;
     if (to_ns >= trajectory.end_ns()) to_ns += kMaxDwellBeyondEndsNs;
     candidates.push_back({i, log_density, rate, from_ns, to_ns});
@@ -147,10 +150,10 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
 
 struct AssignedReturns {
   std::vector<std::uint32_t> returns;
-  double log_ratio = 0.0;  // of all, as far as it is known what their places return
+  double log_ratio = 0.0;  // over all returns whose clutter rate is known
 };
 
-// The candidates that are likelier the target's than those of their very places, too.
+// Assigns the candidates that are likelier to be the target's than clutter of their spots as well.
 AssignedReturns AssignReturns(const Recording& recording, const GatedFrame& gated,
                               const std::optional<Spots>& spots) {
   AssignedReturns members;
@@ -223,7 +226,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
       const SensorBias& sensor_bias = sensor_biases[frame.sensor];
       TrajectoryRow expected = trajectory.At(middle_ns - NsOf(sensor_bias.delay_s));
       if (expected.sigma_m.maxCoeff() > kMaxSearchSigmaM) continue;
-      expected.time_ns = middle_ns;  // by the sensor's clock
+      expected.time_ns = middle_ns;  // on the sensor's clock
       expected.position_m += sensor_bias.bias_m;
       const Eigen::Vector3d facing_m = facing.OffsetM(station, expected.position_m, body.width_m);
       expected.position_m -= facing_m;
@@ -272,12 +275,12 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
     target = std::move(next);
     if (is_settled && round > 0) break;
   }
-  // Only the side that faces the sensor is seen.
+  // From the facing side to the centre.
   for (Measurement& m : target.measurements) {
     m.position_m += facing.DepthM(m.position_m, body.width_m);
   }
   target.depth_sigma_m = kFacingSideSigma * body.width_m;
-  // The clocks of all agree with that of the main sensor.
+  // All delays are relative to the main sensor.
   target.time_bias_ns = NsOf(lengths[main_sensor].TimeBiasS());
   return target;
 }

@@ -1,4 +1,4 @@
-// Going back for the rest: all returns of a target, once it is known where it flew.
+// Collection of all returns of a target along its fitted trajectory. method.md section 7.
 #pragma once
 
 #include <vector>
@@ -11,16 +11,17 @@
 
 namespace unlidar {
 
-// The mean of a frame's returns wanders by so much per axis, as other parts of the body are hit.
+// The mean of a frame's returns varies by this much per axis, as different parts of the body are
+// hit.
 constexpr double kCentreSigmaM = 0.04;
-// Spread of a return by the width of its beam, per metre of range.
+// Standard deviation of a return from the width of its beam, per metre of range.
 constexpr double kBeamSigmaRad = 0.002;
-// How well it is known by which share of the spread the centre lies behind the returns: flat bodies
-// have 0.2 to 0.4, the drone of seq0001 0.55.
+// Uncertainty of the distance of the centre behind the mean of the returns, as a share of their
+// spread: flat bodies have 0.2 to 0.4, the drone of seq0001 0.55.
 constexpr double kFacingSideSigma = 0.3;
 
-// The target of a path: its returns, and per frame their mean. `station_models`: (sensors).
-// `excluded` returns (N) are left alone. Empty measurements where nothing fits.
+// Returns the target of a path: its returns and their mean per frame. `station_models`: (sensors).
+// `excluded` (N): returns that are not assigned. Measurements are empty if no return fits.
 Target CollectTarget(const Recording& recording, const std::vector<StationModel>& station_models,
                      const std::vector<Plot>& path, const std::vector<char>& excluded,
                      const RobustConfig& robust, const TrajectoryConfig& trajectory_config);

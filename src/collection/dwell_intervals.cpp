@@ -9,7 +9,7 @@ namespace unlidar {
 namespace {
 
 constexpr TimeNs kStepNs = 250'000'000;
-// Far more than the roundings of a position and of a knot's time.
+// Far above the rounding of a position and of a knot's time.
 constexpr double kSlackM = 1e-6;
 constexpr TimeNs kSlackNs = 1000;
 
@@ -75,9 +75,9 @@ TimeNs DwellIntervals::CertainStepsForward(TimeNs time_ns, const Eigen::Vector3d
   return std::clamp<TimeNs>(sure_ns / kStepNs, 0, (left_ns + kStepNs - 1) / kStepNs);
 }
 
-// Up through the boxes that end at the control point, each twice the one before, as long as they
-// are near; then down into the first that is not. A box may be far, at a corner, though neither
-// half of it is: then the half that is looked at last is taken for far.
+// Ascends through the boxes that end at the control point, each twice the size of the one before,
+// while they are near; then descends into the first that is not. A box may be far, at a corner,
+// although neither half is: then the half that is tested last is taken as far.
 std::ptrdiff_t DwellIntervals::LastFar(std::ptrdiff_t last, const Eigen::Vector3d& place_m,
                                        double reach_m) const {
   std::size_t level = 0;

@@ -1,4 +1,4 @@
-// How long a target stays where it is.
+// Time intervals in which a target stays near a place.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,15 +10,15 @@
 
 namespace unlidar {
 
-// The stays of a target at places along its trajectory, which must outlive this. As a spline lies
-// in the hull of its control points, what stays near a place for long is found by boxes about
-// these, not by walking along it.
+// Dwells of a target at places along its trajectory, which must outlive this object. A spline lies
+// in the convex hull of its control points, so long dwells are found by bounding boxes of these
+// instead of sampling.
 class DwellIntervals {
  public:
   explicit DwellIntervals(const Trajectory& trajectory);
 
-  // The interval about `time_ns` in which the target is within `reach_m` of a place: on either side
-  // as many steps of 250 ms as are possible, the last one at most beyond the trajectory's end.
+  // Returns the interval about `time_ns` in which the target is within `reach_m` of a place,
+  // extended to either side in steps of 250 ms; the last step may pass the end of the trajectory.
   std::pair<TimeNs, TimeNs> Around(TimeNs time_ns, const Eigen::Vector3d& place_m,
                                    double reach_m) const;
 
@@ -28,12 +28,12 @@ class DwellIntervals {
     Eigen::Vector3d high_m;
   };
 
-  // How many steps from a time surely stay within reach: 0 if none is sure.
+  // Number of steps from a time that are certain to stay within reach; 0 if none is.
   TimeNs CertainStepsBackward(TimeNs time_ns, const Eigen::Vector3d& place_m, double reach_m) const;
   TimeNs CertainStepsForward(TimeNs time_ns, const Eigen::Vector3d& place_m, double reach_m) const;
 
-  // The last control point up to `last`, and the first from `first` on, that may be out of reach:
-  // none between is. -1 and the number of control points if there is none.
+  // The last control point up to `last`, or the first from `first` on, that may be out of reach;
+  // none in between is. -1 or the number of control points if there is none.
   std::ptrdiff_t LastFar(std::ptrdiff_t last, const Eigen::Vector3d& place_m, double reach_m) const;
   std::ptrdiff_t FirstFar(std::ptrdiff_t first, const Eigen::Vector3d& place_m,
                           double reach_m) const;
@@ -44,7 +44,7 @@ class DwellIntervals {
   TimeNs TimeOfKnot(std::ptrdiff_t knot) const;
 
   const Trajectory& trajectory_;
-  std::vector<std::vector<Box>> levels_;  // about each control point, about two, four ...
+  std::vector<std::vector<Box>> levels_;  // boxes of 1, 2, 4 ... control points
 };
 
 }  // namespace unlidar

@@ -13,24 +13,24 @@
 namespace unlidar {
 namespace {
 
-// All of a dwell is as near to the path's end as this.
+// A dwell lies within this distance of the end of the path.
 constexpr float kReach_m = 3.0F;
-// From frame to frame it is looked for so near to where it was last.
+// Gate about its last position from frame to frame.
 constexpr float kStep_m = 1.0F;
-constexpr float kSmoothing = 0.3F;  // weight of a frame for where it is
-// Low over the ground a target is hidden for seconds by what is hardly higher.
+constexpr float kSmoothing = 0.3F;  // weight of a frame in its position
+// Close to the ground, low objects hide a target for seconds.
 constexpr TimeNs kMaxGap_ns = 3'000'000'000;
-// What has others as near as this at other times is of its place, as the ground is.
+// Returns with others this close at other times are background, such as the ground.
 constexpr float kPlace_m = 0.3F;
 constexpr std::size_t kMinFrames = 5;
-// Standard deviation of its returns, per axis, about where it is: people are higher, rain is
-// anywhere.
+// Maximum standard deviation of the returns per axis about the position: people are taller, rain is
+// scattered.
 constexpr float kMaxSpread_m = 0.3F;
 
 struct Return {
   std::uint32_t index;
   std::uint32_t frame;
-  TimeNs time_ns;  // of its frame
+  TimeNs time_ns;  // middle of its frame
 };
 
 // One end of a path: direction -1 is its beginning, 1 its end.
@@ -106,7 +106,7 @@ class PathEnd {
     return plot;
   }
 
-  // Whether the target is known to be away from the place.
+  // True if the target is known to be away from the place.
   bool IsTargetAway(const std::vector<Plot>& path, TimeNs time_ns) const {
     const auto next = std::lower_bound(
         path.begin(), path.end(), time_ns,
@@ -130,7 +130,7 @@ class PathEnd {
     return false;
   }
 
-  // Whether enough is known of other times: as much as the dwell lasts.
+  // True if the background was observed for at least as many frames as the dwell spans.
   bool HasEnoughBackground(const std::vector<Plot>& dwell) const {
     const auto [begin, end] = std::minmax(dwell.front().frame, dwell.back().frame);
     return num_away_frames_ > end - begin;
@@ -139,8 +139,8 @@ class PathEnd {
   const Recording& recording_;
   const Plot& last_;
   Eigen::Vector3f place_m_;
-  std::vector<Return> beyond_;  // of the time beyond the end, away from it
-  // What is seen while the target is elsewhere, by voxel, and in how many frames.
+  std::vector<Return> beyond_;  // returns beyond the end of the path, nearest in time first
+  // Returns near the place while the target is elsewhere, by voxel, and the number of those frames.
   std::unordered_map<VoxelKey, std::vector<Eigen::Vector3f>> away_returns_;
   std::uint32_t num_away_frames_ = 0;
 };

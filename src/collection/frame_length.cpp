@@ -7,7 +7,7 @@
 namespace unlidar {
 namespace {
 
-// LiDARs give 5 to 20 frames a second, most of them 10.
+// LiDARs emit 5 to 20 frames per second, most of them 10.
 constexpr double kRevolutionS = 0.1;
 constexpr double kMaxRevolutionS = 0.2;
 
@@ -16,7 +16,7 @@ constexpr double kMaxRevolutionS = 0.2;
 bool FrameLength::IsAmbiguous(double length_s) { return length_s > kMaxRevolutionS; }
 
 void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
-  // The stamp stands at the same share of either length.
+  // The stamp lies at the same fraction of the frame for either duration.
   time_bias_s_ = streak.stamp_s * (1.0 - kRevolutionS / streak.length_s);
   const Eigen::Vector3d along = streak.velocity_mps.stableNormalized();
   const double square_sum_m2 = along.dot(streak.scatter_m2 * along);

@@ -1,4 +1,4 @@
-// How long frames last whose returns carry no times, by what moves in them.
+// Duration of frames without point times, from the streaks of moving targets.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,38 +10,38 @@
 
 namespace unlidar {
 
-// The returns of a target in a frame without times, taken to last until the next one comes.
+// Returns of a target in a frame without point times, assumed to last until the next frame.
 struct Streak {
   double length_s = 0.0;  // of the frame
-  double stamp_s = 0.0;   // its stamp comes so long after its middle
+  double stamp_s = 0.0;   // stamp minus middle of the frame
   double num_returns = 0.0;
   Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over the returns, about their mean
   Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();       // to the mean
   Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
 };
 
-// Many recordings hold every so many-th frame of a LiDAR that gives ten or so a second, and then a
-// target is seen at the beginning of the time between two frames alone. What tells is the streak
-// that it draws: over half a second it would be as long as its way.
+// Many recordings keep only every n-th frame of a LiDAR with about 10 frames per second; a target
+// is then seen only at the beginning of the interval between two frames. The streak tells the two
+// cases apart: over an interval of 0.5 s it would be as long as the distance flown.
 class FrameLength {
  public:
-  // Whether a streak tells anything: frames of up to 0.2 s are what LiDARs take for one.
+  // True if the duration is ambiguous: intervals of up to 0.2 s are a normal frame.
   static bool IsAmbiguous(double length_s);
 
   void Add(const Streak& streak, const BodySigmas& body);
 
-  // The returns of a target in one frame of a recording, by their indices.
+  // `returns`: those of the target in one frame, as indices into the recording.
   void Add(const Recording& recording, const FrameInfo& frame, const Eigen::Vector3d& viewpoint_m,
            const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
            const BodySigmas& body);
 
-  // How much later than in the middle of such frames returns were measured, as is to be expected of
-  // what is known. None for frames with times, or that come as fast as a LiDAR gives them.
+  // Expected time of the returns after the middle of the frame, given the streaks so far. Zero for
+  // frames with point times or at the frame rate of a LiDAR.
   double TimeBiasS() const;
 
  private:
-  double log_short_ = 0.0;    // log likelihood ratio: frames last as long as a LiDAR's turn
-  double time_bias_s_ = 0.0;  // if they do
+  double log_short_ = 0.0;    // log likelihood ratio: frame lasts one revolution
+  double time_bias_s_ = 0.0;  // in that case
 };
 
 }  // namespace unlidar

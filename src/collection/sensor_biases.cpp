@@ -6,13 +6,13 @@
 namespace unlidar {
 namespace {
 
-// The longest pause of the sensor with the most returns across which another is compared with it: a
-// straight line says little of a longer one.
+// Longest pause of the main sensor across which another one is compared with it: linear
+// interpolation is inaccurate over longer ones.
 constexpr double kSensorOverlapS = 0.3;
 
-// Stations are surveyed alike, and what is left of the difference between the sides that they see
-// is no one's alone: the truth is in the middle of the stations, each by its sensor with the most
-// returns. That of a single station is at its main sensor.
+// Stations are surveyed equally well, and the remaining difference between the sides that they see
+// belongs to none of them: the origin is the mean over stations of the bias of each station's
+// sensor with the most returns. With one station this is its main sensor.
 Eigen::Vector3d CommonBiasM(const std::vector<SensorBias>& sensor_biases,
                             const std::vector<int>& returns,
                             const std::vector<StationModel>& station_models) {
@@ -32,15 +32,14 @@ Eigen::Vector3d CommonBiasM(const std::vector<SensorBias>& sensor_biases,
   return sum_m / num_stations;
 }
 
-// What comparisons of a sensor with the main one say of its sensor_bias (bias, delay): normal
-// equations.
+// Normal equations of (bias, delay) from comparisons of a sensor with the main one.
 struct Comparison {
   Eigen::Matrix4d information;
   Eigen::Vector4d sum;
 };
 
-// Least squares, shrunk towards none as far as it is uncertain: the least sensor_bias that all but
-// any one of the comparisons call for, as that one may be with a stray return.
+// Regularised least squares. Returns the smallest bias among the solutions from all comparisons and
+// from all but one, as that one may contain a stray return.
 Eigen::Vector4d SensorBiasOf(const std::vector<Comparison>& comparisons,
                              const Eigen::Matrix4d& prior) {
   Comparison all{prior, Eigen::Vector4d::Zero()};

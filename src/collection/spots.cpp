@@ -13,13 +13,13 @@
 namespace unlidar {
 namespace {
 
-// The noise of ranging, four times over, and the width of a beam.
+// Four times the ranging noise, and the width of a beam.
 constexpr RangeRadius kSpot{0.08, 0.002};
-// No neighbourhood of a spot within 250 m reaches farther. Beyond, some returns are missed, and the
-// rate of the surroundings holds.
+// Exceeds the neighbourhood of any spot within 250 m. Beyond, some returns are missed, and the rate
+// of the surroundings applies.
 constexpr double kReachM = 1.0;
 
-// The voxels about some places.
+// Set of the voxels about some returns.
 class Neighbourhood {
  public:
   Neighbourhood(const Recording& recording, const std::vector<std::uint32_t>& returns) {
@@ -45,7 +45,7 @@ class Neighbourhood {
   }
 
  private:
-  Eigen::AlignedBox3f box_;  // most returns are beyond it
+  Eigen::AlignedBox3f box_;  // fast rejection of most returns
   VoxelNumbers voxels_;
 };
 

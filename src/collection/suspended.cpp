@@ -13,30 +13,31 @@
 namespace unlidar {
 namespace {
 
-// A cable that is nearer returns something.
+// A nearer cable yields returns.
 constexpr double kCableRangeM = 25.0;
-// What moves farther from its mean place does not hang.
+// A target that moves farther from its mean position does not hang.
 constexpr RangeRadius kMinDisplacement{0.8, 0.02};
-// Most swings are over sooner: means over so long stay where they are, but for what hovers.
+// Longer than the period of most swings: means over this time are constant for a hanging object,
+// not for a hovering drone.
 constexpr double kSwingPeriodS = 3.0;
-// So much of the variance of where something was is its way, where it goes straight on.
+// Straight motion explains at least this share of the variance of position.
 constexpr double kStraightShare = 0.75;
-// What stays surpasses this many standard deviations of a Gaussian once in 1,000 times.
+// Quantile of a Gaussian that a static target exceeds in 1 of 1,000 cases.
 constexpr double kQuantile = 3.09;
 
-// Measurements of a while.
+// Sum of the measurements of one block of time.
 struct TimeBlock {
   double count = 0.0;
   Eigen::Array3d sum_m = Eigen::Array3d::Zero();
 };
 
-// The kQuantile of chi squared (Wilson and Hilferty).
+// Quantile of chi squared at kQuantile (Wilson and Hilferty).
 double ChiSquared(double degrees) {
   const double variance = 2.0 / (9.0 * degrees);
   return degrees * std::pow(1.0 - variance + kQuantile * std::sqrt(variance), 3.0);
 }
 
-// Of at least one.
+// `measurements`: at least one.
 Eigen::Vector3d MeanOf(const std::vector<Measurement>& measurements) {
   Eigen::Vector3d mean_m = Eigen::Vector3d::Zero();
   for (const Measurement& m : measurements) mean_m += m.position_m;
@@ -63,8 +64,8 @@ bool IsStaticFar(const std::vector<Measurement>& measurements) {
   return range_m > kCableRangeM && farthest_m < kMinDisplacement.At(range_m);
 }
 
-// The means of blocks are to differ by more than the scatter within them explains: no less than the
-// width of the beam, anywhere in which a return may come from.
+// Analysis of variance: the means of blocks must differ by more than the scatter within them, which
+// is at least the width of the beam, as a return may come from anywhere in it.
 bool DriftsBeyondNoise(const std::vector<Measurement>& measurements) {
   const Eigen::Vector3d mean_m = MeanOf(measurements);
   const double range_m = MinRangeM(measurements, mean_m);
@@ -100,8 +101,8 @@ bool DriftsBeyondNoise(const std::vector<Measurement>& measurements) {
   return between > ChiSquared(3.0 * (num_seen - 1.0));
 }
 
-// A straight and even way is to explain most of where it was. Of things that swing by 0.3 to 0.8 m
-// at 0.2 to 0.6 Hz, looked at every half second, at most three of 100 ever seem to.
+// Constant velocity must explain most of the variance of position. Of objects that swing by 0.3 to
+// 0.8 m at 0.2 to 0.6 Hz, sampled every half second, at most 3 in 100 ever pass.
 bool MovesStraight(const std::vector<Measurement>& measurements) {
   const Eigen::Vector3d mean_m = MeanOf(measurements);
   const TimeNs begin_ns = measurements.front().time_ns;

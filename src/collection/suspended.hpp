@@ -1,4 +1,4 @@
-// What may hang on something too thin to be seen.
+// Tests for objects that hang from a cable too thin to be seen.
 #pragma once
 
 #include <vector>
@@ -7,18 +7,18 @@
 
 namespace unlidar {
 
-// Whether a target stands still so far away that a cable which holds it would not be seen.
-// `measurements`: at least one, in order of time, also below.
+// True if a target stands still at a range where a cable that holds it would not be seen.
+// `measurements`: at least one, in order of time, as for the functions below.
 bool IsStaticFar(const std::vector<Measurement>& measurements);
 
-// Whether a target that stands moves by more than its returns scatter, as what hovers does: what
-// hangs stays, or swings about one place.
+// True if a static target moves by more than the scatter of its returns, as a hovering drone does;
+// a hanging object stays, or swings about one place.
 bool DriftsBeyondNoise(const std::vector<Measurement>& measurements);
 
-// Whether it goes straight on, for longer than most swings last: what hangs comes back.
+// True if the target moves straight for longer than most swings last; a hanging object comes back.
 bool MovesStraight(const std::vector<Measurement>& measurements);
 
-// Whether it stands far away and does not wander.
+// IsStaticFar() and not DriftsBeyondNoise().
 bool MayBeSuspended(const std::vector<Measurement>& measurements);
 
 }  // namespace unlidar

@@ -1,4 +1,4 @@
-// How often a target is seen.
+// Expected number of returns of a target.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,15 +11,15 @@
 
 namespace unlidar {
 
-// How often a sensor sees a target: returns expected in a frame, which fall with the square of
-// range. Some time tells more of it than the whole flight does, which it leans on.
+// Expected returns of a target per frame of a sensor, which fall with the square of range.
+// Estimated from the frames near the time, with the mean of the whole flight as the prior.
 class Visibility {
  public:
   // `station_models`: (sensors). `returns`: the target's, ascending.
   Visibility(const Recording& recording, const std::vector<StationModel>& station_models,
              const Trajectory& trajectory, const std::vector<std::uint32_t>& returns);
 
-  // Beyond its ends as often as there.
+  // Constant beyond the ends of the trajectory, apart from range.
   double ReturnsPerFrame(std::uint32_t sensor_index, TimeNs time_ns,
                          const Eigen::Vector3d& ray_m) const;
 
@@ -30,7 +30,7 @@ class Visibility {
     double per_m2;
   };
   struct Sensor {
-    std::vector<FrameExposure> exposures;  // by time
+    std::vector<FrameExposure> exposures;  // in order of time
     double num_returns = 0.0;
     double per_m2 = 0.0;
   };

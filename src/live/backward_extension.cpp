@@ -9,7 +9,7 @@
 namespace unlidar {
 namespace {
 
-// A plot as it is seen with time running backwards from 0.
+// Reverses the time of a plot about 0.
 LivePlot InReverse(LivePlot seen) {
   seen.plot.time_ns = -seen.plot.time_ns;
   seen.plot.frame_time_ns = -seen.plot.frame_time_ns;
@@ -17,7 +17,7 @@ LivePlot InReverse(LivePlot seen) {
   return seen;
 }
 
-// The moment of its frame likewise. Sensors may have been heard since.
+// Reverses the time of its frame likewise. Sensors may have been added since.
 FrameTime FrameTimeInReverse(const Plot& plot, const RecentFrameTimes& frame_times,
                              const std::vector<std::uint32_t>& num_frames) {
   FrameTime at = frame_times.At(plot.frame);
@@ -64,7 +64,7 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector
       if (!are_free[i] || seen[i].plot.lowest_m <= robust.off_ground_m) continue;
       plots.push_back(InReverse(seen[i]));
       const double apart_m = (seen[i].plot.position_m - first.position_m).norm();
-      // What floats by now did so before that was known.
+      // An unsupported target was unsupported before that was known.
       if (floats && apart_m < robust.support.body_m) {
         plots.back().plot.log_clutter = seen[i].log_surrounding_clutter;
       }

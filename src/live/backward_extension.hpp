@@ -1,4 +1,4 @@
-// What a flight was before the search found it.
+// The history of a flight from before the search found it.
 #pragma once
 
 #include <cstddef>
@@ -12,14 +12,14 @@
 
 namespace unlidar {
 
-// Without a plot for so long: what was no track before has no part in one after it.
+// Plots before a gap of this length do not become part of a track that begins after it.
 inline constexpr double kLongPauseS = 3.0;
 
-// The plots from which a flight came: it is followed back in time, as a track is followed forth.
-// What the search left out, as it was no better than clutter by what was known then, is its own if
-// it is where it must have been. `seen`: plots in order of time, among them those of the flight;
-// `are_free` (seen): which no track has; `frame_times`: of their frames; `num_frames` (sensors):
-// until now. Returns indices of plots before the flight, in order of time.
+// Follows a flight back in time, as a track is followed forward. Plots that the search left out,
+// because they scored no better than clutter then, join it where they match the prediction.
+// `seen`: plots in order of time, including those of the flight; `are_free` (seen): true if no
+// track has the plot; `frame_times`: of their frames; `num_frames` (sensors): up to now. Returns
+// the indices of plots before the flight, in order of time.
 std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector<LivePlot>& seen,
                                          const std::vector<char>& are_free,
                                          const RecentFrameTimes& frame_times,

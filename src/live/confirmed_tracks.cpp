@@ -11,13 +11,13 @@
 namespace unlidar {
 namespace {
 
-// Beyond what was seen of a target a stream can only guess how it goes on. A row there is given
-// while its sigma is at most this share of the largest that may be written; else it waits for a
-// sighting, or for the end of the stream.
+// Rows beyond the evidence are extrapolated. They are emitted while their sigma is at most this
+// share of trajectory.max_sigma_m; otherwise they wait for the next plot or the end of the stream.
 constexpr double kExtrapolatedSigmaShare = 0.25;
-// What waits for so long to be known as a drone has no older rows: it may hang there for days.
+// A track not yet accepted as a drone keeps rows of this length at most: a suspended object may
+// stay for days.
 constexpr double kMaxUnreportedS = 20.0;
-constexpr double kMinClaimGain = 0.0;  // gain from which a plot is a track's
+constexpr double kMinClaimGain = 0.0;  // a plot above this gain is assigned to a track
 
 }  // namespace
 
@@ -30,7 +30,7 @@ ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackMo
       validator_(config.live.window_s),
       on_event_(std::move(on_event)) {}
 
-// What a place has shown since the track came there is no clutter to it.
+// Returns of a place since the track arrived there are not clutter to that track.
 void ConfirmedTracks::SetAdaptedPlots(const std::vector<LivePlot>& plots, Track* track) {
   track->adapted_plots.assign(plots.begin(), plots.end());
   for (LivePlot& seen : track->adapted_plots) {
@@ -73,7 +73,7 @@ bool ConfirmedTracks::HasTrackAt(const Eigen::Vector3d& place_m, double dwell_be
   });
 }
 
-// A drone that shows as two plots in a frame is no second one.
+// True if a track is near at least half of the plots: a drone may yield two plots in a frame.
 bool ConfirmedTracks::HasTrackOf(const Flight& flight) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
     const auto near =
@@ -159,7 +159,7 @@ void ConfirmedTracks::ReportEnd(const Track& track) {
   on_event_(TrackEnded{track.id, track.follower->last_evidence_ns(), track.kind.kind()});
 }
 
-// When its target was there, as ExistenceInterval() says it of a recording, but for what is given.
+// Interval in which the target existed, same as ExistenceInterval(), without the part reported.
 TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) const {
   const std::vector<Measurement>& measurements = track.follower->fit().measurements();
   const double probability = config_.trajectory.silence_probability;
@@ -175,8 +175,8 @@ TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) co
   return presence;
 }
 
-// Gives the rows of a track until then, if there are any and it is no worse than a drone, and
-// appends the plots that they settle.
+// Emits the rows of a track until `until_ns` if it is accepted as a drone, and appends the plots
+// that they settle to settled_.
 void ConfirmedTracks::EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns,
                                  double extrapolated_share) {
   if (!track->verdict || !track->verdict->is_drone) {

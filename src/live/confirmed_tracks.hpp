@@ -1,4 +1,4 @@
-// The confirmed tracks of a stream: which plots each of them takes, and what is told of them.
+// The confirmed tracks of a stream: assignment of plots, events and rows.
 #pragma once
 
 #include <functional>
@@ -19,70 +19,69 @@
 
 namespace unlidar {
 
-// Events of a track: that it is confirmed, before its first row; its rows; its end.
+// Events of a track: confirmation, before its first row; its rows; its end.
 class ConfirmedTracks {
  public:
-  // `config` and `models`, as of TrackFollower, outlive it.
+  // `config` and `models` (one per agility, see TrackFollower) must outlive it.
   ConfirmedTracks(const Config& config, const std::vector<TrackModel>& models,
                   OutputTimes output_times, EngineCallback on_event);
 
   // The shortest of the sensors' frame periods.
   void SetPeriod(TimeNs period_ns) { period_ns_ = period_ns; }
 
-  // Takes in the output times of a frame, of no earlier stamp than all before.
+  // Adds the output times of a frame. Frames come in order of stamps.
   void AddInstants(const FrameInfo& frame) { instants_.Add(frame); }
 
-  // Goes on with plots of a frame at `at`. Each is that of one track at most, of the one that it
-  // suits best. Returns (plots) which are free, until the next call: no track explains them better
-  // than clutter, so they may be another target's.
+  // Extends the tracks by the plots of a frame at `at`. A plot goes to at most one track, the one
+  // with the highest gain. Returns (plots) true for free ones, valid until the next call: no track
+  // explains them better than clutter, so they may belong to another target.
   const std::vector<char>& Extend(const std::vector<LivePlot>& plots, const FrameTime& at);
 
-  // Whether one of them was at a place at `dwell_begin_s`, and is likely to be there still at
-  // `time_s`.
+  // True if a track was at a place at `dwell_begin_s` and is predicted to be there at `time_s`.
   bool HasTrackAt(const Eigen::Vector3d& place_m, double dwell_begin_s, double time_s) const;
 
-  // Begins a track with a flight, unless one has it already. False if the flight is worth less than
-  // `score_threshold` as a track. `with_history`: gives the flight with what it was before.
+  // Starts a track from a flight, unless a track has it already. Returns false if its track score
+  // is below `score_threshold`. `with_history`: returns the flight with its earlier plots.
   bool Initiate(const Flight& flight, double score_threshold,
                 const std::function<Flight(const Flight&)>& with_history);
 
-  // Judges the tracks by what the frames of the last while show, `seen` in their order. One that
-  // may be no drone is followed without a row; one that has rows and proves to be a cloud ends.
+  // Validates the tracks against recent plots, `seen` in order of frames. A track that may not be a
+  // drone is followed without rows; a reported one that proves to be a cloud or an insect ends.
   void Judge(const std::vector<LivePlot>& seen, double time_s);
 
-  // Gives the rows that are due when `newest_ns` is the newest stamp and frames were searched until
-  // `searched_ns`. Returns the plots that are the tracks' for good by now, until the next call.
+  // Emits the rows that are due when `newest_ns` is the newest stamp and frames were searched until
+  // `searched_ns`. Returns the plots that are now settled in a track, valid until the next call.
   const std::vector<LivePlot>& EmitRows(TimeNs searched_ns, TimeNs newest_ns);
 
-  // Ends the tracks that were seen last before `lost_ns`, their last rows given. Returns as
-  // EmitRows().
+  // Emits the last rows of the tracks last seen before `lost_ns` and ends them. Returns the same
+  // as EmitRows().
   const std::vector<LivePlot>& EndLost(TimeNs lost_ns, TimeNs searched_ns);
 
-  // Ends all of them.
+  // Emits all remaining rows and ends all tracks.
   void Close(TimeNs newest_ns);
 
   // Tracks of one engine never share a number.
   int next_id() const { return next_id_; }
   void NumberFrom(int id) { next_id_ = id; }
 
-  // Forgets the output times before, if their rows are given.
+  // Forgets the output times before `oldest_ns` whose rows have been emitted.
   void Forget(TimeNs oldest_ns);
 
  private:
-  // Which track a plot suits best, and how well.
+  // The track with the highest gain from a plot.
   struct Claim {
     double gain = -1e9;
     std::size_t track = 0;
   };
 
   struct Track {
-    int number = 0;  // as it began
-    int id = 0;      // as it is told
+    int number = 0;  // in order of initiation
+    int id = 0;      // as reported
     std::unique_ptr<TrackFollower> follower;
-    std::vector<LivePlot> adapted_plots;  // the plots of a frame, as it sees them
+    std::vector<LivePlot> adapted_plots;  // plots of a frame, with clutter as for this track
     std::optional<TrackValidator::Verdict> verdict;
     KindFilter kind;
-    TimeNs emitted_until_ns = std::numeric_limits<TimeNs>::min();  // up to here
+    TimeNs emitted_until_ns = std::numeric_limits<TimeNs>::min();  // time of the last row
     bool is_reported = false;
   };
 
@@ -97,11 +96,11 @@ class ConfirmedTracks {
   LiveInstants instants_;
   TrajectoryFitter fitter_;
   TrackValidator validator_;
-  // What a frame is worked on with, kept for the next.
+  // Buffers, reused from frame to frame.
   std::vector<Claim> claims_;      // (plots)
-  std::vector<double> gains_;      // (plots) of a track
+  std::vector<double> gains_;      // (plots) for one track
   std::vector<char> are_free_;     // (plots)
-  std::vector<char> are_allowed_;  // (plots) a track
+  std::vector<char> are_allowed_;  // (plots) for one track
   std::vector<LivePlot> settled_;
   std::vector<LivePlot> unreported_;
   OutputInstants due_;

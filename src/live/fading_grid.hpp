@@ -1,4 +1,4 @@
-// How often something was seen about a place lately.
+// Recent number of points about each place.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,7 +14,7 @@ class FadingGrid {
  public:
   FadingGrid(RangeRadius radius, double fade_s) : counts_(radius), fade_s_(fade_s) {}
 
-  // Times may come in any order; what is late by little is counted as if it were not.
+  // Times may come in any order; a slightly late point counts in full.
   void Add(const Eigen::Vector3f& point_m, double time_s, double count = 1.0) {
     counts_.VisitOverlappingShells(point_m, {0.0, time_s}, [&](std::uint32_t, Count& seen, bool) {
       seen.count = seen.count * Fade(time_s - seen.time_s) + count;
@@ -22,7 +22,7 @@ class FadingGrid {
     });
   }
 
-  // In the neighbourhood of a point.
+  // Returns the count in the neighbourhood of a point.
   double CountAt(const Eigen::Vector3f& point_m, double time_s) const {
     double sum = 0.0;
     counts_.VisitNeighbourhood(
@@ -32,7 +32,7 @@ class FadingGrid {
 
   double VolumeM3(const Eigen::Vector3f& point_m) const { return counts_.VolumeM3(point_m); }
 
-  // Forgets what has faded away. Call it now and then.
+  // Erases counts that have faded. To be called periodically.
   void Sweep(double time_s) {
     constexpr double kForgotten = 0.02;
     counts_.EraseIf(

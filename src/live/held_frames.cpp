@@ -29,7 +29,7 @@ bool HeldFrames::IsOverfull() const {
 }
 
 HeldFrames::HeldIterator HeldFrames::OldestOfBusiestSensor() {
-  std::map<std::uint32_t, std::size_t> cost;  // a frame without points takes room, too
+  std::map<std::uint32_t, std::size_t> cost;  // a frame without points also takes memory
   for (const Held& held : held_) {
     cost[held.frame.sensor] += held.frame.cloud.points_m.size() + kMaxPoints / kMaxFrames;
   }

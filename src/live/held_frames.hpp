@@ -1,4 +1,4 @@
-// Frames that wait until their stamps are borne out.
+// Frames that are held until their stamps are confirmed.
 #pragma once
 
 #include <algorithm>
@@ -19,15 +19,15 @@ namespace unlidar {
 // One frame of one sensor, in the sensor's own axes and by its own clock.
 struct CloudFrame {
   std::uint32_t sensor = 0;  // index into the sensors of the engine
-  TimeNs stamp_ns = 0;       // as its source says: the sensor's time offset is not yet applied
-  std::string_view name;     // what messages call it
+  TimeNs stamp_ns = 0;       // of the source, before the sensor's time offset
+  std::string_view name;     // for messages
   PcdCloud cloud;
   std::optional<Arrival> arrival;  // of live sources
 };
 
 class HeldFrames {
  public:
-  // Of all sensors together: 20 MB or so, and more than any clock takes to be believed.
+  // Of all sensors together: about 20 MB, and more than any clock needs for confirmation.
   static constexpr std::size_t kMaxFrames = 256;
   static constexpr std::size_t kMaxPoints = std::size_t{1} << 20;
 
@@ -41,12 +41,12 @@ class HeldFrames {
   bool Has(std::uint32_t sensor, TimeNs time_ns) const;
   void Add(CloudFrame frame, TimeNs time_ns);
 
-  // Takes the earliest of those for which `is_due(sensor, time_ns)`; false where there is none.
+  // Takes the earliest frame for which `is_due(sensor, time_ns)`; returns false if there is none.
   template <class IsDue>
   bool TakeEarliest(const IsDue& is_due, Held* taken);
 
-  // Takes one that is to go: one for which `should_drop(sensor, time_ns)`, else, where there are
-  // too many, the one of the sensor with the most that has waited longest.
+  // Takes a frame to drop: one for which `should_drop(sensor, time_ns)`, else, if over the limits,
+  // the oldest frame of the sensor that holds the most. Returns false if there is none.
   template <class ShouldDrop>
   bool TakeOverflow(const ShouldDrop& should_drop, Held* taken);
 
@@ -57,7 +57,7 @@ class HeldFrames {
   HeldIterator OldestOfBusiestSensor();
   bool IsOverfull() const;
 
-  std::vector<Held> held_;  // as they came
+  std::vector<Held> held_;  // in order of arrival
   std::size_t points_ = 0;
 };
 

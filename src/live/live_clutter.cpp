@@ -6,14 +6,14 @@
 namespace unlidar {
 namespace {
 
-constexpr double kDiscountWindows = 3.0;     // leave a twentieth of every count
-constexpr double kSurroundingsFactor = 3.0;  // the surroundings of a place, times its radius
+constexpr double kDiscountWindows = 3.0;     // exp(-3): leaves a twentieth of every count
+constexpr double kSurroundingsFactor = 3.0;  // radius of the surroundings over that of a place
 constexpr double kMinStaticCount = 3.0;
 constexpr double kNeighbourSlope = 0.01;
-constexpr double kOuterReachFactor = 5.0;  // the surroundings of a floating thing, times its reach
-constexpr double kSimultaneousS = 0.6;     // before it
+constexpr double kOuterReachFactor = 5.0;  // radius of the outer region over the reach
+constexpr double kSimultaneousS = 0.6;     // before the plot
 constexpr double kRecentS = 3.0;
-constexpr double kPersistentShare = 0.2;  // of the frames of its sensor, in which it has a plot
+constexpr double kPersistentShare = 0.2;  // of the frames of its sensor with a plot there
 
 RangeRadius Surroundings(const RangeRadius& radius) {
   return {kSurroundingsFactor * radius.constant_m, kSurroundingsFactor * radius.slope};
@@ -79,8 +79,7 @@ void LiveClutter::AddFrame(std::uint32_t sensor, double time_s) {
   seen.recent_time_s = std::max(seen.recent_time_s, time_s);
 }
 
-// What is older than the exclusion is clutter from now on, and what was foreseen is none while it
-// is as near in time.
+// Counts plots older than the exclusion as clutter, and removes warm-up plots that come within it.
 void LiveClutter::Settle(double time_s) {
   const double until_s = time_s - exclusion_s_;
   const double from_s = time_s + exclusion_s_;
@@ -117,10 +116,10 @@ void LiveClutter::Judge(const Support& support, double time_s, std::vector<LiveP
     if (is_static) static_plots_.push_back({time_s, plot.ray_m});
     Sensor& sensor = SensorAt(plot.sensor);
     sensor.recent_plots.Add(place_m, time_s);
-    // What is hit now and then in one place is a twig or a wire.
+    // An object that is hit only occasionally is a twig or a wire.
     const bool is_persistent =
         sensor.recent_plots.CountAt(place_m, time_s) >= kPersistentShare * sensor.recent_frames;
-    // Fog may hide what holds a thing.
+    // Fog may hide the support.
     plot.is_floating = is_static && is_persistent && !is_blinded_ && support.IsFloating(place_m);
   }
   while (!static_plots_.empty() && static_plots_.front().time_s < time_s - kSimultaneousS) {
@@ -155,8 +154,8 @@ void LiveClutter::Judge(const Support& support, double time_s, std::vector<LiveP
   }
 }
 
-// Whether more stands num_neighbours a floating plot at the same time than by chance: then what
-// holds the one up is likely to hold the other.
+// True if a floating plot has more simultaneous static neighbours than chance explains: they
+// probably share a support.
 bool LiveClutter::HasNeighbours(const Plot& plot, const SupportConfig& support, double time_s) {
   const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
   const double reach_m = support.ReachM(plot.ray_m.norm());
@@ -174,7 +173,7 @@ bool LiveClutter::HasNeighbours(const Plot& plot, const SupportConfig& support, 
   self_.Add(place_m, time_s, self);
   neighbours_.Add(place_m, time_s, num_neighbours);
   outer_.Add(place_m, time_s, num_outer);
-  // What is num_neighbours it was counted once for each of its own plots near in time.
+  // Each neighbour was counted once for each of the plot's own detections near in time.
   const double times = self_.CountAt(place_m, time_s) / floating_.CountAt(place_m, time_s);
   const double chance = outer_.CountAt(place_m, time_s) / times /
                         (kOuterReachFactor * kOuterReachFactor * kOuterReachFactor - 1.0);

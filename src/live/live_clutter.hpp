@@ -1,4 +1,4 @@
-// The clutter to be expected at each plot of a stream, and what stands still there.
+// Clutter intensity at each plot of a stream, and unsupported static plots.
 #pragma once
 
 #include <cstdint>
@@ -12,32 +12,31 @@
 
 namespace unlidar {
 
-// As EstimateClutter and MarkFloating say it of a recording, from the plots so far: those of the
-// last `fade_s` count, but for the last second or so, which may be the target's own.
+// Same as EstimateClutter and MarkFloating of a recording, from the plots so far, fading over
+// `fade_s`. The last second or so is excluded, because it may be the target's own.
 class LiveClutter {
  public:
   LiveClutter(const RobustConfig& config, double fade_s);
 
-  // The plots of one of the first frames, in order of time and before any is judged: among those,
-  // what comes later tells of clutter, too.
+  // Adds the plots of a warm-up frame, in order of time and before any frame is judged: during the
+  // warm-up later plots are evidence of clutter, too.
   void AddLookahead(std::uint32_t sensor, double time_s, const std::vector<LivePlot>& plots);
 
-  // A frame of a sensor was taken, whether or not it shows any plot.
+  // Counts a frame of a sensor, with or without plots.
   void AddFrame(std::uint32_t sensor, double time_s);
 
-  // Tells of each plot, of one frame, whether it floats and how much clutter is there. Then
-  // remembers the plots.
+  // Sets is_floating and the clutter intensity of each plot of one frame, then stores the plots.
   void Judge(const Support& support, double time_s, std::vector<LivePlot>* plots);
 
-  // Whether a sensor is blinded or may be: then nothing is known to float, as what holds it may not
-  // be seen.
+  // `is_blinded`: a sensor is or may be blinded. No plot is marked as floating then, because its
+  // support may be hidden.
   void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
 
-  // A plot that is a target's is no clutter. Only one of the last second can still be told.
+  // Removes a plot of a target from the clutter. Only plots of the last second can be removed.
   void RemoveFromClutter(const Plot& plot);
 
-  // What was seen until now weighs little against what follows: the weather has changed. Not with
-  // an endless window, which forgets nothing.
+  // Down-weights all past counts after a change of weather. No effect with an endless window,
+  // which forgets nothing.
   void Discount();
 
   void Sweep(double time_s);
@@ -55,17 +54,16 @@ class LiveClutter {
     FadingGrid middle;
     FadingGrid narrow;
     FadingGrid spot;
-    FadingGrid recent_plots;     // plots of the last moments,
-    double recent_frames = 0.0;  // and frames, faded, up to
+    FadingGrid recent_plots;     // plots of the last few seconds,
+    double recent_frames = 0.0;  // and frames, faded, until recent_time_s
     double recent_time_s = 0.0;
-    double frames = 0.0;  // likewise, all whose plots are clutter by now
+    double frames = 0.0;  // faded, all whose plots count as clutter by now
     double time_s = 0.0;
-    Queue<double> recent_s{};     // frames whose plots are not
-    Queue<double> lookahead_s{};  // foreseen frames whose plots are clutter from the other side
+    Queue<double> recent_s{};     // frames whose plots do not yet
+    Queue<double> lookahead_s{};  // warm-up frames ahead of the exclusion
     double lookahead_frames = 0.0;
   };
 
-  // A plot that stands still, and when.
   struct StaticPlot {
     double time_s = 0.0;
     Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
@@ -80,18 +78,18 @@ class LiveClutter {
   double exclusion_s_;
   double fade_s_;
   bool is_blinded_ = false;
-  double discount_s_ = 0.0;  // by which all that was seen is older than its time says
+  double discount_s_ = 0.0;  // added to all times, so that past counts fade
   RangeRadius place_;
   std::vector<Sensor> sensors_;
   Queue<Recent> recent_;
-  Queue<Recent> lookahead_;  // foreseen, and farther ahead than the exclusion
+  Queue<Recent> lookahead_;  // warm-up plots ahead of the exclusion
   double lookahead_begin_s_ = 0.0;
   double lookahead_end_s_ = -1.0;
-  FadingGrid static_grid_;          // plots at one place,
-  FadingGrid surroundings_;         // and in a wider one
-  Queue<StaticPlot> static_plots_;  // of the last moments
-  // About each floating plot at the same time: it and what stands as near as its own body, beside
-  // it and farther away.
+  FadingGrid static_grid_;          // plots at a place,
+  FadingGrid surroundings_;         // and in its surroundings
+  Queue<StaticPlot> static_plots_;  // of the last kSimultaneousS
+  // Floating plots, and the simultaneous static plots within the size of a body, within reach, and
+  // farther away.
   FadingGrid floating_;
   FadingGrid self_;
   FadingGrid neighbours_;

@@ -85,7 +85,7 @@ void LiveEngine::NoteSkipped(std::uint32_t sensor, TimeNs stamp_ns,
   Settle(stamps_.Judge({sensor, time_ns, arrival}));
 }
 
-// The verdict on a frame decides on those that wait, too.
+// Applies the verdict on a frame to the held frames, too.
 void LiveEngine::Settle(StampValidator::Verdict verdict) {
   if (verdict == StampValidator::Verdict::kRestart) Restart();
   TakeHeld();
@@ -94,12 +94,12 @@ void LiveEngine::Settle(StampValidator::Verdict verdict) {
 }
 
 bool LiveEngine::CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeNs stamp_ns) const {
-  if (!is_endless_ && has_begun() && stamp_ns < SettledNs()) return false;  // late in any case
+  if (!is_endless_ && has_begun() && stamp_ns < SettledNs()) return false;  // late anyway
   return std::binary_search(sensor.stamps_ns.begin(), sensor.stamps_ns.end(), frame.stamp_ns) ||
          held_.Has(frame.sensor, stamp_ns);
 }
 
-// In the order of their stamps: none may come behind what was handed on.
+// In order of stamps: no frame may be passed on after a newer one.
 void LiveEngine::TakeHeld() {
   const auto is_due = [this](std::uint32_t sensor, TimeNs time_ns) {
     return stamps_.IsConfirmed(sensor, time_ns);
@@ -193,8 +193,8 @@ void LiveEngine::EndTracks() {
   }
 }
 
-// Whether nothing that is remembered is young enough for a frame of this stamp: there was none for
-// so long, or the clock has jumped. What stands and grows there would be new, and seem to fly.
+// True if all frames are older than live.window_s at this stamp, after a long pause or a jump of
+// the clock. All structure would be new and could pass for drones.
 bool LiveEngine::HasForgottenAll(TimeNs stamp_ns) const {
   const double window_s = config_.live.window_s;
   if (is_endless_ || !has_begun() || !std::isfinite(window_s)) return false;
@@ -203,7 +203,7 @@ bool LiveEngine::HasForgottenAll(TimeNs stamp_ns) const {
   });
 }
 
-// Nothing of what was is related to what comes.
+// Starts a new stream: the frames so far are unrelated to those that follow.
 void LiveEngine::Restart() {
   EndTracks();
   auto tracker = std::make_unique<LiveTracker>(config_, output_times_, on_event_);
@@ -211,19 +211,20 @@ void LiveEngine::Restart() {
   tracker_ = std::move(tracker);
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     Sensor fresh(FramesOf(i, sensors_[i].frames.info().name));
-    fresh.sensor_health = std::move(sensors_[i].sensor_health);  // which no clock changes,
-    fresh.pose = std::move(sensors_[i].pose);                    // nor this,
-    fresh.was_heard = sensors_[i].was_heard;                     // nor the unit
+    // Independent of clocks:
+    fresh.sensor_health = std::move(sensors_[i].sensor_health);
+    fresh.pose = std::move(sensors_[i].pose);
+    fresh.was_heard = sensors_[i].was_heard;
     fresh.is_not_metres = sensors_[i].is_not_metres;
     sensors_[i] = std::move(fresh);
   }
   stamps_.Begin();
 }
 
-// No earlier frame will come.
+// Earlier frames are late.
 TimeNs LiveEngine::SettledNs() const { return newest_ns() - NsOf(config_.live.reorder_s); }
 
-// `heard`: the sensor of the frame that has just come.
+// `heard`: the sensor of the frame just taken.
 void LiveEngine::ReportSensorStates(std::optional<std::uint32_t> heard) {
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     Sensor& sensor = sensors_[i];
@@ -238,27 +239,27 @@ void LiveEngine::ReportSensorStates(std::optional<std::uint32_t> heard) {
   }
 }
 
-// What a frame tells of the sensor_health of its sensor.
+// Updates blinding and pose checks of a sensor from a frame.
 void LiveEngine::UpdateSensorHealth(const LoadedFrame& frame) {
   Sensor& sensor = sensors_[frame.info.sensor];
   const Eigen::Vector3f* const begin_m = frame.points_m.data();
   const Eigen::Vector3f* const end_m = begin_m + frame.points_m.size();
   const SensorInfo& info = sensor.frames.info();
   sensor.sensor_health.AddFrame(frame.info.begin_ns, begin_m, end_m, info.origin_m);
-  if (is_endless_) return;  // all is told of the recording at the end
+  if (is_endless_) return;  // the recording is checked at the end
   sensor.pose.AddFrame(info.name, frame.info.begin_ns, begin_m, end_m, info.origin_m);
   Warn(frame.info.sensor, sensor.pose.TakeWarnings());
 }
 
-// Each kind once of a sensor, however often it begins fresh.
+// Each code once per sensor, also across restarts.
 void LiveEngine::Warn(std::uint32_t sensor, std::vector<Warning> warnings) {
   for (Warning& warning : warnings) {
     if (warned_of_.emplace(sensor, warning.code).second) warnings_.push_back(std::move(warning));
   }
 }
 
-// Hands on the frames up to a stamp in order: none of an earlier stamp will come. Rows depend on
-// what was handed on alone, so that they are the same in whatever order the frames came.
+// Passes the frames up to a stamp to the tracker in order of stamps: no earlier frame will follow.
+// Rows depend only on frames passed on, and so not on the order of arrival.
 void LiveEngine::Release(TimeNs until_ns) {
   while (!waiting_.empty() && waiting_.earliest_ns() <= until_ns) {
     PassToTracker(until_ns, waiting_.TakeEarliest());
@@ -296,8 +297,7 @@ void LiveEngine::PassToTracker(TimeNs until_ns, LoadedFrame* frame) {
   tracker_->EmitRows(now_ns);
 }
 
-// With an endless delay no row is due before the end, and then all that there is to know is known:
-// the frames are a recording.
+// With an endless delay no row is due before the end, so the frames are tracked as a recording.
 void LiveEngine::TrackAll() {
   Recording recording;
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {

@@ -1,4 +1,4 @@
-// The engine behind Engine, with frames as the program reads them.
+// Implementation of Engine, with frames as the program reads them.
 #pragma once
 
 #include <cstdint>
@@ -23,24 +23,24 @@
 
 namespace unlidar {
 
-// Throws ConfigError for a config that no stream can be tracked by.
+// Throws ConfigError for a config that cannot be used with streams.
 void CheckLive(const Config& config);
 
-// The frames whose stamps were not borne out, and were left out.
+// Frames dropped because their stamps were not confirmed.
 struct AstrayFrames {
   std::uint64_t count = 0;
-  std::uint32_t sensor = 0;  // of the last of them,
-  TimeNs ahead_ns = 0;       // and its stamp, less the newest that was taken; 0 without one
+  std::uint32_t sensor = 0;  // of the last one
+  TimeNs ahead_ns = 0;       // its stamp less the newest one taken; 0 without one
 };
 
-// The frames that were more than may wait for live.reorder_s, and were left out.
+// Frames dropped because too many were waiting for live.reorder_s.
 struct OverflowFrames {
   std::uint64_t count = 0;
-  std::uint32_t sensor = 0;  // of the last of them
+  std::uint32_t sensor = 0;  // of the last one
 };
 
-// As Engine. How point times are read follows from the frames, or is given. `are_metres`: the
-// source states the unit of its coordinates, so that no range makes it doubtful.
+// Same as Engine. `reading`: how point times are read; found from the frames by default.
+// `are_metres`: the source states that its unit is the metre, so ranges are not used to check it.
 class LiveEngine {
  public:
   LiveEngine(const Config& config, const std::vector<std::string>& sensors,
@@ -49,12 +49,12 @@ class LiveEngine {
 
   std::uint32_t AddSensor(const std::string& name);
 
-  // Another sensor takes the place of one that is heard no more.
+  // Replaces a silent sensor by another one.
   void ReplaceSensor(std::uint32_t sensor, const std::string& name);
 
   void Add(CloudFrame frame);
 
-  // A frame has come, but is not to be worked off. Its stamp tells of the clocks all the same.
+  // Judges the stamp of a frame that is not processed, as evidence of the clocks.
   void NoteSkipped(std::uint32_t sensor, TimeNs stamp_ns, const std::optional<Arrival>& arrival);
 
   void Advance(TimeNs now_ns);
@@ -68,13 +68,13 @@ class LiveEngine {
   const OverflowFrames& overflow_frames() const { return overflow_; }
   const std::vector<Warning>& warnings() const { return warnings_; }
 
-  // As it was last told.
+  // Returns the state last reported.
   SensorState StateOf(std::uint32_t sensor) const { return sensors_.at(sensor).state; }
 
-  // Whether its last frame was set aside: its clock is not that of the others.
+  // True if its last frame was held: its clock differs from that of the other sensors.
   bool IsOutOfSync(std::uint32_t sensor) const { return stamps_.IsOutOfSync(sensor); }
 
-  // For so long the sensor was blinded.
+  // Total time the sensor was blinded.
   double BlindedS(std::uint32_t sensor) const {
     return sensors_.at(sensor).sensor_health.blinded_s();
   }
@@ -85,13 +85,13 @@ class LiveEngine {
 
     SensorFrames frames;
     TimeNs newest_ns = 0;
-    SensorState state = SensorState::kSilent;  // as it was told, and before it is
+    SensorState state = SensorState::kSilent;  // last reported
     SensorHealth sensor_health;
     PoseCheck pose;
-    bool was_heard = false;      // ever,
-    bool is_not_metres = false;  // and its coordinates can be none
+    bool was_heard = false;      // at least one frame was taken
+    bool is_not_metres = false;  // its coordinates cannot be metres
     TimeNs reported_period_ns = 0;
-    std::vector<TimeNs> stamps_ns;  // of the frames that may still come twice, ascending
+    std::vector<TimeNs> stamps_ns;  // of frames that may still be repeated, ascending
   };
 
   SensorFrames FramesOf(std::uint32_t sensor, const std::string& name) const;
@@ -102,7 +102,7 @@ class LiveEngine {
   void DropAstray(const ShouldDrop& should_drop);
   void Take(CloudFrame frame, TimeNs stamp_ns);
   void DropOverflow();
-  void CheckUnits(std::uint32_t index);  // a sensor of another unit does not end the run of others
+  void CheckUnits(std::uint32_t index);  // throws only if every sensor's unit is wrong
   bool HasForgottenAll(TimeNs stamp_ns) const;
   void EndTracks();
   void Restart();
@@ -125,12 +125,12 @@ class LiveEngine {
   std::unique_ptr<LiveTracker> tracker_;
   StampValidator stamps_;
   HeldFrames held_;
-  HeldFrames::Held taken_;  // from there
+  HeldFrames::Held taken_;  // from held_
   InputCounts counts_;
   std::uint64_t late_frames_ = 0;
   OverflowFrames overflow_;
   AstrayFrames astray_;
-  std::vector<Warning> warnings_;                              // what is in doubt so far
+  std::vector<Warning> warnings_;                              // so far
   std::set<std::pair<std::uint32_t, std::string>> warned_of_;  // sensor and code
 };
 

@@ -7,7 +7,7 @@
 namespace unlidar {
 namespace {
 
-// No track goes on through a longer pause: twice the most that robust.tracker.max_gap_s may be.
+// No track continues through a longer pause: twice the largest robust.tracker.max_gap_s.
 constexpr std::uint64_t kPauseNs = 1'200'000'000'000;
 
 }  // namespace
@@ -29,7 +29,7 @@ void LiveInstants::Add(const FrameInfo& frame) {
   }
 }
 
-// One that was not heard yet may still come, for as long as one that was may be silent.
+// A sensor without a frame yet counts as heard at the start of the stream.
 bool LiveInstants::IsOfFirst(const FrameInfo& frame) {
   if (!begin_ns_) begin_ns_ = frame.stamp_ns;
   if (heard_ns_.size() <= frame.sensor) heard_ns_.resize(frame.sensor + 1, *begin_ns_);
@@ -40,9 +40,9 @@ bool LiveInstants::IsOfFirst(const FrameInfo& frame) {
                      [&](TimeNs heard_ns) { return frame.stamp_ns - heard_ns > silent_ns_; });
 }
 
-// One stamp of decades ahead must not fill the memory with instants of which none is needed.
+// Skips unneeded output times: a stamp decades ahead must not fill the memory.
 void LiveInstants::SkipPause(TimeNs begin_ns, double nanohertz) {
-  const auto is_long_ago = [&](std::size_t k) {  // unsigned: the difference may be any
+  const auto is_long_ago = [&](std::size_t k) {  // unsigned: the difference may overflow
     const TimeNs instant_ns = (*of_rate_)[k];
     return instant_ns<begin_ns&& static_cast<std::uint64_t>(begin_ns) -
                       static_cast<std::uint64_t>(instant_ns)>
@@ -53,7 +53,7 @@ void LiveInstants::SkipPause(TimeNs begin_ns, double nanohertz) {
                         static_cast<double>(kPauseNs);
   const std::size_t from = next_;
   next_ += static_cast<std::size_t>(std::max(0.0, pause_ns * nanohertz * 1e-18));
-  while (next_ > from && !is_long_ago(next_ - 1)) --next_;  // but for rounding
+  while (next_ > from && !is_long_ago(next_ - 1)) --next_;  // corrects rounding
   while (is_long_ago(next_)) ++next_;
 }
 

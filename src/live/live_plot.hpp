@@ -1,4 +1,4 @@
-// What the stages of a stream hand on to each other: plots, and paths of them.
+// Data passed between the stages of a stream: plots and flights.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,24 +10,24 @@
 
 namespace unlidar {
 
-// A plot as a measurement of a target, before it is known how fast that moves.
+// A plot as a measurement of a target, before the velocity of the target is known.
 struct LivePlot {
   Plot plot;
-  double time_s = 0.0;  // of the middle of its frame, since the first frame began
+  double time_s = 0.0;  // middle of its frame, since the start of the first frame
   TimeNs stamp_ns = 0;  // of its frame
   std::optional<double>
-      dwell_begin_s;  // when the dwell of its place began, as time_s, if that is known
+      dwell_begin_s;  // start of the dwell of its place, same origin as time_s, if known
   double log_surrounding_clutter =
-      0.0;  // log_clutter of its plot, were nothing at the place itself
-  Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns, about their mean
+      0.0;  // log_clutter from the neighbourhood alone, without spot and place
+  Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns about their mean
 };
 
-// A path of plots that only a flying target explains: each of another frame, in order of time.
+// A path that is attributed to a flying target: plots of different frames, in order of time.
 struct Flight {
   std::vector<LivePlot> plots;
   std::vector<FrameTime> frame_times;  // (plots)
-  double log_birth = 0.0;              // of its first plot, as LogBirths
-  bool starts_new_target = false;      // what was before is another thing
+  double log_birth = 0.0;              // of the first plot, same as LogBirths
+  bool starts_new_target = false;      // earlier plots belong to another object
 };
 
 }  // namespace unlidar

@@ -11,8 +11,8 @@ constexpr TimeNs kFirstRefitNs = 1'500'000'000;
 constexpr TimeNs kLastRefitNs = 10'000'000'000;
 constexpr std::size_t kElevationReturns = 100'000;
 constexpr std::int64_t kMaxPauseBins = 5;
-// Frames over which plots are counted, and by how many more the weather has changed: no swarm is so
-// large.
+// Averaging lengths in frames, and the factor and number of additional plots that mean a change
+// of weather: no swarm is that large.
 constexpr int kRecentFrames = 5;
 constexpr int kTypicalFrames = 100;
 constexpr double kSurgeFactor = 2.0;
@@ -43,13 +43,13 @@ double LiveScene::SecondsOf(TimeNs time_ns) const {
   return static_cast<double>(time_ns - begin_ns_) * kSecondsPerNs;
 }
 
-// Of its middle, but for pauses since.
+// Time of the middle of a bin, exact if no pause has been skipped since.
 double LiveScene::SecondsOfBin(std::int64_t bin) const {
   return (static_cast<double>(bin + bin_shift_) + 0.5) * static_cast<double>(bin_ns_) *
          kSecondsPerNs;
 }
 
-// A pause between frames takes no more bins than it needs to end every dwell.
+// A pause between frames takes only as many bins as end every dwell.
 std::int64_t LiveScene::BinOf(TimeNs time_ns) {
   const std::int64_t slot = (time_ns - begin_ns_) / bin_ns_;
   if (slot > newest_slot_) {
@@ -121,7 +121,7 @@ void LiveScene::Learn(const LoadedFrame& frame, std::int64_t bin, Station* stati
   }
 }
 
-// What was kept until the scene is known a little.
+// Judges the returns of the waiting frames once, then fits ground and support.
 void LiveScene::WarmUp() {
   for (const auto& [frame, bin] : waiting_) Learn(frame, bin, &StationOf(frame.info.sensor));
   RefitAll();
@@ -132,8 +132,8 @@ void LiveScene::WarmUp() {
   }
 }
 
-// A station that is first heard when others are warm is as ignorant as they were: what it sees
-// until it is warm, too, is left out, and what it sees then for as long only tells of clutter.
+// Warm-up of a station that is added while others are warm: frames before its warm-up ends are
+// not searched, and those of another warm-up period are used for clutter only.
 void LiveScene::WarmUpLate(Station* station) {
   for (const auto& [frame, bin] : std::exchange(station->early, {})) Learn(frame, bin, station);
   station->search_from_ns = front_ns_ + kWarmUpNs;
@@ -155,7 +155,7 @@ void LiveScene::Refit(Station* station) {
 
 void LiveScene::RefitAll() {
   if (std::exchange(is_warm_, true)) {
-    // What the warm-up held all at once is not needed any more.
+    // Frees the memory of the warm-up queues.
     if (snapshot_interval_ns_ < kLastRefitNs) {
       waiting_.ShrinkToFit();
       held_.ShrinkToFit();
@@ -177,14 +177,14 @@ TimeNs LiveScene::MakePlots(const IsTarget& is_target) {
   auto& [frame, bin] = waiting_.front();
   const TimeNs middle_ns = frame.info.middle_ns();
   MakePlotsOf(&frame, bin, is_target, &held_.Append());
-  // Never again do as many wait as for the warm-up.
+  // The queue is never again as long as in the warm-up.
   if (num_warm_up_frames_ > 0) frame = LoadedFrame();
   waiting_.pop_front();
   if (num_warm_up_frames_ > 0 && --num_warm_up_frames_ == 0) AddLookahead();
   return middle_ns;
 }
 
-// What waited for the warm-up is judged as a recording is: by what came before and after.
+// Frames of the warm-up are judged by earlier and later frames, as in a recording.
 void LiveScene::AddLookahead() {
   for (SceneFrame& frame : held_) {
     RemoveBodies(&frame);
@@ -236,8 +236,8 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
       const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - plot.position_m;
       seen.scatter_m2 += d * d.transpose();
       rate += static_cast<double>(verdicts_[i].place_rate);
-      dwell_begin_bin =
-          std::min(dwell_begin_bin, verdicts_[i].dwell_begin_bin);  // none is less than any
+      dwell_begin_bin = std::min(
+          dwell_begin_bin, verdicts_[i].dwell_begin_bin);  // nullopt compares less than any bin
     }
     plot.place_rate = std::max(rate / static_cast<double>(plot.num_returns),
                                station.occupancy.RateAbout(plot.position_m.cast<float>(), bin));
@@ -271,8 +271,8 @@ void LiveScene::RemoveBodies(SceneFrame* frame) {
               plots.end());
 }
 
-// Whether a frame has so many more plots than those before that what is known of clutter no longer
-// holds: it began to rain. What is new is searched again when that is known as it was at the start.
+// True if the number of plots has risen so much that the clutter model no longer holds, as when
+// rain begins. Search resumes after another warm-up.
 bool LiveScene::IsSurge(const SceneFrame& frame) {
   if (rates_.size() <= frame.info.sensor) rates_.resize(frame.info.sensor + 1);
   PlotRate& rate = rates_[frame.info.sensor];
@@ -300,7 +300,7 @@ void LiveScene::Judge(SceneFrame* frame) {
   }
   frame->is_searched = middle_ns >= station.search_from_ns;
   frame->observed_s = frame->time_s - SecondsOf(learning_since_ns_);
-  // What was seen in the first seconds is judged when they are over.
+  // Frames of the warm-up are searched after it.
   if (frame->is_searched) {
     frame->observed_s = std::max(frame->observed_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
   }

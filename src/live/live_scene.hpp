@@ -1,4 +1,4 @@
-// The scene of a stream: from the returns of a frame to the plots that it does not explain.
+// The scene of a stream: extracts the unexplained plots of each frame.
 #pragma once
 
 #include <Eigen/Core>
@@ -22,65 +22,66 @@
 
 namespace unlidar {
 
-// A frame, as the scene leaves it.
+// A frame after the scene stage.
 struct SceneFrame {
   FrameInfo info;
-  double time_s = 0.0;          // of its middle, since the first frame began
-  double observed_s = 0.0;      // until then, since the youngest station began
-  bool is_searched = false;     // or it only told of clutter: its station was hardly warm
-  std::vector<LivePlot> plots;  // in the common frame, judged
+  double time_s = 0.0;          // middle, since the start of the first frame
+  double observed_s = 0.0;      // time_s since the youngest station began
+  bool is_searched = false;     // false: used for clutter only, its station is still learning
+  std::vector<LivePlot> plots;  // in common coordinates, with clutter intensity
 };
 
-// So long a stream is only looked at before what it shows can be judged by what is known of it.
+// Warm-up: the scene is learned before detections are scored.
 inline constexpr TimeNs kWarmUpNs = 3'000'000'000;
 
-// What each station knows of its surroundings grows with every frame. A frame is taken, waits until
-// its station is warm, is made into plots, and is held until bodies beside them have shown.
+// Each station learns its surroundings from every frame. A frame is taken, waits until its station
+// is warm, is made into plots, and is held until bodies beside them can be detected.
 class LiveScene {
  public:
-  // `config` outlives it.
+  // `config` must outlive it.
   explicit LiveScene(const Config& config);
 
-  // Returns the viewpoint of its station, in the common frame. A sensor may be told again.
+  // Returns the viewpoint of its station, in common coordinates. May be called again for a sensor.
   Eigen::Vector3f AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m);
 
-  // Whether a known target, none if empty, was at a place at `dwell_begin_s` and is there at
-  // `time_s`.
+  // True if a known target was at a place at `dwell_begin_s` and is there at `time_s`. May be
+  // empty: no targets.
   using IsTarget =
       std::function<bool(const Eigen::Vector3f& place_m, double dwell_begin_s, double time_s)>;
 
-  // As LiveClutter::SetBlinded, from the next frame on: weather is that of all sensors.
+  // Same as LiveClutter::SetBlinded, from the next frame on: weather affects all sensors.
   void SetBlinded(bool is_blinded);
 
-  // Learns from a frame, of no earlier stamp than all before, and lets it wait. Returns whether its
-  // station was warm before it, so that it is time to make plots. Leaves an older frame in its
-  // place, whose memory can be used again.
+  // Learns from a frame and queues it. Frames come in order of stamps. Returns true if its station
+  // was already warm, so that plots can be made. Swaps in an older frame, whose memory can be
+  // reused.
   bool Take(LoadedFrame* frame);
 
   bool is_warm() const { return is_warm_; }
 
-  // No frame will follow: what is not warm by now never will be, and waits no longer.
+  // No frame will follow: ends the warm-up.
   void Close();
 
-  // Frames that wait, and would be made into plots.
+  // Number of frames waiting for MakePlots().
   std::size_t num_waiting() const { return waiting_.size(); }
 
-  // Makes the plots of the next frame that waits, of at least one, in a scene that is warm. Returns
-  // the middle of the frame.
+  // Makes the plots of the next waiting frame and returns the middle of that frame. The scene must
+  // be warm and a frame must be waiting.
   TimeNs MakePlots(const IsTarget& is_target = nullptr);
 
-  // Gives the next frame whose middle is at most `until_ns`, if its plots are made; false if there
-  // is none. No body that comes later keeps its plots out. The memory of `frame` is used again.
+  // Sets the next frame whose plots are made and whose middle is at most `until_ns`; returns false
+  // if there is none. Bodies found later no longer remove its plots. The memory of `frame` is
+  // reused.
   bool Next(TimeNs until_ns, SceneFrame* frame);
 
-  // Plots of Next() that are a target's are no clutter: see LiveClutter::RemoveFromClutter.
+  // Removes plots of a target, from Next(), from the clutter: see LiveClutter::RemoveFromClutter.
   void RemoveFromClutter(const std::vector<LivePlot>& plots);
 
-  // Forgets what is too old to count. Call it now and then.
+  // Erases faded counts. To be called periodically.
   void Sweep(double time_s);
 
  private:
-  // What stands where, as it was known some time ago.
+  // Ground and support as of the last refit.
   struct Snapshot {
     explicit Snapshot(const RobustConfig& config);
     Snapshot(const Snapshot&) = delete;
@@ -90,34 +91,34 @@ class LiveScene {
     Support support;
   };
 
-  using BinnedFrame = std::pair<LoadedFrame, std::int64_t>;  // and its time bin
+  using BinnedFrame = std::pair<LoadedFrame, std::int64_t>;  // with its time bin
 
-  // What snapshots are made in, kept for the next.
+  // Buffers for refits, reused.
   struct Workspace {
     std::vector<Eigen::Vector3f> points_m;
     Ground::Workspace ground;
     Support::Workspace support;
   };
 
-  // What the sensors of one station see, relative to its viewpoint.
+  // State of one station, relative to its viewpoint.
   struct Station {
     Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config);
 
     Eigen::Vector3f viewpoint_m;
     bool has_begun = false;
     TimeNs begin_ns = 0;
-    TimeNs search_from_ns = 0;  // what it shows before only tells of clutter
+    TimeNs search_from_ns = 0;  // earlier frames are used for clutter only
     Occupancy occupancy;
     FieldOfView field_of_view;
-    std::unique_ptr<Snapshot> snapshot;            // none before it is warm
-    std::vector<BinnedFrame> early;                // frames before, if others are
+    std::unique_ptr<Snapshot> snapshot;  // null before it is warm
+    std::vector<BinnedFrame> early;      // frames before it is warm, if other stations are
     std::vector<Eigen::Vector3f> early_returns_m;  // for the lowest elevation
     double lowest_elevation_rad = 0.0;
     LiveClutter clutter;
     Queue<BodyBox> bodies;
   };
 
-  // How many plots the frames of a sensor have recent, and had before.
+  // Mean number of plots per frame of a sensor, recent and long-term.
   struct PlotRate {
     double recent = 0.0;
     double typical = 0.0;
@@ -146,28 +147,28 @@ class LiveScene {
   bool has_begun_ = false;
   TimeNs begin_ns_ = 0;
   TimeNs bin_ns_;
-  std::int64_t bin_shift_ = 0;    // bins of pauses that are left out
+  std::int64_t bin_shift_ = 0;    // bins skipped in pauses
   std::int64_t newest_slot_ = 0;  // bin without the shift
   TimeNs front_ns_ = 0;           // middle of the newest frame taken
 
-  // What is known.
+  // Scene.
   Stations stations_;
   std::vector<Station> scenes_;  // (stations)
   bool is_warm_ = false;
-  TimeNs learning_since_ns_ = 0;  // when the youngest station began
+  TimeNs learning_since_ns_ = 0;  // start of the youngest station, or the last surge
   TimeNs snapshot_ns_ = 0;
   int num_snapshots_ = 0;
   TimeNs snapshot_interval_ns_;
   Workspace workspace_;
 
-  // Frames on their way.
+  // Frames in progress.
   Queue<BinnedFrame> waiting_;
-  Queue<SceneFrame> held_;              // not yet judged: their plots are relative to the viewpoint
-  std::uint32_t num_frames_ = 0;        // made into plots
-  std::size_t num_warm_up_frames_ = 0;  // frames that waited for the warm-up and still do
+  Queue<SceneFrame> held_;              // not yet judged; plots are relative to the viewpoint
+  std::uint32_t num_frames_ = 0;        // with plots
+  std::size_t num_warm_up_frames_ = 0;  // frames of the warm-up that still wait
   std::vector<PlotRate> rates_;         // (sensors)
 
-  // What the plots of a frame are made with, kept for the next.
+  // Buffers for plots, reused from frame to frame.
   Recording frame_;
   FramePlotter plotter_;
   std::vector<std::uint32_t> candidates_;

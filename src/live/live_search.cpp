@@ -12,18 +12,17 @@ namespace unlidar {
 namespace {
 
 constexpr double kRatesFadeS = 60.0;
-constexpr double kMaxStepS = 1.0;  // without a plot: what is before and after may be two things
+constexpr double kMaxStepS = 1.0;  // longest gap within one object
 constexpr RangeRadius kMinMove{0.8, 0.02};
 constexpr double kMinStaticS = 2.0;
-// What the clutter of a place is, is hardly known at first, nor while a sensor is blinded: paths
-// of it are more frequent then than its mean rate says, for where one plot was unexpected so is the
-// next.
+// The clutter intensity is uncertain at first and while a sensor is blinded. Clutter then makes
+// more paths than its mean rate predicts, because unexpected plots come in runs.
 constexpr double kMaxClutterUncertaintyMargin = 16.0;
 constexpr double kLearningS = 10.0;
-// Where more others were seen about a path than its own, that takes longer.
+// The same for a path with more neighbouring plots than its own.
 constexpr double kCrowdedLearningS = 30.0;
 
-// How far the last third of some plots in order of time lies from the first.
+// Distance between the means of the first and the last third of plots in order of time.
 double DriftM(const LivePlot* plots, std::size_t count) {
   const std::size_t third = std::max<std::size_t>(1, count / 3);
   Eigen::Vector3d displacement_m = Eigen::Vector3d::Zero();
@@ -39,14 +38,14 @@ bool Floats(const std::vector<LivePlot>& path) {
   return 2 * static_cast<std::size_t>(num_floating) >= path.size();
 }
 
-// A stream does not know how often a place will be hit later on: a twig that is hit more often for
-// a while looks like something new. What neither moves nor floats may be one.
+// True if a path moves or is unsupported. Otherwise it may be a twig that is hit more often for a
+// while: a stream does not know how often its place will be hit later.
 bool MovesOrFloats(const std::vector<LivePlot>& path) {
   const double min_move_m = kMinMove.At(path.front().plot.ray_m.norm());
   return Floats(path) || DriftM(path.data(), path.size()) > min_move_m;
 }
 
-// How many plots at the begin of a path are low: up to the last part between two pauses that is.
+// Number of plots up to the end of the last segment between pauses that is mostly near the ground.
 std::size_t NearGroundPrefix(const std::vector<LivePlot>& path, double off_ground_m) {
   std::size_t first = 0;
   for (std::size_t begin = 0; begin < path.size();) {
@@ -62,8 +61,8 @@ std::size_t NearGroundPrefix(const std::vector<LivePlot>& path, double off_groun
   return first;
 }
 
-// How many plots at the begin of a path stand still for long without floating: what flies off from
-// there is another thing than what stands there. What drifts does not stand, however slow it is.
+// Number of leading plots that are static for long and supported: an object that departs from
+// there is another one. A drifting object is not static, however slow.
 std::size_t StaticPrefix(const std::vector<LivePlot>& path) {
   const double min_move_m = kMinMove.At(path.front().plot.ray_m.norm());
   Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
@@ -81,7 +80,7 @@ std::size_t StaticPrefix(const std::vector<LivePlot>& path) {
   return is_long && stands && 2 * num_floating < count && count < path.size() ? count : 0;
 }
 
-// How many plots at the begin of a path lie before its last long pause.
+// Number of plots before the last long pause of a path.
 std::size_t PausePrefix(const std::vector<LivePlot>& path) {
   std::size_t first = path.size() - 1;
   while (first > 0 && path[first].time_s - path[first - 1].time_s < kLongPauseS) --first;
@@ -124,8 +123,8 @@ const FrameTime& LiveSearch::Begin(const SceneFrame& frame) {
   return frame_time_;
 }
 
-// How many plots are seen in what time, those of the last while. Sets (plots) the odds of each to
-// be the first of a path.
+// Updates the fading rate of plots. Sets birth_odds_ (plots), the odds of each plot to be the
+// first of a path.
 void LiveSearch::CountPlots(const SceneFrame& frame) {
   const double passed_s = std::max(0.0, frame.time_s - rate_time_s_);
   const double fade = std::exp(-passed_s / kRatesFadeS);
@@ -142,14 +141,15 @@ void LiveSearch::CountPlots(const SceneFrame& frame) {
   }
 }
 
-// How much likelier clutter makes paths than its mean rate says, if that is learned in so long.
+// Margin of the score threshold for the uncertainty of the clutter intensity, which falls by a
+// factor of e per `learning_s`.
 double LiveSearch::ClutterUncertaintyMargin(double learning_s) const {
   return is_blinded_ ? kMaxClutterUncertaintyMargin
                      : kMaxClutterUncertaintyMargin * std::exp(-observed_s_ / learning_s);
 }
 
-// Clutter alone makes a path of this score so many times an hour, as every plot may be the first of
-// one, with every model.
+// method.md (9) per hour: every plot may be the first of a path, with every model, and clutter
+// alone exceeds e^s with probability at most e^-s.
 double LiveSearch::ScoreThreshold() const {
   const double plots_per_hour = 3600.0 * num_plots_ / std::max(rate_window_s_, 1.0);
   const auto num_models =
@@ -219,7 +219,7 @@ const Flight* LiveSearch::FlightOf(const Path& path) {
   return &flight;
 }
 
-// Whether more other plots lie about the places of the flight than it has itself.
+// True if more other plots lie within reach of the flight than it has itself.
 bool LiveSearch::IsCrowded(const Path& path) const {
   const std::vector<LivePlot>& flight = flight_.plots;
   const auto is_about = [&](const LivePlot& other) {

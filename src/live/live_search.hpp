@@ -1,4 +1,4 @@
-// The search of a stream: which paths of plots only a flying target explains.
+// The search of a stream: paths of plots that a flying target explains better than clutter.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,54 +16,55 @@
 
 namespace unlidar {
 
-// Paths are searched, with each model of motion, through the plots of the last while that no track
-// has. What they must reach follows from how many plots are seen: clutter alone reaches it
-// live.false_alarms_per_hour times an hour.
+// Searches paths, with each motion model, through the recent plots that no track has. The score
+// threshold follows from the rate of plots: clutter alone reaches it live.false_alarms_per_hour
+// times an hour.
 class LiveSearch {
  public:
-  // `config` outlives it.
+  // `config` must outlive it.
   explicit LiveSearch(const Config& config) : config_(config) {}
   LiveSearch(const LiveSearch&) = delete;
   LiveSearch& operator=(const LiveSearch&) = delete;
 
-  // `viewpoint_m`: of its station. A sensor may be told again, with another period.
+  // `viewpoint_m`: of its station. May be called again for a sensor whose frame period has changed.
   void SetSensor(std::uint32_t sensor, const SensorInfo& info, const Eigen::Vector3f& viewpoint_m);
 
-  // Whether a sensor is blinded or may be: weather is that of all, and the clutter of no place is
-  // as it was.
+  // `is_blinded`: a sensor is or may be blinded. Weather affects all sensors, and the clutter of
+  // every place may have changed.
   void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
 
-  // As ShortestPeriodNs, of these sensors.
+  // Same as ShortestPeriodNs, of these sensors.
   TimeNs shortest_period_ns() const { return ShortestPeriodNs(recent_); }
 
-  // Of the motion of targets, one for each agility; where they are never changes.
+  // Motion models, one for each agility; their addresses never change.
   const std::vector<TrackModel>& models() const { return models_; }
 
-  // Takes the next frame. Returns its moment, which is that of its plots.
+  // Takes the next frame. Returns its frame time, which its plots share.
   const FrameTime& Begin(const SceneFrame& frame);
 
-  // Goes on to the plots of that frame. `are_free` (plots): those that no track has. Returns the
-  // paths that end with one of them and reach a least score, the best first, until the next call.
+  // Extends the search to the plots of that frame. `are_free` (plots): true if no track has the
+  // plot. Returns the paths that end in this frame and reach the score threshold, best first, valid
+  // until the next call.
   const Queue<Path>& Extend(const SceneFrame& frame, const std::vector<char>& are_free);
 
-  // What a track that begins with a path must reach, whose flight was the last that was asked for,
-  // as of the last frame that was searched.
+  // Returns the score threshold for a track that starts from `path`, as of the last frame searched.
+  // `path` must be the one last passed to FlightOf().
   double ScoreThresholdOf(const Path& path) const;
 
-  // What flies of such a path, which may have come from something on the ground; until the next
-  // call. Null if that is no drone, or if another path took any of its plots.
+  // Returns the flying part of such a path, which may begin on the ground, valid until the next
+  // call. Returns null if it is not a drone, or if any of its plots is taken.
   const Flight* FlightOf(const Path& path);
 
-  // That flight with what it was before the search found it, which is the track's from now on.
+  // Returns that flight with its earlier plots, which are taken from now on.
   Flight WithHistory(const Flight& flight);
 
-  // What was seen in the last while, in order of time.
+  // Recent plots, in order of time.
   const std::vector<LivePlot>& seen() const { return recent_plots_; }
 
-  // The plots of the path are a track's, and no other path's.
+  // Assigns the plots of the path to a track, so that no other path can use them.
   void Take(const Path& path);
 
-  // Forgets what was seen before.
+  // Forgets frames and plots before `oldest_ns`.
   void Forget(TimeNs oldest_ns);
 
  private:
@@ -74,26 +75,26 @@ class LiveSearch {
 
   const Config& config_;
   ScanSchedule scan_schedule_;
-  Recording recent_;  // sensors and frames of the last while, without returns
+  Recording recent_;  // sensors and recent frames, without returns
   FrameTime frame_time_;
   std::vector<TrackModel> models_;
   std::vector<Plot> plots_;
-  std::vector<LivePlot> recent_plots_;  // the same
+  std::vector<LivePlot> recent_plots_;  // same order as plots_
   std::vector<double> log_births_;      // (plots)
   std::vector<char> free_;              // (plots)
   std::vector<TrackSearch> searches_;
   RecentFrameTimes frame_times_;  // of the frames with plots
-  // What a frame is worked on with, kept for the next.
+  // Buffers, reused from frame to frame.
   std::vector<double> birth_odds_;  // (plots)
   Scan scan_;
   Queue<Path> paths_;
   Flight flight_;
   std::vector<Plot> flight_plots_;
-  double odds_ = 0.0;           // sum over all plots, faded,
-  double num_plots_ = 0.0;      // and their number,
-  double rate_window_s_ = 0.0;  // and how long that took
-  double rate_time_s_ = 0.0;    // when
-  double observed_s_ = 0.0;     // for how long what is searched was watched
+  double odds_ = 0.0;           // sum of birth odds over all plots, faded,
+  double num_plots_ = 0.0;      // number of plots, faded,
+  double rate_window_s_ = 0.0;  // and time over which they were counted, faded
+  double rate_time_s_ = 0.0;    // time of the last count
+  double observed_s_ = 0.0;     // SceneFrame::observed_s of the last frame searched
   double score_threshold_ = 0.0;
   bool is_blinded_ = false;
 };

@@ -6,11 +6,11 @@
 namespace unlidar {
 namespace {
 
-constexpr double kBodyHoldS = 0.1;  // plots wait so long for a body that may show beside them
-// Frames that wait since the begin, with each new one.
+constexpr double kBodyHoldS = 0.1;  // plots wait for bodies beside them
+// Waiting frames of the warm-up processed with each new frame.
 constexpr std::size_t kBacklogPerFrame = 3;
 constexpr double kCleanUpIntervalS = 2.0;
-constexpr double kKeepPathsS = 30.0;  // a path that is not confirmed by then has no older part
+constexpr double kKeepPathsS = 30.0;  // maximum age of plots of unconfirmed paths
 
 }  // namespace
 
@@ -77,7 +77,7 @@ void LiveTracker::Search() {
   tracks_.Forget(searched_ns_ - NsOf(kKeepPathsS));
 }
 
-// Goes on with the tracks and the search, and takes what that finds for tracks.
+// Extends the tracks and the search, and initiates tracks from the paths found.
 void LiveTracker::Confirm() {
   const FrameTime& at = search_.Begin(frame_);
   const std::vector<char>& are_free = tracks_.Extend(frame_.plots, at);

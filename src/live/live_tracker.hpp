@@ -1,4 +1,4 @@
-// The stages of a stream: a frame at a time, in order of time, from returns to rows.
+// The stages of a stream from returns to rows, frame by frame in order of time.
 #pragma once
 
 #include <cstddef>
@@ -14,35 +14,35 @@
 
 namespace unlidar {
 
-// Scene -> plots -> the tracks that they are -> a search through the others -> new tracks; and back
-// to the scene only which plots were no clutter. The frames of the first seconds wait until the
-// scene is learned, and are searched then.
+// Scene -> plots -> extension of tracks -> search through the free plots -> new tracks. The only
+// feedback to the scene are the plots to remove from the clutter. Frames of the warm-up wait until
+// the scene is learned, and are searched then.
 class LiveTracker {
  public:
   LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event);
   LiveTracker(const LiveTracker&) = delete;
   LiveTracker& operator=(const LiveTracker&) = delete;
 
-  // `info`: of the sensor with this index, whenever it is new or its period has changed.
+  // To be called for a new sensor and whenever its frame period has changed.
   void SetSensor(std::uint32_t sensor, const SensorInfo& info);
 
-  // Whether any sensor is blinded, or may turn out to be, from the next frame on.
+  // `is_blinded`: a sensor is or may be blinded, from the next frame on.
   void SetBlinded(bool is_blinded) {
     scene_.SetBlinded(is_blinded);
     search_.SetBlinded(is_blinded);
   }
 
-  // Takes a frame, of no earlier stamp than all before. As LiveScene::Take().
+  // Takes a frame. Frames come in order of stamps. Swaps `frame` as LiveScene::Take() does.
   void Take(LoadedFrame* frame);
 
-  // Gives the rows that are due when `newest_ns` is the newest stamp that has come.
+  // Emits the rows that are due when `newest_ns` is the newest stamp.
   void EmitRows(TimeNs newest_ns);
 
-  // No frame with an earlier stamp than `settled_ns` will come: goes on as far as that tells, and
-  // gives the rows that are due at `now_ns`.
+  // Searches as far as possible, given that no frame with a stamp before `settled_ns` will follow,
+  // and emits the rows that are due at `now_ns`.
   void Advance(TimeNs settled_ns, TimeNs now_ns);
 
-  // No frame will follow.
+  // Searches the remaining frames, emits all rows and ends all tracks.
   void Close(TimeNs newest_ns);
 
   bool is_warm() const { return scene_.is_warm(); }
@@ -61,8 +61,8 @@ class LiveTracker {
   LiveScene scene_;
   LiveSearch search_;
   ConfirmedTracks tracks_;
-  SceneFrame frame_;                                         // the one at hand
-  TimeNs searched_ns_ = std::numeric_limits<TimeNs>::min();  // middle of the newest one searched
+  SceneFrame frame_;                                         // current one
+  TimeNs searched_ns_ = std::numeric_limits<TimeNs>::min();  // middle of the newest frame searched
   double cleaned_up_s_ = 0.0;
 };
 

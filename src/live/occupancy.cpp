@@ -8,12 +8,12 @@
 namespace unlidar {
 namespace {
 
-// How what lies before the window fades: by a factor of e in so many bins.
+// Counts from before the window fade by a factor of e in this many bins.
 constexpr double kFadeBins = 600.0;
-constexpr int kSettledBins = 10;    // from so many on what is structure remains so for a while
-constexpr float kForgotten = 0.5F;  // faded hits that are none
-constexpr std::size_t kSpared = 2;  // of six places next to one that chance may have spared, too
-// While so few bins are known, all that is hit until now may hold things up.
+constexpr int kSettledBins = 10;    // observed bins from which structure is kept for a while
+constexpr float kForgotten = 0.5F;  // faded hits below which a place is empty
+constexpr std::size_t kSpared = 2;  // of the six adjacent places, may be empty by chance
+// With fewer observed bins, any place that is still being hit may be a support.
 constexpr int kYoungBins = 20;
 constexpr float kSupportingHits = 3.0F;
 constexpr float kSupportingShare = 0.5F;  // of the hits of structure
@@ -26,8 +26,7 @@ std::uint64_t LowBits(std::int64_t count) {
   return count >= 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << count) - 1;
 }
 
-// Bits from `first` to `last` of the dwell about the set bit `at`: bits with breaks of at most
-// `max_break`.
+// Dwell around the set bit `at`, from bit `first` to `last`, with breaks of at most `max_break`.
 struct Dwell {
   int first;
   int last;
@@ -71,9 +70,9 @@ void Occupancy::AddFrame(std::int64_t bin) {
   }
 }
 
-// Brings the bits of a place up to the newest bin. Hits that leave the window count as older ones,
-// unless they belong to the dwell of what came: what hovers for longer than the window does not
-// become structure by that. What is structure has long stays, too, if it is hit often.
+// Shifts the bits of a place to the newest bin. Hits that leave the window are added to the older
+// ones, unless they belong to a dwell that fills the window: a long hover must not become
+// structure. Structure that is hit often has long dwells, too, and keeps its hits.
 void Occupancy::Shift(Place* place) const {
   const std::int64_t passed = newest_ - place->own.bin;
   if (passed <= 0) return;
@@ -119,7 +118,7 @@ Occupancy::Hits Occupancy::HitsAbout(const Eigen::Vector3f& point_m) const {
   return hits;
 }
 
-// In which of the older bins each voxel was hit is forgotten: as if each by itself.
+// The bins of older hits are not stored: hits of different voxels are taken as independent.
 void Occupancy::Count(const Place& place, Hits* hits) const {
   const std::int64_t passed = newest_ - place.own.bin;
   hits->word |= passed >= kWindow ? 0 : place.own.word << passed;
@@ -133,7 +132,7 @@ float Occupancy::OlderOf(const Hits& hits) const {
   return (1.0F - hits.free_share) * static_cast<float>(older_observed_bins_);
 }
 
-// Returns per frame and m^3 at a place that is hit in so many of so many bins.
+// Returns per frame and m^3 at a place that is hit in `occupied` of `exposed` bins.
 double Occupancy::RateOf(float occupied, float exposed, const Eigen::Vector3f& point_m) const {
   const double hits_per_bin =
       -std::log1p(-std::min(0.999, static_cast<double>(occupied / exposed)));
@@ -150,7 +149,7 @@ double Occupancy::RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) co
     const auto axis = static_cast<Eigen::Index>(k / 2);
     const Eigen::Vector3f offset_m = (k % 2 == 0 ? step_m : -step_m) * Eigen::Vector3f::Unit(axis);
     hits[k] = HitsAbout(point_m + offset_m);
-    // In open air it is enough to look at a few.
+    // Early exit for open air.
     num_free += hits[k].word == 0 && hits[k].free_share >= 1.0F ? 1U : 0U;
     if (num_free > kSpared) return 0.0;
   }
@@ -190,7 +189,7 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
   const std::uint64_t in_dwell = LowBits(dwell.last + 1) & ~LowBits(dwell.first);
   float occupied = static_cast<float>(NumBits(word & observed_bins_ & ~in_dwell));
   float exposed = static_cast<float>(NumBits(observed_bins_ & ~in_dwell));
-  // The dwell may reach back beyond the window as far as its last bits tell.
+  // A dwell near the end of the window may reach beyond it.
   place.is_dwell_long = dwell.last + max_break_ + 1 >= kWindow;
   if (!place.is_dwell_long) verdict.dwell_begin_bin = newest_ - dwell.last;
   if (place.is_dwell_long || 2 * NumBits(in_dwell & observed_bins_) > NumBits(observed_bins_)) {
@@ -214,13 +213,13 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
        occupied > kSupportingShare * static_cast<float>(config_.max_occupancy) * exposed);
   if (verdict.is_structure) {
     set_floating();
-    // What came with a target is the target.
+    // A dwell that began with a known target is the target.
     if (is_unknown && !verdict.floats && verdict.dwell_begin_bin && is_target &&
         is_target(point_m, *verdict.dwell_begin_bin)) {
       verdict.is_structure = place.is_structure = place.is_supporter = false;
       return verdict;
     }
-    // Not all places at once are looked at anew.
+    // Spread over bins, so that not all places are judged again at once.
     if (NumBits(observed_bins_) >= kSettledBins) {
       place.judged_until = newest_ + 4 + static_cast<std::int64_t>(1e3F * place.point_m.norm()) % 8;
     }
@@ -235,7 +234,7 @@ void Occupancy::GetStructure(std::vector<Eigen::Vector3f>* points_m) const {
   GetReturnsOf([](const Place& place) { return place.is_structure; }, points_m);
 }
 
-// In the first seconds what is hit seldom may be a pole. Where something has flown away from is no
+// In the first seconds a place with few hits may be a pole. A place that an object has left is no
 // longer hit.
 void Occupancy::GetSupporters(std::vector<Eigen::Vector3f>* points_m) const {
   const bool is_young = NumBits(observed_bins_) < kYoungBins;

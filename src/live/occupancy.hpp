@@ -1,4 +1,4 @@
-// What a stream of frames says about every place at other times: structure, clutter or free space.
+// Occupancy of each place of a stream at other times: structure, clutter or free space.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,23 +13,22 @@
 
 namespace unlidar {
 
-// Occupancy of places over a sliding window of time bins, as bits; what is older counts on, but
-// fades. As Background says it of a recording, a return is judged by the bins outside the dwell of
-// its place: by what came before, for a stream does not know what follows.
+// Occupancy over a sliding window of time bins, as bits; older bins are counts that fade. Same
+// as Background of a recording, but a return is judged by the bins before the dwell of its place,
+// because later ones are not yet known.
 class Occupancy {
  public:
   struct Verdict {
-    bool is_structure = false;  // or too little is known to tell
-    bool floats = false;        // structure that nothing holds up
-    float place_rate = 0.0F;    // as Background::PlaceRate
-    std::optional<std::int64_t>
-        dwell_begin_bin;  // in which the dwell of its place began, if it is known
+    bool is_structure = false;                    // also where too few bins are exposed
+    bool floats = false;                          // unsupported structure
+    float place_rate = 0.0F;                      // same as Background::PlaceRate
+    std::optional<std::int64_t> dwell_begin_bin;  // first bin of the dwell, if known
   };
 
-  // Whether a place floats in a scene, which is asked once for each place and scene.
+  // True if a place is unsupported. Called once for each place and scene.
   using FloatsIn = std::function<bool(const Eigen::Vector3f&)>;
 
-  // Whether what has been at a place since a bin is a known target. None if empty.
+  // True if a known target has been at a place since a bin. May be empty: no targets.
   using IsTargetSince = std::function<bool(const Eigen::Vector3f&, std::int64_t bin)>;
 
   explicit Occupancy(const BackgroundConfig& config);
@@ -38,26 +37,24 @@ class Occupancy {
   void AddFrame(std::int64_t bin);
   void Add(const Eigen::Vector3f& point_m, std::int64_t bin);
 
-  // Of a return that was measured in `bin`, which is in the window. `scene` numbers what `floats`
-  // tells of.
+  // Judges a return measured in `bin`; outside the window it is structure. `scene`: number of the
+  // scene that `floats` refers to.
   Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene, const FloatsIn& floats,
                 const IsTargetSince& is_target = nullptr);
 
-  // As the place rate of a verdict, of what is about a place: the rate that most of the places next
-  // to it surpass. Where the air is full, chance spares some places; that nothing was there yet
-  // says less than that there was something all about it.
+  // Returns the rate of returns around a place, in returns per frame and m^3: the rate that most
+  // adjacent places exceed. In dense rain some places are empty by chance, so the surroundings say
+  // more than the place itself.
   double RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) const;
 
-  // Sets a return of each place that was last judged to be structure and was hit within the window.
+  // Sets one return for each place last judged as structure and hit within the window.
   void GetStructure(std::vector<Eigen::Vector3f>* points_m) const;
 
-  // Likewise of each place that was hit at least half as often as structure, at several times
-  // outside its dwell: what is seen seldom may hold things up as well. In the first seconds of each
-  // that is hit until now.
+  // Sets one return for each possible support: a place hit at least half as often as structure, in
+  // several bins outside its dwell; in the first seconds, any place that is still being hit.
   void GetSupporters(std::vector<Eigen::Vector3f>* points_m) const;
 
-  // Forgets places that were not hit for the window, but for structure of old. Call it now and
-  // then.
+  // Erases places without hits in the window, except old structure. To be called periodically.
   void Sweep();
 
  private:
@@ -71,24 +68,24 @@ class Occupancy {
 
   struct Place {
     Bits own;                    // hits in the voxel
-    Bits near;                   // and in its neighbourhood, by the time it was last asked for
+    Bits near;                   // and in its neighbourhood, when last updated
     float older = 0.0F;          // hits in the voxel before the window, faded,
     float older_near = 0.0F;     // and in the neighbourhood
-    float past_occupied = 0.0F;  // outside of the dwell when that began
+    float past_occupied = 0.0F;  // bins outside the dwell when it began
     float past_exposed = 0.0F;
-    bool is_dwell_long = false;  // it fills the window
-    bool is_own = false;         // of the shell that its last return lies in
+    bool is_dwell_long = false;  // the dwell fills the window
+    bool is_own = false;         // its last return lies in this shell
     bool is_structure = false;
     bool is_supporter = false;
     bool floats = false;
-    int scene = -1;                  // of which that is true
-    std::int64_t judged_until = -1;  // what is structure is not looked at anew before this bin
+    int scene = -1;                  // to which `floats` refers
+    std::int64_t judged_until = -1;  // structure is not judged again before this bin
     Eigen::Vector3f point_m = Eigen::Vector3f::Zero();
   };
 
   // Hits in a neighbourhood.
   struct Hits {
-    std::uint64_t word = 0;   // by bins before the newest
+    std::uint64_t word = 0;   // bit i: i bins before the newest
     float free_share = 1.0F;  // of the bins before the window
   };
 

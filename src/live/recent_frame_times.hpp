@@ -1,4 +1,4 @@
-// The moments of the frames of a stream.
+// The frame times of a stream.
 #pragma once
 
 #include <cstddef>
@@ -9,16 +9,16 @@
 
 namespace unlidar {
 
-// Those of the frames of the last while, as one that each plot had would take memory of its own.
+// Recent frame times, stored once per frame to save the memory of one per plot.
 class RecentFrameTimes {
  public:
-  // Of the next frame, whose number is above those of all before.
+  // Adds the next frame. Frame numbers increase.
   void Add(std::uint32_t frame, const FrameTime& at);
 
-  // Of a frame that was added and is not forgotten.
+  // Returns the time of a frame that was added and is not forgotten.
   FrameTime At(std::uint32_t frame) const;
 
-  // Forgets the frames before.
+  // Forgets the frames before `frame`.
   void Forget(std::uint32_t frame);
 
  private:
@@ -26,8 +26,8 @@ class RecentFrameTimes {
     std::uint32_t number = 0;
     double time_s = 0.0;
     std::uint32_t sensor = 0;
-    std::size_t first_count = 0;  // number among all that ever were
-    std::size_t num_sensors = 0;  // that were known by then
+    std::size_t first_count = 0;  // number among all counts ever added
+    std::size_t num_sensors = 0;  // known at that time
   };
 
   Queue<Frame> frames_;

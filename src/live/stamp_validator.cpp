@@ -7,16 +7,16 @@
 namespace unlidar {
 namespace {
 
-// Clocks farther from each other are apart: late frames are no matter of the network then.
+// Larger differences are those of clocks, not of network delay.
 constexpr TimeNs kMaxClockDifferenceNs = 1'000'000'000;
 
-// A clock that has gone back by less catches up sooner than the scene is learned anew.
+// A clock that went back by less catches up sooner than a restart learns the scene.
 constexpr TimeNs kCatchUpNs = 5'000'000'000;
 
-// Frames that come at once, by this computer's clock, bear out nothing: a burst of packets.
+// Frames within this time of the host clock may be a burst of packets and confirm nothing.
 constexpr TimeNs kBurstNs = 200'000'000;
 
-// By so much nearer to this computer's clock: two clocks on both sides of it do not take turns.
+// Required advantage in distance to the host clock: hysteresis for two clocks on both sides of it.
 constexpr TimeNs kHostClockMarginNs = 500'000'000;
 
 }  // namespace
@@ -54,7 +54,7 @@ StampValidator::Verdict StampValidator::Judge(const FrameStamp& stamp) {
   return is_restart ? Verdict::kRestart : Verdict::kTaken;
 }
 
-// Takes in that a sensor talks, and how much time its stamps say has passed.
+// Updates the clock of a sensor and the elapsed time of the stream.
 void StampValidator::UpdateClock(const FrameStamp& stamp) {
   Clock& clock = clocks_[stamp.sensor];
   now_ = stamp.arrival;
@@ -93,7 +93,7 @@ TimeNs StampValidator::ElapsedNs(const Clock& clock) const {
                                      : stream_ns_ - clock.heard_ns;
 }
 
-// A sum of stamps and times that have passed must be a time as well: differences of two are then.
+// Clamped, so that the difference of two such times does not overflow.
 TimeNs StampValidator::NowOf(const Clock& clock) const {
   return std::min(*clock.last_ns + ElapsedNs(clock), kMaxStampNs);
 }
@@ -109,7 +109,8 @@ bool StampValidator::ContinuesFrom(const Clock& clock, TimeNs time_ns) const {
          std::max(kMaxClockDifferenceNs, 2 * clock.period_ns());
 }
 
-// Whether the clocks of most have come so far.
+// True if most other active clocks have reached a time; for a single sensor, if it is within a
+// short pause of the newest stamp.
 bool StampValidator::IsReachedByMajority(std::uint32_t sensor, TimeNs time_ns) const {
   std::size_t others = 0;
   std::size_t reached = 0;
@@ -131,7 +132,7 @@ bool StampValidator::IsConfirmed(std::uint32_t sensor, TimeNs time_ns) const {
   if (clock.is_run_confirmed && clock.run_begin_ns <= time_ns && time_ns <= clock.run_end_ns) {
     return true;
   }
-  // A clock that is farther ahead is another one: its frames are not those of their stamps.
+  // A sensor that is farther ahead has another clock, and its earlier stamps are wrong, too.
   return newest_ns_ &&
          IsReachedByMajority(sensor, std::max(time_ns, *clock.last_ns - kMaxClockDifferenceNs));
 }
@@ -150,7 +151,7 @@ bool StampValidator::IsRunConfirmed(const FrameStamp& stamp) const {
   int agreeing = 1;
   int contradicting = 0;
   bool is_stream_heard = false;
-  TimeNs others_host_clock_error_ns = kMaxStampNs;  // of those that contradict, the nearest
+  TimeNs others_host_clock_error_ns = kMaxStampNs;  // smallest of the contradicting sensors
   for (std::size_t i = 0; i < clocks_.size(); ++i) {
     const Clock& clock = clocks_[i];
     if (i == stamp.sensor || !IsActive(clock)) continue;
@@ -179,7 +180,7 @@ bool StampValidator::IsRunConfirmed(const FrameStamp& stamp) const {
   return wins_tie ? agreeing >= contradicting : agreeing > contradicting;
 }
 
-// All that agree with it are of one clock from now on.
+// Confirms the runs of all sensors that agree with the stamp.
 void StampValidator::ConfirmRun(const FrameStamp& stamp) {
   for (std::size_t i = 0; i < clocks_.size(); ++i) {
     Clock& clock = clocks_[i];

@@ -1,4 +1,4 @@
-// Which stamps a stream believes: its time is that of most LiDARs, never of one that is astray.
+// Validation of stamps: the time of a stream is that of most LiDARs, never of a single deviant one.
 #pragma once
 
 #include <algorithm>
@@ -21,49 +21,49 @@ struct FrameStamp {
   std::optional<Arrival> arrival;
 };
 
-// Each sensor that was heard lately has a clock: its last stamp, and the time that has passed
-// since, by the steps of all stamps, or by this computer where its clock bears the stream out. A
-// stamp is borne out where the clocks of most other sensors have come as far; that of a sensor
-// alone, where it is no farther ahead than a short pause. Any other frame is set aside. When
-// several in a row go on from each other, and no more sensors contradict them than agree, they are
-// the clock of now: all that were set aside are taken then.
+// Each active sensor has a clock: its last stamp plus the time elapsed since, from the steps of
+// all stamps, or from the host clock (this computer) where that agrees with the stream. A stamp is
+// confirmed if the clocks of most other sensors have reached it; the stamp of a single sensor, if
+// it is ahead by no more than a short pause. Any other frame is held. When several in a row
+// continue from each other, and no more sensors contradict them than agree, they become the
+// current clock, and all frames held with them are taken.
 //
-// This computer's clock bears out a stamp within kHostClockToleranceNs. As long as it bears out the
-// stream nothing else takes over from sensors that are still heard; where it bears out the frames
-// that were set aside it decides a tie; where it bears out both sides, the side whose stamps are
-// nearer to it wins. It never refuses the stamps of an old recording that is played.
+// The host clock agrees with a stamp within kHostClockToleranceNs. While it agrees with the stream,
+// no other clock takes over from sensors that are still active; if it agrees with the held frames,
+// it decides a tie; if it agrees with both sides, the side whose stamps are nearer to it wins. It
+// never rejects the stamps of an old recording that is played back.
 class StampValidator {
  public:
-  static constexpr int kFramesToConfirm = 8;  // frames in a row; fewer may be astray
+  static constexpr int kFramesToConfirm = 8;  // frames in a row; fewer may be wrong
   static constexpr TimeNs kHostClockToleranceNs = 60'000'000'000;
 
-  // Taken: now, in order. Late: newer ones were taken. Aside: not borne out yet.
-  // Anew: borne out, and unrelated to all that was taken before.
+  // kTaken: confirmed, in order. kLate: newer frames were taken. kUnconfirmed: to be held.
+  // kRestart: confirmed, and unrelated to all frames taken before.
   enum class Verdict { kTaken, kLate, kUnconfirmed, kRestart };
 
   explicit StampValidator(const LiveConfig& config);
 
   void AddSensor() { clocks_.emplace_back(); }
 
-  // On the next frame that has come, also of one that is left out for another reason.
+  // Judges the next frame received, also one that is skipped for another reason.
   Verdict Judge(const FrameStamp& stamp);
 
-  // Whether a frame that was set aside may be taken now, in the order of stamps.
+  // True if a held frame may be taken now, in the order of stamps.
   bool IsConfirmed(std::uint32_t sensor, TimeNs time_ns) const;
 
-  // Whether it may yet be borne out: the last frames of its sensor, which is heard, go on from it.
+  // True if it may still be confirmed: its sensor is active, and its last frames continue from it.
   bool IsPending(std::uint32_t sensor, TimeNs time_ns) const;
 
-  // Takes a stamp, or as much time as has passed; newest_ns() never falls by it.
+  // Advances newest_ns() to a stamp or the time now; never moves it back.
   void Take(TimeNs time_ns);
 
-  // Whether the last frame of a sensor was none of the stream's clock.
+  // True if the last frame of a sensor did not follow the clock of the stream.
   bool IsOutOfSync(std::uint32_t sensor) const { return clocks_[sensor].run > 0; }
 
-  // The sensor is another one from now on.
+  // Resets the clock of a sensor that is replaced by another one.
   void Replace(std::uint32_t sensor) { clocks_[sensor] = Clock(); }
 
-  // No stamp was taken yet.
+  // Restarts the stream: no stamp is taken yet.
   void Begin();
   bool has_begun() const { return newest_ns_.has_value(); }
 
@@ -71,21 +71,21 @@ class StampValidator {
 
  private:
   struct Clock {
-    std::optional<TimeNs> last_ns;     // stamp, whatever became of it
-    std::array<TimeNs, 3> steps_ns{};  // the last ones, 0 where it went back
-    TimeNs heard_ns = 0;               // by stream_ns_
+    std::optional<TimeNs> last_ns;     // last stamp, taken or not
+    std::array<TimeNs, 3> steps_ns{};  // last steps, 0 where the stamp went back
+    TimeNs heard_ns = 0;               // stream_ns_ at the last stamp
     TimeNs heard_steady_ns = 0;
     TimeNs host_clock_error_ns =
-        kMaxStampNs;  // the last stamp from this computer's clock, either way
-    // The frames in a row that are apart from the others, and go on from each other.
+        kMaxStampNs;  // absolute difference of the last stamp from the host clock
+    // Run: consecutive frames that are out of sync with the stream and continue from each other.
     int run = 0;
     TimeNs run_begin_ns = 0;
     TimeNs run_end_ns = 0;
-    TimeNs run_steady_ns = 0;  // when it began
+    TimeNs run_steady_ns = 0;  // host time of its start
     bool is_run_confirmed = false;
 
-    // From frame to frame, also where only every so many come.
-    // A longer step is none of a LiDAR; sums of some such periods and a stamp are still times.
+    // Shortest recent step, robust to lost frames. Capped above the period of any LiDAR, so that
+    // sums of a few periods and a stamp do not overflow.
     TimeNs period_ns() const {
       constexpr TimeNs kMaxPeriodNs = kMaxStampNs / (4 * kFramesToConfirm);
       return std::min(*std::min_element(steps_ns.begin(), steps_ns.end()), kMaxPeriodNs);
@@ -108,9 +108,9 @@ class StampValidator {
   std::optional<TimeNs> window_ns_;  // none: endless
   std::vector<Clock> clocks_;
   std::optional<TimeNs> newest_ns_;
-  TimeNs reached_ns_ = 0;  // the newest stamp that was borne out, whether or not it was taken
-  bool matches_host_clock_ = false;  // the newest stamp
-  TimeNs stream_ns_ = 0;             // time that has passed, by steps of stamps from frame to frame
+  TimeNs reached_ns_ = 0;            // newest confirmed stamp, taken or not
+  bool matches_host_clock_ = false;  // of the newest stamp
+  TimeNs stream_ns_ = 0;             // elapsed time, from the steps of stamps between frames
   std::optional<Arrival> now_;
 };
 

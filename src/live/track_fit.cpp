@@ -6,7 +6,7 @@
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kScalesNs = 1'500'000'000;  // how long the scales of a fit last
+constexpr TimeNs kScalesNs = 1'500'000'000;  // reuse of the scales of a fit
 
 }  // namespace
 
@@ -31,7 +31,8 @@ void TrackFit::Fit(TrajectoryFitter& fitter) {
   scales_ns_ = now_ns;
 }
 
-// They come by time but for plots of one frame or of several sensors, and without allocating.
+// Insertion sort: nearly sorted, except for plots of one frame or of several sensors; does not
+// allocate.
 void TrackFit::SortByTime() {
   std::reverse(measurements_.begin(), measurements_.end());
   std::reverse(plot_refs_.begin(), plot_refs_.end());
@@ -46,8 +47,8 @@ void TrackFit::SortByTime() {
   }
 }
 
-// Whether the fit takes what came since its scales were found for an outlier. A target that sets
-// off from where it hovered is one by scales of before.
+// True if a measurement newer than the scales is an outlier. With the scales of a hover, a
+// departing target is one.
 bool TrackFit::IsNewestOutlier() const {
   for (std::size_t i = measurements_.size(); i > 0; --i) {
     if (measurements_[i - 1].time_ns <= *scales_ns_) return false;

@@ -1,4 +1,4 @@
-// The last fit of a track of a stream: its trajectory, and what it goes by.
+// The latest fit of a track of a stream: trajectory and measurements.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,7 +16,7 @@ namespace unlidar {
 
 class TrackFit {
  public:
-  // Of which a measurement was made.
+  // The plot of a measurement.
   struct PlotRef {
     TimeNs stamp_ns;
     std::uint32_t frame;
@@ -24,17 +24,17 @@ class TrackFit {
     int num_returns;
   };
 
-  // Takes what there is to fit, once it is cleared, back from the newest.
+  // Sets the measurements: cleared first, then added from the newest back.
   void Clear();
   void AddEarlier(const Measurement& measurement, const PlotRef& plot_ref);
 
-  // Fits the trajectory to it, with the scales of a fit shortly before where they still suit.
+  // Fits the trajectory, with the scales of a recent fit where they still apply.
   void Fit(TrajectoryFitter& fitter);
 
   const Trajectory& trajectory() const { return trajectory_; }
   const std::vector<Measurement>& measurements() const { return measurements_; }  // by time
 
-  // Whether that leads by a plot, and the measurements by which it does: all but outliers.
+  // True if the fit uses a plot, and the measurements that it uses: all but outliers.
   bool IsInlier(const Plot& plot) const;
   std::vector<Measurement> InlierMeasurements() const;
 
@@ -48,8 +48,8 @@ class TrackFit {
 
   Trajectory trajectory_;
   std::vector<Measurement> measurements_;
-  std::vector<PlotRef> plot_refs_;   // of these
-  std::optional<TimeNs> scales_ns_;  // when the scales were found
+  std::vector<PlotRef> plot_refs_;   // (measurements)
+  std::optional<TimeNs> scales_ns_;  // time of the last fit of scales
 };
 
 }  // namespace unlidar

@@ -8,11 +8,11 @@ namespace unlidar {
 namespace {
 
 constexpr std::size_t kMaxLeaves = 24;
-constexpr double kMaxCoastS = 1.0;  // after it a track has to be found again,
-// by so much likelihood, misses paid: it has most likely gone on, and clutter alone makes as much
-// with a chance of e^-1 at most if it is gone, which it is once in twenty pauses or less.
+constexpr double kMaxCoastS = 1.0;  // after it a track must be reacquired
+// Log-likelihood gain, net of missed detections, needed to reacquire a track. At most one pause in
+// twenty is the end of the target; clutter alone then reaches this gain with probability <= e^-1.
 constexpr double kReacquisitionGain = 1.0;
-constexpr double kFitS = 6.0;  // of measurements behind the settled one that a fit looks at
+constexpr double kFitS = 6.0;  // length of the fit before the settled plot
 constexpr double kPriorReturns = 10.0;
 constexpr double kGateSigmas = 6.0;
 
@@ -120,7 +120,7 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
       nodes_.push_back(node);
     }
   }
-  if (next.empty()) return;  // nothing can go on: it ends
+  if (next.empty()) return;  // no hypothesis is left: the track ends
   std::sort(next.begin(), next.end(), [&](std::int32_t a, std::int32_t b) {
     const double score_a = nodes_[static_cast<std::size_t>(a)].current_score;
     const double score_b = nodes_[static_cast<std::size_t>(b)].current_score;
@@ -137,7 +137,7 @@ std::int32_t TrackFollower::BestLeaf() const {
   });
 }
 
-// What is settled is confirmed.
+// Settled nodes are confirmed.
 std::int32_t TrackFollower::ConfirmedAt(std::int32_t leaf) const {
   return std::max(settled_, nodes_[static_cast<std::size_t>(leaf)].confirmed);
 }
@@ -150,7 +150,8 @@ TimeNs TrackFollower::last_evidence_ns() const {
   return PlotOf(nodes_[static_cast<std::size_t>(NewestConfirmed())]).plot.time_ns;
 }
 
-// By the best association on, unless a new target is as likely by current_score.
+// Plot of the best hypothesis, unless a new target explains the plots since the confirmed one as
+// well.
 TimeNs TrackFollower::last_tentative_ns() const {
   const std::int32_t leaf = BestLeaf();
   const Node& best = nodes_[static_cast<std::size_t>(leaf)];
@@ -175,7 +176,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
   }
   std::reverse(settled->begin() + first, settled->end());
   settled_ = at;
-  // What does not go on from there is no association any more.
+  // Deletes the hypotheses that do not pass through the settled node.
   leaves_.erase(std::remove_if(leaves_.begin(), leaves_.end(),
                                [&](std::int32_t leaf) {
                                  std::int32_t k = leaf;
@@ -185,7 +186,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
                                  return k != settled_;
                                }),
                 leaves_.end());
-  // How far the returns of the body spread across the ray and the motion.
+  // Spread of the returns across the ray and the motion, for the size of the body.
   for (auto its = settled->begin() + first; its != settled->end(); ++its) {
     const LivePlot& seen = *its;
     const auto n = static_cast<double>(seen.plot.num_returns);
@@ -201,7 +202,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
   Forget();
 }
 
-// Of what is settled only what a fit still looks at is kept.
+// Deletes settled nodes older than the fit needs.
 void TrackFollower::Forget() {
   const double from_s = nodes_[static_cast<std::size_t>(settled_)].h.time_s - kFitS;
   constexpr std::size_t kWorthWhile = 512;
@@ -236,7 +237,7 @@ void TrackFollower::Forget() {
   for (; first_plot_ < first_plot; ++first_plot_) plots_.pop_front();
 }
 
-// As the collection of a recording measures the returns of a frame.
+// Same measurement of the returns of a frame as in collection.
 Measurement TrackFollower::Measure(const Node& node) const {
   const LivePlot& seen = PlotOf(node);
   const auto n = static_cast<double>(seen.plot.num_returns);
@@ -273,7 +274,7 @@ void TrackFollower::UpdateFrameLength(const Node& node,
   known.length.Add(streak, {body_sigma_m_, body_sigma_m_, body_sigma_m_});
 }
 
-// As in a recording by the sensor with the most returns.
+// From the sensor with the most returns, as in a recording.
 void TrackFollower::UpdateTimeBias() {
   lengths_ = settled_lengths_;
   for (std::int32_t k = NewestConfirmed(); k != kNoIndex && k != settled_;

@@ -1,4 +1,4 @@
-// A confirmed track of a stream: the few associations in which it may go on, and its rows.
+// A confirmed track of a stream: its few best association hypotheses, and its fit.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,38 +19,38 @@ namespace unlidar {
 
 class TrackFollower {
  public:
-  // Goes on from a flight. `models`: one for each agility, which outlive it.
+  // Continues a flight. `models`: one for each agility; must outlive the follower.
   TrackFollower(const Flight& flight, const std::vector<TrackModel>& models,
                 const TrackerConfig& tracker, const CollectConfig& collect);
 
-  // Sets what each of the plots of a frame at `at` would bring it, beside being unseen.
+  // Sets `gains` (plots): track score of the best hypothesis with each plot of a frame at `at`,
+  // less its score with a missed detection.
   void SetGains(const std::vector<LivePlot>& plots, const FrameTime& at,
                 std::vector<double>* gains) const;
 
-  // Goes on with one of these plots or none. `is_allowed` (plots).
+  // Extends the hypotheses by one of these plots or a missed detection. `is_allowed` (plots).
   void Extend(const std::vector<LivePlot>& plots, const std::vector<char>& is_allowed,
               const FrameTime& at);
 
-  // Settles what was seen until `until_ns`, so that it cannot change any more, and appends the
-  // plots of it that were not given yet.
+  // Makes the associations until `until_ns` final, and appends the plots that this settles.
   void Settle(TimeNs until_ns, std::vector<LivePlot>* settled);
 
-  // The newest plot that is confirmed to be the target's.
+  // Time of the newest confirmed plot.
   TimeNs last_evidence_ns() const;
-  // The newest plot that may be the target's.
+  // Time of the newest plot that may belong to the target.
   TimeNs last_tentative_ns() const;
   TimeNs first_evidence_ns() const { return first_evidence_ns_; }
 
-  // Fits the trajectory to what was seen lately.
+  // Fits the trajectory to the recent plots.
   void Fit(TrajectoryFitter& fitter);
   const TrackFit& fit() const { return fit_; }
 
-  // So much later than their times say returns were measured, as Target::time_bias_ns.
+  // Time of the returns less their stamped time, same as Target::time_bias_ns.
   TimeNs time_bias_ns() const { return time_bias_ns_; }
 
   double depth_sigma_m() const { return kFacingSideSigma * body_sigma_m_; }
 
-  // Whether it was near a place at that time.
+  // True if the target was near a place at that time.
   bool IsNear(const Eigen::Vector3d& place_m, double time_s) const;
 
   double score() const;
@@ -60,35 +60,35 @@ class TrackFollower {
     Hypothesis h;
     std::uint32_t model = 0;
     std::int32_t parent = kNoIndex;
-    std::size_t plot = 0;               // number among all that it ever took
-    std::int32_t confirmed = kNoIndex;  // newest node on its way that is not only tried, or itself
-    double current_score = 0.0;         // score, unseen since its plot
+    std::size_t plot = 0;               // number among all plots ever stored
+    std::int32_t confirmed = kNoIndex;  // newest confirmed node on its path, or itself
+    double current_score = 0.0;         // track score with the missed detections since its plot
   };
 
-  // The best way to a plot, for a model.
+  // The best predecessor of a plot, for a model.
   struct Association {
     double score = -1e300;
     std::int32_t leaf = kNoIndex;
     ScoreIncrement gain;
   };
 
-  // What one frame is worked on with, kept for the next.
+  // Buffers, reused from frame to frame.
   struct Scratch {
     std::vector<Association> associations;                   // (plots, models)
     std::vector<std::pair<Motion, Prediction>> predictions;  // (leaves)
     std::vector<std::int32_t> leaves;
-    std::vector<std::int32_t> moved;  // (nodes) where they go
+    std::vector<std::int32_t> moved;  // (nodes) new indices
   };
 
   const LivePlot& PlotOf(const Node& node) const { return plots_[node.plot - first_plot_]; }
   std::int32_t BestLeaf() const;
-  // The newest confirmed node on the way to a leaf, and to the best one.
+  // The newest confirmed node on the path to a leaf, and on the path to the best leaf.
   std::int32_t ConfirmedAt(std::int32_t leaf) const;
   std::int32_t NewestConfirmed() const;
   void Forget();
   Measurement Measure(const Node& node) const;
 
-  // What is known of how long the frames of a sensor last, by how many returns of the target.
+  // Estimate of the frame length of a sensor, from this many returns of the target.
   struct FrameLengthEstimate {
     int num_returns = 0;
     FrameLength length;
@@ -99,18 +99,18 @@ class TrackFollower {
   const std::vector<TrackModel>* models_;
   TrackerConfig tracker_;
   CollectConfig collect_;
-  std::vector<Node> nodes_;           // parents before children
-  std::vector<std::int32_t> leaves_;  // that may go on
+  std::vector<Node> nodes_;           // parents first
+  std::vector<std::int32_t> leaves_;  // that can be extended
   Queue<LivePlot> plots_;
   std::size_t first_plot_ = 0;  // number of the first in plots_
   std::int32_t settled_ = kNoIndex;
   TimeNs first_evidence_ns_ = 0;
   TrackFit fit_;
-  double body_scatter_m2_;  // of the spread of returns across ray and motion
+  double body_scatter_m2_;  // across ray and motion
   double body_count_;
   double body_sigma_m_;
-  std::vector<FrameLengthEstimate> settled_lengths_;  // (sensors) by what is settled,
-  std::vector<FrameLengthEstimate> lengths_;          // and by all that is confirmed
+  std::vector<FrameLengthEstimate> settled_lengths_;  // (sensors) from settled plots,
+  std::vector<FrameLengthEstimate> lengths_;          // and from all confirmed ones
   TimeNs time_bias_ns_ = 0;
   Scratch scratch_;
 };

@@ -9,15 +9,15 @@
 namespace unlidar {
 namespace {
 
-// A track is judged again after so long, and after so large a share of the time for which it was
-// seen: every look is a chance for what hangs to seem to wander.
+// A track is judged again after the longer of this interval and this share of its observed time:
+// each judgement is a chance for a suspended object to appear to drift.
 constexpr double kMinJudgeIntervalS = 0.5;
 constexpr double kJudgeIntervalShare = 0.1;
-// So much longer one that may be wider than a drone is to be seen: a piece of a cloud grows, or is
-// gone by then.
+// Additional observed time for a track that may be wider than a drone: by then a part of a cloud
+// has grown or is gone.
 constexpr double kWideObservationS = 3.0;
-// What stands still far away is known to wander when it was seen for three swings at least. If it
-// did not until this time, it hangs until it goes away.
+// Drift of a distant static object is tested from three swings on. Without drift until
+// kSuspendedAfterS it counts as suspended until it moves away.
 constexpr double kMinDriftObservationS = 9.0;
 constexpr double kSuspendedAfterS = 60.0;
 constexpr std::size_t kMaxClouds = 64;
@@ -59,7 +59,7 @@ void TrackValidator::Forget(int number) {
                 clouds_.end());
 }
 
-// By its shape, and those of others lately. What it was judged before is forgotten.
+// True by its own shape and those of recent clouds. Its previous verdict is discarded.
 bool TrackValidator::IsCloud(int number, const TrackFollower& follower,
                              const std::vector<LivePlot>& seen, double time_s) {
   Forget(number);

@@ -1,4 +1,4 @@
-// What is followed, and is no drone: clouds, and what may hang.
+// Validation of followed tracks: clouds, insects and suspended objects are not drones.
 #pragma once
 
 #include <deque>
@@ -11,24 +11,22 @@
 
 namespace unlidar {
 
-// Judges tracks of a stream as ShapeRejections and MayBeSuspended judge the targets of a recording:
-// a track that was given is never taken back, so it waits until it is known to be a drone.
+// Judges tracks of a stream, as ShapeRejections and MayBeSuspended judge targets of a recording.
+// Reported rows cannot be retracted, so a track waits until it is accepted as a drone.
 class TrackValidator {
  public:
-  // `window_s`: how long a cloud tells of others.
+  // `window_s`: how long the shape of a cloud is compared with those of other tracks.
   explicit TrackValidator(double window_s) : window_s_(window_s) {}
 
-  // What is known of a track.
   struct Verdict {
-    bool is_drone = false;            // or it waits
-    bool is_rejected = false;         // a cloud or an insect
-    double next_judgement_s = 0.0;    // when it is judged again
-    double first_judged_age_s = 0.0;  // for how long it was seen when it was judged first
+    bool is_drone = false;            // else it waits
+    bool is_rejected = false;         // cloud or insect
+    double next_judgement_s = 0.0;    // time of the next judgement
+    double first_judged_age_s = 0.0;  // observed time at the first judgement
   };
 
-  // Judges what a track was fitted to, its number being its own. `seen`: what the frames of the
-  // last while show, in their order; `before`: its last verdict, if it has any; `is_reported`: it
-  // has rows.
+  // Judges a track by its fit. `number`: unique to the track; `is_reported`: it has rows; `seen`:
+  // recent plots, in order of frames; `before`: its last verdict, if any.
   Verdict Judge(int number, const TrackFollower& follower, bool is_reported,
                 const std::vector<LivePlot>& seen, double time_s,
                 const std::optional<Verdict>& before);
@@ -46,7 +44,7 @@ class TrackValidator {
 
   double window_s_;
   std::deque<Cloud> clouds_;  // in order of time
-  // What a track is worked on with, kept for the next.
+  // Buffers, reused from track to track.
   Shape shape_;
   std::vector<ReturnCluster> clusters_;
   std::vector<const Shape*> recent_clouds_;

@@ -60,7 +60,7 @@ std::optional<WaitingFrames::Dropped> WaitingFrames::DropOverflow() {
 }
 
 WaitingFrames::SlotIterator WaitingFrames::NewestOfBusiestSensor() {
-  std::map<std::uint32_t, std::size_t> cost;  // a frame without points takes room, too
+  std::map<std::uint32_t, std::size_t> cost;  // a frame without points also takes memory
   for (const Slot& slot : slots_) {
     cost[slot.frame.info.sensor] += slot.bytes + kMaxBytes / kMaxFrames;
   }

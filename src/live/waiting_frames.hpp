@@ -1,4 +1,4 @@
-// Frames that are held back until none of an earlier stamp will come.
+// Frames that wait until no frame with an earlier stamp can follow.
 #pragma once
 
 #include <cstddef>
@@ -11,33 +11,33 @@
 
 namespace unlidar {
 
-// Memory of frames that have gone is used again.
+// Memory of removed frames is reused.
 class WaitingFrames {
  public:
-  // Of all sensors together: far more than LiDARs send in live.reorder_s, and within the memory of
-  // the service.
+  // Of all sensors together: far more than LiDARs send in live.reorder_s, within the memory of the
+  // service.
   static constexpr std::size_t kMaxFrames = 4096;
   static constexpr std::size_t kMaxBytes = std::size_t{192} << 20;
 
   struct Dropped {
     std::uint32_t sensor = 0;
-    TimeNs stamp_ns = 0;  // as of the file
+    TimeNs stamp_ns = 0;  // of the source, without the time offset
   };
 
   bool empty() const { return num_waiting_ == 0; }
 
-  // What the next frame is loaded into; Add() takes it, with its stamp in common time.
+  // Returns the slot to load the next frame into; Add() queues it with its stamp in common time.
   LoadedFrame& Next();
   void Add(TimeNs time_ns);
 
-  // Time of the earliest; and the frame itself, until the next one is loaded.
+  // Time of the earliest frame, and the frame itself, valid until the next one is loaded.
   TimeNs earliest_ns() const { return slots_.front().time_ns; }
   LoadedFrame* TakeEarliest();
 
-  // Where there are too many, the newest of the sensor with the most goes.
+  // If over the limits, drops the newest frame of the sensor that holds the most.
   std::optional<Dropped> DropOverflow();
 
-  // By time and sensor.
+  // Removes all frames; returns them in order of time and sensor.
   std::vector<LoadedFrame> TakeAll();
 
  private:
@@ -58,7 +58,7 @@ class WaitingFrames {
   SlotIterator end() { return slots_.begin() + static_cast<std::ptrdiff_t>(num_waiting_); }
   SlotIterator NewestOfBusiestSensor();
 
-  // The first `num_waiting_` are a heap, the earliest on top. Others are room for more.
+  // The first `num_waiting_` slots are a heap, the earliest on top; the rest are spare.
   std::vector<Slot> slots_;
   std::size_t num_waiting_ = 0;
   std::size_t bytes_ = 0;  // of all slots

@@ -13,10 +13,10 @@
 namespace unlidar {
 namespace {
 
-// 1973: less is no Unix time, see FrameClock.
+// 1973: smaller values are no Unix times, see FrameClock.
 constexpr TimeNs kMinUnixNs = 100'000'000 * kNsPerSecond;
 
-// Runs one stage after the other and takes their times.
+// Measures the times of consecutive stages.
 class StageTimer {
  public:
   using Clock = std::chrono::steady_clock;
@@ -24,14 +24,14 @@ class StageTimer {
   StageTimer(const ProgressCallback& progress, std::vector<StageTime>& times)
       : progress_(progress), times_(times) {}
 
-  // Ends the stage that began with the end of the one before.
+  // Ends the stage that began at the end of the previous one.
   void End(const std::string& stage, const std::string& found) {
     const auto now = Clock::now();
     Record(stage, found, now - begin_);
     begin_ = now;
   }
 
-  // The same for a stage that took turns with the next one, and this long in all.
+  // Same for a stage interleaved with the next one, with its total time.
   void End(const std::string& stage, const std::string& found, Clock::duration taken) {
     Record(stage, found, taken);
     begin_ += taken;
@@ -89,7 +89,7 @@ std::string InputSummary(const Recording& recording) {
   return Count(recording.counts.frames, "frame") + ", " + Count(recording.counts.returns, "return");
 }
 
-// Frames of a recording that is in memory, as if they were read.
+// Feeds the frames of an in-memory recording as if they were read.
 FrameFeed FeedOf(const Recording& recording) {
   return [&recording, next = std::size_t{0}](TimeNs until_ns, Recording* part) mutable {
     part->sensors = recording.sensors;
@@ -113,13 +113,13 @@ FrameFeed FeedOf(const Recording& recording) {
   };
 }
 
-// What the frames of a sensor tell of itself.
+// Monitors of the state of a sensor, fed by its frames.
 struct SensorMonitor {
   SensorHealth sensor_health;
   PoseCheck pose;
 };
 
-// The same frames, looked at for what they tell of their sensors as they pass.
+// Wraps a feed so that its frames also update the monitors.
 FrameFeed Monitored(const FrameFeed& feed, std::vector<SensorMonitor>* monitors) {
   return [&feed, monitors](TimeNs until_ns, Recording* recording) {
     const std::size_t known = recording->frames.size();
@@ -191,7 +191,7 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
   return targets;
 }
 
-// What is known of the recording, with its targets, is made the result.
+// Fits the targets of the recording and fills the result.
 void FitTracks(const PipelineRequest& request, const Config& config,
                const std::vector<Target>& targets, StageTimer& timer, PipelineResult& result) {
   const Recording& recording = result.recording;
@@ -215,7 +215,7 @@ void FitTracks(const PipelineRequest& request, const Config& config,
   timer.End("trajectories", Count(result.tracks.size(), "track"));
 }
 
-// Where the first sensor's frames are numbered, so are output times that are small whole numbers.
+// If the first sensor's frames are numbered, small whole output times are frame numbers.
 OutputTimes TimesOf(const PipelineRequest& request, const FrameClock& clock) {
   const auto* const list = std::get_if<std::vector<TimeNs>>(&request.output_times);
   const auto is_number = [](TimeNs time_ns) { return 0 <= time_ns && time_ns < kMinUnixNs; };
@@ -232,8 +232,8 @@ OutputTimes TimesOf(const PipelineRequest& request, const FrameClock& clock) {
   return numbered;
 }
 
-// Output times that have nothing to do with the recording leave the output empty for no reason that
-// can be seen.
+// Warns of output times outside of the recording, which would leave the output empty without any
+// visible reason.
 void WarnOfTimesOutside(const OutputTimes& times, const FrameReader& reader,
                         std::vector<Warning>* warnings) {
   const auto* const list = std::get_if<std::vector<TimeNs>>(&times);

@@ -1,4 +1,4 @@
-// The whole way from frame directories to trajectory rows.
+// The pipeline from frame directories to trajectory rows.
 #pragma once
 
 #include <functional>
@@ -24,7 +24,7 @@ struct FittedTrack {
   int id = 0;
   TimeNs begin_ns = 0;  // first and last evidence
   TimeNs end_ns = 0;
-  double score = 0.0;                  // the method's own, see Target
+  double score = 0.0;                  // of the method, see Target
   double length_m = 0.0;               // along the fitted trajectory
   std::vector<std::uint32_t> returns;  // indices into the recording, ascending
   RowSource row_source;
@@ -36,7 +36,7 @@ struct FittedTrack {
 struct PipelineRequest {
   std::vector<FrameSource> sources;
   OutputTimes output_times;
-  bool are_times_whole = false;  // a list that was written in whole numbers, maybe those of frames
+  bool are_times_whole = false;  // a list of whole numbers, possibly frame numbers
   bool score_clusters = false;   // the paper's numbers of every global cluster, for --clusters
   double min_drone_probability =
       0.0;          // tracks of a lower probability of being a drone are left out
@@ -49,7 +49,7 @@ struct StageTime {
 };
 
 struct PipelineResult {
-  Recording recording;                        // of a long one only the returns of the tracks
+  Recording recording;                        // if long, with the returns of tracks only
   std::optional<RobustCounts> robust_counts;  // with the robust method
   std::vector<ClusterScore> clusters;         // empty unless asked for or needed by the method
   std::vector<FittedTrack> tracks;
@@ -66,13 +66,13 @@ inline RowStream RowsOf(const PipelineResult& result, const FittedTrack& track) 
   return SampleRows(track.row_source, result.output_instants);
 }
 
-// Called when a stage has ended, with what it found in a few words.
+// Called at the end of a stage, with a short text of its result.
 using ProgressCallback = std::function<void(const StageTime&, const std::string& found)>;
 
 PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
                            const ProgressCallback& progress);
 
-// The same for a recording that is in memory, without cluster scores.
+// Same for an in-memory recording, without cluster scores.
 PipelineResult TracksOf(const Recording& recording, const OutputTimes& output_times,
                         const Config& config);
 

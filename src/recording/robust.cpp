@@ -22,8 +22,8 @@ std::vector<Plot> PlotsOf(const Path& path, const std::vector<Plot>& plots) {
   return members;
 }
 
-// Whether what was collected of a target is less likely it, by what its places return at other
-// times, than any path must be. A place where it always was tells neither.
+// True if the collected returns are explained better by clutter than by a target: their summed log
+// ratio is below the threshold of paths. Places occupied throughout carry no evidence.
 bool IsClutter(const std::vector<Measurement>& measurements, double threshold) {
   double log_ratio = 0.0;
   for (const Measurement& m : measurements) {
@@ -33,9 +33,9 @@ bool IsClutter(const std::vector<Measurement>& measurements, double threshold) {
   return log_ratio < threshold;
 }
 
-// How much less likely a path is a target for what else is about it at the same time, which its
-// clutter, that of other times, does not tell: a bush in a gust and whoever passes behind a hedge
-// are seen all at once. Plots of targets (`are_targets`, plots) and its own do not count.
+// Returns the log-likelihood penalty for other plots around a path at the same time, which the
+// clutter intensity, that of other times, does not include: a bush in a gust or a person behind a
+// hedge shows all at once. Plots of targets (`are_targets`, plots) and its own do not count.
 double CrowdingPenalty(const Path& path, const std::vector<Plot>& plots,
                        const std::vector<char>& are_targets,
                        const std::vector<StationModel>& station_models,
@@ -66,7 +66,7 @@ double CrowdingPenalty(const Path& path, const std::vector<Plot>& plots,
   return penalty;
 }
 
-// Which plots no path explains that is likelier a target than chance.
+// Marks the plots (plots) that belong to no path above the threshold.
 std::vector<char> AreClutter(std::size_t num_plots, const std::vector<Path>& paths,
                              double threshold) {
   std::vector<char> are_clutter(num_plots, 1);
@@ -77,10 +77,10 @@ std::vector<char> AreClutter(std::size_t num_plots, const std::vector<Path>& pat
   return are_clutter;
 }
 
-// Makes the targets of paths, one after the other: a return is one target's.
+// Collects the targets of paths, one after the other: a return belongs to at most one target.
 class TargetCollector {
  public:
-  // Paths are changed where two are one target's.
+  // Paths are modified if two belong to one target.
   TargetCollector(const Recording& recording, const MultiStationPlots& multi_station_plots,
                   const ScanSchedule& scan_schedule, double threshold, const RobustConfig& config,
                   const TrajectoryConfig& trajectory_config, std::vector<Path>* paths)
@@ -99,8 +99,8 @@ class TargetCollector {
     const Path& path = paths_[k];
     std::vector<Plot> members = FreePlotsOf(path);
     if (2 * members.size() < path.plots.size()) {
-      // A drone that shows as two plots in a frame leaves a second path beside its first, which may
-      // go on where the first ends.
+      // A drone that yields two plots per frame leaves a second path beside the first, which may
+      // continue beyond its end.
       const std::size_t owner = OwnerOf(path);
       if (owner == targets_.size()) return Rejection::kSharesReturns;
       Extend(owner, path);
@@ -116,7 +116,7 @@ class TargetCollector {
     return Rejection::kNone;
   }
 
-  // The targets that are left when all are known; the verdicts (paths) of the others are set.
+  // Returns the targets that pass the shape gates; sets the verdicts (paths) of the others.
   std::vector<Target> Finish(std::vector<PathVerdict>* verdicts) {
     const std::vector<Rejection> rejections =
         ShapeRejections(recording_, station_models_, plots_, targets_, config_, trajectory_config_);
@@ -129,7 +129,7 @@ class TargetCollector {
   }
 
  private:
-  // Those without a return that is excluded.
+  // Returns the plots of a path without excluded returns.
   std::vector<Plot> FreePlotsOf(const Path& path) const {
     std::vector<Plot> members = PlotsOf(path, plots_);
     members.erase(std::remove_if(members.begin(), members.end(),
@@ -146,7 +146,7 @@ class TargetCollector {
     *target =
         CollectTarget(recording_, station_models_, members, excluded_, config_, trajectory_config_);
     const std::vector<Measurement>& measurements = target->measurements;
-    // What another target's returns leave of it may be a single sighting, which is no track.
+    // Without the returns of other targets a single measurement may be left, which is no track.
     if (measurements.size() < 2) return Rejection::kSingleMeasurement;
     if (config_.Uses(Rule::kSuspended) && MayBeSuspended(measurements))
       return Rejection::kSuspended;
@@ -166,7 +166,7 @@ class TargetCollector {
     for (const std::uint32_t i : target.returns) excluded_[i] = assigned_returns_[i] = is_assigned;
   }
 
-  // The target that has most of the plots of a path; the number of targets if none has.
+  // Returns the target that has most of the plots of a path; the number of targets if none has.
   std::size_t OwnerOf(const Path& path) const {
     const auto is_owner = [&](const Target& target) {
       const auto has = [&](std::uint32_t plot) {
@@ -182,8 +182,8 @@ class TargetCollector {
                                     targets_.begin());
   }
 
-  // Gives a target what another path has before or after it, if that is as much as a target has at
-  // least, with its share of the score.
+  // Extends a target by the plots of another path before and after it, with their share of the
+  // score, if they suffice for a target by themselves.
   void Extend(std::size_t owner, const Path& other) {
     Target& target = targets_[owner];
     const TimeNs begin_ns = target.measurements.front().time_ns;
@@ -219,8 +219,8 @@ class TargetCollector {
   const RobustConfig& config_;
   const TrajectoryConfig& trajectory_config_;
   std::vector<Path>& paths_;
-  std::vector<char> excluded_;          // returns of bodies and of targets,
-  std::vector<char> assigned_returns_;  // and of these alone
+  std::vector<char> excluded_;          // returns of bodies and of targets
+  std::vector<char> assigned_returns_;  // returns of targets
   std::vector<Target> targets_;
   std::vector<std::size_t> path_of_;  // (targets)
 };
@@ -236,9 +236,9 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   }
   MultiStationPlots multi_station_plots(recording, Stations(recording.sensors), config);
   const std::vector<Plot>& plots = multi_station_plots.plots();
-  // A score is a log likelihood ratio, weighted by how likely its first plot is the first: so by
-  // Ville's inequality clutter reaches the threshold from all plots and with all models together
-  // with a probability of at most false_alarms_per_recording, if it is what the model says.
+  // A track score is a log likelihood ratio weighted by the birth density of its first plot. By
+  // Ville's inequality clutter reaches the threshold, over all plots and models, with a probability
+  // of at most false_alarms_per_recording if the clutter model holds: method.md (9).
   const std::size_t num_models =
       config.tracker.sigma_a_mps2.size() * config.tracker.birth_speeds_mps.size();
   const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
@@ -269,8 +269,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     return verdicts;
   };
 
-  // What the first round finds is clutter no more for the second, which then sees farther. What
-  // floats in one place is none from the start.
+  // Targets of the first round are removed from the clutter of the second, which is then more
+  // sensitive. Static unsupported plots are no clutter from the start.
   std::vector<char> assigned = multi_station_plots.are_static_floating();
   std::vector<Path> paths;
   std::vector<PathVerdict> verdicts;  // (paths)
@@ -285,8 +285,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     }
     if (assigned == before) break;
   }
-  // What it is shows with its frames in random order. Scores above that are as rare as above the
-  // model's.
+  // Permutation null: the clutter is measured with frames in random order. Scores exceed the null
+  // score as rarely as that of the model: method.md (10).
   const double null_score =
       config.Uses(Rule::kPermutationNull)
           ? NullScore(recording, plots, AreClutter(plots.size(), paths, threshold), scan_schedule,

@@ -1,13 +1,13 @@
-// method: robust - targets from a likelihood ratio against the clutter of their place.
+// method: robust - targets by likelihood ratio against the clutter of their places.
 //
 // 1. Background: which places were occupied at other times (structure), and how often.
-// 2. Plots: what structure does not explain, or what floats in the air, per frame, with the clutter
-//    rate at its place.
-// 3. Paths: the sequences of plots that a flying target explains far better than clutter.
+// 2. Plots: clusters per frame of returns that are not structure, or that are unsupported, with the
+//    clutter intensity of their place.
+// 3. Paths: sequences of plots that a flying target explains far better than clutter.
 // 4. Collection: all returns along a path, and their mean per frame.
 //
-// Positions are in the common frame, z up. Sensors that stand together are a station; 1 and 2 are
-// those of each station by itself, about its viewpoint, and paths lead through the plots of all.
+// Positions are in the common frame, z up. Sensors close together form a station; 1 and 2 are done
+// per station, about its viewpoint; paths use the plots of all stations.
 #pragma once
 
 #include <cstddef>
@@ -26,15 +26,15 @@
 
 namespace unlidar {
 
-// What was found on the way, for the summary.
+// Counts and thresholds of a search, for the summary.
 struct RobustCounts {
   std::size_t unexplained_returns = 0;
   std::size_t body_returns = 0;
   std::size_t plots = 0;
   std::size_t paths = 0;
   double score_threshold = 0.0;  // that a path must reach
-  double null_score = 0.0;       // that the clutter reaches with its frames in random order
-  double false_alarms = 0.0;     // tracks of clutter that are to be expected, at most
+  double null_score = 0.0;       // best score of clutter with frames in random order
+  double false_alarms = 0.0;     // expected tracks of clutter, upper bound
 };
 
 struct RobustResult {
@@ -42,7 +42,7 @@ struct RobustResult {
   RobustCounts counts;
 };
 
-// `trace`, if there is one, is told what was measured and why paths were refused.
+// `trace`, if set, receives the measured quantities and the reasons for rejected paths.
 RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& config,
                                const TrajectoryConfig& trajectory_config,
                                const TraceSink& trace = nullptr);

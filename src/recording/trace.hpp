@@ -1,4 +1,4 @@
-// What a search measured and decided, for --trace.
+// Measurements and decisions of a search, for --trace.
 #pragma once
 
 #include <cstdint>
@@ -12,9 +12,9 @@
 
 namespace unlidar {
 
-// What became of a path.
+// Decision on a path.
 struct PathVerdict {
-  double crowding_penalty = 0.0;  // taken off its score for what else is detected about it then
+  double crowding_penalty = 0.0;  // subtracted from its score
   Rejection rejection = Rejection::kNone;
 };
 
@@ -26,7 +26,7 @@ struct SearchTrace {
   double score_threshold;
 };
 
-// Called at the end of a search; the recording, as the trace, is there during the call only.
+// Called at the end of a search; recording and trace are valid during the call only.
 using TraceSink = std::function<void(const Recording& recording, const SearchTrace& trace)>;
 
 }  // namespace unlidar

@@ -25,7 +25,7 @@ struct KeptReturn {
   }
 };
 
-// A target whose returns are not, or no more, in a recording.
+// A target whose returns are stored outside of a recording.
 struct Tracklet {
   Target target;                    // without returns
   std::vector<KeptReturn> returns;  // ascending
@@ -44,7 +44,7 @@ std::size_t CountShared(const Tracklet& a, const Tracklet& b) {
   return shared.size();
 }
 
-// Keeps what is before a time, or what is not; of the score the share of the returns kept.
+// Keeps the part before a time, or the rest; the score shrinks to the share of the returns kept.
 void Cut(TimeNs at_ns, bool keeps_before, Tracklet* tracklet) {
   const auto goes = [&](TimeNs time_ns) { return (time_ns < at_ns) != keeps_before; };
   const auto all = static_cast<double>(tracklet->returns.size());
@@ -69,7 +69,7 @@ class WindowSearch {
         trace_(trace),
         margin_ns_(NsOf(config.window_margin_s)) {}
 
-  // Searches what the windows before have left of the recording up to a stamp.
+  // Searches the recording up to a stamp, without the frames that earlier windows have dropped.
   void Search(const FrameFeed& feed, TimeNs begin_ns, TimeNs end_ns, double false_alarms) {
     DropBefore(begin_ns - margin_ns_);  // before more is read: never more than a window is held
     const std::size_t known = window_.frames.size();
@@ -106,7 +106,7 @@ class WindowSearch {
     std::stable_sort(
         tracklets_.begin(), tracklets_.end(),
         [](const Tracklet& a, const Tracklet& b) { return a.target.score > b.target.score; });
-    // A return is one target's.
+    // A return belongs to at most one target.
     std::set<KeptReturn> all;
     for (Tracklet& tracklet : tracklets_) {
       auto& returns = tracklet.returns;
@@ -173,7 +173,7 @@ class WindowSearch {
     return tracklet;
   }
 
-  // Takes in the targets of the window that begins at a border.
+  // Adds the targets of the window that begins at a border.
   void Join(TimeNs border_ns, std::vector<Tracklet> found) {
     struct Pair {
       std::size_t shared;
@@ -215,7 +215,7 @@ class WindowSearch {
       append(behind.target.measurements, &before.target.measurements);
       append(behind.target.alternative_modes, &before.target.alternative_modes);
     }
-    // What lies on the other side alone is the business of the window there, which saw more of it.
+    // Targets entirely beyond the border belong to the window there, which saw more of them.
     for (std::size_t i = 0; i < tracklets_.size(); ++i) {
       if (!is_cut[i] && tracklets_[i].returns.front().stamp_ns >= border_ns)
         tracklets_[i].returns.clear();
@@ -249,7 +249,7 @@ double DurationS(TimeNs first_stamp_ns, TimeNs last_stamp_ns) {
   return static_cast<double>(last_stamp_ns - first_stamp_ns) * kSecondsPerNs;
 }
 
-// So many of one length.
+// Returns the number of windows of equal length.
 double NumWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfig& config) {
   return std::max(1.0, std::ceil(DurationS(first_stamp_ns, last_stamp_ns) / config.window_s));
 }

@@ -10,22 +10,22 @@
 namespace unlidar {
 namespace {
 
-// So many returns ahead of its turn memory is asked for what belongs to one: no cache holds it all.
+// Memory is prefetched this many returns ahead: the data of all returns exceed the cache.
 constexpr std::size_t kPrefetchDistance = 16;
 
-// When a place was hit and when it could have been, summed up so that each dwell there is judged in
-// constant time, however long the recording.
+// Bins in which a place was hit, and in which it could have been, accumulated so that each dwell is
+// evaluated in constant time, however long the recording.
 class PlaceHistory {
  public:
-  // What the bins outside a dwell show.
+  // Occupancy in the bins outside a dwell.
   struct OutsideOccupancy {
     double num_exposed = 0.0;
     double num_occupied = 0.0;
   };
 
-  // `hits`: the bins, ascending, in which the place was hit. `depths`: what was seen in its
-  // direction, which occludes the place if it is nearer than `visible_m`. `breaks_dwell(a, b)`:
-  // whether a place that is hit in bin a, and then in bin b, was empty for too long for one dwell.
+  // `hits`: bins, ascending, in which the place was hit. `depths`: depths in its direction; nearer
+  // than `visible_m` they occlude the place. `breaks_dwell(a, b)`: true if consecutive hits in bins
+  // a and b are too far apart for one dwell.
   template <class BreaksDwell>
   void Assign(const std::vector<std::uint32_t>& hits, std::size_t num_bins,
               const DepthMap::Depths& depths, double visible_m, const BreaksDwell& breaks_dwell) {
@@ -36,8 +36,7 @@ class PlaceHistory {
     dwells_.clear();
     num_occluded_ = 0;
     const DepthMap::Depth* depth = depths.begin();
-    // Counts what occludes the place in the bins before `end`, and tells whether something does in
-    // it.
+    // Adds the bins before `end` in which the place is occluded; returns true if it is in `end`.
     const auto occludes = [&](std::uint32_t end, std::size_t* num_occluded) {
       const auto is_near = [&] { return static_cast<double>(depth->median_m) < visible_m; };
       for (; depth != depths.end() && depth->bin < end; ++depth)
@@ -60,13 +59,13 @@ class PlaceHistory {
     occludes(static_cast<std::uint32_t>(num_bins), &num_occluded_);
   }
 
-  // Outside the dwell that holds `bin`, one of the hits.
+  // Returns the occupancy outside the dwell that contains `bin`, one of the hits.
   OutsideOccupancy Outside(std::uint32_t bin) const {
     const auto k = static_cast<std::size_t>(std::lower_bound(hits_->begin(), hits_->end(), bin) -
                                             hits_->begin());
     const Dwell& dwell = dwells_[dwell_of_[k]];
     const std::size_t num_outside = num_bins_ - ((*hits_)[dwell.last] + 1 - (*hits_)[dwell.first]);
-    // What is seen through the gaps of something nearer can be seen so at other times, too.
+    // A place seen now through gaps of something nearer can be seen so at other times, too.
     const std::size_t num_occluded = is_occluded_[k] != 0 ? 0 : num_occluded_ - dwell.num_occluded;
     return {static_cast<double>(num_outside - num_occluded),
             static_cast<double>(hits_->size() - (dwell.last + 1 - dwell.first))};
@@ -74,24 +73,24 @@ class PlaceHistory {
 
  private:
   struct Dwell {
-    std::size_t first;  // and last of its hits
+    std::size_t first;  // index of its first hit
     std::size_t last;
-    std::size_t num_occluded;  // bins between them in which the place was hidden
+    std::size_t num_occluded;  // bins between them in which the place was occluded
   };
 
   const std::vector<std::uint32_t>* hits_ = nullptr;
   std::size_t num_bins_ = 0;
-  std::size_t num_occluded_ = 0;  // bins without a hit in which the place was hidden
+  std::size_t num_occluded_ = 0;  // bins without a hit in which the place was occluded
   // Per hit:
-  std::vector<char> is_occluded_;  // something nearer
+  std::vector<char> is_occluded_;  // by something nearer
   std::vector<std::size_t> dwell_of_;
   std::vector<Dwell> dwells_;
 };
 
-// Indices by place, and in ascending order those of one.
+// Indices grouped by place, ascending within each.
 struct PlaceOrder {
   std::vector<std::uint32_t> indices;
-  std::vector<std::uint32_t> ends;  // by place: where its indices end
+  std::vector<std::uint32_t> ends;  // (places) end of each in `indices`
 };
 
 PlaceOrder OrderByPlace(const std::vector<std::uint32_t>& places, std::size_t num_places) {
@@ -107,8 +106,7 @@ PlaceOrder OrderByPlace(const std::vector<std::uint32_t>& places, std::size_t nu
   return order;
 }
 
-// Where nothing was seen, something still may be: of what comes as a Poisson process, as much as
-// Jeffreys' prior has.
+// Count for a place without returns: Jeffreys' prior of a Poisson rate.
 constexpr double kJeffreysReturns = 0.5;
 
 }  // namespace
@@ -145,7 +143,7 @@ void Background::MakeBins(const Recording& recording) {
 
 Background::Tick Background::TickOf(TimeNs time_ns) const {
   if (time_ns <= begin_ns_) return 0;
-  // Unsigned: the difference of two times may be more than the greatest of them.
+  // Unsigned: the difference of two times may exceed the range of TimeNs.
   return (static_cast<std::uint64_t>(time_ns) - static_cast<std::uint64_t>(begin_ns_)) /
          static_cast<std::uint64_t>(bin_ns_);
 }
@@ -206,14 +204,14 @@ void Background::Classify(const Recording& recording) {
       const std::uint32_t index = order[at];
       if (at + kPrefetchDistance < n) __builtin_prefetch(&bins[order[at + kPrefetchDistance]]);
       const PlaceHistory::OutsideOccupancy outside = history.Outside(bins[index]);
-      // Structure, or too little is known to tell.
+      // Structure, or too seldom exposed to decide.
       if (outside.num_exposed < min_exposed ||
           outside.num_occupied > config_.max_occupancy * outside.num_exposed) {
         is_structure[index] = 1;
         continue;
       }
-      if (outside.num_occupied <= 1.0) continue;  // a single one may be a passing target's
-      // Poisson, from the share of bins with a hit.
+      if (outside.num_occupied <= 1.0) continue;  // a single bin may be a passing target
+      // Poisson rate from the share p of bins with a hit: -log(1 - p).
       const double hits_per_bin = -std::log1p(-(outside.num_occupied - 1.0) / outside.num_exposed);
       place_rates_.emplace_back(index,
                                 static_cast<float>(hits_per_bin / frames_per_bin / volume_m3));

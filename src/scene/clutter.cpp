@@ -9,7 +9,7 @@
 namespace unlidar {
 namespace {
 
-// The share of plots that come again to their spots where nothing is known, with the weight of one.
+// Prior share of plots that recur at their spots, with the weight of one plot.
 constexpr double kPriorRecurrenceShare = 0.5;
 
 class ClutterEstimate {
@@ -23,23 +23,22 @@ class ClutterEstimate {
     SetRates();
   }
 
-  // Of a plot: log of the clutter plots per m^3 and frame of its sensor.
+  // Returns the log of the clutter intensity of plot `i`, per m^3 and frame of its sensor.
   double LogClutter(std::size_t i) const {
     const Plot& plot = plots_[i];
     if (plot.is_floating) return std::log(rates_[i]);
-    // A target that was found may have come back to its own place.
+    // The place of an assigned plot may have been revisited by its own target.
     const double min_rate = std::max(rates_[i], assigned_[i] ? 0.0 : plot.place_rate);
-    // A static thing that is seldom hit would give the plots of its place at the rate at which they
-    // came, the plot itself left out.
+    // method.md (3): a static object that is seldom hit would yield the plots of its spot at their
+    // observed rate, the plot under test left out.
     const double plot_rate = 1.0 / NumFrames(plot) / PlotVolumeM3(plot);
     const auto log_rate = [&](std::uint32_t others) {
       return std::log(std::max(min_rate, others * plot_rate));
     };
     const std::uint32_t num_in_dwell = NumInDwell(i);
     if (!MayBeSingleDwell(i)) return log_rate(spots_[i].at_other_times + num_in_dwell - 1);
-    // All of them may be one visit of what does not stay. Then the first is not told by the others
-    // as these are by it: by the chain rule the k-th has the rate of k - 1, and each gets its share
-    // of the logarithm.
+    // method.md (4): all of them may be one dwell of a target. By the chain rule the k-th plot is
+    // then predicted only by the k - 1 before it, and each gets an equal share of the logarithm.
     double sum = 0.0;
     for (std::uint32_t k = 0; k < num_in_dwell; ++k) sum += log_rate(k);
     return recurrence_shares_[i] * log_rate(num_in_dwell - 1) +
@@ -47,18 +46,18 @@ class ClutterEstimate {
   }
 
  private:
-  // Plots in a neighbourhood: those that may be of the same visit, and those of other times.
+  // Plots in a neighbourhood: those that may be of the same dwell, and those of other times.
   struct Counts {
     std::uint32_t near = 0;
     std::uint32_t at_other_times = 0;
   };
 
-  // Plots of its spot that may be of one visit, itself counted.
+  // Plots of the spot that may be of one dwell, including plot `i`.
   std::uint32_t NumInDwell(std::size_t i) const {
     return spots_[i].near + (assigned_[i] ? 1U : 0U);
   }
 
-  // Whether they are all that came to its spot, and more than one.
+  // True if these are all plots of the spot, and more than one.
   bool MayBeSingleDwell(std::size_t i) const {
     return spots_[i].at_other_times == 0 && NumInDwell(i) > 1;
   }
@@ -76,7 +75,7 @@ class ClutterEstimate {
                                               static_cast<std::uint32_t>(kClutterExclusionBins));
   }
 
-  // (sensors), of the plots of which `counts` is true, but for those that are assigned.
+  // Returns grids (sensors) of the unassigned plots for which `counts` is true.
   template <class Selection>
   std::vector<RangeGrid> GridsOf(const RangeRadius& radius, const Selection& counts) const {
     std::vector<RangeGrid> grids(station_models_.size(), RangeGrid(radius));
@@ -94,10 +93,10 @@ class ClutterEstimate {
     return {near, grid.Count(place_m) - near};
   }
 
-  // What is seen about a place at other times, and, where that is asked, the share of it that comes
-  // to its spot again and again, as twigs do. From wide to narrow: each level is the prior of the
-  // next, so that an empty neighbourhood still has what its surroundings have, and a level is
-  // believed only as far as its exposure goes.
+  // Sets the rate of plots around each plot at other times, method.md (2), and, where LogClutter()
+  // needs it, the share of them that recur at their spots, as twigs do. From wide to narrow: each
+  // level is the prior of the next, so that an empty neighbourhood takes the rate of its
+  // surroundings, and a level is weighted by its exposure.
   void SetRates() {
     rates_.assign(plots_.size(), 1e-6);
     recurrence_shares_.assign(plots_.size(), kPriorRecurrenceShare);
@@ -109,7 +108,7 @@ class ClutterEstimate {
       for (std::size_t i = 0; i < plots_.size(); ++i) {
         const Plot& plot = plots_[i];
         std::uint32_t count = CountsAt(all, i).at_other_times;
-        // What floats is no clutter, whenever it was seen at its spot.
+        // Plots at the spot of a floating plot are not clutter, whatever their time.
         if (plot.is_floating) count -= std::min(count, spots_[i].at_other_times);
         const std::uint32_t frames =
             NumFrames(plot) - BackgroundOf(plot).NumFrames(plot.sensor, Near(i));
@@ -126,7 +125,7 @@ class ClutterEstimate {
   const PlotConfig& config_;
   const std::vector<char>& assigned_;
   const std::vector<Plot>& plots_;
-  std::vector<std::uint32_t> bins_;  // (plots), and so all of these:
+  std::vector<std::uint32_t> bins_;  // (plots), as all of these:
   std::vector<Counts> spots_;
   std::vector<double> rates_;
   std::vector<double> recurrence_shares_;

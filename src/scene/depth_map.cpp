@@ -34,7 +34,7 @@ DepthMap::DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>&
 
 void DepthMap::Fill(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
                     std::size_t num_bins, Workspace* workspace) {
-  // Points by cell, in their order: that is mostly the order of the bins.
+  // Points grouped by cell in input order, which is mostly the order of the bins.
   constexpr double kQuantum_m = 0.05;
   constexpr std::uint64_t kMaxQuanta = 0xFFFF;
   auto& [cells, next, entries] = *workspace;
@@ -105,11 +105,11 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, do
       hidden += weight * (is_in_view ? hidden_bins(row * columns_ + column) : num_bins);
     }
   }
-  // What is narrower than a cell: its own has the word.
+  // A neighbourhood narrower than a cell: use the cell of the place.
   return all > 0.0 ? hidden / all : hidden_bins(CellOf(place_m)) / num_bins;
 }
 
-// The approximate angles decide, except near the edges of cells.
+// Exact angles are computed only near the edges of cells.
 std::size_t DepthMap::CellOf(const Eigen::Vector3f& p) const {
   const auto number_of = [](double approximate_rad, double cell_rad, const auto& exact_rad) {
     const double from = (approximate_rad - kApproximateAtan2ErrorRad) / cell_rad;

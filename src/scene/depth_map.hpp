@@ -1,4 +1,4 @@
-// How far one sees in each direction.
+// Median range of the returns in each direction.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,8 +11,8 @@
 
 namespace unlidar {
 
-// Median range of the returns per cell of directions, and per time bin. It holds the pairs of a
-// cell and a bin in which something was seen, however many bins there are.
+// Median range of the returns per direction cell and time bin. Sparse: only pairs of cell and bin
+// with returns are stored.
 class DepthMap {
  public:
   struct Depth {
@@ -20,7 +20,7 @@ class DepthMap {
     float median_m;
   };
 
-  // Those of one cell, by bin.
+  // Depths of one cell, ascending by bin.
   class Depths {
    public:
     Depths(const Depth* begin, const Depth* end) : begin_(begin), end_(end) {}
@@ -32,29 +32,29 @@ class DepthMap {
     const Depth* end_;
   };
 
-  // What it is filled in, kept for the next time.
+  // Buffers of Fill(), kept for reuse.
   struct Workspace {
     std::vector<std::uint32_t> cells;    // (points)
     std::vector<std::size_t> next;       // by cell
     std::vector<std::uint64_t> entries;  // (points) by cell
   };
 
-  // An empty one, of one time bin.
+  // An empty map of one time bin.
   explicit DepthMap(double cell_deg);
 
-  // `bins`: one per point, each below `num_bins`, which is at least 1; or none, where all are 0.
+  // `bins`: one per point, each below `num_bins` >= 1; or empty if all are 0.
   DepthMap(const PointsView& points_m, const std::vector<std::uint32_t>& bins, std::size_t num_bins,
            double cell_deg);
 
-  // Begins anew, in the memory that it has.
+  // Replaces the contents, reusing memory. Arguments as for the constructor.
   void Fill(const PointsView& points_m, const std::vector<std::uint32_t>& bins,
             std::size_t num_bins, Workspace* workspace);
 
-  // What was seen in the direction of a point.
+  // Returns the depths in the direction of a point.
   Depths DepthsAt(const Eigen::Vector3f& point_m) const { return DepthsOf(CellOf(point_m)); }
 
-  // Of the directions within `radius_m` of a place, as seen from the sensor, the share in which
-  // something is nearer than the place by `margin_m`, over all bins, or that are out of view.
+  // Returns the share, over all bins, of the directions within `radius_m` of a place, as seen from
+  // the sensor, that are out of view or in which something is nearer than the place by `margin_m`.
   double HiddenShare(const Eigen::Vector3f& place_m, double radius_m, double margin_m,
                      const ElevationRange& view) const;
 
@@ -75,9 +75,9 @@ class DepthMap {
   std::size_t rows_;
   double column_rad_;
   double row_rad_;
-  std::vector<Angle> elevations_;   // (rows) middles
+  std::vector<Angle> elevations_;   // (rows) of the cell centres
   std::vector<Angle> azimuths_;     // (columns)
-  std::vector<std::size_t> first_;  // depths of a cell, row by row, begin here; and of all, end
+  std::vector<std::size_t> first_;  // (rows x columns + 1) begin of each cell in `depths_`
   std::vector<Depth> depths_;       // by cell, then by bin
 };
 

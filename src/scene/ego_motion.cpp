@@ -11,29 +11,29 @@ namespace {
 constexpr TimeNs kSnapshotIntervalNs = 500'000'000;
 constexpr TimeNs kSnapshotSpanNs = 200'000'000;
 constexpr std::array<TimeNs, 3> kLagsNs = {500'000'000, 2'000'000'000, 8'000'000'000};
-constexpr std::ptrdiff_t kMaxCellPointsOfFrame = 8192;  // of a frame, evenly spread
-constexpr TimeNs kForgetNs = 10'000'000'000;  // after it, nothing that was seen before counts
+constexpr std::ptrdiff_t kMaxCellPointsOfFrame = 8192;  // evenly drawn
+constexpr TimeNs kForgetNs = 10'000'000'000;            // a longer pause resets the state
 
-constexpr std::size_t kNumSnapshots = 20;  // more than the longest lag has
+constexpr std::size_t kNumSnapshots = 20;  // more than the longest lag spans
 
-constexpr float kStationM = 1.0F;  // the station itself
-constexpr float kUprightM = 0.5F;  // steeper than any ground across a cell
+constexpr float kStationM = 1.0F;  // returns nearer than this are of the station itself
+constexpr float kUprightM = 0.5F;  // more than any ground rises across a cell
 
-// Tried: shifts and turns between two looks.
+// Search range: shifts, in cells, and turns between two snapshots.
 constexpr int kShift = 16;
-constexpr int kTurns = 15;  // to either side,
+constexpr int kTurns = 15;  // to either side
 constexpr double kTurnDeg = 2.0;
-constexpr int kRasterReach = 40 + kShift + 3;  // of cells turned and shifted
+constexpr int kRasterReach = 40 + kShift + 3;  // of turned and shifted cells
 constexpr int kRasterSide = 2 * kRasterReach;
 
 constexpr std::size_t kMinSharedCells = 30;
 constexpr std::size_t kMaxCells = 100;
-// A sensor that stands matches at most 0.065 better moved, with rain, sway, walkers and traffic;
-// one that is carried, drives or turns matches 0.19 to 0.77 better.
+// Measured gain of the best motion over none: at most 0.065 for stationary sensors with rain, sway,
+// walkers and traffic; 0.19 to 0.77 for sensors that are carried, drive or turn.
 constexpr double kMinMatchGain = 0.12;
 constexpr double kMinMatch = 0.6;
 constexpr int kSnapshotsToConfirm = 4;
-// What sensors change in half a second, and matches of what has no order do not keep to.
+// Largest change of a true motion in half a second; chance matches vary by more.
 constexpr double kMaxChangeMps = 4.0;
 constexpr double kMaxChangeDegPerS = 12.0;
 
@@ -69,7 +69,7 @@ void EgoMotion::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
     moving_snapshots_ = 0;
   }
   last_ns_ = time_ns;
-  // With a tolerance, since stamps are not even.
+  // Tolerance for uneven stamps.
   constexpr TimeNs kSlackNs = kSnapshotSpanNs / 4;
   if (is_recording_ && time_ns >= snapshot_begin_ns_ + kSnapshotSpanNs - kSlackNs) EndSnapshot();
   if (!is_recording_ &&
@@ -127,8 +127,8 @@ void EgoMotion::EndSnapshot() {
   if (moving_snapshots_ >= kSnapshotsToConfirm) found_ = motion;
 }
 
-// The newest snapshot of about this time, but for the one that has just ended; null if there is
-// none.
+// Returns the newest snapshot of this time, within the tolerance, before the one just ended; null
+// if there is none.
 const EgoMotion::Snapshot* EgoMotion::SnapshotBefore(TimeNs time_ns, TimeNs tolerance_ns) const {
   const std::size_t known = std::min(num_snapshots_, kNumSnapshots - 1);
   for (std::size_t ago = 1; ago <= known; ++ago) {
@@ -138,7 +138,7 @@ const EgoMotion::Snapshot* EgoMotion::SnapshotBefore(TimeNs time_ns, TimeNs tole
   return nullptr;
 }
 
-// Each cell with those about it: rays do not hit the same place twice.
+// Dilates by one cell: rays do not hit the same place twice.
 void EgoMotion::Rasterise(const Snapshot& snapshot) {
   std::fill(raster_.begin(), raster_.end(), 0);
   for (int x = -kReach; x < kReach; ++x) {

@@ -1,4 +1,4 @@
-// Whether a sensor moves, by the scene itself.
+// Detects a moving sensor from the scene itself.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,15 +11,16 @@
 
 namespace unlidar {
 
-// Of one sensor, by correlative scan matching (Olson, ICRA 2009) of looks of 0.2 s, one each half
-// second. A snapshot is the cells of 1 m, seen from above, in which something stands upright:
-// walls, trunks, poles, cars. Ground is left out since it looks the same from everywhere.
+// Ego motion of one sensor, by correlative scan matching (Olson, ICRA 2009) of snapshots of 0.2 s,
+// one every half second. A snapshot is the set of 1 m cells, seen from above, that contain
+// something upright: walls, trunks, poles, cars. Ground is left out since it looks the same from
+// everywhere.
 //
-// A sensor that stands sees what stands there again in the same cells, whatever walks about; one
-// that moves sees it in cells that a turn and a shift of all of them explain far better. It moves
-// where that is so in looks 0.5 s, 2 s or 8 s apart (for 0.3 to 30 m/s and 2 to 60 degrees/s), with
-// much the same motion for two seconds without a break. What cannot be matched either way, as in
-// fog, tells nothing, nor do walls that go on and on beside it.
+// A stationary sensor sees static objects in the same cells again, whatever moves around it; for a
+// moving one, a rotation and translation of all cells match far better. The sensor is reported as
+// moving if that holds for snapshots 0.5 s, 2 s or 8 s apart (0.3 to 30 m/s and 2 to 60 degrees/s),
+// with a consistent motion for two seconds without a break. Snapshots that match neither way, as in
+// fog, carry no evidence, nor do long uniform walls beside the sensor.
 class EgoMotion {
  public:
   struct Motion {
@@ -27,27 +28,28 @@ class EgoMotion {
     double turn_deg_per_s = 0.0;
   };
 
-  // How well a snapshot matches an earlier one: shares of its cells.
+  // Match of a snapshot with an earlier one: shares of its cells that coincide.
   struct Match {
     double stationary = 0.0;
-    double moved = 0.0;  // at best
-    Motion motion;       // of that
+    double moved = 0.0;  // best over all motions tried
+    Motion motion;       // that yields `moved`
   };
 
   EgoMotion();
 
-  // A frame: its returns, and where the sensor stands. One that is older than the last begins anew.
+  // Adds the returns of a frame; `origin_m`: position of the sensor. A frame older than the last,
+  // or more than 10 s later, resets the state.
   void AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
                 const Eigen::Vector3f& origin_m);
 
-  // Once it was found to move.
+  // Set once the sensor was found to move.
   const std::optional<Motion>& found() const { return found_; }
 
-  // The matches of the last snapshot, of those lags that could be tried.
+  // Matches of the last snapshot, for the lags that could be tried.
   const std::vector<Match>& matches() const { return matches_; }
 
  private:
-  // From above, 1 m wide, from -kReach to kReach about the sensor.
+  // Cells of 1 m, seen from above, from -kReach to kReach around the sensor.
   static constexpr int kReach = 40;
   static constexpr int kSide = 2 * kReach;
   using Cells = std::bitset<static_cast<std::size_t>(kSide) * kSide>;
@@ -57,8 +59,8 @@ class EgoMotion {
     int y = 0;
   };
   struct Snapshot {
-    TimeNs time_ns = 0;  // of its begin
-    Cells cells;         // in which something stands
+    TimeNs time_ns = 0;  // begin
+    Cells cells;         // with something upright
   };
 
   static std::size_t CellAt(int x, int y) {
@@ -75,17 +77,17 @@ class EgoMotion {
 
   std::optional<TimeNs> last_ns_;
   bool is_recording_ = false;
-  TimeNs snapshot_begin_ns_ = 0;     // of this snapshot, or the last
-  std::vector<float> lowest_m_;      // (cells) of this snapshot
+  TimeNs snapshot_begin_ns_ = 0;     // of the current or the last snapshot
+  std::vector<float> lowest_m_;      // (cells) of the current snapshot
   std::vector<float> highest_m_;     // (cells)
-  std::vector<Snapshot> snapshots_;  // the last ones, in turns,
-  std::size_t num_snapshots_ = 0;    // of so many in all
-  std::vector<char> raster_;         // (cells and a margin) where an earlier snapshot has any
-  std::vector<Cell> sampled_;        // cells of a snapshot, evenly drawn,
-  std::vector<Cell> transformed_;    // and where they come to lie
+  std::vector<Snapshot> snapshots_;  // ring buffer of the last ones
+  std::size_t num_snapshots_ = 0;    // since the last reset
+  std::vector<char> raster_;         // (cells and a margin) of an earlier snapshot, dilated
+  std::vector<Cell> sampled_;        // evenly drawn cells of a snapshot
+  std::vector<Cell> transformed_;    // the same after rotation
   std::vector<Match> matches_;
-  int moving_snapshots_ = 0;  // in a row, that speak of one motion,
-  Motion motion_;             // the last of them
+  int moving_snapshots_ = 0;  // consecutive ones with a consistent motion
+  Motion motion_;             // of the last of them
   std::optional<Motion> found_;
 };
 

@@ -7,9 +7,9 @@
 namespace unlidar {
 namespace {
 
-constexpr float kNoneSeen = 2.0F;  // beyond any sine
-// Beams of one ring or edge agree to some hundredths of a degree. The edge of a flat roof leaves
-// such a band within a few columns, as it is higher where it is nearer.
+constexpr float kNoneSeen = 2.0F;  // initial value, outside the range of a sine
+// Beams of one ring or edge agree within some hundredths of a degree. The edge of a flat roof
+// leaves this band within a few columns, because its elevation rises where it is nearer.
 constexpr double kSharpRad = 0.15 * M_PI / 180.0;
 constexpr std::ptrdiff_t kMinColumns = 8;
 
@@ -24,7 +24,7 @@ void FieldOfView::Add(const Eigen::Vector3f& point_m) {
   const float sine = point_m.z() / point_m.norm();
   lowest_ = std::min(lowest_, sine);
   highest_ = std::max(highest_, sine);
-  // Angles differ by no less than their sines.
+  // Conservative: angles differ by at least as much as their sines.
   constexpr auto kSharp = static_cast<float>(kSharpRad);
   if (sine > lowest_ + kSharp && sine < highest_ - kSharp) return;
   const double turns = (AzimuthRad(point_m) + M_PI) / (2.0 * M_PI);

@@ -11,8 +11,8 @@
 namespace unlidar {
 namespace {
 
-// Which plots are nothing but returns that came before or after with the very same coordinates: no
-// LiDAR measures a place twice alike, so these are repetitions of one frame.
+// Returns, per plot, whether all its returns recur in another frame with identical coordinates: no
+// LiDAR measures the same coordinates twice, so these are replays of one frame.
 std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot>& plots) {
   struct Hash {
     std::size_t operator()(const std::array<float, 3>& p) const {
@@ -46,16 +46,16 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
   return are_replayed;
 }
 
-// How the place of a plot is seen.
+// How often, and when, the place of a plot is occupied.
 enum class Persistence : char {
-  kIncidental,  // no more often than all about it
-  kPersistent,  // again and again
-  kTransient,   // again and again for a while, and not before or after it
+  kIncidental,  // no more often than its surroundings
+  kPersistent,  // repeatedly
+  kTransient,   // repeatedly, but for a part of the recording only
 };
 
-// Whether plots that lie within these frames, the last one counted, are a visit: of a thing that
-// stands there all the time they would lie within so small a share of the frames less often than 1
-// in 100, and what sways comes again sooner.
+// True if the plots of a place, all within [first_frame, last_frame], are of a transient object:
+// n plots of one that is always there fall within a share s of the frames with a probability of at
+// most n s^(n - 1), here below 1 in 100, and swaying objects return within less than 20 s.
 bool IsTransient(std::uint32_t num_plots, const std::vector<FrameInfo>& frames,
                  std::uint32_t first_frame, std::uint32_t last_frame) {
   constexpr double kMayBeChance = 0.01;
@@ -96,7 +96,7 @@ std::vector<Persistence> PersistencesOf(const Recording& recording, const std::v
   return persistences;
 }
 
-// What else stands beside each floating plot at the same time, against what does farther about it.
+// Compares the static plots beside each floating plot at the same time with those farther around.
 class NeighbourTest {
  public:
   NeighbourTest(const std::vector<Plot>& plots, const std::vector<Persistence>& persistences,
@@ -131,12 +131,12 @@ class NeighbourTest {
     }
   }
 
-  // Whether there is more beside a floating plot than by chance.
+  // True if a floating plot has more neighbours than chance allows.
   bool HasNeighbours(const Plot& plot) const {
     const auto sum_of = [&](Tally tally) {
       return tallies_.Count(plot.position_m.cast<float>(), {tally, tally + 1U});
     };
-    // A plot beside it was counted for every plot of its own that is near in time.
+    // Each neighbour was counted once for every plot of this place near it in time.
     const double times = static_cast<double>(sum_of(kSelf)) / sum_of(kPlots);
     const double chance =
         sum_of(kOuterReachFactor) / times / (kSurroundings * kSurroundings * kSurroundings - 1.0);
@@ -145,7 +145,7 @@ class NeighbourTest {
 
  private:
   static constexpr double kSurroundings = 5.0;  // times the reach
-  // The first three, and none, in order of distance.
+  // The first three and kNone are in order of distance.
   enum Tally : std::uint32_t {
     kSelf,
     kNeighbouring,
@@ -156,7 +156,7 @@ class NeighbourTest {
   };
   using Tallies = std::array<std::uint32_t, kNumTallies>;
 
-  // Where something stands at one time.
+  // Static plots of one time.
   struct StaticDetections {
     TimeNs time_ns;
     PointTree<double> places_m;
@@ -177,8 +177,8 @@ class NeighbourTest {
     return all_static;
   }
 
-  // Adds to `tallies` each place of a node by its distance from a position: all at once where the
-  // nearest and the farthest corner of its box agree.
+  // Adds each place of a node to the tally of its distance from a position: all at once where the
+  // nearest and the farthest point of its box have the same tally.
   template <class TallyAt>
   static void Count(const PointTree<double>& places_m, std::uint32_t id,
                     const Eigen::Vector3d& position_m, const TallyAt& tally_at, Tallies* tallies) {
@@ -199,7 +199,7 @@ class NeighbourTest {
     }
   }
 
-  RangeGrid tallies_;  // in the place of time bins: kinds of tallies
+  RangeGrid tallies_;  // the Tally takes the place of the time bin
 };
 
 }  // namespace

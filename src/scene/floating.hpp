@@ -1,4 +1,4 @@
-// Whether what seems to float does.
+// Detects static plots without support.
 #pragma once
 
 #include <vector>
@@ -10,12 +10,13 @@
 
 namespace unlidar {
 
-// Sets is_floating of the plots (as MakePlots gives them) that stand still where nothing holds them
-// up: seen at one place more often than chance has it, and without anything else that stands
-// still beside them at the same time, beyond what the surroundings explain. What is seen too seldom
-// to be structure may hold things up as well. (At other times it may be the target itself.) Rain
-// does not stand still. A repetition of a frame floats no more than what it repeats. What is seen
-// at its place for a while only has come there, as nothing that stands does.
+// Sets is_floating of the plots (from MakePlots) that are static and unsupported. Static: their
+// place holds more plots than chance allows, which excludes rain. Plots with neighbours (other
+// static plots beside them at the same time, more than the surroundings explain) are excluded,
+// because objects hit too seldom to be structure can hold something up as well; static plots at
+// other times do not count, as they may be the target itself. Replays of a frame are excluded, too.
+// A transient place may float even if part of its surroundings is hidden: an object that is held up
+// does not appear and vanish.
 void MarkFloating(const Recording& recording, const Support& support, const RobustConfig& config,
                   std::vector<Plot>* plots);
 

@@ -10,23 +10,24 @@
 namespace unlidar {
 namespace {
 
-// The height of a cell is a low quantile of its returns, so that strays below it do not count; a
-// cell of fewer returns has none, and fewer cells bear no plane out.
+// The height of a cell is a low quantile of its returns, so that strays below the ground do not
+// count. Minimum returns of a cell with a height, and minimum cells of a plane.
 constexpr double kQuantile = 0.05;
 constexpr std::uint32_t kMinReturns = 10;
 constexpr std::size_t kMinCells = 6;
-// What flies is seen near the station: within so far all cells count alike, farther ones by the
-// inverse square of their distance. A plane that they lead to must bear so much more of all cells
-// than the one that all lead to.
+// Targets are seen near the station: within kNearM all cells weigh alike, farther ones by the
+// inverse square of their distance. A plane fitted to near cells replaces the one fitted to all
+// cells if its support is higher by this ratio.
 constexpr double kNearM = 20.0;
 constexpr double kMinSupportRatio = 1.1;
-// Cells as near to the plane as rough ground is make it. Ground rises above it by little: more is a
-// bush, a car or the station itself; hollows are as deep as the relief, and deeper are reflections.
+// Half-width of the inlier band: the roughness of ground. Ground rises above the plane by at most
+// kMaxRiseM (higher is a bush, a car or the station itself). Heights off the plane by more than
+// kMaxReliefM are ignored: deeper hollows are reflections.
 constexpr double kPlaneBandM = 0.6;
 constexpr int kIterations = 6;
 constexpr double kMaxRiseM = 0.5;
 constexpr double kMaxReliefM = 1.5;
-// Of the returns of a cell of floor; of walls and trunks a few percent are as low.
+// Minimum share of low returns in a floor cell; walls and trunks have a few percent.
 constexpr double kFlatShare = 0.25;
 
 template <class Number>
@@ -78,14 +79,14 @@ void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
     }
     begin = cell.end;
   }
-  // Whatever the order of the points.
+  // Independent of the order of the points.
   std::sort(known.begin(), known.end(), [&](std::uint32_t a, std::uint32_t b) {
     return std::make_pair(cells_[a].x, cells_[a].y) < std::make_pair(cells_[b].x, cells_[b].y);
   });
 }
 
-// From a bank or a hill most of what is seen lies lower, on another plane: so what is near is asked
-// as well.
+// From a bank or a hill most of the view lies lower, on another plane, so a plane of the near cells
+// is tried as well.
 void Ground::FitPlane(Workspace* workspace) {
   Plane plane = PlaneOf(std::numeric_limits<double>::infinity(), workspace);
   const Plane near = PlaneOf(kNearM, workspace);
@@ -95,7 +96,7 @@ void Ground::FitPlane(Workspace* workspace) {
   exists_ = plane.support > 0.0 && plane_.tail<2>().norm() < config_.max_slope;
 }
 
-// Iterated least squares on the lower half of the cells as near as that, then on all that lie
+// Iterated least squares: first on the lower half of the cells within `reach_m`, then on all cells
 // within the band of the plane.
 Ground::Plane Ground::PlaneOf(double reach_m, Workspace* workspace) const {
   const std::vector<std::uint32_t>& known = workspace->known;
@@ -123,7 +124,7 @@ Ground::Plane Ground::PlaneOf(double reach_m, Workspace* workspace) const {
 bool Ground::Refit(double band_m, Plane* plane, Workspace* workspace) const {
   std::vector<std::uint32_t>& inliers = workspace->inliers;
   if (inliers.size() < kMinCells) return false;
-  // The triangle of the QR decomposition, and the right-hand side beside it, cell by cell.
+  // Triangular factor of the QR decomposition, augmented by the right-hand side, cell by cell.
   Eigen::Matrix4d triangle = Eigen::Matrix4d::Zero();
   for (const std::uint32_t number : inliers) {
     triangle.row(3) << MiddleOf(cells_[number]).transpose(), cells_[number].height_m;
@@ -158,7 +159,7 @@ double Ground::SupportOf(const std::vector<std::uint32_t>& inliers) const {
   return support;
 }
 
-// In steps, as a plane among walls and things is off by more than a narrow band at first.
+// The band narrows in steps: among walls and objects the first plane is off by more than band_m.
 double Ground::FlatSupport(double band_m, Workspace* workspace) const {
   if (!exists_) return 0.0;
   Plane plane;
@@ -200,7 +201,7 @@ VoxelKey Ground::KeyOf(const Cell& cell) {
          static_cast<std::uint32_t>(cell.y);
 }
 
-// With the 1 that the height at the origin is multiplied by.
+// Homogeneous: the 1 multiplies the height c0 at the origin.
 Eigen::Vector3d Ground::MiddleOf(const Cell& cell) const {
   return {1.0, (cell.x + 0.5) * config_.cell_m, (cell.y + 0.5) * config_.cell_m};
 }
@@ -213,7 +214,7 @@ double Ground::HeightAbove(const Eigen::Vector3f& point_m) const {
   double ground_m = plane_.dot(Eigen::Vector3d(1.0, p.x(), p.y()));
   const std::uint32_t number = numbers_.Find(0, KeyOf(CellOf(point_m)));
   if (number != VoxelNumbers::kNone) {
-    const double height_m = cells_[number].height_m;  // or none: no comparison holds
+    const double height_m = cells_[number].height_m;  // NaN fails the comparison
     if (std::abs(height_m - ground_m) < kMaxReliefM) {
       ground_m = std::min(height_m, ground_m + kMaxRiseM);
     }

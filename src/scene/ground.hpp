@@ -12,41 +12,42 @@
 
 namespace unlidar {
 
-// Local lowest heights about one plane z = c0 + c1 x + c2 y, x and y from the station. Without a
-// ground in view (a sensor that looks up) every height above it is infinite.
+// Lowest local heights relative to one plane z = c0 + c1 x + c2 y, x and y from the station.
+// Without a ground in view (a sensor that looks up) every height above ground is infinite.
 class Ground {
  public:
-  // What it is fitted in, kept for the next fit.
+  // Buffers of Fit(), kept for reuse.
   struct Workspace {
     std::vector<float> heights_m;        // of the points, by cell
-    std::vector<std::uint32_t> known;    // cells with a height, by place
-    std::vector<double> lowest_m;        // theirs, or of those near the station
-    std::vector<std::uint32_t> inliers;  // of them, those that the plane is fitted to
+    std::vector<std::uint32_t> known;    // cells with a height, ordered by x, then y
+    std::vector<double> lowest_m;        // heights of these, or of those near the station
+    std::vector<std::uint32_t> inliers;  // the known cells to which the plane is fitted
   };
 
-  // None, until it is fitted.
+  // No ground until Fit().
   explicit Ground(const GroundConfig& config) : config_(config) {}
 
   Ground(const PointsView& points_m, const GroundConfig& config);
 
-  // Begins anew, in the memory that it has.
+  // Replaces the ground, reusing memory.
   void Fit(const PointsView& points_m, Workspace* workspace);
 
-  // How many cells the plane goes through, far ones by the inverse square of their distance; 0
-  // without a ground.
+  // Number of inlier cells of the plane, those beyond 20 m weighted by the inverse square of their
+  // distance; 0 without a ground.
   double support() const { return exists_ ? support_ : 0.0; }
 
-  // The same of flat cells alone: within this, at most 0.6 m, of a plane fitted to such, as is also
-  // a quarter of their returns. As many of a floor; few or none of rough ground, or of things that
-  // are equally low. `workspace`: of the last Fit().
+  // Same as support(), of flat cells only: within `band_m` (at most 0.6 m) of a plane refitted to
+  // such cells, with at least a quarter of their returns as low. Nearly all cells of a floor count,
+  // few or none of rough ground or of objects of equal lowest height. `workspace`: of the last
+  // Fit().
   double FlatSupport(double band_m, Workspace* workspace) const;
 
-  // Where the plane is under the station, in m; without a ground it is not defined.
+  // Height (z) of the plane at x = y = 0, the station, in m; undefined without a ground.
   double height_m() const { return plane_.x(); }
 
   double HeightAbove(const Eigen::Vector3f& point_m) const;
 
-  // Whether a return comes from the ground itself.
+  // True if the return comes from the ground itself.
   bool IsGround(const Eigen::Vector3f& point_m) const;
 
  private:
@@ -54,16 +55,16 @@ class Ground {
   struct Cell {
     int x = 0;
     int y = 0;
-    std::uint32_t end = 0;                                       // of its points among all
-    double height_m = std::numeric_limits<double>::quiet_NaN();  // unless it has too few
+    std::uint32_t end = 0;  // of its points in Workspace::heights_m
+    double height_m = std::numeric_limits<double>::quiet_NaN();  // NaN if it has too few points
   };
 
   struct Plane {
     Eigen::Vector3d coefficients = Eigen::Vector3d::Zero();
-    double support = 0.0;  // cells that it goes through, by how near they are; 0: there is none
+    double support = 0.0;  // weighted number of inlier cells; 0: no plane
   };
 
-  // Without its height.
+  // Returns the cell without its height.
   Cell CellOf(const Eigen::Vector3f& point_m) const;
   static VoxelKey KeyOf(const Cell& cell);
   Eigen::Vector3d MiddleOf(const Cell& cell) const;
@@ -72,8 +73,8 @@ class Ground {
   void FitPlane(Workspace* workspace);
   Plane PlaneOf(double reach_m, Workspace* workspace) const;
 
-  // Fits the plane to the inliers, then takes those within the band of it as inliers; false where
-  // they are too few.
+  // Fits the plane to the inliers, then makes all known cells within the band of it the inliers.
+  // Returns false if there are too few to fit.
   bool Refit(double band_m, Plane* plane, Workspace* workspace) const;
   void SetInliers(double band_m, const Plane& plane, Workspace* workspace) const;
   double SupportOf(const std::vector<std::uint32_t>& inliers) const;

@@ -10,8 +10,8 @@ using Tree = PointTree<float>;
 
 float Square(float x) { return x * x; }
 
-// Points of a leaf with one place differ in their pairs with another one only by whether they
-// come before or after it: the first and the last stand for all.
+// Coincident points of a leaf differ in their pairs with another point only by whether they come
+// before or after it, so the first and the last represent all.
 std::uint32_t StepOf(const Tree::Node& leaf) {
   const std::uint32_t size = leaf.end - leaf.begin;
   return leaf.low_m == leaf.high_m && size > 1 ? size - 1 : 1;
@@ -41,7 +41,7 @@ void Linker::Link(const std::vector<Eigen::Vector3f>& points_m,
     group_of_[i] = first == i ? ends_.size() - 1 : group_of_[first];
     ++ends_[group_of_[i]];
   }
-  // Members by group: what are counts become begins, and then ends.
+  // Members by group: `ends_` holds counts, then begins, then ends.
   std::size_t begin = 0;
   for (std::size_t& end : ends_) begin += std::exchange(end, begin);
   members_.resize(returns.size());
@@ -90,7 +90,7 @@ std::size_t Linker::SetOf(std::uint32_t one) {
   return sets_.Find(tree_.indices()[tree_.nodes()[one].begin]);
 }
 
-// Joins the near points of a node.
+// Joins all near pairs of points within a node.
 void Linker::Connect(std::uint32_t id) {
   const Tree::Node& node = tree_.nodes()[id];
   if (boxes_[id].is_connected) {
@@ -113,7 +113,7 @@ bool Linker::AreConnected(std::uint32_t a, std::uint32_t b) {
   return boxes_[a].is_connected && boxes_[b].is_connected && SetOf(a) == SetOf(b);
 }
 
-// Joins the near points of two nodes.
+// Joins all near pairs of points between two nodes.
 void Linker::Connect(std::uint32_t a, std::uint32_t b) {
   if (!MayBeNear(a, b) || AreConnected(a, b)) return;
   const Tree::Node& node_a = tree_.nodes()[a];

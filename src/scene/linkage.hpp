@@ -1,4 +1,4 @@
-// Returns that hang together: single linkage with a radius that grows with range.
+// Single-linkage clustering of returns with a radius that grows with range.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,22 +13,22 @@
 
 namespace unlidar {
 
-// Joins points along a tree of boxes. Two boxes are looked into only if a pair between them may be
-// near and they are not one group already. A box whose points are all near each other is one group,
-// so that the work follows the boxes of the size of a radius, not the points in them: the time is
-// nearly in proportion to the number of returns, however dense they lie.
+// Joins points along a tree of boxes. A pair of boxes is descended only if points of both may be
+// near each other and the boxes are not one group already. A box smaller than the radius is one
+// group, so the work depends on the number of such boxes, not of the points in them: the time is
+// nearly proportional to the number of returns, however dense.
 //
-// Its memory is used again: none is taken for a frame that shows no more than one before.
+// Memory is reused: a frame no larger than an earlier one allocates none.
 class Linker {
  public:
   // Finds the groups of `returns` (ascending indices of points), in the order of their first
-  // members, each ascending. Two returns are joined that are nearer to each other than the radius
-  // at the one with the lower x, or, where both have the same x, at the first of them. (Distances
-  // and radii are floats: which pairs lie on the boundary is part of the definition.)
+  // members, each ascending. Two returns are joined if they are nearer to each other than the
+  // radius at the one with the lower x or, for equal x, at the first of them. (Distances and radii
+  // are floats; their rounding at the boundary is part of the definition.)
   void Link(const std::vector<Eigen::Vector3f>& points_m, const std::vector<std::uint32_t>& returns,
             const RangeRadius& radius);
 
-  // The groups that were found last.
+  // Groups of the last Link().
   std::size_t size() const { return ends_.size(); }
   IndexView operator[](std::size_t group) const {
     const std::uint32_t* const members = members_.data();
@@ -36,11 +36,11 @@ class Linker {
   }
 
  private:
-  // What is known of the points of a node.
+  // Bounds over the points of a node.
   struct Box {
     float min_reach_m;
     float max_reach_m;
-    bool is_connected;  // they belong together
+    bool is_connected;  // all points are in one group
   };
 
   void SetBounds(std::size_t id);
@@ -54,11 +54,11 @@ class Linker {
 
   std::vector<Eigen::Vector3f> positions_m_;
   PointTree<float> tree_;
-  std::vector<float> reaches_m_;  // radius at each point, by leaf
+  std::vector<float> reaches_m_;  // radius at each point, in the order of the tree
   DisjointSets sets_;
   std::vector<Box> boxes_;              // by node
   std::vector<std::size_t> group_of_;   // (returns)
-  std::vector<std::size_t> ends_;       // of the groups in `members_`
+  std::vector<std::size_t> ends_;       // (groups) in `members_`
   std::vector<std::uint32_t> members_;  // by group
 };
 

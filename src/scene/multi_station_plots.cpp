@@ -15,7 +15,7 @@
 namespace unlidar {
 namespace {
 
-// What one station sees, relative to its viewpoint.
+// Plots of one station, relative to its viewpoint.
 struct StationPlots {
   std::vector<Plot> plots;
   std::vector<char> are_static_floating;  // (plots)
@@ -40,13 +40,13 @@ StationPlots PlotsOf(const Recording& recording, const Background& background,
   }
   const Support support(structure_m, ground, view.Edges(), config.background.occluder_cell_deg,
                         config.support);
-  // What stands still in the air all the time looks like structure, but is none.
+  // Static objects in the air look like structure if present throughout; they are candidates again.
   const std::vector<std::uint32_t> floating =
       support.FloatingReturns(recording, background.structure());
   std::vector<std::uint32_t> candidates;
   std::merge(background.unexplained().begin(), background.unexplained().end(), floating.begin(),
              floating.end(), std::back_inserter(candidates));
-  // Ground far away is hit too seldom to be known by its occupancy.
+  // Distant ground is hit too seldom to be classified by occupancy.
   candidates.erase(
       std::remove_if(candidates.begin(), candidates.end(),
                      [&](std::uint32_t i) { return ground.IsGround(recording.points_m[i]); }),
@@ -73,7 +73,7 @@ MultiStationPlots::MultiStationPlots(const Recording& recording, const Stations&
       num_sensors_(recording.sensors.size()),
       are_bodies_(recording.points_m.size(), 0) {
   if (stations.size() == 1 && stations.ViewpointM(0).isZero()) {
-    // What a station about the origin sees alone needs no copy.
+    // A single station at the origin needs no copy of the recording.
     std::vector<std::uint32_t> all(recording.frames.size());
     std::iota(all.begin(), all.end(), 0U);
     AddStation(recording, recording, all, config);

@@ -1,4 +1,4 @@
-// What the stations of a recording see: each by itself, and their plots together.
+// Scene of each station of a recording, and the plots of all stations together.
 #pragma once
 
 #include <cstddef>
@@ -14,28 +14,29 @@
 
 namespace unlidar {
 
-// Every station has a scene and plots of its own, as if it were alone: ranges, directions and what
-// hides what begin at its viewpoint, and what one sees well another may see too seldom to judge it.
+// Every station is processed with a scene and plots of its own, because ranges, directions and
+// occlusion are relative to its viewpoint, and a place that one station sees well may be too seldom
+// exposed for another to classify it.
 class MultiStationPlots {
  public:
   MultiStationPlots(const Recording& recording, const Stations& stations,
                     const RobustConfig& config);
 
-  // Of all stations, in the common frame, frame by frame in order of time.
+  // Plots of all stations, in the common coordinate frame, frame by frame in order of time.
   const std::vector<Plot>& plots() const { return plots_; }
 
-  // (plots) Those that float in one place.
+  // (plots) Floating plots with returns that looked like structure: hovering throughout.
   const std::vector<char>& are_static_floating() const { return are_static_floating_; }
 
-  // (returns) Those of bodies.
+  // (returns) 1 for returns of bodies.
   const std::vector<char>& are_bodies() const { return are_bodies_; }
 
   std::size_t num_unexplained() const { return num_unexplained_; }
 
-  // Sets log_clutter of all plots. `assigned` (plots) as for unlidar::EstimateClutter.
+  // Sets log_clutter of all plots. `assigned` (plots): see unlidar::EstimateClutter.
   void EstimateClutter(const std::vector<char>& assigned);
 
-  // (sensors) They refer to this.
+  // Returns one model per sensor; they point into this object.
   std::vector<StationModel> StationModels() const;
 
  private:

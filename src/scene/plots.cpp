@@ -12,18 +12,17 @@
 namespace unlidar {
 namespace {
 
-// How near the returns of one body are: looser than those of a plot, as head and legs are hit
-// apart.
+// Linkage radius of a body: looser than that of a plot, as head and legs are hit separately.
 constexpr RangeRadius kBodyLink{1.5, 0.02};
-// The lower edge of the field of view hides the legs of what is lower than a person, and stands as
-// near to it as a few rays.
+// The lower edge of the field of view cuts off legs: a return within a few rays of it, and no
+// higher than a person, counts as ground contact.
 constexpr double kBodyHeightM = 2.0;
 constexpr double kBodyEdgeRad = 0.05;
-// Part of a body is what is nearer to its box than this share of its length, and at least so near:
-// its far side is hidden, its rest sparse.
+// Plots nearer to the box of a body than this share of its size (at least kMinBodyMarginM) are part
+// of it: its far side is hidden, the rest sparse.
 constexpr double kBodyMargin = 0.5;
 constexpr double kMinBodyMarginM = 0.75;
-// Of the ground: what is lower is no legs.
+// Of the ground: lower returns are not legs.
 constexpr double kRoughnessM = 0.25;
 
 bool IsBody(const Recording& recording, const IndexView& returns, const Ground& ground,
@@ -115,8 +114,8 @@ bool Columns::IsIn(const Eigen::Vector3d& point_m, const Column& column) {
          below_m.head<2>().norm() < column.radius_m;
 }
 
-// Counts what is below each plot. What the scene explains counts too: near the ground it explains
-// legs.
+// Counts the returns below each plot, including structure: near the ground, legs may be taken for
+// structure.
 void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame) {
   columns_.Clear();
   for (const Plot& plot : found_.plots) columns_.Add(plot);
@@ -181,7 +180,7 @@ bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies) {
       std::lower_bound(bodies.begin(), bodies.end(), plot.time_ns - margin_ns,
                        [](const BodyBox& box, TimeNs time_ns) { return box.time_ns < time_ns; });
   for (; body != bodies.end() && body->time_ns <= plot.time_ns + margin_ns; ++body) {
-    // Its far side may reach as far as its length, its top as its height.
+    // The hidden far side may extend by a share of the length, the top by one of the height.
     const Eigen::Array3f size_m = body->high_m - body->low_m;
     const float length_m = size_m.head<2>().maxCoeff();
     const Eigen::Array3f margin_m =

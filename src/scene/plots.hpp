@@ -1,4 +1,4 @@
-// Plots: what one frame shows at one place, with the clutter to be expected there.
+// Plots: the detections of one frame, with their clutter intensity.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,56 +18,57 @@
 
 namespace unlidar {
 
-// Neighbourhoods whose plots tell of the clutter of a place: the middle and the narrow one are
-// keys, the wide one reaches across a scene. Each is the prior of the next, with the weight of half
-// a plot (Jeffreys' prior of a Poisson rate). Bins of the background as near to a plot's own say
-// nothing of its clutter: a target takes about as long to leave its place.
+// Neighbourhoods from which the clutter intensity of a place is estimated, method.md (2): the
+// middle and the narrow one are configuration keys, the wide one reaches across a scene. Each is
+// the prior of the next, with the weight of half a plot (Jeffreys' prior of a Poisson rate). Bins
+// of the background within kClutterExclusionBins of a plot's own do not count towards its clutter:
+// a target takes about that long to leave its place.
 constexpr RangeRadius kClutterWide{4.0, 0.35};
 constexpr double kClutterPriorPlots = 0.5;
 constexpr int kClutterExclusionBins = 2;
 
-// The rate of clutter (plots or returns per m^3 and frame) where so many were seen in so many m^3
-// and frames, given the rate about it.
+// Returns the clutter intensity (plots or returns per m^3 and frame) given their `count`, the
+// `exposure` in m^3 x frames and the intensity of the surroundings, method.md (2).
 inline double ClutterRate(double count, double exposure, double prior_rate) {
   return (count + kClutterPriorPlots) / (exposure + kClutterPriorPlots / prior_rate);
 }
 
-// What was a body is near so long before and after.
+// A body excludes the plots beside it for this long before and after.
 constexpr double kBodyMarginS = 0.35;
 
 struct Plot {
   TimeNs time_ns = 0;        // mean of its returns
   TimeNs frame_time_ns = 0;  // middle of its frame
-  double streak_s = 0.0;     // how long its returns may lie apart: a frame without times of points
+  double streak_s = 0.0;     // duration of its frame if returns have no times, otherwise 0
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();  // to it from the viewpoint of its station
-  double variance_m2 = 0.0;  // of the position, per axis, for a target at rest
-  double lowest_m = 0.0;     // height of its lowest return above the ground
-  double place_rate = 0.0;   // of all returns at its place: see Background::PlaceRate
-  double log_clutter = 0.0;  // log of the clutter plots per m^3 and frame of its sensor
-  bool is_floating = false;  // stands still where nothing holds it up: MarkFloating tells
-  double column_m = 0.0;     // how far below it what may be a body's counts: nearly to the ground
-  std::uint32_t num_below = 0;  // returns of its frame in that column: of a body
+  Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();  // from the viewpoint of its station
+  double variance_m2 = 0.0;     // of the position, per axis, for a target at rest
+  double lowest_m = 0.0;        // height of its lowest return above the ground
+  double place_rate = 0.0;      // mean Background::PlaceRate of its returns
+  double log_clutter = 0.0;     // log clutter intensity, per m^3 and frame of its sensor
+  bool is_floating = false;     // static and unsupported: MarkFloating
+  double column_m = 0.0;        // length of the column below it in which returns may be a body's
+  std::uint32_t num_below = 0;  // returns of its frame in that column
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;
   std::uint32_t num_returns = 0;
-  std::vector<std::uint32_t> returns;  // indices into the recording; none in a stream
+  std::vector<std::uint32_t> returns;  // indices into the recording; empty in a stream
 };
 
-// The volume in which the plots of one point-like thing lie: that of a Gaussian of their noise.
+// Returns the volume in which the plots of one point-like object lie: V_plot of method.md (3).
 double PlotVolumeM3(const Plot& plot);
 
-// The mean of some returns, at least one.
+// Returns the mean position of the returns, at least one.
 Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns);
 
-// The order in which all stages expect plots; plots of one frame keep theirs.
+// Sorts the plots as all stages expect them; plots of one frame keep their order.
 void SortByFrameTime(std::vector<Plot>* plots);
 
-// Finds the plots that a return is below, as legs are below a head: within a column, beyond half
-// the height of a drone and the noise, and above the roughness of the ground.
+// Finds the plots above a return, as a head is above legs: the return lies in the column of the
+// plot, lower than half the height of a drone plus noise, and above the roughness of the ground.
 class Columns {
  public:
-  // Numbers the plots that are added, which must outlive this, in this order. Sort() when all are.
+  // Plots are numbered in the order of Add() and must outlive this. Call Sort() after the last.
   void Clear() {
     columns_.clear();
     box_.setEmpty();
@@ -75,7 +76,7 @@ class Columns {
   void Add(const Plot& plot);
   void Sort();
 
-  // Calls `visit(number)` for each plot that the return is below.
+  // Calls `visit(number)` for each plot above the return.
   template <class Visit>
   void VisitAbove(const Eigen::Vector3f& return_m, const Visit& visit) const {
     if (!box_.contains(return_m)) return;
@@ -99,37 +100,38 @@ class Columns {
 
   std::vector<Column> columns_;
   double widest_m_ = 0.0;
-  Eigen::AlignedBox3f box_;  // about all of them: most returns are beyond it
+  Eigen::AlignedBox3f box_;  // around all columns: most returns lie outside
 };
 
-// Whether a plot has any of some returns (N, not 0 for each of them).
+// True if the plot contains any of the marked `returns` (N, nonzero if marked).
 bool HasAnyOf(const Plot& plot, const std::vector<char>& returns);
 
-// Where a body lies, and when the first of its returns was measured.
+// Bounding box of a body, and the time of its first return.
 struct BodyBox {
   TimeNs time_ns = 0;
   Eigen::Array3f low_m = Eigen::Array3f::Zero();
   Eigen::Array3f high_m = Eigen::Array3f::Zero();
 };
 
-// What one frame shows.
+// Plots and bodies of one frame.
 struct FramePlots {
   std::vector<Plot> plots;                  // without the lists of their returns
   std::vector<BodyBox> bodies;              // people, cars
   std::vector<std::uint32_t> body_returns;  // indices into the recording
 };
 
-// Finds the plots of frames, one after the other in the same memory.
+// Extracts the plots of successive frames, reusing its memory.
 class FramePlotter {
  public:
-  // Of `candidates`, returns of one frame in ascending order; those of bodies are left out of them.
-  // All of the recording is relative to the viewpoint of its station; `lowest_elevation_rad`:
-  // LowestElevationRad of the station. What is returned is the caller's until the next frame.
+  // Links `candidates`, returns of one frame in ascending order, into plots; returns of bodies are
+  // removed from them. The recording is relative to the viewpoint of its station;
+  // `lowest_elevation_rad`: LowestElevationRad of the station. The result is valid until the next
+  // call, and may be changed.
   FramePlots& Find(const Recording& recording, std::uint32_t frame,
                    std::vector<std::uint32_t>* candidates, const Ground& ground,
                    double lowest_elevation_rad, const PlotConfig& config);
 
-  // Of a plot that was found last: indices into the recording.
+  // Returns of a plot of the last frame: indices into the recording.
   IndexView ReturnsOf(std::size_t plot) const { return linker_[plot]; }
 
  private:
@@ -141,25 +143,26 @@ class FramePlotter {
   FramePlots found_;
 };
 
-// Whether a plot is next to a body: what of it was too sparse, or too far from the rest, to be
-// known. `bodies` in order of time.
+// True if the plot lies beside a body within kBodyMarginS: it may be a part of the body too sparse
+// or too far from the rest to be linked to it. `bodies` in order of time.
 bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies);
 
-// Plots of `candidates`, returns in ascending order, frame by frame in order of time; bodies
-// (people, cars) left out, with all that is next to one shortly before or after. `is_body` (N)
-// tells the returns of bodies themselves.
+// Returns the plots of `candidates` (returns, ascending), frame by frame in order of time, without
+// bodies (people, cars) and plots beside one within kBodyMarginS. Sets `is_body` (N): 1 for the
+// returns of the bodies themselves.
 std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
                             const PlotConfig& config, std::vector<char>* is_body);
 
-// Sets place_rate of every plot, whose returns are those of the background: the mean over them.
+// Sets place_rate of every plot, the mean over its returns, which must be indices into the
+// recording of `background`.
 void SetPlaceRates(const Background& background, std::vector<Plot>* plots);
 
-// Sets log_clutter of every plot, MarkFloating and SetPlaceRates done, from the plots of its sensor
-// that are not `assigned` (size of plots): from those at other times in three narrowing
-// neighbourhoods, and, unless it floats, from the rate of a static thing at its place (which plots
-// of one visit tell only as far as each follows others, where few things are static) and from that
-// of all returns there. `station_models`: (sensors).
+// Sets log_clutter of every plot, after MarkFloating and SetPlaceRates, from the plots of its
+// sensor that are not `assigned` (one per plot): the largest of their rate at other times in three
+// narrowing neighbourhoods and, unless it floats, the rate of a static object at its spot (by the
+// chain rule where all its plots may be one dwell) and the rate of all returns of its place;
+// method.md (2) to (4). `station_models`: one per sensor.
 void EstimateClutter(const std::vector<StationModel>& station_models, const PlotConfig& config,
                      const std::vector<char>& assigned, std::vector<Plot>* plots);
 

@@ -16,17 +16,18 @@ namespace {
 
 using Members = std::vector<std::uint32_t>;
 
-// AlternativePaths that are less likely than the path by more do not count: none of them changes a
-// probability by 1e-5.
+// Paths that are less likely than the reported one by a larger log ratio are ignored: none of them
+// changes a probability by 1e-5.
 constexpr double kMaxLogDeficit = 12.0;
-// AlternativeModes of less would make no sigma larger by half a hundredth.
+// Modes of lower probability would increase no sigma by more than 0.5 %.
 constexpr double kMinProbability = 1e-3;
-// Times of one sighting, told by a plot and by all returns of a frame, differ by less.
+// The times of one detection, from its plot and from all returns of the frame, differ by less.
 constexpr TimeNs kSameFrameNs = 50'000'000;
 
-// The alternatives in which a target may have gone on from where its path is beyond mode: the last
-// plot behind which it brings `birth_cost` yet. They are searched for as paths are, but nothing
-// else begins; and what goes unseen is taken to be there yet, so that it pays for it.
+// The hypotheses of how a target continued after the last plot of its path that is certain: the
+// last one behind which the path still gains `birth_cost`. The search is that for paths, but
+// without births; a target that is missed is assumed to be still present, so its missed detections
+// count.
 class AlternativePaths {
  public:
   AlternativePaths(const std::vector<Plot>& plots, const Members& members, std::vector<char> free,
@@ -62,8 +63,8 @@ class AlternativePaths {
     Search(initial_hypotheses, free, min_score);
   }
 
-  // `log_evidence_ratio`: by how much what was seen of it behind its last plot makes the path
-  // likelier.
+  // `log_evidence_ratio`: log likelihood ratio in favour of the path, from measurements after its
+  // last plot.
   std::vector<AlternativeMode> AlternativeModes(double log_evidence_ratio) const {
     double best = -std::numeric_limits<double>::infinity();
     for (const auto& [alternative, model] : alternatives_) best = std::max(best, alternative.score);
@@ -103,7 +104,7 @@ class AlternativePaths {
   }
 
  private:
-  // Appends the alternatives that go on from these, one for each model.
+  // Appends the alternatives that continue from these hypotheses, one per model.
   void Search(const std::vector<Hypothesis>& initial_hypotheses, const std::vector<char>& free,
               double min_score) {
     const std::vector<double> log_births(plots_.size(), -std::numeric_limits<double>::infinity());
@@ -155,8 +156,8 @@ class AlternativePaths {
     return static_cast<double>(time_ns - plots_.front().frame_time_ns) * kSecondsPerNs;
   }
 
-  // The first plot of a alternative that is later; 1 at min_score, as nothing before its first is
-  // asked for.
+  // Index of the first plot of an alternative later than a time; at least 1, as no time before its
+  // first plot is tested.
   std::size_t After(const Members& members, TimeNs time_ns) const {
     std::size_t next = 1;
     while (next < members.size() && plots_[members[next]].frame_time_ns <= time_ns) ++next;
@@ -168,7 +169,7 @@ class AlternativePaths {
     return next;
   }
 
-  // Whether a alternative leads from one plot of the path to the next one.
+  // True if the alternative connects the same two consecutive plots as the path does.
   bool IsOnReportedPath(const AlternativePath& alternative, std::size_t next,
                         std::size_t own) const {
     if (alternative.steps[next - 1].plot != tail_[own - 1]) return false;
@@ -176,8 +177,8 @@ class AlternativePaths {
     return own < tail_.size() && alternative.steps[next].plot == tail_[own];
   }
 
-  // Where it was by a alternative, and the variance per axis: by what was known at the plot before,
-  // and by the one after, if there is one.
+  // Position according to an alternative, and variance per axis: predicted from the plot before and
+  // updated with the plot after, if there is one.
   std::pair<Eigen::Vector3d, double> At(const AlternativePath& alternative, std::size_t next,
                                         const TrackModel& model, TimeNs time_ns) const {
     const AlternativePath::Step& from = alternative.steps[next - 1];
@@ -200,11 +201,11 @@ class AlternativePaths {
   const std::vector<Plot>& plots_;
   const ScanSchedule& scan_schedule_;
   const TrackerConfig& config_;
-  Members tail_;  // of the path
+  Members tail_;  // plots of the path from the cut on
   std::vector<TimeNs> frames_ns_;
-  FrameTime end_;  // of the last of them
+  FrameTime end_;  // of the last frame
   std::vector<TrackModel> models_;
-  std::vector<std::pair<AlternativePath, std::size_t>> alternatives_;  // and their models
+  std::vector<std::pair<AlternativePath, std::size_t>> alternatives_;  // with index of the model
 };
 
 }  // namespace

@@ -1,5 +1,4 @@
-// Where a target may have been if its path went astray: the other ways in which it may have gone
-// on.
+// Alternative modes: other continuations of a path that are nearly as likely as the reported one.
 #pragma once
 
 #include <cstddef>
@@ -10,11 +9,12 @@
 
 namespace unlidar {
 
-// About the ends of one of these paths, frame by frame, in order of time. A path is the likeliest
-// of all ways. Where it brings little, others bring nearly as much: to go on with other plots, or
-// to go unseen since an earlier one. What is before the last plots that bring `birth_cost` together
-// is not doubted. What other paths hold is not the target's. Its measurements before and behind the
-// path make that likelier than all other ways, by their ratios.
+// Returns the alternative modes about both ends of one path, one per frame, in order of time. The
+// path is the likeliest continuation; where it gains little, others gain nearly as much: to
+// continue with other plots, or to be missed since an earlier one. The part of the path before its
+// last plots that together gain `birth_cost` is taken as certain. Plots of other paths are
+// excluded. Measurements before and after the path favour it over all other continuations, by their
+// log ratios.
 std::vector<AlternativeMode> AlternativeModesOf(std::size_t path, const std::vector<Path>& paths,
                                                 const std::vector<Plot>& plots,
                                                 const ScanSchedule& scan_schedule,

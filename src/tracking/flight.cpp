@@ -10,13 +10,12 @@
 namespace unlidar {
 namespace {
 
-// Which share of a path is higher above the ground. The lower parts of people and cars are not hit
-// in every frame, so heights are the lowest of a while.
+// Share of the plots above a height over ground. The lower parts of people and cars are not hit in
+// every frame, so the lowest plot within the window counts.
 double ShareAbove(const std::vector<Plot>& path, double height_m) {
   constexpr TimeNs kWindowNs = 750'000'000;
   std::size_t num_high = 0;
-  std::deque<std::size_t>
-      lowest;  // of those in the window that may be its lowest, by rising height
+  std::deque<std::size_t> lowest;  // candidates for the lowest in the window, by rising height
   std::size_t next = 0;
   for (const Plot& plot : path) {
     for (; next < path.size() && path[next].frame_time_ns <= plot.frame_time_ns + kWindowNs;
@@ -32,9 +31,9 @@ double ShareAbove(const std::vector<Plot>& path, double height_m) {
   return static_cast<double>(num_high) / static_cast<double>(path.size());
 }
 
-constexpr double kMinOccupancyBelow = 0.05;  // how often that is below a drone anywhere
+constexpr double kMinOccupancyBelow = 0.05;  // of any place below a drone, at least
 
-// Where a path is: between its plots on the way, beyond its ends there.
+// Position on a path: linear between plots, constant beyond the ends.
 Eigen::Vector3d PositionM(const std::vector<Plot>& path, TimeNs time_ns) {
   const auto next =
       std::lower_bound(path.begin(), path.end(), time_ns,
@@ -47,20 +46,20 @@ Eigen::Vector3d PositionM(const std::vector<Plot>& path, TimeNs time_ns) {
   return last.position_m + share * (next->position_m - last.position_m);
 }
 
-// In which share of the frames something is where it is below each of these plots, while the path
-// is so far away that no body at the plot reaches there.
+// Share of the frames with returns below each of these plots, over the frames in which the path is
+// too far away for a body at the plot to reach there.
 std::vector<double> OccupancyBelowWhileAway(const Recording& recording,
                                             const std::vector<Plot>& path,
                                             const std::vector<const Plot*>& plots) {
   constexpr double kAwayM = 3.0;
   std::vector<double> shares(plots.size(), kMinOccupancyBelow);
-  if (recording.points_m.empty()) return shares;  // a stream keeps none
+  if (recording.points_m.empty()) return shares;  // a stream keeps no points
   Columns columns;
   for (const Plot* plot : plots) columns.Add(*plot);
   columns.Sort();
   std::vector<double> num_frames(plots.size(), 0.0);
   std::vector<double> num_hit(plots.size(), 0.0);
-  std::vector<char> may_be_hit(plots.size());  // in the frame, which counts once
+  std::vector<char> may_be_hit(plots.size());  // in the current frame, which counts once
   for (const FrameInfo& frame : recording.frames) {
     const Eigen::Vector3d path_m = PositionM(path, frame.middle_ns());
     for (std::size_t i = 0; i < plots.size(); ++i) {
@@ -82,16 +81,17 @@ std::vector<double> OccupancyBelowWhileAway(const Recording& recording,
   return shares;
 }
 
-// Whether nothing stands below a path. What stands on the ground and is seen at some height shows
-// below it as much more as there is room (plots count what is beyond half a drone's height and the
-// roughness of the ground). So each plot with nothing below makes a body less likely, the more the
-// higher it is and the more returns it has, unless something hides the rest. One with something
-// below makes it more likely, the more the less often something is there anyway: a bollard is.
+// True if nothing stands below a path. A body that stands on the ground and is seen at some height
+// returns proportionally more from the room below it (plots count returns beyond half a drone's
+// height and the roughness of the ground). So each plot with nothing below makes a body less
+// likely, the more the higher it is and the more returns it has, unless the rest is hidden. A plot
+// with returns below makes a body more likely, the more the less often there are returns at other
+// times: from a bollard there always are.
 bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, double chance) {
   constexpr double kOwnHeightM = 0.6;
   constexpr double kNotCountedM = 0.55;
   constexpr double kHidden = 0.02;
-  double log_ratio = 0.0;  // of the likelihoods of a body and of a drone
+  double log_ratio = 0.0;  // body over drone
   std::vector<const Plot*> above_something;
   for (const Plot& plot : path) {
     if (plot.num_below > 0) {
@@ -104,7 +104,7 @@ bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, 
     log_ratio += std::log(nothing) - std::log1p(-kMinOccupancyBelow);
   }
   const double log_chance = std::log(chance);
-  // Most paths of bodies need no look at all frames.
+  // For most paths of bodies the pass over all frames is not needed.
   if (above_something.empty() || log_ratio >= log_chance) return log_ratio < log_chance;
   for (const double share : OccupancyBelowWhileAway(recording, path, above_something)) {
     log_ratio -= std::log(share);
@@ -112,8 +112,8 @@ bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, 
   return log_ratio < log_chance;
 }
 
-// What a target returns for its range: returns per second times range^2, of the sensor that sees it
-// best. In pauses it may be hidden: only frames near a plot in time count.
+// Return rate: returns per second times range^2, of the sensor with the highest rate. A target may
+// be hidden during pauses, so only frames close in time to a plot count.
 double ReturnRateM2PerS(const Recording& recording, const ScanSchedule& scan_schedule,
                         const std::vector<Plot>& path) {
   constexpr TimeNs kNearNs = 500'000'000;
@@ -151,7 +151,7 @@ bool HasMinFrames(const std::vector<Plot>& path, int min_frames) {
 
 double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& path,
                         const RobustConfig& config) {
-  // Above what grows on the ground or lies there, and the error of the ground below it.
+  // Above vegetation and objects on the ground, and the error of the ground height.
   constexpr double kClearM = 0.75;
   return HasNothingBelow(recording, path, config.false_alarms_per_recording)
              ? std::min(kClearM, config.off_ground_m)

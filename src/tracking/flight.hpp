@@ -1,4 +1,4 @@
-// Whether a path of plots is that of a drone, beside its score.
+// Gates on a path beyond its score: detections, height and return rate.
 #pragma once
 
 #include <vector>
@@ -11,17 +11,18 @@
 
 namespace unlidar {
 
-// Evidence in so many frames: two plots of one frame are no two pieces of it.
+// True if the plots are of at least `min_frames` frames; two plots of one frame count once.
 bool HasMinFrames(const std::vector<Plot>& path, int min_frames);
 
-// How high above the ground a path must be to fly, for people and cars never are: less where its
-// returns show that it is no part of a body that stands below it. What is there anyway is no
-// body's: the returns of the recording tell, if it has any.
+// Returns the height above ground that people and cars do not reach and a path must exceed. It is
+// lower if the returns show that the path is no part of a body that stands below it. Objects that
+// are there at other times as well are no evidence of a body: judged by the returns of the
+// recording, if it keeps them.
 double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& path,
                         const RobustConfig& config);
 
-// kNone for what was seen often enough, is off the ground and returns as much as a drone does. Of
-// the recording the sensors and frames count, which may be those about the path only.
+// Returns kNone for a path that has enough detections, is off the ground and has the return rate of
+// a drone. Uses the sensors and frames of the recording, which may be only those about the path.
 Rejection FlightRejection(const Recording& recording, const ScanSchedule& scan_schedule,
                           const std::vector<Plot>& path, const RobustConfig& config);
 

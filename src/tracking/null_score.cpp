@@ -9,17 +9,17 @@
 namespace unlidar {
 namespace {
 
-// (frames) which frame of its sensor each takes the place of.
+// Returns the frame whose place each frame takes (frames): a random permutation per sensor.
 std::vector<std::uint32_t> ShuffledFrames(const Recording& recording) {
   std::vector<std::uint32_t> places(recording.frames.size());
   std::iota(places.begin(), places.end(), 0U);
-  std::mt19937 random(1);  // NOLINT(cert-msc32-c,cert-msc51-cpp): the same for the same input
+  std::mt19937 random(1);  // NOLINT(cert-msc32-c,cert-msc51-cpp): deterministic for the same input
   for (std::uint32_t sensor = 0; sensor < recording.sensors.size(); ++sensor) {
     std::vector<std::uint32_t> own;
     for (std::uint32_t f = 0; f < places.size(); ++f) {
       if (recording.frames[f].sensor == sensor) own.push_back(f);
     }
-    // Not std::shuffle: each library draws in its own way.
+    // Not std::shuffle: its draws differ between standard libraries.
     for (std::size_t k = own.size(); k > 1; --k) {
       std::swap(places[own[k - 1]], places[own[random() % k]]);
     }
@@ -42,7 +42,7 @@ double NullScore(const Recording& recording, const std::vector<Plot>& plots,
     plot.frame = frame;
     plot.frame_time_ns += moved_ns;
     plot.time_ns += moved_ns;
-    plot.returns = {};  // the search has no use for them
+    plot.returns = {};  // not used by the search
     shuffled.push_back(std::move(plot));
   }
   SortByFrameTime(&shuffled);

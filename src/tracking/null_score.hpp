@@ -1,4 +1,4 @@
-// What the search finds where nothing flies.
+// Null distribution of the track score.
 #pragma once
 
 #include <vector>
@@ -10,10 +10,10 @@
 
 namespace unlidar {
 
-// The best score that the search reaches in the clutter of a recording with the frames of each
-// sensor in random order, which no motion survives: a permutation null. 0 if it finds no path. The
-// order is the same whenever the recording is. `are_clutter` (plots): those that no target
-// explains.
+// Returns the best score in the clutter of a recording with the frames of each sensor in random
+// order, which no motion survives: a permutation null. 0 if no path is found. The order is
+// deterministic for a given recording. `are_clutter` (plots): 1 for plots that no target explains.
+// method.md (10).
 double NullScore(const Recording& recording, const std::vector<Plot>& plots,
                  const std::vector<char>& are_clutter, const ScanSchedule& scan_schedule,
                  const TrackerConfig& config);

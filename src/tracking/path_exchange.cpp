@@ -14,10 +14,10 @@ namespace {
 
 using Members = std::vector<std::uint32_t>;
 
-// Positions are noisy, and a path's first velocity is only learned.
+// Positions are noisy, and the initial velocity of a path is unknown.
 constexpr double kReachSlack_m = 2.0;
 
-// Where and when a path is.
+// Bounding box and time span of a path.
 struct Extent {
   Eigen::Array3d low_m = Eigen::Array3d::Zero();
   Eigen::Array3d high_m = Eigen::Array3d::Zero();
@@ -40,7 +40,7 @@ Extent ExtentOf(const std::vector<Plot>& plots, const Path& path) {
   return extent;
 }
 
-// Whether any plot of one path may be reached from one of the other: false only if none is.
+// False only if no plot of one path is reachable from any of the other.
 bool MayInteract(const Extent& a, const Extent& b, const TrackerConfig& config) {
   const TimeNs max_interval_ns = std::max(a.last_ns - b.first_ns, b.last_ns - a.first_ns);
   const double reach_m =
@@ -49,26 +49,27 @@ bool MayInteract(const Extent& a, const Extent& b, const TrackerConfig& config) 
   return gap_m.matrix().squaredNorm() <= reach_m * reach_m;
 }
 
-// So many plots of two paths come before a time.
+// Numbers of plots of two paths before a time.
 struct Cut {
   std::size_t in_a = 0;
   std::size_t in_b = 0;
 };
 
-// Whether so many plots of one path can go on as what follows so many of the other.
+// True if the first `num_before` plots of `from` can continue as the plots of `to` after the first
+// `num_skipped`.
 bool IsReachable(const std::vector<Plot>& plots, const Members& from, std::size_t num_before,
                  const Members& to, std::size_t num_skipped, const TrackerConfig& config) {
   if (num_before == 0 || num_skipped == to.size()) return true;
   return IsInReach(plots[from[num_before - 1]], plots[to[num_skipped]], kReachSlack_m, config);
 }
 
-// Where two paths may exchange what follows. Where the next plot is of the same path for a while, a
-// cut only moves that path's plots to the other. Near a change it may leave a stray first or last
-// plot behind.
+// Times at which two paths may exchange tails: those near a change from plots of one path to plots
+// of the other. Elsewhere a cut only moves plots of one path to the other. Near a change it may
+// leave a stray first or last plot behind.
 std::vector<Cut> CutsOf(const std::vector<Plot>& plots, const Members& a, const Members& b,
                         const TrackerConfig& config) {
   constexpr std::size_t kReach = 2;
-  std::vector<char> is_of_a;  // each plot of the two
+  std::vector<char> is_of_a;  // (plots of both, by time)
   is_of_a.reserve(a.size() + b.size());
   for (Cut at; at.in_a + at.in_b < a.size() + b.size();) {
     is_of_a.push_back(at.in_b == b.size() || (at.in_a < a.size() && a[at.in_a] < b[at.in_b]));
@@ -96,10 +97,10 @@ bool IsTooShort(const Path& path, const TrackerConfig& config) {
   return path.plots.size() < static_cast<std::size_t>(config.min_fragment_plots);
 }
 
-// The best that two paths can become by joining them or by exchanging what follows some time. A
-// path costs `birth_cost`, an empty one nothing.
+// Joins two paths or exchanges their tails where the sum of scores grows most. A path costs
+// `birth_cost`, an empty one nothing. Returns true if the paths changed.
 bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Path* b) {
-  // What is too weak to stand alone is worth nothing.
+  // Paths that are too short or too weak have no value.
   const auto value = [&](const Path& path) {
     return IsTooShort(path, config) ? 0.0 : std::max(0.0, path.score - config.birth_cost);
   };
@@ -133,8 +134,8 @@ bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Pa
   return true;
 }
 
-// Drops the few plots that stand between two pauses, or before the first or after the last one,
-// where the path is better without: a search that allows no longer gap had to step on them.
+// Drops short runs of plots between two pauses, or before the first or after the last one, where
+// the score grows without them: a search with a limited gap had to use them.
 bool Prune(const PathScorer& scorer, const TrackerConfig& config, Path* path) {
   constexpr TimeNs kPause_ns = 500'000'000;
   constexpr std::size_t kMaxPlots = 6;
@@ -199,11 +200,11 @@ std::size_t ImprovePaths(const PathScorer& scorer, const TrackerConfig& config,
   const std::size_t count = paths->size();
   std::vector<Extent> extents;
   for (const Path& path : *paths) extents.push_back(ExtentOf(scorer.plots(), path));
-  // What has not changed since it was looked at is not looked at again.
+  // Pairs are compared again only after one of them has changed.
   std::uint64_t now = 1;
-  std::vector<std::uint64_t> changed(count, now);  // when,
-  std::vector<std::uint64_t> compared(count, 0);   // and when last with all behind it,
-  std::vector<std::uint64_t> pruned(count, 0);     // or alone
+  std::vector<std::uint64_t> changed(count, now);  // time of the last change,
+  std::vector<std::uint64_t> compared(count, 0);   // of the last comparison with all later paths,
+  std::vector<std::uint64_t> pruned(count, 0);     // and of the last pruning
   const auto note_change = [&](std::size_t i) {
     changed[i] = ++now;
     extents[i] = ExtentOf(scorer.plots(), (*paths)[i]);

@@ -1,4 +1,4 @@
-// What a search that takes the best path first gets wrong, put right by comparing whole paths.
+// Corrects the errors of the greedy search by comparing whole paths.
 #pragma once
 
 #include <cstddef>
@@ -9,15 +9,15 @@
 
 namespace unlidar {
 
-// Scores given sequences of plots, which may hold gaps of any length.
+// Scores given sequences of plots, with gaps of any length.
 class PathScorer {
  public:
   PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births,
              const ScanSchedule& scan_schedule, const TrackerConfig& config)
       : plots_(plots), log_births_(log_births), scan_schedule_(scan_schedule), config_(config) {}
 
-  // The path of these plots, with the score of the agility and birth speed that suit it best; minus
-  // infinity where two of them are of one frame.
+  // Returns the path of these plots, with the score of the best sigma_a and birth speed; minus
+  // infinity if two plots are of one frame.
   Path WithScore(std::vector<std::uint32_t> members) const;
 
   const std::vector<Plot>& plots() const { return plots_; }
@@ -29,13 +29,13 @@ class PathScorer {
   const TrackerConfig& config_;
 };
 
-// Whether a target can get from one plot to a later one, if their positions together are off by
-// `slack_m` at most.
+// True if a target can fly from one plot to a later one within `max_speed_mps`, with position
+// errors of `slack_m` in sum.
 bool IsInReach(const Plot& from, const Plot& to, double slack_m, const TrackerConfig& config);
 
-// Lets pairs of paths join or exchange what follows some time, and single paths drop what stands
-// between two pauses, as long as the sum of scores grows. Paths that become too short are removed.
-// Returns how many pairs were compared: only those that a target could connect.
+// Lets pairs of paths join or exchange tails, and single paths drop plots between two pauses, while
+// the sum of scores grows. Removes paths that become too short. Returns the number of pairs
+// compared: only those that a target could connect. method.md (8).
 std::size_t ImprovePaths(const PathScorer& scorer, const TrackerConfig& config,
                          std::vector<Path>* paths);
 

@@ -1,26 +1,26 @@
-// Why a path of detections is no track: every rule that can refuse one, by name.
+// Reasons for which a path is rejected: one per gate.
 #pragma once
 
 namespace unlidar {
 
-// In the order in which they are asked. docs/explain.md has the source of each.
+// In the order in which the gates apply. docs/explain.md has the source of each.
 enum class Rejection {
   kNone,
-  kBelowThreshold,    // the track score does not outweigh the false alarms allowed
-  kTooFewDetections,  // in fewer frames than robust.min_plots: clutter that repeats is no evidence
-  kNearGround,  // no higher than people and cars for robust.off_ground_share of its detections
-  kWeakReturn,  // its cross-section proxy, returns per second times range^2, is an insect's
-  kCrowded,     // the score, less what else is detected about it then, is below the threshold
-  kPartOfAnotherTrack,  // most of its returns are a track's that it continues
-  kSharesReturns,       // most of its returns are those of several tracks or of bodies
-  kSingleMeasurement,   // collection leaves it one measurement at most
-  kSuspended,           // far away and at rest to within the noise: a sign, a cable
-  kClutterReturns,      // the returns collected are explained better by their places' clutter
-  kCloud,  // wider across its motion than any drone, or a piece of what is: steam, dust
-  kInsect  // narrower than any drone
+  kBelowThreshold,      // track score below the threshold of the allowed false alarms
+  kTooFewDetections,    // fewer frames than robust.min_plots: repeated clutter is no evidence
+  kNearGround,          // at most robust.off_ground_share of plots above people and cars
+  kWeakReturn,          // return rate, returns per second times range^2, of an insect
+  kCrowded,             // below the threshold after the crowding penalty
+  kPartOfAnotherTrack,  // most returns belong to a track that it continues
+  kSharesReturns,       // most returns belong to several tracks or to bodies
+  kSingleMeasurement,   // at most one measurement after collection
+  kSuspended,           // far away and static to within the noise: a sign, a cable
+  kClutterReturns,      // collected returns are explained better by the clutter of their places
+  kCloud,               // wider across its motion than any drone, or part of a cloud: steam, dust
+  kInsect               // narrower than any drone
 };
 
-// "below_threshold" and so on, as --trace writes it; empty for kNone.
+// Returns the name that --trace writes, such as "below_threshold"; empty for kNone.
 const char* NameOf(Rejection rejection);
 
 }  // namespace unlidar

@@ -1,16 +1,16 @@
-// Time that runs the other way: what a search finds from its end to its beginning.
+// Reversal of time, for searches from the end to the beginning.
 #pragma once
 
 #include "tracking/tracker.hpp"
 
 namespace unlidar {
 
-// Without overflow. TimeReversed of backwards is forwards.
+// Reverses the order of times without overflow; its own inverse.
 inline TimeNs TimeReversed(TimeNs time_ns) { return ~time_ns; }
 
 ScanSchedule TimeReversed(ScanSchedule scan_schedule);
 
-// Without its returns: no search looks at them.
+// Drops the returns, which no search uses.
 Plot TimeReversed(const Plot& plot);
 
 }  // namespace unlidar

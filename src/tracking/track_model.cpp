@@ -15,7 +15,7 @@ Motion SingerMotion(double dt, double tau, double sigma) {
   Motion m;
   m.transition << 1, dt, (x - 1 + e) / (a * a), 0, 1, (1 - e) / a, 0, 0, e;
   if (x < 0.02) {
-    // The exact terms below cancel: the first two of their series are good to 3e-4.
+    // The exact terms below cancel: two terms of their series are accurate to 3e-4.
     const double dt2 = dt * dt;
     const double q11 = dt2 * dt2 * dt / 20 * (1 - 5 * x / 9);
     const double q12 = dt2 * dt2 / 8 * (1 - 2 * x / 3);
@@ -38,20 +38,20 @@ Motion SingerMotion(double dt, double tau, double sigma) {
   return m;
 }
 
-// Variance of a plot per axis for a target at `speed_mps` whose return times within the frame are
-// not known: a streak along its motion, a third of whose variance falls on each axis.
+// Variance per axis of a plot of a target at `speed_mps` without point times: a streak along its
+// motion, a third of whose variance falls on each axis.
 double StreakVarianceM2(const Plot& plot, double speed_mps) {
   const double along_m = speed_mps * plot.streak_s;
   return plot.variance_m2 + along_m * along_m / 12.0 / static_cast<double>(plot.num_returns) / 3.0;
 }
 
-// How long after the middle of its frame a plot was measured.
+// Time of a plot after the middle of its frame.
 double OffsetS(const Plot& plot) {
   return static_cast<double>(plot.time_ns - plot.frame_time_ns) * kSecondsPerNs;
 }
 
-// Returns of a target come as a Poisson process whose rate falls with the square of range. Its
-// scale is unknown and has a gamma distribution: log probability of none.
+// Log probability of no return: a Poisson process whose rate falls with the square of range and has
+// an unknown scale with a gamma prior. method.md (7).
 double LogProbabilityOfNoReturn(double shape, double rate, double exposure) {
   return -shape * std::log1p(exposure / rate);
 }
@@ -62,8 +62,8 @@ double LogDetectionProbability(double log_miss_probability) {
   return std::log(std::max(-std::expm1(log_miss_probability), 1e-6));
 }
 
-// How many frames of the sensor that saw it last a target was not seen in. None where that was at
-// the same instant: the frame of its last plot is not before it.
+// Number of frames of the last sensor since the last plot. Zero at the same instant, as the frame
+// of the last plot is not before it.
 double NumMissedDetections(const Hypothesis& from, const FrameTime& at) {
   const std::uint32_t before = at.frames_before[from.sensor];
   return before > from.frames ? before - from.frames : 0.0;
@@ -143,7 +143,7 @@ void TrackModel::SetScanSchedule(const ScanSchedule& scan_schedule) {
     viewpoints_m_.push_back(sensor.viewpoint_m);
   }
   if (frame_s_.size() == 1) return;
-  // Two sensors are no two chances to be seen.
+  // The next plot is of one sensor: the probabilities of all sensors sum to 1.
   log_same_sensor_ = std::log1p(-kSensorSwitchProbability);
   log_other_sensor_ =
       std::log(kSensorSwitchProbability / (static_cast<double>(frame_s_.size()) - 1.0));
@@ -157,7 +157,7 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const FrameTime
   birth.sensor = plot.sensor;
   birth.frames = at.frames_before[plot.sensor] + 1;
   birth.state.mean.col(0) = plot.position_m;
-  // Where it was in the middle of the frame depends on its unknown velocity.
+  // The position in the middle of the frame depends on the unknown velocity.
   const double offset_s = OffsetS(plot);
   const double velocity_m2_per_s2 = speed_mps * speed_mps;
   Eigen::Matrix3d& covariance = birth.state.covariance;
@@ -233,7 +233,7 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
   Eigen::Matrix3d covariance =
       motion.transition * from.state.covariance * motion.transition.transpose() + motion.noise;
   if (increment.is_agile) covariance += ManoeuvreNoiseFactor() * motion.noise;
-  // The plot shows the position in the middle of the frame, moved on by the velocity.
+  // The plot measures position + offset_s * velocity at the middle of the frame.
   const double offset_s = OffsetS(plot);
   const Eigen::Vector3d seen = covariance.col(0) + offset_s * covariance.col(1);
   const double variance = seen[0] + offset_s * seen[1] + StreakVarianceM2(plot, p.speed_mps);
@@ -244,7 +244,7 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
   h.sensor = plot.sensor;
   h.frames = at.frames_before[plot.sensor] + 1;
   h.num_plots = from.num_plots + 1;
-  // Frames in which it was missed, and that of the plot.
+  // Exposure of the missed frames and of the frame of the plot.
   h.num_detections = 1.0;
   h.exposure_s_per_m2 = from.frame_exposure_s_per_m2 * NumMissedDetections(from, at);
   if (plot.sensor == from.sensor) {
@@ -283,7 +283,7 @@ ScoreBound TrackModel::BoundOf(const Prediction& p, const FrameBounds& frame) co
           frame.half_span_s * p.velocity_mps.norm()};
 }
 
-// How often it was seen so far tells how often it should be seen.
+// The detections so far set the rate of further ones (gamma posterior).
 double TrackModel::LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const {
   return LogProbabilityOfNoReturn(
       config_->echo_shape + from.num_detections,

@@ -1,4 +1,4 @@
-// The likelihoods of a target: how one of some agility moves, is missed and is seen.
+// Target model: motion, detection and missed detection for one standard deviation of acceleration.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,17 +13,18 @@ namespace unlidar {
 
 inline constexpr std::int32_t kNoIndex = -1;
 
-// A manoeuvre is so much more agile than the motion it interrupts: one of the three motions tried
-// is about as much above the next.
+// Standard deviation of acceleration in a manoeuvre, relative to the motion that it interrupts:
+// about the ratio between the successive values of sigma_a in the search.
 constexpr double kManoeuvreFactor = 3.0;
 
-// How long an acceleration lasts in the search; a trajectory's own time is found when it is fitted.
+// Singer's correlation time in the search; a trajectory has its own, estimated when it is fitted.
 constexpr double kSearchAccelerationTimeS = 2.0;
 
-// Sensors mostly look different ways: the one that saw a target sees it next, but for this share.
+// Fields of view mostly differ: the sensor that saw a target last sees it next, except with this
+// probability.
 constexpr double kSensorSwitchProbability = 0.1;
 
-// Position, velocity, acceleration; the covariance is the same on every axis.
+// Position, velocity, acceleration; the covariance is the same on every axis (isotropic).
 struct State {
   Eigen::Matrix3d mean = Eigen::Matrix3d::Zero();  // column 0 position, 1 velocity, 2 acceleration
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
@@ -37,15 +38,15 @@ struct Motion {
 
 struct Hypothesis {
   double score = 0.0;
-  double time_s = 0.0;             // middle of the frame of its last plot
-  double num_detections = 0.0;     // plots of its sensor since another one saw it, or the first,
-  double exposure_s_per_m2 = 0.0;  // and the sum over the frames in which it could be seen, of
-  double frame_exposure_s_per_m2 = 0.0;    // how long a frame lasts over range^2
-  double log_detection_probability = 0.0;  // log probability of being seen in a frame of its sensor
+  double time_s = 0.0;          // middle of the frame of its last plot
+  double num_detections = 0.0;  // plots of its sensor since the birth or the last change of sensor
+  double exposure_s_per_m2 = 0.0;          // frame exposures since then, summed
+  double frame_exposure_s_per_m2 = 0.0;    // frame duration / range^2
+  double log_detection_probability = 0.0;  // of the next frame of its sensor
   State state;
   std::uint32_t sensor = 0;     // of its last plot
-  std::uint32_t frames = 0;     // of that sensor so far
-  std::uint32_t num_plots = 1;  // in all
+  std::uint32_t frames = 0;     // of that sensor up to its last plot
+  std::uint32_t num_plots = 1;  // of all sensors
   std::int32_t plot = 0;
   std::int32_t parent = kNoIndex;  // index into the history
 };
@@ -56,12 +57,12 @@ struct AxisVariances {
   double covariance_m2_per_s = 0.0;
   double velocity_m2_per_s2 = 0.0;
 
-  // Of the position so much later, at that velocity.
+  // Variance of the position after dt_s at constant velocity.
   double At(double dt_s) const {
     return position_m2 + dt_s * (2.0 * covariance_m2_per_s + dt_s * velocity_m2_per_s2);
   }
 
-  // The least and largest of At within [-half_span_s, half_span_s].
+  // Minimum and maximum of At() within [-half_span_s, half_span_s].
   double Min(double half_span_s) const {
     if (std::abs(covariance_m2_per_s) >= half_span_s * velocity_m2_per_s2) {
       return std::min(At(-half_span_s), At(half_span_s));
@@ -71,43 +72,43 @@ struct AxisVariances {
   double Max(double half_span_s) const { return std::max(At(-half_span_s), At(half_span_s)); }
 };
 
-// Where a hypothesis expects its next plot: of its state only what the likelihood of a plot needs.
+// Predicted position of the next plot: the part of the state that the likelihood of a plot needs.
 struct Prediction {
   std::int32_t history = kNoIndex;
-  std::uint32_t motion = 0;  // index of that since its last plot
-  double score = 0.0;        // misses on the way counted
+  std::uint32_t motion = 0;  // index of the motion since its last plot
+  double score = 0.0;        // including missed detections up to the frame
   double log_detection_probability = 0.0;
   double speed_mps = 0.0;    // of the hypothesis
-  std::uint32_t sensor = 0;  // that saw it last
-  // At the middle of the frame; a plot may lie before or after it.
+  std::uint32_t sensor = 0;  // of the last plot
+  // At the middle of the frame; a plot may be earlier or later.
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
   AxisVariances steady;
-  AxisVariances agile;  // had it manoeuvred on the way
+  AxisVariances agile;  // after a manoeuvre
 };
 
-// What a plot adds to the score of a prediction.
+// Increment of the track score by a plot.
 struct ScoreIncrement {
   double log = 0.0;
-  bool is_agile = false;  // a manoeuvre explains it better
+  bool is_agile = false;  // likelier after a manoeuvre
 };
 
-// What the plots of a frame have in common, and how far they differ.
+// Bounds over the plots of a frame.
 struct FrameBounds {
   double min_variance_m2 = 0.0;
   double max_variance_m2 = 0.0;
   double streak_s = 0.0;
-  double half_span_s = 0.0;  // no plot is farther from the middle of the frame
+  double half_span_s = 0.0;  // largest time of a plot from the middle of the frame
 };
 
-// Upper bound of the score that a prediction and a plot at some distance make, but for what belongs
-// to the plot alone: no logarithm for each pair of them.
+// Upper bound of the score of a prediction and a plot at some distance, without the terms that
+// depend on the plot alone. It saves a logarithm per pair.
 struct ScoreBound {
   double steady_top = 0.0;
   double steady_slope = 0.0;  // per squared distance
   double agile_top = 0.0;
   double agile_slope = 0.0;
-  double travel_m = 0.0;  // within the frame, either way from its middle
+  double travel_m = 0.0;  // within the frame, either side of its middle
 
   double At(double distance2_m2) const {
     if (travel_m > 0.0) {
@@ -118,7 +119,7 @@ struct ScoreBound {
                     agile_top - agile_slope * distance2_m2);
   }
 
-  // Where the bound falls below `score`; negative if it does everywhere.
+  // Distance at which the bound falls below `score`; negative if it is below everywhere.
   double ReachM(double score) const {
     const double reach_m2 =
         std::max((steady_top - score) / steady_slope, (agile_top - score) / agile_slope);
@@ -126,25 +127,23 @@ struct ScoreBound {
   }
 };
 
-// The middle of a frame, and how often a target could have been seen until then.
+// Middle of a frame, and the number of earlier frames of each sensor.
 struct FrameTime {
   double time_s = 0.0;                       // since the frame of the first plot
   std::vector<std::uint32_t> frames_before;  // (sensors)
-  std::uint32_t sensor = 0;                  // that took the frame
+  std::uint32_t sensor = 0;                  // of the frame
 };
 
-// Of the frame of a plot. The first plot is that of the earliest frame.
+// Returns the time of the frame of a plot. `first`: the plot of the earliest frame.
 FrameTime FrameTimeOf(const Plot& plot, const Plot& first, const ScanSchedule& scan_schedule);
 
-// Log of the chance that a target which appears somewhere is seen at a plot, over the clutter
-// there.
+// Log of P_D / lambda at a plot: detection probability of a new target over the clutter intensity.
 double LogBirthOdds(const Plot& plot, const ScanSchedule& scan_schedule,
                     const TrackerConfig& config);
 
-// What each plot brings as the first of a path, relative to an even choice among all of them. A
-// target may appear anywhere that it can be seen: with a chance in proportion to volume, so a plot
-// is the likelier to be its first the rarer clutter is at its place. Normalised, so that the mean
-// of exp is 1.
+// Log weight of each plot as the first of a path, relative to a uniform choice. Targets appear
+// uniformly in volume, so a plot is the likelier to be a birth the rarer clutter is at its place.
+// Normalised to mean(exp) = 1. method.md (5).
 std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                               const TrackerConfig& config);
 
@@ -152,54 +151,53 @@ class TrackModel {
  public:
   TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule, const TrackerConfig& config);
 
-  // Takes on other sensors.
+  // Replaces the sensors.
   void SetScanSchedule(const ScanSchedule& scan_schedule);
 
   Hypothesis Birth(const Plot& plot, double log_birth, const FrameTime& at, double speed_mps) const;
 
-  // Score of a hypothesis that was not seen in the frames until `at` by the sensor that saw it
-  // last.
+  // Score of a hypothesis after missed detections in all frames of its last sensor before `at`.
   double ScoreAfterMisses(const Hypothesis& from, const FrameTime& at) const;
 
-  // The same before it is seen in the frame at `at`. If that is another sensor's, the target has
-  // left what the last one sees: how often it was seen there tells nothing of since then.
+  // Same, predicted for a plot in the frame at `at`. For another sensor, the target has left the
+  // field of view of the last one, so the detection statistics since then do not apply and the
+  // prior is used.
   double PredictedScore(const Hypothesis& from, const FrameTime& at) const;
 
   Motion MotionOver(double dt_s) const;
 
-  // `score`: of the hypothesis before the frame at `at`, over `motion`.
+  // `score`: PredictedScore() of the hypothesis at `at`. `motion`: from its last plot to `at`.
   Prediction Predict(const Hypothesis& from, double score, const Motion& motion,
                      const FrameTime& at) const;
 
   ScoreIncrement ScoreIncrementOf(const Prediction& p, const Plot& plot) const;
 
-  // The hypothesis that goes on with a plot of the frame at `at`, for which it was predicted.
+  // Returns the hypothesis updated with a plot of the frame at `at`; `p` is its prediction there.
   Hypothesis Update(const Hypothesis& from, const Motion& motion, const Prediction& p,
                     const Plot& plot, const FrameTime& at, const ScoreIncrement& increment) const;
 
-  // The hypothesis that goes on with a plot of the frame at `at`, unseen until then.
+  // Same, including the prediction; the frames until `at` are missed detections.
   Hypothesis PredictAndUpdate(const Hypothesis& from, const Plot& plot, const FrameTime& at) const;
 
   ScoreBound BoundOf(const Prediction& p, const FrameBounds& frame) const;
 
  private:
   void SetDetectionProbability(Hypothesis* h) const;
-  double ManoeuvreNoiseFactor() const;  // further noise of a manoeuvre
+  double ManoeuvreNoiseFactor() const;  // additional noise of a manoeuvre
   double LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const;
-  double LogPriorMissProbability(
-      double exposure_s_per_m2) const;  // nothing is known of how it is seen
+  double LogPriorMissProbability(double exposure_s_per_m2) const;  // without detections so far
   double ExposureOfFrame(std::uint32_t sensor, const State& state) const;
 
   double sigma_;
   std::vector<double> frame_s_;                // (sensors)
   std::vector<Eigen::Vector3d> viewpoints_m_;  // (sensors)
-  double log_same_sensor_ = 0.0;               // of the next plot to be that of the same sensor,
-  double log_other_sensor_ = 0.0;              // or of a certain other one
+  double log_same_sensor_ = 0.0;   // log probability that the next plot is of the same sensor,
+  double log_other_sensor_ = 0.0;  // or of one particular other sensor
   const TrackerConfig* config_;
 };
 
-// The hypotheses (plots) that go on from one plot to the next, with the first velocity that suits
-// them best. `frame_times` (plots): of their frames.
+// Filters a path: returns the hypothesis after each plot (plots), for the initial speed with the
+// highest final score. `frame_times` (plots): of their frames.
 std::vector<Hypothesis> FilterPath(const TrackModel& model, const std::vector<const Plot*>& plots,
                                    const std::vector<FrameTime>& frame_times, double log_birth,
                                    const TrackerConfig& config);

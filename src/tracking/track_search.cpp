@@ -9,7 +9,7 @@
 namespace unlidar {
 namespace {
 
-// Bounds are exact but for rounding.
+// Allows for rounding of the bounds.
 constexpr double kBoundSlack = 1e-9;
 
 }  // namespace
@@ -56,7 +56,7 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
                          const std::vector<Scan>& scans, const std::vector<char>& free,
                          const TrackModel& model, const TrackerConfig& config)
     : TrackSearch(plots, log_births, free, model, config) {
-  // Room for the births and as many that go on: rarely are there more, which then have to move.
+  // Room for the births and as many continuations; more are rare and cause a reallocation.
   history_.reserve(plots.size() * 2 * config.birth_speeds_mps.size());
   for (const Scan& scan : scans) Extend(scan);
   const auto min_plots = static_cast<std::uint32_t>(config_.min_fragment_plots);
@@ -104,7 +104,7 @@ void TrackSearch::SetPathTo(std::int32_t hypothesis, Path* path) const {
 }
 
 void TrackSearch::AppendPathsToLastScan(double min_score, Queue<Path>* paths) const {
-  // Those of one plot come one after the other.
+  // The hypotheses of one plot are adjacent.
   for (std::size_t first = last_scan_; first < history_.size();) {
     std::size_t best = first;
     std::size_t h = first;
@@ -203,7 +203,7 @@ void TrackSearch::Extend(const Scan& scan) {
       h.parent = p.history;
       Add(h);
     }
-    if (log_births_[i] < config_.give_up_log) continue;  // where nothing begins
+    if (log_births_[i] < config_.give_up_log) continue;  // no birth here
     for (const double speed_mps : config_.birth_speeds_mps) {
       Hypothesis h = model_.Birth(plots_[i], log_births_[i], scan.at, speed_mps);
       h.plot = static_cast<std::int32_t>(i);
@@ -217,7 +217,7 @@ void TrackSearch::Add(const Hypothesis& hypothesis) {
   history_.push_back(hypothesis);
 }
 
-// Carries all hypotheses on to a time. Drops what is too old or too unlikely.
+// Predicts all active hypotheses at a time. Drops those that are too old or too unlikely.
 void TrackSearch::Predict(const FrameTime& at) {
   predictions_.clear();
   motions_.clear();
@@ -238,9 +238,10 @@ void TrackSearch::Predict(const FrameTime& at) {
   }
 }
 
-// In rain most plots are births that lead nowhere: only the best hypotheses are carried on, by what
-// a plot just where they expect it could make of them. A birth far away, whose misses cost nothing
-// because it would hardly ever be seen, does not crowd out what is near.
+// In rain most plots are births that lead nowhere, so only the best hypotheses are kept, ranked by
+// the highest score that a plot exactly at their prediction could reach. A distant birth, whose
+// missed detections cost almost nothing as it would hardly ever be seen, does not displace nearby
+// hypotheses.
 void TrackSearch::PruneHypotheses(const Scan& scan) {
   bounds_.clear();
   ranking_.clear();
@@ -258,8 +259,8 @@ void TrackSearch::PruneHypotheses(const Scan& scan) {
       static_cast<std::size_t>(config_.max_hypotheses_per_plot) * (scan.last - scan.first);
   move_best_to_front(most);
   ranking_.resize(std::min(ranking_.size(), most));
-  // What the most promising make of a plot bounds the others from the start; the order changes no
-  // result.
+  // The most promising are evaluated first, as their scores bound the others; the order does not
+  // change the result.
   constexpr std::size_t kNumRankedFirst = 64;
   move_best_to_front(kNumRankedFirst);
   is_kept_.assign(predictions_.size(), 0);
@@ -270,7 +271,8 @@ void TrackSearch::PruneHypotheses(const Scan& scan) {
   }
 }
 
-// The best alternatives to go on to each free plot, if they are not much worse than to begin there.
+// Finds the best continuations to each free plot whose score is not much below that of a birth
+// there.
 void TrackSearch::FindCandidates(const Scan& scan) {
   while (candidates_.size() < scan.last - scan.first) {
     candidates_.emplace_back();
@@ -283,7 +285,7 @@ void TrackSearch::FindCandidates(const Scan& scan) {
   }
   if (entries_.empty()) return;
   double min_threshold = -std::numeric_limits<double>::infinity();
-  bool is_stale = true;  // the entry of the min_score need needs more by now
+  bool is_stale = true;  // the entry with the lowest threshold may have been raised
   for (const auto& [negated_bound, k] : ranking_) {
     if (is_stale) {
       min_threshold = std::numeric_limits<double>::infinity();

@@ -1,4 +1,4 @@
-// The best path through plots: dynamic programming over all of them in order of time.
+// Best paths through plots by dynamic programming over frames.
 #pragma once
 
 #include <cstddef>
@@ -16,71 +16,70 @@ struct Scan {
   struct Entry {
     Eigen::Vector3d position_m;
     double log_clutter;
-    double score_threshold;  // of a hypothesis that may go on with it
+    double score_threshold;  // least score of a hypothesis that is updated with it
     std::size_t plot;        // index into all plots
   };
 
-  std::size_t first = 0;  // index of the first plot,
-  std::size_t last = 0;   // and of the one after the last
+  std::size_t first = 0;  // index of the first plot
+  std::size_t last = 0;   // one past the last plot
   FrameTime at;
   FrameBounds bounds;
-  std::vector<Entry> entries;  // by x
+  std::vector<Entry> entries;  // sorted by x
 };
 
-// Makes it that of the frame whose first plot is `first`, in the memory that it has.
+// Fills `scan` with the frame whose first plot is `first`, reusing its memory.
 void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_births,
              std::size_t first, const FrameTime& at, const TrackerConfig& config, Scan* scan);
 
-// What all searches through the same plots, frame by frame in order of time, share. Size of
-// `log_births`: that of `plots`.
+// Scans for searches through `plots`, which are in order of frame time. `log_births`: one per plot.
 std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
                           const ScanSchedule& scan_schedule, const TrackerConfig& config);
 
-// One of the alternatives that a search has found.
+// One of the hypotheses of a search, with its plots.
 struct AlternativePath {
   struct Step {
     std::uint32_t plot = 0;
-    double time_s = 0.0;  // in the middle of its frame,
-    State state;          // and what was known then
+    double time_s = 0.0;  // middle of its frame
+    State state;          // after its plot
   };
-  std::vector<Step> steps;  // since it began
-  double score = 0.0;       // unseen since the last of them
+  std::vector<Step> steps;  // from the first plot on
+  double score = 0.0;       // including missed detections since the last step
 };
 
 class TrackSearch {
  public:
-  // Searches at once; `free` (size of `plots`) is kept: plots may cease to be free later on.
-  // Best() and the like may be called then.
+  // Runs the search. `free` (plots) is kept by reference: plots may be taken later, before further
+  // calls of Best() and the like.
   TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
               const std::vector<Scan>& scans, const std::vector<char>& free,
               const TrackModel& model, const TrackerConfig& config);
 
-  // For a stream, whose plots are still to come: Extend() carries the search on to each frame.
+  // For a stream: Extend() adds each frame as it arrives.
   TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
               const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config);
 
-  // The best path through plots that are still free; empty if none is worth anything.
+  // Returns the best path through plots that are still free; empty if none scores above 0.
   Path Best();
 
-  // Carries all hypotheses on to the plots of a scan, later than all before.
+  // Extends all hypotheses to the plots of a scan, which must be later than all before.
   void Extend(const Scan& scan);
 
-  // Appends the best path to each plot of the last scan, if its score is at min_score `min_score`.
+  // Appends the best path to each plot of the last scan, if its score is at least `min_score`.
   void AppendPathsToLastScan(double min_score, Queue<Path>* paths) const;
 
-  // Begins nowhere else but with this one, as of a plot before all that follow.
+  // Starts from this hypothesis, whose plot must be earlier than all that follow.
   void Begin(const Hypothesis& hypothesis) { Add(hypothesis); }
 
-  // Appends all alternatives, unseen from their last plots to the end, but for those whose score is
-  // less than `min_score` then.
+  // Appends all hypotheses, with missed detections from their last plots until `end`, whose score
+  // is then at least `min_score`.
   void AppendAlternatives(const FrameTime& end, double min_score,
                           std::vector<AlternativePath>* alternatives) const;
 
-  // Drops the hypotheses that hold plots which are free no more.
+  // Drops the hypotheses with plots that are no longer free.
   void DropAssigned();
 
-  // Forgets what leads nowhere, and the first plots, which the caller erases: what remains moves up
-  // by so many.
+  // Removes the first `num_plots` plots, which the caller erases, and all hypotheses that no active
+  // one descends from. Indices of plots shift by `num_plots`.
   void Forget(std::size_t num_plots);
 
   void SetModel(const TrackModel& model) { model_ = model; }
@@ -93,7 +92,7 @@ class TrackSearch {
     std::size_t index;  // of the prediction
   };
 
-  // Of a path; the greatest is the best, of equal ones the first.
+  // End of a path; the greatest is the best, among equal ones the first.
   struct PathEnd {
     double score;
     std::int32_t hypothesis;  // index into the history
@@ -116,17 +115,17 @@ class TrackSearch {
   TrackModel model_;
   const TrackerConfig& config_;
   std::vector<Hypothesis> history_;
-  std::size_t last_scan_ = 0;            // where its hypotheses begin
-  std::vector<PathEnd> ends_;            // heap of those that may still be free
-  std::vector<std::int32_t> active_;     // those that may go on: indices into the history
-  std::vector<Prediction> predictions_;  // of all active before, at the time at hand,
-  std::vector<Motion> motions_;          // one for each time of a last plot,
-  std::vector<ScoreBound> bounds_;       // how far they reach,
-  std::vector<std::pair<double, std::size_t>> ranking_;  // minus promise, index of those kept
+  std::size_t last_scan_ = 0;            // index of its first hypothesis in the history
+  std::vector<PathEnd> ends_;            // heap; their plots may have been taken since
+  std::vector<std::int32_t> active_;     // hypotheses to extend: indices into the history
+  std::vector<Prediction> predictions_;  // of the active hypotheses, at the current frame
+  std::vector<Motion> motions_;          // one per time of a last plot
+  std::vector<ScoreBound> bounds_;       // (predictions)
+  std::vector<std::pair<double, std::size_t>> ranking_;  // (-bound of the score, prediction)
   std::vector<char> is_kept_;
-  std::vector<std::int32_t> marks_;                 // (history) while some of it is dropped
-  std::vector<Scan::Entry> entries_;                // of the free plots of the frame at hand
-  std::vector<std::vector<Candidate>> candidates_;  // per plot of the frame at hand, the best first
+  std::vector<std::int32_t> marks_;                 // (history) scratch
+  std::vector<Scan::Entry> entries_;                // of the free plots of the current frame
+  std::vector<std::vector<Candidate>> candidates_;  // per plot of the current frame, best first
 };
 
 }  // namespace unlidar

@@ -15,7 +15,7 @@
 namespace unlidar {
 namespace {
 
-// Searches for the paths through free plots, one for each agility.
+// Searches the free plots, once per sigma_a.
 std::vector<TrackSearch> SearchPlots(const std::vector<Plot>& plots,
                                      const std::vector<double>& log_births,
                                      const std::vector<Scan>& scans, const std::vector<char>& free,
@@ -76,9 +76,9 @@ class PathFinder {
     for (const std::uint32_t i : path.plots) free_[i] = value;
   }
 
-  // Most of what a search has found besides its best path stays true when that is taken away, so
-  // paths are taken from one search until it holds no more; then what they hid is searched again.
-  // However many targets there are; only of what is too weak for one there is a limit.
+  // Removing the best path of a search leaves most of its other paths valid, so paths are taken
+  // from one search until none is left; then the remaining plots are searched again. Only the
+  // number of paths below `birth_cost` is limited.
   std::vector<Path> ExtractPaths() {
     std::vector<Path> paths;
     int num_weak = 0;
@@ -88,7 +88,7 @@ class PathFinder {
       while (true) {
         Path best = BestOf(&searches);
         if (best.score < config_.min_fragment_log) break;
-        // What a weak path hides is weak, too.
+        // A path hidden by a weak one is weak, too.
         const bool exceeds_birth_cost = ExceedsBirthCost(best);
         if (!exceeds_birth_cost && num_weak == config_.max_paths) break;
         found = found || exceeds_birth_cost;
@@ -100,12 +100,12 @@ class PathFinder {
     return paths;
   }
 
-  // Which free plots one target can have together with any of a path.
+  // Free plots that a target could share with some plot of the path.
   std::vector<char> FreeInReach(const Path& path) const {
     const Plot& first = plots_[path.plots.front()];
     const Plot& last = plots_[path.plots.back()];
-    constexpr double kSlack_m = 6.0;  // three positions may be off
-    // Whichever of the path it is, the first one leads to it, and it to the last one.
+    constexpr double kSlack_m = 6.0;  // errors of three positions
+    // Any plot of the path is reachable from the first one and reaches the last one.
     std::vector<char> free(plots_.size());
     for (std::size_t i = 0; i < plots_.size(); ++i) {
       free[i] = free_[i] && (IsInReach(first, plots_[i], kSlack_m, config_) ||
@@ -114,7 +114,7 @@ class PathFinder {
     return free;
   }
 
-  // The best through what is free and what this path holds.
+  // Best path through the free plots and those of this path.
   Path BestInsteadOf(const Path& path) {
     SetFree(path, 1);
     const std::vector<char> free = FreeInReach(path);
@@ -125,7 +125,7 @@ class PathFinder {
     return BestOf(&searches);
   }
 
-  // The same, found from its end to its beginning.
+  // Same, searched in reversed time.
   Path BestInReverse(const std::vector<char>& free, const PathScorer& scorer) const {
     std::vector<std::uint32_t> indices;
     std::vector<Plot> plots;
@@ -147,9 +147,9 @@ class PathFinder {
     return scorer.WithScore(std::move(members));
   }
 
-  // In rain too much begins at any time for all of it to be carried on: a target that was seldom
-  // seen at first is lost there. Known from where it is seen well, it is followed back: no path is
-  // cut short for it, however unlikely a pause after a few sightings.
+  // In rain there are too many births to carry all hypotheses on, so a target that is seldom seen
+  // at first is lost. It is followed back from where it is seen well: in reversed time no
+  // continuation is dropped for a pause after few detections.
   Path BestBackwardExtension(const Path& path, const PathScorer& scorer) {
     const auto backward_extension = [&](const std::vector<char>& free) {
       Path found = BestInReverse(free, scorer);
@@ -160,7 +160,7 @@ class PathFinder {
     std::vector<char> free = FreeInReach(path);
     SetFree(path, 0);
     Path best = backward_extension(free);
-    // Where only it is about until it began, nothing crowds out its way there.
+    // Without other plots after its first one, no other hypothesis displaces it there.
     std::fill(free.begin() + path.plots.front(), free.end(), 0);
     for (const std::uint32_t i : path.plots) free[i] = 1;
     Path longer = backward_extension(free);
@@ -168,8 +168,8 @@ class PathFinder {
     return best;
   }
 
-  // Whether no other path that exceeds_birth_cost shares its time: of what is free about one of
-  // several, much is what the others have yet to be given.
+  // True if no other path above `birth_cost` overlaps it in time. Between overlapping paths, many
+  // free plots still belong to the others.
   bool IsIsolated(const Path& path, const std::vector<Path>& paths) const {
     return std::none_of(paths.begin(), paths.end(), [&](const Path& other) {
       return &other != &path && ExceedsBirthCost(other) &&
@@ -179,8 +179,8 @@ class PathFinder {
 
   bool ExceedsBirthCost(const Path& path) const { return path.score >= config_.birth_cost; }
 
-  // Paths that differ from those before are searched again among what no other path holds but those
-  // too weak to stand alone: their new parts may go on where the old ones could not.
+  // Searches each changed path again, among its plots and all that no other path above `birth_cost`
+  // holds: its new part may continue where the old one could not.
   bool SearchAgain(const std::vector<Path>& before, std::vector<Path>* paths) {
     std::set<std::vector<std::uint32_t>> known;
     for (const Path& path : before) known.insert(path.plots);
@@ -195,8 +195,7 @@ class PathFinder {
     });
   }
 
-  // Replaces each path that exceeds_birth_cost alone by what `better` makes of it, if that is
-  // better.
+  // Replaces each path above `birth_cost` by the result of `better`, if that scores higher.
   template <typename Better>
   bool Replace(std::vector<Path>* paths, const Better& better) {
     std::fill(free_.begin(), free_.end(), 1);
@@ -214,7 +213,7 @@ class PathFinder {
       found = true;
     }
     if (!found) return false;
-    // A weak path that lost a plot is no more.
+    // Weak paths that lost a plot are removed.
     paths->erase(std::remove_if(paths->begin(), paths->end(),
                                 [&](const Path& path) {
                                   return !ExceedsBirthCost(path) &&
@@ -230,7 +229,7 @@ class PathFinder {
   std::vector<Scan> scans_;
   ScanSchedule scan_schedule_;
   const TrackerConfig& config_;
-  std::vector<char> free_;  // plots that no path holds
+  std::vector<char> free_;  // (plots) not held by a path
   Effort effort_;
 };
 

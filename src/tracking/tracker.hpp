@@ -1,4 +1,4 @@
-// The path of plots that a flying target explains best: a search over all times at once.
+// Finds the paths of flying targets among the plots of all frames.
 #pragma once
 
 #include <cstddef>
@@ -10,11 +10,11 @@
 
 namespace unlidar {
 
-// When and from where each sensor watches the air.
+// Frame times and viewpoint of each sensor.
 struct ScanSchedule {
   struct Sensor {
-    double frame_s = 0.1;                                   // how long a frame lasts
-    std::vector<TimeNs> frame_times_ns;                     // middles of its frames, ascending
+    double frame_s = 0.1;                                   // duration of a frame
+    std::vector<TimeNs> frame_times_ns;                     // middles of the frames, ascending
     Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();  // of its station
   };
   std::vector<Sensor> sensors;
@@ -26,22 +26,23 @@ ScanSchedule ScanScheduleOf(const Recording& recording);
 
 struct Path {
   std::vector<std::uint32_t> plots;  // ascending
-  // Log likelihood ratio against clutter, relative to that of an even choice of the first plot.
+  // Track score: log likelihood ratio against clutter, relative to a uniform choice of the first
+  // plot.
   double score = 0.0;
 };
 
-// How much was looked at besides the searches of everything.
+// Work done beyond the searches through all plots.
 struct Effort {
   std::size_t pairs_compared = 0;  // of paths
   std::size_t plots_searched_again = 0;
 };
 
-// Paths by falling score through plots that come frame by frame in order of time. Each has at most
-// one plot of a frame. They are found by dynamic programming over frames, where every plot keeps
-// the best few ways to reach it, each with its Kalman state (Singer's model); then the next in what
-// is left. As this takes the best first, pairs of paths then exchange tails, or join, as long as
-// the sum of their scores grows: crossing targets find their own continuation.
-// `effort`, if there is one, is told what that took.
+// Returns paths by falling score through plots in order of frame time, with at most one plot per
+// frame. Dynamic programming over frames: every plot keeps the best few hypotheses of how it was
+// reached, each with its Kalman state (Singer's model). The best path is taken, then the next among
+// the remaining plots. As this is greedy, pairs of paths then exchange tails, or join, while the
+// sum of their scores grows, so that crossing targets get their own continuations. `effort`:
+// output, may be null.
 std::vector<Path> FindPaths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                             const TrackerConfig& config, Effort* effort = nullptr);
 

@@ -23,15 +23,15 @@ Levels LogVariances() {
   return Levels::LinSpaced(kLowestLevel, kLowestLevel + kAgilityLevels - 1) * std::log(2.0);
 }
 
-// Slower than this (m/s), a direction is hardly one.
+// Below this speed the direction is ill-defined.
 constexpr double kMinSpeedMps = 0.5;
-// The least and the largest ratio of the variances along and across a direction, and what says that
-// they are alike beforehand, as so many degrees of freedom.
+// Limits of the ratio of the variances along and across the direction, and the weight of the prior
+// that they are equal, in degrees of freedom.
 constexpr double kMinRatio = 1.0 / 32.0;
 constexpr double kMaxRatio = 32.0;
 constexpr double kPriorFreedom = 10.0;
 
-// Of the two rows of an interval.
+// Sum over the two rows of an interval.
 DrivingNoise DrivingNoiseOf(const SplineModel& model, std::size_t interval, const SplineFit& fit,
                             const TrajectoryScales& scales) {
   DrivingNoise driving_noise;
@@ -58,8 +58,8 @@ DrivingNoise DrivingNoiseOf(const SplineModel& model, std::size_t interval, cons
 
 double Dot(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) { return a.cwiseProduct(b).sum(); }
 
-// The variance along the direction over that across it: each from what was fitted, over its degrees
-// of freedom.
+// Ratio of the variance along the direction to that across it, each the fitted squares over their
+// degrees of freedom.
 double AlongOverAcross(const std::vector<DrivingNoise>& driving_noises,
                        const std::vector<Eigen::Matrix3d>& agility) {
   double along = kPriorFreedom;
@@ -87,8 +87,8 @@ double AlongOverAcross(const std::vector<DrivingNoise>& driving_noises,
   return std::clamp(along / along_freedom * across_freedom / across, kMinRatio, kMaxRatio);
 }
 
-// Standard deviations along the direction and across it, of which the mean variance per axis is 1:
-// a symmetric matrix, and its inverse.
+// Standard deviations along and across the direction with a mean variance per axis of 1, as a
+// symmetric matrix, and its inverse.
 class AnisotropicSigma {
  public:
   AnisotropicSigma(const Eigen::Vector3d& direction, double along_over_across) {
@@ -112,7 +112,7 @@ class AnisotropicSigma {
   Eigen::Matrix3d along_projector_ = Eigen::Matrix3d::Zero();
 };
 
-// What a hidden Markov chain says of the variances (intervals): sets their means, and returns its
+// Sets the posterior means of the variances (intervals) under the hidden Markov chain. Returns its
 // log evidence.
 double ForwardBackward(AgilityMemory& memory, std::size_t which) {
   const std::vector<Levels>& likelihoods = memory.likelihoods;

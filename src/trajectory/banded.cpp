@@ -8,7 +8,7 @@ namespace {
 
 std::size_t Size(const BandedMatrix& matrix) { return matrix.size() - (kBandRows - 1); }
 
-// A column and zeros below it: loops over it are all of one length, which the compiler knows.
+// A column padded with zeros, so that loops have a fixed length known to the compiler.
 using Padded = Eigen::Matrix<double, 2 * kBandRows, 1>;
 
 }  // namespace
@@ -25,8 +25,8 @@ bool FactoriseBanded(BandedMatrix& matrix) {
     Padded source = Padded::Zero();
     source.head<kBandRows>() = column;
     for (int p = 1; p < kBandRows; ++p) {
-      // Most of the time of a fit. Plain loops, as expressions take ten times as long where they
-      // are not inlined, with sanitizers.
+      // Dominates the time of a fit. Plain loops, because with sanitizers expressions are not
+      // inlined and take ten times as long.
       double* const target = matrix[j + Index(p)].data();
       const double* const from = source.data() + p;
       const double by = column[p];
@@ -70,7 +70,7 @@ void InvertWithinBand(const BandedMatrix& factor, BandedMatrix& inverse) {
   for (std::size_t j = Size(factor); j-- > 0;) {
     const auto& column = factor[j];
     below.head<kBandRows>() = column;
-    Padded product = Padded::Zero();  // S c; what is beyond the band is not used
+    Padded product = Padded::Zero();  // S c; entries beyond the band are not used
     for (int k = 1; k < kBandRows; ++k) {
       const auto& known = inverse[j + static_cast<std::size_t>(k)];
       product.segment<kBandRows>(k) += column[k] * known;

@@ -1,5 +1,5 @@
-// Symmetric positive definite matrices of a narrow band, as splines give them: everything is linear
-// in their size.
+// Symmetric positive definite band matrices, as in spline fits; all operations are linear in their
+// size.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,27 +11,27 @@ namespace unlidar {
 // Eigen and the band count in int, containers do not.
 inline std::size_t Index(int i) { return static_cast<std::size_t>(i); }
 
-// Four neighbouring control points of three coordinates each hang together.
+// Four neighbouring control points of three coordinates each are coupled.
 inline constexpr int kBandRows = 12;
 
 // Lower triangle: entry p of column j is element (j + p, j). Columns beyond the matrix are zero, so
-// that no loop has to stop early at its end.
+// that no loop has to stop early.
 using BandedMatrix = std::vector<Eigen::Matrix<double, kBandRows, 1>>;
 
-// Makes it a zero matrix of this size. No memory is taken where it was as large before; the same
-// holds of the others that fill what they are handed.
+// Resets to a zero matrix of this size. Allocates only if it grows, as do all functions below that
+// fill an argument.
 void SetZeroBanded(int size, BandedMatrix& matrix);
 
-// L of L L' = A, in place. False where A is not positive definite.
+// Computes L of L L' = A in place. Returns false if A is not positive definite.
 bool FactoriseBanded(BandedMatrix& matrix);
 
 // log det A from its factor L.
 double LogDeterminantBanded(const BandedMatrix& factor);
 
-// x of A x = b, in place, from the factor L of A.
+// Solves A x = b in place, from the factor L of A.
 void SolveBanded(const BandedMatrix& factor, std::vector<double>& x);
 
-// The elements of inv(A) within the band, from the factor L of A (Takahashi, Fagan and Chen 1973).
+// Computes inv(A) within the band from the factor L of A (Takahashi, Fagan and Chen 1973).
 void InvertWithinBand(const BandedMatrix& factor, BandedMatrix& inverse);
 
 }  // namespace unlidar

@@ -9,7 +9,7 @@ namespace unlidar {
 void PlaceKnots(const std::vector<double>& times_s, const KnotSpacing& spacing,
                 std::vector<double>& knots_s) {
   const int margin_intervals = static_cast<int>(std::ceil(spacing.margin_s / spacing.max_s));
-  // Three knots more on each side complete the basis of the outermost intervals.
+  // Three more knots on each side complete the basis of the outermost intervals.
   const int outer = std::max(1, margin_intervals) + 3;
   knots_s.clear();
   for (int i = outer; i > 0; --i) knots_s.push_back(times_s.front() - i * spacing.max_s);
@@ -36,8 +36,8 @@ int IntervalAt(const std::vector<double>& knots_s, double time_s) {
 }
 
 Eigen::Matrix4d BasisPolynomials(const std::vector<double>& knots_s, int interval) {
-  // Cox-de Boor recursion on polynomials in u = t - origin. Column j of degree d stands for the
-  // basis function that begins at knot interval + 3 - d + j.
+  // Cox-de Boor recursion on polynomials in u = t - origin. Column j of degree d is the basis
+  // function that begins at knot interval + 3 - d + j.
   const auto at = [&](int i) {
     return knots_s[static_cast<std::size_t>(interval + i)] -
            knots_s[static_cast<std::size_t>(interval + 3)];
@@ -47,7 +47,8 @@ Eigen::Matrix4d BasisPolynomials(const std::vector<double>& knots_s, int interva
   for (int degree = 1; degree <= 3; ++degree) {
     Eigen::Matrix4d raised = Eigen::Matrix4d::Zero();
     for (int j = 0; j < degree; ++j) {
-      // The lower function spans knots [begin, end]; it rises into one and falls into the other.
+      // The lower function spans knots [begin, end]: rising part of one function, falling part of
+      // the other.
       const double begin = at(4 - degree + j);
       const double end = at(4 + j);
       const Eigen::Vector4d lower = basis.col(j) / (end - begin);

@@ -13,23 +13,24 @@ struct KnotSpacing {
   double min_s = 0.0;
   double max_s = 0.0;
   int measurements = 1;   // per interval, where the limits allow it
-  double margin_s = 0.0;  // the spline goes on so far before the first and after the last time
+  double margin_s = 0.0;  // extent of the spline before the first and after the last time
 };
 
 // Sets the knots for measurements at `times_s` (ascending, not empty), fine where they are dense.
-// Deep in a gap they may lie a tenth of the way to its end apart: their number stays in bounds, and
-// the problem well conditioned, however long it is.
+// Within a gap the spacing grows to a tenth of the distance to its end, which bounds the number of
+// knots and keeps the problem well conditioned.
 void PlaceKnots(const std::vector<double>& times_s, const KnotSpacing& spacing,
                 std::vector<double>& knots_s);
 
-// The interval that holds the time; the first or last one for times before or after all of them.
+// Returns the interval that contains the time, clamped to the first and last one.
 int IntervalAt(const std::vector<double>& knots_s, double time_s);
 
-// The four basis functions of an interval as polynomials: element (p, j) is the coefficient of
+// Returns the four basis functions of an interval as polynomials: (p, j) is the coefficient of
 // (t - knots[interval + 3])^p for control point interval + j.
 Eigen::Matrix4d BasisPolynomials(const std::vector<double>& knots_s, int interval);
 
-// Values or derivatives (order 0 to 3) of the four basis functions, u_s after the interval's begin.
+// Returns values or derivatives (order 0 to 3) of the four basis functions at u_s after the start
+// of the interval.
 Eigen::Vector4d EvaluateBasis(const Eigen::Matrix4d& polynomials, double u_s, int derivative);
 
 }  // namespace unlidar

@@ -17,15 +17,15 @@ namespace {
 
 constexpr double kNoTotalStepM = 1e-9;  // of all control points together
 
-// Near the minimum the cost is the same but for rounding over micrometres, in a gap over more, and
-// Ceres gives the point of the lowest cost. The minimum is where the slope vanishes: of the points
-// to which it moved, the last.
+// Near the minimum the cost is constant up to rounding over micrometres, in a gap over more, and
+// Ceres returns the point of the lowest cost. The gradient is the better criterion: it is smallest
+// at the last accepted point.
 class LastPoint : public ceres::EvaluationCallback {
  public:
   explicit LastPoint(const std::vector<Eigen::Vector3d>& control_points_m)
       : control_points_m_(control_points_m), last_m_(control_points_m) {}
 
-  // Derivatives are asked for where it starts and where it has moved to.
+  // Jacobians are evaluated at the start and at accepted points only.
   void PrepareForEvaluation(bool evaluate_jacobians, bool /*is_new_point*/) override {
     if (evaluate_jacobians) last_m_ = control_points_m_;
   }
@@ -33,7 +33,7 @@ class LastPoint : public ceres::EvaluationCallback {
   const std::vector<Eigen::Vector3d>& last_m() const { return last_m_; }
 
  private:
-  const std::vector<Eigen::Vector3d>& control_points_m_;  // in which Ceres puts what it evaluates
+  const std::vector<Eigen::Vector3d>& control_points_m_;  // set by Ceres before an evaluation
   std::vector<Eigen::Vector3d> last_m_;
 };
 
@@ -64,14 +64,15 @@ ceres::Solver::Options SolverOptions(int max_iterations,
                                      const std::vector<Eigen::Vector3d>& control_points_m) {
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-  // Eigen's solver throws where an allocation fails; CHOLMOD returns null, which Ceres overlooks.
+  // Eigen's solver throws if an allocation fails; CHOLMOD returns null, which Ceres overlooks.
   options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
   options.logging_type = ceres::SILENT;
   options.num_threads = 1;
   options.max_num_iterations = max_iterations;
-  options.initial_trust_region_radius = 1e12;  // quadratic, but for the few that the loss bends
-  // It ends where nothing moves any more. Until then a step counts by how the cost fell since the
-  // start, not by its own change, which drowns in rounding.
+  options.initial_trust_region_radius =
+      1e12;  // quadratic, except for the few in the bent part of the loss
+  // Terminates when no point moves any more. Until then a step is judged by the decrease of the
+  // cost since the start, because its own decrease is lost in rounding.
   double squares_m2 = 0.0;
   for (const auto& point_m : control_points_m) squares_m2 += point_m.squaredNorm();
   options.parameter_tolerance = kNoTotalStepM / std::max(1.0, std::sqrt(squares_m2));
@@ -82,11 +83,11 @@ ceres::Solver::Options SolverOptions(int max_iterations,
   return options;
 }
 
-// Some destructors of Ceres allocate: to fail in one ends the program. What the whole takes is put
-// aside before.
+// Some destructors of Ceres allocate, and a failure there terminates the program. So the memory of
+// the whole solve is reserved beforehand.
 void SolveWithReserve(const ceres::Solver::Options& options, ceres::Problem* problem,
                       ceres::Solver::Summary* summary) {
-  constexpr std::size_t kBytesPerResidualBlock = 4096;  // more than twice of what it is
+  constexpr std::size_t kBytesPerResidualBlock = 4096;  // more than twice the measured size
   constexpr std::size_t kBytesAtLeast = 1U << 17U;
   const auto num_blocks = static_cast<std::size_t>(problem->NumResidualBlocks());
   const MemoryReserve reserve(kBytesAtLeast + kBytesPerResidualBlock * num_blocks);
@@ -99,7 +100,7 @@ void SolveWithReserve(const ceres::Solver::Options& options, ceres::Problem* pro
 MinimumReport MinimiseByCeres(const SplineModel& model, const TrajectoryScales& scales,
                               const TruncatedLoss& loss, int max_iterations,
                               std::vector<Eigen::Vector3d>& control_points_m) {
-  // Two costs that are the same to the last digit end it, whatever the step was: then once more.
+  // Ceres stops at two identical costs, whatever the step was: solve again in that case.
   constexpr int kMaxSolves = 4;
   TruncatedLossFunction loss_function(loss);
   LastPoint last_point(control_points_m);

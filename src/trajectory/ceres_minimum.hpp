@@ -1,4 +1,4 @@
-// The robust minimum of a fit by Ceres: of the trajectory that is written of a recording.
+// Robust minimum of a fit by Ceres, used for the trajectories of recordings.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,11 +10,11 @@
 
 namespace unlidar {
 
-// Moves control points downhill to the minimum of
+// Moves control points to the minimum (method.md (15)) of
 //   1/2 (sum rho(|r_i|^2) + k^2 / sigma_a^2 sum |r_j|^2 + sum |r_l|^2)
-// over the residuals of the measurements i, the smoothness j and the start l of a model: where
-// Descend() goes, by Ceres' trust region. On one thread, so that the same start gives the same
-// bits. Throws std::bad_alloc.
+// over the residuals of the measurements i, the smoothness j and the start l of a model, the same
+// minimum as Descend(), with Ceres' trust region. Runs on one thread, so that results are
+// reproducible bit by bit. Throws std::bad_alloc.
 MinimumReport MinimiseByCeres(const SplineModel& model, const TrajectoryScales& scales,
                               const TruncatedLoss& loss, int max_iterations,
                               std::vector<Eigen::Vector3d>& control_points_m);

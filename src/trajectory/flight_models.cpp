@@ -10,14 +10,14 @@
 namespace unlidar {
 namespace {
 
-// How often which value occurs: normal about a mean, but for a share of them that is normal about
-// zero; with a spread of zero a density of 1 / (1 + |x| / mean), for signed values its square. Cut
-// off where the grid ends. All in m/s, or m/s^2 for turns.
+// Distribution of the values of a cue: normal about a mean, except for a share that is normal about
+// zero; with a spread of zero a density of 1 / (1 + |x| / mean), squared for signed values.
+// Truncated at the end of the grid. All in m/s, or m/s^2 for turns.
 struct CueDistribution {
   double mean = 0.0;
   double spread = 0.0;       // standard deviation
   double step = 0.0;         // standard deviation of the change within a second
-  double hover_share = 0.0;  // of values near zero,
+  double hover_share = 0.0;  // share of values near zero
   double hover_spread = 1.0;
 };
 
@@ -27,20 +27,20 @@ struct StatedModel {
   std::array<CueDistribution, kNumCues> distributions;
 };
 
-// Ground speed, climb and turn of each model. docs/kinds.md says more of the sources. Speeds are
-// over the ground: their spread includes 3 m/s of wind. What no source tells is an estimate.
-constexpr CueDistribution kBroadSpeed = {1.0, 0.0, 5.0};  // as likely in each ratio of speeds
+// Ground speed, climb and turn of each model; docs/kinds.md has the sources. Speeds are over
+// ground: their spread includes 3 m/s of wind. Numbers without a source are estimates.
+constexpr CueDistribution kBroadSpeed = {1.0, 0.0, 5.0};  // about uniform in log speed
 constexpr CueDistribution kBroadClimb = {1.0, 0.0, 3.0};
 constexpr CueDistribution kBroadTurn = {2.0, 0.0, 4.0};
 constexpr std::array<StatedModel, 8> kModels = {{
-    // A drone on a mission, as steady as a bird. Data sheets of camera drones: they hold their
-    // place within 0.1 to 0.5 m, fly at up to 15 to 21 m/s, climb at up to 8 and sink at up to 6.
+    // A drone on a mission, as steady as a bird. Data sheets of camera drones: position hold
+    // within 0.1 to 0.5 m, up to 15 to 21 m/s, climb at up to 8 and descent at up to 6 m/s.
     {FlightClass::kDrone, 0.5, {{{0.0, 8.0, 1.0, 0.35, 0.4}, {0.0, 1.5, 0.5}, {0.0, 1.0, 0.7}}}},
     // The same flown by hand: it brakes, turns and climbs within seconds.
     {FlightClass::kDrone, 0.3, {{{0.0, 8.0, 2.5, 0.35, 0.4}, {0.0, 2.0, 1.2}, {0.0, 2.0, 2.0}}}},
     // A racing drone: 8 m/s through gates (Foehn et al. 2020), 14 m/s in fast races, several g.
     {FlightClass::kDrone, 0.2, {{{10.0, 6.0, 5.0, 0.05, 0.4}, {0.0, 3.0, 3.0}, {0.0, 8.0, 6.0}}}},
-    // A bird that flaps somewhere: 8 to 23 m/s (Alerstam et al. 2007), sustained climbs of 0.3 to
+    // A bird in flapping transit: 8 to 23 m/s (Alerstam et al. 2007), sustained climbs of 0.3 to
     // 1.6 m/s (Hedenstroem & Alerstam 1992).
     {FlightClass::kBirdLike, 0.4, {{{13.0, 4.0, 1.0}, {0.0, 1.0, 0.5}, {0.0, 1.0, 0.7}}}},
     // A bird that turns, in a flock, at play or chased: banks for up to 2 g (Usherwood et al.
@@ -50,16 +50,16 @@ constexpr std::array<StatedModel, 8> kModels = {{
     {FlightClass::kBirdLike, 0.15, {{{8.0, 4.0, 1.5}, {0.0, 1.5, 0.7}, {0.0, 3.0, 1.0}}}},
     // A bat that hunts: 6.7 and 7.7 m/s in the open (Salcedo et al. 1995), less near trees.
     {FlightClass::kBirdLike, 0.2, {{{6.0, 2.0, 1.5}, {0.0, 1.2, 1.0}, {0.0, 4.0, 3.0}}}},
-    // Anything: no value is preferred, and none is kept.
+    // Unknown: no value is preferred, and none persists.
     {FlightClass::kUnknown, 1.0, {{kBroadSpeed, kBroadClimb, kBroadTurn}}},
 }};
 constexpr std::array<CueDistribution, kNumCues> kBroad = {kBroadSpeed, kBroadClimb, kBroadTurn};
 
-// No model is the whole truth: so much of every distribution is the broad one.
+// Share of the broad distribution in every other one, because no model is exact.
 constexpr double kBroadShare = 0.02;
 
-// So often a second a value is drawn anew, the others are those of before with a change. It is the
-// same for all, so that how long something is kept up says little.
+// Redraws of a value per second; otherwise it follows the one before with a change. The same for
+// all models, so that persistence is weak evidence.
 constexpr double kRedrawRate = 0.1;
 
 double GaussianDensity(double x, double sigma) {
@@ -71,7 +71,7 @@ struct Grid {
   std::vector<double> widths;
 };
 
-// Finer near zero, where drones hover.
+// Grid that is finer near zero, where drones hover.
 Grid MakeGrid(bool is_signed) {
   std::vector<double> edges = {0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0};
   while (edges.back() < 30.0) edges.push_back(edges.back() + 1.0);
@@ -95,7 +95,7 @@ const Grid& GridOf(Cue cue) {
   return cue == Cue::kSpeed ? kSpeeds : kSigned;
 }
 
-// Shares of the values of a grid.
+// Returns the shares of the values of a grid.
 std::vector<double> SharesOf(const CueDistribution& distribution, Cue cue) {
   const Grid& grid = GridOf(cue);
   const auto shares_of = [&](const auto& density) {
@@ -145,12 +145,12 @@ MarkovChain MakeMarkovChain(const CueDistribution& distribution, Cue cue) {
   return chain;
 }
 
-// Variance of a value within its step of the grid, and of its measurement.
+// Returns the sum of the variances of the grid step and of the measurement.
 double VarianceAt(const Grid& grid, std::size_t i, double variance) {
   return variance + Square(grid.widths[i]) / 12.0;
 }
 
-// e^-x I_0(x): std::cyl_bessel_i leaves the range of a double from 713 on.
+// e^-x I_0(x): std::cyl_bessel_i overflows from 713 on.
 double ScaledBessel0(double x) {
   constexpr double kFar = 50.0;
   if (x > kFar) return (1.0 + 0.125 / x) / std::sqrt(2.0 * M_PI * x);
@@ -179,11 +179,11 @@ const std::vector<FlightModel>& FlightModels() {
   return kFlightModels;
 }
 
-// Rice's distribution: how likely the length of a vector in the plane is measured like this, for
-// each true one. What is the same for all of them is left out.
+// Rice's distribution: likelihood of the measured length of a plane vector given each true one, up
+// to a common factor.
 void SetLikelihoodsOfSpeed(double speed_mps, double variance, std::vector<double>* likelihoods) {
   const Grid& grid = GridOf(Cue::kSpeed);
-  const double measured_mps = std::min(speed_mps, grid.values.back());  // what is beyond is there
+  const double measured_mps = std::min(speed_mps, grid.values.back());  // clamped to the grid
   likelihoods->resize(grid.values.size());
   for (std::size_t i = 0; i < likelihoods->size(); ++i) {
     const double v = VarianceAt(grid, i, variance);

@@ -1,8 +1,8 @@
-// Stated models of how drones, birds and bats fly, which nothing was trained for.
+// Models of the flight of drones, birds and bats from published numbers, without training.
 //
 // A second of flight is described by its ground speed, its climb and its lateral acceleration. Each
-// model says, for each of the three, how often which value occurs and how fast it changes: a Markov
-// chain on a grid of values. docs/kinds.md has the numbers with their sources.
+// model states, for each of the three, the distribution of its values and how fast they change: a
+// Markov chain on a grid of values. docs/kinds.md has the numbers with their sources.
 #pragma once
 
 #include <array>
@@ -11,17 +11,17 @@
 
 namespace unlidar {
 
-// What describes a second of flight: m/s, m/s and m/s^2.
+// Cues that describe a second of flight, in m/s, m/s and m/s^2.
 inline constexpr std::size_t kNumCues = 3;
 enum class Cue : std::size_t { kSpeed, kClimb, kTurn };
 
 inline constexpr std::size_t kNumFlightClasses = 3;
 enum class FlightClass : std::size_t { kDrone, kBirdLike, kUnknown };
 
-// How a cue behaves, on its grid of values.
+// Dynamics of a cue on its grid of values.
 struct MarkovChain {
-  std::vector<double> shares;              // (grid) how often which value occurs
-  std::vector<std::vector<double>> steps;  // (grid, grid) from each value to each within a second
+  std::vector<double> shares;              // (grid) stationary distribution
+  std::vector<std::vector<double>> steps;  // (grid, grid) transitions within a second
 };
 
 struct FlightModel {
@@ -32,13 +32,13 @@ struct FlightModel {
 
 const std::vector<FlightModel>& FlightModels();
 
-// Sets `likelihoods` (grid of the cue): how likely a value is measured, with this variance, for
-// each true one, but for a common factor. The ground speed is the length of a vector: Rice's law.
+// Sets `likelihoods` (grid of the cue) of the measured value given each true one, up to a common
+// factor. The ground speed is the length of a vector and follows Rice's distribution.
 void SetLikelihoodsOfSpeed(double speed_mps, double variance, std::vector<double>* likelihoods);
 // `cue`: climb or turn.
 void SetLikelihoodsOf(Cue cue, double measured, double variance, std::vector<double>* likelihoods);
 
-// Makes shares add up to 1. Their sum must be above 0.
+// Scales shares to a sum of 1. Their sum must be above 0.
 void Normalise(std::vector<double>* shares);
 
 }  // namespace unlidar

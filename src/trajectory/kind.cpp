@@ -13,9 +13,9 @@ namespace {
 
 constexpr TimeNs kStepNs = 1'000'000'000;
 constexpr double kHoverMps = 1.0;
-constexpr double kKindSteps = 10'000.0;  // of probabilities
+constexpr double kKindSteps = 10'000.0;  // resolution of probabilities
 
-// Of exp(log(i)) over the i < count that are in it.
+// Log of the sum of exp(log(i)) over the i < count for which is_in(i).
 template <class IsIn, class Log>
 double LogSum(std::size_t count, const IsIn& is_in, const Log& log) {
   double most = -std::numeric_limits<double>::infinity();
@@ -58,7 +58,7 @@ KindFilter::Instant KindFilter::InstantAt(const Trajectory& trajectory, TimeNs t
 
 void KindFilter::Observe(const Trajectory& trajectory, TimeNs until_ns) {
   const TimeNs end_ns = std::min(until_ns, trajectory.end_ns());
-  // The fit of a stream looks back for some seconds only.
+  // The fit of a stream covers the last few seconds only.
   if (last_ && last_->time_ns < trajectory.begin_ns()) last_.reset();
   if (!last_) {
     before_.reset();
@@ -84,7 +84,7 @@ void KindFilter::Update(const Instant& next) {
     const Eigen::Vector3d earlier_mps = (last_->position_m - before_->position_m) / kStepS;
     const Eigen::Vector2d along_mps = (velocity_mps + earlier_mps).head<2>();
     const double cross = earlier_mps.x() * velocity_mps.y() - earlier_mps.y() * velocity_mps.x();
-    // The change of the velocity across its mean; of what stands still there is none.
+    // Change of the velocity across its mean; none for a target that stands still.
     const double turn_mps2 = along_mps.norm() > 0.0 ? 2.0 * cross / along_mps.norm() / kStepS : 0.0;
     SetLikelihoodsOf(
         Cue::kTurn, turn_mps2,
@@ -139,7 +139,7 @@ Kind KindFilter::kind() const {
   const auto steps = [&](std::size_t c) {
     return std::round(kKindSteps * std::exp(logs[c] - sum));
   };
-  // Down for the least of three: the other two may both have been rounded up.
+  // The smallest of three is rounded down, because the other two may both have been rounded up.
   const double drone = steps(0);
   const double bird_like = std::min(steps(1), kKindSteps - drone);
   return {drone / kKindSteps, bird_like / kKindSteps,

@@ -1,9 +1,9 @@
-// What a track is, judged by how it flies alone: multicopters, birds and bats by stated models.
+// Classification of a track by its flight alone, with models of multicopters, birds and bats.
 //
-// The forward algorithm gives how likely the seconds of a track are under each model of flight,
-// with the sigmas of its trajectory; a kind is a mixture of models, and Bayes' rule the rest. So a
-// speed that is held counts little more than once, and what is measured badly says little.
-// docs/kinds.md has how well real flights are told apart.
+// The forward algorithm yields the likelihood of the seconds of a track under each flight model,
+// given the sigmas of its trajectory. A kind is a mixture of models; its posterior follows from
+// Bayes' rule. So a constant speed counts little more than once, and noisy measurements count
+// little. docs/kinds.md has the accuracy on real flights.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,31 +17,31 @@
 
 namespace unlidar {
 
-// Before anything is seen.
+// Prior class probabilities.
 inline constexpr Kind kPriorKind = {0.25, 0.25, 0.5};
 
-// How a track flew, and what that says.
+// Statistics of the flight of a track, and its kind.
 struct FlightStatistics {
   Kind kind = kPriorKind;
-  // (cues) Log likelihood ratio of drone to bird-like by each cue alone: above 0 for a drone. They
-  // need not add up: together, one model has to explain all three.
+  // (cues) Log likelihood ratio of drone to bird-like by each cue alone: above 0 for a drone. Not
+  // additive: jointly, one model has to explain all three.
   std::array<double, kNumCues> log_ratios = {};
-  double seconds = 0.0;       // that were judged
-  double hover_share = 0.0;   // of them, with less than 1 m/s across the ground
-  double wander_m = 0.0;      // RMS way within a second of hovering, 3-D; 0 without any
+  double seconds = 0.0;       // number judged
+  double hover_share = 0.0;   // share of them below 1 m/s over ground
+  double wander_m = 0.0;      // RMS displacement in a second of hovering, 3-D; 0 if none
   double speed_mps = 0.0;     // mean ground speed
   double climb_mps = 0.0;     // RMS vertical speed
   double turn_mps2 = 0.0;     // RMS lateral acceleration
-  double straightness = 0.0;  // distance of the ends over the length of the way; 0 to 1
+  double straightness = 0.0;  // distance of the ends over the path length; 0 to 1
 };
 
-// Follows one track, second by second. Memory and time per second are constant.
+// Filters the kind of one track, second by second, at constant memory and time per second.
 class KindFilter {
  public:
   KindFilter();
 
-  // Judges the whole seconds of the trajectory up to `until_ns` that were not judged yet, beginning
-  // with its first measurement. It may have been fitted anew since the last call.
+  // Judges the whole seconds of the trajectory up to `until_ns` that were not judged yet, counted
+  // from its first measurement. The trajectory may have been refitted since the last call.
   void Observe(const Trajectory& trajectory, TimeNs until_ns);
 
   Kind kind() const;
@@ -57,7 +57,7 @@ class KindFilter {
 
   // The forward algorithm of one model and cue.
   struct CuePosterior {
-    std::vector<double> shares;  // (grid) of each value, in view of all that was seen
+    std::vector<double> shares;  // (grid) posterior of each value
     double log_likelihood = 0.0;
   };
 
@@ -66,8 +66,8 @@ class KindFilter {
   void UpdateCue(Cue cue);
 
   std::vector<std::array<CuePosterior, kNumCues>> posteriors_;  // (models)
-  std::vector<double> likelihoods_;                             // (grid) of what is taken in next
-  std::vector<double> next_;  // (grid) shares of a posterior after it
+  std::vector<double> likelihoods_;                             // (grid) of the next measurement
+  std::vector<double> next_;  // (grid) shares of a posterior after the update
   std::optional<Instant> last_;
   std::optional<Instant> before_;  // a second earlier
   Eigen::Vector3d first_m_ = Eigen::Vector3d::Zero();

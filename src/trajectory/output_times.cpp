@@ -49,7 +49,7 @@ OutputInstants::OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns)
                      std::to_string(span_s) + " s gives over 10 million output times, expected " +
                      "fewer");
   }
-  // The last instant: from just below where rounding may have it, step by step.
+  // The last instant, found step by step from just below the rounded estimate.
   auto last = static_cast<std::uint64_t>(std::max(0.0, span_s * hertz - 2.0));
   while (ElapsedNs(last + 1) - ElapsedNs(last) <= span_ns - ElapsedNs(last)) ++last;
   size_ = last + 1;
@@ -74,8 +74,8 @@ std::size_t OutputInstants::CountBefore(TimeNs time_ns) const {
   return before;
 }
 
-// floor(k * 1e18 / nanohertz) for k up to some more than kMaxInstants. The remainder of the
-// division, below 1e15, times k does not fit into 64 bits: times the thousands of k it does.
+// Returns floor(k * 1e18 / nanohertz) for k slightly above kMaxInstants at most. The remainder of
+// the division, below 1e15, times k overflows 64 bits; times the thousands of k it does not.
 std::uint64_t OutputInstants::ElapsedNs(std::uint64_t k) const {
   constexpr std::uint64_t kDividend = std::uint64_t{1'000'000'000} * 1'000'000'000;
   const std::uint64_t remainder = kDividend % nanohertz_;

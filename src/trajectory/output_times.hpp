@@ -1,4 +1,4 @@
-// The instants at which rows are written.
+// Output times: the instants at which rows are written.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@
 
 namespace unlidar {
 
-// Instants in ascending order. Those of a rate are computed when they are asked for.
+// Instants in ascending order. Those of a rate are computed on demand.
 class OutputInstants {
  public:
   OutputInstants() = default;
@@ -20,7 +20,7 @@ class OutputInstants {
   // for more than 10 million.
   OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns);
 
-  // Makes it a list of those in [first, last), in the memory that it has.
+  // Replaces the instants by the list [first, last), reusing memory.
   template <class Iterator>
   void SetList(Iterator first, Iterator last) {
     list_.assign(first, last);
@@ -31,7 +31,7 @@ class OutputInstants {
   std::size_t size() const { return size_; }
   TimeNs operator[](std::size_t k) const;
 
-  // The number of instants before the time: the index of the first one that is not.
+  // Returns the number of instants before the time, the index of the first one not before it.
   std::size_t CountBefore(TimeNs time_ns) const;
 
  private:
@@ -43,7 +43,7 @@ class OutputInstants {
   std::size_t size_ = 0;
 };
 
-// A rate runs from the first frame's begin to the last frame's end.
+// A rate runs from the start of the first frame to the end of the last one.
 OutputInstants ResolveOutputTimes(const OutputTimes& times, const Recording& recording);
 
 }  // namespace unlidar

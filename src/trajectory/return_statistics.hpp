@@ -1,4 +1,4 @@
-// What the returns of a target look like: how strong its echo is, how far they spread.
+// Statistics of the returns of a target: return rate and extent.
 #pragma once
 
 #include "base/recording.hpp"
@@ -6,13 +6,13 @@
 
 namespace unlidar {
 
-// What its returns say of a target. Neither is weighed: drones and birds of one size reflect alike.
+// Informative only, not used for the kind: drones and birds of one size reflect alike.
 struct ReturnStatistics {
-  double echo_m2_per_s = 0.0;  // returns per second times range^2
+  double echo_m2_per_s = 0.0;  // return rate: returns per second times range^2
   double extent_m = 0.0;       // RMS distance of the returns from the trajectory, across the ray
 };
 
-// Of a target with at least one measurement, and its trajectory.
+// The target must have at least one measurement.
 ReturnStatistics DescribeReturns(const Recording& recording, const Target& target,
                                  const Trajectory& trajectory);
 

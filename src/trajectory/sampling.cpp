@@ -12,12 +12,12 @@
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kPathStepNs = 20'000'000;  // 50 Hz: finer than any drone turns
+constexpr TimeNs kPathStepNs = 20'000'000;  // 50 Hz: finer than any manoeuvre
 constexpr TimeNs kMaxPathSteps = 100'000;
 
-// The frame that holds a return.
+// Returns the frame that contains a return.
 const FrameInfo& FrameOf(const Recording& recording, std::uint32_t index) {
-  // Frames lie one after the other in the recording: it is the first that ends behind the return.
+  // Frames are contiguous in the recording: the first one that ends behind the return.
   return *std::upper_bound(
       recording.frames.begin(), recording.frames.end(), index,
       [](std::uint32_t i, const FrameInfo& frame) { return i < frame.last_return; });
@@ -27,14 +27,14 @@ bool IsFinite(const TrajectoryRow& row) {
   return row.position_m.allFinite() && row.velocity_mps.allFinite() && row.sigma_m.allFinite();
 }
 
-// Distance of two times, which cannot overflow.
+// Absolute difference of two times, without overflow.
 std::uint64_t Distance(TimeNs a, TimeNs b) {
   return static_cast<std::uint64_t>(std::max(a, b)) - static_cast<std::uint64_t>(std::min(a, b));
 }
 
-// How long the target may have gone unseen beyond one end: as long as a silence is likelier than
-// `probability`, if it is seen per frame period as often as in the nearest measurements. The
-// longest of their pauses is left out: it may be an occlusion.
+// Returns the time for which the target may have been undetected beyond one end: as long as missed
+// detections are likelier than `probability`, with the detection rate per frame period of the
+// nearest measurements. Their longest pause is excluded: it may be an occlusion.
 template <typename Iterator>
 TimeNs UndetectedTimeNs(Iterator first, Iterator last, TimeNs period_ns, double probability) {
   constexpr int kMaxSlices = 10;  // frame periods with a measurement
@@ -54,15 +54,15 @@ TimeNs UndetectedTimeNs(Iterator first, Iterator last, TimeNs period_ns, double 
   const double seen = static_cast<double>(num_pauses - 1) / static_cast<double>(sum - longest);
   if (seen >= 1.0) return 0;
   const double periods = std::floor(std::log(probability) / std::log1p(-seen));
-  // Longer than any recording, and no overflow where it is added to a time.
+  // Longer than any recording, without overflow when added to a time.
   constexpr TimeNs kForeverNs = 1'000'000'000'000'000'000;
   const bool ends = static_cast<double>(period_ns) * periods < static_cast<double>(kForeverNs);
   return ends ? period_ns * static_cast<TimeNs>(periods) : kForeverNs;
 }
 
-// The sigma of a target that is elsewhere with some probability, `offset_m` off with another sigma:
-// that of a Gaussian which holds as much between as many sigmas as a fit's own does, 99 %. Its
-// variance would tell most of what is hardly likely but far away.
+// Returns the sigma of a mixture in which the target is `offset_m` away, with another sigma, with
+// some probability: that of the Gaussian with the same 99 % interval (method.md (16)). The variance
+// of the mixture would mostly express improbable, distant modes.
 double MixtureSigma(double probability, double sigma_m, double offset_m, double other_sigma_m) {
   constexpr double kSigmas = 2.575829;
   constexpr double kWithin = 0.99;
@@ -182,7 +182,7 @@ std::optional<TrajectoryRow> RowSampler::Next() {
   return row;
 }
 
-// The next row that may be written, without its support.
+// Returns the next row that may be written, without its support.
 std::optional<TrajectoryRow> RowSampler::Sample() {
   while (instant_ < instants_.size()) {
     const TimeNs time_ns = instants_[instant_];
@@ -199,7 +199,7 @@ std::optional<TrajectoryRow> RowSampler::Sample() {
   return std::nullopt;
 }
 
-// Of two viewpoints that are equally near, the earlier one counts; without any, the origin.
+// Returns the viewpoint nearest in time, the earlier one of two; the origin if there is none.
 Eigen::Vector3d RowSampler::ViewpointAt(TimeNs time_ns) const {
   const std::vector<TimedViewpoint>& viewpoints = source_.viewpoints;
   if (viewpoints.empty()) return Eigen::Vector3d::Zero();
@@ -214,7 +214,7 @@ Eigen::Vector3d RowSampler::ViewpointAt(TimeNs time_ns) const {
   return at->viewpoint_m;
 }
 
-// Beyond the ends as there.
+// Constant beyond the first and last inflation.
 Eigen::Vector3d RowSampler::VarianceInflationAt(TimeNs time_ns) const {
   const std::vector<CovarianceInflation>& all = source_.covariance_inflations;
   if (all.empty()) return Eigen::Vector3d::Zero();

@@ -16,18 +16,18 @@ struct TimeInterval {
   TimeNs end_ns = 0;
 };
 
-// How long a target may have gone unseen before its first and after its last measurement: as long
-// as a silence is likelier than `probability`.
+// Returns the time for which a target may have been present but undetected before its first or
+// after its last measurement: as long as a run of missed detections is likelier than `probability`.
 TimeNs UndetectedBeforeNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
                           double probability);
 TimeNs UndetectedAfterNs(const std::vector<Measurement>& measurements, TimeNs period_ns,
                          double probability);
 
-// When a target was there: from first to last measurement, widened to the whole frames, of any
-// sensor, in which they lie (a stamp names all of its frame, whose returns were measured a little
-// before or after it), and further by a silence that is likelier than `silence_probability`: a
-// drone that is hit in one frame of five was there for some frames before the first hit. One that
-// is hit in every frame was not, nor is any with a silence_probability of 1. Ends with the
+// Returns the time in which a target existed: from first to last measurement, extended to the whole
+// frames of any sensor that contain them (returns are measured a little before or after the stamp
+// of their frame), and further while missed detections are likelier than `silence_probability`: a
+// drone that is hit in one frame of five was there for some frames before the first hit, one that
+// is hit in every frame was not. No such extension if silence_probability is 1. Clipped to the
 // recording.
 TimeInterval ExistenceInterval(const Recording& recording,
                                const std::vector<Measurement>& measurements,
@@ -39,54 +39,52 @@ struct FrameSupport {
   int returns = 0;
 };
 
-// Of some of the returns, by their indices in ascending order; in the order of the stamps.
+// Counts returns, given by ascending index, per frame; in order of stamps.
 std::vector<FrameSupport> SupportByFrame(const Recording& recording,
                                          const std::vector<std::uint32_t>& returns);
 
-// From where a target was seen at some time.
+// Viewpoint from which a target was seen at some time.
 struct TimedViewpoint {
   TimeNs time_ns = 0;
   Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();
 };
 
-// How much wider than its fit says the position of a target is spread at some time, per axis.
+// Variance per axis to be added to that of the fit at some time.
 struct CovarianceInflation {
   TimeNs time_ns = 0;
   Eigen::Vector3d variance_m2 = Eigen::Vector3d::Zero();
 };
 
-// So that they hold what is doubted of a fit as well. Of several alternative_modes of one time the
-// gravest counts.
+// Returns the inflations by which sigmas include the alternative modes of a fit (method.md (16)).
+// Of several modes of one time the one with the largest inflation counts.
 std::vector<CovarianceInflation> CovarianceInflationsOf(
     const std::vector<AlternativeMode>& alternative_modes, const Trajectory& trajectory);
 
 void SetViewpoints(const std::vector<Measurement>& measurements,
                    std::vector<TimedViewpoint>* viewpoints);
 
-// What the rows of a track are computed from. They are not kept: there may be millions of them.
+// Source of the rows of a track. Rows are not stored: there may be millions of them.
 struct RowSource {
   int track_id = 0;
   Trajectory trajectory;
   TimeInterval presence;
-  double depth_sigma_m = 0.0;  // an error that all rows share, along their rays:
-  std::vector<TimedViewpoint>
-      viewpoints;  // from the viewpoint of the nearest of these, in order of time
-  std::vector<CovarianceInflation>
-      covariance_inflations;  // in order of time: between two of them as on a straight line
+  double depth_sigma_m = 0.0;              // error common to all rows, along the ray
+  std::vector<TimedViewpoint> viewpoints;  // ascending; that nearest in time defines the ray
+  std::vector<CovarianceInflation> covariance_inflations;  // ascending; interpolated linearly
   double max_sigma_m = 0.0;
   std::vector<FrameSupport> support;
 };
 
-// One row per instant within the presence, except where the largest sigma exceeds max_sigma_m or a
-// number is not finite. The support of a row: the returns of the target whose frames' stamps are
-// nearer to it than to any other row, the earlier one of two equally near. (The middle of a frame
-// lies halfway between two stamps: by it, jitter would decide.) The sum over the rows is the number
-// of returns. Both arguments must outlive it.
+// Emits one row per instant within the presence, unless the largest sigma exceeds max_sigma_m or a
+// number is not finite. The support of a row is the number of returns of the target in frames whose
+// stamps are closest to it; ties go to the earlier row. (Stamps, because the middle of a frame lies
+// halfway between two rows, so that jitter would decide.) The sum over the rows is the number of
+// returns. Both arguments must outlive it.
 class RowSampler {
  public:
   RowSampler(const RowSource& source, const OutputInstants& instants);
 
-  // The rows in time order, one at each call, and then none.
+  // Returns the next row in time order; none after the last.
   std::optional<TrajectoryRow> Next();
 
  private:
@@ -98,10 +96,10 @@ class RowSampler {
   const OutputInstants& instants_;
   std::size_t instant_;
   std::vector<FrameSupport>::const_iterator support_;
-  std::optional<TrajectoryRow> ahead_;  // returns belong to the nearer of two rows
+  std::optional<TrajectoryRow> ahead_;  // support depends on the next row
 };
 
-// The same as a function.
+// Same as RowSampler::Next(), as a function.
 using RowStream = std::function<std::optional<TrajectoryRow>()>;
 RowStream SampleRows(const RowSource& source, const OutputInstants& instants);
 

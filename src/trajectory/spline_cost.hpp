@@ -1,4 +1,4 @@
-// A residual of a spline's fit, and the loss of a measurement, as Ceres asks for them.
+// Residual and loss of a spline fit as Ceres cost and loss functions.
 #pragma once
 
 #include <ceres/loss_function.h>
@@ -11,7 +11,7 @@
 
 namespace unlidar {
 
-// Its parameters are the four control points of the row. The row must outlive it.
+// Parameters: the four control points of the row, which must outlive it.
 class SplineCost : public ceres::SizedCostFunction<3, 3, 3, 3, 3> {
  public:
   SplineCost(const SplineRow& row, double scale) : row_(row), scale_(scale) {}

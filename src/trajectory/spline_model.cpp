@@ -13,14 +13,14 @@
 namespace unlidar {
 namespace {
 
-// Known beforehand of the first position and velocity, about the straight line through all
-// measurements, as standard deviations: nearly nothing.
+// Weak prior of the first position and velocity, about the straight line through all measurements,
+// as standard deviations.
 constexpr double kPositionSigmaM = 1e4;
 constexpr double kVelocitySigmaMps = 100.0;
-// A spline as fine as its measurements hides none of them.
+// As fine as the measurements, so that none is smoothed over.
 constexpr int kMeasurementsPerKnot = 1;
 
-// Row at u_s after the begin of an interval.
+// Row at u_s after the start of an interval.
 SplineRow RowAt(const Eigen::Matrix4d& polynomials, int interval, double u_s, int derivative) {
   SplineRow row;
   row.first = interval;
@@ -28,7 +28,7 @@ SplineRow RowAt(const Eigen::Matrix4d& polynomials, int interval, double u_s, in
   return row;
 }
 
-// Slope of the straight line through the measurements; zero where they have but one time.
+// Slope of the straight line through the measurements; zero if all have the same time.
 Eigen::Vector3d MeanVelocity(const std::vector<Measurement>& measurements,
                              const std::vector<double>& times_s,
                              const Eigen::Vector3d& mean_position_m) {
@@ -81,7 +81,7 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
       model.start[1].sqrt_information /= kVelocitySigmaMps;
       model.start[1].value_m = MeanVelocity(measurements, times_s, model.origin_m);
     }
-    // |a' + a / tau|^2 is a square of straight lines: two Gauss points are exact.
+    // |a' + a / tau|^2 is the square of a linear function: two Gauss points are exact.
     for (const double side : {-1.0, 1.0}) {
       add_derivatives(0.5 * length_s * (1.0 + side / std::sqrt(3.0)), 0.5 * length_s);
     }

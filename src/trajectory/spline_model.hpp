@@ -19,28 +19,28 @@ struct SplineDerivatives {
   double weight_s = 0.0;  // of the point in an integral over time
 };
 
-// All scales are relative to the noise: the posterior of the noise scale k is then known in closed
-// form, and only the ratio sigma_a / k is left to be searched.
+// All scales are relative to the noise: the posterior of the noise scale k then has a closed form,
+// and only the ratio sigma_a / k has to be searched.
 struct SplineModel {
   Eigen::Vector3d origin_m = Eigen::Vector3d::Zero();
   std::vector<double> times_s;  // of the measurements, since the first
   std::vector<double> knots_s;
   std::vector<SplineRow> measurements;
-  std::vector<SplineRow> start;  // nearly nothing about the first position and velocity
-  std::vector<SplineDerivatives> derivatives;  // of the begin, then two an interval
+  std::vector<SplineRow> start;                // weak prior of the first position and velocity
+  std::vector<SplineDerivatives> derivatives;  // at the start, then two per interval
 
   double acceleration_time_s = 0.0;      // tau, by SetSmoothness(), as are:
-  std::vector<Eigen::Matrix3d> agility;  // (intervals) sigma_a there over that of the whole: I
+  std::vector<Eigen::Matrix3d> agility;  // (intervals) relative sigma_a, identity
   std::vector<SplineRow> smoothness;     // (derivatives) for sigma_a = 1 m/s^2
   int num_control_points() const { return static_cast<int>(knots_s.size()) - 4; }
 };
 
-// Sets `model` but for its smoothness, in the memory that it has. Throws as FitTrajectory().
+// Sets `model` except for its smoothness, reusing memory. Throws the same as FitTrajectory().
 void BuildSplineModel(const std::vector<Measurement>& measurements, const TrajectoryConfig& config,
                       SplineModel& model);
 
-// Sets the smoothness of a target that is as agile all along, whichever way, and whose
-// accelerations last for tau.
+// Sets the smoothness for a constant, isotropic agility and the correlation time tau of the
+// acceleration.
 void SetSmoothness(double acceleration_time_s, SplineModel& model);
 
 }  // namespace unlidar

@@ -1,5 +1,5 @@
-// One residual of a spline's fit, of a measurement or of the smoothness, and its derivatives: what
-// the banded solver and Ceres minimise.
+// One residual of a spline fit, of a measurement or of the smoothness, and its derivatives; shared
+// by the banded solver and Ceres.
 #pragma once
 
 #include <Eigen/Core>

@@ -8,7 +8,7 @@
 namespace unlidar {
 namespace {
 
-// Adds it to A and b of the normal equations A c = b: J_a' J_b and J_a' S z of its Jacobians J.
+// Adds a row to A and b of the normal equations A c = b: J_a' J_b and J_a' S z of its Jacobians J.
 void AddRow(const SplineRow& row, double weight, BandedMatrix& matrix, std::vector<double>& right) {
   const Eigen::Matrix3d information =
       weight * row.sqrt_information.transpose() * row.sqrt_information;
@@ -29,7 +29,7 @@ void AddRow(const SplineRow& row, double weight, BandedMatrix& matrix, std::vect
   }
 }
 
-// Subtracts its slope J' r: of half its weighted square.
+// Subtracts the gradient J' r of half the weighted square of a row.
 void SubtractSlope(const SplineRow& row, double weight, const std::vector<Eigen::Vector3d>& control,
                    std::vector<double>& right) {
   const Eigen::Vector3d force = weight * row.sqrt_information.transpose() * Residual(row, control);
@@ -57,8 +57,8 @@ void SplineSolver::SetMeasurements(const SplineModel& model, const std::vector<d
   for (const auto& row : model.start) AddRow(row, 1.0, data_, right_);
 }
 
-// Where few measurements and a stiff model leave no digits for what is nearly unknown, a ridge of
-// relative size 1e-12 or more makes it a little known.
+// With few measurements and a stiff model the matrix is numerically singular; a ridge of relative
+// size 1e-12 or more regularises it.
 void SplineSolver::Factorise(double ratio) {
   smoothness_weight_ = 1.0 / (ratio * ratio);
   for (double ridge = 0.0; ridge < 1e-5; ridge = std::max(1e-12, 100.0 * ridge)) {
@@ -105,8 +105,8 @@ double SplineSolver::Step(const SplineModel& model, const std::vector<double>& w
   return longest_m;
 }
 
-// By the triangle of a QR decomposition of the rows: neighbours tell a position so much better than
-// the begin of a minute does that their squares have no digits left.
+// By QR decomposition of the rows: the smoothness between neighbours outweighs the start by so much
+// over a minute that squared terms would lose all digits.
 double SplineSolver::LogDeterminantOfSmoothness(const SplineModel& model) {
   const auto size = Index(model.num_control_points());
   triangle_.assign(size, Eigen::Vector4d::Zero());
@@ -122,7 +122,8 @@ double SplineSolver::LogDeterminantOfSmoothness(const SplineModel& model) {
       basis = {basis[1], basis[2], basis[3], 0.0};
     }
   };
-  // In the order of their control points: what is added behind a row leaves its triangle alone.
+  // Rows in the order of their control points, so that later rows leave earlier triangles
+  // unchanged.
   auto start = model.start.begin();
   for (const SplineRow& row : model.smoothness) {
     for (; start != model.start.end() && start->first <= row.first; ++start) {

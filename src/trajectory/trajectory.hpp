@@ -1,15 +1,14 @@
-// The smooth trajectory of a target: a robust cubic B-spline in time, with honest sigmas.
+// Smooth trajectory of a target: a robust cubic B-spline in time, with consistent sigmas.
 //
 // Between the measurements the target is assumed to accelerate as in Singer's model (1970):
 // a' = -a / tau + white noise, with standard deviation sigma_a of a. The spline minimises
 //   sum rho(|R^-1/2 (x(t_i) - z_i)|^2 / k^2)
 //     + tau / (2 sigma_a^2) * integral |a' + a / tau|^2 dt + |a(t_0)|^2 / sigma_a^2,
 // whose last two terms equal integral(|a'|^2 tau + |a|^2 / tau) dt / (2 sigma_a^2) and boundary
-// terms. sigma_a, tau and the noise scale k are those that the data makes likely (marginal
-// likelihood, which is REML, for position and velocity at t_0 are as good as free): multicopters
-// change their acceleration within half a second, on smooth ways it lasts for four. rho is
-// truncated. Where, and in which directions, the flight is calmer or more agile than on the whole,
-// sigma_a follows (agility.hpp).
+// terms. sigma_a, tau and the noise scale k are estimated by marginal likelihood (REML, because
+// position and velocity at t_0 are nearly free): multicopters change their acceleration within half
+// a second, on smooth flights it lasts for four. rho is truncated. sigma_a varies along the flight
+// and with direction (agility.hpp).
 #pragma once
 
 #include <Eigen/Core>
@@ -22,10 +21,10 @@
 
 namespace unlidar {
 
-// How long an acceleration lasts where nothing is known of it: tau of Singer's model.
+// Typical correlation time of the acceleration: tau of Singer's model.
 inline constexpr double kTypicalAccelerationTimeS = 1.0;
 
-// How far a target may depart from a straight line, and how noisy its measurements are.
+// Scales of the manoeuvres and of the measurement noise.
 struct TrajectoryScales {
   double acceleration_mps2 = 0.0;                          // sigma_a
   double noise = 1.0;                                      // k
@@ -37,14 +36,14 @@ struct Trajectory {
   std::vector<double> weights;  // (measurements) 1: used in full ... 0: an outlier
   MinimumReport minimum;
 
-  // Times count from the first measurement, positions from origin_m: no digits are lost on Unix
-  // times or UTM.
+  // Times are relative to the first measurement, positions to origin_m: no digits are lost with
+  // Unix times or UTM.
   TimeNs origin_ns = 0;
   TimeNs duration_ns = 0;
   Eigen::Vector3d origin_m = Eigen::Vector3d::Zero();
   std::vector<double> knots_s;
-  // (intervals) sigma_a between knots i + 3 and i + 4 over scales', a symmetric matrix as it is not
-  // the same along the way of flight as across it.
+  // (intervals) sigma_a between knots i + 3 and i + 4 over that of scales, a symmetric matrix,
+  // because it differs along and across the direction of flight.
   std::vector<Eigen::Matrix3d> agility;
   std::vector<Eigen::Vector3d> control_points_m;
   // Entry d of control point i: covariance with control point i + d.
@@ -53,26 +52,26 @@ struct Trajectory {
   TimeNs begin_ns() const { return origin_ns; }  // first and last measurement
   TimeNs end_ns() const { return origin_ns + duration_ns; }
 
-  // Position, velocity and sigma at a time; support and track_id are left at 0. Also outside of
-  // [begin_ns, end_ns], with a sigma that grows: by the model as far as max_extrapolation_s, beyond
-  // that by the last cubic.
+  // Returns position, velocity and sigma at a time; support and track_id are 0. Outside of
+  // [begin_ns, end_ns] the sigma grows: by the model up to max_extrapolation_s, beyond that by the
+  // last cubic.
   TrajectoryRow At(TimeNs time_ns) const;
 
   // (3, 3) covariance of the position at a time, m^2.
   Eigen::Matrix3d CovarianceAt(TimeNs time_ns) const;
 };
 
-// Fits measurements: at least one, in time order, covariances positive definite. Throws
-// std::invalid_argument for others.
+// Fits measurements: at least one, in time order, with positive definite covariances. Throws
+// std::invalid_argument otherwise.
 Trajectory FitTrajectory(const std::vector<Measurement>& measurements,
                          const TrajectoryConfig& config);
 
-// The same with the minimum that Ceres finds from there: of the trajectory that is written of a
-// recording.
+// Same as FitTrajectory(), with the minimum refined by Ceres; used for recordings.
 Trajectory FitTrajectoryByCeres(const std::vector<Measurement>& measurements,
                                 const TrajectoryConfig& config);
 
-// The same at given scales, several times faster: for a target whose measurements change little.
+// Same as FitTrajectory() at given scales, several times faster: for measurements that have changed
+// little.
 Trajectory RefitTrajectory(const std::vector<Measurement>& measurements,
                            const TrajectoryScales& scales, const TrajectoryConfig& config);
 

@@ -8,8 +8,7 @@
 namespace unlidar {
 
 void TrajectoryFitter::Fit(const std::vector<Measurement>& measurements, Trajectory& trajectory) {
-  // The scales decide what is an outlier and the outliers decide the scales: from several starts,
-  // the most likely pair wins.
+  // Scales and outliers depend on each other: several starts, the most likely pair wins.
   constexpr std::array<double, 3> kStarts_mps2 = {1.0, 5.0, 25.0};
   BuildSplineModel(measurements, config_, model_);
   SetAccelerationTime(kTypicalAccelerationTimeS);
@@ -39,8 +38,8 @@ void TrajectoryFitter::SetAccelerationTime(double acceleration_time_s) {
   memory_.solver.SetSmoothness(model_);
 }
 
-// The most likely at the weights of the fit so far, which has the typical one: halved or doubled as
-// long as that is likelier.
+// Returns the scales at the most likely tau for the weights of the present fit: starting from the
+// typical tau, it is halved or doubled while that is likelier.
 ScaleSearch TrajectoryFitter::SearchAccelerationTimes() {
   constexpr double kMinS = 0.25;
   constexpr double kMaxS = 4.0;
@@ -58,8 +57,8 @@ ScaleSearch TrajectoryFitter::SearchAccelerationTimes() {
   return best;
 }
 
-// Ceres starts where the reweighting ended, without what that lost to rounding. Where it does not
-// converge, the minimum of the banded solver is as good as that of a stream.
+// Ceres starts where the reweighting ended and removes its rounding errors. If it does not
+// converge, the minimum of the banded solver is used, as for a stream.
 MinimumReport TrajectoryFitter::FindMinimum(const TrajectoryScales& scales) {
   if (minimiser_ == Minimiser::kBanded) return Descend(model_, scales, config_, memory_, fit_);
   if (fit_.is_minimum) memory_.solver.Step(model_, fit_.weights, fit_.control_points_m);
@@ -76,7 +75,7 @@ MinimumReport TrajectoryFitter::FindMinimum(const TrajectoryScales& scales) {
   return report;
 }
 
-// From a fit at the same agility all along.
+// Starts from a fit with constant agility.
 void TrajectoryFitter::Finish(const std::vector<Measurement>& measurements,
                               const TrajectoryScales& scales, Trajectory& trajectory) {
   constexpr int kRounds = 2;  // a third changes sigmas by 1 %

@@ -1,4 +1,4 @@
-// Fits trajectories one after the other in the same memory.
+// Fits trajectories one after the other, reusing memory.
 #pragma once
 
 #include <vector>
@@ -10,12 +10,12 @@
 
 namespace unlidar {
 
-// Who finds the robust minimum in the end. Ceres takes memory at each fit.
+// Solver of the final robust minimum. Ceres allocates at each fit.
 enum class Minimiser { kBanded, kCeres };
 inline constexpr int kMaxCeresIterations = 500;
 
-// FitTrajectory() and RefitTrajectory() for a stream: no fit that is no longer than one before
-// takes memory, nor does `trajectory`, if it is that of the same target a frame ago.
+// FitTrajectory() and RefitTrajectory() for a stream: a fit no longer than an earlier one does not
+// allocate, nor does `trajectory` if it is that of the same target one frame earlier.
 class TrajectoryFitter {
  public:
   explicit TrajectoryFitter(const TrajectoryConfig& config,

@@ -13,9 +13,9 @@
 namespace unlidar {
 namespace {
 
-// Limits of sigma_a, of what hangs on the wind to what is thrown, and the spread (standard
-// deviation of the logarithm) of its prior and of those of tau, about its typical value, and of the
-// noise scale: a factor of 4.5, of 2.7 and of 1.6.
+// Limits of sigma_a, from drifting to thrown objects, and the spreads (standard deviation of the
+// logarithm) of the priors of sigma_a, of tau about its typical value, and of the noise scale:
+// factors of 4.5, 2.7 and 1.6.
 constexpr double kMinAccelerationMps2 = 0.05;
 constexpr double kMaxAccelerationMps2 = 30.0;
 constexpr double kAccelerationSpread = 1.5;
@@ -23,7 +23,7 @@ constexpr double kAccelerationTimeSpread = 1.0;
 constexpr double kNoiseScaleSpread = 0.5;
 constexpr double kScaleStep = 0.35;  // of the grids of log scales
 
-// Block of the inverse that belongs to the control points i and i + d.
+// Block of the inverse for the control points i and i + d.
 Eigen::Matrix3d InverseBlock(const BandedMatrix& inverse, int i, int d) {
   Eigen::Matrix3d block;
   for (int r = 0; r < 3; ++r) {
@@ -36,7 +36,7 @@ Eigen::Matrix3d InverseBlock(const BandedMatrix& inverse, int i, int d) {
   return block;
 }
 
-// Squared Mahalanobis distance of a measurement from what all others predict. With V = the
+// Squared Mahalanobis distance of a measurement from the prediction of all others. With V = the
 // posterior covariance in units of the measurement's own, w its weight in it and r its residual:
 // innovation (I - w V)^-1 r of covariance I + (I - w V)^-1 V.
 double SquaredInnovation(const SplineRow& row, double weight, const BandedMatrix& inverse,
@@ -46,7 +46,7 @@ double SquaredInnovation(const SplineRow& row, double weight, const BandedMatrix
   const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
   const Eigen::Vector3d r = Residual(row, control);
   // (I - w V)^-T (I + (I - w V)^-1 V)^-1 (I - w V)^-1 = (I - w V)^-1 (I + (1 - w) V)^-1
-  // A measurement that the fit rests on alone (w V = I but for rounding) cannot be tested.
+  // A measurement that alone determines the fit (w V = I up to rounding) cannot be tested.
   const Eigen::Matrix3d left = (1.0 + 1e-6) * identity - weight * v;
   const Eigen::Matrix3d right = identity + (1.0 - weight) * v;
   return r.dot((left * right).ldlt().solve(r));
@@ -60,8 +60,8 @@ double LargestDifference(const std::vector<double>& a, const std::vector<double>
   return largest;
 }
 
-// Reweighted least squares from the weights of a fit, with a limit of the loss that goes on from
-// `limit`; 0: it starts at the largest innovation.
+// Reweighted least squares from the weights of a fit, with a limit of the loss that starts at
+// `limit`; 0: at the largest innovation.
 void Reweight(const SplineModel& model, const TrajectoryScales& scales,
               const TrajectoryConfig& config, double limit, FitMemory& memory, SplineFit& fit) {
   constexpr int kMaxFinalIterations = 15;
@@ -85,7 +85,7 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales,
     }
     for (double& value : s) value = TruncatedLoss{limit}.Weight(value);
     const double change = LargestDifference(s, fit.weights);
-    // Scales so wrong that no measurement fits: what was believed last is all there is.
+    // The scales are so wrong that no measurement fits: keep the last weights.
     if (*std::max_element(s.begin(), s.end()) == 0.0) break;
     std::swap(fit.weights, s);
     fit.is_minimum = change == 0.0;
@@ -93,7 +93,7 @@ void Reweight(const SplineModel& model, const TrajectoryScales& scales,
   }
 }
 
-// Sets the weights to those of the residuals at the control points; true where that changes one.
+// Sets the weights to those of the residuals at the control points. Returns true if any changes.
 bool SetWeights(const SplineModel& model, const TruncatedLoss& loss, SplineFit& fit) {
   bool has_changed = false;
   for (std::size_t i = 0; i < fit.weights.size(); ++i) {
@@ -176,7 +176,7 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
     used += weight;
     outlier_cost += limit * (1.0 - weight) / (1.0 + weight);
   }
-  // Six numbers, first position and velocity, are nearly free. The acceleration has one per knot
+  // Six parameters, first position and velocity, are nearly free. The acceleration has one per knot
   // between intervals.
   const double freedom = std::max(0.0, 3.0 * used - 6.0);
   const double smooth_rank = 3.0 * (model.num_control_points() - 2);
@@ -192,7 +192,7 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
   const double end = log_max_a - log_min_k;
   const int num_ratios = 1 + static_cast<int>(std::ceil((end - begin) / kScaleStep));
   const int num_noises = 1 + static_cast<int>(std::ceil((log_max_k - log_min_k) / 0.1));
-  // Of one ratio; returns the best of them.
+  // Adds the candidates of one ratio. Returns the best log posterior.
   const auto add_candidates = [&](int i) {
     const double log_ratio = begin + (end - begin) * i / (num_ratios - 1);
     const auto& control = memory.solver.Minimise(std::exp(log_ratio));
@@ -220,7 +220,7 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
     }
     return best;
   };
-  // Every third, and those beside the likely ones: what is less likely by far adds nothing.
+  // Every third ratio, then the neighbours of the likely ones: others contribute nothing.
   constexpr int kStride = 3;
   constexpr double kMaxLogDeficit = 12.0;
   auto& bests = memory.bests;

@@ -1,4 +1,4 @@
-// The robust loss of a measurement, of the banded solver as of Ceres.
+// Robust loss of a measurement, for the banded solver and for Ceres.
 #pragma once
 
 #include <cmath>
@@ -10,7 +10,7 @@ namespace unlidar {
 //   rho(s) = s                           up to c^2 / 2,
 //            2 sqrt(2 c^2 s) - c^2 - s   up to 2 c^2,
 //            c^2                         beyond.
-// It is concave: rho'(s) is the weight of a measurement in least squares that are reweighted.
+// It is concave: rho'(s) is the weight of a measurement in reweighted least squares.
 struct TruncatedLoss {
   double squared_limit;
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
 from unlidar_tools.errors import UsageError
-from unlidar_tools.printable import hide_secrets
+from unlidar_tools.sanitize import hide_secrets
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ def datagrams(path: Path) -> Iterator[Datagram]:
                     f"{path}: captured from a network of kind {reader.datalink()}, expected "
                     "Ethernet, Linux cooked or raw IP"
                 )
-            pieces = _Pieces()
+            pieces = _FragmentAssembler()
             for time_s, frame in reader:
                 if not frame:  # no network has such; a sparse file is full of them
                     raise InputError(f"{path}: damaged: a packet of 0 bytes")
@@ -76,7 +76,7 @@ def _links(dpkt: ModuleType) -> dict[int, type]:
     }
 
 
-class _Pieces:
+class _FragmentAssembler:
     """Packets that are longer than their network takes come in pieces, in any order."""
 
     def __init__(self) -> None:
@@ -118,7 +118,7 @@ def _joined(pieces: dict[int, bytes]) -> bytes | None:
 
 
 def _udp_over_ip(
-    dpkt: ModuleType, link: type, frame: bytes, pieces: _Pieces
+    dpkt: ModuleType, link: type, frame: bytes, pieces: _FragmentAssembler
 ) -> tuple[str, bytes] | None:
     try:
         packet = link(frame)

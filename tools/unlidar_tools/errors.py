@@ -5,7 +5,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable
 
-from unlidar_tools.printable import hide_secrets, printable
+from unlidar_tools.sanitize import hide_secrets, printable
 
 _MOST = 240  # characters of a message
 _MOST_NAMES = 110  # of the names in a list

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.limits import lines_of
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 from unlidar_tools.stamps import parse_stamp_ns
 
 _RATES_HZ = 1e-3, 1e9  # up to names that are nanoseconds

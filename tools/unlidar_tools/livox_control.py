@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from unlidar_tools.errors import InputError, UsageError, reason
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 DISCOVERY_PORT = 56000
 SAMPLING, IDLE = 1, 2

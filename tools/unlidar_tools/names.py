@@ -8,7 +8,7 @@ import re
 import zlib
 from collections.abc import Iterable
 
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 # Half of what file systems take, which leaves room for what is put before and after a name.
 _MOST = 120
@@ -34,7 +34,7 @@ def folder_names(texts: Iterable[str]) -> list[str]:
     names: list[str] = []
     taken: set[str] = set()  # in lower case: file systems that do not tell a from A exist
     for text in texts:
-        plain = text if _NAME.fullmatch(text) else _like(text)
+        plain = text if _NAME.fullmatch(text) else _similar(text)
         plain += "_cloud" if plain in RESERVED else ""
         name, number = plain, 2
         while name.lower() in taken:
@@ -53,8 +53,8 @@ def topic_level(text: str) -> str:
     """
     if _NAME.fullmatch(text):
         return text
-    return f"{_like(text)[: _MOST - 9]}-{zlib.crc32(text.encode('utf-8', 'replace')):08x}"
+    return f"{_similar(text)[: _MOST - 9]}-{zlib.crc32(text.encode('utf-8', 'replace')):08x}"
 
 
-def _like(text: str) -> str:
+def _similar(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:_MOST].strip("_-") or "sensor"

@@ -33,8 +33,8 @@ from unlidar_tools.record import (
 from unlidar_tools.report import PAGE, ReportData, judged, read_results, write_page
 from unlidar_tools.report.rrd import RECORDING
 from unlidar_tools.report.static import FOLDER, figure_data
+from unlidar_tools.reporting import note, timed
 from unlidar_tools.station import places_sensors, read_station, station_options
-from unlidar_tools.telling import note, timed
 from unlidar_tools.truth import TRUTH_NAME, read_tracks, read_truth
 
 CONFIG = "config.yaml"  # in the results of one of many recordings: what was given for all

@@ -15,7 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from unlidar_tools import interrupts, telling
+from unlidar_tools import interrupts, reporting
 from unlidar_tools.errors import report_errors
 
 T = TypeVar("T")
@@ -60,7 +60,7 @@ class Launcher:
             if self._stopped:
                 return Ended(interrupts.INTERRUPTED, None, "interrupted")
             process = subprocess.Popen(
-                [*self._command, *([_VERBOSE] if telling.is_verbose() else [])],
+                [*self._command, *([_VERBOSE] if reporting.is_verbose() else [])],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -72,7 +72,7 @@ class Launcher:
         finally:
             with self._lock:
                 self._running.discard(process)
-        telling.repeat(said.decode(errors="replace"), name)
+        reporting.forward_messages(said.decode(errors="replace"), name)
         result = pickle.loads(answer) if process.returncode == 0 else None
         return Ended(process.returncode, result, said.decode(errors="replace"))
 
@@ -112,7 +112,7 @@ def serve(act: Callable[[Any], object]) -> int:
     """
     interrupts.end_at_once()
     _end_with(int(sys.argv[1]))
-    telling.show(_VERBOSE in sys.argv)
+    reporting.show_on_stderr(_VERBOSE in sys.argv)
     answer = os.dup(1)
     os.dup2(2, 1)  # what anything prints must not get into the answer
 

@@ -16,7 +16,7 @@ from typing import TextIO
 from unlidar_tools.errors import InputError, ProgramError, UsageError, reason
 from unlidar_tools.output import clear_results
 from unlidar_tools.progress import on_terminal, show_stages
-from unlidar_tools.telling import is_verbose, stage
+from unlidar_tools.reporting import is_verbose, stage
 
 NAME = "unlidar_track"
 PACKAGE = "unlidar-track"  # tools/package.sh makes it
@@ -24,7 +24,7 @@ VARIABLE = "UNLIDAR_TRACK"
 TRAJECTORY, SUMMARY, TARGET_RETURNS = "traj.csv", "summary.json", "target_returns.pcd"
 CLUSTERS = "clusters.csv"
 _STAGE = re.compile(rf"{NAME}: (.+: .+) \([0-9.]+ s\)")  # what it says with --verbose
-_ITS_OWN_WORDS = {"--quiet", "--verbose"}
+_VERBOSITY_OPTIONS = {"--quiet", "--verbose"}
 # Where a build in the source tree puts it, seen from there and from the tree's folders.
 _BUILDS = (Path(__file__).parents[2] / "build", Path("build"), Path("../build"))
 
@@ -106,7 +106,7 @@ def _call(command: list[str], description: str | None = None) -> tuple[str, tupl
 
     With a `description` its stages are shown as they end, on a terminal or where all stages are.
     """
-    asked = _ITS_OWN_WORDS.intersection(command)
+    asked = _VERBOSITY_OPTIONS.intersection(command)
     shown = description is not None and not asked and (is_verbose() or on_terminal())
     if description is not None:
         stage(f"command: {shlex.join(command)}")

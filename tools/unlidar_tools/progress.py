@@ -17,7 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 T = TypeVar("T")
 

@@ -15,7 +15,7 @@ from ruamel.yaml import YAMLError
 
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.limits import load_yaml
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 STATION_NAME = "station.yaml"
 _Finite = Annotated[float, Field(allow_inf_nan=False)]

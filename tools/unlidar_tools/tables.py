@@ -8,7 +8,7 @@ from rich.table import Table
 
 from unlidar_tools.evaluation.markdown import percent, table_rows
 from unlidar_tools.evaluation.measures import several_drones
-from unlidar_tools.printable import cell
+from unlidar_tools.sanitize import cell
 
 
 def console() -> Console:

@@ -13,7 +13,7 @@ from unlidar_tools.batch.job import FAILED, Row
 from unlidar_tools.evaluation.markdown import table_line
 from unlidar_tools.evaluation.measures import several_drones
 from unlidar_tools.output import write_file
-from unlidar_tools.printable import cell
+from unlidar_tools.sanitize import cell
 
 _NAME = "table"
 _NUMBERS: dict[str, tuple[str, Callable[[float], str]]] = {

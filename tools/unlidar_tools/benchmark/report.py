@@ -13,7 +13,7 @@ from unlidar_tools.benchmark.variants import Variant
 from unlidar_tools.evaluation.markdown import table_line
 from unlidar_tools.limits import load_yaml
 from unlidar_tools.output import write_file
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 MARKDOWN, JSON = "benchmark.md", "benchmark.json"
 _PUBLISHED = Path(__file__).parent / "published.yaml"

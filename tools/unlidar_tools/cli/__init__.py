@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import NoReturn
 
-from unlidar_tools import telling
+from unlidar_tools import reporting
 from unlidar_tools.cli import (
     benchmark,
     completion,
@@ -106,7 +106,7 @@ def _act(arguments: Sequence[str] | None) -> None:
     words = sys.argv[1:] if arguments is None else arguments
     parser = _parser()
     chosen = parser.parse_args(words or ["--help"])
-    telling.show(chosen.verbose)
+    reporting.show_on_stderr(chosen.verbose)
     chosen.act(chosen)
 
 

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from unlidar_tools.errors import UsageError
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 EXAMPLE = """unlidar benchmark near two empty_sky --seeds 1-3 --methods robust,paper
   unlidar benchmark --scenes-dir scenes --out out/benchmark --ablate"""

@@ -3,10 +3,10 @@
 import argparse
 from pathlib import Path
 
-from unlidar_tools import telling
+from unlidar_tools import reporting
 from unlidar_tools.cli.arguments import count, not_negative, origin, positive
 from unlidar_tools.errors import InputError, UsageError
-from unlidar_tools.printable import cell, printable
+from unlidar_tools.sanitize import cell, printable
 
 EXAMPLE = (
     "unlidar convert mmaud/val/seq0001 --list && "
@@ -120,7 +120,7 @@ def _convert(a: argparse.Namespace) -> None:
     if report["broken"] is not None:
         raise InputError(f"{report['broken']}; kept {kept_of(report)}")
     for note in report["notes"]:
-        telling.note(note)
+        reporting.note(note)
     counts = counts_of(report)
     truth = report["truth_rows"]
     told = "no truth" if truth is None else f"{truth} truth rows"

@@ -8,7 +8,7 @@ from pathlib import Path
 from unlidar_tools.cli.arguments import number, positive, whole
 from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.evaluate_options import ALIGNMENTS, AUTO, Options
-from unlidar_tools.telling import note
+from unlidar_tools.reporting import note
 
 EXAMPLE = """unlidar evaluate out/demo/ground_truth.csv out/run/demo/traj.csv --align translation
   unlidar evaluate --group day=out/run/day --group night=out/run/night --markdown"""

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from unlidar_tools.cli.arguments import number, positive
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 EXAMPLE = """unlidar explain out/run/demo
   unlidar explain out/run/demo --at 1706255625 --near 4.5,-2,7 --radius 1.5"""

@@ -117,7 +117,7 @@ def _list(reader: "Reader", a: argparse.Namespace) -> None:
     from rich import box
     from rich.table import Table
 
-    from unlidar_tools.printable import cell
+    from unlidar_tools.sanitize import cell
     from unlidar_tools.tables import console
 
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))

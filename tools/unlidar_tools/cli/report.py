@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 EXAMPLE = """unlidar report out/run/demo
   unlidar report out/run/demo --static"""

@@ -8,7 +8,7 @@ from pathlib import Path
 from unlidar_tools.cli.convert import define_reading
 from unlidar_tools.errors import BatchError, ConfigError, UsageError, reason
 from unlidar_tools.limits import read_text
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 EXAMPLE = """unlidar simulate demo out/demo && unlidar run out/demo --method robust
   unlidar run mmaud/val --jobs 2"""

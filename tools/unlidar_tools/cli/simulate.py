@@ -6,7 +6,7 @@ from pathlib import Path
 from unlidar_tools.cli.arguments import whole
 from unlidar_tools.cli.convert import counts_of
 from unlidar_tools.configs import scenario_names
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 EXAMPLE = "unlidar simulate demo out/demo --seed 7"
 

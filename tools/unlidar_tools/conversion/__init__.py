@@ -33,8 +33,8 @@ from unlidar_tools.errors import InputError, UsageError, listed
 from unlidar_tools.frames_io import is_return, write_pcd
 from unlidar_tools.names import check_name
 from unlidar_tools.output import complete_directory
-from unlidar_tools.printable import printable
 from unlidar_tools.progress import with_progress
+from unlidar_tools.sanitize import printable
 from unlidar_tools.stamps import parse_stamp_ns
 from unlidar_tools.station import write_station
 from unlidar_tools.truth import TRUTH_NAME

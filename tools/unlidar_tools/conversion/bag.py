@@ -23,12 +23,12 @@ from unlidar_tools.conversion.message_types import (
     is_ros1,
     types_of,
 )
-from unlidar_tools.conversion.placing import Placing
 from unlidar_tools.conversion.point_times import OFFSET_FIELD, offsets_ns
 from unlidar_tools.conversion.positions import FIX, Positions
 from unlidar_tools.conversion.scans import unpacked_message, widest
+from unlidar_tools.conversion.sensor_poses import SensorPoses
 from unlidar_tools.conversion.source import Options, SourceFrame, Stream, TruthRow, Unreadable
-from unlidar_tools.conversion.stamps_seen import StampsSeen
+from unlidar_tools.conversion.stamp_selector import StampSelector
 from unlidar_tools.conversion.transforms import StaticTransforms
 from unlidar_tools.errors import InputError, listed, reason
 from unlidar_tools.limits import MEGABYTE, TooLargeError
@@ -65,8 +65,8 @@ class RosBag:
         self.truths = len(self._topics.truths)
         self._positions = Positions(options.origin)
         self._transforms = self._read_transforms()
-        self._placing = Placing(self._transforms, {})
-        self._stamps: dict[str, StampsSeen] = {}
+        self._sensor_poses = SensorPoses(self._transforms, {})
+        self._stamps: dict[str, StampSelector] = {}
         self._misfits: dict[str, int] = {}  # messages whose point times fit no reading
         self._read = 0
 
@@ -122,7 +122,7 @@ class RosBag:
     def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow | Unreadable]:
         """In the order of the bag. Log times decide what lies in the time asked for."""
         frames = self._sensors.frames()
-        self._placing = Placing(self._transforms, {name: frames[name] for name in sensors})
+        self._sensor_poses = SensorPoses(self._transforms, {name: frames[name] for name in sensors})
         left_out = set(frames) - set(sensors)
         wanted = {topic for name, topic in self._sensors.all().items() if name in sensors}
         wanted |= set(self._topics.truths)
@@ -142,12 +142,12 @@ class RosBag:
 
     def station(self) -> dict[str, Pose]:
         """As /tf_static says."""
-        return self._placing.poses()
+        return self._sensor_poses.poses()
 
     def notes(self) -> list[str]:
         """What was chosen, could not be related, or differs from what one expects."""
         notes = [*self._opened.notes, *self._sensor_notes(), *self._topics.truth_notes()]
-        notes += self._placing.notes()
+        notes += self._sensor_poses.notes()
         found = [stamps.note(topic) for topic, stamps in self._stamps.items()]
         notes += [note for note in found if note]
         for topic, messages in self._misfits.items():
@@ -167,7 +167,7 @@ class RosBag:
         return {
             "topics": self._sensors.all(),
             "frame_ids": self._sensors.frames(),
-            "common_frame": self._placing.common,
+            "common_frame": self._sensor_poses.common,
             "truth_topics": self._topics.truths,
             "stamps": {topic: stamps.facts() for topic, stamps in self._stamps.items()},
             "origin": self._positions.origin_text(),
@@ -237,7 +237,7 @@ class RosBag:
         if position is None:
             return None
         if connection.msgtype != FIX:  # whose frame is that of the antenna
-            position = self._placing.truth(message.header.frame_id, position)
+            position = self._sensor_poses.truth(message.header.frame_id, position)
         return TruthRow(format_stamp_ns(stamp), position, self._topics.truths.index(topic))
 
     def _frame(
@@ -251,7 +251,7 @@ class RosBag:
             left_out.add(sensor)  # turned up late: it goes with the others of its topic
         if sensor in left_out:
             return None
-        self._placing.add_sensor(sensor, cloud.frame_id)
+        self._sensor_poses.add_sensor(sensor, cloud.frame_id)
         fields = {}
         if cloud.times is not None:
             if connection.msgtype == POINT_CLOUD:
@@ -267,8 +267,8 @@ class RosBag:
         stamp = format_stamp_ns(self._seen(topic).pick(cloud.header_ns, log_ns))
         return SourceFrame(sensor, stamp, cloud.xyz_m, fields)
 
-    def _seen(self, topic: str) -> StampsSeen:
-        return self._stamps.setdefault(topic, StampsSeen(self._options.stamp))
+    def _seen(self, topic: str) -> StampSelector:
+        return self._stamps.setdefault(topic, StampSelector(self._options.stamp))
 
     def _sensor_notes(self) -> list[str]:
         notes = []

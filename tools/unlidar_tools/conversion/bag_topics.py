@@ -108,11 +108,11 @@ class BagTopics:
             return named, "as asked for"
         if _MMAUD_TRUTH in self._positions:
             return [_MMAUD_TRUTH], "MMAUD's"
-        telling = sorted(
+        named_as_truth = sorted(
             filter(says_truth, self._positions),
             key=lambda name: POSITION_TYPES.index(self._positions[name].msgtype),
         )
-        return telling[:1], "by its name"
+        return named_as_truth[:1], "by its name"
 
     def _check(self, name: str, types: tuple[str, ...], otherwise: str) -> None:
         topic = self.all.get(name)

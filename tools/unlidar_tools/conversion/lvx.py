@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from unlidar_tools import livox
 from unlidar_tools.errors import InputError, listed, reason
 from unlidar_tools.names import folder_names
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 from unlidar_tools.station import Pose
 
 _HEAD = struct.Struct("<16s4sI")  # signature, version, magic

@@ -15,7 +15,7 @@ from unlidar_tools.conversion.files import refuse_bag_options
 from unlidar_tools.conversion.one_file import OneFileSource, up_to_damage
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
 from unlidar_tools.conversion.source import Options, SourceFrame
-from unlidar_tools.conversion.stamps_seen import StampsSeen
+from unlidar_tools.conversion.stamp_selector import StampSelector
 from unlidar_tools.errors import InputError, listed, reason
 from unlidar_tools.extras import load_lone
 from unlidar_tools.limits import read_text
@@ -65,7 +65,7 @@ class OusterCapture(OneFileSource):
             if name in sensors:
                 if name not in self._turns:
                     self._turns[name] = _Turns(
-                        name, self._sdk, model, StampsSeen(self._options.stamp)
+                        name, self._sdk, model, StampSelector(self._options.stamp)
                     )
                 yield from self._frames(name, self._turns[name].add(datagram))
         for name, turns in self._turns.items():
@@ -140,7 +140,7 @@ class _Model:
 class _Turns:
     """The packets of a sensor, by turns."""
 
-    def __init__(self, name: str, sdk: ModuleType, model: _Model, stamps: StampsSeen) -> None:
+    def __init__(self, name: str, sdk: ModuleType, model: _Model, stamps: StampSelector) -> None:
         self.model, self.stamps = model, stamps
         self._name, self._sdk = name, sdk
         self._batcher, self._frame = sdk.FrameBatcher(model.info), sdk.LidarFrame(model.info)

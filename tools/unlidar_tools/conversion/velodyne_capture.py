@@ -14,7 +14,7 @@ from unlidar_tools.conversion.files import refuse_bag_options
 from unlidar_tools.conversion.one_file import OneFileSource, up_to_damage
 from unlidar_tools.conversion.point_times import OFFSET_FIELD
 from unlidar_tools.conversion.source import Options, SourceFrame
-from unlidar_tools.conversion.stamps_seen import StampsSeen
+from unlidar_tools.conversion.stamp_selector import StampSelector
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.extras import load_extra
 from unlidar_tools.stamps import format_stamp_ns
@@ -40,7 +40,7 @@ class VelodyneCapture(OneFileSource):
         refuse_bag_options(path, options, "holds packets", has_log_times=True)
         self._decoder = _library(path)
         self._path, self._options = path, options
-        self._stamps: dict[str, StampsSeen] = {}
+        self._stamps: dict[str, StampSelector] = {}
         self.sensors: dict[str, int] = {}
         self._spans_ns: dict[str, tuple[int, int]] = {}
         self._begin_ns: int | None = None
@@ -59,7 +59,7 @@ class VelodyneCapture(OneFileSource):
         """Turns as they become complete."""
         config = {"timestamp_first_packet": True, "max_range": _FARTHEST_M}
         decoders = {n: self._decoder.StreamDecoder(self._decoder.Config(**config)) for n in sensors}
-        self._stamps = {name: StampsSeen(self._options.stamp) for name in sensors}
+        self._stamps = {name: StampSelector(self._options.stamp) for name in sensors}
         for datagram in self._points():
             name = datagram.sensor
             if name in decoders:

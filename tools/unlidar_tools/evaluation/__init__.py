@@ -18,7 +18,7 @@ from pathlib import Path
 
 from unlidar_tools.evaluate_options import Options
 from unlidar_tools.evaluation.association import FALSE_BEYOND_M, MAX_STEP_S
-from unlidar_tools.evaluation.judgement import Judgement, judge, judge_files
+from unlidar_tools.evaluation.comparison import Comparison, compare, compare_files
 from unlidar_tools.evaluation.measures import WITHIN_M, measure
 from unlidar_tools.presets import about_truth
 from unlidar_tools.truth import Tracks, Truth
@@ -27,11 +27,11 @@ __all__ = [
     "FALSE_BEYOND_M",
     "MAX_STEP_S",
     "WITHIN_M",
-    "Judgement",
+    "Comparison",
     "Options",
+    "compare",
     "evaluate",
     "evaluate_files",
-    "judge",
     "measure",
 ]
 
@@ -42,10 +42,10 @@ def evaluate_files(
     """`evaluate` on files, with what the truth is; the tracks may be in several."""
     options = options or Options()
     files = [tracks] if isinstance(tracks, Path) else tracks
-    return measure([judge_files(truth, files, options)], options) | about_truth(truth)
+    return measure([compare_files(truth, files, options)], options) | about_truth(truth)
 
 
 def evaluate(truth: Truth, tracks: Tracks, options: Options | None = None) -> dict:
     """All measures by name, lengths in m; a measure that is not defined is absent or None."""
     options = options or Options()
-    return measure([judge(truth, tracks, options)], options)
+    return measure([compare(truth, tracks, options)], options)

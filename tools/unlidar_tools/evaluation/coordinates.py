@@ -23,7 +23,7 @@ _UNITS = {
 Reading = Callable[[np.ndarray], np.ndarray]
 
 
-def doubt_of(truth: np.ndarray, estimate: np.ndarray, are_aligned: bool) -> str | None:
+def coordinate_mismatch(truth: np.ndarray, estimate: np.ndarray, are_aligned: bool) -> str | None:
     """Why two paths, (N, 3) at the same times, are likely not in the same coordinates; else None.
 
     That one reading of the truth brings them together to a tenth, or that they are farther apart

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 _HEAD = (
     "", "matched", "matched RMSE", "Dx", "Dy", "Dz", "RMSE", "95 % interval", "APE", "median",

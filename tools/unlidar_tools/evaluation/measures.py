@@ -8,17 +8,17 @@ from scipy.special import chdtri
 from unlidar_tools.evaluate_options import Options
 from unlidar_tools.evaluation.association import FALSE_BEYOND_M
 from unlidar_tools.evaluation.bootstrap import Drawn, intervals
-from unlidar_tools.evaluation.judgement import Judgement
+from unlidar_tools.evaluation.comparison import Comparison
 
 WITHIN_M = 1.0
 NEES_95 = float(chdtri(3, 0.05))
 
 
-def measure(judged: Sequence[Judgement], options: Options) -> dict:
+def measure(comparisons: Sequence[Comparison], options: Options) -> dict:
     """All measures by name, over all rows of all sequences together."""
-    false = np.concatenate([_false_rows(one) for one in judged])
-    result: dict = {"tracks": sum(one.tracks for one in judged), "rows": len(false)}
-    with_truth = [one for one in judged if len(one.time_s)]
+    false = np.concatenate([_false_rows(one) for one in comparisons])
+    result: dict = {"tracks": sum(one.tracks for one in comparisons), "rows": len(false)}
+    with_truth = [one for one in comparisons if len(one.time_s)]
     if not with_truth:
         return result | {"false": 1.0 if len(false) else 0.0}
     result["drones"] = sum(one.drones for one in with_truth)
@@ -30,8 +30,8 @@ def measure(judged: Sequence[Judgement], options: Options) -> dict:
     result |= _at_own_rows(with_truth)
     if options.bootstrap:
         result |= {"intervals": _intervals(with_truth, options, result)}
-    if len(judged) == 1:
-        result |= _per_target(judged[0]) | _applied(judged[0])
+    if len(comparisons) == 1:
+        result |= _per_target(comparisons[0]) | _applied(comparisons[0])
     return result
 
 
@@ -53,21 +53,21 @@ def _error_measures(error: np.ndarray, distance: np.ndarray) -> dict[str, float]
     }
 
 
-def _false_rows(one: Judgement) -> np.ndarray:
+def _false_rows(one: Comparison) -> np.ndarray:
     return one.rows.distance_m > FALSE_BEYOND_M
 
 
-def _at_truth_stamps(judged: Sequence[Judgement]) -> dict:
-    seen = np.concatenate([one.seen for one in judged])
-    covered = np.concatenate([one.covered for one in judged])
-    distance = np.concatenate([one.nearest.distance_m for one in judged])
+def _at_truth_stamps(comparisons: Sequence[Comparison]) -> dict:
+    seen = np.concatenate([one.seen for one in comparisons])
+    covered = np.concatenate([one.covered for one in comparisons])
+    distance = np.concatenate([one.nearest.distance_m for one in comparisons])
     result: dict = {
         "coverage": _rounded(covered.sum() / max(1, seen.sum())),
         "within1m": _rounded((distance[seen] < WITHIN_M).mean()) if seen.any() else None,
     }
     if not covered.any():
         return result
-    error = np.concatenate([one.nearest.error_m for one in judged])[covered]
+    error = np.concatenate([one.nearest.error_m for one in comparisons])[covered]
     bias = error.mean(axis=0)
     return (
         result
@@ -77,21 +77,21 @@ def _at_truth_stamps(judged: Sequence[Judgement]) -> dict:
     )
 
 
-def _identities(judged: Sequence[Judgement]) -> dict:
-    seen = np.concatenate([one.seen for one in judged])
-    matched = np.concatenate([one.matched for one in judged])
+def _identities(comparisons: Sequence[Comparison]) -> dict:
+    seen = np.concatenate([one.seen for one in comparisons])
+    matched = np.concatenate([one.matched for one in comparisons])
     result: dict = {"matched": _rounded(matched[seen].mean()) if seen.any() else None}
     if matched.any():
-        error = np.concatenate([one.own.error_m for one in judged])[matched]
+        error = np.concatenate([one.own.error_m for one in comparisons])[matched]
         result["matched_rmse"] = _rmse(error)
         result["matched_rmse_unbiased"] = _rmse(error - error.mean(axis=0))
-    return result | {"identity_switches": sum(one.switches for one in judged)}
+    return result | {"identity_switches": sum(one.switches for one in comparisons)}
 
 
-def _nees(judged: Sequence[Judgement]) -> dict:
+def _nees(comparisons: Sequence[Comparison]) -> dict:
     return {
-        **_nees_measures("", np.concatenate([one.nees[one.covered] for one in judged])),
-        **_nees_measures("_unbiased", np.concatenate([one.nees_unbiased for one in judged])),
+        **_nees_measures("", np.concatenate([one.nees[one.covered] for one in comparisons])),
+        **_nees_measures("_unbiased", np.concatenate([one.nees_unbiased for one in comparisons])),
     }
 
 
@@ -106,22 +106,22 @@ def _nees_measures(kind: str, nees: np.ndarray) -> dict:
     }
 
 
-def _challenge(judged: Sequence[Judgement]) -> dict:
+def _challenge(comparisons: Sequence[Comparison]) -> dict:
     """Only where every sequence is one that the challenge could hold: one target, one track."""
-    if any(len(np.unique(one.target)) > 1 for one in judged):
+    if any(len(np.unique(one.target)) > 1 for one in comparisons):
         return {}
-    error = np.concatenate([one.completed_m for one in judged])
+    error = np.concatenate([one.completed_m for one in comparisons])
     if np.isnan(error).any():
         return {"challenge_mse": None}
     return {"challenge_mse": _rounded((error**2).sum(axis=1).mean())}
 
 
-def _at_own_rows(judged: Sequence[Judgement]) -> dict:
-    distance = np.concatenate([one.rows.judged_m for one in judged])
+def _at_own_rows(comparisons: Sequence[Comparison]) -> dict:
+    distance = np.concatenate([one.rows.judged_m for one in comparisons])
     ours = np.isfinite(distance)
     result: dict = {"rows_judged": int(ours.sum()), "rows_unjudged": int((~ours).sum())}
     if ours.any():
-        error = np.concatenate([one.rows.error_m for one in judged])[ours]
+        error = np.concatenate([one.rows.error_m for one in comparisons])[ours]
         result["rows_false"] = _rounded((distance[ours] > FALSE_BEYOND_M).mean())
         result["rows_rmse"] = _rmse(error)
         result |= {f"rows_d{axis}": _rmse(error[:, [i]]) for i, axis in enumerate("xyz")}
@@ -129,11 +129,11 @@ def _at_own_rows(judged: Sequence[Judgement]) -> dict:
     return result
 
 
-def _intervals(judged: Sequence[Judgement], options: Options, result: dict) -> dict:
+def _intervals(comparisons: Sequence[Comparison], options: Options, result: dict) -> dict:
     """Ends by name; where few replicates leave the estimate outside they are widened to it."""
     drawn = [
         Drawn(one.time_s[one.seen], one.nearest.error_m[one.seen], one.own.error_m[one.seen])
-        for one in judged
+        for one in comparisons
     ]
     return {
         name: [min(_rounded(low), result[name]), max(_rounded(high), result[name])]
@@ -141,7 +141,7 @@ def _intervals(judged: Sequence[Judgement], options: Options, result: dict) -> d
     }
 
 
-def _per_target(one: Judgement) -> dict:
+def _per_target(one: Comparison) -> dict:
     """Coverage and RMSE of each target, where there are several."""
     targets = np.unique(one.target)
     if len(targets) < 2:
@@ -163,7 +163,7 @@ def _per_target(one: Judgement) -> dict:
     return {"targets": found}
 
 
-def _applied(one: Judgement) -> dict:
+def _applied(one: Comparison) -> dict:
     result: dict = {}
     if one.align != "none":
         result["align"] = one.align

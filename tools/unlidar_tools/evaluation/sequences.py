@@ -8,14 +8,14 @@ from pathlib import Path
 
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.evaluate_options import Options
-from unlidar_tools.evaluation.judgement import judge_files
+from unlidar_tools.evaluation.comparison import compare_files
 from unlidar_tools.evaluation.measures import measure
 from unlidar_tools.limits import read_text
 from unlidar_tools.output import FRAMES, RUN_RECORD
 from unlidar_tools.presets import about_truth
 from unlidar_tools.program import TRAJECTORY
 from unlidar_tools.record import MEASURES, read_record
-from unlidar_tools.telling import note
+from unlidar_tools.reporting import note
 from unlidar_tools.truth import TRUTH_NAME
 
 ALL = "all"
@@ -82,7 +82,8 @@ def evaluate_sequences(sequences: Iterable[Flight], options: Options) -> dict:
     Each sequence is aligned on its own. Within a group every stamp of the truth counts once.
     """
     judged = [
-        (one, judge_files(one.truth, [one.trajectory], options, one.one_clock)) for one in sequences
+        (one, compare_files(one.truth, [one.trajectory], options, one.one_clock))
+        for one in sequences
     ]
     groups = list(dict.fromkeys(one.group for one, _ in judged if one.group))
     return {

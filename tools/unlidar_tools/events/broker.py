@@ -16,7 +16,7 @@ from unlidar_tools.events.lines import Line, Published, Source, check_station
 from unlidar_tools.events.mqtt import KEEPALIVE_S, make_client
 from unlidar_tools.events.site import Tls
 from unlidar_tools.events.tls import tls_context
-from unlidar_tools.telling import Often
+from unlidar_tools.reporting import RateLimitedNote
 
 PREFIX = "unlidar"
 RELAY, SITE = "relay", "site"  # topics of whether a relay is there, and of where its station stands
@@ -81,8 +81,8 @@ class _Listener(threading.Thread):
         self._ended = threading.Event()
         self._wait_s = _WAIT_S[0]
         self._why = ""
-        self._lost = Often(f"{broker.name}: is tried again")
-        self._dropped = Often(f"{broker.name}: a message is left out")
+        self._lost = RateLimitedNote(f"{broker.name}: is tried again")
+        self._dropped = RateLimitedNote(f"{broker.name}: a message is left out")
 
     def end(self) -> None:
         """Soon nothing is heard any more."""

@@ -23,7 +23,7 @@ from pydantic.dataclasses import dataclass
 
 from unlidar_tools.checking import require
 from unlidar_tools.events.clock import AHEAD_S
-from unlidar_tools.printable import is_visible
+from unlidar_tools.sanitize import is_visible
 from unlidar_tools.stamps import format_stamp_ns, parse_seconds_ns
 
 # More than ten times the longest that the engine writes.

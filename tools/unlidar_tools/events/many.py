@@ -30,8 +30,8 @@ from unlidar_tools.events.site import Place, Site, Zone
 from unlidar_tools.events.station import INSTANCE, SILENT_S, Message, Station
 from unlidar_tools.geodesy import from_geodetic, turn_between
 from unlidar_tools.names import check_name
+from unlidar_tools.reporting import RateLimitedNote
 from unlidar_tools.stamps import format_stamp_ns
-from unlidar_tools.telling import Often
 
 _SURVEY_SIGMA_M = 0.5
 _STEP_NS = 50_000_000  # a drone's rows are not closer together, however many stations tell of it
@@ -89,9 +89,11 @@ class Many:
         )
         self._drones: dict[int, int] = {}  # with the stamps of their newest rows
         self._kinds: dict[Key, float | None] = {}  # of each track, how likely it is a drone
-        self.bad = Often(f"{source}: a message is left out")
-        self._twins = Often(f"{source}: two relays have one name, give each its own")
-        self._crowded = Often(f"{source}: more than {_MOST_STATIONS} stations, one is forgotten")
+        self.bad = RateLimitedNote(f"{source}: a message is left out")
+        self._twins = RateLimitedNote(f"{source}: two relays have one name, give each its own")
+        self._crowded = RateLimitedNote(
+            f"{source}: more than {_MOST_STATIONS} stations, one is forgotten"
+        )
 
     def take(self, line: bytes | Published) -> list[Told]:
         """What follows from a message, or from a line that names its station.

@@ -18,7 +18,7 @@ from unlidar_tools.errors import ConfigError, reason
 from unlidar_tools.events.event import refuse_constant
 from unlidar_tools.geodesy import Origin, from_geodetic
 from unlidar_tools.names import check_name
-from unlidar_tools.printable import is_visible, printable
+from unlidar_tools.sanitize import is_visible, printable
 
 if TYPE_CHECKING:
     import shapely

@@ -14,7 +14,7 @@ from unlidar_tools.addresses import Scheme, read_address
 from unlidar_tools.errors import InputError, reason
 from unlidar_tools.events.lines import Line, Lines, Source
 from unlidar_tools.events.site import Tls
-from unlidar_tools.telling import Often, note
+from unlidar_tools.reporting import RateLimitedNote, note
 
 _LOOK_S = 0.1  # how often a file is looked at
 _CHUNK = 1 << 18
@@ -56,7 +56,7 @@ class _File(Source):
     def __init__(self, name: str, path: Path) -> None:
         super().__init__(name)
         self._path = path
-        self._failed = Often(f"{path}: cannot be read, it is tried again")
+        self._failed = RateLimitedNote(f"{path}: cannot be read, it is tried again")
 
     async def _read(self) -> AsyncIterator[list[Line]]:
         # What lies in the first file is old; what replaces it, or appears later, is new.

@@ -24,8 +24,8 @@ from unlidar_tools.events.event import (
 )
 from unlidar_tools.events.site import Site, Zone
 from unlidar_tools.geodesy import Origin, to_geodetic
+from unlidar_tools.reporting import RateLimitedNote
 from unlidar_tools.stamps import format_stamp_ns
-from unlidar_tools.telling import Often
 
 ALARM = "alarm"
 RAISED, ENDED = "raised", "ended"
@@ -87,7 +87,7 @@ class Station:
         self._clock = StreamClock(progress=progress)
         self._tracks: OrderedDict[int, _Track] = OrderedDict()  # unheard for longest first
         self._sensors: set[str] = set()
-        self.bad = Often(f"{source}: a line is left out")
+        self.bad = RateLimitedNote(f"{source}: a line is left out")
 
     def take(self, line: bytes | str) -> list[Message]:
         """What follows from a line, in the order in which it is to be told.

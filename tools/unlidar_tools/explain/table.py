@@ -14,7 +14,7 @@ from unlidar_tools.explain.stages import (
     measured,
     shares_of,
 )
-from unlidar_tools.printable import cell
+from unlidar_tools.sanitize import cell
 from unlidar_tools.stamps import format_stamp_ns
 
 HEADS = ("from", "to", "seconds", "stage", "measured")

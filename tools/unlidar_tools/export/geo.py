@@ -8,7 +8,7 @@ from unlidar_tools.export.text import place_digits, utc
 from unlidar_tools.export.trajectory import Result, Track
 from unlidar_tools.geodesy import Origin, to_geodetic
 from unlidar_tools.output import write_file
-from unlidar_tools.printable import printable
+from unlidar_tools.sanitize import printable
 
 _KML, _GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
 

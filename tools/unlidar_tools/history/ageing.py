@@ -8,7 +8,7 @@ gone on evenly for an hour, and only where not all that is kept would be too old
 import time
 from collections.abc import Callable
 
-from unlidar_tools.telling import note
+from unlidar_tools.reporting import note
 
 _APART_NS = 600_000_000_000  # more between two looks: the clock was set
 _AGREE_NS = 3_600_000_000_000  # for so long the two agree before it is believed

@@ -13,7 +13,7 @@ from unlidar_tools.export.trajectory import Result, Track
 from unlidar_tools.export_options import Options
 from unlidar_tools.geodesy import Origin
 from unlidar_tools.history.reader import StoredTrack
-from unlidar_tools.telling import note
+from unlidar_tools.reporting import note
 from unlidar_tools.truth import Tracks
 
 

@@ -16,7 +16,7 @@ from unlidar_tools.history import DAYS, MEGABYTES, MEMORY_MEGABYTES
 from unlidar_tools.history.ageing import Ageing
 from unlidar_tools.history.schema import Location, is_damage, set_aside
 from unlidar_tools.history.store import Placed, Store
-from unlidar_tools.telling import Often, note
+from unlidar_tools.reporting import RateLimitedNote, note
 
 _WRITE_S = 0.5  # so much a power cut may take
 _TIDY_S = 60.0
@@ -38,8 +38,10 @@ class Keeper:
         self._waiting: deque[Message | Placed] = deque()
         self._bytes = 0
         self._lock = threading.Lock()
-        self._failed = Often(f"{path or 'memory'}: cannot be written, it is tried again")
-        self._left_out = Often(f"{path or 'memory'}: too much waits, a message is not kept")
+        self._failed = RateLimitedNote(f"{path or 'memory'}: cannot be written, it is tried again")
+        self._left_out = RateLimitedNote(
+            f"{path or 'memory'}: too much waits, a message is not kept"
+        )
         self._damaged = 0  # times in a row
         self._is_failing = False
         self._began_s: float | None = None  # to write

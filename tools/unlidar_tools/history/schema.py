@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unlidar_tools.errors import OutputError, reason
-from unlidar_tools.telling import note
+from unlidar_tools.reporting import note
 
 KIND = 0x554E4C44  # PRAGMA application_id: "UNLD"
 VERSION = 3

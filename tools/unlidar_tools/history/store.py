@@ -17,7 +17,7 @@ from unlidar_tools.history import DAYS, MEGABYTES
 from unlidar_tools.history.ageing import Ageing, Mark
 from unlidar_tools.history.reader import ROW, Reader
 from unlidar_tools.history.schema import Location, open_for_writing
-from unlidar_tools.telling import Often
+from unlidar_tools.reporting import RateLimitedNote
 
 _NS_PER_DAY = 86_400_000_000_000
 _SHARE = 0.05  # of a station's tracks goes at a time when the size is reached
@@ -67,7 +67,7 @@ class Store:
         self._ageing = Ageing() if ageing is None else ageing
         self._going_on: dict[tuple[str, int], tuple[int, int, int]] = {}  # id, begin, newest
         self._told = 0  # since they were counted
-        self._bad = Often(f"{self.location}: a message is left out")
+        self._bad = RateLimitedNote(f"{self.location}: a message is left out")
         self._db: sqlite3.Connection | None = None
         self._inode = 0
         self.open()

@@ -13,8 +13,8 @@ from unlidar_tools.events.alarms import Alarm
 from unlidar_tools.events.event import Row, TrackEnds
 from unlidar_tools.events.site import Place
 from unlidar_tools.events.station import ALARM, RAISED, Message
-from unlidar_tools.printable import printable
-from unlidar_tools.telling import note
+from unlidar_tools.reporting import note
+from unlidar_tools.sanitize import printable
 
 DRONE = "a-u-A-M-H-Q"  # of unknown side, air, rotary wing, unmanned
 _BREACHED, _CANCELLED = "b-a-g", "b-a-o-can"

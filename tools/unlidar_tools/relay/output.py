@@ -10,7 +10,7 @@ from itertools import islice
 from typing import Generic, Protocol, TypeVar
 
 from unlidar_tools.errors import reason
-from unlidar_tools.telling import Often, note
+from unlidar_tools.reporting import RateLimitedNote, note
 
 T = TypeVar("T")
 
@@ -68,8 +68,8 @@ class Output(Generic[T]):
         self._filled = asyncio.Event()
         self._emptied = asyncio.Event()
         self._emptied.set()
-        self._drop = Often(f"{name}: queue full, the oldest is left out")
-        self._refuse = Often(f"{name}: a message is left out, others get through")
+        self._drop = RateLimitedNote(f"{name}: queue full, the oldest is left out")
+        self._refuse = RateLimitedNote(f"{name}: a message is left out, others get through")
         self._away = False
         self.sent = 0
 

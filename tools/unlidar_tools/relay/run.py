@@ -16,7 +16,7 @@ from unlidar_tools.events.source import Source
 from unlidar_tools.events.station import Message, Station
 from unlidar_tools.events.tls import tls_context
 from unlidar_tools.relay.output import Output
-from unlidar_tools.telling import note
+from unlidar_tools.reporting import note
 
 _LAST_WORDS_S = 5.0
 _LOCAL = ("localhost", "127.0.0.1", "::1")

@@ -12,7 +12,7 @@ from urllib.parse import parse_qs
 from websockets.asyncio.server import Request, Response, Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
-from unlidar_tools.telling import Often, quieten, stage
+from unlidar_tools.reporting import RateLimitedNote, limit_logging, stage
 
 _MOST_CLIENTS = 64
 _MOST_INCOMING_BYTES = 1024
@@ -33,7 +33,9 @@ class WebSocketSender:
         self._token, self._tls = token, tls
         self._server: Server | None = None
         self._clients: set[_Client] = set()
-        self.dropped = Often(f"{host}:{port}: a client is slow, its oldest message is left out")
+        self.dropped = RateLimitedNote(
+            f"{host}:{port}: a client is slow, its oldest message is left out"
+        )
 
     @property
     def port(self) -> int:
@@ -43,7 +45,7 @@ class WebSocketSender:
 
     async def connect(self) -> None:
         """OSError where the address is taken."""
-        quieten("the WebSocket server", "websockets", "asyncio")
+        limit_logging("the WebSocket server", "websockets", "asyncio")
         self._server = await serve(
             self._tell,
             self._host,
@@ -88,18 +90,18 @@ class WebSocketSender:
     async def _tell(self, connection: ServerConnection) -> None:
         client = _Client(self._room, self.dropped)
         self._clients.add(client)
-        telling = asyncio.ensure_future(client.tell(connection))
+        sending = asyncio.ensure_future(client.tell(connection))
         try:
             with contextlib.suppress(ConnectionClosed):  # without a good-bye
                 async for _ in connection:
                     pass  # what a client says is not listened to
         finally:
             self._clients.discard(client)
-            telling.cancel()
+            sending.cancel()
 
 
 class _Client:
-    def __init__(self, room: int, dropped: Often) -> None:
+    def __init__(self, room: int, dropped: RateLimitedNote) -> None:
         self._queue: deque[str] = deque()
         self._room, self._dropped = room, dropped
         self._filled = asyncio.Event()

@@ -9,9 +9,9 @@ from plotly.subplots import make_subplots
 from unlidar_tools.colours import GREEN, GREY, RED, faded
 from unlidar_tools.evaluation.association import cover, identities
 from unlidar_tools.figure import view_box
-from unlidar_tools.report.courses import Course, track_courses, truth_courses
 from unlidar_tools.report.data import ReportData
 from unlidar_tools.report.lines import Drawn, drawn_rows, range_sigma, speed
+from unlidar_tools.report.trajectories import Trajectory, track_trajectories, truth_trajectories
 
 ORANGE = "#b45f06"
 _DARK = "#3c4043"
@@ -21,8 +21,8 @@ _EYE = (0.85, -1.3, 0.6)
 _FONT = {"family": "system-ui, sans-serif", "size": 13, "color": "#202124"}
 # The first traces of the 3-D view, which page.js fills; the second four follow the time slider.
 OVERALL, TARGETS = 0, 1
-MOMENT = [2, 3, 4, 5]  # returns, target returns, truth, estimate
-FIRST_COURSE = 6  # lines of the truth and of the tracks, then their tubes
+TIME_STEP_TRACES = [2, 3, 4, 5]  # returns, target returns, truth, estimate
+FIRST_TRAJECTORY = 6  # lines of the truth and of the tracks, then their tubes
 
 
 @dataclass(frozen=True)
@@ -72,15 +72,15 @@ def scene(data: ReportData) -> go.Figure:
             marker={"size": size, "color": colour, "opacity": opacity, "symbol": symbol},
             hoverinfo="skip" if name.startswith("returns") else "x+y+z+name",
         )  # fmt: skip
-    for course in (*truth_courses(data), *track_courses(data)):
+    for trajectory in (*truth_trajectories(data), *track_trajectories(data)):
         figure.add_scatter3d(
-            x=[], y=[], z=[], mode="lines", name=course.name, legendgroup=course.name,
-            line={"color": course.colour, "width": 4 * course.width, "dash": course.dash},
+            x=[], y=[], z=[], mode="lines", name=trajectory.name, legendgroup=trajectory.name,
+            line={"color": trajectory.colour, "width": 4 * trajectory.width, "dash": trajectory.dash},
         )  # fmt: skip
-    for course in track_courses(data) if data.tracks.sigma_m is not None else ():
+    for trajectory in track_trajectories(data) if data.tracks.sigma_m is not None else ():
         figure.add_mesh3d(
-            x=[], y=[], z=[], i=[], j=[], k=[], name=f"{course.name} ± 2 sigma",
-            color=course.colour, opacity=0.18, legendgroup=course.name, hoverinfo="skip",
+            x=[], y=[], z=[], i=[], j=[], k=[], name=f"{trajectory.name} ± 2 sigma",
+            color=trajectory.colour, opacity=0.18, legendgroup=trajectory.name, hoverinfo="skip",
         )  # fmt: skip
     figure.add_scatter3d(
         x=[0], y=[0], z=[0], mode="markers", name="station",
@@ -172,23 +172,23 @@ def panels_of(data: ReportData) -> list[Panel]:
 
 def over_time(data: ReportData, begin_s: float) -> go.Figure:
     """x, y, z, speed and range with truth and +-2 sigma."""
-    truths, tracks = truth_courses(data), track_courses(data)
+    truths, tracks = truth_trajectories(data), track_trajectories(data)
     figure = make_subplots(rows=5, cols=1, shared_xaxes=True, vertical_spacing=0.025)
     for row, panel in enumerate(panels_of(data), start=1):
-        for course in tracks if panel.sigma is not None else ():
-            x, y = _band(course, begin_s, panel.estimate, 2 * panel.sigma)
+        for trajectory in tracks if panel.sigma is not None else ():
+            x, y = _band(trajectory, begin_s, panel.estimate, 2 * panel.sigma)
             figure.add_scatter(
                 x=x, y=y, row=row, col=1, fill="toself", mode="lines", line={"width": 0},
-                fillcolor=faded(course.colour, 0.22), legendgroup=course.name, showlegend=False,
+                fillcolor=faded(trajectory.colour, 0.22), legendgroup=trajectory.name, showlegend=False,
                 hoverinfo="skip",
             )  # fmt: skip
-        for course in (*truths, *tracks):
-            values = panel.estimate if course.is_track else panel.truth
+        for trajectory in (*truths, *tracks):
+            values = panel.estimate if trajectory.is_track else panel.truth
             figure.add_scatter(
-                x=course.drawn.of(course.time_s - begin_s), y=course.drawn.of(values),
-                row=row, col=1, mode="lines", name=course.name, legendgroup=course.name,
+                x=trajectory.drawn.of(trajectory.time_s - begin_s), y=trajectory.drawn.of(values),
+                row=row, col=1, mode="lines", name=trajectory.name, legendgroup=trajectory.name,
                 showlegend=row == 1, hovertemplate="%{y:.2f}",
-                line={"color": course.colour, "width": 1.5 * course.width, "dash": course.dash},
+                line={"color": trajectory.colour, "width": 1.5 * trajectory.width, "dash": trajectory.dash},
             )  # fmt: skip
         figure.update_yaxes(title_text=panel.title, row=row, col=1)
     figure.update_xaxes(title_text="time [s]", row=5, col=1)
@@ -258,12 +258,12 @@ def histogram_edges(errors: Errors) -> np.ndarray:
 
 
 def _band(
-    course: Course, begin_s: float, middle: np.ndarray, half: np.ndarray
+    trajectory: Trajectory, begin_s: float, middle: np.ndarray, half: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The outline of middle +- half, a closed polygon per piece."""
     x, y = [], []
-    for rows in course.drawn.pieces:
-        time_s = course.time_s[rows] - begin_s
+    for rows in trajectory.drawn.pieces:
+        time_s = trajectory.time_s[rows] - begin_s
         x += [time_s, time_s[::-1], [np.nan]]
         y += [(middle + half)[rows], (middle - half)[rows][::-1], [np.nan]]
     return np.concatenate(x).astype(np.float32), np.concatenate(y).astype(np.float32)

@@ -15,7 +15,6 @@ from plotly.offline import get_plotlyjs
 from unlidar_tools import __version__
 from unlidar_tools.figure import FigureData, headline
 from unlidar_tools.report import charts
-from unlidar_tools.report.courses import track_courses, truth_courses
 from unlidar_tools.report.data import ReportData
 from unlidar_tools.report.html import (
     cards,
@@ -27,8 +26,9 @@ from unlidar_tools.report.html import (
     tracks_table,
     warnings,
 )
-from unlidar_tools.report.moments import pack_courses, pack_moments
 from unlidar_tools.report.sample import FARTHEST_M
+from unlidar_tools.report.trajectories import track_trajectories, truth_trajectories
+from unlidar_tools.report.view_data import pack_trajectories, pack_view
 
 _PAGE = Path(__file__).with_name("page")
 _MOST_CLUSTERS = 1_000
@@ -54,14 +54,14 @@ def page_of(data: ReportData) -> str:
         figures["error_over_time"] = charts.error_over_time(errors, begin_s)
         figures["error_histogram"] = charts.error_histogram(errors)
     head, rows = _cluster_rows(data)
-    moments = pack_moments(data, begin_s)
+    moments = pack_view(data, begin_s)
     content = {
         "moments": moments,
         "first_step": _first_step(moments),
         "traces": {
-            "overall": charts.OVERALL, "targets": charts.TARGETS, "moment": charts.MOMENT,
+            "overall": charts.OVERALL, "targets": charts.TARGETS, "moment": charts.TIME_STEP_TRACES,
         },
-        "courses": pack_courses(data, begin_s, charts.FIRST_COURSE),
+        "courses": pack_trajectories(data, begin_s, charts.FIRST_TRAJECTORY),
         "duration": round(end_of(data) - begin_s, 3),
         "timed": ["over_time", "error_over_time"],
         "boxes": {"near": _box(charts.box_of(data)), "wide": _box(charts.wide_box_of(data))},
@@ -168,9 +168,12 @@ def _scene_note(data: ReportData) -> str:
 
 def _lines_note(data: ReportData) -> list[str]:
     parts = []
-    for name, courses in (("truth", truth_courses(data)), ("estimate", track_courses(data))):
-        if courses and courses[0].drawn.every > 1:
-            every = courses[0].drawn.every
+    for name, trajectories in (
+        ("truth", truth_trajectories(data)),
+        ("estimate", track_trajectories(data)),
+    ):
+        if trajectories and trajectories[0].drawn.every > 1:
+            every = trajectories[0].drawn.every
             parts.append(f"Of the {name} one row in {every} is drawn, and each end.")
     if len(data.tracks) and data.tracks.sigma_m is not None:
         parts.append("The tube about an estimate is ± 2 sigma wide.")

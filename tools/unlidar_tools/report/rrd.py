@@ -10,7 +10,7 @@ from unlidar_tools.extras import load_extra
 from unlidar_tools.figure import pieces_of
 from unlidar_tools.output import write_file
 from unlidar_tools.report.data import ReportData
-from unlidar_tools.report.moments import target_steps
+from unlidar_tools.report.view_data import target_steps
 
 RECORDING = "recording.rrd"
 

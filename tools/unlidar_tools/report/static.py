@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from unlidar_tools.figure import FigureData, save, write_figure
 from unlidar_tools.output import clear_results, write_file
 from unlidar_tools.report import charts
-from unlidar_tools.report.courses import track_courses, truth_courses
 from unlidar_tools.report.data import ReportData
 from unlidar_tools.report.page import begin_of
+from unlidar_tools.report.trajectories import track_trajectories, truth_trajectories
 
 FOLDER = "figures"
 _KINDS = (".png", ".pdf")
@@ -60,29 +60,29 @@ def _over_time(data: ReportData) -> Figure | None:
     panels = charts.panels_of(data)
     axes = figure.subplots(len(panels), 1, sharex=True)
     begin_s = begin_of(data)
-    courses = [*truth_courses(data), *track_courses(data)]
+    trajectories = [*truth_trajectories(data), *track_trajectories(data)]
     for axis, panel in zip(axes, panels, strict=True):
-        for course in courses if panel.sigma is not None else ():
-            for rows in course.drawn.pieces if course.is_track else ():
+        for trajectory in trajectories if panel.sigma is not None else ():
+            for rows in trajectory.drawn.pieces if trajectory.is_track else ():
                 middle, half = panel.estimate[rows], 2 * panel.sigma[rows]
                 axis.fill_between(
-                    course.time_s[rows] - begin_s,
+                    trajectory.time_s[rows] - begin_s,
                     middle - half,
                     middle + half,
-                    color=course.colour,
+                    color=trajectory.colour,
                     alpha=0.25,
                     linewidth=0,
                     label="\u00b1 2 sigma",
                 )
-        for course in courses:
-            values = panel.estimate if course.is_track else panel.truth
+        for trajectory in trajectories:
+            values = panel.estimate if trajectory.is_track else panel.truth
             axis.plot(
-                course.drawn.of(course.time_s - begin_s),
-                course.drawn.of(values),
-                label=course.name,
-                color=course.colour,
-                linestyle=_DASHES[course.dash],
-                linewidth=1.2 * course.width,
+                trajectory.drawn.of(trajectory.time_s - begin_s),
+                trajectory.drawn.of(values),
+                label=trajectory.name,
+                color=trajectory.colour,
+                linestyle=_DASHES[trajectory.dash],
+                linewidth=1.2 * trajectory.width,
             )
         _finish(axis, panel.title)
     known = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))

@@ -6,7 +6,7 @@ import numpy as np
 
 from unlidar_tools.simulate.flight import swaying
 from unlidar_tools.simulate.scenario import Scene
-from unlidar_tools.simulate.world import Thing
+from unlidar_tools.simulate.world import SceneObject
 
 _UP = np.array([0.0, 0.0, 1.0])
 _GANTRY_BEYOND_CLEAR_M = 10.0  # signs are near enough to be cut by the edge of a field of view
@@ -19,7 +19,7 @@ _PUFF_LIFE_S = 5.0
 _NEW_PUFF = 0.15  # of its size in the end
 
 
-def fixtures(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+def fixtures(scene: Scene, rng: np.random.Generator) -> list[SceneObject]:
     """Those that the scene has; no dice are rolled for what it has not."""
     makers = [_gantry] * scene.gantries + [_cable] * scene.cables
     makers += [_flag] * scene.flags + [_chimney] * scene.steam
@@ -35,13 +35,13 @@ def place(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 
 def pole(
     scene: Scene, foot: np.ndarray, width_m: float, height_m: float, reflectivity: float
-) -> Thing:
+) -> SceneObject:
     """Upright, on the ground."""
     centre = np.array([foot[0], foot[1], scene.ground_z_m + height_m / 2])
-    return Thing("pole", centre, np.array([width_m, width_m, height_m]), reflectivity)
+    return SceneObject("pole", centre, np.array([width_m, width_m, height_m]), reflectivity)
 
 
-def _gantry(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+def _gantry(scene: Scene, rng: np.random.Generator) -> list[SceneObject]:
     """A beam on two poles across a road, and one to three signs on it that face the station."""
     angle, yaw_off = rng.uniform(0, 2 * np.pi), rng.uniform(-0.5, 0.5)
     away_m = scene.clear_m + rng.uniform(0, _GANTRY_BEYOND_CLEAR_M)
@@ -53,16 +53,16 @@ def _gantry(scene: Scene, rng: np.random.Generator) -> list[Thing]:
         pole(scene, middle + side * span_m / 2 * along, _BEAM_M, height_m, 0.3) for side in (-1, 1)
     ]
     beam = np.array([span_m, _BEAM_M, _BEAM_M])
-    things.append(Thing("sign", middle + height_m * _UP, beam, 0.3, yaw))
+    things.append(SceneObject("sign", middle + height_m * _UP, beam, 0.3, yaw))
     number = rng.integers(1, 4)
     for i in range(number):
         size = np.array([rng.uniform(1.5, 0.9 * span_m / number), 0.1, rng.uniform(1.2, 2.5)])
         centre = middle + height_m * _UP + (i + 0.5 - number / 2) * span_m / number * along
-        things.append(Thing("sign", centre, size, _SIGN_REFLECTIVITY, yaw))
+        things.append(SceneObject("sign", centre, size, _SIGN_REFLECTIVITY, yaw))
     return things
 
 
-def _cable(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+def _cable(scene: Scene, rng: np.random.Generator) -> list[SceneObject]:
     """It hangs between two poles as a parabola, with two to four things below it."""
     foot, yaw = place(scene, rng), rng.uniform(0, 2 * np.pi)
     length_m, height_m, sag_m = rng.uniform(15, 35), rng.uniform(6, 9), rng.uniform(0.2, 0.8)
@@ -75,16 +75,16 @@ def _cable(scene: Scene, rng: np.random.Generator) -> list[Thing]:
 
     knots = at(np.linspace(0, 1, _CABLE_RODS + 1))
     for begin, end in itertools.pairwise(knots):
-        things.append(Thing("cable", (begin + end) / 2, end - begin, 0.2))
+        things.append(SceneObject("cable", (begin + end) / 2, end - begin, 0.2))
     for hook in at(rng.uniform(0.1, 0.9, rng.integers(2, 5))):
         size = np.array([1.0, 1.0, rng.uniform(0.8, 1.6)]) * rng.uniform(0.15, 0.4)
         centre = hook - size[2] / 2 * _UP
         path = swaying(centre, scene.sway_m, rng) if scene.sway_m > 0 else None
-        things.append(Thing("hanging", centre, size, 0.3, path=path))
+        things.append(SceneObject("hanging", centre, size, 0.3, path=path))
     return things
 
 
-def _flag(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+def _flag(scene: Scene, rng: np.random.Generator) -> list[SceneObject]:
     """It waves fast by a little and turns slowly with the wind, about its pole."""
     foot, height_m = place(scene, rng), rng.uniform(5, 9)
     size = np.array([rng.uniform(1.2, 2.0), _FLAG_DEPTH_M, rng.uniform(0.8, 1.3)])
@@ -105,11 +105,11 @@ def _flag(scene: Scene, rng: np.random.Generator) -> list[Thing]:
         arm = np.stack([np.cos(yaw), np.sin(yaw), np.zeros(len(yaw))], axis=1)
         return top + size[0] / 2 * arm
 
-    flag = Thing("flag", top, size, 0.4, path=path, turn=turn)
+    flag = SceneObject("flag", top, size, 0.4, path=path, turn=turn)
     return [pole(scene, foot, 0.1, height_m, 0.3), flag]
 
 
-def _chimney(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+def _chimney(scene: Scene, rng: np.random.Generator) -> list[SceneObject]:
     """Puffs leave it one after another, each on a way of its own."""
     foot, height_m = place(scene, rng), rng.uniform(3, 8)
     top = foot + height_m * _UP
@@ -124,7 +124,7 @@ def _chimney(scene: Scene, rng: np.random.Generator) -> list[Thing]:
 
 def _puff(
     top: np.ndarray, velocity: np.ndarray, size: np.ndarray, number: int, rng: np.random.Generator
-) -> Thing:
+) -> SceneObject:
     """It begins anew when it has thinned out, on another way."""
     begins_s = number * _PUFF_LIFE_S / _PUFFS
     drift_mps, phases = 0.3 * np.linalg.norm(velocity), rng.uniform(0, 2 * np.pi, 3)
@@ -141,4 +141,4 @@ def _puff(
         drift = drift_mps * np.sin(life[:, None] * [2.4, 3.9, 5.3] + phases)
         return top + share[:, None] * _PUFF_LIFE_S * (velocity + drift)
 
-    return Thing("puff", top, size, 0.15, path=path, growth=growth)
+    return SceneObject("puff", top, size, 0.15, path=path, growth=growth)

@@ -5,7 +5,7 @@ import numpy as np
 from unlidar_tools.simulate.fixtures import fixtures, place, pole
 from unlidar_tools.simulate.flight import Path, make_path, random_path, swaying, undulating
 from unlidar_tools.simulate.scenario import Scenario, Scene
-from unlidar_tools.simulate.world import Thing
+from unlidar_tools.simulate.world import SceneObject
 
 _TRUNK_WIDTH_M = 0.35
 _WALKER_SIZE_M = (0.45, 0.45, 1.75)
@@ -23,15 +23,15 @@ _INSECT_SPEED_MPS = 1.5
 _MARGIN_S = 2.0  # paths go on for this long behind the end of the scenario
 
 
-def build_world(scenario: Scenario, rng: np.random.Generator) -> list[Thing]:
+def build_world(scenario: Scenario, rng: np.random.Generator) -> list[SceneObject]:
     """The ground, what the scenario lists and what it leaves to chance; the drones come last."""
     scene = scenario.scene
     ground = np.array([0.0, 0.0, scene.ground_z_m])
-    things = [Thing("ground", ground, np.full(3, np.inf), 0.3)]
+    things = [SceneObject("ground", ground, np.full(3, np.inf), 0.3)]
     for b in scene.buildings:
         centre = ground + np.array([*b.centre_m, b.size_m[2] / 2])
         yaw = float(np.radians(b.yaw_deg))
-        things.append(Thing("building", centre, np.array(b.size_m), 0.4, yaw))
+        things.append(SceneObject("building", centre, np.array(b.size_m), 0.4, yaw))
     things += [_random_building(scene, rng) for _ in range(scene.random_buildings)]
     for _ in range(scene.poles):
         things.append(pole(scene, place(scene, rng), 0.15, rng.uniform(4, 9), 0.3))
@@ -47,22 +47,24 @@ def build_world(scenario: Scenario, rng: np.random.Generator) -> list[Thing]:
         path = make_path(drone.flight, time_s, rng)
         size = np.array(drone.size_m)
         things.append(
-            Thing("drone", path(np.zeros(1))[0], size, drone.reflectivity, 0.0, drone.fill, path)
+            SceneObject(
+                "drone", path(np.zeros(1))[0], size, drone.reflectivity, 0.0, drone.fill, path
+            )
         )
     return things
 
 
-def _random_building(scene: Scene, rng: np.random.Generator) -> Thing:
+def _random_building(scene: Scene, rng: np.random.Generator) -> SceneObject:
     size = rng.uniform([8, 6, 4], [20, 12, 14])
     clear = scene.clear_m + np.hypot(size[0], size[1]) / 2
     radius, angle = rng.uniform(clear, scene.radius_m + clear), rng.uniform(0, 2 * np.pi)
     centre = np.array(
         [radius * np.cos(angle), radius * np.sin(angle), scene.ground_z_m + size[2] / 2]
     )
-    return Thing("building", centre, size, rng.uniform(0.2, 0.6), rng.uniform(0, np.pi))
+    return SceneObject("building", centre, size, rng.uniform(0.2, 0.6), rng.uniform(0, np.pi))
 
 
-def _tree(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+def _tree(scene: Scene, rng: np.random.Generator) -> list[SceneObject]:
     """A trunk and a crown of one to three ellipsoids around its top."""
     foot = place(scene, rng)
     height = rng.uniform(4, 10)
@@ -73,20 +75,20 @@ def _tree(scene: Scene, rng: np.random.Generator) -> list[Thing]:
         centre = foot + np.array([0.0, 0.0, 0.7 * height]) + offset
         reflectivity = rng.uniform(0.2, 0.45)
         path = swaying(centre, scene.sway_m, rng) if scene.sway_m > 0 else None
-        things.append(Thing("crown", centre, size, reflectivity, path=path))
+        things.append(SceneObject("crown", centre, size, reflectivity, path=path))
     return things
 
 
-def _walker(scene: Scene, time_s: float, rng: np.random.Generator) -> Thing:
+def _walker(scene: Scene, time_s: float, rng: np.random.Generator) -> SceneObject:
     size = np.array(_WALKER_SIZE_M)
     reach = min(scene.radius_m, 20.0)
     waist = scene.ground_z_m + size[2] / 2
     low, high = np.array([-reach, -reach, waist]), np.array([reach, reach, waist])
     path = random_path(low, high, _WALKER_SPEED_MPS, 2.0, time_s, rng)
-    return Thing("walker", path(np.zeros(1))[0], size, 0.3, path=path)
+    return SceneObject("walker", path(np.zeros(1))[0], size, 0.3, path=path)
 
 
-def _car(scene: Scene, duration_s: float, rng: np.random.Generator) -> Thing:
+def _car(scene: Scene, duration_s: float, rng: np.random.Generator) -> SceneObject:
     """Passes the station on a straight road, nearest to it some time in the scenario."""
     size = np.array(_CAR_SIZE_M)
     yaw = rng.uniform(-np.pi, np.pi)
@@ -101,10 +103,10 @@ def _car(scene: Scene, duration_s: float, rng: np.random.Generator) -> Thing:
         way = np.clip((time_s - passes_s) * speed, -_CAR_REACH_M, _CAR_REACH_M)
         return nearest + way[:, None] * along
 
-    return Thing("car", path(np.zeros(1))[0], size, 0.3, yaw, path=path)
+    return SceneObject("car", path(np.zeros(1))[0], size, 0.3, yaw, path=path)
 
 
-def _bird(scene: Scene, time_s: float, rng: np.random.Generator) -> Thing:
+def _bird(scene: Scene, time_s: float, rng: np.random.Generator) -> SceneObject:
     """A body and wings as a flat ellipsoid that bobs and shows its wings with every beat."""
     span = rng.uniform(*_BIRD_SPAN_M)
     size = np.array([span, span, 0.4 * span])
@@ -115,12 +117,12 @@ def _bird(scene: Scene, time_s: float, rng: np.random.Generator) -> Thing:
     beat_hz = rng.uniform(4, 10)
     path = undulating(way, height_m=0.1 * span, turns_hz=beat_hz)
     centre = path(np.zeros(1))[0]
-    return Thing("bird", centre, size, 0.3, fill=0.7, path=path, flap_hz=beat_hz)
+    return SceneObject("bird", centre, size, 0.3, fill=0.7, path=path, flap_hz=beat_hz)
 
 
-def _insect(scene: Scene, time_s: float, rng: np.random.Generator) -> Thing:
+def _insect(scene: Scene, time_s: float, rng: np.random.Generator) -> SceneObject:
     """Dances about near the station."""
     size = np.full(3, _INSECT_WIDTH_M)
     middle = rng.uniform([-1, -1, 0.3], [1, 1, 0.9]) * _INSECT_REACH_M
     path: Path = random_path(middle - 1.0, middle + 1.0, _INSECT_SPEED_MPS, 0.4, time_s, rng)
-    return Thing("insect", path(np.zeros(1))[0], size, 0.3, path=path)
+    return SceneObject("insect", path(np.zeros(1))[0], size, 0.3, path=path)

@@ -22,7 +22,7 @@ from unlidar_tools.simulate.sensors import (
     scan,
 )
 from unlidar_tools.simulate.weather import Window, fog_transmission, stray_kinds
-from unlidar_tools.simulate.world import Thing, cast, is_hidden
+from unlidar_tools.simulate.world import SceneObject, cast, is_hidden
 from unlidar_tools.stamps import format_stamp
 from unlidar_tools.station import Pose, write_station
 from unlidar_tools.truth import TRUTH_NAME
@@ -64,7 +64,7 @@ class Simulation:
         self.things = build_world(scenario, np.random.default_rng([seed, _WORLD_STREAM]))
 
     @property
-    def drones(self) -> list[Thing]:
+    def drones(self) -> list[SceneObject]:
         """In the order of the truth's `target`."""
         return [thing for thing in self.things if thing.kind == "drone"]
 

@@ -18,7 +18,7 @@ Growth = Callable[[np.ndarray], np.ndarray]  # times in s (N,) -> share of the s
 
 
 @dataclass(frozen=True)
-class Thing:
+class SceneObject:
     """A shape at a place, or along a path if it moves. The ground is a plane, its centre on it."""
 
     kind: str  # ground, building, pole, crown, ..., drone: how rays meet it follows from it
@@ -63,7 +63,7 @@ class Hits:
 
 
 def cast(
-    things: list[Thing],
+    things: list[SceneObject],
     origin_m: np.ndarray,
     direction: np.ndarray,
     time_s: np.ndarray,
@@ -87,7 +87,7 @@ def cast(
     return hits
 
 
-def is_hidden(things: list[Thing], origin_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
+def is_hidden(things: list[SceneObject], origin_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
     """Whether the ground or a building stands between the origin and each target (N, 3)."""
     way = target_m - origin_m
     length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
@@ -98,7 +98,7 @@ def is_hidden(things: list[Thing], origin_m: np.ndarray, target_m: np.ndarray) -
 
 
 def _rays_towards(
-    thing: Thing, time_s: np.ndarray, origin_m: np.ndarray, direction: np.ndarray
+    thing: SceneObject, time_s: np.ndarray, origin_m: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
     """Indices of the rays that may meet the thing: those in a cone about its bounding sphere."""
     if thing.kind == "ground":
@@ -119,7 +119,7 @@ def _rays_towards(
 
 
 def _meet(
-    thing: Thing,
+    thing: SceneObject,
     start: np.ndarray,
     direction: np.ndarray,
     time_s: np.ndarray,

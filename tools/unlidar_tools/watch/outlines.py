@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from unlidar_tools.events.site import MOST_AWAY_M, Zone
-from unlidar_tools.printable import printable
-from unlidar_tools.telling import note
+from unlidar_tools.reporting import note
+from unlidar_tools.sanitize import printable
 
 _MOST_CORNERS = 50_000  # of all zones: five of each of 10,000
 _STEP_M = 0.1  # corners that are off by less are left out first, then by twice as much and so on

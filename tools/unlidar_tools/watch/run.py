@@ -15,7 +15,7 @@ from unlidar_tools.events.station import Station
 from unlidar_tools.history.keeper import Keeper
 from unlidar_tools.history.timeline import Archive
 from unlidar_tools.relay.run import until_signal
-from unlidar_tools.telling import note
+from unlidar_tools.reporting import note
 from unlidar_tools.watch.connections import Listener
 from unlidar_tools.watch.pages import Pages
 from unlidar_tools.watch.server import Serving, make_app

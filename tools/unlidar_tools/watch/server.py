@@ -22,7 +22,7 @@ from starlette.types import ASGIApp
 
 from unlidar_tools.events.site import Site, Zone
 from unlidar_tools.history.timeline import Archive, Question, UnansweredError, rows, spans
-from unlidar_tools.telling import quieten
+from unlidar_tools.reporting import limit_logging
 from unlidar_tools.watch.connections import Connections, Listener, Protocol
 from unlidar_tools.watch.gate import Gate
 from unlidar_tools.watch.outlines import drawable
@@ -149,7 +149,7 @@ class Serving:
             with contextlib.suppress(RuntimeError):  # nobody waits any more
                 loop.call_soon_threadsafe(_settle, done, error)
 
-        quieten("the page's server", "uvicorn", "asyncio")
+        limit_logging("the page's server", "uvicorn", "asyncio")
         self._thread = threading.Thread(target=run, name="pages", daemon=True)
         self._thread.start()
         return done

@@ -20,7 +20,7 @@ from unlidar_tools.events.event import (
     extended,
 )
 from unlidar_tools.events.station import ALARM, RAISED, Message
-from unlidar_tools.telling import Often
+from unlidar_tools.reporting import RateLimitedNote
 
 TAIL_S = 60.0
 FORGET_S = 600.0  # a track of which nothing was heard for so long is over, and so is its alarm
@@ -64,7 +64,7 @@ class Sky:
         self._clock = StreamClock()
         self._clock_of: str | None = None  # the station whose stamps the clock goes by
         self._crowded_s: float | None = None
-        self._too_many = Often("more goes on than pages can show, the oldest is left out")
+        self._too_many = RateLimitedNote("more goes on than pages can show, the oldest is left out")
 
     def take(self, message: Message, shown: bool = True, old: bool = False) -> None:
         """What follows from it. Of what is not `shown`, that its station was heard.

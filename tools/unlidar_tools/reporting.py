@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from unlidar_tools.errors import reason
-from unlidar_tools.printable import hide_secrets, printable
+from unlidar_tools.sanitize import hide_secrets, printable
 
 _STAGE, _NOTE = "unlidar: ", "unlidar: note: "
 LOGGER = logging.getLogger("unlidar_tools")
@@ -39,17 +39,17 @@ def is_verbose() -> bool:
     return LOGGER.isEnabledFor(logging.INFO)
 
 
-def show(verbose: bool) -> None:
+def show_on_stderr(verbose: bool) -> None:
     """Lets the command line show notes, and stages if `verbose`."""
     for handler in LOGGER.handlers[:]:
         LOGGER.removeHandler(handler)
-    handler = _Lines()
+    handler = _StderrHandler()
     LOGGER.addHandler(handler)
     LOGGER.propagate = False
     LOGGER.setLevel(logging.INFO if verbose else logging.WARNING)
 
 
-def repeat(said: str, name: str) -> None:
+def forward_messages(said: str, name: str) -> None:
     """Tells what another process of this package has told on stderr, and whose it is."""
     for line in said.splitlines():
         if line.startswith(_NOTE):
@@ -58,7 +58,7 @@ def repeat(said: str, name: str) -> None:
             stage(f"{name}: {line.removeprefix(_STAGE)}")
 
 
-class Often:
+class RateLimitedNote:
     """Says what repeats the first, second, fourth, eighth time and so on."""
 
     def __init__(self, what: str) -> None:
@@ -73,18 +73,18 @@ class Often:
             note(f"{self._what}{times}: {detail}")
 
 
-def quieten(what: str, *loggers: str) -> None:
-    """Says what libraries would say for every bad request as `Often` does, a line without trace."""
-    said = _Said(what)
+def limit_logging(what: str, *loggers: str) -> None:
+    """Says what libraries would say for every bad request as `RateLimitedNote` does, a line without trace."""
+    said = _RateLimitedHandler(what)
     for name in loggers:
         logger = logging.getLogger(name)
         logger.handlers, logger.propagate = [said], False
 
 
-class _Said(logging.Handler):
+class _RateLimitedHandler(logging.Handler):
     def __init__(self, what: str) -> None:
         super().__init__(logging.WARNING)
-        self._said = Often(what)
+        self._said = RateLimitedNote(what)
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
@@ -92,7 +92,7 @@ class _Said(logging.Handler):
         self._said(f"{text}: {type(error).__name__}: {reason(error)}" if error else text)
 
 
-class _Lines(logging.Handler):
+class _StderrHandler(logging.Handler):
     """A line each, to whatever stderr is then."""
 
     def emit(self, record: logging.LogRecord) -> None:

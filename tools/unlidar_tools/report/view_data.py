@@ -5,15 +5,15 @@ import base64
 import numpy as np
 
 from unlidar_tools.colours import track_colours
-from unlidar_tools.report.courses import spans, track_courses, truth_courses
 from unlidar_tools.report.data import ReportData
 from unlidar_tools.report.lines import at_times, rings_apart, tube
 from unlidar_tools.report.sample import Sample
+from unlidar_tools.report.trajectories import spans, track_trajectories, truth_trajectories
 
 UNIT_M = 0.01
 
 
-def pack_moments(data: ReportData, begin_s: float) -> dict:
+def pack_view(data: ReportData, begin_s: float) -> dict:
     """What page.js needs to fill the clouds and to move them with the slider.
 
     `*_end` are the numbers of points up to and with each step; markers are per step and track,
@@ -48,37 +48,37 @@ def target_steps(sample: Sample) -> np.ndarray:
     return np.where(np.isnan(sample.target_s), -1, step)
 
 
-def pack_courses(data: ReportData, begin_s: float, first_trace: int) -> list[dict]:
+def pack_trajectories(data: ReportData, begin_s: float, first_trace: int) -> list[dict]:
     """Lines and tubes of the 3-D view, which page.js draws as far as they lie in the time window.
 
     A line has its time at each point, a tube at each ring; their traces follow each other in the
     scene from `first_trace` on. Numbers are 32-bit floats in base64.
     """
-    tracks, found = track_courses(data), []
-    for course in (*truth_courses(data), *tracks):
-        points_m = course.drawn.of(course.xyz_m)
-        time_s = course.drawn.of(course.time_s - begin_s)
+    tracks, found = track_trajectories(data), []
+    for trajectory in (*truth_trajectories(data), *tracks):
+        points_m = trajectory.drawn.of(trajectory.xyz_m)
+        time_s = trajectory.drawn.of(trajectory.time_s - begin_s)
         found.append(
             {
-                "name": course.name,
-                "colour": course.colour,
+                "name": trajectory.name,
+                "colour": trajectory.colour,
                 "spans": [
                     [round(begin - begin_s, 3), round(end - begin_s, 3)]
-                    for begin, end in spans(course)
+                    for begin, end in spans(trajectory)
                 ],
                 "time": _floats(time_s),
                 "points": _floats(points_m),
             }
         )
     if data.tracks.sigma_m is not None:
-        every = rings_apart([course.drawn for course in tracks])
-        for course in tracks:
+        every = rings_apart([trajectory.drawn for trajectory in tracks])
+        for trajectory in tracks:
             corners, faces, rows = tube(
-                course.drawn.pieces, course.xyz_m, 2 * data.tracks.sigma_m, every
+                trajectory.drawn.pieces, trajectory.xyz_m, 2 * data.tracks.sigma_m, every
             )
             found.append(
                 {
-                    "time": _floats(course.time_s[rows] - begin_s),
+                    "time": _floats(trajectory.time_s[rows] - begin_s),
                     "points": _floats(corners),
                     "faces": base64.b64encode(faces.astype("<u2").tobytes()).decode(),
                 }

@@ -12,7 +12,7 @@ _DASHES = ("solid", "dash", "dot", "dashdot")
 
 
 @dataclass(frozen=True)
-class Course:
+class Trajectory:
     """One track, or one drone of the truth."""
 
     name: str
@@ -29,12 +29,12 @@ class Course:
         return 1.0 if self.is_track else 1.6
 
 
-def truth_courses(data: ReportData) -> list[Course]:
+def truth_trajectories(data: ReportData) -> list[Trajectory]:
     """All are red; several are told apart by their dashes."""
     truth = data.truth
     drawn = drawn_by_group(truth.time_s, truth.target)
     return [
-        Course(
+        Trajectory(
             "truth" if len(drawn) == 1 else f"truth of drone {target:g}",
             RED,
             _DASHES[index % len(_DASHES)],
@@ -47,21 +47,21 @@ def truth_courses(data: ReportData) -> list[Course]:
     ]
 
 
-def track_courses(data: ReportData) -> list[Course]:
+def track_trajectories(data: ReportData) -> list[Trajectory]:
     """A colour for each."""
     tracks = data.tracks
     colours = track_colours(tracks.track_id)
     return [
-        Course(
+        Trajectory(
             f"track {number:g}", colours[number], "solid", True, one, tracks.time_s, tracks.xyz_m
         )
         for number, one in drawn_by_group(tracks.time_s, tracks.track_id).items()
     ]
 
 
-def spans(course: Course) -> list[tuple[float, float]]:
+def spans(trajectory: Trajectory) -> list[tuple[float, float]]:
     """Begin and end of each piece, Unix time."""
     return [
-        (float(course.time_s[piece[0]]), float(course.time_s[piece[-1]]))
-        for piece in course.drawn.pieces
+        (float(trajectory.time_s[piece[0]]), float(trajectory.time_s[piece[-1]]))
+        for piece in trajectory.drawn.pieces
     ]

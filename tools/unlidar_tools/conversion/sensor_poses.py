@@ -10,7 +10,7 @@ from unlidar_tools.station import Pose
 Position = tuple[float, float, float]
 
 
-class Placing:
+class SensorPoses:
     """Poses of sensors and positions of truth, in the common frame as far as it is known."""
 
     def __init__(self, transforms: StaticTransforms, frames: Mapping[str, str]) -> None:

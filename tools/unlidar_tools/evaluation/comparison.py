@@ -17,14 +17,14 @@ from unlidar_tools.evaluation.alignment import (
     shift,
 )
 from unlidar_tools.evaluation.association import Coverage, OwnRows, cover, identities, own_rows
-from unlidar_tools.evaluation.coordinates import doubt_of
+from unlidar_tools.evaluation.coordinates import coordinate_mismatch
 from unlidar_tools.evaluation.plausibility import refuse_swapped, require_common_time
-from unlidar_tools.telling import note
+from unlidar_tools.reporting import note
 from unlidar_tools.truth import Tracks, Truth, read_all_tracks, read_truth
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Comparison:
     """Errors per row of the truth (N), in order of time, and per row of the tracks (M)."""
 
     tracks: int
@@ -33,7 +33,7 @@ class Judgement:
     seen: np.ndarray  # (N,) bool: in view of a sensor
     nearest: Coverage  # (N,)
     own: Coverage  # (N,) matched one to one
-    judged_by: Coverage  # (N,) the one of both by which sigmas are judged
+    sigma_basis: Coverage  # (N,) the one of both by which sigmas are judged
     switches: int
     completed_m: np.ndarray  # (N, 3) error of the completed track; NaN without one
     rows: OwnRows  # (M,)
@@ -41,12 +41,12 @@ class Judgement:
     alignment: Alignment
     time_offset_s: float
     time_offset_sigma_s: float | None  # None: as given, not estimated
-    doubt: str | None  # that the truth is in the same coordinates
+    coordinate_warning: str | None  # that the truth is in the same coordinates
 
     @property
     def nees(self) -> np.ndarray:
         """(N,) NaN where not covered or the trajectory has no sigma."""
-        return _nees(self.judged_by, self.alignment)
+        return _nees(self.sigma_basis, self.alignment)
 
     @property
     def covered(self) -> np.ndarray:
@@ -56,7 +56,7 @@ class Judgement:
     @property
     def nees_unbiased(self) -> np.ndarray:
         """(K,) of the covered rows, about their mean error: a lever arm is no error of a sigma."""
-        known = self.judged_by.rows(self.covered & np.isfinite(self.judged_by.distance_m))
+        known = self.sigma_basis.rows(self.covered & np.isfinite(self.sigma_basis.distance_m))
         if len(known.distance_m) == 0:
             return np.zeros(0)
         mean_m = known.error_m.mean(axis=0)
@@ -73,10 +73,10 @@ class Judgement:
         return len(np.unique(self.target))
 
 
-def judge_files(
+def compare_files(
     truth: Path, trajectories: Sequence[Path], options: Options, one_clock: bool = False
-) -> Judgement:
-    """`judge` on files; what cannot be judged, or is in doubt, is said with the first trajectory.
+) -> Comparison:
+    """`compare` on files; what cannot be judged, or is in doubt, is said with the first trajectory.
 
     They must have a time in common unless they are known to be of `one_clock`. UsageError where
     truth and trajectory are swapped.
@@ -87,15 +87,15 @@ def judge_files(
         if not one_clock:
             given_s = 0.0 if options.time_offset == AUTO else float(options.time_offset)
             require_common_time(known, shift(tracks, given_s))
-        judged = judge(known, tracks, options)
+        compared = compare(known, tracks, options)
     except InputError as error:
         raise InputError(f"{trajectories[0]}: {error}") from error
-    if judged.doubt is not None:
-        note(f"{trajectories[0]}: {judged.doubt}")
-    return judged
+    if compared.coordinate_warning is not None:
+        note(f"{trajectories[0]}: {compared.coordinate_warning}")
+    return compared
 
 
-def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
+def compare(truth: Truth, tracks: Tracks, options: Options) -> Comparison:
     """Shifts and aligns the tracks as asked for, then compares them with the truth."""
     order = np.argsort(truth.time_s, kind="stable")
     truth = Truth(*(column[order] for column in (
@@ -115,7 +115,7 @@ def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
     met = np.isfinite(nearest.distance_m)
     known_m = truth.xyz_m[met]
     are_aligned = options.align != "none"
-    return Judgement(
+    return Comparison(
         tracks=len(np.unique(tracks.track_id)),
         time_s=truth.time_s,
         target=truth.target,
@@ -123,7 +123,7 @@ def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
         nearest=nearest,
         own=who.own,
         # Among several targets the nearest track may be another one's, and its sigma with it.
-        judged_by=who.own if len(np.unique(truth.target)) > 1 else nearest,
+        sigma_basis=who.own if len(np.unique(truth.target)) > 1 else nearest,
         switches=who.switches,
         completed_m=complete(moved, truth.time_s) - truth.xyz_m,
         rows=own_rows(truth, moved),
@@ -131,7 +131,9 @@ def judge(truth: Truth, tracks: Tracks, options: Options) -> Judgement:
         alignment=alignment,
         time_offset_s=offset_s,
         time_offset_sigma_s=sigma_s,
-        doubt=doubt_of(known_m, known_m + nearest.error_m[met], are_aligned),
+        coordinate_warning=coordinate_mismatch(
+            known_m, known_m + nearest.error_m[met], are_aligned
+        ),
     )
 
 

@@ -8,7 +8,7 @@ _NOTABLE_NS = 1_000_000_000
 
 
 @dataclass
-class StampsSeen:
+class StampSelector:
     """The stamps of one topic."""
 
     choice: Literal["header", "log"]

@@ -15,8 +15,7 @@ minute. Exit code 0 if all of them pass.
   --sanitize  only the tests with sanitizers and the line coverage
 
 Works from any folder; tests that need ../shared skip without it. A part takes seconds or minutes
-where nothing that it depends on has changed; everything, from nothing, three quarters of an hour on two
-processors.
+where nothing that it depends on has changed; everything, from nothing, an hour on two processors.
 TEXT
 }
 

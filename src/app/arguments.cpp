@@ -122,7 +122,7 @@ void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& f
       ->excludes(quiet);
 }
 
-// What goes together: a recording or a live source.
+// Checks the combination of options: a recording or a live source.
 void CheckMode(const Arguments& arguments, const std::vector<std::string>& frames) {
   if (!(arguments.only_drones >= 0.0 && arguments.only_drones <= 1.0)) {  // NaN, too
     throw UsageError("--only-drones " + ShortestText(arguments.only_drones) +

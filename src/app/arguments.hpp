@@ -1,4 +1,4 @@
-// The command line: what it asks for.
+// The command line.
 #pragma once
 
 #include <optional>

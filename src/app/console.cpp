@@ -8,7 +8,7 @@
 namespace unlidar {
 namespace {
 
-// Two paths of the longest that there are, and what is said of them.
+// Room for two paths of maximum length and a message.
 constexpr std::size_t kMaxTextBytes = 10'000;
 
 }  // namespace

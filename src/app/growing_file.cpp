@@ -22,7 +22,7 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kReaderPollInterval(100);
-// What a reader that takes nothing is given before the program ends without it.
+// Time granted to a reader that takes nothing before the program ends without it.
 constexpr milliseconds kReaderTimeout(1000);
 
 // Far longer than any line of an output.
@@ -103,7 +103,7 @@ void GrowingFile::Open() {
   struct stat status {};
   if (::fstat(fd_, &status) != 0) FailWithErrno();
   if (S_ISDIR(status.st_mode)) Fail("it is a directory, expected a file");
-  // What stdout is, is not ours: it is only written to, even if it is a file.
+  // stdout belongs to the caller: it is only written to, even if it is a file.
   is_regular_ = S_ISREG(status.st_mode) && path_ != "-";
   if (!is_regular_) {
     waiting_.insert(0, format_.header);

@@ -45,7 +45,7 @@ class GrowingFile {
 
   void Flush();
 
-  // Opens the path again: a new file where the old one was moved away, else the same. Whether new.
+  // Reopens the path: a new file if the old one was moved away. Returns true if new.
   bool Reopen();
 
   // The last Flush(). Throws OutputError if the disk is still full.

@@ -26,16 +26,16 @@
 namespace unlidar {
 namespace {
 
-// How often it looks whether a sensor is silent and a full disk has room again.
+// Interval of the checks for silent sensors and for room on a full disk.
 constexpr std::chrono::milliseconds kPollInterval(250);
 
-// How long rows of a track wait for it to be a drone: no longer than anything is remembered.
+// Limit for holding the rows of a track until it is a drone: the length of the scene memory.
 TimeNs HoldNs(const LiveConfig& live) {
   return std::isfinite(live.window_s) ? NsOf(live.window_s) : std::numeric_limits<TimeNs>::max();
 }
 
-// Rows that are a day ahead of this computer are of no clock that frames are taken up by; a box
-// without a battery may be behind its own rows by less.
+// Rows more than a day ahead of this computer are ignored for resuming; a computer without a clock
+// battery may be behind its own rows by less.
 RowTimes EarlierRows(const Config& config) {
   const double late_s = config.live.delay_s + config.robust.tracker.max_gap_s;
   const TimeNs held_ns = HoldNs(config.live);
@@ -44,7 +44,7 @@ RowTimes EarlierRows(const Config& config) {
   return {is_endless ? 2 * kMaxStampNs : held_ns + NsOf(late_s), NsSinceEpoch(now)};
 }
 
-// The loop: wait for the source, let it read, write what that brought.
+// Main loop: wait for the source, read, write the results.
 class LiveRun {
  public:
   LiveRun(const LiveRequest& request, const Config& config,
@@ -69,7 +69,7 @@ class LiveRun {
       }
       source_->Finish();
     } catch (const InputError&) {
-      Close();  // what came before the error is not lost
+      Close();  // output from before the error is kept
       throw;
     }
     Close();
@@ -86,8 +86,8 @@ class LiveRun {
   }
 
  private:
-  // A restart reads the last window before the last row once more: the scene must be known again
-  // where the rows go on.
+  // After a restart, the last window before the last row is read again, so that the scene is known
+  // where the rows continue.
   std::optional<TimeNs> ResumeAfter() {
     const std::optional<TimeNs> latest_row_ns = output_.row_times().latest_ns();
     if (!latest_row_ns) return std::nullopt;
@@ -102,8 +102,8 @@ class LiveRun {
     return after_ns;
   }
 
-  // Waits for the source or a signal, and does what comes up besides. Whether the source is ready;
-  // none where it is time to end. Every source is open when it is first waited for.
+  // Waits for the source or a signal, with periodic work. Returns true if the source is ready; none
+  // at the end of the run. Every source is open when it is first waited for.
   std::optional<bool> Wait() {
     service_.SendHeartbeat();
     std::vector<pollfd> fds = {{source_->fd(), POLLIN, 0}};

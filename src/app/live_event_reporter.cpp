@@ -9,7 +9,7 @@
 namespace unlidar {
 namespace {
 
-// Two thirds of the time after which readers take an engine for stopped.
+// Two thirds of the time after which readers consider an engine stopped.
 constexpr TimeNs kStateIntervalNs = 40'000'000'000;
 
 }  // namespace
@@ -45,7 +45,7 @@ void LiveEventReporter::OnEngineState(EngineState state, const LiveProgress& now
     Note("begins anew at " + SecondsText(now.newest_ns) +
          ": the clock has gone back, or no frame came for longer than live.window_s");
   }
-  state_reported_ns_ = now.newest_ns;  // also where overload hides it: the clock may have gone back
+  state_reported_ns_ = now.newest_ns;  // even if hidden by overload: the clock may have jumped back
   if (!is_overloaded()) ReportState(now);
 }
 
@@ -68,8 +68,7 @@ void LiveEventReporter::ReportPace(std::uint64_t one_in, std::uint64_t left_out,
   if (was_overloaded != is_overloaded()) ReportState(now);
 }
 
-// Warming up is a beginning, which ends all tracks of before for those who read it: it is told
-// once.
+// Reported only once, because for readers a warm-up ends all earlier tracks.
 void LiveEventReporter::SendHeartbeat(const LiveProgress& now) {
   if (state_ == LiveState::kRunning && now.newest_ns - state_reported_ns_ >= kStateIntervalNs) {
     ReportState(now);

@@ -1,4 +1,4 @@
-// What a live run tells of itself while it goes on: events, its state, notes.
+// Events, state and notes of a live run.
 #pragma once
 
 #include <cstddef>
@@ -14,20 +14,20 @@
 
 namespace unlidar {
 
-// What happens again and again is noted the first time, the second, the fourth and so on.
+// True for counts 1, 2, 4, 8, ...: repeated incidents are noted ever less often.
 bool IsWorthANote(std::uint64_t count);
 
-// The same where several came at once.
+// Same for several incidents at once.
 bool IsWorthANote(std::uint64_t before, std::uint64_t count);
 
-// How far a run has come.
+// Progress of a run.
 struct LiveProgress {
   TimeNs newest_ns = 0;  // stamp
   std::uint64_t frames = 0;
   std::uint64_t lost_frames = 0;
 };
 
-// Sensors and tracks are told again only when they have changed.
+// Sensors and tracks are reported again only after a change.
 class LiveEventReporter {
  public:
   using NoteCallback = std::function<void(const std::string&)>;
@@ -42,7 +42,7 @@ class LiveEventReporter {
   // Sensors are numbered as they are added.
   void AddSensor(const std::string& name) { sensors_.push_back({name, std::nullopt, 0}); }
 
-  // The next events of this number are another's.
+  // Further events of this index belong to another sensor.
   void ReplaceSensor(std::size_t index, const std::string& name) {
     sensors_[index] = {name, std::nullopt, 0};
   }
@@ -53,16 +53,16 @@ class LiveEventReporter {
   void ReportSensor(std::size_t index, SensorState state, TimeNs newest_ns);
   bool HasReported(std::size_t sensor) const { return sensors_[sensor].state.has_value(); }
 
-  // One frame in so many is worked off, and so many were left out by now.
+  // Reports that one frame in `one_in` is processed, and the number skipped so far.
   void ReportPace(std::uint64_t one_in, std::uint64_t left_out, const LiveProgress& now);
 
   void ReportState(const LiveProgress& now);
 
-  // Repeats the state now and then while frames are worked off, so that a quiet sky differs from an
-  // engine that has stopped.
+  // Repeats the state periodically while frames are processed, to distinguish an empty sky from a
+  // stopped engine.
   void SendHeartbeat(const LiveProgress& now);
 
-  // All of it goes out. Throws OutputError.
+  // Writes everything pending. Throws OutputError.
   void Flush() { output_.Flush(); }
 
  private:
@@ -70,7 +70,7 @@ class LiveEventReporter {
 
   struct Sensor {
     std::string name;
-    std::optional<SensorState> state;  // as it was told
+    std::optional<SensorState> state;  // as last reported
     std::uint64_t num_blinded = 0;
   };
 
@@ -80,7 +80,7 @@ class LiveEventReporter {
   const ServiceNotifier& service_;
   const NoteCallback& note_;
   std::vector<Sensor> sensors_;
-  LiveState state_ = LiveState::kWarmingUp;  // but for overload
+  LiveState state_ = LiveState::kWarmingUp;  // without overload
   bool has_begun_ = false;
   std::uint64_t one_in_ = 1;
   TimeNs state_reported_ns_ = 0;  // stamp

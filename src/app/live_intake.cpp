@@ -177,7 +177,7 @@ void LiveIntake::CheckSilence() {
   }
 }
 
-// The engine tells of what it has taken: a sensor whose frames are all set aside is silent, too.
+// The engine reports accepted frames only: a sensor whose frames are all set aside is silent, too.
 void LiveIntake::CheckOutOfSync() {
   if (!engine_.has_begun()) return;
   const TimeNs now_ns = engine_.newest_ns();

@@ -1,4 +1,4 @@
-// The frames of a live run on their way into the engine, whatever their source.
+// Intake of frames into the engine of a live run, from any source.
 #pragma once
 
 #include <chrono>
@@ -21,56 +21,56 @@
 
 namespace unlidar {
 
-// Counts what becomes of each, leaves frames out where too many come, and looks by the clock
-// whether any come at all.
+// Counts the fate of each frame, skips frames under overload, and detects silence by the wall
+// clock.
 class LiveIntake {
  public:
   using Clock = FramePace::Clock;
 
-  // The sensors of a request for folders are those of its sources, others are added as they come.
-  // All arguments outlive it. Throws ConfigError.
+  // With folders the sensors are those of the request, otherwise they are added as they appear.
+  // All arguments must outlive it. Throws ConfigError.
   LiveIntake(const LiveRequest& request, const Config& config, LiveEventReporter& reporter);
   LiveIntake(const LiveIntake&) = delete;
   LiveIntake& operator=(const LiveIntake&) = delete;
 
-  // A stream of garbage that looks like frames of ever new sensors must not fill the memory.
+  // Limits the sensors, so that garbage that looks like ever new ones does not exhaust memory.
   bool is_full() const { return sensors_.size() >= kMaxSensors; }
 
   std::optional<std::size_t> SensorNamed(const std::string& name) const;
   const std::string& NameOf(std::size_t sensor) const { return sensors_[sensor].name; }
 
-  // `first`: what messages call what arrived first of it. Returns its index.
+  // `first`: name of its first frame in messages. Returns its index.
   std::size_t AddSensor(const std::string& name, const std::string& first);
 
-  // The place of one that is heard no more is another's from now on.
+  // Reuses the index of a sensor that is no longer received.
   void ReplaceSensor(std::size_t sensor, const std::string& name);
 
-  // Whether a frame of this stamp that has waited so long is to be worked off. `waited` and
-  // `arrival` are empty for one that was there before the program.
+  // True if a frame of this stamp and waiting time is to be processed. `waited` and `arrival` are
+  // empty for a frame older than the program.
   bool IsInTime(std::size_t sensor, TimeNs stamp_ns, std::optional<Clock::duration> waited,
                 const std::optional<Arrival>& arrival);
 
-  // `name`: what messages call the frame. `arrival`: of live sources. What it brings is written.
-  // Throws InputError as TakeBadFrame(), OutputError.
+  // Processes a frame and writes the resulting output. `name`: of the frame, for messages.
+  // `arrival`: of live sources. Throws InputError like TakeBadFrame(), OutputError.
   void Add(std::size_t sensor, TimeNs stamp_ns, const std::string& name, PcdCloud cloud,
            std::optional<Arrival> arrival);
 
-  // Throws it on, but where bad frames are skipped.
+  // Rethrows the error unless bad frames are skipped.
   void TakeBadFrame(const InputError& error);
 
-  // So many in all. What is new is said.
+  // Takes the total counts; notes the new ones.
   void TakeFollowed(const FollowedCounts& counts);
 
-  // A pulled cable: time stands still for the engine, but not for who waits for an answer.
+  // Detects silence by the wall clock: with a pulled cable the engine's time stands still.
   void CheckSilence();
 
-  // Tells them, and keeps them for the summary.
+  // Notes warnings and keeps them for the summary.
   void Warn(const std::vector<Warning>& warnings);
 
   // No frame will follow.
   void Close();
 
-  // All that is known of it here: of each sensor its name and its frames.
+  // Returns the part of the summary known here, with name and frames of each sensor.
   LiveSummary Summary() const;
 
  private:
@@ -96,11 +96,11 @@ class LiveIntake {
   FramePace pace_;
   std::vector<Sensor> sensors_;
   ProcessingTimes processing_times_;
-  std::uint64_t bad_frames_ = 0;  // but for those that the engine counts
+  std::uint64_t bad_frames_ = 0;  // without those counted by the engine
   std::uint64_t overload_frames_ = 0;
   FollowedCounts followed_;
   std::vector<Warning> warnings_;        // all,
-  std::size_t num_engine_warnings_ = 0;  // and those that the engine had
+  std::size_t num_engine_warnings_ = 0;  // of which from the engine
 };
 
 }  // namespace unlidar

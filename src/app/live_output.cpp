@@ -15,14 +15,14 @@ namespace {
 
 constexpr int kKindDigits = 4;
 constexpr int kRowCommas = 11;
-constexpr std::int64_t kMaxTrackId = std::int64_t{1} << 53;  // what a JSON number can tell apart
+constexpr std::int64_t kMaxTrackId = std::int64_t{1} << 53;  // exact as a JSON number
 
 std::string Quoted(const std::string& text) {
   // Names of folders need not be UTF-8, JSON must be.
   return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-// Bounded numbers are all that JSON and its readers can take.
+// True if all numbers are finite and bounded, as JSON and its readers require.
 bool IsWritable(const TrajectoryRow& row) {
   constexpr double kMaxMagnitude = 1e9;
   const auto is_bounded = [](const Eigen::Vector3d& vector) {
@@ -84,7 +84,7 @@ LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events,
   events_.emplace(events, GrowingFile::Format{"", "{\"event\":"}, signals, ignore, note);
 }
 
-// It is told with its first row: what reads the rows after a kill must know every number that was.
+// A track is reported with its first row: after a kill, readers of the rows must know all numbers.
 void LiveOutput::Confirm(const TrackConfirmed& track) {
   Confirmed& confirmed = open_tracks_[track.track_id];
   confirmed.first_evidence_ns = track.first_evidence_ns;
@@ -104,7 +104,7 @@ void LiveOutput::AddRow(TimeNs at_ns, const RowGiven& given) {
   if (!confirmed.track && given.kind.drone < min_drone_probability_) return Hold(row, confirmed);
   CheckIsLater(confirmed.held.empty() ? row.time_ns : confirmed.held.front().time_ns);
   LiveTrack& track = AnnouncedTrack(at_ns, given.kind, confirmed);
-  // Given as late as they were held.
+  // Held rows count as late.
   for (const TrajectoryRow& held : std::exchange(confirmed.held, {})) {
     Write(at_ns, {held, true, given.kind}, track);
   }
@@ -220,7 +220,7 @@ void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
   row_times_.Add(*time_ns);
 }
 
-// The track as it is written. The first time its beginning is told.
+// Returns the written track; the first call reports its confirmation.
 LiveTrack& LiveOutput::AnnouncedTrack(TimeNs at_ns, const Kind& kind, Confirmed& confirmed) {
   if (!confirmed.track) {
     confirmed.track = tracks_.size();

@@ -1,4 +1,4 @@
-// What a live run writes: rows of the trajectory and events, as the engine gives them.
+// Output of a live run: rows of the trajectory and events, as the engine emits them.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ namespace unlidar {
 
 enum class LiveState { kWarmingUp, kRunning, kOverloaded };
 
-// As in events.
+// Name used in events.
 const char* LiveStateName(LiveState state);
 
 const char* SensorStateName(SensorState state);
@@ -29,27 +29,27 @@ struct LiveTrack {
   TimeNs begin_ns = 0;  // first and last evidence
   TimeNs end_ns = 0;
   std::uint64_t rows = 0;
-  Kind kind;  // by all that was seen of it
+  Kind kind;  // as judged so far
   std::optional<MinimumReport> minimum = {};
 };
 
-// Behind the number of rows that are refused.
+// Follows the number of refused rows in messages.
 inline constexpr const char* kUnwritableText =
     " left out: a number in it is none, or beyond 1e9, which no output takes";
 
-// The engine counts tracks from 0 in each run; those of a file go on counting. Of a run that takes
-// up frames again, rows from these up to the last one of the file are there already and are left
-// out, and so is a track without any other.
+// The engine numbers tracks from 0 in each run; numbers in a file continue across runs. After a
+// restart that reads frames again, rows up to the last one of the file are already there and are
+// skipped, and so is a track without any other rows.
 class LiveOutput {
  public:
   using NoteCallback = GrowingFile::NoteCallback;
 
-  // `events`: a path, `-` for stdout, or empty for none. `rows`: takes those that earlier runs
-  // wrote. Throws OutputError.
+  // `events`: a path, `-` for stdout, or empty for none. `rows`: to be extended by the rows of
+  // earlier runs. Throws OutputError.
   LiveOutput(const std::string& trajectory, const std::string& events, const RowTimes& rows,
              Signals& signals, const NoteCallback& note);
 
-  // Of the rows that earlier runs wrote, and of those that a file held that was opened again.
+  // Times of the rows of earlier runs and of those in a reopened file.
   const RowTimes& row_times() const { return row_times_; }
 
   // A recording that is piped into the file of a later one would mix two flights: the first row of
@@ -62,15 +62,15 @@ class LiveOutput {
     left_out_until_ns_ = until_ns;
   }
 
-  // A track's rows are held back until its probability of being a drone has once been so high; of
-  // what is held, rows older than `hold_ns` before the newest are forgotten.
+  // Holds the rows of a track back until its drone probability has once reached this value; held
+  // rows more than `hold_ns` older than the newest are dropped.
   void KeepOnlyDrones(double min_probability, TimeNs hold_ns) {
     min_drone_probability_ = min_probability;
     hold_ns_ = hold_ns;
   }
 
-  // Each goes to both files with the next Flush(), a track with its first row; `at_ns` is the
-  // newest stamp taken in.
+  // Written to both files by the next Flush(), a track with its first row; `at_ns` is the newest
+  // accepted stamp.
   void Confirm(const TrackConfirmed& track);
   // Throws OutputError for a row that is refused.
   void AddRow(TimeNs at_ns, const RowGiven& given);
@@ -78,22 +78,22 @@ class LiveOutput {
   void ReportSensor(TimeNs at_ns, const std::string& name, SensorState state);
   void ReportState(TimeNs at_ns, LiveState state, std::uint64_t frames, std::uint64_t dropped);
 
-  // Rows go before the events that tell of them. Throws OutputError.
+  // Writes rows before the events that refer to them. Throws OutputError.
   void Flush();
   void Reopen();
   void Close();
 
-  // That a reader of one of them has left ends the wait for them.
+  // Descriptors to wait on: one is ready when its reader has left.
   std::vector<int> reader_fds() const;
 
-  // Those of this run, in order of their numbers.
+  // Tracks of this run, in order of their numbers.
   const std::vector<LiveTrack>& tracks() const { return tracks_; }
 
   // Rows that are in the file already, and those whose numbers cannot be written.
   std::uint64_t left_out_rows() const { return left_out_rows_; }
   std::uint64_t unwritable_rows() const { return unwritable_rows_; }
 
-  // That have ended without having been as likely a drone as asked for.
+  // Tracks that ended below the required drone probability.
   std::uint64_t tracks_left_out() const { return tracks_left_out_; }
 
  private:

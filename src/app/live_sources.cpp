@@ -241,7 +241,7 @@ class FolderSource : public LiveSource {
   }
 
   void Take(const FollowedFrame& frame) {
-    // What was there before the program tells nothing by when it arrived.
+    // Arrival times carry no information for files that existed before the program started.
     const auto waited =
         frame.arrived ? std::make_optional(Clock::now() - *frame.arrived) : std::nullopt;
     const auto arrival =

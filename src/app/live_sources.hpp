@@ -1,4 +1,4 @@
-// Where the frames of a live run come from: stdin, packets or folders.
+// Sources of the frames of a live run: stdin, packets or folders.
 #pragma once
 
 #include <memory>
@@ -12,7 +12,7 @@
 
 namespace unlidar {
 
-// Reads what has come, and hands it to the intake frame by frame.
+// Reads available input and passes it to the intake frame by frame.
 class LiveSource {
  public:
   LiveSource() = default;
@@ -20,25 +20,25 @@ class LiveSource {
   LiveSource(const LiveSource&) = delete;
   LiveSource& operator=(const LiveSource&) = delete;
 
-  // Ready to read when something has come.
+  // Descriptor that is readable when input is available.
   virtual int fd() const = 0;
 
-  // Whether all that came is read, so that it is time to wait.
+  // True if all available input is read.
   virtual bool is_idle() const { return true; }
 
-  // Reads some of what has come; `is_ready`: as fd() is. False at the end of it all. Throws
+  // Reads some input; `is_ready`: state of fd(). Returns false at the end of input. Throws
   // InputError, OutputError.
   virtual bool Read(bool is_ready) = 0;
 
-  // The run ends: reads what came until now, and hands on what is not a whole frame yet.
+  // Called at the end of the run: reads the remaining input and passes on incomplete frames.
   virtual void Finish() {}
 
-  // Adds what only the source knows. The inputs of `summary` are the sensors.
+  // Adds the data of the source. The inputs of `summary` are the sensors.
   virtual void AddTo(LiveSummary*) const {}
 };
 
-// The source that a request names. Frames of folders up to `after_ns` are passed over. All
-// references outlive it. Throws InputError.
+// Opens the source of a request. Frames of folders up to `after_ns` are skipped. All references
+// must outlive it. Throws InputError.
 std::unique_ptr<LiveSource> OpenSource(const LiveRequest& request, const Config& config,
                                        std::optional<TimeNs> after_ns, LiveIntake& intake,
                                        LiveEventReporter& reporter);

@@ -38,13 +38,13 @@ std::string TargetPointsPcd(const Recording& recording, const std::vector<Fitted
 std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
                         const PipelineResult& result);
 
-// What is said of a LiDAR that was blinded for so long.
+// Message about a LiDAR that was blinded for this long.
 std::string BlindedText(const std::string& name, double blinded_s);
 
-// What is said of tracks that --only-drones leaves out.
+// Message about tracks that --only-drones leaves out.
 std::string TracksLeftOutText(std::size_t count);
 
-// What is said of a track whose fit Ceres did not end.
+// Message about a track for which Ceres did not converge.
 std::string NotConvergedText(std::int64_t track_id, const MinimumReport& minimum);
 
 // "1706255621.600227000": exact, from integers.

@@ -66,8 +66,8 @@ void WriteInPlace(const OutputFile& file) {
   if (!target.Close()) FailWithErrno(file.path);
 }
 
-// Of what is there, behind links. An error that says nothing about that is thrown: a device must
-// not be taken for a file that may be replaced.
+// Returns the status behind links; none if nothing is there. Throws on any other error: a device
+// must not be mistaken for a file that may be replaced.
 std::optional<struct stat> Status(const std::string& path) {
   struct stat status {};
   if (::stat(path.c_str(), &status) == 0) return status;
@@ -75,7 +75,7 @@ std::optional<struct stat> Status(const std::string& path) {
   return std::nullopt;
 }
 
-// What a write to the path would replace, with every link followed, also one to nothing.
+// Returns the path that a write would replace, with all links followed, also dangling ones.
 fs::path Resolved(const std::string& path, std::error_code& error) {
   fs::path resolved = fs::weakly_canonical(fs::absolute(path, error), error);
   for (int links = 0; !error; ++links) {

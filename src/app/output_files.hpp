@@ -45,7 +45,7 @@ void WriteFiles(const std::vector<OutputFile>& files);
 // Throws OutputError.
 void WriteToStdout(std::string_view text);
 
-// Nobody is left to be told of an error.
+// Ignores errors: there is nowhere left to report them.
 void WriteToStderr(std::string_view text);
 
 }  // namespace unlidar

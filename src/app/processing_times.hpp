@@ -26,7 +26,7 @@ class ProcessingTimes {
   double max_s_ = 0.0;
 };
 
-// What this thread has used of the processor so far: other programs that want it do not count.
+// CPU time of this thread so far, independent of the load by other programs.
 double ThreadCpuSeconds();
 
 }  // namespace unlidar

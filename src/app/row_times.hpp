@@ -1,4 +1,4 @@
-// Until when an output holds rows, by the rows of earlier runs.
+// End of the rows that earlier runs left in an output.
 #pragma once
 
 #include <algorithm>
@@ -8,9 +8,9 @@
 
 namespace unlidar {
 
-// Rows come in order but for those of a track, which follow in one go when it is confirmed. One
-// that is earlier than the latest by more than they may be late is of a clock that has gone back:
-// what came before it was ahead. Rows beyond `max_time_ns` count where there are no others.
+// Rows are in order, except for those of a track, which follow at once when it is confirmed. A row
+// earlier than the latest by more than this delay shows a clock that was set back: earlier rows
+// were ahead. Rows beyond `max_time_ns` count only if there are no others.
 class RowTimes {
  public:
   RowTimes(TimeNs max_late_ns, TimeNs max_time_ns)

@@ -1,4 +1,4 @@
-// What a service tells systemd (Type=notify, WatchdogSec): the protocol of sd_notify(3), spoken
+// Notifications to systemd (Type=notify, WatchdogSec): the protocol of sd_notify(3), implemented
 // here because libsystemd and the four libraries behind it cost a millisecond of start-up time, in
 // every run, and 3.6 MB where nothing else needs them.
 #pragma once

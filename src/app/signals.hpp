@@ -8,9 +8,9 @@
 
 namespace unlidar {
 
-// From its making on and for the rest of the process, SIGTERM, SIGINT and SIGHUP wait until they
-// are looked for: none comes at a bad moment, none is lost. A reader that has left, a file that
-// grows too large and a lease that breaks no longer end the process but fail the calls they meet.
+// From construction to the end of the process, SIGTERM, SIGINT and SIGHUP are blocked until polled:
+// none interrupts other work, none is lost. A reader that has left, a file that grows too large and
+// a broken lease no longer end the process but make the affected calls fail.
 class Signals {
  public:
   Signals();

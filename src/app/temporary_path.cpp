@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kDeadlySignals[] = {SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGXCPU};
 
-// A list that is whole at every instant: a signal may come between any two instructions.
+// A list that is consistent at every instant: a signal may arrive between any two instructions.
 std::atomic<TemporaryPath*> first_path = nullptr;
 
 // Gives the signals that mean `from` the meaning `to`.

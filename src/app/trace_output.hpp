@@ -1,4 +1,4 @@
-// --trace: what a search measured and why it refused paths, as JSON lines.
+// --trace: measurements of a search and its reasons for rejecting paths, as JSON lines.
 #pragma once
 
 #include <cstdio>

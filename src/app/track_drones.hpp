@@ -1,4 +1,4 @@
-// What the program does: from the frames that the command line names to the files.
+// Top level of the program: from the frames named on the command line to the output files.
 #pragma once
 
 #include "app/arguments.hpp"

@@ -27,13 +27,13 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
   };
   struct Frames {
     std::uint32_t first;
-    bool are_more;
+    bool is_repeated;
   };
   std::unordered_map<std::array<float, 3>, Frames, Hash> frames_of;
   for (const Plot& plot : plots) {
     for (const std::uint32_t i : plot.returns) {
       Frames& frames = frames_of.try_emplace(key(i), Frames{plot.frame, false}).first->second;
-      frames.are_more = frames.are_more || frames.first != plot.frame;
+      frames.is_repeated = frames.is_repeated || frames.first != plot.frame;
     }
   }
   std::vector<char> are_replayed;
@@ -41,7 +41,7 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
   for (const Plot& plot : plots) {
     are_replayed.push_back(
         std::all_of(plot.returns.begin(), plot.returns.end(),
-                    [&](std::uint32_t i) { return frames_of.at(key(i)).are_more; }));
+                    [&](std::uint32_t i) { return frames_of.at(key(i)).is_repeated; }));
   }
   return are_replayed;
 }
@@ -58,12 +58,12 @@ enum class Persistence : char {
 // most n s^(n - 1), here below 1 in 100, and swaying objects return within less than 20 s.
 bool IsTransient(std::uint32_t num_plots, const std::vector<FrameInfo>& frames,
                  std::uint32_t first_frame, std::uint32_t last_frame) {
-  constexpr double kMayBeChance = 0.01;
+  constexpr double kMaxChanceProbability = 0.01;
   constexpr TimeNs kLongestSwayNs = 20'000'000'000;
   const double share = (last_frame - first_frame + 1.0) / static_cast<double>(frames.size());
   const TimeNs before_ns = frames[first_frame].begin_ns - frames.front().begin_ns;
   const TimeNs after_ns = frames.back().end_ns - frames[last_frame].end_ns;
-  return num_plots * std::pow(share, num_plots - 1.0) < kMayBeChance &&
+  return num_plots * std::pow(share, num_plots - 1.0) < kMaxChanceProbability &&
          before_ns + after_ns > kLongestSwayNs;
 }
 
@@ -113,10 +113,10 @@ class NeighbourTest {
       const double reach_m =
           support.ReachM(plot.position_m.cast<float>(), persistences[i] == Persistence::kTransient);
       const auto tally_at = [&](double distance_m) {
-        if (distance_m >= kSurroundings * reach_m) return kNone;
+        if (distance_m >= kOuterReachFactor * reach_m) return kNone;
         return distance_m <= support.config().body_m ? kSelf
                : distance_m < reach_m                ? kNeighbouring
-                                                     : kOuterReachFactor;
+                                                     : kSurrounding;
       };
       Tallies tallies{};
       tallies[kPlots] = 1;
@@ -138,22 +138,15 @@ class NeighbourTest {
     };
     // Each neighbour was counted once for every plot of this place near it in time.
     const double times = static_cast<double>(sum_of(kSelf)) / sum_of(kPlots);
-    const double chance =
-        sum_of(kOuterReachFactor) / times / (kSurroundings * kSurroundings * kSurroundings - 1.0);
+    const double chance = sum_of(kSurrounding) / times /
+                          (kOuterReachFactor * kOuterReachFactor * kOuterReachFactor - 1.0);
     return sum_of(kNeighbouring) / times > chance + 2.0 * std::sqrt(chance);
   }
 
  private:
-  static constexpr double kSurroundings = 5.0;  // times the reach
+  static constexpr double kOuterReachFactor = 5.0;  // times the reach
   // The first three and kNone are in order of distance.
-  enum Tally : std::uint32_t {
-    kSelf,
-    kNeighbouring,
-    kOuterReachFactor,
-    kPlots,
-    kNone,
-    kNumTallies
-  };
+  enum Tally : std::uint32_t { kSelf, kNeighbouring, kSurrounding, kPlots, kNone, kNumTallies };
   using Tallies = std::array<std::uint32_t, kNumTallies>;
 
   // Static plots of one time.

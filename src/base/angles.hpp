@@ -1,5 +1,5 @@
-// Angles of directions, in double: C libraries round their functions of floats differently on
-// different processors, and hypot, cbrt and exp2 of any width.
+// Azimuth and elevation, in double for reproducible results: C libraries round the float functions
+// differently per processor, and hypot, cbrt and exp2 at any precision.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,17 +7,17 @@
 
 namespace unlidar {
 
-// From -pi to pi, 0 along x.
+// Returns the azimuth in [-pi, pi], 0 along x.
 inline double AzimuthRad(const Eigen::Vector3f& p) {
   return std::atan2(static_cast<double>(p.y()), static_cast<double>(p.x()));
 }
 
-// From -pi / 2 to pi / 2.
+// Returns the elevation in [-pi / 2, pi / 2].
 inline double ElevationRad(const Eigen::Vector3f& p) {
   return std::atan2(static_cast<double>(p.z()), p.head<2>().cast<double>().norm());
 }
 
-// Within kApproximateAtan2ErrorRad of std::atan2, in a fifth of its time; 0 at the origin.
+// Returns std::atan2 to within kApproximateAtan2ErrorRad in a fifth of its time; 0 at the origin.
 // Abramowitz and Stegun, Handbook of Mathematical Functions, 4.4.49.
 constexpr double kApproximateAtan2ErrorRad = 2e-5;
 inline double ApproximateAtan2(double y, double x) {

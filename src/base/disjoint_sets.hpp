@@ -1,4 +1,4 @@
-// Sets of items that are joined again and again: union-find.
+// Union-find: disjoint sets of items that are merged repeatedly.
 #pragma once
 
 #include <algorithm>
@@ -8,19 +8,19 @@
 
 namespace unlidar {
 
-// At first each of the items 0 ... size - 1 is a set of its own.
+// Initially each of the items 0 ... size - 1 is a set of its own.
 class DisjointSets {
  public:
   DisjointSets() = default;
   explicit DisjointSets(std::size_t size) { Reset(size); }
 
-  // Begins anew, in the memory that it has.
+  // Resets to `size` single-item sets; reuses the memory.
   void Reset(std::size_t size) {
     parents_.resize(size);
     std::iota(parents_.begin(), parents_.end(), std::size_t{0});
   }
 
-  // The lowest item of the set that holds `item`.
+  // Returns the lowest item of the set that contains `item`.
   std::size_t Find(std::size_t item) {
     while (parents_[item] != item) {
       parents_[item] = parents_[parents_[item]];
@@ -29,7 +29,7 @@ class DisjointSets {
     return item;
   }
 
-  // Joins the sets of two items.
+  // Merges the sets of two items.
   void Join(std::size_t a, std::size_t b) {
     const std::size_t root_a = Find(a);
     const std::size_t root_b = Find(b);

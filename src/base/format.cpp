@@ -8,7 +8,8 @@
 namespace unlidar {
 namespace {
 
-// Bytes of the printable UTF-8 character that the text begins with; 0 where it begins otherwise.
+// Returns the length in bytes of the printable UTF-8 character at the start of the text; 0 if there
+// is none.
 std::size_t PrintableBytes(std::string_view text) {
   const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
   if (byte(0) >= 0x20 && byte(0) < 0x7F) return 1;

@@ -1,4 +1,4 @@
-// Numbers and values of the user as text, the same in every locale.
+// Locale-independent text of numbers and of user input.
 #pragma once
 
 #include <cstddef>
@@ -7,20 +7,20 @@
 
 namespace unlidar {
 
-// With so many digits behind the point; "nan" where the value is not finite, never "-0.000".
+// Returns the value with `digits` decimals; "nan" if it is not finite, never "-0.000".
 std::string FixedText(double value, int digits);
 
-// The shortest text that reads back as the value.
+// Returns the shortest text that parses back to the same value.
 std::string ShortestText(double value);
 
-// Text of unknown origin for a message: one line, printable (other bytes become '?'), and not
-// endless: the first bytes and "..." where it is longer.
+// Makes text of unknown origin safe for a message: one line, printable (other bytes become '?'),
+// cut to `max_bytes` and followed by "..." if it is longer.
 std::string Shortened(std::string_view text, std::size_t max_bytes = 80);
 
-// The same in single quotes.
+// Same as Shortened(), in single quotes.
 std::string Quoted(std::string_view text);
 
-// "1 frame", "2 frames".
+// Returns a count with its noun: "1 frame", "2 frames".
 std::string Count(std::size_t count, const std::string& noun);
 
 }  // namespace unlidar

@@ -4,7 +4,7 @@ namespace unlidar {
 
 thread_local MemoryReserve* MemoryReserve::current = nullptr;
 
-// Without a value: pages that nobody writes to take no memory.
+// Default-initialised: pages that are never written take no memory.
 MemoryReserve::MemoryReserve(std::size_t bytes)
     : memory_(new char[bytes]), previous_(std::set_new_handler(&Free)) {
   current = this;

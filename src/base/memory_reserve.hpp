@@ -1,4 +1,4 @@
-// Memory for code that does not survive a failing allocation.
+// Memory reserve for code that cannot handle an allocation failure.
 #pragma once
 
 #include <cstddef>
@@ -7,12 +7,12 @@
 
 namespace unlidar {
 
-// While it lives, the first allocation by operator new that fails on its thread frees the reserve
-// and is tried again. Whoever made the reserve asks in the end whether that happened, and then
-// fails in order. At most one at a time on a thread.
+// During its lifetime, the first failing operator new on its thread frees the reserve and is
+// retried. The owner checks was_needed() afterwards and then fails in an orderly way. At most one
+// instance per thread at a time.
 class MemoryReserve {
  public:
-  // Throws std::bad_alloc if there is not so much memory now.
+  // Throws std::bad_alloc if `bytes` are not available.
   explicit MemoryReserve(std::size_t bytes);
   MemoryReserve(const MemoryReserve&) = delete;
   MemoryReserve& operator=(const MemoryReserve&) = delete;

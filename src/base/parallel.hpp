@@ -1,4 +1,4 @@
-// Independent pieces of work on several threads.
+// Parallel loop over independent work items.
 #pragma once
 
 #include <algorithm>
@@ -11,15 +11,15 @@
 
 namespace unlidar {
 
-// How many threads the process may use at a time, 1 unless it is set. Results never depend on it.
+// Maximum number of threads of the process, 1 by default. Results never depend on it.
 inline std::atomic<int>& MaxThreads() {
   static std::atomic<int> threads{1};
   return threads;
 }
 
-// Calls work(i) once for each i below `count`, in any order, on MaxThreads() threads, the caller's
-// among them, or fewer where the system gives no more. `work` must not touch what another call
-// writes. When all have ended, throws what the call with the lowest i has thrown.
+// Calls work(i) once for each i below `count`, in any order, on up to MaxThreads() threads
+// including the caller's; on fewer if the system provides no more. `work` must not access data that
+// another call writes. After all calls have ended, rethrows the exception of the lowest i.
 template <class Work>
 void ParallelFor(std::size_t count, const Work& work) {
   std::vector<std::exception_ptr> errors(count);
@@ -39,7 +39,7 @@ void ParallelFor(std::size_t count, const Work& work) {
   try {
     while (workers.size() + 1 < std::min(max_threads, count)) workers.emplace_back(run);
   } catch (const std::system_error&) {
-    // The threads that there are do the work.
+    // Continue with the threads started so far.
   }
   run();
   for (std::thread& other : workers) other.join();

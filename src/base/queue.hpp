@@ -1,4 +1,4 @@
-// What comes at one end and goes at the other.
+// FIFO queue in contiguous memory.
 #pragma once
 
 #include <algorithm>
@@ -8,8 +8,8 @@
 
 namespace unlidar {
 
-// A queue in one piece of memory, which it keeps: std::deque takes and frees some for every few
-// values that pass. What has gone stays as room for what comes, with the memory of its own.
+// Queue in one memory block that is reused: std::deque keeps allocating and freeing as values pass
+// through. Removed values stay in place, with their own memory, for reuse by Append().
 template <class T>
 class Queue {
  public:
@@ -32,7 +32,7 @@ class Queue {
   const T& front() const { return values_[first_]; }
   const T& operator[](std::size_t i) const { return values_[first_ + i]; }
 
-  // What comes last from now on, as it was left when it went. Moves the others.
+  // Appends a value and returns it in the state in which it was removed. May move the others.
   T& Append() {
     if (last_ == values_.size()) MakeRoom();
     return values_[last_++];
@@ -40,7 +40,7 @@ class Queue {
 
   void push_back(T value) { Append() = std::move(value); }
 
-  // Before `at`.
+  // Inserts before `at`.
   void Insert(ConstIterator at, T value) {
     const std::ptrdiff_t index = at - std::as_const(*this).begin();
     push_back(std::move(value));
@@ -58,7 +58,7 @@ class Queue {
 
   void clear() { first_ = last_ = 0; }
 
-  // Frees what is not needed now.
+  // Frees unused memory.
   void ShrinkToFit() {
     values_.erase(end(), values_.end());
     values_.erase(values_.begin(), begin());
@@ -68,8 +68,8 @@ class Queue {
   }
 
  private:
-  // Half of the room or more has to be free at the front, so that no value is moved there more
-  // often than one goes.
+  // Moves the values to the front only if at least half of the block is free there, so that there
+  // are no more moves than removals.
   void MakeRoom() {
     if (first_ == 0 || 2 * first_ < values_.size()) {
       values_.emplace_back();
@@ -81,7 +81,7 @@ class Queue {
   }
 
   std::vector<T> values_;
-  std::size_t first_ = 0;  // [first_, last_) are in the queue
+  std::size_t first_ = 0;  // [first_, last_) are the queued values
   std::size_t last_ = 0;
 };
 

@@ -1,4 +1,4 @@
-// Plain data that flows between the stages: recording -> targets -> trajectory rows.
+// Data passed between the stages: recording -> targets -> trajectory rows.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,7 +16,7 @@ namespace unlidar {
 
 inline constexpr TimeNs kNsPerSecond = 1'000'000'000;
 
-// The nearest nanosecond.
+// Rounds to the nearest nanosecond.
 inline TimeNs NsOf(double seconds) {
   return std::llround(seconds * static_cast<double>(kNsPerSecond));
 }
@@ -24,12 +24,12 @@ inline TimeNs NsOf(double seconds) {
 // One frame of one sensor; its returns are [first_return, last_return) of the recording.
 struct FrameInfo {
   std::uint32_t sensor = 0;  // index into Recording::sensors
-  TimeNs stamp_ns = 0;       // as the file says, time offset of the sensor applied
+  TimeNs stamp_ns = 0;       // from the file, time offset of the sensor applied
   TimeNs begin_ns = 0;       // interval in which the frame was measured
   TimeNs end_ns = 0;
   std::uint32_t first_return = 0;
   std::uint32_t last_return = 0;
-  bool is_timed = false;  // its returns carry times of their own
+  bool is_timed = false;  // with per-point times
 
   TimeNs middle_ns() const { return begin_ns + (end_ns - begin_ns) / 2; }
 };
@@ -47,12 +47,12 @@ struct Recording {
   std::vector<Eigen::Vector3f> points_m;  // (N)
   std::vector<TimeNs> times_ns;           // (N) point time, or the middle of its frame
   InputCounts counts;
-  std::vector<std::string> bad_frames;  // one line for each skipped frame
-  std::vector<Warning> warnings;        // about what the frames' names and coordinates mean
+  std::vector<std::string> bad_frames;  // one line per skipped frame
+  std::vector<Warning> warnings;        // about the meaning of frame names and coordinates
 };
 
-// Points, or some of them by their indices, where they are: copies of most of a recording's returns
-// would take as much as the recording.
+// View of points or of an indexed subset. Copies of most returns would take as much memory as the
+// recording.
 class PointsView {
  public:
   PointsView() = default;
@@ -69,11 +69,11 @@ class PointsView {
 
  private:
   const Eigen::Vector3f* points_m_ = nullptr;
-  const std::uint32_t* indices_ = nullptr;  // none: all points
+  const std::uint32_t* indices_ = nullptr;  // null: all points
   std::size_t size_ = 0;
 };
 
-// Some indices where they are, at least until those who own them go on.
+// Non-owning view of indices; valid until their owner changes or frees them.
 class IndexView {
  public:
   IndexView(const std::uint32_t* begin, const std::uint32_t* end) : begin_(begin), end_(end) {}
@@ -90,7 +90,7 @@ class IndexView {
   const std::uint32_t* end_;
 };
 
-// Of the sensors; the largest TimeNs where none has a period.
+// Returns the shortest frame period of all sensors; the largest TimeNs if none has one.
 inline TimeNs ShortestPeriodNs(const Recording& recording) {
   TimeNs period_ns = std::numeric_limits<TimeNs>::max();
   for (const SensorInfo& sensor : recording.sensors) {
@@ -99,19 +99,18 @@ inline TimeNs ShortestPeriodNs(const Recording& recording) {
   return period_ns;
 }
 
-// Where a target was seen: the mean of `support` returns.
+// Measured position of a target: the mean of `support` returns.
 struct Measurement {
   TimeNs time_ns = 0;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Matrix3d covariance_m2 = Eigen::Matrix3d::Identity();
   int support = 1;
-  Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();  // from where
-  // Of how likely its returns are the target's to their places'; 0 if that is unknown.
+  Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();  // origin of its rays
+  // Log likelihood ratio of its returns, target against the clutter of their places; 0 if unknown.
   double log_ratio = 0.0;
 };
 
-// That a target may have been somewhere else at some time, how likely, and where then: a mean and
-// variances.
+// Alternative mode of a target at one time: its probability, mean and variance per axis.
 struct AlternativeMode {
   TimeNs time_ns = 0;
   double probability = 0.0;
@@ -119,14 +118,14 @@ struct AlternativeMode {
   Eigen::Vector3d variance_m2 = Eigen::Vector3d::Zero();
 };
 
-// A target found by a method: what the spline is fitted to.
+// Target found by either method; input of the spline fit.
 struct Target {
   std::vector<Measurement> measurements;  // in time order
   std::vector<std::uint32_t> returns;     // indices into the recording, ascending
-  double depth_sigma_m = 0.0;  // of all measurements together, along the rays from their viewpoints
+  double depth_sigma_m = 0.0;             // common error of all measurements, along their rays
   std::vector<AlternativeMode> alternative_modes;  // in time order
-  TimeNs time_bias_ns = 0;  // its returns were measured so much later than their times say
-  double score = 0.0;       // the method's own, see there
+  TimeNs time_bias_ns = 0;  // true minus recorded time of its returns, on average
+  double score = 0.0;       // track score (robust) or psi (paper)
 };
 
 }  // namespace unlidar

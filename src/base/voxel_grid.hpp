@@ -13,16 +13,15 @@ namespace unlidar {
 using VoxelKey = std::uint64_t;
 using VoxelSet = std::vector<VoxelKey>;  // ascending, each voxel once
 
-// Number of a voxel along each axis.
+// Index of a voxel along each axis.
 struct Voxel {
   std::int64_t x = 0;
   std::int64_t y = 0;
   std::int64_t z = 0;
 };
 
-// The voxel of a point: floor(coordinate / size) along each axis. Points further out than nearly
-// 2^20 voxels (210 km for voxels of 0.2 m) fall into the outermost ones but one: each has
-// neighbours.
+// Returns the voxel of a point: floor(coordinate / size) along each axis, clamped to +-(2^20 - 2)
+// (210 km for voxels of 0.2 m) so that every voxel has neighbours.
 inline Voxel VoxelAt(const Eigen::Vector3f& point_m, double voxel_size_m) {
   constexpr double kOutermost = (1 << 20) - 2;
   const auto number = [&](float coordinate_m) {
@@ -32,7 +31,7 @@ inline Voxel VoxelAt(const Eigen::Vector3f& point_m, double voxel_size_m) {
   return {number(point_m.x()), number(point_m.y()), number(point_m.z())};
 }
 
-// 21 bits an axis.
+// Packs the indices, 21 bits per axis.
 inline VoxelKey KeyOf(const Voxel& voxel) {
   VoxelKey key = 0;
   for (const std::int64_t number : {voxel.x, voxel.y, voxel.z}) {
@@ -51,12 +50,12 @@ inline VoxelSet UniqueVoxels(std::vector<VoxelKey> keys) {
   return keys;
 }
 
-// V: the volume of the occupied voxels.
+// Returns V, the volume of the occupied voxels.
 inline double VoxelVolumeM3(std::size_t voxels, double voxel_size_m) {
   return static_cast<double>(voxels) * voxel_size_m * voxel_size_m * voxel_size_m;
 }
 
-// Intersection over union of two sets of voxels; 0 for two empty sets.
+// Returns the intersection over union of two sets of voxels; 0 for two empty sets.
 inline double VoxelIou(const VoxelSet& a, const VoxelSet& b) {
   std::size_t shared = 0;
   for (std::size_t i = 0, j = 0; i < a.size() && j < b.size();) {

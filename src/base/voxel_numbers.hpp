@@ -1,4 +1,4 @@
-// A table of voxels that were met.
+// Hash table that numbers voxels.
 #pragma once
 
 #include <algorithm>
@@ -10,16 +10,15 @@
 
 namespace unlidar {
 
-// Numbers of voxels, from 0 in the order in which they were first met: open addressing with linear
-// probing, for nearly every return is looked up here. A voxel is known by its key and by which of
-// several grids it is of.
+// Numbers voxels from 0 in order of first use. Open addressing with linear probing, since nearly
+// every return is looked up here. A voxel is identified by its key and by its grid, one of several.
 class VoxelNumbers {
  public:
   static constexpr std::uint32_t kNone = ~std::uint32_t{0};
 
   std::uint32_t size() const { return size_; }
 
-  // kNone for a voxel that was never added.
+  // Returns the number of a voxel; kNone if it was never added.
   std::uint32_t Find(std::uint32_t grid, VoxelKey key) const {
     return slots_.empty() ? kNone : slots_[SlotOf(grid, key)].number;
   }
@@ -31,24 +30,24 @@ class VoxelNumbers {
     return slot.number;
   }
 
-  // Forgets all, and keeps its memory.
+  // Removes all voxels; keeps the memory.
   void Clear() {
     std::fill(slots_.begin(), slots_.end(), Slot());
     size_ = 0;
   }
 
-  // Asks the memory for the slot of a voxel that will be looked up soon.
+  // Prefetches the slot of a voxel that will be looked up soon.
   void Prefetch(std::uint32_t grid, VoxelKey key) const {
     if (!slots_.empty()) __builtin_prefetch(&slots_[FirstSlotOf(grid, key)]);
   }
 
-  // Takes on new numbers, by the old ones: kNone for voxels that are gone. `size`: of those that
-  // are left. It keeps its memory, unless it has far too much by then.
+  // Replaces each number n by numbers[n]; kNone removes the voxel. `size`: number of voxels that
+  // remain. Keeps the memory unless the table is far too large by then.
   void Renumber(const std::vector<std::uint32_t>& numbers, std::uint32_t size) {
     if (slots_.empty()) return;
     size_ = size;
-    // Each voxel is taken out and put back, from a free slot on, over which no search went: those
-    // before are back where they can be found, and at the latest there is its own slot.
+    // Reinserts each voxel, starting behind a free slot, which no probe sequence crosses. Voxels
+    // reinserted earlier can be found, and each voxel finds its old slot free at the latest.
     const auto is_free = [](const Slot& slot) { return slot.number == kNone; };
     const auto first = static_cast<std::size_t>(
         std::find_if(slots_.begin(), slots_.end(), is_free) - slots_.begin());
@@ -75,7 +74,7 @@ class VoxelNumbers {
     std::uint32_t number = kNone;
   };
 
-  // A table of this size is between a quarter and half full.
+  // Returns a table size that is between a quarter and half full.
   static std::size_t PowerAbove(std::size_t size) {
     std::size_t power = kMinSlots;
     while (power < 2 * (size + 1)) power *= 2;
@@ -84,7 +83,7 @@ class VoxelNumbers {
 
   void Grow() { MoveTo(std::max(kMinSlots, 2 * slots_.size())); }
 
-  // To a table of another size.
+  // Rehashes into a table of another size.
   void MoveTo(std::size_t num_slots) {
     std::vector<Slot> old(num_slots);
     old.swap(slots_);
@@ -93,7 +92,8 @@ class VoxelNumbers {
     }
   }
 
-  // Where the search for a voxel begins. Neighbours have neighbouring keys: the bits are spread.
+  // Returns the first slot of the probe sequence. Adjacent voxels have adjacent keys, so the bits
+  // are mixed.
   std::size_t FirstSlotOf(std::uint32_t grid, VoxelKey key) const {
     std::uint64_t hash = (key ^ (static_cast<std::uint64_t>(grid) << 58U)) * 0x9E3779B97F4A7C15ULL;
     hash ^= hash >> 32U;
@@ -102,7 +102,7 @@ class VoxelNumbers {
     return hash & (slots_.size() - 1);
   }
 
-  // The slot of a voxel, or the free one that it would take.
+  // Returns the slot of a voxel, or the free slot for it.
   std::size_t SlotOf(std::uint32_t grid, VoxelKey key) const {
     const std::size_t mask = slots_.size() - 1;
     std::size_t at = FirstSlotOf(grid, key);
@@ -112,7 +112,7 @@ class VoxelNumbers {
     return at;
   }
 
-  std::vector<Slot> slots_;  // a power of two, at most half of them taken
+  std::vector<Slot> slots_;  // size is a power of two, at most half occupied
   std::uint32_t size_ = 0;
 };
 

@@ -36,8 +36,8 @@ constexpr double kMaxReturnsOfFrame = 5.0;
 // share of its path, and moves with the same velocity: the wind, up to the turbulence in it.
 constexpr RangeRadius kReach{2.0, 0.02};
 constexpr double kPieceShare = 0.5;
-constexpr double kWhirlMps = 0.8;
-constexpr double kWhirlShare = 0.7;
+constexpr double kTurbulenceMps = 0.8;
+constexpr double kTurbulenceShare = 0.7;
 
 double Cube(double x) { return x * x * x; }
 
@@ -62,7 +62,7 @@ Shape ShapeOf(const Recording& recording, const std::vector<StationModel>& stati
     returns.assign(own, end);
     auto plot = std::lower_bound(plots.begin(), plots.end(), time_ns, is_earlier);
     for (; plot != plots.end() && plot->frame_time_ns == time_ns; ++plot) {
-      if (plot->frame != f || plot->lowest_m < kInTheAirM) continue;
+      if (plot->frame != f || plot->lowest_m < kMinAirborneHeightM) continue;
       std::set_difference(plot->returns.begin(), plot->returns.end(), own, end,
                           std::back_inserter(returns));
     }
@@ -132,7 +132,7 @@ double Shape::SpreadM() const {
   return body.count > 0.0 ? std::sqrt(body.sum_m2 / body.count) : 0.0;
 }
 
-bool Shape::IsPieceOf(const std::vector<const Shape*>& clouds) const {
+bool Shape::IsPartOf(const std::vector<const Shape*>& clouds) const {
   const auto is_in_cloud = [&](const MotionState& at) {
     const double reach_m = kReach.At(at.position_m.norm());
     return std::any_of(clouds.begin(), clouds.end(), [&](const Shape* cloud) {
@@ -140,7 +140,7 @@ bool Shape::IsPieceOf(const std::vector<const Shape*>& clouds) const {
           cloud->returns_.begin(), cloud->returns_.end(), [&](const MotionState& part) {
             return (part.position_m - at.position_m).squaredNorm() < reach_m * reach_m &&
                    (part.velocity_mps - at.velocity_mps).norm() <
-                       kWhirlMps + kWhirlShare * part.velocity_mps.norm();
+                       kTurbulenceMps + kTurbulenceShare * part.velocity_mps.norm();
           });
     });
   };
@@ -163,7 +163,7 @@ void Shape::Clear() {
 }
 
 bool Shape::IsCloud(const std::vector<const Shape*>& clouds) const {
-  return SpreadM() > kWidestDroneM || IsPieceOf(clouds);
+  return SpreadM() > kWidestDroneM || IsPartOf(clouds);
 }
 
 std::vector<Rejection> ShapeRejections(const Recording& recording,

@@ -15,7 +15,7 @@
 namespace unlidar {
 
 // Lower returns may stand on the ground, and are no evidence of a cloud about a target in the air.
-constexpr double kInTheAirM = 2.0;
+constexpr double kMinAirborneHeightM = 2.0;
 
 // A cluster of returns of one frame, or a single return.
 struct ReturnCluster {
@@ -69,7 +69,7 @@ class Shape {
   double SpreadM() const;
 
   // True if most of its path lies near returns of a cloud, at any time, with a similar velocity.
-  bool IsPieceOf(const std::vector<const Shape*>& clouds) const;
+  bool IsPartOf(const std::vector<const Shape*>& clouds) const;
 
   Tally own_;
   Tally near_;    // other returns near it

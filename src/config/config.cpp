@@ -42,23 +42,23 @@ std::string Join(const std::string& section, const std::string& key) {
   return section.empty() ? key : section + "." + key;
 }
 
-// `location`: with a colon, or empty.
+// `location`: prefix of the message that ends in ": ", or empty.
 void CheckSensorName(const std::string& location, const std::string& name) {
   if (IsSensorName(name)) return;
   throw ConfigError(location + "sensors: " + Quoted(name) + ", " + kExpectedSensorName);
 }
 
-// Overlays values on a config and remembers where each came from, for messages.
+// Overlays values on a config and records the source location of each for messages.
 class Overlay {
  public:
   explicit Overlay(Config& config) : config_(config) {}
 
-  // Applies the map below the dotted prefix; where(node) names a node's location in the source.
+  // Applies the map under the dotted prefix; where(node) returns a node's source location.
   template <class LocationOf>
   void ApplyMap(const std::string& prefix, const YAML::Node& map, const LocationOf& where) {
     std::set<std::string> seen;
     for (const auto& item : map) {
-      // A dotted key would be a second way to write, and hide, a nested one.
+      // A dotted key would be a second notation for a nested one, and could override it unnoticed.
       if (!item.first.IsScalar() || item.first.Scalar().find('.') != std::string::npos) {
         throw ConfigError(where(item.first) + ": " + Quote(item.first) +
                           " is not a key, expected a plain name (sections are nested)");
@@ -97,7 +97,7 @@ class Overlay {
     }
   }
 
-  // LocationOf each value came from, by key.
+  // Source location of each value, by key.
   const std::map<std::string, std::string>& locations() const { return locations_; }
 
  private:
@@ -137,14 +137,14 @@ class Overlay {
     return config_.sensors[name];
   }
 
-  // "" or the nearest known key, if it is near.
+  // Returns a hint for the message: the nearest known key if one is close.
   std::string Suggestion(const std::string& key) {
     std::string best;
     std::size_t best_distance = std::max<std::size_t>(3, key.size() / 3);
     const auto consider = [&](const std::string& name, const auto&, const auto&) {
-      if (key.size() >= name.size() + best_distance) return;  // it may be endless
+      if (key.size() >= name.size() + best_distance) return;  // the key may be arbitrarily long
       std::size_t distance = EditDistance(key, name);
-      // The right name in the wrong section is near, too.
+      // The right name in the wrong section also counts as close.
       if (name.substr(name.rfind('.') + 1) == key.substr(key.rfind('.') + 1)) distance = 1;
       if (distance >= best_distance) return;
       best_distance = distance;
@@ -162,9 +162,8 @@ class Overlay {
   std::map<std::string, std::string> locations_;
 };
 
-// Constraints between keys.
-//
-// `locations`: where values came from, for messages, as far as that is known.
+// Checks the constraints between keys. `locations`: source locations of values for messages, as far
+// as known.
 void CheckConsistent(const Config& config, const std::map<std::string, std::string>& locations) {
   const auto check_order = [&](const std::string& low_key, double low, const std::string& high_key,
                                double high) {
@@ -193,10 +192,10 @@ std::string ReadText(const std::string& path) {
   }
 }
 
-// Looks at no value, but at where documents begin.
+// Records where documents begin; ignores their values.
 class DocumentLines : public YAML::EventHandler {
  public:
-  // Of the document that was begun last, from 1.
+  // Line of the last document start, from 1.
   int line() const { return line_; }
 
   void OnDocumentStart(const YAML::Mark& mark) override { line_ = mark.line + 1; }
@@ -216,11 +215,11 @@ class DocumentLines : public YAML::EventHandler {
   int line_ = 0;
 };
 
-// The root of the one YAML document in the text; errors are prefixed by location(line).
+// Returns the root of the only YAML document in the text; errors are prefixed with location(line).
 //
-// YAML::LoadAll has no end where the parser cannot pass a character (a comma outside of a list): it
-// takes an empty document before it, again and again. Two documents are asked for here, whatever
-// the text; what the second one begins with is either another document or such a character.
+// YAML::LoadAll never ends if the parser cannot pass a character (a comma outside of a list): it
+// keeps returning an empty document before it. So only two documents are requested; the second
+// begins with either another document or such a character.
 template <class Place>
 YAML::Node ParseYaml(const std::string& text, const Place& location) {
   try {
@@ -246,7 +245,7 @@ void ApplyFile(const std::string& path, Overlay& overlay) {
   const auto location = [&](int line) { return path + ":" + std::to_string(line); };
   const auto where = [&](const YAML::Node& node) { return location(node.Mark().line + 1); };
   const YAML::Node root = ParseYaml(ReadText(path), location);
-  if (root.IsNull()) return;  // nothing but comments
+  if (root.IsNull()) return;  // comments only
   if (!root.IsMap()) {
     throw ConfigError(where(root) + ": " + Quote(root) + ", expected `section: ...` lines");
   }

@@ -1,4 +1,4 @@
-// The config as the command line and the summary need it.
+// Config functions for the command line and the summary.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@
 namespace unlidar {
 
 // Throws ConfigError if a named source has no entry in `sensors` while an entry there has no
-// source: with one name misspelt, the other sensor's pose would silently not be applied.
+// source: with one name misspelt, the other sensor's pose would silently be ignored.
 void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sources);
 
 using ConfigValue = std::variant<bool, std::int64_t, double, std::string, std::vector<double>,
@@ -23,7 +23,7 @@ struct ConfigEntry {
   ConfigValue value;
 };
 
-// Every key with its value, in the order of configs/default.yaml.
+// Returns every key with its value, in the order of configs/default.yaml.
 std::vector<ConfigEntry> ListConfig(const Config& config);
 
 }  // namespace unlidar

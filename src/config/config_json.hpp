@@ -1,4 +1,4 @@
-// What the summaries of recordings and of live runs share.
+// JSON parts shared by the summaries of recordings and of live runs.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -9,7 +9,7 @@
 
 namespace unlidar {
 
-// The effective configuration, nested as in its YAML file.
+// Returns the effective configuration, nested as in its YAML file.
 nlohmann::ordered_json ConfigJson(const Config& config);
 
 nlohmann::ordered_json KindJson(const Kind& kind);

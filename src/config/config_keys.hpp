@@ -1,5 +1,5 @@
-// The one table of config keys: name (with its unit), field and constraint. Loading a file, --set
-// and listing the effective config all walk it, so that a key cannot be known to one of them only.
+// Single table of config keys: name (with its unit), field and constraint. Loading a file, --set
+// and listing the effective config all iterate over it, so that they know the same keys.
 #pragma once
 
 #include <string>
@@ -17,7 +17,7 @@ struct Range {   // finite numbers between low and high
   double high;
   bool low_is_allowed = true;
 };
-struct RangeOrEndless {  // the same, or infinity, which YAML writes .inf
+struct RangeOrEndless {  // the same, or infinity (.inf in YAML)
   Range finite;
 };
 struct Elements {  // a list of one or more numbers, each in the range
@@ -33,7 +33,7 @@ struct Choices {
 };
 
 template <class E>
-struct Subset {  // a list of some of these, each once, or of none
+struct Subset {  // a list of some of these, each at most once; may be empty
   Choices<E> of;
 };
 
@@ -238,7 +238,7 @@ void VisitLiveKeys(Visitor&& visit, Live& live) {
   visit("live.frame_s", live.frame_s, Range{0.02, 1});
 }
 
-// Calls visit(key, field, constraint) for every key but those of the sensors.
+// Calls visit(key, field, constraint) for every key except those of the sensors.
 template <class Visitor, class AnyConfig>
 void VisitKeys(Visitor&& visit, AnyConfig& config) {
   visit("method", config.method,

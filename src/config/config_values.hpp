@@ -1,4 +1,4 @@
-// Values of config keys under their constraints: read from YAML, listed, described in messages.
+// Config values under their constraints: reading from YAML, listing, describing in messages.
 #pragma once
 
 #include <yaml-cpp/yaml.h>
@@ -23,16 +23,16 @@ namespace unlidar {
 
 inline constexpr const char* kInfinityText = ".inf";
 
-// The value as the user wrote it, for messages.
+// Returns the value as the user wrote it, for messages.
 std::string Quote(const YAML::Node& node);
 
-// Whole numbers without an exponent.
+// Formats a number; whole numbers have no exponent.
 std::string NumberText(double value);
 
-// " from 0 to 10" or " above 0 to 10".
+// Returns " from 0 to 10" or " above 0 to 10".
 std::string Interval(const Range& range);
 
-// What a key expects, in words that follow "expected".
+// Describes the constraint of a key, to follow "expected" in a message.
 std::string Expected(const bool& field, Flag constraint);
 std::string Expected(const double& field, const RangeOrEndless& constraint);
 std::string Expected(const std::vector<double>& field, const Elements& constraint);
@@ -44,7 +44,7 @@ std::string Expected(const Number&, const Range& range) {
   return (std::is_integral_v<Number> ? "an integer" : "a number") + Interval(range);
 }
 
-// "robust, paper".
+// Returns all names: "robust, paper".
 template <class E>
 std::string NamesOf(const Choices<E>& choices) {
   std::string text;
@@ -65,7 +65,7 @@ std::string Expected(const std::vector<E>&, const Subset<E>& constraint) {
   return "a list of different ones, of " + NamesOf(constraint.of);
 }
 
-// All of the text as a number; no other notation than decimal, whatever the locale.
+// Parses the whole text as a decimal number, in any locale; empty if it is not one.
 template <class Number>
 std::optional<Number> ParseNumber(const YAML::Node& node) {
   if (!node.IsScalar()) return std::nullopt;
@@ -77,7 +77,7 @@ std::optional<Number> ParseNumber(const YAML::Node& node) {
   return value;
 }
 
-// Whether a value satisfies its constraint.
+// True if a value satisfies its constraint.
 inline bool Holds(bool, Flag) { return true; }
 bool Holds(const std::vector<double>& field, const Elements& constraint);
 bool Holds(const Eigen::Vector3d& field, const Vector3& constraint);
@@ -107,7 +107,7 @@ bool Holds(const std::vector<E>& field, const Subset<E>& constraint) {
                      [&](const E& value) { return Holds(value, constraint.of); });
 }
 
-// A value that was not read from a text, for messages.
+// Formats a value that was set in code, for messages.
 template <class Field>
 std::string TextOf(const Field& field) {
   if constexpr (std::is_enum_v<Field>) {
@@ -161,10 +161,10 @@ bool Read(const YAML::Node& node, std::vector<E>& field, const Subset<E>& constr
   return true;
 }
 
-// The value of a field as it is listed.
+// Returns the value of a field for ListConfig().
 inline ConfigValue ValueOf(bool field, Flag) { return field; }
 inline ConfigValue ValueOf(const std::vector<double>& field, const Elements&) { return field; }
-// Infinity as its text: JSON has no number for it.
+// Infinity becomes text: JSON has no number for it.
 inline ConfigValue ValueOf(double field, const RangeOrEndless&) {
   return std::isfinite(field) ? ConfigValue(field) : ConfigValue(std::string(kInfinityText));
 }

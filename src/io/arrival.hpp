@@ -1,4 +1,4 @@
-// When something came, by the clocks of this computer.
+// Arrival time by the clocks of this computer.
 #pragma once
 
 #include <chrono>
@@ -7,13 +7,13 @@
 
 namespace unlidar {
 
-// Only live sources have such a time: what --stdin gives does not depend on it.
+// Known for live sources only: results of --stdin do not depend on it.
 struct Arrival {
   TimeNs unix_ns = 0;
-  TimeNs steady_ns = 0;  // that nobody sets
+  TimeNs steady_ns = 0;  // monotonic, never set
 };
 
-// Of a clock's epoch: Unix time of the system's clock.
+// Returns nanoseconds since the epoch of the clock; Unix time for the system clock.
 template <class TimePoint>
 TimeNs NsSinceEpoch(TimePoint at) {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(at.time_since_epoch()).count();

@@ -1,4 +1,4 @@
-// What reading and writing files share.
+// File descriptor and system calls shared by the readers and writers of files.
 #pragma once
 
 #include <unistd.h>
@@ -8,7 +8,7 @@
 
 namespace unlidar {
 
-// The result of a system call, repeated while a signal interrupts it.
+// Returns the result of a system call, repeated while a signal interrupts it.
 template <class Call>
 auto Uninterrupted(const Call& call) {
   while (true) {
@@ -17,7 +17,7 @@ auto Uninterrupted(const Call& call) {
   }
 }
 
-// A file descriptor that closes itself.
+// File descriptor that is closed on destruction.
 class Descriptor {
  public:
   explicit Descriptor(int fd) : fd_(fd) {}
@@ -27,8 +27,8 @@ class Descriptor {
 
   int get() const { return fd_; }
 
-  // False, with errno, where the system could not keep what was written. Closes once only, also
-  // where a signal interrupts it: Linux has closed the file by then.
+  // Returns false, with errno set, if the system could not store the written data. Closes only
+  // once, even if a signal interrupts it: Linux has closed the file by then.
   bool Close() {
     const int fd = std::exchange(fd_, -1);
     return fd < 0 || ::close(fd) == 0 || errno == EINTR;

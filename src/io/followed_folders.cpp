@@ -26,23 +26,22 @@ namespace fs = std::filesystem;
 
 using Clock = FollowedFrame::Clock;
 
-// IN_MASK_ADD: one folder may be followed and lie above another.
+// IN_MASK_ADD: a followed folder may also be an ancestor of another one.
 constexpr std::uint32_t kCommonMask = IN_MOVED_TO | IN_MOVE_SELF | IN_ONLYDIR | IN_MASK_ADD;
 constexpr std::uint32_t kFolderMask = kCommonMask | IN_CLOSE_WRITE;
 constexpr std::uint32_t kAncestorMask = kCommonMask | IN_CREATE;
 
-// Where the system does not tell whether a file is being written, one that was changed so lately
-// is.
+// If the system cannot report open writers, a file changed within this time counts as open.
 constexpr std::chrono::seconds kSettleTime(1);
 
 enum class FileState { kComplete, kBeingWritten, kUnsettled, kGone };
 
 struct File {
   FileState state = FileState::kComplete;
-  TimeNs changed_ns = 0;  // Unix time of its last write or rename; 0: not known
+  TimeNs changed_ns = 0;  // Unix time of its last write or rename; 0 if unknown
 };
 
-// A read lease is given only if nobody has the file open for writing.
+// A read lease is granted only if nobody has the file open for writing.
 File FileAt(const std::string& path) {
   const int fd = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
   if (fd < 0) return {errno == ENOENT ? FileState::kGone : FileState::kComplete, 0};
@@ -123,7 +122,7 @@ std::optional<FollowedFrame> FollowedFolders::Next() {
       ++counts_.vanished;
       continue;
     }
-    // It is offered again when its writer closes it.
+    // Offered again when its writer closes it.
     if (file.state == FileState::kBeingWritten) continue;
     if (file.state == FileState::kUnsettled && next.is_listed) {
       if (!list_again_) list_again_ = Clock::now() + kSettleTime;
@@ -136,7 +135,7 @@ std::optional<FollowedFrame> FollowedFolders::Next() {
   return std::nullopt;
 }
 
-// Watches the folder, or the nearest one above it in which it will appear.
+// Watches the folder or, while it is missing, its nearest existing ancestor.
 void FollowedFolders::Attach(std::size_t index) {
   WatchedFolder& folder = folders_[index];
   const std::string directory = folder.directory;
@@ -150,7 +149,7 @@ void FollowedFolders::Attach(std::size_t index) {
     }
     const int old_watch = std::exchange(folder.ancestor_watch, watch);
     if (old_watch != watch) Release(old_watch);
-    // What appeared before there was a watch makes no event.
+    // A folder created before the watch causes no event.
     std::error_code error;
     if (!fs::exists(below, error)) return;
   }
@@ -163,7 +162,7 @@ void FollowedFolders::Detach(std::size_t index) {
   Release(std::exchange(folders_[index].ancestor_watch, -1));
 }
 
-// Ends a watch that no folder needs any more.
+// Removes a watch unless a folder still needs it.
 void FollowedFolders::Release(int watch) {
   const bool is_needed =
       std::any_of(folders_.begin(), folders_.end(), [&](const WatchedFolder& folder) {
@@ -172,7 +171,7 @@ void FollowedFolders::Release(int watch) {
   if (watch >= 0 && !is_needed) ::inotify_rm_watch(fd_, watch);
 }
 
-// -1 if there is no such folder.
+// Returns -1 if the folder does not exist.
 int FollowedFolders::AddWatch(const std::string& path, std::uint32_t mask) const {
   const int watch = ::inotify_add_watch(fd_, path.c_str(), mask);
   if (watch < 0 && errno != ENOENT) FailToWatch(path, errno);
@@ -193,7 +192,7 @@ void FollowedFolders::List(std::size_t index) {
   }
   Settle(names, &folders_[index]);
   for (const std::string& name : names) Offer(index, name, true);
-  // A folder that is gone again makes an event.
+  // The removal of a folder causes an event.
   if (error && error.value() != ENOENT) FailToWatch(directory, error.value());
   folders_[index].was_listed = true;
 }
@@ -233,7 +232,7 @@ void FollowedFolders::Settle(const std::vector<std::string>& names, WatchedFolde
   if (folder->clock.warning()) warnings_.push_back(*folder->clock.warning());
 }
 
-// Empty for a name that is no stamp, which is told once.
+// Returns empty for a name that is not a stamp, which is reported once.
 std::optional<TimeNs> FollowedFolders::StampOf(const std::string& name, bool is_listed,
                                                WatchedFolder* folder) {
   const bool was_settled = folder->clock.is_settled();
@@ -272,7 +271,7 @@ void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_
     return;
   }
   const Order order = {common_ns, index};
-  // None may overtake those that there was no room for.
+  // No frame may overtake those dropped for lack of room.
   if (has_more_ && (pending_.empty() || pending_.rbegin()->first < order)) return;
   Pending pending{name, *stamp_ns, is_listed, Clock::now()};
   const auto [place, is_new] = pending_.try_emplace(order, pending);
@@ -286,7 +285,7 @@ void FollowedFolders::Offer(std::size_t index, const std::string& name, bool is_
   }
 }
 
-// By an earlier run.
+// True if an earlier run has processed the frame.
 bool FollowedFolders::WasProcessed(const WatchedFolder& folder, TimeNs stamp_ns) const {
   return after_ns_ && stamp_ns + folder.offset_ns <= *after_ns_;
 }

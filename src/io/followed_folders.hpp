@@ -1,4 +1,4 @@
-// Folders into which frames are written while the program runs.
+// Folders into which frames are written at run time.
 #pragma once
 
 #include <chrono>
@@ -18,32 +18,32 @@
 
 namespace unlidar {
 
-// What became of frames that were not given.
+// Counts of frames that were not delivered.
 struct FollowedCounts {
-  std::uint64_t vanished = 0;     // gone before they were read
-  std::uint64_t passed_over = 0;  // their stamp had come before
+  std::uint64_t vanished = 0;     // deleted before they were read
+  std::uint64_t passed_over = 0;  // stamp seen before
   std::uint64_t already_processed =
-      0;  // there when their folder was first listed, up to `after_ns`
+      0;  // present at the first listing of their folder, up to `after_ns`
 };
 
 struct FollowedFrame {
   using Clock = std::chrono::steady_clock;
 
   std::size_t folder = 0;
-  FrameFile file;  // its stamp is its name
-  // When it was seen; empty for one that was there when its folder was first listed.
+  FrameFile file;  // named by its stamp
+  // Time of discovery; empty for frames present when their folder was first listed.
   std::optional<Clock::time_point> arrived;
 };
 
-// The frames of some folders in the order of their stamps: those that are there, then those that
-// appear by a rename or are closed by their writer. A folder may be empty or absent, and may be
-// removed and come back. A file that is open for writing waits until it is closed.
+// Delivers the frames of several folders in order of stamp: those present, then those that appear
+// by a rename or are closed by their writer. A folder may be empty or missing, and may be removed
+// and created again. A file open for writing waits until it is closed.
 //
-// At most kMaxPending frames are remembered: for more, and where the system lost count, the folders
-// are listed again. A frame is given once: one whose stamp is among the last kMaxDelivered that its
-// folder gave is passed over and counted. One that is found by listing is also passed over where it
-// is no newer than those before: it was there already. One that appears is new, however old its
-// stamp is, as the clock may have gone back.
+// At most kMaxPending frames are remembered; if there are more, or if the system lost events, the
+// folders are listed again. A frame is delivered once: one whose stamp is among the last
+// kMaxDelivered of its folder is skipped and counted. A frame found by listing is also skipped if
+// it is no newer than the stamps delivered before those: it was already there. A frame reported by
+// an event is new however old its stamp is, since the clock may have been set back.
 class FollowedFolders {
  public:
   static constexpr std::size_t kMaxPending = std::size_t{1} << 13;
@@ -51,38 +51,38 @@ class FollowedFolders {
 
   struct Folder {
     std::string directory;
-    TimeNs offset_ns = 0;  // from its stamps to the time by which frames of all folders are sorted
-    double frame_rate_hz = 0.0;  // as of FrameClock
+    TimeNs offset_ns = 0;        // added to its stamps to sort the frames of all folders
+    double frame_rate_hz = 0.0;  // see FrameClock
   };
   using BadFrameCallback = std::function<void(const InputError&)>;
 
-  // The names that are there when a folder is first listed settle how all are read, see FrameClock;
-  // of an empty folder the first one that appears. Frames up to `after_ns` (with their offset) that
-  // are found by listing are passed over, and counted the first time. A frame without a stamp goes
-  // to `on_bad_frame`. Throws InputError for what cannot be watched and for a timestamps.csv, here
-  // and later.
+  // The names present when a folder is first listed settle how all its names are read, see
+  // FrameClock; for an empty folder, the first frame to appear does. Frames found by listing up to
+  // `after_ns` (with their offset) are skipped, and counted the first time. Frames without a stamp
+  // go to `on_bad_frame`. Throws InputError for a folder that cannot be watched and for a
+  // timestamps.csv, here and later.
   FollowedFolders(const std::vector<Folder>& folders, std::optional<TimeNs> after_ns,
                   BadFrameCallback on_bad_frame);
   ~FollowedFolders();
   FollowedFolders(const FollowedFolders&) = delete;
   FollowedFolders& operator=(const FollowedFolders&) = delete;
 
-  // Ready to read when something has happened.
+  // Readable when events are pending.
   int fd() const { return fd_; }
 
-  // Takes in what has happened, never waits.
+  // Processes pending events; never blocks.
   void Update();
 
-  // The earliest frame that is complete.
+  // Returns the earliest complete frame.
   std::optional<FollowedFrame> Next();
 
-  // What is newly in doubt about the names.
+  // Returns the new warnings about names.
   std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
 
   std::size_t num_pending() const { return pending_.size(); }
   const FollowedCounts& counts() const { return counts_; }
 
-  // A frame that was given, but had gone.
+  // Counts a delivered frame whose file had vanished.
   void NoteVanished() { ++counts_.vanished; }
 
  private:
@@ -92,10 +92,10 @@ class FollowedFolders {
     std::string directory;  // absolute
     FrameClock clock;
     TimeNs offset_ns = 0;
-    int watch = -1;           // of the folder, or
-    int ancestor_watch = -1;  // of the nearest folder above that exists
+    int watch = -1;           // of the folder
+    int ancestor_watch = -1;  // of its nearest existing ancestor, while it is missing
     bool was_listed = false;
-    TimeNs listed_ns = 0;  // Unix time of the first time
+    TimeNs listed_ns = 0;  // Unix time of the first listing
     std::set<TimeNs> delivered_ns;
     std::deque<TimeNs> delivered_in_order_ns;
     std::optional<TimeNs> newest_forgotten_ns;
@@ -103,10 +103,10 @@ class FollowedFolders {
   struct Pending {
     std::string name;
     TimeNs stamp_ns = 0;
-    bool is_listed = false;  // not by an event: its writer may still be at it
+    bool is_listed = false;  // found by listing: it may still be open for writing
     std::optional<FollowedFrame::Clock::time_point> arrived;
   };
-  using Order = std::pair<TimeNs, std::size_t>;  // stamp with its offset, folder
+  using Order = std::pair<TimeNs, std::size_t>;  // stamp plus offset, folder
 
   void Attach(std::size_t index);
   void Detach(std::size_t index);
@@ -130,7 +130,7 @@ class FollowedFolders {
   bool has_more_ = false;  // frames in the folders that pending_ has no room for
   std::optional<FollowedFrame::Clock::time_point> list_again_;
   FollowedCounts counts_;
-  std::vector<Warning> warnings_;  // not taken yet
+  std::vector<Warning> warnings_;  // not yet taken
 };
 
 }  // namespace unlidar

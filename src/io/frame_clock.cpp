@@ -15,7 +15,7 @@ namespace unlidar {
 namespace {
 
 constexpr std::uint64_t kMinUnixS = 100'000'000;
-constexpr std::uint64_t kMaxUnixS = 100'000'000'000;  // as of NsPerUnitByMagnitude
+constexpr std::uint64_t kMaxUnixS = 100'000'000'000;  // same as in NsPerUnitByMagnitude
 constexpr std::uint64_t kHourS = 3600;
 
 struct NumberUnit {
@@ -40,7 +40,7 @@ std::optional<std::uint64_t> WholeNumber(std::string_view text) {
   return number;
 }
 
-// Of ascending numbers; 0 for fewer than two.
+// Returns the median difference of ascending numbers; 0 for fewer than two.
 std::uint64_t MedianStep(const std::vector<std::uint64_t>& numbers) {
   if (numbers.size() < 2) return 0;
   std::vector<std::uint64_t> steps;
@@ -75,13 +75,13 @@ void FrameClock::Settle(const std::vector<std::string_view>& names) {
     SetStamps(numbers.empty() ? std::nullopt : std::make_optional(numbers.front()));
     return;
   }
-  if (numbers.size() == 1) return;  // which has no difference to another: TimeOf() assumes
+  if (numbers.size() == 1) return;  // no difference to judge by: TimeOf() assumes frame numbers
   SetNumbers(MedianStep(numbers), std::to_string(numbers.front()) + " to " +
                                       std::to_string(numbers.back()) + ", " +
                                       std::to_string(MedianStep(numbers)) + " apart");
 }
 
-// `whole`: one of the names that could have been meant as a number.
+// `whole`: a name that may have been meant as a number, if any.
 void FrameClock::SetStamps(std::optional<std::uint64_t> whole) {
   reading_ = Reading::kStamps;
   if (rate_hz_ <= 0.0 || !whole) return;
@@ -137,7 +137,7 @@ std::optional<TimeNs> FrameClock::TimeOf(std::string_view name) {
   return OfNumber(static_cast<double>(*number));
 }
 
-// Of a stream: that the numbers are those of frames was assumed by the first one alone.
+// Streams: checks the assumption, made by the first name alone, that names are frame numbers.
 void FrameClock::CheckSecond(std::uint64_t number) {
   const auto [less, more] = std::minmax(number, *last_number_);
   if (more - less > kUnits.front().max_step) {

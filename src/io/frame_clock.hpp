@@ -1,4 +1,4 @@
-// How the names of one sensor's frames tell time: by stamps, or by numbers.
+// Times of one sensor's frames from their names: stamps or numbers.
 #pragma once
 
 #include <cstdint>
@@ -15,48 +15,50 @@ namespace unlidar {
 struct InputConfig;
 struct SensorConfig;
 
-// Numbers a second that the config gives for the frames of a sensor; 0 for none.
+// Returns the configured rate of a sensor's frame names, in numbers per second; 0 if none.
 double FrameRateHz(const InputConfig& input, const SensorConfig& sensor);
 
-// Names are numbers where all are whole and the least is below 1e8, which is no Unix time of this
-// program's life (3 March 1973); or where, by their magnitude, they would be whole seconds of which
-// most lie more than an hour apart (microseconds since a sensor was switched on). All other names
-// are stamps, as ParseStamp() reads them; where a rate was given for them all the same and some are
-// whole, a warning says that it changes nothing.
+// Names are numbers if all are whole and the least is below 1e8, which as Unix time (3 March 1973)
+// is before this program existed; or if, by their magnitude, they would be whole seconds that
+// mostly lie more than an hour apart (microseconds since a sensor was switched on). All other names
+// are stamps, read by ParseStamp(); if a rate is configured for them nevertheless and some are
+// whole, a warning states that it is not used.
 //
-// Number n is the time n / rate. Without a rate in the config, it follows from the median
-// difference of the numbers, and a warning says so:
+// Number n is the time n / rate. Without a configured rate, the rate follows from the median
+// difference of the numbers, and a warning states it:
 //
-//   1 to 19                   the number of a frame: 10 a second
-//   20 to 2,000               milliseconds: 1,000 a second
+//   1 to 19                   frame numbers: 10 per second
+//   20 to 2,000               milliseconds: 1,000 per second
 //   20,000 to 2,000,000       microseconds
 //   2e7 to 2e9                nanoseconds
 //
-// since a LiDAR takes 20 ms to 2 s for a frame. Other differences are refused.
+// since a LiDAR takes 20 ms to 2 s for a frame. Other differences are rejected.
 //
-// Of a stream only the first name is known when it is to be read: numbers are then those of frames,
-// and where the next but one differs by 20 or more, it is refused. 0 is 0 by any reading and
-// settles nothing.
+// In a stream only the first name is known when it must be read: numbers are assumed to be frame
+// numbers, and rejected if the next one differs by 20 or more. 0 is 0 in any reading and settles
+// nothing.
 class FrameClock {
  public:
-  // `source`: what messages call the sensor or its folder. `rate_hz`: 0 for none given.
+  // `source`: name of the sensor or its folder in messages. `rate_hz`: 0 if none is configured.
   FrameClock(std::string source, double rate_hz) : source_(std::move(source)), rate_hz_(rate_hz) {}
 
-  // Settles how the names of a folder, of at least one, are read. Names that are no stamps count
-  // for nothing. Throws InputError.
+  // Settles how the names of a folder, at least one, are read; ignores names that are not stamps.
+  // Throws InputError.
   void Settle(const std::vector<std::string_view>& names);
 
-  // The time of a frame, which settles the reading unless it is settled; empty for a text that is
-  // no stamp a frame may have. Throws InputError for numbers that cannot be read without a rate.
+  // Returns the time of a frame and settles the reading unless it is settled; empty if the text is
+  // not a valid stamp of a frame. Throws InputError for numbers that cannot be read without a rate
+  // and for stamps among numbers.
   std::optional<TimeNs> TimeOf(std::string_view name);
 
-  // Whether names are numbers, and the time of one; empty beyond the times that a stamp may have.
+  // True if names are numbers.
   bool counts() const { return reading_ == Reading::kNumbers; }
+  // Returns the time of a number; empty beyond the range of stamps.
   std::optional<TimeNs> OfNumber(double number) const;
 
   bool is_settled() const { return reading_ != Reading::kUnsettled; }
 
-  // That a rate was assumed, or one that was given is not used.
+  // Warning that a rate was assumed, or that the configured one is not used.
   const std::optional<Warning>& warning() const { return warning_; }
 
  private:
@@ -69,7 +71,7 @@ class FrameClock {
   std::string source_;
   double rate_hz_;
   Reading reading_ = Reading::kUnsettled;
-  bool is_assumed_by_one_ = false;  // of a stream: the second number is to bear it out
+  bool is_assumed_by_one_ = false;  // stream: to be confirmed by the second number
   std::optional<std::uint64_t> last_number_;
   std::optional<Warning> warning_;
 };

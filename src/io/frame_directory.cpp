@@ -40,7 +40,7 @@ struct CloseFolder {
   void operator()(DIR* folder) const { closedir(folder); }
 };
 
-// By readdir: the iterators of std::filesystem end the program where an allocation fails, as their
+// Uses readdir: std::filesystem iterators terminate the program if an allocation fails, since their
 // increment is noexcept.
 std::vector<std::string> FrameNames(const std::string& directory) {
   const auto check = [&](bool is_fine) {
@@ -90,14 +90,14 @@ std::optional<TimeNs> StampInRange(std::string_view text) {
 
 namespace {
 
-// Empty if the directory has no such file.
+// Returns empty if the directory has no such file.
 std::optional<StampsByFile> ReadStampFile(const std::string& directory,
                                           const std::vector<std::string>& names) {
   const std::string path = (fs::path(directory) / kStampFile).string();
   std::error_code error;
   const fs::file_status status = fs::symlink_status(path, error);
   if (status.type() == fs::file_type::not_found) return std::nullopt;
-  if (error) {  // of the directory: a file that cannot be read has a status
+  if (error) {  // of the directory: unreadable files have a status
     throw InputError(directory + ": " + error.message() +
                      ", expected a directory whose files can be opened");
   }

@@ -1,4 +1,4 @@
-// The frames of a directory and their stamps.
+// Frames of a directory and their stamps.
 #pragma once
 
 #include <optional>
@@ -16,29 +16,29 @@ struct FrameFile {
   TimeNs stamp_ns = 0;
 };
 
-// No stamp is farther from 1970, nor with its sensor's time offset: sums and differences of two
-// times, and of times and periods, must fit into 64 bits.
+// Largest distance of a stamp from 1970, with and without its sensor's time offset: sums and
+// differences of two times, and of times and periods, must fit into 64 bits.
 inline constexpr TimeNs kMaxStampNs = 4'000'000'000'000'000'000;  // the year 2096
 
 inline constexpr std::string_view kFrameSuffix = ".pcd";
 
-// Lists the stamps of the frames of a directory.
+// File with the stamps of the frames of a directory.
 inline constexpr const char* kStampFile = "timestamps.csv";
 
 inline constexpr const char* kExpectedStamp =
     "expected seconds with a point, or a whole number of s, ms, us or ns since 1970";
 
-// A stamp that a frame may have; empty for any other text.
+// Parses a stamp within kMaxStampNs; returns empty for any other text.
 std::optional<TimeNs> StampInRange(std::string_view text);
 
-// What a shell's *.pcd matches: no hidden files.
+// True for names that a shell's *.pcd matches: no hidden files.
 bool IsFrameName(const std::string& name);
 
-// Without the suffix of the name of a frame.
+// Returns the name of a frame without its suffix.
 std::string_view StemOf(std::string_view name);
 
-// In the order of their stamps, at least one. `clock`: reads their names, unless timestamps.csv has
-// the stamps. Throws InputError.
+// Returns the frames in order of stamp, at least one. `clock` reads their names unless
+// timestamps.csv has the stamps. Throws InputError.
 std::vector<FrameFile> ListFrames(const std::string& directory, FrameClock* clock);
 
 }  // namespace unlidar

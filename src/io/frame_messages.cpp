@@ -57,7 +57,7 @@ void FrameMessageReader::Finish() const {
   if (got > 0) Fail("ends within its line: " + Quoted(Unread()) + ", " + kExpectedLine);
 }
 
-// False as long as the line is not complete. Garbage is told at its first byte.
+// Returns false while the line is incomplete. Garbage is reported at its first byte.
 bool FrameMessageReader::ReadHeader() {
   const std::string_view rest = Unread();
   if (rest.substr(0, kKeyword.size()) != kKeyword.substr(0, rest.size())) {

@@ -1,5 +1,4 @@
-// Frames in a stream of bytes: a line `frame NAME STAMP LENGTH`, then LENGTH bytes of a PCD file,
-// and so on.
+// Frames in a byte stream, each as a line `frame NAME STAMP LENGTH` and LENGTH bytes of a PCD file.
 #pragma once
 
 #include <cstddef>
@@ -20,37 +19,37 @@ namespace unlidar {
 struct FrameMessage {
   std::string sensor;
   TimeNs stamp_ns = 0;
-  std::string name;      // what messages to the user call it
-  std::string_view pcd;  // holds until the next call of the reader
+  std::string name;      // for messages to the user
+  std::string_view pcd;  // valid until the next call of the reader
 };
 
-// Takes the bytes in pieces of any size. All throw InputError naming the number of the message,
-// what it holds and what was expected.
+// Accepts the bytes in pieces of any size. All functions throw InputError naming the number of the
+// message, its content and what was expected.
 class FrameMessageReader {
  public:
-  // Numbers a second of the frames of a sensor, as of FrameClock.
+  // Returns the rate of a sensor's frame names, see FrameRateHz().
   using RateOfSensor = std::function<double(const std::string& sensor)>;
 
-  // `name` of the stream, for messages.
+  // `name`: of the stream, for messages.
   explicit FrameMessageReader(
       std::string name, RateOfSensor rate_hz = [](const std::string&) { return 0.0; })
       : name_(std::move(name)), rate_hz_(std::move(rate_hz)) {}
 
   void Append(std::string_view bytes);
 
-  // The next message, empty until all of its bytes are there.
+  // Returns the next message; empty until all its bytes are there.
   std::optional<FrameMessage> Next();
 
-  // What is newly in doubt about the stamps.
+  // Returns the new warnings about stamps.
   std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
 
-  // No byte will follow: throws in the middle of a message.
+  // Ends the stream; throws InputError in the middle of a message.
   void Finish() const;
 
  private:
   struct MessageHeader {
     std::string sensor;
-    std::string stamp;  // as it was written
+    std::string stamp;  // as written
     TimeNs stamp_ns = 0;
     std::size_t length = 0;
   };
@@ -63,12 +62,12 @@ class FrameMessageReader {
 
   std::string name_;
   std::string buffer_;
-  std::size_t begin_ = 0;                // of what was not given yet
+  std::size_t begin_ = 0;                // start of the unread bytes
   std::uint64_t number_ = 1;             // of the message that begins there
-  std::optional<MessageHeader> header_;  // of this message, once its line is there
+  std::optional<MessageHeader> header_;  // of this message, once its line is complete
   RateOfSensor rate_hz_;
   std::map<std::string, FrameClock> clocks_;  // by sensor
-  std::vector<Warning> warnings_;             // not taken yet
+  std::vector<Warning> warnings_;             // not yet taken
 };
 
 }  // namespace unlidar

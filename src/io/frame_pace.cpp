@@ -19,7 +19,7 @@ bool FramePace::Keeps(std::size_t sensor, std::optional<Clock::duration> waited,
 void FramePace::Adapt(Clock::duration waited, Clock::time_point now) {
   shortest_wait_ = std::min(shortest_wait_.value_or(waited), waited);
   const Clock::duration excess = waited - *shortest_wait_;
-  // A change takes its time to show.
+  // A change takes effect with a delay.
   const bool has_settled = !changed_ || now - *changed_ >= max_extra_wait_ / 2;
   if (!has_settled) return;
   if (excess > max_extra_wait_ && one_in_ < kMaxOneIn) {

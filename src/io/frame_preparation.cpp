@@ -17,14 +17,14 @@ namespace {
 
 constexpr TimeNs kSingleFramePeriodNs = 100'000'000;
 constexpr TimeNs kMaxPeriodNs = 3'600'000'000'000;
-// The slowest LiDARs take a second for a frame. Where stamps lie farther apart, frames were left
-// out or the stamps are no times: the sensor did not measure all the while.
+// The slowest LiDARs take a second for a frame. If stamps are farther apart, frames are missing or
+// the stamps are not times: the sensor did not measure throughout.
 constexpr TimeNs kMaxFrameNs = 1'000'000'000;
 constexpr TimeNs kMinTimeToleranceNs = 1'000'000'000;
 constexpr TimeNs kTimeTolerancePeriods = 10;
 
-// No more than it takes, for a recording may have many frames; but where memory is used again also
-// for the next ones, which differ by little.
+// Reserves exactly `size` at first, since a recording may have many frames; a quarter more when
+// memory is reused, since the next frames differ little in size.
 template <class T>
 void MakeRoomFor(std::size_t size, std::vector<T>* values) {
   if (size <= values->capacity()) return;
@@ -92,7 +92,7 @@ void LoadFrame(PcdCloud cloud, const InputConfig& config, const SensorConfig& se
   MakeRoomFor(most, &frame->points_m);
   if (is_timed) MakeRoomFor(most, &frame->return_rows);
   for (std::size_t row = 0; row < rows.size(); ++row) {
-    if (is_no_return(rows[row])) {  // first: nine of ten rays at the sky
+    if (is_no_return(rows[row])) {  // tested first: nine of ten rays at the sky
       ++counts.no_return_rows;
       continue;
     }
@@ -148,7 +148,7 @@ void SetTimes(TimeReading reading, TimeNs period_ns, StampMeaning meaning, Loade
     }
     frame.times_ns.push_back(*time_ns);
   }
-  // A ray without a return tells as well when the sensor measured, but owes no sound time.
+  // Rays without a return also show when the sensor measured, but their times may be invalid.
   std::optional<TimeNs> begin_ns;
   std::optional<TimeNs> end_ns;
   const std::size_t num_rows = frame.counts.rows;

@@ -1,5 +1,5 @@
-// The steps from the rows of a frame to its returns in the common frame, shared by recordings and
-// live sources. ReadRecording() says what they do.
+// Steps from the rows of a frame to its returns in common coordinates, shared by recordings and
+// live sources. See ReadRecording() for their definition.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,44 +16,43 @@
 
 namespace unlidar {
 
-// A frame in the common frame, its times still to be told.
+// Frame in common coordinates; SetTimes() completes its times.
 struct LoadedFrame {
   FrameFile file;
-  PcdCloud cloud;                          // times of all rows; the points have moved on
+  PcdCloud cloud;                          // times of all rows; its points were moved out
   std::vector<std::uint32_t> return_rows;  // (N) rows of the returns, only with point times
   std::vector<Eigen::Vector3f> points_m;   // (N)
   std::vector<TimeNs> times_ns;            // (N)
   InputCounts counts;
-  RangeStatistics ranges;  // of all returns, also of those that are dropped for their range
+  RangeStatistics ranges;  // of all returns, including those dropped by range
   FrameInfo info;
 };
 
-// The name of a source, by default the last component of its directory.
+// Returns the name of a source, by default the last component of its directory.
 std::string SourceName(const FrameSource& source);
 
-// Throws UsageError for two sources of one name.
+// Throws UsageError if two sources have the same name.
 void CheckNames(const std::vector<FrameSource>& sources);
 
-// The frame period of a sensor with these stamps, which ascend.
-// `periods_ns`: memory to work in.
+// Returns the frame period of a sensor from its ascending stamps. `periods_ns`: scratch memory.
 TimeNs MedianPeriod(const std::vector<TimeNs>& stamps_ns, std::vector<TimeNs>* periods_ns);
 
-// The time offset of a sensor. Throws ConfigError for one that no stamp can bear.
+// Returns the time offset of a sensor. Throws ConfigError if it exceeds the range of stamps.
 TimeNs OffsetNs(const std::string& name, const SensorConfig& sensor);
 
-// Drops the rows that are no returns and applies the pose of the sensor. Sets all of the frame but
-// its file, in the memory that it has.
+// Drops rows that are not returns and applies the pose of the sensor. Sets all of the frame except
+// its file; reuses its memory.
 void LoadFrame(PcdCloud cloud, const InputConfig& config, const SensorConfig& sensor,
                LoadedFrame* frame);
 
 // Fills info.begin_ns, info.end_ns and times_ns, all without the sensor's time offset. Throws
-// InputError for a point time that is none.
+// InputError for an invalid point time.
 void SetTimes(TimeReading reading, TimeNs period_ns, StampMeaning meaning, LoadedFrame& frame);
 
-// Adds the rows of one frame; `frames` and `bad_frames` are counted elsewhere.
+// Adds the row counts of one frame; `frames` and `bad_frames` are counted elsewhere.
 void AddCounts(const InputCounts& from, InputCounts& to);
 
-// Frames in the order of (stamp, sensor), each freed once its returns are in the recording.
+// Appends frames in order of (stamp, sensor); frees each once its returns are in the recording.
 void Merge(std::vector<LoadedFrame> frames, Recording& recording);
 
 }  // namespace unlidar

@@ -16,7 +16,7 @@
 namespace unlidar {
 namespace {
 
-// Recordings of two sensors that are longer than each other by so much are not of one rate.
+// Largest ratio of the durations of two sensors with the same frame rate.
 constexpr double kMaxDurationRatio = 1.3;
 
 }  // namespace
@@ -29,7 +29,7 @@ bool IsSensorName(const std::string& name) {
          });
 }
 
-// One source being read: bad frames are thrown or, if the user wants so, noted.
+// Reads one source; bad frames are thrown or, with skip_bad_frames, recorded.
 class FrameReader::SourceReader {
  public:
   SourceReader(const FrameSource& source, std::uint32_t index, const InputConfig& config,
@@ -53,7 +53,7 @@ class FrameReader::SourceReader {
   SensorInfo info() const { return sensor_.info(); }
   const FrameClock& clock() const { return clock_; }
 
-  // What is in doubt by the frames read so far.
+  // Appends the warnings about the frames read so far.
   void AppendWarnings(std::vector<Warning>* warnings) const {
     if (clock_.warning()) warnings->push_back(*clock_.warning());
     sensor_.AppendWarnings(false, warnings);
@@ -119,7 +119,7 @@ class FrameReader::SourceReader {
   FrameClock clock_;
   std::vector<FrameFile> files_;
   SensorFrames sensor_;
-  std::size_t next_ = 0;  // file to be read
+  std::size_t next_ = 0;  // next file to read
   bool any_frame_ = false;
   std::string first_bad_frame_;
 };
@@ -152,7 +152,7 @@ TimeNs FrameReader::last_stamp_ns() const {
 
 const FrameClock& FrameReader::first_clock() const { return sources_.front()->clock(); }
 
-// Of sensors whose frames cannot be of one recording.
+// Warns about sensors whose frames cannot belong to one recording.
 void FrameReader::AppendClockWarnings(std::vector<Warning>* warnings) const {
   const SourceReader& first = *sources_.front();
   const auto seconds_of = [](const SourceReader& source) {

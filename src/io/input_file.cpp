@@ -24,7 +24,7 @@ constexpr std::uint64_t kMaxBytesInLines = std::uint64_t{1} << 30;
 
 InputFile::InputFile(const std::string& path, const InputKind& kind)
     : path_(path), expected_(kind.expected), file_(Uninterrupted([&] {
-        // Opening a pipe waits for its writer.
+        // Opening a pipe blocks until it has a writer.
         return ::open(path.c_str(), O_RDONLY | O_CLOEXEC | (kind.must_be_regular ? O_NONBLOCK : 0));
       })) {
   if (file_.get() < 0) FailToRead(std::strerror(errno));
@@ -88,7 +88,7 @@ bool LineReader::Next() {
   }
 }
 
-// Moves the unread part to the front and reads behind it.
+// Moves the unread part to the front and reads after it.
 void LineReader::Refill() {
   std::copy(buffer_.begin() + static_cast<std::ptrdiff_t>(begin_),
             buffer_.begin() + static_cast<std::ptrdiff_t>(end_), buffer_.begin());

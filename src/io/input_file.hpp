@@ -1,4 +1,4 @@
-// The one way to read a file: bounded, and whatever goes wrong is an InputError that names it.
+// Bounded reading of files; every failure is an InputError that names the file.
 #pragma once
 
 #include <cstdint>
@@ -10,23 +10,23 @@
 
 namespace unlidar {
 
-// What is said and asked of a file. Who names a pipe or a device by an option gets it read; where a
-// directory holds one, nobody may ever write to it.
+// Expected kind of a file. Pipes and devices are read if the user names them in an option; in a
+// directory they are rejected, since a pipe may never have a writer.
 struct InputKind {
-  std::string expected;  // what messages expect the file to be, such as "a PCD file"
+  std::string expected;  // for messages, such as "a PCD file"
   bool must_be_regular = false;
 };
 
-// A file that is read front to back.
+// File that is read sequentially.
 class InputFile {
  public:
-  // Throws InputError for one that cannot be opened or is of another kind.
+  // Throws InputError if the file cannot be opened or is of another kind.
   InputFile(const std::string& path, const InputKind& kind);
 
-  // Bytes of a regular file; those of others are not known.
+  // Size of a regular file in bytes; 0 for other files.
   std::uint64_t size() const { return size_; }
 
-  // Fills `to` as far as the file reaches; returns how far. Throws InputError.
+  // Reads `count` bytes, or fewer at the end of the file; returns their number. Throws InputError.
   std::size_t Read(char* to, std::size_t count);
 
  private:
@@ -38,28 +38,28 @@ class InputFile {
   std::uint64_t size_ = 0;
 };
 
-// All of a file's bytes. Throws InputError, also for more than max_bytes.
+// Returns all bytes of a file. Throws InputError, also for more than max_bytes.
 std::string ReadWhole(const std::string& path, const InputKind& kind, std::size_t max_bytes);
 
-// What separates values in a line; lines of Windows end with a carriage return.
+// Separators of values in a line; Windows lines end with a carriage return.
 inline constexpr std::string_view kBlanks = " \t\r";
 
-// Without the blanks at both ends.
+// Returns the text without leading and trailing blanks.
 std::string_view Trimmed(std::string_view text);
 
-// The lines of a file, however long it is, in bounded memory.
+// Reads a file of any length line by line, in bounded memory.
 class LineReader {
  public:
   LineReader(const std::string& path, const InputKind& kind);
 
-  // Moves on to the next line, if there is one. Throws InputError, also for a line of more than
-  // 64 KiB, more than 10 million lines or 1 GiB: no input has them but an endless one.
+  // Advances to the next line; returns false if there is none. Throws InputError, also for a line
+  // of more than 64 KiB, more than 10 million lines or 1 GiB, which only endless input exceeds.
   bool Next();
 
-  // Without its line feed; until the next call.
+  // Line without its line feed; valid until the next call of Next().
   std::string_view line() const { return line_; }
 
-  // Of the line, from 1; 0 before the first.
+  // Number of the line, from 1; 0 before the first.
   std::size_t number() const { return number_; }
 
  private:
@@ -68,7 +68,7 @@ class LineReader {
   std::string path_;
   InputFile file_;
   std::vector<char> buffer_;
-  std::size_t begin_ = 0;  // the unread part of the buffer
+  std::size_t begin_ = 0;  // [begin_, end_) of the buffer is unread
   std::size_t end_ = 0;
   std::uint64_t bytes_read_ = 0;
   bool at_end_ = false;

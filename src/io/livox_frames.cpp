@@ -10,10 +10,10 @@
 namespace unlidar {
 namespace {
 
-// Packets overtake each other in a network by less than this and half of LivoxTime::kLastPackets.
+// Packets are reordered by less than this plus half of LivoxTime::kLastPackets.
 constexpr TimeNs kMaxReorderNs = 5'000'000;
 
-// What a packet takes besides its points: a node of the map, two blocks of the heap.
+// Memory of a packet besides its points: a map node and two heap blocks.
 constexpr std::size_t kPartBytes = 192;
 
 std::int64_t FloorDivide(std::int64_t value, std::int64_t by) {
@@ -50,7 +50,7 @@ void LivoxFrameCutter::Add(const LivoxPacket& packet, const Arrival& arrival) {
     return;
   }
   OpenFrame& open = open_[index];
-  // Packets without a point left count as well: each takes room.
+  // Packets with no points left also count: each takes memory.
   if (open.points + packet.points.size() > kMaxFramePoints || open.parts.size() >= kMaxFrameParts) {
     ++counts_.excess;
     return;
@@ -64,7 +64,7 @@ void LivoxFrameCutter::Add(const LivoxPacket& packet, const Arrival& arrival) {
   counts_.noise_points += packet.noise_points;
 }
 
-// Behind all that were opened or given.
+// Returns the index after all frames opened or emitted.
 std::int64_t LivoxFrameCutter::NextFrame() const {
   if (!open_.empty()) return open_.rbegin()->first + 1;
   return closed_ ? *closed_ + 1 : 0;
@@ -121,7 +121,7 @@ void LivoxFrameCutter::CloseUntil(TimeNs time_ns) {
 }
 
 void LivoxFrameCutter::Close(std::int64_t index, const OpenFrame& frame) {
-  // The usual time from one packet to the next, for packets that do not say how long they take.
+  // Median time between packets, for packets that do not state their span.
   std::vector<TimeNs> spacings_ns;
   for (auto part = frame.parts.begin(); std::next(part) != frame.parts.end(); ++part) {
     spacings_ns.push_back(std::next(part)->first.first - part->first.first);
@@ -151,13 +151,13 @@ void LivoxFrameCutter::Close(std::int64_t index, const OpenFrame& frame) {
   over_.push_back(std::move(over));
 }
 
-// Packets without a counter that should lie between those that came.
+// Counts lost packets by gaps in the times, for packets without a counter.
 void LivoxFrameCutter::CountGaps(const OpenFrame& frame, TimeNs spacing_ns) {
   for (const auto& [order, part] : frame.parts) {
     if (part.span_ns) continue;
     const TimeNs gap_ns = order.first - last_counted_ns_.value_or(order.first);
     last_counted_ns_ = order.first;
-    // After a longer rest nobody knows what the sensor did.
+    // After a longer pause the number of lost packets is unknown.
     if (spacing_ns <= 0 || gap_ns > LivoxTime::kMaxStepNs) continue;
     const TimeNs packets = (gap_ns + spacing_ns / 2) / spacing_ns;
     counts_.lost += static_cast<std::uint64_t>(std::max<TimeNs>(packets - 1, 0));

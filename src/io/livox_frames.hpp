@@ -1,4 +1,4 @@
-// The packets of one Livox sensor, cut into frames.
+// Cuts the packets of one Livox sensor into frames.
 #pragma once
 
 #include <cstddef>
@@ -18,46 +18,46 @@
 namespace unlidar {
 
 struct LivoxFrame {
-  TimeNs stamp_ns = 0;  // of its begin
-  PcdCloud cloud;       // times are nanoseconds from the stamp
+  TimeNs stamp_ns = 0;  // begin of the frame
+  PcdCloud cloud;       // times in nanoseconds from the stamp
 };
 
-// Every packet of points is in one of the first five; `lost` never came.
+// Every point packet is counted in one of the first five; `lost` ones never arrived.
 struct LivoxCounts {
   std::uint64_t used = 0;
-  std::uint64_t repeated = 0;      // came twice
-  std::uint64_t late = 0;          // their frame had gone on
-  std::uint64_t astray = 0;        // of a time far from the others
-  std::uint64_t excess = 0;        // more than a frame holds
-  std::uint64_t lost = 0;          // by the counters; of protocol 1 by gaps in the times
-  std::uint64_t reordered = 0;     // came after newer ones, and were used if they were not late
-  std::uint64_t noise_points = 0;  // left out for their tags
+  std::uint64_t repeated = 0;      // duplicates
+  std::uint64_t late = 0;          // their frame had been emitted
+  std::uint64_t astray = 0;        // time far from that of the others
+  std::uint64_t excess = 0;        // beyond the limits of a frame or of memory
+  std::uint64_t lost = 0;          // by counters; in protocol 1 by gaps in the times
+  std::uint64_t reordered = 0;     // arrived after newer ones; used unless late
+  std::uint64_t noise_points = 0;  // dropped by their tags
 
   std::uint64_t packets() const { return used + repeated + late + astray + excess; }
 };
 
-// Frames are the times [k, k + 1) * frame_ns of LivoxTime. One is given when that says that it is
-// over, with some patience for packets that overtake each other: no single packet ends it. Its
-// points are in the order of their times, in whatever order the packets came.
+// Frame k covers [k, k + 1) * frame_ns of LivoxTime. It is emitted once that clock has passed its
+// end, with a margin for reordered packets: no single packet ends it. Its points are in order of
+// time, whatever the order of the packets.
 class LivoxFrameCutter {
  public:
   explicit LivoxFrameCutter(TimeNs frame_ns) : frame_ns_(frame_ns), time_(frame_ns) {}
 
-  // Packets without rays change nothing.
+  // Adds a packet; packets without rays are ignored.
   void Add(const LivoxPacket& packet, const Arrival& arrival);
 
-  // No more is to come for a while: gives what is pending.
+  // Closes all open frames: no packets are expected for a while.
   void Flush();
 
-  // The next frame that is over.
+  // Returns the next finished frame.
   std::optional<LivoxFrame> Next();
 
   const LivoxCounts& counts() const { return counts_; }
 
-  // Memory of the frames that are not over yet.
+  // Memory of the unfinished frames in bytes.
   std::size_t unfinished_bytes() const { return unfinished_bytes_; }
 
-  // Leaves them out: their packets are more than there is room for.
+  // Drops the unfinished frames for lack of memory; counts their packets as excess.
   void DropUnfinished();
 
  private:
@@ -82,15 +82,15 @@ class LivoxFrameCutter {
 
   TimeNs frame_ns_;
   LivoxCounts counts_;
-  std::map<std::int64_t, OpenFrame> open_;  // by the number of the frame
-  std::size_t unfinished_bytes_ = 0;        // of these
-  std::optional<std::int64_t> closed_;      // the last frame that was given
+  std::map<std::int64_t, OpenFrame> open_;  // by frame index
+  std::size_t unfinished_bytes_ = 0;        // of open_
+  std::optional<std::int64_t> closed_;      // last emitted frame
   std::deque<LivoxFrame> over_;
 
   LivoxTime time_;
-  std::optional<TimeNs> last_ns_;  // of the packet before
+  std::optional<TimeNs> last_ns_;  // time of the previous packet
   std::optional<LivoxCounter> expected_;
-  std::optional<TimeNs> last_counted_ns_;  // of packets without a counter
+  std::optional<TimeNs> last_counted_ns_;  // time of the last packet without a counter
 };
 
 }  // namespace unlidar

@@ -22,7 +22,8 @@ std::string NameOf(std::uint32_t source, const LivoxPacket& packet) {
   return name;
 }
 
-// Four numbers of an address and, of one at a hub, two more; all as NameOf() writes them.
+// True for the four numbers of an address and, of a LiDAR at a hub, two more, as NameOf() writes
+// them.
 bool IsLivoxName(const std::string& name) {
   int numbers = 0;
   for (std::size_t begin = 0; begin <= name.size(); ++numbers) {
@@ -70,7 +71,8 @@ LivoxLidar& LivoxLidars::LidarOf(const Datagram& datagram, const LivoxPacket& pa
   return lidars_.emplace(identity, LivoxLidar(std::move(name), frame_ns_)).first->second;
 }
 
-// Whoever has not sent a whole frame goes first: packets of ever new senders cost nobody his place.
+// LiDARs without a whole frame are removed first, so that a flood of new senders displaces no
+// established one.
 void LivoxLidars::MakeRoom(Clock::time_point now) {
   const auto is_before = [](const auto& a, const auto& b) {
     return std::make_pair(a.second.sensor.has_value(), a.second.arrived) <

@@ -1,4 +1,4 @@
-// The LiDARs that send packets to one port: whose packets are taken, and whose place it is.
+// LiDARs that send packets to one port: admission and sensor slots.
 #pragma once
 
 #include <chrono>
@@ -18,24 +18,24 @@
 
 namespace unlidar {
 
-// Of the names of `sensors`, those that are addresses: 192-168-1-112, 192-168-1-2-3-1.
+// Returns the names of `sensors` that are addresses: 192-168-1-112, 192-168-1-2-3-1.
 std::set<std::string> LivoxNames(const std::map<std::string, SensorConfig>& sensors);
 
-// One sensor: its packets, cut into frames.
+// One LiDAR: its packets, cut into frames.
 struct LivoxLidar {
   LivoxLidar(std::string its_name, TimeNs frame_ns) : name(std::move(its_name)), cutter(frame_ns) {}
 
   std::string name;
   LivoxFrameCutter cutter;
-  Datagram::Clock::time_point arrived;  // its last packet
-  std::optional<std::size_t> sensor;    // of the run, from its first frame on
+  Datagram::Clock::time_point arrived;  // arrival of its last packet
+  std::optional<std::size_t> sensor;    // index in the run, from its first frame on
   std::uint64_t lost_reported = 0;
 };
 
-// Anybody may send to a port. Where `sensors` names addresses, only those are taken. Else the first
-// kMaxSensors are; one more takes the place of the one that was silent for longest: for `silent`,
-// or without a whole frame so far. The frames of all that are not whole yet share
-// kMaxUnfinishedBytes: where there are more, the sensor with the most loses its own.
+// Anyone may send to a port. If `sensors` names addresses, only those are accepted; otherwise the
+// first kMaxSensors. One more replaces the LiDAR that has been silent for longest, if silent for
+// `silent` or without a whole frame so far. The unfinished frames of all LiDARs share
+// kMaxUnfinishedBytes: beyond that, the one with the most loses its own.
 class LivoxLidars {
  public:
   using Clock = Datagram::Clock;
@@ -43,14 +43,14 @@ class LivoxLidars {
   LivoxLidars(std::set<std::string> allowed, TimeNs frame_ns, Clock::duration silent)
       : allowed_(std::move(allowed)), frame_ns_(frame_ns), silent_(silent) {}
 
-  // Takes a packet of points into the frames of its LiDAR; none for accelerations. Throws
-  // PacketError for any other.
+  // Adds a point packet to the frames of its LiDAR; returns null for accelerations. Throws
+  // PacketError for any other packet.
   LivoxLidar* Take(const Datagram& datagram);
 
-  // The place in the run that one has given up.
+  // Takes a sensor index that a removed LiDAR has freed; empty if there is none.
   std::optional<std::size_t> FreeSlot();
 
-  // In the order of their addresses.
+  // Visits the LiDARs in order of address.
   template <class Visit>
   void ForEach(const Visit& visit) {
     for (auto& [identity, lidar] : lidars_) visit(lidar);
@@ -60,13 +60,13 @@ class LivoxLidars {
     for (const auto& [identity, lidar] : lidars_) visit(lidar);
   }
 
-  // Packets that were taken of LiDARs whose place another has.
+  // Number of packets of LiDARs that were since removed.
   std::uint64_t forgotten_packets() const { return forgotten_packets_; }
 
   std::size_t unfinished_bytes() const;
 
  private:
-  // One address can be that of a hub with several of them.
+  // Address, slot, number: one address can be that of a hub with several LiDARs.
   using Identity = std::tuple<std::uint32_t, std::uint8_t, std::uint8_t>;
 
   LivoxLidar& LidarOf(const Datagram& datagram, const LivoxPacket& packet);

@@ -17,13 +17,13 @@ constexpr std::uint8_t kVersion1 = 5;
 constexpr std::uint8_t kVersion2 = 0;
 constexpr std::size_t kHeaderBytes1 = 18;
 constexpr std::size_t kHeaderBytes2 = 36;
-constexpr std::size_t kCheckedFrom2 = 28;  // time and points, behind the checksum
+constexpr std::size_t kCheckedFrom2 = 28;  // time and points, after the checksum
 
 constexpr double kRadPerHundredthDegree = 3.14159265358979323846 / 18000.0;
 
 [[noreturn]] void Fail(const std::string& what) { throw PacketError(what); }
 
-// Little-endian numbers of a payload that is known to be long enough.
+// Reads a little-endian number; the payload must be long enough.
 template <class Number>
 Number Get(std::string_view bytes, std::size_t at) {
   using Unsigned = std::make_unsigned_t<Number>;
@@ -38,15 +38,16 @@ Number Get(std::string_view bytes, std::size_t at) {
 
 enum class Coordinates { kMillimetres, kCentimetres, kSpherical, kSharedAngles, kAccelerations };
 
-// How the points of a data type lie in their packet.
+// Layout of the points of a data type.
 struct Layout {
   Coordinates coordinates;
   std::uint32_t returns_per_ray;
   bool has_tag;
-  std::uint32_t rays;  // of protocol 1, whose packets do not say it
+  std::uint32_t rays;  // per packet; fixed by the data type in protocol 1
 };
 
-// Bytes of the coordinates of one return, and of what stands once before the returns of a ray.
+// Returns the bytes of the coordinates of one return, without the angles that a ray's returns
+// share.
 std::size_t CoordinateBytes(Coordinates coordinates) {
   switch (coordinates) {
     case Coordinates::kMillimetres:
@@ -129,7 +130,7 @@ Eigen::Vector3f FromAngles(std::uint32_t depth_mm, std::uint16_t zenith, std::ui
       .cast<float>();
 }
 
-// `angles` and `at`: where those of the ray and the numbers of the return begin.
+// `angles`, `at`: byte offsets of the ray's shared angles and of the return.
 Eigen::Vector3f Position(Coordinates coordinates, std::string_view bytes, std::size_t angles,
                          std::size_t at) {
   const auto cartesian = [&](auto unit, double scale_m) {
@@ -155,8 +156,8 @@ Eigen::Vector3f Position(Coordinates coordinates, std::string_view bytes, std::s
   return Eigen::Vector3f::Zero();
 }
 
-// Two groups of two bits: dust and rain by the strength of the echo, and points between two things.
-// `worst` is the value by which a protocol says that it is surest of noise.
+// The tag has two groups of two bits: dust and rain by echo intensity, and points between two
+// objects. `worst`: the value for the most certain noise in a protocol.
 bool IsNoise(std::uint8_t tag, std::uint8_t worst) {
   return (tag & 3U) == worst || ((tag >> 2U) & 3U) == worst;
 }
@@ -197,7 +198,8 @@ TimeNs Stamp(std::uint64_t ns) {
   return static_cast<TimeNs>(ns);
 }
 
-// Days from 1970 to a date since 2000 of the Gregorian calendar, whose leap years are plain there.
+// Returns the days from 1970 to a Gregorian date in 2000 to 2095, where every fourth year is a leap
+// year.
 std::int64_t DaysSince1970(int years_since_2000, int month, int day) {
   constexpr int kDaysTo2000 = 10957;
   constexpr int kDaysBefore[] = {0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334};
@@ -206,7 +208,7 @@ std::int64_t DaysSince1970(int years_since_2000, int month, int day) {
          kDaysBefore[month - 1] + (is_leap && month > 2 ? 1 : 0) + day - 1;
 }
 
-// Year since 2000, month, day, hour, and microseconds of the hour.
+// Reads year since 2000, month, day, hour, and microseconds of the hour.
 TimeNs UtcStamp(std::string_view payload, std::size_t at) {
   const auto byte = [&](std::size_t i) { return Get<std::uint8_t>(payload, at + i); };
   const auto us = Get<std::uint32_t>(payload, at + 4);
@@ -233,7 +235,7 @@ LivoxPacket Parse1(std::string_view payload) {
     case 3:
       packet.stamp_ns = UtcStamp(payload, 10);
       break;
-    default:  // pulses alone tell no time
+    default:  // pulses alone carry no time
       Fail("has the time type " + std::to_string(time_type) + ", expected 0, 1 or 3");
   }
   packet.clock = time_type == 0 ? LivoxClock::kPowerOn : LivoxClock::kSynchronised;

@@ -1,4 +1,4 @@
-// Point packets of Livox sensors, as they come by UDP: docs/livox.md has the layouts.
+// Point packets of Livox sensors, received by UDP; layouts in docs/livox.md.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,13 +12,13 @@
 
 namespace unlidar {
 
-// Of the first ray's time. A sensor without a source of time counts from when it was switched on.
+// Clock of the packet stamps. A sensor without time synchronisation counts from power-on.
 enum class LivoxClock { kPowerOn, kSynchronised };
 
-// What the sensor counts its packets by, so that lost ones are found. Protocol 1 has none.
+// Packet counter of the sensor, to detect lost packets. Protocol 1 has none.
 struct LivoxCounter {
-  std::uint16_t packet = 0;  // 65535 is followed by 0
-  std::uint8_t frame = 0;    // `packet` begins with 0 where it grows; of most sensors always 0
+  std::uint16_t packet = 0;  // 65535 wraps to 0
+  std::uint8_t frame = 0;    // `packet` restarts at 0 when it grows; always 0 on most sensors
 };
 
 struct LivoxPoint {
@@ -27,27 +27,26 @@ struct LivoxPoint {
 };
 
 struct LivoxPacket {
-  // Of protocol 1: which LiDAR of a hub, and 1, 1 for a LiDAR of its own. Of protocol 2 both 0.
+  // Protocol 1: LiDAR of a hub, or 1, 1 for a standalone LiDAR. Protocol 2: both 0.
   std::uint8_t slot = 0;
   std::uint8_t lidar = 0;
   std::optional<LivoxCounter> counter;
   LivoxClock clock = LivoxClock::kPowerOn;
-  TimeNs stamp_ns = 0;                  // of the first ray
-  std::optional<std::int64_t> span_ns;  // from the first to the last ray, where the packet says it
-  std::uint32_t rays = 0;               // evenly over the span; 0 for a packet of accelerations
-  std::vector<LivoxPoint> points;       // in order of rays, up to three a ray
-  std::uint32_t noise_points = 0;       // left out: their tag says that they are noise
+  TimeNs stamp_ns = 0;                  // time of the first ray
+  std::optional<std::int64_t> span_ns;  // from the first to the last ray, if stated
+  std::uint32_t rays = 0;               // evenly spaced over the span; 0 for accelerations
+  std::vector<LivoxPoint> points;       // in order of rays, up to three per ray
+  std::uint32_t noise_points = 0;       // dropped: tagged as noise
 };
 
-// What is wrong with a packet, without a name of its sensor.
+// States why a packet is invalid, without the name of its sensor.
 struct PacketError : InputError {
   using InputError::InputError;
 };
 
-// Takes one UDP payload of either protocol. Throws PacketError for any other: a length that does
-// not follow from its header, a type of points or times that the protocol does not have, a checksum
-// that is neither right nor 0 (not given), angles beyond their range, a time beyond the years 1970
-// to 2096.
+// Parses one UDP payload of either protocol. Throws PacketError for any other: a length that
+// contradicts its header, a data or time type that the protocol does not have, a checksum that is
+// neither right nor 0 (not given), angles out of range, a time outside the years 1970 to 2096.
 LivoxPacket ParseLivoxPacket(std::string_view payload);
 
 }  // namespace unlidar

@@ -22,18 +22,18 @@
 namespace unlidar {
 namespace {
 
-// How soon it looks again whether there is room.
+// Polling interval while the queue is full.
 constexpr int kFullPauseMs = 2;
 
-// Packets come by the thousands a second. Taken some at a time they wake the processor less often;
-// the system holds those of many times as long.
+// Packets arrive by the thousands per second. Taking them in batches wakes the processor less
+// often; the socket buffer holds many times this interval.
 constexpr int kGatherMs = 2;
 
-// The system gives as much of it as it allows.
+// Requested socket buffer; the system may grant less.
 constexpr int kSocketBytes = 1 << 23;
 
-// Packets before it looks whether it shall end, and after that: more than the socket holds, but a
-// flood has no last one.
+// Packets per batch, between checks for the end and after it: more than the socket buffer holds,
+// but bounded, since a flood never ends.
 constexpr int kMaxAtOnce = 1 << 12;
 
 std::size_t SizeOf(const Datagram& datagram) { return sizeof(datagram) + datagram.payload.size(); }
@@ -131,7 +131,7 @@ void LivoxReceiver::Receive() {
   }
 }
 
-// Errors of the network are none here: it may come back.
+// Network errors are ignored: the network may recover.
 void LivoxReceiver::TakeAll() {
   std::array<char, kMaxDatagramBytes> bytes{};
   std::vector<Datagram> taken;

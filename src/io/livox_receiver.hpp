@@ -1,4 +1,4 @@
-// UDP packets of Livox sensors, taken off the network as they come.
+// Receives UDP packets of Livox sensors.
 #pragma once
 
 #include <chrono>
@@ -16,21 +16,21 @@
 
 namespace unlidar {
 
-// In dotted decimals; `address` in the order of the host.
+// Returns the address in dotted decimals; `address` in host byte order.
 std::string AddressText(std::uint32_t address);
 
 struct LivoxEndpoint {
-  std::uint32_t address = 0;  // of this computer, in the order of the host; 0: all it has
-  std::uint16_t port = 0;     // 0: one that is free
+  std::uint32_t address = 0;  // of this computer, host byte order; 0: all of them
+  std::uint16_t port = 0;     // 0: any free port
 };
 
-// Reads `HOST:PORT`, HOST in dotted decimals. Throws UsageError.
+// Parses `HOST:PORT`, HOST in dotted decimals. Throws UsageError.
 LivoxEndpoint ParseLivoxEndpoint(const std::string& text);
 
 struct Datagram {
   using Clock = std::chrono::steady_clock;
 
-  std::uint32_t source = 0;  // address of the sender, in the order of the host
+  std::uint32_t source = 0;  // address of the sender, host byte order
   TimeNs received_ns = 0;    // Unix time
   Clock::time_point arrived;
   std::string payload;
@@ -38,24 +38,24 @@ struct Datagram {
   Arrival arrival() const { return {received_ns, NsSinceEpoch(arrived)}; }
 };
 
-// A thread of its own takes the packets: while a frame is worked off, the system would keep but a
-// few. What waits here is bounded; beyond that the system drops what comes, which the counters of
-// the sensors tell.
+// Receives packets in its own thread: while a frame is processed, the system would buffer only a
+// few. The queue is bounded; beyond that the system drops packets, which the sensors' counters
+// reveal.
 class LivoxReceiver {
  public:
-  // Throws InputError where the address is not of this computer or the port is taken.
+  // Throws InputError if the address is not of this computer or the port is in use.
   explicit LivoxReceiver(LivoxEndpoint endpoint);
   ~LivoxReceiver();
   LivoxReceiver(const LivoxReceiver&) = delete;
   LivoxReceiver& operator=(const LivoxReceiver&) = delete;
 
-  // Ready to read while packets wait.
+  // Readable while packets are queued.
   int fd() const { return waiting_.get(); }
 
-  // The oldest that waits.
+  // Returns the oldest queued packet.
   std::optional<Datagram> Next();
 
-  // Takes in what has arrived so far, and no more.
+  // Queues the packets that have arrived so far and stops receiving.
   void Stop();
 
   // ADDRESS:PORT, with the port that the system chose.
@@ -68,7 +68,7 @@ class LivoxReceiver {
   void TakeAll();
 
   Descriptor socket_;
-  Descriptor waiting_;  // counts while datagrams_ is not empty
+  Descriptor waiting_;  // readable while datagrams_ is not empty
   Descriptor ending_;
   std::string name_;
   mutable std::mutex mutex_;

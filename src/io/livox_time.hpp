@@ -1,4 +1,4 @@
-// The time of one Livox sensor, by the stamps of its packets.
+// Time of one Livox sensor from the stamps of its packets.
 #pragma once
 
 #include <cstdint>
@@ -11,37 +11,38 @@
 
 namespace unlidar {
 
-// A clock that counts from when its sensor was switched on, as Unix time: this computer's at the
-// first packet, and kept to it from there. It is turned by at most 200 ppm, which no two crystals
-// are apart, where one frame ends and the next begins: a stamp means one time, whenever it comes.
+// Converts the time since power-on of a sensor to Unix time: set to this computer's clock at the
+// first packet and slewed to follow it. Slewing is limited to 200 ppm, more than two crystals ever
+// differ by, and takes place between frames, so that a stamp means one time whenever it arrives.
 class PowerOnClock {
  public:
-  // The sensor's clock was 0 at this time.
+  // `zero_ns`: Unix time at which the sensor's clock was 0.
   PowerOnClock(TimeNs zero_ns, const Arrival& arrival)
       : zero_ns_(zero_ns), before_ns_(zero_ns), host_ns_(arrival.unix_ns - arrival.steady_ns) {}
 
-  // What is to be added to a stamp.
+  // Returns the offset to add to a stamp.
   TimeNs OffsetOf(TimeNs stamp_ns) const {
     return stamp_ns < turned_at_ns_ ? before_ns_ : zero_ns_;
   }
 
-  // From the next frame on, nearer to `lag_ns`, by which this computer is ahead of the stamps.
+  // Slews, from the next frame on, towards `lag_ns`, the lead of this computer's clock over the
+  // stamps.
   void Follow(TimeNs lag_ns, TimeNs next_frame_ns, TimeNs frame_ns);
 
-  // Whether this computer's clock was set, so that its time is another one than that of the sensor.
+  // True if this computer's clock was set, so that it no longer agrees with the sensor's time.
   bool WasHostClockSet(TimeNs stamp_ns, const Arrival& arrival);
 
  private:
   TimeNs zero_ns_;
-  TimeNs before_ns_;         // the same for earlier stamps than
-  TimeNs turned_at_ns_ = 0;  // this one
-  TimeNs host_ns_;           // this computer's clock less the one that nobody sets
+  TimeNs before_ns_;         // zero_ns_ for stamps before turned_at_ns_
+  TimeNs turned_at_ns_ = 0;  // stamp from which zero_ns_ applies
+  TimeNs host_ns_;           // this computer's clock minus its steady clock
 };
 
-// A sensor's time is the median of its last packets, so that neither packets that overtake each
-// other nor fewer than half that are forged move it. A packet that is farther from it than a second
-// is astray. As many in a row as the median is of, that go on from each other, are no accident: the
-// clock was set, or the sensor switched off and on again, or it has rested.
+// A sensor's time is the median over its last packets, which neither reordered packets nor fewer
+// than half forged ones move. A packet more than a second away from it is astray. kLastPackets
+// astray packets in a row that agree with each other are accepted: the clock was set, or the sensor
+// was switched off and on again, or it was paused.
 class LivoxTime {
  public:
   static constexpr std::size_t kLastPackets = 21;
@@ -49,24 +50,24 @@ class LivoxTime {
 
   struct Reading {
     TimeNs time_ns = 0;
-    bool is_restart = false;  // unrelated to all before
+    bool is_restart = false;  // unrelated to all earlier readings
   };
 
-  // `frame_ns`: the times [k, k + 1) * frame_ns are a frame.
+  // `frame_ns`: frame k covers [k, k + 1) * frame_ns.
   explicit LivoxTime(TimeNs frame_ns) : frame_ns_(frame_ns) {}
 
-  // The time of a packet with rays; empty for one that is astray. `earliest_ns`: where a clock that
-  // counts from power-on begins anew, its time is no earlier.
+  // Returns the time of a packet with rays; empty for an astray one. `earliest_ns`: lower limit of
+  // the time at which a clock that counts from power-on restarts.
   std::optional<Reading> Take(const LivoxPacket& packet, const Arrival& arrival,
                               TimeNs earliest_ns);
 
-  // After the first packet.
+  // Valid after the first packet.
   TimeNs now_ns() const { return now_ns_; }
 
  private:
   struct Taken {
     TimeNs time_ns = 0;
-    TimeNs lag_ns = 0;  // of its stamp behind this computer's clock
+    TimeNs lag_ns = 0;  // this computer's clock minus its stamp
   };
 
   bool IsNear(TimeNs time_ns) const;
@@ -76,9 +77,9 @@ class LivoxTime {
 
   TimeNs frame_ns_;
   std::optional<PowerOnClock> power_on_;
-  std::deque<Taken> last_;  // those that were not astray
+  std::deque<Taken> last_;  // last packets that were not astray
   TimeNs now_ns_ = 0;
-  std::int64_t followed_ = 0;  // the frame of now_ns_ when power_on_ followed
+  std::int64_t followed_ = 0;  // frame of the last update of power_on_
   std::optional<TimeNs> last_astray_ns_;
   std::size_t astray_in_a_row_ = 0;
 };

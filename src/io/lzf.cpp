@@ -6,7 +6,7 @@ namespace unlidar {
 
 // Two kinds of tokens. `000LLLLL`: L + 1 literal bytes follow. `LLLooooo [LLLLLLLL] oooooooo`: copy
 // L + 2 bytes that were written o + 1 bytes ago; L = 7 takes the extra length byte. The source may
-// overlap the destination: then it repeats.
+// overlap the destination, which repeats it.
 bool LzfDecompress(const std::uint8_t* in, std::size_t in_size, std::uint8_t* out,
                    std::size_t out_size) {
   std::size_t read = 0;

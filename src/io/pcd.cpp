@@ -16,11 +16,11 @@ static_assert(sizeof(Eigen::Vector3f) == 12, "points are written as they lie in 
 namespace unlidar {
 namespace {
 
-// No LiDAR has a frame of such a size, in the file or unpacked.
+// Larger than any LiDAR frame, in the file or unpacked.
 constexpr std::uint64_t kMaxFrameBytes = std::uint64_t{1} << 30;
 constexpr std::size_t kCompressedPrefix = 8;  // two sizes before compressed data
 
-// The values of a field in memory, one every `stride` bytes.
+// Values of a field in memory, one every `stride` bytes.
 struct Column {
   const std::uint8_t* data = nullptr;
   std::size_t stride = 0;
@@ -71,7 +71,7 @@ void CopyColumn(Column column, PcdType type, std::size_t count, Target* to, std:
   }
 }
 
-// `column_of` gives the Column of a field.
+// `column_of` returns the Column of a field.
 template <typename ColumnOf>
 PcdCloud CloudOf(const PcdHeader& header, const ColumnOf& column_of) {
   PcdCloud cloud = EmptyCloud(header);
@@ -111,7 +111,7 @@ PcdCloud ParseBinary(std::string_view body, const PcdHeader& header, const std::
 }
 
 // Two sizes, then an LZF stream of all values of the first field, all of the second, and so on. PCL
-// leaves padding out; other writers keep it. The size tells which.
+// omits padding, other writers keep it; the size shows which.
 PcdCloud ParseCompressed(std::string_view body, const PcdHeader& header, const std::string& name) {
   if (header.num_points == 0) return EmptyCloud(header);
   const auto fail = [&](const std::string& what) {
@@ -150,7 +150,7 @@ PcdCloud ParseCompressed(std::string_view body, const PcdHeader& header, const s
          " times as much");
   }
 
-  // Plain new leaves the bytes alone: LzfDecompress writes each of them or fails.
+  // Plain new leaves the bytes uninitialised: LzfDecompress writes each of them or fails.
   const std::unique_ptr<std::uint8_t[]> unpacked(new std::uint8_t[size]);
   if (!LzfDecompress(Bytes(body), compressed_size, unpacked.get(), size)) {
     fail("of " + std::to_string(compressed_size) + " bytes is corrupt, expected an LZF stream of " +
@@ -168,8 +168,8 @@ PcdCloud ParseCompressed(std::string_view body, const PcdHeader& header, const s
   });
 }
 
-// Where the last point ends, told by the header and, of compressed data, by the first of the sizes
-// behind it; the whole of a text.
+// Returns the end of the last point, from the header and, for compressed data, the first of the
+// sizes after it; for text, the end of the file.
 std::uint64_t BytesNeeded(const PcdHeader& header, std::string_view bytes,
                           std::uint64_t file_bytes) {
   switch (header.encoding) {
@@ -222,10 +222,10 @@ PcdCloud ParsePcd(std::string_view bytes, const std::string& name) {
   return ParseBody(bytes, ParsePcdHeader(bytes, name), name);
 }
 
-// Read, not mapped: a file that shrinks under a map kills the process.
+// Read, not mapped: a mapped file that shrinks kills the process.
 PcdCloud ReadPcd(const std::string& path) {
   InputFile file(path, {"a PCD file", true});
-  // Takes most frames whole, and always the header with what tells the size of the rest.
+  // Holds most frames in full, and always the header and the size of the data after it.
   std::uint64_t size = std::min<std::uint64_t>(file.size(), kMaxPcdHeaderBytes + kCompressedPrefix);
   std::unique_ptr<char[]> bytes(new char[size]);
   size = file.Read(bytes.get(), size);

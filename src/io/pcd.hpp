@@ -1,4 +1,4 @@
-// Point cloud data files, read as PCL reads them, 4 to 8 times faster and without trusting a
+// PCD files (Point Cloud Data), read as by PCL, but 4 to 8 times faster and without trusting the
 // header.
 #pragma once
 
@@ -12,7 +12,7 @@ namespace unlidar {
 
 enum class PcdTimeKind { kNone, kInteger, kFloating };
 
-// Every row of the file, no-return and NaN rows included (width * height of them).
+// All rows of the file (width * height), including no-return and NaN rows.
 struct PcdCloud {
   std::vector<Eigen::Vector3f> points_m;
   PcdTimeKind time_kind = PcdTimeKind::kNone;
@@ -22,23 +22,23 @@ struct PcdCloud {
 
 // Reads ascii, binary and binary_compressed files of versions .5 to .7, fields in any order.
 //   - Coordinates are the fields x y z (or X Y Z) of any type, one value each, converted to float.
-//     x and y must be there; without z the cloud is planar and z is 0.
+//     x and y are required; without z the cloud is planar and z is 0.
 //   - The time is the first field of count 1 named t, time, timestamp or offset_time, in any case.
 //   - As in PCL: SIZE and TYPE default to float32, COUNT to 1, HEIGHT to 1, WIDTH to POINTS;
-//     COLUMNS means FIELDS; `_` is padding; bytes and lines behind the last point are ignored.
+//     COLUMNS means FIELDS; `_` is padding; bytes and lines after the last point are ignored.
 //   - Unlike PCL: a row with too few or too many values is an error and not a point at (0, 0, 0),
 //     and float64 coordinates are converted and not zero.
-// Memory stays in proportion to the size of the file, whatever the header says: LZF unpacks to at
+// Memory use is proportional to the size of the file, whatever the header states: LZF unpacks to at
 // most kLzfMaxExpansion times its size, and a row of two bytes or more becomes a point of twelve.
-// No more of the file is read than its points take. Refused are more than 2^26 points, and data of
-// more than 1 GiB, in the file or unpacked.
+// Only the bytes of the points are read. More than 2^26 points, and data of more than 1 GiB in the
+// file or unpacked, are rejected.
 // Throws InputError naming the file, the value and what was expected.
 PcdCloud ReadPcd(const std::string& path);
 
-// The same for bytes in memory; `name` is what messages call them.
+// Same as ReadPcd() for bytes in memory; `name` stands for the file in messages.
 PcdCloud ParsePcd(std::string_view bytes, const std::string& name);
 
-// The bytes of a binary PCD v0.7 with fields x y z (float32), which PCL reads back.
+// Returns a binary PCD v0.7 file with fields x y z (float32), readable by PCL.
 std::string BinaryPcd(const std::vector<Eigen::Vector3f>& points_m);
 
 }  // namespace unlidar

@@ -24,7 +24,7 @@ const char* SkipToken(const char* at, const char* end) {
   return at;
 }
 
-// What from_chars leaves to us: a plus sign, and values too large or small for the type, which
+// Cases not handled by from_chars: a plus sign, and values too large or small for the type, which
 // become infinite or 0 as in PCL.
 template <typename Float>
 bool ParseUnusual(std::string_view token, Float& value) {
@@ -38,7 +38,7 @@ bool ParseUnusual(std::string_view token, Float& value) {
   return true;
 }
 
-// Reads the value at `at`; null if the token is not a number as a whole.
+// Reads the value at `at` and returns its end; null if the token as a whole is not a number.
 template <typename Float>
 const char* ReadFloat(const char* at, const char* end, Float& value) {
   const auto [parsed_to, error] = std::from_chars(at, end, value);
@@ -51,14 +51,14 @@ const char* ReadFloat(const char* at, const char* end, Float& value) {
 const char* ReadInteger(const char* at, const char* end, std::int64_t& value) {
   const auto [parsed_to, error] = std::from_chars(at, end, value);
   if (error == std::errc() && (parsed_to == end || EndsToken(*parsed_to))) return parsed_to;
-  double number = 0.0;  // writers that know floats only
+  double number = 0.0;  // some writers only write floats
   const char* const token_end = ReadFloat(at, end, number);
   if (token_end == nullptr || !(std::abs(number) < 0x1p63)) return nullptr;
   value = static_cast<std::int64_t>(number);
   return token_end;
 }
 
-// A value of a row that is wanted, and where it goes.
+// Value to be read from each row, and its destination.
 struct Wanted {
   std::size_t field = 0;
   std::uint64_t value_offset = 0;
@@ -90,7 +90,7 @@ const char* ReadCoordinate(const char* at, const char* end, PcdType type, float&
 
 PcdCloud ParsePcdAscii(std::string_view bytes, const PcdHeader& header, const std::string& name) {
   const std::string_view body = bytes.substr(header.body_begin);
-  // A value takes a digit and what ends it; the last one may end with the file.
+  // A value takes a digit and a separator; the last one may end with the file.
   if (header.num_points > (body.size() + 1) / 2 / header.row_values) {
     throw InputError(name + ": the data has " + std::to_string(body.size()) +
                      " bytes, expected at least " +

@@ -1,4 +1,4 @@
-// What the parts of the PCD reader share: the checked header and the decoders behind it.
+// Shared by the parts of the PCD reader: the checked header and the decoders.
 #pragma once
 
 #include <cstddef>
@@ -25,7 +25,7 @@ struct PcdField {
   bool is_padding() const { return name == "_"; }
 };
 
-// No header is longer. Most of a gigabyte of something else need not be read to see that.
+// Maximum size of a header, so that a large file of another kind is rejected early.
 inline constexpr std::size_t kMaxPcdHeaderBytes = std::size_t{1} << 20;
 
 inline constexpr std::size_t kNoField = static_cast<std::size_t>(-1);
@@ -33,11 +33,11 @@ inline constexpr std::size_t kNoField = static_cast<std::size_t>(-1);
 struct PcdHeader {
   std::vector<PcdField> fields;
   std::uint64_t num_points = 0;
-  std::uint64_t row_bytes = 0;   // times num_points below 2^57
+  std::uint64_t row_bytes = 0;   // row_bytes * num_points is below 2^57
   std::uint64_t row_values = 0;  // values on a line of ascii data
   PcdEncoding encoding = PcdEncoding::kAscii;
-  std::size_t body_begin = 0;  // byte behind the DATA line
-  std::size_t body_line = 0;   // its line number, from 1
+  std::size_t body_begin = 0;  // first byte after the DATA line
+  std::size_t body_line = 0;   // line number of that byte, from 1
 
   // Indices into `fields`; z and time may be kNoField.
   std::size_t x = kNoField;
@@ -49,13 +49,14 @@ struct PcdHeader {
 bool IsFloating(PcdType type);
 std::size_t SizeBytes(PcdType type);
 
-// Throws InputError. Whatever it returns is consistent in itself; the body is still to be checked.
+// Returns a header that is consistent in itself; the body remains to be checked. Throws InputError.
 PcdHeader ParsePcdHeader(std::string_view bytes, const std::string& name);
 
 // Reads header.num_points lines of text, each with header.row_values values.
 PcdCloud ParsePcdAscii(std::string_view bytes, const PcdHeader& header, const std::string& name);
 
-// A cloud of so many points with z = 0, times as the header has them.
+// Returns a cloud of header.num_points points, with times if the header has them; z is 0 if it has
+// no z, all other values are to be filled in.
 PcdCloud EmptyCloud(const PcdHeader& header);
 
 }  // namespace unlidar

@@ -13,14 +13,14 @@
 namespace unlidar {
 namespace {
 
-// Far beyond any sensor; the products of rows and points still fit into 64 bits.
+// Far beyond any sensor; products of row bytes and points still fit into 64 bits.
 constexpr std::uint64_t kMaxRowBytes = std::uint64_t{1} << 31;
 constexpr std::uint64_t kMaxPoints = std::uint64_t{1} << 26;
 constexpr std::size_t kMaxFields = 4096;
 
 using Tokens = std::vector<std::string_view>;
 
-// The lines of a header by entry, still as text.
+// Lines of a header by entry, as text.
 struct RawHeader {
   std::optional<Tokens> version, fields, size, type, count, width, height, viewpoint, points;
 };
@@ -62,19 +62,19 @@ class HeaderParser {
     throw InputError(name_ + ": PCD header: " + what);
   }
 
-  // Up to and with the DATA line.
+  // Reads the lines up to and including DATA.
   void ReadLines() {
     if (bytes_.empty()) Fail("the file is empty, expected a PCD header");
     std::size_t at = 0;
     for (std::size_t line_number = 1; at < bytes_.size(); ++line_number) {
       const std::size_t newline = bytes_.find('\n', at);
       const std::size_t end = std::min(newline, bytes_.size());
-      // A line of a binary file that is no PCD may be as long as the file: look at its start first.
+      // A binary file that is not a PCD may be one long line: check its start first.
       const Tokens tokens = TokensOf(bytes_.substr(at, end - at), line_number);
       at = newline == std::string_view::npos ? bytes_.size() : newline + 1;
       if (tokens.empty()) continue;
       if (tokens[0] == "DATA") {
-        if (at == kMaxPcdHeaderBytes) break;  // the line may go on beyond
+        if (at == kMaxPcdHeaderBytes) break;  // the line may be cut off
         ReadEncoding(tokens);
         header_.body_begin = at;
         header_.body_line = line_number + 1;
@@ -90,7 +90,7 @@ class HeaderParser {
               : " within " + std::to_string(kMaxPcdHeaderBytes) + " bytes"));
   }
 
-  // Empty for comments and blank lines.
+  // Returns empty for comments and blank lines.
   Tokens TokensOf(std::string_view line, std::size_t line_number) {
     const std::size_t begin = std::min(line.find_first_not_of(kBlanks), line.size());
     if (begin == line.size() || line[begin] == '#') return {};
@@ -112,7 +112,7 @@ class HeaderParser {
     if (keyword == "COUNT") return &raw_.count;
     if (keyword == "WIDTH") return &raw_.width;
     if (keyword == "HEIGHT") return &raw_.height;
-    if (keyword == "VIEWPOINT") return &raw_.viewpoint;  // a pose that PCL does not apply either
+    if (keyword == "VIEWPOINT") return &raw_.viewpoint;  // a pose, not applied, as in PCL
     if (keyword == "POINTS") return &raw_.points;
     return nullptr;
   }

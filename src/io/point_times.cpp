@@ -18,7 +18,8 @@ std::optional<TimeNs> InNs(std::int64_t value, std::int64_t unit_ns) {
   return value * unit_ns;
 }
 
-// Whole and fraction apart: a product of doubles would round Unix time to 256 ns.
+// Converts whole and fractional parts separately: a product of doubles would round Unix time to 256
+// ns.
 std::optional<TimeNs> InNs(double value, std::int64_t unit_ns) {
   const double unit = static_cast<double>(unit_ns);
   if (!(std::abs(value) < static_cast<double>(kMaxStampNs) / unit)) return std::nullopt;

@@ -1,4 +1,4 @@
-// What the time field of a frame means, see ReadRecording().
+// Interpretation of the time field of a frame, see ReadRecording().
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@ namespace unlidar {
 
 enum class TimeReading { kOffset, kAbsolute, kAbsoluteByMagnitude };
 
-// The raw time of a row: a whole number or a floating one, as the field's type says.
+// Raw time of a row: integer or floating, by the type of the field.
 struct RawTime {
   PcdTimeKind kind = PcdTimeKind::kInteger;
   std::int64_t integer = 0;
@@ -22,15 +22,16 @@ struct RawTime {
 
 RawTime RawTimeOf(const PcdCloud& cloud, std::size_t row);
 
-// Empty if the value is not finite or beyond kMaxStampNs.
+// Returns the time of a point in a given reading; empty if the value is not finite or the time is
+// beyond kMaxStampNs.
 std::optional<TimeNs> PointTime(const RawTime& raw, TimeReading reading, TimeNs stamp_ns);
 
-// Collects the votes of the returns of a sensor.
+// Vote of the returns of a sensor on the reading of their times.
 class TimeReadingVote {
  public:
   void Add(const RawTime& raw, TimeNs stamp_ns);
   bool empty() const { return votes_ == decltype(votes_){}; }
-  TimeReading Winner() const;  // the first of equals
+  TimeReading Winner() const;  // the first if tied
 
  private:
   std::array<std::uint64_t, 3> votes_{};

@@ -9,13 +9,14 @@
 namespace unlidar {
 namespace {
 
-// Enough for a median, few enough to follow a sensor whose rate was changed.
+// Enough for a median, few enough to follow a changed frame rate.
 constexpr std::size_t kStreamStamps = 101;
 
-// The slowest LiDARs take a second for a frame, and some frames may be left out.
+// The slowest LiDARs take a second for a frame, and some frames may be missing.
 constexpr TimeNs kLongestPeriodNs = 5'000'000'000;
 
-// Of a stream, in which the coordinates are checked: they do not change their unit later.
+// Time after a stream's first return in which its coordinates are checked: their unit does not
+// change later.
 constexpr TimeNs kUnitsFromNs = 1'000'000'000;
 constexpr TimeNs kUnitsUntilNs = 10'000'000'000;
 

@@ -1,4 +1,4 @@
-// The frames of one sensor, made ready for the stages.
+// Prepares the frames of one sensor for the stages.
 #pragma once
 
 #include <cstddef>
@@ -13,58 +13,59 @@
 
 namespace unlidar {
 
-// Each frame goes through Load(), NoteStamp() and Finish(). How point times are read, and the frame
-// period, follow from what came before: of a recording all stamps are noted and all frames, or all
-// of its first part, loaded before the first is finished. A stream finishes frames while others
-// come: the first frame with point times decides how they are read, and the last stamps give the
-// period.
+// Each frame passes through Load(), NoteStamp() and Finish(). The reading of point times and the
+// frame period follow from earlier input. In a recording all stamps are noted, and all frames, or
+// all of its first part, loaded, before the first frame is finished. A stream finishes frames as
+// they come: the first frame with point times decides how they are read, and the last stamps
+// determine the period.
 class SensorFrames {
  public:
   enum class Source { kRecording, kStream };
 
-  // `index` of the sensor among all. `reading`: of point times, where it is known. Throws
-  // ConfigError for a time offset that no stamp can bear.
+  // `index`: of the sensor among all. `reading`: of point times, if known. Throws ConfigError for a
+  // time offset beyond the range of stamps.
   SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
                const SensorConfig& sensor, Source source = Source::kRecording,
                std::optional<TimeReading> reading = std::nullopt);
 
-  // Throws InputError unless a stamp is one with the time offset applied as well as without it: any
-  // two times of a recording may be added and subtracted.
-  // `name`: what messages call the frame.
+  // Throws InputError unless the stamp is in range with and without the time offset, so that any
+  // two times of a recording can be added and subtracted. `name`: of the frame, for messages.
   void CheckStamp(std::string_view name, TimeNs stamp_ns) const;
 
-  // One counts for the frame period even if its frame is bad. Of a stream, stamps are noted when
-  // their frames are finished, in order: so what came late or early changes nothing.
+  // Adds a stamp to the estimate of the frame period, even if its frame is bad. In a stream, stamps
+  // are noted in order, when their frames are finished, so that early or late arrival changes
+  // nothing.
   void NoteStamp(TimeNs stamp_ns);
 
-  // Sets the returns of a frame, whose file is set, in the common frame and without times. Its
-  // memory is used again.
+  // Sets the returns of a frame, whose file is set, in common coordinates and without times. Reuses
+  // its memory.
   void Load(PcdCloud cloud, LoadedFrame* frame);
 
-  // Whether enough frames were loaded to tell their unit; of a stream within its first seconds
-  // alone.
+  // True if enough frames were loaded to judge their unit; in a stream only within its first
+  // seconds.
   bool CanTellUnits() const;
 
-  // Why the coordinates of the frames loaded so far can be no metres, with the name; empty where
-  // they can be, or it cannot be told.
+  // Returns why the coordinates of the frames loaded so far cannot be metres, with the sensor's
+  // name; empty if they can be, or if it is too early to judge.
   std::optional<std::string> UnitProblem() const;
 
-  // Throws UnitError for that.
+  // Throws UnitError if there is a UnitProblem().
   void CheckUnits() const;
 
-  // Sets the times and the interval of the frame. Throws InputError for a point time that is none.
+  // Sets the times and the interval of the frame. Throws InputError for an invalid point time.
   void Finish(LoadedFrame& frame);
 
-  // Name, origin, and frame period by the stamps so far, until the next.
+  // Name, origin, and frame period from the stamps so far; valid until the next NoteStamp().
   const SensorInfo& info() const;
 
-  // The doubts in these coordinates, of however few frames. `are_metres`: as their source states.
+  // Returns the warnings about these coordinates, from however few frames. `are_metres`: true if
+  // their source states so.
   std::vector<Warning> RangeWarnings(bool are_metres) const;
 
-  // Appends what the frames loaded so far leave in doubt.
+  // Appends the warnings about the frames loaded so far.
   void AppendWarnings(bool are_metres, std::vector<Warning>* warnings) const;
 
-  // Added to each stamp.
+  // Time offset added to each stamp.
   TimeNs offset_ns() const { return offset_ns_; }
 
  private:
@@ -73,15 +74,15 @@ class SensorFrames {
   SensorConfig sensor_;
   Source source_;
   TimeNs offset_ns_;
-  std::vector<TimeNs> stamps_ns_;           // ascending; of a stream the newest
-  mutable SensorInfo info_;                 // its period of these stamps,
-  mutable bool is_period_known_ = false;    // once it was asked for,
-  mutable std::vector<TimeNs> periods_ns_;  // and what it is found in
+  std::vector<TimeNs> stamps_ns_;           // ascending; in a stream the newest only
+  mutable SensorInfo info_;                 // its period is computed on demand
+  mutable bool is_period_known_ = false;    // false: to be computed from stamps_ns_
+  mutable std::vector<TimeNs> periods_ns_;  // scratch memory for that
   RangeStatistics ranges_;
-  std::optional<TimeNs> first_return_ns_;  // stamp of the first frame that has any,
-  TimeNs returns_for_ns_ = 0;              // and how long the last one came after it
+  std::optional<TimeNs> first_return_ns_;  // stamp of the first frame with returns
+  TimeNs returns_for_ns_ = 0;              // from then to the last frame with returns
   TimeReadingVote vote_;
-  std::optional<TimeReading> reading_;  // once it is settled
+  std::optional<TimeReading> reading_;  // once settled
 };
 
 }  // namespace unlidar

@@ -11,7 +11,7 @@ constexpr int kNsDigits = 9;
 
 bool IsDigit(char c) { return c >= '0' && c <= '9'; }
 
-// round(0.digits * 10^point), where digits holds no leading zero.
+// Returns round(0.digits * 10^point); digits has no leading zero.
 std::optional<TimeNs> RoundedInteger(std::string_view digits, int point) {
   std::uint64_t value = 0;
   for (int i = 0; i < point; ++i) {
@@ -59,7 +59,7 @@ std::optional<TimeNs> ParseStamp(std::string_view text) {
     } else {
       break;
     }
-    if (at > 400) return std::nullopt;  // no number that anyone wrote
+    if (at > 400) return std::nullopt;  // not a realistic number
   }
   if (!any_digit) return std::nullopt;
 
@@ -67,7 +67,7 @@ std::optional<TimeNs> ParseStamp(std::string_view text) {
   if (at < text.size()) {
     if (text[at] != 'e' && text[at] != 'E') return std::nullopt;
     ++at;
-    // from_chars knows '-' but not '+'; behind one, the other is no sign of an exponent.
+    // from_chars accepts '-' but not '+'. The '+' is skipped only before a digit: "+-" is no sign.
     if (at + 1 < text.size() && text[at] == '+' && IsDigit(text[at + 1])) ++at;
     int exponent = 0;
     const char* const end = text.data() + text.size();
@@ -78,7 +78,7 @@ std::optional<TimeNs> ParseStamp(std::string_view text) {
     seconds = true;
   }
   if (digits.empty()) return 0;
-  if (point > 19) return std::nullopt;  // cannot fit, and would be long to compute
+  if (point > 19) return std::nullopt;  // cannot fit, and would take long to compute
 
   std::optional<TimeNs> magnitude;
   if (seconds) {

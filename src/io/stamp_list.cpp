@@ -16,7 +16,7 @@ constexpr std::int64_t kNanohertzPerHz = 1'000'000'000;
 constexpr std::int64_t kMaxRateHz = 1'000'000;
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
-// The field in a column of a comma-separated line, empty if there are fewer.
+// Returns a field of a comma-separated line; empty if there are fewer columns.
 std::string_view Field(std::string_view line, std::size_t column) {
   for (; column > 0; --column) {
     const std::size_t comma = line.find(',');

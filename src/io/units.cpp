@@ -14,22 +14,22 @@ constexpr double kStepsPerOctave = 8.0;
 constexpr std::uint64_t kMinReturns = 20;
 constexpr std::uint64_t kMinReturnsToRefuse = 2'000;
 constexpr std::uint64_t kMinFramesToRefuse = 5;
-// LiDARs reach 450 m; the middle return of the ones that reach farthest lies well within this.
+// LiDARs reach 450 m; the median range of those that reach farthest lies well within this.
 constexpr double kFarM = 500.0;
 constexpr double kFarShare = 0.5;
 constexpr double kFarOfMaxRange = 0.25;
-// The middle return of a scene in the open lies within 5 to 40 m: in centimetres and in millimetres
-// these ranges meet at about this.
+// The median range of outdoor scenes is 5 to 40 m: in centimetres and in millimetres these
+// intervals meet at about this.
 constexpr double kMillimetres = 4500.0;
-// Coordinates of a map: far from the origin, and all about one place.
+// Map coordinates: far from the origin, and all close together.
 constexpr double kMapSpread = 0.05;
 // In metres, nine tenths of the returns of 21 recordings lie within 1.1 m (a depth camera above a
 // table) to 92 m (a street).
 constexpr double kNearM = 1.0;
 constexpr double kNearShare = 0.9;
-// In metres, a twentieth of them lies within 14 m at most; in centimetres that is 40 m and more in
-// 17 of 21. A cloud above a LiDAR that sees the sky alone is as far, but not over such a span;
-// strays in an empty sky are few in each frame.
+// In metres, the nearest twentieth of them lies within 14 m at most; in centimetres this limit is
+// 40 m or more in 17 of 21. A cloud above a LiDAR that sees only the sky is as far away, but spans
+// fewer ranges; stray returns in an empty sky are few per frame.
 constexpr double kNearestM = 40.0;
 constexpr double kNearestShare = 0.05;
 constexpr double kFarthestShare = 0.99;
@@ -107,7 +107,7 @@ std::optional<std::string> WhyNotMetres(const RangeStatistics& ranges, double ma
                            FixedText(far_m, 0) + " m, the middle one " + FixedText(middle, 0) +
                            " m";
   if (AreOfMap(ranges, far_m)) {
-    if (ranges.ShareBeyond(max_range_m) < kFarShare) return std::nullopt;  // a warning says so
+    if (ranges.ShareBeyond(max_range_m) < kFarShare) return std::nullopt;  // reported by a warning
     return seen +
            ", all about one place: likely coordinates of a map (UTM), expected metres from "
            "the sensor: subtract its position";

@@ -1,4 +1,4 @@
-// Whether coordinates are metres about the sensor, by how far the returns lie.
+// Checks by the ranges of returns whether coordinates are metres relative to the sensor.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,7 +12,7 @@
 
 namespace unlidar {
 
-// How far the returns of some frames lie, before any is dropped for its range.
+// Statistics of the ranges of returns, before any is dropped by range.
 class RangeStatistics {
  public:
   // `range_m`: the norm of the point, finite.
@@ -21,13 +21,14 @@ class RangeStatistics {
 
   std::uint64_t returns() const { return returns_; }
 
-  // How many statistics with a return were added.
+  // Number of added statistics that have a return.
   std::uint64_t frames() const { return frames_; }
 
-  // The share of the returns beyond this range and an eighth of its octave.
+  // Returns the share of returns beyond this range, rounded up by at most an eighth of an octave.
   double ShareBeyond(double range_m) const;
 
-  // A range that this share of the returns do not reach, an eighth of an octave or less too short.
+  // Returns the range below which this share of the returns lies, rounded down by at most an eighth
+  // of an octave.
   double Quantile(double share) const;
 
   // Distance of the mean from the origin, and of the returns from their mean (root mean square).
@@ -35,7 +36,7 @@ class RangeStatistics {
   double spread_m() const;
 
  private:
-  // Eighths of octaves, by the first bits of the number itself: from 2^-10 to 2^54.
+  // Histogram in eighths of octaves from 2^-10 to 2^54 m, by the leading bits of the number.
   static constexpr std::size_t kSteps = std::size_t{64} * 8;
   static std::size_t StepOf(double range_m);
   static double BeginOf(std::size_t step);
@@ -47,23 +48,24 @@ class RangeStatistics {
   double sum_of_squares_m2_ = 0.0;
 };
 
-// Whether the coordinates of a sensor can be metres: half of the returns lie within 500 m, or
-// within a quarter of input.max_range_m where that is more. `max_range_m`: that. Empty if so, or if
-// there are too few returns to tell, or if they are of a map and not dropped for their range; else
-// what is wrong and what helps, without the name.
+// Returns why the coordinates of a sensor cannot be metres and how to fix it, without its name.
+// Metres: half of the returns lie within 500 m, or within a quarter of `max_range_m`
+// (input.max_range_m) if that is more. Empty if so, if there are too few returns to judge, or if
+// they are map coordinates that are not dropped by range.
 std::optional<std::string> WhyNotMetres(const RangeStatistics& ranges, double max_range_m);
 
-// Why the coordinates of a sensor look like centimetres though they are within reach: nearly
-// nothing is near, but much over a wide span of ranges, as a station sees its own surroundings.
-// Empty if they do not, or if there is too little to tell. A doubt: a LiDAR may look afar alone.
+// Returns why the coordinates of a sensor look like centimetres though they are within reach:
+// almost nothing is near, but returns span a wide range, like the surroundings of a station. Empty
+// if they do not, or if there is too little data. Not certain: a LiDAR may see only distant
+// objects.
 std::optional<std::string> WhyCentimetres(const RangeStatistics& ranges);
 
-// Whether there are so many returns, of so many frames, that WhyNotMetres() is an error: the few
-// that an empty sky gives may all be noise from afar.
+// True if returns and frames are enough to make WhyNotMetres() an error: the few returns of an
+// empty sky may all be distant noise.
 bool SufficeToRefuse(const RangeStatistics& ranges);
 
-// A warning where all returns are about one place far from the origin, or nearly all are nearer
-// than any drone.
+// Returns a warning if all returns are about one place far from the origin, or nearly all are
+// nearer than any drone.
 std::optional<Warning> WarningOfRanges(const std::string& sensor, const RangeStatistics& ranges,
                                        double max_range_m);
 

@@ -117,7 +117,7 @@ void LiveEngine::DropAstray(const ShouldDrop& should_drop) {
 }
 
 void LiveEngine::Take(CloudFrame frame, TimeNs stamp_ns) {
-  if (HasForgottenAll(stamp_ns)) Restart();
+  if (IsBeyondWindow(stamp_ns)) Restart();
   Sensor& sensor = sensors_[frame.sensor];
   std::vector<TimeNs>& stamps_ns = sensor.stamps_ns;
   stamps_ns.insert(std::lower_bound(stamps_ns.begin(), stamps_ns.end(), frame.stamp_ns),
@@ -181,7 +181,7 @@ void LiveEngine::Close() {
 
 void LiveEngine::EndTracks() {
   if (!has_begun()) return;
-  if (is_endless_) return TrackAll();
+  if (is_endless_) return TrackAsRecording();
   Release(std::numeric_limits<TimeNs>::max());
   tracker_->Close(newest_ns());
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
@@ -195,7 +195,7 @@ void LiveEngine::EndTracks() {
 
 // True if all frames are older than live.window_s at this stamp, after a long pause or a jump of
 // the clock. All structure would be new and could pass for drones.
-bool LiveEngine::HasForgottenAll(TimeNs stamp_ns) const {
+bool LiveEngine::IsBeyondWindow(TimeNs stamp_ns) const {
   const double window_s = config_.live.window_s;
   if (is_endless_ || !has_begun() || !std::isfinite(window_s)) return false;
   return std::all_of(sensors_.begin(), sensors_.end(), [&](const Sensor& sensor) {
@@ -298,7 +298,7 @@ void LiveEngine::PassToTracker(TimeNs until_ns, LoadedFrame* frame) {
 }
 
 // With an endless delay no row is due before the end, so the frames are tracked as a recording.
-void LiveEngine::TrackAll() {
+void LiveEngine::TrackAsRecording() {
   Recording recording;
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     if (sensors_[i].frames.UnitProblem()) CheckUnits(i);

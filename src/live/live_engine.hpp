@@ -103,7 +103,7 @@ class LiveEngine {
   void Take(CloudFrame frame, TimeNs stamp_ns);
   void DropOverflow();
   void CheckUnits(std::uint32_t index);  // throws only if every sensor's unit is wrong
-  bool HasForgottenAll(TimeNs stamp_ns) const;
+  bool IsBeyondWindow(TimeNs stamp_ns) const;
   void EndTracks();
   void Restart();
   TimeNs SettledNs() const;
@@ -112,7 +112,7 @@ class LiveEngine {
   void Warn(std::uint32_t sensor, std::vector<Warning> warnings);
   void PassToTracker(TimeNs until_ns, LoadedFrame* frame);
   void Release(TimeNs until_ns);
-  void TrackAll();
+  void TrackAsRecording();
 
   Config config_;
   OutputTimes output_times_;

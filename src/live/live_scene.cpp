@@ -240,7 +240,7 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
           dwell_begin_bin, verdicts_[i].dwell_begin_bin);  // nullopt compares less than any bin
     }
     plot.place_rate = std::max(rate / static_cast<double>(plot.num_returns),
-                               station.occupancy.RateAbout(plot.position_m.cast<float>(), bin));
+                               station.occupancy.RateAround(plot.position_m.cast<float>(), bin));
     if (dwell_begin_bin) seen.dwell_begin_s = SecondsOfBin(*dwell_begin_bin);
     held->plots.push_back(seen);
   }

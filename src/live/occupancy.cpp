@@ -12,7 +12,7 @@ namespace {
 constexpr double kFadeBins = 600.0;
 constexpr int kSettledBins = 10;    // observed bins from which structure is kept for a while
 constexpr float kForgotten = 0.5F;  // faded hits below which a place is empty
-constexpr std::size_t kSpared = 2;  // of the six adjacent places, may be empty by chance
+constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may be empty by chance
 // With fewer observed bins, any place that is still being hit may be a support.
 constexpr int kYoungBins = 20;
 constexpr float kSupportingHits = 3.0F;
@@ -112,7 +112,7 @@ void Occupancy::UpdateNeighbourhood(const Eigen::Vector3f& point_m, Place* place
   place->older_near = OlderOf(hits);
 }
 
-Occupancy::Hits Occupancy::HitsAbout(const Eigen::Vector3f& point_m) const {
+Occupancy::Hits Occupancy::HitsAround(const Eigen::Vector3f& point_m) const {
   Hits hits;
   places_.VisitNeighbourhood(point_m, [&](const Place& place) { Count(place, &hits); });
   return hits;
@@ -139,7 +139,7 @@ double Occupancy::RateOf(float occupied, float exposed, const Eigen::Vector3f& p
   return hits_per_bin * bins_with_frames_ / frames_ / places_.VolumeM3(point_m);
 }
 
-double Occupancy::RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) const {
+double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) const {
   const std::int64_t age = newest_ - bin;
   if (age < 0 || age >= kWindow) return 0.0;
   const auto step_m = static_cast<float>(std::pow(places_.VolumeM3(point_m), 1.0 / 3.0));
@@ -148,12 +148,12 @@ double Occupancy::RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) co
   for (std::size_t k = 0; k < hits.size(); ++k) {
     const auto axis = static_cast<Eigen::Index>(k / 2);
     const Eigen::Vector3f offset_m = (k % 2 == 0 ? step_m : -step_m) * Eigen::Vector3f::Unit(axis);
-    hits[k] = HitsAbout(point_m + offset_m);
+    hits[k] = HitsAround(point_m + offset_m);
     // Early exit for open air.
     num_free += hits[k].word == 0 && hits[k].free_share >= 1.0F ? 1U : 0U;
-    if (num_free > kSpared) return 0.0;
+    if (num_free > kMaxEmptyAdjacent) return 0.0;
   }
-  const std::uint64_t here = HitsAbout(point_m).word | std::uint64_t{1} << age;
+  const std::uint64_t here = HitsAround(point_m).word | std::uint64_t{1} << age;
   const Dwell dwell = DwellAt(here, static_cast<int>(age), max_break_);
   const std::uint64_t others = observed_bins_ & (~LowBits(dwell.last + 1) | LowBits(dwell.first));
   const float exposed =
@@ -164,7 +164,7 @@ double Occupancy::RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) co
     return static_cast<float>(NumBits(about.word & others)) + OlderOf(about);
   });
   std::sort(occupied.begin(), occupied.end());
-  return RateOf(occupied[kSpared], exposed, point_m);
+  return RateOf(occupied[kMaxEmptyAdjacent], exposed, point_m);
 }
 
 Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,

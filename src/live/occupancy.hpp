@@ -45,7 +45,7 @@ class Occupancy {
   // Returns the rate of returns around a place, in returns per frame and m^3: the rate that most
   // adjacent places exceed. In dense rain some places are empty by chance, so the surroundings say
   // more than the place itself.
-  double RateAbout(const Eigen::Vector3f& point_m, std::int64_t bin) const;
+  double RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) const;
 
   // Sets one return for each place last judged as structure and hit within the window.
   void GetStructure(std::vector<Eigen::Vector3f>* points_m) const;
@@ -91,7 +91,7 @@ class Occupancy {
 
   void Shift(Place* place) const;
   void Count(const Place& place, Hits* hits) const;
-  Hits HitsAbout(const Eigen::Vector3f& point_m) const;
+  Hits HitsAround(const Eigen::Vector3f& point_m) const;
   float OlderOf(const Hits& hits) const;
   double RateOf(float occupied, float exposed, const Eigen::Vector3f& point_m) const;
   template <class IsWanted>

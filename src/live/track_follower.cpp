@@ -205,8 +205,8 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
 // Deletes settled nodes older than the fit needs.
 void TrackFollower::Forget() {
   const double from_s = nodes_[static_cast<std::size_t>(settled_)].h.time_s - kFitS;
-  constexpr std::size_t kWorthWhile = 512;
-  if (nodes_.size() < kWorthWhile) return;
+  constexpr std::size_t kMinNodesToCompact = 512;
+  if (nodes_.size() < kMinNodesToCompact) return;
   std::vector<std::int32_t>& moved = scratch_.moved;
   moved.reserve(nodes_.capacity());
   moved.assign(nodes_.size(), kNoIndex);

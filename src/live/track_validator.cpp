@@ -77,7 +77,7 @@ bool TrackValidator::IsCloud(int number, const TrackFollower& follower,
       for (auto one = begin; one != end; ++one) {
         const Plot& plot = one->plot;
         const bool is_own = follower.fit().IsInlier(plot);
-        if (!is_own && plot.lowest_m < kInTheAirM) continue;
+        if (!is_own && plot.lowest_m < kMinAirborneHeightM) continue;
         clusters_.push_back({plot.time_ns, plot.position_m, is_own,
                              static_cast<double>(plot.num_returns), &one->scatter_m2});
       }

@@ -8,9 +8,9 @@
 namespace unlidar {
 namespace {
 
-constexpr float kLargestCoordinateM = 1e37F;  // sums of two of them are finite
+constexpr float kLargestCoordinateM = 1e37F;  // the sum of two is finite
 constexpr std::size_t kMaxClusterPoints =
-    700'000'000;  // three cells a point fit a 31 bit cell number
+    700'000'000;  // three cells per point fit 31-bit cell numbers
 
 void DropSmallClusters(int min_cluster_size, Clustering& result) {
   std::vector<std::int64_t> sizes(static_cast<std::size_t>(result.num_clusters), 0);
@@ -35,7 +35,7 @@ Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const Clusterin
   std::vector<std::uint32_t> usable;
   usable.reserve(points_m.size());
   for (std::size_t i = 0; i < points_m.size(); ++i) {
-    // Written so that NaN fails.
+    // NaN fails this comparison.
     if ((points_m[i].array().abs() <= kLargestCoordinateM).all()) {
       usable.push_back(static_cast<std::uint32_t>(i));
     }

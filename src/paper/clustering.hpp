@@ -1,4 +1,4 @@
-// Clusters of points by distance, exactly as PCL and scikit-learn define them.
+// Distance-based clustering, exactly as defined by PCL and scikit-learn.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,17 +19,16 @@ struct Clustering {
 // Labels N points, in metres.
 //
 // kEuclidean is the partition of pcl::EuclideanClusterExtraction: connected components of the graph
-// that joins two points when their squared distance, accumulated in float as FLANN does, is *below*
+// that joins two points if their squared distance, accumulated in float as in FLANN, is *below*
 // float(tolerance)^2.
 //
 // kDbscan is sklearn.cluster.DBSCAN (Ester et al., KDD 1996) on the same coordinates as doubles:
-// neighbours are at most `tolerance_m` apart, a point counts among its own, and a border point goes
-// to the cluster, of those whose core points reach it, that holds the lowest core index.
+// neighbours are at most `tolerance_m` apart, a point is its own neighbour, and a border point
+// joins, of the clusters with a core point in reach, the one with the lowest core index.
 //
-// Clusters are numbered by their lowest core index (each point of a Euclidean cluster is core), as
-// scikit-learn does, after those below `min_cluster_size` were dropped. Both engines give the same
-// labels. Points that are not finite, or have a coordinate beyond 1e37 m, are noise.
-//
+// Clusters smaller than `min_cluster_size` are dropped; the others are numbered by lowest core
+// index (every point of a Euclidean cluster is core), as in scikit-learn. Both engines return the
+// same labels. Points that are not finite, or have a coordinate beyond 1e37 m, are noise.
 Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const ClusteringConfig& config);
 
 }  // namespace unlidar

@@ -1,4 +1,4 @@
-// What Cluster() asks of an engine.
+// Clustering engines behind Cluster(), and their neighbour tests.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,20 +9,20 @@
 
 namespace unlidar::internal {
 
-// Each engine labels finite points, clusters of every size numbered by their lowest core index.
+// Each engine labels finite points; clusters of any size are numbered by lowest core index.
 Clustering ClusterByGrid(const std::vector<Eigen::Vector3f>& points_m,
                          const ClusteringConfig& config);
 Clustering ClusterByPcl(const std::vector<Eigen::Vector3f>& points_m,
                         const ClusteringConfig& config);
 
-// Two points of a Euclidean cluster are neighbours. PCL rounds the tolerance to float, squares it
-// in double and rounds it again; FLANN's L2_Simple sums the squares of float differences in the
-// order x, y, z and keeps what is below the squared radius. Every step is repeated here, as one
-// rounding more or less decides points that lie exactly on the boundary. It takes a compiler that
-// neither contracts nor reorders floating point, see cmake/CompilerOptions.cmake.
+// Neighbour test of Euclidean clustering. PCL rounds the tolerance to float, squares it in double
+// and rounds again; FLANN's L2_Simple sums squared float differences in the order x, y, z and keeps
+// sums below the squared radius. Every step is repeated here, since a single different rounding
+// changes points that lie exactly on the boundary. Requires a compiler that neither contracts nor
+// reorders floating point, see cmake/CompilerOptions.cmake.
 //
-// FLANN also skips branches of its tree whose distance it accumulates with rounding errors, so it
-// may, in principle, lose a pair within a few units in the last place of the boundary.
+// FLANN also prunes branches of its tree by a distance with accumulated rounding errors, so in
+// principle it may lose a pair within a few units in the last place of the boundary.
 struct EuclideanRule {
   explicit EuclideanRule(double tolerance_m) {
     const double radius_m = static_cast<float>(tolerance_m);
@@ -37,8 +37,8 @@ struct EuclideanRule {
   float squared_radius_m2;
 };
 
-// Two points are neighbours for DBSCAN: scikit-learn's KD tree sums in double and keeps what is at
-// most the squared radius.
+// Neighbour test of DBSCAN: scikit-learn's KD tree sums in double and keeps sums up to the squared
+// radius.
 struct DbscanRule {
   explicit DbscanRule(double tolerance_m) : squared_radius_m2(tolerance_m * tolerance_m) {}
   bool Near(const Eigen::Vector3f& a, const Eigen::Vector3f& b) const {

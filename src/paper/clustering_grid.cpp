@@ -13,8 +13,8 @@ namespace unlidar {
 namespace {
 
 constexpr std::uint32_t kUnlabelled = std::numeric_limits<std::uint32_t>::max();
-constexpr std::uint32_t kDirectCells = 1U << 22U;  // longer axes are closed up
-constexpr std::uint32_t kBorderCells = 2;          // the search goes two cells down
+constexpr std::uint32_t kDirectCells = 1U << 22U;  // on longer axes gaps are closed
+constexpr std::uint32_t kBorderCells = 2;          // searches reach two cells below
 constexpr std::uint32_t kReach = 2;
 
 // A non-empty cell; its points are [begin, end) of the sorted points, core points first.
@@ -41,10 +41,10 @@ struct Slot {
   std::uint32_t index;
 };
 
-// Numbers of the cells along one axis. Cells that are neighbours keep their distance; a gap beyond
-// the reach of a search is closed up where the axis is long, so that a return at 1e30 m costs no
-// more than one at 10 m. At such coordinates neighbouring floats are many cells apart, and equal
-// ones share a cell, so the lost resolution of the quotient does no harm.
+// Numbers the cells along one axis. Neighbouring cells keep their distance; on a long axis, gaps
+// beyond the reach of a search are closed, so that a return at 1e30 m costs no more than one at 10
+// m. At such coordinates adjacent floats are many cells apart and equal ones share a cell, so the
+// lost resolution of the quotient does no harm.
 void NumberCells(const std::vector<Eigen::Vector3f>& points_m, Eigen::Index axis, double side_m,
                  std::vector<Slot>& slots) {
   const double cells_per_m = 1.0 / side_m;
@@ -123,12 +123,12 @@ Grid BuildGrid(const std::vector<Eigen::Vector3f>& points_m, double side_m) {
 }
 
 // Calls visit(i, j) for every non-empty cell j within `reach` cells of cell i along each axis; with
-// `half`, only for j > i. As the cells are sorted, the start of the search in each neighbouring
-// column only ever moves forwards.
+// `half`, only for j > i. Since the cells are sorted, the start of the search in each neighbouring
+// column only moves forward.
 template <typename Visit>
 void VisitNeighbours(const std::vector<Cell>& cells, std::uint32_t reach, bool half, Visit visit) {
   struct Column {
-    std::uint64_t offset;  // wraps around for columns that lie lower
+    std::uint64_t offset;  // wraps around for lower columns
     std::size_t start;
   };
   std::vector<Column> columns;
@@ -154,8 +154,8 @@ void VisitNeighbours(const std::vector<Cell>& cells, std::uint32_t reach, bool h
   }
 }
 
-// Puts the core points of each cell in front. A point is core if `min_neighbours` points, itself
-// included, are near it; in a cell of so many all are.
+// Moves the core points of each cell to the front. A point is core if at least `min_neighbours`
+// points, itself included, are near it; in a cell with that many points all are core.
 template <typename Rule>
 void SortOutCorePoints(const Rule& rule, std::uint32_t min_neighbours, Grid& grid) {
   const auto is_full = [&](const Cell& cell) { return cell.end - cell.begin >= min_neighbours; };
@@ -188,12 +188,12 @@ void SortOutCorePoints(const Rule& rule, std::uint32_t min_neighbours, Grid& gri
   }
 }
 
-// Boxes around the core points of each cell, and whether anything can be near one.
+// Bounding boxes of the core points of each cell, to exclude pairs that cannot be neighbours.
 class CoreBoxes {
  public:
   CoreBoxes(const Grid& grid, double squared_radius_m2)
       : boxes_(grid.cells.size()),
-        // Wider than the radius by more than the roundings of the rules.
+        // Exceeds the radius by more than the rounding errors of the rules.
         squared_limit_m2_(static_cast<float>(squared_radius_m2 * (1.0 + 1e-5))) {
     for (std::size_t i = 0; i < boxes_.size(); ++i) {
       for (std::uint32_t a = grid.cells[i].begin; a < grid.cells[i].core_end; ++a) {
@@ -213,9 +213,9 @@ class CoreBoxes {
   float squared_limit_m2_;
 };
 
-// Joins the cells that hold near core points. Close cells first: most of the distant ones then
-// belong together already and need no test of their points. The boxes spare crowded cells, of a
-// long recording, the product of their sizes.
+// Joins cells that contain neighbouring core points. Adjacent cells come first: most distant ones
+// are then already joined and need no tests of points. The boxes avoid testing all pairs of points
+// in crowded cells of long recordings.
 template <typename Rule>
 DisjointSets JoinCells(const Rule& rule, const Grid& grid) {
   const CoreBoxes boxes(grid, rule.squared_radius_m2);
@@ -244,7 +244,8 @@ DisjointSets JoinCells(const Rule& rule, const Grid& grid) {
 
 // Numbers the clusters by their lowest core index.
 Clustering LabelCorePoints(const Grid& grid, DisjointSets& sets) {
-  std::vector<std::uint32_t> lowest_index(grid.cells.size(), kUnlabelled);  // of a set, at its root
+  std::vector<std::uint32_t> lowest_index(grid.cells.size(),
+                                          kUnlabelled);  // of each set, at its root
   for (std::size_t i = 0; i < grid.cells.size(); ++i) {
     std::uint32_t& lowest = lowest_index[sets.Find(i)];
     for (std::uint32_t a = grid.cells[i].begin; a < grid.cells[i].core_end; ++a) {
@@ -270,7 +271,7 @@ Clustering LabelCorePoints(const Grid& grid, DisjointSets& sets) {
   return result;
 }
 
-// Border points go to the lowest-numbered of the clusters that reach them.
+// Assigns border points to the lowest-numbered cluster in reach.
 template <typename Rule>
 void LabelBorderPoints(const Rule& rule, const Grid& grid, Clustering& result) {
   std::vector<std::int32_t> cell_labels(grid.cells.size(), kNoise);
@@ -299,12 +300,13 @@ void LabelBorderPoints(const Rule& rule, const Grid& grid, Clustering& result) {
   });
 }
 
-// A Euclidean cluster is a DBSCAN cluster without a condition on its points.
+// Euclidean clustering is DBSCAN with every point core.
 template <typename Rule>
 Clustering ClusterWithRule(const std::vector<Eigen::Vector3f>& points_m, const Rule& rule,
                            std::uint32_t min_neighbours) {
-  // All points of a cell are near each other, also after the roundings of the rule, which are
-  // below 1e-6 of the radius; points three cells apart are 1.15 radii apart and never near.
+  // All points of a cell are neighbours even with the rounding errors of the rule, which are below
+  // 1e-6 of the radius; points three cells apart are at least 1.15 radii apart and never
+  // neighbours.
   const double side_m = std::sqrt(static_cast<double>(rule.squared_radius_m2) / 3.0) * (1.0 - 1e-6);
   Grid grid = BuildGrid(points_m, side_m);
   SortOutCorePoints(rule, min_neighbours, grid);

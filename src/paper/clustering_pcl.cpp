@@ -1,5 +1,5 @@
-// Engine `pcl`: PCL's own cluster extraction, instantiated here so that the program needs neither
-// pcl_segmentation nor pcl_search nor pcl_kdtree, whose libraries cost 69 ms of start-up.
+// Engine `pcl`: PCL's own cluster extraction, instantiated here so that the program does not link
+// pcl_segmentation, pcl_search and pcl_kdtree, whose libraries add 69 ms to start-up.
 #define PCL_NO_PRECOMPILE
 #include <pcl/kdtree/kdtree_flann.h>
 #include <pcl/point_cloud.h>
@@ -31,7 +31,7 @@ Cloud::Ptr ToPcl(const std::vector<Eigen::Vector3f>& points_m) {
 Clustering ClusterEuclidean(const Cloud::Ptr& cloud, double tolerance_m) {
   auto tree = std::make_shared<pcl::search::KdTree<pcl::PointXYZ>>(false);
   tree->setInputCloud(cloud);
-  std::vector<pcl::PointIndices> clusters;  // found in the order of their lowest index
+  std::vector<pcl::PointIndices> clusters;  // in order of their lowest index
   pcl::extractEuclideanClusters<pcl::PointXYZ>(*cloud, tree, static_cast<float>(tolerance_m),
                                                clusters);
   Clustering result;
@@ -45,8 +45,8 @@ Clustering ClusterEuclidean(const Cloud::Ptr& cloud, double tolerance_m) {
   return result;
 }
 
-// PCL has no DBSCAN: its tree finds the candidates, the rule decides, the walk is that of Ester et
-// al. from each unlabelled core point in turn.
+// PCL has no DBSCAN: its tree finds candidates, DbscanRule decides, and clusters are grown from
+// each unlabelled core point in turn (Ester et al.).
 Clustering ClusterDbscan(const std::vector<Eigen::Vector3f>& points_m, const Cloud::Ptr& cloud,
                          const ClusteringConfig& config) {
   const DbscanRule rule(config.tolerance_m);
@@ -55,7 +55,7 @@ Clustering ClusterDbscan(const std::vector<Eigen::Vector3f>& points_m, const Clo
   pcl::Indices found;
   std::vector<float> squared_distances;
   const auto find_neighbours = [&](std::size_t i) {
-    // Wider than the roundings of the tree.
+    // Exceeds the radius by more than the tree's rounding errors.
     tree.radiusSearch((*cloud)[i], config.tolerance_m * (1.0 + 1e-5), found, squared_distances);
     found.erase(std::remove_if(found.begin(), found.end(),
                                [&](pcl::index_t j) {

@@ -11,7 +11,7 @@
 namespace unlidar {
 namespace {
 
-// The returns of one window in one global cluster, ascending.
+// Returns of one window in a global cluster, ascending.
 struct LocalCluster {
   std::uint32_t window = 0;
   std::vector<std::uint32_t> returns;
@@ -38,7 +38,7 @@ std::vector<std::uint32_t> FrameOfReturns(const Recording& recording) {
   return frame_of;
 }
 
-// Labels of each window clustered on its own, counted from 0 in each.
+// Clusters each window separately; returns its labels, which start at 0 in each (returns).
 std::vector<std::int32_t> LabelWindows(const std::vector<Eigen::Vector3f>& points_m,
                                        const std::vector<std::uint32_t>& window_of,
                                        const ClusteringConfig& config) {
@@ -57,7 +57,7 @@ std::vector<std::int32_t> LabelWindows(const std::vector<Eigen::Vector3f>& point
   return labels;
 }
 
-// Keeps the returns of the most frequent label, of several the lowest; none if all are noise.
+// Keeps the returns of the most frequent label, the lowest of equals; none if all are noise.
 void KeepLargest(const std::vector<std::int32_t>& labels, std::vector<std::uint32_t>& returns) {
   std::map<std::int32_t, std::size_t> sizes;
   for (const std::uint32_t i : returns) {
@@ -136,7 +136,7 @@ VoxelSet Voxels(const Recording& recording, const std::vector<std::uint32_t>& re
   return UniqueVoxels(std::move(keys));
 }
 
-// Where and when the cluster was.
+// Sets the position, extent and time span of a cluster.
 void Describe(const Recording& recording, const Clusters& clusters, const GlobalCluster& cluster,
               ClusterScore& score) {
   score.size = static_cast<std::int64_t>(cluster.returns.size());
@@ -156,7 +156,7 @@ void Describe(const Recording& recording, const Clusters& clusters, const Global
   score.von_neumann_ratio = VonNeumannRatio(centroids_m);
 }
 
-// The paper's equations, in their order.
+// Evaluates the paper's equations in order.
 void Score(const Recording& recording, const PaperConfig& config, const GlobalCluster& cluster,
            ClusterScore& score) {
   score.volume_m3 = VoxelVolumeM3(Voxels(recording, cluster.returns, config.voxel_size_m).size(),
@@ -177,7 +177,7 @@ void Score(const Recording& recording, const PaperConfig& config, const GlobalCl
     if (i > 0) {
       const bool gap = local.window > cluster.locals[i - 1].window + 1;
       if (gap && config.empty_windows == EmptyWindows::kZeroIou) {
-        ious.insert(ious.end(), 2, 0.0);  // into the gap and out of it
+        ious.insert(ious.end(), 2, 0.0);  // one at each end of the gap
       } else {
         ious.push_back(VoxelIou(previous, voxels));
       }
@@ -214,8 +214,8 @@ std::vector<ClusterScore> ScoreAll(const Recording& recording, const PaperConfig
   return scores;
 }
 
-// The scatter within frames is pooled over the track: single frames of a distant drone hold one or
-// two returns, too few for one of their own.
+// Scatter within frames is pooled over the whole target: single frames of a distant drone hold one
+// or two returns, too few for a covariance of their own.
 Target MakeTarget(const Recording& recording, const PaperConfig& config, const Clusters& clusters,
                   const GlobalCluster& cluster) {
   Target target;

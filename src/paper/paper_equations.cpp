@@ -62,7 +62,7 @@ double VonNeumannRatio(const std::vector<Eigen::Vector3d>& centroids_m) {
     steps_m2 += (centroids_m[i] - centroids_m[i - 1]).squaredNorm();
     spread_m2 += (centroids_m[i] - mean_m).squaredNorm();
   }
-  // Both are means over n - 1. Below a nanometre the spread is rounding.
+  // Both are means over n - 1. A spread below a nanometre is rounding error.
   return spread_m2 > 1e-18 ? steps_m2 / spread_m2 : kOfWhiteJitter;
 }
 

@@ -11,13 +11,13 @@ namespace {
 constexpr TimeNs kSnapshotIntervalNs = 500'000'000;
 constexpr TimeNs kSnapshotSpanNs = 200'000'000;
 constexpr std::array<TimeNs, 3> kLagsNs = {500'000'000, 2'000'000'000, 8'000'000'000};
-constexpr std::ptrdiff_t kMaxCellPointsOfFrame = 8192;  // evenly drawn
-constexpr TimeNs kForgetNs = 10'000'000'000;            // a longer pause resets the state
+constexpr std::ptrdiff_t kMaxReturnsPerFrame = 8192;  // evenly drawn
+constexpr TimeNs kMaxPauseNs = 10'000'000'000;        // a longer pause resets the state
 
 constexpr std::size_t kNumSnapshots = 20;  // more than the longest lag spans
 
-constexpr float kStationM = 1.0F;  // returns nearer than this are of the station itself
-constexpr float kUprightM = 0.5F;  // more than any ground rises across a cell
+constexpr float kMinRangeM = 1.0F;  // returns nearer than this are of the station itself
+constexpr float kUprightM = 0.5F;   // more than any ground rises across a cell
 
 // Search range: shifts, in cells, and turns between two snapshots.
 constexpr int kShift = 16;
@@ -56,14 +56,14 @@ EgoMotion::EgoMotion()
   sampled_.reserve(2 * kMaxCells);
   transformed_.reserve(2 * kMaxCells);
   matches_.reserve(kLagsNs.size());
-  ForgetCollected();
+  ResetHeights();
 }
 
 void EgoMotion::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
                          const Eigen::Vector3f* end_m, const Eigen::Vector3f& origin_m) {
   if (found_) return;
-  if (last_ns_ && (time_ns < *last_ns_ || time_ns - *last_ns_ > kForgetNs)) {
-    ForgetCollected();
+  if (last_ns_ && (time_ns < *last_ns_ || time_ns - *last_ns_ > kMaxPauseNs)) {
+    ResetHeights();
     is_recording_ = false;
     num_snapshots_ = 0;
     moving_snapshots_ = 0;
@@ -80,19 +80,18 @@ void EgoMotion::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
   if (is_recording_) Collect(begin_m, end_m, origin_m);
 }
 
-void EgoMotion::ForgetCollected() {
+void EgoMotion::ResetHeights() {
   std::fill(lowest_m_.begin(), lowest_m_.end(), std::numeric_limits<float>::infinity());
   std::fill(highest_m_.begin(), highest_m_.end(), -std::numeric_limits<float>::infinity());
 }
 
 void EgoMotion::Collect(const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
                         const Eigen::Vector3f& origin_m) {
-  const std::ptrdiff_t step =
-      std::max<std::ptrdiff_t>(1, (end_m - begin_m) / kMaxCellPointsOfFrame);
+  const std::ptrdiff_t step = std::max<std::ptrdiff_t>(1, (end_m - begin_m) / kMaxReturnsPerFrame);
   for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
     const Eigen::Vector3f relative_m = begin_m[i] - origin_m;
     const float level_m = relative_m.head<2>().norm();
-    if (!(level_m >= kStationM && level_m < static_cast<float>(kReach))) continue;
+    if (!(level_m >= kMinRangeM && level_m < static_cast<float>(kReach))) continue;
     const std::size_t cell = CellAt(static_cast<int>(std::floor(relative_m.x())),
                                     static_cast<int>(std::floor(relative_m.y())));
     lowest_m_[cell] = std::min(lowest_m_[cell], relative_m.z());
@@ -107,7 +106,7 @@ void EgoMotion::EndSnapshot() {
   for (std::size_t i = 0; i < snapshot.cells.size(); ++i) {
     snapshot.cells[i] = highest_m_[i] - lowest_m_[i] > kUprightM;
   }
-  ForgetCollected();
+  ResetHeights();
   matches_.clear();
   std::optional<Motion> motion;
   for (const TimeNs lag_ns : kLagsNs) {

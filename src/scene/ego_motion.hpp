@@ -69,7 +69,7 @@ class EgoMotion {
 
   void Collect(const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
                const Eigen::Vector3f& origin_m);
-  void ForgetCollected();
+  void ResetHeights();
   void EndSnapshot();
   const Snapshot* SnapshotBefore(TimeNs time_ns, TimeNs tolerance_ns) const;
   void Rasterise(const Snapshot& snapshot);

@@ -1,4 +1,4 @@
-// Points in a tree of boxes.
+// Bounding-volume tree of points.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,23 +10,24 @@
 
 namespace unlidar {
 
-// Halves the points along the longest side of the box about them, down to a few points or to one
-// place. Node 0 holds all, if there are any; children come after their parent.
+// Splits the points at the median along the longest side of their bounding box, down to at most 8
+// points or to coincident ones. Node 0 is the root, if there are any points; children follow their
+// parent.
 //
-// Rounding is monotone: a distance from or between boxes that is calculated as one of points is, as
-// the nearest, at most, and as the farthest, at least the calculated distance of any points in
-// them. No tolerance is needed.
+// Rounding is monotone: the smallest distance from or between boxes, if computed in the same way as
+// the distance of two points, is never larger than the computed distance of any points in them, and
+// the largest is never smaller. No tolerance is needed.
 template <class Scalar>
 class PointTree {
  public:
   using Point = Eigen::Matrix<Scalar, 3, 1>;
 
   struct Node {
-    Point low_m;  // corners of its box
+    Point low_m;  // corners of the bounding box
     Point high_m;
-    std::uint32_t begin = 0;  // its points are [begin, end) of points_m()
+    std::uint32_t begin = 0;  // range [begin, end) of points_m()
     std::uint32_t end = 0;
-    std::uint32_t left = 0;  // its children, 0 for a leaf
+    std::uint32_t left = 0;  // children, 0 for a leaf
     std::uint32_t right = 0;
 
     bool IsLeaf() const { return left == 0; }
@@ -35,7 +36,7 @@ class PointTree {
   PointTree() = default;
   explicit PointTree(const std::vector<Point>& points_m) { Reset(points_m); }
 
-  // Begins anew, in the memory that it has.
+  // Rebuilds the tree; reuses the allocated memory.
   void Reset(const std::vector<Point>& points_m) {
     nodes_.clear();
     indices_.resize(points_m.size());
@@ -48,7 +49,7 @@ class PointTree {
 
   const std::vector<Node>& nodes() const { return nodes_; }
   const std::vector<Point>& points_m() const { return points_m_; }  // leaf by leaf
-  // Of points_m() as they were given; ascending within a leaf.
+  // Index of each of points_m() in the input; ascending within a leaf.
   const std::vector<std::uint32_t>& indices() const { return indices_; }
 
  private:

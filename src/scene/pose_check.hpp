@@ -1,4 +1,4 @@
-// Whether a sensor stands as tracking needs it: still, and with z up.
+// Checks the pose that tracking requires of a sensor: static, with z up.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,21 +12,21 @@
 
 namespace unlidar {
 
-// Of one sensor, in the common frame. Frames in, warnings out, each once:
+// Checks one sensor from its frames, in the common coordinate frame. Emits each warning once:
 //
 //   upside_down   z points down
-//   z_not_up      z points to another side
+//   z_not_up      z points in another direction
 //   sensor_moves  the sensor moves
 class PoseCheck {
  public:
-  // A frame: its returns, and where the sensor stands.
+  // Adds the returns of a frame. `origin_m`: position of the sensor.
   void AddFrame(const std::string& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
                 const Eigen::Vector3f* end_m, const Eigen::Vector3f& origin_m);
 
-  // No frame will follow.
+  // Completes the checks after the last frame.
   void Finish(const std::string& sensor);
 
-  // What was found since this was last asked.
+  // Returns the warnings since the last call.
   std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
 
  private:

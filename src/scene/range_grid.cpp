@@ -28,7 +28,7 @@ std::uint32_t RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin,
           latest = {bin, count};
         } else if (bin == latest.bin) {
           latest.count += count;
-        } else if (bin > latest.bin) {  // points mostly come in order of time
+        } else if (bin > latest.bin) {  // points arrive mostly in temporal order
           profile.bins.push_back(std::exchange(latest, {bin, count}));
         } else {
           const auto at =

@@ -1,4 +1,4 @@
-// Voxels whose size grows with range, with one time profile each: what is where, and when.
+// Occupancy over time in voxels whose size grows with range.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,8 +16,8 @@ struct BinRange {
   std::uint32_t last = 0;
 };
 
-// A set of time bins that is filled and emptied again and again: in the time of one word per 64 of
-// the bins between the lowest and the highest in it.
+// A reusable set of time bins, stored as bits. Emptying it visits one word per 64 bins between its
+// lowest and highest bin.
 class BinSet {
  public:
   explicit BinSet(std::size_t num_bins) : words_(num_bins / kBits + 1, 0) {}
@@ -42,30 +42,30 @@ class BinSet {
 
 // Counts of points per voxel and time bin; voxels and neighbourhoods are those of ShellTable.
 //
-// What a grid holds, and what a look at it costs, is in proportion to the pairs of a voxel and a
-// bin with points in it, however many bins there are.
+// Memory and query time are proportional to the number of occupied (voxel, bin) pairs, independent
+// of the total number of bins.
 class RangeGrid {
  public:
   explicit RangeGrid(RangeRadius radius) : places_(radius) {}
 
-  // Returns the place of the point: points of one place have one neighbourhood. Places are numbered
-  // from 0; some numbers are those of no point.
+  // Returns the number of the point's place: all points of a place share one neighbourhood. Places
+  // are numbered from 0; some numbers belong to no point.
   std::uint32_t Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::uint32_t count = 1);
 
-  // Says that a point will be added soon, so that its place is at hand by then.
+  // Prefetches the place of a point that will be added soon.
   void Prefetch(const Eigen::Vector3f& point_m) const { places_.Prefetch(point_m); }
 
-  // Points in the neighbourhood of `point_m`, in all bins or in some.
+  // Returns the number of points in the neighbourhood of `point_m`, in all bins or in `bins`.
   std::uint32_t Count(const Eigen::Vector3f& point_m) const;
   std::uint32_t Count(const Eigen::Vector3f& point_m, BinRange bins) const;
 
-  // The bins in which the neighbourhood of `point_m` has points.
+  // Adds the bins in which the neighbourhood of `point_m` has points to `bins`.
   void InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const;
 
   // Volume of the neighbourhood of a point, m^3.
   double VolumeM3(const Eigen::Vector3f& point_m) const { return places_.VolumeM3(point_m); }
 
-  // Above all numbers of places.
+  // Upper bound of place numbers, exclusive.
   std::uint32_t num_places() const { return places_.size(); }
 
  private:
@@ -78,8 +78,8 @@ class RangeGrid {
 
   struct Profile {
     std::uint32_t total = 0;
-    BinCount latest = {0, 0};    // the last bin with points, here as most points fall into it,
-    std::vector<BinCount> bins;  // and those before it with points, ascending
+    BinCount latest = {0, 0};    // last occupied bin, kept apart: most points fall into it
+    std::vector<BinCount> bins;  // earlier occupied bins, ascending
   };
 
   ShellTable<Profile> places_;

@@ -7,7 +7,7 @@ namespace unlidar {
 
 std::vector<FrameInfo> SceneFrames(const Recording& recording) {
   constexpr std::size_t kSeconds = 90;
-  std::vector<std::size_t> seconds;  // (frames) number of that among all that hold any
+  std::vector<std::size_t> seconds;  // (frames) index of its second among those with frames
   TimeNs begin_ns = 0;
   for (const FrameInfo& frame : recording.frames) {
     const bool is_next = seconds.empty() || frame.stamp_ns >= begin_ns + kNsPerSecond;

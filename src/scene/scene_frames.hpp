@@ -1,4 +1,4 @@
-// The frames that tell what stands still.
+// Selection of the frames from which the static scene is learned.
 #pragma once
 
 #include <cstdint>
@@ -8,12 +8,12 @@
 
 namespace unlidar {
 
-// What stands still is known from a minute or so: up to 90 seconds that hold frames, all frames; of
-// a longer recording those of every second one of its seconds, or every third, and so on, so that a
-// long one takes no longer than its parts.
+// Returns the frames to learn the static scene from; about a minute suffices. All frames if at most
+// 90 of the recording's seconds contain any, else the frames of every 2nd, 3rd, ... of these
+// seconds, so that a long recording takes no longer than its parts.
 std::vector<FrameInfo> SceneFrames(const Recording& recording);
 
-// Those of ascending returns that are of these frames.
+// Returns those of `returns` (ascending indices) that belong to `frames`.
 std::vector<std::uint32_t> ReturnsOf(const std::vector<FrameInfo>& frames,
                                      const std::vector<std::uint32_t>& returns);
 

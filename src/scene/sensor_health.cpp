@@ -12,14 +12,15 @@ namespace {
 
 constexpr TimeNs kSnapshotNs = 500'000'000;
 constexpr int kSnapshotsToChange = 6;
-constexpr double kMinSnapshots = 10.0;        // fewer do not tell what should be seen,
-constexpr double kMinSnapshotsAnew = 60.0;    // nor fewer than these that a sensor was moved
+constexpr double kMinSnapshots = 10.0;        // to know the expected structure
+constexpr double kMinSnapshotsAnew = 60.0;    // to conclude that a sensor was moved
 constexpr double kMaxSnapshots = 28'800;      // four hours
-constexpr TimeNs kPauseNs = 2 * kSnapshotNs;  // without a frame: nothing is known of that time
-constexpr std::ptrdiff_t kMaxReturns = 8192;  // of a frame that are looked at, evenly spread
+constexpr TimeNs kPauseNs = 2 * kSnapshotNs;  // longer gaps between frames are unobserved
+constexpr std::ptrdiff_t kMaxReturns = 8192;  // used per frame, evenly spread
 
-// Directions are 5 degrees wide at the horizon. A surface is in one or two ranges of a direction,
-// each of 15 %, fog in all of them; so narrow that 1,000 strays a frame seldom hit one twice.
+// Directions are 5 degrees wide at the horizon. A surface fills one or two range cells of a
+// direction, each 15 % long, fog all of them; they are so small that 1,000 strays per frame seldom
+// hit one twice.
 constexpr int kAzimuths = 72;
 constexpr int kHeights = 36;
 constexpr int kDirections = kAzimuths * kHeights;
@@ -27,15 +28,15 @@ constexpr int kRanges = 48;
 constexpr float kNearestM = 0.5F;
 const float kRangesPerLog2 = 1.0F / std::log2(1.15F);
 
-constexpr float kWindowM = 1.0F;  // nearer is the window, and what hangs on it
-constexpr float kAirM = 30.0F;    // no flake or drop returns from farther away
+constexpr float kWindowM = 1.0F;  // nearer returns come from the window and dirt on it
+constexpr float kAirM = 30.0F;    // flakes and drops return nothing from beyond
 constexpr float kStructureRate = 0.6F;
-// Places and directions that are too few to tell anything: a person hides more.
+// Minimum numbers of places and directions for a decision: a person may hide fewer than these.
 constexpr double kMinStructure = 40.0;
 constexpr int kMinDirections = 60;
-// In clear air 0.97 or more of the structure is seen and 0.1 to 0.7 places come or go in a
-// direction, with 300 strays a frame 1.0 to 2.8, with 1,000 in fog or snow 5.3. Below and above
-// these a sensor is blinded; one that is must be so much better to see again.
+// In clear air at least 0.97 of the structure is seen and 0.1 to 0.7 places per direction change
+// between snapshots; with 300 strays per frame 1.0 to 2.8, with 1,000 in fog or snow 5.3. A sensor
+// is blinded below the first limit or above the second; kMargin is the hysteresis for recovery.
 constexpr double kMinSeenRatio = 0.5;
 constexpr double kMaxStraysPerDirection = 4.0;
 constexpr double kMargin = 0.8;
@@ -74,8 +75,7 @@ void SensorHealth::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
   if (is_blinded_ && passed_ns > 0) blinded_ns_ += std::min(passed_ns, kPauseNs);
   const TimeNs elapsed_ns = time_ns - snapshot_begin_ns_;
   if (frames_ > 0 && (passed_ns < 0 || elapsed_ns >= kSnapshotNs)) EndSnapshot();
-  if (frames_ ==
-      0) {  // snapshots follow one another without a gap, unless frames are farther apart
+  if (frames_ == 0) {  // snapshots are contiguous unless frames are farther apart
     const bool is_contiguous = elapsed_ns >= kSnapshotNs && elapsed_ns < 2 * kSnapshotNs;
     snapshot_begin_ns_ = is_contiguous ? snapshot_begin_ns_ + kSnapshotNs : time_ns;
   }

@@ -15,15 +15,15 @@
 
 namespace unlidar {
 
-// Values by voxel. A neighbourhood is the block of 3 x 3 x 3 voxels about a point; voxels have an
-// edge of 2/3 of the radius, so that the block reaches from 2/3 to 4/3 of it. Radii are stepped by
-// sqrt(2) in shells of range. A point near a shell's border has a voxel in both shells, so that no
-// neighbourhood ends there.
+// One value per voxel. A neighbourhood is the block of 3 x 3 x 3 voxels around a point; the voxel
+// edge is 2/3 of the radius, so that the block extends 2/3 to 4/3 of the radius from the point.
+// Radii grow by sqrt(2) from one range shell to the next. A point near the border of two shells has
+// a voxel in both, so that neighbourhoods are not cut off there.
 template <class Value>
 class ShellTable {
  public:
   explicit ShellTable(RangeRadius radius) {
-    constexpr double kMaxRange_m = 1e6;  // voxels grow no more beyond
+    constexpr double kMaxRange_m = 1e6;  // voxels stop growing beyond
     const double most = std::log2(radius.At(kMaxRange_m) / radius.constant_m);
     for (int shell = 0; shell <= static_cast<int>(std::floor(2.0 * most + 0.5)); ++shell) {
       shells_.push_back(
@@ -32,15 +32,15 @@ class ShellTable {
     }
   }
 
-  // How many voxels there are; they are numbered from 0 until some are erased.
+  // Number of voxels. They are numbered from 0 and renumbered when some are erased.
   std::uint32_t size() const { return numbers_.size(); }
 
   // Calls visit(number, value, is_own) for the voxel of a point in each shell whose neighbourhoods
-  // may reach it; `is_own` where neighbourhoods of the point itself lie. New voxels hold `initial`.
+  // may reach it; `is_own` is true for the point's own shell. New voxels are set to `initial`.
   template <class Visit>
   void VisitOverlappingShells(const Eigen::Vector3f& point_m, const Value& initial,
                               const Visit& visit) {
-    // The shells with a place near enough: a block reaches two edges along each axis.
+    // Shells with a place near enough: a block extends at most two edges along each axis.
     const double range_m = static_cast<double>(point_m.norm());
     const auto reach_m = [&](std::size_t shell) {
       return 2.0 * std::sqrt(3.0) * shells_[shell].edge_m;
@@ -60,13 +60,13 @@ class ShellTable {
     }
   }
 
-  // Asks the memory for the point's own voxel, which will be visited soon.
+  // Prefetches the own voxel of a point that will be visited soon.
   void Prefetch(const Eigen::Vector3f& point_m) const {
     const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));
     numbers_.Prefetch(static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m));
   }
 
-  // Of the point's own voxel; null where there is none.
+  // Returns the value of the point's own voxel, or null if there is none.
   Value* Find(const Eigen::Vector3f& point_m) {
     const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));
     const std::uint32_t number =
@@ -85,12 +85,13 @@ class ShellTable {
     VisitNumbers(point_m, [&](std::uint32_t number) { visit(values_[number]); });
   }
 
-  // Volume of the neighbourhood of a point.
+  // Volume of the neighbourhood of a point, m^3.
   double VolumeM3(const Eigen::Vector3f& point_m) const {
     return std::pow(3.0 * shells_[ShellAt(static_cast<double>(point_m.norm()))].edge_m, 3);
   }
 
-  // Drops the voxels for which is_gone(value), which may change it. The others are renumbered.
+  // Erases the voxels for which is_gone(value) returns true; it may modify the value. The others
+  // are renumbered.
   template <class IsGone>
   void EraseIf(const IsGone& is_gone) {
     moved_.reserve(values_.capacity());
@@ -107,7 +108,7 @@ class ShellTable {
     numbers_.Renumber(moved_, kept);
   }
 
-  // Calls visit(value) for all voxels, in the order in which they were first met.
+  // Calls visit(value) for all voxels, in order of creation.
   template <class Visit>
   void VisitAll(const Visit& visit) const {
     for (const Value& value : values_) visit(value);
@@ -115,8 +116,8 @@ class ShellTable {
 
  private:
   struct Shell {
-    double begin_m;  // its least range,
-    double edge_m;   // and the edge of its voxels
+    double begin_m;  // smallest range
+    double edge_m;   // voxel edge
   };
 
   std::size_t ShellAt(double range_m) const {
@@ -144,7 +145,7 @@ class ShellTable {
   std::vector<Shell> shells_;
   VoxelNumbers numbers_;
   std::vector<Value> values_;         // by number
-  std::vector<std::uint32_t> moved_;  // their new numbers, while some are erased
+  std::vector<std::uint32_t> moved_;  // new number of each voxel, during EraseIf()
 };
 
 }  // namespace unlidar

@@ -1,4 +1,4 @@
-// What a sensor's station knows of the scene.
+// Viewpoint of a sensor and the scene model of its station.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,13 +7,13 @@
 
 namespace unlidar {
 
-// From where a sensor sees, and what is known of the places that its station sees, relative to it.
+// Viewpoint of a sensor, and the background seen by its station, relative to that viewpoint.
 struct StationModel {
   Eigen::Vector3f viewpoint_m;
   const Background* background;
 };
 
-// From where a sensor sees to a place.
+// Returns the vector from the viewpoint to a place, m.
 inline Eigen::Vector3d RayM(const StationModel& station, const Eigen::Vector3d& place_m) {
   return place_m - station.viewpoint_m.cast<double>();
 }

@@ -1,4 +1,4 @@
-// Stations: sensors that stand together and see a scene from one viewpoint.
+// Stations: groups of sensors that share one viewpoint.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,16 +10,16 @@
 
 namespace unlidar {
 
-// Ranges, directions and what hides what are one station's own.
+// Assigns sensors to stations. Ranges, directions and occlusion are specific to a station.
 class Stations {
  public:
   Stations() = default;
   explicit Stations(const std::vector<SensorInfo>& sensors);
 
-  // A sensor joins the first station whose viewpoint is within 2 m of it, which is the size of a
-  // mount: what one sensor on it sees is much the same for all of them. Or it is a new station: one
-  // that sees from the common origin, about which most mounts are calibrated, if that is as near.
-  // Returns the station.
+  // Adds a sensor to the first station whose viewpoint is within 2 m, the size of a mount, whose
+  // sensors have nearly the same view. Otherwise creates a station; its viewpoint is the common
+  // origin, about which most mounts are calibrated, if within 2 m, else the sensor's origin.
+  // Returns the index of the station.
   std::size_t Add(std::uint32_t sensor, const Eigen::Vector3f& sensor_origin_m);
 
   std::size_t size() const { return viewpoints_m_.size(); }
@@ -28,13 +28,13 @@ class Stations {
 
  private:
   std::vector<Eigen::Vector3f> viewpoints_m_;  // in the common frame
-  std::vector<std::size_t> station_of_;        // (sensors) of those that were added
+  std::vector<std::size_t> station_of_;        // (sensors) valid for added sensors
 };
 
-// A station's frames of a recording, with the returns relative to its viewpoint.
+// The frames of one station in a recording, with returns relative to its viewpoint.
 struct StationRecording {
-  Recording recording;                // with all sensors of the whole
-  std::vector<std::uint32_t> frames;  // which they are of the whole
+  Recording recording;                // lists all sensors of the whole recording
+  std::vector<std::uint32_t> frames;  // index of each frame in the whole recording
 };
 
 StationRecording RecordingOf(const Recording& whole, const Stations& stations, std::size_t station);

@@ -11,7 +11,7 @@ namespace unlidar {
 namespace {
 
 constexpr double kCellM = 2.0;
-// Nothing that comes on the ground reaches higher: lorries and buses have up to 4.5 m.
+// Upper limit of the height of ground vehicles: lorries and buses reach 4.5 m.
 constexpr double kMaxGroundVehicleHeightM = 5.0;
 
 }  // namespace
@@ -44,15 +44,15 @@ void Support::Fill(const PointsView& structure_m, const ElevationRange& view,
     if (cells.back() == first_.size()) first_.push_back(0);
     ++first_[cells.back()];
   }
-  // Points by cell, from the last on: what are counts become ends, and then begins.
+  // Counting sort of the points by cell, from the last point: counts become ends, then begins.
   std::partial_sum(first_.begin(), first_.end(), first_.begin());
   points_m_.resize(points_m.size());
   for (std::size_t i = points_m.size(); i-- > 0;) points_m_[--first_[cells[i]]] = points_m[i];
   first_.push_back(static_cast<std::uint32_t>(points_m_.size()));
 }
 
-// High above a known ground nothing comes that stands: so it is held by nothing that is hidden, or
-// seen badly as it is far away.
+// A transient object high above a known ground did not arrive on the ground, so that no hidden or
+// poorly observed distant support can hold it.
 bool Support::ArrivedByAir(const Eigen::Vector3f& place_m, bool is_transient) const {
   if (!is_transient) return false;
   const double height_m = ground_.HeightAbove(place_m);
@@ -67,7 +67,7 @@ double Support::ReachM(const Eigen::Vector3f& place_m, bool is_transient) const 
 bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) const {
   const auto range_m = static_cast<double>(place_m.norm());
   if (range_m > config_.max_range_m) return false;
-  // The station itself may hold it, as the ground may.
+  // Both the station itself and the ground may be the support.
   const double nearest_m = std::min(range_m, ground_.HeightAbove(place_m));
   const auto reach_m = static_cast<float>(ReachM(place_m, is_transient));
   if (nearest_m < static_cast<double>(reach_m)) return false;
@@ -77,7 +77,7 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) cons
     return distance_m > body_m && distance_m < reach_m;
   };
   const Voxel home = VoxelAt(place_m, kCellM);
-  // From near to far: most places are next to structure, and done at once.
+  // From near to far: most places are next to structure and return early.
   const auto last_ring =
       static_cast<std::int64_t>(std::ceil(static_cast<double>(reach_m) / kCellM));
   for (std::int64_t ring = 0; ring <= last_ring; ++ring) {
@@ -96,7 +96,7 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) cons
       }
     }
   }
-  // What supports it may be hidden or out of view.
+  // A support may be hidden or outside the field of view.
   return ArrivedByAir(place_m, is_transient) ||
          depth_.HiddenShare(place_m, config_.ReachM(range_m), config_.body_m, view_) <=
              config_.max_hidden_share;

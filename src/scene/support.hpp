@@ -1,4 +1,4 @@
-// What holds things up: nothing that stands still floats in the air, but a drone does.
+// Support of static objects by structure or ground: only a hovering drone has none.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,36 +15,37 @@
 
 namespace unlidar {
 
-// Whether a place is near enough to structure or ground for a static thing to be there.
+// Tests whether structure or ground near a place may support a static object there.
 class Support {
  public:
-  // What it is filled in, kept for the next time.
+  // Buffers of Fill(), reused between calls.
   struct Workspace {
     VoxelNumbers seen;
-    std::vector<Eigen::Vector3f> points_m;  // of structure, one for each voxel,
-    std::vector<std::uint32_t> cells;       // and theirs
+    std::vector<Eigen::Vector3f> points_m;  // structure, one point per voxel
+    std::vector<std::uint32_t> cells;       // cell of each point
     DepthMap::Workspace depth;
   };
 
-  // Of no structure yet. `cell_deg`: resolution of the directions in which structure hides what is
-  // behind it.
+  // Starts without structure. `cell_deg`: angular resolution at which structure hides places behind
+  // it.
   Support(const Ground& ground, double cell_deg, const SupportConfig& config);
 
   Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
           double cell_deg, const SupportConfig& config);
 
-  // Begins anew, in the memory that it has.
+  // Replaces the structure; reuses the allocated memory.
   void Fill(const PointsView& structure_m, const ElevationRange& view, Workspace* workspace);
 
   const SupportConfig& config() const { return config_; }
 
-  // `is_transient`: the thing was not there before, or is no more.
+  // `is_transient`: the object was absent before, or is absent afterwards.
   bool IsFloating(const Eigen::Vector3f& place_m, bool is_transient = false) const;
 
-  // How far from a thing that may be which holds it up.
+  // Returns the largest distance in m from an object to a possible support.
   double ReachM(const Eigen::Vector3f& place_m, bool is_transient) const;
 
-  // The returns of `structure` that float; both are indices into the recording, ascending.
+  // Returns the unsupported returns among `structure`; both are ascending indices into the
+  // recording.
   std::vector<std::uint32_t> FloatingReturns(const Recording& recording,
                                              const std::vector<std::uint32_t>& structure) const;
 
@@ -56,7 +57,7 @@ class Support {
   SupportConfig config_;
   DepthMap depth_;                         // of structure
   VoxelNumbers cells_;                     // voxels of structure
-  std::vector<std::uint32_t> first_;       // (cells) where their points begin; and all end
+  std::vector<std::uint32_t> first_;       // (cells + 1) first point of each cell, then the end
   std::vector<Eigen::Vector3f> points_m_;  // by cell
 };
 

@@ -12,18 +12,18 @@ constexpr TimeNs kCollectNs = 5'000'000'000;
 constexpr std::ptrdiff_t kMaxPointsOfFrame = 1024;
 constexpr std::size_t kMaxPoints = 40'000;
 constexpr std::size_t kMinPoints = 500;
-// Steeper than any ground, so that directions 45 degrees apart leave no gap.
+// Steeper than any ground, so that directions 45 degrees apart cover every orientation.
 constexpr double kMaxGroundSlope = 0.5;
-constexpr float kRoughM = 1.0F;  // rougher than ground is
-// Things stand on ground, or it may be a wall.
+constexpr float kRoughM = 1.0F;  // exceeds the roughness of ground
+// Objects stand on ground; a plane without any may be a wall.
 constexpr double kMinShareAbove = 0.1;
-// So many cells must the right direction have, and so much more ground than z. Right way up, other
-// directions have at most 0.53 of what z has.
+// Cells, and ratio of ground to that of z, required of another direction. With z up, other
+// directions have at most 0.53 of the ground of z.
 constexpr double kMinGroundCells = 20.0;
 constexpr double kMinGroundRatio = 2.0;
-// A floor is flat, and no farther below than in a hall. Halls and roofs above a floor that is seen
-// have 4 cells of it or more; the open, turned upside down, has 0.2 at most. On its side a LiDAR
-// may take a facade for one.
+// A floor is flat and at most the height of a hall below. Under a hall or a roof, a visible floor
+// has at least 4 cells; outdoor scenes turned upside down have at most 0.2. A LiDAR on its side may
+// mistake a facade for a floor.
 constexpr double kMaxFloorSlope = 0.2;
 constexpr double kFloorBandM = 0.1;
 constexpr double kMinFloorCells = 4.0;
@@ -85,7 +85,7 @@ UpDirection::Evidence UpDirection::EvidenceOf(const Eigen::Vector3f& up) {
   Evidence evidence;
   evidence.cells = ground_.support();
   evidence.ground = evidence.cells * (all - above - below) / all * (all - below) / all;
-  if (below > above) evidence.ground *= above / below;  // things hang from it
+  if (below > above) evidence.ground *= above / below;  // objects hang from it: a ceiling
   evidence.has_objects_above = above >= kMinShareAbove * all;
   return evidence;
 }

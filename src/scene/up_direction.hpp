@@ -1,4 +1,4 @@
-// Whether z points up, by the scene itself.
+// Checks from the scene alone that z points up.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,36 +11,36 @@
 
 namespace unlidar {
 
-// Ground is the one large plane that everything else stands on, and nothing hangs from: with z up,
-// the lowest returns of many columns lie on it, and other returns above it. So each of 26
-// directions, 45 degrees apart, is tried as up, with the returns of the first seconds of one
-// sensor. z is not up where another one has far more ground, with things on it, unless a flat floor
-// lies below: of a hall more is seen of the ceiling, and nothing tells it from a floor but that. A
-// sensor that looks at the sky alone, or at a wall, tells nothing, nor does one that leans by less
-// than about 30 degrees, or one in a hall that is turned.
+// Ground is the one large plane with objects standing on it and none hanging from it: with z up,
+// the lowest returns of many columns lie on it and other returns above it. Each of 26 directions,
+// 45 degrees apart, is tested as up with the returns of the first seconds of one sensor. z is
+// rejected if another direction has far more ground, with objects on it, unless a flat floor lies
+// below: indoors more of the ceiling is seen than of the floor, and only the floor below
+// distinguishes the two. The test is inconclusive for a sensor that sees only sky or a wall, is
+// tilted by less than about 30 degrees, or is rotated inside a hall.
 //
-// One direction is tried with each frame, so that none takes long.
+// One direction is tested per frame, to bound the time per frame.
 class UpDirection {
  public:
   UpDirection();
 
-  // A frame: its returns, and where the sensor stands.
+  // Adds the returns of a frame. `origin_m`: position of the sensor.
   void AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
                 const Eigen::Vector3f& origin_m);
 
-  // No frame will follow: tries what is left.
+  // Tests the remaining directions after the last frame.
   void Finish();
 
-  // A unit vector that is up, where z is not.
+  // Unit vector that points up; empty unless z was rejected.
   const std::optional<Eigen::Vector3f>& found() const { return found_; }
 
  private:
   bool IsDone() const { return next_ > directions_.size(); }
-  // That a direction is up.
+  // Evidence that a direction is up.
   struct Evidence {
-    double cells = 0.0;              // of ground, far ones by the inverse square of their distance
-    double ground = 0.0;             // the same, by the share of the returns on it, not below
-    bool has_objects_above = false;  // stand on it
+    double cells = 0.0;   // ground cells, far ones weighted by 1 / distance^2
+    double ground = 0.0;  // cells x share of returns on it x share not below it
+    bool has_objects_above = false;
   };
 
   Evidence EvidenceOf(const Eigen::Vector3f& up);
@@ -48,14 +48,14 @@ class UpDirection {
   void TryNext();
 
   std::vector<Eigen::Vector3f> directions_;  // z first
-  std::vector<Eigen::Vector3f> points_m_;    // from the sensor
+  std::vector<Eigen::Vector3f> points_m_;    // relative to the sensor
   std::vector<Eigen::Vector3f> rotated_m_;
   Ground ground_;
   Ground::Workspace workspace_;
-  std::optional<TimeNs> begin_ns_;  // of the first frame with a return
-  std::size_t next_ = 0;            // direction to try, and one more when all is said
+  std::optional<TimeNs> begin_ns_;  // time of the first frame with a return
+  std::size_t next_ = 0;            // direction to test next; beyond the size when done
   Evidence z_;
-  Evidence best_;  // of the others
+  Evidence best_;  // of the directions other than z
   Eigen::Vector3f best_up_ = Eigen::Vector3f::UnitZ();
   std::optional<Eigen::Vector3f> found_;
 };

@@ -170,10 +170,10 @@ TEST_F(OccupancyTest, ChanceSparesPlacesButNotTheirRate) {
     }
   }
   const double per_frame_m3 = 50.0 / 5.0 / 216.0;
-  EXPECT_GT(occupancy_.RateAbout(place_m, 59), 0.3 * per_frame_m3);
-  EXPECT_LT(occupancy_.RateAbout(place_m, 59), 3.0 * per_frame_m3);
-  EXPECT_EQ(occupancy_.RateAbout(by_wall_m, 59), 0.0);
-  EXPECT_EQ(occupancy_.RateAbout({0, -20, 8}, 59), 0.0);
+  EXPECT_GT(occupancy_.RateAround(place_m, 59), 0.3 * per_frame_m3);
+  EXPECT_LT(occupancy_.RateAround(place_m, 59), 3.0 * per_frame_m3);
+  EXPECT_EQ(occupancy_.RateAround(by_wall_m, 59), 0.0);
+  EXPECT_EQ(occupancy_.RateAround({0, -20, 8}, 59), 0.0);
 }
 
 TEST_F(OccupancyTest, AStayThatOutlastsTheWindowDoesNotBecomeStructure) {

@@ -89,10 +89,10 @@ class PathFinder {
         Path best = BestOf(&searches);
         if (best.score < config_.min_fragment_log) break;
         // A path hidden by a weak one is weak, too.
-        const bool exceeds_birth_cost = ExceedsBirthCost(best);
-        if (!exceeds_birth_cost && num_weak == config_.max_paths) break;
-        found = found || exceeds_birth_cost;
-        if (!exceeds_birth_cost) ++num_weak;
+        const bool is_strong = ExceedsBirthCost(best);
+        if (!is_strong && num_weak == config_.max_paths) break;
+        found = found || is_strong;
+        if (!is_strong) ++num_weak;
         SetFree(best, 0);
         paths.push_back(std::move(best));
       }
@@ -115,7 +115,7 @@ class PathFinder {
   }
 
   // Best path through the free plots and those of this path.
-  Path BestInsteadOf(const Path& path) {
+  Path BestReplacement(const Path& path) {
     SetFree(path, 1);
     const std::vector<char> free = FreeInReach(path);
     SetFree(path, 0);
@@ -185,7 +185,7 @@ class PathFinder {
     std::set<std::vector<std::uint32_t>> known;
     for (const Path& path : before) known.insert(path.plots);
     return Replace(paths, [&](const Path& path) {
-      return known.count(path.plots) > 0 ? Path() : BestInsteadOf(path);
+      return known.count(path.plots) > 0 ? Path() : BestReplacement(path);
     });
   }
 

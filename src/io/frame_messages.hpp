@@ -43,7 +43,7 @@ class FrameMessageReader {
   // Returns the new warnings about stamps.
   std::vector<Warning> TakeWarnings() { return std::exchange(warnings_, {}); }
 
-  // Ends the stream; throws InputError in the middle of a message.
+  // Checks the end of the stream; throws InputError in the middle of a message.
   void Finish() const;
 
  private:

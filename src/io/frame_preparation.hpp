@@ -1,4 +1,4 @@
-// Steps from the rows of a frame to its returns in common coordinates, shared by recordings and
+// Steps from the rows of a frame to its returns in the common frame, shared by recordings and
 // live sources. See ReadRecording() for their definition.
 #pragma once
 
@@ -16,7 +16,7 @@
 
 namespace unlidar {
 
-// Frame in common coordinates; SetTimes() completes its times.
+// One frame, transformed to the common frame; SetTimes() completes its times.
 struct LoadedFrame {
   FrameFile file;
   PcdCloud cloud;                          // times of all rows; its points were moved out

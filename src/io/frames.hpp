@@ -23,7 +23,7 @@ inline constexpr const char* kExpectedSensorName =
 bool IsSensorName(const std::string& name);
 
 // Reads every frame of every source: the files `*.pcd` of its directory, in order of stamp. A
-// sensor that is not in `sensors` is at the origin of the common coordinates.
+// sensor that is not in `sensors` is at the origin of the common frame.
 //
 // Stamps: the rows of `timestamps.csv` (`file,timestamp`) if the directory has one, then for every
 // file, read by ParseStamp(); otherwise the file names, read by FrameClock. With and without the

@@ -21,7 +21,7 @@ inline constexpr std::size_t kMaxMessageBytes = std::size_t{1} << 28;
 // A datagram of --livox. No point packet is larger.
 inline constexpr std::size_t kMaxDatagramBytes = 2048;
 
-// Queued datagrams: more than two seconds of a Mid-360, one of the densest sensor.
+// Queued datagrams: over two seconds of a Mid-360, or one second of the densest sensor.
 inline constexpr std::size_t kMaxWaitingPacketBytes = std::size_t{1} << 23;
 
 // A frame made of packets: twice the points that the densest of these sensors sends per second.

@@ -18,7 +18,7 @@
 namespace unlidar {
 
 struct LivoxFrame {
-  TimeNs stamp_ns = 0;  // begin of the frame
+  TimeNs stamp_ns = 0;  // start of the frame
   PcdCloud cloud;       // times in nanoseconds from the stamp
 };
 

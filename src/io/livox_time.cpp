@@ -35,7 +35,7 @@ bool PowerOnClock::WasHostClockSet(TimeNs stamp_ns, const Arrival& arrival) {
   const TimeNs host_ns = arrival.unix_ns - arrival.steady_ns;
   if (std::abs(host_ns - host_ns_) <= LivoxTime::kMaxStepNs) return false;
   host_ns_ = host_ns;
-  // Suspending the computer changes the difference, too, but not its Unix time.
+  // Suspending the computer also changes the difference, but not its Unix time.
   return std::abs(arrival.unix_ns - stamp_ns - zero_ns_) > LivoxTime::kMaxStepNs;
 }
 
@@ -47,8 +47,7 @@ std::optional<LivoxTime::Reading> LivoxTime::Take(const LivoxPacket& packet, con
   const TimeNs lag_ns = host.unix_ns - stamp_ns;
   const TimeNs zero_ns = std::min(std::max(host.unix_ns, earliest_ns), kMaxStampNs) - stamp_ns;
   if (counts_from_power_on && !power_on_) {
-    const bool goes_on =
-        !last_.empty() && IsNear(stamp_ns);  // it has lost its time synchronisation
+    const bool goes_on = !last_.empty() && IsNear(stamp_ns);  // lost its synchronisation
     power_on_.emplace(goes_on ? 0 : zero_ns, host);
   } else if (counts_from_power_on && power_on_->WasHostClockSet(stamp_ns, host)) {
     power_on_.emplace(lag_ns, host);

@@ -37,7 +37,7 @@ class SensorFrames {
   // nothing.
   void NoteStamp(TimeNs stamp_ns);
 
-  // Sets the returns of a frame, whose file is set, in common coordinates and without times. Reuses
+  // Sets the returns of a frame, whose file is set, in the common frame and without times. Reuses
   // its memory.
   void Load(PcdCloud cloud, LoadedFrame* frame);
 

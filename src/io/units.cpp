@@ -27,9 +27,9 @@ constexpr double kMapSpread = 0.05;
 // table) to 92 m (a street).
 constexpr double kNearM = 1.0;
 constexpr double kNearShare = 0.9;
-// In metres, the nearest twentieth of them lies within 14 m at most; in centimetres this limit is
-// 40 m or more in 17 of 21. A cloud above a LiDAR that sees only the sky is as far away, but spans
-// fewer ranges; stray returns in an empty sky are few per frame.
+// In metres, the nearest twentieth of these returns lies within 14 m at most; in centimetres this
+// limit is 40 m or more in 17 of 21. A cloud above a LiDAR that sees only the sky is as far away,
+// but spans fewer ranges; stray returns in an empty sky are few per frame.
 constexpr double kNearestM = 40.0;
 constexpr double kNearestShare = 0.05;
 constexpr double kFarthestShare = 0.99;

@@ -244,8 +244,7 @@ DisjointSets JoinCells(const Rule& rule, const Grid& grid) {
 
 // Numbers the clusters by their lowest core index.
 Clustering LabelCorePoints(const Grid& grid, DisjointSets& sets) {
-  std::vector<std::uint32_t> lowest_index(grid.cells.size(),
-                                          kUnlabelled);  // of each set, at its root
+  std::vector<std::uint32_t> lowest_index(grid.cells.size(), kUnlabelled);  // per set, at root
   for (std::size_t i = 0; i < grid.cells.size(); ++i) {
     std::uint32_t& lowest = lowest_index[sets.Find(i)];
     for (std::uint32_t a = grid.cells[i].begin; a < grid.cells[i].core_end; ++a) {

@@ -125,7 +125,7 @@ class ClutterEstimate {
   const PlotConfig& config_;
   const std::vector<char>& assigned_;
   const std::vector<Plot>& plots_;
-  std::vector<std::uint32_t> bins_;  // (plots), as all of these:
+  std::vector<std::uint32_t> bins_;  // (plots), like the next three
   std::vector<Counts> spots_;
   std::vector<double> rates_;
   std::vector<double> recurrence_shares_;

@@ -15,7 +15,7 @@ constexpr int kSnapshotsToChange = 6;
 constexpr double kMinSnapshots = 10.0;        // to know the expected structure
 constexpr double kMinSnapshotsAnew = 60.0;    // to conclude that a sensor was moved
 constexpr double kMaxSnapshots = 28'800;      // four hours
-constexpr TimeNs kPauseNs = 2 * kSnapshotNs;  // longer gaps between frames are unobserved
+constexpr TimeNs kPauseNs = 2 * kSnapshotNs;  // blinded time counts at most this per gap
 constexpr std::ptrdiff_t kMaxReturns = 8192;  // used per frame, evenly spread
 
 // Directions are 5 degrees wide at the horizon. A surface fills one or two range cells of a
@@ -31,7 +31,7 @@ const float kRangesPerLog2 = 1.0F / std::log2(1.15F);
 constexpr float kWindowM = 1.0F;  // nearer returns come from the window and dirt on it
 constexpr float kAirM = 30.0F;    // flakes and drops return nothing from beyond
 constexpr float kStructureRate = 0.6F;
-// Minimum numbers of places and directions for a decision: a person may hide fewer than these.
+// Minimum numbers of places and directions for a decision: with fewer, a person may hide most.
 constexpr double kMinStructure = 40.0;
 constexpr int kMinDirections = 60;
 // In clear air at least 0.97 of the structure is seen and 0.1 to 0.7 places per direction change

@@ -38,7 +38,8 @@ class Support {
 
   const SupportConfig& config() const { return config_; }
 
-  // `is_transient`: the object was absent before, or is absent afterwards.
+  // True if a static object at `place_m` has no support; false if unknown. `is_transient`: it was
+  // absent before, or is absent afterwards.
   bool IsFloating(const Eigen::Vector3f& place_m, bool is_transient = false) const;
 
   // Returns the largest distance in m from an object to a possible support.

@@ -21,9 +21,9 @@ constexpr double kMinShareAbove = 0.1;
 // directions have at most 0.53 of the ground of z.
 constexpr double kMinGroundCells = 20.0;
 constexpr double kMinGroundRatio = 2.0;
-// A floor is flat and at most the height of a hall below. Under a hall or a roof, a visible floor
-// has at least 4 cells; outdoor scenes turned upside down have at most 0.2. A LiDAR on its side may
-// mistake a facade for a floor.
+// A floor is flat and at most the height of a hall below. In a hall or under a roof, a visible
+// floor has at least 4 cells; outdoor scenes turned upside down have at most 0.2. A LiDAR on its
+// side may mistake a facade for a floor.
 constexpr double kMaxFloorSlope = 0.2;
 constexpr double kFloorBandM = 0.1;
 constexpr double kMinFloorCells = 4.0;

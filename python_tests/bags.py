@@ -175,7 +175,7 @@ class Types:
 
 @dataclass(frozen=True)
 class Layout:
-    """How the points of a PointCloud2 lie in its bytes."""
+    """Byte layout of the points of a PointCloud2."""
 
     fields: tuple[tuple[str, str, int], ...] = (("x", "f4", 0), ("y", "f4", 4), ("z", "f4", 8))
     step: int = 12

@@ -17,7 +17,7 @@ ALL = "".join(HOSTILE)
 
 
 def broken_out(page) -> list[str]:
-    """What a page shows of having taken a name for more than text; nothing if all is well."""
+    """Signs that a page interpreted a name as markup or script; empty if all is well."""
     found = [f"said: {line}" for line in complaints(page)]
     if page.run("return typeof pwned != 'undefined'"):
         found.append("a script has run")

@@ -1,4 +1,4 @@
-"""What tests of live runs need: the framing, the program as a process, its events."""
+"""Helpers for tests of live runs: the framing, the program as a process, its events."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ RAYS = 96  # in a packet
 
 @dataclass(frozen=True)
 class Packet:
-    """What a sensor measured with some rays, one after the other."""
+    """The measurements of consecutive rays of a sensor."""
 
     number: int
     stamp_ns: int  # of the first ray

@@ -1,4 +1,4 @@
-"""How long a store keeps, where this computer's clock is set and stores are opened again."""
+"""Retention of a store when the system clock is set and stores are reopened."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_a_store_of_version_2_whose_clock_was_set_back_loses_nothing(tmp_path) -
     after.close()
 
 
-def test_what_is_newest_is_told_though_the_clock_was_set_back(tmp_path, monkeypatch) -> None:
+def test_what_is_newest_is_reported_though_the_clock_was_set_back(tmp_path, monkeypatch) -> None:
     store = Store(tmp_path / "sky.db")
     store.take(messages(tmp_path, *flight(7)))
     (stray,) = messages(tmp_path, row(7, 1.0))

@@ -1,4 +1,4 @@
-"""What unlidar_track does with input that is wrong, strange or missing.
+"""Behaviour of unlidar_track with wrong, strange or missing input.
 
 A refusal is one line on stderr that names the file and the value, the exit code of its kind, and
 no file written, replaced or left behind.
@@ -321,7 +321,7 @@ def test_every_malformed_file_of_other_projects_is_refused(
     assert_untouched(out)
 
 
-def test_bad_frames_are_skipped_counted_and_told_when_asked(
+def test_bad_frames_are_skipped_counted_and_reported_when_asked(
     frames: Path, flight: Flight, out: Path, plain: bytes
 ) -> None:
     bad = frames / decimal_name(flight.stamps_ns[20])
@@ -496,7 +496,9 @@ def test_a_refusal_keeps_the_older_output(frames: Path, flight: Flight, out: Pat
     assert [p.name for p in out.parent.iterdir()] == [out.name]
 
 
-def test_the_folder_of_a_whole_recording_is_told_from_that_of_a_lidar(tmp_path: Path) -> None:
+def test_the_folder_of_a_whole_recording_is_distinguished_from_that_of_a_lidar(
+    tmp_path: Path,
+) -> None:
     write_frames(tmp_path / "rec" / "mid360", make_flight(frames=3))
     (tmp_path / "rec" / ".hidden").mkdir()
     result = run_program("--frames", tmp_path / "rec", "--out", tmp_path / "traj.csv")

@@ -141,7 +141,7 @@ def test_a_broker_that_refuses_us_is_said_with_its_reason(caplog) -> None:
     assert not any("hush" in said for said in caplog.messages)
 
 
-def test_goodbyes_and_what_was_said_before_are_told_apart() -> None:
+def test_goodbyes_and_what_was_said_before_are_distinguished() -> None:
     said = packet(b"unlidar/north/relay", b"online") + packet(b"unlidar/north/relay", b"offline")
     said += packet(b"unlidar/north/state", b"{}", retained=True)
     with saying(said) as server:
@@ -172,7 +172,7 @@ def test_an_address_that_is_none_is_refused(url) -> None:
         open_source(url)
 
 
-def test_quiet_moments_are_told(tmp_path) -> None:
+def test_silence_is_reported_every_second(tmp_path) -> None:
     async def first() -> bytes:
         lines = open_source(str(tmp_path / "events.jsonl")).lines()
         try:
@@ -212,7 +212,7 @@ def test_others_have_their_turn_while_lines_wait(tmp_path) -> None:
     assert turns >= 20  # one in 10 ms at least, of 600
 
 
-def test_relays_of_one_name_can_be_told_apart() -> None:
+def test_relays_of_one_name_can_be_distinguished() -> None:
     line = f'{row(1, 0.0)[:-1]},"instance":"of another","station":"x"}}'
     (message,) = Station(Site(station="north")).take(line)
     assert "instance" not in json.loads(message.text)

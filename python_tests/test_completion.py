@@ -49,7 +49,7 @@ def test_the_shell_takes_the_script(script) -> None:
 
 
 def proposals(path: Path, *words: str) -> set[str]:
-    """What bash proposes for the last of the words."""
+    """The completions that bash proposes for the last word."""
     assign = f"COMP_WORDS=(unlidar {shlex.join(words)}); COMP_CWORD={len(words)}"
     function = "$(complete -p unlidar | sed 's/.*-F \\([^ ]*\\).*/\\1/')"
     last, before = shlex.quote(words[-1]), shlex.quote(["unlidar", *words][-2])

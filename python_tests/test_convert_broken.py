@@ -37,7 +37,7 @@ def kept_frames(out: Path) -> list[Path]:
 
 
 def is_beginning(out: Path) -> bool:
-    """Whether the frames are the first ones, each complete."""
+    """True if the frames are the first ones, each complete."""
     for path, xyz in zip(kept_frames(out), CLOUDS, strict=False):
         fields = read_pcd(path)
         finite = np.isfinite(xyz).all(axis=1) & (xyz != 0).any(axis=1)
@@ -224,7 +224,7 @@ def test_a_message_of_the_wrong_length_ends_the_conversion_there(form, tmp_path,
         assert "no frame" in fails(4, "convert", bag, tmp_path / "none")
 
 
-def test_two_frames_of_one_stamp_are_told_with_the_way_out(tmp_path, fails):
+def test_two_frames_of_one_stamp_are_reported_with_the_way_out(tmp_path, fails):
     messages = flight()[:3]
     again = plain_cloud("/points", BEGIN_NS, CLOUDS[0], BEGIN_NS + 10**9)
     bag = write_bag(tmp_path, "ros1", [*messages, again])

@@ -37,7 +37,7 @@ LEGACY, SINGLE, DUAL, LOW = (
 
 
 def metadata(profile: str, serial: int = SERIAL) -> dict:
-    """What http://SENSOR/api/v1/sensor/metadata gives, as far as it is needed."""
+    """The part of http://SENSOR/api/v1/sensor/metadata that is needed."""
     identity = np.eye(4).ravel().tolist()
     return {
         "calibration_status": {},

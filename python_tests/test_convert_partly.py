@@ -1,4 +1,4 @@
-"""What is bad or not yet whole in a recording: left out and counted, read all the same, or said."""
+"""Bad or incomplete parts of a recording are left out and counted, read anyway, or reported."""
 
 import hashlib
 import json

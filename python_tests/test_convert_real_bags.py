@@ -63,7 +63,7 @@ def test_a_ros_1_bag_of_a_spinning_lidar_arrives_whole(shared, tmp_path, capsys)
     check_all_points(bag, tmp_path / "out/pointcloud2", every=1)
 
 
-def test_a_ros_2_mcap_arrives_whole_and_its_two_clocks_are_told(depth_camera, tmp_path, capsys):
+def test_a_ros_2_mcap_arrives_whole_and_its_two_clocks_are_reported(depth_camera, tmp_path, capsys):
     assert main(["convert", str(depth_camera), str(tmp_path / "out")]) == 0
     assert "--stamp log" in capsys.readouterr().err
     check_all_points(depth_camera, tmp_path / "out/point_cloud", every=40)

@@ -16,7 +16,7 @@ SEQUENCE = "data/mmaud/val/seq0001"
 
 
 def measures(program: Path, recording: Path, out: Path, *options: str) -> dict:
-    """What `unlidar run` has left of a recording."""
+    """The results of `unlidar run` on a recording."""
     subprocess.run(
         [sys.executable, "-m", "unlidar_tools", "run", recording, "--out", out, *options],
         env=os.environ | {"UNLIDAR_TRACK": str(program)},

@@ -1,4 +1,4 @@
-"""What the program and the harness say where the input leaves its meaning in doubt."""
+"""Warnings of the program and the harness on ambiguous input."""
 
 from __future__ import annotations
 
@@ -268,7 +268,7 @@ def turned(axis: int, degrees: float) -> Callable[[float, np.ndarray], np.ndarra
     ],
     ids=["upside down", "on its side", "on its other side", "on a car", "panning"],
 )
-def test_a_sensor_that_does_not_stand_upright_and_still_is_told(
+def test_a_sensor_that_does_not_stand_upright_and_still_is_reported(
     flight: Flight, tmp_path: Path, change: Callable[[float, np.ndarray], np.ndarray], code: str
 ) -> None:
     frames = write_frames(tmp_path / "lidar", changed(with_trunks(flight), change))

@@ -173,7 +173,7 @@ def test_rows_are_judged_at_their_own_stamps_with_truth_interpolated():
     assert m["rows_rmse"] < 0.03  # the nearest sample would be 0.5 m off
 
 
-def test_rows_beyond_the_truth_are_not_judged_but_told():
+def test_rows_beyond_the_truth_are_not_judged_but_reported():
     m = evaluate(make_truth(3.0), make_tracks(np.arange(0, 6, 0.1)))
     assert m["rows_judged"] + m["rows_unjudged"] == m["rows"] == 60
     assert m["rows_unjudged"] == 30

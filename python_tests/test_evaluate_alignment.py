@@ -1,4 +1,4 @@
-"""What `--align` and `--time-offset` take off, and that they never do it silently."""
+"""Corrections by `--align` and `--time-offset`, which are never applied silently."""
 
 import dataclasses
 import json
@@ -72,7 +72,7 @@ def test_a_mirrored_flight_is_not_turned_into_a_mirror():
 @pytest.mark.parametrize(
     ("kind", "turn"), [("yaw", [0, 0, 200]), ("se3", [20, -15, 200]), ("se3", [180, 0, 3])]
 )
-def test_a_station_in_another_frame_loses_all_its_error_and_is_told_the_turn(kind, turn):
+def test_a_station_in_another_frame_loses_all_its_error_and_the_turn_is_reported(kind, turn):
     rotation = Rotation.from_euler("xyz", turn, degrees=True).as_matrix()
     track = track_at(TIMES)
     track = dataclasses.replace(track, xyz_m=(track.xyz_m - LEVER) @ rotation)

@@ -1,4 +1,4 @@
-"""What `evaluate` says of a truth in other coordinates than the trajectory."""
+"""Warnings of `evaluate` on a truth in other coordinates than the trajectory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What holds of the measures of any truth and any tracks, drawn at random."""
+"""Laws of the measures for any truth and any tracks, drawn at random."""
 
 import dataclasses
 
@@ -87,7 +87,7 @@ def assert_alike(one: object, other: object, where: str = "") -> None:
 
 
 def decided_by_a_hair(truth: Truth, tracks: Tracks) -> bool:
-    """Whether rounding decides what counts: a distance on a limit, or two tracks equally near."""
+    """True if rounding decides the result: a distance on a limit, or two tracks equally near."""
     for target in np.unique(truth.target):
         own = truth.xyz_m[truth.target == target]
         for limit in (1.0, FALSE_BEYOND_M):

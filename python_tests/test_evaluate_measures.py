@@ -1,4 +1,4 @@
-"""What `unlidar evaluate` says beyond the error: identities, honesty, intervals, the challenge."""
+"""Measures beyond the error: identities, consistency of sigmas, intervals, the challenge."""
 
 import dataclasses
 import json
@@ -65,7 +65,7 @@ def test_nees_of_several_drones_is_that_of_their_own_tracks():
     assert m["nees"] == alone["nees"] == 4.0
 
 
-def test_of_several_drones_the_matched_error_is_told_first(tmp_path, capsys):
+def test_of_several_drones_the_matched_error_is_reported_first(tmp_path, capsys):
     both = join_tracks(track_at(TIMES, [0.3, 0, 0]), track_at(TIMES[:50], [15.1, 0, 0], 1.0))
     folder = write_result(tmp_path / "two", two_targets(), both)
     assert main(["evaluate", str(folder / "ground_truth.csv"), str(folder / "traj.csv")]) == 0

@@ -65,7 +65,7 @@ def test_tracks_of_several_files_keep_numbers_of_their_own(result) -> None:
     assert np.array_equal(read_all_tracks([result / "traj.csv"]).track_id, alone.track_id)
 
 
-def test_a_track_that_was_not_named_is_told(result, capsys) -> None:
+def test_a_track_that_was_not_named_is_reported(result, capsys) -> None:
     best, other = as_tum(result)
     assert main(["evaluate", str(result / "ground_truth.csv"), str(best), "--json"]) == 0
     said = capsys.readouterr()

@@ -1,4 +1,4 @@
-"""Whatever bytes come in: what leaves is one line of strict JSON, or nothing and a note."""
+"""Any input bytes give one line of strict JSON, or nothing and a note."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ NAMES = st.sampled_from(["north", "south", "evil", "x1", "sky", "a b", "", "x" *
 
 @st.composite
 def said(draw: st.DrawFn) -> bytes:
-    """What a station says, among others where it stands."""
+    """Messages of a station, including its place."""
     kind = draw(st.sampled_from(["event", "event", "event", "site", "gone", "bytes"]))
     name = draw(NAMES)
     if kind == "bytes":

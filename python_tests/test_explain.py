@@ -28,7 +28,7 @@ def stages(target: dict) -> list[str]:
     [{}, {"translation_m": (3.0, -2.0, 1.5), "yaw_deg": 90.0, "time_offset_s": 0.25}],
     ids=["at the origin", "mounted, with a late clock"],
 )
-def test_each_stage_is_told_in_the_second_in_which_the_target_is_lost_there(
+def test_each_stage_is_reported_in_the_second_in_which_the_target_is_lost_there(
     mounted, traced, explained
 ) -> None:
     run = traced(**mounted)
@@ -77,7 +77,7 @@ def test_returns_that_the_program_drops_for_their_range_are_none(traced, explain
         assert stages(told[0]) == ["structure" if k == 1 else "no return"]
 
 
-def test_every_drone_of_the_truth_is_told_by_itself(traced, explained) -> None:
+def test_every_drone_of_the_truth_is_reported_by_itself(traced, explained) -> None:
     run = traced()
     run.second(0, returns=True, detected=True, path=None, row_m=DRONE_M)
     run.add_truth(1, target=3)
@@ -125,14 +125,14 @@ def test_a_place_and_an_instant_need_no_truth(traced, explained) -> None:
     assert len(stages(explained(run, near)[0])) == 8
 
 
-def test_an_instant_alone_is_told_by_the_truth(traced, explained) -> None:
+def test_an_instant_alone_is_reported_by_the_truth(traced, explained) -> None:
     run = traced()
     expected = run.every_stage()
     for k, stage in enumerate(expected):
         assert stages(explained(run, "--at", BEGIN_NS / 1e9 + k + 0.5)[0]) == [stage]
 
 
-def test_a_drone_that_is_not_known_at_the_instant_is_not_told_then(traced, explained) -> None:
+def test_a_drone_that_is_not_known_at_the_instant_is_not_reported_then(traced, explained) -> None:
     run = traced()
     for k in range(4):
         run.second(k, returns=True)
@@ -213,7 +213,7 @@ def test_the_program_explains_a_flight_a_wall_and_the_empty_sky(
     assert set(stages(explained(flown, "--near=0,0,40")[0])) == {"no return"}
 
 
-def test_a_target_that_a_gate_refuses_is_told_with_its_name_until_the_next_run(
+def test_a_target_that_a_gate_refuses_is_reported_with_its_name_until_the_next_run(
     flown, program, monkeypatch, explained, tmp_path
 ) -> None:
     monkeypatch.setenv("UNLIDAR_TRACK", str(program))

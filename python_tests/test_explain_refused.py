@@ -1,4 +1,4 @@
-"""What `unlidar explain` refuses: questions, folders, and lines that are no trace."""
+"""Input that `unlidar explain` rejects: questions, folders, and lines that are no trace."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from unlidar_tools.record import EXPLANATION
 from unlidar_tools.report.explanation import read_explanation
 
 
-def test_without_truth_and_without_a_place_nothing_can_be_told(traced, fails) -> None:
+def test_without_truth_and_without_a_place_nothing_can_be_reported(traced, fails) -> None:
     run = traced(truth=None)
     run.second(0)
     assert "--at T --near X,Y,Z" in fails(2, "explain", run.write())
@@ -30,7 +30,7 @@ def test_a_truth_that_is_gone_is_named(traced, fails) -> None:
     assert "ground_truth.csv" in fails(4, "explain", folder)
 
 
-def test_an_instant_without_frames_is_told_with_those_that_there_are(traced, fails) -> None:
+def test_an_instant_without_frames_is_reported_with_those_that_there_are(traced, fails) -> None:
     run = traced()
     run.every_stage()
     said = fails(2, "explain", run.write(), "--at", 17)

@@ -1,4 +1,4 @@
-"""What is exported is what was there: any trajectory, drawn at random, written and read back."""
+"""Exports are lossless: any trajectory, drawn at random, is written and read back."""
 
 import json
 import xml.etree.ElementTree as ET

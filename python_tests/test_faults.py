@@ -127,7 +127,7 @@ BOTH = ["open", "close", "stat", "lstat", "realpath"]
     [(call, errno.EIO) for call in (*READING, *WRITING, *BOTH)]
     + [(call, errno.ENOSPC) for call in ("open", "write", "fsync", "close", "rename")],
 )
-def test_a_call_that_fails_is_told_or_does_not_matter(
+def test_a_call_that_fails_is_reported_or_does_not_matter(
     program: Program, complete: dict[str, bytes], call: str, error: int
 ) -> None:
     codes = set()
@@ -182,7 +182,7 @@ def test_a_run_that_is_killed_leaves_no_half_output(
         assert_old_or_complete(ended, complete)
 
 
-def test_memory_that_ends_is_told(tmp_path: Path) -> None:
+def test_memory_that_ends_is_reported(tmp_path: Path) -> None:
     """In too few frames for a track, so that nothing is fitted."""
     program = program_on(tmp_path, make_flight(frames=3), "robust")
     complete = program.run().files

@@ -165,7 +165,7 @@ def test_clocks_are_compared_apart_from_places(ahead_s) -> None:
     assert fusion.clock_offset_s("a", "b") == pytest.approx(-ahead_s, abs=0.01)
 
 
-def test_what_flies_straight_tells_nothing_of_clocks() -> None:
+def test_what_flies_straight_carries_no_information_on_clocks() -> None:
     fusion = Fusion(1.0)
     for step in range(100):
         for name in "ab":
@@ -194,7 +194,7 @@ def spd(seed: int) -> np.ndarray:
 
 @given(st.integers(0, 10**6), st.floats(-0.99, 0.99))
 def test_covariance_intersection_is_never_too_sure(seed, correlation) -> None:
-    """Whatever the correlation of the two errors, the claimed covariance bounds the true one."""
+    """The claimed covariance bounds the true one for any correlation of the two errors."""
     one, two = spd(seed), spd(seed + 1)
     position, claimed, share = covariance_intersection(np.zeros(3), one, np.ones(3), two)
     assert 0 <= share <= 1

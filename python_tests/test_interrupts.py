@@ -1,4 +1,4 @@
-"""How `unlidar` ends when it is interrupted, and when nobody reads what it prints."""
+"""The end of `unlidar` on an interrupt, and on a closed stdout."""
 
 from __future__ import annotations
 

@@ -206,7 +206,7 @@ def test_who_reads_for_long_stops_no_writer(tmp_path, monkeypatch) -> None:
     keeper.close()
 
 
-def test_no_flood_of_one_station_takes_what_others_told(tmp_path) -> None:
+def test_no_flood_of_one_station_displaces_rows_of_others(tmp_path) -> None:
     store = Store(tmp_path / "sky.db", megabytes=0.5)
     store.take(messages(tmp_path, *flight(7)))
     for i in range(60):

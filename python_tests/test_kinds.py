@@ -1,4 +1,4 @@
-"""What a track may be: in the summary, the events and the report; `--only-drones`."""
+"""The kind of a track in the summary, the events and the report; `--only-drones`."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def told(stream: bytes, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[
     return rows_of(out), events_of(events)
 
 
-def test_events_tell_what_is_known_by_then(told) -> None:
+def test_events_report_what_is_known_by_then(told) -> None:
     events = [event for event in told[1] if "drone" in event]
     assert {event["event"] for event in events} == {"track", "row", "end"}
     assert events[-1]["drone"] > events[0]["drone"]  # the more is seen the surer
@@ -147,7 +147,7 @@ def test_rows_wait_until_the_track_is_likely_a_drone(stream: bytes, tmp_path: Pa
     assert said.count("left out") == 0
 
 
-def test_a_track_that_never_is_likely_enough_is_not_told(
+def test_a_track_that_never_is_likely_enough_is_not_reported(
     stream: bytes, tmp_path: Path, told
 ) -> None:
     least = next_above(max(event.get("drone", 0) for event in told[1]))

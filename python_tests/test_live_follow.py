@@ -259,7 +259,7 @@ def test_what_is_no_folder_is_refused(tmp_path: Path) -> None:
 # --- what the wall clock tells --------------------------------------------------------------------
 
 
-def test_a_pulled_cable_is_told_and_so_is_its_end(frames: Path, tmp_path: Path) -> None:
+def test_a_pulled_cable_is_reported_and_so_is_its_end(frames: Path, tmp_path: Path) -> None:
     paths = by_stamp(frames)
     with Station(tmp_path, "--set", "live.silent_s=0.5") as station:
         wait_until(lambda: station.told("sensor"), "nothing has come")

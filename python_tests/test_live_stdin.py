@@ -338,7 +338,7 @@ def test_rows_of_a_confirmed_track_come_within_the_delay(plain: tuple[bytes, str
             assert e["at"] - e["timestamp"] > 1.0
 
 
-def test_events_tell_the_rows_of_the_trajectory_and_their_track(plain: tuple[bytes, str]) -> None:
+def test_events_report_the_rows_of_the_trajectory_and_their_track(plain: tuple[bytes, str]) -> None:
     events = events_of(plain[1])
     kinds = [e["event"] for e in events]
     assert kinds.count("track") == 1 and kinds.count("end") == 1
@@ -359,7 +359,7 @@ def test_events_tell_the_rows_of_the_trajectory_and_their_track(plain: tuple[byt
     assert confirmed["first_evidence"] <= confirmed["at"]
 
 
-def test_events_tell_sensors_and_states(plain: tuple[bytes, str]) -> None:
+def test_events_report_sensors_and_states(plain: tuple[bytes, str]) -> None:
     events = events_of(plain[1])
     assert [(e["name"], e["state"]) for e in events if e["event"] == "sensor"] == [("lidar", "ok")]
     states = [e["state"] for e in events if e["event"] == "state"]
@@ -367,7 +367,9 @@ def test_events_tell_sensors_and_states(plain: tuple[bytes, str]) -> None:
     assert set(states) <= {"warming_up", "running"}
 
 
-def test_a_sensor_that_falls_silent_is_told_by_the_stamps(flight: Flight, tmp_path: Path) -> None:
+def test_a_sensor_that_falls_silent_is_reported_by_the_stamps(
+    flight: Flight, tmp_path: Path
+) -> None:
     folders = write_two_sensors(tmp_path, flight)
     right = by_stamp(folders["right"])
     for path in right[10:45]:
@@ -392,7 +394,7 @@ def write_yard(folder: Path, covered_from: int) -> list[Path]:
     return paths
 
 
-def test_a_covered_window_is_told_live_and_of_a_recording(tmp_path: Path) -> None:
+def test_a_covered_window_is_reported_live_and_of_a_recording(tmp_path: Path) -> None:
     folders = {"left": tmp_path / "left", "right": tmp_path / "right"}
     write_yard(folders["left"], 150)
     right = write_yard(folders["right"], 80)
@@ -483,7 +485,7 @@ def test_a_reader_that_leaves_ends_it(stream: list[bytes], tmp_path: Path) -> No
         (b"frame lidar 1706300009.5 3\nabc", "message 61 (lidar 1706300009.5): "),
     ],
 )
-def test_a_broken_stream_is_told_in_one_line_after_what_was_pending(
+def test_a_broken_stream_is_reported_in_one_line_after_what_was_pending(
     tail: bytes, expected: str, stream: list[bytes], whole: bytes, tmp_path: Path
 ) -> None:
     code, _, said = feed(b"".join(stream) + tail, tmp_path / "traj.csv", *ENDLESS)

@@ -119,7 +119,7 @@ def test_frames_are_as_long_as_the_config_says(packets: list[Packet], tmp_path: 
     assert summary["counts"]["frames"] == 120
 
 
-def test_several_sensors_are_told_apart_by_address_and_slot(
+def test_several_sensors_are_distinguished_by_address_and_slot(
     packets: list[Packet], tmp_path: Path
 ) -> None:
     """Of a direct LiDAR, and two at a hub; each saw a third of the packets."""
@@ -353,7 +353,7 @@ def test_rows_and_events_come_while_packets_come(tmp_path: Path) -> None:
     assert len(rows) == len(rows_of(tmp_path / "old.csv")) + len(rows_of(out))
 
 
-def test_a_sensor_that_falls_silent_is_told(packets: list[Packet], tmp_path: Path) -> None:
+def test_a_sensor_that_falls_silent_is_reported(packets: list[Packet], tmp_path: Path) -> None:
     events = tmp_path / "events.jsonl"
     silent = ("--set", "live.silent_s=0.5")
     with Listening("--out", tmp_path / "traj.csv", "--events", events, *silent) as live:

@@ -77,13 +77,13 @@ def test_lost_and_broken_answers_are_asked_for_again(monkeypatch) -> None:
     assert device.wrong == []
 
 
-def test_what_refuses_is_told(fails) -> None:
+def test_what_refuses_is_reported(fails) -> None:
     with Device(refuse=0x20) as device:
         said = fails(4, *sensor(device, "--lidar", device.address))
     assert said.endswith("127.0.0.2: refuses the setting 0x0000: code 32, expected 0")
 
 
-def test_what_does_not_answer_is_told(fails, monkeypatch) -> None:
+def test_what_does_not_answer_is_reported(fails, monkeypatch) -> None:
     monkeypatch.setattr(livox_control, "_TRIES", 2)
     monkeypatch.setattr(livox_control, "_ANSWER_S", 0.05)
     with Device(spoil=lambda *_: None) as device:
@@ -95,7 +95,7 @@ def test_what_does_not_answer_is_told(fails, monkeypatch) -> None:
     assert "gives no answer to command 0x0100" in said
 
 
-def test_what_never_starts_is_told(fails, monkeypatch) -> None:
+def test_what_never_starts_is_reported(fails, monkeypatch) -> None:
     from unlidar_tools.cli import sensor as command
 
     monkeypatch.setattr(command, "_STARTS_WITHIN_S", 0.5)

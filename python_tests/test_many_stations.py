@@ -41,7 +41,7 @@ class Box:
         self._to_own = np.array(turn)
 
     def row(self, number: int, t: float, course: int = 0) -> str:
-        """What its engine says of a drone, in its own frame."""
+        """The engine's row of a drone, in the station's own frame."""
         enu, velocity = drone(t, course)
         spot = pymap3d.enu2geodetic(*enu, *COMMON)
         place = self.place.latitude_deg, self.place.longitude_deg, self.place.height_m
@@ -85,7 +85,7 @@ class Stations:
         return [t for message in told for t in self.many.take(message.text.encode())]
 
     def fly(self, begin: float, until: float, who: dict[str, int], course: int = 0) -> list[dict]:
-        """What pages are told while stations see the drone under these numbers."""
+        """Messages to pages while stations see the drone under these numbers."""
         shown = []
         for step in range(round(begin * 10), round(until * 10)):
             for name, number in who.items():
@@ -113,7 +113,7 @@ def test_a_drone_of_three_stations_is_one_where_it_truly_is(tmp_path) -> None:
     assert alarms == [("raised", identity)]
 
 
-def test_rows_are_not_more_than_a_station_would_tell(tmp_path) -> None:
+def test_rows_are_not_more_than_a_station_would_send(tmp_path) -> None:
     sky = Stations(tmp_path)
     sky.fly(0, 3, dict.fromkeys(sky.boxes, 1))
     stamps = [e["timestamp"] for e in rows(sky.fly(3, 6, dict.fromkeys(sky.boxes, 1)))]

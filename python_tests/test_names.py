@@ -1,4 +1,4 @@
-"""What names a sensor never leaves the folder it belongs to, and the program takes it."""
+"""Sensor names never leave their folder, and the program accepts them."""
 
 import re
 from pathlib import Path

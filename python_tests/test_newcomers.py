@@ -141,7 +141,7 @@ def test_recordings_named_one_by_one_are_all_run_and_a_bad_one_stops_none(
     assert {row["sequence"] for row in table} == {*names, "bad.bag", "missing.bag", "empty"}
 
 
-def test_a_list_tells_duration_and_rate(tmp_path: Path, capsys) -> None:
+def test_a_list_reports_duration_and_rate(tmp_path: Path, capsys) -> None:
     assert main(["convert", str(make_sequence(tmp_path / "seq")), "--list"]) == 0
     said = capsys.readouterr().out
     assert "duration, s" in said

@@ -25,7 +25,7 @@ def corners(outlines: list) -> int:
     return sum(len(ring) for rings in outlines for ring in rings)
 
 
-def test_what_pages_can_draw_is_told_corner_by_corner(caplog) -> None:
+def test_what_pages_can_draw_is_sent_corner_by_corner(caplog) -> None:
     zones = [zone(shapely.box(i, 0, i + 0.5, 1), f"z{i}") for i in range(10_000)]
     assert drawable(zones)[7] == [[[7.5, 0.0], [7.5, 1.0], [7.0, 1.0], [7.0, 0.0], [7.5, 0.0]]]
     assert corners(drawable(zones)) == 50_000

@@ -77,7 +77,7 @@ def test_each_lidar_is_given_once(frames: Path, tmp_path: Path, second: str) -> 
     assert "--frames" in said
 
 
-def test_quiet_says_nothing_and_verbose_tells_the_stages(frames: Path, tmp_path: Path) -> None:
+def test_quiet_says_nothing_and_verbose_reports_the_stages(frames: Path, tmp_path: Path) -> None:
     base = ("--frames", frames, "--out", tmp_path / "traj.csv")
     quiet = run_program(*base, "--quiet")
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")

@@ -161,7 +161,7 @@ def test_lintian_has_nothing_to_say(packages: Packages) -> None:
     assert said == ""
 
 
-def test_the_manual_page_tells_every_option(packages: Packages, installed: Path) -> None:
+def test_the_manual_page_lists_every_option(packages: Packages, installed: Path) -> None:
     source = gzip.decompress((installed / "usr/share/man/man1/unlidar_track.1.gz").read_bytes())
     page = source.decode().replace("\\-", "-")
     shown = output_of(installed / "usr/bin/unlidar_track", "--help")

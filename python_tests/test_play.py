@@ -124,7 +124,7 @@ def test_a_reader_that_leaves_ends_it(recording: Path) -> None:
         assert process.stderr.read() == b""
 
 
-def test_what_cannot_be_played_is_told(recording: Path, tmp_path: Path, fails) -> None:
+def test_what_cannot_be_played_is_reported(recording: Path, tmp_path: Path, fails) -> None:
     assert "is no folder" in fails(4, "play", tmp_path / "absent")
     assert "holds no frames" in fails(4, "play", tmp_path)
     assert "has no sensor 'top'" in fails(2, "play", recording, "--sensors", "top")

@@ -72,7 +72,7 @@ def test_nothing_is_printed(stand_in, tmp_path, capfd) -> None:
     assert (said.out, said.err) == ("", "")
 
 
-def test_convert_tells_what_it_did(tmp_path) -> None:
+def test_convert_reports_what_it_did(tmp_path) -> None:
     source = make_sequence(tmp_path / "seq")
     done = unlidar_tools.convert(source, tmp_path / "out")
     assert done.frames == {"lidar_360": 3}

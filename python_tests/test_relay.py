@@ -312,7 +312,7 @@ class Broker:
 
     @contextlib.contextmanager
     def subscribed(self, topic: str) -> Iterator[list[tuple[str, str]]]:
-        """What mosquitto_sub prints: topics with texts."""
+        """Output of mosquitto_sub: topics with texts."""
         process = subprocess.Popen(
             [
                 *("mosquitto_sub", "-h", "127.0.0.1", "-p", str(self.port), "-q", "1"),
@@ -519,7 +519,7 @@ def test_a_sensor_of_any_name_has_a_topic_that_brokers_take(site, broker) -> Non
     assert all(topic.count("/") == 3 and topic.isascii() for topic in topics)
 
 
-def test_each_run_of_a_relay_tells_who_it_is(site, broker) -> None:
+def test_each_run_of_a_relay_identifies_itself(site, broker) -> None:
     with broker.subscribed("unlidar/north/+") as got:
         for _ in range(2):
             with Relay(

@@ -1,4 +1,4 @@
-"""What the report page says and draws, held to the run that it was made from."""
+"""Texts and drawings of the report page, compared with the run that it was made from."""
 
 import base64
 import json
@@ -41,7 +41,7 @@ def data(run_dir):
 
 
 def text_of(page: str) -> str:
-    """What a reader sees, without the scripts."""
+    """The visible text, without the scripts."""
     return " ".join(re.sub(r"<[^>]+>", " ", re.sub(r"(?s)<script.*?</script>", "", page)).split())
 
 
@@ -97,7 +97,7 @@ def test_points_survive_the_packing_to_half_a_centimetre(data):
     assert np.allclose(packed["estimate"][4][0], drone_position_m(0.4) + OFFSET_M, atol=0.01)
 
 
-def test_the_page_tells_the_measures_settings_counts_and_versions(data):
+def test_the_page_shows_the_measures_settings_counts_and_versions(data):
     shown = text_of(page_of(data))
     rmse = np.linalg.norm(OFFSET_M)
     for words in (
@@ -172,7 +172,7 @@ def test_an_hour_of_data_stays_below_ten_megabytes_and_says_what_is_left_out():
     assert "the best 1,000 take part" in shown
 
 
-def test_each_track_has_one_colour_in_figures_curves_moments_and_tables(tmp_path):
+def test_each_track_has_one_colour_in_figures_curves_time_steps_and_tables(tmp_path):
     data = load_run(make_run(tmp_path / "run", track_ids=(3, 4, 11)))
     colours = track_colours(data.tracks.track_id)
     assert len(set(colours.values())) == 3
@@ -316,7 +316,7 @@ def test_report_rebuilds_the_page_of_a_folder_that_was_moved(run_dir, tmp_path, 
     assert "no longer there" not in shown
 
 
-def test_frames_that_are_gone_are_told_and_the_rest_is_drawn(run_dir, tmp_path):
+def test_frames_that_are_gone_are_reported_and_the_rest_is_drawn(run_dir, tmp_path):
     bare = tmp_path / "bare"
     shutil.copytree(run_dir, bare)
     shutil.rmtree(bare / "frames")

@@ -18,7 +18,7 @@ LONG_FRAMES, LONG_STEP = 300, 5  # half a second apart: 150 s
 
 
 def is_coloured(image: np.ndarray, colour: str) -> bool:
-    """Whether enough pixels have about the hue: markers are shaded at their edges."""
+    """True if enough pixels have about the hue: markers are shaded at their edges."""
     red, green, blue = (image[..., i].astype(int) for i in range(3))
     found = {
         "red": (red > green + 90) & (red > blue + 90),
@@ -160,7 +160,7 @@ def test_the_slider_moves_the_points_and_the_time_lines(page):
     assert changed.sum() > 200
 
 
-def test_playing_goes_through_the_moments_and_pauses(page):
+def test_playing_goes_through_the_time_steps_and_pauses(page):
     page.slide_to(5)
     page.run("byId('play').click()")
     page.wait("Number(byId('time').value) >= 8")

@@ -1,4 +1,4 @@
-"""What is said while something works, and how names from outside stand in what is said."""
+"""Progress reports, and untrusted names in messages."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def stand_in(tmp_path, monkeypatch) -> StandIn:
     return program
 
 
-def test_verbose_tells_commands_and_stages_and_changes_no_result(
+def test_verbose_reports_commands_and_stages_and_changes_no_result(
     stand_in, tmp_path, capsys
 ) -> None:
     source = make_sequence(tmp_path / "seq")
@@ -61,7 +61,7 @@ def test_verbose_tells_commands_and_stages_and_changes_no_result(
     assert records[0] == records[1]
 
 
-def test_verbose_tells_of_many_recordings_with_their_names(stand_in, tmp_path, capsys) -> None:
+def test_verbose_reports_many_recordings_with_their_names(stand_in, tmp_path, capsys) -> None:
     for name in ("a", "b"):
         make_sequence(tmp_path / "data" / name)
     words = ["run", str(tmp_path / "data"), "--out", str(tmp_path / "out")]

@@ -188,14 +188,14 @@ def test_results_of_an_earlier_run_are_not_taken_for_new_ones(stub, flight, tmp_
     fails(1, "run", flight, "--out", tmp_path / "out")
 
 
-def test_an_absent_program_is_told_with_where_it_was_looked_for(
+def test_an_absent_program_is_reported_with_where_it_was_looked_for(
     flight, tmp_path, fails, monkeypatch
 ):
     monkeypatch.setenv("UNLIDAR_TRACK", str(tmp_path / "nowhere"))
     assert "nowhere" in fails(2, "run", flight, "--out", tmp_path / "out")
 
 
-def test_what_the_program_refuses_is_told_before_the_conversion(
+def test_what_the_program_refuses_is_reported_before_the_conversion(
     program, tmp_path, fails, monkeypatch
 ):
     source = make_sequence(tmp_path / "seq")
@@ -256,7 +256,7 @@ def test_the_real_program_finds_nothing_in_an_empty_sky(program, tmp_path, monke
 
 
 def test_the_real_drone_is_one_track_for_one_lidar(shared, program, tmp_path, monkeypatch):
-    """What its returns leave of a second path beside it is none."""
+    """A second path beside the drone has no returns left."""
     monkeypatch.setenv("UNLIDAR_TRACK", str(program))
     recording = shared / "data/mmaud/val/seq0001"
     assert main(["run", str(recording), "--sensors", "lidar_360", "--out", str(tmp_path)]) == 0

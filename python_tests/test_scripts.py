@@ -204,7 +204,7 @@ for i in 12.0 15.5 100.0; do echo "pmstatus:libfoo:$i:Unpacking libfoo (amd64)" 
 """
 
 
-def test_what_apt_does_is_told_while_it_does_it(sandbox: Sandbox) -> None:
+def test_what_apt_does_is_reported_while_it_does_it(sandbox: Sandbox) -> None:
     sandbox.put("dpkg-query", ALL_INSTALLED.replace("echo", '[ "$p" = libceres-dev ] || echo'))
     sandbox.put("sudo", 'case $1 in -*) ;; *) exec "$@" ;; esac')
     sandbox.put("apt-get", APT)

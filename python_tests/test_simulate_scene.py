@@ -1,4 +1,4 @@
-"""What moves in a simulated scene moves as it should, and the scenarios show what they say."""
+"""Motion of objects in simulated scenes, and the content of the scenarios."""
 
 import dataclasses
 import itertools

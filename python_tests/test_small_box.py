@@ -1,4 +1,4 @@
-"""What a box with one core and little memory needs: start, instructions per frame, memory.
+"""Needs on a computer with one core and little memory: start, instructions per frame, memory.
 
 Every budget stands here, a quarter above what was measured; docs/station.md has the numbers.
 """

@@ -128,7 +128,7 @@ def test_an_alarm_is_raised_when_a_track_has_stayed_and_ends_with_it(tmp_path) -
 
 
 @pytest.mark.parametrize(("every", "raised"), [(3, 0), (4, 0), (12, 1), (38, 1)])
-def test_noise_at_an_edge_hides_no_stay_and_passing_by_is_none(every, raised, tmp_path) -> None:
+def test_noise_at_an_edge_hides_no_dwell_and_passing_by_is_none(every, raised, tmp_path) -> None:
     """One row in so many is outside."""
     watched = station(tmp_path, [square(50)])
     inside, outside = (0.0, 0.0, 20.0), (60.0, 0.0, 20.0)
@@ -177,7 +177,7 @@ def test_each_zone_raises_its_own_alarm(tmp_path) -> None:
     assert sorted(alarms(watched, end(1, 20))) == [("ended", 1, "core"), ("ended", 1, "wide")]
 
 
-def test_the_probability_of_being_a_drone_decides_where_it_is_told(tmp_path) -> None:
+def test_the_probability_of_being_a_drone_decides_where_it_is_known(tmp_path) -> None:
     def raised(*lines: str) -> int:
         return len(alarms(station(tmp_path, [square(50)]), *lines))
 

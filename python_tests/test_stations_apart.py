@@ -78,7 +78,7 @@ def test_who_lies_hides_no_drone_of_another(lie, tmp_path) -> None:
     assert set(raised) - set(over)
 
 
-def test_a_topic_tells_who_speaks_whatever_the_text_says() -> None:
+def test_a_topic_identifies_the_sender_whatever_the_text_says() -> None:
     many = Many(Site(), (), "broker")
     text = f'{sensor("mid360", "silent")[:-1]},"station":"north"}}'.encode()
     (told,) = many.take(Published("evil", text, gone=False, retained=False))
@@ -154,7 +154,7 @@ def test_a_track_of_which_nothing_is_heard_ends_by_age(tmp_path) -> None:
     assert station.take(row(1, 95))  # seen again
 
 
-def test_an_end_is_told_though_the_next_event_is_refused(tmp_path) -> None:
+def test_an_end_is_reported_though_the_next_event_is_refused(tmp_path) -> None:
     site = load_site(write_site(tmp_path, [square(50, "apron")]))
     for taken in (Station(site, load_zones(site)).take, of_one(Many(site, load_zones(site), "b"))):
         for t in range(30):

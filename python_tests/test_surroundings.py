@@ -1,4 +1,4 @@
-"""What stands and waves about a station is no drone, and hides none, as a recording and live."""
+"""Static and waving objects about a station are no drones and hide none, as recordings and live."""
 
 from __future__ import annotations
 

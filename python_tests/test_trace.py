@@ -56,7 +56,7 @@ def test_rows_are_the_same_with_and_without_a_trace(frames: Path, tmp_path: Path
     assert (tmp_path / "traj.csv").read_bytes() == (tmp_path / "other.csv").read_bytes()
 
 
-def test_every_frame_is_told_once_and_every_path_has_its_reason(
+def test_every_frame_is_traced_once_and_every_path_has_its_reason(
     flight: Flight, frames: Path, tmp_path: Path
 ) -> None:
     kinds = traced(frames, tmp_path)
@@ -85,7 +85,7 @@ def test_a_path_leads_through_detections_of_its_frames(frames: Path, tmp_path: P
     assert places and set(places) <= known
 
 
-def test_a_long_recording_is_told_window_by_window(tmp_path: Path) -> None:
+def test_a_long_recording_is_traced_window_by_window(tmp_path: Path) -> None:
     flight = make_flight(frames=150)
     frames = write_frames(tmp_path / "frames", flight)
     kinds = traced(

@@ -178,7 +178,7 @@ def test_pages_are_served_while_the_work_on_events_never_ends(server) -> None:
         thread.join()
 
 
-def test_a_store_of_very_many_tracks_is_told_in_bounded_answers() -> None:
+def test_a_store_of_very_many_tracks_is_sent_in_bounded_answers() -> None:
     store = Store(None)
     now_ns = time.time_ns()
     db = store._connection()
@@ -319,7 +319,7 @@ def test_what_an_old_file_says_is_as_old_as_its_stamps() -> None:
     assert json.loads(sky.snapshot())["events"][0]["age_s"] == pytest.approx(3 * 3600, abs=60)
 
 
-def test_a_flood_is_told_as_the_sky_that_it_makes() -> None:
+def test_a_flood_is_sent_as_the_sky_that_it_makes() -> None:
     async def check() -> None:
         pages = Pages(Sky())
         page = pages.told("{}")

@@ -1,7 +1,7 @@
 """The harness of unlidar_track: recordings in, trajectories measured, figures out.
 
-As a library it offers what `api` has; nothing of it is imported before it is asked for, lest every
-command wait for it.
+The library interface is that of `api`. Names are imported on first access, so that importing the
+package, and with it every command, stays fast.
 """
 
 from typing import TYPE_CHECKING, Any

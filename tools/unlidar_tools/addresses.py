@@ -1,6 +1,6 @@
-"""Addresses by which stations are told and heard: read here, and shown without their secrets.
+"""Addresses that events are sent to and received from: parsed here, shown without secrets.
 
-Users, passwords and tokens stand in URLs, which messages and the journal of a service repeat.
+URLs hold users, passwords and tokens, which messages and the journal of a service would repeat.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ MQTT = {"mqtt": Scheme(port=1883, login=True), "mqtts": Scheme(port=8883, login=
 
 @dataclass(frozen=True)
 class Address:
-    """Where to, and as whom."""
+    """Host, port and login of one endpoint."""
 
     scheme: str
     host: str
@@ -35,13 +35,13 @@ class Address:
 
     @property
     def name(self) -> str:
-        """For messages."""
+        """The address without secrets, for messages."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.scheme}://{host}:{self.port}"
 
 
 def read_address(text: str, schemes: Mapping[str, Scheme], expected: str) -> Address:
-    """UsageError that says what was `expected`, without the secrets of the text."""
+    """The parsed address. UsageError with the `expected` form and without the text's secrets."""
     try:
         return _read(urlsplit(text), schemes)
     except ValueError as error:

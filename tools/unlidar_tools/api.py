@@ -1,6 +1,6 @@
 """The package as a library: paths in, dataclasses out. docs/python_api.md shows it at work.
 
-What a user can mend is an UnlidarError that names the file, the value and what was expected.
+Errors that a user can fix are UnlidarError: file, value and expectation in one line.
 Notes go to the logger `unlidar_tools`, stages with the level INFO.
 """
 
@@ -35,21 +35,21 @@ AnyPath = str | os.PathLike[str]
 
 @dataclass(frozen=True)
 class Conversion:
-    """What a recording was converted to."""
+    """The result of a conversion."""
 
     out: Path  # holds a folder of frames for each sensor
     kind: str  # of the recording
     frames: dict[str, int]  # how many, by sensor
-    returns: dict[str, int]  # in them, by sensor
+    returns: dict[str, int]  # number of them in all frames, by sensor
     truth: Path | None  # ground_truth.csv, None if the recording has no truth
     truth_rows: int
-    notes: tuple[str, ...]  # what the user should know
+    notes: tuple[str, ...]  # for the user
     broken: str | None  # why `out` ends before the recording does; None: it is complete
 
 
 @dataclass(frozen=True)
 class DroneMeasures:
-    """Of one drone among several."""
+    """The measures of one drone among several."""
 
     target: float  # its number in the truth
     coverage: float
@@ -60,7 +60,7 @@ class DroneMeasures:
 
 @dataclass(frozen=True)
 class Measures:
-    """What docs/evaluate.md defines, under the names it has there; None: not defined.
+    """The measures of docs/evaluate.md, under the same names; None: not defined.
 
     Lengths are metres, shares 0 to 1.
     """
@@ -116,7 +116,7 @@ class Measures:
 
 @dataclass(frozen=True)
 class Run:
-    """What was found in a recording, and where it is written."""
+    """The result of tracking one recording, and the paths of its files."""
 
     out: Path
     frames: dict[str, Path]  # folder by sensor

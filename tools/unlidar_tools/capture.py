@@ -12,15 +12,15 @@ from unlidar_tools.extras import load_extra
 from unlidar_tools.limits import BoundedFile
 
 SUFFIXES = (".pcap", ".pcapng")
-_MOST_OPEN = 64  # packets of which pieces are waited for
-_END = 1 << 16  # behind every piece, and longer than any packet
+_MOST_OPEN = 64  # incomplete packets kept for reassembly
+_END = 1 << 16  # bytes; beyond any fragment and any packet
 
 
 @dataclass(frozen=True)
 class Datagram:
     """The payload of one UDP packet over IPv4."""
 
-    time_s: float  # when it was captured
+    time_s: float  # capture time, Unix
     source: str  # address of its sender
     payload: bytes
 
@@ -31,14 +31,14 @@ class Datagram:
 
 
 def is_capture(path: Path) -> bool:
-    """Whether the name says so."""
+    """True if the file's suffix is that of a capture."""
     return path.suffix.lower() in SUFFIXES and path.is_file()
 
 
 def datagrams(path: Path) -> Iterator[Datagram]:
-    """The UDP packets of a capture in the order of the file; others are passed over.
+    """The UDP packets of a capture in the order of the file; others are skipped.
 
-    InputError for a file that is none, or of a kind of network that is not known.
+    InputError if the file is no capture, or of an unknown link type.
     """
     dpkt = _dpkt(path)
     try:
@@ -52,7 +52,7 @@ def datagrams(path: Path) -> Iterator[Datagram]:
                 )
             pieces = _FragmentAssembler()
             for time_s, frame in reader:
-                if not frame:  # no network has such; a sparse file is full of them
+                if not frame:  # never on a network, but a sparse file reads as empty packets
                     raise InputError(f"{path}: damaged: a packet of 0 bytes")
                 packet = _udp_over_ip(dpkt, link, frame, pieces)
                 if packet is not None:
@@ -72,26 +72,26 @@ def _links(dpkt: ModuleType) -> dict[int, type]:
         dpkt.pcap.DLT_LINUX_SLL2: dpkt.sll2.SLL2,
         dpkt.pcap.DLT_NULL: dpkt.loopback.Loopback,
         dpkt.pcap.DLT_RAW: dpkt.ip.IP,
-        101: dpkt.ip.IP,  # raw IP as most files number it
+        101: dpkt.ip.IP,  # DLT_RAW as most files number it
     }
 
 
 class _FragmentAssembler:
-    """Packets that are longer than their network takes come in pieces, in any order."""
+    """Reassembles IPv4 packets from fragments, which arrive in any order."""
 
     def __init__(self) -> None:
         self._open: dict[tuple[bytes, bytes, int], dict[int, bytes]] = {}
 
     def add(self, ip: Any) -> bytes | None:
-        """The whole data of the packet that this piece completes."""
+        """The payload of the packet that this fragment completes; None while some are missing."""
         if ip.offset == 0 and not ip.mf:
             return bytes(ip.data)
         key = ip.src, ip.dst, ip.id
         found = self._open.get(key, {})
-        if ip.offset * 8 in found:  # numbers come again: that one was never completed
+        if ip.offset * 8 in found:  # identification reused: the earlier packet is lost
             found = {}
         found[ip.offset * 8] = bytes(ip.data)
-        if sum(map(len, found.values())) > _END:  # pieces of no packet
+        if sum(map(len, found.values())) > _END:  # more data than any packet has
             self._open.pop(key, None)
             return None
         if not ip.mf:
@@ -132,5 +132,5 @@ def _udp_over_ip(
         if len(udp.data) != udp.ulen - 8:  # cut off by the capture
             return None
         return socket.inet_ntoa(ip.src), bytes(udp.data)
-    except (dpkt.Error, IndexError, ValueError):  # no whole packet
+    except (dpkt.Error, IndexError, ValueError):  # truncated packet
         return None

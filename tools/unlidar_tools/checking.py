@@ -1,4 +1,4 @@
-"""YAML files with keys that a user writes, checked; what is wrong is told in one line."""
+"""Validation of YAML files that users write; a fault becomes one line."""
 
 import json
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from unlidar_tools.limits import load_yaml
 
 T = TypeVar("T")
 
-# Strict: a text is no number, 1.5 no whole one.
+# Strict types: "1" is no number, 1.5 no integer.
 checked = dataclass(
     frozen=True,
     config=ConfigDict(
@@ -28,20 +28,20 @@ NotNegative = Annotated[float, Field(ge=0)]
 
 
 class _Untitled(GenerateJsonSchema):
-    """Without titles, which would but repeat the keys."""
+    """Omits titles, which would only repeat the keys."""
 
     def field_title_should_be_set(self, _schema: object) -> bool:
         return False
 
 
 def read_checked(path: Path, adapter: TypeAdapter[T]) -> T:
-    """What a YAML file holds; ConfigError naming file, key, value and what was expected."""
+    """The validated content of a YAML file; ConfigError with file, key, value and expectation."""
     try:
         data = load_yaml(path)
     except (OSError, ValueError, RecursionError, YAMLError) as error:
         raise ConfigError(f"{path}: cannot be read as YAML: {reason(error)}") from error
     try:
-        # By way of JSON, whose arrays are tuples to a strict check and whose keys are texts.
+        # Via JSON: strict validation takes its arrays as tuples, and its keys are text.
         return adapter.validate_json(json.dumps(data, default=str))
     except ValidationError as error:
         raise ConfigError(f"{path}: {_first(error, adapter)}") from error
@@ -55,12 +55,12 @@ def schema_of(adapter: TypeAdapter) -> dict:
 
 
 def require(holds: bool, message: str) -> None:
-    """ValueError with this message unless it holds: what pydantic wants of a check."""
+    """Throws ValueError with `message`, as pydantic expects of validators, unless `holds`."""
     if not holds:
         raise ValueError(message)
 
 
-# What pydantic calls a fault -> what was expected.
+# pydantic's error type -> expectation in the message.
 _EXPECTED = {
     "float_type": "a number",
     "finite_number": "a number",
@@ -102,13 +102,13 @@ def _first(error: ValidationError, adapter: TypeAdapter) -> str:
 
 
 def _spell(where: Sequence[str | int]) -> str:
-    """`drones[0].flight: ` of the way to a value, nothing of the whole."""
+    """A path of keys as `drones[0].flight: `; empty for the root."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in where)
     return f"{text.removeprefix('.')}: " if text else ""
 
 
 def _keys_of(where: Sequence[str | int], adapter: TypeAdapter) -> list[str]:
-    """The keys that a part of the whole may have."""
+    """The keys that are allowed at a path."""
     whole = schema_of(adapter)
     node = whole
     for part in where:

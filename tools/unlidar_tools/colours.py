@@ -3,14 +3,14 @@
 import numpy as np
 
 GREY, GREEN, RED = "#9a9a9a", "#1f9d3a", "#d62728"  # returns, target returns, truth
-# Told from each other and from those above also by most who are colour-blind.
+# Distinguishable, also from those above, with the common colour vision deficiencies.
 _TRACKS = (
     "#1f4fd6", "#e08a00", "#8e24aa", "#00838f", "#6d4c41", "#d81b8c", "#5f6b00", "#37474f",
 )  # fmt: skip
 
 
 def track_colours(track_id: np.ndarray) -> dict[float, str]:
-    """A colour for each number of a track, again from the first where there are too many."""
+    """A colour for each track number; repeats where there are more tracks than colours."""
     return {
         float(number): _TRACKS[index % len(_TRACKS)]
         for index, number in enumerate(np.unique(track_id))

@@ -8,9 +8,9 @@ from unlidar_tools.truth import Tracks
 def complete(tracks: Tracks, time_s: np.ndarray) -> np.ndarray:
     """(N, 3) the position at each time; NaN throughout where there is no track at all.
 
-    Within tracks it is linear between their rows, of several at once that with the most returns
-    (rows where these are not known). Between tracks it is the line from the end of one to the
-    begin of the next, before the first and after the last the position there is held.
+    Positions within a track are interpolated linearly; of simultaneous tracks the one with the
+    most returns (rows, if returns are unknown) is taken. Gaps between tracks are bridged
+    linearly; before the first and after the last row the position is held.
     """
     position = np.full((len(time_s), 3), np.nan)
     if len(tracks) == 0:

@@ -1,4 +1,4 @@
-"""Where the configurations and scenarios are that come along."""
+"""Paths of the bundled configurations and scenarios."""
 
 from pathlib import Path
 

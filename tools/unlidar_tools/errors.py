@@ -1,4 +1,4 @@
-"""Errors that a user can mend, and the one place that turns them into a line and an exit code."""
+"""Errors that a user can fix, and the one place that turns them into a line and an exit code."""
 
 import os
 import re
@@ -9,7 +9,7 @@ from unlidar_tools.sanitize import hide_secrets, printable
 
 _MOST = 240  # characters of a message
 _MOST_NAMES = 110  # of the names in a list
-_MOST_WORDS = 48, 100  # of further paths or words and of the first one, where all is too long
+_MOST_WORDS = 48, 100  # characters of later words and of the first, in too long a message
 
 
 class UnlidarError(Exception):
@@ -43,7 +43,7 @@ class OutputError(UnlidarError):
 
 
 class ForwardedError(UnlidarError):
-    """What failed is not the command itself; the exit code of that is handed on."""
+    """A failure outside of the command itself, whose exit code is passed on."""
 
     def __init__(self, message: str, exit_code: int):
         super().__init__(message)
@@ -59,7 +59,7 @@ class BatchError(ForwardedError):
 
 
 def reason(error: BaseException) -> str:
-    """What an exception of a library says, on one line and without the path it repeats."""
+    """The message of a library's exception on one line, without the path that it repeats."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(text.split())
 
@@ -76,9 +76,10 @@ def listed(names: Iterable[str], most: int = _MOST_NAMES) -> str:
 
 
 def shortened(message: str) -> str:
-    """One printable line of bounded length: long names lose their middle, then the whole does.
+    """The message as one printable line of bounded length.
 
-    The file that it begins with goes last, and the expectation that it ends with never.
+    Long names lose their middle first, then the whole line does. The file at its begin is cut last,
+    the expectation at its end never.
     """
     line = printable(hide_secrets(" ".join(message.split())))
     first, blank, rest = line.partition(" ")
@@ -91,7 +92,7 @@ def shortened(message: str) -> str:
 
 
 def _cut(text: str, most: int) -> str:
-    """With its middle left out: a path ends with what it is called."""
+    """The word without its middle: the end of a path is its name."""
     if len(text) <= most:
         return text
     head = most // 2 - 3
@@ -99,14 +100,14 @@ def _cut(text: str, most: int) -> str:
 
 
 def report_errors(act: Callable[[], None]) -> int:
-    """Does it and returns the exit code; an error becomes one line on stderr."""
+    """Runs `act` and returns the exit code; an error becomes one line on stderr."""
     exit_code = _exit_code_of(act)
     try:
-        if sys.stdout is not None:  # nothing is open there
+        if sys.stdout is not None:  # stdout may be closed
             sys.stdout.flush()
     except OSError as error:
         _forget_stdout()
-        # The reader of a pipe who has left need not be told.
+        # A closed pipe is no error: its reader has seen enough.
         if exit_code == 0 and not isinstance(error, BrokenPipeError):
             _tell(f"stdout: cannot be written: {reason(error)}")
         exit_code = exit_code or OutputError.exit_code
@@ -131,7 +132,7 @@ def _exit_code_of(act: Callable[[], None]) -> int:
 
 
 def _forget_stdout() -> None:
-    """What is still in its buffer would fail once more when the process ends."""
+    """Redirects stdout to /dev/null: flushing its buffer at exit would fail once more."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -1,4 +1,4 @@
-"""What can be asked of `evaluate`; apart from it so that --help need not wait for scipy."""
+"""Options of `evaluate`, in a module of their own so that --help need not load scipy."""
 
 from dataclasses import dataclass
 
@@ -8,10 +8,10 @@ AUTO = "auto"
 
 @dataclass(frozen=True)
 class Options:
-    """What is taken off before judging, and how the intervals are drawn."""
+    """Corrections before the evaluation, and the bootstrap of the intervals."""
 
     align: str = "none"  # one of ALIGNMENTS
     time_offset: float | str = 0.0  # s added to the tracks' stamps, or AUTO
     bootstrap: int = 1000  # replicates of the intervals; 0: none
-    block_s: float = 1.0  # what is drawn together: errors closer in time are alike
+    block_s: float = 1.0  # block length: errors closer in time are correlated
     seed: int = 0

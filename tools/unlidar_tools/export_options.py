@@ -1,4 +1,4 @@
-"""What can be asked of `export`; apart from it so that --help need not wait for rosbags."""
+"""Options of `export`, in a module of their own so that --help need not load rosbags."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +32,7 @@ _PLACED = ("kml", "geojson")
 
 @dataclass(frozen=True)
 class Options:
-    """What the formats need beyond the trajectory."""
+    """Inputs of the formats beyond the trajectory."""
 
     origin: Origin | None = None
     frame_id: str = "map"
@@ -42,7 +42,7 @@ class Options:
 
 
 def guess_format(out: Path) -> str:
-    """By the name of what is written. UsageError for a name that tells nothing."""
+    """The format by the output's name. UsageError for an unknown suffix."""
     form = "mmaud" if out.name == _MMAUD_NAME else _BY_SUFFIX.get(out.suffix.lower())
     if form is None:
         raise UsageError(
@@ -53,7 +53,7 @@ def guess_format(out: Path) -> str:
 
 
 def check(sources: int, form: str, options: Options) -> None:
-    """UsageError where format and options do not fit together."""
+    """UsageError if format and options are incompatible."""
     if form != "mmaud" and sources > 1:
         raise UsageError(f"--format {form} takes one trajectory, {sources} are given")
     if form in _PLACED and options.origin is None:

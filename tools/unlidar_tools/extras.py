@@ -1,4 +1,4 @@
-"""Packages that only some commands need, and that an install need not have."""
+"""Optional packages that only some commands need."""
 
 import shlex
 import sys
@@ -34,7 +34,7 @@ def load_extra(module: str, extra: str, missing: str) -> ModuleType:
 
 
 def load_lone(module: str, package: str, missing: str) -> ModuleType:
-    """As load_extra, for a package that asks for others that do not fit ours but needs none."""
+    """As load_extra, for a package installed without its declared dependencies, which conflict."""
     try:
         return import_module(module)
     except ImportError as error:
@@ -42,7 +42,7 @@ def load_lone(module: str, package: str, missing: str) -> ModuleType:
 
 
 def advice(extra: str) -> str:
-    """A command that installs an extra beside unlidar-tools, which is not looked for elsewhere."""
+    """The command that installs an extra into the environment of unlidar-tools."""
     return f"{_pip()} 'unlidar-tools[{extra}]'"
 
 
@@ -51,5 +51,5 @@ def _advised(missing: str, extra: str) -> str:
 
 
 def _pip() -> str:
-    # This one's: Debian's own refuses to install, and another one would do it elsewhere.
+    # This environment's pip: Debian's refuses, another one would install elsewhere.
     return f"{shlex.quote(sys.executable)} -m pip install"

@@ -25,7 +25,7 @@ _MOST_NAMED = 8  # tracks in the legend
 
 @dataclass(frozen=True)
 class FigureData:
-    """What is drawn; every part but the title may be empty."""
+    """Content of the figure; every part but the title may be empty."""
 
     title: str
     returns_m: np.ndarray  # (N, 3)
@@ -38,7 +38,7 @@ class FigureData:
 def write_figure(data: FigureData, path: Path) -> None:
     """Draws a 3-D view, a view from above and one from the side, all in metres.
 
-    The suffix of `path` says how: .png or .pdf.
+    The suffix of `path` selects the format: .png or .pdf.
     """
     figure = Figure(figsize=(15, 7.6), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1))
@@ -102,7 +102,7 @@ def view_box(
 
 
 def pieces_of(time_s: np.ndarray, group: np.ndarray) -> list[np.ndarray]:
-    """The rows to be drawn as lines, in order of time: per group, parted where time leaps."""
+    """The rows to be drawn as lines, in order of time: per group, split at gaps in time."""
     pieces: list[np.ndarray] = []
     for one in np.unique(group):
         rows = np.flatnonzero(group == one)
@@ -124,7 +124,7 @@ def _lines(data: FigureData) -> list[tuple[np.ndarray, str, float]]:
 
 def _draw_3d(view: Axes3D, data: FigureData, low: np.ndarray, high: np.ndarray) -> None:
     view.computed_zorder = False  # lines stay above the cloud
-    # A 3-D axes does not cut off what lies outside.
+    # 3-D axes do not clip.
     inside = np.all((data.returns_m >= low) & (data.returns_m <= high), axis=1)
     view.scatter(
         *data.returns_m[inside].T, s=2, c=GREY, alpha=0.45, linewidths=0, rasterized=True, zorder=1
@@ -164,7 +164,7 @@ def _draw_flat(
     panel.scatter([0], [0], marker="^", s=50, c="black", zorder=2)
     panel.set_xlim(low[a], high[a], auto=True)
     panel.set_ylim(low[b], high[b], auto=True)
-    panel.set_aspect("equal", adjustable="datalim")  # fills the panel with what lies around
+    panel.set_aspect("equal", adjustable="datalim")  # extends the limits to fill the panel
     panel.set_xlabel(f"{'xyz'[a]} [m]")
     panel.set_ylabel(f"{'xyz'[b]} [m]")
     panel.set_title(title, fontsize=11)
@@ -172,7 +172,7 @@ def _draw_flat(
 
 
 def legend(data: FigureData) -> list[Line2D]:
-    """A handle for each kind of thing that is drawn, and for each track."""
+    """A legend handle for each kind of data, and for each track."""
 
     def dot(colour: str, label: str, marker: str = "o") -> Line2D:
         return Line2D([], [], color=colour, marker=marker, linestyle="", markersize=6, label=label)

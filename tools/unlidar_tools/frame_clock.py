@@ -1,4 +1,4 @@
-"""How the names of one sensor's frames tell time: by stamps, or by numbers; as the program does."""
+"""Times from the names of a sensor's frames, stamps or numbers, by the program's rules."""
 
 import csv
 from collections.abc import Sequence
@@ -12,10 +12,10 @@ from unlidar_tools.limits import lines_of
 from unlidar_tools.sanitize import printable
 from unlidar_tools.stamps import parse_stamp_ns
 
-_RATES_HZ = 1e-3, 1e9  # up to names that are nanoseconds
+_RATES_HZ = 1e-3, 1e9  # up to numbers that are nanoseconds
 _NS_PER_S = 1_000_000_000
-_LEAST_UNIX_S = 10**8  # 1973: a smaller whole number is no Unix time
-_MOST_UNIX_S = 10**11  # more are no seconds
+_LEAST_UNIX_S = 10**8  # 1973: smaller integers are frame numbers
+_MOST_UNIX_S = 10**11  # larger numbers are no seconds
 _HOUR_S = 3600
 # The median difference of numbers, from and to, and how many of these numbers make a second.
 _UNITS = (
@@ -28,7 +28,7 @@ _UNITS = (
 
 @dataclass(frozen=True)
 class NamedTimes:
-    """The times that names tell, in their order, and what had to be assumed for them."""
+    """Times by name, in the order of the names, with the assumptions made."""
 
     stamps_ns: list[int | None]  # None: the name is no stamp
     are_numbers: bool
@@ -40,7 +40,7 @@ def times_of_names(where: object, names: Sequence[str], rate_hz: float | None = 
 
     Names that are whole and begin below 1e8 (or, as seconds, lie hours apart) are numbers, of which
     `rate_hz` make a second; without it that follows from their median difference, and is noted. All
-    others are stamps. InputError, naming `where`, for numbers that mean nothing without a rate.
+    others are stamps. InputError, naming `where`, for numbers whose rate cannot be inferred.
     """
     known = [(name, stamp_ns) for name in names if (stamp_ns := _stamp_ns(name)) is not None]
     numbers = sorted(int(name) for name, _ in known if name.isdecimal())
@@ -77,8 +77,8 @@ def times_of_names(where: object, names: Sequence[str], rate_hz: float | None = 
 def stamps_of_table(table: Path, paths: Sequence[Path]) -> list[int]:
     """The stamps of a sensor's files by a table `file,timestamp`, in the order of `paths`.
 
-    The table goes before the names: with it no name is a time. InputError for what is no such
-    table, for a row of no file, and for a file without a row or whose row holds no stamp.
+    The table takes precedence over names. InputError for a malformed table, a row without a
+    file, and a file without a row or with an invalid stamp.
     """
     try:
         with table.open(newline="") as file:

@@ -15,7 +15,7 @@ from unlidar_tools.names import folder_names
 
 _NO_FIELDS: Mapping[str, np.ndarray] = MappingProxyType({})
 _MAX_HEADER_BYTES = 1 << 16
-_PIECE_BYTES = 1 << 20  # of a text that becomes numbers at a time
+_PIECE_BYTES = 1 << 20  # of a text parsed at a time
 _BLANK = re.compile(rb"\s")
 _HEADER_KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT",
                 "POINTS", "DATA"}  # fmt: skip
@@ -85,7 +85,7 @@ def write_pcd(path: Path, xyz_m: np.ndarray, fields: Mapping[str, np.ndarray] = 
 def read_pcd(path: Path) -> dict[str, np.ndarray]:
     """The fields of a PCD file by lower-case name, (N,) each; of a field of count n, column 0.
 
-    Throws InputError naming the file and what is wrong with it.
+    Throws InputError naming the file and the fault.
     """
     try:
         require_file(path)
@@ -113,7 +113,7 @@ def keep_returns(xyz_m: np.ndarray) -> np.ndarray:
 
 
 def is_return(xyz_m: np.ndarray) -> np.ndarray:
-    """Which rows are finite and not 0, 0, 0 (a ray without a return), (N,) bool."""
+    """(N,) bool: rows that are finite and not 0, 0, 0 (a ray without a return)."""
     x, y, z = xyz_m.T
     finite = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
     return finite & ((x != 0) | (y != 0) | (z != 0))
@@ -178,7 +178,7 @@ def _ascii_columns(body: bytes, points: int, counts: list[int]) -> list[np.ndarr
 
 
 def _numbers(body: bytes, most: int) -> np.ndarray:
-    """The first numbers of a text; a piece at a time, as an object for each takes ten times it."""
+    """The first numbers of a text, parsed in pieces: Python objects take ten times the memory."""
     parts, begin, left = [np.zeros(0)], 0, most
     while begin < len(body) and left > 0:
         blank = _BLANK.search(body, begin + _PIECE_BYTES)
@@ -224,7 +224,7 @@ def _lzf_decompress(packed: bytes, size: int) -> bytes:
         i += 1
         if start < 0:
             raise ValueError("a back reference in the compressed data points before its start")
-        for k in range(start, start + length + 2):  # may overlap what it appends
+        for k in range(start, start + length + 2):  # source and destination may overlap
             out.append(out[k])
         if len(out) > size:
             break

@@ -1,6 +1,6 @@
 """Between metres around a station and latitude, longitude, height on the WGS 84 ellipsoid.
 
-What works it out is imported when it is needed: the command line wants an Origin only.
+pymap3d is imported on use: the command line needs Origin only.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _EAST_DEG = 90.0
 
 @dataclass(frozen=True)
 class Origin:
-    """Where 0, 0, 0 of the sensors' frame is, and how the frame is turned about the vertical."""
+    """Geodetic position of the sensor frame's origin, and its heading."""
 
     latitude_deg: float
     longitude_deg: float

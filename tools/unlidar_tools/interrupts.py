@@ -1,6 +1,6 @@
-"""Ctrl-C and SIGTERM end a process with one line and exit code 130, at whatever moment they come.
+"""Ctrl-C and SIGTERM end a process with one line and exit code 130 at any time.
 
-This module is imported before any other of the package and needs next to nothing itself.
+Imported before any other module of the package, so it has next to no dependencies.
 """
 
 import os
@@ -17,16 +17,16 @@ _LINE = b"unlidar: error: interrupted\n"
 
 
 def end_at_once() -> None:
-    """Until `guarded` there is nothing to tidy up; an exception would be lost in an import."""
+    """Exits at once on signals until `guarded`: no cleanup is due, and imports lose exceptions."""
     for number in _SIGNALS:
         signal.signal(number, _end)
 
 
 def guarded(act: Callable[[], int]) -> int:
-    """The exit code of `act`, in which an interrupt is a KeyboardInterrupt.
+    """Runs `act`, in which an interrupt raises KeyboardInterrupt; returns its exit code.
 
-    It comes once: a second one must not break the tidying up after the first. When `act` is done
-    there is nothing left to interrupt.
+    It is raised once, as a second one would break the cleanup of the first, and never after
+    `act` has returned.
     """
     try:
         for number in _SIGNALS:
@@ -46,7 +46,7 @@ def _end(_number: int, _frame: object) -> NoReturn:
 
 
 def _raise(_number: int, frame: FrameType | None) -> None:
-    if _in_import(frame):  # where it might be lost or become an ImportError
+    if _in_import(frame):  # imports may swallow it or turn it into an ImportError
         signal.signal(signal.SIGALRM, _raise)
         signal.setitimer(signal.ITIMER_REAL, _RETRY_S)
         return
@@ -65,6 +65,6 @@ def _in_import(frame: FrameType | None) -> bool:
 def _ignore() -> None:
     signal.setitimer(signal.ITIMER_REAL, 0)
     for number in (*_SIGNALS, signal.SIGALRM):
-        # Not SIG_IGN, which a process that a thread starts at this moment would inherit: it could
-        # not be ended.
+        # Not SIG_IGN: a child process started by a thread at this moment would inherit it and could
+        # not be terminated.
         signal.signal(number, lambda _number, _frame: None)

@@ -1,7 +1,7 @@
-"""What may come in: bounds on files that others wrote, and reading within them.
+"""Size limits on untrusted input, and bounded reading.
 
-A file may say anything of itself, be sparse or unpack to a thousand times its size. Nothing is read
-or unpacked whole before it is known to be small enough.
+A file may declare any size, be sparse or decompress to a thousand times its size. Nothing is read
+or decompressed whole before its size is known to be within the limit.
 """
 
 import io
@@ -19,13 +19,13 @@ MOST_TABLE = 256 * MEGABYTE  # of a trajectory, a truth or another table
 MOST_TEXT = 16 * MEGABYTE  # of a description: YAML, JSON, a list of times
 MOST_LINE = 64 * 1024  # characters of a line of a table
 MOST_TRACE, MOST_TRACE_LINE = 16384 * MEGABYTE, 16 * MEGABYTE  # of an hour, and of one frame in it
-MOST_YAML_NODES = 1_000_000  # of a YAML file with what its aliases repeat
-# How much larger than itself a recording may be that was packed as a whole file; a small one more.
+MOST_YAML_NODES = 1_000_000  # nodes of a YAML file with aliases expanded
+# Largest expansion of a recording compressed as a whole file, and the size that is always allowed.
 MOST_RATIO, ALWAYS_UNPACKED = 200, 1024 * MEGABYTE
 
 
 class TooLargeError(ValueError):
-    """Something is larger than what may come in; says how large, and what was expected."""
+    """Input beyond a size limit; the message has both sizes."""
 
     def __init__(self, what: str, size: int | None, most: int) -> None:
         found = "more" if size is None else f"{size:,} bytes"
@@ -33,13 +33,13 @@ class TooLargeError(ValueError):
 
 
 class BoundedFile(io.BufferedReader):
-    """A file of which no read gives more than `MOST_RECORD` bytes, whatever its fields announce."""
+    """A file whose reads are limited to `MOST_RECORD` bytes, whatever length fields declare."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(io.FileIO(path))
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """As of any file; TooLargeError for more than a record may have."""
+        """Reads; TooLargeError beyond `MOST_RECORD` bytes."""
         if size is None or size < 0:
             data = super().read(MOST_RECORD + 1)
             if len(data) > MOST_RECORD:
@@ -50,12 +50,12 @@ class BoundedFile(io.BufferedReader):
         return super().read(size)
 
     def readline(self, size: int | None = -1, /) -> bytes:
-        """As of any file, but no more than a line of a table may have."""
+        """Reads a line of at most `MOST_LINE` bytes."""
         return super().readline(MOST_LINE if size is None or size < 0 else min(size, MOST_LINE))
 
 
 class BoundedPath(type(Path())):
-    """A path for libraries that open files themselves: what they open is bounded."""
+    """A path for libraries that open files themselves; opens bounded files."""
 
     def open(self, mode: str = "r", *arguments: Any, **options: Any) -> Any:
         """A BoundedFile, or a text of at most `MOST_TEXT` bytes."""
@@ -66,11 +66,11 @@ class BoundedPath(type(Path())):
 
 
 def read_limited(path: Path, most: int) -> bytes:
-    """The whole of a file; ValueError for a longer one, OSError as of any file."""
+    """The whole file; ValueError beyond `most` bytes, OSError if it cannot be read."""
     _check_size(path, most)
     with path.open("rb") as file:
         data = file.read(most + 1)
-    if len(data) > most:  # a pipe, or it grew
+    if len(data) > most:  # a pipe, or a growing file
         raise TooLargeError("it", None, most)
     return data
 
@@ -81,13 +81,13 @@ def read_text(path: Path, most: int = MOST_TEXT) -> str:
 
 
 def require_file(path: Path) -> None:
-    """ValueError for what is no file: opening a pipe would wait for a writer, perhaps for ever."""
+    """ValueError unless it is a regular file: opening a pipe blocks until it has a writer."""
     if not stat.S_ISREG(path.stat().st_mode):
         raise ValueError("it is a pipe, a device or a folder, expected a file")
 
 
 def check_frame_size(path: Path) -> None:
-    """InputError for a file that is too large for one frame, and for what is no file."""
+    """InputError if it is no regular file, or too large for one frame."""
     try:
         require_file(path)
         _check_size(path, MOST_FRAME)
@@ -108,11 +108,11 @@ def lines_of(file: TextIO, most: int = MOST_TABLE, most_line: int = MOST_LINE) -
 
 
 def load_yaml(path: Path) -> Any:
-    """A YAML file; ValueError, YAMLError, RecursionError or OSError for what cannot be read.
+    """The content of a YAML file; ValueError, YAMLError, RecursionError or OSError if unreadable.
 
-    What aliases repeat is counted before any of it is made, and merge keys are refused.
+    Nodes are counted with aliases expanded before construction; merge keys are refused.
     """
-    # Here, so that commands that read none need not wait for it.
+    # Imported here, so that commands without YAML need not load it.
     from ruamel.yaml import YAML
 
     yaml = YAML(typ="safe", pure=True)
@@ -124,7 +124,7 @@ def load_yaml(path: Path) -> Any:
 
 
 def _check_yaml(root: Any) -> None:
-    """ValueError for what aliases blow up, or hold themselves, and for merge keys."""
+    """ValueError for alias expansion beyond the limit, recursive aliases, and merge keys."""
     sizes: dict[int, int] = {}
 
     def size_of(node: Any) -> int:
@@ -133,7 +133,7 @@ def _check_yaml(root: Any) -> None:
                 raise ValueError("'<<' merges keys, expected each key with its own value")
             return 1
         if id(node) not in sizes:
-            sizes[id(node)] = MOST_YAML_NODES  # of one that holds itself
+            sizes[id(node)] = MOST_YAML_NODES  # marks a recursive alias as too large
             pairs = (part if isinstance(part, tuple) else (part,) for part in node.value)
             sizes[id(node)] = 1 + sum(size_of(inner) for pair in pairs for inner in pair)
         return sizes[id(node)]

@@ -1,4 +1,4 @@
-"""A recording through the live program, judged beside what the program made of the recording."""
+"""Live run of a recording, compared with the batch run of the same recording."""
 
 import json
 import subprocess
@@ -27,10 +27,10 @@ TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE = "live.csv", "live_events.jsonl", "l
 
 @dataclass(frozen=True)
 class LiveTimes:
-    """How soon a live run answers, in seconds of the recording; NaN where there is nothing."""
+    """Latencies of a live run, in seconds of the recording; NaN if undefined."""
 
-    # Median, to the confirmation of a track from its first evidence, or from the end of the warm-up
-    # where that came later.
+    # Median time to confirmation from the first evidence of a track, or from the end of the warm-up
+    # if that is later.
     confirmation_s: float
     delay_s: float  # 99th percentile, of the rows of confirmed tracks
     wall_s: float  # of the whole run, frames sent as fast as they are taken
@@ -38,7 +38,7 @@ class LiveTimes:
 
 @dataclass(frozen=True)
 class LiveRun:
-    """What a live run of a recording found, and what the recording's own run had found."""
+    """Results of a live run and of the batch run."""
 
     trajectory: Path
     batch: dict | None  # measures of `evaluate`; None without truth
@@ -102,7 +102,7 @@ def _send(command: list[str], frames: Iterator[PlayedFrame]) -> float:
         try:
             play(frames, MessageSink(process.stdin), rate=np.inf)
             process.stdin.close()
-        except BrokenPipeError:  # it ended on its own: what it said tells why
+        except BrokenPipeError:  # the program exited; its messages say why
             pass
         except BaseException:
             process.terminate()

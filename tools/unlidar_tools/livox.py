@@ -9,7 +9,7 @@ import numpy as np
 
 EXPECTED = "packets of a Mid-360, HAP, Avia, Mid-40, Mid-70, Horizon or Tele-15"
 
-# By type of points: rays in a packet (None: it says so itself) and what a ray is, in little endian.
+# By data type: rays per packet (None: in the header) and the little-endian layout of a ray.
 _TAIL = [("reflectivity", "u1"), ("tag", "u1")]
 _MM = [(axis, "<i4") for axis in "xyz"]
 _CM = [(axis, "<i2") for axis in "xyz"]
@@ -34,14 +34,14 @@ _SECOND = {
     17: np.dtype([("returns", [*_MM, *_TAIL], 2)]),
 }
 HEAD_FIRST, _HEAD_SECOND = 18, 36
-_ACCELERATIONS = 24  # bytes of a packet of these
-_CHECKED = 28  # of protocol 2, the begin of what its checksum is of
+_ACCELERATIONS = 24  # bytes of an acceleration packet
+_CHECKED = 28  # protocol 2: offset from which the checksum is computed
 _SURELY_NOISE, _LOW_CONFIDENCE = 1, 2  # tags of the two protocols
 _MAX_STAMP_NS = 4 * 10**18
 
 
 class _Read(NamedTuple):
-    """A packet whose points are still as they came."""
+    """A packet with undecoded points."""
 
     rows: np.ndarray  # (rays,)
     worst_tag: int
@@ -54,27 +54,27 @@ class _Read(NamedTuple):
 
 @dataclass(frozen=True)
 class Packet:
-    """What some rays of a sensor measured, one after the other."""
+    """The measurements of consecutive rays of a sensor."""
 
     part: str  # of a hub's LiDARs, else empty
     counter: int | None  # of packets, modulo 2**16; protocol 1 has none
-    synchronised: bool  # or else its clock counts from when it was switched on
+    synchronised: bool  # False: the clock counts from power-on
     stamp_ns: int  # of the first ray
-    span_ns: int | None  # from the first to the last ray; protocol 1 does not say it
+    span_ns: int | None  # from first to last ray; None in protocol 1
     rays: int
-    ray: np.ndarray  # (N,) of each point
+    ray: np.ndarray  # (N,) ray index of each point
     xyz_m: np.ndarray  # (N, 3), zeros where nothing came back
-    noise_points: int  # left out by their tags
+    noise_points: int  # number removed by tag
 
 
 def parse(payload: bytes) -> Packet | None:
-    """The packet of a payload; None for any other payload, and for one of accelerations."""
+    """The packet of a payload; None for other payloads, and for accelerations."""
     read = _read(payload)
     return None if read is None else _packet(read)
 
 
 def holds_points(payload: bytes) -> bool:
-    """Whether it begins as a packet of points and is as long; much faster than parse()."""
+    """True if header and length are those of a point packet; much faster than parse()."""
     return _read(payload) is not None
 
 
@@ -88,7 +88,7 @@ def _read(payload: bytes) -> _Read | None:
 
 
 def length_first(head: bytes) -> int | None:
-    """Bytes of a packet of protocol 1 that begins so, head and all; None for no such packet."""
+    """Total length in bytes of a protocol 1 packet with this header; None if it is none."""
     if head[0] != 5 or head[9] not in _FIRST:
         return None
     rays, dtype = _FIRST[head[9]]
@@ -162,7 +162,7 @@ def _packet(read: _Read) -> Packet | None:
 
 
 def _positions(rows: np.ndarray, returns: np.ndarray) -> np.ndarray | None:
-    """(rays, returns of a ray, 3); None for angles that are none."""
+    """(rays, returns of a ray, 3) in m; None for invalid angles."""
     if "x" in (returns.dtype.names or ()):
         scale_m = 1e-3 if returns.dtype["x"].itemsize == 4 else 1e-2
         return np.stack([returns[axis] * scale_m for axis in "xyz"], axis=-1)
@@ -180,7 +180,7 @@ def _positions(rows: np.ndarray, returns: np.ndarray) -> np.ndarray | None:
 def parse_points(
     points: bytes, data_type: int, counter: int, synchronised: bool, stamp_ns: int
 ) -> Packet | None:
-    """The points of a packet of protocol 2 whose header is another; None as for parse()."""
+    """The points of a protocol 2 packet with a foreign header; None as for parse()."""
     dtype = _SECOND.get(data_type)
     if dtype is None or not points or len(points) % dtype.itemsize:
         return None

@@ -34,7 +34,7 @@ _ANSWER_S = 0.6
 
 @dataclass(frozen=True)
 class Lidar:
-    """One that has answered."""
+    """A LiDAR that answered the discovery."""
 
     address: str
     command_port: int
@@ -42,16 +42,16 @@ class Lidar:
     serial: str
 
     def __str__(self) -> str:
-        """For people."""
+        """Address, model and serial number."""
         model = _MODELS.get(self.model, f"of type {self.model}")
         return f"{self.address}: {model}, serial number {printable(self.serial)}"
 
 
 @dataclass(frozen=True)
 class State:
-    """What a LiDAR says of itself."""
+    """The state reported by a LiDAR."""
 
-    mode: int  # SAMPLING, IDLE or one on the way
+    mode: int  # SAMPLING, IDLE or a transition
     clock: str
 
 
@@ -77,7 +77,7 @@ def unpack(message: bytes) -> tuple[int, int, bytes] | None:
 
 
 def discover(host: str, to: str = "255.255.255.255", port: int = DISCOVERY_PORT) -> list[Lidar]:
-    """The LiDARs that answer at an address, by default all in the host's network."""
+    """Discovers LiDARs at an address, by default the broadcast of the host's network."""
     found: dict[str, Lidar] = {}
     with _socket(host) as channel:
         for number in range(1, _TRIES + 1):
@@ -96,25 +96,25 @@ def discover(host: str, to: str = "255.255.255.255", port: int = DISCOVERY_PORT)
 
 
 class Control:
-    """Commands to one LiDAR. All throw InputError where it does not answer, or refuses."""
+    """Commands to one LiDAR. All throw InputError if it does not answer, or refuses."""
 
     def __init__(self, channel: socket.socket, host: str, lidar: Lidar) -> None:
         self._channel, self._host, self._lidar = channel, host, lidar
         self._number = 100
 
     def send_points_to(self, port: int) -> None:
-        """Points as 32-bit Cartesian coordinates, to this port of the host."""
+        """Configures 32-bit Cartesian points, sent to this port of the host."""
         here = socket.inet_aton(self._host) + struct.pack(
             "<HH", port, _POINT_PORTS.get(self._lidar.model, _POINT_PORTS[9])
         )
         self._configure({_POINT_TYPE: bytes([_CARTESIAN_MM]), _POINT_HOST: here})
 
     def set_mode(self, mode: int) -> None:
-        """Asks for SAMPLING or IDLE; it takes seconds until it is there."""
+        """Requests SAMPLING or IDLE; the transition takes seconds."""
         self._configure({_TARGET_MODE: bytes([mode])})
 
     def state(self) -> State:
-        """What it does now."""
+        """The current state."""
         keys = (_STATE, _SYNCHRONISATION)
         data = self._ask(_INQUIRE, struct.pack("<HH", len(keys), 0) + struct.pack("<2H", *keys))
         self._check(data[0], "does not tell its state")
@@ -140,7 +140,7 @@ class Control:
 
     def _ask(self, command: int, data: bytes) -> bytes:
         to = self._lidar.address, self._lidar.command_port
-        self._number += 1  # the same for each try: what it does twice is the same
+        self._number += 1  # same number for retries: commands are idempotent
         for _ in range(_TRIES):
             _send(self._channel, self._host, pack(command, self._number, data), to)
             for number, answer, source in _answers(self._channel, command):
@@ -163,7 +163,7 @@ def _socket(host: str) -> Iterator[socket.socket]:
         try:
             with socket.socket(type=socket.SOCK_DGRAM) as here:
                 here.bind((host, 0))
-            # Answers to a discovery are broadcast, which a socket of one address does not get.
+            # Discovery answers are broadcast, which a socket bound to one address does not receive.
             channel.bind(("", 0))
         except OSError as error:
             raise UsageError(
@@ -173,7 +173,7 @@ def _socket(host: str) -> Iterator[socket.socket]:
 
 
 def _send(channel: socket.socket, host: str, message: bytes, to: tuple[str, int]) -> None:
-    # By the network that the host's address belongs to, or a broadcast would leave by any.
+    # Bind to the interface of the host's address, else a broadcast leaves by any.
     source = (socket.IPPROTO_IP, _IP_PKTINFO, struct.pack("=i4s4x", 0, socket.inet_aton(host)))
     try:
         channel.sendmsg([message], [source], 0, to)
@@ -190,7 +190,7 @@ def _answers(channel: socket.socket, command: int) -> Iterator[tuple[int, bytes,
             message, (source, _) = channel.recvfrom(2048)
         except TimeoutError:
             return
-        except ConnectionRefusedError:  # of a message before
+        except ConnectionRefusedError:  # ICMP error of an earlier message
             continue
         answer = unpack(message)
         if answer is not None and answer[0] == command:

@@ -1,4 +1,4 @@
-"""Where the program took each LiDAR to stand, and its clock, as its summary states them."""
+"""Poses and clocks of the LiDARs as used by the program, from its summary."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,13 +21,13 @@ class Mounting:
     scale_m: float = 1.0  # metres in a unit of the files
 
     def place(self, xyz: np.ndarray) -> np.ndarray:
-        """From the sensor's frame, in units of its files, into the common one, (N, 3) in m."""
+        """Transforms (N, 3) from the sensor frame, in file units, to the common frame in m."""
         xyz_m = self.scale_m * xyz
         return Rotation.from_quat(self.rotation).apply(xyz_m) + np.array(self.translation_m)
 
 
 def mounting_of(path: Path, summary: dict, name: str) -> Mounting:
-    """That of the sensor `name` by a summary of the program, which errors call `path`."""
+    """The mounting of sensor `name` in a summary of the program; `path` is for error messages."""
     try:
         config = summary.get("config", {})
         mounting = Mounting(

@@ -1,7 +1,7 @@
-"""Names of sensors, which become folders: made and checked here and nowhere else.
+"""Sensor names, which become folder names: the only place that makes and checks them.
 
-Scenarios, topics, frame ids and folders name sensors as they like. What becomes a part of a path,
-or a NAME of the program's `--frames NAME=DIR`, is what `check_name` lets through.
+Scenarios, topics, frame ids and folders hold arbitrary names. Only names accepted by `check_name`
+become part of a path, or NAME in the program's `--frames NAME=DIR`.
 """
 
 import re
@@ -10,15 +10,15 @@ from collections.abc import Iterable
 
 from unlidar_tools.sanitize import printable
 
-# Half of what file systems take, which leaves room for what is put before and after a name.
+# Half of the limit of file systems, to leave room for prefixes and suffixes.
 _MOST = 120
 _NAME = re.compile(rf"[A-Za-z0-9_][A-Za-z0-9_-]{{0,{_MOST - 1}}}")
-# Beside the sensors' folders of a recording this is one of positions.
+# The folder of truth positions, beside those of sensors.
 RESERVED = ("ground_truth",)
 
 
 def check_name(name: str) -> str:
-    """The name itself; ValueError unless it can be a sensor's folder inside of any other."""
+    """Returns the name; ValueError unless it is valid as a sensor's folder."""
     if name in RESERVED:
         raise ValueError(f"'{name}', expected another name: this folder is that of the truth")
     if not _NAME.fullmatch(name):
@@ -30,9 +30,9 @@ def check_name(name: str) -> str:
 
 
 def folder_names(texts: Iterable[str]) -> list[str]:
-    """A name for each text, all different: the text itself where that is a name, else like it."""
+    """Distinct names for the texts: the text itself if valid, else a similar name."""
     names: list[str] = []
-    taken: set[str] = set()  # in lower case: file systems that do not tell a from A exist
+    taken: set[str] = set()  # lower case, for case-insensitive file systems
     for text in texts:
         plain = text if _NAME.fullmatch(text) else _similar(text)
         plain += "_cloud" if plain in RESERVED else ""
@@ -47,7 +47,7 @@ def folder_names(texts: Iterable[str]) -> list[str]:
 
 
 def topic_level(text: str) -> str:
-    """A level of a topic: the text itself where that is a name, else one that is like it.
+    """A level of an MQTT topic: the text itself if valid, else a similar name with a checksum.
 
     Brokers refuse wildcards, control characters and long topics, some by closing the connection.
     """

@@ -12,7 +12,7 @@ from unlidar_tools.errors import OutputError, UsageError, reason
 
 # Every folder this package writes holds one of these; --force replaces no other folder.
 RUN_RECORD = "run.json"
-FRAMES = "frames"  # beside it, what was converted on the way
+FRAMES = "frames"  # converted frames, beside it
 MARKERS = ("conversion.json", "scenario.json", RUN_RECORD)
 _KINDS = "partial", "old"  # of temporary directories
 
@@ -21,10 +21,10 @@ _KINDS = "partial", "old"  # of temporary directories
 def complete_directory(
     out: Path, force: bool, source: Path | None = None, token: str = ""
 ) -> Iterator[Path]:
-    """Gives a temporary directory that becomes `out` when the block ends without an error.
+    """Yields a temporary directory that becomes `out` when the block ends without an error.
 
     An existing non-empty `out` is refused, or with `force` replaced if this package wrote it.
-    `source` is what is being read and must not be replaced. `token` goes into the names of the
+    `source` is the input, which must not be replaced. `token` goes into the names of the
     temporary directories, so that `leftovers` finds those of a process that was killed.
     """
     out = out.absolute()
@@ -45,7 +45,7 @@ def complete_directory(
 
 
 def leftovers(out: Path, token: str) -> list[Path]:
-    """What a killed `complete_directory` with this `out` and `token` left beside `out`."""
+    """Temporary directories of a killed `complete_directory` with this `out` and `token`."""
     return [
         path
         for kind in _KINDS
@@ -67,7 +67,7 @@ def write_file(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def clear_results(out: Path, names: Iterable[str]) -> None:
-    """Makes the folder `out` and removes files of an earlier run, lest they be taken for new."""
+    """Makes the folder `out` and removes files of an earlier run."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in names:
@@ -101,7 +101,7 @@ def _replace(work: Path, out: Path, token: str) -> None:
         old.mkdir()
         out.rename(old / out.name)
         work.rename(out)
-    except BaseException:  # an interrupt, too, may come between the two
+    except BaseException:  # also an interrupt between the two renames
         if not out.exists() and (old / out.name).exists():
             (old / out.name).rename(out)
         raise
@@ -110,9 +110,9 @@ def _replace(work: Path, out: Path, token: str) -> None:
 
 
 def _temporary(out: Path, kind: str, token: str) -> Path:
-    """A directory beside `out` that is not there yet.
+    """The path of a new directory beside `out`.
 
-    It is named before it is made: an interrupt while it is made would leave one without a name.
+    Named before creation, so that an interrupt cannot leave a directory of unknown name.
     """
     return out.with_name(_prefix(out, kind, token) + secrets.token_hex(6))
 

@@ -37,12 +37,12 @@ from unlidar_tools.reporting import note, timed
 from unlidar_tools.station import places_sensors, read_station, station_options
 from unlidar_tools.truth import TRUTH_NAME, read_tracks, read_truth
 
-CONFIG = "config.yaml"  # in the results of one of many recordings: what was given for all
+CONFIG = "config.yaml"  # in results of a batch: the common configuration
 _DEFAULTS = Options()
 _FIGURE = "figure.png"
-# What is made anew by every run, and all that may lie in its folder.
+# Outputs of every run, and all files that its folder may hold.
 RESULTS = (TRAJECTORY, SUMMARY, TARGET_RETURNS, CLUSTERS, MEASURES, _FIGURE, PAGE, RUN_RECORD)
-# Of `run --live` and of `explain`, gone with the run that they are about.
+# Outputs of `run --live` and of `explain`, removed with the run they belong to.
 _LATER = (TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE, EXPLANATION)
 _OWN = (*RESULTS, *_LATER, CONFIG, FRAMES, FOLDER, RECORDING)
 _UNFINISHED = re.compile(r"^\.partial-\d+-")  # of `write_file`
@@ -50,19 +50,19 @@ _UNFINISHED = re.compile(r"^\.partial-\d+-")  # of `write_file`
 
 @dataclass(frozen=True)
 class Recording:
-    """Frame directories by sensor name, and truth and poses as far as they are known."""
+    """Frame directories by sensor name, with truth and poses if known."""
 
     sensors: dict[str, Path]
     truth: Path | None
     poses: list[str]  # `--set` options of the program
     frames: Path  # the folder of the frame directories
-    notes: list[str]  # what the user should know of the conversion
-    broken: bool  # whether it ended before the recording's end
+    notes: list[str]  # for the user, on the conversion
+    broken: bool  # True if the recording was damaged
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """What one run found and where it lies."""
+    """Result of one run, and its files."""
 
     out: Path  # the folder of the results
     record: RunRecord
@@ -90,7 +90,7 @@ def prepare(
 ) -> Recording:
     """The recording at `path`, converted to `out`/frames unless it holds frame directories.
 
-    Of a broken one what could be read is taken, which a note says.
+    Of a damaged recording the readable part is used, with a note.
     """
     if not path.exists():
         raise InputError(f"{path}: does not exist")
@@ -129,7 +129,7 @@ def run(
 ) -> RunResult:
     """Converts if need be, tracks, evaluates where there is truth, with `report` also draws.
 
-    What is wrong with the program or its options is told before the conversion. `key` goes into
+    Faults of the program or its options are reported before the conversion. `key` is stored in
     the record.
     """
     begin = time.perf_counter()
@@ -172,9 +172,9 @@ def run(
 
 
 def _with_fitting_truth(recording: Recording, options: list[str]) -> Recording:
-    """Without its truth where that is of another time than the frames: no measure would be true.
+    """The recording, without its truth if that is of another time span than the frames.
 
-    An error in the truth is told here, before the tracking and not after.
+    Errors in the truth are thus reported before the tracking.
     """
     truth = read_truth(recording.truth)
     frames = [frame for folder in recording.sensors.values() for frame in list_frames(folder)]
@@ -201,12 +201,12 @@ def _draw(data: ReportData, out: Path) -> None:
 
 
 def is_own(name: str) -> bool:
-    """Whether a run, or `report` after it, gives this name to a file or folder of its results."""
+    """True if a run, or `report` after it, writes a file or folder of this name."""
     return _UNFINISHED.sub("", name) in _OWN
 
 
 def refuse_foreign(out: Path) -> None:
-    """Files that have the names of results may be removed only where a run has left its record."""
+    """Refuses a folder with files named as results but without the record of a run."""
     if not out.is_dir() or is_result(out):
         return
     foreign = next((name for name in (*RESULTS, *_LATER) if (out / name).exists()), None)

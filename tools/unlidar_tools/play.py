@@ -1,4 +1,4 @@
-"""Frames of a recording, sent as a live source would send them."""
+"""Playback of a recording as a live source."""
 
 import math
 import os
@@ -13,14 +13,14 @@ from unlidar_tools.errors import InputError, OutputError, reason
 from unlidar_tools.frames_io import list_frames
 from unlidar_tools.stamps import format_stamp_ns
 
-# By so much the first frame of the first sensor may come late: less than `live.reorder_s`.
+# Largest delay of the first sensor's first frame, less than `live.reorder_s`.
 _MAX_LATE_NS = 200_000_000
 _NO_RATES: Mapping[str, float | None] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
 class PlayedFrame:
-    """A frame and when it is due, in seconds of the recording after its first frame."""
+    """A frame with its due time, in seconds after the recording's first frame."""
 
     sensor: str
     stamp_ns: int
@@ -30,7 +30,7 @@ class PlayedFrame:
 
 @dataclass(frozen=True)
 class Played:
-    """What was sent, and how far behind its due time a frame was sent at worst."""
+    """Counts of sent frames, and the largest delay behind a due time."""
 
     frames: int
     wall_s: float
@@ -38,7 +38,7 @@ class Played:
 
 
 class Sink(Protocol):
-    """Where frames go."""
+    """Receiver of frames."""
 
     def send(self, frame: PlayedFrame, pcd: bytes) -> None:
         """Sends one frame, the bytes of its file unchanged."""
@@ -51,7 +51,7 @@ class MessageSink:
         self._stream = stream
 
     def send(self, frame: PlayedFrame, pcd: bytes) -> None:
-        """BrokenPipeError where nobody reads any more."""
+        """Sends a frame. BrokenPipeError if the reader has closed."""
         head = f"frame {frame.sensor} {format_stamp_ns(frame.stamp_ns)} {len(pcd)}\n"
         self._stream.write(head.encode() + pcd)
         self._stream.flush()
@@ -64,7 +64,7 @@ class FolderSink:
         self._into = into
 
     def send(self, frame: PlayedFrame, pcd: bytes) -> None:
-        """Throws OutputError."""
+        """Writes a frame. Throws OutputError."""
         folder = self._into / frame.sensor
         name = f"{format_stamp_ns(frame.stamp_ns)}.pcd"
         work = folder / f".{name}.part-{os.getpid()}"
@@ -126,7 +126,7 @@ def play(frames: Iterator[PlayedFrame], sink: Sink, rate: float) -> Played:
 
 
 def _length_ns(stamps_ns: list[int], sensors: int) -> int:
-    """How long a recording lasts: to its last stamp, and one frame period more."""
+    """Duration of a recording: to its last stamp plus one frame period."""
     if len(stamps_ns) < 2:
         return 100_000_000
     span_ns = stamps_ns[-1] - stamps_ns[0]

@@ -1,4 +1,4 @@
-"""Captured packets of Livox LiDARs, sent again as they came."""
+"""Playback of captured packets of Livox LiDARs."""
 
 import ipaddress
 import math
@@ -13,7 +13,7 @@ from unlidar_tools.errors import InputError, OutputError, UsageError, reason
 from unlidar_tools.play import Played
 
 _SOCKETS = Path("/proc/net/udp")
-_AT_ONCE = 32  # packets, which any socket holds
+_AT_ONCE = 32  # packets that fit any socket buffer
 
 
 def play_packets(path: Path, host: str, port: int, rate: float, anywhere: bool = False) -> Played:
@@ -47,7 +47,7 @@ def play_packets(path: Path, host: str, port: int, rate: float, anywhere: bool =
                 _wait_for_room(port)
             try:
                 senders[datagram.source].sendto(datagram.payload, (str(address), port))
-            except ConnectionRefusedError:  # nobody listens yet, or any more
+            except ConnectionRefusedError:  # no listener
                 pass
             except OSError as error:
                 raise OutputError(f"{host}:{port}: cannot be sent to: {reason(error)}") from error
@@ -65,7 +65,7 @@ def _address(host: str) -> ipaddress.IPv4Address:
 
 
 def _wait_for_room(port: int) -> None:
-    """While a socket of this computer at the port has packets that were not taken."""
+    """Waits while a local socket at the port has unread packets."""
     while any(
         int(words[1].rpartition(":")[2], 16) == port and int(words[4].partition(":")[2], 16) > 0
         for words in (line.split() for line in _SOCKETS.read_text().splitlines()[1:])

@@ -1,4 +1,4 @@
-"""Configurations for data sets of which something is known that their frames do not tell."""
+"""Configurations for data sets with properties that are not in their frames."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ _PRISM = "a prism on the drone, a constant offset of about 0.57 m from the centr
 
 
 def preset_of(frames: Path, options: list[str]) -> Path | None:
-    """What the converted recording `frames` is tracked with unless `options` of the program differ.
+    """The configuration for the converted recording `frames` unless `options` override it.
 
     That is MMAUD's for an MMAUD folder, unless a `--config` or the same key is among the options.
     """
@@ -23,7 +23,7 @@ def preset_of(frames: Path, options: list[str]) -> Path | None:
 
 
 def about_truth(truth: Path) -> dict[str, str]:
-    """For the measures, where a truth is known to be that of another point than the returns'."""
+    """Measures' entry on a truth whose reference point is known to differ from the returns'."""
     known = _conversion(truth.parent)
     is_prism = known.get("kind") == _MMAUD_KIND or _MMAUD_TRUTH in known.get("truth_topics", ())
     return {"truth_is": _PRISM} if is_prism else {}

@@ -1,6 +1,6 @@
-"""Pieces of work side by side, each in a process of its own.
+"""Parallel jobs, each in a process of its own.
 
-One that crashes or is killed takes no other with it, and none outlives the process that started it.
+A crashed or killed job affects no other, and no job outlives the process that started it.
 """
 
 import ctypes
@@ -28,20 +28,20 @@ _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 
 @dataclass(frozen=True)
 class Ended:
-    """What a process left behind."""
+    """The outcome of a process."""
 
     exit_code: int  # negative: minus the signal that ended it
     result: Any  # None if it failed
-    said: str  # its stderr
+    stderr: str  # its stderr
 
     @property
     def failure(self) -> tuple[str, int]:
-        """Why it failed, in one line, and with which code of `unlidar`."""
+        """The reason of a failure in one line, and the exit code of `unlidar` for it."""
         if self.exit_code < 0:
             name = signal.Signals(-self.exit_code).name
             hint = " (out of memory?)" if self.exit_code == -signal.SIGKILL else ""
             return f"its process was ended by {name}{hint}", 1
-        last = (self.said.strip().splitlines() or ["ended without a result"])[-1]
+        last = (self.stderr.strip().splitlines() or ["ended without a result"])[-1]
         return last.removeprefix("unlidar: error: "), self.exit_code or 1
 
 
@@ -55,7 +55,7 @@ class Launcher:
         self._stopped = False
 
     def __call__(self, work: object, name: str) -> Ended:
-        """Hands `work` to a new process and waits for its end; what it told is told with `name`."""
+        """Runs `work` in a new process and waits for it; forwards its messages with `name`."""
         with self._lock:
             if self._stopped:
                 return Ended(interrupts.INTERRUPTED, None, "interrupted")
@@ -64,20 +64,20 @@ class Launcher:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                process_group=0,  # Ctrl-C is for this process, which then stops the others
+                process_group=0,  # Ctrl-C reaches this process only, which then stops the others
             )
             self._running.add(process)
         try:
-            answer, said = process.communicate(pickle.dumps(work))
+            answer, stderr = process.communicate(pickle.dumps(work))
         finally:
             with self._lock:
                 self._running.discard(process)
-        reporting.forward_messages(said.decode(errors="replace"), name)
+        reporting.forward_messages(stderr.decode(errors="replace"), name)
         result = pickle.loads(answer) if process.returncode == 0 else None
-        return Ended(process.returncode, result, said.decode(errors="replace"))
+        return Ended(process.returncode, result, stderr.decode(errors="replace"))
 
     def stop(self) -> None:
-        """Ends what is running and lets nothing begin."""
+        """Terminates running processes and prevents new ones."""
         with self._lock:
             self._stopped = True
             for process in self._running:
@@ -87,17 +87,17 @@ class Launcher:
 def side_by_side(
     work: Callable[[T], R], items: Sequence[T], at_once: int, stop: Callable[[], None]
 ) -> Generator[tuple[T, R], None, None]:
-    """Each item with its result, in the order in which they are done; to be closed.
+    """Yields each item with its result in the order of completion; close the generator.
 
-    `work` is called from threads and only waits for processes; `stop` ends these when the caller
-    does not want to go on.
+    `work` is called from threads and only waits for processes; `stop` terminates these when the
+    caller closes the generator.
     """
     with ThreadPoolExecutor(at_once) as pool:
         try:
             futures = {pool.submit(work, item): item for item in items}
             waiting = set(futures)
             while waiting:
-                # Not without end: a signal that comes just before the wait would not wake it.
+                # With a timeout: a signal just before the wait would not wake it.
                 done, waiting = wait(waiting, _NOTICE_S, FIRST_COMPLETED)
                 for future in done:
                     yield futures[future], future.result()
@@ -106,7 +106,7 @@ def side_by_side(
 
 
 def serve(act: Callable[[Any], object]) -> int:
-    """The `main` of a launched process: hands on the result of the work it is given.
+    """The `main` of a launched process: returns the result of its work to the parent.
 
     Returns the exit code; an error becomes one line on stderr.
     """
@@ -114,7 +114,7 @@ def serve(act: Callable[[Any], object]) -> int:
     _end_with(int(sys.argv[1]))
     reporting.show_on_stderr(_VERBOSE in sys.argv)
     answer = os.dup(1)
-    os.dup2(2, 1)  # what anything prints must not get into the answer
+    os.dup2(2, 1)  # prints must not mix with the answer on stdout
 
     def work() -> None:
         result = act(pickle.load(sys.stdin.buffer))
@@ -128,5 +128,5 @@ def _end_with(parent: int) -> None:
     """Asks the kernel to end this process, as by SIGTERM, when its parent is gone."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != parent:  # gone already
+    if os.getppid() != parent:  # the parent has already ended
         sys.exit(1)

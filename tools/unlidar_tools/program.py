@@ -23,15 +23,15 @@ PACKAGE = "unlidar-track"  # tools/package.sh makes it
 VARIABLE = "UNLIDAR_TRACK"
 TRAJECTORY, SUMMARY, TARGET_RETURNS = "traj.csv", "summary.json", "target_returns.pcd"
 CLUSTERS = "clusters.csv"
-_STAGE = re.compile(rf"{NAME}: (.+: .+) \([0-9.]+ s\)")  # what it says with --verbose
+_STAGE = re.compile(rf"{NAME}: (.+: .+) \([0-9.]+ s\)")  # a stage in its --verbose output
 _VERBOSITY_OPTIONS = {"--quiet", "--verbose"}
-# Where a build in the source tree puts it, seen from there and from the tree's folders.
+# Build folders, relative to the source tree and to the working directory.
 _BUILDS = (Path(__file__).parents[2] / "build", Path("build"), Path("../build"))
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a call of the program left behind."""
+    """Outputs of a call of the program."""
 
     trajectory: Path
     summary: Path
@@ -42,12 +42,12 @@ class Outcome:
 
 
 def warnings_of(summary: dict) -> list[str]:
-    """What a summary of the program warns of, a line each; none in those of older programs."""
+    """Texts of the warnings in a summary of the program; empty for older programs."""
     return [str(warning["text"]) for warning in summary.get("warnings", [])]
 
 
 def find_program() -> Path:
-    """From the environment variable UNLIDAR_TRACK, else on PATH, else in a build folder."""
+    """The program: from UNLIDAR_TRACK, else PATH, else a build folder. UsageError if absent."""
     named = os.environ.get(VARIABLE)
     if named:
         if not os.access(named, os.X_OK) or Path(named).is_dir():
@@ -90,27 +90,27 @@ def run_program(sensors: dict[str, Path], out: Path, options: list[str]) -> Outc
 def check_options(options: list[str]) -> None:
     """Throws UsageError without the program, ProgramError if it refuses these options.
 
-    It reads them before it looks for frames, so it is asked with frames that do not exist.
+    The program parses options before it looks for frames, so it is called with missing frames.
     """
     with tempfile.TemporaryDirectory() as empty:
         command = [str(find_program()), "--frames", f"{empty}/absent", "--out", f"{empty}/out"]
         try:
             _call([*command, *options])
         except ProgramError as error:
-            if error.exit_code != InputError.exit_code:  # that is due to the frames
+            if error.exit_code != InputError.exit_code:  # the expected error: missing frames
                 raise
 
 
 def _call(command: list[str], description: str | None = None) -> tuple[str, tuple[str, ...]]:
-    """Runs the program and returns what it says on stdout, and the lines on stderr.
+    """Runs the program; returns its stdout and the lines of its stderr.
 
-    With a `description` its stages are shown as they end, on a terminal or where all stages are.
+    With a `description`, stages are shown as they end, on a terminal or with --verbose.
     """
     asked = _VERBOSITY_OPTIONS.intersection(command)
     shown = description is not None and not asked and (is_verbose() or on_terminal())
     if description is not None:
         stage(f"command: {shlex.join(command)}")
-    said: list[str] = []
+    lines: list[str] = []
     with (
         tempfile.TemporaryFile("w+", errors="replace") as answer,
         show_stages(description if shown else None) as ended,
@@ -122,22 +122,22 @@ def _call(command: list[str], description: str | None = None) -> tuple[str, tupl
                 ended(found[1])
                 stage(line)
             else:
-                said.append(line)
+                lines.append(line)
         exit_code = process.wait()
         answer.seek(0)
         answered = answer.read()
     if exit_code < 0:
         raise ProgramError(f"{command[0]}: was ended by signal {-exit_code}", 1)
     if exit_code != 0:
-        last = next((line for line in reversed(said) if line.strip()), "without a message")
-        told = last.removeprefix(f"{NAME}: ").removeprefix("error: ")
-        raise ProgramError(f"{NAME} ended with code {exit_code}: {told}", exit_code)
-    return answered, tuple(said)
+        last = next((line for line in reversed(lines) if line.strip()), "without a message")
+        message = last.removeprefix(f"{NAME}: ").removeprefix("error: ")
+        raise ProgramError(f"{NAME} ended with code {exit_code}: {message}", exit_code)
+    return answered, tuple(lines)
 
 
 @contextmanager
 def _started(command: list[str], answer: TextIO) -> Iterator[subprocess.Popen]:
-    """The program while it runs; it does not outlive an interrupt."""
+    """The running program, killed on an interrupt."""
     try:
         process = subprocess.Popen(
             command,

@@ -23,13 +23,13 @@ T = TypeVar("T")
 
 
 def on_terminal() -> bool:
-    """Whether somebody may be watching."""
+    """True if stderr is a terminal."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 
 @contextmanager
 def show_stages(description: str | None) -> Iterator[Callable[[str], None]]:
-    """Shows that something works, for how long, and the last stage that was told; None: nothing."""
+    """Shows a spinner with elapsed time and the last stage; None: shows nothing."""
     columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
     shown = description is not None and on_terminal()
     with Progress(
@@ -44,7 +44,7 @@ def _text(text: str) -> str:
 
 
 def with_progress(items: Iterable[T], total: int, description: str) -> Generator[T, None, None]:
-    """Hands the items on and shows how many of `total` are done and how long the rest takes."""
+    """Yields the items and shows how many of `total` are done, with the remaining time."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),

@@ -1,7 +1,7 @@
-"""`run.json`: what a run was. Its one reader and its one writer, whichever command ran.
+"""`run.json`, the record of a run: its only reader and writer, for all commands.
 
-Beside it lie the files of the program, which say what was found, `evaluation.json`, and
-`explanation.json` where `unlidar explain` was asked.
+Beside it lie the program's files with the results, `evaluation.json`, and `explanation.json` of
+`unlidar explain`.
 """
 
 import json
@@ -13,15 +13,15 @@ from unlidar_tools.limits import read_text
 from unlidar_tools.output import RUN_RECORD, write_file
 
 MEASURES, EXPLANATION = "evaluation.json", "explanation.json"
-_VERSION = 1  # of the record's form; what a reader does not know it refuses
+_VERSION = 1  # format version; unknown ones are rejected
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """What the other files of a run do not tell.
+    """Data of a run that its other files lack.
 
-    It is written twice: before the program is called, so that a folder is known for this
-    package's own from then on, and with `tracks` and the times when everything is written.
+    Written twice: before the program is called, which marks the folder as this package's own, and
+    at the end with `tracks` and the times.
     """
 
     title: str
@@ -29,14 +29,14 @@ class RunRecord:
     frames: dict[str, Path]  # frame directory by sensor
     truth: Path | None
     options: list[str]  # of the program
-    preset: str | None = None  # configuration that was taken because of what the recording is
-    notes: tuple[str, ...] = ()  # what the user should know of the conversion
-    broken: bool = False  # whether the recording is, and only what could be read was tracked
+    preset: str | None = None  # configuration chosen by the kind of recording
+    notes: tuple[str, ...] = ()  # for the user, on the conversion
+    broken: bool = False  # True if the recording is damaged and only its readable part was tracked
     messages: tuple[str, ...] = ()  # of the program, a line each
-    tracks: int | None = None  # None: the run did not come to its end
+    tracks: int | None = None  # None: the run was not completed
     tracking_s: float | None = None  # the program alone
     total_s: float | None = None  # with conversion, evaluation, figure and page
-    key: str | None = None  # of many recordings: what the results were made from
+    key: str | None = None  # for batches: hash of input, settings and program
 
 
 def write_record(run: Path, record: RunRecord) -> None:
@@ -61,7 +61,7 @@ def write_record(run: Path, record: RunRecord) -> None:
 
 
 def read_record(run: Path) -> RunRecord:
-    """The record of the folder `run`. InputError if it has none, or none of this form."""
+    """The record of the folder `run`. InputError if absent or of another version."""
     path = run / RUN_RECORD
     if not path.is_file():
         raise InputError(f"{run}: has no {RUN_RECORD}, expected a folder that 'unlidar run' wrote")
@@ -92,7 +92,7 @@ def read_record(run: Path) -> RunRecord:
 
 
 def read_finished(run: Path) -> RunRecord:
-    """`read_record` of a run that came to its end, else InputError."""
+    """`read_record` of a completed run, else InputError."""
     record = read_record(run)
     if record.tracks is None or record.tracking_s is None:
         raise InputError(f"{run}: the run did not come to its end, run the recording again")
@@ -100,7 +100,7 @@ def read_finished(run: Path) -> RunRecord:
 
 
 def is_result(folder: Path) -> bool:
-    """Whether a folder holds a record, so that its results may be replaced."""
+    """True if a folder holds a record, so that its results may be replaced."""
     try:
         read_record(folder)
     except InputError:

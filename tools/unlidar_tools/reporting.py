@@ -1,6 +1,6 @@
-"""What is said while something works: notes, and with --verbose the commands and stages.
+"""Progress reports: notes, and with --verbose the commands and stages.
 
-The package says it to the logger `unlidar_tools`; the command line shows it on stderr.
+The package logs to the logger `unlidar_tools`; the command line shows it on stderr.
 """
 
 import logging
@@ -17,30 +17,30 @@ LOGGER = logging.getLogger("unlidar_tools")
 
 
 def stage(text: str) -> None:
-    """Of interest to those who want to know every step."""
+    """Logs a stage, shown with --verbose only (level INFO)."""
     LOGGER.info(text)
 
 
 @contextmanager
 def timed(text: str) -> Iterator[None]:
-    """Tells of a stage when it has ended, with its time, as the program does."""
+    """Logs a stage with its wall time when it has ended, in the program's form."""
     begin = time.perf_counter()
     yield
     stage(f"{text} ({time.perf_counter() - begin:.3f} s)")
 
 
 def note(text: str) -> None:
-    """Of interest to every user."""
+    """Logs a note, shown to every user (level WARNING)."""
     LOGGER.warning(text)
 
 
 def is_verbose() -> bool:
-    """Whether stages are shown."""
+    """True if stages are shown."""
     return LOGGER.isEnabledFor(logging.INFO)
 
 
 def show_on_stderr(verbose: bool) -> None:
-    """Lets the command line show notes, and stages if `verbose`."""
+    """Shows notes, and stages if `verbose`, on stderr."""
     for handler in LOGGER.handlers[:]:
         LOGGER.removeHandler(handler)
     handler = _StderrHandler()
@@ -49,9 +49,9 @@ def show_on_stderr(verbose: bool) -> None:
     LOGGER.setLevel(logging.INFO if verbose else logging.WARNING)
 
 
-def forward_messages(said: str, name: str) -> None:
-    """Tells what another process of this package has told on stderr, and whose it is."""
-    for line in said.splitlines():
+def forward_messages(stderr: str, name: str) -> None:
+    """Logs the notes and stages on a child process's stderr, prefixed with `name`."""
+    for line in stderr.splitlines():
         if line.startswith(_NOTE):
             note(f"{name}: {line.removeprefix(_NOTE)}")
         elif line.startswith(_STAGE) and not line.startswith(f"{_STAGE}error: "):
@@ -59,41 +59,41 @@ def forward_messages(said: str, name: str) -> None:
 
 
 class RateLimitedNote:
-    """Says what repeats the first, second, fourth, eighth time and so on."""
+    """A repeating note, shown the first, second, fourth, eighth time and so on."""
 
-    def __init__(self, what: str) -> None:
-        self._what = what
+    def __init__(self, text: str) -> None:
+        self._text = text
         self.count = 0
 
     def __call__(self, detail: str) -> None:
-        """Counts one more."""
+        """Counts an occurrence; logs it if the count is a power of two."""
         self.count += 1
         if self.count & (self.count - 1) == 0:
             times = f" ({self.count} so far)" if self.count > 1 else ""
-            note(f"{self._what}{times}: {detail}")
+            note(f"{self._text}{times}: {detail}")
 
 
-def limit_logging(what: str, *loggers: str) -> None:
-    """Says what libraries would say for every bad request as `RateLimitedNote` does, a line without trace."""
-    said = _RateLimitedHandler(what)
+def limit_logging(text: str, *loggers: str) -> None:
+    """Rate-limits the loggers of libraries, which log every bad request, and drops tracebacks."""
+    handler = _RateLimitedHandler(text)
     for name in loggers:
         logger = logging.getLogger(name)
-        logger.handlers, logger.propagate = [said], False
+        logger.handlers, logger.propagate = [handler], False
 
 
 class _RateLimitedHandler(logging.Handler):
-    def __init__(self, what: str) -> None:
+    def __init__(self, text: str) -> None:
         super().__init__(logging.WARNING)
-        self._said = RateLimitedNote(what)
+        self._note = RateLimitedNote(text)
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
         text = record.getMessage().strip()
-        self._said(f"{text}: {type(error).__name__}: {reason(error)}" if error else text)
+        self._note(f"{text}: {type(error).__name__}: {reason(error)}" if error else text)
 
 
 class _StderrHandler(logging.Handler):
-    """A line each, to whatever stderr is then."""
+    """Writes a line for each record to the current sys.stderr."""
 
     def emit(self, record: logging.LogRecord) -> None:
         kind = _NOTE if record.levelno >= logging.WARNING else _STAGE

@@ -1,7 +1,7 @@
-"""Text from outside (names in recordings, paths, messages of libraries), made fit to be printed.
+"""Sanitising of untrusted text (names in recordings, paths, messages of libraries) for output.
 
-Whoever wrote a recording chose its names. They must not move the cursor, break a table's lines or
-be taken for markup.
+Names in recordings are chosen by their writer. They must not move the cursor, break table rows or
+act as markup.
 """
 
 import re
@@ -15,35 +15,35 @@ if TYPE_CHECKING:
 def printable(text: object) -> str:
     r"""One line of `text` for any terminal or log.
 
-    What is no visible character (control codes, line breaks, marks that turn the direction of
-    writing, bytes that are no text) stands as an escape like \x1b or \u202e.
+    Characters that are not printable (control codes, line breaks, bidirectional marks, surrogate
+    bytes) become escapes like \x1b or \u202e.
     """
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text)
     )
 
 
-# Letters by Unicode that nobody sees.
+# Blank characters that Unicode classifies as letters or symbols.
 _BLANK = re.compile("[\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0]")
 
 
 def is_visible(text: str) -> bool:
-    """Whether a name can be seen and told from another: no blanks alone, no invisible letters."""
+    """True if a name is visible and distinguishable: not only blanks, no invisible letters."""
     if not text.isprintable() or _BLANK.search(text):
         return False
     return any(unicodedata.category(c)[0] not in "MZ" for c in text)
 
 
 def cell(text: object) -> "Text":
-    """`printable(text)` for rich: a cell or a title, in which [x] and :x: stand for themselves."""
-    # Here, so that error messages need not wait for rich.
+    """`printable(text)` as rich Text, in which [x] and :x: are literal."""
+    # Imported here, so that error messages need not load rich.
     from rich.text import Text
 
     return Text(printable(text))
 
 
-# A password may hold anything: all up to the last @ goes, and the host too where it may be a part
-# of a query. Behind a colon that no port follows may be a password whose host was forgotten.
+# Passwords may hold any character: all up to the last @ is hidden, and the host too if it may be
+# part of a query. A colon without a port may precede a password whose host was forgotten.
 _URL = re.compile(
     r"""(?<![A-Za-z0-9+.-])(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*://)(?P<user>.*@)?
     (?P<host>\[[^\]\s]*\]|[^\s/?\#:'"@]*)
@@ -52,7 +52,7 @@ _URL = re.compile(
     |[^\s'":@]{0,1024}:[^\s'"@]{1,1024}@""",  # a login without a scheme
     re.DOTALL | re.VERBOSE,
 )
-_EXPECTED = "[USER:PASSWORD@]"  # where a message tells of what may be there
+_EXPECTED = "[USER:PASSWORD@]"  # placeholder in expectations, kept
 _HARMLESS = re.compile(r"/?[:,;.)\]]*")
 
 

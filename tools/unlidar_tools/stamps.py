@@ -7,14 +7,14 @@ _UNSIGNED = r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?"
 _STAMP, _SECONDS = re.compile(f"-?{_UNSIGNED}"), re.compile(f"[+-]?{_UNSIGNED}")
 _NS_PER_S = 1_000_000_000
 _LIMIT_NS = 1 << 63
-MOST_STAMP_NS = 4 * 10**18  # that the program takes, before and after 1970: 126 years
+MOST_STAMP_NS = 4 * 10**18  # the program's limit: 126 years before and after 1970
 
 
 def parse_stamp_ns(text: str) -> int:
-    """By the program's rules: with a point or an exponent seconds, else the unit by magnitude.
+    """A stamp by the program's rules: seconds with a point or exponent, else unit by magnitude.
 
     Whole numbers are seconds below 1e11, then milli-, micro- and from 1e17 nanoseconds.
-    ValueError for anything else, and for what 64 bits do not hold.
+    ValueError for anything else, and beyond 64 bits.
     """
     if not _STAMP.fullmatch(text):
         raise ValueError(f"'{text}' is not a time stamp")
@@ -27,7 +27,7 @@ def parse_stamp_ns(text: str) -> int:
 
 
 def parse_seconds_ns(text: str) -> int:
-    """Seconds, however they are written, to the nearest nanosecond; ValueError for what is none."""
+    """Decimal seconds to the nearest nanosecond; ValueError if not a number."""
     if not _SECONDS.fullmatch(text.strip()):
         raise ValueError(f"'{text}' is not a number of seconds")
     return _to_ns(text.strip(), _NS_PER_S)

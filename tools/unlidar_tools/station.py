@@ -1,4 +1,4 @@
-"""station.yaml: where the LiDARs of a recording stand and how late their clocks are.
+"""station.yaml: poses and clock offsets of a recording's LiDARs.
 
 It lies beside the frames and is a configuration of the program:
 `unlidar_track --frames lidar=rec/lidar --config rec/station.yaml ...`.
@@ -23,7 +23,7 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class Pose:
-    """Of a LiDAR in the common frame: p_common = R(rotation) p_sensor + translation_m."""
+    """Pose of a LiDAR in the common frame: p_common = R(rotation) p_sensor + translation_m."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
@@ -36,7 +36,7 @@ _POSES = TypeAdapter(dict[str, Pose])
 
 
 def write_station(folder: Path, poses: Mapping[str, Pose], about: str) -> None:
-    """Writes station.yaml beside the frames; `about` says where the poses are from."""
+    """Writes station.yaml beside the frames; `about` is the poses' origin, a comment."""
     lines = [f"# {printable(about)}", "sensors:"]
     for name, pose in poses.items():
         lines += [
@@ -49,9 +49,9 @@ def write_station(folder: Path, poses: Mapping[str, Pose], about: str) -> None:
 
 
 def read_station(folder: Path) -> dict[str, Pose]:
-    """The poses of a folder's station.yaml by sensor; none where there is no such file.
+    """The poses of a folder's station.yaml by sensor; empty without such a file.
 
-    Throws InputError naming the file, the key and what is wrong with it.
+    Throws InputError naming the file, the key and the fault.
     """
     path = folder / STATION_NAME
     if not path.is_file():
@@ -67,18 +67,18 @@ def read_station(folder: Path) -> dict[str, Pose]:
 
 
 def places_sensors(options: list[str]) -> bool:
-    """Whether a `--config` among the program's options says itself where the LiDARs stand."""
+    """True if a `--config` among the program's options has poses of its own."""
     if "--config" not in options:
         return False
     try:
         path = Path(options[options.index("--config") + 1])
         return bool(load_yaml(path).get("sensors"))
     except (OSError, ValueError, AttributeError, RecursionError, YAMLError):
-        return False  # the program will say what is wrong with it
+        return False  # the program will report the fault
 
 
 def station_options(poses: Mapping[str, Pose], sensors: list[str]) -> list[str]:
-    """`--set` options of the program for these sensors; none where all stand at the origin."""
+    """`--set` options of the program for these sensors; empty if all are at the origin."""
     chosen = {name: poses.get(name, Pose()) for name in sensors}
     if all(pose == Pose() for pose in chosen.values()):
         return []

@@ -1,4 +1,4 @@
-"""What is printed about a result. RMSE never stands without coverage."""
+"""Printed tables of results. RMSE is always shown with coverage."""
 
 import math
 
@@ -12,17 +12,17 @@ from unlidar_tools.sanitize import cell
 
 
 def console() -> Console:
-    """Stdout, where numbers get no colour."""
+    """A console on stdout without highlighting of numbers."""
     return Console(highlight=False)
 
 
 def sequences_table(result: dict) -> Table:
-    """What `evaluate_sequences` found: a row for each sequence, for each group and for all."""
+    """Table of `evaluate_sequences`: a row for each sequence, each group and all."""
     table = Table(
         title="lengths in metres", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
     )
     rows = table_rows(result)
-    # Where several drones fly the nearest track may be another one's.
+    # With several drones the nearest track may be another drone's.
     kind = "matched_" if any(several_drones(m) for m in result["sequences"]) else ""
     heads = ("matched", "RMSE", "95 %") if kind else ("RMSE", "95 %", "median", "p95")
     table.add_column("sequence", overflow="fold", min_width=12)
@@ -45,7 +45,7 @@ def sequences_table(result: dict) -> Table:
 
 
 def measures_table(measures: dict, title: str) -> Table:
-    """The measures of `evaluate`, one a line with what it means."""
+    """The measures of `evaluate`, one per line with its meaning."""
     about = f"the truth is {measures['truth_is']}" if "truth_is" in measures else None
     table = Table(title=cell(title), title_justify="left", caption=about, caption_justify="left")
     table.add_column("measure")
@@ -70,7 +70,7 @@ def _sections(m: dict) -> list[list[tuple[str, str, str]]]:
 
 
 def _by_drone(m: dict) -> list[tuple[str, str, str]]:
-    """First of all, as the nearest track of an uncovered drone may be another one's."""
+    """Matched errors by drone, shown first, as the nearest track may be another drone's."""
     rows = [("matched: one track a drone, within 2 m", percent(m["matched"]), "in-view truth")]
     if "matched_rmse" in m:
         rows.append(("RMSE, matched", _metres(m["matched_rmse"]), "matched truth"))

@@ -1,4 +1,4 @@
-"""Ground truth and trajectories, read into arrays: CSV by column name, or TUM, told by content."""
+"""Ground truth and trajectories, read into arrays; CSV or TUM is detected by content."""
 
 import csv
 import math
@@ -17,7 +17,7 @@ from unlidar_tools.stamps import format_stamp_ns, parse_seconds_ns, parse_stamp_
 TRUTH_NAME = "ground_truth.csv"
 _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _EXPECTED = f"timestamp,x,y,z in its first line, or lines of {' '.join(_TUM)}"
-_TUM_COLUMNS = ("timestamp", "x", "y", "z")  # what becomes of the first of them
+_TUM_COLUMNS = ("timestamp", "x", "y", "z")  # the first TUM columns, as named in CSV
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def read_tracks(path: Path) -> Tracks:
 
 
 def read_all_tracks(paths: Sequence[Path]) -> Tracks:
-    """The tracks of several files together, those of each under numbers of their own.
+    """The tracks of several files together, renumbered to be distinct.
 
     A TUM file holds one track, as the format has no number for it.
     """
@@ -101,23 +101,23 @@ def read_all_tracks(paths: Sequence[Path]) -> Tracks:
 
 
 def is_tum(path: Path) -> bool:
-    """Whether the first line that is no comment is eight words, or there are but comments."""
+    """True if the first line that is no comment has eight words, or all lines are comments."""
     try:
         require_file(path)
         with path.open(encoding="utf-8-sig") as file:
             return _is_tum(file)
     except (OSError, ValueError):
-        return False  # told in full when it is read
+        return False  # reported in full when it is read
 
 
 def columns_of(path: Path) -> set[str]:
-    """The names in the first line of a CSV; none of TUM, or of what cannot be read."""
+    """The column names of a CSV; empty for TUM, or if it cannot be read."""
     try:
         require_file(path)
         with path.open(newline="", encoding="utf-8-sig") as file:
             return set(next(csv.reader(lines_of(file)), ()))
     except (OSError, ValueError, csv.Error):
-        return set()  # told in full when it is read
+        return set()  # reported in full when it is read
 
 
 def _triple(pattern: str) -> list[str]:
@@ -160,7 +160,7 @@ def _csv_rows(path: Path, file: TextIO, required: set[str]) -> Iterator[tuple[in
 
 
 def _first_line(names: Sequence[str]) -> str:
-    """How it looks: what others than this program write, or leave out."""
+    """A description of an unexpected first line, for messages."""
     first = ",".join(names).strip()
     words = first.replace(",", " ").replace(";", " ").split()
     if not words:
@@ -210,7 +210,7 @@ def _stamp_ns(path: Path, line: int, text: str) -> int:
 
 
 def _unit_of(text: str) -> str:
-    """What the number of a stamp says where it is a Unix time in another unit than seconds."""
+    """A hint if a stamp looks like Unix time in another unit than seconds."""
     try:
         spelled = format_stamp_ns(parse_stamp_ns(text.strip()))
     except ValueError:

@@ -35,9 +35,9 @@ def run_many(
 ) -> list[Row]:
     """Runs the recordings given and all below, each to its own folder of `out`; a row for each.
 
-    What an earlier run has done with the same input, settings and program is not done again. A
-    recording that fails does not stop the others. Throws UsageError or ConfigError for what would
-    fail everywhere.
+    Results of an earlier run with the same input, settings and program are kept. A recording that
+    fails does not stop the others. Throws UsageError or ConfigError for faults that every
+    recording would meet.
     """
     check_options(settings.options_with(settings.config_file))
     program = digest(find_program())
@@ -52,7 +52,7 @@ def run_many(
         for one in found:
             try:
                 job = make_job(one.name, one.path, out / one.name, settings, program, token)
-            except InputError as error:  # it cannot even be looked at
+            except InputError as error:  # not even its key can be computed
                 rows[one.name] = failed(one.name, error)
                 continue
             row = finished(job)
@@ -70,7 +70,7 @@ def run_many(
 
 
 def _run_here(jobs: list[Job], at_once: int) -> Generator[Row, None, None]:
-    """On this machine, in the order in which they are done."""
+    """Runs the jobs on this machine and yields their rows in the order of completion."""
     launcher = JobLauncher()
     with closing(side_by_side(launcher, jobs, at_once, launcher.stop)) as done:
         for _, row in done:

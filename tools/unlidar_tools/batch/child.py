@@ -25,7 +25,7 @@ def do(job: Job) -> None:
     _refuse_foreign(out)
     try:
         with complete_directory(out, True, Path(job.recording), job.token) as work:
-            os.chdir(work)  # what the results say of their own files holds wherever they lie
+            os.chdir(work)  # paths inside the results become relative, so the folder can be moved
             settings = job.settings
             if settings.config is not None:
                 Path(CONFIG).write_text(settings.config)
@@ -46,14 +46,14 @@ def do(job: Job) -> None:
             )
     except Exception as error:
         if isinstance(error, OutputError) and finished(job) is not None:
-            return  # another worker was given the same job and was faster
-        if is_result(out):  # of other settings: not to be taken for this run's
+            return  # a second worker with the same job finished first
+        if is_result(out):  # results of other settings must not be mistaken for this run's
             shutil.rmtree(out, ignore_errors=True)
         raise
 
 
 def _refuse_foreign(out: Path) -> None:
-    """Replaced is what a run wrote, and only where nothing else was put beside it."""
+    """Refuses to replace a folder that no run wrote, or that holds files beside its results."""
     found = sorted(path.name for path in out.iterdir()) if out.is_dir() else []
     if found and not is_result(out):
         raise OutputError(f"{out}: holds no run.json of a run, so it is no earlier result")

@@ -11,7 +11,7 @@ _PATIENCE_S = 30
 
 
 def run_on_cluster(jobs: list[Job], scheduler: str) -> Generator[Row, None, None]:
-    """The rows in the order in which they are done.
+    """Yields the rows in the order of completion.
 
     The jobs of a worker that is lost are given to others. Throws UsageError if there is no such
     scheduler or no worker joins it.
@@ -20,7 +20,7 @@ def run_on_cluster(jobs: list[Job], scheduler: str) -> Generator[Row, None, None
         from distributed import Client, as_completed
     except ImportError as error:
         raise UsageError(f"--scheduler needs the extra [cluster]: {advice('cluster')}") from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are told in rows
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are reported in rows
     try:
         client = Client(scheduler, timeout=_PATIENCE_S)
     except (OSError, ValueError) as error:
@@ -32,7 +32,7 @@ def run_on_cluster(jobs: list[Job], scheduler: str) -> Generator[Row, None, None
             raise UsageError(
                 f"--scheduler {scheduler}: no worker has joined it within {_PATIENCE_S} s"
             ) from error
-        # Never an earlier answer: a folder of results may have been removed since.
+        # Dask would reuse an earlier answer, but its folder of results may have been removed since.
         futures = {client.submit(launch, job, pure=False): job for job in jobs}
         for future in as_completed(futures):
             yield _row(future, futures[future])
@@ -41,6 +41,6 @@ def run_on_cluster(jobs: list[Job], scheduler: str) -> Generator[Row, None, None
 def _row(future, job: Job) -> Row:
     try:
         return future.result()
-    except Exception as error:  # of the cluster: those of the job are rows
+    except Exception as error:  # a failure of the cluster itself; failures of jobs are rows
         why = f"{type(error).__name__}: {reason(error)}"
         return Row(job.name, FAILED, reason=why, exit_code=1)

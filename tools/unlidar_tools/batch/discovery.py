@@ -1,4 +1,4 @@
-"""Which recordings lie in a folder."""
+"""Search for the recordings in a folder."""
 
 import os
 import re
@@ -23,7 +23,7 @@ class Found:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether `path` is one recording: frame directories, or anything `convert` reads."""
+    """True if `path` is one recording: frame directories, or anything `convert` reads."""
     try:
         if path.is_dir():
             sensors = find_sensors(path)
@@ -31,14 +31,14 @@ def is_recording(path: Path) -> bool:
                 return False
             if sensors:
                 return _belong_together(path, sensors)
-        # A pipe of any name would be waited for.
+        # Opening a pipe would block until it has a writer.
         return (path.is_dir() or path.is_file()) and any(kind.matches(path) for kind in KINDS)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from error
 
 
 def common_folder(given: Sequence[Path]) -> Path:
-    """A folder of recordings itself, else the folder below which all that was named lies."""
+    """The path itself if it is the only one, else the deepest folder that holds all paths."""
     if len(given) == 1:
         return given[0]
     return Path(os.path.commonpath([_plain(path).parent for path in given]))
@@ -47,10 +47,9 @@ def common_folder(given: Sequence[Path]) -> Path:
 def find_recordings(given: Sequence[Path], results: Path) -> list[Found]:
     """All recordings among the paths that are given and below them, in natural order of names.
 
-    Left out of folders are hidden files, results of earlier runs and the folder `results` that this
-    run writes to. A file that is given counts, whatever it is, and so does what cannot be looked
-    at, and one of several folders that holds none: running it says why. Throws InputError for the
-    only folder if it holds none.
+    Hidden files, results of earlier runs and the output folder `results` are skipped inside
+    folders. Paths given by name always count, also unreadable or empty ones among several: the
+    run then reports the reason. Throws InputError if the only folder given holds no recording.
     """
     root = common_folder(given)
     found: dict[str, Found] = {}
@@ -65,12 +64,12 @@ def find_recordings(given: Sequence[Path], results: Path) -> list[Found]:
 
 
 def _plain(path: Path) -> Path:
-    """Absolute and without `..`, its links kept: names in the results go no way back."""
+    """Absolute and without `..`, links kept, so that names in the results stay below the root."""
     return Path(os.path.abspath(path))  # noqa: PTH100 - resolve() would follow links
 
 
 def _real(path: Path) -> str:
-    """Its links followed as far as they lead somewhere: resolve() raises for one in a circle."""
+    """The path with its links resolved, or as it is for circular links, where resolve() raises."""
     return os.path.realpath(path)
 
 
@@ -102,22 +101,22 @@ def _below(root: Path, results: str) -> list[Path]:
 
 
 def _is_folder(path: Path) -> bool:
-    """Whether it is no recording but may hold some."""
+    """True for a folder that is no recording itself but may hold some."""
     try:
         return path.is_dir() and not is_recording(path)
-    except InputError:  # a folder that cannot be read is told when it is run
+    except InputError:  # an unreadable folder is reported when it is run
         return False
 
 
 def _is_result(folder: Path) -> bool:
-    """What a run leaves holds PCD files too."""
+    """True for the output of a run, which holds PCD files as recordings do."""
     return (folder / TRAJECTORY).is_file() and (folder / SUMMARY).is_file()
 
 
 def _belong_together(folder: Path, sensors: dict[str, Path]) -> bool:
-    """Whether frame directories side by side are the sensors of one recording, or recordings.
+    """True if sibling frame directories are sensors of one recording rather than recordings.
 
-    They are one unless a frame directory begins after the others have ended.
+    They are unless one begins after the others have ended.
     """
     if len(sensors) == 1 or any((folder / name).is_file() for name in (*MARKERS, TRUTH_NAME)):
         return True
@@ -127,7 +126,7 @@ def _belong_together(folder: Path, sensors: dict[str, Path]) -> bool:
             for frames in (list_frames(directory) for directory in sensors.values())
         )
     except UnlidarError:
-        return True  # told in full when it is run
+        return True  # reported in full when it is run
     last = spans[0][1]
     for begin, end in spans[1:]:
         if begin > last:
@@ -137,6 +136,6 @@ def _belong_together(folder: Path, sensors: dict[str, Path]) -> bool:
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """seq2 before seq10."""
+    """Sort key that puts seq2 before seq10."""
     parts = re.split(r"(\d+)", name)
     return [(int(p), "") if p.isdecimal() else (-1, p) for p in parts]

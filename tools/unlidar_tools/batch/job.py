@@ -1,4 +1,4 @@
-"""One recording of many: what is to be done, whether it is done already, and doing it.
+"""One recording of many: its job, the check for finished results, and the run itself.
 
 A job runs in a process of its own, so that one that crashes or is killed takes no other with it.
 Its folder of results appears complete or not at all, and holds the key of what it was made from.
@@ -22,17 +22,17 @@ DONE, DONE_BEFORE, FAILED = "done", "done before", "failed"
 
 @dataclass(frozen=True)
 class Settings:
-    """What is asked of every recording of a run."""
+    """The settings that all recordings of a run share."""
 
     sensors: list[str] | None
     config_file: str | None
-    config: str | None  # its text, which is what the jobs get
+    config: str | None  # the text of the file, so that workers need not read it
     options: list[str]  # further options of the program
     threads: int  # of the program, for each recording
     truths: list[str]  # topics of bags, as of `convert`
     skip_bad: bool
-    report: bool  # whether figure and page are made
-    rate_hz: float | None = None  # of frames that are numbered
+    report: bool  # True if figure and page are made
+    rate_hz: float | None = None  # frame rate of numbered frames
 
     def options_with(self, config: str | None) -> list[str]:
         """All options of the program, with the configuration read from the file `config`."""
@@ -48,14 +48,14 @@ class Job:
     recording: str
     out: str
     settings: Settings
-    program: str  # digest of the program, lest another machine runs another one
+    program: str  # digest of the binary; machines with different builds are detected
     key: str
     token: str  # of this run, for the names of temporary folders
 
 
 @dataclass(frozen=True)
 class Row:
-    """What became of a job: a row of the table."""
+    """The outcome of a job: a row of the table."""
 
     name: str
     status: str
@@ -65,8 +65,8 @@ class Row:
     reason: str = ""  # why it failed
     exit_code: int = 0
     preset: str | None = None  # as in RunResult
-    broken: bool = False  # whether the recording is, and only what could be read was tracked
-    warnings: tuple[str, ...] = ()  # codes of what makes the results doubtful
+    broken: bool = False  # True if the recording is damaged and only its readable part was tracked
+    warnings: tuple[str, ...] = ()  # codes of the program's warnings
 
 
 def make_job(
@@ -74,8 +74,8 @@ def make_job(
 ) -> Job:
     """The job with the key of its input, its settings and the program's version.
 
-    Of the input the files' names, sizes and times of change count, not every byte. The number of
-    threads does not count: it changes no result.
+    The key covers names, sizes and modification times of the input files, not their bytes, and
+    not the number of threads, which changes no result.
     """
     parts = {
         "input": _files(recording),
@@ -95,7 +95,7 @@ def make_job(
 
 
 def digest(program: Path) -> str:
-    """What tells one build of the program from another, also where the version is the same."""
+    """A hash that distinguishes builds of the program that have the same version."""
     try:
         return hashlib.sha256(program.read_bytes()).hexdigest()
     except OSError as error:
@@ -103,7 +103,7 @@ def digest(program: Path) -> str:
 
 
 def finished(job: Job) -> Row | None:
-    """The row of what was done with the same key, if its results are there."""
+    """The row of an earlier run with the same key, if its results still exist."""
     out = Path(job.out)
     try:
         record = read_finished(out)
@@ -126,7 +126,7 @@ def finished(job: Job) -> Row | None:
 
 
 def failed(name: str, error: UnlidarError) -> Row:
-    """The row of a recording that could not even be begun."""
+    """The row of a recording that could not be started."""
     return Row(name, FAILED, reason=shortened(str(error)), exit_code=error.exit_code)
 
 
@@ -138,7 +138,7 @@ class JobLauncher:
         self.stop = self._launch.stop
 
     def __call__(self, job: Job) -> Row:
-        """Does the job and tells what became of it; a failure is a row, too."""
+        """Runs the job and returns its row; a failure is a row, too."""
         begin = time.perf_counter()
         ended = self._launch(job, job.name)
         row = finished(job) if ended.exit_code == 0 else None
@@ -150,7 +150,7 @@ class JobLauncher:
 
 
 def launch(job: Job) -> Row:
-    """Does one job: what a worker of a cluster is asked for, again if a worker was lost."""
+    """Entry point of a cluster's worker: runs one job; repeated if a worker was lost."""
     return finished(job) or JobLauncher()(job)
 
 

@@ -1,7 +1,7 @@
-"""What a run over many recordings is about to write, noted where its results go.
+"""Register of the results that a batch run is about to write, kept in its output folder.
 
-A run that is killed leaves folders half written. The next one removes them, and must remove
-nothing else: only what the register names, directly beside the results.
+A killed run leaves half-written folders. The next run removes them and nothing else: only the
+names in the register, directly beside the results.
 """
 
 import fcntl
@@ -24,10 +24,10 @@ _Entry = tuple[str, list[str]]  # token of a run, names of its results below the
 
 @contextmanager
 def registered(out: Path, names: Iterable[str], tables: Iterable[Path]) -> Iterator[str]:
-    """Keeps other runs away from `out` and gives the token for its temporary folders.
+    """Locks `out` against other runs and yields the token for its temporary folders.
 
-    What an earlier run left is removed before, and what this one leaves after. Throws UsageError
-    where another run is at work, and OutputError where `out` cannot be written or holds `tables`
+    Leftovers of earlier runs are removed before, those of this run after. Throws UsageError
+    if another run holds the lock, and OutputError if `out` cannot be written or holds `tables`
     that no run has written.
     """
     try:
@@ -39,7 +39,7 @@ def registered(out: Path, names: Iterable[str], tables: Iterable[Path]) -> Itera
             )
         out.mkdir(parents=True, exist_ok=True)
         with (out / REGISTER).open("a+", encoding="utf-8") as file:
-            try:  # the system frees the lock of a killed run
+            try:  # flock: the system releases the lock of a killed run
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
                 raise UsageError(f"--out {out}: another run is writing to it") from error
@@ -55,7 +55,7 @@ def registered(out: Path, names: Iterable[str], tables: Iterable[Path]) -> Itera
 
 
 def _swept(out: Path, entries: list[_Entry]) -> list[_Entry]:
-    """Removes what was left of these entries; those of which something could not be removed."""
+    """Removes the leftovers of these entries and returns the entries where that failed."""
     remaining = []
     for token, names in entries:
         for name in names:
@@ -68,7 +68,7 @@ def _swept(out: Path, entries: list[_Entry]) -> list[_Entry]:
 
 
 def _read(file: TextIO) -> list[_Entry]:
-    """The entries; a line that a crash has cut off, or that names another place, is none."""
+    """The entries; lines that are truncated or that name a path outside are ignored."""
     file.seek(0)
     entries = []
     for line in file:
@@ -83,7 +83,7 @@ def _read(file: TextIO) -> list[_Entry]:
 
 
 def _write(file: TextIO, entries: list[_Entry]) -> None:
-    """In its place: another file would not have the lock."""
+    """Rewrites the register in place: a new file would not hold the lock."""
     file.truncate(0)
     for token, names in entries:
         file.write(json.dumps({"token": token, "results": names}) + "\n")

@@ -32,7 +32,7 @@ _HEADERS = ["sequence", *(header for header, _ in _NUMBERS.values()), "remark"]
 
 def rich_table(rows: list[Row], title: str) -> Table:
     """For the terminal, where reasons of failures are too long for a column."""
-    # Where several drones fly the nearest track may be another one's; both kinds are too wide.
+    # With several drones the nearest track may be another drone's: only matched errors are shown.
     several = any(several_drones(row.measures or {}) for row in rows)
     left_out = ("rmse", "rmse_unbiased") if several else ("matched_rmse", "matched")
     names = [name for name in _NUMBERS if name not in left_out]
@@ -51,7 +51,7 @@ def rich_table(rows: list[Row], title: str) -> Table:
 
 
 def table_files(folder: Path) -> list[Path]:
-    """Where the tables are: Markdown, CSV and JSON."""
+    """The paths of the tables: Markdown, CSV and JSON."""
     return [folder / f"{_NAME}.{suffix}" for suffix in ("md", "csv", "json")]
 
 
@@ -70,7 +70,7 @@ def write_tables(rows: list[Row], folder: Path) -> None:
 
 
 def record_of(row: Row) -> dict:
-    """The row as one flat record; what is not known is None."""
+    """The row as one flat record; unknown values are None."""
     known = {"time_s": row.time_s, "tracks": row.tracks} | (row.measures or {})
     return {
         "sequence": row.name,
@@ -94,7 +94,7 @@ def _remark(row: Row) -> str:
 
 
 def _mean(rows: list[Row]) -> dict:
-    """Each number over the sequences that have it; the remark says how many are judged."""
+    """The mean of each column over the rows that have it, with the number of rows as a remark."""
     records = [record_of(row) for row in rows]
     mean: dict = {"sequence": "mean"}
     for name in _NUMBERS:
@@ -111,7 +111,7 @@ def _cells(record: dict, names: Iterable[str] = _NUMBERS) -> list[str]:
 
 
 def _write_csv(path: Path, records: list[dict]) -> None:
-    # A name that is no text is written as the bytes that the file system has.
+    # Names that are not valid UTF-8 keep the bytes of the file system.
     with path.open("w", newline="", encoding="utf-8", errors="surrogateescape") as file:
         writer = csv.DictWriter(file, records[0])
         writer.writeheader()

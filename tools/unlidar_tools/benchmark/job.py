@@ -28,7 +28,7 @@ from unlidar_tools.truth import TRUTH_NAME, Tracks, Truth, read_tracks, read_tru
 
 @dataclass(frozen=True)
 class Job:
-    """What one process does."""
+    """The work of one process."""
 
     scene: SceneSeed
     variants: tuple[Variant, ...]
@@ -62,7 +62,7 @@ def do(job: Job) -> list[Result]:
 
 
 def folders(job: Job) -> list[Path]:
-    """Where the results of each variant go."""
+    """The output folder of each variant."""
     return [_folder(job) / variant.name for variant in job.variants]
 
 
@@ -77,7 +77,7 @@ def _recording(job: Job, temporary: Path) -> Recording:
     frames = temporary / "frames"
     simulate(load_scenario(scene.scenario), frames, int(scene.seed))
     recording = prepare(frames, temporary)
-    # The frames can be simulated again; with the truth the results can be judged again.
+    # Frames can be simulated again, the truth is kept to evaluate the results again.
     truth = _folder(job) / TRUTH_NAME
     write_file(truth, lambda work: shutil.copyfile(recording.truth, work))
     return dataclasses.replace(recording, truth=truth)
@@ -140,8 +140,8 @@ def _failed(
 
 @contextmanager
 def _cpu_limit(seconds: float) -> Iterator[None]:
-    """Programs started within are ended by SIGXCPU when they have used so much."""
-    # The limit holds for this process too. It has a handler, which a started program has not.
+    """Child processes started in the block get SIGXCPU after `seconds` of CPU time."""
+    # The limit applies to this process too; its handler is not inherited by the program.
     handler = signal.signal(signal.SIGXCPU, lambda *_: None)
     limits = resource.getrlimit(resource.RLIMIT_CPU)
     resource.setrlimit(resource.RLIMIT_CPU, (max(1, round(seconds)), limits[1]))

@@ -82,7 +82,7 @@ recording, *of duration*: the largest share of a recording's duration.
 
 def _table(rows: list[Row]) -> str:
     cells = [_cells(row) for row in rows]
-    # A column in which no row says anything is left out.
+    # Columns without any value are left out.
     told = [i for i in range(len(_HEAD)) if i < 2 or any(line[i] != _NOTHING for line in cells)]
     lines = [[_HEAD[i] for i in told], ["---", "---", *("---:" for _ in told[2:])]]
     lines += [[line[i] for i in told] for line in cells]
@@ -108,7 +108,7 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def _why_unmeasured(row: Row) -> str:
-    """In place of a row of dashes."""
+    """The reason why there are no measures, in place of a row of dashes."""
     if _has_failed(row):
         return "failed"
     return "no drone" if row.tracks_in_empty_sky and row.estimates["coverage"].mean is None else ""
@@ -132,7 +132,7 @@ def _published(groups: list[dict]) -> str:
     parts = []
     for group in groups:
         known = [row for row in group["rows"] if row["value"] != _UNKNOWN]
-        if not known:  # a table would say nothing
+        if not known:  # the table would be empty
             continue
         about = f"**{group['title']}**. Measured on: {group['measured_on']}. {group['measure']}."
         lines = [

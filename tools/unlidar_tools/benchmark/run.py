@@ -10,9 +10,9 @@ from unlidar_tools.progress import with_progress
 
 
 def run_jobs(jobs: list[Job], at_once: int) -> list[Result]:
-    """The results in the order of the jobs, whichever is done first.
+    """Runs the jobs and returns their results in the order of the jobs.
 
-    Throws ForwardedError for a job whose process fails, which is no failure of the program.
+    Throws ForwardedError if a job's own process fails; a failure of the program is a result.
     """
     for job in jobs:
         for folder in folders(job):

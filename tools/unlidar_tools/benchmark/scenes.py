@@ -1,4 +1,4 @@
-"""Which scenes there are, simulated or in folders."""
+"""The scenes of a benchmark, simulated or in folders."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from unlidar_tools.truth import TRUTH_NAME
 
 @dataclass(frozen=True)
 class SceneSeed:
-    """One recording: a scenario with its dice cast, or a folder."""
+    """One recording: a scenario with a seed, or a folder."""
 
     scene: str
     seed: str  # empty where a folder has none
@@ -21,7 +21,7 @@ class SceneSeed:
 
 
 def seeds(text: str) -> list[str]:
-    """`1-5`, `7` or `1,3,8-10`."""
+    """Parses a list of seeds: `1-5`, `7` or `1,3,8-10`."""
     found: list[str] = []
     for part in text.split(","):
         first, separator, last = part.strip().partition("-")
@@ -35,10 +35,10 @@ def seeds(text: str) -> list[str]:
 
 
 def simulated_scenes(names: list[str], seed_names: list[str]) -> list[SceneSeed]:
-    """These scenarios (all that come along if none is named) with each seed."""
+    """These scenarios (all bundled ones if none is named) with each seed."""
     names = names or scenario_names()
     for name in names:
-        load_scenario(name)  # a wrong name or key is told before anything runs
+        load_scenario(name)  # reports a wrong name or key before anything runs
     return [
         SceneSeed(Path(name).stem if name.endswith((".yaml", ".yml")) else name, seed, name)
         for name in names

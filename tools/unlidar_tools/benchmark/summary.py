@@ -35,7 +35,7 @@ class Row:
     variant: str
     seeds: list[str]
     estimates: dict[str, Estimate]
-    differences: dict[str, Estimate]  # to the base of the variant, seed by seed
+    differences: dict[str, Estimate]  # paired by seed, to the base of the variant
     tracks: list[int]
     tracks_in_empty_sky: tuple[int, int] | None  # runs with any track, runs without any drone
     cpu_s: float | None
@@ -46,8 +46,8 @@ class Row:
 def summarise(results: list[Result], variants: list[Variant]) -> list[Row]:
     """A row per scene and variant in the order of the results, then one per variant over all.
 
-    A seed weighs as much as another, and so does a scene: the mean over all is that of the means.
-    Intervals: percentile bootstrap over the seeds, within each scene for itself.
+    Seeds have equal weight, and so have scenes: the mean over all is the mean of the scene means.
+    Intervals: percentile bootstrap over the seeds, drawn separately in each scene.
     """
     scenes = list(dict.fromkeys(result.scene for result in results))
     groups = [[scene] for scene in scenes] + ([scenes] if len(scenes) > 1 else [])
@@ -85,7 +85,7 @@ def _row(scenes: list[str], variant: Variant, results: list[Result]) -> Row:
 
 
 def _value(name: str, leave_out_empty: bool) -> Callable[[Result], float | None]:
-    """Over all scenes `false` is a share of rows; in an empty sky it says only if there are any."""
+    """`false` is a share of rows over all scenes; in an empty sky it only says if there are any."""
 
     def value(result: Result) -> float | None:
         if leave_out_empty and "coverage" not in result.measures:
@@ -131,7 +131,7 @@ def _estimate(
     if not means:
         return Estimate(None)
     tails = 50 * (1 - LEVEL), 50 * (1 + LEVEL)
-    if most < 2:  # of one seed nothing else can be drawn
+    if most < 2:  # one seed has no bootstrap distribution
         return Estimate(float(np.mean(means)))
     low, high = np.percentile(np.mean(drawn, axis=0), tails)
     return Estimate(float(np.mean(means)), float(low), float(high))

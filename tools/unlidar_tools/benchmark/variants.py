@@ -1,4 +1,4 @@
-"""What is run on each scene: methods by name or file, and changes of one of them."""
+"""The variants run on each scene: methods by name or file, and changes of one of them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +25,7 @@ class Variant:
 
     @property
     def options(self) -> list[str]:
-        """Of the program."""
+        """The variant as options of the program."""
         options = ["--config", str(self.config.resolve())] if self.config else []
         for assignment in self.assignments:
             options += ["--set", assignment]
@@ -33,7 +33,7 @@ class Variant:
 
 
 def methods(text: str) -> list[Variant]:
-    """`robust`, one of the configurations that come along, or a YAML file; separated by commas."""
+    """Comma-separated methods: `robust`, a bundled configuration, or a YAML file."""
     found = [_method(name.strip()) for name in text.split(",") if name.strip()]
     if not found or len({v.name for v in found}) != len(found):
         raise UsageError(f"--methods {text}: expected different methods")

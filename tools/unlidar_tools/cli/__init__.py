@@ -25,8 +25,8 @@ from unlidar_tools.cli import (
 )
 from unlidar_tools.errors import UsageError, report_errors
 
-# Each with its help and, of those that have --sensors, what is taken without it. Commands import
-# what they need when they act: --help need not wait for matplotlib.
+# Commands with their help and, where they have --sensors, its default. Imports are deferred to
+# the command's action, so that --help need not load matplotlib.
 _COMMANDS: dict[str, tuple[ModuleType, str, str | None]] = {
     "convert": (
         convert,

@@ -1,4 +1,4 @@
-"""`unlidar benchmark`: its options and what it prints."""
+"""`unlidar benchmark`: options and output."""
 
 import argparse
 import os

@@ -1,4 +1,4 @@
-"""`unlidar completion`: what a shell needs to complete the command line."""
+"""`unlidar completion`: completion scripts for shells."""
 
 import argparse
 from pathlib import Path
@@ -26,7 +26,7 @@ def _print(shell: str, command: argparse.ArgumentParser) -> None:
 
 
 def _complete_paths(parser: argparse.ArgumentParser) -> None:
-    """Where a path is expected, files and folders are proposed."""
+    """Marks path arguments, for which the shell proposes files and folders."""
     import shtab
 
     for action in parser._actions:  # argparse has no other way to list them

@@ -1,4 +1,4 @@
-"""`unlidar convert`: its options and what it prints."""
+"""`unlidar convert`: options and output."""
 
 import argparse
 from pathlib import Path
@@ -66,7 +66,7 @@ def define(p: argparse.ArgumentParser) -> None:
 
 
 def define_reading(p: argparse.ArgumentParser) -> None:
-    """Adds what `run` asks of a conversion, too."""
+    """Adds the conversion options that `run` shares."""
     p.add_argument(
         "--rate",
         metavar="HZ",

@@ -1,4 +1,4 @@
-"""`unlidar evaluate`: its options and what it prints."""
+"""`unlidar evaluate`: options and output."""
 
 import argparse
 import json
@@ -121,7 +121,7 @@ def _one(a: argparse.Namespace, options: Options) -> None:
 
 
 def _other_tracks(path: Path) -> list[Path]:
-    """The files into which the program puts the other tracks of a TUM file."""
+    """The program's files of further tracks beside a TUM file, which holds one track."""
     from unlidar_tools.truth import is_tum
 
     name = re.compile(rf"{re.escape(path.stem)}_track\d+{re.escape(path.suffix)}")

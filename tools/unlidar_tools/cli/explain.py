@@ -1,4 +1,4 @@
-"""`unlidar explain`: its options and what it prints."""
+"""`unlidar explain`: options and output."""
 
 import argparse
 import json

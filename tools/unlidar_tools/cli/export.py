@@ -1,4 +1,4 @@
-"""`unlidar export`: its options and what it prints."""
+"""`unlidar export`: options and output."""
 
 import argparse
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""`unlidar history`: its options and what it prints."""
+"""`unlidar history`: options and output."""
 
 import argparse
 import re
@@ -22,7 +22,7 @@ EXAMPLE = """unlidar history sky.db --since 2h
   unlidar history sky.db --since 1d --format geojson > day.geojson"""
 _TEXTS = "csv", "geojson", "kml"
 _UNITS_S = {"s": 1, "min": 60, "h": 3600, "d": 86400}
-_LONGEST_S = 1e10  # before all that a store can hold
+_LONGEST_S = 1e10  # longer than any store covers
 _AGO = re.compile(r"(\d+(?:\.\d+)?)(s|min|h|d)")
 
 
@@ -66,7 +66,7 @@ def define(p: argparse.ArgumentParser) -> None:
 
 
 def act(a: argparse.Namespace) -> None:
-    """Writes, or lists."""
+    """Exports the stored tracks, or lists them."""
     from unlidar_tools.export_options import guess_format
     from unlidar_tools.history.reader import Reader
 
@@ -149,7 +149,7 @@ def _span(reader: "Reader", a: argparse.Namespace) -> tuple[int | None, int | No
 
 
 def _time(text: str) -> tuple[bool, int]:
-    """Nanoseconds, and whether they count from 1970: else back from the newest row."""
+    """(ns, is_absolute): Unix time if absolute, else the age before the newest row."""
     ago = _AGO.fullmatch(text)
     if ago:
         return False, round(min(float(ago[1]) * _UNITS_S[ago[2]], _LONGEST_S) * 1e9)

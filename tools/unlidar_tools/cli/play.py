@@ -1,4 +1,4 @@
-"""`unlidar play`: its options and what it says."""
+"""`unlidar play`: options and messages."""
 
 import argparse
 import shlex
@@ -147,7 +147,7 @@ def _stdin_of(command: list[str]) -> Iterator[BinaryIO]:
     try:
         yield process.stdin
         process.stdin.close()
-    except BrokenPipeError:  # it ended on its own: its exit code tells
+    except BrokenPipeError:  # the command exited; its exit code decides
         pass
     except BaseException:
         process.send_signal(signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""`unlidar report`: its options and what it prints."""
+"""`unlidar report`: options and output."""
 
 import argparse
 from pathlib import Path

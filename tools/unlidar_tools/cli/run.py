@@ -1,4 +1,4 @@
-"""`unlidar run`: its options and what it prints, for one recording and for many."""
+"""`unlidar run`: options and output, for one recording and for many."""
 
 import argparse
 import os
@@ -148,7 +148,7 @@ def _run_many(a: argparse.Namespace, name: str) -> None:
 
     cores = len(os.sched_getaffinity(0))
     at_once = a.jobs or cores
-    # A slot of a worker is one core to Dask; here the cores are shared out.
+    # A slot of a Dask worker is one core; on this machine the jobs share all cores.
     threads = a.threads or (1 if a.scheduler else max(1, cores // at_once))
     config_file = str(a.config) if a.config else None
     config = _read(a.config)
@@ -185,7 +185,7 @@ def _run_many(a: argparse.Namespace, name: str) -> None:
 def _assignments(a: argparse.Namespace) -> list[str]:
     options = []
     method = [f"method={a.method}"] if a.method else []
-    # Frames may be numbered in what is converted, or in what the program reads itself.
+    # The frame rate applies to the conversion and to frames that the program reads directly.
     rate = [f"input.frame_rate_hz={a.rate!r}"] if a.rate else []
     for assignment in (*method, *rate, *a.assignments):
         options += ["--set", assignment]

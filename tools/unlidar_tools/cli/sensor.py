@@ -1,4 +1,4 @@
-"""`unlidar sensor`: its options and what it does."""
+"""`unlidar sensor`: options and action."""
 
 import argparse
 import ipaddress

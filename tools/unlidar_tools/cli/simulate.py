@@ -1,4 +1,4 @@
-"""`unlidar simulate`: its options and what it prints."""
+"""`unlidar simulate`: options and output."""
 
 import argparse
 from pathlib import Path

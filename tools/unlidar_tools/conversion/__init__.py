@@ -50,15 +50,15 @@ KINDS: tuple[type[Source], ...] = (
     FrameFolder,
 )
 _DEFAULTS = Options()
-# What a message says; docs/formats.md has all of it.
+# Short form for messages; the full list is in docs/formats.md.
 EXPECTED = "a ROS bag, a LiDAR's .pcap, .lvx or .las, an MMAUD sequence or a folder of frames"
 
 
 def open_source(path: Path, options: Options = _DEFAULTS) -> Source:
-    """The recording at `path`, of whichever kind it is."""
+    """Opens the recording at `path` with the first kind that matches."""
     if not path.exists():
         raise InputError(f"{path}: does not exist")
-    if not path.is_dir() and not path.is_file():  # opening a pipe would wait for a writer
+    if not path.is_dir() and not path.is_file():  # opening a pipe would block until it has a writer
         raise InputError(f"{path}: is a pipe or a device, expected a file or a folder")
     for kind in KINDS:
         if kind.matches(path):
@@ -71,7 +71,7 @@ def open_source(path: Path, options: Options = _DEFAULTS) -> Source:
 
 
 def list_streams(path: Path) -> tuple[str, list[Stream]]:
-    """The kind of the recording at `path` and all it holds."""
+    """The kind of the recording at `path` and its streams."""
     with closing(open_source(path)) as source:
         spans_ns = source.spans_ns()
         return source.kind, [_timed(stream, spans_ns) for stream in source.streams()]
@@ -89,12 +89,12 @@ def convert(
     force: bool = False,
     options: Options = _DEFAULTS,
 ) -> dict:
-    """Converts the recording at `path` to the folder `out` and returns what it did.
+    """Converts the recording at `path` to the folder `out` and returns a report.
 
     Frames keep the digits of their stamps; rays without a return and rows that are not finite are
-    left out. `sensors` chooses among those of the recording, by default its LiDARs. Of a broken
-    recording `out` keeps what came before: `broken` says why it ends there, and is None otherwise.
-    InputError where nothing can be kept.
+    left out. `sensors` chooses among those of the recording, by default its LiDARs. Of a damaged
+    recording the part before the damage is kept, and `broken` holds the reason, else None.
+    InputError if nothing can be kept.
     """
     with closing(open_source(path, options)) as source:
         chosen = sensors or source.lidars()
@@ -127,7 +127,7 @@ def convert(
 
 
 def kept_of(report: dict) -> str:
-    """What a broken recording still gave."""
+    """The number of frames kept of a damaged recording, in words."""
     return f"{sum(report['frames'].values())} frames and {report['truth_rows'] or 0} truth rows"
 
 
@@ -140,14 +140,14 @@ class _Writer:
         self.returns = dict.fromkeys(sensors, 0)
         self.truth_rows = 0
         self.left_out: dict[str, int] = {}  # frames and rows of truth, by topic or sensor
-        self._why: dict[str, str] = {}  # of the first of these
+        self._why: dict[str, str] = {}  # reason for the first of them
         self._written: dict[tuple[str, int], str] = {}
         self._truth_span: tuple[int, int] | None = None
         for name in sensors:
             self._folder(name).mkdir()
 
     def write(self, source: Source) -> str | None:
-        """All that the source gives; why a broken one ends after some frames."""
+        """Writes all items of the source; returns the reason if the recording breaks off."""
         sensors, options = list(self.frames), self._options
         said = f"Converting {printable(self._path.name)}"
         items = with_progress(source.items(sensors), source.total(sensors), said)
@@ -172,7 +172,7 @@ class _Writer:
         return broken
 
     def notes(self) -> list[str]:
-        """What was left out, and frames and truth of clocks that have nothing in common."""
+        """Notes on items left out, and on truth of another time span than the frames."""
         notes = [
             f"{where}: left out {count}, the first: {self._why[where]}"
             for where, count in self.left_out.items()
@@ -220,7 +220,7 @@ class _Writer:
                 f"{frame.stamp}; --stamp log may tell those of a bag apart",
             )
             return
-        if frame.sensor not in self.frames:  # it turned up after the beginning
+        if frame.sensor not in self.frames:  # a sensor first seen during the conversion
             self._folder(frame.sensor).mkdir()
             self.frames[frame.sensor] = self.returns[frame.sensor] = 0
         self._written[key] = frame.stamp

@@ -35,10 +35,10 @@ from unlidar_tools.limits import MEGABYTE, TooLargeError
 from unlidar_tools.stamps import format_stamp_ns
 from unlidar_tools.station import Pose
 
-# So many messages tell which sensors send to a topic: they take turns.
+# Messages read to find the sensors of a topic: they take turns, so a few are enough.
 _MESSAGES_OF_A_TOPIC = 50
-_MOST_PARSED = MEGABYTE  # of a message that becomes an object for every part
-# What a message whose bytes or definition are wrong makes of its parser.
+_MOST_PARSED = MEGABYTE  # bytes of a message that rosbags parses into objects
+# Exceptions of the parser for messages whose bytes or definition are wrong.
 _UNREADABLE = (ValueError, AttributeError, LookupError, TypeError, OverflowError, SerdeError)
 
 
@@ -67,7 +67,7 @@ class RosBag:
         self._transforms = self._read_transforms()
         self._sensor_poses = SensorPoses(self._transforms, {})
         self._stamps: dict[str, StampSelector] = {}
-        self._misfits: dict[str, int] = {}  # messages whose point times fit no reading
+        self._misfits: dict[str, int] = {}  # messages whose point times fit no unit or epoch
         self._read = 0
 
     @classmethod
@@ -76,7 +76,7 @@ class RosBag:
         return is_bag(path)
 
     def lidars(self) -> list[str]:
-        """Clouds that hold messages, without radars; those of `--topic` where it names some."""
+        """Sensors of non-empty cloud topics without radars, or of the clouds named by `--topic`."""
         named = [
             name for topic in self._topics.named_clouds() for name in self._sensors.of_topic(topic)
         ]
@@ -109,7 +109,7 @@ class RosBag:
         return widest(item for reader in self._readers for item in reader.spans_ns().items())
 
     def total(self, sensors: list[str]) -> int:
-        """By the share of the time asked for in that of the bag."""
+        """Estimated from the share of the time window in the bag's duration."""
         messages = sum(self.sensors[name] for name in sensors)
         messages += sum(self._topics.all[name].messages for name in self._topics.truths)
         begin_ns = min(reader.start_time for reader in self._readers)
@@ -120,7 +120,7 @@ class RosBag:
         return round(messages * min(1.0, max(0, last - first) / max(1, end_ns - begin_ns)))
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow | Unreadable]:
-        """In the order of the bag. Log times decide what lies in the time asked for."""
+        """Items in the order of the bag. The time window applies to log times."""
         frames = self._sensors.frames()
         self._sensor_poses = SensorPoses(self._transforms, {name: frames[name] for name in sensors})
         left_out = set(frames) - set(sensors)
@@ -141,11 +141,11 @@ class RosBag:
             raise InputError(self._flaw)
 
     def station(self) -> dict[str, Pose]:
-        """As /tf_static says."""
+        """The sensor poses of /tf_static."""
         return self._sensor_poses.poses()
 
     def notes(self) -> list[str]:
-        """What was chosen, could not be related, or differs from what one expects."""
+        """Notes on choices made, unrelated coordinate frames, and unusual stamps or point times."""
         notes = [*self._opened.notes, *self._sensor_notes(), *self._topics.truth_notes()]
         notes += self._sensor_poses.notes()
         found = [stamps.note(topic) for topic, stamps in self._stamps.items()]
@@ -163,7 +163,7 @@ class RosBag:
         return notes
 
     def facts(self) -> dict:
-        """What was read from which topic."""
+        """The topics read, with their coordinate frames and stamps."""
         return {
             "topics": self._sensors.all(),
             "frame_ids": self._sensors.frames(),
@@ -178,7 +178,7 @@ class RosBag:
         self._opened.close()
 
     def _messages(self, topic: str) -> Iterator[tuple[Connection, bytes]]:
-        """Of one topic, up to where the bag is damaged: that is told when all is read."""
+        """The messages of one topic up to the first damage, which items() reports later."""
         for reader in self._readers:
             chosen = [c for c in reader.connections if c.topic == topic]
             with suppress(Exception):
@@ -186,7 +186,7 @@ class RosBag:
                     yield connection, _plain(connection, raw)
 
     def _frame_ids(self, topic: str) -> list[str]:
-        """Of the first messages of a topic of clouds."""
+        """The frame_ids in the first messages of a cloud topic."""
         found = []
         for connection, raw in islice(self._messages(topic), _MESSAGES_OF_A_TOPIC):
             with suppress(ValueError):
@@ -208,7 +208,7 @@ class RosBag:
     ) -> tuple[Connection, int, bytes] | None:
         try:
             message = next(messages, None)
-        except Exception as error:  # whatever damaged bytes make of the parser
+        except Exception as error:  # damaged bytes raise anything in the parser
             raise InputError(
                 f"{self._path}: damaged after {self._read} messages: {reason(error)}"
             ) from error
@@ -236,7 +236,7 @@ class RosBag:
         stamp = self._seen(topic).pick(stamp_ns(message), log_ns)
         if position is None:
             return None
-        if connection.msgtype != FIX:  # whose frame is that of the antenna
+        if connection.msgtype != FIX:  # a fix is in the antenna's frame
             position = self._sensor_poses.truth(message.header.frame_id, position)
         return TruthRow(format_stamp_ns(stamp), position, self._topics.truths.index(topic))
 
@@ -248,7 +248,7 @@ class RosBag:
         others = self._sensors.of_topic(topic)
         sensor = self._sensors.name(topic, cloud.frame_id)
         if sensor not in others and left_out.intersection(others):
-            left_out.add(sensor)  # turned up late: it goes with the others of its topic
+            left_out.add(sensor)  # first seen late; not chosen, as the others of its topic
         if sensor in left_out:
             return None
         self._sensor_poses.add_sensor(sensor, cloud.frame_id)
@@ -257,7 +257,7 @@ class RosBag:
             if connection.msgtype == POINT_CLOUD:
                 offsets = offsets_ns(cloud.times, cloud.header_ns or log_ns)
             else:
-                offsets = cloud.times.astype("i8")  # defined as offsets, of any length
+                offsets = cloud.times.astype("i8")  # CustomMsg: always offsets, of any length
             if offsets is None:
                 self._misfits[topic] = self._misfits.get(topic, 0) + 1
             else:
@@ -284,7 +284,7 @@ def _plain(connection: Connection, raw: bytes) -> bytes:
 
 
 def _parsed(connection: Connection, raw: bytes) -> Any:
-    """A message that is no cloud; ValueError for one that is too long for that."""
+    """Deserialises a message other than a cloud; ValueError if it exceeds _MOST_PARSED."""
     if len(raw) > _MOST_PARSED:
         raise TooLargeError("a message", len(raw), _MOST_PARSED)
     return deserialize(raw, connection.msgtype, types_of(connection), is_ros1(connection))

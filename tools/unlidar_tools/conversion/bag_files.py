@@ -1,4 +1,4 @@
-"""Opening what ROS records: single files, folders of ROS 2, folders of split bags."""
+"""Opening of ROS recordings: single files, folders of ROS 2, folders of split bags."""
 
 import re
 from collections.abc import Collection, Iterator
@@ -27,14 +27,14 @@ from unlidar_tools.errors import InputError, reason
 
 _SUFFIXES = (".bag", ".db3", ".mcap")
 _METADATA = "metadata.yaml"
-_PACKED = ".zstd"  # of files that their recorder packed as a whole
+_PACKED = ".zstd"  # suffix of files that the recorder compressed as a whole
 _SCANS: dict[str, Scan] = {".bag": scan_rosbag1, ".mcap": scan_mcap, ".db3": scan_sqlite}
-# What recorders append to the names of the files of a split bag: the date and a number.
+# The date and number that recorders append to the file names of a split bag.
 _NUMBER = re.compile(r"(_?\d{4}(-\d\d){5})?(_\d+)?$")
 
 
 class Reader(Protocol):
-    """Of one file, or of a folder of ROS 2."""
+    """Reads one file, or a folder of ROS 2."""
 
     connections: list[Connection]
     start_time: int
@@ -47,25 +47,25 @@ class Reader(Protocol):
     def messages(
         self, connections: Collection[Connection], start: int | None, stop: int | None
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Those of the connections, logged from `start` up to, but without, `stop`."""
+        """The messages of the connections with log times in [start, stop)."""
         ...
 
     def close(self) -> None:
-        """Lets go of the file."""
+        """Closes the file."""
         ...
 
 
 @dataclass(frozen=True)
 class Opened:
-    """A reader of each file in order of time, what is broken about them, and what to know."""
+    """The readers of all files in order of time, their damage, and notes for the user."""
 
     parts: list[Reader]
     flaw: str | None
     notes: list[str] = field(default_factory=list)
-    scratch: TemporaryDirectory | None = None  # with what had to be unpacked
+    scratch: TemporaryDirectory | None = None  # holds decompressed files
 
     def close(self) -> None:
-        """Lets go of the files."""
+        """Closes the files."""
         for part in self.parts:
             part.close()
         if self.scratch is not None:
@@ -73,14 +73,14 @@ class Opened:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether it is a file of ROS or a folder that holds some."""
+    """True if it is a file of ROS or a folder that holds some."""
     if path.is_dir():
         return (path / _METADATA).is_file() or _is_split(_bag_files(path))
     return storage_suffix(path) in _SUFFIXES
 
 
 def open_bag(path: Path) -> Opened:
-    """Opens a recording; of a broken one what is left. InputError if nothing is."""
+    """Opens a recording, or what is readable of a damaged one. InputError if nothing is."""
     files, flaw = _bag_files(path) if path.is_dir() else [path], None
     scratch = None
     if path.is_dir() and (packed := sorted(path.glob(f"*{_PACKED}"))):
@@ -89,7 +89,7 @@ def open_bag(path: Path) -> Opened:
     elif path.is_dir() and (path / _METADATA).is_file() and not any(map(_is_to_be_scanned, files)):
         try:
             return Opened([_opened(Reader2(path))], None)
-        except Exception as error:  # whatever a damaged file makes of the parser
+        except Exception as error:  # damaged files raise anything in the parser
             flaw = _flaw(path / _METADATA, error)
         if not files:
             raise InputError(flaw)
@@ -98,7 +98,7 @@ def open_bag(path: Path) -> Opened:
         try:
             parts.append(_open_whole(file))
         except Exception as error:  # as above
-            # The damage of a file says more than that of the folder's description.
+            # A file's damage is more informative than that of metadata.yaml.
             flaw = _flaw(file, error)
             parts.append(_salvage(file))
     if flaw and not any(part.connections for part in parts):
@@ -119,13 +119,13 @@ def _open_whole(path: Path) -> Reader:
         case ".mcap":
             try:
                 return _opened(Reader2(path))
-            except Exception:  # damage, or what rosbags does not read: ROS 1, no profile, no order
+            except Exception:  # damaged, or unknown to rosbags: ROS 1 in MCAP, unordered
                 return ScanReader(path, scan_mcap)
     return _opened(Reader2(path))
 
 
 def _is_to_be_scanned(path: Path) -> bool:
-    """Whether rosbags would lose rows of a database, or take signs of its name for a URI's."""
+    """True if rosbags would miss rows in a write-ahead log or misread the file name as a URI."""
     odd = any(sign in str(path) for sign in "%?#")
     return path.suffix == ".db3" and (odd or write_ahead_log(path) is not None)
 
@@ -136,7 +136,7 @@ def _opened(reader: Reader1 | Reader2) -> Reader:
 
 
 def _salvage(path: Path) -> Reader:
-    """What is left of a broken file, up to the point where it breaks."""
+    """Scans a damaged file up to the damage."""
     scan = _SCANS[storage_suffix(path)]
 
     def up_to_damage(path: Path) -> Iterator[Connection | RawMessage]:
@@ -150,7 +150,7 @@ def _salvage(path: Path) -> Reader:
 
 
 def _unpacked(packed: Path, folder: Path) -> Path:
-    """The file that was packed as a whole."""
+    """Decompresses a file that was compressed as a whole."""
     file = folder / packed.stem
     try:
         unpack_file(packed, file)
@@ -164,7 +164,7 @@ def _bag_files(directory: Path) -> list[Path]:
 
 
 def _is_split(files: list[Path]) -> bool:
-    """Whether all are of one recording: a single file, or numbered from 0 on by the recorder."""
+    """True for a single file, or files that the recorder numbered from 0 on."""
     names = {_NUMBER.sub("", file.stem) for file in files}
     return len(files) == 1 or (len(names) == 1 and any(f.stem.endswith("_0") for f in files))
 

@@ -1,4 +1,4 @@
-"""The readers of rosbags, held to what may come in."""
+"""The readers of rosbags with the size bounds of `limits`."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -20,17 +20,17 @@ from unlidar_tools.conversion.scans import open_sqlite, unpacked_chunk1, widest
 from unlidar_tools.conversion.transforms import is_static_topic
 from unlidar_tools.limits import MEGABYTE, MOST_RECORD, BoundedPath, TooLargeError
 
-_MOST_INDEX = 16 * MEGABYTE  # of the entries of one topic in one chunk: a million messages
+_MOST_INDEX = 16 * MEGABYTE  # bytes of a topic's index in one chunk: a million messages
 
 
 class Reader1(rosbag1.Reader):
-    """Of ROS 1. Keeps no index of topics that are of no use here: an IMU sends millions."""
+    """Reader of ROS 1 that indexes only convertible topics: an IMU has millions of entries."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(BoundedPath(path))
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """The entries of one topic in one chunk; of a useless topic one entry stands for all."""
+        """The index entries of one topic in one chunk; a topic that is not converted gets one."""
         begin = self.bio.tell()
         size = int.from_bytes(self.bio.read(55)[-4:], "little")
         if size > _MOST_INDEX:
@@ -44,7 +44,7 @@ class Reader1(rosbag1.Reader):
             index += entries if number in useful else [(index or entries)[0]] * len(entries)
 
     def spans_ns(self) -> dict[str, tuple[int, int]]:
-        """By topic; of those that are not indexed to within a chunk."""
+        """First and last log time by topic; accurate to a chunk for topics that are not indexed."""
         return widest(
             (c.topic, span)
             for c in self.connections
@@ -59,7 +59,7 @@ class Reader1(rosbag1.Reader):
         )
 
     def read_chunk(self) -> Chunk:
-        """The place of a chunk, and what unpacks it within bounds."""
+        """The position of a chunk, and a bounded decompressor for it."""
         chunk = super().read_chunk()
         kind = next(name for name, given in decompressors.items() if given is chunk.decompressor)
         return chunk._replace(decompressor=lambda packed: unpacked_chunk1(kind, packed))
@@ -74,14 +74,14 @@ class SqliteFile(Sqlite3Reader):
     """A database of ROS 2."""
 
     def open(self) -> None:
-        """ValueError for one that is no plain database."""
+        """Opens the database; ValueError if its tables are views or virtual."""
         with closing(open_sqlite(self.path)):
             pass
         super().open()
         self.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, MOST_RECORD)
 
     def spans_ns(self) -> dict[str, tuple[int, int]]:
-        """By topic."""
+        """First and last log time by topic."""
         return widest(
             (topic, (first, last))
             for topic, first, last in self.dbconn.execute(
@@ -100,17 +100,17 @@ class _Folder(DirectoryReader):
         super().__init__(BoundedPath(path))
 
     def open(self) -> None:
-        """Messages that were packed one by one are handed on so."""
+        """Opens the files; messages that were compressed singly stay so."""
         super().open()
         self.metadata = self.metadata._replace(compression_mode=None)
 
     def spans_ns(self) -> dict[str, tuple[int, int]]:
-        """By topic."""
+        """First and last log time by topic."""
         return widest(item for file in self.storages for item in file.spans_ns().items())
 
 
 class Reader2(rosbag2.Reader):
-    """Of ROS 2: a folder, or one file."""
+    """Reader of ROS 2: a folder, or one file."""
 
     STORAGE_PLUGINS: ClassVar[Mapping[str, type]] = {
         "dir": _Folder,
@@ -119,5 +119,5 @@ class Reader2(rosbag2.Reader):
     }
 
     def spans_ns(self) -> dict[str, tuple[int, int]]:
-        """By topic."""
+        """First and last log time by topic."""
         return self.storage.spans_ns()

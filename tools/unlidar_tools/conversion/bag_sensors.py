@@ -1,19 +1,19 @@
-"""Which sensor a message of a bag is of: a topic is one LiDAR, or one for each of its frame_ids."""
+"""Sensors of a bag: a topic is one LiDAR, or one for each of its frame_ids."""
 
 from collections.abc import Mapping, Sequence
 
 from unlidar_tools.conversion.transforms import plain_frame
 from unlidar_tools.names import folder_names
 
-# Topics of the MMAUD data set and what its folders call them.
+# Topics of the MMAUD data set with the names of its folders.
 _MMAUD = {"/livox_mid360/lidar": "lidar_360", "/livox_avia/lidar": "livox_avia"}
 
 
 class BagSensors:
-    """Names by topic and frame_id; they are those of folders."""
+    """Sensor names by topic and frame_id, valid as folder names."""
 
     def __init__(self, frame_ids: Mapping[str, Sequence[str]]) -> None:
-        """The frame_ids seen in each topic of clouds; none where no message was seen."""
+        """`frame_ids`: those seen in each cloud topic; empty where it has no messages."""
         self._labels: list[str] = []
         self._names: dict[tuple[str, str | None], str] = {}
         for topic, seen in frame_ids.items():
@@ -25,7 +25,7 @@ class BagSensors:
                 self._add(topic, frame, frame or _label(topic))
 
     def name(self, topic: str, frame_id: str) -> str:
-        """Of the sensor of a message; a frame_id not seen before is a new one."""
+        """The sensor name of a message; an unknown frame_id adds a sensor."""
         frame = plain_frame(frame_id)
         if (topic, frame) not in self._names:
             if (topic, None) in self._names:
@@ -47,7 +47,7 @@ class BagSensors:
         return {name: frame or "" for (_, frame), name in self._names.items()}
 
     def _add(self, topic: str, frame: str | None, label: str) -> None:
-        # Those that have a name keep it.
+        # Existing names never change.
         self._labels.append(label)
         self._names[topic, frame] = folder_names(self._labels)[-1]
 

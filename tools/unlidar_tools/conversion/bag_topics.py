@@ -1,4 +1,4 @@
-"""The topics of a bag: which are clouds, and which one is the truth."""
+"""The topics of a bag: its clouds and its ground truth."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -22,33 +22,33 @@ _MMAUD_TRUTH = "/leica/point/relative"
 
 @dataclass(frozen=True)
 class Topic:
-    """What a topic holds."""
+    """Name, type and size of a topic."""
 
     name: str
-    msgtype: str  # with its encoding where that is none of ROS
+    msgtype: str  # with the encoding appended if that is not ROS
     messages: int
 
     @property
     def type(self) -> str:
-        """As ROS spells it, the same for both versions."""
+        """The type as `package/msg/Name` for both versions of ROS."""
         return self.msgtype.replace("/msg/", "/")
 
     @property
     def is_radar(self) -> bool:
-        """By its name: radars send clouds, too."""
+        """True if the name says radar: radars publish clouds, too."""
         return "radar" in self.name.lower()
 
     @property
     def is_static(self) -> bool:
-        """Whether it holds static transforms."""
+        """True if it holds static transforms."""
         return is_static_topic(self.name, self.msgtype)
 
 
 class BagTopics:
-    """All topics by name, and what the options make of them."""
+    """All topics by name, with the choice of clouds and truth by the options."""
 
     def __init__(self, path: Path, connections: Iterable[Connection], options: Options) -> None:
-        """UsageError or InputError for a topic of the options that cannot be taken."""
+        """UsageError or InputError for a topic option that is unknown or of another type."""
         self._path, self._options = path, options
         found: dict[str, Topic] = {}
         for c in connections:
@@ -63,13 +63,13 @@ class BagTopics:
         self.truths, self._why_truth = self._choose_truth()  # the topics, each a target
 
     def named_clouds(self) -> list[str]:
-        """Those of `--topic`, which may also name truth."""
+        """The clouds among `--topic`, which may also name truth."""
         for name in self._options.topics:
             self._check(name, (*CLOUD_TYPES, *POSITION_TYPES), "neither a cloud nor a position")
         return [name for name in self._options.topics if name in self.clouds]
 
     def truth_notes(self) -> list[str]:
-        """What was chosen, or why nothing."""
+        """Notes on the choice of truth topics, or the reason for none."""
         others = listed(name for name in self._positions if name not in self.truths)
         if self.truths:
             note = f"truth is {listed(self.truths)} ({self._why_truth})"
@@ -79,7 +79,7 @@ class BagTopics:
         return []
 
     def becomes(self, topic: Topic, sensors: list[str]) -> str:
-        """What convert makes of it, or why nothing."""
+        """The column `becomes` of --list: the result of conversion, or the reason for none."""
         if sensors:
             return f"frames of {', '.join(sensors)}{', only if named' * topic.is_radar}"
         if topic.name in self.truths:
@@ -91,7 +91,7 @@ class BagTopics:
         return f"refused: {_REFUSED[topic.msgtype]}" if topic.msgtype in _REFUSED else ""
 
     def why_no_clouds(self) -> str:
-        """What the bag holds instead."""
+        """The message if a bag has no clouds: lists the types it holds."""
         topics = sorted(self.all.values(), key=lambda topic: not topic.messages)
         held = listed(f"{t.name} ({t.type}{'' if t.messages else ', no messages'})" for t in topics)
         refused = {t.type: _REFUSED[t.msgtype] for t in topics if t.msgtype in _REFUSED}
@@ -99,7 +99,7 @@ class BagTopics:
         return f"{self._path}: has no topic with clouds, it holds {held or 'no topic'}{why}"
 
     def _choose_truth(self) -> tuple[list[str], str]:
-        """Named ones, each a target; else MMAUD's; else one whose name says that it is truth."""
+        """Truth topics: those of the options, a target each; else MMAUD's; else one by name."""
         for name in self._options.truths:
             self._check(name, POSITION_TYPES, "no position")
         asked = (*self._options.truths, *self._options.topics)
@@ -126,7 +126,7 @@ class BagTopics:
 
 
 def _type_of(connection: Connection) -> str:
-    """With the encoding where that is not one of ROS: then the type says nothing."""
+    """The type, with the encoding appended if that is not ROS: then the type is meaningless."""
     encoding = encoding_of(connection)
     is_ros = encoding in (ROS1_ENCODING, ROS2_ENCODING)
     return connection.msgtype if is_ros else f"{connection.msgtype} in {encoding}, not of ROS"

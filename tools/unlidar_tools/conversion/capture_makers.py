@@ -1,4 +1,4 @@
-"""Which maker's LiDARs a capture is of: its first packet of points tells."""
+"""Detection of the LiDAR maker of a capture by its first packet of points."""
 
 import struct
 from collections.abc import Callable
@@ -10,27 +10,27 @@ from unlidar_tools.errors import InputError, UsageError
 
 _LOOKED_AT = 10_000  # datagrams
 _VELODYNE_BYTES = 1206  # 12 blocks, time, return mode, model
-_VELODYNE_BLOCKS = (b"\xff\xee", b"\xff\xdd")  # begins of the upper and the lower lasers
+_VELODYNE_BLOCKS = (b"\xff\xee", b"\xff\xdd")  # block headers of upper and lower lasers
 _HESAI_BEGIN = b"\xee\xff"
-_OUSTER_COLUMNS = 16  # of a packet, each with its number in the turn
-# What stands before, and again behind, all columns; newer layouts have it, the first one has not.
+_OUSTER_COLUMNS = 16  # per packet, each with its measurement id
+# Bytes of packet header and footer by layout; the legacy layout has neither.
 _OUSTER_HEADS = (32, 0)
-_OUSTER_NUMBER_AT = 8  # in a column, after its time
-_OUSTER_LEAST_COLUMN = 12 + 16 * 4  # of the smallest layout and 16 beams
+_OUSTER_NUMBER_AT = 8  # offset of the measurement id in a column, after its time
+_OUSTER_LEAST_COLUMN = 12 + 16 * 4  # bytes of a column with the smallest layout and 16 beams
 
 
 def is_velodyne(payload: bytes) -> bool:
-    """Whether it has the form of a Velodyne's points."""
+    """True if it has the form of a Velodyne's points."""
     return len(payload) == _VELODYNE_BYTES and payload[:2] in _VELODYNE_BLOCKS
 
 
 def is_ouster(payload: bytes) -> bool:
-    """Whether it is cut into columns whose numbers follow each other, in one of the layouts."""
+    """True if the measurement ids are consecutive in one of the layouts."""
     return any(_has_columns(payload, head) for head in _OUSTER_HEADS)
 
 
 def is_hesai(payload: bytes) -> bool:
-    """Whether it begins as all but the oldest models' packets of points do."""
+    """True for the header of Hesai's point packets; the oldest models have none."""
     return payload[:2] == _HESAI_BEGIN
 
 
@@ -43,7 +43,7 @@ _MAKERS: dict[str, Callable[[bytes], bool]] = {
 
 
 def maker_of(path: Path) -> str | None:
-    """None for what is no capture, and for one without points of a maker that is known."""
+    """The maker; None if `path` is no capture or holds no point packets of a known maker."""
     if not is_capture(path):
         return None
     try:
@@ -51,7 +51,7 @@ def maker_of(path: Path) -> str | None:
             for maker, is_points in _MAKERS.items():
                 if is_points(datagram.payload):
                     return maker
-    except (InputError, UsageError):  # who opens it will say so
+    except (InputError, UsageError):  # reported when the capture is opened
         pass
     return None
 

@@ -39,16 +39,16 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Header:
-    """What a serialised std_msgs/Header says."""
+    """A deserialised std_msgs/Header."""
 
     stamp_ns: int
     frame_id: str
-    order: str  # of the bytes, as struct spells it
+    order: str  # byte order as in struct
     end: int  # where it ends in the message
 
 
 def read_header(raw: bytes, is_ros1: bool) -> Header:
-    """The header that a serialised message begins with; ValueError if it ends before."""
+    """The header at the begin of a serialised message; ValueError if it is truncated."""
     view = memoryview(raw)
     try:
         # ROS 1: sequence number. ROS 2: kind of encapsulation.
@@ -59,14 +59,14 @@ def read_header(raw: bytes, is_ros1: bool) -> Header:
         raise ValueError(f"the message ends within its header: {reason(error)}") from error
     if len(name) < length:
         raise ValueError(f"the message ends within its header: {length} bytes of a frame_id")
-    if not is_ros1 and seconds >= 1 << 31:  # an int32 there
+    if not is_ros1 and seconds >= 1 << 31:  # seconds are an int32 in ROS 2
         seconds -= 1 << 32
     text = name.rstrip(b"\0").decode(errors="replace")
     return Header(seconds * _NS_PER_S + ns, text, order, 16 + length)
 
 
 def decode_cloud(raw: bytes, msgtype: str, store: Typestore, is_ros1: bool) -> Cloud:
-    """The returns of a serialised PointCloud2 or CustomMsg; ValueError if it holds no such."""
+    """The returns of a serialised PointCloud2 or CustomMsg; ValueError for others."""
     if msgtype != POINT_CLOUD:
         return _decode_livox(raw, msgtype, store, is_ros1)
     return _decode_point_cloud(deserialize(raw, msgtype, store, is_ros1))
@@ -79,7 +79,7 @@ def deserialize(raw: bytes, msgtype: str, store: Typestore, is_ros1: bool) -> An
 
 
 def stamp_ns(message: Any) -> int:
-    """Of the header of a message."""
+    """The header stamp of a message in ns."""
     return int(message.header.stamp.sec) * _NS_PER_S + int(message.header.stamp.nanosec)
 
 
@@ -126,7 +126,7 @@ def _decode_point_cloud(message: Any) -> Cloud:
 def _decode_livox(raw: bytes, msgtype: str, store: Typestore, is_ros1: bool) -> Cloud:
     """CustomMsg: header, timebase, point_num, lidar_id, rsvd[3], points.
 
-    By hand, because an object per point would take longer than the measurement.
+    Parsed by hand: a Python object per point would be slower than real time.
     """
     package = msgtype.split("/")[0]
     for name in (msgtype, f"{package}/msg/CustomPoint"):
@@ -154,7 +154,7 @@ def _decode_livox(raw: bytes, msgtype: str, store: Typestore, is_ros1: bool) -> 
 
 def _returns(header_ns: int, frame_id: str, rows: np.ndarray) -> Cloud:
     xyz_m = np.empty((rows.size, 3), dtype=np.float32)
-    with np.errstate(over="ignore"):  # a coordinate beyond float32 becomes infinite: no return
+    with np.errstate(over="ignore"):  # coordinates beyond float32 become inf and are dropped
         for axis, name in enumerate("xyz"):
             xyz_m[:, axis] = rows[name].reshape(-1)
     kept = is_return(xyz_m)
@@ -167,7 +167,7 @@ def _returns(header_ns: int, frame_id: str, rows: np.ndarray) -> Cloud:
 
     names = rows.dtype.names or ()
     times = next((column(name) for name in TIME_FIELDS if name in names), None)
-    is_livox = "tag" in names and rows.dtype["tag"] == np.uint8  # of other types it is no bit field
+    is_livox = "tag" in names and rows.dtype["tag"] == np.uint8  # else no bit field
     tag = column("tag") if is_livox else None
     if not everything:
         xyz_m = xyz_m[kept]

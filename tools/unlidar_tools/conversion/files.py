@@ -1,4 +1,4 @@
-"""What folders of files have in common: stamps, arrays, truth, and the time asked for."""
+"""Shared code of folder recordings: stamps, arrays, truth, and the time window."""
 
 import csv
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ from unlidar_tools.truth import TRUTH_NAME
 TRUTH_FOLDER = "ground_truth"
 Item = TypeVar("Item")
 
-# (stamp in ns, stamp as its source spells it, file)
+# (stamp in ns, original text of the stamp, file)
 StampedFile = tuple[int, str, Path]
 
 
@@ -28,7 +28,7 @@ def refuse_bag_options(
     what: str = "is a folder of files",
     has_log_times: bool = False,
 ) -> None:
-    """What is no bag has no topics, and mostly one stamp a frame."""
+    """UsageError for options on topics and stamps, which only bags have."""
     asked = {
         "--topic": options.topics,
         "--truth": options.truths,
@@ -42,7 +42,7 @@ def refuse_bag_options(
 def files_stamped_by_name(
     directory: Path, rate_hz: float | None = None
 ) -> tuple[list[StampedFile], list[Unreadable], str | None]:
-    """The `<seconds>.npy` of a folder in order of time, those that have no stamp, and a note.
+    """The `<seconds>.npy` of a folder in order of time, files without a stamp, and a note.
 
     `rate_hz` and the note: as of `times_of_names`.
     """
@@ -62,7 +62,7 @@ def files_stamped_by_name(
 
 
 def in_window(files: list[StampedFile], options: Options, begin_ns: int) -> list[StampedFile]:
-    """Those in the time asked for of a recording with this begin."""
+    """The files in the time window of a recording that begins at `begin_ns`."""
     window = options.window(begin_ns)
     return [file for file in files if file[0] in window]
 
@@ -72,7 +72,7 @@ def load_rows(path: Path) -> np.ndarray:
     check_frame_size(path)
     try:
         array = np.load(path, allow_pickle=False)
-    except Exception as error:  # numpy evaluates the header as Python: any error may come of it
+    except Exception as error:  # numpy evaluates the header as Python: anything may be raised
         raise InputError(f"{path}: not a readable .npy array: {reason(error)}") from error
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
         raise InputError(f"{path}: expected an array of numbers")
@@ -85,7 +85,7 @@ def load_rows(path: Path) -> np.ndarray:
 
 
 def has_truth_folder(recording: Path) -> bool:
-    """Whether `ground_truth/` holds positions; a folder of that name may also hold clouds."""
+    """True if `ground_truth/` holds positions; a folder of that name may also hold clouds."""
     return next((recording / TRUTH_FOLDER).glob("*.npy"), None) is not None
 
 
@@ -114,7 +114,7 @@ def truth_of_folder(
 
 
 def read_or_not(where: str, read: Callable[[], Item]) -> Item | Unreadable:
-    """What was read, or why it cannot be."""
+    """The result of `read`, or Unreadable with the reason."""
     try:
         return read()
     except InputError as error:
@@ -122,9 +122,9 @@ def read_or_not(where: str, read: Callable[[], Item]) -> Item | Unreadable:
 
 
 class FileSource:
-    """What sources that are folders of stamped files, by sensor, have in common."""
+    """Base class of sources that are folders of stamped files by sensor."""
 
-    keeps_beginning: ClassVar[bool] = False  # a file can be mended or taken away
+    keeps_beginning: ClassVar[bool] = False  # a bad file can be repaired or removed
 
     def __init__(
         self,
@@ -133,7 +133,7 @@ class FileSource:
         files: dict[str, list[StampedFile]],
         unnamed: list[Unreadable],
     ) -> None:
-        """The frames of each sensor, and files that would be frames but for their names."""
+        """`files`: the frames of each sensor; `unnamed`: files whose names are no stamps."""
         self._path, self._options, self._files, self._unnamed = path, options, files, unnamed
         self._begin_ns = min((f[0][0] for f in files.values() if f), default=0)
         self.sensors = {name: len(self._asked_for(name)) for name in files}
@@ -148,25 +148,25 @@ class FileSource:
         yield from truth_of_folder(self._path, self._options, self._begin_ns)
 
     def spans_ns(self) -> dict[str, tuple[int, int]]:
-        """By the stamps of its files and of the truth."""
+        """First and last stamp of each sensor and of the truth."""
         spans = {name: (f[0][0], f[-1][0]) for name, f in self._files.items() if f}
         stamps_ns = _truth_stamps_ns(self._path)
         return spans | ({TRUTH_FOLDER: (min(stamps_ns), max(stamps_ns))} if stamps_ns else {})
 
     def total(self, sensors: list[str]) -> int:
-        """The files."""
+        """The number of files."""
         return sum(self.sensors[name] for name in sensors)
 
     def facts(self) -> dict:
-        """Nothing beyond the counts."""
+        """Empty: the counts say all."""
         return {}
 
     def station(self) -> dict[str, Pose]:
-        """As the folder's own station.yaml has it."""
+        """The poses of the folder's own station.yaml."""
         return read_station(self._path)
 
     def close(self) -> None:
-        """Holds no file open."""
+        """Does nothing: no file stays open."""
 
     def _frame(self, sensor: str, file: StampedFile) -> SourceFrame:
         raise NotImplementedError

@@ -80,7 +80,7 @@ class FrameFolder(FileSource):
 
     @classmethod
     def matches(cls, path: Path) -> bool:
-        """Whether the folder or one below it holds files of frames."""
+        """True if the folder or one below it holds files of frames."""
         return path.is_dir() and bool(_frame_folders(path))
 
     def lidars(self) -> list[str]:
@@ -96,7 +96,7 @@ class FrameFolder(FileSource):
         return found + self._truth_streams()
 
     def notes(self) -> list[str]:
-        """Where stamps had to be made up."""
+        """Notes on stamps made from frame numbers."""
         return self._notes
 
     def _frame(self, sensor: str, file: StampedFile) -> SourceFrame:
@@ -107,7 +107,7 @@ class FrameFolder(FileSource):
     ) -> tuple[list[StampedFile], list[str]]:
         """By timestamps.csv, KITTI's list of times, or the names, in this order.
 
-        And what is wrong with those that have no stamp.
+        Files without a stamp are returned with the reason.
         """
         listed = next(
             (
@@ -131,7 +131,7 @@ class FrameFolder(FileSource):
 def _stamped(
     stamps_ns: Sequence[int | None], paths: list[Path]
 ) -> tuple[list[StampedFile], list[str]]:
-    """The files with a stamp, in order of time, and what is wrong with the others."""
+    """The files with a stamp, in order of time, and the faults of the others."""
     files, unnamed = [], []
     for stamp_ns, path in zip(stamps_ns, paths, strict=True):
         if stamp_ns is not None:

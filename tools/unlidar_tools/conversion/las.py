@@ -19,9 +19,9 @@ from unlidar_tools.names import folder_names
 from unlidar_tools.stamps import format_stamp_ns
 
 _FRAME_NS = 100_000_000
-_OPEN_FRAMES = 10  # points that are a second behind others are sorted in
+_OPEN_FRAMES = 10  # frames kept open: points up to a second late are sorted in
 CHUNK_POINTS = 1 << 20  # read at a time
-_FARTHEST_M = 10_000.0  # what float32 holds to a millimetre
+_FARTHEST_M = 10_000.0  # float32 resolves a millimetre up to here
 # Signature, global encoding, version, size of the header, where the points begin, number of records
 # before them, format of the points.
 _HEAD = struct.Struct("<4s2xH16xBB68xHIIB")
@@ -29,8 +29,8 @@ _LEAST_HEADER, _LEAST_RECORD = 227, 54
 _PACKED = 0x80  # of the format of points of a LAZ file
 
 _WEEK_S = 604_800
-_GPS_EPOCH_S, _ADJUSTED_S = 315_964_800, 1_000_000_000  # 1980-01-06; what standard times leave out
-# From when on, in GPS seconds, that clock is ahead of UTC by how much.
+_GPS_EPOCH_S, _ADJUSTED_S = 315_964_800, 1_000_000_000  # 1980-01-06; offset of standard GPS time
+# Leap seconds: (GPS seconds, offset of GPS time from UTC from then on).
 _LEAP_S = ((-np.inf, 13), (820_108_814, 14), (914_803_215, 15), (1_025_136_016, 16),
            (1_119_744_017, 17), (1_167_264_018, 18))  # fmt: skip
 
@@ -39,7 +39,7 @@ _Points = tuple[np.ndarray, np.ndarray]
 
 
 class LasFile(OneFileSource):
-    """The points of one LiDAR in its own frame, called after its file."""
+    """The points of one LiDAR in its own frame, named after its file."""
 
     kind: ClassVar[str] = "LAS"
     description: ClassVar[str] = "a LAS file of points with times (.las, .laz)"
@@ -47,7 +47,7 @@ class LasFile(OneFileSource):
 
     @classmethod
     def matches(cls, path: Path) -> bool:
-        """Whether the name says so."""
+        """True if the suffix is .las or .laz."""
         return path.suffix.lower() in (".las", ".laz") and path.is_file()
 
     def __init__(self, path: Path, options: Options) -> None:
@@ -74,7 +74,7 @@ class LasFile(OneFileSource):
         self._spans_ns = dict.fromkeys(self.sensors, (oldest_ns, newest_ns))
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
-        """Frames in order of time; a file that is not in order is held in memory for it."""
+        """Frames in order of time; an unordered file is held in memory for that."""
         window = self._options.window(self._begin_ns)
         chunks = self._chunks() if self._is_in_order else iter([self._sorted()])
         for name in sensors:
@@ -85,7 +85,7 @@ class LasFile(OneFileSource):
                     yield SourceFrame(name, format_stamp_ns(stamp_ns), xyz_m, offsets)
 
     def notes(self) -> list[str]:
-        """What its times were taken for."""
+        """A note on the time base assumed."""
         if self._is_standard:
             return []
         taken = "seconds of a GPS week" if self._is_week else "Unix time"
@@ -95,7 +95,7 @@ class LasFile(OneFileSource):
         ]
 
     def _chunks(self) -> Iterator[_Points]:
-        """In the order of the file; InputError where it is broken."""
+        """Chunks in the order of the file; InputError at damage."""
         read = 0
         try:
             with self._laspy.open(self._path, read_evlrs=False) as file:
@@ -145,7 +145,7 @@ class LasFile(OneFileSource):
 
 
 def _check_header(path: Path) -> bool:
-    """Whether times are standard GPS time; InputError for what laspy would be lost in."""
+    """True if times are standard GPS time; InputError for headers that laspy cannot handle."""
     try:
         with path.open("rb") as file:
             head = file.read(_LEAST_HEADER)
@@ -172,11 +172,11 @@ def _check_header(path: Path) -> bool:
 
 
 def _check_chunks(path: Path, begin: int, size: int) -> None:
-    """Lazrs asks for as much memory as a table of chunks says, and aborts where there is none."""
+    """Checks the chunk table's size: lazrs allocates what it declares, and aborts on failure."""
     with path.open("rb") as file:
         file.seek(begin)
         at = int.from_bytes(file.read(8), "little", signed=True)
-        if at == -1:  # a writer that could not go back put it at the end
+        if at == -1:  # a streaming writer puts the offset at the end of the file
             file.seek(-8, 2)
             at = int.from_bytes(file.read(8), "little", signed=True)
         if begin < at <= size - 8:
@@ -187,7 +187,7 @@ def _check_chunks(path: Path, begin: int, size: int) -> None:
 
 
 def _frames(chunks: Iterator[_Points]) -> Iterator[tuple[int, _Points]]:
-    """Numbers of frames and their points, as they become complete, or their file is broken."""
+    """Frame numbers with their points, as they become complete or the file breaks off."""
     waiting: dict[int, list[_Points]] = {}
     broken = None
     try:
@@ -213,5 +213,5 @@ def _joined(parts: list[_Points]) -> _Points:
 
 def _laspy(path: Path) -> ModuleType:
     missing = f"{path}: needs the Python packages laspy and lazrs"
-    load_extra("lazrs", "las", missing)  # what laspy reads .laz with
+    load_extra("lazrs", "las", missing)  # laspy's decoder of .laz
     return load_extra("laspy", "las", missing)

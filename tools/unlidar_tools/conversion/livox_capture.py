@@ -20,16 +20,16 @@ from unlidar_tools.stamps import format_stamp_ns
 from unlidar_tools.station import Pose
 
 _FRAME_NS = 100_000_000
-_PATIENCE_NS = 10_000_000  # packets overtake each other in a network by less
-_MAX_STEP_NS = 1_000_000_000  # by more a clock does not go back, but was switched on again
+_PATIENCE_NS = 10_000_000  # reordering in a network is shorter than this
+_MAX_STEP_NS = 1_000_000_000  # a larger step back means a restart
 
 
-# Name of the sensor, when it was recorded, packet.
+# Sensor name, capture time, packet.
 Recorded = tuple[str, int, livox.Packet]
 
 
 class _LivoxRecording(OneFileSource):
-    """What captures and the files of the maker's viewer have in common."""
+    """Base class of captures and of Livox Viewer's files."""
 
     kind: ClassVar[str] = "Livox packets"
     _holds: ClassVar[str] = "point packets"
@@ -66,7 +66,7 @@ class _LivoxRecording(OneFileSource):
         self._notes = [note for cutter in cutters.values() for note in cutter.notes()]
 
     def notes(self) -> list[str]:
-        """What was left out."""
+        """Notes on packets left out."""
         return self._notes
 
     def _packets(self) -> Iterator[tuple[str, int, livox.Packet]]:
@@ -88,7 +88,7 @@ class LivoxCapture(_LivoxRecording):
 
     @classmethod
     def matches(cls, path: Path) -> bool:
-        """Whether the name says that it is a capture."""
+        """True if the suffix is that of a capture."""
         return is_capture(path)
 
     def __init__(self, path: Path, options: Options) -> None:
@@ -108,34 +108,34 @@ class LivoxCapture(_LivoxRecording):
 
 
 class LivoxFile(_LivoxRecording):
-    """A file of the maker's viewer; each LiDAR has its serial number as its name."""
+    """A file of Livox Viewer; LiDARs are named by serial number."""
 
     description: ClassVar[str] = "a file of Livox Viewer (.lvx, .lvx2)"
 
     @classmethod
     def matches(cls, path: Path) -> bool:
-        """Whether the name says so."""
+        """True if the suffix is .lvx or .lvx2."""
         return path.suffix.lower() in (".lvx", ".lvx2") and path.is_file()
 
     def station(self) -> dict[str, Pose]:
-        """As the file has it; empty where all poses are those of the origin."""
+        """The poses of the file; empty if all are the identity."""
         poses = {lidar.name: lidar.pose for lidar in lvx.lidars(self._path)}
         return poses if any(pose != Pose() for pose in poses.values()) else {}
 
     def notes(self) -> list[str]:
-        """And poses that the viewer did not use."""
+        """Also notes poses that are switched off in the file."""
         unused = [lidar.name for lidar in lvx.lidars(self._path) if lidar.is_pose_off]
         said = [f"{name}: its pose is switched off in the file, and not taken" for name in unused]
         return [*super().notes(), *said]
 
     def _recorded(self) -> Iterator[Recorded]:
-        # Nothing says when it was recorded: a clock that is not synchronised stays as it is.
+        # The file has no recording time: unsynchronised clocks stay as they are.
         for name, packet in lvx.packets(self._path):
             yield name, packet.stamp_ns, packet
 
 
 class _Clock:
-    """Of a sensor; one that is not synchronised gets the capture's time at its first packet."""
+    """Clock of a sensor; an unsynchronised one is set to the capture time of its first packet."""
 
     def __init__(self) -> None:
         self._power_on_ns: int | None = None
@@ -158,7 +158,7 @@ class _Clock:
 
 @dataclass
 class _Cutter:
-    """The packets of a sensor, by frames."""
+    """Groups the packets of a sensor by frame."""
 
     name: str
     _open: dict[int, dict[tuple[int, int], livox.Packet]] = field(default_factory=dict)
@@ -181,7 +181,7 @@ class _Cutter:
             self._noise += packet.noise_points
 
     def over(self, at_the_end: bool = False) -> Iterator[tuple[int, SourceFrame]]:
-        """Frames whose time is over, with their stamps in nanoseconds."""
+        """Completed frames with their stamps in nanoseconds."""
         for number in sorted(self._open):
             stamp_ns = number * _FRAME_NS
             if not at_the_end and stamp_ns + _FRAME_NS > self._newest_ns - _PATIENCE_NS:

@@ -17,7 +17,7 @@ from unlidar_tools.station import Pose
 
 _HEAD = struct.Struct("<16s4sI")  # signature, version, magic
 _SIGNATURE, _MAGIC = b"livox_tech", 0xAC0EA767
-_MOST = 1 << 16  # bytes of a packet's points
+_MOST = 1 << 16  # bytes of points per packet
 # In a .lvx2 packets have a header of this file: version, LiDAR, its type, type of the time, time,
 # counter, type of the points, their length, frame. In a .lvx it is that of protocol 1.
 _PACKET2 = struct.Struct("<BIBBQHBIB4x")
@@ -29,22 +29,22 @@ class Lidar:
 
     name: str  # its serial number
     pose: Pose
-    is_pose_off: bool  # the file has another one, but says that it is not in use
+    is_pose_off: bool  # the file has a pose but marks it as unused
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """Of a version of the files."""
+    """Structures of one version of the format."""
 
-    head: struct.Struct  # whose last value is the number of LiDARs
+    head: struct.Struct  # the last value is the number of LiDARs
     lidar: struct.Struct  # serial number, that of a hub, key, ..., pose
-    tells_use: bool  # the value before the pose says whether that is used
-    block: struct.Struct  # where it begins, where the next one begins, ...
+    tells_use: bool  # the value before the pose is its flag
+    block: struct.Struct  # offsets of this block and the next, ...
     packet: Callable[[Path, BinaryIO], tuple[int, livox.Packet | None]]
 
 
 def lidars(path: Path) -> list[Lidar]:
-    """The LiDARs of a file; InputError where it is none."""
+    """The LiDARs of a file; InputError if it is not of this format."""
     try:
         with path.open("rb") as file:
             return list(_lidars(path, file, _layout(path, file)).values())
@@ -53,7 +53,7 @@ def lidars(path: Path) -> list[Lidar]:
 
 
 def packets(path: Path) -> Iterator[tuple[str, livox.Packet]]:
-    """Name of the LiDAR and packet, in the order of the file; InputError where it is broken."""
+    """(LiDAR name, packet) in the order of the file; InputError at damage."""
     try:
         with path.open("rb") as file:
             layout = _layout(path, file)
@@ -63,7 +63,7 @@ def packets(path: Path) -> Iterator[tuple[str, livox.Packet]]:
                 at, after, *_ = _read(path, file, layout.block)
                 if at != begin or not begin < (after or end) <= end:
                     raise InputError(f"{path}: at byte {begin}: expected the begin of a block")
-                begin = after or end  # the last one may have no next
+                begin = after or end  # the last block may have no successor
                 while file.tell() < begin:
                     at = file.tell()
                     lidar, packet = layout.packet(path, file)
@@ -101,7 +101,7 @@ def _lidars(path: Path, file: BinaryIO, layout: _Layout) -> dict[int, Lidar]:
 
 
 def _pose(path: Path, name: str, values: tuple[float, ...]) -> Pose:
-    """Of roll, pitch and yaw in degrees, about fixed axes in this order, and metres."""
+    """The pose from roll, pitch, yaw in degrees (fixed axes, in this order) and metres."""
     if not np.isfinite(values).all():
         raise InputError(f"{path}: pose {values} of {name}, expected finite numbers")
     if not any(values):

@@ -1,7 +1,7 @@
-"""MCAP files, one chunk at a time and nothing unpacked without a bound.
+"""MCAP files, read one chunk at a time with bounded decompression.
 
-rosbags reads their index; it would unpack all chunks whose times overlap at once, and whatever
-their bytes give.
+rosbags reads the index; by itself it would decompress all chunks that overlap in time at once,
+without a bound.
 """
 
 import struct
@@ -34,14 +34,14 @@ _CHUNK_HEAD = struct.Struct("<QQQI")  # begin, end, size when unpacked, checksum
 
 
 class McapFile(McapReader):
-    """A file of ROS 2, by its index where it has one."""
+    """A file of ROS 2, read by its index if it has one."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(BoundedPath(path))
         self._scanned: ScanReader | None = None
 
     def meta_scan(self) -> None:
-        """Goes through a file without an index."""
+        """Scans a file without an index."""
         self._scanned = ScanReader(self.path, scan_mcap)
         self.connections = list(self._scanned.connections)
         counts = {c.id: c.msgcount for c in self.connections}
@@ -51,7 +51,7 @@ class McapFile(McapReader):
     def messages(
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Chunk by chunk in order of their begins, those of a chunk in order of time."""
+        """Messages chunk by chunk by begin, sorted by time within a chunk."""
         if self._scanned is not None:
             yield from self._scanned.messages(connections, start, stop)
             return
@@ -66,7 +66,7 @@ class McapFile(McapReader):
                     yield known[number], time_ns, data
 
     def spans_ns(self) -> dict[str, tuple[int, int]]:
-        """By topic, to within a chunk."""
+        """First and last log time by topic, accurate to a chunk."""
         if self._scanned is not None:
             return self._scanned.spans_ns()
         return widest(
@@ -89,7 +89,7 @@ class McapFile(McapReader):
 
 
 def scan_mcap(path: Path) -> Iterator[Connection | RawMessage]:
-    """Of any profile; messages of other encodings than ROS's are handed on as they are."""
+    """Scans a file of any profile; messages of non-ROS encodings are passed on unchanged."""
     with BoundedFile(path) as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise ValueError("it does not begin as MCAP does")
@@ -98,7 +98,7 @@ def scan_mcap(path: Path) -> Iterator[Connection | RawMessage]:
 
 
 def _unpacked_chunk(body: bytes) -> tuple[bytes, bool]:
-    """As much of a chunk as its bytes give, and whether that is all of it."""
+    """The decompressed part of a chunk, and True if it is complete."""
     *_, plain_size, crc = _CHUNK_HEAD.unpack_from(body)
     (length,) = struct.unpack_from("<I", body, _CHUNK_HEAD.size)
     begin = _CHUNK_HEAD.size + 4
@@ -109,7 +109,7 @@ def _unpacked_chunk(body: bytes) -> tuple[bytes, bool]:
 
 
 def _in_order(plain: bytes, channels: Container[int]) -> Iterator[RawMessage]:
-    """The messages of these channels in a chunk by their times; a chunk may hold millions."""
+    """The messages of these channels by time; without an object each, as there may be millions."""
     times_ns, begins, ends = array("Q"), array("Q"), array("Q")
     at = 0
     while at + _HEAD.size <= len(plain):
@@ -130,7 +130,7 @@ def _in_order(plain: bytes, channels: Container[int]) -> Iterator[RawMessage]:
 def _records(
     stream: BinaryIO, schemas: dict[int, tuple[str, MessageDefinition]], in_chunk: bool = False
 ) -> Generator[Connection | RawMessage, None, bool]:
-    """Up to the end of the data (then True) or of the stream (then False)."""
+    """Yields records; returns True at the data end record, False at the end of the stream."""
     while len(head := stream.read(_HEAD.size)) == _HEAD.size:
         kind, size = _HEAD.unpack(head)
         if kind == _DATA_END:

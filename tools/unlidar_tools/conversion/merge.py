@@ -13,7 +13,7 @@ from unlidar_tools.stamps import parse_stamp_ns
 def merged(
     items: Iterable[SourceFrame | TruthRow], messages: int
 ) -> Iterator[SourceFrame | TruthRow]:
-    """Frames of so many messages of one sensor, with the stamp of their first; the last of fewer.
+    """Joins messages of one sensor to frames with the stamp of their first; the last has fewer.
 
     Points without a time of their own get that of their message.
     """

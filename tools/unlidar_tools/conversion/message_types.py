@@ -1,4 +1,4 @@
-"""Message definitions: those a bag brings along, else the known ones."""
+"""Message definitions: those of the bag, else the known ones."""
 
 from functools import cache
 
@@ -39,7 +39,7 @@ _IDL_SEPARATOR = "=" * 80 + "\n"
 
 
 def encoding_of(connection: Connection) -> str:
-    """Of the messages of a topic: that of ROS 1, of ROS 2, or one that is of neither."""
+    """The message encoding of a topic: ROS 1, ROS 2, or another."""
     extension = connection.ext
     if isinstance(extension, ConnectionExtRosbag1):
         return ROS1_ENCODING
@@ -47,7 +47,7 @@ def encoding_of(connection: Connection) -> str:
 
 
 def is_ros1(connection: Connection) -> bool:
-    """Whether its messages are serialised as ROS 1 does."""
+    """True if messages are serialised as in ROS 1."""
     return encoding_of(connection) == ROS1_ENCODING
 
 
@@ -62,7 +62,7 @@ def register_livox(store: Typestore) -> Typestore:
 
 @cache
 def known_types() -> Typestore:
-    """For bags of ROS 2 that hold no definitions, as all .db3 before Iron."""
+    """Types for bags of ROS 2 without definitions, as all .db3 before Iron."""
     return register_livox(get_typestore(Stores.ROS2_HUMBLE))
 
 

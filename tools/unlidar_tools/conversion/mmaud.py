@@ -37,13 +37,13 @@ class MmaudFolder(FileSource):
 
     @classmethod
     def matches(cls, path: Path) -> bool:
-        """Whether the folder has a LiDAR folder of the data set."""
+        """True if the folder has a LiDAR folder of the data set."""
         return any(next((path / name).glob("*.npy"), None) for name in _LIDARS) or (
             any((path / name).is_dir() and not any((path / name).iterdir()) for name in _LIDARS)
         )
 
     def lidars(self) -> list[str]:
-        """Those that hold files."""
+        """The LiDAR folders that hold files."""
         found = [name for name in _LIDARS if self._files.get(name)]
         if not found and self._unnamed:
             raise InputError(self._unnamed[0].why)
@@ -60,7 +60,7 @@ class MmaudFolder(FileSource):
         return found + self._truth_streams()
 
     def notes(self) -> list[str]:
-        """Where stamps had to be made up."""
+        """Notes on stamps made from frame numbers."""
         return self._notes
 
     def _frame(self, sensor: str, file: StampedFile) -> SourceFrame:

@@ -1,4 +1,4 @@
-"""What recordings that are one file without truth have in common."""
+"""Base class of recordings that are one file without truth."""
 
 from collections.abc import Iterator, Sized
 from contextlib import contextmanager
@@ -10,13 +10,13 @@ from unlidar_tools.station import Pose
 
 
 class OneFileSource:
-    """The file is read twice, for `sensors` and for the frames; nothing is open between."""
+    """Reads the file twice, for `sensors` and for the frames; it is closed in between."""
 
     keeps_beginning: ClassVar[bool] = True
     truths: int = 0
     sensors: dict[str, int]
     _spans_ns: dict[str, tuple[int, int]]
-    _holds: ClassVar[str]  # what its sensors sent
+    _holds: ClassVar[str]  # name of the content in messages
 
     def lidars(self) -> list[str]:
         """All of them."""
@@ -27,23 +27,23 @@ class OneFileSource:
         return [Stream(name, self._holds, n, "frames") for name, n in self.sensors.items()]
 
     def spans_ns(self) -> dict[str, tuple[int, int]]:
-        """As the first reading found them."""
+        """First and last stamp of each sensor, from the first reading."""
         return self._spans_ns
 
     def total(self, sensors: list[str]) -> int:
-        """Their frames, as the first reading counted them."""
+        """The number of their frames, from the first reading."""
         return sum(self.sensors[name] for name in sensors)
 
     def station(self) -> dict[str, Pose]:
-        """Such files do not tell where a LiDAR stands."""
+        """Empty: such files hold no poses."""
         return {}
 
     def notes(self) -> list[str]:
-        """None."""
+        """Empty: there is nothing to note."""
         return []
 
     def facts(self) -> dict:
-        """Nothing besides."""
+        """Empty: there are no further facts."""
         return {}
 
     def close(self) -> None:
@@ -52,7 +52,7 @@ class OneFileSource:
 
 @contextmanager
 def up_to_damage(found: Sized) -> Iterator[None]:
-    """Ends the first reading where the file is broken; items() meets that behind what can be kept.
+    """Ends the first reading at damage; items() reports it again behind the frames before it.
 
     InputError if nothing was found before.
     """

@@ -22,7 +22,7 @@ from unlidar_tools.limits import read_text
 from unlidar_tools.stamps import format_stamp_ns
 
 _RANGES = ("RANGE", "RANGE2")  # of the first and the second return
-_LONGEST_NS = 1_000_000_000  # a turn lasts 0.2 s at most: other times are damage
+_LONGEST_NS = 1_000_000_000  # a turn lasts 0.2 s at most; longer times are damage
 
 
 class OusterCapture(OneFileSource):
@@ -34,11 +34,11 @@ class OusterCapture(OneFileSource):
 
     @classmethod
     def matches(cls, path: Path) -> bool:
-        """Whether the first packet of points in a capture is an Ouster's."""
+        """True if the first packet of points in a capture is an Ouster's."""
         return maker_of(path) == "Ouster"
 
     def __init__(self, path: Path, options: Options) -> None:
-        # Of two clocks, the sensor's and the recorder's, --stamp chooses as for bags.
+        # --stamp chooses between the sensor's and the recorder's clock, as for bags.
         refuse_bag_options(path, options, "holds packets", has_log_times=True)
         self._sdk = _library(path)
         self._path, self._options = path, options
@@ -58,7 +58,7 @@ class OusterCapture(OneFileSource):
                 self._spans_ns[name] = self._spans_ns.get(name, (stamp_ns, 0))[0], stamp_ns
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
-        """Turns as they become complete."""
+        """A frame for each completed turn."""
         self._turns = {}
         for datagram, model in self._points():
             name = datagram.sensor
@@ -72,18 +72,18 @@ class OusterCapture(OneFileSource):
             yield from self._frames(name, turns.rest())
 
     def notes(self) -> list[str]:
-        """Clocks that lie far apart."""
+        """Notes on clocks that differ widely."""
         return [note for name, t in self._turns.items() if (note := t.stamps.note(name))]
 
     def facts(self) -> dict:
-        """What the clocks were, and what told the lasers' angles."""
+        """The clocks, and the metadata files with the beam angles."""
         return {
             "stamps": {name: turns.stamps.facts() for name, turns in self._turns.items()},
             "metadata": {name: turns.model.file.name for name, turns in self._turns.items()},
         }
 
     def _points(self) -> Iterator[tuple[Datagram, "_Model"]]:
-        """Packets with what describes them."""
+        """Point packets with the metadata of their sensor."""
         models: dict[str, _Model] = {}
         for datagram in datagrams(self._path):
             if not is_ouster(datagram.payload):
@@ -94,7 +94,7 @@ class OusterCapture(OneFileSource):
                 yield datagram, model
 
     def _model_of(self, datagram: Datagram) -> "_Model":
-        """The only metadata of such packets, or of those the one with its serial number."""
+        """The metadata that fits the packet's size; of several, the one with its serial number."""
         size = len(datagram.payload)
         fitting = [model for model in self._models if model.bytes == size]
         if len(fitting) > 1:
@@ -120,7 +120,7 @@ class OusterCapture(OneFileSource):
 
 @dataclass(frozen=True)
 class _Model:
-    """What describes the packets of a sensor: a file that it gives."""
+    """Sensor metadata, from the JSON file that the sensor exports."""
 
     file: Path
     info: Any
@@ -138,7 +138,7 @@ class _Model:
 
 
 class _Turns:
-    """The packets of a sensor, by turns."""
+    """Groups the packets of a sensor by turn."""
 
     def __init__(self, name: str, sdk: ModuleType, model: _Model, stamps: StampSelector) -> None:
         self.model, self.stamps = model, stamps
@@ -147,13 +147,13 @@ class _Turns:
         self._positions = sdk.XYZLut(model.info)
 
     def add(self, datagram: Datagram) -> Iterator[tuple[int, SourceFrame]]:
-        """The turn that is over with this packet, and its stamp."""
+        """The turn that this packet completes, and its stamp."""
         if self._batcher.batch(self.model.packet(self._sdk, datagram), self._frame):
             yield from self.rest()
             self._frame = self._sdk.LidarFrame(self.model.info)
 
     def rest(self) -> Iterator[tuple[int, SourceFrame]]:
-        """The turn as far as it came."""
+        """The last, incomplete turn."""
         times_ns = self._frame.timestamp.astype(np.int64)
         is_there = (self._frame.status & 1).astype(bool)
         if not is_there.any():
@@ -175,7 +175,7 @@ class _Turns:
 
 
 def _metadata(path: Path) -> list[Path]:
-    """Files beside a capture that are called after it, as ouster-cli writes them."""
+    """JSON files beside a capture that share its name, as ouster-cli writes them."""
     stem = path.with_suffix("").name
     is_called = re.compile(re.escape(stem) + r"(_\d+)?\.json")
     found = sorted(file for file in path.parent.iterdir() if is_called.fullmatch(file.name))

@@ -1,7 +1,7 @@
 """PLY point clouds: the vertices of ascii and binary files.
 
-By hand, for speed: plyfile takes eight times as long for ascii vertices, and reads faces row by row
-that nobody needs. The tests compare with it.
+Parsed by hand for speed: plyfile takes eight times as long for ascii vertices and also reads the
+faces, row by row. The tests compare with it.
 """
 
 import warnings
@@ -28,7 +28,7 @@ _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 def read_ply(path: Path) -> dict[str, np.ndarray]:
     """The properties of the vertices by lower-case name, (N,) each.
 
-    Throws InputError naming the file and what is wrong with it.
+    Throws InputError naming the file and the fault.
     """
     try:
         return _parse(read_limited(path, MOST_FRAME))
@@ -91,8 +91,8 @@ def _ascii_columns(
     if not count or not properties:
         return {name.lower(): np.zeros(0, _TYPES[kind]) for name, kind in properties}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a file without a line, which is told below
-        # More values than properties in a line are nobody's.
+        warnings.simplefilter("ignore")  # of an empty file, which is reported below
+        # Surplus values in a line are ignored.
         rows = np.loadtxt(lines, row, comments=None, usecols=range(len(properties)), ndmin=1)
     if len(rows) < count:
         raise ValueError(f"{count} vertices announced, only {len(rows)} lines follow")

@@ -11,7 +11,7 @@ OFFSET_FIELD = "offset_time"
 _NS_PER_S = 1_000_000_000
 # The reading is chosen on this many points; all points of a message share one.
 _SAMPLE = 200
-# Farther from its frame's stamp no scan reaches: the times belong to another clock.
+# Longest scan; times farther from the frame's stamp belong to another clock.
 _FARTHEST_NS = _NS_PER_S
 
 

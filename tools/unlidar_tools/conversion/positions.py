@@ -26,11 +26,11 @@ _POINTS: dict[str, Callable[[Any], Any]] = {
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: m.pose.pose.position,
     "nav_msgs/msg/Odometry": lambda m: m.pose.pose.position,
 }
-# In the order in which one is taken for the truth where several could be.
+# In order of preference where several topics could be the truth.
 POSITION_TYPES = (*_POINTS, FIX)
 
-# What topics of truth are called: by what it is, or by what measures it. The short ones are words
-# of their own, the long ones may be parts of words.
+# Names of truth topics, by content or by instrument. Short ones must be whole words, long ones may
+# be parts of words.
 _TRUTH_WORDS = ("gt", "rtk", "ppk")
 _TRUTH_PARTS = (
     "truth", "vicon", "mocap", "motioncapture", "optitrack", "natnet", "vrpn", "qualisys",
@@ -39,7 +39,7 @@ _TRUTH_PARTS = (
 
 
 def says_truth(topic: str) -> bool:
-    """Whether the name of a topic of positions says that they are the truth."""
+    """True if the name of a position topic marks it as truth."""
     words = re.findall("[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", topic).lower())
     return any(word in words for word in _TRUTH_WORDS) or any(
         part in "".join(words) for part in _TRUTH_PARTS
@@ -56,7 +56,7 @@ class Positions:
         self.skipped = 0
 
     def read(self, message: Any, msgtype: str) -> Position | None:
-        """Of a message; None if it has no fix or a coordinate that is not finite."""
+        """The position (x, y, z) in m of a message; None without a fix or if not finite."""
         is_fix = msgtype == FIX
         position = self._read_fix(message) if is_fix else _xyz(_POINTS[msgtype](message))
         if position is None or not all(math.isfinite(v) for v in position):

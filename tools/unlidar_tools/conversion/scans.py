@@ -1,8 +1,8 @@
 """Recordings read record by record, in the order of their files.
 
-This takes what the readers of rosbags do not: bags without an index or an end, as a crashed
+These scans cover what rosbags cannot read: bags without an index or an end, as a crashed
 recorder or a full disk leaves them; databases with rows in their write-ahead log; MCAP files that
-are not of ROS 2 alone. All three formats give `Connection`s as they become known and messages as
+are not of ROS 2 alone. All three formats yield `Connection`s as they become known and messages as
 (id of the connection, log time in ns, data). A scan raises one of `DAMAGE` where its file is
 broken.
 """
@@ -33,7 +33,7 @@ RawMessage = tuple[int, int, bytes]
 Scan = Callable[[Path], Iterator[Connection | RawMessage]]
 
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no message of ROS 2 begins like this
-# What a parser meets in bytes that are not what they should be.
+# Exceptions of a parser in damaged bytes.
 DAMAGE = (
     ReaderError, ValueError, LookupError, OverflowError, struct.error, AssertionError, apsw.Error,
 )  # fmt: skip
@@ -48,21 +48,21 @@ NO_SCHEMA = ("", MessageDefinition(MessageDefinitionFormat.NONE, ""))
 
 
 def storage_suffix(path: Path) -> str:
-    """The ending that tells the format; a crashed `rosbag record` leaves `flight.bag.active`."""
+    """The suffix of the format; a crashed `rosbag record` leaves `flight.bag.active`."""
     return Path(path.name.removesuffix(".active")).suffix
 
 
 def write_ahead_log(path: Path) -> Path | None:
-    """The file with rows of a database that are not in it yet, if there are any."""
+    """The write-ahead log of a database, if it holds rows."""
     log = path.with_name(f"{path.name}-wal")
     return log if path.suffix == ".db3" and log.is_file() and log.stat().st_size else None
 
 
 class ScanReader:
-    """A file of a recording, read as the readers of rosbags are."""
+    """Reads a file by scanning it, with the interface of the rosbags readers."""
 
     def __init__(self, path: Path, scan: Scan) -> None:
-        """Goes through the file once to know its topics and times."""
+        """Scans the file once for its topics and times."""
         self._path, self._scan = path, scan
         known: dict[int, Connection] = {}
         counts: dict[int, int] = {}
@@ -80,13 +80,13 @@ class ScanReader:
         self.connections = [c._replace(msgcount=counts.get(c.id, 0)) for c in known.values()]
 
     def spans_ns(self) -> dict[str, tuple[int, int]]:
-        """As the first reading found them, by topic."""
+        """First and last log time by topic, from the first scan."""
         return widest((c.topic, self._spans_ns.get(c.id)) for c in self.connections)
 
     def messages(
         self, connections: Collection[Connection], start: int | None, stop: int | None
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """As the readers of rosbags."""
+        """Messages as from the readers of rosbags."""
         wanted = {connection.id: connection for connection in connections}
         for item in self._scan(self._path):
             if isinstance(item, Connection) or item[0] not in wanted:
@@ -95,11 +95,11 @@ class ScanReader:
                 yield wanted[item[0]], item[1], item[2]
 
     def close(self) -> None:
-        """Holds no file open between calls."""
+        """Does nothing: no file stays open."""
 
 
 def widest(spans: Iterable[tuple[str, tuple[int, int] | None]]) -> dict[str, tuple[int, int]]:
-    """The first and last time of each topic of all that is known of it."""
+    """Merges spans: first and last time of each topic."""
     found: dict[str, tuple[int, int]] = {}
     for topic, span in spans:
         if span is not None:
@@ -118,7 +118,7 @@ def scan_rosbag1(path: Path) -> Iterator[Connection | RawMessage]:
 def _records_rosbag1(
     path: Path, stream: BinaryIO, in_chunk: bool = False
 ) -> Iterator[Connection | RawMessage]:
-    """Ends with a ReaderError at the end of the stream or where a record is cut off."""
+    """Yields records until a ReaderError at the end of the stream or in a truncated record."""
     while True:
         begin = stream.tell()
         header = Header.read(stream)
@@ -141,20 +141,20 @@ def _records_rosbag1(
 
 
 def unpacked_chunk1(compression: str, packed: bytes) -> bytes:
-    """As `unpacked`, of a chunk of ROS 1, which calls a chunk that is not packed so."""
+    """As `unpacked`, for a chunk of ROS 1, which may be stored without compression."""
     return packed if compression in ("", "none") else unpacked(compression, packed)
 
 
 def unpacked_message(data: bytes) -> bytes:
-    """A message of ROS 2 as it was before its recorder packed it, if it did."""
+    """A message of ROS 2, decompressed if its recorder compressed it."""
     return unpacked("zstd", data) if data.startswith(_ZSTD_MAGIC) else data
 
 
 def scan_sqlite(path: Path) -> Iterator[Connection | RawMessage]:
-    """Row by row as they were written; the index over their times may be lost."""
+    """Yields rows in the order written, without the index over times, which may be damaged."""
     with closing(open_sqlite(path)) as database:
         definitions: dict[str, MessageDefinition] = {}
-        with suppress(apsw.Error):  # a table that bags before Iron have not
+        with suppress(apsw.Error):  # bags before Iron lack this table
             for name, encoding, text in database.execute(
                 "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
             ):
@@ -169,13 +169,13 @@ def scan_sqlite(path: Path) -> Iterator[Connection | RawMessage]:
 
 
 def open_sqlite(path: Path) -> apsw.Connection:
-    """For reading only: no file changes or appears, the write-ahead log neither.
+    """Opens a database read-only, without touching or creating its write-ahead log.
 
-    ValueError where a table is none but made up as it is read, which may have no end.
+    ValueError for a view or virtual table, which may generate rows without end.
     """
     database = _opened_sqlite(path)
     database.limit(apsw.SQLITE_LIMIT_LENGTH, MOST_RECORD)
-    # Else SQLite refuses a file that is shorter than its header says.
+    # Accept a file that is shorter than its header declares.
     database.execute("PRAGMA writable_schema=ON")
     views = database.execute("SELECT name FROM sqlite_master WHERE type = 'view'").fetchall()
     made_up = {name for (name,) in views if str(name).lower() in _TABLES}
@@ -190,10 +190,10 @@ def _opened_sqlite(path: Path) -> apsw.Connection:
     uri = path.resolve().as_uri()
     if write_ahead_log(path) is None:
         return apsw.Connection(f"{uri}?mode=ro&immutable=1", flags=flags)
-    if not path.stat().st_size:  # SQLite would remove the log of a database without a page
+    if not path.stat().st_size:  # SQLite would delete the log of an empty database
         raise ValueError("it is empty but for its write-ahead log")
-    # Nobody else has a share in it: the index over the log is kept in memory, no lock is taken, and
-    # the log is not worked off when it is closed.
+    # Exclusive, lock-free access: the index of the log stays in memory and closing does not
+    # checkpoint the log.
     database = apsw.Connection(f"{uri}?mode=ro&vfs=unix-none", flags=flags)
     database.config(apsw.SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1)
     database.execute("PRAGMA locking_mode=EXCLUSIVE")
@@ -203,7 +203,7 @@ def _opened_sqlite(path: Path) -> apsw.Connection:
 def connection2(
     number: int, topic: str, msgtype: str, definition: MessageDefinition, encoding: str
 ) -> Connection:
-    """Of a topic of ROS 2, or of ROS 1 in a file of MCAP."""
+    """The connection of a ROS 2 topic, or of a ROS 1 topic in an MCAP file."""
     if encoding == ROS1_ENCODING and msgtype.count("/") == 1:
         msgtype = msgtype.replace("/", "/msg/")  # as rosbags calls types of both versions
     return Connection(

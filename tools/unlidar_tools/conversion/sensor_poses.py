@@ -1,4 +1,4 @@
-"""The frame that all sensors of a bag have in common, and what lies where in it."""
+"""The common coordinate frame of a bag's sensors, and poses in it."""
 
 from collections.abc import Mapping
 
@@ -11,30 +11,30 @@ Position = tuple[float, float, float]
 
 
 class SensorPoses:
-    """Poses of sensors and positions of truth, in the common frame as far as it is known."""
+    """Poses of sensors and positions of truth in the common frame, as far as that is known."""
 
     def __init__(self, transforms: StaticTransforms, frames: Mapping[str, str]) -> None:
-        """The frame_id of each sensor; empty where it has none."""
+        """`frames`: the frame_id of each sensor, empty if it has none."""
         self._transforms = transforms
         self.common = transforms.common_frame(frames.values())
-        # Without transforms the LiDARs are taken to stand at one place, as they always were.
+        # Without transforms all LiDARs are assumed to share one pose.
         self._reference = self.common or next((f for f in frames.values() if f), "")
         self._frames = dict(frames)
         self._unrelated: dict[str, None] = {}  # frames of truth, in order
 
     def add_sensor(self, name: str, frame_id: str) -> None:
-        """One whose frame_id was not known before."""
+        """Adds a sensor that was first seen during the conversion."""
         if not self._frames.get(name):
             self._frames[name] = plain_frame(frame_id)
 
     def poses(self) -> dict[str, Pose]:
-        """Of the sensors, if anything is known of one."""
+        """The poses of all sensors; empty if none is known."""
         if self.common is None:
             return {}
         return {name: _pose(self._known(frame)) for name, frame in self._frames.items()}
 
     def truth(self, frame_id: str, xyz_m: Position) -> Position:
-        """A position of truth in the common frame; as it is where nothing relates the two."""
+        """A truth position in the common frame; unchanged if no transform relates the two."""
         frame = plain_frame(frame_id)
         if frame == self._reference:
             return xyz_m
@@ -46,7 +46,7 @@ class SensorPoses:
         return float(x), float(y), float(z)
 
     def notes(self) -> list[str]:
-        """What is common, and what could not be related to it."""
+        """Notes on the common frame, and on frames without a relation to it."""
         notes = []
         if self.common is not None:
             notes.append(
@@ -75,7 +75,7 @@ class SensorPoses:
         return self._transforms.placement(frame, self._reference)
 
     def _is_unrelated(self, frame: str) -> bool:
-        """Frames without a name are not spoken of: nothing can be known of them."""
+        """True for a named frame without a relation; unnamed frames are not reported."""
         return bool(frame and self._reference) and self._known(frame) is None
 
 

@@ -1,4 +1,4 @@
-"""What a kind of recording offers to the converter."""
+"""The interface between a kind of recording and the converter."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -15,24 +15,24 @@ _NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True)
 class Window:
-    """From a time up to, but without, another."""
+    """A half-open time interval [begin, end)."""
 
     start_ns: int | None
     stop_ns: int | None
 
     def __contains__(self, stamp_ns: int) -> bool:
-        """Whether a time lies in it."""
+        """True if a time lies in the interval."""
         after = self.start_ns is None or stamp_ns >= self.start_ns
         return after and (self.stop_ns is None or stamp_ns < self.stop_ns)
 
 
 @dataclass(frozen=True)
 class Options:
-    """What to take from a recording, and how."""
+    """Options of a conversion."""
 
     topics: tuple[str, ...] = ()  # of a bag; else all clouds and its truth
     truths: tuple[str, ...] = ()  # topics of a bag, each a target; else one whose name says so
-    skip_bad: bool = False  # leave out, and count, what cannot be read, and stamps that repeat
+    skip_bad: bool = False  # skip and count unreadable items and repeated stamps
     start_s: float = 0.0  # after the begin of the recording
     duration_s: float | None = None
     stamp: Literal["header", "log"] = "header"  # which time of a bag's message is the frame's
@@ -41,7 +41,7 @@ class Options:
     origin: Origin | None = None  # of the local frame of NavSatFix; else the first fix
 
     def window(self, begin_ns: int) -> Window:
-        """The times asked for of a recording with this begin."""
+        """The time window of a recording that begins at `begin_ns`."""
         start_ns = begin_ns + round(self.start_s * _NS_PER_S)
         stop_ns = None
         if self.duration_s is not None:
@@ -54,27 +54,27 @@ class SourceFrame:
     """One frame of one sensor, or one of several messages that make a frame."""
 
     sensor: str
-    stamp: str  # as the recording spells it, or seconds with nine decimals
+    stamp: str  # original text, or seconds with nine decimals
     xyz_m: np.ndarray  # (N, 3)
     fields: dict[str, np.ndarray] = field(default_factory=dict)  # more columns of the PCD file
 
 
 @dataclass(frozen=True)
 class TruthRow:
-    """Where a target is."""
+    """The position of a target at an instant."""
 
     stamp: str
     xyz_m: tuple[float, float, float]
     target: int = 0
-    in_view: bool | None = None  # whether a sensor could see it; None where no row says so
+    in_view: bool | None = None  # True if a sensor could see it; None: unknown
 
 
 @dataclass(frozen=True)
 class Unreadable:
-    """A frame or a row of truth that cannot be read; what follows it can."""
+    """A frame or truth row that cannot be read; reading goes on behind it."""
 
     where: str  # its topic or sensor
-    why: str  # names the file, the value and what was expected
+    why: str  # with file, value and expectation
 
 
 @dataclass(frozen=True)
@@ -84,21 +84,21 @@ class Stream:
     name: str
     type: str
     items: int
-    becomes: str  # what convert makes of it, or why nothing
-    span_s: float | None = None  # from its first to its last item; None where that is not known
+    becomes: str  # the result of conversion, or the reason for none
+    span_s: float | None = None  # from first to last item; None: unknown
 
     @property
     def rate_hz(self) -> float | None:
-        """Items in a second, None where no two are known."""
+        """Items per second; None with fewer than two."""
         return (self.items - 1) / self.span_s if self.span_s and self.items > 1 else None
 
 
 class Source(Protocol):
-    """A recording that was opened; holds at most one frame in memory at a time."""
+    """An open recording; holds at most one frame in memory at a time."""
 
     kind: ClassVar[str]
-    description: ClassVar[str]  # what the messages call it
-    keeps_beginning: ClassVar[bool]  # whether frames before a broken one are worth keeping
+    description: ClassVar[str]  # name in messages
+    keeps_beginning: ClassVar[bool]  # True if frames before damage are kept
     sensors: dict[str, int]  # number of frames (messages, for a bag) by name
     truths: int  # number of truth targets
 
@@ -106,11 +106,11 @@ class Source(Protocol):
 
     @classmethod
     def matches(cls, path: Path) -> bool:
-        """Whether `path` looks like this kind, without reading it."""
+        """True if `path` looks like this kind, without reading it."""
         ...
 
     def lidars(self) -> list[str]:
-        """The sensors that are converted unless others are asked for; InputError if none."""
+        """The sensors converted by default; InputError if none."""
         ...
 
     def streams(self) -> list[Stream]:
@@ -118,35 +118,35 @@ class Source(Protocol):
         ...
 
     def spans_ns(self) -> dict[str, tuple[int, int]]:
-        """When the first and the last item of a stream was, by its name, as far as is known.
+        """First and last time of each stream by name, as far as known.
 
-        By an index where there is one; of an MCAP or ROS 1 to within a chunk.
+        Taken from the index if there is one; accurate to a chunk for MCAP and ROS 1.
         """
         ...
 
     def total(self, sensors: list[str]) -> int:
-        """About how many items these sensors give, for the progress bar."""
+        """The approximate number of items of these sensors, for the progress bar."""
         ...
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow | Unreadable]:
         """Frames of these sensors and truth, each sensor in order of time.
 
-        Throws InputError where nothing further can be read.
+        Throws InputError at damage behind which nothing can be read.
         """
         ...
 
     def station(self) -> dict[str, Pose]:
-        """Where the sensors stand, once the items were read; empty if nothing is known."""
+        """The sensor poses, valid after the items were read; empty if unknown."""
         ...
 
     def notes(self) -> list[str]:
-        """What the user should know once the items were read."""
+        """Notes for the user, complete after the items were read."""
         ...
 
     def facts(self) -> dict:
-        """What conversion.json keeps of it."""
+        """The source's part of conversion.json."""
         ...
 
     def close(self) -> None:
-        """Lets go of its files."""
+        """Closes its files."""
         ...

@@ -1,15 +1,15 @@
-"""Which time of a message a frame gets, and how far header stamps and log times lie apart."""
+"""Choice between header stamp and log time of messages, with statistics of their difference."""
 
 from dataclasses import dataclass
 from typing import Literal
 
-# Nearer than this is the way from the sensor to the recorder, no other clock.
+# Smaller differences are transport delay; larger ones mean different clocks.
 _NOTABLE_NS = 1_000_000_000
 
 
 @dataclass
 class StampSelector:
-    """The stamps of one topic."""
+    """Selects the stamps of one topic."""
 
     choice: Literal["header", "log"]
     messages: int = 0
@@ -18,7 +18,7 @@ class StampSelector:
     most_ns: int = 0
 
     def pick(self, header_ns: int, log_ns: int) -> int:
-        """The stamp of a message; its log time if the header has none."""
+        """The frame's stamp in ns; the log time if the header has none."""
         self.messages += 1
         if header_ns == 0:
             self.unset += 1
@@ -30,7 +30,7 @@ class StampSelector:
         return header_ns if self.choice == "header" else log_ns
 
     def note(self, topic: str) -> str | None:
-        """What the user should know, if anything."""
+        """A note on missing or differing stamps; empty if there is none."""
         if self.unset:
             return (
                 f"{topic}: {self.unset} of {self.messages} headers have no stamp, "
@@ -46,7 +46,7 @@ class StampSelector:
         )
 
     def facts(self) -> dict:
-        """For conversion.json."""
+        """Statistics for conversion.json."""
         return {
             "used": self.choice,
             "headers_without_stamp": self.unset,

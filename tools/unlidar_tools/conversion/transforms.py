@@ -1,4 +1,4 @@
-"""/tf_static: how the coordinate frames of a recording that never move lie to each other."""
+"""/tf_static: fixed transforms between the coordinate frames of a recording."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -9,25 +9,25 @@ from scipy.spatial.transform import Rotation
 TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 # A float32 holds a millimetre up to here; earth-centred and map-grid frames begin farther off.
 _FARTHEST_M = 10_000.0
-_LEAST_NORM = 0.1  # of a quaternion that says anything
+_LEAST_NORM = 0.1  # of a usable quaternion
 
 
 class Placement:
-    """Where a frame lies in another: p_other = rotation * p + translation_m."""
+    """The pose of a frame in another: p_other = rotation * p + translation_m."""
 
     def __init__(self, rotation: Rotation, translation_m: np.ndarray) -> None:
         self.rotation, self.translation_m = rotation, translation_m
 
     def apply(self, xyz_m: np.ndarray) -> np.ndarray:
-        """Positions (..., 3) of the frame in the other."""
+        """Transforms positions (..., 3) from the frame to the other."""
         return self.rotation.apply(xyz_m) + self.translation_m
 
     def within(self, outer: "Placement") -> "Placement":
-        """In the frame in which the other one is placed."""
+        """The composition with the other frame's own placement."""
         return Placement(outer.rotation * self.rotation, outer.apply(self.translation_m))
 
     def inverse(self) -> "Placement":
-        """Of the other frame in this one."""
+        """The inverse placement."""
         turned = self.rotation.inv()
         return Placement(turned, -turned.apply(self.translation_m))
 
@@ -36,24 +36,24 @@ _HERE = Placement(Rotation.identity(), np.zeros(3))
 
 
 def is_static_topic(topic: str, msgtype: str) -> bool:
-    """Whether a topic holds static transforms; /tf has the same type and moves."""
+    """True for a topic of static transforms; /tf has the same type but changes over time."""
     return msgtype in TRANSFORM_TYPES and topic.rstrip("/").endswith("tf_static")
 
 
 def plain_frame(frame_id: str) -> str:
-    """ROS 1 wrote frames with a slash before them."""
+    """The frame_id without the leading slash of ROS 1."""
     return frame_id.strip("/")
 
 
 class StaticTransforms:
-    """A forest of frames, each placed in the one above it."""
+    """A forest of frames, each with its placement in its parent."""
 
     def __init__(self) -> None:
         self._above: dict[str, tuple[str, Placement]] = {}
-        self.unusable: list[str] = []  # children of transforms that are none
+        self.unusable: list[str] = []  # child frames of invalid transforms
 
     def add(self, message: Any) -> None:
-        """The transforms of a TFMessage; the last one for a frame counts."""
+        """Adds the transforms of a TFMessage; later ones replace earlier ones."""
         for stamped in message.transforms:
             parent, child = (
                 plain_frame(stamped.header.frame_id),
@@ -69,11 +69,11 @@ class StaticTransforms:
             self._above[child] = (parent, Placement(Rotation.from_quat(quaternion), translation))
 
     def __bool__(self) -> bool:
-        """Whether anything is known."""
+        """True if anything is known."""
         return bool(self._above)
 
     def common_frame(self, frames: Iterable[str]) -> str | None:
-        """The frame in which all of these are placed: the uppermost that is not too far off.
+        """The common ancestor of these frames: the uppermost that is not too far off.
 
         Usually that of the station or of its surroundings, with its z axis up. None where nothing
         is known of any; frames that cannot be related to the first one known do not count.
@@ -91,7 +91,7 @@ class StaticTransforms:
         return near[-1] if near else shared[0]
 
     def placement(self, frame: str, common: str) -> Placement | None:
-        """Of a frame in another; None where nothing relates them."""
+        """The placement of a frame in another; None if no transforms relate them."""
         if frame == common:
             return _HERE
         mine, others = self._chain(frame), self._chain(common)
@@ -102,7 +102,7 @@ class StaticTransforms:
         return frame in self._above or any(parent == frame for parent, _ in self._above.values())
 
     def _chain(self, frame: str) -> dict[str, Placement]:
-        """The frame in itself, then in each one above it."""
+        """The frame's placement in itself, then in each ancestor."""
         chain = {frame: _HERE}
         while (found := self._above.get(frame)) is not None and found[0] not in chain:
             chain[found[0]] = chain[frame].within(found[1])

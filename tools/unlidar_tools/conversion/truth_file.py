@@ -14,7 +14,7 @@ class TruthFile:
         self._file: TextIO | None = None
 
     def __enter__(self) -> Self:
-        """Nothing yet: a recording may have no row."""
+        """Opens nothing yet: a recording may have no truth."""
         return self
 
     def __exit__(self, *_exception: object) -> None:
@@ -23,7 +23,7 @@ class TruthFile:
             self._file.close()
 
     def add(self, row: TruthRow) -> None:
-        """The stamp as its source spells it; further columns where there is something to say."""
+        """Writes a row with the original text of the stamp; optional columns only if used."""
         further = {}
         if self._targets > 1:
             further["target"] = str(row.target)

@@ -1,4 +1,4 @@
-"""Unpacking within the bounds of what may come in."""
+"""Decompression within the bounds of `limits`."""
 
 import bz2
 from collections.abc import Callable
@@ -30,9 +30,9 @@ _DECOMPRESSORS: dict[str, Callable[[], Any]] = {
 
 
 def unpacked(compression: str, packed: bytes | memoryview, most: int = MOST_RECORD) -> bytes:
-    """What packed bytes give, also where they end early; TooLargeError beyond `most` bytes.
+    """Decompressed bytes, also of a truncated stream; TooLargeError beyond `most` bytes.
 
-    Of bytes that are damaged nothing is given. ValueError for an unknown compression.
+    Damaged data gives empty bytes. ValueError for an unknown compression.
     """
     if most > MOST_RECORD:
         raise TooLargeError("a chunk, unpacked,", most, MOST_RECORD)
@@ -40,7 +40,7 @@ def unpacked(compression: str, packed: bytes | memoryview, most: int = MOST_RECO
         raise ValueError(f"compression '{compression[:20]}', expected {', '.join(_DECOMPRESSORS)}")
     start, parts, left = _DECOMPRESSORS[compression], [], most
     try:
-        while len(packed):  # several streams may follow each other
+        while len(packed):  # several streams may be concatenated
             stream = start()
             parts.append(stream.decompress(packed, left + 1))
             left -= len(parts[-1])
@@ -53,7 +53,7 @@ def unpacked(compression: str, packed: bytes | memoryview, most: int = MOST_RECO
 
 
 def unpack_file(packed: Path, out: Path) -> None:
-    """Unpacks a file that was packed with zstd as a whole; TooLargeError for one that swells."""
+    """Decompresses a whole file of zstd; TooLargeError beyond the expansion bound."""
     most = max(ALWAYS_UNPACKED, MOST_RATIO * packed.stat().st_size)
     written = 0
     with zstd.open(packed, "rb") as source, out.open("wb") as file:

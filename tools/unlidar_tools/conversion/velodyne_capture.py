@@ -20,7 +20,7 @@ from unlidar_tools.extras import load_extra
 from unlidar_tools.stamps import format_stamp_ns
 
 _AZIMUTH_AT = 2
-_FARTHEST_M = 1_000.0  # no model reaches farther; what is too far for a track is the program's
+_FARTHEST_M = 1_000.0  # beyond the range of all models; track limits are the program's
 
 
 class VelodyneCapture(OneFileSource):
@@ -32,11 +32,11 @@ class VelodyneCapture(OneFileSource):
 
     @classmethod
     def matches(cls, path: Path) -> bool:
-        """Whether the first packet of points in a capture is a Velodyne's."""
+        """True if the first packet of points in a capture is a Velodyne's."""
         return maker_of(path) == "Velodyne"
 
     def __init__(self, path: Path, options: Options) -> None:
-        # Of two clocks, the sensor's and the recorder's, --stamp chooses as for bags.
+        # --stamp chooses between the sensor's and the recorder's clock, as for bags.
         refuse_bag_options(path, options, "holds packets", has_log_times=True)
         self._decoder = _library(path)
         self._path, self._options = path, options
@@ -56,7 +56,7 @@ class VelodyneCapture(OneFileSource):
                 azimuths[name] = azimuth
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
-        """Turns as they become complete."""
+        """A frame for each completed turn."""
         config = {"timestamp_first_packet": True, "max_range": _FARTHEST_M}
         decoders = {n: self._decoder.StreamDecoder(self._decoder.Config(**config)) for n in sensors}
         self._stamps = {name: StampSelector(self._options.stamp) for name in sensors}
@@ -70,11 +70,11 @@ class VelodyneCapture(OneFileSource):
             yield from self._frame(name, lambda d=decoder: d.finish(True))
 
     def notes(self) -> list[str]:
-        """Clocks that lie far apart."""
+        """Notes on clocks that differ widely."""
         return [note for name, seen in self._stamps.items() if (note := seen.note(name))]
 
     def facts(self) -> dict:
-        """What the clocks were."""
+        """The clocks used."""
         return {"stamps": {name: seen.facts() for name, seen in self._stamps.items()}}
 
     def _points(self) -> Iterator[Datagram]:

@@ -1,10 +1,10 @@
-"""How far a trajectory is from the truth, and how much of the truth it covers.
+"""Accuracy of a trajectory against ground truth, and its coverage.
 
-Two questions, two sets of numbers:
+Two sets of measures:
 
 - At the truth's stamps (`rmse`, `dx` .. `within1m`, `coverage`): at each in-view truth position,
   where is the nearest track then? Tracks are interpolated between rows at most MAX_STEP_S apart.
-  This counts every moment of the flight once, also those that a method leaves out.
+  Every instant of the flight counts once, also where a method has no track.
 - At the trajectory's own rows (`rows_*`): how far is each row from the nearest target then? Truth
   is interpolated. This counts every row once. Rows outside the truth's time span cannot be judged;
   they are counted in `rows_unjudged` and left out. `false` in contrast judges all rows and takes
@@ -39,7 +39,7 @@ __all__ = [
 def evaluate_files(
     truth: Path, tracks: Path | Sequence[Path], options: Options | None = None
 ) -> dict:
-    """`evaluate` on files, with what the truth is; the tracks may be in several."""
+    """`evaluate` on files, with the truth's reference point; the tracks may be in several files."""
     options = options or Options()
     files = [tracks] if isinstance(tracks, Path) else tracks
     return measure([compare_files(truth, files, options)], options) | about_truth(truth)

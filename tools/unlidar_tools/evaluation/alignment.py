@@ -1,4 +1,4 @@
-"""Taking off what is not the tracker's error: lever arms, mountings, clocks. Only if asked for."""
+"""Optional removal of errors that are not the tracker's: lever arms, mountings, clocks."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from unlidar_tools.truth import Tracks, Truth
 MAX_OFFSET_S = 1.0
 _COARSE_STEP_S = 0.02
 _MOST_ROUNDS = 20
-# An offset that leaves less of the truth covered than this share of the most is not tried.
+# Time offsets must keep at least this share of the best coverage.
 _COVERED_SHARE = 0.8
 _VAGUE_S = 0.1
 _ALIKE_S = 1.0
@@ -22,13 +22,13 @@ _MOST_STAMPS = 5000
 
 @dataclass(frozen=True)
 class Alignment:
-    """Takes a position p of the tracks to rotation @ p + translation_m."""
+    """The transform p -> rotation @ p + translation_m of the tracks."""
 
     rotation: np.ndarray  # (3, 3)
     translation_m: np.ndarray  # (3,)
 
     def apply(self, tracks: Tracks) -> Tracks:
-        """The tracks where this takes them; sigmas keep the axes they had."""
+        """The transformed tracks; sigmas keep their axes."""
         return dataclasses.replace(
             tracks, xyz_m=tracks.xyz_m @ self.rotation.T + self.translation_m
         )
@@ -41,8 +41,8 @@ def fit_alignment(kind: str, from_m: np.ndarray, to_m: np.ndarray) -> Alignment:
     """The least-squares rigid motion of (N, 3) points onto their partners, without scale.
 
     "translation": the mean difference. "yaw": also a turn about z, the 4 degrees of freedom that
-    a level station leaves open. "se3": any rotation, as in Umeyama 1991. InputError where the
-    points leave the turn open: on one spot, or for se3 on a line.
+    a level station leaves open. "se3": any rotation, as in Umeyama 1991. InputError if the
+    points do not determine the rotation: coincident, or for se3 collinear.
     """
     if kind == "none" or len(from_m) == 0:
         return IDENTITY
@@ -61,7 +61,7 @@ def align(kind: str, truth: Truth, tracks: Tracks) -> Alignment:
         covered = truth.in_view & np.isfinite(nearest.distance_m)
         moved = (truth.xyz_m + nearest.error_m)[covered]
         from_m = (moved - found.translation_m) @ found.rotation
-        # Rotating back and forth costs digits: within a micrometre it is the same choice.
+        # Within rounding (a micrometre) the association has converged.
         if (
             chosen is not None
             and np.array_equal(chosen[0], covered)
@@ -78,12 +78,12 @@ def shift(tracks: Tracks, offset_s: float) -> Tracks:
 
 
 def estimate_time_offset(kind: str, truth: Truth, tracks: Tracks) -> tuple[float, float]:
-    """What to add to the tracks' stamps so that they fit the truth best, and its sigma, both in s.
+    """The offset to add to the tracks' stamps for the best fit to the truth, and its sigma, in s.
 
-    Minimises the mean squared error about its mean (or about the alignment asked for), lest a
-    lever arm be taken for a delay, within MAX_OFFSET_S. InputError where the flight does not tell:
-    nothing is covered, there is no minimum inside the range, or sigma is above _VAGUE_S, as for a
-    target that hovers or flies at one velocity.
+    Minimises the mean squared error about its mean (or after the alignment), as a lever arm would
+    otherwise look like a delay, within MAX_OFFSET_S. InputError if the offset is not observable:
+    no coverage, no minimum inside the range, or sigma above _VAGUE_S, as for a target that hovers
+    or flies at constant velocity.
     """
     truth = _thinned(truth)
     turned = kind if kind in ("yaw", "se3") else "translation"
@@ -113,17 +113,17 @@ def estimate_time_offset(kind: str, truth: Truth, tracks: Tracks) -> tuple[float
 
 
 def _thinned(truth: Truth) -> Truth:
-    """Every so many stamps: more than some thousand make the search longer and no sharper."""
+    """A subset of the stamps: beyond some thousand the search gets slower, not more precise."""
     stamps, rank = np.unique(truth.time_s, return_inverse=True)
     kept = rank % -(-len(stamps) // _MOST_STAMPS) == 0
     return Truth(truth.time_s[kept], truth.target[kept], truth.xyz_m[kept], truth.in_view[kept])
 
 
 def _offset_sigma_s(truth: Truth, squared_m2: float) -> float:
-    """Standard deviation of the offset: that of the error over the change of velocity.
+    """Standard deviation of the offset: sigma of the error over the spread of the velocity.
 
-    A velocity that does not change moves the mean error only, which is taken off. Errors within
-    _ALIKE_S are taken for one.
+    A constant velocity only shifts the mean error, which is removed. Errors within _ALIKE_S of
+    each other count as one.
     """
     changes = []
     for target in np.unique(truth.target):
@@ -141,7 +141,7 @@ def _offset_sigma_s(truth: Truth, squared_m2: float) -> float:
 
 
 def _misfit(kind: str, truth: Truth, tracks: Tracks, offset_s: float) -> tuple[float, int]:
-    """Mean squared residual of the best alignment, and the stamps it is over."""
+    """Mean squared residual after the best alignment, and the number of stamps in it."""
     nearest: Coverage = cover(truth, shift(tracks, offset_s))
     covered = truth.in_view & np.isfinite(nearest.distance_m)
     if not covered.any():

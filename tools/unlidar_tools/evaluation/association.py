@@ -1,4 +1,4 @@
-"""Which track stands for which target when, and how far apart they are."""
+"""Association of tracks with targets over time, and their distances."""
 
 from dataclasses import dataclass
 
@@ -9,24 +9,24 @@ from unlidar_tools.completion import interpolate
 from unlidar_tools.truth import Tracks, Truth
 
 MAX_STEP_S = 0.6  # tracks and truth are interpolated between samples at most this far apart
-_END_SLACK_S = 0.051  # half a frame beyond its first and last row a track still counts
+_END_SLACK_S = 0.051  # a track extends half a frame beyond its first and last row
 FALSE_BEYOND_M = 2.0
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """One track at every row of the truth; inf and NaN where there is none."""
+    """The associated track at every row of the truth; inf and NaN without one."""
 
     distance_m: np.ndarray  # (N,)
     error_m: np.ndarray  # (N, 3) estimate minus truth
     sigma_m: np.ndarray  # (N, 3) of the estimate, NaN where not known
 
     def rows(self, chosen: np.ndarray) -> "Coverage":
-        """These rows of it."""
+        """A subset of the rows."""
         return Coverage(self.distance_m[chosen], self.error_m[chosen], self.sigma_m[chosen])
 
     def take(self, rows: np.ndarray, other: "Coverage") -> None:
-        """Takes over these rows of another."""
+        """Overwrites rows by those of another."""
         for mine, theirs in (
             (self.distance_m, other.distance_m),
             (self.error_m, other.error_m),
@@ -39,8 +39,8 @@ class Coverage:
 class OwnRows:
     """The nearest target at every row of the tracks."""
 
-    distance_m: np.ndarray  # (M,) the truth's ends held beyond them
-    judged_m: np.ndarray  # (M,) inf where no target has truth then
+    distance_m: np.ndarray  # (M,) truth extrapolated as constant
+    judged_m: np.ndarray  # (M,) inf outside the truth's time span
     error_m: np.ndarray  # (M, 3) of the judged rows, else NaN
 
 
@@ -48,7 +48,7 @@ class OwnRows:
 class Identities:
     """One-to-one matches of targets and tracks within FALSE_BEYOND_M."""
 
-    own: Coverage  # (N,) the track that a target has to itself; none where not in view
+    own: Coverage  # (N,) the track matched to the target; none where it is not in view
     switches: int
 
 
@@ -80,9 +80,9 @@ def own_rows(truth: Truth, tracks: Tracks) -> OwnRows:
 def identities(truth: Truth, tracks: Tracks) -> Identities:
     """Matches stamp by stamp as in CLEAR MOT (Bernardin and Stiefelhagen 2008).
 
-    The last match of a track is kept while it stays within FALSE_BEYOND_M; what is left over is
-    matched anew with the least sum of distances. A target that goes on with another track than
-    the last it had, also after a pause, is an identity switch.
+    A match is kept while the track is within FALSE_BEYOND_M; the rest is assigned anew with the
+    least sum of distances. A target matched to another track than its last one, also after a
+    pause, is an identity switch.
     """
     known = [_coverage(truth, tracks, *at) for at in _tracks_at(truth.time_s, tracks)]
     away = np.full((len(truth), len(known)), np.inf)
@@ -123,7 +123,7 @@ def _match(away: np.ndarray, kept: list[int | None]) -> dict[int, int]:
     left = away[np.ix_(rows, columns)]
     if not np.isfinite(left).any():
         return pairs
-    # Far dearer than any sum of real matches, so that as many as possible are made.
+    # Exceeds any sum of valid costs, so that the number of matches is maximal.
     cost = np.where(np.isfinite(left), left, 10.0 * FALSE_BEYOND_M * (1 + left.size))
     for i, k in zip(*linear_sum_assignment(cost), strict=True):
         if np.isfinite(left[i, k]):
@@ -139,7 +139,7 @@ def _nowhere(rows: int) -> Coverage:
 def _coverage(
     truth: Truth, tracks: Tracks, rows: np.ndarray, valid: np.ndarray, at_m: np.ndarray
 ) -> Coverage:
-    """What a track of `_tracks_at` is to every row of the truth."""
+    """The coverage of the truth by one track of `_tracks_at`."""
     one = _nowhere(len(truth))
     one.error_m[valid] = (at_m - truth.xyz_m)[valid]
     one.distance_m[valid] = np.linalg.norm(one.error_m[valid], axis=1)
@@ -150,7 +150,7 @@ def _coverage(
 
 
 def _tracks_at(time_s: np.ndarray, tracks: Tracks):
-    """Per track: its rows in order of time, where it is known, and (N, 3) where it is then."""
+    """Per track: its rows by time, (N,) bool where it is defined, (N, 3) positions then."""
     for track in np.unique(tracks.track_id):
         rows = np.flatnonzero(tracks.track_id == track)
         rows = rows[np.argsort(tracks.time_s[rows], kind="stable")]
@@ -167,7 +167,7 @@ def _tracks_at(time_s: np.ndarray, tracks: Tracks):
 
 
 def _inside(samples_s: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-    """Which times lie between two samples that are close enough to interpolate between."""
+    """(N,) bool: the times between two samples at most MAX_STEP_S apart."""
     if len(samples_s) < 2:
         return np.isin(time_s, samples_s)
     after = np.clip(np.searchsorted(samples_s, time_s), 1, len(samples_s) - 1)

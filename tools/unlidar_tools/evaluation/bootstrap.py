@@ -1,4 +1,4 @@
-"""95 % intervals that know that errors a moment apart are alike."""
+"""95 % intervals by block bootstrap, as consecutive errors are correlated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ _OF_OWN = {"matched": "coverage", "matched_rmse": "rmse"}  # measures of the mat
 
 @dataclass(frozen=True)
 class Drawn:
-    """What is drawn from: the in-view truth of one sequence, in order of time."""
+    """The population of the bootstrap: the in-view truth of one sequence, in order of time."""
 
     time_s: np.ndarray  # (N,)
     nearest_m: np.ndarray  # (N, 3) error of the nearest track, NaN where there is none
@@ -28,7 +28,7 @@ def intervals(
     Circular blocks (Politis and Romano 1992): a replicate of a sequence of duration T is put
     together from ceil(T / block_s) stretches of block_s that begin anywhere; after its last row
     comes its first, so that every row is drawn equally often. With several sequences each
-    replicate also draws the sequences anew, as flights differ more than moments.
+    replicate also resamples the sequences: flights differ more than blocks of one flight.
     """
     sequences = [one for one in sequences if len(one.time_s)]
     if not sequences:
@@ -54,16 +54,16 @@ def intervals(
 
 
 def times_drawn(time_s: np.ndarray, block_s: float, rng: np.random.Generator) -> np.ndarray:
-    """How often each of the rows, in order of time, is in a replicate."""
+    """Multiplicity of each row, in order of time, in a replicate."""
     stamps = np.unique(time_s)
     if len(stamps) == 1:
         return np.ones(len(time_s))
     begin, end = stamps[0], stamps[-1]
-    around = end - begin + np.median(np.diff(stamps))  # from the last row on to the first
+    around = end - begin + np.median(np.diff(stamps))  # period of the circle
     block_s = min(block_s, around)
     starts = rng.uniform(begin, begin + around, int(np.ceil(around / block_s)))
     stops = starts + block_s
-    beyond = stops[stops > begin + around] - around  # begin anew
+    beyond = stops[stops > begin + around] - around  # wrap around
     steps = np.zeros(len(time_s) + 1)
     np.add.at(steps, np.searchsorted(time_s, starts), 1)
     np.add.at(steps, np.searchsorted(time_s, stops), -1)
@@ -73,7 +73,7 @@ def times_drawn(time_s: np.ndarray, block_s: float, rng: np.random.Generator) ->
 
 
 class _Weighted:
-    """Measures of rows that occur so many times each, without writing them out: an hour is long."""
+    """Measures of weighted rows, without repeating the rows in memory."""
 
     def __init__(self, error_m: np.ndarray, within_m: float) -> None:
         self._covered = np.isfinite(error_m).all(axis=1)
@@ -85,7 +85,7 @@ class _Weighted:
 
     def of(self, weight: np.ndarray) -> dict[str, float]:
         found: dict[str, float] = {}
-        if (drawn := weight.sum()) == 0:  # a block that fell between two stamps far apart
+        if (drawn := weight.sum()) == 0:  # all blocks fell into gaps
             return found
         weight = weight[self._covered]
         total = weight.sum()
@@ -104,7 +104,7 @@ class _Weighted:
         }
 
     def _quantile(self, counts: np.ndarray, share: float) -> float:
-        """Linear between ranks, as np.percentile of the rows written out."""
+        """Weighted quantile, equal to np.percentile of the repeated rows."""
         rank = (counts[-1] - 1) * share
         below, above = np.searchsorted(counts, [np.floor(rank), np.ceil(rank)], side="right")
         low, high = self._sorted[below], self._sorted[above]
@@ -112,5 +112,5 @@ class _Weighted:
 
 
 def _dot(weight: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Without BLAS, whose threads cost more than such a small product."""
+    """Dot product without BLAS, whose threads cost more than such a small product."""
     return np.einsum("i,i...->...", weight, rows)

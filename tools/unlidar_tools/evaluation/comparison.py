@@ -1,4 +1,4 @@
-"""One trajectory against one truth, row by row: what all measures are computed from."""
+"""Comparison of one trajectory with one truth, row by row: the input of all measures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -33,15 +33,15 @@ class Comparison:
     seen: np.ndarray  # (N,) bool: in view of a sensor
     nearest: Coverage  # (N,)
     own: Coverage  # (N,) matched one to one
-    sigma_basis: Coverage  # (N,) the one of both by which sigmas are judged
+    sigma_basis: Coverage  # (N,) `nearest` or `own`; used for NEES
     switches: int
     completed_m: np.ndarray  # (N, 3) error of the completed track; NaN without one
     rows: OwnRows  # (M,)
     align: str
     alignment: Alignment
     time_offset_s: float
-    time_offset_sigma_s: float | None  # None: as given, not estimated
-    coordinate_warning: str | None  # that the truth is in the same coordinates
+    time_offset_sigma_s: float | None  # None: the offset was given
+    coordinate_warning: str | None  # the likely mismatch, None if there is none
 
     @property
     def nees(self) -> np.ndarray:
@@ -55,7 +55,7 @@ class Comparison:
 
     @property
     def nees_unbiased(self) -> np.ndarray:
-        """(K,) of the covered rows, about their mean error: a lever arm is no error of a sigma."""
+        """(K,) of the covered rows, about their mean error: a lever arm is not in sigma."""
         known = self.sigma_basis.rows(self.covered & np.isfinite(self.sigma_basis.distance_m))
         if len(known.distance_m) == 0:
             return np.zeros(0)
@@ -76,9 +76,9 @@ class Comparison:
 def compare_files(
     truth: Path, trajectories: Sequence[Path], options: Options, one_clock: bool = False
 ) -> Comparison:
-    """`compare` on files; what cannot be judged, or is in doubt, is said with the first trajectory.
+    """`compare` on files; errors and warnings name the first trajectory.
 
-    They must have a time in common unless they are known to be of `one_clock`. UsageError where
+    Their time spans must overlap unless they are known to be of `one_clock`. UsageError if
     truth and trajectory are swapped.
     """
     refuse_swapped(truth, trajectories)
@@ -96,7 +96,7 @@ def compare_files(
 
 
 def compare(truth: Truth, tracks: Tracks, options: Options) -> Comparison:
-    """Shifts and aligns the tracks as asked for, then compares them with the truth."""
+    """Shifts and aligns the tracks by the options, then compares them with the truth."""
     order = np.argsort(truth.time_s, kind="stable")
     truth = Truth(*(column[order] for column in (
         truth.time_s, truth.target, truth.xyz_m, truth.in_view)))  # fmt: skip
@@ -122,7 +122,7 @@ def compare(truth: Truth, tracks: Tracks, options: Options) -> Comparison:
         seen=truth.in_view,
         nearest=nearest,
         own=who.own,
-        # Among several targets the nearest track may be another one's, and its sigma with it.
+        # With several targets the nearest track, and its sigma, may be another target's.
         sigma_basis=who.own if len(np.unique(truth.target)) > 1 else nearest,
         switches=who.switches,
         completed_m=complete(moved, truth.time_s) - truth.xyz_m,

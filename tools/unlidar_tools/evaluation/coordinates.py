@@ -1,16 +1,16 @@
-"""Whether truth and trajectory are in the same coordinates: units, axes and origins, by the fit."""
+"""Detection of truth and trajectory in different coordinates: units, axes, origins."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 _LEAST_ROWS = 10
-_LEAST_M = 2.0  # that they are apart: less is an error of the trajectory
-_FAR_M = 1_000.0  # apart: farther than a LiDAR sees a drone
-_EXPLAINED = 0.1  # of that may be left
-_MOVED = 0.2  # of the extent of the flight may be left where the means are taken off: no hovering
+_LEAST_M = 2.0  # a smaller distance is an error of the trajectory
+_FAR_M = 1_000.0  # beyond the range of a LiDAR
+_EXPLAINED = 0.1  # largest residual of an explanation, as a share of the distance
+_MOVED = 0.2  # largest residual with means removed, as a share of the flight's extent
 _DEG_M = 111_195.0  # of latitude, within 1 %
-# By one unit of the truth, in those of the trajectory; only their ratio is known.
+# Scale from units of the truth to those of the trajectory.
 _UNITS = {
     1e-3: "the truth seems to be in millimetres (or the trajectory in kilometres)",
     1e-2: "the truth seems to be in centimetres",
@@ -24,10 +24,10 @@ Reading = Callable[[np.ndarray], np.ndarray]
 
 
 def coordinate_mismatch(truth: np.ndarray, estimate: np.ndarray, are_aligned: bool) -> str | None:
-    """Why two paths, (N, 3) at the same times, are likely not in the same coordinates; else None.
+    """The likely mismatch of coordinates of two paths, (N, 3) at the same times; None if plausible.
 
-    That one reading of the truth brings them together to a tenth, or that they are farther apart
-    than a LiDAR sees. `are_aligned`: a constant offset was taken off, whatever it was.
+    Reported if another reading of the truth reduces the distance to a tenth, or if the distance
+    exceeds a LiDAR's range. `are_aligned`: a constant offset was already removed.
     """
     if len(truth) < _LEAST_ROWS:
         return None
@@ -68,7 +68,7 @@ def _axes(x: int, y: int, z: float) -> Reading:
 
 
 def _degrees(latitude: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Of columns 0 and 1 the one is the latitude; east, north, up from the middle of the flight."""
+    """Degrees as local east, north, up in m; `latitude` is the column of the latitude, 0 or 1."""
 
     def read(truth: np.ndarray, moved: np.ndarray) -> np.ndarray:
         parallel = np.cos(np.radians(np.median(truth[:, latitude])))

@@ -20,13 +20,13 @@ def markdown_table(rows: list[tuple[str, dict]], totals: int = 0) -> str:
 
 
 def table_line(cells: Iterable[str]) -> str:
-    """A row of a table; what a cell holds neither ends it nor becomes a tag."""
+    """A row of a table; separators and tags in cells are escaped."""
     texts = (printable(cell).replace("|", "&#124;").replace("<", "&lt;") for cell in cells)
     return f"| {' | '.join(texts)} |"
 
 
 def table_rows(result: dict) -> list[tuple[str, dict]]:
-    """Rows of what `evaluate_sequences` found: sequences by group, then the groups, then all."""
+    """Rows of `evaluate_sequences`: sequences by group, then the groups, then all."""
     groups = list(result["groups"])
     rows = []
     for group in ("", *groups[:-1]):
@@ -61,5 +61,5 @@ def _metres(value: float | None) -> str:
 
 
 def percent(share: float | None) -> str:
-    """A share as it is printed."""
+    """A share as a percentage; a dash for None."""
     return "-" if share is None else f"{100 * share:.1f} %"

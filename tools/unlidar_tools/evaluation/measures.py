@@ -36,12 +36,12 @@ def measure(comparisons: Sequence[Comparison], options: Options) -> dict:
 
 
 def several_drones(measures: dict) -> bool:
-    """Whether the nearest track may be another drone's, so that matched errors come first."""
+    """True if there are several drones, for which matched errors are the relevant ones."""
     return measures.get("drones", 0) > 1
 
 
 def _error_measures(error: np.ndarray, distance: np.ndarray) -> dict[str, float]:
-    """What is said of the errors (K, 3) at covered rows; distance their lengths."""
+    """Measures of the errors (K, 3) at covered rows, with lengths `distance` (K,)."""
     squared = error**2
     return {
         "rmse": float(np.sqrt(squared.sum(axis=1).mean())),
@@ -107,7 +107,7 @@ def _nees_measures(kind: str, nees: np.ndarray) -> dict:
 
 
 def _challenge(comparisons: Sequence[Comparison]) -> dict:
-    """Only where every sequence is one that the challenge could hold: one target, one track."""
+    """The challenge's measure, defined if every sequence has one target."""
     if any(len(np.unique(one.target)) > 1 for one in comparisons):
         return {}
     error = np.concatenate([one.completed_m for one in comparisons])
@@ -130,7 +130,7 @@ def _at_own_rows(comparisons: Sequence[Comparison]) -> dict:
 
 
 def _intervals(comparisons: Sequence[Comparison], options: Options, result: dict) -> dict:
-    """Ends by name; where few replicates leave the estimate outside they are widened to it."""
+    """Interval ends by name, widened to the estimate where few replicates leave it outside."""
     drawn = [
         Drawn(one.time_s[one.seen], one.nearest.error_m[one.seen], one.own.error_m[one.seen])
         for one in comparisons

@@ -1,4 +1,4 @@
-"""Whether a truth and a trajectory can be of one flight at all: columns and times."""
+"""Checks by columns and times that truth and trajectory can be of one flight."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,16 +12,16 @@ _OF_TRACKS = {"track_id", "support"}  # columns that only a trajectory has
 _OF_TRUTH = {"target", "in_view"}
 _HOUR_S = 3600.0
 _GPS_EPOCH_S, _LEAP_S = 315_964_800.0, 18.0
-_NEAR_S = 5.0  # to a whole hour or an epoch: more than the begins of two recordings differ by
+_NEAR_S = 5.0  # tolerance to a whole hour or an epoch; begins of two recordings differ by less
 _LEAST_SHARE = 0.1
 _UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
 
 
 def refuse_swapped(truth: Path, trajectories: Sequence[Path]) -> None:
-    """UsageError where the columns say that the one was given for the other."""
+    """UsageError if the columns show that truth and trajectory were swapped."""
     first, others = columns_of(truth), [columns_of(path) for path in trajectories]
     if any("track_id" in columns for columns in others):
-        return  # one result may be compared with another
+        return  # comparing two trajectories is allowed
     if first >= _OF_TRACKS:
         raise UsageError(
             f"{truth}: is a trajectory (it has track_id and support), expected TRUTH first, then "
@@ -35,9 +35,9 @@ def refuse_swapped(truth: Path, trajectories: Sequence[Path]) -> None:
 
 
 def require_common_time(truth: Truth, tracks: Tracks) -> None:
-    """InputError with both spans where all rows lie before or behind the truth.
+    """InputError with both spans if all rows lie before or after the truth.
 
-    A trajectory without rows is an answer, and so is a truth without.
+    Empty trajectories and truths are valid.
     """
     if len(truth) == 0 or len(tracks) == 0:
         return
@@ -55,7 +55,7 @@ def _span(time_s: np.ndarray) -> tuple[float, float]:
 
 
 def _hint(known: tuple[float, float], own: tuple[float, float]) -> str:
-    """What may be behind it, and what would bring the begins together."""
+    """A likely cause, and the shift that would align the begins."""
     for factor, unit in _UNITS.items():
         for name, (first, second) in (("trajectory", (own, known)), ("truth", (known, own))):
             if _is_like((first[0] / factor, first[1] / factor), second):
@@ -71,6 +71,6 @@ def _hint(known: tuple[float, float], own: tuple[float, float]) -> str:
 
 
 def _is_like(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Whether two spans overlap and the one is not much shorter."""
+    """True if two spans overlap and have similar lengths."""
     long_enough = one[1] - one[0] >= _LEAST_SHARE * (other[1] - other[0])
     return long_enough and one[0] <= other[1] and other[0] <= one[1]

@@ -1,4 +1,4 @@
-"""Many sequences: from a manifest or from folders of results, with the groups they belong to."""
+"""Evaluation of many sequences, from a manifest or folders of results, in groups."""
 
 import csv
 import json
@@ -24,20 +24,20 @@ _COLUMNS = ("truth", "trajectory")
 
 @dataclass(frozen=True)
 class Flight:
-    """One flight to be judged."""
+    """One flight to evaluate."""
 
     name: str
     group: str  # day, night, ...; empty: none
     truth: Path
     trajectory: Path
-    one_clock: bool = False  # they are known to be: a run has judged the one by the other
+    one_clock: bool = False  # True if a run has already compared the two
 
 
 def read_manifest(path: Path) -> list[Flight]:
     """A CSV, or a JSON list of objects: truth, trajectory and optionally sequence and group.
 
-    Paths are relative to the manifest. A sequence without a name is called as its trajectory's
-    folder is.
+    Paths are relative to the manifest. An unnamed sequence gets the name of its trajectory's
+    folder.
     """
     try:
         text = read_text(path)
@@ -125,7 +125,7 @@ class NoTruthError(InputError):
 
 
 def _truth_of(folder: Path) -> Path:
-    """The truth that the run was judged by, else one that lies with the results."""
+    """The truth recorded by the run, else one beside the results."""
     places = [folder / TRUTH_NAME, folder / FRAMES / TRUTH_NAME]
     has_record = (folder / RUN_RECORD).is_file()
     known = read_record(folder).truth if has_record else None
@@ -145,7 +145,7 @@ def _truth_of(folder: Path) -> Path:
 
 
 def names_are_unique(sequences: Sequence[Flight]) -> None:
-    """InputError for two sequences of one group with one name: a table could not tell them."""
+    """InputError if two sequences of a group share a name, as tables could not distinguish them."""
     seen = set()
     for one in sequences:
         if (one.group, one.name) in seen:

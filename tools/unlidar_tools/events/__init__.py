@@ -1,1 +1,1 @@
-"""What a running station tells: its events taken in, placed on the globe, alarms raised."""
+"""Events of a running station: decoded, georeferenced, fused, checked for alarms."""

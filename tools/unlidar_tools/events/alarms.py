@@ -1,4 +1,4 @@
-"""When an alarm is raised: a track that may be a drone stays in a zone."""
+"""Alarms: raised when a track that may be a drone dwells in a zone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -6,34 +6,34 @@ from dataclasses import dataclass, field
 from unlidar_tools.events.event import BACK_NS, Row
 from unlidar_tools.events.site import Zone, Zones
 
-# Time outside of a zone takes so many times its length off the stay: noise at an edge delays an
-# alarm, and who is outside for a fifth of the time has not stayed.
+# Time outside is subtracted from the dwell with this factor: noise at an edge delays an alarm but
+# does not prevent it, while a track outside for a fifth of the time never dwells.
 _OUTSIDE = 4
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """One track in one zone, from the moment the rule held until the track ends."""
+    """An alarm for one track in one zone; lasts until the track ends."""
 
     zone: str
     track: int
-    since_ns: int  # it came into the zone
-    raised_ns: int  # stamp of the row by which the rule held
+    since_ns: int  # entry into the zone
+    raised_ns: int  # stamp of the row that fulfilled the rule
     row: Row
 
 
 @dataclass
 class _Stay:
-    """Of a track in a zone."""
+    """Dwell of a track in a zone."""
 
     since_ns: int
-    stayed_ns: int = 0  # inside, less what was outside
+    stayed_ns: int = 0  # time inside less the weighted time outside
     is_inside: bool = True
 
 
 @dataclass
 class _Course:
-    """What is known of a track that goes on."""
+    """State of an active track."""
 
     probability: float = 1.0
     newest_ns: int | None = None
@@ -42,24 +42,24 @@ class _Course:
 
 
 class Watchman:
-    """The rules of one station. Time is that of the rows, however fast they come."""
+    """Applies the rules of one station. Time is that of the rows' stamps, not of their arrival."""
 
     def __init__(self, zones: Sequence[Zone]) -> None:
         self._zones = Zones(zones)
         self._courses: dict[int, _Course] = {}
 
     def known(self, track: int, probability: float | None) -> None:
-        """How likely a track is a drone, as of now; None where nothing was told."""
+        """Sets the probability that a track is a drone; None leaves it as it is."""
         if probability is not None:
             self._course(track).probability = probability
 
     def take(self, row: Row) -> list[Alarm]:
-        """The alarms that this row raises: for each track and zone one at most."""
+        """The alarms that this row raises, at most one for each track and zone."""
         self.known(row.track, row.drone)
         course = self._course(row.track)
         passed_ns = row.timestamp - course.newest_ns if course.newest_ns is not None else 0
         if course.newest_ns is not None and -BACK_NS <= passed_ns <= 0:
-            return []  # told before
+            return []  # repeated row
         course.newest_ns, passed_ns = row.timestamp, max(0, passed_ns)
         inside = {zone.name: zone for zone in self._zones.around(row.x, row.y, row.z)}
         for name in [name for name in course.stays if name not in inside]:
@@ -71,7 +71,7 @@ class Watchman:
         raised = []
         for name, zone in inside.items():
             stay = course.stays.setdefault(name, _Stay(row.timestamp))
-            # Between a row outside and one inside it was in neither for all of the time.
+            # An interval between a row outside and one inside counts for neither.
             stay.stayed_ns += passed_ns if stay.is_inside and row.timestamp > stay.since_ns else 0
             stay.is_inside = True
             if (
@@ -85,7 +85,7 @@ class Watchman:
         return raised
 
     def end(self, track: int) -> list[Alarm]:
-        """The track has ended, and so have these alarms."""
+        """Removes an ended track; returns its alarms, which end with it."""
         course = self._courses.pop(track, None)
         return [] if course is None else list(course.alarms.values())
 

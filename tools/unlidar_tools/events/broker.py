@@ -19,31 +19,31 @@ from unlidar_tools.events.tls import tls_context
 from unlidar_tools.reporting import RateLimitedNote
 
 PREFIX = "unlidar"
-RELAY, SITE = "relay", "site"  # topics of whether a relay is there, and of where its station stands
+RELAY, SITE = "relay", "site"  # topics of a relay's presence and of its station's place
 OFFLINE = "offline"
 _WAIT_S = 1.0, 15.0
 _LAST_WORDS_S = 2.0
-# Of one station; a relay that was away publishes 10,000 messages at once.
+# Queue of one station; a relay that reconnects publishes 10,000 messages at once.
 _MOST_WAITING, _MOST_WAITING_BYTES = 12_000, 8_000_000
 _MOST_SENDERS = 256
-_OVERHEAD_BYTES = 400  # of a message, beside its text
-_SHARE = 64  # so many messages are handed on at once
+_OVERHEAD_BYTES = 400  # memory of a message beside its text
+_SHARE = 64  # messages passed on at once
 
 
 class Broker(Source):
-    """Subscribes to every station; a broker that leaves is called again."""
+    """Subscribes to all stations of a broker; reconnects."""
 
     many = True
 
     def __init__(self, text: str, tls: Tls | None = None) -> None:
-        """UsageError for an address that is none, ConfigError for files of TLS."""
+        """UsageError for an invalid address, ConfigError for unreadable TLS files."""
         address = read_address(text, MQTT, "mqtt[s]://[USER:PASSWORD@]HOST[:PORT]")
         super().__init__(address.name)
         self._address = address
         self._tls = tls_context(tls or Tls(), self.name) if address.scheme == "mqtts" else None
 
     async def _read(self) -> AsyncIterator[list[Line]]:
-        """For ever."""
+        """Yields messages for ever."""
         loop = asyncio.get_running_loop()
         filled = asyncio.Event()
         listener = _Listener(self, lambda: loop.call_soon_threadsafe(filled.set))
@@ -59,14 +59,14 @@ class Broker(Source):
             await loop.run_in_executor(None, listener.join, _LAST_WORDS_S)
 
     def call(self) -> paho.Client:
-        """A client that is connected. OSError, also of TLS."""
+        """Returns a connected client. OSError, also for TLS."""
         client = make_client(self._address.login, self._tls)
         client.connect(self._address.host, self._address.port, KEEPALIVE_S)
         return client
 
 
 class _Listener(threading.Thread):
-    """Hears a broker, whatever it says or how often it leaves."""
+    """Thread that receives from a broker, across malformed packets and lost connections."""
 
     def __init__(self, broker: Broker, filled: Callable[[], object]) -> None:
         super().__init__(daemon=True)
@@ -85,13 +85,13 @@ class _Listener(threading.Thread):
         self._dropped = RateLimitedNote(f"{broker.name}: a message is left out")
 
     def end(self) -> None:
-        """Soon nothing is heard any more."""
+        """Asks the thread to stop."""
         self._ended.set()
         if (client := self._client) is not None:
             client.disconnect()
 
     def run(self) -> None:
-        """Until the end."""
+        """Receives until stopped."""
         while not self._ended.is_set():
             self._why = ""
             try:
@@ -101,7 +101,7 @@ class _Listener(threading.Thread):
                 client.on_disconnect = lambda _c, _u, _f, code, _p: self._leave(code)
                 client.on_message = lambda _c, _u, message: self._take(message)
                 client.loop_forever()
-            except Exception as error:  # whatever paho stumbles over in a packet that is none
+            except Exception as error:  # paho raises anything on malformed packets
                 self._why = reason(error)
             if not self._ended.is_set():
                 self._lost(self._why or "the connection was closed")
@@ -144,5 +144,5 @@ class _Listener(threading.Thread):
             self._dropped(str(error)[:200])
             return
         self.queue.put(station, told, len(message.payload) + _OVERHEAD_BYTES)
-        with contextlib.suppress(RuntimeError):  # the loop has ended
+        with contextlib.suppress(RuntimeError):  # the event loop is closed
             self._filled()

@@ -1,34 +1,34 @@
-"""What time it is for a stream of events, and which of its stamps are to be believed.
+"""Time of a stream of events, and validation of its stamps.
 
-A stamp is believed where this computer's clock bears it out. A stream may also be of another time
-(a recording that is played, a LiDAR without PTP): then its own stamps bear each other out. A stamp
-that neither bears out is not believed until several agree, however far ahead of all others it is.
+A stamp is accepted if it agrees with this computer's clock. Streams of another time (a recording
+that is played, a LiDAR without PTP) are consistent with themselves instead. A stamp that agrees
+with neither is rejected until several such stamps agree, however far ahead it is.
 """
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-AHEAD_S = 10.0  # of this computer's clock, at most; and a row's stamp of its event's
-BEHIND_S = 7 * 86400.0  # a file that is read from its begin, a quiet week
-_LIVE_S = 60.0  # a stamp so near to this computer's clock is of a stream that runs now
-_HOLDS_S = 30.0  # for so long a stamp that was borne out keeps the stream from another time
-_NIGHT_S = 86400.0  # in a stream of another time: a pause, or a clock that was set back
-_GOES_ON_S = 5.0  # of a stream of now whose clock is at the edge of what is borne out
-_AGREE_S, _AGREE = 60.0, 3  # so many stamps in a row, each so near to the one before
-_STEP_S = 10.0  # one stamp makes things older by so much at most
+AHEAD_S = 10.0  # largest lead over this computer's clock, and of a row over its event
+BEHIND_S = 7 * 86400.0  # covers a file read from its begin, or a quiet week
+_LIVE_S = 60.0  # stamps this near to the clock mark a live stream
+_HOLDS_S = 30.0  # after a live stamp the stream cannot change to another time for so long
+_NIGHT_S = 86400.0  # largest gap in a stream of another time: a pause, or a clock set back
+_GOES_ON_S = 5.0  # tolerance for a live stream at the edge of AHEAD_S
+_AGREE_S, _AGREE = 60.0, 3  # a new time needs _AGREE consecutive stamps, each this near to the last
+_STEP_S = 10.0  # largest ageing by a single stamp
 
 
 @dataclass
 class Progress:
-    """How much time the stamps of one or several streams say has passed."""
+    """Time that has passed by the stamps of one or several streams."""
 
     seconds: float = 0.0
 
 
 @dataclass(frozen=True)
 class Heard:
-    """When something was heard: `StreamClock.age_s` tells how long ago that is."""
+    """Reception time of something, for `StreamClock.age_s`."""
 
     machine_s: float
     progress_s: float
@@ -36,7 +36,7 @@ class Heard:
 
 
 class StreamClock:
-    """The time of one stream. One stamp, whatever it says, makes nothing older than 10 s."""
+    """The time of one stream. A single stamp ages nothing by more than 10 s."""
 
     def __init__(
         self,
@@ -44,17 +44,17 @@ class StreamClock:
         machine_s: Callable[[], float] = time.monotonic,
         progress: Progress | None = None,
     ) -> None:
-        """`progress`: shared by streams that grow old together. The clocks are for tests only."""
+        """`progress`: shared by streams with common ageing. The clocks are for tests."""
         self._wall_s, self._machine_s = wall_s, machine_s
         self._progress = Progress() if progress is None else progress
-        self._own_s = self._progress.seconds  # of the fastest of all, at the begin
-        self.newest_ns = 0  # of the newest stamp that was believed; also goes back with the stream
+        self._own_s = self._progress.seconds  # shared progress at the begin of this stream
+        self.newest_ns = 0  # newest accepted stamp; steps back with the stream
         self._newest_heard_s: float | None = None
         self._borne_out_s: float | None = None
         self._other_ns, self._others = 0, 0
 
     def believes(self, stamp_ns: int) -> bool:
-        """Whether what has this stamp is to be taken in; the stream's time follows."""
+        """True if a stamp is accepted; updates the stream's time."""
         machine_s = self._machine_s()
         if self._is_borne_out(stamp_ns):
             self._borne_out_s = machine_s
@@ -68,7 +68,7 @@ class StreamClock:
         return True
 
     def now_ns(self) -> int:
-        """What time it is for the stream, also while it says nothing; 0 before its first stamp."""
+        """The stream's time in ns, extrapolated while it is silent; 0 before its first stamp."""
         if self._newest_heard_s is None:
             return 0
         if self._is_borne_out(self.newest_ns):
@@ -76,12 +76,12 @@ class StreamClock:
         return self.newest_ns + round((self._machine_s() - self._newest_heard_s) * 1e9)
 
     def heard(self, stamp_ns: int) -> Heard:
-        """That something with this stamp was heard just now, to be kept with what grows old."""
+        """The reception mark of something with this stamp, received now."""
         live = abs(self._wall_s() - stamp_ns * 1e-9) <= _LIVE_S
         return Heard(self._machine_s(), self._progress.seconds, live)
 
     def age_s(self, heard: Heard) -> float:
-        """By this computer's clock; of a stream of another time also by its stamps."""
+        """Age in s by this computer's clock; for a stream of another time also by its stamps."""
         passed_s = self._machine_s() - heard.machine_s
         return passed_s if heard.live else max(passed_s, self._progress.seconds - heard.progress_s)
 
@@ -89,7 +89,7 @@ class StreamClock:
         return -BEHIND_S <= stamp_ns * 1e-9 - self._wall_s() <= AHEAD_S
 
     def _is_of_stream(self, stamp_ns: int, machine_s: float) -> bool:
-        """Not far from what was said last."""
+        """True if a stamp is near the stream's last one."""
         if self._newest_heard_s is None:
             return True
         apart_s = _GOES_ON_S if self._holds(machine_s) else _NIGHT_S

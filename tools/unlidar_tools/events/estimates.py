@@ -1,8 +1,7 @@
-"""Where something is at an instant, how sure that is, and how two such estimates become one.
+"""Position estimates with covariance, and their fusion.
 
-How their errors hang together is not known (the same wind, the same survey), so positions are
-joined by covariance intersection (Julier and Uhlmann, 1997), which is never too sure whatever the
-correlation.
+The correlation of the errors is unknown (common wind, common survey), so positions are fused by
+covariance intersection (Julier and Uhlmann, 1997), which is consistent for any correlation.
 """
 
 import math
@@ -12,16 +11,16 @@ from heapq import nsmallest
 
 import numpy as np
 
-_ACCELERATION_MPS2 = 3.0  # 1-sigma, of a drone between two rows
-_FASTEST_MPS = 100.0  # who is further off at once than by this, has jumped
+_ACCELERATION_MPS2 = 3.0  # 1-sigma process noise of a drone between rows
+_FASTEST_MPS = 100.0  # faster displacement is a jump
 _JITTER_M = 10.0
-_LEAST_RATIO = 1e-12  # of information, beyond which one counts for nothing
-_MOST = 8  # estimates in one
+_LEAST_RATIO = 1e-12  # of information; estimates below it are ignored
+_MOST = 8  # estimates fused at most
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Where a track is at an instant."""
+    """Position and velocity of a track at an instant."""
 
     stamp_ns: int
     xyz_m: np.ndarray  # (3,)
@@ -30,7 +29,7 @@ class Estimate:
 
 
 def jumps(before: Estimate, now: Estimate) -> bool:
-    """Whether no drone can have got from one to the other."""
+    """True if the displacement exceeds a drone's speed and both uncertainties."""
     passed_s = abs(now.stamp_ns - before.stamp_ns) * 1e-9
     moved_m = float(np.linalg.norm(now.xyz_m - before.xyz_m))
     sigma_m = math.sqrt(float(np.trace(before.covariance_m2 + now.covariance_m2)))
@@ -38,7 +37,7 @@ def jumps(before: Estimate, now: Estimate) -> bool:
 
 
 def at(estimate: Estimate, stamp_ns: int) -> Estimate:
-    """Carried on at its velocity; less sure by what the drone may have accelerated."""
+    """Predicted with constant velocity; the covariance grows by the acceleration noise."""
     passed_s = (stamp_ns - estimate.stamp_ns) * 1e-9
     sigma_m = 0.5 * _ACCELERATION_MPS2 * passed_s**2
     return Estimate(
@@ -52,7 +51,7 @@ def at(estimate: Estimate, stamp_ns: int) -> Estimate:
 def covariance_intersection(
     one_m: np.ndarray, one_m2: np.ndarray, two_m: np.ndarray, two_m2: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Position, covariance and the share of the first, which makes the determinant least.
+    """Position, covariance, and the weight w of the first that minimises the determinant.
 
     P^-1 = w P1^-1 + (1 - w) P2^-1, P^-1 x = w P1^-1 x1 + (1 - w) P2^-1 x2.
     """
@@ -64,9 +63,9 @@ def covariance_intersection(
 
 
 def _share(ratios: list[float]) -> float:
-    """The w of 0 to 1 for which the product of 1 - w + w * ratio is greatest.
+    """The w in [0, 1] that maximises the product of 1 - w + w * ratio.
 
-    Its logarithm is concave, so its slope falls.
+    The logarithm is concave, so bisection on its slope converges.
     """
     excess = [max(ratio, _LEAST_RATIO) - 1 for ratio in ratios]
 
@@ -85,7 +84,7 @@ def _share(ratios: list[float]) -> float:
 
 
 def together(estimates: Iterable[Estimate]) -> Estimate:
-    """One of all, at the newest instant; of many, of those that are the surest."""
+    """Fuses all at the newest instant; of more than _MOST the most certain ones."""
     known = list(estimates)
     stamp_ns = max(estimate.stamp_ns for estimate in known)
     known = [at(estimate, stamp_ns) for estimate in known]

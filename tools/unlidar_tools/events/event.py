@@ -1,7 +1,7 @@
 """The engine's events: a line of JSON each, as docs/live.md describes them.
 
-Every number, name and length that comes in is bounded here and nowhere else. An event leaves as it
-was understood, written anew: the engine's digits as they came, nothing that was not looked at.
+All bounds on incoming numbers, names and lengths are here. Events are serialised anew from the
+validated values: numbers keep the engine's digits, unchecked content is never passed on.
 """
 
 import json
@@ -29,20 +29,20 @@ from unlidar_tools.stamps import format_stamp_ns, parse_seconds_ns
 # More than ten times the longest that the engine writes.
 MOST_BYTES = 16_384
 MOST_NAME = 120
-BACK_NS = 10_000_000_000  # a row of a track that is older by more: its clock was set back
+BACK_NS = 10_000_000_000  # a row older by more means that the clock was set back
 _MOST_DIGITS = 40
-_MOST_STAMP_NS = 4_000_000_000_000_000_000  # as the engine: of the year 2096, before and after 1970
-_MOST_COUNT = 2**53 - 1  # a whole number that JavaScript and SQLite hold
+_MOST_STAMP_NS = 4_000_000_000_000_000_000  # the engine's limit: 126 years before and after 1970
+_MOST_COUNT = 2**53 - 1  # integers exact in JavaScript and SQLite
 _MOST_M = 1e6
 _MOST_MPS = 1e4
-_OLDEST_S = 86_400.0  # a row, behind its event: what `live.delay_s` may hold back
-# Of what a later engine adds, so much is passed on.
+_OLDEST_S = 86_400.0  # largest delay of a row behind its event, by `live.delay_s`
+# Bounds on unknown keys of later engines that are passed on.
 _MOST_MORE, _MOST_MORE_CHARACTERS = 32, 4096
 _MORE_KEY = re.compile("[A-Za-z_][A-Za-z0-9_]{0,39}")
 
 
 class Digits(str):
-    """A number as it was written, which a text in quotes is not."""
+    """The original text of a JSON number, as opposed to a quoted string."""
 
     __slots__ = ()
 
@@ -84,7 +84,7 @@ Longitude = Annotated[_Real, Field(ge=-360, le=360)]
 Name = Annotated[str, BeforeValidator(_name), Field(max_length=MOST_NAME)]
 State = Annotated[str, BeforeValidator(_name), Field(max_length=40)]
 
-# What a later engine adds to an event is passed on, and is no error.
+# Unknown keys of later engines are passed on, and are no error.
 _event = dataclass(
     frozen=True,
     kw_only=True,
@@ -105,7 +105,7 @@ class TrackBegins:
 
 @_event
 class Row:
-    """Where a track is at an instant: metres, m/s, standard deviations in metres."""
+    """State of a track at an instant: metres, m/s, standard deviations in metres."""
 
     event: Literal["row"]
     at: StampNs
@@ -123,7 +123,7 @@ class Row:
     support: Annotated[_Real, Field(ge=0, le=1e9)]
     late: Annotated[bool, Strict()]
     drone: Share | None = None
-    # Of a relay whose station knows where it stands.
+    # Added by a relay whose station has an origin.
     latitude_deg: Latitude | None = None
     longitude_deg: Longitude | None = None
     height_m: Metres | None = None
@@ -141,7 +141,7 @@ class TrackEnds:
 
 @_event
 class SensorState:
-    """A LiDAR gives frames, or none any more."""
+    """A LiDAR started or stopped delivering frames."""
 
     event: Literal["sensor"]
     at: StampNs
@@ -151,7 +151,7 @@ class SensorState:
 
 @_event
 class EngineState:
-    """How the engine gets along; counts since its start."""
+    """Load and losses of the engine; counts since its start."""
 
     event: Literal["state"]
     at: StampNs
@@ -161,7 +161,7 @@ class EngineState:
 
 
 def _in_time(event: "Event") -> "Event":
-    """What an event tells of was before it; rows come as late as `live.delay_s` wants."""
+    """Checks a stamp against its event's: not after it, at most `live.delay_s` before it."""
     for key in ("timestamp", "first_evidence"):
         stamp_ns = getattr(event, key, event.at)
         require(
@@ -172,14 +172,14 @@ def _in_time(event: "Event") -> "Event":
 
 
 Event = TrackBegins | Row | TrackEnds | SensorState | EngineState
-Tokens = dict[str, str]  # an event's keys with their values as JSON, in their order
+Tokens = dict[str, str]  # keys of an event with values as JSON, in order
 _EVENT: TypeAdapter[Event] = TypeAdapter(
     Annotated[Event, Field(discriminator="event"), AfterValidator(_in_time)]
 )
 
 
 def parse(line: str | bytes) -> dict[str, Any]:
-    """A JSON object whose numbers are `Digits`. ValueError naming what is wrong with it."""
+    """Parses a JSON object with numbers as `Digits`. ValueError with the fault."""
     if len(line) > MOST_BYTES:
         raise ValueError(f"has {len(line)} characters, expected at most {MOST_BYTES}")
     try:
@@ -200,7 +200,7 @@ def parse(line: str | bytes) -> dict[str, Any]:
 
 
 def understand(values: Mapping[str, Any]) -> tuple[Event, Tokens]:
-    """The event of an object that was parsed. ValueError naming the key and what is expected."""
+    """Validates a parsed object. ValueError with the key and the expectation."""
     try:
         event = _EVENT.validate_python(values)
     except ValidationError as error:
@@ -219,7 +219,7 @@ def understand(values: Mapping[str, Any]) -> tuple[Event, Tokens]:
 
 
 def decode(line: str | bytes) -> tuple[Event, str]:
-    """An event and its text: one line of JSON, which decodes to the same. ValueError as above.
+    """An event and its text, one line of JSON that decodes to the same. ValueError as above.
 
     Stamps are exact: a float would lose their last digits.
     """
@@ -228,7 +228,7 @@ def decode(line: str | bytes) -> tuple[Event, str]:
 
 
 def track_ends(track: int, at_ns: int, stamp_ns: int) -> tuple[Event, Tokens]:
-    """The event of an end that nobody told; the stamp as an event of this time may have it."""
+    """The `end` event of a track whose engine sent none; the stamp is clamped to the bounds."""
     at_ns = min(max(at_ns, -_MOST_STAMP_NS), _MOST_STAMP_NS)
     stamp_ns = min(max(stamp_ns, at_ns - round(_OLDEST_S * 1e9), -_MOST_STAMP_NS), at_ns)
     values = {"event": "end", "at": at_ns, "track": track, "timestamp": stamp_ns}
@@ -237,7 +237,7 @@ def track_ends(track: int, at_ns: int, stamp_ns: int) -> tuple[Event, Tokens]:
 
 
 def extended(text: str, more: Mapping[str, str | float | bool | None]) -> str:
-    """An event's text with more keys, which it does not have, at its end."""
+    """An event's text with further, new keys appended."""
     own = joined({key: token(value) for key, value in more.items()})
     return f"{text[:-1]},{own[1:]}" if more else text
 
@@ -248,12 +248,12 @@ def joined(tokens: Tokens) -> str:
 
 
 def token(value: str | float | bool | None) -> str:
-    """A value of ours as JSON; ValueError where it is no number that JSON knows."""
+    """An own value as JSON; ValueError for NaN and infinity."""
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def _token(value: object) -> str:
-    """A value from outside as JSON; empty for what is not passed on."""
+    """A foreign value as JSON; empty if it is not passed on."""
     match value:
         case Digits():
             bounded = len(value) <= _MOST_DIGITS and math.isfinite(float(value))
@@ -270,7 +270,7 @@ def _quoted(text: str) -> str:
 
 
 def refuse_constant(name: str) -> None:
-    """ValueError: NaN and Infinity are of JavaScript alone."""
+    """ValueError: NaN and Infinity are no JSON."""
     raise ValueError(f"{name} is no number of JSON")
 
 

@@ -1,7 +1,7 @@
-"""A queue of several senders, of which none can take the room or the turn of another.
+"""A fair queue: no sender can take the room or the turn of another.
 
-Names cost whoever invents them nothing. So those that were never heard wait in a hall of their own,
-first come first heard: it has a part of the room and, like each sender that was heard, one turn.
+Sender names are free to invent. New senders therefore share one first-come queue, the hall: it has
+a part of the room and, like each known sender, one turn.
 """
 
 import threading
@@ -10,15 +10,15 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
-# So many times a sender's room have all who were heard, and has the hall.
+# Room of all known senders, and of the hall, in units of one sender's room.
 _SHARES, _HALL_SHARES = 6, 2
-# So many times the senders have a place in the hall, and are remembered as heard once; and so many
-# times as heard again.
+# Capacity of the hall and of the memory of senders heard once, and of those heard again, in units
+# of the number of senders.
 _NEW, _KNOWN = 64, 4
 
 
 class FairQueue(Generic[T]):
-    """Filled by any thread. Who sends too much waits for himself, and loses what has no room."""
+    """Filled by any thread. A sender beyond its room delays and loses only its own items."""
 
     def __init__(
         self,
@@ -27,9 +27,9 @@ class FairQueue(Generic[T]):
         most_bytes: int,
         lost: Callable[[str], object] = lambda sender: None,
     ) -> None:
-        """`most_items`, `most_bytes`: of one sender. All of them have eight times the bytes.
+        """`most_items`, `most_bytes`: bounds of one sender; eight times the bytes for all.
 
-        `lost`: called with the sender of each item that goes as there is no room.
+        `lost`: called with the sender of each item that is dropped for lack of room.
         """
         self._most_new, self._most_known = _NEW * most_senders, _KNOWN * most_senders
         self._most_items, self._most_bytes = most_items, most_bytes
@@ -37,18 +37,18 @@ class FairQueue(Generic[T]):
         self._lock = threading.Lock()
         self._queues: dict[str, deque[tuple[T, int]]] = {}
         self._bytes: dict[str, int] = {}
-        # By whose turn it is; None: the hall's.
+        # In order of turns; None is the hall.
         self._turns: OrderedDict[str | None, None] = OrderedDict()
         self._hall: OrderedDict[str, None] = OrderedDict()
         self._known_bytes = self._hall_bytes = 0
-        # Heard once, and heard again: one flood of names puts nobody out who speaks often.
+        # Two classes, so that a flood of names cannot displace senders that were heard repeatedly.
         self._once: OrderedDict[str, None] = OrderedDict()
         self._often: OrderedDict[str, None] = OrderedDict()
 
     def put(self, sender: str, item: T, size: int) -> bool:
-        """False where there is no room for it.
+        """Adds an item; False if there is no room for it.
 
-        Where all is full the fullest sender that was heard gives way to another one that was.
+        If all is full, the known sender with the most bytes gives way to other known ones.
         """
         losers: list[str] = []
         with self._lock:
@@ -68,7 +68,7 @@ class FairQueue(Generic[T]):
         return has_room
 
     def take(self, most: int) -> list[T]:
-        """So many at most, one of each sender in turn."""
+        """At most `most` items, one of each sender in turn."""
         taken = []
         with self._lock:
             while self._turns and len(taken) < most:
@@ -84,7 +84,7 @@ class FairQueue(Generic[T]):
         return taken
 
     def _next_new(self) -> str:
-        """The first of the hall, who is known from now on."""
+        """The first item of the hall, whose sender becomes known."""
         sender, _ = self._hall.popitem(last=False)
         self._hall_bytes -= self._bytes[sender]
         self._known_bytes += self._bytes[sender]
@@ -94,7 +94,7 @@ class FairQueue(Generic[T]):
         return sender
 
     def _is_new(self, sender: str) -> bool:
-        """Whether it belongs into the hall. Who is heard again is remembered so."""
+        """True if a sender belongs into the hall. A sender heard again is marked as such."""
         if sender in self._once or sender in self._often:
             self._once.pop(sender, None)
             _remember(self._often, sender, self._most_known)
@@ -102,7 +102,7 @@ class FairQueue(Generic[T]):
         return sender in self._hall or sender not in self._queues
 
     def _make_room(self, sender: str, size: int, is_new: bool, losers: list[str]) -> bool:
-        """False where the sender has no right to more. Whose items went is added to `losers`."""
+        """Drops items of others, added to `losers`; False if the sender exceeds its share."""
         own = self._bytes.get(sender, 0) + size
         if len(self._queues.get(sender, ())) >= self._most_items or own > self._most_bytes:
             return False
@@ -131,7 +131,7 @@ class FairQueue(Generic[T]):
 
 
 def _remember(names: OrderedDict[str, None], name: str, most: int) -> None:
-    """As the newest of at most so many."""
+    """Inserts a name as the newest of a bounded set."""
     names[name] = None
     names.move_to_end(name)
     if len(names) > most:

@@ -1,7 +1,7 @@
-"""Tracks of several stations that are one drone: which belong together, and where it is.
+"""Track-to-track fusion: association of several stations' tracks, and the fused position.
 
-Everything is in one frame and of one kind of time; nothing here knows where events come from. Two
-tracks are compared by the Mahalanobis distance of their positions at one instant.
+Positions are in one common frame and stamps of one time base. Two tracks are compared by the
+Mahalanobis distance of their positions at one instant.
 """
 
 import itertools
@@ -16,22 +16,22 @@ from unlidar_tools.events.estimates import Estimate, at, jumps, together
 from unlidar_tools.events.neighbours import Key, Neighbours
 
 _GATE = 11.345  # of chi-square with 3 degrees of freedom, 99 %
-_APART = 4.0  # a pair is parted at so many times the gate: none flickers
+_APART = 4.0  # a pair separates at this multiple of the gate (hysteresis)
 _SMOOTHING_S = 1.0
-_JOIN_S = 1.0  # two courses are alike for so long at least
-_LEAST_APART_NS = 40_000_000  # of what is remembered of a track
+_JOIN_S = 1.0  # two tracks must agree for at least so long
+_LEAST_APART_NS = 40_000_000  # shortest interval between remembered estimates of a track
 _NEAR_S = 0.5  # estimates further apart in time are not compared
-_HISTORY_S = 10.0  # by so much a station may be heard later than another
-_PATIENCE_S = 2.0  # a new track waits so long for stations that are behind
-_FORGET_S = 120.0  # of what is known of clocks
-_LEAST_SPREAD_MPS = 1.0  # of velocities, for clocks to be told from places
-_REACH_M = 100.0  # tracks further apart are not compared, however little is known of their places
-_STEP_S = 3.0  # tracks of one drone are at most so far apart in time, and rows of one track
+_HISTORY_S = 10.0  # largest latency difference of stations
+_PATIENCE_S = 2.0  # a new track waits so long for delayed stations
+_FORGET_S = 120.0  # time constant of the clock regression
+_LEAST_SPREAD_MPS = 1.0  # velocity spread needed to separate clock from survey errors
+_REACH_M = 100.0  # gating radius, whatever the uncertainties
+_STEP_S = 3.0  # largest time gap between tracks of a drone, and rows of a track
 
 
 @dataclass(frozen=True)
 class Fused:
-    """One drone: its identity never changes while any of its tracks goes on."""
+    """One drone. Its identity is constant while any of its tracks lasts."""
 
     identity: int
     members: tuple[Key, ...]
@@ -40,7 +40,7 @@ class Fused:
 
 @dataclass
 class _Pair:
-    """How alike two courses are."""
+    """Similarity of two tracks."""
 
     distance: float  # smoothed squared Mahalanobis distance
     begin_ns: int
@@ -50,7 +50,7 @@ class _Pair:
 
 @dataclass
 class _Clock:
-    """Sums of a regression: difference of positions = offset of places + time * velocity."""
+    """Sums of the regression: position difference = survey offset + clock offset * velocity."""
 
     newest_ns: int = 0
     weight: float = 0.0
@@ -79,25 +79,25 @@ class _Clock:
 
 
 class Fusion:
-    """Takes the rows of all stations in, in any order of stations.
+    """Accepts rows of all stations, interleaved in any order.
 
-    Work for a row follows from the tracks near it, not from all that there are.
+    The cost of a row depends on the tracks near it, not on the number of all tracks.
     """
 
     def __init__(self, survey_sigma_m: float) -> None:
-        """`survey_sigma_m`: how well the stations' places are known, for each axis."""
+        """`survey_sigma_m`: 1-sigma of the stations' positions, per axis."""
         self._survey_m2 = survey_sigma_m**2 * np.eye(3)
         self._heard: dict[Key, list[Estimate]] = {}  # the last _HISTORY_S of each track
-        self._identity: dict[Key, int] = {}  # 0: none yet
-        self._members: dict[int, set[Key]] = {}  # of each identity
-        self._pairs: dict[Key, dict[Key, _Pair]] = {}  # each under both of its tracks
+        self._identity: dict[Key, int] = {}  # 0: undecided
+        self._members: dict[int, set[Key]] = {}  # tracks by identity
+        self._pairs: dict[Key, dict[Key, _Pair]] = {}  # symmetric: stored under both tracks
         self._cuts: dict[Key, int] = {}
         self._near = Neighbours(_REACH_M)
         self._clocks: dict[tuple[str, str], _Clock] = {}
         self._numbers = itertools.count(1)
 
     def take(self, key: Key, estimate: Estimate) -> int:
-        """The drone's identity, as of now."""
+        """Adds a row's estimate; returns the current identity of its drone."""
         heard = self._heard.setdefault(key, [])
         is_cut = bool(heard) and self._is_cut(heard[-1], estimate)
         self._cuts[key] = self._cuts.get(key, 0) + 1 if is_cut else 0
@@ -107,7 +107,7 @@ class Fusion:
         if heard and estimate.stamp_ns <= heard[-1].stamp_ns:
             return self._identity[key]
         if len(heard) > 1 and heard[-1].stamp_ns - heard[-2].stamp_ns < _LEAST_APART_NS:
-            heard.pop()  # however many rows a station tells, so much is remembered of them
+            heard.pop()  # bounds the memory at any row rate
         heard.append(estimate)
         del heard[: _index(heard, estimate.stamp_ns - _HISTORY_S * 1e9)]
         self._identity.setdefault(key, 0)
@@ -128,7 +128,7 @@ class Fusion:
         return self._identity[key]
 
     def end(self, key: Key) -> None:
-        """The track has ended; the drone lives on in the others of it."""
+        """Removes an ended track; the drone continues with its other tracks."""
         if key not in self._heard:
             return
         self._part(key)
@@ -137,19 +137,19 @@ class Fusion:
         del self._heard[key], self._identity[key], self._pairs[key], self._cuts[key]
 
     def cuts(self, key: Key) -> int:
-        """So many of its last rows, one after the other, were no course of one drone."""
+        """The number of consecutive last rows that jumped, that is, fit no single drone."""
         return self._cuts.get(key, 0)
 
     def forget(self, station: str) -> None:
-        """A station that is not there any more; its tracks have ended."""
+        """Removes a station that has left, with its tracks."""
         self._clocks = {pair: c for pair, c in self._clocks.items() if station not in pair}
 
     def identities(self) -> set[int]:
-        """Of all drones that there are."""
+        """The identities of all drones."""
         return set(self._members)
 
     def is_settled(self, identity: int) -> bool:
-        """False of a new drone that looks like an older one, until that is decided."""
+        """False while a new drone may still be merged with an older one."""
         members = self._members[identity]
         stations = {station for station, _ in members}
         return not any(
@@ -160,11 +160,11 @@ class Fusion:
         )
 
     def _may_join(self, own: Key, other: Key) -> bool:
-        """Whether it is still open if a new track is the drone of an older one."""
+        """True while a new track may still join the drone of an older one."""
         heard = self._heard[own]
         known_s = (heard[-1].stamp_ns - heard[0].stamp_ns) * 1e-9
         if known_s >= _PATIENCE_S + 1.5 * _JOIN_S:
-            return False  # nobody hides a drone by coming near again and again
+            return False  # bounded, so that repeated approaches cannot hide a drone
         pair = self._pairs[own].get(other)
         if pair is not None:
             return pair.distance <= _GATE and (pair.newest_ns - pair.begin_ns) * 1e-9 < _JOIN_S
@@ -181,10 +181,10 @@ class Fusion:
         return [self.drone(identity) for identity in sorted(self._members)]
 
     def clock_offset_s(self, station: str, other: str) -> float | None:
-        """By how much the stamps of `station` are ahead of the other's, as far as flights tell.
+        """The lead in s of `station`'s stamps over the other's, as estimated from joint flights.
 
-        None where no joint flight has changed its velocity enough: then a wrong clock and a wrong
-        place are alike.
+        None if no joint flight changed its velocity enough: a clock and a survey error are then
+        indistinguishable.
         """
         first, second = sorted((station, other))
         clock = self._clocks.get((first, second))
@@ -201,7 +201,7 @@ class Fusion:
         if pair is None:
             pair = self._pairs[key][other] = _Pair(squared, stamp_ns, stamp_ns)
             self._pairs[other][key] = pair
-        passed_s = max(0, stamp_ns - pair.newest_ns) * 1e-9  # none where a station is heard later
+        passed_s = max(0, stamp_ns - pair.newest_ns) * 1e-9  # 0 for a delayed station
         share = 1 - math.exp(-passed_s / _SMOOTHING_S)
         pair.distance += share * (squared - pair.distance)
         pair.newest_ns = max(pair.newest_ns, stamp_ns)
@@ -211,7 +211,7 @@ class Fusion:
             lasted_s = (pair.newest_ns - pair.begin_ns) * 1e-9
             pair.joined = lasted_s >= _JOIN_S and pair.distance <= _GATE
         if pair.joined:
-            # The same path, stamped later: what is ahead by dt seems to be v * dt behind.
+            # The same path with stamps ahead by dt appears v * dt behind.
             ahead, behind = (mine, theirs) if key[0] < other[0] else (theirs, mine)
             velocity = (ahead.velocity_mps + behind.velocity_mps) / 2
             clock = self._clocks.setdefault(
@@ -220,12 +220,12 @@ class Fusion:
             clock.take(stamp_ns, velocity, behind.xyz_m - ahead.xyz_m)
 
     def _is_cut(self, before: Estimate, now: Estimate) -> bool:
-        """Whether a track is somewhere else, or of another time, than it can have come to."""
+        """True if a track jumped in position or time."""
         passed_s = (now.stamp_ns - before.stamp_ns) * 1e-9
         return not -_HISTORY_S <= passed_s <= _STEP_S or jumps(before, now)
 
     def _part(self, key: Key) -> None:
-        """A track is with nobody any more; whom it was with keep their name."""
+        """Separates a track from its group, which keeps its identity."""
         for other in list(self._pairs[key]):
             self._unpair(key, other)
         if len(self._members[self._identity[key]]) > 1:
@@ -235,9 +235,9 @@ class Fusion:
         del self._pairs[key][other], self._pairs[other][key]
 
     def _regroup(self, key: Key) -> None:
-        """The group of a track that was heard: at most one of each station.
+        """The new group of a track: at most one track of each station.
 
-        Whom it is with already goes before somebody new, then the most alike come first.
+        Existing partners precede new ones, then the most similar come first.
         """
         rest = set(self._members.get(self._identity[key], ()))
         group = self._connected(key, rest)
@@ -254,7 +254,7 @@ class Fusion:
         self._name(groups, key)
 
     def _connected(self, key: Key, among: set[Key]) -> set[Key]:
-        """Who is joined with a track, or with one that is."""
+        """The connected component of a track."""
         reached, open_keys = {key}, [key]
         while open_keys:
             pairs = self._pairs[open_keys.pop()]
@@ -264,9 +264,9 @@ class Fusion:
         return reached
 
     def _name(self, groups: Iterable[set[Key]], heard: Key) -> None:
-        """The oldest identity of a group is its own; it is given once.
+        """Assigns identities: a group gets the oldest of its tracks, each identity once.
 
-        The largest group comes first, then the one that was `heard` just now.
+        The largest group chooses first, then the one of the track `heard` now.
         """
         given: set[int] = set()
         for members in sorted(groups, key=lambda keys: (-len(keys), heard not in keys, min(keys))):
@@ -277,7 +277,7 @@ class Fusion:
                 self._rename(key, identity)
 
     def _rename(self, key: Key, identity: int) -> None:
-        """0: it has none."""
+        """Sets the identity of a track; 0: none."""
         before = self._identity.get(key, 0)
         if before == identity:
             return
@@ -295,7 +295,7 @@ def _apart_s(one: Estimate, two: Estimate) -> float:
 
 
 def _index(heard: list[Estimate], stamp_ns: float) -> int:
-    """Of the first that is not older."""
+    """Index of the first estimate that is not older."""
     return bisect_left(heard, stamp_ns, key=lambda estimate: estimate.stamp_ns)
 
 

@@ -1,4 +1,4 @@
-"""Lines of events, wherever they come from."""
+"""Lines of events, independent of their source."""
 
 import asyncio
 import time
@@ -8,19 +8,19 @@ from dataclasses import dataclass
 from unlidar_tools.events.event import MOST_BYTES
 from unlidar_tools.names import check_name
 
-SKY = "sky"  # the name of the station that no one is: its tracks are drones of all
+SKY = "sky"  # reserved name of the fused picture: its tracks are drones of all stations
 QUIET_S = 1.0
-_SLICE_S = 0.01  # then others in the loop have their turn
+_SLICE_S = 0.01  # then control returns to the event loop
 
 
 @dataclass(frozen=True)
 class Published:
-    """A message of a broker: whose topic it is tells who speaks, whatever the text says."""
+    """A message of a broker: the topic, not the text, identifies the sender."""
 
     station: str
     text: bytes
     gone: bool  # the station's relay has left
-    retained: bool  # said before we came
+    retained: bool  # from before the subscription
 
 
 def check_station(name: object) -> str:
@@ -32,21 +32,21 @@ def check_station(name: object) -> str:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of events; empty where none has come for a second, as time passes all the same."""
+    """A line of events; an empty one after each silent second, so that ages advance."""
 
     data: bytes | Published
-    old: bool  # it was there before we came
+    old: bool  # present before the start
 
 
 class Lines:
-    """Cuts bytes into lines; one that is too long is handed on once, cut short, to be refused."""
+    """Splits bytes into lines; a too long line is passed on once, truncated, to be rejected."""
 
     def __init__(self) -> None:
         self._rest = b""
         self._skipping = False
 
     def take(self, data: bytes) -> list[bytes]:
-        """The lines that are whole now; empty ones are left out."""
+        """The completed, non-empty lines."""
         *whole, self._rest = (self._rest + data).split(b"\n")
         if whole and self._skipping:
             self._skipping = False
@@ -60,15 +60,15 @@ class Lines:
 
 
 class Source:
-    """An endless or ending series of lines."""
+    """A finite or endless series of lines."""
 
-    many = False  # the lines name their stations, of which there are several
+    many = False  # True if lines come from several stations and name them
 
     def __init__(self, name: str) -> None:
         self.name = name
 
     async def lines(self) -> AsyncIterator[Line]:
-        """To be iterated once. Leaves the loop to others again and again, however much waits."""
+        """Iterates the lines, once; yields to the event loop regularly, also under load."""
         read = self._read()
         coming = asyncio.ensure_future(anext(read))
         try:
@@ -93,5 +93,5 @@ class Source:
             await read.aclose()
 
     def _read(self) -> AsyncIterator[list[Line]]:
-        """Some lines at a time, as they come."""
+        """Yields batches of lines as they arrive."""
         raise NotImplementedError

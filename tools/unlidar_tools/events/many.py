@@ -1,4 +1,4 @@
-"""Several stations as one sky: their rows in one frame, their tracks joined into drones."""
+"""Several stations as one picture: rows in a common frame, tracks fused into drones."""
 
 import json
 from collections import OrderedDict
@@ -34,61 +34,61 @@ from unlidar_tools.reporting import RateLimitedNote
 from unlidar_tools.stamps import format_stamp_ns
 
 _SURVEY_SIGMA_M = 0.5
-_STEP_NS = 50_000_000  # a drone's rows are not closer together, however many stations tell of it
+_STEP_NS = 50_000_000  # shortest interval of a drone's rows, for any number of stations
 _PLACE = TypeAdapter(Place)
 _PLACE_KEYS = "latitude_deg", "longitude_deg", "height_m", "heading_deg"
 _MOST_STATIONS = 64
-_MOST_NAMES = 16_384  # that have spoken; names are invented at no cost
+_MOST_NAMES = 16_384  # remembered sender names, as names are free to invent
 _MOST_PLACES = 4096
-_MOST_INSTANCES = 8  # of a station's relays, whose places are known
-_MOST_DRONES = 2048  # at once; more than a station's tracks, so that no station fills the sky
-_TWIN_ROWS = 4  # so many rows of a track, each of which has jumped, are of two
+_MOST_INSTANCES = 8  # remembered relays of a station
+_MOST_DRONES = 2048  # exceeds a station's tracks, so that no station fills the picture
+_TWIN_ROWS = 4  # consecutive jumps of a track that mean two senders of one name
 _COLUMNS = "x", "y", "z", "vx", "vy", "vz", "sigma_x", "sigma_y", "sigma_z"
 
-Relay = tuple[str, str | None]  # the name of its station, which of several that took this name
+Relay = tuple[str, str | None]  # station name, instance among relays with this name
 
 
 @dataclass
 class _Known:
-    """One station, or one of two relays that call themselves alike."""
+    """One station, or one of several relays with the same name."""
 
     station: Station
-    topic: str  # its name, by which its place is known
+    topic: str  # station name, key of its place
     instance: str | None  # of its relay
     heard: Heard
     at_ns: int
-    is_gone: bool = False  # its relay's last will says so
-    speaks_on: bool = False  # has said more than one thing
+    is_gone: bool = False  # by its relay's last will
+    speaks_on: bool = False  # its name was heard before
 
 
 @dataclass(frozen=True)
 class Told:
-    """A message, and whether it is for pages: the stations' own rows are only kept."""
+    """A message, with `shown` for pages; the stations' own rows are only stored."""
 
     message: Message
     shown: bool
 
 
 class Many:
-    """Takes in what relays published. What one station says ends or hides nothing of another."""
+    """Processes messages of relays. No station can end or hide tracks of another."""
 
     def __init__(self, site: Site, zones: Sequence[Zone], source: str) -> None:
-        """`site.origin` is that of the common frame; the zones are watched for drones."""
+        """`site.origin`: of the common frame; `zones`: watched for drones."""
         self._site = site
         self._progress = Progress()
         self._clock = StreamClock(progress=self._progress)
         self._looked = self._clock.heard(0)
         self._stations: dict[str, _Known] = {}
-        self._names: OrderedDict[str, None] = OrderedDict()  # that have spoken, the newest last
-        # By station, then by its relay; None: what was told last.
+        self._names: OrderedDict[str, None] = OrderedDict()  # known senders, newest last
+        # By station, then relay; None: the latest.
         self._places: OrderedDict[str, OrderedDict[str | None, Place]] = OrderedDict()
         self._fusion = Fusion(_SURVEY_SIGMA_M)
         sky = replace(site, station=SKY)
         self._sky = Station(
             sky, zones, places=False, progress=self._progress, most_tracks=_MOST_DRONES
         )
-        self._drones: dict[int, int] = {}  # with the stamps of their newest rows
-        self._kinds: dict[Key, float | None] = {}  # of each track, how likely it is a drone
+        self._drones: dict[int, int] = {}  # stamp of the newest row by drone
+        self._kinds: dict[Key, float | None] = {}  # drone probability by track
         self.bad = RateLimitedNote(f"{source}: a message is left out")
         self._twins = RateLimitedNote(f"{source}: two relays have one name, give each its own")
         self._crowded = RateLimitedNote(
@@ -96,9 +96,9 @@ class Many:
         )
 
     def take(self, line: bytes | Published) -> list[Told]:
-        """What follows from a message, or from a line that names its station.
+        """The messages that result from a broker message, or from a line that names its station.
 
-        An empty line is none: time has passed.
+        An empty line only advances time.
         """
         told = self._aged(QUIET_S if line else 0.0)
         if not line:
@@ -110,12 +110,12 @@ class Many:
         return told
 
     def _take(self, line: bytes | Published, told: list[Told]) -> None:
-        """Tells more. ValueError and the like of what is no message."""
+        """As `take`, for one message. ValueError and the like if it is invalid."""
         if isinstance(line, Published):
             name = line.station
             values = {"event": "gone"} if line.gone else parse(line.text)
             if line.retained:
-                values.pop(INSTANCE, None)  # of a relay that may long be gone
+                values.pop(INSTANCE, None)  # retained, its relay may be gone
         else:
             values = parse(line)
             name = values.get("station")
@@ -128,7 +128,7 @@ class Many:
                 told += self._gone(relay[0])
                 return
             case "alarm":
-                return  # those of the common frame are raised here
+                return  # alarms are raised here, in the common frame
         event, tokens = understand(values)
         if isinstance(event, Row):
             event, tokens = self._moved(event, tokens, relay)
@@ -139,17 +139,17 @@ class Many:
         told += self._told(known.station.follow(event, tokens), shown=False)
 
     def _aged(self, every_s: float) -> list[Told]:
-        """The end of whatever was not heard of for long; looked for every so many seconds."""
+        """Ends tracks that timed out; checked every `every_s`."""
         if self._clock.age_s(self._looked) < every_s:
             return []
         self._looked = self._clock.heard(0)
         told = []
-        for known in self._stations.values():  # a drone ends with the last of its tracks
+        for known in self._stations.values():  # a drone ends with its last track
             told += self._told(known.station.aged(), shown=False)
         return told
 
     def _station_of(self, name: str, instance: str | None, at_ns: int, told: list[Told]) -> _Known:
-        """Who is heard under a name. Tells what ends as there is one more."""
+        """The sender of a name and instance, with the ends that displacing another one causes."""
         known = self._stations.get(name)
         own = name
         if known is not None and instance not in (None, known.instance):
@@ -169,7 +169,7 @@ class Many:
         return known
 
     def _make_room(self) -> list[Told]:
-        """Who is gone gives way, then who has no track or spoke once, then who came last."""
+        """Evicts a station: gone ones first, then silent or trackless ones, then the newest."""
         if len(self._stations) < _MOST_STATIONS:
             return []
         names = list(self._stations)
@@ -189,7 +189,7 @@ class Many:
         return told
 
     def _has_spoken(self, name: str) -> bool:
-        """Before now, and not too many names ago."""
+        """True if the name is among the remembered senders."""
         has_spoken = name in self._names
         self._names[name] = None
         self._names.move_to_end(name)
@@ -198,7 +198,7 @@ class Many:
         return has_spoken
 
     def _gone(self, name: str) -> list[Told]:
-        """A relay has left. Of two with one name nobody knows which: theirs ends by age."""
+        """Handles a last will; with two relays of one name it is ambiguous, tracks time out."""
         alike = [k for k in self._stations.values() if k.topic == name and not k.is_gone]
         if len(alike) != 1:
             return []
@@ -209,7 +209,7 @@ class Many:
         told = []
         for message in messages:
             event = message.event
-            assert event is not None  # alarms are those of the sky
+            assert event is not None  # alarms come from the fused picture
             told.append(
                 Told(message, shown or isinstance(event, SensorState) or event.event == "state")
             )
@@ -227,7 +227,7 @@ class Many:
         return told
 
     def _drone(self, identity: int, row: Row) -> list[Told]:
-        """The newest place of the drone that a row is of, and the end of those that are no more."""
+        """The fused row of the drone that a row belongs to, and ends of vanished drones."""
         told = self._ended(row.at)
         passed_ns = row.timestamp - self._drones.get(identity, row.timestamp - _STEP_NS)
         if -BACK_NS <= passed_ns < _STEP_NS:
@@ -237,10 +237,10 @@ class Many:
             return told
         drone = self._fusion.drone(identity)
         try:
-            # Nobody takes it from the others that it is a drone.
+            # The highest probability counts: no station can lower another's.
             kinds = [self._kinds[key] for key in drone.members]
             event, tokens = _row_of(drone, row, None if None in kinds else max(kinds))
-        except ValueError as error:  # carried on, it is beyond all bounds
+        except ValueError as error:  # the prediction exceeds the bounds of rows
             self.bad(f"drone {identity}: {error}"[:200])
             return told
         stamp_ns = drone.estimate.stamp_ns
@@ -259,7 +259,7 @@ class Many:
         return told
 
     def _put_place(self, relay: Relay, origin: dict[str, Any] | None) -> None:
-        """Where a station stands; known also while nothing else is heard of it."""
+        """Stores a station's place, also before any other message of it."""
         place = None
         if origin is not None:
             known = {key: float(origin[key]) for key in _PLACE_KEYS if type(origin[key]) is Digits}
@@ -269,7 +269,7 @@ class Many:
         for key in dict.fromkeys((instance, None)):
             places.pop(key, None)
             if place is not None:
-                places[key] = place  # None comes last, and is never the oldest
+                places[key] = place  # None is re-inserted last, so it is never evicted
         while len(places) > _MOST_INSTANCES:
             places.popitem(last=False)
         if places:
@@ -279,7 +279,7 @@ class Many:
             del self._places[next(other for other in self._places if other not in heard)]
 
     def _moved(self, row: Row, tokens: Tokens, relay: Relay) -> tuple[Event, Tokens]:
-        """The row in the common frame; as it is where one of the two places is not known."""
+        """The row in the common frame; unchanged if either origin is unknown."""
         places = self._places.get(relay[0], {})
         known = places.get(relay[1]) or places.get(None)
         given = row.latitude_deg, row.longitude_deg, row.height_m
@@ -302,7 +302,7 @@ def _instance_of(values: dict[str, Any]) -> str | None:
 
 
 def _row_of(drone: Fused, row: Row, kind: float | None) -> tuple[Event, Tokens]:
-    """ValueError where no row can be so."""
+    """A row of a fused estimate. ValueError if it violates the bounds of rows."""
     estimate = drone.estimate
     values = {"track": drone.identity, "support": row.support, "late": row.late}
     values |= {} if kind is None else {"drone": kind}
@@ -325,7 +325,7 @@ def _begin_of(track: int, at_ns: int, stamp_ns: int) -> tuple[Event, Tokens]:
 def _with_numbers(
     tokens: Tokens, xyz_m: np.ndarray, velocity_mps: np.ndarray, sigma_m: np.ndarray
 ) -> tuple[Event, Tokens]:
-    """A row's tokens with other places, looked at like all that comes in."""
+    """A row's tokens with new numbers, validated like incoming ones."""
     numbers = np.round((*xyz_m, *velocity_mps, *sigma_m), 6).tolist()
     columns = {key: token(value) for key, value in zip(_COLUMNS, numbers, strict=True)}
     return understand(parse(joined(tokens | columns)))

@@ -1,4 +1,4 @@
-"""Which tracks are near a place."""
+"""Search for tracks near a position."""
 
 import itertools
 from heapq import nsmallest
@@ -6,20 +6,20 @@ from heapq import nsmallest
 Key = tuple[str, int]  # station, number of its track
 Position = tuple[float, float, float]  # metres
 
-_MOST = 4  # of each station: who crowds a place costs no more, and hides no other
+_MOST = 4  # per station, so that crowding costs nothing and hides no other station
 
 
 class Neighbours:
-    """Tracks by where they are, in cells of a grid."""
+    """Tracks by grid cell of their position."""
 
     def __init__(self, reach_m: float) -> None:
-        """`reach_m`: how far apart neighbours are at most, along each axis."""
+        """`reach_m`: largest distance of neighbours along each axis."""
         self._reach_m = reach_m
         self._cells: dict[tuple[int, int], dict[str, dict[Key, Position]]] = {}
         self._cell: dict[Key, tuple[int, int]] = {}  # of each track
 
     def put(self, key: Key, position: Position) -> None:
-        """A track is here now, and nowhere else."""
+        """Sets the position of a track."""
         cell = self._cell_of(position)
         if self._cell.get(key, cell) != cell:
             self.remove(key)
@@ -27,7 +27,7 @@ class Neighbours:
         self._cells.setdefault(cell, {}).setdefault(key[0], {})[key] = position
 
     def remove(self, key: Key) -> None:
-        """A track is nowhere any more."""
+        """Removes a track."""
         cell = self._cell.pop(key, None)
         if cell is None:
             return
@@ -39,7 +39,7 @@ class Neighbours:
             del self._cells[cell]
 
     def around(self, key: Key) -> list[Key]:
-        """The nearest tracks of each other station than this track's. KeyError where it is none."""
+        """The nearest tracks of every other station. KeyError for an unknown track."""
         x, y = self._cell[key]
         position = self._cells[x, y][key[0]][key]
         near: dict[str, list[tuple[float, Key]]] = {}

@@ -1,4 +1,4 @@
-"""site.yaml: where a station stands, whom it tells and when it raises an alarm.
+"""site.yaml: a station's position, outputs and alarm rules.
 
 The text below a field is its description. Defaults stand here only.
 """
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 _MOST_NAME = 80
 _MOST_ZONES = 10_000
 _MOST_FILE_BYTES = 32_000_000
-MOST_AWAY_M = 500_000.0  # a zone's corner from the station; flat earth ends long before
+MOST_AWAY_M = 500_000.0  # largest distance of a zone's corner; the flat-earth limit is far below
 
 T = TypeVar("T", "Output", "Tls")
 
 
 @checked
 class Place:
-    """Where 0, 0, 0 of the tracks is."""
+    """Geodetic position of the tracks' origin."""
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     longitude_deg: Annotated[float, Field(ge=-360, le=360)]
@@ -43,13 +43,13 @@ class Place:
     """Compass direction of the x axis; 90: x east, y north."""
 
     def origin(self) -> Origin:
-        """As the functions of geodesy take it."""
+        """The place as an Origin of geodesy."""
         return Origin(self.latitude_deg, self.longitude_deg, self.height_m, self.heading_deg)
 
 
 @checked
 class Tls:
-    """Of the broker to which `watch mqtts://` listens."""
+    """TLS files for the broker of `watch mqtts://`."""
 
     ca_file: str | None = None
     """Whom to trust; the system's authorities where there is none."""
@@ -60,7 +60,7 @@ class Tls:
 
 @checked
 class Output:
-    """Somebody who is told."""
+    """A receiver of events."""
 
     to: str
     """cot+udp://, cot+tcp://, cot+tls://, mqtt://, mqtts:// or ws:// with HOST:PORT."""
@@ -77,7 +77,7 @@ class Output:
 
 @checked
 class Rule:
-    """An alarm for each track that stays in a zone."""
+    """Raises an alarm for each track that dwells in a zone."""
 
     zones: str
     """GeoJSON file; every polygon in it is a zone."""
@@ -88,7 +88,7 @@ class Rule:
 
 @checked
 class Site:
-    """All of it."""
+    """The whole file."""
 
     station: Annotated[str, AfterValidator(check_name)] = "station"
     """Its name in everything that is sent."""
@@ -108,7 +108,7 @@ _SITE = TypeAdapter(Site)
 
 
 class Zone:
-    """A prism: a polygon in the station's metres, with the heights between which it reaches."""
+    """A prism: a polygon in the station's frame in m, with lower and upper height."""
 
     def __init__(self, name: str, rule: Rule, polygon: object, low_m: float, high_m: float):
         import shapely
@@ -119,7 +119,7 @@ class Zone:
         self.low_m, self.high_m = low_m, high_m
 
     def holds(self, x_m: float, y_m: float, z_m: float) -> bool:
-        """Whether a position is in it; its surface belongs to it."""
+        """True if a position is in the zone, surface included."""
         import shapely
 
         return self.low_m <= z_m <= self.high_m and bool(
@@ -128,7 +128,7 @@ class Zone:
 
 
 def load_site(path: Path) -> Site:
-    """Checked; files named in it are taken from its folder. ConfigError with one line."""
+    """The validated file; paths in it are relative to its folder. ConfigError with one line."""
     site = read_checked(path, _SITE)
     rules = tuple(replace(rule, zones=str(path.parent / rule.zones)) for rule in site.rules)
     return replace(
@@ -140,14 +140,14 @@ def load_site(path: Path) -> Site:
 
 
 def _beside(path: Path, files: T) -> T:
-    """With the files of TLS taken from the folder of `path`."""
+    """Resolves the TLS files relative to the folder of `path`."""
     keys = "ca_file", "certificate_file", "key_file"
     found = {key: getattr(files, key) for key in keys}
     return replace(files, **{k: str(path.parent / v) for k, v in found.items() if v is not None})
 
 
 class Zones:
-    """Many of them: which hold a position is found by an index in space."""
+    """A set of zones with a spatial index."""
 
     def __init__(self, zones: Sequence[Zone]) -> None:
         self._zones = list(zones)
@@ -157,12 +157,12 @@ class Zones:
             self._tree = shapely.STRtree([zone.polygon for zone in zones])
 
     def around(self, x_m: float, y_m: float, z_m: float) -> list[Zone]:
-        """Those that hold it, in their order."""
+        """The zones that hold a position, in their order."""
         import shapely
 
         if not self._zones:
             return []
-        near = sorted(self._tree.query(shapely.Point(x_m, y_m)))  # by their bounding boxes
+        near = sorted(self._tree.query(shapely.Point(x_m, y_m)))  # candidates by bounding box
         return [zone for zone in map(self._zones.__getitem__, near) if zone.holds(x_m, y_m, z_m)]
 
 
@@ -215,7 +215,7 @@ def _read_zones(path: Path, rule: Rule, place: Place) -> list[Zone]:
 
 
 def _is_geographic(crs: object) -> bool:
-    """Of the member that GeoJSON had before 2016: none, or WGS 84."""
+    """True if the `crs` member (GeoJSON before 2016) is absent or WGS 84."""
     properties = crs.get("properties") if isinstance(crs, dict) else None
     name = properties.get("name") if isinstance(properties, dict) else None
     return crs is None or (isinstance(name, str) and name.endswith(("CRS84", ":4326")))
@@ -252,7 +252,7 @@ def _zone(feature: dict, number: int, path: Path, rule: Rule, place: Place) -> Z
 
 
 def _polygon(rings: object, origin: Origin) -> "shapely.Polygon":
-    """In the metres of the station."""
+    """The polygon in the station's frame in m."""
     import shapely
 
     require(isinstance(rings, list) and len(rings) > 0, "geometry is empty")
@@ -264,7 +264,7 @@ def _polygon(rings: object, origin: Origin) -> "shapely.Polygon":
 
 
 def _ring(ring: object, origin: Origin) -> np.ndarray:
-    """(N, 2) metres of the station."""
+    """The ring (N, 2) in the station's frame in m."""
     require(isinstance(ring, list) and len(ring) > 0, "geometry is empty")
     for position in ring:
         require(

@@ -1,4 +1,4 @@
-"""Where events come from: a file that grows, stdin, a server by TCP, or a broker."""
+"""Sources of events: a growing file, stdin, a TCP server, or a broker."""
 
 import asyncio
 import contextlib
@@ -16,7 +16,7 @@ from unlidar_tools.events.lines import Line, Lines, Source
 from unlidar_tools.events.site import Tls
 from unlidar_tools.reporting import RateLimitedNote, note
 
-_LOOK_S = 0.1  # how often a file is looked at
+_LOOK_S = 0.1  # polling interval of a file
 _CHUNK = 1 << 18
 _RETRY_S = 0.5, 15.0
 _DIAL_S = 10.0
@@ -24,16 +24,16 @@ _EXPECTED = "a file, -, tcp://HOST:PORT or mqtt[s]://HOST"
 
 
 def open_source(text: str, tls: Tls | None = None) -> Source:
-    """By what the command line says: `-`, tcp://HOST:PORT, mqtt[s]://HOST or a file.
+    """The source of a command line argument: `-`, tcp://HOST:PORT, mqtt[s]://HOST or a file.
 
-    `tls`: of a broker; None: as the system has it.
+    `tls`: for a broker; None: the system's trust store.
 
-    UsageError for what is none of these, InputError for a file in a folder that is not there.
+    UsageError for any other text, InputError for a file in a missing folder.
     """
     if text == "-":
         return _Stdin("stdin")
     if text.startswith(("mqtt://", "mqtts://")):
-        from unlidar_tools.events.broker import Broker  # which needs a package of its own
+        from unlidar_tools.events.broker import Broker  # needs the extra `station`
 
         return Broker(text, tls)
     if "://" in text:
@@ -48,9 +48,9 @@ def open_source(text: str, tls: Tls | None = None) -> Source:
 
 
 class _File(Source):
-    """Followed for ever, also to the file that takes its place (SIGHUP, logrotate).
+    """Follows a file for ever, also across replacement (SIGHUP, logrotate).
 
-    A file that does not exist yet is waited for.
+    Waits for a file that does not exist yet.
     """
 
     def __init__(self, name: str, path: Path) -> None:
@@ -59,7 +59,7 @@ class _File(Source):
         self._failed = RateLimitedNote(f"{path}: cannot be read, it is tried again")
 
     async def _read(self) -> AsyncIterator[list[Line]]:
-        # What lies in the first file is old; what replaces it, or appears later, is new.
+        # Content present at the start is old; a file that replaces it or appears later is new.
         old_bytes = self._path.stat().st_size if self._path.exists() else 0
         if self._path.exists():
             self._check()
@@ -69,7 +69,7 @@ class _File(Source):
             except FileNotFoundError:
                 await asyncio.sleep(_LOOK_S)
                 continue
-            except OSError as error:  # who replaces it may not have made it readable yet
+            except OSError as error:  # a replacement may not be readable yet
                 self._failed(reason(error))
                 await asyncio.sleep(_RETRY_S[0])
                 continue
@@ -79,7 +79,7 @@ class _File(Source):
             old_bytes = 0
 
     def _check(self) -> None:
-        """InputError at the start: then it is a mistake."""
+        """InputError at the start, where an unreadable file is a mistake."""
         try:
             with self._open() as file:
                 file.read(1)
@@ -89,7 +89,7 @@ class _File(Source):
             raise InputError(f"{self._path}: cannot be read: {reason(error)}") from error
 
     def _open(self) -> BinaryIO:
-        """Never waits: a pipe that took the place of the file has nobody at its other end."""
+        """Opens without blocking: the file may have been replaced by a pipe without a writer."""
         file = open(  # noqa: SIM115 - the caller's
             self._path, "rb", opener=lambda path, flags: os.open(path, flags | os.O_NONBLOCK)
         )
@@ -99,12 +99,12 @@ class _File(Source):
         return file
 
     async def _of(self, file: BinaryIO, old_bytes: int) -> AsyncIterator[list[Line]]:
-        """The lines of one file until another one, or a shorter one, is in its place."""
+        """The lines of one file until it is replaced or truncated."""
         cut, done = Lines(), 0
         while True:
-            replaced = self._replaced(file, done)  # before reading: what came until then is read
+            replaced = self._replaced(file, done)  # before reading, so the rest is read
             try:
-                # A piece is either old or new.
+                # Old and new content is never mixed in a piece.
                 data = file.read(min(_CHUNK, old_bytes - done) if done < old_bytes else _CHUNK)
             except OSError as error:
                 self._failed(reason(error))
@@ -121,13 +121,13 @@ class _File(Source):
         try:
             now = self._path.stat()
         except OSError:
-            return False  # moved away: the next one has not come yet
+            return False  # moved away, not replaced yet
         mine = os.fstat(file.fileno())
         return (now.st_dev, now.st_ino) != (mine.st_dev, mine.st_ino) or mine.st_size < done
 
 
 class _Stdin(Source):
-    """A pipe or a file that ends. It is read as fast as it comes: no engine waits for us."""
+    """A pipe or a finite file, read without delay so that the engine never blocks."""
 
     def _open(self) -> BinaryIO:
         if sys.stdin is None:
@@ -139,7 +139,7 @@ class _Stdin(Source):
         queue: asyncio.Queue[bytes | OSError] = asyncio.Queue(4)
 
         def read() -> None:
-            # RuntimeError: nobody waits any more.
+            # RuntimeError: the event loop is closed.
             with contextlib.suppress(RuntimeError):
                 try:
                     with self._open() as stream:
@@ -149,7 +149,7 @@ class _Stdin(Source):
                 except OSError as error:
                     asyncio.run_coroutine_threadsafe(queue.put(error), loop).result()
 
-        # Not of the loop's pool: at the end nobody must wait for what cannot be interrupted.
+        # A daemon thread, not the loop's pool: a blocking read must not delay the exit.
         threading.Thread(target=read, daemon=True).start()
         cut = Lines()
         while data := await queue.get():
@@ -160,7 +160,7 @@ class _Stdin(Source):
 
 
 class _Fifo(_Stdin):
-    """A named pipe: ends when its writer leaves."""
+    """A named pipe; ends with its writer."""
 
     def __init__(self, name: str, path: Path) -> None:
         super().__init__(name)
@@ -171,7 +171,7 @@ class _Fifo(_Stdin):
 
 
 class _Tcp(Source):
-    """A server that sends events; one that leaves is called again."""
+    """A TCP server that sends events; reconnects."""
 
     def __init__(self, name: str, host: str, port: int) -> None:
         super().__init__(name)

@@ -1,4 +1,4 @@
-"""One station: its events in, messages out, with places, its name and the alarms added."""
+"""One station: events in; messages with positions, station name and alarms out."""
 
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -30,42 +30,42 @@ from unlidar_tools.stamps import format_stamp_ns
 ALARM = "alarm"
 RAISED, ENDED = "raised", "ended"
 WARMING_UP = "warming_up"
-INSTANCE = "instance"  # the key by which two relays of one name are told apart: each sets its own
-_OURS = INSTANCE, "age_s"  # said by relays and by the page's server: an engine's own go no further
-# A track of which nothing is heard for so long has ended, though nobody said so. The engine lets
-# one go that is unseen for `tracking.max_gap_s`, 10 s.
+INSTANCE = "instance"  # key with a relay's random id, which distinguishes relays of one name
+_OURS = INSTANCE, "age_s"  # reserved keys of relays and of the page's server; dropped from engines
+# A track without events for this long has ended, as its end may be lost. The engine deletes tracks
+# after `tracking.max_gap_s`, 10 s.
 SILENT_S = 60.0
-MOST_TRACKS = 256  # of a station at once; beyond that the one that is unheard for longest has ended
-_MOST_SENSORS = 64  # of an engine, by its own limit
+MOST_TRACKS = 256  # of a station at once; the one silent for longest is ended for a new one
+_MOST_SENSORS = 64  # the engine's own limit
 
 Place = tuple[float, float, float]  # degrees north and east, metres above the ellipsoid
 
 
 @dataclass(frozen=True)
 class Message:
-    """What is sent on: an event with what was added, or an alarm."""
+    """An outgoing message: an augmented event, or an alarm."""
 
-    kind: str  # that of an event, or "alarm"
+    kind: str  # event name, or "alarm"
     station: str
     at_ns: int
     text: str  # JSON, one line
-    event: Event | None  # None of an alarm
-    place: Place | None = None  # of rows
+    event: Event | None  # None for an alarm
+    place: Place | None = None  # for rows only
     alarm: Alarm | None = None
     alarm_state: str = ""
 
 
 @dataclass
 class _Track:
-    """One that goes on."""
+    """An active track."""
 
     heard: Heard
-    at_ns: int  # of what was heard last
+    at_ns: int  # stamp of the last event
     row: Row | None = None  # the newest
 
 
 class Station:
-    """Takes lines of events in. One that cannot be understood is counted, said and left out."""
+    """Processes lines of events. Invalid lines are counted, reported and left out."""
 
     def __init__(
         self,
@@ -76,23 +76,23 @@ class Station:
         progress: Progress | None = None,
         most_tracks: int = MOST_TRACKS,
     ) -> None:
-        """`places`: work out where on the globe each row is, which takes most of the time.
+        """`places`: compute geodetic positions of rows, the most expensive step.
 
-        `progress`: of all stations that are heard together.
+        `progress`: shared by all stations of a picture.
         """
         self._most_tracks = most_tracks
         self._name = site.station
         self._origin = site.origin.origin() if site.origin is not None and places else None
         self._watchman = Watchman(zones)
         self._clock = StreamClock(progress=progress)
-        self._tracks: OrderedDict[int, _Track] = OrderedDict()  # unheard for longest first
+        self._tracks: OrderedDict[int, _Track] = OrderedDict()  # longest silent first
         self._sensors: set[str] = set()
         self.bad = RateLimitedNote(f"{source}: a line is left out")
 
     def take(self, line: bytes | str) -> list[Message]:
-        """What follows from a line, in the order in which it is to be told.
+        """The messages that result from a line, in order.
 
-        An empty line is none: time has passed.
+        An empty line only advances time.
         """
         told = self.aged()
         if not line:
@@ -106,14 +106,14 @@ class Station:
         return told
 
     def believe(self, at_ns: int) -> None:
-        """ValueError unless an event of this time can be of this station."""
+        """ValueError if the station's clock rejects the stamp."""
         if not self._clock.believes(at_ns):
             raise ValueError(
                 f"at: {format_stamp_ns(at_ns)} is neither of now nor near to what came before"
             )
 
     def follow(self, event: Event, tokens: Tokens) -> list[Message]:
-        """What follows from an event that is believed. ValueError of one too many."""
+        """The messages that result from an accepted event. ValueError beyond a bound."""
         place = self._place(event) if isinstance(event, Row) else None
         message = self._message(event, tokens, place)
         match event:
@@ -139,7 +139,7 @@ class Station:
         return [message]
 
     def aged(self) -> list[Message]:
-        """The end of tracks and alarms of which nothing was heard for `SILENT_S`."""
+        """Ends tracks, with their alarms, that were silent for `SILENT_S`."""
         told: list[Message] = []
         while self._tracks:
             track, known = next(iter(self._tracks.items()))
@@ -149,9 +149,9 @@ class Station:
         return told
 
     def lost(self, at_ns: int) -> list[Message]:
-        """Nothing comes from it any more: its tracks and alarms have ended.
+        """Ends all tracks and alarms after the source was lost.
 
-        A killed engine has not ended its tracks either.
+        Also needed for a killed engine, which has not ended its tracks.
         """
         self._sensors.clear()
         told = [message for track in list(self._tracks) for message in self._end(track, at_ns)]
@@ -159,11 +159,11 @@ class Station:
 
     @property
     def has_tracks(self) -> bool:
-        """Whether any goes on."""
+        """True if any track is active."""
         return bool(self._tracks)
 
     def _hear(self, event: TrackBegins | Row) -> list[Message]:
-        """The track goes on; the end of another where there are too many."""
+        """Marks a track as heard; ends another one beyond the bound."""
         known = _Track(self._clock.heard(event.at), event.at)
         if event.track in self._tracks:
             known.row = self._tracks.pop(event.track).row
@@ -176,7 +176,7 @@ class Station:
         return self._end(oldest, other.at_ns)
 
     def _end(self, track: int, at_ns: int) -> list[Message]:
-        """Of a track whose end nobody tells."""
+        """Ends a track without an event of its own."""
         row = self._tracks.pop(track).row
         event, tokens = track_ends(track, at_ns, at_ns if row is None else row.timestamp)
         over = self._watchman.end(track)

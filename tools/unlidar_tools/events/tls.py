@@ -1,4 +1,4 @@
-"""Whom to trust by TLS, and who we are."""
+"""TLS: trust store and client certificate."""
 
 import ssl
 
@@ -7,9 +7,9 @@ from unlidar_tools.events.site import Output, Tls
 
 
 def tls_context(files: Output | Tls, shown: str) -> ssl.SSLContext:
-    """Python's defaults: the server's name and certificate are checked.
+    """A context with Python's defaults: server name and certificate are verified.
 
-    ConfigError naming the address, as it is shown, where a file cannot be read.
+    ConfigError with the displayed address if a file cannot be read.
     """
     try:
         context = ssl.create_default_context(cafile=files.ca_file)

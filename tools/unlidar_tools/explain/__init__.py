@@ -1,4 +1,4 @@
-"""What `unlidar explain` finds: second by second, the stage at which a target was lost."""
+"""`unlidar explain`: the stage at which a target was lost, second by second."""
 
 import tempfile
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ _TRACE = "trace.jsonl"
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of a run: everything by its truth, or an instant, or a place, or both."""
+    """Scope of the explanation: all of the truth, an instant, a place, or both."""
 
     at_ns: int | None = None
     near_m: tuple[float, float, float] | None = None
@@ -34,13 +34,13 @@ class Question:
 
     @property
     def is_about_the_truth(self) -> bool:
-        """Whether all of it is asked for."""
+        """True if neither instant nor place is given."""
         return self.at_ns is None and self.near_m is None
 
 
 @dataclass(frozen=True)
 class Explained:
-    """What became of one target."""
+    """The explanation of one target."""
 
     target: str
     runs: list[Run]  # in order of time; none where it was never in view of a frame
@@ -49,7 +49,7 @@ class Explained:
 def explain(run: Path, question: Question) -> list[Explained]:
     """Calls the program once more on the frames of a finished `unlidar run`, and reads its trace.
 
-    Throws UsageError for what cannot be asked of this run, InputError if frames or truth are gone,
+    Throws UsageError for questions unfit for this run, InputError if frames or truth are gone,
     ProgramError with the program's own message and exit code if it fails.
     """
     record = read_finished(run)
@@ -110,13 +110,13 @@ def _targets(run: Path, record: RunRecord, question: Question) -> Sequence[Targe
 
 
 def _sensors(summary: Path, record: RunRecord) -> dict[str, SensorFrames]:
-    """As the program read them, by its summary."""
+    """The sensors with poses and clocks of the program's summary."""
     known = read_object(summary)
     config = known.get("config", {}).get("input", {})
     sensors = {}
     for name, directory in record.frames.items():
         mounting = mounting_of(summary, known, name)
-        # Divided as the program does it: both round to the same nanosecond.
+        # Same division as in the program, for identical rounding to ns.
         offset_ns = round(mounting.time_offset_s / 1e-9)
         frames = list_frames(directory, mounting.frame_rate_hz)
         sensors[name] = SensorFrames(

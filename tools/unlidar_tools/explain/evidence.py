@@ -1,4 +1,4 @@
-"""How far what a target showed came through the stages, second by second."""
+"""Evidence of a target after each stage of the program, second by second."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -15,14 +15,14 @@ from unlidar_tools.stamps import format_stamp_ns
 from unlidar_tools.truth import Tracks
 
 SECOND_NS = 1_000_000_000
-BELOW_THRESHOLD = "below_threshold"  # a rule of the program, by its name
+BELOW_THRESHOLD = "below_threshold"  # name of a rejection rule of the program
 
 
 @dataclass(frozen=True)
 class PathThere:
-    """A path as far as it is at the target."""
+    """The part of a path that lies at the target."""
 
-    detections: int  # of it, there
+    detections: int  # of the path, at the target
     log_likelihood_ratio: float
     crowding_penalty: float
     threshold: float
@@ -30,22 +30,22 @@ class PathThere:
 
     @property
     def rank(self) -> tuple[bool, bool, float]:
-        """Of several the one that came farthest has the highest; the threshold is asked first."""
+        """Sort key: higher for paths that passed more rules; the threshold is the first."""
         margin = self.log_likelihood_ratio - self.threshold
         return self.rejection is None, self.rejection != BELOW_THRESHOLD, margin
 
 
 @dataclass
 class Evidence:
-    """What was found within the radius of a target, summed over some time."""
+    """Counts within the radius of a target, summed over some time."""
 
-    frames: int = 0  # in which the place of the target is known
+    frames: int = 0  # with a known position of the target
     returns: int = 0
     bodies: int = 0  # returns taken for people and vehicles
     detections: int = 0
     log_clutter: float = 0.0  # sum over these detections
     unsupported: int = 0  # of these detections
-    rows: int = 0  # times of rows at which the place of the target is known
+    rows: int = 0  # row times with a known position of the target
     rows_near: int = 0
     error_m: float = 0.0  # sum over rows_near
     least_range_m: float = np.inf  # from the nearest LiDAR
@@ -54,12 +54,12 @@ class Evidence:
     path: PathThere | None = None  # the best
 
     def take(self, path: PathThere | None) -> None:
-        """Keeps the better one of it and the path so far."""
+        """Keeps the higher ranked of `path` and the best so far."""
         if path is not None and (self.path is None or path.rank > self.path.rank):
             self.path = path
 
     def add(self, other: "Evidence") -> None:
-        """Adds that of another time."""
+        """Adds the evidence of another time."""
         for field in fields(Evidence):
             own, others = getattr(self, field.name), getattr(other, field.name)
             if field.name == "path":
@@ -74,7 +74,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class SensorFrames:
-    """The files of a sensor by their stamps on the common clock, and how the program reads them."""
+    """The files of a sensor by stamps on the common clock, with pose and unit."""
 
     files: dict[int, Path]
     mounting: Mounting
@@ -93,7 +93,7 @@ class SensorFrames:
 
 
 class Collector:
-    """Evidence of each target by the begin of the second, in ns.
+    """Collects the evidence of each target by the begin of the second, in ns.
 
     Seconds are whole ones of the stamps, or the single one about the instant `at_ns`.
     """
@@ -112,7 +112,7 @@ class Collector:
         self._at_ns = at_ns
 
     def add_frame(self, frame: TracedFrame) -> None:
-        """Counts what lies near each target in the middle of a frame, whose file is read."""
+        """Counts returns (from the file) and detections near each target at the frame's middle."""
         returns_m = None
         for own, where in self._near(np.array([frame.middle])):
             evidence = own.setdefault(int(where.begin_ns[0]), Evidence())
@@ -153,7 +153,7 @@ class Collector:
         assert tracks.stamp_ns is not None
         for own, where in self._near(tracks.stamp_ns):
             error_m = np.linalg.norm(tracks.xyz_m[where.rows] - where.places_m, axis=1)
-            # By time, then by error: the first of each time is the nearest track's.
+            # Sorted by time, then error: the first row of each time is the nearest track's.
             order = np.lexsort((error_m, tracks.stamp_ns[where.rows]))
             _, first = np.unique(tracks.stamp_ns[where.rows][order], return_index=True)
             radii_m = self._reach.radii_m(where.places_m)
@@ -166,7 +166,7 @@ class Collector:
                     evidence.error_m += float(error_m[row])
 
     def add_unseen(self) -> None:
-        """Adds the seconds between the first and the last frame that no sensor has a frame in."""
+        """Adds empty evidence for seconds without a frame of any sensor."""
         begins_ns = [b for own in self.found for b, evidence in own.items() if evidence.frames]
         if not begins_ns:
             return
@@ -177,7 +177,7 @@ class Collector:
                     own.setdefault(int(begin_ns), Evidence())
 
     def _near(self, time_ns: np.ndarray) -> Iterator[tuple[dict[int, Evidence], "_Where"]]:
-        """Per target that is known at some of these times and asked for: where it is then."""
+        """Positions of each target at the requested times at which it is known."""
         begins_ns, asked = self._begins_ns(time_ns), self._are_asked(time_ns)
         for target, own in zip(self._targets, self.found, strict=True):
             places_m = target.places_at(time_ns * 1e-9)
@@ -199,7 +199,7 @@ class Collector:
 
 @dataclass(frozen=True)
 class _Where:
-    """The places of a target at those times at which it is known."""
+    """Positions of a target at the times at which it is known."""
 
     rows: np.ndarray  # (K,) which of the times
     begin_ns: np.ndarray  # (K,) of their seconds
@@ -207,5 +207,5 @@ class _Where:
     radii_m: np.ndarray  # (K,)
 
     def is_near(self, points_m: np.ndarray) -> np.ndarray:
-        """(N,) bool of (N, 3): each at its own place, or all at the only one."""
+        """(N,) bool for points (N, 3), compared with the row's position or the only one."""
         return np.linalg.norm(points_m - self.places_m, axis=1) <= self.radii_m

@@ -1,4 +1,4 @@
-"""The stage at which a target was lost: how far its evidence came, and what that means."""
+"""The stage at which a target was lost, from its evidence, with an explanation."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ DETECTION, BODY, STRUCTURE, NO_RETURN = "detection", "body", "structure", "no re
 
 @dataclass(frozen=True)
 class Meaning:
-    """One plain sentence, and the configuration keys and the page that are about it."""
+    """One plain sentence, with the relevant configuration keys and page."""
 
     sentence: str
     keys: tuple[str, ...]  # of configs/default.yaml
@@ -124,7 +124,7 @@ _OTHER_GATE = Meaning(
 
 @dataclass(frozen=True)
 class Run:
-    """Seconds in a row of one stage."""
+    """Consecutive seconds of one stage."""
 
     begin_ns: int
     end_ns: int
@@ -133,12 +133,12 @@ class Run:
 
     @property
     def seconds(self) -> int:
-        """How many."""
+        """The number of seconds."""
         return (self.end_ns - self.begin_ns) // SECOND_NS
 
 
 def stage_of(evidence: Evidence) -> str:
-    """The stage that nothing of the target came through, or FOUND."""
+    """The first stage that none of the target's evidence passed, or FOUND."""
     if evidence.rows_near:
         return FOUND
     if evidence.path is not None:
@@ -154,13 +154,13 @@ def stage_of(evidence: Evidence) -> str:
 
 
 def meaning_of(stage: str) -> Meaning:
-    """That of a stage, also of `gate NAME`."""
+    """The meaning of a stage, also of `gate NAME`."""
     kind, _, name = stage.partition(" ")
     return GATES.get(name, _OTHER_GATE) if kind == GATE else MEANINGS[stage]
 
 
 def runs_of(found: dict[int, Evidence]) -> list[Run]:
-    """Evidence by the begin of its second, put together where neighbours have one stage."""
+    """Runs of consecutive seconds of one stage, from evidence by the begin of its second."""
     runs: list[Run] = []
     for begin_ns in sorted(found):
         stage = stage_of(found[begin_ns])
@@ -182,7 +182,7 @@ def shares_of(runs: Iterable[Run]) -> dict[str, float]:
 
 
 def measured(evidence: Evidence, stage: str) -> str:
-    """What speaks for the stage, in a few words."""
+    """The numbers that support the stage, in a few words."""
     there = f"{_count(evidence.returns, 'return')} in {_count(evidence.frames, 'frame')}"
     if stage == NO_RETURN:
         return f"{there}, {_range(evidence)} away" if evidence.frames else "no frame"

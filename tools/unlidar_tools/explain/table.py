@@ -1,4 +1,4 @@
-"""What `unlidar explain` prints: a table of runs, what their stages mean, and the shares."""
+"""Output of `unlidar explain`: table of runs, meanings of stages, and shares."""
 
 import math
 from collections.abc import Iterable
@@ -52,7 +52,7 @@ def row_of(run: Run) -> tuple[str, ...]:
 
 
 def meanings(explained: Iterable[Explained]) -> list[tuple[str, str]]:
-    """Each stage that occurs, once, with its sentence and with what there is to set and to read."""
+    """Each stage that occurs, with its sentence, configuration keys and page."""
     stages = dict.fromkeys(run.stage for one in explained for run in one.runs)
     texts = []
     for stage in stages:
@@ -106,7 +106,7 @@ def _run_json(run: Run) -> dict:
 def _evidence_json(run: Run) -> dict:
     values = asdict(run.evidence)
     path = values.pop("path")
-    # What was not seen at all is infinitely near or far, which JSON has no number for.
+    # Undefined extremes are infinite, which JSON cannot represent.
     known = {name: _rounded(value) for name, value in values.items() if math.isfinite(value)}
     return known | ({} if path is None else {"path": {k: _rounded(v) for k, v in path.items()}})
 

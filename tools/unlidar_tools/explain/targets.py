@@ -1,4 +1,4 @@
-"""What is looked for: the drones of the truth, or a place that the user names."""
+"""Targets to explain: the drones of the truth, or a place given by the user."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from unlidar_tools.evaluation.association import interpolate
 from unlidar_tools.truth import Truth
 
 MOST_GAP_S = 1.0  # of the truth, over which it is interpolated
-# Within this of a target a return, a detection or a row is taken for its own: more than a drone and
-# the errors of truth and pose have, which grow with range.
+# Radius within which returns, detections and rows belong to a target: exceeds the drone's size plus
+# the errors of truth and pose, which grow with range.
 NEAR_M, NEAR_SLOPE = 1.0, 0.02
 
 
 @dataclass(frozen=True)
 class Target:
-    """One that is looked for."""
+    """A target to explain."""
 
     name: str
     places_at: Callable[[np.ndarray], np.ndarray]  # (N,) Unix s -> (N, 3) m, NaN where not known
@@ -25,7 +25,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Reach:
-    """How near is near, and how far away a place is from the LiDARs."""
+    """The association radius, by range from the LiDARs."""
 
     viewpoints_m: np.ndarray  # (S, 3)
     radius_m: float | None  # None: by range
@@ -36,7 +36,7 @@ class Reach:
         return np.linalg.norm(away_m, axis=2).min(axis=1)
 
     def radii_m(self, places_m: np.ndarray) -> np.ndarray:
-        """(N,) within which something is at these places, (N, 3)."""
+        """(N,) association radii at these positions, (N, 3)."""
         if self.radius_m is not None:
             return np.full(len(places_m), self.radius_m)
         return NEAR_M + NEAR_SLOPE * self.ranges_m(places_m)

@@ -44,14 +44,14 @@ class TracedDetection:
 
 @dataclass(frozen=True)
 class TracedFrame:
-    """What the program made of one frame."""
+    """The program's result for one frame."""
 
     __pydantic_config__ = _STRICT
 
     trace: Literal["frame"]
     sensor: str
-    stamp: _StampNs  # of its file, on the common clock
-    middle: _StampNs  # of the time in which it was measured
+    stamp: _StampNs  # file stamp on the common clock
+    middle: _StampNs  # mid-time of the measurement
     returns: _Count
     bodies: list[tuple[_Metres, _Metres, _Metres]]  # returns of people and vehicles
     detections: list[TracedDetection]
@@ -59,7 +59,7 @@ class TracedFrame:
 
 @dataclass(frozen=True)
 class TracedPath:
-    """A sequence of detections that was taken for a target's, or was refused."""
+    """A path of detections, accepted as a track or rejected."""
 
     __pydantic_config__ = _STRICT
 
@@ -67,9 +67,9 @@ class TracedPath:
     first: _StampNs
     last: _StampNs
     log_likelihood_ratio: _Finite  # its track score
-    crowding_penalty: _Finite  # what the score loses for other detections about it
+    crowding_penalty: _Finite  # crowding penalty, subtracted from the score
     threshold: _Finite
-    rejection: _Name | None  # the gate that refused it; None: it became a track
+    rejection: _Name | None  # the rejecting gate; None: it became a track
     detections: list[tuple[_StampNs, _Metres, _Metres, _Metres]]
 
 

@@ -28,12 +28,12 @@ from unlidar_tools.output import complete_directory, write_file
 _PREFIX = "/unlidar"
 _PATH, _ODOMETRY = "nav_msgs/msg/Path", "nav_msgs/msg/Odometry"
 _CLOUD = "sensor_msgs/msg/PointCloud2"
-# Nothing is known of the attitude: the variance of an angle that may be any.
+# Unknown attitude: variance of a uniform angle.
 _ANY_ANGLE_RAD2 = np.pi**2 / 3
 _FLOAT32 = 7  # sensor_msgs/PointField
 _ROS2_METADATA = 9
 _NEVER = QosTime(9223372036, 854775807)
-# Whoever subscribes late still gets it, as a latched topic of ROS 1.
+# Transient local, for late subscribers, as a latched topic of ROS 1.
 _KEPT = Qos(
     QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _NEVER,
     _NEVER, QosLiveliness.AUTOMATIC, _NEVER, False,
@@ -44,7 +44,7 @@ _KEPT = Qos(
 class _Topic:
     name: str
     kind: str
-    kept: bool  # one message that holds for the whole recording
+    kept: bool  # latched: one message for the whole recording
     messages: list[tuple[int, object]]  # (ns, message)
 
 
@@ -74,7 +74,7 @@ def write_mcap(result: Result, out: Path, frame_id: str) -> list[Path]:
     with tempfile.TemporaryDirectory() as scratch:
         bag = Path(scratch) / (
             out.stem if out.suffix == ".mcap" else out.name
-        )  # rosbags names the file in it after the folder
+        )  # rosbags names the file after the folder
         _write_ros2(result, bag, frame_id)
         if out.suffix == ".mcap":
             write_file(out, lambda work: shutil.copyfile(bag / f"{bag.name}.mcap", work))

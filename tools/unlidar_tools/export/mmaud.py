@@ -1,4 +1,4 @@
-"""`mmaud_results.csv`, what the UG2+ challenge takes: a position for every stamp asked for."""
+"""`mmaud_results.csv` of the UG2+ challenge: a position for every requested stamp."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ from unlidar_tools.stamps import format_stamp_ns, parse_stamp_ns
 RESULTS_NAME = "mmaud_results.csv"
 HEADER = ("Sequence", "Timestamp", "Position", "Classification")
 
-Stamps = dict[str, list[str]]  # as they are spelled, by sequence
+Stamps = dict[str, list[str]]  # original texts by sequence
 
 
 def write_mmaud(
@@ -28,7 +28,7 @@ def write_mmaud(
 
     Positions at stamps between and beyond the tracks are those of `completion.complete`. Without
     `stamps` the answer is given at the trajectories' own. InputError for a sequence without any
-    track: the challenge knows no answer but a position.
+    track: the challenge requires a position.
     """
     if stamps is not None:
         absent = [name for name in stamps if name not in dict(results)]
@@ -52,7 +52,7 @@ def write_mmaud(
 
 
 def read_stamps(path: Path, sequences: Sequence[str]) -> Stamps:
-    """Stamps asked for: a CSV with Sequence and Timestamp, or for one sequence a list of stamps."""
+    """Requested stamps: a CSV with Sequence and Timestamp, or for one sequence a list of stamps."""
     try:
         lines = read_text(path).splitlines()
         if lines and "," in lines[0]:

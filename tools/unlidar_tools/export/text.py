@@ -33,7 +33,7 @@ def write_tum(result: Result, out: Path) -> list[Path]:
 
 
 def write_csv(result: Result, out: Path, origin: Origin | None) -> list[Path]:
-    """One table of all tracks: stamp, UTC, position; what else is known; with an origin, places."""
+    """One table of all tracks: stamp, UTC, position, optional columns; with an origin, lat/lon."""
     write_file(out, lambda work: _write_csv(result, work, origin))
     return [out]
 

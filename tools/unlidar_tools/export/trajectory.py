@@ -1,4 +1,4 @@
-"""What is exported: the tracks of a result one by one, and the returns taken as target."""
+"""Input of exports: the tracks of a result, and the target returns."""
 
 from dataclasses import dataclass
 from pathlib import Path

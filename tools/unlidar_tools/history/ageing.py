@@ -1,8 +1,8 @@
-"""How long something has been kept, whatever this computer's clock is set to.
+"""Age of stored data for retention, robust against changes of the system clock.
 
-A store has a time of its own. While it is written it goes as a clock that nobody can set; how
-long the computer was off, or nobody wrote, is taken from the one that can be: only after that has
-gone on evenly for an hour, and only where not all that is kept would be too old by it.
+A store has a time base of its own. While it is written, this follows a steady clock. Time without
+a writer is taken from the system clock, but only after both clocks have agreed for an hour, and
+only if that would not expire everything in the store.
 """
 
 import time
@@ -10,40 +10,40 @@ from collections.abc import Callable
 
 from unlidar_tools.reporting import note
 
-_APART_NS = 600_000_000_000  # more between two looks: the clock was set
-_AGREE_NS = 3_600_000_000_000  # for so long the two agree before it is believed
-_MOST_NS = 1 << 62  # SQLite holds twice as much
+_APART_NS = 600_000_000_000  # a larger change between two readings: the clock was set
+_AGREE_NS = 3_600_000_000_000  # agreement required before the system clock is trusted
+_MOST_NS = 1 << 62  # half of SQLite's range
 
 
 def _steady_ns() -> int:
-    """Also while the computer sleeps, where the system has such a clock."""
+    """A steady clock in ns that includes suspend, if the system has one."""
     return time.clock_gettime_ns(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 
-Mark = tuple[int, int]  # a store's time, and the date then as far as it is known
+Mark = tuple[int, int]  # store time and, if known, system time
 
 
 class Ageing:
-    """The time of a store, however often it is opened anew."""
+    """The time base of a store, across reopening."""
 
     def __init__(
         self,
         clock_ns: Callable[[], int] = time.time_ns,
         steady_ns: Callable[[], int] = _steady_ns,
     ) -> None:
-        """The clock that may be set, and one that may not."""
+        """`clock_ns`: the system clock; `steady_ns`: one that cannot be set."""
         self._clock_ns, self._steady_ns = clock_ns, steady_ns
-        self._wall_ns, self._looked_ns = clock_ns(), steady_ns()  # at the last look
+        self._wall_ns, self._looked_ns = clock_ns(), steady_ns()  # at the last reading
         self._even_since_ns = self._looked_ns
-        # What the store's time and the date are ahead of the steady clock.
+        # Offsets of store time and system time from the steady clock.
         self._time_ns = self._date_ns = self._wall_ns - self._looked_ns
         self._most_ns: int | None = None
-        self._is_counted = True  # how long it was off
+        self._is_counted = True  # True once the time without a writer was added
 
     def begin(self, kept: Mark | None, most_ns: int) -> None:
-        """`kept`: the newest mark in the store, which keeps for `most_ns`.
+        """`kept`: the newest mark in the store; `most_ns`: its retention.
 
-        A store that was replaced, or written by others, may be ahead of this time.
+        A replaced store, or one written by another process, may be ahead of this time base.
         """
         is_first, self._most_ns = self._most_ns is None, most_ns
         if kept is None or not all(type(value) is int and 0 <= value < _MOST_NS for value in kept):
@@ -54,11 +54,11 @@ class Ageing:
         self._time_ns = max(self._time_ns, kept[0] - self._looked_ns)
 
     def now_ns(self) -> int:
-        """The store's time, which never goes back."""
+        """The store time, which is monotonic."""
         return self.mark()[0]
 
     def mark(self) -> Mark:
-        """What the store is to know of this moment. To be asked again and again."""
+        """The current mark, to be stored regularly."""
         wall_ns, steady_ns = self._clock_ns(), self._steady_ns()
         apart_ns = (wall_ns - self._wall_ns) - (steady_ns - self._looked_ns)
         self._wall_ns, self._looked_ns = wall_ns, steady_ns
@@ -71,7 +71,7 @@ class Ageing:
         return steady_ns + self._time_ns, steady_ns + self._date_ns
 
     def _count(self, off_ns: int) -> None:
-        """How long nobody wrote."""
+        """Adds the time without a writer."""
         self._is_counted = True
         if 0 <= off_ns < (self._most_ns or 0):
             self._time_ns += off_ns

@@ -1,4 +1,4 @@
-"""What a store holds of a time, in the formats of `unlidar export`."""
+"""Export of a time span of a store in the formats of `unlidar export`."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +20,7 @@ from unlidar_tools.truth import Tracks
 def write_history(
     tracks: list[StoredTrack], out: Path, form: str, name: str, origin: Origin | None
 ) -> list[Path]:
-    """Writes tracks of one station; returns the files. UsageError where `form` needs an origin."""
+    """Writes tracks of one station; returns the files. UsageError if `form` needs an origin."""
     if form in ("geojson", "kml") and origin is None:
         raise UsageError(
             f"--format {form} needs an origin: none is stored, give --origin LAT,LON,HEIGHT"
@@ -36,7 +36,7 @@ def write_history(
 
 
 def to_result(tracks: list[StoredTrack], name: str) -> Result:
-    """As a trajectory file would be read. Numbers that came twice become those of the store."""
+    """The tracks as a Result. Track numbers used twice are replaced by the store's."""
     numbers = [track.number for track in tracks]
     if len(set(numbers)) < len(numbers):
         note("an engine has begun its numbers anew: tracks are numbered as the store has them")

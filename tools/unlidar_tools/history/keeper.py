@@ -1,4 +1,4 @@
-"""Messages into a store by a thread of its own: whoever hands them over never waits."""
+"""Store writer: a thread of its own, so that callers never wait."""
 
 import sqlite3
 import threading
@@ -18,19 +18,19 @@ from unlidar_tools.history.schema import Location, is_damage, set_aside
 from unlidar_tools.history.store import Placed, Store
 from unlidar_tools.reporting import RateLimitedNote, note
 
-_WRITE_S = 0.5  # so much a power cut may take
+_WRITE_S = 0.5  # write interval, the largest loss at a power cut
 _TIDY_S = 60.0
-_AT_A_TIME = 2000  # messages in a transaction
+_AT_A_TIME = 2000  # messages per transaction
 _MOST_WAITING, _MOST_BYTES = 20_000, 8_000_000  # while the store cannot be written
 _LAST_WORDS_S = 5.0
 _SLOW_S = 0.5
 
 
 class Keeper:
-    """A store that cannot be written is said and tried again; what waits for it is bounded."""
+    """Writes to a store with a bounded queue; failures are reported and retried."""
 
     def __init__(self, path: Path | None, days: float = DAYS, megabytes: float = MEGABYTES) -> None:
-        """`path` None: in memory, and less. OutputError where it is something else."""
+        """`path` None: in memory, with a smaller bound. OutputError if the file is no store."""
         if path is None:
             megabytes = min(megabytes, MEMORY_MEGABYTES)
         ageing = Ageing()
@@ -42,9 +42,9 @@ class Keeper:
         self._left_out = RateLimitedNote(
             f"{path or 'memory'}: too much waits, a message is not kept"
         )
-        self._damaged = 0  # times in a row
+        self._damaged = 0  # consecutive failures by damage
         self._is_failing = False
-        self._began_s: float | None = None  # to write
+        self._began_s: float | None = None  # begin of the current write
         self._ended = threading.Event()
         self._until_s = 0.0
         self._store: Store | None = None
@@ -57,7 +57,7 @@ class Keeper:
         self._thread.start()
 
     def __call__(self, message: Message | Placed) -> None:
-        """Keeps a message, soon."""
+        """Queues a message for storage."""
         size = len(message.text) if isinstance(message, Message) else 0
         with self._lock:
             if len(self._waiting) < _MOST_WAITING and self._bytes + size <= _MOST_BYTES:
@@ -67,19 +67,19 @@ class Keeper:
         self._left_out(f"{_MOST_WAITING} messages or {_MOST_BYTES // 10**6} MB wait")
 
     def place(self, station: str, place: Place | None) -> None:
-        """Keeps where a station stands, soon."""
+        """Queues a station's place for storage."""
         self(Placed(station, place))
 
     @property
     def is_behind(self) -> bool:
-        """True while a store that works well has much to do: a file may be read slower then."""
+        """True while a working store is busy; file sources then slow down."""
         began_s = self._began_s
         stuck = began_s is not None and time.monotonic() - began_s > _SLOW_S
         much = len(self._waiting) > _MOST_WAITING // 2 or self._bytes > _MOST_BYTES // 2
         return much and not self._is_failing and not stuck
 
     def close(self) -> None:
-        """What waits has a few seconds to be written."""
+        """Stops the writer after a few seconds for the queue."""
         self._until_s = time.monotonic() + _LAST_WORDS_S
         self._ended.set()
         self._thread.join(2 * _LAST_WORDS_S)
@@ -102,7 +102,7 @@ class Keeper:
             self._store.close()
 
     def _attempt(self, work: Callable[[Store], None]) -> bool:
-        """False where it failed; the next attempt is with the store opened anew."""
+        """One write; False if it failed, after which the store is reopened."""
         self._began_s = time.monotonic()
         try:
             if self._store is None:
@@ -110,7 +110,7 @@ class Keeper:
                     set_aside(self.location)
                 self._store = self._open()
             work(self._store)
-        except Exception as error:  # a thread that ended would keep nothing more, unsaid
+        except Exception as error:  # the thread must survive, as its end would go unnoticed
             self._fail(error)
             return False
         finally:
@@ -145,7 +145,7 @@ class Keeper:
 async def keeping(
     path: Path | None, site: Site, days: float = DAYS, megabytes: float = MEGABYTES
 ) -> AsyncIterator[Callable[[Message], None]]:
-    """What takes messages to keep; nothing is kept without a path."""
+    """Yields a consumer that stores messages; without a path it discards them."""
     if path is None:
         yield lambda _message: None
         return

@@ -1,4 +1,4 @@
-"""What a store holds, read while another process may write it."""
+"""Reading of a store, concurrently with its writer."""
 
 import sqlite3
 import time
@@ -13,25 +13,25 @@ from unlidar_tools.events.station import ALARM
 from unlidar_tools.history.schema import KIND, READABLE, Location
 
 ROW = "x, y, z, vx, vy, vz, sigma_x, sigma_y, sigma_z, support, drone"
-_LEAST_NS, _MOST_NS = -(1 << 63), (1 << 63) - 1  # that SQLite holds
-_PATIENCE_S = 10.0  # a command waits so long for who holds the store's lock
+_LEAST_NS, _MOST_NS = -(1 << 63), (1 << 63) - 1  # range of SQLite
+_PATIENCE_S = 10.0  # timeout for the store's lock
 
 
 @dataclass(frozen=True)
 class StoredTrack:
-    """A track and, of the time that was asked for, its rows."""
+    """A track with its rows in the requested time span."""
 
-    identity: int  # unique in the store, where an engine's numbers may begin again
+    identity: int  # unique in the store; numbers of an engine may repeat
     station: str
     number: int
     rows: list[tuple]  # stamp_ns and the columns of a row
 
 
 class Reader:
-    """All that was kept, for commands. Pages ask with bounds: see timeline.py."""
+    """Unbounded access for commands; for bounded queries of pages see timeline.py."""
 
     def __init__(self, where: Path | Location) -> None:
-        """InputError where there is no store."""
+        """InputError if there is no store."""
         location = where if isinstance(where, Location) else Location.of(where)
         self._name = str(location)
         if location.path is not None and not location.path.is_file():
@@ -51,7 +51,7 @@ class Reader:
         self._has_clock = version > 2
 
     def close(self) -> None:
-        """Nothing is read any more."""
+        """Closes the database."""
         self._db.close()
 
     def tracks(
@@ -60,7 +60,7 @@ class Reader:
         until_ns: int | None = None,
         station: str | None = None,
     ) -> Iterator[StoredTrack]:
-        """Those with a row in the time asked for, in the order of their begins."""
+        """Tracks with a row in the time span, in order of begin."""
         low = _LEAST_NS if since_ns is None else _bounded(since_ns)
         high = _MOST_NS if until_ns is None else _bounded(until_ns)
         chosen = self._all(
@@ -80,9 +80,9 @@ class Reader:
                 yield StoredTrack(identity, name, number, rows)
 
     def newest_ns(self) -> int:
-        """The newest stamp that is not ahead of what time it is, or was; 0 where none is kept."""
+        """The newest stamp that is not in the future; 0 for an empty store."""
         clocks = self._all("SELECT time_ns FROM clock", ()) if self._has_clock else []
-        # This computer's clock may have been set back since.
+        # The system clock may have been set back since.
         now_ns = max(time.time_ns(), *(ns for (ns,) in clocks if type(ns) is int), 0)
         ((not_ahead, any_ns),) = self._all(
             "SELECT (SELECT max(newest_ns) FROM track WHERE newest_ns <= ?), "
@@ -92,7 +92,7 @@ class Reader:
         return not_ahead or any_ns or 0
 
     def told(self, kind: str, since_ns: int, until_ns: int) -> list[str]:
-        """Texts of one kind in a time."""
+        """Messages of one kind in a time span."""
         rows = self._all(
             "SELECT text FROM told WHERE kind = ? AND at_ns BETWEEN ? AND ? ORDER BY at_ns, rowid",
             (kind, since_ns, until_ns),
@@ -100,11 +100,11 @@ class Reader:
         return [text for (text,) in rows]
 
     def alarms(self, since_ns: int, until_ns: int) -> list[str]:
-        """Alarms that were raised or ended in a time."""
+        """Alarms raised or ended in a time span."""
         return self.told(ALARM, since_ns, until_ns)
 
     def place(self, station: str) -> Place | None:
-        """Where a station stands, where that is known."""
+        """A station's place, None if unknown."""
         found = self._all(
             "SELECT latitude_deg, longitude_deg, height_m, heading_deg FROM station "
             "WHERE name = ? AND latitude_deg IS NOT NULL",
@@ -114,7 +114,7 @@ class Reader:
         return Place(**dict(zip(names, found[0], strict=True))) if found else None
 
     def stations(self) -> list[str]:
-        """Their names."""
+        """The names of all stations."""
         return [name for (name,) in self._all("SELECT DISTINCT station FROM track ORDER BY 1", ())]
 
     def _all(self, query: str, values: tuple) -> list[tuple]:

@@ -1,4 +1,4 @@
-"""The file of a store: its tables, how it is opened, brought up to date and, damaged, set aside."""
+"""The store's file: tables, opening, migration, and replacement of damaged files."""
 
 import itertools
 import sqlite3
@@ -10,7 +10,7 @@ from unlidar_tools.reporting import note
 
 KIND = 0x554E4C44  # PRAGMA application_id: "UNLD"
 VERSION = 3
-READABLE = 1, 2, VERSION  # what is read has not changed since
+READABLE = 1, 2, VERSION  # versions with the same tables for readers
 _TABLES = f"""
 PRAGMA application_id = {KIND};
 PRAGMA user_version = 1;
@@ -36,7 +36,7 @@ CREATE TABLE told (
   UNIQUE (at_ns, station, kind, text)
 );
 """
-# When something was taken in: stamps are not trusted with what is kept.
+# Time of storage: retention does not trust stamps.
 _SINCE_VERSION_1 = """
 ALTER TABLE track ADD COLUMN taken_ns INTEGER;
 ALTER TABLE told ADD COLUMN taken_ns INTEGER;
@@ -44,7 +44,7 @@ CREATE INDEX track_taken ON track (taken_ns);
 CREATE INDEX told_taken ON told (taken_ns);
 CREATE INDEX told_kind ON told (kind, at_ns);
 """
-# The store's own time, in which that is told, beside the date: see ageing.py.
+# Pairs of store time, in which taken_ns is given, and system time: see ageing.py.
 _SINCE_VERSION_2 = f"""
 PRAGMA user_version = {VERSION};
 CREATE TABLE clock (
@@ -71,7 +71,7 @@ class Location:
 
     @classmethod
     def of(cls, path: Path | None) -> "Location":
-        """None: a new one in memory."""
+        """The location of `path`; None: a new database in memory."""
         if path is None:
             return cls(None, f"file:/unlidar-{next(_IN_MEMORY)}?vfs=memdb&mode=")
         return cls(path, f"{path.absolute().as_uri()}?mode=")
@@ -87,9 +87,9 @@ class Location:
 
 
 def open_for_writing(location: Location) -> sqlite3.Connection:
-    """OutputError where it cannot be a store; sqlite3.Error where it may be one later.
+    """OutputError if the file is no store; sqlite3.Error if opening may succeed later.
 
-    A store that is damaged from its begin on is set aside, and a new one is made.
+    A store whose header is damaged is set aside and replaced.
     """
     try:
         return _opened(location)
@@ -128,7 +128,7 @@ def _prepare(db: sqlite3.Connection, location: Location) -> None:
     if not tables:
         db.execute("PRAGMA auto_vacuum = INCREMENTAL")
     db.execute("PRAGMA journal_mode = WAL")
-    # A power cut may take the last seconds, and never the file.
+    # A power cut may lose the last seconds, but never corrupts the file.
     db.execute("PRAGMA synchronous = NORMAL")
     if not tables:
         db.executescript(f"BEGIN IMMEDIATE; {_TABLES} {_SINCE[1]} COMMIT;")
@@ -142,14 +142,14 @@ def error_code(error: sqlite3.Error) -> int:
 
 
 def is_damage(error: sqlite3.Error) -> bool:
-    """Whether the content is broken, rather than locked, full or out of reach."""
+    """True for corrupt content, as opposed to a locked, full or unreachable store."""
     return error_code(error) in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
 def set_aside(location: Location) -> bool:
-    """Renames a damaged store; False where the file is none, which is then left alone.
+    """Renames a damaged store; False if the file is no store, which is left untouched.
 
-    One such file is kept, the newest, so that a bad disk is not filled too.
+    Only the newest such file is kept, so that a bad disk does not fill up.
     """
     path = location.path
     if path is None or not _is_ours(path):
@@ -164,7 +164,7 @@ def set_aside(location: Location) -> bool:
 
 
 def _is_ours(path: Path) -> bool:
-    """By the header of the file, which has the application's id."""
+    """True if the file header has the application id."""
     try:
         with path.open("rb") as file:
             head = file.read(100)

@@ -1,7 +1,7 @@
 """The store: one SQLite file in WAL mode, bounded by days, by size and by kind.
 
-Nothing here trusts a stamp: how long something is kept goes by when it was taken in. Recordings of
-any year may be played into a store.
+Retention goes by the time of storage, never by stamps: recordings of any year may be played into
+a store.
 """
 
 import sqlite3
@@ -20,11 +20,11 @@ from unlidar_tools.history.schema import Location, open_for_writing
 from unlidar_tools.reporting import RateLimitedNote
 
 _NS_PER_DAY = 86_400_000_000_000
-_SHARE = 0.05  # of a station's tracks goes at a time when the size is reached
-_AT_A_TIME = 500  # tracks in a transaction: nobody else who writes waits long
-_GAP_NS = 600_000_000_000  # rows further from a track are of another one of its number
-_MOST_TOLD = 20_000  # alarms, and as many of each other kind: no flood of one takes another
-# Of one message, which is then left out; others of these mean that nothing can be written.
+_SHARE = 0.05  # share of a station's tracks dropped at once at the size limit
+_AT_A_TIME = 500  # tracks per transaction, to keep the lock short
+_GAP_NS = 600_000_000_000  # a larger gap means another track of the same number
+_MOST_TOLD = 20_000  # per kind, so that a flood of one cannot displace another
+# Errors of a single message, which is skipped; all others mean that the store cannot be written.
 _BAD_VALUE = (
     ArithmeticError,
     TypeError,
@@ -37,17 +37,17 @@ _BAD_VALUE = (
 
 @dataclass(frozen=True)
 class Placed:
-    """Where a station stands, for exports."""
+    """A station's place, for exports."""
 
     station: str
     place: Place | None
 
 
 class Store:
-    """Open for writing, by one thread; one process at a time writes, any number reads.
+    """A store open for writing by one thread of one process; any number may read.
 
-    Taking the same events in again changes nothing. Every method may raise sqlite3.Error (locked,
-    full, damaged); then nothing has changed, and it may be tried again.
+    Storing the same events again changes nothing. Every method may raise sqlite3.Error (locked,
+    full, damaged) without any change, and can be retried.
     """
 
     def __init__(
@@ -57,29 +57,29 @@ class Store:
         megabytes: float = MEGABYTES,
         ageing: Ageing | None = None,
     ) -> None:
-        """`path` None: in memory. OutputError where it cannot be, or is something else.
+        """`path` None: in memory. OutputError if it cannot be created, or is no store.
 
-        `ageing`: what time it is for the store, where it was open before.
+        `ageing`: the time base, kept across reopening.
         """
         self.location = Location.of(path)
         self._days_ns = round(days * _NS_PER_DAY)
         self._most_bytes = round(megabytes * 1e6)
         self._ageing = Ageing() if ageing is None else ageing
-        self._going_on: dict[tuple[str, int], tuple[int, int, int]] = {}  # id, begin, newest
-        self._told = 0  # since they were counted
+        self._going_on: dict[tuple[str, int], tuple[int, int, int]] = {}  # id, begin, newest stamp
+        self._told = 0  # messages since the last count
         self._bad = RateLimitedNote(f"{self.location}: a message is left out")
         self._db: sqlite3.Connection | None = None
         self._inode = 0
         self.open()
 
     def open(self) -> None:
-        """Anew, if it is open: another file may be in its place."""
+        """Opens, or reopens: the file may have been replaced."""
         self.close()
         self._db = open_for_writing(self.location)
         self._inode = self._inode_now()
         with self._transaction() as db:
             now_ns = self._ageing.now_ns()
-            # Of a store of version 1, or written by others: nothing is lost by an upgrade.
+            # Rows of version 1, or of older writers, get the current time: nothing expires by it.
             for table, stamp in (("track", "newest_ns"), ("told", "at_ns")):
                 db.execute(
                     f"UPDATE {table} SET taken_ns = CASE WHEN {stamp} BETWEEN ? AND ? "
@@ -92,7 +92,7 @@ class Store:
         self._ageing.begin(mark, self._days_ns)
 
     def _first_mark(self, db: sqlite3.Connection, now_ns: int) -> Mark | None:
-        """Of version 2, which had this computer's clock for its time: it may have been set back."""
+        """The mark of a version 2 store: its times are system times, perhaps in the future."""
         for table in ("track", "told"):
             db.execute(f"UPDATE {table} SET taken_ns = min(taken_ns, ?)", (now_ns,))
         newest = "SELECT max(taken_ns) AS at_ns FROM "
@@ -102,21 +102,21 @@ class Store:
         return None if newest_ns is None else (newest_ns, newest_ns)
 
     def close(self) -> None:
-        """Nothing is taken in any more."""
+        """Closes the store."""
         if self._db is not None:
             self._db.close()
             self._db = None
 
     def place(self, station: str, place: Place | None) -> None:
-        """Keeps where a station stands."""
+        """Stores a station's place."""
         self.take([Placed(station, place)])
 
     def take(self, messages: Sequence[Message | Placed]) -> None:
-        """Keeps them, all or none but those with values that no store can hold."""
+        """Stores all messages or none, except those with values out of range, which are skipped."""
         if self._inode != self._inode_now():
             self.open()
         mark = self._ageing.mark()
-        self._going_on = {}  # another process may have written since
+        self._going_on = {}  # the cache may be stale if another process wrote
         with self._transaction() as db:
             for message in messages:
                 try:
@@ -172,7 +172,7 @@ class Store:
     def _track(
         self, db: sqlite3.Connection, station: str, number: int, stamp_ns: int, now_ns: int
     ) -> int:
-        """The one of this number that has this instant; else that goes on; else a new one."""
+        """The id of the track of this number at this time, of one within the gap, or a new one."""
         known = self._going_on.get((station, number))
         if known is not None and known[1] <= stamp_ns <= known[2] + _GAP_NS:
             identity, begin_ns, newest_ns = known
@@ -195,12 +195,12 @@ class Store:
         return identity
 
     def tidy(self) -> None:
-        """Lets go what was taken in before the days, then bounds the size.
+        """Drops data older than the retention, then enforces the size limit.
 
-        A track goes as a whole, by when its newest row was taken in.
+        Tracks are dropped whole, by the storage time of their newest row.
         """
         self._let_go(self._ageing.mark())
-        self._told = _MOST_TOLD  # counted now
+        self._told = _MOST_TOLD  # forces a count
         self._bound()
         self._connection().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
 
@@ -213,7 +213,7 @@ class Store:
             db.execute("INSERT OR REPLACE INTO clock VALUES (1, ?, ?)", mark)
 
     def _bound(self) -> None:
-        """Nothing grows beyond its bound, however fast it comes."""
+        """Enforces size and count limits at any input rate."""
         if self._told >= _MOST_TOLD // 10:
             self._told = 0
             with self._transaction() as db:
@@ -227,7 +227,7 @@ class Store:
             pass
 
     def _drop_oldest(self) -> int:
-        """Of the station with the most tracks: no station's flood takes what others told."""
+        """Drops tracks of the station with the most, so that a flood displaces only its own."""
         db = self._connection()
         found = db.execute(
             "SELECT station, count(*) FROM track GROUP BY station ORDER BY 2 DESC LIMIT 1"
@@ -245,7 +245,7 @@ class Store:
             ).rowcount
 
     def _drop(self, which: str, *values: object) -> int:
-        """How many tracks went."""
+        """Deletes tracks; returns their number."""
         with self._transaction() as db:
             chosen = [(identity,) for (identity,) in db.execute(which, values)]
             db.executemany("DELETE FROM row WHERE track = ?", chosen)
@@ -254,7 +254,7 @@ class Store:
         return len(chosen)
 
     def _bytes(self) -> int:
-        """What is in use, without the pages that are free again."""
+        """Bytes in use, without free pages."""
         pages, free, size = (
             self._connection().execute(f"PRAGMA {name}").fetchone()[0]
             for name in ("page_count", "freelist_count", "page_size")
@@ -279,12 +279,12 @@ class Store:
         return self._db
 
     def _inode_now(self) -> int:
-        """0 where the file is gone: SQLite would go on to write into what nobody can open."""
+        """The inode of the file, 0 if deleted: SQLite would go on writing to an unlinked file."""
         try:
             return 0 if self.location.path is None else self.location.path.stat().st_ino
         except OSError:
             return 0
 
     def reader(self) -> Reader:
-        """Reads what this store holds, also one in memory."""
+        """A reader of this store, also of one in memory."""
         return Reader(self.location)

@@ -1,4 +1,4 @@
-"""What a page is told of the past: answers that are bounded, whatever the store holds."""
+"""Bounded queries of pages on the past."""
 
 import asyncio
 import json
@@ -12,26 +12,26 @@ from unlidar_tools.events.station import ALARM, RAISED
 from unlidar_tools.history.reader import ROW
 from unlidar_tools.history.schema import Location
 
-_MOST_SPANS = 2000  # more tracks than that are told by bins of the time asked for
+_MOST_SPANS = 2000  # more tracks are merged by time bins
 _BINS = 720
-_MOST_ALARMS = 1000  # the newest
-_MOST_TRACKS = 200  # in an answer with rows, the newest
-_MOST_ROWS = 20_000  # of all of them; more are thinned evenly
+_MOST_ALARMS = 1000  # the newest ones
+_MOST_TRACKS = 200  # newest tracks in an answer with rows
+_MOST_ROWS = 20_000  # of all tracks; thinned evenly beyond
 _THREADS, _MOST_WAITING = 2, 16
-_LIMIT_S = 1.0  # for an answer, and for who holds the lock
-_FRESH_S = 2.0  # an answer is given again
-_STEPS = 2000  # of SQLite between two looks at the clock
+_LIMIT_S = 1.0  # timeout of a query, and of the lock
+_FRESH_S = 2.0  # lifetime of a cached answer
+_STEPS = 2000  # SQLite instructions between timeout checks
 
 
 class UnansweredError(Exception):
-    """The store cannot be asked now; the page says so, and asks again."""
+    """The store cannot be queried now; the page reports that and retries."""
 
 
 def spans(db: sqlite3.Connection, since_ns: int, until_ns: int, station: str | None) -> dict:
-    """Tracks and raised alarms of a time, in seconds.
+    """Spans of tracks and raised alarms in a time span, in seconds.
 
-    A span is station, number, first and newest stamp; where there are too many of them number is
-    None and one stands for all that ended in a bin.
+    A span is station, number, first and newest stamp. Beyond _MOST_SPANS, number is None and a
+    span merges all tracks that ended in a bin.
     """
     among = "FROM track WHERE newest_ns >= ? AND begin_ns <= ? AND (? IS NULL OR station = ?)"
     values = since_ns, until_ns, station, station
@@ -57,9 +57,9 @@ def spans(db: sqlite3.Connection, since_ns: int, until_ns: int, station: str | N
 
 
 def rows(db: sqlite3.Connection, since_ns: int, until_ns: int, station: str | None) -> dict:
-    """Tracks with their rows of a time: seconds, metres, m/s and returns to the millimetre.
+    """Tracks with rows in a time span: s, m, m/s and returns, rounded to millimetres.
 
-    `left_out` are tracks beyond the bound.
+    `left_out`: number of tracks beyond the bound.
     """
     among = "FROM track WHERE newest_ns >= ? AND begin_ns <= ? AND (? IS NULL OR station = ?)"
     values = since_ns, until_ns, station, station
@@ -96,7 +96,7 @@ Question = Callable[[sqlite3.Connection, int, int, str | None], dict]
 
 
 class Archive:
-    """Asks the store by threads of its own; one answer is for all pages that ask the same."""
+    """Queries the store in threads of its own; pages with equal queries share an answer."""
 
     def __init__(self, location: Location) -> None:
         self._location = location
@@ -107,7 +107,7 @@ class Archive:
     async def ask(
         self, question: Question, since_ns: int, until_ns: int, station: str | None
     ) -> bytes:
-        """JSON. UnansweredError where it takes too long, or the store cannot be read."""
+        """The answer as JSON. UnansweredError at a timeout, or if the store cannot be read."""
         key = question, since_ns, until_ns, station
         now_s = time.monotonic()
         self._answers = {
@@ -123,16 +123,16 @@ class Archive:
             answer = loop.run_in_executor(self._pool, self._answer, *key)
             answer.add_done_callback(self._answered)
             self._answers[key] = now_s, answer
-        # Who leaves takes the answer from nobody else.
+        # A cancelled request does not cancel the shared answer.
         return await asyncio.shield(self._answers[key][1])
 
     def close(self) -> None:
-        """Nothing more is answered."""
+        """Stops the threads."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def _answered(self, answer: asyncio.Future[bytes]) -> None:
         self._waiting -= 1
-        answer.cancelled() or answer.exception()  # also where nobody waits any more
+        answer.cancelled() or answer.exception()  # mark as retrieved, also without a waiting page
 
     def _answer(
         self, question: Question, since_ns: int, until_ns: int, station: str | None
@@ -142,10 +142,10 @@ class Archive:
             try:
                 until_s = time.monotonic() + _LIMIT_S
                 db.set_progress_handler(lambda: time.monotonic() > until_s, _STEPS)
-                db.execute("BEGIN")  # all of an answer is of one state of the store
+                db.execute("BEGIN")  # one snapshot for the whole answer
                 told = question(db, since_ns, until_ns, station)
             finally:
                 db.close()
-        except (sqlite3.Error, TypeError, ValueError) as error:  # a damaged store tells anything
+        except (sqlite3.Error, TypeError, ValueError) as error:  # damage
             raise UnansweredError(f"the store cannot be asked: {reason(error)}") from error
         return json.dumps(told, separators=(",", ":")).encode()

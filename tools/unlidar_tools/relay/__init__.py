@@ -1,1 +1,1 @@
-"""`unlidar relay`: a station's events, sent on as they come."""
+"""`unlidar relay`: forwards a station's events as they arrive."""

@@ -1,7 +1,7 @@
-"""Cursor on Target: what TAK clients show on their maps.
+"""Cursor on Target, the messages of TAK clients.
 
-Python's own XML: pytak warns at its import of what it would need for more, asks for a
-client certificate where a server wants none, and allows every cipher of TLS.
+Written with Python's XML: pytak warns on import about optional packages, requires a
+client certificate even if the server does not, and allows every cipher of TLS.
 """
 
 import math
@@ -20,14 +20,14 @@ DRONE = "a-u-A-M-H-Q"  # of unknown side, air, rotary wing, unmanned
 _BREACHED, _CANCELLED = "b-a-g", "b-a-o-can"
 _ALARM_STALE_S = 3600
 _LEAST_STALE_S = 5.0
-# Stamps that are further from the wall clock are those of a clock of its own, or of a recording.
+# Stamps further from the wall clock are of an unsynchronised clock, or of a recording.
 _MOST_APART_S = 60.0
 _UNKNOWN = "9999999.0"
 _MEASURED = "m-g"  # how: by a machine
 
 
 class Encoder:
-    """Messages to XML: the newest place of each track now and then, its end, alarms."""
+    """Converts messages to XML: the newest row of each track at intervals, its end, alarms."""
 
     def __init__(self, place: Place, every_s: float) -> None:
         self._heading_deg = place.heading_deg
@@ -37,7 +37,7 @@ class Encoder:
         self._note_clock = True
 
     def encode(self, message: Message) -> bytes | None:
-        """None where there is nothing to tell."""
+        """The XML of a message; None if there is nothing to send."""
         event = message.event
         if isinstance(event, Row):
             told_ns = self._told.get(event.track, (None, message))[0]
@@ -52,7 +52,7 @@ class Encoder:
         if isinstance(event, TrackEnds) and event.track in self._told:
             _, newest = self._told.pop(event.track)
             assert isinstance(newest.event, Row)
-            # Stale at once: the client shows where it was last, greyed, and lets it go.
+            # Stale at once: clients grey out the last position, then remove it.
             return self._track(newest, newest.event, self._time(event.at), 0.0)
         if message.kind == ALARM and message.alarm is not None and message.place is not None:
             return self._alarm(message, message.alarm, self._time(message.at_ns))
@@ -61,7 +61,7 @@ class Encoder:
     def _track(self, message: Message, row: Row, time_s: float, stale_s: float) -> bytes:
         detail = Xml.Element("detail")
         speed = math.hypot(row.vx, row.vy)
-        # A mathematical angle counts counterclockwise from the x axis, a course clockwise.
+        # Mathematical angles are counterclockwise from x, courses clockwise from north.
         course = (self._heading_deg - math.degrees(math.atan2(row.vy, row.vx))) % 360
         Xml.SubElement(detail, "track", course=f"{course:.1f}", speed=f"{speed:.2f}")
         remarks = Xml.SubElement(detail, "remarks")
@@ -89,7 +89,7 @@ class Encoder:
         lat, lon, height = message.place or (0.0, 0.0, 0.0)
         row = message.event
         known = isinstance(row, Row)
-        # 1-sigma, as the schema of the events has it.
+        # 1-sigma by the schema of CoT.
         ce = f"{max(row.sigma_x, row.sigma_y):.2f}" if known else _UNKNOWN
         le = f"{row.sigma_z:.2f}" if known else _UNKNOWN
         point = Xml.Element(
@@ -113,7 +113,7 @@ class Encoder:
 
 
 def uid_of(station: str, track: int) -> str:
-    """What a TAK client knows a track by."""
+    """The uid of a track in TAK."""
     return f"unlidar.{station}.{track}"
 
 

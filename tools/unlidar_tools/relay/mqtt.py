@@ -19,7 +19,7 @@ from unlidar_tools.events.station import INSTANCE, Message
 from unlidar_tools.names import topic_level
 
 ONLINE = "online"
-_INSTANCE = secrets.token_hex(8)  # tells two relays that took the same name from one that came back
+_INSTANCE = secrets.token_hex(8)  # distinguishes two relays of one name from one that reconnects
 _QOS = 1
 _ANSWER_S = 10.0
 _GREET_S = 1.0
@@ -28,7 +28,7 @@ Publication = tuple[str, str, bool]  # topic, text, retained
 
 
 def encode(message: Message) -> Publication:
-    """Who comes later still gets the states."""
+    """The publications of a message; states are retained for later subscribers."""
     text = extended(message.text, {INSTANCE: _INSTANCE})
     topic = f"{PREFIX}/{message.station}/{message.kind}"
     if isinstance(message.event, SensorState):
@@ -37,7 +37,7 @@ def encode(message: Message) -> Publication:
 
 
 class MqttSender:
-    """A broker. What was published and not acknowledged is published again."""
+    """Publishes to a broker; unacknowledged messages are published again."""
 
     reach = "acknowledged by the broker"
 
@@ -63,13 +63,13 @@ class MqttSender:
         self._lost: asyncio.Future[None] | None = None
         self._greet_later: asyncio.TimerHandle | None = None
         self._is_greeted = False
-        self._broke = False  # the way, with what was sent last
+        self._broke = False  # True if the connection broke with the last message
 
     async def connect(self) -> None:
-        """OSError where there is no broker or it refuses us."""
+        """Connects. OSError if there is no broker or it refuses."""
         loop = asyncio.get_running_loop()
         client = make_client(self._login, self._tls)
-        client.max_inflight_messages_set(0)  # bounded by what `send` is given
+        client.max_inflight_messages_set(0)  # bounded by the caller of `send`
         client.will_set(self._state_topic, OFFLINE, _QOS, retain=True)
         connected: asyncio.Future[None] = loop.create_future()
         lost: asyncio.Future[None] = loop.create_future()
@@ -83,13 +83,13 @@ class MqttSender:
                 future.set_exception(ConnectionError(f"{code}"))
 
         def tell(future: asyncio.Future[None], code: ReasonCode | int) -> None:
-            with contextlib.suppress(RuntimeError):  # the loop has ended
+            with contextlib.suppress(RuntimeError):  # the event loop is closed
                 loop.call_soon_threadsafe(settle, future, code)
 
         client.on_connect = lambda _c, _u, _f, code, _p: tell(connected, code)
         client.on_disconnect = lambda _c, _u, _f, code, _p: tell(lost, code)
         self._client, self._lost = client, lost
-        # Its own call waits for the name and the answer of the system.
+        # In a thread: paho's connect blocks on name resolution and connection.
         await loop.run_in_executor(
             None, lambda: client.connect(self._host, self._port, KEEPALIVE_S)
         )
@@ -101,21 +101,21 @@ class MqttSender:
             raise ConnectionError(f"no answer within {_ANSWER_S:g} s")
         (connected if connected.done() else lost).result()
         self._is_greeted = False
-        # A link that breaks after a message or two would carry nothing but greetings.
+        # Once: a link that breaks after a message or two would otherwise carry greetings only.
         if self._broke:
             self._greet_later = loop.call_later(_GREET_S, self._greet)
         else:
             self._greet()
 
     async def send(self, messages: Sequence[Publication], arrived: Callable[[], None]) -> None:
-        """Returns when the broker has acknowledged all."""
+        """Publishes messages; returns when the broker has acknowledged all."""
         self._broke = True
         await self._publish(messages, arrived)
         self._broke = False
         self._greet()
 
     def _greet(self) -> None:
-        """Once in a connection. Where that is not acknowledged, there will be another one."""
+        """Publishes presence and place, once per connection; repeated if not acknowledged."""
         if self._client is not None and not self._is_greeted:
             self._is_greeted = True
             for topic, text, retain in self._greeting:
@@ -128,7 +128,7 @@ class MqttSender:
         ]
         clock = asyncio.get_running_loop().time
         for info in waiting:
-            # Acknowledged in order: when the last one is, nobody waits.
+            # Acknowledgements are in order, so the last one completes the batch.
             end_s = clock() + _ANSWER_S
             while info.rc == paho.MQTT_ERR_SUCCESS and not info.is_published():
                 if clock() > end_s or not self._client.is_connected():
@@ -139,12 +139,12 @@ class MqttSender:
             arrived()
 
     async def lost(self) -> None:
-        """When the broker leaves."""
+        """Returns when the connection is lost."""
         assert self._lost is not None
         await asyncio.shield(self._lost)
 
     async def close(self) -> None:
-        """With a word to those who listen, where that is still possible."""
+        """Publishes the absence, if still possible, and disconnects."""
         client, self._client = self._client, None
         if self._greet_later is not None:
             self._greet_later.cancel()
@@ -155,4 +155,4 @@ class MqttSender:
             client.disconnect()
         await asyncio.get_running_loop().run_in_executor(None, client.loop_stop)
         if self._lost is not None and self._lost.done():
-            self._lost.exception()  # it was seen
+            self._lost.exception()  # mark the exception as retrieved

@@ -1,4 +1,4 @@
-"""A queue before somebody who may be away: order is kept, room is bounded, losses are counted."""
+"""Bounded, ordered queue for a receiver that may be unreachable; losses are counted."""
 
 import asyncio
 import contextlib
@@ -14,57 +14,57 @@ from unlidar_tools.reporting import RateLimitedNote, note
 
 T = TypeVar("T")
 
-_WAIT_S = 0.5, 30.0  # between two attempts, the first and the longest
-_SHARE = 64  # so many messages are handed over at once; when connected one, then twice as many
-# A message is left out when so many trials in a row showed that others get through where it does
-# not. In a trial up to so many others go before it: a link that breaks by itself, when and however
-# often it likes, would have to do so at a place drawn by lot, each time: once in 16**6 messages.
+_WAIT_S = 0.5, 30.0  # retry delay, first and longest
+_SHARE = 64  # largest batch; starts at one after connecting and doubles
+# A message is dropped after _TRIALS trials in a row in which others got through and it did not.
+# Up to _MOST_BEFORE others, a random number, precede it in a trial: a link that breaks by itself
+# would have to break at a random position each time, a chance of one in 16**6.
 _TRIALS, _MOST_BEFORE = 6, 16
-_LOSSES = 4  # before another one is sent out of turn, where none has arrived that could be again
-_SHOWN = 80  # characters of such a message
+_LOSSES = 4  # before another message is sent out of turn if none has arrived yet
+_SHOWN = 80  # characters of a dropped message shown in notes
 
 
 class Sender(Protocol[T]):
-    """A way to somebody.
+    """Connection to a receiver.
 
-    Every method may throw OSError, or ValueError: then it is closed and connected again.
+    Every method may throw OSError or ValueError, upon which it is closed and reconnected.
     """
 
-    reach: str  # of a message that is counted as sent: how far it came
+    reach: str  # meaning of "sent" for this protocol
 
     async def connect(self) -> None:
-        """Ready to send when it returns."""
+        """Connects; ready to send on return."""
 
     async def send(self, messages: Sequence[T], arrived: Callable[[], None]) -> None:
-        """Returns when the other side has them, as far as the protocol tells.
+        """Sends messages; returns when the receiver has them, as far as the protocol tells.
 
-        `arrived` is called for each, in their order, also before those behind it have.
+        `arrived` is called for each in order, possibly before later ones have arrived.
         """
 
     async def lost(self) -> None:
-        """Returns or throws OSError when the other side has left; else never."""
+        """Returns or throws OSError when the connection is lost; else never."""
 
     async def close(self) -> None:
-        """Throws nothing."""
+        """Closes; throws nothing."""
 
 
 class Output(Generic[T]):
-    """Sends what is offered, in this order, however often the way is lost.
+    """Sends offered messages in order, across lost connections.
 
-    What had not arrived when it was lost is sent again: it may arrive twice, and not in another
-    order. A message is left out only where others get through and it does not.
+    Unacknowledged messages are sent again: delivery is at least once and in order. A message is
+    dropped only if others get through and it does not.
     """
 
     def __init__(self, name: str, sender: Sender[T], room: int, probe: T | None = None) -> None:
-        """`probe`: a message that does no harm whenever and however often it comes."""
+        """`probe`: a message without side effects at any time and number."""
         self.name = name
         self._sender = sender
         self._room = room
         self._queue: deque[_Waiting[T]] = deque()
-        self._in_flight = 0  # so many at its front are being sent
+        self._in_flight = 0  # number of front messages being sent
         self._share = 1
-        self._last = probe  # that has arrived
-        self._passed = 0  # so many got through, also those that had before
+        self._last = probe  # the last message that arrived
+        self._passed = 0  # arrivals, repeated ones included
         self._filled = asyncio.Event()
         self._emptied = asyncio.Event()
         self._emptied.set()
@@ -75,23 +75,23 @@ class Output(Generic[T]):
 
     @property
     def dropped(self) -> int:
-        """So many were left out."""
+        """Number of dropped messages."""
         return self._drop.count + self._refuse.count
 
     @property
     def reach(self) -> str:
-        """How far a message that was sent has come."""
+        """Meaning of "sent" for this output."""
         return self._sender.reach
 
     @property
     def waiting(self) -> int:
-        """So many were neither sent nor left out."""
+        """Number of queued messages."""
         return len(self._queue)
 
     def offer(self, message: T, spare: bool) -> None:
-        """Never waits. Where there is no room the oldest that one can `spare` goes."""
+        """Queues a message without waiting; if full, drops the oldest that is `spare`."""
         self._queue.append(_Waiting(message, spare))
-        while self.waiting - self._in_flight > self._room:  # what is being sent may have arrived
+        while self.waiting - self._in_flight > self._room:  # in flight: kept
             rest = enumerate(islice(self._queue, self._in_flight, None), self._in_flight)
             del self._queue[next((i for i, entry in rest if entry.spare), self._in_flight)]
             self._drop(f"{self._room} messages wait")
@@ -99,7 +99,7 @@ class Output(Generic[T]):
         self._emptied.clear()
 
     async def run(self) -> None:
-        """For ever."""
+        """Sends for ever."""
         wait_s = _WAIT_S[0]
         while True:
             try:
@@ -123,7 +123,7 @@ class Output(Generic[T]):
             wait_s = min(2 * wait_s, _WAIT_S[1])
 
     async def drain(self, seconds: float) -> None:
-        """Waits so long at most until everything is sent; not for somebody who is away."""
+        """Waits until all is sent, at most `seconds`; returns at once if not connected."""
         if self._away:
             return
         with contextlib.suppress(asyncio.TimeoutError):
@@ -146,11 +146,11 @@ class Output(Generic[T]):
                     self._emptied.set()
         finally:
             lost.cancel()
-            await asyncio.wait({lost})  # itself may be cancelled, which must not pass for its end
+            await asyncio.wait({lost})  # distinguishes its cancellation from ours
             lost.cancelled() or lost.exception()  # it was seen
 
     async def _send_some(self) -> None:
-        """A share; of one that the way was lost with, its first message by itself."""
+        """Sends a batch; after a loss the first message of the batch alone."""
         first = self._queue[0]
         self._in_flight = min(self._share, self.waiting)
         try:
@@ -169,14 +169,14 @@ class Output(Generic[T]):
             self._in_flight = 0
 
     def _other(self, losses: int) -> T | None:
-        """The newest that has arrived, else the probe or, out of turn, the next."""
+        """A message for a trial: the newest that has arrived, else the probe, else the next."""
         if self._last is not None:
             return self._last
         may_be_next = losses > _LOSSES and self.waiting > 1
         return self._queue[1].message if may_be_next else None
 
     async def _try(self, first: "_Waiting[T]", other: T) -> None:
-        """Whether it is the first message or the way: one that may arrive twice goes before it."""
+        """Tests if the first message or the connection fails, by a repeatable one before it."""
         doubts, first.doubts = first.doubts, 0
         for _ in range(random.randint(1, _MOST_BEFORE)):
             await self._sender.send([other], self._pass)
@@ -202,6 +202,6 @@ class Output(Generic[T]):
 @dataclass(eq=False)
 class _Waiting(Generic[T]):
     message: T
-    spare: bool  # may be left out
-    losses: int = 0  # so often the way was lost with it alone; each second time in a trial
-    doubts: int = 0  # so many trials in a row it did not get through, and others did
+    spare: bool  # may be dropped
+    losses: int = 0  # losses with this message alone; each second in a trial
+    doubts: int = 0  # consecutive trials in which others got through and it did not

@@ -1,4 +1,4 @@
-"""From a source of events to all outputs."""
+"""Forwarding from a source of events to all outputs."""
 
 import asyncio
 import contextlib
@@ -27,30 +27,30 @@ _EXPECTED = f"HOST:PORT after one of {', '.join(f'{scheme}://' for scheme in _SC
 
 @dataclass(frozen=True)
 class Told:
-    """What became of the messages for one output."""
+    """Statistics of one output."""
 
     name: str
-    reach: str  # how far those that were sent came, as far as it is known
+    reach: str  # meaning of "sent" for this output
     sent: int
     dropped: int
     waiting: int
 
 
 class Way:
-    """An output with what it is told of a message."""
+    """An output with its encoder."""
 
     def __init__(self, output: Output, encode: Callable[[Message], Any]) -> None:
         self.output, self._encode = output, encode
 
     def offer(self, message: Message) -> None:
-        """Never waits."""
+        """Queues a message without waiting."""
         encoded = self._encode(message)
         if encoded is not None:
             self.output.offer(encoded, spare=isinstance(message.event, Row))
 
 
 def make_way(wanted: Wanted, site: Site) -> Way:
-    """UsageError for an address that is none, ConfigError where the site lacks what it needs."""
+    """The output of an address. UsageError if invalid, ConfigError if the site lacks a key."""
     address = read_address(wanted.to, _SCHEMES, _EXPECTED)
     tls = tls_context(wanted, address.name) if address.scheme in ("cot+tls", "mqtts") else None
     if address.scheme in _COT:
@@ -90,10 +90,10 @@ async def relay(
     all_of_it: bool,
     keep: Callable[[Message], None],
 ) -> list[Told]:
-    """Until the source or a signal ends it; then what waits has a few seconds to leave.
+    """Forwards until the source ends or a signal arrives, then drains for a few seconds.
 
-    What a file held before is kept, and not sent, unless `all_of_it`: it tells which tracks and
-    alarms there are.
+    Content of a file before the start sets up tracks and alarms but is not sent, unless
+    `all_of_it`.
     """
     station = Station(site, load_zones(site), source.name, places=bool(ways))
     running = [asyncio.ensure_future(way.output.run()) for way in ways]
@@ -131,14 +131,14 @@ async def relay(
 async def until_signal(tasks: Sequence[asyncio.Future]) -> None:
     """Returns when one of the tasks is done, or at SIGINT, SIGTERM or SIGHUP.
 
-    One that is ignored stays so: nohup wants that of SIGHUP.
+    Ignored signals stay ignored, as nohup expects of SIGHUP.
     """
     loop = asyncio.get_running_loop()
     stopped = asyncio.Event()
     stop = asyncio.ensure_future(stopped.wait())
     known = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     with contextlib.ExitStack() as undo:
-        with contextlib.suppress(ValueError, RuntimeError):  # not the main thread: no signals here
+        with contextlib.suppress(ValueError, RuntimeError):  # signals work in the main thread only
             for number, handler in known.items():
                 if handler is signal.SIG_IGN:
                     continue

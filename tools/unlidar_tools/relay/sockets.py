@@ -1,4 +1,4 @@
-"""UDP, TCP and TLS for Cursor on Target: which has no acknowledgement of its own."""
+"""UDP, TCP and TLS for Cursor on Target, which has no acknowledgements."""
 
 import asyncio
 import contextlib
@@ -14,10 +14,10 @@ from collections.abc import Callable, Sequence
 
 _DIAL_S = 10.0
 _LOOK_S = 0.005
-# What the system of a machine has taken its program may never read: so long a reset would tell so.
+# Data acknowledged by TCP may be unread by the program; a reset within this time reveals that.
 _SETTLE_S = 0.1
 _MULTICAST_HOPS = 4
-# Of a connection: the other side reset it, or sends nothing more.
+# States of a connection: reset, or closed by the other side.
 _RESET = select.POLLERR | select.POLLHUP
 _LEFT = _RESET | select.POLLRDHUP
 
@@ -32,11 +32,11 @@ class UdpSender:
         self._transport: asyncio.DatagramTransport | None = None
 
     async def connect(self) -> None:
-        """OSError for a name that is not known."""
+        """Resolves the name. OSError if unknown."""
         loop = asyncio.get_running_loop()
         found = await loop.getaddrinfo(self._host, self._port, type=socket.SOCK_DGRAM)
         family, *_, address = found[0]
-        # No errors of an earlier datagram: that nobody listens just now is no loss of the way.
+        # Unconnected socket: ICMP errors of earlier datagrams are no lost connection.
         self._transport, _ = await loop.create_datagram_endpoint(
             asyncio.DatagramProtocol, remote_addr=address[:2], family=family, allow_broadcast=True
         )
@@ -48,7 +48,7 @@ class UdpSender:
                 own.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, _MULTICAST_HOPS)
 
     async def send(self, messages: Sequence[bytes], arrived: Callable[[], None]) -> None:
-        """Whether anybody has them nobody knows."""
+        """Sends datagrams; their arrival is unknown."""
         assert self._transport is not None
         for message in messages:
             if self._transport.is_closing():
@@ -57,18 +57,18 @@ class UdpSender:
             arrived()
 
     async def lost(self) -> None:
-        """Never."""
+        """Never returns."""
         await asyncio.Event().wait()
 
     async def close(self) -> None:
-        """Closes the socket; what was sent leaves before."""
+        """Closes the socket after sent data has left."""
         if self._transport is not None:
             self._transport.close()
         self._transport = None
 
 
 class StreamSender:
-    """Events one after the other, as TAK servers take them by TCP and TLS."""
+    """Concatenated events by TCP or TLS, as TAK servers accept them."""
 
     reach = "acknowledged by the other machine, by no program"
 
@@ -76,24 +76,24 @@ class StreamSender:
         self._host, self._port, self._tls = host, port, tls
         self._reader: asyncio.StreamReader | None = None
         self._writer: asyncio.StreamWriter | None = None
-        self._wire: int | None = None  # the connection for the system, also after TLS has closed it
+        self._wire: int | None = None  # socket descriptor, valid also after TLS has closed
 
     async def connect(self) -> None:
-        """OSError, also of TLS."""
+        """Connects. OSError, also for TLS."""
         dial = asyncio.open_connection(self._host, self._port, ssl=self._tls)
         try:
             async with asyncio.timeout(_DIAL_S):
                 self._reader, self._writer = await dial
-            # Not 0: TLS would wait for less than nothing.
+            # Not 0: the low mark of TLS would be negative.
             self._writer.transport.set_write_buffer_limits(high=1)
             self._wire = os.dup(self._writer.get_extra_info("socket").fileno())
         except TimeoutError as error:
             raise ConnectionError(f"no answer within {_DIAL_S:g} s") from error
 
     async def send(self, messages: Sequence[bytes], arrived: Callable[[], None]) -> None:
-        """Returns when the other machine's system has acknowledged them and not taken it back.
+        """Sends events; returns when the peer's TCP has acknowledged them without a later reset.
 
-        TCP knows no more.
+        TCP offers no stronger guarantee.
         """
         assert self._writer is not None and self._wire is not None
         if _look(self._wire) & _LEFT:
@@ -110,7 +110,7 @@ class StreamSender:
             arrived()
 
     async def _acknowledged(self, wire: int) -> None:
-        """OSError where the other side reset the connection: it has not read all of it."""
+        """OSError if the peer reset the connection, that is, has not read everything."""
         clock = asyncio.get_running_loop().time
         moved_s, left = clock(), 0
         while not (seen := _look(wire)) & _RESET:
@@ -118,7 +118,7 @@ class StreamSender:
             if left != before:
                 moved_s = clock()
             still_s = clock() - moved_s
-            # Whoever leaves without a reset has read all.
+            # A close without reset means that all was read.
             if not left and (still_s > _SETTLE_S or seen & _LEFT):
                 return
             if still_s > _DIAL_S:
@@ -127,7 +127,7 @@ class StreamSender:
         raise ConnectionResetError("the connection was reset")
 
     async def lost(self) -> None:
-        """Reads away what a server tells its clients, until it leaves."""
+        """Discards incoming data until the server closes."""
         assert self._reader is not None
         while await self._reader.read(65536):
             pass
@@ -146,12 +146,12 @@ class StreamSender:
 
 
 def _look(wire: int) -> int:
-    """What the system knows of a connection just now, whatever the loop has come to."""
+    """State of a connection by the system, independent of the event loop's progress."""
     poll = select.poll()
     poll.register(wire, select.POLLRDHUP)
     return next((events for _, events in poll.poll(0)), 0)
 
 
 def _unacknowledged(wire: int) -> int:
-    """Bytes, of TLS with what it adds."""
+    """Unacknowledged bytes, TLS overhead included."""
     return struct.unpack("i", fcntl.ioctl(wire, termios.TIOCOUTQ, b"\0" * 4))[0]

@@ -1,4 +1,4 @@
-"""JSON by WebSocket: a small server that tells every client each event as a text message."""
+"""WebSocket server that sends every event to all clients as a JSON text message."""
 
 import asyncio
 import contextlib
@@ -19,9 +19,9 @@ _MOST_INCOMING_BYTES = 1024
 
 
 class WebSocketSender:
-    """Listens at an address. Who comes gets what is told from then on.
+    """Listens at an address. Clients get all messages after they connected.
 
-    A client that is slow loses its own oldest messages, and holds up nobody else.
+    A slow client loses its own oldest messages and delays no other.
     """
 
     reach = "told to whoever was there"
@@ -39,12 +39,12 @@ class WebSocketSender:
 
     @property
     def port(self) -> int:
-        """Where it listens, once it is connected."""
+        """The port in use, valid after connect()."""
         assert self._server is not None
         return next(iter(self._server.sockets)).getsockname()[1]
 
     async def connect(self) -> None:
-        """OSError where the address is taken."""
+        """Starts the server. OSError if the address is in use."""
         limit_logging("the WebSocket server", "websockets", "asyncio")
         self._server = await serve(
             self._tell,
@@ -52,7 +52,7 @@ class WebSocketSender:
             self._port,
             ssl=self._tls,
             process_request=self._check,
-            # A page of another site must not listen in through its reader's browser.
+            # Pages of other sites must not listen through a user's browser.
             origins=[None],
             max_size=_MOST_INCOMING_BYTES,
             server_header=None,
@@ -60,18 +60,18 @@ class WebSocketSender:
         stage(f"ws://{self._host}:{self.port} is open")
 
     async def send(self, messages: Sequence[str], arrived: Callable[[], None]) -> None:
-        """To all who are there; nobody is waited for."""
+        """Queues messages for all clients without waiting."""
         for message in messages:
             for client in self._clients:
                 client.offer(message)
             arrived()
 
     async def lost(self) -> None:
-        """Never."""
+        """Never returns."""
         await asyncio.Event().wait()
 
     async def close(self) -> None:
-        """Says goodbye to all."""
+        """Closes all connections."""
         server, self._server = self._server, None
         if server is not None:
             server.close()
@@ -92,9 +92,9 @@ class WebSocketSender:
         self._clients.add(client)
         sending = asyncio.ensure_future(client.tell(connection))
         try:
-            with contextlib.suppress(ConnectionClosed):  # without a good-bye
+            with contextlib.suppress(ConnectionClosed):  # closed without a close frame
                 async for _ in connection:
-                    pass  # what a client says is not listened to
+                    pass  # messages of clients are ignored
         finally:
             self._clients.discard(client)
             sending.cancel()

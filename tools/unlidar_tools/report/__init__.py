@@ -1,4 +1,4 @@
-"""What `unlidar report` makes of a run: one page, figures for papers, a recording for rerun."""
+"""`unlidar report`: a page, figures for papers, and a rerun recording of a run."""
 
 from pathlib import Path
 

@@ -36,9 +36,9 @@ class Errors:
 
 
 def errors_of(data: ReportData) -> Errors:
-    """All errors, also those that are thinned out when drawn.
+    """All errors, before thinning for the charts.
 
-    Of several drones each is compared with the track of its own: the nearest may be another's.
+    With several drones each is compared with its matched track, as the nearest may be another's.
     """
     several = len(np.unique(data.truth.target)) > 1
     at = identities(data.truth, data.tracks).own if several else cover(data.truth, data.tracks)
@@ -57,7 +57,7 @@ def drawn_errors(errors: Errors) -> Drawn:
 def scene(data: ReportData) -> go.Figure:
     """The 3-D view; its point clouds and markers are still empty."""
     figure = go.Figure()
-    # Many returns would hide the estimate, few must be seen.
+    # Many target returns get small markers, so as not to hide the estimate.
     target_size = 1.4 if data.sample.targets > 1000 else 2.6
     for name, colour, size, opacity, symbol in (
         ("returns", GREY, 1.4, 0.35, "circle"),
@@ -72,15 +72,15 @@ def scene(data: ReportData) -> go.Figure:
             marker={"size": size, "color": colour, "opacity": opacity, "symbol": symbol},
             hoverinfo="skip" if name.startswith("returns") else "x+y+z+name",
         )  # fmt: skip
-    for trajectory in (*truth_trajectories(data), *track_trajectories(data)):
+    for one in (*truth_trajectories(data), *track_trajectories(data)):
         figure.add_scatter3d(
-            x=[], y=[], z=[], mode="lines", name=trajectory.name, legendgroup=trajectory.name,
-            line={"color": trajectory.colour, "width": 4 * trajectory.width, "dash": trajectory.dash},
+            x=[], y=[], z=[], mode="lines", name=one.name, legendgroup=one.name,
+            line={"color": one.colour, "width": 4 * one.width, "dash": one.dash},
         )  # fmt: skip
-    for trajectory in track_trajectories(data) if data.tracks.sigma_m is not None else ():
+    for one in track_trajectories(data) if data.tracks.sigma_m is not None else ():
         figure.add_mesh3d(
-            x=[], y=[], z=[], i=[], j=[], k=[], name=f"{trajectory.name} ± 2 sigma",
-            color=trajectory.colour, opacity=0.18, legendgroup=trajectory.name, hoverinfo="skip",
+            x=[], y=[], z=[], i=[], j=[], k=[], name=f"{one.name} ± 2 sigma",
+            color=one.colour, opacity=0.18, legendgroup=one.name, hoverinfo="skip",
         )  # fmt: skip
     figure.add_scatter3d(
         x=[0], y=[0], z=[0], mode="markers", name="station",
@@ -108,7 +108,7 @@ def scene(data: ReportData) -> go.Figure:
 
 
 def box_of(data: ReportData) -> tuple[np.ndarray, np.ndarray]:
-    """What the 3-D view shows at first: the flight and what is around."""
+    """Initial limits of the 3-D view: the flight and its surroundings."""
     low, high = view_box(data.flight_m, data.sample.overall_m, 0.35)
     lacking = np.maximum(_LEAST_AROUND_M - (high - low), 0) / 2
     lacking[2] = 0
@@ -126,7 +126,7 @@ def wide_box_of(data: ReportData) -> tuple[np.ndarray, np.ndarray]:
 
 def camera_of(low: np.ndarray, high: np.ndarray) -> dict:
     """Looks at the whole box from the south-east, from a little above."""
-    # With equal scales plotly makes the geometric mean of the box's sides the unit.
+    # With equal scales plotly's unit is the geometric mean of the box's sides.
     longest = (high - low).max() / np.cbrt(np.prod(high - low))
     return {
         "eye": {axis: round(float(longest * v), 3) for axis, v in zip("xyz", _EYE, strict=True)},
@@ -175,20 +175,20 @@ def over_time(data: ReportData, begin_s: float) -> go.Figure:
     truths, tracks = truth_trajectories(data), track_trajectories(data)
     figure = make_subplots(rows=5, cols=1, shared_xaxes=True, vertical_spacing=0.025)
     for row, panel in enumerate(panels_of(data), start=1):
-        for trajectory in tracks if panel.sigma is not None else ():
-            x, y = _band(trajectory, begin_s, panel.estimate, 2 * panel.sigma)
+        for one in tracks if panel.sigma is not None else ():
+            x, y = _band(one, begin_s, panel.estimate, 2 * panel.sigma)
             figure.add_scatter(
                 x=x, y=y, row=row, col=1, fill="toself", mode="lines", line={"width": 0},
-                fillcolor=faded(trajectory.colour, 0.22), legendgroup=trajectory.name, showlegend=False,
+                fillcolor=faded(one.colour, 0.22), legendgroup=one.name, showlegend=False,
                 hoverinfo="skip",
             )  # fmt: skip
-        for trajectory in (*truths, *tracks):
-            values = panel.estimate if trajectory.is_track else panel.truth
+        for one in (*truths, *tracks):
+            values = panel.estimate if one.is_track else panel.truth
             figure.add_scatter(
-                x=trajectory.drawn.of(trajectory.time_s - begin_s), y=trajectory.drawn.of(values),
-                row=row, col=1, mode="lines", name=trajectory.name, legendgroup=trajectory.name,
+                x=one.drawn.of(one.time_s - begin_s), y=one.drawn.of(values),
+                row=row, col=1, mode="lines", name=one.name, legendgroup=one.name,
                 showlegend=row == 1, hovertemplate="%{y:.2f}",
-                line={"color": trajectory.colour, "width": 1.5 * trajectory.width, "dash": trajectory.dash},
+                line={"color": one.colour, "width": 1.5 * one.width, "dash": one.dash},
             )  # fmt: skip
         figure.update_yaxes(title_text=panel.title, row=row, col=1)
     figure.update_xaxes(title_text="time [s]", row=5, col=1)
@@ -223,7 +223,7 @@ def error_over_time(errors: Errors, begin_s: float) -> go.Figure:
 
 
 def error_histogram(errors: Errors) -> go.Figure:
-    """How often each length of the error occurs; every error counts."""
+    """Histogram of the error's length, over all errors."""
     length, rest = lengths_of(errors)
     edges = histogram_edges(errors)
     middle, width = (edges[1:] + edges[:-1]) / 2, edges[1] - edges[0]
@@ -246,13 +246,13 @@ def error_histogram(errors: Errors) -> go.Figure:
 
 
 def lengths_of(errors: Errors) -> tuple[np.ndarray, np.ndarray]:
-    """Length of each error, and of what remains without the mean error."""
+    """Length of each error, with and without the mean error."""
     rest = errors.error_m - errors.error_m.mean(axis=0)
     return np.linalg.norm(errors.error_m, axis=1), np.linalg.norm(rest, axis=1)
 
 
 def histogram_edges(errors: Errors) -> np.ndarray:
-    """Equal bins up to the 99th percentile; its last one also counts what lies beyond."""
+    """Edges of equal bins up to the 99th percentile; the last bin includes larger errors."""
     longest = max(1e-3, 1.1 * float(np.quantile(lengths_of(errors)[0], 0.99)))
     return np.linspace(0, longest, _BINS + 1)
 

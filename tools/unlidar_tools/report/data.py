@@ -1,4 +1,4 @@
-"""What a report is made of: the files of one run, read into arrays."""
+"""Input of a report: the files of one run, read into arrays."""
 
 import csv
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ class Clusters:
 
 @dataclass(frozen=True)
 class ReportData:
-    """Everything that pages and figures show. Times are Unix seconds, lengths metres."""
+    """All data of pages and figures. Times are Unix seconds, lengths metres."""
 
     record: RunRecord
     summary: dict
@@ -38,8 +38,8 @@ class ReportData:
     measures: dict | None  # of `evaluate`; None without truth
     clusters: Clusters
     sample: Sample
-    missing_frames: list[Path]  # directories of the run that are gone
-    explanation: list[Lost] = field(default_factory=list)  # none where it was not asked for
+    missing_frames: list[Path]  # frame directories that no longer exist
+    explanation: list[Lost] = field(default_factory=list)  # empty without `unlidar explain`
 
     @property
     def flight_m(self) -> np.ndarray:
@@ -55,7 +55,7 @@ def load_run(run: Path) -> ReportData:
 
 
 def judged(record: RunRecord, tracks: Tracks) -> dict | None:
-    """The measures of a run with what its truth is; None without one, or if it is gone."""
+    """The measures of a run with its truth's reference point; None without a truth file."""
     if record.truth is None or not record.truth.is_file():
         return None
     return evaluate(read_truth(record.truth), tracks) | about_truth(record.truth)

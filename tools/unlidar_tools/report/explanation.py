@@ -27,7 +27,7 @@ class LostRun:
 
 @dataclass(frozen=True)
 class Lost:
-    """What became of one target."""
+    """Explanation of one target."""
 
     target: str
     runs: list[LostRun]
@@ -43,7 +43,7 @@ _FILE = TypeAdapter(_Explanation)
 
 
 def read_explanation(run: Path) -> list[Lost]:
-    """Empty where `unlidar explain` was not called; InputError for a file that is not its own."""
+    """The explanation; empty without `unlidar explain`, InputError for a foreign file."""
     path = run / EXPLANATION
     if not path.is_file():
         return []

@@ -85,7 +85,7 @@ def note(text: str) -> str:
 
 
 def warnings(data: ReportData) -> str:
-    """What makes the results doubtful: what the program and the conversion had to assume."""
+    """Warnings of the program and notes of the conversion, which make results doubtful."""
     texts = [*data.record.notes, *warnings_of(data.summary)]
     if not texts:
         return ""
@@ -105,7 +105,7 @@ def flat(values: dict, prefix: str = "") -> list[tuple[str, object]]:
 
 
 def cards(data: ReportData) -> str:
-    """The numbers that matter most. RMSE never stands without coverage."""
+    """The most important numbers. RMSE is always shown with coverage."""
     counts, m = data.summary.get("counts", {}), data.measures or {}
     found = [card("tracks", number(len(set(data.tracks.track_id))))]
     if m.get("coverage") is not None:
@@ -151,7 +151,7 @@ def tracks_table(data: ReportData, begin_s: float) -> str:
 
 
 def _kinds_table(tracks: Sequence[dict], colours: Sequence[str | None]) -> str:
-    """What each track may be, and what says so."""
+    """The kind of each track with its evidence."""
     if "kind" not in tracks[0]:
         return ""
     values = [dict(flat(track)) for track in tracks]
@@ -165,7 +165,7 @@ def _kinds_table(tracks: Sequence[dict], colours: Sequence[str | None]) -> str:
 
 
 def drones_table(data: ReportData) -> str:
-    """A row per drone of the truth, where there are several, with the errors of its own tracks."""
+    """A row per drone of the truth, if several, with the errors of its matched tracks."""
     targets = (data.measures or {}).get("targets", [])
     if not targets:
         return ""
@@ -182,7 +182,7 @@ def drones_table(data: ReportData) -> str:
 
 
 def explanation_section(explanation: Sequence[Lost], begin_s: float) -> str:
-    """Where each target was lost, times after `begin_s`; nothing where nothing was explained."""
+    """The stages at which targets were lost, times after `begin_s`; empty without explanation."""
     if not explanation:
         return ""
     parts = []

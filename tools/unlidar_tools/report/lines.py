@@ -1,4 +1,4 @@
-"""Rows of trajectories as a page draws them: thinned, broken where time leaps, with tubes."""
+"""Drawing of trajectories: thinned rows, split at gaps in time, with sigma tubes."""
 
 from dataclasses import dataclass
 
@@ -14,10 +14,10 @@ _SPEED_HALF_S = 0.25
 
 @dataclass(frozen=True)
 class Drawn:
-    """Which rows are drawn, as pieces in order of time."""
+    """Indices of the drawn rows, as pieces in order of time."""
 
     pieces: list[np.ndarray]
-    every: int  # one row in so many; 1 for all
+    every: int  # every k-th row is drawn; 1: all
 
     @property
     def rows(self) -> np.ndarray:
@@ -51,14 +51,14 @@ def drawn_by_group(time_s: np.ndarray, group: np.ndarray) -> dict[float, Drawn]:
 
 
 def _every(piece: np.ndarray, every: int) -> np.ndarray:
-    """One row in so many, and the last."""
+    """Every k-th row, and the last."""
     return np.append(piece[:-1:every], piece[-1:])
 
 
 def at_times(
     time_s: np.ndarray, group: np.ndarray, xyz_m: np.ndarray, wanted_s: np.ndarray
 ) -> list[np.ndarray]:
-    """Where each group is at the wanted times, (S, 3) each; NaN where it is not known."""
+    """Positions of each group at the given times, (S, 3) each; NaN if unknown."""
     found = []
     for one in np.unique(group):
         own = pieces_of(time_s[group == one], group[group == one])
@@ -127,7 +127,7 @@ def tube(
 
 
 def rings_apart(drawn: list[Drawn]) -> int:
-    """One row in so many gets a ring, so that all tubes together have about MOST_RINGS."""
+    """The number of rows per ring, so that all tubes together have about MOST_RINGS."""
     return max(1, -(-sum(len(piece) for one in drawn for piece in one.pieces) // MOST_RINGS))
 
 

@@ -33,7 +33,7 @@ from unlidar_tools.report.view_data import pack_trajectories, pack_view
 _PAGE = Path(__file__).with_name("page")
 _MOST_CLUSTERS = 1_000
 _CLUSTERS_SHOWN = 25
-# The columns of the program's table that a reader compares; the file has all of them.
+# Columns of the cluster table shown on the page; the file has all.
 _CLUSTER_COLUMNS = {
     "rank": "rank", "psi": "psi", "psi_iou": "psi IoU", "psi_rho": "psi rho", "iou": "IoU",
     "relative_density": "R", "von_neumann_ratio": "von Neumann", "size": "returns",
@@ -91,7 +91,7 @@ def page_of(data: ReportData) -> str:
 
 
 def begin_of(data: ReportData) -> float:
-    """Unix time of the page's second 0: the first moment of frames, tracks and truth."""
+    """Unix time of the page's second 0: the earliest time of frames, tracks and truth."""
     firsts = [
         t.min() for t in (data.sample.steps_s, data.tracks.time_s, data.truth.time_s) if len(t)
     ]
@@ -99,7 +99,7 @@ def begin_of(data: ReportData) -> float:
 
 
 def end_of(data: ReportData) -> float:
-    """Unix time of the last moment of frames, tracks and truth."""
+    """Unix time of the latest of frames, tracks and truth."""
     lasts = [
         t.max() for t in (data.sample.steps_s, data.tracks.time_s, data.truth.time_s) if len(t)
     ]
@@ -109,12 +109,12 @@ def end_of(data: ReportData) -> float:
 def _embedded(content: dict, figures: dict[str, Figure]) -> str:
     text = json.dumps(content, separators=(",", ":"), ensure_ascii=False)
     drawn = ",".join(f'"{name}":{figure.to_json()}' for name, figure in figures.items())
-    # So that no text of a file can end the element that holds it.
+    # Escaped, so that no text can close the script element.
     return f'{text[:-1]},"figures":{{{drawn}}}}}'.replace("<", "\\u003c")
 
 
 def _first_step(moments: dict) -> int:
-    """The middle of the moments with an estimate, else the first of all."""
+    """The middle one of the time steps with an estimate, else the first."""
     known = [step for step, found in enumerate(moments["estimate"]) if found]
     return known[len(known) // 2] if known else 0
 
@@ -232,7 +232,7 @@ def _error(data: ReportData, errors: charts.Errors) -> str:
 
 
 def _about_sigmas(m: dict) -> str:
-    """NEES with and without the mean error, and which point the truth is of where that is known."""
+    """NEES with and without the mean error, and the truth's reference point if known."""
     said = ""
     if "nees" in m:
         said += (
@@ -260,7 +260,7 @@ def _short(text: str) -> str:
 
 
 def _cluster_section(data: ReportData, head: list[str], rows: list[list[str]]) -> str:
-    """Open for the method that ranks by these scores, folded for the one that does not."""
+    """The cluster section, unfolded for the method that ranks by these scores."""
     shown = _cluster_table(data, head, rows)
     if data.summary.get("config", {}).get("method") != "robust":
         return shown

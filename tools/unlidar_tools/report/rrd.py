@@ -96,6 +96,6 @@ def _log_positions(rerun: ModuleType, stream: object, data: ReportData) -> None:
                         centers=[xyz_m[row]], half_sizes=[2 * sigma_m[row]], colors=colour
                     )
                     stream.log(f"{place}/two_sigma", ellipsoid)
-            # What has ended is no longer there.
+            # Clear ended tracks.
             stream.set_time("time", timestamp=time_s[rows[-1]] + np.float64(1e-3))
             stream.log(place, rerun.Clear(recursive=True))

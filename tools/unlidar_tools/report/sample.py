@@ -1,4 +1,4 @@
-"""As many returns as a page can carry, drawn evenly and counted, and when each was measured."""
+"""Uniform sample of the returns for a page, with their measurement times."""
 
 from dataclasses import dataclass
 from itertools import groupby
@@ -13,23 +13,23 @@ from unlidar_tools.progress import with_progress
 from unlidar_tools.truth import Tracks
 
 MOST_OVERALL = 40_000  # returns of all times together
-MOST_IN_STEPS = 250_000  # returns of all moments of the time slider together
+MOST_IN_STEPS = 250_000  # returns of all time steps of the slider
 MOST_STEPS = 400
 MOST_TARGETS = 40_000
-# A page keeps centimetres in 16 bits.
+# Pages store centimetres in 16 bits.
 FARTHEST_M = 320.0
-_NEAR_TRACK_M = 6.0  # no target return is farther from the estimate than this
+_NEAR_TRACK_M = 6.0  # target returns are within this distance of the estimate
 _SAME_POINT_M = 2e-3
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Returns in the common frame in m, and the moments of the time slider."""
+    """Returns in the common frame in m, and the time steps of the slider."""
 
     overall_m: np.ndarray  # (N, 3) of all times
-    steps_s: np.ndarray  # (S,) Unix time of each moment
-    edges_s: np.ndarray  # (S - 1,) where one moment ends and the next begins
-    steps_m: list[np.ndarray]  # S arrays (M, 3), the returns of each moment
+    steps_s: np.ndarray  # (S,) Unix time of each step
+    edges_s: np.ndarray  # (S - 1,) boundaries between steps
+    steps_m: list[np.ndarray]  # S arrays (M, 3), the returns of each step
     frames_per_step: int  # of the first sensor
     target_m: np.ndarray  # (T, 3)
     target_s: np.ndarray  # (T,) Unix time, NaN where it is not known
@@ -40,7 +40,7 @@ class Sample:
 
     @property
     def in_steps(self) -> int:
-        """Number of returns that the moments hold together."""
+        """Number of returns in all time steps."""
         return sum(len(step) for step in self.steps_m)
 
 
@@ -59,7 +59,7 @@ def sample_returns(
 ) -> Sample:
     """Reads every frame once; the same input gives the same sample.
 
-    The first sensor's frames give the moments. `target_m` (T, 3) are the target returns, whose
+    The first sensor's frames define the time steps. `target_m` (T, 3) are the target returns; their
     times are found by looking them up in the frames.
     """
     frames = [_frames(directory, mounting) for directory, mounting in sensors.values()]
@@ -109,7 +109,7 @@ def sample_returns(
 
 
 class _TargetClock:
-    """Tells when target returns were measured by finding them again in the frames."""
+    """Finds the measurement times of target returns by looking them up in the frames."""
 
     def __init__(self, tracks: Tracks, target_m: np.ndarray):
         self.time_s = np.full(len(target_m), np.nan)

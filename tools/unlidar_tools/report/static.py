@@ -23,7 +23,7 @@ _DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}  # as matplo
 
 
 def figure_data(data: ReportData) -> FigureData:
-    """What the figure of the flight shows."""
+    """Input of the flight's figure."""
     return FigureData(
         title=data.record.title,
         returns_m=data.sample.overall_m,

@@ -1,4 +1,4 @@
-"""The tracks and the drones of the truth, each with the name and colour that it has everywhere."""
+"""Trajectories of tracks and truth, with name and colour as used in all views."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ _DASHES = ("solid", "dash", "dot", "dashdot")
 
 @dataclass(frozen=True)
 class Trajectory:
-    """One track, or one drone of the truth."""
+    """The trajectory of a track, or of a drone of the truth."""
 
     name: str
     colour: str
@@ -25,12 +25,12 @@ class Trajectory:
 
     @property
     def width(self) -> float:
-        """Of its line, relative to others: the truth can be seen behind the estimate."""
+        """Relative line width; wider for the truth, which is then visible behind the estimate."""
         return 1.0 if self.is_track else 1.6
 
 
 def truth_trajectories(data: ReportData) -> list[Trajectory]:
-    """All are red; several are told apart by their dashes."""
+    """Trajectories of the truth: red, distinguished by dashes."""
     truth = data.truth
     drawn = drawn_by_group(truth.time_s, truth.target)
     return [
@@ -48,7 +48,7 @@ def truth_trajectories(data: ReportData) -> list[Trajectory]:
 
 
 def track_trajectories(data: ReportData) -> list[Trajectory]:
-    """A colour for each."""
+    """Trajectories of the tracks, each with its own colour."""
     tracks = data.tracks
     colours = track_colours(tracks.track_id)
     return [

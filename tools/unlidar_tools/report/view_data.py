@@ -14,7 +14,7 @@ UNIT_M = 0.01
 
 
 def pack_view(data: ReportData, begin_s: float) -> dict:
-    """What page.js needs to fill the clouds and to move them with the slider.
+    """The point clouds and markers of page.js, by step of the time slider.
 
     `*_end` are the numbers of points up to and with each step; markers are per step and track,
     `colours` those of the estimates.
@@ -41,7 +41,7 @@ def pack_view(data: ReportData, begin_s: float) -> dict:
 
 
 def target_steps(sample: Sample) -> np.ndarray:
-    """The moment of each target return, (T,); -1 where its time is not known."""
+    """(T,) time step of each target return; -1 if its time is unknown."""
     if len(sample.steps_s) == 0:
         return np.full(len(sample.target_s), -1)
     step = np.searchsorted(sample.edges_s, np.nan_to_num(sample.target_s), "right")
@@ -99,7 +99,7 @@ def _packed(points_m: np.ndarray) -> str:
 def _markers(
     time_s: np.ndarray, group: np.ndarray, xyz_m: np.ndarray, steps_s: np.ndarray
 ) -> list[dict[float, list[float]]]:
-    """Per step the positions that are known then, by group."""
+    """Known positions by group, for each time step."""
     names = np.unique(group).tolist()
     found = dict(zip(names, at_times(time_s, group, xyz_m, steps_s), strict=True))
     return [

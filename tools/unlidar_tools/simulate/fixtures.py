@@ -1,4 +1,4 @@
-"""What people have put up, and what of it moves: poles, gantries, cables, flags, chimneys."""
+"""Man-made objects, static and moving: poles, gantries, cables, flags, chimneys."""
 
 import itertools
 
@@ -16,11 +16,11 @@ _CABLE_RODS = 8
 _FLAG_DEPTH_M = 0.04
 _PUFFS = 6
 _PUFF_LIFE_S = 5.0
-_NEW_PUFF = 0.15  # of its size in the end
+_NEW_PUFF = 0.15  # initial size as a share of the final one
 
 
 def fixtures(scene: Scene, rng: np.random.Generator) -> list[SceneObject]:
-    """Those that the scene has; no dice are rolled for what it has not."""
+    """The fixtures of a scene; absent kinds consume no random numbers."""
     makers = [_gantry] * scene.gantries + [_cable] * scene.cables
     makers += [_flag] * scene.flags + [_chimney] * scene.steam
     return [thing for make in makers for thing in make(scene, rng)]
@@ -137,7 +137,7 @@ def _puff(
 
     def path(time_s: np.ndarray) -> np.ndarray:
         life, share = np.divmod(lives(time_s), 1.0)
-        # As if drawn anew for each life: sines of numbers far apart.
+        # Pseudo-random per life: sines of widely spaced numbers.
         drift = drift_mps * np.sin(life[:, None] * [2.4, 3.9, 5.3] + phases)
         return top + share[:, None] * _PUFF_LIFE_S * (velocity + drift)
 

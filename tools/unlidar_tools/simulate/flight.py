@@ -22,7 +22,7 @@ def make_path(flight: Flight, duration_s: float, rng: np.random.Generator) -> Pa
         spline = CubicSpline(points[:, 0], points[:, 1:], bc_type="natural")
         first, last = points[0, 0], points[-1, 0]
         return lambda t: spline(np.clip(t, first, last))
-    assert flight.box_m is not None  # Flight has one or the other
+    assert flight.box_m is not None  # Flight has waypoints or a box
     low, high = (np.array(corner) for corner in flight.box_m)
     return random_path(
         low, high, flight.max_speed_mps, flight.turn_s, duration_s, rng, flight.hover_s
@@ -47,7 +47,7 @@ def _resting_path(points: np.ndarray) -> Path:
 
 
 def swaying(centre_m: np.ndarray, reach_m: float, rng: np.random.Generator) -> Path:
-    """About a place, as what the wind bends: two swings across each other, up to `reach_m` each."""
+    """Sway in the wind about a position: two perpendicular oscillations of up to `reach_m`."""
     heading = rng.uniform(0, 2 * np.pi)
     swings = [
         (np.array([np.cos(angle), np.sin(angle), 0.0]), rng.uniform(0.2, 0.6), rng.random())
@@ -95,7 +95,7 @@ def random_path(
             point = points[-1] + step
             if np.all((point >= low_m) & (point <= high_m)):
                 break
-            course = rng.normal(size=3)  # a wall ahead: any other way
+            course = rng.normal(size=3)  # wall ahead: new random direction
         else:
             point = np.clip(point, low_m, high_m)
         course = step / length

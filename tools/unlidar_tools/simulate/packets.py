@@ -41,7 +41,7 @@ def addresses(scenario: Scenario) -> dict[str, str]:
 
 
 def write_packets(simulation: Simulation, path: Path) -> None:
-    """Writes what its Livox LiDARs send to a capture, each from its address."""
+    """Writes the packets of all Livox LiDARs to a capture, each from its own address."""
     dpkt = load_extra("dpkt", "packets", f"{path}: captures need the Python package dpkt")
     sensors = addresses(simulation.scenario)
     streams = [_packets(simulation, name, sensors[name]) for name in sensors]
@@ -65,7 +65,7 @@ def _rays_per_frame(simulation: Simulation, sensor: str) -> int:
 
 
 def _packets(simulation: Simulation, sensor: str, address: str) -> Iterator[tuple[int, str, bytes]]:
-    """When each is sent, from where, and what it holds."""
+    """(time, address, payload) of each packet."""
     model = MODELS[simulation.scenario.sensors[sensor].model]
     packet_ns = Fraction(_RAYS * model.frame_ns, model.rays_per_frame)
     protocol = _PROTOCOLS[simulation.scenario.sensors[sensor].model]

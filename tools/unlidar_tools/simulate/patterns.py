@@ -1,4 +1,4 @@
-"""Where the beams of a LiDAR point as a function of time.
+"""Beam directions of LiDARs as functions of time.
 
 Livox does not publish its scan in full. What is published, and kept to here: fields of view, rays a
 second and number of beams (data sheets); that the Mid-360 draws what a sensor of 40 lines does in
@@ -26,7 +26,7 @@ class Pattern(Protocol):
         """Unit directions (N, 3) at times (N,) of beams (N,); `phase` in [0, 1): at time 0."""
 
     def holds(self, direction: np.ndarray) -> np.ndarray:
-        """Which directions (N, 3), of any length, lie in the field of view."""
+        """(N,) bool: directions (N, 3), of any length, that are in the field of view."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What stands, drives and flies about in a scenario."""
+"""Objects of a scenario: static, driving and flying."""
 
 import numpy as np
 
@@ -12,19 +12,19 @@ _WALKER_SIZE_M = (0.45, 0.45, 1.75)
 _WALKER_SPEED_MPS = 1.6
 _CAR_SIZE_M = (4.2, 1.8, 1.5)
 _CAR_SPEED_MPS = (4.0, 12.0)
-_CAR_REACH_M = 60.0  # a road ends so far from its nearest point
+_CAR_REACH_M = 60.0  # half of a road's length
 _BIRD_SPAN_M = (0.15, 0.38)
 _BIRD_SPEED_MPS = 9.0
 _BIRD_HEIGHT_M = (3.0, 18.0)
 _BIRD_REACH_M = 30.0
-_INSECT_WIDTH_M = 0.03  # what a beam wider than the insect is still scattered by
+_INSECT_WIDTH_M = 0.03  # effective width for beams wider than the insect
 _INSECT_REACH_M = 4.0
 _INSECT_SPEED_MPS = 1.5
 _MARGIN_S = 2.0  # paths go on for this long behind the end of the scenario
 
 
 def build_world(scenario: Scenario, rng: np.random.Generator) -> list[SceneObject]:
-    """The ground, what the scenario lists and what it leaves to chance; the drones come last."""
+    """All objects: ground, listed and random ones; the drones come last."""
     scene = scenario.scene
     ground = np.array([0.0, 0.0, scene.ground_z_m])
     things = [SceneObject("ground", ground, np.full(3, np.inf), 0.3)]

@@ -29,8 +29,8 @@ from unlidar_tools.truth import TRUTH_NAME
 
 _TRUTH_STEP_NS = 20_000_000
 _NS_PER_S = 1_000_000_000
-_WORLD_STREAM = 0  # the random streams of the sensors follow it
-STRAY = -1  # `thing` of a return from nothing
+_WORLD_STREAM = 0  # random stream of the world; the sensors' follow
+STRAY = -1  # `thing` of a return from no object
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class SimulatedFrame:
     begin_ns: int  # of its first ray since the begin of the scenario
     xyz_m: np.ndarray  # (N, 3) relative to the sensor, axes of the station
     time_ns: np.ndarray  # (N,) after the stamp
-    thing: np.ndarray  # (N,) index of what was hit, or STRAY
+    thing: np.ndarray  # (N,) index of the object hit, or STRAY
 
 
 @dataclass(frozen=True)
 class TruthRow:
-    """Where a drone is."""
+    """Position of a drone at an instant."""
 
     time_ns: int
     target: int
@@ -56,7 +56,7 @@ class TruthRow:
 
 
 class Simulation:
-    """A scenario with its dice cast: the same seed gives the same world, flights and frames."""
+    """A scenario with a seed, which determines world, flights and frames."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         self.scenario = scenario
@@ -126,7 +126,7 @@ class Simulation:
         distance = hits.distance_m + rng.normal(0, model.range_noise_m, len(direction))
         thing = hits.thing
 
-        # They stand in for a ray's own return, where its way is free so far.
+        # A stray return replaces a ray's own if no object is nearer.
         for mean, ranges, is_on_window in stray_kinds(scene, spec, model):
             rays = rng.integers(0, len(direction), rng.poisson(mean))
             at = ranges(rng, hits.distance_m[rays])

@@ -9,7 +9,7 @@ SCHEMA = SCENARIO_DIR / "schema.json"
 
 
 def text() -> str:
-    """What the file holds."""
+    """The content of the file."""
     return json.dumps(schema(), indent=1) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""LiDAR models: where the rays of a frame go and when, and which hits give a return."""
+"""LiDAR models: directions and times of rays, and detection probability of hits."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from unlidar_tools.simulate.patterns import Pattern, PrismRosette, SpinningRings
 
 @dataclass(frozen=True)
 class SensorModel:
-    """What the data sheet says."""
+    """Parameters of the data sheet."""
 
     pattern: Pattern
     rays_per_frame: int
@@ -82,7 +82,7 @@ def scan(
 
 
 def in_field_of_view(model: SensorModel, relative_m: np.ndarray) -> np.ndarray:
-    """Which of the positions (N, 3), relative to the sensor, its field of view holds."""
+    """(N,) bool: positions (N, 3) relative to the sensor that are in its field of view."""
     return model.pattern.holds(relative_m @ np.array(model.axes).T)
 
 
@@ -91,7 +91,7 @@ def detection_probability(
 ) -> np.ndarray:
     """Share of the hits that give a return, (N,).
 
-    `echo` is reflectivity times cosine of incidence, `width_m` the smallest width of what was hit:
+    `echo` is reflectivity times cosine of incidence, `width_m` the smallest width of the object:
     a beam wider than it loses the rest. The reach grows with the fourth root of the echo, as the
     data sheets' figures for 10 and 80 % do (40 and 70 m, 190 and 320 m).
     """

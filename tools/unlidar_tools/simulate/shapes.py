@@ -1,4 +1,4 @@
-"""Where rays meet surfaces. Rays begin at `start` (3,) or (N, 3), seen from the shape's centre."""
+"""Intersections of rays with surfaces; `start` (3,) or (N, 3) is relative to the shape's centre."""
 
 import numpy as np
 
@@ -41,7 +41,7 @@ def meet_rod(
     """Distance (N,) to a thin rod about the centre, `axis_m` from end to end; cosine."""
     length = np.linalg.norm(axis_m)
     along = axis_m / length
-    # Where the ray and the line of the rod come nearest to each other.
+    # Closest approach of the ray to the rod's line.
     slant = direction @ along
     sine2 = np.maximum(1.0 - slant**2, 1e-12)
     way = (slant * (start @ along) - (direction * start).sum(axis=-1)) / sine2

@@ -1,7 +1,7 @@
-"""Returns from what is in the air or on the window, and what these take from the others.
+"""Returns from particles in the air or dirt on the window, and the attenuation they cause.
 
-How far away such returns come from. What is known of it is quoted; the distributions are choices
-that look like it.
+Range distributions of such returns. Published findings are quoted; the distributions are chosen
+to resemble them.
 
 - sun: noise of the receiver, which fires as soon anywhere on the way that is listened to. Even in
   range and direction.
@@ -33,7 +33,7 @@ _PATCH_WAVES = 24
 _PATCH_RAD = 0.25  # how far apart patches lie
 _PATCH_TRANSMISSION = 0.02  # both ways
 
-# Ranges at which so many rays, given by their free ways (N,), return too early.
+# Function: free paths of rays (N,) -> ranges of their early returns.
 Draw = Callable[[np.random.Generator, np.ndarray], np.ndarray]
 
 
@@ -68,7 +68,7 @@ def stray_kinds(scene: Scene, sensor: Sensor, model: SensorModel) -> list[tuple[
 
 
 def fog_transmission(fog: Fog | None, range_m: np.ndarray) -> np.ndarray | float:
-    """What is left of an echo from so far away, (N,)."""
+    """(N,) two-way transmission of fog at a range."""
     return 1.0 if fog is None else np.exp(-2 * _EXTINCTION * range_m / fog.visibility_m)
 
 
@@ -84,14 +84,14 @@ class Window:
         self._is_clean = dirty_share == 0
 
     def is_dirty(self, direction: np.ndarray) -> np.ndarray:
-        """Which rays (N, 3) of unit length pass through a patch."""
+        """(N,) bool: unit rays (N, 3) that pass through a patch."""
         if self._is_clean:
             return np.zeros(len(direction), dtype=bool)
         return self._thickness(direction) >= self._least
 
     @staticmethod
     def transmission(is_dirty: np.ndarray) -> np.ndarray:
-        """What is left of the echoes of rays, (N,), that pass through a patch or do not."""
+        """(N,) two-way transmission of rays, by passage through a patch."""
         return np.where(is_dirty, _PATCH_TRANSMISSION, 1.0)
 
     def _thickness(self, direction: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The things of a scene, and what each ray of a scan meets first."""
+"""Objects of a scene, and ray casting to the first hit."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from unlidar_tools.simulate.flight import Path
 _CROWN_FREE_PATH_M = 1.0  # mean way of a ray into a crown before it meets a leaf
 _PUFF_FREE_PATH_M = 40.0  # of one that has grown to its size; of a small one much less
 _CABLE_WIDTH_M = 0.03
-_FRAME_SAMPLES = 9  # at which the way of a mover within a frame is looked at first
+_FRAME_SAMPLES = 9  # samples of a moving object's path within a frame
 
 Turn = Callable[[np.ndarray], np.ndarray]  # times in s (N,) -> yaw in rad (N,)
 Growth = Callable[[np.ndarray], np.ndarray]  # times in s (N,) -> share of the size (N,)
@@ -21,7 +21,7 @@ Growth = Callable[[np.ndarray], np.ndarray]  # times in s (N,) -> share of the s
 class SceneObject:
     """A shape at a place, or along a path if it moves. The ground is a plane, its centre on it."""
 
-    kind: str  # ground, building, pole, crown, ..., drone: how rays meet it follows from it
+    kind: str  # ground, building, pole, crown, ..., drone; determines the intersection
     centre_m: np.ndarray  # (3,)
     size_m: np.ndarray  # (3,) full extents; of a cable its vector from end to end
     reflectivity: float
@@ -29,16 +29,16 @@ class SceneObject:
     fill: float = 1.0  # share of the rays through the outline that meet it
     path: Path | None = None
     flap_hz: float = 0.0  # wings: the fill goes up to its value and down to 0 so often
-    turn: Turn | None = None  # of what turns; its yaw otherwise
-    growth: Growth | None = None  # of what grows; its size otherwise is the largest
+    turn: Turn | None = None  # for turning objects; else `yaw_rad`
+    growth: Growth | None = None  # for growing objects; `size_m` is the largest size
 
     def centres(self, time_s: np.ndarray) -> np.ndarray:
-        """Its centre at these times, (N, 3); (3,) for what stands still."""
+        """Its centre at these times, (N, 3); (3,) for a static object."""
         return self.centre_m if self.path is None else self.path(time_s)
 
     @property
     def width_m(self) -> float:
-        """The smallest width of what a beam may meet."""
+        """The smallest width that a beam can hit."""
         return _CABLE_WIDTH_M if self.kind == "cable" else float(self.size_m.min())
 
     def yaw_at(self, time_s: np.ndarray) -> np.ndarray | float:
@@ -54,12 +54,12 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class Hits:
-    """What each ray meets first; for a ray that meets nothing distance is inf and thing -1."""
+    """First hit of each ray; distance inf and thing -1 without one."""
 
     distance_m: np.ndarray  # (N,)
-    thing: np.ndarray  # (N,) index into the things
+    thing: np.ndarray  # (N,) index into the objects
     echo: np.ndarray  # (N,) reflectivity times cosine of incidence
-    width_m: np.ndarray  # (N,) smallest width of what was met
+    width_m: np.ndarray  # (N,) smallest width of the object hit
 
 
 def cast(
@@ -88,11 +88,11 @@ def cast(
 
 
 def is_hidden(things: list[SceneObject], origin_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
-    """Whether the ground or a building stands between the origin and each target (N, 3)."""
+    """(N,) bool: the ground or a building blocks the view from the origin to the target (N, 3)."""
     way = target_m - origin_m
     length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
     opaque = [thing for thing in things if thing.kind in ("ground", "building")]
-    unused = np.random.default_rng(0)  # nothing opaque rolls dice
+    unused = np.random.default_rng(0)  # opaque objects need no random numbers
     hits = cast(opaque, origin_m, way / length[:, None], np.zeros(len(way)), unused)
     return hits.distance_m < length
 
@@ -107,7 +107,7 @@ def _rays_towards(
     if thing.path is not None:
         places = thing.path(np.linspace(time_s.min(), time_s.max(), _FRAME_SAMPLES))
         middle = (places.min(axis=0) + places.max(axis=0)) / 2
-        # Between two samples it may leave the line between them, by less than their distance.
+        # Between two samples the path deviates from their line by less than their distance.
         step = np.linalg.norm(np.diff(places, axis=0), axis=1).max()
         moved = np.linalg.norm(places - middle, axis=1).max() + step
     radius = np.linalg.norm(thing.size_m) / 2 + moved
@@ -138,8 +138,8 @@ def _meet(
     size_m = thing.size_m * share[:, None]
     entry, leave, cosine = shapes.meet_ellipsoid(start, direction, size_m)
     if thing.kind in ("crown", "puff"):
-        # A leaf is met anywhere on the way through the crown, at any angle (Beer-Lambert). What a
-        # puff holds is spread over an ever larger volume.
+        # Free path in a crown: exponential, at any angle of incidence (Beer-Lambert). The particles
+        # of a puff spread over a growing volume.
         free_path_m = _CROWN_FREE_PATH_M if thing.kind == "crown" else _PUFF_FREE_PATH_M * share**3
         leaf = entry + rng.exponential(free_path_m, len(direction))
         return np.where(leaf < leave, leaf, np.inf), rng.uniform(0.3, 1.0, len(direction))

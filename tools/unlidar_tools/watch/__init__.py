@@ -1,1 +1,1 @@
-"""`unlidar watch`: a page that shows a running station, served by this machine itself."""
+"""`unlidar watch`: web page of a running station, served by this machine."""

@@ -1,8 +1,8 @@
-"""Who is connected to the page's server, and who has to make way for others.
+"""Connection limits of the page's server.
 
-A connection that says nothing, or does not read what it asked for, costs nobody else anything: it
-is closed in time, and at once where there are too many. All of it is counted where connections are
-accepted, so that those that never end a handshake of TLS are among them.
+Connections that are silent, or do not read their answer, are closed after a timeout, and at once
+if there are too many. They are counted on accept, which includes those that never finish a TLS
+handshake.
 """
 
 import asyncio
@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 SILENT_S = 10.0  # without a whole request
-STUCK_S = 10.0  # nothing of an answer is read
-_SLOW_S = 60.0  # an answer is read ever so slowly
+STUCK_S = 10.0  # without progress of an answer
+_SLOW_S = 60.0  # for a whole answer at any pace
 _MOST = 256
-_MOST_OF_ONE = 64  # of an address
-_SEND_BUFFER = 1 << 18  # the kernel's, of each
+_MOST_OF_ONE = 64  # connections per address
+_SEND_BUFFER = 1 << 18  # kernel buffer per connection
 _LOOK_S = 1.0
 
 
@@ -29,7 +29,7 @@ class Guest:
 
     socket: socket.socket
     address: str
-    silent_since_s: float | None  # None while an answer is given
+    silent_since_s: float | None  # None during an answer
     transport: asyncio.Transport | None = None
     stuck_since_s: float | None = None
     slow_since_s: float = 0.0
@@ -38,11 +38,11 @@ class Guest:
 
     @property
     def is_gone(self) -> bool:
-        """Whether it is closed on our side, or will be when the loop comes to it."""
+        """True if closed on our side, or about to be."""
         return self.is_sent_away or self.socket.fileno() < 0
 
     def close(self) -> None:
-        """At once, with what is not sent."""
+        """Closes at once, discarding unsent data."""
         self.is_sent_away = True
         if self.transport is not None:
             self.transport.abort()
@@ -52,14 +52,14 @@ class Guest:
 
 
 class Connections:
-    """All of them. Of the thread that serves."""
+    """All connections; used by the serving thread only."""
 
     def __init__(self) -> None:
         self._guests: dict[int, Guest] = {}  # by file descriptor, the oldest first
 
     def came(self, connection: socket.socket, address: str) -> None:
-        """A new one; where there are too many, the one that has said nothing for longest goes."""
-        with contextlib.suppress(OSError, AttributeError):  # Linux alone has the timeout
+        """Adds a connection; beyond the limit the longest silent one is closed."""
+        with contextlib.suppress(OSError, AttributeError):  # the timeout exists on Linux only
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 30_000)
         guest = Guest(connection, address, time.monotonic())
@@ -68,20 +68,20 @@ class Connections:
         self._guests[connection.fileno()] = guest
 
     def guest(self, transport: asyncio.Transport) -> Guest:
-        """The one of a transport, which it has from now on."""
+        """The guest of a transport, bound to it from now on."""
         connection = transport.get_extra_info("socket")
         guest = self._guests[connection.fileno()]
         guest.transport = transport
         return guest
 
     async def run(self) -> None:
-        """For ever."""
+        """Checks the connections for ever."""
         while True:
             await asyncio.sleep(_LOOK_S)
             self.look()
 
     def look(self) -> None:
-        """Closes those that are silent or stuck for too long."""
+        """Closes connections that are silent or stuck for too long."""
         now_s = time.monotonic()
         for number, guest in list(self._guests.items()):
             if guest.socket.fileno() < 0:
@@ -99,7 +99,7 @@ class Connections:
                     guest.close()
 
     def _has_room(self, address: str) -> bool:
-        """Also where somebody makes way: of the same address, or of the one that has most."""
+        """Makes room by closing one of the same address, or of the address with the most."""
         there = [guest for guest in self._guests.values() if not guest.is_gone]
         count = Counter(guest.address for guest in there)
         if count[address] >= _MOST_OF_ONE:
@@ -115,13 +115,13 @@ class Connections:
 
 
 class Listener(socket.socket):
-    """Where connections are accepted, and counted."""
+    """A listening socket that counts accepted connections."""
 
     connections: Connections
 
     @classmethod
     def at(cls, address: str, port: int, connections: Connections) -> "Listener":
-        """OSError where the address is not ours or taken."""
+        """Binds. OSError if the address is not local or in use."""
         family = socket.AF_INET6 if ":" in address else socket.AF_INET
         plain = socket.create_server((address, port), family=family, backlog=512)
         listener = cls(fileno=plain.detach())
@@ -129,44 +129,44 @@ class Listener(socket.socket):
         return listener
 
     def accept(self) -> tuple[socket.socket, tuple]:
-        """As every socket does."""
+        """Accepts and counts a connection."""
         connection, address = super().accept()
         self.connections.came(connection, address[0])
         return connection, address
 
 
 class Protocol(H11Protocol):
-    """uvicorn's, which tells what its connection does."""
+    """uvicorn's protocol, reporting the activity of its connection."""
 
     def __init__(self, connections: Connections, **more: object) -> None:
         super().__init__(**more)  # type: ignore[arg-type]
         self._connections = connections
 
     def connection_made(self, transport: asyncio.Transport) -> None:
-        """Counts it."""
+        """Registers the connection."""
         self._guest = self._connections.guest(transport)
         super().connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
-        """Only a whole request is more than silence."""
+        """Counts as activity only with a complete request."""
         super().data_received(data)
         self._answers()
 
     def on_response_complete(self) -> None:
-        """It is silent until it asks again."""
+        """Starts the silence timeout until the next request."""
         self._guest.silent_since_s = time.monotonic()
         super().on_response_complete()
         self._answers()
 
     def pause_writing(self) -> None:
-        """What it asked for is not read."""
+        """Starts the stuck timeout: the answer is not read."""
         super().pause_writing()
         now_s = time.monotonic()
         self._guest.stuck_since_s = self._guest.slow_since_s = now_s
         self._guest.unsent = self.transport.get_write_buffer_size()
 
     def resume_writing(self) -> None:
-        """It is."""
+        """Ends the stuck timeout."""
         super().resume_writing()
         self._guest.stuck_since_s = None
 

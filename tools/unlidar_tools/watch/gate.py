@@ -1,7 +1,7 @@
-"""Who may come in, and the headers of every answer.
+"""Access control, and headers of every answer.
 
-Pages of other sites learn nothing and set nothing going: a browser that is told to call this
-machine by another name is refused, and so is one that asks on behalf of another site.
+Pages of other sites can neither read nor trigger anything: requests with a foreign host name (DNS
+rebinding) are refused, and so are cross-site requests.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 LOCAL = ("localhost", "127.0.0.1", "::1")
 _COOKIE = "unlidar"
 _HOST = re.compile(r"(?:\[(?P<address>[0-9A-Fa-f:.]+)\]|(?P<name>[A-Za-z0-9.-]+))(?::[0-9]{1,5})?")
-_OWN_SITE = ("same-origin", "none")  # none: typed, or from a bookmark
+_OWN_SITE = ("same-origin", "none")  # none: address bar or bookmark
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -34,11 +34,11 @@ HEADERS = {
 
 
 class Gate:
-    """Before the application. Without a token only names of this machine itself are answered."""
+    """Middleware. Without a token only host names of this machine are accepted."""
 
     def __init__(self, app: ASGIApp, token: str | None) -> None:
         self._app, self._token = app, token
-        # What the browser keeps is not the token itself.
+        # The cookie is derived from the token, not the token itself.
         self._pass = hashlib.sha256(f"unlidar:{token}".encode()).hexdigest()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -54,7 +54,7 @@ class Gate:
         await (self._answer(scope) or self._app)(scope, receive, with_headers)
 
     def _answer(self, scope: Scope) -> Response | None:
-        """What is said instead of letting in."""
+        """The answer to a refused request; None to let it pass."""
         request = Request(scope)
         if scope["method"] not in ("GET", "HEAD"):
             return PlainTextResponse("only GET\n", 405)
@@ -68,7 +68,7 @@ class Gate:
             return None
         given = request.query_params.get("token")
         if given is not None and hmac.compare_digest(given.encode(), self._token.encode()):
-            # Out of the address, lest it stays in a history.
+            # Redirect to an address without the token, to keep it out of the history.
             answer = RedirectResponse("/", 303)
             secure = scope["scheme"] == "https"
             answer.set_cookie(
@@ -82,7 +82,7 @@ class Gate:
 
 
 def _is_foreign(path: str, headers: Headers) -> bool:
-    """Whether another site asks. A link to the page itself may be followed from anywhere."""
+    """True for a cross-site request. Links to the page itself are allowed from anywhere."""
     origin = headers.get("origin")
     if origin is not None and origin.partition("://")[2] != headers.get("host"):
         return True
@@ -93,6 +93,6 @@ def _is_foreign(path: str, headers: Headers) -> bool:
 
 
 def _host(headers: Headers) -> str | None:
-    """None of what is no name or address with or without a port."""
+    """The host of a Host header; None if malformed."""
     host = _HOST.fullmatch(headers.get("host", ""))
     return host and (host["address"] or host["name"]).lower()

@@ -1,4 +1,4 @@
-"""Outlines of zones for pages: no more corners than a page can draw, however many a file has."""
+"""Outlines of zones for pages, simplified to a number of corners that a page can draw."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,14 +8,14 @@ from unlidar_tools.reporting import note
 from unlidar_tools.sanitize import printable
 
 _MOST_CORNERS = 50_000  # of all zones: five of each of 10,000
-_STEP_M = 0.1  # corners that are off by less are left out first, then by twice as much and so on
+_STEP_M = 0.1  # initial tolerance of the simplification; doubled until it fits
 _RING = 4  # corners at least: three and the first again
 
 Ring = list[list[float]]
 
 
 def drawable(zones: Sequence[Zone]) -> list[list[Ring]]:
-    """The rings of each zone, in metres. Alarms go by the zones as they are."""
+    """The rings of each zone in m, for drawing; alarms use the exact zones."""
     import shapely
 
     sizes = [int(shapely.get_num_coordinates(zone.polygon)) for zone in zones]
@@ -37,7 +37,7 @@ def drawable(zones: Sequence[Zone]) -> list[list[Ring]]:
 
 
 def _share(sizes: Sequence[int]) -> int:
-    """So many corners a zone may have: those that have fewer leave their room to others."""
+    """Corners allowed per zone; unused room of small zones is shared."""
     room, left = _MOST_CORNERS, len(sizes)
     for size in sorted(sizes):
         if size * left > room:
@@ -47,7 +47,7 @@ def _share(sizes: Sequence[int]) -> int:
 
 
 def _simpler(rings: Any, room: int) -> Any:
-    """With `room` corners at most: coarser, and of ever so many rings the longest."""
+    """Simplifies rings to `room` corners at most; of too many rings keeps the longest."""
     import numpy as np
     import shapely
 

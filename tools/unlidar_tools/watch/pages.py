@@ -1,4 +1,4 @@
-"""All pages that are open: what comes goes to each of them, many messages at once."""
+"""Distribution of messages to all open pages, in batches."""
 
 import asyncio
 import contextlib
@@ -10,11 +10,11 @@ from collections.abc import AsyncIterator, Iterable
 from unlidar_tools.events.station import Message
 from unlidar_tools.watch.sky import Sky, by_itself
 
-FRAME_S = 0.05  # pages are told so often at most
+FRAME_S = 0.05  # shortest interval of updates
 _SIGN_OF_LIFE_S = 2.0
 _MOST_PAGES = 32
-_MOST_WAITING = 200  # batches, ten seconds: who is slower is sent away and comes back
-# More in a frame is not told one by one: pages get the sky as it is, and less often.
+_MOST_WAITING = 200  # batches, ten seconds; slower pages are disconnected and reconnect
+# With more messages in a frame pages get a snapshot instead, less often.
 _MOST_FRESH, _MOST_BYTES = 1000, 500_000
 _SNAPSHOTS_S = 1.0
 
@@ -22,7 +22,7 @@ _Queue = asyncio.Queue[bytes | None]
 
 
 class Pages:
-    """Messages come from any thread; the rest is of the thread whose loop serves the pages."""
+    """`take` may be called from any thread, all else from the serving thread."""
 
     def __init__(self, sky: Sky) -> None:
         self._sky = sky
@@ -32,12 +32,12 @@ class Pages:
         self._heard: set[str] = set()  # stations
         self._is_flooded = False
         self._queues: set[_Queue] = set()
-        self._new: set[_Queue] = set()  # that wait for a snapshot
+        self._new: set[_Queue] = set()  # waiting for a snapshot
         self._closed = False
         self._told_s = self._snapshot_s = -_SIGN_OF_LIFE_S
 
     def take(self, message: Message, shown: bool = True, old: bool = False) -> None:
-        """Goes out with the next frame; of what is not `shown`, that its station was heard."""
+        """Queues a message for the next frame; if not `shown`, only marks its station as heard."""
         self._sky.take(message, shown, old)
         with self._lock:
             if not self._queues:
@@ -51,13 +51,13 @@ class Pages:
             self._is_flooded = len(self._fresh) > _MOST_FRESH or self._bytes > _MOST_BYTES
 
     async def run(self) -> None:
-        """For ever."""
+        """Sends frames for ever."""
         while True:
             await asyncio.sleep(FRAME_S)
             self.tell()
 
     def tell(self) -> None:
-        """One frame. Each text is made once, however many pages get it."""
+        """Sends one frame. Each text is encoded once for all pages."""
         now_s = time.monotonic()
         if self._is_flooded and now_s - self._snapshot_s < _SNAPSHOTS_S:
             return
@@ -65,7 +65,7 @@ class Pages:
             fresh, self._fresh, self._bytes = self._fresh, [], 0
             heard, self._heard = self._heard, set()
             flooded, self._is_flooded = self._is_flooded, False
-            self._queues |= self._new  # what comes from now on is for these too
+            self._queues |= self._new  # from now on they get updates
             new, self._new = self._new, set()
         known = self._queues - new
         if flooded:
@@ -79,7 +79,7 @@ class Pages:
             self._put(new, f"event: snapshot\ndata: {self._sky.snapshot()}\n\n")
 
     def close(self) -> None:
-        """Every page is told good-bye, and will come back if there is somebody again."""
+        """Closes all pages, which then try to reconnect."""
         self._closed = True
         for queue in self._queues | self._new:
             with contextlib.suppress(asyncio.QueueFull):
@@ -87,11 +87,11 @@ class Pages:
 
     @property
     def full(self) -> bool:
-        """Whether no further page can be open."""
+        """True if no further page can be opened."""
         return len(self._queues) + len(self._new) >= _MOST_PAGES
 
     async def told(self, begin: str) -> AsyncIterator[bytes]:
-        """Server-sent events for one page: everything, then what is new."""
+        """Server-sent events of one page: a snapshot, then updates."""
         queue: _Queue = asyncio.Queue(_MOST_WAITING)
         self._new.add(queue)
         try:

@@ -1,4 +1,4 @@
-"""Events in, pages out, until a signal."""
+"""Runs `unlidar watch`: from a source of events to pages."""
 
 import asyncio
 import sys
@@ -26,7 +26,7 @@ _WAIT_S = 0.01
 
 @dataclass(frozen=True)
 class Served:
-    """Where pages are served, and what is kept for them."""
+    """Settings of the server and of the store."""
 
     address: str
     port: int
@@ -40,9 +40,9 @@ class Served:
 
 
 async def watch(source: Source, site: Site, served: Served) -> None:
-    """Until a signal. A source that ends does not end it: the page still shows what was.
+    """Serves until a signal, also after the end of the source, as pages still show the past.
 
-    OutputError where the address cannot be served, or the store cannot be one.
+    OutputError if the address cannot be served, or the store is invalid.
     """
     zones = load_zones(site)
     keeper = Keeper(served.store, served.days, served.megabytes)
@@ -74,7 +74,7 @@ async def _watch(
     serving = outs.serving.start(listener)
     taking = asyncio.ensure_future(_take(source, site, zones, outs))
     try:
-        # As soon as signals are heard: who reads it may send one.
+        # After the signal handlers are set, as readers of this line may send a signal.
         asyncio.get_running_loop().call_soon(_say_where, served, listener.getsockname()[1])
         await until_signal([taking, serving])
         if taking.done():
@@ -92,7 +92,7 @@ async def _take(source: Source, site: Site, zones: Sequence[Zone], outs: _Outs) 
     def take(line: Line) -> None:
         for told in taken(line.data):
             message = told.message
-            if message.station not in placed:  # everything is in one frame
+            if message.station not in placed:  # all stations share one frame
                 placed.add(message.station)
                 outs.keeper.place(message.station, site.origin)
             outs.keeper(message)
@@ -101,15 +101,15 @@ async def _take(source: Source, site: Site, zones: Sequence[Zone], outs: _Outs) 
     async for line in source.lines():
         take(line)
         while line.old and outs.keeper.is_behind:
-            await asyncio.sleep(_WAIT_S)  # a long file is kept whole
+            await asyncio.sleep(_WAIT_S)  # throttles a file, so that all of it is stored
     note(f"{source.name}: has ended; the page stays")
-    while True:  # tracks that nobody has ended still grow old
+    while True:  # tracks without an end time out
         await asyncio.sleep(QUIET_S)
         take(Line(b"", old=False))
 
 
 def _taker(source: Source, site: Site, zones: Sequence[Zone]) -> Callable[[bytes], Iterable[Told]]:
-    """By a broker come many stations, else it is one."""
+    """The decoder of lines: for many stations with a broker, else for one."""
     if source.many:
         return Many(site, zones, source.name).take
     station = Station(site, zones, source.name, places=False)
@@ -132,7 +132,7 @@ def _listen(served: Served, serving: Serving) -> Listener:
 
 
 def _say_where(served: Served, port: int) -> None:
-    """The token is not said: journals and terminals keep what is."""
+    """Reports the address without the token, which journals would keep."""
     scheme = "https" if served.certificate else "http"
     host = f"[{served.address}]" if ":" in served.address else served.address
     if served.token_file is not None:

@@ -1,7 +1,7 @@
 """The web server. Every request is a GET that reads what is in memory or in the store.
 
-No request names a file, writes or runs anything. It has a thread with an event loop of its own:
-whatever is done with the events that come, or waits for the store, holds up no page.
+No request names a file, writes or executes anything. The server has a thread and event loop of its
+own, so that neither the processing of events nor a wait for the store delays a page.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ from unlidar_tools.watch.outlines import drawable
 from unlidar_tools.watch.pages import Pages
 from unlidar_tools.watch.sky import FORGET_S, MOST_TRACKS, Sky
 
-_LONGEST_S = 1800.0  # of an answer with rows
+_LONGEST_S = 1800.0  # longest time span of an answer with rows
 _SPANS_S = 86_400.0
 _LAST_WORDS_S = 5.0
 _KINDS = {
@@ -50,7 +50,7 @@ def make_app(
     token: str | None,
     station: str | None,
 ) -> ASGIApp:
-    """The application. The past shows the tracks of one station, or of all (None)."""
+    """The application. `station`: whose tracks the history shows; None: all."""
     folder = files("unlidar_tools.watch") / "page"
     begin = _begin(site, zones)
 
@@ -60,7 +60,7 @@ def make_app(
         return Route(path, lambda _request: Response(content, media_type=kind), methods=["GET"])
 
     async def live(request: Request) -> Response:
-        if request.method == "HEAD":  # nobody reads on, so no page is opened
+        if request.method == "HEAD":  # no body is read, so no page is opened
             return Response(media_type="text/event-stream")
         if pages.full:
             return PlainTextResponse("too many pages are open\n", 503)
@@ -75,7 +75,7 @@ def make_app(
         return Response(answer, media_type="application/json")
 
     async def last_day(_request: Request) -> Response:
-        # In whole frames of the cache: pages that ask at about the same time ask the same.
+        # Rounded to the cache's period, so that simultaneous pages share a query.
         until_s = math.ceil(sky.now_s() / 2) * 2.0
         return await asked(spans, until_s - _SPANS_S, until_s)
 
@@ -100,11 +100,11 @@ def make_app(
 
 
 class _Server(uvicorn.Server):
-    """In our loop, which has its own way with signals."""
+    """uvicorn's server in our loop, with our signal handling."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """None of its own."""
+        """Leaves signals alone."""
         yield
 
 
@@ -112,7 +112,7 @@ class Serving:
     """Serves the pages from a thread of its own."""
 
     def __init__(self, app: ASGIApp, pages: Pages, certificate: str | None, key: str | None):
-        """OSError or ValueError where certificate or key are none."""
+        """OSError or ValueError if certificate or key are invalid."""
         self.connections = Connections()
         self._pages = pages
         self._server = _Server(
@@ -136,7 +136,7 @@ class Serving:
         self._stop: tuple[asyncio.AbstractEventLoop, asyncio.Event] | None = None
 
     def start(self, listener: Listener) -> asyncio.Future[None]:
-        """Done when nothing is served any more, with the error that is the reason."""
+        """Starts the thread; the future completes when it ends, with its error if any."""
         loop = asyncio.get_running_loop()
         done: asyncio.Future[None] = loop.create_future()
 
@@ -146,7 +146,7 @@ class Serving:
                 asyncio.run(self._serve(listener))
             except BaseException as failed:
                 error = failed
-            with contextlib.suppress(RuntimeError):  # nobody waits any more
+            with contextlib.suppress(RuntimeError):  # the loop is closed
                 loop.call_soon_threadsafe(_settle, done, error)
 
         limit_logging("the page's server", "uvicorn", "asyncio")
@@ -155,11 +155,11 @@ class Serving:
         return done
 
     def stop(self) -> None:
-        """Every page is told good-bye."""
+        """Closes all pages and stops."""
         if self._thread is not None:
             if self._stop is not None:
                 loop, event = self._stop
-                with contextlib.suppress(RuntimeError):  # it has ended by itself
+                with contextlib.suppress(RuntimeError):  # already stopped
                     loop.call_soon_threadsafe(event.set)
             self._thread.join(_LAST_WORDS_S)
 
@@ -190,7 +190,7 @@ def _settle(done: asyncio.Future[None], error: BaseException | None) -> None:
 
 
 def _begin(site: Site, zones: Sequence[Zone]) -> str:
-    """What does not change while the server runs."""
+    """The constant part of a page."""
     shown = []
     for zone, rings in zip(zones, drawable(zones), strict=True):
         low, high = (v if math.isfinite(v) else None for v in (zone.low_m, zone.high_m))

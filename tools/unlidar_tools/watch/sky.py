@@ -1,6 +1,6 @@
-"""What goes on now: tracks with their tails, LiDARs, alarms; for pages that open later.
+"""Current picture for pages that open later: tracks with tails, LiDARs, alarms.
 
-Everything is bounded, and everything grows old: pages are told how long ago each was heard.
+All parts are bounded and have an age, the time since they were last heard.
 """
 
 import json
@@ -23,13 +23,13 @@ from unlidar_tools.events.station import ALARM, RAISED, Message
 from unlidar_tools.reporting import RateLimitedNote
 
 TAIL_S = 60.0
-FORGET_S = 600.0  # a track of which nothing was heard for so long is over, and so is its alarm
+FORGET_S = 600.0  # tracks, with their alarms, are dropped after this silence
 MOST_TRACKS = 256
-_MOST_ROWS = 20_000  # of all tails together; more are thinned
+_MOST_ROWS = 20_000  # of all tails; thinned beyond
 _MOST_ALARMS = 256
 _MOST_STATIONS = 64
-_MOST_SENSORS = 16  # of a station: no station's names take the place of another's
-_MOST_TEXT = 1000  # of what is told of a LiDAR or an engine; more is cut to what the page shows
+_MOST_SENSORS = 16  # per station, so that none displaces another's
+_MOST_TEXT = 1000  # characters of a state; longer ones are cut to the page's keys
 _TAIL_STEP_NS = 100_000_000
 _MS_NS = 1_000_000
 
@@ -45,14 +45,14 @@ class _Course:
 
 @dataclass
 class _Told:
-    """The newest that was said of something."""
+    """The newest message on a subject."""
 
     text: str
     heard: Heard
 
 
 class Sky:
-    """The newest of everything. It may be told and asked by several threads."""
+    """The newest state of everything; thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -60,16 +60,16 @@ class Sky:
         self._sensors: dict[str, dict[str, _Told]] = {}
         self._engines: dict[str, _Told] = {}
         self._alarms: dict[tuple[str, int, str], _Told] = {}
-        self._stations: dict[str, Heard] = {}  # whoever has said anything
+        self._stations: dict[str, Heard] = {}  # by station
         self._clock = StreamClock()
-        self._clock_of: str | None = None  # the station whose stamps the clock goes by
+        self._clock_of: str | None = None  # station that drives the clock
         self._crowded_s: float | None = None
         self._too_many = RateLimitedNote("more goes on than pages can show, the oldest is left out")
 
     def take(self, message: Message, shown: bool = True, old: bool = False) -> None:
-        """What follows from it. Of what is not `shown`, that its station was heard.
+        """Updates the picture; if not `shown`, only marks the station as heard.
 
-        What is `old` was said when its stamp says, as far as this computer's clock allows that.
+        An `old` message is dated by its stamp, as far as this computer's clock allows.
         """
         with self._lock:
             heard = self._hear(message, old)
@@ -105,9 +105,9 @@ class Sky:
                 self._alarms.pop(key, None)
 
     def _hear(self, message: Message, old: bool) -> Heard:
-        """Now, or when the stamp says. Time itself follows the stamps that are to be believed.
+        """The reception mark: now, or by the stamp. Accepted stamps drive the clock.
 
-        A station whose stamps are of another time takes the time from none that has the right one.
+        A station with stamps of another time never takes the clock over from a live one.
         """
         behind_s = time.time() - message.at_ns * 1e-9
         is_borne_out = -AHEAD_S <= behind_s <= BEHIND_S
@@ -120,14 +120,14 @@ class Sky:
         return heard
 
     def now_s(self) -> float:
-        """What time it is for the station, also while it says nothing; 0 before its first word."""
+        """The station's time in s, extrapolated while it is silent; 0 before its first message."""
         return self._clock.now_ns() * 1e-9
 
     def snapshot(self) -> str:
         """JSON: tracks with tails as rows of numbers, and the newest events of everything else.
 
-        Each with `age_s`, for how long nothing more was heard of it; `heard`: of each station.
-        `crowded`: something was left out of late.
+        Each has `age_s`, the time since it was last heard; `heard`: the ages of stations.
+        `crowded`: something was left out recently.
         """
         with self._lock:
             self._forget()
@@ -171,13 +171,13 @@ class Sky:
             if len(self._courses) >= MOST_TRACKS:
                 self._forget()
             while len(self._courses) >= MOST_TRACKS:
-                # One of a single row goes before one that has flown.
+                # Tracks of a single row are dropped before longer ones.
                 least = min(self._courses, key=lambda key: len(self._courses[key].tail) > 1)
                 del self._courses[least]
                 self._crowded(True)
             course = _Course(station, number, heard)
         course.heard = heard
-        self._courses[station, number] = course  # the last: in the order in which they were heard
+        self._courses[station, number] = course  # moved to the end: order of reception
         return course
 
     def _row(self, course: _Course, row: Row) -> None:
@@ -186,11 +186,11 @@ class Sky:
         tail, stamp_ns = course.tail, row.timestamp
         if tail and stamp_ns <= tail[-1][0]:
             if stamp_ns > tail[-1][0] - TAIL_S * 1e9:
-                return  # told before
-            tail.clear()  # its clock was set back: what is said now counts
+                return  # repeated row
+            tail.clear()  # the clock was set back: restart the tail
         step_ns = max(_TAIL_STEP_NS, round(TAIL_S * 1e9) * len(self._courses) // _MOST_ROWS)
         if len(tail) > 1 and tail[-1][0] - tail[-2][0] < step_ns - _MS_NS:
-            tail.pop()  # the newest stays whole, older ones are thinned
+            tail.pop()  # thins all but the newest part
         tail.append((stamp_ns, compact(row)))
         while tail[0][0] < stamp_ns - TAIL_S * 1e9:
             tail.popleft()
@@ -205,12 +205,12 @@ class Sky:
 
 
 def by_itself(message: Message) -> bool:
-    """Whether its station spoke. Ends and alarms are also told of one that says nothing more."""
+    """True if the station itself spoke; ends and alarms also result from timeouts."""
     return message.event is not None and not isinstance(message.event, TrackEnds)
 
 
 def _keep(of: dict, key: object, value: object, most: int) -> bool:
-    """As the newest of at most so many; whether the oldest had to go."""
+    """Inserts as the newest of a bounded set; True if the oldest was dropped."""
     of.pop(key, None)
     of[key] = value
     if len(of) <= most:
@@ -220,7 +220,7 @@ def _keep(of: dict, key: object, value: object, most: int) -> bool:
 
 
 def _brief(message: Message) -> str:
-    """The event's text; where a later engine says much more, what the page shows."""
+    """The event's text, cut to the keys of the page if it is too long."""
     event = message.event
     if len(message.text) <= _MOST_TEXT or not isinstance(event, SensorState | EngineState):
         return message.text

@@ -193,7 +193,7 @@ def test_a_failing_apt_is_shown_with_the_missing_package(sandbox: Sandbox) -> No
 # that leaves them without an output, as libxml-sax-perl's does.
 APT = """
 case $* in *install*) ;; *) exit 0 ;; esac
-fd=${*#*Status-Fd=} fd=${fd%% *}
+all="$*"; fd=${all#*Status-Fd=}; fd=${fd%% *}
 echo "Reading package lists..."
 echo "0 upgraded, 217 newly installed, 0 to remove and 0 not upgraded."
 echo "Need to get 412 MB of archives."

@@ -194,7 +194,7 @@ build_sanitized() {
 build_for_threads() {
   build_in "$threads_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
-    -DUNLIDAR_UNITY=ON -DUNLIDAR_SANITIZE=thread '-DUNLIDAR_CORE=base|io|robust/(plots|scene|tracking)' \
+    -DUNLIDAR_UNITY=ON -DUNLIDAR_SANITIZE=thread '-DUNLIDAR_CORE=base|io|scene|tracking' \
     -DUNLIDAR_BUILD_BENCHMARKS=OFF
 }
 

@@ -318,8 +318,9 @@ def test_the_drone_is_tracked(plain: tuple[bytes, str], tmp_path: Path) -> None:
 
 def test_rows_are_there_before_the_stream_ends(stream: list[bytes], tmp_path: Path) -> None:
     with Live("--stdin", "--out", tmp_path / "traj.csv", "--events", tmp_path / "events") as live:
-        wait_until(lambda: (tmp_path / "traj.csv").exists(), "the header is there")
-        assert (tmp_path / "traj.csv").read_text() == NO_DRONE_TRAJ
+        trajectory = tmp_path / "traj.csv"  # there a moment before its header
+        wait_until(lambda: trajectory.exists() and trajectory.read_text(), "the header is there")
+        assert trajectory.read_text() == NO_DRONE_TRAJ
         live.send(b"".join(stream))
         wait_until(lambda: len(rows_of(tmp_path / "traj.csv")) > 20, "rows are there")
         before = (tmp_path / "traj.csv").read_bytes()

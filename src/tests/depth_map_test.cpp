@@ -11,6 +11,7 @@
 #include <map>
 #include <vector>
 
+#include "base/angles.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -177,6 +178,16 @@ TEST(DepthMap, TheShareIsThatOfAllBins) {
   std::vector<Eigen::Vector3f> points_m = Wall(-8.0, 8.0);
   const DepthMap map(points_m, std::vector<std::uint32_t>(points_m.size(), 2), 4, 2.0);
   EXPECT_NEAR(map.HiddenShare({20.0F, 0.0F, 0.0F}, 4.0, kMargin_m, {}), 0.25, 1e-12);
+}
+
+TEST(Angles, TheApproximateArcTangentIsWithinItsBound) {
+  for (int k = -400'000; k <= 400'000; ++k) {
+    const double rad = M_PI * k / 400'000.0;
+    const double y = 3.0 * std::sin(rad);
+    const double x = 3.0 * std::cos(rad);
+    ASSERT_NEAR(ApproximateAtan2(y, x), std::atan2(y, x), kApproximateAtan2ErrorRad) << rad;
+  }
+  EXPECT_EQ(ApproximateAtan2(0.0, 0.0), 0.0);
 }
 
 }  // namespace

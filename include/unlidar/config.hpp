@@ -51,72 +51,39 @@ struct BackgroundConfig {
   double occluder_margin_m = 2.0;
 };
 
-struct GroundConfig {
-  double cell_m = 4.0;
-  double max_slope = 0.3;    // a steeper plane is a wall or a tree crown
-  double thickness_m = 0.3;  // anything lower is ground: grass, noise
-};
-
 struct SupportConfig {
   // Structure, ground or a station within this distance supports an object even if no connection
   // is seen: poles and wires are thin.
   RangeRadius reach{1.5, 0.1};
-  // Beyond this range little is seen well: only objects isolated within far_reach float there.
-  double far_m = 50.0;
-  RangeRadius far_reach{1.5, 0.3};
   double max_range_m = 100.0;  // support is unknown beyond
-  double body_m = 1.5;         // structure closer than this may be the object itself
-  double voxel_m = 0.25;       // resolution of structure
-  // If more than this share of the directions around an object is hidden, its support may be, too.
-  double max_hidden_share = 0.2;
-
-  double ReachM(double range_m) const { return (range_m < far_m ? reach : far_reach).At(range_m); }
 };
 
 struct PlotConfig {
   RangeRadius link{0.5, 0.008};  // single linkage of the returns of one frame
-  double body_contact_m = 1.0;   // a body reaches down to this height above the ground
-  int body_contact_returns = 3;
-  double body_spread_m = 0.6;  // or is wider than any drone along two axes (std. dev.)
-  int body_spread_returns = 6;
+  double body_spread_m = 0.6;    // wider along two axes (std. dev.) than any drone: a vehicle
   // Noise of a plot, method.md (1): a constant part (targets have an extent), a part that falls
   // with the number of returns, and one that grows with range (beam divergence, angular steps).
   double noise_m = 0.06;
   double noise_per_return_m = 0.14;
   double noise_per_range = 0.003;
-  // Neighbourhoods in which plots are counted for the clutter intensity, within a wide one.
-  RangeRadius clutter_middle{4.0, 0.12};
-  RangeRadius clutter_narrow{1.5, 0.04};
-  RangeRadius spot{0.19, 0.006};  // extent of a static object that is a point to the sensor
 };
 
 struct TrackerConfig {
   std::vector<double> sigma_a_mps2 = {1.0, 3.0, 8.0};  // agilities searched: hover, transit, sport
-  double manoeuvre_log = -2.3;  // log probability of a manoeuvre between two plots
-  std::vector<double> birth_speeds_mps = {1.0, 8.0};  // std. dev. per axis, all searched
-  double even_birth_share = 0.1;                      // of births; the others scale with volume
+  double manoeuvre_log = -2.3;                         // between two plots
+  std::vector<double> birth_speeds_mps = {1.0, 8.0};   // std. dev. per axis, all searched
+  double even_birth_share = 0.1;                       // over plots; the others scale with volume
   double max_speed_mps = 35.0;
   double max_gap_s = 10.0;        // without a plot
   int hypotheses_per_plot = 2;    // kept at each plot and agility
-  double echo_m2_per_s = 4000.0;  // expected return rate of a typical drone,
-  double echo_shape = 1.5;        // and the shape of its gamma prior
-  // Limit of hypotheses carried on, best first: a constant, plus a number per plot of the frame.
-  int max_hypotheses = 500;
-  int max_hypotheses_per_plot = 5;
-  int max_paths = 20;
-  double min_fragment_log = 7.0;  // weaker paths are ignored,
-  int min_fragment_plots = 3;     // as are shorter ones
-  double birth_cost = 12.0;       // log-likelihood gain required of a further target
-  double min_exchange_log = 1.0;  // least gain of an exchange or a join
-  double give_up_log = -6.0;      // deletion: track score below this,
-  double rebirth_log = -3.0;      // or below that of a birth at the last plot by this
+  double echo_m2_per_s = 4000.0;  // of a typical drone: returns per second times range^2
+  int max_hypotheses = 500;       // carried on, best first; more in a frame of many plots
 };
 
 struct CollectConfig {
-  int rounds = 3;              // of fit and collection
-  double body_sigma_m = 0.15;  // spread of the returns over the body, per axis
-  // Distance of the target's centre behind the mean of its returns, over their spread: 1.33 for a
-  // sphere, less for a flat object with gaps; 0 leaves the mean.
+  double body_sigma_m = 0.15;  // spread of the returns over the target, per axis
+  // Distance of the target's centre behind the centroid of its returns, over their spread: 1.33 for
+  // a sphere, less for a flat object with gaps; 0 leaves the centroid.
   double facing_side = 0.4;
   // Disagreement of two sensors in position and clock, prior standard deviations.
   double sensor_bias_m = 0.2;
@@ -132,6 +99,10 @@ enum class Rule {
   kAlternatives,     // sigmas include alternative modes
   kFrameLength,      // length of frames without point times, estimated from streaks
   kCrowded,          // penalty for other detections near a path at the same time
+  kBodies,           // people and vehicles yield no plots (streams, too)
+  kLocalClutter,     // the clutter intensity is estimated in narrowing neighbourhoods
+  kSecondRound,      // targets of a first search are left out of the clutter of a second
+  kCollection,       // all returns along a path are collected, not only those of its plots
   kSuspended,        // gates: suspended objects,
   kClutterReturns,   // returns that clutter explains better,
   kCloud,            // steam, smoke, dust,
@@ -144,13 +115,11 @@ struct RobustConfig {
   double window_s = 90.0;
   double window_margin_s = 5.0;
   int min_plots = 5;               // frames with evidence: clutter that repeats is not independent
-  int rounds = 2;                  // of clutter estimation and search
   double off_ground_m = 2.0;       // a target is higher above ground,
   double off_ground_share = 0.42;  // for this share of its plots
-  double min_echo_m2_per_s = 150.0;  // return rate; below it: an insect
+  double min_echo_m2_per_s = 150.0;  // an insect returns less
   std::vector<Rule> disabled_rules;  // recordings only, for ablations
   BackgroundConfig background;
-  GroundConfig ground;
   SupportConfig support;
   PlotConfig plots;
   TrackerConfig tracker;
@@ -163,14 +132,8 @@ struct RobustConfig {
 
 struct TrajectoryConfig {
   double typical_acceleration_mps2 = 2.0;  // sigma_a if the data says little
-  // Limits of k, the ratio of true noise to that stated by the covariances.
-  double min_noise_scale = 0.5;
-  double max_noise_scale = 3.0;
-  double outlier_distance = 4.5;  // sigmas (3-D); beyond, an outlier is likelier
-  double min_knot_spacing_s = 0.05;
-  double max_knot_spacing_s = 0.2;
-  double max_extrapolation_s = 5.0;  // beyond the measurements, with a valid sigma
-  // Rows continue beyond the first and last return while a run of missed detections is likelier.
+  double max_extrapolation_s = 5.0;        // beyond the measurements, with a valid sigma
+  // Rows continue beyond the first and last return while the run of missed detections is likelier.
   double silence_probability = 0.01;
   double max_sigma_m = 0.9;  // rows with a larger sigma are not written
 };

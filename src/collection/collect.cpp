@@ -16,6 +16,8 @@
 namespace unlidar {
 namespace {
 
+// Limit of the rounds of fit and collection, which end once the returns settle.
+constexpr int kMaxRounds = 3;
 // Gate in standard deviations, exceeded by about 1 in 1,000 returns of a target.
 constexpr double kGate = 4.0;
 // Where the trajectory is less certain, all returns in the surroundings would be collected.
@@ -210,7 +212,8 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
 
   std::vector<SensorBias> sensor_biases(recording.sensors.size());
   std::vector<FrameLength> lengths(recording.sensors.size());
-  for (int round = 0; round < config.rounds; ++round) {
+  const int num_rounds = robust.Uses(Rule::kCollection) ? kMaxRounds : 0;
+  for (int round = 0; round < num_rounds; ++round) {
     const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
     const DwellIntervals dwell_intervals(trajectory);
     const Visibility visibility(recording, station_models, trajectory, target.returns);

@@ -176,11 +176,6 @@ void CheckConsistent(const Config& config, const std::map<std::string, std::stri
   };
   const InputConfig& input = config.input;
   check_order("input.min_range_m", input.min_range_m, "input.max_range_m", input.max_range_m);
-  const TrajectoryConfig& trajectory = config.trajectory;
-  check_order("trajectory.min_noise_scale", trajectory.min_noise_scale,
-              "trajectory.max_noise_scale", trajectory.max_noise_scale);
-  check_order("trajectory.min_knot_spacing_s", trajectory.min_knot_spacing_s,
-              "trajectory.max_knot_spacing_s", trajectory.max_knot_spacing_s);
   check_order("live.reorder_s", config.live.reorder_s, "live.delay_s", config.live.delay_s);
 }
 

@@ -119,37 +119,19 @@ void VisitBackgroundKeys(Visitor&& visit, Background& background) {
   visit("robust.background.occluder_margin_m", background.occluder_margin_m, Range{0, 1e3});
 }
 
-template <class Visitor, class Ground>
-void VisitGroundKeys(Visitor&& visit, Ground& ground) {
-  visit("robust.ground.cell_m", ground.cell_m, Range{0.1, 1e3});
-  visit("robust.ground.max_slope", ground.max_slope, Range{0, 10});
-  visit("robust.ground.thickness_m", ground.thickness_m, Range{0, 100});
-}
-
 template <class Visitor, class Support>
 void VisitSupportKeys(Visitor&& visit, Support& support) {
   VisitRadiusKeys(visit, "robust.support.reach.", support.reach);
-  visit("robust.support.far_m", support.far_m, Range{0, 1e5});
-  VisitRadiusKeys(visit, "robust.support.far_reach.", support.far_reach);
-  visit("robust.support.body_m", support.body_m, Range{1e-3, 100});
   visit("robust.support.max_range_m", support.max_range_m, Range{0, 1e5});
-  visit("robust.support.voxel_m", support.voxel_m, Range{0.01, 10});
-  visit("robust.support.max_hidden_share", support.max_hidden_share, Range{0, 1});
 }
 
 template <class Visitor, class Plots>
 void VisitPlotKeys(Visitor&& visit, Plots& plots) {
   VisitRadiusKeys(visit, "robust.plots.link.", plots.link);
-  visit("robust.plots.body_contact_m", plots.body_contact_m, Range{0, 100});
-  visit("robust.plots.body_contact_returns", plots.body_contact_returns, Range{1, 1e6});
   visit("robust.plots.body_spread_m", plots.body_spread_m, Range{0, 100});
-  visit("robust.plots.body_spread_returns", plots.body_spread_returns, Range{1, 1e6});
   visit("robust.plots.noise_m", plots.noise_m, Range{1e-4, 10});
   visit("robust.plots.noise_per_return_m", plots.noise_per_return_m, Range{0, 10});
   visit("robust.plots.noise_per_range", plots.noise_per_range, Range{0, 1});
-  VisitRadiusKeys(visit, "robust.plots.clutter_middle.", plots.clutter_middle);
-  VisitRadiusKeys(visit, "robust.plots.clutter_narrow.", plots.clutter_narrow);
-  VisitRadiusKeys(visit, "robust.plots.spot.", plots.spot);
 }
 
 template <class Visitor, class Tracker>
@@ -162,21 +144,11 @@ void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.max_gap_s", tracker.max_gap_s, Range{0, 600, false});
   visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});
   visit("robust.tracker.echo_m2_per_s", tracker.echo_m2_per_s, Range{1e-2, 1e10});
-  visit("robust.tracker.echo_shape", tracker.echo_shape, Range{1e-3, 1e3});
   visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});
-  visit("robust.tracker.max_hypotheses_per_plot", tracker.max_hypotheses_per_plot, Range{0, 1e6});
-  visit("robust.tracker.max_paths", tracker.max_paths, Range{1, 1000});
-  visit("robust.tracker.min_fragment_log", tracker.min_fragment_log, Range{0, 1e6});
-  visit("robust.tracker.min_fragment_plots", tracker.min_fragment_plots, Range{1, 1000});
-  visit("robust.tracker.birth_cost", tracker.birth_cost, Range{0, 1e6});
-  visit("robust.tracker.min_exchange_log", tracker.min_exchange_log, Range{0, 1e6});
-  visit("robust.tracker.give_up_log", tracker.give_up_log, Range{-1e6, 0});
-  visit("robust.tracker.rebirth_log", tracker.rebirth_log, Range{-1e6, 0});
 }
 
 template <class Visitor, class Collect>
 void VisitCollectKeys(Visitor&& visit, Collect& collect) {
-  visit("robust.collect.rounds", collect.rounds, Range{0, 100});
   visit("robust.collect.body_sigma_m", collect.body_sigma_m, Range{1e-3, 100});
   visit("robust.collect.facing_side", collect.facing_side, Range{0, 10});
   visit("robust.collect.sensor_bias_m", collect.sensor_bias_m, Range{1e-6, 100});
@@ -189,7 +161,6 @@ void VisitRobustKeys(Visitor&& visit, Robust& robust) {
   visit("robust.window_s", robust.window_s, RangeOrEndless{{5, 86400}});
   visit("robust.window_margin_s", robust.window_margin_s, Range{0, 3600});
   visit("robust.min_plots", robust.min_plots, Range{2, 1000});
-  visit("robust.rounds", robust.rounds, Range{1, 10});
   visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
   visit("robust.off_ground_share", robust.off_ground_share, Range{0, 1});
   visit("robust.min_echo_m2_per_s", robust.min_echo_m2_per_s, Range{0, 1e9});
@@ -201,12 +172,15 @@ void VisitRobustKeys(Visitor&& visit, Robust& robust) {
                        {"alternatives", Rule::kAlternatives},
                        {"frame_length", Rule::kFrameLength},
                        {"crowded", Rule::kCrowded},
+                       {"bodies", Rule::kBodies},
+                       {"local_clutter", Rule::kLocalClutter},
+                       {"second_round", Rule::kSecondRound},
+                       {"collection", Rule::kCollection},
                        {"suspended", Rule::kSuspended},
                        {"clutter_returns", Rule::kClutterReturns},
                        {"cloud", Rule::kCloud},
                        {"insect", Rule::kInsect}}}});
   VisitBackgroundKeys(visit, robust.background);
-  VisitGroundKeys(visit, robust.ground);
   VisitSupportKeys(visit, robust.support);
   VisitPlotKeys(visit, robust.plots);
   VisitTrackerKeys(visit, robust.tracker);
@@ -217,11 +191,6 @@ template <class Visitor, class TrajectoryFields>
 void VisitTrajectoryKeys(Visitor&& visit, TrajectoryFields& trajectory) {
   visit("trajectory.typical_acceleration_mps2", trajectory.typical_acceleration_mps2,
         Range{1e-3, 1e3});
-  visit("trajectory.min_noise_scale", trajectory.min_noise_scale, Range{1e-2, 1e2});
-  visit("trajectory.max_noise_scale", trajectory.max_noise_scale, Range{1e-2, 1e2});
-  visit("trajectory.outlier_distance", trajectory.outlier_distance, Range{1, 100});
-  visit("trajectory.min_knot_spacing_s", trajectory.min_knot_spacing_s, Range{1e-3, 10});
-  visit("trajectory.max_knot_spacing_s", trajectory.max_knot_spacing_s, Range{1e-3, 10});
   visit("trajectory.max_extrapolation_s", trajectory.max_extrapolation_s, Range{0, 60});
   visit("trajectory.silence_probability", trajectory.silence_probability, Range{0, 1, false});
   visit("trajectory.max_sigma_m", trajectory.max_sigma_m, Range{0, 1e4, false});

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "live/track_follower.hpp"
+#include "scene/support.hpp"
 
 namespace unlidar {
 namespace {
@@ -65,7 +66,7 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector
       plots.push_back(InReverse(seen[i]));
       const double apart_m = (seen[i].plot.position_m - first.position_m).norm();
       // An unsupported target was unsupported before that was known.
-      if (floats && apart_m < robust.support.body_m) {
+      if (floats && apart_m < kObjectRadiusM) {
         plots.back().plot.log_clutter = seen[i].log_surrounding_clutter;
       }
     }

@@ -22,23 +22,21 @@ RangeRadius Surroundings(const RangeRadius& radius) {
 }  // namespace
 
 LiveClutter::LiveClutter(const RobustConfig& config, double fade_s)
-    : config_(config.plots),
-      exclusion_s_((kClutterExclusionBins + 0.5) * config.background.bin_s),
+    : exclusion_s_((kClutterExclusionBins + 0.5) * config.background.bin_s),
       fade_s_(fade_s),
       place_(config.background.place),
       static_grid_(config.background.place, fade_s),
       surroundings_(Surroundings(config.background.place), fade_s),
-      floating_({config.support.body_m, kNeighbourSlope}, fade_s),
-      self_({config.support.body_m, kNeighbourSlope}, fade_s),
-      neighbours_({config.support.body_m, kNeighbourSlope}, fade_s),
-      outer_({config.support.body_m, kNeighbourSlope}, fade_s) {}
+      floating_({kObjectRadiusM, kNeighbourSlope}, fade_s),
+      self_({kObjectRadiusM, kNeighbourSlope}, fade_s),
+      neighbours_({kObjectRadiusM, kNeighbourSlope}, fade_s),
+      outer_({kObjectRadiusM, kNeighbourSlope}, fade_s) {}
 
 LiveClutter::Sensor& LiveClutter::SensorAt(std::uint32_t sensor) {
   while (sensors_.size() <= sensor) {
-    sensors_.push_back({FadingGrid(kClutterWide, fade_s_),
-                        FadingGrid(config_.clutter_middle, fade_s_),
-                        FadingGrid(config_.clutter_narrow, fade_s_),
-                        FadingGrid(config_.spot, fade_s_), FadingGrid(place_, kRecentS)});
+    sensors_.push_back({FadingGrid(kClutterWide, fade_s_), FadingGrid(kClutterMiddle, fade_s_),
+                        FadingGrid(kClutterNarrow, fade_s_), FadingGrid(kSpotRadius, fade_s_),
+                        FadingGrid(place_, kRecentS)});
   }
   return sensors_[sensor];
 }
@@ -158,14 +156,14 @@ void LiveClutter::Judge(const Support& support, double time_s, std::vector<LiveP
 // probably share a support.
 bool LiveClutter::HasNeighbours(const Plot& plot, const SupportConfig& support, double time_s) {
   const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
-  const double reach_m = support.ReachM(plot.ray_m.norm());
+  const double reach_m = SupportReachM(plot.ray_m.norm(), support);
   double self = 0.0;
   double num_neighbours = 0.0;
   double num_outer = 0.0;
   for (const StaticPlot& other : static_plots_) {
     const double distance_m = (plot.ray_m - other.position_m).norm();
     if (distance_m >= kOuterReachFactor * reach_m) continue;
-    (distance_m <= support.body_m ? self
+    (distance_m <= kObjectRadiusM ? self
      : distance_m < reach_m       ? num_neighbours
                                   : num_outer) += 1.0;
   }

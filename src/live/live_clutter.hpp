@@ -74,7 +74,6 @@ class LiveClutter {
   void Settle(double time_s);
   void Count(const Recent& plot, double time_s, double count);
 
-  PlotConfig config_;
   double exclusion_s_;
   double fade_s_;
   bool is_blinded_ = false;

@@ -21,7 +21,7 @@ constexpr double kSurgePlots = 30.0;
 }  // namespace
 
 LiveScene::Snapshot::Snapshot(const RobustConfig& config)
-    : ground(config.ground), support(ground, config.background.occluder_cell_deg, config.support) {}
+    : support(ground, config.background.occluder_cell_deg, config.support) {}
 
 LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config)
     : viewpoint_m(its_viewpoint_m),
@@ -221,7 +221,7 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
     if (!station.snapshot->ground.IsGround(point_m)) candidates_.push_back(i);
   }
   FramePlots& found = plotter_.Find(frame_, 0, &candidates_, station.snapshot->ground,
-                                    station.lowest_elevation_rad, config_.robust.plots);
+                                    station.lowest_elevation_rad, config_.robust);
   held->info = frame_.frames[0];
   held->plots.clear();
   for (std::size_t p = 0; p < found.plots.size(); ++p) {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "live/backward_extension.hpp"
+#include "scene/support.hpp"
 #include "tracking/flight.hpp"
 
 namespace unlidar {
@@ -159,20 +160,20 @@ double LiveSearch::ScoreThreshold() const {
 }
 
 const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector<char>& are_free) {
-  const TrackerConfig& tracker = config_.robust.tracker;
   CountPlots(frame);
   paths_.clear();
   if (frame.is_searched && !frame.plots.empty()) {
     const std::size_t first = plots_.size();
     frame_times_.Add(frame.plots.front().plot.frame, frame_time_);
     for (std::size_t i = 0; i < frame.plots.size(); ++i) {
-      const double even = tracker.even_birth_share;
-      log_births_.push_back(std::log(even + (1.0 - even) * birth_odds_[i] * num_plots_ / odds_));
+      const double uniform = config_.robust.tracker.even_birth_share;
+      log_births_.push_back(
+          std::log(uniform + (1.0 - uniform) * birth_odds_[i] * num_plots_ / odds_));
       plots_.push_back(frame.plots[i].plot);
       recent_plots_.push_back(frame.plots[i]);
       free_.push_back(are_free[i]);
     }
-    SetScan(plots_, log_births_, first, frame_time_, tracker, &scan_);
+    SetScan(plots_, log_births_, first, frame_time_, &scan_);
     observed_s_ = frame.observed_s;
     score_threshold_ = ScoreThreshold();
     for (TrackSearch& search : searches_) {
@@ -224,7 +225,7 @@ bool LiveSearch::IsCrowded(const Path& path) const {
   const std::vector<LivePlot>& flight = flight_.plots;
   const auto is_about = [&](const LivePlot& other) {
     return std::any_of(flight.begin(), flight.end(), [&](const LivePlot& seen) {
-      const double reach_m = config_.robust.support.ReachM(seen.plot.ray_m.norm());
+      const double reach_m = SupportReachM(seen.plot.ray_m.norm(), config_.robust.support);
       return (other.plot.position_m - seen.plot.position_m).squaredNorm() < reach_m * reach_m;
     });
   };

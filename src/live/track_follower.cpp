@@ -156,7 +156,7 @@ TimeNs TrackFollower::last_tentative_ns() const {
   const std::int32_t leaf = BestLeaf();
   const Node& best = nodes_[static_cast<std::size_t>(leaf)];
   const Node& confirmed = nodes_[static_cast<std::size_t>(ConfirmedAt(leaf))];
-  const bool is_unlikely = best.current_score < confirmed.h.score - tracker_.birth_cost;
+  const bool is_unlikely = best.current_score < confirmed.h.score - kInitiationLog;
   return PlotOf(is_unlikely ? confirmed : best).plot.time_ns;
 }
 

@@ -45,7 +45,7 @@ double CrowdingPenalty(const Path& path, const std::vector<Plot>& plots,
   auto first = plots.begin();
   for (const std::uint32_t i : path.plots) {
     const Plot& plot = plots[i];
-    const double radius_m = config.plots.clutter_narrow.At(plot.ray_m.norm());
+    const double radius_m = kClutterNarrow.At(plot.ray_m.norm());
     while (first->frame_time_ns < plot.frame_time_ns - reach_ns) ++first;
     double others = 0.0;
     for (auto other = first;
@@ -274,7 +274,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   std::vector<char> assigned = multi_station_plots.are_static_floating();
   std::vector<Path> paths;
   std::vector<PathVerdict> verdicts;  // (paths)
-  for (int round = 0; round < config.rounds; ++round) {
+  const int num_rounds = config.Uses(Rule::kSecondRound) ? 2 : 1;
+  for (int round = 0; round < num_rounds; ++round) {
     multi_station_plots.EstimateClutter(assigned);
     paths = FindPaths(plots, scan_schedule, config.tracker);
     const std::vector<char> before = assigned;

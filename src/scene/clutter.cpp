@@ -14,13 +14,15 @@ constexpr double kPriorRecurrenceShare = 0.5;
 
 class ClutterEstimate {
  public:
-  ClutterEstimate(const std::vector<StationModel>& station_models, const PlotConfig& config,
+  ClutterEstimate(const std::vector<StationModel>& station_models, const RobustConfig& config,
                   const std::vector<char>& assigned, const std::vector<Plot>& plots)
-      : station_models_(station_models), config_(config), assigned_(assigned), plots_(plots) {
+      : station_models_(station_models), assigned_(assigned), plots_(plots) {
     for (const Plot& plot : plots) bins_.push_back(BackgroundOf(plot).BinOf(plot.time_ns));
-    const std::vector<RangeGrid> spots = GridsOf(config.spot, [](std::size_t) { return true; });
+    const std::vector<RangeGrid> spots = GridsOf(kSpotRadius, [](std::size_t) { return true; });
     for (std::size_t i = 0; i < plots.size(); ++i) spots_.push_back(CountsAt(spots, i));
-    SetRates();
+    SetRates(config.Uses(Rule::kLocalClutter)
+                 ? std::vector<RangeRadius>{kClutterWide, kClutterMiddle, kClutterNarrow}
+                 : std::vector<RangeRadius>{kClutterWide});
   }
 
   // Returns the log of the clutter intensity of plot `i`, per m^3 and frame of its sensor.
@@ -97,11 +99,10 @@ class ClutterEstimate {
   // needs it, the share of them that recur at their spots, as twigs do. From wide to narrow: each
   // level is the prior of the next, so that an empty neighbourhood takes the rate of its
   // surroundings, and a level is weighted by its exposure.
-  void SetRates() {
+  void SetRates(const std::vector<RangeRadius>& neighbourhoods) {
     rates_.assign(plots_.size(), 1e-6);
     recurrence_shares_.assign(plots_.size(), kPriorRecurrenceShare);
-    for (const RangeRadius& radius :
-         {kClutterWide, config_.clutter_middle, config_.clutter_narrow}) {
+    for (const RangeRadius& radius : neighbourhoods) {
       const std::vector<RangeGrid> all = GridsOf(radius, [](std::size_t) { return true; });
       const std::vector<RangeGrid> again =
           GridsOf(radius, [&](std::size_t i) { return spots_[i].at_other_times > 0; });
@@ -122,7 +123,6 @@ class ClutterEstimate {
   }
 
   const std::vector<StationModel>& station_models_;
-  const PlotConfig& config_;
   const std::vector<char>& assigned_;
   const std::vector<Plot>& plots_;
   std::vector<std::uint32_t> bins_;  // (plots), like the next three
@@ -145,7 +145,7 @@ void SetPlaceRates(const Background& background, std::vector<Plot>* plots) {
   }
 }
 
-void EstimateClutter(const std::vector<StationModel>& station_models, const PlotConfig& config,
+void EstimateClutter(const std::vector<StationModel>& station_models, const RobustConfig& config,
                      const std::vector<char>& assigned, std::vector<Plot>* plots) {
   const ClutterEstimate estimate(station_models, config, assigned, *plots);
   for (std::size_t i = 0; i < plots->size(); ++i) (*plots)[i].log_clutter = estimate.LogClutter(i);

@@ -101,7 +101,7 @@ class NeighbourTest {
  public:
   NeighbourTest(const std::vector<Plot>& plots, const std::vector<Persistence>& persistences,
                 const Support& support)
-      : tallies_({support.config().body_m, 0.01}) {
+      : tallies_({kObjectRadiusM, 0.01}) {
     constexpr TimeNs kSameTimeNs = 300'000'000;
     const std::vector<StaticDetections> all_static = ByTime(plots, persistences);
     auto first = all_static.begin();
@@ -114,9 +114,9 @@ class NeighbourTest {
           support.ReachM(plot.position_m.cast<float>(), persistences[i] == Persistence::kTransient);
       const auto tally_at = [&](double distance_m) {
         if (distance_m >= kOuterReachFactor * reach_m) return kNone;
-        return distance_m <= support.config().body_m ? kSelf
-               : distance_m < reach_m                ? kNeighbouring
-                                                     : kSurrounding;
+        return distance_m <= kObjectRadiusM ? kSelf
+               : distance_m < reach_m       ? kNeighbouring
+                                            : kSurrounding;
       };
       Tallies tallies{};
       tallies[kPlots] = 1;

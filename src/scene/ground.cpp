@@ -10,6 +10,8 @@
 namespace unlidar {
 namespace {
 
+// Edge of a cell: holds returns of ground among those of bushes, and follows gentle terrain.
+constexpr double kGroundCellM = 4.0;
 // The height of a cell is a low quantile of its returns, so that strays below the ground do not
 // count. Minimum returns of a cell with a height, and minimum cells of a plane.
 constexpr double kQuantile = 0.05;
@@ -40,7 +42,7 @@ double Quantile(Number* begin, Number* end, double share) {
 
 }  // namespace
 
-Ground::Ground(const PointsView& points_m, const GroundConfig& config) : Ground(config) {
+Ground::Ground(const PointsView& points_m) : Ground() {
   Workspace workspace;
   Fit(points_m, &workspace);
 }
@@ -93,7 +95,7 @@ void Ground::FitPlane(Workspace* workspace) {
   if (near.support > kMinSupportRatio * plane.support) plane = near;
   plane_ = plane.coefficients;
   support_ = plane.support;
-  exists_ = plane.support > 0.0 && plane_.tail<2>().norm() < config_.max_slope;
+  exists_ = plane.support > 0.0 && plane_.tail<2>().norm() < max_slope_;
 }
 
 // Iterated least squares: first on the lower half of the cells within `reach_m`, then on all cells
@@ -172,7 +174,7 @@ double Ground::FlatSupport(double band_m, Workspace* workspace) const {
       if (!Refit(step_m, &plane, workspace)) return 0.0;
     }
   }
-  const double rise_m = band_m + plane.coefficients.tail<2>().norm() * config_.cell_m;
+  const double rise_m = band_m + plane.coefficients.tail<2>().norm() * kGroundCellM;
   std::vector<std::uint32_t>& inliers = workspace->inliers;
   const auto is_not_flat = [&](std::uint32_t number) {
     const float* const begin =
@@ -188,7 +190,7 @@ double Ground::FlatSupport(double band_m, Workspace* workspace) const {
 
 Ground::Cell Ground::CellOf(const Eigen::Vector3f& point_m) const {
   const auto number = [&](float coordinate_m) {
-    return static_cast<int>(std::floor(static_cast<double>(coordinate_m) / config_.cell_m));
+    return static_cast<int>(std::floor(static_cast<double>(coordinate_m) / kGroundCellM));
   };
   Cell cell;
   cell.x = number(point_m.x());
@@ -203,7 +205,7 @@ VoxelKey Ground::KeyOf(const Cell& cell) {
 
 // Homogeneous: the 1 multiplies the height c0 at the origin.
 Eigen::Vector3d Ground::MiddleOf(const Cell& cell) const {
-  return {1.0, (cell.x + 0.5) * config_.cell_m, (cell.y + 0.5) * config_.cell_m};
+  return {1.0, (cell.x + 0.5) * kGroundCellM, (cell.y + 0.5) * kGroundCellM};
 }
 
 double Ground::DistanceM(const Cell& cell) const { return MiddleOf(cell).tail<2>().norm(); }
@@ -223,7 +225,7 @@ double Ground::HeightAbove(const Eigen::Vector3f& point_m) const {
 }
 
 bool Ground::IsGround(const Eigen::Vector3f& point_m) const {
-  return HeightAbove(point_m) < config_.thickness_m;
+  return HeightAbove(point_m) < kGroundThicknessM;
 }
 
 }  // namespace unlidar

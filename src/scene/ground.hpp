@@ -8,9 +8,13 @@
 
 #include "base/recording.hpp"
 #include "base/voxel_numbers.hpp"
-#include "unlidar/config.hpp"
 
 namespace unlidar {
+
+// A steeper plane is a wall or a tree crown, not terrain (17 degrees).
+constexpr double kMaxTerrainSlope = 0.3;
+// Anything lower above the ground is the ground itself: grass and range noise.
+constexpr double kGroundThicknessM = 0.3;
 
 // Lowest local heights relative to one plane z = c0 + c1 x + c2 y, x and y from the station.
 // Without a ground in view (a sensor that looks up) every height above ground is infinite.
@@ -25,9 +29,9 @@ class Ground {
   };
 
   // No ground until Fit().
-  explicit Ground(const GroundConfig& config) : config_(config) {}
+  explicit Ground(double max_slope = kMaxTerrainSlope) : max_slope_(max_slope) {}
 
-  Ground(const PointsView& points_m, const GroundConfig& config);
+  explicit Ground(const PointsView& points_m);
 
   // Replaces the ground, reusing memory.
   void Fit(const PointsView& points_m, Workspace* workspace);
@@ -79,7 +83,7 @@ class Ground {
   void SetInliers(double band_m, const Plane& plane, Workspace* workspace) const;
   double SupportOf(const std::vector<std::uint32_t>& inliers) const;
 
-  GroundConfig config_;
+  double max_slope_;
   bool exists_ = false;
   double support_ = 0.0;
   Eigen::Vector3d plane_ = Eigen::Vector3d::Zero();

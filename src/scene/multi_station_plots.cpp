@@ -31,7 +31,7 @@ StationPlots PlotsOf(const Recording& recording, const Background& background,
   const std::vector<FrameInfo> scene = SceneFrames(recording);
   const std::vector<std::uint32_t> structure = ReturnsOf(scene, background.structure());
   const PointsView structure_m(recording.points_m, structure);
-  const Ground ground(structure_m, config.ground);
+  const Ground ground(structure_m);
   FieldOfView view;
   for (const FrameInfo& frame : scene) {
     for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
@@ -52,7 +52,7 @@ StationPlots PlotsOf(const Recording& recording, const Background& background,
                      [&](std::uint32_t i) { return ground.IsGround(recording.points_m[i]); }),
       candidates.end());
   found.num_unexplained = candidates.size();
-  found.plots = MakePlots(recording, candidates, ground, config.plots, &found.are_bodies);
+  found.plots = MakePlots(recording, candidates, ground, config, &found.are_bodies);
   MarkFloating(recording, support, config, &found.plots);
   SetPlaceRates(background, &found.plots);
   std::vector<char> is_static_floating(recording.points_m.size(), 0);
@@ -69,7 +69,7 @@ StationPlots PlotsOf(const Recording& recording, const Background& background,
 MultiStationPlots::MultiStationPlots(const Recording& recording, const Stations& stations,
                                      const RobustConfig& config)
     : stations_(stations),
-      config_(config.plots),
+      config_(config),
       num_sensors_(recording.sensors.size()),
       are_bodies_(recording.points_m.size(), 0) {
   if (stations.size() == 1 && stations.ViewpointM(0).isZero()) {

@@ -45,7 +45,7 @@ class MultiStationPlots {
   void SortByTime();
 
   Stations stations_;
-  PlotConfig config_;
+  const RobustConfig& config_;
   std::size_t num_sensors_;
   std::vector<Background> backgrounds_;  // (stations)
   std::vector<Plot> plots_;

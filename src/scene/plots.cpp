@@ -14,6 +14,12 @@ namespace {
 
 // Linkage radius of a body: looser than that of a plot, as head and legs are hit separately.
 constexpr RangeRadius kBodyLink{1.5, 0.02};
+// People and vehicles reach down to this height above the ground, with this many returns: one or
+// two may be strays.
+constexpr double kBodyContactM = 1.0;
+constexpr int kMinContactReturns = 3;
+// Returns from which the width of a body can be estimated.
+constexpr int kMinSpreadReturns = 6;
 // The lower edge of the field of view cuts off legs: a return within a few rays of it, and no
 // higher than a person, counts as ground contact.
 constexpr double kBodyHeightM = 2.0;
@@ -28,18 +34,18 @@ constexpr double kRoughnessM = 0.25;
 bool IsBody(const Recording& recording, const IndexView& returns, const Ground& ground,
             double lowest_elevation_rad, const PlotConfig& config) {
   const int n = static_cast<int>(returns.size());
-  if (n >= config.body_contact_returns) {
+  if (n >= kMinContactReturns) {
     for (const std::uint32_t i : returns) {
       const Eigen::Vector3f& p = recording.points_m[i];
       const double height_m = ground.HeightAbove(p);
-      if (height_m < config.body_contact_m) return true;
+      if (height_m < kBodyContactM) return true;
       const double elevation_rad = std::asin(static_cast<double>(p.z() / p.norm()));
       if (height_m < kBodyHeightM && elevation_rad < lowest_elevation_rad + kBodyEdgeRad) {
         return true;
       }
     }
   }
-  if (n < config.body_spread_returns) return false;
+  if (n < kMinSpreadReturns) return false;
   const Eigen::Vector3d mean = MeanOf(recording, returns);
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   for (const std::uint32_t i : returns) {
@@ -128,7 +134,7 @@ void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame
 
 FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_index,
                                std::vector<std::uint32_t>* candidates, const Ground& ground,
-                               double lowest_elevation_rad, const PlotConfig& config) {
+                               double lowest_elevation_rad, const RobustConfig& config) {
   const FrameInfo& frame = recording.frames[frame_index];
   found_.plots.clear();
   found_.bodies.clear();
@@ -136,9 +142,9 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
   if (candidates->empty()) return found_;
   is_body_.assign(frame.last_return - frame.first_return, 0);
   linker_.Link(recording.points_m, *candidates, kBodyLink);
-  for (std::size_t g = 0; g < linker_.size(); ++g) {
+  for (std::size_t g = 0; config.Uses(Rule::kBodies) && g < linker_.size(); ++g) {
     const IndexView body = linker_[g];
-    if (!IsBody(recording, body, ground, lowest_elevation_rad, config)) continue;
+    if (!IsBody(recording, body, ground, lowest_elevation_rad, config.plots)) continue;
     for (const std::uint32_t i : body) is_body_[i - frame.first_return] = 1;
     found_.body_returns.insert(found_.body_returns.end(), body.begin(), body.end());
     found_.bodies.push_back(BoxOf(recording, body));
@@ -147,7 +153,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
       std::remove_if(candidates->begin(), candidates->end(),
                      [&](std::uint32_t i) { return is_body_[i - frame.first_return] != 0; }),
       candidates->end());
-  linker_.Link(recording.points_m, *candidates, config.link);
+  linker_.Link(recording.points_m, *candidates, config.plots.link);
   for (std::size_t g = 0; g < linker_.size(); ++g) {
     const IndexView returns = linker_[g];
     Plot plot;
@@ -157,7 +163,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
     plot.streak_s =
         frame.is_timed ? 0.0 : static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
     plot.ray_m = plot.position_m = MeanOf(recording, returns);
-    plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config);
+    plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config.plots);
     plot.column_m = ground.HeightAbove(plot.position_m.cast<float>()) - kRoughnessM;
     TimeNs time_sum = 0;
     plot.lowest_m = std::numeric_limits<double>::infinity();
@@ -193,7 +199,7 @@ bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies) {
 
 std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
-                            const PlotConfig& config, std::vector<char>* is_body) {
+                            const RobustConfig& config, std::vector<char>* is_body) {
   std::vector<Plot> plots;
   is_body->assign(recording.points_m.size(), 0);
   const double lowest_elevation_rad = LowestElevationRad(recording.points_m);

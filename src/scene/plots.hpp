@@ -18,14 +18,17 @@
 
 namespace unlidar {
 
-// Neighbourhoods from which the clutter intensity of a place is estimated, method.md (2): the
-// middle and the narrow one are configuration keys, the wide one reaches across a scene. Each is
-// the prior of the next, with the weight of half a plot (Jeffreys' prior of a Poisson rate). Bins
-// of the background within kClutterExclusionBins of a plot's own do not count towards its clutter:
-// a target takes about that long to leave its place.
+// Neighbourhoods from which the clutter intensity of a place is estimated, method.md (2): across a
+// scene, of a tree and of a branch. Each is the prior of the next, with the weight of half a plot
+// (Jeffreys' prior of a Poisson rate). Bins of the background within kClutterExclusionBins of a
+// plot's own do not count towards its clutter: a target takes about that long to leave its place.
 constexpr RangeRadius kClutterWide{4.0, 0.35};
+constexpr RangeRadius kClutterMiddle{4.0, 0.12};
+constexpr RangeRadius kClutterNarrow{1.5, 0.04};
 constexpr double kClutterPriorPlots = 0.5;
 constexpr int kClutterExclusionBins = 2;
+// Extent of a static object that is a point to the sensor.
+constexpr RangeRadius kSpotRadius{0.19, 0.006};
 
 // Returns the clutter intensity (plots or returns per m^3 and frame) given their `count`, the
 // `exposure` in m^3 x frames and the intensity of the surroundings, method.md (2).
@@ -129,7 +132,7 @@ class FramePlotter {
   // call, and may be changed.
   FramePlots& Find(const Recording& recording, std::uint32_t frame,
                    std::vector<std::uint32_t>* candidates, const Ground& ground,
-                   double lowest_elevation_rad, const PlotConfig& config);
+                   double lowest_elevation_rad, const RobustConfig& config);
 
   // Returns of a plot of the last frame: indices into the recording.
   IndexView ReturnsOf(std::size_t plot) const { return linker_[plot]; }
@@ -152,7 +155,7 @@ bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies);
 // returns of the bodies themselves.
 std::vector<Plot> MakePlots(const Recording& recording,
                             const std::vector<std::uint32_t>& candidates, const Ground& ground,
-                            const PlotConfig& config, std::vector<char>* is_body);
+                            const RobustConfig& config, std::vector<char>* is_body);
 
 // Sets place_rate of every plot, the mean over its returns, which must be indices into the
 // recording of `background`.
@@ -163,7 +166,7 @@ void SetPlaceRates(const Background& background, std::vector<Plot>* plots);
 // narrowing neighbourhoods and, unless it floats, the rate of a static object at its spot (by the
 // chain rule where all its plots may be one dwell) and the rate of all returns of its place;
 // method.md (2) to (4). `station_models`: one per sensor.
-void EstimateClutter(const std::vector<StationModel>& station_models, const PlotConfig& config,
+void EstimateClutter(const std::vector<StationModel>& station_models, const RobustConfig& config,
                      const std::vector<char>& assigned, std::vector<Plot>* plots);
 
 }  // namespace unlidar

@@ -38,7 +38,7 @@ void Support::Fill(const PointsView& structure_m, const ElevationRange& view,
   first_.clear();
   for (std::size_t i = 0; i < structure_m.size(); ++i) {
     const Eigen::Vector3f& point_m = structure_m[i];
-    if (seen.FindOrAdd(0, VoxelOf(point_m, config_.voxel_m)) < points_m.size()) continue;
+    if (seen.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM)) < points_m.size()) continue;
     points_m.push_back(point_m);
     cells.push_back(cells_.FindOrAdd(0, VoxelOf(point_m, kCellM)));
     if (cells.back() == first_.size()) first_.push_back(0);
@@ -61,7 +61,8 @@ bool Support::ArrivedByAir(const Eigen::Vector3f& place_m, bool is_transient) co
 
 double Support::ReachM(const Eigen::Vector3f& place_m, bool is_transient) const {
   const auto range_m = static_cast<double>(place_m.norm());
-  return ArrivedByAir(place_m, is_transient) ? config_.reach.At(range_m) : config_.ReachM(range_m);
+  return ArrivedByAir(place_m, is_transient) ? config_.reach.At(range_m)
+                                             : SupportReachM(range_m, config_);
 }
 
 bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) const {
@@ -71,7 +72,7 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) cons
   const double nearest_m = std::min(range_m, ground_.HeightAbove(place_m));
   const auto reach_m = static_cast<float>(ReachM(place_m, is_transient));
   if (nearest_m < static_cast<double>(reach_m)) return false;
-  const auto body_m = static_cast<float>(config_.body_m);
+  const auto body_m = static_cast<float>(kObjectRadiusM);
   const auto supports = [&](const Eigen::Vector3f& structure_m) {
     const float distance_m = (structure_m - place_m).norm();
     return distance_m > body_m && distance_m < reach_m;
@@ -98,8 +99,8 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) cons
   }
   // A support may be hidden or outside the field of view.
   return ArrivedByAir(place_m, is_transient) ||
-         depth_.HiddenShare(place_m, config_.ReachM(range_m), config_.body_m, view_) <=
-             config_.max_hidden_share;
+         depth_.HiddenShare(place_m, SupportReachM(range_m, config_), kObjectRadiusM, view_) <=
+             kMaxHiddenShare;
 }
 
 std::vector<std::uint32_t> Support::FloatingReturns(
@@ -109,7 +110,7 @@ std::vector<std::uint32_t> Support::FloatingReturns(
   std::vector<std::uint32_t> floating;
   for (const std::uint32_t i : structure) {
     const Eigen::Vector3f& point_m = recording.points_m[i];
-    const std::uint32_t voxel = seen.FindOrAdd(0, VoxelOf(point_m, config_.voxel_m));
+    const std::uint32_t voxel = seen.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM));
     if (voxel == verdicts.size()) verdicts.push_back(IsFloating(point_m) ? 1 : 0);
     if (verdicts[voxel] != 0) floating.push_back(i);
   }

@@ -15,6 +15,22 @@
 
 namespace unlidar {
 
+// Structure closer than this may be the object itself.
+constexpr double kObjectRadiusM = 1.5;
+// Beyond this range rays are too far apart to show poles and wires: only objects isolated within
+// kSupportFarReach float there.
+constexpr double kSupportFarM = 50.0;
+constexpr RangeRadius kSupportFarReach{1.5, 0.3};
+// Structure is thinned to one point per voxel, finer than any reach.
+constexpr double kSupportVoxelM = 0.25;
+// If more than this share of the directions around an object is hidden, its support may be, too.
+constexpr double kMaxHiddenShare = 0.2;
+
+// Largest distance in m from an object at this range to a possible support.
+inline double SupportReachM(double range_m, const SupportConfig& config) {
+  return (range_m < kSupportFarM ? config.reach : kSupportFarReach).At(range_m);
+}
+
 // Tests whether structure or ground near a place may support a static object there.
 class Support {
  public:

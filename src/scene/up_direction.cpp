@@ -30,15 +30,9 @@ constexpr double kMinFloorCells = 4.0;
 constexpr double kMaxFloorDepthM = 15.0;
 constexpr float kBelowM = 0.3F;
 
-GroundConfig WithSlope(double max_slope) {
-  GroundConfig config;
-  config.max_slope = max_slope;
-  return config;
-}
-
 }  // namespace
 
-UpDirection::UpDirection() : ground_(WithSlope(kMaxGroundSlope)) {
+UpDirection::UpDirection() : ground_(kMaxGroundSlope) {
   directions_.emplace_back(Eigen::Vector3f::UnitZ());
   for (int x = -1; x <= 1; ++x) {
     for (int y = -1; y <= 1; ++y) {
@@ -95,7 +89,7 @@ bool UpDirection::HasFloor() {
   for (const Eigen::Vector3f& point_m : points_m_) {
     if (point_m.z() < -kBelowM) rotated_m_.push_back(point_m);
   }
-  Ground floor(WithSlope(kMaxFloorSlope));
+  Ground floor(kMaxFloorSlope);
   floor.Fit(rotated_m_, &workspace_);
   return floor.FlatSupport(kFloorBandM, &workspace_) >= kMinFloorCells &&
          floor.height_m() > -kMaxFloorDepthM;

@@ -100,11 +100,6 @@ SplineModel ModelOf(const std::vector<Measurement>& measurements, const Trajecto
   return model;
 }
 
-TruncatedLoss LossAt(double noise) {
-  const double limit = TrajectoryConfig().outlier_distance * noise;
-  return {limit * limit};
-}
-
 TEST(CeresMinimum, IsThatOfTheBandedSolver) {
   constexpr int kSeeds = testing::Draws(3);
   std::ptrdiff_t num_partial = 0;
@@ -139,7 +134,7 @@ TEST(CeresMinimum, IsWhereTheSlopeOfTheSumVanishes) {
       Measure({10.0, 8.0, 1.0, 0.1, 0.15, false}, &random);
   const Trajectory fitted = FitTrajectoryByCeres(measurements, {});
   const SplineModel model = ModelOf(measurements, fitted);
-  const TruncatedLoss loss = LossAt(fitted.scales.noise);
+  const TruncatedLoss loss = LossOf(fitted.scales);
   std::vector<Eigen::Vector3d> slope(fitted.control_points_m.size(), Eigen::Vector3d::Zero());
   double steepest = 0.0;  // of one measurement
   double cost = 0.0;

@@ -49,7 +49,7 @@ void Estimate(const std::vector<char>& assigned, Clutter* clutter) {
   const std::vector<StationModel> station_models(recording.sensors.size(),
                                                  {Eigen::Vector3f::Zero(), &background});
   SetPlaceRates(background, &clutter->plots);
-  EstimateClutter(station_models, PlotConfig(), assigned, &clutter->plots);
+  EstimateClutter(station_models, RobustConfig(), assigned, &clutter->plots);
 }
 
 Clutter UniformClutter(
@@ -267,7 +267,7 @@ TEST(EstimateClutter, IsAtLeastTheRateOfAllReturnsAtThePlaceUnlessThePlotFloats)
 
 TEST(EstimateClutter, OfNoPlotsIsNothing) {
   std::vector<Plot> plots;
-  EstimateClutter({}, PlotConfig(), {}, &plots);
+  EstimateClutter({}, RobustConfig(), {}, &plots);
   EXPECT_TRUE(plots.empty());
 }
 

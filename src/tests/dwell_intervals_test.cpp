@@ -60,7 +60,6 @@ TEST(DwellIntervals, IsThatOfAWalkAlongTheTrajectory) {
     };
     TrajectoryConfig config;
     if (trial % 5 == 0) config.max_extrapolation_s = 0.0;  // few intervals beyond the ends
-    if (trial % 7 == 0) config.max_knot_spacing_s = config.min_knot_spacing_s = 0.05;
     std::vector<double> times_s = {0.0};
     const std::uint32_t num_measurements = 1 + random.Index(120);
     while (times_s.size() < num_measurements) {

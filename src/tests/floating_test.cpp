@@ -20,7 +20,7 @@ using testing::RecordingMaker;
 
 // Nothing is held by anything seen.
 struct Sky {
-  Ground ground{{}, GroundConfig()};
+  Ground ground;
   Support support{{}, ground, {}, BackgroundConfig().occluder_cell_deg, SupportConfig()};
 };
 
@@ -79,13 +79,13 @@ std::vector<char> FloatingByDefinition(const Recording& recording, const RangeRa
   std::vector<std::array<double, 3>> tallies(plots.size());
   for (std::size_t i = 0; i < plots.size(); ++i) {
     if (seem_to_float[i] == 0) continue;
-    const double reach_m = config.ReachM(plots[i].position_m.norm());
+    const double reach_m = SupportReachM(plots[i].position_m.norm(), config);
     for (std::size_t k = 0; k < plots.size(); ++k) {
       if (are_standing[k] == 0) continue;
       if (std::abs(plots[k].time_ns - plots[i].time_ns) > kSameTimeNs) continue;
       const double distance_m = (plots[i].position_m - plots[k].position_m).norm();
       if (distance_m >= 5.0 * reach_m) continue;
-      tallies[i][distance_m <= config.body_m ? 0 : distance_m < reach_m ? 1 : 2] += 1.0;
+      tallies[i][distance_m <= kObjectRadiusM ? 0 : distance_m < reach_m ? 1 : 2] += 1.0;
     }
   }
   std::vector<char> are_floating;
@@ -98,7 +98,7 @@ std::vector<char> FloatingByDefinition(const Recording& recording, const RangeRa
     std::array<double, 3> sums{};
     for (std::size_t k = 0; k < plots.size(); ++k) {
       if (seem_to_float[k] == 0) continue;
-      if (!IsNeighbour({config.body_m, 0.01}, at(plots[i]), at(plots[k]))) continue;
+      if (!IsNeighbour({kObjectRadiusM, 0.01}, at(plots[i]), at(plots[k]))) continue;
       num_plots += 1.0;
       for (std::size_t t = 0; t < sums.size(); ++t) sums[t] += tallies[k][t];
     }
@@ -127,7 +127,7 @@ std::size_t NumFloatingOfThingSeenEvery(double apart_s, int num_frames = 600) {
   RecordingMaker scene(4);
   scene.BeginFrame(0.0);
   scene.AddGround(-1.5, 60.0, 20000);
-  const Ground ground(scene.recording.points_m, GroundConfig());
+  const Ground ground(scene.recording.points_m);
   scene.AddBox({15, -8, 2}, {15.2, -0.3, 20}, 20000);
   const Support support(scene.recording.points_m, ground, {}, BackgroundConfig().occluder_cell_deg,
                         SupportConfig());

@@ -18,7 +18,7 @@ const Eigen::Vector3d kOnce_m(-12.0, 20.0, 9.0);
 class LiveClutterTest : public ::testing::Test {
  protected:
   LiveClutterTest()
-      : ground_(structure_m_, config_.ground),
+      : ground_(structure_m_),
         support_(structure_m_, ground_, FieldOfView().Edges(), config_.background.occluder_cell_deg,
                  config_.support) {}
 

@@ -35,10 +35,10 @@ struct Found {
 };
 
 // Of what no structure explains and is no ground, as in the pipeline.
-Found FindPlots(const Recording& recording, const PlotConfig& config = PlotConfig()) {
+Found FindPlots(const Recording& recording, const RobustConfig& config = RobustConfig()) {
   Found found;
   const Background background(recording, BackgroundConfig());
-  const Ground ground({recording.points_m, background.structure()}, GroundConfig());
+  const Ground ground({recording.points_m, background.structure()});
   std::copy_if(background.unexplained().begin(), background.unexplained().end(),
                std::back_inserter(found.candidates),
                [&](std::uint32_t i) { return !ground.IsGround(recording.points_m[i]); });
@@ -118,8 +118,8 @@ bool IsAmbiguous(const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Range
 }
 
 TEST(Plots, AreTheSingleLinkageOfTheReturnsOfAFrame) {
-  PlotConfig config;
-  config.body_spread_m = 1e3;  // and without a ground nothing is a body
+  RobustConfig config;
+  config.disabled_rules = {Rule::kBodies};
   for (const double half_m : {4.0, 8.0, 40.0}) {
     RecordingMaker maker(7);
     Recording& recording = maker.recording;
@@ -131,7 +131,7 @@ TEST(Plots, AreTheSingleLinkageOfTheReturnsOfAFrame) {
             maker.random.InBox({10, -half_m, 5}, {10 + 2 * half_m, half_m, 5 + half_m});
         if (std::none_of(recording.points_m.begin(), recording.points_m.end(),
                          [&](const Eigen::Vector3f& q) {
-                           return IsAmbiguous(p.cast<float>(), q, config.link);
+                           return IsAmbiguous(p.cast<float>(), q, config.plots.link);
                          })) {
           maker.Add(p);
         }
@@ -143,7 +143,7 @@ TEST(Plots, AreTheSingleLinkageOfTheReturnsOfAFrame) {
       std::sort(plot.returns.begin(), plot.returns.end());
       groups.insert(plot.returns);
     }
-    EXPECT_EQ(groups, LinkedByBruteForce(recording.points_m, config.link));
+    EXPECT_EQ(groups, LinkedByBruteForce(recording.points_m, config.plots.link));
     EXPECT_EQ(groups.size(), found.plots.size());
     EXPECT_GT(groups.size(), 5U);
   }
@@ -201,8 +201,8 @@ TEST(Plots, CountWhatIsBelowThem) {
     }
   });
   const Recording& recording = maker.recording;
-  PlotConfig config;
-  config.body_contact_returns = config.body_spread_returns = 1'000'000;  // nothing is a body
+  RobustConfig config;
+  config.disabled_rules = {Rule::kBodies};
   const Found found = FindPlots(recording, config);
   std::size_t num_plots = 0;
   std::size_t num_all = 0;
@@ -375,12 +375,12 @@ TEST(Plots, EveryCandidateIsOnceABodyOrInAPlotIfNoneIsNextToABody) {
 
 // A sky without structure: everything would float in it.
 std::vector<Plot> PlotsInTheSky(const Recording& recording) {
-  const Ground ground({}, GroundConfig());
+  const Ground ground;
+  const RobustConfig config;
   std::vector<std::uint32_t> candidates(recording.points_m.size());
   std::iota(candidates.begin(), candidates.end(), 0U);
   std::vector<char> is_body;
-  std::vector<Plot> plots = MakePlots(recording, candidates, ground, PlotConfig(), &is_body);
-  const RobustConfig config;
+  std::vector<Plot> plots = MakePlots(recording, candidates, ground, config, &is_body);
   const Support support({}, ground, {}, config.background.occluder_cell_deg, config.support);
   MarkFloating(recording, support, config, &plots);
   return plots;

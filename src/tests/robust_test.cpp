@@ -340,7 +340,7 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
   const RobustResult result = FindTargetsRobust(maker.recording, config, TrajectoryConfig());
   const Background background(maker.recording, config.background);
   const PointsView structure_m(maker.recording.points_m, background.structure());
-  const Ground ground(structure_m, config.ground);
+  const Ground ground(structure_m);
   const Support support(structure_m, ground, {}, config.background.occluder_cell_deg,
                         config.support);
   // Ground is none of it, whether known by its occupancy or not.

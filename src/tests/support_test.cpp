@@ -4,8 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
 #include <vector>
 
+#include "base/voxel_grid.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -39,7 +42,7 @@ std::vector<Eigen::Vector3f> Blob(const Eigen::Vector3d& centre_m) {
 bool BlobFloats(const Eigen::Vector3d& centre_m, const std::vector<Eigen::Vector3f>& more_m = {},
                 const SupportConfig& config = SupportConfig()) {
   std::vector<Eigen::Vector3f> structure_m = FlatGround();
-  const Ground ground(structure_m, GroundConfig());
+  const Ground ground(structure_m);
   const std::vector<Eigen::Vector3f> blob_m = Blob(centre_m);
   structure_m.insert(structure_m.end(), blob_m.begin(), blob_m.end());
   structure_m.insert(structure_m.end(), more_m.begin(), more_m.end());
@@ -70,7 +73,7 @@ TEST(Support, AThingOnAPoleOrNearStructureDoesNotFloat) {
 // A sign whose gantry is above all that the sensor sees.
 TEST(Support, AThingThatReachesToTheEdgeOfTheViewMayHangFromWhatIsBeyond) {
   const std::vector<Eigen::Vector3f> structure_m = FlatGround();
-  const Ground ground(structure_m, GroundConfig());
+  const Ground ground(structure_m);
   const Eigen::Vector3f sign_m(20.0F, 0.0F, 4.0F);  // at 11 degrees, the reach is 10
   const auto floats = [&](const ElevationRange& view) {
     return Support(structure_m, ground, view, kCellDeg, SupportConfig()).IsFloating(sign_m);
@@ -98,7 +101,7 @@ TEST(Support, AThingLowAboveTheGroundStandsOnIt) {
 }
 
 TEST(Support, AThingNextToTheStationIsHeldByIt) {
-  const Ground ground({}, GroundConfig());  // none in view
+  const Ground ground;  // none in view
   const Support support({}, ground, {}, kCellDeg, SupportConfig());
   EXPECT_FALSE(support.IsFloating({0.6F, 0.3F, 0.8F}));
   EXPECT_TRUE(support.IsFloating({1.2F, 0.6F, 1.8F}));
@@ -107,7 +110,6 @@ TEST(Support, AThingNextToTheStationIsHeldByIt) {
 TEST(Support, FarAwayNobodyKnows) {
   SupportConfig config;
   config.reach = {2.0, 0.0};
-  config.far_reach = {2.0, 0.0};
   for (const double max_range_m : {30.0, 70.0}) {
     config.max_range_m = max_range_m;
     EXPECT_TRUE(BlobFloats({0.6 * max_range_m, 0, 0.79 * max_range_m}, {}, config));
@@ -118,7 +120,6 @@ TEST(Support, FarAwayNobodyKnows) {
 TEST(Support, BeyondFarItIsTheFarReachThatCounts) {
   SupportConfig config;
   config.reach = {2.0, 0.0};
-  config.far_reach = {5.0, 0.0};
   const Eigen::Vector3d near_m(40, 0, 25);  // at 47 m
   const Eigen::Vector3d far_m(50, 0, 30);   // at 58 m
   const auto beside = [](const Eigen::Vector3d& at_m, double distance_m) {
@@ -126,11 +127,8 @@ TEST(Support, BeyondFarItIsTheFarReachThatCounts) {
   };
   EXPECT_TRUE(BlobFloats(near_m, beside(near_m, 3.5), config));
   EXPECT_FALSE(BlobFloats(far_m, beside(far_m, 3.5), config));
-  EXPECT_TRUE(BlobFloats(far_m, beside(far_m, 6.0), config));
-  config.far_m = 60.0;
-  EXPECT_TRUE(BlobFloats(far_m, beside(far_m, 3.5), config));
-  EXPECT_EQ(config.ReachM(59.9), 2.0);
-  EXPECT_EQ(config.ReachM(60.1), 5.0);
+  EXPECT_FALSE(BlobFloats(far_m, beside(far_m, 18.0), config));  // the reach is 19 m
+  EXPECT_TRUE(BlobFloats(far_m, beside(far_m, 20.0), config));
 }
 
 // An upright wall across the view, 10 m ahead, hit densely.
@@ -151,9 +149,6 @@ TEST(Support, AThingOfWhoseSurroundingsTooMuchIsHiddenDoesNotFloat) {
   EXPECT_TRUE(BlobFloats(at_m, WallAhead(-8.0, -1.5)));   // a few per cent
   EXPECT_FALSE(BlobFloats(at_m, WallAhead(-8.0, -0.4)));  // more than a third
   EXPECT_FALSE(BlobFloats(at_m, WallAhead(0.4, 8.0)));
-  SupportConfig config;
-  config.max_hidden_share = 0.6;
-  EXPECT_TRUE(BlobFloats(at_m, WallAhead(-8.0, -0.4), config));
   // A wall as far away as the thing hides nothing.
   std::vector<Eigen::Vector3f> behind_m = WallAhead(-8.0, 8.0);
   for (Eigen::Vector3f& p : behind_m) p *= 2.6F;
@@ -163,7 +158,7 @@ TEST(Support, AThingOfWhoseSurroundingsTooMuchIsHiddenDoesNotFloat) {
 TEST(Support, WhatHasComeHighAboveTheGroundIsHeldByNothingThatIsHiddenOrFarAway) {
   const SupportConfig config;
   std::vector<Eigen::Vector3f> structure_m = FlatGround();
-  const Ground ground(structure_m, GroundConfig());
+  const Ground ground(structure_m);
   const std::vector<Eigen::Vector3f> wall_m = WallAhead(-8.0, -0.4);
   structure_m.insert(structure_m.end(), wall_m.begin(), wall_m.end());
   const Support support(structure_m, ground, {}, kCellDeg, config);
@@ -174,7 +169,7 @@ TEST(Support, WhatHasComeHighAboveTheGroundIsHeldByNothingThatIsHiddenOrFarAway)
   const Eigen::Vector3f low_m(20.0F, 0.0F, 3.4F);  // 4.9 m above the ground
   EXPECT_FALSE(support.IsFloating(low_m, true));
   // and who knows how high the sky is without a ground?
-  const Ground none({}, GroundConfig());
+  const Ground none;
   const Support up(wall_m, none, {}, kCellDeg, config);
   EXPECT_FALSE(up.IsFloating(beside_the_wall_m, true));
   // Farther away than the far reach begins.
@@ -191,7 +186,7 @@ TEST(Support, WhatHasComeHighAboveTheGroundIsHeldByNothingThatIsHiddenOrFarAway)
 }
 
 TEST(Support, WithoutStructureEverythingInRangeFloats) {
-  const Ground ground({}, GroundConfig());
+  const Ground ground;
   const Support support({}, ground, {}, kCellDeg, SupportConfig());
   EXPECT_TRUE(support.IsFloating({1.0F, 2.0F, 3.0F}));
   EXPECT_FALSE(support.IsFloating({101.0F, 2.0F, 3.0F}));
@@ -220,20 +215,29 @@ DepthMap DepthOf(const std::vector<Eigen::Vector3f>& structure_m) {
   return {structure_m, std::vector<std::uint32_t>(structure_m.size(), 0), 1, kCellDeg};
 }
 
+// The first point of each voxel.
+std::vector<Eigen::Vector3f> Thinned(const std::vector<Eigen::Vector3f>& points_m) {
+  std::set<VoxelKey> voxels;
+  std::vector<Eigen::Vector3f> thinned_m;
+  for (const Eigen::Vector3f& point_m : points_m) {
+    if (voxels.insert(VoxelOf(point_m, kSupportVoxelM)).second) thinned_m.push_back(point_m);
+  }
+  return thinned_m;
+}
+
 // By the definition, over all structure; limits that are `slack_m` narrower.
 bool Floats(const Eigen::Vector3f& place_m, const std::vector<Eigen::Vector3f>& structure_m,
             const Ground& ground, const SupportConfig& config, const DepthMap& depth,
             double slack_m = 0.0) {
   const auto range_m = static_cast<double>(place_m.norm());
-  const RangeRadius& radius = range_m < config.far_m ? config.reach : config.far_reach;
+  const RangeRadius& radius = range_m < kSupportFarM ? config.reach : kSupportFarReach;
   const double reach_m = radius.constant_m + radius.slope * range_m;
   if (range_m > config.max_range_m || range_m < reach_m) return false;
   if (ground.HeightAbove(place_m) < reach_m) return false;
-  if (depth.HiddenShare(place_m, reach_m, config.body_m, {}) > config.max_hidden_share)
-    return false;
+  if (depth.HiddenShare(place_m, reach_m, kObjectRadiusM, {}) > kMaxHiddenShare) return false;
   return std::none_of(structure_m.begin(), structure_m.end(), [&](const Eigen::Vector3f& other_m) {
     const auto distance_m = static_cast<double>((place_m - other_m).norm());
-    return distance_m > config.body_m + slack_m && distance_m < reach_m - slack_m;
+    return distance_m > kObjectRadiusM + slack_m && distance_m < reach_m - slack_m;
   });
 }
 
@@ -242,27 +246,24 @@ TEST(Support, OfRandomStructureIsThatOfAllItsPoints) {
     Random random(seed);
     const std::vector<Eigen::Vector3f> structure_m = RandomStructure(&random);
     // With and without a ground.
-    const Ground ground(seed % 2 == 0 ? FlatGround() : std::vector<Eigen::Vector3f>(),
-                        GroundConfig());
+    const Ground ground(seed % 2 == 0 ? FlatGround() : std::vector<Eigen::Vector3f>());
     SupportConfig config;
     config.reach = {random.Uniform(0.5, 4.0), random.Uniform(0.0, 0.15)};
-    config.far_m = random.Uniform(20.0, 35.0);
-    config.far_reach = {random.Uniform(0.5, 4.0), random.Uniform(0.0, 0.15)};
-    config.max_hidden_share = random.Uniform(0.1, 0.5);
-    config.body_m = random.Uniform(0.0, 2.0);
-    config.max_range_m = 45.0;
-    SupportConfig fine = config;
-    fine.voxel_m = 0.01;  // every point has a voxel of its own
+    config.max_range_m = 55.0;
+    const std::vector<Eigen::Vector3f> thinned_m = Thinned(structure_m);
     const Support support(structure_m, ground, {}, kCellDeg, config);
-    const Support fine_support(structure_m, ground, {}, kCellDeg, fine);
+    const Support thinned_support(thinned_m, ground, {}, kCellDeg, config);
     const DepthMap depth = DepthOf(structure_m);
-    const double diagonal_m = std::sqrt(3.0) * config.voxel_m;
+    const DepthMap thinned_depth = DepthOf(thinned_m);
+    const double diagonal_m = std::sqrt(3.0) * kSupportVoxelM;
     int num_floating = 0;
     for (int i = 0; i < 2000; ++i) {
       const Eigen::Vector3f place_m = RandomPlace(structure_m, &random);
       const bool floats = Floats(place_m, structure_m, ground, config, depth);
       num_floating += floats ? 1 : 0;
-      EXPECT_EQ(fine_support.IsFloating(place_m), floats) << place_m.transpose();
+      EXPECT_EQ(thinned_support.IsFloating(place_m),
+                Floats(place_m, thinned_m, ground, config, thinned_depth))
+          << place_m.transpose();
       // Of a voxel one point is enough.
       if (floats) {
         EXPECT_TRUE(support.IsFloating(place_m)) << place_m.transpose();
@@ -278,7 +279,7 @@ TEST(Support, OfRandomStructureIsThatOfAllItsPoints) {
 
 TEST(Support, FloatingReturnsAreTheStructureThatFloats) {
   Random random(5);
-  const std::vector<Eigen::Vector3f> structure_m = RandomStructure(&random);
+  const std::vector<Eigen::Vector3f> structure_m = Thinned(RandomStructure(&random));
   RecordingMaker maker(6);
   std::vector<std::uint32_t> structure;
   for (int frame = 0; frame < 20; ++frame) {
@@ -290,14 +291,16 @@ TEST(Support, FloatingReturnsAreTheStructureThatFloats) {
       maker.Add(RandomPlace(structure_m, &random).cast<double>());
     }
   }
-  const Ground ground(FlatGround(), GroundConfig());
-  SupportConfig config;
-  config.voxel_m = 0.01;
+  const Ground ground(FlatGround());
+  const SupportConfig config;
   const DepthMap depth = DepthOf(structure_m);
+  std::map<VoxelKey, bool> floats;  // of the first return of each voxel
   std::vector<std::uint32_t> expected;
   for (const std::uint32_t i : structure) {
-    if (Floats(maker.recording.points_m[i], structure_m, ground, config, depth))
-      expected.push_back(i);
+    const Eigen::Vector3f& point_m = maker.recording.points_m[i];
+    const auto verdict = floats.try_emplace(VoxelOf(point_m, kSupportVoxelM), false);
+    if (verdict.second) verdict.first->second = Floats(point_m, structure_m, ground, config, depth);
+    if (verdict.first->second) expected.push_back(i);
   }
   EXPECT_EQ(Support(structure_m, ground, {}, kCellDeg, config)
                 .FloatingReturns(maker.recording, structure),

@@ -11,6 +11,7 @@
 
 #include "tests/synthetic_plots.hpp"
 #include "tracking/track_model.hpp"
+#include "tracking/track_search.hpp"
 #include "tracking/tracker.hpp"
 
 namespace unlidar::testing {
@@ -26,12 +27,12 @@ inline std::vector<double> PlainLogBirths(const std::vector<Plot>& plots,
     const double returns =
         config.echo_m2_per_s * kPeriodS / std::max(1.0, plot.position_m.squaredNorm());
     // A gamma distribution of the mean of a Poisson process.
-    const double unseen = std::pow(1.0 + returns / config.echo_shape, -config.echo_shape);
+    const double unseen = std::pow(1.0 + returns / kReturnRateShape, -kReturnRateShape);
     odds.push_back((1.0 - unseen) / std::exp(plot.log_clutter));
     mean += odds.back() / static_cast<double>(plots.size());
   }
-  const double even = config.even_birth_share;
-  for (double& odd : odds) odd = std::log(even + (1.0 - even) * odd / mean);
+  const double uniform = config.even_birth_share;
+  for (double& odd : odds) odd = std::log(uniform + (1.0 - uniform) * odd / mean);
   return odds;
 }
 
@@ -49,9 +50,12 @@ class PlainModel {
         birth_speed_(birth_speed_mps),
         num_sensors_(num_sensors) {}
 
-  // Log likelihood ratio of a sequence of plots; minus infinity for one that is too fast.
-  double Score(const std::vector<Plot>& plots, double log_birth) const {
+  // Log likelihood ratio of a sequence of plots; minus infinity for one that is too fast, or that a
+  // search deletes (`is_searched`).
+  double Score(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+               bool is_searched) const {
     constexpr double kNever = -std::numeric_limits<double>::infinity();
+    if (is_searched && log_births.front() < kDeletionLog) return kNever;
     Vector9 x = Vector9::Zero();
     x.head<3>() = plots.front().position_m;
     Matrix9 p = Matrix9::Zero();
@@ -62,10 +66,10 @@ class PlainModel {
     Matrix9 back = Matrix9::Identity();
     back.block<3, 3>(0, 3) = -OffsetS(plots.front()) * Eigen::Matrix3d::Identity();
     p = back * p * back.transpose();
-    double score = log_birth;
+    double score = log_births.front();
     // The gamma distribution of how many returns it gives, as far as is known by now.
-    double shape = config_.echo_shape;
-    double rate = config_.echo_shape / config_.echo_m2_per_s;
+    double shape = kReturnRateShape;
+    double rate = kReturnRateShape / config_.echo_m2_per_s;
     for (std::size_t k = 1; k < plots.size(); ++k) {
       const Plot& plot = plots[k];
       const double dt = static_cast<double>(plot.frame_time_ns - plots[k - 1].frame_time_ns) * 1e-9;
@@ -73,12 +77,14 @@ class PlainModel {
       const double missed = std::round(dt / kPeriodS) - 1.0;
       if (plot.sensor != plots[k - 1].sensor) {
         // How often one sensor saw it tells nothing of another.
-        shape = config_.echo_shape;
-        rate = config_.echo_shape / config_.echo_m2_per_s;
+        shape = kReturnRateShape;
+        rate = kReturnRateShape / config_.echo_m2_per_s;
       }
       const double unseen = std::pow(rate / (rate + missed * per_frame), shape);
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
-      score += std::log(unseen) + std::log(seen) - plot.log_clutter;
+      score += std::log(unseen);
+      if (is_searched && score < kDeletionLog) return kNever;
+      score += std::log(seen) - plot.log_clutter;
       score += std::log(SensorShare(plots[k - 1].sensor, plot.sensor));
       shape += 1.0;
       rate += per_frame * (missed + 1.0);
@@ -93,6 +99,8 @@ class PlainModel {
       agile.log_density += config_.manoeuvre_log;
       const Update& better = agile.log_density > steady.log_density ? agile : steady;
       score += better.log_density;
+      const double least = std::max(kDeletionLog, log_births[k] + kReinitiationLog);
+      if (is_searched && score < least) return kNever;
       x = better.x;
       p = better.p;
       if (x.segment<3>(3).norm() > config_.max_speed_mps) return kNever;
@@ -169,14 +177,17 @@ class PlainModel {
 
 // The score of a path at the agility and birth speed that suit it best.
 inline double PlainScore(const std::vector<Plot>& plots, const std::vector<std::uint32_t>& path,
-                         const TrackerConfig& config, int num_sensors = 1) {
+                         const TrackerConfig& config, int num_sensors = 1,
+                         bool is_searched = false) {
   const std::vector<Plot> members = Members(plots, path);
-  const double log_birth = PlainLogBirths(plots, config)[path.front()];
+  const std::vector<double> all_births = PlainLogBirths(plots, config);
+  std::vector<double> log_births;
+  for (const std::uint32_t i : path) log_births.push_back(all_births[i]);
   double best = -std::numeric_limits<double>::infinity();
   for (const double sigma_a_mps2 : config.sigma_a_mps2) {
     for (const double speed_mps : config.birth_speeds_mps) {
       const PlainModel model(config, sigma_a_mps2, speed_mps, num_sensors);
-      best = std::max(best, model.Score(members, log_birth));
+      best = std::max(best, model.Score(members, log_births, is_searched));
     }
   }
   return best;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "tests/draws.hpp"
@@ -29,7 +30,7 @@ using testing::Random;
 using testing::SortByTime;
 using testing::WatchOver;
 
-// The best of all sequences with one plot a time at most, and enough of them.
+// The best of all sequences that a search may find, with one plot a time at most.
 Path BestByEnumeration(const std::vector<Plot>& plots, const TrackerConfig& config,
                        int num_sensors) {
   Path best;
@@ -41,8 +42,8 @@ Path BestByEnumeration(const std::vector<Plot>& plots, const TrackerConfig& conf
       is_path = is_path && (members.empty() || plots[members.back()].time_ns < plots[i].time_ns);
       members.push_back(i);
     }
-    if (!is_path || static_cast<int>(members.size()) < config.min_fragment_plots) continue;
-    const double score = PlainScore(plots, members, config, num_sensors);
+    if (!is_path || static_cast<int>(members.size()) < kMinPathPlots) continue;
+    const double score = PlainScore(plots, members, config, num_sensors, true);
     if (score > best.score) best = {members, score};
   }
   return best;
@@ -72,21 +73,24 @@ std::vector<Plot> TinyProblem(Random* random) {
   return plots;
 }
 
-// The best path that the search finds, as it is.
+// The best path that the search finds, before any exchange.
 Path BestOf(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
-            TrackerConfig config) {
-  config.min_exchange_log = 1e6;
-  config.max_paths = 1;
-  config.min_fragment_log = 0.0;
-  const std::vector<Path> paths = FindPaths(plots, scan_schedule, config);
-  return paths.empty() ? Path() : paths[0];
+            const TrackerConfig& config) {
+  const std::vector<double> log_births = LogBirths(plots, scan_schedule, config);
+  const std::vector<Scan> scans = ScansOf(plots, log_births, scan_schedule);
+  const std::vector<char> free(plots.size(), 1);
+  Path best;
+  for (const double sigma_a_mps2 : config.sigma_a_mps2) {
+    const TrackModel model(sigma_a_mps2, scan_schedule, config);
+    Path path = TrackSearch(plots, log_births, scans, free, model, config).Best();
+    if (path.score > best.score) best = std::move(path);
+  }
+  return best;
 }
 
 TrackerConfig WithAllWays(TrackerConfig config) {
   config.hypotheses_per_plot = 1'000'000;
   config.max_hypotheses = 1'000'000;
-  config.give_up_log = -1e6;
-  config.rebirth_log = -1e6;
   return config;
 }
 
@@ -103,13 +107,12 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
     MixSensors(num_sensors, &mixer, &plots);
     const ScanSchedule scan_schedule = WatchOver(plots, num_sensors);
     TrackerConfig few_ways;
-    few_ways.min_fragment_plots = 1 + problem % 4;
     const TrackerConfig all_ways = WithAllWays(few_ways);
     const Path expected = BestByEnumeration(plots, all_ways, num_sensors);
     const Path found = BestOf(plots, scan_schedule, all_ways);
     EXPECT_NEAR(found.score, expected.score, kScoreTolerance) << problem;
     if (!found.plots.empty()) {  // another one may be as good
-      EXPECT_NEAR(PlainScore(plots, found.plots, all_ways, num_sensors), expected.score,
+      EXPECT_NEAR(PlainScore(plots, found.plots, all_ways, num_sensors, true), expected.score,
                   kScoreTolerance)
           << problem;
     }
@@ -119,7 +122,6 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
     lost_by_default += found.score - score;
     // Keeping a few ways to each plot loses next to nothing.
     few_ways.hypotheses_per_plot = 3;
-    few_ways.rebirth_log = all_ways.rebirth_log;
     lost += found.score - BestOf(plots, scan_schedule, few_ways).score;
   }
   EXPECT_GT(num_long, kProblems / 3);
@@ -174,18 +176,6 @@ TEST(FindPaths, ScoresArePlainlyThoseOfTheModelAlsoWhereTheTargetIsMoreAgileThan
     for (const Path& path : paths) num_plots += path.plots.size();
   }
   EXPECT_GT(num_plots, 100U);
-}
-
-TEST(FindPaths, EndsWhereAnExchangeNeedsNoGain) {
-  Random random(1);
-  std::vector<Plot> plots;
-  AddClutter(2.0, 60, {-6, 0, 0}, {6, 12, 12}, &random, &plots);
-  AddFlight([](double t) { return Eigen::Vector3d(-6 + 2 * t, 6, 6); }, 60, 0.8, -6.0, &random,
-            &plots);
-  SortByTime(&plots);
-  TrackerConfig config;
-  config.min_exchange_log = 0.0;
-  EXPECT_FALSE(FindPaths(plots, WatchOver(plots), config).empty());
 }
 
 TEST(FindPaths, OnePathTakesAtMostOnePlotATimeAndNoPlotIsInTwo) {
@@ -252,9 +242,7 @@ TEST(FindPaths, CrossingTargetsKeepTheirOwnContinuation) {
 }
 
 TEST(FindPaths, AllOfASwarmAreFoundHoweverFewWeakPathsAreLookedAt) {
-  constexpr int kTargets = 25;
-  TrackerConfig config;
-  config.max_paths = 2;
+  constexpr int kTargets = 25;  // more than the weak paths that are looked at
   Random random(3);
   std::vector<Plot> plots;
   for (int i = 0; i < kTargets; ++i) {
@@ -264,7 +252,7 @@ TEST(FindPaths, AllOfASwarmAreFoundHoweverFewWeakPathsAreLookedAt) {
         0.8, -9.0, &random, &plots);
   }
   SortByTime(&plots);
-  EXPECT_EQ(FindPaths(plots, WatchOver(plots), config).size(), std::size_t{kTargets});
+  EXPECT_EQ(FindPaths(plots, WatchOver(plots), TrackerConfig()).size(), std::size_t{kTargets});
 }
 
 TEST(FindPaths, TheFlightIsFoundAmongClutter) {
@@ -337,14 +325,11 @@ TEST(FindPaths, UniformClutterReachesTheThresholdInHardlyAnyRecording) {
   // Expected at this threshold is one recording of a thousand: two of 200 are 1 in 50.
   constexpr double kFalseAlarms = 1e-3;
   int num_alarms = 0;
-  TrackerConfig config;
-  config.min_fragment_log = 1.0;
-  config.max_paths = 1;
   for (int seed = 0; seed < testing::Draws(200); ++seed) {
     Random random(static_cast<std::uint32_t>(seed));
     std::vector<Plot> plots;
     AddClutter(random.Uniform(1.0, 8.0), 40, {-20, 5, 5}, {20, 45, 30}, &random, &plots);
-    const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), config);
+    const std::vector<Path> paths = FindPaths(plots, WatchOver(plots), TrackerConfig());
     const double threshold = std::log(static_cast<double>(plots.size()) / kFalseAlarms);
     if (!paths.empty() && paths[0].score >= threshold) ++num_alarms;
   }

@@ -25,7 +25,7 @@ constexpr double kMinProbability = 1e-3;
 constexpr TimeNs kSameFrameNs = 50'000'000;
 
 // The hypotheses of how a target continued after the last plot of its path that is certain: the
-// last one behind which the path still gains `birth_cost`. The search is that for paths, but
+// last one behind which the path still gains kInitiationLog. The search is that for paths, but
 // without births; a target that is missed is assumed to be still present, so its missed detections
 // count.
 class AlternativePaths {
@@ -47,7 +47,7 @@ class AlternativePaths {
       if (own.back().back().score > own[best].back().score) best = own.size() - 1;
     }
     std::size_t cut = members.size() - 1;
-    while (cut > 0 && own[best].back().score - own[best][cut].score < config.birth_cost) --cut;
+    while (cut > 0 && own[best].back().score - own[best][cut].score < kInitiationLog) --cut;
     tail_.assign(members.begin() + static_cast<std::ptrdiff_t>(cut), members.end());
     SetFrames();
     for (const std::uint32_t i : members) free[i] = 1;
@@ -116,8 +116,7 @@ class AlternativePaths {
     const Plot& first = plots_[tail_.front()];
     Scan scan;
     for (std::size_t i = tail_.front(); i < plots_.size(); i = scan.last) {
-      SetScan(plots_, log_births, i, FrameTimeOf(plots_[i], plots_.front(), scan_schedule_),
-              config_, &scan);
+      SetScan(plots_, log_births, i, FrameTimeOf(plots_[i], plots_.front(), scan_schedule_), &scan);
       if (plots_[i].frame == first.frame) continue;
       if (plots_[i].frame_time_ns > frames_ns_.back()) break;
       if (scan.at.time_s <= initial_hypotheses.front().time_s) continue;
@@ -217,7 +216,7 @@ std::vector<AlternativeMode> AlternativeModesOf(std::size_t path, const std::vec
                                                 const std::vector<Measurement>& measurements) {
   std::vector<char> free(plots.size(), 1);
   for (const Path& other : paths) {
-    if (other.score < config.birth_cost) continue;
+    if (other.score < kInitiationLog) continue;
     for (const std::uint32_t i : other.plots) free[i] = 0;
   }
   const Members& members = paths[path].plots;

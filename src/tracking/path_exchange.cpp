@@ -93,18 +93,18 @@ std::vector<Cut> CutsOf(const std::vector<Plot>& plots, const Members& a, const 
   return cuts;
 }
 
-bool IsTooShort(const Path& path, const TrackerConfig& config) {
-  return path.plots.size() < static_cast<std::size_t>(config.min_fragment_plots);
+bool IsTooShort(const Path& path) {
+  return path.plots.size() < static_cast<std::size_t>(kMinPathPlots);
 }
 
 // Joins two paths or exchanges their tails where the sum of scores grows most. A path costs
-// `birth_cost`, an empty one nothing. Returns true if the paths changed.
+// kInitiationLog, an empty one nothing. Returns true if the paths changed.
 bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Path* b) {
   // Paths that are too short or too weak have no value.
   const auto value = [&](const Path& path) {
-    return IsTooShort(path, config) ? 0.0 : std::max(0.0, path.score - config.birth_cost);
+    return IsTooShort(path) ? 0.0 : std::max(0.0, path.score - kInitiationLog);
   };
-  double best = value(*a) + value(*b) + config.min_exchange_log;
+  double best = value(*a) + value(*b) + kMinExchangeLog;
   Path best_a;
   Path best_b;
   const auto consider = [&](Members first, Members second) {
@@ -136,7 +136,7 @@ bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Pa
 
 // Drops short runs of plots between two pauses, or before the first or after the last one, where
 // the score grows without them: a search with a limited gap had to use them.
-bool Prune(const PathScorer& scorer, const TrackerConfig& config, Path* path) {
+bool Prune(const PathScorer& scorer, Path* path) {
   constexpr TimeNs kPause_ns = 500'000'000;
   constexpr std::size_t kMaxPlots = 6;
   const std::vector<Plot>& plots = scorer.plots();
@@ -156,7 +156,7 @@ bool Prune(const PathScorer& scorer, const TrackerConfig& config, Path* path) {
     }
     first = last;
   }
-  if (best.score <= path->score + config.min_exchange_log) return false;
+  if (best.score <= path->score + kMinExchangeLog) return false;
   *path = std::move(best);
   return true;
 }
@@ -228,13 +228,11 @@ std::size_t ImprovePaths(const PathScorer& scorer, const TrackerConfig& config,
     for (std::size_t i = 0; i < count; ++i) {
       Path& path = (*paths)[i];
       if (changed[i] <= std::exchange(pruned[i], now) || path.plots.empty()) continue;
-      if (Prune(scorer, config, &path)) note_change(i);
+      if (Prune(scorer, &path)) note_change(i);
     }
     is_done = now == before;
   }
-  paths->erase(std::remove_if(paths->begin(), paths->end(),
-                              [&](const Path& path) { return IsTooShort(path, config); }),
-               paths->end());
+  paths->erase(std::remove_if(paths->begin(), paths->end(), IsTooShort), paths->end());
   return num_compared;
 }
 

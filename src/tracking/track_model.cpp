@@ -109,7 +109,7 @@ double LogBirthOdds(const Plot& plot, const ScanSchedule& scan_schedule,
                     const TrackerConfig& config) {
   const ScanSchedule::Sensor& sensor = scan_schedule.sensors[plot.sensor];
   const double log_no_return =
-      LogProbabilityOfNoReturn(config.echo_shape, config.echo_shape / config.echo_m2_per_s,
+      LogProbabilityOfNoReturn(kReturnRateShape, kReturnRateShape / config.echo_m2_per_s,
                                sensor.frame_s * PerM2(plot.position_m - sensor.viewpoint_m));
   return std::log(-std::expm1(log_no_return)) - plot.log_clutter;
 }
@@ -123,9 +123,9 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule
   const double largest = *std::max_element(logs.begin(), logs.end());
   double sum = 0.0;
   for (const double log : logs) sum += std::exp(log - largest);
-  const double even = config.even_birth_share;
-  const double scale = (1.0 - even) * static_cast<double>(plots.size()) / sum;
-  for (double& log : logs) log = std::log(even + scale * std::exp(log - largest));
+  const double uniform = config.even_birth_share;
+  const double scale = (1.0 - uniform) * static_cast<double>(plots.size()) / sum;
+  for (double& log : logs) log = std::log(uniform + scale * std::exp(log - largest));
   return logs;
 }
 
@@ -286,12 +286,12 @@ ScoreBound TrackModel::BoundOf(const Prediction& p, const FrameBounds& frame) co
 // The detections so far set the rate of further ones (gamma posterior).
 double TrackModel::LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const {
   return LogProbabilityOfNoReturn(
-      config_->echo_shape + from.num_detections,
-      config_->echo_shape / config_->echo_m2_per_s + from.exposure_s_per_m2, exposure_s_per_m2);
+      kReturnRateShape + from.num_detections,
+      kReturnRateShape / config_->echo_m2_per_s + from.exposure_s_per_m2, exposure_s_per_m2);
 }
 
 double TrackModel::LogPriorMissProbability(double exposure_s_per_m2) const {
-  return LogProbabilityOfNoReturn(config_->echo_shape, config_->echo_shape / config_->echo_m2_per_s,
+  return LogProbabilityOfNoReturn(kReturnRateShape, kReturnRateShape / config_->echo_m2_per_s,
                                   exposure_s_per_m2);
 }
 

@@ -17,6 +17,10 @@ inline constexpr std::int32_t kNoIndex = -1;
 // about the ratio between the successive values of sigma_a in the search.
 constexpr double kManoeuvreFactor = 3.0;
 
+// Shape of the gamma prior of a target's return rate: its standard deviation is 0.8 of its mean, as
+// drones differ in size and aspect.
+constexpr double kReturnRateShape = 1.5;
+
 // Singer's correlation time in the search; a trajectory has its own, estimated when it is fitted.
 constexpr double kSearchAccelerationTimeS = 2.0;
 

@@ -11,11 +11,13 @@ namespace {
 
 // Allows for rounding of the bounds.
 constexpr double kBoundSlack = 1e-9;
+// Hypotheses carried on in addition per plot of the frame: in rain many begin at once.
+constexpr std::size_t kMaxHypothesesPerPlot = 5;
 
 }  // namespace
 
 void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-             std::size_t first, const FrameTime& at, const TrackerConfig& config, Scan* scan) {
+             std::size_t first, const FrameTime& at, Scan* scan) {
   scan->first = scan->last = first;
   scan->at = at;
   scan->entries.clear();
@@ -32,8 +34,7 @@ void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_birt
         std::max(bounds.half_span_s,
                  static_cast<double>(std::abs(plot.time_ns - plot.frame_time_ns)) * kSecondsPerNs);
     scan->entries.push_back({plot.position_m, plot.log_clutter,
-                             std::max(config.give_up_log, log_births[last] + config.rebirth_log),
-                             last});
+                             std::max(kDeletionLog, log_births[last] + kReinitiationLog), last});
   }
   std::sort(scan->entries.begin(), scan->entries.end(),
             [](const Scan::Entry& a, const Scan::Entry& b) {
@@ -42,11 +43,11 @@ void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_birt
 }
 
 std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                          const ScanSchedule& scan_schedule, const TrackerConfig& config) {
+                          const ScanSchedule& scan_schedule) {
   std::vector<Scan> scans;
   for (std::size_t i = 0; i < plots.size(); i = scans.back().last) {
     scans.emplace_back();
-    SetScan(plots, log_births, i, FrameTimeOf(plots[i], plots.front(), scan_schedule), config,
+    SetScan(plots, log_births, i, FrameTimeOf(plots[i], plots.front(), scan_schedule),
             &scans.back());
   }
   return scans;
@@ -59,7 +60,7 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
   // Room for the births and as many continuations; more are rare and cause a reallocation.
   history_.reserve(plots.size() * 2 * config.birth_speeds_mps.size());
   for (const Scan& scan : scans) Extend(scan);
-  const auto min_plots = static_cast<std::uint32_t>(config_.min_fragment_plots);
+  const auto min_plots = static_cast<std::uint32_t>(kMinPathPlots);
   for (std::size_t h = 0; h < history_.size(); ++h) {
     if (history_[h].score <= 0.0 || history_[h].num_plots < min_plots) continue;
     ends_.push_back({history_[h].score, static_cast<std::int32_t>(h)});
@@ -203,7 +204,7 @@ void TrackSearch::Extend(const Scan& scan) {
       h.parent = p.history;
       Add(h);
     }
-    if (log_births_[i] < config_.give_up_log) continue;  // no birth here
+    if (log_births_[i] < kDeletionLog) continue;  // no birth here
     for (const double speed_mps : config_.birth_speeds_mps) {
       Hypothesis h = model_.Birth(plots_[i], log_births_[i], scan.at, speed_mps);
       h.plot = static_cast<std::int32_t>(i);
@@ -227,7 +228,7 @@ void TrackSearch::Predict(const FrameTime& at) {
     const double dt = at.time_s - from.time_s;
     if (dt > config_.max_gap_s) continue;
     const double score = model_.PredictedScore(from, at);
-    if (score < config_.give_up_log) continue;
+    if (score < kDeletionLog) continue;
     if (dt != motion_dt) {
       motions_.push_back(model_.MotionOver(dt));
       motion_dt = dt;
@@ -254,9 +255,8 @@ void TrackSearch::PruneHypotheses(const Scan& scan) {
     std::nth_element(ranking_.begin(), ranking_.begin() + static_cast<std::ptrdiff_t>(count),
                      ranking_.end());
   };
-  const std::size_t most =
-      static_cast<std::size_t>(config_.max_hypotheses) +
-      static_cast<std::size_t>(config_.max_hypotheses_per_plot) * (scan.last - scan.first);
+  const std::size_t most = static_cast<std::size_t>(config_.max_hypotheses) +
+                           kMaxHypothesesPerPlot * (scan.last - scan.first);
   move_best_to_front(most);
   ranking_.resize(std::min(ranking_.size(), most));
   // The most promising are evaluated first, as their scores bound the others; the order does not

@@ -11,6 +11,11 @@
 
 namespace unlidar {
 
+// A hypothesis is deleted where its track score falls below this, and not updated with a plot where
+// it falls below the score of a birth there by this: re-initiation explains the plot better.
+constexpr double kDeletionLog = -6.0;
+constexpr double kReinitiationLog = -3.0;
+
 // The plots of one frame.
 struct Scan {
   struct Entry {
@@ -29,11 +34,11 @@ struct Scan {
 
 // Fills `scan` with the frame whose first plot is `first`, reusing its memory.
 void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-             std::size_t first, const FrameTime& at, const TrackerConfig& config, Scan* scan);
+             std::size_t first, const FrameTime& at, Scan* scan);
 
 // Scans for searches through `plots`, which are in order of frame time. `log_births`: one per plot.
 std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                          const ScanSchedule& scan_schedule, const TrackerConfig& config);
+                          const ScanSchedule& scan_schedule);
 
 // One of the hypotheses of a search, with its plots.
 struct AlternativePath {

@@ -15,6 +15,11 @@
 namespace unlidar {
 namespace {
 
+// Paths below kInitiationLog cannot be targets, but their ends may be parts of one: that many are
+// kept for exchanges, none whose score clutter reaches often.
+constexpr int kMaxWeakPaths = 20;
+constexpr double kMinWeakPathLog = 7.0;
+
 // Searches the free plots, once per sigma_a.
 std::vector<TrackSearch> SearchPlots(const std::vector<Plot>& plots,
                                      const std::vector<double>& log_births,
@@ -48,7 +53,7 @@ class PathFinder {
              const TrackerConfig& config)
       : plots_(plots),
         log_births_(LogBirths(plots, scan_schedule, config)),
-        scans_(ScansOf(plots, log_births_, scan_schedule, config)),
+        scans_(ScansOf(plots, log_births_, scan_schedule)),
         scan_schedule_(scan_schedule),
         config_(config),
         free_(plots.size(), 1) {}
@@ -78,7 +83,7 @@ class PathFinder {
 
   // Removing the best path of a search leaves most of its other paths valid, so paths are taken
   // from one search until none is left; then the remaining plots are searched again. Only the
-  // number of paths below `birth_cost` is limited.
+  // number of paths below kInitiationLog is limited.
   std::vector<Path> ExtractPaths() {
     std::vector<Path> paths;
     int num_weak = 0;
@@ -87,10 +92,10 @@ class PathFinder {
       std::vector<TrackSearch> searches = Search(free_);
       while (true) {
         Path best = BestOf(&searches);
-        if (best.score < config_.min_fragment_log) break;
+        if (best.score < kMinWeakPathLog) break;
         // A path hidden by a weak one is weak, too.
-        const bool is_strong = ExceedsBirthCost(best);
-        if (!is_strong && num_weak == config_.max_paths) break;
+        const bool is_strong = IsStrong(best);
+        if (!is_strong && num_weak == kMaxWeakPaths) break;
         found = found || is_strong;
         if (!is_strong) ++num_weak;
         SetFree(best, 0);
@@ -138,9 +143,8 @@ class PathFinder {
     }
     const ScanSchedule scan_schedule = TimeReversed(scan_schedule_);
     const std::vector<char> all(plots.size(), 1);
-    std::vector<TrackSearch> searches =
-        SearchPlots(plots, log_births, ScansOf(plots, log_births, scan_schedule, config_), all,
-                    scan_schedule, config_);
+    std::vector<TrackSearch> searches = SearchPlots(
+        plots, log_births, ScansOf(plots, log_births, scan_schedule), all, scan_schedule, config_);
     std::vector<std::uint32_t> members;
     for (const std::uint32_t i : BestOf(&searches).plots) members.push_back(indices[i]);
     std::reverse(members.begin(), members.end());
@@ -168,19 +172,19 @@ class PathFinder {
     return best;
   }
 
-  // True if no other path above `birth_cost` overlaps it in time. Between overlapping paths, many
+  // True if no other path above kInitiationLog overlaps it in time. Between overlapping paths, many
   // free plots still belong to the others.
   bool IsIsolated(const Path& path, const std::vector<Path>& paths) const {
     return std::none_of(paths.begin(), paths.end(), [&](const Path& other) {
-      return &other != &path && ExceedsBirthCost(other) &&
-             other.plots.front() <= path.plots.back() && path.plots.front() <= other.plots.back();
+      return &other != &path && IsStrong(other) && other.plots.front() <= path.plots.back() &&
+             path.plots.front() <= other.plots.back();
     });
   }
 
-  bool ExceedsBirthCost(const Path& path) const { return path.score >= config_.birth_cost; }
+  static bool IsStrong(const Path& path) { return path.score >= kInitiationLog; }
 
-  // Searches each changed path again, among its plots and all that no other path above `birth_cost`
-  // holds: its new part may continue where the old one could not.
+  // Searches each changed path again, among its plots and all that no other path above
+  // kInitiationLog holds: its new part may continue where the old one could not.
   bool SearchAgain(const std::vector<Path>& before, std::vector<Path>* paths) {
     std::set<std::vector<std::uint32_t>> known;
     for (const Path& path : before) known.insert(path.plots);
@@ -195,18 +199,18 @@ class PathFinder {
     });
   }
 
-  // Replaces each path above `birth_cost` by the result of `better`, if that scores higher.
+  // Replaces each path above kInitiationLog by the result of `better`, if that scores higher.
   template <typename Better>
   bool Replace(std::vector<Path>* paths, const Better& better) {
     std::fill(free_.begin(), free_.end(), 1);
     for (const Path& path : *paths) {
-      if (ExceedsBirthCost(path)) SetFree(path, 0);
+      if (IsStrong(path)) SetFree(path, 0);
     }
     bool found = false;
     for (Path& path : *paths) {
-      if (!ExceedsBirthCost(path)) continue;
+      if (!IsStrong(path)) continue;
       Path best = better(path);
-      if (best.score <= path.score + config_.min_exchange_log) continue;
+      if (best.score <= path.score + kMinExchangeLog) continue;
       SetFree(path, 1);
       path = std::move(best);
       SetFree(path, 0);
@@ -216,7 +220,7 @@ class PathFinder {
     // Weak paths that lost a plot are removed.
     paths->erase(std::remove_if(paths->begin(), paths->end(),
                                 [&](const Path& path) {
-                                  return !ExceedsBirthCost(path) &&
+                                  return !IsStrong(path) &&
                                          std::any_of(path.plots.begin(), path.plots.end(),
                                                      [&](std::uint32_t i) { return !free_[i]; });
                                 }),

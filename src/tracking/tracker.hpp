@@ -24,6 +24,13 @@ struct ScanSchedule {
 
 ScanSchedule ScanScheduleOf(const Recording& recording);
 
+// Shorter paths are ignored: two plots fit any velocity.
+constexpr int kMinPathPlots = 3;
+// Gain in log likelihood required of a further target (by chance 6e-6), and of an exchange or a
+// join of paths, so that they end.
+constexpr double kInitiationLog = 12.0;
+constexpr double kMinExchangeLog = 1.0;
+
 struct Path {
   std::vector<std::uint32_t> plots;  // ascending
   // Track score: log likelihood ratio against clutter, relative to a uniform choice of the first

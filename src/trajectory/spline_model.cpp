@@ -19,6 +19,10 @@ constexpr double kPositionSigmaM = 1e4;
 constexpr double kVelocitySigmaMps = 100.0;
 // As fine as the measurements, so that none is smoothed over.
 constexpr int kMeasurementsPerKnot = 1;
+// Limits of the spacing of knots, which follows that of the measurements: two sensors give 20 a
+// second, and over more than the longer one the acceleration of a drone changes.
+constexpr double kMinKnotSpacingS = 0.05;
+constexpr double kMaxKnotSpacingS = 0.2;
 
 // Row at u_s after the start of an interval.
 SplineRow RowAt(const Eigen::Matrix4d& polynomials, int interval, double u_s, int derivative) {
@@ -60,8 +64,7 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
     throw std::invalid_argument("trajectory: measurements must be finite and in time order");
   }
   PlaceKnots(times_s,
-             {config.min_knot_spacing_s, config.max_knot_spacing_s, kMeasurementsPerKnot,
-              config.max_extrapolation_s},
+             {kMinKnotSpacingS, kMaxKnotSpacingS, kMeasurementsPerKnot, config.max_extrapolation_s},
              model.knots_s);
 
   const int num_intervals = static_cast<int>(model.knots_s.size()) - 7;

@@ -14,14 +14,14 @@ void TrajectoryFitter::Fit(const std::vector<Measurement>& measurements, Traject
   SetAccelerationTime(kTypicalAccelerationTimeS);
   ScaleSearch best;
   for (const double start_mps2 : kStarts_mps2) {
-    FitRobust(model_, {start_mps2, 1.0}, config_, memory_, fit_);
+    FitRobust(model_, {start_mps2, 1.0}, memory_, fit_);
     const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
     if (start_mps2 == kStarts_mps2.front() || found.log_evidence > best.log_evidence) best = found;
   }
-  FitRobust(model_, best.scales, config_, memory_, fit_);
+  FitRobust(model_, best.scales, memory_, fit_);
   best = SearchAccelerationTimes();
   SetAccelerationTime(best.scales.acceleration_time_s);
-  FitRobust(model_, best.scales, config_, memory_, fit_);
+  FitRobust(model_, best.scales, memory_, fit_);
   Finish(measurements, best.scales, trajectory);
 }
 
@@ -29,7 +29,7 @@ void TrajectoryFitter::Refit(const std::vector<Measurement>& measurements, Traje
                              Trajectory& trajectory) {
   BuildSplineModel(measurements, config_, model_);
   SetAccelerationTime(scales.acceleration_time_s);
-  FitRobust(model_, scales, config_, memory_, fit_);
+  FitRobust(model_, scales, memory_, fit_);
   Finish(measurements, scales, trajectory);
 }
 
@@ -60,17 +60,17 @@ ScaleSearch TrajectoryFitter::SearchAccelerationTimes() {
 // Ceres starts where the reweighting ended and removes its rounding errors. If it does not
 // converge, the minimum of the banded solver is used, as for a stream.
 MinimumReport TrajectoryFitter::FindMinimum(const TrajectoryScales& scales) {
-  if (minimiser_ == Minimiser::kBanded) return Descend(model_, scales, config_, memory_, fit_);
+  if (minimiser_ == Minimiser::kBanded) return Descend(model_, scales, memory_, fit_);
   if (fit_.is_minimum) memory_.solver.Step(model_, fit_.weights, fit_.control_points_m);
   std::vector<Eigen::Vector3d> control_points_m = fit_.control_points_m;
-  MinimumReport report = MinimiseByCeres(model_, scales, LossOf(scales, config_),
-                                         max_ceres_iterations_, control_points_m);
+  MinimumReport report =
+      MinimiseByCeres(model_, scales, LossOf(scales), max_ceres_iterations_, control_points_m);
   if (report.converged) {
     fit_.control_points_m = std::move(control_points_m);
-    AdoptMinimum(model_, scales, config_, memory_, fit_);
+    AdoptMinimum(model_, scales, memory_, fit_);
     report.solver = "ceres";
   } else {
-    Descend(model_, scales, config_, memory_, fit_);
+    Descend(model_, scales, memory_, fit_);
   }
   return report;
 }
@@ -82,7 +82,7 @@ void TrajectoryFitter::Finish(const std::vector<Measurement>& measurements,
   for (int round = 0; round < kRounds; ++round) {
     AdaptAgility(fit_, scales, agility_memory_, model_);
     memory_.solver.SetSmoothness(model_);
-    RefitRobust(model_, scales, config_, memory_, fit_);
+    RefitRobust(model_, scales, memory_, fit_);
   }
   trajectory.minimum = FindMinimum(scales);
   trajectory.scales = scales;

@@ -21,6 +21,9 @@ constexpr double kMaxAccelerationMps2 = 30.0;
 constexpr double kAccelerationSpread = 1.5;
 constexpr double kAccelerationTimeSpread = 1.0;
 constexpr double kNoiseScaleSpread = 0.5;
+// Limits of the noise scale, the ratio of true noise to that stated by the covariances.
+constexpr double kMinNoiseScale = 0.5;
+constexpr double kMaxNoiseScale = 3.0;
 constexpr double kScaleStep = 0.35;  // of the grids of log scales
 
 // Block of the inverse for the control points i and i + d.
@@ -62,11 +65,11 @@ double LargestDifference(const std::vector<double>& a, const std::vector<double>
 
 // Reweighted least squares from the weights of a fit, with a limit of the loss that starts at
 // `limit`; 0: at the largest innovation.
-void Reweight(const SplineModel& model, const TrajectoryScales& scales,
-              const TrajectoryConfig& config, double limit, FitMemory& memory, SplineFit& fit) {
+void Reweight(const SplineModel& model, const TrajectoryScales& scales, double limit,
+              FitMemory& memory, SplineFit& fit) {
   constexpr int kMaxFinalIterations = 15;
   constexpr double kWeightTolerance = 1e-2;
-  const double final_limit = LossOf(scales, config).squared_limit;
+  const double final_limit = LossOf(scales).squared_limit;
   for (int left = kMaxFinalIterations; left > 0;) {
     memory.solver.SetMeasurements(model, fit.weights);
     fit.control_points_m = memory.solver.Minimise(Ratio(scales));
@@ -119,26 +122,26 @@ Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
   return covariance;
 }
 
-TruncatedLoss LossOf(const TrajectoryScales& scales, const TrajectoryConfig& config) {
-  return {Square(config.outlier_distance) * Square(scales.noise)};
+TruncatedLoss LossOf(const TrajectoryScales& scales) {
+  return {Square(kOutlierSigmas) * Square(scales.noise)};
 }
 
-void FitRobust(const SplineModel& model, const TrajectoryScales& scales,
-               const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
+void FitRobust(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
+               SplineFit& fit) {
   fit.weights.assign(model.measurements.size(), 1.0);
-  Reweight(model, scales, config, 0.0, memory, fit);
+  Reweight(model, scales, 0.0, memory, fit);
 }
 
-void RefitRobust(const SplineModel& model, const TrajectoryScales& scales,
-                 const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
-  Reweight(model, scales, config, LossOf(scales, config).squared_limit, memory, fit);
+void RefitRobust(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
+                 SplineFit& fit) {
+  Reweight(model, scales, LossOf(scales).squared_limit, memory, fit);
 }
 
-MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales,
-                      const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
+MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
+                      SplineFit& fit) {
   constexpr int kMaxIterations = 300;
   constexpr double kNoStepM = 1e-8;
-  const TruncatedLoss loss = LossOf(scales, config);
+  const TruncatedLoss loss = LossOf(scales);
   MinimumReport report;
   bool has_factorised = false;
   while (!report.converged && report.iterations < kMaxIterations) {
@@ -154,9 +157,9 @@ MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales,
   return report;
 }
 
-void AdoptMinimum(const SplineModel& model, const TrajectoryScales& scales,
-                  const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit) {
-  SetWeights(model, LossOf(scales, config), fit);
+void AdoptMinimum(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
+                  SplineFit& fit) {
+  SetWeights(model, LossOf(scales), fit);
   memory.solver.SetMeasurements(model, fit.weights);
   memory.solver.Factorise(Ratio(scales));
   memory.solver.Invert(fit.inverse);
@@ -164,7 +167,7 @@ void AdoptMinimum(const SplineModel& model, const TrajectoryScales& scales,
 
 ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
                          const TrajectoryConfig& config, FitMemory& memory) {
-  const double limit = Square(config.outlier_distance);
+  const double limit = Square(kOutlierSigmas);
   memory.solver.SetMeasurements(model, fit.weights);
   const double tau_s = model.acceleration_time_s;
   const double log_tau =
@@ -184,8 +187,8 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
   constexpr double kNever = -std::numeric_limits<double>::infinity();
   auto& candidates = memory.candidates;
   candidates.clear();
-  const double log_min_k = std::log(config.min_noise_scale);
-  const double log_max_k = std::log(config.max_noise_scale);
+  const double log_min_k = std::log(kMinNoiseScale);
+  const double log_max_k = std::log(kMaxNoiseScale);
   const double log_min_a = std::log(kMinAccelerationMps2);
   const double log_max_a = std::log(kMaxAccelerationMps2);
   const double begin = log_min_a - log_max_k;

@@ -14,6 +14,9 @@
 
 namespace unlidar {
 
+// Mahalanobis distance (3-D) beyond which a measurement is likelier an outlier.
+constexpr double kOutlierSigmas = 4.5;
+
 struct SplineFit {
   std::vector<Eigen::Vector3d> control_points_m;
   std::vector<double> weights;
@@ -37,28 +40,28 @@ Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
                                 const BandedMatrix& inverse);
 
 // The loss of a measurement at these scales.
-TruncatedLoss LossOf(const TrajectoryScales& scales, const TrajectoryConfig& config);
+TruncatedLoss LossOf(const TrajectoryScales& scales);
 
 // Robust minimum at given scales by reweighted least squares. The limit of the loss starts at the
 // largest residual and is halved down to its final value: the worst outliers are removed first,
 // before they can pull good measurements beyond the limit.
-void FitRobust(const SplineModel& model, const TrajectoryScales& scales,
-               const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
+void FitRobust(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
+               SplineFit& fit);
 
 // Same as FitRobust(), starting from a fit of nearly the same model at these scales, so that most
 // outliers are known.
-void RefitRobust(const SplineModel& model, const TrajectoryScales& scales,
-                 const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
+void RefitRobust(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
+                 SplineFit& fit);
 
 // Moves a nearly converged fit to the robust minimum, with the loss of the residuals, not of the
 // innovations. The loss is concave in s, so that the squares reweighted at a point majorise it
 // there (majorisation-minimisation): no step increases it.
-MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales,
-                      const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
+MinimumReport Descend(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
+                      SplineFit& fit);
 
 // Sets weights and inverse to those of the control points, which must be at the robust minimum.
-void AdoptMinimum(const SplineModel& model, const TrajectoryScales& scales,
-                  const TrajectoryConfig& config, FitMemory& memory, SplineFit& fit);
+void AdoptMinimum(const SplineModel& model, const TrajectoryScales& scales, FitMemory& memory,
+                  SplineFit& fit);
 
 // Posterior means of the scales at the tau of the model, and the evidence for that tau, at given
 // weights and constant agility. The mean of sigma_a, because with few measurements its mode is near

@@ -22,7 +22,7 @@ MEANINGS = {
     FOUND: Meaning("The trajectory is there.", (), "evaluate.md"),
     TRACK: Meaning(
         "A path became a track, but the trajectory has no row there: its sigma is too large, the "
-        "target was silent for too long, or the fit went elsewhere.",
+        "target went undetected for too long, or the fit went elsewhere.",
         ("trajectory.max_sigma_m", "trajectory.silence_probability"),
         "method.md#8-trajectory",
     ),
@@ -41,7 +41,7 @@ MEANINGS = {
     BODY: Meaning(
         "Its returns were taken for a person or a vehicle: they reach down to the ground, or are "
         "wider than a drone.",
-        ("robust.plots.body_contact_m", "robust.plots.body_spread_m"),
+        ("robust.plots.body_spread_m", "robust.disabled_rules"),
         "method.md#3-scene",
     ),
     STRUCTURE: Meaning(
@@ -82,17 +82,17 @@ GATES = {
     ),
     "part_of_another_track": Meaning(
         "Most returns of a path are those of a track that it continues.",
-        ("robust.tracker.birth_cost",),
+        (),
         "method.md#7-collection",
     ),
     "shares_returns": Meaning(
         "Most returns of a path are those of several tracks, or of people and vehicles.",
-        ("robust.tracker.birth_cost",),
+        (),
         "method.md#7-collection",
     ),
     "single_measurement": Meaning(
         "Of a path the collection of all returns left one measurement at most.",
-        ("robust.collect.rounds",),
+        ("robust.disabled_rules",),
         "method.md#7-collection",
     ),
     "suspended": Meaning(

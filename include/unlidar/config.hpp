@@ -70,21 +70,21 @@ struct PlotConfig {
 
 struct TrackerConfig {
   std::vector<double> sigma_a_mps2 = {1.0, 3.0, 8.0};  // agilities searched: hover, transit, sport
-  double manoeuvre_log = -2.3;                         // between two plots
+  double manoeuvre_log_probability = -2.3;             // between two plots
   std::vector<double> birth_speeds_mps = {1.0, 8.0};   // std. dev. per axis, all searched
-  double even_birth_share = 0.1;                       // over plots; the others scale with volume
+  double uniform_birth_share = 0.1;                    // over plots; the others scale with volume
   double max_speed_mps = 35.0;
-  double max_gap_s = 10.0;        // without a plot
-  int hypotheses_per_plot = 2;    // kept at each plot and agility
-  double echo_m2_per_s = 4000.0;  // of a typical drone: returns per second times range^2
-  int max_hypotheses = 500;       // carried on, best first; more in a frame of many plots
+  double max_gap_s = 10.0;               // without a plot
+  int hypotheses_per_plot = 2;           // kept at each plot and agility
+  double return_rate_m2_per_s = 4000.0;  // of a typical drone: returns per second times range^2
+  int max_hypotheses = 500;              // carried on, best first; more in a frame of many plots
 };
 
 struct CollectConfig {
-  double body_sigma_m = 0.15;  // spread of the returns over the target, per axis
+  double extent_sigma_m = 0.15;  // spread of the returns over the target, per axis
   // Distance of the target's centre behind the centroid of its returns, over their spread: 1.33 for
   // a sphere, less for a flat object with gaps; 0 leaves the centroid.
-  double facing_side = 0.4;
+  double centroid_offset = 0.4;
   // Disagreement of two sensors in position and clock, prior standard deviations.
   double sensor_bias_m = 0.2;
   double sensor_delay_s = 0.05;
@@ -117,8 +117,8 @@ struct RobustConfig {
   int min_plots = 5;               // frames with evidence: clutter that repeats is not independent
   double off_ground_m = 2.0;       // a target is higher above ground,
   double off_ground_share = 0.42;  // for this share of its plots
-  double min_echo_m2_per_s = 150.0;  // an insect returns less
-  std::vector<Rule> disabled_rules;  // recordings only, for ablations
+  double min_return_rate_m2_per_s = 150.0;  // an insect returns less
+  std::vector<Rule> disabled_rules;         // recordings only, for ablations
   BackgroundConfig background;
   SupportConfig support;
   PlotConfig plots;
@@ -134,7 +134,7 @@ struct TrajectoryConfig {
   double typical_acceleration_mps2 = 2.0;  // sigma_a if the data says little
   double max_extrapolation_s = 5.0;        // beyond the measurements, with a valid sigma
   // Rows continue beyond the first and last return while the run of missed detections is likelier.
-  double silence_probability = 0.01;
+  double min_missed_run_probability = 0.01;
   double max_sigma_m = 0.9;  // rows with a larger sigma are not written
 };
 

@@ -192,13 +192,13 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
                      const RobustConfig& robust, const TrajectoryConfig& trajectory_config) {
   const CollectConfig& config = robust.collect;
   Target target;
-  BodySigmas body{config.body_sigma_m, config.body_sigma_m, config.body_sigma_m};
+  BodySigmas body{config.extent_sigma_m, config.extent_sigma_m, config.extent_sigma_m};
   std::vector<int> returns(recording.sensors.size(), 0);
   for (const Plot& plot : path) {
     returns[recording.frames[plot.frame].sensor] += static_cast<int>(plot.returns.size());
   }
   const std::size_t main_sensor = MainSensor(returns);
-  const FacingSide facing(station_models[main_sensor], config.facing_side);
+  const FacingSide facing(station_models[main_sensor], config.centroid_offset);
   for (const Plot& plot : path) {
     const FrameInfo& frame = recording.frames[plot.frame];
     target.measurements.push_back(Measure(recording, frame, station_models[frame.sensor],
@@ -218,7 +218,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
     const DwellIntervals dwell_intervals(trajectory);
     const Visibility visibility(recording, station_models, trajectory, target.returns);
     std::vector<SensorMeasurement> sensor_measurements;
-    BodySpread spread(config.body_sigma_m);
+    BodySpread spread(config.extent_sigma_m);
     lengths.assign(recording.sensors.size(), FrameLength());
     std::vector<GatedFrame> gated_frames;
     for (const FrameInfo& frame : recording.frames) {

@@ -137,20 +137,21 @@ void VisitPlotKeys(Visitor&& visit, Plots& plots) {
 template <class Visitor, class Tracker>
 void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
   visit("robust.tracker.sigma_a_mps2", tracker.sigma_a_mps2, Elements{{1e-2, 1e3}});
-  visit("robust.tracker.manoeuvre_log", tracker.manoeuvre_log, Range{-1e3, 0});
+  visit("robust.tracker.manoeuvre_log_probability", tracker.manoeuvre_log_probability,
+        Range{-1e3, 0});
   visit("robust.tracker.birth_speeds_mps", tracker.birth_speeds_mps, Elements{{1e-2, 1e3}});
-  visit("robust.tracker.even_birth_share", tracker.even_birth_share, Range{0, 1, false});
+  visit("robust.tracker.uniform_birth_share", tracker.uniform_birth_share, Range{0, 1, false});
   visit("robust.tracker.max_speed_mps", tracker.max_speed_mps, Range{0, 1e4, false});
   visit("robust.tracker.max_gap_s", tracker.max_gap_s, Range{0, 600, false});
   visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});
-  visit("robust.tracker.echo_m2_per_s", tracker.echo_m2_per_s, Range{1e-2, 1e10});
+  visit("robust.tracker.return_rate_m2_per_s", tracker.return_rate_m2_per_s, Range{1e-2, 1e10});
   visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});
 }
 
 template <class Visitor, class Collect>
 void VisitCollectKeys(Visitor&& visit, Collect& collect) {
-  visit("robust.collect.body_sigma_m", collect.body_sigma_m, Range{1e-3, 100});
-  visit("robust.collect.facing_side", collect.facing_side, Range{0, 10});
+  visit("robust.collect.extent_sigma_m", collect.extent_sigma_m, Range{1e-3, 100});
+  visit("robust.collect.centroid_offset", collect.centroid_offset, Range{0, 10});
   visit("robust.collect.sensor_bias_m", collect.sensor_bias_m, Range{1e-6, 100});
   visit("robust.collect.sensor_delay_s", collect.sensor_delay_s, Range{1e-6, 100});
 }
@@ -163,7 +164,7 @@ void VisitRobustKeys(Visitor&& visit, Robust& robust) {
   visit("robust.min_plots", robust.min_plots, Range{2, 1000});
   visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
   visit("robust.off_ground_share", robust.off_ground_share, Range{0, 1});
-  visit("robust.min_echo_m2_per_s", robust.min_echo_m2_per_s, Range{0, 1e9});
+  visit("robust.min_return_rate_m2_per_s", robust.min_return_rate_m2_per_s, Range{0, 1e9});
   visit("robust.disabled_rules", robust.disabled_rules,
         Subset<Rule>{{{{"transient", Rule::kTransient},
                        {"permutation_null", Rule::kPermutationNull},
@@ -192,7 +193,8 @@ void VisitTrajectoryKeys(Visitor&& visit, TrajectoryFields& trajectory) {
   visit("trajectory.typical_acceleration_mps2", trajectory.typical_acceleration_mps2,
         Range{1e-3, 1e3});
   visit("trajectory.max_extrapolation_s", trajectory.max_extrapolation_s, Range{0, 60});
-  visit("trajectory.silence_probability", trajectory.silence_probability, Range{0, 1, false});
+  visit("trajectory.min_missed_run_probability", trajectory.min_missed_run_probability,
+        Range{0, 1, false});
   visit("trajectory.max_sigma_m", trajectory.max_sigma_m, Range{0, 1e4, false});
 }
 

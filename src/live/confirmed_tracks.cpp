@@ -162,7 +162,7 @@ void ConfirmedTracks::ReportEnd(const Track& track) {
 // Interval in which the target existed, same as ExistenceInterval(), without the part reported.
 TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) const {
   const std::vector<Measurement>& measurements = track.follower->fit().measurements();
-  const double probability = config_.trajectory.silence_probability;
+  const double probability = config_.trajectory.min_missed_run_probability;
   const TimeNs half_ns = period_ns_ / 2;
   TimeInterval presence;
   presence.begin_ns = track.is_reported

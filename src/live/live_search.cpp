@@ -166,7 +166,7 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
     const std::size_t first = plots_.size();
     frame_times_.Add(frame.plots.front().plot.frame, frame_time_);
     for (std::size_t i = 0; i < frame.plots.size(); ++i) {
-      const double uniform = config_.robust.tracker.even_birth_share;
+      const double uniform = config_.robust.tracker.uniform_birth_share;
       log_births_.push_back(
           std::log(uniform + (1.0 - uniform) * birth_odds_[i] * num_plots_ / odds_));
       plots_.push_back(frame.plots[i].plot);

@@ -25,9 +25,9 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
       collect_(collect),
       plots_(flight.plots.begin(), flight.plots.end()),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
-      body_scatter_m2_(kPriorReturns * collect.body_sigma_m * collect.body_sigma_m),
+      body_scatter_m2_(kPriorReturns * collect.extent_sigma_m * collect.extent_sigma_m),
       body_count_(kPriorReturns),
-      body_sigma_m_(collect.body_sigma_m) {
+      body_sigma_m_(collect.extent_sigma_m) {
   std::vector<const Plot*> path;
   for (const LivePlot& seen : flight.plots) path.push_back(&seen.plot);
   for (std::uint32_t m = 0; m < models.size(); ++m) {
@@ -246,7 +246,7 @@ Measurement TrackFollower::Measure(const Node& node) const {
   Measurement m;
   m.time_ns = seen.plot.time_ns;
   m.position_m = seen.plot.position_m +
-                 collect_.facing_side * body_sigma_m_ * seen.plot.ray_m.stableNormalized();
+                 collect_.centroid_offset * body_sigma_m_ * seen.plot.ray_m.stableNormalized();
   m.viewpoint_m = seen.plot.position_m - seen.plot.ray_m;
   m.support = static_cast<int>(seen.plot.num_returns);
   const Eigen::Vector3d along_m = node.h.state.mean.col(1) * seen.plot.streak_s;

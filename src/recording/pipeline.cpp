@@ -61,7 +61,8 @@ FittedTrack FitTrack(const Recording& recording, const Target& target,
   FittedTrack track;
   RowSource& rows = track.row_source;
   rows.trajectory = FitTrajectoryByCeres(target.measurements, config);
-  rows.presence = ExistenceInterval(recording, target.measurements, config.silence_probability);
+  rows.presence =
+      ExistenceInterval(recording, target.measurements, config.min_missed_run_probability);
   rows.depth_sigma_m = target.depth_sigma_m;
   SetViewpoints(target.measurements, &rows.viewpoints);
   rows.covariance_inflations = CovarianceInflationsOf(target.alternative_modes, rows.trajectory);

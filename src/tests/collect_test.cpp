@@ -102,7 +102,7 @@ TEST(CollectTarget, MeasurementsAreTheMeansOfTheReturnsOfAFrame) {
   const RecordingMaker maker = Flight(2, 4.0);
   const Recording& recording = maker.recording;
   CollectConfig raw;
-  raw.facing_side = 0.0;
+  raw.centroid_offset = 0.0;
   const Target target = Collect(maker, PathOf(maker, 0, kFrames - 1), {}, raw);
   ASSERT_TRUE(std::is_sorted(target.returns.begin(), target.returns.end()));
   int support = 0;
@@ -229,14 +229,14 @@ TEST(CollectTarget, TheCentreLiesBehindTheReturnsByAShareOfTheirSpread) {
   const RecordingMaker maker = Flight(13, 6.0);
   const std::vector<Plot> path = PathOf(maker, 0, kFrames - 1);
   CollectConfig raw;
-  raw.facing_side = 0.0;
+  raw.centroid_offset = 0.0;
   const Target corrected = Collect(maker, path);
   const Target means = Collect(maker, path, {}, raw);
   ASSERT_EQ(corrected.measurements.size(), means.measurements.size());
   for (std::size_t k = 0; k < means.measurements.size(); ++k) {
     const Eigen::Vector3d& mean_m = means.measurements[k].position_m;
     const Eigen::Vector3d shift_m = corrected.measurements[k].position_m - mean_m;
-    EXPECT_NEAR(shift_m.norm(), CollectConfig().facing_side * 0.1, 0.01);
+    EXPECT_NEAR(shift_m.norm(), CollectConfig().centroid_offset * 0.1, 0.01);
     EXPECT_NEAR(shift_m.dot(mean_m.normalized()), shift_m.norm(), 1e-9);
   }
   EXPECT_NEAR(corrected.depth_sigma_m, kFacingSideSigma * 0.1, 0.01);
@@ -279,7 +279,7 @@ TEST(CollectTarget, TheCentreLiesBetweenWhatTwoStationsSeeOfItsSides) {
   }
   const Background background(maker.recording, BackgroundConfig());
   RobustConfig config;
-  config.collect.facing_side = 1.5;  // of the spread of 0.1 m
+  config.collect.centroid_offset = 1.5;  // of the spread of 0.1 m
   config.collect.sensor_bias_m = 1e-4;
   const std::vector<char> excluded(maker.labels.size(), 0);
   const Target target = CollectTarget(
@@ -309,7 +309,7 @@ TEST(CollectTarget, WhatTwoStationsDisagreeByIsSharedEvenly) {
   }
   const Background background(maker.recording, BackgroundConfig());
   RobustConfig config;
-  config.collect.facing_side = 0.0;
+  config.collect.centroid_offset = 0.0;
   const std::vector<char> excluded(maker.labels.size(), 0);
   const auto mean_error_m = [&](const Eigen::Vector3f& other_m) -> Eigen::Vector3d {
     const Target target = CollectTarget(

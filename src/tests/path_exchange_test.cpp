@@ -42,7 +42,7 @@ TEST(PathExchange, TakesInProportionToTheNumberOfPlaces) {
   const auto effort_for = [](int num_pairs) {
     const std::vector<Plot> plots = Crossings(num_pairs);
     TrackerConfig config;
-    config.echo_m2_per_s = 10.0 * kRange_m * kRange_m;
+    config.return_rate_m2_per_s = 10.0 * kRange_m * kRange_m;
     Effort effort;
     EXPECT_EQ(FindPaths(plots, WatchOver(plots), config, &effort).size(),
               2U * static_cast<std::size_t>(num_pairs));

@@ -61,7 +61,7 @@ TEST(LogBirths, AreThoseOfThePlainModelAndOneOnAverage) {
   Random random(1);
   for (const double uniform : {1e-3, 0.1, 0.5, 1.0}) {
     TrackerConfig config;
-    config.even_birth_share = uniform;
+    config.uniform_birth_share = uniform;
     const std::vector<Plot> plots = RandomPlots(100, &random);
     const std::vector<double> logs = LogBirths(plots, WatchOver(plots, 3), config);
     const std::vector<double> expected = PlainLogBirths(plots, config);
@@ -87,7 +87,7 @@ TEST(LogBirths, DoNotOverflowWhereClutterIsOfAnyDensity) {
                              MakePlot(kBeginNs, {0, 10, 10}, 800.0)};
   const std::vector<double> logs = LogBirths(plots, WatchOver(plots), TrackerConfig());
   EXPECT_NEAR(MeanOfExp(logs), 1.0, 1e-12);
-  EXPECT_NEAR(logs[1], std::log(TrackerConfig().even_birth_share), 1e-12);
+  EXPECT_NEAR(logs[1], std::log(TrackerConfig().uniform_birth_share), 1e-12);
   EXPECT_TRUE(LogBirths({}, WatchOver({}), TrackerConfig()).empty());
 }
 

@@ -25,13 +25,13 @@ inline std::vector<double> PlainLogBirths(const std::vector<Plot>& plots,
   double mean = 0.0;
   for (const Plot& plot : plots) {
     const double returns =
-        config.echo_m2_per_s * kPeriodS / std::max(1.0, plot.position_m.squaredNorm());
+        config.return_rate_m2_per_s * kPeriodS / std::max(1.0, plot.position_m.squaredNorm());
     // A gamma distribution of the mean of a Poisson process.
     const double unseen = std::pow(1.0 + returns / kReturnRateShape, -kReturnRateShape);
     odds.push_back((1.0 - unseen) / std::exp(plot.log_clutter));
     mean += odds.back() / static_cast<double>(plots.size());
   }
-  const double uniform = config.even_birth_share;
+  const double uniform = config.uniform_birth_share;
   for (double& odd : odds) odd = std::log(uniform + (1.0 - uniform) * odd / mean);
   return odds;
 }
@@ -69,7 +69,7 @@ class PlainModel {
     double score = log_births.front();
     // The gamma distribution of how many returns it gives, as far as is known by now.
     double shape = kReturnRateShape;
-    double rate = kReturnRateShape / config_.echo_m2_per_s;
+    double rate = kReturnRateShape / config_.return_rate_m2_per_s;
     for (std::size_t k = 1; k < plots.size(); ++k) {
       const Plot& plot = plots[k];
       const double dt = static_cast<double>(plot.frame_time_ns - plots[k - 1].frame_time_ns) * 1e-9;
@@ -78,7 +78,7 @@ class PlainModel {
       if (plot.sensor != plots[k - 1].sensor) {
         // How often one sensor saw it tells nothing of another.
         shape = kReturnRateShape;
-        rate = kReturnRateShape / config_.echo_m2_per_s;
+        rate = kReturnRateShape / config_.return_rate_m2_per_s;
       }
       const double unseen = std::pow(rate / (rate + missed * per_frame), shape);
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
@@ -96,7 +96,7 @@ class PlainModel {
           (plot.variance_m2 + streak * streak / 12.0 / n / 3.0) * Eigen::Matrix3d::Identity();
       const Update steady = Updated(x, p, sigma_a_, dt, plot, noise);
       Update agile = Updated(x, p, kManoeuvreFactor * sigma_a_, dt, plot, noise);
-      agile.log_density += config_.manoeuvre_log;
+      agile.log_density += config_.manoeuvre_log_probability;
       const Update& better = agile.log_density > steady.log_density ? agile : steady;
       score += better.log_density;
       const double least = std::max(kDeletionLog, log_births[k] + kReinitiationLog);

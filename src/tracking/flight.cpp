@@ -164,7 +164,7 @@ Rejection FlightRejection(const Recording& recording, const ScanSchedule& scan_s
   if (ShareAbove(path, MinFlightHeightM(recording, path, config)) <= config.off_ground_share) {
     return Rejection::kNearGround;
   }
-  if (ReturnRateM2PerS(recording, scan_schedule, path) <= config.min_echo_m2_per_s)
+  if (ReturnRateM2PerS(recording, scan_schedule, path) <= config.min_return_rate_m2_per_s)
     return Rejection::kWeakReturn;
   return Rejection::kNone;
 }

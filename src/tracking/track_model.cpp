@@ -109,7 +109,7 @@ double LogBirthOdds(const Plot& plot, const ScanSchedule& scan_schedule,
                     const TrackerConfig& config) {
   const ScanSchedule::Sensor& sensor = scan_schedule.sensors[plot.sensor];
   const double log_no_return =
-      LogProbabilityOfNoReturn(kReturnRateShape, kReturnRateShape / config.echo_m2_per_s,
+      LogProbabilityOfNoReturn(kReturnRateShape, kReturnRateShape / config.return_rate_m2_per_s,
                                sensor.frame_s * PerM2(plot.position_m - sensor.viewpoint_m));
   return std::log(-std::expm1(log_no_return)) - plot.log_clutter;
 }
@@ -123,7 +123,7 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule
   const double largest = *std::max_element(logs.begin(), logs.end());
   double sum = 0.0;
   for (const double log : logs) sum += std::exp(log - largest);
-  const double uniform = config.even_birth_share;
+  const double uniform = config.uniform_birth_share;
   const double scale = (1.0 - uniform) * static_cast<double>(plots.size()) / sum;
   for (double& log : logs) log = std::log(uniform + scale * std::exp(log - largest));
   return logs;
@@ -221,7 +221,8 @@ ScoreIncrement TrackModel::ScoreIncrementOf(const Prediction& p, const Plot& plo
     return -1.5 * std::log(2.0 * M_PI * variance) - 0.5 * distance2 / variance;
   };
   const double steady = log_density(p.steady.At(offset_s) + noise);
-  const double agile = log_density(p.agile.At(offset_s) + noise) + config_->manoeuvre_log;
+  const double agile =
+      log_density(p.agile.At(offset_s) + noise) + config_->manoeuvre_log_probability;
   return {std::max(steady, agile) + p.log_detection_probability - plot.log_clutter +
               (p.sensor == plot.sensor ? log_same_sensor_ : log_other_sensor_),
           agile > steady};
@@ -279,20 +280,20 @@ ScoreBound TrackModel::BoundOf(const Prediction& p, const FrameBounds& frame) co
   const auto slope = [&](const AxisVariances& variances) {
     return 0.5 / (variances.Max(frame.half_span_s) + max_m2);
   };
-  return {peak(p.steady), slope(p.steady), peak(p.agile) + config_->manoeuvre_log, slope(p.agile),
-          frame.half_span_s * p.velocity_mps.norm()};
+  return {peak(p.steady), slope(p.steady), peak(p.agile) + config_->manoeuvre_log_probability,
+          slope(p.agile), frame.half_span_s * p.velocity_mps.norm()};
 }
 
 // The detections so far set the rate of further ones (gamma posterior).
 double TrackModel::LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const {
   return LogProbabilityOfNoReturn(
       kReturnRateShape + from.num_detections,
-      kReturnRateShape / config_->echo_m2_per_s + from.exposure_s_per_m2, exposure_s_per_m2);
+      kReturnRateShape / config_->return_rate_m2_per_s + from.exposure_s_per_m2, exposure_s_per_m2);
 }
 
 double TrackModel::LogPriorMissProbability(double exposure_s_per_m2) const {
-  return LogProbabilityOfNoReturn(kReturnRateShape, kReturnRateShape / config_->echo_m2_per_s,
-                                  exposure_s_per_m2);
+  return LogProbabilityOfNoReturn(
+      kReturnRateShape, kReturnRateShape / config_->return_rate_m2_per_s, exposure_s_per_m2);
 }
 
 double TrackModel::ExposureOfFrame(std::uint32_t sensor, const State& state) const {

@@ -99,7 +99,7 @@ TimeNs UndetectedAfterNs(const std::vector<Measurement>& measurements, TimeNs pe
 
 TimeInterval ExistenceInterval(const Recording& recording,
                                const std::vector<Measurement>& measurements,
-                               double silence_probability) {
+                               double min_missed_run_probability) {
   TimeInterval interval{measurements.front().time_ns, measurements.back().time_ns};
   const TimeInterval seen = interval;
   TimeInterval recorded = interval;
@@ -114,8 +114,8 @@ TimeInterval ExistenceInterval(const Recording& recording,
     }
   }
   const TimeNs period_ns = ShortestPeriodNs(recording);
-  const TimeNs before_ns = UndetectedBeforeNs(measurements, period_ns, silence_probability);
-  const TimeNs after_ns = UndetectedAfterNs(measurements, period_ns, silence_probability);
+  const TimeNs before_ns = UndetectedBeforeNs(measurements, period_ns, min_missed_run_probability);
+  const TimeNs after_ns = UndetectedAfterNs(measurements, period_ns, min_missed_run_probability);
   return {std::max(recorded.begin_ns, interval.begin_ns - before_ns),
           std::min(recorded.end_ns, interval.end_ns + after_ns)};
 }

@@ -26,12 +26,12 @@ TimeNs UndetectedAfterNs(const std::vector<Measurement>& measurements, TimeNs pe
 // Returns the time in which a target existed: from first to last measurement, extended to the whole
 // frames of any sensor that contain them (returns are measured a little before or after the stamp
 // of their frame), and further while missed detections are likelier than
-// `silence_probability`: a drone that is hit in one frame of five was there for some frames
+// `min_missed_run_probability`: a drone that is hit in one frame of five was there for some frames
 // before the first hit, one that is hit in every frame was not. No such extension if
-// silence_probability is 1. Clipped to the recording.
+// min_missed_run_probability is 1. Clipped to the recording.
 TimeInterval ExistenceInterval(const Recording& recording,
                                const std::vector<Measurement>& measurements,
-                               double silence_probability);
+                               double min_missed_run_probability);
 
 // The returns of a target in one frame.
 struct FrameSupport {

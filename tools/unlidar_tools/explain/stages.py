@@ -23,7 +23,7 @@ MEANINGS = {
     TRACK: Meaning(
         "A path became a track, but the trajectory has no row there: its sigma is too large, the "
         "target went undetected for too long, or the fit went elsewhere.",
-        ("trajectory.max_sigma_m", "trajectory.silence_probability"),
+        ("trajectory.max_sigma_m", "trajectory.min_missed_run_probability"),
         "method.md#8-trajectory",
     ),
     PATH: Meaning(
@@ -35,7 +35,7 @@ MEANINGS = {
     DETECTION: Meaning(
         "There are detections, but no path through them is likelier than clutter: too few, too far "
         "apart, or where clutter is common (log clutter: -10 to -13 is open air).",
-        ("robust.tracker.max_gap_s", "robust.tracker.echo_m2_per_s"),
+        ("robust.tracker.max_gap_s", "robust.tracker.return_rate_m2_per_s"),
         "method.md#4-plots-and-their-clutter",
     ),
     BODY: Meaning(
@@ -71,7 +71,7 @@ GATES = {
     ),
     "weak_return": Meaning(
         "A path returns too little for its range: an insect near the station.",
-        ("robust.min_echo_m2_per_s",),
+        ("robust.min_return_rate_m2_per_s",),
         "method.md#6-decision",
     ),
     "crowded": Meaning(

@@ -15,6 +15,7 @@
 #include "base/format.hpp"
 #include "config/config_keys.hpp"
 #include "config/config_values.hpp"
+#include "config/former_keys.hpp"
 #include "io/input_file.hpp"
 #include "unlidar/error.hpp"
 
@@ -137,8 +138,13 @@ class Overlay {
     return config_.sensors[name];
   }
 
-  // Returns a hint for the message: the nearest known key if one is close.
+  // Returns a hint for the message: what became of a former key, or the nearest key if one is
+  // close.
   std::string Suggestion(const std::string& key) {
+    if (const FormerKey* const former = FindFormerKey(key)) {
+      return former->now.empty() ? "; it is a constant of the method now"
+                                 : "; it is " + std::string(former->now) + " now";
+    }
     std::string best;
     std::size_t best_distance = std::max<std::size_t>(3, key.size() / 3);
     const auto consider = [&](const std::string& name, const auto&, const auto&) {

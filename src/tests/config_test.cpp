@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "config/config_keys.hpp"
+#include "config/former_keys.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
@@ -308,6 +309,23 @@ TEST(ConfigErrors, NameTheNearestKeyForAnUnknownOne) {
   EXPECT_CONTAINS(ReasonOfSet("input=3"), "unknown key");
   EXPECT_CONTAINS(ReasonOfSet("sensors.a=3"), "unknown key");
   EXPECT_CONTAINS(ReasonOfSet("sensors.time_offset_s=3"), "unknown key");
+}
+
+TEST(ConfigErrors, TellWhatBecameOfAFormerKey) {
+  EXPECT_EQ(ReasonOfFile("robust:\n  min_echo_m2_per_s: 150\n"),
+            ":2: robust.min_echo_m2_per_s: unknown key; it is robust.min_return_rate_m2_per_s now");
+  EXPECT_EQ(ReasonOfFile("robust:\n  ground:\n    cell_m: 4\n"),
+            ":2: robust.ground: unknown key; it is a constant of the method now");
+  EXPECT_EQ(ReasonOfSet("robust.plots.spot.slope=0"),
+            "--set robust.plots.spot.slope=0: robust.plots.spot.slope: unknown key; it is a "
+            "constant of the method now");
+  EXPECT_CONTAINS(ReasonOfSet("robust.plots.spots=0"), "unknown key; configs/default.yaml");
+  std::set<std::string> keys;
+  for (const ConfigEntry& entry : ListConfig(Config())) keys.insert(entry.key);
+  for (const FormerKey& former : kFormerKeys) {
+    EXPECT_TRUE(former.now.empty() || keys.count(std::string(former.now)) > 0) << former.now;
+    EXPECT_CONTAINS(ReasonOfSet(std::string(former.key) + "=1"), "unknown key; it is ");
+  }
 }
 
 TEST(ConfigErrors, RefuseARepeatedOrDottedKey) {

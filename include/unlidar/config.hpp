@@ -43,12 +43,9 @@ struct RangeRadius {
 
 struct BackgroundConfig {
   RangeRadius place{0.35, 0.012};  // extent of one place
-  double bin_s = 0.5;              // time resolution of occupancy
-  double max_break_s = 1.5;        // a dwell ends where a place was empty for longer
+  double max_dwell_gap_s = 1.5;        // a dwell ends where a place was empty for longer
   double min_exposure = 0.15;      // share of the recording for which a place must be known
   double max_occupancy = 0.35;     // share of the other bins; above it: structure
-  double occluder_cell_deg = 2.0;  // angular cells in which closer objects hide a place
-  double occluder_margin_m = 2.0;
 };
 
 struct SupportConfig {
@@ -111,7 +108,7 @@ enum class Rule {
 
 struct RobustConfig {
   double false_alarms_per_recording = 1e-3;  // expected in a recording without drones
-  // Longer recordings are searched in windows with this margin on each side; infinity: no windows.
+  // Longer recordings are searched in windows with this margin on each side.
   double window_s = 90.0;
   double window_margin_s = 5.0;
   int min_plots = 5;               // frames with evidence: clutter that repeats is not independent

@@ -30,6 +30,7 @@ class Queue {
 
   T& front() { return values_[first_]; }
   const T& front() const { return values_[first_]; }
+  T& back() { return values_[last_ - 1]; }
   const T& operator[](std::size_t i) const { return values_[first_ + i]; }
 
   // Appends a value and returns it in the state in which it was removed. May move the others.

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "base/time_list.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -45,7 +46,7 @@ struct Recording {
   std::vector<SensorInfo> sensors;
   std::vector<FrameInfo> frames;
   std::vector<Eigen::Vector3f> points_m;  // (N)
-  std::vector<TimeNs> times_ns;           // (N) point time, or the middle of its frame
+  TimeList times_ns;                      // (N) point time, or the middle of its frame
   InputCounts counts;
   std::vector<std::string> bad_frames;  // one line per skipped frame
   std::vector<Warning> warnings;        // about the meaning of frame names and coordinates

@@ -137,8 +137,9 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
     // The target's own dwell is left out of the clutter rate there.
     auto [from_ns, to_ns] =
         dwell_intervals.Around(time_ns, place_m, kDwellRadius.At(RayM(station, place_m).norm()));
-    const double rate = station.background->RateOutside(recording.points_m[i] - station.viewpoint_m,
-                                                        from_ns, to_ns);
+    const BinRange dwell = station.bins->BinsTouching(from_ns, to_ns);
+    const double rate = station.occupancy->RateOutside(recording.points_m[i] - station.viewpoint_m,
+                                                       dwell.first, dwell.last);
     const double log_density = log_peak - 0.5 * distance2;
     if (rate >= 0.0 && log_density < std::log(rate)) continue;
     // A possible dwell beyond the ends known so far is left out of the rate at the spot: its few

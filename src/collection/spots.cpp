@@ -6,7 +6,6 @@
 
 #include "base/voxel_grid.hpp"
 #include "base/voxel_numbers.hpp"
-#include "scene/background.hpp"
 #include "scene/plots.hpp"
 #include "unlidar/config.hpp"
 
@@ -54,12 +53,12 @@ class Neighbourhood {
 Spots::Spots(const Recording& recording, const std::vector<StationModel>& station_models,
              const std::vector<std::uint32_t>& candidates)
     : station_models_(station_models) {
-  std::vector<const Background*> backgrounds;
+  std::vector<const TimeBins*> bins;
   for (const StationModel& station : station_models) {
-    const auto at = std::find(backgrounds.begin(), backgrounds.end(), station.background);
-    stations_.push_back(static_cast<std::size_t>(at - backgrounds.begin()));
-    if (at != backgrounds.end()) continue;
-    backgrounds.push_back(station.background);
+    const auto at = std::find(bins.begin(), bins.end(), station.bins);
+    stations_.push_back(static_cast<std::size_t>(at - bins.begin()));
+    if (at != bins.end()) continue;
+    bins.push_back(station.bins);
     grids_.emplace_back(kSpot);
   }
   const Neighbourhood neighbourhood(recording, candidates);
@@ -70,7 +69,7 @@ Spots::Spots(const Recording& recording, const std::vector<StationModel>& statio
       const Eigen::Vector3f& point_m = recording.points_m[i];
       if (!neighbourhood.Contains(point_m)) continue;
       if (std::binary_search(candidates.begin(), candidates.end(), i)) continue;
-      grid.Add(point_m - station.viewpoint_m, station.background->BinOf(recording.times_ns[i]));
+      grid.Add(point_m - station.viewpoint_m, station.bins->BinOf(recording.times_ns[i]));
     }
   }
 }
@@ -80,9 +79,9 @@ double Spots::RateOutside(std::uint32_t sensor, const Eigen::Vector3f& point_m, 
   const StationModel& station = station_models_[sensor];
   const RangeGrid& grid = grids_[stations_[sensor]];
   const Eigen::Vector3f ray_m = point_m - station.viewpoint_m;
-  const BinRange inside = station.background->BinsTouching(from_ns, to_ns);
+  const BinRange inside = station.bins->BinsTouching(from_ns, to_ns);
   const double returns = grid.Count(ray_m) - grid.Count(ray_m, inside);
-  const double exposure = station.background->NumFramesOutside(inside) * grid.VolumeM3(ray_m);
+  const double exposure = station.bins->NumFramesOutside(inside) * grid.VolumeM3(ray_m);
   return ClutterRate(returns, exposure, surroundings_rate);
 }
 

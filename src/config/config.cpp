@@ -142,7 +142,7 @@ class Overlay {
   // close.
   std::string Suggestion(const std::string& key) {
     if (const FormerKey* const former = FindFormerKey(key)) {
-      return former->now.empty() ? "; it is a constant of the method now"
+      return former->now.empty() ? "; the method has no such setting any more"
                                  : "; it is " + std::string(former->now) + " now";
     }
     std::string best;

@@ -111,12 +111,9 @@ void VisitRadiusKeys(Visitor&& visit, const std::string& prefix, Radius& radius)
 template <class Visitor, class Background>
 void VisitBackgroundKeys(Visitor&& visit, Background& background) {
   VisitRadiusKeys(visit, "robust.background.place.", background.place);
-  visit("robust.background.bin_s", background.bin_s, Range{0.01, 60});
-  visit("robust.background.max_break_s", background.max_break_s, Range{0, 3600});
+  visit("robust.background.max_dwell_gap_s", background.max_dwell_gap_s, Range{0, 3600});
   visit("robust.background.min_exposure", background.min_exposure, Range{0, 1});
   visit("robust.background.max_occupancy", background.max_occupancy, Range{0, 1});
-  visit("robust.background.occluder_cell_deg", background.occluder_cell_deg, Range{0.5, 90});
-  visit("robust.background.occluder_margin_m", background.occluder_margin_m, Range{0, 1e3});
 }
 
 template <class Visitor, class Support>
@@ -159,8 +156,8 @@ void VisitCollectKeys(Visitor&& visit, Collect& collect) {
 template <class Visitor, class Robust>
 void VisitRobustKeys(Visitor&& visit, Robust& robust) {
   visit("robust.false_alarms_per_recording", robust.false_alarms_per_recording, Range{0, 1, false});
-  visit("robust.window_s", robust.window_s, RangeOrEndless{{5, 86400}});
-  visit("robust.window_margin_s", robust.window_margin_s, Range{0, 3600});
+  visit("robust.window_s", robust.window_s, Range{5, 90});
+  visit("robust.window_margin_s", robust.window_margin_s, Range{0, 15});
   visit("robust.min_plots", robust.min_plots, Range{2, 1000});
   visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
   visit("robust.off_ground_share", robust.off_ground_share, Range{0, 1});

@@ -12,7 +12,8 @@ struct FormerKey {
   std::string_view now;  // the key that replaces it; empty: a constant
 };
 
-inline constexpr std::array<FormerKey, 35> kFormerKeys{{
+inline constexpr std::array<FormerKey, 39> kFormerKeys{{
+    {"robust.background.max_break_s", "robust.background.max_dwell_gap_s"},
     {"robust.collect.body_sigma_m", "robust.collect.extent_sigma_m"},
     {"robust.collect.facing_side", "robust.collect.centroid_offset"},
     {"robust.min_echo_m2_per_s", "robust.min_return_rate_m2_per_s"},
@@ -20,6 +21,9 @@ inline constexpr std::array<FormerKey, 35> kFormerKeys{{
     {"robust.tracker.even_birth_share", "robust.tracker.uniform_birth_share"},
     {"robust.tracker.manoeuvre_log", "robust.tracker.manoeuvre_log_probability"},
     {"trajectory.silence_probability", "trajectory.min_missed_run_probability"},
+    {"robust.background.bin_s", ""},
+    {"robust.background.occluder_cell_deg", ""},
+    {"robust.background.occluder_margin_m", ""},
     {"robust.collect.rounds", ""},
     {"robust.ground", ""},
     {"robust.plots.body_contact_m", ""},

@@ -196,16 +196,13 @@ void Merge(std::vector<LoadedFrame> frames, Recording& recording) {
     throw InputError("--frames: " + std::to_string(num_returns) +
                      " returns in all, expected less than 2^32");
   }
-  recording.points_m.reserve(num_returns);
-  recording.times_ns.reserve(num_returns);
   for (LoadedFrame& loaded : frames) {
     const LoadedFrame frame = std::move(loaded);
     FrameInfo info = frame.info;
     info.first_return = static_cast<std::uint32_t>(recording.points_m.size());
     recording.points_m.insert(recording.points_m.end(), frame.points_m.begin(),
                               frame.points_m.end());
-    recording.times_ns.insert(recording.times_ns.end(), frame.times_ns.begin(),
-                              frame.times_ns.end());
+    for (const TimeNs time_ns : frame.times_ns) recording.times_ns.push_back(time_ns);
     info.last_return = static_cast<std::uint32_t>(recording.points_m.size());
     recording.frames.push_back(info);
   }

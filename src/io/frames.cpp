@@ -18,6 +18,18 @@ namespace {
 
 // Largest ratio of the durations of two sensors with the same frame rate.
 constexpr double kMaxDurationRatio = 1.3;
+constexpr TimeNs kPartNs = 2'000'000'000;
+
+// Reserves memory for the returns of `num_frames` frames, given those of the first `num_read`, as
+// growing in steps needs it twice. Memory that is never used costs nothing.
+void MakeRoom(std::size_t num_read, std::size_t num_frames, Recording* recording) {
+  constexpr double kMargin = 1.25;
+  const double size = static_cast<double>(recording->points_m.size()) *
+                      static_cast<double>(num_frames) / static_cast<double>(num_read);
+  if (size <= static_cast<double>(recording->points_m.capacity())) return;
+  recording->points_m.reserve(static_cast<std::size_t>(kMargin * size));
+  recording->times_ns.reserve(static_cast<std::size_t>(kMargin * size));
+}
 
 }  // namespace
 
@@ -50,8 +62,17 @@ class FrameReader::SourceReader {
     return next_ == files_.size() ? std::numeric_limits<TimeNs>::max()
                                   : files_[next_].stamp_ns + sensor_.offset_ns();
   }
+  std::size_t num_read() const { return next_; }
   SensorInfo info() const { return sensor_.info(); }
   const FrameClock& clock() const { return clock_; }
+
+  // Number of frames, read or not, before a stamp.
+  std::size_t NumUntil(TimeNs until_ns) const {
+    const auto end = std::partition_point(files_.begin(), files_.end(), [&](const FrameFile& file) {
+      return file.stamp_ns + sensor_.offset_ns() < until_ns;
+    });
+    return static_cast<std::size_t>(end - files_.begin());
+  }
 
   // Appends the warnings about the frames read so far.
   void AppendWarnings(std::vector<Warning>* warnings) const {
@@ -71,10 +92,7 @@ class FrameReader::SourceReader {
     };
     std::vector<LoadedFrame> loaded;
     const std::size_t first = next_;
-    const auto end = std::find_if(
-        files_.begin() + static_cast<std::ptrdiff_t>(next_), files_.end(),
-        [&](const FrameFile& file) { return file.stamp_ns + sensor_.offset_ns() >= until_ns; });
-    const auto last = static_cast<std::size_t>(end - files_.begin());
+    const std::size_t last = NumUntil(until_ns);
     while (next_ < last) {
       const auto at_once = static_cast<std::size_t>(MaxThreads().load());
       std::vector<PcdCloud> clouds(std::min(at_once, last - next_));
@@ -110,8 +128,9 @@ class FrameReader::SourceReader {
     }
     recording->counts.bad_frames += bad_frames.size();
     recording->bad_frames.insert(recording->bad_frames.end(), bad_frames.begin(), bad_frames.end());
-    sensor_.CheckUnits();
   }
+
+  void CheckUnits() const { sensor_.CheckUnits(); }
 
  private:
   std::string directory_;
@@ -182,20 +201,36 @@ void FrameReader::AppendClockWarnings(std::vector<Warning>* warnings) const {
   }
 }
 
+TimeNs FrameReader::NextStampNs() const {
+  TimeNs next_ns = std::numeric_limits<TimeNs>::max();
+  for (const auto& source : sources_) next_ns = std::min(next_ns, source->next_stamp_ns());
+  return next_ns;
+}
+
 TimeNs FrameReader::ReadUntil(TimeNs until_ns, Recording* recording) {
-  std::vector<LoadedFrame> frames;
-  for (const auto& source : sources_) source->ReadUntil(until_ns, recording, &frames);
+  // Some seconds at a time: frames are in memory twice until they are merged.
+  while (NextStampNs() < until_ns) {
+    const TimeNs part_ns = std::min(until_ns - kPartNs, NextStampNs()) + kPartNs;
+    std::vector<LoadedFrame> frames;
+    for (const auto& source : sources_) source->ReadUntil(part_ns, recording, &frames);
+    Merge(std::move(frames), *recording);
+    std::size_t num_read = 0;
+    std::size_t num_frames = 0;
+    for (const auto& source : sources_) {
+      num_read += source->num_read();
+      num_frames += source->NumUntil(until_ns);
+    }
+    MakeRoom(num_read, num_frames, recording);
+  }
   recording->sensors.clear();
   recording->warnings.clear();
   for (const auto& source : sources_) {
+    source->CheckUnits();
     recording->sensors.push_back(source->info());
     source->AppendWarnings(&recording->warnings);
   }
   AppendClockWarnings(&recording->warnings);
-  Merge(std::move(frames), *recording);
-  TimeNs next_ns = std::numeric_limits<TimeNs>::max();
-  for (const auto& source : sources_) next_ns = std::min(next_ns, source->next_stamp_ns());
-  return next_ns;
+  return NextStampNs();
 }
 
 Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& config,

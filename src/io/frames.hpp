@@ -53,7 +53,7 @@ Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConf
                         const std::map<std::string, SensorConfig>& sensors);
 
 // Same as ReadRecording() in parts, for recordings longer than one processing window. The reading
-// of point times is settled by the frames of the first part that has any.
+// of point times is settled by the first seconds with frames that have any.
 class FrameReader {
  public:
   FrameReader(const std::vector<FrameSource>& sources, const InputConfig& config,
@@ -76,6 +76,7 @@ class FrameReader {
  private:
   class SourceReader;
 
+  TimeNs NextStampNs() const;
   void AppendClockWarnings(std::vector<Warning>* warnings) const;
 
   InputConfig config_;

@@ -13,8 +13,9 @@ namespace unlidar {
 // A plot as a measurement of a target, before the velocity of the target is known.
 struct LivePlot {
   Plot plot;
-  double time_s = 0.0;  // middle of its frame, since the start of the first frame
-  TimeNs stamp_ns = 0;  // of its frame
+  double time_s = 0.0;    // middle of its frame, since the start of the first frame
+  TimeNs stamp_ns = 0;    // of its frame
+  std::uint32_t bin = 0;  // time bin of its frame
   std::optional<double>
       dwell_begin_s;  // start of the dwell of its place, same origin as time_s, if known
   double log_surrounding_clutter =

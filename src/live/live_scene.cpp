@@ -7,10 +7,9 @@
 namespace unlidar {
 namespace {
 
+const TimeNs kBinNs = NsOf(kBinS);
 constexpr TimeNs kFirstRefitNs = 1'500'000'000;
 constexpr TimeNs kLastRefitNs = 10'000'000'000;
-constexpr std::size_t kElevationReturns = 100'000;
-constexpr std::int64_t kMaxPauseBins = 5;
 // Averaging lengths in frames, and the factor and number of additional plots that mean a change
 // of weather: no swarm is that large.
 constexpr int kRecentFrames = 5;
@@ -20,18 +19,13 @@ constexpr double kSurgePlots = 30.0;
 
 }  // namespace
 
-LiveScene::Snapshot::Snapshot(const RobustConfig& config)
-    : support(ground, config.background.occluder_cell_deg, config.support) {}
-
 LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config)
     : viewpoint_m(its_viewpoint_m),
-      occupancy(config.robust.background),
+      scene(config.robust),
       clutter(config.robust, config.live.window_s) {}
 
 LiveScene::LiveScene(const Config& config)
-    : config_(config),
-      bin_ns_(NsOf(config.robust.background.bin_s)),
-      snapshot_interval_ns_(kFirstRefitNs) {}
+    : config_(config), snapshot_interval_ns_(kFirstRefitNs) {}
 
 Eigen::Vector3f LiveScene::AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m) {
   const std::size_t station = stations_.Add(sensor, origin_m);
@@ -45,13 +39,12 @@ double LiveScene::SecondsOf(TimeNs time_ns) const {
 
 // Time of the middle of a bin, exact if no pause has been skipped since.
 double LiveScene::SecondsOfBin(std::int64_t bin) const {
-  return (static_cast<double>(bin + bin_shift_) + 0.5) * static_cast<double>(bin_ns_) *
-         kSecondsPerNs;
+  return (static_cast<double>(bin + bin_shift_) + 0.5) * kBinS;
 }
 
 // A pause between frames takes only as many bins as end every dwell.
 std::int64_t LiveScene::BinOf(TimeNs time_ns) {
-  const std::int64_t slot = (time_ns - begin_ns_) / bin_ns_;
+  const std::int64_t slot = (time_ns - begin_ns_) / kBinNs;
   if (slot > newest_slot_) {
     bin_shift_ += std::max<std::int64_t>(0, slot - newest_slot_ - kMaxPauseBins);
     newest_slot_ = slot;
@@ -82,15 +75,8 @@ bool LiveScene::Take(LoadedFrame* frame) {
     station.search_from_ns = station.begin_ns + kWarmUpNs;
     learning_since_ns_ = station.begin_ns;
   }
-  station.occupancy.AddFrame(bin);
-  for (Eigen::Vector3f& point_m : frame->points_m) {
-    point_m -= station.viewpoint_m;
-    station.occupancy.Add(point_m, bin);
-    station.field_of_view.Add(point_m);
-    if (!station.snapshot && station.early_returns_m.size() < kElevationReturns) {
-      station.early_returns_m.push_back(point_m);
-    }
-  }
+  for (Eigen::Vector3f& point_m : frame->points_m) point_m -= station.viewpoint_m;
+  station.scene.Learn(frame->points_m, bin);
   const auto enqueue = [&] {
     auto& [waiting, its_bin] = waiting_.Append();
     std::swap(waiting, *frame);
@@ -101,8 +87,7 @@ bool LiveScene::Take(LoadedFrame* frame) {
     if (front_ns_ - begin_ns_ >= kWarmUpNs) WarmUp();
     return false;
   }
-  if (!station.snapshot) {
-    station.early.emplace_back(std::move(*frame), bin);
+  if (!station.scene.is_fitted()) {
     if (front_ns_ - station.begin_ns >= kWarmUpNs) WarmUpLate(&station);
     return false;
   }
@@ -115,42 +100,21 @@ void LiveScene::Close() {
   if (has_begun_ && !is_warm_) WarmUp();
 }
 
-void LiveScene::Learn(const LoadedFrame& frame, std::int64_t bin, Station* station) {
-  for (const Eigen::Vector3f& point_m : frame.points_m) {
-    station->occupancy.Judge(point_m, bin, 0, [](const Eigen::Vector3f&) { return false; });
-  }
-}
-
-// Judges the returns of the waiting frames once, then fits ground and support.
 void LiveScene::WarmUp() {
-  for (const auto& [frame, bin] : waiting_) Learn(frame, bin, &StationOf(frame.info.sensor));
   RefitAll();
   num_warm_up_frames_ = waiting_.size();
   if (front_ns_ - begin_ns_ < kWarmUpNs) return;
   for (Station& station : scenes_) {
-    if (station.begin_ns - begin_ns_ < bin_ns_) station.search_from_ns = station.begin_ns;
+    if (station.begin_ns - begin_ns_ < kBinNs) station.search_from_ns = station.begin_ns;
   }
 }
 
 // Warm-up of a station that is added while others are warm: frames before its warm-up ends are
 // not searched, and those of another warm-up period are used for clutter only.
 void LiveScene::WarmUpLate(Station* station) {
-  for (const auto& [frame, bin] : std::exchange(station->early, {})) Learn(frame, bin, station);
   station->search_from_ns = front_ns_ + kWarmUpNs;
   learning_since_ns_ = station->begin_ns;
-  Refit(station);
-}
-
-void LiveScene::Refit(Station* station) {
-  if (!station->early_returns_m.empty()) {
-    station->lowest_elevation_rad = LowestElevationRad(std::exchange(station->early_returns_m, {}));
-  }
-  if (!station->snapshot) station->snapshot = std::make_unique<Snapshot>(config_.robust);
-  auto& [points_m, ground, support] = workspace_;
-  station->occupancy.GetStructure(&points_m);
-  station->snapshot->ground.Fit(points_m, &ground);
-  station->occupancy.GetSupporters(&points_m);
-  station->snapshot->support.Fill(points_m, station->field_of_view.Edges(), &support);
+  station->scene.Fit(&fit_workspace_);
 }
 
 void LiveScene::RefitAll() {
@@ -162,15 +126,14 @@ void LiveScene::RefitAll() {
     }
     snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
     for (Station& station : scenes_) {
-      if (station.snapshot) Refit(&station);
+      if (station.scene.is_fitted()) station.scene.Fit(&fit_workspace_);
     }
   } else {
     for (Station& station : scenes_) {
-      if (station.has_begun) Refit(&station);
+      if (station.has_begun) station.scene.Fit(&fit_workspace_);
     }
   }
   snapshot_ns_ = front_ns_;
-  ++num_snapshots_;
 }
 
 TimeNs LiveScene::MakePlots(const IsTarget& is_target) {
@@ -188,59 +151,43 @@ TimeNs LiveScene::MakePlots(const IsTarget& is_target) {
 void LiveScene::AddLookahead() {
   for (SceneFrame& frame : held_) {
     RemoveBodies(&frame);
-    StationOf(frame.info.sensor)
-        .clutter.AddLookahead(frame.info.sensor, SecondsOf(frame.info.middle_ns()), frame.plots);
+    StationOf(frame.info.sensor).clutter.AddLookahead(frame.info.sensor, frame.bin, frame.plots);
   }
 }
 
 void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarget& is_target,
                             SceneFrame* held) {
   Station& station = StationOf(loaded->info.sensor);
-  std::swap(frame_.points_m, loaded->points_m);
-  std::swap(frame_.times_ns, loaded->times_ns);
-  frame_.frames.assign(1, loaded->info);
-  frame_.frames[0].first_return = 0;
-  frame_.frames[0].last_return = static_cast<std::uint32_t>(frame_.points_m.size());
-  candidates_.clear();
-  verdicts_.clear();
-  const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
-    return station.snapshot->support.IsFloating(point_m);
-  };
+  Recording& frame = workspace_.frame;
+  std::swap(frame.points_m, loaded->points_m);
+  frame.times_ns.clear();
+  for (const TimeNs time_ns : loaded->times_ns) frame.times_ns.push_back(time_ns);
+  frame.frames.assign(1, loaded->info);
+  frame.frames[0].first_return = 0;
+  frame.frames[0].last_return = static_cast<std::uint32_t>(frame.points_m.size());
   const double time_s = SecondsOf(loaded->info.middle_ns());
   const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t dwell_begin_bin) {
     return is_target &&
            is_target(point_m + station.viewpoint_m, SecondsOfBin(dwell_begin_bin), time_s);
   };
-  const Occupancy::IsTargetSince is_target_since = std::cref(is_known_target);  // no allocation
-  for (std::uint32_t i = 0; i < frame_.points_m.size(); ++i) {
-    const Eigen::Vector3f& point_m = frame_.points_m[i];
-    verdicts_.push_back(
-        station.occupancy.Judge(point_m, bin, num_snapshots_, floats, is_target_since));
-    const Occupancy::Verdict& verdict = verdicts_.back();
-    if (verdict.is_structure && !verdict.floats) continue;
-    if (!station.snapshot->ground.IsGround(point_m)) candidates_.push_back(i);
-  }
-  FramePlots& found = plotter_.Find(frame_, 0, &candidates_, station.snapshot->ground,
-                                    station.lowest_elevation_rad, config_.robust);
-  held->info = frame_.frames[0];
+  // No allocation.
+  FramePlots& found = station.scene.FindPlots(bin, std::cref(is_known_target), &workspace_);
+  held->info = frame.frames[0];
+  held->bin = static_cast<std::uint32_t>(bin);
   held->plots.clear();
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
     LivePlot seen;
     seen.plot = found.plots[p];
     seen.stamp_ns = held->info.stamp_ns;
-    Plot& plot = seen.plot;
-    plot.frame = num_frames_;
-    double rate = 0.0;
+    seen.plot.frame = num_frames_;
+    seen.bin = held->bin;
     std::optional<std::int64_t> dwell_begin_bin = bin;
-    for (const std::uint32_t i : plotter_.ReturnsOf(p)) {
-      const Eigen::Vector3d d = frame_.points_m[i].cast<double>() - plot.position_m;
+    for (const std::uint32_t i : workspace_.plotter.ReturnsOf(p)) {
+      const Eigen::Vector3d d = frame.points_m[i].cast<double>() - seen.plot.position_m;
       seen.scatter_m2 += d * d.transpose();
-      rate += static_cast<double>(verdicts_[i].place_rate);
-      dwell_begin_bin = std::min(
-          dwell_begin_bin, verdicts_[i].dwell_begin_bin);  // nullopt compares less than any bin
+      // nullopt compares less than any bin
+      dwell_begin_bin = std::min(dwell_begin_bin, workspace_.verdicts[i].dwell_begin_bin);
     }
-    plot.place_rate = std::max(rate / static_cast<double>(plot.num_returns),
-                               station.occupancy.RateAround(plot.position_m.cast<float>(), bin));
     if (dwell_begin_bin) seen.dwell_begin_s = SecondsOfBin(*dwell_begin_bin);
     held->plots.push_back(seen);
   }
@@ -294,7 +241,7 @@ void LiveScene::Judge(SceneFrame* frame) {
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
   RemoveBodies(frame);
   if (IsSurge(*frame)) {
-    station.clutter.Discount();
+    station.clutter.Restart(frame->bin);
     station.search_from_ns = middle_ns + kWarmUpNs;
     learning_since_ns_ = middle_ns;
   }
@@ -304,8 +251,7 @@ void LiveScene::Judge(SceneFrame* frame) {
   if (frame->is_searched) {
     frame->observed_s = std::max(frame->observed_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
   }
-  station.clutter.AddFrame(frame->info.sensor, frame->time_s);
-  station.clutter.Judge(station.snapshot->support, frame->time_s, &frame->plots);
+  station.clutter.Judge(station.scene.support(), frame->info.sensor, frame->bin, &frame->plots);
   for (LivePlot& seen : frame->plots) {
     seen.time_s = frame->time_s;
     seen.plot.position_m += station.viewpoint_m.cast<double>();
@@ -314,14 +260,14 @@ void LiveScene::Judge(SceneFrame* frame) {
 
 void LiveScene::RemoveFromClutter(const std::vector<LivePlot>& plots) {
   for (const LivePlot& seen : plots) {
-    StationOf(seen.plot.sensor).clutter.RemoveFromClutter(seen.plot);
+    StationOf(seen.plot.sensor).clutter.RemoveFromClutter(seen);
   }
 }
 
-void LiveScene::Sweep(double time_s) {
+void LiveScene::Sweep(std::uint32_t newest_bin) {
   for (Station& station : scenes_) {
-    station.clutter.Sweep(time_s);
-    station.occupancy.Sweep();
+    station.clutter.Sweep(newest_bin);
+    station.scene.Sweep();
   }
 }
 

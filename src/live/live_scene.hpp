@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <memory>
 #include <utility>
 #include <vector>
 
@@ -13,11 +12,8 @@
 #include "io/frame_preparation.hpp"
 #include "live/live_clutter.hpp"
 #include "live/live_plot.hpp"
-#include "live/occupancy.hpp"
-#include "scene/field_of_view.hpp"
-#include "scene/ground.hpp"
+#include "scene/station_scene.hpp"
 #include "scene/stations.hpp"
-#include "scene/support.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -25,6 +21,7 @@ namespace unlidar {
 // A frame after the scene stage.
 struct SceneFrame {
   FrameInfo info;
+  std::uint32_t bin = 0;
   double time_s = 0.0;          // middle, since the start of the first frame
   double observed_s = 0.0;      // time_s since the youngest station began
   bool is_searched = false;     // false: used for clutter only, its station is still learning
@@ -78,27 +75,10 @@ class LiveScene {
   void RemoveFromClutter(const std::vector<LivePlot>& plots);
 
   // Erases faded counts. To be called periodically.
-  void Sweep(double time_s);
+  void Sweep(std::uint32_t newest_bin);
 
  private:
-  // Ground and support as of the last refit.
-  struct Snapshot {
-    explicit Snapshot(const RobustConfig& config);
-    Snapshot(const Snapshot&) = delete;
-    Snapshot& operator=(const Snapshot&) = delete;
-
-    Ground ground;
-    Support support;
-  };
-
   using BinnedFrame = std::pair<LoadedFrame, std::int64_t>;  // with its time bin
-
-  // Buffers for refits, reused.
-  struct Workspace {
-    std::vector<Eigen::Vector3f> points_m;
-    Ground::Workspace ground;
-    Support::Workspace support;
-  };
 
   // State of one station, relative to its viewpoint.
   struct Station {
@@ -108,12 +88,7 @@ class LiveScene {
     bool has_begun = false;
     TimeNs begin_ns = 0;
     TimeNs search_from_ns = 0;  // earlier frames are used for clutter only
-    Occupancy occupancy;
-    FieldOfView field_of_view;
-    std::unique_ptr<Snapshot> snapshot;  // null before it is warm
-    std::vector<BinnedFrame> early;      // frames before it is warm, if other stations are
-    std::vector<Eigen::Vector3f> early_returns_m;  // for the lowest elevation
-    double lowest_elevation_rad = 0.0;
+    StationScene scene;         // fitted when it is warm
     LiveClutter clutter;
     Queue<BodyBox> bodies;
   };
@@ -130,10 +105,8 @@ class LiveScene {
   double SecondsOfBin(std::int64_t bin) const;
   std::int64_t BinOf(TimeNs time_ns);
   Station& StationOf(std::uint32_t sensor);
-  static void Learn(const LoadedFrame& frame, std::int64_t bin, Station* station);
   void WarmUp();
   void WarmUpLate(Station* station);
-  void Refit(Station* station);
   void RefitAll();
   void MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarget& is_target,
                    SceneFrame* held);
@@ -146,7 +119,6 @@ class LiveScene {
   // Time.
   bool has_begun_ = false;
   TimeNs begin_ns_ = 0;
-  TimeNs bin_ns_;
   std::int64_t bin_shift_ = 0;    // bins skipped in pauses
   std::int64_t newest_slot_ = 0;  // bin without the shift
   TimeNs front_ns_ = 0;           // middle of the newest frame taken
@@ -157,9 +129,8 @@ class LiveScene {
   bool is_warm_ = false;
   TimeNs learning_since_ns_ = 0;  // start of the youngest station, or the last surge
   TimeNs snapshot_ns_ = 0;
-  int num_snapshots_ = 0;
   TimeNs snapshot_interval_ns_;
-  Workspace workspace_;
+  StationScene::FitWorkspace fit_workspace_;
 
   // Frames in progress.
   Queue<BinnedFrame> waiting_;
@@ -168,11 +139,7 @@ class LiveScene {
   std::size_t num_warm_up_frames_ = 0;  // frames of the warm-up that still wait
   std::vector<PlotRate> rates_;         // (sensors)
 
-  // Buffers for plots, reused from frame to frame.
-  Recording frame_;
-  FramePlotter plotter_;
-  std::vector<std::uint32_t> candidates_;
-  std::vector<Occupancy::Verdict> verdicts_;  // (returns)
+  StationScene::FrameWorkspace workspace_;
 };
 
 }  // namespace unlidar

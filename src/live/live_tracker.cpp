@@ -73,7 +73,7 @@ void LiveTracker::Search() {
   if (frame_.time_s - cleaned_up_s_ < kCleanUpIntervalS) return;
   cleaned_up_s_ = frame_.time_s;
   search_.Forget(middle_ns - NsOf(kKeepPathsS));
-  scene_.Sweep(frame_.time_s);
+  scene_.Sweep(frame_.bin);
   tracks_.Forget(searched_ns_ - NsOf(kKeepPathsS));
 }
 

@@ -99,12 +99,11 @@ FrameFeed FeedOf(const Recording& recording) {
     part->warnings = recording.warnings;
     for (; next < recording.frames.size() && recording.frames[next].stamp_ns < until_ns; ++next) {
       FrameInfo frame = recording.frames[next];
-      const auto copy = [&](const auto& from, auto* to) {
-        to->insert(to->end(), from.begin() + frame.first_return, from.begin() + frame.last_return);
-      };
       const auto first = static_cast<std::uint32_t>(part->points_m.size());
-      copy(recording.points_m, &part->points_m);
-      copy(recording.times_ns, &part->times_ns);
+      for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+        part->points_m.push_back(recording.points_m[i]);
+        part->times_ns.push_back(recording.times_ns[i]);
+      }
       frame.last_return = first + (frame.last_return - frame.first_return);
       frame.first_return = first;
       part->frames.push_back(frame);

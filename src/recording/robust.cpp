@@ -8,6 +8,7 @@
 #include "collection/cloud.hpp"
 #include "collection/dwells.hpp"
 #include "collection/suspended.hpp"
+#include "scene/clutter_map.hpp"
 #include "scene/multi_station_plots.hpp"
 #include "tracking/alternative_modes.hpp"
 #include "tracking/flight.hpp"
@@ -38,9 +39,8 @@ bool IsClutter(const std::vector<Measurement>& measurements, double threshold) {
 // hedge shows all at once. Plots of targets (`are_targets`, plots) and its own do not count.
 double CrowdingPenalty(const Path& path, const std::vector<Plot>& plots,
                        const std::vector<char>& are_targets,
-                       const std::vector<StationModel>& station_models,
-                       const RobustConfig& config) {
-  const TimeNs reach_ns = NsOf((kClutterExclusionBins + 0.5) * config.background.bin_s);
+                       const std::vector<StationModel>& station_models) {
+  const TimeNs reach_ns = NsOf((ClutterMap::kExclusionBins + 0.5) * kBinS);
   double penalty = 0.0;
   auto first = plots.begin();
   for (const std::uint32_t i : path.plots) {
@@ -56,9 +56,9 @@ double CrowdingPenalty(const Path& path, const std::vector<Plot>& plots,
       if (!std::binary_search(path.plots.begin(), path.plots.end(), k)) others += 1.0;
     }
     if (others == 0.0) continue;
-    const Background& background = *station_models[plot.sensor].background;
-    const double frames = background.NumFrames(
-        plot.sensor, background.BinsAround(background.BinOf(plot.time_ns), kClutterExclusionBins));
+    const TimeBins& bins = *station_models[plot.sensor].bins;
+    const double frames = bins.NumFrames(
+        plot.sensor, bins.BinsAround(bins.BinOf(plot.time_ns), ClutterMap::kExclusionBins));
     const double exposure = frames * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
     const double log_rate = std::log(ClutterRate(others, exposure, std::exp(plot.log_clutter)));
     penalty += std::max(0.0, log_rate - plot.log_clutter);
@@ -257,8 +257,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
       verdict.rejection = FlightRejection(recording, scan_schedule, PlotsOf(path, plots), config);
       if (verdict.rejection != Rejection::kNone) continue;
       if (config.Uses(Rule::kCrowded)) {
-        verdict.crowding_penalty =
-            CrowdingPenalty(path, plots, are_targets, station_models, config);
+        verdict.crowding_penalty = CrowdingPenalty(path, plots, are_targets, station_models);
       }
       if (path.score - verdict.crowding_penalty < threshold) {
         verdict.rejection = Rejection::kCrowded;
@@ -271,7 +270,10 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
 
   // Targets of the first round are removed from the clutter of the second, which is then more
   // sensitive. Static unsupported plots are no clutter from the start.
-  std::vector<char> assigned = multi_station_plots.are_static_floating();
+  std::vector<char> assigned;
+  for (const Plot& plot : plots) {
+    assigned.push_back(plot.is_floating && plot.has_structure ? 1 : 0);
+  }
   std::vector<Path> paths;
   std::vector<PathVerdict> verdicts;  // (paths)
   const int num_rounds = config.Uses(Rule::kSecondRound) ? 2 : 1;

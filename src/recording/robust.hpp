@@ -16,7 +16,6 @@
 #include "base/recording.hpp"
 #include "collection/collect.hpp"
 #include "recording/trace.hpp"
-#include "scene/background.hpp"
 #include "scene/ground.hpp"
 #include "scene/plots.hpp"
 #include "scene/support.hpp"

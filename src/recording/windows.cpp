@@ -152,7 +152,7 @@ class WindowSearch {
     first_frame_ += static_cast<std::uint64_t>(first - window_.frames.begin());
     window_.frames.erase(window_.frames.begin(), first);
     window_.points_m.erase(window_.points_m.begin(), window_.points_m.begin() + gone);
-    window_.times_ns.erase(window_.times_ns.begin(), window_.times_ns.begin() + gone);
+    window_.times_ns.DropFirst(gone);
     for (FrameInfo& frame : window_.frames) {
       frame.first_return -= gone;
       frame.last_return -= gone;

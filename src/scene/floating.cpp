@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include "scene/point_tree.hpp"
+#include "scene/static_places.hpp"
 
 namespace unlidar {
 namespace {
@@ -69,131 +70,93 @@ bool IsTransient(std::uint32_t num_plots, const std::vector<FrameInfo>& frames,
 
 std::vector<Persistence> PersistencesOf(const Recording& recording, const std::vector<Plot>& plots,
                                         const RangeRadius& place) {
-  constexpr double kWider = 3.0;
-  constexpr std::uint32_t kMinPlots = 3;
-  RangeGrid places(place);
-  RangeGrid regions({kWider * place.constant_m, kWider * place.slope});
-  for (const Plot& plot : plots) {
-    places.Add(plot.position_m.cast<float>(), plot.frame);
-    regions.Add(plot.position_m.cast<float>(), 0);
-  }
+  StaticPlaces static_places(place);
+  for (const Plot& plot : plots) static_places.Add(plot.position_m.cast<float>(), plot.frame);
   BinSet seen(recording.frames.size());
   std::vector<std::uint32_t> frames;
   std::vector<Persistence> persistences(plots.size(), Persistence::kIncidental);
   for (std::size_t i = 0; i < plots.size(); ++i) {
     const Eigen::Vector3f place_m = plots[i].position_m.cast<float>();
-    const std::uint32_t here = places.Count(place_m);
-    const double chance =
-        regions.Count(place_m) * places.VolumeM3(place_m) / regions.VolumeM3(place_m);
-    if (here < kMinPlots || here <= chance + 3.0 * std::sqrt(chance)) continue;
-    places.InsertBins(place_m, &seen);
+    if (!static_places.IsStatic(place_m)) continue;
+    static_places.places().InsertBins(place_m, &seen);
     frames.clear();
     seen.MoveTo(&frames);
-    persistences[i] = IsTransient(here, recording.frames, frames.front(), frames.back())
-                          ? Persistence::kTransient
-                          : Persistence::kPersistent;
+    const bool is_transient = IsTransient(static_places.places().Count(place_m), recording.frames,
+                                          frames.front(), frames.back());
+    persistences[i] = is_transient ? Persistence::kTransient : Persistence::kPersistent;
   }
   return persistences;
 }
 
-// Compares the static plots beside each floating plot at the same time with those farther around.
-class NeighbourTest {
- public:
-  NeighbourTest(const std::vector<Plot>& plots, const std::vector<Persistence>& persistences,
-                const Support& support)
-      : tallies_({kObjectRadiusM, 0.01}) {
-    constexpr TimeNs kSameTimeNs = 300'000'000;
-    const std::vector<StaticDetections> all_static = ByTime(plots, persistences);
-    auto first = all_static.begin();
-    for (std::size_t i = 0; i < plots.size(); ++i) {
-      const Plot& plot = plots[i];
-      while (first != all_static.end() && first->time_ns < plot.frame_time_ns - kSameTimeNs)
-        ++first;
-      if (!plot.is_floating) continue;
-      const double reach_m =
-          support.ReachM(plot.position_m.cast<float>(), persistences[i] == Persistence::kTransient);
-      const auto tally_at = [&](double distance_m) {
-        if (distance_m >= kOuterReachFactor * reach_m) return kNone;
-        return distance_m <= kObjectRadiusM ? kSelf
-               : distance_m < reach_m       ? kNeighbouring
-                                            : kSurrounding;
-      };
-      Tallies tallies{};
-      tallies[kPlots] = 1;
-      for (auto detections = first; detections != all_static.end() &&
-                                    detections->time_ns <= plot.frame_time_ns + kSameTimeNs;
-           ++detections) {
-        Count(detections->places_m, 0, plot.position_m, tally_at, &tallies);
-      }
-      for (std::uint32_t t = 0; t < kNone; ++t) {
-        if (tallies[t] > 0) tallies_.Add(plot.position_m.cast<float>(), t, tallies[t]);
-      }
-    }
+// Static plots of one time.
+struct StaticDetections {
+  TimeNs time_ns;
+  PointTree<double> places_m;
+};
+
+std::vector<StaticDetections> ByTime(const std::vector<Plot>& plots,
+                                     const std::vector<Persistence>& persistences) {
+  std::vector<StaticDetections> all_static;
+  std::vector<Eigen::Vector3d> places_m;
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    if (persistences[i] != Persistence::kIncidental) places_m.push_back(plots[i].position_m);
+    const bool is_last =
+        i + 1 == plots.size() || plots[i + 1].frame_time_ns != plots[i].frame_time_ns;
+    if (!is_last || places_m.empty()) continue;
+    all_static.push_back({plots[i].frame_time_ns, PointTree<double>(places_m)});
+    places_m.clear();
   }
+  return all_static;
+}
 
-  // True if a floating plot has more neighbours than chance allows.
-  bool HasNeighbours(const Plot& plot) const {
-    const auto sum_of = [&](Tally tally) {
-      return tallies_.Count(plot.position_m.cast<float>(), {tally, tally + 1U});
-    };
-    // Each neighbour was counted once for every plot of this place near it in time.
-    const double times = static_cast<double>(sum_of(kSelf)) / sum_of(kPlots);
-    const double chance = sum_of(kSurrounding) / times /
-                          (kOuterReachFactor * kOuterReachFactor * kOuterReachFactor - 1.0);
-    return sum_of(kNeighbouring) / times > chance + 2.0 * std::sqrt(chance);
-  }
+// Counts the static plots around a plot.
+struct NeighbourCount {
+  const Eigen::Vector3d& position_m;
+  double reach_m;
+  Neighbours neighbours{};
 
- private:
-  static constexpr double kOuterReachFactor = 5.0;  // times the reach
-  // The first three and kNone are in order of distance.
-  enum Tally : std::uint32_t { kSelf, kNeighbouring, kSurrounding, kPlots, kNone, kNumTallies };
-  using Tallies = std::array<std::uint32_t, kNumTallies>;
-
-  // Static plots of one time.
-  struct StaticDetections {
-    TimeNs time_ns;
-    PointTree<double> places_m;
-  };
-
-  static std::vector<StaticDetections> ByTime(const std::vector<Plot>& plots,
-                                              const std::vector<Persistence>& persistences) {
-    std::vector<StaticDetections> all_static;
-    std::vector<Eigen::Vector3d> places_m;
-    for (std::size_t i = 0; i < plots.size(); ++i) {
-      if (persistences[i] != Persistence::kIncidental) places_m.push_back(plots[i].position_m);
-      const bool is_last =
-          i + 1 == plots.size() || plots[i + 1].frame_time_ns != plots[i].frame_time_ns;
-      if (!is_last || places_m.empty()) continue;
-      all_static.push_back({plots[i].frame_time_ns, PointTree<double>(places_m)});
-      places_m.clear();
-    }
-    return all_static;
-  }
-
-  // Adds each place of a node to the tally of its distance from a position: all at once where the
-  // nearest and the farthest point of its box have the same tally.
-  template <class TallyAt>
-  static void Count(const PointTree<double>& places_m, std::uint32_t id,
-                    const Eigen::Vector3d& position_m, const TallyAt& tally_at, Tallies* tallies) {
+  // Adds the places of a node: all at once where the nearest and the farthest point of its box are
+  // counted alike.
+  void Add(const PointTree<double>& places_m, std::uint32_t id) {
     const PointTree<double>::Node& node = places_m.nodes()[id];
     const Eigen::Vector3d below_m = position_m - node.low_m;
     const Eigen::Vector3d above_m = node.high_m - position_m;
     const double nearest_m = (-below_m).cwiseMax(-above_m).cwiseMax(0.0).norm();
-    const Tally tally = tally_at(nearest_m);
-    if (tally == tally_at(below_m.cwiseAbs().cwiseMax(above_m.cwiseAbs()).norm())) {
-      (*tallies)[tally] += node.end - node.begin;
+    const double farthest_m = below_m.cwiseAbs().cwiseMax(above_m.cwiseAbs()).norm();
+    const auto size = static_cast<std::int32_t>(node.end - node.begin);
+    if (Neighbours::AreAlike(nearest_m, farthest_m, reach_m)) {
+      neighbours.Add(nearest_m, reach_m, size);
     } else if (node.IsLeaf()) {
       for (std::uint32_t i = node.begin; i < node.end; ++i) {
-        ++(*tallies)[tally_at((position_m - places_m.points_m()[i]).norm())];
+        neighbours.Add((position_m - places_m.points_m()[i]).norm(), reach_m);
       }
     } else {
-      Count(places_m, node.left, position_m, tally_at, tallies);
-      Count(places_m, node.right, position_m, tally_at, tallies);
+      Add(places_m, node.left);
+      Add(places_m, node.right);
     }
   }
-
-  RangeGrid tallies_;  // the Tally takes the place of the time bin
 };
+
+// Adds the floating plots, with the static ones around them at the same time.
+void AddFloating(const std::vector<Plot>& plots, const std::vector<Persistence>& persistences,
+                 const Support& support, NeighbourTest* test) {
+  const std::vector<StaticDetections> all_static = ByTime(plots, persistences);
+  auto first = all_static.begin();
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    const Plot& plot = plots[i];
+    const TimeNs from_ns = plot.frame_time_ns - NeighbourTest::kSameTimeNs;
+    const TimeNs to_ns = plot.frame_time_ns + NeighbourTest::kSameTimeNs;
+    while (first != all_static.end() && first->time_ns < from_ns) ++first;
+    if (!plot.is_floating) continue;
+    const Eigen::Vector3f place_m = plot.position_m.cast<float>();
+    const bool is_transient = persistences[i] == Persistence::kTransient;
+    NeighbourCount count{plot.position_m, support.ReachM(place_m, is_transient)};
+    for (auto at = first; at != all_static.end() && at->time_ns <= to_ns; ++at) {
+      count.Add(at->places_m, 0);
+    }
+    test->Add(place_m, 0, count.neighbours);
+  }
+}
 
 }  // namespace
 
@@ -212,11 +175,13 @@ void MarkFloating(const Recording& recording, const Support& support, const Robu
                        support.IsFloating(plot.position_m.cast<float>(),
                                           persistences[i] == Persistence::kTransient);
   }
-  const NeighbourTest neighbour_test(*plots, persistences, support);
+  NeighbourTest neighbour_test;
+  AddFloating(*plots, persistences, support, &neighbour_test);
   const std::vector<char> are_replayed = AreReplayed(recording, *plots);
   for (std::size_t i = 0; i < plots->size(); ++i) {
     Plot& plot = (*plots)[i];
-    plot.is_floating = plot.is_floating && !neighbour_test.HasNeighbours(plot) && !are_replayed[i];
+    plot.is_floating = plot.is_floating && !are_replayed[i] &&
+                       !neighbour_test.HasNeighbours(plot.position_m.cast<float>());
   }
 }
 

@@ -10,7 +10,7 @@
 
 namespace unlidar {
 
-// Sets is_floating of the plots (from MakePlots) that are static and unsupported. Static: their
+// Sets is_floating of the plots that are static and unsupported. Static: their
 // place holds more plots than chance allows, which excludes rain. Plots with neighbours (other
 // static plots beside them at the same time, more than the surroundings explain) are excluded,
 // because objects hit too seldom to be structure can hold something up as well; static plots at

@@ -1,129 +1,89 @@
 #include "scene/multi_station_plots.hpp"
 
 #include <algorithm>
-#include <iterator>
-#include <numeric>
-#include <type_traits>
 #include <utility>
 
-#include "scene/field_of_view.hpp"
+#include "base/queue.hpp"
 #include "scene/floating.hpp"
-#include "scene/ground.hpp"
-#include "scene/scene_frames.hpp"
-#include "scene/support.hpp"
 
 namespace unlidar {
-namespace {
-
-// Plots of one station, relative to its viewpoint.
-struct StationPlots {
-  std::vector<Plot> plots;
-  std::vector<char> are_static_floating;  // (plots)
-  std::vector<char> are_bodies;           // (returns)
-  std::size_t num_unexplained = 0;
-};
-
-StationPlots PlotsOf(const Recording& recording, const Background& background,
-                     const RobustConfig& config) {
-  StationPlots found;
-  found.are_bodies.assign(recording.points_m.size(), 0);
-  if (recording.points_m.empty()) return found;
-  const std::vector<FrameInfo> scene = SceneFrames(recording);
-  const std::vector<std::uint32_t> structure = ReturnsOf(scene, background.structure());
-  const PointsView structure_m(recording.points_m, structure);
-  const Ground ground(structure_m);
-  FieldOfView view;
-  for (const FrameInfo& frame : scene) {
-    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-      view.Add(recording.points_m[i]);
-    }
-  }
-  const Support support(structure_m, ground, view.Edges(), config.background.occluder_cell_deg,
-                        config.support);
-  // Static objects in the air look like structure if present throughout; they are candidates again.
-  const std::vector<std::uint32_t> floating =
-      support.FloatingReturns(recording, background.structure());
-  std::vector<std::uint32_t> candidates;
-  std::merge(background.unexplained().begin(), background.unexplained().end(), floating.begin(),
-             floating.end(), std::back_inserter(candidates));
-  // Distant ground is hit too seldom to be classified by occupancy.
-  candidates.erase(
-      std::remove_if(candidates.begin(), candidates.end(),
-                     [&](std::uint32_t i) { return ground.IsGround(recording.points_m[i]); }),
-      candidates.end());
-  found.num_unexplained = candidates.size();
-  found.plots = MakePlots(recording, candidates, ground, config, &found.are_bodies);
-  MarkFloating(recording, support, config, &found.plots);
-  SetPlaceRates(background, &found.plots);
-  std::vector<char> is_static_floating(recording.points_m.size(), 0);
-  for (const std::uint32_t i : floating) is_static_floating[i] = 1;
-  for (const Plot& plot : found.plots) {
-    found.are_static_floating.push_back(plot.is_floating && HasAnyOf(plot, is_static_floating) ? 1
-                                                                                               : 0);
-  }
-  return found;
-}
-
-}  // namespace
 
 MultiStationPlots::MultiStationPlots(const Recording& recording, const Stations& stations,
                                      const RobustConfig& config)
-    : stations_(stations),
-      config_(config),
+    : config_(config),
+      stations_(stations),
       num_sensors_(recording.sensors.size()),
       are_bodies_(recording.points_m.size(), 0) {
-  if (stations.size() == 1 && stations.ViewpointM(0).isZero()) {
-    // A single station at the origin needs no copy of the recording.
-    std::vector<std::uint32_t> all(recording.frames.size());
-    std::iota(all.begin(), all.end(), 0U);
-    AddStation(recording, recording, all, config);
-  } else {
-    for (std::size_t station = 0; station < stations.size(); ++station) {
-      const StationRecording own = RecordingOf(recording, stations, station);
-      AddStation(recording, own.recording, own.frames, config);
-    }
+  std::vector<std::vector<FrameInfo>> frames(stations.size());
+  for (const FrameInfo& frame : recording.frames) {
+    frames[stations.StationOf(frame.sensor)].push_back(frame);
   }
-  SortByTime();
+  for (const std::vector<FrameInfo>& own : frames) {
+    scenes_.push_back({TimeBins(own, num_sensors_), StationScene(config), {}, {}});
+  }
+  for (const FrameInfo& frame : recording.frames) {
+    LoadFrame(recording, frame);
+    Station& station = scenes_[stations.StationOf(frame.sensor)];
+    station.scene.Learn(workspace_.frame.points_m, station.bins.BinOf(frame.middle_ns()));
+  }
+  StationScene::FitWorkspace fit_workspace;
+  for (Station& station : scenes_) station.scene.Fit(&fit_workspace);
+  for (std::uint32_t f = 0; f < recording.frames.size(); ++f) FindPlots(recording, f);
+  for (std::size_t station = 0; station < scenes_.size(); ++station) TakePlots(recording, station);
+  SortByFrameTime(&plots_);
 }
 
-void MultiStationPlots::AddStation(const Recording& whole, const Recording& own,
-                                   const std::vector<std::uint32_t>& frames,
-                                   const RobustConfig& config) {
-  const Eigen::Vector3d viewpoint_m = stations_.ViewpointM(backgrounds_.size()).cast<double>();
-  backgrounds_.emplace_back(own, config.background);
-  StationPlots found = PlotsOf(own, backgrounds_.back(), config);
-  for (Plot& plot : found.plots) {
-    const std::uint32_t own_first = own.frames[plot.frame].first_return;
-    plot.frame = frames[plot.frame];
-    const std::uint32_t first = whole.frames[plot.frame].first_return;
-    for (std::uint32_t& i : plot.returns) i = first + (i - own_first);
+// Sets the frame of the workspace, relative to the viewpoint of its station.
+void MultiStationPlots::LoadFrame(const Recording& recording, const FrameInfo& frame) {
+  const Eigen::Vector3f& viewpoint_m = stations_.ViewpointM(stations_.StationOf(frame.sensor));
+  Recording& one = workspace_.frame;
+  one.points_m.clear();
+  one.times_ns.clear();
+  for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+    one.points_m.push_back(recording.points_m[i] - viewpoint_m);
+    one.times_ns.push_back(recording.times_ns[i]);
+  }
+  one.frames.assign(1, frame);
+  one.frames[0].first_return = 0;
+  one.frames[0].last_return = frame.last_return - frame.first_return;
+}
+
+void MultiStationPlots::FindPlots(const Recording& recording, std::uint32_t frame_index) {
+  const FrameInfo& frame = recording.frames[frame_index];
+  LoadFrame(recording, frame);
+  Station& station = scenes_[stations_.StationOf(frame.sensor)];
+  FramePlots& found =
+      station.scene.FindPlots(station.bins.BinOf(frame.middle_ns()), nullptr, &workspace_);
+  num_unexplained_ += workspace_.num_unexplained;
+  for (const std::uint32_t i : found.body_returns) are_bodies_[frame.first_return + i] = 1;
+  station.bodies.insert(station.bodies.end(), found.bodies.begin(), found.bodies.end());
+  for (std::size_t p = 0; p < found.plots.size(); ++p) {
+    Plot& plot = found.plots[p];
+    plot.frame = frame_index;
+    for (const std::uint32_t i : workspace_.plotter.ReturnsOf(p)) {
+      plot.returns.push_back(frame.first_return + i);
+    }
+    station.plots.push_back(std::move(plot));
+  }
+}
+
+// Takes the plots of a station but those beside bodies, and marks those that float.
+void MultiStationPlots::TakePlots(const Recording& recording, std::size_t station_index) {
+  auto& [bins, scene, bodies, plots] = scenes_[station_index];
+  std::stable_sort(bodies.begin(), bodies.end(),
+                   [](const BodyBox& a, const BodyBox& b) { return a.time_ns < b.time_ns; });
+  const Queue<BodyBox> in_order(bodies.begin(), bodies.end());
+  plots.erase(std::remove_if(plots.begin(), plots.end(),
+                             [&](const Plot& plot) { return IsNearBody(plot, in_order); }),
+              plots.end());
+  SortByFrameTime(&plots);
+  MarkFloating(recording, scene.support(), config_, &plots);
+  const Eigen::Vector3d viewpoint_m = stations_.ViewpointM(station_index).cast<double>();
+  for (Plot& plot : plots) {
     plot.position_m += viewpoint_m;
     plots_.push_back(std::move(plot));
   }
-  are_static_floating_.insert(are_static_floating_.end(), found.are_static_floating.begin(),
-                              found.are_static_floating.end());
-  num_unexplained_ += found.num_unexplained;
-  for (std::size_t f = 0; f < frames.size(); ++f) {
-    std::copy(found.are_bodies.begin() + own.frames[f].first_return,
-              found.are_bodies.begin() + own.frames[f].last_return,
-              are_bodies_.begin() + whole.frames[frames[f]].first_return);
-  }
-}
-
-void MultiStationPlots::SortByTime() {
-  std::vector<std::size_t> order(plots_.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return plots_[a].frame_time_ns < plots_[b].frame_time_ns;
-  });
-  const auto reorder = [&](auto* values) {
-    std::remove_reference_t<decltype(*values)> sorted;
-    sorted.reserve(values->size());
-    for (const std::size_t i : order) sorted.push_back(std::move((*values)[i]));
-    *values = std::move(sorted);
-  };
-  reorder(&plots_);
-  reorder(&are_static_floating_);
+  plots = {};
 }
 
 void MultiStationPlots::EstimateClutter(const std::vector<char>& assigned) {
@@ -134,7 +94,8 @@ std::vector<StationModel> MultiStationPlots::StationModels() const {
   std::vector<StationModel> station_models;
   for (std::uint32_t sensor = 0; sensor < num_sensors_; ++sensor) {
     const std::size_t station = stations_.StationOf(sensor);
-    station_models.push_back({stations_.ViewpointM(station), &backgrounds_[station]});
+    station_models.push_back({stations_.ViewpointM(station), &scenes_[station].bins,
+                              &scenes_[station].scene.occupancy()});
   }
   return station_models;
 }

@@ -6,27 +6,27 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "scene/background.hpp"
 #include "scene/plots.hpp"
 #include "scene/station_model.hpp"
+#include "scene/station_scene.hpp"
 #include "scene/stations.hpp"
+#include "scene/time_bins.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
 
 // Every station is processed with a scene and plots of its own, because ranges, directions and
 // occlusion are relative to its viewpoint, and a place that one station sees well may be too seldom
-// exposed for another to classify it.
+// exposed for another to classify it. The scene of a recording is learned from all of its frames
+// before the plots of the first one are found.
 class MultiStationPlots {
  public:
+  // `config` must outlive it.
   MultiStationPlots(const Recording& recording, const Stations& stations,
                     const RobustConfig& config);
 
   // Plots of all stations, in the common coordinate frame, frame by frame in order of time.
   const std::vector<Plot>& plots() const { return plots_; }
-
-  // (plots) Floating plots with returns that looked like structure: hovering throughout.
-  const std::vector<char>& are_static_floating() const { return are_static_floating_; }
 
   // (returns) 1 for returns of bodies.
   const std::vector<char>& are_bodies() const { return are_bodies_; }
@@ -40,16 +40,23 @@ class MultiStationPlots {
   std::vector<StationModel> StationModels() const;
 
  private:
-  void AddStation(const Recording& whole, const Recording& own,
-                  const std::vector<std::uint32_t>& frames, const RobustConfig& config);
-  void SortByTime();
+  struct Station {
+    TimeBins bins;
+    StationScene scene;
+    std::vector<BodyBox> bodies;
+    std::vector<Plot> plots;  // relative to the viewpoint
+  };
 
-  Stations stations_;
+  void LoadFrame(const Recording& recording, const FrameInfo& frame);
+  void FindPlots(const Recording& recording, std::uint32_t frame_index);
+  void TakePlots(const Recording& recording, std::size_t station_index);
+
   const RobustConfig& config_;
+  Stations stations_;
   std::size_t num_sensors_;
-  std::vector<Background> backgrounds_;  // (stations)
+  std::vector<Station> scenes_;  // (stations)
+  StationScene::FrameWorkspace workspace_;
   std::vector<Plot> plots_;
-  std::vector<char> are_static_floating_;
   std::vector<char> are_bodies_;
   std::size_t num_unexplained_ = 0;
 };

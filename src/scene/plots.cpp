@@ -197,38 +197,4 @@ bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies) {
   return false;
 }
 
-std::vector<Plot> MakePlots(const Recording& recording,
-                            const std::vector<std::uint32_t>& candidates, const Ground& ground,
-                            const RobustConfig& config, std::vector<char>* is_body) {
-  std::vector<Plot> plots;
-  is_body->assign(recording.points_m.size(), 0);
-  const double lowest_elevation_rad = LowestElevationRad(recording.points_m);
-  std::vector<BodyBox> bodies;
-  std::size_t next = 0;
-  FramePlotter plotter;
-  std::vector<std::uint32_t> members;
-  for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
-    members.clear();
-    while (next < candidates.size() && candidates[next] < recording.frames[f].last_return) {
-      members.push_back(candidates[next++]);
-    }
-    FramePlots& found = plotter.Find(recording, f, &members, ground, lowest_elevation_rad, config);
-    for (const std::uint32_t i : found.body_returns) (*is_body)[i] = 1;
-    bodies.insert(bodies.end(), found.bodies.begin(), found.bodies.end());
-    for (std::size_t i = 0; i < found.plots.size(); ++i) {
-      const IndexView returns = plotter.ReturnsOf(i);
-      found.plots[i].returns.assign(returns.begin(), returns.end());
-      plots.push_back(std::move(found.plots[i]));
-    }
-  }
-  std::stable_sort(bodies.begin(), bodies.end(),
-                   [](const BodyBox& a, const BodyBox& b) { return a.time_ns < b.time_ns; });
-  const Queue<BodyBox> in_order(bodies.begin(), bodies.end());
-  plots.erase(std::remove_if(plots.begin(), plots.end(),
-                             [&](const Plot& plot) { return IsNearBody(plot, in_order); }),
-              plots.end());
-  SortByFrameTime(&plots);
-  return plots;
-}
-
 }  // namespace unlidar

@@ -10,7 +10,6 @@
 
 #include "base/queue.hpp"
 #include "base/recording.hpp"
-#include "scene/background.hpp"
 #include "scene/ground.hpp"
 #include "scene/linkage.hpp"
 #include "scene/station_model.hpp"
@@ -18,17 +17,8 @@
 
 namespace unlidar {
 
-// Neighbourhoods from which the clutter intensity of a place is estimated, method.md (2): across a
-// scene, of a tree and of a branch. Each is the prior of the next, with the weight of half a plot
-// (Jeffreys' prior of a Poisson rate). Bins of the background within kClutterExclusionBins of a
-// plot's own do not count towards its clutter: a target takes about that long to leave its place.
-constexpr RangeRadius kClutterWide{4.0, 0.35};
-constexpr RangeRadius kClutterMiddle{4.0, 0.12};
-constexpr RangeRadius kClutterNarrow{1.5, 0.04};
+// Weight of the rate of the surroundings, in plots: Jeffreys' prior of a Poisson rate.
 constexpr double kClutterPriorPlots = 0.5;
-constexpr int kClutterExclusionBins = 2;
-// Extent of a static object that is a point to the sensor.
-constexpr RangeRadius kSpotRadius{0.19, 0.006};
 
 // Returns the clutter intensity (plots or returns per m^3 and frame) given their `count`, the
 // `exposure` in m^3 x frames and the intensity of the surroundings, method.md (2).
@@ -47,9 +37,10 @@ struct Plot {
   Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();  // from the viewpoint of its station
   double variance_m2 = 0.0;     // of the position, per axis, for a target at rest
   double lowest_m = 0.0;        // height of its lowest return above the ground
-  double place_rate = 0.0;      // mean Background::PlaceRate of its returns
+  double place_rate = 0.0;      // of its returns, see StationScene::FindPlots
   double log_clutter = 0.0;     // log clutter intensity, per m^3 and frame of its sensor
   bool is_floating = false;     // static and unsupported: MarkFloating
+  bool has_structure = false;   // returns at places that look like structure, unsupported
   double column_m = 0.0;        // length of the column below it in which returns may be a body's
   std::uint32_t num_below = 0;  // returns of its frame in that column
   std::uint32_t frame = 0;
@@ -150,18 +141,7 @@ class FramePlotter {
 // or too far from the rest to be linked to it. `bodies` in order of time.
 bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies);
 
-// Returns the plots of `candidates` (returns, ascending), frame by frame in order of time, without
-// bodies (people, cars) and plots beside one within kBodyMarginS. Sets `is_body` (N): 1 for the
-// returns of the bodies themselves.
-std::vector<Plot> MakePlots(const Recording& recording,
-                            const std::vector<std::uint32_t>& candidates, const Ground& ground,
-                            const RobustConfig& config, std::vector<char>* is_body);
-
-// Sets place_rate of every plot, the mean over its returns, which must be indices into the
-// recording of `background`.
-void SetPlaceRates(const Background& background, std::vector<Plot>* plots);
-
-// Sets log_clutter of every plot, after MarkFloating and SetPlaceRates, from the plots of its
+// Sets log_clutter of every plot, after MarkFloating, from the plots of its
 // sensor that are not `assigned` (one per plot): the largest of their rate at other times in three
 // narrowing neighbourhoods and, unless it floats, the rate of a static object at its spot (by the
 // chain rule where all its plots may be one dwell) and the rate of all returns of its place;

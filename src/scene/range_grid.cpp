@@ -16,54 +16,70 @@ void BinSet::MoveTo(std::vector<std::uint32_t>* bins) {
   last_ = 0;
 }
 
-std::uint32_t RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin,
-                             std::uint32_t count) {
-  std::uint32_t own_place = 0;
-  places_.VisitOverlappingShells(
-      point_m, {}, [&](std::uint32_t place, Profile& profile, bool is_own) {
-        if (is_own) own_place = place;
-        profile.total += count;
-        BinCount& latest = profile.latest;
-        if (latest.count == 0) {
-          latest = {bin, count};
-        } else if (bin == latest.bin) {
-          latest.count += count;
-        } else if (bin > latest.bin) {  // points arrive mostly in temporal order
-          profile.bins.push_back(std::exchange(latest, {bin, count}));
-        } else {
-          const auto at =
-              std::lower_bound(profile.bins.begin(), profile.bins.end(), bin, IsEarlier);
-          if (at != profile.bins.end() && at->bin == bin) {
-            at->count += count;
-          } else {
-            profile.bins.insert(at, {bin, count});
-          }
-        }
-      });
-  return own_place;
+std::uint32_t RangeGrid::NewBinCount(const BinCount& value) {
+  if (free_ == kNone) {
+    bin_counts_.push_back(value);
+    return static_cast<std::uint32_t>(bin_counts_.size() - 1);
+  }
+  const std::uint32_t index = std::exchange(free_, bin_counts_[free_].earlier);
+  bin_counts_[index] = value;
+  return index;
+}
+
+void RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::int32_t count) {
+  places_.VisitOverlappingShells(point_m, {}, [&](std::uint32_t, Profile& profile, bool) {
+    profile.total += count;
+    // Points arrive mostly in temporal order.
+    std::uint32_t later = kNone;
+    std::uint32_t at = profile.latest;
+    while (at != kNone && bin_counts_[at].bin > bin) {
+      later = at;
+      at = bin_counts_[at].earlier;
+    }
+    if (at != kNone && bin_counts_[at].bin == bin) {
+      bin_counts_[at].count += count;
+      return;
+    }
+    const std::uint32_t added = NewBinCount({bin, count, at});
+    (later == kNone ? profile.latest : bin_counts_[later].earlier) = added;
+  });
+}
+
+void RangeGrid::Forget(std::uint32_t before_bin) {
+  places_.EraseIf([&](Profile& profile) {
+    std::uint32_t* end = &profile.latest;
+    while (*end != kNone && bin_counts_[*end].bin >= before_bin) end = &bin_counts_[*end].earlier;
+    for (std::uint32_t at = std::exchange(*end, kNone); at != kNone;) {
+      profile.total -= bin_counts_[at].count;
+      const std::uint32_t earlier = std::exchange(bin_counts_[at].earlier, free_);
+      free_ = std::exchange(at, earlier);
+    }
+    return profile.latest == kNone;
+  });
 }
 
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m) const {
-  std::uint32_t sum = 0;
+  std::int32_t sum = 0;
   places_.VisitNeighbourhood(point_m, [&](const Profile& profile) { sum += profile.total; });
-  return sum;
+  return static_cast<std::uint32_t>(sum);
 }
 
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) const {
-  std::uint32_t sum = 0;
+  std::int32_t sum = 0;
   places_.VisitNeighbourhood(point_m, [&](const Profile& profile) {
-    auto at = std::lower_bound(profile.bins.begin(), profile.bins.end(), bins.first, IsEarlier);
-    for (; at != profile.bins.end() && at->bin < bins.last; ++at) sum += at->count;
-    const BinCount& latest = profile.latest;
-    if (bins.first <= latest.bin && latest.bin < bins.last) sum += latest.count;
+    for (std::uint32_t at = profile.latest; at != kNone && bin_counts_[at].bin >= bins.first;
+         at = bin_counts_[at].earlier) {
+      if (bin_counts_[at].bin < bins.last) sum += bin_counts_[at].count;
+    }
   });
-  return sum;
+  return static_cast<std::uint32_t>(sum);
 }
 
 void RangeGrid::InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const {
   places_.VisitNeighbourhood(point_m, [&](const Profile& profile) {
-    for (const BinCount& at : profile.bins) bins->Insert(at.bin);
-    if (profile.latest.count > 0) bins->Insert(profile.latest.bin);
+    for (std::uint32_t at = profile.latest; at != kNone; at = bin_counts_[at].earlier) {
+      if (bin_counts_[at].count > 0) bins->Insert(bin_counts_[at].bin);
+    }
   });
 }
 

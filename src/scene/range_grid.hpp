@@ -48,12 +48,11 @@ class RangeGrid {
  public:
   explicit RangeGrid(RangeRadius radius) : places_(radius) {}
 
-  // Returns the number of the point's place: all points of a place share one neighbourhood. Places
-  // are numbered from 0; some numbers belong to no point.
-  std::uint32_t Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::uint32_t count = 1);
+  // Adds a point `count` times; a negative count takes points added before away again.
+  void Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::int32_t count = 1);
 
-  // Prefetches the place of a point that will be added soon.
-  void Prefetch(const Eigen::Vector3f& point_m) const { places_.Prefetch(point_m); }
+  // Forgets the points of earlier bins.
+  void Forget(std::uint32_t before_bin);
 
   // Returns the number of points in the neighbourhood of `point_m`, in all bins or in `bins`.
   std::uint32_t Count(const Eigen::Vector3f& point_m) const;
@@ -65,24 +64,27 @@ class RangeGrid {
   // Volume of the neighbourhood of a point, m^3.
   double VolumeM3(const Eigen::Vector3f& point_m) const { return places_.VolumeM3(point_m); }
 
-  // Upper bound of place numbers, exclusive.
-  std::uint32_t num_places() const { return places_.size(); }
-
  private:
+  static constexpr std::uint32_t kNone = ~std::uint32_t{0};
+
+  // Points of one voxel in one bin.
   struct BinCount {
     std::uint32_t bin;
-    std::uint32_t count;
+    std::int32_t count;
+    std::uint32_t earlier;  // index of the next earlier one of the voxel
   };
-
-  static bool IsEarlier(const BinCount& a, std::uint32_t bin) { return a.bin < bin; }
 
   struct Profile {
-    std::uint32_t total = 0;
-    BinCount latest = {0, 0};    // last occupied bin, kept apart: most points fall into it
-    std::vector<BinCount> bins;  // earlier occupied bins, ascending
+    std::int32_t total = 0;
+    std::uint32_t latest = kNone;  // index of its last bin
   };
 
+  std::uint32_t NewBinCount(const BinCount& value);
+
   ShellTable<Profile> places_;
+  // Of all voxels: a grid that forgets as much as it adds needs no memory.
+  std::vector<BinCount> bin_counts_;
+  std::uint32_t free_ = kNone;  // first of those that are free, linked like the bins of a voxel
 };
 
 }  // namespace unlidar

@@ -114,6 +114,11 @@ class ShellTable {
     for (const Value& value : values_) visit(value);
   }
 
+  template <class Visit>
+  void VisitAll(const Visit& visit) {
+    for (Value& value : values_) visit(value);
+  }
+
  private:
   struct Shell {
     double begin_m;  // smallest range

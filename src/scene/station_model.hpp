@@ -1,16 +1,18 @@
-// Viewpoint of a sensor and the scene model of its station.
+// Viewpoint of a sensor and the scene of its station.
 #pragma once
 
 #include <Eigen/Core>
 
-#include "scene/background.hpp"
+#include "scene/occupancy.hpp"
+#include "scene/time_bins.hpp"
 
 namespace unlidar {
 
-// Viewpoint of a sensor, and the background seen by its station, relative to that viewpoint.
+// Viewpoint of a sensor, and the occupancy seen by its station, relative to that viewpoint.
 struct StationModel {
   Eigen::Vector3f viewpoint_m;
-  const Background* background;
+  const TimeBins* bins;
+  const Occupancy* occupancy;
 };
 
 // Returns the vector from the viewpoint to a place, m.

@@ -28,25 +28,4 @@ std::size_t Stations::Add(std::uint32_t sensor, const Eigen::Vector3f& sensor_or
   return station;
 }
 
-StationRecording RecordingOf(const Recording& whole, const Stations& stations,
-                             std::size_t station) {
-  StationRecording part;
-  Recording& own = part.recording;
-  own.sensors = whole.sensors;
-  for (std::uint32_t f = 0; f < whole.frames.size(); ++f) {
-    FrameInfo frame = whole.frames[f];
-    if (stations.StationOf(frame.sensor) != station) continue;
-    const auto first = static_cast<std::uint32_t>(own.points_m.size());
-    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-      own.points_m.push_back(whole.points_m[i] - stations.ViewpointM(station));
-      own.times_ns.push_back(whole.times_ns[i]);
-    }
-    frame.first_return = first;
-    frame.last_return = static_cast<std::uint32_t>(own.points_m.size());
-    own.frames.push_back(frame);
-    part.frames.push_back(f);
-  }
-  return part;
-}
-
 }  // namespace unlidar

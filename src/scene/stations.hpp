@@ -31,12 +31,4 @@ class Stations {
   std::vector<std::size_t> station_of_;        // (sensors) valid for added sensors
 };
 
-// The frames of one station in a recording, with returns relative to its viewpoint.
-struct StationRecording {
-  Recording recording;                // lists all sensors of the whole recording
-  std::vector<std::uint32_t> frames;  // index of each frame in the whole recording
-};
-
-StationRecording RecordingOf(const Recording& whole, const Stations& stations, std::size_t station);
-
 }  // namespace unlidar

@@ -11,17 +11,18 @@ namespace unlidar {
 namespace {
 
 constexpr double kCellM = 2.0;
+constexpr double kDirectionCellDeg = 2.0;  // resolution at which structure hides places behind it
 // Upper limit of the height of ground vehicles: lorries and buses reach 4.5 m.
 constexpr double kMaxGroundVehicleHeightM = 5.0;
 
 }  // namespace
 
-Support::Support(const Ground& ground, double cell_deg, const SupportConfig& config)
-    : ground_(ground), config_(config), depth_(cell_deg) {}
+Support::Support(const Ground& ground, const SupportConfig& config)
+    : ground_(ground), config_(config), depth_(kDirectionCellDeg) {}
 
 Support::Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
-                 double cell_deg, const SupportConfig& config)
-    : Support(ground, cell_deg, config) {
+                 const SupportConfig& config)
+    : Support(ground, config) {
   Workspace workspace;
   Fill(structure_m, view, &workspace);
 }
@@ -30,7 +31,7 @@ void Support::Fill(const PointsView& structure_m, const ElevationRange& view,
                    Workspace* workspace) {
   auto& [seen, points_m, cells, depth] = *workspace;
   view_ = view;
-  depth_.Fill(structure_m, {}, 1, &depth);
+  depth_.Fill(structure_m, &depth);
   seen.Clear();
   points_m.clear();
   cells.clear();
@@ -101,20 +102,6 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) cons
   return ArrivedByAir(place_m, is_transient) ||
          depth_.HiddenShare(place_m, SupportReachM(range_m, config_), kObjectRadiusM, view_) <=
              kMaxHiddenShare;
-}
-
-std::vector<std::uint32_t> Support::FloatingReturns(
-    const Recording& recording, const std::vector<std::uint32_t>& structure) const {
-  VoxelNumbers seen;
-  std::vector<char> verdicts;  // by voxel
-  std::vector<std::uint32_t> floating;
-  for (const std::uint32_t i : structure) {
-    const Eigen::Vector3f& point_m = recording.points_m[i];
-    const std::uint32_t voxel = seen.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM));
-    if (voxel == verdicts.size()) verdicts.push_back(IsFloating(point_m) ? 1 : 0);
-    if (verdicts[voxel] != 0) floating.push_back(i);
-  }
-  return floating;
 }
 
 }  // namespace unlidar

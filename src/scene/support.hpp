@@ -42,12 +42,11 @@ class Support {
     DepthMap::Workspace depth;
   };
 
-  // Starts without structure. `cell_deg`: angular resolution at which structure hides places behind
-  // it.
-  Support(const Ground& ground, double cell_deg, const SupportConfig& config);
+  // Starts without structure.
+  Support(const Ground& ground, const SupportConfig& config);
 
   Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
-          double cell_deg, const SupportConfig& config);
+          const SupportConfig& config);
 
   // Replaces the structure; reuses the allocated memory.
   void Fill(const PointsView& structure_m, const ElevationRange& view, Workspace* workspace);
@@ -60,11 +59,6 @@ class Support {
 
   // Returns the largest distance in m from an object to a possible support.
   double ReachM(const Eigen::Vector3f& place_m, bool is_transient) const;
-
-  // Returns the unsupported returns among `structure`; both are ascending indices into the
-  // recording.
-  std::vector<std::uint32_t> FloatingReturns(const Recording& recording,
-                                             const std::vector<std::uint32_t>& structure) const;
 
  private:
   bool ArrivedByAir(const Eigen::Vector3f& place_m, bool is_transient) const;

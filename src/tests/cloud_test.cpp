@@ -58,7 +58,7 @@ class Sky {
 
   // By the order of the things.
   std::vector<double> Kept() const {
-    const std::vector<StationModel> station_models = {{Eigen::Vector3f::Zero(), nullptr}};
+    const std::vector<StationModel> station_models = {{Eigen::Vector3f::Zero(), nullptr, nullptr}};
     const std::vector<Rejection> rejections = ShapeRejections(
         maker_.recording, station_models, Plots(), targets_, RobustConfig(), TrajectoryConfig());
     std::vector<double> kept;

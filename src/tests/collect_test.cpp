@@ -8,6 +8,7 @@
 #include <set>
 #include <vector>
 
+#include "tests/learned_occupancy.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -16,6 +17,7 @@ namespace {
 using testing::kBeginNs;
 using testing::kPeriodNs;
 using testing::kPeriodS;
+using testing::LearnedOccupancy;
 using testing::RecordingMaker;
 using testing::SecondsSinceBegin;
 
@@ -53,9 +55,8 @@ std::vector<Plot> PathOf(const RecordingMaker& maker, std::uint32_t first, std::
 Target Collect(const RecordingMaker& maker, const std::vector<Plot>& path,
                std::vector<char> excluded = {}, const CollectConfig& config = CollectConfig()) {
   excluded.resize(maker.labels.size(), 0);
-  const Background background(maker.recording, BackgroundConfig());
-  const std::vector<StationModel> station_models(maker.recording.sensors.size(),
-                                                 {Eigen::Vector3f::Zero(), &background});
+  const LearnedOccupancy learned(maker.recording);
+  const std::vector<StationModel> station_models(maker.recording.sensors.size(), learned.ModelAt());
   RobustConfig robust;
   robust.collect = config;
   return CollectTarget(maker.recording, station_models, path, excluded, robust, TrajectoryConfig());
@@ -277,13 +278,13 @@ TEST(CollectTarget, TheCentreLiesBetweenWhatTwoStationsSeeOfItsSides) {
       maker.AddBlob(centre_m - kDepthM * ray_m.normalized(), 0.1, 6, kDrone);
     }
   }
-  const Background background(maker.recording, BackgroundConfig());
+  const LearnedOccupancy learned(maker.recording);
   RobustConfig config;
   config.collect.centroid_offset = 1.5;  // of the spread of 0.1 m
   config.collect.sensor_bias_m = 1e-4;
   const std::vector<char> excluded(maker.labels.size(), 0);
   const Target target = CollectTarget(
-      maker.recording, {{viewpoints_m[0], &background}, {viewpoints_m[1], &background}},
+      maker.recording, {learned.ModelAt(viewpoints_m[0]), learned.ModelAt(viewpoints_m[1])},
       PathOf(maker, 0, 2 * kFrames - 1), excluded, config, TrajectoryConfig());
   EXPECT_GT(ShareFound(maker, target, kDrone), 0.97);
   Eigen::Vector3d sums_m[2] = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
@@ -307,14 +308,14 @@ TEST(CollectTarget, WhatTwoStationsDisagreeByIsSharedEvenly) {
     // The first one sees it better, which does not make its survey a better one.
     maker.AddBlob(DroneAt(begin_s + 0.5 * kPeriodS) + shift_m, 0.1, sensor == 0 ? 9 : 6, kDrone);
   }
-  const Background background(maker.recording, BackgroundConfig());
+  const LearnedOccupancy learned(maker.recording);
   RobustConfig config;
   config.collect.centroid_offset = 0.0;
   const std::vector<char> excluded(maker.labels.size(), 0);
   const auto mean_error_m = [&](const Eigen::Vector3f& other_m) -> Eigen::Vector3d {
-    const Target target = CollectTarget(
-        maker.recording, {{Eigen::Vector3f::Zero(), &background}, {other_m, &background}},
-        PathOf(maker, 0, 2 * kFrames - 1), excluded, config, TrajectoryConfig());
+    const Target target =
+        CollectTarget(maker.recording, {learned.ModelAt(), learned.ModelAt(other_m)},
+                      PathOf(maker, 0, 2 * kFrames - 1), excluded, config, TrajectoryConfig());
     Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
     for (const Measurement& m : target.measurements) {
       sum_m += m.position_m - DroneAt(SecondsSinceBegin(m.time_ns));

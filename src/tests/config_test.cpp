@@ -254,6 +254,8 @@ TEST(ConfigErrors, NameFileLineKeyValueAndConstraint) {
             ":3: method: 'magic', expected one of robust, paper");
   EXPECT_EQ(ReasonOfFile("paper:\n  window_frames: 2.0\n"),
             ":2: paper.window_frames: '2.0', expected an integer from 1 to 1000000");
+  EXPECT_EQ(ReasonOfFile("robust:\n  window_s: .inf\n"),
+            ":2: robust.window_s: '.inf', expected a number from 5 to 90");
   EXPECT_EQ(ReasonOfFile("input:\n\n  skip_bad_frames: yes\n"),
             ":3: input.skip_bad_frames: 'yes', expected true or false");
   EXPECT_EQ(ReasonOfFile("input:\n  max_range_m:\n"),
@@ -315,16 +317,18 @@ TEST(ConfigErrors, TellWhatBecameOfAFormerKey) {
   EXPECT_EQ(ReasonOfFile("robust:\n  min_echo_m2_per_s: 150\n"),
             ":2: robust.min_echo_m2_per_s: unknown key; it is robust.min_return_rate_m2_per_s now");
   EXPECT_EQ(ReasonOfFile("robust:\n  ground:\n    cell_m: 4\n"),
-            ":2: robust.ground: unknown key; it is a constant of the method now");
+            ":2: robust.ground: unknown key; the method has no such setting any more");
   EXPECT_EQ(ReasonOfSet("robust.plots.spot.slope=0"),
-            "--set robust.plots.spot.slope=0: robust.plots.spot.slope: unknown key; it is a "
-            "constant of the method now");
+            "--set robust.plots.spot.slope=0: robust.plots.spot.slope: unknown key; the "
+            "method has no such setting any more");
   EXPECT_CONTAINS(ReasonOfSet("robust.plots.spots=0"), "unknown key; configs/default.yaml");
   std::set<std::string> keys;
   for (const ConfigEntry& entry : ListConfig(Config())) keys.insert(entry.key);
   for (const FormerKey& former : kFormerKeys) {
     EXPECT_TRUE(former.now.empty() || keys.count(std::string(former.now)) > 0) << former.now;
-    EXPECT_CONTAINS(ReasonOfSet(std::string(former.key) + "=1"), "unknown key; it is ");
+    EXPECT_CONTAINS(ReasonOfSet(std::string(former.key) + "=1"),
+                    former.now.empty() ? "unknown key; the method has no such setting any more"
+                                       : "unknown key; it is " + std::string(former.now) + " now");
   }
 }
 

@@ -5,9 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <limits>
 #include <map>
 #include <vector>
 
@@ -21,7 +18,6 @@ using testing::Random;
 
 constexpr double kDegree_rad = M_PI / 180.0;
 constexpr double kMargin_m = 2.0;
-constexpr float kNothing_m = std::numeric_limits<float>::infinity();
 
 Eigen::Vector3f Towards(double azimuth_rad, double elevation_rad, double range_m) {
   return (range_m * Eigen::Vector3d(std::cos(elevation_rad) * std::cos(azimuth_rad),
@@ -30,14 +26,11 @@ Eigen::Vector3f Towards(double azimuth_rad, double elevation_rad, double range_m
       .cast<float>();
 }
 
-DepthMap MapOf(const std::vector<Eigen::Vector3f>& points_m) { return {points_m, {}, 1, 2.0}; }
-
-// Infinite where nothing was seen.
-float MedianM(const DepthMap& map, const Eigen::Vector3f& towards_m, std::uint32_t bin) {
-  for (const DepthMap::Depth& depth : map.DepthsAt(towards_m)) {
-    if (depth.bin == bin) return depth.median_m;
-  }
-  return kNothing_m;
+DepthMap MapOf(const std::vector<Eigen::Vector3f>& points_m) {
+  DepthMap map(2.0);
+  DepthMap::Workspace workspace;
+  map.Fill(points_m, &workspace);
+  return map;
 }
 
 // A wall 10 m ahead, hit so densely that no direction goes through it.
@@ -62,50 +55,53 @@ std::vector<Eigen::Vector3f> HalfADome() {
   return points_m;
 }
 
-TEST(DepthMap, KnowsTheMedianRangeOfEveryCellAndBin) {
-  constexpr std::size_t kBins = 3;
+TEST(DepthMap, APlaceIsHiddenBehindTheMedianRangeOfItsCell) {
   constexpr double kCell_deg = 10.0;
+  constexpr double kNarrow_m = 1e-6;  // so that the cell of the place counts alone
   Random random(2);
-  std::vector<Eigen::Vector3f> points_m;
-  std::vector<std::uint32_t> bins;
   // Cells are counted from straight behind, and from straight below.
-  const auto cell_of = [](const Eigen::Vector3f& p, std::size_t bin) {
+  const auto cell_of = [](const Eigen::Vector3f& p) {
     const Eigen::Vector3d d = p.cast<double>();
     const double azimuth_deg = std::atan2(d.y(), d.x()) / kDegree_rad + 180.0;
     const double elevation_deg = std::asin(d.z() / d.norm()) / kDegree_rad + 90.0;
-    return std::array<int, 3>{static_cast<int>(azimuth_deg / kCell_deg),
-                              static_cast<int>(elevation_deg / kCell_deg), static_cast<int>(bin)};
+    return std::array<int, 2>{static_cast<int>(azimuth_deg / kCell_deg),
+                              static_cast<int>(elevation_deg / kCell_deg)};
   };
-  std::map<std::array<int, 3>, std::vector<double>> ranges_m;
-  for (int i = 0; i < 4000; ++i) {
-    points_m.push_back(random.NormalVector(20.0).cast<float>());
-    bins.push_back(random.Index(kBins));
-    ranges_m[cell_of(points_m.back(), bins.back())].push_back(
-        static_cast<double>(points_m.back().norm()));
-  }
-  const DepthMap map(points_m, bins, kBins, kCell_deg);
-  int num_empty = 0;
-  for (int i = 0; i < 4000; ++i) {
-    const Eigen::Vector3f place_m = random.NormalVector(20.0).cast<float>();
-    const std::uint32_t bin = random.Index(kBins);
-    std::vector<double>& in_cell_m = ranges_m[cell_of(place_m, bin)];
-    if (in_cell_m.empty()) {
-      EXPECT_EQ(MedianM(map, place_m, bin), kNothing_m);
-      ++num_empty;
-      continue;
+  DepthMap map(kCell_deg);
+  DepthMap::Workspace workspace;
+  for (int fill = 0; fill < 3; ++fill) {  // anew each time
+    std::vector<Eigen::Vector3f> points_m;
+    std::map<std::array<int, 2>, std::vector<float>> ranges_m;
+    for (int i = 0; i < 2000; ++i) {
+      points_m.push_back(random.NormalVector(20.0).cast<float>());
+      ranges_m[cell_of(points_m.back())].push_back(points_m.back().norm());
     }
-    std::sort(in_cell_m.begin(), in_cell_m.end());
-    EXPECT_NEAR(static_cast<double>(MedianM(map, place_m, bin)), in_cell_m[in_cell_m.size() / 2],
-                0.06);
+    map.Fill(points_m, &workspace);
+    int num_empty = 0;
+    for (int i = 0; i < 4000; ++i) {
+      const Eigen::Vector3f towards_m = random.NormalVector(1.0).cast<float>().normalized();
+      const auto hidden_share = [&](float range_m, double margin_m) {
+        return map.HiddenShare(range_m * towards_m, kNarrow_m, margin_m, {});
+      };
+      std::vector<float>& in_cell_m = ranges_m[cell_of(towards_m)];
+      if (in_cell_m.empty()) {
+        EXPECT_EQ(hidden_share(1e6F, 0.0), 0.0);
+        ++num_empty;
+        continue;
+      }
+      std::sort(in_cell_m.begin(), in_cell_m.end());
+      const float median_m = in_cell_m[in_cell_m.size() / 2];
+      EXPECT_EQ(hidden_share(1.001F * median_m, 0.0), 1.0);
+      EXPECT_EQ(hidden_share(0.999F * median_m, 0.0), 0.0);
+      EXPECT_EQ(hidden_share(1.001F * median_m, 0.01 * static_cast<double>(median_m)), 0.0);
+    }
+    EXPECT_GT(num_empty, 10);
+    EXPECT_LT(num_empty, 2000);
   }
-  EXPECT_GT(num_empty, 10);
-  EXPECT_LT(num_empty, 2000);
 }
 
-TEST(DepthMap, WithoutReturnsIsInfiniteAndHidesNothing) {
-  const DepthMap map = MapOf({});
-  EXPECT_EQ(MedianM(map, {1.0F, 2.0F, 3.0F}, 0), kNothing_m);
-  EXPECT_EQ(map.HiddenShare({10.0F, 2.0F, 3.0F}, 5.0, kMargin_m, {}), 0.0);
+TEST(DepthMap, WithoutReturnsHidesNothing) {
+  EXPECT_EQ(MapOf({}).HiddenShare({10.0F, 2.0F, 3.0F}, 5.0, kMargin_m, {}), 0.0);
 }
 
 TEST(DepthMap, AHalfIsHiddenAtTheEdgeOfANearerWallAllBehindItAndNothingBeside) {
@@ -160,24 +156,6 @@ TEST(DepthMap, WithinASphereAllIsHiddenWhateverTheDirection) {
           << azimuth_deg << ' ' << elevation_deg;
     }
   }
-}
-
-TEST(DepthMap, HoldsTheBinsInWhichSomethingWasSeenOnlyHoweverManyThereAre) {
-  constexpr std::uint32_t kLast = 4'000'000'000U;
-  const Eigen::Vector3f ahead_m(10.0F, 0.1F, 0.1F);
-  const std::vector<Eigen::Vector3f> points_m = {ahead_m, 2.0F * ahead_m, 3.0F * ahead_m};
-  const DepthMap map(points_m, {kLast, 5, kLast}, kLast + 1ULL, 2.0);
-  std::vector<std::uint32_t> bins;
-  for (const DepthMap::Depth& depth : map.DepthsAt(ahead_m)) bins.push_back(depth.bin);
-  EXPECT_EQ(bins, (std::vector<std::uint32_t>{5, kLast}));
-  EXPECT_NEAR(static_cast<double>(MedianM(map, ahead_m, kLast)), 30.0, 0.06);
-  EXPECT_NEAR(map.HiddenShare(4.0F * ahead_m, 0.1, kMargin_m, {}), 2.0 / 4e9, 1e-15);
-}
-
-TEST(DepthMap, TheShareIsThatOfAllBins) {
-  std::vector<Eigen::Vector3f> points_m = Wall(-8.0, 8.0);
-  const DepthMap map(points_m, std::vector<std::uint32_t>(points_m.size(), 2), 4, 2.0);
-  EXPECT_NEAR(map.HiddenShare({20.0F, 0.0F, 0.0F}, 4.0, kMargin_m, {}), 0.25, 1e-12);
 }
 
 TEST(Angles, TheApproximateArcTangentIsWithinItsBound) {

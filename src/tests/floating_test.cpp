@@ -7,7 +7,6 @@
 #include <cmath>
 #include <vector>
 
-#include "scene/background.hpp"
 #include "tests/range_grid_oracle.hpp"
 #include "tests/synthetic_recording.hpp"
 
@@ -21,10 +20,10 @@ using testing::RecordingMaker;
 // Nothing is held by anything seen.
 struct Sky {
   Ground ground;
-  Support support{{}, ground, {}, BackgroundConfig().occluder_cell_deg, SupportConfig()};
+  Support support{{}, ground, {}, SupportConfig()};
 };
 
-// Plots of a single return each, as MakePlots would order them.
+// Plots of a single return each, in order of time.
 std::vector<Plot> PlotsOf(const Recording& recording) {
   std::vector<Plot> plots;
   for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
@@ -129,8 +128,7 @@ std::size_t NumFloatingOfThingSeenEvery(double apart_s, int num_frames = 600) {
   scene.AddGround(-1.5, 60.0, 20000);
   const Ground ground(scene.recording.points_m);
   scene.AddBox({15, -8, 2}, {15.2, -0.3, 20}, 20000);
-  const Support support(scene.recording.points_m, ground, {}, BackgroundConfig().occluder_cell_deg,
-                        SupportConfig());
+  const Support support(scene.recording.points_m, ground, {}, SupportConfig());
   std::vector<Plot> plots = PlotsOf(maker.recording);
   EXPECT_EQ(plots.size(), 4U);
   MarkFloating(maker.recording, support, RobustConfig(), &plots);

@@ -51,8 +51,8 @@ void* aligned_alloc(std::size_t alignment, std::size_t size) {
 namespace unlidar {
 namespace {
 
-// As long as anything is remembered, twice: then all that grows with it has grown.
-constexpr int kWarmUpFrames = 1400;
+// Longer than anything is remembered: 128 s of occupancy.
+constexpr int kWarmUpFrames = 3'000;
 // Of two sensors, 15 s of both: at least one refit of the scene is among them, which is one every
 // 10 s, and several times what is old is forgotten.
 constexpr int kFrames = 300;

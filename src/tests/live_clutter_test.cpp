@@ -2,10 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <vector>
 
 #include "scene/field_of_view.hpp"
 #include "scene/ground.hpp"
+#include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {
@@ -15,12 +17,13 @@ constexpr int kFrames = 30;
 const Eigen::Vector3d kTwig_m(10.0, 4.0, 3.0);
 const Eigen::Vector3d kOnce_m(-12.0, 20.0, 9.0);
 
+std::uint32_t BinOf(int i) { return static_cast<std::uint32_t>(i * kPeriodS / kBinS); }
+
 class LiveClutterTest : public ::testing::Test {
  protected:
   LiveClutterTest()
       : ground_(structure_m_),
-        support_(structure_m_, ground_, FieldOfView().Edges(), config_.background.occluder_cell_deg,
-                 config_.support) {}
+        support_(structure_m_, ground_, FieldOfView().Edges(), config_.support) {}
 
   // A twig that is hit now and then, and one thing that was there once, in the first frame.
   static std::vector<LivePlot> PlotsOf(int i) {
@@ -31,6 +34,8 @@ class LiveClutterTest : public ::testing::Test {
       plot.position_m = plot.ray_m = place_m;
       plot.variance_m2 = 0.02;
       plot.frame = static_cast<std::uint32_t>(i);
+      plot.frame_time_ns = NsOf(i * kPeriodS);
+      plots.back().bin = BinOf(i);
     };
     if (i % 6 == 0) add(kTwig_m);
     if (i == 0) add(kOnce_m);
@@ -39,8 +44,7 @@ class LiveClutterTest : public ::testing::Test {
 
   std::vector<LivePlot> Judge(LiveClutter* clutter, int i) const {
     std::vector<LivePlot> plots = PlotsOf(i);
-    clutter->AddFrame(0, i * kPeriodS);
-    clutter->Judge(support_, i * kPeriodS, &plots);
+    clutter->Judge(support_, 0, BinOf(i), &plots);
     return plots;
   }
 
@@ -53,7 +57,7 @@ class LiveClutterTest : public ::testing::Test {
 TEST_F(LiveClutterTest, WhatIsForeseenTellsOfTheClutterBeforeIt) {
   LiveClutter clutter(config_, 60.0);
   LiveClutter blind(config_, 60.0);
-  for (int i = 0; i < kFrames; ++i) clutter.AddLookahead(0, i * kPeriodS, PlotsOf(i));
+  for (int i = 0; i < kFrames; ++i) clutter.AddLookahead(0, BinOf(i), PlotsOf(i));
   const std::vector<LivePlot> first = Judge(&clutter, 0);
   EXPECT_GT(first[0].plot.log_clutter, first[1].plot.log_clutter + 3.0);
   const std::vector<LivePlot> unforeseen = Judge(&blind, 0);
@@ -68,8 +72,8 @@ TEST_F(LiveClutterTest, WhatABlindedSensorSeesIsNotKnownToFloat) {
     plots[0].plot.variance_m2 = 0.02;
     plots[0].plot.frame = static_cast<std::uint32_t>(i);
     clutter.SetBlinded(i >= 90);
-    clutter.AddFrame(0, i * kPeriodS);
-    clutter.Judge(support_, i * kPeriodS, &plots);
+    plots[0].plot.frame_time_ns = NsOf(i * kPeriodS);
+    clutter.Judge(support_, 0, BinOf(i), &plots);
     if (i > 60) {
       EXPECT_EQ(plots[0].plot.is_floating, i < 90) << i;
     }
@@ -80,7 +84,7 @@ TEST_F(LiveClutterTest, WhatABlindedSensorSeesIsNotKnownToFloat) {
 TEST_F(LiveClutterTest, WhatWasForeseenCountsOnce) {
   LiveClutter clutter(config_, 60.0);
   LiveClutter blind(config_, 60.0);
-  for (int i = 0; i < kFrames; ++i) clutter.AddLookahead(0, i * kPeriodS, PlotsOf(i));
+  for (int i = 0; i < kFrames; ++i) clutter.AddLookahead(0, BinOf(i), PlotsOf(i));
   for (int i = 0; i < 2 * kFrames; ++i) {
     const std::vector<LivePlot> a = Judge(&clutter, i);
     const std::vector<LivePlot> b = Judge(&blind, i);
@@ -89,6 +93,36 @@ TEST_F(LiveClutterTest, WhatWasForeseenCountsOnce) {
       EXPECT_NEAR(a[k].plot.log_clutter, b[k].plot.log_clutter, 0.05) << i;
     }
   }
+}
+
+TEST_F(LiveClutterTest, WhatIsRemovedOrOlderThanTheWindowIsNoClutter) {
+  LiveClutter removing(config_, 60.0);
+  LiveClutter keeping(config_, 60.0);
+  LiveClutter forgetting(config_, 60.0);
+  LiveClutter fresh(config_, 60.0);
+  for (int i = 0; i < 300; ++i) {
+    for (const LivePlot& seen : Judge(&removing, i)) removing.RemoveFromClutter(seen);
+    Judge(&keeping, i);
+    Judge(&forgetting, i);
+  }
+  forgetting.Sweep(BinOf(2000));
+  // Frames without plots take time as well.
+  std::vector<LivePlot> none;
+  for (int i = 300; i < 420; ++i) {
+    for (LiveClutter* clutter : {&removing, &keeping, &forgetting, &fresh}) {
+      clutter->Judge(support_, 0, BinOf(i), &none);
+    }
+  }
+  constexpr int kNext = 420;  // with a plot of the twig
+  const double removed = Judge(&removing, kNext)[0].plot.log_clutter;
+  const double forgotten = Judge(&forgetting, kNext)[0].plot.log_clutter;
+  EXPECT_GT(Judge(&keeping, kNext)[0].plot.log_clutter, removed + 3.0);
+  EXPECT_EQ(forgotten, Judge(&fresh, kNext)[0].plot.log_clutter);
+  EXPECT_LT(removed, forgotten);  // over more frames
+  // Once more: what was forgotten cannot be removed.
+  LivePlot old = PlotsOf(0)[0];
+  forgetting.RemoveFromClutter(old);
+  EXPECT_GT(Judge(&forgetting, kNext + 6)[0].plot.log_clutter, forgotten);
 }
 
 }  // namespace

@@ -1,16 +1,26 @@
-#include "live/occupancy.hpp"
+#include "scene/occupancy.hpp"
 
 #include <gtest/gtest.h>
 
-#include "live/fading_grid.hpp"
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <vector>
+
+#include "tests/learned_occupancy.hpp"
+#include "tests/range_grid_oracle.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
 namespace {
 
+using testing::IsNeighbour;
+using testing::kPeriodS;
+using testing::LearnedOccupancy;
+using testing::MiddleS;
+using testing::NeverFloats;
 using testing::Random;
-
-bool NeverFloats(const Eigen::Vector3f&) { return false; }
+using testing::RecordingMaker;
 
 class OccupancyTest : public ::testing::Test {
  protected:
@@ -81,18 +91,18 @@ TEST_F(OccupancyTest, WhatCameWithATargetIsNoStructure) {
 }
 
 TEST_F(OccupancyTest, TellsSinceWhenAPlaceIsHit) {
-  for (std::int64_t bin = 0; bin < 120; ++bin) {
+  for (std::int64_t bin = 0; bin < 320; ++bin) {
     Bin(bin, bin < 4 || (bin >= 40 && bin % 2 == 0));
     const Occupancy::Verdict verdict = occupancy_.Judge({10, 5, 3}, bin, 0, NeverFloats);
-    if (bin >= 40 && bin < 100) {
+    if (bin >= 40 && bin < 290) {
       EXPECT_EQ(verdict.dwell_begin_bin, 40) << bin;
-    } else if (bin >= 110) {
+    } else if (bin >= 300) {  // it may have begun before the window
       EXPECT_FALSE(verdict.dwell_begin_bin) << bin;
     }
   }
 }
 
-// The rays hit a pole here and there: what is older than the window counts as that in it does.
+// The rays hit a pole here and there.
 TEST_F(OccupancyTest, WhatIsHitHereAndThereRemainsStructure) {
   const auto at = [](std::int64_t bin) {
     return Eigen::Vector3f(10.0F, 5.0F, 3.0F + 0.45F * static_cast<float>(bin / 2 % 3));
@@ -105,7 +115,7 @@ TEST_F(OccupancyTest, WhatIsHitHereAndThereRemainsStructure) {
   }
 }
 
-// By chance its stays last for longer than the window, or break.
+// By chance its dwells last for longer than the window, or break.
 TEST_F(OccupancyTest, WhatIsHitByChanceRemainsStructure) {
   for (const double share : {0.5, 0.6, 0.7, 0.8, 0.9, 0.95}) {
     occupancy_ = Occupancy(BackgroundConfig());
@@ -176,9 +186,10 @@ TEST_F(OccupancyTest, ChanceSparesPlacesButNotTheirRate) {
   EXPECT_EQ(occupancy_.RateAround({0, -20, 8}, 59), 0.0);
 }
 
-TEST_F(OccupancyTest, AStayThatOutlastsTheWindowDoesNotBecomeStructure) {
-  for (std::int64_t bin = 0; bin < 20; ++bin) Bin(bin, false);
-  for (std::int64_t bin = 20; bin < 1000; ++bin) {
+// If the place was known to be empty for 15 % of the window before.
+TEST_F(OccupancyTest, ADwellThatOutlastsTheWindowDoesNotBecomeStructure) {
+  for (std::int64_t bin = 0; bin < 40; ++bin) Bin(bin, false);
+  for (std::int64_t bin = 40; bin < 1000; ++bin) {
     Bin(bin, true);
     EXPECT_FALSE(IsStructure(bin)) << bin;
   }
@@ -194,38 +205,342 @@ TEST_F(OccupancyTest, WhatWasThereAllDayIsStructureAfterItWasHidden) {
   }
 }
 
-TEST_F(OccupancyTest, SweepingForgetsWhatIsNoStructureOnly) {
-  Bin(0, true, {0, 20, 8});
-  for (std::int64_t bin = 0; bin < 200; ++bin) Bin(bin, bin % 3 != 0);
-  IsStructure(199);
+TEST_F(OccupancyTest, SweepingErasesPlacesThatWereNotHitInTheWindow) {
+  const Eigen::Vector3f once_m(0, 20, 8);
+  Bin(0, true, once_m);
+  for (std::int64_t bin = 0; bin < 300; ++bin) Bin(bin, bin % 3 != 0);
+  EXPECT_FALSE(IsStructure(299, once_m));  // known to be empty
+  EXPECT_TRUE(IsStructure(299));
   occupancy_.Sweep();
-  EXPECT_TRUE(IsStructure(199));
+  EXPECT_TRUE(IsStructure(299, once_m));  // nothing is known
+  EXPECT_TRUE(IsStructure(299));
   EXPECT_EQ(Structure().size(), 1U);
-  // A return at the forgotten place is something new.
-  occupancy_.Add({0, 20, 8}, 199);
-  EXPECT_FALSE(IsStructure(199, {0, 20, 8}));
 }
 
-TEST_F(OccupancyTest, TheRateOfAPlaceIsThatOfItsHitsOutsideTheStay) {
-  for (std::int64_t bin = 0; bin < 60; ++bin) Bin(bin, bin % 10 == 0);
-  Bin(60, true);
-  const Occupancy::Verdict verdict = occupancy_.Judge({10, 5, 3}, 60, 0, NeverFloats);
-  EXPECT_FALSE(verdict.is_structure);
-  EXPECT_GT(verdict.place_rate, 0.0F);
+constexpr int kWall = 1;
+constexpr int kTarget = 2;
+
+void AddWall(RecordingMaker* maker) {
+  maker->AddBox({20.0, -3.0, -1.0}, {20.05, 3.0, 3.0}, 120, kWall);
 }
 
-TEST(FadingGrid, CountsWhatIsInTheNeighbourhoodAndForgetsItInTime) {
-  Random random(1);
-  FadingGrid grid({1.0, 0.01}, 10.0);
-  for (int i = 0; i < 100; ++i) grid.Add({20, 5, 5}, 0.0);
-  for (int i = 0; i < 100; ++i)
-    grid.Add(random.InBox({-40, 20, 0}, {-20, 40, 20}).cast<float>(), 0.0);
-  EXPECT_NEAR(grid.CountAt({20, 5, 5}, 0.0), 100.0, 1e-9);
-  EXPECT_NEAR(grid.CountAt({20, 5, 5}, 10.0), 100.0 * std::exp(-1.0), 1e-9);
-  EXPECT_NEAR(grid.CountAt({20.3F, 5, 5}, 0.0), 100.0, 1e-9);
-  EXPECT_EQ(grid.CountAt({23, 5, 5}, 0.0), 0.0);
-  grid.Sweep(1e4);
-  EXPECT_EQ(grid.CountAt({20, 5, 5}, 0.0), 0.0);
+// A recording of so many frames, filled by `fill(i)` once the frame has begun.
+RecordingMaker MakeFrames(int num_frames, const std::function<void(int, RecordingMaker*)>& fill) {
+  RecordingMaker maker(1);
+  for (int i = 0; i < num_frames; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    fill(i, &maker);
+  }
+  return maker;
+}
+
+// Things that are there for random stretches of time, strays, and in most of these recordings
+// pauses.
+RecordingMaker DrawnRecording(std::uint32_t seed) {
+  RecordingMaker maker(seed, 2);
+  Random& random = maker.random;
+  std::vector<Eigen::Vector3d> things_m;
+  std::vector<double> shares;
+  for (int k = 0; k < 12; ++k) {
+    things_m.push_back(random.InBox({6.0, -3.0, -1.0}, {24.0, 3.0, 3.0}));
+    shares.push_back(random.Uniform(0.0, 1.0));
+  }
+  double time_s = 0.0;
+  for (int i = 0; i < 150; ++i) {
+    maker.BeginFrame(time_s, random.Index(2));
+    time_s += seed < 2 || i % 17 != 0 ? kPeriodS : random.Uniform(0.1, 6.0);
+    for (std::size_t k = 0; k < things_m.size(); ++k) {
+      const bool is_there = std::fmod(i / 33.0 + shares[k] * 3.0, 1.0) < shares[k];
+      if (is_there && random.Index(2) == 0) maker.AddBlob(things_m[k], 0.15, 1, kWall);
+    }
+    maker.AddBox({2, -10, -2}, {30, 10, 10}, 3);
+  }
+  return maker;
+}
+
+// Which returns are structure, from the definition: over all half seconds of the time line, one by
+// one, and all returns for each return.
+std::vector<bool> StructureByDefinition(const Recording& recording,
+                                        const BackgroundConfig& config) {
+  const TimeNs begin_ns = recording.frames.front().begin_ns;
+  const auto bin_of = [&](TimeNs time_ns) {
+    return static_cast<std::size_t>((time_ns - begin_ns) / NsOf(kBinS));
+  };
+  std::vector<char> is_observed(bin_of(recording.frames.back().middle_ns()) + 1, 0);
+  for (const FrameInfo& frame : recording.frames) is_observed[bin_of(frame.middle_ns())] = 1;
+  const std::size_t n = is_observed.size();
+  const auto num_observed =
+      static_cast<double>(std::count(is_observed.begin(), is_observed.end(), 1));
+  const auto max_break = static_cast<std::size_t>(config.max_dwell_gap_s / kBinS);
+  std::vector<bool> are_structure;
+  for (std::size_t i = 0; i < recording.points_m.size(); ++i) {
+    std::vector<char> is_occupied(n, 0);
+    for (std::size_t k = 0; k < recording.points_m.size(); ++k) {
+      if (IsNeighbour(config.place, recording.points_m[i], recording.points_m[k])) {
+        is_occupied[bin_of(recording.times_ns[k])] = 1;
+      }
+    }
+    std::size_t from = bin_of(recording.times_ns[i]);
+    std::size_t to = from;
+    for (std::size_t b = from; b-- > 0 && from - b <= max_break + 1;) {
+      from = is_occupied[b] ? b : from;
+    }
+    for (std::size_t b = to; ++b < n && b - to <= max_break + 1;) to = is_occupied[b] ? b : to;
+    double exposed = 0.0;
+    double occupied = 0.0;
+    for (std::size_t b = 0; b < n; ++b) {
+      if (!is_observed[b] || (b >= from && b <= to)) continue;
+      exposed += 1.0;
+      if (is_occupied[b]) occupied += 1.0;
+    }
+    are_structure.push_back(exposed < config.min_exposure * num_observed ||
+                            occupied > config.max_occupancy * exposed);
+  }
+  return are_structure;
+}
+
+// Number of the returns with this label that no structure explains.
+std::size_t NumUnexplained(const RecordingMaker& maker, int label) {
+  LearnedOccupancy learned(maker.recording);
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < maker.labels.size(); ++i) {
+    if (maker.labels[i] == label && !learned.Judge(maker.recording, i).is_structure) ++count;
+  }
+  return count;
+}
+
+std::size_t NumOf(const RecordingMaker& maker, int label) {
+  return static_cast<std::size_t>(std::count(maker.labels.begin(), maker.labels.end(), label));
+}
+
+TEST(OccupancyOfRecording, AWallHitAtRandomPlacesIsStructure) {
+  const RecordingMaker maker = MakeFrames(120, [](int, RecordingMaker* m) { AddWall(m); });
+  EXPECT_EQ(NumUnexplained(maker, kWall), 0U);
+}
+
+TEST(OccupancyOfRecording, TheStructureOfAllPlacesIsKnownBeforeReturnsAreJudged) {
+  const RecordingMaker maker = MakeFrames(120, [](int i, RecordingMaker* m) {
+    AddWall(m);
+    m->AddBlob({15.0, 3.0 * (MiddleS(i) - 6.0), 8.0}, 0.1, 5, kTarget);
+  });
+  std::vector<Eigen::Vector3f> structure_m;
+  LearnedOccupancy(maker.recording).occupancy().GetStructure(&structure_m);
+  EXPECT_GT(structure_m.size(), 50U);
+  for (const Eigen::Vector3f& point_m : structure_m) EXPECT_GT(point_m.x(), 19.0F);
+}
+
+TEST(OccupancyOfRecording, ATargetThatMovesThroughIsUnexplainedAndTheWallBehindItIsNot) {
+  for (const double speed_mps : {1.0, 5.0, 20.0}) {
+    const RecordingMaker maker = MakeFrames(120, [&](int i, RecordingMaker* m) {
+      AddWall(m);
+      m->AddBlob({15.0, speed_mps * (MiddleS(i) - 6.0), 1.0}, 0.1, 5, kTarget);
+    });
+    EXPECT_EQ(NumUnexplained(maker, kTarget), NumOf(maker, kTarget)) << speed_mps;
+    EXPECT_EQ(NumUnexplained(maker, kWall), 0U) << speed_mps;
+  }
+}
+
+TEST(OccupancyOfRecording, AHoverOfAThirdOfTheRecordingIsUnexplained) {
+  const RecordingMaker maker = MakeFrames(240, [](int i, RecordingMaker* m) {
+    AddWall(m);
+    const double time_s = MiddleS(i);  // comes, hovers from 8 s to 16 s, leaves
+    const double moved_s = time_s < 8.0 ? time_s - 8.0 : std::max(0.0, time_s - 16.0);
+    m->AddBlob({15.0, 3.0 * moved_s, 8.0}, 0.1, 5, kTarget);
+  });
+  EXPECT_EQ(NumUnexplained(maker, kTarget), NumOf(maker, kTarget));
+}
+
+TEST(OccupancyOfRecording, WhatStaysAllTheTimeIsStructureHoweverSmall) {
+  const RecordingMaker maker = MakeFrames(240, [](int, RecordingMaker* m) {
+    m->AddBlob({15.0, 0.0, 8.0}, 0.1, 5, kTarget);
+  });
+  EXPECT_EQ(NumUnexplained(maker, kTarget), 0U);
+}
+
+TEST(OccupancyOfRecording, WhatComesAndGoesIsStructureIfItIsThereOftenEnough) {
+  // There for 2.5 s of every 5 s, or for half a second.
+  for (const int present_frames : {25, 5}) {
+    const RecordingMaker maker = MakeFrames(250, [&](int i, RecordingMaker* m) {
+      if (i % 50 < present_frames) m->AddBlob({15.0, 0.0, 8.0}, 0.1, 5, kTarget);
+    });
+    EXPECT_EQ(NumUnexplained(maker, kTarget), present_frames == 25 ? 0U : NumOf(maker, kTarget));
+  }
+}
+
+TEST(OccupancyOfRecording, TellsStructureByItsDefinition) {
+  for (std::uint32_t seed = 0; seed < 6; ++seed) {
+    const RecordingMaker maker = DrawnRecording(seed);
+    LearnedOccupancy learned(maker.recording);
+    std::vector<bool> are_structure;
+    for (const Occupancy::Verdict& verdict : learned.Verdicts(maker.recording)) {
+      are_structure.push_back(verdict.is_structure);
+    }
+    EXPECT_EQ(are_structure, StructureByDefinition(maker.recording, BackgroundConfig())) << seed;
+    EXPECT_GT(std::count(are_structure.begin(), are_structure.end(), true), 100);
+    EXPECT_GT(std::count(are_structure.begin(), are_structure.end(), false), 100);
+  }
+}
+
+TEST(OccupancyOfRecording, VerdictsDoNotDependOnTheirOrder) {
+  for (std::uint32_t seed = 0; seed < 6; ++seed) {
+    const RecordingMaker maker = DrawnRecording(seed);
+    LearnedOccupancy learned(maker.recording);
+    LearnedOccupancy again(maker.recording);
+    const std::vector<Occupancy::Verdict> verdicts = learned.Verdicts(maker.recording);
+    for (std::size_t i = verdicts.size(); i-- > 0;) {
+      for (LearnedOccupancy* occupancy : {&learned, &again}) {
+        const Occupancy::Verdict verdict = occupancy->Judge(maker.recording, i);
+        EXPECT_EQ(verdict.is_structure, verdicts[i].is_structure) << seed << ' ' << i;
+        EXPECT_EQ(verdict.place_rate, verdicts[i].place_rate) << seed << ' ' << i;
+        EXPECT_EQ(verdict.dwell_begin_bin, verdicts[i].dwell_begin_bin) << seed << ' ' << i;
+      }
+    }
+  }
+}
+
+// One dwell is known by the time outside it, of the other too little is known.
+TEST(OccupancyOfRecording, ADwellIsNotJudgedByTheTimeOutsideAnother) {
+  const Eigen::Vector3d place_m(15.0, 3.0, 8.0);
+  for (const bool is_reverse : {false, true}) {
+    const RecordingMaker maker = MakeFrames(500, [&](int i, RecordingMaker* m) {
+      const int at = is_reverse ? 499 - i : i;
+      if (at == 2 || (at > 35 && at % 20 == 2)) m->Add(place_m, kTarget);
+    });
+    LearnedOccupancy learned(maker.recording);
+    const std::size_t n = maker.labels.size();
+    const std::size_t single = is_reverse ? n - 1 : 0;
+    for (std::size_t k = 0; k < 2 * n; ++k) {
+      const std::size_t i = k < n ? k : 2 * n - 1 - k;
+      EXPECT_EQ(learned.Judge(maker.recording, i).is_structure, i != single) << is_reverse << k;
+    }
+  }
+}
+
+TEST(OccupancyOfRecording, RateOutsideIsThatOfBruteForce) {
+  RecordingMaker maker = MakeFrames(100, [](int, RecordingMaker* m) {
+    m->AddBox({5, -10, 0}, {25, 10, 10}, 60);
+    AddWall(m);
+  });
+  const Recording& recording = maker.recording;
+  const BackgroundConfig config;
+  const LearnedOccupancy learned(recording);
+  ASSERT_EQ(learned.bins().num_bins(), 20U);
+  for (int trial = 0; trial < 200; ++trial) {
+    const Eigen::Vector3f place_m = maker.random.InBox({0, -12, -2}, {30, 12, 12}).cast<float>();
+    const std::uint32_t first = maker.random.Index(20);
+    const std::uint32_t last = first + maker.random.Index(10);  // beyond the end, or of none
+    double num_outside = 0.0;
+    double num_hit = 0.0;
+    for (std::uint32_t bin = 0; bin < 20; ++bin) {
+      if (bin >= first && bin < last) continue;
+      num_outside += 1.0;
+      for (std::uint32_t i = recording.frames[5 * bin].first_return;
+           i < recording.frames[5 * bin + 4].last_return; ++i) {
+        if (!IsNeighbour(config.place, place_m, recording.points_m[i])) continue;
+        num_hit += 1.0;
+        break;
+      }
+    }
+    // The Poisson rate at which a bin of five frames is missed as often; 0.999 of them at most.
+    const double share = std::min(std::max(num_hit, 0.5) / num_outside, 0.999);
+    const double expected =
+        -std::log(1.0 - share) / 5.0 / testing::BlockVolumeM3(config.place, place_m);
+    EXPECT_NEAR(learned.occupancy().RateOutside(place_m, first, last), expected, 1e-9 * expected)
+        << place_m.transpose() << ' ' << first << ' ' << last;
+  }
+}
+
+TEST(OccupancyOfRecording, RateOutsideIsUnknownWhereHardlyAnyTimeIsLeft) {
+  const RecordingMaker maker = MakeFrames(100, [](int, RecordingMaker* m) { AddWall(m); });
+  const LearnedOccupancy learned(maker.recording);
+  const auto rate_outside = [&](std::uint32_t first, std::uint32_t last) {
+    return learned.occupancy().RateOutside({20.0F, 0.0F, 1.0F}, first, last);
+  };
+  EXPECT_LT(rate_outside(0, 20), 0.0);
+  EXPECT_LT(rate_outside(1, 20), 0.0);
+  EXPECT_LT(rate_outside(2, 20), 0.0);
+  EXPECT_GT(rate_outside(3, 20), 0.0);  // 15 % of the time
+}
+
+TEST(OccupancyOfRecording, APauseIsNoTimeInWhichAPlaceWasEmpty) {
+  constexpr double kYear_s = 365.0 * 86400.0;
+  for (const double pause_s : {2.5, 60.0, 40.0 * kYear_s}) {
+    RecordingMaker maker(2);
+    for (int i = 0; i < 120; ++i) {
+      maker.BeginFrame(i * kPeriodS + (i < 60 ? 0.0 : pause_s));
+      AddWall(&maker);
+      maker.AddBlob({15.0, 3.0 * (MiddleS(i) - 6.0), 8.0}, 0.1, 5, kTarget);
+    }
+    EXPECT_EQ(NumUnexplained(maker, kWall), 0U) << pause_s;
+    EXPECT_EQ(NumUnexplained(maker, kTarget), NumOf(maker, kTarget)) << pause_s;
+  }
+}
+
+TEST(OccupancyOfRecording, APauseEndsADwell) {
+  // There for the last four seconds before and the first four after: one dwell only without a
+  // pause.
+  for (const double pause_s : {0.0, 60.0}) {
+    RecordingMaker maker(3);
+    for (int i = 0; i < 120; ++i) {
+      maker.BeginFrame(i * kPeriodS + (i < 60 ? 0.0 : pause_s));
+      if (i >= 20 && i < 100) maker.AddBlob({15.0, 0.0, 8.0}, 0.1, 5, kTarget);
+    }
+    EXPECT_EQ(NumUnexplained(maker, kTarget), pause_s > 0.0 ? 0U : 400U);
+  }
+}
+
+TEST(OccupancyOfRecording, AWallIsStructureAlsoInBurstsOfFramesBetweenLongPauses) {
+  RecordingMaker maker(3);
+  for (int i = 0; i < 120; ++i) {
+    maker.BeginFrame(i * kPeriodS + 60.0 * (i / 4));
+    AddWall(&maker);
+  }
+  EXPECT_EQ(NumUnexplained(maker, kWall), 0U);
+}
+
+TEST(OccupancyOfRecording, PlaceRateIsThatOfAPoissonProcessThatHitsSoManyOtherBins) {
+  constexpr int kFrames = 300;
+  const Eigen::Vector3d place_m(15.0, 3.0, 8.0);
+  BackgroundConfig config;
+  config.max_dwell_gap_s = 0.0;  // every hit is a dwell of its own
+  double before = 0.0;
+  for (const int spacing : {100, 30, 20, 10, 6, 4, 3}) {  // bins from hit to hit
+    int num_hits = 0;
+    const RecordingMaker maker = MakeFrames(kFrames, [&](int i, RecordingMaker* m) {
+      if (i % (5 * spacing) != 2) return;
+      m->Add(place_m, kTarget);
+      ++num_hits;
+    });
+    LearnedOccupancy learned(maker.recording, config);
+    const auto num_bins = static_cast<double>(learned.bins().num_bins());
+    const double others = num_hits - 1.0;
+    // Of the others one may be a passing target's.
+    const double hits_per_frame =
+        -std::log(1.0 - std::max(0.0, others - 1.0) / (num_bins - 1.0)) / (kFrames / num_bins);
+    const double expected =
+        hits_per_frame / testing::BlockVolumeM3(config.place, place_m.cast<float>());
+    for (const Occupancy::Verdict& verdict : learned.Verdicts(maker.recording)) {
+      EXPECT_FALSE(verdict.is_structure) << spacing;
+      EXPECT_NEAR(static_cast<double>(verdict.place_rate), expected, 1e-3 * expected) << spacing;
+    }
+    if (others <= 1.0) {
+      EXPECT_EQ(expected, 0.0);
+    } else {
+      EXPECT_GT(expected, before);
+    }
+    before = expected;
+  }
+}
+
+TEST(OccupancyOfRecording, PlaceRateOfStructureAndOfWhatPassesIsZero) {
+  const RecordingMaker maker = MakeFrames(120, [](int i, RecordingMaker* m) {
+    AddWall(m);
+    m->AddBlob({15.0, 5.0 * (MiddleS(i) - 6.0), 1.0}, 0.1, 5, kTarget);
+  });
+  LearnedOccupancy learned(maker.recording);
+  for (const Occupancy::Verdict& verdict : learned.Verdicts(maker.recording)) {
+    EXPECT_EQ(verdict.place_rate, 0.0F);
+  }
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "scene/floating.hpp"
+#include "scene/multi_station_plots.hpp"
 #include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 
@@ -29,21 +30,15 @@ constexpr int kFarSide = 3;
 constexpr double kGround_m = -1.5;
 
 struct Found {
-  std::vector<std::uint32_t> candidates;
   std::vector<Plot> plots;
   std::vector<char> is_body;
+  std::size_t num_candidates;
 };
 
-// Of what no structure explains and is no ground, as in the pipeline.
+// Of what no structure explains and is no ground.
 Found FindPlots(const Recording& recording, const RobustConfig& config = RobustConfig()) {
-  Found found;
-  const Background background(recording, BackgroundConfig());
-  const Ground ground({recording.points_m, background.structure()});
-  std::copy_if(background.unexplained().begin(), background.unexplained().end(),
-               std::back_inserter(found.candidates),
-               [&](std::uint32_t i) { return !ground.IsGround(recording.points_m[i]); });
-  found.plots = MakePlots(recording, found.candidates, ground, config, &found.is_body);
-  return found;
+  const MultiStationPlots found(recording, Stations(recording.sensors), config);
+  return {found.plots(), found.are_bodies(), found.num_unexplained()};
 }
 
 // Six seconds of level ground; `fill` adds what moves.
@@ -369,19 +364,29 @@ TEST(Plots, EveryCandidateIsOnceABodyOrInAPlotIfNoneIsNextToABody) {
     if (found.is_body[i] != 0) held.push_back(i);
   }
   std::sort(held.begin(), held.end());
-  EXPECT_EQ(held, found.candidates);
+  EXPECT_EQ(std::adjacent_find(held.begin(), held.end()), held.end());
+  EXPECT_EQ(held.size(), found.num_candidates);
   EXPECT_GT(held.size(), 500U);
 }
 
 // A sky without structure: everything would float in it.
 std::vector<Plot> PlotsInTheSky(const Recording& recording) {
-  const Ground ground;
   const RobustConfig config;
-  std::vector<std::uint32_t> candidates(recording.points_m.size());
-  std::iota(candidates.begin(), candidates.end(), 0U);
-  std::vector<char> is_body;
-  std::vector<Plot> plots = MakePlots(recording, candidates, ground, config, &is_body);
-  const Support support({}, ground, {}, config.background.occluder_cell_deg, config.support);
+  const Ground ground;
+  const Support support(ground, config.support);
+  FramePlotter plotter;
+  std::vector<Plot> plots;
+  for (std::uint32_t f = 0; f < recording.frames.size(); ++f) {
+    const FrameInfo& frame = recording.frames[f];
+    std::vector<std::uint32_t> candidates(frame.last_return - frame.first_return);
+    std::iota(candidates.begin(), candidates.end(), frame.first_return);
+    const FramePlots& found = plotter.Find(recording, f, &candidates, ground, 0.0, config);
+    for (std::size_t p = 0; p < found.plots.size(); ++p) {
+      const IndexView returns = plotter.ReturnsOf(p);
+      plots.push_back(found.plots[p]);
+      plots.back().returns.assign(returns.begin(), returns.end());
+    }
+  }
   MarkFloating(recording, support, config, &plots);
   return plots;
 }

@@ -8,6 +8,7 @@
 #include "tests/frame_folder.hpp"
 #include "tests/pcd_writer.hpp"
 #include "tests/temporary_folder.hpp"
+#include "tests/times_of.hpp"
 
 namespace unlidar {
 namespace {
@@ -119,7 +120,7 @@ TEST(PointTimes, OfRowsWithoutAReturnNeedNotBeSound) {
   const TemporaryFolder folder;
   folder.Write("1706255621.0.pcd", Encoded(cloud, TestEncoding::kBinary));
   const Recording recording = Read(folder);
-  EXPECT_EQ(recording.times_ns, (std::vector<TimeNs>{kUnix + 20 * kMs}));
+  EXPECT_EQ(testing::TimesOf(recording.times_ns), (std::vector<TimeNs>{kUnix + 20 * kMs}));
   EXPECT_EQ(recording.frames[0].begin_ns, kUnix + 20 * kMs);
   EXPECT_EQ(recording.frames[0].end_ns, kUnix + 60 * kMs);
 }

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "tests/draws.hpp"
+#include "tests/learned_occupancy.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "trajectory/trajectory.hpp"
 
@@ -259,12 +260,9 @@ TEST(FindTargetsRobust, UsesTheTimesOfTheReturns) {
   for (int i = 0; i < kFrames; ++i) {
     maker.BeginFrame(i * kPeriodS);
     maker.AddGround(kGround_m, 20.0, 800);
-    const FrameInfo frame = maker.recording.frames.back();
-    for (std::uint32_t k = frame.first_return; k < frame.last_return; ++k) {
-      maker.recording.times_ns[k] = frame.begin_ns + (k - frame.first_return) * kPeriodNs / 1000;
-    }
+    const TimeNs begin_ns = maker.recording.frames.back().begin_ns;
     for (int k = 0; k < 4; ++k) {
-      const TimeNs time_ns = frame.begin_ns + k * kPeriodNs / 20;
+      const TimeNs time_ns = begin_ns + k * kPeriodNs / 20;
       maker.AddAt(time_ns, fast(SecondsSinceBegin(time_ns)) + maker.random.NormalVector(0.05),
                   kDrone);
     }
@@ -323,7 +321,10 @@ TEST(FindTargetsRobust, ATurnedAndLaterRecordingGivesTurnedAndLaterTargets) {
         Eigen::AngleAxisd(angle_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
     Recording turned = maker.recording;
     for (Eigen::Vector3f& p : turned.points_m) p = turn.cast<float>() * p;
-    for (TimeNs& time_ns : turned.times_ns) time_ns += kShiftNs;
+    turned.times_ns.clear();
+    for (std::size_t i = 0; i < turned.points_m.size(); ++i) {
+      turned.times_ns.push_back(maker.recording.times_ns[i] + kShiftNs);
+    }
     for (FrameInfo& frame : turned.frames) {
       frame.stamp_ns += kShiftNs;
       frame.begin_ns += kShiftNs;
@@ -338,20 +339,17 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
   const RobustConfig config;
   const RecordingMaker maker = Yard(9, DroneOn(Transit, 4.0));
   const RobustResult result = FindTargetsRobust(maker.recording, config, TrajectoryConfig());
-  const Background background(maker.recording, config.background);
-  const PointsView structure_m(maker.recording.points_m, background.structure());
+  testing::LearnedOccupancy learned(maker.recording);
+  std::vector<Eigen::Vector3f> structure_m;
+  learned.occupancy().GetStructure(&structure_m);
   const Ground ground(structure_m);
-  const Support support(structure_m, ground, {}, config.background.occluder_cell_deg,
-                        config.support);
-  // Ground is none of it, whether known by its occupancy or not.
-  std::vector<std::uint32_t> candidates =
-      support.FloatingReturns(maker.recording, background.structure());
-  candidates.insert(candidates.end(), background.unexplained().begin(),
-                    background.unexplained().end());
-  const auto num_free = std::count_if(candidates.begin(), candidates.end(), [&](std::uint32_t i) {
-    return !ground.IsGround(maker.recording.points_m[i]);
-  });
-  EXPECT_EQ(result.counts.unexplained_returns, static_cast<std::size_t>(num_free));
+  // Ground is none of it, whether known by its occupancy or not. No structure floats here.
+  std::size_t num_free = 0;
+  for (std::size_t i = 0; i < maker.labels.size(); ++i) {
+    if (learned.Judge(maker.recording, i).is_structure) continue;
+    num_free += ground.IsGround(maker.recording.points_m[i]) ? 0U : 1U;
+  }
+  EXPECT_EQ(result.counts.unexplained_returns, num_free);
   EXPECT_GE(result.counts.paths, result.targets.size());
   EXPECT_GE(result.counts.plots, result.targets.front().measurements.size());
   constexpr double kModels = 6.0;  // three agilities, two birth speeds

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "tests/learned_occupancy.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -20,8 +21,8 @@ constexpr int kCandidate = 1;
 // At the last candidate, which one sensor at the origin sees; the target is near in [from_s, to_s].
 double RateAtLast(const RecordingMaker& maker, double surroundings_rate, double from_s = -2.0,
                   double to_s = -1.0) {
-  const Background background(maker.recording, BackgroundConfig());
-  const std::vector<StationModel> station_models(1, {Eigen::Vector3f::Zero(), &background});
+  const testing::LearnedOccupancy learned(maker.recording);
+  const std::vector<StationModel> station_models(1, learned.ModelAt());
   std::vector<std::uint32_t> candidates;
   for (std::uint32_t i = 0; i < maker.labels.size(); ++i) {
     if (maker.labels[i] == kCandidate) candidates.push_back(i);

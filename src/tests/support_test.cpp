@@ -14,12 +14,10 @@
 namespace unlidar {
 namespace {
 
-using testing::kPeriodS;
 using testing::Random;
 using testing::RecordingMaker;
 
 constexpr double kGround_m = -1.5;
-constexpr double kCellDeg = 2.0;
 
 std::vector<Eigen::Vector3f> FlatGround() {
   RecordingMaker maker(1);
@@ -46,7 +44,7 @@ bool BlobFloats(const Eigen::Vector3d& centre_m, const std::vector<Eigen::Vector
   const std::vector<Eigen::Vector3f> blob_m = Blob(centre_m);
   structure_m.insert(structure_m.end(), blob_m.begin(), blob_m.end());
   structure_m.insert(structure_m.end(), more_m.begin(), more_m.end());
-  return Support(structure_m, ground, {}, kCellDeg, config).IsFloating(centre_m.cast<float>());
+  return Support(structure_m, ground, {}, config).IsFloating(centre_m.cast<float>());
 }
 
 std::vector<Eigen::Vector3f> Pole(double x_m, double y_m, double top_m) {
@@ -76,7 +74,7 @@ TEST(Support, AThingThatReachesToTheEdgeOfTheViewMayHangFromWhatIsBeyond) {
   const Ground ground(structure_m);
   const Eigen::Vector3f sign_m(20.0F, 0.0F, 4.0F);  // at 11 degrees, the reach is 10
   const auto floats = [&](const ElevationRange& view) {
-    return Support(structure_m, ground, view, kCellDeg, SupportConfig()).IsFloating(sign_m);
+    return Support(structure_m, ground, view, SupportConfig()).IsFloating(sign_m);
   };
   EXPECT_TRUE(floats({}));
   EXPECT_FALSE(floats({-M_PI / 2, 0.22}));
@@ -102,7 +100,7 @@ TEST(Support, AThingLowAboveTheGroundStandsOnIt) {
 
 TEST(Support, AThingNextToTheStationIsHeldByIt) {
   const Ground ground;  // none in view
-  const Support support({}, ground, {}, kCellDeg, SupportConfig());
+  const Support support({}, ground, {}, SupportConfig());
   EXPECT_FALSE(support.IsFloating({0.6F, 0.3F, 0.8F}));
   EXPECT_TRUE(support.IsFloating({1.2F, 0.6F, 1.8F}));
 }
@@ -161,7 +159,7 @@ TEST(Support, WhatHasComeHighAboveTheGroundIsHeldByNothingThatIsHiddenOrFarAway)
   const Ground ground(structure_m);
   const std::vector<Eigen::Vector3f> wall_m = WallAhead(-8.0, -0.4);
   structure_m.insert(structure_m.end(), wall_m.begin(), wall_m.end());
-  const Support support(structure_m, ground, {}, kCellDeg, config);
+  const Support support(structure_m, ground, {}, config);
   const Eigen::Vector3f beside_the_wall_m(20.0F, 0.0F, 8.0F);
   EXPECT_FALSE(support.IsFloating(beside_the_wall_m));
   EXPECT_TRUE(support.IsFloating(beside_the_wall_m, true));
@@ -170,14 +168,14 @@ TEST(Support, WhatHasComeHighAboveTheGroundIsHeldByNothingThatIsHiddenOrFarAway)
   EXPECT_FALSE(support.IsFloating(low_m, true));
   // and who knows how high the sky is without a ground?
   const Ground none;
-  const Support up(wall_m, none, {}, kCellDeg, config);
+  const Support up(wall_m, none, {}, config);
   EXPECT_FALSE(up.IsFloating(beside_the_wall_m, true));
   // Farther away than the far reach begins.
   const Eigen::Vector3d far_m(50, 0, 30);
   const std::vector<Eigen::Vector3f> thing_m = Blob(far_m + Eigen::Vector3d(0, 12, 0));
   structure_m = FlatGround();
   structure_m.insert(structure_m.end(), thing_m.begin(), thing_m.end());
-  const Support beside_a_thing(structure_m, ground, {}, kCellDeg, config);
+  const Support beside_a_thing(structure_m, ground, {}, config);
   EXPECT_FALSE(beside_a_thing.IsFloating(far_m.cast<float>()));
   EXPECT_TRUE(beside_a_thing.IsFloating(far_m.cast<float>(), true));
   // What is near enough to be tied to it holds it in any case.
@@ -187,7 +185,7 @@ TEST(Support, WhatHasComeHighAboveTheGroundIsHeldByNothingThatIsHiddenOrFarAway)
 
 TEST(Support, WithoutStructureEverythingInRangeFloats) {
   const Ground ground;
-  const Support support({}, ground, {}, kCellDeg, SupportConfig());
+  const Support support({}, ground, {}, SupportConfig());
   EXPECT_TRUE(support.IsFloating({1.0F, 2.0F, 3.0F}));
   EXPECT_FALSE(support.IsFloating({101.0F, 2.0F, 3.0F}));
 }
@@ -212,7 +210,10 @@ Eigen::Vector3f RandomPlace(const std::vector<Eigen::Vector3f>& structure_m, Ran
 }
 
 DepthMap DepthOf(const std::vector<Eigen::Vector3f>& structure_m) {
-  return {structure_m, std::vector<std::uint32_t>(structure_m.size(), 0), 1, kCellDeg};
+  DepthMap depth(2.0);
+  DepthMap::Workspace workspace;
+  depth.Fill(structure_m, &workspace);
+  return depth;
 }
 
 // The first point of each voxel.
@@ -251,8 +252,8 @@ TEST(Support, OfRandomStructureIsThatOfAllItsPoints) {
     config.reach = {random.Uniform(0.5, 4.0), random.Uniform(0.0, 0.15)};
     config.max_range_m = 55.0;
     const std::vector<Eigen::Vector3f> thinned_m = Thinned(structure_m);
-    const Support support(structure_m, ground, {}, kCellDeg, config);
-    const Support thinned_support(thinned_m, ground, {}, kCellDeg, config);
+    const Support support(structure_m, ground, {}, config);
+    const Support thinned_support(thinned_m, ground, {}, config);
     const DepthMap depth = DepthOf(structure_m);
     const DepthMap thinned_depth = DepthOf(thinned_m);
     const double diagonal_m = std::sqrt(3.0) * kSupportVoxelM;
@@ -275,38 +276,6 @@ TEST(Support, OfRandomStructureIsThatOfAllItsPoints) {
     EXPECT_GT(num_floating, 100);
     EXPECT_LT(num_floating, 1900);
   }
-}
-
-TEST(Support, FloatingReturnsAreTheStructureThatFloats) {
-  Random random(5);
-  const std::vector<Eigen::Vector3f> structure_m = Thinned(RandomStructure(&random));
-  RecordingMaker maker(6);
-  std::vector<std::uint32_t> structure;
-  for (int frame = 0; frame < 20; ++frame) {
-    maker.BeginFrame(frame * kPeriodS);
-    for (int i = 0; i < 100; ++i) {
-      if (random.Index(3) != 0) {
-        structure.push_back(static_cast<std::uint32_t>(maker.recording.points_m.size()));
-      }
-      maker.Add(RandomPlace(structure_m, &random).cast<double>());
-    }
-  }
-  const Ground ground(FlatGround());
-  const SupportConfig config;
-  const DepthMap depth = DepthOf(structure_m);
-  std::map<VoxelKey, bool> floats;  // of the first return of each voxel
-  std::vector<std::uint32_t> expected;
-  for (const std::uint32_t i : structure) {
-    const Eigen::Vector3f& point_m = maker.recording.points_m[i];
-    const auto verdict = floats.try_emplace(VoxelOf(point_m, kSupportVoxelM), false);
-    if (verdict.second) verdict.first->second = Floats(point_m, structure_m, ground, config, depth);
-    if (verdict.first->second) expected.push_back(i);
-  }
-  EXPECT_EQ(Support(structure_m, ground, {}, kCellDeg, config)
-                .FloatingReturns(maker.recording, structure),
-            expected);
-  EXPECT_GT(expected.size(), 100U);
-  EXPECT_LT(expected.size(), 1200U);
 }
 
 }  // namespace

@@ -60,7 +60,7 @@ Config WindowsOf(double window_s, double margin_s) {
   return config;
 }
 
-Config NoWindows() { return WindowsOf(std::numeric_limits<double>::infinity(), 0.0); }
+Config OneWindow() { return WindowsOf(90.0, 0.0); }
 
 std::vector<TrajectoryRow> Rows(const PipelineResult& result, std::size_t track) {
   std::vector<TrajectoryRow> rows;
@@ -70,7 +70,7 @@ std::vector<TrajectoryRow> Rows(const PipelineResult& result, std::size_t track)
 }
 
 TEST(Windows, TracksAreThoseOfTheWholeWhateverTheWindow) {
-  const PipelineResult whole = TracksOf(Long(), FirstSensorStamps(), NoWindows());
+  const PipelineResult whole = TracksOf(Long(), FirstSensorStamps(), OneWindow());
   ASSERT_EQ(whole.tracks.size(), 2U);
   constexpr std::array<double, 3> kWindows_s = {10.0, 17.0, 25.0};
   for (std::size_t k = 0; k < testing::Draws(kWindows_s.size()); ++k) {
@@ -119,7 +119,7 @@ TEST(Windows, ReturnsAreThoseOfTheRecordingAndOneTracksEach) {
 
 TEST(Windows, ARecordingThatIsNoLongerThanOneIsSearchedAsAWhole) {
   const double duration_s = kFrames * kPeriodS;
-  const PipelineResult whole = TracksOf(Long(), FirstSensorStamps(), NoWindows());
+  const PipelineResult whole = TracksOf(Long(), FirstSensorStamps(), OneWindow());
   const PipelineResult one = TracksOf(Long(), FirstSensorStamps(), WindowsOf(duration_s, 4.0));
   EXPECT_EQ(one.recording.points_m.size(), Long().points_m.size());
   ASSERT_EQ(one.tracks.size(), whole.tracks.size());

@@ -1,0 +1,72 @@
+#include "scene/clutter_map.hpp"
+
+#include <algorithm>
+
+#include "scene/plots.hpp"
+
+namespace unlidar {
+namespace {
+
+// The widest neighbourhood reaches across a scene. Where nothing is known the rate is that of an
+// empty sky.
+constexpr RangeRadius kWide{4.0, 0.35};
+constexpr RangeRadius kMiddle{4.0, 0.12};
+constexpr double kEmptySkyRate = 1e-6;
+// Extent of a static object that is a point to the sensor.
+constexpr RangeRadius kSpotRadius{0.19, 0.006};
+
+}  // namespace
+
+ClutterMap::Sensor::Sensor()
+    : levels{RangeGrid(kWide), RangeGrid(kMiddle), RangeGrid(kClutterNarrow)}, spots(kSpotRadius) {}
+
+const ClutterMap::Sensor& ClutterMap::SensorAt(std::uint32_t sensor) const {
+  static const Sensor empty;
+  return sensor < sensors_.size() ? sensors_[sensor] : empty;
+}
+
+void ClutterMap::Add(std::uint32_t sensor, const Eigen::Vector3f& place_m, std::uint32_t bin,
+                     std::int32_t count) {
+  if (sensors_.size() <= sensor) sensors_.resize(sensor + 1);
+  for (RangeGrid& level : sensors_[sensor].levels) level.Add(place_m, bin, count);
+  sensors_[sensor].spots.Add(place_m, bin, count);
+}
+
+std::array<ClutterMap::Level, ClutterMap::kNumLevels> ClutterMap::LevelsAt(
+    std::uint32_t sensor, const Eigen::Vector3f& place_m, std::uint32_t bin) const {
+  std::array<Level, kNumLevels> levels;
+  for (std::size_t k = 0; k < kNumLevels; ++k) {
+    const RangeGrid& grid = SensorAt(sensor).levels[k];
+    levels[k] = {grid.Count(place_m) - grid.Count(place_m, Excluded(bin)), grid.VolumeM3(place_m)};
+  }
+  return levels;
+}
+
+ClutterMap::Counts ClutterMap::AtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m,
+                                      std::uint32_t bin) const {
+  const RangeGrid& grid = SensorAt(sensor).spots;
+  const BinRange excluded = Excluded(bin);
+  const std::uint32_t before = grid.Count(place_m, {excluded.first, bin + 1});
+  const std::uint32_t after = grid.Count(place_m, {bin + 1, excluded.last});
+  return {before, after, grid.Count(place_m) - before - after};
+}
+
+void ClutterMap::Forget(std::uint32_t before_bin) {
+  for (Sensor& sensor : sensors_) {
+    for (RangeGrid& level : sensor.levels) level.Forget(before_bin);
+    sensor.spots.Forget(before_bin);
+  }
+}
+
+double RateAtOtherTimes(const std::array<ClutterMap::Level, ClutterMap::kNumLevels>& levels,
+                        double num_frames, std::uint32_t num_excluded, std::size_t num_levels) {
+  double rate = kEmptySkyRate;
+  for (std::size_t k = 0; k < num_levels; ++k) {
+    const ClutterMap::Level& level = levels[k];
+    rate = ClutterRate(level.count - std::min(level.count, num_excluded),
+                       num_frames * level.volume_m3, rate);
+  }
+  return rate;
+}
+
+}  // namespace unlidar

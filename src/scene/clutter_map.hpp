@@ -1,0 +1,81 @@
+// Plots around each place by time bin, from which clutter intensities are estimated.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "scene/range_grid.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// The narrowest neighbourhood, of a branch.
+constexpr RangeRadius kClutterNarrow{1.5, 0.04};
+
+// Counts the plots of each sensor of a station in neighbourhoods of three sizes and at the spot of
+// a static object. Bins within kExclusionBins of a plot's own do not count towards its
+// clutter: a target takes about that long to leave its place.
+class ClutterMap {
+ public:
+  static constexpr std::size_t kNumLevels = 3;
+  static constexpr std::uint32_t kExclusionBins = 2;
+
+  // Plots at a spot: those of the excluded bins, up to the bin itself and after it, and those of
+  // other times.
+  struct Counts {
+    std::uint32_t before = 0;
+    std::uint32_t after = 0;
+    std::uint32_t at_other_times = 0;
+  };
+
+  // The plots of other times in a neighbourhood, and its volume.
+  struct Level {
+    std::uint32_t count = 0;
+    double volume_m3 = 0.0;
+  };
+
+  // Adds a plot, or removes it again if `count` is -1. `place_m`: relative to the viewpoint.
+  void Add(std::uint32_t sensor, const Eigen::Vector3f& place_m, std::uint32_t bin,
+           std::int32_t count = 1);
+
+  // From the widest to the narrowest.
+  std::array<Level, kNumLevels> LevelsAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
+                                         std::uint32_t bin) const;
+
+  Counts AtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m, std::uint32_t bin) const;
+
+  // Forgets the plots of earlier bins.
+  void Forget(std::uint32_t before_bin);
+
+  // Returns the bins excluded for a plot.
+  static BinRange Excluded(std::uint32_t bin) {
+    return {bin - std::min(bin, kExclusionBins), bin + kExclusionBins + 1};
+  }
+
+ private:
+  struct Sensor {
+    Sensor();
+
+    std::array<RangeGrid, kNumLevels> levels;
+    RangeGrid spots;
+  };
+
+  const Sensor& SensorAt(std::uint32_t sensor) const;
+
+  std::vector<Sensor> sensors_;
+};
+
+// Returns the clutter intensity (plots per m^3 and frame) at a place, method.md (2), given the
+// plots of other times around it and the number of frames that could have shown them. Each level is
+// the prior of the next, so that an empty neighbourhood takes the rate of its surroundings, and a
+// level is weighted by its exposure. `num_excluded`: of the plots in every level. `num_levels`: of
+// the widest.
+double RateAtOtherTimes(const std::array<ClutterMap::Level, ClutterMap::kNumLevels>& levels,
+                        double num_frames, std::uint32_t num_excluded = 0,
+                        std::size_t num_levels = ClutterMap::kNumLevels);
+
+}  // namespace unlidar

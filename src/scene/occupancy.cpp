@@ -1,0 +1,249 @@
+#include "scene/occupancy.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+namespace unlidar {
+namespace {
+
+constexpr int kWindow = RecentBins::kWindow;
+constexpr int kEnoughBins = 128;  // of which a place must be exposed for a share, however many more
+constexpr int kSettledBins = 10;  // observed bins from which structure is kept for a while
+constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may be empty by chance
+// With fewer observed bins, any place that is still being hit may be a support.
+constexpr int kYoungBins = 20;
+constexpr double kSupportingHits = 3.0;
+constexpr double kSupportingShare = 0.5;  // of the hits of structure
+// Count for a place without hits: Jeffreys' prior of a Poisson rate.
+constexpr double kJeffreysHits = 0.5;
+constexpr double kMaxOccupancy = 0.999;  // the rate of a place that is always hit is unbounded
+
+// Dwell around the bin of age `at`, from its youngest to its oldest bin, with breaks of at most
+// `max_break` bins.
+struct Dwell {
+  int youngest;
+  int oldest;
+};
+
+Dwell DwellAt(const RecentBins& hits, int at, int max_break) {
+  Dwell dwell{at, at};
+  for (int age = at - 1; age >= 0 && dwell.youngest - age <= max_break + 1; --age) {
+    if (hits.Contains(age)) dwell.youngest = age;
+  }
+  for (int age = at + 1; age < kWindow && age - dwell.oldest <= max_break + 1; ++age) {
+    if (hits.Contains(age)) dwell.oldest = age;
+  }
+  return dwell;
+}
+
+}  // namespace
+
+Occupancy::Occupancy(const BackgroundConfig& config)
+    : config_(config),
+      max_break_(static_cast<int>(config.max_dwell_gap_s / kBinS)),
+      frame_counts_(kWindow, 0),
+      places_(config.place) {}
+
+void Occupancy::AddFrame(std::int64_t bin) {
+  if (bin > newest_) {
+    const std::int64_t passed = std::min<std::int64_t>(bin - newest_, kWindow);
+    for (std::int64_t b = bin - passed + 1; b <= bin; ++b) {
+      num_frames_ -= std::exchange(frame_counts_[static_cast<std::size_t>(b % kWindow)], 0U);
+    }
+    observed_.Age(bin - newest_);
+    newest_ = bin;
+  }
+  const std::int64_t age = newest_ - bin;
+  if (age >= kWindow) return;
+  observed_.Insert(static_cast<int>(age));
+  ++frame_counts_[static_cast<std::size_t>(bin % kWindow)];
+  ++num_frames_;
+}
+
+void Occupancy::Age(Place* place) const {
+  place->hits.Age(newest_ - place->bin);
+  place->bin = newest_;
+}
+
+void Occupancy::Add(const Eigen::Vector3f& point_m, std::int64_t bin) {
+  const std::int64_t age = newest_ - bin;
+  if (age < 0 || age >= kWindow) return;
+  Place unknown;
+  unknown.bin = newest_;
+  places_.VisitOverlappingShells(point_m, unknown, [&](std::uint32_t, Place& place, bool is_own) {
+    if (place.bin != newest_) Age(&place);
+    if (place.hits.Contains(static_cast<int>(age))) return;
+    place.hits.Insert(static_cast<int>(age));
+    place.point_m = point_m;
+    place.is_own = is_own;
+  });
+}
+
+RecentBins Occupancy::HitsAround(const Eigen::Vector3f& point_m) const {
+  RecentBins hits;
+  places_.VisitNeighbourhood(point_m, [&](const Place& place) {
+    RecentBins own = place.hits;
+    own.Age(newest_ - place.bin);
+    hits |= own;
+  });
+  return hits;
+}
+
+// Returns per frame and m^3 at a place that is hit in `occupied` of `exposed` bins, by a Poisson
+// process.
+double Occupancy::RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const {
+  const double hits_per_bin = -std::log1p(-std::min(kMaxOccupancy, occupied / exposed));
+  return hits_per_bin * observed_.Size() / num_frames_ / places_.VolumeM3(point_m);
+}
+
+double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first,
+                              std::int64_t last) const {
+  const auto age_of = [&](std::int64_t bin) {
+    return static_cast<int>(std::clamp<std::int64_t>(newest_ - bin, -1, kWindow));
+  };
+  const int youngest = std::max(age_of(last - 1), 0);
+  const int oldest = age_of(first);
+  const int num_outside = observed_.SizeOutside(youngest, oldest);
+  if (num_outside < config_.min_exposure * std::min(observed_.Size(), kEnoughBins)) return -1.0;
+  const int num_hit = (HitsAround(place_m) & observed_).SizeOutside(youngest, oldest);
+  return RateOf(std::max<double>(num_hit, kJeffreysHits), num_outside, place_m);
+}
+
+double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) const {
+  const std::int64_t age = newest_ - bin;
+  if (age < 0 || age >= kWindow) return 0.0;
+  const auto step_m = static_cast<float>(std::pow(places_.VolumeM3(point_m), 1.0 / 3.0));
+  std::array<RecentBins, 6> hits{};
+  std::size_t num_free = 0;
+  for (std::size_t k = 0; k < hits.size(); ++k) {
+    const auto axis = static_cast<Eigen::Index>(k / 2);
+    const Eigen::Vector3f offset_m = (k % 2 == 0 ? step_m : -step_m) * Eigen::Vector3f::Unit(axis);
+    hits[k] = HitsAround(point_m + offset_m);
+    // Early exit for open air.
+    num_free += hits[k].IsEmpty() ? 1U : 0U;
+    if (num_free > kMaxEmptyAdjacent) return 0.0;
+  }
+  const Dwell dwell = DwellAt(HitsAround(point_m), static_cast<int>(age), max_break_);
+  const int exposed = observed_.SizeOutside(dwell.youngest, dwell.oldest);
+  if (exposed == 0) return 0.0;
+  std::array<int, 6> occupied{};
+  std::transform(hits.begin(), hits.end(), occupied.begin(), [&](const RecentBins& around) {
+    return (around & observed_).SizeOutside(dwell.youngest, dwell.oldest);
+  });
+  std::sort(occupied.begin(), occupied.end());
+  return RateOf(occupied[kMaxEmptyAdjacent], exposed, point_m);
+}
+
+// Judges a place by the bins outside its dwell. A dwell that fills the window leaves none to judge
+// it by: those of an earlier verdict on it count then, as a long hover must not become structure.
+void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const {
+  const RecentBins hits = HitsAround(point_m);
+  const Dwell dwell = DwellAt(hits, age, max_break_);
+  const std::int64_t dwell_before = std::exchange(place->dwell_first, newest_ - dwell.oldest);
+  place->dwell_last = newest_ - dwell.youngest;
+  if (place->dwell_first != dwell_before && !IsLong(*place)) {
+    place->past_occupied = place->past_exposed = 0;
+  }
+  const int num_observed = observed_.Size();
+  const double min_exposed = config_.min_exposure * std::min(num_observed, kEnoughBins);
+  int exposed = observed_.SizeOutside(dwell.youngest, dwell.oldest);
+  int occupied = (hits & observed_).SizeOutside(dwell.youngest, dwell.oldest);
+  if (IsLong(*place) || exposed < min_exposed) {
+    exposed = std::max(exposed, place->past_exposed);
+    occupied = std::max(occupied, place->past_occupied);
+  } else {
+    place->past_exposed = exposed;
+    place->past_occupied = occupied;
+  }
+  const double max_occupied = config_.max_occupancy * exposed;
+  place->is_unknown = exposed < min_exposed;
+  place->is_structure = place->is_unknown || occupied > max_occupied;
+  place->is_supporter = place->is_structure ||
+                        (occupied >= kSupportingHits && occupied > kSupportingShare * max_occupied);
+  // A single bin may be a passing target.
+  place->place_rate = place->is_structure || occupied <= 1
+                          ? 0.0F
+                          : static_cast<float>(RateOf(occupied - 1.0, exposed, point_m));
+  place->valid_until = newest_;
+  // Spread over bins, so that not all places are judged again at once.
+  if (place->is_structure && num_observed >= kSettledBins) {
+    place->valid_until += 4 + static_cast<std::int64_t>(1e3F * place->point_m.norm()) % 8;
+  }
+}
+
+Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
+                                    const FloatsIn& floats, const IsTargetSince& is_target) {
+  Verdict verdict;
+  verdict.is_structure = true;
+  Place* const place = places_.Find(point_m);
+  const std::int64_t age = newest_ - bin;
+  if (place == nullptr || age < 0 || age >= kWindow) return verdict;
+  const bool is_valid = newest_ <= place->valid_until && place->dwell_first <= bin &&
+                        bin <= place->dwell_last + max_break_ + 1;
+  if (!is_valid) JudgeAnew(point_m, static_cast<int>(age), place);
+  verdict.is_structure = place->is_structure;
+  verdict.place_rate = place->place_rate;
+  if (!IsLong(*place)) verdict.dwell_begin_bin = place->dwell_first;
+  if (!verdict.is_structure) return verdict;
+  if (std::exchange(place->scene, scene) != scene) place->floats = floats(point_m);
+  verdict.floats = place->floats;
+  // A dwell that began with a known target is the target.
+  if (place->is_unknown && !verdict.floats && verdict.dwell_begin_bin && is_target &&
+      is_target(point_m, *verdict.dwell_begin_bin)) {
+    verdict.is_structure = place->is_structure = place->is_supporter = false;
+    place->valid_until = newest_ - 1;
+  }
+  return verdict;
+}
+
+// True if the dwell may reach beyond the window.
+bool Occupancy::IsLong(const Place& place) const {
+  return newest_ - place.dwell_first + max_break_ + 1 >= kWindow;
+}
+
+void Occupancy::JudgeAll() {
+  places_.VisitAll([&](Place& place) {
+    Age(&place);
+    if (place.is_own && !place.hits.IsEmpty()) {
+      JudgeAnew(place.point_m, place.hits.Youngest(), &place);
+    }
+  });
+}
+
+void Occupancy::GetStructure(std::vector<Eigen::Vector3f>* points_m) const {
+  GetReturnsOf([](const Place& place) { return place.is_structure; }, points_m);
+}
+
+// In the first seconds a place with few hits may be a pole. A place that an object has left is no
+// longer hit.
+void Occupancy::GetSupporters(std::vector<Eigen::Vector3f>* points_m) const {
+  const bool is_young = observed_.Size() < kYoungBins;
+  const auto is_supporter = [&](const Place& place) {
+    if (!is_young || place.is_structure) return place.is_supporter;
+    return newest_ - place.bin + place.hits.Youngest() <= max_break_;
+  };
+  GetReturnsOf(is_supporter, points_m);
+}
+
+template <class IsWanted>
+void Occupancy::GetReturnsOf(const IsWanted& is_wanted,
+                             std::vector<Eigen::Vector3f>* points_m) const {
+  points_m->clear();
+  places_.VisitAll([&](const Place& place) {
+    if (place.is_own && is_wanted(place)) points_m->push_back(place.point_m);
+  });
+  std::sort(points_m->begin(), points_m->end(), [](const auto& a, const auto& b) {
+    return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
+  });
+}
+
+void Occupancy::Sweep() {
+  places_.EraseIf([&](Place& place) {
+    Age(&place);
+    return place.hits.IsEmpty();
+  });
+}
+
+}  // namespace unlidar

@@ -1,0 +1,111 @@
+// Occupancy of each place at other times: structure, clutter or free space. method.md section 1.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "scene/recent_bins.hpp"
+#include "scene/shell_table.hpp"
+#include "scene/time_bins.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// Occupancy over the last RecentBins::kWindow time bins: of a recording all, searched window by
+// window, of a stream those of a sliding window. A return is judged by the bins outside the dwell
+// of its place, before and after it as far as they are known.
+class Occupancy {
+ public:
+  struct Verdict {
+    bool is_structure = false;                    // also where too few bins are exposed
+    bool floats = false;                          // unsupported structure
+    float place_rate = 0.0F;                      // see PlaceRate in method.md (3); 0 of structure
+    std::optional<std::int64_t> dwell_begin_bin;  // first bin of the dwell, if known
+  };
+
+  // True if a place is unsupported. Called once for each place and scene.
+  using FloatsIn = std::function<bool(const Eigen::Vector3f&)>;
+
+  // True if a known target has been at a place since a bin. May be empty: no targets.
+  using IsTargetSince = std::function<bool(const Eigen::Vector3f&, std::int64_t bin)>;
+
+  explicit Occupancy(const BackgroundConfig& config);
+
+  // Bins count up; frames may come out of order by a few bins.
+  void AddFrame(std::int64_t bin);
+  void Add(const Eigen::Vector3f& point_m, std::int64_t bin);
+
+  // Prefetches the place of a point that will be added or judged soon.
+  void Prefetch(const Eigen::Vector3f& point_m) const { places_.Prefetch(point_m); }
+
+  // Judges a return measured in `bin`; outside the window it is structure. `scene`: number of the
+  // scene that `floats` refers to.
+  Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene, const FloatsIn& floats,
+                const IsTargetSince& is_target = nullptr);
+
+  // Judges the last return of every place, for GetStructure() and GetSupporters().
+  void JudgeAll();
+
+  // Returns the rate of returns per m^3 and frame at a place in the bins outside [first, last),
+  // with half a bin where there was none; negative if they are less than the share
+  // BackgroundConfig::min_exposure of all.
+  double RateOutside(const Eigen::Vector3f& place_m, std::int64_t first, std::int64_t last) const;
+
+  // Returns the rate of returns around a place, in returns per frame and m^3: the rate that most
+  // adjacent places exceed. In dense rain some places are empty by chance, so the surroundings say
+  // more than the place itself.
+  double RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) const;
+
+  // Sets one return for each place last judged as structure and hit within the window.
+  void GetStructure(std::vector<Eigen::Vector3f>* points_m) const;
+
+  // Sets one return for each possible support: a place hit at least half as often as structure, in
+  // several bins outside its dwell; in the first seconds, any place that is still being hit.
+  void GetSupporters(std::vector<Eigen::Vector3f>* points_m) const;
+
+  // Erases places without hits in the window. To be called periodically.
+  void Sweep();
+
+ private:
+  struct Place {
+    RecentBins hits;  // in the voxel, up to `bin`
+    std::int64_t bin = 0;
+    Eigen::Vector3f point_m = Eigen::Vector3f::Zero();  // the last return
+    bool is_own = false;                                // which lies in this shell
+    bool floats = false;
+    int scene = -1;  // to which `floats` refers
+    // The last verdict: valid for the bins of its dwell, until the newest bin is `valid_until`.
+    bool is_structure = false;
+    bool is_unknown = false;  // too few bins are exposed
+    bool is_supporter = false;
+    float place_rate = 0.0F;
+    std::int64_t valid_until = -1;
+    std::int64_t dwell_first = 0;
+    std::int64_t dwell_last = 0;
+    // Bins outside this dwell, when enough were exposed.
+    int past_occupied = 0;
+    int past_exposed = 0;
+  };
+
+  void Age(Place* place) const;
+  RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
+  double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
+  bool IsLong(const Place& place) const;
+  void JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const;
+  template <class IsWanted>
+  void GetReturnsOf(const IsWanted& is_wanted, std::vector<Eigen::Vector3f>* points_m) const;
+
+  BackgroundConfig config_;
+  int max_break_;
+  std::int64_t newest_ = 0;
+  RecentBins observed_;                      // bins with frames
+  std::vector<std::uint32_t> frame_counts_;  // (RecentBins::kWindow) by bin modulo the window
+  std::uint32_t num_frames_ = 0;             // sum of these
+  ShellTable<Place> places_;
+};
+
+}  // namespace unlidar

@@ -1,0 +1,83 @@
+// Sets of the most recent time bins, as bits.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+namespace unlidar {
+
+// A set of the last kWindow time bins, each named by its age in bins: 0 is the newest.
+class RecentBins {
+ public:
+  static constexpr int kWindow = 256;  // 128 s in bins of half a second
+
+  void Insert(int age) { words_[WordOf(age)] |= BitOf(age); }
+  bool Contains(int age) const { return (words_[WordOf(age)] & BitOf(age)) != 0; }
+  bool IsEmpty() const {
+    return std::all_of(words_.begin(), words_.end(), [](std::uint64_t word) { return word == 0; });
+  }
+
+  int Size() const {
+    int size = 0;
+    for (const std::uint64_t word : words_) size += __builtin_popcountll(word);
+    return size;
+  }
+
+  // Returns the smallest age; kWindow if empty.
+  int Youngest() const {
+    for (std::size_t w = 0; w < kWords; ++w) {
+      if (words_[w] != 0) return static_cast<int>(w) * kBits + __builtin_ctzll(words_[w]);
+    }
+    return kWindow;
+  }
+
+  // Makes all bins older by `bins` >= 0; those that leave the window are dropped.
+  void Age(std::int64_t bins) {
+    if (bins <= 0) return;
+    const auto by_words = static_cast<std::size_t>(std::min<std::int64_t>(bins / kBits, kWords));
+    const auto by_bits = static_cast<unsigned>(bins % kBits);
+    for (std::size_t w = kWords; w-- > 0;) {
+      std::uint64_t word = w >= by_words ? words_[w - by_words] << by_bits : 0;
+      if (by_bits > 0 && w > by_words) word |= words_[w - by_words - 1] >> (kBits - by_bits);
+      words_[w] = word;
+    }
+  }
+
+  RecentBins& operator|=(const RecentBins& other) {
+    for (std::size_t w = 0; w < kWords; ++w) words_[w] |= other.words_[w];
+    return *this;
+  }
+
+  friend RecentBins operator&(RecentBins a, const RecentBins& b) {
+    for (std::size_t w = 0; w < kWords; ++w) a.words_[w] &= b.words_[w];
+    return a;
+  }
+
+  // Returns the number of these bins of ages outside [youngest, oldest].
+  int SizeOutside(int youngest, int oldest) const {
+    int size = 0;
+    for (std::size_t w = 0; w < kWords; ++w) {
+      const int first = static_cast<int>(w) * kBits;
+      size += __builtin_popcountll(words_[w] &
+                                   ~(LowBits(oldest + 1 - first) & ~LowBits(youngest - first)));
+    }
+    return size;
+  }
+
+ private:
+  static constexpr int kBits = 64;
+  static constexpr std::size_t kWords = kWindow / kBits;
+
+  static std::size_t WordOf(int age) { return static_cast<std::size_t>(age / kBits); }
+  static std::uint64_t BitOf(int age) { return std::uint64_t{1} << (age % kBits); }
+  static std::uint64_t LowBits(int count) {
+    if (count <= 0) return 0;
+    return count >= kBits ? ~std::uint64_t{0} : (std::uint64_t{1} << count) - 1;
+  }
+
+  std::array<std::uint64_t, kWords> words_{};
+};
+
+}  // namespace unlidar

@@ -1,0 +1,83 @@
+#include "scene/station_scene.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace unlidar {
+namespace {
+
+// Places are prefetched this many returns ahead: their data exceed the cache.
+constexpr std::size_t kPrefetchDistance = 16;
+constexpr std::size_t kElevationReturns = 100'000;
+
+}  // namespace
+
+StationScene::StationScene(const RobustConfig& config)
+    : config_(&config), occupancy_(config.background) {}
+
+void StationScene::Learn(PointsView points_m, std::int64_t bin) {
+  occupancy_.AddFrame(bin);
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    if (i + kPrefetchDistance < points_m.size()) {
+      occupancy_.Prefetch(points_m[i + kPrefetchDistance]);
+    }
+    occupancy_.Add(points_m[i], bin);
+    field_of_view_.Add(points_m[i]);
+    if (!is_fitted() && first_returns_m_.size() < kElevationReturns) {
+      first_returns_m_.push_back(points_m[i]);
+    }
+  }
+}
+
+void StationScene::Fit(FitWorkspace* workspace) {
+  if (!is_fitted()) {
+    occupancy_.JudgeAll();
+    fitted_ = std::make_unique<Fitted>(*config_);
+  }
+  if (!first_returns_m_.empty()) {
+    lowest_elevation_rad_ = LowestElevationRad(std::exchange(first_returns_m_, {}));
+  }
+  auto& [points_m, ground, support] = *workspace;
+  occupancy_.GetStructure(&points_m);
+  fitted_->ground.Fit(points_m, &ground);
+  occupancy_.GetSupporters(&points_m);
+  fitted_->support.Fill(points_m, field_of_view_.Edges(), &support);
+  ++num_fits_;
+}
+
+FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetSince& is_target,
+                                    FrameWorkspace* workspace) {
+  auto& [frame, plotter, verdicts, candidates, num_unexplained] = *workspace;
+  const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
+    return fitted_->support.IsFloating(point_m);
+  };
+  verdicts.clear();
+  candidates.clear();
+  const std::vector<Eigen::Vector3f>& points_m = frame.points_m;
+  for (std::uint32_t i = 0; i < points_m.size(); ++i) {
+    if (i + kPrefetchDistance < points_m.size()) {
+      occupancy_.Prefetch(points_m[i + kPrefetchDistance]);
+    }
+    verdicts.push_back(occupancy_.Judge(points_m[i], bin, num_fits_, floats, is_target));
+    // Static objects in the air look like structure if present throughout. Distant ground is hit
+    // too seldom to be structure.
+    if (verdicts.back().is_structure && !verdicts.back().floats) continue;
+    if (!fitted_->ground.IsGround(points_m[i])) candidates.push_back(i);
+  }
+  num_unexplained = candidates.size();
+  FramePlots& found =
+      plotter.Find(frame, 0, &candidates, fitted_->ground, lowest_elevation_rad_, *config_);
+  for (std::size_t p = 0; p < found.plots.size(); ++p) {
+    Plot& plot = found.plots[p];
+    double rate = 0.0;
+    for (const std::uint32_t i : plotter.ReturnsOf(p)) {
+      rate += static_cast<double>(verdicts[i].place_rate);
+      plot.has_structure = plot.has_structure || verdicts[i].is_structure;
+    }
+    plot.place_rate = std::max(rate / static_cast<double>(plot.num_returns),
+                               occupancy_.RateAround(plot.position_m.cast<float>(), bin));
+  }
+  return found;
+}
+
+}  // namespace unlidar

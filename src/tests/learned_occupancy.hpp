@@ -1,0 +1,60 @@
+// Occupancy learned from a whole recording.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <vector>
+
+#include "base/recording.hpp"
+#include "scene/occupancy.hpp"
+#include "scene/station_model.hpp"
+#include "scene/time_bins.hpp"
+
+namespace unlidar::testing {
+
+inline bool NeverFloats(const Eigen::Vector3f&) { return false; }
+
+// As a station learns it; the places are relative to the origin.
+class LearnedOccupancy {
+ public:
+  explicit LearnedOccupancy(const Recording& recording,
+                            const BackgroundConfig& config = BackgroundConfig())
+      : bins_(recording.frames, recording.sensors.size()), occupancy_(config) {
+    for (const FrameInfo& frame : recording.frames) {
+      const std::uint32_t bin = bins_.BinOf(frame.middle_ns());
+      occupancy_.AddFrame(bin);
+      for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+        bin_of_.push_back(bin);
+        occupancy_.Add(recording.points_m[i], bin);
+      }
+    }
+    occupancy_.JudgeAll();
+  }
+
+  // Judges one return of the recording.
+  Occupancy::Verdict Judge(const Recording& recording, std::size_t i) {
+    return occupancy_.Judge(recording.points_m[i], bin_of_[i], 0, NeverFloats);
+  }
+
+  // Judges all returns in order.
+  std::vector<Occupancy::Verdict> Verdicts(const Recording& recording) {
+    std::vector<Occupancy::Verdict> verdicts;
+    for (std::size_t i = 0; i < bin_of_.size(); ++i) verdicts.push_back(Judge(recording, i));
+    return verdicts;
+  }
+
+  const TimeBins& bins() const { return bins_; }
+  const Occupancy& occupancy() const { return occupancy_; }
+
+  // Points into this object.
+  StationModel ModelAt(const Eigen::Vector3f& viewpoint_m = Eigen::Vector3f::Zero()) const {
+    return {viewpoint_m, &bins_, &occupancy_};
+  }
+
+ private:
+  TimeBins bins_;
+  std::vector<std::uint32_t> bin_of_;  // (returns)
+  Occupancy occupancy_;
+};
+
+}  // namespace unlidar::testing

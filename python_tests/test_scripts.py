@@ -116,6 +116,7 @@ def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> 
         ("bench.sh", ["speed"], "no part 'speed', expected some of: clustering pcd"),
         ("fuzz.sh", [], "expected a number of minutes"),
         ("fuzz.sh", ["0"], "'0': expected a whole number of minutes above 0"),
+        ("fuzz.sh", ["0s"], "'0s': expected a whole number of minutes above 0"),
         ("fuzz.sh", ["--runs", "many", "1"], "--runs 'many': expected a whole number above 0"),
         ("fuzz.sh", ["--runs"], "--runs: expected a number of executions behind it"),
         ("fuzz.sh", ["1", "nothing"], "no target 'nothing', expected some of: one two"),

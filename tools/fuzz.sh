@@ -4,12 +4,14 @@ set -euo pipefail
 
 usage() {
   cat <<'TEXT'
-Usage: tools/fuzz.sh [--runs N] MINUTES [TARGET...]
+Usage: tools/fuzz.sh [--runs N] TIME [TARGET...]
 
 Builds the fuzzers of src/fuzz/ with clang and its address and undefined behaviour sanitizers, and
-runs each TARGET (without one, all) for so many minutes, as many at a time as there are processors:
+runs each TARGET (without one, all) for a TIME in minutes, or with an s behind it in seconds, as many
+at a time as there are processors:
 
     tools/fuzz.sh 10
+    tools/fuzz.sh 30s
     tools/fuzz.sh --runs 10000000 600 pcd
 
   --runs N   ends a target after N executions, if that is sooner
@@ -54,11 +56,12 @@ while (($#)); do
   shift || fail "--runs: expected a number of executions behind it"
 done
 [[ $runs =~ ^(-1|[1-9][0-9]*)$ ]] || fail "--runs '$runs': expected a whole number above 0"
-((${#targets[@]})) || { usage >&2; fail "expected a number of minutes"; }
-minutes=${targets[0]}
+((${#targets[@]})) || { usage >&2; fail "expected a number of minutes or seconds"; }
+duration=${targets[0]}
 targets=("${targets[@]:1}")
-[[ $minutes =~ ^[1-9][0-9]{0,5}$ ]] || fail "'$minutes': expected a whole number of minutes above 0"
-seconds=$((60 * minutes))
+[[ $duration =~ ^([1-9][0-9]{0,5})(s?)$ ]] ||
+  fail "'$duration': expected a whole number of minutes above 0, or of seconds, as in 30s"
+seconds=$((BASH_REMATCH[1] * (${#BASH_REMATCH[2]} ? 1 : 60)))
 
 mapfile -t known < <(cd -- "$root/src/fuzz" && printf '%s\n' *_fuzz.cpp | sed 's/_fuzz\.cpp$//')
 ((${#targets[@]})) || targets=("${known[@]}")
@@ -69,7 +72,7 @@ done
 check_root_is_writable
 install_packages "${build_packages[@]}" "${sanitize_packages[@]}"
 build_sanitized "${targets[@]/%/_fuzz}"
-say "Fuzzing ${targets[*]}, $minutes min each"
+say "Fuzzing ${targets[*]}, $seconds s each"
 
 export root sanitize_dir seconds runs
 export -f fuzz

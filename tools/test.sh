@@ -15,7 +15,7 @@ a minute. Exit code 0 if all of them pass.
   --sanitize  only the tests with sanitizers and the line coverage
 
 Works from any folder; tests that need ../shared skip without it. A part takes seconds or minutes
-where nothing that it depends on has changed; everything, from nothing, some 35 minutes on two idle processors.
+where nothing that it depends on has changed; everything, from nothing, some 40 minutes on two idle processors.
 TEXT
 }
 
@@ -74,13 +74,13 @@ mapfile -d '' -t cpp_headers < <(find include src -name '*.hpp' -print0 | sort -
 mapfile -d '' -t cpp_units < <(find src -name '*.cpp' -print0 | sort -z)
 mapfile -d '' -t cpp_rules < <(find .clang-tidy src -name .clang-tidy -print0 | sort -z)
 
-# tidy: lints each folder of the library as one file that includes its sources, as most of the time
-# goes into foreign headers, and every other .cpp alone; where it has changed since it last passed, or
-# all when a header, a compiler option or a rule has.
+# tidy: lints each folder of the library, and some tests at a time, as one file that includes its sources,
+# as most of the time goes into foreign headers, and every other .cpp alone; where it has changed since
+# it last passed, or all when a header, a compiler option or a rule has.
 tidy() {
   local passed=$lint_dir/passed common unit key
   local -a folders units=() pending=()
-  configure_in "$lint_dir" -DUNLIDAR_UNITY=ON
+  configure_in "$lint_dir" -DUNLIDAR_UNITY=ON -DUNLIDAR_JOINED_TESTS=ON
   mkdir -p -- "$passed"
   mapfile -t folders < <(grep -o '"file": ".*_cxx\.cxx' "$lint_dir/compile_commands.json" | cut -d '"' -f 4)
   units=("${folders[@]}") # first, as they take longest
@@ -99,9 +99,13 @@ tidy() {
   # shellcheck disable=SC2016  # the inner shell is the one to expand them
   printf '%s\0' "${pending[@]}" |
     xargs -0 -n 2 -P "$jobs" bash -c '
-      follow=() # into what is included: the analyser would not by itself
-      [[ $1 != *.cxx ]] || follow=(--extra-arg-before=-{Xclang,analyzer-opt-analyze-headers})
-      clang-tidy --quiet -p "$0" "${follow[@]}" "$1" && touch -- "$2"' \
+      case $1 in
+        */all_tests.dir/*.cxx) options=(--config-file=src/tests/.clang-tidy) ;;
+        # The analyser would not go by itself into what is included.
+        *.cxx) options=(--extra-arg-before=-{Xclang,analyzer-opt-analyze-headers}) ;;
+        *) options=() ;;
+      esac
+      clang-tidy --quiet -p "$0" "${options[@]}" "$1" && touch -- "$2"' \
       "$lint_dir" 2> >(grep -v -E '^[0-9]+ warnings? generated\.$' >&2)
 }
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "app/output.hpp"
-#include "temporary_folder.hpp"
+#include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

@@ -43,7 +43,7 @@ struct RangeRadius {
 
 struct BackgroundConfig {
   RangeRadius place{0.35, 0.012};  // extent of one place
-  double max_dwell_gap_s = 1.5;        // a dwell ends where a place was empty for longer
+  double max_dwell_gap_s = 1.5;    // a dwell ends where a place was empty for longer
   double min_exposure = 0.15;      // share of the recording for which a place must be known
   double max_occupancy = 0.35;     // share of the other bins; above it: structure
 };

@@ -270,10 +270,10 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
 
   // Targets of the first round are removed from the clutter of the second, which is then more
   // sensitive. Static unsupported plots are no clutter from the start.
-  std::vector<char> assigned;
-  for (const Plot& plot : plots) {
-    assigned.push_back(plot.is_floating && plot.has_structure ? 1 : 0);
-  }
+  std::vector<char> assigned(plots.size());
+  std::transform(plots.begin(), plots.end(), assigned.begin(), [](const Plot& plot) {
+    return static_cast<char>(plot.is_floating && plot.has_structure);
+  });
   std::vector<Path> paths;
   std::vector<PathVerdict> verdicts;  // (paths)
   const int num_rounds = config.Uses(Rule::kSecondRound) ? 2 : 1;

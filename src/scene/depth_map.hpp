@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "scene/direction_cells.hpp"
 #include "scene/field_of_view.hpp"
 
 namespace unlidar {
@@ -39,12 +40,7 @@ class DepthMap {
     double sine;
   };
 
-  std::size_t CellOf(const Eigen::Vector3f& point_m) const;
-
-  std::size_t columns_;
-  std::size_t rows_;
-  double column_rad_;
-  double row_rad_;
+  DirectionCells cells_;
   std::vector<Angle> elevations_;  // (rows) of the cell centres
   std::vector<Angle> azimuths_;    // (columns)
   std::vector<float> medians_m_;   // (rows x columns) infinity without returns

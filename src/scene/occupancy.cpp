@@ -8,7 +8,6 @@
 namespace unlidar {
 namespace {
 
-constexpr int kWindow = RecentBins::kWindow;
 constexpr int kEnoughBins = 128;  // of which a place must be exposed for a share, however many more
 constexpr int kSettledBins = 10;  // observed bins from which structure is kept for a while
 constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may be empty by chance
@@ -32,7 +31,7 @@ Dwell DwellAt(const RecentBins& hits, int at, int max_break) {
   for (int age = at - 1; age >= 0 && dwell.youngest - age <= max_break + 1; --age) {
     if (hits.Contains(age)) dwell.youngest = age;
   }
-  for (int age = at + 1; age < kWindow && age - dwell.oldest <= max_break + 1; ++age) {
+  for (int age = at + 1; age < RecentBins::kWindow && age - dwell.oldest <= max_break + 1; ++age) {
     if (hits.Contains(age)) dwell.oldest = age;
   }
   return dwell;
@@ -43,22 +42,32 @@ Dwell DwellAt(const RecentBins& hits, int at, int max_break) {
 Occupancy::Occupancy(const BackgroundConfig& config)
     : config_(config),
       max_break_(static_cast<int>(config.max_dwell_gap_s / kBinS)),
-      frame_counts_(kWindow, 0),
+      frame_counts_(RecentBins::kWindow, 0),
       places_(config.place) {}
 
-void Occupancy::AddFrame(std::int64_t bin) {
+void Occupancy::AddFrame(PointsView points_m, std::int64_t bin) {
+  CountFrame(bin);
+  occlusion_.Add(points_m, bin);
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    if (i + kPrefetchDistance < points_m.size()) Prefetch(points_m[i + kPrefetchDistance]);
+    Add(points_m[i], bin);
+  }
+}
+
+void Occupancy::CountFrame(std::int64_t bin) {
   if (bin > newest_) {
-    const std::int64_t passed = std::min<std::int64_t>(bin - newest_, kWindow);
+    const std::int64_t passed = std::min<std::int64_t>(bin - newest_, RecentBins::kWindow);
     for (std::int64_t b = bin - passed + 1; b <= bin; ++b) {
-      num_frames_ -= std::exchange(frame_counts_[static_cast<std::size_t>(b % kWindow)], 0U);
+      num_frames_ -=
+          std::exchange(frame_counts_[static_cast<std::size_t>(b % RecentBins::kWindow)], 0U);
     }
     observed_.Age(bin - newest_);
     newest_ = bin;
   }
   const std::int64_t age = newest_ - bin;
-  if (age >= kWindow) return;
+  if (age >= RecentBins::kWindow) return;
   observed_.Insert(static_cast<int>(age));
-  ++frame_counts_[static_cast<std::size_t>(bin % kWindow)];
+  ++frame_counts_[static_cast<std::size_t>(bin % RecentBins::kWindow)];
   ++num_frames_;
 }
 
@@ -69,7 +78,7 @@ void Occupancy::Age(Place* place) const {
 
 void Occupancy::Add(const Eigen::Vector3f& point_m, std::int64_t bin) {
   const std::int64_t age = newest_ - bin;
-  if (age < 0 || age >= kWindow) return;
+  if (age < 0 || age >= RecentBins::kWindow) return;
   Place unknown;
   unknown.bin = newest_;
   places_.VisitOverlappingShells(point_m, unknown, [&](std::uint32_t, Place& place, bool is_own) {
@@ -101,7 +110,7 @@ double Occupancy::RateOf(double occupied, double exposed, const Eigen::Vector3f&
 double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first,
                               std::int64_t last) const {
   const auto age_of = [&](std::int64_t bin) {
-    return static_cast<int>(std::clamp<std::int64_t>(newest_ - bin, -1, kWindow));
+    return static_cast<int>(std::clamp<std::int64_t>(newest_ - bin, -1, RecentBins::kWindow));
   };
   const int youngest = std::max(age_of(last - 1), 0);
   const int oldest = age_of(first);
@@ -113,7 +122,7 @@ double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first
 
 double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) const {
   const std::int64_t age = newest_ - bin;
-  if (age < 0 || age >= kWindow) return 0.0;
+  if (age < 0 || age >= RecentBins::kWindow) return 0.0;
   const auto step_m = static_cast<float>(std::pow(places_.VolumeM3(point_m), 1.0 / 3.0));
   std::array<RecentBins, 6> hits{};
   std::size_t num_free = 0;
@@ -148,7 +157,14 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   }
   const int num_observed = observed_.Size();
   const double min_exposed = config_.min_exposure * std::min(num_observed, kEnoughBins);
-  int exposed = observed_.SizeOutside(dwell.youngest, dwell.oldest);
+  // A place behind something nearer is unobserved, not free. If it was seen through gaps of
+  // something nearer during this dwell it can be seen so at other times, too.
+  const RecentBins hidden = occlusion_.HiddenBins(place->point_m, newest_);
+  const RecentBins through_gaps = hits & hidden;
+  const bool is_through_gaps =
+      through_gaps.Size() > through_gaps.SizeOutside(dwell.youngest, dwell.oldest);
+  const RecentBins visible = is_through_gaps ? observed_ : observed_ - (hidden - hits);
+  int exposed = visible.SizeOutside(dwell.youngest, dwell.oldest);
   int occupied = (hits & observed_).SizeOutside(dwell.youngest, dwell.oldest);
   if (IsLong(*place) || exposed < min_exposed) {
     exposed = std::max(exposed, place->past_exposed);
@@ -179,7 +195,7 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
   verdict.is_structure = true;
   Place* const place = places_.Find(point_m);
   const std::int64_t age = newest_ - bin;
-  if (place == nullptr || age < 0 || age >= kWindow) return verdict;
+  if (place == nullptr || age < 0 || age >= RecentBins::kWindow) return verdict;
   const bool is_valid = newest_ <= place->valid_until && place->dwell_first <= bin &&
                         bin <= place->dwell_last + max_break_ + 1;
   if (!is_valid) JudgeAnew(point_m, static_cast<int>(age), place);
@@ -200,7 +216,7 @@ Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t
 
 // True if the dwell may reach beyond the window.
 bool Occupancy::IsLong(const Place& place) const {
-  return newest_ - place.dwell_first + max_break_ + 1 >= kWindow;
+  return newest_ - place.dwell_first + max_break_ + 1 >= RecentBins::kWindow;
 }
 
 void Occupancy::JudgeAll() {

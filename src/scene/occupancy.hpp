@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include "scene/occlusion.hpp"
 #include "scene/recent_bins.hpp"
 #include "scene/shell_table.hpp"
 #include "scene/time_bins.hpp"
@@ -17,7 +18,7 @@ namespace unlidar {
 
 // Occupancy over the last RecentBins::kWindow time bins: of a recording all, searched window by
 // window, of a stream those of a sliding window. A return is judged by the bins outside the dwell
-// of its place, before and after it as far as they are known.
+// of its place, before and after it as far as they are known, in which the place was not hidden.
 class Occupancy {
  public:
   struct Verdict {
@@ -35,11 +36,13 @@ class Occupancy {
 
   explicit Occupancy(const BackgroundConfig& config);
 
-  // Bins count up; frames may come out of order by a few bins.
-  void AddFrame(std::int64_t bin);
-  void Add(const Eigen::Vector3f& point_m, std::int64_t bin);
+  // Adds a frame. Bins count up; frames may come out of order by a few bins.
+  void AddFrame(PointsView points_m, std::int64_t bin);
 
-  // Prefetches the place of a point that will be added or judged soon.
+  // Places are prefetched this many points ahead: their data exceed the cache.
+  static constexpr std::size_t kPrefetchDistance = 16;
+
+  // Prefetches the place of a point that will be judged soon.
   void Prefetch(const Eigen::Vector3f& point_m) const { places_.Prefetch(point_m); }
 
   // Judges a return measured in `bin`; outside the window it is structure. `scene`: number of the
@@ -91,6 +94,8 @@ class Occupancy {
     int past_exposed = 0;
   };
 
+  void CountFrame(std::int64_t bin);
+  void Add(const Eigen::Vector3f& point_m, std::int64_t bin);
   void Age(Place* place) const;
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
   double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
@@ -105,6 +110,7 @@ class Occupancy {
   RecentBins observed_;                      // bins with frames
   std::vector<std::uint32_t> frame_counts_;  // (RecentBins::kWindow) by bin modulo the window
   std::uint32_t num_frames_ = 0;             // sum of these
+  Occlusion occlusion_;
   ShellTable<Place> places_;
 };
 

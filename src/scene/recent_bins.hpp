@@ -55,6 +55,12 @@ class RecentBins {
     return a;
   }
 
+  // Returns the bins of `a` that are not in `b`.
+  friend RecentBins operator-(RecentBins a, const RecentBins& b) {
+    for (std::size_t w = 0; w < kWords; ++w) a.words_[w] &= ~b.words_[w];
+    return a;
+  }
+
   // Returns the number of these bins of ages outside [youngest, oldest].
   int SizeOutside(int youngest, int oldest) const {
     int size = 0;

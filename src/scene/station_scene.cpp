@@ -6,8 +6,6 @@
 namespace unlidar {
 namespace {
 
-// Places are prefetched this many returns ahead: their data exceed the cache.
-constexpr std::size_t kPrefetchDistance = 16;
 constexpr std::size_t kElevationReturns = 100'000;
 
 }  // namespace
@@ -16,12 +14,8 @@ StationScene::StationScene(const RobustConfig& config)
     : config_(&config), occupancy_(config.background) {}
 
 void StationScene::Learn(PointsView points_m, std::int64_t bin) {
-  occupancy_.AddFrame(bin);
+  occupancy_.AddFrame(points_m, bin);
   for (std::size_t i = 0; i < points_m.size(); ++i) {
-    if (i + kPrefetchDistance < points_m.size()) {
-      occupancy_.Prefetch(points_m[i + kPrefetchDistance]);
-    }
-    occupancy_.Add(points_m[i], bin);
     field_of_view_.Add(points_m[i]);
     if (!is_fitted() && first_returns_m_.size() < kElevationReturns) {
       first_returns_m_.push_back(points_m[i]);
@@ -55,8 +49,8 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
   candidates.clear();
   const std::vector<Eigen::Vector3f>& points_m = frame.points_m;
   for (std::uint32_t i = 0; i < points_m.size(); ++i) {
-    if (i + kPrefetchDistance < points_m.size()) {
-      occupancy_.Prefetch(points_m[i + kPrefetchDistance]);
+    if (i + Occupancy::kPrefetchDistance < points_m.size()) {
+      occupancy_.Prefetch(points_m[i + Occupancy::kPrefetchDistance]);
     }
     verdicts.push_back(occupancy_.Judge(points_m[i], bin, num_fits_, floats, is_target));
     // Static objects in the air look like structure if present throughout. Distant ground is hit

@@ -22,11 +22,11 @@ class LearnedOccupancy {
       : bins_(recording.frames, recording.sensors.size()), occupancy_(config) {
     for (const FrameInfo& frame : recording.frames) {
       const std::uint32_t bin = bins_.BinOf(frame.middle_ns());
-      occupancy_.AddFrame(bin);
-      for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-        bin_of_.push_back(bin);
-        occupancy_.Add(recording.points_m[i], bin);
-      }
+      const auto begin = recording.points_m.begin();
+      const std::vector<Eigen::Vector3f> points_m(begin + frame.first_return,
+                                                  begin + frame.last_return);
+      bin_of_.insert(bin_of_.end(), points_m.size(), bin);
+      occupancy_.AddFrame(points_m, bin);
     }
     occupancy_.JudgeAll();
   }

@@ -97,6 +97,18 @@ def test_a_long_recording_is_traced_window_by_window(tmp_path: Path) -> None:
     assert len(accepted(kinds)) >= 3  # one for each window
 
 
+def test_clusters_of_a_long_recording_change_no_row(tmp_path: Path) -> None:
+    frames = write_frames(tmp_path / "frames", make_flight(frames=150))
+    options = ("--set", "robust.window_s=5", "--set", "robust.window_margin_s=1")
+    track(frames, tmp_path / "plain.csv", *options)
+    track(frames, tmp_path / "scored.csv", *options, "--clusters", tmp_path / "c.csv")
+    assert (tmp_path / "plain.csv").read_bytes() == (tmp_path / "scored.csv").read_bytes()
+    assert len((tmp_path / "plain.csv").read_text().splitlines()) > 50
+    # Scored as a whole, however it is searched.
+    track(frames, tmp_path / "whole.csv", "--clusters", tmp_path / "whole_clusters.csv")
+    assert (tmp_path / "c.csv").read_bytes() == (tmp_path / "whole_clusters.csv").read_bytes()
+
+
 def test_a_sky_without_a_return_has_frames_and_no_path(tmp_path: Path) -> None:
     folder = tmp_path / "frames"
     folder.mkdir()

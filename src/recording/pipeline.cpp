@@ -150,6 +150,13 @@ void TakeFindings(std::vector<SensorMonitor>* monitors, PipelineResult* result) 
   }
 }
 
+// The paper's numbers of the global clusters of a whole recording.
+void AddClusters(const Recording& whole, const PaperConfig& config, StageTimer& timer,
+                 PipelineResult& result) {
+  result.clusters = ScoreClusters(whole, config);
+  timer.End("clusters", Count(result.clusters.size(), "cluster"));
+}
+
 // Reads the recording and finds its targets: at once, or window by window if it is long.
 std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& config,
                                   const FrameFeed& frames, TimeNs first_stamp_ns,
@@ -158,13 +165,20 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
   std::vector<Target> targets;
   std::vector<SensorMonitor> monitors;
   const FrameFeed feed = Monitored(frames, &monitors);
-  // The paper's score is one of a whole recording.
-  if (config.method == Method::kRobust && !request.score_clusters &&
+  if (config.method == Method::kRobust &&
       NeedsWindows(first_stamp_ns, last_stamp_ns, config.robust)) {
+    // The paper's score is one of a whole recording.
+    Recording whole;
+    if (request.score_clusters) {
+      feed(std::numeric_limits<TimeNs>::max(), &whole);
+      timer.End("read", InputSummary(whole));
+      AddClusters(whole, config.paper, timer, result);
+    }
+    const FrameFeed source = request.score_clusters ? FeedOf(whole) : feed;
     StageTimer::Clock::duration reading{};
     const FrameFeed timed = [&](TimeNs until_ns, Recording* part) {
       const auto begin = StageTimer::Clock::now();
-      const TimeNs next_ns = feed(until_ns, part);
+      const TimeNs next_ns = source(until_ns, part);
       reading += StageTimer::Clock::now() - begin;
       return next_ns;
     };
@@ -172,10 +186,13 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
                                                config.trajectory, request.trace, &recording);
     targets = std::move(robust.targets);
     result.robust_counts = robust.counts;
-    timer.End("read", InputSummary(recording), reading);
+    if (!request.score_clusters) timer.End("read", InputSummary(recording), reading);
   } else {
     feed(std::numeric_limits<TimeNs>::max(), &recording);
     timer.End("read", InputSummary(recording));
+    if (request.score_clusters && config.method != Method::kPaper) {
+      AddClusters(recording, config.paper, timer, result);
+    }
     if (config.method == Method::kPaper) {
       targets = FindTargetsPaper(recording, config.paper, &result.clusters);
     } else {
@@ -195,11 +212,6 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
 void FitTracks(const PipelineRequest& request, const Config& config,
                const std::vector<Target>& targets, StageTimer& timer, PipelineResult& result) {
   const Recording& recording = result.recording;
-  if (request.score_clusters && config.method != Method::kPaper) {
-    result.clusters = ScoreClusters(recording, config.paper);
-    timer.End("clusters", Count(result.clusters.size(), "cluster"));
-  }
-
   result.output_instants = ResolveOutputTimes(request.output_times, recording);
   int next_id = 0;
   for (const Target& target : targets) {

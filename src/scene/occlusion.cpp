@@ -65,7 +65,9 @@ RecentBins Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int64_t ne
     const std::int64_t bin =
         last - ((last - slot) % RecentBins::kWindow + RecentBins::kWindow) % RecentBins::kWindow;
     const std::int64_t age = newest - bin;
-    if (bin >= 0 && age < RecentBins::kWindow) hidden.Insert(static_cast<int>(age));
+    if (bin < 0 || age >= RecentBins::kWindow) continue;
+    hidden.Insert(static_cast<int>(age));
+    if (bin == last) hidden.Insert(static_cast<int>(age) - 1);
   }
   return hidden;
 }

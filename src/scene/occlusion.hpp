@@ -21,8 +21,9 @@ class Occlusion {
   // ignored.
   void Add(PointsView points_m, std::int64_t bin);
 
-  // Returns the bins before the last one in which the median range in the direction of a place was
-  // shorter than its own by more than the size of an occluder, by age before `newest`.
+  // Returns the bins in which the median range in the direction of a place was shorter than its own
+  // by more than the size of an occluder, by age before `newest`, the last bin added. That one is
+  // not complete: it counts as hidden if the one before is.
   RecentBins HiddenBins(const Eigen::Vector3f& place_m, std::int64_t newest) const;
 
  private:

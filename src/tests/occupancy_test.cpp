@@ -325,6 +325,7 @@ std::vector<bool> StructureByDefinition(const Recording& recording,
       is_hidden[b] =
           ranges_m[b][ranges_m[b].size() / 2] < static_cast<double>(place_m.norm()) - 2.0;
     }
+    if (n > 1) is_hidden[n - 1] = is_hidden[n - 2];  // of the bin in progress too little is known
     bool is_through_gaps = false;
     for (std::size_t b = from; b <= to; ++b) {
       is_through_gaps = is_through_gaps || (is_hidden[b] && is_occupied[b]);

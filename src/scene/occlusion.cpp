@@ -10,8 +10,9 @@ constexpr float kMarginM = 2.0F;  // an occluder is nearer than the place by mor
 constexpr float kQuantumM = 0.05F;
 constexpr std::uint32_t kRangeBits = 16;
 constexpr std::uint16_t kNothing = 0xFFFF;
+constexpr std::uint32_t kNone = ~std::uint32_t{0};
 // Medians need few returns: of a larger frame every second, third, ... is taken.
-constexpr std::size_t kEnoughReturns = 8192;
+constexpr std::size_t kEnoughReturns = 4096;
 
 std::uint16_t QuantaOf(float range_m) {
   return static_cast<std::uint16_t>(std::min(range_m / kQuantumM, kNothing - 1.0F));
@@ -21,7 +22,7 @@ std::size_t SlotOf(std::int64_t bin) { return static_cast<std::size_t>(bin % Rec
 
 }  // namespace
 
-Occlusion::Occlusion() : cells_(kCellDeg), depths_(cells_.size() * RecentBins::kWindow, kNothing) {}
+Occlusion::Occlusion() : cells_(kCellDeg), rows_(cells_.size(), kNone) {}
 
 void Occlusion::Add(PointsView points_m, std::int64_t bin) {
   if (bin < bin_) return;
@@ -39,15 +40,19 @@ void Occlusion::Add(PointsView points_m, std::int64_t bin) {
 // Replaces the depths of the bin that left the window.
 void Occlusion::FinishBin() {
   if (bin_ < 0) return;
-  std::uint16_t* const depths = depths_.data() + SlotOf(bin_);
-  for (std::size_t cell = 0; cell < cells_.size(); ++cell)
-    depths[cell * RecentBins::kWindow] = kNothing;
+  const std::size_t slot = SlotOf(bin_);
+  for (std::size_t at = slot; at < depths_.size(); at += RecentBins::kWindow)
+    depths_[at] = kNothing;
   std::sort(returns_.begin(), returns_.end());
   for (auto begin = returns_.begin(); begin != returns_.end();) {
     const std::uint32_t cell = *begin >> kRangeBits;
     const auto end = std::find_if(begin, returns_.end(),
                                   [&](std::uint32_t one) { return one >> kRangeBits != cell; });
-    depths[cell * RecentBins::kWindow] = static_cast<std::uint16_t>(*(begin + (end - begin) / 2));
+    if (rows_[cell] == kNone) {
+      rows_[cell] = static_cast<std::uint32_t>(depths_.size());
+      depths_.resize(depths_.size() + RecentBins::kWindow, kNothing);
+    }
+    depths_[rows_[cell] + slot] = static_cast<std::uint16_t>(*(begin + (end - begin) / 2));
     begin = end;
   }
   returns_.clear();
@@ -57,7 +62,9 @@ RecentBins Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int64_t ne
   RecentBins hidden;
   const float visible_m = place_m.norm() - kMarginM;
   if (visible_m <= 0.0F) return hidden;
-  const std::uint16_t* const depths = depths_.data() + cells_.CellOf(place_m) * RecentBins::kWindow;
+  const std::uint32_t row = rows_[cells_.CellOf(place_m)];
+  if (row == kNone) return hidden;
+  const std::uint16_t* const depths = depths_.data() + row;
   for (int slot = 0; slot < RecentBins::kWindow; ++slot) {
     if (static_cast<float>(depths[slot]) * kQuantumM >= visible_m) continue;
     // The last bin of this slot before bin_.

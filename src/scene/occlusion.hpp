@@ -32,9 +32,10 @@ class Occlusion {
   DirectionCells cells_;
   std::int64_t bin_ = -1;
   std::vector<std::uint32_t> returns_;  // of that bin: cell and quantised range
-  // (cells, RecentBins::kWindow) quantised, by bin modulo the window: a place is compared with all
-  // bins of its direction.
+  // Quantised, by row, then by bin modulo the window: a place is compared with all bins of its
+  // direction.
   std::vector<std::uint16_t> depths_;
+  std::vector<std::uint32_t> rows_;  // (cells) of those that ever had returns
 };
 
 }  // namespace unlidar

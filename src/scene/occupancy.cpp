@@ -15,8 +15,8 @@ constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may
 constexpr int kYoungBins = 20;
 constexpr double kSupportingHits = 3.0;
 constexpr double kSupportingShare = 0.5;  // of the hits of structure
-// Count for a place without hits: Jeffreys' prior of a Poisson rate.
-constexpr double kJeffreysHits = 0.5;
+// Count for a place without returns: Jeffreys' prior of a Poisson rate.
+constexpr double kJeffreysReturns = 0.5;
 constexpr double kMaxOccupancy = 0.999;  // the rate of a place that is always hit is unbounded
 
 // Dwell around the bin of age `at`, from its youngest to its oldest bin, with breaks of at most
@@ -83,6 +83,7 @@ void Occupancy::Add(const Eigen::Vector3f& point_m, std::int64_t bin) {
   unknown.bin = newest_;
   places_.VisitOverlappingShells(point_m, unknown, [&](std::uint32_t, Place& place, bool is_own) {
     if (place.bin != newest_) Age(&place);
+    ++place.num_returns;
     if (place.hits.Contains(static_cast<int>(age))) return;
     place.hits.Insert(static_cast<int>(age));
     place.point_m = point_m;
@@ -93,9 +94,13 @@ void Occupancy::Add(const Eigen::Vector3f& point_m, std::int64_t bin) {
 RecentBins Occupancy::HitsAround(const Eigen::Vector3f& point_m) const {
   RecentBins hits;
   places_.VisitNeighbourhood(point_m, [&](const Place& place) {
-    RecentBins own = place.hits;
-    own.Age(newest_ - place.bin);
-    hits |= own;
+    if (place.bin == newest_) {
+      hits |= place.hits;
+    } else {
+      RecentBins own = place.hits;
+      own.Age(newest_ - place.bin);
+      hits |= own;
+    }
   });
   return hits;
 }
@@ -116,8 +121,13 @@ double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first
   const int oldest = age_of(first);
   const int num_outside = observed_.SizeOutside(youngest, oldest);
   if (num_outside < config_.min_exposure * std::min(observed_.Size(), kEnoughBins)) return -1.0;
-  const int num_hit = (HitsAround(place_m) & observed_).SizeOutside(youngest, oldest);
-  return RateOf(std::max<double>(num_hit, kJeffreysHits), num_outside, place_m);
+  double num_returns = 0.0;
+  places_.VisitNeighbourhood(place_m,
+                             [&](const Place& place) { num_returns += place.num_returns; });
+  const RecentBins hits = HitsAround(place_m);
+  const double share = hits.SizeOutside(youngest, oldest) / std::max(1.0, hits.Size() * 1.0);
+  const double num_frames = static_cast<double>(num_frames_) * num_outside / observed_.Size();
+  return std::max(kJeffreysReturns, share * num_returns) / (num_frames * places_.VolumeM3(place_m));
 }
 
 double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) const {
@@ -145,8 +155,9 @@ double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) c
   return RateOf(occupied[kMaxEmptyAdjacent], exposed, point_m);
 }
 
-// Judges a place by the bins outside its dwell. A dwell that fills the window leaves none to judge
-// it by: those of an earlier verdict on it count then, as a long hover must not become structure.
+// Judges a place by the bins outside its dwell. A dwell that takes most of the window leaves few to
+// judge it by: those of an earlier verdict on it count as well then, as a long hover must not become
+// structure, nor structure that a long dwell hides anything else.
 void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const {
   const RecentBins hits = HitsAround(point_m);
   const Dwell dwell = DwellAt(hits, age, max_break_);
@@ -166,7 +177,8 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   const RecentBins visible = is_through_gaps ? observed_ : observed_ - (hidden - hits);
   int exposed = visible.SizeOutside(dwell.youngest, dwell.oldest);
   int occupied = (hits & observed_).SizeOutside(dwell.youngest, dwell.oldest);
-  if (IsLong(*place) || exposed < min_exposed) {
+  const int num_in_dwell = num_observed - observed_.SizeOutside(dwell.youngest, dwell.oldest);
+  if (IsLong(*place) || exposed < min_exposed || 2 * num_in_dwell > num_observed) {
     exposed = std::max(exposed, place->past_exposed);
     occupied = std::max(occupied, place->past_occupied);
   } else {

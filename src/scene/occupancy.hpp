@@ -53,9 +53,10 @@ class Occupancy {
   // Judges the last return of every place, for GetStructure() and GetSupporters().
   void JudgeAll();
 
-  // Returns the rate of returns per m^3 and frame at a place in the bins outside [first, last),
-  // with half a bin where there was none; negative if they are less than the share
-  // BackgroundConfig::min_exposure of all.
+  // Returns the rate of returns per m^3 and frame at a place in the bins outside [first, last), as
+  // if each bin with returns had equally many, with half a return where there was none; negative if
+  // these bins are less than the share BackgroundConfig::min_exposure of all. Returns are counted
+  // from the beginning.
   double RateOutside(const Eigen::Vector3f& place_m, std::int64_t first, std::int64_t last) const;
 
   // Returns the rate of returns around a place, in returns per frame and m^3: the rate that most
@@ -81,6 +82,7 @@ class Occupancy {
     bool is_own = false;                                // which lies in this shell
     bool floats = false;
     int scene = -1;  // to which `floats` refers
+    std::uint32_t num_returns = 0;
     // The last verdict: valid for the bins of its dwell, until the newest bin is `valid_until`.
     bool is_structure = false;
     bool is_unknown = false;  // too few bins are exposed

@@ -68,8 +68,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
       rate += static_cast<double>(verdicts[i].place_rate);
       plot.has_structure = plot.has_structure || verdicts[i].is_structure;
     }
-    plot.place_rate = std::max(rate / static_cast<double>(plot.num_returns),
-                               occupancy_.RateAround(plot.position_m.cast<float>(), bin));
+    plot.place_rate = rate / static_cast<double>(plot.num_returns);
   }
   return found;
 }

@@ -498,20 +498,24 @@ TEST(OccupancyOfRecording, RateOutsideIsThatOfBruteForce) {
     const std::uint32_t last = first + maker.random.Index(10);  // beyond the end, or of none
     double num_outside = 0.0;
     double num_hit = 0.0;
+    double num_hit_outside = 0.0;
+    double num_returns = 0.0;
     for (std::uint32_t bin = 0; bin < 20; ++bin) {
-      if (bin >= first && bin < last) continue;
-      num_outside += 1.0;
+      const bool is_outside = bin < first || bin >= last;
+      double in_bin = 0.0;
       for (std::uint32_t i = recording.frames[5 * bin].first_return;
            i < recording.frames[5 * bin + 4].last_return; ++i) {
-        if (!IsNeighbour(config.place, place_m, recording.points_m[i])) continue;
-        num_hit += 1.0;
-        break;
+        in_bin += IsNeighbour(config.place, place_m, recording.points_m[i]) ? 1.0 : 0.0;
       }
+      num_returns += in_bin;
+      num_outside += is_outside ? 1.0 : 0.0;
+      num_hit += in_bin > 0.0 ? 1.0 : 0.0;
+      num_hit_outside += is_outside && in_bin > 0.0 ? 1.0 : 0.0;
     }
-    // The Poisson rate at which a bin of five frames is missed as often; 0.999 of them at most.
-    const double share = std::min(std::max(num_hit, 0.5) / num_outside, 0.999);
-    const double expected =
-        -std::log(1.0 - share) / 5.0 / testing::BlockVolumeM3(config.place, place_m);
+    // As if each of these bins of five frames had equally many returns.
+    const double outside = num_returns * num_hit_outside / std::max(num_hit, 1.0);
+    const double expected = std::max(outside, 0.5) / (5.0 * num_outside) /
+                            testing::BlockVolumeM3(config.place, place_m);
     EXPECT_NEAR(learned.occupancy().RateOutside(place_m, first, last), expected, 1e-9 * expected)
         << place_m.transpose() << ' ' << first << ' ' << last;
   }

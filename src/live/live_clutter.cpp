@@ -67,7 +67,7 @@ void LiveClutter::Judge(const Support& support, std::uint32_t sensor, std::uint3
     if (plot.is_floating) continue;
     // method.md (3) and (4): a plot of a dwell is predicted by those before it.
     const ClutterMap::Counts spot = clutter_.AtSpot(sensor, place_m, bin);
-    const double others = spot.before + spot.after + spot.at_other_times - (was_added ? 1.0 : 0.0);
+    const double others = spot.near + spot.at_other_times - (was_added ? 1.0 : 0.0);
     const double spot_rate = others / std::max(all_frames, 1U) / PlotVolumeM3(plot);
     plot.log_clutter = std::log(std::max({rate, spot_rate, plot.place_rate}));
   }

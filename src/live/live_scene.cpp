@@ -7,7 +7,6 @@
 namespace unlidar {
 namespace {
 
-const TimeNs kBinNs = NsOf(kBinS);
 constexpr TimeNs kFirstRefitNs = 1'500'000'000;
 constexpr TimeNs kLastRefitNs = 10'000'000'000;
 // Averaging lengths in frames, and the factor and number of additional plots that mean a change

@@ -55,8 +55,7 @@ class ClutterEstimate {
       return std::log(std::max(min_rate, others * plot_rate));
     };
     // Plots of the spot that may be of one dwell, including this one.
-    const std::uint32_t num_in_dwell =
-        spots_[i].before + spots_[i].after + (assigned_[i] ? 1U : 0U);
+    const std::uint32_t num_in_dwell = spots_[i].near + (assigned_[i] ? 1U : 0U);
     if (spots_[i].at_other_times > 0 || num_in_dwell < 2) {
       return log_rate(spots_[i].at_other_times + num_in_dwell - 1);
     }

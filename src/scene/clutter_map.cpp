@@ -45,10 +45,8 @@ std::array<ClutterMap::Level, ClutterMap::kNumLevels> ClutterMap::LevelsAt(
 ClutterMap::Counts ClutterMap::AtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m,
                                       std::uint32_t bin) const {
   const RangeGrid& grid = SensorAt(sensor).spots;
-  const BinRange excluded = Excluded(bin);
-  const std::uint32_t before = grid.Count(place_m, {excluded.first, bin + 1});
-  const std::uint32_t after = grid.Count(place_m, {bin + 1, excluded.last});
-  return {before, after, grid.Count(place_m) - before - after};
+  const std::uint32_t near = grid.Count(place_m, Excluded(bin));
+  return {near, grid.Count(place_m) - near};
 }
 
 void ClutterMap::Forget(std::uint32_t before_bin) {

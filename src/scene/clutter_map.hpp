@@ -24,11 +24,9 @@ class ClutterMap {
   static constexpr std::size_t kNumLevels = 3;
   static constexpr std::uint32_t kExclusionBins = 2;
 
-  // Plots at a spot: those of the excluded bins, up to the bin itself and after it, and those of
-  // other times.
+  // Plots at a spot: those of the excluded bins, and those of other times.
   struct Counts {
-    std::uint32_t before = 0;
-    std::uint32_t after = 0;
+    std::uint32_t near = 0;
     std::uint32_t at_other_times = 0;
   };
 

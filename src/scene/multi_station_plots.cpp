@@ -33,15 +33,13 @@ MultiStationPlots::MultiStationPlots(const Recording& recording, const Stations&
   SortByFrameTime(&plots_);
 }
 
-// Sets the frame of the workspace, relative to the viewpoint of its station.
+// Sets the frame of the workspace, without times, relative to the viewpoint of its station.
 void MultiStationPlots::LoadFrame(const Recording& recording, const FrameInfo& frame) {
   const Eigen::Vector3f& viewpoint_m = stations_.ViewpointM(stations_.StationOf(frame.sensor));
   Recording& one = workspace_.frame;
   one.points_m.clear();
-  one.times_ns.clear();
   for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
     one.points_m.push_back(recording.points_m[i] - viewpoint_m);
-    one.times_ns.push_back(recording.times_ns[i]);
   }
   one.frames.assign(1, frame);
   one.frames[0].first_return = 0;
@@ -51,6 +49,11 @@ void MultiStationPlots::LoadFrame(const Recording& recording, const FrameInfo& f
 void MultiStationPlots::FindPlots(const Recording& recording, std::uint32_t frame_index) {
   const FrameInfo& frame = recording.frames[frame_index];
   LoadFrame(recording, frame);
+  TimeList& times_ns = workspace_.frame.times_ns;
+  times_ns.clear();
+  for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+    times_ns.push_back(recording.times_ns[i]);
+  }
   Station& station = scenes_[stations_.StationOf(frame.sensor)];
   FramePlots& found =
       station.scene.FindPlots(station.bins.BinOf(frame.middle_ns()), nullptr, &workspace_);

@@ -125,7 +125,7 @@ double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first
   places_.VisitNeighbourhood(place_m,
                              [&](const Place& place) { num_returns += place.num_returns; });
   const RecentBins hits = HitsAround(place_m);
-  const double share = hits.SizeOutside(youngest, oldest) / std::max(1.0, hits.Size() * 1.0);
+  const double share = hits.SizeOutside(youngest, oldest) / std::max<double>(hits.Size(), 1.0);
   const double num_frames = static_cast<double>(num_frames_) * num_outside / observed_.Size();
   return std::max(kJeffreysReturns, share * num_returns) / (num_frames * places_.VolumeM3(place_m));
 }
@@ -156,8 +156,8 @@ double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) c
 }
 
 // Judges a place by the bins outside its dwell. A dwell that takes most of the window leaves few to
-// judge it by: those of an earlier verdict on it count as well then, as a long hover must not become
-// structure, nor structure that a long dwell hides anything else.
+// judge it by: those of an earlier verdict on it count as well then, as a long hover must not
+// become structure, nor structure that a long dwell hides anything else.
 void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const {
   const RecentBins hits = HitsAround(point_m);
   const Dwell dwell = DwellAt(hits, age, max_break_);

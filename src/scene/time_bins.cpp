@@ -31,7 +31,7 @@ TimeBins::Tick TimeBins::TickOf(TimeNs time_ns) const {
   if (time_ns <= begin_ns_) return 0;
   // Unsigned: the difference of two times may exceed the range of TimeNs.
   return (static_cast<std::uint64_t>(time_ns) - static_cast<std::uint64_t>(begin_ns_)) /
-         static_cast<std::uint64_t>(NsOf(kBinS));
+         static_cast<std::uint64_t>(kBinNs);
 }
 
 // Returns the number of a tick; num_bins() after the last one. A pause counts on from the frame

@@ -10,8 +10,9 @@
 
 namespace unlidar {
 
-// Length of a time bin, s.
-constexpr double kBinS = 0.5;
+// Length of a time bin.
+constexpr TimeNs kBinNs = 500'000'000;
+constexpr double kBinS = static_cast<double>(kBinNs) * kSecondsPerNs;
 // A pause between frames takes at most as many bins as end every dwell.
 constexpr std::int64_t kMaxPauseBins = 5;
 

@@ -62,6 +62,14 @@ def test_no_include_runs_back_up() -> None:
     assert count > 200
 
 
+def test_streams_and_recordings_share_the_layers_below_and_nothing_of_each_other() -> None:
+    siblings = {"live": ("recording", "paper"), "recording": ("live",)}
+    for layer, others in siblings.items():
+        for path in (PROJECT / "src" / layer).glob("*.[ch]pp"):
+            below = {include.rpartition("/")[0] for include in INCLUDE.findall(path.read_text())}
+            assert below.isdisjoint(others), path.name
+
+
 def test_public_headers_show_the_standard_library_and_eigen_only() -> None:
     for path in (PROJECT / "include").rglob("*.hpp"):
         for include in re.findall(r"^#include <([^>]+)>", path.read_text(), re.MULTILINE):

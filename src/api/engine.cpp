@@ -5,6 +5,7 @@
 #include <utility>
 #include <variant>
 
+#include "api/recording_events.hpp"
 #include "base/format.hpp"
 #include "io/stamp_list.hpp"
 #include "live/live_engine.hpp"
@@ -32,7 +33,7 @@ Engine::Engine(const Config& config, const std::vector<std::string>& sensors,
   CheckConfig(config);
   CheckLive(config);
   live_ = std::make_unique<LiveEngine>(config, sensors, std::visit(Checked(), output_times),
-                                       std::move(on_event), TimeReading::kOffset);
+                                       std::move(on_event), EmitTracksOf, TimeReading::kOffset);
 }
 
 Engine::~Engine() = default;

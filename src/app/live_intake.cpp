@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <utility>
 
+#include "api/recording_events.hpp"
 #include "app/output.hpp"
 #include "base/format.hpp"
 #include "io/frame_preparation.hpp"
@@ -31,7 +32,7 @@ LiveIntake::LiveIntake(const LiveRequest& request, const Config& config,
       reporter_(reporter),
       engine_(
           config, NamesOf(request.sources), request.output_times,
-          [this](const EngineEvent& event) { reporter_.Take(event, Progress()); },
+          [this](const EngineEvent& event) { reporter_.Take(event, Progress()); }, EmitTracksOf,
           request.livox ? std::make_optional(TimeReading::kOffset) : std::nullopt,
           request.livox.has_value()),
       skips_bad_frames_(config.input.skip_bad_frames || request.livox),

@@ -41,7 +41,8 @@ class Station {
                          : std::set<std::string>(),
                 kFrameNs, std::chrono::seconds(2)),
         engine_(
-            Config(), {}, FirstSensorStamps{}, [](const EngineEvent&) {}, TimeReading::kOffset) {}
+            Config(), {}, FirstSensorStamps{}, [](const EngineEvent&) {}, nullptr,
+            TimeReading::kOffset) {}
 
   // One packet of a sender, a stamp and whether it is its own clock's.
   void Send(std::uint32_t source, TimeNs stamp_ns, std::uint8_t time_type, bool is_noise) {

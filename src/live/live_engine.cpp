@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "io/frame_directory.hpp"
-#include "recording/pipeline.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -21,10 +20,12 @@ void CheckLive(const Config& config) {
 
 LiveEngine::LiveEngine(const Config& config, const std::vector<std::string>& sensors,
                        OutputTimes output_times, EngineCallback on_event,
-                       std::optional<TimeReading> reading, bool are_metres)
+                       RecordingTracker track_recording, std::optional<TimeReading> reading,
+                       bool are_metres)
     : config_(config),
       output_times_(std::move(output_times)),
       on_event_(std::move(on_event)),
+      track_recording_(std::move(track_recording)),
       reading_(reading),
       are_metres_(are_metres),
       is_endless_(std::isinf(config_.live.delay_s)),
@@ -317,25 +318,9 @@ void LiveEngine::TrackAsRecording() {
     }
   }
   Merge(std::move(frames), recording);
-  const PipelineResult result = TracksOf(recording, output_times_, config_);
-  warnings_.insert(warnings_.end(), result.warnings.begin(), result.warnings.end());
-  std::vector<TrajectoryRow> rows;
-  for (const FittedTrack& track : result.tracks) {
-    on_event_(TrackConfirmed{track.id, track.begin_ns, track.flight.kind});
-    const RowStream next = RowsOf(result, track);
-    while (const std::optional<TrajectoryRow> row = next()) rows.push_back(*row);
-  }
-  std::stable_sort(rows.begin(), rows.end(), [](const TrajectoryRow& a, const TrajectoryRow& b) {
-    return std::make_pair(a.time_ns, a.track_id) < std::make_pair(b.time_ns, b.track_id);
-  });
-  const auto kind_of = [&](const TrajectoryRow& row) {
-    return result.tracks[static_cast<std::size_t>(row.track_id)].flight.kind;
-  };
-  for (const TrajectoryRow& row : rows) on_event_(RowGiven{row, false, kind_of(row)});
-  for (const FittedTrack& track : result.tracks) {
-    on_event_(
-        TrackEnded{track.id, track.end_ns, track.flight.kind, track.row_source.trajectory.minimum});
-  }
+  const std::vector<Warning> warnings =
+      track_recording_(recording, output_times_, config_, on_event_);
+  warnings_.insert(warnings_.end(), warnings.begin(), warnings.end());
 }
 
 }  // namespace unlidar

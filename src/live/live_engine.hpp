@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <set>
@@ -10,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/recording.hpp"
 #include "io/sensor_frames.hpp"
 #include "live/held_frames.hpp"
 #include "live/live_tracker.hpp"
@@ -39,12 +41,20 @@ struct OverflowFrames {
   std::uint32_t sensor = 0;  // of the last one
 };
 
-// Same as Engine. `reading`: how point times are read; found from the frames by default.
-// `are_metres`: the source states that its unit is the metre, so ranges are not used to check it.
+// Tracks the recording that a stream with an endless delay is once it has ended: emits the events
+// of its tracks and returns the warnings about it. Batch tracking belongs to the layers beside this
+// one.
+using RecordingTracker =
+    std::function<std::vector<Warning>(const Recording& recording, const OutputTimes& output_times,
+                                       const Config& config, const EngineCallback& on_event)>;
+
+// Same as Engine. `track_recording`: called if live.delay_s is infinite. `reading`: how point times
+// are read; found from the frames by default. `are_metres`: the source states that its unit is the
+// metre, so ranges are not used to check it.
 class LiveEngine {
  public:
   LiveEngine(const Config& config, const std::vector<std::string>& sensors,
-             OutputTimes output_times, EngineCallback on_event,
+             OutputTimes output_times, EngineCallback on_event, RecordingTracker track_recording,
              std::optional<TimeReading> reading = std::nullopt, bool are_metres = false);
 
   std::uint32_t AddSensor(const std::string& name);
@@ -117,6 +127,7 @@ class LiveEngine {
   Config config_;
   OutputTimes output_times_;
   EngineCallback on_event_;
+  RecordingTracker track_recording_;
   std::optional<TimeReading> reading_;
   bool are_metres_;
   bool is_endless_;

@@ -20,7 +20,7 @@ class Stream {
  public:
   explicit Stream(bool are_metres = false)
       : engine_(
-            Config(), {"mast", "roof"}, FirstSensorStamps{}, [](const EngineEvent&) {},
+            Config(), {"mast", "roof"}, FirstSensorStamps{}, [](const EngineEvent&) {}, nullptr,
             std::nullopt, are_metres) {}
 
   void Add(double mast_m, double roof_m, int returns = 100, int frames = 40) {

@@ -73,7 +73,8 @@ TEST(WaitingFrames, OneFrameIsKeptHoweverLargeItIs) {
 
 // Stamps that stand still let none of them go.
 TEST(LiveEngine, FramesOfOneInstantAreBoundedAndEachIsCounted) {
-  LiveEngine engine(Config(), {"a"}, FirstSensorStamps{}, [](const EngineEvent&) {});
+  LiveEngine engine(
+      Config(), {"a"}, FirstSensorStamps{}, [](const EngineEvent&) {}, nullptr);
   constexpr std::uint64_t kFrames = 6000;
   for (std::uint64_t k = 0; k < kFrames; ++k) {
     CloudFrame frame;

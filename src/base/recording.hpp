@@ -1,4 +1,4 @@
-// Data passed between the stages: recording -> targets -> trajectory rows.
+// Data passed between the stages: frames, measurements.
 #pragma once
 
 #include <Eigen/Core>
@@ -117,16 +117,6 @@ struct AlternativeMode {
   double probability = 0.0;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d variance_m2 = Eigen::Vector3d::Zero();
-};
-
-// Target found by either method; input of the spline fit.
-struct Target {
-  std::vector<Measurement> measurements;  // in time order
-  std::vector<std::uint32_t> returns;     // indices into the recording, ascending
-  double depth_sigma_m = 0.0;             // common error of all measurements, along their rays
-  std::vector<AlternativeMode> alternative_modes;  // in time order
-  TimeNs time_bias_ns = 0;  // true minus recorded time of its returns, on average
-  double score = 0.0;       // track score (robust) or psi (paper)
 };
 
 }  // namespace unlidar

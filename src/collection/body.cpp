@@ -27,10 +27,28 @@ Eigen::Matrix3d BodyCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& 
   return axes * sigmas_m.cwiseAbs2().asDiagonal() * axes.transpose();
 }
 
+Eigen::Matrix3d ReturnCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m) {
+  const double beam_m = kBeamSigmaRad * ray_m.norm();
+  return BodyCovarianceM2(body, ray_m) + beam_m * beam_m * Eigen::Matrix3d::Identity();
+}
+
+Eigen::Matrix3d MeasurementCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m,
+                                        const Eigen::Matrix3d& streak_m2, double num_returns) {
+  return kCentreSigmaM * kCentreSigmaM * Eigen::Matrix3d::Identity() +
+         (ReturnCovarianceM2(body, ray_m) + streak_m2) / num_returns;
+}
+
+Eigen::Vector3d FacingSideOffsetM(double body_sigma_m, const Eigen::Vector3d& ray_m, double share) {
+  return share * body_sigma_m * ray_m.stableNormalized();
+}
+
 Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity_mps) {
   if (frame.is_timed) return Eigen::Matrix3d::Zero();
-  const Eigen::Vector3d along_m =
-      velocity_mps * static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
+  return StreakM2(static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs, velocity_mps);
+}
+
+Eigen::Matrix3d StreakM2(double length_s, const Eigen::Vector3d& velocity_mps) {
+  const Eigen::Vector3d along_m = velocity_mps * length_s;
   return along_m * along_m.transpose() / 12.0;
 }
 

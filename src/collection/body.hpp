@@ -19,9 +19,28 @@ struct BodySigmas {
 // Covariance in world axes (z up) for a ray from the sensor.
 Eigen::Matrix3d BodyCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m);
 
+// Standard deviation of a return from the width of its beam, per metre of range.
+constexpr double kBeamSigmaRad = 0.002;
+// The mean of a frame's returns varies by this much per axis, as different parts of the body are
+// hit.
+constexpr double kCentreSigmaM = 0.04;
+
+// Covariance of one return about its target, in world axes.
+Eigen::Matrix3d ReturnCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m);
+
+// Covariance of the mean of `num_returns` returns of a frame about its target, in world axes.
+// `streak_m2`: of the frame, see StreakM2().
+Eigen::Matrix3d MeasurementCovarianceM2(const BodySigmas& body, const Eigen::Vector3d& ray_m,
+                                        const Eigen::Matrix3d& streak_m2, double num_returns);
+
+// Distance vector from the mean of the returns to the centre of a body behind it: only the side
+// that faces the sensor is seen. `share`: CollectConfig::centroid_offset.
+Eigen::Vector3d FacingSideOffsetM(double body_sigma_m, const Eigen::Vector3d& ray_m, double share);
+
 // Covariance of the streak: motion of the target during a frame without point times; zero with
-// them.
+// them. `length_s`: of the time in which the returns may have been measured.
 Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity_mps);
+Eigen::Matrix3d StreakM2(double length_s, const Eigen::Vector3d& velocity_mps);
 
 // Estimates the size of a target from its returns, with a prior of a few returns of size sigma_m.
 // Streaks are subtracted; but a sensor may pass over a target at once and draw none, so for long

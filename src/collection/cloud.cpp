@@ -7,9 +7,8 @@
 #include <iterator>
 #include <utility>
 
-#include "collection/collect.hpp"
+#include "collection/body.hpp"
 #include "scene/range_grid.hpp"
-#include "trajectory/trajectory.hpp"
 
 namespace unlidar {
 namespace {
@@ -43,12 +42,11 @@ double Cube(double x) { return x * x * x; }
 
 // Shape of a target of a recording, from its own returns and those about it.
 Shape ShapeOf(const Recording& recording, const std::vector<StationModel>& station_models,
-              const std::vector<Plot>& plots, const Target& target,
-              const TrajectoryConfig& config) {
+              const std::vector<Plot>& plots, const Target& target) {
   const auto is_earlier = [](const Plot& plot, TimeNs time_ns) {
     return plot.frame_time_ns < time_ns;
   };
-  const Trajectory trajectory = FitTrajectory(target.measurements, config);
+  const Trajectory& trajectory = target.trajectory;
   Shape shape;
   std::vector<std::uint32_t> returns;
   std::vector<ReturnCluster> clusters;
@@ -170,12 +168,11 @@ std::vector<Rejection> ShapeRejections(const Recording& recording,
                                        const std::vector<StationModel>& station_models,
                                        const std::vector<Plot>& plots,
                                        const std::vector<Target>& targets,
-                                       const RobustConfig& config,
-                                       const TrajectoryConfig& trajectory_config) {
+                                       const RobustConfig& config) {
   std::vector<Shape> shapes;
   shapes.reserve(targets.size());
   for (const Target& target : targets) {
-    shapes.push_back(ShapeOf(recording, station_models, plots, target, trajectory_config));
+    shapes.push_back(ShapeOf(recording, station_models, plots, target));
   }
   std::vector<Rejection> rejections(targets.size(), Rejection::kNone);
   for (std::size_t t = 0; t < targets.size(); ++t) {

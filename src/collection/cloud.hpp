@@ -9,6 +9,7 @@
 #include "scene/plots.hpp"
 #include "scene/station_model.hpp"
 #include "tracking/rejection.hpp"
+#include "trajectory/target.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/types.hpp"
 
@@ -89,7 +90,6 @@ std::vector<Rejection> ShapeRejections(const Recording& recording,
                                        const std::vector<StationModel>& station_models,
                                        const std::vector<Plot>& plots,
                                        const std::vector<Target>& targets,
-                                       const RobustConfig& config,
-                                       const TrajectoryConfig& trajectory_config);
+                                       const RobustConfig& config);
 
 }  // namespace unlidar

@@ -31,12 +31,6 @@ constexpr RangeRadius kDwellRadius{1.5, 0.03};
 // long.
 constexpr TimeNs kMaxDwellBeyondEndsNs = 10'000'000'000;
 
-// Covariance of one return about the target, without that of the trajectory.
-Eigen::Matrix3d ReturnCovarianceM2(const Eigen::Vector3d& ray_m, const BodySigmas& body) {
-  const double beam_m = kBeamSigmaRad * ray_m.norm();
-  return BodyCovarianceM2(body, ray_m) + beam_m * beam_m * Eigen::Matrix3d::Identity();
-}
-
 Measurement Measure(const Recording& recording, const FrameInfo& frame, const StationModel& station,
                     const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
                     const BodySigmas& body) {
@@ -51,8 +45,7 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame, const St
   m.support = static_cast<int>(returns.size());
   m.viewpoint_m = station.viewpoint_m.cast<double>();
   m.covariance_m2 =
-      kCentreSigmaM * kCentreSigmaM * Eigen::Matrix3d::Identity() +
-      (ReturnCovarianceM2(RayM(station, m.position_m), body) + StreakM2(frame, velocity_mps)) / n;
+      MeasurementCovarianceM2(body, RayM(station, m.position_m), StreakM2(frame, velocity_mps), n);
   return m;
 }
 
@@ -80,7 +73,7 @@ class FacingSide {
  private:
   Eigen::Vector3d DepthFrom(const StationModel& station, const Eigen::Vector3d& place_m,
                             double body_sigma_m) const {
-    return share_ * body_sigma_m * RayM(station, place_m).normalized();
+    return FacingSideOffsetM(body_sigma_m, RayM(station, place_m), share_);
   }
 
   StationModel main_;
@@ -113,7 +106,7 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
   const TimeNs middle_ns = expected.time_ns;
   const Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) +
                             StreakM2(frame, expected.velocity_mps) +
-                            ReturnCovarianceM2(RayM(station, expected.position_m), body);
+                            ReturnCovarianceM2(body, RayM(station, expected.position_m));
   const Eigen::Matrix3d information = s.inverse();
   const double log_peak =
       std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
@@ -214,8 +207,13 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   std::vector<SensorBias> sensor_biases(recording.sensors.size());
   std::vector<FrameLength> lengths(recording.sensors.size());
   const int num_rounds = robust.Uses(Rule::kCollection) ? kMaxRounds : 0;
+  TrajectoryScales scales;
   for (int round = 0; round < num_rounds; ++round) {
-    const Trajectory trajectory = FitTrajectory(target.measurements, trajectory_config);
+    // The scales of the path hold for its collected returns, too.
+    const Trajectory trajectory =
+        round == 0 ? FitTrajectory(target.measurements, trajectory_config)
+                   : RefitTrajectory(target.measurements, scales, trajectory_config);
+    scales = trajectory.scales;
     const DwellIntervals dwell_intervals(trajectory);
     const Visibility visibility(recording, station_models, trajectory, target.returns);
     std::vector<SensorMeasurement> sensor_measurements;

@@ -6,22 +6,18 @@
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
 #include "scene/station_model.hpp"
-#include "trajectory/trajectory.hpp"
+#include "trajectory/target.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
 
-// The mean of a frame's returns varies by this much per axis, as different parts of the body are
-// hit.
-constexpr double kCentreSigmaM = 0.04;
-// Standard deviation of a return from the width of its beam, per metre of range.
-constexpr double kBeamSigmaRad = 0.002;
 // Uncertainty of the distance of the centre behind the mean of the returns, as a share of their
 // spread: flat bodies have 0.2 to 0.4, the drone of seq0001 0.55.
 constexpr double kFacingSideSigma = 0.3;
 
-// Returns the target of a path: its returns and their mean per frame. `station_models`: (sensors).
-// `excluded` (N): returns that are not assigned. Measurements are empty if no return fits.
+// Returns the target of a path: its returns and their mean per frame, without a trajectory.
+// `station_models`: (sensors). `excluded` (N): returns that are not assigned. Measurements are
+// empty if no return fits.
 Target CollectTarget(const Recording& recording, const std::vector<StationModel>& station_models,
                      const std::vector<Plot>& path, const std::vector<char>& excluded,
                      const RobustConfig& robust, const TrajectoryConfig& trajectory_config);

@@ -2,8 +2,6 @@
 
 #include <cmath>
 
-#include "collection/collect.hpp"
-
 namespace unlidar {
 namespace {
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <vector>
 
-#include "collection/collect.hpp"
+#include "collection/body.hpp"
 #include "scene/range_grid.hpp"
 
 namespace unlidar {

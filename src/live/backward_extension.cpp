@@ -6,14 +6,14 @@
 
 #include "live/track_follower.hpp"
 #include "scene/support.hpp"
+#include "tracking/time_reversed.hpp"
 
 namespace unlidar {
 namespace {
 
 // Reverses the time of a plot about 0.
 LivePlot InReverse(LivePlot seen) {
-  seen.plot.time_ns = -seen.plot.time_ns;
-  seen.plot.frame_time_ns = -seen.plot.frame_time_ns;
+  seen.plot = TimeReversed(seen.plot);
   seen.time_s = -seen.time_s;
   return seen;
 }

@@ -149,13 +149,11 @@ double LiveSearch::ClutterUncertaintyMargin(double learning_s) const {
                      : kMaxClutterUncertaintyMargin * std::exp(-observed_s_ / learning_s);
 }
 
-// method.md (9) per hour: every plot may be the first of a path, with every model, and clutter
-// alone exceeds e^s with probability at most e^-s.
-double LiveSearch::ScoreThreshold() const {
+// Per hour, at the present rate of plots.
+double LiveSearch::RecentScoreThreshold() const {
   const double plots_per_hour = 3600.0 * num_plots_ / std::max(rate_window_s_, 1.0);
-  const auto num_models =
-      static_cast<double>(models_.size() * config_.robust.tracker.birth_speeds_mps.size());
-  return std::log(plots_per_hour * num_models / config_.live.false_alarms_per_hour) +
+  return ScoreThreshold(plots_per_hour, config_.live.false_alarms_per_hour,
+                        config_.robust.tracker) +
          ClutterUncertaintyMargin(kLearningS);
 }
 
@@ -175,7 +173,7 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
     }
     SetScan(plots_, log_births_, first, frame_time_, &scan_);
     observed_s_ = frame.observed_s;
-    score_threshold_ = ScoreThreshold();
+    score_threshold_ = RecentScoreThreshold();
     for (TrackSearch& search : searches_) {
       search.Extend(scan_);
       search.AppendPathsToLastScan(score_threshold_, &paths_);

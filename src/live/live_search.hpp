@@ -69,7 +69,7 @@ class LiveSearch {
 
  private:
   void CountPlots(const SceneFrame& frame);
-  double ScoreThreshold() const;
+  double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
   bool IsCrowded(const Path& path) const;
 

@@ -237,23 +237,18 @@ void TrackFollower::Forget() {
   for (; first_plot_ < first_plot; ++first_plot_) plots_.pop_front();
 }
 
-// Same measurement of the returns of a frame as in collection.
 Measurement TrackFollower::Measure(const Node& node) const {
   const LivePlot& seen = PlotOf(node);
   const auto n = static_cast<double>(seen.plot.num_returns);
-  const double range_m = seen.plot.ray_m.norm();
-  const double beam_m = kBeamSigmaRad * range_m;
+  const BodySigmas body{body_sigma_m_, body_sigma_m_, body_sigma_m_};
   Measurement m;
   m.time_ns = seen.plot.time_ns;
   m.position_m = seen.plot.position_m +
-                 collect_.centroid_offset * body_sigma_m_ * seen.plot.ray_m.stableNormalized();
+                 FacingSideOffsetM(body_sigma_m_, seen.plot.ray_m, collect_.centroid_offset);
   m.viewpoint_m = seen.plot.position_m - seen.plot.ray_m;
   m.support = static_cast<int>(seen.plot.num_returns);
-  const Eigen::Vector3d along_m = node.h.state.mean.col(1) * seen.plot.streak_s;
-  m.covariance_m2 =
-      (kCentreSigmaM * kCentreSigmaM + (body_sigma_m_ * body_sigma_m_ + beam_m * beam_m) / n) *
-          Eigen::Matrix3d::Identity() +
-      along_m * along_m.transpose() / 12.0 / n;
+  m.covariance_m2 = MeasurementCovarianceM2(
+      body, seen.plot.ray_m, StreakM2(seen.plot.streak_s, node.h.state.mean.col(1)), n);
   return m;
 }
 

@@ -15,6 +15,7 @@
 
 #include "base/recording.hpp"
 #include "paper/clustering.hpp"
+#include "trajectory/target.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -72,8 +73,8 @@ std::vector<ClusterScore> ScoreClusters(const Recording& recording, const PaperC
 
 // Returns the winner, or nothing if no cluster is eligible. Its measurements are the per-frame
 // centroids of its local clusters; their covariance is that of one return (pooled scatter within
-// frames plus return_sigma_m^2) over the number of returns. Its score is psi. `scores`, if not
-// null, receives the result of ScoreClusters().
+// frames plus return_sigma_m^2) over the number of returns. Its score is psi; it has no trajectory.
+// `scores`, if not null, receives the result of ScoreClusters().
 std::vector<Target> FindTargetsPaper(const Recording& recording, const PaperConfig& config,
                                      std::vector<ClusterScore>* scores = nullptr);
 

@@ -56,11 +56,11 @@ bool IsSeenEarlier(const Target& a, const Target& b) {
   return key(a) < key(b);
 }
 
-FittedTrack FitTrack(const Recording& recording, const Target& target,
-                     const TrajectoryConfig& config) {
+FittedTrack TrackOf(const Recording& recording, const Target& target,
+                    const TrajectoryConfig& config) {
   FittedTrack track;
   RowSource& rows = track.row_source;
-  rows.trajectory = FitTrajectoryByCeres(target.measurements, config);
+  rows.trajectory = target.trajectory;
   rows.presence =
       ExistenceInterval(recording, target.measurements, config.min_missed_run_probability);
   rows.depth_sigma_m = target.depth_sigma_m;
@@ -76,7 +76,7 @@ FittedTrack FitTrack(const Recording& recording, const Target& target,
   KindFilter kind;
   kind.Observe(rows.trajectory, track.end_ns);
   track.flight = kind.Describe();
-  track.echo = DescribeReturns(recording, target, rows.trajectory);
+  track.echo = DescribeReturns(recording, target);
   return track;
 }
 
@@ -150,14 +150,7 @@ void TakeFindings(std::vector<SensorMonitor>* monitors, PipelineResult* result) 
   }
 }
 
-// The paper's numbers of the global clusters of a whole recording.
-void AddClusters(const Recording& whole, const PaperConfig& config, StageTimer& timer,
-                 PipelineResult& result) {
-  result.clusters = ScoreClusters(whole, config);
-  timer.End("clusters", Count(result.clusters.size(), "cluster"));
-}
-
-// Reads the recording and finds its targets: at once, or window by window if it is long.
+// Reads the recording and finds its targets.
 std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& config,
                                   const FrameFeed& frames, TimeNs first_stamp_ns,
                                   TimeNs last_stamp_ns, StageTimer& timer, PipelineResult& result) {
@@ -165,14 +158,22 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
   std::vector<Target> targets;
   std::vector<SensorMonitor> monitors;
   const FrameFeed feed = Monitored(frames, &monitors);
-  if (config.method == Method::kRobust &&
-      NeedsWindows(first_stamp_ns, last_stamp_ns, config.robust)) {
-    // The paper's score is one of a whole recording.
-    Recording whole;
+  // The paper's scores are those of a whole recording.
+  Recording whole;
+  if (config.method == Method::kPaper || request.score_clusters) {
+    feed(std::numeric_limits<TimeNs>::max(), &whole);
+    timer.End("read", InputSummary(whole));
+  }
+  if (config.method == Method::kPaper) {
+    targets = FindTargetsPaper(whole, config.paper, &result.clusters);
+    for (Target& target : targets) {
+      target.trajectory = FitTrajectoryByCeres(target.measurements, config.trajectory);
+    }
+    recording = std::move(whole);
+  } else {
     if (request.score_clusters) {
-      feed(std::numeric_limits<TimeNs>::max(), &whole);
-      timer.End("read", InputSummary(whole));
-      AddClusters(whole, config.paper, timer, result);
+      result.clusters = ScoreClusters(whole, config.paper);
+      timer.End("clusters", Count(result.clusters.size(), "cluster"));
     }
     const FrameFeed source = request.score_clusters ? FeedOf(whole) : feed;
     StageTimer::Clock::duration reading{};
@@ -187,20 +188,6 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
     targets = std::move(robust.targets);
     result.robust_counts = robust.counts;
     if (!request.score_clusters) timer.End("read", InputSummary(recording), reading);
-  } else {
-    feed(std::numeric_limits<TimeNs>::max(), &recording);
-    timer.End("read", InputSummary(recording));
-    if (request.score_clusters && config.method != Method::kPaper) {
-      AddClusters(recording, config.paper, timer, result);
-    }
-    if (config.method == Method::kPaper) {
-      targets = FindTargetsPaper(recording, config.paper, &result.clusters);
-    } else {
-      RobustResult robust =
-          FindTargetsRobust(recording, config.robust, config.trajectory, request.trace);
-      targets = std::move(robust.targets);
-      result.robust_counts = robust.counts;
-    }
   }
   TakeFindings(&monitors, &result);
   std::sort(targets.begin(), targets.end(), IsSeenEarlier);
@@ -208,14 +195,14 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
   return targets;
 }
 
-// Fits the targets of the recording and fills the result.
-void FitTracks(const PipelineRequest& request, const Config& config,
-               const std::vector<Target>& targets, StageTimer& timer, PipelineResult& result) {
+// Makes tracks of the targets of the recording and fills the result.
+void MakeTracks(const PipelineRequest& request, const Config& config,
+                const std::vector<Target>& targets, StageTimer& timer, PipelineResult& result) {
   const Recording& recording = result.recording;
   result.output_instants = ResolveOutputTimes(request.output_times, recording);
   int next_id = 0;
   for (const Target& target : targets) {
-    FittedTrack track = FitTrack(recording, target, config.trajectory);
+    FittedTrack track = TrackOf(recording, target, config.trajectory);
     track.id = track.row_source.track_id = next_id++;
     if (track.flight.kind.drone < request.min_drone_probability) {
       ++result.tracks_left_out;
@@ -274,7 +261,7 @@ PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
   const std::vector<Target> targets = ReadAndSearch(timed, config, feed, reader.first_stamp_ns(),
                                                     reader.last_stamp_ns(), timer, result);
   WarnOfTimesOutside(timed.output_times, reader, &result.warnings);
-  FitTracks(timed, config, targets, timer, result);
+  MakeTracks(timed, config, targets, timer, result);
   return result;
 }
 
@@ -291,7 +278,7 @@ PipelineResult TracksOf(const Recording& recording, const OutputTimes& output_ti
           ? std::vector<Target>()
           : ReadAndSearch(request, config, FeedOf(recording), recording.frames.front().stamp_ns,
                           recording.frames.back().stamp_ns, timer, result);
-  FitTracks(request, config, targets, timer, result);
+  MakeTracks(request, config, targets, timer, result);
   return result;
 }
 

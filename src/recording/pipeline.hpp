@@ -19,7 +19,7 @@
 
 namespace unlidar {
 
-// A target with the trajectory fitted to it. Ids count from 0 in order of first evidence.
+// A target with the rows of its trajectory. Ids count from 0 in order of first evidence.
 struct FittedTrack {
   int id = 0;
   TimeNs begin_ns = 0;  // first and last evidence
@@ -49,7 +49,7 @@ struct StageTime {
 };
 
 struct PipelineResult {
-  Recording recording;                        // if long, with the returns of tracks only
+  Recording recording;                        // with the robust method, the returns of tracks only
   std::optional<RobustCounts> robust_counts;  // with the robust method
   std::vector<ClusterScore> clusters;         // empty unless asked for or needed by the method
   std::vector<FittedTrack> tracks;

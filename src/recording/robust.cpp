@@ -119,7 +119,7 @@ class TargetCollector {
   // Returns the targets that pass the shape gates; sets the verdicts (paths) of the others.
   std::vector<Target> Finish(std::vector<PathVerdict>* verdicts) {
     const std::vector<Rejection> rejections =
-        ShapeRejections(recording_, station_models_, plots_, targets_, config_, trajectory_config_);
+        ShapeRejections(recording_, station_models_, plots_, targets_, config_);
     std::vector<Target> kept;
     for (std::size_t t = 0; t < targets_.size(); ++t) {
       (*verdicts)[path_of_[t]].rejection = rejections[t];
@@ -159,6 +159,7 @@ class TargetCollector {
           AlternativeModesOf(k, paths_, plots_, scan_schedule_, config_.tracker, measurements);
     }
     if (!config_.Uses(Rule::kFrameLength)) target->time_bias_ns = 0;
+    target->trajectory = FitTrajectoryByCeres(measurements, trajectory_config_);
     return Rejection::kNone;
   }
 
@@ -236,13 +237,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   }
   MultiStationPlots multi_station_plots(recording, Stations(recording.sensors), config);
   const std::vector<Plot>& plots = multi_station_plots.plots();
-  // A track score is a log likelihood ratio weighted by the birth density of its first plot. By
-  // Ville's inequality clutter reaches the threshold, over all plots and models, with a probability
-  // of at most false_alarms_per_recording if the clutter model holds: method.md (9).
-  const std::size_t num_models =
-      config.tracker.sigma_a_mps2.size() * config.tracker.birth_speeds_mps.size();
-  const auto num_starts = static_cast<double>(std::max<std::size_t>(plots.size(), 1) * num_models);
-  double threshold = std::log(num_starts / config.false_alarms_per_recording);
+  double threshold = ScoreThreshold(static_cast<double>(std::max<std::size_t>(plots.size(), 1)),
+                                    config.false_alarms_per_recording, config.tracker);
   const ScanSchedule scan_schedule = ScanScheduleOf(recording);
   const std::vector<StationModel> station_models = multi_station_plots.StationModels();
   const auto verdicts_of = [&](const std::vector<Path>& paths) {
@@ -319,6 +315,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   for (Target& target : result.targets) {
     for (Measurement& m : target.measurements) m.time_ns += target.time_bias_ns;
     for (AlternativeMode& mode : target.alternative_modes) mode.time_ns += target.time_bias_ns;
+    target.trajectory.origin_ns += target.time_bias_ns;
   }
   return result;
 }

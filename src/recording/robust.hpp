@@ -4,7 +4,7 @@
 // 2. Plots: clusters per frame of returns that are not structure, or that are unsupported, with the
 //    clutter intensity of their place.
 // 3. Paths: sequences of plots that a flying target explains far better than clutter.
-// 4. Collection: all returns along a path, and their mean per frame.
+// 4. Collection: all returns along a path, their mean per frame, and the trajectory through these.
 //
 // Positions are in the common frame, z up. Sensors close together form a station; 1 and 2 are done
 // per station, about its viewpoint; paths use the plots of all stations.
@@ -20,7 +20,7 @@
 #include "scene/plots.hpp"
 #include "scene/support.hpp"
 #include "tracking/tracker.hpp"
-#include "trajectory/trajectory.hpp"
+#include "trajectory/target.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

@@ -29,6 +29,7 @@ struct KeptReturn {
 struct Tracklet {
   Target target;                    // without returns
   std::vector<KeptReturn> returns;  // ascending
+  bool is_fitted = true;            // false: cut or joined since its trajectory was fitted
 };
 
 std::size_t CountBetween(const Tracklet& tracklet, TimeNs from_ns, TimeNs to_ns) {
@@ -58,6 +59,7 @@ void Cut(TimeNs at_ns, bool keeps_before, Tracklet* tracklet) {
   cut(&tracklet->target.alternative_modes,
       [](const AlternativeMode& mode) { return mode.time_ns; });
   tracklet->target.score *= static_cast<double>(tracklet->returns.size()) / all;
+  tracklet->is_fitted = false;
 }
 
 class WindowSearch {
@@ -133,6 +135,10 @@ class WindowSearch {
     const std::vector<KeptReturn> order(all.begin(), all.end());
     for (Tracklet& tracklet : tracklets_) {
       if (tracklet.returns.empty()) continue;
+      if (!tracklet.is_fitted) {
+        tracklet.target.trajectory =
+            FitTrajectoryByCeres(tracklet.target.measurements, trajectory_config_);
+      }
       for (const KeptReturn& own : tracklet.returns) {
         tracklet.target.returns.push_back(static_cast<std::uint32_t>(
             std::lower_bound(order.begin(), order.end(), own) - order.begin()));
@@ -245,27 +251,14 @@ class WindowSearch {
   RobustCounts counts_;
 };
 
-double DurationS(TimeNs first_stamp_ns, TimeNs last_stamp_ns) {
-  return static_cast<double>(last_stamp_ns - first_stamp_ns) * kSecondsPerNs;
-}
-
-// Returns the number of windows of equal length.
-double NumWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfig& config) {
-  return std::max(1.0, std::ceil(DurationS(first_stamp_ns, last_stamp_ns) / config.window_s));
-}
-
 }  // namespace
-
-bool NeedsWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfig& config) {
-  return NumWindows(first_stamp_ns, last_stamp_ns, config) > 1.0;
-}
 
 RobustResult FindTargetsInWindows(const FrameFeed& feed, TimeNs first_stamp_ns,
                                   TimeNs last_stamp_ns, const RobustConfig& config,
                                   const TrajectoryConfig& trajectory_config, const TraceSink& trace,
                                   Recording* recording) {
-  const double num_windows = NumWindows(first_stamp_ns, last_stamp_ns, config);
-  const double duration_s = DurationS(first_stamp_ns, last_stamp_ns);
+  const double duration_s = static_cast<double>(last_stamp_ns - first_stamp_ns) * kSecondsPerNs;
+  const double num_windows = std::max(1.0, std::ceil(duration_s / config.window_s));
   const TimeNs window_ns = NsOf(duration_s / num_windows) + 1;  // the last frame is in the last one
   WindowSearch search(config, trajectory_config, trace);
   for (TimeNs begin_ns = first_stamp_ns;;) {

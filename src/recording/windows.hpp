@@ -1,4 +1,4 @@
-// Targets of recordings that are too long to be searched at once.
+// Targets of recordings of any length, in bounded memory.
 #pragma once
 
 #include <functional>
@@ -15,15 +15,14 @@ namespace unlidar {
 // there is none.
 using FrameFeed = std::function<TimeNs(TimeNs until_ns, Recording* recording)>;
 
-// True if a recording is longer than a window and thus searched window by window.
-bool NeedsWindows(TimeNs first_stamp_ns, TimeNs last_stamp_ns, const RobustConfig& config);
-
-// FindTargetsRobust() for a recording of any length, in the memory of one window. Windows have
-// equal lengths, at most robust.window_s; each is searched with robust.window_margin_s on both
-// sides. Two targets of neighbouring windows are merged if they share most of their returns near
-// the border, where the one hands over to the other. `recording`, initially empty, receives the
-// sensors, all frames, and the returns of the targets, whose indices refer to it. `trace`, if set,
-// receives each window with its margins: frames near a border are in two.
+// FindTargetsRobust() for a recording of any length, in the memory of one window: association with
+// hindsight needs the whole of what it looks at. Windows have equal lengths, at most
+// robust.window_s; a longer recording has several, each of them searched with
+// robust.window_margin_s on both sides. Two targets of neighbouring windows are merged if they
+// share most of their returns near the border, where the one hands over to the other. `recording`,
+// initially empty, receives the sensors, all frames, and the returns of the targets, whose indices
+// refer to it. `trace`, if set, receives each window with its margins: frames near a border are in
+// two.
 //
 // The counts are sums over the windows, margins included, and the largest threshold.
 RobustResult FindTargetsInWindows(const FrameFeed& feed, TimeNs first_stamp_ns,

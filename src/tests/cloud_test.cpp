@@ -59,8 +59,8 @@ class Sky {
   // By the order of the things.
   std::vector<double> Kept() const {
     const std::vector<StationModel> station_models = {{Eigen::Vector3f::Zero(), nullptr, nullptr}};
-    const std::vector<Rejection> rejections = ShapeRejections(
-        maker_.recording, station_models, Plots(), targets_, RobustConfig(), TrajectoryConfig());
+    const std::vector<Rejection> rejections =
+        ShapeRejections(maker_.recording, station_models, Plots(), targets_, RobustConfig());
     std::vector<double> kept;
     for (std::size_t t = 0; t < targets_.size(); ++t) {
       if (rejections[t] == Rejection::kNone) kept.push_back(targets_[t].score);
@@ -89,6 +89,7 @@ class Sky {
       m.covariance_m2 *= 0.02;
       if (m.support > 0) target.measurements.push_back(m);
     }
+    target.trajectory = FitTrajectory(target.measurements, {});
     return target;
   }
 

@@ -8,6 +8,7 @@
 #include <set>
 #include <vector>
 
+#include "collection/body.hpp"
 #include "tests/learned_occupancy.hpp"
 #include "tests/synthetic_recording.hpp"
 

@@ -158,8 +158,9 @@ TEST(Pipeline, HandsOnWhatTheRobustMethodCounted) {
   request.sources = {{"", folder / "frames"}};
   EXPECT_FALSE(RunQuietly(request, PaperMethod()).robust_counts.has_value());
   const PipelineResult result = RunQuietly(request, Config());
+  const Recording recording = ReadRecording(request.sources, InputConfig(), {});
   const RobustCounts counts =
-      FindTargetsRobust(result.recording, RobustConfig(), TrajectoryConfig()).counts;
+      FindTargetsRobust(recording, RobustConfig(), TrajectoryConfig()).counts;
   ASSERT_TRUE(result.robust_counts.has_value());
   EXPECT_GT(result.robust_counts->plots, 0U);
   EXPECT_EQ(result.robust_counts->plots, counts.plots);

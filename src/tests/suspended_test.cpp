@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "tests/synthetic_recording.hpp"
+#include "trajectory/target.hpp"
 
 namespace unlidar {
 namespace {

@@ -118,12 +118,17 @@ TEST(Windows, ReturnsAreThoseOfTheRecordingAndOneTracksEach) {
 }
 
 TEST(Windows, ARecordingThatIsNoLongerThanOneIsSearchedAsAWhole) {
-  const double duration_s = kFrames * kPeriodS;
-  const PipelineResult whole = TracksOf(Long(), FirstSensorStamps(), OneWindow());
-  const PipelineResult one = TracksOf(Long(), FirstSensorStamps(), WindowsOf(duration_s, 4.0));
-  EXPECT_EQ(one.recording.points_m.size(), Long().points_m.size());
-  ASSERT_EQ(one.tracks.size(), whole.tracks.size());
-  EXPECT_EQ(one.tracks.front().returns, whole.tracks.front().returns);
+  const Config config = WindowsOf(kFrames * kPeriodS, 4.0);
+  const RobustResult whole = FindTargetsRobust(Long(), config.robust, config.trajectory);
+  const PipelineResult one = TracksOf(Long(), FirstSensorStamps(), config);
+  ASSERT_EQ(one.tracks.size(), whole.targets.size());
+  for (const Target& target : whole.targets) {
+    const auto is_same = [&](const FittedTrack& track) { return track.score == target.score; };
+    const auto track = std::find_if(one.tracks.begin(), one.tracks.end(), is_same);
+    ASSERT_NE(track, one.tracks.end());
+    EXPECT_EQ(track->returns.size(), target.returns.size());
+    EXPECT_EQ(track->row_source.trajectory.control_points_m, target.trajectory.control_points_m);
+  }
 }
 
 // What is held of the frames at any time is a window with its margins.

@@ -1,6 +1,7 @@
 #include "tracking/tracker.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <optional>
 #include <set>
@@ -238,6 +239,15 @@ class PathFinder {
 };
 
 }  // namespace
+
+// A track score is a log likelihood ratio weighted by the birth density of its first plot. By
+// Ville's inequality clutter exceeds e^s, in a search with one model, with a probability of at most
+// e^-s.
+double ScoreThreshold(double num_plots, double false_alarms, const TrackerConfig& config) {
+  const auto num_models =
+      static_cast<double>(config.sigma_a_mps2.size() * config.birth_speeds_mps.size());
+  return std::log(num_plots * num_models / false_alarms);
+}
 
 std::vector<Path> FindPaths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                             const TrackerConfig& config, Effort* effort) {

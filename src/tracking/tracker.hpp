@@ -31,6 +31,10 @@ constexpr int kMinPathPlots = 3;
 constexpr double kInitiationLog = 12.0;
 constexpr double kMinExchangeLog = 1.0;
 
+// Track score that clutter alone reaches with a probability of at most `false_alarms`, if any of
+// `num_plots` plots may be the first of a path: method.md (9).
+double ScoreThreshold(double num_plots, double false_alarms, const TrackerConfig& config);
+
 struct Path {
   std::vector<std::uint32_t> plots;  // ascending
   // Track score: log likelihood ratio against clutter, relative to a uniform choice of the first

@@ -7,8 +7,8 @@
 
 namespace unlidar {
 
-ReturnStatistics DescribeReturns(const Recording& recording, const Target& target,
-                                 const Trajectory& trajectory) {
+ReturnStatistics DescribeReturns(const Recording& recording, const Target& target) {
+  const Trajectory& trajectory = target.trajectory;
   ReturnStatistics return_statistics;
   for (const Measurement& m : target.measurements) {
     return_statistics.echo_m2_per_s += m.support * (m.position_m - m.viewpoint_m).squaredNorm();

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "base/recording.hpp"
-#include "trajectory/trajectory.hpp"
+#include "trajectory/target.hpp"
 
 namespace unlidar {
 
@@ -12,8 +12,7 @@ struct ReturnStatistics {
   double extent_m = 0.0;       // RMS distance of the returns from the trajectory, across the ray
 };
 
-// The target must have at least one measurement.
-ReturnStatistics DescribeReturns(const Recording& recording, const Target& target,
-                                 const Trajectory& trajectory);
+// The target must have a trajectory.
+ReturnStatistics DescribeReturns(const Recording& recording, const Target& target);
 
 }  // namespace unlidar

@@ -7,7 +7,7 @@
 
 #include "api/recording_events.hpp"
 #include "base/format.hpp"
-#include "io/stamp_list.hpp"
+#include "io/stamp.hpp"
 #include "live/live_engine.hpp"
 #include "unlidar/error.hpp"
 

@@ -20,7 +20,7 @@
 #include "base/recording.hpp"
 #include "io/arrival.hpp"
 #include "io/frame_directory.hpp"
-#include "io/frame_preparation.hpp"
+#include "io/frames.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

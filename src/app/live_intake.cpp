@@ -7,7 +7,7 @@
 #include "api/recording_events.hpp"
 #include "app/output.hpp"
 #include "base/format.hpp"
-#include "io/frame_preparation.hpp"
+#include "io/frames.hpp"
 
 namespace unlidar {
 namespace {

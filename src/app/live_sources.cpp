@@ -15,7 +15,7 @@
 #include "io/arrival.hpp"
 #include "io/followed_folders.hpp"
 #include "io/frame_messages.hpp"
-#include "io/frame_preparation.hpp"
+#include "io/sensor_frames.hpp"
 #include "io/input_limits.hpp"
 #include "io/livox_lidars.hpp"
 #include "io/livox_receiver.hpp"

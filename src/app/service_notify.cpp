@@ -4,12 +4,12 @@
 #include <sys/un.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <string>
-#include <system_error>
+
+#include "base/format.hpp"
 
 namespace unlidar {
 namespace {
@@ -32,11 +32,8 @@ std::string SocketAddress(std::string name) {
 std::optional<std::chrono::microseconds> WatchdogTime() {
   const std::string pid = Variable("WATCHDOG_PID");
   if (!pid.empty() && pid != std::to_string(::getpid())) return std::nullopt;
-  const std::string text = Variable("WATCHDOG_USEC");
-  std::int64_t time_us = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), time_us);
-  if (error != std::errc() || end != text.data() + text.size() || time_us <= 0) return std::nullopt;
-  return std::chrono::microseconds(time_us);
+  const std::int64_t time_us = ParseNumber<std::int64_t>(Variable("WATCHDOG_USEC")).value_or(0);
+  return time_us > 0 ? std::make_optional(std::chrono::microseconds(time_us)) : std::nullopt;
 }
 
 }  // namespace

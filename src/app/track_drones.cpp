@@ -16,7 +16,7 @@
 #include "base/format.hpp"
 #include "base/parallel.hpp"
 #include "config/config.hpp"
-#include "io/stamp_list.hpp"
+#include "io/stamp.hpp"
 #include "recording/pipeline.hpp"
 #include "trajectory/output_times.hpp"
 #include "unlidar/error.hpp"

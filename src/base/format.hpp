@@ -1,14 +1,27 @@
 // Locale-independent text of numbers and of user input.
 #pragma once
 
+#include <charconv>
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <system_error>
 
 namespace unlidar {
 
 // Returns the value with `digits` decimals; "nan" if it is not finite, never "-0.000".
 std::string FixedText(double value, int digits);
+
+// Returns the decimal number that the text is as a whole; empty if it is none or does not fit.
+template <class Number>
+std::optional<Number> ParseNumber(std::string_view text) {
+  Number value{};
+  const char* const end = text.data() + text.size();
+  const auto [parsed_to, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc() || parsed_to != end) return std::nullopt;
+  return value;
+}
 
 // Returns the shortest text that parses back to the same value.
 std::string ShortestText(double value);

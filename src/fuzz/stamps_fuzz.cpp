@@ -11,7 +11,6 @@
 #include "app/output.hpp"
 #include "fuzz/fuzz.hpp"
 #include "io/stamp.hpp"
-#include "io/stamp_list.hpp"
 #include "trajectory/output_times.hpp"
 
 namespace unlidar::fuzz {

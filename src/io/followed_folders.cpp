@@ -26,10 +26,7 @@ namespace fs = std::filesystem;
 
 using Clock = FollowedFrame::Clock;
 
-// IN_MASK_ADD: a followed folder may also be an ancestor of another one.
-constexpr std::uint32_t kCommonMask = IN_MOVED_TO | IN_MOVE_SELF | IN_ONLYDIR | IN_MASK_ADD;
-constexpr std::uint32_t kFolderMask = kCommonMask | IN_CLOSE_WRITE;
-constexpr std::uint32_t kAncestorMask = kCommonMask | IN_CREATE;
+constexpr std::uint32_t kMask = IN_CLOSE_WRITE | IN_MOVED_TO | IN_MOVE_SELF | IN_ONLYDIR;
 
 // If the system cannot report open writers, a file changed within this time counts as open.
 constexpr std::chrono::seconds kSettleTime(1);
@@ -43,20 +40,19 @@ struct File {
 
 // A read lease is granted only if nobody has the file open for writing.
 File FileAt(const std::string& path) {
-  const int fd = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
-  if (fd < 0) return {errno == ENOENT ? FileState::kGone : FileState::kComplete, 0};
+  const Descriptor file(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
+  if (file.get() < 0) return {errno == ENOENT ? FileState::kGone : FileState::kComplete, 0};
   struct stat status {};
-  const bool is_known = ::fstat(fd, &status) == 0;
+  const bool is_known = ::fstat(file.get(), &status) == 0;
   FileState state = FileState::kComplete;
-  if (::fcntl(fd, F_SETLEASE, F_RDLCK) == 0) {
-    ::fcntl(fd, F_SETLEASE, F_UNLCK);
+  if (::fcntl(file.get(), F_SETLEASE, F_RDLCK) == 0) {
+    ::fcntl(file.get(), F_SETLEASE, F_UNLCK);
   } else if (errno == EAGAIN) {
     state = FileState::kBeingWritten;
   } else {  // another user's file, or a file system without leases
     const bool is_recent = is_known && std::time(nullptr) - status.st_mtime <= kSettleTime.count();
     if (is_recent) state = FileState::kUnsettled;
   }
-  ::close(fd);
   return {state, TimeNs{status.st_ctim.tv_sec} * kNsPerSecond + status.st_ctim.tv_nsec};
 }
 
@@ -78,20 +74,18 @@ FollowedFolders::FollowedFolders(const std::vector<Folder>& folders, std::option
                                  BadFrameCallback on_bad_frame)
     : after_ns_(after_ns),
       on_bad_frame_(std::move(on_bad_frame)),
-      fd_(::inotify_init1(IN_NONBLOCK | IN_CLOEXEC)) {
-  if (fd_ < 0) throw std::runtime_error(std::string("inotify: ") + std::strerror(errno));
+      inotify_(::inotify_init1(IN_NONBLOCK | IN_CLOEXEC)) {
+  if (inotify_.get() < 0) throw std::runtime_error(std::string("inotify: ") + std::strerror(errno));
   for (const Folder& folder : folders) folders_.emplace_back(folder);
-  for (std::size_t i = 0; i < folders_.size(); ++i) Attach(i);
+  Attach();
 }
-
-FollowedFolders::~FollowedFolders() { ::close(fd_); }
 
 void FollowedFolders::Update() {
   alignas(inotify_event) std::array<char, 1 << 16> buffer{};
   bool has_lost_events = false;
   while (true) {
-    const ssize_t got = ::read(fd_, buffer.data(), buffer.size());
-    if (got < 0 && errno == EINTR) continue;
+    const ssize_t got =
+        Uninterrupted([&] { return ::read(inotify_.get(), buffer.data(), buffer.size()); });
     if (got <= 0) break;
     for (std::size_t at = 0; at < static_cast<std::size_t>(got);) {
       inotify_event event{};
@@ -105,6 +99,7 @@ void FollowedFolders::Update() {
       }
     }
   }
+  Attach();
   const bool is_due = list_again_ && Clock::now() >= *list_again_;
   if (has_lost_events || is_due) ListAll();
 }
@@ -135,47 +130,18 @@ std::optional<FollowedFrame> FollowedFolders::Next() {
   return std::nullopt;
 }
 
-// Watches the folder or, while it is missing, its nearest existing ancestor.
-void FollowedFolders::Attach(std::size_t index) {
-  WatchedFolder& folder = folders_[index];
-  const std::string directory = folder.directory;
-  while ((folder.watch = AddWatch(directory, kFolderMask)) < 0) {
-    fs::path below = directory;
-    fs::path above = below.parent_path();
-    int watch = -1;
-    while ((watch = AddWatch(above.string(), kAncestorMask)) < 0) {
-      below = above;
-      above = above.parent_path();
+// Watches and lists the folders that are not watched, unless they are missing.
+void FollowedFolders::Attach() {
+  for (std::size_t i = 0; i < folders_.size(); ++i) {
+    WatchedFolder& folder = folders_[i];
+    if (folder.watch >= 0) continue;
+    folder.watch = ::inotify_add_watch(inotify_.get(), folder.directory.c_str(), kMask);
+    if (folder.watch >= 0) {
+      List(i);
+    } else if (errno != ENOENT) {
+      FailToWatch(folder.directory, errno);
     }
-    const int old_watch = std::exchange(folder.ancestor_watch, watch);
-    if (old_watch != watch) Release(old_watch);
-    // A folder created before the watch causes no event.
-    std::error_code error;
-    if (!fs::exists(below, error)) return;
   }
-  Release(std::exchange(folder.ancestor_watch, -1));
-  List(index);
-}
-
-void FollowedFolders::Detach(std::size_t index) {
-  Release(std::exchange(folders_[index].watch, -1));
-  Release(std::exchange(folders_[index].ancestor_watch, -1));
-}
-
-// Removes a watch unless a folder still needs it.
-void FollowedFolders::Release(int watch) {
-  const bool is_needed =
-      std::any_of(folders_.begin(), folders_.end(), [&](const WatchedFolder& folder) {
-        return folder.watch == watch || folder.ancestor_watch == watch;
-      });
-  if (watch >= 0 && !is_needed) ::inotify_rm_watch(fd_, watch);
-}
-
-// Returns -1 if the folder does not exist.
-int FollowedFolders::AddWatch(const std::string& path, std::uint32_t mask) const {
-  const int watch = ::inotify_add_watch(fd_, path.c_str(), mask);
-  if (watch < 0 && errno != ENOENT) FailToWatch(path, errno);
-  return watch;
 }
 
 void FollowedFolders::List(std::size_t index) {
@@ -207,14 +173,10 @@ void FollowedFolders::ListAll() {
 
 void FollowedFolders::TakeEvent(int watch, std::uint32_t mask, const std::string& name) {
   for (std::size_t i = 0; i < folders_.size(); ++i) {
-    const bool is_folder = folders_[i].watch == watch;
-    const bool is_ancestor = folders_[i].ancestor_watch == watch;
-    if (!is_folder && !is_ancestor) continue;
+    if (folders_[i].watch != watch) continue;
     if ((mask & (IN_IGNORED | IN_MOVE_SELF)) != 0) {
-      Detach(i);
-      Attach(i);
-    } else if (is_ancestor) {
-      Attach(i);
+      ::inotify_rm_watch(inotify_.get(), watch);  // another folder may take its place
+      folders_[i].watch = -1;
     } else if ((mask & (IN_CLOSE_WRITE | IN_MOVED_TO)) != 0 && (mask & IN_ISDIR) == 0) {
       Offer(i, name, false);
     }
@@ -292,16 +254,16 @@ bool FollowedFolders::WasProcessed(const WatchedFolder& folder, TimeNs stamp_ns)
 
 bool FollowedFolders::WasDelivered(const WatchedFolder& folder, TimeNs stamp_ns, bool is_listed) {
   const bool is_old = folder.newest_forgotten_ns && stamp_ns <= *folder.newest_forgotten_ns;
-  return (is_listed && is_old) || folder.delivered_ns.count(stamp_ns) > 0;
+  const auto& delivered_ns = folder.delivered_ns;
+  return (is_listed && is_old) ||
+         std::find(delivered_ns.begin(), delivered_ns.end(), stamp_ns) != delivered_ns.end();
 }
 
 void FollowedFolders::MarkDelivered(TimeNs stamp_ns, WatchedFolder& folder) {
-  folder.delivered_ns.insert(stamp_ns);
-  folder.delivered_in_order_ns.push_back(stamp_ns);
-  if (folder.delivered_in_order_ns.size() <= kMaxDelivered) return;
-  const TimeNs forgotten_ns = folder.delivered_in_order_ns.front();
-  folder.delivered_in_order_ns.pop_front();
-  folder.delivered_ns.erase(forgotten_ns);
+  folder.delivered_ns.push_back(stamp_ns);
+  if (folder.delivered_ns.size() <= kMaxDelivered) return;
+  const TimeNs forgotten_ns = folder.delivered_ns.front();
+  folder.delivered_ns.pop_front();
   folder.newest_forgotten_ns =
       std::max(folder.newest_forgotten_ns.value_or(forgotten_ns), forgotten_ns);
 }

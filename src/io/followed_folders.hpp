@@ -8,11 +8,11 @@
 #include <functional>
 #include <map>
 #include <optional>
-#include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "io/descriptor.hpp"
 #include "io/frame_directory.hpp"
 #include "unlidar/error.hpp"
 
@@ -22,8 +22,8 @@ namespace unlidar {
 struct FollowedCounts {
   std::uint64_t vanished = 0;     // deleted before they were read
   std::uint64_t passed_over = 0;  // stamp seen before
-  std::uint64_t already_processed =
-      0;  // present at the first listing of their folder, up to `after_ns`
+  // Present at the first listing of their folder, up to `after_ns`.
+  std::uint64_t already_processed = 0;
 };
 
 struct FollowedFrame {
@@ -37,7 +37,7 @@ struct FollowedFrame {
 
 // Delivers the frames of several folders in order of stamp: those present, then those that appear
 // by a rename or are closed by their writer. A folder may be empty or missing, and may be removed
-// and created again. A file open for writing waits until it is closed.
+// and created again: each Update() looks for it. A file open for writing waits until it is closed.
 //
 // At most kMaxPending frames are remembered; if there are more, or if the system lost events, the
 // folders are listed again. A frame is delivered once: one whose stamp is among the last
@@ -63,12 +63,9 @@ class FollowedFolders {
   // timestamps.csv, here and later.
   FollowedFolders(const std::vector<Folder>& folders, std::optional<TimeNs> after_ns,
                   BadFrameCallback on_bad_frame);
-  ~FollowedFolders();
-  FollowedFolders(const FollowedFolders&) = delete;
-  FollowedFolders& operator=(const FollowedFolders&) = delete;
 
-  // Readable when events are pending.
-  int fd() const { return fd_; }
+  // Readable when events in the folders that are there are pending.
+  int fd() const { return inotify_.get(); }
 
   // Processes pending events; never blocks.
   void Update();
@@ -92,12 +89,10 @@ class FollowedFolders {
     std::string directory;  // absolute
     FrameClock clock;
     TimeNs offset_ns = 0;
-    int watch = -1;           // of the folder
-    int ancestor_watch = -1;  // of its nearest existing ancestor, while it is missing
+    int watch = -1;  // while it is there
     bool was_listed = false;
-    TimeNs listed_ns = 0;  // Unix time of the first listing
-    std::set<TimeNs> delivered_ns;
-    std::deque<TimeNs> delivered_in_order_ns;
+    TimeNs listed_ns = 0;             // Unix time of the first listing
+    std::deque<TimeNs> delivered_ns;  // the last ones
     std::optional<TimeNs> newest_forgotten_ns;
   };
   struct Pending {
@@ -108,10 +103,7 @@ class FollowedFolders {
   };
   using Order = std::pair<TimeNs, std::size_t>;  // stamp plus offset, folder
 
-  void Attach(std::size_t index);
-  void Detach(std::size_t index);
-  void Release(int watch);
-  int AddWatch(const std::string& path, std::uint32_t mask) const;
+  void Attach();
   void List(std::size_t index);
   void ListAll();
   void TakeEvent(int watch, std::uint32_t mask, const std::string& name);
@@ -125,7 +117,7 @@ class FollowedFolders {
   std::vector<WatchedFolder> folders_;
   std::optional<TimeNs> after_ns_;
   BadFrameCallback on_bad_frame_;
-  int fd_ = -1;
+  Descriptor inotify_;
   std::map<Order, Pending> pending_;
   bool has_more_ = false;  // frames in the folders that pending_ has no room for
   std::optional<FollowedFrame::Clock::time_point> list_again_;

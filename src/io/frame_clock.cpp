@@ -2,13 +2,11 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 
 #include "base/format.hpp"
 #include "io/frame_directory.hpp"
 #include "io/stamp.hpp"
-#include "unlidar/config.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -32,14 +30,6 @@ constexpr std::array<NumberUnit, 4> kUnits = {{
     {20'000'000, 2'000'000'000, 1e9, "nanoseconds"},
 }};
 
-std::optional<std::uint64_t> WholeNumber(std::string_view text) {
-  std::uint64_t number = 0;
-  const char* const end = text.data() + text.size();
-  const auto [parsed_to, error] = std::from_chars(text.data(), end, number);
-  if (error != std::errc() || parsed_to != end) return std::nullopt;
-  return number;
-}
-
 // Returns the median difference of ascending numbers; 0 for fewer than two.
 std::uint64_t MedianStep(const std::vector<std::uint64_t>& numbers) {
   if (numbers.size() < 2) return 0;
@@ -57,6 +47,12 @@ bool AreNumbers(const std::vector<std::uint64_t>& numbers) {
 
 }  // namespace
 
+SensorConfig SensorConfigOf(const std::map<std::string, SensorConfig>& sensors,
+                            const std::string& name) {
+  const auto known = sensors.find(name);
+  return known == sensors.end() ? SensorConfig() : known->second;
+}
+
 double FrameRateHz(const InputConfig& input, const SensorConfig& sensor) {
   return sensor.frame_rate_hz > 0.0 ? sensor.frame_rate_hz : input.frame_rate_hz;
 }
@@ -66,7 +62,7 @@ void FrameClock::Settle(const std::vector<std::string_view>& names) {
   bool are_whole = true;
   for (const std::string_view name : names) {
     if (!ParseStamp(name)) continue;
-    const std::optional<std::uint64_t> number = WholeNumber(name);
+    const auto number = ParseNumber<std::uint64_t>(name);
     are_whole = are_whole && number;
     if (number) numbers.push_back(*number);
   }
@@ -111,7 +107,7 @@ void FrameClock::SetNumbers(std::uint64_t step, const std::string& seen) {
 }
 
 std::optional<TimeNs> FrameClock::TimeOf(std::string_view name) {
-  const std::optional<std::uint64_t> number = WholeNumber(name);
+  const auto number = ParseNumber<std::uint64_t>(name);
   if (reading_ == Reading::kUnsettled) {
     if (number && *number == 0) {
       last_number_ = 0;

@@ -2,18 +2,21 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
+#include "unlidar/config.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
 
-struct InputConfig;
-struct SensorConfig;
+// Returns the entry of a sensor; the default without one.
+SensorConfig SensorConfigOf(const std::map<std::string, SensorConfig>& sensors,
+                            const std::string& name);
 
 // Returns the configured rate of a sensor's frame names, in numbers per second; 0 if none.
 double FrameRateHz(const InputConfig& input, const SensorConfig& sensor);

@@ -27,15 +27,6 @@ constexpr std::string_view kStampHeader = "file,timestamp";
 
 using StampsByFile = std::map<std::string, TimeNs, std::less<>>;
 
-}  // namespace
-
-bool IsFrameName(const std::string& name) {
-  return name.size() > kFrameSuffix.size() && name.front() != '.' &&
-         name.compare(name.size() - kFrameSuffix.size(), kFrameSuffix.size(), kFrameSuffix) == 0;
-}
-
-namespace {
-
 struct CloseFolder {
   void operator()(DIR* folder) const { closedir(folder); }
 };
@@ -79,16 +70,6 @@ std::vector<std::string> FrameNames(const std::string& directory) {
   std::sort(names.begin(), names.end());
   return names;
 }
-
-}  // namespace
-
-std::optional<TimeNs> StampInRange(std::string_view text) {
-  const std::optional<TimeNs> stamp_ns = ParseStamp(text);
-  if (!stamp_ns || *stamp_ns > kMaxStampNs || *stamp_ns < -kMaxStampNs) return std::nullopt;
-  return stamp_ns;
-}
-
-namespace {
 
 // Returns empty if the directory has no such file.
 std::optional<StampsByFile> ReadStampFile(const std::string& directory,
@@ -143,6 +124,17 @@ std::optional<StampsByFile> ReadStampFile(const std::string& directory,
 }
 
 }  // namespace
+
+std::optional<TimeNs> StampInRange(std::string_view text) {
+  const std::optional<TimeNs> stamp_ns = ParseStamp(text);
+  if (!stamp_ns || *stamp_ns > kMaxStampNs || *stamp_ns < -kMaxStampNs) return std::nullopt;
+  return stamp_ns;
+}
+
+bool IsFrameName(const std::string& name) {
+  return name.size() > kFrameSuffix.size() && name.front() != '.' &&
+         name.compare(name.size() - kFrameSuffix.size(), kFrameSuffix.size(), kFrameSuffix) == 0;
+}
 
 std::string_view StemOf(std::string_view name) {
   return name.substr(0, name.size() - kFrameSuffix.size());

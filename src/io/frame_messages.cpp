@@ -1,6 +1,5 @@
 #include "io/frame_messages.hpp"
 
-#include <charconv>
 #include <utility>
 #include <vector>
 
@@ -88,14 +87,12 @@ FrameMessageReader::MessageHeader FrameMessageReader::ParseHeader(std::string_vi
   const std::optional<TimeNs> stamp_ns = StampOf(header);
   if (!stamp_ns) Fail("has the STAMP " + Quoted(words[2]) + ", " + kExpectedStamp);
   header.stamp_ns = *stamp_ns;
-  const std::string_view length = words[3];
-  const auto [end, error] =
-      std::from_chars(length.data(), length.data() + length.size(), header.length);
-  if (error != std::errc() || end != length.data() + length.size() ||
-      header.length > kMaxMessageBytes) {
-    Fail("has the LENGTH " + Quoted(length) + ", expected a number of bytes up to " +
+  const auto length = ParseNumber<std::size_t>(words[3]);
+  if (!length || *length > kMaxMessageBytes) {
+    Fail("has the LENGTH " + Quoted(words[3]) + ", expected a number of bytes up to " +
          std::to_string(kMaxMessageBytes));
   }
+  header.length = *length;
   return header;
 }
 

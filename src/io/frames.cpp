@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <exception>
+#include <filesystem>
 #include <limits>
 #include <utility>
 
 #include "base/format.hpp"
 #include "base/parallel.hpp"
-#include "io/frame_preparation.hpp"
 #include "io/input_limits.hpp"
 #include "io/pcd.hpp"
 #include "io/sensor_frames.hpp"
@@ -39,6 +39,23 @@ bool IsSensorName(const std::string& name) {
            return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
                   c == '_' || c == '-';
          });
+}
+
+std::string SourceName(const FrameSource& source) {
+  if (!source.name.empty()) return source.name;
+  const std::filesystem::path path = std::filesystem::absolute(source.directory).lexically_normal();
+  return (path.has_filename() ? path : path.parent_path()).filename().string();
+}
+
+void CheckNames(const std::vector<FrameSource>& sources) {
+  std::map<std::string, std::string> directories;
+  for (const FrameSource& source : sources) {
+    const auto [other, is_new] = directories.emplace(SourceName(source), source.directory);
+    if (is_new) continue;
+    throw UsageError("--frames: " + other->second + " and " + source.directory +
+                     " are both named '" + other->first +
+                     "', expected NAME=DIR with a name of its own for each");
+  }
 }
 
 // Reads one source; bad frames are thrown or, with skip_bad_frames, recorded.
@@ -148,10 +165,9 @@ FrameReader::FrameReader(const std::vector<FrameSource>& sources, const InputCon
     : config_(config) {
   CheckNames(sources);
   for (const FrameSource& source : sources) {
-    const auto known = sensors.find(SourceName(source));
     sources_.push_back(
         std::make_unique<SourceReader>(source, static_cast<std::uint32_t>(sources_.size()), config_,
-                                       known == sensors.end() ? SensorConfig() : known->second));
+                                       SensorConfigOf(sensors, SourceName(source))));
   }
 }
 

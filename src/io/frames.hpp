@@ -22,6 +22,12 @@ inline constexpr const char* kExpectedSensorName =
     "expected a name of up to 120 letters, digits, '_' and '-'";
 bool IsSensorName(const std::string& name);
 
+// Returns the name of a source, by default the last component of its directory.
+std::string SourceName(const FrameSource& source);
+
+// Throws UsageError if two sources have the same name.
+void CheckNames(const std::vector<FrameSource>& sources);
+
 // Reads every frame of every source: the files `*.pcd` of its directory, in order of stamp. A
 // sensor that is not in `sensors` is at the origin of the common frame.
 //

@@ -1,5 +1,6 @@
 #include "io/livox_packets.hpp"
 
+#include <array>
 #include <boost/crc.hpp>
 #include <cmath>
 #include <cstddef>
@@ -43,30 +44,14 @@ struct Layout {
   Coordinates coordinates;
   std::uint32_t returns_per_ray;
   bool has_tag;
-  std::uint32_t rays;  // per packet; fixed by the data type in protocol 1
+  std::uint32_t rays;  // per packet; in protocol 2 a packet states its own
 };
 
-// Returns the bytes of the coordinates of one return, without the angles that a ray's returns
-// share.
-std::size_t CoordinateBytes(Coordinates coordinates) {
-  switch (coordinates) {
-    case Coordinates::kMillimetres:
-      return 12;
-    case Coordinates::kCentimetres:
-      return 6;
-    case Coordinates::kSpherical:
-      return 8;
-    case Coordinates::kSharedAngles:
-      return 4;
-    case Coordinates::kAccelerations:
-      return 24;
-  }
-  return 0;
-}
-
 std::size_t ReturnBytes(const Layout& layout) {
-  if (layout.coordinates == Coordinates::kAccelerations) return 24;
-  return CoordinateBytes(layout.coordinates) + (layout.has_tag ? 2 : 1);  // reflectivity, tag
+  constexpr std::array<std::size_t, 5> kCoordinateBytes = {12, 6, 8, 4, 24};
+  const std::size_t bytes = kCoordinateBytes[static_cast<std::size_t>(layout.coordinates)];
+  if (layout.coordinates == Coordinates::kAccelerations) return bytes;
+  return bytes + (layout.has_tag ? 2 : 1);  // reflectivity, tag
 }
 
 std::size_t RayBytes(const Layout& layout) {
@@ -74,46 +59,35 @@ std::size_t RayBytes(const Layout& layout) {
   return angles + layout.returns_per_ray * ReturnBytes(layout);
 }
 
+// By data type.
+constexpr std::array<Layout, 9> kLayouts1 = {{{Coordinates::kMillimetres, 1, false, 100},
+                                              {Coordinates::kSpherical, 1, false, 100},
+                                              {Coordinates::kMillimetres, 1, true, 96},
+                                              {Coordinates::kSpherical, 1, true, 96},
+                                              {Coordinates::kMillimetres, 2, true, 48},
+                                              {Coordinates::kSharedAngles, 2, true, 48},
+                                              {Coordinates::kAccelerations, 1, false, 1},
+                                              {Coordinates::kMillimetres, 3, true, 30},
+                                              {Coordinates::kSharedAngles, 3, true, 30}}};
+constexpr std::array<Layout, 4> kLayouts2 = {{{Coordinates::kAccelerations, 1, false, 0},
+                                              {Coordinates::kMillimetres, 1, true, 0},
+                                              {Coordinates::kCentimetres, 1, true, 0},
+                                              {Coordinates::kSpherical, 1, true, 0}}};
+constexpr std::uint8_t kTwoReturns2 = 17;
+
 Layout Layout1(std::uint8_t type) {
-  switch (type) {
-    case 0:
-      return {Coordinates::kMillimetres, 1, false, 100};
-    case 1:
-      return {Coordinates::kSpherical, 1, false, 100};
-    case 2:
-      return {Coordinates::kMillimetres, 1, true, 96};
-    case 3:
-      return {Coordinates::kSpherical, 1, true, 96};
-    case 4:
-      return {Coordinates::kMillimetres, 2, true, 48};
-    case 5:
-      return {Coordinates::kSharedAngles, 2, true, 48};
-    case 6:
-      return {Coordinates::kAccelerations, 1, false, 1};
-    case 7:
-      return {Coordinates::kMillimetres, 3, true, 30};
-    case 8:
-      return {Coordinates::kSharedAngles, 3, true, 30};
-    default:
-      Fail("has the data type " + std::to_string(type) + ", expected 0 to 8");
-  }
+  if (type < kLayouts1.size()) return kLayouts1[type];
+  Fail("has the data type " + std::to_string(type) + ", expected 0 to 8");
 }
 
 Layout Layout2(std::uint8_t type, std::uint16_t rays) {
-  switch (type) {
-    case 0:
-      return {Coordinates::kAccelerations, 1, false, rays};
-    case 1:
-      return {Coordinates::kMillimetres, 1, true, rays};
-    case 2:
-      return {Coordinates::kCentimetres, 1, true, rays};
-    case 3:
-      return {Coordinates::kSpherical, 1, true, rays};
-    case 17:
-      return {Coordinates::kMillimetres, 2, true, rays};
-    default:
-      Fail("has the data type " + std::to_string(type) + ", expected 0 to 3, or 17");
+  if (type == kTwoReturns2) return {Coordinates::kMillimetres, 2, true, rays};
+  if (type >= kLayouts2.size()) {
+    Fail("has the data type " + std::to_string(type) + ", expected 0 to 3, or 17");
   }
+  Layout layout = kLayouts2[type];
+  layout.rays = rays;
+  return layout;
 }
 
 Eigen::Vector3f FromAngles(std::uint32_t depth_mm, std::uint16_t zenith, std::uint16_t azimuth) {

@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <utility>
 #include <vector>
@@ -54,13 +53,10 @@ std::string AddressText(std::uint32_t address) {
 LivoxEndpoint ParseLivoxEndpoint(const std::string& text) {
   const std::size_t colon = text.rfind(':');
   in_addr address{};
-  LivoxEndpoint endpoint;
   if (colon != std::string::npos &&
       ::inet_pton(AF_INET, text.substr(0, colon).c_str(), &address) == 1) {
-    const char* const end = text.data() + text.size();
-    const auto [read, error] = std::from_chars(text.data() + colon + 1, end, endpoint.port);
-    endpoint.address = ntohl(address.s_addr);
-    if (error == std::errc() && read == end) return endpoint;
+    const auto port = ParseNumber<std::uint16_t>(std::string_view(text).substr(colon + 1));
+    if (port) return {ntohl(address.s_addr), *port};
   }
   throw UsageError("--livox " + Shortened(text) +
                    ": expected an IPv4 address of this computer and a port, as in "

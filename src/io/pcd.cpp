@@ -1,6 +1,7 @@
 #include "io/pcd.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <limits>
 #include <memory>
@@ -47,28 +48,14 @@ void CopyColumnAs(Column column, std::size_t count, Target* to, std::size_t to_s
 
 template <typename Target>
 void CopyColumn(Column column, PcdType type, std::size_t count, Target* to, std::size_t to_stride) {
-  switch (type) {
-    case PcdType::kI8:
-      return CopyColumnAs<std::int8_t>(column, count, to, to_stride);
-    case PcdType::kU8:
-      return CopyColumnAs<std::uint8_t>(column, count, to, to_stride);
-    case PcdType::kI16:
-      return CopyColumnAs<std::int16_t>(column, count, to, to_stride);
-    case PcdType::kU16:
-      return CopyColumnAs<std::uint16_t>(column, count, to, to_stride);
-    case PcdType::kI32:
-      return CopyColumnAs<std::int32_t>(column, count, to, to_stride);
-    case PcdType::kU32:
-      return CopyColumnAs<std::uint32_t>(column, count, to, to_stride);
-    case PcdType::kI64:
-      return CopyColumnAs<std::int64_t>(column, count, to, to_stride);
-    case PcdType::kU64:
-      return CopyColumnAs<std::uint64_t>(column, count, to, to_stride);
-    case PcdType::kF32:
-      return CopyColumnAs<float>(column, count, to, to_stride);
-    case PcdType::kF64:
-      return CopyColumnAs<double>(column, count, to, to_stride);
-  }
+  using Copy = void (*)(Column, std::size_t, Target*, std::size_t);
+  constexpr std::array<Copy, 10> kCopies = {// by type
+                                            CopyColumnAs<std::int8_t>,  CopyColumnAs<std::uint8_t>,
+                                            CopyColumnAs<std::int16_t>, CopyColumnAs<std::uint16_t>,
+                                            CopyColumnAs<std::int32_t>, CopyColumnAs<std::uint32_t>,
+                                            CopyColumnAs<std::int64_t>, CopyColumnAs<std::uint64_t>,
+                                            CopyColumnAs<float>,        CopyColumnAs<double>};
+  kCopies[static_cast<std::size_t>(type)](column, count, to, to_stride);
 }
 
 // `column_of` returns the Column of a field.

@@ -1,9 +1,8 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <charconv>
-#include <limits>
 #include <optional>
+#include <utility>
 
 #include "base/format.hpp"
 #include "io/input_file.hpp"
@@ -20,10 +19,10 @@ constexpr std::size_t kMaxFields = 4096;
 
 using Tokens = std::vector<std::string_view>;
 
-// Lines of a header by entry, as text.
-struct RawHeader {
-  std::optional<Tokens> version, fields, size, type, count, width, height, viewpoint, points;
-};
+// The lines before DATA. VIEWPOINT is a pose, not applied, as in PCL.
+constexpr std::array<std::string_view, 10> kEntries = {"VERSION", "FIELDS",   "COLUMNS", "SIZE",
+                                                       "TYPE",    "COUNT",    "WIDTH",   "HEIGHT",
+                                                       "POINTS",  "VIEWPOINT"};
 
 Tokens Split(std::string_view line) {
   Tokens tokens;
@@ -80,9 +79,9 @@ class HeaderParser {
         header_.body_line = line_number + 1;
         return;
       }
-      std::optional<Tokens>& entry = *Entry(tokens[0]);
-      if (entry) Fail(std::string(tokens[0]) + " appears twice, expected once");
-      entry = Tokens(tokens.begin() + 1, tokens.end());
+      const std::string_view entry = tokens[0] == "COLUMNS" ? "FIELDS" : tokens[0];
+      if (Find(entry) != nullptr) Fail(std::string(tokens[0]) + " appears twice, expected once");
+      raw_.emplace_back(entry, Tokens(tokens.begin() + 1, tokens.end()));
     }
     Fail("has no DATA line, expected DATA ascii, binary or binary_compressed" +
          (bytes_.size() < kMaxPcdHeaderBytes
@@ -96,7 +95,8 @@ class HeaderParser {
     if (begin == line.size() || line[begin] == '#') return {};
     const std::size_t end = std::min(line.find_first_of(kBlanks, begin), line.size());
     const std::string_view keyword = line.substr(begin, end - begin);
-    if (keyword != "DATA" && Entry(keyword) == nullptr) {
+    if (keyword != "DATA" &&
+        std::find(kEntries.begin(), kEntries.end(), keyword) == kEntries.end()) {
       Fail("line " + std::to_string(line_number) + " begins with " + Quoted(keyword) +
            ", expected VERSION, FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, VIEWPOINT, POINTS or "
            "DATA");
@@ -104,98 +104,85 @@ class HeaderParser {
     return Split(line);
   }
 
-  std::optional<Tokens>* Entry(std::string_view keyword) {
-    if (keyword == "VERSION") return &raw_.version;
-    if (keyword == "FIELDS" || keyword == "COLUMNS") return &raw_.fields;
-    if (keyword == "SIZE") return &raw_.size;
-    if (keyword == "TYPE") return &raw_.type;
-    if (keyword == "COUNT") return &raw_.count;
-    if (keyword == "WIDTH") return &raw_.width;
-    if (keyword == "HEIGHT") return &raw_.height;
-    if (keyword == "VIEWPOINT") return &raw_.viewpoint;  // a pose, not applied, as in PCL
-    if (keyword == "POINTS") return &raw_.points;
-    return nullptr;
+  // Returns null for an entry that the header does not have.
+  const Tokens* Find(std::string_view entry) const {
+    const auto found = std::find_if(raw_.begin(), raw_.end(),
+                                    [&](const auto& known) { return known.first == entry; });
+    return found == raw_.end() ? nullptr : &found->second;
   }
 
   void ReadEncoding(const Tokens& tokens) {
+    constexpr std::array<std::string_view, 3> kEncodings = {"ascii", "binary", "binary_compressed"};
     const std::string_view value = tokens.size() == 2 ? tokens[1] : std::string_view();
-    if (value == "ascii") {
-      header_.encoding = PcdEncoding::kAscii;
-    } else if (value == "binary") {
-      header_.encoding = PcdEncoding::kBinary;
-    } else if (value == "binary_compressed") {
-      header_.encoding = PcdEncoding::kBinaryCompressed;
-    } else {
+    const auto* const known = std::find(kEncodings.begin(), kEncodings.end(), value);
+    if (known == kEncodings.end()) {
       Fail("DATA is " + Quoted(value) + ", expected ascii, binary or binary_compressed");
     }
+    header_.encoding = static_cast<PcdEncoding>(known - kEncodings.begin());
   }
 
   void CheckVersion() const {
-    if (!raw_.version) return;
-    const std::string_view value =
-        raw_.version->size() == 1 ? raw_.version->front() : std::string_view();
+    const Tokens* const version = Find("VERSION");
+    if (version == nullptr) return;
+    const std::string_view value = version->size() == 1 ? version->front() : std::string_view();
     for (const std::string_view known : {".5", "0.5", ".6", "0.6", ".7", "0.7"}) {
       if (value == known) return;
     }
     Fail("VERSION is " + Quoted(value) + ", expected 0.5, 0.6 or 0.7");
   }
 
-  std::uint64_t Natural(std::string_view text, const char* entry) const {
-    std::uint32_t value = 0;
-    const char* const end = text.data() + text.size();
-    const auto [parsed_to, error] = std::from_chars(text.data(), end, value);
-    if (error != std::errc() || parsed_to != end) {
+  std::uint64_t Natural(std::string_view text, std::string_view entry) const {
+    const auto value = ParseNumber<std::uint32_t>(text);
+    if (!value) {
       Fail(std::string(entry) + " is " + Quoted(text) + ", expected a whole number below 2^32");
     }
-    return value;
+    return *value;
   }
 
-  std::optional<std::uint64_t> Single(const std::optional<Tokens>& entry, const char* name) const {
-    if (!entry) return std::nullopt;
-    if (entry->size() != 1) {
-      Fail(std::string(name) + " has " + std::to_string(entry->size()) + " values, expected 1");
+  std::optional<std::uint64_t> Single(std::string_view entry) const {
+    const Tokens* const values = Find(entry);
+    if (values == nullptr) return std::nullopt;
+    if (values->size() != 1) {
+      Fail(std::string(entry) + " has " + std::to_string(values->size()) + " values, expected 1");
     }
-    return Natural(entry->front(), name);
+    return Natural(values->front(), entry);
   }
 
   PcdType Type(const PcdField& field, std::string_view type, std::uint64_t size) const {
-    if (type == "F" && size == 4) return PcdType::kF32;
-    if (type == "F" && size == 8) return PcdType::kF64;
-    if (type == "I" && size == 1) return PcdType::kI8;
-    if (type == "I" && size == 2) return PcdType::kI16;
-    if (type == "I" && size == 4) return PcdType::kI32;
-    if (type == "I" && size == 8) return PcdType::kI64;
-    if ((type == "U" || type == "B") && size == 1) return PcdType::kU8;
-    if (type == "U" && size == 2) return PcdType::kU16;
-    if (type == "U" && size == 4) return PcdType::kU32;
-    if (type == "U" && size == 8) return PcdType::kU64;
+    constexpr std::string_view kLetters = "IUIUIUIUFF";  // of the types, in their order
+    const std::string_view letter = type == "B" && size == 1 ? "U" : type;
+    for (std::size_t i = 0; i < kLetters.size(); ++i) {
+      const auto known = static_cast<PcdType>(i);
+      if (letter == kLetters.substr(i, 1) && size == SizeBytes(known)) return known;
+    }
     Fail("field " + Quoted(field.name) + " has TYPE " + Quoted(type) + " and SIZE " +
          std::to_string(size) + ", expected F of 4 or 8, or I or U of 1, 2, 4 or 8 bytes");
   }
 
   void ReadFields() {
-    if (!raw_.fields || raw_.fields->empty()) Fail("has no FIELDS, expected at least x and y");
-    const std::size_t num_fields = raw_.fields->size();
+    const Tokens* const names = Find("FIELDS");
+    if (names == nullptr || names->empty()) Fail("has no FIELDS, expected at least x and y");
+    const std::size_t num_fields = names->size();
     if (num_fields > kMaxFields) {
       Fail("has " + std::to_string(num_fields) + " FIELDS, expected at most " +
            std::to_string(kMaxFields));
     }
-    const auto check = [&](const std::optional<Tokens>& entry, const char* name) {
-      if (entry && entry->size() != num_fields) {
-        Fail(std::string(name) + " has " + std::to_string(entry->size()) +
-             " values, expected one for each of the " + std::to_string(num_fields) + " FIELDS");
-      }
+    const auto values_of = [&](std::string_view entry, const char* by_default) {
+      const Tokens* const values = Find(entry);
+      if (values == nullptr) return Tokens(num_fields, by_default);
+      if (values->size() == num_fields) return *values;
+      Fail(std::string(entry) + " has " + std::to_string(values->size()) +
+           " values, expected one for each of the " + std::to_string(num_fields) + " FIELDS");
     };
-    check(raw_.size, "SIZE");
-    check(raw_.type, "TYPE");
-    check(raw_.count, "COUNT");
+    const Tokens sizes = values_of("SIZE", "4");
+    const Tokens types = values_of("TYPE", "F");
+    const Tokens counts = values_of("COUNT", "1");
 
     for (std::size_t i = 0; i < num_fields; ++i) {
       PcdField field;
-      field.name = (*raw_.fields)[i];
-      const std::uint64_t size = raw_.size ? Natural((*raw_.size)[i], "SIZE") : 4;
-      field.type = Type(field, raw_.type ? (*raw_.type)[i] : "F", size);
-      field.count = raw_.count ? Natural((*raw_.count)[i], "COUNT") : 1;
+      field.name = (*names)[i];
+      field.type = Type(field, types[i], Natural(sizes[i], "SIZE"));
+      field.count = Natural(counts[i], "COUNT");
       field.byte_offset = header_.row_bytes;
       field.value_offset = header_.row_values;
       header_.row_bytes += field.size_bytes();
@@ -207,9 +194,9 @@ class HeaderParser {
   }
 
   void ReadNumPoints() {
-    const auto width = Single(raw_.width, "WIDTH");
-    const auto height = Single(raw_.height, "HEIGHT");
-    const auto points = Single(raw_.points, "POINTS");
+    const auto width = Single("WIDTH");
+    const auto height = Single("HEIGHT");
+    const auto points = Single("POINTS");
     if (!width && !points) Fail("has neither WIDTH nor POINTS, expected the number of points");
     header_.num_points = points ? *points : *width * height.value_or(1);
     const std::uint64_t area = width ? *width * height.value_or(1) : header_.num_points;
@@ -220,7 +207,7 @@ class HeaderParser {
     }
   }
 
-  std::size_t Find(std::string_view name) const {
+  std::size_t FindField(std::string_view name) const {
     for (std::size_t i = 0; i < header_.fields.size(); ++i) {
       if (header_.fields[i].name == name) return i;
     }
@@ -228,8 +215,8 @@ class HeaderParser {
   }
 
   std::size_t FindCoordinate(const char* lower, const char* upper, bool required) const {
-    std::size_t found = Find(lower);
-    if (found == kNoField) found = Find(upper);
+    std::size_t found = FindField(lower);
+    if (found == kNoField) found = FindField(upper);
     if (found == kNoField && required) {
       std::string names;
       for (const PcdField& field : header_.fields) names += (names.empty() ? "" : " ") + field.name;
@@ -257,7 +244,7 @@ class HeaderParser {
 
   std::string_view bytes_;
   const std::string& name_;
-  RawHeader raw_;
+  std::vector<std::pair<std::string_view, Tokens>> raw_;  // few: found one by one
   PcdHeader header_;
 };
 

@@ -1,9 +1,13 @@
 #include "io/sensor_frames.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <string>
 #include <utility>
 
+#include "base/format.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -19,6 +23,27 @@ constexpr TimeNs kLongestPeriodNs = 5'000'000'000;
 // change later.
 constexpr TimeNs kUnitsFromNs = 1'000'000'000;
 constexpr TimeNs kUnitsUntilNs = 10'000'000'000;
+
+constexpr TimeNs kSingleFramePeriodNs = 100'000'000;
+constexpr TimeNs kMaxPeriodNs = 3'600'000'000'000;
+// The slowest LiDARs take a second for a frame. If stamps are farther apart, frames are missing or
+// the stamps are not times: the sensor did not measure throughout.
+constexpr TimeNs kMaxFrameNs = 1'000'000'000;
+constexpr TimeNs kMinTimeToleranceNs = 1'000'000'000;
+constexpr TimeNs kTimeTolerancePeriods = 10;
+
+// Reserves exactly `size` at first, since a recording may have many frames; a quarter more when
+// memory is reused, since the next frames differ little in size.
+template <class T>
+void MakeRoomFor(std::size_t size, std::vector<T>* values) {
+  if (size <= values->capacity()) return;
+  values->reserve(values->capacity() == 0 ? size : size + size / 4);
+}
+
+std::string Text(const RawTime& raw) {
+  return raw.kind == PcdTimeKind::kInteger ? std::to_string(raw.integer)
+                                           : ShortestText(raw.floating);
+}
 
 }  // namespace
 
@@ -52,7 +77,46 @@ void SensorFrames::NoteStamp(TimeNs stamp_ns) {
 }
 
 void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
-  LoadFrame(std::move(cloud), input_, sensor_, frame);
+  const std::vector<Eigen::Vector3f> rows = std::move(cloud.points_m);
+  frame->cloud = std::move(cloud);
+  frame->return_rows.clear();
+  frame->points_m.clear();
+  frame->times_ns.clear();
+  frame->counts = InputCounts();
+  frame->ranges = RangeStatistics();
+  frame->info = FrameInfo();
+  const Eigen::Vector4d& q = sensor_.rotation_xyzw;
+  const Eigen::Matrix3d rotation =
+      Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z()).normalized().toRotationMatrix();
+  const auto is_no_return = [](const Eigen::Vector3f& row) { return (row.array() == 0.0F).all(); };
+  const bool is_timed = frame->cloud.time_kind != PcdTimeKind::kNone;
+  InputCounts& counts = frame->counts;
+  counts.rows = rows.size();
+  const std::size_t most =
+      rows.size() - static_cast<std::size_t>(std::count_if(rows.begin(), rows.end(), is_no_return));
+  MakeRoomFor(most, &frame->points_m);
+  if (is_timed) MakeRoomFor(most, &frame->return_rows);
+  for (std::size_t row = 0; row < rows.size(); ++row) {
+    if (is_no_return(rows[row])) {  // tested first: nine of ten rays at the sky
+      ++counts.no_return_rows;
+      continue;
+    }
+    const Eigen::Vector3d point_m = input_.scale_m * rows[row].cast<double>();
+    if (!point_m.allFinite()) {
+      ++counts.non_finite_rows;
+      continue;
+    }
+    const double range_m = point_m.norm();
+    frame->ranges.Add(point_m, range_m);
+    if (range_m < input_.min_range_m || range_m > input_.max_range_m) {
+      ++counts.out_of_range_rows;
+      continue;
+    }
+    frame->points_m.push_back((rotation * point_m + sensor_.translation_m).cast<float>());
+    if (is_timed) frame->return_rows.push_back(static_cast<std::uint32_t>(row));
+  }
+  counts.returns = frame->points_m.size();
+  counts.empty_frames = frame->points_m.empty() ? 1 : 0;
   ranges_.Add(frame->ranges);
   if (source_ == Source::kStream && frame->ranges.returns() > 0) {
     if (!first_return_ns_) first_return_ns_ = frame->file.stamp_ns;
@@ -100,9 +164,59 @@ void SensorFrames::AppendWarnings(bool are_metres, std::vector<Warning>* warning
   }
 }
 
+void SensorFrames::SetTimes(TimeReading reading, LoadedFrame& frame) const {
+  const TimeNs period_ns = info().frame_period_ns;
+  const TimeNs stamp_ns = frame.file.stamp_ns;
+  FrameInfo& info = frame.info;
+  info.stamp_ns = stamp_ns;
+  const TimeNs length_ns = std::min(period_ns, kMaxFrameNs);
+  info.begin_ns = stamp_ns;
+  if (input_.stamp == StampMeaning::kMiddle) info.begin_ns = stamp_ns - length_ns / 2;
+  if (input_.stamp == StampMeaning::kEnd) info.begin_ns = stamp_ns - length_ns;
+  info.end_ns = info.begin_ns + length_ns;
+  MakeRoomFor(frame.points_m.size(), &frame.times_ns);
+  if (frame.cloud.time_kind == PcdTimeKind::kNone) {
+    frame.times_ns.assign(frame.points_m.size(), info.middle_ns());
+    return;
+  }
+  info.is_timed = true;
+
+  const TimeNs tolerance_ns = std::max(kMinTimeToleranceNs, kTimeTolerancePeriods * period_ns);
+  const auto plausible = [&](const RawTime& raw) {
+    const std::optional<TimeNs> time_ns = PointTime(raw, reading, stamp_ns);
+    const bool near = time_ns && std::abs(*time_ns - stamp_ns) <= tolerance_ns;
+    return near ? time_ns : std::nullopt;
+  };
+  for (const std::uint32_t row : frame.return_rows) {
+    const RawTime raw = RawTimeOf(frame.cloud, row);
+    const std::optional<TimeNs> time_ns = plausible(raw);
+    if (!time_ns) {
+      throw InputError(
+          frame.file.path + ": row " + std::to_string(row + 1) + " has the time " + Text(raw) +
+          (reading == TimeReading::kOffset ? " after the frame's stamp" : "") +
+          ", expected one within " + std::to_string(tolerance_ns / kMinTimeToleranceNs) +
+          " s of the stamp " + std::to_string(stamp_ns) + " ns");
+    }
+    frame.times_ns.push_back(*time_ns);
+  }
+  // Rays without a return also show when the sensor measured, but their times may be invalid.
+  std::optional<TimeNs> begin_ns;
+  std::optional<TimeNs> end_ns;
+  const std::size_t num_rows = frame.counts.rows;
+  for (std::size_t row = 0; row < num_rows; ++row) {
+    const std::optional<TimeNs> time_ns = plausible(RawTimeOf(frame.cloud, row));
+    if (!time_ns) continue;
+    begin_ns = std::min(begin_ns.value_or(*time_ns), *time_ns);
+    end_ns = std::max(end_ns.value_or(*time_ns), *time_ns);
+  }
+  if (!begin_ns) return;
+  info.begin_ns = *begin_ns;
+  info.end_ns = *end_ns;
+}
+
 void SensorFrames::Finish(LoadedFrame& frame) {
   if (!reading_ && !vote_.empty()) reading_ = vote_.Winner();
-  SetTimes(reading_.value_or(vote_.Winner()), info().frame_period_ns, input_.stamp, frame);
+  SetTimes(reading_.value_or(vote_.Winner()), frame);
   frame.cloud = PcdCloud();
   frame.info.sensor = index_;
   frame.info.stamp_ns += offset_ns_;
@@ -112,10 +226,63 @@ void SensorFrames::Finish(LoadedFrame& frame) {
 }
 
 const SensorInfo& SensorFrames::info() const {
-  if (!std::exchange(is_period_known_, true)) {
-    info_.frame_period_ns = MedianPeriod(stamps_ns_, &periods_ns_);
+  if (std::exchange(is_period_known_, true)) return info_;
+  info_.frame_period_ns = kSingleFramePeriodNs;
+  if (stamps_ns_.size() < 2) return info_;
+  periods_ns_.clear();
+  for (std::size_t i = 1; i < stamps_ns_.size(); ++i) {
+    periods_ns_.push_back(stamps_ns_[i] - stamps_ns_[i - 1]);
   }
+  const auto middle =
+      periods_ns_.begin() + static_cast<std::ptrdiff_t>((periods_ns_.size() - 1) / 2);
+  std::nth_element(periods_ns_.begin(), middle, periods_ns_.end());
+  info_.frame_period_ns = std::min(*middle, kMaxPeriodNs);
   return info_;
+}
+
+TimeNs OffsetNs(const std::string& name, const SensorConfig& sensor) {
+  const double offset_ns = sensor.time_offset_s / kSecondsPerNs;
+  if (!(std::abs(offset_ns) < static_cast<double>(kMaxStampNs))) {
+    throw ConfigError("sensors." + name + ".time_offset_s: '" +
+                      std::to_string(sensor.time_offset_s) + "', expected seconds below 4e9");
+  }
+  return std::llround(offset_ns);
+}
+
+void AddCounts(const InputCounts& from, InputCounts& to) {
+  to.empty_frames += from.empty_frames;
+  to.rows += from.rows;
+  to.no_return_rows += from.no_return_rows;
+  to.non_finite_rows += from.non_finite_rows;
+  to.out_of_range_rows += from.out_of_range_rows;
+  to.returns += from.returns;
+}
+
+void Merge(std::vector<LoadedFrame> frames, Recording& recording) {
+  std::sort(frames.begin(), frames.end(), [](const LoadedFrame& a, const LoadedFrame& b) {
+    return std::make_pair(a.info.stamp_ns, a.info.sensor) <
+           std::make_pair(b.info.stamp_ns, b.info.sensor);
+  });
+  std::size_t num_returns = recording.points_m.size();
+  for (const LoadedFrame& frame : frames) {
+    AddCounts(frame.counts, recording.counts);
+    num_returns += frame.points_m.size();
+  }
+  recording.counts.frames += frames.size();
+  if (num_returns > std::numeric_limits<std::uint32_t>::max()) {
+    throw InputError("--frames: " + std::to_string(num_returns) +
+                     " returns in all, expected less than 2^32");
+  }
+  for (LoadedFrame& loaded : frames) {
+    const LoadedFrame frame = std::move(loaded);
+    FrameInfo info = frame.info;
+    info.first_return = static_cast<std::uint32_t>(recording.points_m.size());
+    recording.points_m.insert(recording.points_m.end(), frame.points_m.begin(),
+                              frame.points_m.end());
+    for (const TimeNs time_ns : frame.times_ns) recording.times_ns.push_back(time_ns);
+    info.last_return = static_cast<std::uint32_t>(recording.points_m.size());
+    recording.frames.push_back(info);
+  }
 }
 
 }  // namespace unlidar

@@ -1,6 +1,8 @@
-// Prepares the frames of one sensor for the stages.
+// Steps from the rows of a frame to its returns in the common frame, shared by recordings and live
+// sources. See ReadRecording() for their definition.
 #pragma once
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -9,9 +11,26 @@
 #include <string_view>
 #include <vector>
 
-#include "io/frame_preparation.hpp"
+#include "base/recording.hpp"
+#include "io/frame_directory.hpp"
+#include "io/pcd.hpp"
+#include "io/point_times.hpp"
+#include "io/units.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
+
+// One frame, transformed to the common frame by SensorFrames.
+struct LoadedFrame {
+  FrameFile file;
+  PcdCloud cloud;                          // times of all rows; its points were moved out
+  std::vector<std::uint32_t> return_rows;  // (N) rows of the returns, only with point times
+  std::vector<Eigen::Vector3f> points_m;   // (N)
+  std::vector<TimeNs> times_ns;            // (N)
+  InputCounts counts;
+  RangeStatistics ranges;  // of all returns, including those dropped by range
+  FrameInfo info;
+};
 
 // Each frame passes through Load(), NoteStamp() and Finish(). The reading of point times and the
 // frame period follow from earlier input. In a recording all stamps are noted, and all frames, or
@@ -37,8 +56,8 @@ class SensorFrames {
   // nothing.
   void NoteStamp(TimeNs stamp_ns);
 
-  // Sets the returns of a frame, whose file is set, in the common frame and without times. Reuses
-  // its memory.
+  // Drops rows that are not returns and applies the pose of the sensor: sets all of a frame, whose
+  // file is set, but its times. Reuses its memory.
   void Load(PcdCloud cloud, LoadedFrame* frame);
 
   // True if enough frames were loaded to judge their unit; in a stream only within its first
@@ -69,6 +88,8 @@ class SensorFrames {
   TimeNs offset_ns() const { return offset_ns_; }
 
  private:
+  void SetTimes(TimeReading reading, LoadedFrame& frame) const;
+
   std::uint32_t index_;
   InputConfig input_;
   SensorConfig sensor_;
@@ -84,5 +105,14 @@ class SensorFrames {
   TimeReadingVote vote_;
   std::optional<TimeReading> reading_;  // once settled
 };
+
+// Returns the time offset of a sensor. Throws ConfigError if it exceeds the range of stamps.
+TimeNs OffsetNs(const std::string& name, const SensorConfig& sensor);
+
+// Adds the row counts of one frame; `frames` and `bad_frames` are counted elsewhere.
+void AddCounts(const InputCounts& from, InputCounts& to);
+
+// Appends frames in order of (stamp, sensor); frees each once its returns are in the recording.
+void Merge(std::vector<LoadedFrame> frames, Recording& recording);
 
 }  // namespace unlidar

@@ -1,8 +1,13 @@
 #include "io/stamp.hpp"
 
-#include <charconv>
+#include <algorithm>
 #include <limits>
 #include <string>
+#include <utility>
+
+#include "base/format.hpp"
+#include "io/input_file.hpp"
+#include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
@@ -12,20 +17,36 @@ constexpr int kNsDigits = 9;
 bool IsDigit(char c) { return c >= '0' && c <= '9'; }
 
 // Returns round(0.digits * 10^point); digits has no leading zero.
-std::optional<TimeNs> RoundedInteger(std::string_view digits, int point) {
-  std::uint64_t value = 0;
-  for (int i = 0; i < point; ++i) {
-    const std::size_t index = static_cast<std::size_t>(i);
-    const std::uint64_t digit =
-        index < digits.size() ? static_cast<std::uint64_t>(digits[index] - '0') : 0;
-    if (value > (std::numeric_limits<std::uint64_t>::max() - digit) / 10) return std::nullopt;
-    value = value * 10 + digit;
+std::optional<TimeNs> RoundedInteger(std::string digits, int point) {
+  if (point < 0) return 0;
+  const auto length = static_cast<std::size_t>(point);
+  const bool round_up = length < digits.size() && digits[length] >= '5';
+  digits.resize(length, '0');
+  const std::optional<TimeNs> value = ParseNumber<TimeNs>("0" + digits);
+  if (!value || (round_up && *value == std::numeric_limits<TimeNs>::max())) return std::nullopt;
+  return *value + (round_up ? 1 : 0);
+}
+
+constexpr std::int64_t kNanohertzPerHz = 1'000'000'000;
+constexpr std::int64_t kMaxRateHz = 1'000'000;
+constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
+
+// Returns a field of a comma-separated line; empty if there are fewer columns.
+std::string_view Field(std::string_view line, std::size_t column) {
+  for (; column > 0; --column) {
+    const std::size_t comma = line.find(',');
+    if (comma == std::string_view::npos) return {};
+    line.remove_prefix(comma + 1);
   }
-  const bool round_up = point >= 0 && static_cast<std::size_t>(point) < digits.size() &&
-                        digits[static_cast<std::size_t>(point)] >= '5';
-  constexpr auto kLargest = static_cast<std::uint64_t>(std::numeric_limits<TimeNs>::max());
-  if (value > kLargest - (round_up ? 1 : 0)) return std::nullopt;
-  return static_cast<TimeNs>(value + (round_up ? 1 : 0));
+  return Trimmed(line.substr(0, line.find(',')));
+}
+
+std::optional<std::size_t> TimestampColumn(std::string_view header) {
+  const auto columns = static_cast<std::size_t>(std::count(header.begin(), header.end(), ',')) + 1;
+  for (std::size_t column = 0; column < columns; ++column) {
+    if (Field(header, column) == "timestamp") return column;
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -69,29 +90,76 @@ std::optional<TimeNs> ParseStamp(std::string_view text) {
     ++at;
     // from_chars accepts '-' but not '+'. The '+' is skipped only before a digit: "+-" is no sign.
     if (at + 1 < text.size() && text[at] == '+' && IsDigit(text[at + 1])) ++at;
-    int exponent = 0;
-    const char* const end = text.data() + text.size();
-    const auto [parsed_to, error] = std::from_chars(text.data() + at, end, exponent);
-    if (error != std::errc() || parsed_to != end) return std::nullopt;
-    if (exponent < -1000 || exponent > 1000) return std::nullopt;
-    point += exponent;
+    const auto exponent = ParseNumber<int>(text.substr(at));
+    if (!exponent || *exponent < -1000 || *exponent > 1000) return std::nullopt;
+    point += *exponent;
     seconds = true;
   }
   if (digits.empty()) return 0;
   if (point > 19) return std::nullopt;  // cannot fit, and would take long to compute
 
-  std::optional<TimeNs> magnitude;
-  if (seconds) {
-    magnitude = RoundedInteger(digits, point + kNsDigits);
-  } else {
-    magnitude = RoundedInteger(digits, point);
-    if (!magnitude) return std::nullopt;
+  std::optional<TimeNs> magnitude = RoundedInteger(digits, seconds ? point + kNsDigits : point);
+  if (!magnitude) return std::nullopt;
+  if (!seconds) {
     const std::int64_t unit_ns = NsPerUnitByMagnitude(static_cast<double>(*magnitude));
     if (*magnitude > std::numeric_limits<TimeNs>::max() / unit_ns) return std::nullopt;
     *magnitude *= unit_ns;
   }
-  if (!magnitude) return std::nullopt;
   return negative ? -*magnitude : *magnitude;
+}
+
+bool IsRate(const Rate& rate) {
+  return rate.nanohertz > 0 && rate.nanohertz <= kMaxRateHz * kNanohertzPerHz;
+}
+
+Rate ParseRate(std::string_view text) {
+  // Hertz to nanohertz is the same exact shift by nine digits as seconds to nanoseconds.
+  const Rate rate{ParseStamp(text).value_or(0)};
+  if (!IsRate(rate)) {
+    throw UsageError("--rate " + Quoted(text) + ": expected a number of hertz above 0 to " +
+                     std::to_string(kMaxRateHz));
+  }
+  return rate;
+}
+
+std::vector<TimeNs> ReadStampList(const std::string& path, bool* are_whole) {
+  if (are_whole != nullptr) *are_whole = true;
+  LineReader lines(path, {"one stamp a line"});
+  std::vector<TimeNs> stamps;
+  std::optional<std::size_t> column;  // of a CSV with a header
+  bool first = true;
+  while (lines.Next()) {
+    std::string_view line = lines.line();
+    if (lines.number() == 1 && line.substr(0, kByteOrderMark.size()) == kByteOrderMark) {
+      line.remove_prefix(kByteOrderMark.size());
+    }
+    line = Trimmed(line);
+    if (line.empty() || line.front() == '#') continue;
+    const bool could_be_header = std::exchange(first, false);
+    if (could_be_header) {
+      column = TimestampColumn(line);
+      if (column) continue;
+    }
+    const std::string_view field = column ? Field(line, *column) : line;
+    const std::optional<TimeNs> stamp = ParseStamp(field);
+    if (!stamp) {
+      throw InputError(path + ":" + std::to_string(lines.number()) + ": " + Quoted(field) +
+                       " is no stamp, expected seconds such as 1706255621.614239" +
+                       (could_be_header ? " or a header with a column `timestamp`" : ""));
+    }
+    stamps.push_back(*stamp);
+    if (are_whole != nullptr && field.find_first_of(".eE") != std::string_view::npos) {
+      *are_whole = false;
+    }
+  }
+  if (stamps.empty()) throw InputError(path + ": no stamp in it, expected one a line");
+  return InOrder(std::move(stamps));
+}
+
+std::vector<TimeNs> InOrder(std::vector<TimeNs> instants) {
+  std::sort(instants.begin(), instants.end());
+  instants.erase(std::unique(instants.begin(), instants.end()), instants.end());
+  return instants;
 }
 
 }  // namespace unlidar

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "base/queue.hpp"
-#include "io/frame_preparation.hpp"
+#include "io/sensor_frames.hpp"
 #include "live/live_clutter.hpp"
 #include "live/live_plot.hpp"
 #include "scene/station_scene.hpp"

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <limits>
 
-#include "io/frame_preparation.hpp"
+#include "io/sensor_frames.hpp"
 #include "live/confirmed_tracks.hpp"
 #include "live/live_scene.hpp"
 #include "live/live_search.hpp"

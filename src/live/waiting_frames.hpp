@@ -6,7 +6,7 @@
 #include <optional>
 #include <vector>
 
-#include "io/frame_preparation.hpp"
+#include "io/sensor_frames.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {

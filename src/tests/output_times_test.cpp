@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "io/stamp_list.hpp"
+#include "io/stamp.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"

@@ -12,7 +12,7 @@
 
 #include "app/output.hpp"
 #include "io/pcd.hpp"
-#include "io/stamp_list.hpp"
+#include "io/stamp.hpp"
 #include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"

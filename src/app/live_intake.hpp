@@ -10,7 +10,7 @@
 
 #include "app/live.hpp"
 #include "app/live_event_reporter.hpp"
-#include "app/live_summary.hpp"
+#include "app/summary.hpp"
 #include "app/processing_times.hpp"
 #include "io/followed_folders.hpp"
 #include "io/frame_pace.hpp"

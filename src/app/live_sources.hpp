@@ -7,7 +7,7 @@
 #include "app/live.hpp"
 #include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
-#include "app/live_summary.hpp"
+#include "app/summary.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "app/output_files.hpp"
-#include "config/config.hpp"
 #include "recording/pipeline.hpp"
 
 namespace unlidar {
@@ -32,11 +31,6 @@ std::string ClustersCsv(const std::vector<ClusterScore>& clusters);
 
 // The returns of all tracks, track by track, as binary PCD.
 std::string TargetPointsPcd(const Recording& recording, const std::vector<FittedTrack>& tracks);
-
-// Version, effective config, inputs, counts and times per stage, tracks as JSON. Times stand in
-// this output only.
-std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
-                        const PipelineResult& result);
 
 // Message about a LiDAR that was blinded for this long.
 std::string BlindedText(const std::string& name, double blinded_s);

@@ -12,6 +12,7 @@
 #include "app/live.hpp"
 #include "app/output.hpp"
 #include "app/output_files.hpp"
+#include "app/summary.hpp"
 #include "app/trace_output.hpp"
 #include "base/format.hpp"
 #include "base/parallel.hpp"

@@ -309,13 +309,30 @@ void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sour
 std::vector<ConfigEntry> ListConfig(const Config& config) {
   std::vector<ConfigEntry> entries;
   const auto list = [&](const std::string& key, const auto& field, const auto& constraint) {
-    entries.push_back({key, ValueOf(field, constraint)});
+    entries.push_back({key, JsonOf(field, constraint)});
   };
   VisitKeys(list, config);
   for (const auto& [name, sensor] : config.sensors) {
     VisitSensorKeys(list, std::string(kSensorPrefix) + name + ".", sensor);
   }
   return entries;
+}
+
+nlohmann::ordered_json ConfigJson(const Config& config) {
+  auto root = nlohmann::ordered_json::object();
+  for (const ConfigEntry& entry : ListConfig(config)) {
+    nlohmann::ordered_json* node = &root;
+    std::size_t begin = 0;
+    for (std::size_t dot = entry.key.find('.'); dot != std::string::npos;
+         dot = entry.key.find('.', begin)) {
+      // A null that operator[] makes an object is no sound one where memory ends.
+      node = &*node->emplace(entry.key.substr(begin, dot - begin), nlohmann::ordered_json::object())
+                   .first;
+      begin = dot + 1;
+    }
+    (*node)[entry.key.substr(begin)] = entry.value;
+  }
+  return root;
 }
 
 }  // namespace unlidar

@@ -1,9 +1,8 @@
 // Config functions for the command line and the summary.
 #pragma once
 
-#include <cstdint>
+#include <nlohmann/json.hpp>
 #include <string>
-#include <variant>
 #include <vector>
 
 #include "io/frames.hpp"
@@ -15,15 +14,15 @@ namespace unlidar {
 // source: with one name misspelt, the other sensor's pose would silently be ignored.
 void CheckSensorNames(const Config& config, const std::vector<FrameSource>& sources);
 
-using ConfigValue = std::variant<bool, std::int64_t, double, std::string, std::vector<double>,
-                                 std::vector<std::string>>;
-
 struct ConfigEntry {
   std::string key;  // dotted: "input.max_range_m"
-  ConfigValue value;
+  nlohmann::ordered_json value;
 };
 
 // Returns every key with its value, in the order of configs/default.yaml.
 std::vector<ConfigEntry> ListConfig(const Config& config);
+
+// Returns the same, nested as in the YAML file.
+nlohmann::ordered_json ConfigJson(const Config& config);
 
 }  // namespace unlidar

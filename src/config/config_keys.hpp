@@ -34,7 +34,7 @@ struct Choices {
 
 template <class E>
 struct Subset {  // a list of some of these, each at most once; may be empty
-  Choices<E> of;
+  Choices<E> each;
 };
 
 // Calls visit(key, field, constraint) for every key of a sensor.
@@ -44,19 +44,6 @@ void VisitSensorKeys(Visitor&& visit, const std::string& prefix, Sensor& sensor)
   visit(prefix + "rotation", sensor.rotation_xyzw, UnitQuaternion{});
   visit(prefix + "time_offset_s", sensor.time_offset_s, Range{-1e9, 1e9});
   visit(prefix + "frame_rate_hz", sensor.frame_rate_hz, Range{0, 1e9});
-}
-
-template <class Visitor, class Input>
-void VisitInputKeys(Visitor&& visit, Input& input) {
-  visit("input.skip_bad_frames", input.skip_bad_frames, Flag{});
-  visit("input.scale_m", input.scale_m, Range{1e-6, 1e6});
-  visit("input.frame_rate_hz", input.frame_rate_hz, Range{0, 1e9});
-  visit("input.min_range_m", input.min_range_m, Range{0, 1e4});
-  visit("input.max_range_m", input.max_range_m, Range{0, 1e5, false});
-  visit("input.stamp", input.stamp,
-        Choices<StampMeaning>{{{"begin", StampMeaning::kBegin},
-                               {"middle", StampMeaning::kMiddle},
-                               {"end", StampMeaning::kEnd}}});
 }
 
 template <class Visitor, class Clustering>
@@ -71,8 +58,107 @@ void VisitClusteringKeys(Visitor&& visit, const std::string& prefix, Clustering&
   visit(prefix + "min_cluster_size", clustering.min_cluster_size, Range{1, 1e9});
 }
 
-template <class Visitor, class Paper>
-void VisitPaperKeys(Visitor&& visit, Paper& paper) {
+template <class Visitor, class Radius>
+void VisitRadiusKeys(Visitor&& visit, const std::string& prefix, Radius& radius) {
+  visit(prefix + "constant_m", radius.constant_m, Range{1e-3, 1e3});
+  visit(prefix + "slope", radius.slope, Range{0, 1});
+}
+
+// Calls visit(key, field, constraint) for every key except those of the sensors.
+template <class Visitor, class AnyConfig>
+void VisitKeys(Visitor&& visit, AnyConfig& config) {
+  visit("method", config.method,
+        Choices<Method>{{{"robust", Method::kRobust}, {"paper", Method::kPaper}}});
+
+  auto& input = config.input;
+  visit("input.skip_bad_frames", input.skip_bad_frames, Flag{});
+  visit("input.scale_m", input.scale_m, Range{1e-6, 1e6});
+  visit("input.frame_rate_hz", input.frame_rate_hz, Range{0, 1e9});
+  visit("input.min_range_m", input.min_range_m, Range{0, 1e4});
+  visit("input.max_range_m", input.max_range_m, Range{0, 1e5, false});
+  visit("input.stamp", input.stamp,
+        Choices<StampMeaning>{{{"begin", StampMeaning::kBegin},
+                               {"middle", StampMeaning::kMiddle},
+                               {"end", StampMeaning::kEnd}}});
+
+  auto& robust = config.robust;
+  visit("robust.false_alarms_per_recording", robust.false_alarms_per_recording, Range{0, 1, false});
+  visit("robust.window_s", robust.window_s, Range{5, 90});
+  visit("robust.window_margin_s", robust.window_margin_s, Range{0, 15});
+  visit("robust.min_plots", robust.min_plots, Range{2, 1000});
+  visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
+  visit("robust.off_ground_share", robust.off_ground_share, Range{0, 1});
+  visit("robust.min_return_rate_m2_per_s", robust.min_return_rate_m2_per_s, Range{0, 1e9});
+  visit("robust.disabled_rules", robust.disabled_rules,
+        Subset<Rule>{{{{"transient", Rule::kTransient},
+                       {"permutation_null", Rule::kPermutationNull},
+                       {"dwell", Rule::kDwell},
+                       {"spots", Rule::kSpots},
+                       {"alternatives", Rule::kAlternatives},
+                       {"frame_length", Rule::kFrameLength},
+                       {"crowded", Rule::kCrowded},
+                       {"bodies", Rule::kBodies},
+                       {"local_clutter", Rule::kLocalClutter},
+                       {"second_round", Rule::kSecondRound},
+                       {"collection", Rule::kCollection},
+                       {"suspended", Rule::kSuspended},
+                       {"clutter_returns", Rule::kClutterReturns},
+                       {"cloud", Rule::kCloud},
+                       {"insect", Rule::kInsect}}}});
+
+  auto& background = robust.background;
+  VisitRadiusKeys(visit, "robust.background.place.", background.place);
+  visit("robust.background.max_dwell_gap_s", background.max_dwell_gap_s, Range{0, 3600});
+  visit("robust.background.min_exposure", background.min_exposure, Range{0, 1});
+  visit("robust.background.max_occupancy", background.max_occupancy, Range{0, 1});
+
+  auto& support = robust.support;
+  VisitRadiusKeys(visit, "robust.support.reach.", support.reach);
+  visit("robust.support.max_range_m", support.max_range_m, Range{0, 1e5});
+
+  auto& plots = robust.plots;
+  VisitRadiusKeys(visit, "robust.plots.link.", plots.link);
+  visit("robust.plots.body_spread_m", plots.body_spread_m, Range{0, 100});
+  visit("robust.plots.noise_m", plots.noise_m, Range{1e-4, 10});
+  visit("robust.plots.noise_per_return_m", plots.noise_per_return_m, Range{0, 10});
+  visit("robust.plots.noise_per_range", plots.noise_per_range, Range{0, 1});
+
+  auto& tracker = robust.tracker;
+  visit("robust.tracker.sigma_a_mps2", tracker.sigma_a_mps2, Elements{{1e-2, 1e3}});
+  visit("robust.tracker.manoeuvre_log_probability", tracker.manoeuvre_log_probability,
+        Range{-1e3, 0});
+  visit("robust.tracker.birth_speeds_mps", tracker.birth_speeds_mps, Elements{{1e-2, 1e3}});
+  visit("robust.tracker.uniform_birth_share", tracker.uniform_birth_share, Range{0, 1, false});
+  visit("robust.tracker.max_speed_mps", tracker.max_speed_mps, Range{0, 1e4, false});
+  visit("robust.tracker.max_gap_s", tracker.max_gap_s, Range{0, 600, false});
+  visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});
+  visit("robust.tracker.return_rate_m2_per_s", tracker.return_rate_m2_per_s, Range{1e-2, 1e10});
+  visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});
+
+  auto& collect = robust.collect;
+  visit("robust.collect.extent_sigma_m", collect.extent_sigma_m, Range{1e-3, 100});
+  visit("robust.collect.centroid_offset", collect.centroid_offset, Range{0, 10});
+  visit("robust.collect.sensor_bias_m", collect.sensor_bias_m, Range{1e-6, 100});
+  visit("robust.collect.sensor_delay_s", collect.sensor_delay_s, Range{1e-6, 100});
+
+  auto& trajectory = config.trajectory;
+  visit("trajectory.typical_acceleration_mps2", trajectory.typical_acceleration_mps2,
+        Range{1e-3, 1e3});
+  visit("trajectory.max_extrapolation_s", trajectory.max_extrapolation_s, Range{0, 60});
+  visit("trajectory.min_missed_run_probability", trajectory.min_missed_run_probability,
+        Range{0, 1, false});
+  visit("trajectory.max_sigma_m", trajectory.max_sigma_m, Range{0, 1e4, false});
+
+  auto& live = config.live;
+  visit("live.delay_s", live.delay_s, RangeOrEndless{{0, 600, false}});
+  visit("live.window_s", live.window_s, RangeOrEndless{{1, 86400}});
+  visit("live.reorder_s", live.reorder_s, Range{0, 60});
+  visit("live.false_alarms_per_hour", live.false_alarms_per_hour, Range{0, 3600, false});
+  visit("live.silent_s", live.silent_s, Range{0, 3600, false});
+  visit("live.overload_s", live.overload_s, Range{0, 600, false});
+  visit("live.frame_s", live.frame_s, Range{0.02, 1});
+
+  auto& paper = config.paper;
   VisitClusteringKeys(visit, "paper.global_clusters.", paper.global_clusters);
   VisitClusteringKeys(visit, "paper.local_clusters.", paper.local_clusters);
   visit("paper.local", paper.local,
@@ -100,122 +186,6 @@ void VisitPaperKeys(Visitor&& visit, Paper& paper) {
         Choices<Accumulation>{{{"mean", Accumulation::kMean}, {"sum", Accumulation::kSum}}});
   visit("paper.min_windows", paper.min_windows, Range{1, 1e6});
   visit("paper.return_sigma_m", paper.return_sigma_m, Range{1e-4, 1e2});
-}
-
-template <class Visitor, class Radius>
-void VisitRadiusKeys(Visitor&& visit, const std::string& prefix, Radius& radius) {
-  visit(prefix + "constant_m", radius.constant_m, Range{1e-3, 1e3});
-  visit(prefix + "slope", radius.slope, Range{0, 1});
-}
-
-template <class Visitor, class Background>
-void VisitBackgroundKeys(Visitor&& visit, Background& background) {
-  VisitRadiusKeys(visit, "robust.background.place.", background.place);
-  visit("robust.background.max_dwell_gap_s", background.max_dwell_gap_s, Range{0, 3600});
-  visit("robust.background.min_exposure", background.min_exposure, Range{0, 1});
-  visit("robust.background.max_occupancy", background.max_occupancy, Range{0, 1});
-}
-
-template <class Visitor, class Support>
-void VisitSupportKeys(Visitor&& visit, Support& support) {
-  VisitRadiusKeys(visit, "robust.support.reach.", support.reach);
-  visit("robust.support.max_range_m", support.max_range_m, Range{0, 1e5});
-}
-
-template <class Visitor, class Plots>
-void VisitPlotKeys(Visitor&& visit, Plots& plots) {
-  VisitRadiusKeys(visit, "robust.plots.link.", plots.link);
-  visit("robust.plots.body_spread_m", plots.body_spread_m, Range{0, 100});
-  visit("robust.plots.noise_m", plots.noise_m, Range{1e-4, 10});
-  visit("robust.plots.noise_per_return_m", plots.noise_per_return_m, Range{0, 10});
-  visit("robust.plots.noise_per_range", plots.noise_per_range, Range{0, 1});
-}
-
-template <class Visitor, class Tracker>
-void VisitTrackerKeys(Visitor&& visit, Tracker& tracker) {
-  visit("robust.tracker.sigma_a_mps2", tracker.sigma_a_mps2, Elements{{1e-2, 1e3}});
-  visit("robust.tracker.manoeuvre_log_probability", tracker.manoeuvre_log_probability,
-        Range{-1e3, 0});
-  visit("robust.tracker.birth_speeds_mps", tracker.birth_speeds_mps, Elements{{1e-2, 1e3}});
-  visit("robust.tracker.uniform_birth_share", tracker.uniform_birth_share, Range{0, 1, false});
-  visit("robust.tracker.max_speed_mps", tracker.max_speed_mps, Range{0, 1e4, false});
-  visit("robust.tracker.max_gap_s", tracker.max_gap_s, Range{0, 600, false});
-  visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});
-  visit("robust.tracker.return_rate_m2_per_s", tracker.return_rate_m2_per_s, Range{1e-2, 1e10});
-  visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});
-}
-
-template <class Visitor, class Collect>
-void VisitCollectKeys(Visitor&& visit, Collect& collect) {
-  visit("robust.collect.extent_sigma_m", collect.extent_sigma_m, Range{1e-3, 100});
-  visit("robust.collect.centroid_offset", collect.centroid_offset, Range{0, 10});
-  visit("robust.collect.sensor_bias_m", collect.sensor_bias_m, Range{1e-6, 100});
-  visit("robust.collect.sensor_delay_s", collect.sensor_delay_s, Range{1e-6, 100});
-}
-
-template <class Visitor, class Robust>
-void VisitRobustKeys(Visitor&& visit, Robust& robust) {
-  visit("robust.false_alarms_per_recording", robust.false_alarms_per_recording, Range{0, 1, false});
-  visit("robust.window_s", robust.window_s, Range{5, 90});
-  visit("robust.window_margin_s", robust.window_margin_s, Range{0, 15});
-  visit("robust.min_plots", robust.min_plots, Range{2, 1000});
-  visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
-  visit("robust.off_ground_share", robust.off_ground_share, Range{0, 1});
-  visit("robust.min_return_rate_m2_per_s", robust.min_return_rate_m2_per_s, Range{0, 1e9});
-  visit("robust.disabled_rules", robust.disabled_rules,
-        Subset<Rule>{{{{"transient", Rule::kTransient},
-                       {"permutation_null", Rule::kPermutationNull},
-                       {"dwell", Rule::kDwell},
-                       {"spots", Rule::kSpots},
-                       {"alternatives", Rule::kAlternatives},
-                       {"frame_length", Rule::kFrameLength},
-                       {"crowded", Rule::kCrowded},
-                       {"bodies", Rule::kBodies},
-                       {"local_clutter", Rule::kLocalClutter},
-                       {"second_round", Rule::kSecondRound},
-                       {"collection", Rule::kCollection},
-                       {"suspended", Rule::kSuspended},
-                       {"clutter_returns", Rule::kClutterReturns},
-                       {"cloud", Rule::kCloud},
-                       {"insect", Rule::kInsect}}}});
-  VisitBackgroundKeys(visit, robust.background);
-  VisitSupportKeys(visit, robust.support);
-  VisitPlotKeys(visit, robust.plots);
-  VisitTrackerKeys(visit, robust.tracker);
-  VisitCollectKeys(visit, robust.collect);
-}
-
-template <class Visitor, class TrajectoryFields>
-void VisitTrajectoryKeys(Visitor&& visit, TrajectoryFields& trajectory) {
-  visit("trajectory.typical_acceleration_mps2", trajectory.typical_acceleration_mps2,
-        Range{1e-3, 1e3});
-  visit("trajectory.max_extrapolation_s", trajectory.max_extrapolation_s, Range{0, 60});
-  visit("trajectory.min_missed_run_probability", trajectory.min_missed_run_probability,
-        Range{0, 1, false});
-  visit("trajectory.max_sigma_m", trajectory.max_sigma_m, Range{0, 1e4, false});
-}
-
-template <class Visitor, class Live>
-void VisitLiveKeys(Visitor&& visit, Live& live) {
-  visit("live.delay_s", live.delay_s, RangeOrEndless{{0, 600, false}});
-  visit("live.window_s", live.window_s, RangeOrEndless{{1, 86400}});
-  visit("live.reorder_s", live.reorder_s, Range{0, 60});
-  visit("live.false_alarms_per_hour", live.false_alarms_per_hour, Range{0, 3600, false});
-  visit("live.silent_s", live.silent_s, Range{0, 3600, false});
-  visit("live.overload_s", live.overload_s, Range{0, 600, false});
-  visit("live.frame_s", live.frame_s, Range{0.02, 1});
-}
-
-// Calls visit(key, field, constraint) for every key except those of the sensors.
-template <class Visitor, class AnyConfig>
-void VisitKeys(Visitor&& visit, AnyConfig& config) {
-  visit("method", config.method,
-        Choices<Method>{{{"robust", Method::kRobust}, {"paper", Method::kPaper}}});
-  VisitInputKeys(visit, config.input);
-  VisitRobustKeys(visit, config.robust);
-  VisitTrajectoryKeys(visit, config.trajectory);
-  VisitLiveKeys(visit, config.live);
-  VisitPaperKeys(visit, config.paper);
 }
 
 }  // namespace unlidar

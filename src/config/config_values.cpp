@@ -1,26 +1,18 @@
 #include "config/config_values.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <limits>
-#include <utility>
-
-#include "base/format.hpp"
+#include <optional>
 
 namespace unlidar {
 namespace {
 
 constexpr double kUnitNormTolerance = 1e-3;
 
-template <int kSize>
-bool ReadNumbers(const YAML::Node& node, Eigen::Matrix<double, kSize, 1>& field) {
-  if (!node.IsSequence() || node.size() != kSize) return false;
-  for (int i = 0; i < kSize; ++i) {
-    const auto value = ParseNumber<double>(node[i]);
-    if (!value) return false;
-    field[i] = *value;
-  }
-  return true;
+template <class Number>
+bool ParseScalar(const YAML::Node& node, Number& value) {
+  const auto number = node.IsScalar() ? ParseNumber<Number>(node.Scalar()) : std::nullopt;
+  value = number.value_or(value);
+  return number.has_value();
 }
 
 }  // namespace
@@ -64,6 +56,17 @@ std::string Expected(const Eigen::Vector4d&, UnitQuaternion) {
   return "a quaternion [x, y, z, w] of norm 1 (within " + ShortestText(kUnitNormTolerance) + ")";
 }
 
+bool Holds(bool, Flag) { return true; }
+
+bool Holds(double field, const Range& constraint) {
+  return field >= constraint.low && field <= constraint.high &&
+         (constraint.low_is_allowed || field != constraint.low);
+}
+
+bool Holds(double field, const RangeOrEndless& constraint) {
+  return field == std::numeric_limits<double>::infinity() || Holds(field, constraint.finite);
+}
+
 bool Holds(const std::vector<double>& field, const Elements& constraint) {
   return !field.empty() && std::all_of(field.begin(), field.end(),
                                        [&](double value) { return Holds(value, constraint.each); });
@@ -77,37 +80,25 @@ bool Holds(const Eigen::Vector4d& field, UnitQuaternion) {
   return std::abs(field.norm() - 1.0) <= kUnitNormTolerance;
 }
 
-bool Read(const YAML::Node& node, bool& field, Flag) {
-  if (!node.IsScalar() || (node.Scalar() != "true" && node.Scalar() != "false")) return false;
-  field = node.Scalar() == "true";
-  return true;
+bool Parse(const YAML::Node& node, bool& value) {
+  if (!node.IsScalar()) return false;
+  value = node.Scalar() == "true";
+  return value || node.Scalar() == "false";
 }
 
-bool Read(const YAML::Node& node, double& field, const RangeOrEndless& constraint) {
-  if (!node.IsScalar() || node.Scalar() != kInfinityText) {
-    return Read(node, field, constraint.finite);
+bool Parse(const YAML::Node& node, int& value) { return ParseScalar(node, value); }
+
+bool Parse(const YAML::Node& node, double& value) {
+  if (ParseScalar(node, value)) return std::isfinite(value);
+  value = std::numeric_limits<double>::infinity();
+  return node.IsScalar() && node.Scalar() == kInfinityText;
+}
+
+bool Parse(const YAML::Node& node, Eigen::Ref<Eigen::VectorXd> value) {
+  if (!node.IsSequence() || node.size() != static_cast<std::size_t>(value.size())) return false;
+  for (std::size_t i = 0; i < node.size(); ++i) {
+    if (!Parse(node[i], value[static_cast<Eigen::Index>(i)])) return false;
   }
-  field = std::numeric_limits<double>::infinity();
-  return true;
-}
-
-bool Read(const YAML::Node& node, std::vector<double>& field, const Elements& constraint) {
-  if (!node.IsSequence() || node.size() == 0) return false;
-  std::vector<double> values(node.size());
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    if (!Read(node[i], values[i], constraint.each)) return false;
-  }
-  field = std::move(values);
-  return true;
-}
-
-bool Read(const YAML::Node& node, Eigen::Vector3d& field, const Vector3& constraint) {
-  return ReadNumbers(node, field) && Holds(field, constraint);
-}
-
-bool Read(const YAML::Node& node, Eigen::Vector4d& field, UnitQuaternion constraint) {
-  if (!ReadNumbers(node, field) || !Holds(field, constraint)) return false;
-  field.normalize();
   return true;
 }
 

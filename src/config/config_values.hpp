@@ -1,22 +1,21 @@
-// Config values under their constraints: reading from YAML, listing, describing in messages.
+// Config values under their constraints: reading from YAML, listing as JSON, describing in
+// messages.
 #pragma once
 
 #include <yaml-cpp/yaml.h>
 
+#include <Eigen/Core>
 #include <algorithm>
-#include <charconv>
 #include <cmath>
-#include <limits>
-#include <optional>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
 #include <utility>
-#include <variant>
 #include <vector>
 
-#include "config/config.hpp"
+#include "base/format.hpp"
 #include "config/config_keys.hpp"
 
 namespace unlidar {
@@ -29,15 +28,15 @@ std::string Quote(const YAML::Node& node);
 // Formats a number; whole numbers have no exponent.
 std::string NumberText(double value);
 
-// Returns " from 0 to 10" or " above 0 to 10".
-std::string Interval(const Range& range);
-
 // Describes the constraint of a key, to follow "expected" in a message.
 std::string Expected(const bool& field, Flag constraint);
 std::string Expected(const double& field, const RangeOrEndless& constraint);
 std::string Expected(const std::vector<double>& field, const Elements& constraint);
 std::string Expected(const Eigen::Vector3d& field, const Vector3& constraint);
 std::string Expected(const Eigen::Vector4d& field, UnitQuaternion constraint);
+
+// Returns " from 0 to 10" or " above 0 to 10".
+std::string Interval(const Range& range);
 
 template <class Number>
 std::string Expected(const Number&, const Range& range) {
@@ -48,9 +47,8 @@ std::string Expected(const Number&, const Range& range) {
 template <class E>
 std::string NamesOf(const Choices<E>& choices) {
   std::string text;
-  for (const auto& [name, value] : choices.names) {
-    if (!text.empty()) text += ", ";
-    text += name;
+  for (const auto& choice : choices.names) {
+    text += std::string(text.empty() ? "" : ", ") + choice.first;
   }
   return text;
 }
@@ -62,37 +60,16 @@ std::string Expected(const E&, const Choices<E>& choices) {
 
 template <class E>
 std::string Expected(const std::vector<E>&, const Subset<E>& constraint) {
-  return "a list of different ones, of " + NamesOf(constraint.of);
-}
-
-// Parses the whole text as a decimal number, in any locale; empty if it is not one.
-template <class Number>
-std::optional<Number> ParseNumber(const YAML::Node& node) {
-  if (!node.IsScalar()) return std::nullopt;
-  const std::string& text = node.Scalar();
-  const char* end = text.data() + text.size();
-  Number value{};
-  const auto [stop, error] = std::from_chars(text.data(), end, value);
-  if (error != std::errc() || stop != end) return std::nullopt;
-  return value;
+  return "a list of different ones, of " + NamesOf(constraint.each);
 }
 
 // True if a value satisfies its constraint.
-inline bool Holds(bool, Flag) { return true; }
+bool Holds(bool field, Flag constraint);
+bool Holds(double field, const RangeOrEndless& constraint);
+bool Holds(double field, const Range& constraint);  // integers, too
 bool Holds(const std::vector<double>& field, const Elements& constraint);
 bool Holds(const Eigen::Vector3d& field, const Vector3& constraint);
 bool Holds(const Eigen::Vector4d& field, UnitQuaternion constraint);
-
-template <class Number>
-bool Holds(const Number& field, const Range& range) {
-  const auto number = static_cast<double>(field);
-  return number >= range.low && number <= range.high &&
-         (range.low_is_allowed || number != range.low);
-}
-
-inline bool Holds(const double& field, const RangeOrEndless& constraint) {
-  return field == std::numeric_limits<double>::infinity() || Holds(field, constraint.finite);
-}
 
 template <class E>
 bool Holds(const E& field, const Choices<E>& choices) {
@@ -104,7 +81,7 @@ template <class E>
 bool Holds(const std::vector<E>& field, const Subset<E>& constraint) {
   return std::set<E>(field.begin(), field.end()).size() == field.size() &&
          std::all_of(field.begin(), field.end(),
-                     [&](const E& value) { return Holds(value, constraint.of); });
+                     [&](const E& value) { return Holds(value, constraint.each); });
 }
 
 // Formats a value that was set in code, for messages.
@@ -123,79 +100,66 @@ std::string TextOf(const Field& field) {
   }
 }
 
-// Sets the field and returns true if the node satisfies the constraint.
-bool Read(const YAML::Node& node, bool& field, Flag constraint);
-bool Read(const YAML::Node& node, double& field, const RangeOrEndless& constraint);
-bool Read(const YAML::Node& node, std::vector<double>& field, const Elements& constraint);
-bool Read(const YAML::Node& node, Eigen::Vector3d& field, const Vector3& constraint);
-bool Read(const YAML::Node& node, Eigen::Vector4d& field, UnitQuaternion constraint);
+// Sets a value if the node has one of its type, whatever the constraint says about it.
+bool Parse(const YAML::Node& node, bool& value);
+bool Parse(const YAML::Node& node, int& value);
+bool Parse(const YAML::Node& node, double& value);  // finite, or kInfinityText
+bool Parse(const YAML::Node& node, Eigen::Ref<Eigen::VectorXd> value);
 
-template <class Number>
-bool Read(const YAML::Node& node, Number& field, const Range& range) {
-  const auto value = ParseNumber<Number>(node);
-  if (!value || !Holds(*value, range)) return false;
-  field = *value;
-  return true;
-}
-
-template <class E>
-bool Read(const YAML::Node& node, E& field, const Choices<E>& choices) {
-  if (!node.IsScalar()) return false;
-  for (const auto& [name, value] : choices.names) {
-    if (node.Scalar() != name) continue;
-    field = value;
-    return true;
+template <class Value, class Constraint>
+bool Parse(const YAML::Node& node, Value& value, const Constraint& constraint) {
+  if constexpr (std::is_enum_v<Value>) {
+    for (const auto& [name, choice] : constraint.names) {
+      if (!node.IsScalar() || node.Scalar() != name) continue;
+      value = choice;
+      return true;
+    }
+    return false;
+  } else {
+    return Parse(node, value);
   }
-  return false;
 }
 
-template <class E>
-bool Read(const YAML::Node& node, std::vector<E>& field, const Subset<E>& constraint) {
+template <class Value, class Constraint>
+bool Parse(const YAML::Node& node, std::vector<Value>& values, const Constraint& constraint) {
   if (!node.IsSequence()) return false;
-  std::vector<E> values(node.size());
+  values.resize(node.size());
   for (std::size_t i = 0; i < values.size(); ++i) {
-    if (!Read(node[i], values[i], constraint.of)) return false;
+    if (!Parse(node[i], values[i], constraint.each)) return false;
   }
-  if (!Holds(values, constraint)) return false;
-  field = std::move(values);
   return true;
 }
 
-// Returns the value of a field for ListConfig().
-inline ConfigValue ValueOf(bool field, Flag) { return field; }
-inline ConfigValue ValueOf(const std::vector<double>& field, const Elements&) { return field; }
-// Infinity becomes text: JSON has no number for it.
-inline ConfigValue ValueOf(double field, const RangeOrEndless&) {
-  return std::isfinite(field) ? ConfigValue(field) : ConfigValue(std::string(kInfinityText));
-}
-inline ConfigValue ValueOf(const Eigen::Vector3d& field, const Vector3&) {
-  return std::vector<double>(field.begin(), field.end());
-}
-inline ConfigValue ValueOf(const Eigen::Vector4d& field, UnitQuaternion) {
-  return std::vector<double>(field.begin(), field.end());
+// Sets the field and returns true if the node satisfies the constraint.
+template <class Field, class Constraint>
+bool Read(const YAML::Node& node, Field& field, const Constraint& constraint) {
+  Field value = field;
+  if (!Parse(node, value, constraint) || !Holds(value, constraint)) return false;
+  if constexpr (std::is_same_v<Constraint, UnitQuaternion>) value.normalize();
+  field = std::move(value);
+  return true;
 }
 
-template <class Number>
-ConfigValue ValueOf(Number field, const Range&) {
-  if constexpr (std::is_integral_v<Number>) return static_cast<std::int64_t>(field);
-  return static_cast<double>(field);
+// Returns the value of a field for ListConfig(). Infinity becomes text: JSON has no number for it.
+template <class Value, class Constraint>
+nlohmann::ordered_json JsonOf(const Value& value, const Constraint& constraint) {
+  if constexpr (std::is_enum_v<Value>) {
+    for (const auto& [name, choice] : constraint.names) {
+      if (choice == value) return name;
+    }
+    throw std::logic_error("a config field holds a value without a name");
+  } else if constexpr (std::is_arithmetic_v<Value>) {
+    if (std::isinf(static_cast<double>(value))) return kInfinityText;
+    return value;
+  } else {
+    return std::vector<double>(value.begin(), value.end());
+  }
 }
 
 template <class E>
-ConfigValue ValueOf(E field, const Choices<E>& choices) {
-  for (const auto& [name, value] : choices.names) {
-    if (value == field) return std::string(name);
-  }
-  throw std::logic_error("a config field holds a value without a name");
-}
-
-template <class E>
-ConfigValue ValueOf(const std::vector<E>& field, const Subset<E>& constraint) {
-  std::vector<std::string> names;
-  names.reserve(field.size());
-  for (const E value : field) {
-    names.push_back(std::get<std::string>(ValueOf(value, constraint.of)));
-  }
+nlohmann::ordered_json JsonOf(const std::vector<E>& values, const Subset<E>& constraint) {
+  auto names = nlohmann::ordered_json::array();
+  for (const E value : values) names.push_back(JsonOf(value, constraint.each));
   return names;
 }
 

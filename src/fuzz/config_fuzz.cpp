@@ -1,33 +1,18 @@
 // Any text as a configuration file and any as an assignment of --set, in front of it and apart by a
 // byte of zero: a configuration or an error; and what is listed of one gives the same one again.
 #include <string>
-#include <variant>
 #include <vector>
 
-#include "base/format.hpp"
 #include "config/config.hpp"
 #include "fuzz/fuzz.hpp"
 
 namespace unlidar::fuzz {
 namespace {
 
-struct YamlText {
-  std::string operator()(bool value) const { return value ? "true" : "false"; }
-  std::string operator()(std::int64_t value) const { return std::to_string(value); }
-  std::string operator()(double value) const { return ShortestText(value); }
-  std::string operator()(const std::string& value) const { return value; }
-  template <class Value>
-  std::string operator()(const std::vector<Value>& values) const {
-    std::string text = "[";
-    for (const Value& value : values) text += (*this)(value) + ",";
-    return text + "]";
-  }
-};
-
 std::vector<std::string> Assignments(const Config& config) {
   std::vector<std::string> assignments;
   for (const ConfigEntry& entry : ListConfig(config)) {
-    assignments.push_back(entry.key + "=" + std::visit(YamlText(), entry.value));
+    assignments.push_back(entry.key + "=" + entry.value.dump());
   }
   return assignments;
 }

@@ -66,10 +66,7 @@ Config FromText(const std::string& text) {
 std::vector<std::string> Listed(const Config& config) {
   std::vector<std::string> lines;
   for (const ConfigEntry& entry : ListConfig(config)) {
-    YAML::Emitter text;
-    text << YAML::Flow;
-    std::visit([&](const auto& value) { text << value; }, entry.value);
-    lines.push_back(entry.key + ": " + text.c_str());
+    lines.push_back(entry.key + ": " + entry.value.dump());
   }
   return lines;
 }
@@ -195,9 +192,7 @@ TEST(LoadConfig, SetsValuesOfEveryKind) {
 
 TEST(LoadConfig, EveryKeyCanBeSetToItsOwnDefault) {
   for (const ConfigEntry& entry : ListConfig(Config())) {
-    YAML::Emitter text;
-    std::visit([&](const auto& value) { text << value; }, entry.value);
-    const Config config = LoadConfig("", {entry.key + "=" + text.c_str()});
+    const Config config = LoadConfig("", {entry.key + "=" + entry.value.dump()});
     EXPECT_EQ(Listed(config), Listed(Config())) << entry.key;
   }
 }

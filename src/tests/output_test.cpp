@@ -13,7 +13,9 @@
 #include <string_view>
 #include <vector>
 
+#include "app/summary.hpp"
 #include "base/format.hpp"
+#include "config/config.hpp"
 #include "io/pcd.hpp"
 #include "tests/temporary_folder.hpp"
 

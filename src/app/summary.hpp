@@ -1,4 +1,4 @@
-// The --summary of a live run.
+// What a run counts, and its --summary as JSON: version, effective config, inputs, counts, tracks.
 #pragma once
 
 #include <cstdint>
@@ -9,9 +9,10 @@
 #include "app/live_output.hpp"
 #include "app/processing_times.hpp"
 #include "base/recording.hpp"
-#include "config/config.hpp"
 #include "io/followed_folders.hpp"
 #include "io/livox_frames.hpp"
+#include "recording/pipeline.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 
@@ -52,6 +53,10 @@ inline constexpr const char* kAlreadyProcessedText =
 // Behind the number of frames that had no room.
 inline constexpr const char* kOverflowText =
     " left out: more than may wait for live.reorder_s (4,096, or 192 MB)";
+
+// Of a recording, with the times of the stages, which stand in this output only.
+std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
+                        const PipelineResult& result);
 
 std::string LiveSummaryJson(const LiveSummary& summary, const Config& config);
 

@@ -14,6 +14,7 @@
 
 #include "app/output_files.hpp"
 #include "base/format.hpp"
+#include "io/descriptor.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -31,11 +32,7 @@ constexpr std::size_t kMaxLineBytes = std::size_t{1} << 16;
 bool IsFullDisk(int error) { return error == ENOSPC || error == EDQUOT; }
 
 ssize_t WriteOnce(int fd, std::string_view bytes) {
-  ssize_t written = 0;
-  do {
-    written = ::write(fd, bytes.data(), bytes.size());
-  } while (written < 0 && errno == EINTR);
-  return written;
+  return Uninterrupted([&] { return ::write(fd, bytes.data(), bytes.size()); });
 }
 
 }  // namespace
@@ -148,9 +145,8 @@ void GrowingFile::ReadLines() {
   std::uint64_t number = 0;
   off_t whole = 0;  // bytes of whole lines
   while (true) {
-    const ssize_t got =
-        ::pread(fd_, block.data(), block.size(), whole + static_cast<off_t>(line.size()));
-    if (got < 0 && errno == EINTR) continue;
+    const off_t at = whole + static_cast<off_t>(line.size());
+    const ssize_t got = Uninterrupted([&] { return ::pread(fd_, block.data(), block.size(), at); });
     if (got < 0) FailWithErrno();
     if (got == 0) break;
     std::string_view rest(block.data(), static_cast<std::size_t>(got));

@@ -51,8 +51,6 @@ class GrowingFile {
   // The last Flush(). Throws OutputError if the disk is still full.
   void Close();
 
-  bool has_waiting_lines() const { return !waiting_.empty(); }
-
   // To learn that its reader has left; -1 for a regular file.
   int reader_fd() const { return is_regular_ ? -1 : fd_; }
 

@@ -21,6 +21,7 @@
 #include "io/arrival.hpp"
 #include "io/frame_directory.hpp"
 #include "io/frames.hpp"
+#include "io/livox_receiver.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -47,21 +48,21 @@ RowTimes EarlierRows(const Config& config) {
 // Main loop: wait for the source, read, write the results.
 class LiveRun {
  public:
-  LiveRun(const LiveRequest& request, const Config& config,
+  LiveRun(const Arguments& arguments, const OutputTimes& output_times, const Config& config,
           const std::function<void(const std::string&)>& note)
-      : request_(request),
+      : arguments_(arguments),
         config_(config),
-        output_(request.out, request.events, EarlierRows(config), signals_, note),
+        output_(arguments.out, arguments.events, EarlierRows(config), signals_, note),
         reporter_(output_, service_, note),
-        intake_(request, config, reporter_) {
-    output_.KeepOnlyDrones(request.min_drone_probability, HoldNs(config.live));
+        intake_(arguments, output_times, config, reporter_) {
+    output_.KeepOnlyDrones(arguments.only_drones, HoldNs(config.live));
   }
 
   void Run() {
     try {
-      source_ = OpenSource(request_, config_, ResumeAfter(), intake_, reporter_);
+      source_ = OpenSource(arguments_, config_, ResumeAfter(), intake_, reporter_);
       if (const std::optional<TimeNs> last_row_ns = output_.row_times().last_ns()) {
-        reporter_.Note(request_.out + ": appends to it, it holds rows until " +
+        reporter_.Note(arguments_.out + ": appends to it, it holds rows until " +
                        SecondsText(*last_row_ns));
       }
       while (const std::optional<bool> is_ready = Wait()) {
@@ -91,10 +92,8 @@ class LiveRun {
   std::optional<TimeNs> ResumeAfter() {
     const std::optional<TimeNs> latest_row_ns = output_.row_times().latest_ns();
     if (!latest_row_ns) return std::nullopt;
-    if (request_.sources.empty()) {
-      if (!request_.livox) output_.RefuseEarlierRows();
-      return std::nullopt;
-    }
+    if (arguments_.from_stdin) output_.RefuseEarlierRows();
+    if (!arguments_.follow) return std::nullopt;
     const double window_s = config_.live.window_s;
     std::optional<TimeNs> after_ns;
     if (std::isfinite(window_s)) after_ns = *latest_row_ns - NsOf(window_s);
@@ -124,7 +123,7 @@ class LiveRun {
     output_.Close();
   }
 
-  const LiveRequest& request_;
+  const Arguments& arguments_;
   const Config& config_;
   Signals signals_;
   ServiceNotifier service_;
@@ -181,26 +180,35 @@ void NoteLosses(const LiveSummary& summary, const std::function<void(const std::
   }
 }
 
+// Finds what the receiver would refuse before an output is opened.
+void CheckLivox(const std::string& endpoint, const Config& config) {
+  ParseLivoxEndpoint(endpoint);
+  if (config.input.scale_m == 1.0) return;
+  throw ConfigError("input.scale_m: '" + ShortestText(config.input.scale_m) +
+                    "', expected 1 with --livox, whose packets say their unit");
+}
+
 }  // namespace
 
-std::string TrackLive(const LiveRequest& request, const Config& config,
-                      const std::function<void(const std::string&)>& note) {
+std::string TrackLive(const Arguments& arguments, const OutputTimes& output_times,
+                      const Config& config, const std::function<void(const std::string&)>& note) {
+  if (!arguments.livox.empty()) CheckLivox(arguments.livox, config);
   CheckLive(config);
-  if (request.events == "-" && ResolvedPath(request.out) == ResolvedPath("/dev/stdout")) {
-    throw UsageError("--out " + request.out +
+  if (arguments.events == "-" && ResolvedPath(arguments.out) == ResolvedPath("/dev/stdout")) {
+    throw UsageError("--out " + arguments.out +
                      ": stdout holds nothing but the events (--events -), expected a file");
   }
-  CheckNames(request.sources);
-  LiveRun run(request, config, note);
+  CheckNames(arguments.sources);
+  LiveRun run(arguments, output_times, config, note);
   run.Run();
   const LiveSummary summary = run.Summary();
-  if (!request.summary.empty()) {
-    WriteFiles({{request.summary, Content(LiveSummaryJson(summary, config))}});
+  if (!arguments.summary.empty()) {
+    WriteFiles({{arguments.summary, Content(LiveSummaryJson(summary, config))}});
   }
   NoteLosses(summary, note);
   std::uint64_t rows = 0;
   for (const LiveTrack& track : summary.tracks) rows += track.rows;
-  return request.out + ": " + Count(summary.tracks.size(), "track") + ", " + Count(rows, "row") +
+  return arguments.out + ": " + Count(summary.tracks.size(), "track") + ", " + Count(rows, "row") +
          ", from " + Count(summary.counts.frames, "frame") + " of " +
          Count(summary.inputs.size(), "LiDAR");
 }

@@ -14,10 +14,13 @@ constexpr TimeNs kStateIntervalNs = 40'000'000'000;
 
 }  // namespace
 
-bool IsWorthANote(std::uint64_t count) { return count > 0 && (count & (count - 1)) == 0; }
-
 bool IsWorthANote(std::uint64_t before, std::uint64_t count) {
   return (before ^ count) > before;  // a higher bit is set
+}
+
+void LiveEventReporter::NoteCount(std::uint64_t before, std::uint64_t count,
+                                  const std::string& noun, const std::string& text) const {
+  if (IsWorthANote(before, count)) Note(Count(count, noun) + text);
 }
 
 void LiveEventReporter::Take(const EngineEvent& event, const LiveProgress& now) {
@@ -26,9 +29,7 @@ void LiveEventReporter::Take(const EngineEvent& event, const LiveProgress& now) 
   } else if (const auto* given = std::get_if<RowGiven>(&event)) {
     const std::uint64_t unwritable = output_.unwritable_rows();
     output_.AddRow(now.newest_ns, *given);
-    if (output_.unwritable_rows() > unwritable && IsWorthANote(output_.unwritable_rows())) {
-      Note(Count(output_.unwritable_rows(), "row") + kUnwritableText);
-    }
+    NoteCount(unwritable, output_.unwritable_rows(), "row", kUnwritableText);
   } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {
     output_.End(now.newest_ns, *ended);
   } else if (const auto* changed = std::get_if<SensorChanged>(&event)) {
@@ -54,7 +55,9 @@ void LiveEventReporter::ReportSensor(std::size_t index, SensorState state, TimeN
   if (sensor.state == state) return;
   sensor.state = state;
   output_.ReportSensor(newest_ns, sensor.name, state);
-  if (state == SensorState::kBlinded && IsWorthANote(++sensor.num_blinded)) {
+  if (state != SensorState::kBlinded) return;
+  ++sensor.num_blinded;
+  if (IsWorthANote(sensor.num_blinded - 1, sensor.num_blinded)) {
     Note(sensor.name + ": blinded: it does not see what it should (fog, snow, a covered window?)");
   }
 }

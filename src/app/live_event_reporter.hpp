@@ -14,10 +14,8 @@
 
 namespace unlidar {
 
-// True for counts 1, 2, 4, 8, ...: repeated incidents are noted ever less often.
-bool IsWorthANote(std::uint64_t count);
-
-// Same for several incidents at once.
+// True if a count has reached 1, 2, 4, 8, ... since it was `before`: repeated incidents are noted
+// ever less often.
 bool IsWorthANote(std::uint64_t before, std::uint64_t count);
 
 // Progress of a run.
@@ -38,6 +36,10 @@ class LiveEventReporter {
 
   // A line for the user.
   void Note(const std::string& text) const { note_(text); }
+
+  // The same with the count of incidents before it, if that is worth a note.
+  void NoteCount(std::uint64_t before, std::uint64_t count, const std::string& noun,
+                 const std::string& text) const;
 
   // Sensors are numbered as they are added.
   void AddSensor(const std::string& name) { sensors_.push_back({name, std::nullopt, 0}); }

@@ -26,19 +26,20 @@ std::vector<std::string> NamesOf(const std::vector<FrameSource>& sources) {
 
 }  // namespace
 
-LiveIntake::LiveIntake(const LiveRequest& request, const Config& config,
-                       LiveEventReporter& reporter)
-    : config_(config),
+LiveIntake::LiveIntake(const Arguments& arguments, const OutputTimes& output_times,
+                       const Config& config, LiveEventReporter& reporter)
+    : sources_(arguments.sources),
+      config_(config),
       reporter_(reporter),
       engine_(
-          config, NamesOf(request.sources), request.output_times,
+          config, NamesOf(arguments.sources), output_times,
           [this](const EngineEvent& event) { reporter_.Take(event, Progress()); }, EmitTracksOf,
-          request.livox ? std::make_optional(TimeReading::kOffset) : std::nullopt,
-          request.livox.has_value()),
-      skips_bad_frames_(config.input.skip_bad_frames || request.livox),
-      why_skipped_(request.livox ? "" : " (input.skip_bad_frames)"),
+          arguments.livox.empty() ? std::nullopt : std::make_optional(TimeReading::kOffset),
+          !arguments.livox.empty()),
+      skips_bad_frames_(config.input.skip_bad_frames || !arguments.livox.empty()),
+      why_skipped_(arguments.livox.empty() ? " (input.skip_bad_frames)" : ""),
       pace_(Seconds(config.live.overload_s)) {
-  for (const std::string& name : NamesOf(request.sources)) AppendSensor(name);
+  for (const std::string& name : NamesOf(arguments.sources)) AppendSensor(name);
 }
 
 void LiveIntake::AppendSensor(const std::string& name) {
@@ -114,52 +115,43 @@ void LiveIntake::Add(std::size_t sensor, TimeNs stamp_ns, const std::string& nam
     reporter_.ReportSensor(sensor, SensorState::kOk, engine_.newest_ns());
   }
   CheckOutOfSync();
-  NoteLeftOut(late_before, astray_before, name);
-  NoteOverflow(overflow_before);
+  NoteLeftOut(late_before, astray_before, overflow_before, name);
   reporter_.SendHeartbeat(Progress());
   reporter_.Flush();
 }
 
 void LiveIntake::NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before,
-                             const std::string& name) {
-  const std::uint64_t late = engine_.late_frames();
-  if (late > late_before && IsWorthANote(late)) {
-    reporter_.Note(Count(late, "frame") +
-                   " later than live.reorder_s and dropped, the last: " + name);
-  }
+                             std::uint64_t overflow_before, const std::string& name) {
+  reporter_.NoteCount(late_before, engine_.late_frames(), "frame",
+                      " later than live.reorder_s and dropped, the last: " + name);
+  const OverflowFrames& overflow = engine_.overflow_frames();
+  reporter_.NoteCount(
+      overflow_before, overflow.count, "frame",
+      std::string(kOverflowText) + ", the last of " + sensors_[overflow.sensor].name);
   const AstrayFrames& astray = engine_.astray_frames();
-  if (!IsWorthANote(astray_before, astray.count)) return;
-  std::string note = Count(astray.count, "frame") + " astray and left out";
+  if (astray.count == astray_before) return;
+  std::string note = " astray and left out";
   if (astray.ahead_ns != 0) {
     const std::string seconds = SecondsText(std::abs(astray.ahead_ns));
     note += ": the clock of " + sensors_[astray.sensor].name + " is " +
             seconds.substr(0, seconds.find('.')) + " s " +
             (astray.ahead_ns < 0 ? "behind" : "ahead of") + " that of the others";
   }
-  reporter_.Note(note);
-}
-
-void LiveIntake::NoteOverflow(std::uint64_t before) {
-  const OverflowFrames& overflow = engine_.overflow_frames();
-  if (!IsWorthANote(before, overflow.count)) return;
-  reporter_.Note(Count(overflow.count, "frame") + kOverflowText + ", the last of " +
-                 sensors_[overflow.sensor].name);
+  reporter_.NoteCount(astray_before, astray.count, "frame", note);
 }
 
 void LiveIntake::TakeBadFrame(const InputError& error) {
   if (!skips_bad_frames_) throw InputError(error);
-  if (IsWorthANote(++bad_frames_)) {
-    reporter_.Note(Count(bad_frames_, "frame") + " bad and skipped" + why_skipped_ +
-                   ", the last: " + error.what());
-  }
+  ++bad_frames_;
+  reporter_.NoteCount(
+      bad_frames_ - 1, bad_frames_, "frame",
+      std::string(" bad and skipped") + why_skipped_ + ", the last: " + error.what());
 }
 
 void LiveIntake::TakeFollowed(const FollowedCounts& counts) {
   const FollowedCounts before = std::exchange(followed_, counts);
   const auto say = [&](std::uint64_t FollowedCounts::*count, const char* what) {
-    if (IsWorthANote(before.*count, counts.*count)) {
-      reporter_.Note(Count(counts.*count, "frame") + what);
-    }
+    reporter_.NoteCount(before.*count, counts.*count, "frame", what);
   };
   say(&FollowedCounts::vanished, kVanishedText);
   say(&FollowedCounts::passed_over, kPassedOverText);
@@ -221,8 +213,9 @@ LiveProgress LiveIntake::Progress() const {
 LiveSummary LiveIntake::Summary() const {
   LiveSummary summary;
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
-    summary.inputs.push_back({sensors_[i].name, "", sensors_[i].frames,
-                              engine_.BlindedS(static_cast<std::uint32_t>(i)), std::nullopt});
+    summary.inputs.push_back({sensors_[i].name, i < sources_.size() ? sources_[i].directory : "",
+                              sensors_[i].frames, engine_.BlindedS(static_cast<std::uint32_t>(i)),
+                              std::nullopt});
   }
   summary.warnings = warnings_;
   summary.counts = engine_.counts();

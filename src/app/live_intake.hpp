@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
-#include "app/live.hpp"
+#include "app/arguments.hpp"
 #include "app/live_event_reporter.hpp"
-#include "app/summary.hpp"
 #include "app/processing_times.hpp"
+#include "app/summary.hpp"
 #include "io/followed_folders.hpp"
 #include "io/frame_pace.hpp"
 #include "io/input_limits.hpp"
@@ -27,9 +27,10 @@ class LiveIntake {
  public:
   using Clock = FramePace::Clock;
 
-  // With folders the sensors are those of the request, otherwise they are added as they appear.
+  // With folders the sensors are those of the arguments, otherwise they are added as they appear.
   // All arguments must outlive it. Throws ConfigError.
-  LiveIntake(const LiveRequest& request, const Config& config, LiveEventReporter& reporter);
+  LiveIntake(const Arguments& arguments, const OutputTimes& output_times, const Config& config,
+             LiveEventReporter& reporter);
   LiveIntake(const LiveIntake&) = delete;
   LiveIntake& operator=(const LiveIntake&) = delete;
 
@@ -70,7 +71,7 @@ class LiveIntake {
   // No frame will follow.
   void Close();
 
-  // Returns the part of the summary known here, with name and frames of each sensor.
+  // Returns the part of the summary known here, with name, directory and frames of each sensor.
   LiveSummary Summary() const;
 
  private:
@@ -83,11 +84,12 @@ class LiveIntake {
   };
 
   void AppendSensor(const std::string& name);
-  void NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before, const std::string& name);
-  void NoteOverflow(std::uint64_t before);
+  void NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before,
+                   std::uint64_t overflow_before, const std::string& name);
   void CheckOutOfSync();
   LiveProgress Progress() const;
 
+  const std::vector<FrameSource>& sources_;
   const Config& config_;
   LiveEventReporter& reporter_;
   LiveEngine engine_;

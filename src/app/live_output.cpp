@@ -1,7 +1,7 @@
 #include "app/live_output.hpp"
 
 #include <algorithm>
-#include <charconv>
+#include <array>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -49,27 +49,13 @@ void AppendKind(const Kind& kind, std::string& fields) {
 }  // namespace
 
 const char* LiveStateName(LiveState state) {
-  switch (state) {
-    case LiveState::kWarmingUp:
-      return "warming_up";
-    case LiveState::kRunning:
-      return "running";
-    case LiveState::kOverloaded:
-      break;
-  }
-  return "overloaded";
+  constexpr std::array<const char*, 3> kNames = {"warming_up", "running", "overloaded"};
+  return kNames[static_cast<std::size_t>(state)];
 }
 
 const char* SensorStateName(SensorState state) {
-  switch (state) {
-    case SensorState::kOk:
-      return "ok";
-    case SensorState::kSilent:
-      return "silent";
-    case SensorState::kBlinded:
-      break;
-  }
-  return "blinded";
+  constexpr std::array<const char*, 3> kNames = {"ok", "silent", "blinded"};
+  return kNames[static_cast<std::size_t>(state)];
 }
 
 LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events,
@@ -205,18 +191,16 @@ void LiveOutput::CheckIsLater(TimeNs time_ns) {
 void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
   const std::size_t comma = std::min(line.find(','), line.size());
   const std::optional<TimeNs> time_ns = StampInRange(line.substr(0, comma));
-  std::int64_t id = 0;
   const std::string_view rest = line.substr(std::min(comma + 1, line.size()));
-  const std::string_view id_text = rest.substr(0, rest.find(','));
-  const auto [end, error] = std::from_chars(id_text.data(), id_text.data() + id_text.size(), id);
-  if (!time_ns || error != std::errc() || end != id_text.data() + id_text.size() || id < 0 ||
-      id > kMaxTrackId || std::count(line.begin(), line.end(), ',') != kRowCommas) {
+  const auto id = ParseNumber<std::int64_t>(rest.substr(0, rest.find(',')));
+  if (!time_ns || !id || *id < 0 || *id > kMaxTrackId ||
+      std::count(line.begin(), line.end(), ',') != kRowCommas) {
     constexpr std::size_t kMaxShown = 60;
     throw OutputError(path_ + ":" + std::to_string(number) + ": '" +
                       std::string(line.substr(0, kMaxShown)) +
                       "' is no row of a trajectory, expected one to append to");
   }
-  next_id_ = std::max(next_id_, id + 1);
+  next_id_ = std::max(next_id_, *id + 1);
   row_times_.Add(*time_ns);
 }
 

@@ -15,11 +15,11 @@
 #include "io/arrival.hpp"
 #include "io/followed_folders.hpp"
 #include "io/frame_messages.hpp"
-#include "io/sensor_frames.hpp"
 #include "io/input_limits.hpp"
 #include "io/livox_lidars.hpp"
 #include "io/livox_receiver.hpp"
 #include "io/pcd.hpp"
+#include "io/sensor_frames.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -33,11 +33,6 @@ Arrival ArrivalAt(Clock::time_point at) {
   return {NsSinceEpoch(unix), NsSinceEpoch(at)};
 }
 
-SensorConfig SensorConfigOf(const Config& config, const std::string& name) {
-  const auto known = config.sensors.find(name);
-  return known == config.sensors.end() ? SensorConfig() : known->second;
-}
-
 // --stdin
 class MessageSource : public LiveSource {
  public:
@@ -45,7 +40,7 @@ class MessageSource : public LiveSource {
       : intake_(intake),
         reader_("stdin",
                 [&config](const std::string& sensor) {
-                  return FrameRateHz(config.input, SensorConfigOf(config, sensor));
+                  return FrameRateHz(config.input, SensorConfigOf(config.sensors, sensor));
                 }),
         bytes_(1 << 16) {}
 
@@ -120,21 +115,21 @@ class PacketSource : public LiveSource {
     receiver_.Stop();
     while (TakePacket()) {
     }
-    lidars_.ForEach([this](LivoxLidar& lidar) {
+    for (auto& [identity, lidar] : lidars_.lidars()) {
       lidar.cutter.Flush();
       TakeFrames(lidar, ArrivalAt(lidar.arrived), Clock::now());
-    });
+    }
   }
 
   // In the order of addresses, whichever of them was first.
   void AddTo(LiveSummary* summary) const override {
     std::vector<LiveInput> by_address;
-    lidars_.ForEach([&](const LivoxLidar& lidar) {
-      if (!lidar.sensor) return;
+    for (const auto& [identity, lidar] : lidars_.lidars()) {
+      if (!lidar.sensor) continue;
       LiveInput& input = summary->inputs[*lidar.sensor];
       input.packets = lidar.cutter.counts();
       by_address.push_back(std::exchange(input, {}));
-    });
+    }
     // Those that have given up their place have no packets any more, but frames.
     for (LiveInput& input : summary->inputs) {
       if (!input.name.empty()) by_address.push_back(std::move(input));
@@ -154,10 +149,10 @@ class PacketSource : public LiveSource {
       LivoxLidar* const lidar = lidars_.Take(*datagram);
       if (lidar != nullptr) TakeFrames(*lidar, datagram->arrival(), datagram->arrived);
     } catch (const PacketError& error) {
-      if (IsWorthANote(++refused_packets_)) {
-        reporter_.Note(Count(refused_packets_, "packet") + " refused, the last: one from " +
-                       AddressText(datagram->source) + " " + error.what());
-      }
+      ++refused_packets_;
+      reporter_.NoteCount(
+          refused_packets_ - 1, refused_packets_, "packet",
+          " refused, the last: one from " + AddressText(datagram->source) + " " + error.what());
     }
     return true;
   }
@@ -202,8 +197,7 @@ class FolderSource : public LiveSource {
  public:
   FolderSource(const std::vector<FrameSource>& sources, const Config& config,
                std::optional<TimeNs> after_ns, LiveIntake& intake)
-      : sources_(sources),
-        intake_(intake),
+      : intake_(intake),
         folders_(FollowedFoldersOf(sources, config), after_ns,
                  [this](const InputError& error) { intake_.TakeBadFrame(error); }) {}
 
@@ -222,18 +216,12 @@ class FolderSource : public LiveSource {
     return true;
   }
 
-  void AddTo(LiveSummary* summary) const override {
-    for (std::size_t i = 0; i < sources_.size(); ++i) {
-      summary->inputs[i].directory = sources_[i].directory;
-    }
-  }
-
  private:
   static std::vector<FollowedFolders::Folder> FollowedFoldersOf(
       const std::vector<FrameSource>& sources, const Config& config) {
     std::vector<FollowedFolders::Folder> folders;
     for (const FrameSource& source : sources) {
-      const SensorConfig sensor = SensorConfigOf(config, SourceName(source));
+      const SensorConfig sensor = SensorConfigOf(config.sensors, SourceName(source));
       folders.push_back({source.directory, OffsetNs(SourceName(source), sensor),
                          FrameRateHz(config.input, sensor)});
     }
@@ -259,21 +247,21 @@ class FolderSource : public LiveSource {
     intake_.Add(frame.folder, frame.file.stamp_ns, path, std::move(cloud), arrival);
   }
 
-  const std::vector<FrameSource>& sources_;
   LiveIntake& intake_;
   FollowedFolders folders_;
 };
 
 }  // namespace
 
-std::unique_ptr<LiveSource> OpenSource(const LiveRequest& request, const Config& config,
+std::unique_ptr<LiveSource> OpenSource(const Arguments& arguments, const Config& config,
                                        std::optional<TimeNs> after_ns, LiveIntake& intake,
                                        LiveEventReporter& reporter) {
-  if (request.livox) {
-    return std::make_unique<PacketSource>(*request.livox, config, intake, reporter);
+  if (arguments.follow) {
+    return std::make_unique<FolderSource>(arguments.sources, config, after_ns, intake);
   }
-  if (request.sources.empty()) return std::make_unique<MessageSource>(config, intake);
-  return std::make_unique<FolderSource>(request.sources, config, after_ns, intake);
+  if (arguments.from_stdin) return std::make_unique<MessageSource>(config, intake);
+  return std::make_unique<PacketSource>(ParseLivoxEndpoint(arguments.livox), config, intake,
+                                        reporter);
 }
 
 }  // namespace unlidar

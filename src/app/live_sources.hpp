@@ -4,7 +4,7 @@
 #include <memory>
 #include <optional>
 
-#include "app/live.hpp"
+#include "app/arguments.hpp"
 #include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/summary.hpp"
@@ -37,9 +37,9 @@ class LiveSource {
   virtual void AddTo(LiveSummary*) const {}
 };
 
-// Opens the source of a request. Frames of folders up to `after_ns` are skipped. All references
-// must outlive it. Throws InputError.
-std::unique_ptr<LiveSource> OpenSource(const LiveRequest& request, const Config& config,
+// Opens the source that the arguments name. Frames of folders up to `after_ns` are skipped. All
+// references must outlive it. Throws InputError.
+std::unique_ptr<LiveSource> OpenSource(const Arguments& arguments, const Config& config,
                                        std::optional<TimeNs> after_ns, LiveIntake& intake,
                                        LiveEventReporter& reporter);
 

@@ -7,7 +7,6 @@
 #include <string>
 
 #include "app/arguments.hpp"
-#include "app/console.hpp"
 #include "app/output_files.hpp"
 #include "app/temporary_path.hpp"
 #include "app/track_drones.hpp"

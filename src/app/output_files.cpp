@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "app/temporary_path.hpp"
+#include "base/format.hpp"
 #include "io/descriptor.hpp"
 #include "unlidar/error.hpp"
 
@@ -23,7 +24,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kBlockBytes = std::size_t{1} << 16;
-constexpr int kMaxLinks = 40;  // as Linux
+constexpr std::size_t kMaxTextBytes = 10'000;  // room for two paths of maximum length and a message
+constexpr int kMaxLinks = 40;                  // as Linux
 constexpr mode_t kRights = 0777;
 constexpr mode_t kGroupRights = 0070;
 constexpr uid_t kNoChange = static_cast<uid_t>(-1);
@@ -204,6 +206,12 @@ void WriteToStderr(std::string_view text) {
     WriteAll(STDERR_FILENO, text, "stderr");
   } catch (const OutputError&) {  // NOLINT(bugprone-empty-catch): see the declaration
   }
+}
+
+void PrintResult(const std::string& text) { WriteToStdout(Shortened(text, kMaxTextBytes) + "\n"); }
+
+void PrintNote(const std::string& text) {
+  WriteToStderr("unlidar_track: " + Shortened(text, kMaxTextBytes) + "\n");
 }
 
 }  // namespace unlidar

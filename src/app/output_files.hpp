@@ -1,4 +1,4 @@
-// Files that appear whole or not at all.
+// Files that appear whole or not at all, and the lines that the program prints.
 #pragma once
 
 #include <functional>
@@ -47,5 +47,11 @@ void WriteToStdout(std::string_view text);
 
 // Ignores errors: there is nowhere left to report them.
 void WriteToStderr(std::string_view text);
+
+// A line on stdout, not endless. Throws OutputError.
+void PrintResult(const std::string& text);
+
+// A line on stderr behind the name of the program, not endless.
+void PrintNote(const std::string& text);
 
 }  // namespace unlidar

@@ -8,7 +8,6 @@
 #include <string>
 #include <vector>
 
-#include "app/console.hpp"
 #include "app/live.hpp"
 #include "app/output.hpp"
 #include "app/output_files.hpp"
@@ -199,25 +198,6 @@ void TrackRecorded(const Arguments& arguments, const PipelineRequest& request,
   if (!arguments.quiet) PrintFindings(trajectory_paths, result);
 }
 
-void TrackWhileFramesCome(const Arguments& arguments, const Config& config) {
-  LiveRequest request;
-  request.sources = arguments.sources;
-  if (!arguments.livox.empty()) request.livox = ParseLivoxEndpoint(arguments.livox);
-  if (request.livox && config.input.scale_m != 1.0) {
-    throw ConfigError("input.scale_m: '" + ShortestText(config.input.scale_m) +
-                      "', expected 1 with --livox, whose packets say their unit");
-  }
-  if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
-  request.out = arguments.out;
-  request.events = arguments.events;
-  request.summary = arguments.summary;
-  request.min_drone_probability = arguments.only_drones;
-  const std::string done = TrackLive(request, config, [&](const std::string& text) {
-    if (!arguments.quiet) PrintNote(text);
-  });
-  if (!arguments.quiet && arguments.events != "-") PrintResult(done);
-}
-
 }  // namespace
 
 void TrackDrones(const Arguments& arguments) {
@@ -226,11 +206,12 @@ void TrackDrones(const Arguments& arguments) {
   const Config config = LoadConfig(arguments.config, arguments.assignments);
   CheckSensorNames(config, arguments.sources);
   CheckOutputs(arguments);
-  if (arguments.is_live()) {
-    TrackWhileFramesCome(arguments, config);
-  } else {
-    TrackRecorded(arguments, request, config);
-  }
+  if (!arguments.is_live()) return TrackRecorded(arguments, request, config);
+  const std::string done =
+      TrackLive(arguments, request.output_times, config, [&](const std::string& text) {
+        if (!arguments.quiet) PrintNote(text);
+      });
+  if (!arguments.quiet && arguments.events != "-") PrintResult(done);
 }
 
 }  // namespace unlidar

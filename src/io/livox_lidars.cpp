@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <utility>
 
 #include "base/format.hpp"
@@ -28,11 +27,9 @@ bool IsLivoxName(const std::string& name) {
   int numbers = 0;
   for (std::size_t begin = 0; begin <= name.size(); ++numbers) {
     const std::size_t end = std::min(name.find('-', begin), name.size());
-    std::uint8_t value = 0;
-    const auto [read, error] = std::from_chars(name.data() + begin, name.data() + end, value);
-    if (error != std::errc() || std::to_string(value) != name.substr(begin, end - begin)) {
-      return false;
-    }
+    const std::string text = name.substr(begin, end - begin);
+    const auto value = ParseNumber<std::uint8_t>(text);
+    if (!value || std::to_string(*value) != text) return false;
     begin = end + 1;
   }
   return numbers == 4 || numbers == 6;
@@ -94,7 +91,7 @@ std::optional<std::size_t> LivoxLidars::FreeSlot() {
 
 std::size_t LivoxLidars::unfinished_bytes() const {
   std::size_t bytes = 0;
-  ForEach([&](const LivoxLidar& lidar) { bytes += lidar.cutter.unfinished_bytes(); });
+  for (const auto& [identity, lidar] : lidars_) bytes += lidar.cutter.unfinished_bytes();
   return bytes;
 }
 

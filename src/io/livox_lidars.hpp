@@ -50,15 +50,11 @@ class LivoxLidars {
   // Takes a sensor index that a removed LiDAR has freed; empty if there is none.
   std::optional<std::size_t> FreeSlot();
 
-  // Visits the LiDARs in order of address.
-  template <class Visit>
-  void ForEach(const Visit& visit) {
-    for (auto& [identity, lidar] : lidars_) visit(lidar);
-  }
-  template <class Visit>
-  void ForEach(const Visit& visit) const {
-    for (const auto& [identity, lidar] : lidars_) visit(lidar);
-  }
+  // Address, slot, number: one address can be that of a hub with several LiDARs.
+  using Identity = std::tuple<std::uint32_t, std::uint8_t, std::uint8_t>;
+
+  std::map<Identity, LivoxLidar>& lidars() { return lidars_; }
+  const std::map<Identity, LivoxLidar>& lidars() const { return lidars_; }
 
   // Number of packets of LiDARs that were since removed.
   std::uint64_t forgotten_packets() const { return forgotten_packets_; }
@@ -66,9 +62,6 @@ class LivoxLidars {
   std::size_t unfinished_bytes() const;
 
  private:
-  // Address, slot, number: one address can be that of a hub with several LiDARs.
-  using Identity = std::tuple<std::uint32_t, std::uint8_t, std::uint8_t>;
-
   LivoxLidar& LidarOf(const Datagram& datagram, const LivoxPacket& packet);
   void MakeRoom(Clock::time_point now);
   void BoundUnfinished();

@@ -53,8 +53,9 @@ class ReporterFixture {
 
 TEST(IsWorthANote, TheFirstTimeAndEachTimeThereAreTwiceAsMany) {
   std::vector<std::uint64_t> noted;
-  for (std::uint64_t count = 0; count <= 40; ++count) {
-    if (IsWorthANote(count)) noted.push_back(count);
+  EXPECT_FALSE(IsWorthANote(0, 0));
+  for (std::uint64_t count = 1; count <= 40; ++count) {
+    if (IsWorthANote(count - 1, count)) noted.push_back(count);
   }
   EXPECT_EQ(noted, (std::vector<std::uint64_t>{1, 2, 4, 8, 16, 32}));
 }

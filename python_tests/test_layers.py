@@ -89,11 +89,11 @@ def test_no_import_of_a_stations_events_runs_back_up() -> None:
     assert wrong == []
 
 
-def test_ceres_is_called_from_two_files_of_the_trajectory_and_from_nowhere_else() -> None:
+def test_ceres_is_called_from_one_file_of_the_trajectory_and_from_nowhere_else() -> None:
     callers = {
         path.relative_to(root).as_posix()
         for root in ROOTS
         for path in root.rglob("*.[ch]pp")
         if "#include <ceres/" in path.read_text()
     }
-    assert callers == {"trajectory/ceres_minimum.cpp", "trajectory/spline_cost.hpp"}
+    assert callers == {"trajectory/ceres_minimum.cpp"}

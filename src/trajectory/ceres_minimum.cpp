@@ -1,7 +1,9 @@
 #include "trajectory/ceres_minimum.hpp"
 
 #include <ceres/evaluation_callback.h>
+#include <ceres/loss_function.h>
 #include <ceres/problem.h>
+#include <ceres/sized_cost_function.h>
 #include <ceres/solver.h>
 
 #include <algorithm>
@@ -10,12 +12,45 @@
 #include <new>
 
 #include "base/memory_reserve.hpp"
-#include "trajectory/spline_cost.hpp"
 
 namespace unlidar {
 namespace {
 
 constexpr double kNoTotalStepM = 1e-9;  // of all control points together
+
+// Parameters: the four control points of the row, which must outlive it.
+class SplineCost : public ceres::SizedCostFunction<3, 3, 3, 3, 3> {
+ public:
+  SplineCost(const SplineRow& row, double scale) : row_(row), scale_(scale) {}
+
+  bool Evaluate(const double* const* control, double* residual, double** jacobians) const override {
+    Eigen::Map<Eigen::Vector3d>{residual} = scale_ * Residual(row_, control);
+    for (int j = 0; jacobians != nullptr && j < 4; ++j) {
+      if (jacobians[j] == nullptr) continue;
+      Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>{jacobians[j]} =
+          scale_ * Jacobian(row_, j);
+    }
+    return true;
+  }
+
+ private:
+  const SplineRow& row_;
+  double scale_;
+};
+
+class TruncatedLossFunction : public ceres::LossFunction {
+ public:
+  explicit TruncatedLossFunction(const TruncatedLoss& loss) : loss_(loss) {}
+
+  void Evaluate(double s, double rho[3]) const override {
+    rho[0] = loss_.Value(s);
+    rho[1] = loss_.Weight(s);
+    rho[2] = loss_.Curvature(s);
+  }
+
+ private:
+  TruncatedLoss loss_;
+};
 
 // Near the minimum the cost is constant up to rounding over micrometres, in a gap over more, and
 // Ceres returns the point of the lowest cost. The gradient is the better criterion: it is smallest

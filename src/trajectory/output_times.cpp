@@ -8,8 +8,12 @@
 namespace unlidar {
 namespace {
 
-constexpr std::int64_t kGiga = 1'000'000'000;
+// A time in nanoseconds times a rate in nanohertz has up to 114 bits.
+__extension__ using Wide = unsigned __int128;
+
+constexpr Wide kGiga = 1'000'000'000;
 constexpr double kMaxInstants = 1e7;
+
 struct InstantsOf {
   const Recording& recording;
 
@@ -42,17 +46,14 @@ OutputInstants::OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns)
   // Unsigned: stamps at both ends of the 64 bits must not overflow.
   const std::uint64_t span_ns =
       static_cast<std::uint64_t>(end_ns) - static_cast<std::uint64_t>(begin_ns);
-  const double hertz = static_cast<double>(rate.nanohertz) / static_cast<double>(kGiga);
+  const double hertz = static_cast<double>(rate.nanohertz) * kSecondsPerNs;
   const double span_s = static_cast<double>(span_ns) * kSecondsPerNs;
   if (span_s * hertz > kMaxInstants) {
     throw UsageError("--rate " + std::to_string(hertz) + ": a recording of " +
                      std::to_string(span_s) + " s gives over 10 million output times, expected " +
                      "fewer");
   }
-  // The last instant, found step by step from just below the rounded estimate.
-  auto last = static_cast<std::uint64_t>(std::max(0.0, span_s * hertz - 2.0));
-  while (ElapsedNs(last + 1) - ElapsedNs(last) <= span_ns - ElapsedNs(last)) ++last;
-  size_ = last + 1;
+  size_ = static_cast<std::size_t>(((Wide{span_ns} + 1) * nanohertz_ - 1) / (kGiga * kGiga)) + 1;
 }
 
 TimeNs OutputInstants::operator[](std::size_t k) const {
@@ -74,14 +75,8 @@ std::size_t OutputInstants::CountBefore(TimeNs time_ns) const {
   return before;
 }
 
-// Returns floor(k * 1e18 / nanohertz) for k slightly above kMaxInstants at most. The remainder of
-// the division, below 1e15, times k overflows 64 bits; times the thousands of k it does not.
 std::uint64_t OutputInstants::ElapsedNs(std::uint64_t k) const {
-  constexpr std::uint64_t kDividend = std::uint64_t{1'000'000'000} * 1'000'000'000;
-  const std::uint64_t remainder = kDividend % nanohertz_;
-  const std::uint64_t thousands = k / 1000 * remainder;
-  return k * (kDividend / nanohertz_) + thousands / nanohertz_ * 1000 +
-         (thousands % nanohertz_ * 1000 + k % 1000 * remainder) / nanohertz_;
+  return static_cast<std::uint64_t>(kGiga * kGiga * k / nanohertz_);
 }
 
 OutputInstants ResolveOutputTimes(const OutputTimes& times, const Recording& recording) {

@@ -27,11 +27,6 @@ bool IsFinite(const TrajectoryRow& row) {
   return row.position_m.allFinite() && row.velocity_mps.allFinite() && row.sigma_m.allFinite();
 }
 
-// Absolute difference of two times, without overflow.
-std::uint64_t Distance(TimeNs a, TimeNs b) {
-  return static_cast<std::uint64_t>(std::max(a, b)) - static_cast<std::uint64_t>(std::min(a, b));
-}
-
 // Returns the time for which the target may have been undetected beyond one end: as long as missed
 // detections are likelier than `probability`, with the detection rate per frame period of the
 // nearest measurements. Their longest pause is excluded: it may be an occlusion.
@@ -176,7 +171,7 @@ std::optional<TrajectoryRow> RowSampler::Next() {
   ahead_ = Sample();
   for (; support_ != source_.support.end(); ++support_) {
     const TimeNs stamp_ns = support_->stamp_ns;
-    if (ahead_ && Distance(ahead_->time_ns, stamp_ns) < Distance(row->time_ns, stamp_ns)) break;
+    if (ahead_ && std::abs(ahead_->time_ns - stamp_ns) < std::abs(row->time_ns - stamp_ns)) break;
     row->support += support_->returns;
   }
   return row;
@@ -208,7 +203,7 @@ Eigen::Vector3d RowSampler::ViewpointAt(TimeNs time_ns) const {
       [](const TimedViewpoint& viewpoint, TimeNs t) { return viewpoint.time_ns < t; });
   if (at == viewpoints.end() ||
       (at != viewpoints.begin() &&
-       Distance(std::prev(at)->time_ns, time_ns) <= Distance(at->time_ns, time_ns))) {
+       std::abs(std::prev(at)->time_ns - time_ns) <= std::abs(at->time_ns - time_ns))) {
     --at;
   }
   return at->viewpoint_m;

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "trajectory/banded.hpp"
 #include "trajectory/bspline.hpp"
 #include "trajectory/trajectory_fitter.hpp"
 
@@ -25,16 +26,9 @@ SplinePoint SplinePointAt(const Trajectory& trajectory, TimeNs time_ns) {
 }
 
 Eigen::Matrix3d CovarianceOf(const Trajectory& trajectory, const SplinePoint& point) {
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-  for (std::size_t a = 0; a < 4; ++a) {
-    for (std::size_t b = a; b < 4; ++b) {
-      const double weight = point.basis[static_cast<Eigen::Index>(a)] *
-                            point.basis[static_cast<Eigen::Index>(b)] * (a == b ? 0.5 : 1.0);
-      const Eigen::Matrix3d& block = trajectory.covariances_m2[point.first + a][b - a];
-      covariance += weight * (block + block.transpose());
-    }
-  }
-  return covariance;
+  return CovarianceOfPoint(point.basis, [&](int a, int d) {
+    return trajectory.covariances_m2[point.first + Index(a)][Index(d)];
+  });
 }
 
 }  // namespace

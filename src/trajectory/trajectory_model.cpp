@@ -9,6 +9,7 @@
 
 #include "base/square.hpp"
 #include "trajectory/banded.hpp"
+#include "trajectory/bspline.hpp"
 
 namespace unlidar {
 namespace {
@@ -112,14 +113,8 @@ bool SetWeights(const SplineModel& model, const TruncatedLoss& loss, SplineFit& 
 
 Eigen::Matrix3d CovarianceOfSum(int first, const Eigen::Vector4d& basis,
                                 const BandedMatrix& inverse) {
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-  for (int a = 0; a < 4; ++a) {
-    for (int b = a; b < 4; ++b) {
-      const Eigen::Matrix3d block = InverseBlock(inverse, first + a, b - a);
-      covariance += (a == b ? 0.5 : 1.0) * basis[a] * basis[b] * (block + block.transpose());
-    }
-  }
-  return covariance;
+  return CovarianceOfPoint(basis,
+                           [&](int a, int d) { return InverseBlock(inverse, first + a, d); });
 }
 
 TruncatedLoss LossOf(const TrajectoryScales& scales) {

@@ -11,7 +11,7 @@ from unlidar_tools.simulate import Scenario, Simulation, load_scenario, shapes
 from unlidar_tools.simulate.flight import make_path
 from unlidar_tools.simulate.recording import STRAY
 from unlidar_tools.simulate.scenario import Drone, Flight, Fog, Scene, Sensor
-from unlidar_tools.simulate.world import SceneObject
+from unlidar_tools.simulate.world import SceneObject, is_hidden
 
 EMPTY = Scene(random_buildings=0, poles=0, trees=0)
 NAMES = scenario_names()
@@ -351,3 +351,27 @@ def test_every_scenario_shows_its_drone_or_an_empty_sky(name):
     returns = itertools.accumulate((frame.thing >= first).sum() for frame in frames)
     assert any(count > 3 for count in returns)
     assert np.mean([row.in_view for row in simulated.truth()]) > 0.25
+
+
+def crown(centre_m: tuple[float, float, float], size_m: float) -> SceneObject:
+    return SceneObject("crown", np.array(centre_m), np.full(3, size_m), 0.3)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("near", 1), ("fog", 1), ("spinning32", 2), ("two", 2)])
+def test_no_drone_flies_through_a_tree(name, seed):
+    simulated = Simulation(load_scenario(name), seed)
+    time_s = np.arange(0.0, simulated.scenario.duration_s, 0.02)
+    for drone, tree in itertools.product(simulated.drones, things(simulated, "crown")):
+        offset = (drone.centres(time_s) - tree.centres(time_s)) / (tree.size_m / 2)
+        assert np.linalg.norm(offset, axis=1).min() > 1.0
+
+
+def test_a_drone_is_out_of_view_behind_as_many_leaves_as_stop_nine_of_ten_rays():
+    origin, behind = np.zeros(3), np.array([[0.0, 10.0, 0.0]])
+    at = np.zeros(1)
+    for size_m, hides in ((2.2, False), (2.4, True)):  # exp(-2.2) is .111, exp(-2.4) .091
+        assert is_hidden([crown((0, 5, 0), size_m)], origin, behind, at)[0] == hides
+    two = [crown((0, 3, 0), 1.2), crown((0, 6, 0), 1.2)]
+    assert is_hidden(two, origin, behind, at)[0]
+    assert not is_hidden(two[:1], origin, behind, at)[0]
+    assert not is_hidden([crown((0, 15, 0), 5.0)], origin, behind, at)[0]  # farther away

@@ -4,8 +4,8 @@ import numpy as np
 
 from unlidar_tools.simulate.fixtures import fixtures, place, pole
 from unlidar_tools.simulate.flight import Path, make_path, random_path, swaying, undulating
-from unlidar_tools.simulate.scenario import Scenario, Scene
-from unlidar_tools.simulate.world import SceneObject
+from unlidar_tools.simulate.scenario import Flight, Scenario, Scene
+from unlidar_tools.simulate.world import SceneObject, is_clear
 
 _TRUNK_WIDTH_M = 0.35
 _WALKER_SIZE_M = (0.45, 0.45, 1.75)
@@ -20,6 +20,7 @@ _BIRD_REACH_M = 30.0
 _INSECT_WIDTH_M = 0.03  # effective width for beams wider than the insect
 _INSECT_REACH_M = 4.0
 _INSECT_SPEED_MPS = 1.5
+_FLIGHT_TRIES = 200
 _MARGIN_S = 2.0  # paths go on for this long behind the end of the scenario
 
 
@@ -44,14 +45,34 @@ def build_world(scenario: Scenario, rng: np.random.Generator) -> list[SceneObjec
     things += [_insect(scene, time_s, rng) for _ in range(scene.insects)]
     things += fixtures(scene, rng)
     for drone in scenario.drones:
-        path = make_path(drone.flight, time_s, rng)
         size = np.array(drone.size_m)
+        path = _clear_path(drone.flight, things, float(size.max()), time_s, rng)
         things.append(
             SceneObject(
                 "drone", path(np.zeros(1))[0], size, drone.reflectivity, 0.0, drone.fill, path
             )
         )
     return things
+
+
+def _clear_path(
+    flight: Flight,
+    things: list[SceneObject],
+    width_m: float,
+    time_s: float,
+    rng: np.random.Generator,
+) -> Path:
+    """A path that keeps clear of what stands there: no drone flies through a tree.
+
+    Waypoints are taken as they are. Where no draw is clear, as in a box full of trees, the last
+    one is taken.
+    """
+    path = make_path(flight, time_s, rng)
+    for _ in range(_FLIGHT_TRIES):
+        if flight.waypoints or is_clear(things, path, width_m, time_s):
+            break
+        path = make_path(flight, time_s, rng)
+    return path
 
 
 def _random_building(scene: Scene, rng: np.random.Generator) -> SceneObject:

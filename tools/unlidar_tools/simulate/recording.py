@@ -88,7 +88,7 @@ class Simulation:
         """Every drone 50 times a second, drone by drone.
 
         A drone is in view where the field of view of a sensor holds its centre and neither the
-        ground nor a building stands before it. Trees are no hindrance here: they have holes.
+        ground nor a building stands before it, nor as many leaves as stop nine of ten rays.
         """
         steps = np.arange(0, round(self.scenario.duration_s * _NS_PER_S), _TRUTH_STEP_NS)
         for target, drone in enumerate(self.drones):
@@ -97,7 +97,7 @@ class Simulation:
             for sensor in self.scenario.sensors.values():
                 origin = np.array(sensor.position_m)
                 seen = in_field_of_view(MODELS[sensor.model], positions - origin)
-                in_view |= seen & ~is_hidden(self.things, origin, positions)
+                in_view |= seen & ~is_hidden(self.things, origin, positions, steps * 1e-9)
             for time_ns, position, seen in zip(steps, positions, in_view, strict=True):
                 stamp_ns = self.scenario.start_time_s * _NS_PER_S + int(time_ns)
                 yield TruthRow(stamp_ns, target, position, bool(seen))

@@ -17,7 +17,7 @@ def meet_box(
     start: np.ndarray, direction: np.ndarray, size_m: np.ndarray, yaw_rad: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Distance (N,) to a box turned about z by `yaw_rad` (N,), entered from outside; cosine."""
-    start, direction = _turned_back(start, yaw_rad), _turned_back(direction, yaw_rad)
+    start, direction = turned_back(start, yaw_rad), turned_back(direction, yaw_rad)
     direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
     near, far = (-size_m / 2 - start) / direction, (size_m / 2 - start) / direction
     entries, exits = np.minimum(near, far), np.maximum(near, far)
@@ -28,7 +28,7 @@ def meet_box(
     return np.where(hits, entry, MISS), cosine
 
 
-def _turned_back(vectors: np.ndarray, yaw_rad: np.ndarray | float) -> np.ndarray:
+def turned_back(vectors: np.ndarray, yaw_rad: np.ndarray | float) -> np.ndarray:
     """(N, 3) in axes that are turned about z; (3,) where neither has more."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]

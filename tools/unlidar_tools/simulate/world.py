@@ -11,6 +11,8 @@ from unlidar_tools.simulate.flight import Path
 _CROWN_FREE_PATH_M = 1.0  # mean way of a ray into a crown before it meets a leaf
 _PUFF_FREE_PATH_M = 40.0  # of one that has grown to its size; of a small one much less
 _CABLE_WIDTH_M = 0.03
+_HIDDEN_SHARE = 0.1  # of the rays that pass a tree at least, for what is behind to be in view
+_CLEARANCE_STEP_S = 0.1
 _FRAME_SAMPLES = 9  # samples of a moving object's path within a frame
 
 Turn = Callable[[np.ndarray], np.ndarray]  # times in s (N,) -> yaw in rad (N,)
@@ -87,14 +89,57 @@ def cast(
     return hits
 
 
-def is_hidden(things: list[SceneObject], origin_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
-    """(N,) bool: the ground or a building blocks the view from the origin to the target (N, 3)."""
+def is_hidden(
+    things: list[SceneObject], origin_m: np.ndarray, target_m: np.ndarray, time_s: np.ndarray
+) -> np.ndarray:
+    """(N,) bool: the view from the origin to the target (N, 3) at these times (N,) is blocked.
+
+    By the ground or a building, or by crowns that stop nine of ten rays: the share that passes is
+    exp(-way through leaves / free path), the mean of what `cast` draws (Beer-Lambert).
+    """
     way = target_m - origin_m
     length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+    direction = way / length[:, None]
     opaque = [thing for thing in things if thing.kind in ("ground", "building")]
     unused = np.random.default_rng(0)  # opaque objects need no random numbers
-    hits = cast(opaque, origin_m, way / length[:, None], np.zeros(len(way)), unused)
-    return hits.distance_m < length
+    hits = cast(opaque, origin_m, direction, np.zeros(len(way)), unused)
+    leaves_m = np.zeros(len(way))
+    for crown in (thing for thing in things if thing.kind == "crown"):
+        start = origin_m - crown.centres(time_s)
+        entry, leave, _ = shapes.meet_ellipsoid(start, direction, crown.size_m)
+        met = entry < length
+        leaves_m[met] += np.minimum(leave, length)[met] - entry[met]
+    return (hits.distance_m < length) | (np.exp(-leaves_m / _CROWN_FREE_PATH_M) < _HIDDEN_SHARE)
+
+
+def is_clear(things: list[SceneObject], path: Path, distance_m: float, duration_s: float) -> bool:
+    """Whether a path stays clear of all that stands by a distance, over [0, duration_s].
+
+    Things of the kinds ground, building, pole and crown; sampled at a tenth of a second, so that a
+    path of 10 m/s moves by 1 m between two samples.
+    """
+    time_s = np.arange(0.0, duration_s, _CLEARANCE_STEP_S)
+    places_m = path(time_s)
+    return not any(
+        bool(np.any(_is_within(thing, places_m - thing.centres(time_s), distance_m)))
+        for thing in things
+    )
+
+
+def _is_within(thing: SceneObject, offset_m: np.ndarray, distance_m: float) -> np.ndarray:
+    """(N,) bool: an offset (N, 3) from its centre lies in the thing, grown by a distance."""
+    half_m = thing.size_m / 2 + distance_m
+    match thing.kind:
+        case "ground":
+            return offset_m[:, 2] < distance_m
+        case "building":
+            return np.all(np.abs(shapes.turned_back(offset_m, thing.yaw_rad)) < half_m, axis=1)
+        case "pole":
+            across_m = np.hypot(offset_m[:, 0], offset_m[:, 1])
+            return (across_m < half_m[0]) & (np.abs(offset_m[:, 2]) < half_m[2])
+        case "crown":
+            return np.linalg.norm(offset_m / half_m, axis=1) < 1.0
+    return np.zeros(len(offset_m), dtype=bool)
 
 
 def _rays_towards(

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from rejections import rejections
 from ruamel.yaml import YAML
 from synthetic import PROJECT
 from traced_run import BEGIN_NS, SECOND_NS
 from unlidar_tools.explain.evidence import Collector, Evidence, PathThere
-from unlidar_tools.explain.stages import GATES, MEANINGS, runs_of, shares_of, stage_of
+from unlidar_tools.explain.stages import GATES, MEANINGS, RULES, runs_of, shares_of, stage_of
 from unlidar_tools.explain.targets import Reach, targets_of
 from unlidar_tools.truth import Tracks, Truth
 
@@ -31,7 +32,10 @@ EVIDENCE = st.builds(
     Evidence, frames=COUNTS, returns=COUNTS, bodies=COUNTS, detections=COUNTS, rows_near=COUNTS,
     path=PATHS,
 )  # fmt: skip
-ORDER = ("no", "structure", "body", "detection", "path", "gate", "track", "found")
+UNSEARCHED = st.builds(lambda n: Evidence(detections=n, unsearched=n), st.integers(1, 3))
+ORDER = (
+    "no", "structure", "body", "unsearched", "detection", "path", "gate", "track", "found",
+)  # fmt: skip
 
 
 def rank(evidence: Evidence) -> int:
@@ -59,7 +63,7 @@ def with_path(score: float, rejection: str | None) -> Evidence:
     return Evidence(path=PathThere(3, score, 0.0, 16.0, rejection))
 
 
-@given(EVIDENCE, EVIDENCE)
+@given(EVIDENCE | UNSEARCHED, EVIDENCE | UNSEARCHED)
 @example(with_path(30.0, "below_threshold"), with_path(20.0, "crowded"))
 @example(with_path(30.0, "crowded"), with_path(20.0, None))
 def test_more_evidence_never_loses_a_target_earlier(one, other) -> None:
@@ -100,16 +104,33 @@ def test_every_meaning_names_keys_and_pages_that_are_there() -> None:
         assert not anchor or anchor in heads, meaning.page
 
 
-def test_every_stage_and_every_gate_has_a_row_on_the_page() -> None:
-    page = (PROJECT / "docs/explain.md").read_text().partition("## The trace")[0]
-    rows = set(re.findall(r"^\| `([a-z_ ]+)` \|", page, re.MULTILINE))
-    assert rows == {*MEANINGS, *GATES}
+def rows_of(section: str) -> list[list[str]]:
+    """The cells of a table of docs/explain.md whose rows begin with a name."""
+    page = (PROJECT / "docs/explain.md").read_text().partition(f"## {section}\n")[2]
+    page = page.partition("\n## ")[0]
+    return [line[2:-2].split(" | ") for line in page.splitlines() if line.startswith("| `")]
 
 
-def test_every_rule_of_the_program_that_refuses_a_path_has_a_meaning() -> None:
-    header = PROJECT / "src/tracking/rejection.hpp"
-    if not header.is_file():
-        pytest.skip("the program names no rules yet")
-    names = re.findall(r"^\s+k([A-Z]\w+)", header.read_text(), re.MULTILINE)
-    spelled = {re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower() for name in names}
-    assert spelled - {"none"} == {"below_threshold", *GATES}
+def test_every_stage_and_every_rule_has_a_row_on_the_page() -> None:
+    assert {row[0].strip("`") for row in rows_of("Stages")} == {*MEANINGS, "gate NAME"}
+    assert {row[0].strip("`") for row in rows_of("Gates")} == rejections()
+
+
+def test_every_rule_of_the_program_has_a_meaning_or_its_stage() -> None:
+    assert {*RULES, *GATES} == rejections() and not {*RULES} & {*GATES}
+    assert {*RULES.values()} <= {*MEANINGS}
+
+
+def test_every_rule_that_is_disabled_by_name_is_on_the_page() -> None:
+    keys = (PROJECT / "src/config/config_keys.hpp").read_text()
+    names = set(re.findall(r'\{"(\w+)", Rule::', keys))
+    page = (PROJECT / "docs/explain.md").read_text()
+    of_gates = {rule for row in rows_of("Gates") for rule in re.findall(r"rule `(\w+)`", row[-1])}
+    others = set(re.findall(r"^- `(\w+)`:", page, re.MULTILINE))
+    assert of_gates | others == names
+    spelled_out = YAML(typ="safe").load(PROJECT / "configs/default.yaml")["robust"]
+    assert spelled_out["disabled_rules"] == []
+    text = (PROJECT / "configs/default.yaml").read_text()
+    listed = re.search(r"# Rules that are not applied.*?\n  disabled_rules", text, re.DOTALL)
+    assert listed is not None
+    assert names <= set(re.findall(r"\w+", listed[0]))

@@ -565,7 +565,6 @@ def test_a_sensor_that_the_config_does_not_name_is_said(
         (["--stdin", "--at", "stamps.csv"], "--at stamps.csv: not with --stdin"),
         (["--stdin", "--clusters", "c.csv"], "--clusters c.csv: not with --stdin"),
         (["--stdin", "--points", "p.pcd"], "--points p.pcd: not with --stdin"),
-        (["--stdin", "--trace", "t.jsonl"], "--trace t.jsonl: not with --stdin"),
         (["--stdin", "--format", "tum"], "--format tum: not with --stdin"),
         (["--stdin", "--rate", "0"], "--rate '0'"),
         (["--follow", "--frames", "f", "--at", "s"], "--at s: not with --follow"),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rejections import rejections
 from synthetic import (
     Flight,
     make_flight,
@@ -18,12 +19,6 @@ from synthetic import (
     write_frames,
     write_pcd,
 )
-
-REJECTIONS = {
-    "below_threshold", "too_few_detections", "near_ground", "weak_return", "crowded",
-    "part_of_another_track", "shares_returns", "single_measurement", "suspended",
-    "clutter_returns", "cloud", "insect",
-}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +58,7 @@ def test_every_frame_is_traced_once_and_every_path_has_its_reason(
     assert kinds["header"][0]["sensors"] == [frame["sensor"] for frame in kinds["frame"][:1]]
     stamps = [frame["stamp"] for frame in kinds["frame"]]
     assert stamps == [f"{s // 10**9}.{s % 10**9:09d}" for s in flight.stamps_ns]
-    assert {path["rejection"] for path in kinds["path"]} <= REJECTIONS | {None}
+    assert {path["rejection"] for path in kinds["path"]} <= rejections() | {None}
     tracks = read_traj(tmp_path / "traj.csv")
     assert len(accepted(kinds)) == len(set(tracks.track_id))
     for path in kinds["path"]:

@@ -87,21 +87,26 @@ struct CollectConfig {
   double sensor_delay_s = 0.05;
 };
 
-// Rules that can be switched off for an ablation; docs/explain.md has the reason for each.
+// Rules that can be switched off for an ablation, [R] of recordings or [S] of streams only;
+// docs/explain.md has the reason for each.
 enum class Rule {
-  kTransient,        // transient places high in the air have no hidden support
-  kPermutationNull,  // the threshold also exceeds the clutter with its frames in random order
-  kDwell,            // dwells before take-off and after landing belong to the path
-  kSpots,            // returns are weighed against the clutter of their very spots
-  kAlternatives,     // sigmas include alternative modes
+  kTransient,        // [R] transient places high in the air have no hidden support
+  kPermutationNull,  // [R] the threshold also exceeds clutter with its frames in random order
+  kDwell,            // [R] dwells before take-off and after landing belong to the path
+  kSpots,            // [R] returns are weighed against the clutter of their very spots
+  kAlternatives,     // [R] sigmas include alternative modes
   kFrameLength,      // length of frames without point times, estimated from streaks
-  kCrowded,          // penalty for other detections near a path at the same time
-  kBodies,           // people and vehicles yield no plots (streams, too)
+  kCrowded,          // other detections near a path at the same time count against it
+  kBodies,           // people and vehicles yield no plots
   kLocalClutter,     // the clutter intensity is estimated in narrowing neighbourhoods
-  kSecondRound,      // targets of a first search are left out of the clutter of a second
-  kCollection,       // all returns along a path are collected, not only those of its plots
-  kSuspended,        // gates: suspended objects,
-  kClutterReturns,   // returns that clutter explains better,
+  kSecondRound,      // [R] targets of a first search are left out of the clutter of a second
+  kCollection,       // [R] all returns along a path are collected, not only those of its plots
+  kClutterLearning,  // [S] the threshold is higher while the clutter is hardly known
+  kPause,            // gates: [S] plots before a pause,
+  kStationary,       // [S] supported objects at rest,
+  kSurge,            // [S] plots while the clutter changes,
+  kSuspended,        // suspended objects,
+  kClutterReturns,   // [R] returns that clutter explains better,
   kCloud,            // steam, smoke, dust,
   kInsect            // targets narrower than any drone
 };
@@ -115,7 +120,7 @@ struct RobustConfig {
   double off_ground_m = 2.0;       // a target is higher above ground,
   double off_ground_share = 0.42;  // for this share of its plots
   double min_return_rate_m2_per_s = 150.0;  // an insect returns less
-  std::vector<Rule> disabled_rules;         // recordings only, for ablations
+  std::vector<Rule> disabled_rules;         // for ablations
   BackgroundConfig background;
   SupportConfig support;
   PlotConfig plots;

@@ -26,9 +26,6 @@ constexpr milliseconds kReaderPollInterval(100);
 // Time granted to a reader that takes nothing before the program ends without it.
 constexpr milliseconds kReaderTimeout(1000);
 
-// Far longer than any line of an output.
-constexpr std::size_t kMaxLineBytes = std::size_t{1} << 16;
-
 bool IsFullDisk(int error) { return error == ENOSPC || error == EDQUOT; }
 
 ssize_t WriteOnce(int fd, std::string_view bytes) {
@@ -166,7 +163,7 @@ void GrowingFile::ReadLines() {
       line.clear();
     }
     line.append(rest);
-    if (line.size() > kMaxLineBytes) Fail("it has a line that is none of this output");
+    if (line.size() > format_.max_line_bytes) Fail("it has a line that is none of this output");
   }
   if (line.empty()) return;
   note_(path_ + ": its last line was not finished and is cut off");

@@ -30,6 +30,7 @@ class GrowingFile {
   struct Format {
     std::string header;      // first line of a new file, with its newline; may be empty
     std::string first_text;  // what every file of this kind begins with
+    std::size_t max_line_bytes = std::size_t{1} << 16;  // far longer than any line of it
   };
 
   // `path`: `-` is stdout. `on_line` gets each line that is there but the header, with its number,

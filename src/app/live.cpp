@@ -11,6 +11,7 @@
 #include "app/live_intake.hpp"
 #include "app/live_output.hpp"
 #include "app/live_sources.hpp"
+#include "app/live_trace_output.hpp"
 #include "app/output.hpp"
 #include "app/output_files.hpp"
 #include "app/service_notify.hpp"
@@ -45,6 +46,12 @@ RowTimes EarlierRows(const Config& config) {
   return {is_endless ? 2 * kMaxStampNs : held_ns + NsOf(late_s), NsSinceEpoch(now)};
 }
 
+std::optional<LiveTraceOutput> TraceOutputOf(const Arguments& arguments, Signals& signals,
+                                             const std::function<void(const std::string&)>& note) {
+  if (arguments.trace.empty()) return std::nullopt;
+  return std::optional<LiveTraceOutput>(std::in_place, arguments.trace, signals, note);
+}
+
 // Main loop: wait for the source, read, write the results.
 class LiveRun {
  public:
@@ -54,7 +61,8 @@ class LiveRun {
         config_(config),
         output_(arguments.out, arguments.events, EarlierRows(config), signals_, note),
         reporter_(output_, service_, note),
-        intake_(arguments, output_times, config, reporter_) {
+        trace_(TraceOutputOf(arguments, signals_, note)),
+        intake_(arguments, output_times, config, reporter_, trace_ ? trace_->Sink() : nullptr) {
     output_.KeepOnlyDrones(arguments.only_drones, HoldNs(config.live));
   }
 
@@ -107,20 +115,27 @@ class LiveRun {
     service_.SendHeartbeat();
     std::vector<pollfd> fds = {{source_->fd(), POLLIN, 0}};
     for (const int reader : output_.reader_fds()) fds.push_back({reader, 0, 0});
+    if (trace_ && trace_->reader_fd() >= 0) fds.push_back({trace_->reader_fd(), 0, 0});
     fds = signals_.Wait(fds, source_->is_idle() ? kPollInterval : std::chrono::milliseconds(0));
     if (std::any_of(fds.begin() + 1, fds.end(), [](const pollfd& f) { return f.revents != 0; })) {
       throw OutputError("the reader of an output has left");
     }
-    if (signals_.ShouldReopen()) output_.Reopen();
+    if (signals_.ShouldReopen()) Reopen();
     output_.Flush();
     if (signals_.ShouldEnd()) return std::nullopt;
     return fds.front().revents != 0;
+  }
+
+  void Reopen() {
+    output_.Reopen();
+    if (trace_) trace_->Reopen();
   }
 
   void Close() {
     service_.ReportStopping();
     intake_.Close();
     output_.Close();
+    if (trace_) trace_->Close();
   }
 
   const Arguments& arguments_;
@@ -129,6 +144,7 @@ class LiveRun {
   ServiceNotifier service_;
   LiveOutput output_;
   LiveEventReporter reporter_;
+  std::optional<LiveTraceOutput> trace_;
   LiveIntake intake_;
   std::unique_ptr<LiveSource> source_;
 };
@@ -197,6 +213,9 @@ std::string TrackLive(const Arguments& arguments, const OutputTimes& output_time
   if (arguments.events == "-" && ResolvedPath(arguments.out) == ResolvedPath("/dev/stdout")) {
     throw UsageError("--out " + arguments.out +
                      ": stdout holds nothing but the events (--events -), expected a file");
+  }
+  if (!arguments.trace.empty() && std::isinf(config.live.delay_s)) {
+    throw ConfigError("live.delay_s: 'inf', expected a finite delay with --trace");
   }
   CheckNames(arguments.sources);
   LiveRun run(arguments, output_times, config, note);

@@ -27,7 +27,7 @@ std::vector<std::string> NamesOf(const std::vector<FrameSource>& sources) {
 }  // namespace
 
 LiveIntake::LiveIntake(const Arguments& arguments, const OutputTimes& output_times,
-                       const Config& config, LiveEventReporter& reporter)
+                       const Config& config, LiveEventReporter& reporter, LiveTraceSink trace)
     : sources_(arguments.sources),
       config_(config),
       reporter_(reporter),
@@ -35,7 +35,7 @@ LiveIntake::LiveIntake(const Arguments& arguments, const OutputTimes& output_tim
           config, NamesOf(arguments.sources), output_times,
           [this](const EngineEvent& event) { reporter_.Take(event, Progress()); }, EmitTracksOf,
           arguments.livox.empty() ? std::nullopt : std::make_optional(TimeReading::kOffset),
-          !arguments.livox.empty()),
+          !arguments.livox.empty(), std::move(trace)),
       skips_bad_frames_(config.input.skip_bad_frames || !arguments.livox.empty()),
       why_skipped_(arguments.livox.empty() ? " (input.skip_bad_frames)" : ""),
       pace_(Seconds(config.live.overload_s)) {

@@ -28,9 +28,9 @@ class LiveIntake {
   using Clock = FramePace::Clock;
 
   // With folders the sensors are those of the arguments, otherwise they are added as they appear.
-  // All arguments must outlive it. Throws ConfigError.
+  // All arguments but `trace`, which may be empty, must outlive it. Throws ConfigError.
   LiveIntake(const Arguments& arguments, const OutputTimes& output_times, const Config& config,
-             LiveEventReporter& reporter);
+             LiveEventReporter& reporter, LiveTraceSink trace);
   LiveIntake(const LiveIntake&) = delete;
   LiveIntake& operator=(const LiveIntake&) = delete;
 

@@ -48,7 +48,7 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector
   }
   const Plot& first = flight.plots.front().plot;
   const RobustConfig& robust = config.robust;
-  TrackFollower follower(back, models, robust.tracker, robust.collect);
+  TrackFollower follower(back, models, robust);
   const auto num_floating = std::count_if(flight.plots.begin(), flight.plots.end(),
                                           [](const LivePlot& one) { return one.plot.is_floating; });
   const bool floats = 2 * static_cast<std::size_t>(num_floating) >= flight.plots.size();
@@ -72,7 +72,10 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector
     }
     end = begin;
     if (plots.empty()) continue;
-    if (plots[0].plot.frame_time_ns - follower.last_evidence_ns() > NsOf(kLongPauseS)) break;
+    if (robust.Uses(Rule::kPause) &&
+        plots[0].plot.frame_time_ns - follower.last_evidence_ns() > NsOf(kLongPauseS)) {
+      break;
+    }
     follower.Extend(plots, std::vector<char>(plots.size(), 1),
                     FrameTimeInReverse(seen[begin].plot, frame_times, num_frames));
   }

@@ -22,13 +22,15 @@ constexpr double kMinClaimGain = 0.0;  // a plot above this gain is assigned to 
 }  // namespace
 
 ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackModel>& models,
-                                 OutputTimes output_times, EngineCallback on_event)
+                                 OutputTimes output_times, EngineCallback on_event,
+                                 LiveTrace& trace)
     : config_(config),
       models_(models),
       instants_(std::move(output_times), NsOf(config.live.silent_s)),
       fitter_(config.trajectory),
-      validator_(config.live.window_s),
-      on_event_(std::move(on_event)) {}
+      validator_(config.robust, config.live.window_s),
+      on_event_(std::move(on_event)),
+      trace_(trace) {}
 
 // Returns of a place since the track arrived there are not clutter to that track.
 void ConfirmedTracks::SetAdaptedPlots(const std::vector<LivePlot>& plots, Track* track) {
@@ -65,6 +67,12 @@ const std::vector<char>& ConfirmedTracks::Extend(const std::vector<LivePlot>& pl
   return are_free_;
 }
 
+std::optional<int> ConfirmedTracks::TrackOf(std::size_t plot) const {
+  const Claim& claim = claims_[plot];
+  if (claim.gain <= kMinClaimGain) return std::nullopt;
+  return tracks_[claim.track].number;
+}
+
 bool ConfirmedTracks::HasTrackAt(const Eigen::Vector3d& place_m, double dwell_begin_s,
                                  double time_s) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
@@ -84,18 +92,20 @@ bool ConfirmedTracks::HasTrackOf(const Flight& flight) const {
   });
 }
 
-bool ConfirmedTracks::Initiate(const Flight& flight, double score_threshold,
-                               const std::function<Flight(const Flight&)>& with_history) {
+ConfirmedTracks::Initiation ConfirmedTracks::Initiate(
+    const Flight& flight, double score_threshold,
+    const std::function<Flight(const Flight&)>& with_history) {
   const auto follow = [&](const Flight& its) {
-    return std::make_unique<TrackFollower>(its, models_, config_.robust.tracker,
-                                           config_.robust.collect);
+    return std::make_unique<TrackFollower>(its, models_, config_.robust);
   };
-  if (follow(flight)->score() < score_threshold) return false;
-  if (HasTrackOf(flight)) return true;
-  tracks_.emplace_back();
-  tracks_.back().follower = follow(with_history(flight));
-  tracks_.back().number = next_number_++;
-  return true;
+  const double score = follow(flight)->score();
+  if (score < score_threshold) return {Rejection::kBelowThreshold, score};
+  if (HasTrackOf(flight)) return {Rejection::kPartOfAnotherTrack, score};
+  Track& track = tracks_.emplace_back();
+  track.follower = follow(with_history(flight));
+  track.number = next_number_++;
+  Trace(track, TrackState::kInitiated, Rejection::kNone);
+  return {Rejection::kNone, score, track.number};
 }
 
 void ConfirmedTracks::Judge(const std::vector<LivePlot>& seen, double time_s) {
@@ -103,10 +113,12 @@ void ConfirmedTracks::Judge(const std::vector<LivePlot>& seen, double time_s) {
     TrackFollower& follower = *track->follower;
     if (!track->verdict || time_s >= track->verdict->next_judgement_s) {
       if (!track->is_reported) follower.Fit(fitter_);
+      const std::optional<TrackValidator::Verdict> before = track->verdict;
       track->verdict = validator_.Judge(track->number, follower, track->is_reported, seen, time_s,
                                         track->verdict);
+      TraceVerdict(*track, before);
     }
-    if (track->is_reported && track->verdict->is_rejected) {
+    if (track->is_reported && track->verdict->is_final) {
       ReportEnd(*track);
       track = tracks_.erase(track);
     } else {
@@ -133,6 +145,7 @@ const std::vector<LivePlot>& ConfirmedTracks::EndLost(TimeNs lost_ns, TimeNs sea
     }
     EmitRowsOf(&*track, searched_ns, searched_ns, kExtrapolatedSigmaShare);
     ReportEnd(*track);
+    Trace(*track, TrackState::kDeleted, Rejection::kLost);
     track = tracks_.erase(track);
   }
   return settled_;
@@ -143,6 +156,7 @@ void ConfirmedTracks::Close(TimeNs newest_ns) {
   for (Track& track : tracks_) {
     EmitRowsOf(&track, std::numeric_limits<TimeNs>::max() / 2, newest_ns, 1.0);
     ReportEnd(track);
+    Trace(track, TrackState::kDeleted, Rejection::kNone);
   }
   tracks_.clear();
 }
@@ -157,6 +171,26 @@ void ConfirmedTracks::Forget(TimeNs oldest_ns) {
 void ConfirmedTracks::ReportEnd(const Track& track) {
   if (!track.is_reported) return;
   on_event_(TrackEnded{track.id, track.follower->last_evidence_ns(), track.kind.kind()});
+}
+
+// Unless it is that of `before`.
+void ConfirmedTracks::TraceVerdict(const Track& track,
+                                   const std::optional<TrackValidator::Verdict>& before) {
+  const Rejection rejection = track.verdict->rejection;
+  const bool is_final = track.verdict->is_final;
+  if (rejection == Rejection::kNone) return;
+  if (before && before->rejection == rejection && before->is_final == is_final) return;
+  Trace(track, is_final ? TrackState::kRejected : TrackState::kWaiting, rejection);
+}
+
+void ConfirmedTracks::Trace(const Track& track, TrackState state, Rejection rejection) {
+  TracedTrack traced;
+  traced.number = track.number;
+  traced.state = state;
+  traced.rejection = rejection;
+  traced.first_evidence_ns = track.follower->first_evidence_ns();
+  traced.last_evidence_ns = track.follower->last_evidence_ns();
+  trace_.AddTrack(traced);
 }
 
 // Interval in which the target existed, same as ExistenceInterval(), without the part reported.
@@ -179,7 +213,7 @@ TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) co
 // that they settle to settled_.
 void ConfirmedTracks::EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns,
                                  double extrapolated_share) {
-  if (!track->verdict || !track->verdict->is_drone) {
+  if (!track->verdict || track->verdict->rejection != Rejection::kNone) {
     unreported_.clear();
     track->follower->Settle(until_ns - NsOf(kMaxUnreportedS), &unreported_);
     return;
@@ -200,6 +234,7 @@ void ConfirmedTracks::EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns
     track->emitted_until_ns = source_.presence.begin_ns - 1;
     track->id = next_id_++;
     on_event_(TrackConfirmed{track->id, follower.first_evidence_ns(), kind});
+    Trace(*track, TrackState::kConfirmed, Rejection::kNone);
   }
   source_.track_id = track->id;
   RowSampler rows(source_, due_);

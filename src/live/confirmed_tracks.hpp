@@ -10,8 +10,10 @@
 #include "base/recording.hpp"
 #include "live/live_instants.hpp"
 #include "live/live_plot.hpp"
+#include "live/live_trace.hpp"
 #include "live/track_follower.hpp"
 #include "live/track_validator.hpp"
+#include "tracking/rejection.hpp"
 #include "tracking/track_model.hpp"
 #include "trajectory/kind.hpp"
 #include "unlidar/config.hpp"
@@ -22,9 +24,9 @@ namespace unlidar {
 // Events of a track: confirmation, before its first row; its rows; its end.
 class ConfirmedTracks {
  public:
-  // `config` and `models` (one per agility, see TrackFollower) must outlive it.
+  // `config`, `models` (one per agility, see TrackFollower) and `trace` must outlive it.
   ConfirmedTracks(const Config& config, const std::vector<TrackModel>& models,
-                  OutputTimes output_times, EngineCallback on_event);
+                  OutputTimes output_times, EngineCallback on_event, LiveTrace& trace);
 
   // The shortest of the sensors' frame periods.
   void SetPeriod(TimeNs period_ns) { period_ns_ = period_ns; }
@@ -37,13 +39,23 @@ class ConfirmedTracks {
   // explains them better than clutter, so they may belong to another target.
   const std::vector<char>& Extend(const std::vector<LivePlot>& plots, const FrameTime& at);
 
+  // Returns the number of the track to which Extend() assigned a plot, if any. To be called before
+  // tracks begin or end.
+  std::optional<int> TrackOf(std::size_t plot) const;
+
   // True if a track was at a place at `dwell_begin_s` and is predicted to be there at `time_s`.
   bool HasTrackAt(const Eigen::Vector3d& place_m, double dwell_begin_s, double time_s) const;
 
-  // Starts a track from a flight, unless a track has it already. Returns false if its track score
-  // is below `score_threshold`. `with_history`: returns the flight with its earlier plots.
-  bool Initiate(const Flight& flight, double score_threshold,
-                const std::function<Flight(const Flight&)>& with_history);
+  // kBelowThreshold: its score is below the threshold; kPartOfAnotherTrack: a track has it already.
+  struct Initiation {
+    Rejection rejection = Rejection::kNone;
+    double score = 0.0;  // of the flight
+    std::optional<int> track = {};
+  };
+
+  // Starts a track from a flight. `with_history`: returns the flight with its earlier plots.
+  Initiation Initiate(const Flight& flight, double score_threshold,
+                      const std::function<Flight(const Flight&)>& with_history);
 
   // Validates the tracks against recent plots, `seen` in order of frames. A track that may not be a
   // drone is followed without rows; a reported one that proves to be a cloud or an insect ends.
@@ -61,8 +73,10 @@ class ConfirmedTracks {
   void Close(TimeNs newest_ns);
 
   // Tracks of one engine never share a number.
-  int next_id() const { return next_id_; }
-  void NumberFrom(int id) { next_id_ = id; }
+  void ContinueNumbers(const ConfirmedTracks& earlier) {
+    next_id_ = earlier.next_id_;
+    next_number_ = earlier.next_number_;
+  }
 
   // Forgets the output times before `oldest_ns` whose rows have been emitted.
   void Forget(TimeNs oldest_ns);
@@ -89,6 +103,8 @@ class ConfirmedTracks {
   static void SetAdaptedPlots(const std::vector<LivePlot>& plots, Track* track);
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
   void ReportEnd(const Track& track);
+  void Trace(const Track& track, TrackState state, Rejection rejection);
+  void TraceVerdict(const Track& track, const std::optional<TrackValidator::Verdict>& before);
   void EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns, double extrapolated_share);
 
   const Config& config_;
@@ -106,6 +122,7 @@ class ConfirmedTracks {
   OutputInstants due_;
   RowSource source_;
   EngineCallback on_event_;
+  LiveTrace& trace_;
   TimeNs period_ns_ = std::numeric_limits<TimeNs>::max();
   int next_id_ = 0;
   int next_number_ = 0;

@@ -20,6 +20,7 @@ BinRange Recent(std::uint32_t bin) { return {bin + 1 - std::min(bin + 1, kRecent
 LiveClutter::LiveClutter(const RobustConfig& config, double window_s)
     : place_(config.background.place),
       window_bins_(window_s / kBinS),
+      num_levels_(config.Uses(Rule::kLocalClutter) ? ClutterMap::kNumLevels : 1),
       static_places_(config.background.place) {}
 
 LiveClutter::Sensor& LiveClutter::SensorAt(std::uint32_t sensor) {
@@ -62,7 +63,8 @@ void LiveClutter::Judge(const Support& support, std::uint32_t sensor, std::uint3
   for (LivePlot& seen : *plots) {
     Plot& plot = seen.plot;
     const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
-    const double rate = RateAtOtherTimes(clutter_.LevelsAt(sensor, place_m, bin), frames);
+    const double rate =
+        RateAtOtherTimes(clutter_.LevelsAt(sensor, place_m, bin), frames, 0, num_levels_);
     seen.log_surrounding_clutter = plot.log_clutter = std::log(rate);
     if (plot.is_floating) continue;
     // method.md (3) and (4): a plot of a dwell is predicted by those before it.

@@ -68,6 +68,7 @@ class LiveClutter {
 
   RangeRadius place_;
   double window_bins_;
+  std::size_t num_levels_;  // of the clutter map
   bool is_blinded_ = false;
   std::uint32_t lookahead_frames_ = 0;  // that are not judged yet
   std::uint32_t forgotten_bins_ = 0;    // earlier ones are forgotten

@@ -21,7 +21,7 @@ void CheckLive(const Config& config) {
 LiveEngine::LiveEngine(const Config& config, const std::vector<std::string>& sensors,
                        OutputTimes output_times, EngineCallback on_event,
                        RecordingTracker track_recording, std::optional<TimeReading> reading,
-                       bool are_metres)
+                       bool are_metres, LiveTraceSink trace)
     : config_(config),
       output_times_(std::move(output_times)),
       on_event_(std::move(on_event)),
@@ -29,7 +29,8 @@ LiveEngine::LiveEngine(const Config& config, const std::vector<std::string>& sen
       reading_(reading),
       are_metres_(are_metres),
       is_endless_(std::isinf(config_.live.delay_s)),
-      tracker_(std::make_unique<LiveTracker>(config_, output_times_, on_event_)),
+      trace_(std::move(trace)),
+      tracker_(std::make_unique<LiveTracker>(config_, output_times_, on_event_, trace_)),
       stamps_(config_.live) {
   for (const std::string& name : sensors) AddSensor(name);
 }
@@ -207,8 +208,8 @@ bool LiveEngine::IsBeyondWindow(TimeNs stamp_ns) const {
 // Starts a new stream: the frames so far are unrelated to those that follow.
 void LiveEngine::Restart() {
   EndTracks();
-  auto tracker = std::make_unique<LiveTracker>(config_, output_times_, on_event_);
-  tracker->NumberFrom(tracker_->next_id());
+  auto tracker = std::make_unique<LiveTracker>(config_, output_times_, on_event_, trace_);
+  tracker->ContinueNumbers(*tracker_);
   tracker_ = std::move(tracker);
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     Sensor fresh(FramesOf(i, sensors_[i].frames.info().name));

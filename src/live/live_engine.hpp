@@ -50,12 +50,14 @@ using RecordingTracker =
 
 // Same as Engine. `track_recording`: called if live.delay_s is infinite. `reading`: how point times
 // are read; found from the frames by default. `are_metres`: the source states that its unit is the
-// metre, so ranges are not used to check it.
+// metre, so ranges are not used to check it. `trace`: receives measurements and decisions, unless
+// live.delay_s is infinite.
 class LiveEngine {
  public:
   LiveEngine(const Config& config, const std::vector<std::string>& sensors,
              OutputTimes output_times, EngineCallback on_event, RecordingTracker track_recording,
-             std::optional<TimeReading> reading = std::nullopt, bool are_metres = false);
+             std::optional<TimeReading> reading = std::nullopt, bool are_metres = false,
+             LiveTraceSink trace = nullptr);
 
   std::uint32_t AddSensor(const std::string& name);
 
@@ -131,6 +133,7 @@ class LiveEngine {
   std::optional<TimeReading> reading_;
   bool are_metres_;
   bool is_endless_;
+  LiveTraceSink trace_;
   std::vector<Sensor> sensors_;
   WaitingFrames waiting_;
   std::unique_ptr<LiveTracker> tracker_;

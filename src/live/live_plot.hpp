@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "scene/plots.hpp"
+#include "tracking/rejection.hpp"
 #include "tracking/track_model.hpp"
 
 namespace unlidar {
@@ -29,6 +30,12 @@ struct Flight {
   std::vector<FrameTime> frame_times;  // (plots)
   double log_birth = 0.0;              // of the first plot, same as LogBirths
   bool starts_new_target = false;      // earlier plots belong to another object
+};
+
+// Leading plots of a path that a rule cuts off: they belong to no flight.
+struct PathCut {
+  Rejection rule = Rejection::kNone;
+  std::size_t num_plots = 0;
 };
 
 }  // namespace unlidar

@@ -23,8 +23,8 @@ LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config
       scene(config.robust),
       clutter(config.robust, config.live.window_s) {}
 
-LiveScene::LiveScene(const Config& config)
-    : config_(config), snapshot_interval_ns_(kFirstRefitNs) {}
+LiveScene::LiveScene(const Config& config, bool is_traced)
+    : config_(config), is_traced_(is_traced), snapshot_interval_ns_(kFirstRefitNs) {}
 
 Eigen::Vector3f LiveScene::AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m) {
   const std::size_t station = stations_.Add(sensor, origin_m);
@@ -112,6 +112,7 @@ void LiveScene::WarmUp() {
 // not searched, and those of another warm-up period are used for clutter only.
 void LiveScene::WarmUpLate(Station* station) {
   station->search_from_ns = front_ns_ + kWarmUpNs;
+  station->learning = Rejection::kWarmUp;
   learning_since_ns_ = station->begin_ns;
   station->scene.Fit(&fit_workspace_);
 }
@@ -174,6 +175,12 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
   held->info = frame.frames[0];
   held->bin = static_cast<std::uint32_t>(bin);
   held->plots.clear();
+  held->bodies_m.clear();
+  if (is_traced_) {
+    for (const std::uint32_t i : found.body_returns) {
+      held->bodies_m.push_back(frame.points_m[i] + station.viewpoint_m);
+    }
+  }
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
     LivePlot seen;
     seen.plot = found.plots[p];
@@ -214,11 +221,16 @@ bool LiveScene::Next(TimeNs until_ns, SceneFrame* frame) {
 }
 
 void LiveScene::RemoveBodies(SceneFrame* frame) {
-  const Queue<BodyBox>& bodies = StationOf(frame->info.sensor).bodies;
+  const Station& station = StationOf(frame->info.sensor);
   std::vector<LivePlot>& plots = frame->plots;
-  plots.erase(std::remove_if(plots.begin(), plots.end(),
-                             [&](const LivePlot& seen) { return IsNearBody(seen.plot, bodies); }),
-              plots.end());
+  const auto is_near_body = [&](const LivePlot& seen) {
+    if (!IsNearBody(seen.plot, station.bodies)) return false;
+    if (is_traced_) {
+      frame->bodies_m.push_back(seen.plot.position_m.cast<float>() + station.viewpoint_m);
+    }
+    return true;
+  };
+  plots.erase(std::remove_if(plots.begin(), plots.end(), is_near_body), plots.end());
 }
 
 // True if the number of plots has risen so much that the clutter model no longer holds, as when
@@ -243,15 +255,16 @@ void LiveScene::Judge(SceneFrame* frame) {
   const TimeNs oldest_ns = middle_ns - 2 * NsOf(kBodyMarginS);
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
   RemoveBodies(frame);
-  if (IsSurge(*frame)) {
+  if (IsSurge(*frame) && config_.robust.Uses(Rule::kSurge)) {
     station.clutter.Restart(frame->bin);
     station.search_from_ns = middle_ns + kWarmUpNs;
+    station.learning = Rejection::kSurge;
     learning_since_ns_ = middle_ns;
   }
-  frame->is_searched = middle_ns >= station.search_from_ns;
+  frame->rejection = middle_ns >= station.search_from_ns ? Rejection::kNone : station.learning;
   frame->observed_s = frame->time_s - SecondsOf(learning_since_ns_);
   // Frames of the warm-up are searched after it.
-  if (frame->is_searched) {
+  if (frame->is_searched()) {
     frame->observed_s = std::max(frame->observed_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
   }
   station.clutter.Judge(station.scene.support(), frame->info.sensor, frame->bin, &frame->plots);

@@ -14,6 +14,7 @@
 #include "live/live_plot.hpp"
 #include "scene/station_scene.hpp"
 #include "scene/stations.hpp"
+#include "tracking/rejection.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -22,10 +23,14 @@ namespace unlidar {
 struct SceneFrame {
   FrameInfo info;
   std::uint32_t bin = 0;
-  double time_s = 0.0;          // middle, since the start of the first frame
-  double observed_s = 0.0;      // time_s since the youngest station began
-  bool is_searched = false;     // false: used for clutter only, its station is still learning
-  std::vector<LivePlot> plots;  // in common coordinates, with clutter intensity
+  double time_s = 0.0;      // middle, since the start of the first frame
+  double observed_s = 0.0;  // time_s since the youngest station began
+  // kWarmUp, kSurge: used for clutter only, its station is still learning; otherwise it is searched
+  Rejection rejection = Rejection::kNone;
+  std::vector<LivePlot> plots;            // in common coordinates, with clutter intensity
+  std::vector<Eigen::Vector3f> bodies_m;  // if traced: returns of bodies, and plots beside them
+
+  bool is_searched() const { return rejection == Rejection::kNone; }
 };
 
 // Warm-up: the scene is learned before detections are scored.
@@ -35,8 +40,8 @@ inline constexpr TimeNs kWarmUpNs = 3'000'000'000;
 // is warm, is made into plots, and is held until bodies beside them can be detected.
 class LiveScene {
  public:
-  // `config` must outlive it.
-  explicit LiveScene(const Config& config);
+  // `config` must outlive it. `is_traced`: frames have their bodies.
+  explicit LiveScene(const Config& config, bool is_traced = false);
 
   // Returns the viewpoint of its station, in common coordinates. May be called again for a sensor.
   Eigen::Vector3f AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m);
@@ -87,8 +92,9 @@ class LiveScene {
     Eigen::Vector3f viewpoint_m;
     bool has_begun = false;
     TimeNs begin_ns = 0;
-    TimeNs search_from_ns = 0;  // earlier frames are used for clutter only
-    StationScene scene;         // fitted when it is warm
+    TimeNs search_from_ns = 0;                // earlier frames are used for clutter only,
+    Rejection learning = Rejection::kWarmUp;  // for this reason
+    StationScene scene;                       // fitted when it is warm
     LiveClutter clutter;
     Queue<BodyBox> bodies;
   };
@@ -115,6 +121,7 @@ class LiveScene {
   void Judge(SceneFrame* frame);
 
   const Config& config_;
+  bool is_traced_;
 
   // Time.
   bool has_begun_ = false;

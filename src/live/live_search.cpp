@@ -145,6 +145,7 @@ void LiveSearch::CountPlots(const SceneFrame& frame) {
 // Margin of the score threshold for the uncertainty of the clutter intensity, which falls by a
 // factor of e per `learning_s`.
 double LiveSearch::ClutterUncertaintyMargin(double learning_s) const {
+  if (!config_.robust.Uses(Rule::kClutterLearning)) return 0.0;
   return is_blinded_ ? kMaxClutterUncertaintyMargin
                      : kMaxClutterUncertaintyMargin * std::exp(-observed_s_ / learning_s);
 }
@@ -160,7 +161,7 @@ double LiveSearch::RecentScoreThreshold() const {
 const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector<char>& are_free) {
   CountPlots(frame);
   paths_.clear();
-  if (frame.is_searched && !frame.plots.empty()) {
+  if (frame.is_searched() && !frame.plots.empty()) {
     const std::size_t first = plots_.size();
     frame_times_.Add(frame.plots.front().plot.frame, frame_time_);
     for (std::size_t i = 0; i < frame.plots.size(); ++i) {
@@ -186,36 +187,40 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
   return paths_;
 }
 
-const Flight* LiveSearch::FlightOf(const Path& path) {
+Rejection LiveSearch::Judge(const Path& path) {
   Flight& flight = flight_;
   std::vector<Plot>& plots = flight_plots_;
   flight.plots.clear();
   plots.clear();
+  cuts_.clear();
   for (const std::uint32_t i : path.plots) {
-    if (!free_[i]) return nullptr;
+    if (!free_[i]) return Rejection::kSharesReturns;
     flight.plots.push_back(recent_plots_[i]);
     plots.push_back(recent_plots_[i].plot);
   }
   const RobustConfig& robust = config_.robust;
   std::size_t first = 0;
-  const auto drop = [&](std::size_t count) {
+  const auto cut = [&](Rejection rule, std::size_t count) {
+    if (count == 0) return;
+    cuts_.push_back({rule, count});
     DropFirst(count, &flight.plots);
     DropFirst(count, &plots);
     first += count;
   };
-  drop(PausePrefix(flight.plots));
-  drop(NearGroundPrefix(flight.plots, MinFlightHeightM(recent_, plots, robust)));
-  if (flight.plots.empty()) return nullptr;
-  drop(StaticPrefix(flight.plots));
-  if (FlightRejection(recent_, scan_schedule_, plots, robust) != Rejection::kNone ||
-      !MovesOrFloats(flight.plots)) {
-    return nullptr;
-  }
+  if (robust.Uses(Rule::kPause)) cut(Rejection::kPause, PausePrefix(flight.plots));
+  cut(Rejection::kNearGround,
+      NearGroundPrefix(flight.plots, MinFlightHeightM(recent_, plots, robust)));
+  if (flight.plots.empty()) return Rejection::kNearGround;
+  const bool must_move = robust.Uses(Rule::kStationary);
+  if (must_move) cut(Rejection::kStationary, StaticPrefix(flight.plots));
+  const Rejection rejection = FlightRejection(recent_, scan_schedule_, plots, robust);
+  if (rejection != Rejection::kNone) return rejection;
+  if (must_move && !MovesOrFloats(flight.plots)) return Rejection::kStationary;
   flight.frame_times.clear();
   for (const Plot& plot : plots) flight.frame_times.push_back(frame_times_.At(plot.frame));
   flight.log_birth = log_births_[path.plots[first]];
   flight.starts_new_target = first > 0;
-  return &flight;
+  return Rejection::kNone;
 }
 
 // True if more other plots lie within reach of the flight than it has itself.
@@ -241,6 +246,7 @@ bool LiveSearch::IsCrowded(const Path& path) const {
 
 // Unsupported detections have no neighbours by definition.
 double LiveSearch::ScoreThresholdOf(const Path& path) const {
+  if (!config_.robust.Uses(Rule::kCrowded)) return score_threshold_;
   if (Floats(flight_.plots) || !IsCrowded(path)) return score_threshold_;
   return score_threshold_ - ClutterUncertaintyMargin(kLearningS) +
          ClutterUncertaintyMargin(kCrowdedLearningS);
@@ -263,12 +269,17 @@ Flight LiveSearch::WithHistory(const Flight& flight) {
   return whole;
 }
 
+void LiveSearch::GetScores(std::vector<double>* scores) const {
+  scores->assign(scan_.last - scan_.first, 0.0);
+  for (const TrackSearch& search : searches_) search.RaiseScores(scan_.first, scores);
+}
+
 void LiveSearch::Take(const Path& path) {
   for (const std::uint32_t i : path.plots) free_[i] = 0;
   for (TrackSearch& search : searches_) search.DropAssigned();
 }
 
-void LiveSearch::Forget(TimeNs oldest_ns) {
+std::size_t LiveSearch::Forget(TimeNs oldest_ns) {
   const auto kept = std::find_if(plots_.begin(), plots_.end(),
                                  [&](const Plot& plot) { return plot.frame_time_ns >= oldest_ns; });
   const auto gone = static_cast<std::size_t>(kept - plots_.begin());
@@ -282,6 +293,7 @@ void LiveSearch::Forget(TimeNs oldest_ns) {
       std::find_if(recent_.frames.begin(), recent_.frames.end(),
                    [&](const FrameInfo& info) { return info.begin_ns >= oldest_ns; });
   recent_.frames.erase(recent_.frames.begin(), frame);
+  return gone;
 }
 
 }  // namespace unlidar

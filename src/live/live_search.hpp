@@ -10,6 +10,7 @@
 #include "live/live_plot.hpp"
 #include "live/live_scene.hpp"
 #include "live/recent_frame_times.hpp"
+#include "tracking/rejection.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"
 #include "unlidar/config.hpp"
@@ -36,6 +37,8 @@ class LiveSearch {
   // Same as ShortestPeriodNs, of these sensors.
   TimeNs shortest_period_ns() const { return ShortestPeriodNs(recent_); }
 
+  const SensorInfo& SensorAt(std::uint32_t sensor) const { return recent_.sensors[sensor]; }
+
   // Motion models, one for each agility; their addresses never change.
   const std::vector<TrackModel>& models() const { return models_; }
 
@@ -47,16 +50,25 @@ class LiveSearch {
   // until the next call.
   const Queue<Path>& Extend(const SceneFrame& frame, const std::vector<char>& are_free);
 
-  // Returns the score threshold for a track that starts from `path`, as of the last frame searched.
-  // `path` must be the one last passed to FlightOf().
+  // Returns the rule that refuses such a path: it is not a drone, or a track has one of its plots;
+  // kNone if none does. Sets flight() to its flying part: it may begin on the ground.
+  Rejection Judge(const Path& path);
+
+  // Flying part of the path last judged, and the parts before it that were cut off, in order of
+  // time.
+  const Flight& flight() const { return flight_; }
+  const std::vector<PathCut>& cuts() const { return cuts_; }
+
+  // Score threshold of the last frame searched, and that of a track that starts from flight().
+  // `path`: the one last judged.
+  double score_threshold() const { return score_threshold_; }
   double ScoreThresholdOf(const Path& path) const;
 
-  // Returns the flying part of such a path, which may begin on the ground, valid until the next
-  // call. Returns null if it is not a drone, or if any of its plots is taken.
-  const Flight* FlightOf(const Path& path);
-
-  // Returns that flight with its earlier plots, which are taken from now on.
+  // Returns a flight with its earlier plots, which are taken from now on.
   Flight WithHistory(const Flight& flight);
+
+  // Sets `scores` (plots of the last frame) to the score of the best path to each, 0 without one.
+  void GetScores(std::vector<double>* scores) const;
 
   // Recent plots, in order of time.
   const std::vector<LivePlot>& seen() const { return recent_plots_; }
@@ -64,8 +76,8 @@ class LiveSearch {
   // Assigns the plots of the path to a track, so that no other path can use them.
   void Take(const Path& path);
 
-  // Forgets frames and plots before `oldest_ns`.
-  void Forget(TimeNs oldest_ns);
+  // Forgets frames and plots before `oldest_ns`. Returns the number of these plots: indices shift.
+  std::size_t Forget(TimeNs oldest_ns);
 
  private:
   void CountPlots(const SceneFrame& frame);
@@ -90,6 +102,7 @@ class LiveSearch {
   Queue<Path> paths_;
   Flight flight_;
   std::vector<Plot> flight_plots_;
+  std::vector<PathCut> cuts_;
   double odds_ = 0.0;           // sum of birth odds over all plots, faded,
   double num_plots_ = 0.0;      // number of plots, faded,
   double rate_window_s_ = 0.0;  // and time over which they were counted, faded

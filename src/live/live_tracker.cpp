@@ -14,11 +14,13 @@ constexpr double kKeepPathsS = 30.0;  // maximum age of plots of unconfirmed pat
 
 }  // namespace
 
-LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event)
+LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event,
+                         LiveTraceSink trace)
     : config_(config),
-      scene_(config_),
+      trace_(std::move(trace)),
+      scene_(config_, trace_.is_on()),
       search_(config_),
-      tracks_(config_, search_.models(), std::move(output_times), std::move(on_event)) {}
+      tracks_(config_, search_.models(), std::move(output_times), std::move(on_event), trace_) {}
 
 void LiveTracker::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
   search_.SetSensor(sensor, info, scene_.AddSensor(sensor, info.origin_m));
@@ -27,7 +29,12 @@ void LiveTracker::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
 
 void LiveTracker::Take(LoadedFrame* frame) {
   tracks_.AddInstants(frame->info);
-  if (scene_.Take(frame)) MakePlots(kBacklogPerFrame);
+  const bool was_warm = is_warm();
+  if (scene_.Take(frame)) {
+    MakePlots(kBacklogPerFrame);
+  } else if (was_warm && trace_.is_on()) {
+    trace_.AddUnsearched(search_.SensorAt(frame->info.sensor), frame->info, frame->points_m.size());
+  }
 }
 
 void LiveTracker::Advance(TimeNs settled_ns, TimeNs now_ns) {
@@ -70,9 +77,10 @@ void LiveTracker::Search() {
   tracks_.Judge(search_.seen(), frame_.time_s);
   const TimeNs lost_ns = middle_ns - NsOf(config_.robust.tracker.max_gap_s);
   scene_.RemoveFromClutter(tracks_.EndLost(lost_ns, searched_ns_));
+  if (trace_.is_on()) trace_.EndFrame(search_.SensorAt(frame_.info.sensor), frame_);
   if (frame_.time_s - cleaned_up_s_ < kCleanUpIntervalS) return;
   cleaned_up_s_ = frame_.time_s;
-  search_.Forget(middle_ns - NsOf(kKeepPathsS));
+  trace_.Forget(search_.Forget(middle_ns - NsOf(kKeepPathsS)));
   scene_.Sweep(frame_.bin);
   tracks_.Forget(searched_ns_ - NsOf(kKeepPathsS));
 }
@@ -81,12 +89,41 @@ void LiveTracker::Search() {
 void LiveTracker::Confirm() {
   const FrameTime& at = search_.Begin(frame_);
   const std::vector<char>& are_free = tracks_.Extend(frame_.plots, at);
-  for (const Path& path : search_.Extend(frame_, are_free)) {
-    const Flight* const flight = search_.FlightOf(path);
-    if (flight == nullptr) continue;
-    const auto with_history = [&](const Flight& its) { return search_.WithHistory(its); };
-    if (tracks_.Initiate(*flight, search_.ScoreThresholdOf(path), with_history)) search_.Take(path);
+  const Queue<Path>& paths = search_.Extend(frame_, are_free);
+  if (trace_.is_on()) TraceFrame();
+  for (const Path& path : paths) {
+    const PathDecision decision = Decide(path);
+    if (trace_.is_on()) trace_.AddPath(path, search_.cuts(), decision);
   }
+}
+
+// Initiates a track from a path unless a rule refuses it.
+PathDecision LiveTracker::Decide(const Path& path) {
+  PathDecision decision;
+  decision.log_likelihood_ratio = path.score;
+  decision.rejection = search_.Judge(path);
+  if (decision.rejection != Rejection::kNone) return decision;
+  const double score_threshold = search_.ScoreThresholdOf(path);
+  decision.crowding_penalty = score_threshold - search_.score_threshold();
+  const auto with_history = [&](const Flight& its) { return search_.WithHistory(its); };
+  const ConfirmedTracks::Initiation initiation =
+      tracks_.Initiate(search_.flight(), score_threshold, with_history);
+  decision.log_likelihood_ratio = initiation.score;
+  decision.rejection = initiation.rejection;
+  decision.track = initiation.track;
+  if (decision.rejection != Rejection::kBelowThreshold) {
+    search_.Take(path);
+  } else if (initiation.score >= search_.score_threshold()) {
+    decision.rejection = Rejection::kCrowded;
+  }
+  return decision;
+}
+
+void LiveTracker::TraceFrame() {
+  scores_.clear();
+  if (frame_.is_searched() && !frame_.plots.empty()) search_.GetScores(&scores_);
+  trace_.BeginFrame(frame_, search_.seen(), scores_, search_.score_threshold());
+  for (std::size_t i = 0; i < frame_.plots.size(); ++i) trace_.SetTrack(i, tracks_.TrackOf(i));
 }
 
 }  // namespace unlidar

@@ -4,11 +4,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <vector>
 
 #include "io/sensor_frames.hpp"
 #include "live/confirmed_tracks.hpp"
 #include "live/live_scene.hpp"
 #include "live/live_search.hpp"
+#include "live/live_trace.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"
 
@@ -19,7 +21,9 @@ namespace unlidar {
 // the scene is learned, and are searched then.
 class LiveTracker {
  public:
-  LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event);
+  // `trace` may be empty.
+  LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event,
+              LiveTraceSink trace = nullptr);
   LiveTracker(const LiveTracker&) = delete;
   LiveTracker& operator=(const LiveTracker&) = delete;
 
@@ -47,23 +51,26 @@ class LiveTracker {
 
   bool is_warm() const { return scene_.is_warm(); }
 
-  // Tracks of one engine never share a number.
-  int next_id() const { return tracks_.next_id(); }
-  void NumberFrom(int id) { tracks_.NumberFrom(id); }
+  // Tracks of one engine never share a number: continues those of an earlier tracker.
+  void ContinueNumbers(const LiveTracker& earlier) { tracks_.ContinueNumbers(earlier.tracks_); }
 
  private:
   void MakePlots(std::size_t max_frames);
   void SearchUntil(TimeNs until_ns);
   void Search();
   void Confirm();
+  PathDecision Decide(const Path& path);
+  void TraceFrame();
 
   Config config_;
+  LiveTrace trace_;
   LiveScene scene_;
   LiveSearch search_;
   ConfirmedTracks tracks_;
   SceneFrame frame_;                                         // current one
   TimeNs searched_ns_ = std::numeric_limits<TimeNs>::min();  // middle of the newest frame searched
   double cleaned_up_s_ = 0.0;
+  std::vector<double> scores_;  // (plots of frame_) of the best path to each, if traced
 };
 
 }  // namespace unlidar

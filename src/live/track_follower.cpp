@@ -19,22 +19,23 @@ constexpr double kGateSigmas = 6.0;
 }  // namespace
 
 TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>& models,
-                             const TrackerConfig& tracker, const CollectConfig& collect)
+                             const RobustConfig& config)
     : models_(&models),
-      tracker_(tracker),
-      collect_(collect),
+      tracker_(config.tracker),
+      collect_(config.collect),
+      uses_frame_length_(config.Uses(Rule::kFrameLength)),
       plots_(flight.plots.begin(), flight.plots.end()),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
-      body_scatter_m2_(kPriorReturns * collect.extent_sigma_m * collect.extent_sigma_m),
+      body_scatter_m2_(kPriorReturns * collect_.extent_sigma_m * collect_.extent_sigma_m),
       body_count_(kPriorReturns),
-      body_sigma_m_(collect.extent_sigma_m) {
+      body_sigma_m_(collect_.extent_sigma_m) {
   std::vector<const Plot*> path;
   for (const LivePlot& seen : flight.plots) path.push_back(&seen.plot);
   for (std::uint32_t m = 0; m < models.size(); ++m) {
     Node node;
     node.model = m;
     for (const Hypothesis& h :
-         FilterPath(models[m], path, flight.frame_times, flight.log_birth, tracker)) {
+         FilterPath(models[m], path, flight.frame_times, flight.log_birth, tracker_)) {
       node.h = h;
       node.confirmed = static_cast<std::int32_t>(nodes_.size());
       node.current_score = h.score;
@@ -271,6 +272,7 @@ void TrackFollower::UpdateFrameLength(const Node& node,
 
 // From the sensor with the most returns, as in a recording.
 void TrackFollower::UpdateTimeBias() {
+  if (!uses_frame_length_) return;
   lengths_ = settled_lengths_;
   for (std::int32_t k = NewestConfirmed(); k != kNoIndex && k != settled_;
        k = nodes_[static_cast<std::size_t>(k)].parent) {

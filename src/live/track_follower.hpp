@@ -21,7 +21,7 @@ class TrackFollower {
  public:
   // Continues a flight. `models`: one for each agility; must outlive the follower.
   TrackFollower(const Flight& flight, const std::vector<TrackModel>& models,
-                const TrackerConfig& tracker, const CollectConfig& collect);
+                const RobustConfig& config);
 
   // Sets `gains` (plots): track score of the best hypothesis with each plot of a frame at `at`,
   // less its score with a missed detection.
@@ -99,6 +99,7 @@ class TrackFollower {
   const std::vector<TrackModel>* models_;
   TrackerConfig tracker_;
   CollectConfig collect_;
+  bool uses_frame_length_;
   std::vector<Node> nodes_;           // parents first
   std::vector<std::int32_t> leaves_;  // that can be extended
   Queue<LivePlot> plots_;

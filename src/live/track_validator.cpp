@@ -41,16 +41,26 @@ TrackValidator::Verdict TrackValidator::Judge(int number, const TrackFollower& f
   verdict.next_judgement_s =
       time_s +
       std::max(kMinJudgeIntervalS, kJudgeIntervalShare * std::min(seen_s, kSuspendedAfterS));
-  const bool is_cloud = IsCloud(number, follower, seen, time_s);
-  verdict.is_rejected = is_cloud || shape_.IsInsect();
-  const bool may_be_cloud =
-      shape_.MayBeCloud() && seen_s - verdict.first_judged_age_s < kWideObservationS;
-  verdict.is_drone =
-      !verdict.is_rejected &&
-      (is_reported ||
-       (!may_be_cloud && !MayBeSuspendedFor(follower.fit().InlierMeasurements(), seen_s)));
-  if (is_cloud) clouds_.push_back({number, time_s, std::exchange(shape_, Shape())});
+  SetShape(follower, seen);
+  verdict.rejection = ShapeRejection(number, time_s);
+  verdict.is_final = verdict.rejection != Rejection::kNone;
+  if (verdict.is_final || is_reported) return verdict;
+  if (config_.Uses(Rule::kCloud) && shape_.MayBeCloud() &&
+      seen_s - verdict.first_judged_age_s < kWideObservationS) {
+    verdict.rejection = Rejection::kCloud;
+  } else if (config_.Uses(Rule::kSuspended) &&
+             MayBeSuspendedFor(follower.fit().InlierMeasurements(), seen_s)) {
+    verdict.rejection = Rejection::kSuspended;
+  }
   return verdict;
+}
+
+Rejection TrackValidator::ShapeRejection(int number, double time_s) {
+  if (config_.Uses(Rule::kCloud) && IsCloud(number, time_s)) {
+    clouds_.push_back({number, time_s, std::exchange(shape_, Shape())});
+    return Rejection::kCloud;
+  }
+  return config_.Uses(Rule::kInsect) && shape_.IsInsect() ? Rejection::kInsect : Rejection::kNone;
 }
 
 void TrackValidator::Forget(int number) {
@@ -60,11 +70,17 @@ void TrackValidator::Forget(int number) {
 }
 
 // True by its own shape and those of recent clouds. Its previous verdict is discarded.
-bool TrackValidator::IsCloud(int number, const TrackFollower& follower,
-                             const std::vector<LivePlot>& seen, double time_s) {
+bool TrackValidator::IsCloud(int number, double time_s) {
   Forget(number);
   while (!clouds_.empty() && time_s - clouds_.front().time_s > window_s_) clouds_.pop_front();
   while (clouds_.size() >= kMaxClouds) clouds_.pop_front();
+  recent_clouds_.clear();
+  for (const Cloud& cloud : clouds_) recent_clouds_.push_back(&cloud.shape);
+  return shape_.IsCloud(recent_clouds_);
+}
+
+// Sets shape_ to that of a track.
+void TrackValidator::SetShape(const TrackFollower& follower, const std::vector<LivePlot>& seen) {
   const Trajectory& trajectory = follower.fit().trajectory();
   shape_.Clear();
   for (auto end = seen.end(); end != seen.begin();) {
@@ -88,9 +104,6 @@ bool TrackValidator::IsCloud(int number, const TrackFollower& follower,
     }
     end = begin;
   }
-  recent_clouds_.clear();
-  for (const Cloud& cloud : clouds_) recent_clouds_.push_back(&cloud.shape);
-  return shape_.IsCloud(recent_clouds_);
 }
 
 }  // namespace unlidar

@@ -8,6 +8,8 @@
 #include "collection/cloud.hpp"
 #include "live/live_plot.hpp"
 #include "live/track_follower.hpp"
+#include "tracking/rejection.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 
@@ -15,14 +17,16 @@ namespace unlidar {
 // Reported rows cannot be retracted, so a track waits until it is accepted as a drone.
 class TrackValidator {
  public:
-  // `window_s`: how long the shape of a cloud is compared with those of other tracks.
-  explicit TrackValidator(double window_s) : window_s_(window_s) {}
+  // `window_s`: how long the shape of a cloud is compared with those of other tracks. `config` must
+  // outlive it.
+  TrackValidator(const RobustConfig& config, double window_s)
+      : config_(config), window_s_(window_s) {}
 
   struct Verdict {
-    bool is_drone = false;            // else it waits
-    bool is_rejected = false;         // cloud or insect
-    double next_judgement_s = 0.0;    // time of the next judgement
-    double first_judged_age_s = 0.0;  // observed time at the first judgement
+    Rejection rejection = Rejection::kNone;  // kNone: a drone; otherwise it waits
+    bool is_final = false;                   // it is a cloud or an insect, and not only may be one
+    double next_judgement_s = 0.0;           // time of the next judgement
+    double first_judged_age_s = 0.0;         // observed time at the first judgement
   };
 
   // Judges a track by its fit. `number`: unique to the track; `is_reported`: it has rows; `seen`:
@@ -39,9 +43,11 @@ class TrackValidator {
   };
 
   void Forget(int number);
-  bool IsCloud(int number, const TrackFollower& follower, const std::vector<LivePlot>& seen,
-               double time_s);
+  void SetShape(const TrackFollower& follower, const std::vector<LivePlot>& seen);
+  bool IsCloud(int number, double time_s);
+  Rejection ShapeRejection(int number, double time_s);
 
+  const RobustConfig& config_;
   double window_s_;
   std::deque<Cloud> clouds_;  // in order of time
   // Buffers, reused from track to track.

@@ -76,7 +76,7 @@ TEST(Arguments, ALiveSourceIsOneOfThree) {
 
 TEST(Arguments, WhatNeedsTheWholeRecordingIsRefusedLive) {
   const std::vector<Words> whole = {
-      {"--at", "a"}, {"--clusters", "c"}, {"--points", "p"}, {"--trace", "t"}, {"--format", "tum"}};
+      {"--at", "a"}, {"--clusters", "c"}, {"--points", "p"}, {"--format", "tum"}};
   for (const Words& option : whole) {
     Words words = {"--frames", "a", "--out", "x"};
     words.insert(words.end(), option.begin(), option.end());
@@ -85,6 +85,9 @@ TEST(Arguments, WhatNeedsTheWholeRecordingIsRefusedLive) {
     EXPECT_NE(ErrorOf(words).find(option[0] + " " + option[1] + ": not with --follow"),
               std::string::npos);
   }
+  EXPECT_EQ(ErrorOf({"--stdin", "--out", "x", "--trace", "t"}), "");
+  EXPECT_NE(ErrorOf({"--stdin", "--out", "x", "--trace", "-"}).find("--trace -: not with --stdin"),
+            std::string::npos);
   EXPECT_NE(ErrorOf({"--frames", "a", "--out", "x", "--events", "e"}).find("--events e"),
             std::string::npos);
 }

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -81,22 +83,32 @@ struct Tracks {
   std::vector<TrajectoryRow> rows;
   std::vector<TrackConfirmed> confirmed;
   std::vector<TrackEnded> ended;
+  std::vector<TracedTrack> traced;
+  LiveTrace trace;
   ConfirmedTracks tracks;
 
-  Tracks()
-      : scan_schedule{{ScanSchedule::Sensor()}},
+  explicit Tracks(const Config& its_config = Config())
+      : config(its_config),
+        scan_schedule{{ScanSchedule::Sensor()}},
         models({TrackModel(4.0, scan_schedule, config.robust.tracker)}),
-        tracks(config, models, FirstSensorStamps{}, [this](const EngineEvent& event) {
-          if (const auto* given = std::get_if<RowGiven>(&event)) rows.push_back(given->row);
-          if (const auto* at = std::get_if<TrackConfirmed>(&event)) confirmed.push_back(*at);
-          if (const auto* at = std::get_if<TrackEnded>(&event)) ended.push_back(*at);
-        }) {
+        trace([this](const LiveTraceEvent& event) {
+          traced.push_back(std::get<TracedTrack>(event));
+        }),
+        tracks(
+            config, models, FirstSensorStamps{},
+            [this](const EngineEvent& event) {
+              if (const auto* given = std::get_if<RowGiven>(&event)) rows.push_back(given->row);
+              if (const auto* at = std::get_if<TrackConfirmed>(&event)) confirmed.push_back(*at);
+              if (const auto* at = std::get_if<TrackEnded>(&event)) ended.push_back(*at);
+            },
+            trace) {
     tracks.SetPeriod(kPeriodNs);
   }
 
   // Begins a track with a flight as it is, and judges it.
   bool Initiate(const Flight& flight, double least_score) {
-    const bool begins = tracks.Initiate(flight, least_score, AsItIs);
+    const bool begins =
+        tracks.Initiate(flight, least_score, AsItIs).rejection != Rejection::kBelowThreshold;
     seen.insert(seen.end(), flight.plots.begin(), flight.plots.end());
     tracks.Judge(seen, flight.plots.back().time_s);
     return begins;
@@ -338,6 +350,9 @@ TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
   t.tracks.EndLost(FrameAt(19).middle_ns() + 1, middle_ns);
   ASSERT_EQ(t.ended.size(), 1U);
   EXPECT_EQ(t.ended[0].track_id, 0);
+  EXPECT_EQ(t.traced.back().number, 0);
+  EXPECT_EQ(t.traced.back().state, TrackState::kDeleted);
+  EXPECT_EQ(t.traced.back().rejection, Rejection::kLost);
 }
 
 // A puff of steam on the way of DroneAt: its returns lie wide.
@@ -347,6 +362,40 @@ LivePlot PuffAt(int i) {
   seen.scatter_m2 = static_cast<double>(seen.plot.num_returns) * kSpreadM * kSpreadM *
                     Eigen::Matrix3d::Identity();
   return seen;
+}
+
+// A target too small for a drone.
+LivePlot InsectAt(int i) {
+  LivePlot seen = DroneAt(i);
+  seen.scatter_m2 = 3.0 * 0.01 * 0.01 * Eigen::Matrix3d::Identity();
+  return seen;
+}
+
+// One that stands where a cable that holds it would not be seen.
+LivePlot HangingAt(int i) {
+  constexpr double kSwayM = 0.05;
+  return PlotAt(i, {32.0, kSwayM * std::sin(1.7 * i), 6.0});
+}
+
+std::vector<std::pair<TrackState, Rejection>> StatesOf(const std::vector<TracedTrack>& traced) {
+  std::vector<std::pair<TrackState, Rejection>> states;
+  for (const TracedTrack& one : traced) states.emplace_back(one.state, one.rejection);
+  return states;
+}
+
+// Follows a target for six seconds, until the end of the stream.
+std::vector<std::pair<TrackState, Rejection>> StatesOf(LivePlot (*plot_at)(int),
+                                                       const Config& config = Config()) {
+  Tracks t(config);
+  for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
+  t.Initiate(FlightUntil(20, plot_at), kAnyScore);
+  for (int i = 20; i < 60; ++i) t.GoTo(i, plot_at(i));
+  t.tracks.Close(kEndless);
+  for (const TracedTrack& one : t.traced) {
+    EXPECT_EQ(one.number, 0);
+    EXPECT_EQ(one.first_evidence_ns, plot_at(0).plot.time_ns);
+  }
+  return StatesOf(t.traced);
 }
 
 void ExpectFollowedWithoutARow(LivePlot (*plot_at)(int)) {
@@ -363,12 +412,53 @@ void ExpectFollowedWithoutARow(LivePlot (*plot_at)(int)) {
 
 TEST(ConfirmedTracks, ACloudIsFollowedWithoutARow) { ExpectFollowedWithoutARow(PuffAt); }
 
-TEST(ConfirmedTracks, AnInsectIsFollowedWithoutARow) {
-  ExpectFollowedWithoutARow([](int i) {
-    LivePlot seen = DroneAt(i);
-    seen.scatter_m2 = 3.0 * 0.01 * 0.01 * Eigen::Matrix3d::Identity();
-    return seen;
-  });
+TEST(ConfirmedTracks, AnInsectIsFollowedWithoutARow) { ExpectFollowedWithoutARow(InsectAt); }
+
+TEST(ConfirmedTracks, TheTraceNamesTheRuleForWhichATrackHasNoRows) {
+  using States = std::vector<std::pair<TrackState, Rejection>>;
+  const std::pair begun(TrackState::kInitiated, Rejection::kNone);
+  const std::pair confirmed(TrackState::kConfirmed, Rejection::kNone);
+  const std::pair closed(TrackState::kDeleted, Rejection::kNone);
+  EXPECT_EQ(StatesOf(DroneAt), (States{begun, confirmed, closed}));
+  const struct {
+    LivePlot (*plot_at)(int);
+    Rule rule;
+    TrackState state;
+    Rejection rejection;
+  } cases[] = {{PuffAt, Rule::kCloud, TrackState::kRejected, Rejection::kCloud},
+               {InsectAt, Rule::kInsect, TrackState::kRejected, Rejection::kInsect},
+               {HangingAt, Rule::kSuspended, TrackState::kWaiting, Rejection::kSuspended}};
+  for (const auto& [plot_at, rule, state, rejection] : cases) {
+    const std::pair refused(state, rejection);
+    EXPECT_EQ(StatesOf(plot_at), (States{begun, refused, closed})) << NameOf(rejection);
+    Config without;
+    without.robust.disabled_rules = {rule};
+    EXPECT_EQ(StatesOf(plot_at, without), (States{begun, confirmed, closed})) << NameOf(rejection);
+  }
+}
+
+TEST(ConfirmedTracks, TheTraceHasTheScoreOfAnInitiationAndItsTrack) {
+  Tracks t;
+  const Flight flight = FlightUntil(20, DroneAt);
+  const ConfirmedTracks::Initiation first = t.tracks.Initiate(flight, kAnyScore, AsItIs);
+  EXPECT_EQ(first.rejection, Rejection::kNone);
+  EXPECT_EQ(first.track, 0);
+  const ConfirmedTracks::Initiation again = t.tracks.Initiate(flight, first.score, AsItIs);
+  EXPECT_EQ(again.rejection, Rejection::kPartOfAnotherTrack);
+  EXPECT_EQ(again.score, first.score);
+  const ConfirmedTracks::Initiation more = t.tracks.Initiate(flight, first.score + 0.1, AsItIs);
+  EXPECT_EQ(more.rejection, Rejection::kBelowThreshold);
+  EXPECT_FALSE(again.track || more.track);
+}
+
+TEST(ConfirmedTracks, APlotIsOfTheTrackToWhichItWasAssigned) {
+  Tracks t;
+  ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
+  ASSERT_TRUE(t.Initiate(FlightUntil(20, OtherAt), kAnyScore));
+  t.tracks.Extend({PlotAt(20, {40.0, 30.0, 10.0}), OtherAt(20), DroneAt(20)}, MomentAt(20));
+  EXPECT_EQ(t.tracks.TrackOf(0), std::nullopt);
+  EXPECT_EQ(t.tracks.TrackOf(1), 1);
+  EXPECT_EQ(t.tracks.TrackOf(2), 0);
 }
 
 TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {

@@ -122,7 +122,7 @@ TEST(LiveScene, IsWarmAfterThreeSecondsOrAtTheEnd) {
 
 // Also the first, which wait until the scene is known; where it never is, nothing is searched.
 TEST(LiveScene, EveryFrameLeavesItOnceInOrderAndIsSearchedInASceneThatWasWarm) {
-  for (const SceneFrame& frame : FramesOf(kWarmFrames - 1)) EXPECT_FALSE(frame.is_searched);
+  for (const SceneFrame& frame : FramesOf(kWarmFrames - 1)) EXPECT_FALSE(frame.is_searched());
   const std::vector<SceneFrame> frames = FramesOf(80);
   ASSERT_EQ(frames.size(), 80U);
   for (int i = 0; i < 80; ++i) {
@@ -130,7 +130,7 @@ TEST(LiveScene, EveryFrameLeavesItOnceInOrderAndIsSearchedInASceneThatWasWarm) {
     EXPECT_EQ(frame.info.stamp_ns, kBeginNs + i * kPeriodNs);
     EXPECT_NEAR(frame.time_s, testing::MiddleS(i), 1e-9);
     EXPECT_EQ(frame.observed_s, std::max(3.0, frame.time_s));
-    EXPECT_TRUE(frame.is_searched);
+    EXPECT_TRUE(frame.is_searched());
   }
 }
 
@@ -196,7 +196,7 @@ TEST(LiveScene, AStationThatComesLaterIsWarmLater) {
       if (frame.info.sensor == 0) continue;
       const double own_s = (i - kLater + 0.5) * kPeriodS;
       EXPECT_NEAR(frame.observed_s, own_s, 1e-9) << i;
-      EXPECT_EQ(frame.is_searched, own_s > 6.0) << i;
+      EXPECT_EQ(frame.is_searched(), own_s > 6.0) << i;
     }
   }
 }

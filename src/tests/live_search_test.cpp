@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "tests/synthetic_recording.hpp"
@@ -18,38 +19,54 @@ using testing::Random;
 
 constexpr double kRangeM = 57.0;
 
-// When the first flight began that is found among plots, one a frame, of which none floats; none
-// if none is.
-template <class PlaceAt>
-std::optional<double> BeginOfFlight(int num_frames, const PlaceAt& place_at) {
-  const Config config;
-  LiveSearch search(config);
-  SensorInfo info;
-  info.frame_period_ns = kPeriodNs;
-  search.SetSensor(0, info, Eigen::Vector3f::Zero());
-  Random random(5);
-  for (int i = 0; i < num_frames; ++i) {
+// Plots, one a frame, of which none floats.
+class Plots {
+ public:
+  explicit Plots(const Config& config = Config()) : search_(config) {
+    SensorInfo info;
+    info.frame_period_ns = kPeriodNs;
+    search_.SetSensor(0, info, Eigen::Vector3f::Zero());
+  }
+
+  // Adds a frame with a plot at about a place. Returns the paths that reach the threshold.
+  const Queue<Path>& Add(int i, const Eigen::Vector3d& place_m, double height_m = 50.0) {
     SceneFrame frame;
     frame.info = testing::FrameAt(i);
     frame.time_s = testing::MiddleS(i);
     frame.observed_s = 60.0;
-    frame.is_searched = true;
     LivePlot seen;
     seen.time_s = frame.time_s;
     seen.stamp_ns = frame.info.stamp_ns;
     Plot& plot = seen.plot;
     plot.frame = static_cast<std::uint32_t>(i);
     plot.time_ns = plot.frame_time_ns = frame.info.middle_ns();
-    plot.position_m = plot.ray_m = place_at(frame.time_s) + random.NormalVector(0.15);
+    plot.position_m = plot.ray_m = place_m + random_.NormalVector(0.15);
     plot.variance_m2 = 0.03;
-    plot.lowest_m = 50.0;
+    plot.lowest_m = height_m;
     plot.log_clutter = -3.0;
     plot.num_returns = 2;
     frame.plots.push_back(seen);
-    search.Begin(frame);
-    for (const Path& path : search.Extend(frame, {1})) {
-      const Flight* const flight = search.FlightOf(path);
-      if (flight != nullptr) return flight->plots.front().time_s;
+    search_.Begin(frame);
+    return search_.Extend(frame, {1});
+  }
+
+  LiveSearch& search() { return search_; }
+
+ private:
+  LiveSearch search_;
+  Random random_{5};
+};
+
+// When the first flight began that is found among plots; none if none is.
+template <class PlaceAt>
+std::optional<double> BeginOfFlight(int num_frames, const PlaceAt& place_at) {
+  const Config config;
+  Plots plots(config);
+  for (int i = 0; i < num_frames; ++i) {
+    for (const Path& path : plots.Add(i, place_at(testing::MiddleS(i)))) {
+      if (plots.search().Judge(path) == Rejection::kNone) {
+        return plots.search().flight().plots.front().time_s;
+      }
     }
   }
   return std::nullopt;
@@ -78,8 +95,7 @@ TEST(LiveSearch, WhatFliesOffFromATwigIsNotTheTwig) {
 
 // What the first flight of 3 m/s must reach that is found while clutter is hardly known, beside
 // three plots a frame that lie about a place which moves along at this distance.
-double LeastScoreBeside(double distance_m) {
-  const Config config;
+double LeastScoreBeside(double distance_m, const Config& config = Config()) {
   LiveSearch search(config);
   SensorInfo info;
   info.frame_period_ns = kPeriodNs;
@@ -91,7 +107,6 @@ double LeastScoreBeside(double distance_m) {
     frame.info = testing::FrameAt(i);
     frame.time_s = testing::MiddleS(i);
     frame.observed_s = 3.0;
-    frame.is_searched = true;
     const Eigen::Vector3d at_m(3.0 * frame.time_s, 0.0, 20.0);
     for (int k = 0; k <= kNumOthers; ++k) {
       LivePlot seen;
@@ -112,7 +127,7 @@ double LeastScoreBeside(double distance_m) {
     }
     search.Begin(frame);
     for (const Path& path : search.Extend(frame, {1, 1, 1, 1})) {
-      if (search.FlightOf(path) != nullptr) return search.ScoreThresholdOf(path);
+      if (search.Judge(path) == Rejection::kNone) return search.ScoreThresholdOf(path);
     }
   }
   ADD_FAILURE() << "no flight";
@@ -121,6 +136,99 @@ double LeastScoreBeside(double distance_m) {
 
 TEST(LiveSearch, WhatHasOthersAboutItMustBeSurerAtFirst) {
   EXPECT_GT(LeastScoreBeside(0.0), LeastScoreBeside(30.0) + 2.0);
+  for (const Rule rule : {Rule::kCrowded, Rule::kClutterLearning}) {
+    Config config;
+    config.robust.disabled_rules = {rule};
+    EXPECT_NEAR(LeastScoreBeside(0.0, config), LeastScoreBeside(30.0, config), 1.0);
+    EXPECT_EQ(LeastScoreBeside(30.0, config) < LeastScoreBeside(30.0) - 2.0,
+              rule == Rule::kClutterLearning);
+  }
+}
+
+// Rejections of the paths of a target of 3 m/s above the threshold, after so many frames of which
+// those of a pause show nothing; and the rules that cut off their beginnings.
+struct Rules {
+  std::set<Rejection> rejections;
+  std::set<Rejection> cuts;
+};
+
+Rules RulesOf(const Config& config, double height_m = 50.0, double speed_mps = 3.0,
+              double pause_s = 0.0) {
+  Plots plots(config);
+  Rules rules;
+  constexpr int kFrames = 60;
+  const int pause = static_cast<int>(pause_s / testing::kPeriodS);
+  for (int i = 0; i < kFrames + pause; ++i) {
+    if (i >= kFrames / 2 && i < kFrames / 2 + pause) continue;
+    const Eigen::Vector3d place_m(speed_mps * testing::MiddleS(i) - 10.0, 0.0, kRangeM);
+    for (const Path& path : plots.Add(i, place_m, height_m)) {
+      if (i + 1 < kFrames + pause) continue;
+      rules.rejections.insert(plots.search().Judge(path));
+      for (const PathCut& cut : plots.search().cuts()) rules.cuts.insert(cut.rule);
+    }
+  }
+  return rules;
+}
+
+Config Without(Rule rule) {
+  Config config;
+  config.robust.disabled_rules = {rule};
+  return config;
+}
+
+TEST(LiveSearch, EachGateIsReachedAndNamed) {
+  using Names = std::set<Rejection>;
+  const Config config;
+  EXPECT_EQ(RulesOf(config).rejections, Names{Rejection::kNone});
+  EXPECT_EQ(RulesOf(config).cuts, Names{});
+  Config few = config;
+  few.robust.min_plots = 1000;
+  EXPECT_EQ(RulesOf(few).rejections, Names{Rejection::kTooFewDetections});
+  EXPECT_EQ(RulesOf(config, 0.5).rejections, Names{Rejection::kNearGround});
+  Config strong = config;
+  strong.robust.min_return_rate_m2_per_s = 1e9;
+  EXPECT_EQ(RulesOf(strong).rejections, Names{Rejection::kWeakReturn});
+  EXPECT_EQ(RulesOf(config, 50.0, 0.0).rejections, Names{Rejection::kStationary});
+  EXPECT_EQ(RulesOf(Without(Rule::kStationary), 50.0, 0.0).rejections, Names{Rejection::kNone});
+  EXPECT_EQ(RulesOf(config, 50.0, 3.0, 4.0).cuts, Names{Rejection::kPause});
+  EXPECT_EQ(RulesOf(Without(Rule::kPause), 50.0, 3.0, 4.0).cuts, Names{});
+}
+
+TEST(LiveSearch, APathWithAPlotOfATrackIsRefusedForThat) {
+  const Config config;
+  Plots plots(config);
+  for (int i = 0; i < 60; ++i) {
+    for (const Path& path : plots.Add(i, {3.0 * testing::MiddleS(i), 0.0, kRangeM})) {
+      if (plots.search().Judge(path) != Rejection::kNone) continue;
+      const Path taken = path;
+      plots.search().Take(taken);
+      EXPECT_EQ(plots.search().Judge(taken), Rejection::kSharesReturns);
+      return;
+    }
+  }
+  ADD_FAILURE() << "no flight";
+}
+
+// Every path that reaches the threshold is the best one to a plot.
+TEST(LiveSearch, ScoresOfPlotsAreThoseOfTheBestPaths) {
+  const Config config;
+  Plots plots(config);
+  bool reached = false;
+  for (int i = 0; i < 60; ++i) {
+    const Queue<Path>& paths = plots.Add(i, {3.0 * testing::MiddleS(i), 0.0, kRangeM});
+    std::vector<double> scores;
+    plots.search().GetScores(&scores);
+    ASSERT_EQ(scores.size(), 1U);
+    const double threshold = plots.search().score_threshold();
+    EXPECT_EQ(paths.empty(), scores[0] < threshold);
+    if (i < kMinPathPlots - 1) {
+      EXPECT_EQ(scores[0], 0.0);
+    }
+    if (paths.empty()) continue;
+    EXPECT_EQ(scores[0], paths.front().score);
+    reached = true;
+  }
+  EXPECT_TRUE(reached);
 }
 
 TEST(LiveSearch, WhatStandsAndDoesNotFloatIsNoFlight) {

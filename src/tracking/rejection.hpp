@@ -1,23 +1,38 @@
-// Reasons for which a path is rejected: one per gate.
+// The rules that refuse a plot, a path or a track, of recordings and of streams: one list.
 #pragma once
 
 namespace unlidar {
 
-// In the order in which the gates apply. docs/explain.md has the source of each.
+// Each with its reason or source, and its switch: a key, or the name of a Rule in
+// robust.disabled_rules. docs/explain.md has the same list for users. Only in recordings [R], only
+// in streams [S], otherwise in both.
 enum class Rejection {
   kNone,
-  kBelowThreshold,      // track score below the threshold of the allowed false alarms
-  kTooFewDetections,    // fewer frames than robust.min_plots: repeated clutter is no evidence
-  kNearGround,          // at most robust.off_ground_share of plots above people and cars
-  kWeakReturn,          // return rate, returns per second times range^2, of an insect
-  kCrowded,             // below the threshold after the crowding penalty
-  kPartOfAnotherTrack,  // most returns belong to a track that it continues
-  kSharesReturns,       // most returns belong to several tracks or to bodies
-  kSingleMeasurement,   // at most one measurement after collection
-  kSuspended,           // far away and static to within the noise: a sign, a cable
-  kClutterReturns,      // collected returns are explained better by the clutter of their places
-  kCloud,               // wider across its motion than any drone, or part of a cloud: steam, dust
-  kInsect               // narrower than any drone
+
+  // Returns that yield no plot, and plots that are not searched.
+  kStructure,  // the place returns at other times: clutter map; background.max_occupancy
+  kBody,       // extended target that reaches the ground or exceeds any drone; rule bodies
+  kWarmUp,     // [S] the station is still learning its clutter map; none, all would be new
+  kSurge,      // [S] change point of the plot rate: the clutter map no longer holds; rule surge
+
+  // Paths, in the order in which the gates apply.
+  kBelowThreshold,    // track score test at the allowed false alarms (Ville); false_alarms_per_*
+  kPause,             // [S] plots before a long gap are another target's; rule pause
+  kTooFewDetections,  // M of N: repeated clutter is not independent evidence; robust.min_plots
+  kNearGround,        // people and vehicles move as targets do; robust.off_ground_m, _share
+  kStationary,  // [S] supported and at rest: its later hits are not known yet; rule stationary
+  kWeakReturn,  // cross-section of an insect; robust.min_return_rate_m2_per_s
+  kCrowded,     // below the threshold given the neighbouring plots of the time; rule crowded
+  kPartOfAnotherTrack,  // duplicate: most plots belong to one track; none, its track has them
+  kSharesReturns,       // a return belongs to at most one target; none
+  kSingleMeasurement,   // [R] no velocity follows from one measurement; none
+
+  // Tracks, or the targets collected along a path.
+  kSuspended,       // at rest to within the noise, far away: an unseen cable; rule suspended
+  kClutterReturns,  // [R] all collected returns are subject to the threshold; rule clutter_returns
+  kCloud,           // extent across the motion beyond any drone: steam, dust; rule cloud
+  kInsect,          // extent below that of any drone; rule insect
+  kLost             // [S] deletion: no detection for too long; robust.tracker.max_gap_s
 };
 
 // Returns the name that --trace writes, such as "below_threshold"; empty for kNone.

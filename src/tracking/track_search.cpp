@@ -119,6 +119,14 @@ void TrackSearch::AppendPathsToLastScan(double min_score, Queue<Path>* paths) co
   }
 }
 
+void TrackSearch::RaiseScores(std::size_t first, std::vector<double>* scores) const {
+  for (std::size_t h = last_scan_; h < history_.size(); ++h) {
+    if (history_[h].num_plots < static_cast<std::uint32_t>(kMinPathPlots)) continue;
+    double& score = (*scores)[static_cast<std::size_t>(history_[h].plot) - first];
+    score = std::max(score, history_[h].score);
+  }
+}
+
 void TrackSearch::AppendAlternatives(const FrameTime& end, double min_score,
                                      std::vector<AlternativePath>* alternatives) const {
   for (const Hypothesis& last : history_) {

@@ -72,6 +72,10 @@ class TrackSearch {
   // Appends the best path to each plot of the last scan, if its score is at least `min_score`.
   void AppendPathsToLastScan(double min_score, Queue<Path>* paths) const;
 
+  // Raises `scores` (plots of the last scan, the first of which is `first`) to the score of the
+  // best path of at least kMinPathPlots to each plot.
+  void RaiseScores(std::size_t first, std::vector<double>* scores) const;
+
   // Starts from this hypothesis, whose plot must be earlier than all that follow.
   void Begin(const Hypothesis& hypothesis) { Add(hypothesis); }
 

@@ -4,7 +4,7 @@ import json
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from unlidar_tools.frame_clock import rate_of
 from unlidar_tools.output import clear_results
 from unlidar_tools.play import MessageSink, PlayedFrame, frames_in_order, play
 from unlidar_tools.program import NAME, SUMMARY, TRAJECTORY, find_program
-from unlidar_tools.record import read_finished, read_object
+from unlidar_tools.record import RunRecord, read_finished, read_object
 from unlidar_tools.truth import read_tracks, read_truth
 
 TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE = "live.csv", "live_events.jsonl", "live_summary.json"
@@ -52,20 +52,29 @@ def run_live(run: Path) -> LiveRun:
     Throws ProgramError with the program's own message and exit code if it fails.
     """
     record = read_finished(run)
-    clear_results(run, (TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE))
-    trajectory, events = run / TRAJECTORY_LIVE, run / EVENTS_LIVE
-    command = [find_program(), "--stdin", "--out", trajectory, "--events", events]
-    command += ["--summary", run / SUMMARY_LIVE, *record.options]
-    config = read_object(run / SUMMARY).get("config", {})
-    rates_hz = {name: rate_of(config, name) for name in record.frames}
-    frames = frames_in_order(record.frames, rates_hz=rates_hz)
-    wall_s = _send([str(part) for part in command], frames)
+    wall_s = stream_frames(run, record, run)
+    trajectory = run / TRAJECTORY_LIVE
     truth = None if record.truth is None else read_truth(record.truth)
     batch, live = (
         None if truth is None else evaluate(truth, read_tracks(path))
         for path in (run / TRAJECTORY, trajectory)
     )
-    return LiveRun(trajectory, batch, live, _times(events, wall_s))
+    return LiveRun(trajectory, batch, live, _times(run / EVENTS_LIVE, wall_s))
+
+
+def stream_frames(run: Path, record: RunRecord, out: Path, options: Sequence[str] = ()) -> float:
+    """Plays the frames of a finished run to the live program; returns how long that took.
+
+    Trajectory, events and summary go to `out`. Throws ProgramError.
+    """
+    clear_results(out, (TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE))
+    command = [find_program(), "--stdin", "--out", out / TRAJECTORY_LIVE]
+    command += ["--events", out / EVENTS_LIVE, "--summary", out / SUMMARY_LIVE]
+    command += [*record.options, *options]
+    config = read_object(run / SUMMARY).get("config", {})
+    rates_hz = {name: rate_of(config, name) for name in record.frames}
+    frames = frames_in_order(record.frames, rates_hz=rates_hz)
+    return _send([str(part) for part in command], frames)
 
 
 def live_table(result: LiveRun) -> Table:

@@ -8,7 +8,8 @@ from unlidar_tools.cli.arguments import number, positive
 from unlidar_tools.sanitize import printable
 
 EXAMPLE = """unlidar explain out/run/demo
-  unlidar explain out/run/demo --at 1706255625 --near 4.5,-2,7 --radius 1.5"""
+  unlidar explain out/run/demo --at 1706255625 --near 4.5,-2,7 --radius 1.5
+  unlidar explain out/run/demo --live"""
 
 _FARTHEST_M = 1e9
 
@@ -35,6 +36,11 @@ def define(p: argparse.ArgumentParser) -> None:
         type=positive,
         help="what lies so near is the target's (default: 1 m and 2 %% of its range)",
     )
+    p.add_argument(
+        "--live",
+        action="store_true",
+        help="of the frames played as a stream, whose rules differ, in place of the recording",
+    )
     p.add_argument("--json", action="store_true", help="one line of JSON")
     p.set_defaults(act=_explain)
 
@@ -46,9 +52,9 @@ def _explain(a: argparse.Namespace) -> None:
     from unlidar_tools.tables import console
 
     question = Question(a.at, a.near, a.radius)
-    explained = explain(a.run, question)
+    explained = explain(a.run, question, a.live)
     found = as_json(explained)
-    if question.is_about_the_truth:
+    if question.is_about_the_truth and not a.live:
         write_explanation(a.run, found)
     if a.json:
         print(json.dumps(found))

@@ -11,8 +11,9 @@ from unlidar_tools.errors import InputError, UsageError
 from unlidar_tools.explain.evidence import Collector, SensorFrames
 from unlidar_tools.explain.stages import Run, runs_of
 from unlidar_tools.explain.targets import Reach, Target, named_place, targets_of
-from unlidar_tools.explain.trace import TracedFrame, read_trace
+from unlidar_tools.explain.trace import TracedFrame, TracedTrack, read_trace
 from unlidar_tools.frames_io import list_frames
+from unlidar_tools.live_run import SUMMARY_LIVE, TRAJECTORY_LIVE, stream_frames
 from unlidar_tools.mounting import mounting_of
 from unlidar_tools.program import SUMMARY, run_program
 from unlidar_tools.progress import with_progress
@@ -46,8 +47,10 @@ class Explained:
     runs: list[Run]  # in order of time; none where it was never in view of a frame
 
 
-def explain(run: Path, question: Question) -> list[Explained]:
+def explain(run: Path, question: Question, live: bool = False) -> list[Explained]:
     """Calls the program once more on the frames of a finished `unlidar run`, and reads its trace.
+
+    `live`: the frames are played to it as a stream.
 
     Throws UsageError for questions unfit for this run, InputError if frames or truth are gone,
     ProgramError with the program's own message and exit code if it fails.
@@ -57,9 +60,8 @@ def explain(run: Path, question: Question) -> list[Explained]:
     targets = _targets(run, record, question)
     with tempfile.TemporaryDirectory(prefix="unlidar-explain-") as folder:
         trace = Path(folder) / _TRACE
-        options = [*record.options, "--trace", str(trace)]
-        outcome = run_program(record.frames, Path(folder), options)
-        sensors = _sensors(outcome.summary, record)
+        trajectory, summary = _track(run, record, Path(folder), trace, live)
+        sensors = _sensors(summary, record)
         reach = Reach(
             np.array([sensor.mounting.translation_m for sensor in sensors.values()]),
             question.radius_m,
@@ -67,7 +69,7 @@ def explain(run: Path, question: Question) -> list[Explained]:
         collector = Collector(targets, sensors, reach, question.at_ns)
         frames = sum(len(sensor.files) for sensor in sensors.values())
         _collect(trace, frames, collector)
-        collector.add_rows(read_tracks(outcome.trajectory))
+        collector.add_rows(read_tracks(trajectory))
     collector.add_unseen()
     if question.at_ns is not None and not any(collector.found):
         raise UsageError(_not_there(question.at_ns, sensors))
@@ -77,12 +79,26 @@ def explain(run: Path, question: Question) -> list[Explained]:
     ]
 
 
+def _track(
+    run: Path, record: RunRecord, folder: Path, trace: Path, live: bool
+) -> tuple[Path, Path]:
+    """Trajectory and summary of a call of the program with --trace."""
+    if live:
+        stream_frames(run, record, folder, ["--trace", str(trace)])
+        return folder / TRAJECTORY_LIVE, folder / SUMMARY_LIVE
+    outcome = run_program(record.frames, folder, [*record.options, "--trace", str(trace)])
+    return outcome.trajectory, outcome.summary
+
+
 def _collect(trace: Path, frames: int, collector: Collector) -> None:
     for line in with_progress(read_trace(trace), frames, "explain"):
         if isinstance(line, TracedFrame):
             collector.add_frame(line)
+        elif isinstance(line, TracedTrack):
+            collector.add_track(line)
         else:
             collector.add_path(line)
+    collector.finish_trace()
 
 
 def _check_method(run: Path) -> None:

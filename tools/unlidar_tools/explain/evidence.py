@@ -1,14 +1,15 @@
 """Evidence of a target after each stage of the program, second by second."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from unlidar_tools.errors import InputError
+from unlidar_tools.errors import InputError, listed
+from unlidar_tools.explain.stream_tracks import StreamTracks
 from unlidar_tools.explain.targets import Reach, Target
-from unlidar_tools.explain.trace import TracedFrame, TracedPath
+from unlidar_tools.explain.trace import TracedDetection, TracedFrame, TracedPath, TracedTrack
 from unlidar_tools.frames_io import read_returns
 from unlidar_tools.mounting import Mounting
 from unlidar_tools.stamps import format_stamp_ns
@@ -43,6 +44,7 @@ class Evidence:
     returns: int = 0
     bodies: int = 0  # returns taken for people and vehicles
     detections: int = 0
+    unsearched: int = 0  # of these detections
     log_clutter: float = 0.0  # sum over these detections
     unsupported: int = 0  # of these detections
     rows: int = 0  # row times with a known position of the target
@@ -54,9 +56,13 @@ class Evidence:
     path: PathThere | None = None  # the best
 
     def take(self, path: PathThere | None) -> None:
-        """Keeps the higher ranked of `path` and the best so far."""
-        if path is not None and (self.path is None or path.rank > self.path.rank):
-            self.path = path
+        """Keeps the higher ranked of `path` and the best so far; the most detections of both."""
+        best = self.path
+        if path is None or (best is not None and path.rank < best.rank):
+            path, best = best, path
+        if path is not None and best is not None and path.rejection == best.rejection:
+            path = replace(path, detections=max(path.detections, best.detections))
+        self.path = path
 
     def add(self, other: "Evidence") -> None:
         """Adds the evidence of another time."""
@@ -92,6 +98,12 @@ class SensorFrames:
         return xyz_m[(range_m >= self.least_range_m) & (range_m <= self.most_range_m)]
 
 
+def _there(path: TracedPath, detections: int, rejection: str | None) -> PathThere:
+    return PathThere(
+        detections, path.log_likelihood_ratio, path.crowding_penalty, path.threshold, rejection
+    )
+
+
 class Collector:
     """Collects the evidence of each target by the begin of the second, in ns.
 
@@ -110,14 +122,16 @@ class Collector:
         self._sensors = sensors
         self._reach = reach
         self._at_ns = at_ns
+        self._tracks = StreamTracks()
 
     def add_frame(self, frame: TracedFrame) -> None:
         """Counts returns (from the file) and detections near each target at the frame's middle."""
+        self._give_new()
         returns_m = None
         for own, where in self._near(np.array([frame.middle])):
             evidence = own.setdefault(int(where.begin_ns[0]), Evidence())
             if returns_m is None:
-                returns_m = self._sensors[frame.sensor].returns_m(frame)
+                returns_m = self._returns_m(frame)
             range_m = float(self._reach.ranges_m(where.places_m)[0])
             evidence.frames += 1
             evidence.least_range_m = min(evidence.least_range_m, range_m)
@@ -127,26 +141,74 @@ class Collector:
             at_m = np.array([(d.x, d.y, d.z) for d in frame.detections]).reshape(-1, 3)
             for index in np.flatnonzero(where.is_near(at_m)):
                 evidence.detections += 1
+                evidence.unsearched += frame.rejection is not None
                 evidence.log_clutter += frame.detections[index].log_clutter
                 evidence.unsupported += frame.detections[index].unsupported
+                evidence.take(self._path_to(frame, frame.detections[index], evidence))
+
+    def _returns_m(self, frame: TracedFrame) -> np.ndarray:
+        sensor = self._sensors.get(frame.sensor)
+        if sensor is None:
+            raise InputError(
+                f"the trace has a frame of '{frame.sensor[:40]}', expected one of "
+                f"{listed(self._sensors)}"
+            )
+        return sensor.returns_m(frame)
 
     def add_path(self, path: TracedPath) -> None:
         """Gives a path to each second in which it holds detections of a target."""
-        time_ns = np.array([d[0] for d in path.detections], dtype=np.int64)
-        at_m = np.array([d[1:] for d in path.detections], dtype=float).reshape(-1, 3)
+        if path.track is not None:
+            self._tracks.begin(path)
+            return
+        for part, rejection in path.parts():
+            self._give(path, part, rejection)
+
+    def add_track(self, track: TracedTrack) -> None:
+        """Notes a decision on a track of a stream."""
+        confirmed = self._tracks.note(track)
+        if confirmed is not None:
+            self._give_begun(confirmed)
+
+    def finish_trace(self) -> None:
+        """To be called after the last line of a trace."""
+        self._give_new()
+
+    def _give_new(self) -> None:
+        """Gives the paths that became tracks of a stream, after the first decision on these."""
+        for path in self._tracks.take_new():
+            self._give_begun(path)
+
+    def _give_begun(self, path: TracedPath) -> None:
+        for part, rejection in path.parts():
+            is_cut = part.stop is not None
+            self._give(path, part, rejection if is_cut else self._tracks.rejection_of(path.track))
+
+    def _path_to(
+        self, frame: TracedFrame, detection: TracedDetection, evidence: Evidence
+    ) -> PathThere | None:
+        """The path or track of a stream that has a detection, with those of the second so far."""
+        path = self._tracks.path_of(detection.track)
+        if path is not None:
+            there = _there(path, 1, self._tracks.rejection_of(path.track))
+        elif detection.rejection is not None:
+            score = detection.log_likelihood_ratio or 0.0
+            there = PathThere(1, score, 0.0, frame.threshold or 0.0, detection.rejection)
+        else:
+            return None
+        if evidence.path is None or evidence.path.rejection != there.rejection:
+            return there
+        return replace(there, detections=min(evidence.path.detections + 1, evidence.detections))
+
+    def _give(self, path: TracedPath, part: slice, rejection: str | None) -> None:
+        detections = path.detections[part]
+        time_ns = np.array([d[0] for d in detections], dtype=np.int64)
+        at_m = np.array([d[1:] for d in detections], dtype=float).reshape(-1, 3)
         for own, where in self._near(time_ns):
             near = where.is_near(at_m[where.rows])
             begins_ns, counts = np.unique(where.begin_ns[near], return_counts=True)
             for begin_ns, count in zip(begins_ns, counts, strict=True):
-                own.setdefault(int(begin_ns), Evidence()).take(
-                    PathThere(
-                        int(count),
-                        path.log_likelihood_ratio,
-                        path.crowding_penalty,
-                        path.threshold,
-                        path.rejection,
-                    )
-                )
+                evidence = own.setdefault(int(begin_ns), Evidence())
+                evidence.take(_there(path, int(count), rejection))
 
     def add_rows(self, tracks: Tracks) -> None:
         """Compares the rows of the trajectory with each target; of several tracks the nearest."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from unlidar_tools.explain.evidence import BELOW_THRESHOLD, SECOND_NS, Evidence
 
 FOUND, TRACK, GATE, PATH = "found", "track", "gate", "path"
-DETECTION, BODY, STRUCTURE, NO_RETURN = "detection", "body", "structure", "no return"
+DETECTION, UNSEARCHED = "detection", "unsearched"
+BODY, STRUCTURE, NO_RETURN = "body", "structure", "no return"
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,12 @@ MEANINGS = {
         ("robust.tracker.max_gap_s", "robust.tracker.return_rate_m2_per_s"),
         "method.md#4-plots-and-their-clutter",
     ),
+    UNSEARCHED: Meaning(
+        "There are detections, but a stream does not search them: the scene is still being learned "
+        "after the start, or once more since detections surged as when rain begins.",
+        ("robust.disabled_rules",),
+        "live.md#weather-and-the-window",
+    ),
     BODY: Meaning(
         "Its returns were taken for a person or a vehicle: they reach down to the ground, or are "
         "wider than a drone.",
@@ -56,8 +63,22 @@ MEANINGS = {
         "own_sensor.md",
     ),
 }
-# By the names of the program's rules (src/tracking/rejection.hpp); below_threshold is PATH.
+# The program's rules (src/tracking/rejection.hpp) that a stage stands for, and all others.
+RULES = {
+    "structure": STRUCTURE,
+    "body": BODY,
+    "warm_up": UNSEARCHED,
+    "surge": UNSEARCHED,
+    BELOW_THRESHOLD: PATH,
+    "lost": TRACK,
+}
 GATES = {
+    "pause": Meaning(
+        "A path of a stream goes on after a pause of three seconds, over which it may reach back "
+        "to strays: what precedes the pause is cut off.",
+        ("robust.disabled_rules",),
+        "live.md#why-was-it-lost",
+    ),
     "too_few_detections": Meaning(
         "A path is above the threshold, but in too few frames: clutter that repeats itself is no "
         "evidence.",
@@ -68,6 +89,12 @@ GATES = {
         "A path flies no higher than people and vehicles for too large a share of its detections.",
         ("robust.off_ground_m", "robust.off_ground_share"),
         "method.md#6-decision",
+    ),
+    "stationary": Meaning(
+        "A path of a stream stays where it is and something may hold it up: a twig that is hit "
+        "more often for a while does so.",
+        ("robust.support.reach", "robust.disabled_rules"),
+        "live.md#why-was-it-lost",
     ),
     "weak_return": Meaning(
         "A path returns too little for its range: an insect near the station.",
@@ -92,7 +119,7 @@ GATES = {
     ),
     "single_measurement": Meaning(
         "Of a path the collection of all returns left one measurement at most.",
-        ("robust.disabled_rules",),
+        (),
         "method.md#7-collection",
     ),
     "suspended": Meaning(
@@ -147,7 +174,7 @@ def stage_of(evidence: Evidence) -> str:
             return TRACK
         return PATH if rejection == BELOW_THRESHOLD else f"{GATE} {rejection}"
     if evidence.detections:
-        return DETECTION
+        return DETECTION if evidence.unsearched < evidence.detections else UNSEARCHED
     if evidence.bodies:
         return BODY
     return STRUCTURE if evidence.returns else NO_RETURN
@@ -190,6 +217,8 @@ def measured(evidence: Evidence, stage: str) -> str:
         return f"{there}, {_range(evidence)} away, no detection"
     if stage == BODY:
         return f"{there}, {evidence.bodies} of them of bodies"
+    if stage == UNSEARCHED:
+        return f"{_count(evidence.detections, 'detection')}, none searched"
     if stage == DETECTION:
         clutter = evidence.log_clutter / evidence.detections
         return (

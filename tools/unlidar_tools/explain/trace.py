@@ -1,7 +1,7 @@
 """The trace of `unlidar_track --trace`: JSON lines, checked one at a time as they are read."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -40,6 +40,10 @@ class TracedDetection:
     height_m: _Finite  # above the ground
     log_clutter: _Finite  # of the expected number of clutter detections per m^3 and frame
     unsupported: bool  # nothing holds it up
+    # Of streams:
+    log_likelihood_ratio: _Finite | None = None  # of the best path to it
+    rejection: _Name | None = None  # the rule that refused this path
+    track: _Count | None = None  # number of the track that has it
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,9 @@ class TracedFrame:
     returns: _Count
     bodies: list[tuple[_Metres, _Metres, _Metres]]  # returns of people and vehicles
     detections: list[TracedDetection]
+    # Of streams:
+    threshold: _Finite | None = None
+    rejection: _Name | None = None  # the reason for which it is not searched
 
 
 @dataclass(frozen=True)
@@ -71,6 +78,32 @@ class TracedPath:
     threshold: _Finite
     rejection: _Name | None  # the rejecting gate; None: it became a track
     detections: list[tuple[_StampNs, _Metres, _Metres, _Metres]]
+    # Of streams:
+    cuts: list[tuple[_Name, _Count]] = field(default_factory=list)  # leading detections, by rule
+    track: _Count | None = None  # that it became
+
+    def parts(self) -> Iterator[tuple[slice, str | None]]:
+        """The detections that each rule refuses, and the rest with the rejection of the path."""
+        begin = 0
+        for rule, count in self.cuts:
+            yield slice(begin, begin + count), rule
+            begin += count
+        yield slice(begin, None), self.rejection
+
+
+@dataclass(frozen=True)
+class TracedTrack:
+    """A decision on a track of a stream."""
+
+    __pydantic_config__ = _STRICT
+
+    trace: Literal["track"]
+    at: _StampNs  # stamp of the last frame searched
+    track: _Count
+    state: Literal["initiated", "waiting", "confirmed", "rejected", "deleted"]
+    rejection: _Name | None  # the rule for which it waits, is rejected or deleted
+    first: _StampNs  # evidence
+    last: _StampNs
 
 
 @dataclass(frozen=True)
@@ -80,14 +113,15 @@ class _Header:
     trace: Literal["header"]
     version: str
     method: str
-    sensors: list[str]
+    sensors: list[str]  # none of a stream, whose sensors appear with their frames
 
 
-_LINE = TypeAdapter(Annotated[_Header | TracedFrame | TracedPath, Field(discriminator="trace")])
+Traced = TracedFrame | TracedPath | TracedTrack
+_LINE = TypeAdapter(Annotated[_Header | Traced, Field(discriminator="trace")])
 
 
-def read_trace(path: Path) -> Iterator[TracedFrame | TracedPath]:
-    """Frames and paths in the order of the file.
+def read_trace(path: Path) -> Iterator[Traced]:
+    """Frames, paths and tracks in the order of the file.
 
     Throws InputError naming the line, the field and what was expected.
     """
@@ -102,7 +136,7 @@ def read_trace(path: Path) -> Iterator[TracedFrame | TracedPath]:
                 if isinstance(line, _Header):
                     sensors = line.sensors
                     continue
-                if isinstance(line, TracedFrame) and line.sensor not in sensors:
+                if isinstance(line, TracedFrame) and sensors and line.sensor not in sensors:
                     raise InputError(
                         f"{path}:{number}: sensor is '{line.sensor[:40]}', expected one of "
                         f"{listed(sensors)}"
@@ -114,7 +148,7 @@ def read_trace(path: Path) -> Iterator[TracedFrame | TracedPath]:
         raise InputError(f"{path}: it is empty, expected a trace of unlidar_track")
 
 
-def _line(where: str, text: str) -> _Header | TracedFrame | TracedPath:
+def _line(where: str, text: str) -> _Header | Traced:
     try:
         return _LINE.validate_json(text)
     except ValidationError as error:

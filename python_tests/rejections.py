@@ -1,0 +1,14 @@
+"""Names of the program's rules that refuse a plot, a path or a track, read from its source."""
+
+from __future__ import annotations
+
+import re
+
+from synthetic import PROJECT
+
+
+def rejections() -> set[str]:
+    """As `--trace` writes them."""
+    header = (PROJECT / "src/tracking/rejection.hpp").read_text()
+    names = re.findall(r"^  k([A-Z]\w+)", header, re.MULTILINE)
+    return {re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower() for name in names} - {"none"}

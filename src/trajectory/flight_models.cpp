@@ -2,153 +2,79 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
-#include <utility>
 
 #include "base/square.hpp"
 
 namespace unlidar {
 namespace {
 
-// Distribution of the values of a cue: normal about a mean, except for a share that is normal about
-// zero; with a spread of zero a density of 1 / (1 + |x| / mean), squared for signed values.
-// Truncated at the end of the grid. All in m/s, or m/s^2 for turns.
-struct CueDistribution {
-  double mean = 0.0;
-  double spread = 0.0;       // standard deviation
-  double step = 0.0;         // standard deviation of the change within a second
-  double hover_share = 0.0;  // share of values near zero
-  double hover_spread = 1.0;
+using Styles = StyleLikelihoods;
+
+template <std::size_t kSize>
+using Shares = std::array<double, kSize>;
+
+// Values that a flight keeps, on grids.
+constexpr Shares<Styles::kNumCruises> kCruisesMps = {1.5, 2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0};
+constexpr Shares<Styles::kNumHovers> kHoverShares = {0.02, 0.3, 0.9};
+// Standard deviation of the speed over the cruise speed; the same for both classes, because the
+// acceleration along the velocity says it already.
+constexpr Shares<Styles::kNumVariations> kVariations = {0.12, 0.25, 0.5};
+constexpr Shares<Styles::kNumVariations> kVariationShares = {0.3, 0.4, 0.3};
+constexpr Shares<Styles::kNumClimbs> kClimbsMps = {0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2};  // RMS
+constexpr Shares<Styles::kNumLevels> kLevelsMps2 = {0.3, 0.6, 1.2, 2.5, 5.0, 10.0};      // RMS
+// Share of the squared acceleration that is along the velocity.
+constexpr Shares<Styles::kNumDirections> kAlongShares = {0.05, 0.2, 0.5, 0.8};
+
+// From this index of a level on a flight manoeuvres.
+constexpr std::size_t kManoeuvringLevel = 3;
+
+// How often flights that keep steady, and those that manoeuvre, have which style.
+struct StyleShares {
+  Shares<Styles::kNumClimbs> climbs;
+  Shares<Styles::kNumDirections> directions;
 };
 
-struct StatedModel {
-  FlightClass flight_class;
-  double share;  // among those of its class
-  std::array<CueDistribution, kNumCues> distributions;
+// How often flights of a class have which style; docs/kinds.md has the sources.
+struct FlightClass {
+  Shares<Styles::kNumCruises> cruises;
+  Shares<Styles::kNumHovers> hovers;
+  Shares<Styles::kNumLevels> levels;
+  StyleShares steady;
+  StyleShares manoeuvring;
 };
 
-// Ground speed, climb and turn of each model; docs/kinds.md has the sources. Speeds are over
-// ground: their spread includes 3 m/s of wind. Numbers without a source are estimates.
-constexpr CueDistribution kBroadSpeed = {1.0, 0.0, 5.0};  // about uniform in log speed
-constexpr CueDistribution kBroadClimb = {1.0, 0.0, 3.0};
-constexpr CueDistribution kBroadTurn = {2.0, 0.0, 4.0};
-constexpr std::array<StatedModel, 8> kModels = {{
-    // A drone on a mission, as steady as a bird. Data sheets of camera drones: position hold
-    // within 0.1 to 0.5 m, up to 15 to 21 m/s, climb at up to 8 and descent at up to 6 m/s.
-    {FlightClass::kDrone, 0.5, {{{0.0, 8.0, 1.0, 0.35, 0.4}, {0.0, 1.5, 0.5}, {0.0, 1.0, 0.7}}}},
-    // The same flown by hand: it brakes, turns and climbs within seconds.
-    {FlightClass::kDrone, 0.3, {{{0.0, 8.0, 2.5, 0.35, 0.4}, {0.0, 2.0, 1.2}, {0.0, 2.0, 2.0}}}},
-    // A racing drone: 8 m/s through gates (Foehn et al. 2020), 14 m/s in fast races, several g.
-    {FlightClass::kDrone, 0.2, {{{10.0, 6.0, 5.0, 0.05, 0.4}, {0.0, 3.0, 3.0}, {0.0, 8.0, 6.0}}}},
-    // A bird in flapping transit: 8 to 23 m/s (Alerstam et al. 2007), sustained climbs of 0.3 to
-    // 1.6 m/s (Hedenstroem & Alerstam 1992).
-    {FlightClass::kBirdLike, 0.4, {{{13.0, 4.0, 1.0}, {0.0, 1.0, 0.5}, {0.0, 1.0, 0.7}}}},
-    // A bird that turns, in a flock, at play or chased: banks for up to 2 g (Usherwood et al.
-    // 2011).
-    {FlightClass::kBirdLike, 0.25, {{{12.0, 4.0, 2.0}, {0.0, 1.8, 1.2}, {0.0, 4.0, 2.5}}}},
-    // A gull or raptor that circles or hangs in the wind: the slow ones of Alerstam et al.
-    {FlightClass::kBirdLike, 0.15, {{{8.0, 4.0, 1.5}, {0.0, 1.5, 0.7}, {0.0, 3.0, 1.0}}}},
-    // A bat that hunts: 6.7 and 7.7 m/s in the open (Salcedo et al. 1995), less near trees.
-    {FlightClass::kBirdLike, 0.2, {{{6.0, 2.0, 1.5}, {0.0, 1.2, 1.0}, {0.0, 4.0, 3.0}}}},
-    // Unknown: no value is preferred, and none persists.
-    {FlightClass::kUnknown, 1.0, {{kBroadSpeed, kBroadClimb, kBroadTurn}}},
-}};
-constexpr std::array<CueDistribution, kNumCues> kBroad = {kBroadSpeed, kBroadClimb, kBroadTurn};
+// Multicopters hover, creep and fly at up to 20 m/s; their controller holds the height to
+// decimetres whatever they do; their thrust points anywhere, with a tilt of at most 25 to 35
+// degrees (4.6 to 6.9 m/s^2) for camera drones and of more for racing ones.
+constexpr StyleShares kDroneShares = {{0.2, 0.2, 0.15, 0.15, 0.12, 0.1, 0.08},
+                                      {0.2, 0.25, 0.35, 0.2}};
+constexpr FlightClass kDrone = {{0.14, 0.14, 0.15, 0.15, 0.16, 0.14, 0.09, 0.03},
+                                {0.5, 0.3, 0.2},
+                                {0.22, 0.24, 0.22, 0.18, 0.1, 0.04},
+                                kDroneShares,
+                                kDroneShares};
 
-// Share of the broad distribution in every other one, because no model is exact.
-constexpr double kBroadShare = 0.02;
+// Birds need air speed, hang in the wind at times, and bank for up to 2 g. Across their way lift
+// accelerates them; along it only their power and drag do, or an exchange with height: at 8 m/s a
+// surplus of 2 m/s of climb is worth 2.5 m/s^2.
+constexpr FlightClass kBirdLike = {
+    {0.005, 0.02, 0.08, 0.18, 0.27, 0.26, 0.14, 0.045},
+    {0.95, 0.04, 0.01},
+    {0.15, 0.2, 0.22, 0.22, 0.16, 0.05},
+    {{0.03, 0.1, 0.22, 0.3, 0.2, 0.12, 0.03}, {0.28, 0.3, 0.27, 0.15}},
+    {{0.005, 0.02, 0.1, 0.25, 0.33, 0.22, 0.075}, {0.5, 0.36, 0.12, 0.02}}};
 
-// Redraws of a value per second; otherwise it follows the one before with a change. The same for
-// all models, so that persistence is weak evidence.
-constexpr double kRedrawRate = 0.1;
+// Independent seconds per second. Values of neighbouring seconds correlate by about 0.5 even within
+// one style, and n correlated values are worth n (1 - 0.5) / (1 + 0.5) independent ones.
+constexpr double kIndependentShare = 1.0 / 3.0;
 
-double GaussianDensity(double x, double sigma) {
-  return std::exp(-0.5 * Square(x / sigma)) / sigma;
-}
+// Share of seconds in which a flight does anything, because no style is exact.
+constexpr double kOutlierShare = 0.05;
+constexpr double kOutlierSpeedMps = 10.0;
+constexpr double kOutlierClimbMps = 3.0;
+constexpr double kOutlierAccelerationMps2 = 10.0;
 
-struct Grid {
-  std::vector<double> values;
-  std::vector<double> widths;
-};
-
-// Grid that is finer near zero, where drones hover.
-Grid MakeGrid(bool is_signed) {
-  std::vector<double> edges = {0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0};
-  while (edges.back() < 30.0) edges.push_back(edges.back() + 1.0);
-  if (is_signed) {
-    for (std::size_t i = edges.size() - 1; i > 0; --i) edges.push_back(-edges[i]);
-    std::sort(edges.begin(), edges.end());
-  } else {
-    edges.push_back(40.0);
-  }
-  Grid grid;
-  for (std::size_t i = 0; i + 1 < edges.size(); ++i) {
-    grid.values.push_back(0.5 * (edges[i] + edges[i + 1]));
-    grid.widths.push_back(edges[i + 1] - edges[i]);
-  }
-  return grid;
-}
-
-const Grid& GridOf(Cue cue) {
-  static const Grid kSpeeds = MakeGrid(false);
-  static const Grid kSigned = MakeGrid(true);
-  return cue == Cue::kSpeed ? kSpeeds : kSigned;
-}
-
-// Returns the shares of the values of a grid.
-std::vector<double> SharesOf(const CueDistribution& distribution, Cue cue) {
-  const Grid& grid = GridOf(cue);
-  const auto shares_of = [&](const auto& density) {
-    std::vector<double> shares(grid.values.size());
-    for (std::size_t i = 0; i < shares.size(); ++i) {
-      shares[i] = grid.widths[i] * density(grid.values[i]);
-    }
-    Normalise(&shares);
-    return shares;
-  };
-  if (distribution.spread == 0.0) {
-    const double power = cue == Cue::kSpeed ? 1.0 : 2.0;
-    return shares_of(
-        [&](double x) { return std::pow(1.0 + std::abs(x) / distribution.mean, -power); });
-  }
-  const std::vector<double> moving = shares_of(
-      [&](double x) { return GaussianDensity(x - distribution.mean, distribution.spread); });
-  const std::vector<double> hovering =
-      shares_of([&](double x) { return GaussianDensity(x, distribution.hover_spread); });
-  std::vector<double> shares(moving.size());
-  for (std::size_t i = 0; i < shares.size(); ++i) {
-    shares[i] =
-        (1.0 - distribution.hover_share) * moving[i] + distribution.hover_share * hovering[i];
-  }
-  return shares;
-}
-
-MarkovChain MakeMarkovChain(const CueDistribution& distribution, Cue cue) {
-  MarkovChain chain;
-  chain.shares = SharesOf(distribution, cue);
-  const std::vector<double> broad = SharesOf(kBroad[static_cast<std::size_t>(cue)], cue);
-  for (std::size_t i = 0; i < broad.size(); ++i) {
-    chain.shares[i] = (1.0 - kBroadShare) * chain.shares[i] + kBroadShare * broad[i];
-  }
-  const Grid& grid = GridOf(cue);
-  for (const double from : grid.values) {
-    std::vector<double> step(grid.values.size());
-    for (std::size_t j = 0; j < step.size(); ++j) {
-      step[j] = grid.widths[j] * GaussianDensity(grid.values[j] - from, distribution.step);
-    }
-    Normalise(&step);
-    for (std::size_t j = 0; j < step.size(); ++j) {
-      step[j] = (1.0 - kRedrawRate) * step[j] + kRedrawRate * chain.shares[j];
-    }
-    chain.steps.push_back(std::move(step));
-  }
-  return chain;
-}
-
-// Returns the sum of the variances of the grid step and of the measurement.
-double VarianceAt(const Grid& grid, std::size_t i, double variance) {
-  return variance + Square(grid.widths[i]) / 12.0;
-}
+constexpr double kHoverSpreadMps = 0.3;  // along an axis: position hold within 0.1 to 0.5 m
 
 // e^-x I_0(x): std::cyl_bessel_i overflows from 713 on.
 double ScaledBessel0(double x) {
@@ -157,49 +83,130 @@ double ScaledBessel0(double x) {
   return std::exp(-x) * std::cyl_bessel_i(0.0, x);
 }
 
+// Density of a measured plane vector whose true length is `mean`, in any direction.
+double RingDensity(double length, double mean, double variance) {
+  return std::exp(-0.5 * Square(length - mean) / variance) / (2.0 * M_PI * variance) *
+         ScaledBessel0(length * mean / variance);
+}
+
+double NormalDensity(double x, double variance) {
+  return std::exp(-0.5 * x * x / variance) / std::sqrt(2.0 * M_PI * variance);
+}
+
+// Cauchy's densities in one dimension and two do not vanish for any value.
+double CauchyDensity(double x, double scale_squared) {
+  return std::sqrt(scale_squared) / (M_PI * (scale_squared + x * x));
+}
+
+double PlaneCauchyDensity(double length_squared, double scale_squared) {
+  return std::sqrt(scale_squared) / (2.0 * M_PI * std::pow(scale_squared + length_squared, 1.5));
+}
+
+double LogOf(double density, double outlier_density) {
+  return kIndependentShare *
+         std::log((1.0 - kOutlierShare) * density + kOutlierShare * outlier_density);
+}
+
+template <class Values>
+double LogSum(const Values& logs) {
+  const double most = *std::max_element(logs.begin(), logs.end());
+  double sum = 0.0;
+  for (const double log : logs) sum += std::exp(log - most);
+  return most + std::log(sum);
+}
+
+template <std::size_t kSize>
+double LogMean(const std::array<double, kSize>& logs, const Shares<kSize>& shares) {
+  std::array<double, kSize> terms;
+  for (std::size_t i = 0; i < kSize; ++i) terms[i] = logs[i] + std::log(shares[i]);
+  return LogSum(terms);
+}
+
+template <class Logs>
+double SpeedLog(const Logs& logs, const FlightClass& of) {
+  Logs terms = logs;
+  std::size_t i = 0;
+  for (const double cruise : of.cruises) {
+    for (const double hover : of.hovers) {
+      for (const double variation : kVariationShares) {
+        terms[i++] += std::log(cruise * hover * variation);
+      }
+    }
+  }
+  return LogSum(terms);
+}
+
+template <class Logs, class ClimbLogs>
+double AccelerationLog(const Logs& logs, const FlightClass& of, const ClimbLogs& climb_logs) {
+  const std::array<double, 2> of_climbs = {LogMean(climb_logs, of.steady.climbs),
+                                           LogMean(climb_logs, of.manoeuvring.climbs)};
+  Logs terms = logs;
+  std::size_t i = 0;
+  for (std::size_t level = 0; level < of.levels.size(); ++level) {
+    const bool manoeuvres = level >= kManoeuvringLevel;
+    for (const double direction : (manoeuvres ? of.manoeuvring : of.steady).directions) {
+      terms[i++] += std::log(of.levels[level] * direction) + of_climbs[manoeuvres ? 1 : 0];
+    }
+  }
+  return LogSum(terms);
+}
+
 }  // namespace
 
-void Normalise(std::vector<double>* shares) {
-  const double sum = std::accumulate(shares->begin(), shares->end(), 0.0);
-  for (double& share : *shares) share /= sum;
-}
-
-const std::vector<FlightModel>& FlightModels() {
-  static const std::vector<FlightModel> kFlightModels = [] {
-    std::vector<FlightModel> models;
-    for (const StatedModel& stated : kModels) {
-      FlightModel model{stated.flight_class, stated.share, {}};
-      for (std::size_t c = 0; c < kNumCues; ++c) {
-        model.chains[c] = MakeMarkovChain(stated.distributions[c], static_cast<Cue>(c));
+void StyleLikelihoods::AddSpeed(double speed_mps, double variance) {
+  const double hovering = RingDensity(speed_mps, 0.0, Square(kHoverSpreadMps) + variance);
+  const double outlier = PlaneCauchyDensity(Square(speed_mps), Square(kOutlierSpeedMps) + variance);
+  for (std::size_t c = 0; c < kNumCruises; ++c) {
+    for (std::size_t v = 0; v < kNumVariations; ++v) {
+      const double cruising = RingDensity(speed_mps, kCruisesMps[c],
+                                          Square(kVariations[v] * kCruisesMps[c]) + variance);
+      for (std::size_t h = 0; h < kNumHovers; ++h) {
+        speed_logs_[(c * kNumHovers + h) * kNumVariations + v] +=
+            LogOf((1.0 - kHoverShares[h]) * cruising + kHoverShares[h] * hovering, outlier);
       }
-      models.push_back(std::move(model));
     }
-    return models;
-  }();
-  return kFlightModels;
-}
-
-// Rice's distribution: likelihood of the measured length of a plane vector given each true one, up
-// to a common factor.
-void SetLikelihoodsOfSpeed(double speed_mps, double variance, std::vector<double>* likelihoods) {
-  const Grid& grid = GridOf(Cue::kSpeed);
-  const double measured_mps = std::min(speed_mps, grid.values.back());  // clamped to the grid
-  likelihoods->resize(grid.values.size());
-  for (std::size_t i = 0; i < likelihoods->size(); ++i) {
-    const double v = VarianceAt(grid, i, variance);
-    (*likelihoods)[i] = std::exp(-0.5 * Square(measured_mps - grid.values[i]) / v) / v *
-                        ScaledBessel0(measured_mps * grid.values[i] / v);
   }
 }
 
-void SetLikelihoodsOf(Cue cue, double measured, double variance, std::vector<double>* likelihoods) {
-  const Grid& grid = GridOf(cue);
-  const double x = std::clamp(measured, grid.values.front(), grid.values.back());
-  likelihoods->resize(grid.values.size());
-  for (std::size_t i = 0; i < likelihoods->size(); ++i) {
-    (*likelihoods)[i] =
-        GaussianDensity(x - grid.values[i], std::sqrt(VarianceAt(grid, i, variance)));
+void StyleLikelihoods::AddClimb(double climb_mps, double variance) {
+  const double outlier = CauchyDensity(climb_mps, Square(kOutlierClimbMps) + variance);
+  for (std::size_t i = 0; i < kNumClimbs; ++i) {
+    climb_logs_[i] += LogOf(NormalDensity(climb_mps, Square(kClimbsMps[i]) + variance), outlier);
   }
+}
+
+void StyleLikelihoods::AddAcceleration(double along_mps2, double across_mps2, double variance) {
+  const double outlier = PlaneCauchyDensity(Square(along_mps2) + Square(across_mps2),
+                                            Square(kOutlierAccelerationMps2) + variance);
+  std::size_t i = 0;
+  for (const double level_mps2 : kLevelsMps2) {
+    for (const double along : kAlongShares) {
+      const double density =
+          NormalDensity(along_mps2, along * Square(level_mps2) + variance) *
+          NormalDensity(across_mps2, (1.0 - along) * Square(level_mps2) + variance);
+      acceleration_logs_[i++] += LogOf(density, outlier);
+    }
+  }
+}
+
+double StyleLikelihoods::LogRatio() const {
+  const auto log_of = [&](const FlightClass& of) {
+    return SpeedLog(speed_logs_, of) + AccelerationLog(acceleration_logs_, of, climb_logs_);
+  };
+  return log_of(kDrone) - log_of(kBirdLike);
+}
+
+std::array<double, kNumCues> StyleLikelihoods::LogRatios() const {
+  constexpr Logs<kNumClimbs> kNoClimbs = {};
+  constexpr Logs<kNumLevels* kNumDirections> kNoAccelerations = {};
+  const auto ratio_of = [](const auto& log_of) { return log_of(kDrone) - log_of(kBirdLike); };
+  return {ratio_of([&](const FlightClass& of) { return SpeedLog(speed_logs_, of); }),
+          ratio_of([&](const FlightClass& of) {
+            return AccelerationLog(kNoAccelerations, of, climb_logs_);
+          }),
+          ratio_of([&](const FlightClass& of) {
+            return AccelerationLog(acceleration_logs_, of, kNoClimbs);
+          })};
 }
 
 }  // namespace unlidar

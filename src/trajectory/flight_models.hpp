@@ -1,44 +1,49 @@
-// Models of the flight of drones, birds and bats from published numbers, without training.
+// Models of the flight of drones and of birds and bats from published numbers, without training.
 //
-// A second of flight is described by its ground speed, its climb and its lateral acceleration. Each
-// model states, for each of the three, the distribution of its values and how fast they change: a
-// Markov chain on a grid of values. docs/kinds.md has the numbers with their sources.
+// The seconds of one flight are no independent draws from its class: a flight has a style (cruise
+// speed, share of hovering, spread of climb, level and direction of acceleration) and keeps it.
+// Each class states how often which style occurs. The seconds of a track tell its style, and the
+// class only as far as the classes differ in how often they fly like that: the log likelihood ratio
+// is bounded, however long the track is. docs/kinds.md has the numbers with their sources.
 #pragma once
 
 #include <array>
 #include <cstddef>
-#include <vector>
 
 namespace unlidar {
 
-// Cues that describe a second of flight, in m/s, m/s and m/s^2.
+// Cues that describe a second of flight: ground speed in m/s, vertical speed in m/s, and the
+// horizontal acceleration along and across the velocity in m/s^2.
 inline constexpr std::size_t kNumCues = 3;
 enum class Cue : std::size_t { kSpeed, kClimb, kTurn };
 
-inline constexpr std::size_t kNumFlightClasses = 3;
-enum class FlightClass : std::size_t { kDrone, kBirdLike, kUnknown };
+// Log likelihoods of the styles of one flight, given the seconds added so far.
+class StyleLikelihoods {
+ public:
+  // The variance is that of the measured value along one axis.
+  void AddSpeed(double speed_mps, double variance);
+  void AddClimb(double climb_mps, double variance);
+  void AddAcceleration(double along_mps2, double across_mps2, double variance);
 
-// Dynamics of a cue on its grid of values.
-struct MarkovChain {
-  std::vector<double> shares;              // (grid) stationary distribution
-  std::vector<std::vector<double>> steps;  // (grid, grid) transitions within a second
+  // Log likelihood ratio of drone to bird-like by all cues.
+  double LogRatio() const;
+  // By each cue alone. Not additive: what heights say depends on how the flight manoeuvres.
+  std::array<double, kNumCues> LogRatios() const;
+
+  static constexpr std::size_t kNumCruises = 8;
+  static constexpr std::size_t kNumHovers = 3;
+  static constexpr std::size_t kNumVariations = 3;
+  static constexpr std::size_t kNumClimbs = 7;
+  static constexpr std::size_t kNumLevels = 6;
+  static constexpr std::size_t kNumDirections = 4;
+
+ private:
+  template <std::size_t kSize>
+  using Logs = std::array<double, kSize>;
+
+  Logs<kNumCruises* kNumHovers* kNumVariations> speed_logs_ = {};
+  Logs<kNumClimbs> climb_logs_ = {};
+  Logs<kNumLevels* kNumDirections> acceleration_logs_ = {};
 };
-
-struct FlightModel {
-  FlightClass flight_class;
-  double share;  // among those of its class
-  std::array<MarkovChain, kNumCues> chains;
-};
-
-const std::vector<FlightModel>& FlightModels();
-
-// Sets `likelihoods` (grid of the cue) of the measured value given each true one, up to a common
-// factor. The ground speed is the length of a vector and follows Rice's distribution.
-void SetLikelihoodsOfSpeed(double speed_mps, double variance, std::vector<double>* likelihoods);
-// `cue`: climb or turn.
-void SetLikelihoodsOf(Cue cue, double measured, double variance, std::vector<double>* likelihoods);
-
-// Scales shares to a sum of 1. Their sum must be above 0.
-void Normalise(std::vector<double>* shares);
 
 }  // namespace unlidar

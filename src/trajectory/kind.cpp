@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <numeric>
 #include <utility>
 
 #include "base/square.hpp"
@@ -15,39 +13,29 @@ constexpr TimeNs kStepNs = 1'000'000'000;
 constexpr double kHoverMps = 1.0;
 constexpr double kKindSteps = 10'000.0;  // resolution of probabilities
 
-// Log of the sum of exp(log(i)) over the i < count for which is_in(i).
-template <class IsIn, class Log>
-double LogSum(std::size_t count, const IsIn& is_in, const Log& log) {
-  double most = -std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < count; ++i) most = is_in(i) ? std::max(most, log(i)) : most;
-  double sum = 0.0;
-  for (std::size_t i = 0; i < count; ++i) sum += is_in(i) ? std::exp(log(i) - most) : 0.0;
-  return most + std::log(sum);
-}
+// Flights of either class in the manner of the other, estimates on the safe side: drones with
+// wings, and multicopters that are flown like them, through gates or with goggles; birds that hang
+// in the wind for minutes. They bound what any flight can say.
+constexpr double kBirdLikeDrones = 0.2;
+constexpr double kDroneLikeBirds = 0.01;
 
-// (classes) Log likelihood, given that of each model.
-template <class LogLikelihood>
-std::array<double, kNumFlightClasses> LogLikelihoodsOfClasses(const LogLikelihood& of_model) {
-  std::array<double, kNumFlightClasses> result = {};
-  const std::vector<FlightModel>& models = FlightModels();
-  for (std::size_t c = 0; c < kNumFlightClasses; ++c) {
-    result[c] = LogSum(
-        models.size(),
-        [&](std::size_t m) { return models[m].flight_class == static_cast<FlightClass>(c); },
-        [&](std::size_t m) { return std::log(models[m].share) + of_model(m); });
-  }
-  return result;
+// `log_ratio`: of the drones' own manner to the birds'.
+Kind KindOf(double log_ratio) {
+  const double drones_own = 1.0 / (1.0 + std::exp(-log_ratio));
+  const double birds_own = 1.0 - drones_own;
+  const double of_drones = (1.0 - kBirdLikeDrones) * drones_own + kBirdLikeDrones * birds_own;
+  const double of_birds = (1.0 - kDroneLikeBirds) * birds_own + kDroneLikeBirds * drones_own;
+  // Of drones and birds, equally many, these are drones where the flight is like this. Unknown is
+  // the probability that the likelier of the two is wrong: a half where nothing is known.
+  const double drone = of_drones / (of_drones + of_birds);
+  const double known = std::max(drone, 1.0 - drone);
+  const double drone_steps = std::round(kKindSteps * known * drone);
+  const double bird_steps = std::round(kKindSteps * known * (1.0 - drone));
+  return {drone_steps / kKindSteps, bird_steps / kKindSteps,
+          (kKindSteps - drone_steps - bird_steps) / kKindSteps};
 }
 
 }  // namespace
-
-KindFilter::KindFilter() : posteriors_(FlightModels().size()) {
-  for (std::size_t m = 0; m < posteriors_.size(); ++m) {
-    for (std::size_t c = 0; c < kNumCues; ++c) {
-      posteriors_[m][c].shares = FlightModels()[m].chains[c].shares;
-    }
-  }
-}
 
 KindFilter::Instant KindFilter::InstantAt(const Trajectory& trajectory, TimeNs time_ns) {
   const Eigen::Matrix3d covariance_m2 = trajectory.CovarianceAt(time_ns);
@@ -65,32 +53,29 @@ void KindFilter::Observe(const Trajectory& trajectory, TimeNs until_ns) {
     last_ = InstantAt(trajectory, trajectory.begin_ns());
     if (seconds_ == 0.0) first_m_ = last_->position_m;
   }
+  if (last_->time_ns + kStepNs > end_ns) return;
   while (last_->time_ns + kStepNs <= end_ns) {
     Update(InstantAt(trajectory, last_->time_ns + kStepNs));
   }
+  kind_ = KindOf(styles_.LogRatio());
 }
 
 void KindFilter::Update(const Instant& next) {
   constexpr double kStepS = static_cast<double>(kStepNs) * kSecondsPerNs;
   const Eigen::Vector3d velocity_mps = (next.position_m - last_->position_m) / kStepS;
   const double speed_mps = velocity_mps.head<2>().norm();
-  SetLikelihoodsOfSpeed(speed_mps, (next.across_m2 + last_->across_m2) / Square(kStepS),
-                        &likelihoods_);
-  UpdateCue(Cue::kSpeed);
-  SetLikelihoodsOf(Cue::kClimb, velocity_mps.z(),
-                   (next.height_m2 + last_->height_m2) / Square(kStepS), &likelihoods_);
-  UpdateCue(Cue::kClimb);
+  styles_.AddSpeed(speed_mps, (next.across_m2 + last_->across_m2) / Square(kStepS));
+  styles_.AddClimb(velocity_mps.z(), (next.height_m2 + last_->height_m2) / Square(kStepS));
   if (before_) {
     const Eigen::Vector3d earlier_mps = (last_->position_m - before_->position_m) / kStepS;
-    const Eigen::Vector2d along_mps = (velocity_mps + earlier_mps).head<2>();
-    const double cross = earlier_mps.x() * velocity_mps.y() - earlier_mps.y() * velocity_mps.x();
-    // Change of the velocity across its mean; none for a target that stands still.
-    const double turn_mps2 = along_mps.norm() > 0.0 ? 2.0 * cross / along_mps.norm() / kStepS : 0.0;
-    SetLikelihoodsOf(
-        Cue::kTurn, turn_mps2,
-        (before_->across_m2 + 4.0 * last_->across_m2 + next.across_m2) / Square(Square(kStepS)),
-        &likelihoods_);
-    UpdateCue(Cue::kTurn);
+    const Eigen::Vector2d mean_mps = 0.5 * (velocity_mps + earlier_mps).head<2>();
+    const Eigen::Vector2d change_mps2 = (velocity_mps - earlier_mps).head<2>() / kStepS;
+    Eigen::Vector2d along = Eigen::Vector2d::UnitX();  // of a target that stands still, any
+    if (mean_mps.norm() > 0.0) along = mean_mps.normalized();
+    const double turn_mps2 = along.x() * change_mps2.y() - along.y() * change_mps2.x();
+    styles_.AddAcceleration(
+        along.dot(change_mps2), turn_mps2,
+        (before_->across_m2 + 4.0 * last_->across_m2 + next.across_m2) / Square(Square(kStepS)));
     turn_sum_ += Square(turn_mps2);
     turns_ += 1.0;
   }
@@ -106,54 +91,10 @@ void KindFilter::Update(const Instant& next) {
   before_ = std::exchange(last_, next);
 }
 
-void KindFilter::UpdateCue(Cue cue) {
-  const auto c = static_cast<std::size_t>(cue);
-  const double most = *std::max_element(likelihoods_.begin(), likelihoods_.end());
-  for (std::size_t m = 0; m < posteriors_.size(); ++m) {
-    const MarkovChain& chain = FlightModels()[m].chains[c];
-    CuePosterior& posterior = posteriors_[m][c];
-    next_.assign(posterior.shares.size(), 0.0);
-    for (std::size_t i = 0; i < next_.size(); ++i) {
-      for (std::size_t j = 0; j < next_.size(); ++j) {
-        next_[j] += posterior.shares[i] * chain.steps[i][j];
-      }
-    }
-    for (std::size_t j = 0; j < next_.size(); ++j) next_[j] *= likelihoods_[j] / most;
-    posterior.log_likelihood += std::log(std::accumulate(next_.begin(), next_.end(), 0.0));
-    Normalise(&next_);
-    posterior.shares = next_;
-  }
-}
-
-Kind KindFilter::kind() const {
-  std::array<double, kNumFlightClasses> logs = LogLikelihoodsOfClasses([&](std::size_t m) {
-    double log = 0.0;
-    for (const CuePosterior& posterior : posteriors_[m]) log += posterior.log_likelihood;
-    return log;
-  });
-  logs[0] += std::log(kPriorKind.drone);
-  logs[1] += std::log(kPriorKind.bird_like);
-  logs[2] += std::log(kPriorKind.unknown);
-  const double sum = LogSum(
-      logs.size(), [](std::size_t) { return true; }, [&](std::size_t c) { return logs[c]; });
-  const auto steps = [&](std::size_t c) {
-    return std::round(kKindSteps * std::exp(logs[c] - sum));
-  };
-  // The smallest of three is rounded down, because the other two may both have been rounded up.
-  const double drone = steps(0);
-  const double bird_like = std::min(steps(1), kKindSteps - drone);
-  return {drone / kKindSteps, bird_like / kKindSteps,
-          (kKindSteps - drone - bird_like) / kKindSteps};
-}
-
 FlightStatistics KindFilter::Describe() const {
   FlightStatistics character;
-  character.kind = kind();
-  for (std::size_t c = 0; c < kNumCues; ++c) {
-    const std::array<double, kNumFlightClasses> logs =
-        LogLikelihoodsOfClasses([&](std::size_t m) { return posteriors_[m][c].log_likelihood; });
-    character.log_ratios[c] = logs[0] - logs[1];
-  }
+  character.kind = kind_;
+  character.log_ratios = styles_.LogRatios();
   if (seconds_ == 0.0) return character;
   character.seconds = seconds_;
   character.hover_share = hover_s_ / seconds_;

@@ -1,9 +1,8 @@
 // Classification of a track by its flight alone, with models of multicopters, birds and bats.
 //
-// The forward algorithm yields the likelihood of the seconds of a track under each flight model,
-// given the sigmas of its trajectory. A kind is a mixture of models; its posterior follows from
-// Bayes' rule. So a constant speed counts little more than once, and noisy measurements count
-// little. docs/kinds.md has the accuracy on real flights.
+// Each whole second of a track, with the sigmas of its trajectory, is weighed by the styles of
+// flight (flight_models.hpp); Bayes' rule yields how much likelier a drone is than a bird, and what
+// that leaves open is unknown. docs/kinds.md has the accuracy on real flights.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,14 +16,14 @@
 
 namespace unlidar {
 
-// Prior class probabilities.
+// What is said where nothing is known.
 inline constexpr Kind kPriorKind = {0.25, 0.25, 0.5};
 
 // Statistics of the flight of a track, and its kind.
 struct FlightStatistics {
   Kind kind = kPriorKind;
   // (cues) Log likelihood ratio of drone to bird-like by each cue alone: above 0 for a drone. Not
-  // additive: jointly, one model has to explain all three.
+  // additive: jointly, one style has to explain all three.
   std::array<double, kNumCues> log_ratios = {};
   double seconds = 0.0;       // number judged
   double hover_share = 0.0;   // share of them below 1 m/s over ground
@@ -38,13 +37,11 @@ struct FlightStatistics {
 // Filters the kind of one track, second by second, at constant memory and time per second.
 class KindFilter {
  public:
-  KindFilter();
-
   // Judges the whole seconds of the trajectory up to `until_ns` that were not judged yet, counted
   // from its first measurement. The trajectory may have been refitted since the last call.
   void Observe(const Trajectory& trajectory, TimeNs until_ns);
 
-  Kind kind() const;
+  const Kind& kind() const { return kind_; }
   FlightStatistics Describe() const;
 
  private:
@@ -55,19 +52,11 @@ class KindFilter {
     double height_m2 = 0.0;  // and along the vertical one
   };
 
-  // The forward algorithm of one model and cue.
-  struct CuePosterior {
-    std::vector<double> shares;  // (grid) posterior of each value
-    double log_likelihood = 0.0;
-  };
-
   static Instant InstantAt(const Trajectory& trajectory, TimeNs time_ns);
   void Update(const Instant& next);
-  void UpdateCue(Cue cue);
 
-  std::vector<std::array<CuePosterior, kNumCues>> posteriors_;  // (models)
-  std::vector<double> likelihoods_;                             // (grid) of the next measurement
-  std::vector<double> next_;  // (grid) shares of a posterior after the update
+  StyleLikelihoods styles_;
+  Kind kind_ = kPriorKind;
   std::optional<Instant> last_;
   std::optional<Instant> before_;  // a second earlier
   Eigen::Vector3d first_m_ = Eigen::Vector3d::Zero();

@@ -59,7 +59,8 @@ def _static_returns(rng: np.random.Generator) -> NDArray[np.float64]:
     return np.concatenate([ground, wall, poles])
 
 
-def make_flight(seed: int = 1, frames: int = 60, drone: bool = True) -> Flight:
+def make_flight(seed: int = 1, frames: int = 60, drone: bool = True, pace: float = 1.0) -> Flight:
+    """Of a drone at 4 m/s times `pace`."""
     rng = np.random.default_rng(seed)
     flight = Flight()
     for i in range(frames):
@@ -68,7 +69,7 @@ def make_flight(seed: int = 1, frames: int = 60, drone: bool = True) -> Flight:
         if drone:
             count = int(rng.integers(5, 11))
             since_stamp_s = rng.uniform(0, PERIOD_NS * 1e-9, count)
-            body = drone_position_m(i * PERIOD_NS * 1e-9 + since_stamp_s)
+            body = drone_position_m(pace * (i * PERIOD_NS * 1e-9 + since_stamp_s))
             body += rng.uniform([-0.15, -0.15, -0.06], [0.15, 0.15, 0.06], (count, 3))
             points = np.concatenate([points, body])
             times_s = np.concatenate([times_s, since_stamp_s])

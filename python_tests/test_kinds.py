@@ -20,10 +20,13 @@ from synthetic import (
 KINDS = ("drone", "bird_like", "unknown")
 
 
+PACE = 2.0  # 8 m/s in circles: like a bird
+
+
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two drones, of which one is seen for half as long."""
-    flight = with_opposite_drone(make_flight())
+    """Two fast drones, of which one is seen for half as long."""
+    flight = with_opposite_drone(make_flight(pace=PACE))
     return write_frames(tmp_path_factory.mktemp("two") / "lidar", flight)
 
 
@@ -35,9 +38,9 @@ def plain(frames: Path) -> tuple[str, list[dict]]:
     return out.read_text(), json.loads(summary.read_text())["tracks"]
 
 
-def next_above(probability: float) -> str:
-    """The next that is told: probabilities have four digits."""
-    return f"{probability + 1e-4:.4f}"
+def only_drones(max_bird_like: float) -> str:
+    """The P that leaves out what is more of a bird than this."""
+    return f"{2 - 2 * max_bird_like:.5f}"
 
 
 def test_the_summary_says_what_each_track_may_be_and_why(plain) -> None:
@@ -47,42 +50,50 @@ def test_the_summary_says_what_each_track_may_be_and_why(plain) -> None:
         assert list(one["kind"]) == list(KINDS)
         assert sum(one["kind"].values()) == pytest.approx(1, abs=1e-9)
         assert one["flight"]["judged_s"] == int(one["duration_s"])
-        assert one["flight"]["speed_mps"] == pytest.approx(4.0, abs=0.3)
+        assert one["flight"]["speed_mps"] == pytest.approx(8.0, abs=0.6)
         assert set(one["flight"]["log_ratio"]) == {"speed", "climb", "turn"}
-        assert one["flight"]["log_ratio"]["speed"] > 0  # 4 m/s is slow for a bird
+        assert one["flight"]["log_ratio"]["speed"] < 0  # the speed of a bird
         assert 0.05 < one["echo"]["extent_m"] < 0.3
         # 5 to 10 returns in each of 10 frames a second, 7 m and 8 m away
         assert one["echo"]["echo_m2_per_s"] == pytest.approx(75 * 113, rel=0.5)
 
 
-@pytest.mark.parametrize("of", [0, 1])
-def test_only_drones_leaves_out_the_rows_of_the_others_and_no_more(
-    frames: Path, tmp_path: Path, plain, of: int
+@pytest.mark.parametrize("birds", [0, 1])
+def test_only_drones_leaves_out_the_rows_of_what_is_surely_a_bird_and_no_more(
+    frames: Path, tmp_path: Path, plain, birds: int
 ) -> None:
     text, tracks = plain
-    tracks = sorted(tracks, key=lambda one: one["kind"]["drone"])
-    assert tracks[0]["kind"]["drone"] < tracks[1]["kind"]["drone"]
-    least = f"{tracks[of]['kind']['drone']:.4f}"
+    tracks = sorted(tracks, key=lambda one: -one["kind"]["bird_like"])
+    surest = tracks[0]["kind"]["bird_like"]
+    assert surest > 0.5
+    least = only_drones(surest + (-1e-4 if birds else 1e-4))
     out, summary = tmp_path / "traj.csv", tmp_path / "summary.json"
     points = tmp_path / "points.pcd"
     said = track(frames, out, "--only-drones", least, "--summary", summary, "--points", points)
-    kept = {one["track_id"] for one in tracks[of:]}
+    kept = {one["track_id"] for one in tracks[birds:]}
     head, *rows = text.splitlines(keepends=True)
     assert out.read_text() == head + "".join(r for r in rows if int(r.split(",")[1]) in kept)
     told = json.loads(summary.read_text())
     assert {one["track_id"] for one in told["tracks"]} == kept
-    assert told["counts"]["tracks_left_out"] == of
-    assert told["counts"]["target_returns"] == sum(one["returns"] for one in tracks[of:])
+    assert told["counts"]["tracks_left_out"] == birds
+    assert told["counts"]["target_returns"] == sum(one["returns"] for one in tracks[birds:])
     assert f"POINTS {told['counts']['target_returns']}\n".encode() in points.read_bytes()
-    assert ("left out" in said) == (of > 0)
+    assert ("left out" in said) == (birds > 0)
 
 
-def test_without_any_drone_only_the_header_is_left(frames: Path, tmp_path: Path, plain) -> None:
-    least = next_above(max(one["kind"]["drone"] for one in plain[1]))
+def test_without_any_drone_only_the_header_is_left(tmp_path: Path) -> None:
+    bird = write_frames(tmp_path / "lidar", make_flight(pace=PACE))
     for form in ("csv", "tum"):
-        said = track(frames, tmp_path / f"traj.{form}", "--only-drones", least, "--format", form)
-        assert "2 tracks left out" in said and "no drone found" in said
+        said = track(bird, tmp_path / f"traj.{form}", "--only-drones", "1", "--format", form)
+        assert "1 track left out" in said and "no drone found" in said
     assert (tmp_path / "traj.csv").read_text() == NO_DRONE_TRAJ
+
+
+def test_what_is_hardly_known_is_kept_whatever_is_asked_for(tmp_path: Path) -> None:
+    short = write_frames(tmp_path / "lidar", make_flight(frames=20))
+    for least in ("0", "1"):
+        track(short, tmp_path / f"{least}.csv", "--only-drones", least)
+    assert (tmp_path / "1.csv").read_text() == (tmp_path / "0.csv").read_text() != NO_DRONE_TRAJ
 
 
 def test_zero_leaves_nothing_out(frames: Path, tmp_path: Path, plain) -> None:
@@ -108,7 +119,7 @@ def test_what_is_no_probability_is_a_usage_error(
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    flight = make_flight(frames=120)
+    flight = make_flight(frames=120, pace=PACE)
     frames = write_frames(tmp_path_factory.mktemp("stream") / "lidar", flight)
     return b"".join(messages(lidar=frames))
 
@@ -124,36 +135,36 @@ def told(stream: bytes, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[
 def test_events_report_what_is_known_by_then(told) -> None:
     events = [event for event in told[1] if "drone" in event]
     assert {event["event"] for event in events} == {"track", "row", "end"}
-    assert events[-1]["drone"] > events[0]["drone"]  # the more is seen the surer
+    assert events[-1]["unknown"] < events[0]["unknown"]  # the more is seen the surer
 
 
-def test_rows_wait_until_the_track_is_likely_a_drone(stream: bytes, tmp_path: Path, told) -> None:
+def test_rows_wait_while_the_track_is_surely_a_bird(stream: bytes, tmp_path: Path, told) -> None:
     rows, events = told
-    least = max(event["drone"] for event in events if event["event"] == "row")
-    assert least > next(event["drone"] for event in events if event["event"] == "row")
+    birds = [event["bird_like"] for event in events if event["event"] == "row"]
+    assert len(rows) == len(birds)
+    limit = (0.5 + max(birds)) / 2
+    written, held = [], []
+    for row, bird_like in zip(rows, birds, strict=True):
+        held.append(row)
+        if bird_like <= limit:
+            written += held
+            held = []
+    assert held and written
     out = tmp_path / "traj.csv"
-    code, text, said = feed(stream, out, "--events", "-", "--only-drones", f"{least:.4f}")
+    code, text, said = feed(stream, out, "--events", "-", "--only-drones", only_drones(limit))
     assert code == 0, said
-    assert rows_of(out) == rows
-    kept = events_of(text)
-    reached_at = next(e["at"] for e in events if e["event"] == "row" and e["drone"] >= least)
-    of_track = [e for e in kept if e["event"] in ("track", "row")]
-    assert of_track[0]["event"] == "track"
-    assert min(e["at"] for e in of_track) == reached_at
-    for event in of_track:
-        if event["event"] == "row" and event["at"] == reached_at:
-            assert event["drone"] >= least
-    assert of_track[1]["late"] is True
+    assert rows_of(out) == written
+    assert [e["event"] for e in events_of(text) if "track" in e] == (
+        ["track"] + ["row"] * len(written) + ["end"]
+    )
     assert said.count("left out") == 0
 
 
-def test_a_track_that_never_is_likely_enough_is_not_reported(
-    stream: bytes, tmp_path: Path, told
-) -> None:
-    least = next_above(max(event.get("drone", 0) for event in told[1]))
+def test_live_a_bird_throughout_is_not_reported(stream: bytes, tmp_path: Path) -> None:
     out, summary = tmp_path / "traj.csv", tmp_path / "summary.json"
+    settings = ["--set", "live.delay_s=.inf", "--set", "live.window_s=.inf"]  # judged as a whole
     code, text, said = feed(
-        stream, out, "--events", "-", "--only-drones", least, "--summary", summary
+        stream, out, "--events", "-", "--only-drones", "1", "--summary", summary, *settings
     )
     assert code == 0
     assert out.read_text() == NO_DRONE_TRAJ

@@ -103,8 +103,9 @@ void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& f
            "JSON lines to write: what was detected in each frame, and which\n"
            "rule refused each path of detections (docs/explain.md)");
   app.add_option("--only-drones", arguments.only_drones,
-                 "Leaves out tracks that are a drone with a lower probability than P,\n"
-                 "judged by how they fly. While frames come: until it is reached")
+                 "Leaves out what is surely a bird, judged by how it flies: tracks\n"
+                 "that are one with more than 1 - P / 2. While frames come: their\n"
+                 "rows wait as long as that holds")
       ->check([](const std::string& text) {
         return text.empty() ? "empty, expected a probability from 0 to 1" : "";
       })

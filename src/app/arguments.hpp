@@ -33,6 +33,8 @@ struct Arguments {
 
   // Frames come while the program runs; otherwise they are a recording.
   bool is_live() const { return follow || has_no_folders(); }
+  // A track above it is left out: never below a half, so that none is for being unknown.
+  double max_bird_probability() const { return 1.0 - 0.5 * only_drones; }
   bool has_no_folders() const { return from_stdin || !livox.empty(); }
 };
 

@@ -63,7 +63,7 @@ class LiveRun {
         reporter_(output_, service_, note),
         trace_(TraceOutputOf(arguments, signals_, note)),
         intake_(arguments, output_times, config, reporter_, trace_ ? trace_->Sink() : nullptr) {
-    output_.KeepOnlyDrones(arguments.only_drones, HoldNs(config.live));
+    output_.LeaveOutBirds(arguments.max_bird_probability(), HoldNs(config.live));
   }
 
   void Run() {

@@ -87,7 +87,7 @@ void LiveOutput::AddRow(TimeNs at_ns, const RowGiven& given) {
     return;
   }
   Confirmed& confirmed = open_tracks_[row.track_id];
-  if (!confirmed.track && given.kind.drone < min_drone_probability_) return Hold(row, confirmed);
+  if (given.kind.bird_like > max_bird_probability_) return Hold(row, confirmed);
   CheckIsLater(confirmed.held.empty() ? row.time_ns : confirmed.held.front().time_ns);
   LiveTrack& track = AnnouncedTrack(at_ns, given.kind, confirmed);
   // Held rows count as late.

@@ -62,10 +62,10 @@ class LiveOutput {
     left_out_until_ns_ = until_ns;
   }
 
-  // Holds the rows of a track back until its drone probability has once reached this value; held
+  // Holds the rows of a track back while it is a bird with a higher probability than this; held
   // rows more than `hold_ns` older than the newest are dropped.
-  void KeepOnlyDrones(double min_probability, TimeNs hold_ns) {
-    min_drone_probability_ = min_probability;
+  void LeaveOutBirds(double max_bird_probability, TimeNs hold_ns) {
+    max_bird_probability_ = max_bird_probability;
     hold_ns_ = hold_ns;
   }
 
@@ -93,14 +93,14 @@ class LiveOutput {
   std::uint64_t left_out_rows() const { return left_out_rows_; }
   std::uint64_t unwritable_rows() const { return unwritable_rows_; }
 
-  // Tracks that ended below the required drone probability.
+  // Tracks that were surely a bird throughout.
   std::uint64_t tracks_left_out() const { return tracks_left_out_; }
 
  private:
   struct Confirmed {
     TimeNs first_evidence_ns = 0;
     std::optional<std::size_t> track;  // index into tracks_, once it is announced
-    std::deque<TrajectoryRow> held;    // rows, until it is
+    std::deque<TrajectoryRow> held;    // rows, while it is surely a bird
   };
 
   bool IsSkipped(TimeNs time_ns) const;
@@ -117,7 +117,7 @@ class LiveOutput {
   std::optional<TimeNs> left_out_after_ns_;
   std::optional<TimeNs> left_out_until_ns_;
   std::optional<TimeNs> first_after_ns_;  // until the first row, or the file was moved away
-  double min_drone_probability_ = 0.0;
+  double max_bird_probability_ = 1.0;
   TimeNs hold_ns_ = 0;
   std::uint64_t tracks_left_out_ = 0;
   std::uint64_t left_out_rows_ = 0;

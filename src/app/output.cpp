@@ -26,7 +26,7 @@ std::string BlindedText(const std::string& name, double blinded_s) {
 }
 
 std::string TracksLeftOutText(std::size_t count) {
-  return Count(count, "track") + " left out: not as likely a drone as --only-drones asks for";
+  return Count(count, "track") + " left out: surely a bird, by --only-drones";
 }
 
 std::string NotConvergedText(std::int64_t track_id, const MinimumReport& minimum) {

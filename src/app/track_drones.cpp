@@ -77,7 +77,7 @@ PipelineRequest ToRequest(const Arguments& arguments) {
   PipelineRequest request;
   request.sources = arguments.sources;
   request.score_clusters = !arguments.clusters.empty();
-  request.min_drone_probability = arguments.only_drones;
+  request.max_bird_probability = arguments.max_bird_probability();
   if (!arguments.rate.empty()) request.output_times = ParseRate(arguments.rate);
   if (!arguments.at.empty()) {
     request.output_times = ReadStampList(arguments.at, &request.are_times_whole);

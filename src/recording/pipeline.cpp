@@ -204,7 +204,7 @@ void MakeTracks(const PipelineRequest& request, const Config& config,
   for (const Target& target : targets) {
     FittedTrack track = TrackOf(recording, target, config.trajectory);
     track.id = track.row_source.track_id = next_id++;
-    if (track.flight.kind.drone < request.min_drone_probability) {
+    if (track.flight.kind.bird_like > request.max_bird_probability) {
       ++result.tracks_left_out;
       continue;
     }

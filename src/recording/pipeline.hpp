@@ -36,11 +36,10 @@ struct FittedTrack {
 struct PipelineRequest {
   std::vector<FrameSource> sources;
   OutputTimes output_times;
-  bool are_times_whole = false;  // a list of whole numbers, possibly frame numbers
-  bool score_clusters = false;   // the paper's numbers of every global cluster, for --clusters
-  double min_drone_probability =
-      0.0;          // tracks of a lower probability of being a drone are left out
-  TraceSink trace;  // of the robust method; may be none
+  bool are_times_whole = false;       // a list of whole numbers, possibly frame numbers
+  bool score_clusters = false;        // the paper's numbers of every global cluster, for --clusters
+  double max_bird_probability = 1.0;  // tracks above it are left out
+  TraceSink trace;                    // of the robust method; may be none
 };
 
 struct StageTime {
@@ -54,7 +53,7 @@ struct PipelineResult {
   std::vector<ClusterScore> clusters;         // empty unless asked for or needed by the method
   std::vector<FittedTrack> tracks;
   std::size_t tracks_left_out =
-      0;  // as of PipelineRequest::min_drone_probability; the others keep their ids
+      0;  // as of PipelineRequest::max_bird_probability; the others keep their ids
   OutputInstants output_instants;  // at which the tracks have rows
   std::vector<Warning> warnings;
   std::vector<double> blinded_s;  // for how long each sensor was, see SensorHealth

@@ -61,27 +61,28 @@ class OnlyDrones : public ::testing::Test {
   }
 };
 
-TEST_F(OnlyDrones, RowsWaitForTheProbabilityAndThenAllAreWritten) {
-  output_.KeepOnlyDrones(0.8, 60 * kSecondNs);
-  EXPECT_EQ(WrittenOf({0.2, 0.7, 0.8, 0.9}), Text({1, 2, 3, 4}));
+TEST_F(OnlyDrones, RowsOfABirdWaitAndFollowWhenItIsNoneAfterAll) {
+  output_.LeaveOutBirds(0.7, 60 * kSecondNs);
+  EXPECT_EQ(WrittenOf({0.2, 0.29, 0.31, 0.9}), Text({1, 2, 3, 4}));
   EXPECT_EQ(output_.tracks_left_out(), 0U);
 }
 
-TEST_F(OnlyDrones, OnceReachedItHolds) {
-  output_.KeepOnlyDrones(0.8, 60 * kSecondNs);
-  EXPECT_EQ(WrittenOf({0.2, 0.9, 0.1, 0.0}), Text({1, 2, 3, 4}));
+TEST_F(OnlyDrones, ATrackIsWrittenAtOnceAndNoLongerWhenItIsSurelyABird) {
+  output_.LeaveOutBirds(0.7, 60 * kSecondNs);
+  EXPECT_EQ(WrittenOf({0.5, 0.4, 0.1, 0.0}), Text({1, 2}));
+  EXPECT_EQ(output_.tracks_left_out(), 0U);
 }
 
-TEST_F(OnlyDrones, WhatIsNeverLikelyEnoughIsLeftOutAndTakesNoNumber) {
-  output_.KeepOnlyDrones(0.8, 60 * kSecondNs);
-  EXPECT_EQ(WrittenOf({0.2, 0.7, 0.79}), Text({}));
+TEST_F(OnlyDrones, WhatIsSurelyABirdThroughoutIsLeftOutAndTakesNoNumber) {
+  output_.LeaveOutBirds(0.7, 60 * kSecondNs);
+  EXPECT_EQ(WrittenOf({0.2, 0.1, 0.29}), Text({}));
   EXPECT_EQ(output_.tracks_left_out(), 1U);
   EXPECT_TRUE(output_.tracks().empty());
   EXPECT_EQ(WrittenOf({0.9}, 1), Text({1}, 0));
 }
 
 TEST_F(OnlyDrones, RowsThatWaitedTooLongAreForgotten) {
-  output_.KeepOnlyDrones(0.8, 2 * kSecondNs);
+  output_.LeaveOutBirds(0.7, 2 * kSecondNs);
   EXPECT_EQ(WrittenOf({0.2, 0.2, 0.2, 0.2, 0.2, 0.9}), Text({3, 4, 5, 6}));
 }
 
@@ -170,7 +171,7 @@ TEST(LiveOutput, RowsThatWereHeldAreRefusedByTheFirstOfThem) {
   std::ofstream(path) << Text({1, 2, 3});
   LiveOutput output(path, "", kRows, signals, [](const std::string&) {});
   output.RefuseEarlierRows();
-  output.KeepOnlyDrones(0.8, 60 * kSecondNs);
+  output.LeaveOutBirds(0.4, 60 * kSecondNs);
   output.Confirm({0, 0, {}});
   output.AddRow(3 * kSecondNs, Row(3, 0.5));
   EXPECT_THROW(output.AddRow(4 * kSecondNs, Row(4, 0.9)), OutputError);

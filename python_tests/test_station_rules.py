@@ -177,15 +177,18 @@ def test_each_zone_raises_its_own_alarm(tmp_path) -> None:
     assert sorted(alarms(watched, end(1, 20))) == [("ended", 1, "core"), ("ended", 1, "wide")]
 
 
-def test_the_probability_of_being_a_drone_decides_where_it_is_known(tmp_path) -> None:
-    def raised(*lines: str) -> int:
-        return len(alarms(station(tmp_path, [square(50)]), *lines))
+def test_the_kind_of_a_track_decides_only_where_a_rule_asks(tmp_path) -> None:
+    def raised(*lines: str, **rule: float) -> int:
+        rules = [{"zones": "zones.geojson", **rule}]
+        return len(alarms(station(tmp_path, [square(50)], rules=rules), *lines))
 
     course = [row(1, t / 10) for t in range(30)]
-    assert raised(track(1, drone=0.05), *course) == 0
-    assert raised(track(1, drone=0.2), *course) == 1
-    assert raised(*[row(1, t / 10, drone=0.05) for t in range(30)], row(1, 3, drone=0.9)) == 1
-    assert raised(track(1), *course) == 1  # none told: a track counts as 1
+    assert raised(track(1, drone=0.0), *course) == 1
+    assert raised(track(1, drone=0.05), *course, min_probability=0.1) == 0
+    assert raised(track(1, drone=0.2), *course, min_probability=0.1) == 1
+    later = [*[row(1, t / 10, drone=0.05) for t in range(30)], row(1, 3, drone=0.9)]
+    assert raised(*later, min_probability=0.1) == 1
+    assert raised(track(1), *course, min_probability=0.1) == 1  # none told: a track counts as 1
 
 
 def test_an_engine_that_begins_anew_ends_tracks_and_alarms_of_before(tmp_path) -> None:

@@ -81,8 +81,8 @@ class Rule:
 
     zones: str
     """GeoJSON file; every polygon in it is a zone."""
-    min_probability: Annotated[float, Field(ge=0, le=1)] = 0.1
-    """Of being a drone, where the engine tells one; else a track counts as 1."""
+    min_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Of being a drone, where the engine tells one; else a track counts as 1. 0: any track."""
     min_stay_s: NotNegative = 2.0
 
 

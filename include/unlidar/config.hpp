@@ -106,7 +106,6 @@ enum class Rule {
   kStationary,       // [S] supported objects at rest,
   kSurge,            // [S] plots while the clutter changes,
   kSuspended,        // suspended objects,
-  kClutterReturns,   // [R] returns that clutter explains better,
   kCloud,            // steam, smoke, dust,
   kInsect            // targets narrower than any drone
 };

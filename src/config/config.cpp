@@ -83,7 +83,7 @@ class Overlay {
       known = true;
       if (!Read(node, field, constraint)) {
         throw ConfigError(location + ": " + Shortened(key) + ": " + Quote(node) + ", expected " +
-                          Expected(field, constraint));
+                          Expected(field, constraint) + FormerRuleHint(key, node));
       }
       locations_[key] = location;
     };
@@ -130,6 +130,18 @@ class Overlay {
                         ", expected a section of `key: value` lines");
     }
     ApplyMap(key, node, where);
+  }
+
+  // Returns a hint for the message about a list that names a rule of an earlier version.
+  static std::string FormerRuleHint(const std::string& key, const YAML::Node& node) {
+    if (key != "robust.disabled_rules" || !node.IsSequence()) return "";
+    for (const std::string_view rule : kFormerRules) {
+      for (const YAML::Node& name : node) {
+        if (name.IsScalar() && name.Scalar() == rule)
+          return "; the method has no rule " + std::string(rule) + " any more";
+      }
+    }
+    return "";
   }
 
   SensorConfig& SensorOf(const std::string& key, const std::string& location) {

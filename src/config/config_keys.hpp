@@ -106,7 +106,6 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"stationary", Rule::kStationary},
                        {"surge", Rule::kSurge},
                        {"suspended", Rule::kSuspended},
-                       {"clutter_returns", Rule::kClutterReturns},
                        {"cloud", Rule::kCloud},
                        {"insect", Rule::kInsect}}}});
 

@@ -23,17 +23,6 @@ std::vector<Plot> PlotsOf(const Path& path, const std::vector<Plot>& plots) {
   return members;
 }
 
-// True if the collected returns are explained better by clutter than by a target: their summed log
-// ratio is below the threshold of paths. Places occupied throughout carry no evidence.
-bool IsClutter(const std::vector<Measurement>& measurements, double threshold) {
-  double log_ratio = 0.0;
-  for (const Measurement& m : measurements) {
-    if (m.log_ratio == 0.0) return false;
-    log_ratio += m.log_ratio;
-  }
-  return log_ratio < threshold;
-}
-
 // Returns the log-likelihood penalty for other plots around a path at the same time, which the
 // clutter intensity, that of other times, does not include: a bush in a gust or a person behind a
 // hedge shows all at once. Plots of targets (`are_targets`, plots) and its own do not count.
@@ -82,13 +71,12 @@ class TargetCollector {
  public:
   // Paths are modified if two belong to one target.
   TargetCollector(const Recording& recording, const MultiStationPlots& multi_station_plots,
-                  const ScanSchedule& scan_schedule, double threshold, const RobustConfig& config,
+                  const ScanSchedule& scan_schedule, const RobustConfig& config,
                   const TrajectoryConfig& trajectory_config, std::vector<Path>* paths)
       : recording_(recording),
         plots_(multi_station_plots.plots()),
         station_models_(multi_station_plots.StationModels()),
         scan_schedule_(scan_schedule),
-        threshold_(threshold),
         config_(config),
         trajectory_config_(trajectory_config),
         paths_(*paths),
@@ -150,9 +138,6 @@ class TargetCollector {
     if (measurements.size() < 2) return Rejection::kSingleMeasurement;
     if (config_.Uses(Rule::kSuspended) && MayBeSuspended(measurements))
       return Rejection::kSuspended;
-    if (config_.Uses(Rule::kClutterReturns) && IsClutter(measurements, threshold_)) {
-      return Rejection::kClutterReturns;
-    }
     target->score = paths_[k].score;
     if (config_.Uses(Rule::kAlternatives)) {
       target->alternative_modes =
@@ -216,7 +201,6 @@ class TargetCollector {
   const std::vector<Plot>& plots_;
   std::vector<StationModel> station_models_;
   const ScanSchedule& scan_schedule_;
-  double threshold_;
   const RobustConfig& config_;
   const TrajectoryConfig& trajectory_config_;
   std::vector<Path>& paths_;
@@ -305,7 +289,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                    threshold,
                    null_score,
                    config.false_alarms_per_recording};
-  TargetCollector collector(recording, multi_station_plots, scan_schedule, threshold, config,
+  TargetCollector collector(recording, multi_station_plots, scan_schedule, config,
                             trajectory_config, &paths);
   for (std::size_t k = 0; k < paths.size(); ++k) {
     if (verdicts[k].rejection == Rejection::kNone) verdicts[k].rejection = collector.Add(k);

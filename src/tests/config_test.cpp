@@ -489,6 +489,14 @@ TEST(ConfigErrors, ARuleThatIsNoneOrIsNamedTwiceIsRefused) {
   }
 }
 
+TEST(ConfigErrors, TellThatAFormerRuleIsGone) {
+  for (const std::string_view rule : kFormerRules) {
+    EXPECT_CONTAINS(ReasonOfSet("robust.disabled_rules=[cloud, " + std::string(rule) + "]"),
+                    "; the method has no rule " + std::string(rule) + " any more");
+  }
+  EXPECT_EQ(ReasonOfSet("robust.disabled_rules=[clouds]").find("any more"), std::string::npos);
+}
+
 TEST(ConfigErrors, AnAssignmentWithoutKeyOrValueIsWrongUsage) {
   for (const char* assignment : {"input.max_range_m", "", "=3"}) {
     const std::string reason = ReasonOf<UsageError>([&] { LoadConfig("", {assignment}); });

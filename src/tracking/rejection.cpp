@@ -38,8 +38,6 @@ const char* NameOf(Rejection rejection) {
       return "single_measurement";
     case Rejection::kSuspended:
       return "suspended";
-    case Rejection::kClutterReturns:
-      return "clutter_returns";
     case Rejection::kCloud:
       return "cloud";
     case Rejection::kInsect:

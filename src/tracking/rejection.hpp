@@ -28,11 +28,10 @@ enum class Rejection {
   kSingleMeasurement,   // [R] no velocity follows from one measurement; none
 
   // Tracks, or the targets collected along a path.
-  kSuspended,       // at rest to within the noise, far away: an unseen cable; rule suspended
-  kClutterReturns,  // [R] all collected returns are subject to the threshold; rule clutter_returns
-  kCloud,           // extent across the motion beyond any drone: steam, dust; rule cloud
-  kInsect,          // extent below that of any drone; rule insect
-  kLost             // [S] deletion: no detection for too long; robust.tracker.max_gap_s
+  kSuspended,  // at rest to within the noise, far away: an unseen cable; rule suspended
+  kCloud,      // extent across the motion beyond any drone: steam, dust; rule cloud
+  kInsect,     // extent below that of any drone; rule insect
+  kLost        // [S] deletion: no detection for too long; robust.tracker.max_gap_s
 };
 
 // Returns the name that --trace writes, such as "below_threshold"; empty for kNone.

@@ -127,11 +127,6 @@ GATES = {
         ("robust.support.max_range_m", "robust.disabled_rules"),
         "method.md#7-collection",
     ),
-    "clutter_returns": Meaning(
-        "The returns collected along a path are explained better by the clutter of their places.",
-        ("robust.false_alarms_per_recording", "robust.disabled_rules"),
-        "method.md#7-collection",
-    ),
     "cloud": Meaning(
         "What flies there is wider across its motion than any drone, or a piece of what is: steam, "
         "dust.",

@@ -131,12 +131,24 @@ struct RobustConfig {
   }
 };
 
+// Parts of the model of motion that can be switched off for an ablation, in streams, too.
+enum class MotionRule {
+  kAgility,          // sigma_a varies along the flight
+  kDirection,        // a target is more agile along its direction than across it
+  kAccelerationTime  // tau is that of the flight, not a typical one
+};
+
 struct TrajectoryConfig {
   double typical_acceleration_mps2 = 2.0;  // sigma_a if the data says little
   double max_extrapolation_s = 5.0;        // beyond the measurements, with a valid sigma
   // Rows continue beyond the first and last return while the run of missed detections is likelier.
   double min_missed_run_probability = 0.01;
-  double max_sigma_m = 0.9;  // rows with a larger sigma are not written
+  double max_sigma_m = 0.9;                // rows with a larger sigma are not written
+  std::vector<MotionRule> disabled_rules;  // for ablations
+
+  bool Uses(MotionRule rule) const {
+    return std::find(disabled_rules.begin(), disabled_rules.end(), rule) == disabled_rules.end();
+  }
 };
 
 struct LiveConfig {

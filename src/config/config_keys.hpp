@@ -151,6 +151,10 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
   visit("trajectory.min_missed_run_probability", trajectory.min_missed_run_probability,
         Range{0, 1, false});
   visit("trajectory.max_sigma_m", trajectory.max_sigma_m, Range{0, 1e4, false});
+  visit("trajectory.disabled_rules", trajectory.disabled_rules,
+        Subset<MotionRule>{{{{"agility", MotionRule::kAgility},
+                             {"direction", MotionRule::kDirection},
+                             {"acceleration_time", MotionRule::kAccelerationTime}}}});
 
   auto& live = config.live;
   visit("live.delay_s", live.delay_s, RangeOrEndless{{0, 600, false}});

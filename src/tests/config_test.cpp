@@ -530,6 +530,8 @@ struct Spoiler {
       field = {1.0, -1e9};
     } else if constexpr (std::is_same_v<Field, std::vector<Rule>>) {
       field = {static_cast<Rule>(99)};
+    } else if constexpr (std::is_same_v<Field, std::vector<MotionRule>>) {
+      field = {static_cast<MotionRule>(99)};
     } else if constexpr (!std::is_same_v<Field, bool>) {
       field.setConstant(std::nan(""));
     }

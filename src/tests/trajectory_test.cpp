@@ -445,6 +445,33 @@ TEST(Trajectory, AccelerationsLastAsLongAsTheFlightShows) {
   }
 }
 
+TEST(Trajectory, ADisabledPartOfTheModelOfMotionIsThatOfATypicalFlight) {
+  Random random(5);
+  const std::vector<Measurement> measurements =
+      Measure(Wander(6.0, 3.0, random), 20.0, 20.0, 0.05, random);
+  const auto fit = [&](const std::vector<MotionRule>& disabled_rules) {
+    TrajectoryConfig config;
+    config.disabled_rules = disabled_rules;
+    return FitTrajectory(measurements, config);
+  };
+  const auto is_isotropic = [](const Eigen::Matrix3d& agility) {
+    return agility.isApprox(agility(0, 0) * Eigen::Matrix3d::Identity(), 1e-12);
+  };
+  const auto is_one = [](const Eigen::Matrix3d& agility) { return agility.isIdentity(1e-12); };
+  const auto all = [](const Trajectory& trajectory, const auto& holds) {
+    return std::all_of(trajectory.agility.begin(), trajectory.agility.end(), holds);
+  };
+  const Trajectory whole = fit({});
+  EXPECT_FALSE(all(whole, is_isotropic));
+  EXPECT_NE(whole.scales.acceleration_time_s, kTypicalAccelerationTimeS);
+  const Trajectory alike = fit({MotionRule::kDirection});
+  EXPECT_TRUE(all(alike, is_isotropic));
+  EXPECT_FALSE(all(alike, is_one));
+  EXPECT_TRUE(all(fit({MotionRule::kAgility}), is_one));
+  EXPECT_EQ(fit({MotionRule::kAccelerationTime}).scales.acceleration_time_s,
+            kTypicalAccelerationTimeS);
+}
+
 TEST(Trajectory, AcrossAGapTheWayIsBetterKnownThanHowFarAlongItTheTargetIs) {
   for (const bool keeps_its_way : {true, false}) {
     Random random(13);

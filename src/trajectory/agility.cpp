@@ -25,10 +25,8 @@ Levels LogVariances() {
 
 // Below this speed the direction is ill-defined.
 constexpr double kMinSpeedMps = 0.5;
-// Limits of the ratio of the variances along and across the direction, and the weight of the prior
-// that they are equal, in degrees of freedom.
-constexpr double kMinRatio = 1.0 / 32.0;
-constexpr double kMaxRatio = 32.0;
+// Weight of the prior that the variances along and across the direction are equal, in degrees of
+// freedom.
 constexpr double kPriorFreedom = 10.0;
 
 // Sum over the two rows of an interval.
@@ -84,7 +82,7 @@ double AlongOverAcross(const std::vector<DrivingNoise>& driving_noises,
                                                    Dot(across_projector, prior),
                                          0.0, 2.0);
   }
-  return std::clamp(along / along_freedom * across_freedom / across, kMinRatio, kMaxRatio);
+  return along / along_freedom * across_freedom / across;
 }
 
 // Standard deviations along and across the direction with a mean variance per axis of 1, as a
@@ -148,8 +146,8 @@ double ForwardBackward(AgilityMemory& memory, std::size_t which) {
 
 }  // namespace
 
-void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, AgilityMemory& memory,
-                  SplineModel& model) {
+void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales,
+                  const TrajectoryConfig& config, AgilityMemory& memory, SplineModel& model) {
   const Levels log_variances = LogVariances();
   const std::size_t n = model.agility.size();
   std::vector<DrivingNoise>& driving_noises = memory.driving_noises;
@@ -157,7 +155,8 @@ void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, AgilityM
   memory.likelihoods.resize(n);
   memory.stay_probabilities.resize(n);
   for (std::size_t i = 0; i < n; ++i) driving_noises[i] = DrivingNoiseOf(model, i, fit, scales);
-  const double along_over_across = AlongOverAcross(driving_noises, model.agility);
+  const double along_over_across =
+      config.Uses(MotionRule::kDirection) ? AlongOverAcross(driving_noises, model.agility) : 1.0;
   for (std::size_t i = 0; i < n; ++i) {
     const Eigen::Matrix3d whiten =
         AnisotropicSigma(driving_noises[i].direction, along_over_across).Inverse();

@@ -40,7 +40,7 @@ struct AgilityMemory {
 // (MacKay, 1992): none in a gap, where the agility is that of its ends and, farther off, the prior.
 // The ratio of the variances along and across the direction is one number per flight, estimated
 // from the same parts; a hover has no direction.
-void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales, AgilityMemory& memory,
-                  SplineModel& model);
+void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales,
+                  const TrajectoryConfig& config, AgilityMemory& memory, SplineModel& model);
 
 }  // namespace unlidar

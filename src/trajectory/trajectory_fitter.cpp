@@ -19,7 +19,7 @@ void TrajectoryFitter::Fit(const std::vector<Measurement>& measurements, Traject
     if (start_mps2 == kStarts_mps2.front() || found.log_evidence > best.log_evidence) best = found;
   }
   FitRobust(model_, best.scales, memory_, fit_);
-  best = SearchAccelerationTimes();
+  if (config_.Uses(MotionRule::kAccelerationTime)) best = SearchAccelerationTimes();
   SetAccelerationTime(best.scales.acceleration_time_s);
   FitRobust(model_, best.scales, memory_, fit_);
   Finish(measurements, best.scales, trajectory);
@@ -41,12 +41,12 @@ void TrajectoryFitter::SetAccelerationTime(double acceleration_time_s) {
 // Returns the scales at the most likely tau for the weights of the present fit: starting from the
 // typical tau, it is halved or doubled while that is likelier.
 ScaleSearch TrajectoryFitter::SearchAccelerationTimes() {
-  constexpr double kMinS = 0.25;
-  constexpr double kMaxS = 4.0;
+  constexpr double kMaxFactor = 4.0;  // of the typical tau, either way
   const double typical_s = model_.acceleration_time_s;
   ScaleSearch best = SearchScales(model_, fit_, config_, memory_);
   for (const double factor : {0.5, 2.0}) {
-    for (double time_s = factor * typical_s; time_s >= kMinS && time_s <= kMaxS; time_s *= factor) {
+    for (double time_s = factor * typical_s;
+         time_s <= kMaxFactor * typical_s && kMaxFactor * time_s >= typical_s; time_s *= factor) {
       SetAccelerationTime(time_s);
       const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
       if (!(found.log_evidence > best.log_evidence)) break;
@@ -79,8 +79,8 @@ MinimumReport TrajectoryFitter::FindMinimum(const TrajectoryScales& scales) {
 void TrajectoryFitter::Finish(const std::vector<Measurement>& measurements,
                               const TrajectoryScales& scales, Trajectory& trajectory) {
   constexpr int kRounds = 2;  // a third changes sigmas by 1 %
-  for (int round = 0; round < kRounds; ++round) {
-    AdaptAgility(fit_, scales, agility_memory_, model_);
+  for (int round = 0; config_.Uses(MotionRule::kAgility) && round < kRounds; ++round) {
+    AdaptAgility(fit_, scales, config_, agility_memory_, model_);
     memory_.solver.SetSmoothness(model_);
     RefitRobust(model_, scales, memory_, fit_);
   }

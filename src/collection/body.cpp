@@ -6,8 +6,6 @@
 namespace unlidar {
 namespace {
 
-constexpr double kPriorReturns = 10.0;
-
 // Columns: along the ray, across it horizontally, across both. For a vertical ray the horizontal
 // axis is arbitrary.
 Eigen::Matrix3d RayAxes(const Eigen::Vector3d& ray_m) {
@@ -54,9 +52,9 @@ Eigen::Matrix3d StreakM2(double length_s, const Eigen::Vector3d& velocity_mps) {
 
 BodySpread::BodySpread(double sigma_m)
     : variance_m2_(sigma_m * sigma_m),
-      sums_m2_(Eigen::Array3d::Constant(kPriorReturns * variance_m2_)),
-      weights_(Eigen::Array3d::Constant(kPriorReturns)),
-      count_(kPriorReturns) {}
+      sums_m2_(Eigen::Array3d::Constant(kBodyPriorReturns * variance_m2_)),
+      weights_(Eigen::Array3d::Constant(kBodyPriorReturns)),
+      count_(kBodyPriorReturns) {}
 
 void BodySpread::Add(const Recording& recording, const FrameInfo& frame,
                      const Eigen::Vector3d& viewpoint_m, const std::vector<std::uint32_t>& returns,

@@ -42,6 +42,9 @@ Eigen::Vector3d FacingSideOffsetM(double body_sigma_m, const Eigen::Vector3d& ra
 Eigen::Matrix3d StreakM2(const FrameInfo& frame, const Eigen::Vector3d& velocity_mps);
 Eigen::Matrix3d StreakM2(double length_s, const Eigen::Vector3d& velocity_mps);
 
+// Number of returns that the prior of the size of a target is worth.
+constexpr double kBodyPriorReturns = 10.0;
+
 // Estimates the size of a target from its returns, with a prior of a few returns of size sigma_m.
 // Streaks are subtracted; but a sensor may pass over a target at once and draw none, so for long
 // streaks no size is smaller than the spread across them.

@@ -60,7 +60,7 @@ Shape ShapeOf(const Recording& recording, const std::vector<StationModel>& stati
     returns.assign(own, end);
     auto plot = std::lower_bound(plots.begin(), plots.end(), time_ns, is_earlier);
     for (; plot != plots.end() && plot->frame_time_ns == time_ns; ++plot) {
-      if (plot->frame != f || plot->lowest_m < kMinAirborneHeightM) continue;
+      if (plot->frame != f || plot->lowest_m < kPersonHeightM) continue;
       std::set_difference(plot->returns.begin(), plot->returns.end(), own, end,
                           std::back_inserter(returns));
     }

@@ -15,9 +15,6 @@
 
 namespace unlidar {
 
-// Lower returns may stand on the ground, and are no evidence of a cloud about a target in the air.
-constexpr double kMinAirborneHeightM = 2.0;
-
 // A cluster of returns of one frame, or a single return.
 struct ReturnCluster {
   TimeNs time_ns = 0;

@@ -27,9 +27,6 @@ constexpr TimeNs kMaxExtensionNs = 2'000'000'000;
 // A dwell of the target within this radius is left out of the clutter rate there: body size and
 // noise.
 constexpr RangeRadius kDwellRadius{1.5, 0.03};
-// Before its first measurement and after its last one the target may have dwelt there for this
-// long.
-constexpr TimeNs kMaxDwellBeyondEndsNs = 10'000'000'000;
 
 Measurement Measure(const Recording& recording, const FrameInfo& frame, const StationModel& station,
                     const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
@@ -102,7 +99,7 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
                                    const Trajectory& trajectory,
                                    const DwellIntervals& dwell_intervals,
                                    const TrajectoryRow& expected, double returns_per_frame,
-                                   const BodySigmas& body) {
+                                   const BodySigmas& body, TimeNs max_gap_ns) {
   const TimeNs middle_ns = expected.time_ns;
   const Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) +
                             StreakM2(frame, expected.velocity_mps) +
@@ -135,10 +132,11 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
                                                        dwell.first, dwell.last);
     const double log_density = log_peak - 0.5 * distance2;
     if (rate >= 0.0 && log_density < std::log(rate)) continue;
-    // A possible dwell beyond the ends known so far is left out of the rate at the spot: its few
+    // The target may have dwelt here for as long as it can be missed before its first measurement
+    // and after its last one. Such a dwell is left out of the rate at the spot: its few
     // returns hardly change the rate of the surroundings, but are all there is at the spot.
-    if (from_ns <= trajectory.begin_ns()) from_ns -= kMaxDwellBeyondEndsNs;
-    if (to_ns >= trajectory.end_ns()) to_ns += kMaxDwellBeyondEndsNs;
+    if (from_ns <= trajectory.begin_ns()) from_ns -= max_gap_ns;
+    if (to_ns >= trajectory.end_ns()) to_ns += max_gap_ns;
     candidates.push_back({i, log_density, rate, from_ns, to_ns});
   }
   return candidates;
@@ -234,9 +232,10 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
       expected.position_m -= facing_m;
       const double returns_per_frame =
           visibility.ReturnsPerFrame(frame.sensor, middle_ns, RayM(station, expected.position_m));
-      gated_frames.push_back({&frame, expected, facing_m,
-                              GateReturns(recording, frame, station, excluded, trajectory,
-                                          dwell_intervals, expected, returns_per_frame, body)});
+      gated_frames.push_back(
+          {&frame, expected, facing_m,
+           GateReturns(recording, frame, station, excluded, trajectory, dwell_intervals, expected,
+                       returns_per_frame, body, NsOf(robust.tracker.max_gap_s))});
     }
     std::optional<Spots> spots;
     if (robust.Uses(Rule::kSpots))

@@ -7,11 +7,10 @@ namespace {
 
 // LiDARs emit 5 to 20 frames per second, most of them 10.
 constexpr double kRevolutionS = 0.1;
-constexpr double kMaxRevolutionS = 0.2;
 
 }  // namespace
 
-bool FrameLength::IsAmbiguous(double length_s) { return length_s > kMaxRevolutionS; }
+bool FrameLength::IsAmbiguous(double length_s) { return length_s > 2.0 * kRevolutionS; }
 
 void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
   // The stamp lies at the same fraction of the frame for either duration.

@@ -15,11 +15,6 @@ namespace {
 
 // A nearer cable yields returns.
 constexpr double kCableRangeM = 25.0;
-// A target that moves farther from its mean position does not hang.
-constexpr RangeRadius kMinDisplacement{0.8, 0.02};
-// Longer than the period of most swings: means over this time are constant for a hanging object,
-// not for a hovering drone.
-constexpr double kSwingPeriodS = 3.0;
 // Straight motion explains at least this share of the variance of position.
 constexpr double kStraightShare = 0.75;
 // Quantile of a Gaussian that a static target exceeds in 1 of 1,000 cases.

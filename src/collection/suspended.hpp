@@ -4,8 +4,15 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
+
+// A target that moves farther does not stand or hang.
+constexpr RangeRadius kMinDisplacement{0.8, 0.02};
+// Longer than the period of most swings: means over this time are constant for a hanging object,
+// not for a hovering drone.
+constexpr double kSwingPeriodS = 3.0;
 
 // True if a target stands still at a range where a cable that holds it would not be seen.
 // `measurements`: at least one, in order of time, as for the functions below.

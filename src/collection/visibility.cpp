@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "base/poisson.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -35,11 +37,10 @@ Visibility::Visibility(const Recording& recording, const std::vector<StationMode
 double Visibility::ReturnsPerFrame(std::uint32_t sensor_index, TimeNs time_ns,
                                    const Eigen::Vector3d& ray_m) const {
   constexpr TimeNs kReachNs = 1'000'000'000;
-  constexpr double kJeffreysReturns = 0.5;  // Jeffreys' prior of a Poisson rate
   const Sensor& sensor = sensors_[sensor_index];
-  if (sensor.exposures.empty()) return kJeffreysReturns;
-  double num_returns = kJeffreysReturns;
-  double per_m2 = kJeffreysReturns * sensor.per_m2 / (sensor.num_returns + kJeffreysReturns);
+  if (sensor.exposures.empty()) return kJeffreysCount;
+  double num_returns = kJeffreysCount;
+  double per_m2 = kJeffreysCount * sensor.per_m2 / (sensor.num_returns + kJeffreysCount);
   const TimeNs near_ns =
       std::clamp(time_ns, sensor.exposures.front().time_ns, sensor.exposures.back().time_ns);
   auto exposure =

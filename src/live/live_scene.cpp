@@ -7,7 +7,7 @@
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kFirstRefitNs = 1'500'000'000;
+constexpr TimeNs kFirstRefitNs = kWarmUpNs / 2;
 constexpr TimeNs kLastRefitNs = 10'000'000'000;
 // Averaging lengths in frames, and the factor and number of additional plots that mean a change
 // of weather: no swarm is that large.

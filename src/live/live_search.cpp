@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "collection/suspended.hpp"
 #include "live/backward_extension.hpp"
 #include "scene/support.hpp"
 #include "tracking/flight.hpp"
@@ -12,9 +13,7 @@
 namespace unlidar {
 namespace {
 
-constexpr double kRatesFadeS = 60.0;
 constexpr double kMaxStepS = 1.0;  // longest gap within one object
-constexpr RangeRadius kMinMove{0.8, 0.02};
 constexpr double kMinStaticS = 2.0;
 // The clutter intensity is uncertain at first and while a sensor is blinded. Clutter then makes
 // more paths than its mean rate predicts, because unexpected plots come in runs.
@@ -42,7 +41,7 @@ bool Floats(const std::vector<LivePlot>& path) {
 // True if a path moves or is unsupported. Otherwise it may be a twig that is hit more often for a
 // while: a stream does not know how often its place will be hit later.
 bool MovesOrFloats(const std::vector<LivePlot>& path) {
-  const double min_move_m = kMinMove.At(path.front().plot.ray_m.norm());
+  const double min_move_m = kMinDisplacement.At(path.front().plot.ray_m.norm());
   return Floats(path) || DriftM(path.data(), path.size()) > min_move_m;
 }
 
@@ -65,7 +64,7 @@ std::size_t NearGroundPrefix(const std::vector<LivePlot>& path, double off_groun
 // Number of leading plots that are static for long and supported: an object that departs from
 // there is another one. A drifting object is not static, however slow.
 std::size_t StaticPrefix(const std::vector<LivePlot>& path) {
-  const double min_move_m = kMinMove.At(path.front().plot.ray_m.norm());
+  const double min_move_m = kMinDisplacement.At(path.front().plot.ray_m.norm());
   Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
   std::size_t count = 0;
   std::size_t num_floating = 0;
@@ -128,7 +127,7 @@ const FrameTime& LiveSearch::Begin(const SceneFrame& frame) {
 // first of a path.
 void LiveSearch::CountPlots(const SceneFrame& frame) {
   const double passed_s = std::max(0.0, frame.time_s - rate_time_s_);
-  const double fade = std::exp(-passed_s / kRatesFadeS);
+  const double fade = std::exp(-passed_s / config_.live.window_s);
   rate_window_s_ = rate_window_s_ * fade + passed_s;
   odds_ *= fade;
   num_plots_ *= fade;

@@ -13,7 +13,6 @@ constexpr double kMaxCoastS = 1.0;  // after it a track must be reacquired
 // twenty is the end of the target; clutter alone then reaches this gain with probability <= e^-1.
 constexpr double kReacquisitionGain = 1.0;
 constexpr double kFitS = 6.0;  // length of the fit before the settled plot
-constexpr double kPriorReturns = 10.0;
 constexpr double kGateSigmas = 6.0;
 
 }  // namespace
@@ -26,8 +25,8 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
       uses_frame_length_(config.Uses(Rule::kFrameLength)),
       plots_(flight.plots.begin(), flight.plots.end()),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
-      body_scatter_m2_(kPriorReturns * collect_.extent_sigma_m * collect_.extent_sigma_m),
-      body_count_(kPriorReturns),
+      body_scatter_m2_(kBodyPriorReturns * collect_.extent_sigma_m * collect_.extent_sigma_m),
+      body_count_(kBodyPriorReturns),
       body_sigma_m_(collect_.extent_sigma_m) {
   std::vector<const Plot*> path;
   for (const LivePlot& seen : flight.plots) path.push_back(&seen.plot);

@@ -18,13 +18,12 @@ constexpr double kJudgeIntervalShare = 0.1;
 constexpr double kWideObservationS = 3.0;
 // Drift of a distant static object is tested from three swings on. Without drift until
 // kSuspendedAfterS it counts as suspended until it moves away.
-constexpr double kMinDriftObservationS = 9.0;
 constexpr double kSuspendedAfterS = 60.0;
 constexpr std::size_t kMaxClouds = 64;
 
 bool MayBeSuspendedFor(const std::vector<Measurement>& measurements, double seen_s) {
   if (!IsStaticFar(measurements) || MovesStraight(measurements)) return false;
-  return seen_s < kMinDriftObservationS || seen_s > kSuspendedAfterS ||
+  return seen_s < 3.0 * kSwingPeriodS || seen_s > kSuspendedAfterS ||
          !DriftsBeyondNoise(measurements);
 }
 
@@ -93,7 +92,7 @@ void TrackValidator::SetShape(const TrackFollower& follower, const std::vector<L
       for (auto one = begin; one != end; ++one) {
         const Plot& plot = one->plot;
         const bool is_own = follower.fit().IsInlier(plot);
-        if (!is_own && plot.lowest_m < kMinAirborneHeightM) continue;
+        if (!is_own && plot.lowest_m < kPersonHeightM) continue;
         clusters_.push_back({plot.time_ns, plot.position_m, is_own,
                              static_cast<double>(plot.num_returns), &one->scatter_m2});
       }

@@ -6,6 +6,9 @@
 
 namespace unlidar {
 
+// Resolution at which structure hides places behind it, in degrees.
+constexpr double kHidingCellDeg = 2.0;
+
 class DirectionCells {
  public:
   // `cell_deg`: edge of a cell, at most.

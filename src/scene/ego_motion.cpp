@@ -5,16 +5,18 @@
 #include <cmath>
 #include <limits>
 
+#include "scene/time_bins.hpp"
+
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kSnapshotIntervalNs = 500'000'000;
 constexpr TimeNs kSnapshotSpanNs = 200'000'000;
-constexpr std::array<TimeNs, 3> kLagsNs = {500'000'000, 2'000'000'000, 8'000'000'000};
+constexpr std::array<TimeNs, 3> kLagsNs = {kBinNs, 4 * kBinNs, 16 * kBinNs};
 constexpr std::ptrdiff_t kMaxReturnsPerFrame = 8192;  // evenly drawn
 constexpr TimeNs kMaxPauseNs = 10'000'000'000;        // a longer pause resets the state
 
-constexpr std::size_t kNumSnapshots = 20;  // more than the longest lag spans
+// More than the longest lag spans.
+constexpr auto kNumSnapshots = static_cast<std::size_t>(kLagsNs.back() / kBinNs) + 4;
 
 constexpr float kMinRangeM = 1.0F;  // returns nearer than this are of the station itself
 constexpr float kUprightM = 0.5F;   // more than any ground rises across a cell
@@ -73,7 +75,7 @@ void EgoMotion::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
   constexpr TimeNs kSlackNs = kSnapshotSpanNs / 4;
   if (is_recording_ && time_ns >= snapshot_begin_ns_ + kSnapshotSpanNs - kSlackNs) EndSnapshot();
   if (!is_recording_ &&
-      (num_snapshots_ == 0 || time_ns >= snapshot_begin_ns_ + kSnapshotIntervalNs - kSlackNs)) {
+      (num_snapshots_ == 0 || time_ns >= snapshot_begin_ns_ + kBinNs - kSlackNs)) {
     is_recording_ = true;
     snapshot_begin_ns_ = time_ns;
   }

@@ -25,8 +25,8 @@ void FieldOfView::Add(const Eigen::Vector3f& point_m) {
   lowest_ = std::min(lowest_, sine);
   highest_ = std::max(highest_, sine);
   // Conservative: angles differ by at least as much as their sines.
-  constexpr auto kSharp = static_cast<float>(kSharpRad);
-  if (sine > lowest_ + kSharp && sine < highest_ - kSharp) return;
+  const auto sharp = static_cast<float>(kSharpRad);
+  if (sine > lowest_ + sharp && sine < highest_ - sharp) return;
   const double turns = (AzimuthRad(point_m) + M_PI) / (2.0 * M_PI);
   const std::size_t column =
       std::min(static_cast<std::size_t>(turns * static_cast<double>(kNumColumns)), kNumColumns - 1);

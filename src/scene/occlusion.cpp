@@ -5,7 +5,6 @@
 namespace unlidar {
 namespace {
 
-constexpr double kCellDeg = 2.0;
 constexpr float kMarginM = 2.0F;  // an occluder is nearer than the place by more than its own size
 constexpr float kQuantumM = 0.05F;
 constexpr std::uint32_t kRangeBits = 16;
@@ -22,7 +21,7 @@ std::size_t SlotOf(std::int64_t bin) { return static_cast<std::size_t>(bin % Rec
 
 }  // namespace
 
-Occlusion::Occlusion() : cells_(kCellDeg), rows_(cells_.size(), kNone) {}
+Occlusion::Occlusion() : cells_(kHidingCellDeg), rows_(cells_.size(), kNone) {}
 
 void Occlusion::Add(PointsView points_m, std::int64_t bin) {
   if (bin < bin_) return;

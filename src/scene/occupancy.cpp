@@ -5,19 +5,20 @@
 #include <cmath>
 #include <utility>
 
+#include "base/poisson.hpp"
+
 namespace unlidar {
 namespace {
 
-constexpr int kEnoughBins = 128;  // of which a place must be exposed for a share, however many more
+// Of so many a place must be exposed for a share, however many more there are.
+constexpr int kEnoughBins = RecentBins::kWindow / 2;
 constexpr int kSettledBins = 10;  // observed bins from which structure is kept for a while
 constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may be empty by chance
 // With fewer observed bins, any place that is still being hit may be a support.
 constexpr int kYoungBins = 20;
 constexpr double kSupportingHits = 3.0;
 constexpr double kSupportingShare = 0.5;  // of the hits of structure
-// Count for a place without returns: Jeffreys' prior of a Poisson rate.
-constexpr double kJeffreysReturns = 0.5;
-constexpr double kMaxOccupancy = 0.999;  // the rate of a place that is always hit is unbounded
+constexpr double kMaxOccupancy = 0.999;   // the rate of a place that is always hit is unbounded
 
 // Dwell around the bin of age `at`, from its youngest to its oldest bin, with breaks of at most
 // `max_break` bins.
@@ -127,7 +128,7 @@ double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first
   const RecentBins hits = HitsAround(place_m);
   const double share = hits.SizeOutside(youngest, oldest) / std::max<double>(hits.Size(), 1.0);
   const double num_frames = static_cast<double>(num_frames_) * num_outside / observed_.Size();
-  return std::max(kJeffreysReturns, share * num_returns) / (num_frames * places_.VolumeM3(place_m));
+  return std::max(kJeffreysCount, share * num_returns) / (num_frames * places_.VolumeM3(place_m));
 }
 
 double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) const {

@@ -22,7 +22,6 @@ constexpr int kMinContactReturns = 3;
 constexpr int kMinSpreadReturns = 6;
 // The lower edge of the field of view cuts off legs: a return within a few rays of it, and no
 // higher than a person, counts as ground contact.
-constexpr double kBodyHeightM = 2.0;
 constexpr double kBodyEdgeRad = 0.05;
 // Plots nearer to the box of a body than this share of its size (at least kMinBodyMarginM) are part
 // of it: its far side is hidden, the rest sparse.
@@ -40,7 +39,7 @@ bool IsBody(const Recording& recording, const IndexView& returns, const Ground& 
       const double height_m = ground.HeightAbove(p);
       if (height_m < kBodyContactM) return true;
       const double elevation_rad = std::asin(static_cast<double>(p.z() / p.norm()));
-      if (height_m < kBodyHeightM && elevation_rad < lowest_elevation_rad + kBodyEdgeRad) {
+      if (height_m < kPersonHeightM && elevation_rad < lowest_elevation_rad + kBodyEdgeRad) {
         return true;
       }
     }

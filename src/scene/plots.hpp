@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/poisson.hpp"
 #include "base/queue.hpp"
 #include "base/recording.hpp"
 #include "scene/ground.hpp"
@@ -17,14 +18,14 @@
 
 namespace unlidar {
 
-// Weight of the rate of the surroundings, in plots: Jeffreys' prior of a Poisson rate.
-constexpr double kClutterPriorPlots = 0.5;
-
 // Returns the clutter intensity (plots or returns per m^3 and frame) given their `count`, the
-// `exposure` in m^3 x frames and the intensity of the surroundings, method.md (2).
+// `exposure` in m^3 x frames and the intensity of the surroundings, the prior: method.md (2).
 inline double ClutterRate(double count, double exposure, double prior_rate) {
-  return (count + kClutterPriorPlots) / (exposure + kClutterPriorPlots / prior_rate);
+  return (count + kJeffreysCount) / (exposure + kJeffreysCount / prior_rate);
 }
+
+// What is lower may be a person or stand on the ground.
+constexpr double kPersonHeightM = 2.0;
 
 // A body excludes the plots beside it for this long before and after.
 constexpr double kBodyMarginS = 0.35;

@@ -6,16 +6,15 @@
 #include <utility>
 
 #include "base/angles.hpp"
+#include "scene/time_bins.hpp"
 
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kSnapshotNs = 500'000'000;
 constexpr int kSnapshotsToChange = 6;
 constexpr double kMinSnapshots = 10.0;        // to know the expected structure
 constexpr double kMinSnapshotsAnew = 60.0;    // to conclude that a sensor was moved
 constexpr double kMaxSnapshots = 28'800;      // four hours
-constexpr TimeNs kPauseNs = 2 * kSnapshotNs;  // blinded time counts at most this per gap
 constexpr std::ptrdiff_t kMaxReturns = 8192;  // used per frame, evenly spread
 
 // Directions are 5 degrees wide at the horizon. A surface fills one or two range cells of a
@@ -72,12 +71,12 @@ SensorHealth::SensorHealth()
 void SensorHealth::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
                             const Eigen::Vector3f* end_m, const Eigen::Vector3f& origin_m) {
   const TimeNs passed_ns = time_ns - std::exchange(last_ns_, time_ns);
-  if (is_blinded_ && passed_ns > 0) blinded_ns_ += std::min(passed_ns, kPauseNs);
+  if (is_blinded_ && passed_ns > 0) blinded_ns_ += std::min(passed_ns, 2 * kBinNs);
   const TimeNs elapsed_ns = time_ns - snapshot_begin_ns_;
-  if (frames_ > 0 && (passed_ns < 0 || elapsed_ns >= kSnapshotNs)) EndSnapshot();
+  if (frames_ > 0 && (passed_ns < 0 || elapsed_ns >= kBinNs)) EndSnapshot();
   if (frames_ == 0) {  // snapshots are contiguous unless frames are farther apart
-    const bool is_contiguous = elapsed_ns >= kSnapshotNs && elapsed_ns < 2 * kSnapshotNs;
-    snapshot_begin_ns_ = is_contiguous ? snapshot_begin_ns_ + kSnapshotNs : time_ns;
+    const bool is_contiguous = elapsed_ns >= kBinNs && elapsed_ns < 2 * kBinNs;
+    snapshot_begin_ns_ = is_contiguous ? snapshot_begin_ns_ + kBinNs : time_ns;
   }
   ++frames_;
   const std::ptrdiff_t step = (end_m - begin_m) / kMaxReturns + 1;

@@ -11,14 +11,13 @@ namespace unlidar {
 namespace {
 
 constexpr double kCellM = 2.0;
-constexpr double kDirectionCellDeg = 2.0;  // resolution at which structure hides places behind it
 // Upper limit of the height of ground vehicles: lorries and buses reach 4.5 m.
 constexpr double kMaxGroundVehicleHeightM = 5.0;
 
 }  // namespace
 
 Support::Support(const Ground& ground, const SupportConfig& config)
-    : ground_(ground), config_(config), depth_(kDirectionCellDeg) {}
+    : ground_(ground), config_(config), depth_(kHidingCellDeg) {}
 
 Support::Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
                  const SupportConfig& config)

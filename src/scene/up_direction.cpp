@@ -28,7 +28,6 @@ constexpr double kMaxFloorSlope = 0.2;
 constexpr double kFloorBandM = 0.1;
 constexpr double kMinFloorCells = 4.0;
 constexpr double kMaxFloorDepthM = 15.0;
-constexpr float kBelowM = 0.3F;
 
 }  // namespace
 
@@ -87,7 +86,7 @@ UpDirection::Evidence UpDirection::EvidenceOf(const Eigen::Vector3f& up) {
 bool UpDirection::HasFloor() {
   rotated_m_.clear();
   for (const Eigen::Vector3f& point_m : points_m_) {
-    if (point_m.z() < -kBelowM) rotated_m_.push_back(point_m);
+    if (point_m.z() < -static_cast<float>(kGroundThicknessM)) rotated_m_.push_back(point_m);
   }
   Ground floor(kMaxFloorSlope);
   floor.Fit(rotated_m_, &workspace_);

@@ -69,7 +69,7 @@ TEST(BSpline, KnotsAreFineWhereTimesAreDenseAndCoverThemAll) {
   std::vector<double> times_s;
   for (int i = 0; i < 500; ++i) times_s.push_back(0.01 * i);  // dense up to 5 s
   times_s.push_back(8.0);
-  const KnotSpacing spacing{0.05, 0.25, 2, 5.0};
+  const KnotSpacing spacing{0.05, 0.25, 5.0};
   std::vector<double> knots_s;
   PlaceKnots(times_s, spacing, knots_s);
   EXPECT_LE(knots_s[3], -5.0);

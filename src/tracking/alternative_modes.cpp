@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/negligible.hpp"
 #include "tracking/time_reversed.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"
@@ -16,9 +17,6 @@ namespace {
 
 using Members = std::vector<std::uint32_t>;
 
-// Paths that are less likely than the reported one by a larger log ratio are ignored: none of them
-// changes a probability by 1e-5.
-constexpr double kMaxLogDeficit = 12.0;
 // Modes of lower probability would increase no sigma by more than 0.5 %.
 constexpr double kMinProbability = 1e-3;
 // The times of one detection, from its plot and from all returns of the frame, differ by less.
@@ -59,7 +57,7 @@ class AlternativePaths {
       initial_hypotheses.back().plot = static_cast<std::int32_t>(members[cut]);
     }
     const double min_score =
-        models_[best].ScoreAfterMisses(own[best].back(), end_) - score - kMaxLogDeficit;
+        models_[best].ScoreAfterMisses(own[best].back(), end_) - score - kNegligibleLog;
     Search(initial_hypotheses, free, min_score);
   }
 

@@ -7,6 +7,8 @@
 #include <set>
 #include <utility>
 
+#include "scene/time_bins.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -116,7 +118,6 @@ bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, 
 // be hidden during pauses, so only frames close in time to a plot count.
 double ReturnRateM2PerS(const Recording& recording, const ScanSchedule& scan_schedule,
                         const std::vector<Plot>& path) {
-  constexpr TimeNs kNearNs = 500'000'000;
   std::vector<double> returns(recording.sensors.size(), 0.0);
   std::vector<double> seconds_per_m2(recording.sensors.size(), 0.0);
   for (const Plot& plot : path) returns[plot.sensor] += static_cast<double>(plot.num_returns);
@@ -127,7 +128,7 @@ double ReturnRateM2PerS(const Recording& recording, const ScanSchedule& scan_sch
            std::abs((next + 1)->time_ns - time_ns) <= std::abs(next->time_ns - time_ns)) {
       ++next;
     }
-    if (std::abs(next->time_ns - time_ns) > kNearNs) continue;
+    if (std::abs(next->time_ns - time_ns) > kBinNs) continue;
     const Eigen::Vector3d ray_m =
         next->position_m - scan_schedule.sensors[frame.sensor].viewpoint_m;
     seconds_per_m2[frame.sensor] +=

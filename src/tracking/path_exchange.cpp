@@ -14,9 +14,6 @@ namespace {
 
 using Members = std::vector<std::uint32_t>;
 
-// Positions are noisy, and the initial velocity of a path is unknown.
-constexpr double kReachSlack_m = 2.0;
-
 // Bounding box and time span of a path.
 struct Extent {
   Eigen::Array3d low_m = Eigen::Array3d::Zero();

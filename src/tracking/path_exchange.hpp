@@ -29,6 +29,9 @@ class PathScorer {
   const TrackerConfig& config_;
 };
 
+// Positions are noisy, and the initial velocity of a path is unknown.
+constexpr double kReachSlack_m = 2.0;
+
 // True if a target can fly from one plot to a later one within `max_speed_mps`, with position
 // errors of `slack_m` in sum.
 bool IsInReach(const Plot& from, const Plot& to, double slack_m, const TrackerConfig& config);

@@ -22,8 +22,7 @@ void PlaceKnots(const std::vector<double>& times_s, const KnotSpacing& spacing,
     const double gap_s = next == 0 ? 0.0
                                    : std::min(knot_s - times_s[static_cast<std::size_t>(next - 1)],
                                               times_s[static_cast<std::size_t>(next)] - knot_s);
-    const auto target = std::min(last, next + spacing.measurements - 1);
-    knots_s.push_back(std::clamp(times_s[static_cast<std::size_t>(target)], knot_s + spacing.min_s,
+    knots_s.push_back(std::clamp(times_s[static_cast<std::size_t>(next)], knot_s + spacing.min_s,
                                  knot_s + std::max(spacing.max_s, 0.1 * gap_s)));
   }
   const double end_s = knots_s.back();

@@ -12,11 +12,11 @@ namespace unlidar {
 struct KnotSpacing {
   double min_s = 0.0;
   double max_s = 0.0;
-  int measurements = 1;   // per interval, where the limits allow it
   double margin_s = 0.0;  // extent of the spline before the first and after the last time
 };
 
-// Sets the knots for measurements at `times_s` (ascending, not empty), fine where they are dense.
+// Sets the knots for measurements at `times_s` (ascending, not empty): one interval each where the
+// spacing allows it, so that none is smoothed over.
 // Within a gap the spacing grows to a tenth of the distance to its end, which bounds the number of
 // knots and keeps the problem well conditioned.
 void PlaceKnots(const std::vector<double>& times_s, const KnotSpacing& spacing,

@@ -9,7 +9,7 @@
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kStepNs = 1'000'000'000;
+constexpr TimeNs kStepNs = kNsPerSecond;
 constexpr double kHoverMps = 1.0;
 constexpr double kKindSteps = 10'000.0;  // resolution of probabilities
 

@@ -17,8 +17,6 @@ namespace {
 // as standard deviations.
 constexpr double kPositionSigmaM = 1e4;
 constexpr double kVelocitySigmaMps = 100.0;
-// As fine as the measurements, so that none is smoothed over.
-constexpr int kMeasurementsPerKnot = 1;
 // Limits of the spacing of knots, which follows that of the measurements: two sensors give 20 a
 // second, and over more than the longer one the acceleration of a drone changes.
 constexpr double kMinKnotSpacingS = 0.05;
@@ -63,8 +61,7 @@ void BuildSplineModel(const std::vector<Measurement>& measurements, const Trajec
   if (!model.origin_m.allFinite() || !std::is_sorted(times_s.begin(), times_s.end())) {
     throw std::invalid_argument("trajectory: measurements must be finite and in time order");
   }
-  PlaceKnots(times_s,
-             {kMinKnotSpacingS, kMaxKnotSpacingS, kMeasurementsPerKnot, config.max_extrapolation_s},
+  PlaceKnots(times_s, {kMinKnotSpacingS, kMaxKnotSpacingS, config.max_extrapolation_s},
              model.knots_s);
 
   const int num_intervals = static_cast<int>(model.knots_s.size()) - 7;

@@ -133,8 +133,7 @@ double SplineSolver::LogDeterminantOfSmoothness(const SplineModel& model) {
   }
   double sum = 0.0;
   for (const Eigen::Vector4d& row : triangle_) sum += std::log(std::abs(row[0]));
-  constexpr double kAxes = 3.0;
-  return 2.0 * kAxes * sum;
+  return 2.0 * 3.0 * sum;  // three axes
 }
 
 }  // namespace unlidar

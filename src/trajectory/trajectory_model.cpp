@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/negligible.hpp"
 #include "base/square.hpp"
 #include "trajectory/banded.hpp"
 #include "trajectory/bspline.hpp"
@@ -220,11 +221,10 @@ ScaleSearch SearchScales(const SplineModel& model, const SplineFit& fit,
   };
   // Every third ratio, then the neighbours of the likely ones: others contribute nothing.
   constexpr int kStride = 3;
-  constexpr double kMaxLogDeficit = 12.0;
   auto& bests = memory.bests;
   bests.assign(Index(num_ratios + kStride), kNever);
   for (int i = 0; i < num_ratios; i += kStride) bests[Index(i)] = add_candidates(i);
-  const double least = *std::max_element(bests.begin(), bests.end()) - kMaxLogDeficit;
+  const double least = *std::max_element(bests.begin(), bests.end()) - kNegligibleLog;
   for (int i = 0; i < num_ratios; ++i) {
     const int before = i - i % kStride;
     if (i != before && std::max(bests[Index(before)], bests[Index(before + kStride)]) > least) {

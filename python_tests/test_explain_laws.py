@@ -124,13 +124,17 @@ def test_every_rule_of_the_program_has_a_meaning_or_its_stage() -> None:
 def test_every_rule_that_is_disabled_by_name_is_on_the_page() -> None:
     keys = (PROJECT / "src/config/config_keys.hpp").read_text()
     names = set(re.findall(r'\{"(\w+)", Rule::', keys))
+    of_motion = set(re.findall(r'\{"(\w+)", MotionRule::', keys))
     page = (PROJECT / "docs/explain.md").read_text()
     of_gates = {rule for row in rows_of("Gates") for rule in re.findall(r"rule `(\w+)`", row[-1])}
     others = set(re.findall(r"^- `(\w+)`:", page, re.MULTILINE))
-    assert of_gates | others == names
+    assert of_gates | others == names | of_motion
     spelled_out = YAML(typ="safe").load(PROJECT / "configs/default.yaml")["robust"]
     assert spelled_out["disabled_rules"] == []
     text = (PROJECT / "configs/default.yaml").read_text()
     listed = re.search(r"# Rules that are not applied.*?\n  disabled_rules", text, re.DOTALL)
     assert listed is not None
     assert names <= set(re.findall(r"\w+", listed[0]))
+    listed = re.search(r"# Parts of the model of motion.*?\n  disabled_rules", text, re.DOTALL)
+    assert listed is not None
+    assert of_motion <= set(re.findall(r"\w+", listed[0]))

@@ -14,7 +14,6 @@ namespace unlidar {
 namespace {
 
 constexpr double kMaxStepS = 1.0;  // longest gap within one object
-constexpr double kMinStaticS = 2.0;
 // The clutter intensity is uncertain at first and while a sensor is blinded. Clutter then makes
 // more paths than its mean rate predicts, because unexpected plots come in runs.
 constexpr double kMaxClutterUncertaintyMargin = 16.0;
@@ -23,11 +22,11 @@ constexpr double kLearningS = 10.0;
 constexpr double kCrowdedLearningS = 30.0;
 
 // Distance between the means of the first and the last third of plots in order of time.
-double DriftM(const LivePlot* plots, std::size_t count) {
-  const std::size_t third = std::max<std::size_t>(1, count / 3);
+double DriftM(const std::vector<LivePlot>& path) {
+  const std::size_t third = std::max<std::size_t>(1, path.size() / 3);
   Eigen::Vector3d displacement_m = Eigen::Vector3d::Zero();
   for (std::size_t i = 0; i < third; ++i) {
-    displacement_m += plots[count - third + i].plot.position_m - plots[i].plot.position_m;
+    displacement_m += path[path.size() - third + i].plot.position_m - path[i].plot.position_m;
   }
   return displacement_m.norm() / static_cast<double>(third);
 }
@@ -42,7 +41,7 @@ bool Floats(const std::vector<LivePlot>& path) {
 // while: a stream does not know how often its place will be hit later.
 bool MovesOrFloats(const std::vector<LivePlot>& path) {
   const double min_move_m = kMinDisplacement.At(path.front().plot.ray_m.norm());
-  return Floats(path) || DriftM(path.data(), path.size()) > min_move_m;
+  return Floats(path) || DriftM(path) > min_move_m;
 }
 
 // Number of plots up to the end of the last segment between pauses that is mostly near the ground.
@@ -59,25 +58,6 @@ std::size_t NearGroundPrefix(const std::vector<LivePlot>& path, double off_groun
     begin = end;
   }
   return first;
-}
-
-// Number of leading plots that are static for long and supported: an object that departs from
-// there is another one. A drifting object is not static, however slow.
-std::size_t StaticPrefix(const std::vector<LivePlot>& path) {
-  const double min_move_m = kMinDisplacement.At(path.front().plot.ray_m.norm());
-  Eigen::Vector3d sum_m = Eigen::Vector3d::Zero();
-  std::size_t count = 0;
-  std::size_t num_floating = 0;
-  for (const LivePlot& seen : path) {
-    const Eigen::Vector3d& at_m = seen.plot.position_m;
-    if (count > 0 && (at_m - sum_m / static_cast<double>(count)).norm() > min_move_m) break;
-    sum_m += at_m;
-    num_floating += seen.plot.is_floating ? 1U : 0U;
-    ++count;
-  }
-  const bool is_long = path[count - 1].time_s - path.front().time_s > kMinStaticS;
-  const bool stands = 2.0 * DriftM(path.data(), count) < min_move_m;
-  return is_long && stands && 2 * num_floating < count && count < path.size() ? count : 0;
 }
 
 // Number of plots before the last long pause of a path.
@@ -210,11 +190,11 @@ Rejection LiveSearch::Judge(const Path& path) {
   cut(Rejection::kNearGround,
       NearGroundPrefix(flight.plots, MinFlightHeightM(recent_, plots, robust)));
   if (flight.plots.empty()) return Rejection::kNearGround;
-  const bool must_move = robust.Uses(Rule::kStationary);
-  if (must_move) cut(Rejection::kStationary, StaticPrefix(flight.plots));
   const Rejection rejection = FlightRejection(recent_, scan_schedule_, plots, robust);
   if (rejection != Rejection::kNone) return rejection;
-  if (must_move && !MovesOrFloats(flight.plots)) return Rejection::kStationary;
+  if (robust.Uses(Rule::kStationary) && !MovesOrFloats(flight.plots)) {
+    return Rejection::kStationary;
+  }
   flight.frame_times.clear();
   for (const Plot& plot : plots) flight.frame_times.push_back(frame_times_.At(plot.frame));
   flight.log_birth = log_births_[path.plots[first]];

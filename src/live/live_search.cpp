@@ -13,7 +13,6 @@
 namespace unlidar {
 namespace {
 
-constexpr double kMaxStepS = 1.0;  // longest gap within one object
 // The clutter intensity is uncertain at first and while a sensor is blinded. Clutter then makes
 // more paths than its mean rate predicts, because unexpected plots come in runs.
 constexpr double kMaxClutterUncertaintyMargin = 16.0;
@@ -42,22 +41,6 @@ bool Floats(const std::vector<LivePlot>& path) {
 bool MovesOrFloats(const std::vector<LivePlot>& path) {
   const double min_move_m = kMinDisplacement.At(path.front().plot.ray_m.norm());
   return Floats(path) || DriftM(path) > min_move_m;
-}
-
-// Number of plots up to the end of the last segment between pauses that is mostly near the ground.
-std::size_t NearGroundPrefix(const std::vector<LivePlot>& path, double off_ground_m) {
-  std::size_t first = 0;
-  for (std::size_t begin = 0; begin < path.size();) {
-    std::size_t end = begin + 1;
-    while (end < path.size() && path[end].time_s - path[end - 1].time_s < kMaxStepS) ++end;
-    const auto low =
-        std::count_if(path.begin() + static_cast<std::ptrdiff_t>(begin),
-                      path.begin() + static_cast<std::ptrdiff_t>(end),
-                      [&](const LivePlot& seen) { return seen.plot.lowest_m <= off_ground_m; });
-    if (2 * static_cast<std::size_t>(low) > end - begin) first = end;
-    begin = end;
-  }
-  return first;
 }
 
 // Number of plots before the last long pause of a path.
@@ -178,18 +161,12 @@ Rejection LiveSearch::Judge(const Path& path) {
     plots.push_back(recent_plots_[i].plot);
   }
   const RobustConfig& robust = config_.robust;
-  std::size_t first = 0;
-  const auto cut = [&](Rejection rule, std::size_t count) {
-    if (count == 0) return;
-    cuts_.push_back({rule, count});
-    DropFirst(count, &flight.plots);
-    DropFirst(count, &plots);
-    first += count;
-  };
-  if (robust.Uses(Rule::kPause)) cut(Rejection::kPause, PausePrefix(flight.plots));
-  cut(Rejection::kNearGround,
-      NearGroundPrefix(flight.plots, MinFlightHeightM(recent_, plots, robust)));
-  if (flight.plots.empty()) return Rejection::kNearGround;
+  const std::size_t first = robust.Uses(Rule::kPause) ? PausePrefix(flight.plots) : 0;
+  if (first > 0) {
+    cuts_.push_back({Rejection::kPause, first});
+    DropFirst(first, &flight.plots);
+    DropFirst(first, &plots);
+  }
   const Rejection rejection = FlightRejection(recent_, scan_schedule_, plots, robust);
   if (rejection != Rejection::kNone) return rejection;
   if (robust.Uses(Rule::kStationary) && !MovesOrFloats(flight.plots)) {

@@ -134,6 +134,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
   visit("robust.tracker.uniform_birth_share", tracker.uniform_birth_share, Range{0, 1, false});
   visit("robust.tracker.max_speed_mps", tracker.max_speed_mps, Range{0, 1e4, false});
   visit("robust.tracker.max_gap_s", tracker.max_gap_s, Range{0, 600, false});
+  visit("robust.tracker.out_of_view_probability", tracker.out_of_view_probability, Range{0, 1});
   visit("robust.tracker.hypotheses_per_plot", tracker.hypotheses_per_plot, Range{1, 1000});
   visit("robust.tracker.return_rate_m2_per_s", tracker.return_rate_m2_per_s, Range{1e-2, 1e10});
   visit("robust.tracker.max_hypotheses", tracker.max_hypotheses, Range{1, 1e7});

@@ -151,7 +151,8 @@ TEST(PathScorer, OnlyFramesThatWereTakenCanMissATarget) {
   for (const int frame : {0, 1, 2, 3, 33, 34, 35, 36}) {
     plots.push_back(MakePlot(kBeginNs + frame * kPeriodNs, {0.1 * frame, 10, 10}, -9.0));
   }
-  const TrackerConfig config;
+  TrackerConfig config;
+  config.out_of_view_probability = 0.0;
   const std::vector<std::uint32_t> all = {0, 1, 2, 3, 4, 5, 6, 7};
   const std::vector<double> log_births(plots.size(), 0.0);
   const ScanSchedule watched = WatchOver(plots);
@@ -161,6 +162,37 @@ TEST(PathScorer, OnlyFramesThatWereTakenCanMissATarget) {
   const double score_watched = PathScorer(plots, log_births, watched, config).WithScore(all).score;
   const double score_paused = PathScorer(plots, log_births, paused, config).WithScore(all).score;
   EXPECT_GT(score_paused, score_watched + 5.0);
+}
+
+// Against a recorder that stood still, where nothing could be missed.
+TEST(PathScorer, GoingUndetectedForAnyTimeIsNoLessLikelyThanBeingOutOfView) {
+  for (const int pause : {2, 10, 50, 90}) {
+    std::vector<Plot> plots;
+    for (int k = 0; k < 16; ++k) {
+      const int frame = k < 8 ? k : k + pause;
+      plots.push_back(MakePlot(kBeginNs + frame * kPeriodNs, {0.0, 10, 10}, -9.0));
+    }
+    std::vector<std::uint32_t> all;
+    for (std::uint32_t i = 0; i < plots.size(); ++i) all.push_back(i);
+    const std::vector<double> log_births(plots.size(), 0.0);
+    const ScanSchedule watched = WatchOver(plots);
+    ScanSchedule paused = watched;
+    std::vector<TimeNs>& times_ns = paused.sensors[0].frame_times_ns;
+    times_ns.erase(times_ns.begin() + 8, times_ns.begin() + 8 + pause);
+    TrackerConfig config;
+    const auto cost = [&] {
+      return PathScorer(plots, log_births, paused, config).WithScore(all).score -
+             PathScorer(plots, log_births, watched, config).WithScore(all).score;
+    };
+    const double with_view_lost = cost();
+    config.out_of_view_probability = 0.0;
+    const double always_in_view = cost();
+    // Beside the misses, the return rate that they leave for later plots differs.
+    constexpr double kLaterPlots = 8.0;
+    EXPECT_LT(with_view_lost, -std::log(TrackerConfig().out_of_view_probability) + kLaterPlots);
+    EXPECT_LE(with_view_lost, always_in_view + 1e-9) << pause;
+    EXPECT_EQ(with_view_lost<always_in_view - 1.0, pause> 10) << pause;
+  }
 }
 
 TEST(PathScorer, FramesOfTheSameInstantAreNotMissed) {

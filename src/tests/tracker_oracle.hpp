@@ -80,7 +80,8 @@ class PlainModel {
         shape = kReturnRateShape;
         rate = kReturnRateShape / config_.return_rate_m2_per_s;
       }
-      const double unseen = std::pow(rate / (rate + missed * per_frame), shape);
+      const double unseen = std::max(config_.out_of_view_probability,
+                                     std::pow(rate / (rate + missed * per_frame), shape));
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
       score += std::log(unseen);
       if (is_searched && score < kDeletionLog) return kNever;

@@ -131,7 +131,9 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule
 
 TrackModel::TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule,
                        const TrackerConfig& config)
-    : sigma_(sigma_a_mps2), config_(&config) {
+    : sigma_(sigma_a_mps2),
+      log_out_of_view_(std::log(config.out_of_view_probability)),
+      config_(&config) {
   SetScanSchedule(scan_schedule);
 }
 
@@ -170,7 +172,8 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const FrameTime
 
 double TrackModel::ScoreAfterMisses(const Hypothesis& from, const FrameTime& at) const {
   const double missed = NumMissedDetections(from, at);
-  return from.score + LogMissProbability(from, missed * from.frame_exposure_s_per_m2);
+  return from.score + std::max(log_out_of_view_,
+                               LogMissProbability(from, missed * from.frame_exposure_s_per_m2));
 }
 
 double TrackModel::PredictedScore(const Hypothesis& from, const FrameTime& at) const {

@@ -160,7 +160,8 @@ class TrackModel {
 
   Hypothesis Birth(const Plot& plot, double log_birth, const FrameTime& at, double speed_mps) const;
 
-  // Score of a hypothesis after missed detections in all frames of its last sensor before `at`.
+  // Score of a hypothesis after missed detections in all frames of its last sensor before `at`, or
+  // out of view.
   double ScoreAfterMisses(const Hypothesis& from, const FrameTime& at) const;
 
   // Same, predicted for a plot in the frame at `at`. For another sensor, the target has left the
@@ -197,6 +198,7 @@ class TrackModel {
   std::vector<Eigen::Vector3d> viewpoints_m_;  // (sensors)
   double log_same_sensor_ = 0.0;   // log probability that the next plot is of the same sensor,
   double log_other_sensor_ = 0.0;  // or of one particular other sensor
+  double log_out_of_view_;         // minus infinity if it is always in view
   const TrackerConfig* config_;
 };
 

@@ -52,7 +52,8 @@ struct Hypothesis {
   std::uint32_t frames = 0;     // of that sensor up to its last plot
   std::uint32_t num_plots = 1;  // of all sensors
   std::int32_t plot = 0;
-  std::int32_t parent = kNoIndex;  // index into the history
+  std::int32_t node = kNoIndex;    // index into the history of its search,
+  std::int32_t parent = kNoIndex;  // and that of the hypothesis that it continues
 };
 
 // Variances per axis of a position and a velocity, and their covariance.
@@ -78,9 +79,9 @@ struct AxisVariances {
 
 // Predicted position of the next plot: the part of the state that the likelihood of a plot needs.
 struct Prediction {
-  std::int32_t history = kNoIndex;
-  std::uint32_t motion = 0;  // index of the motion since its last plot
-  double score = 0.0;        // including missed detections up to the frame
+  std::uint32_t hypothesis = 0;  // index of the active hypothesis
+  std::uint32_t motion = 0;      // index of the motion since its last plot
+  double score = 0.0;            // including missed detections up to the frame
   double log_detection_probability = 0.0;
   double speed_mps = 0.0;    // of the hypothesis
   std::uint32_t sensor = 0;  // of the last plot

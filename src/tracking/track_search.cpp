@@ -225,7 +225,7 @@ void TrackSearch::Predict(const FrameTime& at) {
   predictions_.clear();
   motions_.clear();
   double motion_dt = -1.0;
-  for (const Hypothesis& from : active_) {
+  for (Hypothesis& from : active_) {
     const double dt = at.time_s - from.time_s;
     if (dt > config_.max_gap_s) continue;
     const double score = model_.PredictedScore(from, at);
@@ -233,6 +233,9 @@ void TrackSearch::Predict(const FrameTime& at) {
     if (dt != motion_dt) {
       motions_.push_back(model_.MotionOver(dt));
       motion_dt = dt;
+    }
+    if (at.sensor != from.sensor && at.sensor != from.other_sensor) {
+      model_.SetOtherSensor(at.sensor, &from);
     }
     predictions_.push_back(model_.Predict(from, score, motions_.back(), at));
     predictions_.back().hypothesis = static_cast<std::uint32_t>(&from - active_.data());
@@ -245,11 +248,9 @@ void TrackSearch::Predict(const FrameTime& at) {
 // missed detections cost almost nothing as it would hardly ever be seen, does not displace nearby
 // hypotheses.
 void TrackSearch::PruneHypotheses(const Scan& scan) {
-  bounds_.clear();
   ranking_.clear();
   for (const Prediction& p : predictions_) {
-    bounds_.push_back(model_.BoundOf(p, scan.bounds));
-    ranking_.emplace_back(-bounds_.back().steady_top, ranking_.size());
+    ranking_.emplace_back(-model_.SteadyTopOf(p, scan.bounds), ranking_.size());
   }
   const auto move_best_to_front = [&](std::size_t count) {
     if (ranking_.size() <= count) return;
@@ -265,7 +266,7 @@ void TrackSearch::PruneHypotheses(const Scan& scan) {
   constexpr std::size_t kNumRankedFirst = 64;
   move_best_to_front(kNumRankedFirst);
   is_kept_.assign(predictions_.size(), 0);
-  for (const auto& [negated_bound, k] : ranking_) is_kept_[k] = 1;
+  for (const auto& [negated_top, k] : ranking_) is_kept_[k] = 1;
   std::uint32_t num_kept = 0;
   for (std::size_t k = 0; k < predictions_.size(); ++k) {
     if (!is_kept_[k]) continue;
@@ -291,7 +292,7 @@ void TrackSearch::FindCandidates(const Scan& scan) {
   if (entries_.empty()) return;
   double min_threshold = -std::numeric_limits<double>::infinity();
   bool is_stale = true;  // the entry with the lowest threshold may have been raised
-  for (const auto& [negated_bound, k] : ranking_) {
+  for (const auto& [negated_top, k] : ranking_) {
     if (is_stale) {
       min_threshold = std::numeric_limits<double>::infinity();
       for (const Scan::Entry& entry : entries_) {
@@ -300,17 +301,17 @@ void TrackSearch::FindCandidates(const Scan& scan) {
       is_stale = false;
     }
     const Prediction& p = predictions_[k];
-    const ScoreBound& bound = bounds_[k];
+    const ScoreBound bound = model_.BoundOf(p, scan.bounds, -negated_top);
     const double reach_m = bound.ReachM(min_threshold - kBoundSlack);
     if (reach_m < 0.0) continue;
-    const double reach2_m2 = reach_m * reach_m;
+    const double reach_m2 = reach_m * reach_m;
     auto entry =
         std::lower_bound(entries_.begin(), entries_.end(), p.position_m.x() - reach_m,
                          [](const Scan::Entry& at, double x) { return at.position_m.x() < x; });
     for (; entry != entries_.end() && entry->position_m.x() <= p.position_m.x() + reach_m;
          ++entry) {
       const double distance2_m2 = (entry->position_m - p.position_m).squaredNorm();
-      if (distance2_m2 > reach2_m2) continue;  // most; At() takes longer
+      if (distance2_m2 > reach_m2) continue;  // most; At() takes longer
       if (bound.At(distance2_m2) - entry->log_clutter < entry->score_threshold - kBoundSlack)
         continue;
       const ScoreIncrement increment = model_.ScoreIncrementOf(p, plots_[entry->plot]);

@@ -81,7 +81,10 @@ class TrackSearch {
   // one descends from. Indices of plots shift by `num_plots`.
   void Forget(std::size_t num_plots);
 
-  void SetModel(const TrackModel& model) { model_ = model; }
+  void SetModel(const TrackModel& model) {
+    model_ = model;
+    for (Hypothesis& h : active_) h.other_sensor = kNoSensor;  // it was that of the old model
+  }
   std::size_t num_hypotheses() const { return history_.size(); }
 
  private:
@@ -128,8 +131,7 @@ class TrackSearch {
   std::vector<Hypothesis> active_;       // to extend, in order of their nodes
   std::vector<Prediction> predictions_;  // of the active hypotheses, at the current frame
   std::vector<Motion> motions_;          // one per time of a last plot
-  std::vector<ScoreBound> bounds_;       // (predictions)
-  std::vector<std::pair<double, std::size_t>> ranking_;  // (-bound of the score, prediction)
+  std::vector<std::pair<double, std::size_t>> ranking_;  // (-highest steady score, prediction)
   std::vector<char> is_kept_;
   std::vector<std::int32_t> marks_;                 // (history) scratch
   std::vector<Scan::Entry> entries_;                // of the free plots of the current frame

@@ -63,13 +63,13 @@ void LiveClutter::Judge(const Support& support, std::uint32_t sensor, std::uint3
   for (LivePlot& seen : *plots) {
     Plot& plot = seen.plot;
     const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
-    const double rate =
-        RateAtOtherTimes(clutter_.LevelsAt(sensor, place_m, bin), frames, 0, num_levels_);
+    const auto levels =
+        clutter_.LevelsAt(sensor, place_m, clutter_.ExcludedAt(sensor, place_m, bin));
+    const double rate = RateAtOtherTimes(levels, frames, 0, num_levels_);
     seen.log_surrounding_clutter = plot.log_clutter = std::log(rate);
     if (plot.is_floating) continue;
     // method.md (3) and (4): a plot of a dwell is predicted by those before it.
-    const ClutterMap::Counts spot = clutter_.AtSpot(sensor, place_m, bin);
-    const double others = spot.near + spot.at_other_times - (was_added ? 1.0 : 0.0);
+    const double others = clutter_.AllAtSpot(sensor, place_m) - (was_added ? 1.0 : 0.0);
     const double spot_rate = others / std::max(all_frames, 1U) / PlotVolumeM3(plot);
     plot.log_clutter = std::log(std::max({rate, spot_rate, plot.place_rate}));
   }

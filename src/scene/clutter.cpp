@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <numeric>
 #include <vector>
 
 #include "scene/clutter_map.hpp"
@@ -23,21 +24,35 @@ class ClutterEstimate {
         plots_(plots),
         num_levels_(config.Uses(Rule::kLocalClutter) ? ClutterMap::kNumLevels : 1) {
     for (const Plot& plot : plots) bins_.push_back(BinsOf(plot).BinOf(plot.time_ns));
-    const auto add = [&](std::size_t i, ClutterMap* map) {
-      if (assigned[i] == 0) map->Add(plots[i].sensor, plots[i].ray_m.cast<float>(), bins_[i]);
-    };
-    for (std::size_t i = 0; i < plots.size(); ++i) add(i, &all_);
+    by_bin_.resize(plots.size());
+    std::iota(by_bin_.begin(), by_bin_.end(), 0U);
+    std::stable_sort(by_bin_.begin(), by_bin_.end(),
+                     [&](std::uint32_t a, std::uint32_t b) { return bins_[a] < bins_[b]; });
+    spots_.resize(plots.size());
+    excluded_.resize(plots.size());
+    Fill([&](std::size_t i) { return assigned[i] == 0; },
+         [&](std::size_t i) {
+           excluded_[i] = all_.ExcludedAt(plots[i].sensor, PlaceM(i), bins_[i]);
+           spots_[i].near = all_.ExcludedAtSpot(plots[i].sensor, PlaceM(i), bins_[i]);
+         },
+         &all_);
     for (std::size_t i = 0; i < plots.size(); ++i) {
-      spots_.push_back(all_.AtSpot(plots[i].sensor, plots[i].ray_m.cast<float>(), bins_[i]));
-      if (spots_[i].at_other_times > 0) add(i, &recurrent_);
+      spots_[i].at_other_times = all_.AllAtSpot(plots[i].sensor, PlaceM(i)) - spots_[i].near;
     }
+    recurrent_excluded_.resize(plots.size());
+    Fill([&](std::size_t i) { return assigned[i] == 0 && spots_[i].at_other_times > 0; },
+         [&](std::size_t i) {
+           if (!MayBeOneDwell(i)) return;
+           recurrent_excluded_[i] = recurrent_.ExcludedAt(plots[i].sensor, PlaceM(i), bins_[i]);
+         },
+         &recurrent_);
   }
 
   // Returns the log of the clutter intensity of plot `i`, per m^3 and frame of its sensor.
   double LogClutter(std::size_t i) const {
     const Plot& plot = plots_[i];
     const TimeBins& bins = BinsOf(plot);
-    const auto levels = all_.LevelsAt(plot.sensor, plot.ray_m.cast<float>(), bins_[i]);
+    const auto levels = all_.LevelsAt(plot.sensor, PlaceM(i), excluded_[i]);
     const std::uint32_t num_frames = bins.NumFrames(plot.sensor, {0, bins.num_bins()});
     const std::uint32_t num_excluded =
         bins.NumFrames(plot.sensor, bins.BinsAround(bins_[i], ClutterMap::kExclusionBins));
@@ -54,9 +69,8 @@ class ClutterEstimate {
     const auto log_rate = [&](std::uint32_t others) {
       return std::log(std::max(min_rate, others * plot_rate));
     };
-    // Plots of the spot that may be of one dwell, including this one.
-    const std::uint32_t num_in_dwell = spots_[i].near + (assigned_[i] ? 1U : 0U);
-    if (spots_[i].at_other_times > 0 || num_in_dwell < 2) {
+    const std::uint32_t num_in_dwell = NumInDwell(i);
+    if (!MayBeOneDwell(i)) {
       return log_rate(spots_[i].at_other_times + num_in_dwell - 1);
     }
     // method.md (4): all of them may be one dwell of a target. By the chain rule the k-th plot is
@@ -68,13 +82,44 @@ class ClutterEstimate {
   }
 
  private:
+  // Plots at the spot of a plot.
+  struct Spot {
+    std::uint32_t near = 0;  // in the bins excluded for it
+    std::uint32_t at_other_times = 0;
+  };
+
+  // Fills a map with the plots that `is_added` selects, and calls `count` for each plot as soon as
+  // the bins excluded for it are complete: the map finds its latest bins first.
+  template <class IsAdded, class CountAt>
+  void Fill(const IsAdded& is_added, const CountAt& count, ClutterMap* map) const {
+    auto next = by_bin_.begin();
+    for (const std::uint32_t i : by_bin_) {
+      const std::uint32_t end = ClutterMap::Excluded(bins_[i]).last;
+      for (; next != by_bin_.end() && bins_[*next] < end; ++next) {
+        if (is_added(*next)) map->Add(plots_[*next].sensor, PlaceM(*next), bins_[*next]);
+      }
+      count(i);
+    }
+  }
+
+  Eigen::Vector3f PlaceM(std::size_t i) const { return plots_[i].ray_m.cast<float>(); }
+
+  // Number of plots of the spot that may be of one dwell, including this one.
+  std::uint32_t NumInDwell(std::size_t i) const {
+    return spots_[i].near + (assigned_[i] ? 1U : 0U);
+  }
+
+  // True if two or more plots at a spot may all be of one dwell.
+  bool MayBeOneDwell(std::size_t i) const {
+    return spots_[i].at_other_times == 0 && NumInDwell(i) >= 2;
+  }
+
   const TimeBins& BinsOf(const Plot& plot) const { return *station_models_[plot.sensor].bins; }
 
   // Returns the share of the plots around a plot that recur at their spots, as twigs do.
   double RecurrenceShare(
       std::size_t i, const std::array<ClutterMap::Level, ClutterMap::kNumLevels>& levels) const {
-    const auto again =
-        recurrent_.LevelsAt(plots_[i].sensor, plots_[i].ray_m.cast<float>(), bins_[i]);
+    const auto again = recurrent_.LevelsAt(plots_[i].sensor, PlaceM(i), recurrent_excluded_[i]);
     double share = kPriorRecurrenceShare;
     for (std::size_t k = 0; k < num_levels_; ++k) {
       share = (again[k].count + share) / (levels[k].count + 1.0);
@@ -86,10 +131,13 @@ class ClutterEstimate {
   const std::vector<char>& assigned_;
   const std::vector<Plot>& plots_;
   std::size_t num_levels_;
-  std::vector<std::uint32_t> bins_;  // (plots)
+  std::vector<std::uint32_t> bins_;    // (plots)
+  std::vector<std::uint32_t> by_bin_;  // plots by rising bin
   ClutterMap all_;
-  ClutterMap recurrent_;                   // those that recur at their spots
-  std::vector<ClutterMap::Counts> spots_;  // (plots)
+  ClutterMap recurrent_;                                     // those that recur at their spots
+  std::vector<ClutterMap::LevelCounts> excluded_;            // (plots) of all_
+  std::vector<ClutterMap::LevelCounts> recurrent_excluded_;  // (plots that may be of one dwell)
+  std::vector<Spot> spots_;                                  // (plots)
 };
 
 }  // namespace

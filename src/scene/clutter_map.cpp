@@ -32,21 +32,32 @@ void ClutterMap::Add(std::uint32_t sensor, const Eigen::Vector3f& place_m, std::
   sensors_[sensor].spots.Add(place_m, bin, count);
 }
 
+ClutterMap::LevelCounts ClutterMap::ExcludedAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
+                                               std::uint32_t bin) const {
+  LevelCounts counts;
+  for (std::size_t k = 0; k < kNumLevels; ++k) {
+    counts[k] = SensorAt(sensor).levels[k].Count(place_m, Excluded(bin));
+  }
+  return counts;
+}
+
 std::array<ClutterMap::Level, ClutterMap::kNumLevels> ClutterMap::LevelsAt(
-    std::uint32_t sensor, const Eigen::Vector3f& place_m, std::uint32_t bin) const {
+    std::uint32_t sensor, const Eigen::Vector3f& place_m, const LevelCounts& excluded) const {
   std::array<Level, kNumLevels> levels;
   for (std::size_t k = 0; k < kNumLevels; ++k) {
     const RangeGrid& grid = SensorAt(sensor).levels[k];
-    levels[k] = {grid.Count(place_m) - grid.Count(place_m, Excluded(bin)), grid.VolumeM3(place_m)};
+    levels[k] = {grid.Count(place_m) - excluded[k], grid.VolumeM3(place_m)};
   }
   return levels;
 }
 
-ClutterMap::Counts ClutterMap::AtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m,
-                                      std::uint32_t bin) const {
-  const RangeGrid& grid = SensorAt(sensor).spots;
-  const std::uint32_t near = grid.Count(place_m, Excluded(bin));
-  return {near, grid.Count(place_m) - near};
+std::uint32_t ClutterMap::ExcludedAtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m,
+                                         std::uint32_t bin) const {
+  return SensorAt(sensor).spots.Count(place_m, Excluded(bin));
+}
+
+std::uint32_t ClutterMap::AllAtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m) const {
+  return SensorAt(sensor).spots.Count(place_m);
 }
 
 void ClutterMap::Forget(std::uint32_t before_bin) {

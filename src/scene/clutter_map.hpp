@@ -24,11 +24,7 @@ class ClutterMap {
   static constexpr std::size_t kNumLevels = 3;
   static constexpr std::uint32_t kExclusionBins = 2;
 
-  // Plots at a spot: those of the excluded bins, and those of other times.
-  struct Counts {
-    std::uint32_t near = 0;
-    std::uint32_t at_other_times = 0;
-  };
+  using LevelCounts = std::array<std::uint32_t, kNumLevels>;
 
   // The plots of other times in a neighbourhood, and its volume.
   struct Level {
@@ -40,11 +36,19 @@ class ClutterMap {
   void Add(std::uint32_t sensor, const Eigen::Vector3f& place_m, std::uint32_t bin,
            std::int32_t count = 1);
 
-  // From the widest to the narrowest.
-  std::array<Level, kNumLevels> LevelsAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
-                                         std::uint32_t bin) const;
+  // Returns the plots of the bins excluded for a plot of this bin, from the widest neighbourhood to
+  // the narrowest. Costs the less the fewer later bins there are.
+  LevelCounts ExcludedAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
+                         std::uint32_t bin) const;
 
-  Counts AtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m, std::uint32_t bin) const;
+  // From the widest to the narrowest. `excluded`: result of ExcludedAt().
+  std::array<Level, kNumLevels> LevelsAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
+                                         const LevelCounts& excluded) const;
+
+  // Returns the plots at a spot in the bins excluded for a plot of this bin, or in all bins.
+  std::uint32_t ExcludedAtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m,
+                               std::uint32_t bin) const;
+  std::uint32_t AllAtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m) const;
 
   // Forgets the plots of earlier bins.
   void Forget(std::uint32_t before_bin);

@@ -306,7 +306,8 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
         const double offset_s =
             std::abs(static_cast<double>(plot.time_ns - plot.frame_time_ns)) * 1e-9;
         const auto slack_of = [&](const FrameBounds& frame) {
-          return model.BoundOf(p, frame).At(distance2_m2) - plot.log_clutter - score;
+          return model.BoundOf(p, frame, model.SteadyTopOf(p, frame)).At(distance2_m2) -
+                 plot.log_clutter - score;
         };
         EXPECT_GE(slack_of({0.5 * plot.variance_m2, 2.0 * plot.variance_m2, plot.streak_s,
                             offset_s + random.Uniform(0.0, 0.05)}),
@@ -329,7 +330,9 @@ TEST(ScoreBound, BeyondItsReachItIsLess) {
   for (int i = 0; i < 1000; ++i) {
     const PredictedPlot at = RandomPrediction(model, &random);
     const double half_span_s = i % 2 == 0 ? 0.0 : 0.05;
-    const ScoreBound bound = model.BoundOf(at.prediction, {0.01, 0.2, kPeriodS, half_span_s});
+    const FrameBounds frame{0.01, 0.2, kPeriodS, half_span_s};
+    const ScoreBound bound =
+        model.BoundOf(at.prediction, frame, model.SteadyTopOf(at.prediction, frame));
     const double score = at.prediction.score + random.Uniform(-20.0, 5.0);
     const double reach_m = bound.ReachM(score);
     if (reach_m <= 0.0) {

@@ -17,6 +17,17 @@ namespace {
 
 using Members = std::vector<std::uint32_t>;
 
+// One of the hypotheses of a search, with its plots.
+struct AlternativePath {
+  struct Step {
+    std::uint32_t plot = 0;
+    double time_s = 0.0;  // middle of its frame
+    State state;          // after its plot
+  };
+  std::vector<Step> steps;  // from the first plot on
+  double score = 0.0;       // including missed detections since the last step
+};
+
 // Modes of lower probability would increase no sigma by more than 0.5 %.
 constexpr double kMinProbability = 1e-3;
 // The times of one detection, from its plot and from all returns of the frame, differ by less.
@@ -107,9 +118,11 @@ class AlternativePaths {
               double min_score) {
     const std::vector<double> log_births(plots_.size(), -std::numeric_limits<double>::infinity());
     std::vector<TrackSearch> searches;
+    std::vector<std::vector<Hypothesis>> hypotheses(models_.size());  // (models, nodes)
     for (std::size_t m = 0; m < models_.size(); ++m) {
       searches.emplace_back(plots_, log_births, free, models_[m], config_);
       searches.back().Begin(initial_hypotheses[m]);
+      searches.back().AppendLatest(&hypotheses[m]);
     }
     const Plot& first = plots_[tail_.front()];
     Scan scan;
@@ -118,13 +131,30 @@ class AlternativePaths {
       if (plots_[i].frame == first.frame) continue;
       if (plots_[i].frame_time_ns > frames_ns_.back()) break;
       if (scan.at.time_s <= initial_hypotheses.front().time_s) continue;
-      for (TrackSearch& search : searches) search.Extend(scan);
+      for (std::size_t m = 0; m < searches.size(); ++m) {
+        searches[m].Extend(scan);
+        searches[m].AppendLatest(&hypotheses[m]);
+      }
     }
-    for (std::size_t m = 0; m < searches.size(); ++m) {
-      std::vector<AlternativePath> alternatives;
-      searches[m].AppendAlternatives(end_, min_score, &alternatives);
-      for (AlternativePath& alternative : alternatives)
-        alternatives_.push_back({std::move(alternative), m});
+    for (std::size_t m = 0; m < models_.size(); ++m)
+      AppendAlternatives(hypotheses[m], m, min_score);
+  }
+
+  // Appends all hypotheses (nodes) of a search, with missed detections from their last plots to the
+  // end, whose score is then at least `min_score`.
+  void AppendAlternatives(const std::vector<Hypothesis>& hypotheses, std::size_t model,
+                          double min_score) {
+    for (const Hypothesis& last : hypotheses) {
+      if (last.score < min_score) continue;
+      AlternativePath alternative;
+      alternative.score = models_[model].ScoreAfterMisses(last, end_);
+      if (alternative.score < min_score) continue;
+      for (const Hypothesis* h = &last; h != nullptr;
+           h = h->parent == kNoIndex ? nullptr : &hypotheses[static_cast<std::size_t>(h->parent)]) {
+        alternative.steps.push_back({static_cast<std::uint32_t>(h->plot), h->time_s, h->state});
+      }
+      std::reverse(alternative.steps.begin(), alternative.steps.end());
+      alternatives_.push_back({std::move(alternative), model});
     }
   }
 

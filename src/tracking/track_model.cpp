@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "scene/stations.hpp"
 
 namespace unlidar {
 namespace {
+
+constexpr double kRoundingSlack = 1e-9;  // of log densities
 
 Motion SingerMotion(double dt, double tau, double sigma) {
   const double a = 1.0 / tau;
@@ -67,6 +70,12 @@ double LogDetectionProbability(double log_miss_probability) {
 double NumMissedDetections(const Hypothesis& from, const FrameTime& at) {
   const std::uint32_t before = at.frames_before[from.sensor];
   return before > from.frames ? before - from.frames : 0.0;
+}
+
+// Log of the density of a plot exactly at a prediction, at most.
+double LogTop(const Prediction& p, const AxisVariances& variances, const FrameBounds& frame) {
+  return p.score + p.log_detection_probability -
+         1.5 * std::log(2.0 * M_PI * (variances.Min(frame.half_span_s) + frame.min_variance_m2));
 }
 
 }  // namespace
@@ -190,10 +199,10 @@ Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motio
                                const FrameTime& at) const {
   Prediction p;
   p.score = score;
-  p.log_detection_probability = at.sensor == from.sensor
-                                    ? from.log_detection_probability
-                                    : LogDetectionProbability(LogPriorMissProbability(
-                                          ExposureOfFrame(at.sensor, from.state)));
+  p.log_detection_probability = at.sensor == from.sensor ? from.log_detection_probability
+                                : at.sensor == from.other_sensor
+                                    ? from.other_log_detection_probability
+                                    : LogOtherDetectionProbability(at.sensor, from.state);
   p.sensor = from.sensor;
   p.speed_mps = std::min(from.state.mean.col(1).norm(), config_->max_speed_mps);
   const auto onto_position = motion.transition.row(0);
@@ -223,9 +232,14 @@ ScoreIncrement TrackModel::ScoreIncrementOf(const Prediction& p, const Plot& plo
   const auto log_density = [&](double variance) {
     return -1.5 * std::log(2.0 * M_PI * variance) - 0.5 * distance2 / variance;
   };
-  const double steady = log_density(p.steady.At(offset_s) + noise);
+  const double steady_variance = p.steady.At(offset_s) + noise;
+  const double steady = log_density(steady_variance);
+  // A manoeuvre only widens the density, so near the prediction it is no likelier than its prior.
+  const bool may_be_agile =
+      0.5 * distance2 / steady_variance > -config_->manoeuvre_log_probability - kRoundingSlack;
   const double agile =
-      log_density(p.agile.At(offset_s) + noise) + config_->manoeuvre_log_probability;
+      may_be_agile ? log_density(p.agile.At(offset_s) + noise) + config_->manoeuvre_log_probability
+                   : -std::numeric_limits<double>::infinity();
   return {std::max(steady, agile) + p.log_detection_probability - plot.log_clutter +
               (p.sensor == plot.sensor ? log_same_sensor_ : log_other_sensor_),
           agile > steady};
@@ -272,19 +286,24 @@ Hypothesis TrackModel::PredictAndUpdate(const Hypothesis& from, const Plot& plot
   return Update(from, motion, p, plot, at, ScoreIncrementOf(p, plot));
 }
 
-ScoreBound TrackModel::BoundOf(const Prediction& p, const FrameBounds& frame) const {
+double TrackModel::SteadyTopOf(const Prediction& p, const FrameBounds& frame) const {
+  return LogTop(p, p.steady, frame);
+}
+
+ScoreBound TrackModel::BoundOf(const Prediction& p, const FrameBounds& frame,
+                               double steady_top) const {
   const double streak_m = p.speed_mps * frame.streak_s;
   const double max_m2 = frame.max_variance_m2 + streak_m * streak_m / 36.0;
-  const double common = p.score + p.log_detection_probability;
-  const auto peak = [&](const AxisVariances& variances) {
-    return common -
-           1.5 * std::log(2.0 * M_PI * (variances.Min(frame.half_span_s) + frame.min_variance_m2));
-  };
   const auto slope = [&](const AxisVariances& variances) {
     return 0.5 / (variances.Max(frame.half_span_s) + max_m2);
   };
-  return {peak(p.steady), slope(p.steady), peak(p.agile) + config_->manoeuvre_log_probability,
-          slope(p.agile), frame.half_span_s * p.velocity_mps.norm()};
+  return {steady_top, slope(p.steady),
+          LogTop(p, p.agile, frame) + config_->manoeuvre_log_probability, slope(p.agile),
+          frame.half_span_s * p.velocity_mps.norm()};
+}
+
+double TrackModel::LogOtherDetectionProbability(std::uint32_t sensor, const State& state) const {
+  return LogDetectionProbability(LogPriorMissProbability(ExposureOfFrame(sensor, state)));
 }
 
 // The detections so far set the rate of further ones (gamma posterior).

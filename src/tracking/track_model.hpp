@@ -12,6 +12,7 @@
 namespace unlidar {
 
 inline constexpr std::int32_t kNoIndex = -1;
+inline constexpr std::uint32_t kNoSensor = ~std::uint32_t{0};
 
 // Standard deviation of acceleration in a manoeuvre, relative to the motion that it interrupts:
 // about the ratio between the successive values of sigma_a in the search.
@@ -46,13 +47,17 @@ struct Hypothesis {
   double num_detections = 0.0;  // plots of its sensor since the birth or the last change of sensor
   double exposure_s_per_m2 = 0.0;          // frame exposures since then, summed
   double frame_exposure_s_per_m2 = 0.0;    // frame duration / range^2
-  double log_detection_probability = 0.0;  // of the next frame of its sensor
+  double log_detection_probability = 0.0;  // of the next frame of its sensor,
+  // and of that of `other_sensor`, once TrackModel::SetOtherSensor() has set both.
+  double other_log_detection_probability = 0.0;
+  std::uint32_t other_sensor = kNoSensor;
   State state;
   std::uint32_t sensor = 0;     // of its last plot
   std::uint32_t frames = 0;     // of that sensor up to its last plot
   std::uint32_t num_plots = 1;  // of all sensors
   std::int32_t plot = 0;
-  std::int32_t parent = kNoIndex;  // index into the history
+  std::int32_t node = kNoIndex;    // index into the history of its search,
+  std::int32_t parent = kNoIndex;  // and that of the hypothesis that it continues
 };
 
 // Variances per axis of a position and a velocity, and their covariance.
@@ -78,9 +83,9 @@ struct AxisVariances {
 
 // Predicted position of the next plot: the part of the state that the likelihood of a plot needs.
 struct Prediction {
-  std::int32_t history = kNoIndex;
-  std::uint32_t motion = 0;  // index of the motion since its last plot
-  double score = 0.0;        // including missed detections up to the frame
+  std::uint32_t hypothesis = 0;  // index of the active hypothesis
+  std::uint32_t motion = 0;      // index of the motion since its last plot
+  double score = 0.0;            // including missed detections up to the frame
   double log_detection_probability = 0.0;
   double speed_mps = 0.0;    // of the hypothesis
   std::uint32_t sensor = 0;  // of the last plot
@@ -108,7 +113,7 @@ struct FrameBounds {
 // Upper bound of the score of a prediction and a plot at some distance, without the terms that
 // depend on the plot alone. It saves a logarithm per pair.
 struct ScoreBound {
-  double steady_top = 0.0;
+  double steady_top = 0.0;    // that of TrackModel::SteadyTopOf()
   double steady_slope = 0.0;  // per squared distance
   double agile_top = 0.0;
   double agile_slope = 0.0;
@@ -184,13 +189,24 @@ class TrackModel {
   // Same, including the prediction; the frames until `at` are missed detections.
   Hypothesis PredictAndUpdate(const Hypothesis& from, const Plot& plot, const FrameTime& at) const;
 
-  ScoreBound BoundOf(const Prediction& p, const FrameBounds& frame) const;
+  // Returns the highest score of a plot exactly at a prediction, without the terms that depend on
+  // the plot alone, if it did not manoeuvre; then the whole bound.
+  double SteadyTopOf(const Prediction& p, const FrameBounds& frame) const;
+  ScoreBound BoundOf(const Prediction& p, const FrameBounds& frame, double steady_top) const;
+
+  // Sets the detection probability in frames of another sensor than that of the last plot. It does
+  // not depend on time: a hypothesis that is extended often needs it but once.
+  void SetOtherSensor(std::uint32_t sensor, Hypothesis* h) const {
+    h->other_sensor = sensor;
+    h->other_log_detection_probability = LogOtherDetectionProbability(sensor, h->state);
+  }
 
  private:
   void SetDetectionProbability(Hypothesis* h) const;
   double ManoeuvreNoiseFactor() const;  // additional noise of a manoeuvre
   double LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const;
   double LogPriorMissProbability(double exposure_s_per_m2) const;  // without detections so far
+  double LogOtherDetectionProbability(std::uint32_t sensor, const State& state) const;
   double ExposureOfFrame(std::uint32_t sensor, const State& state) const;
 
   double sigma_;

@@ -79,10 +79,10 @@ Path TrackSearch::Best() {
     path.score = ends_.front().score;
     bool is_free = true;
     for (std::int32_t at = ends_.front().hypothesis; at != kNoIndex && is_free;) {
-      const Hypothesis& hypothesis = history_[static_cast<std::size_t>(at)];
-      path.plots.push_back(static_cast<std::uint32_t>(hypothesis.plot));
+      const Node& node = history_[static_cast<std::size_t>(at)];
+      path.plots.push_back(static_cast<std::uint32_t>(node.plot));
       is_free = free_[path.plots.back()] != 0;
-      at = hypothesis.parent;
+      at = node.parent;
     }
     if (is_free) {
       std::reverse(path.plots.begin(), path.plots.end());
@@ -97,9 +97,9 @@ void TrackSearch::SetPathTo(std::int32_t hypothesis, Path* path) const {
   path->plots.clear();
   path->score = history_[static_cast<std::size_t>(hypothesis)].score;
   for (std::int32_t at = hypothesis; at != kNoIndex;) {
-    const Hypothesis& h = history_[static_cast<std::size_t>(at)];
-    path->plots.push_back(static_cast<std::uint32_t>(h.plot));
-    at = h.parent;
+    const Node& node = history_[static_cast<std::size_t>(at)];
+    path->plots.push_back(static_cast<std::uint32_t>(node.plot));
+    at = node.parent;
   }
   std::reverse(path->plots.begin(), path->plots.end());
 }
@@ -127,20 +127,9 @@ void TrackSearch::RaiseScores(std::size_t first, std::vector<double>* scores) co
   }
 }
 
-void TrackSearch::AppendAlternatives(const FrameTime& end, double min_score,
-                                     std::vector<AlternativePath>* alternatives) const {
-  for (const Hypothesis& last : history_) {
-    if (last.score < min_score) continue;
-    AlternativePath alternative;
-    alternative.score = model_.ScoreAfterMisses(last, end);
-    if (alternative.score < min_score) continue;
-    for (const Hypothesis* h = &last; h != nullptr;
-         h = h->parent == kNoIndex ? nullptr : &history_[static_cast<std::size_t>(h->parent)]) {
-      alternative.steps.push_back({static_cast<std::uint32_t>(h->plot), h->time_s, h->state});
-    }
-    std::reverse(alternative.steps.begin(), alternative.steps.end());
-    alternatives->push_back(std::move(alternative));
-  }
+void TrackSearch::AppendLatest(std::vector<Hypothesis>* hypotheses) const {
+  const auto count = static_cast<std::ptrdiff_t>(history_.size() - last_scan_);
+  hypotheses->insert(hypotheses->end(), active_.end() - count, active_.end());
 }
 
 void TrackSearch::DropAssigned() {
@@ -154,10 +143,11 @@ void TrackSearch::DropAssigned() {
             ? 1
             : 0;
   }
-  active_.erase(
-      std::remove_if(active_.begin(), active_.end(),
-                     [&](std::int32_t h) { return is_assigned[static_cast<std::size_t>(h)] != 0; }),
-      active_.end());
+  active_.erase(std::remove_if(active_.begin(), active_.end(),
+                               [&](const Hypothesis& h) {
+                                 return is_assigned[static_cast<std::size_t>(h.node)] != 0;
+                               }),
+                active_.end());
 }
 
 void TrackSearch::Forget(std::size_t num_plots) {
@@ -165,14 +155,14 @@ void TrackSearch::Forget(std::size_t num_plots) {
     return static_cast<std::size_t>(history_[static_cast<std::size_t>(h)].plot) >= num_plots;
   };
   active_.erase(std::remove_if(active_.begin(), active_.end(),
-                               [&](std::int32_t h) { return !is_kept_plot(h); }),
+                               [&](const Hypothesis& h) { return !is_kept_plot(h.node); }),
                 active_.end());
   std::vector<std::int32_t>& moved = marks_;
   moved.reserve(history_.capacity());
   moved.assign(history_.size(), kNoIndex);
   constexpr std::int32_t kKept = 0;
-  for (const std::int32_t leaf : active_) {
-    for (std::int32_t h = leaf; h != kNoIndex && is_kept_plot(h);) {
+  for (const Hypothesis& leaf : active_) {
+    for (std::int32_t h = leaf.node; h != kNoIndex && is_kept_plot(h);) {
       std::int32_t& mark = moved[static_cast<std::size_t>(h)];
       if (mark == kKept) break;
       mark = kKept;
@@ -182,17 +172,20 @@ void TrackSearch::Forget(std::size_t num_plots) {
   std::size_t kept = 0;
   for (std::size_t h = 0; h < history_.size(); ++h) {
     if (moved[h] != kKept) continue;
-    Hypothesis hypothesis = history_[h];
-    hypothesis.plot -= static_cast<std::int32_t>(num_plots);
-    if (hypothesis.parent != kNoIndex) {
-      hypothesis.parent = moved[static_cast<std::size_t>(hypothesis.parent)];
-    }
+    Node node = history_[h];
+    node.plot -= static_cast<std::int32_t>(num_plots);
+    if (node.parent != kNoIndex) node.parent = moved[static_cast<std::size_t>(node.parent)];
     moved[h] = static_cast<std::int32_t>(kept);
-    history_[kept++] = hypothesis;
+    history_[kept++] = node;
   }
   history_.resize(kept);
   last_scan_ = kept;
-  for (std::int32_t& h : active_) h = moved[static_cast<std::size_t>(h)];
+  for (Hypothesis& h : active_) {
+    h.node = moved[static_cast<std::size_t>(h.node)];
+    const Node& node = history_[static_cast<std::size_t>(h.node)];
+    h.plot = node.plot;
+    h.parent = node.parent;
+  }
 }
 
 void TrackSearch::Extend(const Scan& scan) {
@@ -204,12 +197,12 @@ void TrackSearch::Extend(const Scan& scan) {
     if (!free_[i]) continue;
     for (const Candidate& candidate : candidates_[i - scan.first]) {
       const Prediction& p = predictions_[candidate.index];
-      const Hypothesis& from = history_[static_cast<std::size_t>(p.history)];
+      const Hypothesis& from = active_[p.hypothesis];
       Hypothesis h =
           model_.Update(from, motions_[p.motion], p, plots_[i], scan.at, candidate.increment);
       if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
-      h.parent = p.history;
+      h.parent = from.node;
       Add(h);
     }
     if (log_births_[i] < kDeletionLog) continue;  // no birth here
@@ -221,9 +214,10 @@ void TrackSearch::Extend(const Scan& scan) {
   }
 }
 
-void TrackSearch::Add(const Hypothesis& hypothesis) {
-  active_.push_back(static_cast<std::int32_t>(history_.size()));
-  history_.push_back(hypothesis);
+void TrackSearch::Add(Hypothesis hypothesis) {
+  hypothesis.node = static_cast<std::int32_t>(history_.size());
+  history_.push_back({hypothesis.score, hypothesis.plot, hypothesis.parent, hypothesis.num_plots});
+  active_.push_back(hypothesis);
 }
 
 // Predicts all active hypotheses at a time. Drops those that are too old or too unlikely.
@@ -231,8 +225,7 @@ void TrackSearch::Predict(const FrameTime& at) {
   predictions_.clear();
   motions_.clear();
   double motion_dt = -1.0;
-  for (const std::int32_t index : active_) {
-    const Hypothesis& from = history_[static_cast<std::size_t>(index)];
+  for (Hypothesis& from : active_) {
     const double dt = at.time_s - from.time_s;
     if (dt > config_.max_gap_s) continue;
     const double score = model_.PredictedScore(from, at);
@@ -241,8 +234,11 @@ void TrackSearch::Predict(const FrameTime& at) {
       motions_.push_back(model_.MotionOver(dt));
       motion_dt = dt;
     }
+    if (at.sensor != from.sensor && at.sensor != from.other_sensor) {
+      model_.SetOtherSensor(at.sensor, &from);
+    }
     predictions_.push_back(model_.Predict(from, score, motions_.back(), at));
-    predictions_.back().history = index;
+    predictions_.back().hypothesis = static_cast<std::uint32_t>(&from - active_.data());
     predictions_.back().motion = static_cast<std::uint32_t>(motions_.size() - 1);
   }
 }
@@ -252,11 +248,9 @@ void TrackSearch::Predict(const FrameTime& at) {
 // missed detections cost almost nothing as it would hardly ever be seen, does not displace nearby
 // hypotheses.
 void TrackSearch::PruneHypotheses(const Scan& scan) {
-  bounds_.clear();
   ranking_.clear();
   for (const Prediction& p : predictions_) {
-    bounds_.push_back(model_.BoundOf(p, scan.bounds));
-    ranking_.emplace_back(-bounds_.back().steady_top, ranking_.size());
+    ranking_.emplace_back(-model_.SteadyTopOf(p, scan.bounds), ranking_.size());
   }
   const auto move_best_to_front = [&](std::size_t count) {
     if (ranking_.size() <= count) return;
@@ -272,11 +266,15 @@ void TrackSearch::PruneHypotheses(const Scan& scan) {
   constexpr std::size_t kNumRankedFirst = 64;
   move_best_to_front(kNumRankedFirst);
   is_kept_.assign(predictions_.size(), 0);
-  for (const auto& [negated_bound, k] : ranking_) is_kept_[k] = 1;
-  active_.clear();
+  for (const auto& [negated_top, k] : ranking_) is_kept_[k] = 1;
+  std::uint32_t num_kept = 0;
   for (std::size_t k = 0; k < predictions_.size(); ++k) {
-    if (is_kept_[k]) active_.push_back(predictions_[k].history);
+    if (!is_kept_[k]) continue;
+    const std::uint32_t from = std::exchange(predictions_[k].hypothesis, num_kept);
+    if (from != num_kept) active_[num_kept] = active_[from];
+    ++num_kept;
   }
+  active_.resize(num_kept);
 }
 
 // Finds the best continuations to each free plot whose score is not much below that of a birth
@@ -294,7 +292,7 @@ void TrackSearch::FindCandidates(const Scan& scan) {
   if (entries_.empty()) return;
   double min_threshold = -std::numeric_limits<double>::infinity();
   bool is_stale = true;  // the entry with the lowest threshold may have been raised
-  for (const auto& [negated_bound, k] : ranking_) {
+  for (const auto& [negated_top, k] : ranking_) {
     if (is_stale) {
       min_threshold = std::numeric_limits<double>::infinity();
       for (const Scan::Entry& entry : entries_) {
@@ -303,15 +301,17 @@ void TrackSearch::FindCandidates(const Scan& scan) {
       is_stale = false;
     }
     const Prediction& p = predictions_[k];
-    const ScoreBound& bound = bounds_[k];
+    const ScoreBound bound = model_.BoundOf(p, scan.bounds, -negated_top);
     const double reach_m = bound.ReachM(min_threshold - kBoundSlack);
     if (reach_m < 0.0) continue;
+    const double reach_m2 = reach_m * reach_m;
     auto entry =
         std::lower_bound(entries_.begin(), entries_.end(), p.position_m.x() - reach_m,
                          [](const Scan::Entry& at, double x) { return at.position_m.x() < x; });
     for (; entry != entries_.end() && entry->position_m.x() <= p.position_m.x() + reach_m;
          ++entry) {
       const double distance2_m2 = (entry->position_m - p.position_m).squaredNorm();
+      if (distance2_m2 > reach_m2) continue;  // most; At() takes longer
       if (bound.At(distance2_m2) - entry->log_clutter < entry->score_threshold - kBoundSlack)
         continue;
       const ScoreIncrement increment = model_.ScoreIncrementOf(p, plots_[entry->plot]);

@@ -40,17 +40,6 @@ void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_birt
 std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
                           const ScanSchedule& scan_schedule);
 
-// One of the hypotheses of a search, with its plots.
-struct AlternativePath {
-  struct Step {
-    std::uint32_t plot = 0;
-    double time_s = 0.0;  // middle of its frame
-    State state;          // after its plot
-  };
-  std::vector<Step> steps;  // from the first plot on
-  double score = 0.0;       // including missed detections since the last step
-};
-
 class TrackSearch {
  public:
   // Runs the search. `free` (plots) is kept by reference: plots may be taken later, before further
@@ -77,12 +66,13 @@ class TrackSearch {
   void RaiseScores(std::size_t first, std::vector<double>* scores) const;
 
   // Starts from this hypothesis, whose plot must be earlier than all that follow.
-  void Begin(const Hypothesis& hypothesis) { Add(hypothesis); }
+  void Begin(const Hypothesis& hypothesis) {
+    last_scan_ = history_.size();
+    Add(hypothesis);
+  }
 
-  // Appends all hypotheses, with missed detections from their last plots until `end`, whose score
-  // is then at least `min_score`.
-  void AppendAlternatives(const FrameTime& end, double min_score,
-                          std::vector<AlternativePath>* alternatives) const;
+  // Appends the hypotheses added by the last Begin() or Extend(), in order of their nodes.
+  void AppendLatest(std::vector<Hypothesis>* hypotheses) const;
 
   // Drops the hypotheses with plots that are no longer free.
   void DropAssigned();
@@ -91,10 +81,22 @@ class TrackSearch {
   // one descends from. Indices of plots shift by `num_plots`.
   void Forget(std::size_t num_plots);
 
-  void SetModel(const TrackModel& model) { model_ = model; }
+  void SetModel(const TrackModel& model) {
+    model_ = model;
+    for (Hypothesis& h : active_) h.other_sensor = kNoSensor;  // it was that of the old model
+  }
   std::size_t num_hypotheses() const { return history_.size(); }
 
  private:
+  // What the paths of a hypothesis need after its last continuation. Most hypotheses lead nowhere,
+  // and a recording has many: only those that are extended keep their state.
+  struct Node {
+    double score;
+    std::int32_t plot;
+    std::int32_t parent;  // index into the history
+    std::uint32_t num_plots;
+  };
+
   struct Candidate {
     double score;
     ScoreIncrement increment;
@@ -112,7 +114,7 @@ class TrackSearch {
   };
 
   void SetPathTo(std::int32_t hypothesis, Path* path) const;
-  void Add(const Hypothesis& hypothesis);
+  void Add(Hypothesis hypothesis);
   void Predict(const FrameTime& at);
   void PruneHypotheses(const Scan& scan);
   void FindCandidates(const Scan& scan);
@@ -123,14 +125,13 @@ class TrackSearch {
   const std::vector<char>& free_;
   TrackModel model_;
   const TrackerConfig& config_;
-  std::vector<Hypothesis> history_;
+  std::vector<Node> history_;            // all hypotheses
   std::size_t last_scan_ = 0;            // index of its first hypothesis in the history
   std::vector<PathEnd> ends_;            // heap; their plots may have been taken since
-  std::vector<std::int32_t> active_;     // hypotheses to extend: indices into the history
+  std::vector<Hypothesis> active_;       // to extend, in order of their nodes
   std::vector<Prediction> predictions_;  // of the active hypotheses, at the current frame
   std::vector<Motion> motions_;          // one per time of a last plot
-  std::vector<ScoreBound> bounds_;       // (predictions)
-  std::vector<std::pair<double, std::size_t>> ranking_;  // (-bound of the score, prediction)
+  std::vector<std::pair<double, std::size_t>> ranking_;  // (-highest steady score, prediction)
   std::vector<char> is_kept_;
   std::vector<std::int32_t> marks_;                 // (history) scratch
   std::vector<Scan::Entry> entries_;                // of the free plots of the current frame

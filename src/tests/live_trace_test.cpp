@@ -242,28 +242,6 @@ TEST(LiveTrace, PlotsHaveTheScoreOfTheirPathAgainstTheThreshold) {
   EXPECT_GT(num_below, 0);
 }
 
-TEST(LiveTrace, WhatLeavesTheGroundIsCutOffThereByItsRule) {
-  Scene scene = With([](int i) -> std::optional<Eigen::Vector3d> {
-    constexpr int kDeparts = 45;  // it is hidden then for more than a second
-    if (i > kDeparts && i < kDeparts + 14) return std::nullopt;
-    const double up_m = 0.15 * std::max(0, i - kDeparts);
-    return Eigen::Vector3d(-8.0 + 0.15 * i, 9.0, -1.5 + up_m);
-  });
-  scene.config.robust.disabled_rules = {Rule::kBodies};
-  const Traced traced = TraceOf(scene);
-  bool is_cut = false;
-  for (const Traced::OnePath& path : traced.paths) {
-    std::size_t num_cut = 0;
-    for (const PathCut& cut : path.cuts) {
-      EXPECT_GT(cut.num_plots, 0U);
-      num_cut += cut.num_plots;
-      is_cut = is_cut || (path.decision.track && cut.rule == Rejection::kNearGround);
-    }
-    EXPECT_LE(num_cut, path.plots.size());
-  }
-  EXPECT_TRUE(is_cut);
-}
-
 // One that begins before the first is known learns for three seconds, as that does; a later one is
 // not searched for three more.
 TEST(LiveTrace, FramesOfAStationThatIsStillLearningAreNotSearched) {

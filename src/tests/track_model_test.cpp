@@ -164,35 +164,35 @@ TEST(PathScorer, OnlyFramesThatWereTakenCanMissATarget) {
   EXPECT_GT(score_paused, score_watched + 5.0);
 }
 
-// Against a recorder that stood still, where nothing could be missed.
-TEST(PathScorer, GoingUndetectedForAnyTimeIsNoLessLikelyThanBeingOutOfView) {
-  for (const int pause : {2, 10, 50, 90}) {
-    std::vector<Plot> plots;
-    for (int k = 0; k < 16; ++k) {
-      const int frame = k < 8 ? k : k + pause;
-      plots.push_back(MakePlot(kBeginNs + frame * kPeriodNs, {0.0, 10, 10}, -9.0));
-    }
-    std::vector<std::uint32_t> all;
-    for (std::uint32_t i = 0; i < plots.size(); ++i) all.push_back(i);
-    const std::vector<double> log_births(plots.size(), 0.0);
-    const ScanSchedule watched = WatchOver(plots);
-    ScanSchedule paused = watched;
-    std::vector<TimeNs>& times_ns = paused.sensors[0].frame_times_ns;
-    times_ns.erase(times_ns.begin() + 8, times_ns.begin() + 8 + pause);
-    TrackerConfig config;
-    const auto cost = [&] {
-      return PathScorer(plots, log_births, paused, config).WithScore(all).score -
-             PathScorer(plots, log_births, watched, config).WithScore(all).score;
-    };
-    const double with_view_lost = cost();
-    config.out_of_view_probability = 0.0;
-    const double always_in_view = cost();
-    // Beside the misses, the return rate that they leave for later plots differs.
-    constexpr double kLaterPlots = 8.0;
-    EXPECT_LT(with_view_lost, -std::log(TrackerConfig().out_of_view_probability) + kLaterPlots);
-    EXPECT_LE(with_view_lost, always_in_view + 1e-9) << pause;
-    EXPECT_EQ(with_view_lost<always_in_view - 1.0, pause> 10) << pause;
+TEST(TrackModel, GoingUndetectedForAnyTimeIsNoLessLikelyThanBeingOutOfView) {
+  std::vector<Plot> plots;
+  for (int k = 0; k < 8; ++k) {
+    plots.push_back(MakePlot(kBeginNs + k * kPeriodNs, {0.1 * k, 10, 10}, -9.0));
   }
+  const ScanSchedule watched = WatchOver(plots);
+  const double out_of_view = TrackerConfig().out_of_view_probability;
+  TrackerConfig config;
+  config.out_of_view_probability = 0.0;
+  Hypothesis h;
+  FrameTime at;
+  const TrackModel always_in_view(3.0, watched, config);
+  for (const Plot& plot : plots) {
+    at = FrameTimeOf(plot, plots.front(), watched);
+    h = plot.time_ns == plots.front().time_ns ? always_in_view.Birth(plot, 0.0, at, 1.0)
+                                              : always_in_view.PredictAndUpdate(h, plot, at);
+  }
+  TrackerConfig with_view_lost;
+  const TrackModel model(3.0, watched, with_view_lost);
+  int num_out_of_view = 0;
+  for (std::uint32_t missed = 0; missed < 100; ++missed) {
+    at.frames_before[0] = h.frames + missed;
+    const double log_missed = always_in_view.ScoreAfterMisses(h, at) - h.score;
+    EXPECT_DOUBLE_EQ(model.ScoreAfterMisses(h, at),
+                     h.score + std::max(std::log(out_of_view), log_missed));
+    num_out_of_view += log_missed < std::log(out_of_view) ? 1 : 0;
+  }
+  EXPECT_GT(num_out_of_view, 50);
+  EXPECT_LT(num_out_of_view, 99);
 }
 
 TEST(PathScorer, FramesOfTheSameInstantAreNotMissed) {

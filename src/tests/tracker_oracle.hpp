@@ -80,8 +80,11 @@ class PlainModel {
         shape = kReturnRateShape;
         rate = kReturnRateShape / config_.return_rate_m2_per_s;
       }
-      const double unseen = std::max(config_.out_of_view_probability,
-                                     std::pow(rate / (rate + missed * per_frame), shape));
+      // Of a target that another sensor sees next nothing is known that could be out of view.
+      const double out_of_view =
+          plot.sensor == plots[k - 1].sensor ? config_.out_of_view_probability : 0.0;
+      const double unseen =
+          std::max(out_of_view, std::pow(rate / (rate + missed * per_frame), shape));
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
       score += std::log(unseen);
       if (is_searched && score < kDeletionLog) return kNever;

@@ -55,7 +55,7 @@ LivoxEndpoint ParseLivoxEndpoint(const std::string& text) {
   in_addr address{};
   if (colon != std::string::npos &&
       ::inet_pton(AF_INET, text.substr(0, colon).c_str(), &address) == 1) {
-    const auto port = ParseNumber<std::uint16_t>(std::string_view(text).substr(colon + 1));
+    const auto port = ParseNumber<std::uint16_t>(std::string_view{text}.substr(colon + 1));
     if (port) return {ntohl(address.s_addr), *port};
   }
   throw UsageError("--livox " + Shortened(text) +

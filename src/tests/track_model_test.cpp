@@ -151,8 +151,7 @@ TEST(PathScorer, OnlyFramesThatWereTakenCanMissATarget) {
   for (const int frame : {0, 1, 2, 3, 33, 34, 35, 36}) {
     plots.push_back(MakePlot(kBeginNs + frame * kPeriodNs, {0.1 * frame, 10, 10}, -9.0));
   }
-  TrackerConfig config;
-  config.out_of_view_probability = 0.0;
+  const TrackerConfig config;
   const std::vector<std::uint32_t> all = {0, 1, 2, 3, 4, 5, 6, 7};
   const std::vector<double> log_births(plots.size(), 0.0);
   const ScanSchedule watched = WatchOver(plots);
@@ -170,9 +169,8 @@ TEST(TrackModel, GoingUndetectedForAnyTimeIsNoLessLikelyThanBeingOutOfView) {
     plots.push_back(MakePlot(kBeginNs + k * kPeriodNs, {0.1 * k, 10, 10}, -9.0));
   }
   const ScanSchedule watched = WatchOver(plots);
-  const double out_of_view = TrackerConfig().out_of_view_probability;
-  TrackerConfig config;
-  config.out_of_view_probability = 0.0;
+  const double out_of_view = 0.1;
+  const TrackerConfig config;
   Hypothesis h;
   FrameTime at;
   const TrackModel always_in_view(3.0, watched, config);
@@ -182,6 +180,7 @@ TEST(TrackModel, GoingUndetectedForAnyTimeIsNoLessLikelyThanBeingOutOfView) {
                                               : always_in_view.PredictAndUpdate(h, plot, at);
   }
   TrackerConfig with_view_lost;
+  with_view_lost.out_of_view_probability = out_of_view;
   const TrackModel model(3.0, watched, with_view_lost);
   int num_out_of_view = 0;
   for (std::uint32_t missed = 0; missed < 100; ++missed) {

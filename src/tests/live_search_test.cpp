@@ -175,9 +175,8 @@ TEST(LiveSearch, APathWithAPlotOfATrackIsRefusedForThat) {
   for (int i = 0; i < 60; ++i) {
     for (const Path& path : plots.Add(i, {3.0 * testing::MiddleS(i), 0.0, kRangeM})) {
       if (plots.search().Judge(path) != Rejection::kNone) continue;
-      const Path taken = path;
-      plots.search().Take(taken);
-      EXPECT_EQ(plots.search().Judge(taken), Rejection::kSharesReturns);
+      plots.search().Take(path);
+      EXPECT_EQ(plots.search().Judge(path), Rejection::kSharesReturns);
       return;
     }
   }

@@ -15,8 +15,8 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from unlidar_tools.conversion.message_types import register_livox
-from unlidar_tools.frames_io import read_pcd
+from unlidar.conversion.message_types import register_livox
+from unlidar.frames_io import read_pcd
 
 BEGIN_NS = 1_706_255_621_000_000_007
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"

@@ -41,7 +41,7 @@ def shared() -> Path:
 @pytest.fixture
 def fails(capsys):
     """Runs `unlidar` with arguments, expects an exit code and one line on stderr; returns it."""
-    from unlidar_tools.cli import main
+    from unlidar.cli import main
 
     def call(exit_code: int, *arguments: object) -> str:
         capsys.readouterr()
@@ -58,7 +58,7 @@ def fails(capsys):
 def traced(tmp_path, monkeypatch):
     """Makes a finished run with a trace by hand; its program is stood in for."""
     from traced_run import TracedRun
-    from unlidar_tools import explain
+    from unlidar import explain
 
     def make(**how):
         run = TracedRun(tmp_path / "run", **how)
@@ -71,7 +71,7 @@ def traced(tmp_path, monkeypatch):
 @pytest.fixture
 def explained(capsys):
     """The targets in the JSON of `unlidar explain`."""
-    from unlidar_tools.cli import main
+    from unlidar.cli import main
 
     def call(run, *options: object) -> list[dict]:
         folder = run if isinstance(run, Path) else run.write()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from unlidar_tools.truth import Tracks, Truth
+from unlidar.truth import Tracks, Truth
 
 BEGIN_S = 1_706_300_000.0
 

@@ -78,7 +78,7 @@ def wait_for(condition: Callable[[], bool], what: str) -> None:
 
 def command(*arguments: object) -> list[str]:
     """`unlidar` as a process."""
-    return [sys.executable, "-m", "unlidar_tools", *(str(a) for a in arguments)]
+    return [sys.executable, "-m", "unlidar", *(str(a) for a in arguments)]
 
 
 def unfinished(out: Path) -> list[Path]:

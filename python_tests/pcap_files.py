@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from unlidar_tools.cli import main
+from unlidar.cli import main
 
 _MAGIC_US, _ETHERNET = 0xA1B2C3D4, 1
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from synthetic import BEGIN_NS, PERIOD_NS, TRAJ_HEADER, drone_position_m, make_flight, seconds
-from unlidar_tools.frames_io import write_pcd
-from unlidar_tools.record import RunRecord, write_record
+from unlidar.frames_io import write_pcd
+from unlidar.record import RunRecord, write_record
 
 SIGMA_M = 0.1
 OFFSET_M = np.array([0.3, -0.1, 0.2])  # of the estimate from the truth

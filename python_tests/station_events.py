@@ -7,8 +7,8 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 
-from unlidar_tools.events.event import decode
-from unlidar_tools.stamps import format_stamp_ns
+from unlidar.events.event import decode
+from unlidar.stamps import format_stamp_ns
 
 BEGIN_NS = 1_706_301_000_123_456_789
 ORIGIN = {"latitude_deg": 47.0, "longitude_deg": 8.0, "height_m": 500.0, "heading_deg": 90.0}

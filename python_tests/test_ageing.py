@@ -12,10 +12,10 @@ from live_program import wait_until
 from station_events import BEGIN_NS, row
 from test_history import flight, messages
 from test_keeper import DAY_NS, forged, keep, rows_kept
-from unlidar_tools.history.ageing import Ageing
-from unlidar_tools.history.keeper import Keeper
-from unlidar_tools.history.reader import Reader
-from unlidar_tools.history.store import Store
+from unlidar.history.ageing import Ageing
+from unlidar.history.keeper import Keeper
+from unlidar.history.reader import Reader
+from unlidar.history.store import Store
 
 
 class Clocks:

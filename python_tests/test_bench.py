@@ -15,10 +15,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import PROJECT
+from unlidar.errors import InputError, ProgramError
 from unlidar_bench import page, paired, processes, tables
 from unlidar_bench.__main__ import PARTS, main
 from unlidar_bench.setting import QUICK
-from unlidar_tools.errors import InputError, ProgramError
 
 NEEDS = {
     "clustering": ("clustering_bench",),

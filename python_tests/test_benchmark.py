@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
-from unlidar_tools import benchmark
-from unlidar_tools.benchmark.job import Result
-from unlidar_tools.benchmark.report import JSON, MARKDOWN
-from unlidar_tools.benchmark.scenes import seeds
-from unlidar_tools.benchmark.summary import ALL, MEASURES
-from unlidar_tools.cli import main
-from unlidar_tools.errors import InputError, UsageError
-from unlidar_tools.evaluation import evaluate_files
-from unlidar_tools.program import VARIABLE, check_options
-from unlidar_tools.simulate import load_scenario, simulate
+from unlidar import benchmark
+from unlidar.benchmark.job import Result
+from unlidar.benchmark.report import JSON, MARKDOWN
+from unlidar.benchmark.scenes import seeds
+from unlidar.benchmark.summary import ALL, MEASURES
+from unlidar.cli import main
+from unlidar.errors import InputError, UsageError
+from unlidar.evaluation import evaluate_files
+from unlidar.program import VARIABLE, check_options
+from unlidar.simulate import load_scenario, simulate
 
 TINY = """duration_s: 2
 sensors: {mid360: {model: mid360}}

@@ -16,13 +16,13 @@ import pytest
 from live_program import PATIENCE_S
 from station_events import row, sensor, write_site
 from test_relay import certificate
-from unlidar_tools.errors import ConfigError, UsageError
-from unlidar_tools.events.broker import Broker
-from unlidar_tools.events.lines import Published
-from unlidar_tools.events.site import Site, Tls, load_site
-from unlidar_tools.events.source import open_source
-from unlidar_tools.events.station import Station
-from unlidar_tools.relay.mqtt import encode
+from unlidar.errors import ConfigError, UsageError
+from unlidar.events.broker import Broker
+from unlidar.events.lines import Published
+from unlidar.events.site import Site, Tls, load_site
+from unlidar.events.source import open_source
+from unlidar.events.station import Station
+from unlidar.relay.mqtt import encode
 
 WELCOME, REFUSED, SUBSCRIBED = b"\x20\x02\x00\x00", b"\x20\x02\x00\x05", b"\x90\x03\x00\x01\x01"
 ROW = row(1, 0.0).encode()
@@ -87,7 +87,7 @@ def saying(
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.events.broker._WAIT_S", (0.05, 0.1))
+    monkeypatch.setattr("unlidar.events.broker._WAIT_S", (0.05, 0.1))
 
 
 def heard(source: Broker, count: int, seconds: float = PATIENCE_S) -> list[Published]:

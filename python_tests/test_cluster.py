@@ -113,6 +113,6 @@ def test_a_worker_with_another_program_and_an_absent_scheduler_are_told(
     row = json.loads((tmp_path / "out/table.json").read_text())["sequences"][0]
     assert os.uname().nodename in row["remark"]
     assert "another build" in row["remark"]
-    monkeypatch.setattr("unlidar_tools.batch.cluster._PATIENCE_S", 1)
+    monkeypatch.setattr("unlidar.batch.cluster._PATIENCE_S", 1)
     assert "no answer" in fails(2, *arguments, "tcp://127.0.0.1:9")
     assert "no answer" in fails(2, *arguments, "nonsense://x")

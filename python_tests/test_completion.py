@@ -9,8 +9,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from unlidar_tools.cli import main
-from unlidar_tools.cli.completion import SHELLS
+from unlidar.cli import main
+from unlidar.cli.completion import SHELLS
 
 
 @pytest.fixture(params=SHELLS)

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from unlidar_tools.cli import main
-from unlidar_tools.conversion import convert
-from unlidar_tools.errors import InputError
-from unlidar_tools.frames_io import read_pcd, write_pcd
-from unlidar_tools.stamps import format_stamp, parse_stamp_ns
+from unlidar.cli import main
+from unlidar.conversion import convert
+from unlidar.errors import InputError
+from unlidar.frames_io import read_pcd, write_pcd
+from unlidar.stamps import format_stamp, parse_stamp_ns
 
 # The command, interrupted as soon as a frame is written.
 INTERRUPTED = """
 import os, signal, sys
-from unlidar_tools import conversion
-from unlidar_tools.__main__ import main
+from unlidar import conversion
+from unlidar.__main__ import main
 write = conversion.write_pcd
 def interrupt(*frame):
     write(*frame)
@@ -230,7 +230,7 @@ def test_an_interrupted_conversion_leaves_nothing_behind(tmp_path):
 
 def test_nothing_but_the_result_line_is_printed_into_a_pipe(tmp_path):
     source = make_sequence(tmp_path / "seq")
-    command = [sys.executable, "-m", "unlidar_tools", "convert", source, tmp_path / "out"]
+    command = [sys.executable, "-m", "unlidar", "convert", source, tmp_path / "out"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.count("\n") == 1

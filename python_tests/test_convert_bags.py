@@ -24,10 +24,10 @@ from bags import (
     text,
     write_bag,
 )
-from unlidar_tools.cli import main
-from unlidar_tools.conversion import Options, convert
-from unlidar_tools.frames_io import read_pcd
-from unlidar_tools.geodesy import Origin, to_geodetic
+from unlidar.cli import main
+from unlidar.conversion import Options, convert
+from unlidar.frames_io import read_pcd
+from unlidar.geodesy import Origin, to_geodetic
 
 TWO_VERSIONS = ("ros1", "mcap-folder")
 CLOUDS = [random_points(seed) for seed in range(4)]

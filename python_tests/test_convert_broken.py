@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from bags import BEGIN_NS, Message, Types, livox_cloud, plain_cloud, random_points, text, write_bag
-from unlidar_tools.cli import main
-from unlidar_tools.frames_io import read_pcd
+from unlidar.cli import main
+from unlidar.frames_io import read_pcd
 
 FRAMES = 12
 # A frame of 60 kB: twelve of them fill several chunks and pages.

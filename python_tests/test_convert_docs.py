@@ -4,7 +4,7 @@ import re
 import shlex
 from pathlib import Path
 
-from unlidar_tools.cli import main
+from unlidar.cli import main
 
 TESTS = Path(__file__).parent
 PAGE = (TESTS.parent / "docs/formats.md").read_text()

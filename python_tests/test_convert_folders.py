@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bags import random_points, read_xyz, returns_of
-from unlidar_tools.cli import main
-from unlidar_tools.conversion import Options, convert
-from unlidar_tools.errors import InputError
-from unlidar_tools.frames_io import list_frames, read_pcd, write_pcd
+from unlidar.cli import main
+from unlidar.conversion import Options, convert
+from unlidar.errors import InputError
+from unlidar.frames_io import list_frames, read_pcd, write_pcd
 
 STAMPS = ("1706255621.600227123", "1706255621700000000", "1706255622")
 NAMES = ("1706255621.600227123.pcd", "1706255621.700000000.pcd", "1706255622.000000000.pcd")
@@ -162,7 +162,7 @@ def test_a_row_of_a_table_of_stamps_for_a_file_that_is_missing_is_refused(tmp_pa
 @pytest.mark.parametrize("name", ["a.db3", "a.bag", "a.mcap", "a.pcap", "a.las", "a.pcd", "a"])
 def test_a_pipe_is_no_recording_and_is_not_waited_for(name, tmp_path):
     os.mkfifo(tmp_path / name)
-    command = [sys.executable, "-m", "unlidar_tools", "convert", tmp_path / name, tmp_path / "out"]
+    command = [sys.executable, "-m", "unlidar", "convert", tmp_path / name, tmp_path / "out"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert result.returncode == 4
     assert result.stderr.count("\n") == 1 and "is a pipe" in result.stderr
@@ -172,7 +172,7 @@ def test_a_pipe_is_no_recording_and_is_not_waited_for(name, tmp_path):
 def test_a_pipe_among_the_frames_is_not_waited_for(name, tmp_path):
     (tmp_path / "seq").mkdir()
     os.mkfifo(tmp_path / "seq" / name)
-    command = [sys.executable, "-m", "unlidar_tools", "convert", tmp_path / "seq", tmp_path / "out"]
+    command = [sys.executable, "-m", "unlidar", "convert", tmp_path / "seq", tmp_path / "out"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert result.returncode == 4
     assert result.stderr.count("\n") == 1 and "is a pipe" in result.stderr

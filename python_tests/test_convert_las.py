@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from synthetic import BEGIN_NS, PERIOD_NS, Flight, make_flight
-from unlidar_tools.cli import main
-from unlidar_tools.frames_io import list_frames, read_pcd
+from unlidar.cli import main
+from unlidar.frames_io import list_frames, read_pcd
 
 laspy = pytest.importorskip("laspy", reason="the extra `las` is not installed")
 
@@ -144,14 +144,14 @@ def test_without_its_packages_it_says_which_to_install(tmp_path: Path, fails, mo
     monkeypatch.setitem(sys.modules, "lazrs", None)
     file = tmp_path / "a.laz"
     file.write_bytes(b"LASF")
-    assert "pip install 'unlidar-tools[las]'" in fails(2, "convert", file, tmp_path / "out")
+    assert "pip install 'unlidar-track[las]'" in fails(2, "convert", file, tmp_path / "out")
 
 
 @pytest.mark.parametrize("ending", ["las", "laz"])
 def test_a_broken_file_keeps_what_came_before(
     ending: str, flight: Flight, tmp_path: Path, fails, monkeypatch
 ) -> None:
-    monkeypatch.setattr("unlidar_tools.conversion.las.CHUNK_POINTS", 5_000)
+    monkeypatch.setattr("unlidar.conversion.las.CHUNK_POINTS", 5_000)
     times_s, xyz_m = times_and_points(flight)
     whole = write_las(tmp_path / f"a.{ending}", times_s, xyz_m).read_bytes()
     for size in (0, 3, 100, 226, 300, len(whole) // 2, len(whole) - 1):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from bags import BEGIN_NS, plain_cloud, random_points, text, write_bag
-from unlidar_tools.conversion import list_streams
+from unlidar.conversion import list_streams
 
 TOOL = Path(__file__).parents[1] / "tools/measure_convert.py"
 

@@ -10,9 +10,9 @@ from bags import BEGIN_NS, Message, Types, plain_cloud, random_points, write_bag
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_convert_properties import folder
-from unlidar_tools.cli import main
-from unlidar_tools.conversion import convert
-from unlidar_tools.frames_io import find_sensors
+from unlidar.cli import main
+from unlidar.conversion import convert
+from unlidar.frames_io import find_sensors
 
 NASTY = "a[red]b[/]\x1b[31m\n:x:"
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pcap_files import fragments, no_damage_gives_more_than_one_line, udp_frame, write_pcap
-from unlidar_tools.cli import main
-from unlidar_tools.frames_io import list_frames, read_pcd
+from unlidar.cli import main
+from unlidar.frames_io import list_frames, read_pcd
 
 pytest.importorskip("ouster.sdk.core", reason="not installed: ouster-sdk")
 

@@ -22,10 +22,10 @@ from bags import (
 from mcap.writer import Writer as McapWriter
 from test_convert import STAMPS, make_sequence
 from test_convert_broken import cut, raw_cloud
-from unlidar_tools.cli import main
-from unlidar_tools.conversion import Options, convert
-from unlidar_tools.frames_io import write_pcd
-from unlidar_tools.record import read_record
+from unlidar.cli import main
+from unlidar.conversion import Options, convert
+from unlidar.frames_io import write_pcd
+from unlidar.record import read_record
 
 FRAMES = 20
 

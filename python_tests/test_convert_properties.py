@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from plyfile import PlyData, PlyElement
-from unlidar_tools.conversion import Options, convert
-from unlidar_tools.conversion.folder import _READERS
-from unlidar_tools.conversion.ply import read_ply
-from unlidar_tools.errors import InputError
-from unlidar_tools.frames_io import read_pcd, write_pcd
-from unlidar_tools.stamps import format_stamp_ns, parse_stamp_ns
-from unlidar_tools.truth import read_truth
+from unlidar.conversion import Options, convert
+from unlidar.conversion.folder import _READERS
+from unlidar.conversion.ply import read_ply
+from unlidar.errors import InputError
+from unlidar.frames_io import read_pcd, write_pcd
+from unlidar.stamps import format_stamp_ns, parse_stamp_ns
+from unlidar.truth import read_truth
 
 KINDS = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 NAMES = st.from_regex(r"[a-wA-W][a-zA-Z_0-9]{0,8}", fullmatch=True)

@@ -8,7 +8,7 @@ import pytest
 from bags import read_xyz, returns_of
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
-from unlidar_tools.cli import main
+from unlidar.cli import main
 
 BAGS = "data/formats/bags"
 

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
-from unlidar_tools.cli import main
-from unlidar_tools.conversion import Options, convert
-from unlidar_tools.conversion.transforms import StaticTransforms
-from unlidar_tools.errors import InputError
-from unlidar_tools.station import Pose, read_station, station_options, write_station
+from unlidar.cli import main
+from unlidar.conversion import Options, convert
+from unlidar.conversion.transforms import StaticTransforms
+from unlidar.errors import InputError
+from unlidar.station import Pose, read_station, station_options, write_station
 
 TF = "tf2_msgs/msg/TFMessage"
 TURNED = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))  # by 90 degrees to the left

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pcap_files import no_damage_gives_more_than_one_line, udp_frame, write_pcap
-from unlidar_tools.cli import main
-from unlidar_tools.frames_io import list_frames, read_pcd
+from unlidar.cli import main
+from unlidar.frames_io import list_frames, read_pcd
 
 pytest.importorskip("velodyne_decoder", reason="the extra `velodyne` is not installed")
 
@@ -139,5 +139,5 @@ def test_no_damage_gives_more_than_one_line(tmp_path: Path, capfd) -> None:
 def test_without_its_package_it_says_which_to_install(tmp_path: Path, fails, monkeypatch) -> None:
     file = write_capture(tmp_path / "a.pcap", range(10))
     monkeypatch.setitem(sys.modules, "velodyne_decoder", None)
-    assert "pip install 'unlidar-tools[velodyne]'" in fails(2, "convert", file, tmp_path / "out")
+    assert "pip install 'unlidar-track[velodyne]'" in fails(2, "convert", file, tmp_path / "out")
     assert "--topic is for bags" in fails(2, "convert", file, tmp_path / "out", "--topic", "/a")

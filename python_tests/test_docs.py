@@ -24,7 +24,7 @@ def folder(tmp_path: Path, program: Path, shared: Path) -> Path:
     (tmp_path / "build/unlidar_track").symlink_to(program.resolve())
     (tmp_path / ".venv/bin").mkdir(parents=True)
     unlidar = tmp_path / ".venv/bin/unlidar"
-    unlidar.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m unlidar_tools "$@"\n')
+    unlidar.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m unlidar "$@"\n')
     unlidar.chmod(0o755)
     # On a station both are installed.
     (tmp_path / "bin").mkdir()
@@ -111,7 +111,7 @@ def test_the_page_on_stations_works_as_written(folder: Path) -> None:
     page = (PROJECT / "docs/station.md").read_text()
     for command in ("relay", "watch", "history"):
         shown = subprocess.run(
-            [sys.executable, "-m", "unlidar_tools", command, "--help"],
+            [sys.executable, "-m", "unlidar", command, "--help"],
             capture_output=True, text=True, check=True,
         ).stdout  # fmt: skip
         options = re.findall(r"^  (--[a-z-]+)", shown, re.MULTILINE)

@@ -18,7 +18,7 @@ SEQUENCE = "data/mmaud/val/seq0001"
 def measures(program: Path, recording: Path, out: Path, *options: str) -> dict:
     """The results of `unlidar run` on a recording."""
     subprocess.run(
-        [sys.executable, "-m", "unlidar_tools", "run", recording, "--out", out, *options],
+        [sys.executable, "-m", "unlidar", "run", recording, "--out", out, *options],
         env=os.environ | {"UNLIDAR_TRACK": str(program)},
         check=True,
         capture_output=True,
@@ -65,7 +65,7 @@ def test_the_readme_states_the_numbers_of_its_flights(
     text = (PROJECT / "README.md").read_text()
     demo = tmp_path / "demo"
     subprocess.run(
-        [sys.executable, "-m", "unlidar_tools", "simulate", "demo", demo],
+        [sys.executable, "-m", "unlidar", "simulate", "demo", demo],
         check=True,
         capture_output=True,
     )

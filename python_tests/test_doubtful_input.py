@@ -21,9 +21,9 @@ from synthetic import (
     truth_m,
     write_frames,
 )
-from unlidar_tools.cli import main
-from unlidar_tools.frame_clock import times_of_names
-from unlidar_tools.frames_io import list_frames
+from unlidar.cli import main
+from unlidar.frame_clock import times_of_names
+from unlidar.frames_io import list_frames
 
 ASSUMED = "numbered_frames"
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from unlidar_tools.cli import main
-from unlidar_tools.evaluation import Options, evaluate, evaluate_files
-from unlidar_tools.truth import Tracks, Truth
+from unlidar.cli import main
+from unlidar.evaluation import Options, evaluate, evaluate_files
+from unlidar.truth import Tracks, Truth
 
 BEGIN_S = 1_706_300_000.0
 

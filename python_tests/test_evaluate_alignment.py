@@ -8,11 +8,11 @@ import pytest
 from flights import BEGIN_S, join_tracks, join_truths, track_at, truth_at, write_result
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
-from unlidar_tools.cli import main
-from unlidar_tools.evaluate_options import ALIGNMENTS
-from unlidar_tools.evaluation import Options, evaluate
-from unlidar_tools.evaluation.alignment import fit_alignment
-from unlidar_tools.truth import Tracks
+from unlidar.cli import main
+from unlidar.evaluate_options import ALIGNMENTS
+from unlidar.evaluation import Options, evaluate
+from unlidar.evaluation.alignment import fit_alignment
+from unlidar.truth import Tracks
 
 TIMES = np.arange(0, 10, 0.1)
 LEVER = np.array([0.04, -0.09, -0.56])

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flights import track_at, truth_at, write_result
-from unlidar_tools.cli import main
+from unlidar.cli import main
 
 TIMES = np.arange(0, 10, 0.1)
 UTM_M = np.array([465_000.0, 5_250_000.0, 400.0])

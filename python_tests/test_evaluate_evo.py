@@ -8,9 +8,9 @@ from evo.core import metrics, sync
 from evo.tools import file_interface
 from flights import place, track_at, truth_at, write_result
 from synthetic import run_program
-from unlidar_tools.cli import main
-from unlidar_tools.evaluation import Options, evaluate_files
-from unlidar_tools.truth import read_truth
+from unlidar.cli import main
+from unlidar.evaluation import Options, evaluate_files
+from unlidar.truth import read_truth
 
 
 def ape(folder: Path, align: bool) -> dict[str, float]:

@@ -8,10 +8,10 @@ from flights import BEGIN_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from unlidar_tools.evaluation import FALSE_BEYOND_M, Options, evaluate
-from unlidar_tools.evaluation.association import identities
-from unlidar_tools.evaluation.bootstrap import LEVEL, times_drawn
-from unlidar_tools.truth import Tracks, Truth
+from unlidar.evaluation import FALSE_BEYOND_M, Options, evaluate
+from unlidar.evaluation.association import identities
+from unlidar.evaluation.bootstrap import LEVEL, times_drawn
+from unlidar.truth import Tracks, Truth
 
 ERRORS_OF_ROTATION = 2e-4  # measures have four places
 SHARES = (
@@ -181,7 +181,7 @@ def test_every_interval_holds_its_estimate(flight, replicates, block_s) -> None:
 
 @given(flights(), st.sampled_from(["translation", "yaw", "se3"]))
 def test_no_alignment_makes_the_mean_square_worse(flight, kind) -> None:
-    from unlidar_tools.errors import InputError
+    from unlidar.errors import InputError
 
     truth, tracks = flight
     if len(np.unique(tracks.track_id)) > 1:

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flights import track_at, truth_at, write_result
-from unlidar_tools.cli import main
-from unlidar_tools.evaluation import evaluate_files
+from unlidar.cli import main
+from unlidar.evaluation import evaluate_files
 
 TIMES = np.arange(0, 6, 0.1)
 

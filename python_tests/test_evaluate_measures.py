@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from flights import BEGIN_S, join_tracks, join_truths, place, track_at, truth_at, write_result
 from scipy.stats import chi2
-from unlidar_tools.cli import main
-from unlidar_tools.completion import complete
-from unlidar_tools.evaluation import Options, evaluate
-from unlidar_tools.evaluation.bootstrap import times_drawn
-from unlidar_tools.truth import Tracks, Truth
+from unlidar.cli import main
+from unlidar.completion import complete
+from unlidar.evaluation import Options, evaluate
+from unlidar.evaluation.bootstrap import times_drawn
+from unlidar.truth import Tracks, Truth
 
 TIMES = np.arange(0, 10, 0.1)
 
@@ -108,7 +108,7 @@ def test_as_many_targets_as_possible_are_matched():
 def test_matches_of_tiny_problems_are_the_best_of_all_ways_to_match():
     import itertools
 
-    from unlidar_tools.evaluation.association import _match
+    from unlidar.evaluation.association import _match
 
     rng = np.random.default_rng(5)
     for _ in range(200):
@@ -204,7 +204,7 @@ def test_intervals_hold_the_measure_and_are_the_same_for_the_same_seed():
 
 
 def test_measures_of_drawn_rows_are_those_of_the_rows_written_out():
-    from unlidar_tools.evaluation.bootstrap import _Weighted
+    from unlidar.evaluation.bootstrap import _Weighted
 
     rng = np.random.default_rng(11)
     error = rng.normal(0, 0.6, (50, 3))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from flights import join_tracks, track_at, truth_at, write_result
 from synthetic import BEGIN_NS, make_flight, track, truth_m, with_opposite_drone, write_frames
-from unlidar_tools.cli import main
-from unlidar_tools.evaluation import evaluate_files
-from unlidar_tools.truth import is_tum, read_all_tracks, read_tracks, read_truth
+from unlidar.cli import main
+from unlidar.evaluation import evaluate_files
+from unlidar.truth import is_tum, read_all_tracks, read_tracks, read_truth
 
 TIMES = np.arange(0, 6, 0.1)
 LEFT_OUT = [  # need sigmas, which TUM has not

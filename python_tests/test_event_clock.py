@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import given
 from hypothesis import strategies as st
-from unlidar_tools.events.clock import Heard, Progress, StreamClock
+from unlidar.events.clock import Heard, Progress, StreamClock
 
 NOW_S = 1_790_000_000.0
 THEN_S = 1_706_301_000.0

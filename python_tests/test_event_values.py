@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from station_events import ORIGIN, end, row, sensor, square, state, track, write_site
-from unlidar_tools.events.event import MOST_BYTES, decode
-from unlidar_tools.events.many import Many
-from unlidar_tools.events.site import Place, Site, load_site, load_zones
-from unlidar_tools.events.station import MOST_TRACKS, Station
+from unlidar.events.event import MOST_BYTES, decode
+from unlidar.events.many import Many
+from unlidar.events.site import Place, Site, load_site, load_zones
+from unlidar.events.station import MOST_TRACKS, Station
 
 GOOD = [
     row(1, 0.0),

@@ -11,11 +11,11 @@ import pytest
 from synthetic import BEGIN_NS as FLIGHT_NS
 from synthetic import decimal_name, make_flight, seconds, truth_m, write_frames
 from traced_run import BEGIN_NS, DRONE_M, FAR_M, SECOND_NS, THRESHOLD
-from unlidar_tools.cli import main
-from unlidar_tools.explain.targets import NEAR_M, NEAR_SLOPE
-from unlidar_tools.record import EXPLANATION
-from unlidar_tools.report.explanation import read_explanation
-from unlidar_tools.report.html import explanation_section
+from unlidar.cli import main
+from unlidar.explain.targets import NEAR_M, NEAR_SLOPE
+from unlidar.record import EXPLANATION
+from unlidar.report.explanation import read_explanation
+from unlidar.report.html import explanation_section
 
 
 def stages(target: dict) -> list[str]:

@@ -14,10 +14,10 @@ from rejections import rejections
 from ruamel.yaml import YAML
 from synthetic import PROJECT
 from traced_run import BEGIN_NS, SECOND_NS
-from unlidar_tools.explain.evidence import Collector, Evidence, PathThere
-from unlidar_tools.explain.stages import GATES, MEANINGS, RULES, runs_of, shares_of, stage_of
-from unlidar_tools.explain.targets import Reach, targets_of
-from unlidar_tools.truth import Tracks, Truth
+from unlidar.explain.evidence import Collector, Evidence, PathThere
+from unlidar.explain.stages import GATES, MEANINGS, RULES, runs_of, shares_of, stage_of
+from unlidar.explain.targets import Reach, targets_of
+from unlidar.truth import Tracks, Truth
 
 COUNTS = st.integers(0, 3)
 PATHS = st.none() | st.builds(

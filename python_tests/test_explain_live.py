@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from synthetic import BEGIN_NS as FLIGHT_NS
 from synthetic import decimal_name, make_flight, seconds, truth_m, write_frames, write_pcd
-from unlidar_tools.cli import main
-from unlidar_tools.errors import InputError
-from unlidar_tools.explain.evidence import Collector, SensorFrames
-from unlidar_tools.explain.stages import runs_of, stage_of
-from unlidar_tools.explain.targets import Reach, named_place
-from unlidar_tools.explain.trace import TracedFrame, TracedTrack, read_trace
-from unlidar_tools.mounting import Mounting
-from unlidar_tools.record import EXPLANATION
+from unlidar.cli import main
+from unlidar.errors import InputError
+from unlidar.explain.evidence import Collector, SensorFrames
+from unlidar.explain.stages import runs_of, stage_of
+from unlidar.explain.targets import Reach, named_place
+from unlidar.explain.trace import TracedFrame, TracedTrack, read_trace
+from unlidar.mounting import Mounting
+from unlidar.record import EXPLANATION
 
 SECOND_NS = 1_000_000_000
 BEGIN_NS = 1_700_000_000 * SECOND_NS

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from synthetic import seconds
 from traced_run import BEGIN_NS, SECOND_NS
-from unlidar_tools import explain as package
-from unlidar_tools.errors import InputError
-from unlidar_tools.record import EXPLANATION
-from unlidar_tools.report.explanation import read_explanation
+from unlidar import explain as package
+from unlidar.errors import InputError
+from unlidar.record import EXPLANATION
+from unlidar.report.explanation import read_explanation
 
 
 def test_without_truth_and_without_a_place_nothing_can_be_reported(traced, fails) -> None:
@@ -125,7 +125,7 @@ def test_a_trace_without_its_header_is_refused(keep, traced, fails) -> None:
 
 
 def test_a_line_that_never_ends_is_refused(traced, fails, monkeypatch) -> None:
-    from unlidar_tools.explain import trace
+    from unlidar.explain import trace
 
     monkeypatch.setattr(trace, "MOST_TRACE_LINE", 100)
     run = traced()

@@ -12,11 +12,11 @@ import pytest
 from evo.tools import file_interface
 from flights import join_tracks, track_at, truth_at, write_result
 from pyproj import Transformer
-from unlidar_tools.cli import main
-from unlidar_tools.completion import complete
-from unlidar_tools.evaluation import evaluate_files
-from unlidar_tools.geodesy import Origin, from_geodetic, to_geodetic
-from unlidar_tools.truth import read_tracks
+from unlidar.cli import main
+from unlidar.completion import complete
+from unlidar.evaluation import evaluate_files
+from unlidar.geodesy import Origin, from_geodetic, to_geodetic
+from unlidar.truth import read_tracks
 
 TIMES = np.arange(0, 6, 0.1)
 ORIGIN = "1.348300,103.683100,40.5"

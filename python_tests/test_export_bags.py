@@ -9,9 +9,9 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
-from unlidar_tools.cli import main
-from unlidar_tools.frames_io import write_pcd
-from unlidar_tools.truth import Tracks, read_tracks
+from unlidar.cli import main
+from unlidar.frames_io import write_pcd
+from unlidar.truth import Tracks, read_tracks
 
 TIMES = np.arange(0, 6, 0.1)
 KINDS = {"ros1": "out.bag", "ros2 file": "out.mcap", "ros2 folder": "out_bag"}

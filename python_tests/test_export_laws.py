@@ -9,8 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from synthetic import TRAJ_HEADER
-from unlidar_tools.cli import main
-from unlidar_tools.truth import read_all_tracks, read_tracks
+from unlidar.cli import main
+from unlidar.truth import read_all_tracks, read_tracks
 
 NS_PER_S = 10**9
 LATEST_NS = 4 * 10**18  # within signed 64 bits

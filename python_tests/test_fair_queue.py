@@ -7,7 +7,7 @@ import random
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from unlidar_tools.events.fair import FairQueue
+from unlidar.events.fair import FairQueue
 
 
 @given(st.lists(st.tuples(st.sampled_from("abcd"), st.integers(1, 50)), max_size=80))

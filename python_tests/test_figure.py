@@ -4,9 +4,9 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from unlidar_tools.evaluation import evaluate
-from unlidar_tools.figure import FigureData, write_figure
-from unlidar_tools.truth import Tracks, Truth
+from unlidar.evaluation import evaluate
+from unlidar.figure import FigureData, write_figure
+from unlidar.truth import Tracks, Truth
 
 COLOURS = {"truth": "#d62728", "estimate": "#1f4fd6", "target": "#1f9d3a"}
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 from live_program import PATIENCE_S
-from unlidar_tools.errors import InputError
-from unlidar_tools.events.source import open_source
+from unlidar.errors import InputError
+from unlidar.events.source import open_source
 
 
 def followed(path: Path, replace: Callable[[], None], restore: Callable[[], None]) -> list[bytes]:
@@ -37,7 +37,7 @@ def followed(path: Path, replace: Callable[[], None], restore: Callable[[], None
 def test_whatever_takes_the_place_of_a_file_of_events_the_next_file_is_read(
     kind, tmp_path, caplog, monkeypatch
 ) -> None:
-    monkeypatch.setattr("unlidar_tools.events.source._RETRY_S", (0.05, 0.1))
+    monkeypatch.setattr("unlidar.events.source._RETRY_S", (0.05, 0.1))
     path = tmp_path / "events.jsonl"
     path.write_bytes(b"before\n")
     before = len(list(Path("/proc/self/fd").iterdir()))

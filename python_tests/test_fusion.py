@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from unlidar_tools.events.estimates import Estimate, covariance_intersection
-from unlidar_tools.events.fusion import Fusion
+from unlidar.events.estimates import Estimate, covariance_intersection
+from unlidar.events.fusion import Fusion
 
 PERIOD_S = 0.1
 SIGMA = np.array([0.1, 0.15, 0.3])

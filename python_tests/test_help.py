@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 
 from many import StandIn
-from unlidar_tools.cli import main
-from unlidar_tools.configs import scenario_names
+from unlidar.cli import main
+from unlidar.configs import scenario_names
 
 # In an order in which one makes what the next one reads.
 CHEAP = ("convert", "simulate", "run", "evaluate", "export", "report")

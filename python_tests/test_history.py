@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from station_events import BEGIN_NS, end, row, sensor, square, stamp, state, track, write_site
-from unlidar_tools.cli import main
-from unlidar_tools.events.site import Place, load_site, load_zones
-from unlidar_tools.events.station import Message, Station
-from unlidar_tools.history.ageing import Ageing
-from unlidar_tools.history.reader import Reader
-from unlidar_tools.history.store import Store
+from unlidar.cli import main
+from unlidar.events.site import Place, load_site, load_zones
+from unlidar.events.station import Message, Station
+from unlidar.history.ageing import Ageing
+from unlidar.history.reader import Reader
+from unlidar.history.store import Store
 
 PLACE = Place(latitude_deg=47.0, longitude_deg=8.0, height_m=500.0)
 
@@ -223,7 +223,7 @@ def test_alarms_come_back(tmp_path) -> None:
 
 def test_relay_keeps_what_it_tells(tmp_path, capsys) -> None:
     path = tmp_path / "sky.db"
-    command = [sys.executable, "-m", "unlidar_tools", "relay", "-", "--store", path]
+    command = [sys.executable, "-m", "unlidar", "relay", "-", "--store", path]
     command += ["--site", write_site(tmp_path)]
     text = "\n".join(flight()) + "\n"
     done = subprocess.run(command, input=text, text=True, capture_output=True, timeout=60)

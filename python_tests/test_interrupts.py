@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from many import StandIn, command, make_sequence, unfinished, wait_for
-from unlidar_tools.output import RUN_RECORD, complete_directory
+from unlidar.output import RUN_RECORD, complete_directory
 
 # Interrupts the process at the n-th import of a module after the package's own entry.
 AT_IMPORT = """
@@ -24,7 +24,7 @@ class Watch:
         Watch.count += 1
         if Watch.count == n:
             os.kill(os.getpid(), signal.{signal})
-from unlidar_tools.__main__ import main
+from unlidar.__main__ import main
 sys.meta_path.insert(0, Watch())
 exit_code = main()
 if Watch.count < n: print("all", Watch.count)
@@ -67,7 +67,7 @@ def test_ctrl_c_soon_after_the_start_prints_no_traceback(wait_s, tmp_path) -> No
     _, said = process.communicate(timeout=120)
     # Before Python itself has begun it is the signal that ends the process, and while it begins, on
     # a busy machine, Python that says so.
-    is_of_python = "KeyboardInterrupt" in said and "unlidar_tools" not in said
+    is_of_python = "KeyboardInterrupt" in said and "/unlidar/" not in said
     assert is_of_python or (process.returncode, said) in ((130, SAID), (-signal.SIGINT, "")), said
     assert unfinished(tmp_path) == []
 
@@ -105,7 +105,7 @@ def test_a_process_started_after_the_interrupt_can_be_ended() -> None:
     """As a thread does that was about to start it."""
     script = """
 import os, signal, subprocess, sys
-from unlidar_tools.interrupts import guarded
+from unlidar.interrupts import guarded
 code = guarded(lambda: os.kill(os.getpid(), signal.SIGTERM))
 child = subprocess.Popen(["sleep", "60"])
 child.terminate()
@@ -171,7 +171,7 @@ def test_ctrl_c_in_a_benchmark_ends_all_its_processes_with_one_line(
 
 def shell(line: str, unbuffered: bool) -> subprocess.CompletedProcess:
     environment = BUFFERED | ({"PYTHONUNBUFFERED": "1"} if unbuffered else {})
-    line = line.replace("unlidar", f"{shlex.quote(sys.executable)} -m unlidar_tools", 1)
+    line = line.replace("unlidar", f"{shlex.quote(sys.executable)} -m unlidar", 1)
     return subprocess.run(["bash", "-c", line], capture_output=True, text=True, env=environment)
 
 

@@ -14,11 +14,11 @@ import pytest
 from live_program import wait_until
 from station_events import BEGIN_NS, row, sensor, state
 from test_history import flight, messages
-from unlidar_tools.errors import OutputError
-from unlidar_tools.history.keeper import _MOST_WAITING, Keeper
-from unlidar_tools.history.reader import Reader
-from unlidar_tools.history.schema import _SINCE_VERSION_1, _TABLES
-from unlidar_tools.history.store import Store
+from unlidar.errors import OutputError
+from unlidar.history.keeper import _MOST_WAITING, Keeper
+from unlidar.history.reader import Reader
+from unlidar.history.schema import _SINCE_VERSION_1, _TABLES
+from unlidar.history.store import Store
 
 DAY_NS = 86_400_000_000_000
 
@@ -43,9 +43,9 @@ def rows_kept(path: Path) -> int:
 @pytest.fixture
 def said(monkeypatch) -> list[str]:
     notes: list[str] = []
-    monkeypatch.setattr("unlidar_tools.reporting.note", notes.append)
-    monkeypatch.setattr("unlidar_tools.history.keeper.note", notes.append)
-    monkeypatch.setattr("unlidar_tools.history.schema.note", notes.append)
+    monkeypatch.setattr("unlidar.reporting.note", notes.append)
+    monkeypatch.setattr("unlidar.history.keeper.note", notes.append)
+    monkeypatch.setattr("unlidar.history.schema.note", notes.append)
     return notes
 
 
@@ -192,7 +192,7 @@ def test_what_is_no_file_is_refused_as_a_store(kind, tmp_path) -> None:
 
 
 def test_who_reads_for_long_stops_no_writer(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.history.keeper._TIDY_S", 0.0)  # the log is cut short often
+    monkeypatch.setattr("unlidar.history.keeper._TIDY_S", 0.0)  # the log is cut short often
     path = tmp_path / "sky.db"
     keeper = Keeper(path)
     keep(keeper, tmp_path, *flight(7))
@@ -219,7 +219,7 @@ def test_no_flood_of_one_station_displaces_rows_of_others(tmp_path) -> None:
 
 
 def test_no_flood_of_states_takes_the_alarms(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.history.store._MOST_TOLD", 50)
+    monkeypatch.setattr("unlidar.history.store._MOST_TOLD", 50)
     store = Store(tmp_path / "sky.db")
     store.take(messages(tmp_path, *flight(7)))
     store.take(messages(tmp_path, *[sensor(f"s{i}", "ok") for i in range(300)]))

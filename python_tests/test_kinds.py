@@ -187,8 +187,8 @@ def test_live_summary_has_the_kind_of_each_track(stream: bytes, tmp_path: Path, 
 
 
 def test_the_report_shows_what_each_track_may_be(tmp_path: Path) -> None:
-    from unlidar_tools.report.data import load_run
-    from unlidar_tools.report.html import tracks_table
+    from unlidar.report.data import load_run
+    from unlidar.report.html import tracks_table
 
     shown = tracks_table(load_run(make_run(tmp_path / "run")), 0.0)
     for text in ("bird-like", "0.75", "0.0625", "0.1875", "hovers", "0.375", "-1.625"):

@@ -22,7 +22,7 @@ LAYERS = (
     "api",  # what the public headers declare, by the layers above
     "app",  # the command line and its files
 )
-# Of tools/unlidar_tools/events: a module imports those above it in this list.
+# Of tools/unlidar/events: a module imports those above it in this list.
 EVENTS = (
     "clock",  # which stamps are believed
     "event",  # what may come in, and how it leaves
@@ -40,7 +40,7 @@ EVENTS = (
     "station",  # one station
     "many",  # several, as one sky
 )
-IMPORT = re.compile(r"^ *from unlidar_tools\.events\.(\w+) import", re.MULTILINE)
+IMPORT = re.compile(r"^ *from unlidar\.events\.(\w+) import", re.MULTILINE)
 INCLUDE = re.compile(r'^#include "([^"]+)"', re.MULTILINE)
 ROOTS = (PROJECT / "include", PROJECT / "src")
 
@@ -77,7 +77,7 @@ def test_public_headers_show_the_standard_library_and_eigen_only() -> None:
 
 
 def test_no_import_of_a_stations_events_runs_back_up() -> None:
-    folder = PROJECT / "tools/unlidar_tools/events"
+    folder = PROJECT / "tools/unlidar/events"
     names = {path.stem for path in folder.glob("*.py")} - {"__init__"}
     assert names == set(EVENTS)
     wrong = [

@@ -15,12 +15,12 @@ from bags import BEGIN_NS, plain_cloud, random_points, write_bag
 from hypothesis import given
 from hypothesis import strategies as st
 from many import command
-from unlidar_tools.cli import main
-from unlidar_tools.conversion.unpacking import unpack_file, unpacked, zstd
-from unlidar_tools.errors import ConfigError, InputError, listed, shortened
-from unlidar_tools.events.site import load_site
-from unlidar_tools.limits import MOST_LINE, TooLargeError, load_yaml
-from unlidar_tools.station import places_sensors, read_station
+from unlidar.cli import main
+from unlidar.conversion.unpacking import unpack_file, unpacked, zstd
+from unlidar.errors import ConfigError, InputError, listed, shortened
+from unlidar.events.site import load_site
+from unlidar.limits import MOST_LINE, TooLargeError, load_yaml
+from unlidar.station import places_sensors, read_station
 
 MEMORY = 1 << 30  # of addresses; a third of it is libraries
 SPARSE = 20 << 30

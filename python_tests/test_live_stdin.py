@@ -141,7 +141,7 @@ def test_so_do_frames_with_point_times_and_rows_that_are_no_returns(
 
 @pytest.mark.parametrize("scenario", ["near", "two", "empty_sky"])
 def test_so_do_simulated_scenes(scenario: str, tmp_path: Path, program: Path) -> None:
-    from unlidar_tools.simulate import load_scenario, simulate
+    from unlidar.simulate import load_scenario, simulate
 
     known = load_scenario(scenario)
     simulate(known, tmp_path / "scene", seed=3)

@@ -30,11 +30,11 @@ from livox_sensor import (
 from pcap_files import udp_frame, write_pcap, write_pcapng
 from scipy.spatial.transform import Rotation
 from synthetic import make_flight, track
-from unlidar_tools import livox
-from unlidar_tools.cli import main
-from unlidar_tools.conversion.point_times import OFFSET_FIELD
-from unlidar_tools.frames_io import list_frames, read_pcd
-from unlidar_tools.station import read_station
+from unlidar import livox
+from unlidar.cli import main
+from unlidar.conversion.point_times import OFFSET_FIELD
+from unlidar.frames_io import list_frames, read_pcd
+from unlidar.station import read_station
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import struct
 
 import pytest
 from livox_device import IDLE, SAMPLING, Device, crc16
-from unlidar_tools import livox_control
-from unlidar_tools.cli import main
+from unlidar import livox_control
+from unlidar.cli import main
 
 HERE = "127.0.0.1"
 
@@ -96,7 +96,7 @@ def test_what_does_not_answer_is_reported(fails, monkeypatch) -> None:
 
 
 def test_what_never_starts_is_reported(fails, monkeypatch) -> None:
-    from unlidar_tools.cli import sensor as command
+    from unlidar.cli import sensor as command
 
     monkeypatch.setattr(command, "_STARTS_WITHIN_S", 0.5)
     with Device(never_starts=True) as device:

@@ -31,7 +31,7 @@ def test_all_that_the_harness_needs_is_in_the_lock_at_the_version_that_is_instal
         re.sub(r"[-_.]+", "-", found.name).lower(): found.version
         for found in importlib.metadata.distributions()
     }
-    own = {"unlidar-tools", "pip"}  # pip is that of the system's Python
+    own = {"unlidar-track", "pip"}  # pip is that of the system's Python
     assert {name: version for name, (version, _) in lock.items()} == {
         name: version for name, version in installed.items() if name not in own
     }

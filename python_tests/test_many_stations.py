@@ -16,9 +16,9 @@ from live_program import wait_until
 from station_events import ORIGIN, end, row, sensor, square, state, track, write_site
 from test_relay import Broker, Relay
 from test_watch import Watch, events
-from unlidar_tools.events.many import SKY, Many, Told
-from unlidar_tools.events.site import Place, Site, load_site, load_zones
-from unlidar_tools.events.station import Station
+from unlidar.events.many import SKY, Many, Told
+from unlidar.events.site import Place, Site, load_site, load_zones
+from unlidar.events.station import Station
 
 COMMON = ORIGIN["latitude_deg"], ORIGIN["longitude_deg"], ORIGIN["height_m"]
 SIGMA_M = np.array([0.05, 0.07, 0.09])

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from unlidar_tools.names import check_name, folder_names
+from unlidar.names import check_name, folder_names
 
 OUTSIDE = ("../../evil", "/tmp/evil", "..", ".", "", "a/b", "a\\b", "a\0b", "-out", "a b", "ä",
            "x" * 300, "ground_truth", "a\n")  # fmt: skip

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from flights import track_at, truth_at, write_result
 from many import StandIn, make_sequence
-from unlidar_tools.cli import main
-from unlidar_tools.evaluation import evaluate
+from unlidar.cli import main
+from unlidar.evaluation import evaluate
 
 TIMES = np.arange(0, 10, 0.1)
 

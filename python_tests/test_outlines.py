@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from unlidar_tools.events.site import Rule, Site, Zone
-from unlidar_tools.watch.outlines import _MOST_CORNERS, drawable
-from unlidar_tools.watch.server import _begin
+from unlidar.events.site import Rule, Site, Zone
+from unlidar.watch.outlines import _MOST_CORNERS, drawable
+from unlidar.watch.server import _begin
 
 
 def zone(polygon: shapely.Polygon, name: str = "apron") -> Zone:

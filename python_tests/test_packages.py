@@ -72,7 +72,7 @@ def programs_of(folder: Path, *lists: str) -> Path:
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory: pytest.TempPathFactory) -> Packages:
     missing = [tool for tool in MADE_BY if shutil.which(tool) is None]
-    left_behind = (PROJECT / "build/unlidar_track", PROJECT / ".venv/unlidar_tools.stamp")
+    left_behind = (PROJECT / "build/unlidar_track", PROJECT / ".venv/unlidar.stamp")
     missing += [str(path) for path in left_behind if not path.is_file()]
     if missing:
         pytest.skip(f"packages cannot be made quickly without {', '.join(missing)}")
@@ -89,7 +89,7 @@ def packages(tmp_path_factory: pytest.TempPathFactory) -> Packages:
     assert [path.name for path in made] == [
         f"libunlidar-dev_{version}_{architecture}.deb",
         f"unlidar-track_{version}_{architecture}.deb",
-        f"unlidar_tools-{version}-py3-none-any.whl",
+        f"unlidar_track-{version}-py3-none-any.whl",
     ]
     library, program, wheel = made
     return Packages(program, library, wheel, version)
@@ -454,7 +454,7 @@ def test_the_wheel_is_whole(packages: Packages, unlidar: Path, sky: Path) -> Non
     shown = run_unlidar(unlidar, sky, "--version")
     assert shown.stdout == f"unlidar {packages.version}\n", shown.stderr
     assert "simulate" in run_unlidar(unlidar, sky, "--help").stdout
-    asked = "import unlidar_tools.configs as c; print(c.CONFIG_DIR)"
+    asked = "import unlidar.configs as c; print(c.CONFIG_DIR)"
     configs = Path(output_of(unlidar.with_name("python"), "-c", asked, cwd=sky).strip())
     assert configs.is_relative_to(unlidar.parents[1])
     mine = {path.relative_to(configs) for path in configs.rglob("*.*")}

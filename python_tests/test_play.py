@@ -24,8 +24,8 @@ from synthetic import (
     write_frames,
     write_pcd,
 )
-from unlidar_tools.cli import main
-from unlidar_tools.play import FolderSink, MessageSink, PlayedFrame, frames_in_order, play
+from unlidar.cli import main
+from unlidar.play import FolderSink, MessageSink, PlayedFrame, frames_in_order, play
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def unlidar(*arguments: str | Path, **options) -> subprocess.CompletedProcess[bytes]:
-    command = [sys.executable, "-m", "unlidar_tools", *map(str, arguments)]
+    command = [sys.executable, "-m", "unlidar", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, timeout=60, **options)
 
 
@@ -116,7 +116,7 @@ def test_the_exit_code_of_a_command_is_handed_on(recording: Path, fails) -> None
 
 
 def test_a_reader_that_leaves_ends_it(recording: Path) -> None:
-    command = [sys.executable, "-m", "unlidar_tools", "play", str(recording), "--rate", "inf"]
+    command = [sys.executable, "-m", "unlidar", "play", str(recording), "--rate", "inf"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.read(100)
         process.stdout.close()

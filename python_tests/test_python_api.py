@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import unlidar_tools
+import unlidar
 from flights import join_tracks, join_truths, track_at, truth_at, write_result
 from many import StandIn, make_sequence
 from synthetic import PROJECT
-from unlidar_tools.cli import main
-from unlidar_tools.evaluation import Options, evaluate_files
+from unlidar.cli import main
+from unlidar.evaluation import Options, evaluate_files
 
 PAGE = PROJECT / "docs/python_api.md"
 TIMES = np.arange(0, 6, 0.1)
@@ -51,7 +51,7 @@ def test_the_example_of_the_page_works_as_written(program, shared, tmp_path, mon
 
 def test_run_gives_what_the_command_line_writes(stand_in, tmp_path) -> None:
     source = make_sequence(tmp_path / "seq")
-    found = unlidar_tools.run(
+    found = unlidar.run(
         str(source), tmp_path / "out", method="paper", settings={"a.b": [1, 2.5], "c": True}
     )
     assert main(["evaluate", str(found.out)]) == 0
@@ -66,7 +66,7 @@ def test_run_gives_what_the_command_line_writes(stand_in, tmp_path) -> None:
 
 def test_nothing_is_printed(stand_in, tmp_path, capfd) -> None:
     stand_in.write("print('told'); print('unlidar_track: a note', file=sys.stderr)")
-    found = unlidar_tools.run(make_sequence(tmp_path / "seq"), tmp_path / "out")
+    found = unlidar.run(make_sequence(tmp_path / "seq"), tmp_path / "out")
     assert found.messages == ("unlidar_track: a note",)
     said = capfd.readouterr()
     assert (said.out, said.err) == ("", "")
@@ -74,15 +74,15 @@ def test_nothing_is_printed(stand_in, tmp_path, capfd) -> None:
 
 def test_convert_reports_what_it_did(tmp_path) -> None:
     source = make_sequence(tmp_path / "seq")
-    done = unlidar_tools.convert(source, tmp_path / "out")
+    done = unlidar.convert(source, tmp_path / "out")
     assert done.frames == {"lidar_360": 3}
     assert done.returns == {"lidar_360": 12}
     assert done.truth_rows == 3
     assert done.truth.is_file()
-    with pytest.raises(unlidar_tools.OutputError, match="exists already"):
-        unlidar_tools.convert(source, tmp_path / "out")
-    options = unlidar_tools.ConvertOptions(start_s=0.15)
-    less = unlidar_tools.convert(source, tmp_path / "out", force=True, options=options)
+    with pytest.raises(unlidar.OutputError, match="exists already"):
+        unlidar.convert(source, tmp_path / "out")
+    options = unlidar.ConvertOptions(start_s=0.15)
+    less = unlidar.convert(source, tmp_path / "out", force=True, options=options)
     assert less.frames == {"lidar_360": 1}
 
 
@@ -104,7 +104,7 @@ def test_no_measure_is_lost(several, options, tmp_path) -> None:
     folder = write_result(tmp_path, truth, tracks)
     files = folder / "ground_truth.csv", folder / "traj.csv"
     expected = evaluate_files(*files, options)
-    found = unlidar_tools.evaluate(*map(str, files), options)
+    found = unlidar.evaluate(*map(str, files), options)
     as_json = json.loads(json.dumps(dataclasses.asdict(found)))
     for name, value in expected.items():
         if name == "targets":
@@ -120,23 +120,23 @@ def test_no_measure_is_lost(several, options, tmp_path) -> None:
 
 def test_errors_of_a_user_are_of_one_kind(tmp_path) -> None:
     (tmp_path / "t.csv").write_text("timestamp,x,y\n")
-    with pytest.raises(unlidar_tools.UnlidarError, match="has no column z") as refused:
-        unlidar_tools.evaluate(tmp_path / "t.csv", tmp_path / "t.csv")
-    assert isinstance(refused.value, unlidar_tools.InputError)
+    with pytest.raises(unlidar.UnlidarError, match="has no column z") as refused:
+        unlidar.evaluate(tmp_path / "t.csv", tmp_path / "t.csv")
+    assert isinstance(refused.value, unlidar.InputError)
     assert refused.value.exit_code == 4
-    with pytest.raises(unlidar_tools.UsageError, match="list of names"):
-        unlidar_tools.run(tmp_path, tmp_path / "out", sensors="lidar")
+    with pytest.raises(unlidar.UsageError, match="list of names"):
+        unlidar.run(tmp_path, tmp_path / "out", sensors="lidar")
 
 
 def test_names_are_there_when_asked_for_and_cost_nothing_before() -> None:
-    assert [name for name in unlidar_tools.__all__ if not hasattr(unlidar_tools, name)] == []
+    assert [name for name in unlidar.__all__ if not hasattr(unlidar, name)] == []
     with pytest.raises(AttributeError):
-        _ = unlidar_tools.nothing
+        _ = unlidar.nothing
     heavy = "[m for m in ('numpy', 'importlib.metadata') if m in sys.modules]"
-    assert printed_by(f"import sys, unlidar_tools; print({heavy})") == "[]\n"
+    assert printed_by(f"import sys, unlidar; print({heavy})") == "[]\n"
     # A function keeps its name whatever module was imported before.
-    before = "import unlidar_tools.cli, unlidar_tools.pipeline"
-    shown = printed_by(f"{before}; from unlidar_tools import convert, evaluate, run; print(run)")
+    before = "import unlidar.cli, unlidar.pipeline"
+    shown = printed_by(f"{before}; from unlidar import convert, evaluate, run; print(run)")
     assert shown.startswith("<function run")
 
 
@@ -147,12 +147,35 @@ def printed_by(script: str) -> str:
 
 
 def test_the_package_says_that_it_is_typed() -> None:
-    assert (Path(unlidar_tools.__file__).parent / "py.typed").is_file()
+    assert (Path(unlidar.__file__).parent / "py.typed").is_file()
     project = tomllib.loads((PROJECT / "tools/pyproject.toml").read_text())
-    assert "py.typed" in project["tool"]["setuptools"]["package-data"]["unlidar_tools"]
+    assert "py.typed" in project["tool"]["setuptools"]["package-data"]["unlidar"]
 
 
 def test_links_of_the_page_lead_to_files() -> None:
     links = re.findall(r"\]\(([^)#]+)\)", PAGE.read_text())
     assert links
     assert [link for link in links if not (PAGE.parent / link).exists()] == []
+
+
+def test_the_former_name_of_the_package_gives_the_same_modules_and_warns() -> None:
+    code = (
+        "import warnings; warnings.simplefilter('error')\n"
+        "try: import unlidar_tools\n"
+        "except DeprecationWarning as warning: print(warning)\n"
+        "warnings.simplefilter('ignore')\n"
+        "import logging, unlidar_tools, unlidar\n"
+        "from unlidar_tools.events.site import Site\n"
+        "import unlidar.events.site as site\n"
+        "assert Site is site.Site and site.__spec__.name == site.__name__\n"
+        "assert unlidar_tools.run is unlidar.run and unlidar_tools.__all__ == unlidar.__all__\n"
+        "assert logging.getLogger('unlidar_tools') is logging.getLogger('unlidar')\n"
+        "try: import unlidar_tools.nothing\n"
+        "except ModuleNotFoundError as error: print(error.name)\n"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.splitlines() == [
+        "unlidar_tools is unlidar now: import unlidar",
+        "unlidar.nothing",
+    ]

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from many import StandIn, make_data_set
-from unlidar_tools.cli import main
-from unlidar_tools.errors import InputError
-from unlidar_tools.frames_io import write_pcd
-from unlidar_tools.record import RunRecord, read_finished, read_record, write_record
-from unlidar_tools.simulate import Scenario, simulate
-from unlidar_tools.simulate.scenario import Drone, Flight, Sensor
+from unlidar.cli import main
+from unlidar.errors import InputError
+from unlidar.frames_io import write_pcd
+from unlidar.record import RunRecord, read_finished, read_record, write_record
+from unlidar.simulate import Scenario, simulate
+from unlidar.simulate.scenario import Drone, Flight, Sensor
 
 TINY = """duration_s: 1
 sensors: {mid360: {model: mid360}}

@@ -32,7 +32,7 @@ from station_events import (
     track,
     write_site,
 )
-from unlidar_tools.events.source import _File
+from unlidar.events.source import _File
 
 FLIGHT = [
     sensor("mid360", "ok"),
@@ -55,7 +55,7 @@ class Relay:
 
     def __init__(self, *arguments: object, stdin: bool = False) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "unlidar_tools", "relay", "--verbose", *map(str, arguments)],
+            [sys.executable, "-m", "unlidar", "relay", "--verbose", *map(str, arguments)],
             stdin=subprocess.PIPE if stdin else subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -566,7 +566,7 @@ def test_nobody_is_waited_for_at_the_end_and_secrets_are_not_said() -> None:
 
 @pytest.mark.parametrize("command", ["relay", "watch"])
 def test_packages_that_are_missing_are_named(command, fails, monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("unlidar.extras.find_spec", lambda name: None)
     said = fails(2, command, "-")
     assert "not installed: paho-mqtt, " in said
-    assert "pip install 'unlidar-tools[station]'" in said
+    assert "pip install 'unlidar-track[station]'" in said

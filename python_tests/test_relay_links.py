@@ -17,19 +17,19 @@ import pytest
 from live_program import PATIENCE_S, wait_until
 from station_events import row, write_site
 from test_relay import Receiver, Relay, certificate
-from unlidar_tools.events.site import Site
-from unlidar_tools.relay.mqtt import MqttSender
-from unlidar_tools.relay.output import Output
-from unlidar_tools.relay.sockets import StreamSender
+from unlidar.events.site import Site
+from unlidar.relay.mqtt import MqttSender
+from unlidar.relay.output import Output
+from unlidar.relay.sockets import StreamSender
 
 RESET = struct.pack("ii", 1, 0)  # of SO_LINGER: closing says so at once, and drops what waits
 
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.relay.output._WAIT_S", (0.01, 0.02))
-    monkeypatch.setattr("unlidar_tools.relay.mqtt._GREET_S", 0.1)
-    monkeypatch.setattr("unlidar_tools.relay.sockets._SETTLE_S", 0.03)
+    monkeypatch.setattr("unlidar.relay.output._WAIT_S", (0.01, 0.02))
+    monkeypatch.setattr("unlidar.relay.mqtt._GREET_S", 0.1)
+    monkeypatch.setattr("unlidar.relay.sockets._SETTLE_S", 0.03)
 
 
 @contextlib.contextmanager
@@ -192,7 +192,7 @@ def test_also_by_tls_no_event_is_lost(tmp_path: Path) -> None:
 
 
 def test_a_server_that_takes_nothing_more_has_nothing_that_counts_as_sent(monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.relay.sockets._DIAL_S", 0.3)
+    monkeypatch.setattr("unlidar.relay.sockets._DIAL_S", 0.3)
     done = threading.Event()
 
     def talk(client: socket.socket) -> None:

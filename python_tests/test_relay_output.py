@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 from live_program import PATIENCE_S
-from unlidar_tools.relay.output import Output
+from unlidar.relay.output import Output
 
 
 class Wire:
@@ -67,7 +67,7 @@ def test_room_is_bounded_the_oldest_rows_go_first_and_are_counted(caplog) -> Non
 
 @pytest.mark.parametrize("after", [0, 1, 5, 63, 64, 99])
 def test_whenever_the_way_is_cut_all_comes_in_order(after, monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.relay.output._WAIT_S", (0.01, 0.02))
+    monkeypatch.setattr("unlidar.relay.output._WAIT_S", (0.01, 0.02))
 
     async def check() -> None:
         wire = Wire()
@@ -89,7 +89,7 @@ def test_whenever_the_way_is_cut_all_comes_in_order(after, monkeypatch) -> None:
 def test_a_way_that_is_cut_again_and_again_goes_on_from_what_has_arrived(
     every, monkeypatch
 ) -> None:
-    monkeypatch.setattr("unlidar_tools.relay.output._WAIT_S", (0.001, 0.002))
+    monkeypatch.setattr("unlidar.relay.output._WAIT_S", (0.001, 0.002))
 
     async def check() -> None:
         wire = Wire()
@@ -111,7 +111,7 @@ def test_a_way_that_is_cut_again_and_again_goes_on_from_what_has_arrived(
 def test_a_message_that_the_other_side_does_not_bear_holds_up_no_other(
     refused, monkeypatch, caplog
 ) -> None:
-    monkeypatch.setattr("unlidar_tools.relay.output._WAIT_S", (0.001, 0.002))
+    monkeypatch.setattr("unlidar.relay.output._WAIT_S", (0.001, 0.002))
 
     async def check() -> None:
         wire = Wire()
@@ -176,7 +176,7 @@ LINKS = {
 @pytest.mark.parametrize("arrives", [False, True], ids=["unsent", "unacknowledged"])
 @pytest.mark.parametrize("link", LINKS)
 def test_whenever_a_link_breaks_by_itself_nothing_is_left_out(link, arrives, monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.relay.output._WAIT_S", (0.0, 0.0))
+    monkeypatch.setattr("unlidar.relay.output._WAIT_S", (0.0, 0.0))
 
     async def check() -> None:
         wire = Link(LINKS[link], arrives)
@@ -193,7 +193,7 @@ def test_whenever_a_link_breaks_by_itself_nothing_is_left_out(link, arrives, mon
 
 
 def test_who_accepts_and_takes_nothing_costs_no_message(monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.relay.output._WAIT_S", (0.0, 0.0))
+    monkeypatch.setattr("unlidar.relay.output._WAIT_S", (0.0, 0.0))
 
     async def check() -> None:
         wire = Link(lambda connection, place: connection < 2000, arrives=False)

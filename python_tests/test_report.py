@@ -12,20 +12,20 @@ import pytest
 from flights import join_truths, track_at, truth_at
 from report_run import CLUSTERS, DRONE_RETURNS_PER_FRAME, OFFSET_M, SIGMA_M, make_run
 from synthetic import BEGIN_NS, PERIOD_NS, drone_position_m
-from unlidar_tools.cli import main
-from unlidar_tools.colours import track_colours
-from unlidar_tools.evaluation import evaluate
-from unlidar_tools.figure import legend as figure_legend
-from unlidar_tools.record import RunRecord
-from unlidar_tools.report import ReportData, load_run
-from unlidar_tools.report import sample as sampling
-from unlidar_tools.report.charts import errors_of, lengths_of
-from unlidar_tools.report.data import Clusters
-from unlidar_tools.report.lines import at_times, drawn_rows, range_sigma, speed, tube
-from unlidar_tools.report.page import begin_of, page_of
-from unlidar_tools.report.static import figure_data
-from unlidar_tools.report.view_data import pack_trajectories, pack_view, target_steps
-from unlidar_tools.truth import Tracks, Truth
+from unlidar.cli import main
+from unlidar.colours import track_colours
+from unlidar.evaluation import evaluate
+from unlidar.figure import legend as figure_legend
+from unlidar.record import RunRecord
+from unlidar.report import ReportData, load_run
+from unlidar.report import sample as sampling
+from unlidar.report.charts import errors_of, lengths_of
+from unlidar.report.data import Clusters
+from unlidar.report.lines import at_times, drawn_rows, range_sigma, speed, tube
+from unlidar.report.page import begin_of, page_of
+from unlidar.report.static import figure_data
+from unlidar.report.view_data import pack_trajectories, pack_view, target_steps
+from unlidar.truth import Tracks, Truth
 
 MOST_BYTES = 10_000_000
 
@@ -194,7 +194,7 @@ def test_each_track_has_one_colour_in_figures_curves_time_steps_and_tables(tmp_p
 
 
 def test_lines_and_tubes_carry_their_times(data):
-    from unlidar_tools.report.charts import FIRST_TRAJECTORY, scene
+    from unlidar.report.charts import FIRST_TRAJECTORY, scene
 
     begin_s = begin_of(data)
     packed = pack_trajectories(data, begin_s, FIRST_TRAJECTORY)
@@ -353,7 +353,7 @@ def test_figures_for_papers_are_written_as_png_and_pdf(truth, tmp_path):
 
 def test_without_rerun_the_wish_for_a_recording_is_refused(run_dir, fails, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    assert "unlidar-tools[rerun]" in fails(2, "report", run_dir, "--rerun")
+    assert "unlidar-track[rerun]" in fails(2, "report", run_dir, "--rerun")
     assert not (run_dir / "recording.rrd").exists()
 
 

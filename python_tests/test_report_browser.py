@@ -12,7 +12,7 @@ import pytest
 from browser import NARROW, WAIT_S, WIDE, chromium
 from hostile import ALL, HOSTILE, broken_out
 from report_run import make_run
-from unlidar_tools.cli import main
+from unlidar.cli import main
 
 LONG_FRAMES, LONG_STEP = 300, 5  # half a second apart: 150 s
 

@@ -14,9 +14,9 @@ import pytest
 from flights import track_at, truth_at, write_result
 from many import StandIn, command, make_sequence
 from rich.console import Console
-from unlidar_tools.batch.job import FAILED, Row
-from unlidar_tools.batch.table import rich_table, write_tables
-from unlidar_tools.cli import main
+from unlidar.batch.job import FAILED, Row
+from unlidar.batch.table import rich_table, write_tables
+from unlidar.cli import main
 
 EVIL = "[red]a[/x]\x1b[2J\n| b <i>:smile:"
 SHOWN = r"[red]a[/x]\x1b[2J\n| b <i>:smile:"

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from unlidar_tools.cli import main
-from unlidar_tools.simulate import Scenario, simulate
-from unlidar_tools.simulate.scenario import Drone, Flight, Sensor
+from unlidar.cli import main
+from unlidar.simulate import Scenario, simulate
+from unlidar.simulate.scenario import Drone, Flight, Sensor
 
 STUB = '''"""Reports the truth beside the first sensor as its one track, and what it was told."""
 import csv, json, pathlib, sys

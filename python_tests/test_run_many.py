@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from many import StandIn, command, make_data_set, make_sequence, unfinished, wait_for
-from unlidar_tools.batch.discovery import find_recordings, is_recording
-from unlidar_tools.batch.job import Settings, make_job
-from unlidar_tools.cli import main
-from unlidar_tools.errors import InputError
-from unlidar_tools.frames_io import write_pcd
+from unlidar.batch.discovery import find_recordings, is_recording
+from unlidar.batch.job import Settings, make_job
+from unlidar.cli import main
+from unlidar.errors import InputError
+from unlidar.frames_io import write_pcd
 
 
 @pytest.fixture

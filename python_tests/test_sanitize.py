@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 from rich.table import Table
-from unlidar_tools.sanitize import cell, hide_secrets, printable
+from unlidar.sanitize import cell, hide_secrets, printable
 
 NASTY = ("\x1b[31mred\x1b[0m", "two\nlines", "a\rb", "tab\there", "\x00", "\x9b2J", "\u202egnp",
          "\u2028", "\udc80", "\x07", "\ufeff")  # fmt: skip

@@ -10,14 +10,14 @@ import jsonschema
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
-from unlidar_tools.cli import main
-from unlidar_tools.configs import SCENARIO_DIR, scenario_names
-from unlidar_tools.frames_io import read_pcd
-from unlidar_tools.simulate import Scenario, Simulation, load_scenario, simulate
-from unlidar_tools.simulate.flight import make_path
-from unlidar_tools.simulate.recording import STRAY
-from unlidar_tools.simulate.scenario import Building, Drone, Flight, Scene, Sensor
-from unlidar_tools.simulate.sensors import MODELS, detection_probability, scan
+from unlidar.cli import main
+from unlidar.configs import SCENARIO_DIR, scenario_names
+from unlidar.frames_io import read_pcd
+from unlidar.simulate import Scenario, Simulation, load_scenario, simulate
+from unlidar.simulate.flight import make_path
+from unlidar.simulate.recording import STRAY
+from unlidar.simulate.scenario import Building, Drone, Flight, Scene, Sensor
+from unlidar.simulate.sensors import MODELS, detection_probability, scan
 
 BOX = ((-15.0, -12.0, 4.0), (15.0, 12.0, 14.0))
 FLIGHT = Flight(box_m=BOX, max_speed_mps=6.0)
@@ -362,9 +362,9 @@ def test_a_wrong_scenario_is_refused_by_key_and_value(text, tmp_path, fails):
 
 
 def test_the_schema_for_editors_says_what_is_checked_and_takes_every_scenario_that_comes_along():
-    from unlidar_tools.simulate import schema
+    from unlidar.simulate import schema
 
-    assert schema.SCHEMA.read_text() == schema.text(), "run python -m unlidar_tools.simulate.schema"
+    assert schema.SCHEMA.read_text() == schema.text(), "run python -m unlidar.simulate.schema"
     known = json.loads(schema.text())
     for name in scenario_names():
         path = SCENARIO_DIR / f"{name}.yaml"

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from unlidar_tools.configs import scenario_names
-from unlidar_tools.simulate import Scenario, Simulation, load_scenario, shapes
-from unlidar_tools.simulate.flight import make_path
-from unlidar_tools.simulate.recording import STRAY
-from unlidar_tools.simulate.scenario import Drone, Flight, Fog, Scene, Sensor
-from unlidar_tools.simulate.world import SceneObject, is_hidden
+from unlidar.configs import scenario_names
+from unlidar.simulate import Scenario, Simulation, load_scenario, shapes
+from unlidar.simulate.flight import make_path
+from unlidar.simulate.recording import STRAY
+from unlidar.simulate.scenario import Drone, Flight, Fog, Scene, Sensor
+from unlidar.simulate.world import SceneObject, is_hidden
 
 EMPTY = Scene(random_buildings=0, poles=0, trees=0)
 NAMES = scenario_names()

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from unlidar_tools.simulate.sensors import MODELS, in_field_of_view, scan
+from unlidar.simulate.sensors import MODELS, in_field_of_view, scan
 
 LIVOX = ("mid360", "avia")
 RAYS_PER_FRAME = {"mid360": 20_000, "avia": 24_000, "spinning32": 32_768,

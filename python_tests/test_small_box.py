@@ -103,7 +103,7 @@ def test_a_frame_takes_few_instructions(sky: str, tmp_path: Path) -> None:
 
 
 def test_one_core_and_256_mb_are_plenty_for_two_lidars(tmp_path: Path) -> None:
-    from unlidar_tools.simulate import load_scenario, simulate
+    from unlidar.simulate import load_scenario, simulate
 
     simulate(load_scenario("near"), tmp_path / "sky", seed=1)
     folders = {f.name: f for f in sorted((tmp_path / "sky").iterdir()) if f.is_dir()}
@@ -128,7 +128,7 @@ def test_one_core_and_256_mb_are_plenty_for_two_lidars(tmp_path: Path) -> None:
 
 def test_what_the_service_may_use_is_many_times_what_two_lidars_need(tmp_path: Path) -> None:
     """Packets from the network as its unit takes them, faster than LiDARs send them."""
-    from unlidar_tools.cli import main
+    from unlidar.cli import main
 
     capture, most = tmp_path / "near.pcap", memory_of_service()
     assert main(["simulate", "near", str(tmp_path / "near"), "--packets", str(capture)]) == 0

@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from unlidar_tools.stamps import format_stamp, format_stamp_ns, parse_seconds_ns, parse_stamp_ns
+from unlidar.stamps import format_stamp, format_stamp_ns, parse_seconds_ns, parse_stamp_ns
 
 STAMPS_NS = st.integers(-(2**63), 2**63 - 1)
 

@@ -22,11 +22,11 @@ from station_events import (
     track,
     write_site,
 )
-from unlidar_tools.errors import ConfigError
-from unlidar_tools.events.event import MOST_BYTES, Row, decode
-from unlidar_tools.events.site import load_site, load_zones
-from unlidar_tools.events.source import Lines
-from unlidar_tools.events.station import Station
+from unlidar.errors import ConfigError
+from unlidar.events.event import MOST_BYTES, Row, decode
+from unlidar.events.site import load_site, load_zones
+from unlidar.events.source import Lines
+from unlidar.events.station import Station
 
 
 def station(tmp_path, features=(), **more) -> Station:
@@ -210,8 +210,8 @@ def test_an_engine_that_begins_anew_ends_tracks_and_alarms_of_before(tmp_path) -
 )  # fmt: skip
 def test_a_zone_lies_where_its_places_are(lon, lat, heading, angle, distance) -> None:
     """A square about a place that is so far away, in this direction, holds that place alone."""
-    from unlidar_tools.events.site import Place, Rule, _zone
-    from unlidar_tools.geodesy import to_geodetic
+    from unlidar.events.site import Place, Rule, _zone
+    from unlidar.geodesy import to_geodetic
 
     place = Place(latitude_deg=lat, longitude_deg=lon, height_m=100.0, heading_deg=heading)
     centre = np.array([distance * math.cos(angle), distance * math.sin(angle), 0.0])
@@ -303,7 +303,7 @@ def test_a_wrong_zone_is_one_line_that_names_the_file(zones, said, tmp_path) -> 
 
 
 def test_a_huge_file_is_not_read(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("unlidar_tools.events.site._MOST_FILE_BYTES", 1000)
+    monkeypatch.setattr("unlidar.events.site._MOST_FILE_BYTES", 1000)
     site = load_site(write_site(tmp_path, [square(5)] * 50))
     with pytest.raises(ConfigError, match=r"is larger than 0\.001 MB"):
         load_zones(site)
@@ -318,7 +318,7 @@ def test_two_zones_need_two_names(tmp_path) -> None:
 @given(st.lists(st.tuples(*[st.integers(-6, 6)] * 2, st.integers(1, 5)), max_size=30))
 def test_zones_are_found_as_if_each_were_asked(squares) -> None:
     from shapely import box
-    from unlidar_tools.events.site import Rule, Zone, Zones
+    from unlidar.events.site import Rule, Zone, Zones
 
     zones = [
         Zone(f"z{i}", Rule(zones="z"), box(x - r, y - r, x + r, y + r), -r, r)

@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 import pytest
 from station_events import BEGIN_NS, ORIGIN, end, row, sensor, square, track, write_site
-from unlidar_tools.events.lines import Published
-from unlidar_tools.events.many import Many
-from unlidar_tools.events.site import Place, Site, load_site, load_zones
-from unlidar_tools.events.station import SILENT_S, Message, Station
+from unlidar.events.lines import Published
+from unlidar.events.many import Many
+from unlidar.events.site import Place, Site, load_site, load_zones
+from unlidar.events.station import SILENT_S, Message, Station
 
 
 def published(name: str, line: str, relay: str | None = None, retained: bool = False) -> Published:
@@ -189,7 +189,7 @@ def test_a_place_that_is_none_changes_no_place_that_is_known(tmp_path) -> None:
 def test_no_flood_of_places_takes_the_place_of_a_station_that_is_heard(
     liars, tmp_path, monkeypatch
 ) -> None:
-    monkeypatch.setattr("unlidar_tools.events.many._MOST_PLACES", 64)
+    monkeypatch.setattr("unlidar.events.many._MOST_PLACES", 64)
     many = Many(load_site(write_site(tmp_path)), (), "broker")
     north = {"event": "site", "instance": "aaaa", "origin": ORIGIN}
     shown(many, Published("north", json.dumps(north).encode(), False, False))

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from live_program import feed, messages
 from synthetic import track
-from unlidar_tools.simulate import Scenario, Simulation, simulate
-from unlidar_tools.simulate.scenario import Drone, Flight, Scene, Sensor
+from unlidar.simulate import Scenario, Simulation, simulate
+from unlidar.simulate.scenario import Drone, Flight, Scene, Sensor
 
 MID360 = {"mid360": Sensor("mid360")}
 SPINNING = {"top": Sensor("spinning32")}  # sees up to 22.5 degrees: signs are cut off by its edge

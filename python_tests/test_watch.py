@@ -20,10 +20,10 @@ from pathlib import Path
 import pytest
 from live_program import PATIENCE_S, wait_until
 from station_events import appended, end, row, sensor, square, stamp, state, track, write_site
-from unlidar_tools.events.site import Site, load_site, load_zones
-from unlidar_tools.events.station import Station
-from unlidar_tools.watch.pages import Pages
-from unlidar_tools.watch.sky import TAIL_S, Sky
+from unlidar.events.site import Site, load_site, load_zones
+from unlidar.events.station import Station
+from unlidar.watch.pages import Pages
+from unlidar.watch.sky import TAIL_S, Sky
 
 SECRET = "0123456789abcdef"
 PATHS = (
@@ -46,7 +46,7 @@ class Watch:
             [
                 sys.executable,
                 "-m",
-                "unlidar_tools",
+                "unlidar",
                 "watch",
                 *map(str, arguments),
                 "--port",
@@ -302,7 +302,7 @@ def test_it_ends_at_a_signal_with_pages_open_and_everything_is_stored(tmp_path) 
         wait_until(lambda: events(got), "the row has come")
         code, said = watch.end()
     assert (code, said) == (0, "")
-    from unlidar_tools.history.reader import Reader
+    from unlidar.history.reader import Reader
 
     (found,) = Reader(tmp_path / "sky.db").tracks()
     assert len(found.rows) == 2

@@ -19,16 +19,16 @@ import station_events
 from live_program import PATIENCE_S, wait_until
 from station_events import appended, end, row, sensor, state, track
 from test_watch import Watch, stored
-from unlidar_tools.events.event import decode
-from unlidar_tools.events.site import Site
-from unlidar_tools.events.station import Message, Station
-from unlidar_tools.history.store import Store
-from unlidar_tools.history.timeline import Archive, UnansweredError, rows, spans
-from unlidar_tools.watch import connections
-from unlidar_tools.watch.connections import Listener
-from unlidar_tools.watch.pages import Pages
-from unlidar_tools.watch.server import Serving, make_app
-from unlidar_tools.watch.sky import FORGET_S, MOST_TRACKS, Sky
+from unlidar.events.event import decode
+from unlidar.events.site import Site
+from unlidar.events.station import Message, Station
+from unlidar.history.store import Store
+from unlidar.history.timeline import Archive, UnansweredError, rows, spans
+from unlidar.watch import connections
+from unlidar.watch.connections import Listener
+from unlidar.watch.pages import Pages
+from unlidar.watch.server import Serving, make_app
+from unlidar.watch.sky import FORGET_S, MOST_TRACKS, Sky
 
 AHEAD_S = 3.9e9  # of 2093
 SOON_S = 20.0  # of a loaded machine; what hangs takes for ever

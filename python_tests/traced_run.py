@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 from synthetic import TRAJ_HEADER, seconds
-from unlidar_tools.frames_io import write_pcd
-from unlidar_tools.program import Outcome
-from unlidar_tools.record import RunRecord, write_record
+from unlidar.frames_io import write_pcd
+from unlidar.program import Outcome
+from unlidar.record import RunRecord, write_record
 
 BEGIN_NS = 1_700_000_000_000_000_000
 SECOND_NS = 1_000_000_000

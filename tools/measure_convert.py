@@ -20,7 +20,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
-from unlidar_tools.conversion.message_types import register_livox
+from unlidar.conversion.message_types import register_livox
 
 _LEAST_MB_PER_S = 50.0
 _MOST_MB = 300.0
@@ -88,7 +88,7 @@ _CHILD = """
 import os, re, sys
 from pathlib import Path
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-from unlidar_tools.cli import main
+from unlidar.cli import main
 code = main(["convert", *sys.argv[1:]])
 print(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1])
 sys.exit(code)

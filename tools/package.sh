@@ -10,7 +10,7 @@ Installs what is missing, builds, and writes to out/packages/:
 
   unlidar-track_VERSION_ARCH.deb           the program, its manual page and its service
   libunlidar-dev_VERSION_ARCH.deb          the C++ API: headers, static library, CMake configuration
-  unlidar_tools-VERSION-py3-none-any.whl   the Python harness
+  unlidar_track-VERSION-py3-none-any.whl   the Python harness
 
 The version is that of CMakeLists.txt. Works from any folder.
 TEXT

@@ -21,7 +21,7 @@ class BuildWithConfigs(build_py):
         if not self.editable_mode:
             shutil.copytree(
                 PROJECT / "configs",
-                Path(self.build_lib) / "unlidar_tools/configs",
+                Path(self.build_lib) / "unlidar/configs",
                 dirs_exist_ok=True,
             )
 

@@ -254,13 +254,13 @@ find_python() {
   return 1
 }
 
-# make_venv EXTRA: .venv with unlidar_tools, installed in place, and what it and its EXTRA need ('' for
+# make_venv EXTRA: .venv with unlidar, installed in place, and what it and its EXTRA need ('' for
 # the plain package, or test), in the releases of requirements*.txt and no others. A stamp keeps what was
 # installed; it also names the folder and the Python, because environments survive neither a move nor
 # another Python. A package that is needed no more must not stay: other releases make all of it anew.
 # What tests need stays for tests.
 make_venv() {
-  local extra=$1 python place project stamp_file=$venv/unlidar_tools.stamp
+  local extra=$1 python place project stamp_file=$venv/unlidar.stamp
   local pip=("$venv/bin/python" -u -m pip install --disable-pip-version-check --no-deps)
   python=$(find_python) ||
     fail "Python 3.11 or newer with venv is needed, found $(python3 --version 2>&1 || true)"

@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from unlidar_tools.errors import UnlidarError, reason
+from unlidar.errors import UnlidarError, reason
 
 from unlidar_bench.page import heading, machine, put
 from unlidar_bench.setting import QUICK, Setting

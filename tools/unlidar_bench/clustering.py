@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 from sklearn.cluster import DBSCAN
-from unlidar_tools.frames_io import list_frames, read_returns
+from unlidar.frames_io import list_frames, read_returns
 
 from unlidar_bench.paired import by_turns, median, ratio
 from unlidar_bench.processes import cpu_ms, google_benchmark

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from unlidar_tools.frames_io import find_sensors
+from unlidar.frames_io import find_sensors
 
 from unlidar_bench import recordings
 from unlidar_bench.live import run_live

@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
-from unlidar_tools.frames_io import find_sensors
-from unlidar_tools.play import MessageSink, frames_in_order, play
+from unlidar.frames_io import find_sensors
+from unlidar.play import MessageSink, frames_in_order, play
 
 from unlidar_bench import recordings
 from unlidar_bench.paired import by_turns, median

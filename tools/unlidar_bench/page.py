@@ -6,7 +6,7 @@ import platform
 import re
 from pathlib import Path
 
-from unlidar_tools.errors import InputError
+from unlidar.errors import InputError
 
 
 def put(page: str, part: str, table: str) -> str:

@@ -15,7 +15,7 @@ from scipy.interpolate import UnivariateSpline
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from unlidar_tools.frames_io import list_frames, read_returns
+from unlidar.frames_io import list_frames, read_returns
 
 VOXEL_M = 0.2
 TOLERANCE_M = 0.5

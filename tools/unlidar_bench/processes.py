@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from unlidar_tools.errors import ProgramError
+from unlidar.errors import ProgramError
 
 _TIME = "/usr/bin/time"  # GNU's
 

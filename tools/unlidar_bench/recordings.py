@@ -3,11 +3,11 @@
 import shutil
 from pathlib import Path
 
-from unlidar_tools.frames_io import find_sensors, list_frames
-from unlidar_tools.play import frames_in_order
-from unlidar_tools.simulate import load_scenario, simulate
-from unlidar_tools.simulate.scenario import Drone, Flight, Scenario, Scene, Sensor
-from unlidar_tools.stamps import format_stamp_ns
+from unlidar.frames_io import find_sensors, list_frames
+from unlidar.play import frames_in_order
+from unlidar.simulate import load_scenario, simulate
+from unlidar.simulate.scenario import Drone, Flight, Scenario, Scene, Sensor
+from unlidar.stamps import format_stamp_ns
 
 from unlidar_bench.setting import Setting
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from unlidar_tools.errors import InputError
+from unlidar.errors import InputError
 
 
 @dataclass(frozen=True)

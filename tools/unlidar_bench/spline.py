@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.interpolate import UnivariateSpline, make_smoothing_spline
-from unlidar_tools.simulate import Simulation, load_scenario
+from unlidar.simulate import Simulation, load_scenario
 
 from unlidar_bench.paired import by_turns, median, ratio
 from unlidar_bench.processes import cpu_ms, google_benchmark

@@ -4,10 +4,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from unlidar_tools.configs import CONFIG_DIR
-from unlidar_tools.evaluation import evaluate_files
-from unlidar_tools.frames_io import find_sensors
-from unlidar_tools.truth import TRUTH_NAME
+from unlidar.configs import CONFIG_DIR
+from unlidar.evaluation import evaluate_files
+from unlidar.frames_io import find_sensors
+from unlidar.truth import TRUTH_NAME
 
 from unlidar_bench import recordings
 from unlidar_bench.paired import by_turns, median, ratio

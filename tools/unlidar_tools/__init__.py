@@ -1,64 +1,43 @@
-"""The harness of unlidar_track: recordings in, trajectories measured, figures out.
+"""The name of the package `unlidar` up to version 0.1: every module of it is that of `unlidar`.
 
-The library interface is that of `api`. Names are imported on first access, so that importing the
-package, and with it every command, stays fast.
+Stations and scripts that were written for it go on; it warns and will be gone with version 1.
 """
 
-from typing import TYPE_CHECKING, Any
+import importlib
+import logging
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 
-if TYPE_CHECKING:
-    from unlidar_tools.api import (
-        Conversion,
-        ConvertOptions,
-        DroneMeasures,
-        EvaluateOptions,
-        Measures,
-        Run,
-        convert,
-        evaluate,
-        run,
-    )
-    from unlidar_tools.errors import (
-        ConfigError,
-        InputError,
-        OutputError,
-        ProgramError,
-        UnlidarError,
-        UsageError,
-    )
-
-    __version__: str
-
-__all__ = [
-    "ConfigError",
-    "Conversion",
-    "ConvertOptions",
-    "DroneMeasures",
-    "EvaluateOptions",
-    "InputError",
-    "Measures",
-    "OutputError",
-    "ProgramError",
-    "Run",
-    "UnlidarError",
-    "UsageError",
-    "__version__",
-    "convert",
-    "evaluate",
-    "run",
-]
+import unlidar
 
 
-def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        from importlib.metadata import PackageNotFoundError, version
+class _SameModules(MetaPathFinder, Loader):
+    """Finds modules of the former name: not copies, whose classes would not be those of unlidar."""
 
-        try:
-            return version("unlidar-tools")
-        except PackageNotFoundError:  # used from a source tree that was not installed
-            return "0+uninstalled"
-    if name in __all__:
-        from unlidar_tools import api, errors
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        return ModuleSpec(name, self) if name.startswith(__name__ + ".") else None
 
-        return getattr(errors if name.endswith("Error") else api, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        module = importlib.import_module("unlidar" + spec.name.removeprefix(__name__))
+        spec.loader_state = module.__spec__
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        spec = module.__spec__
+        module.__spec__ = spec.loader_state if spec is not None else None
+
+
+warnings.warn("unlidar_tools is unlidar now: import unlidar", DeprecationWarning, stacklevel=2)
+logging.Logger.manager.loggerDict[__name__] = logging.getLogger("unlidar")
+sys.meta_path.insert(0, _SameModules())
+__all__ = unlidar.__all__
+
+
+def __getattr__(name: str) -> object:
+    return getattr(unlidar, name)

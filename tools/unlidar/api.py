@@ -1,0 +1,233 @@
+"""The package as a library: paths in, dataclasses out. docs/python_api.md shows it at work.
+
+Errors that a user can fix are UnlidarError: file, value and expectation in one line.
+Notes go to the logger `unlidar`, stages with the level INFO.
+"""
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from unlidar import conversion, evaluation, pipeline
+from unlidar.conversion.source import Options as ConvertOptions
+from unlidar.errors import UsageError
+from unlidar.evaluate_options import Options as EvaluateOptions
+from unlidar.program import CLUSTERS, SUMMARY, TARGET_RETURNS
+
+__all__ = [
+    "Conversion",
+    "ConvertOptions",
+    "DroneMeasures",
+    "EvaluateOptions",
+    "Measures",
+    "Run",
+    "convert",
+    "evaluate",
+    "run",
+]
+
+AnyPath = str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """The result of a conversion."""
+
+    out: Path  # holds a folder of frames for each sensor
+    kind: str  # of the recording
+    frames: dict[str, int]  # how many, by sensor
+    returns: dict[str, int]  # number of them in all frames, by sensor
+    truth: Path | None  # ground_truth.csv, None if the recording has no truth
+    truth_rows: int
+    notes: tuple[str, ...]  # for the user
+    broken: str | None  # why `out` ends before the recording does; None: it is complete
+
+
+@dataclass(frozen=True)
+class DroneMeasures:
+    """The measures of one drone among several."""
+
+    target: float  # its number in the truth
+    coverage: float
+    matched: float | None  # None: never in view
+    rmse: float | None = None  # m
+    matched_rmse: float | None = None  # m
+
+
+@dataclass(frozen=True)
+class Measures:
+    """The measures of docs/evaluate.md, under the same names; None: not defined.
+
+    Lengths are metres, shares 0 to 1.
+    """
+
+    tracks: int
+    rows: int
+    false: float
+    drones: int = 0
+    coverage: float | None = None
+    within1m: float | None = None
+    rmse: float | None = None
+    rmse_unbiased: float | None = None
+    mse: float | None = None  # m²
+    ape: float | None = None
+    median: float | None = None
+    p95: float | None = None
+    dx: float | None = None
+    dy: float | None = None
+    dz: float | None = None
+    mae_x: float | None = None
+    mae_y: float | None = None
+    mae_z: float | None = None
+    bias: tuple[float, float, float] | None = None
+    matched: float | None = None
+    matched_rmse: float | None = None
+    matched_rmse_unbiased: float | None = None
+    identity_switches: int | None = None
+    targets: tuple[DroneMeasures, ...] = ()  # of several drones, one each
+    nees: float | None = None
+    nees_median: float | None = None
+    nees_within95: float | None = None
+    nees_unbiased: float | None = None
+    nees_unbiased_median: float | None = None
+    nees_unbiased_within95: float | None = None
+    truth_is: str | None = None  # where it is known to be of another point than the returns'
+    challenge_mse: float | None = None  # m²
+    rows_judged: int | None = None
+    rows_unjudged: int | None = None
+    rows_false: float | None = None
+    rows_rmse: float | None = None
+    rows_rmse_unbiased: float | None = None
+    rows_dx: float | None = None
+    rows_dy: float | None = None
+    rows_dz: float | None = None
+    intervals: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    align: str = "none"
+    align_translation_m: tuple[float, float, float] | None = None
+    align_rotation: tuple[tuple[float, ...], ...] | None = None  # 3 x 3
+    time_offset_s: float = 0.0
+    time_offset_estimated: bool = False
+    time_offset_sigma_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Run:
+    """The result of tracking one recording, and the paths of its files."""
+
+    out: Path
+    frames: dict[str, Path]  # folder by sensor
+    truth: Path | None
+    trajectory: Path
+    summary: Path
+    target_returns: Path
+    clusters: Path
+    figure: Path | None  # None without report
+    page: Path | None
+    tracks: int
+    measures: Measures | None  # None without truth
+    messages: tuple[str, ...]  # of the program
+    tracking_s: float
+
+
+def convert(
+    recording: AnyPath,
+    out: AnyPath,
+    *,
+    sensors: Sequence[str] | None = None,
+    force: bool = False,
+    options: ConvertOptions | None = None,
+) -> Conversion:
+    """Converts a recording of any kind that `unlidar convert` reads to the folder `out`.
+
+    `sensors` chooses among those of the recording, by default its LiDARs. `force` replaces an
+    earlier conversion.
+    """
+    out = Path(out)
+    chosen = None if sensors is None else list(sensors)
+    report = conversion.convert(Path(recording), out, chosen, force, options or ConvertOptions())
+    rows = report["truth_rows"]
+    return Conversion(
+        out=out,
+        kind=report["kind"],
+        frames=report["frames"],
+        returns=report["returns"],
+        truth=None if rows is None else out / conversion.TRUTH_NAME,
+        truth_rows=rows or 0,
+        notes=tuple(report["notes"]),
+        broken=report["broken"],
+    )
+
+
+def run(
+    recording: AnyPath,
+    out: AnyPath,
+    *,
+    sensors: Sequence[str] | None = None,
+    method: str | None = None,
+    config: AnyPath | None = None,
+    settings: Mapping[str, object] | None = None,
+    threads: int | None = None,
+    options: ConvertOptions | None = None,
+    report: bool = True,
+) -> Run:
+    """Converts one recording if need be, tracks, evaluates where there is truth, and reports.
+
+    The first of the `sensors` gives the output times. `method` is "robust" or "paper", `config` a
+    YAML file of the program, `settings` single values of it by their key, as
+    {"robust.off_ground_m": 0.5}, which go before the file. `options` are those of the conversion.
+    """
+    values = ({"method": method} if method is not None else {}) | dict(settings or {})
+    chosen = [] if config is None else ["--config", os.fspath(config)]
+    for key, value in values.items():
+        chosen += ["--set", f"{key}={value if isinstance(value, str) else json.dumps(value)}"]
+    chosen += [] if threads is None else ["--threads", str(threads)]
+    if isinstance(sensors, str):
+        raise UsageError(f"sensors is '{sensors}', expected a list of names")
+    names = None if sensors is None else list(sensors)
+    reading = options or ConvertOptions()
+    found = pipeline.run(Path(recording), Path(out), names, chosen, reading, report=report)
+    return Run(
+        out=found.out,
+        frames=found.record.frames,
+        truth=found.record.truth,
+        trajectory=found.trajectory,
+        summary=found.out / SUMMARY,
+        target_returns=found.out / TARGET_RETURNS,
+        clusters=found.out / CLUSTERS,
+        figure=found.figure if report else None,
+        page=found.page if report else None,
+        tracks=found.record.tracks or 0,
+        measures=None if found.measures is None else _measures(found.measures),
+        messages=found.record.messages,
+        tracking_s=found.record.tracking_s or 0.0,
+    )
+
+
+def evaluate(
+    truth: AnyPath,
+    trajectory: AnyPath | Sequence[AnyPath],
+    options: EvaluateOptions | None = None,
+) -> Measures:
+    """Compares a trajectory with a truth, each as CSV or TUM, as `unlidar evaluate` does.
+
+    Several files are the tracks of one trajectory.
+    """
+    several = [trajectory] if isinstance(trajectory, (str, os.PathLike)) else trajectory
+    files = [Path(path) for path in several]
+    return _measures(evaluation.evaluate_files(Path(truth), files, options))
+
+
+def _measures(found: dict[str, Any]) -> Measures:
+    known = {name: _frozen(value) for name, value in found.items()}
+    known["targets"] = tuple(DroneMeasures(**one) for one in found.get("targets", ()))
+    intervals = found.get("intervals", {})
+    known["intervals"] = {name: (low, high) for name, (low, high) in intervals.items()}
+    return Measures(**known)
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(part) for part in value) if isinstance(value, list) else value

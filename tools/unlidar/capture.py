@@ -1,0 +1,136 @@
+"""Packets captured from a network: files of tcpdump and Wireshark (`.pcap`, `.pcapng`)."""
+
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from unlidar.errors import InputError, reason
+from unlidar.extras import load_extra
+from unlidar.limits import BoundedFile
+
+SUFFIXES = (".pcap", ".pcapng")
+_MOST_OPEN = 64  # incomplete packets kept for reassembly
+_END = 1 << 16  # bytes; beyond any fragment and any packet
+
+
+@dataclass(frozen=True)
+class Datagram:
+    """The payload of one UDP packet over IPv4."""
+
+    time_s: float  # capture time, Unix
+    source: str  # address of its sender
+    payload: bytes
+
+    @property
+    def sensor(self) -> str:
+        """The address as the name of a sensor."""
+        return self.source.replace(".", "-")
+
+
+def is_capture(path: Path) -> bool:
+    """True if the file's suffix is that of a capture."""
+    return path.suffix.lower() in SUFFIXES and path.is_file()
+
+
+def datagrams(path: Path) -> Iterator[Datagram]:
+    """The UDP packets of a capture in the order of the file; others are skipped.
+
+    InputError if the file is no capture, or of an unknown link type.
+    """
+    dpkt = _dpkt(path)
+    try:
+        with BoundedFile(path) as file:
+            reader = dpkt.pcap.UniversalReader(file)
+            link = _links(dpkt).get(reader.datalink())
+            if link is None:
+                raise InputError(
+                    f"{path}: captured from a network of kind {reader.datalink()}, expected "
+                    "Ethernet, Linux cooked or raw IP"
+                )
+            pieces = _FragmentAssembler()
+            for time_s, frame in reader:
+                if not frame:  # never on a network, but a sparse file reads as empty packets
+                    raise InputError(f"{path}: damaged: a packet of 0 bytes")
+                packet = _udp_over_ip(dpkt, link, frame, pieces)
+                if packet is not None:
+                    yield Datagram(float(time_s), *packet)
+    except (OSError, ValueError, dpkt.Error) as error:
+        raise InputError(f"{path}: not a readable capture: {reason(error)}") from error
+
+
+def _dpkt(path: Path) -> ModuleType:
+    return load_extra("dpkt", "packets", f"{path}: captures need the Python package dpkt")
+
+
+def _links(dpkt: ModuleType) -> dict[int, type]:
+    return {
+        dpkt.pcap.DLT_EN10MB: dpkt.ethernet.Ethernet,
+        dpkt.pcap.DLT_LINUX_SLL: dpkt.sll.SLL,
+        dpkt.pcap.DLT_LINUX_SLL2: dpkt.sll2.SLL2,
+        dpkt.pcap.DLT_NULL: dpkt.loopback.Loopback,
+        dpkt.pcap.DLT_RAW: dpkt.ip.IP,
+        101: dpkt.ip.IP,  # DLT_RAW as most files number it
+    }
+
+
+class _FragmentAssembler:
+    """Reassembles IPv4 packets from fragments, which arrive in any order."""
+
+    def __init__(self) -> None:
+        self._open: dict[tuple[bytes, bytes, int], dict[int, bytes]] = {}
+
+    def add(self, ip: Any) -> bytes | None:
+        """The payload of the packet that this fragment completes; None while some are missing."""
+        if ip.offset == 0 and not ip.mf:
+            return bytes(ip.data)
+        key = ip.src, ip.dst, ip.id
+        found = self._open.get(key, {})
+        if ip.offset * 8 in found:  # identification reused: the earlier packet is lost
+            found = {}
+        found[ip.offset * 8] = bytes(ip.data)
+        if sum(map(len, found.values())) > _END:  # more data than any packet has
+            self._open.pop(key, None)
+            return None
+        if not ip.mf:
+            found[_END] = b""
+        self._open[key] = found
+        while len(self._open) > _MOST_OPEN:
+            del self._open[next(iter(self._open))]
+        whole = _joined(found)
+        if whole is not None:
+            del self._open[key]
+        return whole
+
+
+def _joined(pieces: dict[int, bytes]) -> bytes | None:
+    *parts, (at, _) = sorted(pieces.items())
+    if at != _END:
+        return None
+    whole = b""
+    for begin, part in parts:
+        if begin != len(whole):
+            return None
+        whole += part
+    return whole
+
+
+def _udp_over_ip(
+    dpkt: ModuleType, link: type, frame: bytes, pieces: _FragmentAssembler
+) -> tuple[str, bytes] | None:
+    try:
+        packet = link(frame)
+        ip = packet if isinstance(packet, dpkt.ip.IP) else packet.data
+        if not isinstance(ip, dpkt.ip.IP) or ip.p != dpkt.ip.IP_PROTO_UDP:
+            return None
+        whole = pieces.add(ip)
+        if whole is None:
+            return None
+        udp = dpkt.udp.UDP(whole)
+        if len(udp.data) != udp.ulen - 8:  # cut off by the capture
+            return None
+        return socket.inet_ntoa(ip.src), bytes(udp.data)
+    except (dpkt.Error, IndexError, ValueError):  # truncated packet
+        return None

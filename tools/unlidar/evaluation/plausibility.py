@@ -1,0 +1,76 @@
+"""Checks by columns and times that truth and trajectory can be of one flight."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from unlidar.errors import InputError, UsageError
+from unlidar.truth import Tracks, Truth, columns_of
+
+_OF_TRACKS = {"track_id", "support"}  # columns that only a trajectory has
+_OF_TRUTH = {"target", "in_view"}
+_HOUR_S = 3600.0
+_GPS_EPOCH_S, _LEAP_S = 315_964_800.0, 18.0
+_NEAR_S = 5.0  # tolerance to a whole hour or an epoch; begins of two recordings differ by less
+_LEAST_SHARE = 0.1
+_UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
+
+
+def refuse_swapped(truth: Path, trajectories: Sequence[Path]) -> None:
+    """UsageError if the columns show that truth and trajectory were swapped."""
+    first, others = columns_of(truth), [columns_of(path) for path in trajectories]
+    if any("track_id" in columns for columns in others):
+        return  # comparing two trajectories is allowed
+    if first >= _OF_TRACKS:
+        raise UsageError(
+            f"{truth}: is a trajectory (it has track_id and support), expected TRUTH first, then "
+            "TRAJ"
+        )
+    for path, columns in zip(trajectories, others, strict=True):
+        if found := sorted(columns & _OF_TRUTH):
+            raise UsageError(
+                f"{path}: is a truth (it has {found[0]}), expected TRUTH first, then TRAJ"
+            )
+
+
+def require_common_time(truth: Truth, tracks: Tracks) -> None:
+    """InputError with both spans if all rows lie before or after the truth.
+
+    Empty trajectories and truths are valid.
+    """
+    if len(truth) == 0 or len(tracks) == 0:
+        return
+    known, own = _span(truth.time_s), _span(tracks.time_s)
+    if own[0] <= known[1] and known[0] <= own[1]:
+        return
+    raise InputError(
+        f"no time in common with the truth: {own[0]:.3f} to {own[1]:.3f} s, truth "
+        f"{known[0]:.3f} to {known[1]:.3f} s{_hint(known, own)}"
+    )
+
+
+def _span(time_s: np.ndarray) -> tuple[float, float]:
+    return float(time_s.min()), float(time_s.max())
+
+
+def _hint(known: tuple[float, float], own: tuple[float, float]) -> str:
+    """A likely cause, and the shift that would align the begins."""
+    for factor, unit in _UNITS.items():
+        for name, (first, second) in (("trajectory", (own, known)), ("truth", (known, own))):
+            if _is_like((first[0] / factor, first[1] / factor), second):
+                return f"; the {name} seems to be in {unit}, expected seconds"
+    offset_s = known[0] - own[0]
+    hours = round(offset_s / _HOUR_S)
+    if hours and abs(hours) <= 14 and abs(offset_s - hours * _HOUR_S) < _NEAR_S:
+        return f"; {abs(hours)} h apart: --time-offset {hours * _HOUR_S:g}?"
+    for epoch_s in (_GPS_EPOCH_S, _GPS_EPOCH_S - _LEAP_S):
+        if abs(abs(offset_s) - epoch_s) < _NEAR_S:
+            return f"; GPS against Unix time: --time-offset {np.copysign(epoch_s, offset_s):.0f}?"
+    return f"; their begins are {abs(offset_s):.3f} s apart: --time-offset {offset_s:.3f}?"
+
+
+def _is_like(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """True if two spans overlap and have similar lengths."""
+    long_enough = one[1] - one[0] >= _LEAST_SHARE * (other[1] - other[0])
+    return long_enough and one[0] <= other[1] and other[0] <= one[1]

@@ -1,0 +1,37 @@
+"""Trajectories in the formats of other programs; docs/export.md describes each."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from unlidar.export.bags import write_mcap, write_ros1
+from unlidar.export.geo import write_geojson, write_kml
+from unlidar.export.mmaud import read_stamps, write_mmaud
+from unlidar.export.text import write_csv, write_tum
+from unlidar.export.trajectory import Result, read_result
+from unlidar.export_options import Options
+
+__all__ = ["Result", "export", "read_result"]
+
+
+def export(
+    sources: Sequence[tuple[str, Path]], out: Path, form: str, options: Options
+) -> list[Path]:
+    """Writes results, as (name, trajectory or folder of results), and returns the files.
+
+    All formats but "mmaud" take exactly one source; `export_options.check` has seen to that.
+    """
+    results = [(name, read_result(path, options.points)) for name, path in sources]
+    if form == "mmaud":
+        names = [name for name, _ in results]
+        stamps = None if options.at is None else read_stamps(options.at, names)
+        return write_mmaud(results, out, stamps, options.uav_type)
+    result = results[0][1]
+    write: dict[str, Callable[[], list[Path]]] = {
+        "tum": lambda: write_tum(result, out),
+        "csv": lambda: write_csv(result, out, options.origin),
+        "kml": lambda: write_kml(result, out, options.origin),
+        "geojson": lambda: write_geojson(result, out, options.origin),
+        "ros1": lambda: write_ros1(result, out, options.frame_id),
+        "mcap": lambda: write_mcap(result, out, options.frame_id),
+    }
+    return write[form]()

@@ -1,0 +1,65 @@
+"""Input of exports: the tracks of a result, and the target returns."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from unlidar.errors import InputError
+from unlidar.frames_io import read_returns
+from unlidar.program import TARGET_RETURNS, TRAJECTORY
+from unlidar.truth import Tracks, read_tracks
+
+
+@dataclass(frozen=True)
+class Track:
+    """Rows of one track in order of time."""
+
+    track_id: int
+    stamp_ns: np.ndarray  # (N,) int64
+    xyz_m: np.ndarray  # (N, 3)
+    velocity_mps: np.ndarray | None  # (N, 3)
+    sigma_m: np.ndarray | None  # (N, 3)
+    support: np.ndarray | None  # (N,)
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.stamp_ns)
+
+
+@dataclass(frozen=True)
+class Result:
+    """A trajectory file, whole and by track."""
+
+    name: str
+    tracks: Tracks
+    by_track: list[Track]
+    target_returns_m: np.ndarray | None  # (N, 3)
+
+
+def read_result(path: Path, points: Path | None = None) -> Result:
+    """A trajectory, or a folder of results: its traj.csv and target_returns.pcd."""
+    trajectory = path / TRAJECTORY if path.is_dir() else path
+    beside = path / TARGET_RETURNS
+    if points is None and path.is_dir() and beside.is_file():
+        points = beside
+    tracks = read_tracks(trajectory)
+    by_track = [_one(trajectory, tracks, track) for track in np.unique(tracks.track_id)]
+    returns = None if points is None else read_returns(points)
+    name = path.resolve().name if path.is_dir() else path.resolve().parent.name
+    return Result(name, tracks, by_track, returns)
+
+
+def _one(path: Path, tracks: Tracks, track: float) -> Track:
+    if track != int(track) or track < 0:
+        raise InputError(f"{path}: track_id is {track:g}, expected a whole number from 0 on")
+    rows = np.flatnonzero(tracks.track_id == track)
+    stamp_ns = tracks.stamp_ns[rows]
+    rows = rows[np.argsort(stamp_ns, kind="stable")]
+    if tracks.stamp_ns[rows[0]] < 0:
+        raise InputError(f"{path}: timestamp is {tracks.time_s[rows[0]]:.9f}, expected 0 or later")
+    pick = [
+        None if column is None else column[rows]
+        for column in (tracks.velocity_mps, tracks.sigma_m, tracks.support)
+    ]
+    return Track(int(track), tracks.stamp_ns[rows], tracks.xyz_m[rows], *pick)

@@ -1,0 +1,62 @@
+"""Options of `export`, in a module of their own so that --help need not load rosbags."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from unlidar.errors import UsageError
+from unlidar.geodesy import Origin
+
+FORMATS = {
+    "tum": "timestamp tx ty tz qx qy qz qw, a file for each track",
+    "csv": "one table with UTC, and with --origin places",
+    "kml": "Google Earth, with times; needs --origin",
+    "geojson": "maps; needs --origin",
+    "ros1": "a ROS 1 bag",
+    "mcap": "ROS 2: one .mcap file, or a folder where OUT has no suffix",
+    "mmaud": "mmaud_results.csv of the UG2+ challenge, or a .zip with it",
+}
+_BY_SUFFIX = {
+    ".tum": "tum",
+    ".txt": "tum",
+    ".csv": "csv",
+    ".kml": "kml",
+    ".geojson": "geojson",
+    ".json": "geojson",
+    ".bag": "ros1",
+    ".mcap": "mcap",
+    ".zip": "mmaud",
+}
+_MMAUD_NAME = "mmaud_results.csv"
+_PLACED = ("kml", "geojson")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Inputs of the formats beyond the trajectory."""
+
+    origin: Origin | None = None
+    frame_id: str = "map"
+    points: Path | None = None  # default: what lies in the folder of results
+    at: Path | None = None  # stamps that the challenge asks for
+    uav_type: int = 0  # of the challenge's Classification
+
+
+def guess_format(out: Path) -> str:
+    """The format by the output's name. UsageError for an unknown suffix."""
+    form = "mmaud" if out.name == _MMAUD_NAME else _BY_SUFFIX.get(out.suffix.lower())
+    if form is None:
+        raise UsageError(
+            f"{out}: the name tells no format, give --format: {', '.join(FORMATS)}; or a name in "
+            + ", ".join(_BY_SUFFIX)
+        )
+    return form
+
+
+def check(sources: int, form: str, options: Options) -> None:
+    """UsageError if format and options are incompatible."""
+    if form != "mmaud" and sources > 1:
+        raise UsageError(f"--format {form} takes one trajectory, {sources} are given")
+    if form in _PLACED and options.origin is None:
+        raise UsageError(f"--format {form} needs --origin LAT,LON,HEIGHT: where the sensor stands")
+    if form != "mmaud" and options.at is not None:
+        raise UsageError(f"--at belongs to --format mmaud, not to {form}")

@@ -1,0 +1,37 @@
+"""Configurations for data sets with properties that are not in their frames."""
+
+import json
+from pathlib import Path
+
+from unlidar.configs import CONFIG_DIR
+from unlidar.limits import read_text
+
+MMAUD = CONFIG_DIR / "mmaud.yaml"
+_HOLDS = "input.stamp"
+_MMAUD_KIND, _MMAUD_TRUTH = "mmaud", "/leica/point/relative"  # of a folder, and of its bags
+_PRISM = "a prism on the drone, a constant offset of about 0.57 m from the centre of the returns"
+
+
+def preset_of(frames: Path, options: list[str]) -> Path | None:
+    """The configuration for the converted recording `frames` unless `options` override it.
+
+    That is MMAUD's for an MMAUD folder, unless a `--config` or the same key is among the options.
+    """
+    if "--config" in options or any(option.startswith(f"{_HOLDS}=") for option in options):
+        return None
+    return MMAUD if _conversion(frames).get("kind") == _MMAUD_KIND else None
+
+
+def about_truth(truth: Path) -> dict[str, str]:
+    """Measures' entry on a truth whose reference point is known to differ from the returns'."""
+    known = _conversion(truth.parent)
+    is_prism = known.get("kind") == _MMAUD_KIND or _MMAUD_TRUTH in known.get("truth_topics", ())
+    return {"truth_is": _PRISM} if is_prism else {}
+
+
+def _conversion(frames: Path) -> dict:
+    try:
+        known = json.loads(read_text(frames / "conversion.json"))
+    except (OSError, ValueError, RecursionError):
+        return {}  # frames from elsewhere
+    return known if isinstance(known, dict) else {}

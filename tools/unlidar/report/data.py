@@ -1,0 +1,107 @@
+"""Input of a report: the files of one run, read into arrays."""
+
+import csv
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from unlidar.errors import InputError, reason
+from unlidar.evaluation import evaluate
+from unlidar.frames_io import read_returns
+from unlidar.limits import lines_of
+from unlidar.mounting import mounting_of
+from unlidar.presets import about_truth
+from unlidar.program import CLUSTERS, SUMMARY, TARGET_RETURNS, TRAJECTORY
+from unlidar.record import RunRecord, read_finished, read_object
+from unlidar.report.explanation import Lost, read_explanation
+from unlidar.report.sample import Sample, sample_returns
+from unlidar.truth import Tracks, Truth, read_tracks, read_truth
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """The program's table of cluster scores, values as written."""
+
+    columns: list[str]
+    rows: list[list[str]]  # in order of rank
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """All data of pages and figures. Times are Unix seconds, lengths metres."""
+
+    record: RunRecord
+    summary: dict
+    tracks: Tracks
+    truth: Truth  # empty if there is none
+    measures: dict | None  # of `evaluate`; None without truth
+    clusters: Clusters
+    sample: Sample
+    missing_frames: list[Path]  # frame directories that no longer exist
+    explanation: list[Lost] = field(default_factory=list)  # empty without `unlidar explain`
+
+    @property
+    def flight_m(self) -> np.ndarray:
+        """Positions of truth and estimate, (N, 3)."""
+        return np.concatenate([self.truth.xyz_m, self.tracks.xyz_m])
+
+
+def load_run(run: Path) -> ReportData:
+    """`read_results` of a folder that `unlidar run` left; InputError if `run` is none."""
+    record = read_finished(run)
+    tracks = read_tracks(run / TRAJECTORY)
+    return read_results(run, record, tracks, judged(record, tracks))
+
+
+def judged(record: RunRecord, tracks: Tracks) -> dict | None:
+    """The measures of a run with its truth's reference point; None without a truth file."""
+    if record.truth is None or not record.truth.is_file():
+        return None
+    return evaluate(read_truth(record.truth), tracks) | about_truth(record.truth)
+
+
+def read_results(run: Path, record: RunRecord, tracks: Tracks, measures: dict | None) -> ReportData:
+    """Reads the program's files in the folder `run`, and a sample of the frames it read.
+
+    Frames or truth that have been moved away are left out. Throws InputError if one of the files
+    cannot be read.
+    """
+    summary = read_object(run / SUMMARY)
+    truth = _no_truth()
+    if record.truth is not None and record.truth.is_file():
+        truth = read_truth(record.truth)
+    present = {name: path for name, path in record.frames.items() if path.is_dir()}
+    sample = sample_returns(
+        {name: (path, mounting_of(run / SUMMARY, summary, name)) for name, path in present.items()},
+        tracks,
+        read_returns(run / TARGET_RETURNS),
+        summary.get("counts", {}).get("returns", 0),
+    )
+    return ReportData(
+        record=record,
+        summary=summary,
+        tracks=tracks,
+        truth=truth,
+        measures=measures,
+        clusters=_read_clusters(run / CLUSTERS),
+        sample=sample,
+        missing_frames=[path for name, path in record.frames.items() if name not in present],
+        explanation=read_explanation(run),
+    )
+
+
+def _read_clusters(path: Path) -> Clusters:
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            columns, *rows = list(csv.reader(lines_of(file))) or [[]]
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read: {reason(error)}") from error
+    for line, row in enumerate(rows, start=2):
+        if len(row) != len(columns):
+            raise InputError(f"{path}:{line}: {len(row)} values, expected {len(columns)}")
+    return Clusters(columns, rows)
+
+
+def _no_truth() -> Truth:
+    return Truth(np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros(0, dtype=bool))

@@ -15,6 +15,9 @@ bool ParseScalar(const YAML::Node& node, Number& value) {
   return number.has_value();
 }
 
+// A normalized quaternion has a norm that is off by at most 1.5 epsilon.
+constexpr double kRoundedNormTolerance = 4 * std::numeric_limits<double>::epsilon();
+
 }  // namespace
 
 std::string Quote(const YAML::Node& node) {
@@ -100,6 +103,10 @@ bool Parse(const YAML::Node& node, Eigen::Ref<Eigen::VectorXd> value) {
     if (!Parse(node[i], value[static_cast<Eigen::Index>(i)])) return false;
   }
   return true;
+}
+
+void NormalizeOnce(Eigen::Vector4d& quaternion) {
+  if (std::abs(quaternion.norm() - 1.0) > kRoundedNormTolerance) quaternion.normalize();
 }
 
 }  // namespace unlidar

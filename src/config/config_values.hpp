@@ -130,12 +130,16 @@ bool Parse(const YAML::Node& node, std::vector<Value>& values, const Constraint&
   return true;
 }
 
+// Normalizes a quaternion unless it is normalized but for rounding: to divide by a norm of 1 +
+// 1e-16 again would change what is listed of a configuration each time that it is read.
+void NormalizeOnce(Eigen::Vector4d& quaternion);
+
 // Sets the field and returns true if the node satisfies the constraint.
 template <class Field, class Constraint>
 bool Read(const YAML::Node& node, Field& field, const Constraint& constraint) {
   Field value = field;
   if (!Parse(node, value, constraint) || !Holds(value, constraint)) return false;
-  if constexpr (std::is_same_v<Constraint, UnitQuaternion>) value.normalize();
+  if constexpr (std::is_same_v<Constraint, UnitQuaternion>) NormalizeOnce(value);
   field = std::move(value);
   return true;
 }

@@ -232,6 +232,20 @@ TEST(LoadConfig, ARotationIsNormalised) {
   EXPECT_EQ(config.sensors.at("a").rotation_xyzw, Eigen::Vector4d(0, 0, 0, 1));
 }
 
+TEST(LoadConfig, ANormalisedRotationIsReadAsItIsListed) {
+  for (int i = 1; i <= 200; ++i) {
+    const Config config = LoadConfig(
+        "", {"sensors.a.rotation=" + std::string("[0.1, 0.2, ") + std::to_string(0.001 * i) + ", " +
+             std::to_string(std::sqrt(0.95 - 1e-6 * i * i)) + "]"});
+    std::string rotation;
+    for (const ConfigEntry& entry : ListConfig(config)) {
+      if (entry.key == "sensors.a.rotation") rotation = entry.value.dump();
+    }
+    const Config again = LoadConfig("", {"sensors.a.rotation=" + rotation});
+    ASSERT_EQ(again.sensors.at("a").rotation_xyzw, config.sensors.at("a").rotation_xyzw) << i;
+  }
+}
+
 TEST(LoadConfig, AnEmptySensorIsTheIdentity) {
   EXPECT_EQ(FromText("sensors:\n  a:\n  b: {}\n").sensors.size(), 2U);
 }

@@ -14,7 +14,7 @@ from unlidar.errors import InputError
 from unlidar.explain.evidence import Collector, SensorFrames
 from unlidar.explain.stages import runs_of, stage_of
 from unlidar.explain.targets import Reach, named_place
-from unlidar.explain.trace import TracedFrame, TracedTrack, read_trace
+from unlidar.explain.trace import read_trace
 from unlidar.mounting import Mounting
 from unlidar.record import EXPLANATION
 
@@ -66,14 +66,7 @@ class Stream:
         trace.write_text("".join(json.dumps(line) + "\n" for line in self.lines))
         sensors = {"lidar": SensorFrames(self.files, Mounting())}
         collector = Collector([named_place(DRONE_M)], sensors, Reach(np.zeros((1, 3)), 1.0))
-        for line in read_trace(trace):
-            if isinstance(line, TracedFrame):
-                collector.add_frame(line)
-            elif isinstance(line, TracedTrack):
-                collector.add_track(line)
-            else:
-                collector.add_path(line)
-        collector.finish_trace()
+        collector.add_trace(read_trace(trace))
         return collector
 
     def stages(self) -> list[str]:

@@ -11,7 +11,7 @@ from unlidar.errors import InputError, UsageError
 from unlidar.explain.evidence import Collector, SensorFrames
 from unlidar.explain.stages import Run, runs_of
 from unlidar.explain.targets import Reach, Target, named_place, targets_of
-from unlidar.explain.trace import TracedFrame, TracedTrack, read_trace
+from unlidar.explain.trace import read_trace
 from unlidar.frames_io import list_frames
 from unlidar.live_run import SUMMARY_LIVE, TRAJECTORY_LIVE, stream_frames
 from unlidar.mounting import mounting_of
@@ -68,7 +68,7 @@ def explain(run: Path, question: Question, live: bool = False) -> list[Explained
         )
         collector = Collector(targets, sensors, reach, question.at_ns)
         frames = sum(len(sensor.files) for sensor in sensors.values())
-        _collect(trace, frames, collector)
+        collector.add_trace(with_progress(read_trace(trace), frames, "explain"))
         collector.add_rows(read_tracks(trajectory))
     collector.add_unseen()
     if question.at_ns is not None and not any(collector.found):
@@ -88,17 +88,6 @@ def _track(
         return folder / TRAJECTORY_LIVE, folder / SUMMARY_LIVE
     outcome = run_program(record.frames, folder, [*record.options, "--trace", str(trace)])
     return outcome.trajectory, outcome.summary
-
-
-def _collect(trace: Path, frames: int, collector: Collector) -> None:
-    for line in with_progress(read_trace(trace), frames, "explain"):
-        if isinstance(line, TracedFrame):
-            collector.add_frame(line)
-        elif isinstance(line, TracedTrack):
-            collector.add_track(line)
-        else:
-            collector.add_path(line)
-    collector.finish_trace()
 
 
 def _check_method(run: Path) -> None:

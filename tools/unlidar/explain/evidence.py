@@ -1,6 +1,6 @@
 """Evidence of a target after each stage of the program, second by second."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -123,6 +123,16 @@ class Collector:
         self._reach = reach
         self._at_ns = at_ns
         self._tracks = StreamTracks()
+
+    def add_trace(self, lines: Iterable[TracedFrame | TracedPath | TracedTrack]) -> None:
+        for line in lines:
+            if isinstance(line, TracedFrame):
+                self.add_frame(line)
+            elif isinstance(line, TracedTrack):
+                self.add_track(line)
+            else:
+                self.add_path(line)
+        self.finish_trace()
 
     def add_frame(self, frame: TracedFrame) -> None:
         """Counts returns (from the file) and detections near each target at the frame's middle."""

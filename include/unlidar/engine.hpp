@@ -35,6 +35,15 @@ struct RowGiven {
   Kind kind;             // of its track, as judged so far
 };
 
+// Where a track is at the newest stamp, predicted from its detections so far: of each confirmed
+// track at each frame that is the newest. Sigmas are those of the prediction. Not emitted if
+// live.delay_s is infinite.
+struct TrackPredicted {
+  TrajectoryRow row;      // support: 0
+  double unseen_s = 0.0;  // since its last evidence
+  Kind kind;              // as judged so far
+};
+
 struct TrackEnded {
   int track_id = 0;
   TimeNs last_evidence_ns = 0;
@@ -58,7 +67,8 @@ struct SensorChanged {
 // has jumped back.
 enum class EngineState { kWarmingUp, kRunning };
 
-using EngineEvent = std::variant<TrackConfirmed, RowGiven, TrackEnded, SensorChanged, EngineState>;
+using EngineEvent =
+    std::variant<TrackConfirmed, RowGiven, TrackPredicted, TrackEnded, SensorChanged, EngineState>;
 
 // Called from within Add(), Advance() and Close(); must not call functions of the engine.
 using EngineCallback = std::function<void(const EngineEvent&)>;

@@ -22,6 +22,7 @@ struct Collector {
     Of(track.track_id).kind = track.kind;
     Of(track.track_id).minimum = track.minimum.value_or(MinimumReport());
   }
+  void operator()(const TrackPredicted&) const {}
   void operator()(const SensorChanged&) const {}
   void operator()(const EngineState&) const {}
 

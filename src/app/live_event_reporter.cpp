@@ -30,6 +30,8 @@ void LiveEventReporter::Take(const EngineEvent& event, const LiveProgress& now) 
     const std::uint64_t unwritable = output_.unwritable_rows();
     output_.AddRow(now.newest_ns, *given);
     NoteCount(unwritable, output_.unwritable_rows(), "row", kUnwritableText);
+  } else if (const auto* predicted = std::get_if<TrackPredicted>(&event)) {
+    output_.AddPrediction(now.newest_ns, *predicted);
   } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {
     output_.End(now.newest_ns, *ended);
   } else if (const auto* changed = std::get_if<SensorChanged>(&event)) {

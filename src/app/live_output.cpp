@@ -40,6 +40,15 @@ void AppendVector(const char* prefix, const char* suffix, const Eigen::Vector3d&
   }
 }
 
+std::string StateFields(std::int64_t track, const TrajectoryRow& row) {
+  std::string fields =
+      ",\"track\":" + std::to_string(track) + ",\"timestamp\":" + SecondsText(row.time_ns);
+  AppendVector("", "", row.position_m, fields);
+  AppendVector("v", "", row.velocity_mps, fields);
+  AppendVector("sigma_", "", row.sigma_m, fields);
+  return fields;
+}
+
 void AppendKind(const Kind& kind, std::string& fields) {
   fields += ",\"drone\":" + FixedText(kind.drone, kKindDigits) +
             ",\"bird_like\":" + FixedText(kind.bird_like, kKindDigits) +
@@ -97,6 +106,16 @@ void LiveOutput::AddRow(TimeNs at_ns, const RowGiven& given) {
   Write(at_ns, given, track);
 }
 
+void LiveOutput::AddPrediction(TimeNs at_ns, const TrackPredicted& predicted) {
+  const TrajectoryRow& row = predicted.row;
+  const auto confirmed = open_tracks_.find(row.track_id);
+  if (!events_ || confirmed == open_tracks_.end() || !confirmed->second.track) return;
+  if (predicted.kind.bird_like > max_bird_probability_ || !IsWritable(row)) return;
+  std::string fields = StateFields(tracks_[*confirmed->second.track].id, row);
+  fields += ",\"unseen_s\":" + FixedText(predicted.unseen_s, kMetreDigits);
+  AppendEvent("now", at_ns, fields);
+}
+
 void LiveOutput::Hold(const TrajectoryRow& row, Confirmed& confirmed) const {
   std::deque<TrajectoryRow>& held = confirmed.held;
   held.push_back(row);
@@ -111,11 +130,7 @@ void LiveOutput::Write(TimeNs at_ns, const RowGiven& given, LiveTrack& track) {
   AppendTrajectoryRow(row, track.id, text);
   trajectory_.Append(text);
 
-  std::string fields =
-      ",\"track\":" + std::to_string(track.id) + ",\"timestamp\":" + SecondsText(row.time_ns);
-  AppendVector("", "", row.position_m, fields);
-  AppendVector("v", "", row.velocity_mps, fields);
-  AppendVector("sigma_", "", row.sigma_m, fields);
+  std::string fields = StateFields(track.id, row);
   fields += ",\"support\":" + std::to_string(row.support);
   fields += given.is_late ? ",\"late\":true" : ",\"late\":false";
   AppendKind(given.kind, fields);

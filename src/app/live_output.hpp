@@ -74,6 +74,8 @@ class LiveOutput {
   void Confirm(const TrackConfirmed& track);
   // Throws OutputError for a row that is refused.
   void AddRow(TimeNs at_ns, const RowGiven& given);
+  // To the events alone.
+  void AddPrediction(TimeNs at_ns, const TrackPredicted& predicted);
   void End(TimeNs at_ns, const TrackEnded& track);
   void ReportSensor(TimeNs at_ns, const std::string& name, SensorState state);
   void ReportState(TimeNs at_ns, LiveState state, std::uint64_t frames, std::uint64_t dropped);

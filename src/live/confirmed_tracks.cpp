@@ -209,6 +209,32 @@ TimeInterval ConfirmedTracks::PresenceOf(const Track& track, TimeNs until_ns) co
   return presence;
 }
 
+void ConfirmedTracks::SetSource(const Track& track, const TimeInterval& presence,
+                                double max_sigma_m) {
+  const TrackFollower& follower = *track.follower;
+  source_.track_id = track.id;
+  source_.trajectory = follower.fit().trajectory();
+  source_.trajectory.origin_ns += follower.time_bias_ns();
+  source_.presence = presence;
+  source_.depth_sigma_m = follower.depth_sigma_m();
+  SetViewpoints(follower.fit().measurements(), &source_.viewpoints);
+  source_.max_sigma_m = max_sigma_m;
+}
+
+void ConfirmedTracks::Predict(TimeNs newest_ns) {
+  due_.SetList(&newest_ns, &newest_ns + 1);
+  for (const Track& track : tracks_) {
+    if (!track.is_reported) continue;
+    SetSource(track, {newest_ns, newest_ns}, std::numeric_limits<double>::infinity());
+    RowSampler rows(source_, due_);
+    const std::optional<TrajectoryRow> row = rows.Next();
+    if (!row) continue;
+    const TimeNs seen_ns = track.follower->last_evidence_ns() + track.follower->time_bias_ns();
+    const double unseen_s = static_cast<double>(newest_ns - seen_ns) * kSecondsPerNs;
+    on_event_(TrackPredicted{*row, std::max(unseen_s, 0.0), track.kind.kind()});
+  }
+}
+
 // Emits the rows of a track until `until_ns` if it is accepted as a drone, and appends the plots
 // that they settle to settled_.
 void ConfirmedTracks::EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns,
@@ -219,24 +245,19 @@ void ConfirmedTracks::EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns
     return;
   }
   instants_.GetBetween(track->emitted_until_ns, until_ns, &due_);
-  if (due_.size() == 0) return;
   TrackFollower& follower = *track->follower;
-  follower.Fit(fitter_);
+  // Predict() needs the newest fit, with or without rows.
+  if (due_.size() > 0 || (track->is_reported && follower.has_new_plots())) follower.Fit(fitter_);
+  if (due_.size() == 0) return;
   track->kind.Observe(follower.fit().trajectory(), until_ns);
   const Kind kind = track->kind.kind();
-  source_.trajectory = follower.fit().trajectory();
-  source_.trajectory.origin_ns += follower.time_bias_ns();
-  source_.presence = PresenceOf(*track, until_ns);
-  source_.depth_sigma_m = follower.depth_sigma_m();
-  SetViewpoints(follower.fit().measurements(), &source_.viewpoints);
-  source_.max_sigma_m = config_.trajectory.max_sigma_m;
+  if (!track->is_reported) track->id = next_id_++;
+  SetSource(*track, PresenceOf(*track, until_ns), config_.trajectory.max_sigma_m);
   if (!std::exchange(track->is_reported, true)) {
     track->emitted_until_ns = source_.presence.begin_ns - 1;
-    track->id = next_id_++;
     on_event_(TrackConfirmed{track->id, follower.first_evidence_ns(), kind});
     Trace(*track, TrackState::kConfirmed, Rejection::kNone);
   }
-  source_.track_id = track->id;
   RowSampler rows(source_, due_);
   const TimeNs late_before_ns = newest_ns - NsOf(config_.live.delay_s) - period_ns_;
   const TimeInterval seen{follower.fit().measurements().front().time_ns + follower.time_bias_ns(),

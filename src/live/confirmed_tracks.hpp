@@ -65,6 +65,9 @@ class ConfirmedTracks {
   // `searched_ns`. Returns the plots that are now settled in a track, valid until the next call.
   const std::vector<LivePlot>& EmitRows(TimeNs searched_ns, TimeNs newest_ns);
 
+  // Emits the prediction of each reported track at the newest stamp. Changes no state.
+  void Predict(TimeNs newest_ns);
+
   // Emits the last rows of the tracks last seen before `lost_ns` and ends them. Returns the same
   // as EmitRows().
   const std::vector<LivePlot>& EndLost(TimeNs lost_ns, TimeNs searched_ns);
@@ -105,6 +108,7 @@ class ConfirmedTracks {
   void ReportEnd(const Track& track);
   void Trace(const Track& track, TrackState state, Rejection rejection);
   void TraceVerdict(const Track& track, const std::optional<TrackValidator::Verdict>& before);
+  void SetSource(const Track& track, const TimeInterval& presence, double max_sigma_m);
   void EmitRowsOf(Track* track, TimeNs until_ns, TimeNs newest_ns, double extrapolated_share);
 
   const Config& config_;

@@ -143,6 +143,7 @@ void LiveEngine::Take(CloudFrame frame, TimeNs stamp_ns) {
   if (is_endless_) return;
   Release(SettledNs());
   DropOverflow();
+  if (stamp_ns == newest_ns()) tracker_->Predict(stamp_ns);
 }
 
 void LiveEngine::DropOverflow() {

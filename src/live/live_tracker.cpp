@@ -63,6 +63,8 @@ void LiveTracker::EmitRows(TimeNs newest_ns) {
   scene_.RemoveFromClutter(tracks_.EmitRows(searched_ns_, newest_ns));
 }
 
+void LiveTracker::Predict(TimeNs newest_ns) { tracks_.Predict(newest_ns); }
+
 void LiveTracker::MakePlots(std::size_t max_frames) {
   for (; scene_.num_waiting() > 0 && max_frames > 0; --max_frames) {
     const TimeNs middle_ns =

@@ -42,6 +42,9 @@ class LiveTracker {
   // Emits the rows that are due when `newest_ns` is the newest stamp.
   void EmitRows(TimeNs newest_ns);
 
+  // Emits where the confirmed tracks are at the newest stamp.
+  void Predict(TimeNs newest_ns);
+
   // Searches as far as possible, given that no frame with a stamp before `settled_ns` will follow,
   // and emits the rows that are due at `now_ns`.
   void Advance(TimeNs settled_ns, TimeNs now_ns);

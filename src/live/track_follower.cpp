@@ -111,7 +111,7 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
       if (is_continuous || gain >= kReacquisitionGain) node.confirmed = index_of_node;
       if (!is_taken) {
         plots_.push_back(plots[i]);
-        is_taken = true;
+        is_taken = has_new_plots_ = true;
       }
       node.plot = first_plot_ + plots_.size() - 1;
       node.parent = association.leaf;
@@ -302,6 +302,7 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
                     {seen.stamp_ns, seen.plot.frame, seen.plot.position_m, measurement.support});
   }
   fit_.Fit(fitter);
+  has_new_plots_ = false;
 }
 
 bool TrackFollower::IsNear(const Eigen::Vector3d& place_m, double time_s) const {

@@ -44,6 +44,8 @@ class TrackFollower {
   // Fits the trajectory to the recent plots.
   void Fit(TrajectoryFitter& fitter);
   const TrackFit& fit() const { return fit_; }
+  // True if plots were added since the last fit.
+  bool has_new_plots() const { return has_new_plots_; }
 
   // Time of the returns less their stamped time, same as Target::time_bias_ns.
   TimeNs time_bias_ns() const { return time_bias_ns_; }
@@ -107,6 +109,7 @@ class TrackFollower {
   std::int32_t settled_ = kNoIndex;
   TimeNs first_evidence_ns_ = 0;
   TrackFit fit_;
+  bool has_new_plots_ = true;
   double body_scatter_m2_;  // across ray and motion
   double body_count_;
   double body_sigma_m_;

@@ -28,6 +28,8 @@ using testing::Random;
 struct EngineOutput {
   std::vector<TrajectoryRow> rows;
   std::vector<double> delays_s;  // of the rows that are not late
+  std::vector<TrackPredicted> predicted;
+  std::vector<TimeNs> predicted_at_ns;  // newest stamps then
   std::vector<TrackConfirmed> confirmed;
   std::vector<TrackEnded> ended;
   std::vector<EngineState> states;
@@ -92,6 +94,10 @@ EngineOutput EngineOutputOf(std::vector<Frame> frames, const Config& config = Co
                                   1e-9);
       }
     }
+    if (const auto* at = std::get_if<TrackPredicted>(&event)) {
+      output.predicted.push_back(*at);
+      output.predicted_at_ns.push_back(asked->newest_ns());
+    }
     if (const auto* at = std::get_if<TrackConfirmed>(&event)) output.confirmed.push_back(*at);
     if (const auto* at = std::get_if<TrackEnded>(&event)) output.ended.push_back(*at);
     if (const auto* at = std::get_if<EngineState>(&event)) output.states.push_back(*at);
@@ -140,6 +146,50 @@ TEST(Engine, TellsOfADroneWithinItsDelayAndWhereItIs) {
     EXPECT_GT(row.sigma_m.minCoeff(), 0.0);
   }
   EXPECT_LT(std::sqrt(square_m2 / static_cast<double>(output.rows.size())), 0.2);
+}
+
+// Squared errors over their variances, summed over three axes, average 3.
+TEST(Engine, PredictsAConfirmedTrackToTheStampOfEachFrameWithTrueSigmas) {
+  double sum = 0.0;
+  std::size_t count = 0;
+  for (std::uint32_t seed = 1; seed <= 6; ++seed) {
+    const EngineOutput output = EngineOutputOf(Frames(Scene(seed, 4.0, 20.0), 200));
+    ASSERT_EQ(output.confirmed.size(), 1U) << seed;
+    ASSERT_GT(output.predicted.size(), 100U) << seed;
+    for (std::size_t i = 0; i < output.predicted.size(); ++i) {
+      const TrackPredicted& now = output.predicted[i];
+      EXPECT_EQ(now.row.time_ns, output.predicted_at_ns[i]);
+      EXPECT_EQ(now.row.track_id, output.confirmed[0].track_id);
+      EXPECT_TRUE(i == 0 || now.row.time_ns == output.predicted[i - 1].row.time_ns + kPeriodNs);
+      EXPECT_LT(now.unseen_s, 0.6);
+      const Eigen::Vector3d truth_m =
+          Scene::DroneAt(static_cast<double>(now.row.time_ns - kBeginNs) * 1e-9);
+      sum += (now.row.position_m - truth_m).cwiseQuotient(now.row.sigma_m).squaredNorm();
+      ++count;
+    }
+    EXPECT_EQ(output.predicted_at_ns.back(), kBeginNs + 199 * kPeriodNs);
+  }
+  EXPECT_GT(sum / static_cast<double>(count), 0.3);  // it flies straighter than the model expects
+  EXPECT_LT(sum / static_cast<double>(count), 4.0);
+}
+
+// What lies behind a gap is unknown: sigmas grow until the track is seen again or ends.
+TEST(Engine, APredictionIsTheLessSureTheLongerTheTrackIsUnseen) {
+  const EngineOutput output = EngineOutputOf(Frames(Scene(1, 4.0, 14.0), 280));
+  ASSERT_EQ(output.ended.size(), 1U);
+  double before_m = 0.0;
+  std::size_t unseen = 0;
+  for (const TrackPredicted& now : output.predicted) {
+    if (now.row.time_ns <= output.ended[0].last_evidence_ns + NsOf(0.6)) continue;
+    EXPECT_NEAR(now.unseen_s,
+                static_cast<double>(now.row.time_ns - output.ended[0].last_evidence_ns) * 1e-9,
+                0.1);
+    EXPECT_GT(now.row.sigma_m.norm(), before_m);
+    before_m = now.row.sigma_m.norm();
+    ++unseen;
+  }
+  EXPECT_GT(unseen, 80U);  // of the ten seconds until it is given up
+  EXPECT_GT(before_m, 3.0);
 }
 
 // The scene is learned for three seconds, and then they are searched.

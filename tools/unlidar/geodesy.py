@@ -45,6 +45,11 @@ def turn_between(one: Origin, other: Origin) -> np.ndarray:
     return (_turn(other).inv() * _turn(one)).as_matrix()
 
 
+def to_east_north_up(origin: Origin, vectors: np.ndarray) -> np.ndarray:
+    """(N, 3) vectors of the sensor frame by east, north, up of the station."""
+    return _turn(origin).apply(vectors)
+
+
 def _place(origin: Origin) -> tuple[float, float, float]:
     return origin.latitude_deg, origin.longitude_deg, origin.height_m
 

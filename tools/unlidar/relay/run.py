@@ -9,7 +9,7 @@ from typing import Any
 
 from unlidar.addresses import MQTT, Scheme, read_address
 from unlidar.errors import ConfigError, UsageError
-from unlidar.events.event import Row
+from unlidar.events.event import Now, Row
 from unlidar.events.site import Output as Wanted
 from unlidar.events.site import Site, load_zones
 from unlidar.events.source import Source
@@ -46,7 +46,7 @@ class Way:
         """Queues a message without waiting."""
         encoded = self._encode(message)
         if encoded is not None:
-            self.output.offer(encoded, spare=isinstance(message.event, Row))
+            self.output.offer(encoded, spare=isinstance(message.event, Row | Now))
 
 
 def make_way(wanted: Wanted, site: Site) -> Way:

@@ -46,7 +46,7 @@ _COMMANDS: dict[str, tuple[ModuleType, str, str | None]] = {
     ),
     "relay": (
         relay,
-        "events of a running station -> TAK, MQTT, WebSocket; alarms by zones",
+        "events of a running station -> TAK, SAPIENT, MQTT, WebSocket; alarms by zones",
         None,
     ),
     "watch": (watch, "a page that shows a running station, its alarms and its last hours", None),

@@ -47,12 +47,16 @@ class Connection:
         )
         self._newest_ns = 0
 
-    def stamp_ns(self) -> int:
-        """The time of a message, later than that of any before."""
+    def now_ns(self) -> int:
+        """The computer's time. ConnectionError if it is before that of messages."""
         now_ns = time.time_ns()
         if now_ns < self._newest_ns - _CLOCK_BACK_NS:
             raise ConnectionError("this computer's clock was set back")
-        self._newest_ns = max(now_ns, self._newest_ns + _LEAST_STEP_NS)
+        return now_ns
+
+    def stamp_ns(self) -> int:
+        """The time of a message, later than that of any before."""
+        self._newest_ns = max(self.now_ns(), self._newest_ns + _LEAST_STEP_NS)
         return self._newest_ns
 
     async def send(

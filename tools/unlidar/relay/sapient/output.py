@@ -146,7 +146,7 @@ class SapientOutput:
     def _pause_s(self) -> float:
         """Time until something is to be sent, if nothing changes."""
         if self._picture.has_positions:
-            passed_ns = time.time_ns() - self._scan_ns
+            passed_ns = self._connection.now_ns() - self._scan_ns
             return min(max((self._apart_ns - passed_ns) * 1e-9, 0.0), self._apart_ns * 1e-9)
         changed = self._status is not None and self._picture.health() != self._status
         return _LEAST_STATUS_S if changed else STATUS_EVERY_S / 5
@@ -160,7 +160,8 @@ class SapientOutput:
         await self._tell_status()
         for alert in self._picture.take_alerts():
             await self._send("alert", self._reporter.alert(alert))
-        if self._picture.has_positions and time.time_ns() >= self._scan_ns + self._apart_ns:
+        is_due = self._connection.now_ns() >= self._scan_ns + self._apart_ns
+        if self._picture.has_positions and is_due:
             # One stamp for all, as of one scan.
             self._scan_ns = self._connection.stamp_ns()
             found = self._reporter.detections(self._picture.take_fresh(), time.monotonic())

@@ -146,6 +146,19 @@ def test_nobody_there_is_said_once(caplog) -> None:
     assert (output.sent, output.waiting) == (0, 1)  # of many positions the newest waits
 
 
+def test_nothing_piles_up_while_nobody_is_there() -> None:
+    with Middleware() as middleware:
+        port = middleware.port
+    output = node(port)
+    for message in messages(track(7, 0.0), *(now(7, t / 100) for t in range(1000))):
+        output.offer(message, spare=True)
+    assert (output.waiting, output.dropped) == (1, 1000)
+    with Middleware(port) as middleware:
+        run(output, lambda: middleware.all("detection_report"))
+        stamps = [m.timestamp.ToNanoseconds() for m in middleware.messages]
+    assert time.time() - min(stamps) * 1e-9 < PATIENCE_S
+
+
 def test_garbage_after_the_registration_is_answered_and_leaves_the_node_well(caplog) -> None:
     rng = random.Random(1)
     replies: list[SapientMessage] = []
@@ -265,7 +278,7 @@ def test_who_takes_nothing_more_is_left_and_called_again(caplog) -> None:
     with serving(talk) as port:
         run(node(port), lambda: len(sessions) >= 2)
     # By our patience or by the system's, whichever ends first.
-    said = caplog.records[-1].getMessage()
+    said = " ".join(record.getMessage() for record in caplog.records)
     assert "took nothing for" in said or "Connection lost" in said
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import xml.etree.ElementTree as Xml
 
 import pytest
-from station_events import now, row, square, track, write_site
+from station_events import ORIGIN, now, row, square, track, write_site
 from unlidar.events.event import Now, decode
-from unlidar.events.site import Site, load_site, load_zones
+from unlidar.events.site import Place, Site, load_site, load_zones
 from unlidar.events.station import Station
 from unlidar.history.store import Store
+from unlidar.relay.cot import Encoder
 
 
 def messages(station: Station, *lines: str) -> list:
@@ -68,3 +70,39 @@ def test_the_history_keeps_rows_alone(tmp_path) -> None:
     with sqlite3.connect(tmp_path / "sky.db") as db:
         assert db.execute("SELECT count(*) FROM row").fetchone() == (1,)
         assert db.execute("SELECT count(*) FROM told").fetchone() == (0,)
+
+
+def told_by_cot(*lines: str) -> list[float]:
+    """Longitudes that clients of Cursor on Target get."""
+    site = Site(origin=Place(**ORIGIN))
+    station, encoder = Station(site), Encoder(site.origin, 0.0)
+    texts = [encoder.encode(message) for message in messages(station, *lines)]
+    events = [Xml.fromstring(text) for text in texts if text is not None]
+    return [float(event.find("point").get("lon")) for event in events]
+
+
+def test_cursor_on_target_tells_where_a_track_is_now() -> None:
+    lines = [
+        line
+        for t in range(30)
+        for line in (
+            now(7, 2.0 + t / 10, (20.0 + t, 0.0, 9.0)),
+            row(7, 1.0 + t / 10, (10.0 + t, 0.0, 9.0), drone=0.9),
+        )
+    ]
+    told = told_by_cot(*lines)
+    assert len(told) == 30
+    assert told == told_by_cot(*lines[::2])
+    rows = told_by_cot(*lines[1::2])
+    assert told[0] > rows[0]
+    # Where the engine tells no more of now, rows do.
+    later = [row(7, 5.0 + t / 10, (50.0 + t, 0.0, 9.0)) for t in range(5)]
+    assert len(told_by_cot(*lines, *later)) == 35
+
+
+def test_cursor_on_target_tells_of_now_what_rows_say_it_is() -> None:
+    site = Site(origin=Place(**ORIGIN))
+    station, encoder = Station(site), Encoder(site.origin, 0.0)
+    told = messages(station, row(7, 1.0, drone=0.9), now(7, 2.0))
+    remarks = [Xml.fromstring(encoder.encode(m)).findtext("detail/remarks") for m in told]
+    assert all("drone 0.90" in text for text in remarks)

@@ -30,6 +30,12 @@ def row(
     return _line("row", at + 0.9, {"track": number}, {"timestamp": at}, values | more)
 
 
+def now(number: int, at: float, xyz=(0.0, 0.0, 20.0), velocity=(1.0, 0.0, 0.0), **more) -> str:
+    values = dict(zip(("x", "y", "z", "vx", "vy", "vz"), (*xyz, *velocity), strict=True))
+    values |= {"sigma_x": 0.1, "sigma_y": 0.2, "sigma_z": 0.3, "unseen_s": 0.0}
+    return _line("now", at, {"track": number}, {"timestamp": at}, values | more)
+
+
 def end(number: int, at: float) -> str:
     return _line("end", at, {"track": number}, {"timestamp": at - 10.0}, {})
 

@@ -8,7 +8,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from station_events import ORIGIN, end, row, sensor, square, state, track, write_site
+from station_events import ORIGIN, end, now, row, sensor, square, state, track, write_site
 from unlidar.events.event import MOST_BYTES, decode
 from unlidar.events.many import Many
 from unlidar.events.site import Place, Site, load_site, load_zones
@@ -17,6 +17,8 @@ from unlidar.events.station import MOST_TRACKS, Station
 GOOD = [
     row(1, 0.0),
     row(2, 0.5, drone=0.4),
+    now(1, 0.5),
+    now(2, 0.5, unseen_s=3.5, drone=0.4, bird_like=0.1),
     track(1, 1.0, drone=0.5),
     end(1, 12.0),
     sensor("mid360", "ok"),

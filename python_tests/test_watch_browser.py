@@ -458,6 +458,23 @@ def test_a_probability_is_named(driver, folder) -> None:
         assert page.run(cells + ".innerText)") == ["", "87 %"]
 
 
+def test_a_track_is_shown_where_it_is_now(driver, folder) -> None:
+    height = "document.querySelector('#tracks tr')?.cells[1].innerText"
+    with watch(folder) as served, (folder / "events.jsonl").open("a") as file:
+        page = Page(driver, served.url, WIDE)
+        for line, shown in (
+            (row(8, 4.0, (9.0, 0.0, 20.0)), "20.0"),
+            (station_events.now(8, 5.0, (9.0, 0.0, 31.0)), "31.0"),
+            (row(8, 4.1, (9.0, 0.0, 21.0)), "31.0"),
+            (station_events.now(8, 5.1, (9.0, 0.0, 32.0)), "32.0"),
+            (row(8, 5.2, (9.0, 0.0, 33.0)), "33.0"),
+        ):
+            file.write(line + "\n")
+            file.flush()
+            page.wait(f"{height} == '{shown}'")
+        assert page.complaints() == []
+
+
 def test_no_name_runs_a_script_or_puts_an_element_in(driver, tmp_path) -> None:
     names = [name for name in HOSTILE if name.isprintable()]  # others are refused at the door
     zones = [square(18 + i, name) for i, name in enumerate(names)]

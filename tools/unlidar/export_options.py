@@ -11,6 +11,7 @@ FORMATS = {
     "csv": "one table with UTC, and with --origin places",
     "kml": "Google Earth, with times; needs --origin",
     "geojson": "maps; needs --origin",
+    "courageous": "log of CEN CWA 18150 (OUT.courageous.json); needs --origin",
     "ros1": "a ROS 1 bag",
     "mcap": "ROS 2: one .mcap file, or a folder where OUT has no suffix",
     "mmaud": "mmaud_results.csv of the UG2+ challenge, or a .zip with it",
@@ -27,7 +28,8 @@ _BY_SUFFIX = {
     ".zip": "mmaud",
 }
 _MMAUD_NAME = "mmaud_results.csv"
-_PLACED = ("kml", "geojson")
+_COURAGEOUS_SUFFIX = ".courageous.json"
+_PLACED = ("kml", "geojson", "courageous")
 
 
 @dataclass(frozen=True)
@@ -39,15 +41,18 @@ class Options:
     points: Path | None = None  # default: what lies in the folder of results
     at: Path | None = None  # stamps that the challenge asks for
     uav_type: int = 0  # of the challenge's Classification
+    geoid_m: float | None = None  # sea level above the ellipsoid; default: by PROJ's grid
 
 
 def guess_format(out: Path) -> str:
     """The format by the output's name. UsageError for an unknown suffix."""
-    form = "mmaud" if out.name == _MMAUD_NAME else _BY_SUFFIX.get(out.suffix.lower())
+    name = out.name.lower()
+    form = "courageous" if name.endswith(_COURAGEOUS_SUFFIX) else _BY_SUFFIX.get(out.suffix.lower())
+    form = "mmaud" if out.name == _MMAUD_NAME else form
     if form is None:
         raise UsageError(
             f"{out}: the name tells no format, give --format: {', '.join(FORMATS)}; or a name in "
-            + ", ".join(_BY_SUFFIX)
+            + ", ".join((*_BY_SUFFIX, _COURAGEOUS_SUFFIX))
         )
     return form
 
@@ -60,3 +65,5 @@ def check(sources: int, form: str, options: Options) -> None:
         raise UsageError(f"--format {form} needs --origin LAT,LON,HEIGHT: where the sensor stands")
     if form != "mmaud" and options.at is not None:
         raise UsageError(f"--at belongs to --format mmaud, not to {form}")
+    if form != "courageous" and options.geoid_m is not None:
+        raise UsageError(f"--geoid belongs to --format courageous, not to {form}")

@@ -11,6 +11,7 @@ from unlidar.errors import UsageError
 
 _STATION = {
     "paho": "paho-mqtt",
+    "sapient_msg": "sapient-proto",
     "shapely": "shapely",
     "starlette": "starlette",
     "uvicorn": "uvicorn",
@@ -18,7 +19,7 @@ _STATION = {
 }
 
 
-def need_station(command: str, modules: Sequence[str] = tuple(_STATION)) -> None:
+def need_station(command: str, modules: Sequence[str]) -> None:
     """UsageError naming the packages of the extra `station` that are missing."""
     missing = [_STATION[name] for name in modules if find_spec(name) is None]
     if missing:

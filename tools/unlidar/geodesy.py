@@ -3,6 +3,7 @@
 pymap3d is imported on use: the command line needs Origin only.
 """
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -43,6 +44,21 @@ def from_geodetic(origin: Origin, place: np.ndarray) -> np.ndarray:
 def turn_between(one: Origin, other: Origin) -> np.ndarray:
     """(3, 3) from the axes of one frame to those of another, both upright, some km apart."""
     return (_turn(other).inv() * _turn(one)).as_matrix()
+
+
+def to_east_north_up(origin: Origin, vectors: np.ndarray) -> np.ndarray:
+    """(N, 3) vectors of the sensor frame by east, north, up of the station."""
+    return _turn(origin).apply(vectors)
+
+
+def metres_per_degree(origin: Origin) -> tuple[float, float]:
+    """Metres north and east that a degree of latitude and of longitude span at a place."""
+    from pymap3d.rcurve import meridian, transverse
+
+    lat, _, height_m = _place(origin)
+    north_m = float(meridian(lat)) + height_m
+    east_m = (float(transverse(lat)) + height_m) * math.cos(math.radians(lat))
+    return math.radians(north_m), math.radians(east_m)
 
 
 def _place(origin: Origin) -> tuple[float, float, float]:

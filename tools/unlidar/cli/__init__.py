@@ -46,7 +46,7 @@ _COMMANDS: dict[str, tuple[ModuleType, str, str | None]] = {
     ),
     "relay": (
         relay,
-        "events of a running station -> TAK, MQTT, WebSocket; alarms by zones",
+        "events of a running station -> TAK, SAPIENT, MQTT, WebSocket; alarms by zones",
         None,
     ),
     "watch": (watch, "a page that shows a running station, its alarms and its last hours", None),
@@ -68,7 +68,7 @@ _COMMANDS: dict[str, tuple[ModuleType, str, str | None]] = {
     ),
     "export": (
         export,
-        "trajectory to TUM, CSV, KML, GeoJSON, ROS 1 and 2 recordings, the UG2+ challenge's CSV",
+        "trajectory to TUM, CSV, KML, GeoJSON, COURAGEOUS, ROS 1 and 2, the UG2+ challenge's CSV",
         None,
     ),
     "report": (
@@ -87,6 +87,22 @@ _COMMANDS: dict[str, tuple[ModuleType, str, str | None]] = {
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+class _Command(_Parser):
+    """A sub-command whose lists of positional arguments may be split by options."""
+
+    _is_mixing = False
+
+    def parse_known_args(self, args=None, namespace=None):
+        # argparse takes all positional arguments before the first option for the whole list.
+        if self._is_mixing or not any(a.nargs in ("+", "*") for a in self._actions):
+            return super().parse_known_args(args, namespace)
+        self._is_mixing = True
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._is_mixing = False
 
 
 class _Version(argparse.Action):
@@ -117,7 +133,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="example: unlidar simulate demo out/demo && unlidar run out/demo",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Command)
     for name, (command, text, sensors) in _COMMANDS.items():
         p = _add(commands, name, text, command.EXAMPLE)
         command.define(p)

@@ -5,10 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from unlidar.cli.arguments import number, origin, whole
+from unlidar.errors import UsageError
 from unlidar.export_options import FORMATS, Options, check, guess_format
+from unlidar.geoid import GRID_NAME
 
 EXAMPLE = """unlidar export out/run/seq0001 flight.mcap
   unlidar export out/run/seq0001 flight.kml --origin 1.3483,103.6831,40 --heading 90
+  unlidar export out/run/seq0001 --to log.courageous.json --origin 1.3483,103.6831,40
   unlidar export seq1=out/run/seq1 seq2=out/run/seq2 mmaud_results.csv --at stamps.csv"""
 
 
@@ -18,11 +21,11 @@ def define(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "sources",
         metavar="[NAME=]TRAJ",
-        type=_source,
         nargs="+",
-        help="a traj.csv or a folder of results; several, each with the sequence's name, for mmaud",
+        help="a traj.csv or a folder of results; several, each with the sequence's name, for "
+        "mmaud. Without --to the last one is OUT",
     )
-    p.add_argument("out", metavar="OUT", type=Path, help="file or folder to be written")
+    p.add_argument("--to", metavar="OUT", type=Path, help="file or folder to be written")
     p.add_argument(
         "--format",
         choices=FORMATS,
@@ -61,6 +64,13 @@ def define(p: argparse.ArgumentParser) -> None:
         "of stamps for one sequence (default: the trajectory's own stamps)",
     )
     p.add_argument(
+        "--geoid",
+        metavar="METRES",
+        type=number,
+        help="courageous: height of the sea level (EGM96) above the ellipsoid at the station "
+        f"(default: by PROJ's {GRID_NAME} where it is installed, else 0, with a note)",
+    )
+    p.add_argument(
         "--uav-type",
         metavar="N",
         type=whole,
@@ -72,16 +82,20 @@ def define(p: argparse.ArgumentParser) -> None:
 
 def act(a: argparse.Namespace) -> None:
     """Writes the files and names them."""
-    form = a.format or guess_format(a.out)
+    *sources, last = a.sources if a.to is None else [*a.sources, a.to]
+    if not sources:
+        raise UsageError(f"'{last}', expected a trajectory and OUT behind it, or --to OUT")
+    out = Path(last)
+    form = a.format or guess_format(out)
     place = a.origin
     if place is not None and a.heading is not None:
         place = replace(place, heading_deg=a.heading)
-    options = Options(place, a.frame_id, a.points, a.at, a.uav_type)
-    check(len(a.sources), form, options)
+    options = Options(place, a.frame_id, a.points, a.at, a.uav_type, a.geoid)
+    check(len(sources), form, options)
 
     from unlidar.export import export
 
-    for path in export(a.sources, a.out, form, options):
+    for path in export([_source(text) for text in sources], out, form, options):
         print(path)
 
 

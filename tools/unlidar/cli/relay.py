@@ -9,6 +9,7 @@ from unlidar.errors import UsageError
 from unlidar.extras import need_station
 
 EXAMPLE = """unlidar relay events.jsonl --site site.yaml --to cot+udp://239.2.3.1:6969
+  unlidar relay events.jsonl sapient+tcp://10.0.0.5:5020 --site site.yaml
   unlidar relay events.jsonl --to mqtt://broker.local --to ws://127.0.0.1:8765
   unlidar_track --stdin --out traj.csv --events - | unlidar relay - --site site.yaml"""
 
@@ -22,13 +23,19 @@ def define(p: argparse.ArgumentParser) -> None:
         "tcp://HOST:PORT",
     )
     p.add_argument(
+        "urls",
+        metavar="URL",
+        nargs="*",
+        help="cot+udp://, cot+tcp:// or cot+tls://HOST:PORT for TAK; sapient+tcp://HOST:PORT of a "
+        "SAPIENT middleware; mqtt:// or mqtts://[USER:PASSWORD@]HOST[:PORT]; ws://HOST:PORT, where "
+        "a server is opened. Added to the outputs of the site",
+    )
+    p.add_argument(
         "--to",
         metavar="URL",
         action="append",
         default=[],
-        help="cot+udp://, cot+tcp:// or cot+tls://HOST:PORT for TAK; mqtt:// or "
-        "mqtts://[USER:PASSWORD@]HOST[:PORT]; ws://HOST:PORT, where a server is opened. May be "
-        "given several times; added to the outputs of the site",
+        help="one more URL; may be given several times",
     )
     p.add_argument(
         "--site",
@@ -57,9 +64,9 @@ def act(a: argparse.Namespace) -> None:
     from unlidar.events.source import open_source
 
     site = load_site(a.site) if a.site is not None else Site()
-    site = replace(site, outputs=(*site.outputs, *(Output(to=url) for url in a.to)))
+    site = replace(site, outputs=(*site.outputs, *(Output(to=url) for url in (*a.urls, *a.to))))
     if not site.outputs and a.store is None:
-        raise UsageError("nobody to tell: give --to URL, outputs in the file of --site, or --store")
+        raise UsageError("nobody to tell: give a URL, outputs in the file of --site, or --store")
     if a.events.startswith(("mqtt://", "mqtts://")):
         raise UsageError(f"'{a.events}', expected the events of one engine")
     source = open_source(a.events)

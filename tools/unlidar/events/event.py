@@ -101,13 +101,13 @@ class TrackBegins:
     track: Number
     first_evidence: StampNs
     drone: Share | None = None
+    bird_like: Share | None = None
 
 
 @_event
-class Row:
+class _OfTrack:
     """State of a track at an instant: metres, m/s, standard deviations in metres."""
 
-    event: Literal["row"]
     at: StampNs
     track: Number
     timestamp: StampNs
@@ -120,13 +120,29 @@ class Row:
     sigma_x: Sigma
     sigma_y: Sigma
     sigma_z: Sigma
-    support: Annotated[_Real, Field(ge=0, le=1e9)]
-    late: Annotated[bool, Strict()]
     drone: Share | None = None
+    bird_like: Share | None = None
     # Added by a relay whose station has an origin.
     latitude_deg: Latitude | None = None
     longitude_deg: Longitude | None = None
     height_m: Metres | None = None
+
+
+@_event
+class Row(_OfTrack):
+    """A row of the trajectory, `live.delay_s` late or more."""
+
+    event: Literal["row"]
+    support: Annotated[_Real, Field(ge=0, le=1e9)]
+    late: Annotated[bool, Strict()]
+
+
+@_event
+class Now(_OfTrack):
+    """Where a track is at the newest stamp, predicted where it was not measured."""
+
+    event: Literal["now"]
+    unseen_s: Annotated[_Real, Field(ge=0, le=_OLDEST_S)]  # since its last evidence
 
 
 @_event
@@ -171,7 +187,7 @@ def _in_time(event: "Event") -> "Event":
     return event
 
 
-Event = TrackBegins | Row | TrackEnds | SensorState | EngineState
+Event = TrackBegins | Row | Now | TrackEnds | SensorState | EngineState
 Tokens = dict[str, str]  # keys of an event with values as JSON, in order
 _EVENT: TypeAdapter[Event] = TypeAdapter(
     Annotated[Event, Field(discriminator="event"), AfterValidator(_in_time)]

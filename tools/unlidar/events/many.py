@@ -14,6 +14,7 @@ from unlidar.events.event import (
     BACK_NS,
     Digits,
     Event,
+    Now,
     Row,
     SensorState,
     Tokens,
@@ -130,7 +131,7 @@ class Many:
             case "alarm":
                 return  # alarms are raised here, in the common frame
         event, tokens = understand(values)
-        if isinstance(event, Row):
+        if isinstance(event, Row | Now):
             event, tokens = self._moved(event, tokens, relay)
         known = self._station_of(*relay, event.at, told)
         known.station.believe(event.at)
@@ -278,8 +279,8 @@ class Many:
             heard = {known.topic for known in self._stations.values()}
             del self._places[next(other for other in self._places if other not in heard)]
 
-    def _moved(self, row: Row, tokens: Tokens, relay: Relay) -> tuple[Event, Tokens]:
-        """The row in the common frame; unchanged if either origin is unknown."""
+    def _moved(self, row: Row | Now, tokens: Tokens, relay: Relay) -> tuple[Event, Tokens]:
+        """The state in the common frame; unchanged if either origin is unknown."""
         places = self._places.get(relay[0], {})
         known = places.get(relay[1]) or places.get(None)
         given = row.latitude_deg, row.longitude_deg, row.height_m
@@ -325,7 +326,7 @@ def _begin_of(track: int, at_ns: int, stamp_ns: int) -> tuple[Event, Tokens]:
 def _with_numbers(
     tokens: Tokens, xyz_m: np.ndarray, velocity_mps: np.ndarray, sigma_m: np.ndarray
 ) -> tuple[Event, Tokens]:
-    """A row's tokens with new numbers, validated like incoming ones."""
+    """A state's tokens with new numbers, validated like incoming ones."""
     numbers = np.round((*xyz_m, *velocity_mps, *sigma_m), 6).tolist()
     columns = {key: token(value) for key, value in zip(_COLUMNS, numbers, strict=True)}
     return understand(parse(joined(tokens | columns)))

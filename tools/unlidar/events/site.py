@@ -3,12 +3,14 @@
 The text below a field is its description. Defaults stand here only.
 """
 
+import contextlib
 import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
+from uuid import UUID
 
 import numpy as np
 from pydantic import AfterValidator, Field, TypeAdapter
@@ -23,12 +25,20 @@ from unlidar.sanitize import is_visible, printable
 if TYPE_CHECKING:
     import shapely
 
+_COT_EVERY_S = 1.0
 _MOST_NAME = 80
 _MOST_ZONES = 10_000
 _MOST_FILE_BYTES = 32_000_000
 MOST_AWAY_M = 500_000.0  # largest distance of a zone's corner; the flat-earth limit is far below
 
 T = TypeVar("T", "Output", "Tls")
+
+
+def _node_id(text: str) -> str:
+    with contextlib.suppress(ValueError):
+        if str(value := UUID(text)) == text and value.version == 4:
+            return text
+    raise ValueError(f"'{printable(text[:40])}', expected a UUID of version 4 in lower case")
 
 
 @checked
@@ -63,16 +73,25 @@ class Output:
     """A receiver of events."""
 
     to: str
-    """cot+udp://, cot+tcp://, cot+tls://, mqtt://, mqtts:// or ws:// with HOST:PORT."""
+    """cot+udp://, cot+tcp://, cot+tls://, sapient+tcp://, mqtt://, mqtts:// or ws:// with
+    HOST:PORT."""
     room: Annotated[int, Field(ge=10, le=1_000_000)] = 10_000
     """So many messages wait while nobody answers; then rows are left out, the oldest first."""
-    every_s: NotNegative = 1.0
-    """Cursor on Target: a track is told at most so often. The other outputs tell every row."""
+    every_s: NotNegative | None = None
+    """A track is told at most so often: by Cursor on Target every 1 s; by SAPIENT as often as the
+    standard's middleware takes it. The other outputs tell everything."""
+    node_id: Annotated[str, AfterValidator(_node_id)] | None = None
+    """SAPIENT: a UUID of version 4; one of station and computer where there is none."""
     ca_file: str | None = None
     """TLS: whom to trust; the system's authorities where there is none."""
     certificate_file: str | None = None
     """TLS: who we are, PEM."""
     key_file: str | None = None
+
+    def interval_s(self, scheme: str) -> float:
+        """`every_s`, or its default for an address of this scheme."""
+        default_s = _COT_EVERY_S if scheme.startswith("cot") else 0.0
+        return default_s if self.every_s is None else self.every_s
 
 
 @checked

@@ -11,6 +11,7 @@ from unlidar.events.clock import Heard, Progress, StreamClock
 from unlidar.events.event import (
     EngineState,
     Event,
+    Now,
     Row,
     SensorState,
     Tokens,
@@ -50,7 +51,7 @@ class Message:
     at_ns: int
     text: str  # JSON, one line
     event: Event | None  # None for an alarm
-    place: Place | None = None  # for rows only
+    place: Place | None = None  # for positions only
     alarm: Alarm | None = None
     alarm_state: str = ""
 
@@ -76,7 +77,7 @@ class Station:
         progress: Progress | None = None,
         most_tracks: int = MOST_TRACKS,
     ) -> None:
-        """`places`: compute geodetic positions of rows, the most expensive step.
+        """`places`: compute geodetic positions, the most expensive step.
 
         `progress`: shared by all stations of a picture.
         """
@@ -114,7 +115,7 @@ class Station:
 
     def follow(self, event: Event, tokens: Tokens) -> list[Message]:
         """The messages that result from an accepted event. ValueError beyond a bound."""
-        place = self._place(event) if isinstance(event, Row) else None
+        place = self._place(event) if isinstance(event, Row | Now) else None
         message = self._message(event, tokens, place)
         match event:
             case TrackBegins():
@@ -126,6 +127,8 @@ class Station:
                 raised = self._watchman.take(event)
                 told = (self._alarm(a, RAISED, event.at) for a in raised)
                 return [*ended, message, *told]
+            case Now():
+                return [*self._hear(event), message]
             case TrackEnds():
                 self._tracks.pop(event.track, None)
                 over = self._watchman.end(event.track)
@@ -162,7 +165,7 @@ class Station:
         """True if any track is active."""
         return bool(self._tracks)
 
-    def _hear(self, event: TrackBegins | Row) -> list[Message]:
+    def _hear(self, event: TrackBegins | Row | Now) -> list[Message]:
         """Marks a track as heard; ends another one beyond the bound."""
         known = _Track(self._clock.heard(event.at), event.at)
         if event.track in self._tracks:
@@ -188,7 +191,7 @@ class Station:
         text = joined({k: v for k, v in tokens.items() if k not in _OURS} | own)
         return Message(event.event, self._name, event.at, text, event, place)
 
-    def _place(self, row: Row) -> Place | None:
+    def _place(self, row: Row | Now) -> Place | None:
         return None if self._origin is None else place_of(self._origin, row)
 
     def _alarm(self, alarm: Alarm, state: str, at_ns: int) -> Message:
@@ -211,7 +214,7 @@ class Station:
         return Message(ALARM, self._name, at_ns, joined(values), None, place, alarm, state)
 
 
-def place_of(origin: Origin, row: Row) -> Place:
+def place_of(origin: Origin, row: Row | Now) -> Place:
     """Degrees north and east, metres above the ellipsoid."""
     lat, lon, height = to_geodetic(origin, np.array([[row.x, row.y, row.z]]))[0]
     return float(lat), float(lon), float(height)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from unlidar.export.bags import write_mcap, write_ros1
+from unlidar.export.courageous import write_courageous
 from unlidar.export.geo import write_geojson, write_kml
 from unlidar.export.mmaud import read_stamps, write_mmaud
 from unlidar.export.text import write_csv, write_tum
@@ -31,6 +32,7 @@ def export(
         "csv": lambda: write_csv(result, out, options.origin),
         "kml": lambda: write_kml(result, out, options.origin),
         "geojson": lambda: write_geojson(result, out, options.origin),
+        "courageous": lambda: write_courageous(result, out, options.origin, options.geoid_m),
         "ros1": lambda: write_ros1(result, out, options.frame_id),
         "mcap": lambda: write_mcap(result, out, options.frame_id),
     }

@@ -1,13 +1,14 @@
 """Input of exports: the tracks of a result, and the target returns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from unlidar.errors import InputError
+from unlidar.errors import InputError, reason
 from unlidar.frames_io import read_returns
-from unlidar.program import TARGET_RETURNS, TRAJECTORY
+from unlidar.program import SUMMARY, TARGET_RETURNS, TRAJECTORY
+from unlidar.record import read_object
 from unlidar.truth import Tracks, read_tracks
 
 
@@ -28,6 +29,14 @@ class Track:
 
 
 @dataclass(frozen=True)
+class Kind:
+    """Probabilities of what a track may be; docs/kinds.md."""
+
+    drone: float
+    bird_like: float
+
+
+@dataclass(frozen=True)
 class Result:
     """A trajectory file, whole and by track."""
 
@@ -35,10 +44,11 @@ class Result:
     tracks: Tracks
     by_track: list[Track]
     target_returns_m: np.ndarray | None  # (N, 3)
+    kinds: dict[int, Kind] = field(default_factory=dict)  # of a folder of results, where known
 
 
 def read_result(path: Path, points: Path | None = None) -> Result:
-    """A trajectory, or a folder of results: its traj.csv and target_returns.pcd."""
+    """A trajectory, or a folder of results: traj.csv, target_returns.pcd and summary.json."""
     trajectory = path / TRAJECTORY if path.is_dir() else path
     beside = path / TARGET_RETURNS
     if points is None and path.is_dir() and beside.is_file():
@@ -47,7 +57,22 @@ def read_result(path: Path, points: Path | None = None) -> Result:
     by_track = [_one(trajectory, tracks, track) for track in np.unique(tracks.track_id)]
     returns = None if points is None else read_returns(points)
     name = path.resolve().name if path.is_dir() else path.resolve().parent.name
-    return Result(name, tracks, by_track, returns)
+    summary = path / SUMMARY
+    kinds = _kinds(summary) if path.is_dir() and summary.is_file() else {}
+    return Result(name, tracks, by_track, returns, kinds)
+
+
+def _kinds(path: Path) -> dict[int, Kind]:
+    try:
+        return {
+            int(track["track_id"]): Kind(
+                float(track["kind"]["drone"]), float(track["kind"]["bird_like"])
+            )
+            for track in read_object(path).get("tracks", [])
+            if "kind" in track
+        }
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: tracks: {reason(error)}") from error
 
 
 def _one(path: Path, tracks: Tracks, track: float) -> Track:

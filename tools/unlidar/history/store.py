@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from unlidar.events.event import Row, TrackBegins, TrackEnds
+from unlidar.events.event import Now, Row, TrackBegins, TrackEnds
 from unlidar.events.site import Place
 from unlidar.events.station import Message
 from unlidar.history import DAYS, MEGABYTES
@@ -162,6 +162,8 @@ class Store:
                     "UPDATE track SET ended = 1 WHERE station = ? AND number = ? AND NOT ended",
                     (station, event.track),
                 )
+            case Now():
+                pass  # the row of that instant follows, and is better
             case _:
                 self._told += db.execute(
                     "INSERT OR IGNORE INTO told (at_ns, station, kind, text, taken_ns) "

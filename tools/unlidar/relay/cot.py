@@ -7,10 +7,11 @@ client certificate even if the server does not, and allows every cipher of TLS.
 import math
 import time
 import xml.etree.ElementTree as Xml
+from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from unlidar.events.alarms import Alarm
-from unlidar.events.event import Row, TrackEnds
+from unlidar.events.event import BACK_NS, Now, Row, TrackEnds
 from unlidar.events.site import Place
 from unlidar.events.station import ALARM, RAISED, Message
 from unlidar.reporting import note
@@ -26,39 +27,63 @@ _UNKNOWN = "9999999.0"
 _MEASURED = "m-g"  # how: by a machine
 
 
+@dataclass
+class _Known:
+    """A track that was told of."""
+
+    newest: Message  # with its position
+    told_ns: int | None = None  # stamp of the position that was told last
+    now_ns: int | None = None  # stamp of the newest event `now`
+    drone: float | None = None
+
+
 class Encoder:
-    """Converts messages to XML: the newest row of each track at intervals, its end, alarms."""
+    """Converts messages to XML: the newest position of each track at intervals, its end, alarms."""
 
     def __init__(self, place: Place, every_s: float) -> None:
         self._heading_deg = place.heading_deg
         self._every_ns = round(every_s * 1e9)
         self._stale_s = max(_LEAST_STALE_S, 3 * every_s)
-        self._told: dict[int, tuple[int, Message]] = {}
+        self._tracks: dict[int, _Known] = {}
         self._note_clock = True
 
     def encode(self, message: Message) -> bytes | None:
         """The XML of a message; None if there is nothing to send."""
         event = message.event
-        if isinstance(event, Row):
-            told_ns = self._told.get(event.track, (None, message))[0]
-            if event.late or (
-                told_ns is not None and 0 <= event.timestamp - told_ns < self._every_ns
-            ):
-                if told_ns is not None:
-                    self._told[event.track] = told_ns, message
-                return None
-            self._told[event.track] = event.timestamp, message
-            return self._track(message, event, self._time(event.timestamp), self._stale_s)
-        if isinstance(event, TrackEnds) and event.track in self._told:
-            _, newest = self._told.pop(event.track)
-            assert isinstance(newest.event, Row)
+        if isinstance(event, Row | Now):
+            return self._position(message, event)
+        if isinstance(event, TrackEnds) and event.track in self._tracks:
+            known = self._tracks.pop(event.track)
             # Stale at once: clients grey out the last position, then remove it.
-            return self._track(newest, newest.event, self._time(event.at), 0.0)
+            return self._track(known.newest, known.drone, self._time(event.at), 0.0)
         if message.kind == ALARM and message.alarm is not None and message.place is not None:
             return self._alarm(message, message.alarm, self._time(message.at_ns))
         return None
 
-    def _track(self, message: Message, row: Row, time_s: float, stale_s: float) -> bytes:
+    def _position(self, message: Message, event: Row | Now) -> bytes | None:
+        """The newest position of a track, at intervals; rows tell it where no `now` is newer."""
+        is_late = isinstance(event, Row) and event.late
+        known = self._tracks.get(event.track)
+        if known is None:
+            if is_late:
+                return None
+            known = self._tracks[event.track] = _Known(message)
+        if event.drone is not None:
+            known.drone = event.drone
+        if isinstance(event, Now):
+            known.now_ns = event.timestamp
+        elif known.now_ns is not None and 0 <= known.now_ns - event.timestamp <= BACK_NS:
+            return None
+        known.newest = message
+        passed_ns = None if known.told_ns is None else event.timestamp - known.told_ns
+        if is_late or (passed_ns is not None and 0 <= passed_ns < self._every_ns):
+            return None
+        known.told_ns = event.timestamp
+        return self._track(message, known.drone, self._time(event.timestamp), self._stale_s)
+
+    def _track(self, message: Message, drone: float | None, time_s: float, stale_s: float) -> bytes:
+        row = message.event
+        assert isinstance(row, Row | Now)
         detail = Xml.Element("detail")
         speed = math.hypot(row.vx, row.vy)
         # Mathematical angles are counterclockwise from x, courses clockwise from north.
@@ -66,8 +91,8 @@ class Encoder:
         Xml.SubElement(detail, "track", course=f"{course:.1f}", speed=f"{speed:.2f}")
         remarks = Xml.SubElement(detail, "remarks")
         remarks.text = f"{row.z:.0f} m above {message.station}, climb {row.vz:+.1f} m/s"
-        if row.drone is not None:
-            remarks.text += f", drone {row.drone:.2f}"
+        if drone is not None:
+            remarks.text += f", drone {drone:.2f}"
         event = self._event(message, uid_of(message.station, row.track), DRONE, detail)
         name = f"{message.station}-{row.track}"
         return _finished(event, detail, name, time_s, stale_s)
@@ -88,7 +113,7 @@ class Encoder:
     def _event(self, message: Message, uid: str, kind: str, detail: Xml.Element) -> Xml.Element:
         lat, lon, height = message.place or (0.0, 0.0, 0.0)
         row = message.event
-        known = isinstance(row, Row)
+        known = isinstance(row, Row | Now)
         # 1-sigma by the schema of CoT.
         ce = f"{max(row.sigma_x, row.sigma_y):.2f}" if known else _UNKNOWN
         le = f"{row.sigma_z:.2f}" if known else _UNKNOWN

@@ -21,6 +21,7 @@ _SHARE = 64  # largest batch; starts at one after connecting and doubles
 # would have to break at a random position each time, a chance of one in 16**6.
 _TRIALS, _MOST_BEFORE = 6, 16
 _LOSSES = 4  # before another message is sent out of turn if none has arrived yet
+_MOST_REASON = 200
 _SHOWN = 80  # characters of a dropped message shown in notes
 
 
@@ -48,6 +49,36 @@ class Sender(Protocol[T]):
         """Closes; throws nothing."""
 
 
+class Backoff:
+    """Pauses between trials to reach a receiver; says when it is away and there again."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._wait_s = _WAIT_S[0]
+        self.is_away = False
+
+    def reached(self, waiting: int) -> None:
+        """Notes that the receiver is there again, if it was away."""
+        if self.is_away:
+            note(f"{self._name}: is there again, {waiting} messages wait")
+        self.is_away = False
+
+    def failed(self, error: Exception) -> None:
+        """Notes that the receiver is away, once."""
+        if not self.is_away:
+            note(f"{self._name}: {reason(error)[:_MOST_REASON]}; it is tried again")
+        self.is_away = True
+
+    def restart(self) -> None:
+        """Makes the next pause the shortest, as the receiver has taken something."""
+        self._wait_s = _WAIT_S[0]
+
+    async def wait(self) -> None:
+        """The pause, twice as long as the one before."""
+        await asyncio.sleep(self._wait_s * random.uniform(0.75, 1.25))
+        self._wait_s = min(2 * self._wait_s, _WAIT_S[1])
+
+
 class Output(Generic[T]):
     """Sends offered messages in order, across lost connections.
 
@@ -70,7 +101,7 @@ class Output(Generic[T]):
         self._emptied.set()
         self._drop = RateLimitedNote(f"{name}: queue full, the oldest is left out")
         self._refuse = RateLimitedNote(f"{name}: a message is left out, others get through")
-        self._away = False
+        self._backoff = Backoff(name)
         self.sent = 0
 
     @property
@@ -100,31 +131,25 @@ class Output(Generic[T]):
 
     async def run(self) -> None:
         """Sends for ever."""
-        wait_s = _WAIT_S[0]
         while True:
             try:
                 await self._sender.connect()
-                if self._away:
-                    note(f"{self.name}: is there again, {self.waiting} messages wait")
-                self._away = False
+                self._backoff.reached(self.waiting)
                 passed, self._share = self._passed, 1
                 try:
                     await self._send_all()
                 finally:
                     if self._passed > passed:
-                        wait_s = _WAIT_S[0]
+                        self._backoff.restart()
             except (OSError, ValueError) as error:
-                if not self._away:
-                    note(f"{self.name}: {reason(error)}; it is tried again")
-                self._away = True
+                self._backoff.failed(error)
             finally:
                 await self._sender.close()
-            await asyncio.sleep(wait_s * random.uniform(0.75, 1.25))
-            wait_s = min(2 * wait_s, _WAIT_S[1])
+            await self._backoff.wait()
 
     async def drain(self, seconds: float) -> None:
         """Waits until all is sent, at most `seconds`; returns at once if not connected."""
-        if self._away:
+        if self._backoff.is_away:
             return
         with contextlib.suppress(asyncio.TimeoutError):
             await asyncio.wait_for(self._emptied.wait(), seconds)

@@ -5,23 +5,28 @@ import contextlib
 import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from unlidar.addresses import MQTT, Scheme, read_address
+from unlidar.addresses import MQTT, Address, Scheme, read_address
 from unlidar.errors import ConfigError, UsageError
-from unlidar.events.event import Row
+from unlidar.events.event import Now, Row
 from unlidar.events.site import Output as Wanted
 from unlidar.events.site import Site, load_zones
 from unlidar.events.source import Source
 from unlidar.events.station import Message, Station
 from unlidar.events.tls import tls_context
+from unlidar.extras import need_station
 from unlidar.relay.output import Output
 from unlidar.reporting import note
+
+if TYPE_CHECKING:
+    from unlidar.relay.sapient.output import SapientOutput
 
 _LAST_WORDS_S = 5.0
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 _COT = {"cot+udp": Scheme(), "cot+tcp": Scheme(), "cot+tls": Scheme()}
-_SCHEMES = {**_COT, **MQTT, "ws": Scheme(token=True)}
+_SAPIENT = "sapient+tcp"
+_SCHEMES = {**_COT, **MQTT, "ws": Scheme(token=True), _SAPIENT: Scheme()}
 _EXPECTED = f"HOST:PORT after one of {', '.join(f'{scheme}://' for scheme in _SCHEMES)}"
 
 
@@ -39,14 +44,20 @@ class Told:
 class Way:
     """An output with its encoder."""
 
-    def __init__(self, output: Output, encode: Callable[[Message], Any]) -> None:
-        self.output, self._encode = output, encode
+    def __init__(
+        self,
+        output: "Output | SapientOutput",
+        encode: Callable[[Message], Any],
+        learn: Callable[[Message], None] = lambda _: None,
+    ) -> None:
+        """`learn`: takes in what is not to be sent, as it is of before the start."""
+        self.output, self._encode, self.learn = output, encode, learn
 
     def offer(self, message: Message) -> None:
         """Queues a message without waiting."""
         encoded = self._encode(message)
         if encoded is not None:
-            self.output.offer(encoded, spare=isinstance(message.event, Row))
+            self.output.offer(encoded, spare=isinstance(message.event, Row | Now))
 
 
 def make_way(wanted: Wanted, site: Site) -> Way:
@@ -65,8 +76,10 @@ def make_way(wanted: Wanted, site: Site) -> Way:
             sender = UdpSender(address.host, address.port)
         else:
             sender = StreamSender(address.host, address.port, tls)
-        encoder = Encoder(site.origin, wanted.every_s)
+        encoder = Encoder(site.origin, wanted.interval_s(address.scheme))
         return Way(Output(address.name, sender, wanted.room), encoder.encode)
+    if address.scheme == _SAPIENT:
+        return _sapient_way(address, wanted, site)
     if address.scheme in MQTT:
         from unlidar.relay.mqtt import MqttSender, encode
 
@@ -81,6 +94,18 @@ def make_way(wanted: Wanted, site: Site) -> Way:
         )
     server = WebSocketSender(address.host, address.port, wanted.room, address.token, None)
     return Way(Output(address.name, server, wanted.room), lambda message: message.text)
+
+
+def _sapient_way(address: Address, wanted: Wanted, site: Site) -> Way:
+    need_station("relay", ("sapient_msg",))
+    from unlidar.relay.sapient.output import SapientOutput
+
+    if site.origin is None:
+        raise ConfigError(f"{address.name}: SAPIENT needs the site's 'origin' (--site)")
+    output = SapientOutput(
+        address, site.station, site.origin, wanted.interval_s(address.scheme), wanted.node_id
+    )
+    return Way(output, lambda message: message, output.learn)
 
 
 async def relay(
@@ -105,6 +130,9 @@ async def relay(
                 if not line.old or all_of_it:
                     for way in ways:
                         way.offer(message)
+                else:
+                    for way in ways:
+                        way.learn(message)
 
     try:
         taking = asyncio.ensure_future(take())

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from unlidar.events.clock import AHEAD_S, BEHIND_S, Heard, StreamClock
 from unlidar.events.event import (
     EngineState,
+    Now,
     Row,
     SensorState,
     TrackBegins,
@@ -83,6 +84,8 @@ class Sky:
         match event:
             case TrackBegins():
                 self._course(station, event.track, heard).drone = event.drone
+            case Now():
+                self._course(station, event.track, heard)
             case Row():
                 self._row(self._course(station, event.track, heard), event)
             case TrackEnds():

@@ -19,6 +19,8 @@ const now = () => (live.now ? live.now + (performance.now() - heard) / 1000 : 0)
 /** Seconds since the server was last told of it. */
 const age = (thing) => Math.max(0, performance.now() / 1000 - offset - thing.heard);
 const isLinked = () => heard > 0 && performance.now() - heard < 1000 * SILENT_LINK;
+/** The rows of a track, which come late, and where it is now. */
+const upToNow = ({ rows, position }) => (position?.[T] > rows.at(-1)[T] ? [...rows, position] : rows);
 const isUnheard = (track) => age(track) >= SILENT_TRACK;
 /** All that have ever said anything; "sky" is no station, but the drones of all. */
 const engines = () => [...new Set([...live.engines.keys(), ...live.heard.keys()])].filter((name) => name != "sky");
@@ -51,6 +53,9 @@ const take = {
     else if (row[T] <= newest) return;
     track.rows.push(row);
     while (track.rows[0][T] < row[T] - TAIL) track.rows.shift();
+  },
+  now: (e) => {
+    trackOf(e).position = [e.timestamp, e.x, e.y, e.z, e.vx, e.vy, e.vz, e.sigma_x, e.sigma_y, e.sigma_z, null];
   },
   end: (e) => {
     live.tracks.delete(keyOf(e));

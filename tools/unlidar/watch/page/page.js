@@ -12,7 +12,7 @@ let frames = 0, tones = 0;
 function shown() {
   if (past.at === null) {
     forget();
-    return [...live.tracks.values()].filter((track) => track.rows.length).map((track) => ({ ...track, unheard: isUnheard(track) }));
+    return [...live.tracks.values()].filter((track) => track.rows.length).map((track) => ({ ...track, rows: upToNow(track), unheard: isUnheard(track) }));
   }
   const found = [];
   for (const track of past.tracks) {

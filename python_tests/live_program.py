@@ -21,13 +21,15 @@ from synthetic import BEGIN_NS, PERIOD_NS, PROGRAM, TRAJ_HEADER, Flight, seconds
 ENDLESS = ("--set", "live.delay_s=.inf", "--set", "live.window_s=.inf")
 PATIENCE_S = 60.0
 KIND = {"drone", "bird_like", "unknown"}
+STATE = ("track", "timestamp", "x", "y", "z", "vx", "vy", "vz", "sigma_x", "sigma_y", "sigma_z")
 FIELDS = {
     "track": {"event", "at", "track", "first_evidence", *KIND},
     "row": {
-        *("event", "at", "track", "timestamp", "x", "y", "z", "vx", "vy", "vz"),
-        *("sigma_x", "sigma_y", "sigma_z", "support", "late"),
+        *("event", "at", "support", "late"),
+        *STATE,
         *KIND,
     },
+    "now": {"event", "at", "unseen_s", *STATE},
     "end": {"event", "at", "track", "timestamp", *KIND},
     "sensor": {"event", "at", "name", "state"},
     "state": {"event", "at", "state", "frames", "dropped"},

@@ -73,7 +73,7 @@ struct TrackerConfig {
   double max_speed_mps = 35.0;
   double max_gap_s = 10.0;  // without a plot
   // That a target is out of view between two plots: a run of missed detections is no less likely.
-  double out_of_view_probability = 0.0;
+  double out_of_view_probability = 0.1;
   int hypotheses_per_plot = 2;           // kept at each plot and agility
   double return_rate_m2_per_s = 4000.0;  // of a typical drone: returns per second times range^2
   int max_hypotheses = 500;              // carried on, best first; more in a frame of many plots

@@ -194,6 +194,28 @@ TEST(TrackModel, GoingUndetectedForAnyTimeIsNoLessLikelyThanBeingOutOfView) {
   EXPECT_LT(num_out_of_view, 99);
 }
 
+TEST(TrackModel, AllTimesOutOfViewTogetherHaveItsProbabilityInAScoreToBeJudged) {
+  const std::vector<Plot> plots = {MakePlot(kBeginNs, {0, 10, 10}, -9.0),
+                                   MakePlot(kBeginNs + kPeriodNs, {0, 10, 10}, -9.0)};
+  const ScanSchedule watched = WatchOver(plots);
+  TrackerConfig config;
+  config.out_of_view_probability = 0.1;
+  config.return_rate_m2_per_s = 1e9;  // in view, it is never missed
+  const TrackModel searched(3.0, watched, config, TimeOutOfView::kFree);
+  const TrackModel judged(3.0, watched, config, TimeOutOfView::kLogUniform);
+  FrameTime at = FrameTimeOf(plots[0], plots[0], watched);
+  const Hypothesis h = judged.Birth(plots[0], 0.0, at, 1.0);
+  double sum = 0.0;
+  const int max_frames = static_cast<int>(std::round(config.max_gap_s / kPeriodS));
+  for (int missed = 1; missed <= max_frames; ++missed) {
+    at.frames_before[0] = h.frames + static_cast<std::uint32_t>(missed);
+    const double log_probability = judged.ScoreAfterMisses(h, at) - h.score;
+    EXPECT_LT(log_probability, searched.ScoreAfterMisses(h, at) - h.score);
+    sum += std::exp(log_probability);
+  }
+  EXPECT_NEAR(sum, config.out_of_view_probability, 0.002);
+}
+
 TEST(PathScorer, FramesOfTheSameInstantAreNotMissed) {
   // Two sensors in step see the same target: what the second one shows is more evidence.
   std::vector<Plot> plots;

@@ -53,7 +53,7 @@ class PlainModel {
   // Log likelihood ratio of a sequence of plots; minus infinity for one that is too fast, or that a
   // search deletes (`is_searched`).
   double Score(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-               bool is_searched) const {
+               bool is_searched, TimeOutOfView time_out_of_view) const {
     constexpr double kNever = -std::numeric_limits<double>::infinity();
     if (is_searched && log_births.front() < kDeletionLog) return kNever;
     Vector9 x = Vector9::Zero();
@@ -81,8 +81,11 @@ class PlainModel {
         rate = kReturnRateShape / config_.return_rate_m2_per_s;
       }
       // Of a target that another sensor sees next nothing is known that could be out of view.
-      const double out_of_view =
+      double out_of_view =
           plot.sensor == plots[k - 1].sensor ? config_.out_of_view_probability : 0.0;
+      if (time_out_of_view == TimeOutOfView::kLogUniform && missed > 0.0) {
+        out_of_view /= missed * (std::log(config_.max_gap_s / kPeriodS) + 0.5772);
+      }
       const double unseen =
           std::max(out_of_view, std::pow(rate / (rate + missed * per_frame), shape));
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
@@ -181,8 +184,8 @@ class PlainModel {
 
 // The score of a path at the agility and birth speed that suit it best.
 inline double PlainScore(const std::vector<Plot>& plots, const std::vector<std::uint32_t>& path,
-                         const TrackerConfig& config, int num_sensors = 1,
-                         bool is_searched = false) {
+                         const TrackerConfig& config, int num_sensors = 1, bool is_searched = false,
+                         TimeOutOfView time_out_of_view = TimeOutOfView::kFree) {
   const std::vector<Plot> members = Members(plots, path);
   const std::vector<double> all_births = PlainLogBirths(plots, config);
   std::vector<double> log_births;
@@ -191,7 +194,7 @@ inline double PlainScore(const std::vector<Plot>& plots, const std::vector<std::
   for (const double sigma_a_mps2 : config.sigma_a_mps2) {
     for (const double speed_mps : config.birth_speeds_mps) {
       const PlainModel model(config, sigma_a_mps2, speed_mps, num_sensors);
-      best = std::max(best, model.Score(members, log_births, is_searched));
+      best = std::max(best, model.Score(members, log_births, is_searched, time_out_of_view));
     }
   }
   return best;

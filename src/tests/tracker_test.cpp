@@ -133,7 +133,9 @@ TEST(FindPaths, BestOfATinyProblemIsThatOfEnumeration) {
 void ExpectPlainScores(const std::vector<Path>& paths, const std::vector<Plot>& plots,
                        const TrackerConfig& config) {
   for (const Path& path : paths) {
-    EXPECT_NEAR(path.score, PlainScore(plots, path.plots, config), kScoreTolerance);
+    EXPECT_NEAR(path.score,
+                PlainScore(plots, path.plots, config, 1, false, TimeOutOfView::kLogUniform),
+                kScoreTolerance);
   }
 }
 

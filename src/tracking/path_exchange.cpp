@@ -175,7 +175,7 @@ Path PathScorer::WithScore(Members members) const {
     frame_times.push_back(FrameTimeOf(plots_[i], plots_.front(), scan_schedule_));
   }
   for (const double sigma : config_.sigma_a_mps2) {
-    const TrackModel model(sigma, scan_schedule_, config_);
+    const TrackModel model(sigma, scan_schedule_, config_, time_out_of_view_);
     for (const double speed_mps : config_.birth_speeds_mps) {
       Hypothesis h = model.Birth(plots_[birth], log_births_[birth], frame_times.front(), speed_mps);
       for (std::size_t k = 1; k < path.plots.size(); ++k) {

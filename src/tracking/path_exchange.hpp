@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "tracking/track_model.hpp"
 #include "tracking/tracker.hpp"
 
 namespace unlidar {
@@ -13,8 +14,13 @@ namespace unlidar {
 class PathScorer {
  public:
   PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-             const ScanSchedule& scan_schedule, const TrackerConfig& config)
-      : plots_(plots), log_births_(log_births), scan_schedule_(scan_schedule), config_(config) {}
+             const ScanSchedule& scan_schedule, const TrackerConfig& config,
+             TimeOutOfView time_out_of_view = TimeOutOfView::kFree)
+      : plots_(plots),
+        log_births_(log_births),
+        scan_schedule_(scan_schedule),
+        config_(config),
+        time_out_of_view_(time_out_of_view) {}
 
   // Returns the path of these plots, with the score of the best sigma_a and birth speed; minus
   // infinity if two plots are of one frame.
@@ -27,6 +33,7 @@ class PathScorer {
   const std::vector<double>& log_births_;
   ScanSchedule scan_schedule_;
   const TrackerConfig& config_;
+  TimeOutOfView time_out_of_view_;
 };
 
 // Positions are noisy, and the initial velocity of a path is unknown.

@@ -139,9 +139,10 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule
 }
 
 TrackModel::TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule,
-                       const TrackerConfig& config)
+                       const TrackerConfig& config, TimeOutOfView time_out_of_view)
     : sigma_(sigma_a_mps2),
       log_out_of_view_(std::log(config.out_of_view_probability)),
+      time_out_of_view_(time_out_of_view),
       config_(&config) {
   SetScanSchedule(scan_schedule);
 }
@@ -181,8 +182,8 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const FrameTime
 
 double TrackModel::ScoreAfterMisses(const Hypothesis& from, const FrameTime& at) const {
   const double missed = NumMissedDetections(from, at);
-  return from.score + std::max(log_out_of_view_,
-                               LogMissProbability(from, missed * from.frame_exposure_s_per_m2));
+  const double log_missed = LogMissProbability(from, missed * from.frame_exposure_s_per_m2);
+  return from.score + std::max(LogOutOfViewProbability(missed, from.sensor), log_missed);
 }
 
 double TrackModel::PredictedScore(const Hypothesis& from, const FrameTime& at) const {
@@ -311,6 +312,13 @@ double TrackModel::LogMissProbability(const Hypothesis& from, double exposure_s_
   return LogProbabilityOfNoReturn(
       kReturnRateShape + from.num_detections,
       kReturnRateShape / config_->return_rate_m2_per_s + from.exposure_s_per_m2, exposure_s_per_m2);
+}
+
+double TrackModel::LogOutOfViewProbability(double missed, std::uint32_t sensor) const {
+  if (time_out_of_view_ == TimeOutOfView::kFree) return log_out_of_view_;
+  constexpr double kEulerGamma = 0.5772;  // the sum of 1 / n to N is about ln N + kEulerGamma
+  const double log_max_frames = std::log(std::max(config_->max_gap_s / frame_s_[sensor], 1.0));
+  return log_out_of_view_ - std::log(std::max(missed, 1.0) * (log_max_frames + kEulerGamma));
 }
 
 double TrackModel::LogPriorMissProbability(double exposure_s_per_m2) const {

@@ -156,9 +156,16 @@ double LogBirthOdds(const Plot& plot, const ScanSchedule& scan_schedule,
 std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                               const TrackerConfig& config);
 
+// Prior of the number of frames that a target is out of view between two plots. A search leaves it
+// free, which bounds the score from above: what comes behind a gap is not yet known. A score to be
+// judged has log uniform numbers up to the longest gap, which sum to the probability of being out
+// of view, so that it is a likelihood ratio: method.md (9) holds.
+enum class TimeOutOfView { kFree, kLogUniform };
+
 class TrackModel {
  public:
-  TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule, const TrackerConfig& config);
+  TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule, const TrackerConfig& config,
+             TimeOutOfView time_out_of_view = TimeOutOfView::kFree);
 
   // Replaces the sensors.
   void SetScanSchedule(const ScanSchedule& scan_schedule);
@@ -205,6 +212,7 @@ class TrackModel {
   void SetDetectionProbability(Hypothesis* h) const;
   double ManoeuvreNoiseFactor() const;  // additional noise of a manoeuvre
   double LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const;
+  double LogOutOfViewProbability(double missed, std::uint32_t sensor) const;
   double LogPriorMissProbability(double exposure_s_per_m2) const;  // without detections so far
   double LogOtherDetectionProbability(std::uint32_t sensor, const State& state) const;
   double ExposureOfFrame(std::uint32_t sensor, const State& state) const;
@@ -215,6 +223,7 @@ class TrackModel {
   double log_same_sensor_ = 0.0;   // log probability that the next plot is of the same sensor,
   double log_other_sensor_ = 0.0;  // or of one particular other sensor
   double log_out_of_view_;         // minus infinity if it is always in view
+  TimeOutOfView time_out_of_view_;
   const TrackerConfig* config_;
 };
 

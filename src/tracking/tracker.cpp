@@ -61,19 +61,26 @@ class PathFinder {
 
   std::vector<Path> Find() {
     std::vector<Path> paths = ExtractPaths();
-    const PathScorer scorer(plots_, log_births_, scan_schedule_, config_);
+    const PathScorer scorer = Scorer(TimeOutOfView::kFree);
     for (Path& path : paths) path = scorer.WithScore(std::move(path.plots));
     for (bool changed = true; changed;) {
       const std::vector<Path> before = paths;
       effort_.pairs_compared += ImprovePaths(scorer, config_, &paths);
       changed = SearchAgain(before, &paths) || SearchInReverse(scorer, &paths);
     }
+    const PathScorer judge = Scorer(TimeOutOfView::kLogUniform);
+    for (Path& path : paths) path = judge.WithScore(std::move(path.plots));
+    effort_.pairs_compared += ImprovePaths(judge, config_, &paths);
     return paths;
   }
 
   const Effort& effort() const { return effort_; }
 
  private:
+  PathScorer Scorer(TimeOutOfView time_out_of_view) const {
+    return PathScorer(plots_, log_births_, scan_schedule_, config_, time_out_of_view);
+  }
+
   std::vector<TrackSearch> Search(const std::vector<char>& free) const {
     return SearchPlots(plots_, log_births_, scans_, free, scan_schedule_, config_);
   }

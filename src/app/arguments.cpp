@@ -30,6 +30,14 @@ constexpr char kFooter[] =
 constexpr int kMaxThreads = 1024;
 constexpr std::size_t kMaxUsageErrorBytes = 300;
 
+CLI::Option* AddFile(CLI::App& app, const char* option, std::string& path,
+                     const char* description) {
+  return app.add_option(option, path, description)
+      ->check(
+          [](const std::string& text) { return text.empty() ? "empty, expected a file name" : ""; })
+      ->type_name("FILE");
+}
+
 void AddLiveOptions(CLI::App& app, Arguments& arguments) {
   CLI::Option* follow = app.add_flag("--follow", arguments.follow,
                                      "Track while frames are written to the --frames directories;\n"
@@ -50,6 +58,10 @@ void AddLiveOptions(CLI::App& app, Arguments& arguments) {
                  "With these three: JSON lines to write, `-` for stdout:\n"
                  "tracks, rows, sensors that fall silent, overload")
       ->type_name("FILE|-");
+  AddFile(app, "--state", arguments.state,
+          "The same: JSON to replace once a second: what it is doing now,\n"
+          "tracks, sensors, load");
+  AddFile(app, "--metrics", arguments.metrics, "The same as metrics, for Prometheus");
 }
 
 void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& frames) {
@@ -58,28 +70,21 @@ void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& f
   app.set_help_flag("-h,--help", "Print this help and exit");
   app.set_version_flag("--version", std::string("unlidar_track ") + kVersion,
                        "Print the version and exit");
-  const auto add_file = [&app](const char* option, std::string& path, const char* description) {
-    return app.add_option(option, path, description)
-        ->check([](const std::string& text) {
-          return text.empty() ? "empty, expected a file name" : "";
-        })
-        ->type_name("FILE");
-  };
   app.add_option("--frames", frames,
                  "Directory of *.pcd frames, once per LiDAR. NAME ties it to\n"
                  "sensors.NAME of the config; a path with '=' in its first part\n"
                  "is written ./PATH")
       ->type_name("[NAME=]DIR")
       ->allow_extra_args(false);
-  add_file("--out", arguments.out, "Trajectory to write")->required();
-  add_file("--config", arguments.config, "YAML of config keys, see configs/default.yaml");
+  AddFile(app, "--out", arguments.out, "Trajectory to write")->required();
+  AddFile(app, "--config", arguments.config, "YAML of config keys, see configs/default.yaml");
   app.add_option("--set", arguments.assignments,
                  "Sets one config key after --config; VALUE is YAML; repeatable")
       ->type_name("SECTION.KEY=VALUE")
       ->allow_extra_args(false);
-  CLI::Option* at = add_file("--at", arguments.at,
-                             "Output times: one stamp a line, or a CSV with a column\n"
-                             "`timestamp`; sorted, and each used once");
+  CLI::Option* at = AddFile(app, "--at", arguments.at,
+                            "Output times: one stamp a line, or a CSV with a column\n"
+                            "`timestamp`; sorted, and each used once");
   app.add_option("--rate", arguments.rate,
                  "Output times: so many a second. Without --at and --rate: the\n"
                  "stamps of the first --frames")
@@ -93,15 +98,15 @@ void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& f
       ->check(CLI::IsMember({"csv", "tum"}).description(""))
       ->type_name("csv|tum")
       ->capture_default_str();
-  add_file("--clusters", arguments.clusters,
-           "CSV to write: every number of the paper's score, per cluster");
-  add_file("--points", arguments.points, "PCD to write: the returns taken as target");
-  add_file("--summary", arguments.summary,
-           "JSON to write: version, effective config, counts and times per\n"
-           "stage, tracks");
-  add_file("--trace", arguments.trace,
-           "JSON lines to write: what was detected in each frame, and which\n"
-           "rule refused each path of detections (docs/explain.md)");
+  AddFile(app, "--clusters", arguments.clusters,
+          "CSV to write: every number of the paper's score, per cluster");
+  AddFile(app, "--points", arguments.points, "PCD to write: the returns taken as target");
+  AddFile(app, "--summary", arguments.summary,
+          "JSON to write: version, effective config, counts and times per\n"
+          "stage, tracks");
+  AddFile(app, "--trace", arguments.trace,
+          "JSON lines to write: what was detected in each frame, and which\n"
+          "rule refused each path of detections (docs/explain.md)");
   app.add_option("--only-drones", arguments.only_drones,
                  "Leaves out what is surely a bird, judged by how it flies: tracks\n"
                  "that are one with more than 1 - P / 2. While frames come: their\n"
@@ -133,9 +138,14 @@ void CheckMode(const Arguments& arguments, const std::vector<std::string>& frame
     throw UsageError("--frames is required (--help lists all options)");
   }
   if (!arguments.is_live()) {
-    if (arguments.events.empty()) return;
-    throw UsageError("--events " + arguments.events +
-                     ": expected with --follow, --stdin or --livox only");
+    for (const auto& [option, value] : {std::pair{"--events", &arguments.events},
+                                        {"--state", &arguments.state},
+                                        {"--metrics", &arguments.metrics}}) {
+      if (value->empty()) continue;
+      throw UsageError(option + (" " + *value) +
+                       ": expected with --follow, --stdin or --livox only");
+    }
+    return;
   }
   const std::string mode = arguments.follow       ? "--follow"
                            : arguments.from_stdin ? "--stdin"

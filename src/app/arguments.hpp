@@ -27,6 +27,8 @@ struct Arguments {
   bool from_stdin = false;
   std::string livox;
   std::string events;
+  std::string state;
+  std::string metrics;
   int threads = 1;
   bool quiet = false;
   bool verbose = false;

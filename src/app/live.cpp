@@ -11,6 +11,7 @@
 #include "app/live_intake.hpp"
 #include "app/live_output.hpp"
 #include "app/live_sources.hpp"
+#include "app/live_status.hpp"
 #include "app/live_trace_output.hpp"
 #include "app/output.hpp"
 #include "app/output_files.hpp"
@@ -61,6 +62,7 @@ class LiveRun {
         config_(config),
         output_(arguments.out, arguments.events, EarlierRows(config), signals_, note),
         reporter_(output_, service_, note),
+        status_files_(arguments, note),
         trace_(TraceOutputOf(arguments, signals_, note)),
         intake_(arguments, output_times, config, reporter_, trace_ ? trace_->Sink() : nullptr) {
     output_.LeaveOutBirds(arguments.max_bird_probability(), HoldNs(config.live));
@@ -86,7 +88,7 @@ class LiveRun {
 
   LiveSummary Summary() const {
     LiveSummary summary = intake_.Summary();
-    source_->AddTo(&summary);
+    if (source_) source_->AddTo(&summary);
     summary.tracks = output_.tracks();
     summary.tracks_left_out = output_.tracks_left_out();
     summary.left_out_rows = output_.left_out_rows();
@@ -122,6 +124,7 @@ class LiveRun {
     }
     if (signals_.ShouldReopen()) Reopen();
     output_.Flush();
+    WriteStatus(false);
     if (signals_.ShouldEnd()) return std::nullopt;
     return fds.front().revents != 0;
   }
@@ -136,6 +139,20 @@ class LiveRun {
     intake_.Close();
     output_.Close();
     if (trace_) trace_->Close();
+    WriteStatus(true);
+  }
+
+  void WriteStatus(bool is_end) {
+    status_files_.WriteIfDue(is_end, [this] {
+      LiveStatus status;
+      status.state = reporter_.state();
+      status.newest_ns = intake_.newest_ns();
+      status.one_in = reporter_.one_in();
+      status.summary = Summary();
+      status.sensor_states = reporter_.SensorStates();
+      status.tracks = output_.CurrentTracks();
+      return status;
+    });
   }
 
   const Arguments& arguments_;
@@ -144,6 +161,7 @@ class LiveRun {
   ServiceNotifier service_;
   LiveOutput output_;
   LiveEventReporter reporter_;
+  LiveStatusFiles status_files_;
   std::optional<LiveTraceOutput> trace_;
   LiveIntake intake_;
   std::unique_ptr<LiveSource> source_;
@@ -204,6 +222,18 @@ void CheckLivox(const std::string& endpoint, const Config& config) {
                     "', expected 1 with --livox, whose packets say their unit");
 }
 
+// They are replaced, which a pipe or a device would not survive.
+void CheckStatusFiles(const Arguments& arguments) {
+  for (const auto& [option, path] :
+       {std::pair{"--state ", &arguments.state}, {"--metrics ", &arguments.metrics}}) {
+    if (path->empty()) continue;
+    CheckWritable(*path);
+    if (IsSpecialFile(*path)) {
+      throw UsageError(option + *path + ": is no regular file, expected one: it is replaced");
+    }
+  }
+}
+
 }  // namespace
 
 std::string TrackLive(const Arguments& arguments, const OutputTimes& output_times,
@@ -217,6 +247,7 @@ std::string TrackLive(const Arguments& arguments, const OutputTimes& output_time
   if (!arguments.trace.empty() && std::isinf(config.live.delay_s)) {
     throw ConfigError("live.delay_s: 'inf', expected a finite delay with --trace");
   }
+  CheckStatusFiles(arguments);
   CheckNames(arguments.sources);
   LiveRun run(arguments, output_times, config, note);
   run.Run();

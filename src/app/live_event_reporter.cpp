@@ -80,11 +80,16 @@ void LiveEventReporter::SendHeartbeat(const LiveProgress& now) {
   }
 }
 
+std::vector<std::optional<SensorState>> LiveEventReporter::SensorStates() const {
+  std::vector<std::optional<SensorState>> states;
+  for (const Sensor& sensor : sensors_) states.push_back(sensor.state);
+  return states;
+}
+
 void LiveEventReporter::ReportState(const LiveProgress& now) {
-  const LiveState state = is_overloaded() ? LiveState::kOverloaded : state_;
   state_reported_ns_ = now.newest_ns;
-  output_.ReportState(now.newest_ns, state, now.frames, now.lost_frames);
-  service_.ReportStatus(LiveStateName(state));
+  output_.ReportState(now.newest_ns, state(), now.frames, now.lost_frames);
+  service_.ReportStatus(LiveStateName(state()));
 }
 
 }  // namespace unlidar

@@ -64,6 +64,11 @@ class LiveEventReporter {
   // stopped engine.
   void SendHeartbeat(const LiveProgress& now);
 
+  // As last reported.
+  LiveState state() const { return is_overloaded() ? LiveState::kOverloaded : state_; }
+  std::uint64_t one_in() const { return one_in_; }
+  std::vector<std::optional<SensorState>> SensorStates() const;
+
   // Writes everything pending. Throws OutputError.
   void Flush() { output_.Flush(); }
 

@@ -71,6 +71,9 @@ class LiveIntake {
   // No frame will follow.
   void Close();
 
+  // The newest stamp; 0 before the first frame.
+  TimeNs newest_ns() const { return engine_.newest_ns(); }
+
   // Returns the part of the summary known here, with name, directory and frames of each sensor.
   LiveSummary Summary() const;
 

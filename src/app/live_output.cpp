@@ -109,8 +109,9 @@ void LiveOutput::AddRow(TimeNs at_ns, const RowGiven& given) {
 void LiveOutput::AddPrediction(TimeNs at_ns, const TrackPredicted& predicted) {
   const TrajectoryRow& row = predicted.row;
   const auto confirmed = open_tracks_.find(row.track_id);
-  if (!events_ || confirmed == open_tracks_.end() || !confirmed->second.track) return;
+  if (confirmed == open_tracks_.end() || !confirmed->second.track) return;
   if (predicted.kind.bird_like > max_bird_probability_ || !IsWritable(row)) return;
+  confirmed->second.now = predicted;
   std::string fields = StateFields(tracks_[*confirmed->second.track].id, row);
   fields += ",\"unseen_s\":" + FixedText(predicted.unseen_s, kMetreDigits);
   AppendEvent("now", at_ns, fields);
@@ -152,6 +153,14 @@ void LiveOutput::End(TimeNs at_ns, const TrackEnded& track) {
                        ",\"timestamp\":" + SecondsText(track.last_evidence_ns);
   AppendKind(track.kind, fields);
   AppendEvent("end", at_ns, fields);
+}
+
+std::vector<CurrentTrack> LiveOutput::CurrentTracks() const {
+  std::vector<CurrentTrack> current;
+  for (const auto& [number, open] : open_tracks_) {
+    if (open.track && open.now) current.push_back({tracks_[*open.track].id, *open.now});
+  }
+  return current;
 }
 
 void LiveOutput::ReportSensor(TimeNs at_ns, const std::string& name, SensorState state) {

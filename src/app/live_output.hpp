@@ -33,6 +33,12 @@ struct LiveTrack {
   std::optional<MinimumReport> minimum = {};
 };
 
+// A track that has begun and not ended, where it was predicted to be at the newest stamp.
+struct CurrentTrack {
+  std::int64_t id = 0;
+  TrackPredicted now;
+};
+
 // Follows the number of refused rows in messages.
 inline constexpr const char* kUnwritableText =
     " left out: a number in it is none, or beyond 1e9, which no output takes";
@@ -74,7 +80,7 @@ class LiveOutput {
   void Confirm(const TrackConfirmed& track);
   // Throws OutputError for a row that is refused.
   void AddRow(TimeNs at_ns, const RowGiven& given);
-  // To the events alone.
+  // To the events alone; the last one of each track is kept.
   void AddPrediction(TimeNs at_ns, const TrackPredicted& predicted);
   void End(TimeNs at_ns, const TrackEnded& track);
   void ReportSensor(TimeNs at_ns, const std::string& name, SensorState state);
@@ -91,6 +97,9 @@ class LiveOutput {
   // Tracks of this run, in order of their numbers.
   const std::vector<LiveTrack>& tracks() const { return tracks_; }
 
+  // Those of them that have not ended.
+  std::vector<CurrentTrack> CurrentTracks() const;
+
   // Rows that are in the file already, and those whose numbers cannot be written.
   std::uint64_t left_out_rows() const { return left_out_rows_; }
   std::uint64_t unwritable_rows() const { return unwritable_rows_; }
@@ -101,8 +110,9 @@ class LiveOutput {
  private:
   struct Confirmed {
     TimeNs first_evidence_ns = 0;
-    std::optional<std::size_t> track;  // index into tracks_, once it is announced
-    std::deque<TrajectoryRow> held;    // rows, while it is surely a bird
+    std::optional<std::size_t> track;   // index into tracks_, once it is announced
+    std::deque<TrajectoryRow> held;     // rows, while it is surely a bird
+    std::optional<TrackPredicted> now;  // last prediction since its first row
   };
 
   bool IsSkipped(TimeNs time_ns) const;

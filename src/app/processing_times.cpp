@@ -18,6 +18,7 @@ void ProcessingTimes::Add(double seconds) {
   ++counts_[std::min(static_cast<std::size_t>(steps), kSteps - 1)];
   ++frames_;
   max_s_ = std::max(max_s_, seconds);
+  sum_s_ += seconds;
 }
 
 double ProcessingTimes::Quantile(double share) const {

@@ -17,6 +17,8 @@ class ProcessingTimes {
   double Quantile(double share) const;
 
   double max_s() const { return max_s_; }
+  double sum_s() const { return sum_s_; }
+  std::uint64_t frames() const { return frames_; }
 
  private:
   static constexpr std::size_t kSteps = 1100;  // of 2 % from 1 us: to 40 minutes
@@ -24,6 +26,7 @@ class ProcessingTimes {
   std::array<std::uint64_t, kSteps> counts_{};
   std::uint64_t frames_ = 0;
   double max_s_ = 0.0;
+  double sum_s_ = 0.0;
 };
 
 // CPU time of this thread so far, independent of the load by other programs.

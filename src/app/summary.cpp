@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "app/live_status.hpp"
 #include "app/output.hpp"
 #include "app/version.hpp"
 #include "config/config.hpp"
@@ -41,6 +42,9 @@ Json SplineJson(const MinimumReport& minimum) {
           {"final_cost", minimum.final_cost},
           {"termination", minimum.termination}};
 }
+
+// Stamps of what is now need no nanoseconds.
+double SecondsOf(TimeNs time_ns) { return static_cast<double>(time_ns) * kSecondsPerNs; }
 
 Json WarningsJson(const std::vector<Warning>& warnings) {
   Json list = Json::array();
@@ -134,6 +138,42 @@ Json PacketsJson(const LivoxCounts& packets) {
           {"excess", packets.excess},     {"noise_points", packets.noise_points}};
 }
 
+Json LiveInputJson(const LiveInput& input) {
+  Json json = {{"name", input.name},
+               {"directory", input.directory},
+               {"frames", input.frames},
+               {"blinded_s", input.blinded_s}};
+  if (input.packets) json["packets"] = PacketsJson(*input.packets);
+  return json;
+}
+
+Json LiveCountsJson(const LiveSummary& summary) {
+  std::uint64_t rows = 0;
+  for (const LiveTrack& track : summary.tracks) rows += track.rows;
+  Json counts = InputCountsJson(summary.counts);
+  counts.update({{"late_frames", summary.late_frames},
+                 {"astray_frames", summary.astray_frames},
+                 {"surplus_frames", summary.overflow_frames},
+                 {"overload_frames", summary.overload_frames},
+                 {"vanished_frames", summary.followed.vanished},
+                 {"passed_over_frames", summary.followed.passed_over},
+                 {"worked_off_frames", summary.followed.already_processed},
+                 {"refused_packets", summary.refused_packets},
+                 {"tracks", summary.tracks.size()},
+                 {"tracks_left_out", summary.tracks_left_out},
+                 {"trajectory_rows", rows},
+                 {"left_out_rows", summary.left_out_rows},
+                 {"unwritable_rows", summary.unwritable_rows}});
+  return counts;
+}
+
+Json FrameCpuJson(const ProcessingTimes& times) {
+  constexpr double kMsPerS = 1e3;
+  return {{"p50", kMsPerS * times.Quantile(0.5)},
+          {"p99", kMsPerS * times.Quantile(0.99)},
+          {"max", kMsPerS * times.max_s()}};
+}
+
 }  // namespace
 
 std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
@@ -153,17 +193,9 @@ std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& c
 
 std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
   Json inputs = Json::array();
-  for (const LiveInput& input : summary.inputs) {
-    inputs.push_back({{"name", input.name},
-                      {"directory", input.directory},
-                      {"frames", input.frames},
-                      {"blinded_s", input.blinded_s}});
-    if (input.packets) inputs.back()["packets"] = PacketsJson(*input.packets);
-  }
+  for (const LiveInput& input : summary.inputs) inputs.push_back(LiveInputJson(input));
   Json tracks = Json::array();
-  std::uint64_t rows = 0;
   for (const LiveTrack& track : summary.tracks) {
-    rows += track.rows;
     tracks.push_back({{"track_id", track.id},
                       {"begin", SecondsText(track.begin_ns)},
                       {"end", SecondsText(track.end_ns)},
@@ -171,32 +203,48 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                       {"kind", KindJson(track.kind)}});
     if (track.minimum) tracks.back()["spline"] = SplineJson(*track.minimum);
   }
-  Json counts = InputCountsJson(summary.counts);
-  counts.update({{"late_frames", summary.late_frames},
-                 {"astray_frames", summary.astray_frames},
-                 {"surplus_frames", summary.overflow_frames},
-                 {"overload_frames", summary.overload_frames},
-                 {"vanished_frames", summary.followed.vanished},
-                 {"passed_over_frames", summary.followed.passed_over},
-                 {"worked_off_frames", summary.followed.already_processed},
-                 {"refused_packets", summary.refused_packets},
-                 {"tracks", summary.tracks.size()},
-                 {"tracks_left_out", summary.tracks_left_out},
-                 {"trajectory_rows", rows},
-                 {"left_out_rows", summary.left_out_rows},
-                 {"unwritable_rows", summary.unwritable_rows}});
-  constexpr double kMsPerS = 1e3;
-  const ProcessingTimes& times = summary.processing_times;
   return TextOf({{"version", kVersion},
                  {"inputs", inputs},
                  {"config", ConfigJson(config)},
-                 {"counts", counts},
-                 {"frame_cpu_ms",
-                  {{"p50", kMsPerS * times.Quantile(0.5)},
-                   {"p99", kMsPerS * times.Quantile(0.99)},
-                   {"max", kMsPerS * times.max_s()}}},
+                 {"counts", LiveCountsJson(summary)},
+                 {"frame_cpu_ms", FrameCpuJson(summary.processing_times)},
                  {"warnings", WarningsJson(summary.warnings)},
                  {"tracks", tracks}});
+}
+
+std::string StateJson(const LiveStatus& status) {
+  const LiveSummary& summary = status.summary;
+  Json sensors = Json::array();
+  for (std::size_t i = 0; i < summary.inputs.size(); ++i) {
+    const std::optional<SensorState>& state = status.sensor_states[i];
+    sensors.push_back(LiveInputJson(summary.inputs[i]));
+    sensors.back()["state"] = state ? Json(SensorStateName(*state)) : Json();
+  }
+  Json tracks = Json::array();
+  for (const CurrentTrack& track : status.tracks) {
+    const TrajectoryRow& row = track.now.row;
+    Json json = {{"track", track.id}, {"timestamp", SecondsOf(row.time_ns)}};
+    for (const auto& [prefix, vector] :
+         {std::pair{"", &row.position_m}, {"v", &row.velocity_mps}, {"sigma_", &row.sigma_m}}) {
+      for (int axis = 0; axis < 3; ++axis)
+        json[prefix + std::string(1, "xyz"[axis])] = (*vector)[axis];
+    }
+    json["unseen_s"] = track.now.unseen_s;
+    json.update(KindJson(track.now.kind));
+    tracks.push_back(json);
+  }
+  return TextOf({{"version", kVersion},
+                 {"written", SecondsOf(status.written_ns)},
+                 {"at", SecondsOf(status.newest_ns)},
+                 {"state", status.has_ended ? "stopped" : LiveStateName(status.state)},
+                 {"sensors", sensors},
+                 {"tracks", tracks},
+                 {"load",
+                  {{"one_in", status.one_in},
+                   {"frame_cpu_ms", FrameCpuJson(summary.processing_times)},
+                   {"memory_bytes", status.memory_bytes}}},
+                 {"counts", LiveCountsJson(summary)},
+                 {"warnings", WarningsJson(summary.warnings)}});
 }
 
 }  // namespace unlidar

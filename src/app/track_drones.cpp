@@ -35,7 +35,8 @@ std::vector<NamedPath> Outputs(const Arguments& arguments) {
   for (const NamedPath& optional :
        {NamedPath{"--clusters", arguments.clusters}, NamedPath{"--points", arguments.points},
         NamedPath{"--summary", arguments.summary}, NamedPath{"--trace", arguments.trace},
-        NamedPath{"--events", arguments.events}}) {
+        NamedPath{"--events", arguments.events}, NamedPath{"--state", arguments.state},
+        NamedPath{"--metrics", arguments.metrics}}) {
     if (!optional.path.empty()) outputs.push_back(optional);
   }
   return outputs;

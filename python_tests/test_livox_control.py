@@ -25,7 +25,13 @@ def sensor(device: Device, *options: str) -> list[str]:
     return ["sensor", "livox", "--host", HERE, "--discovery-port", port, *options]
 
 
-@pytest.mark.parametrize(("model", "name", "port"), [(9, "Mid-360", 56300), (15, "HAP", 57000)])
+@pytest.mark.parametrize(
+    ("model", "name", "port"),
+    [
+        *((9, "Mid-360", 56300), (10, "HAP", 57000), (15, "HAP", 57000), (16, "PA", 56300)),
+        *((35, "Mid-360S", 56300), (40, "Avia 2", 56300), (99, "of type 99", 56300)),
+    ],
+)
 def test_it_is_found_told_where_to_send_to_and_started(
     model: int, name: str, port: int, capsys
 ) -> None:

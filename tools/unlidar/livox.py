@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-EXPECTED = "packets of a Mid-360, HAP, Avia, Mid-40, Mid-70, Horizon or Tele-15"
+EXPECTED = "packets of a Mid-360, Mid-360S, HAP, Avia, Avia 2, Mid-40, Mid-70, Horizon or Tele-15"
 
 # By data type: rays per packet (None: in the header) and the little-endian layout of a ray.
 _TAIL = [("reflectivity", "u1"), ("tag", "u1")]

@@ -1,4 +1,4 @@
-"""Finds Livox LiDARs of protocol 2 (Mid-360, HAP) and makes them send: docs/livox.md."""
+"""Finds Livox LiDARs of protocol 2, such as the Mid-360, and makes them send: docs/livox.md."""
 
 import binascii
 import socket
@@ -24,8 +24,9 @@ _POINT_TYPE, _POINT_HOST, _TARGET_MODE = 0x0000, 0x0006, 0x001A
 _SERIAL, _STATE, _SYNCHRONISATION = 0x8000, 0x8006, 0x800C
 _CARTESIAN_MM = 1
 
-_MODELS = {9: "Mid-360", 10: "HAP", 15: "HAP"}
-_POINT_PORTS = {9: 56300, 10: 57000, 15: 57000}  # from which a LiDAR sends
+_MODELS = {9: "Mid-360", 10: "HAP", 15: "HAP", 16: "PA", 35: "Mid-360S", 40: "Avia 2"}
+_POINT_PORT = 56300  # from which a LiDAR sends,
+_HAP_POINT_PORTS = {10: 57000, 15: 57000}  # but these models
 _CLOCKS = {0: "not synchronised", 1: "synchronised by PTP", 2: "synchronised by GPS"}
 _IP_PKTINFO = 8  # of Linux; Python has no name for it before 3.14
 _TRIES = 5
@@ -105,7 +106,7 @@ class Control:
     def send_points_to(self, port: int) -> None:
         """Configures 32-bit Cartesian points, sent to this port of the host."""
         here = socket.inet_aton(self._host) + struct.pack(
-            "<HH", port, _POINT_PORTS.get(self._lidar.model, _POINT_PORTS[9])
+            "<HH", port, _HAP_POINT_PORTS.get(self._lidar.model, _POINT_PORT)
         )
         self._configure({_POINT_TYPE: bytes([_CARTESIAN_MM]), _POINT_HOST: here})
 

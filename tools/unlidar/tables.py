@@ -44,6 +44,26 @@ def sequences_table(result: dict) -> Table:
     return table
 
 
+def comparison_table(comparison: dict) -> Table:
+    """Table of `comparison_of`: a row for each result."""
+    kind = "judged by the truth" if comparison["is_truth"] else "distances from the result"
+    table = Table(
+        title=f"lengths in metres, {kind} {cell(comparison['judged_by'])}",
+        title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0),
+    )  # fmt: skip
+    table.add_column("result", overflow="fold", min_width=12)
+    for name in ("tracks", "rows", "time", "length", "RMSE", "< 1 m", "cover", "false", "NEES"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for m in comparison["results"]:
+        table.add_row(
+            cell(m["name"]),
+            *(str(m["tracks"]), str(m["rows"]), f"{m['duration_s']:.0f} s", f"{m['length_m']:.0f}"),
+            *(_plain(m.get("rmse")), percent(m.get("within1m")), percent(m.get("coverage"))),
+            *(percent(m.get("false")), f"{m['nees']:.1f}" if "nees" in m else "-"),
+        )
+    return table
+
+
 def measures_table(measures: dict, title: str) -> Table:
     """The measures of `evaluate`, one per line with its meaning."""
     about = f"the truth is {measures['truth_is']}" if "truth_is" in measures else None

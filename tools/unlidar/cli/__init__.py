@@ -9,6 +9,7 @@ from typing import NoReturn
 from unlidar import reporting
 from unlidar.cli import (
     benchmark,
+    compare,
     completion,
     convert,
     evaluate,
@@ -61,6 +62,7 @@ _COMMANDS: dict[str, tuple[ModuleType, str, str | None]] = {
         "trajectory against truth: RMSE, per axis, coverage, false rows; one or many sequences",
         None,
     ),
+    "compare": (compare, "several results of one flight -> one table and one figure", None),
     "explain": (
         explain,
         "why a drone was not tracked: second by second, the first stage that lost it",

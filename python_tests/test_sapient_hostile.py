@@ -26,7 +26,7 @@ from sapient_middleware import (
 from sapient_msg.bsi_flex_335_v2_0.error_pb2 import Error
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
-from station_events import ORIGIN, now, state, track, write_site
+from station_events import ORIGIN, now, row, state, track, write_site
 from test_relay_links import serving
 from unlidar.addresses import Scheme, read_address
 from unlidar.events.site import Place, Site
@@ -150,7 +150,8 @@ def test_nothing_piles_up_while_nobody_is_there() -> None:
     with Middleware() as middleware:
         port = middleware.port
     output = node(port)
-    for message in messages(track(7, 0.0), *(now(7, t / 100) for t in range(1000))):
+    flight = [line for t in range(1000) for line in (now(7, t / 100), row(7, t / 100 - 1))]
+    for message in messages(track(7, 0.0), *flight):
         output.offer(message, spare=True)
     assert (output.waiting, output.dropped) == (1, 1000)
     with Middleware(port) as middleware:

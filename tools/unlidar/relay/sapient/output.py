@@ -8,7 +8,6 @@ from sapient_msg.bsi_flex_335_v2_0.registration_ack_pb2 import RegistrationAck
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 
 from unlidar.addresses import Address
-from unlidar.events.event import Now, Row
 from unlidar.events.site import Place
 from unlidar.events.station import Message
 from unlidar.relay.output import Backoff
@@ -68,9 +67,9 @@ class SapientOutput:
 
     def offer(self, message: Message, spare: bool) -> None:
         """Takes in a message without waiting."""
+        tells_position = self._picture.take(message)
         if not self._is_registered:
-            self.dropped += isinstance(message.event, Row | Now)
-        self._picture.take(message)
+            self.dropped += tells_position
         self._changed.set()
 
     async def run(self) -> None:

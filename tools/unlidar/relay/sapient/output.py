@@ -49,7 +49,7 @@ class SapientOutput:
         self._changed = asyncio.Event()
         self._complaint = RateLimitedNote(f"{self.name}: answers with an error")
         self._tasks: asyncio.Queue[SapientMessage] = asyncio.Queue(_MOST_TASKS)
-        self._is_registered = self._is_ending = False
+        self._is_registered = self._is_ending = self._is_introduced = False
         self._scan_ns = 0  # stamp of the newest detections
         self._status: Health | None = None  # as it was told last
         self._status_s = 0.0
@@ -93,12 +93,12 @@ class SapientOutput:
             await self._backoff.wait()
 
     async def drain(self, seconds: float) -> None:
-        """Tells the rest, at most `seconds`, and says goodbye, if registered."""
-        if not self._is_registered:
-            return
+        """Tells the rest and says goodbye, at most `seconds`; at once if nobody is there."""
         with contextlib.suppress(OSError, TimeoutError):
             async with asyncio.timeout(seconds):
-                while self.waiting and self._is_registered:
+                while self.waiting or not self._is_registered:
+                    if self._backoff.is_away:
+                        return
                     await asyncio.sleep(_LOOK_S)
                 self._is_ending = True
                 await self._send("status_report", self._reporter.goodbye())
@@ -118,7 +118,9 @@ class SapientOutput:
         self._status, self._scan_ns = None, 0
         self._picture.tell_again()
         self._is_registered = True
-        note(f"{self.name}: is registered as node {self.node_id}")
+        if not self._is_introduced:
+            note(f"{self.name}: is registered as node {self.node_id}")
+        self._is_introduced = True
 
     async def _tell_and_answer(self) -> None:
         """Sends what changes, and the status now and then, until the connection is lost."""
@@ -144,7 +146,7 @@ class SapientOutput:
 
     def _pause_s(self) -> float:
         """Time until something is to be sent, if nothing changes."""
-        if self._picture.has_positions:
+        if self._picture.has_positions and not self._is_ending:
             passed_ns = self._connection.now_ns() - self._scan_ns
             return min(max((self._apart_ns - passed_ns) * 1e-9, 0.0), self._apart_ns * 1e-9)
         changed = self._status is not None and self._picture.health() != self._status

@@ -98,7 +98,7 @@ def silent(client: socket.socket) -> None:
         (b"", "the connection was closed"),
         (b"HTTP/1.1 400 Bad Request\r\n\r\n", "sent a message of 1,347,703,880 bytes"),
         (b"\xff\xff\xff\xff" + b"x" * 1000, "sent a message of 4,294,967,295 bytes"),
-        (struct.pack("<I", 1 << 20) + b"x", "the connection was closed"),
+        (struct.pack("<I", 1 << 18) + b"x", "the connection was closed"),
         (b"\x05", "the connection was closed"),
         (accepted("no room", "\x1b[31mred"), "refused the registration: no room; \x1b[31mred"),
         (accepted(""), "refused the registration: it gives no reason"),
@@ -234,7 +234,9 @@ def test_a_task_that_is_incomplete_is_answered_by_its_fault() -> None:
 @pytest.mark.parametrize("reads", [True, False])
 def test_a_flood_of_tasks_takes_neither_memory_nor_the_place_of_detections(reads) -> None:
     replies: list[SapientMessage] = []
+    # The second is nothing but faults, 100,000 of them.
     flood = task(command=Task.Command(request="x" * 100_000)) * 10
+    flood += task(region=[Task.Region()] * 100_000) * 10
 
     def read(incoming: Iterator[SapientMessage]) -> None:
         with contextlib.suppress(OSError):

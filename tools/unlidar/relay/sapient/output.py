@@ -25,6 +25,7 @@ _LASTS_S = 10.0  # a connection that lasts as long is a good one
 _LEAST_APART_S = 0.085
 _LEAST_STATUS_S = 0.5  # between two changes
 _LOOK_S = 0.02
+_FAREWELL_S = 0.3  # the public middleware drops what it has not worked off when a node leaves
 _MOST_REASON = 200
 _MOST_TASKS = 16  # that wait for their answer; others wait in the connection
 
@@ -102,6 +103,7 @@ class SapientOutput:
                     await asyncio.sleep(_LOOK_S)
                 self._is_ending = True
                 await self._send("status_report", self._reporter.goodbye())
+                await asyncio.sleep(_FAREWELL_S)
 
     async def _register(self) -> None:
         """Registers and waits for the answer. ConnectionError if it is refused."""

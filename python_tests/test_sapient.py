@@ -229,6 +229,19 @@ def test_requests_are_fulfilled_and_all_else_is_rejected_by_its_name(site) -> No
     check(middleware)
 
 
+def test_events_that_end_before_the_registration_are_told(site) -> None:
+    flight = [*WELL, track(7, 1.0), *(now(7, 1.0 + t / 10) for t in range(50)), end(7, 20.0)]
+    with Middleware() as middleware, Relay(
+        "-", url(middleware), "--site", site, stdin=True
+    ) as relay:  # fmt: skip
+        relay.feed(*flight)
+        code, said = relay.end()
+    assert code == 0, said
+    assert middleware.all("detection_report")[-1].state == "lost"
+    assert middleware.all("status_report")[-1].system == StatusReport.SYSTEM_GOODBYE
+    check(middleware)
+
+
 def test_a_middleware_that_was_away_is_told_of_now(site) -> None:
     middleware = Middleware()
     port = middleware.port

@@ -26,7 +26,7 @@ from sapient_middleware import (
 from sapient_msg.bsi_flex_335_v2_0.error_pb2 import Error
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
-from station_events import ORIGIN, now, state, track, write_site
+from station_events import ORIGIN, now, row, state, track, write_site
 from test_relay_links import serving
 from unlidar.addresses import Scheme, read_address
 from unlidar.events.site import Place, Site
@@ -98,7 +98,7 @@ def silent(client: socket.socket) -> None:
         (b"", "the connection was closed"),
         (b"HTTP/1.1 400 Bad Request\r\n\r\n", "sent a message of 1,347,703,880 bytes"),
         (b"\xff\xff\xff\xff" + b"x" * 1000, "sent a message of 4,294,967,295 bytes"),
-        (struct.pack("<I", 1 << 20) + b"x", "the connection was closed"),
+        (struct.pack("<I", 1 << 18) + b"x", "the connection was closed"),
         (b"\x05", "the connection was closed"),
         (accepted("no room", "\x1b[31mred"), "refused the registration: no room; \x1b[31mred"),
         (accepted(""), "refused the registration: it gives no reason"),
@@ -150,7 +150,8 @@ def test_nothing_piles_up_while_nobody_is_there() -> None:
     with Middleware() as middleware:
         port = middleware.port
     output = node(port)
-    for message in messages(track(7, 0.0), *(now(7, t / 100) for t in range(1000))):
+    flight = [line for t in range(1000) for line in (now(7, t / 100), row(7, t / 100 - 1))]
+    for message in messages(track(7, 0.0), *flight):
         output.offer(message, spare=True)
     assert (output.waiting, output.dropped) == (1, 1000)
     with Middleware(port) as middleware:
@@ -233,7 +234,9 @@ def test_a_task_that_is_incomplete_is_answered_by_its_fault() -> None:
 @pytest.mark.parametrize("reads", [True, False])
 def test_a_flood_of_tasks_takes_neither_memory_nor_the_place_of_detections(reads) -> None:
     replies: list[SapientMessage] = []
+    # The second is nothing but faults, 100,000 of them.
     flood = task(command=Task.Command(request="x" * 100_000)) * 10
+    flood += task(region=[Task.Region()] * 100_000) * 10
 
     def read(incoming: Iterator[SapientMessage]) -> None:
         with contextlib.suppress(OSError):

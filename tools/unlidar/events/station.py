@@ -90,8 +90,8 @@ class Station:
         self._sensors: set[str] = set()
         self.bad = RateLimitedNote(f"{source}: a line is left out")
 
-    def take(self, line: bytes | str) -> list[Message]:
-        """The messages that result from a line, in order.
+    def take(self, line: bytes | str, placed: bool = True) -> list[Message]:
+        """The messages that result from a line, in order; `placed`: with the place of positions.
 
         An empty line only advances time.
         """
@@ -101,7 +101,7 @@ class Station:
         try:
             event, tokens = understand(parse(line))
             self.believe(event.at)
-            told += self.follow(event, tokens)
+            told += self.follow(event, tokens, placed)
         except ValueError as error:
             self.bad(" ".join(str(error).split())[:200])
         return told
@@ -113,9 +113,9 @@ class Station:
                 f"at: {format_stamp_ns(at_ns)} is neither of now nor near to what came before"
             )
 
-    def follow(self, event: Event, tokens: Tokens) -> list[Message]:
+    def follow(self, event: Event, tokens: Tokens, placed: bool = True) -> list[Message]:
         """The messages that result from an accepted event. ValueError beyond a bound."""
-        place = self._place(event) if isinstance(event, Row | Now) else None
+        place = self._place(event) if placed and isinstance(event, Row | Now) else None
         message = self._message(event, tokens, place)
         match event:
             case TrackBegins():

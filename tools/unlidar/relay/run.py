@@ -125,9 +125,10 @@ async def relay(
 
     async def take() -> None:
         async for line in source.lines():
-            for message in station.take(line.data):
+            is_sent = all_of_it or not line.old
+            for message in station.take(line.data, placed=is_sent):
                 keep(message)
-                if not line.old or all_of_it:
+                if is_sent:
                     for way in ways:
                         way.offer(message)
                 else:

@@ -6,6 +6,7 @@ import socket
 import struct
 import time
 from collections.abc import Sequence
+from itertools import islice
 
 from google.protobuf.message import DecodeError, Message
 from sapient_msg.bsi_flex_335_v2_0.error_pb2 import Error
@@ -15,10 +16,11 @@ from unlidar.relay.sapient.rules import faults
 from unlidar.reporting import RateLimitedNote
 
 _LENGTH = struct.Struct("<I")
-_MOST_BYTES = 1 << 20  # of a message; the public middleware takes as many
+_MOST_BYTES = 1 << 18  # of a message that comes; those for a node are far smaller
+_MOST_FAULTS = 3  # that are told
 _MOST_RETURNED = 4096  # of a message that is not understood, in the answer to it
 _DIAL_S = 10.0
-_AT_ONCE_S = 0.01  # between two messages taken in, so that no flood keeps us busy
+_REST_S = 0.01  # between two messages that come, or as long as the last one took if that is more
 _CLOCK_BACK_NS = 50_000_000  # a smaller step back is bridged
 _LEAST_STEP_NS = 1000  # stamps are compared in microseconds
 
@@ -83,12 +85,13 @@ class Connection:
         """The next valid message; others are answered with their faults."""
         while True:
             data = await self._read()
-            await asyncio.sleep(_AT_ONCE_S)
+            begin_s = time.monotonic()
             try:
                 message = SapientMessage.FromString(data)
-                found = "; ".join(list(faults(message))[:3])
+                found = "; ".join(islice(faults(message), _MOST_FAULTS))
             except (DecodeError, ValueError) as error:
                 message, found = SapientMessage(), f"cannot be decoded: {error}"
+            await asyncio.sleep(max(_REST_S, time.monotonic() - begin_s))
             if not found:
                 return message
             self._bad(found[:200])

@@ -8,7 +8,6 @@ from sapient_msg.bsi_flex_335_v2_0.registration_ack_pb2 import RegistrationAck
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 
 from unlidar.addresses import Address
-from unlidar.events.event import Now, Row
 from unlidar.events.site import Place
 from unlidar.events.station import Message
 from unlidar.relay.output import Backoff
@@ -26,6 +25,7 @@ _LASTS_S = 10.0  # a connection that lasts as long is a good one
 _LEAST_APART_S = 0.085
 _LEAST_STATUS_S = 0.5  # between two changes
 _LOOK_S = 0.02
+_FAREWELL_S = 0.3  # the public middleware drops what it has not worked off when a node leaves
 _MOST_REASON = 200
 _MOST_TASKS = 16  # that wait for their answer; others wait in the connection
 
@@ -50,7 +50,7 @@ class SapientOutput:
         self._changed = asyncio.Event()
         self._complaint = RateLimitedNote(f"{self.name}: answers with an error")
         self._tasks: asyncio.Queue[SapientMessage] = asyncio.Queue(_MOST_TASKS)
-        self._is_registered = self._is_ending = False
+        self._is_registered = self._is_ending = self._is_introduced = False
         self._scan_ns = 0  # stamp of the newest detections
         self._status: Health | None = None  # as it was told last
         self._status_s = 0.0
@@ -68,9 +68,9 @@ class SapientOutput:
 
     def offer(self, message: Message, spare: bool) -> None:
         """Takes in a message without waiting."""
+        tells_position = self._picture.take(message)
         if not self._is_registered:
-            self.dropped += isinstance(message.event, Row | Now)
-        self._picture.take(message)
+            self.dropped += tells_position
         self._changed.set()
 
     async def run(self) -> None:
@@ -94,15 +94,16 @@ class SapientOutput:
             await self._backoff.wait()
 
     async def drain(self, seconds: float) -> None:
-        """Tells the rest, at most `seconds`, and says goodbye, if registered."""
-        if not self._is_registered:
-            return
+        """Tells the rest and says goodbye, at most `seconds`; at once if nobody is there."""
         with contextlib.suppress(OSError, TimeoutError):
             async with asyncio.timeout(seconds):
-                while self.waiting and self._is_registered:
+                while self.waiting or not self._is_registered:
+                    if self._backoff.is_away:
+                        return
                     await asyncio.sleep(_LOOK_S)
                 self._is_ending = True
                 await self._send("status_report", self._reporter.goodbye())
+                await asyncio.sleep(_FAREWELL_S)
 
     async def _register(self) -> None:
         """Registers and waits for the answer. ConnectionError if it is refused."""
@@ -119,7 +120,9 @@ class SapientOutput:
         self._status, self._scan_ns = None, 0
         self._picture.tell_again()
         self._is_registered = True
-        note(f"{self.name}: is registered as node {self.node_id}")
+        if not self._is_introduced:
+            note(f"{self.name}: is registered as node {self.node_id}")
+        self._is_introduced = True
 
     async def _tell_and_answer(self) -> None:
         """Sends what changes, and the status now and then, until the connection is lost."""
@@ -145,7 +148,7 @@ class SapientOutput:
 
     def _pause_s(self) -> float:
         """Time until something is to be sent, if nothing changes."""
-        if self._picture.has_positions:
+        if self._picture.has_positions and not self._is_ending:
             passed_ns = self._connection.now_ns() - self._scan_ns
             return min(max((self._apart_ns - passed_ns) * 1e-9, 0.0), self._apart_ns * 1e-9)
         changed = self._status is not None and self._picture.health() != self._status

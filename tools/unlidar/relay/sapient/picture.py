@@ -102,12 +102,12 @@ class Picture:
         if abs(time.time() - message.at_ns * 1e-9) > _LIVE_S:
             self._heard_s = None
 
-    def take(self, message: Message) -> None:
-        """Takes in an event or an alarm."""
+    def take(self, message: Message) -> bool:
+        """Takes in an event or an alarm; True if it tells a position."""
         event = message.event
         if message.kind == ALARM:
             self._take_alarm(message)
-            return
+            return False
         if not isinstance(event, TrackEnds):  # these also follow from silence
             self._heard_s = self._monotonic_s()
         match event:
@@ -117,7 +117,7 @@ class Picture:
             case Row() | Now():
                 self._track(event.track, event.timestamp)
                 self._judge(event)
-                self._move(event)
+                return self._move(event)
             case TrackEnds():
                 track = self._tracks.pop(event.track, None)
                 if track is not None and track.state is not None:
@@ -128,6 +128,7 @@ class Picture:
                 self._engine = event.state
                 if event.state == WARMING_UP:  # it may have other LiDARs than before
                     self._sensors = {n: s for n, s in self._sensors.items() if s == _OK}
+        return False
 
     def take_fresh(self) -> list[Track]:
         """The tracks whose position is new; each once."""
@@ -218,18 +219,19 @@ class Picture:
         if event.drone is not None:
             track.drone, track.bird_like = event.drone, event.bird_like
 
-    def _move(self, event: Row | Now) -> None:
+    def _move(self, event: Row | Now) -> bool:
         now_s = self._monotonic_s()
         if isinstance(event, Now):
             self._now_s = now_s
         elif event.late or now_s - self._now_s < _PREFERS_NOW_S:
-            return
+            return False
         track = self._tracks[event.track]
         # Of a stream by this computer's time it is known for how long the event was under way.
         lag_s = time.time() - event.at * 1e-9
         track.state = event
         track.heard_s = now_s - (lag_s if abs(lag_s) <= _MOST_LAG_S else 0.0)
         track.is_fresh = True
+        return True
 
     def _take_alarm(self, message: Message) -> None:
         alarm = message.alarm

@@ -21,6 +21,7 @@ LAYERS = (
     "config",  # defaults, YAML, constraints
     "api",  # what the public headers declare, by the layers above
     "app",  # the command line and its files
+    "python",  # the API for Python
 )
 # Of tools/unlidar/events: a module imports those above it in this list.
 EVENTS = (

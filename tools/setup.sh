@@ -22,7 +22,7 @@ build_packages=(
   build-essential cmake ninja-build
   libpcl-dev liblz4-dev libeigen3-dev libceres-dev libyaml-cpp-dev libcli11-dev
   nlohmann-json3-dev libgtest-dev libbenchmark-dev
-  python3 python3-venv
+  pybind11-dev python3-dev python3-venv
 )
 check_packages=(
   clang-format clang-tidy shellcheck valgrind chromium chromium-driver

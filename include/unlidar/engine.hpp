@@ -70,7 +70,7 @@ enum class EngineState { kWarmingUp, kRunning };
 using EngineEvent =
     std::variant<TrackConfirmed, RowGiven, TrackPredicted, TrackEnded, SensorChanged, EngineState>;
 
-// Called from within Add(), Advance() and Close(); must not call functions of the engine.
+// Called from within Add(), Advance() and Close(); may call const functions of the engine only.
 using EngineCallback = std::function<void(const EngineEvent&)>;
 
 class LiveEngine;
@@ -119,10 +119,12 @@ class Engine {
   // Warnings about the frames so far, each once: a moving sensor, a z axis that is not up.
   const std::vector<Warning>& warnings() const;
 
-  // Frames accepted, including empty ones, and those dropped as too late or with a stray stamp.
+  // Frames accepted, including empty ones, and those dropped: too late, with a stray stamp, or more
+  // than may wait for earlier ones.
   const InputCounts& counts() const;
   std::uint64_t late_frames() const;
   std::uint64_t astray_frames() const;
+  std::uint64_t overflow_frames() const;
 
  private:
   std::vector<std::string> sensors_;  // names for messages

@@ -86,4 +86,6 @@ std::uint64_t Engine::late_frames() const { return live_->late_frames(); }
 
 std::uint64_t Engine::astray_frames() const { return live_->astray_frames().count; }
 
+std::uint64_t Engine::overflow_frames() const { return live_->overflow_frames().count; }
+
 }  // namespace unlidar

@@ -22,15 +22,6 @@ std::string Quoted(const std::string& text) {
   return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-// True if all numbers are finite and bounded, as JSON and its readers require.
-bool IsWritable(const TrajectoryRow& row) {
-  constexpr double kMaxMagnitude = 1e9;
-  const auto is_bounded = [](const Eigen::Vector3d& vector) {
-    return vector.allFinite() && vector.cwiseAbs().maxCoeff() <= kMaxMagnitude;
-  };
-  return is_bounded(row.position_m) && is_bounded(row.velocity_mps) && is_bounded(row.sigma_m);
-}
-
 void AppendVector(const char* prefix, const char* suffix, const Eigen::Vector3d& vector,
                   std::string& fields) {
   constexpr const char* kAxes = "xyz";
@@ -56,6 +47,14 @@ void AppendKind(const Kind& kind, std::string& fields) {
 }
 
 }  // namespace
+
+bool IsWritable(const TrajectoryRow& row) {
+  constexpr double kMaxMagnitude = 1e9;
+  const auto is_bounded = [](const Eigen::Vector3d& vector) {
+    return vector.allFinite() && vector.cwiseAbs().maxCoeff() <= kMaxMagnitude;
+  };
+  return is_bounded(row.position_m) && is_bounded(row.velocity_mps) && is_bounded(row.sigma_m);
+}
 
 const char* LiveStateName(LiveState state) {
   constexpr std::array<const char*, 3> kNames = {"warming_up", "running", "overloaded"};

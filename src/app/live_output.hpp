@@ -23,6 +23,9 @@ const char* LiveStateName(LiveState state);
 
 const char* SensorStateName(SensorState state);
 
+// True if all numbers are finite and bounded, as JSON and its readers require.
+bool IsWritable(const TrajectoryRow& row);
+
 // A track that was written.
 struct LiveTrack {
   std::int64_t id = 0;

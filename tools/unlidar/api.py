@@ -5,7 +5,6 @@ Notes go to the logger `unlidar`, stages with the level INFO.
 """
 
 import dataclasses
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from unlidar.conversion.source import Options as ConvertOptions
 from unlidar.errors import UsageError
 from unlidar.evaluate_options import Options as EvaluateOptions
 from unlidar.program import CLUSTERS, SUMMARY, TARGET_RETURNS
+from unlidar.settings import assignments
 
 __all__ = [
     "Conversion",
@@ -182,8 +182,8 @@ def run(
     """
     values = ({"method": method} if method is not None else {}) | dict(settings or {})
     chosen = [] if config is None else ["--config", os.fspath(config)]
-    for key, value in values.items():
-        chosen += ["--set", f"{key}={value if isinstance(value, str) else json.dumps(value)}"]
+    for assignment in assignments(values):
+        chosen += ["--set", assignment]
     chosen += [] if threads is None else ["--threads", str(threads)]
     if isinstance(sensors, str):
         raise UsageError(f"sensors is '{sensors}', expected a list of names")

@@ -5,7 +5,6 @@ which they are tried.
 """
 
 import json
-from collections.abc import Iterable, Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +12,9 @@ from pathlib import Path
 from unlidar import __version__
 from unlidar.conversion.bag import RosBag
 from unlidar.conversion.folder import FrameFolder
+from unlidar.conversion.kept_items import KeptItems
 from unlidar.conversion.las import LasFile
 from unlidar.conversion.livox_capture import LivoxCapture, LivoxFile
-from unlidar.conversion.merge import merged
 from unlidar.conversion.mmaud import MmaudFolder
 from unlidar.conversion.ouster_capture import OusterCapture
 from unlidar.conversion.point_times import OFFSET_FIELD, pcd_column
@@ -25,12 +24,11 @@ from unlidar.conversion.source import (
     SourceFrame,
     Stream,
     TruthRow,
-    Unreadable,
 )
 from unlidar.conversion.truth_file import TruthFile
 from unlidar.conversion.velodyne_capture import VelodyneCapture
 from unlidar.errors import InputError, UsageError, listed
-from unlidar.frames_io import is_return, write_pcd
+from unlidar.frames_io import write_pcd
 from unlidar.names import check_name
 from unlidar.output import complete_directory
 from unlidar.progress import with_progress
@@ -70,6 +68,15 @@ def open_source(path: Path, options: Options = _DEFAULTS) -> Source:
     raise InputError(f"{path}: no recording of a known kind, expected {EXPECTED}")
 
 
+def choose_sensors(path: Path, source: Source, sensors: list[str] | None) -> list[str]:
+    """Those asked for, by default its LiDARs; UsageError for one that it does not hold."""
+    chosen = sensors or source.lidars()
+    unknown = [name for name in chosen if name not in source.sensors]
+    if unknown:
+        raise UsageError(f"{path}: has no sensor '{unknown[0]}', it holds {listed(source.sensors)}")
+    return chosen
+
+
 def list_streams(path: Path) -> tuple[str, list[Stream]]:
     """The kind of the recording at `path` and its streams."""
     with closing(open_source(path)) as source:
@@ -97,12 +104,7 @@ def convert(
     InputError if nothing can be kept.
     """
     with closing(open_source(path, options)) as source:
-        chosen = sensors or source.lidars()
-        unknown = [name for name in chosen if name not in source.sensors]
-        if unknown:
-            raise UsageError(
-                f"{path}: has no sensor '{unknown[0]}', it holds {listed(source.sensors)}"
-            )
+        chosen = choose_sensors(path, source, sensors)
         with complete_directory(out, force, path) as work:
             writer = _Writer(path, work, chosen, options)
             broken = writer.write(source)
@@ -117,7 +119,7 @@ def convert(
                 "broken": broken,
                 "frames": writer.frames,
                 "returns": writer.returns,
-                "left_out": writer.left_out,
+                "left_out": writer.left_out(),
                 "truth_rows": writer.truth_rows if source.truths else None,
                 "notes": [*source.notes(), *writer.notes()],
                 **source.facts(),
@@ -135,26 +137,24 @@ class _Writer:
     """Writes frames and truth as they come, and counts them."""
 
     def __init__(self, path: Path, work: Path, sensors: list[str], options: Options) -> None:
-        self._path, self._work, self._options = path, work, options
+        self._path, self._work = path, work
         self.frames = dict.fromkeys(sensors, 0)
         self.returns = dict.fromkeys(sensors, 0)
         self.truth_rows = 0
-        self.left_out: dict[str, int] = {}  # frames and rows of truth, by topic or sensor
-        self._why: dict[str, str] = {}  # reason for the first of them
-        self._written: dict[tuple[str, int], str] = {}
+        self._kept = KeptItems(path, options)
         self._truth_span: tuple[int, int] | None = None
         for name in sensors:
             self._folder(name).mkdir()
 
     def write(self, source: Source) -> str | None:
         """Writes all items of the source; returns the reason if the recording breaks off."""
-        sensors, options = list(self.frames), self._options
+        sensors = list(self.frames)
         said = f"Converting {printable(self._path.name)}"
         items = with_progress(source.items(sensors), source.total(sensors), said)
         broken = None
         with TruthFile(self._work / TRUTH_NAME, source.truths) as truth:
             try:
-                for item in merged(self._readable(items), options.merge):
+                for item in self._kept.of(items):
                     if isinstance(item, TruthRow):
                         self._add_truth(item, truth)
                     else:
@@ -164,20 +164,17 @@ class _Writer:
                     raise
                 broken = str(error)
         if not any(self.frames.values()):
-            why = broken or next(iter(self._why.values()), None)
-            if why is not None:
-                raise InputError(f"{why}; no frame could be read")
-            if options.start_s or options.duration_s is not None:
-                raise InputError(f"{self._path}: no frame lies in the time asked for")
+            self._kept.refuse_nothing(broken)
         return broken
+
+    def left_out(self) -> dict[str, int]:
+        """Frames and rows of truth left out, by topic or sensor."""
+        return self._kept.left_out
 
     def notes(self) -> list[str]:
         """Notes on items left out, and on truth of another time span than the frames."""
-        notes = [
-            f"{where}: left out {count}, the first: {self._why[where]}"
-            for where, count in self.left_out.items()
-        ]
-        stamps = [stamp_ns for _, stamp_ns in self._written]
+        notes = self._kept.notes()
+        stamps = self._kept.stamps_ns()
         if not stamps or self._truth_span is None:
             return notes
         first, last = self._truth_span
@@ -189,21 +186,6 @@ class _Writer:
             f"{max(stamps) / 1e9:.3f} s, truth from {first / 1e9:.3f} to {last / 1e9:.3f} s",
         ]
 
-    def _readable(
-        self, items: Iterable[SourceFrame | TruthRow | Unreadable]
-    ) -> Iterator[SourceFrame | TruthRow]:
-        for item in items:
-            if isinstance(item, Unreadable):
-                self._leave_out(item.where, item.why)
-            else:
-                yield item
-
-    def _leave_out(self, where: str, why: str) -> None:
-        if not self._options.skip_bad:
-            raise InputError(f"{why} (--skip-bad leaves such out)")
-        self.left_out[where] = self.left_out.get(where, 0) + 1
-        self._why.setdefault(where, why)
-
     def _add_truth(self, row: TruthRow, truth: TruthFile) -> None:
         truth.add(row)
         self.truth_rows += 1
@@ -212,26 +194,16 @@ class _Writer:
         self._truth_span = min(first, stamp_ns), max(last, stamp_ns)
 
     def _add_frame(self, frame: SourceFrame) -> None:
-        key = (frame.sensor, parse_stamp_ns(frame.stamp))
-        if key in self._written:
-            self._leave_out(
-                frame.sensor,
-                f"{self._path}: two frames of {frame.sensor} at one time, {self._written[key]} and "
-                f"{frame.stamp}; --stamp log may tell those of a bag apart",
-            )
-            return
         if frame.sensor not in self.frames:  # a sensor first seen during the conversion
             self._folder(frame.sensor).mkdir()
             self.frames[frame.sensor] = self.returns[frame.sensor] = 0
-        self._written[key] = frame.stamp
-        kept = is_return(frame.xyz_m)
-        columns = {name: column[kept] for name, column in frame.fields.items()}
+        columns = dict(frame.fields)
         if OFFSET_FIELD in columns:
             columns[OFFSET_FIELD] = pcd_column(columns[OFFSET_FIELD])
         path = self._folder(frame.sensor) / f"{frame.stamp}.pcd"
-        write_pcd(path, frame.xyz_m[kept], columns)
+        write_pcd(path, frame.xyz_m, columns)
         self.frames[frame.sensor] += 1
-        self.returns[frame.sensor] += int(kept.sum())
+        self.returns[frame.sensor] += len(frame.xyz_m)
 
     def _folder(self, sensor: str) -> Path:
         return self._work / check_name(sensor)

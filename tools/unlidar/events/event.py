@@ -8,7 +8,8 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -19,7 +20,6 @@ from pydantic import (
     TypeAdapter,
     ValidationError,
 )
-from pydantic.dataclasses import dataclass
 
 from unlidar.checking import require
 from unlidar.events.clock import AHEAD_S
@@ -84,16 +84,16 @@ Longitude = Annotated[_Real, Field(ge=-360, le=360)]
 Name = Annotated[str, BeforeValidator(_name), Field(max_length=MOST_NAME)]
 State = Annotated[str, BeforeValidator(_name), Field(max_length=40)]
 
-# Unknown keys of later engines are passed on, and are no error.
-_event = dataclass(
-    frozen=True,
-    kw_only=True,
-    config=ConfigDict(extra="ignore", allow_inf_nan=False),
-)
+
+class _Bounded:
+    """Annotations are bounds on what is decoded; an engine in this process is believed."""
+
+    # Unknown keys of later engines are passed on, and are no error.
+    __pydantic_config__: ClassVar = ConfigDict(extra="ignore", allow_inf_nan=False)
 
 
-@_event
-class TrackBegins:
+@dataclass(frozen=True, kw_only=True)
+class TrackBegins(_Bounded):
     """A track is confirmed."""
 
     event: Literal["track"]
@@ -102,10 +102,11 @@ class TrackBegins:
     first_evidence: StampNs
     drone: Share | None = None
     bird_like: Share | None = None
+    unknown: Share | None = None
 
 
-@_event
-class _OfTrack:
+@dataclass(frozen=True, kw_only=True)
+class _OfTrack(_Bounded):
     """State of a track at an instant: metres, m/s, standard deviations in metres."""
 
     at: StampNs
@@ -122,13 +123,14 @@ class _OfTrack:
     sigma_z: Sigma
     drone: Share | None = None
     bird_like: Share | None = None
+    unknown: Share | None = None
     # Added by a relay whose station has an origin.
     latitude_deg: Latitude | None = None
     longitude_deg: Longitude | None = None
     height_m: Metres | None = None
 
 
-@_event
+@dataclass(frozen=True, kw_only=True)
 class Row(_OfTrack):
     """A row of the trajectory, `live.delay_s` late or more."""
 
@@ -137,7 +139,7 @@ class Row(_OfTrack):
     late: Annotated[bool, Strict()]
 
 
-@_event
+@dataclass(frozen=True, kw_only=True)
 class Now(_OfTrack):
     """Where a track is at the newest stamp, predicted where it was not measured."""
 
@@ -145,18 +147,21 @@ class Now(_OfTrack):
     unseen_s: Annotated[_Real, Field(ge=0, le=_OLDEST_S)]  # since its last evidence
 
 
-@_event
-class TrackEnds:
+@dataclass(frozen=True, kw_only=True)
+class TrackEnds(_Bounded):
     """A track has ended, `timestamp` is its last evidence."""
 
     event: Literal["end"]
     at: StampNs
     track: Number
     timestamp: StampNs
+    drone: Share | None = None
+    bird_like: Share | None = None
+    unknown: Share | None = None
 
 
-@_event
-class SensorState:
+@dataclass(frozen=True, kw_only=True)
+class SensorState(_Bounded):
     """A LiDAR started or stopped delivering frames."""
 
     event: Literal["sensor"]
@@ -165,8 +170,8 @@ class SensorState:
     state: State
 
 
-@_event
-class EngineState:
+@dataclass(frozen=True, kw_only=True)
+class EngineState(_Bounded):
     """Load and losses of the engine; counts since its start."""
 
     event: Literal["state"]

@@ -1,0 +1,94 @@
+#include "python/named_sensors.hpp"
+
+#include <limits>
+#include <utility>
+
+#include "app/live_event_reporter.hpp"
+#include "base/format.hpp"
+#include "io/frames.hpp"
+#include "io/input_limits.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+namespace {
+
+namespace py = pybind11;
+
+Config ConfigOf(const std::string& path, const std::vector<std::string>& assignments,
+                bool is_recording) {
+  Config config = LoadConfig(path, assignments);
+  if (is_recording) config.live.delay_s = std::numeric_limits<double>::infinity();
+  return config;
+}
+
+OutputTimes OutputTimesOf(std::int64_t nanohertz) {
+  if (nanohertz == 0) return FirstSensorStamps{};
+  return Rate{nanohertz};
+}
+
+}  // namespace
+
+NamedSensors::NamedSensors(const std::string& config_path,
+                           const std::vector<std::string>& assignments, std::int64_t nanohertz,
+                           bool is_recording, EngineCallback on_event)
+    : config_(ConfigOf(config_path, assignments, is_recording)),
+      engine_(std::make_unique<Engine>(config_, std::vector<std::string>(), std::move(on_event),
+                                       OutputTimesOf(nanohertz))) {}
+
+std::uint32_t NamedSensors::IndexOf(const std::string& sensor) {
+  const auto known = index_of_.find(sensor);
+  if (known != index_of_.end()) return known->second;
+  if (!IsSensorName(sensor)) {
+    throw UsageError("sensor: " + Quoted(sensor) + ", " + kExpectedSensorName);
+  }
+  if (names_.size() >= kMaxSensors) {
+    throw UsageError("sensor: '" + sensor + "' is one more, expected at most " +
+                     std::to_string(kMaxSensors));
+  }
+  if (!config_.sensors.empty() && config_.sensors.count(sensor) == 0) {
+    notes_.push_back("the config has no sensors." + sensor + ", it stands at the origin");
+  }
+  names_.push_back(sensor);
+  return index_of_[sensor] = engine_->AddSensor(sensor);
+}
+
+void NamedSensors::Add(const std::string& sensor, TimeNs stamp_ns, const py::object& xyz,
+                       const py::object& offsets_ns) {
+  const std::string name =
+      "frame of " + Shortened(sensor) + ", stamp " + std::to_string(stamp_ns) + " ns";
+  const PointArray points(xyz, name);
+  const OffsetArray offsets(offsets_ns, points.size(), name);
+  Frame frame;
+  frame.sensor = IndexOf(sensor);
+  frame.stamp_ns = stamp_ns;
+  try {
+    const py::gil_scoped_release unlocked;
+    frame.points_m = points.Copy();
+    frame.offsets_ns = offsets.Copy();
+    engine_->Add(std::move(frame));
+  } catch (const UnitError&) {
+    throw;  // the next would be no better
+  } catch (const InputError& error) {
+    if (!config_.input.skip_bad_frames) throw;
+    ++bad_frames_;
+    if (IsWorthANote(bad_frames_ - 1, bad_frames_)) {
+      notes_.push_back(Count(bad_frames_, "frame") +
+                       " bad and skipped (input.skip_bad_frames), the last: " + error.what());
+    }
+  }
+}
+
+std::uint64_t NamedSensors::num_dropped() const {
+  return bad_frames_ + engine_->counts().bad_frames + engine_->late_frames() +
+         engine_->astray_frames() + engine_->overflow_frames();
+}
+
+std::vector<std::string> NamedSensors::TakeNotes() {
+  const std::vector<Warning>& warnings = engine_->warnings();
+  for (; num_warnings_ < warnings.size(); ++num_warnings_) {
+    notes_.push_back(warnings[num_warnings_].text);
+  }
+  return std::exchange(notes_, {});
+}
+
+}  // namespace unlidar

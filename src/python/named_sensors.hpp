@@ -1,0 +1,50 @@
+// Frames of sensors that go by their names, as the messages of --stdin do.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "python/arrays.hpp"
+#include "unlidar/config.hpp"
+#include "unlidar/engine.hpp"
+
+namespace unlidar {
+
+// An engine to which a sensor is added with its first frame.
+class NamedSensors {
+ public:
+  // Throws what LoadConfig() and Engine throw. `is_recording`: rows come at the end only.
+  NamedSensors(const std::string& config_path, const std::vector<std::string>& assignments,
+               std::int64_t nanohertz, bool is_recording, EngineCallback on_event);
+
+  // Throws UsageError for a name that --stdin refuses, InputError for a bad frame unless
+  // input.skip_bad_frames is set. The interpreter lock is free while the engine works.
+  void Add(const std::string& sensor, TimeNs stamp_ns, const pybind11::object& xyz,
+           const pybind11::object& offsets_ns);
+
+  Engine& engine() { return *engine_; }
+  const Engine& engine() const { return *engine_; }
+  const std::string& NameOf(std::uint32_t sensor) const { return names_[sensor]; }
+
+  // Frames that came and were not used.
+  std::uint64_t num_dropped() const;
+
+  // What a user should know, since the last call.
+  std::vector<std::string> TakeNotes();
+
+ private:
+  std::uint32_t IndexOf(const std::string& sensor);
+
+  Config config_;
+  std::vector<std::string> names_;
+  std::map<std::string, std::uint32_t> index_of_;
+  std::vector<std::string> notes_;
+  std::size_t num_warnings_ = 0;
+  std::uint64_t bad_frames_ = 0;
+  std::unique_ptr<Engine> engine_;
+};
+
+}  // namespace unlidar

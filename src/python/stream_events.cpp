@@ -1,0 +1,115 @@
+#include "python/stream_events.hpp"
+
+#include <string>
+#include <utility>
+#include <variant>
+
+#include "app/live_output.hpp"
+
+namespace unlidar {
+namespace {
+
+namespace py = pybind11;
+
+void SetKind(const Kind& kind, py::dict& fields) {
+  fields["drone"] = kind.drone;
+  fields["bird_like"] = kind.bird_like;
+  fields["unknown"] = kind.unknown;
+}
+
+void SetVector(const char* prefix, const Eigen::Vector3d& vector, py::dict& fields) {
+  constexpr const char* kAxes[] = {"x", "y", "z"};
+  for (int axis = 0; axis < 3; ++axis) {
+    fields[py::str(std::string(prefix) + kAxes[axis])] = vector[axis];
+  }
+}
+
+LiveState StateOf(EngineState state) {
+  return state == EngineState::kRunning ? LiveState::kRunning : LiveState::kWarmingUp;
+}
+
+}  // namespace
+
+void StreamEvents::Take(const EngineEvent& event, const NamedSensors& sensors) {
+  if (const auto* confirmed = std::get_if<TrackConfirmed>(&event)) {
+    open_tracks_[confirmed->track_id] = {confirmed->first_evidence_ns, std::nullopt};
+  } else if (const auto* given = std::get_if<RowGiven>(&event)) {
+    if (!IsWritable(given->row)) return;
+    OpenTrack& track = open_tracks_[given->row.track_id];
+    if (!track.number) {
+      track.number = next_number_++;
+      Push(TrackConfirmed{*track.number, track.first_evidence_ns, given->kind}, sensors);
+    }
+    RowGiven numbered = *given;
+    numbered.row.track_id = *track.number;
+    Push(numbered, sensors);
+  } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {
+    const OpenTrack track = std::exchange(open_tracks_[ended->track_id], {});
+    open_tracks_.erase(ended->track_id);
+    if (!track.number) return;
+    Push(TrackEnded{*track.number, ended->last_evidence_ns, ended->kind}, sensors);
+  } else if (const auto* changed = std::get_if<SensorChanged>(&event)) {
+    const auto [known, is_new] = sensor_states_.emplace(changed->sensor, changed->state);
+    if (is_new || std::exchange(known->second, changed->state) != changed->state) {
+      Push(*changed, sensors);
+    }
+  } else {
+    state_ = std::get<EngineState>(event);
+    Push(*state_, sensors);
+  }
+}
+
+void StreamEvents::Close(const NamedSensors& sensors) {
+  if (state_) Push(*state_, sensors);
+}
+
+void StreamEvents::Push(EngineEvent event, const NamedSensors& sensors) {
+  const Engine& engine = sensors.engine();
+  events_.push_back(
+      {engine.newest_ns(), std::move(event), engine.counts().frames, sensors.num_dropped()});
+}
+
+py::list StreamEvents::TakeAll(const NamedSensors& sensors) {
+  py::list all;
+  for (const TimedEvent& timed : std::exchange(events_, {})) {
+    py::dict fields;
+    const auto begin = [&](const char* name) {
+      fields["event"] = name;
+      fields["at"] = timed.at_ns;
+    };
+    if (const auto* confirmed = std::get_if<TrackConfirmed>(&timed.event)) {
+      begin("track");
+      fields["track"] = confirmed->track_id;
+      fields["first_evidence"] = confirmed->first_evidence_ns;
+      SetKind(confirmed->kind, fields);
+    } else if (const auto* given = std::get_if<RowGiven>(&timed.event)) {
+      begin("row");
+      fields["track"] = given->row.track_id;
+      fields["timestamp"] = given->row.time_ns;
+      SetVector("", given->row.position_m, fields);
+      SetVector("v", given->row.velocity_mps, fields);
+      SetVector("sigma_", given->row.sigma_m, fields);
+      fields["support"] = static_cast<double>(given->row.support);
+      fields["late"] = given->is_late;
+      SetKind(given->kind, fields);
+    } else if (const auto* ended = std::get_if<TrackEnded>(&timed.event)) {
+      begin("end");
+      fields["track"] = ended->track_id;
+      fields["timestamp"] = ended->last_evidence_ns;
+      SetKind(ended->kind, fields);
+    } else if (const auto* changed = std::get_if<SensorChanged>(&timed.event)) {
+      begin("sensor");
+      fields["name"] = sensors.NameOf(changed->sensor);
+      fields["state"] = SensorStateName(changed->state);
+    } else {
+      begin("state");
+      fields["state"] = LiveStateName(StateOf(std::get<EngineState>(timed.event)));
+      fields["frames"] = timed.frames;
+      fields["dropped"] = timed.dropped;
+    }
+    all.append(fields);
+  }
+  return all;
+}
+
+}  // namespace unlidar

@@ -1,0 +1,246 @@
+"""The engine in this process: frames as numpy arrays in, events or tracks out.
+
+docs/python_api.md shows it at work. The compiled part is the module `_engine`.
+"""
+
+import logging
+import operator
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from threading import Lock
+from types import ModuleType
+from typing import Any, NamedTuple, NoReturn, SupportsIndex
+
+import numpy as np
+import numpy.typing as npt
+
+from unlidar.errors import InputError, UnlidarError, UsageError
+from unlidar.events.event import EngineState, Event, Row, SensorState, TrackBegins, TrackEnds
+from unlidar.settings import assignments
+
+__all__ = [
+    "Engine",
+    "EngineState",
+    "Event",
+    "Frame",
+    "Kind",
+    "Row",
+    "SensorState",
+    "Track",
+    "TrackBegins",
+    "TrackEnds",
+    "track",
+]
+
+AnyPath = str | os.PathLike[str]
+Points = npt.NDArray[np.float32] | npt.NDArray[np.float64]
+
+_LOG = logging.getLogger("unlidar")
+_MOST_RATE_HZ = 1e6
+_STAMPS = np.iinfo(np.int64)
+_CLASSES: dict[str, type[Event]] = {
+    "track": TrackBegins,
+    "row": Row,
+    "end": TrackEnds,
+    "sensor": SensorState,
+    "state": EngineState,
+}
+
+
+class Frame(NamedTuple):
+    """One frame of one sensor, in the sensor's own axes and clock."""
+
+    sensor: str
+    stamp_ns: int  # Unix time
+    xyz: Points  # (n, 3) in metres; NaN, Inf and 0, 0, 0 are rays without a return
+    offsets_ns: npt.NDArray[np.int64] | None = None  # (n,) from the stamp
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a track may be: probabilities that add up to 1, docs/kinds.md."""
+
+    drone: float
+    bird_like: float
+    unknown: float
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The trajectory of one drone."""
+
+    id: int  # from 0, in order of first evidence
+    rows: npt.NDArray[np.void]  # the columns of traj.csv, `timestamp_ns` int64, the others float64
+    kind: Kind
+
+
+class Engine:
+    """Takes frames one by one and gives events as soon as they are due, as `--stdin --events`.
+
+    Time is that of the stamps: the same calls give the same events, however fast they come. Memory
+    is bounded by the configuration. Calls from several threads go one after the other; several
+    engines work at the same time, as the interpreter's lock is free meanwhile.
+
+    Example:
+        engine = unlidar.Engine("station.yaml")
+        for event in engine.add("mid360", stamp_ns, xyz):
+            if isinstance(event, unlidar.Row):
+                print(event.track, event.timestamp, event.x, event.y, event.z)
+    """
+
+    def __init__(
+        self,
+        config: AnyPath | None = None,
+        settings: Mapping[str, object] | None = None,
+        rate_hz: float | None = None,
+    ) -> None:
+        """The engine of a configuration.
+
+        `config` is a YAML file, `settings` are single values of it by their key, as
+        {"live.delay_s": 0.5}, which go before the file. Rows come at the stamps of the first
+        sensor's frames, or `rate_hz` times a second.
+
+        ConfigError for a wrong file or value, UsageError for a rate outside (0, 1e6],
+        UnlidarError where the compiled module is not built.
+        """
+        self._stream: Any = _native().Stream(*_setup(config, settings, rate_hz))
+        self._lock = Lock()
+
+    def add(
+        self,
+        sensor: str,
+        stamp_ns: SupportsIndex,
+        xyz: Points,
+        offsets_ns: npt.NDArray[np.int64] | None = None,
+    ) -> list[Event]:
+        """Adds a frame and gives the events that are due, in order.
+
+        `sensor` is its name, the key to `sensors` of the configuration, which has its pose; one
+        that is not there stands at the origin. `stamp_ns` is Unix time in nanoseconds. `xyz` is
+        (n, 3) in metres, float32 or float64, of any strides, and copied; NaN, Inf and 0, 0, 0 are
+        rays without a return; n may be 0. `offsets_ns` is (n,) int64, the time of each ray after
+        the stamp. Frames may come late, and sensors behind each other, by `live.reorder_s`.
+
+        InputError for arrays of another shape or type, a repeated stamp, point times far from it,
+        or coordinates that are no metres: the frame is left out and the next may follow.
+        UsageError for a bad name or a closed engine.
+        """
+        with self._lock:
+            stream = self._open()
+            events = stream.add(*_checked(sensor, stamp_ns), xyz, offsets_ns)
+            return self._told(stream, events)
+
+    def advance(self, now_ns: SupportsIndex) -> list[Event]:
+        """Tells that time passes without a frame, and gives the events that are due.
+
+        No frame older than `now_ns` less `live.reorder_s` may follow. UsageError for a closed
+        engine.
+        """
+        with self._lock:
+            stream = self._open()
+            return self._told(stream, stream.advance(_nanoseconds("now_ns", now_ns)))
+
+    def close(self) -> list[Event]:
+        """Ends the stream and gives all that is pending; again, nothing. No frame may follow."""
+        with self._lock:
+            if self._stream is None:
+                return []
+            stream, self._stream = self._stream, None
+            return self._told(stream, stream.close())
+
+    def _open(self) -> Any:
+        if self._stream is None:
+            raise UsageError("the engine is closed, expected a new one for further frames")
+        return self._stream
+
+    @staticmethod
+    def _told(stream: Any, events: list[dict[str, Any]]) -> list[Event]:
+        _log_notes(stream)
+        return [_CLASSES[values["event"]](**values) for values in events]
+
+
+def track(
+    frames: Iterable[Frame | tuple[Any, ...]],
+    config: AnyPath | None = None,
+    settings: Mapping[str, object] | None = None,
+    rate_hz: float | None = None,
+) -> list[Track]:
+    """The tracks in the frames of a recording, as `unlidar_track --frames` finds them.
+
+    `frames` are `Frame`s, as of `unlidar.read`, or tuples (sensor, stamp_ns, xyz[, offsets_ns]), in
+    any order; the other arguments and the errors are those of `Engine`. Rows come at the stamps of
+    the sensor whose frame is the first.
+
+    Example:
+        for found in unlidar.track(unlidar.read("flight.bag")):
+            print(found.id, found.kind.drone, found.rows["timestamp_ns"], found.rows["x"])
+    """
+    recording = _native().Recording(*_setup(config, settings, rate_hz))
+    for number, frame in enumerate(frames, 1):
+        if not isinstance(frame, tuple) or len(frame) not in (3, 4):
+            raise UsageError(
+                f"frames: item {number} is {_described(frame)}, expected a Frame or a tuple "
+                "(sensor, stamp_ns, xyz[, offsets_ns])"
+            )
+        sensor, stamp_ns, xyz, offsets_ns = (*frame, None)[:4]
+        recording.add(*_checked(sensor, stamp_ns), xyz, offsets_ns)
+    tracks = [Track(number, rows, Kind(*kind)) for number, rows, kind in recording.tracks()]
+    _log_notes(recording)
+    return tracks
+
+
+def _native() -> ModuleType:
+    try:
+        from unlidar import _engine
+    except ImportError as error:
+        raise UnlidarError(
+            f"the engine for Python cannot be loaded ({error}); build it in the project's folder "
+            "with tools/demo.sh or cmake --build build --target unlidar_python"
+        ) from error
+    return _engine
+
+
+def _setup(
+    config: AnyPath | None, settings: Mapping[str, object] | None, rate_hz: float | None
+) -> tuple[str, list[str], int]:
+    """Path, assignments, and the rate in nanohertz, 0 for none."""
+    path = "" if config is None else os.fspath(config)
+    if rate_hz is None:
+        return path, assignments(settings), 0
+    if not (isinstance(rate_hz, (int, float, np.number)) and 0 < rate_hz <= _MOST_RATE_HZ):
+        raise UsageError(f"rate_hz: {rate_hz!r}, expected a number above 0 to 1e6")
+    nanohertz = round(float(rate_hz) * 1e9)
+    if nanohertz == 0:
+        raise UsageError(f"rate_hz: {rate_hz!r}, expected at least 1e-9")
+    return path, assignments(settings), nanohertz
+
+
+def _checked(sensor: str, stamp_ns: SupportsIndex) -> tuple[str, int]:
+    if not isinstance(sensor, str):
+        raise UsageError(f"sensor: {_described(sensor)}, expected a name")
+    return sensor, _nanoseconds("stamp_ns", stamp_ns)
+
+
+def _nanoseconds(name: str, value: SupportsIndex) -> int:
+    try:
+        stamp_ns = operator.index(value)
+    except TypeError:
+        _refuse(name, _described(value))
+    if not _STAMPS.min <= stamp_ns <= _STAMPS.max:
+        _refuse(name, str(stamp_ns))
+    return stamp_ns
+
+
+def _refuse(name: str, what: str) -> NoReturn:
+    raise InputError(f"{name}: {what}, expected Unix time in nanoseconds, an integer of 64 bits")
+
+
+def _described(value: object) -> str:
+    of = f" of {len(value)}" if isinstance(value, (tuple, list)) else ""
+    return f"a {type(value).__name__}{of}"
+
+
+def _log_notes(native: Any) -> None:
+    for note in native.take_notes():
+        _LOG.warning("%s", note)

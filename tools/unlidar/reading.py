@@ -1,0 +1,108 @@
+"""The frames of a recording in memory, in order of time."""
+
+import heapq
+import logging
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import numpy as np
+
+from unlidar.conversion import choose_sensors, open_source
+from unlidar.conversion.kept_items import KeptItems
+from unlidar.conversion.point_times import OFFSET_FIELD
+from unlidar.conversion.source import Options, Source, SourceFrame
+from unlidar.engine import Frame
+from unlidar.errors import InputError, UsageError
+from unlidar.stamps import parse_stamp_ns
+
+_LOG = logging.getLogger("unlidar")
+_DEFAULTS = Options()
+
+
+def read(
+    recording: str | os.PathLike[str],
+    *,
+    sensors: Sequence[str] | None = None,
+    options: Options | None = None,
+) -> Iterator[Frame]:
+    """Yields the frames of any recording that `unlidar convert` opens, without files.
+
+    Frames come in order of time, as float32 and without rays that returned nothing; a few are in
+    memory at a time. `sensors` chooses among those of the recording, by default its LiDARs;
+    `options` are those of a conversion, as ConvertOptions(start_s=10). Of a damaged recording the
+    part before the damage is given.
+
+    InputError for what cannot be read, UsageError for a sensor that is not there.
+
+    Example:
+        for frame in unlidar.read("flight.bag"):
+            print(frame.sensor, frame.stamp_ns, len(frame.xyz))
+    """
+    if isinstance(sensors, str):
+        raise UsageError(f"sensors is '{sensors}', expected a list of names")
+    path, reading = Path(recording), options or _DEFAULTS
+    source = open_source(path, reading)
+    try:
+        chosen = choose_sensors(path, source, None if sensors is None else list(sensors))
+    except BaseException:
+        source.close()
+        raise
+    return _in_order(path, reading, source, chosen)
+
+
+def _in_order(path: Path, options: Options, source: Source, sensors: list[str]) -> Iterator[Frame]:
+    """Merges the sensors; each has a source of its own, as bags and captures mix them loosely."""
+    with ExitStack() as opened:
+        opened.enter_context(closing(source))
+        sources = [source]
+        for _ in sensors[1:]:
+            sources.append(opened.enter_context(closing(open_source(path, options))))
+        of_sensor = [
+            _SensorFrames(path, options, each, name)
+            for each, name in zip(sources, sensors, strict=True)
+        ]
+        count = 0
+        for frame in heapq.merge(*of_sensor, key=lambda frame: frame.stamp_ns):
+            count += 1
+            yield frame
+        if not count:
+            for frames in of_sensor:
+                frames.kept.refuse_nothing(frames.broken)
+        notes = [note for frames in of_sensor for note in frames.notes()]
+    for note in dict.fromkeys(notes):
+        _LOG.warning("%s", note)
+
+
+class _SensorFrames:
+    """The frames of one sensor."""
+
+    def __init__(self, path: Path, options: Options, source: Source, sensor: str) -> None:
+        self._source, self._sensor = source, sensor
+        self.kept = KeptItems(path, options)
+        self.broken: str | None = None
+
+    def __iter__(self) -> Iterator[Frame]:
+        try:
+            for item in self.kept.of(self._source.items([self._sensor])):
+                if isinstance(item, SourceFrame):
+                    yield _frame(item)
+        except InputError as error:
+            if not self._source.keeps_beginning:
+                raise
+            self.broken = str(error)
+
+    def notes(self) -> list[str]:
+        broken = [] if self.broken is None else [f"{self.broken}; the part before it is given"]
+        return [*broken, *self._source.notes(), *self.kept.notes()]
+
+
+def _frame(item: SourceFrame) -> Frame:
+    offsets = item.fields.get(OFFSET_FIELD)
+    return Frame(
+        item.sensor,
+        parse_stamp_ns(item.stamp),
+        np.ascontiguousarray(item.xyz_m, dtype=np.float32),
+        None if offsets is None else offsets.astype(np.int64),
+    )

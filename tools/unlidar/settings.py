@@ -1,0 +1,26 @@
+"""Single values of the program's configuration, as `--set section.key=value` takes them."""
+
+import json
+import math
+from collections.abc import Mapping
+
+from unlidar.errors import UsageError
+
+
+def assignments(settings: Mapping[str, object] | None) -> list[str]:
+    """`key=value` of each; UsageError for a value that YAML has no plain text for."""
+    return [f"{key}={_text(key, value)}" for key, value in (settings or {}).items()]
+
+
+def _text(key: str, value: object) -> str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float) and math.isinf(value):
+        return ".inf" if value > 0 else "-.inf"
+    try:
+        return json.dumps(value)
+    except (TypeError, ValueError) as error:
+        raise UsageError(
+            f"settings: {key} is of type {type(value).__name__}, expected a text, a number, a bool "
+            "or a list of these"
+        ) from error

@@ -1,7 +1,8 @@
-// numpy arrays: those of a frame checked and copied, rows of tracks made.
+// Arrays of a frame checked and copied, rows of tracks packed. By the buffer protocol, which is
+// that of any numpy; pybind11's own arrays are for the numpy that it was written for.
 #pragma once
 
-#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
 
 #include <cstddef>
 #include <cstdint>
@@ -21,15 +22,10 @@ class PointArray {
   // Needs no interpreter lock.
   std::vector<Eigen::Vector3f> Copy() const;
 
-  std::size_t size() const { return num_points_; }
+  std::size_t size() const { return static_cast<std::size_t>(view_.shape[0]); }
 
  private:
-  pybind11::array array_;
-  const char* data_;
-  std::ptrdiff_t row_bytes_;
-  std::ptrdiff_t column_bytes_;
-  std::size_t num_points_;
-  bool is_double_;
+  pybind11::buffer_info view_;
 };
 
 // The times of `num_points` returns, an array of int64 of any stride; empty for None.
@@ -42,16 +38,11 @@ class OffsetArray {
   std::vector<std::int64_t> Copy() const;
 
  private:
-  pybind11::array array_;
-  const char* data_ = nullptr;
-  std::ptrdiff_t row_bytes_ = 0;
-  std::size_t size_ = 0;
+  pybind11::buffer_info view_;
 };
 
-// Tells numpy of the columns below, once.
-void RegisterRowColumns();
-
-// The columns of a trajectory file, with `timestamp_ns` for `timestamp`.
-pybind11::array RowArray(const std::vector<TrajectoryRow>& rows);
+// Rows of 96 bytes: the columns of a trajectory file, with `timestamp_ns` (int64) for `timestamp`,
+// the others as float64.
+pybind11::bytearray PackedRows(const std::vector<TrajectoryRow>& rows);
 
 }  // namespace unlidar

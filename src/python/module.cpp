@@ -69,7 +69,7 @@ class Recording {
     sensors_.Add(sensor, stamp_ns, xyz, offsets_ns);
   }
 
-  // (id, rows, (drone, bird_like, unknown)) of each.
+  // (id, packed rows, (drone, bird_like, unknown)) of each.
   py::list Tracks() {
     {
       const py::gil_scoped_release unlocked;
@@ -78,7 +78,7 @@ class Recording {
     py::list tracks;
     for (const Track& track : std::exchange(tracks_, {})) {
       const Kind& kind = track.kind;
-      tracks.append(py::make_tuple(track.id, RowArray(track.rows),
+      tracks.append(py::make_tuple(track.id, PackedRows(track.rows),
                                    py::make_tuple(kind.drone, kind.bird_like, kind.unknown)));
     }
     return tracks;
@@ -136,12 +136,11 @@ py::class_<Front> Frontend(const py::module_& module, const char* name, const ch
 PYBIND11_MODULE(_engine, module) {
   using namespace unlidar;
   module.doc() = "The C++ engine. Use unlidar.Engine and unlidar.track.";
-  RegisterRowColumns();
   py::register_exception_translator(&Translate);
   Frontend<Stream>(module, "Stream", "Events frame by frame, as dictionaries. Not thread-safe.")
       .def("advance", &Stream::Advance, py::arg("now_ns"), "Advances time without a frame.")
       .def("close", &Stream::Close, "Emits all that is pending; no frame may follow.");
   Frontend<Recording>(module, "Recording", "Tracks of a whole recording. Not thread-safe.")
       .def("tracks", &Recording::Tracks,
-           "(id, rows, (drone, bird_like, unknown)) of each track; no frame may follow.");
+           "(id, packed rows, (drone, bird_like, unknown)) of each track; no frame may follow.");
 }

@@ -2,9 +2,6 @@
 
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 class Stream:
     """Events frame by frame, as dictionaries. Not thread-safe."""
 
@@ -21,5 +18,5 @@ class Recording:
 
     def __init__(self, config: str, assignments: list[str], nanohertz: int) -> None: ...
     def add(self, sensor: str, stamp_ns: int, xyz: object, offsets_ns: object) -> None: ...
-    def tracks(self) -> list[tuple[int, npt.NDArray[np.void], tuple[float, float, float]]]: ...
+    def tracks(self) -> list[tuple[int, bytearray, tuple[float, float, float]]]: ...
     def take_notes(self) -> list[str]: ...

@@ -36,6 +36,8 @@ __all__ = [
 AnyPath = str | os.PathLike[str]
 Points = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
+_COLUMNS = ("track_id", "x", "y", "z", "vx", "vy", "vz", "sigma_x", "sigma_y", "sigma_z", "support")
+_ROWS = np.dtype([("timestamp_ns", np.int64), *((name, np.float64) for name in _COLUMNS)])
 _LOG = logging.getLogger("unlidar")
 _MOST_RATE_HZ = 1e6
 _STAMPS = np.iinfo(np.int64)
@@ -185,7 +187,10 @@ def track(
             )
         sensor, stamp_ns, xyz, offsets_ns = (*frame, None)[:4]
         recording.add(*_checked(sensor, stamp_ns), xyz, offsets_ns)
-    tracks = [Track(number, rows, Kind(*kind)) for number, rows, kind in recording.tracks()]
+    tracks = [
+        Track(number, np.frombuffer(rows, _ROWS), Kind(*kind))
+        for number, rows, kind in recording.tracks()
+    ]
     _log_notes(recording)
     return tracks
 

@@ -33,7 +33,7 @@ fi
 
 check_root_is_writable
 install_packages "${build_packages[@]}"
-build unlidar_track
+build unlidar_track unlidar_python
 make_venv ''
 
 unlidar=$venv/bin/unlidar

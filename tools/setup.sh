@@ -157,7 +157,9 @@ configure_in() {
     ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$root" "$folder/CMakeCache.txt"; then
     rm -rf -- "$folder"
   fi
-  quietly "CMake could not configure the build" cmake -S "$root" -B "$folder" -G Ninja "$@"
+  # The Python of .venv: its module is for no other.
+  quietly "CMake could not configure the build" \
+    cmake -S "$root" -B "$folder" -G Ninja -DPython_EXECUTABLE="$(find_python)" "$@"
 }
 
 # build_in FOLDER TARGET... -- OPTION...: builds the targets with these options of CMake.
@@ -186,7 +188,7 @@ build_sanitized() {
   build_in "$sanitize_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
     -DUNLIDAR_UNITY=ON -DUNLIDAR_SANITIZE=address,undefined -DUNLIDAR_COVERAGE=ON -DUNLIDAR_BUILD_FUZZERS=ON \
-    -DUNLIDAR_BUILD_BENCHMARKS=OFF
+    -DUNLIDAR_BUILD_BENCHMARKS=OFF -DUNLIDAR_BUILD_PYTHON=OFF
 }
 
 # build_for_threads TARGET...: with the sanitizer for data races, in build-threads/. The library is
@@ -195,14 +197,14 @@ build_for_threads() {
   build_in "$threads_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
     -DUNLIDAR_UNITY=ON -DUNLIDAR_SANITIZE=thread '-DUNLIDAR_CORE=base|io|scene|tracking' \
-    -DUNLIDAR_BUILD_BENCHMARKS=OFF
+    -DUNLIDAR_BUILD_BENCHMARKS=OFF -DUNLIDAR_BUILD_PYTHON=OFF
 }
 
 # build_for_arm64 TARGET...: against the packages in build-arm64-sysroot/, in build-arm64/.
 build_for_arm64() {
   build_in "$arm64_dir" "$@" -- -DCMAKE_TOOLCHAIN_FILE="$root/cmake/arm64.cmake" \
     -DCMAKE_SYSROOT="$arm64_sysroot" -DCMAKE_BUILD_TYPE=Release -DUNLIDAR_UNITY=ON \
-    -DUNLIDAR_ORACLES=OFF -DUNLIDAR_BUILD_BENCHMARKS=OFF
+    -DUNLIDAR_ORACLES=OFF -DUNLIDAR_BUILD_BENCHMARKS=OFF -DUNLIDAR_BUILD_PYTHON=OFF
 }
 
 # make_arm64_sysroot: build-arm64-sysroot/, with the packages of arm64 unpacked. apt works in a folder

@@ -37,9 +37,12 @@ py::buffer_info ViewOf(const py::object& value) {
   }
 }
 
+// numpy marks what is not aligned by '='.
 bool IsOf(const py::buffer_info& view, const char* native_formats, py::ssize_t bytes) {
-  return view.format.size() == 1 && view.itemsize == bytes &&
-         std::strchr(native_formats, view.format.front()) != nullptr;
+  const std::string& format = view.format;
+  const std::size_t prefix = !format.empty() && format.front() == '=' ? 1 : 0;
+  return format.size() == prefix + 1 && view.itemsize == bytes &&
+         std::strchr(native_formats, format.back()) != nullptr;
 }
 
 bool IsDouble(const py::buffer_info& view) { return IsOf(view, "d", sizeof(double)); }

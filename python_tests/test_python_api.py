@@ -32,16 +32,21 @@ def stand_in(tmp_path, monkeypatch) -> StandIn:
     return program
 
 
-def test_the_example_of_the_page_works_as_written(program, shared, tmp_path, monkeypatch) -> None:
+def test_the_examples_of_the_page_work_as_written(program, shared, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("UNLIDAR_TRACK", str(program))
     monkeypatch.chdir(tmp_path)
     Path("mmaud").symlink_to(shared / "data/mmaud")
     Path("flight.bag").symlink_to(shared / "data/formats/bags/ros1_pointcloud2.bag")
-    (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    pytest.importorskip("unlidar._engine", reason="the engine for Python is not built")
+    names: dict[str, object] = {}
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(compile(example, str(PAGE), "exec"), {})
-    lines = printed.getvalue().splitlines()
+        for page in (PROJECT / "README.md", PAGE):
+            for example in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL):
+                exec(compile(example, str(page), "exec"), names)
+    first, begun, *lines = printed.getvalue().splitlines()
+    assert re.fullmatch(r"track 0: \d+ rows, drone 0\.\d\d, z \d+\.\d m", first)
+    assert begun == "track 0 begins"
     assert lines[0] == "1 track(s) in out/seq0001/traj.csv"
     assert re.fullmatch(r"RMSE 0\.5\d\d m over 100% of the truth", lines[1])
     assert lines[2].startswith("without the mean offset 0.03")

@@ -1,0 +1,107 @@
+"""`unlidar.read`: the frames of a recording without files are those that a conversion writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import unlidar
+from bags import BEGIN_NS, plain_cloud, random_points, write_bag
+from live_program import write_two_sensors
+from synthetic import make_flight
+from unlidar.frames_io import find_sensors, list_frames, read_pcd
+
+KINDS = (
+    "bags/ros1_pointcloud2.bag",
+    "captures/mrpt_sample_velodyne_hdl32.pcap",
+    "captures/OS-1-32-G_v2.1.1_1024x10.pcap",
+)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("two")
+    write_two_sensors(folder, make_flight(frames=12))
+    return folder
+
+
+def converted(recording: Path, out: Path, **how) -> list[unlidar.Frame]:
+    """The frames that a conversion writes, in order of time."""
+    unlidar.convert(recording, out, **how)
+    frames = []
+    for name, folder in find_sensors(out).items():
+        for file in list_frames(folder):
+            columns = read_pcd(file.path)
+            xyz = np.stack([columns[axis] for axis in "xyz"], axis=1)
+            frames.append(unlidar.Frame(name, file.stamp_ns, xyz, columns.get("offset_time")))
+    return sorted(frames, key=lambda frame: (frame.stamp_ns, frame.sensor))
+
+
+def assert_same(found: list[unlidar.Frame], expected: list[unlidar.Frame]) -> None:
+    assert [f[:2] for f in found] == [f[:2] for f in expected]
+    for one, other in zip(found, expected, strict=True):
+        assert one.xyz.dtype == np.float32
+        np.testing.assert_array_equal(one.xyz, other.xyz)
+        assert (one.offsets_ns is None) == (other.offsets_ns is None)
+        if one.offsets_ns is not None:
+            assert one.offsets_ns.dtype == np.int64
+            np.testing.assert_array_equal(one.offsets_ns, other.offsets_ns)
+
+
+def test_sensors_come_in_order_of_time(recording: Path, tmp_path: Path) -> None:
+    frames = list(unlidar.read(recording))
+    assert [frame.sensor for frame in frames] == ["left", "right"] * 12
+    assert_same(frames, converted(recording, tmp_path / "out"))
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"sensors": ["right"]},
+        {"options": unlidar.ConvertOptions(start_s=0.5)},
+        {"options": unlidar.ConvertOptions(start_s=0.2, duration_s=0.35)},
+        {"options": unlidar.ConvertOptions(merge=3)},
+    ],
+)
+def test_options_are_those_of_convert(how, recording: Path, tmp_path: Path) -> None:
+    frames = list(unlidar.read(recording, **how))
+    assert 0 < len(frames) < 24
+    assert_same(frames, converted(recording, tmp_path / "out", **how))
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_recordings_of_other_kinds_are_read(name: str, shared: Path, tmp_path: Path) -> None:
+    path = shared / "data/formats" / name
+    frames = list(unlidar.read(path))
+    assert [frame.stamp_ns for frame in frames] == sorted(frame.stamp_ns for frame in frames)
+    assert_same(frames, converted(path, tmp_path / "out"))
+
+
+def test_of_a_damaged_bag_the_beginning_is_given(tmp_path: Path, caplog) -> None:
+    """Of its two topics one comes late, as a recorder mixes them."""
+    late_ns = {"/a": 0, "/b": 300_000_000}
+    messages = [
+        plain_cloud(topic, log_ns - late_ns[topic], random_points(seed, 4000), log_ns)
+        for seed, log_ns in enumerate(range(BEGIN_NS, BEGIN_NS + 12 * 10**8, 10**8))
+        for topic in late_ns
+    ]
+    bag = write_bag(tmp_path, "ros1", messages)
+    whole = list(unlidar.read(bag))
+    assert len(whole) == 24
+    bag.write_bytes(bag.read_bytes()[: int(bag.stat().st_size * 0.7)])
+    frames = list(unlidar.read(bag))
+    assert 12 <= len(frames) < 24
+    assert_same(frames, converted(bag, tmp_path / "out"))
+    assert any("the part before it is given" in message for message in caplog.messages)
+
+
+def test_errors_come_at_once(recording: Path, tmp_path: Path) -> None:
+    with pytest.raises(unlidar.InputError, match="does not exist"):
+        unlidar.read(tmp_path / "absent.bag")
+    with pytest.raises(unlidar.UsageError, match="has no sensor 'roof', it holds left, right"):
+        unlidar.read(recording, sensors=["roof"])
+    with pytest.raises(unlidar.UsageError, match="list of names"):
+        unlidar.read(recording, sensors="left")
+    with pytest.raises(unlidar.InputError, match="no frame lies in the time asked for"):
+        list(unlidar.read(recording, options=unlidar.ConvertOptions(start_s=1000)))

@@ -29,7 +29,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_CONTROL_EXTRA
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libunlidar-dev)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS
-  "libceres-dev, libeigen3-dev, liblz4-dev, libpcl-dev, libyaml-cpp-dev")
+  "libceres-dev, libeigen3-dev, libyaml-cpp-dev")
 set(CPACK_DEBIAN_LIBRARY_DESCRIPTION "The C++ API of unlidar-track, a static library and its
 headers: frames of static LiDARs go in, tracks of drones come out. CMake finds
 it by find_package(unlidar_track).")

@@ -203,6 +203,14 @@ def test_tracks_are_those_of_a_recording(view: str, frames, config, tmp_path) ->
     assert sum(vars(tracks[0].kind).values()) == pytest.approx(1)
 
 
+def test_the_papers_method_gives_what_the_program_gives_with_pcl(frames, tmp_path) -> None:
+    """Its engine is linked to the program alone; both find the same clusters."""
+    options = ("--set", "method=paper", "--set", "paper.global_clusters.engine=pcl")
+    expected = recorded(frames, tmp_path, *options)
+    assert csv_of_tracks(unlidar.track(frames, settings={"method": "paper"})) == expected
+    assert expected.count("\n") > 5
+
+
 def test_frames_of_a_recording_may_be_tuples_in_any_order(frames, config, tmp_path) -> None:
     expected = recorded(frames, tmp_path, "--config", config)
     mixed = [frames[0], *reversed(frames[1:])]
@@ -283,6 +291,11 @@ def test_errors_name_value_and_expectation(frame, kind, said) -> None:
     [
         ({"config": "absent.yaml"}, unlidar.ConfigError, "absent.yaml"),
         ({"settings": {"live.delay": 1}}, unlidar.ConfigError, "live.delay"),
+        (
+            {"settings": {"paper.local_clusters.engine": "pcl"}},
+            unlidar.ConfigError,
+            "'pcl', expected",
+        ),
         ({"settings": {"live.delay_s": -1}}, unlidar.ConfigError, "live.delay_s"),
         ({"settings": {"live.delay_s": object()}}, unlidar.UsageError, "live.delay_s is of type"),
         ({"rate_hz": 0}, unlidar.UsageError, "rate_hz: 0, expected"),

@@ -20,6 +20,7 @@ LAYERS = (
     "live",  # frames that come one by one
     "config",  # defaults, YAML, constraints
     "api",  # what the public headers declare, by the layers above
+    "pcl",  # an engine of PCL's, which the library does without
     "app",  # the command line and its files
     "python",  # the API for Python
 )

@@ -140,7 +140,8 @@ def test_the_package_of_the_program_has_what_a_station_needs_and_no_more(
     assert "vtk" not in needed and "-dev" not in needed
     # Debian's Ceres is a static library, which is a part of the program.
     assert "ceres" not in needed
-    assert "libceres-dev" in output_of("dpkg-deb", "--field", packages.library, "Depends")
+    needed = output_of("dpkg-deb", "--field", packages.library, "Depends")
+    assert "libceres-dev" in needed and "pcl" not in needed
 
 
 def test_the_package_of_the_api_has_headers_library_and_cmake_configuration(

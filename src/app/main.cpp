@@ -11,6 +11,9 @@
 #include "app/temporary_path.hpp"
 #include "app/track_drones.hpp"
 #include "unlidar/error.hpp"
+#ifdef UNLIDAR_WITH_PCL
+#include "pcl/pcl_clustering.hpp"
+#endif
 
 namespace unlidar {
 namespace {
@@ -59,6 +62,9 @@ int Main(int argc, char** argv) {
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
   std::set_terminate(Terminate);
+#ifdef UNLIDAR_WITH_PCL
+  UsePclClustering();
+#endif
   try {
     return Run(argc, argv);
   } catch (const std::bad_alloc&) {

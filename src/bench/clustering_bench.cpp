@@ -10,6 +10,7 @@
 
 #include "io/frames.hpp"
 #include "paper/clustering.hpp"
+#include "pcl/pcl_clustering.hpp"
 
 namespace unlidar {
 namespace {
@@ -49,6 +50,7 @@ void RegisterAll(const std::string& name, const Points& points_m) {
 
 int Main(int argc, char** argv) {
   benchmark::Initialize(&argc, argv);
+  UsePclClustering();
   if (argc != 2) {
     std::cerr << "usage: clustering_bench FRAMES_DIR [OPTION OF GOOGLE BENCHMARK...]\n";
     return 2;

@@ -17,6 +17,7 @@
 #include "config/config_values.hpp"
 #include "config/former_keys.hpp"
 #include "io/input_file.hpp"
+#include "paper/clustering.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -195,6 +196,14 @@ void CheckConsistent(const Config& config, const std::map<std::string, std::stri
   const InputConfig& input = config.input;
   check_order("input.min_range_m", input.min_range_m, "input.max_range_m", input.max_range_m);
   check_order("live.reorder_s", config.live.reorder_s, "live.delay_s", config.live.delay_s);
+  const auto check_engine = [&](const std::string& key, const ClusteringConfig& clustering) {
+    if (clustering.engine != ClusterEngine::kPcl || PclClustering() != nullptr) return;
+    const auto location = locations.find(key);
+    throw ConfigError((location != locations.end() ? location->second + ": " : "") + key +
+                      ": 'pcl', expected grid: PCL is not linked");
+  };
+  check_engine("paper.global_clusters.engine", config.paper.global_clusters);
+  check_engine("paper.local_clusters.engine", config.paper.local_clusters);
 }
 
 std::string ReadText(const std::string& path) {

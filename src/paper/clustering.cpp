@@ -29,6 +29,11 @@ void DropSmallClusters(int min_cluster_size, Clustering& result) {
 
 }  // namespace
 
+ClusterFunction& PclClustering() {
+  static ClusterFunction function = nullptr;
+  return function;
+}
+
 Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const ClusteringConfig& config) {
   if (points_m.size() > kMaxClusterPoints)
     throw std::length_error("clustering: over 700 million points");
@@ -44,7 +49,7 @@ Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const Clusterin
     if (usable_points_m.empty()) return Clustering{};
     Clustering result = config.engine == ClusterEngine::kGrid
                             ? internal::ClusterByGrid(usable_points_m, config)
-                            : internal::ClusterByPcl(usable_points_m, config);
+                            : PclClustering()(usable_points_m, config);
     if (config.min_cluster_size > 1) DropSmallClusters(config.min_cluster_size, result);
     return result;
   };

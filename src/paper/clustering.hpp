@@ -31,4 +31,12 @@ struct Clustering {
 // same labels. Points that are not finite, or have a coordinate beyond 1e37 m, are noise.
 Clustering Cluster(const std::vector<Eigen::Vector3f>& points_m, const ClusteringConfig& config);
 
+// Labels finite points; clusters of any size are numbered by lowest core index.
+using ClusterFunction = Clustering (*)(const std::vector<Eigen::Vector3f>& points_m,
+                                       const ClusteringConfig& config);
+
+// The engine `pcl`; null where it is not linked, see pcl/pcl_clustering.hpp. Cluster() must not be
+// called for it then: CheckConfig() refuses it.
+ClusterFunction& PclClustering();
+
 }  // namespace unlidar

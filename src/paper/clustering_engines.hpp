@@ -9,11 +9,9 @@
 
 namespace unlidar::internal {
 
-// Each engine labels finite points; clusters of any size are numbered by lowest core index.
+// A ClusterFunction.
 Clustering ClusterByGrid(const std::vector<Eigen::Vector3f>& points_m,
                          const ClusteringConfig& config);
-Clustering ClusterByPcl(const std::vector<Eigen::Vector3f>& points_m,
-                        const ClusteringConfig& config);
 
 // Neighbour test of Euclidean clustering. PCL rounds the tolerance to float, squares it in double
 // and rounds again; FLANN's L2_Simple sums squared float differences in the order x, y, z and keeps

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "paper/clustering.hpp"
+#include "pcl/pcl_clustering.hpp"
 
 int main(int argc, char** argv) {
   const std::vector<std::string> arguments(argv + 1, argv + argc);
@@ -16,6 +17,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
+    unlidar::UsePclClustering();
     unlidar::ClusteringConfig config;
     config.method = arguments[0] == "dbscan" ? unlidar::ClusterMethod::kDbscan
                                              : unlidar::ClusterMethod::kEuclidean;

@@ -8,6 +8,7 @@
 #include <limits>
 #include <random>
 
+#include "pcl/pcl_clustering.hpp"
 #include "tests/draws.hpp"
 #include "tests/real_frames.hpp"
 
@@ -33,6 +34,7 @@ Labels EuclideanGrid(const Points& points_m, double tolerance_m) {
 }
 
 Labels EuclideanPcl(const Points& points_m, double tolerance_m) {
+  UsePclClustering();
   return Cluster(points_m, Config(ClusterMethod::kEuclidean, ClusterEngine::kPcl, tolerance_m))
       .labels;
 }
@@ -44,6 +46,7 @@ Labels DbscanGrid(const Points& points_m, double tolerance_m, int min_neighbours
 }
 
 Labels DbscanPcl(const Points& points_m, double tolerance_m, int min_neighbours) {
+  UsePclClustering();
   return Cluster(points_m,
                  Config(ClusterMethod::kDbscan, ClusterEngine::kPcl, tolerance_m, min_neighbours))
       .labels;
@@ -127,6 +130,7 @@ Points LatticeCloud(unsigned seed, std::size_t size, int cells, float step_m, fl
 }
 
 TEST(Clustering, NoPointsMakeNoCluster) {
+  UsePclClustering();
   for (const auto engine : {ClusterEngine::kGrid, ClusterEngine::kPcl}) {
     for (const auto method : {ClusterMethod::kEuclidean, ClusterMethod::kDbscan}) {
       const Clustering result = Cluster({}, Config(method, engine, 0.5));

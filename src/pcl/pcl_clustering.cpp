@@ -1,6 +1,8 @@
 // Engine `pcl`: PCL's own cluster extraction, instantiated here so that the program does not link
 // pcl_segmentation, pcl_search and pcl_kdtree, whose libraries add 69 ms to start-up.
 #define PCL_NO_PRECOMPILE
+#include "pcl/pcl_clustering.hpp"
+
 #include <pcl/kdtree/kdtree_flann.h>
 #include <pcl/point_cloud.h>
 #include <pcl/point_types.h>
@@ -16,8 +18,10 @@
 
 #include "paper/clustering_engines.hpp"
 
-namespace unlidar::internal {
+namespace unlidar {
 namespace {
+
+using internal::DbscanRule;
 
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 
@@ -92,8 +96,6 @@ Clustering ClusterDbscan(const std::vector<Eigen::Vector3f>& points_m, const Clo
   return result;
 }
 
-}  // namespace
-
 Clustering ClusterByPcl(const std::vector<Eigen::Vector3f>& points_m,
                         const ClusteringConfig& config) {
   const Cloud::Ptr cloud = ToPcl(points_m);
@@ -103,4 +105,8 @@ Clustering ClusterByPcl(const std::vector<Eigen::Vector3f>& points_m,
   return ClusterDbscan(points_m, cloud, config);
 }
 
-}  // namespace unlidar::internal
+}  // namespace
+
+void UsePclClustering() { PclClustering() = ClusterByPcl; }
+
+}  // namespace unlidar

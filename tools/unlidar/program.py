@@ -25,6 +25,7 @@ TRAJECTORY, SUMMARY, TARGET_RETURNS = "traj.csv", "summary.json", "target_return
 CLUSTERS = "clusters.csv"
 _STAGE = re.compile(rf"{NAME}: (.+: .+) \([0-9.]+ s\)")  # a stage in its --verbose output
 _VERBOSITY_OPTIONS = {"--quiet", "--verbose"}
+_OWN = Path(__file__).parent / "bin" / NAME  # of a wheel: tools/setup.py copies it
 # Build folders, relative to the source tree and to the working directory.
 _BUILDS = (Path(__file__).parents[2] / "build", Path("build"), Path("../build"))
 
@@ -47,12 +48,17 @@ def warnings_of(summary: dict) -> list[str]:
 
 
 def find_program() -> Path:
-    """The program: from UNLIDAR_TRACK, else PATH, else a build folder. UsageError if absent."""
+    """The program: from UNLIDAR_TRACK, else this wheel's own, else PATH, else a build folder.
+
+    UsageError if absent.
+    """
     named = os.environ.get(VARIABLE)
     if named:
         if not os.access(named, os.X_OK) or Path(named).is_dir():
             raise UsageError(f"{VARIABLE}={named}: is no program that can be run")
         return Path(named).absolute()
+    if os.access(_OWN, os.X_OK):
+        return _OWN
     on_path = shutil.which(NAME)
     if on_path:
         return Path(on_path)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gzip
 import os
+import platform
 import re
 import shlex
 import shutil
@@ -17,6 +18,7 @@ import sys
 import sysconfig
 import tarfile
 import time
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -29,6 +31,7 @@ from live_program import PATIENCE_S, messages, rows_of
 from synthetic import PROJECT, make_flight, truth_m, write_frames
 
 MAX_CLOSURE_KB = 60_000
+MAX_WHEEL_BYTES = 40_000_000
 MADE_BY = ("cpack", "dpkg-deb", "dpkg-shlibdeps", "file", "help2man")
 
 
@@ -84,14 +87,14 @@ def packages(tmp_path_factory: pytest.TempPathFactory) -> Packages:
     assert [tool for tool in MADE_BY if not (programs / tool).exists()] == []
     output_of(PROJECT / "tools/package.sh", env=os.environ | {"PATH": str(programs)})
     made = sorted((PROJECT / "out/packages").iterdir())
+    python = f"cp{sys.version_info.major}{sys.version_info.minor}"
     version = output_of(PROJECT / "build/unlidar_track", "--version").split()[1]
     architecture = output_of("dpkg", "--print-architecture").strip()
-    assert [path.name for path in made] == [
-        f"libunlidar-dev_{version}_{architecture}.deb",
-        f"unlidar-track_{version}_{architecture}.deb",
-        f"unlidar_track-{version}-py3-none-any.whl",
-    ]
     library, program, wheel = made
+    assert library.name == f"libunlidar-dev_{version}_{architecture}.deb"
+    assert program.name == f"unlidar-track_{version}_{architecture}.deb"
+    tags = rf"{python}-{python}-manylinux_2_\d+_{platform.machine()}"
+    assert re.fullmatch(rf"unlidar_track-{re.escape(version)}-{tags}\.whl", wheel.name)
     return Packages(program, library, wheel, version)
 
 
@@ -464,23 +467,39 @@ def test_the_wheel_is_whole(packages: Packages, unlidar: Path, sky: Path) -> Non
     }
 
 
-def test_the_wheel_names_the_package_of_the_program_where_that_is_missing(
-    unlidar: Path, sky: Path
-) -> None:
-    if shutil.which("unlidar_track", path="/usr/bin:/bin"):
-        pytest.skip("unlidar-track is installed here")
-    tracked = run_unlidar(unlidar, sky, "run", "flight")
-    assert tracked.returncode == 2
-    (line,) = tracked.stderr.splitlines()
-    assert line.startswith("unlidar: error: unlidar_track was found neither")
-    assert "install the Debian package unlidar-track" in line
+def test_the_wheel_brings_all_that_it_links_but_what_every_linux_has(packages: Packages) -> None:
+    assert packages.wheel.stat().st_size <= MAX_WHEEL_BYTES
+    with zipfile.ZipFile(packages.wheel) as archive:
+        names = archive.namelist()
+    assert "unlidar/bin/unlidar_track" in names
+    assert [name for name in names if re.fullmatch(r"unlidar/_engine\..*\.so", name)]
+    assert "unlidar/_engine.pyi" in names and "unlidar/py.typed" in names
+    shown = output_of(sys.executable, "-m", "auditwheel", "show", packages.wheel)
+    tag = packages.wheel.stem.rpartition("-")[2]
+    assert re.search(rf'following platform\s+tag:\s+"{tag}"', shown), shown
 
 
-def test_the_wheel_finds_and_runs_the_installed_program(
+def test_the_wheel_tracks_by_its_own_program_and_by_its_engine(unlidar: Path, sky: Path) -> None:
+    tracked = run_unlidar(unlidar, sky, "run", "flight", "--out", "out")
+    assert tracked.returncode == 0, tracked.stderr
+    (trajectory,) = (sky / "out").rglob("traj.csv")
+    asked = (
+        "import unlidar\n"
+        "(track,) = unlidar.track(unlidar.read('flight'))\n"
+        "print(unlidar._engine.__file__, len(track.rows), f'{track.rows[-1][\"x\"]:.6f}')"
+    )
+    told = output_of(unlidar.with_name("python"), "-c", asked, cwd=sky, env={"PATH": "/usr/bin"})
+    module, rows, x = told.split()
+    assert Path(module).is_relative_to(unlidar.parents[1])
+    lines = trajectory.read_text().splitlines()
+    assert (int(rows), x) == (len(lines) - 1, lines[-1].split(",")[2])
+
+
+def test_the_wheel_runs_the_program_that_is_named(
     unlidar: Path, sky: Path, installed: Path
 ) -> None:
-    tracked = run_unlidar(
-        unlidar, sky, "run", "flight", "--out", "out", program=installed / "usr/bin"
-    )
-    assert tracked.returncode == 0, tracked.stderr
-    assert list((sky / "out").rglob("traj.csv"))
+    named = installed / "usr/bin/unlidar_track"
+    asked = "from unlidar.program import find_program; print(find_program())"
+    python = unlidar.with_name("python")
+    found = output_of(python, "-c", asked, cwd=sky, env={"UNLIDAR_TRACK": str(named)})
+    assert Path(found.strip()) == named

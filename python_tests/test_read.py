@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import unlidar
 from bags import BEGIN_NS, plain_cloud, random_points, write_bag
 from live_program import write_two_sensors
-from synthetic import make_flight
+from synthetic import make_flight, read_traj, track
 from unlidar.frames_io import find_sensors, list_frames, read_pcd
 
 KINDS = (
@@ -22,7 +23,7 @@ KINDS = (
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("two")
-    write_two_sensors(folder, make_flight(frames=12))
+    write_two_sensors(folder, make_flight(frames=30))
     return folder
 
 
@@ -51,8 +52,34 @@ def assert_same(found: list[unlidar.Frame], expected: list[unlidar.Frame]) -> No
 
 def test_sensors_come_in_order_of_time(recording: Path, tmp_path: Path) -> None:
     frames = list(unlidar.read(recording))
-    assert [frame.sensor for frame in frames] == ["left", "right"] * 12
+    assert [frame.sensor for frame in frames] == ["left", "right"] * 30
     assert_same(frames, converted(recording, tmp_path / "out"))
+
+
+def test_track_takes_the_poses_of_the_recording_unless_a_config_has_its_own(
+    recording: Path, tmp_path: Path
+) -> None:
+    placed = tmp_path / "placed"
+    shutil.copytree(recording, placed)
+    poses = "sensors:\n  left: {translation_m: [3, 0, 0]}\n  right: {translation_m: [3, 0, 0]}\n"
+    (placed / "station.yaml").write_text(poses)
+    own = tmp_path / "own.yaml"
+    own.write_text(poses.replace("[3, 0, 0]", "[0, 5, 0]"))
+    folders = [f"{name}={placed / name}" for name in ("left", "right")]
+    for config, settings in ((None, None), (own, None), (own, {"robust.min_plots": 6})):
+        chosen = config or placed / "station.yaml"
+        options = [f"{key}={value}" for key, value in (settings or {}).items()]
+        sets = [part for option in options for part in ("--set", option)]
+        track(folders, tmp_path / "traj.csv", "--config", chosen, *sets)
+        (found,) = unlidar.track(unlidar.read(placed), config, settings)
+        expected = read_traj(tmp_path / "traj.csv")
+        assert len(found.rows) > 5
+        xyz = np.stack([found.rows[axis] for axis in "xyz"], axis=1)
+        np.testing.assert_allclose(xyz, expected.position_m, atol=1e-6)
+    assert unlidar.read(recording).settings == {}
+    settings = unlidar.read(placed, sensors=["left"]).settings
+    assert settings["sensors.left.translation_m"] == (3.0, 0.0, 0.0)
+    unlidar.Engine(settings=settings).close()
 
 
 @pytest.mark.parametrize(
@@ -66,7 +93,7 @@ def test_sensors_come_in_order_of_time(recording: Path, tmp_path: Path) -> None:
 )
 def test_options_are_those_of_convert(how, recording: Path, tmp_path: Path) -> None:
     frames = list(unlidar.read(recording, **how))
-    assert 0 < len(frames) < 24
+    assert 0 < len(frames) < 60
     assert_same(frames, converted(recording, tmp_path / "out", **how))
 
 

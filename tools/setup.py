@@ -1,5 +1,5 @@
-"""Takes the version of the project; for installs that are not in place also its configs/ and what was
-built: the program and, in this package's folder, the engine for Python.
+"""Takes the version of the project; for installs that are not in place also its configs/ and what
+was built: the program and, in the package's folder, the engine for Python.
 """
 
 import re

@@ -108,6 +108,7 @@ const char* PythonClassOf(const Error& error) {
   return "UnlidarError";
 }
 
+// NOLINTNEXTLINE(performance-unnecessary-value-param): of the type that pybind11 takes
 void Translate(std::exception_ptr thrown) {
   try {
     if (thrown) std::rethrow_exception(thrown);

@@ -6,8 +6,9 @@ docs/python_api.md shows it at work. The compiled part is the module `_engine`.
 import logging
 import operator
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from threading import Lock
 from types import ModuleType
 from typing import Any, NamedTuple, NoReturn, SupportsIndex
@@ -18,12 +19,14 @@ import numpy.typing as npt
 from unlidar.errors import InputError, UnlidarError, UsageError
 from unlidar.events.event import EngineState, Event, Row, SensorState, TrackBegins, TrackEnds
 from unlidar.settings import assignments
+from unlidar.station import has_sensors
 
 __all__ = [
     "Engine",
     "EngineState",
     "Event",
     "Frame",
+    "Frames",
     "Kind",
     "Row",
     "SensorState",
@@ -57,6 +60,17 @@ class Frame(NamedTuple):
     stamp_ns: int  # Unix time
     xyz: Points  # (n, 3) in metres; NaN, Inf and 0, 0, 0 are rays without a return
     offsets_ns: npt.NDArray[np.int64] | None = None  # (n,) from the stamp
+
+
+class Frames(Iterator[Frame]):
+    """The frames of a recording, in order of time."""
+
+    def __init__(self, frames: Iterator[Frame], settings: Mapping[str, object]) -> None:
+        self._frames = frames
+        self.settings = dict(settings)  # the poses that it knows of its sensors, for Engine
+
+    def __next__(self) -> Frame:
+        return next(self._frames)
 
 
 @dataclass(frozen=True)
@@ -172,12 +186,15 @@ def track(
 
     `frames` are `Frame`s, as of `unlidar.read`, or tuples (sensor, stamp_ns, xyz[, offsets_ns]), in
     any order; the other arguments and the errors are those of `Engine`. Rows come at the stamps of
-    the sensor whose frame is the first.
+    the sensor whose frame is the first. Poses that `unlidar.read` found in the recording are taken
+    unless the configuration has `sensors` of its own.
 
     Example:
         for found in unlidar.track(unlidar.read("flight.bag")):
             print(found.id, found.kind.drone, found.rows["timestamp_ns"], found.rows["x"])
     """
+    if isinstance(frames, Frames) and not (config is not None and has_sensors(Path(config))):
+        settings = frames.settings | dict(settings or {})
     recording = _native().Recording(*_setup(config, settings, rate_hz))
     for number, frame in enumerate(frames, 1):
         if not isinstance(frame, tuple) or len(frame) not in (3, 4):

@@ -4,7 +4,7 @@ import heapq
 import logging
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,10 @@ from unlidar.conversion import choose_sensors, open_source
 from unlidar.conversion.kept_items import KeptItems
 from unlidar.conversion.point_times import OFFSET_FIELD
 from unlidar.conversion.source import Options, Source, SourceFrame
-from unlidar.engine import Frame
+from unlidar.engine import Frame, Frames
 from unlidar.errors import InputError, UsageError
 from unlidar.stamps import parse_stamp_ns
+from unlidar.station import station_settings
 
 _LOG = logging.getLogger("unlidar")
 _DEFAULTS = Options()
@@ -26,13 +27,14 @@ def read(
     *,
     sensors: Sequence[str] | None = None,
     options: Options | None = None,
-) -> Iterator[Frame]:
-    """Yields the frames of any recording that `unlidar convert` opens, without files.
+) -> Frames:
+    """The frames of any recording that `unlidar convert` opens, one by one, without files.
 
     Frames come in order of time, as float32 and without rays that returned nothing; a few are in
     memory at a time. `sensors` chooses among those of the recording, by default its LiDARs;
     `options` are those of a conversion, as ConvertOptions(start_s=10). Of a damaged recording the
-    part before the damage is given.
+    part before the damage is given. `settings` of the result are the poses that the recording has,
+    which `unlidar.track` takes, and `unlidar.Engine(settings=...)`.
 
     InputError for what cannot be read, UsageError for a sensor that is not there.
 
@@ -43,25 +45,23 @@ def read(
     if isinstance(sensors, str):
         raise UsageError(f"sensors is '{sensors}', expected a list of names")
     path, reading = Path(recording), options or _DEFAULTS
-    source = open_source(path, reading)
-    try:
+    with closing(open_source(path, reading)) as source:
         chosen = choose_sensors(path, source, None if sensors is None else list(sensors))
-    except BaseException:
-        source.close()
-        raise
-    return _in_order(path, reading, source, chosen)
+        items = source.items(chosen)
+        with suppress(InputError):  # comes again where the frames are read
+            next(items, None)  # the poses are known then
+        settings = station_settings(source.station(), chosen)
+    return Frames(_in_order(path, reading, chosen), settings)
 
 
-def _in_order(path: Path, options: Options, source: Source, sensors: list[str]) -> Iterator[Frame]:
+def _in_order(path: Path, options: Options, sensors: list[str]) -> Iterator[Frame]:
     """Merges the sensors; each has a source of its own, as bags and captures mix them loosely."""
     with ExitStack() as opened:
-        opened.enter_context(closing(source))
-        sources = [source]
-        for _ in sensors[1:]:
-            sources.append(opened.enter_context(closing(open_source(path, options))))
         of_sensor = [
-            _SensorFrames(path, options, each, name)
-            for each, name in zip(sources, sensors, strict=True)
+            _SensorFrames(
+                path, options, opened.enter_context(closing(open_source(path, options))), name
+            )
+            for name in sensors
         ]
         count = 0
         for frame in heapq.merge(*of_sensor, key=lambda frame: frame.stamp_ns):

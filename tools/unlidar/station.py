@@ -5,7 +5,7 @@ It lies beside the frames and is a configuration of the program:
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +16,7 @@ from ruamel.yaml import YAMLError
 from unlidar.errors import InputError, reason
 from unlidar.limits import load_yaml
 from unlidar.sanitize import printable
+from unlidar.settings import assignments
 
 STATION_NAME = "station.yaml"
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -70,21 +71,32 @@ def places_sensors(options: list[str]) -> bool:
     """True if a `--config` among the program's options has poses of its own."""
     if "--config" not in options:
         return False
+    position = options.index("--config") + 1
+    return position < len(options) and has_sensors(Path(options[position]))
+
+
+def has_sensors(config: Path) -> bool:
+    """True if a configuration has poses."""
     try:
-        path = Path(options[options.index("--config") + 1])
-        return bool(load_yaml(path).get("sensors"))
+        return bool(load_yaml(config).get("sensors"))
     except (OSError, ValueError, AttributeError, RecursionError, YAMLError):
         return False  # the program will report the fault
 
 
-def station_options(poses: Mapping[str, Pose], sensors: list[str]) -> list[str]:
-    """`--set` options of the program for these sensors; empty if all are at the origin."""
+def station_settings(poses: Mapping[str, Pose], sensors: Iterable[str]) -> dict[str, object]:
+    """Settings of the program for these sensors; empty if all are at the origin."""
     chosen = {name: poses.get(name, Pose()) for name in sensors}
     if all(pose == Pose() for pose in chosen.values()):
-        return []
-    options = []
-    for name, pose in chosen.items():
-        options += ["--set", f"sensors.{name}.translation_m={json.dumps(pose.translation_m)}"]
-        options += ["--set", f"sensors.{name}.rotation={json.dumps(pose.rotation)}"]
-        options += ["--set", f"sensors.{name}.time_offset_s={json.dumps(pose.time_offset_s)}"]
-    return options
+        return {}
+    return {
+        f"sensors.{name}.{key}": value
+        for name, pose in chosen.items()
+        for key, value in vars(pose).items()
+    }
+
+
+def station_options(poses: Mapping[str, Pose], sensors: Iterable[str]) -> list[str]:
+    """The same as `--set` options of the program."""
+    return [
+        part for text in assignments(station_settings(poses, sensors)) for part in ("--set", text)
+    ]

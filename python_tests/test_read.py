@@ -10,7 +10,7 @@ import pytest
 import unlidar
 from bags import BEGIN_NS, plain_cloud, random_points, write_bag
 from live_program import write_two_sensors
-from synthetic import make_flight, read_traj, track
+from synthetic import make_flight, read_traj, seconds, track
 from unlidar.frames_io import find_sensors, list_frames, read_pcd
 
 KINDS = (
@@ -59,13 +59,15 @@ def test_sensors_come_in_order_of_time(recording: Path, tmp_path: Path) -> None:
 def test_track_takes_the_poses_of_the_recording_unless_a_config_has_its_own(
     recording: Path, tmp_path: Path
 ) -> None:
+    """Its rows are those of the program whose first sensor is the recording's, not the earlier."""
     placed = tmp_path / "placed"
     shutil.copytree(recording, placed)
-    poses = "sensors:\n  left: {translation_m: [3, 0, 0]}\n  right: {translation_m: [3, 0, 0]}\n"
+    poses = "sensors:\n  upper: {translation_m: [3, 0, 0]}\n  right: {translation_m: [3, 0, 0]}\n"
     (placed / "station.yaml").write_text(poses)
     own = tmp_path / "own.yaml"
     own.write_text(poses.replace("[3, 0, 0]", "[0, 5, 0]"))
-    folders = [f"{name}={placed / name}" for name in ("left", "right")]
+    (placed / "left").rename(placed / "upper")
+    folders = [f"{name}={placed / name}" for name in ("right", "upper")]
     for config, settings in ((None, None), (own, None), (own, {"robust.min_plots": 6})):
         chosen = config or placed / "station.yaml"
         options = [f"{key}={value}" for key, value in (settings or {}).items()]
@@ -74,11 +76,12 @@ def test_track_takes_the_poses_of_the_recording_unless_a_config_has_its_own(
         (found,) = unlidar.track(unlidar.read(placed), config, settings)
         expected = read_traj(tmp_path / "traj.csv")
         assert len(found.rows) > 5
+        assert [seconds(int(at_ns)) for at_ns in found.rows["timestamp_ns"]] == expected.stamps
         xyz = np.stack([found.rows[axis] for axis in "xyz"], axis=1)
         np.testing.assert_allclose(xyz, expected.position_m, atol=1e-6)
     assert unlidar.read(recording).settings == {}
-    settings = unlidar.read(placed, sensors=["left"]).settings
-    assert settings["sensors.left.translation_m"] == (3.0, 0.0, 0.0)
+    settings = unlidar.read(placed, sensors=["upper"]).settings
+    assert settings["sensors.upper.translation_m"] == (3.0, 0.0, 0.0)
     unlidar.Engine(settings=settings).close()
 
 

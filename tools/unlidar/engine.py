@@ -6,7 +6,7 @@ docs/python_api.md shows it at work. The compiled part is the module `_engine`.
 import logging
 import operator
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -65,8 +65,11 @@ class Frame(NamedTuple):
 class Frames(Iterator[Frame]):
     """The frames of a recording, in order of time."""
 
-    def __init__(self, frames: Iterator[Frame], settings: Mapping[str, object]) -> None:
+    def __init__(
+        self, frames: Iterator[Frame], sensors: Sequence[str], settings: Mapping[str, object]
+    ) -> None:
         self._frames = frames
+        self.sensors = tuple(sensors)
         self.settings = dict(settings)  # the poses that it knows of its sensors, for Engine
 
     def __next__(self) -> Frame:
@@ -186,15 +189,18 @@ def track(
 
     `frames` are `Frame`s, as of `unlidar.read`, or tuples (sensor, stamp_ns, xyz[, offsets_ns]), in
     any order; the other arguments and the errors are those of `Engine`. Rows come at the stamps of
-    the sensor whose frame is the first. Poses that `unlidar.read` found in the recording are taken
-    unless the configuration has `sensors` of its own.
+    the sensor whose frame is the first. Of `unlidar.read` it is the first of the recording's
+    sensors, and their poses are taken unless the configuration has `sensors` of its own: the tracks
+    are those of `unlidar.run`.
 
     Example:
         for found in unlidar.track(unlidar.read("flight.bag")):
             print(found.id, found.kind.drone, found.rows["timestamp_ns"], found.rows["x"])
     """
-    if isinstance(frames, Frames) and not (config is not None and has_sensors(Path(config))):
-        settings = frames.settings | dict(settings or {})
+    if isinstance(frames, Frames):
+        if config is None or not has_sensors(Path(config)):
+            settings = frames.settings | dict(settings or {})
+        frames = _led(frames)
     recording = _native().Recording(*_setup(config, settings, rate_hz))
     for number, frame in enumerate(frames, 1):
         if not isinstance(frame, tuple) or len(frame) not in (3, 4):
@@ -210,6 +216,18 @@ def track(
     ]
     _log_notes(recording)
     return tracks
+
+
+def _led(frames: Frames) -> Iterator[Frame]:
+    """The frames, led by one of the first of the sensors that has any."""
+    rank = {name: number for number, name in enumerate(frames.sensors)}
+    held = []
+    for frame in frames:
+        held.append(frame)
+        if rank.get(frame.sensor) == 0:
+            break
+    yield from sorted(held, key=lambda frame: rank.get(frame.sensor, len(rank)))
+    yield from frames
 
 
 def _native() -> ModuleType:

@@ -51,7 +51,7 @@ def read(
         with suppress(InputError):  # comes again where the frames are read
             next(items, None)  # the poses are known then
         settings = station_settings(source.station(), chosen)
-    return Frames(_in_order(path, reading, chosen), settings)
+    return Frames(_in_order(path, reading, chosen), chosen, settings)
 
 
 def _in_order(path: Path, options: Options, sensors: list[str]) -> Iterator[Frame]:

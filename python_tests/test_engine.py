@@ -167,7 +167,7 @@ def test_rows_of_an_engine_are_those_of_stdin(view: str, frames, config, plain) 
 def test_events_are_those_of_stdin(frames, config, plain) -> None:
     events = streamed(unlidar.Engine(config), frames)
     assert {type(event).__name__ for event in events} == {
-        *("TrackBegins", "Row", "TrackEnds", "SensorState", "EngineState")
+        *("TrackBegins", "Row", "Now", "TrackEnds", "SensorState", "EngineState")
     }
     for event, expected in zip(events, plain[1], strict=True):
         assert type(event) is type(expected)

@@ -24,6 +24,14 @@ void SetVector(const char* prefix, const Eigen::Vector3d& vector, py::dict& fiel
   }
 }
 
+void SetState(const TrajectoryRow& row, py::dict& fields) {
+  fields["track"] = row.track_id;
+  fields["timestamp"] = row.time_ns;
+  SetVector("", row.position_m, fields);
+  SetVector("v", row.velocity_mps, fields);
+  SetVector("sigma_", row.sigma_m, fields);
+}
+
 LiveState StateOf(EngineState state) {
   return state == EngineState::kRunning ? LiveState::kRunning : LiveState::kWarmingUp;
 }
@@ -42,6 +50,12 @@ void StreamEvents::Take(const EngineEvent& event, const NamedSensors& sensors) {
     }
     RowGiven numbered = *given;
     numbered.row.track_id = *track.number;
+    Push(numbered, sensors);
+  } else if (const auto* predicted = std::get_if<TrackPredicted>(&event)) {
+    const auto track = open_tracks_.find(predicted->row.track_id);
+    if (track == open_tracks_.end() || !track->second.number || !IsWritable(predicted->row)) return;
+    TrackPredicted numbered = *predicted;
+    numbered.row.track_id = *track->second.number;
     Push(numbered, sensors);
   } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {
     const OpenTrack track = std::exchange(open_tracks_[ended->track_id], {});
@@ -84,14 +98,14 @@ py::list StreamEvents::TakeAll(const NamedSensors& sensors) {
       SetKind(confirmed->kind, fields);
     } else if (const auto* given = std::get_if<RowGiven>(&timed.event)) {
       begin("row");
-      fields["track"] = given->row.track_id;
-      fields["timestamp"] = given->row.time_ns;
-      SetVector("", given->row.position_m, fields);
-      SetVector("v", given->row.velocity_mps, fields);
-      SetVector("sigma_", given->row.sigma_m, fields);
+      SetState(given->row, fields);
       fields["support"] = static_cast<double>(given->row.support);
       fields["late"] = given->is_late;
       SetKind(given->kind, fields);
+    } else if (const auto* predicted = std::get_if<TrackPredicted>(&timed.event)) {
+      begin("now");
+      SetState(predicted->row, fields);
+      fields["unseen_s"] = predicted->unseen_s;
     } else if (const auto* ended = std::get_if<TrackEnded>(&timed.event)) {
       begin("end");
       fields["track"] = ended->track_id;

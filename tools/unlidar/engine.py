@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from unlidar.errors import InputError, UnlidarError, UsageError
-from unlidar.events.event import EngineState, Event, Row, SensorState, TrackBegins, TrackEnds
+from unlidar.events.event import EngineState, Event, Now, Row, SensorState, TrackBegins, TrackEnds
 from unlidar.settings import assignments
 from unlidar.station import has_sensors
 
@@ -28,6 +28,7 @@ __all__ = [
     "Frame",
     "Frames",
     "Kind",
+    "Now",
     "Row",
     "SensorState",
     "Track",
@@ -47,6 +48,7 @@ _STAMPS = np.iinfo(np.int64)
 _CLASSES: dict[str, type[Event]] = {
     "track": TrackBegins,
     "row": Row,
+    "now": Now,
     "end": TrackEnds,
     "sensor": SensorState,
     "state": EngineState,

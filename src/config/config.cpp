@@ -13,11 +13,11 @@
 #include <utility>
 
 #include "base/format.hpp"
+#include "config/config_consistency.hpp"
 #include "config/config_keys.hpp"
 #include "config/config_values.hpp"
 #include "config/former_keys.hpp"
 #include "io/input_file.hpp"
-#include "paper/clustering.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -180,31 +180,6 @@ class Overlay {
   Config& config_;
   std::map<std::string, std::string> locations_;
 };
-
-// Checks the constraints between keys. `locations`: source locations of values for messages, as far
-// as known.
-void CheckConsistent(const Config& config, const std::map<std::string, std::string>& locations) {
-  const auto check_order = [&](const std::string& low_key, double low, const std::string& high_key,
-                               double high) {
-    if (low < high) return;
-    const auto high_place = locations.find(high_key);
-    const auto location = high_place != locations.end() ? high_place : locations.find(low_key);
-    throw ConfigError((location != locations.end() ? location->second + ": " : "") + high_key +
-                      ": '" + NumberText(high) + "', expected more than " + low_key + " (" +
-                      NumberText(low) + ")");
-  };
-  const InputConfig& input = config.input;
-  check_order("input.min_range_m", input.min_range_m, "input.max_range_m", input.max_range_m);
-  check_order("live.reorder_s", config.live.reorder_s, "live.delay_s", config.live.delay_s);
-  const auto check_engine = [&](const std::string& key, const ClusteringConfig& clustering) {
-    if (clustering.engine != ClusterEngine::kPcl || PclClustering() != nullptr) return;
-    const auto location = locations.find(key);
-    throw ConfigError((location != locations.end() ? location->second + ": " : "") + key +
-                      ": 'pcl', expected grid: PCL is not linked");
-  };
-  check_engine("paper.global_clusters.engine", config.paper.global_clusters);
-  check_engine("paper.local_clusters.engine", config.paper.local_clusters);
-}
 
 std::string ReadText(const std::string& path) {
   try {

@@ -18,6 +18,7 @@
 #include "config/config_keys.hpp"
 #include "fuzz/fuzz.hpp"
 #include "io/pcd.hpp"
+#include "pcl/pcl_clustering.hpp"
 #include "recording/pipeline.hpp"
 
 namespace unlidar::fuzz {
@@ -292,6 +293,7 @@ void Run(std::string_view bytes) {
   scene.Write(scratch);
   const auto silent = [](const StageTime&, const std::string&) {};
   PipelineResult result;
+  UsePclClustering();
   const auto run = [&] { result = RunPipeline(scene.request, scene.config, silent); };
   if (!Succeeds(run)) return;
   RequireSound(result, scene.config);

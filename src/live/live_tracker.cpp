@@ -12,18 +12,11 @@ constexpr std::size_t kBacklogPerFrame = 3;
 constexpr double kCleanUpIntervalS = 2.0;
 constexpr double kKeepPathsS = 30.0;  // maximum age of plots of unconfirmed paths
 
-// A stream follows a target on before it knows what comes after a gap: if missed detections are
-// cheap, a stray reacquires the track.
-Config AlwaysInView(Config config) {
-  config.robust.tracker.out_of_view_probability = 0.0;
-  return config;
-}
-
 }  // namespace
 
 LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, EngineCallback on_event,
                          LiveTraceSink trace)
-    : config_(AlwaysInView(config)),
+    : config_(config),
       trace_(std::move(trace)),
       scene_(config_, trace_.is_on()),
       search_(config_),

@@ -81,11 +81,12 @@ class PlainModel {
         rate = kReturnRateShape / config_.return_rate_m2_per_s;
       }
       // Of a target that another sensor sees next nothing is known that could be out of view.
-      double out_of_view =
-          plot.sensor == plots[k - 1].sensor ? config_.out_of_view_probability : 0.0;
-      if (time_out_of_view == TimeOutOfView::kLogUniform && missed > 0.0) {
-        out_of_view /= missed * (std::log(config_.max_gap_s / kPeriodS) + 0.5772);
-      }
+      const bool may_be_out_of_view = time_out_of_view == TimeOutOfView::kLogUniform &&
+                                      plot.sensor == plots[k - 1].sensor && missed > 0.0;
+      const double out_of_view =
+          may_be_out_of_view ? config_.out_of_view_probability /
+                                   (missed * (std::log(config_.max_gap_s / kPeriodS) + 0.5772))
+                             : 0.0;
       const double unseen =
           std::max(out_of_view, std::pow(rate / (rate + missed * per_frame), shape));
       const double seen = 1.0 - std::pow(rate / (rate + per_frame), shape);
@@ -185,7 +186,7 @@ class PlainModel {
 // The score of a path at the agility and birth speed that suit it best.
 inline double PlainScore(const std::vector<Plot>& plots, const std::vector<std::uint32_t>& path,
                          const TrackerConfig& config, int num_sensors = 1, bool is_searched = false,
-                         TimeOutOfView time_out_of_view = TimeOutOfView::kFree) {
+                         TimeOutOfView time_out_of_view = TimeOutOfView::kNone) {
   const std::vector<Plot> members = Members(plots, path);
   const std::vector<double> all_births = PlainLogBirths(plots, config);
   std::vector<double> log_births;

@@ -15,7 +15,7 @@ class PathScorer {
  public:
   PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births,
              const ScanSchedule& scan_schedule, const TrackerConfig& config,
-             TimeOutOfView time_out_of_view = TimeOutOfView::kFree)
+             TimeOutOfView time_out_of_view = TimeOutOfView::kNone)
       : plots_(plots),
         log_births_(log_births),
         scan_schedule_(scan_schedule),

@@ -315,7 +315,7 @@ double TrackModel::LogMissProbability(const Hypothesis& from, double exposure_s_
 }
 
 double TrackModel::LogOutOfViewProbability(double missed, std::uint32_t sensor) const {
-  if (time_out_of_view_ == TimeOutOfView::kFree) return log_out_of_view_;
+  if (time_out_of_view_ == TimeOutOfView::kNone) return -std::numeric_limits<double>::infinity();
   constexpr double kEulerGamma = 0.5772;  // the sum of 1 / n to N is about ln N + kEulerGamma
   const double log_max_frames = std::log(std::max(config_->max_gap_s / frame_s_[sensor], 1.0));
   return log_out_of_view_ - std::log(std::max(missed, 1.0) * (log_max_frames + kEulerGamma));

@@ -156,16 +156,16 @@ double LogBirthOdds(const Plot& plot, const ScanSchedule& scan_schedule,
 std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
                               const TrackerConfig& config);
 
-// Prior of the number of frames that a target is out of view between two plots. A search leaves it
-// free, which bounds the score from above: what comes behind a gap is not yet known. A score to be
-// judged has log uniform numbers up to the longest gap, which sum to the probability of being out
-// of view, so that it is a likelihood ratio: method.md (9) holds.
-enum class TimeOutOfView { kFree, kLogUniform };
+// Prior of the number of frames that a target is out of view between two plots: log uniform up to
+// the longest gap, so that all numbers together have the probability of being out of view and the
+// score stays a likelihood ratio. The search supposes that it is always in view: what lies behind a
+// gap is not yet known, and strays would continue its paths.
+enum class TimeOutOfView { kNone, kLogUniform };
 
 class TrackModel {
  public:
   TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule, const TrackerConfig& config,
-             TimeOutOfView time_out_of_view = TimeOutOfView::kFree);
+             TimeOutOfView time_out_of_view = TimeOutOfView::kNone);
 
   // Replaces the sensors.
   void SetScanSchedule(const ScanSchedule& scan_schedule);
@@ -222,7 +222,7 @@ class TrackModel {
   std::vector<Eigen::Vector3d> viewpoints_m_;  // (sensors)
   double log_same_sensor_ = 0.0;   // log probability that the next plot is of the same sensor,
   double log_other_sensor_ = 0.0;  // or of one particular other sensor
-  double log_out_of_view_;         // minus infinity if it is always in view
+  double log_out_of_view_;         // log probability of being out of view between two plots
   TimeOutOfView time_out_of_view_;
   const TrackerConfig* config_;
 };

@@ -61,7 +61,7 @@ class PathFinder {
 
   std::vector<Path> Find() {
     std::vector<Path> paths = ExtractPaths();
-    const PathScorer scorer = Scorer(TimeOutOfView::kFree);
+    const PathScorer scorer = Scorer(TimeOutOfView::kNone);
     for (Path& path : paths) path = scorer.WithScore(std::move(path.plots));
     for (bool changed = true; changed;) {
       const std::vector<Path> before = paths;

@@ -103,6 +103,7 @@ def silent(client: socket.socket) -> None:
         (accepted("no room", "\x1b[31mred"), "refused the registration: no room; \x1b[31mred"),
         (accepted(""), "refused the registration: it gives no reason"),
     ],
+    ids=("nothing", "http", "huge", "half", "a byte", "two reasons", "no reason"),
 )
 def test_who_answers_a_registration_like_that_is_called_again(answer, said, caplog) -> None:
     calls = []

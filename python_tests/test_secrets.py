@@ -14,7 +14,7 @@ import pytest
         (2, ["relay", "-", "--to", "cot+tcp://user:hush@h:1"]),
         (2, ["relay", "-", "--to", "ws://127.0.0.1:70000/?token=hush@hush"]),
         (2, ["relay", "-", "--to", "ws://127.0.0.1:7/hush"]),
-        (2, ["relay", "-", "mqtt://user:hush@h"]),  # --to was forgotten
+        (2, ["relay", "-", "mqtt://user:hush@h:99999"]),  # --to may be left out
         (2, ["relay", "mqtt://user:hush@h", "--to", "mqtt://h"]),
         (2, ["relay", "tcp://user:hush@h:1/x", "--to", "mqtt://h"]),
         (4, ["relay", "nowhere/user:hush@h:1", "--to", "mqtt://h"]),

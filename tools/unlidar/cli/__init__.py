@@ -22,6 +22,7 @@ from unlidar.cli import (
     run,
     sensor,
     simulate,
+    view,
     watch,
 )
 from unlidar.errors import UsageError, report_errors
@@ -78,6 +79,7 @@ _COMMANDS: dict[str, tuple[ModuleType, str, str | None]] = {
         "results of run -> one HTML page, figures for papers, a recording for rerun",
         None,
     ),
+    "view": (view, "results in 3-D over time: in rerun where installed, else in the browser", None),
     "benchmark": (
         benchmark,
         "scenes x seeds x methods -> one table, with the published figures beside it",

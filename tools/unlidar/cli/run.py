@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from unlidar.cli.convert import define_reading
+from unlidar.cli.view import show_results
 from unlidar.errors import BatchError, ConfigError, UsageError, reason
 from unlidar.limits import read_text
 from unlidar.sanitize import printable
@@ -54,6 +55,9 @@ def define(p: argparse.ArgumentParser) -> None:
         help="without figure and page, which take seconds for each recording",
     )
     p.add_argument(
+        "--open", action="store_true", help="show the results of one recording as unlidar view does"
+    )
+    p.add_argument(
         "--live",
         action="store_true",
         help="send one recording through the live program as well, and compare",
@@ -87,9 +91,12 @@ def _run(a: argparse.Namespace) -> None:
     name = common_folder(a.recording).resolve().name
     a.out = a.out or Path("out/run") / name
     first, *others = a.recording
+    if a.open and not a.report:
+        raise UsageError("--open and --no-report: expected one of them")
     if others or (first.is_dir() and not is_recording(first)):
-        if a.live:
-            raise UsageError(f"{first}: --live is for one recording, these are more")
+        for option, is_given in (("--live", a.live), ("--open", a.open)):
+            if is_given:
+                raise UsageError(f"{first}: {option} is for one recording, these are more")
         _run_many(a, name)
     elif a.jobs is not None or a.scheduler is not None:
         raise UsageError(f"{first}: --jobs and --scheduler are for many recordings, this is one")
@@ -128,6 +135,8 @@ def _run_one(a: argparse.Namespace, recording: Path) -> None:
         print(f"page       {printable(result.page)}")
     if a.live:
         _run_live(a.out)
+    if a.open:
+        show_results(a.out)
 
 
 def _run_live(out: Path) -> None:

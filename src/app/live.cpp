@@ -256,11 +256,9 @@ std::string TrackLive(const Arguments& arguments, const OutputTimes& output_time
     WriteFiles({{arguments.summary, Content(LiveSummaryJson(summary, config))}});
   }
   NoteLosses(summary, note);
-  std::uint64_t rows = 0;
-  for (const LiveTrack& track : summary.tracks) rows += track.rows;
-  return arguments.out + ": " + Count(summary.tracks.size(), "track") + ", " + Count(rows, "row") +
-         ", from " + Count(summary.counts.frames, "frame") + " of " +
-         Count(summary.inputs.size(), "LiDAR");
+  return arguments.out + ": " + Count(summary.tracks.size(), "track") + ", " +
+         Count(summary.num_rows(), "row") + ", from " + Count(summary.counts.frames, "frame") +
+         " of " + Count(summary.inputs.size(), "LiDAR");
 }
 
 }  // namespace unlidar

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "app/output.hpp"
@@ -16,11 +15,6 @@ namespace {
 constexpr int kKindDigits = 4;
 constexpr int kRowCommas = 11;
 constexpr std::int64_t kMaxTrackId = std::int64_t{1} << 53;  // exact as a JSON number
-
-std::string Quoted(const std::string& text) {
-  // Names of folders need not be UTF-8, JSON must be.
-  return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
 
 void AppendVector(const char* prefix, const char* suffix, const Eigen::Vector3d& vector,
                   std::string& fields) {
@@ -111,6 +105,7 @@ void LiveOutput::AddPrediction(TimeNs at_ns, const TrackPredicted& predicted) {
   if (confirmed == open_tracks_.end() || !confirmed->second.track) return;
   if (predicted.kind.bird_like > max_bird_probability_ || !IsWritable(row)) return;
   confirmed->second.now = predicted;
+  if (!events_) return;
   std::string fields = StateFields(tracks_[*confirmed->second.track].id, row);
   fields += ",\"unseen_s\":" + FixedText(predicted.unseen_s, kMetreDigits);
   AppendEvent("now", at_ns, fields);
@@ -164,7 +159,7 @@ std::vector<CurrentTrack> LiveOutput::CurrentTracks() const {
 
 void LiveOutput::ReportSensor(TimeNs at_ns, const std::string& name, SensorState state) {
   AppendEvent("sensor", at_ns,
-              ",\"name\":" + Quoted(name) + ",\"state\":\"" + SensorStateName(state) + "\"");
+              ",\"name\":" + JsonString(name) + ",\"state\":\"" + SensorStateName(state) + "\"");
 }
 
 void LiveOutput::ReportState(TimeNs at_ns, LiveState state, std::uint64_t frames,

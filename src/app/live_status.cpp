@@ -4,7 +4,6 @@
 
 #include <fstream>
 #include <limits>
-#include <nlohmann/json.hpp>
 #include <string_view>
 #include <utility>
 
@@ -28,10 +27,9 @@ std::size_t ResidentBytes() {
   return pages * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
 }
 
-// The value of a label is escaped as JSON text is; names of folders need not be UTF-8.
+// The value of a label is escaped as JSON text is.
 std::string Label(const char* name, const std::string& value) {
-  return std::string(name) + "=" +
-         nlohmann::json(value).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  return std::string(name) + "=" + JsonString(value);
 }
 
 // The metrics of a text, in families.
@@ -120,9 +118,7 @@ void AddTracks(const LiveStatus& status, Metrics& metrics) {
   metrics.Begin("unlidar_tracks_total", "counter", "Tracks that have begun.");
   metrics.Add("", std::uint64_t{summary.tracks.size()});
   metrics.Begin("unlidar_rows_total", "counter", "Rows of the trajectory that were written.");
-  std::uint64_t rows = 0;
-  for (const LiveTrack& track : summary.tracks) rows += track.rows;
-  metrics.Add("", rows);
+  metrics.Add("", summary.num_rows());
 }
 
 void AddLoad(const LiveStatus& status, Metrics& metrics) {

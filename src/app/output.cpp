@@ -1,6 +1,7 @@
 #include "app/output.hpp"
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <queue>
 #include <utility>
@@ -33,6 +34,10 @@ std::string NotConvergedText(std::int64_t track_id, const MinimumReport& minimum
   return "track " + std::to_string(track_id) + ": Ceres did not converge in " +
          Count(static_cast<std::size_t>(minimum.iterations), "iteration") + " (" +
          minimum.termination + "); written is the minimum of the banded solver";
+}
+
+std::string JsonString(const std::string& text) {
+  return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
 std::string SecondsText(TimeNs time_ns) {

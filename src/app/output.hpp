@@ -44,4 +44,7 @@ std::string NotConvergedText(std::int64_t track_id, const MinimumReport& minimum
 // "1706255621.600227000": exact, from integers.
 std::string SecondsText(TimeNs time_ns);
 
+// A text as JSON, quoted. Names of folders need not be UTF-8, JSON must be.
+std::string JsonString(const std::string& text);
+
 }  // namespace unlidar

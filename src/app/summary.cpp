@@ -148,8 +148,6 @@ Json LiveInputJson(const LiveInput& input) {
 }
 
 Json LiveCountsJson(const LiveSummary& summary) {
-  std::uint64_t rows = 0;
-  for (const LiveTrack& track : summary.tracks) rows += track.rows;
   Json counts = InputCountsJson(summary.counts);
   counts.update({{"late_frames", summary.late_frames},
                  {"astray_frames", summary.astray_frames},
@@ -161,7 +159,7 @@ Json LiveCountsJson(const LiveSummary& summary) {
                  {"refused_packets", summary.refused_packets},
                  {"tracks", summary.tracks.size()},
                  {"tracks_left_out", summary.tracks_left_out},
-                 {"trajectory_rows", rows},
+                 {"trajectory_rows", summary.num_rows()},
                  {"left_out_rows", summary.left_out_rows},
                  {"unwritable_rows", summary.unwritable_rows}});
   return counts;
@@ -175,6 +173,12 @@ Json FrameCpuJson(const ProcessingTimes& times) {
 }
 
 }  // namespace
+
+std::uint64_t LiveSummary::num_rows() const {
+  std::uint64_t rows = 0;
+  for (const LiveTrack& track : tracks) rows += track.rows;
+  return rows;
+}
 
 std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
                         const PipelineResult& result) {

@@ -40,6 +40,9 @@ struct LiveSummary {
   std::uint64_t left_out_rows = 0;    // the file held them already
   std::uint64_t unwritable_rows = 0;  // of numbers that no output takes
   std::vector<Warning> warnings;
+
+  // Rows that were written, of all tracks.
+  std::uint64_t num_rows() const;
 };
 
 // Behind the number of frames that were gone, or whose stamp was no new one.

@@ -14,9 +14,9 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from unlidar.colours import GREEN, GREY, RED, track_colours
-from unlidar.evaluation import MAX_STEP_S
 from unlidar.evaluation.markdown import percent
 from unlidar.evaluation.measures import several_drones
+from unlidar.pieces import pieces_of
 from unlidar.truth import Tracks, Truth
 
 _LEAST_SPAN_M = 6.0
@@ -99,17 +99,6 @@ def view_box(
     low, high = low - around, high + around
     lacking = np.maximum(_LEAST_SPAN_M - (high - low), 0) / 2
     return low - lacking, high + lacking
-
-
-def pieces_of(time_s: np.ndarray, group: np.ndarray) -> list[np.ndarray]:
-    """The rows to be drawn as lines, in order of time: per group, split at gaps in time."""
-    pieces: list[np.ndarray] = []
-    for one in np.unique(group):
-        rows = np.flatnonzero(group == one)
-        rows = rows[np.argsort(time_s[rows], kind="stable")]
-        leaps = np.flatnonzero(np.diff(time_s[rows]) > MAX_STEP_S) + 1
-        pieces += np.split(rows, leaps)
-    return pieces
 
 
 def _lines(data: FigureData) -> list[tuple[np.ndarray, str, float]]:

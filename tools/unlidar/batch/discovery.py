@@ -44,6 +44,11 @@ def common_folder(given: Sequence[Path]) -> Path:
     return Path(os.path.commonpath([_plain(path).parent for path in given]))
 
 
+def default_results(given: Sequence[Path]) -> Path:
+    """Where the results of these recordings go unless another folder is named."""
+    return Path("out/run") / common_folder(given).resolve().name
+
+
 def find_recordings(given: Sequence[Path], results: Path) -> list[Found]:
     """All recordings among the paths that are given and below them, in natural order of names.
 

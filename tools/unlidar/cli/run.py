@@ -81,7 +81,7 @@ def define(p: argparse.ArgumentParser) -> None:
 
 
 def _run(a: argparse.Namespace) -> None:
-    from unlidar.batch.discovery import common_folder, is_recording
+    from unlidar.batch.discovery import common_folder, default_results, is_recording
 
     for name, value in (("--jobs", a.jobs), ("--threads", a.threads)):
         if value is not None and value < 1:
@@ -89,7 +89,7 @@ def _run(a: argparse.Namespace) -> None:
     if a.jobs is not None and a.scheduler is not None:
         raise UsageError("--jobs and --scheduler: expected one of them")
     name = common_folder(a.recording).resolve().name
-    a.out = a.out or Path("out/run") / name
+    a.out = a.out or default_results(a.recording)
     first, *others = a.recording
     if a.open and not a.report:
         raise UsageError("--open and --no-report: expected one of them")

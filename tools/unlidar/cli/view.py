@@ -23,13 +23,14 @@ def define(p: argparse.ArgumentParser) -> None:
 
 
 def _view(a: argparse.Namespace) -> None:
+    from unlidar.batch.discovery import default_results
     from unlidar.conversion import Options
     from unlidar.output import RUN_RECORD
     from unlidar.pipeline import run
 
     folder = a.result
     if not (folder / RUN_RECORD).is_file():
-        folder = Path("out/run") / a.result.resolve().name
+        folder = default_results([a.result])
         run(a.result, folder, None, [], Options(), report=True)
     show_results(folder)
 

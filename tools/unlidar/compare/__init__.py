@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from unlidar.errors import InputError, UsageError
-from unlidar.evaluation import MAX_STEP_S, evaluate
+from unlidar.evaluation import evaluate
 from unlidar.evaluation.plausibility import require_common_time
 from unlidar.output import RUN_RECORD
+from unlidar.pieces import pieces_of
 from unlidar.program import TRAJECTORY
 from unlidar.record import read_record
 from unlidar.truth import Tracks, Truth, read_tracks, read_truth
@@ -82,13 +83,10 @@ def comparison_of(results: Results) -> dict:
 def _plain(tracks: Tracks) -> dict:
     """What a result is like by itself."""
     length_m = duration_s = 0.0
-    for track in np.unique(tracks.track_id):
-        rows = np.flatnonzero(tracks.track_id == track)
-        rows = rows[np.argsort(tracks.time_s[rows], kind="stable")]
-        step_s = np.diff(tracks.time_s[rows])
-        step_m = np.linalg.norm(np.diff(tracks.xyz_m[rows], axis=0), axis=1)
-        length_m += float(step_m[step_s <= MAX_STEP_S].sum())
-        duration_s += float(step_s[step_s <= MAX_STEP_S].sum())
+    for piece in pieces_of(tracks.time_s, tracks.track_id):
+        steps_m = np.diff(tracks.xyz_m[piece], axis=0)
+        length_m += float(np.linalg.norm(steps_m, axis=1).sum())
+        duration_s += float(tracks.time_s[piece[-1]] - tracks.time_s[piece[0]])
     return {
         "tracks": len(np.unique(tracks.track_id)),
         "rows": len(tracks),

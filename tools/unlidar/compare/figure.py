@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from unlidar.colours import RED, track_colours
 from unlidar.compare import Results
 from unlidar.evaluation import Options, compare
-from unlidar.figure import pieces_of, save
+from unlidar.figure import save
+from unlidar.pieces import pieces_of
 from unlidar.truth import Tracks, Truth
 
 

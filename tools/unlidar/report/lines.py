@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unlidar.figure import pieces_of
+from unlidar.pieces import pieces_of
 
 MOST_ROWS = 5_000
 MOST_RINGS = 1_500

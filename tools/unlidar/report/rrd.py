@@ -7,8 +7,8 @@ import numpy as np
 
 from unlidar.colours import GREEN, GREY, RED, track_colours
 from unlidar.extras import load_extra
-from unlidar.figure import pieces_of
 from unlidar.output import write_file
+from unlidar.pieces import pieces_of
 from unlidar.report.data import ReportData
 from unlidar.report.view_data import target_steps
 

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "scene/stations.hpp"
-
 namespace unlidar {
 namespace {
 
@@ -80,30 +78,6 @@ double LogTop(const Prediction& p, const AxisVariances& variances, const FrameBo
 
 }  // namespace
 
-ScanSchedule ScanScheduleOf(const Recording& recording) {
-  ScanSchedule scan_schedule;
-  const Stations stations(recording.sensors);
-  for (std::uint32_t s = 0; s < recording.sensors.size(); ++s) {
-    const TimeNs period_ns = recording.sensors[s].frame_period_ns;
-    scan_schedule.sensors.push_back({static_cast<double>(period_ns) * kSecondsPerNs,
-                                     {},
-                                     stations.ViewpointM(stations.StationOf(s)).cast<double>()});
-  }
-  for (const FrameInfo& frame : recording.frames) {
-    scan_schedule.sensors[frame.sensor].frame_times_ns.push_back(frame.middle_ns());
-  }
-  for (ScanSchedule::Sensor& sensor : scan_schedule.sensors) {
-    std::sort(sensor.frame_times_ns.begin(), sensor.frame_times_ns.end());
-  }
-  return scan_schedule;
-}
-
-std::uint32_t ScanSchedule::FramesBefore(std::uint32_t sensor, TimeNs time_ns) const {
-  const std::vector<TimeNs>& times_ns = sensors[sensor].frame_times_ns;
-  return static_cast<std::uint32_t>(std::lower_bound(times_ns.begin(), times_ns.end(), time_ns) -
-                                    times_ns.begin());
-}
-
 FrameTime FrameTimeOf(const Plot& plot, const Plot& first, const ScanSchedule& scan_schedule) {
   FrameTime frame_time;
   frame_time.sensor = plot.sensor;
@@ -141,8 +115,9 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule
 TrackModel::TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule,
                        const TrackerConfig& config, TimeOutOfView time_out_of_view)
     : sigma_(sigma_a_mps2),
-      log_out_of_view_(std::log(config.out_of_view_probability)),
-      time_out_of_view_(time_out_of_view),
+      log_out_of_view_(time_out_of_view == TimeOutOfView::kNone
+                           ? -std::numeric_limits<double>::infinity()
+                           : std::log(config.out_of_view_probability)),
       config_(&config) {
   SetScanSchedule(scan_schedule);
 }
@@ -315,7 +290,7 @@ double TrackModel::LogMissProbability(const Hypothesis& from, double exposure_s_
 }
 
 double TrackModel::LogOutOfViewProbability(double missed, std::uint32_t sensor) const {
-  if (time_out_of_view_ == TimeOutOfView::kNone) return -std::numeric_limits<double>::infinity();
+  if (std::isinf(log_out_of_view_)) return log_out_of_view_;
   constexpr double kEulerGamma = 0.5772;  // the sum of 1 / n to N is about ln N + kEulerGamma
   const double log_max_frames = std::log(std::max(config_->max_gap_s / frame_s_[sensor], 1.0));
   return log_out_of_view_ - std::log(std::max(missed, 1.0) * (log_max_frames + kEulerGamma));

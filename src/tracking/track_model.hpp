@@ -222,8 +222,7 @@ class TrackModel {
   std::vector<Eigen::Vector3d> viewpoints_m_;  // (sensors)
   double log_same_sensor_ = 0.0;   // log probability that the next plot is of the same sensor,
   double log_other_sensor_ = 0.0;  // or of one particular other sensor
-  double log_out_of_view_;         // log probability of being out of view between two plots
-  TimeOutOfView time_out_of_view_;
+  double log_out_of_view_;  // log probability of being out of view; minus infinity if it never is
   const TrackerConfig* config_;
 };
 

@@ -6,23 +6,10 @@
 #include <vector>
 
 #include "scene/plots.hpp"
+#include "tracking/scan_schedule.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
-
-// Frame times and viewpoint of each sensor.
-struct ScanSchedule {
-  struct Sensor {
-    double frame_s = 0.1;                                   // duration of a frame
-    std::vector<TimeNs> frame_times_ns;                     // middles of the frames, ascending
-    Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();  // of its station
-  };
-  std::vector<Sensor> sensors;
-
-  std::uint32_t FramesBefore(std::uint32_t sensor, TimeNs time_ns) const;
-};
-
-ScanSchedule ScanScheduleOf(const Recording& recording);
 
 // Shorter paths are ignored: two plots fit any velocity.
 constexpr int kMinPathPlots = 3;

@@ -1,0 +1,33 @@
+#include "tracking/scan_schedule.hpp"
+
+#include <algorithm>
+
+#include "scene/stations.hpp"
+
+namespace unlidar {
+
+ScanSchedule ScanScheduleOf(const Recording& recording) {
+  ScanSchedule scan_schedule;
+  const Stations stations(recording.sensors);
+  for (std::uint32_t s = 0; s < recording.sensors.size(); ++s) {
+    const TimeNs period_ns = recording.sensors[s].frame_period_ns;
+    scan_schedule.sensors.push_back({static_cast<double>(period_ns) * kSecondsPerNs,
+                                     {},
+                                     stations.ViewpointM(stations.StationOf(s)).cast<double>()});
+  }
+  for (const FrameInfo& frame : recording.frames) {
+    scan_schedule.sensors[frame.sensor].frame_times_ns.push_back(frame.middle_ns());
+  }
+  for (ScanSchedule::Sensor& sensor : scan_schedule.sensors) {
+    std::sort(sensor.frame_times_ns.begin(), sensor.frame_times_ns.end());
+  }
+  return scan_schedule;
+}
+
+std::uint32_t ScanSchedule::FramesBefore(std::uint32_t sensor, TimeNs time_ns) const {
+  const std::vector<TimeNs>& times_ns = sensors[sensor].frame_times_ns;
+  return static_cast<std::uint32_t>(std::lower_bound(times_ns.begin(), times_ns.end(), time_ns) -
+                                    times_ns.begin());
+}
+
+}  // namespace unlidar

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import http.client
 import json
+import os
 import re
 import shutil
 import signal
@@ -14,6 +15,7 @@ import ssl
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -306,6 +308,27 @@ def test_it_ends_at_a_signal_with_pages_open_and_everything_is_stored(tmp_path) 
 
     (found,) = Reader(tmp_path / "sky.db").tracks()
     assert len(found.rows) == 2
+
+
+def test_it_ends_at_a_signal_while_a_pipe_is_full_of_events(tmp_path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    line = row(1, 0).encode() + b"\n"
+
+    def flood() -> None:
+        with contextlib.suppress(BrokenPipeError), pipe.open("wb") as file:
+            while True:
+                file.write(1000 * line)
+
+    writer = threading.Thread(target=flood, daemon=True)
+    writer.start()
+    with Watch(pipe) as watch:
+        time.sleep(1.0)
+        code, said = watch.end()
+    assert code == 0
+    assert "Traceback" not in said
+    writer.join(PATIENCE_S)
+    assert not writer.is_alive()
 
 
 def test_an_address_that_is_taken_is_one_line(watch, fails) -> None:

@@ -7,6 +7,7 @@ import stat
 import sys
 import threading
 from collections.abc import AsyncIterator
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import BinaryIO
 
@@ -139,8 +140,8 @@ class _Stdin(Source):
         queue: asyncio.Queue[bytes | OSError] = asyncio.Queue(4)
 
         def read() -> None:
-            # RuntimeError: the event loop is closed.
-            with contextlib.suppress(RuntimeError):
+            # The event loop is closed, or takes nothing more.
+            with contextlib.suppress(RuntimeError, CancelledError):
                 try:
                     with self._open() as stream:
                         while data := os.read(stream.fileno(), _CHUNK):

@@ -32,6 +32,7 @@ FIELDS = {
     "now": {"event", "at", "unseen_s", *STATE},
     "end": {"event", "at", "track", "timestamp", *KIND},
     "sensor": {"event", "at", "name", "state"},
+    "returns": {"event", "at", "name", "timestamp", "step_m", "xyz"},
     "state": {"event", "at", "state", "frames", "dropped"},
 }
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import socket
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 from unlidar.events.event import decode
 from unlidar.stamps import format_stamp_ns
 
@@ -46,6 +48,12 @@ def sensor(name: str, state: str, at: float = 0.0) -> str:
 
 def state(name: str, at: float = 0.0, frames: int = 1, dropped: int = 0) -> str:
     return _line("state", at, {"state": name, "frames": frames, "dropped": dropped}, {}, {})
+
+
+def returns(name: str, at: float, points_m, step_m: float = 0.01) -> str:
+    steps = np.round(np.asarray(points_m, float).reshape(-1, 3) / step_m).astype("<i2")
+    values = {"step_m": step_m, "xyz": base64.b64encode(steps.tobytes()).decode()}
+    return _line("returns", at, {"name": name}, {"timestamp": at}, values)
 
 
 def _line(event: str, at: float, first: dict, times: dict, more: dict) -> str:

@@ -96,7 +96,8 @@ def test_the_page_on_live_tracking_works_as_written(folder: Path) -> None:
     told = {json.loads(line)["event"] for line in (live / "events.jsonl").read_text().splitlines()}
     page = (PROJECT / "docs/live.md").read_text()
     table = page.partition("| `event` |")[2].partition("\n\n")[0]
-    assert told == set(re.findall(r"^\| `([a-z]+)` \|", table, re.MULTILINE))
+    asked = {"returns"}  # which only --event-returns gives
+    assert told | asked == set(re.findall(r"^\| `([a-z]+)` \|", table, re.MULTILINE))
 
 
 def test_the_page_on_stations_works_as_written(folder: Path) -> None:

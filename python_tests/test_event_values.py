@@ -8,7 +8,18 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from station_events import ORIGIN, end, now, row, sensor, square, state, track, write_site
+from station_events import (
+    ORIGIN,
+    end,
+    now,
+    returns,
+    row,
+    sensor,
+    square,
+    state,
+    track,
+    write_site,
+)
 from unlidar.events.event import MOST_BYTES, decode
 from unlidar.events.many import Many
 from unlidar.events.site import Place, Site, load_site, load_zones
@@ -23,6 +34,7 @@ GOOD = [
     end(1, 12.0),
     sensor("mid360", "ok"),
     state("running"),
+    returns("mid360", 0.5, [[1.0, 2.0, 3.0], [-4.0, 0.0, 60.0]]),
 ]
 LITERALS = st.sampled_from(
     [

@@ -25,6 +25,7 @@ from station_events import (
     appended,
     end,
     free_port,
+    returns,
     row,
     sensor,
     square,
@@ -349,7 +350,7 @@ def test_mqtt_gets_every_event_in_order_and_keeps_the_states(site, broker) -> No
     with broker.subscribed("unlidar/#") as got:
         url = f"mqtt://127.0.0.1:{broker.port}"
         with Relay("-", "--site", site, "--to", url, stdin=True) as relay:
-            relay.feed(*FLIGHT)
+            relay.feed(*FLIGHT, returns("mid360", 12.0, [[1.0, 2.0, 3.0]]))  # which stay here
             code, said = relay.end()
             assert code == 0, said
         wait_until(lambda: ("unlidar/north/relay", "offline") in got, "it has said goodbye")

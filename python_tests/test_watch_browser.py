@@ -19,7 +19,7 @@ import pytest
 import station_events
 from browser import NARROW, WAIT_S, WIDE, chromium
 from hostile import HOSTILE, broken_out
-from station_events import end, row, sensor, square, state, track, write_site
+from station_events import end, returns, row, sensor, square, state, track, write_site
 from test_watch import Watch
 
 SOON_S = 2.0  # from a row to the page
@@ -361,6 +361,117 @@ def test_it_is_used_by_keys_alone_and_read_aloud(driver, folder) -> None:
         page.wait("past.at !== null")
         page.press("l")
         page.wait("past.at === null")
+        assert page.complaints() == []
+
+
+CLOUD = np.concatenate([
+    np.random.default_rng(1).uniform((-15, -15, 0), (15, 15, 0.1), (1500, 3)),
+    np.random.default_rng(2).uniform((-3, 4, 42), (3, 10, 48), (500, 3)),
+])  # fmt: skip
+
+
+@contextlib.contextmanager
+def seeing(folder: Path, names: tuple[str, ...], rate_hz: float) -> Iterator[None]:
+    """These LiDARs tell of their returns, and of nothing else."""
+    stop = threading.Event()
+
+    def tell() -> None:
+        while not stop.wait(1 / rate_hz):
+            at = (time.time_ns() - station_events.BEGIN_NS) * 1e-9
+            with (folder / "events.jsonl").open("a") as file:
+                file.write("".join(returns(name, at, CLOUD) + "\n" for name in names))
+
+    thread = threading.Thread(target=tell)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+def near_to(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
+    return int((np.abs(picture.reshape(-1, 3) - colour).max(axis=1) < 40).sum())
+
+
+ORANGE, GREY = (242, 130, 60), (140, 148, 158)
+
+
+def test_returns_are_seen_turned_and_fade(driver, folder, size) -> None:
+    with watch(folder) as served:
+        page = Page(driver, served.url, size)
+        page.wait("byId('link').textContent == 'connected'")
+        assert page.run("return byId('returns').hidden && byId('no_returns').hidden")
+        assert near_to(page.picture(), ORANGE) == 0
+        with seeing(folder, ("mid360", "avia", "north"), 10.0):
+            page.wait("returns.clouds.length > 5")
+            assert not page.run("return byId('returns').hidden")
+            picture = page.picture()
+            assert near_to(picture, ORANGE) > 100
+            assert near_to(picture, GREY) > 300
+            page.press("o")
+            before = page.run("return [view.flat, view.azimuth]")
+            page.wait(f"view.azimuth > {before[1]} + 3")
+            assert before[0] is False
+            page.press("t")
+            assert page.run("return byId('turn').getAttribute('aria-pressed')") == "false"
+            frames, begin = page.run("return frames"), time.monotonic()
+            time.sleep(3)
+            rate = (page.run("return frames") - frames) / (time.monotonic() - begin)
+            assert rate >= (1 if _is_loaded() else 20), rate
+            assert page.run("return returns.clouds.length") <= 40
+            page.press("r")  # not wanted
+            page.wait("byId('returns').getAttribute('aria-pressed') == 'false'")
+            time.sleep(0.2)
+            assert near_to(page.picture(), ORANGE) == 0
+            page.press("r")
+            time.sleep(0.2)
+            assert near_to(page.picture(), ORANGE) > 100
+        page.wait("returns.clouds.length == 0")
+        time.sleep(0.2)
+        assert near_to(page.picture(), ORANGE) == 0
+        assert page.complaints() == []
+
+
+def test_returns_stand_where_the_sky_would_draw_them(driver, folder) -> None:
+    with watch(folder) as served:
+        page = Page(driver, served.url, WIDE)
+        apart = page.run(
+            "const apart = [];"
+            "for (const flat of [true, false]) for (const zoom of [0.5, 1, 7]) {"
+            "  Object.assign(view, {flat, zoom, azimuth: 70, elevation: 40, centre: [1, 2, 3],"
+            "    moved: [4, -5], reach: 70});"
+            "  const project = projector(800, 500), m = projection(800, 500);"
+            "  for (const p of [[1, 2, 3], [-10, 20, 5], [30, -12, 40], [0, 0, 0]]) {"
+            "    const [x, y, w] = [0, 1, 3].map("
+            "      (i) => m[i] * p[0] + m[4 + i] * p[1] + m[8 + i] * p[2] + m[12 + i]);"
+            "    const at = project(...p);"
+            "    if (!at) continue;"
+            "    apart.push(at[0] - 400 * (1 + x / w), at[1] - 250 * (1 - y / w));"
+            "  }"
+            "}"
+            "return apart"
+        )
+        assert len(apart) >= 40
+        assert max(map(abs, apart)) < 1e-6
+
+
+def test_without_webgl_the_sky_stays_and_it_is_said(driver, folder) -> None:
+    with watch(folder) as served:
+        page = Page(driver, served.url, WIDE)
+        page.wait("byId('link').textContent == 'connected'")
+        page.run(  # as where there never was any
+            "byId('cloud').getContext('webgl').getExtension('WEBGL_lose_context').loseContext();"
+        )
+        page.wait("returns.gl === null")
+        one_drone(folder)
+        with seeing(folder, ("mid360",), 5.0):
+            page.wait("document.querySelectorAll('#tracks tr').length == 1")
+            page.wait("!byId('no_returns').hidden")
+            assert page.run("return byId('returns').hidden")
+            colours = page.picture().reshape(-1, 3)
+            assert near_to(colours, ORANGE) == 0
+            assert (np.abs(colours - [0x37, 0x47, 0x4F]).max(axis=1) < 12).sum() > 30
         assert page.complaints() == []
 
 

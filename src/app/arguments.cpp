@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "app/output_files.hpp"
+#include "app/returns_view.hpp"
 #include "app/version.hpp"
 #include "base/format.hpp"
 #include "unlidar/error.hpp"
@@ -54,10 +55,16 @@ void AddLiveOptions(CLI::App& app, Arguments& arguments) {
       ->type_name("HOST:PORT")
       ->excludes(follow)
       ->excludes(from_stdin);
-  app.add_option("--events", arguments.events,
-                 "With these three: JSON lines to write, `-` for stdout:\n"
-                 "tracks, rows, sensors that fall silent, overload")
-      ->type_name("FILE|-");
+  CLI::Option* events = app.add_option("--events", arguments.events,
+                                       "With these three: JSON lines to write, `-` for stdout:\n"
+                                       "tracks, rows, sensors that fall silent, overload")
+                            ->type_name("FILE|-");
+  app.add_option("--event-returns", arguments.event_returns,
+                 "Events also with up to N returns of each LiDAR, five times a\n"
+                 "second, for a page that shows them; N to 2000")
+      ->check(CLI::Range(1, kMaxViewReturns).description(""))
+      ->type_name("N")
+      ->needs(events);
   AddFile(app, "--state", arguments.state,
           "The same: JSON to replace once a second: what it is doing now,\n"
           "tracks, sensors, load");

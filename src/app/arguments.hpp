@@ -27,6 +27,7 @@ struct Arguments {
   bool from_stdin = false;
   std::string livox;
   std::string events;
+  int event_returns = 0;
   std::string state;
   std::string metrics;
   int threads = 1;

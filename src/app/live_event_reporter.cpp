@@ -64,6 +64,14 @@ void LiveEventReporter::ReportSensor(std::size_t index, SensorState state, TimeN
   }
 }
 
+void LiveEventReporter::ReportReturns(std::size_t sensor, TimeNs stamp_ns,
+                                      const std::vector<Eigen::Vector3f>& points_m,
+                                      std::size_t max_returns, TimeNs newest_ns) {
+  if (!sensors_[sensor].view.IsDue(stamp_ns)) return;
+  output_.ReportReturns(newest_ns, sensors_[sensor].name, stamp_ns,
+                        TextOfReturns(points_m, ThinnedReturns(points_m, max_returns)));
+}
+
 void LiveEventReporter::ReportPace(std::uint64_t one_in, std::uint64_t left_out,
                                    const LiveProgress& now) {
   const bool was_overloaded = is_overloaded();

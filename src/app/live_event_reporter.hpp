@@ -1,6 +1,7 @@
 // Events, state and notes of a live run.
 #pragma once
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "app/live_output.hpp"
+#include "app/returns_view.hpp"
 #include "app/service_notify.hpp"
 #include "unlidar/engine.hpp"
 
@@ -42,18 +44,21 @@ class LiveEventReporter {
                  const std::string& text) const;
 
   // Sensors are numbered as they are added.
-  void AddSensor(const std::string& name) { sensors_.push_back({name, std::nullopt, 0}); }
+  void AddSensor(const std::string& name) { sensors_.push_back({name}); }
 
   // Further events of this index belong to another sensor.
-  void ReplaceSensor(std::size_t index, const std::string& name) {
-    sensors_[index] = {name, std::nullopt, 0};
-  }
+  void ReplaceSensor(std::size_t index, const std::string& name) { sensors_[index] = {name}; }
 
   // An event of the engine.
   void Take(const EngineEvent& event, const LiveProgress& now);
 
   void ReportSensor(std::size_t index, SensorState state, TimeNs newest_ns);
   bool HasReported(std::size_t sensor) const { return sensors_[sensor].state.has_value(); }
+
+  // At most `max_returns` returns of a frame that is due for a view of them.
+  void ReportReturns(std::size_t sensor, TimeNs stamp_ns,
+                     const std::vector<Eigen::Vector3f>& points_m, std::size_t max_returns,
+                     TimeNs newest_ns);
 
   // Reports that one frame in `one_in` is processed, and the number skipped so far.
   void ReportPace(std::uint64_t one_in, std::uint64_t left_out, const LiveProgress& now);
@@ -77,8 +82,9 @@ class LiveEventReporter {
 
   struct Sensor {
     std::string name;
-    std::optional<SensorState> state;  // as last reported
+    std::optional<SensorState> state = {};  // as last reported
     std::uint64_t num_blinded = 0;
+    ViewPace view = {};
   };
 
   bool is_overloaded() const { return one_in_ > 1; }

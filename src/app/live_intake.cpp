@@ -35,11 +35,20 @@ LiveIntake::LiveIntake(const Arguments& arguments, const OutputTimes& output_tim
           config, NamesOf(arguments.sources), output_times,
           [this](const EngineEvent& event) { reporter_.Take(event, Progress()); }, EmitTracksOf,
           arguments.livox.empty() ? std::nullopt : std::make_optional(TimeReading::kOffset),
-          !arguments.livox.empty(), std::move(trace)),
+          !arguments.livox.empty(), std::move(trace), FrameCallbackOf(arguments.event_returns)),
       skips_bad_frames_(config.input.skip_bad_frames || !arguments.livox.empty()),
       why_skipped_(arguments.livox.empty() ? " (input.skip_bad_frames)" : ""),
       pace_(Seconds(config.live.overload_s)) {
   for (const std::string& name : NamesOf(arguments.sources)) AppendSensor(name);
+}
+
+FrameCallback LiveIntake::FrameCallbackOf(int max_returns) {
+  if (max_returns == 0) return nullptr;
+  return [this, max_returns](std::uint32_t sensor, TimeNs stamp_ns,
+                             const std::vector<Eigen::Vector3f>& points_m) {
+    reporter_.ReportReturns(sensor, stamp_ns, points_m, static_cast<std::size_t>(max_returns),
+                            engine_.newest_ns());
+  };
 }
 
 void LiveIntake::AppendSensor(const std::string& name) {

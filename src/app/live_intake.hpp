@@ -86,6 +86,7 @@ class LiveIntake {
     std::optional<TimeNs> out_of_sync_since_ns;  // by the stamps of the others
   };
 
+  FrameCallback FrameCallbackOf(int max_returns);  // empty for 0
   void AppendSensor(const std::string& name);
   void NoteLeftOut(std::uint64_t late_before, std::uint64_t astray_before,
                    std::uint64_t overflow_before, const std::string& name);

@@ -162,6 +162,14 @@ void LiveOutput::ReportSensor(TimeNs at_ns, const std::string& name, SensorState
               ",\"name\":" + JsonString(name) + ",\"state\":\"" + SensorStateName(state) + "\"");
 }
 
+void LiveOutput::ReportReturns(TimeNs at_ns, const std::string& name, TimeNs stamp_ns,
+                               const ReturnsText& returns) {
+  AppendEvent("returns", at_ns,
+              ",\"name\":" + JsonString(name) + ",\"timestamp\":" + SecondsText(stamp_ns) +
+                  ",\"step_m\":" + ShortestText(returns.step_m) + ",\"xyz\":\"" + returns.xyz +
+                  "\"");
+}
+
 void LiveOutput::ReportState(TimeNs at_ns, LiveState state, std::uint64_t frames,
                              std::uint64_t dropped) {
   AppendEvent("state", at_ns,

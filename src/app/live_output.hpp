@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "app/growing_file.hpp"
+#include "app/returns_view.hpp"
 #include "app/row_times.hpp"
 #include "app/signals.hpp"
 #include "unlidar/engine.hpp"
@@ -87,6 +88,8 @@ class LiveOutput {
   void AddPrediction(TimeNs at_ns, const TrackPredicted& predicted);
   void End(TimeNs at_ns, const TrackEnded& track);
   void ReportSensor(TimeNs at_ns, const std::string& name, SensorState state);
+  void ReportReturns(TimeNs at_ns, const std::string& name, TimeNs stamp_ns,
+                     const ReturnsText& returns);
   void ReportState(TimeNs at_ns, LiveState state, std::uint64_t frames, std::uint64_t dropped);
 
   // Writes rows before the events that refer to them. Throws OutputError.

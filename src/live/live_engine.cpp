@@ -21,7 +21,7 @@ void CheckLive(const Config& config) {
 LiveEngine::LiveEngine(const Config& config, const std::vector<std::string>& sensors,
                        OutputTimes output_times, EngineCallback on_event,
                        RecordingTracker track_recording, std::optional<TimeReading> reading,
-                       bool are_metres, LiveTraceSink trace)
+                       bool are_metres, LiveTraceSink trace, FrameCallback on_frame)
     : config_(config),
       output_times_(std::move(output_times)),
       on_event_(std::move(on_event)),
@@ -30,6 +30,7 @@ LiveEngine::LiveEngine(const Config& config, const std::vector<std::string>& sen
       are_metres_(are_metres),
       is_endless_(std::isinf(config_.live.delay_s)),
       trace_(std::move(trace)),
+      on_frame_(std::move(on_frame)),
       tracker_(std::make_unique<LiveTracker>(config_, output_times_, on_event_, trace_)),
       stamps_(config_.live) {
   for (const std::string& name : sensors) AddSensor(name);
@@ -139,6 +140,7 @@ void LiveEngine::Take(CloudFrame frame, TimeNs stamp_ns) {
   if (is_first) on_event_(EngineState::kWarmingUp);
   sensor.newest_ns = std::max(sensor.newest_ns, stamp_ns);
   ReportSensorStates(frame.sensor);
+  if (on_frame_) on_frame_(frame.sensor, stamp_ns, loaded.points_m);
   waiting_.Add(stamp_ns);
   if (is_endless_) return;
   Release(SettledNs());

@@ -1,6 +1,7 @@
 // Implementation of Engine, with frames as the program reads them.
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -48,16 +49,21 @@ using RecordingTracker =
     std::function<std::vector<Warning>(const Recording& recording, const OutputTimes& output_times,
                                        const Config& config, const EngineCallback& on_event)>;
 
+// Receives the returns of a frame that was taken, in the common frame and before it is tracked:
+// sensor, stamp, returns.
+using FrameCallback = std::function<void(std::uint32_t sensor, TimeNs stamp_ns,
+                                         const std::vector<Eigen::Vector3f>& points_m)>;
+
 // Same as Engine. `track_recording`: called if live.delay_s is infinite. `reading`: how point times
 // are read; found from the frames by default. `are_metres`: the source states that its unit is the
 // metre, so ranges are not used to check it. `trace`: receives measurements and decisions, unless
-// live.delay_s is infinite.
+// live.delay_s is infinite. `on_frame`: may be empty.
 class LiveEngine {
  public:
   LiveEngine(const Config& config, const std::vector<std::string>& sensors,
              OutputTimes output_times, EngineCallback on_event, RecordingTracker track_recording,
              std::optional<TimeReading> reading = std::nullopt, bool are_metres = false,
-             LiveTraceSink trace = nullptr);
+             LiveTraceSink trace = nullptr, FrameCallback on_frame = nullptr);
 
   std::uint32_t AddSensor(const std::string& name);
 
@@ -134,6 +140,7 @@ class LiveEngine {
   bool are_metres_;
   bool is_endless_;
   LiveTraceSink trace_;
+  FrameCallback on_frame_;
   std::vector<Sensor> sensors_;
   WaitingFrames waiting_;
   std::unique_ptr<LiveTracker> tracker_;

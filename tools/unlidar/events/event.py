@@ -4,6 +4,7 @@ All bounds on incoming numbers, names and lengths are here. Events are serialise
 validated values: numbers keep the engine's digits, unchecked content is never passed on.
 """
 
+import binascii
 import json
 import math
 import re
@@ -26,7 +27,7 @@ from unlidar.events.clock import AHEAD_S
 from unlidar.sanitize import is_visible
 from unlidar.stamps import format_stamp_ns, parse_seconds_ns
 
-# More than ten times the longest that the engine writes.
+# The longest line of the engine, with the most returns, fits; other lines have some hundred.
 MOST_BYTES = 16_384
 MOST_NAME = 120
 BACK_NS = 10_000_000_000  # a row older by more means that the clock was set back
@@ -38,6 +39,7 @@ _MOST_MPS = 1e4
 _OLDEST_S = 86_400.0  # largest delay of a row behind its event, by `live.delay_s`
 # Bounds on unknown keys of later engines that are passed on.
 _MOST_MORE, _MOST_MORE_CHARACTERS = 32, 4096
+_MOST_RETURNS, _RETURN_BYTES = 2000, 6
 _MORE_KEY = re.compile("[A-Za-z_][A-Za-z0-9_]{0,39}")
 
 
@@ -69,6 +71,19 @@ def _count(value: object) -> int:
 def _name(value: object) -> str:
     require(type(value) is str, "expected a text")
     require(is_visible(value), "expected a text of characters that can be seen")
+    return value
+
+
+def _returns(value: object) -> str:
+    require(type(value) is str, "expected a text")
+    try:
+        size = len(binascii.a2b_base64(value, strict_mode=True))
+    except ValueError as error:
+        raise ValueError("expected base64") from error
+    require(
+        size % _RETURN_BYTES == 0 and size <= _MOST_RETURNS * _RETURN_BYTES,
+        f"expected {_RETURN_BYTES} bytes for each of at most {_MOST_RETURNS} returns",
+    )
     return value
 
 
@@ -181,6 +196,18 @@ class EngineState(_Bounded):
     dropped: Number
 
 
+@dataclass(frozen=True, kw_only=True)
+class Returns(_Bounded):
+    """Some of the returns of a LiDAR's frame, for a view of them; never stored nor sent on."""
+
+    event: Literal["returns"]
+    at: StampNs
+    name: Name
+    timestamp: StampNs
+    step_m: Annotated[_Real, Field(gt=0, le=1)]
+    xyz: Annotated[str, BeforeValidator(_returns)]  # little-endian int16, in steps
+
+
 def _in_time(event: "Event") -> "Event":
     """Checks a stamp against its event's: not after it, at most `live.delay_s` before it."""
     for key in ("timestamp", "first_evidence"):
@@ -192,7 +219,7 @@ def _in_time(event: "Event") -> "Event":
     return event
 
 
-Event = TrackBegins | Row | Now | TrackEnds | SensorState | EngineState
+Event = TrackBegins | Row | Now | TrackEnds | SensorState | EngineState | Returns
 Tokens = dict[str, str]  # keys of an event with values as JSON, in order
 _EVENT: TypeAdapter[Event] = TypeAdapter(
     Annotated[Event, Field(discriminator="event"), AfterValidator(_in_time)]
@@ -229,7 +256,7 @@ def understand(values: Mapping[str, Any]) -> tuple[Event, Tokens]:
         key = ".".join(str(part)[:MOST_NAME] for part in fault["loc"][1:2]) or "event"
         raise ValueError(f"{key}: {fault['msg']}"[:200]) from error
     own = event.__dataclass_fields__
-    tokens = {key: _token(value) for key, value in values.items() if key in own}
+    tokens = {key: _own_token(value) for key, value in values.items() if key in own}
     room = _MOST_MORE_CHARACTERS
     for key in [key for key in values if key not in own][:_MOST_MORE]:
         token = _token(values[key])
@@ -271,6 +298,11 @@ def joined(tokens: Tokens) -> str:
 def token(value: str | float | bool | None) -> str:
     """An own value as JSON; ValueError for NaN and infinity."""
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def _own_token(value: object) -> str:
+    """A validated value as JSON: of a text the bounds have been checked."""
+    return _quoted(value) if type(value) is str else _token(value)
 
 
 def _token(value: object) -> str:

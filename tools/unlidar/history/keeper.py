@@ -10,6 +10,7 @@ from itertools import islice
 from pathlib import Path
 
 from unlidar.errors import reason
+from unlidar.events.event import Returns
 from unlidar.events.site import Place, Site
 from unlidar.events.station import Message
 from unlidar.history import DAYS, MEGABYTES, MEMORY_MEGABYTES
@@ -57,7 +58,9 @@ class Keeper:
         self._thread.start()
 
     def __call__(self, message: Message | Placed) -> None:
-        """Queues a message for storage."""
+        """Queues a message for storage; returns are for the eye alone."""
+        if isinstance(message, Message) and isinstance(message.event, Returns):
+            return
         size = len(message.text) if isinstance(message, Message) else 0
         with self._lock:
             if len(self._waiting) < _MOST_WAITING and self._bytes + size <= _MOST_BYTES:

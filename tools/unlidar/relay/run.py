@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from unlidar.addresses import MQTT, Address, Scheme, read_address
 from unlidar.errors import ConfigError, UsageError
-from unlidar.events.event import Now, Row
+from unlidar.events.event import Now, Returns, Row
 from unlidar.events.site import Output as Wanted
 from unlidar.events.site import Site, load_zones
 from unlidar.events.source import Source
@@ -128,6 +128,8 @@ async def relay(
             is_sent = all_of_it or not line.old
             for message in station.take(line.data, placed=is_sent):
                 keep(message)
+                if isinstance(message.event, Returns):
+                    continue  # for a page beside the engine
                 if is_sent:
                     for way in ways:
                         way.offer(message)

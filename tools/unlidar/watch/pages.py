@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Iterable
 
+from unlidar.events.event import Returns
 from unlidar.events.station import Message
 from unlidar.watch.sky import Sky, by_itself
 
@@ -17,6 +18,8 @@ _MOST_WAITING = 200  # batches, ten seconds; slower pages are disconnected and r
 # With more messages in a frame pages get a snapshot instead, less often.
 _MOST_FRESH, _MOST_BYTES = 1000, 500_000
 _SNAPSHOTS_S = 1.0
+# Returns of a frame in all, and batches that wait for a page at most: a slow one goes without.
+_MOST_RETURNS_BYTES, _MOST_BEFORE_RETURNS = 200_000, 4
 
 _Queue = asyncio.Queue[bytes | None]
 
@@ -29,6 +32,7 @@ class Pages:
         self._lock = threading.Lock()
         self._fresh: list[str] = []
         self._bytes = 0
+        self._returns: dict[tuple[str, str], str] = {}  # the newest of each LiDAR
         self._heard: set[str] = set()  # stations
         self._is_flooded = False
         self._queues: set[_Queue] = set()
@@ -44,11 +48,22 @@ class Pages:
                 return
             if by_itself(message):
                 self._heard.add(message.station)
+            if isinstance(message.event, Returns):
+                if shown and not old:
+                    self._take_returns(message, message.event)
+                return
             if not shown or self._is_flooded:
                 return
             self._fresh.append(message.text)
             self._bytes += len(message.text)
             self._is_flooded = len(self._fresh) > _MOST_FRESH or self._bytes > _MOST_BYTES
+
+    def _take_returns(self, message: Message, returns: Returns) -> None:
+        """Instead of those of the LiDAR that wait; left out where all that wait are too many."""
+        self._returns.pop((message.station, returns.name), None)
+        waiting = sum(map(len, self._returns.values()))
+        if waiting + len(message.text) <= _MOST_RETURNS_BYTES:
+            self._returns[message.station, returns.name] = message.text
 
     async def run(self) -> None:
         """Sends frames for ever."""
@@ -63,6 +78,7 @@ class Pages:
             return
         with self._lock:
             fresh, self._fresh, self._bytes = self._fresh, [], 0
+            returns, self._returns = self._returns, {}
             heard, self._heard = self._heard, set()
             flooded, self._is_flooded = self._is_flooded, False
             self._queues |= self._new  # from now on they get updates
@@ -74,6 +90,9 @@ class Pages:
             self._told_s = now_s
             told = f'"heard":{json.dumps(sorted(heard))},"events":[{",".join(fresh)}]'
             self._put(known, f"data: {{{self._sky.times()},{told}}}\n\n")
+        quick = [queue for queue in known if queue.qsize() < _MOST_BEFORE_RETURNS]
+        if quick and returns:
+            self._put(quick, f"event: returns\ndata: [{','.join(returns.values())}]\n\n")
         if new:
             self._snapshot_s = now_s
             self._put(new, f"event: snapshot\ndata: {self._sky.snapshot()}\n\n")

@@ -38,6 +38,8 @@ _KINDS = {
     "/page.js": ("page.js", "text/javascript"),
     "/draw.js": ("draw.js", "text/javascript"),
     "/live.js": ("live.js", "text/javascript"),
+    "/returns.js": ("returns.js", "text/javascript"),
+    "/eye.js": ("eye.js", "text/javascript"),
 }
 
 

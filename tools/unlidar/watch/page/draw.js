@@ -16,15 +16,21 @@ function cssColour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 
-/** A canvas as large as it is shown, in pixels of the screen; its context counts in CSS pixels. */
-function prepared(canvas) {
+/** Makes a canvas as large as it is shown; its size in CSS pixels, and pixels of the screen in one. */
+function sized(canvas) {
   const ratio = Math.min(devicePixelRatio || 1, 2), box = canvas.getBoundingClientRect();
   const width = Math.max(1, Math.round(box.width * ratio)), height = Math.max(1, Math.round(box.height * ratio));
   if (canvas.width != width || canvas.height != height) [canvas.width, canvas.height] = [width, height];
+  return [box.width, box.height, ratio];
+}
+
+/** An empty canvas whose context counts in CSS pixels. */
+function prepared(canvas) {
+  const [width, height, ratio] = sized(canvas);
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.clearRect(0, 0, box.width, box.height);
-  return [context, box.width, box.height];
+  context.clearRect(0, 0, width, height);
+  return [context, width, height];
 }
 
 /** Metres to pixels: a function of x, y, z that gives [right, down, scale], or null behind the eye. */

@@ -114,6 +114,7 @@ function connect() {
     for (const name of told.heard) live.heard.set(name, told.clock);
     takeAll(told);
   });
+  source.addEventListener("returns", (message) => takeReturns(JSON.parse(message.data)));
   source.addEventListener("error", () => {
     if (source.readyState == EventSource.CLOSED) setTimeout(connect, 1000);
   });

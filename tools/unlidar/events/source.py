@@ -17,7 +17,7 @@ from unlidar.events.lines import Line, Lines, Source
 from unlidar.events.site import Tls
 from unlidar.reporting import RateLimitedNote, note
 
-_LOOK_S = 0.1  # polling interval of a file
+_LOOK_S = 0.02  # polling interval of a file
 _CHUNK = 1 << 18
 _RETRY_S = 0.5, 15.0
 _DIAL_S = 10.0

@@ -1,7 +1,7 @@
 "use strict";
 // The LiDARs' returns beneath the sky, drawn by WebGL: what came within the last second, fading.
 
-const FADE = 1, MOST_CLOUDS = 256, POINT = 2.5; // seconds, messages, pixels of the page
+const FADE = 1, MOST_RETURNS = 30000, POINT = 2.5; // seconds, returns at once, pixels of the page
 const VERTEX = `
 attribute vec3 steps;
 uniform mat4 eye;
@@ -23,7 +23,7 @@ void main() {
   vec3 low = mix(vec3(0.55, 0.58, 0.62), green, clamp(height / 8.0, 0.0, 1.0));
   gl_FragColor = vec4(mix(low, vec3(0.95, 0.42, 0.10), clamp((height - 8.0) / 32.0, 0.0, 1.0)), 1.0) * strength;
 }`;
-const returns = { gl: null, program: null, clouds: [], taken: 0 };
+const returns = { gl: null, at: null, clouds: [], taken: 0 };
 
 function shader(gl, type, text) {
   const made = gl.createShader(type);
@@ -47,7 +47,9 @@ function beginReturns() {
   gl.enableVertexAttribArray(0);
   gl.enable(gl.BLEND);
   gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-  Object.assign(returns, { gl, program });
+  const at = {};
+  for (const name of ["eye", "size", "step_m", "strength"]) at[name] = gl.getUniformLocation(program, name);
+  Object.assign(returns, { gl, at });
 }
 
 /** Each an event `returns`; without WebGL it is said that they are not shown. */
@@ -64,7 +66,9 @@ function takeReturns(events) {
     gl.bufferData(gl.ARRAY_BUFFER, bytes, gl.STATIC_DRAW);
     clouds.push(cloud);
   }
-  dropReturns(clouds.length - MOST_CLOUDS);
+  let kept = clouds.length, room = MOST_RETURNS;
+  while (kept > 0 && (room -= clouds[kept - 1].count + 1) >= 0) kept--;
+  dropReturns(kept);
 }
 
 /** The oldest of them. */
@@ -90,22 +94,20 @@ function projection(width, height) {
 }
 
 function drawReturns(canvas, isShown) {
-  const { gl, program, clouds } = returns, time = performance.now();
+  const { gl, at, clouds } = returns, time = performance.now();
   if (!gl) return;
   dropReturns(clouds.filter((cloud) => time - cloud.heard >= 1000 * FADE).length);
   const [width, height, ratio] = sized(canvas);
   gl.viewport(0, 0, canvas.width, canvas.height);
   gl.clear(gl.COLOR_BUFFER_BIT);
   if (!isShown || !clouds.length) return;
-  const at = (name) => gl.getUniformLocation(program, name);
-  gl.uniformMatrix4fv(at("eye"), false, projection(width, height));
-  gl.uniform1f(at("size"), POINT * ratio);
-  const [step, strength] = [at("step_m"), at("strength")];
+  gl.uniformMatrix4fv(at.eye, false, projection(width, height));
+  gl.uniform1f(at.size, POINT * ratio);
   for (const cloud of clouds) {
     gl.bindBuffer(gl.ARRAY_BUFFER, cloud.buffer);
     gl.vertexAttribPointer(0, 3, gl.SHORT, false, 6, 0);
-    gl.uniform1f(step, cloud.step);
-    gl.uniform1f(strength, 0.9 * (1 - (time - cloud.heard) / (1000 * FADE)));
+    gl.uniform1f(at.step_m, cloud.step);
+    gl.uniform1f(at.strength, 0.9 * (1 - (time - cloud.heard) / (1000 * FADE)));
     gl.drawArrays(gl.POINTS, 0, cloud.count);
   }
 }

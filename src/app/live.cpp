@@ -86,10 +86,13 @@ class LiveRun {
     Close();
   }
 
+  const std::vector<LiveTrack>& tracks() const { return output_.tracks(); }
+
   LiveSummary Summary() const {
     LiveSummary summary = intake_.Summary();
     if (source_) source_->AddTo(&summary);
-    summary.tracks = output_.tracks();
+    summary.num_tracks = output_.tracks().size();
+    summary.num_rows = output_.num_rows();
     summary.tracks_left_out = output_.tracks_left_out();
     summary.left_out_rows = output_.left_out_rows();
     summary.unwritable_rows = output_.unwritable_rows();
@@ -167,7 +170,8 @@ class LiveRun {
   std::unique_ptr<LiveSource> source_;
 };
 
-void NoteLosses(const LiveSummary& summary, const std::function<void(const std::string&)>& note) {
+void NoteLosses(const LiveSummary& summary, const std::vector<LiveTrack>& tracks,
+                const std::function<void(const std::string&)>& note) {
   const auto say = [&](std::uint64_t count, const char* what) {
     if (count > 0) note(Count(count, "frame") + what);
   };
@@ -202,13 +206,13 @@ void NoteLosses(const LiveSummary& summary, const std::function<void(const std::
   for (const LiveInput& input : summary.inputs) {
     if (input.blinded_s > 0.0) note(BlindedText(input.name, input.blinded_s));
   }
-  for (const LiveTrack& track : summary.tracks) {
+  for (const LiveTrack& track : tracks) {
     if (track.minimum && !track.minimum->converged) {
       note(NotConvergedText(track.id, *track.minimum));
     }
   }
   if (summary.tracks_left_out > 0) note(TracksLeftOutText(summary.tracks_left_out));
-  if (summary.tracks.empty()) {
+  if (tracks.empty()) {
     note("no drone found in " + Count(summary.counts.frames, "frame") + " with " +
          Count(summary.counts.returns, "return"));
   }
@@ -253,11 +257,11 @@ std::string TrackLive(const Arguments& arguments, const OutputTimes& output_time
   run.Run();
   const LiveSummary summary = run.Summary();
   if (!arguments.summary.empty()) {
-    WriteFiles({{arguments.summary, Content(LiveSummaryJson(summary, config))}});
+    WriteFiles({{arguments.summary, Content(LiveSummaryJson(summary, run.tracks(), config))}});
   }
-  NoteLosses(summary, note);
-  return arguments.out + ": " + Count(summary.tracks.size(), "track") + ", " +
-         Count(summary.num_rows(), "row") + ", from " + Count(summary.counts.frames, "frame") +
+  NoteLosses(summary, run.tracks(), note);
+  return arguments.out + ": " + Count(summary.num_tracks, "track") + ", " +
+         Count(summary.num_rows, "row") + ", from " + Count(summary.counts.frames, "frame") +
          " of " + Count(summary.inputs.size(), "LiDAR");
 }
 

@@ -120,6 +120,7 @@ void LiveOutput::Hold(const TrajectoryRow& row, Confirmed& confirmed) const {
 void LiveOutput::Write(TimeNs at_ns, const RowGiven& given, LiveTrack& track) {
   const TrajectoryRow& row = given.row;
   ++track.rows;
+  ++num_rows_;
   track.kind = given.kind;
   std::string text;
   AppendTrajectoryRow(row, track.id, text);

@@ -106,6 +106,9 @@ class LiveOutput {
   // Those of them that have not ended.
   std::vector<CurrentTrack> CurrentTracks() const;
 
+  // Rows of all of them.
+  std::uint64_t num_rows() const { return num_rows_; }
+
   // Rows that are in the file already, and those whose numbers cannot be written.
   std::uint64_t left_out_rows() const { return left_out_rows_; }
   std::uint64_t unwritable_rows() const { return unwritable_rows_; }
@@ -138,6 +141,7 @@ class LiveOutput {
   double max_bird_probability_ = 1.0;
   TimeNs hold_ns_ = 0;
   std::uint64_t tracks_left_out_ = 0;
+  std::uint64_t num_rows_ = 0;
   std::uint64_t left_out_rows_ = 0;
   std::uint64_t unwritable_rows_ = 0;
   std::map<int, Confirmed> open_tracks_;  // by the engine's number

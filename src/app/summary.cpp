@@ -157,9 +157,9 @@ Json LiveCountsJson(const LiveSummary& summary) {
                  {"passed_over_frames", summary.followed.passed_over},
                  {"worked_off_frames", summary.followed.already_processed},
                  {"refused_packets", summary.refused_packets},
-                 {"tracks", summary.tracks.size()},
+                 {"tracks", summary.num_tracks},
                  {"tracks_left_out", summary.tracks_left_out},
-                 {"trajectory_rows", summary.num_rows()},
+                 {"trajectory_rows", summary.num_rows},
                  {"left_out_rows", summary.left_out_rows},
                  {"unwritable_rows", summary.unwritable_rows}});
   return counts;
@@ -173,12 +173,6 @@ Json FrameCpuJson(const ProcessingTimes& times) {
 }
 
 }  // namespace
-
-std::uint64_t LiveSummary::num_rows() const {
-  std::uint64_t rows = 0;
-  for (const LiveTrack& track : tracks) rows += track.rows;
-  return rows;
-}
 
 std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
                         const PipelineResult& result) {
@@ -195,17 +189,18 @@ std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& c
                  {"tracks", tracks}});
 }
 
-std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
+std::string LiveSummaryJson(const LiveSummary& summary, const std::vector<LiveTrack>& tracks,
+                            const Config& config) {
   Json inputs = Json::array();
   for (const LiveInput& input : summary.inputs) inputs.push_back(LiveInputJson(input));
-  Json tracks = Json::array();
-  for (const LiveTrack& track : summary.tracks) {
-    tracks.push_back({{"track_id", track.id},
-                      {"begin", SecondsText(track.begin_ns)},
-                      {"end", SecondsText(track.end_ns)},
-                      {"rows", track.rows},
-                      {"kind", KindJson(track.kind)}});
-    if (track.minimum) tracks.back()["spline"] = SplineJson(*track.minimum);
+  Json told = Json::array();
+  for (const LiveTrack& track : tracks) {
+    told.push_back({{"track_id", track.id},
+                    {"begin", SecondsText(track.begin_ns)},
+                    {"end", SecondsText(track.end_ns)},
+                    {"rows", track.rows},
+                    {"kind", KindJson(track.kind)}});
+    if (track.minimum) told.back()["spline"] = SplineJson(*track.minimum);
   }
   return TextOf({{"version", kVersion},
                  {"inputs", inputs},
@@ -213,7 +208,7 @@ std::string LiveSummaryJson(const LiveSummary& summary, const Config& config) {
                  {"counts", LiveCountsJson(summary)},
                  {"frame_cpu_ms", FrameCpuJson(summary.processing_times)},
                  {"warnings", WarningsJson(summary.warnings)},
-                 {"tracks", tracks}});
+                 {"tracks", told}});
 }
 
 std::string StateJson(const LiveStatus& status) {

@@ -25,6 +25,7 @@ struct LiveInput {
 };
 
 // Every frame that came is in one of the counts of frames, every packet in one of packets.
+// Its size does not grow with the length of the run.
 struct LiveSummary {
   std::vector<LiveInput> inputs;
   InputCounts counts;
@@ -35,14 +36,12 @@ struct LiveSummary {
   FollowedCounts followed;
   ProcessingTimes processing_times;   // of the processor, in the engine
   std::uint64_t refused_packets = 0;  // that are none of a Livox sensor
-  std::vector<LiveTrack> tracks;
+  std::uint64_t num_tracks = 0;
   std::uint64_t tracks_left_out = 0;  // as of --only-drones
+  std::uint64_t num_rows = 0;         // of all tracks
   std::uint64_t left_out_rows = 0;    // the file held them already
   std::uint64_t unwritable_rows = 0;  // of numbers that no output takes
   std::vector<Warning> warnings;
-
-  // Rows that were written, of all tracks.
-  std::uint64_t num_rows() const;
 };
 
 // Behind the number of frames that were gone, or whose stamp was no new one.
@@ -61,6 +60,7 @@ inline constexpr const char* kOverflowText =
 std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
                         const PipelineResult& result);
 
-std::string LiveSummaryJson(const LiveSummary& summary, const Config& config);
+std::string LiveSummaryJson(const LiveSummary& summary, const std::vector<LiveTrack>& tracks,
+                            const Config& config);
 
 }  // namespace unlidar

@@ -30,13 +30,33 @@ constexpr char kFooter[] =
 
 constexpr int kMaxThreads = 1024;
 constexpr std::size_t kMaxUsageErrorBytes = 300;
+constexpr std::uint64_t kMaxCapturesBytes = 1'000'000'000'000'000;
 
 CLI::Option* AddFile(CLI::App& app, const char* option, std::string& path,
                      const char* description) {
   return app.add_option(option, path, description)
-      ->check(
-          [](const std::string& text) { return text.empty() ? "empty, expected a file name" : ""; })
+      ->check([](const std::string& text) { return text.empty() ? "empty, expected a name" : ""; })
       ->type_name("FILE");
+}
+
+void AddRecordingOptions(CLI::App& app, Arguments& arguments) {
+  CLI::Option* record_packets =
+      AddFile(app, "--record-packets", arguments.record_packets,
+              "With --livox: directory for captures of all packets that come\n"
+              "(packets_*.pcap), which unlidar convert and play read; the\n"
+              "oldest ones are removed")
+          ->type_name("DIR");
+  const auto add_size = [&](const char* option, auto& bytes, const char* description) {
+    return app.add_option(option, bytes, description)
+        ->transform(CLI::AsSizeValue(true).description(""))
+        ->needs(record_packets)
+        ->type_name("SIZE");
+  };
+  add_size("--record-packets-bytes", arguments.record_packets_bytes,
+           "Most of all these captures, as in 500MB")
+      ->capture_default_str();
+  add_size("--record-packets-file-bytes", arguments.record_packets_file_bytes,
+           "Most of one of them (default: a fortieth of that)");
 }
 
 void AddLiveOptions(CLI::App& app, Arguments& arguments) {
@@ -69,6 +89,7 @@ void AddLiveOptions(CLI::App& app, Arguments& arguments) {
           "The same: JSON to replace once a second: what it is doing now,\n"
           "tracks, sensors, load");
   AddFile(app, "--metrics", arguments.metrics, "The same as metrics, for Prometheus");
+  AddRecordingOptions(app, arguments);
 }
 
 void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& frames) {
@@ -135,6 +156,24 @@ void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& f
       ->excludes(quiet);
 }
 
+void CheckRecording(const Arguments& arguments) {
+  if (arguments.record_packets.empty()) return;
+  if (arguments.livox.empty()) {
+    throw UsageError("--record-packets " + arguments.record_packets +
+                     ": expected with --livox only");
+  }
+  const auto refuse = [](const char* option, std::uint64_t bytes, std::uint64_t least,
+                         std::uint64_t most) {
+    if (bytes >= least && bytes <= most) return;
+    throw UsageError(option + (" " + std::to_string(bytes)) + ": expected " +
+                     std::to_string(least) + " to " + std::to_string(most) + " bytes");
+  };
+  refuse("--record-packets-bytes", arguments.record_packets_bytes, 2 * kMinCaptureBytes,
+         kMaxCapturesBytes);
+  refuse("--record-packets-file-bytes", arguments.capture_file_bytes(), kMinCaptureBytes,
+         arguments.record_packets_bytes / 2);
+}
+
 // Checks the combination of options: a recording or a live source.
 void CheckMode(const Arguments& arguments, const std::vector<std::string>& frames) {
   if (!(arguments.only_drones >= 0.0 && arguments.only_drones <= 1.0)) {  // NaN, too
@@ -144,6 +183,7 @@ void CheckMode(const Arguments& arguments, const std::vector<std::string>& frame
   if (frames.empty() && !arguments.has_no_folders()) {
     throw UsageError("--frames is required (--help lists all options)");
   }
+  CheckRecording(arguments);
   if (!arguments.is_live()) {
     for (const auto& [option, value] : {std::pair{"--events", &arguments.events},
                                         {"--state", &arguments.state},

@@ -1,6 +1,8 @@
 // The command line.
 #pragma once
 
+#include <algorithm>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -8,6 +10,9 @@
 #include "io/frames.hpp"
 
 namespace unlidar {
+
+// A third of a second of a Mid-360.
+inline constexpr std::uint64_t kMinCaptureBytes = 1'000'000;
 
 // Empty texts: not given.
 struct Arguments {
@@ -30,6 +35,9 @@ struct Arguments {
   int event_returns = 0;
   std::string state;
   std::string metrics;
+  std::string record_packets;
+  std::uint64_t record_packets_bytes = 4'000'000'000;
+  std::optional<std::uint64_t> record_packets_file_bytes;
   int threads = 1;
   bool quiet = false;
   bool verbose = false;
@@ -38,6 +46,11 @@ struct Arguments {
   bool is_live() const { return follow || has_no_folders(); }
   // A track above it is left out: never below a half, so that none is for being unknown.
   double max_bird_probability() const { return 1.0 - 0.5 * only_drones; }
+  // By default so that the captures of packets are 40, of no less than a megabyte.
+  std::uint64_t capture_file_bytes() const {
+    return record_packets_file_bytes.value_or(
+        std::max(kMinCaptureBytes, record_packets_bytes / 40));
+  }
   bool has_no_folders() const { return from_stdin || !livox.empty(); }
 };
 

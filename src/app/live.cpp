@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 
+#include "app/capture_files.hpp"
 #include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/live_output.hpp"
@@ -57,9 +58,10 @@ std::optional<LiveTraceOutput> TraceOutputOf(const Arguments& arguments, Signals
 class LiveRun {
  public:
   LiveRun(const Arguments& arguments, const OutputTimes& output_times, const Config& config,
-          const std::function<void(const std::string&)>& note)
+          CaptureFiles* captures, const std::function<void(const std::string&)>& note)
       : arguments_(arguments),
         config_(config),
+        captures_(captures),
         output_(arguments.out, arguments.events, EarlierRows(config), signals_, note),
         reporter_(output_, service_, note),
         status_files_(arguments, note),
@@ -70,7 +72,7 @@ class LiveRun {
 
   void Run() {
     try {
-      source_ = OpenSource(arguments_, config_, ResumeAfter(), intake_, reporter_);
+      source_ = OpenSource(arguments_, config_, ResumeAfter(), intake_, reporter_, captures_);
       if (const std::optional<TimeNs> last_row_ns = output_.row_times().last_ns()) {
         reporter_.Note(arguments_.out + ": appends to it, it holds rows until " +
                        SecondsText(*last_row_ns));
@@ -160,6 +162,7 @@ class LiveRun {
 
   const Arguments& arguments_;
   const Config& config_;
+  CaptureFiles* captures_;
   Signals signals_;
   ServiceNotifier service_;
   LiveOutput output_;
@@ -188,6 +191,9 @@ void NoteLosses(const LiveSummary& summary, const std::vector<LiveTrack>& tracks
          counted(packets.excess, "more than a frame holds"));
   }
   if (summary.refused_packets > 0) note(Count(summary.refused_packets, "packet") + " refused");
+  if (summary.recording && summary.recording->lost_packets > 0) {
+    note(Count(summary.recording->lost_packets, "packet") + " not recorded (--record-packets)");
+  }
   say(summary.counts.bad_frames, " could not be parsed and skipped (input.skip_bad_frames)");
   say(summary.late_frames, " came later than live.reorder_s and dropped");
   say(summary.astray_frames,
@@ -253,7 +259,13 @@ std::string TrackLive(const Arguments& arguments, const OutputTimes& output_time
   }
   CheckStatusFiles(arguments);
   CheckNames(arguments.sources);
-  LiveRun run(arguments, output_times, config, note);
+  std::unique_ptr<CaptureFiles> captures;
+  if (!arguments.record_packets.empty()) {
+    captures = std::make_unique<CaptureFiles>(
+        arguments.record_packets,
+        CaptureLimits{arguments.capture_file_bytes(), arguments.record_packets_bytes});
+  }
+  LiveRun run(arguments, output_times, config, captures.get(), note);
   run.Run();
   const LiveSummary summary = run.Summary();
   if (!arguments.summary.empty()) {

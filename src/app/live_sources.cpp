@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "app/packet_recorder.hpp"
 #include "base/format.hpp"
 #include "base/recording.hpp"
 #include "io/arrival.hpp"
@@ -93,12 +94,13 @@ class MessageSource : public LiveSource {
 class PacketSource : public LiveSource {
  public:
   PacketSource(LivoxEndpoint endpoint, const Config& config, LiveIntake& intake,
-               LiveEventReporter& reporter)
+               LiveEventReporter& reporter, CaptureFiles* captures)
       : intake_(intake),
         reporter_(reporter),
         lidars_(LivoxNames(config.sensors), NsOf(config.live.frame_s),
                 std::chrono::nanoseconds(NsOf(config.live.silent_s))),
         receiver_(endpoint) {
+    if (captures != nullptr) recorder_.emplace(*captures, receiver_.endpoint());
     reporter_.Note("listens on " + receiver_.name());
   }
 
@@ -108,6 +110,7 @@ class PacketSource : public LiveSource {
     for (int i = 0; i < kMaxPacketsAtOnce && TakePacket(); ++i) {
     }
     intake_.CheckSilence();
+    NoteRecordingFailure();
     return true;
   }
 
@@ -115,6 +118,8 @@ class PacketSource : public LiveSource {
     receiver_.Stop();
     while (TakePacket()) {
     }
+    if (recorder_) recorder_->Stop();
+    NoteRecordingFailure();
     for (auto& [identity, lidar] : lidars_.lidars()) {
       lidar.cutter.Flush();
       TakeFrames(lidar, ArrivalAt(lidar.arrived), Clock::now());
@@ -136,6 +141,7 @@ class PacketSource : public LiveSource {
     }
     summary->inputs = std::move(by_address);
     summary->refused_packets = refused_packets_ + lidars_.forgotten_packets();
+    if (recorder_) summary->recording = recorder_->counts();
   }
 
  private:
@@ -145,6 +151,7 @@ class PacketSource : public LiveSource {
   bool TakePacket() {
     const std::optional<Datagram> datagram = receiver_.Next();
     if (!datagram) return false;
+    if (recorder_) recorder_->Add(*datagram);
     try {
       LivoxLidar* const lidar = lidars_.Take(*datagram);
       if (lidar != nullptr) TakeFrames(*lidar, datagram->arrival(), datagram->arrived);
@@ -155,6 +162,15 @@ class PacketSource : public LiveSource {
           " refused, the last: one from " + AddressText(datagram->source) + " " + error.what());
     }
     return true;
+  }
+
+  void NoteRecordingFailure() {
+    if (!recorder_) return;
+    const std::optional<std::string> failure = recorder_->TakeFailure();
+    if (!failure) return;
+    ++recording_failures_;
+    if (!IsWorthANote(recording_failures_ - 1, recording_failures_)) return;
+    reporter_.Note("packets are not recorded: " + *failure);
   }
 
   // A LiDAR is a sensor of the run with its first frame.
@@ -189,7 +205,9 @@ class PacketSource : public LiveSource {
   LiveEventReporter& reporter_;
   LivoxLidars lidars_;
   LivoxReceiver receiver_;
+  std::optional<PacketRecorder> recorder_;
   std::uint64_t refused_packets_ = 0;
+  std::uint64_t recording_failures_ = 0;
 };
 
 // --follow
@@ -255,13 +273,13 @@ class FolderSource : public LiveSource {
 
 std::unique_ptr<LiveSource> OpenSource(const Arguments& arguments, const Config& config,
                                        std::optional<TimeNs> after_ns, LiveIntake& intake,
-                                       LiveEventReporter& reporter) {
+                                       LiveEventReporter& reporter, CaptureFiles* captures) {
   if (arguments.follow) {
     return std::make_unique<FolderSource>(arguments.sources, config, after_ns, intake);
   }
   if (arguments.from_stdin) return std::make_unique<MessageSource>(config, intake);
   return std::make_unique<PacketSource>(ParseLivoxEndpoint(arguments.livox), config, intake,
-                                        reporter);
+                                        reporter, captures);
 }
 
 }  // namespace unlidar

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "app/arguments.hpp"
+#include "app/capture_files.hpp"
 #include "app/live_event_reporter.hpp"
 #include "app/live_intake.hpp"
 #include "app/summary.hpp"
@@ -38,9 +39,10 @@ class LiveSource {
 };
 
 // Opens the source that the arguments name. Frames of folders up to `after_ns` are skipped. All
-// references must outlive it. Throws InputError.
+// references must outlive it, and so must `captures`, which is null where packets are not recorded.
+// Throws InputError.
 std::unique_ptr<LiveSource> OpenSource(const Arguments& arguments, const Config& config,
                                        std::optional<TimeNs> after_ns, LiveIntake& intake,
-                                       LiveEventReporter& reporter);
+                                       LiveEventReporter& reporter, CaptureFiles* captures);
 
 }  // namespace unlidar

@@ -109,6 +109,13 @@ void AddPackets(const LiveSummary& summary, Metrics& metrics) {
   }
   metrics.Begin("unlidar_packets_refused_total", "counter", "Packets that are of no Livox sensor.");
   metrics.Add("", summary.refused_packets);
+  if (!summary.recording) return;
+  metrics.Begin("unlidar_packets_recorded_total", "counter",
+                "Packets of --record-packets, by fate: written, or lost by the disk.");
+  metrics.Add(Label("fate", "written"), summary.recording->packets);
+  metrics.Add(Label("fate", "lost"), summary.recording->lost_packets);
+  metrics.Begin("unlidar_recording_bytes", "gauge", "Size of the captures that are there.");
+  metrics.Add("", summary.recording->bytes);
 }
 
 void AddTracks(const LiveStatus& status, Metrics& metrics) {

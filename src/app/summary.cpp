@@ -165,6 +165,15 @@ Json LiveCountsJson(const LiveSummary& summary) {
   return counts;
 }
 
+// Nothing where packets are not recorded.
+Json RecordingJson(const std::optional<RecordingCounts>& recording) {
+  if (!recording) return Json::object();
+  return {{"packet_recording",
+           {{"packets", recording->packets},
+            {"lost_packets", recording->lost_packets},
+            {"bytes", recording->bytes}}}};
+}
+
 Json FrameCpuJson(const ProcessingTimes& times) {
   constexpr double kMsPerS = 1e3;
   return {{"p50", kMsPerS * times.Quantile(0.5)},
@@ -202,13 +211,15 @@ std::string LiveSummaryJson(const LiveSummary& summary, const std::vector<LiveTr
                     {"kind", KindJson(track.kind)}});
     if (track.minimum) told.back()["spline"] = SplineJson(*track.minimum);
   }
-  return TextOf({{"version", kVersion},
-                 {"inputs", inputs},
-                 {"config", ConfigJson(config)},
-                 {"counts", LiveCountsJson(summary)},
-                 {"frame_cpu_ms", FrameCpuJson(summary.processing_times)},
-                 {"warnings", WarningsJson(summary.warnings)},
-                 {"tracks", told}});
+  Json json = {{"version", kVersion},
+               {"inputs", inputs},
+               {"config", ConfigJson(config)},
+               {"counts", LiveCountsJson(summary)},
+               {"frame_cpu_ms", FrameCpuJson(summary.processing_times)},
+               {"warnings", WarningsJson(summary.warnings)},
+               {"tracks", told}};
+  json.update(RecordingJson(summary.recording));
+  return TextOf(json);
 }
 
 std::string StateJson(const LiveStatus& status) {
@@ -232,18 +243,20 @@ std::string StateJson(const LiveStatus& status) {
     json.update(KindJson(track.now.kind));
     tracks.push_back(json);
   }
-  return TextOf({{"version", kVersion},
-                 {"written", SecondsOf(status.written_ns)},
-                 {"at", SecondsOf(status.newest_ns)},
-                 {"state", status.has_ended ? "stopped" : LiveStateName(status.state)},
-                 {"sensors", sensors},
-                 {"tracks", tracks},
-                 {"load",
-                  {{"one_in", status.one_in},
-                   {"frame_cpu_ms", FrameCpuJson(summary.processing_times)},
-                   {"memory_bytes", status.memory_bytes}}},
-                 {"counts", LiveCountsJson(summary)},
-                 {"warnings", WarningsJson(summary.warnings)}});
+  Json json = {{"version", kVersion},
+               {"written", SecondsOf(status.written_ns)},
+               {"at", SecondsOf(status.newest_ns)},
+               {"state", status.has_ended ? "stopped" : LiveStateName(status.state)},
+               {"sensors", sensors},
+               {"tracks", tracks},
+               {"load",
+                {{"one_in", status.one_in},
+                 {"frame_cpu_ms", FrameCpuJson(summary.processing_times)},
+                 {"memory_bytes", status.memory_bytes}}},
+               {"counts", LiveCountsJson(summary)},
+               {"warnings", WarningsJson(summary.warnings)}};
+  json.update(RecordingJson(summary.recording));
+  return TextOf(json);
 }
 
 }  // namespace unlidar

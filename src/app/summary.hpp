@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "app/live_output.hpp"
+#include "app/packet_recorder.hpp"
 #include "app/processing_times.hpp"
 #include "base/recording.hpp"
 #include "io/followed_folders.hpp"
@@ -36,6 +37,7 @@ struct LiveSummary {
   FollowedCounts followed;
   ProcessingTimes processing_times;   // of the processor, in the engine
   std::uint64_t refused_packets = 0;  // that are none of a Livox sensor
+  std::optional<RecordingCounts> recording;
   std::uint64_t num_tracks = 0;
   std::uint64_t tracks_left_out = 0;  // as of --only-drones
   std::uint64_t num_rows = 0;         // of all tracks

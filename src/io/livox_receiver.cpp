@@ -66,29 +66,33 @@ LivoxEndpoint ParseLivoxEndpoint(const std::string& text) {
 LivoxReceiver::LivoxReceiver(LivoxEndpoint endpoint)
     : socket_(::socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0)),
       waiting_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
-      ending_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
-  Bind(endpoint);
+      ending_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
+      endpoint_(endpoint) {
+  Bind();
   thread_ = std::thread([this] { Receive(); });
 }
 
 LivoxReceiver::~LivoxReceiver() { Stop(); }
 
-void LivoxReceiver::Bind(LivoxEndpoint endpoint) {
-  name_ = AddressText(endpoint.address) + ":" + std::to_string(endpoint.port);
+std::string LivoxReceiver::name() const {
+  return AddressText(endpoint_.address) + ":" + std::to_string(endpoint_.port);
+}
+
+void LivoxReceiver::Bind() {
   if (socket_.get() < 0 || waiting_.get() < 0 || ending_.get() < 0) {
-    Fail(name_, "cannot be listened on");
+    Fail(name(), "cannot be listened on");
   }
   ::setsockopt(socket_.get(), SOL_SOCKET, SO_RCVBUF, &kSocketBytes, sizeof(kSocketBytes));
   sockaddr_in address{};
   address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(endpoint.address);
-  address.sin_port = htons(endpoint.port);
+  address.sin_addr.s_addr = htonl(endpoint_.address);
+  address.sin_port = htons(endpoint_.port);
   socklen_t size = sizeof(address);
   auto* const any = reinterpret_cast<sockaddr*>(&address);
   if (::bind(socket_.get(), any, size) != 0 || ::getsockname(socket_.get(), any, &size) != 0) {
-    Fail(name_, "cannot be listened on");
+    Fail(name(), "cannot be listened on");
   }
-  name_ = AddressText(endpoint.address) + ":" + std::to_string(ntohs(address.sin_port));
+  endpoint_.port = ntohs(address.sin_port);
 }
 
 std::optional<Datagram> LivoxReceiver::Next() {
@@ -141,8 +145,10 @@ void LivoxReceiver::TakeAll() {
     const auto length = std::min(static_cast<std::size_t>(got), bytes.size());
     Datagram datagram;
     datagram.source = ntohl(sender.sin_addr.s_addr);
+    datagram.source_port = ntohs(sender.sin_port);
     datagram.received_ns = NsSinceEpoch(std::chrono::system_clock::now());
     datagram.arrived = Datagram::Clock::now();
+    datagram.sent_bytes = static_cast<std::size_t>(got);
     datagram.payload.assign(bytes.data(), length);
     taken.push_back(std::move(datagram));
   }

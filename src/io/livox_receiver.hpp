@@ -30,10 +30,12 @@ LivoxEndpoint ParseLivoxEndpoint(const std::string& text);
 struct Datagram {
   using Clock = std::chrono::steady_clock;
 
-  std::uint32_t source = 0;  // address of the sender, host byte order
-  TimeNs received_ns = 0;    // Unix time
+  std::uint32_t source = 0;       // address of the sender, host byte order
+  std::uint16_t source_port = 0;  // host byte order
+  TimeNs received_ns = 0;         // Unix time
   Clock::time_point arrived;
-  std::string payload;
+  std::size_t sent_bytes = 0;  // of the packet
+  std::string payload;         // its first kMaxDatagramBytes
 
   Arrival arrival() const { return {received_ns, NsSinceEpoch(arrived)}; }
 };
@@ -58,11 +60,14 @@ class LivoxReceiver {
   // Queues the packets that have arrived so far and stops receiving.
   void Stop();
 
-  // ADDRESS:PORT, with the port that the system chose.
-  const std::string& name() const { return name_; }
+  // With the port that the system chose.
+  const LivoxEndpoint& endpoint() const { return endpoint_; }
+
+  // The same as ADDRESS:PORT.
+  std::string name() const;
 
  private:
-  void Bind(LivoxEndpoint endpoint);
+  void Bind();
   void Receive();
   bool IsFull() const;
   void TakeAll();
@@ -70,7 +75,7 @@ class LivoxReceiver {
   Descriptor socket_;
   Descriptor waiting_;  // readable while datagrams_ is not empty
   Descriptor ending_;
-  std::string name_;
+  LivoxEndpoint endpoint_;
   mutable std::mutex mutex_;
   std::deque<Datagram> datagrams_;
   std::size_t bytes_ = 0;

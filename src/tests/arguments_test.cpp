@@ -103,5 +103,29 @@ TEST(Arguments, FoldersAndNamesAreGivenOnce) {
   EXPECT_NE(refused("roof=a", "m.t=b").find("expected a name"), std::string::npos);
 }
 
+TEST(Arguments, CapturesOfPacketsAreBoundedAndOfLivoxOnly) {
+  const Words livox = {"--livox", "0.0.0.0:1", "--out", "x", "--record-packets", "d"};
+  const auto with = [&](const Words& more) {
+    Words words = livox;
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  };
+  EXPECT_EQ(ArgumentsOf(livox).capture_file_bytes(), ArgumentsOf(livox).record_packets_bytes / 40);
+  EXPECT_EQ(ArgumentsOf(with({"--record-packets-bytes", "1500MB"})).record_packets_bytes,
+            1'500'000'000U);
+  EXPECT_EQ(ArgumentsOf(with({"--record-packets-bytes", "4MB"})).capture_file_bytes(), 1'000'000U);
+  EXPECT_EQ(ArgumentsOf(with({"--record-packets-file-bytes", "2MiB"})).capture_file_bytes(),
+            std::uint64_t{2} << 20U);
+  for (const char* bytes :
+       {"1999999", "0", "-5", "nan", "inf", "1.5GB", "4 furlongs", "1e30", ""}) {
+    EXPECT_NE(ErrorOf(with({std::string("--record-packets-bytes=") + bytes})), "") << bytes;
+  }
+  EXPECT_NE(ErrorOf(with({"--record-packets-file-bytes", "2GB", "--record-packets-bytes", "3GB"})),
+            "");
+  EXPECT_NE(ErrorOf({"--stdin", "--out", "x", "--record-packets", "d"}), "");
+  EXPECT_NE(ErrorOf({"--livox", "0.0.0.0:1", "--out", "x", "--record-packets-bytes", "4GB"}), "");
+  EXPECT_NE(ErrorOf({"--livox", "0.0.0.0:1", "--out", "x", "--record-packets", ""}), "");
+}
+
 }  // namespace
 }  // namespace unlidar

@@ -1,5 +1,10 @@
-"""Packets captured from a network: files of tcpdump and Wireshark (`.pcap`, `.pcapng`)."""
+"""Packets captured from a network: files of tcpdump and Wireshark (`.pcap`, `.pcapng`).
 
+Also folders of files that follow each other, as --record-packets and Wireshark's ring buffer write
+them: NAME_NUMBER_TIME.pcap.
+"""
+
+import re
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +19,7 @@ from unlidar.limits import BoundedFile
 SUFFIXES = (".pcap", ".pcapng")
 _MOST_OPEN = 64  # incomplete packets kept for reassembly
 _END = 1 << 16  # bytes; beyond any fragment and any packet
+_OF_SERIES = re.compile(r"(?P<name>.+)_(?P<number>\d+)_\d{8}T?\d{6}Z?\.pcap(ng)?", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -31,15 +37,38 @@ class Datagram:
 
 
 def is_capture(path: Path) -> bool:
-    """True if the file's suffix is that of a capture."""
-    return path.suffix.lower() in SUFFIXES and path.is_file()
+    """True for a file with the suffix of a capture, or a folder whose captures are a series."""
+    return (_has_suffix(path) and path.is_file()) or (path.is_dir() and bool(_series(path)))
 
 
 def datagrams(path: Path) -> Iterator[Datagram]:
-    """The UDP packets of a capture in the order of the file; others are skipped.
+    """The UDP packets of a capture in the order of its file or files; others are skipped.
 
-    InputError if the file is no capture, or of an unknown link type.
+    InputError if a file is no capture, or of an unknown link type.
     """
+    for file in _series(path) if path.is_dir() else [path]:
+        yield from _datagrams_of(file)
+
+
+def _has_suffix(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES
+
+
+def _series(folder: Path) -> list[Path]:
+    """The captures of a folder in the order of their numbers; empty if they are no one series."""
+    try:
+        captures = [path for path in folder.iterdir() if _has_suffix(path) and path.is_file()]
+    except OSError:  # reported by the kind of recording that it may be
+        return []
+    found = [_OF_SERIES.fullmatch(path.name) for path in captures]
+    if None in found or len({match["name"] for match in found if match}) != 1:
+        return []
+    numbered = [(int(match["number"]), path) for match, path in zip(found, captures, strict=True)]
+    # A recorder that was killed may have left one without a first byte.
+    return [path for _, path in sorted(numbered) if path.stat().st_size > 0]
+
+
+def _datagrams_of(path: Path) -> Iterator[Datagram]:
     dpkt = _dpkt(path)
     try:
         with BoundedFile(path) as file:

@@ -23,7 +23,8 @@ def define(p: argparse.ArgumentParser) -> None:
         metavar="SRC",
         type=Path,
         help="a ROS 1 or ROS 2 recording (.bag, .db3, .mcap or a folder of them), a capture of "
-        "Livox or Velodyne packets (.pcap, .pcapng), a file of Livox Viewer (.lvx, .lvx2), .las or "
+        "Livox or Velodyne packets (.pcap, .pcapng, or a folder of a series of "
+        "them), a file of Livox Viewer (.lvx, .lvx2), .las or "
         ".laz, a MMAUD sequence or a folder of .pcd, .ply, .bin (KITTI) or .npy",
     )
     p.add_argument("out", metavar="OUT", nargs="?", type=Path, help="folder to be written")

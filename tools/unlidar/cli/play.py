@@ -30,7 +30,7 @@ def define(p: argparse.ArgumentParser) -> None:
         metavar="RECORDING",
         type=Path,
         help="a folder of frame directories, converted or simulated; or a capture (.pcap, .pcapng) "
-        "of the packets of Livox LiDARs",
+        "of the packets of Livox LiDARs, or a folder of a series of them",
     )
     p.add_argument(
         "--rate",

@@ -88,7 +88,7 @@ class LivoxCapture(_LivoxRecording):
 
     @classmethod
     def matches(cls, path: Path) -> bool:
-        """True if the suffix is that of a capture."""
+        """True for captures of any kind."""
         return is_capture(path)
 
     def __init__(self, path: Path, options: Options) -> None:

@@ -42,8 +42,8 @@ def end(number: int, at: float) -> str:
     return _line("end", at, {"track": number}, {"timestamp": at - 10.0}, {})
 
 
-def sensor(name: str, state: str, at: float = 0.0) -> str:
-    return _line("sensor", at, {"name": name, "state": state}, {}, {})
+def sensor(name: str, state: str, at: float = 0.0, **more: object) -> str:
+    return _line("sensor", at, {"name": name, "state": state}, {}, more)
 
 
 def state(name: str, at: float = 0.0, frames: int = 1, dropped: int = 0) -> str:

@@ -10,8 +10,10 @@ import socket
 import struct
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from live_program import ENDLESS, events_of, feed, messages, rows_of, wait_until
@@ -30,6 +32,7 @@ from livox_sensor import (
     write_as_frames,
 )
 from synthetic import make_flight, run_program
+from test_live_status import metrics_of, schema, state_of
 
 
 @pytest.fixture(scope="module")
@@ -138,6 +141,88 @@ def test_several_sensors_are_distinguished_by_address_and_slot(
     assert [one["name"] for one in inputs] == ["127-0-0-2", "127-0-0-3-2-1", "127-0-0-3-3-2"]
     assert sum(one["packets"]["used"] for one in inputs) == len(packets)
     assert "the config has no sensors.127-0-0-3-2-1" in said
+
+
+# --- synchronisation ----------------------------------------------------------------------------
+
+
+def seconds_of(packets: list[Packet], seconds: int) -> list[Packet]:
+    """The packets again and again, with numbers and stamps that go on."""
+    of_flight = len(packets)
+    spacing_ns = packets[1].stamp_ns - packets[0].stamp_ns
+    return [
+        replace(packets[k % of_flight], number=k, stamp_ns=BEGIN_NS + k * spacing_ns)
+        for k in range(seconds * 10**9 // spacing_ns)
+    ]
+
+
+def test_a_lidar_that_loses_its_synchronisation_is_told_of_once(
+    packets: list[Packet], tmp_path: Path
+) -> None:
+    """It comes and goes for a while, and is there again at the end."""
+
+    def time_type(second: float) -> int:
+        if second < 4 or second >= 16:
+            return 1
+        return int(second % 3 < 1)
+
+    sent = [
+        protocol2(p, time_type=time_type((p.stamp_ns - BEGIN_NS) * 1e-9))
+        for p in seconds_of(packets, 30)
+    ]
+    events, metrics, state = tmp_path / "events", tmp_path / "x.prom", tmp_path / "state.json"
+    rows, summary, said = rows_by_packets(
+        sent, tmp_path, "--events", events, "--metrics", metrics, "--state", state
+    )
+    told = [e for e in events_of(events) if e["event"] == "sensor"]
+    assert [(e["state"], e["clock"]) for e in told] == [
+        ("ok", "synchronised"),
+        ("ok", "lost"),
+        ("ok", "synchronised"),
+    ]
+    begun_s = BEGIN_NS * 1e-9
+    assert 4 < told[1]["at"] - begun_s < 7 and 24 < told[2]["at"] - begun_s < 28
+    for event in told:
+        jsonschema.validate(event, schema("events"))
+    assert said.count("127-0-0-1: has lost its time synchronisation (PTP, GPS)") == 1
+    assert said.count("127-0-0-1: lost its time synchronisation 1 time") == 1
+    assert packets_of(summary)["used"] == len(sent)
+    one = summary["inputs"][0]
+    assert (one["clock"], one["clock_losses"]) == ("synchronised", 1)
+    assert state_of(state)["sensors"][0]["clock"] == "synchronised"
+    found = metrics_of(metrics)
+    assert found['unlidar_sensor_clock{sensor="127-0-0-1",clock="synchronised"}'] == 1
+    assert found['unlidar_sensor_clock{sensor="127-0-0-1",clock="lost"}'] == 0
+    assert found['unlidar_sensor_clock_losses_total{sensor="127-0-0-1"}'] == 1
+    assert rows.count(b"\n") > 20
+
+
+def test_a_lidar_that_never_was_synchronised_has_lost_nothing(
+    packets: list[Packet], tmp_path: Path
+) -> None:
+    sent = (protocol1(p, time_type=0) for p in packets)
+    events = tmp_path / "events"
+    _, summary, said = rows_by_packets(sent, tmp_path, "--events", events)
+    told = [e for e in events_of(events) if e["event"] == "sensor"]
+    assert [e["clock"] for e in told] == ["unsynchronised"]
+    assert summary["inputs"][0]["clock_losses"] == 0 and "synchronisation" not in said
+
+
+def test_the_states_of_sensors_are_those_of_their_names(
+    packets: list[Packet], tmp_path: Path
+) -> None:
+    """The one with the higher address is heard first, and falls silent."""
+    state = tmp_path / "state.json"
+    with Listening("--out", tmp_path / "traj.csv", "--state", state) as live:
+        for k in range(0, len(packets), 20):
+            part = packets[k : k + 20]
+            if k < len(packets) // 4:
+                live.receive((protocol2(p) for p in part[1::2]), "127.0.0.9")
+            live.receive((protocol2(p) for p in part[::2]), "127.0.0.2")
+        code, _, said = live.end(signal.SIGTERM)
+    assert code == 0, said
+    told = {one["name"]: one["state"] for one in state_of(state)["sensors"]}
+    assert told == {"127-0-0-2": "ok", "127-0-0-9": "silent"}
 
 
 # --- anybody may send to a port -----------------------------------------------------------------

@@ -152,7 +152,15 @@ def test_the_status_follows_lidars_and_engine(site) -> None:
         relay.feed(sensor("mid360", "silent", 4.0))
         told = middleware.wait_until("status_report", lambda report: report.system == error)
         assert told.status[-1].status_type == StatusReport.STATUS_TYPE_NOT_DETECTING
-        relay.feed(sensor("mid360", "ok", 5.0), sensor("avia", "ok", 5.0), state("overloaded"))
+        relay.feed(sensor("mid360", "ok", 5.0), sensor("avia", "ok", 5.0, clock="lost"))
+        text = "LiDAR avia has lost its time synchronisation"
+        told = middleware.wait_until("status_report", has(warning, text))
+        assert told.status[0].status_type == StatusReport.STATUS_TYPE_EXTERNAL_FAULT
+        relay.feed(sensor("avia", "ok", 6.0, clock="synchronised"))
+        middleware.wait_until("status_report", has(ok))
+        relay.feed(sensor("avia", "ok", 7.0, clock="lost"), sensor("avia", "ok", 8.0))
+        middleware.wait_until("status_report", has(ok))  # of an engine that tells none
+        relay.feed(state("overloaded"))
         text = "the engine is overloaded: weak drones may be missed"
         middleware.wait_until("status_report", has(warning, text))
         middleware.wait_until("status_report", lambda r: r.info == StatusReport.INFO_UNCHANGED)

@@ -502,6 +502,16 @@ def silence(page: Page, seconds: float) -> None:
     )
 
 
+def test_a_lidar_whose_clock_is_adrift_is_said(driver, folder, size) -> None:
+    one_drone(folder, sensor("avia", "ok", 4.1, clock="lost"), sensor("roof", "ok", 4.1))
+    with watch(folder) as served:
+        page = Page(driver, served.url, size)
+        page.wait("byId('troubles').innerText.includes('synchronisation')")
+        assert "LiDAR avia has lost its time synchronisation, told" in page.text("#troubles")
+        assert "ok, time not synchronised" in page.text("#health")
+        assert "No LiDAR sees anything" not in page.text("#troubles")
+
+
 def test_a_station_that_says_nothing_more_is_shown_as_that(driver, folder, size) -> None:
     lines = [sensor("avia", "silent", 4.2), sensor("north", "silent", 4.3)]
     one_drone(folder, sensor("mid360", "silent", 4.1), *lines)

@@ -154,7 +154,6 @@ class LiveRun {
       status.newest_ns = intake_.newest_ns();
       status.one_in = reporter_.one_in();
       status.summary = Summary();
-      status.sensor_states = reporter_.SensorStates();
       status.tracks = output_.CurrentTracks();
       return status;
     });
@@ -191,6 +190,11 @@ void NoteLosses(const LiveSummary& summary, const std::vector<LiveTrack>& tracks
          counted(packets.excess, "more than a frame holds"));
   }
   if (summary.refused_packets > 0) note(Count(summary.refused_packets, "packet") + " refused");
+  for (const LiveInput& input : summary.inputs) {
+    if (input.sync && input.sync->losses() > 0) {
+      note(input.name + ": lost its time synchronisation " + Count(input.sync->losses(), "time"));
+    }
+  }
   if (summary.recording && summary.recording->lost_packets > 0) {
     note(Count(summary.recording->lost_packets, "packet") + " not recorded (--record-packets)");
   }

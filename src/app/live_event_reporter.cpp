@@ -56,7 +56,7 @@ void LiveEventReporter::ReportSensor(std::size_t index, SensorState state, TimeN
   Sensor& sensor = sensors_[index];
   if (sensor.state == state) return;
   sensor.state = state;
-  output_.ReportSensor(newest_ns, sensor.name, state);
+  output_.ReportSensor(newest_ns, sensor.name, state, sensor.clock);
   if (state != SensorState::kBlinded) return;
   ++sensor.num_blinded;
   if (IsWorthANote(sensor.num_blinded - 1, sensor.num_blinded)) {
@@ -70,6 +70,19 @@ void LiveEventReporter::ReportReturns(std::size_t sensor, TimeNs stamp_ns,
   if (!sensors_[sensor].view.IsDue(stamp_ns)) return;
   output_.ReportReturns(newest_ns, sensors_[sensor].name, stamp_ns,
                         TextOfReturns(points_m, ThinnedReturns(points_m, max_returns)));
+}
+
+void LiveEventReporter::ReportClock(std::size_t index, SyncState clock, TimeNs newest_ns) {
+  Sensor& sensor = sensors_[index];
+  if (std::exchange(sensor.clock, clock) == clock) return;
+  if (sensor.state) output_.ReportSensor(newest_ns, sensor.name, *sensor.state, clock);
+  if (clock != SyncState::kLost) return;
+  ++sensor.num_lost;
+  if (IsWorthANote(sensor.num_lost - 1, sensor.num_lost)) {
+    Note(sensor.name +
+         ": has lost its time synchronisation (PTP, GPS), its frames go on by the clock of this "
+         "computer");
+  }
 }
 
 void LiveEventReporter::ReportPace(std::uint64_t one_in, std::uint64_t left_out,

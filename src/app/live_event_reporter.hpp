@@ -12,6 +12,7 @@
 #include "app/live_output.hpp"
 #include "app/returns_view.hpp"
 #include "app/service_notify.hpp"
+#include "io/livox_sync.hpp"
 #include "unlidar/engine.hpp"
 
 namespace unlidar {
@@ -53,6 +54,8 @@ class LiveEventReporter {
   void Take(const EngineEvent& event, const LiveProgress& now);
 
   void ReportSensor(std::size_t index, SensorState state, TimeNs newest_ns);
+  // Of a sensor that tells of its synchronisation, also before its first frame.
+  void ReportClock(std::size_t index, SyncState clock, TimeNs newest_ns);
   bool HasReported(std::size_t sensor) const { return sensors_[sensor].state.has_value(); }
 
   // At most `max_returns` returns of a frame that is due for a view of them.
@@ -85,6 +88,8 @@ class LiveEventReporter {
     std::optional<SensorState> state = {};  // as last reported
     std::uint64_t num_blinded = 0;
     ViewPace view = {};
+    std::optional<SyncState> clock = {};
+    std::uint64_t num_lost = 0;  // synchronisation
   };
 
   bool is_overloaded() const { return one_in_ > 1; }

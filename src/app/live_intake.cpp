@@ -221,10 +221,14 @@ LiveProgress LiveIntake::Progress() const {
 
 LiveSummary LiveIntake::Summary() const {
   LiveSummary summary;
+  const std::vector<std::optional<SensorState>> states = reporter_.SensorStates();
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
-    summary.inputs.push_back({sensors_[i].name, i < sources_.size() ? sources_[i].directory : "",
-                              sensors_[i].frames, engine_.BlindedS(static_cast<std::uint32_t>(i)),
-                              std::nullopt});
+    LiveInput& input = summary.inputs.emplace_back();
+    input.name = sensors_[i].name;
+    if (i < sources_.size()) input.directory = sources_[i].directory;
+    input.frames = sensors_[i].frames;
+    input.state = states[i];
+    input.blinded_s = engine_.BlindedS(static_cast<std::uint32_t>(i));
   }
   summary.warnings = warnings_;
   summary.counts = engine_.counts();

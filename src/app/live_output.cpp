@@ -158,9 +158,12 @@ std::vector<CurrentTrack> LiveOutput::CurrentTracks() const {
   return current;
 }
 
-void LiveOutput::ReportSensor(TimeNs at_ns, const std::string& name, SensorState state) {
-  AppendEvent("sensor", at_ns,
-              ",\"name\":" + JsonString(name) + ",\"state\":\"" + SensorStateName(state) + "\"");
+void LiveOutput::ReportSensor(TimeNs at_ns, const std::string& name, SensorState state,
+                              std::optional<SyncState> clock) {
+  std::string fields =
+      ",\"name\":" + JsonString(name) + ",\"state\":\"" + SensorStateName(state) + "\"";
+  if (clock) fields += std::string(",\"clock\":\"") + SyncStateName(*clock) + "\"";
+  AppendEvent("sensor", at_ns, fields);
 }
 
 void LiveOutput::ReportReturns(TimeNs at_ns, const std::string& name, TimeNs stamp_ns,

@@ -13,6 +13,7 @@
 #include "app/returns_view.hpp"
 #include "app/row_times.hpp"
 #include "app/signals.hpp"
+#include "io/livox_sync.hpp"
 #include "unlidar/engine.hpp"
 
 namespace unlidar {
@@ -87,7 +88,9 @@ class LiveOutput {
   // To the events alone; the last one of each track is kept.
   void AddPrediction(TimeNs at_ns, const TrackPredicted& predicted);
   void End(TimeNs at_ns, const TrackEnded& track);
-  void ReportSensor(TimeNs at_ns, const std::string& name, SensorState state);
+  // `clock`: of a sensor that tells of its synchronisation.
+  void ReportSensor(TimeNs at_ns, const std::string& name, SensorState state,
+                    std::optional<SyncState> clock);
   void ReportReturns(TimeNs at_ns, const std::string& name, TimeNs stamp_ns,
                      const ReturnsText& returns);
   void ReportState(TimeNs at_ns, LiveState state, std::uint64_t frames, std::uint64_t dropped);

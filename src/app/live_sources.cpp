@@ -133,6 +133,7 @@ class PacketSource : public LiveSource {
       if (!lidar.sensor) continue;
       LiveInput& input = summary->inputs[*lidar.sensor];
       input.packets = lidar.cutter.counts();
+      input.sync = lidar.cutter.sync();
       by_address.push_back(std::exchange(input, {}));
     }
     // Those that have given up their place have no packets any more, but frames.
@@ -185,15 +186,24 @@ class PacketSource : public LiveSource {
     return *lidar.sensor;
   }
 
+  void ReportClock(const LivoxLidar& lidar) {
+    const std::optional<SyncState> clock = lidar.cutter.sync().state();
+    if (lidar.sensor && clock) {
+      reporter_.ReportClock(*lidar.sensor, *clock, intake_.newest_ns());
+    }
+  }
+
   // `arrived`: the packet that completed them.
   void TakeFrames(LivoxLidar& lidar, const Arrival& arrival, Clock::time_point arrived) {
     while (std::optional<LivoxFrame> frame = lidar.cutter.Next()) {
       const std::size_t sensor = SensorOf(lidar);
+      ReportClock(lidar);
       if (!intake_.IsInTime(sensor, frame->stamp_ns, Clock::now() - arrived, arrival)) continue;
       intake_.Add(sensor, frame->stamp_ns,
                   "frame of " + lidar.name + ", stamp " + std::to_string(frame->stamp_ns) + " ns",
                   std::move(frame->cloud), arrival);
     }
+    ReportClock(lidar);
     const LivoxCounts& counts = lidar.cutter.counts();
     if (counts.lost <= lidar.lost_reported) return;
     reporter_.Note(lidar.name + ": " + Count(counts.lost, "packet") + " lost, " +

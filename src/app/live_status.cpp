@@ -77,12 +77,11 @@ void AddInput(const LiveStatus& status, Metrics& metrics) {
   metrics.Add(Label("reason", "overload"), summary.overload_frames);
   metrics.Add(Label("reason", "vanished"), summary.followed.vanished);
   metrics.Begin("unlidar_sensor_state", "gauge", "1 for the state that a sensor is in.");
-  for (std::size_t i = 0; i < summary.inputs.size(); ++i) {
+  for (const LiveInput& input : summary.inputs) {
     for (const SensorState state :
          {SensorState::kOk, SensorState::kSilent, SensorState::kBlinded}) {
-      metrics.Add(
-          Label("sensor", summary.inputs[i].name) + "," + Label("state", SensorStateName(state)),
-          std::uint64_t{status.sensor_states[i] == state});
+      metrics.Add(Label("sensor", input.name) + "," + Label("state", SensorStateName(state)),
+                  std::uint64_t{input.state == state});
     }
   }
   metrics.Begin("unlidar_sensor_blinded_seconds_total", "counter",
@@ -106,6 +105,21 @@ void AddPackets(const LiveSummary& summary, Metrics& metrics) {
     add("late", input.packets->late);
     add("astray", input.packets->astray);
     add("excess", input.packets->excess);
+  }
+  metrics.Begin("unlidar_sensor_clock", "gauge",
+                "1 for what the clock of a sensor is: synchronised, no more, never.");
+  for (const LiveInput& input : summary.inputs) {
+    if (!input.sync) continue;
+    for (const SyncState state :
+         {SyncState::kSynchronised, SyncState::kLost, SyncState::kUnsynchronised}) {
+      metrics.Add(Label("sensor", input.name) + "," + Label("clock", SyncStateName(state)),
+                  std::uint64_t{input.sync->state() == state});
+    }
+  }
+  metrics.Begin("unlidar_sensor_clock_losses_total", "counter",
+                "How often a sensor has lost its time synchronisation.");
+  for (const LiveInput& input : summary.inputs) {
+    if (input.sync) metrics.Add(Label("sensor", input.name), input.sync->losses());
   }
   metrics.Begin("unlidar_packets_refused_total", "counter", "Packets that are of no Livox sensor.");
   metrics.Add("", summary.refused_packets);

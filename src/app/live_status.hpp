@@ -25,8 +25,7 @@ struct LiveStatus {
   std::uint64_t one_in = 1;  // frames processed: all, or under overload one in so many
   std::size_t memory_bytes = 0;
   LiveSummary summary;
-  std::vector<std::optional<SensorState>> sensor_states;  // (inputs) none before its first frame
-  std::vector<CurrentTrack> tracks;                       // that have begun and not ended
+  std::vector<CurrentTrack> tracks;  // that have begun and not ended
 };
 
 // JSON of one object: docs/schemas/state.schema.json.

@@ -144,6 +144,10 @@ Json LiveInputJson(const LiveInput& input) {
                {"frames", input.frames},
                {"blinded_s", input.blinded_s}};
   if (input.packets) json["packets"] = PacketsJson(*input.packets);
+  if (input.sync && input.sync->state()) {
+    json["clock"] = SyncStateName(*input.sync->state());
+    json["clock_losses"] = input.sync->losses();
+  }
   return json;
 }
 
@@ -225,10 +229,9 @@ std::string LiveSummaryJson(const LiveSummary& summary, const std::vector<LiveTr
 std::string StateJson(const LiveStatus& status) {
   const LiveSummary& summary = status.summary;
   Json sensors = Json::array();
-  for (std::size_t i = 0; i < summary.inputs.size(); ++i) {
-    const std::optional<SensorState>& state = status.sensor_states[i];
-    sensors.push_back(LiveInputJson(summary.inputs[i]));
-    sensors.back()["state"] = state ? Json(SensorStateName(*state)) : Json();
+  for (const LiveInput& input : summary.inputs) {
+    sensors.push_back(LiveInputJson(input));
+    sensors.back()["state"] = input.state ? Json(SensorStateName(*input.state)) : Json();
   }
   Json tracks = Json::array();
   for (const CurrentTrack& track : status.tracks) {

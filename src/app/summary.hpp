@@ -21,8 +21,10 @@ struct LiveInput {
   std::string name;
   std::string directory;  // empty for stdin and --livox
   std::uint64_t frames = 0;
+  std::optional<SensorState> state;    // none before its first frame
   double blinded_s = 0.0;              // as of SensorHealth
-  std::optional<LivoxCounts> packets;  // of --livox
+  std::optional<LivoxCounts> packets;  // of --livox, as is
+  std::optional<LivoxSync> sync;
 };
 
 // Every frame that came is in one of the counts of frames, every packet in one of packets.

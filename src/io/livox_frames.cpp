@@ -29,6 +29,7 @@ void LivoxFrameCutter::Add(const LivoxPacket& packet, const Arrival& arrival) {
     ++counts_.astray;
     return;
   }
+  sync_.Take(packet.clock, reading->time_ns);
   if (reading->is_restart) Restart();
   CloseUntil(time_.now_ns() - kMaxReorderNs);
   const TimeNs time_ns = reading->time_ns;

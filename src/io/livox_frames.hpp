@@ -11,6 +11,7 @@
 
 #include "io/arrival.hpp"
 #include "io/livox_packets.hpp"
+#include "io/livox_sync.hpp"
 #include "io/livox_time.hpp"
 #include "io/pcd.hpp"
 #include "unlidar/types.hpp"
@@ -53,6 +54,7 @@ class LivoxFrameCutter {
   std::optional<LivoxFrame> Next();
 
   const LivoxCounts& counts() const { return counts_; }
+  const LivoxSync& sync() const { return sync_; }
 
   // Memory of the unfinished frames in bytes.
   std::size_t unfinished_bytes() const { return unfinished_bytes_; }
@@ -88,6 +90,7 @@ class LivoxFrameCutter {
   std::deque<LivoxFrame> over_;
 
   LivoxTime time_;
+  LivoxSync sync_;
   std::optional<TimeNs> last_ns_;  // time of the previous packet
   std::optional<LivoxCounter> expected_;
   std::optional<TimeNs> last_counted_ns_;  // time of the last packet without a counter

@@ -51,6 +51,27 @@ class ReporterFixture {
   LiveEventReporter reporter;
 };
 
+TEST(LiveEventReporter, TellsOfAClockWithTheStateOfItsSensor) {
+  ReporterFixture fixture;
+  constexpr auto kOk = SensorState::kOk;
+  fixture.reporter.ReportClock(0, SyncState::kSynchronised, 1);
+  EXPECT_EQ(fixture.NumEvents("sensor"), 0U);  // it has no frame yet
+  fixture.reporter.ReportSensor(0, kOk, 1);
+  EXPECT_EQ(fixture.NumEvents("\"state\":\"ok\",\"clock\":\"synchronised\""), 1U);
+  for (int k = 0; k < 3; ++k) fixture.reporter.ReportClock(0, SyncState::kLost, 2);
+  EXPECT_EQ(fixture.NumEvents("\"state\":\"ok\",\"clock\":\"lost\""), 1U);
+  fixture.reporter.ReportSensor(0, SensorState::kSilent, 3);
+  EXPECT_EQ(fixture.NumEvents("\"state\":\"silent\",\"clock\":\"lost\""), 1U);
+  ASSERT_EQ(fixture.notes().size(), 1U);
+  EXPECT_EQ(fixture.notes()[0].rfind("roof: has lost its time synchronisation", 0), 0U);
+  // Another LiDAR in its place, and one that tells nothing of its clock.
+  fixture.reporter.ReplaceSensor(0, "tower");
+  fixture.reporter.ReportSensor(0, kOk, 4);
+  fixture.reporter.ReportSensor(1, kOk, 4);
+  EXPECT_EQ(fixture.NumEvents("clock"), 3U);
+  EXPECT_EQ(fixture.NumEvents("sensor"), 5U);
+}
+
 TEST(IsWorthANote, TheFirstTimeAndEachTimeThereAreTwiceAsMany) {
   std::vector<std::uint64_t> noted;
   EXPECT_FALSE(IsWorthANote(0, 0));

@@ -177,12 +177,13 @@ class TrackEnds(_Bounded):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorState(_Bounded):
-    """A LiDAR started or stopped delivering frames."""
+    """A LiDAR started or stopped delivering frames, or its clock lost its synchronisation."""
 
     event: Literal["sensor"]
     at: StampNs
     name: Name
     state: State
+    clock: State | None = None  # of a LiDAR whose packets tell
 
 
 @dataclass(frozen=True, kw_only=True)

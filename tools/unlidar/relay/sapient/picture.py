@@ -29,6 +29,7 @@ _LIVE_S = 60.0
 _PREFERS_NOW_S = 2.0  # after an event `now` rows tell no position for so long
 _MOST_ALARMS = 1000
 _OK, _OVERLOADED = "ok", "overloaded"
+_CLOCK_LOST = "lost"
 _WARNING, _ERROR = StatusReport.SYSTEM_WARNING, StatusReport.SYSTEM_ERROR
 
 
@@ -86,7 +87,7 @@ class Picture:
         self._lost: deque[Track] = deque(maxlen=MOST_TRACKS)
         self._alarms: dict[tuple[int, str], Alert] = {}
         self._alerts: deque[Alert] = deque(maxlen=_MOST_ALARMS)
-        self._sensors: dict[str, str] = {}
+        self._sensors: dict[str, SensorState] = {}
         self._engine: str | None = None
         self._heard_s: float | None = None
         self._now_s = -_PREFERS_NOW_S
@@ -123,11 +124,11 @@ class Picture:
                 if track is not None and track.state is not None:
                     self._lost.append(track)
             case SensorState():
-                self._sensors[event.name] = event.state
+                self._sensors[event.name] = event
             case EngineState():
                 self._engine = event.state
                 if event.state == WARMING_UP:  # it may have other LiDARs than before
-                    self._sensors = {n: s for n, s in self._sensors.items() if s == _OK}
+                    self._sensors = {n: s for n, s in self._sensors.items() if s.state == _OK}
         return False
 
     def take_fresh(self) -> list[Track]:
@@ -170,7 +171,7 @@ class Picture:
     def health(self) -> Health:
         """What the operator must know: LiDARs that do not see, an engine that is behind or away."""
         told, system = self._engine_health()
-        away = {name: state for name, state in self._sensors.items() if state != _OK}
+        away = {name: s.state for name, s in self._sensors.items() if s.state != _OK}
         is_blind = len(away) == len(self._sensors) > 0
         for name, state in sorted(away.items()):
             # Fog, a cover or a turned LiDAR are external; silence is a cable, power or the LiDAR.
@@ -188,7 +189,11 @@ class Picture:
         if is_blind:
             text = "no LiDAR sees what it should: nothing that flies is found"
             told.append(_error(StatusReport.STATUS_TYPE_NOT_DETECTING, text))
-        if away:
+        adrift = sorted(name for name, s in self._sensors.items() if s.clock == _CLOCK_LOST)
+        for name in adrift:
+            text = f"LiDAR {name} has lost its time synchronisation"
+            told.append(_warning(StatusReport.STATUS_TYPE_EXTERNAL_FAULT, text))
+        if away or adrift:
             system = max(system, _ERROR if is_blind else _WARNING)
         return Health(system, tuple(told))
 

@@ -152,6 +152,9 @@ function troubles() {
     for (const sensor of silent) {
       found.push(`${ofStation(station, `LiDAR ${sensor.name}`)} ${sensor.state} since ${clock(sensor.at)}, told ${ago(age(sensor))}`);
     }
+    for (const sensor of own) {
+      if (sensor.clock == "lost") found.push(`${ofStation(station, `LiDAR ${sensor.name}`)} has lost its time synchronisation, told ${ago(age(sensor))}`);
+    }
   }
   for (const station of engines()) {
     if (isUnknown(station)) {

@@ -77,7 +77,8 @@ function showHealth() {
   for (const sensor of live.sensors.values()) {
     const unknown = !isLinked() || isUnknown(sensor.station), ok = sensor.state == "ok";
     const state = ok ? `${unknown ? "unknown, was " : ""}ok` : `${sensor.state} since ${clock(sensor.at)}`;
-    items.push([ofStation(sensor.station, sensor.name), state, ok && !unknown ? "" : "warn", age(sensor)]);
+    const isLost = sensor.clock == "lost";
+    items.push([ofStation(sensor.station, sensor.name), `${state}${isLost ? ", time not synchronised" : ""}`, ok && !unknown && !isLost ? "" : "warn", age(sensor)]);
   }
   if (live.at) items.push(["Newest event", clock(live.at), "plain", null]);
   if (!items.length) items.push(["Nothing heard yet", "", "plain", null]);

@@ -36,6 +36,7 @@ PATHS = (
     "/live.js",
     "/spans",
     "/history?since=0&until=9",
+    "/metrics",
     "/live",
 )
 

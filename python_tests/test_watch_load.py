@@ -25,7 +25,8 @@ from unlidar.events.station import Message, Station
 from unlidar.history.store import Store
 from unlidar.history.timeline import Archive, UnansweredError, rows, spans
 from unlidar.watch import connections
-from unlidar.watch.connections import Listener
+from unlidar.watch.connections import Connections, Listener
+from unlidar.watch.metrics import Metrics, Taken
 from unlidar.watch.pages import Pages
 from unlidar.watch.server import Serving, make_app
 from unlidar.watch.sky import FORGET_S, MOST_TRACKS, Sky
@@ -41,8 +42,10 @@ class Server:
         self.store = Store(None)
         self.pages = Pages(Sky())
         self._archive = Archive(self.store.location)
-        app = make_app(self.pages._sky, self.pages, self._archive, Site(), (), None, None)
-        self.serving = Serving(app, self.pages, None, None)
+        sky, connections = self.pages._sky, Connections()
+        metrics = Metrics(sky, self.pages, connections, Taken())
+        app = make_app(sky, self.pages, self._archive, Site(), (), None, None, metrics)
+        self.serving = Serving(app, self.pages, connections, None, None)
         self._listener = Listener.at("127.0.0.1", 0, self.serving.connections)
         self.port = self._listener.getsockname()[1]
 

@@ -74,6 +74,11 @@ class Connections:
         guest.transport = transport
         return guest
 
+    @property
+    def count(self) -> int:
+        """Number of open connections."""
+        return sum(not guest.is_gone for guest in self._guests.values())
+
     async def run(self) -> None:
         """Checks the connections for ever."""
         while True:

@@ -78,6 +78,10 @@ class Gate:
             return answer
         if hmac.compare_digest(request.cookies.get(_COOKIE, "").encode(), self._pass.encode()):
             return None
+        # Of programs, such as Prometheus, which keep no cookies.
+        bearer = f"Bearer {self._token}".encode()
+        if hmac.compare_digest(request.headers.get("authorization", "").encode(), bearer):
+            return None
         return PlainTextResponse("add ?token=... to the address\n", 401)
 
 

@@ -105,9 +105,14 @@ class Pages:
                 queue.put_nowait(None)
 
     @property
+    def count(self) -> int:
+        """Number of open pages."""
+        return len(self._queues) + len(self._new)
+
+    @property
     def full(self) -> bool:
         """True if no further page can be opened."""
-        return len(self._queues) + len(self._new) >= _MOST_PAGES
+        return self.count >= _MOST_PAGES
 
     async def told(self, begin: str) -> AsyncIterator[bytes]:
         """Server-sent events of one page: a snapshot, then updates."""

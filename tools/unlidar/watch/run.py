@@ -2,7 +2,7 @@
 
 import asyncio
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,8 @@ from unlidar.history.keeper import Keeper
 from unlidar.history.timeline import Archive
 from unlidar.relay.run import until_signal
 from unlidar.reporting import note
-from unlidar.watch.connections import Listener
+from unlidar.watch.connections import Connections, Listener
+from unlidar.watch.metrics import Metrics, Taken
 from unlidar.watch.pages import Pages
 from unlidar.watch.server import Serving, make_app
 from unlidar.watch.sky import Sky
@@ -51,10 +52,11 @@ async def watch(source: Source, site: Site, served: Served) -> None:
         sky = Sky()
         pages = Pages(sky)
         only = SKY if source.many else None
-        app = make_app(sky, pages, archive, site, zones, served.token, only)
-        await _watch(
-            source, site, zones, served, _Outs(keeper, pages, _serving(app, pages, served))
-        )
+        connections, taken = Connections(), Taken()
+        metrics = Metrics(sky, pages, connections, taken)
+        app = make_app(sky, pages, archive, site, zones, served.token, only, metrics)
+        serving = _serving(app, pages, connections, served)
+        await _watch(source, site, zones, served, _Outs(keeper, pages, serving, taken))
     finally:
         archive.close()
         keeper.close()
@@ -65,6 +67,7 @@ class _Outs:
     keeper: Keeper
     pages: Pages
     serving: Serving
+    taken: Taken
 
 
 async def _watch(
@@ -86,11 +89,17 @@ async def _watch(
 
 
 async def _take(source: Source, site: Site, zones: Sequence[Zone], outs: _Outs) -> None:
-    taken = _taker(source, site, zones)
+    decoder, told_of = _decoder(source, site, zones)
     placed = set()
 
     def take(line: Line) -> None:
-        for told in taken(line.data):
+        refused = decoder.bad.count
+        messages = told_of(line.data)
+        if decoder.bad.count > refused:
+            outs.taken.refused += 1
+        elif line.data:
+            outs.taken.events += 1
+        for told in messages:
             message = told.message
             if message.station not in placed:  # all stations share one frame
                 placed.add(message.station)
@@ -108,17 +117,20 @@ async def _take(source: Source, site: Site, zones: Sequence[Zone], outs: _Outs) 
         take(Line(b"", old=False))
 
 
-def _taker(source: Source, site: Site, zones: Sequence[Zone]) -> Callable[[bytes], Iterable[Told]]:
-    """The decoder of lines: for many stations with a broker, else for one."""
+def _decoder(
+    source: Source, site: Site, zones: Sequence[Zone]
+) -> tuple[Many | Station, Callable[[bytes], Sequence[Told]]]:
+    """The decoder of lines, for many stations with a broker, else for one, and its messages."""
     if source.many:
-        return Many(site, zones, source.name).take
+        many = Many(site, zones, source.name)
+        return many, many.take
     station = Station(site, zones, source.name, places=False)
-    return lambda line: (Told(message, shown=True) for message in station.take(line))
+    return station, lambda line: [Told(message, shown=True) for message in station.take(line)]
 
 
-def _serving(app: Callable, pages: Pages, served: Served) -> Serving:
+def _serving(app: Callable, pages: Pages, connections: Connections, served: Served) -> Serving:
     try:
-        return Serving(app, pages, served.certificate, served.key)
+        return Serving(app, pages, connections, served.certificate, served.key)
     except (OSError, ValueError) as error:
         raise ConfigError(f"{served.certificate}: certificate or key: {reason(error)}") from error
 

@@ -25,6 +25,7 @@ from unlidar.history.timeline import Archive, Question, UnansweredError, rows, s
 from unlidar.reporting import limit_logging
 from unlidar.watch.connections import Connections, Listener, Protocol
 from unlidar.watch.gate import Gate
+from unlidar.watch.metrics import CONTENT_TYPE, Metrics
 from unlidar.watch.outlines import drawable
 from unlidar.watch.pages import Pages
 from unlidar.watch.sky import FORGET_S, MOST_TRACKS, Sky
@@ -51,6 +52,7 @@ def make_app(
     zones: Sequence[Zone],
     token: str | None,
     station: str | None,
+    metrics: Metrics,
 ) -> ASGIApp:
     """The application. `station`: whose tracks the history shows; None: all."""
     folder = files("unlidar.watch") / "page"
@@ -92,11 +94,15 @@ def make_app(
             )
         return await asked(rows, since_s, until_s)
 
+    async def measured(_request: Request) -> Response:
+        return Response(metrics.text(), headers={"Content-Type": CONTENT_TYPE})
+
     routes = [
         *(fixed(path) for path in _KINDS),
         Route("/live", live, methods=["GET"]),
         Route("/spans", last_day, methods=["GET"]),
         Route("/history", history, methods=["GET"]),
+        Route("/metrics", measured, methods=["GET"]),
     ]
     return Gate(Starlette(routes=routes), token)
 
@@ -113,9 +119,16 @@ class _Server(uvicorn.Server):
 class Serving:
     """Serves the pages from a thread of its own."""
 
-    def __init__(self, app: ASGIApp, pages: Pages, certificate: str | None, key: str | None):
+    def __init__(
+        self,
+        app: ASGIApp,
+        pages: Pages,
+        connections: Connections,
+        certificate: str | None,
+        key: str | None,
+    ):
         """OSError or ValueError if certificate or key are invalid."""
-        self.connections = Connections()
+        self.connections = connections
         self._pages = pages
         self._server = _Server(
             uvicorn.Config(

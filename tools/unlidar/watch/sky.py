@@ -6,13 +6,14 @@ All parts are bounded and have an age, the time since they were last heard.
 import json
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from unlidar.events.clock import AHEAD_S, BEHIND_S, Heard, StreamClock
 from unlidar.events.event import (
     EngineState,
+    Event,
     Now,
     Row,
     SensorState,
@@ -50,6 +51,20 @@ class _Told:
 
     text: str
     heard: Heard
+    event: Event | None
+
+
+@dataclass(frozen=True)
+class Census:
+    """The numbers of a picture, by station."""
+
+    heard_s: dict[str, float]  # ages
+    tracks: dict[str, int]
+    alarms: dict[str, int]
+    engines: dict[str, EngineState]
+    sensors: list[tuple[str, SensorState]]
+    newest_s: float
+    is_crowded: bool
 
 
 class Sky:
@@ -95,14 +110,15 @@ class Sky:
             case SensorState():
                 if station in self._sensors or len(self._sensors) < _MOST_STATIONS:
                     sensors = self._sensors.setdefault(station, {})
-                    told = _Told(_brief(message), heard)
+                    told = _Told(_brief(message), heard, event)
                     self._crowded(_keep(sensors, event.name, told, _MOST_SENSORS))
             case EngineState():
-                _keep(self._engines, station, _Told(_brief(message), heard), _MOST_STATIONS)
+                told = _Told(_brief(message), heard, event)
+                _keep(self._engines, station, told, _MOST_STATIONS)
         if message.kind == ALARM and message.alarm is not None:
             key = station, message.alarm.track, message.alarm.zone
             if message.alarm_state == RAISED:
-                told = _Told(message.text, heard)
+                told = _Told(message.text, heard, None)
                 self._crowded(_keep(self._alarms, key, told, _MOST_ALARMS))
             else:
                 self._alarms.pop(key, None)
@@ -149,6 +165,32 @@ class Sky:
             return (
                 f'{{{self.times()},"tracks":[{",".join(tracks)}],"events":[{",".join(texts)}],'
                 f'"heard":{json.dumps(heard)},"crowded":{json.dumps(self._is_crowded())}}}'
+            )
+
+    def census(self) -> Census:
+        """The numbers of the snapshot."""
+        with self._lock:
+            self._forget()
+            tracks = Counter(c.station for c in self._courses.values() if c.tail)
+            sensors = [
+                (station, told.event)
+                for station, known in self._sensors.items()
+                for told in known.values()
+                if isinstance(told.event, SensorState)
+            ]
+            engines = {
+                station: told.event
+                for station, told in self._engines.items()
+                if isinstance(told.event, EngineState)
+            }
+            return Census(
+                {name: self._clock.age_s(heard) for name, heard in self._stations.items()},
+                dict(tracks),
+                dict(Counter(station for station, _, _ in self._alarms)),
+                engines,
+                sensors,
+                self._clock.newest_ns * 1e-9,
+                self._is_crowded(),
             )
 
     def times(self) -> str:
@@ -228,7 +270,11 @@ def _brief(message: Message) -> str:
     if len(message.text) <= _MOST_TEXT or not isinstance(event, SensorState | EngineState):
         return message.text
     told = {"event": event.event, "at": event.at / 1e9, "station": message.station}
-    names = ("name", "state") if isinstance(event, SensorState) else ("state", "frames", "dropped")
+    names = (
+        ("name", "state", "clock")
+        if isinstance(event, SensorState)
+        else ("state", "frames", "dropped")
+    )
     return json.dumps(told | {name: getattr(event, name) for name in names})
 
 

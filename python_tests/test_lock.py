@@ -36,7 +36,7 @@ def test_all_that_the_harness_needs_is_in_the_lock_at_the_version_that_is_instal
         name: version for name, version in installed.items() if name not in own
     }
     assert [name for name, (_, hashes) in lock.items() if hashes == 0] == []
-    project = tomllib.loads((PROJECT / "tools/pyproject.toml").read_text())
+    project = tomllib.loads((PROJECT / "pyproject.toml").read_text())
     needed = [
         *project["build-system"]["requires"],
         *project["project"]["dependencies"],

@@ -6,6 +6,7 @@ They are made of the build in build/ and with the project's .venv, as tools/test
 from __future__ import annotations
 
 import gzip
+import json
 import os
 import platform
 import re
@@ -53,6 +54,7 @@ class Packages:
     program: Path
     library: Path
     wheel: Path
+    sources: Path
     version: str
 
 
@@ -90,12 +92,13 @@ def packages(tmp_path_factory: pytest.TempPathFactory) -> Packages:
     python = f"cp{sys.version_info.major}{sys.version_info.minor}"
     version = output_of(PROJECT / "build/unlidar_track", "--version").split()[1]
     architecture = output_of("dpkg", "--print-architecture").strip()
-    library, program, wheel = made
+    library, program, wheel, sources = made
     assert library.name == f"libunlidar-dev_{version}_{architecture}.deb"
     assert program.name == f"unlidar-track_{version}_{architecture}.deb"
     tags = rf"{python}-{python}-manylinux_2_\d+_{platform.machine()}"
     assert re.fullmatch(rf"unlidar_track-{re.escape(version)}-{tags}\.whl", wheel.name)
-    return Packages(program, library, wheel, version)
+    assert sources.name == f"unlidar_track-{version}.tar.gz"
+    return Packages(program, library, wheel, sources, version)
 
 
 @pytest.fixture(scope="module")
@@ -141,8 +144,9 @@ def test_the_package_of_the_program_has_what_a_station_needs_and_no_more(
     needed = output_of("dpkg-deb", "--field", packages.program, "Depends")
     assert re.findall(r"libpcl-[a-z]+", needed) == ["libpcl-common"]
     assert "vtk" not in needed and "-dev" not in needed
-    # Debian's Ceres is a static library, which is a part of the program.
-    assert "ceres" not in needed
+    # Debian's Ceres is a static library, which is a part of the program, without the solvers that
+    # nothing asks it for.
+    assert not re.search("ceres|cholmod|cxsparse|lapack|atlas|blas", needed)
     needed = output_of("dpkg-deb", "--field", packages.library, "Depends")
     assert "libceres-dev" in needed and "pcl" not in needed
 
@@ -381,6 +385,25 @@ def test_the_package_works_in_a_bare_debian(
     assert (bare_root / "var/lib/unlidar/traj.csv").is_file()
 
 
+IN_ROOT = 'mount -t proc proc "$0/proc"; mount --rbind /dev "$0/dev"; exec chroot "$0" "$@"'
+ROOT_ENVIRONMENT = {
+    "PATH": "/root/venv/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
+    "HOME": "/root",
+}
+
+
+def in_root(root: Path, command: str, *, mount: str = "", **environment: str) -> str:
+    """What a shell in that root prints; `mount` is what is to be mounted in it besides."""
+    if "PIP_CERT" in os.environ:  # whom pip is to trust where the network has a proxy
+        shutil.copy(os.environ["PIP_CERT"], root / "root/trusted.crt")
+        environment["PIP_CERT"] = "/root/trusted.crt"
+    return output_of(
+        "unshare", "--mount", "bash", "-euc", mount + IN_ROOT, root,
+        "bash", "-euo", "pipefail", "-c", command,
+        env=ROOT_ENVIRONMENT | environment,
+    )  # fmt: skip
+
+
 def test_the_page_leads_from_the_box_of_parts_to_the_first_track(
     packages: Packages, bare_root: Path
 ) -> None:
@@ -393,24 +416,80 @@ def test_the_page_leads_from_the_box_of_parts_to_the_first_track(
     box.mkdir()
     shutil.copy(packages.program, box)
     shutil.copy(packages.wheel, box)
-    entered = 'mount -t proc proc "$0/proc"; mount --rbind /dev "$0/dev"; exec chroot "$0" "$@"'
     commands = "cd /root/box\n" + "\n".join(blocks)
-    environment = {
-        "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
-        "HOME": "/root",
-        "DEBIAN_FRONTEND": "noninteractive",
-    }
-    if "PIP_CERT" in os.environ:  # whom pip is to trust where the network has a proxy
-        shutil.copy(os.environ["PIP_CERT"], bare_root / "root/trusted.crt")
-        environment["PIP_CERT"] = "/root/trusted.crt"
     begin = time.monotonic()
-    output_of(
-        "unshare", "--mount", "bash", "-euc", entered, bare_root, "bash", "-euo", "pipefail", "-c",
-        commands, env=environment,
-    )  # fmt: skip
+    in_root(bare_root, commands, DEBIAN_FRONTEND="noninteractive")
     assert time.monotonic() - begin < 600
     assert len(rows_of(box / "traj.csv")) > 100
     assert (box / "flight.geojson").is_file()
+
+
+# --- The wheel where nothing else is ------------------------------------------------------------
+
+
+@pytest.fixture
+def python_root(tmp_path: Path) -> Path:
+    """A root with this machine's Python, what that needs, libstdc++, and nothing else."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can enter another root")
+    if subprocess.run(["unshare", "--mount", "true"], capture_output=True).returncode != 0:
+        pytest.skip("this machine lets nobody mount")
+    root = tmp_path / "root"
+    names = closure_kb(Path("/"), "python3-venv", "libstdc++6", "bash", "coreutils")
+    for folder in ("usr/bin", "usr/lib", "usr/lib64", "usr/sbin", "proc", "dev", "tmp", "root"):
+        (root / folder).mkdir(parents=True)
+    for link in ("bin", "lib", "lib64", "sbin"):
+        (root / link).symlink_to(f"usr/{link}")
+    listed = output_of("dpkg-query", "--listfiles", *names).split("\n")
+    files = {path for path in listed if Path(path).is_symlink() or Path(path).is_file()}
+    files = {path for path in files if not path.startswith(("/usr/share/doc/", "/usr/share/man/"))}
+    packed = subprocess.run(
+        ["tar", "--create", "--no-recursion", "--files-from=-"],
+        input="\n".join(sorted(files)).encode(), capture_output=True, check=True,
+    )  # fmt: skip
+    subprocess.run(
+        ["tar", "--extract", "--keep-directory-symlink", "--directory", root],
+        input=packed.stdout, capture_output=True, check=True,
+    )  # fmt: skip
+    return root
+
+
+def check_newcomer(root: Path, mount: str = "") -> None:
+    """A recording is simulated and run, then the README's Python lines, as they stand there."""
+    readme = (PROJECT / "README.md").read_text()
+    (lines,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    (root / "root/lines.py").write_text(lines)
+    assert [name for name in ("gcc", "c++", "cmake") if (root / "usr/bin" / name).exists()] == []
+    found = {path.name for path in (root / "usr/lib").rglob("*.so*")}
+    assert [name for name in found if re.match("lib(pcl|ceres|glog|yaml|boost)", name)] == []
+    commands = "cd /root; unlidar simulate demo flight.bag; unlidar run flight.bag; python lines.py"
+    said = in_root(root, commands, mount=mount)
+    results = root / "root/out/run/flight.bag"
+    assert json.loads((results / "evaluation.json").read_text())["rmse"] < 0.2
+    assert (results / "report.html").is_file()
+    assert re.search(r"^0 0\.\d+ \[17000000", said, re.MULTILINE)  # id, drone, stamps
+
+
+def test_the_wheel_needs_nothing_but_python(packages: Packages, python_root: Path) -> None:
+    """And what it depends on, all of it Python packages, which it borrows from this environment."""
+    shutil.copy(packages.wheel, python_root / "root")
+    borrowed = python_root / "borrowed"
+    borrowed.mkdir()
+    install = "pip install --no-deps --no-index *.whl"
+    in_root(python_root, f"cd /root; python3 -m venv venv; {install}")
+    (libraries,) = python_root.glob("root/venv/lib/python3*/site-packages")
+    (libraries / "borrowed.pth").write_text("/borrowed\n")
+    own = shlex.quote(sysconfig.get_paths()["purelib"])
+    check_newcomer(python_root, f'mount --bind {own} "$0/borrowed"; ')
+
+
+def test_pip_installs_the_wheel_in_a_bare_debian(packages: Packages, bare_root: Path) -> None:
+    shutil.copy(packages.wheel, bare_root / "root")
+    apt = "apt-get -q -y"
+    install = f"{apt} update; {apt} install --no-install-recommends python3-venv"
+    in_root(bare_root, install, DEBIAN_FRONTEND="noninteractive")
+    in_root(bare_root, "cd /root; python3 -m venv venv; pip install ./*.whl")
+    check_newcomer(bare_root)
 
 
 # --- The wheel ----------------------------------------------------------------------------------
@@ -477,6 +556,128 @@ def test_the_wheel_brings_all_that_it_links_but_what_every_linux_has(packages: P
     shown = output_of(sys.executable, "-m", "auditwheel", "show", packages.wheel)
     tag = packages.wheel.stem.rpartition("-")[2]
     assert re.search(rf'following platform\s+tag:\s+"{tag}"', shown), shown
+
+
+# Of libraries compiled into what is in the wheel, and of those in it by themselves: what their
+# licences say.
+COMPILED_IN = {
+    "libceres": "BSD-3-Clause",
+    "libcli11": "BSD-3-clause",
+    "libeigen3": "MPL-2",
+    "libflann": "BSD-3-clause",
+    "nlohmann-json3": "Expat",
+    "pybind11": "BSD-3-Clause",
+}
+SHARED = {
+    "libgflags2.2": "BSD-3-Clause",
+    "libgomp1": "GCC RUNTIME LIBRARY EXCEPTION",
+    "libgoogle-glog0v6": "BSD-3-Clause",
+    "liblz4-1": "BSD-2-clause",
+    "liblzma5": "PD",
+    "libpcl-common1.13": "BSD-3-clause",
+    "libunwind8": "Expat",
+    "libyaml-cpp0.7": "X11",
+}
+
+
+def test_the_wheel_has_the_licence_of_each_library_in_it(packages: Packages) -> None:
+    with zipfile.ZipFile(packages.wheel) as archive:
+        names = archive.namelist()
+        record = archive.read(next(n for n in names if n.endswith(".dist-info/RECORD"))).decode()
+        texts = {
+            Path(name).stem: archive.read(name).decode()
+            for name in names
+            if ".dist-info/licenses/" in name and not name.endswith("/")
+        }
+    assert texts.pop("LICENSE") == (PROJECT / "LICENSE").read_text()
+    libraries = {name for name in names if re.match(r"unlidar_track\.libs/.", name)}
+    assert {*texts} <= {*COMPILED_IN, *SHARED}
+    assert {*COMPILED_IN} <= {*texts} and len(texts) == len(COMPILED_IN) + len(libraries)
+    for name, text in texts.items():
+        assert (COMPILED_IN | SHARED)[name] in text, name
+    for name in (*libraries, *(n for n in names if "/licenses/" in n)):
+        assert name.endswith("/") or f"\n{name},sha256=" in record
+
+
+# --- The source distribution --------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def sources(packages: Packages, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that it unpacks to."""
+    folder = tmp_path_factory.mktemp("sources")
+    output_of("tar", "--extract", "--file", packages.sources, "--directory", folder)
+    return folder / packages.sources.name.removesuffix(".tar.gz")
+
+
+def files_below(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def test_the_sources_are_files_of_the_project_as_they_are(sources: Path) -> None:
+    made = {"PKG-INFO", "setup.cfg"}
+    files = {name for name in files_below(sources) - made if ".egg-info/" not in name}
+    if (PROJECT / ".git").exists():
+        listed = ("git", "ls-files", "--cached", "--others", "--exclude-standard")
+        assert files <= {*output_of(*listed, cwd=PROJECT).splitlines()}
+    changed = [n for n in files if (sources / n).read_bytes() != (PROJECT / n).read_bytes()]
+    assert changed == []
+    assert {"CMakeLists.txt", "LICENSE", "README.md", "pyproject.toml", "setup.py"} <= files
+    # What nothing of a wheel is made of.
+    others = ("docs/", "python_tests/", "src/tests/", "src/fuzz/", "src/bench/", ".")
+    assert [name for name in files if name.startswith(others)] == []
+
+
+def test_the_sources_have_all_that_the_wheel_is_built_of(sources: Path) -> None:
+    """As the build in build/ has noted it."""
+    build = PROJECT / "build"
+    if shutil.which("ninja") is None:
+        pytest.skip("not installed: ninja")
+    ninja = ("ninja", "-C", build, "-t")
+    targets = ("unlidar_track", "unlidar_python")
+    inputs = output_of(*ninja, "inputs", *targets).splitlines()
+    objects = [line for line in inputs if line.endswith(".o")]
+    noted = output_of(*ninja, "deps", *objects).splitlines()
+    # A path in a line, where it is one, from the build folder on or from the root on.
+    used = {Path(os.path.normpath(build / line.strip())) for line in (*inputs, *noted)}
+    mine = {str(path.relative_to(PROJECT)) for path in used if path.is_relative_to(PROJECT)}
+    wanted = {name for name in mine if name.startswith(("src/", "include/", "cmake/", "configs/"))}
+    assert len(wanted) > 200
+    assert wanted - files_below(sources) == set()
+
+
+def test_pip_makes_of_the_sources_the_files_of_the_wheel(
+    packages: Packages, sources: Path, tmp_path: Path
+) -> None:
+    """With what CMake has built in build/, of the same files."""
+    output_of(
+        sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--no-deps",
+        "--no-build-isolation", "--wheel-dir", tmp_path, packages.sources,
+        env=os.environ | {"UNLIDAR_BUILD_DIR": str(PROJECT / "build")},
+    )  # fmt: skip
+    (made,) = tmp_path.glob(f"unlidar_track-{packages.version}-*.whl")
+    with zipfile.ZipFile(made) as archive, zipfile.ZipFile(packages.wheel) as whole:
+        files, all_files = {*archive.namelist()}, {*whole.namelist()}
+    assert {name for name in files if ".dist-info/" not in name} == {
+        name
+        for name in all_files
+        if not name.endswith("/") and not re.search(r"\.(dist-info|libs)/", name)
+    }
+
+
+def test_pip_compiles_the_sources(packages: Packages, tmp_path: Path) -> None:
+    """From nothing, as on a Debian 12 with the packages of tools/setup.sh; minutes."""
+    if "UNLIDAR_COMPILE_SOURCES" not in os.environ:
+        pytest.skip("UNLIDAR_COMPILE_SOURCES is not set: it takes minutes")
+    venv = tmp_path / "venv"
+    output_of("/usr/bin/python3", "-m", "venv", venv)
+    path = {"PATH": f"{venv / 'bin'}:/usr/bin:/bin"}
+    output_of(venv / "bin/pip", "install", packages.sources, env=os.environ | path)
+    environment = {"HOME": str(tmp_path)} | path
+    output_of("unlidar", "simulate", "demo", "flight", cwd=tmp_path, env=environment)
+    output_of("unlidar", "run", "flight", "--out", "out", cwd=tmp_path, env=environment)
+    asked = "import unlidar; print(len(unlidar.track(unlidar.read('flight'))))"
+    assert output_of("python", "-c", asked, cwd=tmp_path, env=environment) == "1\n"
 
 
 def test_the_wheel_tracks_by_its_own_program_and_by_its_engine(unlidar: Path, sky: Path) -> None:

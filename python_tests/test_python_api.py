@@ -153,7 +153,7 @@ def printed_by(script: str) -> str:
 
 def test_the_package_says_that_it_is_typed() -> None:
     assert (Path(unlidar.__file__).parent / "py.typed").is_file()
-    project = tomllib.loads((PROJECT / "tools/pyproject.toml").read_text())
+    project = tomllib.loads((PROJECT / "pyproject.toml").read_text())
     assert "py.typed" in project["tool"]["setuptools"]["package-data"]["unlidar"]
 
 

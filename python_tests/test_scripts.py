@@ -42,6 +42,7 @@ class Sandbox:
         self.bin = folder / "bin"
         self.bin.mkdir()
         shutil.copytree(PROJECT / "tools", self.root / "tools")
+        shutil.copy(PROJECT / "pyproject.toml", self.root)
         fuzzers = self.root / "src" / "fuzz"
         fuzzers.mkdir(parents=True)
         for target in ("one", "two"):
@@ -152,8 +153,8 @@ def test_pip_takes_the_wheels_of_the_lock_and_nothing_else(sandbox: Sandbox) -> 
 def test_changed_requirements_or_a_moved_folder_are_installed_anew(sandbox: Sandbox) -> None:
     sandbox.run("demo.sh")
     sandbox.calls()
-    for name in ("pyproject.toml", "requirements.txt"):
-        with (sandbox.root / "tools" / name).open("a") as file:
+    for name in ("pyproject.toml", "tools/requirements.txt"):
+        with (sandbox.root / name).open("a") as file:
             file.write("# changed\n")
         sandbox.run("demo.sh")
         assert "pip" in sandbox.calls()

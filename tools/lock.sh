@@ -6,7 +6,7 @@ usage() {
   cat <<'TEXT'
 Usage: tools/lock.sh
 
-Asks the package index for the newest releases that fit tools/pyproject.toml and one another, and writes
+Asks the package index for the newest releases that fit pyproject.toml and one another, and writes
 
   tools/requirements.txt        the plain harness, and the setuptools that installs it
   tools/requirements-test.txt   on top of those, the extra `test` and a package that stands alone
@@ -67,7 +67,7 @@ write_lock() {
   mv -- "$work/lock" "$root/tools/$1"
 }
 
-project=$root/tools/pyproject.toml
+project=$root/pyproject.toml
 compile "$work/all.txt" --build-deps-for editable --extra test "$project"
 compile "$work/plain.txt" --build-deps-for editable --constraint "$work/all.txt" "$project"
 printf '%s\n' "$lone_python_package" >"$work/lone.in"

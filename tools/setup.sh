@@ -38,10 +38,10 @@ arm64_packages=(g++-aarch64-linux-gnu qemu-user-static)
 # alone, as VTK and compilers hang on those.
 arm64_sysroot_packages=(
   libc6-dev libpcl-common1.13 liblz4-dev libeigen3-dev libceres-dev libyaml-cpp-dev libcli11-dev
-  nlohmann-json3-dev libgtest-dev
+  nlohmann-json3-dev libgtest-dev python3.11 libpython3.11-dev
 )
 arm64_lone_packages=(
-  libpcl-dev libflann-dev libboost1.74-dev
+  libpcl-dev libflann-dev libboost1.74-dev pybind11-dev
   libboost-{date-time,filesystem,iostreams,serialization,system}1.74{-dev,.0}
 )
 
@@ -200,11 +200,13 @@ build_for_threads() {
     -DUNLIDAR_BUILD_BENCHMARKS=OFF -DUNLIDAR_BUILD_PYTHON=OFF
 }
 
-# build_for_arm64 TARGET...: against the packages in build-arm64-sysroot/, in build-arm64/.
+# build_for_arm64 TARGET...: against the packages in build-arm64-sysroot/, in build-arm64/; the engine for
+# Python in python/ there.
 build_for_arm64() {
   build_in "$arm64_dir" "$@" -- -DCMAKE_TOOLCHAIN_FILE="$root/cmake/arm64.cmake" \
     -DCMAKE_SYSROOT="$arm64_sysroot" -DCMAKE_BUILD_TYPE=Release -DUNLIDAR_UNITY=ON \
-    -DUNLIDAR_ORACLES=OFF -DUNLIDAR_BUILD_BENCHMARKS=OFF -DUNLIDAR_BUILD_PYTHON=OFF
+    -DUNLIDAR_ORACLES=OFF -DUNLIDAR_BUILD_BENCHMARKS=OFF \
+    -DPython_INCLUDE_DIR="$arm64_sysroot/usr/include/python3.11" -DUNLIDAR_PYTHON_DIR="$arm64_dir/python"
 }
 
 # make_arm64_sysroot: build-arm64-sysroot/, with the packages of arm64 unpacked. apt works in a folder
@@ -269,7 +271,7 @@ make_venv() {
   place="$root with $python, $("$python" --version), $(
     cat -- "$root"/tools/requirements{,-test}.txt | sha256sum
   )"
-  project="pyproject.toml:$(sha256sum <"$root/tools/pyproject.toml")"
+  project="pyproject.toml:$(sha256sum <"$root/pyproject.toml")"
   ! grep -qxF extra:test "$stamp_file" 2>/dev/null || extra='test'
   if ! "$venv/bin/python" -c '' 2>/dev/null || ! grep -qxF "$place" "$stamp_file" 2>/dev/null; then
     rm -rf -- "$venv"
@@ -283,7 +285,7 @@ make_venv() {
     "${pip[@]}" --require-hashes --only-binary :all: \
     --requirement "$root/tools/requirements${extra:+-$extra}.txt"
   quietly "pip could not install the harness" \
-    "${pip[@]}" --no-build-isolation --editable "$root/tools"
+    "${pip[@]}" --no-build-isolation --editable "$root"
   # The plain install is part of every one with an extra.
   printf '%s\n' "$place" "$project" extra: "extra:$extra" >"$stamp_file"
 }

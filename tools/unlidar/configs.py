@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-_INSTALLED = Path(__file__).parent / "configs"  # tools/setup.py copies them
+_INSTALLED = Path(__file__).parent / "configs"  # of a wheel, by setup.py
 CONFIG_DIR = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "configs"
 SCENARIO_DIR = CONFIG_DIR / "scenarios"
 

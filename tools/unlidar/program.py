@@ -25,7 +25,7 @@ TRAJECTORY, SUMMARY, TARGET_RETURNS = "traj.csv", "summary.json", "target_return
 CLUSTERS = "clusters.csv"
 _STAGE = re.compile(rf"{NAME}: (.+: .+) \([0-9.]+ s\)")  # a stage in its --verbose output
 _VERBOSITY_OPTIONS = {"--quiet", "--verbose"}
-_OWN = Path(__file__).parent / "bin" / NAME  # of a wheel: tools/setup.py copies it
+_OWN = Path(__file__).parent / "bin" / NAME  # of a wheel, by setup.py
 # Build folders, relative to the source tree and to the working directory.
 _BUILDS = (Path(__file__).parents[2] / "build", Path("build"), Path("../build"))
 

@@ -145,6 +145,12 @@ def test_names_are_there_when_asked_for_and_cost_nothing_before() -> None:
     assert shown.startswith("<function run")
 
 
+def test_figures_leave_the_backend_of_a_notebook_alone() -> None:
+    drawn = "import unlidar.figure, unlidar.report.static, unlidar.compare.figure"
+    chosen = "import matplotlib; matplotlib.use('svg')"
+    assert printed_by(f"{chosen}; {drawn}; print(matplotlib.get_backend())") == "svg\n"
+
+
 def printed_by(script: str) -> str:
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -138,8 +138,8 @@ if does quick; then
   check "Format of C++" clang-format --dry-run -Werror "${cpp_headers[@]}" "${cpp_units[@]}"
   check "Lint of C++" tidy
   check "Lint of shell" shellcheck -x tools/*.sh .ci/run
-  check "Lint of Python" "$venv/bin/ruff" check setup.py tools python_tests
-  check "Format of Python" "$venv/bin/ruff" format --check setup.py tools python_tests
+  check "Lint of Python" "$venv/bin/ruff" check setup.py tools python_tests docs
+  check "Format of Python" "$venv/bin/ruff" format --check setup.py tools python_tests docs
   check "C++ tests" ctest --test-dir "$build_dir" --output-on-failure --parallel "$jobs"
   check "Python tests" env UNLIDAR_TRACK="$build_dir/unlidar_track" \
     "${pytest[@]}" python_tests

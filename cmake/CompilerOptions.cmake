@@ -2,7 +2,7 @@
 function(unlidar_compile_options target)
   target_compile_options(${target} PRIVATE
     -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Wold-style-cast
-    -Wnon-virtual-dtor -Woverloaded-virtual -Werror
+    -Wnon-virtual-dtor -Woverloaded-virtual $<$<BOOL:${UNLIDAR_WARNINGS_AS_ERRORS}>:-Werror>
     -ffp-contract=off
   )
   # With these, x86 and arm64 give the same digits: vectorised, Eigen sums in another order on each and

@@ -93,8 +93,10 @@ def sandbox(tmp_path: Path) -> Sandbox:
 
 
 @pytest.mark.parametrize(
-    "script", ["demo.sh", "test.sh", "package.sh", "fuzz.sh", "bench.sh", "arm64.sh", "lock.sh"]
-)
+    "script",
+    ["demo.sh", "test.sh", "package.sh", "fuzz.sh", "bench.sh", "arm64.sh", "lock.sh",
+     "wheel_dependencies.sh"],
+)  # fmt: skip
 def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> None:
     shown = sandbox.run(script, "--help")
     assert shown.returncode == 0 and f"Usage: tools/{script}" in shown.stdout
@@ -111,6 +113,8 @@ def test_help_is_shown_without_doing_anything(sandbox: Sandbox, script: str) -> 
         ("test.sh", ["--quick", "--sanitize"], "expected one option, got 2"),
         ("package.sh", ["--fast"], "unexpected argument '--fast'"),
         ("lock.sh", ["--fast"], "unexpected argument '--fast'"),
+        ("package.sh", ["--arm64", "more"], "expected one option, got 2"),
+        ("wheel_dependencies.sh", [], "Usage: tools/wheel_dependencies.sh FOLDER"),
         ("arm64.sh", ["--slow"], "unexpected argument '--slow'"),
         ("arm64.sh", ["--quick", "more"], "expected one option, got 2"),
         ("bench.sh", ["--slow"], "unknown option '--slow'"),

@@ -1,0 +1,29 @@
+"""What describes the release to a public CI names what is there."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+from ruamel.yaml import YAML
+from synthetic import PROJECT
+
+
+def test_a_release_is_built_of_what_is_there() -> None:
+    project = tomllib.loads((PROJECT / "pyproject.toml").read_text())
+    wheels = project["tool"]["cibuildwheel"]
+    commands = [wheels["linux"]["before-all"], *wheels["linux"]["repair-wheel-command"]]
+    named = re.findall(r"tools/[a-z_.]+", " ".join(commands))
+    assert named == ["tools/wheel_dependencies.sh", "tools/wheel_licences.py"]
+    assert [name for name in named if not (PROJECT / name).is_file()] == []
+    oldest = project["project"]["requires-python"].removeprefix(">=3.")
+    assert re.search(rf"cp3\{{{oldest},", wheels["build"])
+    options = re.findall(r"-D(UNLIDAR_\w+)=", wheels["linux"]["environment"]["CMAKE_ARGS"])
+    options += re.findall(r"-D(UNLIDAR_\w+)=", (PROJECT / "setup.py").read_text())
+    known = (PROJECT / "CMakeLists.txt").read_text()
+    assert [name for name in options if not re.search(rf"(option|set)\({name} ", known)] == []
+    jobs = YAML().load(PROJECT / ".github/workflows/wheels.yml")["jobs"]
+    steps = [step for job in jobs.values() for step in job["steps"]]
+    assert [
+        s for s in steps if "run" not in s and not re.search(r"@(v\d|release/)", s["uses"])
+    ] == []

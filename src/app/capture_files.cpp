@@ -73,7 +73,7 @@ std::uint64_t WholeBytes(int fd, std::uint64_t bytes) {
   return whole;
 }
 
-[[noreturn]] void Fail(const std::string& path, const std::string& reason) {
+[[noreturn]] void FailToRecord(const std::string& path, const std::string& reason) {
   throw OutputError(path + ": cannot be written: " + reason);
 }
 
@@ -91,10 +91,10 @@ bool IsRemoved(int fd) {
 
 CaptureFiles::CaptureFiles(std::string directory, CaptureLimits limits)
     : directory_(std::move(directory)), limits_(limits), lock_(OpenFolder(directory_)) {
-  if (lock_.get() < 0) Fail(directory_, std::strerror(errno));
+  if (lock_.get() < 0) FailToRecord(directory_, std::strerror(errno));
   CheckWritable(directory_ + "/" + NameOf(next_number_));
   if (::flock(lock_.get(), LOCK_EX | LOCK_NB) != 0) {
-    Fail(directory_, "another process records to it, expected a folder of its own");
+    FailToRecord(directory_, "another process records to it, expected a folder of its own");
   }
   FindEarlierFiles();
 }
@@ -109,7 +109,7 @@ void CaptureFiles::FindEarlierFiles() {
     const std::uint64_t bytes = entry->file_size(unknown);
     if (!unknown) files_.push_back({*number, entry->path().string(), bytes});
   }
-  if (error) Fail(directory_, error.message());
+  if (error) FailToRecord(directory_, error.message());
   if (files_.empty()) return;
   std::sort(files_.begin(), files_.end(),
             [](const File& a, const File& b) { return a.number < b.number; });
@@ -121,12 +121,12 @@ void CaptureFiles::FindEarlierFiles() {
 void CaptureFiles::CutOffPartOfRecord() {
   File& file = files_.back();
   const Descriptor earlier(::open(file.path.c_str(), O_RDWR | O_CLOEXEC));
-  if (earlier.get() < 0) Fail(file.path, std::strerror(errno));
+  if (earlier.get() < 0) FailToRecord(file.path, std::strerror(errno));
   const std::uint64_t whole = WholeBytes(earlier.get(), file.bytes);
   if (whole == 0) return RemoveLast();
   if (whole == file.bytes) return;
   if (::ftruncate(earlier.get(), static_cast<off_t>(whole)) != 0) {
-    Fail(file.path, std::strerror(errno));
+    FailToRecord(file.path, std::strerror(errno));
   }
   file.bytes = whole;
 }
@@ -158,7 +158,7 @@ void CaptureFiles::OpenNext() {
   const std::string path = directory_ + "/" + NameOf(next_number_);
   auto file = std::make_unique<Descriptor>(
       ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666));
-  if (file->get() < 0) Fail(path, std::strerror(errno));
+  if (file->get() < 0) FailToRecord(path, std::strerror(errno));
   files_.push_back({next_number_++, path, 0});
   open_ = std::move(file);
   Append(CaptureHeader(), 0);
@@ -178,7 +178,7 @@ void CaptureFiles::Append(std::string_view records, std::uint64_t packets) {
       } else if (::ftruncate(open_->get(), static_cast<off_t>(file.bytes)) != 0) {
         open_.reset();  // what follows goes to another file
       }
-      Fail(path, reason);
+      FailToRecord(path, reason);
     }
     rest.remove_prefix(static_cast<std::size_t>(written));
   }
@@ -198,7 +198,7 @@ void CaptureFiles::MakeRoom(std::uint64_t bytes) {
   while (total_bytes_ + bytes > limits_.total_bytes && files_.size() > (open_ ? 1 : 0)) {
     const File& oldest = files_.front();
     if (::unlink(oldest.path.c_str()) != 0 && errno != ENOENT) {
-      Fail(oldest.path, std::string("cannot be removed: ") + std::strerror(errno));
+      FailToRecord(oldest.path, std::string("cannot be removed: ") + std::strerror(errno));
     }
     total_bytes_ -= oldest.bytes;
     files_.pop_front();

@@ -9,7 +9,7 @@
 namespace unlidar {
 namespace {
 
-constexpr std::chrono::seconds kInterval(1);
+constexpr std::chrono::seconds kWriteInterval(1);
 
 }  // namespace
 
@@ -54,7 +54,7 @@ void PacketRecorder::Run() {
   std::string records;
   std::unique_lock<std::mutex> lock(mutex_);
   for (bool is_last = false; !is_last;) {
-    is_due_.wait_for(lock, kInterval,
+    is_due_.wait_for(lock, kWriteInterval,
                      [this] { return is_ending_ || waiting_.size() >= kMaxWriteBytes; });
     is_last = is_ending_;
     records.clear();

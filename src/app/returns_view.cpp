@@ -12,7 +12,7 @@ namespace {
 constexpr TimeNs kViewIntervalNs = 200'000'000;
 constexpr int kBitsPerAxis = 21;  // of kMaxViewM in the finest voxels, on both sides of the origin
 
-struct Voxel {
+struct ViewVoxel {
   std::uint64_t code = 0;          // Morton code: that of the voxel of twice the edge is code >> 3
   std::uint32_t first_return = 0;  // first of the frame in it
 };
@@ -31,9 +31,9 @@ std::uint64_t MortonCode(const Eigen::Vector3f& point_m) {
 }
 
 // One return of each voxel; voxels of one code stand side by side.
-std::vector<Voxel> Merged(const std::vector<Voxel>& voxels) {
-  std::vector<Voxel> merged;
-  for (const Voxel& voxel : voxels) {
+std::vector<ViewVoxel> Merged(const std::vector<ViewVoxel>& voxels) {
+  std::vector<ViewVoxel> merged;
+  for (const ViewVoxel& voxel : voxels) {
     if (!merged.empty() && merged.back().code == voxel.code) {
       merged.back().first_return = std::min(merged.back().first_return, voxel.first_return);
     } else {
@@ -63,25 +63,25 @@ std::vector<std::uint32_t> ThinnedReturns(const std::vector<Eigen::Vector3f>& po
   }
   if (chosen.size() <= max_returns) return chosen;
 
-  std::vector<Voxel> voxels;
+  std::vector<ViewVoxel> voxels;
   voxels.reserve(chosen.size());
   for (const std::uint32_t i : chosen) voxels.push_back({MortonCode(points_m[i]), i});
-  std::sort(voxels.begin(), voxels.end(), [](const Voxel& a, const Voxel& b) {
+  std::sort(voxels.begin(), voxels.end(), [](const ViewVoxel& a, const ViewVoxel& b) {
     return a.code < b.code || (a.code == b.code && a.first_return < b.first_return);
   });
-  std::vector<Voxel> finer = voxels;
+  std::vector<ViewVoxel> finer = voxels;
   voxels = Merged(voxels);
   while (voxels.size() > max_returns) {
     finer = voxels;
-    for (Voxel& voxel : voxels) voxel.code >>= 3U;
+    for (ViewVoxel& voxel : voxels) voxel.code >>= 3U;
     voxels = Merged(voxels);
   }
 
   chosen.clear();
-  for (const Voxel& voxel : voxels) chosen.push_back(voxel.first_return);
+  for (const ViewVoxel& voxel : voxels) chosen.push_back(voxel.first_return);
   std::sort(chosen.begin(), chosen.end());
   std::vector<std::uint32_t> rest;
-  for (const Voxel& voxel : finer) {
+  for (const ViewVoxel& voxel : finer) {
     if (!std::binary_search(chosen.begin(), chosen.end(), voxel.first_return)) {
       rest.push_back(voxel.first_return);
     }

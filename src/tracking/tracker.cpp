@@ -163,21 +163,15 @@ class PathFinder {
   // at first is lost. It is followed back from where it is seen well: in reversed time no
   // continuation is dropped for a pause after few detections.
   Path BestBackwardExtension(const Path& path, const PathScorer& scorer) {
-    const auto backward_extension = [&](const std::vector<char>& free) {
-      Path found = BestInReverse(free, scorer);
-      const bool begins_later = !found.plots.empty() && found.plots.front() > path.plots.front();
-      return begins_later ? Path() : found;
-    };
     SetFree(path, 1);
     std::vector<char> free = FreeInReach(path);
     SetFree(path, 0);
-    Path best = backward_extension(free);
-    // Without other plots after its first one, no other hypothesis displaces it there.
+    // Only its own plots after its first one: no other hypothesis displaces it there.
     std::fill(free.begin() + path.plots.front(), free.end(), 0);
     for (const std::uint32_t i : path.plots) free[i] = 1;
-    Path longer = backward_extension(free);
-    if (longer.score > best.score) best = std::move(longer);
-    return best;
+    Path found = BestInReverse(free, scorer);
+    const bool begins_later = !found.plots.empty() && found.plots.front() > path.plots.front();
+    return begins_later ? Path() : found;
   }
 
   // True if no other path above kInitiationLog overlaps it in time. Between overlapping paths, many

@@ -9,6 +9,7 @@
 #include "live/backward_extension.hpp"
 #include "scene/support.hpp"
 #include "tracking/flight.hpp"
+#include "tracking/path_exchange.hpp"
 
 namespace unlidar {
 namespace {
@@ -147,6 +148,18 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
   }
   ++frame_time_.frames_before[frame.info.sensor];
   return paths_;
+}
+
+// As in a recording: each plot keeps few hypotheses, so what is likelier only by later plots may
+// have been displaced.
+const Path& LiveSearch::Pruned(const Path& path) {
+  const PathScorer scorer(
+      plots_, log_births_, models_, [&](const Plot& plot) { return frame_times_.At(plot.frame); },
+      config_.robust.tracker);
+  pruned_ = scorer.WithScore(path.plots);
+  while (DropShortRun(scorer, &pruned_)) {
+  }
+  return pruned_;
 }
 
 Rejection LiveSearch::Judge(const Path& path) {

@@ -50,6 +50,10 @@ class LiveSearch {
   // until the next call.
   const Queue<Path>& Extend(const SceneFrame& frame, const std::vector<char>& are_free);
 
+  // Returns such a path without the short runs of plots that lower its score, valid until the next
+  // call.
+  const Path& Pruned(const Path& path);
+
   // Returns the rule that refuses such a path: it is not a drone, or a track has one of its plots;
   // kNone if none does. Sets flight() to its flying part: it may begin on the ground.
   Rejection Judge(const Path& path);
@@ -100,6 +104,7 @@ class LiveSearch {
   std::vector<double> birth_odds_;  // (plots)
   Scan scan_;
   Queue<Path> paths_;
+  Path pruned_;
   Flight flight_;
   std::vector<Plot> flight_plots_;
   std::vector<PathCut> cuts_;

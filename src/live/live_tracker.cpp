@@ -93,7 +93,8 @@ void LiveTracker::Confirm() {
   const std::vector<char>& are_free = tracks_.Extend(frame_.plots, at);
   const Queue<Path>& paths = search_.Extend(frame_, are_free);
   if (trace_.is_on()) TraceFrame();
-  for (const Path& path : paths) {
+  for (const Path& found : paths) {
+    const Path& path = search_.Pruned(found);
     const PathDecision decision = Decide(path);
     if (trace_.is_on()) trace_.AddPath(path, search_.cuts(), decision);
   }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <iterator>
 
+#include "collection/body.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -15,9 +17,19 @@ void TrackFit::Clear() {
   plot_refs_.clear();
 }
 
-void TrackFit::AddEarlier(const Measurement& measurement, const PlotRef& plot_ref) {
-  measurements_.push_back(measurement);
-  plot_refs_.push_back(plot_ref);
+void TrackFit::AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_mps,
+                          double body_sigma_m, double centroid_offset) {
+  const Plot& plot = seen.plot;
+  Measurement m;
+  m.time_ns = plot.time_ns;
+  m.position_m = plot.position_m + FacingSideOffsetM(body_sigma_m, plot.ray_m, centroid_offset);
+  m.viewpoint_m = plot.position_m - plot.ray_m;
+  m.support = static_cast<int>(plot.num_returns);
+  m.covariance_m2 = MeasurementCovarianceM2({body_sigma_m, body_sigma_m, body_sigma_m}, plot.ray_m,
+                                            StreakM2(plot.streak_s, velocity_mps),
+                                            static_cast<double>(plot.num_returns));
+  measurements_.push_back(m);
+  plot_refs_.push_back({seen.stamp_ns, plot.frame, plot.position_m, m.support});
 }
 
 void TrackFit::Fit(TrajectoryFitter& fitter) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
+#include "live/live_plot.hpp"
 #include "scene/plots.hpp"
 #include "trajectory/trajectory.hpp"
 #include "trajectory/trajectory_fitter.hpp"
@@ -16,17 +17,11 @@ namespace unlidar {
 
 class TrackFit {
  public:
-  // The plot of a measurement.
-  struct PlotRef {
-    TimeNs stamp_ns;
-    std::uint32_t frame;
-    Eigen::Vector3d position_m;
-    int num_returns;
-  };
-
-  // Sets the measurements: cleared first, then added from the newest back.
+  // Sets the measurements: cleared first, then those of plots added from the newest back. The body
+  // is a sphere; `centroid_offset`: CollectConfig::centroid_offset.
   void Clear();
-  void AddEarlier(const Measurement& measurement, const PlotRef& plot_ref);
+  void AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_mps, double body_sigma_m,
+                  double centroid_offset);
 
   // Fits the trajectory, with the scales of a recent fit where they still apply.
   void Fit(TrajectoryFitter& fitter);
@@ -42,6 +37,14 @@ class TrackFit {
   int ReturnsBetween(TimeNs from_ns, TimeNs to_ns) const;
 
  private:
+  // The plot of a measurement.
+  struct PlotRef {
+    TimeNs stamp_ns;
+    std::uint32_t frame;
+    Eigen::Vector3d position_m;
+    int num_returns;
+  };
+
   void SortByTime();
   bool IsOutlier(std::size_t i) const { return trajectory_.weights[i] < 0.5; }
   bool IsNewestOutlier() const;

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "live/rejoin.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -23,13 +25,15 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
       tracker_(config.tracker),
       collect_(config.collect),
       uses_frame_length_(config.Uses(Rule::kFrameLength)),
-      plots_(flight.plots.begin(), flight.plots.end()),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
       body_scatter_m2_(kBodyPriorReturns * collect_.extent_sigma_m * collect_.extent_sigma_m),
       body_count_(kBodyPriorReturns),
       body_sigma_m_(collect_.extent_sigma_m) {
   std::vector<const Plot*> path;
-  for (const LivePlot& seen : flight.plots) path.push_back(&seen.plot);
+  for (std::size_t i = 0; i < flight.plots.size(); ++i) {
+    path.push_back(&flight.plots[i].plot);
+    plots_.push_back({flight.plots[i], flight.frame_times[i]});
+  }
   for (std::uint32_t m = 0; m < models.size(); ++m) {
     Node node;
     node.model = m;
@@ -103,19 +107,23 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
           (*models_)[from.model].Update(from.h, predicted[index].first, predicted[index].second,
                                         plots[i].plot, at, association.gain);
       if (node.h.state.mean.col(1).norm() > tracker_.max_speed_mps) continue;
-      const auto index_of_node = static_cast<std::int32_t>(nodes_.size());
-      const std::int32_t confirmed = ConfirmedAt(association.leaf);
-      const double gain = node.h.score - nodes_[static_cast<std::size_t>(confirmed)].h.score;
-      const bool is_continuous =
-          confirmed == association.leaf && at.time_s - from.h.time_s <= kMaxCoastS;
-      if (is_continuous || gain >= kReacquisitionGain) node.confirmed = index_of_node;
       if (!is_taken) {
-        plots_.push_back(plots[i]);
+        FollowedPlot& followed = plots_.Append();
+        followed.seen = plots[i];
+        followed.at = at;
         is_taken = has_new_plots_ = true;
       }
       node.plot = first_plot_ + plots_.size() - 1;
       node.parent = association.leaf;
+      const std::int32_t confirmed = ConfirmedAt(association.leaf);
+      const double gain = node.h.score - nodes_[static_cast<std::size_t>(confirmed)].h.score;
+      const bool is_continuous =
+          confirmed == association.leaf && at.time_s - from.h.time_s <= kMaxCoastS;
+      const bool is_confirmed = is_continuous || gain >= kReacquisitionGain;
+      if (is_confirmed && !is_continuous) Rejoin(confirmed, &node);
       node.current_score = node.h.score;
+      const auto index_of_node = static_cast<std::int32_t>(nodes_.size());
+      if (is_confirmed) node.confirmed = index_of_node;
       next.push_back(index_of_node);
       nodes_.push_back(node);
     }
@@ -128,6 +136,36 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
   });
   next.resize(std::min(next.size(), kMaxLeaves));
   std::swap(leaves_, next);
+}
+
+// Lets a reacquired target reach its new node from the newest confirmed one as RejoinedPlots() has
+// it.
+void TrackFollower::Rejoin(std::int32_t confirmed, Node* node) {
+  std::vector<std::size_t> plots = {node->plot};
+  for (std::int32_t k = node->parent; k != confirmed;
+       k = nodes_[static_cast<std::size_t>(k)].parent) {
+    plots.push_back(nodes_[static_cast<std::size_t>(k)].plot);
+  }
+  std::reverse(plots.begin(), plots.end());
+  std::vector<const FollowedPlot*> followed;
+  for (const std::size_t plot : plots) followed.push_back(&plots_[plot - first_plot_]);
+  const std::size_t last = plots.size() - 1;
+  std::int32_t parent = confirmed;
+  for (const auto& [i, hypothesis] : RejoinedPlots(
+           (*models_)[node->model], nodes_[static_cast<std::size_t>(confirmed)].h, followed)) {
+    Node next = nodes_[static_cast<std::size_t>(parent)];
+    next.h = hypothesis;
+    next.model = node->model;
+    next.parent = parent;
+    next.plot = plots[i];
+    next.current_score = hypothesis.score;
+    parent = static_cast<std::int32_t>(nodes_.size());
+    if (i < last) {
+      nodes_.push_back(next);
+    } else {
+      *node = next;
+    }
+  }
 }
 
 std::int32_t TrackFollower::BestLeaf() const {
@@ -237,21 +275,6 @@ void TrackFollower::Forget() {
   for (; first_plot_ < first_plot; ++first_plot_) plots_.pop_front();
 }
 
-Measurement TrackFollower::Measure(const Node& node) const {
-  const LivePlot& seen = PlotOf(node);
-  const auto n = static_cast<double>(seen.plot.num_returns);
-  const BodySigmas body{body_sigma_m_, body_sigma_m_, body_sigma_m_};
-  Measurement m;
-  m.time_ns = seen.plot.time_ns;
-  m.position_m = seen.plot.position_m +
-                 FacingSideOffsetM(body_sigma_m_, seen.plot.ray_m, collect_.centroid_offset);
-  m.viewpoint_m = seen.plot.position_m - seen.plot.ray_m;
-  m.support = static_cast<int>(seen.plot.num_returns);
-  m.covariance_m2 = MeasurementCovarianceM2(
-      body, seen.plot.ray_m, StreakM2(seen.plot.streak_s, node.h.state.mean.col(1)), n);
-  return m;
-}
-
 void TrackFollower::UpdateFrameLength(const Node& node,
                                       std::vector<FrameLengthEstimate>* lengths) const {
   const Plot& plot = PlotOf(node).plot;
@@ -296,10 +319,8 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
   for (std::int32_t k = head; k != kNoIndex; k = nodes_[static_cast<std::size_t>(k)].parent) {
     const Node& node = nodes_[static_cast<std::size_t>(k)];
     if (node.h.time_s < from_s) break;
-    const Measurement measurement = Measure(node);
-    const LivePlot& seen = PlotOf(node);
-    fit_.AddEarlier(measurement,
-                    {seen.stamp_ns, seen.plot.frame, seen.plot.position_m, measurement.support});
+    fit_.AddEarlier(PlotOf(node), node.h.state.mean.col(1), body_sigma_m_,
+                    collect_.centroid_offset);
   }
   fit_.Fit(fitter);
   has_new_plots_ = false;

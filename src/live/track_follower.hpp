@@ -82,13 +82,13 @@ class TrackFollower {
     std::vector<std::int32_t> moved;  // (nodes) new indices
   };
 
-  const LivePlot& PlotOf(const Node& node) const { return plots_[node.plot - first_plot_]; }
+  const LivePlot& PlotOf(const Node& node) const { return plots_[node.plot - first_plot_].seen; }
+  void Rejoin(std::int32_t confirmed, Node* node);
   std::int32_t BestLeaf() const;
   // The newest confirmed node on the path to a leaf, and on the path to the best leaf.
   std::int32_t ConfirmedAt(std::int32_t leaf) const;
   std::int32_t NewestConfirmed() const;
   void Forget();
-  Measurement Measure(const Node& node) const;
 
   // Estimate of the frame length of a sensor, from this many returns of the target.
   struct FrameLengthEstimate {
@@ -104,7 +104,7 @@ class TrackFollower {
   bool uses_frame_length_;
   std::vector<Node> nodes_;           // parents first
   std::vector<std::int32_t> leaves_;  // that can be extended
-  Queue<LivePlot> plots_;
+  Queue<FollowedPlot> plots_;
   std::size_t first_plot_ = 0;  // number of the first in plots_
   std::int32_t settled_ = kNoIndex;
   TimeNs first_evidence_ns_ = 0;

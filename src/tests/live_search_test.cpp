@@ -169,6 +169,24 @@ TEST(LiveSearch, EachGateIsReachedAndNamed) {
   EXPECT_EQ(RulesOf(Without(Rule::kPause), 50.0, 3.0, 4.0).cuts, Names{});
 }
 
+TEST(LiveSearch, APathIsPrunedOfPlotsThatLowerItsScore) {
+  Plots plots;
+  const auto place_at = [](int i) {
+    return Eigen::Vector3d(3.0 * testing::MiddleS(i) - 10.0, 0.0, kRangeM);
+  };
+  Path whole;
+  plots.Add(0, place_at(0) + Eigen::Vector3d(25.0, 0.0, 0.0));  // no flight leads from here
+  whole.plots.push_back(0);
+  for (int i = 20; i < 60; ++i) {
+    plots.Add(i, place_at(i));
+    whole.plots.push_back(static_cast<std::uint32_t>(whole.plots.size()));
+  }
+  Path flight = whole;
+  flight.plots.erase(flight.plots.begin());
+  EXPECT_EQ(plots.search().Pruned(whole).plots, flight.plots);
+  EXPECT_EQ(plots.search().Pruned(flight).plots, flight.plots);
+}
+
 TEST(LiveSearch, APathWithAPlotOfATrackIsRefusedForThat) {
   const Config config;
   Plots plots(config);

@@ -131,34 +131,21 @@ bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Pa
   return true;
 }
 
-// Drops short runs of plots between two pauses, or before the first or after the last one, where
-// the score grows without them: a search with a limited gap had to use them.
-bool Prune(const PathScorer& scorer, Path* path) {
-  constexpr TimeNs kPause_ns = 500'000'000;
-  constexpr std::size_t kMaxPlots = 6;
-  const std::vector<Plot>& plots = scorer.plots();
-  Path best = *path;
-  for (std::size_t first = 0; first < path->plots.size();) {
-    std::size_t last = first + 1;
-    while (last < path->plots.size() &&
-           plots[path->plots[last]].time_ns - plots[path->plots[last - 1]].time_ns < kPause_ns) {
-      ++last;
-    }
-    if (last - first <= kMaxPlots && last - first < path->plots.size()) {
-      Members rest(path->plots.begin(), path->plots.begin() + static_cast<std::ptrdiff_t>(first));
-      rest.insert(rest.end(), path->plots.begin() + static_cast<std::ptrdiff_t>(last),
-                  path->plots.end());
-      Path pruned = scorer.WithScore(std::move(rest));
-      if (pruned.score > best.score) best = std::move(pruned);
-    }
-    first = last;
-  }
-  if (best.score <= path->score + kMinExchangeLog) return false;
-  *path = std::move(best);
-  return true;
-}
-
 }  // namespace
+
+PathScorer::PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+                       const ScanSchedule& scan_schedule, const TrackerConfig& config,
+                       TimeOutOfView time_out_of_view)
+    : PathScorer(
+          plots, log_births, {},
+          [&plots, scan_schedule](const Plot& plot) {
+            return FrameTimeOf(plot, plots.front(), scan_schedule);
+          },
+          config) {
+  for (const double sigma : config.sigma_a_mps2) {
+    models_.emplace_back(sigma, scan_schedule, config, time_out_of_view);
+  }
+}
 
 Path PathScorer::WithScore(Members members) const {
   Path path;
@@ -172,10 +159,9 @@ Path PathScorer::WithScore(Members members) const {
   std::vector<FrameTime> frame_times;
   frame_times.reserve(path.plots.size());
   for (const std::uint32_t i : path.plots) {
-    frame_times.push_back(FrameTimeOf(plots_[i], plots_.front(), scan_schedule_));
+    frame_times.push_back(frame_time_of_(plots_[i]));
   }
-  for (const double sigma : config_.sigma_a_mps2) {
-    const TrackModel model(sigma, scan_schedule_, config_, time_out_of_view_);
+  for (const TrackModel& model : models_) {
     for (const double speed_mps : config_.birth_speeds_mps) {
       Hypothesis h = model.Birth(plots_[birth], log_births_[birth], frame_times.front(), speed_mps);
       for (std::size_t k = 1; k < path.plots.size(); ++k) {
@@ -185,6 +171,35 @@ Path PathScorer::WithScore(Members members) const {
     }
   }
   return path;
+}
+
+bool DropShortRun(const std::function<TimeNs(std::uint32_t)>& time_of,
+                  const std::function<Path(Members)>& with_score, Path* path) {
+  constexpr TimeNs kPause_ns = 500'000'000;
+  constexpr std::size_t kMaxPlots = 6;
+  const Members& plots = path->plots;
+  Path best = *path;
+  for (std::size_t first = 0; first < plots.size();) {
+    std::size_t last = first + 1;
+    while (last < plots.size() && time_of(plots[last]) - time_of(plots[last - 1]) < kPause_ns) {
+      ++last;
+    }
+    if (last - first <= kMaxPlots && last - first < plots.size()) {
+      Members rest(plots.begin(), plots.begin() + static_cast<std::ptrdiff_t>(first));
+      rest.insert(rest.end(), plots.begin() + static_cast<std::ptrdiff_t>(last), plots.end());
+      Path without = with_score(std::move(rest));
+      if (without.score > best.score) best = std::move(without);
+    }
+    first = last;
+  }
+  if (best.score <= path->score + kMinExchangeLog) return false;
+  *path = std::move(best);
+  return true;
+}
+
+bool DropShortRun(const PathScorer& scorer, Path* path) {
+  return DropShortRun([&](std::uint32_t plot) { return scorer.plots()[plot].time_ns; },
+                      [&](Members plots) { return scorer.WithScore(std::move(plots)); }, path);
 }
 
 bool IsInReach(const Plot& from, const Plot& to, double slack_m, const TrackerConfig& config) {
@@ -225,7 +240,7 @@ std::size_t ImprovePaths(const PathScorer& scorer, const TrackerConfig& config,
     for (std::size_t i = 0; i < count; ++i) {
       Path& path = (*paths)[i];
       if (changed[i] <= std::exchange(pruned[i], now) || path.plots.empty()) continue;
-      if (Prune(scorer, &path)) note_change(i);
+      if (DropShortRun(scorer, &path)) note_change(i);
     }
     is_done = now == before;
   }

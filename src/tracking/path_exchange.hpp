@@ -3,6 +3,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
+#include <utility>
 #include <vector>
 
 #include "tracking/track_model.hpp"
@@ -13,14 +15,22 @@ namespace unlidar {
 // Scores given sequences of plots, with gaps of any length.
 class PathScorer {
  public:
+  using FrameTimeOfPlot = std::function<FrameTime(const Plot&)>;
+
+  // `models`: one per sigma_a.
   PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-             const ScanSchedule& scan_schedule, const TrackerConfig& config,
-             TimeOutOfView time_out_of_view = TimeOutOfView::kNone)
+             std::vector<TrackModel> models, FrameTimeOfPlot frame_time_of,
+             const TrackerConfig& config)
       : plots_(plots),
         log_births_(log_births),
-        scan_schedule_(scan_schedule),
-        config_(config),
-        time_out_of_view_(time_out_of_view) {}
+        models_(std::move(models)),
+        frame_time_of_(std::move(frame_time_of)),
+        config_(config) {}
+
+  // For the plots of a recording.
+  PathScorer(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+             const ScanSchedule& scan_schedule, const TrackerConfig& config,
+             TimeOutOfView time_out_of_view = TimeOutOfView::kNone);
 
   // Returns the path of these plots, with the score of the best sigma_a and birth speed; minus
   // infinity if two plots are of one frame.
@@ -31,10 +41,20 @@ class PathScorer {
  private:
   const std::vector<Plot>& plots_;
   const std::vector<double>& log_births_;
-  ScanSchedule scan_schedule_;
+  std::vector<TrackModel> models_;
+  FrameTimeOfPlot frame_time_of_;
   const TrackerConfig& config_;
-  TimeOutOfView time_out_of_view_;
 };
+
+// Drops the short run of plots, between two pauses or before the first or after the last one,
+// without which the score is highest, if it grows by more than kMinExchangeLog: a search with a
+// limited gap had to use it. `time_of`: of a plot of the path; `with_score`: the path of such
+// plots. Returns true if the path changed.
+bool DropShortRun(const std::function<TimeNs(std::uint32_t)>& time_of,
+                  const std::function<Path(std::vector<std::uint32_t>)>& with_score, Path* path);
+
+// Same, scored by `scorer`.
+bool DropShortRun(const PathScorer& scorer, Path* path);
 
 // Positions are noisy, and the initial velocity of a path is unknown.
 constexpr double kReachSlack_m = 2.0;

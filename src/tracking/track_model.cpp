@@ -70,6 +70,11 @@ double NumMissedDetections(const Hypothesis& from, const FrameTime& at) {
   return before > from.frames ? before - from.frames : 0.0;
 }
 
+double LogOutOfView(TimeOutOfView time_out_of_view, const TrackerConfig& config) {
+  return time_out_of_view == TimeOutOfView::kNone ? -std::numeric_limits<double>::infinity()
+                                                  : std::log(config.out_of_view_probability);
+}
+
 // Log of the density of a plot exactly at a prediction, at most.
 double LogTop(const Prediction& p, const AxisVariances& variances, const FrameBounds& frame) {
   return p.score + p.log_detection_probability -
@@ -115,11 +120,15 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule
 TrackModel::TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule,
                        const TrackerConfig& config, TimeOutOfView time_out_of_view)
     : sigma_(sigma_a_mps2),
-      log_out_of_view_(time_out_of_view == TimeOutOfView::kNone
-                           ? -std::numeric_limits<double>::infinity()
-                           : std::log(config.out_of_view_probability)),
+      log_out_of_view_(LogOutOfView(time_out_of_view, config)),
       config_(&config) {
   SetScanSchedule(scan_schedule);
+}
+
+TrackModel TrackModel::With(TimeOutOfView time_out_of_view) const {
+  TrackModel model = *this;
+  model.log_out_of_view_ = LogOutOfView(time_out_of_view, *config_);
+  return model;
 }
 
 void TrackModel::SetScanSchedule(const ScanSchedule& scan_schedule) {

@@ -167,6 +167,9 @@ class TrackModel {
   TrackModel(double sigma_a_mps2, const ScanSchedule& scan_schedule, const TrackerConfig& config,
              TimeOutOfView time_out_of_view = TimeOutOfView::kNone);
 
+  // Returns the same model with another prior of the time out of view.
+  TrackModel With(TimeOutOfView time_out_of_view) const;
+
   // Replaces the sensors.
   void SetScanSchedule(const ScanSchedule& scan_schedule);
 

@@ -1,0 +1,134 @@
+#include "live/rejoin.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "live/track_follower.hpp"
+#include "tests/synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::Random;
+
+constexpr TimeNs kPeriodNs = 100'000'000;
+constexpr double kPeriodS = 0.1;
+const Eigen::Vector3d kStrayM(60.0, 10.0, 40.0);
+
+// A drone of 2 m/s that is seen in every frame until frame 30, and from frame 150 on: longer apart
+// than max_gap_s.
+Eigen::Vector3d DroneM(int i) { return {15.0, -10.0 + 0.2 * i, 8.0}; }
+
+FollowedPlot PlotAt(int i, const Eigen::Vector3d& position_m) {
+  FollowedPlot followed;
+  Plot& plot = followed.seen.plot;
+  plot.frame = static_cast<std::uint32_t>(i);
+  plot.time_ns = plot.frame_time_ns = i * kPeriodNs;
+  plot.position_m = plot.ray_m = position_m;
+  plot.variance_m2 = 0.02;
+  plot.lowest_m = 10.0;
+  plot.log_clutter = -13.0;
+  plot.num_returns = 2;
+  followed.seen.time_s = i * kPeriodS;
+  followed.at = {i * kPeriodS, {static_cast<std::uint32_t>(i)}};
+  return followed;
+}
+
+class RejoinTest : public ::testing::Test {
+ protected:
+  RejoinTest() : scan_schedule_{{ScanSchedule::Sensor()}} {
+    scan_schedule_.sensors[0].frame_s = kPeriodS;
+    models_.emplace_back(3.0, scan_schedule_, config_.tracker);
+    for (int i = 0; i <= 30; ++i) Append(PlotAt(i, DroneM(i)));
+    std::vector<const Plot*> path;
+    for (const LivePlot& seen : flight_.plots) path.push_back(&seen.plot);
+    confirmed_ = FilterPath(models_[0], path, flight_.frame_times, 0.0, config_.tracker).back();
+  }
+
+  void Append(const FollowedPlot& followed) {
+    flight_.plots.push_back(followed.seen);
+    flight_.frame_times.push_back(followed.at);
+  }
+
+  // Score of the way through these plots, by the model that judges ways.
+  double Score(const std::vector<const FollowedPlot*>& plots) const {
+    const TrackModel judge = models_[0].With(TimeOutOfView::kLogUniform);
+    Hypothesis h = confirmed_;
+    for (const FollowedPlot* one : plots) h = judge.PredictAndUpdate(h, one->seen.plot, one->at);
+    return h.score;
+  }
+
+  std::vector<std::size_t> Kept(const std::vector<FollowedPlot>& plots) const {
+    std::vector<const FollowedPlot*> all;
+    for (const FollowedPlot& one : plots) all.push_back(&one);
+    std::vector<std::size_t> kept;
+    std::vector<const FollowedPlot*> way;
+    for (const auto& [i, hypothesis] : RejoinedPlots(models_[0], confirmed_, all)) {
+      kept.push_back(i);
+      way.push_back(all[i]);
+      EXPECT_DOUBLE_EQ(hypothesis.score, Score(way));
+    }
+    EXPECT_GE(Score(way), Score(all));
+    return kept;
+  }
+
+  RobustConfig config_;
+  ScanSchedule scan_schedule_;
+  std::vector<TrackModel> models_;
+  Flight flight_;
+  Hypothesis confirmed_;
+};
+
+TEST_F(RejoinTest, AStrayThatBridgedTheGapIsLeftOut) {
+  EXPECT_EQ(Kept({PlotAt(90, kStrayM), PlotAt(150, DroneM(150)), PlotAt(151, DroneM(151))}),
+            (std::vector<std::size_t>{1, 2}));
+}
+
+TEST_F(RejoinTest, SightingsOnTheWayAreKept) {
+  EXPECT_EQ(Kept({PlotAt(90, DroneM(90)), PlotAt(91, DroneM(91)), PlotAt(150, DroneM(150))}),
+            (std::vector<std::size_t>{0, 1, 2}));
+}
+
+TEST_F(RejoinTest, NoOtherRunAloneLowersTheScoreOfTheWay) {
+  Random random(4);
+  for (int draw = 0; draw < 200; ++draw) {
+    std::vector<FollowedPlot> plots;
+    for (int i = 35 + static_cast<int>(random.Index(20)); i < 140;
+         i += 6 + static_cast<int>(random.Index(40))) {
+      plots.push_back(PlotAt(i, DroneM(i) + random.NormalVector(random.Uniform(0.1, 20.0))));
+    }
+    plots.push_back(PlotAt(150, DroneM(150)));
+    const std::vector<std::size_t> kept = Kept(plots);
+    ASSERT_EQ(kept.back(), plots.size() - 1);
+    std::vector<const FollowedPlot*> way;
+    for (const std::size_t i : kept) way.push_back(&plots[i]);
+    for (std::size_t k = 0; k + 1 < way.size(); ++k) {
+      std::vector<const FollowedPlot*> without = way;
+      without.erase(without.begin() + static_cast<std::ptrdiff_t>(k));
+      EXPECT_LE(Score(without), Score(way) + kMinExchangeLog);
+    }
+  }
+}
+
+// The follower's rows between both parts of the flight rest on its own plots alone.
+TEST_F(RejoinTest, AFollowerThatReacquiresDropsTheStrayThatLedThere) {
+  TrackFollower follower(flight_, models_, config_);
+  const auto extend = [&](int i, const Eigen::Vector3d& place_m) {
+    const FollowedPlot followed = PlotAt(i, place_m);
+    follower.Extend({followed.seen}, {1}, followed.at);
+  };
+  extend(90, kStrayM);
+  for (int i = 150; i < 170; ++i) extend(i, DroneM(i));
+  std::vector<LivePlot> settled;
+  follower.Settle(170 * kPeriodNs, &settled);
+  EXPECT_EQ(settled.size(), 31U + 20U);
+  for (const LivePlot& seen : settled) {
+    EXPECT_NE(seen.plot.position_m, kStrayM) << seen.time_s;
+  }
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -157,7 +157,7 @@ const Path& LiveSearch::Pruned(const Path& path) {
       plots_, log_births_, models_, [&](const Plot& plot) { return frame_times_.At(plot.frame); },
       config_.robust.tracker);
   pruned_ = scorer.WithScore(path.plots);
-  while (DropShortRun(scorer, &pruned_)) {
+  while (DropStretch(scorer, kMaxDroppedRunsOfStream, &pruned_)) {
   }
   return pruned_;
 }

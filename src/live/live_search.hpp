@@ -50,8 +50,8 @@ class LiveSearch {
   // until the next call.
   const Queue<Path>& Extend(const SceneFrame& frame, const std::vector<char>& are_free);
 
-  // Returns such a path without the short runs of plots that lower its score, valid until the next
-  // call.
+  // Returns such a path without the short stretches of plots that lower its score, valid until the
+  // next call.
   const Path& Pruned(const Path& path);
 
   // Returns the rule that refuses such a path: it is not a drone, or a track has one of its plots;

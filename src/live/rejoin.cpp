@@ -24,8 +24,8 @@ std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
   std::vector<std::uint32_t> all(plots.size());
   std::iota(all.begin(), all.end(), 0U);
   Path path = with_score(std::move(all));
-  while (DropShortRun([&](std::uint32_t i) { return plots[i]->seen.plot.time_ns; }, with_score,
-                      &path)) {
+  while (DropStretch([&](std::uint32_t i) { return plots[i]->seen.plot.time_ns; }, with_score,
+                     kMaxDroppedRunsOfStream, &path)) {
   }
   std::vector<std::pair<std::size_t, Hypothesis>> way;
   Hypothesis h = confirmed;

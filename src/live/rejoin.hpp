@@ -12,7 +12,7 @@ namespace unlidar {
 
 // Returns the plots, by their numbers in `plots`, by which a target came from its last confirmed
 // plot to the last of these, and its hypothesis after each of them. As for a path of a recording,
-// it may have been out of view, and short runs of plots that lower the score are left out: the
+// it may have been out of view, and short stretches of plots that lower the score are left out: the
 // target was followed across the gap by whatever was there, and beyond max_gap_s by nothing else.
 std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
     const TrackModel& model, const Hypothesis& confirmed,

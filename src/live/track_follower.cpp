@@ -148,6 +148,7 @@ void TrackFollower::Rejoin(std::int32_t confirmed, Node* node) {
   }
   std::reverse(plots.begin(), plots.end());
   std::vector<const FollowedPlot*> followed;
+  followed.reserve(plots.size());
   for (const std::size_t plot : plots) followed.push_back(&plots_[plot - first_plot_]);
   const std::size_t last = plots.size() - 1;
   std::int32_t parent = confirmed;

@@ -4,6 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdint>
+#include <map>
+#include <numeric>
+#include <utility>
 #include <vector>
 
 #include "tests/synthetic_plots.hpp"
@@ -53,6 +57,67 @@ TEST(PathExchange, TakesInProportionToTheNumberOfPlaces) {
   EXPECT_GT(one.plots_searched_again, 0U);
   EXPECT_EQ(many.pairs_compared, 12 * one.pairs_compared);
   EXPECT_EQ(many.plots_searched_again, 12 * one.plots_searched_again);
+}
+
+// Two wrong plots a second apart support each other: without either alone the score is lower.
+TEST(DropStretch, TakesWhatSupportsItselfTogether) {
+  const auto with_score = [](std::vector<std::uint32_t> plots) {
+    const double scores[] = {10.0, 5.0, 5.0, 20.0};  // by how many of the first two are gone
+    const auto gone = 6 - plots.size();
+    return Path{std::move(plots), scores[gone == 2 ? 3 : gone]};
+  };
+  Path path = with_score({0, 1, 2, 3, 4, 5});
+  const auto time_of = [](std::uint32_t plot) {
+    return static_cast<TimeNs>(plot < 2 ? plot : 2) * 1'000'000'000 + plot * 100'000'000;
+  };
+  EXPECT_FALSE(DropStretch(time_of, with_score, 1, &path));
+  EXPECT_TRUE(DropStretch(time_of, with_score, 2, &path));
+  EXPECT_EQ(path.plots, (std::vector<std::uint32_t>{2, 3, 4, 5}));
+  EXPECT_EQ(path.score, 20.0);
+}
+
+// Scores drawn for each set of plots: the best of all stretches that begin and end at a pause or at
+// an end of the path, of at most six plots.
+TEST(DropStretch, FindsTheBestOfAllStretches) {
+  Random random(8);
+  int num_changed = 0;
+  for (int draw = 0; draw < 300; ++draw) {
+    const auto count = 2 + random.Index(9);
+    std::vector<TimeNs> times_ns = {0};
+    while (times_ns.size() < count) {
+      times_ns.push_back(times_ns.back() + (random.Index(2) == 0 ? 100'000'000 : 500'000'000));
+    }
+    std::map<std::vector<std::uint32_t>, double> scores;
+    const auto with_score = [&](std::vector<std::uint32_t> plots) {
+      const double score = scores.try_emplace(plots, random.Uniform(0.0, 5.0)).first->second;
+      return Path{std::move(plots), score};
+    };
+    std::vector<std::uint32_t> all(count);
+    std::iota(all.begin(), all.end(), 0U);
+    Path path = with_score(all);
+    Path best = path;
+    const auto is_pause = [&](std::size_t i) {
+      return i == 0 || i == count || times_ns[i] - times_ns[i - 1] == 500'000'000;
+    };
+    for (std::size_t first = 0; first < count; ++first) {
+      for (std::size_t last = first + 1; last <= count; ++last) {
+        if (!is_pause(first) || !is_pause(last) || last - first > 6 || last - first == count)
+          continue;
+        std::vector<std::uint32_t> rest = all;
+        rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(first),
+                   rest.begin() + static_cast<std::ptrdiff_t>(last));
+        const Path without = with_score(rest);
+        if (without.score > best.score) best = without;
+      }
+    }
+    const bool is_better = best.score > path.score + kMinExchangeLog;
+    const Path before = path;
+    EXPECT_EQ(DropStretch([&](std::uint32_t i) { return times_ns[i]; }, with_score, 6, &path),
+              is_better);
+    EXPECT_EQ(path.plots, is_better ? best.plots : before.plots);
+    num_changed += is_better ? 1 : 0;
+  }
+  EXPECT_GT(num_changed, 100);
 }
 
 }  // namespace

@@ -46,15 +46,24 @@ class PathScorer {
   const TrackerConfig& config_;
 };
 
-// Drops the short run of plots, between two pauses or before the first or after the last one,
-// without which the score is highest, if it grows by more than kMinExchangeLog: a search with a
-// limited gap had to use it. `time_of`: of a plot of the path; `with_score`: the path of such
+// Runs of plots that DropStretch() drops together. The sparse beginning of a flight, before a long
+// pause, may score less than none and be true: a recording keeps what several runs tell together.
+// In a stream the clutter of its first seconds is hardly known, and what is wrong is written at
+// once.
+constexpr std::size_t kMaxDroppedRunsOfRecording = 1;
+constexpr std::size_t kMaxDroppedRunsOfStream = 6;
+
+// Drops the stretch of plots, between two pauses or before or after one, without which the score is
+// highest, if it grows by more than kMinExchangeLog: a search with a limited gap had to use it, or
+// it displaced the birth that later plots make likelier. It has at most six plots, in `max_runs`
+// runs with pauses between them. `time_of`: of a plot of the path; `with_score`: the path of such
 // plots. Returns true if the path changed.
-bool DropShortRun(const std::function<TimeNs(std::uint32_t)>& time_of,
-                  const std::function<Path(std::vector<std::uint32_t>)>& with_score, Path* path);
+bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
+                 const std::function<Path(std::vector<std::uint32_t>)>& with_score,
+                 std::size_t max_runs, Path* path);
 
 // Same, scored by `scorer`.
-bool DropShortRun(const PathScorer& scorer, Path* path);
+bool DropStretch(const PathScorer& scorer, std::size_t max_runs, Path* path);
 
 // Positions are noisy, and the initial velocity of a path is unknown.
 constexpr double kReachSlack_m = 2.0;

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import tomllib
+from pathlib import Path
 
 from ruamel.yaml import YAML
 from synthetic import PROJECT
@@ -27,3 +30,18 @@ def test_a_release_is_built_of_what_is_there() -> None:
     assert [
         s for s in steps if "run" not in s and not re.search(r"@(v\d|release/)", s["uses"])
     ] == []
+
+
+def test_tools_are_installed_as_the_project_above(tmp_path: Path) -> None:
+    code = (
+        "import sys, project_above; project_above.prepare_metadata_for_build_editable(sys.argv[1])"
+    )
+    command = (sys.executable, "-c", code, tmp_path)
+    run = subprocess.run(command, cwd=PROJECT / "tools", capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    described = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]
+    (metadata,) = tmp_path.glob("*.dist-info/METADATA")
+    assert metadata.read_text().splitlines()[1] == f"Name: {described['name']}"
+    backend = tomllib.loads((PROJECT / "tools/pyproject.toml").read_text())["build-system"]
+    own = tomllib.loads((PROJECT / "pyproject.toml").read_text())["build-system"]
+    assert backend["requires"] == own["requires"]

@@ -150,9 +150,15 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
   return paths_;
 }
 
+bool LiveSearch::IsFree(const Path& path) const {
+  return std::all_of(path.plots.begin(), path.plots.end(),
+                     [&](std::uint32_t i) { return free_[i] != 0; });
+}
+
 // As in a recording: each plot keeps few hypotheses, so what is likelier only by later plots may
 // have been displaced.
 const Path& LiveSearch::Pruned(const Path& path) {
+  if (!IsFree(path)) return path;
   const PathScorer scorer(
       plots_, log_births_, models_, [&](const Plot& plot) { return frame_times_.At(plot.frame); },
       config_.robust.tracker);
@@ -168,8 +174,8 @@ Rejection LiveSearch::Judge(const Path& path) {
   flight.plots.clear();
   plots.clear();
   cuts_.clear();
+  if (!IsFree(path)) return Rejection::kSharesReturns;
   for (const std::uint32_t i : path.plots) {
-    if (!free_[i]) return Rejection::kSharesReturns;
     flight.plots.push_back(recent_plots_[i]);
     plots.push_back(recent_plots_[i].plot);
   }

@@ -87,6 +87,7 @@ class LiveSearch {
   void CountPlots(const SceneFrame& frame);
   double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
+  bool IsFree(const Path& path) const;  // no track has one of its plots
   bool IsCrowded(const Path& path) const;
 
   const Config& config_;

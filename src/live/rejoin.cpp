@@ -9,14 +9,13 @@
 namespace unlidar {
 
 std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
-    const TrackModel& model, const Hypothesis& confirmed,
-    const std::vector<const FollowedPlot*>& plots) {
+    const TrackModel& model, const Hypothesis& confirmed, const std::vector<FollowedPlot>& plots) {
   const TrackModel judge = model.With(TimeOutOfView::kLogUniform);
   const auto with_score = [&](std::vector<std::uint32_t> members) {
     const bool ends_there = members.back() + 1 == plots.size();
     Hypothesis h = confirmed;
     for (const std::uint32_t i : members) {
-      h = judge.PredictAndUpdate(h, plots[i]->seen.plot, plots[i]->at);
+      h = judge.PredictAndUpdate(h, plots[i].seen.plot, plots[i].at);
     }
     return Path{std::move(members),
                 ends_there ? h.score : -std::numeric_limits<double>::infinity()};
@@ -24,13 +23,13 @@ std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
   std::vector<std::uint32_t> all(plots.size());
   std::iota(all.begin(), all.end(), 0U);
   Path path = with_score(std::move(all));
-  while (DropStretch([&](std::uint32_t i) { return plots[i]->seen.plot.time_ns; }, with_score,
+  while (DropStretch([&](std::uint32_t i) { return plots[i].seen.plot.time_ns; }, with_score,
                      kMaxDroppedRunsOfStream, &path)) {
   }
   std::vector<std::pair<std::size_t, Hypothesis>> way;
   Hypothesis h = confirmed;
   for (const std::uint32_t i : path.plots) {
-    h = judge.PredictAndUpdate(h, plots[i]->seen.plot, plots[i]->at);
+    h = judge.PredictAndUpdate(h, plots[i].seen.plot, plots[i].at);
     way.emplace_back(i, h);
   }
   return way;

@@ -15,7 +15,6 @@ namespace unlidar {
 // it may have been out of view, and short stretches of plots that lower the score are left out: the
 // target was followed across the gap by whatever was there, and beyond max_gap_s by nothing else.
 std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
-    const TrackModel& model, const Hypothesis& confirmed,
-    const std::vector<const FollowedPlot*>& plots);
+    const TrackModel& model, const Hypothesis& confirmed, const std::vector<FollowedPlot>& plots);
 
 }  // namespace unlidar

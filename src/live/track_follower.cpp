@@ -32,7 +32,7 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
   std::vector<const Plot*> path;
   for (std::size_t i = 0; i < flight.plots.size(); ++i) {
     path.push_back(&flight.plots[i].plot);
-    plots_.push_back({flight.plots[i], flight.frame_times[i]});
+    AddPlot(flight.plots[i], flight.frame_times[i]);
   }
   for (std::uint32_t m = 0; m < models.size(); ++m) {
     Node node;
@@ -108,19 +108,17 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
                                         plots[i].plot, at, association.gain);
       if (node.h.state.mean.col(1).norm() > tracker_.max_speed_mps) continue;
       if (!is_taken) {
-        FollowedPlot& followed = plots_.Append();
-        followed.seen = plots[i];
-        followed.at = at;
+        AddPlot(plots[i], at);
         is_taken = has_new_plots_ = true;
       }
       node.plot = first_plot_ + plots_.size() - 1;
       node.parent = association.leaf;
       const std::int32_t confirmed = ConfirmedAt(association.leaf);
-      const double gain = node.h.score - nodes_[static_cast<std::size_t>(confirmed)].h.score;
-      const bool is_continuous =
-          confirmed == association.leaf && at.time_s - from.h.time_s <= kMaxCoastS;
-      const bool is_confirmed = is_continuous || gain >= kReacquisitionGain;
-      if (is_confirmed && !is_continuous) Rejoin(confirmed, &node);
+      const Hypothesis& last = nodes_[static_cast<std::size_t>(confirmed)].h;
+      const bool has_coasted = at.time_s - last.time_s > kMaxCoastS;
+      const bool is_confirmed = (confirmed == association.leaf && !has_coasted) ||
+                                node.h.score - last.score >= kReacquisitionGain;
+      if (is_confirmed && has_coasted) Rejoin(confirmed, &node);
       node.current_score = node.h.score;
       const auto index_of_node = static_cast<std::int32_t>(nodes_.size());
       if (is_confirmed) node.confirmed = index_of_node;
@@ -138,6 +136,11 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
   std::swap(leaves_, next);
 }
 
+void TrackFollower::AddPlot(const LivePlot& seen, const FrameTime& at) {
+  frame_times_.Add(static_cast<std::uint32_t>(first_plot_ + plots_.size()), at);
+  plots_.push_back(seen);
+}
+
 // Lets a reacquired target reach its new node from the newest confirmed one as RejoinedPlots() has
 // it.
 void TrackFollower::Rejoin(std::int32_t confirmed, Node* node) {
@@ -147,9 +150,12 @@ void TrackFollower::Rejoin(std::int32_t confirmed, Node* node) {
     plots.push_back(nodes_[static_cast<std::size_t>(k)].plot);
   }
   std::reverse(plots.begin(), plots.end());
-  std::vector<const FollowedPlot*> followed;
+  std::vector<FollowedPlot> followed;
   followed.reserve(plots.size());
-  for (const std::size_t plot : plots) followed.push_back(&plots_[plot - first_plot_]);
+  for (const std::size_t plot : plots) {
+    followed.push_back(
+        {plots_[plot - first_plot_], frame_times_.At(static_cast<std::uint32_t>(plot))});
+  }
   const std::size_t last = plots.size() - 1;
   std::int32_t parent = confirmed;
   for (const auto& [i, hypothesis] : RejoinedPlots(
@@ -274,6 +280,7 @@ void TrackFollower::Forget() {
   for (std::int32_t& leaf : leaves_) leaf = moved[static_cast<std::size_t>(leaf)];
   settled_ = moved[static_cast<std::size_t>(settled_)];
   for (; first_plot_ < first_plot; ++first_plot_) plots_.pop_front();
+  frame_times_.Forget(static_cast<std::uint32_t>(first_plot));
 }
 
 void TrackFollower::UpdateFrameLength(const Node& node,

@@ -11,6 +11,7 @@
 #include "collection/collect.hpp"
 #include "collection/frame_length.hpp"
 #include "live/live_plot.hpp"
+#include "live/recent_frame_times.hpp"
 #include "live/track_fit.hpp"
 #include "tracking/track_model.hpp"
 #include "trajectory/trajectory_fitter.hpp"
@@ -82,7 +83,8 @@ class TrackFollower {
     std::vector<std::int32_t> moved;  // (nodes) new indices
   };
 
-  const LivePlot& PlotOf(const Node& node) const { return plots_[node.plot - first_plot_].seen; }
+  const LivePlot& PlotOf(const Node& node) const { return plots_[node.plot - first_plot_]; }
+  void AddPlot(const LivePlot& seen, const FrameTime& at);
   void Rejoin(std::int32_t confirmed, Node* node);
   std::int32_t BestLeaf() const;
   // The newest confirmed node on the path to a leaf, and on the path to the best leaf.
@@ -104,8 +106,9 @@ class TrackFollower {
   bool uses_frame_length_;
   std::vector<Node> nodes_;           // parents first
   std::vector<std::int32_t> leaves_;  // that can be extended
-  Queue<FollowedPlot> plots_;
-  std::size_t first_plot_ = 0;  // number of the first in plots_
+  Queue<LivePlot> plots_;
+  RecentFrameTimes frame_times_;  // by number of the plot
+  std::size_t first_plot_ = 0;    // number of the first in plots_
   std::int32_t settled_ = kNoIndex;
   TimeNs first_evidence_ns_ = 0;
   TrackFit fit_;

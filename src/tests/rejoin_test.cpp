@@ -54,24 +54,22 @@ class RejoinTest : public ::testing::Test {
   }
 
   // Score of the way through these plots, by the model that judges ways.
-  double Score(const std::vector<const FollowedPlot*>& plots) const {
+  double Score(const std::vector<FollowedPlot>& plots) const {
     const TrackModel judge = models_[0].With(TimeOutOfView::kLogUniform);
     Hypothesis h = confirmed_;
-    for (const FollowedPlot* one : plots) h = judge.PredictAndUpdate(h, one->seen.plot, one->at);
+    for (const FollowedPlot& one : plots) h = judge.PredictAndUpdate(h, one.seen.plot, one.at);
     return h.score;
   }
 
   std::vector<std::size_t> Kept(const std::vector<FollowedPlot>& plots) const {
-    std::vector<const FollowedPlot*> all;
-    for (const FollowedPlot& one : plots) all.push_back(&one);
     std::vector<std::size_t> kept;
-    std::vector<const FollowedPlot*> way;
-    for (const auto& [i, hypothesis] : RejoinedPlots(models_[0], confirmed_, all)) {
+    std::vector<FollowedPlot> way;
+    for (const auto& [i, hypothesis] : RejoinedPlots(models_[0], confirmed_, plots)) {
       kept.push_back(i);
-      way.push_back(all[i]);
+      way.push_back(plots[i]);
       EXPECT_DOUBLE_EQ(hypothesis.score, Score(way));
     }
-    EXPECT_GE(Score(way), Score(all));
+    EXPECT_GE(Score(way), Score(plots));
     return kept;
   }
 
@@ -103,10 +101,10 @@ TEST_F(RejoinTest, NoOtherRunAloneLowersTheScoreOfTheWay) {
     plots.push_back(PlotAt(150, DroneM(150)));
     const std::vector<std::size_t> kept = Kept(plots);
     ASSERT_EQ(kept.back(), plots.size() - 1);
-    std::vector<const FollowedPlot*> way;
-    for (const std::size_t i : kept) way.push_back(&plots[i]);
+    std::vector<FollowedPlot> way;
+    for (const std::size_t i : kept) way.push_back(plots[i]);
     for (std::size_t k = 0; k + 1 < way.size(); ++k) {
-      std::vector<const FollowedPlot*> without = way;
+      std::vector<FollowedPlot> without = way;
       without.erase(without.begin() + static_cast<std::ptrdiff_t>(k));
       EXPECT_LE(Score(without), Score(way) + kMinExchangeLog);
     }

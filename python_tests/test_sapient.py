@@ -192,6 +192,29 @@ def test_an_alarm_is_an_alert_until_its_track_ends(site) -> None:
     check(middleware)
 
 
+def test_alerts_of_a_long_history_are_those_that_go_on(site, tmp_path) -> None:
+    """The node registers while it still reads."""
+    events = tmp_path / "events.jsonl"
+    appended(events)(
+        *WELL, sensor("avia", "blinded"), track(7, 1.0), *(row(7, t / 50) for t in range(4000)),
+        end(7, 90.0), sensor("avia", "ok", 90.0), track(8, 91.0),
+        *(row(8, 91.0 + t / 10) for t in range(40)),
+    )  # fmt: skip
+    with Middleware() as middleware, Relay(events, url(middleware), "--site", site) as relay:
+        middleware.wait_for("alert")
+        appended(events)(end(8, 100.0))
+        middleware.wait_until("alert", lambda alert: alert.status == Alert.ALERT_STATUS_CLEAR)
+        assert relay.end(signal.SIGTERM)[0] == 0
+    told = [(alert.description, alert.status) for alert in middleware.all("alert")]
+    assert told == [
+        ("track 8 in apron", Alert.ALERT_STATUS_ACTIVE),
+        ("track 8 in apron", Alert.ALERT_STATUS_CLEAR),
+    ]
+    texts = {s.status_value for r in middleware.all("status_report") for s in r.status}
+    assert "LiDAR avia blinded" not in texts
+    check(middleware)
+
+
 def test_requests_are_fulfilled_and_all_else_is_rejected_by_its_name(site) -> None:
     rejected = {
         "mode_change fast": {"command": Task.Command(mode_change="fast")},

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymap3d import geodetic2enu
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
-from station_events import ORIGIN, end, now, row, sensor, square, state, track, write_site
+from station_events import BEGIN_NS, ORIGIN, end, now, row, sensor, square, state, track, write_site
 from ulid import ULID
 from unlidar.events.site import Place, Site, load_site, load_zones
 from unlidar.events.station import Station
@@ -41,6 +41,16 @@ def drawn(*lines: str, picture: Picture | None = None, site: Site | None = None)
     for line in lines:
         for message in station.take(line):
             picture.take(message)
+    return picture
+
+
+def learnt(*lines: str, site: Site | None = None) -> Picture:
+    """The picture of one who reads these events of before its start, and may read on."""
+    station = Station(site or Site(), load_zones(site) if site else ())
+    picture = Picture(NODE, Clock())
+    for line in lines:
+        for message in station.take(line):
+            picture.learn(message)
     return picture
 
 
@@ -137,11 +147,8 @@ def test_a_track_that_ended_between_two_scans_is_told_once_as_lost() -> None:
 
 
 def test_what_was_told_before_the_start_gives_ids_and_health_but_no_reports() -> None:
-    station = Station(Site())
-    picture = Picture(NODE, Clock())
-    for line in (sensor("avia", "blinded"), state("running"), track(7, 1.0), now(7, 1.0)):
-        for message in station.take(line):
-            picture.learn(message)
+    picture = learnt(sensor("avia", "blinded"), state("running"), track(7, 1.0), now(7, 1.0))
+    picture.learned()
     assert not picture.waiting
     assert [s.text for s in picture.health().told][-1].startswith("no LiDAR sees")
     drawn(now(7, 2.0), picture=picture)
@@ -150,6 +157,67 @@ def test_what_was_told_before_the_start_gives_ids_and_health_but_no_reports() ->
     assert known.object_id == fresh.object_id
     (other,) = drawn(track(7, 9.0), now(7, 9.0)).take_fresh()  # its number came again
     assert other.object_id != known.object_id
+
+
+def test_nothing_of_a_history_is_told_while_it_is_read(tmp_path) -> None:
+    site = load_site(write_site(tmp_path, [square(50, "apron")]))
+    flight = [row(7, t / 10) for t in range(40)]
+    picture = learnt(sensor("avia", "blinded"), *flight, site=site)
+    picture.tell_again()  # who comes meanwhile
+    assert not picture.waiting
+    (told_of,) = picture.health().told
+    assert told_of.text.endswith("is being read")
+    picture.learned()
+    (alert,) = picture.take_alerts()
+    assert alert.is_active
+    assert len(picture.health().told) > 1
+    over = learnt(*flight, end(7, 20.0), site=site)
+    over.learned()
+    assert not over.waiting
+
+
+def test_the_latest_ends_are_told_again_to_who_comes_anew(tmp_path) -> None:
+    site = load_site(write_site(tmp_path, [square(50, "apron")]))
+    station, picture = Station(site, load_zones(site)), Picture(NODE, Clock())
+
+    def take(*lines: str) -> None:
+        for line in lines:
+            for message in station.take(line):
+                picture.take(message)
+
+    def ends() -> list[str]:
+        return [t.object_id for t in picture.take_lost()] + [
+            a.alert_id for a in picture.take_alerts() if not a.is_active
+        ]
+
+    take(*(row(7, t / 10) for t in range(40)))
+    (raised,) = picture.take_alerts()
+    take(end(7, 20.0))
+    known = [raised.object_id, raised.alert_id]
+    assert ends() == known
+    assert ends() == []
+    picture._monotonic_s.now_s += 10.0  # that the loss of a connection may need
+    for _ in range(2):
+        picture.tell_again()
+        assert ends() == known
+    picture._monotonic_s.now_s += 3600.0  # in which nobody was there
+    picture.tell_again()
+    assert ends() == known
+    picture._monotonic_s.now_s += 3600.0
+    assert ends() == []  # who is there has had time to take it
+    picture.tell_again()
+    assert ends() == []
+
+
+@pytest.mark.parametrize(("ago_s", "is_told"), [(5.0, True), (600.0, False)])
+def test_what_ended_just_before_the_start_is_told(ago_s, is_told, tmp_path, monkeypatch) -> None:
+    site = load_site(write_site(tmp_path, [square(50, "apron")]))
+    monkeypatch.setattr(time, "time", lambda: BEGIN_NS * 1e-9 + 20.0 + ago_s)
+    picture = learnt(*(row(7, 10 + t / 10) for t in range(40)), end(7, 20.0), site=site)
+    picture.learned()
+    assert [alert.is_active for alert in picture.take_alerts()] == [False] * is_told
+    lost = Reporter(NODE, Place(**ORIGIN)).lost(picture.take_lost())
+    assert [report.state for report in lost] == ["lost"] * is_told
 
 
 def test_a_picture_is_bounded(tmp_path) -> None:

@@ -49,9 +49,13 @@ class Way:
         output: "Output | SapientOutput",
         encode: Callable[[Message], Any],
         learn: Callable[[Message], None] = lambda _: None,
+        learned: Callable[[], None] = lambda: None,
     ) -> None:
-        """`learn`: takes in what is not to be sent, as it is of before the start."""
-        self.output, self._encode, self.learn = output, encode, learn
+        """`learn`: takes in what is not to be sent, as it is of before the start.
+
+        `learned`: is called when that is over.
+        """
+        self.output, self._encode, self.learn, self.learned = output, encode, learn, learned
 
     def offer(self, message: Message) -> None:
         """Queues a message without waiting."""
@@ -105,7 +109,7 @@ def _sapient_way(address: Address, wanted: Wanted, site: Site) -> Way:
     output = SapientOutput(
         address, site.station, site.origin, wanted.interval_s(address.scheme), wanted.node_id
     )
-    return Way(output, lambda message: message, output.learn)
+    return Way(output, lambda message: message, output.learn, output.learned)
 
 
 async def relay(
@@ -124,8 +128,13 @@ async def relay(
     running = [asyncio.ensure_future(way.output.run()) for way in ways]
 
     async def take() -> None:
+        is_learning = False
         async for line in source.lines():
             is_sent = all_of_it or not line.old
+            if is_learning and is_sent:
+                for way in ways:
+                    way.learned()
+            is_learning = not is_sent
             for message in station.take(line.data, placed=is_sent):
                 keep(message)
                 if isinstance(message.event, Returns):

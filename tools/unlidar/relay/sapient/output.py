@@ -66,6 +66,11 @@ class SapientOutput:
         """Takes in what was told before the start."""
         self._picture.learn(message)
 
+    def learned(self) -> None:
+        """Ends what `learn` began."""
+        self._picture.learned()
+        self._changed.set()
+
     def offer(self, message: Message, spare: bool) -> None:
         """Takes in a message without waiting."""
         tells_position = self._picture.take(message)

@@ -5,7 +5,7 @@ Only the newest counts: whoever was away is told of now, and nothing piles up.
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ _MOST_LAG_S = 1.0  # of this computer's clock behind the newest stamp, where bot
 _LIVE_S = 60.0
 _PREFERS_NOW_S = 2.0  # after an event `now` rows tell no position for so long
 _MOST_ALARMS = 1000
+_UNSURE_S = 30.0  # a connection that is lost may have taken what was told for so long in vain
 _OK, _OVERLOADED = "ok", "overloaded"
 _CLOCK_LOST = "lost"
 _WARNING, _ERROR = StatusReport.SYSTEM_WARNING, StatusReport.SYSTEM_ERROR
@@ -87,21 +88,37 @@ class Picture:
         self._lost: deque[Track] = deque(maxlen=MOST_TRACKS)
         self._alarms: dict[tuple[int, str], Alert] = {}
         self._alerts: deque[Alert] = deque(maxlen=_MOST_ALARMS)
+        # Ends that were told, with the time: nothing that goes on would tell them again.
+        self._told: deque[tuple[float, Track | Alert]] = deque(maxlen=MOST_TRACKS + _MOST_ALARMS)
+        self._is_learning = False
         self._sensors: dict[str, SensorState] = {}
         self._engine: str | None = None
         self._heard_s: float | None = None
         self._now_s = -_PREFERS_NOW_S
 
     def learn(self, message: Message) -> None:
-        """Takes in what was told before the start, which is not told again."""
+        """Takes in what was told before the start, which is not told, but for the latest ends.
+
+        A relay that was killed may have left a track and an alert that nobody else ends.
+        """
+        self._is_learning = True
         self.take(message)
+        is_live = abs(time.time() - message.at_ns * 1e-9) <= _LIVE_S
         if isinstance(message.event, Row | Now):
             track = self._tracks[message.event.track]
-            track.state, track.is_fresh = None, False
-        self._lost.clear()
-        self._alerts.clear()
-        if abs(time.time() - message.at_ns * 1e-9) > _LIVE_S:
+            track.is_fresh = False
+            if not is_live:
+                track.state = None
+        self.take_lost()
+        self.take_alerts()
+        if not is_live:
+            self._told.clear()
             self._heard_s = None
+
+    def learned(self) -> None:
+        """Ends the learning: who is there already is told of what goes on."""
+        self._is_learning = False
+        self.tell_again()
 
     def take(self, message: Message) -> bool:
         """Takes in an event or an alarm; True if it tells a position."""
@@ -140,20 +157,28 @@ class Picture:
         return [track for track in fresh if track.age_s(now_s) <= _OLDEST_S]
 
     def take_lost(self) -> list[Track]:
-        """The tracks that have ended; each once."""
+        """The tracks that have ended; each once in a connection."""
         lost = list(self._lost)
         self._lost.clear()
+        self._keep(lost)
         return lost
 
     def take_alerts(self) -> list[Alert]:
-        """The alarms that have begun or ended; each once."""
+        """The alarms that have begun or ended; each once in a connection."""
         alerts = list(self._alerts)
         self._alerts.clear()
+        self._keep([alert for alert in alerts if not alert.is_active])
         return alerts
 
     def tell_again(self) -> None:
-        """Marks all that goes on as new, for one who knows nothing of it."""
-        ended = [alert for alert in self._alerts if not alert.is_active]
+        """Marks all that goes on, and the latest ends, as new, for one who comes anew."""
+        if self._is_learning:
+            return
+        ends = [end for _, end in self._told]
+        self._told.clear()
+        self._lost.extendleft(end for end in reversed(ends) if isinstance(end, Track))
+        ended = [end for end in ends if isinstance(end, Alert)]
+        ended += [alert for alert in self._alerts if not alert.is_active]
         self._alerts.clear()
         self._alerts.extend((*ended, *self._alarms.values()))
 
@@ -170,6 +195,9 @@ class Picture:
 
     def health(self) -> Health:
         """What the operator must know: LiDARs that do not see, an engine that is behind or away."""
+        if self._is_learning:
+            text = "what the engine told before the start is being read"
+            return Health(_WARNING, (_warning(StatusReport.STATUS_TYPE_NOT_DETECTING, text),))
         told, system = self._engine_health()
         away = {name: s.state for name, s in self._sensors.items() if s.state != _OK}
         is_blind = len(away) == len(self._sensors) > 0
@@ -211,6 +239,12 @@ class Picture:
             text = "the engine is overloaded: weak drones may be missed"
             return [_warning(StatusReport.STATUS_TYPE_INTERNAL_FAULT, text)], _WARNING
         return [], StatusReport.SYSTEM_OK
+
+    def _keep(self, ends: Iterable[Track | Alert]) -> None:
+        now_s = self._monotonic_s()
+        while self._told and now_s - self._told[0][0] > _UNSURE_S:
+            self._told.popleft()
+        self._told.extend((now_s, end) for end in ends)
 
     def _track(self, number: int, first_ns: int) -> Track:
         track = self._tracks.get(number)

@@ -470,7 +470,7 @@ def test_what_came_while_the_file_was_opened_is_new(tmp_path) -> None:
 
     async def flags() -> list[bool]:
         with path.open("rb") as file:
-            pieces = _File(str(path), path)._of(file, len(old))
+            pieces = _File(str(path), path, whole=False)._of(file, len(old))
             return [line.old for _ in range(2) for line in await anext(pieces)]
 
     assert asyncio.run(flags()) == [True, False]

@@ -69,7 +69,7 @@ def act(a: argparse.Namespace) -> None:
         raise UsageError("nobody to tell: give a URL, outputs in the file of --site, or --store")
     if a.events.startswith(("mqtt://", "mqtts://")):
         raise UsageError(f"'{a.events}', expected the events of one engine")
-    source = open_source(a.events)
+    source = open_source(a.events, whole=a.all or a.store is not None)
 
     async def run() -> None:
         from unlidar.history.keeper import keeping

@@ -13,6 +13,7 @@ from typing import BinaryIO
 
 from unlidar.addresses import Scheme, read_address
 from unlidar.errors import InputError, reason
+from unlidar.events.bygone import Bygone
 from unlidar.events.lines import Line, Lines, Source
 from unlidar.events.site import Tls
 from unlidar.reporting import RateLimitedNote, note
@@ -24,10 +25,11 @@ _DIAL_S = 10.0
 _EXPECTED = "a file, -, tcp://HOST:PORT or mqtt[s]://HOST"
 
 
-def open_source(text: str, tls: Tls | None = None) -> Source:
+def open_source(text: str, tls: Tls | None = None, whole: bool = True) -> Source:
     """The source of a command line argument: `-`, tcp://HOST:PORT, mqtt[s]://HOST or a file.
 
-    `tls`: for a broker; None: the system's trust store.
+    `tls`: for a broker; None: the system's trust store. Unless `whole`, what a file held before is
+    read without what matters no more.
 
     UsageError for any other text, InputError for a file in a missing folder.
     """
@@ -45,7 +47,7 @@ def open_source(text: str, tls: Tls | None = None) -> Source:
         raise InputError(f"{path}: is no file of events and cannot become one")
     if path.is_fifo():
         return _Fifo(text, path)
-    return _File(text, path)
+    return _File(text, path, whole)
 
 
 class _File(Source):
@@ -54,9 +56,10 @@ class _File(Source):
     Waits for a file that does not exist yet.
     """
 
-    def __init__(self, name: str, path: Path) -> None:
+    def __init__(self, name: str, path: Path, whole: bool) -> None:
         super().__init__(name)
         self._path = path
+        self._whole = whole
         self._failed = RateLimitedNote(f"{path}: cannot be read, it is tried again")
 
     async def _read(self) -> AsyncIterator[list[Line]]:
@@ -101,6 +104,7 @@ class _File(Source):
 
     async def _of(self, file: BinaryIO, old_bytes: int) -> AsyncIterator[list[Line]]:
         """The lines of one file until it is replaced or truncated."""
+        bygone = await self._bygone(file, old_bytes)
         cut, done = Lines(), 0
         while True:
             replaced = self._replaced(file, done)  # before reading, so the rest is read
@@ -112,11 +116,25 @@ class _File(Source):
                 data = b""
             if data:
                 done += len(data)
-                yield [Line(line, old=done <= old_bytes) for line in cut.take(data)]
+                is_old, lines = done <= old_bytes, cut.take(data)
+                if is_old and bygone is not None:
+                    lines = bygone.rest(lines)
+                yield [Line(line, old=is_old) for line in lines]
                 continue
             if replaced:
                 return
             await asyncio.sleep(_LOOK_S)
+
+    async def _bygone(self, file: BinaryIO, old_bytes: int) -> Bygone | None:
+        if self._whole or not old_bytes:
+            return None
+        try:
+            return await asyncio.to_thread(Bygone, file, old_bytes)
+        except OSError as error:
+            self._failed(reason(error))
+            return None
+        finally:
+            file.seek(0)
 
     def _replaced(self, file: BinaryIO, done: int) -> bool:
         try:

@@ -31,6 +31,8 @@ from test_relay_links import serving
 from unlidar.addresses import Scheme, read_address
 from unlidar.events.site import Place, Site
 from unlidar.events.station import Station
+from unlidar.relay.sapient.connection import Connection
+from unlidar.relay.sapient.ids import lasting_node_id
 from unlidar.relay.sapient.output import SapientOutput
 from unlidar.relay.sapient.rules import faults
 
@@ -284,6 +286,30 @@ def test_who_takes_nothing_more_is_left_and_called_again(caplog) -> None:
     # By our patience or by the system's, whichever ends first.
     said = " ".join(record.getMessage() for record in caplog.records)
     assert "took nothing for" in said or "Connection lost" in said
+
+
+def test_little_waits_for_who_reads_nothing_and_none_of_it_in_the_process() -> None:
+    """What is sent is out of the reach of a SIGKILL, and what is not is told as it is then."""
+    full = threading.Event()
+
+    def talk(client: socket.socket) -> None:
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        full.wait(PATIENCE_S)
+
+    async def fill(port: int) -> int:
+        connection, sent = Connection("a middleware", lasting_node_id("north")), 0
+        await connection.open("127.0.0.1", port)
+        with pytest.raises(ConnectionError, match="took nothing"):
+            while True:
+                await connection.send([Error(packet=bytes(300))], "error")
+                assert connection._writer.transport.get_write_buffer_size() == 0
+                sent += 300
+        await connection.close()
+        return sent
+
+    with serving(talk) as port:
+        assert 0 < asyncio.run(fill(port)) < 300_000
+        full.set()
 
 
 def test_a_clock_that_is_set_back_begins_a_new_session(monkeypatch, caplog) -> None:

@@ -19,6 +19,7 @@ _LENGTH = struct.Struct("<I")
 _MOST_BYTES = 1 << 18  # of a message that comes; those for a node are far smaller
 _MOST_FAULTS = 3  # that are told
 _MOST_RETURNED = 4096  # of a message that is not understood, in the answer to it
+_MOST_UNSENT = 4096  # bytes in the system that the other machine has no room for
 _DIAL_S = 10.0
 _REST_S = 0.01  # between two messages that come, or as long as the last one took if that is more
 _CLOCK_BACK_NS = 50_000_000  # a smaller step back is bridged
@@ -43,10 +44,12 @@ class Connection:
                 self._reader, self._writer = await asyncio.open_connection(host, port)
         except TimeoutError as error:
             raise ConnectionError(f"no answer within {_DIAL_S:g} s") from error
+        self._writer.transport.set_write_buffer_limits(high=0)  # what is sent survives a SIGKILL
+        wire = self._writer.get_extra_info("socket")
         # A middleware without power would be missed by the system after a quarter of an hour.
-        self._writer.get_extra_info("socket").setsockopt(
-            socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(_DIAL_S * 1000)
-        )
+        wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(_DIAL_S * 1000))
+        # Megabytes for one that hangs would be positions of minutes ago when it goes on.
+        wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _MOST_UNSENT)
         self._newest_ns = 0
 
     def now_ns(self) -> int:

@@ -30,6 +30,7 @@ EVENTS = (
     "event",  # what may come in, and how it leaves
     "fair",  # a queue of several senders
     "lines",  # lines wherever they come from
+    "bygone",  # what a file held before the start
     "site",  # where a station stands, its zones
     "tls",
     "mqtt",

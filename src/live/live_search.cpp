@@ -165,7 +165,8 @@ const Path& LiveSearch::Pruned(const Path& path) {
   pruned_ = scorer.WithScore(path.plots);
   while (DropStretch(scorer, kMaxDroppedRunsOfStream, &pruned_)) {
   }
-  return pruned_;
+  // It is a path to the present frame.
+  return pruned_.plots.back() == path.plots.back() ? pruned_ : path;
 }
 
 Rejection LiveSearch::Judge(const Path& path) {

@@ -170,7 +170,8 @@ TEST(LiveSearch, EachGateIsReachedAndNamed) {
 }
 
 TEST(LiveSearch, APathIsPrunedOfPlotsThatLowerItsScore) {
-  Plots plots;
+  const Config config;
+  Plots plots(config);
   const auto place_at = [](int i) {
     return Eigen::Vector3d(3.0 * testing::MiddleS(i) - 10.0, 0.0, kRangeM);
   };

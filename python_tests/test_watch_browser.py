@@ -10,7 +10,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import matplotlib.image
@@ -219,16 +219,15 @@ def ended() -> str:
 
 
 @contextlib.contextmanager
-def hovering(folder: Path) -> Iterator[None]:
-    """Drone 7 is still told of, as far as the tests are slow."""
-    one_drone(folder)
+def telling(folder: Path, interval_s: float, lines: Callable[[float], str]) -> Iterator[None]:
+    """Events of now, by their second, are appended at this interval."""
     stop = threading.Event()
 
     def tell() -> None:
-        while not stop.wait(0.2):
+        while not stop.wait(interval_s):
             at = (time.time_ns() - station_events.BEGIN_NS) * 1e-9
             with (folder / "events.jsonl").open("a") as file:
-                file.write(row(7, max(at, 4.0), INSIDE, VELOCITY) + "\n")
+                file.write(lines(at))
 
     thread = threading.Thread(target=tell)
     thread.start()
@@ -237,6 +236,14 @@ def hovering(folder: Path) -> Iterator[None]:
     finally:
         stop.set()
         thread.join()
+
+
+@contextlib.contextmanager
+def hovering(folder: Path) -> Iterator[None]:
+    """Drone 7 is still told of, as far as the tests are slow."""
+    one_drone(folder)
+    with telling(folder, 0.2, lambda at: row(7, max(at, 4.0), INSIDE, VELOCITY) + "\n"):
+        yield
 
 
 def test_the_table_health_and_alarm_say_what_is(driver, folder, size) -> None:
@@ -373,21 +380,12 @@ CLOUD = np.concatenate([
 @contextlib.contextmanager
 def seeing(folder: Path, names: tuple[str, ...], rate_hz: float) -> Iterator[None]:
     """These LiDARs tell of their returns, and of nothing else."""
-    stop = threading.Event()
 
-    def tell() -> None:
-        while not stop.wait(1 / rate_hz):
-            at = (time.time_ns() - station_events.BEGIN_NS) * 1e-9
-            with (folder / "events.jsonl").open("a") as file:
-                file.write("".join(returns(name, at, CLOUD) + "\n" for name in names))
+    def lines(at: float) -> str:
+        return "".join(returns(name, at, CLOUD) + "\n" for name in names)
 
-    thread = threading.Thread(target=tell)
-    thread.start()
-    try:
+    with telling(folder, 1 / rate_hz, lines):
         yield
-    finally:
-        stop.set()
-        thread.join()
 
 
 def near_to(picture: np.ndarray, colour: tuple[int, int, int]) -> int:

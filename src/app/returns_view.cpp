@@ -116,13 +116,12 @@ ReturnsText TextOfReturns(const std::vector<Eigen::Vector3f>& points_m,
 }
 
 bool ViewPace::IsDue(TimeNs stamp_ns) {
+  const TimeNs due_ns = due_ns_.value_or(stamp_ns);
   // A clock that was set back begins anew.
-  const bool is_early = has_begun_ && stamp_ns < due_ns_ && due_ns_ - stamp_ns <= kViewIntervalNs;
-  if (is_early) return false;
+  if (stamp_ns < due_ns && due_ns - stamp_ns <= kViewIntervalNs) return false;
   // The pace is kept where stamps jitter, and never made up for after a pause.
-  const bool is_in_pace = has_begun_ && stamp_ns >= due_ns_ && stamp_ns - due_ns_ < kViewIntervalNs;
-  due_ns_ = (is_in_pace ? due_ns_ : stamp_ns) + kViewIntervalNs;
-  has_begun_ = true;
+  const bool is_in_pace = stamp_ns >= due_ns && stamp_ns - due_ns < kViewIntervalNs;
+  due_ns_ = (is_in_pace ? due_ns : stamp_ns) + kViewIntervalNs;
   return true;
 }
 

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -41,8 +42,7 @@ class ViewPace {
   bool IsDue(TimeNs stamp_ns);
 
  private:
-  bool has_begun_ = false;
-  TimeNs due_ns_ = 0;
+  std::optional<TimeNs> due_ns_;  // once it has begun
 };
 
 }  // namespace unlidar

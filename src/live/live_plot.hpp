@@ -24,12 +24,6 @@ struct LivePlot {
   Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns about their mean
 };
 
-// A plot that may belong to a track.
-struct FollowedPlot {
-  LivePlot seen;
-  FrameTime at;  // of its frame
-};
-
 // A path that is attributed to a flying target: plots of different frames, in order of time.
 struct Flight {
   std::vector<LivePlot> plots;

@@ -163,10 +163,9 @@ const Path& LiveSearch::Pruned(const Path& path) {
       plots_, log_births_, models_, [&](const Plot& plot) { return frame_times_.At(plot.frame); },
       config_.robust.tracker);
   pruned_ = scorer.WithScore(path.plots);
-  while (DropStretch(scorer, kMaxDroppedRunsOfStream, &pruned_)) {
+  while (DropStretch(scorer, Droppable::kRunsBeforeLast, &pruned_)) {
   }
-  // It is a path to the present frame.
-  return pruned_.plots.back() == path.plots.back() ? pruned_ : path;
+  return pruned_;
 }
 
 Rejection LiveSearch::Judge(const Path& path) {

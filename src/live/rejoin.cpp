@@ -1,7 +1,6 @@
 #include "live/rejoin.hpp"
 
 #include <cstdint>
-#include <limits>
 #include <numeric>
 
 #include "tracking/path_exchange.hpp"
@@ -11,28 +10,26 @@ namespace unlidar {
 std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
     const TrackModel& model, const Hypothesis& confirmed, const std::vector<FollowedPlot>& plots) {
   const TrackModel judge = model.With(TimeOutOfView::kLogUniform);
-  const auto with_score = [&](std::vector<std::uint32_t> members) {
-    const bool ends_there = members.back() + 1 == plots.size();
+  const auto way_of = [&](const std::vector<std::uint32_t>& members) {
+    std::vector<std::pair<std::size_t, Hypothesis>> way;
     Hypothesis h = confirmed;
     for (const std::uint32_t i : members) {
       h = judge.PredictAndUpdate(h, plots[i].seen.plot, plots[i].at);
+      way.emplace_back(i, h);
     }
-    return Path{std::move(members),
-                ends_there ? h.score : -std::numeric_limits<double>::infinity()};
+    return way;
+  };
+  const auto with_score = [&](std::vector<std::uint32_t> members) {
+    const double score = way_of(members).back().second.score;
+    return Path{std::move(members), score};
   };
   std::vector<std::uint32_t> all(plots.size());
   std::iota(all.begin(), all.end(), 0U);
   Path path = with_score(std::move(all));
   while (DropStretch([&](std::uint32_t i) { return plots[i].seen.plot.time_ns; }, with_score,
-                     kMaxDroppedRunsOfStream, &path)) {
+                     Droppable::kRunsBeforeLast, &path)) {
   }
-  std::vector<std::pair<std::size_t, Hypothesis>> way;
-  Hypothesis h = confirmed;
-  for (const std::uint32_t i : path.plots) {
-    h = judge.PredictAndUpdate(h, plots[i].seen.plot, plots[i].at);
-    way.emplace_back(i, h);
-  }
-  return way;
+  return way_of(path.plots);
 }
 
 }  // namespace unlidar

@@ -10,6 +10,12 @@
 
 namespace unlidar {
 
+// A plot that may belong to a track.
+struct FollowedPlot {
+  LivePlot seen;
+  FrameTime at;  // of its frame
+};
+
 // Returns the plots, by their numbers in `plots`, by which a target came from its last confirmed
 // plot to the last of these, and its hypothesis after each of them. As for a path of a recording,
 // it may have been out of view, and short stretches of plots that lower the score are left out: the

@@ -186,6 +186,11 @@ TEST(LiveSearch, APathIsPrunedOfPlotsThatLowerItsScore) {
   flight.plots.erase(flight.plots.begin());
   EXPECT_EQ(plots.search().Pruned(whole).plots, flight.plots);
   EXPECT_EQ(plots.search().Pruned(flight).plots, flight.plots);
+  // A path to the present frame ends there, whatever its last plot does to the score.
+  plots.Add(80, place_at(80) + Eigen::Vector3d(0.0, 25.0, 0.0));
+  flight.plots.push_back(static_cast<std::uint32_t>(whole.plots.size()));
+  whole.plots.push_back(flight.plots.back());
+  EXPECT_EQ(plots.search().Pruned(whole).plots, flight.plots);
 }
 
 TEST(LiveSearch, APathWithAPlotOfATrackIsRefusedForThat) {

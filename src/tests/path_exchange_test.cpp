@@ -70,54 +70,61 @@ TEST(DropStretch, TakesWhatSupportsItselfTogether) {
   const auto time_of = [](std::uint32_t plot) {
     return static_cast<TimeNs>(plot < 2 ? plot : 2) * 1'000'000'000 + plot * 100'000'000;
   };
-  EXPECT_FALSE(DropStretch(time_of, with_score, 1, &path));
-  EXPECT_TRUE(DropStretch(time_of, with_score, 2, &path));
+  EXPECT_FALSE(DropStretch(time_of, with_score, Droppable::kRun, &path));
+  EXPECT_TRUE(DropStretch(time_of, with_score, Droppable::kRunsBeforeLast, &path));
   EXPECT_EQ(path.plots, (std::vector<std::uint32_t>{2, 3, 4, 5}));
   EXPECT_EQ(path.score, 20.0);
 }
 
 // Scores drawn for each set of plots: the best of all stretches that begin and end at a pause or at
-// an end of the path, of at most six plots.
+// an end of the path, of at most six plots. Single runs have no pause within, several keep the last
+// plot.
 TEST(DropStretch, FindsTheBestOfAllStretches) {
   Random random(8);
-  int num_changed = 0;
-  for (int draw = 0; draw < 300; ++draw) {
-    const auto count = 2 + random.Index(9);
-    std::vector<TimeNs> times_ns = {0};
-    while (times_ns.size() < count) {
-      times_ns.push_back(times_ns.back() + (random.Index(2) == 0 ? 100'000'000 : 500'000'000));
-    }
-    std::map<std::vector<std::uint32_t>, double> scores;
-    const auto with_score = [&](std::vector<std::uint32_t> plots) {
-      const double score = scores.try_emplace(plots, random.Uniform(0.0, 5.0)).first->second;
-      return Path{std::move(plots), score};
-    };
-    std::vector<std::uint32_t> all(count);
-    std::iota(all.begin(), all.end(), 0U);
-    Path path = with_score(all);
-    Path best = path;
-    const auto is_pause = [&](std::size_t i) {
-      return i == 0 || i == count || times_ns[i] - times_ns[i - 1] == 500'000'000;
-    };
-    for (std::size_t first = 0; first < count; ++first) {
-      for (std::size_t last = first + 1; last <= count; ++last) {
-        if (!is_pause(first) || !is_pause(last) || last - first > 6 || last - first == count)
-          continue;
-        std::vector<std::uint32_t> rest = all;
-        rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(first),
-                   rest.begin() + static_cast<std::ptrdiff_t>(last));
-        const Path without = with_score(rest);
-        if (without.score > best.score) best = without;
+  for (const Droppable droppable : {Droppable::kRun, Droppable::kRunsBeforeLast}) {
+    int num_changed = 0;
+    for (int draw = 0; draw < 300; ++draw) {
+      const auto count = 2 + random.Index(9);
+      std::vector<TimeNs> times_ns = {0};
+      while (times_ns.size() < count) {
+        times_ns.push_back(times_ns.back() + (random.Index(2) == 0 ? 100'000'000 : 500'000'000));
       }
+      std::map<std::vector<std::uint32_t>, double> scores;
+      const auto with_score = [&](std::vector<std::uint32_t> plots) {
+        const double score = scores.try_emplace(plots, random.Uniform(0.0, 5.0)).first->second;
+        return Path{std::move(plots), score};
+      };
+      std::vector<std::uint32_t> all(count);
+      std::iota(all.begin(), all.end(), 0U);
+      Path path = with_score(all);
+      Path best = path;
+      const auto is_pause = [&](std::size_t i) {
+        return i == 0 || i == count || times_ns[i] - times_ns[i - 1] == 500'000'000;
+      };
+      for (std::size_t first = 0; first < count; ++first) {
+        for (std::size_t last = first + 1; last <= count; ++last) {
+          if (!is_pause(first) || !is_pause(last) || last - first > 6 || last - first == count)
+            continue;
+          bool has_pause_within = false;
+          for (std::size_t i = first + 1; i < last; ++i) has_pause_within |= is_pause(i);
+          if (droppable == Droppable::kRun ? has_pause_within : last == count) continue;
+          std::vector<std::uint32_t> rest = all;
+          rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(first),
+                     rest.begin() + static_cast<std::ptrdiff_t>(last));
+          const Path without = with_score(rest);
+          if (without.score > best.score) best = without;
+        }
+      }
+      const bool is_better = best.score > path.score + kMinExchangeLog;
+      const Path before = path;
+      EXPECT_EQ(
+          DropStretch([&](std::uint32_t i) { return times_ns[i]; }, with_score, droppable, &path),
+          is_better);
+      EXPECT_EQ(path.plots, is_better ? best.plots : before.plots);
+      num_changed += is_better ? 1 : 0;
     }
-    const bool is_better = best.score > path.score + kMinExchangeLog;
-    const Path before = path;
-    EXPECT_EQ(DropStretch([&](std::uint32_t i) { return times_ns[i]; }, with_score, 6, &path),
-              is_better);
-    EXPECT_EQ(path.plots, is_better ? best.plots : before.plots);
-    num_changed += is_better ? 1 : 0;
+    EXPECT_GT(num_changed, 100);
   }
-  EXPECT_GT(num_changed, 100);
 }
 
 }  // namespace

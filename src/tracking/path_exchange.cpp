@@ -174,24 +174,24 @@ Path PathScorer::WithScore(Members members) const {
 }
 
 bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
-                 const std::function<Path(Members)>& with_score, std::size_t max_runs, Path* path) {
+                 const std::function<Path(Members)>& with_score, Droppable droppable, Path* path) {
   constexpr TimeNs kPause_ns = 500'000'000;
   constexpr std::size_t kMaxPlots = 6;
   const Members& plots = path->plots;
+  const std::size_t end = plots.size() - (droppable == Droppable::kRun ? 0 : 1);
   const auto begins_run = [&](std::size_t i) {
     return i == 0 || i == plots.size() || time_of(plots[i]) - time_of(plots[i - 1]) >= kPause_ns;
   };
   Path best = *path;
   for (std::size_t first = 0; first < plots.size(); ++first) {
     if (!begins_run(first)) continue;
-    std::size_t runs = 0;
-    for (std::size_t last = first + 1; last <= std::min(plots.size(), first + kMaxPlots); ++last) {
+    for (std::size_t last = first + 1; last <= std::min(end, first + kMaxPlots); ++last) {
       if (!begins_run(last) || last - first == plots.size()) continue;
-      if (++runs > max_runs) break;
       Members rest(plots.begin(), plots.begin() + static_cast<std::ptrdiff_t>(first));
       rest.insert(rest.end(), plots.begin() + static_cast<std::ptrdiff_t>(last), plots.end());
       Path without = with_score(std::move(rest));
       if (without.score > best.score) best = std::move(without);
+      if (droppable == Droppable::kRun) break;
     }
   }
   if (best.score <= path->score + kMinExchangeLog) return false;
@@ -199,9 +199,9 @@ bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
   return true;
 }
 
-bool DropStretch(const PathScorer& scorer, std::size_t max_runs, Path* path) {
+bool DropStretch(const PathScorer& scorer, Droppable droppable, Path* path) {
   return DropStretch([&](std::uint32_t plot) { return scorer.plots()[plot].time_ns; },
-                     [&](Members plots) { return scorer.WithScore(std::move(plots)); }, max_runs,
+                     [&](Members plots) { return scorer.WithScore(std::move(plots)); }, droppable,
                      path);
 }
 
@@ -243,7 +243,7 @@ std::size_t ImprovePaths(const PathScorer& scorer, const TrackerConfig& config,
     for (std::size_t i = 0; i < count; ++i) {
       Path& path = (*paths)[i];
       if (changed[i] <= std::exchange(pruned[i], now) || path.plots.empty()) continue;
-      if (DropStretch(scorer, kMaxDroppedRunsOfRecording, &path)) note_change(i);
+      if (DropStretch(scorer, Droppable::kRun, &path)) note_change(i);
     }
     is_done = now == before;
   }

@@ -46,24 +46,28 @@ class PathScorer {
   const TrackerConfig& config_;
 };
 
-// Runs of plots that DropStretch() drops together. The sparse beginning of a flight, before a long
-// pause, may score less than none and be true: a recording keeps what several runs tell together.
-// In a stream the clutter of its first seconds is hardly known, and what is wrong is written at
-// once.
-constexpr std::size_t kMaxDroppedRunsOfRecording = 1;
-constexpr std::size_t kMaxDroppedRunsOfStream = 6;
+// Stretches of a path that DropStretch() may drop: at most six plots, between two pauses or before
+// or after one.
+enum class Droppable {
+  // A single run of plots without a pause. The sparse beginning of a flight, before a long pause,
+  // may
+  // score less than none and be true: a recording keeps what several runs tell together.
+  kRun,
+  // Several runs, but not the last plot: in a stream the clutter of its first seconds is hardly
+  // known, what is wrong is written at once, and a path ends at the present frame.
+  kRunsBeforeLast
+};
 
-// Drops the stretch of plots, between two pauses or before or after one, without which the score is
-// highest, if it grows by more than kMinExchangeLog: a search with a limited gap had to use it, or
-// it displaced the birth that later plots make likelier. It has at most six plots, in `max_runs`
-// runs with pauses between them. `time_of`: of a plot of the path; `with_score`: the path of such
-// plots. Returns true if the path changed.
+// Drops the stretch of plots without which the score is highest, if it grows by more than
+// kMinExchangeLog: a search with a limited gap had to use it, or it displaced the birth that later
+// plots make likelier. `time_of`: of a plot of the path; `with_score`: the path of such plots.
+// Returns true if the path changed.
 bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
                  const std::function<Path(std::vector<std::uint32_t>)>& with_score,
-                 std::size_t max_runs, Path* path);
+                 Droppable droppable, Path* path);
 
 // Same, scored by `scorer`.
-bool DropStretch(const PathScorer& scorer, std::size_t max_runs, Path* path);
+bool DropStretch(const PathScorer& scorer, Droppable droppable, Path* path);
 
 // Positions are noisy, and the initial velocity of a path is unknown.
 constexpr double kReachSlack_m = 2.0;

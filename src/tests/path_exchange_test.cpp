@@ -62,9 +62,8 @@ TEST(PathExchange, TakesInProportionToTheNumberOfPlaces) {
 // Two wrong plots a second apart support each other: without either alone the score is lower.
 TEST(DropStretch, TakesWhatSupportsItselfTogether) {
   const auto with_score = [](std::vector<std::uint32_t> plots) {
-    const double scores[] = {10.0, 5.0, 5.0, 20.0};  // by how many of the first two are gone
-    const auto gone = 6 - plots.size();
-    return Path{std::move(plots), scores[gone == 2 ? 3 : gone]};
+    const auto gone = 6 - plots.size();  // the first two together, or any others
+    return Path{std::move(plots), gone == 0 ? 10.0 : gone == 2 ? 20.0 : 5.0};
   };
   Path path = with_score({0, 1, 2, 3, 4, 5});
   const auto time_of = [](std::uint32_t plot) {

@@ -7,8 +7,11 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
+
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 
@@ -217,10 +220,15 @@ struct PaperConfig {
 
 enum class Method { kRobust, kPaper };
 
+// Poses of what carries a sensor, in order of time, by the name of the sensor; empty name: of all
+// others.
+using PosesByName = std::map<std::string, std::shared_ptr<const std::vector<Pose>>>;
+
 struct Config {
   Method method = Method::kRobust;
   InputConfig input;
   std::map<std::string, SensorConfig> sensors;  // by name; others are at the origin
+  PosesByName poses;                            // of carriers; others are at rest
   PaperConfig paper;
   RobustConfig robust;
   TrajectoryConfig trajectory;

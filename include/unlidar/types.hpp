@@ -15,7 +15,7 @@ using TimeNs = std::int64_t;
 inline constexpr double kSecondsPerNs = 1e-9;
 
 // One frame of one sensor, in the sensor's own axes and clock; `sensors` of the config has its pose
-// and time offset.
+// and time offset, `poses` the way of what carries it.
 struct Frame {
   std::uint32_t sensor = 0;  // index into the sensor names
   TimeNs stamp_ns = 0;       // instant of the frame chosen by input.stamp of the config
@@ -24,6 +24,13 @@ struct Frame {
   std::vector<Eigen::Vector3f> points_m;
   // (N) Measurement time of each ray, in nanoseconds from the stamp; empty if unknown.
   std::vector<std::int64_t> offsets_ns;
+};
+
+// Pose of what carries sensors: p_world = R(rotation) p_carrier + position_m.
+struct Pose {
+  TimeNs time_ns = 0;
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
+  Eigen::Vector4d rotation_xyzw = Eigen::Vector4d(0, 0, 0, 1);  // unit quaternion
 };
 
 // Times of the rows: the stamps of the first sensor's frames, a fixed rate, or a list.
@@ -79,7 +86,8 @@ struct Warning {
 struct InputCounts {
   std::uint64_t frames = 0;
   std::uint64_t empty_frames = 0;
-  std::uint64_t bad_frames = 0;  // skipped, only with input.skip_bad_frames
+  std::uint64_t bad_frames = 0;       // skipped, only with input.skip_bad_frames
+  std::uint64_t unplaced_frames = 0;  // left out: no pose of their carrier
   std::uint64_t rows = 0;
   std::uint64_t no_return_rows = 0;     // (0, 0, 0): a ray without a return
   std::uint64_t non_finite_rows = 0;    // NaN or Inf

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <set>
 #include <sstream>
+#include <utility>
 
 #include "app/output_files.hpp"
 #include "app/returns_view.hpp"
@@ -15,7 +16,7 @@ namespace unlidar {
 namespace {
 
 constexpr char kDescription[] =
-    "Finds flying drones in the frames of static LiDARs, without training, and writes their\n"
+    "Finds flying drones in the frames of LiDARs, without training, and writes their\n"
     "3D trajectories.";
 
 constexpr char kFooter[] =
@@ -92,7 +93,8 @@ void AddLiveOptions(CLI::App& app, Arguments& arguments) {
   AddRecordingOptions(app, arguments);
 }
 
-void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& frames) {
+void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& frames,
+                std::vector<std::string>& poses) {
   app.footer(kFooter);
   app.get_formatter()->column_width(28);
   app.set_help_flag("-h,--help", "Print this help and exit");
@@ -103,6 +105,13 @@ void AddOptions(CLI::App& app, Arguments& arguments, std::vector<std::string>& f
                  "sensors.NAME of the config; a path with '=' in its first part\n"
                  "is written ./PATH")
       ->type_name("[NAME=]DIR")
+      ->allow_extra_args(false);
+  app.add_option("--poses", poses,
+                 "Poses of a LiDAR that moves, or of what carries it with\n"
+                 "sensors.NAME as its place there: lines `stamp x y z qx qy qz qw`\n"
+                 "(TUM); without NAME of all LiDARs. Rows are in the world of the\n"
+                 "poses")
+      ->type_name("[NAME=]FILE")
       ->allow_extra_args(false);
   AddFile(app, "--out", arguments.out, "Trajectory to write")->required();
   AddFile(app, "--config", arguments.config, "YAML of config keys, see configs/default.yaml");
@@ -214,24 +223,30 @@ void CheckMode(const Arguments& arguments, const std::vector<std::string>& frame
   }
 }
 
-FrameSource ParseSource(const std::string& text) {
+struct NamedPath {
+  std::string name;  // empty: none
+  std::string path;
+};
+
+// Splits [NAME=]PATH. `what` its path is, for messages.
+NamedPath ParseNamedPath(const std::string& option, const std::string& text, const char* what) {
   const std::size_t equals = text.find('=');
-  FrameSource source;
+  NamedPath named;
   if (equals != std::string::npos && text.find('/') > equals) {
-    source.name = text.substr(0, equals);
-    source.directory = text.substr(equals + 1);
-    if (!IsSensorName(source.name)) {
-      throw UsageError("--frames " + text + ": " + Quoted(source.name) + ", " +
+    named.name = text.substr(0, equals);
+    named.path = text.substr(equals + 1);
+    if (!IsSensorName(named.name)) {
+      throw UsageError(option + " " + text + ": " + Quoted(named.name) + ", " +
                        kExpectedSensorName + " before '='");
     }
   } else {
-    source.directory = text;
+    named.path = text;
   }
-  if (source.directory.empty()) {
-    throw UsageError("--frames " + text + ": expected a directory" +
-                     (source.name.empty() ? "" : " after '='"));
+  if (named.path.empty()) {
+    throw UsageError(option + " " + text + ": expected a " + what +
+                     (named.name.empty() ? "" : " after '='"));
   }
-  return source;
+  return named;
 }
 
 std::vector<FrameSource> ParseSources(const std::vector<std::string>& texts) {
@@ -239,7 +254,8 @@ std::vector<FrameSource> ParseSources(const std::vector<std::string>& texts) {
   std::set<std::string> names;
   std::set<std::string> directories;
   for (const std::string& text : texts) {
-    sources.push_back(ParseSource(text));
+    NamedPath named = ParseNamedPath("--frames", text, "directory");
+    sources.push_back({std::move(named.name), std::move(named.path)});
     const FrameSource& source = sources.back();
     if (!source.name.empty() && !names.insert(source.name).second) {
       throw UsageError("--frames " + text + ": the name is taken, expected one per LiDAR");
@@ -251,12 +267,43 @@ std::vector<FrameSource> ParseSources(const std::vector<std::string>& texts) {
   return sources;
 }
 
+std::vector<PoseSource> ParsePoseSources(const std::vector<std::string>& texts) {
+  std::vector<PoseSource> sources;
+  std::set<std::string> names;
+  for (const std::string& text : texts) {
+    NamedPath named = ParseNamedPath("--poses", text, "file");
+    if (!names.insert(named.name).second) {
+      throw UsageError("--poses " + text + ": given twice" +
+                       (named.name.empty() ? " without a name" : " for " + named.name) +
+                       ", expected one file per LiDAR");
+    }
+    sources.push_back({std::move(named.name), std::move(named.path)});
+  }
+  return sources;
+}
+
+// Poses of a LiDAR that does not take part would silently be ignored. Live ones may come later.
+void CheckPoseNames(const Arguments& arguments) {
+  if (arguments.has_no_folders()) return;
+  for (const PoseSource& poses : arguments.poses) {
+    const auto is_named = [&](const FrameSource& source) {
+      return SourceName(source) == poses.name;
+    };
+    if (poses.name.empty() ||
+        std::any_of(arguments.sources.begin(), arguments.sources.end(), is_named)) {
+      continue;
+    }
+    throw UsageError("--poses " + poses.name + "=" + poses.file + ": no --frames has that name");
+  }
+}
+
 }  // namespace
 
 std::optional<std::string> ParseArguments(int argc, const char* const* argv, Arguments* arguments) {
   std::vector<std::string> frames;
+  std::vector<std::string> poses;
   CLI::App app(kDescription, "unlidar_track");
-  AddOptions(app, *arguments, frames);
+  AddOptions(app, *arguments, frames, poses);
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& request) {  // --help, --version
@@ -268,6 +315,8 @@ std::optional<std::string> ParseArguments(int argc, const char* const* argv, Arg
   }
   CheckMode(*arguments, frames);
   arguments->sources = ParseSources(frames);
+  arguments->poses = ParsePoseSources(poses);
+  CheckPoseNames(*arguments);
   return std::nullopt;
 }
 

@@ -24,6 +24,7 @@ Json InputCountsJson(const InputCounts& counts) {
   return {{"frames", counts.frames},
           {"empty_frames", counts.empty_frames},
           {"bad_frames", counts.bad_frames},
+          {"unplaced_frames", counts.unplaced_frames},
           {"rows", counts.rows},
           {"no_return_rows", counts.no_return_rows},
           {"non_finite_rows", counts.non_finite_rows},

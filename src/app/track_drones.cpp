@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,6 +17,7 @@
 #include "base/format.hpp"
 #include "base/parallel.hpp"
 #include "config/config.hpp"
+#include "io/pose_file.hpp"
 #include "io/stamp.hpp"
 #include "recording/pipeline.hpp"
 #include "trajectory/output_times.hpp"
@@ -56,6 +58,7 @@ void CheckOutputs(const Arguments& arguments) {
   std::map<std::string, std::string> taken;  // resolved path -> option
   if (!arguments.config.empty()) taken[ResolvedPath(arguments.config)] = "--config";
   if (!arguments.at.empty()) taken[ResolvedPath(arguments.at)] = "--at";
+  for (const PoseSource& poses : arguments.poses) taken[ResolvedPath(poses.file)] = "--poses";
   for (const auto& [option, path] : Outputs(arguments)) {
     if (path == "-" || IsSpecialFile(path)) continue;  // several outputs may go to /dev/null
     const std::string resolved = ResolvedPath(path);
@@ -144,6 +147,9 @@ void PrintFindings(const std::vector<std::string>& trajectory_paths, const Pipel
     PrintNote(Count(counts.bad_frames, "frame") +
               " could not be parsed and skipped (input.skip_bad_frames)");
   }
+  if (counts.unplaced_frames > 0) {
+    PrintNote(Count(counts.unplaced_frames, "frame") + " left out for want of a pose");
+  }
   for (std::size_t i = 0; i < result.blinded_s.size(); ++i) {
     if (result.blinded_s[i] > 0.0) {
       PrintNote(BlindedText(result.recording.sensors[i].name, result.blinded_s[i]));
@@ -204,9 +210,12 @@ void TrackRecorded(const Arguments& arguments, const PipelineRequest& request,
 void TrackDrones(const Arguments& arguments) {
   MaxThreads() = arguments.threads;
   const PipelineRequest request = ToRequest(arguments);
-  const Config config = LoadConfig(arguments.config, arguments.assignments);
+  Config config = LoadConfig(arguments.config, arguments.assignments);
   CheckSensorNames(config, arguments.sources);
   CheckOutputs(arguments);
+  for (const PoseSource& poses : arguments.poses) {
+    config.poses[poses.name] = std::make_shared<const std::vector<Pose>>(ReadPoses(poses.file));
+  }
   if (!arguments.is_live()) return TrackRecorded(arguments, request, config);
   const std::string done =
       TrackLive(arguments, request.output_times, config, [&](const std::string& text) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -22,6 +23,12 @@ inline TimeNs NsOf(double seconds) {
   return std::llround(seconds * static_cast<double>(kNsPerSecond));
 }
 
+// Pose of the carrier of a sensor at the middle of a frame. At rest: the identity.
+struct CarrierPose {
+  Eigen::Vector3f shift_m = Eigen::Vector3f::Zero();  // of the sensor from its first position
+  Eigen::Quaternion<float, Eigen::DontAlign> rotation = Eigen::Quaternionf::Identity();
+};
+
 // One frame of one sensor; its returns are [first_return, last_return) of the recording.
 struct FrameInfo {
   std::uint32_t sensor = 0;  // index into Recording::sensors
@@ -31,14 +38,17 @@ struct FrameInfo {
   std::uint32_t first_return = 0;
   std::uint32_t last_return = 0;
   bool is_timed = false;  // with per-point times
+  CarrierPose carrier;
 
   TimeNs middle_ns() const { return begin_ns + (end_ns - begin_ns) / 2; }
 };
 
 struct SensorInfo {
   std::string name;
-  Eigen::Vector3f origin_m = Eigen::Vector3f::Zero();  // in the common frame
-  TimeNs frame_period_ns = 0;                          // median difference of its stamps
+  Eigen::Vector3f origin_m =
+      Eigen::Vector3f::Zero();    // in the common frame; the first, if it moves
+  const void* carrier = nullptr;  // identity of what carries it; null at rest
+  TimeNs frame_period_ns = 0;     // median difference of its stamps
 };
 
 // All returns of all sensors in the common frame, frames in order of (stamp, sensor).

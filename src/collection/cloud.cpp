@@ -70,8 +70,7 @@ Shape ShapeOf(const Recording& recording, const std::vector<StationModel>& stati
       clusters.push_back({recording.times_ns[i], recording.points_m[i].cast<double>(),
                           std::binary_search(target.returns.begin(), target.returns.end(), i)});
     }
-    shape.Add(trajectory.At(time_ns), station_models[frame.sensor].viewpoint_m.cast<double>(),
-              clusters);
+    shape.Add(trajectory.At(time_ns), ViewpointM(station_models[frame.sensor], frame), clusters);
   }
   return shape;
 }

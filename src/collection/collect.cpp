@@ -12,6 +12,7 @@
 #include "collection/sensor_biases.hpp"
 #include "collection/spots.hpp"
 #include "collection/visibility.hpp"
+#include "trajectory/sampling.hpp"
 
 namespace unlidar {
 namespace {
@@ -40,9 +41,9 @@ Measurement Measure(const Recording& recording, const FrameInfo& frame, const St
   }
   m.time_ns = frame.begin_ns + std::llround(offset_ns);
   m.support = static_cast<int>(returns.size());
-  m.viewpoint_m = station.viewpoint_m.cast<double>();
+  m.viewpoint_m = ViewpointM(station, frame);
   m.covariance_m2 =
-      MeasurementCovarianceM2(body, RayM(station, m.position_m), StreakM2(frame, velocity_mps), n);
+      MeasurementCovarianceM2(body, m.position_m - m.viewpoint_m, StreakM2(frame, velocity_mps), n);
   return m;
 }
 
@@ -50,30 +51,41 @@ bool IsEarlier(const Measurement& a, const Measurement& b) { return a.time_ns < 
 
 // Only the side of a body that faces the sensor is seen, so the centre lies behind the mean of the
 // returns. Measurements of stations with different viewpoints are compared, and fitted, as seen
-// from the main station.
+// from the main sensor.
 class FacingSide {
  public:
-  FacingSide(const StationModel& main, double share) : main_(main), share_(share) {}
-
-  // Offset of the centre from the mean of the returns that the main station sees.
-  Eigen::Vector3d DepthM(const Eigen::Vector3d& place_m, double body_sigma_m) const {
-    return DepthFrom(main_, place_m, body_sigma_m);
+  FacingSide(const Recording& recording, const std::vector<StationModel>& station_models,
+             std::size_t main_sensor, double share)
+      : share_(share) {
+    for (const FrameInfo& frame : recording.frames) {
+      if (frame.sensor != main_sensor) continue;
+      viewpoints_.push_back({frame.middle_ns(), ViewpointM(station_models[main_sensor], frame)});
+    }
+    std::sort(
+        viewpoints_.begin(), viewpoints_.end(),
+        [](const TimedViewpoint& a, const TimedViewpoint& b) { return a.time_ns < b.time_ns; });
   }
 
-  // Offset from the mean that a station sees to that of the main station; zero for the main
-  // station.
-  Eigen::Vector3d OffsetM(const StationModel& station, const Eigen::Vector3d& place_m,
-                          double body_sigma_m) const {
-    return DepthFrom(station, place_m, body_sigma_m) - DepthM(place_m, body_sigma_m);
+  // Offset of the centre from the mean of the returns that the main sensor sees.
+  Eigen::Vector3d DepthM(TimeNs time_ns, const Eigen::Vector3d& place_m,
+                         double body_sigma_m) const {
+    return DepthFrom(NearestViewpointM(viewpoints_, time_ns), place_m, body_sigma_m);
+  }
+
+  // Offset from the mean that is seen from a viewpoint to that of the main sensor; zero from its
+  // own.
+  Eigen::Vector3d OffsetM(TimeNs time_ns, const Eigen::Vector3d& viewpoint_m,
+                          const Eigen::Vector3d& place_m, double body_sigma_m) const {
+    return DepthFrom(viewpoint_m, place_m, body_sigma_m) - DepthM(time_ns, place_m, body_sigma_m);
   }
 
  private:
-  Eigen::Vector3d DepthFrom(const StationModel& station, const Eigen::Vector3d& place_m,
+  Eigen::Vector3d DepthFrom(const Eigen::Vector3d& viewpoint_m, const Eigen::Vector3d& place_m,
                             double body_sigma_m) const {
-    return FacingSideOffsetM(body_sigma_m, RayM(station, place_m), share_);
+    return FacingSideOffsetM(body_sigma_m, place_m - viewpoint_m, share_);
   }
 
-  StationModel main_;
+  std::vector<TimedViewpoint> viewpoints_;  // of the main sensor, in order of time
   double share_;
 };
 
@@ -103,7 +115,7 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
   const TimeNs middle_ns = expected.time_ns;
   const Eigen::Matrix3d s = trajectory.CovarianceAt(middle_ns) +
                             StreakM2(frame, expected.velocity_mps) +
-                            ReturnCovarianceM2(body, RayM(station, expected.position_m));
+                            ReturnCovarianceM2(body, RayM(station, frame, expected.position_m));
   const Eigen::Matrix3d information = s.inverse();
   const double log_peak =
       std::log(returns_per_frame) - 0.5 * std::log((2.0 * M_PI * s).determinant());
@@ -125,8 +137,8 @@ std::vector<Candidate> GateReturns(const Recording& recording, const FrameInfo& 
     if (distance2 > kGate * kGate) continue;
     const Eigen::Vector3d place_m = recording.points_m[i].cast<double>();
     // The target's own dwell is left out of the clutter rate there.
-    auto [from_ns, to_ns] =
-        dwell_intervals.Around(time_ns, place_m, kDwellRadius.At(RayM(station, place_m).norm()));
+    auto [from_ns, to_ns] = dwell_intervals.Around(
+        time_ns, place_m, kDwellRadius.At(RayM(station, frame, place_m).norm()));
     const BinRange dwell = station.bins->BinsTouching(from_ns, to_ns);
     const double rate = station.occupancy->RateOutside(recording.points_m[i] - station.viewpoint_m,
                                                        dwell.first, dwell.last);
@@ -190,13 +202,14 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
     returns[recording.frames[plot.frame].sensor] += static_cast<int>(plot.returns.size());
   }
   const std::size_t main_sensor = MainSensor(returns);
-  const FacingSide facing(station_models[main_sensor], config.centroid_offset);
+  const FacingSide facing(recording, station_models, main_sensor, config.centroid_offset);
   for (const Plot& plot : path) {
     const FrameInfo& frame = recording.frames[plot.frame];
     target.measurements.push_back(Measure(recording, frame, station_models[frame.sensor],
                                           plot.returns, Eigen::Vector3d::Zero(), body));
     Eigen::Vector3d& position_m = target.measurements.back().position_m;
-    position_m += facing.OffsetM(station_models[frame.sensor], position_m, body.width_m);
+    position_m += facing.OffsetM(frame.middle_ns(), ViewpointM(station_models[frame.sensor], frame),
+                                 position_m, body.width_m);
     target.returns.insert(target.returns.end(), plot.returns.begin(), plot.returns.end());
   }
   std::stable_sort(target.measurements.begin(), target.measurements.end(), IsEarlier);
@@ -228,10 +241,11 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
       if (expected.sigma_m.maxCoeff() > kMaxSearchSigmaM) continue;
       expected.time_ns = middle_ns;  // on the sensor's clock
       expected.position_m += sensor_bias.bias_m;
-      const Eigen::Vector3d facing_m = facing.OffsetM(station, expected.position_m, body.width_m);
+      const Eigen::Vector3d facing_m =
+          facing.OffsetM(middle_ns, ViewpointM(station, frame), expected.position_m, body.width_m);
       expected.position_m -= facing_m;
-      const double returns_per_frame =
-          visibility.ReturnsPerFrame(frame.sensor, middle_ns, RayM(station, expected.position_m));
+      const double returns_per_frame = visibility.ReturnsPerFrame(
+          frame.sensor, middle_ns, RayM(station, frame, expected.position_m));
       gated_frames.push_back(
           {&frame, expected, facing_m,
            GateReturns(recording, frame, station, excluded, trajectory, dwell_intervals, expected,
@@ -247,9 +261,9 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
       const FrameInfo& frame = *gated.frame;
       const StationModel& station = station_models[frame.sensor];
       const Eigen::Vector3d& velocity_mps = gated.expected.velocity_mps;
-      spread.Add(recording, frame, station.viewpoint_m.cast<double>(), members, gated.expected);
-      lengths[frame.sensor].Add(recording, frame, station.viewpoint_m.cast<double>(), members,
-                                velocity_mps, body);
+      const Eigen::Vector3d viewpoint_m = ViewpointM(station, frame);
+      spread.Add(recording, frame, viewpoint_m, members, gated.expected);
+      lengths[frame.sensor].Add(recording, frame, viewpoint_m, members, velocity_mps, body);
       sensor_measurements.push_back(
           {Measure(recording, frame, station, members, velocity_mps, body), frame.sensor,
            velocity_mps});
@@ -278,7 +292,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   }
   // From the facing side to the centre.
   for (Measurement& m : target.measurements) {
-    m.position_m += facing.DepthM(m.position_m, body.width_m);
+    m.position_m += facing.DepthM(m.time_ns, m.position_m, body.width_m);
   }
   target.depth_sigma_m = kFacingSideSigma * body.width_m;
   // All delays are relative to the main sensor.

@@ -22,7 +22,7 @@ Visibility::Visibility(const Recording& recording, const std::vector<StationMode
     const bool is_within = trajectory.begin_ns() <= time_ns && time_ns <= trajectory.end_ns();
     if (!is_within && num_returns == 0.0) continue;
     const double per_m2 =
-        PerM2(RayM(station_models[frame.sensor], trajectory.At(time_ns).position_m));
+        PerM2(RayM(station_models[frame.sensor], frame, trajectory.At(time_ns).position_m));
     Sensor& sensor = sensors_[frame.sensor];
     sensor.exposures.push_back({time_ns, num_returns, per_m2});
     sensor.num_returns += num_returns;

@@ -1,10 +1,27 @@
 #include "config/config_consistency.hpp"
 
+#include <cstddef>
+#include <vector>
+
+#include "base/format.hpp"
 #include "config/config_values.hpp"
+#include "io/pose_file.hpp"
 #include "paper/clustering.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
+namespace {
+
+// Empty without a problem.
+std::string PosesProblem(const std::vector<Pose>& poses) {
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const std::string problem = PoseProblem(i == 0 ? nullptr : &poses[i - 1], poses[i]);
+    if (!problem.empty()) return "pose " + std::to_string(i + 1) + ": " + problem;
+  }
+  return poses.size() < 2 ? Count(poses.size(), "pose") + ", expected at least two" : "";
+}
+
+}  // namespace
 
 void CheckConsistent(const Config& config, const std::map<std::string, std::string>& locations) {
   const auto prefix_of = [&](const std::string& key) {
@@ -27,6 +44,10 @@ void CheckConsistent(const Config& config, const std::map<std::string, std::stri
   };
   check_engine("paper.global_clusters.engine", config.paper.global_clusters);
   check_engine("paper.local_clusters.engine", config.paper.local_clusters);
+  for (const auto& [name, poses] : config.poses) {
+    const std::string problem = poses == nullptr ? "none, expected some" : PosesProblem(*poses);
+    if (!problem.empty()) throw ConfigError("poses of '" + name + "': " + problem);
+  }
 }
 
 }  // namespace unlidar

@@ -62,12 +62,12 @@ void CheckNames(const std::vector<FrameSource>& sources) {
 class FrameReader::SourceReader {
  public:
   SourceReader(const FrameSource& source, std::uint32_t index, const InputConfig& config,
-               const SensorConfig& sensor)
+               const SensorMount& mount)
       : directory_(source.directory),
         config_(config),
-        clock_(source.directory, FrameRateHz(config, sensor)),
+        clock_(source.directory, FrameRateHz(config, mount.sensor)),
         files_(ListFrames(source.directory, &clock_)),
-        sensor_(index, SourceName(source), config, sensor) {
+        sensor_(index, SourceName(source), config, mount) {
     for (const FrameFile& file : {files_.front(), files_.back()})
       sensor_.CheckStamp(file.path, file.stamp_ns);
     for (const FrameFile& file : files_) sensor_.NoteStamp(file.stamp_ns);
@@ -133,7 +133,10 @@ class FrameReader::SourceReader {
     }
     for (LoadedFrame& frame : loaded) {
       unless_bad([&] {
-        sensor_.Finish(frame);
+        if (!sensor_.Finish(frame)) {
+          ++recording->counts.unplaced_frames;
+          return;
+        }
         frames->push_back(std::move(frame));
         any_frame_ = true;
       });
@@ -141,7 +144,9 @@ class FrameReader::SourceReader {
     if (first_bad_frame_.empty() && !bad_frames.empty()) first_bad_frame_ = bad_frames.front();
     if (first < files_.size() && next_ == files_.size() && !any_frame_) {
       throw InputError(directory_ + ": none of its " + std::to_string(files_.size()) +
-                       " frames can be read, the first: " + first_bad_frame_);
+                       (first_bad_frame_.empty()
+                            ? " frames has a pose, expected poses of the times of its stamps"
+                            : " frames can be read, the first: " + first_bad_frame_));
     }
     recording->counts.bad_frames += bad_frames.size();
     recording->bad_frames.insert(recording->bad_frames.end(), bad_frames.begin(), bad_frames.end());
@@ -161,13 +166,14 @@ class FrameReader::SourceReader {
 };
 
 FrameReader::FrameReader(const std::vector<FrameSource>& sources, const InputConfig& config,
-                         const std::map<std::string, SensorConfig>& sensors)
+                         const std::map<std::string, SensorConfig>& sensors,
+                         const PosesByName& poses)
     : config_(config) {
   CheckNames(sources);
   for (const FrameSource& source : sources) {
     sources_.push_back(
         std::make_unique<SourceReader>(source, static_cast<std::uint32_t>(sources_.size()), config_,
-                                       SensorConfigOf(sensors, SourceName(source))));
+                                       MountOf(sensors, poses, SourceName(source))));
   }
 }
 
@@ -250,9 +256,11 @@ TimeNs FrameReader::ReadUntil(TimeNs until_ns, Recording* recording) {
 }
 
 Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& config,
-                        const std::map<std::string, SensorConfig>& sensors) {
+                        const std::map<std::string, SensorConfig>& sensors,
+                        const PosesByName& poses) {
   Recording recording;
-  FrameReader(sources, config, sensors).ReadUntil(std::numeric_limits<TimeNs>::max(), &recording);
+  FrameReader(sources, config, sensors, poses)
+      .ReadUntil(std::numeric_limits<TimeNs>::max(), &recording);
   return recording;
 }
 

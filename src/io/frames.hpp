@@ -29,7 +29,9 @@ std::string SourceName(const FrameSource& source);
 void CheckNames(const std::vector<FrameSource>& sources);
 
 // Reads every frame of every source: the files `*.pcd` of its directory, in order of stamp. A
-// sensor that is not in `sensors` is at the origin of the common frame.
+// sensor that is not in `sensors` is at the origin of the common frame. If `poses` has it or what
+// carries it, its returns are moved to where its carrier was at their times; a frame for which that
+// is not known is left out and counted.
 //
 // Stamps: the rows of `timestamps.csv` (`file,timestamp`) if the directory has one, then for every
 // file, read by ParseStamp(); otherwise the file names, read by FrameClock. With and without the
@@ -56,14 +58,15 @@ void CheckNames(const std::vector<FrameSource>& sources);
 // frames are counted and listed in Recording::bad_frames. Throws UnitError if the coordinates of a
 // sensor cannot be metres.
 Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& config,
-                        const std::map<std::string, SensorConfig>& sensors);
+                        const std::map<std::string, SensorConfig>& sensors,
+                        const PosesByName& poses = {});
 
 // Same as ReadRecording() in parts, for recordings longer than one processing window. The reading
 // of point times is settled by the first seconds with frames that have any.
 class FrameReader {
  public:
   FrameReader(const std::vector<FrameSource>& sources, const InputConfig& config,
-              const std::map<std::string, SensorConfig>& sensors);
+              const std::map<std::string, SensorConfig>& sensors, const PosesByName& poses = {});
   ~FrameReader();
   FrameReader(const FrameReader&) = delete;
   FrameReader& operator=(const FrameReader&) = delete;

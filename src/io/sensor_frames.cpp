@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/format.hpp"
+#include "io/frame_clock.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -47,17 +48,27 @@ std::string Text(const RawTime& raw) {
 
 }  // namespace
 
+SensorMount MountOf(const std::map<std::string, SensorConfig>& sensors, const PosesByName& poses,
+                    const std::string& name) {
+  auto own = poses.find(name);
+  if (own == poses.end()) own = poses.find("");
+  return {SensorConfigOf(sensors, name), own == poses.end() ? nullptr : own->second};
+}
+
 SensorFrames::SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
-                           const SensorConfig& sensor, Source source,
+                           const SensorMount& mount, Source source,
                            std::optional<TimeReading> reading)
     : index_(index),
       input_(input),
-      sensor_(sensor),
+      sensor_(mount.sensor),
       source_(source),
-      offset_ns_(OffsetNs(name, sensor)),
+      offset_ns_(OffsetNs(name, mount.sensor)),
       reading_(reading) {
   info_.name = name;
-  info_.origin_m = sensor.translation_m.cast<float>();
+  info_.origin_m = sensor_.translation_m.cast<float>();
+  if (!mount.poses) return;
+  poses_.emplace(mount.poses);
+  info_.carrier = poses_->carrier();
 }
 
 void SensorFrames::CheckStamp(std::string_view name, TimeNs stamp_ns) const {
@@ -153,8 +164,17 @@ std::vector<Warning> SensorFrames::RangeWarnings(bool are_metres) const {
   return doubt ? std::vector<Warning>{*doubt} : std::vector<Warning>();
 }
 
+std::optional<Warning> SensorFrames::PoseWarning() const {
+  if (!has_unplaced_) return std::nullopt;
+  return Warning{"frames_without_pose",
+                 info_.name +
+                     ": frames are left out for whose times there are no poses, expected poses at "
+                     "most 1 s apart from the first frame to the last"};
+}
+
 void SensorFrames::AppendWarnings(bool are_metres, std::vector<Warning>* warnings) const {
   for (Warning& warning : RangeWarnings(are_metres)) warnings->push_back(std::move(warning));
+  if (const auto warning = PoseWarning()) warnings->push_back(*warning);
   const TimeNs period_ns = info().frame_period_ns;
   if (period_ns > kLongestPeriodNs) {
     warnings->push_back({"frames_far_apart",
@@ -214,7 +234,7 @@ void SensorFrames::SetTimes(TimeReading reading, LoadedFrame& frame) const {
   info.end_ns = *end_ns;
 }
 
-void SensorFrames::Finish(LoadedFrame& frame) {
+bool SensorFrames::Finish(LoadedFrame& frame) {
   if (!reading_ && !vote_.empty()) reading_ = vote_.Winner();
   SetTimes(reading_.value_or(vote_.Winner()), frame);
   frame.cloud = PcdCloud();
@@ -223,6 +243,28 @@ void SensorFrames::Finish(LoadedFrame& frame) {
   frame.info.begin_ns += offset_ns_;
   frame.info.end_ns += offset_ns_;
   for (TimeNs& time_ns : frame.times_ns) time_ns += offset_ns_;
+  if (Place(&frame)) return true;
+  has_unplaced_ = true;
+  return false;
+}
+
+bool SensorFrames::Place(LoadedFrame* frame) {
+  if (!poses_) return true;
+  const std::optional<Eigen::Isometry3d> middle = poses_->At(frame->info.middle_ns());
+  if (!middle) return false;
+  for (std::size_t i = 0; i < frame->points_m.size(); ++i) {
+    const std::optional<Eigen::Isometry3d> pose = poses_->At(frame->times_ns[i]);
+    if (!pose) return false;
+    frame->points_m[i] = (*pose * frame->points_m[i].cast<double>()).cast<float>();
+  }
+  const Eigen::Vector3d sensor_m = *middle * sensor_.translation_m;
+  if (!first_m_) {
+    first_m_ = sensor_m;
+    info_.origin_m = sensor_m.cast<float>();
+  }
+  frame->info.carrier.shift_m = (sensor_m - *first_m_).cast<float>();
+  frame->info.carrier.rotation = Eigen::Quaterniond(middle->linear()).cast<float>();
+  return true;
 }
 
 const SensorInfo& SensorFrames::info() const {

@@ -6,11 +6,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "base/pose_history.hpp"
 #include "base/recording.hpp"
 #include "io/frame_directory.hpp"
 #include "io/pcd.hpp"
@@ -32,6 +35,16 @@ struct LoadedFrame {
   FrameInfo info;
 };
 
+// Pose and clock of a sensor on its carrier, and where that was.
+struct SensorMount {
+  SensorConfig sensor;
+  std::shared_ptr<const std::vector<Pose>> poses;  // of the carrier; null at rest
+};
+
+// Returns the mount of a sensor; at the origin, at rest if the config does not know it.
+SensorMount MountOf(const std::map<std::string, SensorConfig>& sensors, const PosesByName& poses,
+                    const std::string& name);
+
 // Each frame passes through Load(), NoteStamp() and Finish(). The reading of point times and the
 // frame period follow from earlier input. In a recording all stamps are noted, and all frames, or
 // all of its first part, loaded, before the first frame is finished. A stream finishes frames as
@@ -41,10 +54,10 @@ class SensorFrames {
  public:
   enum class Source { kRecording, kStream };
 
-  // `index`: of the sensor among all. `reading`: of point times, if known. Throws ConfigError for a
-  // time offset beyond the range of stamps.
+  // `index`: of the sensor among all. `mount`: its pose and clock, and what carries it. `reading`:
+  // of point times, if known. Throws ConfigError for a time offset beyond the range of stamps.
   SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
-               const SensorConfig& sensor, Source source = Source::kRecording,
+               const SensorMount& mount, Source source = Source::kRecording,
                std::optional<TimeReading> reading = std::nullopt);
 
   // Throws InputError unless the stamp is in range with and without the time offset, so that any
@@ -71,8 +84,10 @@ class SensorFrames {
   // Throws UnitError if there is a UnitProblem().
   void CheckUnits() const;
 
-  // Sets the times and the interval of the frame. Throws InputError for an invalid point time.
-  void Finish(LoadedFrame& frame);
+  // Sets the times and the interval of the frame, and moves its returns to where the carrier was at
+  // their times. Returns false if that is not known: the frame is to be left out.
+  // Throws InputError for an invalid point time.
+  bool Finish(LoadedFrame& frame);
 
   // Name, origin, and frame period from the stamps so far; valid until the next NoteStamp().
   const SensorInfo& info() const;
@@ -80,6 +95,9 @@ class SensorFrames {
   // Returns the warnings about these coordinates, from however few frames. `are_metres`: true if
   // their source states so.
   std::vector<Warning> RangeWarnings(bool are_metres) const;
+
+  // Returns the warning about frames left out for want of a pose, if there are any.
+  std::optional<Warning> PoseWarning() const;
 
   // Appends the warnings about the frames loaded so far.
   void AppendWarnings(bool are_metres, std::vector<Warning>* warnings) const;
@@ -89,12 +107,16 @@ class SensorFrames {
 
  private:
   void SetTimes(TimeReading reading, LoadedFrame& frame) const;
+  bool Place(LoadedFrame* frame);
 
   std::uint32_t index_;
   InputConfig input_;
   SensorConfig sensor_;
   Source source_;
   TimeNs offset_ns_;
+  std::optional<PoseHistory> poses_;        // of its carrier, if it moves
+  std::optional<Eigen::Vector3d> first_m_;  // position at its first frame, if it moves
+  bool has_unplaced_ = false;               // frames without a pose
   std::vector<TimeNs> stamps_ns_;           // ascending; in a stream the newest only
   mutable SensorInfo info_;                 // its period is computed on demand
   mutable bool is_period_known_ = false;    // false: to be computed from stamps_ns_

@@ -41,7 +41,7 @@ void LiveClutter::AddFrame(std::uint32_t sensor, std::uint32_t bin,
   Sensor& own = SensorAt(sensor);
   if (own.frames.empty() || own.frames.back().bin != bin) own.frames.push_back({bin, 0});
   ++own.frames.back().count;
-  for (const LivePlot& seen : plots) clutter_.Add(sensor, seen.plot.ray_m.cast<float>(), bin);
+  for (const LivePlot& seen : plots) clutter_.Add(sensor, seen.plot.PlaceM().cast<float>(), bin);
 }
 
 void LiveClutter::AddLookahead(std::uint32_t sensor, std::uint32_t bin,
@@ -62,7 +62,7 @@ void LiveClutter::Judge(const Support& support, std::uint32_t sensor, std::uint3
   const std::uint32_t frames = all_frames - CountFrames(own, ClutterMap::Excluded(bin));
   for (LivePlot& seen : *plots) {
     Plot& plot = seen.plot;
-    const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
+    const Eigen::Vector3f place_m = plot.PlaceM().cast<float>();
     const auto levels =
         clutter_.LevelsAt(sensor, place_m, clutter_.ExcludedAt(sensor, place_m, bin));
     const double rate = RateAtOtherTimes(levels, frames, 0, num_levels_);
@@ -81,12 +81,12 @@ void LiveClutter::MarkFloating(const Support& support, std::uint32_t bin,
                                std::uint32_t recent_frames, std::vector<LivePlot>* plots) {
   for (LivePlot& seen : *plots) {
     Plot& plot = seen.plot;
-    const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
+    const Eigen::Vector3f place_m = plot.PlaceM().cast<float>();
     Sensor& sensor = SensorAt(plot.sensor);
     static_places_.Add(place_m, bin);
     sensor.places.Add(place_m, bin);
     const bool is_static = static_places_.IsStatic(place_m);
-    if (is_static) static_plots_.push_back({plot.frame_time_ns, plot.ray_m});
+    if (is_static) static_plots_.push_back({plot.frame_time_ns, plot.PlaceM()});
     // An object that is hit only occasionally is a twig or a wire.
     const bool is_persistent =
         sensor.places.Count(place_m, Recent(bin)) >= kPersistentShare * recent_frames;
@@ -105,9 +105,9 @@ void LiveClutter::MarkFloating(const Support& support, std::uint32_t bin,
     const double reach_m = SupportReachM(plot.ray_m.norm(), support.config());
     Neighbours neighbours;
     for (const StaticPlot& other : static_plots_) {
-      neighbours.Add((plot.ray_m - other.position_m).norm(), reach_m);
+      neighbours.Add((plot.PlaceM() - other.position_m).norm(), reach_m);
     }
-    const Eigen::Vector3f place_m = plot.ray_m.cast<float>();
+    const Eigen::Vector3f place_m = plot.PlaceM().cast<float>();
     neighbour_test_.Add(place_m, bin, neighbours);
     plot.is_floating = !neighbour_test_.HasNeighbours(place_m);
   }
@@ -116,7 +116,7 @@ void LiveClutter::MarkFloating(const Support& support, std::uint32_t bin,
 void LiveClutter::RemoveFromClutter(const LivePlot& seen) {
   if (seen.bin < forgotten_bins_) return;
   const Plot& plot = seen.plot;
-  clutter_.Add(plot.sensor, plot.ray_m.cast<float>(), seen.bin, -1);
+  clutter_.Add(plot.sensor, plot.PlaceM().cast<float>(), seen.bin, -1);
 }
 
 void LiveClutter::Restart(std::uint32_t bin) {

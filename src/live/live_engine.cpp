@@ -51,11 +51,10 @@ void LiveEngine::ReplaceSensor(std::uint32_t sensor, const std::string& name) {
 }
 
 SensorFrames LiveEngine::FramesOf(std::uint32_t sensor, const std::string& name) const {
-  const auto known = config_.sensors.find(name);
   return {sensor,
           name,
           config_.input,
-          known == config_.sensors.end() ? SensorConfig() : known->second,
+          MountOf(config_.sensors, config_.poses, name),
           is_endless_ ? SensorFrames::Source::kRecording : SensorFrames::Source::kStream,
           reading_};
 }
@@ -250,9 +249,11 @@ void LiveEngine::UpdateSensorHealth(const LoadedFrame& frame) {
   const Eigen::Vector3f* const begin_m = frame.points_m.data();
   const Eigen::Vector3f* const end_m = begin_m + frame.points_m.size();
   const SensorInfo& info = sensor.frames.info();
-  sensor.sensor_health.AddFrame(frame.info.begin_ns, begin_m, end_m, info.origin_m);
+  if (info.carrier == nullptr) {
+    sensor.sensor_health.AddFrame(frame.info.begin_ns, begin_m, end_m, info.origin_m);
+  }
   if (is_endless_) return;  // the recording is checked at the end
-  sensor.pose.AddFrame(info.name, frame.info.begin_ns, begin_m, end_m, info.origin_m);
+  sensor.pose.AddFrame(info, frame.info.begin_ns, begin_m, end_m);
   Warn(frame.info.sensor, sensor.pose.TakeWarnings());
 }
 
@@ -282,7 +283,11 @@ void LiveEngine::PassToTracker(TimeNs until_ns, LoadedFrame* frame) {
   sensor.frames.NoteStamp(frame->file.stamp_ns);
   const TimeNs now_ns = frame->file.stamp_ns + offset_ns + NsOf(config_.live.reorder_s);
   try {
-    sensor.frames.Finish(*frame);
+    if (!sensor.frames.Finish(*frame)) {
+      ++counts_.unplaced_frames;
+      Warn(index, {*sensor.frames.PoseWarning()});
+      return;
+    }
   } catch (const InputError&) {
     if (!config_.input.skip_bad_frames) throw;
     ++counts_.bad_frames;
@@ -307,19 +312,24 @@ void LiveEngine::TrackAsRecording() {
   Recording recording;
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
     if (sensors_[i].frames.UnitProblem()) CheckUnits(i);
-    sensors_[i].frames.AppendWarnings(are_metres_, &recording.warnings);
-    recording.sensors.push_back(sensors_[i].frames.info());
   }
   std::vector<LoadedFrame> frames;
   for (LoadedFrame& loaded : waiting_.TakeAll()) {
     try {
-      sensors_[loaded.info.sensor].frames.Finish(loaded);
+      if (!sensors_[loaded.info.sensor].frames.Finish(loaded)) {
+        ++counts_.unplaced_frames;
+        continue;
+      }
       UpdateSensorHealth(loaded);
       frames.push_back(std::move(loaded));
     } catch (const InputError&) {
       if (!config_.input.skip_bad_frames) throw;
       ++counts_.bad_frames;
     }
+  }
+  for (const Sensor& sensor : sensors_) {
+    sensor.frames.AppendWarnings(are_metres_, &recording.warnings);
+    recording.sensors.push_back(sensor.frames.info());
   }
   Merge(std::move(frames), recording);
   const std::vector<Warning> warnings =

@@ -26,10 +26,9 @@ LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config
 LiveScene::LiveScene(const Config& config, bool is_traced)
     : config_(config), is_traced_(is_traced), snapshot_interval_ns_(kFirstRefitNs) {}
 
-Eigen::Vector3f LiveScene::AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m) {
-  const std::size_t station = stations_.Add(sensor, origin_m);
+void LiveScene::AddSensor(std::uint32_t sensor, const SensorInfo& info) {
+  const std::size_t station = stations_.Add(sensor, info);
   if (station == scenes_.size()) scenes_.emplace_back(stations_.ViewpointM(station), config_);
-  return stations_.ViewpointM(station);
 }
 
 double LiveScene::SecondsOf(TimeNs time_ns) const {
@@ -75,7 +74,7 @@ bool LiveScene::Take(LoadedFrame* frame) {
     learning_since_ns_ = station.begin_ns;
   }
   for (Eigen::Vector3f& point_m : frame->points_m) point_m -= station.viewpoint_m;
-  station.scene.Learn(frame->points_m, bin);
+  station.scene.Learn(frame->points_m, bin, info.carrier);
   const auto enqueue = [&] {
     auto& [waiting, its_bin] = waiting_.Append();
     std::swap(waiting, *frame);
@@ -177,8 +176,9 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
   held->plots.clear();
   held->bodies_m.clear();
   if (is_traced_) {
+    const Eigen::Vector3f viewpoint_m = station.viewpoint_m + held->info.carrier.shift_m;
     for (const std::uint32_t i : found.body_returns) {
-      held->bodies_m.push_back(frame.points_m[i] + station.viewpoint_m);
+      held->bodies_m.push_back(frame.points_m[i] + viewpoint_m);
     }
   }
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
@@ -193,7 +193,7 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
                  station.scene.occupancy().RateAround(seen.plot.position_m.cast<float>(), bin));
     std::optional<std::int64_t> dwell_begin_bin = bin;
     for (const std::uint32_t i : workspace_.plotter.ReturnsOf(p)) {
-      const Eigen::Vector3d d = frame.points_m[i].cast<double>() - seen.plot.position_m;
+      const Eigen::Vector3d d = frame.points_m[i].cast<double>() - seen.plot.ray_m;
       seen.scatter_m2 += d * d.transpose();
       // nullopt compares less than any bin
       dwell_begin_bin = std::min(dwell_begin_bin, workspace_.verdicts[i].dwell_begin_bin);
@@ -251,6 +251,7 @@ void LiveScene::Judge(SceneFrame* frame) {
   const TimeNs middle_ns = frame->info.middle_ns();
   Station& station = StationOf(frame->info.sensor);
   frame->time_s = SecondsOf(middle_ns);
+  frame->viewpoint_m = (station.viewpoint_m + frame->info.carrier.shift_m).cast<double>();
   Queue<BodyBox>& bodies = station.bodies;
   const TimeNs oldest_ns = middle_ns - 2 * NsOf(kBodyMarginS);
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();

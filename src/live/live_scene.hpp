@@ -25,6 +25,7 @@ struct SceneFrame {
   std::uint32_t bin = 0;
   double time_s = 0.0;      // middle, since the start of the first frame
   double observed_s = 0.0;  // time_s since the youngest station began
+  Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();
   // kWarmUp, kSurge: used for clutter only, its station is still learning; otherwise it is searched
   Rejection rejection = Rejection::kNone;
   std::vector<LivePlot> plots;            // in common coordinates, with clutter intensity
@@ -43,8 +44,8 @@ class LiveScene {
   // `config` must outlive it. `is_traced`: frames have their bodies.
   explicit LiveScene(const Config& config, bool is_traced = false);
 
-  // Returns the viewpoint of its station, in common coordinates. May be called again for a sensor.
-  Eigen::Vector3f AddSensor(std::uint32_t sensor, const Eigen::Vector3f& origin_m);
+  // May be called again for a sensor.
+  void AddSensor(std::uint32_t sensor, const SensorInfo& info);
 
   // True if a known target was at a place at `dwell_begin_s` and is there at `time_s`. May be
   // empty: no targets.

@@ -58,15 +58,13 @@ void DropFirst(std::size_t count, std::vector<T>* values) {
 
 }  // namespace
 
-void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info,
-                           const Eigen::Vector3f& viewpoint_m) {
+void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
   if (recent_.sensors.size() <= sensor) {
     recent_.sensors.resize(sensor + 1);
     scan_schedule_.sensors.resize(sensor + 1);
     frame_time_.frames_before.resize(sensor + 1, 0);
   }
   recent_.sensors[sensor] = info;
-  scan_schedule_.sensors[sensor].viewpoint_m = viewpoint_m.cast<double>();
   scan_schedule_.sensors[sensor].frame_s =
       static_cast<double>(info.frame_period_ns) * kSecondsPerNs;
   const TrackerConfig& tracker = config_.robust.tracker;
@@ -84,6 +82,7 @@ const FrameTime& LiveSearch::Begin(const SceneFrame& frame) {
   recent_.frames.push_back(frame.info);
   frame_time_.time_s = frame.time_s;
   frame_time_.sensor = frame.info.sensor;
+  frame_time_.viewpoint_m = frame.viewpoint_m;
   return frame_time_;
 }
 
@@ -186,7 +185,7 @@ Rejection LiveSearch::Judge(const Path& path) {
     DropFirst(first, &flight.plots);
     DropFirst(first, &plots);
   }
-  const Rejection rejection = FlightRejection(recent_, scan_schedule_, plots, robust);
+  const Rejection rejection = FlightRejection(recent_, plots, robust);
   if (rejection != Rejection::kNone) return rejection;
   if (robust.Uses(Rule::kStationary) && !MovesOrFloats(flight.plots)) {
     return Rejection::kStationary;

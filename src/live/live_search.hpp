@@ -27,8 +27,8 @@ class LiveSearch {
   LiveSearch(const LiveSearch&) = delete;
   LiveSearch& operator=(const LiveSearch&) = delete;
 
-  // `viewpoint_m`: of its station. May be called again for a sensor whose frame period has changed.
-  void SetSensor(std::uint32_t sensor, const SensorInfo& info, const Eigen::Vector3f& viewpoint_m);
+  // May be called again for a sensor whose frame period has changed.
+  void SetSensor(std::uint32_t sensor, const SensorInfo& info);
 
   // `is_blinded`: a sensor is or may be blinded. Weather affects all sensors, and the clutter of
   // every place may have changed.

@@ -23,7 +23,8 @@ LiveTracker::LiveTracker(const Config& config, OutputTimes output_times, EngineC
       tracks_(config_, search_.models(), std::move(output_times), std::move(on_event), trace_) {}
 
 void LiveTracker::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
-  search_.SetSensor(sensor, info, scene_.AddSensor(sensor, info.origin_m));
+  scene_.AddSensor(sensor, info);
+  search_.SetSensor(sensor, info);
   tracks_.SetPeriod(search_.shortest_period_ns());
 }
 

@@ -5,8 +5,8 @@
 namespace unlidar {
 
 void RecentFrameTimes::Add(std::uint32_t frame, const FrameTime& at) {
-  frames_.push_back(
-      {frame, at.time_s, at.sensor, num_forgotten_ + counts_.size(), at.frames_before.size()});
+  frames_.push_back({frame, at.time_s, at.sensor, num_forgotten_ + counts_.size(),
+                     at.frames_before.size(), at.viewpoint_m});
   for (const std::uint32_t before : at.frames_before) counts_.push_back(before);
 }
 
@@ -16,7 +16,10 @@ FrameTime RecentFrameTimes::At(std::uint32_t frame) const {
                        [](const Frame& a, std::uint32_t number) { return a.number < number; });
   const auto first =
       counts_.begin() + static_cast<std::ptrdiff_t>(its->first_count - num_forgotten_);
-  return {its->time_s, {first, first + static_cast<std::ptrdiff_t>(its->num_sensors)}, its->sensor};
+  return {its->time_s,
+          {first, first + static_cast<std::ptrdiff_t>(its->num_sensors)},
+          its->sensor,
+          its->viewpoint_m};
 }
 
 void RecentFrameTimes::Forget(std::uint32_t frame) {

@@ -28,6 +28,7 @@ class RecentFrameTimes {
     std::uint32_t sensor = 0;
     std::size_t first_count = 0;  // number among all counts ever added
     std::size_t num_sensors = 0;  // known at that time
+    Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();
   };
 
   Queue<Frame> frames_;

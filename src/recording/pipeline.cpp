@@ -131,8 +131,10 @@ FrameFeed Monitored(const FrameFeed& feed, std::vector<SensorMonitor>* monitors)
       const Eigen::Vector3f* const begin_m = recording->points_m.data() + frame.first_return;
       const Eigen::Vector3f* const end_m = recording->points_m.data() + frame.last_return;
       SensorMonitor& monitor = (*monitors)[frame.sensor];
-      monitor.sensor_health.AddFrame(frame.begin_ns, begin_m, end_m, sensor.origin_m);
-      monitor.pose.AddFrame(sensor.name, frame.begin_ns, begin_m, end_m, sensor.origin_m);
+      if (sensor.carrier == nullptr) {
+        monitor.sensor_health.AddFrame(frame.begin_ns, begin_m, end_m, sensor.origin_m);
+      }
+      monitor.pose.AddFrame(sensor, frame.begin_ns, begin_m, end_m);
     }
     return next_ns;
   };
@@ -252,7 +254,7 @@ PipelineResult RunPipeline(const PipelineRequest& request, const Config& config,
                            const ProgressCallback& progress) {
   PipelineResult result;
   StageTimer timer(progress, result.times);
-  FrameReader reader(request.sources, config.input, config.sensors);
+  FrameReader reader(request.sources, config.input, config.sensors, config.poses);
   const FrameFeed feed = [&](TimeNs until_ns, Recording* recording) {
     return reader.ReadUntil(until_ns, recording);
   };

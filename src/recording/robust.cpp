@@ -234,7 +234,7 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
         verdict.rejection = Rejection::kBelowThreshold;
         continue;
       }
-      verdict.rejection = FlightRejection(recording, scan_schedule, PlotsOf(path, plots), config);
+      verdict.rejection = FlightRejection(recording, PlotsOf(path, plots), config);
       if (verdict.rejection != Rejection::kNone) continue;
       if (config.Uses(Rule::kCrowded)) {
         verdict.crowding_penalty = CrowdingPenalty(path, plots, are_targets, station_models);

@@ -102,7 +102,7 @@ class ClutterEstimate {
     }
   }
 
-  Eigen::Vector3f PlaceM(std::size_t i) const { return plots_[i].ray_m.cast<float>(); }
+  Eigen::Vector3f PlaceM(std::size_t i) const { return plots_[i].PlaceM().cast<float>(); }
 
   // Number of plots of the spot that may be of one dwell, including this one.
   std::uint32_t NumInDwell(std::size_t i) const {

@@ -32,7 +32,7 @@ class ClutterMap {
     double volume_m3 = 0.0;
   };
 
-  // Adds a plot, or removes it again if `count` is -1. `place_m`: relative to the viewpoint.
+  // Adds a plot, or removes it again if `count` is -1. `place_m`: in the scene of its station.
   void Add(std::uint32_t sensor, const Eigen::Vector3f& place_m, std::uint32_t bin,
            std::int32_t count = 1);
 

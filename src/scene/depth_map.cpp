@@ -55,13 +55,14 @@ double DepthMap::HiddenShare(const Eigen::Vector3f& place_m, double radius_m, do
     const Angle& elevation = elevations_[row];
     if (std::abs(elevation.rad - elevation_rad) > radius_rad) continue;
     const double weight = elevation.cosine;  // cells are narrower towards the zenith
-    const bool is_in_view = elevation.rad > view.lowest_rad && elevation.rad < view.highest_rad;
     for (std::size_t column = 0; column < cells_.columns(); ++column) {
       const Angle& azimuth = azimuths_[column];
       const Eigen::Vector3d cell(weight * azimuth.cosine, weight * azimuth.sine, elevation.sine);
       if (cell.dot(towards) < min_cosine) continue;
       all += weight;
-      if (!is_in_view || is_hidden(row * cells_.columns() + column)) hidden += weight;
+      if (!view.Contains(cell, elevation.rad) || is_hidden(row * cells_.columns() + column)) {
+        hidden += weight;
+      }
     }
   }
   // A neighbourhood narrower than a cell: use the cell of the place.

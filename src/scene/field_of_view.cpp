@@ -12,6 +12,8 @@ constexpr float kNoneSeen = 2.0F;  // initial value, outside the range of a sine
 // leaves this band within a few columns, because its elevation rises where it is nearer.
 constexpr double kSharpRad = 0.15 * M_PI / 180.0;
 constexpr std::ptrdiff_t kMinColumns = 8;
+constexpr float kAlikeRad = 0.02F;  // attitudes that tilt less than this apart are one
+constexpr std::size_t kMaxAttitudes = 64;
 
 }  // namespace
 
@@ -20,22 +22,34 @@ FieldOfView::FieldOfView() : lowest_(kNoneSeen), highest_(-kNoneSeen) {
   highest_of_.fill(highest_);
 }
 
-void FieldOfView::Add(const Eigen::Vector3f& point_m) {
-  const float sine = point_m.z() / point_m.norm();
+void FieldOfView::Add(const Eigen::Vector3f& ray_m) {
+  const float sine = ray_m.z() / ray_m.norm();
   lowest_ = std::min(lowest_, sine);
   highest_ = std::max(highest_, sine);
   // Conservative: angles differ by at least as much as their sines.
   const auto sharp = static_cast<float>(kSharpRad);
   if (sine > lowest_ + sharp && sine < highest_ - sharp) return;
-  const double turns = (AzimuthRad(point_m) + M_PI) / (2.0 * M_PI);
+  const double turns = (AzimuthRad(ray_m) + M_PI) / (2.0 * M_PI);
   const std::size_t column =
       std::min(static_cast<std::size_t>(turns * static_cast<double>(kNumColumns)), kNumColumns - 1);
   lowest_of_[column] = std::min(lowest_of_[column], sine);
   highest_of_[column] = std::max(highest_of_[column], sine);
 }
 
+void FieldOfView::AddAttitude(const CarrierPose& carrier) {
+  const Eigen::Vector3f up = carrier.rotation * Eigen::Vector3f::UnitZ();
+  const auto is_alike = [&](const Eigen::Vector3f& other) {
+    return (up - other).norm() < kAlikeRad;
+  };
+  if (ups_.size() < kMaxAttitudes && std::none_of(ups_.begin(), ups_.end(), is_alike)) {
+    ups_.push_back(up);
+  }
+}
+
 ElevationRange FieldOfView::Edges() const {
   ElevationRange edges;
+  const bool is_level = ups_.size() == 1 && ups_[0] == Eigen::Vector3f::UnitZ();
+  if (!is_level) edges.ups = ups_;
   if (highest_ < lowest_) return edges;
   const auto elevation_rad = [](float sine) { return std::asin(static_cast<double>(sine)); };
   const auto is_sharp = [&](const std::array<float, kNumColumns>& sines, float edge) {

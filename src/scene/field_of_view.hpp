@@ -2,17 +2,31 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <vector>
 
+#include "base/recording.hpp"
+
 namespace unlidar {
 
-// Range of elevations as seen from the viewpoint; by default all.
+// Range of elevations as seen from the viewpoint; by default all. Those of a carrier that tilts are
+// relative to its own horizon.
 struct ElevationRange {
   double lowest_rad = -M_PI / 2;
   double highest_rad = M_PI / 2;
+  std::vector<Eigen::Vector3f> ups{};  // z axis of the carrier at each attitude; none: never tilts
+
+  // True if a direction, a unit vector of elevation `elevation_rad`, is or was within the range.
+  bool Contains(const Eigen::Vector3d& direction, double elevation_rad) const {
+    const auto is_within = [this](double rad) { return rad > lowest_rad && rad < highest_rad; };
+    if (ups.empty()) return is_within(elevation_rad);
+    return std::any_of(ups.begin(), ups.end(), [&](const Eigen::Vector3f& up) {
+      return is_within(std::asin(std::clamp(direction.dot(up.cast<double>()), -1.0, 1.0)));
+    });
+  }
 };
 
 // Lower and upper edge of the field of view. The sky yields no returns, so an edge is only known if
@@ -21,7 +35,11 @@ class FieldOfView {
  public:
   FieldOfView();
 
-  void Add(const Eigen::Vector3f& point_m);
+  // Adds a return. `ray_m`: in the axes of the carrier.
+  void Add(const Eigen::Vector3f& ray_m);
+
+  // Adds an attitude of the carrier.
+  void AddAttitude(const CarrierPose& carrier);
 
   // Returns the edges in rad; an unknown edge is at -pi/2 or pi/2.
   ElevationRange Edges() const;
@@ -35,6 +53,7 @@ class FieldOfView {
   float highest_;
   std::array<float, kNumColumns> lowest_of_;
   std::array<float, kNumColumns> highest_of_;
+  std::vector<Eigen::Vector3f> ups_;  // see ElevationRange
 };
 
 // Returns the elevation (rad) below which one return in a hundred of a station lies: near it, the

@@ -24,7 +24,8 @@ MultiStationPlots::MultiStationPlots(const Recording& recording, const Stations&
   for (const FrameInfo& frame : recording.frames) {
     LoadFrame(recording, frame);
     Station& station = scenes_[stations.StationOf(frame.sensor)];
-    station.scene.Learn(workspace_.frame.points_m, station.bins.BinOf(frame.middle_ns()));
+    station.scene.Learn(workspace_.frame.points_m, station.bins.BinOf(frame.middle_ns()),
+                        frame.carrier);
   }
   StationScene::FitWorkspace fit_workspace;
   for (Station& station : scenes_) station.scene.Fit(&fit_workspace);

@@ -1,6 +1,9 @@
 #include "scene/occlusion.hpp"
 
 #include <algorithm>
+#include <cmath>
+
+#include "base/angles.hpp"
 
 namespace unlidar {
 namespace {
@@ -17,22 +20,44 @@ std::uint16_t QuantaOf(float range_m) {
   return static_cast<std::uint16_t>(std::min(range_m / kQuantumM, kNothing - 1.0F));
 }
 
+// A place may have been seen from this much farther than now.
+constexpr float kFarther = 1.5F;
+// A carrier that moves less is at rest, as the noise of its poses is as large.
+constexpr float kMaxRestM = 0.05F;
+constexpr float kMaxRestRad = 0.2F * static_cast<float>(M_PI) / 180.0F;
+
+bool IsMoved(const CarrierPose& from, const CarrierPose& to) {
+  return (to.shift_m - from.shift_m).norm() > kMaxRestM ||
+         from.rotation.angularDistance(to.rotation) > kMaxRestRad;
+}
+
+// True if the median of a direction is nearer than a place by more than its own size.
+bool IsNearer(std::uint16_t quanta, float range_m) {
+  return static_cast<float>(quanta) * kQuantumM < range_m - kMarginM;
+}
+
 std::size_t SlotOf(std::int64_t bin) { return static_cast<std::size_t>(bin % RecentBins::kWindow); }
 
 }  // namespace
 
-Occlusion::Occlusion() : cells_(kHidingCellDeg), rows_(cells_.size(), kNone) {}
+Occlusion::Occlusion()
+    : cells_(kHidingCellDeg), rows_(cells_.size(), kNone), carriers_(RecentBins::kWindow) {}
 
-void Occlusion::Add(PointsView points_m, std::int64_t bin) {
+void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
   if (bin < bin_) return;
+  if (bin_ < 0) first_carrier_ = carrier;
+  is_carrier_moving_ = is_carrier_moving_ || IsMoved(first_carrier_, carrier);
   while (bin_ < bin) {
     FinishBin();
     bin_ = std::max(bin_ + 1, bin - RecentBins::kWindow + 1);
+    carriers_[SlotOf(bin_)] = carrier;
   }
   const std::size_t step = 1 + points_m.size() / kEnoughReturns;
   for (std::size_t i = 0; i < points_m.size(); i += step) {
-    returns_.push_back(static_cast<std::uint32_t>(cells_.CellOf(points_m[i])) << kRangeBits |
-                       QuantaOf(points_m[i].norm()));
+    const Eigen::Vector3f ray_m = points_m[i] - carrier.shift_m;
+    returns_.push_back(static_cast<std::uint32_t>(cells_.CellOf(ray_m)) << kRangeBits |
+                       QuantaOf(ray_m.norm()));
+    if (is_carrier_moving_) view_.Add(carrier.rotation.conjugate() * ray_m);
   }
 }
 
@@ -57,25 +82,61 @@ void Occlusion::FinishBin() {
   returns_.clear();
 }
 
-RecentBins Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int64_t newest) const {
-  RecentBins hidden;
-  const float visible_m = place_m.norm() - kMarginM;
-  if (visible_m <= 0.0F) return hidden;
-  const std::uint32_t row = rows_[cells_.CellOf(place_m)];
-  if (row == kNone) return hidden;
-  const std::uint16_t* const depths = depths_.data() + row;
-  for (int slot = 0; slot < RecentBins::kWindow; ++slot) {
-    if (static_cast<float>(depths[slot]) * kQuantumM >= visible_m) continue;
+Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int64_t bin,
+                                        std::int64_t newest) const {
+  Hidden hidden;
+  const float farthest_m = kFarther * (place_m - carriers_[SlotOf(bin)].shift_m).norm();
+  // From a fixed viewpoint all bins are those of one direction.
+  const std::uint32_t fixed_row = rows_[cells_.CellOf(place_m)];
+  const float fixed_range_m = place_m.norm();
+  if (!is_carrier_moving_ && fixed_row == kNone) return hidden;
+  for (int i = 0; i < RecentBins::kWindow; ++i) {
+    const auto slot = static_cast<std::size_t>(i);
     // The last bin of this slot before bin_.
     const std::int64_t last = bin_ - 1;
-    const std::int64_t bin =
-        last - ((last - slot) % RecentBins::kWindow + RecentBins::kWindow) % RecentBins::kWindow;
-    const std::int64_t age = newest - bin;
-    if (bin < 0 || age >= RecentBins::kWindow) continue;
-    hidden.Insert(static_cast<int>(age));
-    if (bin == last) hidden.Insert(static_cast<int>(age) - 1);
+    const std::int64_t at =
+        last - ((last - i) % RecentBins::kWindow + RecentBins::kWindow) % RecentBins::kWindow;
+    const std::int64_t age = newest - at;
+    if (at < 0 || age >= RecentBins::kWindow) continue;
+    const auto insert = [&](RecentBins* bins) {
+      bins->Insert(static_cast<int>(age));
+      if (at == last) bins->Insert(static_cast<int>(age) - 1);
+    };
+    if (!is_carrier_moving_) {
+      if (IsNearer(depths_[fixed_row + slot], fixed_range_m)) insert(&hidden.behind);
+      continue;
+    }
+    const CarrierPose& carrier = carriers_[slot];
+    const Eigen::Vector3f ray_m = place_m - carrier.shift_m;
+    if (ray_m.norm() > farthest_m || !view_.Contains(carrier.rotation.conjugate() * ray_m)) {
+      insert(&hidden.unseen);
+    } else if (IsBehind(slot, ray_m)) {
+      insert(&hidden.behind);
+    }
   }
   return hidden;
+}
+
+bool Occlusion::IsBehind(std::size_t slot, const Eigen::Vector3f& ray_m) const {
+  const std::uint32_t row = rows_[cells_.CellOf(ray_m)];
+  return row != kNone && IsNearer(depths_[row + slot], ray_m.norm());
+}
+
+void Occlusion::View::Add(const Eigen::Vector3f& ray_m) {
+  const float sine = ray_m.z() / ray_m.norm();
+  lowest = std::min(lowest, sine);
+  highest = std::max(highest, sine);
+  columns[ColumnOf(ray_m)] = true;
+}
+
+bool Occlusion::View::Contains(const Eigen::Vector3f& ray_m) const {
+  const float sine = ray_m.z() / ray_m.norm();
+  return lowest <= sine && sine <= highest && columns[ColumnOf(ray_m)];
+}
+
+std::size_t Occlusion::View::ColumnOf(const Eigen::Vector3f& ray_m) {
+  const double turns = AzimuthRad(ray_m) / (2.0 * M_PI) + 0.5;
+  return std::min(static_cast<std::size_t>(turns * kColumns), kColumns - 1);
 }
 
 }  // namespace unlidar

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <bitset>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -12,22 +13,49 @@
 
 namespace unlidar {
 
-// Median range in each direction for each of the last RecentBins::kWindow bins.
+// Median range in each direction for each of the last RecentBins::kWindow bins, as seen from where
+// the station was in that bin. Places and returns are relative to its first viewpoint.
 class Occlusion {
  public:
   Occlusion();
 
   // Adds the returns of a frame. Bins count up; those of earlier bins than the last one are
   // ignored.
-  void Add(PointsView points_m, std::int64_t bin);
+  void Add(PointsView points_m, std::int64_t bin, const CarrierPose& carrier);
+
+  // Bins by age.
+  struct Hidden {
+    RecentBins behind;  // something nearer
+    RecentBins unseen;  // out of view, or too far away to return as much
+  };
 
   // Returns the bins in which the median range in the direction of a place was shorter than its own
-  // by more than the size of an occluder, by age before `newest`, the last bin added. That one is
-  // not complete: it counts as hidden if the one before is.
-  RecentBins HiddenBins(const Eigen::Vector3f& place_m, std::int64_t newest) const;
+  // by more than the size of an occluder and, if the carrier moves, those in which the place was
+  // out of view, or farther away than a thing there must be to return something as in `bin`. Ages
+  // count from `newest`, the last bin added. That one is not complete: it counts as the one before.
+  Hidden HiddenBins(const Eigen::Vector3f& place_m, std::int64_t bin, std::int64_t newest) const;
+
+  // True once the carrier of a sensor has moved.
+  bool is_carrier_moving() const { return is_carrier_moving_; }
 
  private:
+  // Directions, in the axes of the carrier, that ever had returns.
+  struct View {
+    static constexpr std::size_t kColumns = 72;  // azimuths, 5 degrees each
+
+    void Add(const Eigen::Vector3f& ray_m);
+
+    // True within the azimuths and between the lowest and the highest elevation of returns.
+    bool Contains(const Eigen::Vector3f& ray_m) const;
+    static std::size_t ColumnOf(const Eigen::Vector3f& ray_m);
+
+    std::bitset<kColumns> columns;
+    float lowest = 1.0F;  // sines of the elevations
+    float highest = -1.0F;
+  };
+
   void FinishBin();
+  bool IsBehind(std::size_t slot, const Eigen::Vector3f& ray_m) const;
 
   DirectionCells cells_;
   std::int64_t bin_ = -1;
@@ -35,7 +63,11 @@ class Occlusion {
   // Quantised, by row, then by bin modulo the window: a place is compared with all bins of its
   // direction.
   std::vector<std::uint16_t> depths_;
-  std::vector<std::uint32_t> rows_;  // (cells) of those that ever had returns
+  std::vector<std::uint32_t> rows_;    // (cells) of those that ever had returns
+  std::vector<CarrierPose> carriers_;  // at the begin of each bin, by bin modulo the window
+  CarrierPose first_carrier_;
+  bool is_carrier_moving_ = false;
+  View view_;  // of a carrier that moves
 };
 
 }  // namespace unlidar

@@ -12,6 +12,7 @@ namespace {
 
 // Of so many a place must be exposed for a share, however many more there are.
 constexpr int kEnoughBins = RecentBins::kWindow / 2;
+constexpr double kEnoughFromMoving = 3.0;
 constexpr int kSettledBins = 10;  // observed bins from which structure is kept for a while
 constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may be empty by chance
 // With fewer observed bins, any place that is still being hit may be a support.
@@ -46,9 +47,9 @@ Occupancy::Occupancy(const BackgroundConfig& config)
       frame_counts_(RecentBins::kWindow, 0),
       places_(config.place) {}
 
-void Occupancy::AddFrame(PointsView points_m, std::int64_t bin) {
+void Occupancy::AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
   CountFrame(bin);
-  occlusion_.Add(points_m, bin);
+  occlusion_.Add(points_m, bin, carrier);
   for (std::size_t i = 0; i < points_m.size(); ++i) {
     if (i + kPrefetchDistance < points_m.size()) Prefetch(points_m[i + kPrefetchDistance]);
     Add(points_m[i], bin);
@@ -120,8 +121,14 @@ double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first
   };
   const int youngest = std::max(age_of(last - 1), 0);
   const int oldest = age_of(first);
-  const int num_outside = observed_.SizeOutside(youngest, oldest);
-  if (num_outside < config_.min_exposure * std::min(observed_.Size(), kEnoughBins)) return -1.0;
+  RecentBins visible = observed_;
+  if (occlusion_.is_carrier_moving()) {
+    const std::int64_t bin = std::clamp(last - 1, newest_ - RecentBins::kWindow + 1, newest_);
+    visible =
+        observed_ - occlusion_.HiddenBins(place_m, std::max<std::int64_t>(bin, 0), newest_).unseen;
+  }
+  const int num_outside = visible.SizeOutside(youngest, oldest);
+  if (num_outside < MinExposed()) return -1.0;
   double num_returns = 0.0;
   places_.VisitNeighbourhood(place_m,
                              [&](const Place& place) { num_returns += place.num_returns; });
@@ -156,6 +163,13 @@ double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) c
   return RateOf(occupied[kMaxEmptyAdjacent], exposed, point_m);
 }
 
+// Number of bins outside a dwell from which its place can be judged. A moving carrier sees each
+// place for a part of the time.
+double Occupancy::MinExposed() const {
+  const double share = config_.min_exposure * std::min(observed_.Size(), kEnoughBins);
+  return occlusion_.is_carrier_moving() ? std::min(share, kEnoughFromMoving) : share;
+}
+
 // Judges a place by the bins outside its dwell. A dwell that takes most of the window leaves few to
 // judge it by: those of an earlier verdict on it count as well then, as a long hover must not
 // become structure, nor structure that a long dwell hides anything else.
@@ -168,14 +182,16 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
     place->past_occupied = place->past_exposed = 0;
   }
   const int num_observed = observed_.Size();
-  const double min_exposed = config_.min_exposure * std::min(num_observed, kEnoughBins);
+  const double min_exposed = MinExposed();
   // A place behind something nearer is unobserved, not free. If it was seen through gaps of
   // something nearer during this dwell it can be seen so at other times, too.
-  const RecentBins hidden = occlusion_.HiddenBins(place->point_m, newest_);
-  const RecentBins through_gaps = hits & hidden;
+  const auto [behind, unseen] = occlusion_.HiddenBins(place->point_m, newest_ - age, newest_);
+  const RecentBins through_gaps = hits & behind;
   const bool is_through_gaps =
       through_gaps.Size() > through_gaps.SizeOutside(dwell.youngest, dwell.oldest);
-  const RecentBins visible = is_through_gaps ? observed_ : observed_ - (hidden - hits);
+  RecentBins hidden = unseen;
+  if (!is_through_gaps) hidden |= behind;
+  const RecentBins visible = observed_ - (hidden - hits);
   int exposed = visible.SizeOutside(dwell.youngest, dwell.oldest);
   int occupied = (hits & observed_).SizeOutside(dwell.youngest, dwell.oldest);
   const int num_in_dwell = num_observed - observed_.SizeOutside(dwell.youngest, dwell.oldest);

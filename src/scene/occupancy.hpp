@@ -37,7 +37,7 @@ class Occupancy {
   explicit Occupancy(const BackgroundConfig& config);
 
   // Adds a frame. Bins count up; frames may come out of order by a few bins.
-  void AddFrame(PointsView points_m, std::int64_t bin);
+  void AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier = {});
 
   // Places are prefetched this many points ahead: their data exceed the cache.
   static constexpr std::size_t kPrefetchDistance = 16;
@@ -97,6 +97,7 @@ class Occupancy {
   };
 
   void CountFrame(std::int64_t bin);
+  double MinExposed() const;
   void Add(const Eigen::Vector3f& point_m, std::int64_t bin);
   void Age(Place* place) const;
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;

@@ -30,13 +30,13 @@ constexpr double kMinBodyMarginM = 0.75;
 // Of the ground: lower returns are not legs.
 constexpr double kRoughnessM = 0.25;
 
-bool IsBody(const Recording& recording, const IndexView& returns, const Ground& ground,
-            double lowest_elevation_rad, const PlotConfig& config) {
+bool IsBody(const Recording& recording, const FrameInfo& frame, const IndexView& returns,
+            const Ground& ground, double lowest_elevation_rad, const PlotConfig& config) {
   const int n = static_cast<int>(returns.size());
   if (n >= kMinContactReturns) {
     for (const std::uint32_t i : returns) {
       const Eigen::Vector3f& p = recording.points_m[i];
-      const double height_m = ground.HeightAbove(p);
+      const double height_m = ground.HeightAbove(p + frame.carrier.shift_m);
       if (height_m < kBodyContactM) return true;
       const double elevation_rad = std::asin(static_cast<double>(p.z() / p.norm()));
       if (height_m < kPersonHeightM && elevation_rad < lowest_elevation_rad + kBodyEdgeRad) {
@@ -143,7 +143,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
   linker_.Link(recording.points_m, *candidates, kBodyLink);
   for (std::size_t g = 0; config.Uses(Rule::kBodies) && g < linker_.size(); ++g) {
     const IndexView body = linker_[g];
-    if (!IsBody(recording, body, ground, lowest_elevation_rad, config.plots)) continue;
+    if (!IsBody(recording, frame, body, ground, lowest_elevation_rad, config.plots)) continue;
     for (const std::uint32_t i : body) is_body_[i - frame.first_return] = 1;
     found_.body_returns.insert(found_.body_returns.end(), body.begin(), body.end());
     found_.bodies.push_back(BoxOf(recording, body));
@@ -163,11 +163,13 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
         frame.is_timed ? 0.0 : static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
     plot.ray_m = plot.position_m = MeanOf(recording, returns);
     plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config.plots);
-    plot.column_m = ground.HeightAbove(plot.position_m.cast<float>()) - kRoughnessM;
+    plot.shift_m = frame.carrier.shift_m;
+    plot.column_m = ground.HeightAbove(plot.PlaceM().cast<float>()) - kRoughnessM;
     TimeNs time_sum = 0;
     plot.lowest_m = std::numeric_limits<double>::infinity();
     for (const std::uint32_t i : returns) {
-      plot.lowest_m = std::min(plot.lowest_m, ground.HeightAbove(recording.points_m[i]));
+      const Eigen::Vector3f place_m = recording.points_m[i] + plot.shift_m;
+      plot.lowest_m = std::min(plot.lowest_m, ground.HeightAbove(place_m));
       time_sum += recording.times_ns[i] - frame.begin_ns;
     }
     plot.time_ns = frame.begin_ns + time_sum / static_cast<TimeNs>(returns.size());

@@ -35,7 +35,8 @@ struct Plot {
   TimeNs frame_time_ns = 0;  // middle of its frame
   double streak_s = 0.0;     // duration of its frame if returns have no times, otherwise 0
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();  // from the viewpoint of its station
+  Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();    // from the viewpoint of its frame
+  Eigen::Vector3f shift_m = Eigen::Vector3f::Zero();  // of its sensor, see CarrierPose
   double variance_m2 = 0.0;     // of the position, per axis, for a target at rest
   double lowest_m = 0.0;        // height of its lowest return above the ground
   double place_rate = 0.0;      // of its returns, see StationScene::FindPlots
@@ -48,6 +49,12 @@ struct Plot {
   std::uint32_t sensor = 0;
   std::uint32_t num_returns = 0;
   std::vector<std::uint32_t> returns;  // indices into the recording; empty in a stream
+
+  // From where it was seen.
+  Eigen::Vector3d ViewpointM() const { return position_m - ray_m; }
+
+  // Its place in the scene of its station.
+  Eigen::Vector3d PlaceM() const { return ray_m + shift_m.cast<double>(); }
 };
 
 // Returns the volume in which the plots of one point-like object lie: V_plot of method.md (3).
@@ -119,9 +126,9 @@ struct FramePlots {
 class FramePlotter {
  public:
   // Links `candidates`, returns of one frame in ascending order, into plots; returns of bodies are
-  // removed from them. The recording is relative to the viewpoint of its station;
-  // `lowest_elevation_rad`: LowestElevationRad of the station. The result is valid until the next
-  // call, and may be changed.
+  // removed from them. The recording, the plots and bodies are relative to the viewpoint of the
+  // frame, the ground to that of its station; `lowest_elevation_rad`: LowestElevationRad of the
+  // station. The result is valid until the next call, and may be changed.
   FramePlots& Find(const Recording& recording, std::uint32_t frame,
                    std::vector<std::uint32_t>* candidates, const Ground& ground,
                    double lowest_elevation_rad, const RobustConfig& config);

@@ -21,19 +21,20 @@ Warning WarningOf(const std::string& sensor, const Eigen::Vector3f& up) {
 }
 
 Warning WarningOf(const std::string& sensor, const EgoMotion::Motion& motion) {
-  return {"sensor_moves", sensor + ": the LiDAR moves (about " +
-                              FixedText(motion.velocity_mps.norm(), 1) + " m/s, " +
-                              FixedText(std::abs(motion.turn_deg_per_s), 0) +
-                              " degrees/s): drones are found only from one that stands still"};
+  return {"sensor_moves",
+          sensor + ": the LiDAR moves (about " + FixedText(motion.velocity_mps.norm(), 1) +
+              " m/s, " + FixedText(std::abs(motion.turn_deg_per_s), 0) +
+              " degrees/s): drones are found only from one that stands still, or whose poses "
+              "are known (--poses)"};
 }
 
 }  // namespace
 
-void PoseCheck::AddFrame(const std::string& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
-                         const Eigen::Vector3f* end_m, const Eigen::Vector3f& origin_m) {
-  up_.AddFrame(time_ns, begin_m, end_m, origin_m);
-  motion_.AddFrame(time_ns, begin_m, end_m, origin_m);
-  Warn(sensor);
+void PoseCheck::AddFrame(const SensorInfo& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
+                         const Eigen::Vector3f* end_m) {
+  up_.AddFrame(time_ns, begin_m, end_m, sensor.origin_m);
+  if (sensor.carrier == nullptr) motion_.AddFrame(time_ns, begin_m, end_m, sensor.origin_m);
+  Warn(sensor.name);
 }
 
 void PoseCheck::Finish(const std::string& sensor) {

@@ -1,4 +1,4 @@
-// Checks the pose that tracking requires of a sensor: static, with z up.
+// Checks the pose that tracking requires of a sensor: at rest, or with known poses, and z up.
 #pragma once
 
 #include <Eigen/Core>
@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/recording.hpp"
 #include "scene/ego_motion.hpp"
 #include "scene/up_direction.hpp"
 #include "unlidar/types.hpp"
@@ -16,12 +17,12 @@ namespace unlidar {
 //
 //   upside_down   z points down
 //   z_not_up      z points in another direction
-//   sensor_moves  the sensor moves
+//   sensor_moves  the sensor moves, but has no poses
 class PoseCheck {
  public:
-  // Adds the returns of a frame. `origin_m`: position of the sensor.
-  void AddFrame(const std::string& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
-                const Eigen::Vector3f* end_m, const Eigen::Vector3f& origin_m);
+  // Adds the returns of a frame.
+  void AddFrame(const SensorInfo& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
+                const Eigen::Vector3f* end_m);
 
   // Completes the checks after the last frame.
   void Finish(const std::string& sensor);

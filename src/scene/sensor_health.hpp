@@ -9,9 +9,10 @@
 
 namespace unlidar {
 
-// Health of one sensor. Its surroundings are divided into directions of equal solid angle and these
-// into places by range. A snapshot records which places are hit within half a second. A place hit
-// in most snapshots is structure. The sensor becomes blinded if, for three seconds without a break,
+// Health of one sensor at rest: what a moving one should see is not known. Its surroundings are
+// divided into directions of equal solid angle and these into places by range. A snapshot records
+// which places are hit within half a second. A place hit in most snapshots is structure. The sensor
+// becomes blinded if, for three seconds without a break,
 //
 // - less than half of the structure is hit that is expected from the hit rate of each place,
 // - the air within 30 m is full of intermittent returns: several places in each direction with

@@ -13,12 +13,15 @@ constexpr std::size_t kElevationReturns = 100'000;
 StationScene::StationScene(const RobustConfig& config)
     : config_(&config), occupancy_(config.background) {}
 
-void StationScene::Learn(PointsView points_m, std::int64_t bin) {
-  occupancy_.AddFrame(points_m, bin);
+void StationScene::Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
+  occupancy_.AddFrame(points_m, bin, carrier);
+  field_of_view_.AddAttitude(carrier);
+  const Eigen::Matrix3f to_carrier = carrier.rotation.conjugate().toRotationMatrix();
   for (std::size_t i = 0; i < points_m.size(); ++i) {
-    field_of_view_.Add(points_m[i]);
+    const Eigen::Vector3f ray_m = points_m[i] - carrier.shift_m;
+    field_of_view_.Add(to_carrier * ray_m);
     if (!is_fitted() && first_returns_m_.size() < kElevationReturns) {
-      first_returns_m_.push_back(points_m[i]);
+      first_returns_m_.push_back(ray_m);
     }
   }
 }
@@ -47,7 +50,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
   };
   verdicts.clear();
   candidates.clear();
-  const std::vector<Eigen::Vector3f>& points_m = frame.points_m;
+  std::vector<Eigen::Vector3f>& points_m = frame.points_m;
   for (std::uint32_t i = 0; i < points_m.size(); ++i) {
     if (i + Occupancy::kPrefetchDistance < points_m.size()) {
       occupancy_.Prefetch(points_m[i + Occupancy::kPrefetchDistance]);
@@ -59,6 +62,8 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
     if (!fitted_->ground.IsGround(points_m[i])) candidates.push_back(i);
   }
   num_unexplained = candidates.size();
+  const Eigen::Vector3f shift_m = frame.frames[0].carrier.shift_m;
+  for (Eigen::Vector3f& point_m : points_m) point_m -= shift_m;
   FramePlots& found =
       plotter.Find(frame, 0, &candidates, fitted_->ground, lowest_elevation_rad_, *config_);
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
@@ -69,6 +74,11 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
       plot.has_structure = plot.has_structure || verdicts[i].is_structure;
     }
     plot.place_rate = rate / static_cast<double>(plot.num_returns);
+    plot.position_m += shift_m.cast<double>();
+  }
+  for (BodyBox& body : found.bodies) {
+    body.low_m += shift_m.array();
+    body.high_m += shift_m.array();
   }
   return found;
 }

@@ -18,7 +18,7 @@
 namespace unlidar {
 
 // Learns the surroundings of a station from its frames, then finds the plots of a frame. Positions
-// are relative to the viewpoint.
+// are relative to the viewpoint of the station, where its sensors were first.
 class StationScene {
  public:
   // Buffers of Fit(), reused between stations.
@@ -41,7 +41,7 @@ class StationScene {
   explicit StationScene(const RobustConfig& config);
 
   // Learns from a frame, whose bin is not before that of earlier ones by more than a few.
-  void Learn(PointsView points_m, std::int64_t bin);
+  void Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier);
 
   // Fits ground and support to the places learned so far.
   void Fit(FitWorkspace* workspace);
@@ -50,7 +50,8 @@ class StationScene {
   bool is_fitted() const { return fitted_ != nullptr; }
 
   // Returns the plots and bodies of the frame in the workspace, one that was learned; valid until
-  // the next call. Sets the place rates of the plots.
+  // the next call. Sets the place rates of the plots. Its returns are relative to the viewpoint of
+  // the frame then.
   FramePlots& FindPlots(std::int64_t bin, const Occupancy::IsTargetSince& is_target,
                         FrameWorkspace* workspace);
 

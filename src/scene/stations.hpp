@@ -16,18 +16,19 @@ class Stations {
   Stations() = default;
   explicit Stations(const std::vector<SensorInfo>& sensors);
 
-  // Adds a sensor to the first station whose viewpoint is within 2 m, the size of a mount, whose
-  // sensors have nearly the same view. Otherwise creates a station; its viewpoint is the common
-  // origin, about which most mounts are calibrated, if within 2 m, else the sensor's origin.
-  // Returns the index of the station.
-  std::size_t Add(std::uint32_t sensor, const Eigen::Vector3f& sensor_origin_m);
+  // Adds a sensor to the first station of its carrier whose viewpoint is within 2 m, the size of a
+  // mount, whose sensors have nearly the same view. Otherwise creates a station; its viewpoint is
+  // the common origin, about which most mounts are calibrated, if within 2 m, else the sensor's
+  // origin. Returns the index of the station.
+  std::size_t Add(std::uint32_t sensor, const SensorInfo& info);
 
   std::size_t size() const { return viewpoints_m_.size(); }
   const Eigen::Vector3f& ViewpointM(std::size_t station) const { return viewpoints_m_[station]; }
   std::size_t StationOf(std::uint32_t sensor) const { return station_of_[sensor]; }
 
  private:
-  std::vector<Eigen::Vector3f> viewpoints_m_;  // in the common frame
+  std::vector<Eigen::Vector3f> viewpoints_m_;  // in the common frame, at their first frames
+  std::vector<const void*> carriers_;          // see SensorInfo
   std::vector<std::size_t> station_of_;        // (sensors) valid for added sensors
 };
 

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <limits>
 #include <map>
+#include <memory>
 #include <vector>
 
 #include "io/pcd.hpp"
@@ -243,6 +244,61 @@ TEST(FrameReturns, ThePoseIsAppliedInDoubleAndRangeIsMeasuredFromTheSensor) {
   // A sensor that the config does not name stands at the origin.
   EXPECT_EQ(ReadRecording({{"lidar", folder.path()}}, {}, {{"x", sensor}}).points_m[0],
             Eigen::Vector3f(1.0F, 2.0F, 3.0F));
+}
+
+// A carrier that drives along x and turns from x to y, ten degrees of 1 s.
+PosesByName Driving(const std::string& name) {
+  const double half_rad = 5.0 * M_PI / 180.0;
+  return {{name,
+           std::make_shared<const std::vector<Pose>>(std::vector<Pose>{
+               {kSecond, {100.0, 0.0, 0.0}, {0, 0, 0, 1}},
+               {2 * kSecond, {110.0, 0.0, 0.0}, {0, 0, std::sin(half_rad), std::cos(half_rad)}}})}};
+}
+
+TEST(Poses, ReturnsArePlacedByThePoseAtTheirOwnTimes) {
+  const TemporaryFolder folder;
+  folder.Write("1.0.pcd", TimedFrame({0.0, 0.5}, 'F', 4));  // two returns 10 m ahead
+  folder.Write("1.5.pcd", TimedFrame({0.25}, 'F', 4));
+  SensorConfig sensor;
+  sensor.translation_m = {2.0, 0.0, 1.0};
+  for (const char* const name : {"lidar", ""}) {
+    const Recording recording =
+        ReadRecording({{"lidar", folder.path()}}, {}, {{"lidar", sensor}}, Driving(name));
+    ASSERT_EQ(recording.points_m.size(), 3U);
+    const double half_s_rad = 5.0 * M_PI / 180.0;
+    EXPECT_LT((recording.points_m[0] - Eigen::Vector3f(112.0F, 0.0F, 1.0F)).norm(), 1e-4F);
+    const Eigen::Vector3d later_m(105.0 + 12.0 * std::cos(half_s_rad), 12.0 * std::sin(half_s_rad),
+                                  1.0);
+    EXPECT_LT((recording.points_m[1] - later_m.cast<float>()).norm(), 1e-4F);
+    // The frame is seen from where the sensor was in its middle, the first one is the origin.
+    const double quarter_rad = 2.5 * M_PI / 180.0;
+    const Eigen::Vector3d first_m(102.5 + 2.0 * std::cos(quarter_rad), 2.0 * std::sin(quarter_rad),
+                                  1.0);
+    EXPECT_LT((recording.sensors[0].origin_m - first_m.cast<float>()).norm(), 1e-4F);
+    EXPECT_EQ(recording.frames[0].carrier.shift_m, Eigen::Vector3f::Zero());
+    const double third_rad = 7.5 * M_PI / 180.0;
+    const Eigen::Vector3d second_m(107.5 + 2.0 * std::cos(third_rad), 2.0 * std::sin(third_rad),
+                                   1.0);
+    EXPECT_LT((recording.frames[1].carrier.shift_m - (second_m - first_m).cast<float>()).norm(),
+              1e-4F);
+    EXPECT_NE(recording.sensors[0].carrier, nullptr);
+  }
+  EXPECT_EQ(ReadRecording({{"lidar", folder.path()}}, {}, {{"lidar", sensor}}, Driving("other"))
+                .points_m[0],
+            Eigen::Vector3f(12.0F, 0.0F, 1.0F));
+}
+
+TEST(Poses, FramesWithoutThemAreLeftOutAndCounted) {
+  const TemporaryFolder folder;
+  for (const char* const stamp : {"0.5", "0.8", "1.0", "1.5", "1.9"}) {
+    folder.Write(std::string(stamp) + ".pcd", TimedFrame({0.0, 0.2}, 'F', 4));
+  }
+  const Recording recording = ReadRecording({{"lidar", folder.path()}}, {}, {}, Driving(""));
+  EXPECT_EQ(Stamps(recording), (std::vector<TimeNs>{kSecond, 1500 * kMs}));
+  EXPECT_EQ(recording.counts.unplaced_frames, 3U);
+  EXPECT_EQ(recording.counts.frames, 2U);
+  ASSERT_EQ(recording.warnings.size(), 1U);
+  EXPECT_EQ(recording.warnings[0].code, "frames_without_pose");
 }
 
 TEST(FrameOrder, SensorsAreMergedByStampThenByIndexWithTheirTimeOffsets) {

@@ -90,8 +90,14 @@ std::vector<SceneFrame> FramesOf(LiveScene* scene, Station* station, int count) 
 std::vector<SceneFrame> FramesOf(int count, Station station = {0, Eigen::Vector3f::Zero()}) {
   const Config config;
   LiveScene scene(config);
-  scene.AddSensor(0, Eigen::Vector3f::Zero());
+  scene.AddSensor(0, SensorInfo());
   return FramesOf(&scene, &station, count);
+}
+
+SensorInfo StandingAt(const Eigen::Vector3f& origin_m) {
+  SensorInfo info;
+  info.origin_m = origin_m;
+  return info;
 }
 
 // How many of the plots where the slow drone is float.
@@ -109,7 +115,7 @@ TEST(LiveScene, IsWarmAfterThreeSecondsOrAtTheEnd) {
   const Config config;
   for (const int count : {1, 10, 60}) {
     LiveScene scene(config);
-    scene.AddSensor(0, Eigen::Vector3f::Zero());
+    scene.AddSensor(0, SensorInfo());
     Station station(0, Eigen::Vector3f::Zero());
     for (int i = 0; i < count; ++i) {
       EXPECT_EQ(Take(&scene, station.FrameAt(i)), i >= kWarmFrames) << i;
@@ -158,14 +164,15 @@ TEST(LiveScene, AStationElsewhereLeavesTheSamePlotsThere) {
   const Eigen::Vector3f origin_m(64.0F, -32.0F, 4.0F);
   LiveScene here(config);
   LiveScene there(config);
-  here.AddSensor(0, Eigen::Vector3f::Zero());
-  EXPECT_EQ(there.AddSensor(0, origin_m), origin_m);
+  here.AddSensor(0, SensorInfo());
+  there.AddSensor(0, StandingAt(origin_m));
   Station at_origin(0, Eigen::Vector3f::Zero());
   Station at_place(0, origin_m);
   const std::vector<SceneFrame> a = FramesOf(&here, &at_origin, 80);
   const std::vector<SceneFrame> b = FramesOf(&there, &at_place, 80);
   ASSERT_EQ(a.size(), b.size());
   for (std::size_t i = 0; i < a.size(); ++i) {
+    EXPECT_EQ(b[i].viewpoint_m, origin_m.cast<double>());
     ASSERT_EQ(a[i].plots.size(), b[i].plots.size()) << i;
     for (std::size_t k = 0; k < a[i].plots.size(); ++k) {
       const Plot& plot = b[i].plots[k].plot;
@@ -180,8 +187,8 @@ TEST(LiveScene, AStationThatComesLaterIsWarmLater) {
   const Config config;
   const Eigen::Vector3f origin_m(64.0F, -32.0F, 4.0F);
   LiveScene scene(config);
-  scene.AddSensor(0, Eigen::Vector3f::Zero());
-  scene.AddSensor(1, origin_m);
+  scene.AddSensor(0, SensorInfo());
+  scene.AddSensor(1, StandingAt(origin_m));
   Station first(0, Eigen::Vector3f::Zero());
   Station second(1, origin_m);
   constexpr int kLater = 50;

@@ -24,7 +24,7 @@ class Plots {
   explicit Plots(const Config& config = Config()) : search_(config) {
     SensorInfo info;
     info.frame_period_ns = kPeriodNs;
-    search_.SetSensor(0, info, Eigen::Vector3f::Zero());
+    search_.SetSensor(0, info);
   }
 
   // Adds a frame with a plot at about a place. Returns the paths that reach the threshold.
@@ -74,7 +74,7 @@ double LeastScoreBeside(double distance_m, const Config& config = Config()) {
   LiveSearch search(config);
   SensorInfo info;
   info.frame_period_ns = kPeriodNs;
-  search.SetSensor(0, info, Eigen::Vector3f::Zero());
+  search.SetSensor(0, info);
   Random random(6);
   constexpr int kNumOthers = 3;
   for (int i = 0; i < 30; ++i) {

@@ -2,9 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <utility>
 #include <vector>
 
 #include "tests/learned_occupancy.hpp"
@@ -612,6 +614,65 @@ TEST(OccupancyOfRecording, PlaceRateOfStructureAndOfWhatPassesIsZero) {
   for (const Occupancy::Verdict& verdict : learned.Verdicts(maker.recording)) {
     EXPECT_EQ(verdict.place_rate, 0.0F);
   }
+}
+
+// Looks along x in every sixth bin, where a thing stands, and to five other sides.
+void PanPast(const Eigen::Vector3f& place_m, bool has_poses, Occupancy* occupancy) {
+  for (std::int64_t bin = 0; bin < 60; ++bin) {
+    CarrierPose carrier;
+    if (has_poses) {
+      const auto azimuth_rad = static_cast<float>(bin % 6) * static_cast<float>(M_PI) / 3.0F;
+      carrier.rotation = Eigen::AngleAxisf(azimuth_rad, Eigen::Vector3f::UnitZ());
+    }
+    std::vector<Eigen::Vector3f> points_m;
+    for (int k = -4; k <= 4; ++k) {  // 40 degrees of ground and of a hill far away
+      const auto side_rad =
+          static_cast<float>(0.09 * k + static_cast<double>(bin % 6) * M_PI / 3.0);
+      points_m.emplace_back(10.0F * std::cos(side_rad), 10.0F * std::sin(side_rad), -3.0F);
+      points_m.emplace_back(90.0F * std::cos(side_rad), 90.0F * std::sin(side_rad), 40.0F);
+    }
+    if (bin % 6 == 0) points_m.push_back(place_m);
+    occupancy->AddFrame(points_m, bin, carrier);
+  }
+}
+
+TEST_F(OccupancyTest, WhatIsOutOfViewOfACarrierThatTurnsIsNotEmpty) {
+  const Eigen::Vector3f place_m(15.0F, 0.0F, 3.0F);
+  PanPast(place_m, false, &occupancy_);
+  EXPECT_FALSE(occupancy_.Judge(place_m, 30, 0, NeverFloats).is_structure);
+  Occupancy with_poses{BackgroundConfig()};
+  PanPast(place_m, true, &with_poses);
+  EXPECT_TRUE(with_poses.Judge(place_m, 30, 0, NeverFloats).is_structure);
+}
+
+// Drives along x past what it sees from less than 20 m alone, and something that passes in front.
+TEST_F(OccupancyTest, WhatComesIntoRangeOfACarrierHasNotCome) {
+  const auto drive = [](bool has_poses, Occupancy* occupancy) {
+    const Eigen::Vector3f pole_m(60.0F, 4.0F, 2.0F);
+    for (std::int64_t bin = 0; bin < 40; ++bin) {
+      CarrierPose carrier;
+      const Eigen::Vector3f at_m(1.5F * static_cast<float>(bin), 0.0F, 0.0F);
+      if (has_poses) carrier.shift_m = at_m;
+      std::vector<Eigen::Vector3f> points_m;
+      for (int k = 0; k < 72; ++k) {
+        const auto side_rad = static_cast<float>(k * M_PI / 36.0);
+        points_m.emplace_back(
+            at_m + Eigen::Vector3f(12.0F * std::cos(side_rad), 12.0F * std::sin(side_rad), -3.0F));
+        points_m.emplace_back(
+            at_m + Eigen::Vector3f(80.0F * std::cos(side_rad), 80.0F * std::sin(side_rad), 60.0F));
+      }
+      if ((pole_m - at_m).norm() < 20.0F) points_m.push_back(pole_m);
+      const Eigen::Vector3f ahead_m = at_m + Eigen::Vector3f(8.0F, 1.0F, 3.0F);
+      if (bin == 35) points_m.push_back(ahead_m);
+      occupancy->AddFrame(points_m, bin, carrier);
+    }
+    const Eigen::Vector3f ahead_m(1.5F * 35.0F + 8.0F, 1.0F, 3.0F);
+    return std::pair(occupancy->Judge(pole_m, 35, 0, NeverFloats).is_structure,
+                     occupancy->Judge(ahead_m, 35, 0, NeverFloats).is_structure);
+  };
+  EXPECT_EQ(drive(false, &occupancy_), std::pair(false, false));
+  Occupancy with_poses{BackgroundConfig()};
+  EXPECT_EQ(drive(true, &with_poses), std::pair(true, false));
 }
 
 }  // namespace

@@ -85,8 +85,12 @@ Pose At(const Eigen::Vector3d& place_m, double turn_deg = 0.0) {
 Pose Still(double /*time_s*/) { return Pose::Identity(); }
 
 // The codes of what is said of 10 frames a second.
-std::vector<std::string> CodesOf(const std::function<Points(double)>& frame_at, double seconds) {
+std::vector<std::string> CodesOf(const std::function<Points(double)>& frame_at, double seconds,
+                                 const void* carrier = nullptr) {
   PoseCheck check;
+  SensorInfo sensor;
+  sensor.name = "roof";
+  sensor.carrier = carrier;
   std::vector<std::string> codes;
   const auto take = [&] {
     for (const Warning& warning : check.TakeWarnings()) {
@@ -96,8 +100,8 @@ std::vector<std::string> CodesOf(const std::function<Points(double)>& frame_at, 
   };
   for (int i = 0; i * 0.1 < seconds; ++i) {
     const Points points_m = frame_at(i * 0.1);
-    check.AddFrame("roof", kBeginNs + i * kPeriodNs, points_m.data(),
-                   points_m.data() + points_m.size(), Eigen::Vector3f::Zero());
+    check.AddFrame(sensor, kBeginNs + i * kPeriodNs, points_m.data(),
+                   points_m.data() + points_m.size());
     take();
   }
   check.Finish("roof");
@@ -161,6 +165,13 @@ TEST(PoseCheck, SaysThatASensorMoves) {
       EXPECT_EQ(CodesOfMotion(motions[i], 2, seed), Codes{"sensor_moves"}) << i << " " << seed;
     }
   }
+}
+
+TEST(PoseCheck, SaysNothingOfTheMotionOfASensorWithPoses) {
+  Village village(1);
+  const auto on_a_car = [&](double t) { return village.Frame(t, At({10.0 * t, 0, 0}), 2); };
+  const int carrier = 0;
+  EXPECT_EQ(CodesOf(on_a_car, 15.0, &carrier), Codes());
 }
 
 TEST(PoseCheck, SaysWhichWayIsUpWhereZIsNot) {

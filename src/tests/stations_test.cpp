@@ -32,5 +32,16 @@ TEST(Stations, WhatStandsMetresApartIsAnother) {
   EXPECT_EQ(stations.StationOf(3), 2U);
 }
 
+TEST(Stations, WhatIsCarriedAlongIsAnother) {
+  std::vector<SensorInfo> sensors = SensorsAt({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}});
+  const int carrier = 0;
+  sensors[1].carrier = sensors[2].carrier = &carrier;
+  const Stations stations(sensors);
+  ASSERT_EQ(stations.size(), 2U);
+  EXPECT_EQ(stations.StationOf(0), 0U);
+  EXPECT_EQ(stations.StationOf(1), 1U);
+  EXPECT_EQ(stations.StationOf(2), 1U);
+}
+
 }  // namespace
 }  // namespace unlidar

@@ -21,7 +21,7 @@ inline Plot MakePlot(TimeNs time_ns, const Eigen::Vector3d& position_m, double l
   plot.time_ns = time_ns;
   plot.frame_time_ns = time_ns;
   plot.streak_s = kPeriodS;
-  plot.position_m = position_m;
+  plot.position_m = plot.ray_m = position_m;
   plot.variance_m2 = 0.02 + 0.01 / static_cast<double>(num_returns);
   plot.log_clutter = log_clutter;
   plot.frame = static_cast<std::uint32_t>((time_ns - kBeginNs) / kPeriodNs);

@@ -245,18 +245,15 @@ TEST(LogBirths, AndVisibilityAreThoseOfTheRangeFromTheSensor) {
   const ScanSchedule scan_schedule = WatchOver(plots);
   std::vector<Plot> moved = plots;
   for (Plot& plot : moved) plot.position_m += origin_m;
-  ScanSchedule moved_watch = scan_schedule;
-  moved_watch.sensors[0].viewpoint_m = origin_m;
+  const TrackModel model(1.0, scan_schedule, config);
   for (std::size_t i = 0; i < plots.size(); ++i) {
-    EXPECT_DOUBLE_EQ(LogBirthOdds(moved[i], moved_watch, config),
+    EXPECT_DOUBLE_EQ(LogBirthOdds(moved[i], scan_schedule, config),
                      LogBirthOdds(plots[i], scan_schedule, config));
-    const auto log_detection_probability = [&](const Plot& plot, const ScanSchedule& of) {
-      return TrackModel(1.0, of, config)
-          .Birth(plot, 0.0, {0.0, {0}}, 1.0)
+    const auto log_detection_probability = [&](const Plot& plot) {
+      return model.Birth(plot, 0.0, FrameTimeOf(plot, plot, scan_schedule), 1.0)
           .log_detection_probability;
     };
-    EXPECT_DOUBLE_EQ(log_detection_probability(moved[i], moved_watch),
-                     log_detection_probability(plots[i], scan_schedule));
+    EXPECT_DOUBLE_EQ(log_detection_probability(moved[i]), log_detection_probability(plots[i]));
   }
 }
 

@@ -420,7 +420,7 @@ TEST(FindPaths, AreTheSameInAnyDirection) {
   Eigen::Matrix3d turn;  // x -> y -> z -> x
   turn << 0, 0, 1, 1, 0, 0, 0, 1, 0;
   for (Plot& plot : scenario.plots) {
-    plot.position_m = turn * plot.position_m;
+    plot.position_m = plot.ray_m = turn * plot.position_m;
   }
   ExpectSamePaths(FindPaths(scenario.plots, WatchOver(scenario.plots), TrackerConfig()),
                   scenario.paths, 1e-6);

@@ -116,11 +116,14 @@ bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, 
 
 // Return rate: returns per second times range^2, of the sensor with the highest rate. A target may
 // be hidden during pauses, so only frames close in time to a plot count.
-double ReturnRateM2PerS(const Recording& recording, const ScanSchedule& scan_schedule,
-                        const std::vector<Plot>& path) {
+double ReturnRateM2PerS(const Recording& recording, const std::vector<Plot>& path) {
   std::vector<double> returns(recording.sensors.size(), 0.0);
+  std::vector<Eigen::Vector3d> stations_m(recording.sensors.size(), Eigen::Vector3d::Zero());
   std::vector<double> seconds_per_m2(recording.sensors.size(), 0.0);
-  for (const Plot& plot : path) returns[plot.sensor] += static_cast<double>(plot.num_returns);
+  for (const Plot& plot : path) {
+    returns[plot.sensor] += static_cast<double>(plot.num_returns);
+    stations_m[plot.sensor] = plot.ViewpointM() - plot.shift_m.cast<double>();
+  }
   auto next = path.begin();
   for (const FrameInfo& frame : recording.frames) {
     const TimeNs time_ns = (frame.begin_ns + frame.end_ns) / 2;
@@ -130,7 +133,7 @@ double ReturnRateM2PerS(const Recording& recording, const ScanSchedule& scan_sch
     }
     if (std::abs(next->time_ns - time_ns) > kBinNs) continue;
     const Eigen::Vector3d ray_m =
-        next->position_m - scan_schedule.sensors[frame.sensor].viewpoint_m;
+        next->position_m - stations_m[frame.sensor] - frame.carrier.shift_m.cast<double>();
     seconds_per_m2[frame.sensor] +=
         static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs / ray_m.squaredNorm();
   }
@@ -159,13 +162,13 @@ double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& pat
              : config.off_ground_m;
 }
 
-Rejection FlightRejection(const Recording& recording, const ScanSchedule& scan_schedule,
-                          const std::vector<Plot>& path, const RobustConfig& config) {
+Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
+                          const RobustConfig& config) {
   if (!HasMinFrames(path, config.min_plots)) return Rejection::kTooFewDetections;
   if (ShareAbove(path, MinFlightHeightM(recording, path, config)) <= config.off_ground_share) {
     return Rejection::kNearGround;
   }
-  if (ReturnRateM2PerS(recording, scan_schedule, path) <= config.min_return_rate_m2_per_s)
+  if (ReturnRateM2PerS(recording, path) <= config.min_return_rate_m2_per_s)
     return Rejection::kWeakReturn;
   return Rejection::kNone;
 }

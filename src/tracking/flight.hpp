@@ -23,7 +23,7 @@ double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& pat
 
 // Returns kNone for a path that has enough detections, is off the ground and has the return rate of
 // a drone. Uses the sensors and frames of the recording, which may be only those about the path.
-Rejection FlightRejection(const Recording& recording, const ScanSchedule& scan_schedule,
-                          const std::vector<Plot>& path, const RobustConfig& config);
+Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
+                          const RobustConfig& config);
 
 }  // namespace unlidar

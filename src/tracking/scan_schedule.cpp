@@ -2,18 +2,13 @@
 
 #include <algorithm>
 
-#include "scene/stations.hpp"
-
 namespace unlidar {
 
 ScanSchedule ScanScheduleOf(const Recording& recording) {
   ScanSchedule scan_schedule;
-  const Stations stations(recording.sensors);
-  for (std::uint32_t s = 0; s < recording.sensors.size(); ++s) {
-    const TimeNs period_ns = recording.sensors[s].frame_period_ns;
-    scan_schedule.sensors.push_back({static_cast<double>(period_ns) * kSecondsPerNs,
-                                     {},
-                                     stations.ViewpointM(stations.StationOf(s)).cast<double>()});
+  for (const SensorInfo& sensor : recording.sensors) {
+    scan_schedule.sensors.push_back(
+        {static_cast<double>(sensor.frame_period_ns) * kSecondsPerNs, {}});
   }
   for (const FrameInfo& frame : recording.frames) {
     scan_schedule.sensors[frame.sensor].frame_times_ns.push_back(frame.middle_ns());

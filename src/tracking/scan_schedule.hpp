@@ -1,7 +1,6 @@
-// When and from where each sensor looked.
+// When each sensor looked.
 #pragma once
 
-#include <Eigen/Core>
 #include <cstdint>
 #include <vector>
 
@@ -10,12 +9,11 @@
 
 namespace unlidar {
 
-// Frame times and viewpoint of each sensor.
+// Frame times of each sensor.
 struct ScanSchedule {
   struct Sensor {
-    double frame_s = 0.1;                                   // duration of a frame
-    std::vector<TimeNs> frame_times_ns;                     // middles of the frames, ascending
-    Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();  // of its station
+    double frame_s = 0.1;                // duration of a frame
+    std::vector<TimeNs> frame_times_ns;  // middles of the frames, ascending
   };
   std::vector<Sensor> sensors;
 

@@ -86,6 +86,7 @@ double LogTop(const Prediction& p, const AxisVariances& variances, const FrameBo
 FrameTime FrameTimeOf(const Plot& plot, const Plot& first, const ScanSchedule& scan_schedule) {
   FrameTime frame_time;
   frame_time.sensor = plot.sensor;
+  frame_time.viewpoint_m = plot.ViewpointM();
   frame_time.time_s = static_cast<double>(plot.frame_time_ns - first.frame_time_ns) * kSecondsPerNs;
   for (std::uint32_t s = 0; s < scan_schedule.sensors.size(); ++s) {
     frame_time.frames_before.push_back(scan_schedule.FramesBefore(s, plot.frame_time_ns));
@@ -98,7 +99,7 @@ double LogBirthOdds(const Plot& plot, const ScanSchedule& scan_schedule,
   const ScanSchedule::Sensor& sensor = scan_schedule.sensors[plot.sensor];
   const double log_no_return =
       LogProbabilityOfNoReturn(kReturnRateShape, kReturnRateShape / config.return_rate_m2_per_s,
-                               sensor.frame_s * PerM2(plot.position_m - sensor.viewpoint_m));
+                               sensor.frame_s * PerM2(plot.ray_m));
   return std::log(-std::expm1(log_no_return)) - plot.log_clutter;
 }
 
@@ -133,10 +134,8 @@ TrackModel TrackModel::With(TimeOutOfView time_out_of_view) const {
 
 void TrackModel::SetScanSchedule(const ScanSchedule& scan_schedule) {
   frame_s_.clear();
-  viewpoints_m_.clear();
   for (const ScanSchedule::Sensor& sensor : scan_schedule.sensors) {
     frame_s_.push_back(sensor.frame_s);
-    viewpoints_m_.push_back(sensor.viewpoint_m);
   }
   if (frame_s_.size() == 1) return;
   // The next plot is of one sensor: the probabilities of all sensors sum to 1.
@@ -160,7 +159,7 @@ Hypothesis TrackModel::Birth(const Plot& plot, double log_birth, const FrameTime
   covariance.diagonal() << plot.variance_m2 + offset_s * offset_s * velocity_m2_per_s2,
       velocity_m2_per_s2, sigma_ * sigma_;
   covariance(0, 1) = covariance(1, 0) = -offset_s * velocity_m2_per_s2;
-  SetDetectionProbability(&birth);
+  SetDetectionProbability(at, &birth);
   return birth;
 }
 
@@ -187,7 +186,7 @@ Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motio
   p.log_detection_probability = at.sensor == from.sensor ? from.log_detection_probability
                                 : at.sensor == from.other_sensor
                                     ? from.other_log_detection_probability
-                                    : LogOtherDetectionProbability(at.sensor, from.state);
+                                    : LogOtherDetectionProbability(at, from.state);
   p.sensor = from.sensor;
   p.speed_mps = std::min(from.state.mean.col(1).norm(), config_->max_speed_mps);
   const auto onto_position = motion.transition.row(0);
@@ -254,13 +253,13 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
     h.num_detections += from.num_detections;
     h.exposure_s_per_m2 += from.exposure_s_per_m2 + from.frame_exposure_s_per_m2;
   } else {
-    h.exposure_s_per_m2 += ExposureOfFrame(plot.sensor, from.state);
+    h.exposure_s_per_m2 += ExposureOfFrame(at, from.state);
   }
   h.state.mean = from.state.mean * motion.transition.transpose();
   h.state.mean +=
       (plot.position_m - p.position_m - offset_s * p.velocity_mps) * kalman_gain.transpose();
   h.state.covariance = covariance - kalman_gain * seen.transpose();
-  SetDetectionProbability(&h);
+  SetDetectionProbability(at, &h);
   return h;
 }
 
@@ -287,8 +286,8 @@ ScoreBound TrackModel::BoundOf(const Prediction& p, const FrameBounds& frame,
           frame.half_span_s * p.velocity_mps.norm()};
 }
 
-double TrackModel::LogOtherDetectionProbability(std::uint32_t sensor, const State& state) const {
-  return LogDetectionProbability(LogPriorMissProbability(ExposureOfFrame(sensor, state)));
+double TrackModel::LogOtherDetectionProbability(const FrameTime& at, const State& state) const {
+  return LogDetectionProbability(LogPriorMissProbability(ExposureOfFrame(at, state)));
 }
 
 // The detections so far set the rate of further ones (gamma posterior).
@@ -310,12 +309,12 @@ double TrackModel::LogPriorMissProbability(double exposure_s_per_m2) const {
       kReturnRateShape, kReturnRateShape / config_->return_rate_m2_per_s, exposure_s_per_m2);
 }
 
-double TrackModel::ExposureOfFrame(std::uint32_t sensor, const State& state) const {
-  return frame_s_[sensor] * PerM2(state.mean.col(0) - viewpoints_m_[sensor]);
+double TrackModel::ExposureOfFrame(const FrameTime& at, const State& state) const {
+  return frame_s_[at.sensor] * PerM2(state.mean.col(0) - at.viewpoint_m);
 }
 
-void TrackModel::SetDetectionProbability(Hypothesis* h) const {
-  h->frame_exposure_s_per_m2 = ExposureOfFrame(h->sensor, h->state);
+void TrackModel::SetDetectionProbability(const FrameTime& at, Hypothesis* h) const {
+  h->frame_exposure_s_per_m2 = ExposureOfFrame(at, h->state);
   h->log_detection_probability =
       LogDetectionProbability(LogMissProbability(*h, h->frame_exposure_s_per_m2));
 }

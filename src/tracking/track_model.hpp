@@ -136,11 +136,12 @@ struct ScoreBound {
   }
 };
 
-// Middle of a frame, and the number of earlier frames of each sensor.
+// Middle of a frame, from where it was seen, and the number of earlier frames of each sensor.
 struct FrameTime {
   double time_s = 0.0;                       // since the frame of the first plot
   std::vector<std::uint32_t> frames_before;  // (sensors)
   std::uint32_t sensor = 0;                  // of the frame
+  Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();
 };
 
 // Returns the time of the frame of a plot. `first`: the plot of the earliest frame.
@@ -204,25 +205,25 @@ class TrackModel {
   double SteadyTopOf(const Prediction& p, const FrameBounds& frame) const;
   ScoreBound BoundOf(const Prediction& p, const FrameBounds& frame, double steady_top) const;
 
-  // Sets the detection probability in frames of another sensor than that of the last plot. It does
-  // not depend on time: a hypothesis that is extended often needs it but once.
-  void SetOtherSensor(std::uint32_t sensor, Hypothesis* h) const {
-    h->other_sensor = sensor;
-    h->other_log_detection_probability = LogOtherDetectionProbability(sensor, h->state);
+  // Sets the detection probability in frames of another sensor than that of the last plot, seen
+  // from where this frame was. It hardly depends on time: a hypothesis that is extended often needs
+  // it but once.
+  void SetOtherSensor(const FrameTime& at, Hypothesis* h) const {
+    h->other_sensor = at.sensor;
+    h->other_log_detection_probability = LogOtherDetectionProbability(at, h->state);
   }
 
  private:
-  void SetDetectionProbability(Hypothesis* h) const;
+  void SetDetectionProbability(const FrameTime& at, Hypothesis* h) const;
   double ManoeuvreNoiseFactor() const;  // additional noise of a manoeuvre
   double LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const;
   double LogOutOfViewProbability(double missed, std::uint32_t sensor) const;
   double LogPriorMissProbability(double exposure_s_per_m2) const;  // without detections so far
-  double LogOtherDetectionProbability(std::uint32_t sensor, const State& state) const;
-  double ExposureOfFrame(std::uint32_t sensor, const State& state) const;
+  double LogOtherDetectionProbability(const FrameTime& at, const State& state) const;
+  double ExposureOfFrame(const FrameTime& at, const State& state) const;
 
   double sigma_;
-  std::vector<double> frame_s_;                // (sensors)
-  std::vector<Eigen::Vector3d> viewpoints_m_;  // (sensors)
+  std::vector<double> frame_s_;    // (sensors)
   double log_same_sensor_ = 0.0;   // log probability that the next plot is of the same sensor,
   double log_other_sensor_ = 0.0;  // or of one particular other sensor
   double log_out_of_view_;  // log probability of being out of view; minus infinity if it never is

@@ -235,7 +235,7 @@ void TrackSearch::Predict(const FrameTime& at) {
       motion_dt = dt;
     }
     if (at.sensor != from.sensor && at.sensor != from.other_sensor) {
-      model_.SetOtherSensor(at.sensor, &from);
+      model_.SetOtherSensor(at, &from);
     }
     predictions_.push_back(model_.Predict(from, score, motions_.back(), at));
     predictions_.back().hypothesis = static_cast<std::uint32_t>(&from - active_.data());

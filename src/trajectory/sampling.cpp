@@ -152,6 +152,19 @@ std::vector<CovarianceInflation> CovarianceInflationsOf(
   return covariance_inflations;
 }
 
+Eigen::Vector3d NearestViewpointM(const std::vector<TimedViewpoint>& viewpoints, TimeNs time_ns) {
+  if (viewpoints.empty()) return Eigen::Vector3d::Zero();
+  auto at = std::lower_bound(
+      viewpoints.begin(), viewpoints.end(), time_ns,
+      [](const TimedViewpoint& viewpoint, TimeNs t) { return viewpoint.time_ns < t; });
+  if (at == viewpoints.end() ||
+      (at != viewpoints.begin() &&
+       std::abs(std::prev(at)->time_ns - time_ns) <= std::abs(at->time_ns - time_ns))) {
+    --at;
+  }
+  return at->viewpoint_m;
+}
+
 void SetViewpoints(const std::vector<Measurement>& measurements,
                    std::vector<TimedViewpoint>* viewpoints) {
   viewpoints->clear();
@@ -185,28 +198,13 @@ std::optional<TrajectoryRow> RowSampler::Sample() {
     ++instant_;
     TrajectoryRow row = source_.trajectory.At(time_ns);
     row.track_id = source_.track_id;
-    const Eigen::Vector3d ray_m = row.position_m - ViewpointAt(time_ns);
+    const Eigen::Vector3d ray_m = row.position_m - NearestViewpointM(source_.viewpoints, time_ns);
     const Eigen::Vector3d depth_m = source_.depth_sigma_m * ray_m.stableNormalized();
     row.sigma_m =
         (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2() + VarianceInflationAt(time_ns)).cwiseSqrt();
     if (IsFinite(row) && row.sigma_m.maxCoeff() <= source_.max_sigma_m) return row;
   }
   return std::nullopt;
-}
-
-// Returns the viewpoint nearest in time, the earlier one of two; the origin if there is none.
-Eigen::Vector3d RowSampler::ViewpointAt(TimeNs time_ns) const {
-  const std::vector<TimedViewpoint>& viewpoints = source_.viewpoints;
-  if (viewpoints.empty()) return Eigen::Vector3d::Zero();
-  auto at = std::lower_bound(
-      viewpoints.begin(), viewpoints.end(), time_ns,
-      [](const TimedViewpoint& viewpoint, TimeNs t) { return viewpoint.time_ns < t; });
-  if (at == viewpoints.end() ||
-      (at != viewpoints.begin() &&
-       std::abs(std::prev(at)->time_ns - time_ns) <= std::abs(at->time_ns - time_ns))) {
-    --at;
-  }
-  return at->viewpoint_m;
 }
 
 // Constant beyond the first and last inflation.

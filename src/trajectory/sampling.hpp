@@ -60,6 +60,10 @@ struct CovarianceInflation {
 std::vector<CovarianceInflation> CovarianceInflationsOf(
     const std::vector<AlternativeMode>& alternative_modes, const Trajectory& trajectory);
 
+// Returns the viewpoint nearest in time, the earlier one of two; the origin if there is none.
+// `viewpoints`: in order of time.
+Eigen::Vector3d NearestViewpointM(const std::vector<TimedViewpoint>& viewpoints, TimeNs time_ns);
+
 void SetViewpoints(const std::vector<Measurement>& measurements,
                    std::vector<TimedViewpoint>* viewpoints);
 
@@ -89,7 +93,6 @@ class RowSampler {
 
  private:
   std::optional<TrajectoryRow> Sample();
-  Eigen::Vector3d ViewpointAt(TimeNs time_ns) const;
   Eigen::Vector3d VarianceInflationAt(TimeNs time_ns) const;
 
   const RowSource& source_;

@@ -1,0 +1,45 @@
+// Where the carrier of a sensor was at each time.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "unlidar/types.hpp"
+
+namespace unlidar {
+
+// Between poses farther apart nobody knows where the carrier was.
+inline constexpr TimeNs kMaxPoseGapNs = 1'000'000'000;
+
+// Poses of a carrier, interpolated: its position linearly, its rotation about a fixed axis
+// (Shoemake, SIGGRAPH 1985). Remembers the last interval, as the returns of a frame fall into few
+// of them.
+class PoseHistory {
+ public:
+  // `poses`: at least two, in order of time.
+  explicit PoseHistory(std::shared_ptr<const std::vector<Pose>> poses);
+
+  // Returns the transform from the carrier to the world; empty before the first pose, after the
+  // last one, and between two that are farther apart than kMaxPoseGapNs.
+  std::optional<Eigen::Isometry3d> At(TimeNs time_ns);
+
+  // Identity of the carrier: histories of the same poses have the same.
+  const void* carrier() const { return poses_.get(); }
+
+ private:
+  void SetInterval(std::size_t first);
+
+  std::shared_ptr<const std::vector<Pose>> poses_;
+  // Interval of the last time, relative to its first pose.
+  TimeNs begin_ns_ = 0;
+  TimeNs end_ns_ = -1;  // none yet
+  Eigen::Quaterniond rotation_ = Eigen::Quaterniond::Identity();
+  Eigen::Vector3d position_m_ = Eigen::Vector3d::Zero();
+  Eigen::AngleAxisd turn_ = Eigen::AngleAxisd::Identity();
+  Eigen::Vector3d step_m_ = Eigen::Vector3d::Zero();
+};
+
+}  // namespace unlidar

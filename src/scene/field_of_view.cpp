@@ -11,13 +11,15 @@ constexpr float kNoneSeen = 2.0F;  // initial value, outside the range of a sine
 // Beams of one ring or edge agree within some hundredths of a degree. The edge of a flat roof
 // leaves this band within a few columns, because its elevation rises where it is nearer.
 constexpr double kSharpRad = 0.15 * M_PI / 180.0;
+// Of a carrier that moves: it turns within a frame, and its poses have noise.
+constexpr double kSharpOfMovingRad = 0.4 * M_PI / 180.0;
 constexpr std::ptrdiff_t kMinColumns = 8;
 constexpr float kAlikeRad = 0.02F;  // attitudes that tilt less than this apart are one
 constexpr std::size_t kMaxAttitudes = 64;
 
 }  // namespace
 
-FieldOfView::FieldOfView() : lowest_(kNoneSeen), highest_(-kNoneSeen) {
+FieldOfView::FieldOfView() : lowest_(kNoneSeen), highest_(-kNoneSeen), sharp_rad_(kSharpRad) {
   lowest_of_.fill(lowest_);
   highest_of_.fill(highest_);
 }
@@ -27,7 +29,7 @@ void FieldOfView::Add(const Eigen::Vector3f& ray_m) {
   lowest_ = std::min(lowest_, sine);
   highest_ = std::max(highest_, sine);
   // Conservative: angles differ by at least as much as their sines.
-  const auto sharp = static_cast<float>(kSharpRad);
+  const auto sharp = static_cast<float>(sharp_rad_);
   if (sine > lowest_ + sharp && sine < highest_ - sharp) return;
   const double turns = (AzimuthRad(ray_m) + M_PI) / (2.0 * M_PI);
   const std::size_t column =
@@ -38,6 +40,9 @@ void FieldOfView::Add(const Eigen::Vector3f& ray_m) {
 
 void FieldOfView::AddAttitude(const CarrierPose& carrier) {
   const Eigen::Vector3f up = carrier.rotation * Eigen::Vector3f::UnitZ();
+  if (carrier.rotation.angularDistance(Eigen::Quaternionf::Identity()) > 0.0F) {
+    sharp_rad_ = kSharpOfMovingRad;
+  }
   const auto is_alike = [&](const Eigen::Vector3f& other) {
     return (up - other).norm() < kAlikeRad;
   };
@@ -55,7 +60,7 @@ ElevationRange FieldOfView::Edges() const {
   const auto is_sharp = [&](const std::array<float, kNumColumns>& sines, float edge) {
     return std::count_if(sines.begin(), sines.end(), [&](float sine) {
              return std::abs(sine) < kNoneSeen &&
-                    std::abs(elevation_rad(sine) - elevation_rad(edge)) < kSharpRad;
+                    std::abs(elevation_rad(sine) - elevation_rad(edge)) < sharp_rad_;
            }) >= kMinColumns;
   };
   if (is_sharp(lowest_of_, lowest_)) edges.lowest_rad = elevation_rad(lowest_);

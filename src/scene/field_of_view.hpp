@@ -19,11 +19,12 @@ struct ElevationRange {
   double highest_rad = M_PI / 2;
   std::vector<Eigen::Vector3f> ups{};  // z axis of the carrier at each attitude; none: never tilts
 
-  // True if a direction, a unit vector of elevation `elevation_rad`, is or was within the range.
+  // True if a direction, a unit vector of elevation `elevation_rad`, is within the range at each
+  // attitude.
   bool Contains(const Eigen::Vector3d& direction, double elevation_rad) const {
     const auto is_within = [this](double rad) { return rad > lowest_rad && rad < highest_rad; };
     if (ups.empty()) return is_within(elevation_rad);
-    return std::any_of(ups.begin(), ups.end(), [&](const Eigen::Vector3f& up) {
+    return std::all_of(ups.begin(), ups.end(), [&](const Eigen::Vector3f& up) {
       return is_within(std::asin(std::clamp(direction.dot(up.cast<double>()), -1.0, 1.0)));
     });
   }
@@ -53,6 +54,7 @@ class FieldOfView {
   float highest_;
   std::array<float, kNumColumns> lowest_of_;
   std::array<float, kNumColumns> highest_of_;
+  double sharp_rad_;                  // width of an edge
   std::vector<Eigen::Vector3f> ups_;  // see ElevationRange
 };
 

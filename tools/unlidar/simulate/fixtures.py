@@ -27,10 +27,21 @@ def fixtures(scene: Scene, rng: np.random.Generator) -> list[SceneObject]:
 
 
 def place(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """A place on the ground, uniform over the ring around the station."""
+    """A place on the ground, uniform over the ring around the station or both sides of the way."""
+    if scene.along_m > 0:
+        return beside(scene, scene.clear_m, scene.radius_m, rng)
     radius = np.sqrt(rng.uniform(scene.clear_m**2, scene.radius_m**2))
     angle = rng.uniform(0, 2 * np.pi)
     return np.array([radius * np.cos(angle), radius * np.sin(angle), scene.ground_z_m])
+
+
+def beside(
+    scene: Scene, nearest_m: float, farthest_m: float, rng: np.random.Generator
+) -> np.ndarray:
+    """A place on the ground beside the way along the x axis, at a distance between these."""
+    reach_m = scene.along_m / 2
+    side = rng.choice([-1.0, 1.0]) * rng.uniform(nearest_m, farthest_m)
+    return np.array([rng.uniform(-reach_m, reach_m), side, scene.ground_z_m])
 
 
 def pole(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from unlidar.simulate.fixtures import fixtures, place, pole
+from unlidar.simulate.fixtures import beside, fixtures, place, pole
 from unlidar.simulate.flight import Path, make_path, random_path, swaying, undulating
 from unlidar.simulate.scenario import Flight, Scenario, Scene
 from unlidar.simulate.world import SceneObject, is_clear
@@ -78,10 +78,12 @@ def _clear_path(
 def _random_building(scene: Scene, rng: np.random.Generator) -> SceneObject:
     size = rng.uniform([8, 6, 4], [20, 12, 14])
     clear = scene.clear_m + np.hypot(size[0], size[1]) / 2
-    radius, angle = rng.uniform(clear, scene.radius_m + clear), rng.uniform(0, 2 * np.pi)
-    centre = np.array(
-        [radius * np.cos(angle), radius * np.sin(angle), scene.ground_z_m + size[2] / 2]
-    )
+    if scene.along_m > 0:
+        foot = beside(scene, clear, scene.radius_m + clear, rng)
+    else:
+        radius, angle = rng.uniform(clear, scene.radius_m + clear), rng.uniform(0, 2 * np.pi)
+        foot = np.array([radius * np.cos(angle), radius * np.sin(angle), scene.ground_z_m])
+    centre = foot + np.array([0.0, 0.0, size[2] / 2])
     return SceneObject("building", centre, size, rng.uniform(0.2, 0.6), rng.uniform(0, np.pi))
 
 

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from unlidar import __version__
 from unlidar.frames_io import write_pcd
 from unlidar.output import complete_directory
+from unlidar.poses import Poses, poses_name, write_poses
 from unlidar.progress import with_progress
+from unlidar.simulate.carrier import Motion, exact_poses, noisy
 from unlidar.simulate.population import build_world
 from unlidar.simulate.scenario import Scenario, Sensor
 from unlidar.simulate.sensors import (
@@ -30,6 +33,8 @@ from unlidar.truth import TRUTH_NAME
 _TRUTH_STEP_NS = 20_000_000
 _NS_PER_S = 1_000_000_000
 _WORLD_STREAM = 0  # random stream of the world; the sensors' follow
+_MOTION_STREAM, _NOISE_STREAM = 1, 2  # within that of the world
+TRUE_POSES_NAME = "true_poses.tum"
 STRAY = -1  # `thing` of a return from no object
 
 
@@ -40,7 +45,7 @@ class SimulatedFrame:
     sensor: str
     stamp_ns: int  # of its first ray, by the sensor's own clock
     begin_ns: int  # of its first ray since the begin of the scenario
-    xyz_m: np.ndarray  # (N, 3) relative to the sensor, axes of the station
+    xyz_m: np.ndarray  # (N, 3) relative to the sensor, axes of the station or its carrier
     time_ns: np.ndarray  # (N,) after the stamp
     thing: np.ndarray  # (N,) index of the object hit, or STRAY
 
@@ -62,6 +67,8 @@ class Simulation:
         self.scenario = scenario
         self.seed = seed
         self.things = build_world(scenario, np.random.default_rng([seed, _WORLD_STREAM]))
+        rng = np.random.default_rng([seed, _WORLD_STREAM, _MOTION_STREAM])
+        self._motion = scenario.carrier and Motion(scenario.carrier, rng)
 
     @property
     def drones(self) -> list[SceneObject]:
@@ -84,6 +91,22 @@ class Simulation:
         for index in range(self.frame_count(sensor)):
             yield self._frame(sensor, spec, model, index, phase, window, rng)
 
+    def carried(self) -> list[str]:
+        """The sensors that move."""
+        return [n for n, s in self.scenario.sensors.items() if self._motion and s.on_carrier]
+
+    def poses(self) -> tuple[Poses, Poses]:
+        """Those of the carrier, which there must be: the true ones, and as they are measured."""
+        carrier, motion = self.scenario.carrier, self._motion
+        assert carrier is not None
+        assert motion is not None
+        latest_s = max(sensor.start_s for sensor in self.scenario.sensors.values())
+        begin_ns = self.scenario.start_time_s * _NS_PER_S
+        duration_s = self.scenario.duration_s + latest_s
+        poses = exact_poses(motion, carrier.pose_rate_hz, begin_ns, duration_s)
+        rng = np.random.default_rng([self.seed, _WORLD_STREAM, _NOISE_STREAM])
+        return poses, noisy(poses, carrier, rng)
+
     def truth(self) -> Iterator[TruthRow]:
         """Every drone 50 times a second, drone by drone.
 
@@ -95,12 +118,22 @@ class Simulation:
             positions = drone.centres(steps * 1e-9)
             in_view = np.zeros(len(steps), dtype=bool)
             for sensor in self.scenario.sensors.values():
-                origin = np.array(sensor.position_m)
-                seen = in_field_of_view(MODELS[sensor.model], positions - origin)
+                origin, axes = self._placed(sensor, steps * 1e-9)
+                relative = positions - origin
+                relative = relative if axes is None else axes.inv().apply(relative)
+                seen = in_field_of_view(MODELS[sensor.model], relative)
                 in_view |= seen & ~is_hidden(self.things, origin, positions, steps * 1e-9)
             for time_ns, position, seen in zip(steps, positions, in_view, strict=True):
                 stamp_ns = self.scenario.start_time_s * _NS_PER_S + int(time_ns)
                 yield TruthRow(stamp_ns, target, position, bool(seen))
+
+    def _placed(self, spec: Sensor, time_s: np.ndarray) -> tuple[np.ndarray, Rotation | None]:
+        """Where a sensor is at these times, (N, 3), and its axes; (3,) and none at rest."""
+        place = np.array(spec.position_m)
+        if self._motion is None or not spec.on_carrier:
+            return place, None
+        position, axes = self._motion.at(time_s)
+        return position + axes.apply(place), axes
 
     def _frame(
         self,
@@ -114,9 +147,10 @@ class Simulation:
     ) -> SimulatedFrame:
         begin_ns = round(spec.start_s * _NS_PER_S) + index * model.frame_ns
         direction, time_ns = scan(model, index, phase)
-        hits = cast(
-            self.things, np.array(spec.position_m), direction, (begin_ns + time_ns) * 1e-9, rng
-        )
+        time_s = (begin_ns + time_ns) * 1e-9
+        origin, axes = self._placed(spec, time_s)
+        towards = direction if axes is None else axes.apply(direction)
+        hits = cast(self.things, origin, towards, time_s, rng)
         scene = self.scenario.scene
         is_dirty = window.is_dirty(direction)
         echo = hits.echo * fog_transmission(scene.fog, hits.distance_m)
@@ -148,7 +182,7 @@ class Simulation:
 
 
 def simulate(scenario: Scenario, out: Path, seed: int, force: bool = False) -> dict:
-    """Writes frames, truth and scenario.json to the folder `out` and returns the latter."""
+    """Writes frames, truth, poses and scenario.json to the folder `out` and returns the latter."""
     simulation = Simulation(scenario, seed)
     point_times = scenario.point_times
     counts = {name: simulation.frame_count(name) for name in scenario.sensors}
@@ -168,6 +202,8 @@ def simulate(scenario: Scenario, out: Path, seed: int, force: bool = False) -> d
         }
         if any(pose != Pose() for pose in poses.values()):
             write_station(work, poses, "Poses and clocks of the simulated LiDARs")
+        if simulation.carried():
+            _write_poses(work, simulation)
         report = {
             "version": __version__,
             "seed": seed,
@@ -177,6 +213,16 @@ def simulate(scenario: Scenario, out: Path, seed: int, force: bool = False) -> d
         }
         (work / "scenario.json").write_text(json.dumps(report, indent=2) + "\n")
     return report
+
+
+def _write_poses(folder: Path, simulation: Simulation) -> None:
+    """The measured poses as the program takes them, and the true ones."""
+    true, measured = simulation.poses()
+    write_poses(folder / TRUE_POSES_NAME, true, "True poses of the simulated carrier")
+    carried = simulation.carried()
+    is_of_all = len(carried) == len(simulation.scenario.sensors)
+    for name in [poses_name()] if is_of_all else map(poses_name, carried):
+        write_poses(folder / name, measured, "Measured poses of the simulated carrier")
 
 
 def _write_truth(path: Path, rows: Iterator[TruthRow]) -> None:

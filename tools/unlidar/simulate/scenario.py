@@ -47,9 +47,35 @@ class Sensor:
     """Share of the directions in which dirt or water on its window lets little through."""
     window_returns: NotNegative = 0.0
     """Mean number a frame of rays that return from within a metre if they meet the dirt."""
+    on_carrier: bool = True
+    """Where there is a carrier: borne by it, `position_m` its place on it; else at rest."""
 
     def __post_init__(self) -> None:
         require(self.model in MODELS, f"model '{self.model}', expected one of {list(MODELS)}")
+
+
+@checked
+class Carrier:
+    """What bears LiDARs and moves: a gimbal, a mast, a vehicle, a drone. All motions add up."""
+
+    start_m: Vector = (0.0, 0.0, 0.0)
+    """Its place in the world at the begin."""
+    velocity_mps: Vector = (0.0, 0.0, 0.0)
+    pan_dps: float = 0.0
+    """Turns to the left about its upright axis by this many degrees a second."""
+    drift_m: NotNegative = 0.0
+    """Wanders slowly along each axis, by up to this to either side."""
+    sway_deg: NotNegative = 0.0
+    """Tilts to and fro by up to this."""
+    sway_hz: Positive = 0.4
+    mast_m: NotNegative = 0.0
+    """Tilts about a foot this far below."""
+    pose_rate_hz: Positive = 100.0
+    """Of the poses written beside the frames."""
+    pose_noise_m: NotNegative = 0.02
+    """Standard deviation of their error along each axis."""
+    pose_noise_deg: NotNegative = 0.05
+    """And about each axis."""
 
 
 @checked
@@ -129,6 +155,8 @@ class Scene:
     """Random things stand within this."""
     clear_m: Positive = 8.0
     """And no nearer than this."""
+    along_m: NotNegative = 0.0
+    """Random buildings, poles, trees, flags and chimneys stand beside this much of the x axis."""
     buildings: tuple[Building, ...] = ()
     random_buildings: Count = 3
     poles: Count = 6
@@ -169,6 +197,8 @@ class Scenario:
     drones: tuple[Drone, ...] = ()
     scene: Scene = field(default_factory=Scene)
     duration_s: Annotated[float, Field(gt=0, le=3600)] = 12.0
+    carrier: Carrier | None = None
+    """Else all sensors are at rest."""
     start_time_s: Annotated[int, Field(ge=0, le=9_000_000_000)] = 1_700_000_000
     """Unix time of the first ray."""
     point_times: bool = False

@@ -5,7 +5,9 @@ import numpy as np
 MISS = np.inf
 
 
-def meet_ground(start_z_m: float, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def meet_ground(
+    start_z_m: np.ndarray | float, direction: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Distance (N,) to the plane z = 0 and cosine of incidence."""
     down = -direction[:, 2]
     hits = down > 1e-9
@@ -82,12 +84,18 @@ def meet_pole(
     """Distance (N,) to the side of an upright cylinder of this height about the centre; cosine."""
     flat = direction[:, :2]
     a = np.maximum((flat * flat).sum(axis=1), 1e-12)
-    b = flat @ start[:2]
-    c = start[:2] @ start[:2] - radius_m**2
+    away = start[..., :2]
+    b = _dot(flat, away)
+    c = _dot(away, away) - radius_m**2
     root = b * b - a * c
     hits = (root > 0) & (b < 0) & (c > 0)
     entry = np.where(hits, (-b - np.sqrt(np.where(hits, root, 0.0))) / a, MISS)
-    z = start[2] + np.where(hits, entry, 0.0) * direction[:, 2]
+    z = start[..., 2] + np.where(hits, entry, 0.0) * direction[:, 2]
     hits &= np.abs(z) <= height_m / 2
     cosine = np.sqrt(np.maximum(0.0, root)) / radius_m
     return np.where(hits, entry, MISS), np.minimum(1.0, cosine)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar products of the rows of `a` with `b`, or with the rows of `b`."""
+    return a @ b if b.ndim == 1 else (a * b).sum(axis=1)

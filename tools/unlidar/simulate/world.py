@@ -71,14 +71,17 @@ def cast(
     time_s: np.ndarray,
     rng: np.random.Generator,
 ) -> Hits:
-    """The first surface along each ray: directions (N, 3) of unit length, one time per ray (N,)."""
+    """The first surface along each ray: directions (N, 3) of unit length, one time per ray (N,).
+
+    The origin is (3,), or one per ray (N, 3).
+    """
     n = len(direction)
     hits = Hits(np.full(n, np.inf), np.full(n, -1), np.zeros(n), np.ones(n))
     for index, thing in enumerate(things):
         rays = _rays_towards(thing, time_s, origin_m, direction)
         if len(rays) == 0:
             continue
-        start = origin_m - thing.centres(time_s[rays])
+        start = _of(origin_m, rays) - thing.centres(time_s[rays])
         distance, cosine = _meet(thing, start, direction[rays], time_s[rays], rng)
         nearer = distance < hits.distance_m[rays]
         rays = rays[nearer]
@@ -92,10 +95,11 @@ def cast(
 def is_hidden(
     things: list[SceneObject], origin_m: np.ndarray, target_m: np.ndarray, time_s: np.ndarray
 ) -> np.ndarray:
-    """(N,) bool: the view from the origin to the target (N, 3) at these times (N,) is blocked.
+    """(N,) bool: the view from the origin (3,) or (N, 3) to the target (N, 3) is blocked.
 
-    By the ground or a building, or by crowns that stop nine of ten rays: the share that passes is
-    exp(-way through leaves / free path), the mean of what `cast` draws (Beer-Lambert).
+    At these times (N,), by the ground or a building, or by crowns that stop nine of ten rays: the
+    share that passes is exp(-way through leaves / free path), the mean of what `cast` draws
+    (Beer-Lambert).
     """
     way = target_m - origin_m
     length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
@@ -142,6 +146,11 @@ def _is_within(thing: SceneObject, offset_m: np.ndarray, distance_m: float) -> n
     return np.zeros(len(offset_m), dtype=bool)
 
 
+def _of(origin_m: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """The origin of these rays."""
+    return origin_m if origin_m.ndim == 1 else origin_m[rays]
+
+
 def _rays_towards(
     thing: SceneObject, time_s: np.ndarray, origin_m: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
@@ -156,6 +165,10 @@ def _rays_towards(
         step = np.linalg.norm(np.diff(places, axis=0), axis=1).max()
         moved = np.linalg.norm(places - middle, axis=1).max() + step
     radius = np.linalg.norm(thing.size_m) / 2 + moved
+    if origin_m.ndim == 2:
+        seen_from = (origin_m.min(axis=0) + origin_m.max(axis=0)) / 2
+        radius += np.linalg.norm(origin_m - seen_from, axis=1).max()
+        origin_m = seen_from
     towards = middle - origin_m
     distance = np.linalg.norm(towards)
     if distance <= radius:
@@ -172,7 +185,7 @@ def _meet(
 ) -> tuple[np.ndarray, np.ndarray]:
     match thing.kind:
         case "ground":
-            return shapes.meet_ground(start[2], direction)
+            return shapes.meet_ground(start[..., 2], direction)
         case "building" | "car" | "sign" | "flag":
             return shapes.meet_box(start, direction, thing.size_m, thing.yaw_at(time_s))
         case "cable":

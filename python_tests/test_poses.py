@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from unlidar.poses import Poses, poses_options, write_poses
+from unlidar.pose_files import ALL, find_poses, poses_options
+from unlidar.poses import Poses, write_poses
 from unlidar.simulate import Scenario, Simulation, load_scenario, simulate
 from unlidar.simulate.recording import TRUE_POSES_NAME
 from unlidar.simulate.scenario import Building, Carrier, Drone, Flight, Scene, Sensor
@@ -156,7 +157,9 @@ def test_poses_are_written_beside_the_frames_true_ones_and_noisy_ones(tmp_path):
     assert np.degrees(heading[-1] - heading[0]) / span_s == pytest.approx(30, abs=1)
     simulate(scenario, tmp_path / "b", 5)
     assert (tmp_path / "b/poses.tum").read_bytes() == (tmp_path / "a/poses.tum").read_bytes()
-    assert poses_options(tmp_path / "a", ["top"]) == ["--poses", str(tmp_path / "a/poses.tum")]
+    found = find_poses(tmp_path / "a", ["top"])
+    assert found == {ALL: tmp_path / "a/poses.tum"}
+    assert poses_options(found) == ["--poses", str(tmp_path / "a/poses.tum")]
 
 
 def test_a_sensor_beside_the_carrier_rests_and_has_no_poses(tmp_path):
@@ -166,11 +169,9 @@ def test_a_sensor_beside_the_carrier_rests_and_has_no_poses(tmp_path):
     }
     scenario = moving(CARRIERS["all"], sensors=sensors, duration_s=0.3)
     simulate(scenario, tmp_path / "both", 1)
-    assert not (tmp_path / "both/poses.tum").exists()
-    assert poses_options(tmp_path / "both", sensors) == [
-        "--poses",
-        f"top={tmp_path}/both/poses_top.tum",
-    ]
+    found = find_poses(tmp_path / "both", sensors)
+    assert found == {"top": tmp_path / "both/poses_top.tum"}
+    assert poses_options(found) == ["--poses", f"top={tmp_path}/both/poses_top.tum"]
     alone = dataclasses.replace(scenario, carrier=None)
     simulate(alone, tmp_path / "alone", 1)
     assert not list((tmp_path / "alone").glob("*.tum"))

@@ -15,6 +15,7 @@ from unlidar import conversion, evaluation, pipeline
 from unlidar.conversion.source import Options as ConvertOptions
 from unlidar.errors import UsageError
 from unlidar.evaluate_options import Options as EvaluateOptions
+from unlidar.pose_files import ALL
 from unlidar.program import CLUSTERS, SUMMARY, TARGET_RETURNS
 from unlidar.settings import assignments
 
@@ -173,12 +174,14 @@ def run(
     threads: int | None = None,
     options: ConvertOptions | None = None,
     report: bool = True,
+    poses: AnyPath | Mapping[str, AnyPath] | None = None,
 ) -> Run:
     """Converts one recording if need be, tracks, evaluates where there is truth, and reports.
 
     The first of the `sensors` gives the output times. `method` is "robust" or "paper", `config` a
     YAML file of the program, `settings` single values of it by their key, as
     {"robust.off_ground_m": 0.5}, which go before the file. `options` are those of the conversion.
+    `poses` is a TUM file of the way of all LiDARs, or one for each that moves, by its name.
     """
     values = ({"method": method} if method is not None else {}) | dict(settings or {})
     chosen = [] if config is None else ["--config", os.fspath(config)]
@@ -189,7 +192,11 @@ def run(
         raise UsageError(f"sensors is '{sensors}', expected a list of names")
     names = None if sensors is None else list(sensors)
     reading = options or ConvertOptions()
-    found = pipeline.run(Path(recording), Path(out), names, chosen, reading, report=report)
+    moving = {ALL: poses} if isinstance(poses, (str, os.PathLike)) else poses or {}
+    files = {name: Path(path) for name, path in moving.items()}
+    found = pipeline.run(
+        Path(recording), Path(out), names, chosen, reading, report=report, poses=files
+    )
     return Run(
         out=found.out,
         frames=found.record.frames,

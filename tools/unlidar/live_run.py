@@ -70,7 +70,7 @@ def stream_frames(run: Path, record: RunRecord, out: Path, options: Sequence[str
     clear_results(out, (TRAJECTORY_LIVE, EVENTS_LIVE, SUMMARY_LIVE))
     command = [find_program(), "--stdin", "--out", out / TRAJECTORY_LIVE]
     command += ["--events", out / EVENTS_LIVE, "--summary", out / SUMMARY_LIVE]
-    command += [*record.options, *options]
+    command += [*record.arguments, *options]
     config = read_object(run / SUMMARY).get("config", {})
     rates_hz = {name: rate_of(config, name) for name in record.frames}
     frames = frames_in_order(record.frames, rates_hz=rates_hz)

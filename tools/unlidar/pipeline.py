@@ -2,8 +2,10 @@
 
 import re
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from unlidar.figure import write_figure
 from unlidar.frames_io import find_sensors, list_frames
 from unlidar.live_run import EVENTS_LIVE, SUMMARY_LIVE, TRAJECTORY_LIVE
 from unlidar.output import FRAMES, RUN_RECORD, clear_results, write_file
+from unlidar.pose_files import find_poses, poses_options
 from unlidar.presets import preset_of
 from unlidar.program import (
     CLUSTERS,
@@ -39,6 +42,7 @@ from unlidar.truth import TRUTH_NAME, read_tracks, read_truth
 
 CONFIG = "config.yaml"  # in results of a batch: the common configuration
 _DEFAULTS = Options()
+_NO_POSES: Mapping[str, Path] = MappingProxyType({})
 _FIGURE = "figure.png"
 # Outputs of every run, and all files that its folder may hold.
 RESULTS = (TRAJECTORY, SUMMARY, TARGET_RETURNS, CLUSTERS, MEASURES, _FIGURE, PAGE, RUN_RECORD)
@@ -50,11 +54,12 @@ _UNFINISHED = re.compile(r"^\.partial-\d+-")  # of `write_file`
 
 @dataclass(frozen=True)
 class Recording:
-    """Frame directories by sensor name, with truth and poses if known."""
+    """Frame directories by sensor name, with truth, mountings and poses if known."""
 
     sensors: dict[str, Path]
     truth: Path | None
-    poses: list[str]  # `--set` options of the program
+    mountings: list[str]  # `--set` options of the program
+    poses: dict[str, Path]  # files of the program's --poses, by sensor
     frames: Path  # the folder of the frame directories
     notes: list[str]  # for the user, on the conversion
     broken: bool  # True if the recording was damaged
@@ -114,8 +119,15 @@ def prepare(
             raise UsageError(f"{path}: has no sensor '{missing[0]}', it holds {listed(sensors)}")
         sensors = {name: sensors[name] for name in chosen}
     truth = frames / TRUTH_NAME
-    poses = station_options(read_station(frames), list(sensors))
-    return Recording(sensors, truth if truth.is_file() else None, poses, frames, notes, broken)
+    return Recording(
+        sensors,
+        truth if truth.is_file() else None,
+        station_options(read_station(frames), list(sensors)),
+        find_poses(frames, sensors),
+        frames,
+        notes,
+        broken,
+    )
 
 
 def run(
@@ -126,14 +138,15 @@ def run(
     reading: Options = _DEFAULTS,
     key: str | None = None,
     report: bool = True,
+    poses: Mapping[str, Path] = _NO_POSES,
 ) -> RunResult:
     """Converts if need be, tracks, evaluates where there is truth, with `report` also draws.
 
     Faults of the program or its options are reported before the conversion. `key` is stored in
-    the record.
+    the record. `poses` by sensor take the place of those beside the frames.
     """
     begin = time.perf_counter()
-    check_options(options)
+    check_options([*options, *poses_options(poses)])
     refuse_foreign(out)
     recording = prepare(path, out, chosen, reading)
     if recording.truth is not None:
@@ -142,13 +155,14 @@ def run(
     if preset is not None:
         options = ["--config", str(preset), *options]
     if not places_sensors(options):
-        options = recording.poses + options
+        options = recording.mountings + options
     record = RunRecord(
         path.resolve().name,
         path,
         recording.sensors,
         recording.truth,
         options,
+        dict(poses or recording.poses),
         None if preset is None else preset.name,
         notes=tuple(recording.notes),
         broken=recording.broken,
@@ -156,7 +170,7 @@ def run(
     )
     clear_results(out, (*RESULTS, *_LATER))
     write_record(out, record)
-    outcome = run_program(recording.sensors, out, record.options)
+    outcome = run_program(recording.sensors, out, record.arguments)
     record = replace(record, messages=outcome.messages, tracking_s=outcome.wall_s)
     with timed("read and evaluate the results"):
         tracks = read_tracks(out / TRAJECTORY)
@@ -178,7 +192,7 @@ def _with_fitting_truth(recording: Recording, options: list[str]) -> Recording:
     """
     truth = read_truth(recording.truth)
     frames = [frame for folder in recording.sensors.values() for frame in list_frames(folder)]
-    shifted = any("time_offset_s" in option for option in (*options, *recording.poses))
+    shifted = any("time_offset_s" in option for option in (*options, *recording.mountings))
     if len(truth) == 0 or not frames or shifted:
         return recording
     stamps_s = [frame.stamp_ns * 1e-9 for frame in frames]

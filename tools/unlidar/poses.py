@@ -1,9 +1,5 @@
-"""Poses of LiDARs that move, as TUM files beside the frames: `--poses` of the program.
+"""Poses of LiDARs that move, over time."""
 
-`poses.tum` is of the carrier of all LiDARs, `poses_NAME.tum` of that of one.
-"""
-
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +10,6 @@ from unlidar.output import write_file
 from unlidar.sanitize import printable
 from unlidar.stamps import format_stamp_ns
 
-OPTION = "--poses"  # of the program
 _COLUMNS = "timestamp tx ty tz qx qy qz qw"
 _STILL_M, _STILL_RAD = 1e-3, 1e-4  # poses that differ by less do not move
 
@@ -48,11 +43,6 @@ class Poses:
         return np.stack(position, axis=1), Slerp(known_s, self.rotation)(time_s)
 
 
-def poses_name(sensor: str | None = None) -> str:
-    """The file of a sensor's carrier; of the carrier of all sensors without one."""
-    return "poses.tum" if sensor is None else f"poses_{sensor}.tum"
-
-
 def write_poses(path: Path, poses: Poses, about: str) -> None:
     """Writes a TUM file; `about` is a comment in its first line."""
     rows = np.concatenate([poses.position_m, poses.rotation.as_quat(canonical=True)], axis=1)
@@ -60,13 +50,3 @@ def write_poses(path: Path, poses: Poses, about: str) -> None:
     for stamp_ns, row in zip(poses.stamp_ns, rows, strict=True):
         lines.append(f"{format_stamp_ns(int(stamp_ns))} {' '.join(f'{v:.9f}' for v in row)}")
     write_file(path, lambda work: work.write_text("\n".join(lines) + "\n", encoding="utf-8"))
-
-
-def poses_options(folder: Path, sensors: Iterable[str]) -> list[str]:
-    """`--poses` options of the program for the files beside the frames of these sensors."""
-    common = folder / poses_name()
-    files = {sensor: folder / poses_name(sensor) for sensor in sensors}
-    options = [OPTION, str(common)] if common.is_file() else []
-    for sensor, path in files.items():
-        options += [OPTION, f"{sensor}={path}"] if path.is_file() else []
-    return options

@@ -5,12 +5,13 @@ Beside it lie the program's files with the results, `evaluation.json`, and `expl
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from unlidar.errors import InputError, reason
 from unlidar.limits import read_text
 from unlidar.output import RUN_RECORD, write_file
+from unlidar.pose_files import poses_options
 
 MEASURES, EXPLANATION = "evaluation.json", "explanation.json"
 _VERSION = 1  # format version; unknown ones are rejected
@@ -28,7 +29,8 @@ class RunRecord:
     recording: Path  # as it was given, converted or not
     frames: dict[str, Path]  # frame directory by sensor
     truth: Path | None
-    options: list[str]  # of the program
+    options: list[str]  # of the program, but those of the other fields
+    poses: dict[str, Path] = field(default_factory=dict)  # files of the program's --poses
     preset: str | None = None  # configuration chosen by the kind of recording
     notes: tuple[str, ...] = ()  # for the user, on the conversion
     broken: bool = False  # True if the recording is damaged and only its readable part was tracked
@@ -37,6 +39,11 @@ class RunRecord:
     tracking_s: float | None = None  # the program alone
     total_s: float | None = None  # with conversion, evaluation, figure and page
     key: str | None = None  # for batches: hash of input, settings and program
+
+    @property
+    def arguments(self) -> list[str]:
+        """All options of the program but frames and outputs."""
+        return [*self.options, *poses_options(self.poses)]
 
 
 def write_record(run: Path, record: RunRecord) -> None:
@@ -48,6 +55,7 @@ def write_record(run: Path, record: RunRecord) -> None:
         "frames": {name: _written(path, run) for name, path in record.frames.items()},
         "truth": None if record.truth is None else _written(record.truth, run),
         "options": record.options,
+        "poses": {name: _written(path, run) for name, path in record.poses.items()},
         "preset": record.preset,
         "notes": list(record.notes),
         "broken": record.broken,
@@ -78,6 +86,7 @@ def read_record(run: Path) -> RunRecord:
             frames={str(name): run / where for name, where in known["frames"].items()},
             truth=None if known["truth"] is None else run / known["truth"],
             options=[str(option) for option in known["options"]],
+            poses={str(name): run / where for name, where in known.get("poses", {}).items()},
             preset=None if known["preset"] is None else str(known["preset"]),
             notes=tuple(str(note) for note in known["notes"]),
             broken=bool(known["broken"]),

@@ -92,13 +92,14 @@ def _run(
     job: Job, variant: Variant, recording: Recording, truth: Truth, duration_s: float
 ) -> Result:
     out = _folder(job) / variant.name
-    options = [*variant.options, *recording.poses, "--threads", "1", "--quiet"]
+    options = [*variant.options, *recording.mountings, "--threads", "1", "--quiet"]
     record = RunRecord(
         f"{job.scene.scene} {job.scene.seed}".strip(),
         recording.frames,
         recording.sensors,
         recording.truth,
         options,
+        recording.poses,
         notes=tuple(recording.notes),
         broken=recording.broken,
     )
@@ -108,7 +109,7 @@ def _run(
     before = _children_cpu_s()
     try:
         with _cpu_limit(job.time_limit_s):
-            outcome = run_program(recording.sensors, out, options)
+            outcome = run_program(recording.sensors, out, record.arguments)
     except UnlidarError as error:
         failure = error
         if f"signal {signal.SIGXCPU.value}" in str(error):

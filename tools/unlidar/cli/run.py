@@ -9,6 +9,7 @@ from unlidar.cli.convert import define_reading
 from unlidar.cli.view import show_results
 from unlidar.errors import BatchError, ConfigError, UsageError, reason
 from unlidar.limits import read_text
+from unlidar.pose_files import ALL
 from unlidar.sanitize import printable
 
 EXAMPLE = """unlidar simulate demo out/demo && unlidar run out/demo --method robust
@@ -45,6 +46,15 @@ def define(p: argparse.ArgumentParser) -> None:
         default=[],
         dest="assignments",
         help="one value of the configuration; may be repeated",
+    )
+    p.add_argument(
+        "--poses",
+        metavar="[NAME=]FILE",
+        type=_poses,
+        action="append",
+        default=[],
+        help="the way of the LiDAR NAME, or of all, which move: TUM, the pose in the world of what "
+        "bears it; may be repeated (default: those beside the frames, if there are any)",
     )
     define_reading(p)
     p.add_argument("--threads", metavar="N", type=int, help="of the program, for each recording")
@@ -94,7 +104,8 @@ def _run(a: argparse.Namespace) -> None:
     if a.open and not a.report:
         raise UsageError("--open and --no-report: expected one of them")
     if others or (first.is_dir() and not is_recording(first)):
-        for option, is_given in (("--live", a.live), ("--open", a.open)):
+        single = (("--live", a.live), ("--open", a.open), ("--poses", a.poses))
+        for option, is_given in single:
             if is_given:
                 raise UsageError(f"{first}: {option} is for one recording, these are more")
         _run_many(a, name)
@@ -116,7 +127,10 @@ def _run_one(a: argparse.Namespace, recording: Path) -> None:
     options += _assignments(a)
     options += ["--threads", str(a.threads)] if a.threads is not None else []
     reading = Options(truths=tuple(a.truth), skip_bad=a.skip_bad, rate_hz=a.rate)
-    result = run(recording, a.out, a.sensors, options, reading, report=a.report)
+    poses = dict(a.poses)
+    if len(poses) < len(a.poses):
+        raise UsageError("--poses: expected once for all LiDARs, or once for each")
+    result = run(recording, a.out, a.sensors, options, reading, report=a.report, poses=poses)
     for line in result.record.messages:
         print(printable(line), file=sys.stderr)
     for line in result.answer.splitlines():
@@ -206,6 +220,12 @@ def _read(config: Path | None) -> str | None:
         return None if config is None else read_text(config)
     except (OSError, ValueError) as error:
         raise ConfigError(f"{config}: cannot be read: {reason(error)}") from error
+
+
+def _poses(text: str) -> tuple[str, Path]:
+    name, separator, file = text.partition("=")
+    is_named = separator and "/" not in name  # as the program has it
+    return (name, Path(file)) if is_named else (ALL, Path(text))
 
 
 def _about(preset: str) -> str:

@@ -86,7 +86,7 @@ def _track(
     if live:
         stream_frames(run, record, folder, ["--trace", str(trace)])
         return folder / TRAJECTORY_LIVE, folder / SUMMARY_LIVE
-    outcome = run_program(record.frames, folder, [*record.options, "--trace", str(trace)])
+    outcome = run_program(record.frames, folder, [*record.arguments, "--trace", str(trace)])
     return outcome.trajectory, outcome.summary
 
 

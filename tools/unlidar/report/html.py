@@ -220,7 +220,7 @@ def run_tables(data: ReportData, versions: list[tuple[str, str]]) -> str:
         f"<li><code>{escape(key)}: {escape(str(value))}</code></li>"
         for key, value in flat(data.summary.get("config", {}))
     )
-    options = " ".join(data.record.options) or "none"
+    options = " ".join(data.record.arguments) or "none"
     return (
         "<h3>Input</h3>"
         + table(["sensor", "frames", "frame period [s]", "folder"], inputs)

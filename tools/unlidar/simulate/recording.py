@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from unlidar import __version__
 from unlidar.frames_io import write_pcd
 from unlidar.output import complete_directory
-from unlidar.poses import Poses, poses_name, write_poses
+from unlidar.pose_files import poses_name
+from unlidar.poses import Poses, write_poses
 from unlidar.progress import with_progress
 from unlidar.simulate.carrier import Motion, exact_poses, noisy
 from unlidar.simulate.population import build_world

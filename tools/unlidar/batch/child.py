@@ -34,6 +34,7 @@ def do(job: Job) -> None:
                 truths=tuple(settings.truths),
                 skip_bad=settings.skip_bad,
                 rate_hz=settings.rate_hz,
+                poses_topic=settings.poses_topic,
             )
             run(
                 Path(job.recording),

@@ -33,6 +33,7 @@ class Settings:
     skip_bad: bool
     report: bool  # True if figure and page are made
     rate_hz: float | None = None  # frame rate of numbered frames
+    poses_topic: str | None = None  # of bags, as of `convert`
 
     def options_with(self, config: str | None) -> list[str]:
         """All options of the program, with the configuration read from the file `config`."""
@@ -84,6 +85,7 @@ def make_job(
         "options": settings.options,
         "truths": settings.truths,
         "skip_bad": settings.skip_bad,
+        "poses_topic": settings.poses_topic,
         "report": settings.report,
         "preset": MMAUD.read_text() if settings.config is None else None,
         "program": program,

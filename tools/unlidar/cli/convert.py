@@ -84,6 +84,12 @@ def define_reading(p: argparse.ArgumentParser) -> None:
         "positions whose name says that it is the truth)",
     )
     p.add_argument(
+        "--poses-topic",
+        metavar="TOPIC",
+        help="of a ROS recording whose LiDARs move: /tf, odometry or poses; 'none': they are at "
+        "rest (default: /tf if it moves them, else odometry of what bears them)",
+    )
+    p.add_argument(
         "--skip-bad",
         action="store_true",
         help="leave out frames and messages that cannot be read or repeat a stamp, and count them",
@@ -115,6 +121,7 @@ def _convert(a: argparse.Namespace) -> None:
         stamp=a.stamp,
         merge=a.merge,
         rate_hz=a.rate,
+        poses_topic=a.poses_topic,
         origin=a.origin,
     )
     report = convert(a.source, a.out, a.sensors, a.force, options)

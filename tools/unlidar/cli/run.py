@@ -126,7 +126,9 @@ def _run_one(a: argparse.Namespace, recording: Path) -> None:
     options = ["--config", str(a.config)] if a.config else []
     options += _assignments(a)
     options += ["--threads", str(a.threads)] if a.threads is not None else []
-    reading = Options(truths=tuple(a.truth), skip_bad=a.skip_bad, rate_hz=a.rate)
+    reading = Options(
+        truths=tuple(a.truth), skip_bad=a.skip_bad, rate_hz=a.rate, poses_topic=a.poses_topic
+    )
     poses = dict(a.poses)
     if len(poses) < len(a.poses):
         raise UsageError("--poses: expected once for all LiDARs, or once for each")
@@ -185,6 +187,7 @@ def _run_many(a: argparse.Namespace, name: str) -> None:
         a.skip_bad,
         a.report,
         a.rate,
+        a.poses_topic,
     )
     rows = run_many(a.recording, a.out, settings, at_once, a.scheduler)
     title = f"{name}: {len(rows)} recording{'s' * (len(rows) != 1)}"

@@ -31,6 +31,7 @@ from unlidar.errors import InputError, UsageError, listed
 from unlidar.frames_io import write_pcd
 from unlidar.names import check_name
 from unlidar.output import complete_directory
+from unlidar.poses import write_all_poses
 from unlidar.progress import with_progress
 from unlidar.sanitize import printable
 from unlidar.stamps import parse_stamp_ns
@@ -111,6 +112,8 @@ def convert(
             poses = {n: p for n, p in source.station().items() if n in writer.frames}
             if poses:
                 write_station(work, poses, f"Poses of the LiDARs of {path.name}")
+            moving = {n: p for n, p in source.poses().items() if n in writer.frames}
+            write_all_poses(work, moving, len(writer.frames), f"Poses of {path.name}")
             report = {
                 "source": str(path.resolve()),
                 "kind": source.kind,

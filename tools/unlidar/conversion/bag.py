@@ -10,12 +10,14 @@ from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
 
 from unlidar.conversion.bag_files import is_bag, open_bag
+from unlidar.conversion.bag_poses import BagPoses, Stamp, find_poses
 from unlidar.conversion.bag_sensors import BagSensors
 from unlidar.conversion.bag_topics import BagTopics
 from unlidar.conversion.clouds import (
     POINT_CLOUD,
     decode_cloud,
     deserialize,
+    header_ns,
     read_header,
     stamp_ns,
 )
@@ -32,6 +34,7 @@ from unlidar.conversion.stamp_selector import StampSelector
 from unlidar.conversion.transforms import StaticTransforms
 from unlidar.errors import InputError, listed, reason
 from unlidar.limits import MEGABYTE, TooLargeError
+from unlidar.poses import Poses
 from unlidar.stamps import format_stamp_ns
 from unlidar.station import Pose
 
@@ -65,7 +68,9 @@ class RosBag:
         self.truths = len(self._topics.truths)
         self._positions = Positions(options.origin)
         self._transforms = self._read_transforms()
+        self._poses = BagPoses()
         self._sensor_poses = SensorPoses(self._transforms, {})
+        self._unread_poses: dict[str, int] = {}  # messages by topic
         self._stamps: dict[str, StampSelector] = {}
         self._misfits: dict[str, int] = {}  # messages whose point times fit no unit or epoch
         self._read = 0
@@ -122,7 +127,9 @@ class RosBag:
     def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow | Unreadable]:
         """Items in the order of the bag. The time window applies to log times."""
         frames = self._sensors.frames()
-        self._sensor_poses = SensorPoses(self._transforms, {name: frames[name] for name in sensors})
+        own = {name: frames[name] for name in sensors}
+        self._poses = find_poses(self._topics, self._transforms, own.values(), self._read_poses)
+        self._sensor_poses = SensorPoses(self._transforms, own, self._poses.carriers)
         left_out = set(frames) - set(sensors)
         wanted = {topic for name, topic in self._sensors.all().items() if name in sensors}
         wanted |= set(self._topics.truths)
@@ -141,13 +148,19 @@ class RosBag:
             raise InputError(self._flaw)
 
     def station(self) -> dict[str, Pose]:
-        """The sensor poses of /tf_static."""
+        """Where the sensors stand by /tf_static."""
+        return self._sensor_poses.mountings()
+
+    def poses(self) -> dict[str, Poses]:
+        """Of the carriers of sensors, by /tf or odometry."""
         return self._sensor_poses.poses()
 
     def notes(self) -> list[str]:
         """Notes on choices made, unrelated coordinate frames, and unusual stamps or point times."""
         notes = [*self._opened.notes, *self._sensor_notes(), *self._topics.truth_notes()]
-        notes += self._sensor_poses.notes()
+        notes += [*self._poses.notes, *self._sensor_poses.notes()]
+        for topic, messages in self._unread_poses.items():
+            notes.append(f"{topic}: {messages} messages cannot be read, left out")
         found = [stamps.note(topic) for topic, stamps in self._stamps.items()]
         notes += [note for note in found if note]
         for topic, messages in self._misfits.items():
@@ -168,6 +181,7 @@ class RosBag:
             "topics": self._sensors.all(),
             "frame_ids": self._sensors.frames(),
             "common_frame": self._sensor_poses.common,
+            "poses_topic": self._poses.topic,
             "truth_topics": self._topics.truths,
             "stamps": {topic: stamps.facts() for topic, stamps in self._stamps.items()},
             "origin": self._positions.origin_text(),
@@ -177,18 +191,20 @@ class RosBag:
         """Closes the files."""
         self._opened.close()
 
-    def _messages(self, topic: str) -> Iterator[tuple[Connection, bytes]]:
+    def _messages(self, topic: str) -> Iterator[tuple[Connection, int, bytes]]:
         """The messages of one topic up to the first damage, which items() reports later."""
         for reader in self._readers:
             chosen = [c for c in reader.connections if c.topic == topic]
             with suppress(Exception):
-                for connection, _, raw in reader.messages(chosen, None, None) if chosen else ():
-                    yield connection, _plain(connection, raw)
+                for connection, log_ns, raw in (
+                    reader.messages(chosen, None, None) if chosen else ()
+                ):
+                    yield connection, log_ns, _plain(connection, raw)
 
     def _frame_ids(self, topic: str) -> list[str]:
         """The frame_ids in the first messages of a cloud topic."""
         found = []
-        for connection, raw in islice(self._messages(topic), _MESSAGES_OF_A_TOPIC):
+        for connection, _, raw in islice(self._messages(topic), _MESSAGES_OF_A_TOPIC):
             with suppress(ValueError):
                 found.append(read_header(raw, is_ros1(connection)).frame_id)
         return found
@@ -196,12 +212,23 @@ class RosBag:
     def _read_transforms(self) -> StaticTransforms:
         transforms = StaticTransforms()
         for topic in filter(lambda topic: topic.is_static, self._topics.all.values()):
-            for connection, raw in self._messages(topic.name):
+            for connection, _, raw in self._messages(topic.name):
                 try:
                     transforms.add(_parsed(connection, raw))
                 except _UNREADABLE:
                     transforms.unusable.append(topic.name)
         return transforms
+
+    def _read_poses(self, topic: str) -> Iterator[tuple[Any, Stamp]]:
+        """The messages of a topic of poses; their stamps are of the frames' clock."""
+        for connection, log_ns, raw in self._messages(topic):
+            try:
+                message = _parsed(connection, raw)
+            except _UNREADABLE:
+                self._unread_poses[topic] = self._unread_poses.get(topic, 0) + 1
+                continue
+            clock = StampSelector(self._options.stamp)
+            yield message, lambda header, log=log_ns, c=clock: c.pick(header_ns(header), log)
 
     def _next(
         self, messages: Iterator[tuple[Connection, int, bytes]]
@@ -237,7 +264,7 @@ class RosBag:
         if position is None:
             return None
         if connection.msgtype != FIX:  # a fix is in the antenna's frame
-            position = self._sensor_poses.truth(message.header.frame_id, position)
+            position = self._sensor_poses.truth(message.header.frame_id, position, stamp)
         return TruthRow(format_stamp_ns(stamp), position, self._topics.truths.index(topic))
 
     def _frame(

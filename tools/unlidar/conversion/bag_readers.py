@@ -17,7 +17,7 @@ from unlidar.conversion.clouds import CLOUD_TYPES
 from unlidar.conversion.mcap import McapFile
 from unlidar.conversion.positions import POSITION_TYPES
 from unlidar.conversion.scans import open_sqlite, unpacked_chunk1, widest
-from unlidar.conversion.transforms import is_static_topic
+from unlidar.conversion.transforms import POSE_TYPES
 from unlidar.limits import MEGABYTE, MOST_RECORD, BoundedPath, TooLargeError
 
 _MOST_INDEX = 16 * MEGABYTE  # bytes of a topic's index in one chunk: a million messages
@@ -67,7 +67,7 @@ class Reader1(rosbag1.Reader):
 
 def _is_useful(connection: Connection) -> bool:
     kind = connection.msgtype
-    return kind in (*CLOUD_TYPES, *POSITION_TYPES) or is_static_topic(connection.topic, kind)
+    return kind in (*CLOUD_TYPES, *POSITION_TYPES, *POSE_TYPES)
 
 
 class SqliteFile(Sqlite3Reader):

@@ -10,7 +10,13 @@ from unlidar.conversion.clouds import CLOUD_TYPES
 from unlidar.conversion.message_types import ROS1_ENCODING, ROS2_ENCODING, encoding_of
 from unlidar.conversion.positions import POSITION_TYPES, says_truth
 from unlidar.conversion.source import Options
-from unlidar.conversion.transforms import is_static_topic
+from unlidar.conversion.transforms import (
+    AT_REST,
+    ODOMETRY,
+    POSE_TYPES,
+    TRANSFORM_TYPES,
+    is_static_topic,
+)
 from unlidar.errors import InputError, UsageError, listed
 
 _REFUSED = {
@@ -61,6 +67,9 @@ class BagTopics:
             name: t for name, t in self.all.items() if t.msgtype in POSITION_TYPES and t.messages
         }
         self.truths, self._why_truth = self._choose_truth()  # the topics, each a target
+        self.poses_topic = options.poses_topic
+        if self.poses_topic not in (None, AT_REST):
+            self._check(self.poses_topic, POSE_TYPES, "tells of no pose")
 
     def named_clouds(self) -> list[str]:
         """The clouds among `--topic`, which may also name truth."""
@@ -84,10 +93,14 @@ class BagTopics:
             return f"frames of {', '.join(sensors)}{', only if named' * topic.is_radar}"
         if topic.name in self.truths:
             return "ground_truth.csv"
+        if topic.msgtype == ODOMETRY:
+            return "poses where it moves a LiDAR; ground_truth.csv, only if named"
         if topic.msgtype in POSITION_TYPES:
             return "ground_truth.csv, only if named"
         if topic.is_static:
             return "station.yaml"
+        if topic.msgtype in TRANSFORM_TYPES:
+            return "poses where it moves a LiDAR"
         return f"refused: {_REFUSED[topic.msgtype]}" if topic.msgtype in _REFUSED else ""
 
     def why_no_clouds(self) -> str:

@@ -80,7 +80,12 @@ def deserialize(raw: bytes, msgtype: str, store: Typestore, is_ros1: bool) -> An
 
 def stamp_ns(message: Any) -> int:
     """The header stamp of a message in ns."""
-    return int(message.header.stamp.sec) * _NS_PER_S + int(message.header.stamp.nanosec)
+    return header_ns(message.header)
+
+
+def header_ns(header: Any) -> int:
+    """The stamp of a std_msgs/Header in ns."""
+    return int(header.stamp.sec) * _NS_PER_S + int(header.stamp.nanosec)
 
 
 def _decode_point_cloud(message: Any) -> Cloud:

@@ -11,6 +11,8 @@ from unlidar.conversion.source import Options, SourceFrame, Stream, TruthRow, Un
 from unlidar.errors import InputError, UsageError, reason
 from unlidar.frame_clock import times_of_names
 from unlidar.limits import check_frame_size, lines_of
+from unlidar.pose_files import ALL, find_poses
+from unlidar.poses import Poses, read_poses
 from unlidar.stamps import format_stamp_ns, parse_stamp_ns
 from unlidar.station import Pose, read_station
 from unlidar.truth import TRUTH_NAME
@@ -164,6 +166,13 @@ class FileSource:
     def station(self) -> dict[str, Pose]:
         """The poses of the folder's own station.yaml."""
         return read_station(self._path)
+
+    def poses(self) -> dict[str, Poses]:
+        """Those of the folder's own files of poses."""
+        found = find_poses(self._path, self.sensors)
+        common = found.pop(ALL, None)
+        files = dict.fromkeys(self.sensors, common) if common else {}
+        return {name: read_poses(path) for name, path in (files | found).items()}
 
     def close(self) -> None:
         """Does nothing: no file stays open."""

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from unlidar.conversion.source import Stream
 from unlidar.errors import InputError
+from unlidar.poses import Poses
 from unlidar.station import Pose
 
 
@@ -36,6 +37,10 @@ class OneFileSource:
 
     def station(self) -> dict[str, Pose]:
         """Empty: such files hold no poses."""
+        return {}
+
+    def poses(self) -> dict[str, Poses]:
+        """Empty: such files tell of no motion."""
         return {}
 
     def notes(self) -> list[str]:

@@ -8,6 +8,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 
 from unlidar.geodesy import Origin
+from unlidar.poses import Poses
 from unlidar.station import Pose
 
 _NS_PER_S = 1_000_000_000
@@ -38,6 +39,9 @@ class Options:
     stamp: Literal["header", "log"] = "header"  # which time of a bag's message is the frame's
     merge: int = 1  # messages of one topic per frame
     rate_hz: float | None = None  # of files that are numbered instead of stamped
+    poses_topic: str | None = (
+        None  # of a bag, "none" without motion; else as docs/formats.md has it
+    )
     origin: Origin | None = None  # of the local frame of NavSatFix; else the first fix
 
     def window(self, begin_ns: int) -> Window:
@@ -136,7 +140,14 @@ class Source(Protocol):
         ...
 
     def station(self) -> dict[str, Pose]:
-        """The sensor poses, valid after the items were read; empty if unknown."""
+        """The sensor poses, valid after the items were read; empty if unknown.
+
+        Of a sensor that moves: that on its carrier.
+        """
+        ...
+
+    def poses(self) -> dict[str, Poses]:
+        """Poses of what carries a sensor that moves, valid after the items were read."""
         ...
 
     def notes(self) -> list[str]:

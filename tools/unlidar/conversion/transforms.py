@@ -7,8 +7,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+ODOMETRY = "nav_msgs/msg/Odometry"
+# Messages that can tell how a LiDAR moves.
+POSE_TYPES = (
+    *TRANSFORM_TYPES,
+    ODOMETRY,
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+)
+AT_REST = "none"  # in place of a topic that tells how the LiDARs move
 # A float32 holds a millimetre up to here; earth-centred and map-grid frames begin farther off.
-_FARTHEST_M = 10_000.0
+FARTHEST_M = 10_000.0
 _LEAST_NORM = 0.1  # of a usable quaternion
 
 
@@ -32,7 +41,18 @@ class Placement:
         return Placement(turned, -turned.apply(self.translation_m))
 
 
-_HERE = Placement(Rotation.identity(), np.zeros(3))
+HERE = Placement(Rotation.identity(), np.zeros(3))
+
+
+def placement_of(position: Any, orientation: Any) -> Placement | None:
+    """The placement that a message holds; None if it is none."""
+    p, q = position, orientation
+    translation = np.array([p.x, p.y, p.z], dtype=float)
+    quaternion = np.array([q.x, q.y, q.z, q.w], dtype=float)
+    numbers = np.isfinite(translation).all() and np.isfinite(quaternion).all()
+    if not numbers or np.linalg.norm(quaternion) < _LEAST_NORM:
+        return None
+    return Placement(Rotation.from_quat(quaternion), translation)
 
 
 def is_static_topic(topic: str, msgtype: str) -> bool:
@@ -59,14 +79,11 @@ class StaticTransforms:
                 plain_frame(stamped.header.frame_id),
                 plain_frame(stamped.child_frame_id),
             )
-            t, q = stamped.transform.translation, stamped.transform.rotation
-            translation = np.array([t.x, t.y, t.z], dtype=float)
-            quaternion = np.array([q.x, q.y, q.z, q.w], dtype=float)
-            numbers = np.isfinite(translation).all() and np.isfinite(quaternion).all()
-            if parent == child or not numbers or np.linalg.norm(quaternion) < _LEAST_NORM:
+            placement = placement_of(stamped.transform.translation, stamped.transform.rotation)
+            if parent == child or placement is None:
                 self.unusable.append(child)
                 continue
-            self._above[child] = (parent, Placement(Rotation.from_quat(quaternion), translation))
+            self._above[child] = (parent, placement)
 
     def __bool__(self) -> bool:
         """True if anything is known."""
@@ -78,7 +95,7 @@ class StaticTransforms:
         Usually that of the station or of its surroundings, with its z axis up. None where nothing
         is known of any; frames that cannot be related to the first one known do not count.
         """
-        chains = [self._chain(frame) for frame in dict.fromkeys(frames) if self._knows(frame)]
+        chains = [self.chain(frame) for frame in dict.fromkeys(frames) if self._knows(frame)]
         if not chains:
             return None
         related = [chain for chain in chains if list(chain)[-1] == list(chains[0])[-1]]
@@ -86,24 +103,28 @@ class StaticTransforms:
         near = [
             frame
             for frame in shared
-            if all(np.linalg.norm(c[frame].translation_m) <= _FARTHEST_M for c in related)
+            if all(np.linalg.norm(c[frame].translation_m) <= FARTHEST_M for c in related)
         ]
         return near[-1] if near else shared[0]
 
     def placement(self, frame: str, common: str) -> Placement | None:
         """The placement of a frame in another; None if no transforms relate them."""
         if frame == common:
-            return _HERE
-        mine, others = self._chain(frame), self._chain(common)
+            return HERE
+        mine, others = self.chain(frame), self.chain(common)
         meeting = next((above for above in mine if above in others), None)
         return None if meeting is None else mine[meeting].within(others[meeting].inverse())
+
+    def root(self, frame: str) -> str:
+        """The uppermost ancestor of a frame: frames with the same one are one rigid body."""
+        return list(self.chain(frame))[-1]
 
     def _knows(self, frame: str) -> bool:
         return frame in self._above or any(parent == frame for parent, _ in self._above.values())
 
-    def _chain(self, frame: str) -> dict[str, Placement]:
+    def chain(self, frame: str) -> dict[str, Placement]:
         """The frame's placement in itself, then in each ancestor."""
-        chain = {frame: _HERE}
+        chain = {frame: HERE}
         while (found := self._above.get(frame)) is not None and found[0] not in chain:
             chain[found[0]] = chain[frame].within(found[1])
             frame = found[0]

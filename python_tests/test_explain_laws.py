@@ -17,6 +17,7 @@ from traced_run import BEGIN_NS, SECOND_NS
 from unlidar.explain.evidence import Collector, Evidence, PathThere
 from unlidar.explain.stages import GATES, MEANINGS, RULES, runs_of, shares_of, stage_of
 from unlidar.explain.targets import Reach, targets_of
+from unlidar.mounting import Mounting
 from unlidar.truth import Tracks, Truth
 
 COUNTS = st.integers(0, 3)
@@ -77,7 +78,7 @@ def test_a_second_is_found_exactly_where_the_trajectory_is_at_the_truth(places, 
     time_ns = np.array([BEGIN_NS + k * SECOND_NS // 2 for k in range(len(places))])
     at_m = np.array(places)
     truth = Truth(time_ns * 1e-9, np.zeros(len(at_m)), at_m, np.ones(len(at_m), dtype=bool))
-    collector = Collector(targets_of(truth), {}, Reach(np.zeros((1, 3)), 4.5))
+    collector = Collector(targets_of(truth), {}, Reach([Mounting()], 4.5))
     above_m = at_m + np.array([0.0, 0.0, off_m])
     tracks = Tracks(time_ns * 1e-9, np.zeros(len(at_m)), above_m, stamp_ns=time_ns)
     collector.add_rows(tracks)

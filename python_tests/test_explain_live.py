@@ -65,7 +65,7 @@ class Stream:
         trace = self.folder / "trace.jsonl"
         trace.write_text("".join(json.dumps(line) + "\n" for line in self.lines))
         sensors = {"lidar": SensorFrames(self.files, Mounting())}
-        collector = Collector([named_place(DRONE_M)], sensors, Reach(np.zeros((1, 3)), 1.0))
+        collector = Collector([named_place(DRONE_M)], sensors, Reach([Mounting()], 1.0))
         collector.add_trace(read_trace(trace))
         return collector
 

@@ -32,8 +32,8 @@ from scipy.spatial.transform import Rotation
 from synthetic import make_flight, track
 from unlidar import livox
 from unlidar.cli import main
-from unlidar.conversion.point_times import OFFSET_FIELD
 from unlidar.frames_io import list_frames, read_pcd
+from unlidar.point_times import OFFSET_FIELD
 from unlidar.station import read_station
 
 

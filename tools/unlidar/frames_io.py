@@ -100,11 +100,15 @@ def read_pcd(path: Path) -> dict[str, np.ndarray]:
 
 def read_returns(path: Path) -> np.ndarray:
     """The returns of a PCD file, (N, 3) in m: finite and not 0, 0, 0 (a ray without a return)."""
-    fields = read_pcd(path)
+    return keep_returns(positions_of(path, read_pcd(path)))
+
+
+def positions_of(path: Path, fields: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The rows of a PCD file, (N, 3); InputError if a coordinate is missing."""
     missing = [axis for axis in "xyz" if axis not in fields]
     if missing:
         raise InputError(f"{path}: has no field {missing[0]}, expected x, y and z")
-    return keep_returns(np.stack([fields[axis].astype(float) for axis in "xyz"], axis=1))
+    return np.stack([fields[axis].astype(float) for axis in "xyz"], axis=1)
 
 
 def keep_returns(xyz_m: np.ndarray) -> np.ndarray:

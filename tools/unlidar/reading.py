@@ -11,10 +11,10 @@ import numpy as np
 
 from unlidar.conversion import choose_sensors, open_source
 from unlidar.conversion.kept_items import KeptItems
-from unlidar.conversion.point_times import OFFSET_FIELD
 from unlidar.conversion.source import Options, Source, SourceFrame
 from unlidar.engine import Frame, Frames
 from unlidar.errors import InputError, UsageError
+from unlidar.point_times import OFFSET_FIELD
 from unlidar.stamps import parse_stamp_ns
 from unlidar.station import station_settings
 

@@ -17,7 +17,6 @@ from unlidar.conversion.las import LasFile
 from unlidar.conversion.livox_capture import LivoxCapture, LivoxFile
 from unlidar.conversion.mmaud import MmaudFolder
 from unlidar.conversion.ouster_capture import OusterCapture
-from unlidar.conversion.point_times import OFFSET_FIELD, pcd_column
 from unlidar.conversion.source import (
     Options,
     Source,
@@ -31,6 +30,7 @@ from unlidar.errors import InputError, UsageError, listed
 from unlidar.frames_io import write_pcd
 from unlidar.names import check_name
 from unlidar.output import complete_directory
+from unlidar.point_times import OFFSET_FIELD, pcd_column
 from unlidar.poses import write_all_poses
 from unlidar.progress import with_progress
 from unlidar.sanitize import printable

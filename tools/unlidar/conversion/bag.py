@@ -25,7 +25,6 @@ from unlidar.conversion.message_types import (
     is_ros1,
     types_of,
 )
-from unlidar.conversion.point_times import OFFSET_FIELD, offsets_ns
 from unlidar.conversion.positions import FIX, Positions
 from unlidar.conversion.scans import unpacked_message, widest
 from unlidar.conversion.sensor_poses import SensorPoses
@@ -34,6 +33,7 @@ from unlidar.conversion.stamp_selector import StampSelector
 from unlidar.conversion.transforms import StaticTransforms
 from unlidar.errors import InputError, listed, reason
 from unlidar.limits import MEGABYTE, TooLargeError
+from unlidar.point_times import OFFSET_FIELD, offsets_ns
 from unlidar.poses import Poses
 from unlidar.stamps import format_stamp_ns
 from unlidar.station import Pose

@@ -11,9 +11,9 @@ import numpy as np
 from rosbags.typesys.store import Typestore
 
 from unlidar.conversion.message_types import LIVOX_CLOUDS, known_types
-from unlidar.conversion.point_times import TIME_FIELDS
 from unlidar.errors import listed, reason
 from unlidar.frames_io import is_return
+from unlidar.point_times import TIME_FIELDS
 
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 CLOUD_TYPES = (POINT_CLOUD, *LIVOX_CLOUDS)

@@ -17,12 +17,12 @@ from unlidar.conversion.files import (
     refuse_bag_options,
 )
 from unlidar.conversion.ply import read_ply
-from unlidar.conversion.point_times import OFFSET_FIELD, TIME_FIELDS, offsets_ns
 from unlidar.conversion.source import Options, SourceFrame, Stream, Unreadable
 from unlidar.errors import InputError, reason
 from unlidar.frame_clock import stamps_of_table, times_of_names
 from unlidar.frames_io import is_return, read_pcd
 from unlidar.names import folder_names
+from unlidar.point_times import OFFSET_FIELD, TIME_FIELDS, offsets_ns
 from unlidar.stamps import format_stamp_ns, parse_stamp_ns
 
 _NS_PER_S = 1_000_000_000

@@ -10,12 +10,12 @@ import numpy as np
 
 from unlidar.conversion.files import refuse_bag_options
 from unlidar.conversion.one_file import OneFileSource, up_to_damage
-from unlidar.conversion.point_times import OFFSET_FIELD
 from unlidar.conversion.source import Options, SourceFrame
 from unlidar.errors import InputError, reason
 from unlidar.extras import load_extra
 from unlidar.limits import MOST_RECORD, MOST_TEXT
 from unlidar.names import folder_names
+from unlidar.point_times import OFFSET_FIELD
 from unlidar.stamps import format_stamp_ns
 
 _FRAME_NS = 100_000_000

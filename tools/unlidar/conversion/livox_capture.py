@@ -13,9 +13,9 @@ from unlidar.conversion import lvx
 from unlidar.conversion.capture_makers import maker_of
 from unlidar.conversion.files import refuse_bag_options
 from unlidar.conversion.one_file import OneFileSource, up_to_damage
-from unlidar.conversion.point_times import OFFSET_FIELD
 from unlidar.conversion.source import Options, SourceFrame
 from unlidar.errors import InputError
+from unlidar.point_times import OFFSET_FIELD
 from unlidar.stamps import format_stamp_ns
 from unlidar.station import Pose
 

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from unlidar.conversion.point_times import OFFSET_FIELD
 from unlidar.conversion.source import SourceFrame, TruthRow
 from unlidar.errors import InputError
+from unlidar.point_times import OFFSET_FIELD
 from unlidar.stamps import parse_stamp_ns
 
 

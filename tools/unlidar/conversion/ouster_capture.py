@@ -13,12 +13,12 @@ from unlidar.capture import Datagram, datagrams
 from unlidar.conversion.capture_makers import is_ouster, maker_of
 from unlidar.conversion.files import refuse_bag_options
 from unlidar.conversion.one_file import OneFileSource, up_to_damage
-from unlidar.conversion.point_times import OFFSET_FIELD
 from unlidar.conversion.source import Options, SourceFrame
 from unlidar.conversion.stamp_selector import StampSelector
 from unlidar.errors import InputError, listed, reason
 from unlidar.extras import load_lone
 from unlidar.limits import read_text
+from unlidar.point_times import OFFSET_FIELD
 from unlidar.stamps import format_stamp_ns
 
 _RANGES = ("RANGE", "RANGE2")  # of the first and the second return

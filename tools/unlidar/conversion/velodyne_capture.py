@@ -12,11 +12,11 @@ from unlidar.capture import Datagram, datagrams
 from unlidar.conversion.capture_makers import is_velodyne, maker_of
 from unlidar.conversion.files import refuse_bag_options
 from unlidar.conversion.one_file import OneFileSource, up_to_damage
-from unlidar.conversion.point_times import OFFSET_FIELD
 from unlidar.conversion.source import Options, SourceFrame
 from unlidar.conversion.stamp_selector import StampSelector
 from unlidar.errors import InputError, reason
 from unlidar.extras import load_extra
+from unlidar.point_times import OFFSET_FIELD
 from unlidar.stamps import format_stamp_ns
 
 _AZIMUTH_AT = 2

@@ -62,10 +62,7 @@ def explain(run: Path, question: Question, live: bool = False) -> list[Explained
         trace = Path(folder) / _TRACE
         trajectory, summary = _track(run, record, Path(folder), trace, live)
         sensors = _sensors(summary, record)
-        reach = Reach(
-            np.array([sensor.mounting.translation_m for sensor in sensors.values()]),
-            question.radius_m,
-        )
+        reach = Reach([sensor.mounting for sensor in sensors.values()], question.radius_m)
         collector = Collector(targets, sensors, reach, question.at_ns)
         frames = sum(len(sensor.files) for sensor in sensors.values())
         collector.add_trace(with_progress(read_trace(trace), frames, "explain"))
@@ -120,12 +117,10 @@ def _sensors(summary: Path, record: RunRecord) -> dict[str, SensorFrames]:
     config = known.get("config", {}).get("input", {})
     sensors = {}
     for name, directory in record.frames.items():
-        mounting = mounting_of(summary, known, name)
-        # Same division as in the program, for identical rounding to ns.
-        offset_ns = round(mounting.time_offset_s / 1e-9)
+        mounting = mounting_of(summary, known, name, record.poses)
         frames = list_frames(directory, mounting.frame_rate_hz)
         sensors[name] = SensorFrames(
-            {frame.stamp_ns + offset_ns: frame.path for frame in frames},
+            {frame.stamp_ns + mounting.offset_ns: frame.path for frame in frames},
             mounting,
             float(config.get("min_range_m", 0.0)),
             float(config.get("max_range_m", np.inf)),

@@ -10,7 +10,6 @@ from unlidar.errors import InputError, listed
 from unlidar.explain.stream_tracks import StreamTracks
 from unlidar.explain.targets import Reach, Target
 from unlidar.explain.trace import TracedDetection, TracedFrame, TracedPath, TracedTrack
-from unlidar.frames_io import read_returns
 from unlidar.mounting import Mounting
 from unlidar.stamps import format_stamp_ns
 from unlidar.truth import Tracks
@@ -93,8 +92,7 @@ class SensorFrames:
         if path is None:
             stamp = format_stamp_ns(frame.stamp)
             raise InputError(f"{frame.sensor}: no frame has the stamp {stamp} that the trace names")
-        xyz_m = self.mounting.place(read_returns(path))
-        range_m = np.linalg.norm(xyz_m - np.array(self.mounting.translation_m), axis=1)
+        xyz_m, range_m = self.mounting.returns_m(path, frame.stamp - self.mounting.offset_ns)
         return xyz_m[(range_m >= self.least_range_m) & (range_m <= self.most_range_m)]
 
 
@@ -142,7 +140,7 @@ class Collector:
             evidence = own.setdefault(int(where.begin_ns[0]), Evidence())
             if returns_m is None:
                 returns_m = self._returns_m(frame)
-            range_m = float(self._reach.ranges_m(where.places_m)[0])
+            range_m = float(self._reach.ranges_m(where.places_m, np.array([frame.middle]))[0])
             evidence.frames += 1
             evidence.least_range_m = min(evidence.least_range_m, range_m)
             evidence.most_range_m = max(evidence.most_range_m, range_m)
@@ -228,12 +226,11 @@ class Collector:
             # Sorted by time, then error: the first row of each time is the nearest track's.
             order = np.lexsort((error_m, tracks.stamp_ns[where.rows]))
             _, first = np.unique(tracks.stamp_ns[where.rows][order], return_index=True)
-            radii_m = self._reach.radii_m(where.places_m)
             for row in order[first]:
                 evidence = own.setdefault(int(where.begin_ns[row]), Evidence())
                 evidence.rows += 1
                 evidence.least_error_m = min(evidence.least_error_m, float(error_m[row]))
-                if error_m[row] <= radii_m[row]:
+                if error_m[row] <= where.radii_m[row]:
                     evidence.rows_near += 1
                     evidence.error_m += float(error_m[row])
 
@@ -256,7 +253,7 @@ class Collector:
             rows = np.flatnonzero(asked & np.isfinite(places_m).all(axis=1))
             if len(rows):
                 places_m = places_m[rows]
-                radii_m = self._reach.radii_m(places_m)
+                radii_m = self._reach.radii_m(places_m, time_ns[rows])
                 yield own, _Where(rows, begins_ns[rows], places_m, radii_m)
 
     def _begins_ns(self, time_ns: np.ndarray) -> np.ndarray:

@@ -1,11 +1,12 @@
 """Targets to explain: the drones of the truth, or a place given by the user."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from unlidar.evaluation.association import interpolate
+from unlidar.mounting import Mounting
 from unlidar.truth import Truth
 
 MOST_GAP_S = 1.0  # of the truth, over which it is interpolated
@@ -27,19 +28,19 @@ class Target:
 class Reach:
     """The association radius, by range from the LiDARs."""
 
-    viewpoints_m: np.ndarray  # (S, 3)
+    mountings: Sequence[Mounting]
     radius_m: float | None  # None: by range
 
-    def ranges_m(self, places_m: np.ndarray) -> np.ndarray:
-        """(N,) from the nearest LiDAR."""
-        away_m = places_m[:, None, :] - self.viewpoints_m[None, :, :]
-        return np.linalg.norm(away_m, axis=2).min(axis=1)
+    def ranges_m(self, places_m: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
+        """(N,) from the nearest LiDAR at these times."""
+        away_m = [places_m - mounting.viewpoints_m(time_ns) for mounting in self.mountings]
+        return np.linalg.norm(away_m, axis=2).min(axis=0)
 
-    def radii_m(self, places_m: np.ndarray) -> np.ndarray:
-        """(N,) association radii at these positions, (N, 3)."""
+    def radii_m(self, places_m: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
+        """(N,) association radii at these positions, (N, 3), and times."""
         if self.radius_m is not None:
             return np.full(len(places_m), self.radius_m)
-        return NEAR_M + NEAR_SLOPE * self.ranges_m(places_m)
+        return NEAR_M + NEAR_SLOPE * self.ranges_m(places_m, time_ns)
 
 
 def named_place(xyz_m: tuple[float, float, float]) -> Target:

@@ -73,7 +73,10 @@ def read_results(run: Path, record: RunRecord, tracks: Tracks, measures: dict | 
         truth = read_truth(record.truth)
     present = {name: path for name, path in record.frames.items() if path.is_dir()}
     sample = sample_returns(
-        {name: (path, mounting_of(run / SUMMARY, summary, name)) for name, path in present.items()},
+        {
+            name: (path, mounting_of(run / SUMMARY, summary, name, record.poses))
+            for name, path in present.items()
+        },
         tracks,
         read_returns(run / TARGET_RETURNS),
         summary.get("counts", {}).get("returns", 0),

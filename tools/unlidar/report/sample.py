@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from unlidar.frames_io import list_frames, read_returns
+from unlidar.frames_io import list_frames
 from unlidar.mounting import Mounting
 from unlidar.progress import with_progress
 from unlidar.truth import Tracks
@@ -47,6 +47,7 @@ class Sample:
 @dataclass(frozen=True)
 class _Frame:
     time_s: float
+    stamp_ns: int
     path: Path
     mounting: Mounting
 
@@ -83,7 +84,7 @@ def sample_returns(
     for step, group in moments:
         clouds = [np.zeros((0, 3))]
         for frame in group:
-            cloud = frame.mounting.place(read_returns(frame.path))
+            cloud, _ = frame.mounting.returns_m(frame.path, frame.stamp_ns)
             count, returns = count + 1, returns + len(cloud)
             clock.look_up(cloud, frame.time_s)
             near = cloud[np.abs(cloud).max(axis=1, initial=0.0) <= FARTHEST_M]
@@ -143,6 +144,6 @@ def _thinned(points_m: np.ndarray, most: int, rng: np.random.Generator) -> np.nd
 
 def _frames(directory: Path, mounting: Mounting) -> list[_Frame]:
     return [
-        _Frame(frame.stamp_ns * 1e-9 + mounting.time_offset_s, frame.path, mounting)
+        _Frame(frame.stamp_ns * 1e-9 + mounting.time_offset_s, frame.stamp_ns, frame.path, mounting)
         for frame in list_frames(directory, mounting.frame_rate_hz)
     ]

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import unlidar
 from bags import BEGIN_NS, Message, Types, plain_cloud, random_points, read_xyz, write_bag
 from scipy.spatial.transform import Rotation
 from test_convert_station import STRAIGHT, TURNED, static, truth
@@ -152,6 +153,34 @@ def test_transforms_that_move_each_other_are_put_together_up_to_the_uppermost(tm
     np.testing.assert_allclose(found, expected_m(xyz, *steps), atol=1e-6)
 
 
+@pytest.mark.parametrize("times_sent", [1, TIMES])
+def test_a_mounting_that_is_sent_as_a_transform_again_and_again_is_one(times_sent, tmp_path):
+    """As ROS 1 does: its static transforms are of /tf, too."""
+    mounted = [static(MOUNTED, topic="/tf", at_ns=at) for at in times()[:times_sent]]
+    messages = [*mounted, *clouds(), *transforms("odom", "base", drives)]
+    convert(write_bag(tmp_path, "ros1", messages), tmp_path / "out")
+    poses, late_ns = read_tum(tmp_path / "out/poses.tum"), BEGIN_NS + 4 * 10**8
+    xyz = read_xyz(sorted((tmp_path / "out/points").iterdir())[4])
+    found = world_m(tmp_path / "out", "points", poses, late_ns)
+    np.testing.assert_allclose(found, expected_m(xyz, MOUNT, drives(0.4)), atol=1e-6)
+
+
+def test_a_part_of_a_bag_has_the_poses_about_it(tmp_path):
+    long = [
+        Message(m.topic, m.msgtype, m.log_ns + i * 10**9, m.fill)
+        for i in range(10)
+        for m in transforms("odom", "base", drives)
+    ]
+    bag = write_bag(tmp_path, "mcap-file", [*clouds("base"), *long])
+    options = Options(stamp="log", start_s=0.1, duration_s=0.25)
+    convert(bag, tmp_path / "out", options=options)
+    poses = read_tum(tmp_path / "out/poses.tum")
+    frames = sorted((tmp_path / "out/points").iterdir())
+    assert len(frames) == 3
+    assert poses.stamp_ns[0] == BEGIN_NS
+    assert 10**9 < poses.stamp_ns[-1] - BEGIN_NS < 3 * 10**9
+
+
 @pytest.mark.parametrize("frame", ["odom", "base", "lidar"])
 def test_truth_is_turned_into_the_world_at_its_own_time(frame, tmp_path):
     messages = [
@@ -270,3 +299,12 @@ def test_stamps_of_the_recorder_count_where_they_are_those_of_the_frames(tmp_pat
     convert(bag, tmp_path / "log", options=Options(stamp="log"))
     by_header, by_log = (read_tum(tmp_path / name / "poses.tum") for name in ("header", "log"))
     assert np.array_equal(by_log.stamp_ns, by_header.stamp_ns + late_ns)
+
+
+def test_who_reads_frames_in_python_is_told_that_their_lidar_moves(tmp_path, caplog):
+    for way, told in ((drives, 1), (rests, 0)):
+        messages = [static(MOUNTED), *clouds(), *transforms("odom", "base", way)]
+        caplog.clear()
+        frames = list(unlidar.read(write_bag(tmp_path, "ros1", messages, way.__name__)))
+        assert len(frames) == 5
+        assert sum("its LiDARs move" in line for line in caplog.messages) == told

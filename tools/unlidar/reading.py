@@ -5,6 +5,7 @@ import logging
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from unlidar.conversion import choose_sensors, open_source
 from unlidar.conversion.kept_items import KeptItems
 from unlidar.conversion.source import Options, Source, SourceFrame
+from unlidar.conversion.transforms import AT_REST
 from unlidar.engine import Frame, Frames
 from unlidar.errors import InputError, UsageError
 from unlidar.point_times import OFFSET_FIELD
@@ -51,6 +53,12 @@ def read(
         with suppress(InputError):  # comes again where the frames are read
             next(items, None)  # the poses are known then
         settings = station_settings(source.station(), chosen)
+        if source.poses():
+            _LOG.warning(
+                "%s: its LiDARs move: unlidar.run takes their poses, frames are as they saw them",
+                path,
+            )
+    reading = replace(reading, poses_topic=AT_REST)  # they are known by now
     return Frames(_in_order(path, reading, chosen), chosen, settings)
 
 

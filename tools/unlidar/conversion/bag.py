@@ -28,7 +28,7 @@ from unlidar.conversion.message_types import (
 from unlidar.conversion.positions import FIX, Positions
 from unlidar.conversion.scans import unpacked_message, widest
 from unlidar.conversion.sensor_poses import SensorPoses
-from unlidar.conversion.source import Options, SourceFrame, Stream, TruthRow, Unreadable
+from unlidar.conversion.source import Options, SourceFrame, Stream, TruthRow, Unreadable, Window
 from unlidar.conversion.stamp_selector import StampSelector
 from unlidar.conversion.transforms import StaticTransforms
 from unlidar.errors import InputError, listed, reason
@@ -40,7 +40,9 @@ from unlidar.station import Pose
 
 # Messages read to find the sensors of a topic: they take turns, so a few are enough.
 _MESSAGES_OF_A_TOPIC = 50
+_POSES_MARGIN_NS = 2_000_000_000  # poses of the first and the last frame may be logged beyond them
 _MOST_PARSED = MEGABYTE  # bytes of a message that rosbags parses into objects
+_ALL = Window(None, None)
 # Exceptions of the parser for messages whose bytes or definition are wrong.
 _UNREADABLE = (ValueError, AttributeError, LookupError, TypeError, OverflowError, SerdeError)
 
@@ -119,7 +121,7 @@ class RosBag:
         messages += sum(self._topics.all[name].messages for name in self._topics.truths)
         begin_ns = min(reader.start_time for reader in self._readers)
         end_ns = max(reader.end_time for reader in self._readers)
-        window = self._options.window(begin_ns)
+        window = self._window()
         first = window.start_ns or begin_ns
         last = end_ns if window.stop_ns is None else min(end_ns, window.stop_ns)
         return round(messages * min(1.0, max(0, last - first) / max(1, end_ns - begin_ns)))
@@ -133,8 +135,7 @@ class RosBag:
         left_out = set(frames) - set(sensors)
         wanted = {topic for name, topic in self._sensors.all().items() if name in sensors}
         wanted |= set(self._topics.truths)
-        begin_ns = min(reader.start_time for reader in self._readers)
-        window = self._options.window(begin_ns)
+        window = self._window()
         for reader in self._readers:
             chosen = [c for c in reader.connections if c.topic in wanted]
             if not chosen:
@@ -191,14 +192,21 @@ class RosBag:
         """Closes the files."""
         self._opened.close()
 
-    def _messages(self, topic: str) -> Iterator[tuple[Connection, int, bytes]]:
+    def _window(self) -> Window:
+        """The part of the bag that is converted, in log times."""
+        return self._options.window(min(reader.start_time for reader in self._readers))
+
+    def _messages(
+        self, topic: str, window: Window = _ALL
+    ) -> Iterator[tuple[Connection, int, bytes]]:
         """The messages of one topic up to the first damage, which items() reports later."""
         for reader in self._readers:
             chosen = [c for c in reader.connections if c.topic == topic]
+            if not chosen:
+                continue
             with suppress(Exception):
-                for connection, log_ns, raw in (
-                    reader.messages(chosen, None, None) if chosen else ()
-                ):
+                found = reader.messages(chosen, window.start_ns, window.stop_ns)
+                for connection, log_ns, raw in found:
                     yield connection, log_ns, _plain(connection, raw)
 
     def _frame_ids(self, topic: str) -> list[str]:
@@ -221,7 +229,13 @@ class RosBag:
 
     def _read_poses(self, topic: str) -> Iterator[tuple[Any, Stamp]]:
         """The messages of a topic of poses; their stamps are of the frames' clock."""
-        for connection, log_ns, raw in self._messages(topic):
+        window = self._window()
+        start_ns, stop_ns = window.start_ns, window.stop_ns
+        wider = Window(
+            None if start_ns is None else start_ns - _POSES_MARGIN_NS,
+            None if stop_ns is None else stop_ns + _POSES_MARGIN_NS,
+        )
+        for connection, log_ns, raw in self._messages(topic, wider):
             try:
                 message = _parsed(connection, raw)
             except _UNREADABLE:

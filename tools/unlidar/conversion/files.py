@@ -8,6 +8,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from unlidar.conversion.source import Options, SourceFrame, Stream, TruthRow, Unreadable
+from unlidar.conversion.transforms import AT_REST
 from unlidar.errors import InputError, UsageError, reason
 from unlidar.frame_clock import times_of_names
 from unlidar.limits import check_frame_size, lines_of
@@ -34,6 +35,7 @@ def refuse_bag_options(
     asked = {
         "--topic": options.topics,
         "--truth": options.truths,
+        "--poses-topic": options.poses_topic not in (None, AT_REST),
         "--stamp log": options.stamp == "log" and not has_log_times,
     }
     for option, given in asked.items():

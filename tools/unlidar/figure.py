@@ -1,6 +1,6 @@
 """The figure of the paper: returns grey, target returns green, truth red, each track a colour."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,7 @@ class FigureData:
     truth: Truth
     tracks: Tracks
     measures: dict | None  # of `evaluate`, for the title
+    station_m: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))  # or its way
 
 
 def write_figure(data: FigureData, path: Path) -> None:
@@ -42,8 +43,8 @@ def write_figure(data: FigureData, path: Path) -> None:
     top = figure.add_subplot(grid[0, 1])
     side = figure.add_subplot(grid[1, 1])
     flight = np.concatenate([data.truth.xyz_m, data.tracks.xyz_m])
-    _draw_3d(view, data, *view_box(flight, data.returns_m, 0.35))
-    flat = view_box(flight, data.returns_m, 0.25)
+    _draw_3d(view, data, *view_box(flight, data.returns_m, 0.35, data.station_m))
+    flat = view_box(flight, data.returns_m, 0.25, data.station_m)
     _draw_flat(top, data, (0, 1), *flat, "From above")
     _draw_flat(side, data, (0, 2), *flat, "From the side")
     figure.suptitle(headline(data), fontsize=14)
@@ -80,7 +81,7 @@ def headline(data: FigureData) -> str:
 
 
 def view_box(
-    flight_m: np.ndarray, returns_m: np.ndarray, margin: float
+    flight_m: np.ndarray, returns_m: np.ndarray, margin: float, station_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The box about the flight and the station; without a flight, about most of the returns.
 
@@ -88,7 +89,7 @@ def view_box(
     """
     if len(flight_m) == 0 and len(returns_m):
         flight_m = np.quantile(returns_m, [0.05, 0.95], axis=0)
-    points = np.concatenate([flight_m, np.zeros((1, 3))])
+    points = np.concatenate([flight_m, station_m])
     low, high = points.min(axis=0), points.max(axis=0)
     span = (high - low).max()
     around = margin * span * np.array([1.0, 1.0, 0.5])
@@ -119,7 +120,8 @@ def _draw_3d(view: Axes3D, data: FigureData, low: np.ndarray, high: np.ndarray) 
     )
     for order, (line, colour, width) in enumerate(_lines(data), start=3):
         view.plot(*line.T, color=colour, linewidth=width, zorder=order)
-    view.scatter([0], [0], [0], marker="^", s=60, c="black", zorder=2)
+    view.plot(*data.station_m.T, color="black", linewidth=1.2, linestyle=":", zorder=2)
+    view.scatter(*data.station_m[0], marker="^", s=60, c="black", zorder=2)
     for axis, name in enumerate("xyz"):
         getattr(view, f"set_{name}lim")(low[axis], high[axis])
         getattr(view, f"set_{name}label")(f"{name} [m]")
@@ -146,7 +148,9 @@ def _draw_flat(
     )
     for order, (line, colour, width) in enumerate(_lines(data), start=3):
         panel.plot(line[:, a], line[:, b], color=colour, linewidth=width, zorder=order)
-    panel.scatter([0], [0], marker="^", s=50, c="black", zorder=2)
+    station = data.station_m
+    panel.plot(station[:, a], station[:, b], color="black", linewidth=1.2, linestyle=":", zorder=2)
+    panel.scatter(*station[0, [a, b]], marker="^", s=50, c="black", zorder=2)
     panel.set_xlim(low[a], high[a], auto=True)
     panel.set_ylim(low[b], high[b], auto=True)
     panel.set_aspect("equal", adjustable="datalim")  # extends the limits to fill the panel

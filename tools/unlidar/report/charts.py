@@ -83,7 +83,7 @@ def scene(data: ReportData) -> go.Figure:
             color=one.colour, opacity=0.18, legendgroup=one.name, hoverinfo="skip",
         )  # fmt: skip
     figure.add_scatter3d(
-        x=[0], y=[0], z=[0], mode="markers", name="station",
+        **_station(data), name="station",
         marker={"size": 5, "color": "black", "symbol": "square"},
     )  # fmt: skip
     low, high = box_of(data)
@@ -107,9 +107,17 @@ def scene(data: ReportData) -> go.Figure:
     return figure
 
 
+def _station(data: ReportData) -> dict:
+    """Its place, or the way that it goes."""
+    if len(data.station_m) == 1:
+        return {"x": [0], "y": [0], "z": [0], "mode": "markers"}
+    way = data.station_m.round(2).T.tolist()
+    return dict(zip("xyz", way, strict=True)) | {"mode": "lines", "line": {"color": "black"}}
+
+
 def box_of(data: ReportData) -> tuple[np.ndarray, np.ndarray]:
     """Initial limits of the 3-D view: the flight and its surroundings."""
-    low, high = view_box(data.flight_m, data.sample.overall_m, 0.35)
+    low, high = view_box(data.flight_m, data.sample.overall_m, 0.35, data.station_m)
     lacking = np.maximum(_LEAST_AROUND_M - (high - low), 0) / 2
     lacking[2] = 0
     return low - lacking, high + lacking

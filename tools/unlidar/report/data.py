@@ -1,6 +1,7 @@
 """Input of a report: the files of one run, read into arrays."""
 
 import csv
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from unlidar.errors import InputError, reason
 from unlidar.evaluation import evaluate
 from unlidar.frames_io import read_returns
 from unlidar.limits import lines_of
-from unlidar.mounting import mounting_of
+from unlidar.mounting import Mounting, mounting_of
 from unlidar.presets import about_truth
 from unlidar.program import CLUSTERS, SUMMARY, TARGET_RETURNS, TRAJECTORY
 from unlidar.record import RunRecord, read_finished, read_object
@@ -39,6 +40,7 @@ class ReportData:
     clusters: Clusters
     sample: Sample
     missing_frames: list[Path]  # frame directories that no longer exist
+    station_m: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))  # or its way, (N, 3)
     explanation: list[Lost] = field(default_factory=list)  # empty without `unlidar explain`
 
     @property
@@ -72,11 +74,9 @@ def read_results(run: Path, record: RunRecord, tracks: Tracks, measures: dict | 
     if record.truth is not None and record.truth.is_file():
         truth = read_truth(record.truth)
     present = {name: path for name, path in record.frames.items() if path.is_dir()}
+    mountings = {name: mounting_of(run / SUMMARY, summary, name, record.poses) for name in present}
     sample = sample_returns(
-        {
-            name: (path, mounting_of(run / SUMMARY, summary, name, record.poses))
-            for name, path in present.items()
-        },
+        {name: (path, mountings[name]) for name, path in present.items()},
         tracks,
         read_returns(run / TARGET_RETURNS),
         summary.get("counts", {}).get("returns", 0),
@@ -89,9 +89,18 @@ def read_results(run: Path, record: RunRecord, tracks: Tracks, measures: dict | 
         measures=measures,
         clusters=_read_clusters(run / CLUSTERS),
         sample=sample,
+        station_m=_way_of(sample.steps_s, mountings.values()),
         missing_frames=[path for name, path in record.frames.items() if name not in present],
         explanation=read_explanation(run),
     )
+
+
+def _way_of(time_s: np.ndarray, mountings: Iterable[Mounting]) -> np.ndarray:
+    """The way of the first LiDAR that moves, (N, 3) at these times; else the origin."""
+    moving = next((mounting for mounting in mountings if mounting.poses is not None), None)
+    if moving is None or len(time_s) == 0:
+        return np.zeros((1, 3))
+    return moving.viewpoints_m(np.rint(time_s * 1e9).astype(np.int64))
 
 
 def _read_clusters(path: Path) -> Clusters:

@@ -27,6 +27,7 @@ def figure_data(data: ReportData) -> FigureData:
         truth=data.truth,
         tracks=data.tracks,
         measures=data.measures,
+        station_m=data.station_m,
     )
 
 

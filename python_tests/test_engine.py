@@ -258,6 +258,11 @@ NS = 1_706_300_000_000_000_000
         ),
         (("a", NS, None), unlidar.InputError, "xyz is a NoneType"),
         (
+            ("a", NS, np.ma.masked_invalid(XYZ)),
+            unlidar.InputError,
+            r"xyz is a masked array of shape \(4, 3\), expected one without",
+        ),
+        (
             ("a", NS, XYZ, np.zeros(3, "i8")),
             unlidar.InputError,
             r"\(3,\) and dtype int64, .*\(4,\)",
@@ -273,6 +278,7 @@ NS = 1_706_300_000_000_000_000
         (("a", 2**64, XYZ), unlidar.InputError, "stamp_ns: 18446744073709551616, expected"),
         (("a", 2**62, XYZ), unlidar.InputError, "frame of a, stamp 4611686018427387904 ns: "),
         (("a b", NS, XYZ), unlidar.UsageError, "sensor: 'a b', expected a name"),
+        (("a\ud800", NS, XYZ), unlidar.UsageError, r"sensor: 'a\?', expected a name"),
         ((7, NS, XYZ), unlidar.UsageError, "sensor: a int, expected a name"),
     ],
 )
@@ -290,6 +296,9 @@ def test_errors_name_value_and_expectation(frame, kind, said) -> None:
     ("arguments", "kind", "said"),
     [
         ({"config": "absent.yaml"}, unlidar.ConfigError, "absent.yaml"),
+        ({"config": ""}, unlidar.ConfigError, "config: '', expected the path"),
+        ({"config": "a\0b"}, unlidar.ConfigError, "config: .*, expected the path"),
+        ({"settings": "live.delay_s=1"}, unlidar.UsageError, "settings: 'live.* expected keys"),
         ({"settings": {"live.delay": 1}}, unlidar.ConfigError, "live.delay"),
         (
             {"settings": {"paper.local_clusters.engine": "pcl"}},
@@ -330,9 +339,33 @@ def test_bad_frames_are_skipped_where_that_is_set(frames, config, caplog) -> Non
     assert any("bad and skipped" in record.message for record in caplog.records)
 
 
+def test_values_of_numpy_are_settings() -> None:
+    unlidar.Engine(settings={"live.delay_s": np.float32(0.5), "live.window_s": np.int64(30)})
+    unlidar.Engine(settings={"sensors.a.translation_m": np.zeros(3)})
+    with pytest.raises(unlidar.ConfigError, match=r"sensors\.a\.translation_m"):
+        unlidar.Engine(settings={"sensors.a.translation_m": np.zeros(2)})
+
+
+@pytest.mark.parametrize(("period_ns", "is_noted"), [(100_000, True), (2_000_000, False)])
+def test_stamps_that_can_be_no_nanoseconds_are_noted(period_ns, is_noted, caplog) -> None:
+    unlidar.track(("a", NS + i * period_ns, XYZ) for i in range(20))
+    assert [("likely microseconds" in told) for told in caplog.messages] == [True] * is_noted
+
+
 def test_a_sensor_without_a_pose_is_noted(config, caplog) -> None:
     unlidar.Engine(config).add("roof", NS, XYZ)
     assert caplog.messages == ["the config has no sensors.roof, it stands at the origin"]
+
+
+def test_coordinates_that_are_no_metres_are_refused_as_of_a_recording() -> None:
+    random = np.random.default_rng(1)
+    frames = [
+        (sensor, NS + i * 100_000_000, random.uniform(-30_000, 30_000, (returns, 3)))
+        for i in range(20)
+        for sensor, returns in (("ground", 500), ("sky", 3))  # which has too few to tell
+    ]
+    with pytest.raises(unlidar.InputError, match=r"ground: .* likely millimetres"):
+        unlidar.track(frames)
 
 
 def test_items_that_are_no_frames_are_refused() -> None:

@@ -133,12 +133,65 @@ def test_errors_of_a_user_are_of_one_kind(tmp_path) -> None:
         unlidar.run(tmp_path, tmp_path / "out", sensors="lidar")
 
 
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"align": "foo"}, "align: 'foo', expected one of none, translation, yaw, se3"),
+        ({"time_offset": "later"}, "time_offset: 'later', expected a number"),
+        ({"bootstrap": -1}, "bootstrap: -1, expected a whole number from 0 on"),
+        ({"block_s": 0}, "block_s: 0, expected a number above 0"),
+        ({"seed": 1.5}, "seed: 1.5, expected a whole number from 0 on"),
+    ],
+)
+def test_options_of_an_evaluation_are_checked(values, said) -> None:
+    with pytest.raises(unlidar.UsageError, match=f"^{said}$"):
+        unlidar.EvaluateOptions(**values)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"topics": "/points"}, "topics: '/points', expected a list of names"),
+        ({"truths": [7]}, r"truths: \[7\], expected a list of names"),
+        ({"start_s": -1}, "start_s: -1, expected a number from 0 on"),
+        ({"duration_s": float("inf")}, "duration_s: inf, expected a number above 0"),
+        ({"stamp": "Log"}, "stamp: 'Log', expected 'header' or 'log'"),
+        ({"merge": 0}, "merge: 0, expected a whole number from 1 on"),
+        ({"rate_hz": np.zeros((9, 9))}, r"rate_hz: array\(\[.*, expected a number above 0"),
+        ({"origin": (47.3, 8.5, 480)}, r"origin: \(.*\), expected an unlidar.Origin\(...\)"),
+    ],
+)
+def test_options_of_a_conversion_are_checked(values, said) -> None:
+    with pytest.raises(unlidar.UsageError, match=f"^{said}$"):
+        unlidar.ConvertOptions(**values)
+
+
+def test_arguments_are_checked_before_the_work(tmp_path) -> None:
+    def refused(said: str):
+        return pytest.raises(unlidar.UsageError, match=said)
+
+    for read in (unlidar.read, lambda *a, **k: unlidar.convert(*a, tmp_path / "out", **k)):
+        with refused(r"options: \{'start_s': 1\}, expected unlidar.ConvertOptions\("):
+            read(tmp_path, options={"start_s": 1})
+        with refused(r"sensors: \['a', 'a'\], expected different names"):
+            read(tmp_path, sensors=["a", "a"])
+        with refused(r"sensors: \[\], expected different names"):
+            read(tmp_path, sensors=[])
+    with refused("settings: 'method=paper', expected keys with values"):
+        unlidar.run(tmp_path, tmp_path / "out", settings="method=paper")
+    with refused("options: .*, expected unlidar.EvaluateOptions"):
+        unlidar.evaluate(tmp_path / "a.csv", tmp_path / "b.csv", {"align": "se3"})
+    with refused(r"trajectory: \[\], expected at least one file"):
+        unlidar.evaluate(tmp_path / "a.csv", [])
+
+
 def test_names_are_there_when_asked_for_and_cost_nothing_before() -> None:
     assert [name for name in unlidar.__all__ if not hasattr(unlidar, name)] == []
     with pytest.raises(AttributeError):
         _ = unlidar.nothing
     heavy = "[m for m in ('numpy', 'importlib.metadata') if m in sys.modules]"
-    assert printed_by(f"import sys, unlidar; print({heavy})") == "[]\n"
+    assert printed_by(f"import sys, unlidar; dir(unlidar); print({heavy})") == "[]\n"
+    assert printed_by("from unlidar import *; print(track.__name__)") == "track\n"
     # A function keeps its name whatever module was imported before.
     before = "import unlidar.cli, unlidar.pipeline"
     shown = printed_by(f"{before}; from unlidar import convert, evaluate, run; print(run)")
@@ -160,7 +213,8 @@ def printed_by(script: str) -> str:
 def test_the_package_says_that_it_is_typed() -> None:
     assert (Path(unlidar.__file__).parent / "py.typed").is_file()
     project = tomllib.loads((PROJECT / "pyproject.toml").read_text())
-    assert "py.typed" in project["tool"]["setuptools"]["package-data"]["unlidar"]
+    packed = project["tool"]["setuptools"]["package-data"]["unlidar"]
+    assert {"py.typed", "*.pyi"} <= set(packed)
 
 
 def test_links_of_the_page_lead_to_files() -> None:

@@ -311,7 +311,7 @@ void LiveEngine::PassToTracker(TimeNs until_ns, LoadedFrame* frame) {
 void LiveEngine::TrackAsRecording() {
   Recording recording;
   for (std::uint32_t i = 0; i < sensors_.size(); ++i) {
-    if (sensors_[i].frames.UnitProblem()) CheckUnits(i);
+    if (!are_metres_) sensors_[i].frames.CheckUnits();  // whatever the others are
   }
   std::vector<LoadedFrame> frames;
   for (LoadedFrame& loaded : waiting_.TakeAll()) {

@@ -1,5 +1,6 @@
 #include "python/named_sensors.hpp"
 
+#include <algorithm>
 #include <limits>
 #include <utility>
 
@@ -13,6 +14,9 @@ namespace unlidar {
 namespace {
 
 namespace py = pybind11;
+
+constexpr int kPaceFrames = 10;
+constexpr TimeNs kShortestPeriodNs = 1'000'000;  // faster than any LiDAR's frames, by far
 
 Config ConfigOf(const std::string& path, const std::vector<std::string>& assignments,
                 bool is_recording) {
@@ -49,7 +53,22 @@ std::uint32_t NamedSensors::IndexOf(const std::string& sensor) {
     notes_.push_back("the config has no sensors." + sensor + ", it stands at the origin");
   }
   names_.push_back(sensor);
+  paces_.emplace_back();
   return index_of_[sensor] = engine_->AddSensor(sensor);
+}
+
+void NamedSensors::NotePace(std::uint32_t sensor, TimeNs stamp_ns) {
+  Pace& pace = paces_[sensor];
+  if (pace.frames == kPaceFrames) return;
+  const bool is_first = pace.frames == 0;
+  pace.first_ns = is_first ? stamp_ns : std::min(pace.first_ns, stamp_ns);
+  pace.last_ns = is_first ? stamp_ns : std::max(pace.last_ns, stamp_ns);
+  if (++pace.frames < kPaceFrames) return;
+  const TimeNs span_ns = pace.last_ns - pace.first_ns;
+  if (span_ns >= kPaceFrames * kShortestPeriodNs) return;
+  notes_.push_back(names_[sensor] + ": " + std::to_string(kPaceFrames) + " frames within " +
+                   std::to_string(span_ns) +
+                   " ns: their stamps are likely microseconds or milliseconds, expected nanoseconds");
 }
 
 void NamedSensors::Add(const std::string& sensor, TimeNs stamp_ns, const py::object& xyz,
@@ -58,14 +77,16 @@ void NamedSensors::Add(const std::string& sensor, TimeNs stamp_ns, const py::obj
       "frame of " + Shortened(sensor) + ", stamp " + std::to_string(stamp_ns) + " ns";
   const PointArray points(xyz, name);
   const OffsetArray offsets(offsets_ns, points.size(), name);
+  const std::uint32_t index = IndexOf(sensor);
   Frame frame;
-  frame.sensor = IndexOf(sensor);
+  frame.sensor = index;
   frame.stamp_ns = stamp_ns;
   try {
     const py::gil_scoped_release unlocked;
     frame.points_m = points.Copy();
     frame.offsets_ns = offsets.Copy();
     engine_->Add(std::move(frame));
+    NotePace(index, stamp_ns);
   } catch (const UnitError&) {
     throw;  // the next would be no better
   } catch (const InputError& error) {

@@ -36,11 +36,21 @@ class NamedSensors {
   std::vector<std::string> TakeNotes();
 
  private:
+  // The span of a sensor's first stamps.
+  struct Pace {
+    TimeNs first_ns = 0;
+    TimeNs last_ns = 0;
+    int frames = 0;
+  };
+
   std::uint32_t IndexOf(const std::string& sensor);
+  // Notes stamps that can be no nanoseconds.
+  void NotePace(std::uint32_t sensor, TimeNs stamp_ns);
 
   Config config_;
   std::vector<std::string> names_;
   std::map<std::string, std::uint32_t> index_of_;
+  std::vector<Pace> paces_;
   std::vector<std::string> notes_;
   std::size_t num_warnings_ = 0;
   std::uint64_t bad_frames_ = 0;

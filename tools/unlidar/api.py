@@ -12,26 +12,22 @@ from pathlib import Path
 from typing import Any
 
 from unlidar import conversion, evaluation, pipeline
+from unlidar.call_checks import (
+    chosen_sensors,
+    config_path,
+    expect,
+    options_of,
+    poses_of,
+    settings_of,
+)
 from unlidar.conversion.source import Options as ConvertOptions
-from unlidar.errors import UsageError
 from unlidar.evaluate_options import Options as EvaluateOptions
-from unlidar.pose_files import ALL
 from unlidar.program import CLUSTERS, SUMMARY, TARGET_RETURNS
 from unlidar.settings import assignments
 
-__all__ = [
-    "Conversion",
-    "ConvertOptions",
-    "DroneMeasures",
-    "EvaluateOptions",
-    "Measures",
-    "Run",
-    "convert",
-    "evaluate",
-    "run",
-]
-
 AnyPath = str | os.PathLike[str]
+ConvertOptions = conversion.Options
+EvaluateOptions = evaluation.Options
 
 
 @dataclass(frozen=True)
@@ -147,9 +143,9 @@ def convert(
     `sensors` chooses among those of the recording, by default its LiDARs. `force` replaces an
     earlier conversion.
     """
-    out = Path(out)
-    chosen = None if sensors is None else list(sensors)
-    report = conversion.convert(Path(recording), out, chosen, force, options or ConvertOptions())
+    out, chosen = Path(out), chosen_sensors(sensors)
+    reading = options_of(ConvertOptions, "ConvertOptions", options)
+    report = conversion.convert(Path(recording), out, chosen, force, reading)
     rows = report["truth_rows"]
     return Conversion(
         out=out,
@@ -183,17 +179,15 @@ def run(
     {"robust.off_ground_m": 0.5}, which go before the file. `options` are those of the conversion.
     `poses` is a TUM file of the way of all LiDARs, or one for each that moves, by its name.
     """
-    values = ({"method": method} if method is not None else {}) | dict(settings or {})
-    chosen = [] if config is None else ["--config", os.fspath(config)]
+    values = ({"method": method} if method is not None else {}) | settings_of(settings)
+    file = config_path(config)
+    chosen = [] if file is None else ["--config", file]
     for assignment in assignments(values):
         chosen += ["--set", assignment]
     chosen += [] if threads is None else ["--threads", str(threads)]
-    if isinstance(sensors, str):
-        raise UsageError(f"sensors is '{sensors}', expected a list of names")
-    names = None if sensors is None else list(sensors)
-    reading = options or ConvertOptions()
-    moving = {ALL: poses} if isinstance(poses, (str, os.PathLike)) else poses or {}
-    files = {name: Path(path) for name, path in moving.items()}
+    names = chosen_sensors(sensors)
+    reading = options_of(ConvertOptions, "ConvertOptions", options)
+    files = poses_of(poses)
     found = pipeline.run(
         Path(recording), Path(out), names, chosen, reading, report=report, poses=files
     )
@@ -225,7 +219,9 @@ def evaluate(
     """
     several = [trajectory] if isinstance(trajectory, (str, os.PathLike)) else trajectory
     files = [Path(path) for path in several]
-    return _measures(evaluation.evaluate_files(Path(truth), files, options))
+    expect(bool(files), "trajectory", trajectory, "at least one file")
+    chosen = options_of(EvaluateOptions, "EvaluateOptions", options)
+    return _measures(evaluation.evaluate_files(Path(truth), files, chosen))
 
 
 def _measures(found: dict[str, Any]) -> Measures:

@@ -16,26 +16,11 @@ from typing import Any, NamedTuple, NoReturn, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
+from unlidar.call_checks import config_path, settings_of
 from unlidar.errors import InputError, UnlidarError, UsageError
 from unlidar.events.event import EngineState, Event, Now, Row, SensorState, TrackBegins, TrackEnds
 from unlidar.settings import assignments
 from unlidar.station import has_sensors
-
-__all__ = [
-    "Engine",
-    "EngineState",
-    "Event",
-    "Frame",
-    "Frames",
-    "Kind",
-    "Now",
-    "Row",
-    "SensorState",
-    "Track",
-    "TrackBegins",
-    "TrackEnds",
-    "track",
-]
 
 AnyPath = str | os.PathLike[str]
 Points = npt.NDArray[np.float32] | npt.NDArray[np.float64]
@@ -149,7 +134,7 @@ class Engine:
         """
         with self._lock:
             stream = self._open()
-            events = stream.add(*_checked(sensor, stamp_ns), xyz, offsets_ns)
+            events = stream.add(*_checked(sensor, stamp_ns, xyz), offsets_ns)
             return self._told(stream, events)
 
     def advance(self, now_ns: SupportsIndex) -> list[Event]:
@@ -200,8 +185,9 @@ def track(
             print(found.id, found.kind.drone, found.rows["timestamp_ns"], found.rows["x"])
     """
     if isinstance(frames, Frames):
-        if config is None or not has_sensors(Path(config)):
-            settings = frames.settings | dict(settings or {})
+        path = config_path(config)
+        if path is None or not has_sensors(Path(path)):
+            settings = frames.settings | settings_of(settings)
         frames = _led(frames)
     recording = _native().Recording(*_setup(config, settings, rate_hz))
     for number, frame in enumerate(frames, 1):
@@ -211,7 +197,7 @@ def track(
                 "(sensor, stamp_ns, xyz[, offsets_ns])"
             )
         sensor, stamp_ns, xyz, offsets_ns = (*frame, None)[:4]
-        recording.add(*_checked(sensor, stamp_ns), xyz, offsets_ns)
+        recording.add(*_checked(sensor, stamp_ns, xyz), offsets_ns)
     tracks = [
         Track(number, np.frombuffer(rows, _ROWS), Kind(*kind))
         for number, rows, kind in recording.tracks()
@@ -247,21 +233,28 @@ def _setup(
     config: AnyPath | None, settings: Mapping[str, object] | None, rate_hz: float | None
 ) -> tuple[str, list[str], int]:
     """Path, assignments, and the rate in nanohertz, 0 for none."""
-    path = "" if config is None else os.fspath(config)
+    path, assigned = config_path(config) or "", assignments(settings_of(settings))
     if rate_hz is None:
-        return path, assignments(settings), 0
+        return path, assigned, 0
     if not (isinstance(rate_hz, (int, float, np.number)) and 0 < rate_hz <= _MOST_RATE_HZ):
         raise UsageError(f"rate_hz: {rate_hz!r}, expected a number above 0 to 1e6")
     nanohertz = round(float(rate_hz) * 1e9)
     if nanohertz == 0:
         raise UsageError(f"rate_hz: {rate_hz!r}, expected at least 1e-9")
-    return path, assignments(settings), nanohertz
+    return path, assigned, nanohertz
 
 
-def _checked(sensor: str, stamp_ns: SupportsIndex) -> tuple[str, int]:
+def _checked(sensor: str, stamp_ns: SupportsIndex, xyz: object) -> tuple[str, int, object]:
     if not isinstance(sensor, str):
         raise UsageError(f"sensor: {_described(sensor)}, expected a name")
-    return sensor, _nanoseconds("stamp_ns", stamp_ns)
+    if isinstance(xyz, np.ma.MaskedArray):  # whose buffer has what is masked, too
+        raise InputError(
+            f"frame of {sensor}, stamp {stamp_ns} ns: xyz is a masked array of shape {xyz.shape}, "
+            "expected one without a mask, as xyz.filled(np.nan)"
+        )
+    # The compiled module takes text that is UTF-8; what is none is no name either way.
+    name = sensor.encode(errors="replace").decode()
+    return name, _nanoseconds("stamp_ns", stamp_ns), xyz
 
 
 def _nanoseconds(name: str, value: SupportsIndex) -> int:

@@ -10,18 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
+from unlidar.call_checks import chosen_sensors, options_of
 from unlidar.conversion import choose_sensors, open_source
 from unlidar.conversion.kept_items import KeptItems
 from unlidar.conversion.source import Options, Source, SourceFrame
 from unlidar.conversion.transforms import AT_REST
 from unlidar.engine import Frame, Frames
-from unlidar.errors import InputError, UsageError
+from unlidar.errors import InputError
 from unlidar.point_times import OFFSET_FIELD
 from unlidar.stamps import parse_stamp_ns
 from unlidar.station import station_settings
 
 _LOG = logging.getLogger("unlidar")
-_DEFAULTS = Options()
 
 
 def read(
@@ -44,11 +44,10 @@ def read(
         for frame in unlidar.read("flight.bag"):
             print(frame.sensor, frame.stamp_ns, len(frame.xyz))
     """
-    if isinstance(sensors, str):
-        raise UsageError(f"sensors is '{sensors}', expected a list of names")
-    path, reading = Path(recording), options or _DEFAULTS
+    path, names = Path(recording), chosen_sensors(sensors)
+    reading = options_of(Options, "ConvertOptions", options)
     with closing(open_source(path, reading)) as source:
-        chosen = choose_sensors(path, source, None if sensors is None else list(sensors))
+        chosen = choose_sensors(path, source, names)
         items = source.items(chosen)
         with suppress(InputError):  # comes again where the frames are read
             next(items, None)  # the poses are known then

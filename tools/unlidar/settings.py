@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from unlidar.errors import UsageError
 
 
-def assignments(settings: Mapping[str, object] | None) -> list[str]:
+def assignments(settings: Mapping[str, object]) -> list[str]:
     """`key=value` of each; UsageError for a value that YAML has no plain text for."""
-    return [f"{key}={_text(key, value)}" for key, value in (settings or {}).items()]
+    return [f"{key}={_text(key, value)}" for key, value in settings.items()]
 
 
 def _text(key: str, value: object) -> str:
+    if hasattr(value, "tolist"):  # of numpy
+        value = value.tolist()
     if isinstance(value, str):
         return value
     if isinstance(value, float) and math.isinf(value):

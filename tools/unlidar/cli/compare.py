@@ -8,7 +8,7 @@ from unlidar.errors import UsageError
 from unlidar.output import write_file
 from unlidar.sanitize import printable
 
-EXAMPLE = """unlidar compare batch=out/run/demo live=out/run/demo/traj_live.csv
+EXAMPLE = """unlidar compare batch=out/run/demo live=out/run/demo/live.csv
   unlidar compare ours=out/run/demo theirs=theirs.tum --truth truth.csv --figure compare.pdf"""
 
 

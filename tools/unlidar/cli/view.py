@@ -16,8 +16,8 @@ def define(p: argparse.ArgumentParser) -> None:
         "result",
         metavar="RESULT|RECORDING",
         type=Path,
-        help="a folder that unlidar run wrote, or a recording, which is run before with the "
-        "defaults to out/run/RECORDING",
+        help="a folder that unlidar run wrote, or its traj.csv; or a recording, which is run before "
+        "with the defaults to out/run/RECORDING",
     )
     p.set_defaults(act=_view)
 
@@ -27,8 +27,9 @@ def _view(a: argparse.Namespace) -> None:
     from unlidar.conversion import Options
     from unlidar.output import RUN_RECORD
     from unlidar.pipeline import run
+    from unlidar.program import TRAJECTORY
 
-    folder = a.result
+    folder = a.result.parent if a.result.name == TRAJECTORY else a.result
     if not (folder / RUN_RECORD).is_file():
         folder = default_results([a.result])
         run(a.result, folder, None, [], Options(), report=True)

@@ -7,6 +7,13 @@ from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 
+from unlidar.call_checks import (
+    expect,
+    expect_names,
+    expect_number,
+    expect_positive,
+    expect_whole,
+)
 from unlidar.geodesy import Origin
 from unlidar.poses import Poses
 from unlidar.station import Pose
@@ -43,6 +50,20 @@ class Options:
         None  # of a bag, "none" without motion; else as docs/formats.md has it
     )
     origin: Origin | None = None  # of the local frame of NavSatFix; else the first fix
+
+    def __post_init__(self) -> None:
+        """Throws UsageError for a value that is none."""
+        expect_names("topics", self.topics)
+        expect_names("truths", self.truths)
+        expect_number("start_s", self.start_s, 0)
+        if self.duration_s is not None:
+            expect_positive("duration_s", self.duration_s)
+        expect(self.stamp in ("header", "log"), "stamp", self.stamp, "'header' or 'log'")
+        expect_whole("merge", self.merge, 1)
+        if self.rate_hz is not None:
+            expect_positive("rate_hz", self.rate_hz)
+        is_origin = self.origin is None or isinstance(self.origin, Origin)
+        expect(is_origin, "origin", self.origin, "an unlidar.Origin(...)")
 
     def window(self, begin_ns: int) -> Window:
         """The time window of a recording that begins at `begin_ns`."""

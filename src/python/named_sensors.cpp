@@ -66,9 +66,10 @@ void NamedSensors::NotePace(std::uint32_t sensor, TimeNs stamp_ns) {
   if (++pace.frames < kPaceFrames) return;
   const TimeNs span_ns = pace.last_ns - pace.first_ns;
   if (span_ns >= kPaceFrames * kShortestPeriodNs) return;
-  notes_.push_back(names_[sensor] + ": " + std::to_string(kPaceFrames) + " frames within " +
-                   std::to_string(span_ns) +
-                   " ns: their stamps are likely microseconds or milliseconds, expected nanoseconds");
+  notes_.push_back(
+      names_[sensor] + ": " + std::to_string(kPaceFrames) + " frames within " +
+      std::to_string(span_ns) +
+      " ns: their stamps are likely microseconds or milliseconds, expected nanoseconds");
 }
 
 void NamedSensors::Add(const std::string& sensor, TimeNs stamp_ns, const py::object& xyz,

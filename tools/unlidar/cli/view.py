@@ -16,8 +16,8 @@ def define(p: argparse.ArgumentParser) -> None:
         "result",
         metavar="RESULT|RECORDING",
         type=Path,
-        help="a folder that unlidar run wrote, or its traj.csv; or a recording, which is run before "
-        "with the defaults to out/run/RECORDING",
+        help="a folder that unlidar run wrote, or its traj.csv; or a recording, which is run "
+        "before with the defaults to out/run/RECORDING",
     )
     p.set_defaults(act=_view)
 

@@ -231,6 +231,9 @@ def test_what_does_not_fit_together_is_refused(result, tmp_path, fails):
     fails(2, "export", result, result, tmp_path / "a.tum")
     fails(2, "export", result, tmp_path / "a.tum", "--at", tmp_path / "x")
     fails(2, "export", result)
+    for form in ("tum", "mcap"):
+        told = fails(2, "export", result, "--to", "/", "--format", form)
+        assert "'/' is a folder, expected the name" in told
     fails(4, "export", tmp_path / "absent.csv", tmp_path / "a.tum")
     fails(4, "export", result, tmp_path / "a.bag", "--points", tmp_path / "absent.pcd")
     (tmp_path / "t.csv").write_text("Sequence,Timestamp\nother,1.5\n")

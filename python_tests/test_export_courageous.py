@@ -129,6 +129,8 @@ def test_what_does_not_fit_together_is_refused(result, tmp_path, fails):
     out = tmp_path / "a.courageous.json"
     assert "--origin" in fails(2, "export", result, "--to", out)
     assert "--geoid" in fails(2, "export", result, tmp_path / "a.tum", "--geoid", "4")
+    far = fails(2, "export", result, "--to", out, "--origin", "1,2,3", "--geoid", "1e3")
+    assert "--geoid 1000: expected metres from -110 to 110" in far
     assert "OUT" in fails(2, "export", out)
     (result / "summary.json").write_text('{"tracks": [{"track_id": 0, "kind": {}}]}')
     assert "summary.json: tracks" in fails(4, "export", result, out, "--origin", "1,2,3")

@@ -29,6 +29,7 @@ _BY_SUFFIX = {
 }
 _MMAUD_NAME = "mmaud_results.csv"
 _COURAGEOUS_SUFFIX = ".courageous.json"
+_FARTHEST_GEOID_M = 110  # EGM96 is between -107 and 86 m
 _PLACED = ("kml", "geojson", "courageous")
 
 
@@ -67,3 +68,8 @@ def check(sources: int, form: str, options: Options) -> None:
         raise UsageError(f"--at belongs to --format mmaud, not to {form}")
     if form != "courageous" and options.geoid_m is not None:
         raise UsageError(f"--geoid belongs to --format courageous, not to {form}")
+    if options.geoid_m is not None and abs(options.geoid_m) > _FARTHEST_GEOID_M:
+        raise UsageError(
+            f"--geoid {options.geoid_m:g}: expected metres from -{_FARTHEST_GEOID_M} to "
+            f"{_FARTHEST_GEOID_M}, as far as the sea is from the ellipsoid anywhere"
+        )

@@ -55,6 +55,8 @@ def leftovers(out: Path, token: str) -> list[Path]:
 
 def write_file(path: Path, write: Callable[[Path], None]) -> None:
     """Lets `write` fill a file of the same suffix beside `path`, then renames it to `path`."""
+    if not path.name:
+        raise OutputError(f"{path}: is a folder, expected the name of a file")
     work = path.with_name(f".partial-{os.getpid()}-{path.name}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -86,6 +86,8 @@ def act(a: argparse.Namespace) -> None:
     if not sources:
         raise UsageError(f"'{last}', expected a trajectory and OUT behind it, or --to OUT")
     out = Path(last)
+    if not out.name:
+        raise UsageError(f"'{last}' is a folder, expected the name of what is to be written")
     form = a.format or guess_format(out)
     place = a.origin
     if place is not None and a.heading is not None:

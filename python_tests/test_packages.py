@@ -259,7 +259,8 @@ def running(root: Path, source: str, manager: Manager, *, inside: bool) -> Itera
     """The unit's command with another source of frames, with its files below `root`."""
     (line,) = re.findall(r"^ExecStart=(.*)$", unit_of(root), re.MULTILINE)
     command = shlex.split(line.replace("$UNLIDAR_SOURCE", source))
-    (root / "var/lib/unlidar").mkdir(parents=True, exist_ok=True)
+    for folder in ("var/lib/unlidar", "run/unlidar"):  # StateDirectory=, RuntimeDirectory=
+        (root / folder).mkdir(parents=True, exist_ok=True)
     if inside:
         command = ["chroot", str(root), *command]
     else:

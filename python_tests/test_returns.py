@@ -63,12 +63,27 @@ def test_they_are_returns_of_frames_and_change_nothing_else(
             assert apart.max() <= 0.9 * event.step_m  # half the diagonal of a step
 
 
+def test_in_a_file_of_their_own_they_are_the_same_and_no_events(
+    stream: bytes, tmp_path: Path
+) -> None:
+    number = ("--event-returns", str(MOST))
+    _, both, _ = feed(stream, tmp_path / "both.csv", "--events", "-", *number)
+    own = tmp_path / "returns.jsonl"
+    options = ("--events", "-", *number, "--event-returns-file", str(own))
+    code, rest, said = feed(stream, tmp_path / "own.csv", *options)
+    assert code == 0, said
+    lines = both.splitlines()
+    assert rest.splitlines() == [line for line in lines if '"returns"' not in line]
+    assert own.read_text().splitlines() == [line for line in lines if '"returns"' in line]
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         (("--events", "-", "--event-returns", "0"), "--event-returns"),
         (("--events", "-", "--event-returns", "2001"), "--event-returns"),
         (("--event-returns", "10"), "--event-returns requires --events"),
+        (("--events", "-", "--event-returns-file", "r"), "requires --event-returns"),
     ],
 )
 def test_a_number_that_no_line_holds_is_refused(options, said, tmp_path: Path) -> None:

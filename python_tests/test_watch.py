@@ -19,9 +19,22 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from live_program import PATIENCE_S, wait_until
-from station_events import appended, end, row, sensor, square, stamp, state, track, write_site
+from station_events import (
+    BEGIN_NS,
+    appended,
+    end,
+    returns,
+    row,
+    sensor,
+    square,
+    stamp,
+    state,
+    track,
+    write_site,
+)
 from unlidar.events.site import Site, load_site, load_zones
 from unlidar.events.station import Station
 from unlidar.watch.pages import Pages
@@ -227,6 +240,40 @@ def test_a_live_page_gets_what_there_is_and_then_what_comes(watch, folder) -> No
 
 def events(got: list[tuple[str, dict]]) -> list[dict]:
     return [e for name, batch in got if name == "message" for e in batch["events"]]
+
+
+def test_returns_come_from_a_file_of_their_own_and_its_successors(tmp_path) -> None:
+    """Also from a folder that is made later, whatever the stamps of old events are."""
+    (tmp_path / "events.jsonl").write_text(row(7, -1e6) + "\n")
+    own = tmp_path / "run/returns.jsonl"
+    arguments = (tmp_path / "events.jsonl", "--returns", own)
+    with Watch(*arguments) as watch, watch.live() as got:
+        wait_until(lambda: len(got) >= 2, "the snapshot has come")
+        own.parent.mkdir()
+        told = []
+        for second in range(3):
+            work = own.with_suffix(".new")
+            work.write_text(returns("mid360", second, np.ones((3, 3))) + "\n")
+            work.replace(own)
+            told.append(second)
+            wait_until(lambda: shown(got) == told, "these have come, once")
+        code, said = watch.end()
+    assert (code, said) == (0, "")
+
+
+def shown(got: list[tuple[str, dict]]) -> list[float]:
+    """Seconds of the returns that came."""
+    begin_s = BEGIN_NS / 1e9
+    return [
+        round(e["timestamp"] - begin_s) for name, data in got if name == "returns" for e in data
+    ]
+
+
+def test_a_file_of_returns_that_is_none_is_refused(tmp_path, fails) -> None:
+    events = tmp_path / "events.jsonl"
+    assert "is no file of events" in fails(4, "watch", events, "--returns", tmp_path)
+    broker = "mqtt://127.0.0.1:1"
+    assert "--returns is for" in fails(2, "watch", broker, "--returns", tmp_path / "r")
 
 
 def test_other_addresses_need_a_token_which_leaves_the_address(folder, fails) -> None:

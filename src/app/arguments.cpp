@@ -80,12 +80,16 @@ void AddLiveOptions(CLI::App& app, Arguments& arguments) {
                                        "With these three: JSON lines to write, `-` for stdout:\n"
                                        "tracks, rows, sensors that fall silent, overload")
                             ->type_name("FILE|-");
-  app.add_option("--event-returns", arguments.event_returns,
-                 "Events also with up to N returns of each LiDAR, five times a\n"
-                 "second, for a page that shows them; N to 2000")
-      ->check(CLI::Range(1, kMaxViewReturns).description(""))
-      ->type_name("N")
-      ->needs(events);
+  CLI::Option* returns =
+      app.add_option("--event-returns", arguments.event_returns,
+                     "Events also with up to N returns of each LiDAR, five times a\n"
+                     "second, for a page that shows them; N to 2000")
+          ->check(CLI::Range(1, kMaxViewReturns).description(""))
+          ->type_name("N")
+          ->needs(events);
+  AddFile(app, "--event-returns-file", arguments.event_returns_file,
+          "These events into a file of their own, of the newest megabyte")
+      ->needs(returns);
   AddFile(app, "--state", arguments.state,
           "The same: JSON to replace once a second: what it is doing now,\n"
           "tracks, sensors, load");

@@ -40,6 +40,7 @@ struct Arguments {
   std::string livox;
   std::string events;
   int event_returns = 0;
+  std::string event_returns_file;
   std::string state;
   std::string metrics;
   std::string record_packets;

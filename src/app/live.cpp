@@ -68,6 +68,9 @@ class LiveRun {
         trace_(TraceOutputOf(arguments, signals_, note)),
         intake_(arguments, output_times, config, reporter_, trace_ ? trace_->Sink() : nullptr) {
     output_.LeaveOutBirds(arguments.max_bird_probability(), HoldNs(config.live));
+    if (!arguments.event_returns_file.empty()) {
+      output_.WriteReturnsTo(arguments.event_returns_file, note);
+    }
   }
 
   void Run() {
@@ -237,9 +240,11 @@ void CheckLivox(const std::string& endpoint, const Config& config) {
 }
 
 // They are replaced, which a pipe or a device would not survive.
-void CheckStatusFiles(const Arguments& arguments) {
+void CheckReplacedFiles(const Arguments& arguments) {
   for (const auto& [option, path] :
-       {std::pair{"--state ", &arguments.state}, {"--metrics ", &arguments.metrics}}) {
+       {std::pair{"--event-returns-file ", &arguments.event_returns_file},
+        {"--state ", &arguments.state},
+        {"--metrics ", &arguments.metrics}}) {
     if (path->empty()) continue;
     CheckWritable(*path);
     if (IsSpecialFile(*path)) {
@@ -261,7 +266,7 @@ std::string TrackLive(const Arguments& arguments, const OutputTimes& output_time
   if (!arguments.trace.empty() && std::isinf(config.live.delay_s)) {
     throw ConfigError("live.delay_s: 'inf', expected a finite delay with --trace");
   }
-  CheckStatusFiles(arguments);
+  CheckReplacedFiles(arguments);
   CheckNames(arguments.sources);
   std::unique_ptr<CaptureFiles> captures;
   if (!arguments.record_packets.empty()) {

@@ -34,6 +34,10 @@ std::string StateFields(std::int64_t track, const TrajectoryRow& row) {
   return fields;
 }
 
+std::string EventLine(const char* name, TimeNs at_ns, const std::string& fields) {
+  return std::string("{\"event\":\"") + name + "\",\"at\":" + SecondsText(at_ns) + fields + "}\n";
+}
+
 void AppendKind(const Kind& kind, std::string& fields) {
   fields += ",\"drone\":" + FixedText(kind.drone, kKindDigits) +
             ",\"bird_like\":" + FixedText(kind.bird_like, kKindDigits) +
@@ -168,10 +172,12 @@ void LiveOutput::ReportSensor(TimeNs at_ns, const std::string& name, SensorState
 
 void LiveOutput::ReportReturns(TimeNs at_ns, const std::string& name, TimeNs stamp_ns,
                                const ReturnsText& returns) {
-  AppendEvent("returns", at_ns,
-              ",\"name\":" + JsonString(name) + ",\"timestamp\":" + SecondsText(stamp_ns) +
-                  ",\"step_m\":" + ShortestText(returns.step_m) + ",\"xyz\":\"" + returns.xyz +
-                  "\"");
+  constexpr const char* kName = "returns";
+  const std::string fields =
+      ",\"name\":" + JsonString(name) + ",\"timestamp\":" + SecondsText(stamp_ns) +
+      ",\"step_m\":" + ShortestText(returns.step_m) + ",\"xyz\":\"" + returns.xyz + "\"";
+  if (returns_) return returns_->Append(EventLine(kName, at_ns, fields));
+  AppendEvent(kName, at_ns, fields);
 }
 
 void LiveOutput::ReportState(TimeNs at_ns, LiveState state, std::uint64_t frames,
@@ -249,9 +255,7 @@ LiveTrack& LiveOutput::AnnouncedTrack(TimeNs at_ns, const Kind& kind, Confirmed&
 }
 
 void LiveOutput::AppendEvent(const char* name, TimeNs at_ns, const std::string& fields) {
-  if (!events_) return;
-  events_->Append(std::string("{\"event\":\"") + name + "\",\"at\":" + SecondsText(at_ns) + fields +
-                  "}\n");
+  if (events_) events_->Append(EventLine(name, at_ns, fields));
 }
 
 }  // namespace unlidar

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "app/growing_file.hpp"
+#include "app/newest_lines.hpp"
 #include "app/returns_view.hpp"
 #include "app/row_times.hpp"
 #include "app/signals.hpp"
@@ -78,6 +79,11 @@ class LiveOutput {
   void LeaveOutBirds(double max_bird_probability, TimeNs hold_ns) {
     max_bird_probability_ = max_bird_probability;
     hold_ns_ = hold_ns;
+  }
+
+  // Events of returns go to a file of their own. Throws OutputError.
+  void WriteReturnsTo(const std::string& path, const NoteCallback& note) {
+    returns_.emplace(path, note);
   }
 
   // Written to both files by the next Flush(), a track with its first row; `at_ns` is the newest
@@ -151,6 +157,7 @@ class LiveOutput {
   std::vector<LiveTrack> tracks_;
   GrowingFile trajectory_;
   std::optional<GrowingFile> events_;
+  std::optional<NewestLines> returns_;
 };
 
 }  // namespace unlidar

@@ -37,8 +37,9 @@ std::vector<NamedPath> Outputs(const Arguments& arguments) {
   for (const NamedPath& optional :
        {NamedPath{"--clusters", arguments.clusters}, NamedPath{"--points", arguments.points},
         NamedPath{"--summary", arguments.summary}, NamedPath{"--trace", arguments.trace},
-        NamedPath{"--events", arguments.events}, NamedPath{"--state", arguments.state},
-        NamedPath{"--metrics", arguments.metrics}}) {
+        NamedPath{"--events", arguments.events},
+        NamedPath{"--event-returns-file", arguments.event_returns_file},
+        NamedPath{"--state", arguments.state}, NamedPath{"--metrics", arguments.metrics}}) {
     if (!optional.path.empty()) outputs.push_back(optional);
   }
   return outputs;

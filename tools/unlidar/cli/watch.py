@@ -10,6 +10,7 @@ from unlidar.extras import need_station
 from unlidar.history import DAYS, MEGABYTES
 
 EXAMPLE = """unlidar watch events.jsonl --site site.yaml --store sky.db
+  unlidar watch events.jsonl --returns /run/unlidar/returns.jsonl
   unlidar watch tcp://127.0.0.1:4000 --address 0.0.0.0 --token-file /etc/unlidar/token
   unlidar_track --stdin --out traj.csv --events - | unlidar watch -"""
 _PORT = 8377
@@ -24,6 +25,13 @@ def define(p: argparse.ArgumentParser) -> None:
         help="of unlidar_track --events: a file, which is followed as it grows; - for stdin; "
         "tcp://HOST:PORT. Or mqtt[s]://[USER:PASSWORD@]HOST[:PORT]: a broker to which the relays "
         "of several stations publish",
+    )
+    p.add_argument(
+        "--returns",
+        metavar="FILE",
+        type=Path,
+        help="show what the LiDARs see: of unlidar_track --event-returns-file, where the events "
+        "hold no returns themselves",
     )
     p.add_argument(
         "--site",
@@ -81,7 +89,7 @@ def act(a: argparse.Namespace) -> None:
     """Serves until SIGINT, SIGTERM or SIGHUP, which are no errors."""
     need_station("watch", ("paho", "shapely", "starlette", "uvicorn"))
     from unlidar.events.site import Site, load_site
-    from unlidar.events.source import open_source
+    from unlidar.events.source import follow_file, open_source
     from unlidar.watch.gate import LOCAL
     from unlidar.watch.run import Served, watch
 
@@ -106,7 +114,11 @@ def act(a: argparse.Namespace) -> None:
         a.days,
         a.megabytes,
     )
-    asyncio.run(watch(open_source(a.events, site.tls), site, served))
+    source = open_source(a.events, site.tls)
+    if a.returns is not None and source.many:
+        raise UsageError("--returns is for the events of one station, not for a broker's")
+    returns = None if a.returns is None else follow_file(a.returns)
+    asyncio.run(watch(source, returns, site, served))
 
 
 def _token(path: Path | None) -> str | None:

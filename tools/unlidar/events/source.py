@@ -50,6 +50,16 @@ def open_source(text: str, tls: Tls | None = None, whole: bool = True) -> Source
     return _File(text, path, whole)
 
 
+def follow_file(path: Path) -> Source:
+    """The file of a program that may not have been started yet, nor made its folder.
+
+    InputError for what is no file.
+    """
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no file of events")
+    return _File(str(path), path, whole=True)
+
+
 class _File(Source):
     """Follows a file for ever, also across replacement (SIGHUP, logrotate).
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unlidar.errors import ConfigError, OutputError, reason
+from unlidar.events.event import Returns
 from unlidar.events.lines import QUIET_S, SKY, Line
 from unlidar.events.many import Many, Told
 from unlidar.events.site import Site, Zone, load_zones
@@ -40,8 +41,10 @@ class Served:
     megabytes: float
 
 
-async def watch(source: Source, site: Site, served: Served) -> None:
+async def watch(source: Source, returns: Source | None, site: Site, served: Served) -> None:
     """Serves until a signal, also after the end of the source, as pages still show the past.
+
+    `returns`: where what the LiDARs see comes from, if not from `source`.
 
     OutputError if the address cannot be served, or the store is invalid.
     """
@@ -56,7 +59,8 @@ async def watch(source: Source, site: Site, served: Served) -> None:
         metrics = Metrics(sky, pages, connections, taken)
         app = make_app(sky, pages, archive, site, zones, served.token, only, metrics)
         serving = _serving(app, pages, connections, served)
-        await _watch(source, site, zones, served, _Outs(keeper, pages, serving, taken))
+        outs = _Outs(keeper, pages, serving, taken)
+        await _watch(source, returns, site, zones, served, outs)
     finally:
         archive.close()
         keeper.close()
@@ -71,21 +75,30 @@ class _Outs:
 
 
 async def _watch(
-    source: Source, site: Site, zones: Sequence[Zone], served: Served, outs: _Outs
+    source: Source,
+    returns: Source | None,
+    site: Site,
+    zones: Sequence[Zone],
+    served: Served,
+    outs: _Outs,
 ) -> None:
     listener = _listen(served, outs.serving)
     serving = outs.serving.start(listener)
-    taking = asyncio.ensure_future(_take(source, site, zones, outs))
+    tasks = [asyncio.ensure_future(_take(source, site, zones, outs))]
+    if returns is not None:
+        tasks.append(asyncio.ensure_future(_show(returns, site, outs.pages)))
     try:
         # After the signal handlers are set, as readers of this line may send a signal.
         asyncio.get_running_loop().call_soon(_say_where, served, listener.getsockname()[1])
-        await until_signal([taking, serving])
-        if taking.done():
-            taking.result()
+        await until_signal([*tasks, serving])
+        for task in tasks:
+            if task.done():
+                task.result()
     finally:
         outs.serving.stop()
-        taking.cancel()
-        await asyncio.gather(taking, return_exceptions=True)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def _take(source: Source, site: Site, zones: Sequence[Zone], outs: _Outs) -> None:
@@ -115,6 +128,15 @@ async def _take(source: Source, site: Site, zones: Sequence[Zone], outs: _Outs) 
     while True:  # tracks without an end time out
         await asyncio.sleep(QUIET_S)
         take(Line(b"", old=False))
+
+
+async def _show(returns: Source, site: Site, pages: Pages) -> None:
+    """Shows returns; their stamps say nothing of those of the events, which may come later."""
+    station = Station(site, (), returns.name, places=False)
+    async for line in returns.lines():
+        for message in station.take(line.data):
+            if isinstance(message.event, Returns):
+                pages.take(message, old=line.old)
 
 
 def _decoder(

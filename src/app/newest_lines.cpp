@@ -1,0 +1,54 @@
+#include "app/newest_lines.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <utility>
+
+#include "app/output_files.hpp"
+#include "app/temporary_path.hpp"
+#include "unlidar/error.hpp"
+
+namespace unlidar {
+
+NewestLines::NewestLines(const std::string& path, NoteCallback note)
+    : path_(ResolvedPath(path)), note_(std::move(note)) {
+  BeginAnew();
+}
+
+void NewestLines::Append(std::string_view line) {
+  try {
+    if (!file_ || bytes_ + line.size() > kMaxBytes) BeginAnew();
+    Write(line);
+    has_failed_ = false;
+  } catch (const OutputError& error) {
+    file_.reset();  // its last line may be torn
+    if (!std::exchange(has_failed_, true)) note_(error.what());
+  }
+}
+
+void NewestLines::BeginAnew() {
+  const TemporaryPath temporary(path_);
+  auto file = std::make_unique<Descriptor>(Uninterrupted(
+      [&] { return ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666); }));
+  if (file->get() < 0 || std::rename(temporary.c_str(), path_.c_str()) != 0) {
+    throw OutputError(path_ + ": cannot be written: " + std::strerror(errno));
+  }
+  file_ = std::move(file);
+  bytes_ = 0;
+}
+
+void NewestLines::Write(std::string_view line) {
+  bytes_ += line.size();
+  while (!line.empty()) {
+    const ssize_t written =
+        Uninterrupted([&] { return ::write(file_->get(), line.data(), line.size()); });
+    if (written < 0) throw OutputError(path_ + ": cannot be written: " + std::strerror(errno));
+    line.remove_prefix(static_cast<std::size_t>(written));
+  }
+}
+
+}  // namespace unlidar

@@ -14,8 +14,9 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from bags import plain_cloud, write_bag
 from nbclient import NotebookClient
-from synthetic import PROJECT
+from synthetic import PROJECT, make_flight
 
 PAGE = PROJECT / "docs/first_flight.ipynb"
 
@@ -62,7 +63,19 @@ def test_the_notebook_runs_and_prints_what_it_shows(
     assert printed(run) == printed(read())
     shapes = [struct.unpack(">II", png[16:24]) for png in pictures(run)]
     assert shapes == [struct.unpack(">II", png[16:24]) for png in pictures(read())]
-    assert len(shapes) == 5
+    assert len(shapes) == 6
+
+
+def test_its_end_tracks_a_bag(program: Path, tmp_path: Path, capsys) -> None:
+    pytest.importorskip("unlidar._engine", reason="the engine for Python is not built")
+    flight = make_flight()
+    clouds = zip(flight.stamps_ns, flight.clouds, strict=True)
+    bag = write_bag(tmp_path, "ros1", [plain_cloud("/lidar/points", *cloud) for cloud in clouds])
+    (cell,) = [cell.source for cell in read().cells if cell.source.startswith("recording =")]
+    mine = re.sub('"flight"', repr(str(bag)), cell, count=1)
+    assert mine != cell
+    exec(f"import matplotlib.pyplot as plt\nimport unlidar\n{mine}", {})
+    assert capsys.readouterr().out == f"1 drone(s) in {bag}, seen by lidar_points\n"
 
 
 def test_the_notebook_is_whole_and_small() -> None:

@@ -339,6 +339,23 @@ def test_bad_frames_are_skipped_where_that_is_set(frames, config, caplog) -> Non
     assert any("bad and skipped" in record.message for record in caplog.records)
 
 
+def test_frames_that_are_left_out_are_noted(caplog) -> None:
+    engine = unlidar.Engine()
+    for i in range(20):
+        engine.add("a", NS + i * 100_000_000, XYZ)
+    assert caplog.messages == []
+    for i in range(5):  # decreasing
+        engine.add("a", NS - i * 100_000_000 - 1, XYZ)
+    late = "later than live.reorder_s and dropped, the last: frame of a, stamp"
+    assert [told.partition(" ")[0] for told in caplog.messages] == ["1", "2", "4"]
+    assert all(late in told for told in caplog.messages)
+    caplog.clear()
+    engine.add("a", NS + 3_600_000_000_000, XYZ)
+    (state,) = engine.close()
+    assert (state.frames, state.dropped) == (20, 6)
+    assert ["astray and left out" in told for told in caplog.messages] == [True]
+
+
 def test_values_of_numpy_are_settings() -> None:
     unlidar.Engine(settings={"live.delay_s": np.float32(0.5), "live.window_s": np.int64(30)})
     unlidar.Engine(settings={"sensors.a.translation_m": np.zeros(3)})

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "app/live_event_reporter.hpp"
+#include "app/summary.hpp"
 #include "base/format.hpp"
 #include "io/frames.hpp"
 #include "io/input_limits.hpp"
@@ -57,6 +58,12 @@ std::uint32_t NamedSensors::IndexOf(const std::string& sensor) {
   return index_of_[sensor] = engine_->AddSensor(sensor);
 }
 
+void NamedSensors::NoteCount(std::uint64_t count, const std::string& text, std::uint64_t* noted) {
+  if (IsWorthANote(std::exchange(*noted, count), count)) {
+    notes_.push_back(Count(count, "frame") + text);
+  }
+}
+
 void NamedSensors::NotePace(std::uint32_t sensor, TimeNs stamp_ns) {
   Pace& pace = paces_[sensor];
   if (pace.frames == kPaceFrames) return;
@@ -82,6 +89,7 @@ void NamedSensors::Add(const std::string& sensor, TimeNs stamp_ns, const py::obj
   Frame frame;
   frame.sensor = index;
   frame.stamp_ns = stamp_ns;
+  last_frame_ = name;
   try {
     const py::gil_scoped_release unlocked;
     frame.points_m = points.Copy();
@@ -92,11 +100,9 @@ void NamedSensors::Add(const std::string& sensor, TimeNs stamp_ns, const py::obj
     throw;  // the next would be no better
   } catch (const InputError& error) {
     if (!config_.input.skip_bad_frames) throw;
-    ++bad_frames_;
-    if (IsWorthANote(bad_frames_ - 1, bad_frames_)) {
-      notes_.push_back(Count(bad_frames_, "frame") +
-                       " bad and skipped (input.skip_bad_frames), the last: " + error.what());
-    }
+    NoteCount(bad_frames_ + 1,
+              std::string(" bad and skipped (input.skip_bad_frames), the last: ") + error.what(),
+              &bad_frames_);
   }
 }
 
@@ -106,6 +112,11 @@ std::uint64_t NamedSensors::num_dropped() const {
 }
 
 std::vector<std::string> NamedSensors::TakeNotes() {
+  NoteCount(engine_->late_frames(),
+            " later than live.reorder_s and dropped, the last: " + last_frame_, &noted_late_);
+  NoteCount(engine_->astray_frames(), " astray and left out: no other stamps bear theirs out",
+            &noted_astray_);
+  NoteCount(engine_->overflow_frames(), kOverflowText, &noted_overflow_);
   const std::vector<Warning>& warnings = engine_->warnings();
   for (; num_warnings_ < warnings.size(); ++num_warnings_) {
     notes_.push_back(warnings[num_warnings_].text);

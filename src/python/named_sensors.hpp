@@ -44,6 +44,8 @@ class NamedSensors {
   };
 
   std::uint32_t IndexOf(const std::string& sensor);
+  // Notes that so many frames were left out, at the first, second, fourth and so on.
+  void NoteCount(std::uint64_t count, const std::string& text, std::uint64_t* noted);
   // Notes stamps that can be no nanoseconds.
   void NotePace(std::uint32_t sensor, TimeNs stamp_ns);
 
@@ -53,6 +55,10 @@ class NamedSensors {
   std::vector<Pace> paces_;
   std::vector<std::string> notes_;
   std::size_t num_warnings_ = 0;
+  std::string last_frame_;
+  std::uint64_t noted_late_ = 0;
+  std::uint64_t noted_astray_ = 0;
+  std::uint64_t noted_overflow_ = 0;
   std::uint64_t bad_frames_ = 0;
   std::unique_ptr<Engine> engine_;
 };

@@ -231,6 +231,11 @@ def test_what_does_not_fit_together_is_refused(result, tmp_path, fails):
     fails(2, "export", result, result, tmp_path / "a.tum")
     fails(2, "export", result, tmp_path / "a.tum", "--at", tmp_path / "x")
     fails(2, "export", result)
+    far = tmp_path / "map.csv"
+    far.write_text("timestamp,track_id,x,y,z\n1.0,0,465000.0,5247000.0,420.0\n")
+    for suffix in ("kml", "geojson", "courageous.json", "csv"):
+        said = fails(4, "export", far, tmp_path / f"a.{suffix}", "--origin", "47,8,0")
+        assert "map.csv: a row is 5247 km from --origin, expected" in said
     for form in ("tum", "mcap"):
         told = fails(2, "export", result, "--to", "/", "--format", form)
         assert "'/' is a folder, expected the name" in told

@@ -3,6 +3,9 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from unlidar.errors import InputError
 from unlidar.export.bags import write_mcap, write_ros1
 from unlidar.export.courageous import write_courageous
 from unlidar.export.geo import write_geojson, write_kml
@@ -12,6 +15,8 @@ from unlidar.export.trajectory import Result, read_result
 from unlidar.export_options import Options
 
 __all__ = ["Result", "export", "read_result"]
+
+_FARTHEST_M = 1e6  # as of events: a track that is farther has other coordinates
 
 
 def export(
@@ -27,6 +32,8 @@ def export(
         stamps = None if options.at is None else read_stamps(options.at, names)
         return write_mmaud(results, out, stamps, options.uav_type)
     result = results[0][1]
+    if options.origin is not None:
+        _check_places(sources[0][1], result)
     write: dict[str, Callable[[], list[Path]]] = {
         "tum": lambda: write_tum(result, out),
         "csv": lambda: write_csv(result, out, options.origin),
@@ -37,3 +44,13 @@ def export(
         "mcap": lambda: write_mcap(result, out, options.frame_id),
     }
     return write[form]()
+
+
+def _check_places(path: Path, result: Result) -> None:
+    """InputError for a trajectory that is not about its --origin, as one of a map's coordinates."""
+    farthest_m = np.abs(result.tracks.xyz_m).max(initial=0.0)
+    if farthest_m > _FARTHEST_M:
+        raise InputError(
+            f"{path}: a row is {farthest_m / 1000:.0f} km from --origin, expected metres from it, "
+            "1000 km at most"
+        )

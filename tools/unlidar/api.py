@@ -20,8 +20,6 @@ from unlidar.call_checks import (
     poses_of,
     settings_of,
 )
-from unlidar.conversion.source import Options as ConvertOptions
-from unlidar.evaluate_options import Options as EvaluateOptions
 from unlidar.program import CLUSTERS, SUMMARY, TARGET_RETURNS
 from unlidar.settings import assignments
 

@@ -98,6 +98,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"frame_length", Rule::kFrameLength},
                        {"crowded", Rule::kCrowded},
                        {"bodies", Rule::kBodies},
+                       {"strays", Rule::kStrays},
                        {"local_clutter", Rule::kLocalClutter},
                        {"second_round", Rule::kSecondRound},
                        {"collection", Rule::kCollection},

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <bitset>
 #include <cstddef>
 #include <cstdint>
@@ -34,6 +35,13 @@ class Occlusion {
   // out of view, or farther away than a thing there must be to return something as in `bin`. Ages
   // count from `newest`, the last bin added. That one is not complete: it counts as the one before.
   Hidden HiddenBins(const Eigen::Vector3f& place_m, std::int64_t bin, std::int64_t newest) const;
+
+  // Returns where the station was in the last bin added, relative to its first viewpoint.
+  const Eigen::Vector3f& ViewpointM() const {
+    return carriers_[static_cast<std::size_t>(std::max<std::int64_t>(bin_, 0) %
+                                              RecentBins::kWindow)]
+        .shift_m;
+  }
 
   // True once the carrier of a sensor has moved.
   bool is_carrier_moving() const { return is_carrier_moving_; }

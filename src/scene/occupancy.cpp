@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "base/poisson.hpp"
@@ -19,7 +20,13 @@ constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may
 constexpr int kYoungBins = 20;
 constexpr double kSupportingHits = 3.0;
 constexpr double kSupportingShare = 0.5;  // of the hits of structure
-constexpr double kMaxOccupancy = 0.999;   // the rate of a place that is always hit is unbounded
+// Places between the viewpoint and a place at which strays are looked for.
+constexpr std::array<float, 2> kSharesOfRay{0.5F, 0.75F};
+// Least share of the rate of a place that strays explain where nothing else is.
+constexpr double kMinStrayShare = 0.5;
+// Returns per frame and m^3 with one at most times within 1 m of any place.
+constexpr double kMaxStrayRate = 0.2;
+constexpr double kMaxOccupancy = 0.999;  // the rate of a place that is always hit is unbounded
 
 // Dwell around the bin of age `at`, from its youngest to its oldest bin, with breaks of at most
 // `max_break` bins.
@@ -41,8 +48,9 @@ Dwell DwellAt(const RecentBins& hits, int at, int max_break) {
 
 }  // namespace
 
-Occupancy::Occupancy(const BackgroundConfig& config)
+Occupancy::Occupancy(const BackgroundConfig& config, bool knows_strays)
     : config_(config),
+      knows_strays_(knows_strays),
       max_break_(static_cast<int>(config.max_dwell_gap_s / kBinS)),
       frame_counts_(RecentBins::kWindow, 0),
       places_(config.place) {}
@@ -163,6 +171,24 @@ double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) c
   return RateOf(occupied[kMaxEmptyAdjacent], exposed, point_m);
 }
 
+double Occupancy::RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const {
+  return RateOf((hits & observed_).Size(), observed_.Size(), point_m);
+}
+
+double Occupancy::StrayRate(const Eigen::Vector3f& point_m) const {
+  if (!knows_strays_) return 0.0;
+  double rate = std::numeric_limits<double>::infinity();
+  const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
+  for (const float share : kSharesOfRay) {
+    const Eigen::Vector3f nearer_m = viewpoint_m + share * (point_m - viewpoint_m);
+    const RecentBins hits = HitsAround(nearer_m);
+    // A single bin may be a passing target.
+    if ((hits & observed_).Size() <= 1) return 0.0;
+    rate = std::min(rate, RateThroughout(hits, nearer_m));
+  }
+  return rate;
+}
+
 // Number of bins outside a dwell from which its place can be judged. A moving carrier sees each
 // place for a part of the time.
 double Occupancy::MinExposed() const {
@@ -205,15 +231,22 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   const double max_occupied = config_.max_occupancy * exposed;
   place->is_unknown = exposed < min_exposed;
   place->is_structure = place->is_unknown || occupied > max_occupied;
+  // A place among strays is clutter, not structure. Where there is one at most times and within
+  // reach of any track, returns tell nothing, and it is left at that.
+  const double rate = place->is_structure ? RateThroughout(hits, point_m) : 0.0;
+  const bool is_among_strays =
+      place->is_structure && rate < kMaxStrayRate && StrayRate(point_m) > kMinStrayShare * rate;
+  if (is_among_strays) place->is_structure = false;
   place->is_supporter = place->is_structure ||
                         (occupied >= kSupportingHits && occupied > kSupportingShare * max_occupied);
   // A single bin may be a passing target.
   place->place_rate = place->is_structure || occupied <= 1
                           ? 0.0F
                           : static_cast<float>(RateOf(occupied - 1.0, exposed, point_m));
+  if (is_among_strays) place->place_rate = static_cast<float>(rate);
   place->valid_until = newest_;
   // Spread over bins, so that not all places are judged again at once.
-  if (place->is_structure && num_observed >= kSettledBins) {
+  if ((place->is_structure || is_among_strays) && num_observed >= kSettledBins) {
     place->valid_until += 4 + static_cast<std::int64_t>(1e3F * place->point_m.norm()) % 8;
   }
 }

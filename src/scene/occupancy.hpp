@@ -34,7 +34,8 @@ class Occupancy {
   // True if a known target has been at a place since a bin. May be empty: no targets.
   using IsTargetSince = std::function<bool(const Eigen::Vector3f&, std::int64_t bin)>;
 
-  explicit Occupancy(const BackgroundConfig& config);
+  // `knows_strays`: StrayRate() is estimated, otherwise it is 0.
+  explicit Occupancy(const BackgroundConfig& config, bool knows_strays = true);
 
   // Adds a frame. Bins count up; frames may come out of order by a few bins.
   void AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier = {});
@@ -63,6 +64,11 @@ class Occupancy {
   // adjacent places exceed. In dense rain some places are empty by chance, so the surroundings say
   // more than the place itself.
   double RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) const;
+
+  // Returns the rate of strays before a place, in returns per frame and m^3: what rain, snow, fog
+  // and the sun return, they return all the way, the denser the nearer; before what stands in clear
+  // air nothing returns. The lowest of the rates of places on the way.
+  double StrayRate(const Eigen::Vector3f& point_m) const;
 
   // Sets one return for each place last judged as structure and hit within the window.
   void GetStructure(std::vector<Eigen::Vector3f>* points_m) const;
@@ -101,6 +107,7 @@ class Occupancy {
   void Add(const Eigen::Vector3f& point_m, std::int64_t bin);
   void Age(Place* place) const;
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
+  double RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const;
   double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
   bool IsLong(const Place& place) const;
   void JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const;
@@ -108,6 +115,7 @@ class Occupancy {
   void GetReturnsOf(const IsWanted& is_wanted, std::vector<Eigen::Vector3f>* points_m) const;
 
   BackgroundConfig config_;
+  bool knows_strays_;
   int max_break_;
   std::int64_t newest_ = 0;
   RecentBins observed_;                      // bins with frames

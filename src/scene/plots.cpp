@@ -18,6 +18,10 @@ constexpr RangeRadius kBodyLink{1.5, 0.02};
 // two may be strays.
 constexpr double kBodyContactM = 1.0;
 constexpr int kMinContactReturns = 3;
+// Strays that may lie within the linkage radius of a return: at 2.7 they form chains without end
+// (continuum percolation in space). Their rate is taken at so many returns of a group.
+constexpr double kMaxStraysLinked = 0.5;
+constexpr std::size_t kMaxSampledReturns = 8;
 // Returns from which the width of a body can be estimated.
 constexpr int kMinSpreadReturns = 6;
 // The lower edge of the field of view cuts off legs: a return within a few rays of it, and no
@@ -131,9 +135,34 @@ void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame
   }
 }
 
+// Returns the linkage radius of bodies at which strays seldom join the returns of a group:
+// kBodyLink, or less where the air is full of them.
+RangeRadius FramePlotter::BodyLinkAmongStrays(const Recording& recording, const IndexView& returns,
+                                              const StrayRateAt& stray_rate_at) const {
+  const std::size_t step = (returns.size() - 1) / kMaxSampledReturns + 1;
+  double num_strays = 0.0;  // within kBodyLink
+  double num_sampled = 0.0;
+  for (std::size_t k = 0; k < returns.size(); k += step) {
+    const Eigen::Vector3f& point_m = recording.points_m[returns.begin()[k]];
+    const double radius_m = kBodyLink.At(static_cast<double>(point_m.norm()));
+    num_strays += stray_rate_at(point_m) * 4.0 / 3.0 * M_PI * std::pow(radius_m, 3);
+    num_sampled += 1.0;
+  }
+  const double factor = std::cbrt(std::min(1.0, kMaxStraysLinked * num_sampled / num_strays));
+  return {factor * kBodyLink.constant_m, factor * kBodyLink.slope};
+}
+
+void FramePlotter::AddBody(const Recording& recording, std::uint32_t first_return,
+                           const IndexView& returns) {
+  for (const std::uint32_t i : returns) is_body_[i - first_return] = 1;
+  found_.body_returns.insert(found_.body_returns.end(), returns.begin(), returns.end());
+  found_.bodies.push_back(BoxOf(recording, returns));
+}
+
 FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_index,
                                std::vector<std::uint32_t>* candidates, const Ground& ground,
-                               double lowest_elevation_rad, const RobustConfig& config) {
+                               double lowest_elevation_rad, const StrayRateAt& stray_rate_at,
+                               const RobustConfig& config) {
   const FrameInfo& frame = recording.frames[frame_index];
   found_.plots.clear();
   found_.bodies.clear();
@@ -144,9 +173,18 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
   for (std::size_t g = 0; config.Uses(Rule::kBodies) && g < linker_.size(); ++g) {
     const IndexView body = linker_[g];
     if (!IsBody(recording, frame, body, ground, lowest_elevation_rad, config.plots)) continue;
-    for (const std::uint32_t i : body) is_body_[i - frame.first_return] = 1;
-    found_.body_returns.insert(found_.body_returns.end(), body.begin(), body.end());
-    found_.bodies.push_back(BoxOf(recording, body));
+    const RangeRadius link = BodyLinkAmongStrays(recording, body, stray_rate_at);
+    if (link.constant_m == kBodyLink.constant_m) {
+      AddBody(recording, frame.first_return, body);
+      continue;
+    }
+    group_.assign(body.begin(), body.end());
+    body_linker_.Link(recording.points_m, group_, link);
+    for (std::size_t k = 0; k < body_linker_.size(); ++k) {
+      if (IsBody(recording, frame, body_linker_[k], ground, lowest_elevation_rad, config.plots)) {
+        AddBody(recording, frame.first_return, body_linker_[k]);
+      }
+    }
   }
   candidates->erase(
       std::remove_if(candidates->begin(), candidates->end(),

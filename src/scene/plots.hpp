@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "base/poisson.hpp"
@@ -125,23 +126,32 @@ struct FramePlots {
 // Extracts the plots of successive frames, reusing its memory.
 class FramePlotter {
  public:
+  // Occupancy::StrayRate.
+  using StrayRateAt = std::function<double(const Eigen::Vector3f&)>;
+
   // Links `candidates`, returns of one frame in ascending order, into plots; returns of bodies are
   // removed from them. The recording, the plots and bodies are relative to the viewpoint of the
   // frame, the ground to that of its station; `lowest_elevation_rad`: LowestElevationRad of the
   // station. The result is valid until the next call, and may be changed.
   FramePlots& Find(const Recording& recording, std::uint32_t frame,
                    std::vector<std::uint32_t>* candidates, const Ground& ground,
-                   double lowest_elevation_rad, const RobustConfig& config);
+                   double lowest_elevation_rad, const StrayRateAt& stray_rate_at,
+                   const RobustConfig& config);
 
   // Returns of a plot of the last frame: indices into the recording.
   IndexView ReturnsOf(std::size_t plot) const { return linker_[plot]; }
 
  private:
   void CountBelow(const Recording& recording, const FrameInfo& frame);
+  RangeRadius BodyLinkAmongStrays(const Recording& recording, const IndexView& returns,
+                                  const StrayRateAt& stray_rate_at) const;
+  void AddBody(const Recording& recording, std::uint32_t first_return, const IndexView& returns);
 
   Linker linker_;
-  std::vector<char> is_body_;  // (returns of the frame)
-  Columns columns_;            // of the plots found
+  Linker body_linker_;                // of one group that strays may have joined
+  std::vector<std::uint32_t> group_;  // its returns
+  std::vector<char> is_body_;         // (returns of the frame)
+  Columns columns_;                   // of the plots found
   FramePlots found_;
 };
 

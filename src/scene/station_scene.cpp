@@ -1,6 +1,7 @@
 #include "scene/station_scene.hpp"
 
 #include <algorithm>
+#include <functional>
 #include <utility>
 
 namespace unlidar {
@@ -11,7 +12,7 @@ constexpr std::size_t kElevationReturns = 100'000;
 }  // namespace
 
 StationScene::StationScene(const RobustConfig& config)
-    : config_(&config), occupancy_(config.background) {}
+    : config_(&config), occupancy_(config.background, config.Uses(Rule::kStrays)) {}
 
 void StationScene::Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
   occupancy_.AddFrame(points_m, bin, carrier);
@@ -64,8 +65,11 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
   num_unexplained = candidates.size();
   const Eigen::Vector3f shift_m = frame.frames[0].carrier.shift_m;
   for (Eigen::Vector3f& point_m : points_m) point_m -= shift_m;
-  FramePlots& found =
-      plotter.Find(frame, 0, &candidates, fitted_->ground, lowest_elevation_rad_, *config_);
+  const auto stray_rate_at = [&](const Eigen::Vector3f& point_m) {
+    return occupancy_.StrayRate(point_m + shift_m);
+  };
+  FramePlots& found = plotter.Find(frame, 0, &candidates, fitted_->ground, lowest_elevation_rad_,
+                                   std::cref(stray_rate_at), *config_);
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
     Plot& plot = found.plots[p];
     double rate = 0.0;

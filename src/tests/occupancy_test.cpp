@@ -53,6 +53,55 @@ class OccupancyTest : public ::testing::Test {
   Occupancy occupancy_{BackgroundConfig()};
 };
 
+// A sky of uniform strays, as many in a cubic metre and frame.
+Occupancy AmongStrays(double per_m3, bool knows_strays) {
+  Occupancy occupancy(BackgroundConfig(), knows_strays);
+  Random random(5);
+  const auto count = static_cast<int>(per_m3 * 18.0 * 12.0 * 12.0);
+  for (std::int64_t bin = 0; bin < 40; ++bin) {
+    for (int frame = 0; frame < 5; ++frame) {
+      std::vector<Eigen::Vector3f> points_m;
+      for (int i = 0; i < count; ++i) {
+        points_m.push_back(random.InBox({4, -6, -6}, {22, 6, 6}).cast<float>());
+      }
+      occupancy.AddFrame(points_m, bin);
+    }
+  }
+  return occupancy;
+}
+
+TEST(Occupancy, TheRateOfStraysIsTheirDensityAndThatBeforeAWallIsNone) {
+  for (const double per_m3 : {0.02, 0.05, 0.1}) {
+    const Occupancy occupancy = AmongStrays(per_m3, true);
+    double sum = 0.0;
+    for (int y = -3; y <= 3; ++y) {
+      sum += occupancy.StrayRate({16.0F, static_cast<float>(y), 1.0F}) / 7.0;
+    }
+    EXPECT_GT(sum, 0.5 * per_m3);  // the lower of two
+    EXPECT_LT(sum, 1.2 * per_m3);
+  }
+  Occupancy clear{BackgroundConfig()};
+  for (std::int64_t bin = 0; bin < 40; ++bin)
+    clear.AddFrame(std::vector{Eigen::Vector3f(16, 0, 1)}, bin);
+  EXPECT_EQ(clear.StrayRate({16, 0, 1}), 0.0);
+}
+
+TEST(Occupancy, AmongStraysAPlaceThatIsOftenHitIsClutterAndNoStructure) {
+  const auto is_structure = [](bool knows_strays) {
+    Occupancy occupancy = AmongStrays(0.1, knows_strays);
+    int count = 0;
+    for (int y = -3; y <= 3; ++y) {
+      const Eigen::Vector3f place_m(16.0F, static_cast<float>(y), 1.0F);
+      occupancy.AddFrame(std::vector{place_m}, 39);
+      const Occupancy::Verdict verdict = occupancy.Judge(place_m, 39, 0, NeverFloats);
+      count += verdict.is_structure ? 1 : 0;
+    }
+    return count;
+  };
+  EXPECT_GE(is_structure(false), 4);
+  EXPECT_LE(is_structure(true), 1);
+}
+
 TEST_F(OccupancyTest, WhatIsHitAtMostTimesIsStructureAndWhatComesAnewIsNot) {
   for (std::int64_t bin = 0; bin < 50; ++bin) {
     Bin(bin, bin % 6 != 0);

@@ -369,6 +369,19 @@ TEST(Plots, EveryCandidateIsOnceABodyOrInAPlotIfNoneIsNextToABody) {
   EXPECT_GT(held.size(), 500U);
 }
 
+TEST(Plots, ADroneAmongStraysIsNoPartOfABodyThatTheyMake) {
+  const RecordingMaker maker = OnGround([](double time_s, RecordingMaker* m) {
+    m->AddBlob({14.0, 3.0 * (time_s - 3.0), 9.0}, 0.1, 5, kDrone);
+    m->AddBox({4.0, -14.0, 2.0}, {20.0, 14.0, 14.0}, 500);  // 0.09 in a cubic metre
+  });
+  RobustConfig config;
+  const double share = ShareInPlots(maker, FindPlots(maker.recording, config), kDrone);
+  config.disabled_rules = {Rule::kStrays};
+  const double share_without = ShareInPlots(maker, FindPlots(maker.recording, config), kDrone);
+  EXPECT_GT(share, 0.4);
+  EXPECT_LT(share_without, 0.1);
+}
+
 // A sky without structure: everything would float in it.
 std::vector<Plot> PlotsInTheSky(const Recording& recording) {
   const RobustConfig config;
@@ -380,7 +393,8 @@ std::vector<Plot> PlotsInTheSky(const Recording& recording) {
     const FrameInfo& frame = recording.frames[f];
     std::vector<std::uint32_t> candidates(frame.last_return - frame.first_return);
     std::iota(candidates.begin(), candidates.end(), frame.first_return);
-    const FramePlots& found = plotter.Find(recording, f, &candidates, ground, 0.0, config);
+    const FramePlots& found = plotter.Find(
+        recording, f, &candidates, ground, 0.0, [](const Eigen::Vector3f&) { return 0.0; }, config);
     for (std::size_t p = 0; p < found.plots.size(); ++p) {
       const IndexView returns = plotter.ReturnsOf(p);
       plots.push_back(found.plots[p]);

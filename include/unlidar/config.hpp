@@ -109,7 +109,7 @@ enum class Rule {
   kCollection,       // [R] all returns along a path are collected, not only those of its plots
   kClutterLearning,  // [S] the threshold is higher while the clutter is hardly known
   kPause,            // gates: [S] plots before a pause,
-  kStationary,       // [S] supported objects at rest,
+  kStationary,       // objects at rest: [S] supported ones, those that the sensor passes,
   kSurge,            // [S] plots while the clutter changes,
   kSuspended,        // suspended objects,
   kCloud,            // steam, smoke, dust,

@@ -4,12 +4,10 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "unlidar/config.hpp"
+#include "tracking/flight.hpp"
 
 namespace unlidar {
 
-// A target that moves farther does not stand or hang.
-constexpr RangeRadius kMinDisplacement{0.8, 0.02};
 // Longer than the period of most swings: means over this time are constant for a hanging object,
 // not for a hovering drone.
 constexpr double kSwingPeriodS = 3.0;

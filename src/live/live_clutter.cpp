@@ -41,7 +41,10 @@ void LiveClutter::AddFrame(std::uint32_t sensor, std::uint32_t bin,
   Sensor& own = SensorAt(sensor);
   if (own.frames.empty() || own.frames.back().bin != bin) own.frames.push_back({bin, 0});
   ++own.frames.back().count;
-  for (const LivePlot& seen : plots) clutter_.Add(sensor, seen.plot.PlaceM().cast<float>(), bin);
+  for (const LivePlot& seen : plots) {
+    clutter_.Add(sensor, seen.plot.PlaceM().cast<float>(), bin);
+    if (seen.plot.IsFromTravel()) along_.Add(sensor, seen.plot.carrier_ray_m, bin);
+  }
 }
 
 void LiveClutter::AddLookahead(std::uint32_t sensor, std::uint32_t bin,
@@ -65,7 +68,12 @@ void LiveClutter::Judge(const Support& support, std::uint32_t sensor, std::uint3
     const Eigen::Vector3f place_m = plot.PlaceM().cast<float>();
     const auto levels =
         clutter_.LevelsAt(sensor, place_m, clutter_.ExcludedAt(sensor, place_m, bin));
-    const double rate = RateAtOtherTimes(levels, frames, 0, num_levels_);
+    double rate = RateAtOtherTimes(levels, frames, 0, num_levels_);
+    if (plot.IsFromTravel()) {
+      const Eigen::Vector3f& ray_m = plot.carrier_ray_m;
+      const auto along = along_.LevelsAt(sensor, ray_m, along_.ExcludedAt(sensor, ray_m, bin));
+      rate = std::max(rate, RateAtOtherTimes(along, frames, 0, ClutterMap::kNumAlongLevels));
+    }
     seen.log_surrounding_clutter = plot.log_clutter = std::log(rate);
     if (plot.is_floating) continue;
     // method.md (3) and (4): a plot of a dwell is predicted by those before it.
@@ -117,6 +125,7 @@ void LiveClutter::RemoveFromClutter(const LivePlot& seen) {
   if (seen.bin < forgotten_bins_) return;
   const Plot& plot = seen.plot;
   clutter_.Add(plot.sensor, plot.PlaceM().cast<float>(), seen.bin, -1);
+  if (plot.IsFromTravel()) along_.Add(plot.sensor, plot.carrier_ray_m, seen.bin, -1);
 }
 
 void LiveClutter::Restart(std::uint32_t bin) {
@@ -130,6 +139,7 @@ void LiveClutter::Sweep(std::uint32_t newest_bin) {
 void LiveClutter::Forget(std::uint32_t before_bin) {
   forgotten_bins_ = before_bin;
   clutter_.Forget(before_bin);
+  along_.Forget(before_bin);
   static_places_.Forget(before_bin);
   neighbour_test_.Forget(before_bin);
   for (Sensor& sensor : sensors_) {

@@ -74,6 +74,7 @@ class LiveClutter {
   std::uint32_t forgotten_bins_ = 0;    // earlier ones are forgotten
   std::vector<Sensor> sensors_;
   ClutterMap clutter_;
+  ClutterMap along_;  // the plots of sensors that travel, in the axes of their carriers
   StaticPlaces static_places_;
   NeighbourTest neighbour_test_;
   Queue<StaticPlot> static_plots_;  // of the same time

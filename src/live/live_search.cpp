@@ -21,16 +21,6 @@ constexpr double kLearningS = 10.0;
 // The same for a path with more neighbouring plots than its own.
 constexpr double kCrowdedLearningS = 30.0;
 
-// Distance between the means of the first and the last third of plots in order of time.
-double DriftM(const std::vector<LivePlot>& path) {
-  const std::size_t third = std::max<std::size_t>(1, path.size() / 3);
-  Eigen::Vector3d displacement_m = Eigen::Vector3d::Zero();
-  for (std::size_t i = 0; i < third; ++i) {
-    displacement_m += path[path.size() - third + i].plot.position_m - path[i].plot.position_m;
-  }
-  return displacement_m.norm() / static_cast<double>(third);
-}
-
 bool Floats(const std::vector<LivePlot>& path) {
   const auto num_floating = std::count_if(
       path.begin(), path.end(), [](const LivePlot& seen) { return seen.plot.is_floating; });
@@ -39,9 +29,9 @@ bool Floats(const std::vector<LivePlot>& path) {
 
 // True if a path moves or is unsupported. Otherwise it may be a twig that is hit more often for a
 // while: a stream does not know how often its place will be hit later.
-bool MovesOrFloats(const std::vector<LivePlot>& path) {
-  const double min_move_m = kMinDisplacement.At(path.front().plot.ray_m.norm());
-  return Floats(path) || DriftM(path) > min_move_m;
+bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& plots) {
+  const double min_move_m = kMinDisplacement.At(plots.front().ray_m.norm());
+  return Floats(path) || DriftM(plots) > min_move_m;
 }
 
 // Number of plots before the last long pause of a path.
@@ -187,7 +177,7 @@ Rejection LiveSearch::Judge(const Path& path) {
   }
   const Rejection rejection = FlightRejection(recent_, plots, robust);
   if (rejection != Rejection::kNone) return rejection;
-  if (robust.Uses(Rule::kStationary) && !MovesOrFloats(flight.plots)) {
+  if (robust.Uses(Rule::kStationary) && !MovesOrFloats(flight.plots, plots)) {
     return Rejection::kStationary;
   }
   flight.frame_times.clear();

@@ -22,8 +22,9 @@ using Assignments = std::vector<std::string>;
 // Events frame by frame.
 class Stream {
  public:
-  Stream(const std::string& config, const Assignments& assignments, std::int64_t nanohertz)
-      : sensors_(config, assignments, nanohertz, false,
+  Stream(const std::string& config, const Assignments& assignments, std::int64_t nanohertz,
+         const PoseFiles& poses)
+      : sensors_(config, assignments, nanohertz, poses, false,
                  [this](const EngineEvent& event) { events_.Take(event, sensors_); }) {}
 
   py::list Add(const std::string& sensor, TimeNs stamp_ns, const py::object& xyz,
@@ -59,8 +60,9 @@ class Stream {
 // Tracks when all frames are there.
 class Recording {
  public:
-  Recording(const std::string& config, const Assignments& assignments, std::int64_t nanohertz)
-      : sensors_(config, assignments, nanohertz, true,
+  Recording(const std::string& config, const Assignments& assignments, std::int64_t nanohertz,
+            const PoseFiles& poses)
+      : sensors_(config, assignments, nanohertz, poses, true,
                  [this](const EngineEvent& event) { std::visit(TrackCollector{tracks_}, event); }) {
   }
 
@@ -121,10 +123,10 @@ void Translate(std::exception_ptr thrown) {
 template <typename Front>
 py::class_<Front> Frontend(const py::module_& module, const char* name, const char* doc) {
   return py::class_<Front>(module, name, doc)
-      .def(py::init<const std::string&, const Assignments&, std::int64_t>(), py::arg("config"),
-           py::arg("assignments"), py::arg("nanohertz"),
-           "Takes the path of a YAML file or '', assignments `section.key=value`, and the rate of "
-           "the rows or 0 for the stamps of the first sensor.")
+      .def(py::init<const std::string&, const Assignments&, std::int64_t, const PoseFiles&>(),
+           py::arg("config"), py::arg("assignments"), py::arg("nanohertz"), py::arg("poses"),
+           "Takes the path of a YAML file or '', assignments `section.key=value`, the rate of the "
+           "rows or 0 for the stamps of the first sensor, and files of poses by sensor, '': all.")
       .def("add", &Front::Add, py::arg("sensor"), py::arg("stamp_ns"), py::arg("xyz"),
            py::arg("offsets_ns").none(true),
            "Adds a frame; the interpreter lock is free meanwhile.")

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <memory>
 #include <utility>
 
 #include "app/live_event_reporter.hpp"
@@ -9,6 +10,7 @@
 #include "base/format.hpp"
 #include "io/frames.hpp"
 #include "io/input_limits.hpp"
+#include "io/pose_file.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -20,8 +22,11 @@ constexpr int kPaceFrames = 10;
 constexpr TimeNs kShortestPeriodNs = 1'000'000;  // faster than any LiDAR's frames, by far
 
 Config ConfigOf(const std::string& path, const std::vector<std::string>& assignments,
-                bool is_recording) {
+                const PoseFiles& pose_files, bool is_recording) {
   Config config = LoadConfig(path, assignments);
+  for (const auto& [name, file] : pose_files) {
+    config.poses[name] = std::make_shared<const std::vector<Pose>>(ReadPoses(file));
+  }
   if (is_recording) config.live.delay_s = std::numeric_limits<double>::infinity();
   return config;
 }
@@ -35,8 +40,8 @@ OutputTimes OutputTimesOf(std::int64_t nanohertz) {
 
 NamedSensors::NamedSensors(const std::string& config_path,
                            const std::vector<std::string>& assignments, std::int64_t nanohertz,
-                           bool is_recording, EngineCallback on_event)
-    : config_(ConfigOf(config_path, assignments, is_recording)),
+                           const PoseFiles& pose_files, bool is_recording, EngineCallback on_event)
+    : config_(ConfigOf(config_path, assignments, pose_files, is_recording)),
       engine_(std::make_unique<Engine>(config_, std::vector<std::string>(), std::move(on_event),
                                        OutputTimesOf(nanohertz))) {}
 

@@ -13,12 +13,16 @@
 
 namespace unlidar {
 
+using PoseFiles = std::map<std::string, std::string>;  // by name of the sensor
+
 // An engine to which a sensor is added with its first frame.
 class NamedSensors {
  public:
-  // Throws what LoadConfig() and Engine throw. `is_recording`: rows come at the end only.
+  // Throws what LoadConfig(), ReadPoses() and Engine throw. `pose_files`: see Config::poses.
+  // `is_recording`: rows come at the end only.
   NamedSensors(const std::string& config_path, const std::vector<std::string>& assignments,
-               std::int64_t nanohertz, bool is_recording, EngineCallback on_event);
+               std::int64_t nanohertz, const PoseFiles& pose_files, bool is_recording,
+               EngineCallback on_event);
 
   // Throws UsageError for a name that --stdin refuses, InputError for a bad frame unless
   // input.skip_bad_frames is set. The interpreter lock is free while the engine works.

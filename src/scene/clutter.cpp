@@ -30,7 +30,8 @@ class ClutterEstimate {
                      [&](std::uint32_t a, std::uint32_t b) { return bins_[a] < bins_[b]; });
     spots_.resize(plots.size());
     excluded_.resize(plots.size());
-    Fill([&](std::size_t i) { return assigned[i] == 0; },
+    const auto place = [&](std::size_t i) { return PlaceM(i); };
+    Fill([&](std::size_t i) { return assigned[i] == 0; }, place,
          [&](std::size_t i) {
            excluded_[i] = all_.ExcludedAt(plots[i].sensor, PlaceM(i), bins_[i]);
            spots_[i].near = all_.ExcludedAtSpot(plots[i].sensor, PlaceM(i), bins_[i]);
@@ -40,12 +41,22 @@ class ClutterEstimate {
       spots_[i].at_other_times = all_.AllAtSpot(plots[i].sensor, PlaceM(i)) - spots_[i].near;
     }
     recurrent_excluded_.resize(plots.size());
-    Fill([&](std::size_t i) { return assigned[i] == 0 && spots_[i].at_other_times > 0; },
+    Fill([&](std::size_t i) { return assigned[i] == 0 && spots_[i].at_other_times > 0; }, place,
          [&](std::size_t i) {
            if (!MayBeOneDwell(i)) return;
            recurrent_excluded_[i] = recurrent_.ExcludedAt(plots[i].sensor, PlaceM(i), bins_[i]);
          },
          &recurrent_);
+    along_excluded_.resize(plots.size());
+    Fill([&](std::size_t i) { return assigned[i] == 0 && plots[i].IsFromTravel(); },
+         [&](std::size_t i) { return plots[i].carrier_ray_m; },
+         [&](std::size_t i) {
+           if (plots[i].IsFromTravel()) {
+             along_excluded_[i] =
+                 along_.ExcludedAt(plots[i].sensor, plots[i].carrier_ray_m, bins_[i]);
+           }
+         },
+         &along_);
   }
 
   // Returns the log of the clutter intensity of plot `i`, per m^3 and frame of its sensor.
@@ -57,9 +68,13 @@ class ClutterEstimate {
     const std::uint32_t num_excluded =
         bins.NumFrames(plot.sensor, bins.BinsAround(bins_[i], ClutterMap::kExclusionBins));
     // Plots at the spot of a floating plot are not clutter, whatever their time.
-    const double rate =
-        RateAtOtherTimes(levels, num_frames - num_excluded,
-                         plot.is_floating ? spots_[i].at_other_times : 0, num_levels_);
+    double rate = RateAtOtherTimes(levels, num_frames - num_excluded,
+                                   plot.is_floating ? spots_[i].at_other_times : 0, num_levels_);
+    if (plot.IsFromTravel()) {
+      const auto along = along_.LevelsAt(plot.sensor, plot.carrier_ray_m, along_excluded_[i]);
+      rate = std::max(
+          rate, RateAtOtherTimes(along, num_frames - num_excluded, 0, ClutterMap::kNumAlongLevels));
+    }
     if (plot.is_floating) return std::log(rate);
     // The place of an assigned plot may have been revisited by its own target.
     const double min_rate = std::max(rate, assigned_[i] ? 0.0 : plot.place_rate);
@@ -88,15 +103,17 @@ class ClutterEstimate {
     std::uint32_t at_other_times = 0;
   };
 
-  // Fills a map with the plots that `is_added` selects, and calls `count` for each plot as soon as
-  // the bins excluded for it are complete: the map finds its latest bins first.
-  template <class IsAdded, class CountAt>
-  void Fill(const IsAdded& is_added, const CountAt& count, ClutterMap* map) const {
+  // Fills a map with the plots that `is_added` selects, at their `place`, and calls `count` for
+  // each plot as soon as the bins excluded for it are complete: the map finds its latest bins
+  // first.
+  template <class IsAdded, class PlaceOf, class CountAt>
+  void Fill(const IsAdded& is_added, const PlaceOf& place, const CountAt& count,
+            ClutterMap* map) const {
     auto next = by_bin_.begin();
     for (const std::uint32_t i : by_bin_) {
       const std::uint32_t end = ClutterMap::Excluded(bins_[i]).last;
       for (; next != by_bin_.end() && bins_[*next] < end; ++next) {
-        if (is_added(*next)) map->Add(plots_[*next].sensor, PlaceM(*next), bins_[*next]);
+        if (is_added(*next)) map->Add(plots_[*next].sensor, place(*next), bins_[*next]);
       }
       count(i);
     }
@@ -138,6 +155,8 @@ class ClutterEstimate {
   std::vector<ClutterMap::LevelCounts> excluded_;            // (plots) of all_
   std::vector<ClutterMap::LevelCounts> recurrent_excluded_;  // (plots that may be of one dwell)
   std::vector<Spot> spots_;                                  // (plots)
+  ClutterMap along_;  // plots of sensors that travel, in the axes of their carriers
+  std::vector<ClutterMap::LevelCounts> along_excluded_;  // (plots)
 };
 
 }  // namespace

@@ -22,6 +22,9 @@ constexpr RangeRadius kClutterNarrow{1.5, 0.04};
 class ClutterMap {
  public:
   static constexpr std::size_t kNumLevels = 3;
+  // Those of a map in the axes of a carrier that travels: what lies along its way comes by again,
+  // but no spot does.
+  static constexpr std::size_t kNumAlongLevels = 2;
   static constexpr std::uint32_t kExclusionBins = 2;
 
   using LevelCounts = std::array<std::uint32_t, kNumLevels>;

@@ -21,7 +21,7 @@ std::uint16_t QuantaOf(float range_m) {
 }
 
 // A place may have been seen from this much farther than now.
-constexpr float kFarther = 1.5F;
+constexpr float kFarther = 1.25F;
 // A carrier that moves less is at rest, as the noise of its poses is as large.
 constexpr float kMaxRestM = 0.05F;
 constexpr float kMaxRestRad = 0.2F * static_cast<float>(M_PI) / 180.0F;

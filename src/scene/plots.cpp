@@ -202,6 +202,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
     plot.ray_m = plot.position_m = MeanOf(recording, returns);
     plot.variance_m2 = VarianceM2(plot.position_m.norm(), returns.size(), config.plots);
     plot.shift_m = frame.carrier.shift_m;
+    plot.carrier_ray_m = frame.carrier.rotation.conjugate() * plot.ray_m.cast<float>();
     plot.column_m = ground.HeightAbove(plot.PlaceM().cast<float>()) - kRoughnessM;
     TimeNs time_sum = 0;
     plot.lowest_m = std::numeric_limits<double>::infinity();

@@ -15,6 +15,7 @@
 #include "scene/ground.hpp"
 #include "scene/linkage.hpp"
 #include "scene/station_model.hpp"
+#include "scene/stations.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -36,8 +37,9 @@ struct Plot {
   TimeNs frame_time_ns = 0;  // middle of its frame
   double streak_s = 0.0;     // duration of its frame if returns have no times, otherwise 0
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();    // from the viewpoint of its frame
-  Eigen::Vector3f shift_m = Eigen::Vector3f::Zero();  // of its sensor, see CarrierPose
+  Eigen::Vector3d ray_m = Eigen::Vector3d::Zero();          // from the viewpoint of its frame
+  Eigen::Vector3f shift_m = Eigen::Vector3f::Zero();        // of its sensor, see CarrierPose
+  Eigen::Vector3f carrier_ray_m = Eigen::Vector3f::Zero();  // the ray in the axes of the carrier
   double variance_m2 = 0.0;     // of the position, per axis, for a target at rest
   double lowest_m = 0.0;        // height of its lowest return above the ground
   double place_rate = 0.0;      // of its returns, see StationScene::FindPlots
@@ -56,6 +58,9 @@ struct Plot {
 
   // Its place in the scene of its station.
   Eigen::Vector3d PlaceM() const { return ray_m + shift_m.cast<double>(); }
+
+  // True if its sensor is away from where its station was first.
+  bool IsFromTravel() const { return shift_m.norm() > kMaxStationRadiusM; }
 };
 
 // Returns the volume in which the plots of one point-like object lie: V_plot of method.md (3).

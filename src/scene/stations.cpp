@@ -3,11 +3,6 @@
 #include <algorithm>
 
 namespace unlidar {
-namespace {
-
-constexpr float kMaxStationRadiusM = 2.0F;
-
-}  // namespace
 
 Stations::Stations(const std::vector<SensorInfo>& sensors) {
   for (std::uint32_t i = 0; i < sensors.size(); ++i) Add(i, sensors[i]);

@@ -10,16 +10,18 @@
 
 namespace unlidar {
 
+// Size of a mount: its sensors have nearly the same view.
+inline constexpr float kMaxStationRadiusM = 2.0F;
+
 // Assigns sensors to stations. Ranges, directions and occlusion are specific to a station.
 class Stations {
  public:
   Stations() = default;
   explicit Stations(const std::vector<SensorInfo>& sensors);
 
-  // Adds a sensor to the first station of its carrier whose viewpoint is within 2 m, the size of a
-  // mount, whose sensors have nearly the same view. Otherwise creates a station; its viewpoint is
-  // the common origin, about which most mounts are calibrated, if within 2 m, else the sensor's
-  // origin. Returns the index of the station.
+  // Adds a sensor to the first station of its carrier whose viewpoint is within kMaxStationRadiusM.
+  // Otherwise creates a station; its viewpoint is the common origin, about which most mounts are
+  // calibrated, if within that radius, else the sensor's origin. Returns the index of the station.
   std::size_t Add(std::uint32_t sensor, const SensorInfo& info);
 
   std::size_t size() const { return viewpoints_m_.size(); }

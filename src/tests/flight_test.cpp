@@ -168,5 +168,38 @@ TEST(Flight, WhatIsOnTheGroundOrAboveThePathIsNoLegs) {
   EXPECT_FALSE(is_below({0.5, 0.5, 0.45}));
 }
 
+// Twenty frames of a path, one a metre of the way of its sensor, if that travels.
+Rejection RejectionOf(const Eigen::Vector3d& step_m, bool travels) {
+  Recording recording;
+  recording.sensors.resize(1);
+  std::vector<Plot> path;
+  for (std::uint32_t k = 0; k < 20; ++k) {
+    FrameInfo frame;
+    frame.begin_ns = k * NsOf(0.1);
+    frame.end_ns = frame.begin_ns + NsOf(0.1);
+    if (travels) frame.carrier.shift_m.x() = static_cast<float>(k);
+    recording.frames.push_back(frame);
+    Plot plot;
+    plot.frame = k;
+    plot.time_ns = plot.frame_time_ns = frame.middle_ns();
+    plot.shift_m = frame.carrier.shift_m;
+    plot.position_m = Eigen::Vector3d(30.0, 5.0, 10.0) + k * step_m;
+    plot.ray_m = plot.position_m - plot.shift_m.cast<double>();
+    plot.lowest_m = 10.0;
+    plot.num_returns = 5;
+    path.push_back(plot);
+  }
+  return FlightRejection(recording, path, Config());
+}
+
+TEST(Flight, WhatStandsStillIsNoneWhereItsSensorPassesBy) {
+  const Eigen::Vector3d still_m(0, 0, 0);
+  const Eigen::Vector3d moving_m(0, 0.3, 0);
+  EXPECT_EQ(RejectionOf(still_m, false), Rejection::kNone);
+  EXPECT_EQ(RejectionOf(moving_m, false), Rejection::kNone);
+  EXPECT_EQ(RejectionOf(still_m, true), Rejection::kStationary);
+  EXPECT_EQ(RejectionOf(moving_m, true), Rejection::kNone);
+}
+
 }  // namespace
 }  // namespace unlidar

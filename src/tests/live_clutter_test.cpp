@@ -125,5 +125,32 @@ TEST_F(LiveClutterTest, WhatIsRemovedOrOlderThanTheWindowIsNoClutter) {
   EXPECT_GT(Judge(&forgetting, kNext + 6)[0].plot.log_clutter, forgotten);
 }
 
+// Crowns along a road: each is seen once, but always about as far ahead.
+TEST_F(LiveClutterTest, WhatComesByAlongTheWayIsClutterAlsoWhereNothingWasSeenYet) {
+  const auto log_clutter = [&](bool travels) {
+    LiveClutter clutter(config_, 60.0);
+    std::vector<LivePlot> plots;
+    for (int i = 0; i < 60; ++i) {
+      LivePlot seen;
+      Plot& plot = seen.plot;
+      plot.carrier_ray_m = {40.0F, i % 2 == 0 ? 8.0F : -8.0F, 5.0F};
+      plot.ray_m = plot.carrier_ray_m.cast<double>();
+      const Eigen::Vector3f way_m(static_cast<float>(5 * i), 0.0F, 0.0F);
+      if (travels) {
+        plot.shift_m = way_m;
+      } else {
+        plot.ray_m += way_m.cast<double>();
+      }
+      plot.position_m = plot.PlaceM();
+      plot.variance_m2 = 0.02;
+      plot.frame_time_ns = NsOf(i * kPeriodS);
+      plots.assign(1, seen);
+      clutter.Judge(support_, 0, BinOf(i), &plots);
+    }
+    return plots.front().plot.log_clutter;
+  };
+  EXPECT_GT(log_clutter(true), log_clutter(false) + 1.0);
+}
+
 }  // namespace
 }  // namespace unlidar

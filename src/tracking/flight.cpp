@@ -145,7 +145,22 @@ double ReturnRateM2PerS(const Recording& recording, const std::vector<Plot>& pat
   return return_rate_m2_per_s;
 }
 
+// True if a path stays where it is while its sensor travels.
+bool IsPassedAtRest(const std::vector<Plot>& path) {
+  return (path.back().shift_m - path.front().shift_m).norm() > kMaxStationRadiusM &&
+         DriftM(path) < kMinDisplacement.At(path.front().ray_m.norm());
+}
+
 }  // namespace
+
+double DriftM(const std::vector<Plot>& path) {
+  const std::size_t third = std::max<std::size_t>(1, path.size() / 3);
+  Eigen::Vector3d displacement_m = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < third; ++i) {
+    displacement_m += path[path.size() - third + i].position_m - path[i].position_m;
+  }
+  return displacement_m.norm() / static_cast<double>(third);
+}
 
 bool HasMinFrames(const std::vector<Plot>& path, int min_frames) {
   std::set<std::uint32_t> frames;
@@ -170,6 +185,7 @@ Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& p
   }
   if (ReturnRateM2PerS(recording, path) <= config.min_return_rate_m2_per_s)
     return Rejection::kWeakReturn;
+  if (config.Uses(Rule::kStationary) && IsPassedAtRest(path)) return Rejection::kStationary;
   return Rejection::kNone;
 }
 

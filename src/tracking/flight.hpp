@@ -21,8 +21,16 @@ bool HasMinFrames(const std::vector<Plot>& path, int min_frames);
 double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& path,
                         const RobustConfig& config);
 
-// Returns kNone for a path that has enough detections, is off the ground and has the return rate of
-// a drone. Uses the sensors and frames of the recording, which may be only those about the path.
+// A target that moves farther does not stand or hang.
+constexpr RangeRadius kMinDisplacement{0.8, 0.02};
+
+// Returns the distance between the means of the first and the last third of the plots.
+double DriftM(const std::vector<Plot>& path);
+
+// Returns kNone for a path that has enough detections, is off the ground, has the return rate of
+// a drone and, seen from a carrier that travels meanwhile, moves itself: what stands still comes
+// into range and leaves it like what comes and goes. Uses the sensors and frames of the recording,
+// which may be only those about the path.
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
                           const RobustConfig& config);
 

@@ -20,9 +20,9 @@ enum class Rejection {
   kPause,             // [S] plots before a long gap are another target's; rule pause
   kTooFewDetections,  // M of N: repeated clutter is not independent evidence; robust.min_plots
   kNearGround,        // people and vehicles move as targets do; robust.off_ground_m, _share
-  kStationary,  // [S] supported and at rest: its later hits are not known yet; rule stationary
-  kWeakReturn,  // cross-section of an insect; robust.min_return_rate_m2_per_s
-  kCrowded,     // below the threshold given the neighbouring plots of the time; rule crowded
+  kStationary,        // at rest: [S] supported, or passed by the sensor; rule stationary
+  kWeakReturn,        // cross-section of an insect; robust.min_return_rate_m2_per_s
+  kCrowded,           // below the threshold given the neighbouring plots of the time; rule crowded
   kPartOfAnotherTrack,  // duplicate: most plots belong to one track; none, its track has them
   kSharesReturns,       // a return belongs to at most one target; none
   kSingleMeasurement,   // [R] no velocity follows from one measurement; none

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, NoReturn, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
-from unlidar.call_checks import config_path, settings_of
+from unlidar.call_checks import config_path, poses_of, settings_of
 from unlidar.errors import InputError, UnlidarError, UsageError
 from unlidar.events.event import EngineState, Event, Now, Row, SensorState, TrackBegins, TrackEnds
 from unlidar.settings import assignments
@@ -100,17 +100,19 @@ class Engine:
         config: AnyPath | None = None,
         settings: Mapping[str, object] | None = None,
         rate_hz: float | None = None,
+        poses: AnyPath | Mapping[str, AnyPath] | None = None,
     ) -> None:
         """The engine of a configuration.
 
         `config` is a YAML file, `settings` are single values of it by their key, as
         {"live.delay_s": 0.5}, which go before the file. Rows come at the stamps of the first
-        sensor's frames, or `rate_hz` times a second.
+        sensor's frames, or `rate_hz` times a second. `poses` is a TUM file of the way of what
+        carries the sensors, or one for each sensor that moves, by its name.
 
         ConfigError for a wrong file or value, UsageError for a rate outside (0, 1e6],
         UnlidarError where the compiled module is not built.
         """
-        self._stream: Any = _native().Stream(*_setup(config, settings, rate_hz))
+        self._stream: Any = _native().Stream(*_setup(config, settings, rate_hz, poses))
         self._lock = Lock()
 
     def add(
@@ -171,6 +173,7 @@ def track(
     config: AnyPath | None = None,
     settings: Mapping[str, object] | None = None,
     rate_hz: float | None = None,
+    poses: AnyPath | Mapping[str, AnyPath] | None = None,
 ) -> list[Track]:
     """The tracks in the frames of a recording, as `unlidar_track --frames` finds them.
 
@@ -189,7 +192,7 @@ def track(
         if path is None or not has_sensors(Path(path)):
             settings = frames.settings | settings_of(settings)
         frames = _led(frames)
-    recording = _native().Recording(*_setup(config, settings, rate_hz))
+    recording = _native().Recording(*_setup(config, settings, rate_hz, poses))
     for number, frame in enumerate(frames, 1):
         if not isinstance(frame, tuple) or len(frame) not in (3, 4):
             raise UsageError(
@@ -230,18 +233,22 @@ def _native() -> ModuleType:
 
 
 def _setup(
-    config: AnyPath | None, settings: Mapping[str, object] | None, rate_hz: float | None
-) -> tuple[str, list[str], int]:
-    """Path, assignments, and the rate in nanohertz, 0 for none."""
+    config: AnyPath | None,
+    settings: Mapping[str, object] | None,
+    rate_hz: float | None,
+    poses: AnyPath | Mapping[str, AnyPath] | None,
+) -> tuple[str, list[str], int, dict[str, str]]:
+    """Path, assignments, the rate in nanohertz, 0 for none, and the files of poses by sensor."""
     path, assigned = config_path(config) or "", assignments(settings_of(settings))
+    files = {name: str(file) for name, file in poses_of(poses).items()}
     if rate_hz is None:
-        return path, assigned, 0
+        return path, assigned, 0, files
     if not (isinstance(rate_hz, (int, float, np.number)) and 0 < rate_hz <= _MOST_RATE_HZ):
         raise UsageError(f"rate_hz: {rate_hz!r}, expected a number above 0 to 1e6")
     nanohertz = round(float(rate_hz) * 1e9)
     if nanohertz == 0:
         raise UsageError(f"rate_hz: {rate_hz!r}, expected at least 1e-9")
-    return path, assigned, nanohertz
+    return path, assigned, nanohertz, files
 
 
 def _checked(sensor: str, stamp_ns: SupportsIndex, xyz: object) -> tuple[str, int, object]:

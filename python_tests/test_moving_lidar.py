@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import unlidar
 from live_program import ENDLESS, feed, messages
 from scipy.spatial.transform import Rotation
 from synthetic import (
@@ -231,3 +232,34 @@ def test_unlidar_run_and_explain_move_the_lidar(
     (told,) = explained(run)
     print(told)
     assert all(part["evidence"]["returns"] > 0 for part in told["runs"])
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_track_and_engine_take_the_poses(named, flight, tmp_path, program):
+    poses = poses_of("car")
+    way = tmp_path / "way.tum"
+    write_poses(way, poses, "car")
+    moving = seen_from(poses, flight)
+    clouds = [
+        ("lidar", stamp_ns, cloud, np.rint(times_s * 1e9).astype("i8"))
+        for stamp_ns, cloud, times_s in zip(
+            moving.stamps_ns, moving.clouds, moving.times_s, strict=True
+        )
+    ]
+    files = {"lidar": way} if named else way
+    (found,) = unlidar.track(clouds, poses=files)
+    moved = rows_of(written(tmp_path / "lidar", moving), tmp_path / "m.csv", False, "--poses", way)
+    assert found.rows["timestamp_ns"].tolist() == [
+        int(stamp.replace(".", "")) for stamp in moved.stamps
+    ]
+    np.testing.assert_allclose(found.rows["x"], moved.position_m[:, 0], atol=1e-6)
+    engine = unlidar.Engine(poses=files)
+    events = [event for frame in clouds for event in engine.add(*frame)] + engine.close()
+    rows = [event for event in events if isinstance(event, unlidar.Row)]
+    assert len(rows) >= 0.95 * len(moved)
+    times_s = np.array([row.timestamp / 1e9 for row in rows])
+    assert rmse_m(np.array([(row.x, row.y, row.z) for row in rows]), truth_m(times_s)) < 0.15
+    with pytest.raises(unlidar.InputError, match=r"missing\.tum"):
+        unlidar.Engine(poses=tmp_path / "missing.tum")
+    with pytest.raises(unlidar.UsageError, match=r"^poses: 3, expected a TUM file"):
+        unlidar.Engine(poses=3)

@@ -58,11 +58,11 @@ SensorMount MountOf(const std::map<std::string, SensorConfig>& sensors, const Po
 SensorFrames::SensorFrames(std::uint32_t index, const std::string& name, const InputConfig& input,
                            const SensorMount& mount, Source source,
                            std::optional<TimeReading> reading)
-    : index_(index),
-      input_(input),
-      sensor_(mount.sensor),
-      source_(source),
+    : sensor_(mount.sensor),
       offset_ns_(OffsetNs(name, mount.sensor)),
+      input_(input),
+      index_(index),
+      source_(source),
       reading_(reading) {
   info_.name = name;
   info_.origin_m = sensor_.translation_m.cast<float>();

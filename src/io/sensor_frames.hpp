@@ -109,23 +109,24 @@ class SensorFrames {
   void SetTimes(TimeReading reading, LoadedFrame& frame) const;
   bool Place(LoadedFrame* frame);
 
-  std::uint32_t index_;
-  InputConfig input_;
+  // From large to small: no gaps between them.
   SensorConfig sensor_;
-  Source source_;
+  std::optional<PoseHistory> poses_;  // of its carrier, if it moves
   TimeNs offset_ns_;
-  std::optional<PoseHistory> poses_;        // of its carrier, if it moves
-  std::optional<Eigen::Vector3d> first_m_;  // position at its first frame, if it moves
-  bool has_unplaced_ = false;               // frames without a pose
+  TimeNs returns_for_ns_ = 0;               // from the first frame with returns to the last one
+  std::optional<TimeNs> first_return_ns_;   // stamp of the first frame with returns
   std::vector<TimeNs> stamps_ns_;           // ascending; in a stream the newest only
-  mutable SensorInfo info_;                 // its period is computed on demand
-  mutable bool is_period_known_ = false;    // false: to be computed from stamps_ns_
-  mutable std::vector<TimeNs> periods_ns_;  // scratch memory for that
-  RangeStatistics ranges_;
-  std::optional<TimeNs> first_return_ns_;  // stamp of the first frame with returns
-  TimeNs returns_for_ns_ = 0;              // from then to the last frame with returns
+  mutable std::vector<TimeNs> periods_ns_;  // scratch memory for the period
   TimeReadingVote vote_;
-  std::optional<TimeReading> reading_;  // once settled
+  std::optional<Eigen::Vector3d> first_m_;  // position at its first frame, if it moves
+  InputConfig input_;
+  mutable SensorInfo info_;  // its period is computed on demand
+  RangeStatistics ranges_;
+  std::uint32_t index_;
+  Source source_;
+  std::optional<TimeReading> reading_;    // once settled
+  bool has_unplaced_ = false;             // frames without a pose
+  mutable bool is_period_known_ = false;  // false: to be computed from stamps_ns_
 };
 
 // Returns the time offset of a sensor. Throws ConfigError if it exceeds the range of stamps.

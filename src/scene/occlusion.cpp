@@ -85,36 +85,44 @@ void Occlusion::FinishBin() {
 Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int64_t bin,
                                         std::int64_t newest) const {
   Hidden hidden;
-  const float farthest_m = kFarther * (place_m - carriers_[SlotOf(bin)].shift_m).norm();
-  // From a fixed viewpoint all bins are those of one direction.
-  const std::uint32_t fixed_row = rows_[cells_.CellOf(place_m)];
-  const float fixed_range_m = place_m.norm();
-  if (!is_carrier_moving_ && fixed_row == kNone) return hidden;
-  for (int i = 0; i < RecentBins::kWindow; ++i) {
-    const auto slot = static_cast<std::size_t>(i);
-    // The last bin of this slot before bin_.
-    const std::int64_t last = bin_ - 1;
-    const std::int64_t at =
-        last - ((last - i) % RecentBins::kWindow + RecentBins::kWindow) % RecentBins::kWindow;
-    const std::int64_t age = newest - at;
-    if (at < 0 || age >= RecentBins::kWindow) continue;
-    const auto insert = [&](RecentBins* bins) {
-      bins->Insert(static_cast<int>(age));
-      if (at == last) bins->Insert(static_cast<int>(age) - 1);
-    };
-    if (!is_carrier_moving_) {
-      if (IsNearer(depths_[fixed_row + slot], fixed_range_m)) insert(&hidden.behind);
-      continue;
+  if (!is_carrier_moving_) {
+    // All bins are of one direction, and most hide nothing.
+    const std::uint32_t row = rows_[cells_.CellOf(place_m)];
+    if (row == kNone) return hidden;
+    const std::uint16_t* const depths = depths_.data() + row;
+    const float range_m = place_m.norm();
+    std::uint16_t nearest = kNothing;
+    for (int slot = 0; slot < RecentBins::kWindow; ++slot)
+      nearest = std::min(nearest, depths[slot]);
+    if (!IsNearer(nearest, range_m)) return hidden;
+    for (int slot = 0; slot < RecentBins::kWindow; ++slot) {
+      if (IsNearer(depths[slot], range_m)) Insert(slot, newest, &hidden.behind);
     }
-    const CarrierPose& carrier = carriers_[slot];
+    return hidden;
+  }
+  const float farthest_m = kFarther * (place_m - carriers_[SlotOf(bin)].shift_m).norm();
+  for (int slot = 0; slot < RecentBins::kWindow; ++slot) {
+    const auto at = static_cast<std::size_t>(slot);
+    const CarrierPose& carrier = carriers_[at];
     const Eigen::Vector3f ray_m = place_m - carrier.shift_m;
     if (ray_m.norm() > farthest_m || !view_.Contains(carrier.rotation.conjugate() * ray_m)) {
-      insert(&hidden.unseen);
-    } else if (IsBehind(slot, ray_m)) {
-      insert(&hidden.behind);
+      Insert(slot, newest, &hidden.unseen);
+    } else if (IsBehind(at, ray_m)) {
+      Insert(slot, newest, &hidden.behind);
     }
   }
   return hidden;
+}
+
+// Inserts the last bin of a slot before bin_ by its age.
+void Occlusion::Insert(int slot, std::int64_t newest, RecentBins* bins) const {
+  const std::int64_t last = bin_ - 1;
+  const std::int64_t bin =
+      last - ((last - slot) % RecentBins::kWindow + RecentBins::kWindow) % RecentBins::kWindow;
+  const std::int64_t age = newest - bin;
+  if (bin < 0 || age >= RecentBins::kWindow) return;
+  bins->Insert(static_cast<int>(age));
+  if (bin == last) bins->Insert(static_cast<int>(age) - 1);
 }
 
 bool Occlusion::IsBehind(std::size_t slot, const Eigen::Vector3f& ray_m) const {

@@ -63,6 +63,7 @@ class Occlusion {
   };
 
   void FinishBin();
+  void Insert(int slot, std::int64_t newest, RecentBins* bins) const;
   bool IsBehind(std::size_t slot, const Eigen::Vector3f& ray_m) const;
 
   DirectionCells cells_;

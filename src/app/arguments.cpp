@@ -232,8 +232,8 @@ struct NamedPath {
   std::string path;
 };
 
-// Splits [NAME=]PATH. `what` its path is, for messages.
-NamedPath ParseNamedPath(const std::string& option, const std::string& text, const char* what) {
+// Splits [NAME=]PATH. `expected`: a file or a directory, for messages.
+NamedPath ParseNamedPath(const std::string& option, const std::string& text, const char* expected) {
   const std::size_t equals = text.find('=');
   NamedPath named;
   if (equals != std::string::npos && text.find('/') > equals) {
@@ -247,7 +247,7 @@ NamedPath ParseNamedPath(const std::string& option, const std::string& text, con
     named.path = text;
   }
   if (named.path.empty()) {
-    throw UsageError(option + " " + text + ": expected a " + what +
+    throw UsageError(option + " " + text + ": expected a " + expected +
                      (named.name.empty() ? "" : " after '='"));
   }
   return named;
@@ -271,33 +271,29 @@ std::vector<FrameSource> ParseSources(const std::vector<std::string>& texts) {
   return sources;
 }
 
-std::vector<PoseSource> ParsePoseSources(const std::vector<std::string>& texts) {
-  std::vector<PoseSource> sources;
-  std::set<std::string> names;
+PoseFiles ParsePoseFiles(const std::vector<std::string>& texts) {
+  PoseFiles files;
   for (const std::string& text : texts) {
-    NamedPath named = ParseNamedPath("--poses", text, "file");
-    if (!names.insert(named.name).second) {
+    const NamedPath named = ParseNamedPath("--poses", text, "file");
+    if (!files.emplace(named.name, named.path).second) {
       throw UsageError("--poses " + text + ": given twice" +
                        (named.name.empty() ? " without a name" : " for " + named.name) +
                        ", expected one file per LiDAR");
     }
-    sources.push_back({std::move(named.name), std::move(named.path)});
   }
-  return sources;
+  return files;
 }
 
 // Poses of a LiDAR that does not take part would silently be ignored. Live ones may come later.
 void CheckPoseNames(const Arguments& arguments) {
   if (arguments.has_no_folders()) return;
-  for (const PoseSource& poses : arguments.poses) {
-    const auto is_named = [&](const FrameSource& source) {
-      return SourceName(source) == poses.name;
+  for (const auto& [name, file] : arguments.poses) {
+    const auto is_named = [&, &name = name](const FrameSource& source) {
+      return SourceName(source) == name;
     };
-    if (poses.name.empty() ||
-        std::any_of(arguments.sources.begin(), arguments.sources.end(), is_named)) {
-      continue;
-    }
-    throw UsageError("--poses " + poses.name + "=" + poses.file + ": no --frames has that name");
+    const std::vector<FrameSource>& sources = arguments.sources;
+    if (name.empty() || std::any_of(sources.begin(), sources.end(), is_named)) continue;
+    throw UsageError("--poses " + name + "=" + file + ": no --frames has that name");
   }
 }
 
@@ -319,7 +315,7 @@ std::optional<std::string> ParseArguments(int argc, const char* const* argv, Arg
   }
   CheckMode(*arguments, frames);
   arguments->sources = ParseSources(frames);
-  arguments->poses = ParsePoseSources(poses);
+  arguments->poses = ParsePoseFiles(poses);
   CheckPoseNames(*arguments);
   return std::nullopt;
 }

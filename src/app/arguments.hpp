@@ -8,22 +8,17 @@
 #include <vector>
 
 #include "io/frames.hpp"
+#include "io/pose_file.hpp"
 
 namespace unlidar {
 
 // A third of a second of a Mid-360.
 inline constexpr std::uint64_t kMinCaptureBytes = 1'000'000;
 
-// Poses of what carries a sensor; of all sensors if the name is empty.
-struct PoseSource {
-  std::string name;
-  std::string file;
-};
-
 // Empty texts: not given.
 struct Arguments {
   std::vector<FrameSource> sources;
-  std::vector<PoseSource> poses;
+  PoseFiles poses;
   std::string out;
   std::string config;
   std::vector<std::string> assignments;

@@ -4,7 +4,6 @@
 #include <cstddef>
 #include <filesystem>
 #include <map>
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -17,7 +16,6 @@
 #include "base/format.hpp"
 #include "base/parallel.hpp"
 #include "config/config.hpp"
-#include "io/pose_file.hpp"
 #include "io/stamp.hpp"
 #include "recording/pipeline.hpp"
 #include "trajectory/output_times.hpp"
@@ -59,7 +57,7 @@ void CheckOutputs(const Arguments& arguments) {
   std::map<std::string, std::string> taken;  // resolved path -> option
   if (!arguments.config.empty()) taken[ResolvedPath(arguments.config)] = "--config";
   if (!arguments.at.empty()) taken[ResolvedPath(arguments.at)] = "--at";
-  for (const PoseSource& poses : arguments.poses) taken[ResolvedPath(poses.file)] = "--poses";
+  for (const auto& [name, file] : arguments.poses) taken[ResolvedPath(file)] = "--poses";
   for (const auto& [option, path] : Outputs(arguments)) {
     if (path == "-" || IsSpecialFile(path)) continue;  // several outputs may go to /dev/null
     const std::string resolved = ResolvedPath(path);
@@ -214,9 +212,7 @@ void TrackDrones(const Arguments& arguments) {
   Config config = LoadConfig(arguments.config, arguments.assignments);
   CheckSensorNames(config, arguments.sources);
   CheckOutputs(arguments);
-  for (const PoseSource& poses : arguments.poses) {
-    config.poses[poses.name] = std::make_shared<const std::vector<Pose>>(ReadPoses(poses.file));
-  }
+  config.poses = ReadPoseFiles(arguments.poses);
   if (!arguments.is_live()) return TrackRecorded(arguments, request, config);
   const std::string done =
       TrackLive(arguments, request.output_times, config, [&](const std::string& text) {

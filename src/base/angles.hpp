@@ -3,13 +3,22 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 
 namespace unlidar {
 
 // Returns the azimuth in [-pi, pi], 0 along x.
 inline double AzimuthRad(const Eigen::Vector3f& p) {
   return std::atan2(static_cast<double>(p.y()), static_cast<double>(p.x()));
+}
+
+// Returns which of `num_columns` equal azimuths from -pi on it is.
+inline std::size_t AzimuthColumn(const Eigen::Vector3f& p, std::size_t num_columns) {
+  const double turns = (AzimuthRad(p) + M_PI) / (2.0 * M_PI);
+  const auto column = static_cast<std::size_t>(turns * static_cast<double>(num_columns));
+  return std::min(column, num_columns - 1);
 }
 
 // Returns the elevation in [-pi / 2, pi / 2].

@@ -4,14 +4,6 @@
 #include <utility>
 
 namespace unlidar {
-namespace {
-
-Eigen::Quaterniond RotationOf(const Pose& pose) {
-  const Eigen::Vector4d& q = pose.rotation_xyzw;
-  return Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z()).normalized();
-}
-
-}  // namespace
 
 PoseHistory::PoseHistory(std::shared_ptr<const std::vector<Pose>> poses)
     : poses_(std::move(poses)) {}
@@ -43,9 +35,9 @@ void PoseHistory::SetInterval(std::size_t first) {
   const Pose& to = (*poses_)[first + 1];
   begin_ns_ = from.time_ns;
   end_ns_ = to.time_ns;
-  rotation_ = RotationOf(from);
+  rotation_ = RotationOf(from.rotation_xyzw);
   position_m_ = from.position_m;
-  turn_ = Eigen::AngleAxisd(rotation_.conjugate() * RotationOf(to));
+  turn_ = Eigen::AngleAxisd(rotation_.conjugate() * RotationOf(to.rotation_xyzw));
   step_m_ = to.position_m - from.position_m;
 }
 

@@ -11,6 +11,11 @@
 
 namespace unlidar {
 
+// Returns the rotation of a quaternion x, y, z, w of about norm 1, as of a file.
+inline Eigen::Quaterniond RotationOf(const Eigen::Vector4d& xyzw) {
+  return Eigen::Quaterniond(xyzw.w(), xyzw.x(), xyzw.y(), xyzw.z()).normalized();
+}
+
 // Between poses farther apart nobody knows where the carrier was.
 inline constexpr TimeNs kMaxPoseGapNs = 1'000'000'000;
 

@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <memory>
 #include <optional>
 #include <string_view>
 
@@ -85,6 +86,14 @@ std::vector<Pose> ReadPoses(const std::string& path) {
   }
   if (poses.size() < 2) {
     throw InputError(path + ": " + Count(poses.size(), "pose") + ", expected at least two");
+  }
+  return poses;
+}
+
+PosesByName ReadPoseFiles(const PoseFiles& files) {
+  PosesByName poses;
+  for (const auto& [name, path] : files) {
+    poses[name] = std::make_shared<const std::vector<Pose>>(ReadPoses(path));
   }
   return poses;
 }

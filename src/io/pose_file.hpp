@@ -1,9 +1,11 @@
 // Files of poses.
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
+#include "unlidar/config.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -23,5 +25,10 @@ std::string PoseProblem(const Pose* before, const Pose& pose);
 // Throws InputError naming file, line and value, for a line of another form, a pose with a problem
 // and fewer than two poses.
 std::vector<Pose> ReadPoses(const std::string& path);
+
+using PoseFiles = std::map<std::string, std::string>;  // by the name of the sensor, see PosesByName
+
+// Reads each file.
+PosesByName ReadPoseFiles(const PoseFiles& files);
 
 }  // namespace unlidar

@@ -96,9 +96,7 @@ void SensorFrames::Load(PcdCloud cloud, LoadedFrame* frame) {
   frame->counts = InputCounts();
   frame->ranges = RangeStatistics();
   frame->info = FrameInfo();
-  const Eigen::Vector4d& q = sensor_.rotation_xyzw;
-  const Eigen::Matrix3d rotation =
-      Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z()).normalized().toRotationMatrix();
+  const Eigen::Matrix3d rotation = RotationOf(sensor_.rotation_xyzw).toRotationMatrix();
   const auto is_no_return = [](const Eigen::Vector3f& row) { return (row.array() == 0.0F).all(); };
   const bool is_timed = frame->cloud.time_kind != PcdTimeKind::kNone;
   InputCounts& counts = frame->counts;

@@ -23,7 +23,7 @@ void TrackFit::AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_
   Measurement m;
   m.time_ns = plot.time_ns;
   m.position_m = plot.position_m + FacingSideOffsetM(body_sigma_m, plot.ray_m, centroid_offset);
-  m.viewpoint_m = plot.position_m - plot.ray_m;
+  m.viewpoint_m = plot.ViewpointM();
   m.support = static_cast<int>(plot.num_returns);
   m.covariance_m2 = MeasurementCovarianceM2({body_sigma_m, body_sigma_m, body_sigma_m}, plot.ray_m,
                                             StreakM2(plot.streak_s, velocity_mps),

@@ -97,8 +97,7 @@ void TrackValidator::SetShape(const TrackFollower& follower, const std::vector<L
                              static_cast<double>(plot.num_returns), &one->scatter_m2});
       }
       if (!clusters_.empty()) {
-        shape_.Add(trajectory.At(last->plot.frame_time_ns),
-                   last->plot.position_m - last->plot.ray_m, clusters_);
+        shape_.Add(trajectory.At(last->plot.frame_time_ns), last->plot.ViewpointM(), clusters_);
       }
     }
     end = begin;

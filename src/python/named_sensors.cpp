@@ -10,7 +10,6 @@
 #include "base/format.hpp"
 #include "io/frames.hpp"
 #include "io/input_limits.hpp"
-#include "io/pose_file.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -24,9 +23,7 @@ constexpr TimeNs kShortestPeriodNs = 1'000'000;  // faster than any LiDAR's fram
 Config ConfigOf(const std::string& path, const std::vector<std::string>& assignments,
                 const PoseFiles& pose_files, bool is_recording) {
   Config config = LoadConfig(path, assignments);
-  for (const auto& [name, file] : pose_files) {
-    config.poses[name] = std::make_shared<const std::vector<Pose>>(ReadPoses(file));
-  }
+  config.poses = ReadPoseFiles(pose_files);
   if (is_recording) config.live.delay_s = std::numeric_limits<double>::infinity();
   return config;
 }

@@ -7,18 +7,17 @@
 #include <string>
 #include <vector>
 
+#include "io/pose_file.hpp"
 #include "python/arrays.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"
 
 namespace unlidar {
 
-using PoseFiles = std::map<std::string, std::string>;  // by name of the sensor
-
 // An engine to which a sensor is added with its first frame.
 class NamedSensors {
  public:
-  // Throws what LoadConfig(), ReadPoses() and Engine throw. `pose_files`: see Config::poses.
+  // Throws what LoadConfig(), ReadPoseFiles() and Engine throw. `pose_files`: see Config::poses.
   // `is_recording`: rows come at the end only.
   NamedSensors(const std::string& config_path, const std::vector<std::string>& assignments,
                std::int64_t nanohertz, const PoseFiles& pose_files, bool is_recording,

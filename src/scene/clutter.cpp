@@ -47,14 +47,15 @@ class ClutterEstimate {
            recurrent_excluded_[i] = recurrent_.ExcludedAt(plots[i].sensor, PlaceM(i), bins_[i]);
          },
          &recurrent_);
+    const auto is_from_travel = [&](std::size_t i) { return plots[i].IsFromTravel(); };
+    if (std::none_of(by_bin_.begin(), by_bin_.end(), is_from_travel)) return;
     along_excluded_.resize(plots.size());
-    Fill([&](std::size_t i) { return assigned[i] == 0 && plots[i].IsFromTravel(); },
+    Fill([&](std::size_t i) { return assigned[i] == 0 && is_from_travel(i); },
          [&](std::size_t i) { return plots[i].carrier_ray_m; },
          [&](std::size_t i) {
-           if (plots[i].IsFromTravel()) {
-             along_excluded_[i] =
-                 along_.ExcludedAt(plots[i].sensor, plots[i].carrier_ray_m, bins_[i]);
-           }
+           if (!is_from_travel(i)) return;
+           along_excluded_[i] =
+               along_.ExcludedAt(plots[i].sensor, plots[i].carrier_ray_m, bins_[i]);
          },
          &along_);
   }
@@ -156,7 +157,7 @@ class ClutterEstimate {
   std::vector<ClutterMap::LevelCounts> recurrent_excluded_;  // (plots that may be of one dwell)
   std::vector<Spot> spots_;                                  // (plots)
   ClutterMap along_;  // plots of sensors that travel, in the axes of their carriers
-  std::vector<ClutterMap::LevelCounts> along_excluded_;  // (plots)
+  std::vector<ClutterMap::LevelCounts> along_excluded_;  // (plots) empty if none travels
 };
 
 }  // namespace

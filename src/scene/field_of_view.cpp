@@ -31,9 +31,7 @@ void FieldOfView::Add(const Eigen::Vector3f& ray_m) {
   // Conservative: angles differ by at least as much as their sines.
   const auto sharp = static_cast<float>(sharp_rad_);
   if (sine > lowest_ + sharp && sine < highest_ - sharp) return;
-  const double turns = (AzimuthRad(ray_m) + M_PI) / (2.0 * M_PI);
-  const std::size_t column =
-      std::min(static_cast<std::size_t>(turns * static_cast<double>(kNumColumns)), kNumColumns - 1);
+  const std::size_t column = AzimuthColumn(ray_m, kNumColumns);
   lowest_of_[column] = std::min(lowest_of_[column], sine);
   highest_of_[column] = std::max(highest_of_[column], sine);
 }

@@ -125,6 +125,10 @@ void Occlusion::Insert(int slot, std::int64_t newest, RecentBins* bins) const {
   if (bin == last) bins->Insert(static_cast<int>(age) - 1);
 }
 
+const Eigen::Vector3f& Occlusion::ViewpointM() const {
+  return carriers_[SlotOf(std::max<std::int64_t>(bin_, 0))].shift_m;
+}
+
 bool Occlusion::IsBehind(std::size_t slot, const Eigen::Vector3f& ray_m) const {
   const std::uint32_t row = rows_[cells_.CellOf(ray_m)];
   return row != kNone && IsNearer(depths_[row + slot], ray_m.norm());
@@ -134,17 +138,12 @@ void Occlusion::View::Add(const Eigen::Vector3f& ray_m) {
   const float sine = ray_m.z() / ray_m.norm();
   lowest = std::min(lowest, sine);
   highest = std::max(highest, sine);
-  columns[ColumnOf(ray_m)] = true;
+  columns[AzimuthColumn(ray_m, kColumns)] = true;
 }
 
 bool Occlusion::View::Contains(const Eigen::Vector3f& ray_m) const {
   const float sine = ray_m.z() / ray_m.norm();
-  return lowest <= sine && sine <= highest && columns[ColumnOf(ray_m)];
-}
-
-std::size_t Occlusion::View::ColumnOf(const Eigen::Vector3f& ray_m) {
-  const double turns = AzimuthRad(ray_m) / (2.0 * M_PI) + 0.5;
-  return std::min(static_cast<std::size_t>(turns * kColumns), kColumns - 1);
+  return lowest <= sine && sine <= highest && columns[AzimuthColumn(ray_m, kColumns)];
 }
 
 }  // namespace unlidar

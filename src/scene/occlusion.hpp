@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <algorithm>
 #include <bitset>
 #include <cstddef>
 #include <cstdint>
@@ -32,16 +31,13 @@ class Occlusion {
 
   // Returns the bins in which the median range in the direction of a place was shorter than its own
   // by more than the size of an occluder and, if the carrier moves, those in which the place was
-  // out of view, or farther away than a thing there must be to return something as in `bin`. Ages
-  // count from `newest`, the last bin added. That one is not complete: it counts as the one before.
+  // out of view, or so much farther from the sensor than in `bin` that a thing there might have
+  // returned nothing. Ages count from `newest`, the last bin added. That one is not complete: it
+  // counts as the one before.
   Hidden HiddenBins(const Eigen::Vector3f& place_m, std::int64_t bin, std::int64_t newest) const;
 
   // Returns where the station was in the last bin added, relative to its first viewpoint.
-  const Eigen::Vector3f& ViewpointM() const {
-    return carriers_[static_cast<std::size_t>(std::max<std::int64_t>(bin_, 0) %
-                                              RecentBins::kWindow)]
-        .shift_m;
-  }
+  const Eigen::Vector3f& ViewpointM() const;
 
   // True once the carrier of a sensor has moved.
   bool is_carrier_moving() const { return is_carrier_moving_; }
@@ -55,7 +51,6 @@ class Occlusion {
 
     // True within the azimuths and between the lowest and the highest elevation of returns.
     bool Contains(const Eigen::Vector3f& ray_m) const;
-    static std::size_t ColumnOf(const Eigen::Vector3f& ray_m);
 
     std::bitset<kColumns> columns;
     float lowest = 1.0F;  // sines of the elevations

@@ -13,8 +13,8 @@ namespace {
 
 // Of so many a place must be exposed for a share, however many more there are.
 constexpr int kEnoughBins = RecentBins::kWindow / 2;
-constexpr double kEnoughFromMoving = 1.0;
-constexpr int kSettledBins = 10;  // observed bins from which structure is kept for a while
+constexpr double kEnoughFromMoving = 1.0;  // the same of a carrier that moves
+constexpr int kSettledBins = 10;           // observed bins from which structure is kept for a while
 constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may be empty by chance
 // With fewer observed bins, any place that is still being hit may be a support.
 constexpr int kYoungBins = 20;

@@ -17,11 +17,10 @@ StationScene::StationScene(const RobustConfig& config)
 void StationScene::Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
   occupancy_.AddFrame(points_m, bin, carrier);
   field_of_view_.AddAttitude(carrier);
-  const bool is_turned = carrier.rotation.vec() != Eigen::Vector3f::Zero();
   const Eigen::Matrix3f to_carrier = carrier.rotation.conjugate().toRotationMatrix();
   for (std::size_t i = 0; i < points_m.size(); ++i) {
     const Eigen::Vector3f ray_m = points_m[i] - carrier.shift_m;
-    field_of_view_.Add(is_turned ? Eigen::Vector3f(to_carrier * ray_m) : ray_m);
+    field_of_view_.Add(to_carrier * ray_m);
     if (!is_fitted() && first_returns_m_.size() < kElevationReturns) {
       first_returns_m_.push_back(ray_m);
     }

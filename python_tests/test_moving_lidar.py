@@ -1,6 +1,8 @@
 """A LiDAR that moves, with poses, gives what it gives at rest: the program's --poses."""
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -234,8 +236,8 @@ def test_unlidar_run_and_explain_move_the_lidar(
     assert all(part["evidence"]["returns"] > 0 for part in told["runs"])
 
 
-@pytest.mark.parametrize("named", [False, True])
-def test_track_and_engine_take_the_poses(named, flight, tmp_path, program):
+@pytest.mark.parametrize("given", ["file", "named file", "poses", "named poses", "recording"])
+def test_track_and_engine_take_the_poses(given, flight, tmp_path, program):
     poses = poses_of("car")
     way = tmp_path / "way.tum"
     write_poses(way, poses, "car")
@@ -246,20 +248,44 @@ def test_track_and_engine_take_the_poses(named, flight, tmp_path, program):
             moving.stamps_ns, moving.clouds, moving.times_s, strict=True
         )
     ]
-    files = {"lidar": way} if named else way
-    (found,) = unlidar.track(clouds, poses=files)
-    moved = rows_of(written(tmp_path / "lidar", moving), tmp_path / "m.csv", False, "--poses", way)
+    folder = tmp_path / "recording" / "lidar"
+    moved = rows_of(written(folder, moving), tmp_path / "m.csv", False, "--poses", way)
+    if given == "recording":
+        shutil.copy(way, folder.parent / "poses.tum")
+        frames = unlidar.read(folder.parent)
+        given_poses = frames.poses
+        assert list(given_poses) == ["lidar"]
+        (found,) = unlidar.track(frames)
+    else:
+        given_poses = way if "file" in given else poses
+        if "named" in given:
+            given_poses = {"lidar": given_poses}
+        (found,) = unlidar.track(clouds, poses=given_poses)
     assert found.rows["timestamp_ns"].tolist() == [
         int(stamp.replace(".", "")) for stamp in moved.stamps
     ]
     np.testing.assert_allclose(found.rows["x"], moved.position_m[:, 0], atol=1e-6)
-    engine = unlidar.Engine(poses=files)
+    engine = unlidar.Engine(poses=given_poses)
     events = [event for frame in clouds for event in engine.add(*frame)] + engine.close()
     rows = [event for event in events if isinstance(event, unlidar.Row)]
     assert len(rows) >= 0.95 * len(moved)
     times_s = np.array([row.timestamp / 1e9 for row in rows])
     assert rmse_m(np.array([(row.x, row.y, row.z) for row in rows]), truth_m(times_s)) < 0.15
+
+
+def test_bad_poses_are_refused_by_name(tmp_path, program):
+    poses = poses_of("car")
     with pytest.raises(unlidar.InputError, match=r"missing\.tum"):
         unlidar.Engine(poses=tmp_path / "missing.tum")
+    with pytest.raises(unlidar.UsageError, match=r"^poses: 3, expected the name of a sensor"):
+        unlidar.Engine(poses={3: poses})
+    backwards = replace(poses, stamp_ns=poses.stamp_ns[::-1])
+    with pytest.raises(unlidar.InputError, match=r"^poses of 'a', pose 1: .*rising stamps"):
+        unlidar.Engine(poses={"a": backwards})
+    lone = unlidar.Poses(poses.stamp_ns[:1], poses.position_m[:1], poses.rotation[:1])
+    with pytest.raises(unlidar.InputError, match=r"^poses: 1 pose, expected at least two"):
+        unlidar.Engine(poses=lone)
+    with pytest.raises(unlidar.InputError, match=r"shape \(n,\) and dtype int64"):
+        unlidar.Engine(poses=replace(poses, stamp_ns=poses.stamp_ns[1:]))
     with pytest.raises(unlidar.UsageError, match=r"^poses: 3, expected a TUM file"):
         unlidar.Engine(poses=3)

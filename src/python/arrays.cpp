@@ -1,7 +1,10 @@
 #include "python/arrays.hpp"
 
+#include <array>
 #include <cstring>
 
+#include "base/format.hpp"
+#include "io/pose_file.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {
@@ -10,6 +13,7 @@ namespace {
 namespace py = pybind11;
 
 constexpr std::size_t kRowColumns = 12;
+constexpr py::ssize_t kPoseColumns = 7;
 
 // "an array of shape (7, 2) and dtype float32", or the type of what is no array.
 std::string Described(const py::object& value) {
@@ -47,6 +51,8 @@ bool IsOf(const py::buffer_info& view, const char* native_formats, py::ssize_t b
 
 bool IsDouble(const py::buffer_info& view) { return IsOf(view, "d", sizeof(double)); }
 
+bool IsInt64(const py::buffer_info& view) { return IsOf(view, "lq", sizeof(std::int64_t)); }
+
 template <typename Value>
 void CopyPoints(const py::buffer_info& view, std::vector<Eigen::Vector3f>& points_m) {
   const char* from = static_cast<const char*>(view.ptr);
@@ -81,8 +87,7 @@ OffsetArray::OffsetArray(const py::object& offsets_ns, std::size_t num_points,
                          const std::string& frame) {
   if (offsets_ns.is_none()) return;
   view_ = ViewOf(offsets_ns);
-  if (IsOf(view_, "lq", sizeof(std::int64_t)) && view_.ndim == 1 &&
-      view_.shape[0] == static_cast<py::ssize_t>(num_points)) {
+  if (IsInt64(view_) && view_.ndim == 1 && view_.shape[0] == static_cast<py::ssize_t>(num_points)) {
     return;
   }
   throw InputError(frame + ": offsets_ns is " + Described(offsets_ns) +
@@ -98,6 +103,38 @@ std::vector<std::int64_t> OffsetArray::Copy() const {
     from += view_.strides[0];
   }
   return offsets_ns;
+}
+
+std::vector<Pose> CopiedPoses(const py::object& stamps_ns, const py::object& values,
+                              const std::string& where) {
+  const py::buffer_info stamps = ViewOf(stamps_ns);
+  const py::buffer_info numbers = ViewOf(values);
+  const bool are_stamps = IsInt64(stamps) && stamps.ndim == 1;
+  if (!are_stamps || !IsDouble(numbers) || numbers.ndim != 2 ||
+      numbers.shape[0] != stamps.shape[0] || numbers.shape[1] != kPoseColumns) {
+    throw InputError(where + ": " + Described(stamps_ns) + " and " + Described(values) +
+                     ", expected one of shape (n,) and dtype int64 and one of shape (n, 7) and "
+                     "dtype float64");
+  }
+  std::vector<Pose> poses;
+  for (py::ssize_t i = 0; i < stamps.shape[0]; ++i) {
+    std::array<double, kPoseColumns> row{};
+    const char* const from = static_cast<const char*>(numbers.ptr) + i * numbers.strides[0];
+    for (std::size_t column = 0; column < row.size(); ++column) {
+      row[column] = ValueAt<double>(from + static_cast<py::ssize_t>(column) * numbers.strides[1]);
+    }
+    const Pose pose = {
+        ValueAt<TimeNs>(static_cast<const char*>(stamps.ptr) + i * stamps.strides[0]),
+        {row[0], row[1], row[2]},
+        {row[3], row[4], row[5], row[6]}};
+    const std::string problem = PoseProblem(poses.empty() ? nullptr : &poses.back(), pose);
+    if (!problem.empty()) throw InputError(where + ", pose " + std::to_string(i) + ": " + problem);
+    poses.push_back(pose);
+  }
+  if (poses.size() < 2) {
+    throw InputError(where + ": " + Count(poses.size(), "pose") + ", expected at least two");
+  }
+  return poses;
 }
 
 py::bytearray PackedRows(const std::vector<TrajectoryRow>& rows) {

@@ -1,5 +1,5 @@
-// Arrays of a frame checked and copied, rows of tracks packed. By the buffer protocol, which is
-// that of any numpy; pybind11's own arrays are for the numpy that it was written for.
+// Arrays of a frame and of poses checked and copied, rows of tracks packed. By the buffer protocol,
+// which is that of any numpy; pybind11's own arrays are for the numpy that it was written for.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -40,6 +40,14 @@ class OffsetArray {
  private:
   pybind11::buffer_info view_;
 };
+
+// Returns the poses of an array of stamps, (n,) int64, and one of coordinates in metres and
+// quaternions x, y, z, w, (n, 7) float64.
+//
+// Throws InputError, which begins with `where`, for anything else, for a pose with a problem (see
+// PoseProblem()), and fewer than two.
+std::vector<Pose> CopiedPoses(const pybind11::object& stamps_ns, const pybind11::object& values,
+                              const std::string& where);
 
 // Rows of 96 bytes: the columns of a trajectory file, with `timestamp_ns` (int64) for `timestamp`,
 // the others as float64.

@@ -3,10 +3,15 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <memory>
+#include <string>
 #include <utility>
 #include <variant>
+#include <vector>
 
 #include "api/track_collector.hpp"
+#include "base/format.hpp"
+#include "io/pose_file.hpp"
 #include "python/arrays.hpp"
 #include "python/named_sensors.hpp"
 #include "python/stream_events.hpp"
@@ -19,12 +24,30 @@ namespace py = pybind11;
 
 using Assignments = std::vector<std::string>;
 
+// Takes of each sensor the path of a file, or a tuple of the arrays of CopiedPoses().
+PosesByName PosesOf(const py::dict& poses) {
+  PosesByName of_name;
+  for (const auto& [key, value] : poses) {
+    const auto name = py::cast<std::string>(key);
+    std::vector<Pose> of_carrier;
+    if (py::isinstance<py::str>(value)) {
+      of_carrier = ReadPoses(py::cast<std::string>(value));
+    } else {
+      const auto [stamps_ns, values] = py::cast<std::pair<py::object, py::object>>(value);
+      of_carrier =
+          CopiedPoses(stamps_ns, values, name.empty() ? "poses" : "poses of " + Quoted(name));
+    }
+    of_name[name] = std::make_shared<const std::vector<Pose>>(std::move(of_carrier));
+  }
+  return of_name;
+}
+
 // Events frame by frame.
 class Stream {
  public:
   Stream(const std::string& config, const Assignments& assignments, std::int64_t nanohertz,
-         const PoseFiles& poses)
-      : sensors_(config, assignments, nanohertz, poses, false,
+         const py::dict& poses)
+      : sensors_(config, assignments, nanohertz, PosesOf(poses), false,
                  [this](const EngineEvent& event) { events_.Take(event, sensors_); }) {}
 
   py::list Add(const std::string& sensor, TimeNs stamp_ns, const py::object& xyz,
@@ -61,8 +84,8 @@ class Stream {
 class Recording {
  public:
   Recording(const std::string& config, const Assignments& assignments, std::int64_t nanohertz,
-            const PoseFiles& poses)
-      : sensors_(config, assignments, nanohertz, poses, true,
+            const py::dict& poses)
+      : sensors_(config, assignments, nanohertz, PosesOf(poses), true,
                  [this](const EngineEvent& event) { std::visit(TrackCollector{tracks_}, event); }) {
   }
 
@@ -123,10 +146,12 @@ void Translate(std::exception_ptr thrown) {
 template <typename Front>
 py::class_<Front> Frontend(const py::module_& module, const char* name, const char* doc) {
   return py::class_<Front>(module, name, doc)
-      .def(py::init<const std::string&, const Assignments&, std::int64_t, const PoseFiles&>(),
-           py::arg("config"), py::arg("assignments"), py::arg("nanohertz"), py::arg("poses"),
-           "Takes the path of a YAML file or '', assignments `section.key=value`, the rate of the "
-           "rows or 0 for the stamps of the first sensor, and files of poses by sensor, '': all.")
+      .def(
+          py::init<const std::string&, const Assignments&, std::int64_t, const py::dict&>(),
+          py::arg("config"), py::arg("assignments"), py::arg("nanohertz"), py::arg("poses"),
+          "Takes the path of a YAML file or '', assignments `section.key=value`, the rate of the "
+          "rows or 0 for the stamps of the first sensor, and poses by sensor, '': all: the path of "
+          "a file, or stamps with an array of numbers.")
       .def("add", &Front::Add, py::arg("sensor"), py::arg("stamp_ns"), py::arg("xyz"),
            py::arg("offsets_ns").none(true),
            "Adds a frame; the interpreter lock is free meanwhile.")

@@ -21,9 +21,9 @@ constexpr int kPaceFrames = 10;
 constexpr TimeNs kShortestPeriodNs = 1'000'000;  // faster than any LiDAR's frames, by far
 
 Config ConfigOf(const std::string& path, const std::vector<std::string>& assignments,
-                const PoseFiles& pose_files, bool is_recording) {
+                PosesByName poses, bool is_recording) {
   Config config = LoadConfig(path, assignments);
-  config.poses = ReadPoseFiles(pose_files);
+  config.poses = std::move(poses);
   if (is_recording) config.live.delay_s = std::numeric_limits<double>::infinity();
   return config;
 }
@@ -37,8 +37,8 @@ OutputTimes OutputTimesOf(std::int64_t nanohertz) {
 
 NamedSensors::NamedSensors(const std::string& config_path,
                            const std::vector<std::string>& assignments, std::int64_t nanohertz,
-                           const PoseFiles& pose_files, bool is_recording, EngineCallback on_event)
-    : config_(ConfigOf(config_path, assignments, pose_files, is_recording)),
+                           PosesByName poses, bool is_recording, EngineCallback on_event)
+    : config_(ConfigOf(config_path, assignments, std::move(poses), is_recording)),
       engine_(std::make_unique<Engine>(config_, std::vector<std::string>(), std::move(on_event),
                                        OutputTimesOf(nanohertz))) {}
 

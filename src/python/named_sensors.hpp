@@ -7,7 +7,6 @@
 #include <string>
 #include <vector>
 
-#include "io/pose_file.hpp"
 #include "python/arrays.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"
@@ -17,10 +16,9 @@ namespace unlidar {
 // An engine to which a sensor is added with its first frame.
 class NamedSensors {
  public:
-  // Throws what LoadConfig(), ReadPoseFiles() and Engine throw. `pose_files`: see Config::poses.
-  // `is_recording`: rows come at the end only.
+  // Throws what LoadConfig() and Engine throw. `is_recording`: rows come at the end only.
   NamedSensors(const std::string& config_path, const std::vector<std::string>& assignments,
-               std::int64_t nanohertz, const PoseFiles& pose_files, bool is_recording,
+               std::int64_t nanohertz, PosesByName poses, bool is_recording,
                EngineCallback on_event);
 
   // Throws UsageError for a name that --stdin refuses, InputError for a bad frame unless

@@ -29,6 +29,7 @@ from unlidar.events.event import SensorState as SensorState
 from unlidar.events.event import TrackBegins as TrackBegins
 from unlidar.events.event import TrackEnds as TrackEnds
 from unlidar.geodesy import Origin as Origin
+from unlidar.poses import Poses as Poses
 from unlidar.reading import read as read
 
 __version__: str

@@ -17,7 +17,7 @@ from unlidar.call_checks import (
     config_path,
     expect,
     options_of,
-    poses_of,
+    pose_files_of,
     settings_of,
 )
 from unlidar.program import CLUSTERS, SUMMARY, TARGET_RETURNS
@@ -185,7 +185,7 @@ def run(
     chosen += [] if threads is None else ["--threads", str(threads)]
     names = chosen_sensors(sensors)
     reading = options_of(ConvertOptions, "ConvertOptions", options)
-    files = poses_of(poses)
+    files = pose_files_of(poses)
     found = pipeline.run(
         Path(recording), Path(out), names, chosen, reading, report=report, poses=files
     )

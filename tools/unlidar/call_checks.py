@@ -78,7 +78,7 @@ def config_path(config: str | os.PathLike[str] | None) -> str | None:
     return path
 
 
-def poses_of(
+def pose_files_of(
     poses: str | os.PathLike[str] | Mapping[str, str | os.PathLike[str]] | None,
 ) -> dict[str, Path]:
     """The files of poses by the name of the sensor that they carry; ALL: of all others."""

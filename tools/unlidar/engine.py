@@ -16,13 +16,16 @@ from typing import Any, NamedTuple, NoReturn, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
-from unlidar.call_checks import config_path, poses_of, settings_of
+from unlidar.call_checks import config_path, expect, pose_files_of, settings_of
 from unlidar.errors import InputError, UnlidarError, UsageError
 from unlidar.events.event import EngineState, Event, Now, Row, SensorState, TrackBegins, TrackEnds
+from unlidar.pose_files import ALL
+from unlidar.poses import Poses
 from unlidar.settings import assignments
 from unlidar.station import has_sensors
 
 AnyPath = str | os.PathLike[str]
+AnyPoses = AnyPath | Poses
 Points = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
 _COLUMNS = ("track_id", "x", "y", "z", "vx", "vy", "vz", "sigma_x", "sigma_y", "sigma_z", "support")
@@ -53,11 +56,18 @@ class Frames(Iterator[Frame]):
     """The frames of a recording, in order of time."""
 
     def __init__(
-        self, frames: Iterator[Frame], sensors: Sequence[str], settings: Mapping[str, object]
+        self,
+        frames: Iterator[Frame],
+        sensors: Sequence[str],
+        settings: Mapping[str, object],
+        poses: Mapping[str, Poses],
     ) -> None:
         self._frames = frames
         self.sensors = tuple(sensors)
-        self.settings = dict(settings)  # the poses that it knows of its sensors, for Engine
+        # What it knows of its sensors, for Engine: where they stand, by keys of the configuration,
+        # and of those that move the way of what carries them, by their names.
+        self.settings = dict(settings)
+        self.poses = dict(poses)
 
     def __next__(self) -> Frame:
         return next(self._frames)
@@ -100,14 +110,14 @@ class Engine:
         config: AnyPath | None = None,
         settings: Mapping[str, object] | None = None,
         rate_hz: float | None = None,
-        poses: AnyPath | Mapping[str, AnyPath] | None = None,
+        poses: AnyPoses | Mapping[str, AnyPoses] | None = None,
     ) -> None:
         """The engine of a configuration.
 
         `config` is a YAML file, `settings` are single values of it by their key, as
         {"live.delay_s": 0.5}, which go before the file. Rows come at the stamps of the first
-        sensor's frames, or `rate_hz` times a second. `poses` is a TUM file of the way of what
-        carries the sensors, or one for each sensor that moves, by its name.
+        sensor's frames, or `rate_hz` times a second. `poses` is the way of what carries the
+        sensors, a TUM file or `Poses`, or one for each sensor that moves, by its name.
 
         ConfigError for a wrong file or value, UsageError for a rate outside (0, 1e6],
         UnlidarError where the compiled module is not built.
@@ -173,15 +183,15 @@ def track(
     config: AnyPath | None = None,
     settings: Mapping[str, object] | None = None,
     rate_hz: float | None = None,
-    poses: AnyPath | Mapping[str, AnyPath] | None = None,
+    poses: AnyPoses | Mapping[str, AnyPoses] | None = None,
 ) -> list[Track]:
     """The tracks in the frames of a recording, as `unlidar_track --frames` finds them.
 
     `frames` are `Frame`s, as of `unlidar.read`, or tuples (sensor, stamp_ns, xyz[, offsets_ns]), in
     any order; the other arguments and the errors are those of `Engine`. Rows come at the stamps of
     the sensor whose frame is the first. Of `unlidar.read` it is the first of the recording's
-    sensors, and their poses are taken unless the configuration has `sensors` of its own: the tracks
-    are those of `unlidar.run`.
+    sensors, and where they stand and move is taken from it, unless the configuration has `sensors`
+    of its own, and `poses` others: the tracks are those of `unlidar.run`.
 
     Example:
         for found in unlidar.track(unlidar.read("flight.bag")):
@@ -191,6 +201,7 @@ def track(
         path = config_path(config)
         if path is None or not has_sensors(Path(path)):
             settings = frames.settings | settings_of(settings)
+        poses = frames.poses if poses is None else poses
         frames = _led(frames)
     recording = _native().Recording(*_setup(config, settings, rate_hz, poses))
     for number, frame in enumerate(frames, 1):
@@ -236,19 +247,34 @@ def _setup(
     config: AnyPath | None,
     settings: Mapping[str, object] | None,
     rate_hz: float | None,
-    poses: AnyPath | Mapping[str, AnyPath] | None,
-) -> tuple[str, list[str], int, dict[str, str]]:
-    """Path, assignments, the rate in nanohertz, 0 for none, and the files of poses by sensor."""
+    poses: AnyPoses | Mapping[str, AnyPoses] | None,
+) -> tuple[str, list[str], int, dict[str, Any]]:
+    """Path, assignments, the rate in nanohertz, 0 for none, and the poses by sensor."""
     path, assigned = config_path(config) or "", assignments(settings_of(settings))
-    files = {name: str(file) for name, file in poses_of(poses).items()}
+    ways = _ways_of(poses)
     if rate_hz is None:
-        return path, assigned, 0, files
+        return path, assigned, 0, ways
     if not (isinstance(rate_hz, (int, float, np.number)) and 0 < rate_hz <= _MOST_RATE_HZ):
         raise UsageError(f"rate_hz: {rate_hz!r}, expected a number above 0 to 1e6")
     nanohertz = round(float(rate_hz) * 1e9)
     if nanohertz == 0:
         raise UsageError(f"rate_hz: {rate_hz!r}, expected at least 1e-9")
-    return path, assigned, nanohertz, files
+    return path, assigned, nanohertz, ways
+
+
+def _ways_of(poses: AnyPoses | Mapping[str, AnyPoses] | None) -> dict[str, Any]:
+    """Files and arrays of poses, as the compiled module takes them."""
+    named = {ALL: poses} if isinstance(poses, Poses) else poses
+    if not isinstance(named, Mapping):
+        return {name: str(file) for name, file in pose_files_of(named).items()}
+    ways: dict[str, Any] = {}
+    for name, way in named.items():
+        if isinstance(way, Poses):
+            expect(isinstance(name, str), "poses", name, "the name of a sensor")
+            ways[name] = way.stamp_ns, np.hstack([way.position_m, way.rotation.as_quat()])
+        else:
+            ways |= {name: str(file) for name, file in pose_files_of({name: way}).items()}
+    return ways
 
 
 def _checked(sensor: str, stamp_ns: SupportsIndex, xyz: object) -> tuple[str, int, object]:

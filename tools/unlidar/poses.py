@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from unlidar.errors import InputError, reason
 from unlidar.limits import lines_of
@@ -14,6 +14,9 @@ from unlidar.output import write_file
 from unlidar.pose_files import ALL, poses_name
 from unlidar.sanitize import printable
 from unlidar.stamps import format_stamp_ns, parse_stamp_ns
+
+if TYPE_CHECKING:  # slow to import, and every `unlidar.Engine` would
+    from scipy.spatial.transform import Rotation
 
 _COLUMNS = "timestamp tx ty tz qx qy qz qw"
 _STILL_M, _STILL_RAD = 1e-3, 1e-4  # poses that differ by less do not move
@@ -25,7 +28,7 @@ class Poses:
 
     stamp_ns: np.ndarray  # (N,) ascending
     position_m: np.ndarray  # (N, 3)
-    rotation: Rotation  # N of them
+    rotation: "Rotation"  # N of them
 
     @property
     def is_still(self) -> bool:
@@ -44,7 +47,7 @@ class Poses:
             and np.array_equal(self.rotation.as_quat(), other.rotation.as_quat())
         )
 
-    def at(self, time_ns: np.ndarray) -> tuple[np.ndarray, Rotation]:
+    def at(self, time_ns: np.ndarray) -> tuple[np.ndarray, "Rotation"]:
         """Positions (M, 3) and rotations at times (M,) within the span of at least two poses.
 
         Positions are interpolated along lines, rotations along great circles, as by the program.
@@ -59,7 +62,9 @@ class Poses:
         return (self.stamp_ns - int(self.stamp_ns[0])) * 1e-9
 
     @cached_property
-    def _slerp(self) -> Slerp:
+    def _slerp(self) -> Any:
+        from scipy.spatial.transform import Slerp
+
         return Slerp(self._known_s, self.rotation)
 
 
@@ -83,6 +88,8 @@ def write_poses(path: Path, poses: Poses, about: str) -> None:
 
 def read_poses(path: Path) -> Poses:
     """Reads a TUM file. InputError naming file, line and value, by the rules of the program."""
+    from scipy.spatial.transform import Rotation
+
     stamps_ns: list[int] = []
     values: list[list[float]] = []
     try:

@@ -35,8 +35,9 @@ def read(
     Frames come in order of time, as float32 and without rays that returned nothing; a few are in
     memory at a time. `sensors` chooses among those of the recording, by default its LiDARs;
     `options` are those of a conversion, as ConvertOptions(start_s=10). Of a damaged recording the
-    part before the damage is given. `settings` of the result are the poses that the recording has,
-    which `unlidar.track` takes, and `unlidar.Engine(settings=...)`.
+    part before the damage is given. `settings` of the result say where the sensors stand as far as
+    the recording knows, its `poses` how those that move are carried; `unlidar.track` takes both,
+    and so does `unlidar.Engine(settings=frames.settings, poses=frames.poses)`.
 
     InputError for what cannot be read, UsageError for a sensor that is not there.
 
@@ -52,13 +53,15 @@ def read(
         with suppress(InputError):  # comes again where the frames are read
             next(items, None)  # the poses are known then
         settings = station_settings(source.station(), chosen)
-        if source.poses():
+        poses = {name: way for name, way in source.poses().items() if name in chosen}
+        if poses:
             _LOG.warning(
-                "%s: its LiDARs move: unlidar.run takes their poses, frames are as they saw them",
+                "%s: its LiDARs move: frames are as they saw them, unlidar.track takes their poses "
+                "and an Engine has to be told: poses=frames.poses",
                 path,
             )
     reading = replace(reading, poses_topic=AT_REST)  # they are known by now
-    return Frames(_in_order(path, reading, chosen), chosen, settings)
+    return Frames(_in_order(path, reading, chosen), chosen, settings, poses)
 
 
 def _in_order(path: Path, options: Options, sensors: list[str]) -> Iterator[Frame]:

@@ -1,6 +1,7 @@
 #include "live/live_scene.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <optional>
 
@@ -21,7 +22,13 @@ constexpr double kSurgePlots = 30.0;
 LiveScene::Station::Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config)
     : viewpoint_m(its_viewpoint_m),
       scene(config.robust),
-      clutter(config.robust, config.live.window_s) {}
+      clutter(config.robust),
+      floating(config.robust.background.place) {}
+
+void LiveScene::Station::Forget(std::uint32_t before_bin) {
+  clutter.Forget(before_bin);
+  floating.Forget(before_bin);
+}
 
 LiveScene::LiveScene(const Config& config, bool is_traced)
     : config_(config), is_traced_(is_traced), snapshot_interval_ns_(kFirstRefitNs) {}
@@ -52,10 +59,6 @@ std::int64_t LiveScene::BinOf(TimeNs time_ns) {
 
 LiveScene::Station& LiveScene::StationOf(std::uint32_t sensor) {
   return scenes_[stations_.StationOf(sensor)];
-}
-
-void LiveScene::SetBlinded(bool is_blinded) {
-  for (Station& station : scenes_) station.clutter.SetBlinded(is_blinded);
 }
 
 bool LiveScene::Take(LoadedFrame* frame) {
@@ -150,8 +153,15 @@ TimeNs LiveScene::MakePlots(const IsTarget& is_target) {
 void LiveScene::AddLookahead() {
   for (SceneFrame& frame : held_) {
     RemoveBodies(&frame);
-    StationOf(frame.info.sensor).clutter.AddLookahead(frame.info.sensor, frame.bin, frame.plots);
+    Station& station = StationOf(frame.info.sensor);
+    AddToClutter(frame, &station);
+    ++station.num_lookahead_frames;
   }
+}
+
+void LiveScene::AddToClutter(const SceneFrame& frame, Station* station) {
+  station->clutter.AddFrames(frame.info.sensor, frame.bin);
+  for (const LivePlot& seen : frame.plots) station->clutter.Add(seen.plot, frame.bin);
 }
 
 void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarget& is_target,
@@ -257,7 +267,7 @@ void LiveScene::Judge(SceneFrame* frame) {
   while (!bodies.empty() && bodies.front().time_ns < oldest_ns) bodies.pop_front();
   RemoveBodies(frame);
   if (IsSurge(*frame) && config_.robust.Uses(Rule::kSurge)) {
-    station.clutter.Restart(frame->bin);
+    if (std::isfinite(config_.live.window_s)) station.Forget(frame->bin);
     station.search_from_ns = middle_ns + kWarmUpNs;
     station.learning = Rejection::kSurge;
     learning_since_ns_ = middle_ns;
@@ -268,22 +278,48 @@ void LiveScene::Judge(SceneFrame* frame) {
   if (frame->is_searched()) {
     frame->observed_s = std::max(frame->observed_s, static_cast<double>(kWarmUpNs) * kSecondsPerNs);
   }
-  station.clutter.Judge(station.scene.support(), frame->info.sensor, frame->bin, &frame->plots);
+  JudgePlots(frame, &station);
   for (LivePlot& seen : frame->plots) {
     seen.time_s = frame->time_s;
     seen.plot.position_m += station.viewpoint_m.cast<double>();
   }
 }
 
+// Marks the plots that float and sets their clutter intensities, then adds them to the clutter.
+void LiveScene::JudgePlots(SceneFrame* frame, Station* station) {
+  const std::uint32_t bin = frame->bin;
+  ClutterModel& clutter = station->clutter;
+  const bool was_added = station->num_lookahead_frames > 0;
+  if (was_added) --station->num_lookahead_frames;
+  const std::uint32_t num_recent_frames =
+      clutter.NumFrames(frame->info.sensor, FloatingPlots::RecentBins(bin)) + (was_added ? 0U : 1U);
+  const Support& support = station->scene.support();
+  for (LivePlot& seen : frame->plots) {
+    station->floating.Add(support, bin, num_recent_frames, &seen.plot);
+    // The support may be hidden by fog.
+    if (is_blinded_) seen.plot.is_floating = false;
+  }
+  for (LivePlot& seen : frame->plots) {
+    station->floating.ExcludeNeighbours(support.config(), bin, &seen.plot);
+    const ClutterModel::Intensity intensity = clutter.IntensityOf(seen.plot, bin, was_added);
+    seen.log_surrounding_clutter = intensity.log_surrounding;
+    seen.plot.log_clutter = intensity.log_clutter;
+  }
+  if (!was_added) AddToClutter(*frame, station);
+}
+
 void LiveScene::RemoveFromClutter(const std::vector<LivePlot>& plots) {
   for (const LivePlot& seen : plots) {
-    StationOf(seen.plot.sensor).clutter.RemoveFromClutter(seen);
+    StationOf(seen.plot.sensor).clutter.Remove(seen.plot, seen.bin);
   }
 }
 
 void LiveScene::Sweep(std::uint32_t newest_bin) {
+  const double window_bins = config_.live.window_s / kBinS;
   for (Station& station : scenes_) {
-    station.clutter.Sweep(newest_bin);
+    if (newest_bin > window_bins) {
+      station.Forget(newest_bin - static_cast<std::uint32_t>(window_bins));
+    }
     station.scene.Sweep();
   }
 }

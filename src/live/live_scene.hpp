@@ -10,8 +10,9 @@
 
 #include "base/queue.hpp"
 #include "io/sensor_frames.hpp"
-#include "live/live_clutter.hpp"
 #include "live/live_plot.hpp"
+#include "scene/clutter.hpp"
+#include "scene/floating.hpp"
 #include "scene/station_scene.hpp"
 #include "scene/stations.hpp"
 #include "tracking/rejection.hpp"
@@ -52,8 +53,9 @@ class LiveScene {
   using IsTarget =
       std::function<bool(const Eigen::Vector3f& place_m, double dwell_begin_s, double time_s)>;
 
-  // Same as LiveClutter::SetBlinded, from the next frame on: weather affects all sensors.
-  void SetBlinded(bool is_blinded);
+  // `is_blinded`: a sensor is or may be blinded, and weather affects all. From the next frame on no
+  // plot is marked as floating then, because its support may be hidden.
+  void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
 
   // Learns from a frame and queues it. Frames come in order of stamps. Returns true if its station
   // was already warm, so that plots can be made. Swaps in an older frame, whose memory can be
@@ -77,7 +79,7 @@ class LiveScene {
   // reused.
   bool Next(TimeNs until_ns, SceneFrame* frame);
 
-  // Removes plots of a target, from Next(), from the clutter: see LiveClutter::RemoveFromClutter.
+  // Removes plots of a target, from Next(), from the clutter.
   void RemoveFromClutter(const std::vector<LivePlot>& plots);
 
   // Erases faded counts. To be called periodically.
@@ -90,13 +92,18 @@ class LiveScene {
   struct Station {
     Station(const Eigen::Vector3f& its_viewpoint_m, const Config& config);
 
+    // Forgets the plots of earlier bins.
+    void Forget(std::uint32_t before_bin);
+
     Eigen::Vector3f viewpoint_m;
     bool has_begun = false;
     TimeNs begin_ns = 0;
     TimeNs search_from_ns = 0;                // earlier frames are used for clutter only,
     Rejection learning = Rejection::kWarmUp;  // for this reason
     StationScene scene;                       // fitted when it is warm
-    LiveClutter clutter;
+    ClutterModel clutter;
+    FloatingPlots floating;
+    std::size_t num_lookahead_frames = 0;  // in the clutter and not judged yet
     Queue<BodyBox> bodies;
   };
 
@@ -118,8 +125,10 @@ class LiveScene {
   void MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarget& is_target,
                    SceneFrame* held);
   void AddLookahead();
+  static void AddToClutter(const SceneFrame& frame, Station* station);
   void RemoveBodies(SceneFrame* frame);
   void Judge(SceneFrame* frame);
+  void JudgePlots(SceneFrame* frame, Station* station);
 
   const Config& config_;
   bool is_traced_;
@@ -135,6 +144,7 @@ class LiveScene {
   Stations stations_;
   std::vector<Station> scenes_;  // (stations)
   bool is_warm_ = false;
+  bool is_blinded_ = false;
   TimeNs learning_since_ns_ = 0;  // start of the youngest station, or the last surge
   TimeNs snapshot_ns_ = 0;
   TimeNs snapshot_interval_ns_;

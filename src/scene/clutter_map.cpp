@@ -41,9 +41,9 @@ ClutterMap::LevelCounts ClutterMap::ExcludedAt(std::uint32_t sensor, const Eigen
   return counts;
 }
 
-std::array<ClutterMap::Level, ClutterMap::kNumLevels> ClutterMap::LevelsAt(
-    std::uint32_t sensor, const Eigen::Vector3f& place_m, const LevelCounts& excluded) const {
-  std::array<Level, kNumLevels> levels;
+ClutterMap::Levels ClutterMap::LevelsAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
+                                        const LevelCounts& excluded) const {
+  Levels levels;
   for (std::size_t k = 0; k < kNumLevels; ++k) {
     const RangeGrid& grid = SensorAt(sensor).levels[k];
     levels[k] = {grid.Count(place_m) - excluded[k], grid.VolumeM3(place_m)};
@@ -67,8 +67,8 @@ void ClutterMap::Forget(std::uint32_t before_bin) {
   }
 }
 
-double RateAtOtherTimes(const std::array<ClutterMap::Level, ClutterMap::kNumLevels>& levels,
-                        double num_frames, std::uint32_t num_excluded, std::size_t num_levels) {
+double RateAtOtherTimes(const ClutterMap::Levels& levels, double num_frames,
+                        std::uint32_t num_excluded, std::size_t num_levels) {
   double rate = kEmptySkyRate;
   for (std::size_t k = 0; k < num_levels; ++k) {
     const ClutterMap::Level& level = levels[k];

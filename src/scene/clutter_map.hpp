@@ -44,9 +44,11 @@ class ClutterMap {
   LevelCounts ExcludedAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
                          std::uint32_t bin) const;
 
+  using Levels = std::array<Level, kNumLevels>;
+
   // From the widest to the narrowest. `excluded`: result of ExcludedAt().
-  std::array<Level, kNumLevels> LevelsAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
-                                         const LevelCounts& excluded) const;
+  Levels LevelsAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
+                  const LevelCounts& excluded) const;
 
   // Returns the plots at a spot in the bins excluded for a plot of this bin, or in all bins.
   std::uint32_t ExcludedAtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m,
@@ -79,8 +81,7 @@ class ClutterMap {
 // the prior of the next, so that an empty neighbourhood takes the rate of its surroundings, and a
 // level is weighted by its exposure. `num_excluded`: of the plots in every level. `num_levels`: of
 // the widest.
-double RateAtOtherTimes(const std::array<ClutterMap::Level, ClutterMap::kNumLevels>& levels,
-                        double num_frames, std::uint32_t num_excluded = 0,
-                        std::size_t num_levels = ClutterMap::kNumLevels);
+double RateAtOtherTimes(const ClutterMap::Levels& levels, double num_frames,
+                        std::uint32_t num_excluded, std::size_t num_levels);
 
 }  // namespace unlidar

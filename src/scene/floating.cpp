@@ -185,4 +185,48 @@ void MarkFloating(const Recording& recording, const Support& support, const Robu
   }
 }
 
+BinRange FloatingPlots::RecentBins(std::uint32_t bin) {
+  constexpr std::uint32_t kRecentBins = 6;
+  return {bin + 1 - std::min(bin + 1, kRecentBins), bin + 1};
+}
+
+void FloatingPlots::Add(const Support& support, std::uint32_t bin, std::uint32_t num_recent_frames,
+                        Plot* plot) {
+  constexpr double kPersistentShare = 0.2;  // of the recent frames of its sensor with a plot there
+  const Eigen::Vector3f place_m = plot->PlaceM().cast<float>();
+  while (places_.size() <= plot->sensor) places_.emplace_back(place_);
+  RangeGrid& own_places = places_[plot->sensor];
+  static_places_.Add(place_m, bin);
+  own_places.Add(place_m, bin);
+  const bool is_static = static_places_.IsStatic(place_m);
+  if (is_static) static_plots_.push_back({plot->frame_time_ns, plot->PlaceM()});
+  // An object that is hit only occasionally is a twig or a wire.
+  const bool is_persistent =
+      own_places.Count(place_m, RecentBins(bin)) >= kPersistentShare * num_recent_frames;
+  plot->is_floating = is_static && is_persistent && support.IsFloating(place_m);
+}
+
+void FloatingPlots::ExcludeNeighbours(const SupportConfig& config, std::uint32_t bin, Plot* plot) {
+  // Twice as long before: later plots are not known yet.
+  const TimeNs oldest_ns = plot->frame_time_ns - 2 * NeighbourTest::kSameTimeNs;
+  while (!static_plots_.empty() && static_plots_.front().time_ns < oldest_ns) {
+    static_plots_.pop_front();
+  }
+  if (!plot->is_floating) return;
+  const double reach_m = SupportReachM(plot->ray_m.norm(), config);
+  Neighbours neighbours;
+  for (const StaticPlot& other : static_plots_) {
+    neighbours.Add((plot->PlaceM() - other.place_m).norm(), reach_m);
+  }
+  const Eigen::Vector3f place_m = plot->PlaceM().cast<float>();
+  neighbour_test_.Add(place_m, bin, neighbours);
+  plot->is_floating = !neighbour_test_.HasNeighbours(place_m);
+}
+
+void FloatingPlots::Forget(std::uint32_t before_bin) {
+  static_places_.Forget(before_bin);
+  neighbour_test_.Forget(before_bin);
+  for (RangeGrid& places : places_) places.Forget(before_bin);
+}
+
 }  // namespace unlidar

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "base/queue.hpp"
+#include "scene/clutter.hpp"
 #include "scene/floating.hpp"
 
 namespace unlidar {

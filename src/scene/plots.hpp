@@ -14,7 +14,6 @@
 #include "base/recording.hpp"
 #include "scene/ground.hpp"
 #include "scene/linkage.hpp"
-#include "scene/station_model.hpp"
 #include "scene/stations.hpp"
 #include "unlidar/config.hpp"
 
@@ -62,9 +61,6 @@ struct Plot {
   // True if its sensor is away from where its station was first.
   bool IsFromTravel() const { return shift_m.norm() > kMaxStationRadiusM; }
 };
-
-// Returns the volume in which the plots of one point-like object lie: V_plot of method.md (3).
-double PlotVolumeM3(const Plot& plot);
 
 // Returns the mean position of the returns, at least one.
 Eigen::Vector3d MeanOf(const Recording& recording, const IndexView& returns);
@@ -163,13 +159,5 @@ class FramePlotter {
 // True if the plot lies beside a body within kBodyMarginS: it may be a part of the body too sparse
 // or too far from the rest to be linked to it. `bodies` in order of time.
 bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies);
-
-// Sets log_clutter of every plot, after MarkFloating, from the plots of its
-// sensor that are not `assigned` (one per plot): the largest of their rate at other times in three
-// narrowing neighbourhoods and, unless it floats, the rate of a static object at its spot (by the
-// chain rule where all its plots may be one dwell) and the rate of all returns of its place;
-// method.md (2) to (4). `station_models`: one per sensor.
-void EstimateClutter(const std::vector<StationModel>& station_models, const RobustConfig& config,
-                     const std::vector<char>& assigned, std::vector<Plot>* plots);
 
 }  // namespace unlidar

@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "scene/plots.hpp"
+#include "scene/clutter.hpp"
 #include "tests/learned_occupancy.hpp"
 #include "tests/synthetic_recording.hpp"
 

@@ -87,9 +87,11 @@ std::vector<SceneFrame> FramesOf(LiveScene* scene, Station* station, int count) 
 }
 
 // The same of one sensor at the origin.
-std::vector<SceneFrame> FramesOf(int count, Station station = {0, Eigen::Vector3f::Zero()}) {
+std::vector<SceneFrame> FramesOf(int count, Station station = {0, Eigen::Vector3f::Zero()},
+                                 bool is_blinded = false) {
   const Config config;
   LiveScene scene(config);
+  scene.SetBlinded(is_blinded);
   scene.AddSensor(0, SensorInfo());
   return FramesOf(&scene, &station, count);
 }
@@ -156,6 +158,11 @@ TEST(LiveScene, LeavesTheDroneAndNotTheGround) {
 TEST(LiveScene, WhatIsSlowFromTheBeginFloatsAsSoonAsTheSceneIsKnown) {
   EXPECT_GT(NumFloating(FramesOf(50, {SlowDroneAt, 0})), 30U);
   EXPECT_EQ(NumFloating(FramesOf(50, {SlowDroneAt, 1})), 0U);
+}
+
+// Fog may hide what holds it up.
+TEST(LiveScene, WhatABlindedSensorSeesIsNotKnownToFloat) {
+  EXPECT_EQ(NumFloating(FramesOf(50, {SlowDroneAt, 0}, true)), 0U);
 }
 
 // What a station sees does not depend on where it stands.

@@ -1,0 +1,97 @@
+// Clutter intensity at the plots of a station.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "base/queue.hpp"
+#include "scene/clutter_map.hpp"
+#include "scene/plots.hpp"
+#include "scene/station_model.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+// Clutter intensity, per m^3 and frame of the sensor of a plot: the largest of the rates of its
+// neighbourhood, its spot and its place, method.md (2) to (4). Takes the plots of frames in any
+// order and forgets them again, so that it serves a stream as well as a recording.
+class ClutterModel {
+ public:
+  explicit ClutterModel(const RobustConfig& config);
+
+  void AddFrames(std::uint32_t sensor, std::uint32_t bin, std::uint32_t count = 1);
+  void Add(const Plot& plot, std::uint32_t bin) { AddCount(plot, bin, 1); }
+
+  // Removes a plot that was added, unless it is forgotten.
+  void Remove(const Plot& plot, std::uint32_t bin);
+
+  // Forgets the frames and plots of earlier bins.
+  void Forget(std::uint32_t before_bin);
+
+  // Number of frames of a sensor, in all bins or in `bins`.
+  std::uint32_t NumFrames(std::uint32_t sensor) const;
+  std::uint32_t NumFrames(std::uint32_t sensor, BinRange bins) const;
+
+  // The plots about a plot at its own time, in the bins excluded for it.
+  struct SameTime {
+    ClutterMap::LevelCounts around{};
+    ClutterMap::LevelCounts along{};
+    std::uint32_t at_spot = 0;
+  };
+
+  // Costs the less the fewer later bins there are.
+  SameTime SameTimeOf(const Plot& plot, std::uint32_t bin) const;
+
+  // Rate of the neighbourhood of a plot, and of what lies as far ahead of a carrier that travels.
+  // `num_excluded`: plots of other times around it that are no clutter, as they are its own.
+  double SurroundingRate(const Plot& plot, std::uint32_t bin, const SameTime& same_time,
+                         std::uint32_t num_excluded) const;
+
+  // Number of plots at the spot of a plot, itself included if it was added.
+  std::uint32_t NumAtSpot(const Plot& plot) const;
+
+  // Rate of its spot for each plot there: method.md (3).
+  double RatePerPlotAtSpot(const Plot& plot) const;
+
+  // Number of levels in use, and those around a plot.
+  std::size_t num_levels() const { return num_levels_; }
+  ClutterMap::Levels LevelsAt(const Plot& plot, const SameTime& same_time) const;
+
+  struct Intensity {
+    double log_surrounding = 0.0;  // of the neighbourhood alone, without spot and place
+    double log_clutter = 0.0;
+  };
+
+  // Returns the clutter intensity of a plot as far as it is known: a plot of a dwell is predicted
+  // by those that were added before it. `was_added`: it was added itself.
+  Intensity IntensityOf(const Plot& plot, std::uint32_t bin, bool was_added) const;
+
+ private:
+  struct FrameCount {
+    std::uint32_t bin;
+    std::uint32_t count;
+  };
+
+  struct Frames {
+    std::uint32_t num_frames = 0;
+    Queue<FrameCount> by_bin{};  // ascending
+  };
+
+  static bool IsBefore(const FrameCount& frames, std::uint32_t bin) { return frames.bin < bin; }
+  void AddCount(const Plot& plot, std::uint32_t bin, std::int32_t count);
+
+  std::size_t num_levels_;
+  std::uint32_t forgotten_bins_ = 0;  // earlier ones are forgotten
+  std::vector<Frames> frames_;        // (sensors)
+  ClutterMap around_;
+  ClutterMap along_;  // plots of sensors that travel, in the axes of their carriers
+};
+
+// Sets log_clutter of every plot, after MarkFloating, from the plots of its sensor in the whole
+// recording that are not `assigned` (one per plot). By hindsight the plots of a spot may all be one
+// dwell, which the chain rule predicts: method.md (4). `station_models`: one per sensor.
+void EstimateClutter(const std::vector<StationModel>& station_models, const RobustConfig& config,
+                     const std::vector<char>& assigned, std::vector<Plot>* plots);
+
+}  // namespace unlidar

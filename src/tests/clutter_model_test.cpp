@@ -1,0 +1,138 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "scene/clutter.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr double kPeriodS = 0.1;
+constexpr int kFrames = 30;
+const Eigen::Vector3d kTwig_m(10.0, 4.0, 3.0);
+const Eigen::Vector3d kOnce_m(-12.0, 20.0, 9.0);
+
+std::uint32_t BinOf(int i) { return static_cast<std::uint32_t>(i * kPeriodS / kBinS); }
+
+// A twig that is hit now and then, and one thing that was there once, in the first frame.
+std::vector<Plot> PlotsOf(int i) {
+  std::vector<Plot> plots;
+  const auto add = [&](const Eigen::Vector3d& place_m) {
+    plots.emplace_back();
+    plots.back().position_m = plots.back().ray_m = place_m;
+    plots.back().variance_m2 = 0.02;
+  };
+  if (i % 6 == 0) add(kTwig_m);
+  if (i == 0) add(kOnce_m);
+  return plots;
+}
+
+void Add(const std::vector<Plot>& plots, int i, ClutterModel* clutter) {
+  clutter->AddFrames(0, BinOf(i));
+  for (const Plot& plot : plots) clutter->Add(plot, BinOf(i));
+}
+
+// The clutter of plots as far as it is known before they are added.
+std::vector<double> JudgeAndAdd(const std::vector<Plot>& plots, int i, ClutterModel* clutter) {
+  std::vector<double> logs;
+  for (const Plot& plot : plots) {
+    logs.push_back(clutter->IntensityOf(plot, BinOf(i), false).log_clutter);
+  }
+  Add(plots, i, clutter);
+  return logs;
+}
+
+std::vector<double> JudgeAndAdd(int i, ClutterModel* clutter) {
+  return JudgeAndAdd(PlotsOf(i), i, clutter);
+}
+
+ClutterModel Foreseen() {
+  ClutterModel clutter{RobustConfig()};
+  for (int i = 0; i < kFrames; ++i) Add(PlotsOf(i), i, &clutter);
+  return clutter;
+}
+
+// The clutter of plots that were added.
+std::vector<double> Judge(int i, const ClutterModel& clutter) {
+  std::vector<double> logs;
+  for (const Plot& plot : PlotsOf(i)) {
+    logs.push_back(clutter.IntensityOf(plot, BinOf(i), true).log_clutter);
+  }
+  return logs;
+}
+
+TEST(ClutterModel, WhatIsForeseenTellsOfTheClutterBeforeIt) {
+  ClutterModel blind{RobustConfig()};
+  const std::vector<double> first = Judge(0, Foreseen());
+  EXPECT_GT(first[0], first[1] + 3.0);
+  const std::vector<double> unforeseen = JudgeAndAdd(0, &blind);
+  EXPECT_NEAR(unforeseen[0], unforeseen[1], 0.1);
+}
+
+// Once it lies behind, it counts as what was not foreseen.
+TEST(ClutterModel, WhatWasForeseenCountsOnce) {
+  ClutterModel clutter = Foreseen();
+  ClutterModel blind{RobustConfig()};
+  for (int i = 0; i < 2 * kFrames; ++i) {
+    const std::vector<double> a = i < kFrames ? Judge(i, clutter) : JudgeAndAdd(i, &clutter);
+    const std::vector<double> b = JudgeAndAdd(i, &blind);
+    if (i < kFrames + 13) continue;
+    for (std::size_t k = 0; k < a.size(); ++k) EXPECT_NEAR(a[k], b[k], 0.05) << i;
+  }
+}
+
+TEST(ClutterModel, WhatIsRemovedOrForgottenIsNoClutter) {
+  const RobustConfig config;
+  ClutterModel removing(config);
+  ClutterModel keeping(config);
+  ClutterModel forgetting(config);
+  ClutterModel fresh(config);
+  for (int i = 0; i < 300; ++i) {
+    Add(PlotsOf(i), i, &removing);
+    for (const Plot& plot : PlotsOf(i)) removing.Remove(plot, BinOf(i));
+    Add(PlotsOf(i), i, &keeping);
+    Add(PlotsOf(i), i, &forgetting);
+  }
+  forgetting.Forget(BinOf(300));
+  // Frames without plots take time as well.
+  for (int i = 300; i < 420; ++i) {
+    for (ClutterModel* clutter : {&removing, &keeping, &forgetting, &fresh}) Add({}, i, clutter);
+  }
+  constexpr int kNext = 420;  // with a plot of the twig
+  const double removed = JudgeAndAdd(kNext, &removing)[0];
+  const double forgotten = JudgeAndAdd(kNext, &forgetting)[0];
+  EXPECT_GT(JudgeAndAdd(kNext, &keeping)[0], removed + 3.0);
+  EXPECT_EQ(forgotten, JudgeAndAdd(kNext, &fresh)[0]);
+  EXPECT_LT(removed, forgotten);  // over more frames
+  // Once more: what was forgotten cannot be removed.
+  forgetting.Remove(PlotsOf(0)[0], BinOf(0));
+  EXPECT_GT(JudgeAndAdd(kNext + 6, &forgetting)[0], forgotten);
+}
+
+// Crowns along a road: each is seen once, but always about as far ahead.
+TEST(ClutterModel, WhatComesByAlongTheWayIsClutterAlsoWhereNothingWasSeenYet) {
+  const auto log_clutter = [&](bool travels) {
+    ClutterModel clutter{RobustConfig()};
+    double last = 0.0;
+    for (int i = 0; i < 60; ++i) {
+      Plot plot;
+      plot.carrier_ray_m = {40.0F, i % 2 == 0 ? 8.0F : -8.0F, 5.0F};
+      plot.ray_m = plot.carrier_ray_m.cast<double>();
+      const Eigen::Vector3f way_m(static_cast<float>(5 * i), 0.0F, 0.0F);
+      if (travels) {
+        plot.shift_m = way_m;
+      } else {
+        plot.ray_m += way_m.cast<double>();
+      }
+      plot.position_m = plot.PlaceM();
+      plot.variance_m2 = 0.02;
+      last = JudgeAndAdd({plot}, i, &clutter)[0];
+    }
+    return last;
+  };
+  EXPECT_GT(log_clutter(true), log_clutter(false) + 1.0);
+}
+
+}  // namespace
+}  // namespace unlidar

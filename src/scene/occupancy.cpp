@@ -11,6 +11,9 @@
 namespace unlidar {
 namespace {
 
+// Places are prefetched this many points ahead: their data exceed the cache.
+constexpr std::size_t kPrefetchDistance = 16;
+constexpr std::size_t kPartSize = 64;  // points whose places fit into the cache
 // Of so many a place must be exposed for a share, however many more there are.
 constexpr int kEnoughBins = RecentBins::kWindow / 2;
 constexpr double kEnoughFromMoving = 1.0;  // the same of a carrier that moves
@@ -58,9 +61,32 @@ Occupancy::Occupancy(const BackgroundConfig& config, bool knows_strays)
 void Occupancy::AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
   CountFrame(bin);
   occlusion_.Add(points_m, bin, carrier);
-  for (std::size_t i = 0; i < points_m.size(); ++i) {
-    if (i + kPrefetchDistance < points_m.size()) Prefetch(points_m[i + kPrefetchDistance]);
-    Add(points_m[i], bin);
+  const std::int64_t age = newest_ - bin;
+  if (age < 0 || age >= RecentBins::kWindow) return;
+  Place unknown;
+  unknown.bin = newest_;
+  for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
+    const std::size_t end = std::min(begin + kPartSize, points_m.size());
+    touched_.clear();
+    for (std::size_t i = begin; i < end; ++i) {
+      if (i + kPrefetchDistance < points_m.size()) {
+        places_.Prefetch(points_m[i + kPrefetchDistance]);
+      }
+      places_.VisitOverlappingShells(
+          points_m[i], unknown, [&](std::uint32_t place, const Place&, bool is_own) {
+            places_.PrefetchValue(place);
+            touched_.push_back({place, static_cast<std::uint32_t>(i), is_own});
+          });
+    }
+    for (const Touched& touched : touched_) {
+      Place& place = places_[touched.place];
+      if (place.bin != newest_) Age(&place);
+      ++place.num_returns;
+      if (place.hits.Contains(static_cast<int>(age))) continue;
+      place.hits.Insert(static_cast<int>(age));
+      place.point_m = points_m[touched.point];
+      place.is_own = touched.is_own;
+    }
   }
 }
 
@@ -84,21 +110,6 @@ void Occupancy::CountFrame(std::int64_t bin) {
 void Occupancy::Age(Place* place) const {
   place->hits.Age(newest_ - place->bin);
   place->bin = newest_;
-}
-
-void Occupancy::Add(const Eigen::Vector3f& point_m, std::int64_t bin) {
-  const std::int64_t age = newest_ - bin;
-  if (age < 0 || age >= RecentBins::kWindow) return;
-  Place unknown;
-  unknown.bin = newest_;
-  places_.VisitOverlappingShells(point_m, unknown, [&](std::uint32_t, Place& place, bool is_own) {
-    if (place.bin != newest_) Age(&place);
-    ++place.num_returns;
-    if (place.hits.Contains(static_cast<int>(age))) return;
-    place.hits.Insert(static_cast<int>(age));
-    place.point_m = point_m;
-    place.is_own = is_own;
-  });
 }
 
 RecentBins Occupancy::HitsAround(const Eigen::Vector3f& point_m) const {
@@ -251,16 +262,35 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   }
 }
 
-Occupancy::Verdict Occupancy::Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
-                                    const FloatsIn& floats, const IsTargetSince& is_target) {
-  Verdict verdict;
-  verdict.is_structure = true;
-  Place* const place = places_.Find(point_m);
+void Occupancy::Judge(PointsView points_m, std::int64_t bin, int scene, const FloatsIn& floats,
+                      const IsTargetSince& is_target, std::vector<Verdict>* verdicts) {
+  Verdict structure;
+  structure.is_structure = true;
+  verdicts->assign(points_m.size(), structure);
   const std::int64_t age = newest_ - bin;
-  if (place == nullptr || age < 0 || age >= RecentBins::kWindow) return verdict;
+  if (age < 0 || age >= RecentBins::kWindow) return;
+  numbers_.clear();
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    if (i + kPrefetchDistance < points_m.size()) places_.Prefetch(points_m[i + kPrefetchDistance]);
+    numbers_.push_back(places_.Find(points_m[i]));
+  }
+  for (std::size_t i = 0; i < points_m.size(); ++i) {
+    if (const std::size_t next = i + kPrefetchDistance;
+        next < points_m.size() && numbers_[next] != VoxelNumbers::kNone) {
+      places_.PrefetchValue(numbers_[next]);
+    }
+    if (numbers_[i] == VoxelNumbers::kNone) continue;
+    (*verdicts)[i] = JudgeAt(&places_[numbers_[i]], points_m[i], bin, scene, floats, is_target);
+  }
+}
+
+Occupancy::Verdict Occupancy::JudgeAt(Place* place, const Eigen::Vector3f& point_m,
+                                      std::int64_t bin, int scene, const FloatsIn& floats,
+                                      const IsTargetSince& is_target) {
+  Verdict verdict;
   const bool is_valid = newest_ <= place->valid_until && place->dwell_first <= bin &&
                         bin <= place->dwell_last + max_break_ + 1;
-  if (!is_valid) JudgeAnew(point_m, static_cast<int>(age), place);
+  if (!is_valid) JudgeAnew(point_m, static_cast<int>(newest_ - bin), place);
   verdict.is_structure = place->is_structure;
   verdict.place_rate = place->place_rate;
   if (!IsLong(*place)) verdict.dwell_begin_bin = place->dwell_first;

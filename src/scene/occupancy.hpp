@@ -40,16 +40,10 @@ class Occupancy {
   // Adds a frame. Bins count up; frames may come out of order by a few bins.
   void AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier = {});
 
-  // Places are prefetched this many points ahead: their data exceed the cache.
-  static constexpr std::size_t kPrefetchDistance = 16;
-
-  // Prefetches the place of a point that will be judged soon.
-  void Prefetch(const Eigen::Vector3f& point_m) const { places_.Prefetch(point_m); }
-
-  // Judges a return measured in `bin`; outside the window it is structure. `scene`: number of the
-  // scene that `floats` refers to.
-  Verdict Judge(const Eigen::Vector3f& point_m, std::int64_t bin, int scene, const FloatsIn& floats,
-                const IsTargetSince& is_target = nullptr);
+  // Judges each return measured in `bin`; outside the window it is structure. `scene`: number of
+  // the scene that `floats` refers to.
+  void Judge(PointsView points_m, std::int64_t bin, int scene, const FloatsIn& floats,
+             const IsTargetSince& is_target, std::vector<Verdict>* verdicts);
 
   // Judges the last return of every place, for GetStructure() and GetSupporters().
   void JudgeAll();
@@ -102,9 +96,17 @@ class Occupancy {
     int past_exposed = 0;
   };
 
+  // A place that a point counts in, of its own shell or another.
+  struct Touched {
+    std::uint32_t place;
+    std::uint32_t point;
+    bool is_own;
+  };
+
   void CountFrame(std::int64_t bin);
   double MinExposed() const;
-  void Add(const Eigen::Vector3f& point_m, std::int64_t bin);
+  Verdict JudgeAt(Place* place, const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
+                  const FloatsIn& floats, const IsTargetSince& is_target);
   void Age(Place* place) const;
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
   double RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const;
@@ -123,6 +125,8 @@ class Occupancy {
   std::uint32_t num_frames_ = 0;             // sum of these
   Occlusion occlusion_;
   ShellTable<Place> places_;
+  std::vector<Touched> touched_;        // of a part of a frame, in AddFrame()
+  std::vector<std::uint32_t> numbers_;  // of the places of a frame, in Judge()
 };
 
 }  // namespace unlidar

@@ -60,18 +60,26 @@ class ShellTable {
     }
   }
 
-  // Prefetches the own voxel of a point that will be visited soon.
+  // Prefetches the number of the own voxel of a point that will be looked up soon.
   void Prefetch(const Eigen::Vector3f& point_m) const {
     const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));
     numbers_.Prefetch(static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m));
   }
 
-  // Returns the value of the point's own voxel, or null if there is none.
-  Value* Find(const Eigen::Vector3f& point_m) {
+  // Returns the number of the point's own voxel; VoxelNumbers::kNone if there is none.
+  std::uint32_t Find(const Eigen::Vector3f& point_m) const {
     const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));
-    const std::uint32_t number =
-        numbers_.Find(static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m));
-    return number == VoxelNumbers::kNone ? nullptr : &values_[number];
+    return numbers_.Find(static_cast<std::uint32_t>(shell),
+                         VoxelOf(point_m, shells_[shell].edge_m));
+  }
+
+  Value& operator[](std::uint32_t number) { return values_[number]; }
+
+  // Prefetches a value that will be accessed soon.
+  void PrefetchValue(std::uint32_t number) const {
+    const char* const begin = reinterpret_cast<const char*>(&values_[number]);
+    __builtin_prefetch(begin);
+    if constexpr (sizeof(Value) > kCacheLineBytes) __builtin_prefetch(begin + kCacheLineBytes);
   }
 
   // Calls visit(value) for the voxels in the neighbourhood of a point.
@@ -120,6 +128,8 @@ class ShellTable {
   }
 
  private:
+  static constexpr std::size_t kCacheLineBytes = 64;
+
   struct Shell {
     double begin_m;  // smallest range
     double edge_m;   // voxel edge

@@ -49,17 +49,13 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
     return fitted_->support.IsFloating(point_m);
   };
-  verdicts.clear();
   candidates.clear();
   std::vector<Eigen::Vector3f>& points_m = frame.points_m;
+  occupancy_.Judge(points_m, bin, num_fits_, floats, is_target, &verdicts);
   for (std::uint32_t i = 0; i < points_m.size(); ++i) {
-    if (i + Occupancy::kPrefetchDistance < points_m.size()) {
-      occupancy_.Prefetch(points_m[i + Occupancy::kPrefetchDistance]);
-    }
-    verdicts.push_back(occupancy_.Judge(points_m[i], bin, num_fits_, floats, is_target));
     // Static objects in the air look like structure if present throughout. Distant ground is hit
     // too seldom to be structure.
-    if (verdicts.back().is_structure && !verdicts.back().floats) continue;
+    if (verdicts[i].is_structure && !verdicts[i].floats) continue;
     if (!fitted_->ground.IsGround(points_m[i])) candidates.push_back(i);
   }
   num_unexplained = candidates.size();

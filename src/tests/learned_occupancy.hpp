@@ -14,6 +14,16 @@ namespace unlidar::testing {
 
 inline bool NeverFloats(const Eigen::Vector3f&) { return false; }
 
+// Judges one return.
+inline Occupancy::Verdict JudgeOne(Occupancy* occupancy, const Eigen::Vector3f& point_m,
+                                   std::int64_t bin,
+                                   const Occupancy::IsTargetSince& is_target = nullptr) {
+  std::vector<Occupancy::Verdict> verdicts;
+  occupancy->Judge(std::vector<Eigen::Vector3f>{point_m}, bin, 0, NeverFloats, is_target,
+                   &verdicts);
+  return verdicts.front();
+}
+
 // As a station learns it; the places are relative to the origin.
 class LearnedOccupancy {
  public:
@@ -33,7 +43,7 @@ class LearnedOccupancy {
 
   // Judges one return of the recording.
   Occupancy::Verdict Judge(const Recording& recording, std::size_t i) {
-    return occupancy_.Judge(recording.points_m[i], bin_of_[i], 0, NeverFloats);
+    return JudgeOne(&occupancy_, recording.points_m[i], bin_of_[i]);
   }
 
   // Judges all returns in order.

@@ -17,10 +17,10 @@ namespace unlidar {
 namespace {
 
 using testing::IsNeighbour;
+using testing::JudgeOne;
 using testing::kPeriodS;
 using testing::LearnedOccupancy;
 using testing::MiddleS;
-using testing::NeverFloats;
 using testing::Random;
 using testing::RecordingMaker;
 
@@ -35,7 +35,7 @@ class OccupancyTest : public ::testing::Test {
   }
 
   bool IsStructure(std::int64_t bin, const Eigen::Vector3f& place_m = {10, 5, 3}) {
-    return occupancy_.Judge(place_m, bin, 0, NeverFloats).is_structure;
+    return JudgeOne(&occupancy_, place_m, bin).is_structure;
   }
 
   std::vector<Eigen::Vector3f> Structure() const {
@@ -93,7 +93,7 @@ TEST(Occupancy, AmongStraysAPlaceThatIsOftenHitIsClutterAndNoStructure) {
     for (int y = -3; y <= 3; ++y) {
       const Eigen::Vector3f place_m(16.0F, static_cast<float>(y), 1.0F);
       occupancy.AddFrame(std::vector{place_m}, 39);
-      const Occupancy::Verdict verdict = occupancy.Judge(place_m, 39, 0, NeverFloats);
+      const Occupancy::Verdict verdict = JudgeOne(&occupancy, place_m, 39);
       count += verdict.is_structure ? 1 : 0;
     }
     return count;
@@ -130,7 +130,7 @@ TEST_F(OccupancyTest, WhatCameWithATargetIsNoStructure) {
     Bin(bin, true, tree_m);
     Bin(bin, bin % 5 != 0, pole_m);
     const auto is_structure = [&](const Eigen::Vector3f& place_m) {
-      return occupancy_.Judge(place_m, bin, 0, NeverFloats, is_target).is_structure;
+      return JudgeOne(&occupancy_, place_m, bin, is_target).is_structure;
     };
     if (bin >= kCame && bin < 60) {
       EXPECT_FALSE(is_structure(here_m)) << bin;
@@ -146,7 +146,7 @@ TEST_F(OccupancyTest, WhatCameWithATargetIsNoStructure) {
 TEST_F(OccupancyTest, TellsSinceWhenAPlaceIsHit) {
   for (std::int64_t bin = 0; bin < 320; ++bin) {
     Bin(bin, bin < 4 || (bin >= 40 && bin % 2 == 0));
-    const Occupancy::Verdict verdict = occupancy_.Judge({10, 5, 3}, bin, 0, NeverFloats);
+    const Occupancy::Verdict verdict = JudgeOne(&occupancy_, {10, 5, 3}, bin);
     if (bin >= 40 && bin < 290) {
       EXPECT_EQ(verdict.dwell_begin_bin, 40) << bin;
     } else if (bin >= 300) {  // it may have begun before the window
@@ -688,10 +688,10 @@ void PanPast(const Eigen::Vector3f& place_m, bool has_poses, Occupancy* occupanc
 TEST_F(OccupancyTest, WhatIsOutOfViewOfACarrierThatTurnsIsNotEmpty) {
   const Eigen::Vector3f place_m(15.0F, 0.0F, 3.0F);
   PanPast(place_m, false, &occupancy_);
-  EXPECT_FALSE(occupancy_.Judge(place_m, 30, 0, NeverFloats).is_structure);
+  EXPECT_FALSE(JudgeOne(&occupancy_, place_m, 30).is_structure);
   Occupancy with_poses{BackgroundConfig()};
   PanPast(place_m, true, &with_poses);
-  EXPECT_TRUE(with_poses.Judge(place_m, 30, 0, NeverFloats).is_structure);
+  EXPECT_TRUE(JudgeOne(&with_poses, place_m, 30).is_structure);
 }
 
 // Drives along x past what it sees from less than 20 m alone, and something that passes in front.
@@ -716,8 +716,8 @@ TEST_F(OccupancyTest, WhatComesIntoRangeOfACarrierHasNotCome) {
       occupancy->AddFrame(points_m, bin, carrier);
     }
     const Eigen::Vector3f ahead_m(1.5F * 35.0F + 8.0F, 1.0F, 3.0F);
-    return std::pair(occupancy->Judge(pole_m, 35, 0, NeverFloats).is_structure,
-                     occupancy->Judge(ahead_m, 35, 0, NeverFloats).is_structure);
+    return std::pair(JudgeOne(occupancy, pole_m, 35).is_structure,
+                     JudgeOne(occupancy, ahead_m, 35).is_structure);
   };
   EXPECT_EQ(drive(false, &occupancy_), std::pair(false, false));
   Occupancy with_poses{BackgroundConfig()};

@@ -249,9 +249,7 @@ void LiveEngine::UpdateSensorHealth(const LoadedFrame& frame) {
   const Eigen::Vector3f* const begin_m = frame.points_m.data();
   const Eigen::Vector3f* const end_m = begin_m + frame.points_m.size();
   const SensorInfo& info = sensor.frames.info();
-  if (info.carrier == nullptr) {
-    sensor.sensor_health.AddFrame(frame.info.begin_ns, begin_m, end_m, info.origin_m);
-  }
+  sensor.sensor_health.AddFrame(info, frame.info.begin_ns, begin_m, end_m);
   if (is_endless_) return;  // the recording is checked at the end
   sensor.pose.AddFrame(info, frame.info.begin_ns, begin_m, end_m);
   Warn(frame.info.sensor, sensor.pose.TakeWarnings());

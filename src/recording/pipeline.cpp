@@ -131,9 +131,7 @@ FrameFeed Monitored(const FrameFeed& feed, std::vector<SensorMonitor>* monitors)
       const Eigen::Vector3f* const begin_m = recording->points_m.data() + frame.first_return;
       const Eigen::Vector3f* const end_m = recording->points_m.data() + frame.last_return;
       SensorMonitor& monitor = (*monitors)[frame.sensor];
-      if (sensor.carrier == nullptr) {
-        monitor.sensor_health.AddFrame(frame.begin_ns, begin_m, end_m, sensor.origin_m);
-      }
+      monitor.sensor_health.AddFrame(sensor, frame.begin_ns, begin_m, end_m);
       monitor.pose.AddFrame(sensor, frame.begin_ns, begin_m, end_m);
     }
     return next_ns;

@@ -1,6 +1,7 @@
 #include "scene/field_of_view.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "base/angles.hpp"
 
@@ -16,6 +17,14 @@ constexpr double kSharpOfMovingRad = 0.4 * M_PI / 180.0;
 constexpr std::ptrdiff_t kMinColumns = 8;
 constexpr float kAlikeRad = 0.02F;  // attitudes that tilt less than this apart are one
 constexpr std::size_t kMaxAttitudes = 64;
+// A carrier that moves less is at rest, as the noise of its poses is as large.
+constexpr float kMaxRestM = 0.05F;
+constexpr float kMaxRestRad = 0.2F * static_cast<float>(M_PI) / 180.0F;
+
+bool IsMoved(const CarrierPose& from, const CarrierPose& to) {
+  return (to.shift_m - from.shift_m).norm() > kMaxRestM ||
+         from.rotation.angularDistance(to.rotation) > kMaxRestRad;
+}
 
 }  // namespace
 
@@ -24,7 +33,22 @@ FieldOfView::FieldOfView() : lowest_(kNoneSeen), highest_(-kNoneSeen), sharp_rad
   highest_of_.fill(highest_);
 }
 
+void FieldOfView::AddFrame(PointsView points_m, const CarrierPose& carrier) {
+  if (!std::exchange(has_begun_, true)) first_carrier_ = carrier;
+  is_carrier_moving_ = is_carrier_moving_ || IsMoved(first_carrier_, carrier);
+  AddAttitude(carrier);
+  const Eigen::Matrix3f to_carrier = carrier.rotation.conjugate().toRotationMatrix();
+  for (std::size_t i = 0; i < points_m.size(); ++i)
+    Add(to_carrier * (points_m[i] - carrier.shift_m));
+}
+
+bool FieldOfView::Contains(const Eigen::Vector3f& ray_m) const {
+  const float sine = ray_m.z() / ray_m.norm();
+  return lowest_ <= sine && sine <= highest_ && columns_[AzimuthColumn(ray_m, kNumColumns)];
+}
+
 void FieldOfView::Add(const Eigen::Vector3f& ray_m) {
+  if (is_carrier_moving_) columns_[AzimuthColumn(ray_m, kNumColumns)] = true;
   const float sine = ray_m.z() / ray_m.norm();
   lowest_ = std::min(lowest_, sine);
   highest_ = std::max(highest_, sine);

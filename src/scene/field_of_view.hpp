@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
+#include <bitset>
 #include <cmath>
 #include <cstddef>
 #include <vector>
@@ -30,23 +31,31 @@ struct ElevationRange {
   }
 };
 
-// Lower and upper edge of the field of view. The sky yields no returns, so an edge is only known if
+// What a sensor sees in the axes of its carrier: the directions that ever had returns, and the
+// lower and upper edge of the field of view. The sky yields no returns, so an edge is only known if
 // the returns of many azimuths end at one elevation, as those of hills, roofs and trees do not.
 class FieldOfView {
  public:
   FieldOfView();
 
-  // Adds a return. `ray_m`: in the axes of the carrier.
-  void Add(const Eigen::Vector3f& ray_m);
+  // Adds the returns of a frame.
+  void AddFrame(PointsView points_m, const CarrierPose& carrier);
 
-  // Adds an attitude of the carrier.
-  void AddAttitude(const CarrierPose& carrier);
+  // True once the carrier has moved.
+  bool is_carrier_moving() const { return is_carrier_moving_; }
+
+  // True if a direction is between the lowest and the highest elevation of all returns and in an
+  // azimuth that had any since the carrier moved. `ray_m`: in the axes of the carrier.
+  bool Contains(const Eigen::Vector3f& ray_m) const;
 
   // Returns the edges in rad; an unknown edge is at -pi/2 or pi/2.
   ElevationRange Edges() const;
 
  private:
-  static constexpr std::size_t kNumColumns = 72;
+  static constexpr std::size_t kNumColumns = 72;  // azimuths, 5 degrees each
+
+  void Add(const Eigen::Vector3f& ray_m);
+  void AddAttitude(const CarrierPose& carrier);
 
   // Sines of the lowest and highest elevations of all returns, and per azimuth column (exact only
   // near the overall bounds).
@@ -54,6 +63,10 @@ class FieldOfView {
   float highest_;
   std::array<float, kNumColumns> lowest_of_;
   std::array<float, kNumColumns> highest_of_;
+  std::bitset<kNumColumns> columns_;  // with returns since the carrier moved
+  CarrierPose first_carrier_;
+  bool has_begun_ = false;
+  bool is_carrier_moving_ = false;
   double sharp_rad_;                  // width of an edge
   std::vector<Eigen::Vector3f> ups_;  // see ElevationRange
 };

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/angles.hpp"
-
 namespace unlidar {
 namespace {
 
@@ -22,15 +20,6 @@ std::uint16_t QuantaOf(float range_m) {
 
 // A place may have been seen from this much farther than now.
 constexpr float kFarther = 1.25F;
-// A carrier that moves less is at rest, as the noise of its poses is as large.
-constexpr float kMaxRestM = 0.05F;
-constexpr float kMaxRestRad = 0.2F * static_cast<float>(M_PI) / 180.0F;
-
-bool IsMoved(const CarrierPose& from, const CarrierPose& to) {
-  return (to.shift_m - from.shift_m).norm() > kMaxRestM ||
-         from.rotation.angularDistance(to.rotation) > kMaxRestRad;
-}
-
 // True if the median of a direction is nearer than a place by more than its own size.
 bool IsNearer(std::uint16_t quanta, float range_m) {
   return static_cast<float>(quanta) * kQuantumM < range_m - kMarginM;
@@ -44,9 +33,8 @@ Occlusion::Occlusion()
     : cells_(kHidingCellDeg), rows_(cells_.size(), kNone), carriers_(RecentBins::kWindow) {}
 
 void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
+  field_of_view_.AddFrame(points_m, carrier);
   if (bin < bin_) return;
-  if (bin_ < 0) first_carrier_ = carrier;
-  is_carrier_moving_ = is_carrier_moving_ || IsMoved(first_carrier_, carrier);
   while (bin_ < bin) {
     FinishBin();
     bin_ = std::max(bin_ + 1, bin - RecentBins::kWindow + 1);
@@ -57,7 +45,6 @@ void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& ca
     const Eigen::Vector3f ray_m = points_m[i] - carrier.shift_m;
     returns_.push_back(static_cast<std::uint32_t>(cells_.CellOf(ray_m)) << kRangeBits |
                        QuantaOf(ray_m.norm()));
-    if (is_carrier_moving_) view_.Add(carrier.rotation.conjugate() * ray_m);
   }
 }
 
@@ -85,7 +72,7 @@ void Occlusion::FinishBin() {
 Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int64_t bin,
                                         std::int64_t newest) const {
   Hidden hidden;
-  if (!is_carrier_moving_) {
+  if (!field_of_view_.is_carrier_moving()) {
     // All bins are of one direction, and most hide nothing.
     const std::uint32_t row = rows_[cells_.CellOf(place_m)];
     if (row == kNone) return hidden;
@@ -105,7 +92,8 @@ Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int
     const auto at = static_cast<std::size_t>(slot);
     const CarrierPose& carrier = carriers_[at];
     const Eigen::Vector3f ray_m = place_m - carrier.shift_m;
-    if (ray_m.norm() > farthest_m || !view_.Contains(carrier.rotation.conjugate() * ray_m)) {
+    if (ray_m.norm() > farthest_m ||
+        !field_of_view_.Contains(carrier.rotation.conjugate() * ray_m)) {
       Insert(slot, newest, &hidden.unseen);
     } else if (IsBehind(at, ray_m)) {
       Insert(slot, newest, &hidden.behind);
@@ -132,18 +120,6 @@ const Eigen::Vector3f& Occlusion::ViewpointM() const {
 bool Occlusion::IsBehind(std::size_t slot, const Eigen::Vector3f& ray_m) const {
   const std::uint32_t row = rows_[cells_.CellOf(ray_m)];
   return row != kNone && IsNearer(depths_[row + slot], ray_m.norm());
-}
-
-void Occlusion::View::Add(const Eigen::Vector3f& ray_m) {
-  const float sine = ray_m.z() / ray_m.norm();
-  lowest = std::min(lowest, sine);
-  highest = std::max(highest, sine);
-  columns[AzimuthColumn(ray_m, kColumns)] = true;
-}
-
-bool Occlusion::View::Contains(const Eigen::Vector3f& ray_m) const {
-  const float sine = ray_m.z() / ray_m.norm();
-  return lowest <= sine && sine <= highest && columns[AzimuthColumn(ray_m, kColumns)];
 }
 
 }  // namespace unlidar

@@ -2,13 +2,13 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <bitset>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
 #include "base/recording.hpp"
 #include "scene/direction_cells.hpp"
+#include "scene/field_of_view.hpp"
 #include "scene/recent_bins.hpp"
 
 namespace unlidar {
@@ -39,24 +39,9 @@ class Occlusion {
   // Returns where the station was in the last bin added, relative to its first viewpoint.
   const Eigen::Vector3f& ViewpointM() const;
 
-  // True once the carrier of a sensor has moved.
-  bool is_carrier_moving() const { return is_carrier_moving_; }
+  const FieldOfView& field_of_view() const { return field_of_view_; }
 
  private:
-  // Directions, in the axes of the carrier, that ever had returns.
-  struct View {
-    static constexpr std::size_t kColumns = 72;  // azimuths, 5 degrees each
-
-    void Add(const Eigen::Vector3f& ray_m);
-
-    // True within the azimuths and between the lowest and the highest elevation of returns.
-    bool Contains(const Eigen::Vector3f& ray_m) const;
-
-    std::bitset<kColumns> columns;
-    float lowest = 1.0F;  // sines of the elevations
-    float highest = -1.0F;
-  };
-
   void FinishBin();
   void Insert(int slot, std::int64_t newest, RecentBins* bins) const;
   bool IsBehind(std::size_t slot, const Eigen::Vector3f& ray_m) const;
@@ -69,9 +54,7 @@ class Occlusion {
   std::vector<std::uint16_t> depths_;
   std::vector<std::uint32_t> rows_;    // (cells) of those that ever had returns
   std::vector<CarrierPose> carriers_;  // at the begin of each bin, by bin modulo the window
-  CarrierPose first_carrier_;
-  bool is_carrier_moving_ = false;
-  View view_;  // of a carrier that moves
+  FieldOfView field_of_view_;
 };
 
 }  // namespace unlidar

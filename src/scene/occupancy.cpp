@@ -141,7 +141,7 @@ double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first
   const int youngest = std::max(age_of(last - 1), 0);
   const int oldest = age_of(first);
   RecentBins visible = observed_;
-  if (occlusion_.is_carrier_moving()) {
+  if (field_of_view().is_carrier_moving()) {
     const std::int64_t bin = std::clamp(last - 1, newest_ - RecentBins::kWindow + 1, newest_);
     visible =
         observed_ - occlusion_.HiddenBins(place_m, std::max<std::int64_t>(bin, 0), newest_).unseen;
@@ -204,7 +204,7 @@ double Occupancy::StrayRate(const Eigen::Vector3f& point_m) const {
 // place for a part of the time.
 double Occupancy::MinExposed() const {
   const double share = config_.min_exposure * std::min(observed_.Size(), kEnoughBins);
-  return occlusion_.is_carrier_moving() ? std::min(share, kEnoughFromMoving) : share;
+  return field_of_view().is_carrier_moving() ? std::min(share, kEnoughFromMoving) : share;
 }
 
 // Judges a place by the bins outside its dwell. A dwell that takes most of the window leaves few to

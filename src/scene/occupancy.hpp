@@ -71,6 +71,8 @@ class Occupancy {
   // several bins outside its dwell; in the first seconds, any place that is still being hit.
   void GetSupporters(std::vector<Eigen::Vector3f>* points_m) const;
 
+  const FieldOfView& field_of_view() const { return occlusion_.field_of_view(); }
+
   // Erases places without hits in the window. To be called periodically.
   void Sweep();
 

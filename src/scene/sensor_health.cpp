@@ -68,8 +68,9 @@ SensorHealth::SensorHealth()
   reference_.rates.resize(hits_.size(), 0.0F);
 }
 
-void SensorHealth::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
-                            const Eigen::Vector3f* end_m, const Eigen::Vector3f& origin_m) {
+void SensorHealth::AddFrame(const SensorInfo& sensor, TimeNs time_ns,
+                            const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m) {
+  if (sensor.carrier != nullptr) return;
   const TimeNs passed_ns = time_ns - std::exchange(last_ns_, time_ns);
   if (is_blinded_ && passed_ns > 0) blinded_ns_ += std::min(passed_ns, 2 * kBinNs);
   const TimeNs elapsed_ns = time_ns - snapshot_begin_ns_;
@@ -81,7 +82,7 @@ void SensorHealth::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
   ++frames_;
   const std::ptrdiff_t step = (end_m - begin_m) / kMaxReturns + 1;
   for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
-    const std::size_t place = PlaceOf(begin_m[i] - origin_m);
+    const std::size_t place = PlaceOf(begin_m[i] - sensor.origin_m);
     hits_[place] = 1;
     has_returned_[place / kRanges] = 1;
     ++returns_;

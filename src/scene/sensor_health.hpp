@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "base/recording.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -36,10 +37,10 @@ class SensorHealth {
 
   SensorHealth();
 
-  // Adds the returns of a frame. `origin_m`: position of the sensor. A frame older than the last
-  // one starts a new snapshot and keeps the model.
-  void AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
-                const Eigen::Vector3f& origin_m);
+  // Adds the returns of a frame; no effect if the sensor is on a carrier. A frame older than the
+  // last one starts a new snapshot and keeps the model.
+  void AddFrame(const SensorInfo& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
+                const Eigen::Vector3f* end_m);
 
   bool is_blinded() const { return is_blinded_; }
 

@@ -16,15 +16,9 @@ StationScene::StationScene(const RobustConfig& config)
 
 void StationScene::Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
   occupancy_.AddFrame(points_m, bin, carrier);
-  field_of_view_.AddAttitude(carrier);
-  const Eigen::Matrix3f to_carrier = carrier.rotation.conjugate().toRotationMatrix();
-  for (std::size_t i = 0; i < points_m.size(); ++i) {
-    const Eigen::Vector3f ray_m = points_m[i] - carrier.shift_m;
-    field_of_view_.Add(to_carrier * ray_m);
-    if (!is_fitted() && first_returns_m_.size() < kElevationReturns) {
-      first_returns_m_.push_back(ray_m);
-    }
-  }
+  if (is_fitted()) return;
+  const std::size_t count = std::min(points_m.size(), kElevationReturns - first_returns_m_.size());
+  for (std::size_t i = 0; i < count; ++i) first_returns_m_.push_back(points_m[i] - carrier.shift_m);
 }
 
 void StationScene::Fit(FitWorkspace* workspace) {
@@ -39,7 +33,7 @@ void StationScene::Fit(FitWorkspace* workspace) {
   occupancy_.GetStructure(&points_m);
   fitted_->ground.Fit(points_m, &ground);
   occupancy_.GetSupporters(&points_m);
-  fitted_->support.Fill(points_m, field_of_view_.Edges(), &support);
+  fitted_->support.Fill(points_m, occupancy_.field_of_view().Edges(), &support);
   ++num_fits_;
 }
 

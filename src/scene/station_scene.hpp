@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "scene/field_of_view.hpp"
 #include "scene/ground.hpp"
 #include "scene/occupancy.hpp"
 #include "scene/plots.hpp"
@@ -74,7 +73,6 @@ class StationScene {
 
   const RobustConfig* config_;
   Occupancy occupancy_;
-  FieldOfView field_of_view_;
   std::vector<Eigen::Vector3f> first_returns_m_;  // for the lowest elevation, until fitted
   double lowest_elevation_rad_ = 0.0;
   std::unique_ptr<Fitted> fitted_;

@@ -24,7 +24,7 @@ Eigen::Vector3f Towards(double azimuth_rad, double elevation_rad, double range_m
 
 ElevationRange EdgesOf(const std::vector<Eigen::Vector3f>& points_m) {
   FieldOfView view;
-  for (const Eigen::Vector3f& point_m : points_m) view.Add(point_m);
+  view.AddFrame(points_m, {});
   return view.Edges();
 }
 

@@ -77,15 +77,16 @@ double FogRangeM(Random* random) {
 // A sensor at some place, of 10 frames a second; tells when it was blinded.
 class Watched {
  public:
+  Watched() { sensor.origin_m = {100.0F, -40.0F, 8.0F}; }
+
   // Frames of so many seconds. Returns the seconds of them in which it was blinded.
   double Snapshot(double seconds, const std::function<Points()>& frame) {
     int blinded = 0;
     const int count = static_cast<int>(std::lround(10.0 * seconds));
     for (int i = 0; i < count; ++i, time_ns_ += testing::kPeriodNs) {
       Points points_m = frame();
-      for (Eigen::Vector3f& point_m : points_m) point_m += origin_m_;
-      sensor_health.AddFrame(time_ns_, points_m.data(), points_m.data() + points_m.size(),
-                             origin_m_);
+      for (Eigen::Vector3f& point_m : points_m) point_m += sensor.origin_m;
+      sensor_health.AddFrame(sensor, time_ns_, points_m.data(), points_m.data() + points_m.size());
       blinded += sensor_health.is_blinded() ? 1 : 0;
     }
     return 0.1 * blinded;
@@ -93,10 +94,10 @@ class Watched {
 
   void Pause(double seconds) { time_ns_ += std::llround(1e9 * seconds); }
 
+  SensorInfo sensor;
   SensorHealth sensor_health;
 
  private:
-  Eigen::Vector3f origin_m_{100.0F, -40.0F, 8.0F};
   TimeNs time_ns_ = kBeginNs;
 };
 

@@ -285,15 +285,18 @@ void LiveScene::Judge(SceneFrame* frame) {
   }
 }
 
-// Marks the plots that float and sets their clutter intensities, then adds them to the clutter.
+// Adds the plots to the clutter, marks those that float and sets their clutter intensities.
 void LiveScene::JudgePlots(SceneFrame* frame, Station* station) {
+  if (station->num_lookahead_frames > 0) {
+    --station->num_lookahead_frames;
+  } else {
+    AddToClutter(*frame, station);
+  }
   const std::uint32_t bin = frame->bin;
-  ClutterModel& clutter = station->clutter;
-  const bool was_added = station->num_lookahead_frames > 0;
-  if (was_added) --station->num_lookahead_frames;
-  const std::uint32_t num_recent_frames =
-      clutter.NumFrames(frame->info.sensor, FloatingPlots::RecentBins(bin)) + (was_added ? 0U : 1U);
+  const ClutterModel& clutter = station->clutter;
   const Support& support = station->scene.support();
+  const std::uint32_t num_recent_frames =
+      clutter.NumFrames(frame->info.sensor, FloatingPlots::RecentBins(bin));
   for (LivePlot& seen : frame->plots) {
     station->floating.Add(support, bin, num_recent_frames, &seen.plot);
     // The support may be hidden by fog.
@@ -301,11 +304,10 @@ void LiveScene::JudgePlots(SceneFrame* frame, Station* station) {
   }
   for (LivePlot& seen : frame->plots) {
     station->floating.ExcludeNeighbours(support.config(), bin, &seen.plot);
-    const ClutterModel::Intensity intensity = clutter.IntensityOf(seen.plot, bin, was_added);
+    const ClutterModel::Intensity intensity = clutter.IntensityOf(seen.plot, bin);
     seen.log_surrounding_clutter = intensity.log_surrounding;
     seen.plot.log_clutter = intensity.log_clutter;
   }
-  if (!was_added) AddToClutter(*frame, station);
 }
 
 void LiveScene::RemoveFromClutter(const std::vector<LivePlot>& plots) {

@@ -210,11 +210,10 @@ ClutterMap::Levels ClutterModel::LevelsAt(const Plot& plot, const SameTime& same
   return around_.LevelsAt(plot.sensor, PlaceM(plot), same_time.around);
 }
 
-ClutterModel::Intensity ClutterModel::IntensityOf(const Plot& plot, std::uint32_t bin,
-                                                  bool was_added) const {
+ClutterModel::Intensity ClutterModel::IntensityOf(const Plot& plot, std::uint32_t bin) const {
   const double rate = SurroundingRate(plot, bin, SameTimeOf(plot, bin), 0);
   if (plot.is_floating) return {std::log(rate), std::log(rate)};
-  const double others = NumAtSpot(plot) - (was_added ? 1.0 : 0.0);
+  const double others = NumAtSpot(plot) - 1.0;
   return {std::log(rate),
           std::log(std::max({rate, others * RatePerPlotAtSpot(plot), plot.place_rate}))};
 }

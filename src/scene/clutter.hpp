@@ -48,7 +48,7 @@ class ClutterModel {
   double SurroundingRate(const Plot& plot, std::uint32_t bin, const SameTime& same_time,
                          std::uint32_t num_excluded) const;
 
-  // Number of plots at the spot of a plot, itself included if it was added.
+  // Number of plots at the spot of a plot.
   std::uint32_t NumAtSpot(const Plot& plot) const;
 
   // Rate of its spot for each plot there: method.md (3).
@@ -63,9 +63,9 @@ class ClutterModel {
     double log_clutter = 0.0;
   };
 
-  // Returns the clutter intensity of a plot as far as it is known: a plot of a dwell is predicted
-  // by those that were added before it. `was_added`: it was added itself.
-  Intensity IntensityOf(const Plot& plot, std::uint32_t bin, bool was_added) const;
+  // Returns the clutter intensity of a plot that was added, as far as it is known: a plot of a dwell
+  // is predicted by the others that were added so far.
+  Intensity IntensityOf(const Plot& plot, std::uint32_t bin) const;
 
  private:
   struct FrameCount {

@@ -33,18 +33,20 @@ void Add(const std::vector<Plot>& plots, int i, ClutterModel* clutter) {
   for (const Plot& plot : plots) clutter->Add(plot, BinOf(i));
 }
 
-// The clutter of plots as far as it is known before they are added.
-std::vector<double> JudgeAndAdd(const std::vector<Plot>& plots, int i, ClutterModel* clutter) {
+// The clutter of plots that were added, as far as it is known.
+std::vector<double> Judge(const std::vector<Plot>& plots, int i, const ClutterModel& clutter) {
   std::vector<double> logs;
-  for (const Plot& plot : plots) {
-    logs.push_back(clutter->IntensityOf(plot, BinOf(i), false).log_clutter);
-  }
-  Add(plots, i, clutter);
+  for (const Plot& plot : plots) logs.push_back(clutter.IntensityOf(plot, BinOf(i)).log_clutter);
   return logs;
 }
 
-std::vector<double> JudgeAndAdd(int i, ClutterModel* clutter) {
-  return JudgeAndAdd(PlotsOf(i), i, clutter);
+std::vector<double> AddAndJudge(const std::vector<Plot>& plots, int i, ClutterModel* clutter) {
+  Add(plots, i, clutter);
+  return Judge(plots, i, *clutter);
+}
+
+std::vector<double> AddAndJudge(int i, ClutterModel* clutter) {
+  return AddAndJudge(PlotsOf(i), i, clutter);
 }
 
 ClutterModel Foreseen() {
@@ -53,20 +55,11 @@ ClutterModel Foreseen() {
   return clutter;
 }
 
-// The clutter of plots that were added.
-std::vector<double> Judge(int i, const ClutterModel& clutter) {
-  std::vector<double> logs;
-  for (const Plot& plot : PlotsOf(i)) {
-    logs.push_back(clutter.IntensityOf(plot, BinOf(i), true).log_clutter);
-  }
-  return logs;
-}
-
 TEST(ClutterModel, WhatIsForeseenTellsOfTheClutterBeforeIt) {
   ClutterModel blind{RobustConfig()};
-  const std::vector<double> first = Judge(0, Foreseen());
+  const std::vector<double> first = Judge(PlotsOf(0), 0, Foreseen());
   EXPECT_GT(first[0], first[1] + 3.0);
-  const std::vector<double> unforeseen = JudgeAndAdd(0, &blind);
+  const std::vector<double> unforeseen = AddAndJudge(0, &blind);
   EXPECT_NEAR(unforeseen[0], unforeseen[1], 0.1);
 }
 
@@ -75,8 +68,9 @@ TEST(ClutterModel, WhatWasForeseenCountsOnce) {
   ClutterModel clutter = Foreseen();
   ClutterModel blind{RobustConfig()};
   for (int i = 0; i < 2 * kFrames; ++i) {
-    const std::vector<double> a = i < kFrames ? Judge(i, clutter) : JudgeAndAdd(i, &clutter);
-    const std::vector<double> b = JudgeAndAdd(i, &blind);
+    const std::vector<double> b = AddAndJudge(i, &blind);
+    const std::vector<double> a =
+        i < kFrames ? Judge(PlotsOf(i), i, clutter) : AddAndJudge(i, &clutter);
     if (i < kFrames + 13) continue;
     for (std::size_t k = 0; k < a.size(); ++k) EXPECT_NEAR(a[k], b[k], 0.05) << i;
   }
@@ -100,14 +94,14 @@ TEST(ClutterModel, WhatIsRemovedOrForgottenIsNoClutter) {
     for (ClutterModel* clutter : {&removing, &keeping, &forgetting, &fresh}) Add({}, i, clutter);
   }
   constexpr int kNext = 420;  // with a plot of the twig
-  const double removed = JudgeAndAdd(kNext, &removing)[0];
-  const double forgotten = JudgeAndAdd(kNext, &forgetting)[0];
-  EXPECT_GT(JudgeAndAdd(kNext, &keeping)[0], removed + 3.0);
-  EXPECT_EQ(forgotten, JudgeAndAdd(kNext, &fresh)[0]);
+  const double removed = AddAndJudge(kNext, &removing)[0];
+  const double forgotten = AddAndJudge(kNext, &forgetting)[0];
+  EXPECT_GT(AddAndJudge(kNext, &keeping)[0], removed + 3.0);
+  EXPECT_EQ(forgotten, AddAndJudge(kNext, &fresh)[0]);
   EXPECT_LT(removed, forgotten);  // over more frames
   // Once more: what was forgotten cannot be removed.
   forgetting.Remove(PlotsOf(0)[0], BinOf(0));
-  EXPECT_GT(JudgeAndAdd(kNext + 6, &forgetting)[0], forgotten);
+  EXPECT_GT(AddAndJudge(kNext + 6, &forgetting)[0], forgotten);
 }
 
 // Crowns along a road: each is seen once, but always about as far ahead.
@@ -127,7 +121,7 @@ TEST(ClutterModel, WhatComesByAlongTheWayIsClutterAlsoWhereNothingWasSeenYet) {
       }
       plot.position_m = plot.PlaceM();
       plot.variance_m2 = 0.02;
-      last = JudgeAndAdd({plot}, i, &clutter)[0];
+      last = AddAndJudge({plot}, i, &clutter)[0];
     }
     return last;
   };

@@ -96,7 +96,6 @@ struct CollectConfig {
 // docs/explain.md has the reason for each.
 enum class Rule {
   kTransient,        // [R] transient places high in the air have no hidden support
-  kPermutationNull,  // [R] the threshold also exceeds clutter with its frames in random order
   kDwell,            // [R] dwells before take-off and after landing belong to the path
   kSpots,            // [R] returns are weighed against the clutter of their very spots
   kAlternatives,     // [R] sigmas include alternative modes

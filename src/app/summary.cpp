@@ -77,7 +77,6 @@ Json RobustJson(const RobustCounts& counts) {
           {"plots", counts.plots},
           {"paths", counts.paths},
           {"score_threshold", counts.score_threshold},
-          {"null_score", counts.null_score},
           {"false_alarms", counts.false_alarms}};
 }
 

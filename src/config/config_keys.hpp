@@ -91,7 +91,6 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
   visit("robust.min_return_rate_m2_per_s", robust.min_return_rate_m2_per_s, Range{0, 1e9});
   visit("robust.disabled_rules", robust.disabled_rules,
         Subset<Rule>{{{{"transient", Rule::kTransient},
-                       {"permutation_null", Rule::kPermutationNull},
                        {"dwell", Rule::kDwell},
                        {"spots", Rule::kSpots},
                        {"alternatives", Rule::kAlternatives},

@@ -55,7 +55,8 @@ inline constexpr std::array<FormerKey, 39> kFormerKeys{{
 }};
 
 // Rules that `robust.disabled_rules` could name in earlier versions.
-inline constexpr std::array<std::string_view, 1> kFormerRules{"clutter_returns"};
+inline constexpr std::array<std::string_view, 2> kFormerRules{"clutter_returns",
+                                                              "permutation_null"};
 
 // Returns the entry of a key or of its section; null for a key that never was one.
 inline const FormerKey* FindFormerKey(std::string_view key) {

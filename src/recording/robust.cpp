@@ -12,7 +12,6 @@
 #include "scene/multi_station_plots.hpp"
 #include "tracking/alternative_modes.hpp"
 #include "tracking/flight.hpp"
-#include "tracking/null_score.hpp"
 
 namespace unlidar {
 namespace {
@@ -53,17 +52,6 @@ double CrowdingPenalty(const Path& path, const std::vector<Plot>& plots,
     penalty += std::max(0.0, log_rate - plot.log_clutter);
   }
   return penalty;
-}
-
-// Marks the plots (plots) that belong to no path above the threshold.
-std::vector<char> AreClutter(std::size_t num_plots, const std::vector<Path>& paths,
-                             double threshold) {
-  std::vector<char> are_clutter(num_plots, 1);
-  for (const Path& path : paths) {
-    if (path.score < threshold) continue;
-    for (const std::uint32_t i : path.plots) are_clutter[i] = 0;
-  }
-  return are_clutter;
 }
 
 // Collects the targets of paths, one after the other: a return belongs to at most one target.
@@ -221,8 +209,9 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   }
   MultiStationPlots multi_station_plots(recording, Stations(recording.sensors), config);
   const std::vector<Plot>& plots = multi_station_plots.plots();
-  double threshold = ScoreThreshold(static_cast<double>(std::max<std::size_t>(plots.size(), 1)),
-                                    config.false_alarms_per_recording, config.tracker);
+  const double threshold =
+      ScoreThreshold(static_cast<double>(std::max<std::size_t>(plots.size(), 1)),
+                     config.false_alarms_per_recording, config.tracker);
   const ScanSchedule scan_schedule = ScanScheduleOf(recording);
   const std::vector<StationModel> station_models = multi_station_plots.StationModels();
   const auto verdicts_of = [&](const std::vector<Path>& paths) {
@@ -268,26 +257,12 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
     }
     if (assigned == before) break;
   }
-  // Permutation null: the clutter is measured with frames in random order. Scores exceed the null
-  // score as rarely as that of the model: method.md (10).
-  const double null_score =
-      config.Uses(Rule::kPermutationNull)
-          ? NullScore(recording, plots, AreClutter(plots.size(), paths, threshold), scan_schedule,
-                      config.tracker)
-          : 0.0;
-  const double null_threshold = null_score - std::log(config.false_alarms_per_recording);
-  if (null_threshold > threshold) {
-    threshold = null_threshold;
-    verdicts = verdicts_of(paths);
-  }
-
   const std::vector<char>& are_bodies = multi_station_plots.are_bodies();
   result.counts = {multi_station_plots.num_unexplained(),
                    static_cast<std::size_t>(std::count(are_bodies.begin(), are_bodies.end(), 1)),
                    plots.size(),
                    paths.size(),
                    threshold,
-                   null_score,
                    config.false_alarms_per_recording};
   TargetCollector collector(recording, multi_station_plots, scan_schedule, config,
                             trajectory_config, &paths);

@@ -32,7 +32,6 @@ struct RobustCounts {
   std::size_t plots = 0;
   std::size_t paths = 0;
   double score_threshold = 0.0;  // that a path must reach
-  double null_score = 0.0;       // best score of clutter with frames in random order
   double false_alarms = 0.0;     // expected tracks of clutter, upper bound
 };
 

@@ -87,7 +87,6 @@ class WindowSearch {
     counts_.plots += found.counts.plots;
     counts_.paths += found.counts.paths;
     counts_.score_threshold = std::max(counts_.score_threshold, found.counts.score_threshold);
-    counts_.null_score = std::max(counts_.null_score, found.counts.null_score);
     counts_.false_alarms += found.counts.false_alarms;
     std::vector<Tracklet> tracklets;
     for (Target& target : found.targets) tracklets.push_back(TrackletOf(std::move(target)));

@@ -489,9 +489,9 @@ TEST(ConfigErrors, NameTheAssignment) {
 
 TEST(Config, RulesAreDisabledByName) {
   EXPECT_TRUE(Config().robust.Uses(Rule::kCloud));
-  const Config config = LoadConfig("", {"robust.disabled_rules=[cloud, permutation_null]"});
+  const Config config = LoadConfig("", {"robust.disabled_rules=[cloud, spots]"});
   EXPECT_FALSE(config.robust.Uses(Rule::kCloud));
-  EXPECT_FALSE(config.robust.Uses(Rule::kPermutationNull));
+  EXPECT_FALSE(config.robust.Uses(Rule::kSpots));
   EXPECT_TRUE(config.robust.Uses(Rule::kInsect));
   EXPECT_TRUE(LoadConfig("", {"robust.disabled_rules=[]"}).robust.disabled_rules.empty());
 }
@@ -499,7 +499,7 @@ TEST(Config, RulesAreDisabledByName) {
 TEST(ConfigErrors, ARuleThatIsNoneOrIsNamedTwiceIsRefused) {
   for (const char* rules : {"[clouds]", "cloud", "[cloud, cloud]", "[[cloud]]", "[1]"}) {
     EXPECT_CONTAINS(ReasonOfSet("robust.disabled_rules=" + std::string(rules)),
-                    "expected a list of different ones, of transient, permutation_null, dwell, ");
+                    "expected a list of different ones, of transient, dwell, ");
   }
 }
 

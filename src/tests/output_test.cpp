@@ -191,14 +191,13 @@ TEST(NotConvergedText, NamesTrackCauseAndWhatIsWritten) {
 
 TEST(SummaryJson, HoldsTheCountsOfTheRobustMethod) {
   PipelineResult result;
-  result.robust_counts = RobustCounts{11, 12, 13, 14, 15.5, 9.25, 0.001};
+  result.robust_counts = RobustCounts{11, 12, 13, 14, 15.5, 0.001};
   const auto counts = nlohmann::json::parse(SummaryJson({}, Config(), result))["counts"]["robust"];
   EXPECT_EQ(counts, nlohmann::json({{"unexplained_returns", 11},
                                     {"body_returns", 12},
                                     {"plots", 13},
                                     {"paths", 14},
                                     {"score_threshold", 15.5},
-                                    {"null_score", 9.25},
                                     {"false_alarms", 0.001}}));
 }
 

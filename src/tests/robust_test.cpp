@@ -355,9 +355,7 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
   constexpr double kModels = 6.0;  // three agilities, two birth speeds
   const double num_starts = kModels * static_cast<double>(result.counts.plots);
   EXPECT_NEAR(result.counts.score_threshold,
-              std::max(std::log(num_starts), result.counts.null_score) -
-                  std::log(config.false_alarms_per_recording),
-              1e-9);
+              std::log(num_starts) - std::log(config.false_alarms_per_recording), 1e-9);
   EXPECT_EQ(result.counts.false_alarms, config.false_alarms_per_recording);
 }
 
@@ -371,9 +369,7 @@ TEST(FindTargetsRobust, WhatATargetShowsBesideItsPathIsNoClutter) {
       maker->AddBlob(hover(time_s) + Eigen::Vector3d(side, 0.0, 0.0), 0.03, 3, kDrone);
     }
   };
-  const RobustResult result = Find(Yard(3, fill).recording);
-  ASSERT_EQ(result.targets.size(), 1U);
-  EXPECT_LT(result.counts.null_score, 15.0);
+  EXPECT_EQ(Find(Yard(3, fill).recording).targets.size(), 1U);
 }
 
 // The same, seen from a sensor that stands elsewhere.

@@ -100,6 +100,7 @@ bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, 
       above_something.push_back(&plot);
       continue;
     }
+    // method.md (10)
     const double room_m = std::max(plot.lowest_m - kNotCountedM, 0.0);
     const double own_share = kOwnHeightM / (kOwnHeightM + room_m);
     const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);

@@ -49,9 +49,7 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector
   const Plot& first = flight.plots.front().plot;
   const RobustConfig& robust = config.robust;
   TrackFollower follower(back, models, robust);
-  const auto num_floating = std::count_if(flight.plots.begin(), flight.plots.end(),
-                                          [](const LivePlot& one) { return one.plot.is_floating; });
-  const bool floats = 2 * static_cast<std::size_t>(num_floating) >= flight.plots.size();
+  const bool floats = Floats(flight.plots);
   const auto is_before = [&](const LivePlot& one) {
     return one.plot.frame_time_ns < first.frame_time_ns;
   };

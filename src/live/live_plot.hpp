@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -23,6 +25,13 @@ struct LivePlot {
       0.0;  // log_clutter from the neighbourhood alone, without spot and place
   Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns about their mean
 };
+
+// True if at least half of the plots of a path float.
+inline bool Floats(const std::vector<LivePlot>& path) {
+  const auto num_floating = std::count_if(
+      path.begin(), path.end(), [](const LivePlot& seen) { return seen.plot.is_floating; });
+  return 2 * static_cast<std::size_t>(num_floating) >= path.size();
+}
 
 // A path that is attributed to a flying target: plots of different frames, in order of time.
 struct Flight {

@@ -21,12 +21,6 @@ constexpr double kLearningS = 10.0;
 // The same for a path with more neighbouring plots than its own.
 constexpr double kCrowdedLearningS = 30.0;
 
-bool Floats(const std::vector<LivePlot>& path) {
-  const auto num_floating = std::count_if(
-      path.begin(), path.end(), [](const LivePlot& seen) { return seen.plot.is_floating; });
-  return 2 * static_cast<std::size_t>(num_floating) >= path.size();
-}
-
 // True if a path moves or is unsupported. Otherwise it may be a twig that is hit more often for a
 // while: a stream does not know how often its place will be hit later.
 bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& plots) {

@@ -7,8 +7,6 @@
 namespace unlidar {
 namespace {
 
-constexpr double kRoundingSlack = 1e-9;  // of log densities
-
 Motion SingerMotion(double dt, double tau, double sigma) {
   const double a = 1.0 / tau;
   const double x = a * dt;

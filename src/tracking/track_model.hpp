@@ -14,6 +14,9 @@ namespace unlidar {
 inline constexpr std::int32_t kNoIndex = -1;
 inline constexpr std::uint32_t kNoSensor = ~std::uint32_t{0};
 
+// Rounding of log densities that bounds allow for.
+constexpr double kRoundingSlack = 1e-9;
+
 // Standard deviation of acceleration in a manoeuvre, relative to the motion that it interrupts:
 // about the ratio between the successive values of sigma_a in the search.
 constexpr double kManoeuvreFactor = 3.0;

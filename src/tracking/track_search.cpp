@@ -9,8 +9,6 @@
 namespace unlidar {
 namespace {
 
-// Allows for rounding of the bounds.
-constexpr double kBoundSlack = 1e-9;
 // Hypotheses carried on in addition per plot of the frame: in rain many begin at once.
 constexpr std::size_t kMaxHypothesesPerPlot = 5;
 
@@ -302,7 +300,7 @@ void TrackSearch::FindCandidates(const Scan& scan) {
     }
     const Prediction& p = predictions_[k];
     const ScoreBound bound = model_.BoundOf(p, scan.bounds, -negated_top);
-    const double reach_m = bound.ReachM(min_threshold - kBoundSlack);
+    const double reach_m = bound.ReachM(min_threshold - kRoundingSlack);
     if (reach_m < 0.0) continue;
     const double reach_m2 = reach_m * reach_m;
     auto entry =
@@ -312,7 +310,7 @@ void TrackSearch::FindCandidates(const Scan& scan) {
          ++entry) {
       const double distance2_m2 = (entry->position_m - p.position_m).squaredNorm();
       if (distance2_m2 > reach_m2) continue;  // most; At() takes longer
-      if (bound.At(distance2_m2) - entry->log_clutter < entry->score_threshold - kBoundSlack)
+      if (bound.At(distance2_m2) - entry->log_clutter < entry->score_threshold - kRoundingSlack)
         continue;
       const ScoreIncrement increment = model_.ScoreIncrementOf(p, plots_[entry->plot]);
       const double score = p.score + increment.log;

@@ -63,8 +63,8 @@ class ClutterModel {
     double log_clutter = 0.0;
   };
 
-  // Returns the clutter intensity of a plot that was added, as far as it is known: a plot of a dwell
-  // is predicted by the others that were added so far.
+  // Returns the clutter intensity of a plot that was added, as far as it is known: a plot of a
+  // dwell is predicted by the others that were added so far.
   Intensity IntensityOf(const Plot& plot, std::uint32_t bin) const;
 
  private:

@@ -1,3 +1,5 @@
+#include "scene/clutter.hpp"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -6,7 +8,6 @@
 #include <limits>
 #include <vector>
 
-#include "scene/clutter.hpp"
 #include "tests/learned_occupancy.hpp"
 #include "tests/synthetic_recording.hpp"
 

@@ -20,6 +20,7 @@ std::uint16_t QuantaOf(float range_m) {
 
 // A place may have been seen from this much farther than now.
 constexpr float kFarther = 1.25F;
+
 // True if the median of a direction is nearer than a place by more than its own size.
 bool IsNearer(std::uint16_t quanta, float range_m) {
   return static_cast<float>(quanta) * kQuantumM < range_m - kMarginM;

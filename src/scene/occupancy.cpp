@@ -11,9 +11,6 @@
 namespace unlidar {
 namespace {
 
-// Places are prefetched this many points ahead: their data exceed the cache.
-constexpr std::size_t kPrefetchDistance = 16;
-constexpr std::size_t kPartSize = 64;  // points whose places fit into the cache
 // Of so many a place must be exposed for a share, however many more there are.
 constexpr int kEnoughBins = RecentBins::kWindow / 2;
 constexpr double kEnoughFromMoving = 1.0;  // the same of a carrier that moves
@@ -65,29 +62,14 @@ void Occupancy::AddFrame(PointsView points_m, std::int64_t bin, const CarrierPos
   if (age < 0 || age >= RecentBins::kWindow) return;
   Place unknown;
   unknown.bin = newest_;
-  for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
-    const std::size_t end = std::min(begin + kPartSize, points_m.size());
-    touched_.clear();
-    for (std::size_t i = begin; i < end; ++i) {
-      if (i + kPrefetchDistance < points_m.size()) {
-        places_.Prefetch(points_m[i + kPrefetchDistance]);
-      }
-      places_.VisitOverlappingShells(
-          points_m[i], unknown, [&](std::uint32_t place, const Place&, bool is_own) {
-            places_.PrefetchValue(place);
-            touched_.push_back({place, static_cast<std::uint32_t>(i), is_own});
-          });
-    }
-    for (const Touched& touched : touched_) {
-      Place& place = places_[touched.place];
-      if (place.bin != newest_) Age(&place);
-      ++place.num_returns;
-      if (place.hits.Contains(static_cast<int>(age))) continue;
-      place.hits.Insert(static_cast<int>(age));
-      place.point_m = points_m[touched.point];
-      place.is_own = touched.is_own;
-    }
-  }
+  places_.VisitOverlappingShells(points_m, unknown, [&](std::size_t i, Place& place, bool is_own) {
+    if (place.bin != newest_) Age(&place);
+    ++place.num_returns;
+    if (place.hits.Contains(static_cast<int>(age))) return;
+    place.hits.Insert(static_cast<int>(age));
+    place.point_m = points_m[i];
+    place.is_own = is_own;
+  });
 }
 
 void Occupancy::CountFrame(std::int64_t bin) {
@@ -269,19 +251,9 @@ void Occupancy::Judge(PointsView points_m, std::int64_t bin, int scene, const Fl
   verdicts->assign(points_m.size(), structure);
   const std::int64_t age = newest_ - bin;
   if (age < 0 || age >= RecentBins::kWindow) return;
-  numbers_.clear();
-  for (std::size_t i = 0; i < points_m.size(); ++i) {
-    if (i + kPrefetchDistance < points_m.size()) places_.Prefetch(points_m[i + kPrefetchDistance]);
-    numbers_.push_back(places_.Find(points_m[i]));
-  }
-  for (std::size_t i = 0; i < points_m.size(); ++i) {
-    if (const std::size_t next = i + kPrefetchDistance;
-        next < points_m.size() && numbers_[next] != VoxelNumbers::kNone) {
-      places_.PrefetchValue(numbers_[next]);
-    }
-    if (numbers_[i] == VoxelNumbers::kNone) continue;
-    (*verdicts)[i] = JudgeAt(&places_[numbers_[i]], points_m[i], bin, scene, floats, is_target);
-  }
+  places_.VisitOwn(points_m, [&](std::size_t i, Place& place) {
+    (*verdicts)[i] = JudgeAt(&place, points_m[i], bin, scene, floats, is_target);
+  });
 }
 
 Occupancy::Verdict Occupancy::JudgeAt(Place* place, const Eigen::Vector3f& point_m,

@@ -98,13 +98,6 @@ class Occupancy {
     int past_exposed = 0;
   };
 
-  // A place that a point counts in, of its own shell or another.
-  struct Touched {
-    std::uint32_t place;
-    std::uint32_t point;
-    bool is_own;
-  };
-
   void CountFrame(std::int64_t bin);
   double MinExposed() const;
   Verdict JudgeAt(Place* place, const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
@@ -127,8 +120,6 @@ class Occupancy {
   std::uint32_t num_frames_ = 0;             // sum of these
   Occlusion occlusion_;
   ShellTable<Place> places_;
-  std::vector<Touched> touched_;        // of a part of a frame, in AddFrame()
-  std::vector<std::uint32_t> numbers_;  // of the places of a frame, in Judge()
 };
 
 }  // namespace unlidar

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/recording.hpp"
 #include "base/voxel_grid.hpp"
 #include "base/voxel_numbers.hpp"
 #include "unlidar/config.hpp"
@@ -60,26 +61,44 @@ class ShellTable {
     }
   }
 
-  // Prefetches the number of the own voxel of a point that will be looked up soon.
-  void Prefetch(const Eigen::Vector3f& point_m) const {
-    const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));
-    numbers_.Prefetch(static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m));
+  // Calls visit(i, value, is_own) in the same way for each point i, ahead of which its voxels are
+  // prefetched.
+  template <class Visit>
+  void VisitOverlappingShells(PointsView points_m, const Value& initial, const Visit& visit) {
+    for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
+      const std::size_t end = std::min(begin + kPartSize, points_m.size());
+      touched_.clear();
+      for (std::size_t i = begin; i < end; ++i) {
+        PrefetchNumberAhead(points_m, i);
+        VisitOverlappingShells(points_m[i], initial,
+                               [&](std::uint32_t number, const Value&, bool is_own) {
+                                 PrefetchValue(number);
+                                 touched_.push_back({i, number, is_own});
+                               });
+      }
+      for (const Touched& touched : touched_) {
+        visit(touched.point, values_[touched.number], touched.is_own);
+      }
+    }
   }
 
-  // Returns the number of the point's own voxel; VoxelNumbers::kNone if there is none.
-  std::uint32_t Find(const Eigen::Vector3f& point_m) const {
-    const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));
-    return numbers_.Find(static_cast<std::uint32_t>(shell),
-                         VoxelOf(point_m, shells_[shell].edge_m));
-  }
-
-  Value& operator[](std::uint32_t number) { return values_[number]; }
-
-  // Prefetches a value that will be accessed soon.
-  void PrefetchValue(std::uint32_t number) const {
-    const char* const begin = reinterpret_cast<const char*>(&values_[number]);
-    __builtin_prefetch(begin);
-    if constexpr (sizeof(Value) > kCacheLineBytes) __builtin_prefetch(begin + kCacheLineBytes);
+  // Calls visit(i, value) for each point i whose own voxel is known, ahead of which it is
+  // prefetched.
+  template <class Visit>
+  void VisitOwn(PointsView points_m, const Visit& visit) {
+    found_.clear();
+    for (std::size_t i = 0; i < points_m.size(); ++i) {
+      PrefetchNumberAhead(points_m, i);
+      const auto [shell, key] = OwnVoxelOf(points_m[i]);
+      found_.push_back(numbers_.Find(shell, key));
+    }
+    for (std::size_t i = 0; i < points_m.size(); ++i) {
+      const std::size_t ahead = i + kPrefetchDistance;
+      if (ahead < found_.size() && found_[ahead] != VoxelNumbers::kNone) {
+        PrefetchValue(found_[ahead]);
+      }
+      if (found_[i] != VoxelNumbers::kNone) visit(i, values_[found_[i]]);
+    }
   }
 
   // Calls visit(value) for the voxels in the neighbourhood of a point.
@@ -128,7 +147,17 @@ class ShellTable {
   }
 
  private:
+  // Voxels are prefetched this many points ahead: they exceed the cache.
+  static constexpr std::size_t kPrefetchDistance = 16;
+  static constexpr std::size_t kPartSize = 64;  // points whose voxels fit into the cache
   static constexpr std::size_t kCacheLineBytes = 64;
+
+  // A voxel of a point, of its own shell or another.
+  struct Touched {
+    std::size_t point;
+    std::uint32_t number;
+    bool is_own;
+  };
 
   struct Shell {
     double begin_m;  // smallest range
@@ -140,6 +169,23 @@ class ShellTable {
         std::upper_bound(shells_.begin() + 1, shells_.end(), range_m,
                          [](double range, const Shell& shell) { return range < shell.begin_m; });
     return static_cast<std::size_t>(next - shells_.begin()) - 1;
+  }
+
+  std::pair<std::uint32_t, VoxelKey> OwnVoxelOf(const Eigen::Vector3f& point_m) const {
+    const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));
+    return {static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m)};
+  }
+
+  void PrefetchNumberAhead(PointsView points_m, std::size_t i) const {
+    if (i + kPrefetchDistance >= points_m.size()) return;
+    const auto [shell, key] = OwnVoxelOf(points_m[i + kPrefetchDistance]);
+    numbers_.Prefetch(shell, key);
+  }
+
+  void PrefetchValue(std::uint32_t number) const {
+    const char* const begin = reinterpret_cast<const char*>(&values_[number]);
+    __builtin_prefetch(begin);
+    if constexpr (sizeof(Value) > kCacheLineBytes) __builtin_prefetch(begin + kCacheLineBytes);
   }
 
   template <class Visit>
@@ -161,6 +207,8 @@ class ShellTable {
   VoxelNumbers numbers_;
   std::vector<Value> values_;         // by number
   std::vector<std::uint32_t> moved_;  // new number of each voxel, during EraseIf()
+  std::vector<Touched> touched_;      // of a part of the points, during VisitOverlappingShells()
+  std::vector<std::uint32_t> found_;  // (points) during VisitOwn()
 };
 
 }  // namespace unlidar

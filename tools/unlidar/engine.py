@@ -265,16 +265,14 @@ def _setup(
 def _ways_of(poses: AnyPoses | Mapping[str, AnyPoses] | None) -> dict[str, Any]:
     """Files and arrays of poses, as the compiled module takes them."""
     named = {ALL: poses} if isinstance(poses, Poses) else poses
-    if not isinstance(named, Mapping):
-        return {name: str(file) for name, file in pose_files_of(named).items()}
     ways: dict[str, Any] = {}
-    for name, way in named.items():
-        if isinstance(way, Poses):
-            expect(isinstance(name, str), "poses", name, "the name of a sensor")
-            ways[name] = way.stamp_ns, np.hstack([way.position_m, way.rotation.as_quat()])
-        else:
-            ways |= {name: str(file) for name, file in pose_files_of({name: way}).items()}
-    return ways
+    if isinstance(named, Mapping):
+        for name, way in named.items():
+            if isinstance(way, Poses):
+                expect(isinstance(name, str), "poses", name, "the name of a sensor")
+                ways[name] = way.stamp_ns, np.hstack([way.position_m, way.rotation.as_quat()])
+        named = {name: way for name, way in named.items() if name not in ways}
+    return ways | {name: str(file) for name, file in pose_files_of(named).items()}
 
 
 def _checked(sensor: str, stamp_ns: SupportsIndex, xyz: object) -> tuple[str, int, object]:

@@ -6,7 +6,7 @@
 #include <functional>
 #include <unordered_map>
 
-#include "scene/point_tree.hpp"
+#include "base/point_tree.hpp"
 #include "scene/static_places.hpp"
 
 namespace unlidar {

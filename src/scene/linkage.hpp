@@ -8,7 +8,7 @@
 
 #include "base/disjoint_sets.hpp"
 #include "base/recording.hpp"
-#include "scene/point_tree.hpp"
+#include "base/point_tree.hpp"
 #include "scene/range_grid.hpp"
 
 namespace unlidar {

@@ -122,6 +122,7 @@ struct ScoreBound {
   double agile_slope = 0.0;
   double travel_m = 0.0;  // within the frame, either side of its middle
 
+  // Falls with distance.
   double At(double distance2_m2) const {
     if (travel_m > 0.0) {
       const double left_m = std::max(0.0, std::sqrt(distance2_m2) - travel_m);
@@ -129,13 +130,6 @@ struct ScoreBound {
     }
     return std::max(steady_top - steady_slope * distance2_m2,
                     agile_top - agile_slope * distance2_m2);
-  }
-
-  // Distance at which the bound falls below `score`; negative if it is below everywhere.
-  double ReachM(double score) const {
-    const double reach_m2 =
-        std::max((steady_top - score) / steady_slope, (agile_top - score) / agile_slope);
-    return reach_m2 < 0.0 ? -1.0 : std::sqrt(reach_m2) + travel_m;
   }
 };
 

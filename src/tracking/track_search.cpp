@@ -11,6 +11,7 @@ namespace {
 
 // Hypotheses carried on in addition per plot of the frame: in rain many begin at once.
 constexpr std::size_t kMaxHypothesesPerPlot = 5;
+constexpr double kUnreachable = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
@@ -31,13 +32,13 @@ void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_birt
     bounds.half_span_s =
         std::max(bounds.half_span_s,
                  static_cast<double>(std::abs(plot.time_ns - plot.frame_time_ns)) * kSecondsPerNs);
-    scan->entries.push_back({plot.position_m, plot.log_clutter,
-                             std::max(kDeletionLog, log_births[last] + kReinitiationLog), last});
   }
-  std::sort(scan->entries.begin(), scan->entries.end(),
-            [](const Scan::Entry& a, const Scan::Entry& b) {
-              return a.position_m.x() < b.position_m.x();
-            });
+  scan->positions_m.Reset(last - first, [&](std::size_t i) { return plots[first + i].position_m; });
+  for (const std::uint32_t index : scan->positions_m.indices()) {
+    const std::size_t plot = first + index;
+    scan->entries.push_back({plots[plot].log_clutter,
+                             std::max(kDeletionLog, log_births[plot] + kReinitiationLog), plot});
+  }
 }
 
 std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
@@ -283,45 +284,72 @@ void TrackSearch::FindCandidates(const Scan& scan) {
     candidates_.back().reserve(static_cast<std::size_t>(config_.hypotheses_per_plot) + 1);
   }
   for (std::vector<Candidate>& candidates : candidates_) candidates.clear();
-  entries_.clear();
+  thresholds_.clear();
   for (const Scan::Entry& entry : scan.entries) {
-    if (free_[entry.plot]) entries_.push_back(entry);
+    thresholds_.push_back(free_[entry.plot] ? entry.score_threshold : kUnreachable);
   }
-  if (entries_.empty()) return;
-  double min_threshold = -std::numeric_limits<double>::infinity();
-  bool is_stale = true;  // the entry with the lowest threshold may have been raised
+  least_bounds_.resize(scan.positions_m.nodes().size());
+  for (std::size_t node = least_bounds_.size(); node-- > 0;) {  // children before their parent
+    SetLeastBound(scan, static_cast<std::uint32_t>(node));
+  }
   for (const auto& [negated_top, k] : ranking_) {
-    if (is_stale) {
-      min_threshold = std::numeric_limits<double>::infinity();
-      for (const Scan::Entry& entry : entries_) {
-        min_threshold = std::min(min_threshold, entry.score_threshold + entry.log_clutter);
-      }
-      is_stale = false;
-    }
-    const Prediction& p = predictions_[k];
-    const ScoreBound bound = model_.BoundOf(p, scan.bounds, -negated_top);
-    const double reach_m = bound.ReachM(min_threshold - kRoundingSlack);
-    if (reach_m < 0.0) continue;
-    const double reach_m2 = reach_m * reach_m;
-    auto entry =
-        std::lower_bound(entries_.begin(), entries_.end(), p.position_m.x() - reach_m,
-                         [](const Scan::Entry& at, double x) { return at.position_m.x() < x; });
-    for (; entry != entries_.end() && entry->position_m.x() <= p.position_m.x() + reach_m;
-         ++entry) {
-      const double distance2_m2 = (entry->position_m - p.position_m).squaredNorm();
-      if (distance2_m2 > reach_m2) continue;  // most; At() takes longer
-      if (bound.At(distance2_m2) - entry->log_clutter < entry->score_threshold - kRoundingSlack)
-        continue;
-      const ScoreIncrement increment = model_.ScoreIncrementOf(p, plots_[entry->plot]);
-      const double score = p.score + increment.log;
-      if (score < entry->score_threshold) continue;
-      std::vector<Candidate>& best = candidates_[entry->plot - scan.first];
-      InsertCandidate({score, increment, k}, &best);
-      if (best.size() < static_cast<std::size_t>(config_.hypotheses_per_plot)) continue;
-      is_stale = is_stale || entry->score_threshold + entry->log_clutter <= min_threshold;
-      entry->score_threshold = best.back().score;
-    }
+    Continue(k, scan, model_.BoundOf(predictions_[k], scan.bounds, -negated_top));
   }
+}
+
+// Returns false if nothing changed.
+bool TrackSearch::SetLeastBound(const Scan& scan, std::uint32_t id) {
+  const PointTree<double>::Node& node = scan.positions_m.nodes()[id];
+  double least = kUnreachable;
+  if (node.IsLeaf()) {
+    for (std::uint32_t i = node.begin; i < node.end; ++i) {
+      least = std::min(least, thresholds_[i] + scan.entries[i].log_clutter);
+    }
+  } else {
+    least = std::min(least_bounds_[node.left], least_bounds_[node.right]);
+  }
+  return std::exchange(least_bounds_[id], least) != least;
+}
+
+void TrackSearch::Continue(std::size_t prediction, const Scan& scan, const ScoreBound& bound) {
+  const Eigen::Vector3d& position_m = predictions_[prediction].position_m;
+  const std::vector<PointTree<double>::Node>& nodes = scan.positions_m.nodes();
+  for (std::uint32_t id = 0; id < nodes.size();) {
+    const PointTree<double>::Node& node = nodes[id];
+    const Eigen::Vector3d nearest_m = position_m.cwiseMax(node.low_m).cwiseMin(node.high_m);
+    const double most = bound.At((nearest_m - position_m).squaredNorm());
+    if (most < least_bounds_[id] - kRoundingSlack) {
+      id = node.next;
+      continue;
+    }
+    if (node.IsLeaf() && ContinueToLeaf(prediction, scan, node, bound)) {
+      for (std::uint32_t raised = id; SetLeastBound(scan, raised) && raised > 0;) {
+        raised = nodes[raised].parent;
+      }
+    }
+    ++id;
+  }
+}
+
+// Returns true if the threshold of a plot was raised.
+bool TrackSearch::ContinueToLeaf(std::size_t prediction, const Scan& scan,
+                                 const PointTree<double>::Node& leaf, const ScoreBound& bound) {
+  const Prediction& p = predictions_[prediction];
+  bool is_raised = false;
+  for (std::uint32_t i = leaf.begin; i < leaf.end; ++i) {
+    const Scan::Entry& entry = scan.entries[i];
+    const double distance2_m2 = (scan.positions_m.points_m()[i] - p.position_m).squaredNorm();
+    if (bound.At(distance2_m2) - entry.log_clutter < thresholds_[i] - kRoundingSlack) continue;
+    const ScoreIncrement increment = model_.ScoreIncrementOf(p, plots_[entry.plot]);
+    const double score = p.score + increment.log;
+    if (score < thresholds_[i]) continue;
+    std::vector<Candidate>& best = candidates_[entry.plot - scan.first];
+    InsertCandidate({score, increment, prediction}, &best);
+    if (best.size() < static_cast<std::size_t>(config_.hypotheses_per_plot)) continue;
+    thresholds_[i] = best.back().score;
+    is_raised = true;
+  }
+  return is_raised;
 }
 
 void TrackSearch::InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const {

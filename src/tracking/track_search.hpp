@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/point_tree.hpp"
 #include "base/queue.hpp"
 #include "tracking/track_model.hpp"
 
@@ -19,7 +20,6 @@ constexpr double kReinitiationLog = -3.0;
 // The plots of one frame.
 struct Scan {
   struct Entry {
-    Eigen::Vector3d position_m;
     double log_clutter;
     double score_threshold;  // least score of a hypothesis that is updated with it
     std::size_t plot;        // index into all plots
@@ -29,7 +29,8 @@ struct Scan {
   std::size_t last = 0;   // one past the last plot
   FrameTime at;
   FrameBounds bounds;
-  std::vector<Entry> entries;  // sorted by x
+  PointTree<double> positions_m;
+  std::vector<Entry> entries;  // in the order of positions_m.points_m()
 };
 
 // Fills `scan` with the frame whose first plot is `first`, reusing its memory.
@@ -118,6 +119,10 @@ class TrackSearch {
   void Predict(const FrameTime& at);
   void PruneHypotheses(const Scan& scan);
   void FindCandidates(const Scan& scan);
+  bool SetLeastBound(const Scan& scan, std::uint32_t id);
+  void Continue(std::size_t prediction, const Scan& scan, const ScoreBound& bound);
+  bool ContinueToLeaf(std::size_t prediction, const Scan& scan, const PointTree<double>::Node& leaf,
+                      const ScoreBound& bound);
   void InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const;
 
   const std::vector<Plot>& plots_;
@@ -133,8 +138,11 @@ class TrackSearch {
   std::vector<Motion> motions_;          // one per time of a last plot
   std::vector<std::pair<double, std::size_t>> ranking_;  // (-highest steady score, prediction)
   std::vector<char> is_kept_;
-  std::vector<std::int32_t> marks_;                 // (history) scratch
-  std::vector<Scan::Entry> entries_;                // of the free plots of the current frame
+  std::vector<std::int32_t> marks_;  // (history) scratch
+  // Of the current frame, in the order of its entries and of the nodes of its tree: the least score
+  // with which a plot is taken, and the least bound of a score before its clutter.
+  std::vector<double> thresholds_;
+  std::vector<double> least_bounds_;
   std::vector<std::vector<Candidate>> candidates_;  // per plot of the current frame, best first
 };
 

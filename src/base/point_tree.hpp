@@ -29,6 +29,8 @@ class PointTree {
     std::uint32_t end = 0;
     std::uint32_t left = 0;  // children, 0 for a leaf
     std::uint32_t right = 0;
+    std::uint32_t parent = 0;  // of the root itself
+    std::uint32_t next = 0;    // past the node and all below it
 
     bool IsLeaf() const { return left == 0; }
   };
@@ -38,13 +40,19 @@ class PointTree {
 
   // Rebuilds the tree; reuses the allocated memory.
   void Reset(const std::vector<Point>& points_m) {
+    Reset(points_m.size(), [&](std::size_t i) -> const Point& { return points_m[i]; });
+  }
+
+  // The same of the points point_of(0) to point_of(num_points - 1).
+  template <class PointOf>
+  void Reset(std::size_t num_points, const PointOf& point_of) {
     nodes_.clear();
-    indices_.resize(points_m.size());
+    indices_.resize(num_points);
     std::iota(indices_.begin(), indices_.end(), 0U);
-    if (!points_m.empty()) Build(points_m, 0, static_cast<std::uint32_t>(points_m.size()));
+    if (num_points > 0) Build(point_of, 0, static_cast<std::uint32_t>(num_points));
     points_m_.clear();
-    points_m_.reserve(points_m.size());
-    for (const std::uint32_t i : indices_) points_m_.push_back(points_m[i]);
+    points_m_.reserve(num_points);
+    for (const std::uint32_t i : indices_) points_m_.push_back(point_of(i));
   }
 
   const std::vector<Node>& nodes() const { return nodes_; }
@@ -55,14 +63,15 @@ class PointTree {
  private:
   static constexpr std::uint32_t kMaxLeafSize = 8;
 
-  std::uint32_t Build(const std::vector<Point>& points_m, std::uint32_t begin, std::uint32_t end) {
+  template <class PointOf>
+  std::uint32_t Build(const PointOf& point_of, std::uint32_t begin, std::uint32_t end) {
     Node node;
     node.begin = begin;
     node.end = end;
-    node.low_m = node.high_m = points_m[indices_[begin]];
+    node.low_m = node.high_m = point_of(indices_[begin]);
     for (std::uint32_t i = begin; i < end; ++i) {
-      node.low_m = node.low_m.cwiseMin(points_m[indices_[i]]);
-      node.high_m = node.high_m.cwiseMax(points_m[indices_[i]]);
+      node.low_m = node.low_m.cwiseMin(point_of(indices_[i]));
+      node.high_m = node.high_m.cwiseMax(point_of(indices_[i]));
     }
     const auto id = static_cast<std::uint32_t>(nodes_.size());
     nodes_.push_back(node);
@@ -74,12 +83,14 @@ class PointTree {
       const std::uint32_t middle = begin + (end - begin) / 2;
       std::nth_element(
           indices_.begin() + begin, indices_.begin() + middle, indices_.begin() + end,
-          [&](std::uint32_t a, std::uint32_t b) { return points_m[a][axis] < points_m[b][axis]; });
-      const std::uint32_t left = Build(points_m, begin, middle);
-      const std::uint32_t right = Build(points_m, middle, end);
+          [&](std::uint32_t a, std::uint32_t b) { return point_of(a)[axis] < point_of(b)[axis]; });
+      const std::uint32_t left = Build(point_of, begin, middle);
+      const std::uint32_t right = Build(point_of, middle, end);
       nodes_[id].left = left;
       nodes_[id].right = right;
+      nodes_[left].parent = nodes_[right].parent = id;
     }
+    nodes_[id].next = static_cast<std::uint32_t>(nodes_.size());
     return id;
   }
 

@@ -25,8 +25,11 @@ struct Voxel {
 inline Voxel VoxelAt(const Eigen::Vector3f& point_m, double voxel_size_m) {
   constexpr double kOutermost = (1 << 20) - 2;
   const auto number = [&](float coordinate_m) {
-    const double voxel = std::floor(static_cast<double>(coordinate_m) / voxel_size_m);
-    return static_cast<std::int64_t>(std::clamp(voxel, -kOutermost, kOutermost));
+    const double voxel =
+        std::clamp(static_cast<double>(coordinate_m) / voxel_size_m, -kOutermost, kOutermost);
+    // Its floor: processors from before 2008, for which packages are built, have none.
+    const auto truncated = static_cast<std::int64_t>(voxel);
+    return truncated - (static_cast<double>(truncated) > voxel ? 1 : 0);
   };
   return {number(point_m.x()), number(point_m.y()), number(point_m.z())};
 }

@@ -27,9 +27,11 @@ class ShellTable {
     constexpr double kMaxRange_m = 1e6;  // voxels stop growing beyond
     const double most = std::log2(radius.At(kMaxRange_m) / radius.constant_m);
     for (int shell = 0; shell <= static_cast<int>(std::floor(2.0 * most + 0.5)); ++shell) {
+      const double edge_m = 2.0 / 3.0 * radius.constant_m * std::pow(2.0, 0.5 * shell);
+      // A block extends at most two edges along each axis.
       shells_.push_back(
-          {(std::pow(2.0, 0.5 * (shell - 0.5)) - 1.0) * radius.constant_m / radius.slope,
-           2.0 / 3.0 * radius.constant_m * std::pow(2.0, 0.5 * shell)});
+          {(std::pow(2.0, 0.5 * (shell - 0.5)) - 1.0) * radius.constant_m / radius.slope, edge_m,
+           2.0 * std::sqrt(3.0) * edge_m});
     }
   }
 
@@ -41,24 +43,7 @@ class ShellTable {
   template <class Visit>
   void VisitOverlappingShells(const Eigen::Vector3f& point_m, const Value& initial,
                               const Visit& visit) {
-    // Shells with a place near enough: a block extends at most two edges along each axis.
-    const double range_m = static_cast<double>(point_m.norm());
-    const auto reach_m = [&](std::size_t shell) {
-      return 2.0 * std::sqrt(3.0) * shells_[shell].edge_m;
-    };
-    const std::size_t own = ShellAt(range_m);
-    std::size_t first = own;
-    std::size_t last = own;
-    while (first > 0 && range_m - shells_[first].begin_m <= reach_m(first - 1)) --first;
-    while (last + 1 < shells_.size() && shells_[last + 1].begin_m - range_m <= reach_m(last + 1)) {
-      ++last;
-    }
-    for (std::size_t shell = first; shell <= last; ++shell) {
-      const std::uint32_t number = numbers_.FindOrAdd(static_cast<std::uint32_t>(shell),
-                                                      VoxelOf(point_m, shells_[shell].edge_m));
-      if (number == values_.size()) values_.push_back(initial);
-      visit(number, values_[number], shell == own);
-    }
+    VisitOverlappingShells(point_m, HomeOf(point_m), initial, visit);
   }
 
   // Calls visit(i, value, is_own) in the same way for each point i, ahead of which its voxels are
@@ -67,10 +52,10 @@ class ShellTable {
   void VisitOverlappingShells(PointsView points_m, const Value& initial, const Visit& visit) {
     for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
       const std::size_t end = std::min(begin + kPartSize, points_m.size());
+      FindHomes(points_m, begin, end);
       touched_.clear();
       for (std::size_t i = begin; i < end; ++i) {
-        PrefetchNumberAhead(points_m, i);
-        VisitOverlappingShells(points_m[i], initial,
+        VisitOverlappingShells(points_m[i], homes_[i - begin], initial,
                                [&](std::uint32_t number, const Value&, bool is_own) {
                                  PrefetchValue(number);
                                  touched_.push_back({i, number, is_own});
@@ -86,18 +71,17 @@ class ShellTable {
   // prefetched.
   template <class Visit>
   void VisitOwn(PointsView points_m, const Visit& visit) {
-    found_.clear();
-    for (std::size_t i = 0; i < points_m.size(); ++i) {
-      PrefetchNumberAhead(points_m, i);
-      const auto [shell, key] = OwnVoxelOf(points_m[i]);
-      found_.push_back(numbers_.Find(shell, key));
-    }
-    for (std::size_t i = 0; i < points_m.size(); ++i) {
-      const std::size_t ahead = i + kPrefetchDistance;
-      if (ahead < found_.size() && found_[ahead] != VoxelNumbers::kNone) {
-        PrefetchValue(found_[ahead]);
+    for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
+      const std::size_t end = std::min(begin + kPartSize, points_m.size());
+      FindHomes(points_m, begin, end);
+      touched_.clear();
+      for (std::size_t i = begin; i < end; ++i) {
+        const std::uint32_t number = numbers_.Find(homes_[i - begin].shell, homes_[i - begin].key);
+        if (number == VoxelNumbers::kNone) continue;
+        PrefetchValue(number);
+        touched_.push_back({i, number, true});
       }
-      if (found_[i] != VoxelNumbers::kNone) visit(i, values_[found_[i]]);
+      for (const Touched& touched : touched_) visit(touched.point, values_[touched.number]);
     }
   }
 
@@ -147,9 +131,8 @@ class ShellTable {
   }
 
  private:
-  // Voxels are prefetched this many points ahead: they exceed the cache.
-  static constexpr std::size_t kPrefetchDistance = 16;
-  static constexpr std::size_t kPartSize = 64;  // points whose voxels fit into the cache
+  // Voxels exceed the cache. They are prefetched for so many points at a time, which fit into it.
+  static constexpr std::size_t kPartSize = 64;
   static constexpr std::size_t kCacheLineBytes = 64;
 
   // A voxel of a point, of its own shell or another.
@@ -159,9 +142,17 @@ class ShellTable {
     bool is_own;
   };
 
+  // The voxel of a point in its own shell.
+  struct Home {
+    double range_m;
+    std::uint32_t shell;
+    VoxelKey key;
+  };
+
   struct Shell {
     double begin_m;  // smallest range
     double edge_m;   // voxel edge
+    double reach_m;  // from a point to the farthest of its neighbourhood
   };
 
   std::size_t ShellAt(double range_m) const {
@@ -171,15 +162,41 @@ class ShellTable {
     return static_cast<std::size_t>(next - shells_.begin()) - 1;
   }
 
-  std::pair<std::uint32_t, VoxelKey> OwnVoxelOf(const Eigen::Vector3f& point_m) const {
-    const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));
-    return {static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m)};
+  Home HomeOf(const Eigen::Vector3f& point_m) const {
+    const double range_m = static_cast<double>(point_m.norm());
+    const std::size_t shell = ShellAt(range_m);
+    return {range_m, static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m)};
   }
 
-  void PrefetchNumberAhead(PointsView points_m, std::size_t i) const {
-    if (i + kPrefetchDistance >= points_m.size()) return;
-    const auto [shell, key] = OwnVoxelOf(points_m[i + kPrefetchDistance]);
-    numbers_.Prefetch(shell, key);
+  // Sets `homes_` to those of the points [begin, end) and prefetches their numbers.
+  void FindHomes(PointsView points_m, std::size_t begin, std::size_t end) {
+    homes_.clear();
+    for (std::size_t i = begin; i < end; ++i) {
+      homes_.push_back(HomeOf(points_m[i]));
+      numbers_.Prefetch(homes_.back().shell, homes_.back().key);
+    }
+  }
+
+  template <class Visit>
+  void VisitOverlappingShells(const Eigen::Vector3f& point_m, const Home& home,
+                              const Value& initial, const Visit& visit) {
+    // Shells with a place near enough.
+    std::size_t first = home.shell;
+    std::size_t last = home.shell;
+    while (first > 0 && home.range_m - shells_[first].begin_m <= shells_[first - 1].reach_m) {
+      --first;
+    }
+    while (last + 1 < shells_.size() &&
+           shells_[last + 1].begin_m - home.range_m <= shells_[last + 1].reach_m) {
+      ++last;
+    }
+    for (std::size_t shell = first; shell <= last; ++shell) {
+      const bool is_own = shell == home.shell;
+      const VoxelKey key = is_own ? home.key : VoxelOf(point_m, shells_[shell].edge_m);
+      const std::uint32_t number = numbers_.FindOrAdd(static_cast<std::uint32_t>(shell), key);
+      if (number == values_.size()) values_.push_back(initial);
+      visit(number, values_[number], is_own);
+    }
   }
 
   void PrefetchValue(std::uint32_t number) const {
@@ -207,8 +224,8 @@ class ShellTable {
   VoxelNumbers numbers_;
   std::vector<Value> values_;         // by number
   std::vector<std::uint32_t> moved_;  // new number of each voxel, during EraseIf()
-  std::vector<Touched> touched_;      // of a part of the points, during VisitOverlappingShells()
-  std::vector<std::uint32_t> found_;  // (points) during VisitOwn()
+  std::vector<Home> homes_;           // of a part of the points
+  std::vector<Touched> touched_;      // by them
 };
 
 }  // namespace unlidar

@@ -201,5 +201,13 @@ TEST(Flight, WhatStandsStillIsNoneWhereItsSensorPassesBy) {
   EXPECT_EQ(RejectionOf(moving_m, true), Rejection::kNone);
 }
 
+TEST(Flight, WhatIsPassedAtRestMayBeSeenAtAnyHeight) {
+  const Eigen::Vector3d up_m(0, 0, 0.3);
+  EXPECT_EQ(RejectionOf(up_m, false), Rejection::kNone);
+  EXPECT_EQ(RejectionOf(up_m, true), Rejection::kStationary);
+  EXPECT_EQ(RejectionOf(-up_m, true), Rejection::kStationary);
+  EXPECT_EQ(RejectionOf(up_m + Eigen::Vector3d(0, 0.3, 0), true), Rejection::kNone);
+}
+
 }  // namespace
 }  // namespace unlidar

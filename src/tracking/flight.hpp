@@ -28,9 +28,9 @@ constexpr RangeRadius kMinDisplacement{0.8, 0.02};
 double DriftM(const std::vector<Plot>& path);
 
 // Returns kNone for a path that has enough detections, is off the ground, has the return rate of
-// a drone and, seen from a carrier that travels meanwhile, moves itself: what stands still comes
-// into range and leaves it like what comes and goes. Uses the sensors and frames of the recording,
-// which may be only those about the path.
+// a drone and, seen from a carrier that travels meanwhile, moves itself, over the ground: what
+// stands still comes into range and leaves it, each height by itself, like what comes and goes.
+// Uses the sensors and frames of the recording, which may be only those about the path.
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
                           const RobustConfig& config);
 

@@ -8,6 +8,7 @@
 #include "collection/suspended.hpp"
 #include "live/backward_extension.hpp"
 #include "scene/support.hpp"
+#include "tracking/crowding.hpp"
 #include "tracking/flight.hpp"
 #include "tracking/path_exchange.hpp"
 
@@ -202,10 +203,28 @@ bool LiveSearch::IsCrowded(const Path& path) const {
   return false;
 }
 
-// Unsupported detections have no neighbours by definition.
+// Of the flight.
+double LiveSearch::CrowdingPenaltyOf(const Path& path) const {
+  const auto size = static_cast<std::ptrdiff_t>(flight_.plots.size());
+  const std::vector<std::uint32_t> own(path.plots.end() - size, path.plots.end());
+  return CrowdingPenalty(own, plots_, free_, [&](const Plot& plot) {
+    const auto is_about = [&](const FrameInfo& frame) {
+      return frame.sensor == plot.sensor &&
+             std::abs(frame.middle_ns() - plot.frame_time_ns) <= NsOf(kCrowdingReachS);
+    };
+    return static_cast<std::uint32_t>(
+        std::count_if(recent_.frames.begin(), recent_.frames.end(), is_about));
+  });
+}
+
+// Unsupported detections have no neighbours by definition. To a sensor that travels the clutter of
+// most places never becomes known at other times, so what is there at the time counts as that of a
+// recording does.
 double LiveSearch::ScoreThresholdOf(const Path& path) const {
   if (!config_.robust.Uses(Rule::kCrowded)) return score_threshold_;
-  if (Floats(flight_.plots) || !IsCrowded(path)) return score_threshold_;
+  if (Floats(flight_.plots)) return score_threshold_;
+  if (flight_plots_.back().IsFromTravel()) return score_threshold_ + CrowdingPenaltyOf(path);
+  if (!IsCrowded(path)) return score_threshold_;
   return score_threshold_ - ClutterUncertaintyMargin(kLearningS) +
          ClutterUncertaintyMargin(kCrowdedLearningS);
 }

@@ -89,6 +89,7 @@ class LiveSearch {
   double ClutterUncertaintyMargin(double learning_s) const;
   bool IsFree(const Path& path) const;  // no track has one of its plots
   bool IsCrowded(const Path& path) const;
+  double CrowdingPenaltyOf(const Path& path) const;
 
   const Config& config_;
   ScanSchedule scan_schedule_;

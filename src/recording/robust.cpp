@@ -8,9 +8,9 @@
 #include "collection/cloud.hpp"
 #include "collection/dwells.hpp"
 #include "collection/suspended.hpp"
-#include "scene/clutter_map.hpp"
 #include "scene/multi_station_plots.hpp"
 #include "tracking/alternative_modes.hpp"
+#include "tracking/crowding.hpp"
 #include "tracking/flight.hpp"
 
 namespace unlidar {
@@ -20,38 +20,6 @@ std::vector<Plot> PlotsOf(const Path& path, const std::vector<Plot>& plots) {
   std::vector<Plot> members;
   for (const std::uint32_t i : path.plots) members.push_back(plots[i]);
   return members;
-}
-
-// Returns the log-likelihood penalty for other plots around a path at the same time, which the
-// clutter intensity, that of other times, does not include: a bush in a gust or a person behind a
-// hedge shows all at once. Plots of targets (`are_targets`, plots) and its own do not count.
-double CrowdingPenalty(const Path& path, const std::vector<Plot>& plots,
-                       const std::vector<char>& are_targets,
-                       const std::vector<StationModel>& station_models) {
-  const TimeNs reach_ns = NsOf((ClutterMap::kExclusionBins + 0.5) * kBinS);
-  double penalty = 0.0;
-  auto first = plots.begin();
-  for (const std::uint32_t i : path.plots) {
-    const Plot& plot = plots[i];
-    const double radius_m = kClutterNarrow.At(plot.ray_m.norm());
-    while (first->frame_time_ns < plot.frame_time_ns - reach_ns) ++first;
-    double others = 0.0;
-    for (auto other = first;
-         other != plots.end() && other->frame_time_ns <= plot.frame_time_ns + reach_ns; ++other) {
-      const auto k = static_cast<std::uint32_t>(other - plots.begin());
-      if (other->sensor != plot.sensor || are_targets[k] != 0) continue;
-      if ((other->position_m - plot.position_m).squaredNorm() > radius_m * radius_m) continue;
-      if (!std::binary_search(path.plots.begin(), path.plots.end(), k)) others += 1.0;
-    }
-    if (others == 0.0) continue;
-    const TimeBins& bins = *station_models[plot.sensor].bins;
-    const double frames = bins.NumFrames(
-        plot.sensor, bins.BinsAround(bins.BinOf(plot.time_ns), ClutterMap::kExclusionBins));
-    const double exposure = frames * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
-    const double log_rate = std::log(ClutterRate(others, exposure, std::exp(plot.log_clutter)));
-    penalty += std::max(0.0, log_rate - plot.log_clutter);
-  }
-  return penalty;
 }
 
 // Collects the targets of paths, one after the other: a return belongs to at most one target.
@@ -214,9 +182,14 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
                      config.false_alarms_per_recording, config.tracker);
   const ScanSchedule scan_schedule = ScanScheduleOf(recording);
   const std::vector<StationModel> station_models = multi_station_plots.StationModels();
+  const auto num_frames_about = [&](const Plot& plot) {
+    const TimeBins& bins = *station_models[plot.sensor].bins;
+    return bins.NumFrames(plot.sensor,
+                          bins.BinsAround(bins.BinOf(plot.time_ns), ClutterMap::kExclusionBins));
+  };
   const auto verdicts_of = [&](const std::vector<Path>& paths) {
     std::vector<PathVerdict> verdicts;
-    std::vector<char> are_targets(plots.size(), 0);
+    std::vector<char> are_free(plots.size(), 1);
     for (const Path& path : paths) {
       PathVerdict& verdict = verdicts.emplace_back();
       if (path.score < threshold) {
@@ -226,13 +199,13 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
       verdict.rejection = FlightRejection(recording, PlotsOf(path, plots), config);
       if (verdict.rejection != Rejection::kNone) continue;
       if (config.Uses(Rule::kCrowded)) {
-        verdict.crowding_penalty = CrowdingPenalty(path, plots, are_targets, station_models);
+        verdict.crowding_penalty = CrowdingPenalty(path.plots, plots, are_free, num_frames_about);
       }
       if (path.score - verdict.crowding_penalty < threshold) {
         verdict.rejection = Rejection::kCrowded;
         continue;
       }
-      for (const std::uint32_t i : path.plots) are_targets[i] = 1;
+      for (const std::uint32_t i : path.plots) are_free[i] = 0;
     }
     return verdicts;
   };

@@ -68,9 +68,11 @@ bool HasFlight(int num_frames, const PlaceAt& place_at) {
   return false;
 }
 
-// What the first flight of 3 m/s must reach that is found while clutter is hardly known, beside
-// three plots a frame that lie about a place which moves along at this distance.
-double LeastScoreBeside(double distance_m, const Config& config = Config()) {
+// What the first flight of 3 m/s must reach that is found so long after the start, by default while
+// clutter is hardly known, beside three plots a frame that lie about a place which moves along at
+// this distance. `shift_m`: of the sensor.
+double LeastScoreBeside(double distance_m, const Config& config = Config(), double observed_s = 3.0,
+                        float shift_m = 0.0F) {
   LiveSearch search(config);
   SensorInfo info;
   info.frame_period_ns = kPeriodNs;
@@ -81,7 +83,7 @@ double LeastScoreBeside(double distance_m, const Config& config = Config()) {
     SceneFrame frame;
     frame.info = testing::FrameAt(i);
     frame.time_s = testing::MiddleS(i);
-    frame.observed_s = 3.0;
+    frame.observed_s = observed_s;
     const Eigen::Vector3d at_m(3.0 * frame.time_s, 0.0, 20.0);
     for (int k = 0; k <= kNumOthers; ++k) {
       LivePlot seen;
@@ -94,6 +96,7 @@ double LeastScoreBeside(double distance_m, const Config& config = Config()) {
       if (k > 0)
         plot.position_m += Eigen::Vector3d(0.0, distance_m, 0.0) + random.NormalVector(0.8);
       plot.ray_m = plot.position_m;
+      plot.shift_m.x() = shift_m;
       plot.variance_m2 = 0.002;
       plot.lowest_m = 20.0;
       plot.log_clutter = k == 0 ? -6.0 : 0.0;
@@ -118,6 +121,19 @@ TEST(LiveSearch, WhatHasOthersAboutItMustBeSurerAtFirst) {
     EXPECT_EQ(LeastScoreBeside(30.0, config) < LeastScoreBeside(30.0) - 2.0,
               rule == Rule::kClutterLearning);
   }
+}
+
+TEST(LiveSearch, FromTravelWhatHasOthersAboutItMustBeSurerForever) {
+  const Config config;
+  constexpr double kLongS = 3600.0;
+  constexpr float kAwayM = 100.0F;
+  EXPECT_NEAR(LeastScoreBeside(0.0, config, kLongS), LeastScoreBeside(30.0, config, kLongS), 1.0);
+  EXPECT_GT(LeastScoreBeside(0.0, config, kLongS, kAwayM),
+            LeastScoreBeside(30.0, config, kLongS, kAwayM) + 2.0);
+  Config without;
+  without.robust.disabled_rules = {Rule::kCrowded};
+  EXPECT_NEAR(LeastScoreBeside(0.0, without, kLongS, kAwayM),
+              LeastScoreBeside(30.0, without, kLongS, kAwayM), 1.0);
 }
 
 // Rejections of the paths of a target of 3 m/s above the threshold, after so many frames of which

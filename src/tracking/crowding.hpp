@@ -1,0 +1,25 @@
+// Crowding: what else is detected about a path while it lasts.
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "scene/clutter_map.hpp"
+#include "scene/plots.hpp"
+#include "scene/time_bins.hpp"
+#include "tracking/track_search.hpp"
+
+namespace unlidar {
+
+// Other plots count within this time of a plot: the clutter intensity is that of other times.
+constexpr double kCrowdingReachS = (ClutterMap::kExclusionBins + 0.5) * kBinS;
+
+// Returns the log-likelihood penalty for other plots around a path at the same time, which the
+// clutter intensity, that of other times, does not include: a bush in a gust or a person behind a
+// hedge shows all at once. Plots of targets, which are not free, and its own do not count.
+// `num_frames_about`: number of frames of the sensor of a plot within kCrowdingReachS.
+double CrowdingPenalty(const std::vector<std::uint32_t>& path, const std::vector<Plot>& plots,
+                       const std::vector<char>& are_free,
+                       const std::function<std::uint32_t(const Plot&)>& num_frames_about);
+
+}  // namespace unlidar

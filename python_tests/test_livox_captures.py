@@ -347,10 +347,10 @@ def test_every_other_length_or_bit_is_refused(packets: list[Packet]) -> None:
 def test_tags_and_angles(packets: list[Packet]) -> None:
     packet = packets[40]
     tags = [0x02, 0x08, 0x01, *[0x10] * 93]
-    parsed = livox.parse(protocol2(packet, CARTESIAN_MM, tags=tags))
-    assert (parsed.noise_points, len(parsed.xyz_m), parsed.ray[0]) == (2, 94, 2)
+    found = livox.parse(protocol2(packet, CARTESIAN_MM, tags=tags)).points()
+    assert (found.noise, len(found.xyz_m), found.ray[0]) == (2, 94, 2)
     assert (spherical(packet.units, 1e-3)[:, 1:] <= [18000, 36000]).all()
-    angles = livox.parse(protocol2(packet, SPHERICAL))
+    angles = livox.parse(protocol2(packet, SPHERICAL)).points()
     far = np.linalg.norm(packet.xyz_m, axis=1)
     assert (np.linalg.norm(angles.xyz_m - packet.xyz_m, axis=1) <= 2e-4 * far + 1e-3).all()
 

@@ -10,7 +10,10 @@ import pytest
 import unlidar
 from bags import BEGIN_NS, plain_cloud, random_points, write_bag
 from live_program import write_two_sensors
+from livox_sensor import Packet, protocol2, sweep
+from pcap_files import udp_frame, write_pcap
 from synthetic import make_flight, read_traj, seconds, track
+from unlidar import capture, reading
 from unlidar.frames_io import find_sensors, list_frames, read_pcd
 
 KINDS = (
@@ -124,6 +127,72 @@ def test_of_a_damaged_bag_the_beginning_is_given(tmp_path: Path, caplog) -> None
     assert 12 <= len(frames) < 24
     assert_same(frames, converted(bag, tmp_path / "out"))
     assert any("the part before it is given" in message for message in caplog.messages)
+
+
+def datagrams(sensor: int, packets: list[Packet], late_ns: int = 0) -> list[tuple[int, bytes]]:
+    """What a sensor sends, with the times at which it is captured."""
+    source = f"192.168.1.{sensor}"
+    return [(p.stamp_ns + late_ns, udp_frame(protocol2(p), source)) for p in packets]
+
+
+@pytest.fixture(scope="module")
+def packets() -> list[Packet]:
+    return sweep(make_flight(frames=20))
+
+
+def test_a_capture_is_read_as_often_of_three_sensors_as_of_one(
+    packets: list[Packet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent = sorted(part for sensor in (12, 13, 14) for part in datagrams(sensor, packets))
+    file = write_pcap(tmp_path / "three.pcap", sent)
+    read = []
+    datagrams_of = capture._datagrams_of
+
+    def counted(path: Path):
+        for datagram in datagrams_of(path):
+            read.append(datagram.sensor)
+            yield datagram
+
+    monkeypatch.setattr(capture, "_datagrams_of", counted)
+    alone = list(unlidar.read(file, sensors=["192-168-1-13"]))
+    once = len(read)
+    frames = list(unlidar.read(file))
+    assert len(read) == 2 * once
+    assert once < 2.1 * len(sent)  # for the sensors, and for the frames
+    assert len(frames) == 3 * len(alone) == 60
+    monkeypatch.undo()
+    assert_same(frames, converted(file, tmp_path / "out"))
+
+
+def test_frames_that_wait_for_those_of_another_sensor_are_bounded(
+    packets: list[Packet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One sensor's packets come 5 s late, another's end early: the order is that of the stamps."""
+    sent = sorted(
+        [
+            *datagrams(12, packets),
+            *datagrams(13, packets, late_ns=5_000_000_000),
+            *datagrams(14, packets[: len(packets) // 4]),
+        ]
+    )
+    file = write_pcap(tmp_path / "late.pcap", sent)
+    names = ["192-168-1-12", "192-168-1-13", "192-168-1-14"]
+    expected = converted(file, tmp_path / "out")
+    assert len(expected) == 45
+    held, read_on = [], reading._Reading._read_on
+
+    def counted(one: reading._Reading, sensor: str) -> bool:
+        found = read_on(one, sensor)
+        held.append(sum(map(len, one._held.values())))
+        return found
+
+    monkeypatch.setattr(reading._Reading, "_read_on", counted)
+    monkeypatch.setattr(reading, "_size", lambda frame: 1)
+    for bound in (100, 10, 2, 0):
+        held.clear()
+        monkeypatch.setattr(reading, "_MOST_HELD", bound)
+        assert_same(list(unlidar.read(file, sensors=names)), expected)
+        assert max(held) <= bound + 3
 
 
 def test_errors_come_at_once(recording: Path, tmp_path: Path) -> None:

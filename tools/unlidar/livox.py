@@ -11,8 +11,8 @@ EXPECTED = "packets of a Mid-360, Mid-360S, HAP, Avia, Avia 2, Mid-40, Mid-70, H
 
 # By data type: rays per packet (None: in the header) and the little-endian layout of a ray.
 _TAIL = [("reflectivity", "u1"), ("tag", "u1")]
-_MM = [(axis, "<i4") for axis in "xyz"]
-_CM = [(axis, "<i2") for axis in "xyz"]
+_MM = [("xyz", "<i4", 3)]
+_CM = [("xyz", "<i2", 3)]
 _ANGLES = [("zenith", "<u2"), ("azimuth", "<u2")]
 _DEPTH = [("depth", "<u4")]
 _FIRST = {
@@ -40,45 +40,50 @@ _SURELY_NOISE, _LOW_CONFIDENCE = 1, 2  # tags of the two protocols
 _MAX_STAMP_NS = 4 * 10**18
 
 
-class _Read(NamedTuple):
-    """A packet with undecoded points."""
+class Points(NamedTuple):
+    """The returns of a packet."""
 
-    rows: np.ndarray  # (rays,)
-    worst_tag: int
-    part: str
-    counter: int | None
-    synchronised: bool
-    stamp_ns: int
-    span_ns: int | None
+    ray: np.ndarray  # (N,) index of the ray
+    xyz_m: np.ndarray  # (N, 3), zeros where nothing came back
+    noise: int  # number removed by tag
 
 
 @dataclass(frozen=True)
 class Packet:
     """The measurements of consecutive rays of a sensor."""
 
+    rows: np.ndarray  # (rays,)
+    worst_tag: int
     part: str  # of a hub's LiDARs, else empty
     counter: int | None  # of packets, modulo 2**16; protocol 1 has none
     synchronised: bool  # False: the clock counts from power-on
     stamp_ns: int  # of the first ray
     span_ns: int | None  # from first to last ray; None in protocol 1
-    rays: int
-    ray: np.ndarray  # (N,) ray index of each point
-    xyz_m: np.ndarray  # (N, 3), zeros where nothing came back
-    noise_points: int  # number removed by tag
+
+    def points(self) -> Points:
+        """Decodes the returns, which takes ten times as long as the header."""
+        rows = self.rows
+        returns = rows["returns"] if "returns" in _names(rows) else rows[:, None]
+        xyz_m = _positions(rows, returns)
+        kept = np.ones(returns.shape, bool)
+        if "tag" in _names(returns):
+            tag = returns["tag"]
+            kept = ((tag & 3) != self.worst_tag) & ((tag >> 2 & 3) != self.worst_tag)
+        ray = np.broadcast_to(np.arange(len(rows))[:, None], kept.shape)
+        return Points(ray[kept], xyz_m[kept], int(kept.size - kept.sum()))
 
 
 def parse(payload: bytes) -> Packet | None:
     """The packet of a payload; None for other payloads, and for accelerations."""
-    read = _read(payload)
-    return None if read is None else _packet(read)
+    return _possible(_read(payload))
 
 
 def holds_points(payload: bytes) -> bool:
-    """True if header and length are those of a point packet; much faster than parse()."""
+    """True if header and length are those of a point packet, whatever its time and its angles."""
     return _read(payload) is not None
 
 
-def _read(payload: bytes) -> _Read | None:
+def _read(payload: bytes) -> Packet | None:
     try:
         if payload[:1] == b"\5":
             return _first(payload)
@@ -95,7 +100,7 @@ def length_first(head: bytes) -> int | None:
     return HEAD_FIRST + (_ACCELERATIONS if dtype is None else rays * dtype.itemsize)
 
 
-def _first(payload: bytes) -> _Read | None:
+def _first(payload: bytes) -> Packet | None:
     if len(payload) < HEAD_FIRST or payload[9] not in _FIRST:
         return None
     rays, dtype = _FIRST[payload[9]]
@@ -113,10 +118,10 @@ def _first(payload: bytes) -> _Read | None:
     slot, lidar = payload[1], payload[2]
     part = f"-{slot}-{lidar}" if slot > 1 or lidar > 1 else ""
     rows = np.frombuffer(payload, dtype, offset=HEAD_FIRST)
-    return _Read(rows, _SURELY_NOISE, part, None, payload[8] != 0, stamp, None)
+    return Packet(rows, _SURELY_NOISE, part, None, payload[8] != 0, stamp, None)
 
 
-def _second(payload: bytes) -> _Read | None:
+def _second(payload: bytes) -> Packet | None:
     if len(payload) < _HEAD_SECOND:
         return None
     length, interval, rays, counter = np.frombuffer(payload, "<u2", 4, offset=1).tolist()
@@ -130,44 +135,27 @@ def _second(payload: bytes) -> _Read | None:
         return None
     stamp = int.from_bytes(payload[28:36], "little")
     rows = np.frombuffer(payload, dtype, offset=_HEAD_SECOND)
-    return _Read(rows, _LOW_CONFIDENCE, "", counter, payload[11] != 0, stamp, interval * 100)
+    return Packet(rows, _LOW_CONFIDENCE, "", counter, payload[11] != 0, stamp, interval * 100)
 
 
-def _packet(read: _Read) -> Packet | None:
-    if read.stamp_ns > _MAX_STAMP_NS:
+def _possible(packet: Packet | None) -> Packet | None:
+    """None for a time or angles that no sensor tells."""
+    if packet is None or packet.stamp_ns > _MAX_STAMP_NS:
         return None
-    rows = read.rows
-    names = rows.dtype.names or ()
-    returns = rows["returns"] if "returns" in names else rows[:, None]
-    xyz_m = _positions(rows, returns)
-    if xyz_m is None:
+    rows = packet.rows
+    if "zenith" in _names(rows) and (rows["zenith"].max() > 18000 or rows["azimuth"].max() > 36000):
         return None
-    kept = np.ones(returns.shape, bool)
-    if "tag" in (returns.dtype.names or ()):
-        tag = returns["tag"]
-        kept = ((tag & 3) != read.worst_tag) & ((tag >> 2 & 3) != read.worst_tag)
-    ray = np.broadcast_to(np.arange(len(rows))[:, None], kept.shape)
-    noise = int(kept.size - kept.sum())
-    return Packet(
-        read.part,
-        read.counter,
-        read.synchronised,
-        read.stamp_ns,
-        read.span_ns,
-        len(rows),
-        ray[kept],
-        xyz_m[kept],
-        noise,
-    )
+    return packet
 
 
-def _positions(rows: np.ndarray, returns: np.ndarray) -> np.ndarray | None:
-    """(rays, returns of a ray, 3) in m; None for invalid angles."""
-    if "x" in (returns.dtype.names or ()):
-        scale_m = 1e-3 if returns.dtype["x"].itemsize == 4 else 1e-2
-        return np.stack([returns[axis] * scale_m for axis in "xyz"], axis=-1)
-    if rows["zenith"].max() > 18000 or rows["azimuth"].max() > 36000:
-        return None
+def _names(rows: np.ndarray) -> tuple[str, ...]:
+    return rows.dtype.names or ()
+
+
+def _positions(rows: np.ndarray, returns: np.ndarray) -> np.ndarray:
+    """(rays, returns of a ray, 3) in m."""
+    if "xyz" in _names(returns):
+        return returns["xyz"] * (1e-3 if returns.dtype["xyz"].base.itemsize == 4 else 1e-2)
     depth_m = returns["depth"] * 1e-3
     zenith = np.radians(rows["zenith"] * 0.01)[:, None]
     azimuth = np.radians(rows["azimuth"] * 0.01)[:, None]
@@ -185,7 +173,7 @@ def parse_points(
     if dtype is None or not points or len(points) % dtype.itemsize:
         return None
     rows = np.frombuffer(points, dtype)
-    return _packet(_Read(rows, _LOW_CONFIDENCE, "", counter, synchronised, stamp_ns, None))
+    return _possible(Packet(rows, _LOW_CONFIDENCE, "", counter, synchronised, stamp_ns, None))
 
 
 def name_of(address: str, packet: Packet) -> str:

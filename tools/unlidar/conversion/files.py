@@ -1,6 +1,7 @@
 """Shared code of folder recordings: stamps, arrays, truth, and the time window."""
 
 import csv
+import heapq
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import ClassVar, TypeVar
@@ -144,11 +145,11 @@ class FileSource:
         self.truths = truth_targets(path)
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame | TruthRow | Unreadable]:
-        """The frames, sensor by sensor, then the truth."""
+        """The frames in order of time, then the truth."""
         yield from (file for file in self._unnamed if file.where in sensors)
-        for sensor in sensors:
-            for file in self._asked_for(sensor):
-                yield read_or_not(sensor, lambda s=sensor, f=file: self._bounded(s, f))
+        files = [[(sensor, file) for file in self._asked_for(sensor)] for sensor in sensors]
+        for sensor, file in heapq.merge(*files, key=lambda one: one[1][0]):
+            yield read_or_not(sensor, lambda s=sensor, f=file: self._bounded(s, f))
         yield from truth_of_folder(self._path, self._options, self._begin_ns)
 
     def spans_ns(self) -> dict[str, tuple[int, int]]:

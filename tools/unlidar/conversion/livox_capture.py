@@ -178,7 +178,6 @@ class _Cutter:
         else:
             self._open.setdefault(number, {})[key] = packet
             self._newest_ns = max(self._newest_ns, time_ns)
-            self._noise += packet.noise_points
 
     def over(self, at_the_end: bool = False) -> Iterator[tuple[int, SourceFrame]]:
         """Completed frames with their stamps in nanoseconds."""
@@ -207,12 +206,14 @@ class _Cutter:
         spacing_ns = spacings_ns[len(spacings_ns) // 2] if spacings_ns else 0
         offsets_ns, points_m = [], []
         for (time_ns, _), packet in in_order:
+            points, rays = packet.points(), len(packet.rows)
             span_ns = packet.span_ns
             if span_ns is None:
-                span_ns = spacing_ns * (packet.rays - 1) // packet.rays
-            within_ns = span_ns * packet.ray.astype(np.int64) // max(packet.rays - 1, 1)
+                span_ns = spacing_ns * (rays - 1) // rays
+            within_ns = span_ns * points.ray.astype(np.int64) // max(rays - 1, 1)
             offsets_ns.append(time_ns - stamp_ns + within_ns)
-            points_m.append(packet.xyz_m)
+            points_m.append(points.xyz_m)
+            self._noise += points.noise
         return SourceFrame(
             self.name,
             format_stamp_ns(stamp_ns),

@@ -14,11 +14,13 @@ inline double AzimuthRad(const Eigen::Vector3f& p) {
   return std::atan2(static_cast<double>(p.y()), static_cast<double>(p.x()));
 }
 
-// Returns which of `num_columns` equal azimuths from -pi on it is.
-inline std::size_t AzimuthColumn(const Eigen::Vector3f& p, std::size_t num_columns) {
+// Azimuths of 5 degrees each, from -pi on.
+constexpr std::size_t kAzimuthColumns = 72;
+
+inline std::size_t AzimuthColumn(const Eigen::Vector3f& p) {
   const double turns = (AzimuthRad(p) + M_PI) / (2.0 * M_PI);
-  const auto column = static_cast<std::size_t>(turns * static_cast<double>(num_columns));
-  return std::min(column, num_columns - 1);
+  const auto column = static_cast<std::size_t>(turns * static_cast<double>(kAzimuthColumns));
+  return std::min(column, kAzimuthColumns - 1);
 }
 
 // Returns the elevation in [-pi / 2, pi / 2].

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "scene/sampled_returns.hpp"
 #include "scene/time_bins.hpp"
 
 namespace unlidar {
@@ -12,8 +13,7 @@ namespace {
 
 constexpr TimeNs kSnapshotSpanNs = 200'000'000;
 constexpr std::array<TimeNs, 3> kLagsNs = {kBinNs, 4 * kBinNs, 16 * kBinNs};
-constexpr std::ptrdiff_t kMaxReturnsPerFrame = 8192;  // evenly drawn
-constexpr TimeNs kMaxPauseNs = 10'000'000'000;        // a longer pause resets the state
+constexpr TimeNs kMaxPauseNs = 10'000'000'000;  // a longer pause resets the state
 
 // More than the longest lag spans.
 constexpr auto kNumSnapshots = static_cast<std::size_t>(kLagsNs.back() / kBinNs) + 4;
@@ -89,7 +89,7 @@ void EgoMotion::ResetHeights() {
 
 void EgoMotion::Collect(const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
                         const Eigen::Vector3f& origin_m) {
-  const std::ptrdiff_t step = std::max<std::ptrdiff_t>(1, (end_m - begin_m) / kMaxReturnsPerFrame);
+  const std::ptrdiff_t step = SampleStep(end_m - begin_m, kWatchedReturns);
   for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
     const Eigen::Vector3f relative_m = begin_m[i] - origin_m;
     const float level_m = relative_m.head<2>().norm();

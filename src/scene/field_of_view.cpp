@@ -44,18 +44,18 @@ void FieldOfView::AddFrame(PointsView points_m, const CarrierPose& carrier) {
 
 bool FieldOfView::Contains(const Eigen::Vector3f& ray_m) const {
   const float sine = ray_m.z() / ray_m.norm();
-  return lowest_ <= sine && sine <= highest_ && columns_[AzimuthColumn(ray_m, kNumColumns)];
+  return lowest_ <= sine && sine <= highest_ && columns_[AzimuthColumn(ray_m)];
 }
 
 void FieldOfView::Add(const Eigen::Vector3f& ray_m) {
-  if (is_carrier_moving_) columns_[AzimuthColumn(ray_m, kNumColumns)] = true;
+  if (is_carrier_moving_) columns_[AzimuthColumn(ray_m)] = true;
   const float sine = ray_m.z() / ray_m.norm();
   lowest_ = std::min(lowest_, sine);
   highest_ = std::max(highest_, sine);
   // Conservative: angles differ by at least as much as their sines.
   const auto sharp = static_cast<float>(sharp_rad_);
   if (sine > lowest_ + sharp && sine < highest_ - sharp) return;
-  const std::size_t column = AzimuthColumn(ray_m, kNumColumns);
+  const std::size_t column = AzimuthColumn(ray_m);
   lowest_of_[column] = std::min(lowest_of_[column], sine);
   highest_of_[column] = std::max(highest_of_[column], sine);
 }
@@ -79,7 +79,7 @@ ElevationRange FieldOfView::Edges() const {
   if (!is_level) edges.ups = ups_;
   if (highest_ < lowest_) return edges;
   const auto elevation_rad = [](float sine) { return std::asin(static_cast<double>(sine)); };
-  const auto is_sharp = [&](const std::array<float, kNumColumns>& sines, float edge) {
+  const auto is_sharp = [&](const std::array<float, kAzimuthColumns>& sines, float edge) {
     return std::count_if(sines.begin(), sines.end(), [&](float sine) {
              return std::abs(sine) < kNoneSeen &&
                     std::abs(elevation_rad(sine) - elevation_rad(edge)) < sharp_rad_;

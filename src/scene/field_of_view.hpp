@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "base/angles.hpp"
 #include "base/recording.hpp"
 
 namespace unlidar {
@@ -52,8 +53,6 @@ class FieldOfView {
   ElevationRange Edges() const;
 
  private:
-  static constexpr std::size_t kNumColumns = 72;  // azimuths, 5 degrees each
-
   void Add(const Eigen::Vector3f& ray_m);
   void AddAttitude(const CarrierPose& carrier);
 
@@ -61,9 +60,9 @@ class FieldOfView {
   // near the overall bounds).
   float lowest_;
   float highest_;
-  std::array<float, kNumColumns> lowest_of_;
-  std::array<float, kNumColumns> highest_of_;
-  std::bitset<kNumColumns> columns_;  // with returns since the carrier moved
+  std::array<float, kAzimuthColumns> lowest_of_;
+  std::array<float, kAzimuthColumns> highest_of_;
+  std::bitset<kAzimuthColumns> columns_;  // with returns since the carrier moved
   CarrierPose first_carrier_;
   bool has_begun_ = false;
   bool is_carrier_moving_ = false;

@@ -6,24 +6,23 @@
 #include <utility>
 
 #include "base/angles.hpp"
+#include "scene/sampled_returns.hpp"
 #include "scene/time_bins.hpp"
 
 namespace unlidar {
 namespace {
 
 constexpr int kSnapshotsToChange = 6;
-constexpr double kMinSnapshots = 10.0;        // to know the expected structure
-constexpr double kMinSnapshotsAnew = 60.0;    // to conclude that a sensor was moved
-constexpr double kMaxSnapshots = 28'800;      // four hours
-constexpr std::ptrdiff_t kMaxReturns = 8192;  // used per frame, evenly spread
+constexpr double kMinSnapshots = 10.0;      // to know the expected structure
+constexpr double kMinSnapshotsAnew = 60.0;  // to conclude that a sensor was moved
+constexpr double kMaxSnapshots = 28'800;    // four hours
 
 // Directions are 5 degrees wide at the horizon. A surface fills one or two range cells of a
 // direction, each 15 % long, fog all of them; they are so small that 1,000 strays per frame seldom
 // hit one twice.
-constexpr int kAzimuths = 72;
-constexpr int kHeights = 36;
-constexpr int kDirections = kAzimuths * kHeights;
-constexpr int kRanges = 48;
+constexpr std::size_t kHeights = 36;
+constexpr std::size_t kDirections = kAzimuthColumns * kHeights;
+constexpr std::size_t kRanges = 48;
 constexpr float kNearestM = 0.5F;
 const float kRangesPerLog2 = 1.0F / std::log2(1.15F);
 
@@ -42,29 +41,26 @@ constexpr double kMargin = 0.8;
 constexpr double kMaxNearShare = 0.8;       // share of the directions
 constexpr double kMinStructureRatio = 0.6;  // of the structure known before
 
-int RangeOf(float range_m) {
+std::size_t RangeOf(float range_m) {
   const float at = std::log2(std::max(range_m, kNearestM) / kNearestM) * kRangesPerLog2;
-  return std::min(static_cast<int>(at), kRanges - 1);
+  return std::min(static_cast<std::size_t>(at), kRanges - 1);
 }
 
 std::size_t PlaceOf(const Eigen::Vector3f& relative_m) {
   const float range_m = std::max(relative_m.norm(), kNearestM);
-  const double turns = AzimuthRad(relative_m) / (2.0 * M_PI) + 0.5;
   const float height = 0.5F * (relative_m.z() / range_m + 1.0F);
-  const int column = std::clamp(static_cast<int>(turns * kAzimuths), 0, kAzimuths - 1);
-  const int row = std::clamp(static_cast<int>(height * kHeights), 0, kHeights - 1);
-  return static_cast<std::size_t>((row * kAzimuths + column) * kRanges + RangeOf(range_m));
+  const auto row =
+      std::min(static_cast<std::size_t>(height * static_cast<float>(kHeights)), kHeights - 1);
+  return (row * kAzimuthColumns + AzimuthColumn(relative_m)) * kRanges + RangeOf(range_m);
 }
 
-const std::size_t kWindowRange = static_cast<std::size_t>(RangeOf(kWindowM));
-const std::size_t kAirRange = static_cast<std::size_t>(RangeOf(kAirM));
+const std::size_t kWindowRange = RangeOf(kWindowM);
+const std::size_t kAirRange = RangeOf(kAirM);
 
 }  // namespace
 
 SensorHealth::SensorHealth()
-    : hits_(static_cast<std::size_t>(kDirections) * kRanges, 0),
-      hits_before_(hits_),
-      has_returned_(kDirections, 0) {
+    : hits_(kDirections * kRanges, 0), hits_before_(hits_), has_returned_(kDirections, 0) {
   reference_.rates.resize(hits_.size(), 0.0F);
 }
 
@@ -80,7 +76,7 @@ void SensorHealth::AddFrame(const SensorInfo& sensor, TimeNs time_ns,
     snapshot_begin_ns_ = is_contiguous ? snapshot_begin_ns_ + kBinNs : time_ns;
   }
   ++frames_;
-  const std::ptrdiff_t step = (end_m - begin_m) / kMaxReturns + 1;
+  const std::ptrdiff_t step = SampleStep(end_m - begin_m, kWatchedReturns);
   for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
     const std::size_t place = PlaceOf(begin_m[i] - sensor.origin_m);
     hits_[place] = 1;

@@ -301,9 +301,6 @@ void LiveScene::JudgePlots(SceneFrame* frame, Station* station) {
     station->floating.Add(support, bin, num_recent_frames, &seen.plot);
     // The support may be hidden by fog.
     if (is_blinded_) seen.plot.is_floating = false;
-  }
-  for (LivePlot& seen : frame->plots) {
-    station->floating.ExcludeNeighbours(support.config(), bin, &seen.plot);
     const ClutterModel::Intensity intensity = clutter.IntensityOf(seen.plot, bin);
     seen.log_surrounding_clutter = intensity.log_surrounding;
     seen.plot.log_clutter = intensity.log_clutter;

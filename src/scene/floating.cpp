@@ -140,12 +140,13 @@ struct NeighbourCount {
 // Adds the floating plots, with the static ones around them at the same time.
 void AddFloating(const std::vector<Plot>& plots, const std::vector<Persistence>& persistences,
                  const Support& support, NeighbourTest* test) {
+  constexpr TimeNs kSameTimeNs = 300'000'000;  // at most so much earlier or later
   const std::vector<StaticDetections> all_static = ByTime(plots, persistences);
   auto first = all_static.begin();
   for (std::size_t i = 0; i < plots.size(); ++i) {
     const Plot& plot = plots[i];
-    const TimeNs from_ns = plot.frame_time_ns - NeighbourTest::kSameTimeNs;
-    const TimeNs to_ns = plot.frame_time_ns + NeighbourTest::kSameTimeNs;
+    const TimeNs from_ns = plot.frame_time_ns - kSameTimeNs;
+    const TimeNs to_ns = plot.frame_time_ns + kSameTimeNs;
     while (first != all_static.end() && first->time_ns < from_ns) ++first;
     if (!plot.is_floating) continue;
     const Eigen::Vector3f place_m = plot.position_m.cast<float>();
@@ -154,7 +155,7 @@ void AddFloating(const std::vector<Plot>& plots, const std::vector<Persistence>&
     for (auto at = first; at != all_static.end() && at->time_ns <= to_ns; ++at) {
       count.Add(at->places_m, 0);
     }
-    test->Add(place_m, 0, count.neighbours);
+    test->Add(place_m, count.neighbours);
   }
 }
 
@@ -198,34 +199,15 @@ void FloatingPlots::Add(const Support& support, std::uint32_t bin, std::uint32_t
   RangeGrid& own_places = places_[plot->sensor];
   static_places_.Add(place_m, bin);
   own_places.Add(place_m, bin);
-  const bool is_static = static_places_.IsStatic(place_m);
-  if (is_static) static_plots_.push_back({plot->frame_time_ns, plot->PlaceM()});
-  // An object that is hit only occasionally is a twig or a wire.
+  // An object that is hit only occasionally is a twig or a wire, whatever is beside it.
   const bool is_persistent =
       own_places.Count(place_m, RecentBins(bin)) >= kPersistentShare * num_recent_frames;
-  plot->is_floating = is_static && is_persistent && support.IsFloating(place_m);
-}
-
-void FloatingPlots::ExcludeNeighbours(const SupportConfig& config, std::uint32_t bin, Plot* plot) {
-  // Twice as long before: later plots are not known yet.
-  const TimeNs oldest_ns = plot->frame_time_ns - 2 * NeighbourTest::kSameTimeNs;
-  while (!static_plots_.empty() && static_plots_.front().time_ns < oldest_ns) {
-    static_plots_.pop_front();
-  }
-  if (!plot->is_floating) return;
-  const double reach_m = SupportReachM(plot->ray_m.norm(), config);
-  Neighbours neighbours;
-  for (const StaticPlot& other : static_plots_) {
-    neighbours.Add((plot->PlaceM() - other.place_m).norm(), reach_m);
-  }
-  const Eigen::Vector3f place_m = plot->PlaceM().cast<float>();
-  neighbour_test_.Add(place_m, bin, neighbours);
-  plot->is_floating = !neighbour_test_.HasNeighbours(place_m);
+  plot->is_floating =
+      static_places_.IsStatic(place_m) && is_persistent && support.IsFloating(place_m);
 }
 
 void FloatingPlots::Forget(std::uint32_t before_bin) {
   static_places_.Forget(before_bin);
-  neighbour_test_.Forget(before_bin);
   for (RangeGrid& places : places_) places.Forget(before_bin);
 }
 

@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "base/queue.hpp"
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
 #include "scene/range_grid.hpp"
@@ -25,17 +24,14 @@ void MarkFloating(const Recording& recording, const Support& support, const Robu
                   std::vector<Plot>* plots);
 
 // Same for a stream, from the plots so far; later ones are not known yet, so that no place is
-// transient, and a static one must also be hit often.
+// transient, and a static one must be hit often instead of having no neighbours.
 class FloatingPlots {
  public:
   explicit FloatingPlots(const RangeRadius& place) : place_(place), static_places_(place) {}
 
-  // Adds a plot and sets its is_floating, neighbours aside. `num_recent_frames`: frames of its
-  // sensor in RecentBins(), its own included.
+  // Adds a plot and sets its is_floating. `num_recent_frames`: frames of its sensor in
+  // RecentBins(), its own included.
   void Add(const Support& support, std::uint32_t bin, std::uint32_t num_recent_frames, Plot* plot);
-
-  // Withdraws is_floating of a plot with neighbours. All plots of its frame have been added.
-  void ExcludeNeighbours(const SupportConfig& config, std::uint32_t bin, Plot* plot);
 
   // Forgets the plots of earlier bins.
   void Forget(std::uint32_t before_bin);
@@ -44,16 +40,9 @@ class FloatingPlots {
   static BinRange RecentBins(std::uint32_t bin);
 
  private:
-  struct StaticPlot {
-    TimeNs time_ns = 0;
-    Eigen::Vector3d place_m = Eigen::Vector3d::Zero();
-  };
-
   RangeRadius place_;
   std::vector<RangeGrid> places_;  // (sensors) their plots
   StaticPlaces static_places_;
-  NeighbourTest neighbour_test_;
-  Queue<StaticPlot> static_plots_;  // of the same time
 };
 
 }  // namespace unlidar

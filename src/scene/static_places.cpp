@@ -31,11 +31,11 @@ bool Neighbours::AreAlike(double nearest_m, double farthest_m, double reach_m) {
          (nearest_m > kObjectRadiusM && nearest_m >= reach_m && farthest_m < outer_m);
 }
 
-void NeighbourTest::Add(const Eigen::Vector3f& place_m, std::uint32_t bin,
-                        const Neighbours& neighbours) {
-  plots_.Add(place_m, bin);
+void NeighbourTest::Add(const Eigen::Vector3f& place_m, const Neighbours& neighbours) {
+  constexpr std::uint32_t kBin = 0;  // the whole recording
+  plots_.Add(place_m, kBin);
   const auto add = [&](std::int32_t count, RangeGrid* grid) {
-    if (count > 0) grid->Add(place_m, bin, count);
+    if (count > 0) grid->Add(place_m, kBin, count);
   };
   add(neighbours.self, &self_);
   add(neighbours.neighbouring, &neighbouring_);
@@ -48,10 +48,6 @@ bool NeighbourTest::HasNeighbours(const Eigen::Vector3f& place_m) const {
   const double chance = surrounding_.Count(place_m) / times /
                         (kOuterReachFactor * kOuterReachFactor * kOuterReachFactor - 1.0);
   return neighbouring_.Count(place_m) / times > chance + 2.0 * std::sqrt(chance);
-}
-
-void NeighbourTest::Forget(std::uint32_t before_bin) {
-  for (RangeGrid* grid : {&plots_, &self_, &neighbouring_, &surrounding_}) grid->Forget(before_bin);
 }
 
 }  // namespace unlidar

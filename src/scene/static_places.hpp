@@ -7,7 +7,6 @@
 #include "scene/range_grid.hpp"
 #include "scene/support.hpp"
 #include "unlidar/config.hpp"
-#include "unlidar/types.hpp"
 
 namespace unlidar {
 
@@ -60,18 +59,12 @@ struct Neighbours {
 // may be the target itself.
 class NeighbourTest {
  public:
-  // Static plots at most this much earlier or later are of the same time.
-  static constexpr TimeNs kSameTimeNs = 300'000'000;
-
   // Adds an unsupported static plot.
-  void Add(const Eigen::Vector3f& place_m, std::uint32_t bin, const Neighbours& neighbours);
+  void Add(const Eigen::Vector3f& place_m, const Neighbours& neighbours);
 
   // True if the plots of a place, at least one, have more neighbours than chance allows, as the
   // density farther away tells.
   bool HasNeighbours(const Eigen::Vector3f& place_m) const;
-
-  // Forgets the plots of earlier bins.
-  void Forget(std::uint32_t before_bin);
 
  private:
   static constexpr RangeRadius kRadius{kObjectRadiusM, 0.01};

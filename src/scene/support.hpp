@@ -51,8 +51,6 @@ class Support {
   // Replaces the structure; reuses the allocated memory.
   void Fill(const PointsView& structure_m, const ElevationRange& view, Workspace* workspace);
 
-  const SupportConfig& config() const { return config_; }
-
   // True if a static object at `place_m` has no support; false if unknown. `is_transient`: it was
   // absent before, or is absent afterwards.
   bool IsFloating(const Eigen::Vector3f& place_m, bool is_transient = false) const;

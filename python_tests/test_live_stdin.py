@@ -424,7 +424,9 @@ def test_summary_accounts_for_every_frame(stream: list[bytes], tmp_path: Path) -
     summary = json.loads((tmp_path / "s.json").read_text())
     counts = summary["counts"]
     assert (counts["frames"], counts["late_frames"], counts["bad_frames"]) == (59, 1, 1)
-    assert summary["inputs"] == [{"name": "lidar", "directory": "", "frames": 60, "blinded_s": 0.0}]
+    assert summary["inputs"] == [
+        {"name": "lidar", "directory": "", "frames": 60, "blinded_s": 0.0, "sway_deg": 0.0}
+    ]
     assert counts["trajectory_rows"] == sum(t["rows"] for t in summary["tracks"])
     assert counts["trajectory_rows"] == len(rows_of(tmp_path / "o.csv"))
     assert summary["config"]["live"]["delay_s"] == 1.0

@@ -99,6 +99,7 @@ enum class Rule {
   kDwell,            // [R] dwells before take-off and after landing belong to the path
   kSpots,            // [R] returns are weighed against the clutter of their very spots
   kAlternatives,     // [R] sigmas include alternative modes
+  kSway,             // sway of a station without poses is estimated and removed
   kFrameLength,      // length of frames without point times, estimated from streaks
   kCrowded,          // other detections near a path at the same time count against it
   kBodies,           // people and vehicles yield no plots

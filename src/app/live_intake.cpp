@@ -229,6 +229,7 @@ LiveSummary LiveIntake::Summary() const {
     input.frames = sensors_[i].frames;
     input.state = states[i];
     input.blinded_s = engine_.BlindedS(static_cast<std::uint32_t>(i));
+    input.sway_deg = engine_.SwayDeg(static_cast<std::uint32_t>(i));
   }
   summary.warnings = warnings_;
   summary.counts = engine_.counts();

@@ -66,7 +66,8 @@ Json InputsJson(const std::vector<FrameSource>& sources, const PipelineResult& r
                       {"frames", frames},
                       {"frame_period_s",
                        static_cast<double>(recording.sensors[i].frame_period_ns) * kSecondsPerNs},
-                      {"blinded_s", result.blinded_s[i]}});
+                      {"blinded_s", result.blinded_s[i]},
+                      {"sway_deg", result.sway_deg[i]}});
   }
   return inputs;
 }
@@ -142,7 +143,8 @@ Json LiveInputJson(const LiveInput& input) {
   Json json = {{"name", input.name},
                {"directory", input.directory},
                {"frames", input.frames},
-               {"blinded_s", input.blinded_s}};
+               {"blinded_s", input.blinded_s},
+               {"sway_deg", input.sway_deg}};
   if (input.packets) json["packets"] = PacketsJson(*input.packets);
   if (input.sync && input.sync->state()) {
     json["clock"] = SyncStateName(*input.sync->state());

@@ -23,6 +23,7 @@ struct LiveInput {
   std::uint64_t frames = 0;
   std::optional<SensorState> state;    // none before its first frame
   double blinded_s = 0.0;              // as of SensorHealth
+  double sway_deg = 0.0;               // as of Sway
   std::optional<LivoxCounts> packets;  // of --livox, as is
   std::optional<LivoxSync> sync;
 };

@@ -105,6 +105,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"pause", Rule::kPause},
                        {"stationary", Rule::kStationary},
                        {"surge", Rule::kSurge},
+                       {"sway", Rule::kSway},
                        {"suspended", Rule::kSuspended},
                        {"cloud", Rule::kCloud},
                        {"insect", Rule::kInsect}}}});

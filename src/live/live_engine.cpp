@@ -47,6 +47,7 @@ void LiveEngine::ReplaceSensor(std::uint32_t sensor, const std::string& name) {
   DropAstray([&](std::uint32_t held, TimeNs) { return held == sensor; });
   sensors_[sensor] = Sensor(FramesOf(sensor, name));
   stamps_.Replace(sensor);
+  sway_.Forget(sensor);
   warned_of_.erase(warned_of_.lower_bound({sensor, ""}), warned_of_.lower_bound({sensor + 1, ""}));
 }
 
@@ -243,6 +244,15 @@ void LiveEngine::ReportSensorStates(std::optional<std::uint32_t> heard) {
   }
 }
 
+void LiveEngine::RemoveSway(LoadedFrame* frame) {
+  const SwayingFrame swaying{&frame->info, frame->points_m.data(), frame->points_m.size(),
+                             [frame](std::size_t i) { return frame->times_ns[i]; }};
+  const SensorInfo& info = sensors_[frame->info.sensor].frames.info();
+  sway_.Correct(sway_.Observe(info, swaying), swaying);
+  const auto warning = sway_.WarningOf(frame->info.sensor, info.name);
+  if (warning) Warn(frame->info.sensor, {*warning});
+}
+
 // Updates blinding and pose checks of a sensor from a frame.
 void LiveEngine::UpdateSensorHealth(const LoadedFrame& frame) {
   Sensor& sensor = sensors_[frame.info.sensor];
@@ -295,6 +305,7 @@ void LiveEngine::PassToTracker(TimeNs until_ns, LoadedFrame* frame) {
   if (info.frame_period_ns != std::exchange(sensor.reported_period_ns, info.frame_period_ns)) {
     tracker_->SetSensor(index, info);
   }
+  if (config_.robust.Uses(Rule::kSway)) RemoveSway(frame);
   UpdateSensorHealth(*frame);
   tracker_->SetBlinded(std::any_of(sensors_.begin(), sensors_.end(), [](const Sensor& other) {
     return other.sensor_health.may_be_blinded();

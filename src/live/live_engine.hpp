@@ -20,6 +20,7 @@
 #include "live/waiting_frames.hpp"
 #include "scene/pose_check.hpp"
 #include "scene/sensor_health.hpp"
+#include "scene/sway.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/engine.hpp"
 #include "unlidar/types.hpp"
@@ -97,6 +98,9 @@ class LiveEngine {
     return sensors_.at(sensor).sensor_health.blinded_s();
   }
 
+  // Largest amplitude of its sway, see Sway.
+  double SwayDeg(std::uint32_t sensor) const { return sway_.LargestDeg(sensor); }
+
  private:
   struct Sensor {
     explicit Sensor(SensorFrames its_frames) : frames(std::move(its_frames)) {}
@@ -126,6 +130,7 @@ class LiveEngine {
   void Restart();
   TimeNs SettledNs() const;
   void ReportSensorStates(std::optional<std::uint32_t> heard);
+  void RemoveSway(LoadedFrame* frame);
   void UpdateSensorHealth(const LoadedFrame& frame);
   void Warn(std::uint32_t sensor, std::vector<Warning> warnings);
   void PassToTracker(TimeNs until_ns, LoadedFrame* frame);
@@ -145,6 +150,7 @@ class LiveEngine {
   WaitingFrames waiting_;
   std::unique_ptr<LiveTracker> tracker_;
   StampValidator stamps_;
+  Sway sway_;
   HeldFrames held_;
   HeldFrames::Held taken_;  // from held_
   InputCounts counts_;

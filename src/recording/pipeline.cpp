@@ -9,6 +9,7 @@
 #include "recording/windows.hpp"
 #include "scene/pose_check.hpp"
 #include "scene/sensor_health.hpp"
+#include "scene/sway.hpp"
 
 namespace unlidar {
 namespace {
@@ -113,6 +114,31 @@ FrameFeed FeedOf(const Recording& recording) {
   };
 }
 
+// Wraps a feed so that the sway of stations is removed from its frames, from the first frame of a
+// period on.
+FrameFeed WithoutSway(const FrameFeed& feed, Sway* sway) {
+  return [&feed, sway](TimeNs until_ns, Recording* recording) {
+    const std::size_t known = recording->frames.size();
+    const TimeNs next_ns = feed(until_ns, recording);
+    const auto frame_of = [&](std::size_t i) {
+      FrameInfo& info = recording->frames[i];
+      const std::size_t first = info.first_return;
+      return SwayingFrame{
+          &info, recording->points_m.data() + first, info.last_return - first,
+          [recording, first](std::size_t k) { return recording->times_ns[first + k]; }};
+    };
+    std::vector<SwayEstimate> estimates;
+    for (std::size_t i = known; i < recording->frames.size(); ++i) {
+      estimates.push_back(
+          sway->Observe(recording->sensors[recording->frames[i].sensor], frame_of(i)));
+    }
+    for (std::size_t i = known; i < recording->frames.size(); ++i) {
+      sway->Correct(sway->Refine(estimates[i - known], frame_of(i)), frame_of(i));
+    }
+    return next_ns;
+  };
+}
+
 // Monitors of the state of a sensor, fed by its frames.
 struct SensorMonitor {
   SensorHealth sensor_health;
@@ -138,12 +164,16 @@ FrameFeed Monitored(const FrameFeed& feed, std::vector<SensorMonitor>* monitors)
   };
 }
 
-void TakeFindings(std::vector<SensorMonitor>* monitors, PipelineResult* result) {
+void TakeFindings(const Sway& sway, std::vector<SensorMonitor>* monitors, PipelineResult* result) {
   result->warnings = result->recording.warnings;
   for (std::size_t i = 0; i < monitors->size(); ++i) {
     SensorMonitor& monitor = (*monitors)[i];
     result->blinded_s.push_back(monitor.sensor_health.blinded_s());
-    monitor.pose.Finish(result->recording.sensors[i].name);
+    const std::string& name = result->recording.sensors[i].name;
+    const auto sensor = static_cast<std::uint32_t>(i);
+    result->sway_deg.push_back(sway.LargestDeg(sensor));
+    if (auto warning = sway.WarningOf(sensor, name)) result->warnings.push_back(*warning);
+    monitor.pose.Finish(name);
     for (Warning& warning : monitor.pose.TakeWarnings()) {
       result->warnings.push_back(std::move(warning));
     }
@@ -157,7 +187,10 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
   Recording& recording = result.recording;
   std::vector<Target> targets;
   std::vector<SensorMonitor> monitors;
-  const FrameFeed feed = Monitored(frames, &monitors);
+  Sway sway;
+  const bool removes_sway = config.robust.Uses(Rule::kSway);
+  const FrameFeed at_rest = removes_sway ? WithoutSway(frames, &sway) : frames;
+  const FrameFeed feed = Monitored(at_rest, &monitors);
   // The paper's scores are those of a whole recording.
   Recording whole;
   if (config.method == Method::kPaper || request.score_clusters) {
@@ -189,7 +222,7 @@ std::vector<Target> ReadAndSearch(const PipelineRequest& request, const Config& 
     result.robust_counts = robust.counts;
     if (!request.score_clusters) timer.End("read", InputSummary(recording), reading);
   }
-  TakeFindings(&monitors, &result);
+  TakeFindings(sway, &monitors, &result);
   std::sort(targets.begin(), targets.end(), IsSeenEarlier);
   timer.End("targets", Count(targets.size(), "target"));
   return targets;

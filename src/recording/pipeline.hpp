@@ -57,6 +57,7 @@ struct PipelineResult {
   OutputInstants output_instants;  // at which the tracks have rows
   std::vector<Warning> warnings;
   std::vector<double> blinded_s;  // for how long each sensor was, see SensorHealth
+  std::vector<double> sway_deg;   // largest amplitude of each, see Sway
   std::vector<StageTime> times;
 };
 

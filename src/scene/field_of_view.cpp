@@ -17,9 +17,10 @@ constexpr double kSharpOfMovingRad = 0.4 * M_PI / 180.0;
 constexpr std::ptrdiff_t kMinColumns = 8;
 constexpr float kAlikeRad = 0.02F;  // attitudes that tilt less than this apart are one
 constexpr std::size_t kMaxAttitudes = 64;
-// A carrier that moves less is at rest, as the noise of its poses is as large.
+// A carrier that moves less is at rest: the noise of its poses is as large, or it is a mast that
+// sways, from which nearly the same is seen and hidden throughout.
 constexpr float kMaxRestM = 0.05F;
-constexpr float kMaxRestRad = 0.2F * static_cast<float>(M_PI) / 180.0F;
+constexpr float kMaxRestRad = 2.2F * static_cast<float>(M_PI) / 180.0F;
 
 bool IsMoved(const CarrierPose& from, const CarrierPose& to) {
   return (to.shift_m - from.shift_m).norm() > kMaxRestM ||

@@ -148,6 +148,7 @@ TEST(SummaryJson, HoldsEveryConfigKeyCountsTimesAndTracks) {
   result.recording.sensors.resize(1);
   result.recording.frames.resize(3);
   result.blinded_s = {1.5};
+  result.sway_deg = {0.7};
   result.recording.counts.frames = 3;
   result.recording.counts.bad_frames = 2;
   result.times = {{"read", 0.25}};
@@ -164,6 +165,7 @@ TEST(SummaryJson, HoldsEveryConfigKeyCountsTimesAndTracks) {
   const auto summary = nlohmann::json::parse(SummaryJson({{"avia", not_utf8}}, config, result));
   EXPECT_EQ(summary["inputs"][0]["frames"], 3);
   EXPECT_EQ(summary["inputs"][0]["blinded_s"], 1.5);
+  EXPECT_EQ(summary["inputs"][0]["sway_deg"], 0.7);
   EXPECT_EQ(summary["counts"]["bad_frames"], 2);
   EXPECT_EQ(summary["counts"]["trajectory_rows"], 2);
   EXPECT_FALSE(summary["counts"].contains("robust"));

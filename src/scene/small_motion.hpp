@@ -1,0 +1,96 @@
+// Small motion of a station, filtered from frame to frame.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include "scene/surface_map.hpp"
+#include "unlidar/types.hpp"
+
+namespace unlidar {
+
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+// A rotation vector (rad) and a translation (m) about the viewpoint at one time, and their rates.
+struct SmallMotion {
+  TimeNs time_ns = 0;
+  Vector6d pose = Vector6d::Zero();
+  Vector6d rate_per_s = Vector6d::Zero();
+
+  // Returns the pose at a time nearby.
+  Vector6d At(TimeNs other_ns) const {
+    return pose + rate_per_s * (static_cast<double>(other_ns - time_ns) * kSecondsPerNs);
+  }
+};
+
+// Moves a position, relative to the viewpoint, by a pose: exact to the third power of the angle.
+inline Eigen::Vector3d Moved(const Vector6d& pose, const Eigen::Vector3d& position_m) {
+  const Eigen::Vector3d turned_m = pose.head<3>().cross(position_m);
+  return position_m + turned_m + pose.head<3>().cross(turned_m) / 2.0 + pose.tail<3>();
+}
+
+// A return, relative to the viewpoint.
+struct TimedReturn {
+  Eigen::Vector3d position_m;
+  TimeNs time_ns = 0;
+};
+
+// Kalman filter of poses and rates, driven by white accelerations, whose measurements are the
+// distances of returns from the surfaces of a map (point to plane, Chen and Medioni 1992), each at
+// the time of its return.
+class SmallMotionFilter {
+ public:
+  // Begins at rest, as far as a station that sways is.
+  explicit SmallMotionFilter(TimeNs time_ns);
+
+  void Predict(TimeNs time_ns);
+
+  // Sets the pose about which the motion is expected.
+  void SetRest(const Vector6d& pose) { rest_ = pose; }
+
+  // Result of a frame. The returns of every other sector of azimuth are a half.
+  struct Fit {
+    std::size_t matched = 0;  // returns on a surface
+    // Rotations (rad) by each half alone, without the motion before.
+    std::array<Eigen::Vector3d, 2> half_rad;
+    // Squared distances, in variances, of each half from the surfaces: at rest, and as the other
+    // half moves it.
+    double rest_error = 0.0;
+    double held_out_error = 0.0;
+  };
+  Fit Update(const std::vector<TimedReturn>& returns, const SurfaceMap& map);
+
+  const SmallMotion& motion() const { return motion_; }
+
+  // Standard deviation (rad) of the rotation, that about the worst known axis.
+  double SigmaRad() const;
+
+ private:
+  using Vector12d = Eigen::Matrix<double, 12, 1>;
+  using Matrix12d = Eigen::Matrix<double, 12, 12>;
+
+  // Distance of a return from a surface along a normal.
+  struct Row {
+    Vector6d gradient;  // by the pose
+    double s = 0.0;     // time of the return since that of the motion
+    double distance_m = 0.0;
+    double variance_m2 = 0.0;
+    double weight_per_m2 = 0.0;
+    std::size_t half = 0;
+  };
+
+  // Matches returns, moved by a state, to surfaces. Returns how many are on one.
+  std::size_t Match(const std::vector<TimedReturn>& returns, const SurfaceMap& map,
+                    const Vector12d& state, double scale);
+  // Compares the halves of the rows, which are of a state.
+  void CompareHalves(const Vector12d& state, Fit* fit) const;
+
+  SmallMotion motion_;
+  Vector6d rest_ = Vector6d::Zero();
+  Matrix12d covariance_;
+  std::vector<Row> rows_;  // of the frame
+};
+
+}  // namespace unlidar

@@ -9,6 +9,8 @@
 
 namespace unlidar {
 
+constexpr double kRadPerDeg = M_PI / 180.0;
+
 // Returns the azimuth in [-pi, pi], 0 along x.
 inline double AzimuthRad(const Eigen::Vector3f& p) {
   return std::atan2(static_cast<double>(p.y()), static_cast<double>(p.x()));

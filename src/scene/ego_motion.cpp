@@ -18,8 +18,7 @@ constexpr TimeNs kMaxPauseNs = 10'000'000'000;  // a longer pause resets the sta
 // More than the longest lag spans.
 constexpr auto kNumSnapshots = static_cast<std::size_t>(kLagsNs.back() / kBinNs) + 4;
 
-constexpr float kMinRangeM = 1.0F;  // returns nearer than this are of the station itself
-constexpr float kUprightM = 0.5F;   // more than any ground rises across a cell
+constexpr float kUprightM = 0.5F;  // more than any ground rises across a cell
 
 // Search range: shifts, in cells, and turns between two snapshots.
 constexpr int kShift = 16;
@@ -93,7 +92,7 @@ void EgoMotion::Collect(const Eigen::Vector3f* begin_m, const Eigen::Vector3f* e
   for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
     const Eigen::Vector3f relative_m = begin_m[i] - origin_m;
     const float level_m = relative_m.head<2>().norm();
-    if (!(level_m >= kMinRangeM && level_m < static_cast<float>(kReach))) continue;
+    if (!(level_m >= kOwnRangeM && level_m < static_cast<float>(kReach))) continue;
     const std::size_t cell = CellAt(static_cast<int>(std::floor(relative_m.x())),
                                     static_cast<int>(std::floor(relative_m.y())));
     lowest_m_[cell] = std::min(lowest_m_[cell], relative_m.z());

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "base/disjoint_sets.hpp"
-#include "base/recording.hpp"
 #include "base/point_tree.hpp"
+#include "base/recording.hpp"
 #include "scene/range_grid.hpp"
 
 namespace unlidar {

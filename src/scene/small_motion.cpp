@@ -6,10 +6,10 @@
 #include <array>
 #include <cmath>
 
+#include "base/angles.hpp"
+
 namespace unlidar {
 namespace {
-
-constexpr double kRadPerDeg = M_PI / 180.0;
 
 // Spectral density of the acceleration: a mast that sways by 1 degree at 0.4 Hz accelerates by
 // 4 degrees/s^2, and its head, 6 m up, by 0.5 m/s^2.

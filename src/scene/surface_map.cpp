@@ -10,7 +10,7 @@ namespace {
 constexpr double kMinEdgeM = 0.5;
 constexpr double kEdgesPerRange = 12.0;  // the edge is at most a twelfth of the range
 constexpr double kMaxRangeM = 120.0;     // beyond, cells hold too few returns
-constexpr std::size_t kMaxCells = 20'000;
+constexpr std::size_t kMostCells = 20'000;
 
 constexpr double kMinCount = 8.0;
 constexpr double kRefit = 1.3;  // a surface is computed again when so many times the returns are in
@@ -46,7 +46,7 @@ void SurfaceMap::Add(const Eigen::Vector3d& position_m) {
   const double range_m = position_m.norm();
   if (range_m > kMaxRangeM) return;
   const Place place = PlaceOf(position_m, range_m);
-  if (cells_.size() >= kMaxCells && numbers_.Find(place.grid, place.key) == VoxelNumbers::kNone) {
+  if (cells_.size() >= kMostCells && numbers_.Find(place.grid, place.key) == VoxelNumbers::kNone) {
     return;
   }
   const std::uint32_t number = numbers_.FindOrAdd(place.grid, place.key);

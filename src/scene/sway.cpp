@@ -3,24 +3,23 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/angles.hpp"
 #include "base/format.hpp"
+#include "scene/sampled_returns.hpp"
 
 namespace unlidar {
 namespace {
-
-constexpr double kRadPerDeg = M_PI / 180.0;
 
 constexpr std::size_t kSampled = 800;  // returns of a frame that are matched, evenly drawn
 // The same of a station that sways.
 constexpr std::size_t kManySampled = 2048;
 constexpr TimeNs kFirstNs = kNsPerSecond;
-constexpr double kMinRangeM = 1.0;  // returns nearer than this are of the station itself
 
 // A look lasts so long; then the station is left alone for so long.
 constexpr TimeNs kLookNs = 5 * kNsPerSecond;
 constexpr TimeNs kShortLookNs = 3 * kNsPerSecond;  // if there is no sign of a sway by then
 constexpr TimeNs kRestNs = 20 * kNsPerSecond;
-constexpr TimeNs kMaxPauseNs = kNsPerSecond;  // of frames; a longer one ends the period
+constexpr TimeNs kMaxBreakNs = kNsPerSecond;  // of frames; a longer one ends the period
 
 constexpr double kMinMatched = 60.0;  // returns on surfaces
 constexpr double kMaxTurnRad = 3.0 * kRadPerDeg;
@@ -60,7 +59,7 @@ void Sample(const SwayingFrame& frame, const Eigen::Vector3d& viewpoint_m, std::
   const std::size_t step = 1 + frame.size / number;
   for (std::size_t i = 0; i < frame.size; i += step) {
     const Eigen::Vector3d ray_m = frame.points_m[i].cast<double>() - viewpoint_m;
-    if (ray_m.squaredNorm() < kMinRangeM * kMinRangeM) continue;
+    if (ray_m.squaredNorm() < kOwnRangeM * kOwnRangeM) continue;
     sampled->push_back({ray_m, frame.time_ns(i)});
   }
 }
@@ -75,7 +74,7 @@ SwayEstimate Sway::Observe(const SensorInfo& sensor, const SwayingFrame& frame) 
   if (places_.size() > stations_.size()) stations_.emplace_back().first_sensor = index;
   Station& station = stations_[known->second];
   const TimeNs time_ns = frame.info->middle_ns();
-  const bool is_pause = std::abs(time_ns - station.newest_ns) > kMaxPauseNs;
+  const bool is_pause = std::abs(time_ns - station.newest_ns) > kMaxBreakNs;
   station.newest_ns = is_pause ? time_ns : std::max(station.newest_ns, time_ns);
   if (is_pause) {
     station.following.reset();

@@ -1,13 +1,13 @@
 // Crowding: what else is detected about a path while it lasts.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <vector>
 
 #include "scene/clutter_map.hpp"
 #include "scene/plots.hpp"
 #include "scene/time_bins.hpp"
-#include "tracking/track_search.hpp"
 
 namespace unlidar {
 

@@ -6,40 +6,11 @@
 #include <utility>
 #include <vector>
 
-#include "base/point_tree.hpp"
 #include "base/queue.hpp"
+#include "tracking/scan.hpp"
 #include "tracking/track_model.hpp"
 
 namespace unlidar {
-
-// A hypothesis is deleted where its track score falls below this, and not updated with a plot where
-// it falls below the score of a birth there by this: re-initiation explains the plot better.
-constexpr double kDeletionLog = -6.0;
-constexpr double kReinitiationLog = -3.0;
-
-// The plots of one frame.
-struct Scan {
-  struct Entry {
-    double log_clutter;
-    double score_threshold;  // least score of a hypothesis that is updated with it
-    std::size_t plot;        // index into all plots
-  };
-
-  std::size_t first = 0;  // index of the first plot
-  std::size_t last = 0;   // one past the last plot
-  FrameTime at;
-  FrameBounds bounds;
-  PointTree<double> positions_m;
-  std::vector<Entry> entries;  // in the order of positions_m.points_m()
-};
-
-// Fills `scan` with the frame whose first plot is `first`, reusing its memory.
-void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-             std::size_t first, const FrameTime& at, Scan* scan);
-
-// Scans for searches through `plots`, which are in order of frame time. `log_births`: one per plot.
-std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                          const ScanSchedule& scan_schedule);
 
 class TrackSearch {
  public:

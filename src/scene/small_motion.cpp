@@ -44,8 +44,10 @@ Vector6d PriorInformation() {
 
 }  // namespace
 
-SmallMotionFilter::SmallMotionFilter(TimeNs time_ns) {
+void SmallMotionFilter::Begin(TimeNs time_ns) {
+  motion_ = SmallMotion();
   motion_.time_ns = time_ns;
+  rest_.setZero();
   covariance_.setZero();
   covariance_.diagonal().head<6>() = PriorInformation().cwiseInverse();
   covariance_.diagonal().segment<3>(6).setConstant(kFirstTurnRadPerS * kFirstTurnRadPerS);

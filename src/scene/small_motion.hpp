@@ -42,8 +42,10 @@ struct TimedReturn {
 // the time of its return.
 class SmallMotionFilter {
  public:
-  // Begins at rest, as far as a station that sways is.
-  explicit SmallMotionFilter(TimeNs time_ns);
+  explicit SmallMotionFilter(TimeNs time_ns = 0) { Begin(time_ns); }
+
+  // Begins at rest, as far as a station that sways is. Keeps the memory.
+  void Begin(TimeNs time_ns);
 
   void Predict(TimeNs time_ns);
 

@@ -86,11 +86,12 @@ SwayEstimate Sway::Observe(const SensorInfo& sensor, const SwayingFrame& frame) 
   }
   Follow(index, places_.ViewpointM(known->second).cast<double>(), frame, &station);
   if (!station.following) return {};
-  return {station.period, station.following->filter.motion()};
+  return {station.period, station.filter.motion()};
 }
 
 void Sway::Begin(TimeNs time_ns, Station* station) {
-  station->following.emplace(time_ns);
+  station->following.emplace().begin_ns = time_ns;
+  station->filter.Begin(time_ns);
   station->refining.reset();
   // Frames that wait to be corrected share the period before.
   if (station->period.use_count() == 1) {
@@ -111,12 +112,12 @@ void Sway::Follow(std::uint32_t sensor, const Eigen::Vector3d& viewpoint_m,
   const bool is_first = time_ns < following.begin_ns + kFirstNs;
   SmallMotionFilter::Fit fit;
   if (!is_first) {
-    following.filter.Predict(time_ns);
-    following.filter.SetRest(station->period->mean);
-    fit = following.filter.Update(sampled_, map);
+    station->filter.Predict(time_ns);
+    station->filter.SetRest(station->period->mean);
+    fit = station->filter.Update(sampled_, map);
   }
   for (const TimedReturn& one : sampled_) {
-    map.Add(following.is_moving ? Moved(following.filter.motion().At(one.time_ns), one.position_m)
+    map.Add(following.is_moving ? Moved(station->filter.motion().At(one.time_ns), one.position_m)
                                 : one.position_m);
   }
   if (!is_first) Judge(fit, time_ns, station);
@@ -136,7 +137,7 @@ void Sway::Judge(const SmallMotionFilter::Fit& fit, TimeNs time_ns, Station* sta
     return;
   }
   following.matched_ns = time_ns;
-  const Vector6d excursion = following.filter.motion().pose - period.mean;
+  const Vector6d excursion = station->filter.motion().pose - period.mean;
   if (excursion.head<3>().norm() > kMaxTurnRad || excursion.tail<3>().norm() > kMaxShiftM) {
     period.is_swaying = false;
     return end(kRestNs);
@@ -151,7 +152,7 @@ void Sway::Judge(const SmallMotionFilter::Fit& fit, TimeNs time_ns, Station* sta
   add(Eigen::Vector3d((half_rad[0] + half_rad[1]) / 2.0), &following.turn_rad);
   add(fit.rest_error, &following.rest_error);
   add(fit.held_out_error, &following.held_out_error);
-  station->poses.push_back(following.filter.motion().pose);
+  station->poses.push_back(station->filter.motion().pose);
   if (station->poses.size() > kMeanFrames) station->poses.pop_front();
   if (following.is_moving) {
     const Vector6d step = MeanOf(station->poses) - period.mean;
@@ -176,7 +177,7 @@ void Sway::Judge(const SmallMotionFilter::Fit& fit, TimeNs time_ns, Station* sta
     return;
   }
   if (!period.is_swaying) {
-    if (!is_real || following.filter.SigmaRad() > kMaxSigmaRad) return end(kRestNs);
+    if (!is_real || station->filter.SigmaRad() > kMaxSigmaRad) return end(kRestNs);
     period.is_swaying = true;
   }
   // About its own mean, as the attitude at rest is hardly known at first.

@@ -77,7 +77,6 @@ class Sway {
   // State of a period.
   struct Following {
     TimeNs begin_ns = 0;
-    SmallMotionFilter filter;
     bool is_moving = false;  // maps are made of returns that are moved
     TimeNs judged_ns = 0;
     std::optional<TimeNs> matched_ns;  // last frame with enough returns on surfaces
@@ -88,8 +87,6 @@ class Sway {
     Eigen::Vector3d turn_rad = Eigen::Vector3d::Zero();  // of the rotation from rest
     double rest_error = 0.0;                             // see SmallMotionFilter::Fit
     double held_out_error = 0.0;
-
-    explicit Following(TimeNs time_ns) : begin_ns(time_ns), filter(time_ns) {}
   };
   struct Station {
     std::uint32_t first_sensor = 0;
@@ -98,6 +95,7 @@ class Sway {
     std::optional<Following> following;
     std::optional<SmallMotionFilter> refining;  // of the last period
     // Of the last period; their memory serves the next.
+    SmallMotionFilter filter;
     std::shared_ptr<SwayPeriod> period;
     std::map<std::uint32_t, SurfaceMap> maps;  // of sensors
     Queue<Vector6d> poses;                     // of the last frames

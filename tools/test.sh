@@ -15,7 +15,7 @@ a minute. Exit code 0 if all of them pass.
   --sanitize  only the tests with sanitizers and the line coverage
 
 Works from any folder; tests that need ../shared skip without it. A part takes seconds or minutes
-where nothing that it depends on has changed; everything, from nothing, some 40 minutes on two idle processors.
+where nothing that it depends on has changed; everything, from nothing, 40 to 60 minutes on two idle processors.
 TEXT
 }
 

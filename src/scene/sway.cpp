@@ -90,7 +90,7 @@ SwayEstimate Sway::Observe(const SensorInfo& sensor, const SwayingFrame& frame) 
 }
 
 void Sway::Begin(TimeNs time_ns, Station* station) {
-  station->following.emplace().begin_ns = time_ns;
+  station->following.emplace(time_ns);
   station->filter.Begin(time_ns);
   station->refining.reset();
   // Frames that wait to be corrected share the period before.

@@ -87,6 +87,8 @@ class Sway {
     Eigen::Vector3d turn_rad = Eigen::Vector3d::Zero();  // of the rotation from rest
     double rest_error = 0.0;                             // see SmallMotionFilter::Fit
     double held_out_error = 0.0;
+
+    explicit Following(TimeNs time_ns) : begin_ns(time_ns) {}
   };
   struct Station {
     std::uint32_t first_sensor = 0;

@@ -203,7 +203,7 @@ bool LiveSearch::IsCrowded(const Path& path) const {
   return false;
 }
 
-// Of the flight.
+// Penalty of the plots of the flight, which are the last of the path.
 double LiveSearch::CrowdingPenaltyOf(const Path& path) const {
   const auto size = static_cast<std::ptrdiff_t>(flight_.plots.size());
   const std::vector<std::uint32_t> own(path.plots.end() - size, path.plots.end());

@@ -34,6 +34,12 @@ constexpr double kMaxError = 9.0;  // of a return, in variances: strays count as
 
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
+// Returns which half of a frame a return belongs to: sectors of azimuth alternate.
+std::size_t HalfOf(const Eigen::Vector3d& position_m) {
+  const double azimuth_rad = std::atan2(position_m.y(), position_m.x()) + M_PI;
+  return static_cast<std::size_t>(azimuth_rad / kSectorRad) % 2;
+}
+
 Vector6d PriorInformation() {
   Vector6d information;
   information.head<3>().setConstant(1.0 / (kTurnRad * kTurnRad));
@@ -75,6 +81,8 @@ void SmallMotionFilter::Predict(TimeNs time_ns) {
 SmallMotionFilter::Fit SmallMotionFilter::Update(const std::vector<TimedReturn>& returns,
                                                  const SurfaceMap& map) {
   Fit fit;
+  halves_.clear();
+  for (const TimedReturn& one : returns) halves_.push_back(HalfOf(one.position_m));
   Vector12d predicted;
   predicted << motion_.pose, motion_.rate_per_s;
   Vector12d state = predicted;
@@ -111,13 +119,12 @@ std::size_t SmallMotionFilter::Match(const std::vector<TimedReturn>& returns, co
                                      const Vector12d& state, double scale) {
   rows_.clear();
   std::size_t matched = 0;
-  for (const TimedReturn& one : returns) {
+  for (std::size_t i = 0; i < returns.size(); ++i) {
+    const TimedReturn& one = returns[i];
     const double s = static_cast<double>(one.time_ns - motion_.time_ns) * kSecondsPerNs;
     const Eigen::Vector3d position_m = Moved(state.head<6>() + s * state.tail<6>(), one.position_m);
     const SurfaceMap::Surface* const surface = map.Find(position_m);
     if (surface == nullptr) continue;
-    const double azimuth_rad = std::atan2(one.position_m.y(), one.position_m.x()) + M_PI;
-    const std::size_t half = static_cast<std::size_t>(azimuth_rad / kSectorRad) % 2;
     bool is_matched = false;
     for (std::size_t axis = 0; axis < static_cast<std::size_t>(surface->num_normals); ++axis) {
       const Eigen::Vector3d& normal = surface->normals[axis];
@@ -131,7 +138,7 @@ std::size_t SmallMotionFilter::Match(const std::vector<TimedReturn>& returns, co
       row.distance_m = distance_m;
       row.variance_m2 = variance_m2;
       row.weight_per_m2 = kInformationShare / (variance_m2 * ratio * ratio);
-      row.half = half;
+      row.half = halves_[i];
     }
     matched += is_matched ? 1 : 0;
   }

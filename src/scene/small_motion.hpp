@@ -92,7 +92,8 @@ class SmallMotionFilter {
   SmallMotion motion_;
   Vector6d rest_ = Vector6d::Zero();
   Matrix12d covariance_;
-  std::vector<Row> rows_;  // of the frame
+  std::vector<std::size_t> halves_;  // (returns of the frame)
+  std::vector<Row> rows_;            // of the frame
 };
 
 }  // namespace unlidar

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 
 #include "base/angles.hpp"
 #include "base/format.hpp"
@@ -10,10 +11,10 @@
 namespace unlidar {
 namespace {
 
-constexpr std::size_t kSampled = 800;  // returns of a frame that are matched, evenly drawn
-// The same of a station that sways.
-constexpr std::size_t kManySampled = 2048;
-constexpr TimeNs kFirstNs = kNsPerSecond;
+// Returns of a frame that are matched, evenly drawn; more of a station that sways.
+constexpr std::ptrdiff_t kSampled = 800;
+constexpr std::ptrdiff_t kManySampled = 2048;
+constexpr TimeNs kFirstNs = kNsPerSecond;  // of a look, in which a map only grows
 
 // A look lasts so long; then the station is left alone for so long.
 constexpr TimeNs kLookNs = 5 * kNsPerSecond;
@@ -52,11 +53,12 @@ Vector6d MeanOf(const Queue<Vector6d>& poses) {
   return sum / weights;
 }
 
-// Draws about so many returns of a frame evenly.
-void Sample(const SwayingFrame& frame, const Eigen::Vector3d& viewpoint_m, std::size_t number,
+// Draws at most so many returns of a frame evenly.
+void Sample(const SwayingFrame& frame, const Eigen::Vector3d& viewpoint_m, std::ptrdiff_t most,
             std::vector<TimedReturn>* sampled) {
   sampled->clear();
-  const std::size_t step = 1 + frame.size / number;
+  const auto step =
+      static_cast<std::size_t>(SampleStep(static_cast<std::ptrdiff_t>(frame.size), most));
   for (std::size_t i = 0; i < frame.size; i += step) {
     const Eigen::Vector3d ray_m = frame.points_m[i].cast<double>() - viewpoint_m;
     if (ray_m.squaredNorm() < kOwnRangeM * kOwnRangeM) continue;

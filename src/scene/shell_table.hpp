@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -83,6 +84,13 @@ class ShellTable {
       }
       for (const Touched& touched : touched_) visit(touched.point, values_[touched.number]);
     }
+  }
+
+  // Returns the number of the voxel of a point in its own shell; VoxelNumbers::kNone if it is not
+  // known.
+  std::uint32_t NumberOf(const Eigen::Vector3f& point_m) const {
+    const Home home = HomeOf(point_m);
+    return numbers_.Find(home.shell, home.key);
   }
 
   // Calls visit(value) for the voxels in the neighbourhood of a point.
@@ -207,17 +215,29 @@ class ShellTable {
 
   template <class Visit>
   void VisitNumbers(const Eigen::Vector3f& point_m, const Visit& visit) const {
-    const std::size_t shell = ShellAt(static_cast<double>(point_m.norm()));
-    const Voxel home = VoxelAt(point_m, shells_[shell].edge_m);
+    const std::size_t shell_index = ShellAt(static_cast<double>(point_m.norm()));
+    const Voxel home = VoxelAt(point_m, shells_[shell_index].edge_m);
+    const auto shell = static_cast<std::uint32_t>(shell_index);
+    // Few of them are in the cache. All are asked for before the first one is looked at.
+    std::array<VoxelKey, 27> keys{};
+    auto next_key = keys.begin();
     for (int dx = -1; dx <= 1; ++dx) {
       for (int dy = -1; dy <= 1; ++dy) {
         for (int dz = -1; dz <= 1; ++dz) {
-          const std::uint32_t number = numbers_.Find(
-              static_cast<std::uint32_t>(shell), KeyOf({home.x + dx, home.y + dy, home.z + dz}));
-          if (number != VoxelNumbers::kNone) visit(number);
+          *next_key = KeyOf({home.x + dx, home.y + dy, home.z + dz});
+          numbers_.Prefetch(shell, *next_key++);
         }
       }
     }
+    std::array<std::uint32_t, 27> numbers{};
+    auto end = numbers.begin();
+    for (const VoxelKey key : keys) {
+      const std::uint32_t number = numbers_.Find(shell, key);
+      if (number == VoxelNumbers::kNone) continue;
+      PrefetchValue(number);
+      *end++ = number;
+    }
+    std::for_each(numbers.begin(), end, visit);
   }
 
   std::vector<Shell> shells_;

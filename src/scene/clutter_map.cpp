@@ -18,7 +18,8 @@ constexpr RangeRadius kSpotRadius{0.19, 0.006};
 }  // namespace
 
 ClutterMap::Sensor::Sensor()
-    : levels{RangeGrid(kWide), RangeGrid(kMiddle), RangeGrid(kClutterNarrow)}, spots(kSpotRadius) {}
+    : levels{RangeGrid(kWide, true), RangeGrid(kMiddle, true), RangeGrid(kClutterNarrow, true)},
+      spots(kSpotRadius) {}
 
 const ClutterMap::Sensor& ClutterMap::SensorAt(std::uint32_t sensor) const {
   static const Sensor empty;

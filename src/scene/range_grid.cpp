@@ -27,6 +27,7 @@ std::uint32_t RangeGrid::NewBinCount(const BinCount& value) {
 }
 
 void RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::int32_t count) {
+  ++version_;
   places_.VisitOverlappingShells(point_m, {}, [&](std::uint32_t, Profile& profile, bool) {
     profile.total += count;
     // Points arrive mostly in temporal order.
@@ -46,6 +47,7 @@ void RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::int3
 }
 
 void RangeGrid::Forget(std::uint32_t before_bin) {
+  ++version_;
   places_.EraseIf([&](Profile& profile) {
     std::uint32_t* end = &profile.latest;
     while (*end != kNone && bin_counts_[*end].bin >= before_bin) end = &bin_counts_[*end].earlier;
@@ -58,21 +60,39 @@ void RangeGrid::Forget(std::uint32_t before_bin) {
   });
 }
 
-std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m) const {
+// Sums `count_of(profile)` over the neighbourhood of a point, unless it is known.
+template <class CountOf>
+std::uint32_t RangeGrid::SumAround(const Eigen::Vector3f& point_m, BinRange bins,
+                                   Counted CountedTwice::*which, const CountOf& count_of) const {
+  Counted* known = nullptr;
+  if (remembers_counts_) {
+    if (counted_.size() < places_.size()) counted_.resize(places_.size());
+    const std::uint32_t number = places_.NumberOf(point_m);
+    if (number != VoxelNumbers::kNone) known = &(counted_[number].*which);
+    if (known != nullptr && known->version == version_ && known->bins == bins) {
+      return static_cast<std::uint32_t>(known->count);
+    }
+  }
   std::int32_t sum = 0;
-  places_.VisitNeighbourhood(point_m, [&](const Profile& profile) { sum += profile.total; });
+  places_.VisitNeighbourhood(point_m, [&](const Profile& profile) { sum += count_of(profile); });
+  if (known != nullptr) *known = {version_, sum, bins};
   return static_cast<std::uint32_t>(sum);
 }
 
+std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m) const {
+  return SumAround(point_m, {}, &CountedTwice::all,
+                   [](const Profile& profile) { return profile.total; });
+}
+
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) const {
-  std::int32_t sum = 0;
-  places_.VisitNeighbourhood(point_m, [&](const Profile& profile) {
+  return SumAround(point_m, bins, &CountedTwice::some, [&](const Profile& profile) {
+    std::int32_t sum = 0;
     for (std::uint32_t at = profile.latest; at != kNone && bin_counts_[at].bin >= bins.first;
          at = bin_counts_[at].earlier) {
       if (bin_counts_[at].bin < bins.last) sum += bin_counts_[at].count;
     }
+    return sum;
   });
-  return static_cast<std::uint32_t>(sum);
 }
 
 void RangeGrid::InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const {

@@ -14,6 +14,10 @@ namespace unlidar {
 struct BinRange {
   std::uint32_t first = 0;
   std::uint32_t last = 0;
+
+  friend bool operator==(const BinRange& a, const BinRange& b) {
+    return a.first == b.first && a.last == b.last;
+  }
 };
 
 // A reusable set of time bins, stored as bits. Emptying it visits one word per 64 bins between its
@@ -46,7 +50,10 @@ class BinSet {
 // of the total number of bins.
 class RangeGrid {
  public:
-  explicit RangeGrid(RangeRadius radius) : places_(radius) {}
+  // `remembers_counts`: of points of one voxel, counts after the first cost little where the bins
+  // are the same and nothing was added since. It takes memory, and pays where voxels are wide.
+  explicit RangeGrid(RangeRadius radius, bool remembers_counts = false)
+      : remembers_counts_(remembers_counts), places_(radius) {}
 
   // Adds a point `count` times; a negative count takes points added before away again.
   void Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::int32_t count = 1);
@@ -79,9 +86,28 @@ class RangeGrid {
     std::uint32_t latest = kNone;  // index of its last bin
   };
 
+  // The last count of the neighbourhood of a voxel.
+  struct Counted {
+    std::uint64_t version = 0;  // of the grid, for which it holds
+    std::int32_t count = 0;
+    BinRange bins;
+  };
+
+  // Those asked for last: of all bins and of some.
+  struct CountedTwice {
+    Counted all;
+    Counted some;
+  };
+
+  template <class CountOf>
+  std::uint32_t SumAround(const Eigen::Vector3f& point_m, BinRange bins,
+                          Counted CountedTwice::*which, const CountOf& count_of) const;
   std::uint32_t NewBinCount(const BinCount& value);
 
+  bool remembers_counts_;
   ShellTable<Profile> places_;
+  std::uint64_t version_ = 1;                  // counts up with each change
+  mutable std::vector<CountedTwice> counted_;  // (voxels)
   // Of all voxels: a grid that forgets as much as it adds needs no memory.
   std::vector<BinCount> bin_counts_;
   std::uint32_t free_ = kNone;  // first of those that are free, linked like the bins of a voxel

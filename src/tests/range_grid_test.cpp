@@ -113,12 +113,13 @@ TEST(RangeGrid, TakesNoFarPointForANearOne) {
   }
 }
 
-// In any order of bins: what was taken away or forgotten might never have been added.
+// In any order of bins, and whatever was asked between: what was taken away or forgotten might
+// never have been added.
 TEST(RangeGrid, WhatIsTakenAwayOrForgottenCountsNoMore) {
   const RangeRadius radius{0.35, 0.012};
   for (std::uint32_t seed = 0; seed < 10; ++seed) {
     Random random(seed);
-    RangeGrid grid(radius);
+    RangeGrid grid(radius, seed % 2 == 0);
     std::vector<std::pair<Eigen::Vector3f, std::uint32_t>> points;
     std::uint32_t forgotten = 0;
     for (int i = 0; i < 3000; ++i) {
@@ -134,6 +135,9 @@ TEST(RangeGrid, WhatIsTakenAwayOrForgottenCountsNoMore) {
         points.emplace_back(point_m, forgotten + random.Index(kBins));
         grid.Add(point_m, points.back().second);
       }
+      const Eigen::Vector3f asked_m = random.InBox({18, -1, -1}, {22, 1, 1}).cast<float>();
+      grid.Count(asked_m);
+      grid.Count(asked_m, {forgotten, forgotten + 1 + random.Index(kBins)});
     }
     RangeGrid expected(radius);
     for (const auto& [point_m, bin] : points) {

@@ -84,11 +84,12 @@ void MultiStationPlots::TakePlots(const Recording& recording, std::size_t statio
   SortByFrameTime(&plots);
   MarkFloating(recording, scene.support(), config_, &plots);
   const Eigen::Vector3d viewpoint_m = stations_.ViewpointM(station_index).cast<double>();
+  plots_.reserve(plots_.size() + plots.size());
   for (Plot& plot : plots) {
     plot.position_m += viewpoint_m;
     plots_.push_back(std::move(plot));
   }
-  plots = {};
+  plots = std::vector<Plot>();  // without its memory
 }
 
 void MultiStationPlots::EstimateClutter(const std::vector<char>& assigned) {

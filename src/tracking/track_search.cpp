@@ -11,6 +11,7 @@ namespace {
 // Hypotheses carried on in addition per plot of the frame: in rain many begin at once.
 constexpr std::size_t kMaxHypothesesPerPlot = 5;
 constexpr double kUnreachable = std::numeric_limits<double>::infinity();
+constexpr std::int32_t kKept = 0;  // mark of what stays in the history
 
 }  // namespace
 
@@ -26,6 +27,14 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
     if (history_[h].score <= 0.0 || history_[h].num_plots < min_plots) continue;
     ends_.push_back({history_[h].score, static_cast<std::int32_t>(h)});
   }
+  // Most births lead nowhere. Searches of all sigma_a are kept at once.
+  active_.clear();
+  marks_.assign(history_.size(), kNoIndex);
+  for (const PathEnd& end : ends_) MarkAncestors(end.hypothesis, 0);
+  DropUnmarked(0);
+  history_.shrink_to_fit();
+  for (PathEnd& end : ends_) end.hypothesis = marks_[static_cast<std::size_t>(end.hypothesis)];
+  marks_ = std::vector<std::int32_t>();
   std::make_heap(ends_.begin(), ends_.end());
 }
 
@@ -111,6 +120,31 @@ void TrackSearch::DropAssigned() {
                 active_.end());
 }
 
+// Marks a node and its ancestors, back to the plot `first_plot`.
+void TrackSearch::MarkAncestors(std::int32_t node, std::size_t first_plot) {
+  for (auto h = static_cast<std::size_t>(node); marks_[h] != kKept;) {
+    if (static_cast<std::size_t>(history_[h].plot) < first_plot) return;
+    marks_[h] = kKept;
+    if (history_[h].parent == kNoIndex) return;
+    h = static_cast<std::size_t>(history_[h].parent);
+  }
+}
+
+// Removes all nodes but those marked, whose marks become their new indices. Indices of plots shift
+// by `num_plots`.
+void TrackSearch::DropUnmarked(std::size_t num_plots) {
+  std::size_t kept = 0;
+  for (std::size_t h = 0; h < history_.size(); ++h) {
+    if (marks_[h] != kKept) continue;
+    Node node = history_[h];
+    node.plot -= static_cast<std::int32_t>(num_plots);
+    if (node.parent != kNoIndex) node.parent = marks_[static_cast<std::size_t>(node.parent)];
+    marks_[h] = static_cast<std::int32_t>(kept);
+    history_[kept++] = node;
+  }
+  history_.resize(kept);
+}
+
 void TrackSearch::Forget(std::size_t num_plots) {
   const auto is_kept_plot = [&](std::int32_t h) {
     return static_cast<std::size_t>(history_[static_cast<std::size_t>(h)].plot) >= num_plots;
@@ -118,31 +152,13 @@ void TrackSearch::Forget(std::size_t num_plots) {
   active_.erase(std::remove_if(active_.begin(), active_.end(),
                                [&](const Hypothesis& h) { return !is_kept_plot(h.node); }),
                 active_.end());
-  std::vector<std::int32_t>& moved = marks_;
-  moved.reserve(history_.capacity());
-  moved.assign(history_.size(), kNoIndex);
-  constexpr std::int32_t kKept = 0;
-  for (const Hypothesis& leaf : active_) {
-    for (std::int32_t h = leaf.node; h != kNoIndex && is_kept_plot(h);) {
-      std::int32_t& mark = moved[static_cast<std::size_t>(h)];
-      if (mark == kKept) break;
-      mark = kKept;
-      h = history_[static_cast<std::size_t>(h)].parent;
-    }
-  }
-  std::size_t kept = 0;
-  for (std::size_t h = 0; h < history_.size(); ++h) {
-    if (moved[h] != kKept) continue;
-    Node node = history_[h];
-    node.plot -= static_cast<std::int32_t>(num_plots);
-    if (node.parent != kNoIndex) node.parent = moved[static_cast<std::size_t>(node.parent)];
-    moved[h] = static_cast<std::int32_t>(kept);
-    history_[kept++] = node;
-  }
-  history_.resize(kept);
-  last_scan_ = kept;
+  marks_.reserve(history_.capacity());
+  marks_.assign(history_.size(), kNoIndex);
+  for (const Hypothesis& leaf : active_) MarkAncestors(leaf.node, num_plots);
+  DropUnmarked(num_plots);
+  last_scan_ = history_.size();
   for (Hypothesis& h : active_) {
-    h.node = moved[static_cast<std::size_t>(h.node)];
+    h.node = marks_[static_cast<std::size_t>(h.node)];
     const Node& node = history_[static_cast<std::size_t>(h.node)];
     h.plot = node.plot;
     h.parent = node.parent;

@@ -85,6 +85,8 @@ class TrackSearch {
     }
   };
 
+  void MarkAncestors(std::int32_t node, std::size_t first_plot);
+  void DropUnmarked(std::size_t num_plots);
   void SetPathTo(std::int32_t hypothesis, Path* path) const;
   void Add(Hypothesis hypothesis);
   void Predict(const FrameTime& at);
@@ -109,7 +111,7 @@ class TrackSearch {
   std::vector<Motion> motions_;          // one per time of a last plot
   std::vector<std::pair<double, std::size_t>> ranking_;  // (-highest steady score, prediction)
   std::vector<char> is_kept_;
-  std::vector<std::int32_t> marks_;  // (history) scratch
+  std::vector<std::int32_t> marks_;  // (history) scratch: kKept or the new index, or kNoIndex
   // Of the current frame, in the order of its entries and of the nodes of its tree: the least score
   // with which a plot is taken, and the least bound of a score before its clutter.
   std::vector<double> thresholds_;

@@ -139,29 +139,27 @@ double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first
   return std::max(kJeffreysCount, share * num_returns) / (num_frames * places_.VolumeM3(place_m));
 }
 
-double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) const {
+double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin,
+                             double least_rate) const {
   const std::int64_t age = newest_ - bin;
-  if (age < 0 || age >= RecentBins::kWindow) return 0.0;
-  const auto step_m = static_cast<float>(std::pow(places_.VolumeM3(point_m), 1.0 / 3.0));
-  std::array<RecentBins, 6> hits{};
-  std::size_t num_free = 0;
-  for (std::size_t k = 0; k < hits.size(); ++k) {
-    const auto axis = static_cast<Eigen::Index>(k / 2);
-    const Eigen::Vector3f offset_m = (k % 2 == 0 ? step_m : -step_m) * Eigen::Vector3f::Unit(axis);
-    hits[k] = HitsAround(point_m + offset_m);
-    // Early exit for open air.
-    num_free += hits[k].IsEmpty() ? 1U : 0U;
-    if (num_free > kMaxEmptyAdjacent) return 0.0;
-  }
+  if (age < 0 || age >= RecentBins::kWindow) return least_rate;
   const Dwell dwell = DwellAt(HitsAround(point_m), static_cast<int>(age), max_break_);
   const int exposed = observed_.SizeOutside(dwell.youngest, dwell.oldest);
-  if (exposed == 0) return 0.0;
-  std::array<int, 6> occupied{};
-  std::transform(hits.begin(), hits.end(), occupied.begin(), [&](const RecentBins& around) {
-    return (around & observed_).SizeOutside(dwell.youngest, dwell.oldest);
-  });
-  std::sort(occupied.begin(), occupied.end());
-  return RateOf(occupied[kMaxEmptyAdjacent], exposed, point_m);
+  if (exposed == 0) return least_rate;
+  const auto step_m = static_cast<float>(std::pow(places_.VolumeM3(point_m), 1.0 / 3.0));
+  std::array<double, 6> rates{};
+  std::size_t num_low = 0;
+  for (std::size_t k = 0; k < rates.size(); ++k) {
+    const auto axis = static_cast<Eigen::Index>(k / 2);
+    const Eigen::Vector3f offset_m = (k % 2 == 0 ? step_m : -step_m) * Eigen::Vector3f::Unit(axis);
+    const RecentBins hits = HitsAround(point_m + offset_m) & observed_;
+    rates[k] = RateOf(hits.SizeOutside(dwell.youngest, dwell.oldest), exposed, point_m);
+    // Early exit, as in open air.
+    num_low += rates[k] <= least_rate ? 1U : 0U;
+    if (num_low > kMaxEmptyAdjacent) return least_rate;
+  }
+  std::sort(rates.begin(), rates.end());
+  return rates[kMaxEmptyAdjacent];
 }
 
 double Occupancy::RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const {

@@ -55,9 +55,10 @@ class Occupancy {
   double RateOutside(const Eigen::Vector3f& place_m, std::int64_t first, std::int64_t last) const;
 
   // Returns the rate of returns around a place, in returns per frame and m^3: the rate that most
-  // adjacent places exceed. In dense rain some places are empty by chance, so the surroundings say
-  // more than the place itself.
-  double RateAround(const Eigen::Vector3f& point_m, std::int64_t bin) const;
+  // adjacent places exceed, but no less than `least_rate`. In dense rain some places are empty by
+  // chance, so the surroundings say more than the place itself.
+  double RateAround(const Eigen::Vector3f& point_m, std::int64_t bin,
+                    double least_rate = 0.0) const;
 
   // Returns the rate of strays before a place, in returns per frame and m^3: what rain, snow, fog
   // and the sun return, they return all the way, the denser the nearer; before what stands in clear

@@ -11,6 +11,7 @@
 
 #include "io/pcd.hpp"
 #include "recording/pipeline.hpp"
+#include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
@@ -152,7 +153,7 @@ TEST(Engine, TellsOfADroneWithinItsDelayAndWhereItIs) {
 TEST(Engine, PredictsAConfirmedTrackToTheStampOfEachFrameWithTrueSigmas) {
   double sum = 0.0;
   std::size_t count = 0;
-  for (std::uint32_t seed = 1; seed <= 6; ++seed) {
+  for (std::uint32_t seed = 1; seed <= testing::Draws(6U); ++seed) {
     const EngineOutput output = EngineOutputOf(Frames(Scene(seed, 4.0, 20.0), 200));
     ASSERT_EQ(output.confirmed.size(), 1U) << seed;
     ASSERT_GT(output.predicted.size(), 100U) << seed;
@@ -237,7 +238,7 @@ TEST(Engine, NoTrackReachesBackBeyondALongPause) {
 }
 
 TEST(Engine, TellsOfNothingWhereNothingFlies) {
-  for (std::uint32_t seed = 1; seed <= 3; ++seed) {
+  for (std::uint32_t seed = 1; seed <= testing::Draws(3U); ++seed) {
     const EngineOutput output = EngineOutputOf(Frames(Scene(seed, 1e9, 1e9), 250));
     EXPECT_TRUE(output.confirmed.empty()) << seed;
     EXPECT_TRUE(output.rows.empty()) << seed;
@@ -414,7 +415,7 @@ void AddFog(int returns, std::uint32_t seed, std::vector<Frame>* frames) {
 }
 
 TEST(Engine, InThickFogItTellsThatItIsBlindedAndOfNoDroneThatIsNotThere) {
-  for (std::uint32_t seed = 1; seed <= 2; ++seed) {
+  for (std::uint32_t seed = 1; seed <= testing::Draws(2U); ++seed) {
     std::vector<Frame> frames = Frames(Scene(seed, 1e9, 1e9), 100);
     AddFog(1500, seed, &frames);
     const EngineOutput output = EngineOutputOf(frames);

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "tests/draws.hpp"
 #include "tests/learned_occupancy.hpp"
 #include "tests/range_grid_oracle.hpp"
 #include "tests/synthetic_recording.hpp"
@@ -463,7 +464,7 @@ TEST(OccupancyOfRecording, WhatComesAndGoesIsStructureIfItIsThereOftenEnough) {
 }
 
 TEST(OccupancyOfRecording, TellsStructureByItsDefinition) {
-  for (std::uint32_t seed = 0; seed < 6; ++seed) {
+  for (std::uint32_t seed = 0; seed < testing::Draws(6U); ++seed) {
     const RecordingMaker maker = DrawnRecording(seed);
     LearnedOccupancy learned(maker.recording);
     std::vector<bool> are_structure;
@@ -500,7 +501,7 @@ TEST(OccupancyOfRecording, AFartherObjectHidesNothing) {
 }
 
 TEST(OccupancyOfRecording, VerdictsDoNotDependOnTheirOrder) {
-  for (std::uint32_t seed = 0; seed < 6; ++seed) {
+  for (std::uint32_t seed = 0; seed < testing::Draws(6U); ++seed) {
     const RecordingMaker maker = DrawnRecording(seed);
     LearnedOccupancy learned(maker.recording);
     LearnedOccupancy again(maker.recording);

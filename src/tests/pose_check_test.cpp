@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/draws.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -118,7 +119,7 @@ std::vector<std::string> CodesOfMotion(const std::function<Pose(double)>& pose_a
 using Codes = std::vector<std::string>;
 
 TEST(PoseCheck, SaysNothingOfASensorThatStandsWithZUp) {
-  for (std::uint32_t seed = 1; seed <= 5; ++seed) {
+  for (std::uint32_t seed = 1; seed <= testing::Draws(5U); ++seed) {
     EXPECT_EQ(CodesOfMotion(Still, 0, seed), Codes());
     EXPECT_EQ(CodesOfMotion(Still, 4, seed), Codes());
   }
@@ -161,7 +162,7 @@ TEST(PoseCheck, SaysThatASensorMoves) {
       },
   };
   for (std::size_t i = 0; i < motions.size(); ++i) {
-    for (std::uint32_t seed = 1; seed <= 3; ++seed) {
+    for (std::uint32_t seed = 1; seed <= testing::Draws(3U); ++seed) {
       EXPECT_EQ(CodesOfMotion(motions[i], 2, seed), Codes{"sensor_moves"}) << i << " " << seed;
     }
   }
@@ -182,7 +183,7 @@ TEST(PoseCheck, SaysWhichWayIsUpWhereZIsNot) {
       return pose;
     };
   };
-  for (std::uint32_t seed = 1; seed <= 3; ++seed) {
+  for (std::uint32_t seed = 1; seed <= testing::Draws(3U); ++seed) {
     EXPECT_EQ(CodesOfMotion(turned({1, 0, 0}, 180), 2, seed), Codes{"upside_down"});
     EXPECT_EQ(CodesOfMotion(turned({0.3, 1, 0}, 180), 2, seed), Codes{"upside_down"});
     EXPECT_EQ(CodesOfMotion(turned({1, 0, 0}, 90), 2, seed), Codes{"z_not_up"});

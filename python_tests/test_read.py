@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +87,36 @@ def test_track_takes_the_poses_of_the_recording_unless_a_config_has_its_own(
     settings = unlidar.read(placed, sensors=["upper"]).settings
     assert settings["sensors.upper.translation_m"] == (3.0, 0.0, 0.0)
     unlidar.Engine(settings=settings).close()
+
+
+def test_track_takes_the_stamps_of_mmaud_for_the_ends_of_frames_as_run_does(
+    shared: Path, tmp_path: Path
+) -> None:
+    """Unless a configuration or a setting says otherwise; its conversion is known for MMAUD's."""
+    sequence = shared / "data/mmaud/val/seq0001"
+    expected = read_traj(unlidar.run(sequence, tmp_path / "out", report=False).trajectory)
+    converted(sequence, tmp_path / "frames")
+    for recording in (sequence, tmp_path / "frames"):
+        (found,) = unlidar.track(unlidar.read(recording))
+        xyz = np.stack([found.rows[axis] for axis in "xyz"], axis=1)
+        np.testing.assert_allclose(xyz, expected.position_m, atol=1e-6)
+    own = tmp_path / "own.yaml"
+    own.write_text("robust:\n  min_plots: 6\n")
+    begins = {"input.stamp": "begin"}
+    for config, settings in ((own, None), (None, begins), (own, begins)):
+        (found,) = unlidar.track(unlidar.read(sequence), config, settings)
+        off_m = np.abs(found.rows["x"][:50] - expected.position_m[:50, 0])
+        assert off_m.max() > 0.01, (config, settings)
+
+
+def test_frames_are_read_once(recording: Path) -> None:
+    frames = unlidar.read(recording)
+    assert len(list(islice(frames, 10))) == 10
+    assert len(list(frames)) == 50
+    for again in (list, unlidar.track):
+        with pytest.raises(unlidar.UsageError, match="have been read"):
+            again(frames)
+    assert next(frames, None) is None
 
 
 @pytest.mark.parametrize(

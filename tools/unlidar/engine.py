@@ -64,13 +64,23 @@ class Frames(Iterator[Frame]):
     ) -> None:
         self._frames = frames
         self.sensors = tuple(sensors)
-        # What it knows of its sensors, for Engine: where they stand, by keys of the configuration,
-        # and of those that move the way of what carries them, by their names.
+        # What it knows, for Engine: where its sensors stand and what its stamps mean, by keys of
+        # the configuration, and of those that move the way of what carries them, by their names.
         self.settings = dict(settings)
         self.poses = dict(poses)
+        self._is_over = False
+
+    def __iter__(self) -> "Frames":
+        if self._is_over:
+            raise UsageError("these frames have been read, expected a new unlidar.read(...)")
+        return self
 
     def __next__(self) -> Frame:
-        return next(self._frames)
+        try:
+            return next(self._frames)
+        except StopIteration:
+            self._is_over = True
+            raise
 
 
 @dataclass(frozen=True)
@@ -191,16 +201,15 @@ def track(
     any order; the other arguments and the errors are those of `Engine`. Rows come at the stamps of
     the sensor whose frame is the first. Of `unlidar.read` it is the first of the recording's
     sensors, and where they stand and move is taken from it, unless the configuration has `sensors`
-    of its own, and `poses` others: the tracks are those of `unlidar.run`.
+    of its own, and `poses` others, and what its stamps mean, unless there is a configuration: the
+    tracks are those of `unlidar.run`.
 
     Example:
         for found in unlidar.track(unlidar.read("flight.bag")):
             print(found.id, found.kind.drone, found.rows["timestamp_ns"], found.rows["x"])
     """
     if isinstance(frames, Frames):
-        path = config_path(config)
-        if path is None or not has_sensors(Path(path)):
-            settings = frames.settings | settings_of(settings)
+        settings = _known(frames, config_path(config)) | settings_of(settings)
         poses = frames.poses if poses is None else poses
         frames = _led(frames)
     recording = _native().Recording(*_setup(config, settings, rate_hz, poses))
@@ -220,16 +229,28 @@ def track(
     return tracks
 
 
+def _known(frames: Frames, config: str | None) -> dict[str, object]:
+    """What the recording says that a configuration does not take the place of."""
+    if config is None:
+        return frames.settings
+    if has_sensors(Path(config)):
+        return {}
+    return {key: value for key, value in frames.settings.items() if key.startswith("sensors.")}
+
+
 def _led(frames: Frames) -> Iterator[Frame]:
     """The frames, led by one of the first of the sensors that has any."""
     rank = {name: number for number, name in enumerate(frames.sensors)}
     held = []
-    for frame in frames:
+    others = iter(frames)
+    for frame in others:
         held.append(frame)
         if rank.get(frame.sensor) == 0:
             break
+    else:
+        others = iter(())
     yield from sorted(held, key=lambda frame: rank.get(frame.sensor, len(rank)))
-    yield from frames
+    yield from others
 
 
 def _native() -> ModuleType:

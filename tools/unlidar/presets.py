@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from unlidar.configs import CONFIG_DIR
-from unlidar.limits import read_text
+from unlidar.limits import load_yaml, read_text
 
 MMAUD = CONFIG_DIR / "mmaud.yaml"
 _HOLDS = "input.stamp"
@@ -20,6 +20,17 @@ def preset_of(frames: Path, options: list[str]) -> Path | None:
     if "--config" in options or any(option.startswith(f"{_HOLDS}=") for option in options):
         return None
     return MMAUD if _conversion(frames).get("kind") == _MMAUD_KIND else None
+
+
+def preset_settings(recording: Path, kind: str) -> dict[str, object]:
+    """Values of the same configuration by their keys, for a recording of this kind of source."""
+    if _MMAUD_KIND not in (kind, _conversion(recording).get("kind")):
+        return {}
+    return {
+        f"{section}.{name}": value
+        for section, values in load_yaml(MMAUD).items()
+        for name, value in values.items()
+    }
 
 
 def about_truth(truth: Path) -> dict[str, str]:

@@ -22,6 +22,7 @@ from unlidar.engine import Frame, Frames
 from unlidar.errors import InputError
 from unlidar.limits import MEGABYTE
 from unlidar.point_times import OFFSET_FIELD
+from unlidar.presets import preset_settings
 from unlidar.stamps import parse_stamp_ns
 from unlidar.station import station_settings
 
@@ -41,11 +42,13 @@ def read(
     memory at a time, and of those that wait for another sensor's at most 64 MB. `sensors` chooses
     among those of the recording, by default its LiDARs; `options` are those of a conversion, as
     ConvertOptions(start_s=10). Of a damaged recording the part before the damage is given.
-    `settings` of the result say where the sensors stand as far as the recording knows, its `poses`
-    how those that move are carried; `unlidar.track` takes both, and so does
+    `settings` of the result say where the sensors stand and what stamps mean (MMAUD's are the end
+    of a frame) as far as the recording knows, its `poses` how those that move are carried;
+    `unlidar.track` takes both, and so does
     `unlidar.Engine(settings=frames.settings, poses=frames.poses)`.
 
-    InputError for what cannot be read, UsageError for a sensor that is not there.
+    InputError for what cannot be read, UsageError for a sensor that is not there, and for frames
+    that are asked for a second time.
 
     Example:
         for frame in unlidar.read("flight.bag"):
@@ -57,7 +60,7 @@ def read(
         source = opened.enter_context(closing(open_source(path, reading)))
         chosen = choose_sensors(path, source, names)
         shared = _Reading(path, reading, source, chosen, held=chosen)
-        settings = station_settings(source.station(), chosen)
+        settings = preset_settings(path, source.kind) | station_settings(source.station(), chosen)
         poses = {name: way for name, way in source.poses().items() if name in chosen}
         if poses:
             _LOG.warning(

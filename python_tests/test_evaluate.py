@@ -247,7 +247,10 @@ BROKEN = {
     "timestamp,x,y\n1,2,3\n": "has no column z",
     "": "has no column",
     "timestamp,x,y,z\n1,2,3,abc\n": ":2: z is 'abc'",
-    "timestamp,x,y,z\n1,2,3,4\n1,2,3\n": ":3: z is ''",
+    "timestamp,x,y,z\n1,2,3,4\n1,2,3\n": ":3: 3 values, expected 4",
+    "timestamp,x,y,z\n1,2,3,4\n\n1,2,3,4,5\n": ":4: 5 values, expected 4",
+    "timestamp,x,y,z,speed\n1,2,3,4\n": ":2: 4 values, expected 5",
+    "timestamp,x,y,z\n1,2,3,\n": ":2: z is ''",
     "timestamp,x,y,z\n1,2,nan,4\n": ":2: y is 'nan'",
 }
 

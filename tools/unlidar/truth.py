@@ -149,14 +149,20 @@ def _read_columns(
 
 
 def _csv_rows(path: Path, file: TextIO, required: set[str]) -> Iterator[tuple[int, dict[str, str]]]:
-    reader = csv.DictReader(lines_of(file))
-    names = reader.fieldnames or ()
+    reader = csv.reader(lines_of(file))
+    names = next(reader, [])
     missing = sorted(required - set(names))
     if missing:
         why = _first_line(names)
         raise InputError(f"{path}: has no column {missing[0]}, {why}, expected {_EXPECTED}")
-    for row in reader:
-        yield reader.line_num, row
+    for values in reader:
+        if not values:
+            continue
+        if len(values) != len(names):
+            raise InputError(
+                f"{path}:{reader.line_num}: {len(values)} values, expected {len(names)}"
+            )
+        yield reader.line_num, dict(zip(names, values, strict=True))
 
 
 def _first_line(names: Sequence[str]) -> str:

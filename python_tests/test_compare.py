@@ -89,6 +89,26 @@ def test_the_figure_is_the_same_for_the_same_results(suffix: str, tmp_path: Path
     assert figures[0].stat().st_size > 10_000
 
 
+@pytest.mark.parametrize("columns", [20, 79, 300])
+def test_tables_are_whole_however_narrow_the_output(
+    columns: int, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    truth = write_truth(tmp_path / "truth.csv")
+    far = write_tracks(tmp_path / f"{20 * 'a'}.csv", 9e8)
+    files = [far, write_tracks(tmp_path / "b.csv", 0.1)]
+    assert main(["compare", *map(str, files), "--truth", str(truth)]) == 0
+    out = capsys.readouterr().out
+    assert " 900000000.000 " in out
+    assert all(head in out for head in ("tracks", "length", "< 1 m", "cover", "false", "NEES"))
+    assert out.count("100.0 %") >= 3 and "…" not in out
+    assert main(["evaluate", str(truth), str(files[1])]) == 0
+    out = capsys.readouterr().out  # its cells are folded between words
+    assert all(word in out for word in ("coverage", "in-view", "percentile")) and "…" not in out
+    lines = [line.rstrip() for line in out.splitlines()]
+    assert all(line[-1] in "┓┃┩│┤┘" for line in lines if line[:1] and line[0] in "┏┃┡│├└")
+
+
 def test_an_empty_result_is_one(tmp_path: Path, capsys) -> None:
     truth = write_truth(tmp_path / "truth.csv")
     files = [

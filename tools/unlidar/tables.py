@@ -4,16 +4,27 @@ import math
 
 from rich import box
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 
 from unlidar.evaluation.markdown import percent, table_rows
 from unlidar.evaluation.measures import several_drones
 from unlidar.sanitize import cell
 
+_LEAST_COLUMNS, _MOST_COLUMNS = 80, 1000  # of a terminal that tables are made for
 
-def console() -> Console:
-    """A console on stdout without highlighting of numbers."""
-    return Console(highlight=False)
+
+def show(table: Table) -> None:
+    """Prints a table to stdout, whole: where a terminal is too narrow, its lines are wrapped."""
+    console = Console(highlight=False)
+    unbounded = console.options.update(max_width=_MOST_COLUMNS)
+    for column in table.columns:
+        if column.no_wrap:  # rich cuts it all the same
+            cells = (column.header, *column.cells)
+            column.min_width = max(Measurement.get(console, unbounded, c).maximum for c in cells)
+    least = Measurement.get(console, unbounded, table).minimum
+    console.width = max(console.width, least, _LEAST_COLUMNS)
+    console.print(table)
 
 
 def sequences_table(result: dict) -> Table:

@@ -42,7 +42,7 @@ def define(p: argparse.ArgumentParser) -> None:
 def _compare(a: argparse.Namespace) -> None:
     from unlidar.compare import comparison_of, read_results
     from unlidar.compare.figure import write_comparison
-    from unlidar.tables import comparison_table, console
+    from unlidar.tables import comparison_table, show
 
     if a.figure is not None and a.figure.suffix not in (".png", ".pdf"):
         raise UsageError(f"--figure {a.figure}: expected a name that ends in .png or .pdf")
@@ -53,7 +53,7 @@ def _compare(a: argparse.Namespace) -> None:
     if a.json:
         print(json.dumps(comparison))
     else:
-        console().print(comparison_table(comparison))
+        show(comparison_table(comparison))
         if a.figure is not None:
             print(f"figure     {printable(a.figure)}")
 

@@ -103,7 +103,7 @@ def act(a: argparse.Namespace) -> None:
 def _one(a: argparse.Namespace, options: Options) -> None:
     from unlidar.evaluation import evaluate_files
     from unlidar.evaluation.markdown import markdown_table
-    from unlidar.tables import console, measures_table
+    from unlidar.tables import measures_table, show
 
     truth, *trajectories = a.inputs
     for path in trajectories:
@@ -117,7 +117,7 @@ def _one(a: argparse.Namespace, options: Options) -> None:
         print(markdown_table([(trajectories[0].stem, measures)]), end="")
     else:
         names = ", ".join(str(path) for path in trajectories)
-        console().print(measures_table(measures, f"{names} against {truth}"))
+        show(measures_table(measures, f"{names} against {truth}"))
 
 
 def _other_tracks(path: Path) -> list[Path]:
@@ -138,7 +138,7 @@ def _many(a: argparse.Namespace, options: Options) -> None:
         names_are_unique,
         read_manifest,
     )
-    from unlidar.tables import console, sequences_table
+    from unlidar.tables import sequences_table, show
 
     flights = read_manifest(a.manifest) if a.manifest is not None else []
     for folder in a.inputs:
@@ -152,7 +152,7 @@ def _many(a: argparse.Namespace, options: Options) -> None:
     elif a.markdown:
         print(markdown_table(table_rows(result), len(result["groups"])), end="")
     else:
-        console().print(sequences_table(result))
+        show(sequences_table(result))
 
 
 def _group(text: str) -> tuple[str, Path]:

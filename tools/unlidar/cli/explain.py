@@ -49,7 +49,7 @@ def _explain(a: argparse.Namespace) -> None:
     from unlidar.explain import Question, explain
     from unlidar.explain.table import as_json, meanings, runs_table, summary_line
     from unlidar.record import write_explanation
-    from unlidar.tables import console
+    from unlidar.tables import show
 
     question = Question(a.at, a.near, a.radius)
     explained = explain(a.run, question, a.live)
@@ -60,7 +60,7 @@ def _explain(a: argparse.Namespace) -> None:
         print(json.dumps(found))
         return
     for one in explained:
-        console().print(runs_table(one))
+        show(runs_table(one))
     for stage, text in meanings(explained):
         print(printable(f"{stage}: {text}"))
     for one in explained:

@@ -118,7 +118,7 @@ def _list(reader: "Reader", a: argparse.Namespace) -> None:
     from rich.table import Table
 
     from unlidar.sanitize import cell
-    from unlidar.tables import console
+    from unlidar.tables import show
 
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for head in ("station", "track", "begin (UTC)", "lasts", "rows", "height", "fastest"):
@@ -136,7 +136,7 @@ def _list(reader: "Reader", a: argparse.Namespace) -> None:
             f"{min(heights):.0f} to {max(heights):.0f} m",
             f"{speed:.1f} m/s",
         )
-    console().print(table)
+    show(table)
 
 
 def _span(reader: "Reader", a: argparse.Namespace) -> tuple[int | None, int | None]:

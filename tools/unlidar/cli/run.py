@@ -120,7 +120,7 @@ def _run(a: argparse.Namespace) -> None:
 def _run_one(a: argparse.Namespace, recording: Path) -> None:
     from unlidar.conversion import Options
     from unlidar.pipeline import run
-    from unlidar.tables import console, measures_table
+    from unlidar.tables import measures_table, show
 
     _read(a.config)
     options = ["--config", str(a.config)] if a.config else []
@@ -141,7 +141,7 @@ def _run_one(a: argparse.Namespace, recording: Path) -> None:
     if result.measures is None:
         print(printable(f"{title}: no ground_truth.csv, not evaluated"))
     else:
-        console().print(measures_table(result.measures, title))
+        show(measures_table(result.measures, title))
     if result.record.preset is not None:
         print(f"settings   {_about(result.record.preset)}")
     print(f"time       {result.record.tracking_s:.2f} s")
@@ -157,10 +157,10 @@ def _run_one(a: argparse.Namespace, recording: Path) -> None:
 
 def _run_live(out: Path) -> None:
     from unlidar.live_run import live_table, run_live
-    from unlidar.tables import console
+    from unlidar.tables import show
 
     result = run_live(out)
-    console().print(live_table(result))
+    show(live_table(result))
     print(f"live time  {result.times.wall_s:.2f} s")
     print(f"live rows  {printable(result.trajectory)}")
 
@@ -169,7 +169,7 @@ def _run_many(a: argparse.Namespace, name: str) -> None:
     from unlidar.batch import run_many
     from unlidar.batch.job import FAILED, Settings
     from unlidar.batch.table import rich_table, table_files
-    from unlidar.tables import console
+    from unlidar.tables import show
 
     cores = len(os.sched_getaffinity(0))
     at_once = a.jobs or cores
@@ -191,7 +191,7 @@ def _run_many(a: argparse.Namespace, name: str) -> None:
     )
     rows = run_many(a.recording, a.out, settings, at_once, a.scheduler)
     title = f"{name}: {len(rows)} recording{'s' * (len(rows) != 1)}"
-    console().print(rich_table(rows, title))
+    show(rich_table(rows, title))
     tables = table_files(a.out)
     failed = [row for row in rows if row.status == FAILED]
     for row in failed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import socket
 import struct
@@ -188,11 +189,20 @@ def test_options_of_bags_are_refused(capture: Path, tmp_path: Path, fails) -> No
     assert "holds packets, --topic is for bags" in said
 
 
-def test_a_capture_that_was_cut_off_keeps_what_came_before(capture: Path, tmp_path: Path) -> None:
-    file = tmp_path / "cut.pcap"
-    file.write_bytes(capture.read_bytes()[: capture.stat().st_size // 2])
-    assert main(["convert", str(file), str(tmp_path / "out")]) == 0
+def test_a_capture_that_was_cut_off_keeps_what_came_before(
+    capture: Path, tmp_path: Path, fails
+) -> None:
+    file, size = tmp_path / "cut.pcap", capture.stat().st_size // 2
+    file.write_bytes(capture.read_bytes()[:size])
+    said = fails(4, "convert", file, tmp_path / "out")
+    assert f"{file}: ends within a packet, at byte {size:,}" in said
     assert len(list_frames(tmp_path / "out" / "192-168-1-12")) >= 29
+    series = tmp_path / "series"  # of a recorder that was killed and started again
+    series.mkdir()
+    for number, source in enumerate((file, capture), 1):
+        shutil.copy(source, series / f"packets_{number}_20240126T201500Z.pcap")
+    assert main(["convert", str(series), str(tmp_path / "both")]) == 0
+    assert len(list_frames(tmp_path / "both" / "192-168-1-12")) >= 59
 
 
 # --- the maker's viewer -------------------------------------------------------------------------

@@ -7,6 +7,7 @@ them: NAME_NUMBER_TIME.pcap.
 import re
 import socket
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -44,10 +45,15 @@ def is_capture(path: Path) -> bool:
 def datagrams(path: Path) -> Iterator[Datagram]:
     """The UDP packets of a capture in the order of its file or files; others are skipped.
 
-    InputError if a file is no capture, or of an unknown link type.
+    InputError if a file is no capture, of an unknown link type, or ends within a packet, after
+    those before. In a series the next file goes on there: its recorder was stopped and started.
     """
-    for file in _series(path) if path.is_dir() else [path]:
-        yield from _datagrams_of(file)
+    if not path.is_dir():
+        yield from _datagrams_of(path)
+        return
+    for file in _series(path):
+        with suppress(_CutOffError):
+            yield from _datagrams_of(file)
 
 
 def _has_suffix(path: Path) -> bool:
@@ -68,10 +74,25 @@ def _series(folder: Path) -> list[Path]:
     return [path for _, path in sorted(numbered) if path.stat().st_size > 0]
 
 
+class _CutOffError(InputError):
+    """A capture ends within a packet."""
+
+
+class _CaptureFile(BoundedFile):
+    """A capture, whose reader takes what is left of a packet for the whole."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Reads; _CutOffError where less is left, unless it is the file's first bytes."""
+        data = super().read(size)
+        if size is not None and 0 < len(data) < size and self.tell() > len(data):
+            raise _CutOffError(f"{self.name}: ends within a packet, at byte {self.tell():,}")
+        return data
+
+
 def _datagrams_of(path: Path) -> Iterator[Datagram]:
     dpkt = _dpkt(path)
     try:
-        with BoundedFile(path) as file:
+        with _CaptureFile(path) as file:
             reader = dpkt.pcap.UniversalReader(file)
             link = _links(dpkt).get(reader.datalink())
             if link is None:

@@ -123,6 +123,17 @@ def test_geojson_has_a_line_for_each_track_with_its_times_and_sigmas(result):
         assert found == pytest.approx(positions(rows), abs=2e-5)
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.kml", "a.geojson", "a.tum", "a.mcap"])
+@pytest.mark.parametrize("begin_s", [12, 1_700_000_000])
+def test_dates_of_stamps_that_are_no_unix_time_are_told_of(name, begin_s, tmp_path, capsys):
+    file = tmp_path / "traj.csv"
+    file.write_text(f"timestamp,x,y,z\n{begin_s}.5,1,2,3\n{begin_s + 1},1,2,3\n")
+    assert main(["export", str(file), str(tmp_path / name), "--origin", ORIGIN]) == 0
+    said = f"{file}: stamp 12.500000000 is no Unix time, as of 1970: dates in {name}"
+    is_told = begin_s == 12 and name not in ("a.tum", "a.mcap")
+    assert (said in capsys.readouterr().err) == is_told
+
+
 def test_places_are_those_of_proj():
     rng = np.random.default_rng(1)
     for lat, lon in ((1.35, 103.7), (-33.9, 18.4), (0, -180), (78.2, 15.6), (-89.99, 0), (90, 0)):

@@ -8,10 +8,12 @@ import signal
 import socket
 import struct
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import unlidar
 from livox_sensor import (
     BEGIN_NS,
     CARTESIAN_CM,
@@ -163,6 +165,27 @@ def test_a_sensor_without_synchronisation_has_the_time_of_the_capture(
     assert main(["convert", str(file), str(tmp_path / "out")]) == 0
     first = list_frames(tmp_path / "out" / "10-0-0-9")[0]
     assert abs(first.stamp_ns - BEGIN_NS - 7_000_000_000) < 110_000_000
+
+
+@pytest.mark.parametrize("drift_ppm", [-150, 0, 150])
+def test_the_clock_of_such_a_sensor_is_followed(
+    drift_ppm: int, packets: list[Packet], tmp_path: Path
+) -> None:
+    """As live. Packets come 40 ms apart, 1 to 3 ms late; a minute of drift is 9 ms."""
+    rng = np.random.default_rng(1)
+    of_ns = BEGIN_NS + 40_000_000 * np.arange(1500)
+    frames = []
+    for sent_ns, late_ns in zip(of_ns.tolist(), rng.integers(1e6, 3e6, 1500).tolist(), strict=True):
+        since_ns = round((sent_ns - BEGIN_NS) * (1 + drift_ppm * 1e-6))
+        full = replace(packets[0], units=np.full((RAYS, 3), 1000))
+        payload = protocol2(full, time_type=0, stamp_ns=since_ns + 5, counter=len(frames))
+        frames.append((sent_ns + late_ns, udp_frame(payload, "10.0.0.9")))
+    found = list(unlidar.read(write_pcap(tmp_path / "a.pcap", frames)))
+    first_ns = np.array([frame.stamp_ns + int(frame.offsets_ns[0]) for frame in found])
+    nearest = np.rint((first_ns - BEGIN_NS) / 40e6).astype(int)
+    late_ms = (first_ns - of_ns[nearest]) * 1e-6
+    assert len(found) > 500
+    assert late_ms.min() > 0.5 and late_ms.max() < 3.5
 
 
 @pytest.mark.parametrize(

@@ -275,6 +275,7 @@ NS = 1_706_300_000_000_000_000
         (("a", NS, XYZ, np.zeros(4)), unlidar.InputError, "dtype float64, expected .* int64"),
         (("a", NS, XYZ, np.full(4, 10**11)), unlidar.InputError, "time 100000000000"),
         (("a", NS + 0.5, XYZ), unlidar.InputError, "stamp_ns: a float, expected"),
+        (("a", True, XYZ), unlidar.InputError, "stamp_ns: a bool, expected"),
         (("a", 2**64, XYZ), unlidar.InputError, "stamp_ns: 18446744073709551616, expected"),
         (("a", 2**62, XYZ), unlidar.InputError, "frame of a, stamp 4611686018427387904 ns: "),
         (("a b", NS, XYZ), unlidar.UsageError, "sensor: 'a b', expected a name"),
@@ -311,6 +312,7 @@ def test_errors_name_value_and_expectation(frame, kind, said) -> None:
         ({"rate_hz": float("nan")}, unlidar.UsageError, "rate_hz: nan, expected"),
         ({"rate_hz": 2e6}, unlidar.UsageError, "rate_hz: 2000000.0, expected"),
         ({"rate_hz": "10"}, unlidar.UsageError, "rate_hz: '10', expected"),
+        ({"rate_hz": True}, unlidar.UsageError, "rate_hz: True, expected"),
     ],
 )
 def test_errors_of_the_configuration(arguments, kind, said) -> None:

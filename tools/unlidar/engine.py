@@ -275,7 +275,8 @@ def _setup(
     ways = _ways_of(poses)
     if rate_hz is None:
         return path, assigned, 0, ways
-    if not (isinstance(rate_hz, (int, float, np.number)) and 0 < rate_hz <= _MOST_RATE_HZ):
+    is_number = isinstance(rate_hz, (int, float, np.number)) and not isinstance(rate_hz, bool)
+    if not (is_number and 0 < rate_hz <= _MOST_RATE_HZ):
         raise UsageError(f"rate_hz: {rate_hz!r}, expected a number above 0 to 1e6")
     nanohertz = round(float(rate_hz) * 1e9)
     if nanohertz == 0:
@@ -310,6 +311,8 @@ def _checked(sensor: str, stamp_ns: SupportsIndex, xyz: object) -> tuple[str, in
 
 
 def _nanoseconds(name: str, value: SupportsIndex) -> int:
+    if isinstance(value, bool):  # Python takes it for 0 or 1
+        _refuse(name, _described(value))
     try:
         stamp_ns = operator.index(value)
     except TypeError:

@@ -221,7 +221,11 @@ void CheckMode(const Arguments& arguments, const std::vector<std::string>& frame
   refuse("--at", arguments.at, "expected --rate or the stamps of the first LiDAR");
   refuse("--clusters", arguments.clusters, "which never has the whole recording");
   refuse("--points", arguments.points, "which never has the whole recording");
-  if (arguments.trace == "-") refuse("--trace", arguments.trace, "expected a file");
+  for (const auto& [option, value] : {std::pair{"--trace", &arguments.trace},
+                                      {"--state", &arguments.state},
+                                      {"--metrics", &arguments.metrics}}) {
+    if (*value == "-") refuse(option, *value, "expected a file");
+  }
   if (arguments.format != "csv") {
     refuse("--format", arguments.format, "expected csv, which holds any number of tracks");
   }

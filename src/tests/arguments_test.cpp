@@ -86,8 +86,10 @@ TEST(Arguments, WhatNeedsTheWholeRecordingIsRefusedLive) {
               std::string::npos);
   }
   EXPECT_EQ(ErrorOf({"--stdin", "--out", "x", "--trace", "t"}), "");
-  EXPECT_NE(ErrorOf({"--stdin", "--out", "x", "--trace", "-"}).find("--trace -: not with --stdin"),
-            std::string::npos);
+  for (const std::string option : {"--trace", "--state", "--metrics"}) {
+    EXPECT_NE(ErrorOf({"--stdin", "--out", "x", option, "-"}).find(option + " -: not with --stdin"),
+              std::string::npos);
+  }
   EXPECT_NE(ErrorOf({"--frames", "a", "--out", "x", "--events", "e"}).find("--events e"),
             std::string::npos);
 }

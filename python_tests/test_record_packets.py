@@ -18,7 +18,7 @@ from live_program import ENDLESS, wait_until
 from livox_sensor import Listening, Packet, accelerations2, protocol1, protocol2, sweep
 from synthetic import PROGRAM, make_flight
 from test_live_status import metrics_of, state_of
-from unlidar.capture import Datagram, datagrams
+from unlidar.capture import Datagram, datagrams, missing_captures
 from unlidar.cli import main
 
 MEGABYTE = 1_000_000
@@ -178,6 +178,12 @@ def test_several_other_captures_are_no_series(recorded: Path, tmp_path: Path, fa
     assert [key(d) for d in datagrams(tmp_path)] == [
         key(d) for path in (first, second) for d in datagrams(path)
     ]
+    assert missing_captures(tmp_path) == []
+    far = tmp_path / "eth0_99000000000013_20260101000012.pcap"
+    (tmp_path / "eth0_00010_20260101000000.pcap").rename(far)
+    assert main(["convert", str(tmp_path), str(tmp_path / "out")]) == 0
+    (note,) = json.loads((tmp_path / "out" / "conversion.json").read_text())["notes"]
+    assert note == "99000000000003 of its captures are missing, the first is number 10"
 
 
 # --- whatever happens -----------------------------------------------------------------------------

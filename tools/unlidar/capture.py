@@ -9,6 +9,7 @@ import socket
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -60,8 +61,23 @@ def _has_suffix(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
+def missing_captures(path: Path) -> list[str]:
+    """A note on numbers that are missing within a series; empty where none is."""
+    numbers = sorted({number for number, _ in _numbered(path)}) if path.is_dir() else []
+    before = [one for one, next_one in pairwise(numbers) if next_one > one + 1]
+    if not before:
+        return []
+    count = numbers[-1] - numbers[0] + 1 - len(numbers)
+    return [f"{count} of its captures are missing, the first is number {before[0] + 1}"]
+
+
 def _series(folder: Path) -> list[Path]:
     """The captures of a folder in the order of their numbers; empty if they are no one series."""
+    # A recorder that was killed may have left one without a first byte.
+    return [path for _, path in _numbered(folder) if path.stat().st_size > 0]
+
+
+def _numbered(folder: Path) -> list[tuple[int, Path]]:
     try:
         captures = [path for path in folder.iterdir() if _has_suffix(path) and path.is_file()]
     except OSError:  # reported by the kind of recording that it may be
@@ -69,9 +85,7 @@ def _series(folder: Path) -> list[Path]:
     found = [_OF_SERIES.fullmatch(path.name) for path in captures]
     if None in found or len({match["name"] for match in found if match}) != 1:
         return []
-    numbered = [(int(match["number"]), path) for match, path in zip(found, captures, strict=True)]
-    # A recorder that was killed may have left one without a first byte.
-    return [path for _, path in sorted(numbered) if path.stat().st_size > 0]
+    return sorted((int(match["number"]), path) for match, path in zip(found, captures, strict=True))
 
 
 class _CutOffError(InputError):

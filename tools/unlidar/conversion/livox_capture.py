@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from unlidar import livox
-from unlidar.capture import datagrams, is_capture
+from unlidar.capture import datagrams, is_capture, missing_captures
 from unlidar.conversion import lvx
 from unlidar.conversion.capture_makers import maker_of
 from unlidar.conversion.files import refuse_bag_options
@@ -70,8 +70,8 @@ class _LivoxRecording(OneFileSource):
         self._notes = [note for cutter in cutters.values() for note in cutter.notes()]
 
     def notes(self) -> list[str]:
-        """Notes on packets left out."""
-        return self._notes
+        """Notes on packets left out and captures that are missing."""
+        return [*missing_captures(self._path), *self._notes]
 
     def _packets(self) -> Iterator[tuple[str, int, livox.Packet]]:
         """Name of the sensor, Unix time of the first ray, packet."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from unlidar.capture import Datagram, datagrams
+from unlidar.capture import Datagram, datagrams, missing_captures
 from unlidar.conversion.capture_makers import is_ouster, maker_of
 from unlidar.conversion.files import refuse_bag_options
 from unlidar.conversion.one_file import OneFileSource, up_to_damage
@@ -72,8 +72,9 @@ class OusterCapture(OneFileSource):
             yield from self._frames(name, turns.rest())
 
     def notes(self) -> list[str]:
-        """Notes on clocks that differ widely."""
-        return [note for name, t in self._turns.items() if (note := t.stamps.note(name))]
+        """Notes on clocks that differ widely and captures that are missing."""
+        clocks = [note for name, t in self._turns.items() if (note := t.stamps.note(name))]
+        return [*missing_captures(self._path), *clocks]
 
     def facts(self) -> dict:
         """The clocks, and the metadata files with the beam angles."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from unlidar.capture import Datagram, datagrams
+from unlidar.capture import Datagram, datagrams, missing_captures
 from unlidar.conversion.capture_makers import is_velodyne, maker_of
 from unlidar.conversion.files import refuse_bag_options
 from unlidar.conversion.one_file import OneFileSource, up_to_damage
@@ -70,8 +70,9 @@ class VelodyneCapture(OneFileSource):
             yield from self._frame(name, lambda d=decoder: d.finish(True))
 
     def notes(self) -> list[str]:
-        """Notes on clocks that differ widely."""
-        return [note for name, seen in self._stamps.items() if (note := seen.note(name))]
+        """Notes on clocks that differ widely and captures that are missing."""
+        clocks = [note for name, seen in self._stamps.items() if (note := seen.note(name))]
+        return [*missing_captures(self._path), *clocks]
 
     def facts(self) -> dict:
         """The clocks used."""

@@ -72,12 +72,13 @@ def missing_captures(path: Path) -> list[str]:
 
 
 def _series(folder: Path) -> list[Path]:
-    """The captures of a folder in the order of their numbers; empty if they are no one series."""
+    """Those of a folder's captures that hold something, in the order of their numbers."""
     # A recorder that was killed may have left one without a first byte.
     return [path for _, path in _numbered(folder) if path.stat().st_size > 0]
 
 
 def _numbered(folder: Path) -> list[tuple[int, Path]]:
+    """The captures of a folder with their numbers, in order; empty if they are no one series."""
     try:
         captures = [path for path in folder.iterdir() if _has_suffix(path) and path.is_file()]
     except OSError:  # reported by the kind of recording that it may be

@@ -14,7 +14,7 @@ from unlidar.capture import datagrams, is_capture, missing_captures
 from unlidar.conversion import lvx
 from unlidar.conversion.capture_makers import maker_of
 from unlidar.conversion.files import refuse_bag_options
-from unlidar.conversion.one_file import OneFileSource, up_to_damage
+from unlidar.conversion.one_file import BeforeDamage, OneFileSource, up_to_damage
 from unlidar.conversion.source import Options, SourceFrame
 from unlidar.errors import InputError
 from unlidar.point_times import OFFSET_FIELD
@@ -61,13 +61,15 @@ class _LivoxRecording(OneFileSource):
         """Frames as they become complete."""
         window = self._options.window(self._begin_ns)
         cutters = {name: _Cutter(name) for name in sensors}
-        for name, time_ns, packet in self._packets():
+        packets = BeforeDamage(self._packets())
+        for name, time_ns, packet in packets:
             if name in cutters:
                 cutters[name].add(time_ns, packet)
                 yield from (f for ns, f in cutters[name].over() if ns in window)
         for cutter in cutters.values():
             yield from (f for ns, f in cutter.over(at_the_end=True) if ns in window)
         self._notes = [note for cutter in cutters.values() for note in cutter.notes()]
+        packets.report()
 
     def notes(self) -> list[str]:
         """Notes on packets left out and captures that are missing."""

@@ -1,13 +1,15 @@
 """Base class of recordings that are one file without truth."""
 
-from collections.abc import Iterator, Sized
+from collections.abc import Iterable, Iterator, Sized
 from contextlib import contextmanager
-from typing import ClassVar
+from typing import ClassVar, Generic, TypeVar
 
 from unlidar.conversion.source import Stream
 from unlidar.errors import InputError
 from unlidar.poses import Poses
 from unlidar.station import Pose
+
+T = TypeVar("T")
 
 
 class OneFileSource:
@@ -66,3 +68,23 @@ def up_to_damage(found: Sized) -> Iterator[None]:
     except InputError:
         if not found:
             raise
+
+
+class BeforeDamage(Iterator[T], Generic[T]):
+    """Packets up to the damage, which is reported behind the frames that they still make."""
+
+    def __init__(self, packets: Iterable[T]) -> None:
+        self._packets = iter(packets)
+        self._damage: InputError | None = None
+
+    def __next__(self) -> T:
+        try:
+            return next(self._packets)
+        except InputError as error:
+            self._damage = error
+        raise StopIteration
+
+    def report(self) -> None:
+        """InputError if damage has ended them."""
+        if self._damage is not None:
+            raise self._damage

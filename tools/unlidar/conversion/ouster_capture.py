@@ -12,7 +12,7 @@ import numpy as np
 from unlidar.capture import Datagram, datagrams, missing_captures
 from unlidar.conversion.capture_makers import is_ouster, maker_of
 from unlidar.conversion.files import refuse_bag_options
-from unlidar.conversion.one_file import OneFileSource, up_to_damage
+from unlidar.conversion.one_file import BeforeDamage, OneFileSource, up_to_damage
 from unlidar.conversion.source import Options, SourceFrame
 from unlidar.conversion.stamp_selector import StampSelector
 from unlidar.errors import InputError, listed, reason
@@ -60,7 +60,8 @@ class OusterCapture(OneFileSource):
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
         """A frame for each completed turn."""
         self._turns = {}
-        for datagram, model in self._points():
+        packets = BeforeDamage(self._points())
+        for datagram, model in packets:
             name = datagram.sensor
             if name in sensors:
                 if name not in self._turns:
@@ -70,6 +71,7 @@ class OusterCapture(OneFileSource):
                 yield from self._frames(name, self._turns[name].add(datagram))
         for name, turns in self._turns.items():
             yield from self._frames(name, turns.rest())
+        packets.report()
 
     def notes(self) -> list[str]:
         """Notes on clocks that differ widely and captures that are missing."""

@@ -11,7 +11,7 @@ import numpy as np
 from unlidar.capture import Datagram, datagrams, missing_captures
 from unlidar.conversion.capture_makers import is_velodyne, maker_of
 from unlidar.conversion.files import refuse_bag_options
-from unlidar.conversion.one_file import OneFileSource, up_to_damage
+from unlidar.conversion.one_file import BeforeDamage, OneFileSource, up_to_damage
 from unlidar.conversion.source import Options, SourceFrame
 from unlidar.conversion.stamp_selector import StampSelector
 from unlidar.errors import InputError, reason
@@ -60,7 +60,8 @@ class VelodyneCapture(OneFileSource):
         config = {"timestamp_first_packet": True, "max_range": _FARTHEST_M}
         decoders = {n: self._decoder.StreamDecoder(self._decoder.Config(**config)) for n in sensors}
         self._stamps = {name: StampSelector(self._options.stamp) for name in sensors}
-        for datagram in self._points():
+        packets = BeforeDamage(self._points())
+        for datagram in packets:
             name = datagram.sensor
             if name in decoders:
                 yield from self._frame(
@@ -68,6 +69,7 @@ class VelodyneCapture(OneFileSource):
                 )
         for name, decoder in decoders.items():
             yield from self._frame(name, lambda d=decoder: d.finish(True))
+        packets.report()
 
     def notes(self) -> list[str]:
         """Notes on clocks that differ widely and captures that are missing."""

@@ -226,6 +226,8 @@ def test_a_capture_that_was_cut_off_keeps_what_came_before(
         shutil.copy(source, series / f"packets_{number}_20240126T201500Z.pcap")
     assert main(["convert", str(series), str(tmp_path / "both")]) == 0
     assert len(list_frames(tmp_path / "both" / "192-168-1-12")) >= 59
+    last = Path(shutil.copy(file, series / "packets_3_20240126T201500Z.pcap"))
+    assert f"{last}: ends within a packet" in fails(4, "convert", series, tmp_path / "cut")
 
 
 # --- the maker's viewer -------------------------------------------------------------------------

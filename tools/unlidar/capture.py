@@ -49,12 +49,12 @@ def datagrams(path: Path) -> Iterator[Datagram]:
     InputError if a file is no capture, of an unknown link type, or ends within a packet, after
     those before. In a series the next file goes on there: its recorder was stopped and started.
     """
-    if not path.is_dir():
-        yield from _datagrams_of(path)
-        return
-    for file in _series(path):
+    files = _series(path) if path.is_dir() else [path]
+    for file in files[:-1]:
         with suppress(_CutOffError):
             yield from _datagrams_of(file)
+    for file in files[-1:]:
+        yield from _datagrams_of(file)
 
 
 def _has_suffix(path: Path) -> bool:

@@ -133,9 +133,9 @@ def test_what_is_missing_is_named(data_set, tmp_path, fails):
     fails(2, "evaluate", "--group", f"all={data_set}")
     fails(2, "evaluate")
     for text, said in (
-        ("", "no sequence"),
+        ("", "it is empty"),
         ("truth,trajectory\n", "no sequence"),
-        ("truth\nx\n", "no trajectory"),
+        ("truth\nx\n", "no column trajectory"),
         ("truth,trajectory\nx.csv,y.csv\n", "x.csv"),
     ):
         (data_set / "m.csv").write_text(text)

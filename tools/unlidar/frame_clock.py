@@ -1,14 +1,13 @@
 """Times from the names of a sensor's frames, stamps or numbers, by the program's rules."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
-from unlidar.errors import InputError, reason
-from unlidar.limits import lines_of
+from unlidar.csv_rows import csv_rows
+from unlidar.errors import InputError
 from unlidar.sanitize import printable
 from unlidar.stamps import parse_stamp_ns
 
@@ -80,33 +79,31 @@ def stamps_of_table(table: Path, paths: Sequence[Path]) -> list[int]:
     The table takes precedence over names. InputError for a malformed table, a row without a
     file, and a file without a row or with an invalid stamp.
     """
-    try:
-        with table.open(newline="") as file:
-            rows = [(r["file"], r["timestamp"].strip()) for r in csv.DictReader(lines_of(file))]
-    except (OSError, KeyError, AttributeError, ValueError, csv.Error) as error:
-        raise InputError(f"{table}: expected columns file,timestamp: {reason(error)}") from error
-    texts = dict(rows)
-    if len(texts) < len(rows):
-        raise InputError(f"{table}: a file is listed a second time, expected one stamp for each")
+    stamps_ns: dict[str, int] = {}
     known = {path.name for path in paths}
-    if missing := next((name for name in texts if name not in known), None):
+    for row in csv_rows(table, ("file", "timestamp")):
+        name, text = row.values["file"], row.values["timestamp"].strip()
+        if name not in known:
+            raise InputError(
+                f"{row.where}: '{printable(name)}' is no frame in this folder, expected the name "
+                "of a file in it"
+            )
+        if name in stamps_ns:
+            raise InputError(
+                f"{row.where}: '{printable(name)}' is listed a second time, expected one stamp "
+                "for each file"
+            )
+        if (stamp_ns := _stamp_ns(text)) is None:
+            raise InputError(
+                f"{row.where}: '{printable(text)}' of '{printable(name)}' is no time stamp"
+            )
+        stamps_ns[name] = stamp_ns
+    if missing := next((path for path in paths if path.name not in stamps_ns), None):
         raise InputError(
-            f"{table}: '{printable(missing)}' is no frame in this folder, expected the name of a "
-            "file in it"
+            f"{table}: no stamp for '{printable(missing.name)}', expected one for every "
+            f"{missing.suffix} file"
         )
-    stamps_ns = []
-    for path in paths:
-        name = printable(path.name)
-        if path.name not in texts:
-            raise InputError(
-                f"{table}: no stamp for '{name}', expected one for every {path.suffix} file"
-            )
-        if (stamp_ns := _stamp_ns(texts[path.name])) is None:
-            raise InputError(
-                f"{table}: '{printable(texts[path.name])}' of '{name}' is no time stamp"
-            )
-        stamps_ns.append(stamp_ns)
-    return stamps_ns
+    return [stamps_ns[path.name] for path in paths]
 
 
 def rate_of(config: dict, sensor: str) -> float | None:

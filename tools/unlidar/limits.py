@@ -6,9 +6,8 @@ or decompressed whole before its size is known to be within the limit.
 
 import io
 import stat
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from unlidar.errors import InputError, reason
 
@@ -93,18 +92,6 @@ def check_frame_size(path: Path) -> None:
         _check_size(path, MOST_FRAME)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: no frame: {reason(error)}") from error
-
-
-def lines_of(file: TextIO, most: int = MOST_TABLE, most_line: int = MOST_LINE) -> Iterator[str]:
-    """The lines of a table, one at a time; ValueError for a line or a table that is too long."""
-    read = 0
-    while line := file.readline(most_line + 1):
-        read += len(line)
-        if len(line) > most_line:
-            raise ValueError(f"a line has more than {most_line:,} characters")
-        if read > most:
-            raise TooLargeError("it", None, most)
-        yield line
 
 
 def load_yaml(path: Path) -> Any:

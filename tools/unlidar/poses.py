@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from unlidar.csv_rows import numbered_lines
 from unlidar.errors import InputError, reason
-from unlidar.limits import lines_of
 from unlidar.output import write_file
 from unlidar.pose_files import ALL, poses_name
 from unlidar.sanitize import printable
@@ -92,25 +92,17 @@ def read_poses(path: Path) -> Poses:
 
     stamps_ns: list[int] = []
     values: list[list[float]] = []
-    try:
-        with path.open(encoding="utf-8") as file:
-            for number, line in enumerate(lines_of(file), start=1):
-                words = line.split("#")[0].split()
-                if not words:
-                    continue
-                try:
-                    stamps_ns.append(parse_stamp_ns(words[0]))
-                    values.append([float(word) for word in words[1:]])
-                except ValueError as error:
-                    raise InputError(
-                        f"{path}:{number}: {reason(error)}, expected {_COLUMNS}"
-                    ) from error
-                if len(words) != 8 or stamps_ns[-2:] != sorted(set(stamps_ns[-2:])):
-                    raise InputError(
-                        f"{path}:{number}: '{line.strip()}', expected {_COLUMNS}, rising"
-                    )
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {reason(error)}") from error
+    for number, line in numbered_lines(path):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        try:
+            stamps_ns.append(parse_stamp_ns(words[0]))
+            values.append([float(word) for word in words[1:]])
+        except ValueError as error:
+            raise InputError(f"{path}:{number}: {reason(error)}, expected {_COLUMNS}") from error
+        if len(words) != 8 or stamps_ns[-2:] != sorted(set(stamps_ns[-2:])):
+            raise InputError(f"{path}:{number}: '{line.strip()}', expected {_COLUMNS}, rising")
     table = np.array(values).reshape(-1, 7)
     norms = np.linalg.norm(table[:, 3:], axis=1)
     if len(table) < 2 or not np.isfinite(table).all() or not np.allclose(norms, 1, atol=0.01):

@@ -1,23 +1,21 @@
 """Ground truth and trajectories, read into arrays; CSV or TUM is detected by content."""
 
-import csv
 import math
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
-from unlidar.errors import InputError, listed, reason
-from unlidar.limits import lines_of, require_file
+from unlidar.csv_rows import Row, csv_rows, numbered_lines
+from unlidar.errors import InputError
 from unlidar.stamps import format_stamp_ns, parse_seconds_ns, parse_stamp_ns
 
 TRUTH_NAME = "ground_truth.csv"
 _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _EXPECTED = f"timestamp,x,y,z in its first line, or lines of {' '.join(_TUM)}"
-_TUM_COLUMNS = ("timestamp", "x", "y", "z")  # the first TUM columns, as named in CSV
+_REQUIRED = ("timestamp", "x", "y", "z")  # of a CSV, and the first columns of TUM
 
 
 @dataclass(frozen=True)
@@ -53,16 +51,14 @@ class Tracks:
 
 def read_truth(path: Path) -> Truth:
     """Columns timestamp, x, y, z and optionally target (0) and in_view (1); or TUM."""
-    table = _read_columns(path, {"timestamp", "x", "y", "z"}, {"target": 0.0, "in_view": 1.0})
+    table = _read_columns(path, {"target": 0.0, "in_view": 1.0})
     return Truth(table["timestamp"], table["target"], _xyz(table), table["in_view"] > 0)
 
 
 def read_tracks(path: Path) -> Tracks:
     """Columns timestamp, x, y, z and optionally the others of a `traj.csv`; or TUM: one track."""
     others = [*_triple("sigma_{}"), *_triple("v{}"), "support"]
-    table = _read_columns(
-        path, {"timestamp", "x", "y", "z"}, {"track_id": 0.0} | dict.fromkeys(others, math.nan)
-    )
+    table = _read_columns(path, {"track_id": 0.0} | dict.fromkeys(others, math.nan))
 
     def known(names: Sequence[str]) -> np.ndarray | None:
         columns = np.stack([table[name] for name in names], axis=1)
@@ -101,23 +97,17 @@ def read_all_tracks(paths: Sequence[Path]) -> Tracks:
 
 
 def is_tum(path: Path) -> bool:
-    """True if the first line that is no comment has eight words, or all lines are comments."""
-    try:
-        require_file(path)
-        with path.open(encoding="utf-8-sig") as file:
-            return _is_tum(file)
-    except (OSError, ValueError):
-        return False  # reported in full when it is read
+    """True if the first line that is no comment has eight words, or all lines are comments.
 
-
-def columns_of(path: Path) -> set[str]:
-    """The column names of a CSV; empty for TUM, or if it cannot be read."""
-    try:
-        require_file(path)
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            return set(next(csv.reader(lines_of(file)), ()))
-    except (OSError, ValueError, csv.Error):
-        return set()  # reported in full when it is read
+    InputError if it cannot be read.
+    """
+    commented = False
+    for _, text in numbered_lines(path):
+        words = text.split()
+        if words and not words[0].startswith("#"):
+            return len(words) == len(_TUM) and "," not in text
+        commented |= bool(words)
+    return commented
 
 
 def _triple(pattern: str) -> list[str]:
@@ -128,90 +118,34 @@ def _xyz(table: dict[str, np.ndarray]) -> np.ndarray:
     return np.stack([table["x"], table["y"], table["z"]], axis=1)
 
 
-def _read_columns(
-    path: Path, required: set[str], optional: dict[str, float]
-) -> dict[str, np.ndarray]:
-    columns = {name: array("d") for name in (*required, *optional)}
+def _read_columns(path: Path, optional: dict[str, float]) -> dict[str, np.ndarray]:
+    columns = {name: array("d") for name in (*_REQUIRED, *optional)}
     stamps_ns = array("q")
-    try:
-        require_file(path)
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            tum = _is_tum(file)
-            file.seek(0)
-            for line, row in _tum_rows(path, file) if tum else _csv_rows(path, file, required):
-                for name, values in columns.items():
-                    values.append(_number(path, line, name, row.get(name), optional))
-                stamps_ns.append(_stamp_ns(path, line, row["timestamp"]))
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {reason(error)}") from error
+    for row in _tum_rows(path) if is_tum(path) else csv_rows(path, _REQUIRED, _EXPECTED):
+        for name, values in columns.items():
+            values.append(row.number(name, optional.get(name)))
+        stamps_ns.append(_stamp_ns(row))
     table = {name: np.array(values, dtype=float) for name, values in columns.items()}
     return table | {"stamp_ns": np.array(stamps_ns, dtype=np.int64)}
 
 
-def _csv_rows(path: Path, file: TextIO, required: set[str]) -> Iterator[tuple[int, dict[str, str]]]:
-    reader = csv.reader(lines_of(file))
-    names = next(reader, [])
-    missing = sorted(required - set(names))
-    if missing:
-        why = _first_line(names)
-        raise InputError(f"{path}: has no column {missing[0]}, {why}, expected {_EXPECTED}")
-    for values in reader:
-        if not values:
-            continue
-        if len(values) != len(names):
-            raise InputError(
-                f"{path}:{reader.line_num}: {len(values)} values, expected {len(names)}"
-            )
-        yield reader.line_num, dict(zip(names, values, strict=True))
-
-
-def _first_line(names: Sequence[str]) -> str:
-    """A description of an unexpected first line, for messages."""
-    first = ",".join(names).strip()
-    words = first.replace(",", " ").replace(";", " ").split()
-    if not words:
-        return "it is empty" if not names else "its first line is empty"
-    if all(_is_number(word) for word in words):
-        return f"its first line is {len(words)} numbers"
-    if len(names) == 1 and len(words) > 1:
-        return "its first line has no commas"
-    return f"it has {listed(names)}"
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _tum_rows(path: Path, file: TextIO) -> Iterator[tuple[int, dict[str, str]]]:
-    for line, text in enumerate(lines_of(file), 1):
+def _tum_rows(path: Path) -> Iterator[Row]:
+    for line, text in numbered_lines(path):
         words = text.split()
         if not words or words[0].startswith("#"):
             continue
         if len(words) != len(_TUM):
             raise InputError(f"{path}:{line}: {len(words)} values, expected {' '.join(_TUM)}")
-        yield line, dict(zip(_TUM_COLUMNS, words, strict=False))
+        yield Row(path, line, dict(zip(_REQUIRED, words, strict=False)))
 
 
-def _is_tum(file: TextIO) -> bool:
-    commented = False
-    for text in lines_of(file):
-        words = text.split()
-        if words and not words[0].startswith("#"):
-            return len(words) == len(_TUM) and "," not in text
-        commented |= bool(words)
-    return commented
-
-
-def _stamp_ns(path: Path, line: int, text: str) -> int:
+def _stamp_ns(row: Row) -> int:
+    text = row.values["timestamp"]
     try:
         return parse_seconds_ns(text)
     except ValueError as error:
         raise InputError(
-            f"{path}:{line}: timestamp is '{text[:40]}'{_unit_of(text)}, expected seconds"
+            f"{row.where}: timestamp is '{text[:40]}'{_unit_of(text)}, expected seconds"
         ) from error
 
 
@@ -224,17 +158,3 @@ def _unit_of(text: str) -> str:
     units = {13: "milli", 16: "micro", 19: "nano"}
     unit = units.get(len(text.strip().lstrip("-")))
     return f", which may be {unit}seconds ({spelled} s)" if unit else ""
-
-
-def _number(
-    path: Path, line: int, name: str, text: str | None, optional: dict[str, float]
-) -> float:
-    if not text and name in optional:
-        return optional[name]
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{path}:{line}: {name} is '{text or ''}', expected a finite number")
-    return value

@@ -125,7 +125,7 @@ def _other_tracks(path: Path) -> list[Path]:
     from unlidar.truth import is_tum
 
     name = re.compile(rf"{re.escape(path.stem)}_track\d+{re.escape(path.suffix)}")
-    if not is_tum(path):
+    if not (path.is_file() and is_tum(path)):  # one that is not there is told of behind the truth
         return []
     return sorted(other for other in path.parent.iterdir() if name.fullmatch(other.name))
 

@@ -1,6 +1,5 @@
 """Shared code of folder recordings: stamps, arrays, truth, and the time window."""
 
-import csv
 import heapq
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,9 +9,10 @@ import numpy as np
 
 from unlidar.conversion.source import Options, SourceFrame, Stream, TruthRow, Unreadable
 from unlidar.conversion.transforms import AT_REST
+from unlidar.csv_rows import Row, csv_rows
 from unlidar.errors import InputError, UsageError, reason
 from unlidar.frame_clock import times_of_names
-from unlidar.limits import check_frame_size, lines_of
+from unlidar.limits import check_frame_size
 from unlidar.pose_files import ALL, find_poses
 from unlidar.poses import Poses, read_poses
 from unlidar.stamps import format_stamp_ns, parse_stamp_ns
@@ -215,25 +215,18 @@ def _position(path: Path) -> tuple[float, float, float]:
 
 
 def _rows_of_table(path: Path) -> list[TruthRow]:
-    rows = []
+    return [_row_of_table(row) for row in csv_rows(path, ("timestamp", "x", "y", "z"))]
+
+
+def _row_of_table(row: Row) -> TruthRow:
+    stamp = row.values["timestamp"].strip()
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(lines_of(file))
-            for row in reader:
-                rows.append(_row_of_table(row))
-                if not np.isfinite(rows[-1].xyz_m).all():
-                    raise InputError(
-                        f"{path}:{reader.line_num}: position {row['x']}, {row['y']}, {row['z']}, "
-                        "expected finite numbers"
-                    )
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, csv.Error) as error:
-        raise InputError(f"{path}: expected columns timestamp,x,y,z: {reason(error)}") from error
-    return rows
-
-
-def _row_of_table(row: dict[str, str]) -> TruthRow:
-    stamp = row["timestamp"].strip()
-    parse_stamp_ns(stamp)
-    xyz = (float(row["x"]), float(row["y"]), float(row["z"]))
-    in_view = float(row["in_view"] or 1) > 0 if "in_view" in row else None
-    return TruthRow(stamp, xyz, int(row.get("target") or 0), in_view)
+        parse_stamp_ns(stamp)
+    except ValueError as error:
+        raise InputError(f"{row.where}: {reason(error)}") from error
+    target = row.number("target", 0.0)
+    if target < 0 or not target.is_integer():
+        raise InputError(f"{row.where}: target is {target:g}, expected a whole number from 0")
+    in_view = row.number("in_view", 1.0) > 0 if "in_view" in row.values else None
+    xyz_m = row.number("x"), row.number("y"), row.number("z")
+    return TruthRow(stamp, xyz_m, int(target), in_view)

@@ -18,6 +18,7 @@ from unlidar.conversion.files import (
 )
 from unlidar.conversion.ply import read_ply
 from unlidar.conversion.source import Options, SourceFrame, Stream, Unreadable
+from unlidar.csv_rows import numbered_lines
 from unlidar.errors import InputError, reason
 from unlidar.frame_clock import stamps_of_table, times_of_names
 from unlidar.frames_io import is_return, read_pcd
@@ -189,11 +190,15 @@ def _frame(
 
 def _stamps_of_list(listed: Path, paths: list[Path]) -> list[StampedFile]:
     """One stamp a line for the files in the order of their names, as KITTI has it."""
-    try:
-        lines = [line.strip() for line in listed.read_text().splitlines() if line.strip()]
-        stamps_ns = [_kitti_stamp_ns(line) for line in lines]
-    except (OSError, ValueError) as error:
-        raise InputError(f"{listed}: expected one stamp a line: {reason(error)}") from error
+    stamps_ns = []
+    for number, line in numbered_lines(listed):
+        if line.strip():
+            try:
+                stamps_ns.append(_kitti_stamp_ns(line.strip()))
+            except ValueError as error:
+                raise InputError(
+                    f"{listed}:{number}: {reason(error)}, expected one stamp a line"
+                ) from error
     if len(stamps_ns) != len(paths):
         raise InputError(
             f"{listed}: has {len(stamps_ns)} stamps for {len(paths)} files in {paths[0].parent}"

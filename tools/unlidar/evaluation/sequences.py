@@ -1,11 +1,11 @@
 """Evaluation of many sequences, from a manifest or folders of results, in groups."""
 
-import csv
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from unlidar.csv_rows import csv_rows
 from unlidar.errors import InputError, reason
 from unlidar.evaluate_options import Options
 from unlidar.evaluation.comparison import compare_files
@@ -39,15 +39,13 @@ def read_manifest(path: Path) -> list[Flight]:
     Paths are relative to the manifest. An unnamed sequence gets the name of its trajectory's
     folder.
     """
-    try:
-        text = read_text(path)
-        is_json = path.suffix.lower() == ".json"
-        rows = json.loads(text) if is_json else list(csv.DictReader(text.splitlines()))
-    except (OSError, ValueError, csv.Error, RecursionError) as error:
-        raise InputError(f"{path}: cannot be read as a manifest: {reason(error)}") from error
-    if not isinstance(rows, list) or not rows:
+    if path.suffix.lower() == ".json":
+        entries = [(f"{path}: entry {n}", one) for n, one in enumerate(_objects(path), 1)]
+    else:
+        entries = [(row.where, row.values) for row in csv_rows(path, _COLUMNS)]
+    if not entries:
         raise InputError(f"{path}: lists no sequence, expected rows with {', '.join(_COLUMNS)}")
-    return [_of_row(path, number, row) for number, row in enumerate(rows, 1)]
+    return [_of_entry(path.parent, where, entry) for where, entry in entries]
 
 
 def find_results(folder: Path, group: str = "") -> list[Flight]:
@@ -105,17 +103,27 @@ def _of_results(name: str, group: str, folder: Path) -> Flight:
     return Flight(name, group, _truth_of(folder), folder / TRAJECTORY, judged)
 
 
-def _of_row(path: Path, number: int, row: object) -> Flight:
-    if not isinstance(row, dict):
-        raise InputError(f"{path}: entry {number} is {row!r}, expected truth and trajectory")
+def _objects(path: Path) -> list:
+    try:
+        entries = json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read as a manifest: {reason(error)}") from error
+    if not isinstance(entries, list):
+        raise InputError(f"{path}: is no list, expected objects with {', '.join(_COLUMNS)}")
+    return entries
+
+
+def _of_entry(folder: Path, where: str, entry: object) -> Flight:
+    if not isinstance(entry, dict):
+        raise InputError(f"{where} is {entry!r}, expected truth and trajectory")
     for name in _COLUMNS:
-        if not isinstance(row.get(name), str) or not row[name]:
-            raise InputError(f"{path}: entry {number} has no {name}, expected a path")
-    trajectory = path.parent / row["trajectory"]
+        if not isinstance(entry.get(name), str) or not entry[name]:
+            raise InputError(f"{where} has no {name}, expected a path")
+    trajectory = folder / entry["trajectory"]
     return Flight(
-        str(row.get("sequence") or trajectory.resolve().parent.name),
-        str(row.get("group") or ""),
-        path.parent / row["truth"],
+        str(entry.get("sequence") or trajectory.resolve().parent.name),
+        str(entry.get("group") or ""),
+        folder / entry["truth"],
         trajectory,
     )
 

@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
-from unlidar.errors import InputError, listed, reason
-from unlidar.limits import MOST_TRACE, MOST_TRACE_LINE, lines_of
+from unlidar.csv_rows import numbered_lines
+from unlidar.errors import InputError, listed
+from unlidar.limits import MOST_TRACE, MOST_TRACE_LINE
 from unlidar.stamps import MOST_STAMP_NS, parse_seconds_ns
 
 _STRICT = ConfigDict(strict=True)
@@ -126,24 +127,20 @@ def read_trace(path: Path) -> Iterator[Traced]:
     Throws InputError naming the line, the field and what was expected.
     """
     sensors = None
-    try:
-        with path.open(encoding="utf-8") as file:
-            for number, text in enumerate(lines_of(file, MOST_TRACE, MOST_TRACE_LINE), 1):
-                line = _line(f"{path}:{number}", text)
-                if (sensors is None) != isinstance(line, _Header):
-                    expected = "a header in the first line, and only there"
-                    raise InputError(f"{path}:{number}: a {line.trace}, expected {expected}")
-                if isinstance(line, _Header):
-                    sensors = line.sensors
-                    continue
-                if isinstance(line, TracedFrame) and sensors and line.sensor not in sensors:
-                    raise InputError(
-                        f"{path}:{number}: sensor is '{line.sensor[:40]}', expected one of "
-                        f"{listed(sensors)}"
-                    )
-                yield line
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {reason(error)}") from error
+    for number, text in numbered_lines(path, MOST_TRACE, MOST_TRACE_LINE):
+        line = _line(f"{path}:{number}", text)
+        if (sensors is None) != isinstance(line, _Header):
+            expected = "a header in the first line, and only there"
+            raise InputError(f"{path}:{number}: a {line.trace}, expected {expected}")
+        if isinstance(line, _Header):
+            sensors = line.sensors
+            continue
+        if isinstance(line, TracedFrame) and sensors and line.sensor not in sensors:
+            raise InputError(
+                f"{path}:{number}: sensor is '{line.sensor[:40]}', expected one of "
+                f"{listed(sensors)}"
+            )
+        yield line
     if sensors is None:
         raise InputError(f"{path}: it is empty, expected a trace of unlidar_track")
 

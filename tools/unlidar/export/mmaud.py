@@ -3,15 +3,15 @@
 import csv
 import io
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from unlidar.completion import complete
+from unlidar.csv_rows import csv_rows, numbered_lines
 from unlidar.errors import InputError, UsageError, reason
 from unlidar.export.trajectory import Result
-from unlidar.limits import read_text
 from unlidar.output import write_file
 from unlidar.stamps import format_stamp_ns, parse_stamp_ns
 
@@ -53,24 +53,26 @@ def write_mmaud(
 
 def read_stamps(path: Path, sequences: Sequence[str]) -> Stamps:
     """Requested stamps: a CSV with Sequence and Timestamp, or for one sequence a list of stamps."""
-    try:
-        lines = read_text(path).splitlines()
-        if lines and "," in lines[0]:
-            rows = [(row["Sequence"], row["Timestamp"]) for row in csv.DictReader(lines)]
-        elif len(sequences) == 1:
-            rows = [(sequences[0], line) for line in lines if line.strip()]
-        else:
-            raise InputError(f"{path}: has no columns Sequence and Timestamp for several sequences")
-        found: Stamps = {}
-        for name, stamp in rows:
-            stamp = stamp.strip()
+    found: Stamps = {}
+    for where, name, stamp in _asked(path, sequences):
+        try:
             parse_stamp_ns(stamp)
-            found.setdefault(name.strip(), []).append(stamp)
-    except KeyError as error:
-        raise InputError(f"{path}: has no column {error.args[0]}") from error
-    except (OSError, ValueError, AttributeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read as stamps: {reason(error)}") from error
+        except ValueError as error:
+            raise InputError(f"{where}: {reason(error)}") from error
+        found.setdefault(name, []).append(stamp)
     return found
+
+
+def _asked(path: Path, sequences: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Where a stamp stands, its sequence, and its text."""
+    _, first = next(numbered_lines(path), (1, ""))
+    if "," in first or len(sequences) != 1:
+        for row in csv_rows(path, HEADER[:2]):
+            yield row.where, row.values["Sequence"].strip(), row.values["Timestamp"].strip()
+        return
+    for number, line in numbered_lines(path):
+        if line.strip():
+            yield f"{path}:{number}", sequences[0], line.strip()
 
 
 def _own_stamps(result: Result) -> list[str]:

@@ -1,16 +1,14 @@
 """Input of a report: the files of one run, read into arrays."""
 
-import csv
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from unlidar.errors import InputError, reason
+from unlidar.csv_rows import columns_of, csv_rows
 from unlidar.evaluation import evaluate
 from unlidar.frames_io import read_returns
-from unlidar.limits import lines_of
 from unlidar.mounting import Mounting, mounting_of
 from unlidar.presets import about_truth
 from unlidar.program import CLUSTERS, SUMMARY, TARGET_RETURNS, TRAJECTORY
@@ -104,15 +102,7 @@ def _way_of(time_s: np.ndarray, mountings: Iterable[Mounting]) -> np.ndarray:
 
 
 def _read_clusters(path: Path) -> Clusters:
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            columns, *rows = list(csv.reader(lines_of(file))) or [[]]
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {reason(error)}") from error
-    for line, row in enumerate(rows, start=2):
-        if len(row) != len(columns):
-            raise InputError(f"{path}:{line}: {len(row)} values, expected {len(columns)}")
-    return Clusters(columns, rows)
+    return Clusters(columns_of(path), [list(row.values.values()) for row in csv_rows(path)])
 
 
 def _no_truth() -> Truth:

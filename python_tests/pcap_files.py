@@ -22,36 +22,48 @@ def udp_frame(payload: bytes, source: str, port: int = 56300, to: int = 56301) -
     return bytes(12) + b"\x08\x00" + ip + udp
 
 
-def write_pcap(path: Path, frames: Iterable[tuple[int, bytes]], link: int = _ETHERNET) -> Path:
+def write_pcap(
+    path: Path, frames: Iterable[tuple[int, bytes]], link: int = _ETHERNET, order: str = "<"
+) -> Path:
     """Each frame with its time in nanoseconds."""
     with path.open("wb") as file:
-        file.write(struct.pack("<IHHiIII", _MAGIC_US, 2, 4, 0, 0, 65535, link))
+        file.write(struct.pack(order + "IHHiIII", _MAGIC_US, 2, 4, 0, 0, 65535, link))
         for time_ns, frame in frames:
             seconds, rest_ns = divmod(time_ns, 10**9)
-            file.write(struct.pack("<IIII", seconds, rest_ns // 1000, len(frame), len(frame)))
+            file.write(
+                struct.pack(order + "IIII", seconds, rest_ns // 1000, len(frame), len(frame))
+            )
             file.write(frame)
     return path
 
 
-def write_pcapng(path: Path, frames: Iterable[tuple[int, bytes]]) -> Path:
-    """The same as blocks of section, interface (times in microseconds) and packets."""
+def pcapng_block(kind: int, body: bytes, order: str = "<") -> bytes:
+    """A block, padded to whole words."""
+    body += bytes(-len(body) % 4)
+    length = struct.pack(order + "I", 12 + len(body))
+    return struct.pack(order + "I", kind) + length + body + length
 
-    def block(kind: int, body: bytes) -> bytes:
-        body += bytes(-len(body) % 4)
-        length = struct.pack("<I", 12 + len(body))
-        return struct.pack("<I", kind) + length + body + length
 
-    section = block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1))
-    interface = block(1, struct.pack("<HHI", _ETHERNET, 0, 65535))
-    packets = (
-        block(
-            6,
-            struct.pack("<IIIII", 0, *divmod(time_ns // 1000, 1 << 32), len(data), len(data))
-            + data,
-        )
-        for time_ns, data in frames
-    )
-    path.write_bytes(section + interface + b"".join(packets))
+def pcapng_section(order: str = "<") -> bytes:
+    """The begin of a section."""
+    return pcapng_block(0x0A0D0D0A, struct.pack(order + "IHHq", 0x1A2B3C4D, 1, 0, -1), order)
+
+
+def pcapng_interface(options: bytes = b"", order: str = "<", link: int = _ETHERNET) -> bytes:
+    """An interface, whose times are microseconds unless the options say otherwise."""
+    return pcapng_block(1, struct.pack(order + "HHI", link, 0, 65535) + options, order)
+
+
+def pcapng_packet(units: int, data: bytes, interface: int = 0, order: str = "<") -> bytes:
+    """A packet at so many units of time of its interface."""
+    head = interface, *divmod(units, 1 << 32), len(data), len(data)
+    return pcapng_block(6, struct.pack(order + "IIIII", *head) + data, order)
+
+
+def write_pcapng(path: Path, frames: Iterable[tuple[int, bytes]], order: str = "<") -> Path:
+    """The same as blocks of section, interface and packets."""
+    packets = [pcapng_packet(time_ns // 1000, data, 0, order) for time_ns, data in frames]
+    path.write_bytes(b"".join([pcapng_section(order), pcapng_interface(b"", order), *packets]))
     return path
 
 

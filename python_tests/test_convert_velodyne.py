@@ -127,7 +127,7 @@ def test_a_capture_that_is_cut_off_keeps_what_came_before(tmp_path: Path, fails)
     whole = write_capture(tmp_path / "a.pcap", range(250)).read_bytes()
     file = tmp_path / "cut.pcap"
     file.write_bytes(whole[: len(whole) // 2])
-    assert "ends within a packet, at byte" in fails(4, "convert", file, tmp_path / "out")
+    assert "is cut off at byte" in fails(4, "convert", file, tmp_path / "out")
     assert len(list_frames(tmp_path / "out/192-168-1-201")) == 2
 
 

@@ -149,7 +149,7 @@ def by_packets(arguments: argparse.Namespace) -> tuple[list, Times, Callable]:
     """The same for a capture, whose packets are timed as it plays by their time in it."""
     times, port = PacketTimes(), free_port(socket.SOCK_DGRAM)
     known = [
-        (datagram.time_s, livox.parse(datagram.payload).stamp_ns)
+        (datagram.time_ns * 1e-9, livox.parse(datagram.payload).stamp_ns)
         for datagram in datagrams(arguments.recording)
         if livox.holds_points(datagram.payload)
     ]

@@ -1,4 +1,4 @@
-"""Packets captured from a network: files of tcpdump and Wireshark (`.pcap`, `.pcapng`).
+"""UDP packets captured from a network: files of tcpdump and Wireshark (`.pcap`, `.pcapng`).
 
 Also folders of files that follow each other, as --record-packets and Wireshark's ring buffer write
 them: NAME_NUMBER_TIME.pcap.
@@ -14,9 +14,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from unlidar.errors import InputError, reason
+from unlidar.capture_file import CutOffError, captured_packets
+from unlidar.errors import InputError
 from unlidar.extras import load_extra
-from unlidar.limits import BoundedFile
 
 SUFFIXES = (".pcap", ".pcapng")
 _MOST_OPEN = 64  # incomplete packets kept for reassembly
@@ -28,7 +28,7 @@ _OF_SERIES = re.compile(r"(?P<name>.+)_(?P<number>\d+)_\d{8}T?\d{6}Z?\.pcap(ng)?
 class Datagram:
     """The payload of one UDP packet over IPv4."""
 
-    time_s: float  # capture time, Unix
+    time_ns: int  # capture time, Unix
     source: str  # address of its sender
     payload: bytes
 
@@ -46,12 +46,13 @@ def is_capture(path: Path) -> bool:
 def datagrams(path: Path) -> Iterator[Datagram]:
     """The UDP packets of a capture in the order of its file or files; others are skipped.
 
-    InputError if a file is no capture, of an unknown link type, or ends within a packet, after
-    those before. In a series the next file goes on there: its recorder was stopped and started.
+    InputError if a file is no capture, of an unknown link type, damaged or cut off, after the
+    packets before. In a series the next file goes on where one is cut off: its recorder was stopped
+    and started.
     """
     files = _series(path) if path.is_dir() else [path]
     for file in files[:-1]:
-        with suppress(_CutOffError):
+        with suppress(CutOffError):
             yield from _datagrams_of(file)
     for file in files[-1:]:
         yield from _datagrams_of(file)
@@ -89,41 +90,18 @@ def _numbered(folder: Path) -> list[tuple[int, Path]]:
     return sorted((int(match["number"]), path) for match, path in zip(found, captures, strict=True))
 
 
-class _CutOffError(InputError):
-    """A capture ends within a packet."""
-
-
-class _CaptureFile(BoundedFile):
-    """A capture, whose reader takes what is left of a packet for the whole."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """Reads; _CutOffError where less is left, unless it is the file's first bytes."""
-        data = super().read(size)
-        if size is not None and 0 < len(data) < size and self.tell() > len(data):
-            raise _CutOffError(f"{self.name}: ends within a packet, at byte {self.tell():,}")
-        return data
-
-
 def _datagrams_of(path: Path) -> Iterator[Datagram]:
     dpkt = _dpkt(path)
-    try:
-        with _CaptureFile(path) as file:
-            reader = dpkt.pcap.UniversalReader(file)
-            link = _links(dpkt).get(reader.datalink())
-            if link is None:
-                raise InputError(
-                    f"{path}: captured from a network of kind {reader.datalink()}, expected "
-                    "Ethernet, Linux cooked or raw IP"
-                )
-            pieces = _FragmentAssembler()
-            for time_s, frame in reader:
-                if not frame:  # never on a network, but a sparse file reads as empty packets
-                    raise InputError(f"{path}: damaged: a packet of 0 bytes")
-                packet = _udp_over_ip(dpkt, link, frame, pieces)
-                if packet is not None:
-                    yield Datagram(float(time_s), *packet)
-    except (OSError, ValueError, dpkt.Error) as error:
-        raise InputError(f"{path}: not a readable capture: {reason(error)}") from error
+    links, pieces = _links(dpkt), _FragmentAssembler()
+    for time_ns, link, frame in captured_packets(path):
+        if link not in links:
+            raise InputError(
+                f"{path}: captured from a network of kind {link}, expected Ethernet, Linux cooked "
+                "or raw IP"
+            )
+        packet = _udp_over_ip(dpkt, links[link], frame, pieces)
+        if packet is not None:
+            yield Datagram(time_ns, *packet)
 
 
 def _dpkt(path: Path) -> ModuleType:

@@ -26,7 +26,7 @@ def play_packets(path: Path, host: str, port: int, rate: float, anywhere: bool =
         raise UsageError(
             f"--to {host}:{port}: is not this computer, expected 127.0.0.1, or --anywhere"
         )
-    begin, first_s, count, most_behind_s = time.monotonic(), None, 0, 0.0
+    begin, first_ns, count, most_behind_s = time.monotonic(), None, 0, 0.0
     with ExitStack() as open_sockets:
         senders: dict[str, socket.socket] = {}
         for datagram in datagrams(path):
@@ -37,9 +37,10 @@ def play_packets(path: Path, host: str, port: int, rate: float, anywhere: bool =
                 if address.is_loopback:
                     sender.bind(("127." + datagram.source.partition(".")[2], 0))
                 senders[datagram.source] = sender
-            first_s = datagram.time_s if first_s is None else first_s
+            first_ns = datagram.time_ns if first_ns is None else first_ns
             if math.isfinite(rate):
-                behind_s = time.monotonic() - begin - (datagram.time_s - first_s) / rate
+                due_s = (datagram.time_ns - first_ns) * 1e-9 / rate
+                behind_s = time.monotonic() - begin - due_s
                 most_behind_s = max(most_behind_s, behind_s)
                 if behind_s < 0:
                     time.sleep(-behind_s)

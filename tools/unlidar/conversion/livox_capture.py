@@ -110,7 +110,7 @@ class LivoxCapture(_LivoxRecording):
             packet = livox.parse(datagram.payload)
             if packet is not None:
                 name = livox.name_of(datagram.source, packet)
-                yield name, round(datagram.time_s * 1e9), packet
+                yield name, datagram.time_ns, packet
 
 
 class LivoxFile(_LivoxRecording):

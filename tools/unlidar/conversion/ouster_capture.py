@@ -54,8 +54,8 @@ class OusterCapture(OneFileSource):
                 name = datagram.sensor
                 self.sensors[name] = self.sensors.get(name, 0) + (turn != newest.get(name))
                 newest[name] = turn
-                stamp_ns = round(datagram.time_s * 1e9)
-                self._spans_ns[name] = self._spans_ns.get(name, (stamp_ns, 0))[0], stamp_ns
+                first_ns, _ = self._spans_ns.get(name, (datagram.time_ns, 0))
+                self._spans_ns[name] = first_ns, datagram.time_ns
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
         """A frame for each completed turn."""
@@ -136,7 +136,7 @@ class _Model:
     def packet(self, sdk: ModuleType, datagram: Datagram) -> Any:
         packet = sdk.LidarPacket(self.format)
         packet.buf[:] = np.frombuffer(datagram.payload, np.uint8)
-        packet.host_timestamp = round(datagram.time_s * 1e9)
+        packet.host_timestamp = datagram.time_ns
         return packet
 
 

@@ -51,8 +51,8 @@ class VelodyneCapture(OneFileSource):
                 name = datagram.sensor
                 turns = azimuth < azimuths.get(name, 1 << 16)
                 self.sensors[name] = self.sensors.get(name, 0) + turns
-                stamp_ns = round(datagram.time_s * 1e9)
-                self._spans_ns[name] = self._spans_ns.get(name, (stamp_ns, 0))[0], stamp_ns
+                first_ns, _ = self._spans_ns.get(name, (datagram.time_ns, 0))
+                self._spans_ns[name] = first_ns, datagram.time_ns
                 azimuths[name] = azimuth
 
     def items(self, sensors: list[str]) -> Iterator[SourceFrame]:
@@ -64,8 +64,10 @@ class VelodyneCapture(OneFileSource):
         for datagram in packets:
             name = datagram.sensor
             if name in decoders:
+                time_s = datagram.time_ns * 1e-9
                 yield from self._frame(
-                    name, lambda d=datagram, n=name: decoders[n].decode(d.time_s, d.payload, True)
+                    name,
+                    lambda d=datagram, n=name, t=time_s: decoders[n].decode(t, d.payload, True),
                 )
         for name, decoder in decoders.items():
             yield from self._frame(name, lambda d=decoder: d.finish(True))

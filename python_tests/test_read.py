@@ -119,6 +119,19 @@ def test_frames_are_read_once(recording: Path) -> None:
     assert next(frames, None) is None
 
 
+def test_frames_that_ended_with_an_error_are_read_no_second_time(
+    recording: Path, tmp_path: Path
+) -> None:
+    broken = Path(shutil.copytree(recording, tmp_path / "broken"))
+    bad = list_frames(find_sensors(broken)["right"])[5].path
+    bad.write_text("no PCD")
+    frames = unlidar.read(broken)
+    with pytest.raises(unlidar.InputError, match=bad.name):
+        list(frames)
+    with pytest.raises(unlidar.UsageError, match="have been read"):
+        list(frames)
+
+
 @pytest.mark.parametrize(
     "how",
     [

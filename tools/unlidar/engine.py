@@ -78,7 +78,7 @@ class Frames(Iterator[Frame]):
     def __next__(self) -> Frame:
         try:
             return next(self._frames)
-        except StopIteration:
+        except BaseException:  # after an error, too, the generator has nothing more to give
             self._is_over = True
             raise
 

@@ -1,10 +1,8 @@
 """Recorded packets of Livox LiDARs, cut into frames as `unlidar_track --livox` cuts them."""
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import median_low
 from typing import ClassVar
 
 import numpy as np
@@ -14,6 +12,7 @@ from unlidar.capture import datagrams, is_capture, missing_captures
 from unlidar.conversion import lvx
 from unlidar.conversion.capture_makers import maker_of
 from unlidar.conversion.files import refuse_bag_options
+from unlidar.conversion.livox_clock import LivoxClock
 from unlidar.conversion.one_file import BeforeDamage, OneFileSource, up_to_damage
 from unlidar.conversion.source import Options, SourceFrame
 from unlidar.errors import InputError
@@ -23,9 +22,6 @@ from unlidar.station import Pose
 
 _FRAME_NS = 100_000_000
 _PATIENCE_NS = 10_000_000  # reordering in a network is shorter than this
-_MAX_STEP_NS = 1_000_000_000  # a larger step back means a restart
-_MAX_SLEW_NS = _FRAME_NS // 5000  # a frame: more than two crystals ever differ by
-_LAST_PACKETS = 21  # whose median lag is followed
 
 
 # Sensor name, capture time, packet.
@@ -77,9 +73,9 @@ class _LivoxRecording(OneFileSource):
 
     def _packets(self) -> Iterator[tuple[str, int, livox.Packet]]:
         """Name of the sensor, Unix time of the first ray, packet."""
-        clocks: dict[str, _Clock] = {}
+        clocks: dict[str, LivoxClock] = {}
         for name, recorded_ns, packet in self._recorded():
-            clock = clocks.setdefault(name, _Clock())
+            clock = clocks.setdefault(name, LivoxClock(_FRAME_NS))
             yield name, clock.time_ns(packet, recorded_ns), packet
 
     def _recorded(self) -> Iterator[Recorded]:
@@ -138,47 +134,6 @@ class LivoxFile(_LivoxRecording):
         # The file has no recording time: unsynchronised clocks stay as they are.
         for name, packet in lvx.packets(self._path):
             yield name, packet.stamp_ns, packet
-
-
-class _Clock:
-    """Clock of a sensor, in Unix time.
-
-    One that counts from power-on is set to the capture time of its first packet and slewed to
-    follow that of the others, between frames and by 200 ppm at most, as `unlidar_track --livox`
-    does.
-    """
-
-    def __init__(self) -> None:
-        self._zero_ns: int | None = None  # Unix time at which it was 0
-        self._before_ns = 0  # the same for stamps before _turned_at_ns
-        self._turned_at_ns = 0
-        self._newest_ns = 0
-        self._followed = 0  # the frame
-        self._lags_ns: deque[int] = deque(maxlen=_LAST_PACKETS)
-
-    def time_ns(self, packet: livox.Packet, captured_ns: int) -> int:
-        stamp_ns = packet.stamp_ns
-        if packet.synchronised:
-            return stamp_ns
-        lag_ns = captured_ns - stamp_ns
-        if self._zero_ns is None or stamp_ns + self._zero_ns < self._newest_ns - _MAX_STEP_NS:
-            self._zero_ns = self._before_ns = lag_ns
-            self._lags_ns.clear()
-        is_before = stamp_ns < self._turned_at_ns
-        time_ns = stamp_ns + (self._before_ns if is_before else self._zero_ns)
-        self._newest_ns = time_ns
-        self._follow(time_ns, lag_ns)
-        return time_ns
-
-    def _follow(self, time_ns: int, lag_ns: int) -> None:
-        self._lags_ns.append(lag_ns)
-        frame = time_ns // _FRAME_NS
-        if frame == self._followed:
-            return
-        self._followed, zero_ns = frame, self._zero_ns
-        self._before_ns, self._turned_at_ns = zero_ns, (frame + 1) * _FRAME_NS - zero_ns
-        ahead_ns = median_low(self._lags_ns) - zero_ns
-        self._zero_ns = zero_ns + max(-_MAX_SLEW_NS, min(ahead_ns, _MAX_SLEW_NS))
 
 
 @dataclass

@@ -118,6 +118,29 @@ def test_without_a_format_it_lists_the_tracks(store, capsys) -> None:
     assert "4.9 s" in said
 
 
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ([], "the list"),
+        (["--format", "csv"], "csv"),
+        (["a.geojson"], "a.geojson"),
+        (["a.mcap"], ""),
+    ],
+)
+def test_stamps_that_are_no_unix_time_are_noted_where_they_become_dates(
+    arguments: list[str], named: str, tmp_path, capsys, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for begin_s, is_noted in ((0.0, False), (12 - BEGIN_NS // 10**9, True)):
+        keeping = Store(tmp_path / f"{is_noted}.db")
+        keeping.place("north", PLACE)
+        keeping.take(messages(tmp_path, *flight(begin=begin_s)))
+        keeping.close()
+        assert main(["history", f"{is_noted}.db", *arguments]) == 0
+        said = f"stamp 12.123456789 is no Unix time, as of 1970: dates in {named} are not"
+        assert (said in capsys.readouterr().err) == (is_noted and bool(named))
+
+
 def test_taking_the_same_in_again_changes_nothing(store, tmp_path) -> None:
     def content() -> list:
         with sqlite3.connect(store) as db:

@@ -88,7 +88,8 @@ def act(a: argparse.Namespace) -> None:
 
 
 def _write(reader: "Reader", form: str, a: argparse.Namespace) -> None:
-    from unlidar.history.export import write_history
+    from unlidar.export.dates import DATED, note_dates
+    from unlidar.history.export import stamps_of, write_history
 
     stations = [a.station] if a.station else reader.stations()
     if a.station and a.station not in reader.stations():
@@ -101,6 +102,8 @@ def _write(reader: "Reader", form: str, a: argparse.Namespace) -> None:
     if a.heading is not None:
         where = replace(where, heading_deg=a.heading)
     tracks = list(reader.tracks(*_span(reader, a), name))
+    if form in DATED:
+        note_dates(a.store, stamps_of(tracks), form if a.out is None else a.out.name)
     if a.out is not None:
         for path in write_history(tracks, a.out, form, name, where):
             print(path)
@@ -117,13 +120,17 @@ def _list(reader: "Reader", a: argparse.Namespace) -> None:
     from rich import box
     from rich.table import Table
 
+    from unlidar.export.dates import note_dates
+    from unlidar.history.export import stamps_of
     from unlidar.sanitize import cell
     from unlidar.tables import show
 
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for head in ("station", "track", "begin (UTC)", "lasts", "rows", "height", "fastest"):
         table.add_column(head, justify="left" if head in ("station", "begin (UTC)") else "right")
-    for track in reader.tracks(*_span(reader, a), a.station):
+    tracks = list(reader.tracks(*_span(reader, a), a.station))
+    note_dates(a.store, stamps_of(tracks), "the list")
+    for track in tracks:
         begin_ns, end_ns = track.rows[0][0], track.rows[-1][0]
         heights = [row[3] for row in track.rows]
         speed = max((row[4] ** 2 + row[5] ** 2 + row[6] ** 2) ** 0.5 for row in track.rows)

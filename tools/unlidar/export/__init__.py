@@ -8,18 +8,15 @@ import numpy as np
 from unlidar.errors import InputError
 from unlidar.export.bags import write_mcap, write_ros1
 from unlidar.export.courageous import write_courageous
+from unlidar.export.dates import DATED, note_dates
 from unlidar.export.geo import write_geojson, write_kml
 from unlidar.export.mmaud import read_stamps, write_mmaud
-from unlidar.export.text import utc, write_csv, write_tum
+from unlidar.export.text import write_csv, write_tum
 from unlidar.export.trajectory import Result, read_result
 from unlidar.export_options import Options
-from unlidar.reporting import note
-from unlidar.stamps import format_stamp_ns
 
 __all__ = ["Result", "export", "read_result"]
 
-_DATED = ("csv", "kml", "geojson", "courageous")
-_OLDEST_NS = 946_684_800 * 10**9  # the year 2000: no recording of a LiDAR is older
 _FARTHEST_M = 1e6  # as of events: a track that is farther has other coordinates
 
 
@@ -38,8 +35,8 @@ def export(
     result = results[0][1]
     if options.origin is not None:
         _check_places(sources[0][1], result)
-    if form in _DATED:
-        _note_dates(sources[0][1], result, out)
+    if form in DATED:
+        note_dates(sources[0][1], result.tracks.stamp_ns, out.name)
     write: dict[str, Callable[[], list[Path]]] = {
         "tum": lambda: write_tum(result, out),
         "csv": lambda: write_csv(result, out, options.origin),
@@ -59,14 +56,4 @@ def _check_places(path: Path, result: Result) -> None:
         raise InputError(
             f"{path}: a row is {farthest_m / 1000:.0f} km from --origin, expected metres from it, "
             "1000 km at most"
-        )
-
-
-def _note_dates(path: Path, result: Result, out: Path) -> None:
-    """Says that stamps are no Unix time, as those that count from a recording's begin."""
-    oldest_ns = int(result.tracks.stamp_ns.min(initial=_OLDEST_NS))
-    if oldest_ns < _OLDEST_NS:
-        note(
-            f"{path}: stamp {format_stamp_ns(oldest_ns)} is no Unix time, as of "
-            f"{utc(oldest_ns)[:4]}: dates in {out.name} are not those of the flight"
         )

@@ -4,7 +4,8 @@ import json
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-from unlidar.export.text import place_digits, utc
+from unlidar.export.dates import utc
+from unlidar.export.text import place_digits
 from unlidar.export.trajectory import Result, Track
 from unlidar.geodesy import Origin, to_geodetic
 from unlidar.output import write_file

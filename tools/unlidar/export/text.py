@@ -1,11 +1,11 @@
 """Trajectories as lines of text: TUM and CSV."""
 
 import csv
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
+from unlidar.export.dates import utc
 from unlidar.export.trajectory import Result, Track
 from unlidar.geodesy import Origin, to_geodetic
 from unlidar.output import write_file
@@ -36,12 +36,6 @@ def write_csv(result: Result, out: Path, origin: Origin | None) -> list[Path]:
     """One table of all tracks: stamp, UTC, position, optional columns; with an origin, lat/lon."""
     write_file(out, lambda work: _write_csv(result, work, origin))
     return [out]
-
-
-def utc(stamp_ns: int) -> str:
-    """ISO 8601 with nanoseconds."""
-    seconds, rest = divmod(int(stamp_ns), 1_000_000_000)
-    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest:09d}Z"
 
 
 def _weight(track: Track) -> float:

@@ -35,6 +35,11 @@ def write_history(
     return write[form]()
 
 
+def stamps_of(tracks: list[StoredTrack]) -> np.ndarray:
+    """The stamps of all rows, (N,) int64."""
+    return np.array([row[0] for track in tracks for row in track.rows], dtype=np.int64)
+
+
 def to_result(tracks: list[StoredTrack], name: str) -> Result:
     """The tracks as a Result. Track numbers used twice are replaced by the store's."""
     numbers = [track.number for track in tracks]

@@ -79,9 +79,7 @@ def stream_frames(run: Path, record: RunRecord, out: Path, options: Sequence[str
 
 def live_table(result: LiveRun) -> Table:
     """Batch and live, a row each."""
-    table = Table(
-        title="recording and live", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
-    )
+    table = Table(title="recording and live", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("run", no_wrap=True)
     for name in ("within 1 m", "cover", "RMSE", "false", "tracks", "confirm", "p99 delay"):
         table.add_column(name, justify="right", no_wrap=True)

@@ -11,27 +11,36 @@ from unlidar.evaluation.markdown import percent, table_rows
 from unlidar.evaluation.measures import several_drones
 from unlidar.sanitize import cell
 
-_LEAST_COLUMNS, _MOST_COLUMNS = 80, 1000  # of a terminal that tables are made for
+_LEAST_COLUMNS = 80  # of a terminal that tables are made for
+_WIDEST = 1_000_000  # columns of a pipe: nothing is wrapped
 
 
 def show(table: Table) -> None:
-    """Prints a table to stdout, whole: where a terminal is too narrow, its lines are wrapped."""
+    """Prints a table to stdout, whole: a terminal folds its cells, a pipe gets a line for each row.
+
+    Where a terminal is narrower than folded cells, it wraps the lines.
+    """
     console = Console(highlight=False)
-    unbounded = console.options.update(max_width=_MOST_COLUMNS)
+    unbounded = console.options.update(max_width=_WIDEST)
     for column in table.columns:
         if column.no_wrap:  # rich cuts it all the same
             cells = (column.header, *column.cells)
             column.min_width = max(Measurement.get(console, unbounded, c).maximum for c in cells)
-    least = Measurement.get(console, unbounded, table).minimum
-    console.width = max(console.width, least, _LEAST_COLUMNS)
-    console.print(table)
+    # rich would fold title and caption to the width of the table.
+    title, table.title, caption, table.caption = table.title, None, table.caption, None
+    width = _WIDEST
+    if console.is_terminal:
+        least = Measurement.get(console, unbounded, table).minimum
+        width = max(console.width, least, _LEAST_COLUMNS)
+    console.size = width, console.height  # of a dumb terminal rich forgets a width alone
+    for part, style in ((title, "table.title"), (table, None), (caption, "table.caption")):
+        if part is not None:
+            console.print(part, style=style, soft_wrap=part is not table)
 
 
 def sequences_table(result: dict) -> Table:
     """Table of `evaluate_sequences`: a row for each sequence, each group and all."""
-    table = Table(
-        title="lengths in metres", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
-    )
+    table = Table(title="lengths in metres", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     rows = table_rows(result)
     # With several drones the nearest track may be another drone's.
     kind = "matched_" if any(several_drones(m) for m in result["sequences"]) else ""
@@ -59,8 +68,8 @@ def comparison_table(comparison: dict) -> Table:
     """Table of `comparison_of`: a row for each result."""
     kind = "judged by the truth" if comparison["is_truth"] else "distances from the result"
     table = Table(
-        title=f"lengths in metres, {kind} {cell(comparison['judged_by'])}",
-        title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0),
+        title=cell(f"lengths in metres, {kind} {comparison['judged_by']}"),
+        box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0),
     )  # fmt: skip
     table.add_column("result", overflow="fold", min_width=12)
     for name in ("tracks", "rows", "time", "length", "RMSE", "< 1 m", "cover", "false", "NEES"):
@@ -78,7 +87,7 @@ def comparison_table(comparison: dict) -> Table:
 def measures_table(measures: dict, title: str) -> Table:
     """The measures of `evaluate`, one per line with its meaning."""
     about = f"the truth is {measures['truth_is']}" if "truth_is" in measures else None
-    table = Table(title=cell(title), title_justify="left", caption=about, caption_justify="left")
+    table = Table(title=cell(title), caption=about)
     table.add_column("measure")
     table.add_column("value", justify="right")
     table.add_column("judged on")

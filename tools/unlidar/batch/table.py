@@ -36,7 +36,7 @@ def rich_table(rows: list[Row], title: str) -> Table:
     several = any(several_drones(row.measures or {}) for row in rows)
     left_out = ("rmse", "rmse_unbiased") if several else ("matched_rmse", "matched")
     names = [name for name in _NUMBERS if name not in left_out]
-    table = Table(title=cell(title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(title=cell(title), box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("sequence", overflow="fold")
     for name in names:
         head = re.sub(r", | (?!m\b)", "\n", _NUMBERS[name][0])

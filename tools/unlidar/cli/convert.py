@@ -13,8 +13,6 @@ EXAMPLE = (
     "unlidar convert mmaud/val/seq0001 out/seq0001 --start 1 --duration 5"
 )
 
-_WIDEST = 1_000_000  # columns of a pipe: nothing is wrapped
-
 
 def define(p: argparse.ArgumentParser) -> None:
     """Adds the arguments but --sensors."""
@@ -137,17 +135,13 @@ def _convert(a: argparse.Namespace) -> None:
 
 def _list(source: Path) -> None:
     from rich import box
-    from rich.console import Console
     from rich.table import Table
 
     from unlidar.conversion import list_streams
+    from unlidar.tables import show
 
     kind, streams = list_streams(source)
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = _WIDEST
-    console.print(cell(f"{source} ({kind})"), soft_wrap=True)
-    table = Table(box=box.SIMPLE)
+    table = Table(title=cell(f"{source} ({kind})"), box=box.SIMPLE)
     for title in ("name", "type", "items", "duration, s", "rate, Hz", "becomes"):
         is_text = title in ("name", "type", "becomes")
         table.add_column(title, justify="left" if is_text else "right", overflow="fold")
@@ -156,4 +150,4 @@ def _list(source: Path) -> None:
         rate = "-" if stream.rate_hz is None else f"{stream.rate_hz:.1f}"
         cells = stream.name, stream.type, stream.items, duration, rate, stream.becomes
         table.add_row(*map(cell, cells))
-    console.print(table)
+    show(table)

@@ -24,7 +24,6 @@ def runs_table(explained: Explained) -> Table:
     """A row for each run of seconds."""
     table = Table(
         title=cell(explained.target),
-        title_justify="left",
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
     )

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from unlidar.cli import main
 from unlidar.evaluation import evaluate_files
+from unlidar.figure import save
 from unlidar.output import RUN_RECORD
 from unlidar.record import RunRecord, write_record
 
@@ -107,6 +109,21 @@ def test_tables_are_whole_however_narrow_the_output(
     assert all(word in out for word in ("coverage", "in-view", "percentile")) and "…" not in out
     lines = [line.rstrip() for line in out.splitlines()]
     assert all(line[-1] in "┓┃┩│┤┘" for line in lines if line[:1] and line[0] in "┏┃┡│├└")
+
+
+def test_any_name_of_a_result_is_in_the_legend(tmp_path: Path, capsys, monkeypatch) -> None:
+    shown: list[str] = []
+
+    def note_legend(figure: Figure, path: Path) -> None:
+        (legend,) = figure.legends
+        shown.extend(text.get_text() for text in legend.get_texts())
+        save(figure, path)
+
+    monkeypatch.setattr("unlidar.compare.figure.save", note_legend)
+    names = ["a$x^$", "_b", r"$\frac$"]
+    files = [write_tracks(tmp_path / f"{name}.csv", 0.1 * k) for k, name in enumerate(names)]
+    assert main(["compare", *map(str, files), "--figure", str(tmp_path / "a.png")]) == 0
+    assert [text.strip().replace(r"\$", "$") for text in shown] == [file.name for file in files]
 
 
 def test_an_empty_result_is_one(tmp_path: Path, capsys) -> None:

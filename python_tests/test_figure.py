@@ -1,5 +1,7 @@
 """The figure is drawn for every kind of result, in the colours it promises."""
 
+from dataclasses import replace
+
 import matplotlib.image
 import numpy as np
 import pytest
@@ -46,6 +48,12 @@ def test_a_recording_without_anything_can_be_drawn(tmp_path):
         "nothing", np.zeros((0, 3)), np.zeros((0, 3)), nothing.truth, nothing.tracks, None
     )
     write_figure(empty, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("name", ["a$x^$", r"$\frac$", "\udcff", "a\x1bb", r"a\$b$c"])
+def test_any_name_of_a_recording_can_be_drawn(name, tmp_path):
+    write_figure(replace(make_data(10, 10), title=name), tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000
 
 

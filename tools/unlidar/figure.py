@@ -13,6 +13,7 @@ from unlidar.colours import GREEN, GREY, RED, track_colours
 from unlidar.evaluation.markdown import percent
 from unlidar.evaluation.measures import several_drones
 from unlidar.pieces import pieces_of
+from unlidar.sanitize import printable
 from unlidar.truth import Tracks, Truth
 
 _LEAST_SPAN_M = 6.0
@@ -47,7 +48,7 @@ def write_figure(data: FigureData, path: Path) -> None:
     flat = view_box(flight, data.returns_m, 0.25, data.station_m)
     _draw_flat(top, data, (0, 1), *flat, "From above")
     _draw_flat(side, data, (0, 2), *flat, "From the side")
-    figure.suptitle(headline(data), fontsize=14)
+    figure.suptitle(plain(headline(data)), fontsize=14)
     figure.legend(
         handles=legend(data), loc="outside lower center", ncols=6, frameon=False, fontsize=11
     )
@@ -60,6 +61,12 @@ def save(figure: Figure, path: Path) -> None:
     figure.savefig(
         path, dpi=110, format=kind, metadata={"CreationDate" if kind == "pdf" else "Software": None}
     )
+
+
+def plain(text: str) -> str:
+    """A text for matplotlib, which reads formulas between dollars, and hides labels after `_`."""
+    text = printable(text).replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
 
 
 def headline(data: FigureData) -> str:

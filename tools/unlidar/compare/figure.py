@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from unlidar.colours import RED, track_colours
 from unlidar.compare import Results
 from unlidar.evaluation import Options, compare
-from unlidar.figure import save
+from unlidar.figure import plain, save
 from unlidar.pieces import pieces_of
 from unlidar.truth import Tracks, Truth
 
@@ -29,7 +29,7 @@ def write_comparison(results: Results, path: Path) -> None:
     for result, colour in zip(results.results, colours, strict=True):
         curves.append((result.name, result.tracks, result.tracks.track_id, colour, 1.5))
     for name, rows, group, colour, width in curves:
-        label: str | None = name
+        label: str | None = plain(name)
         for piece in pieces_of(rows.time_s, group):
             at_m, time_s = rows.xyz_m[piece], rows.time_s[piece] - origin_s
             style = {"color": colour, "linewidth": width}
@@ -54,7 +54,7 @@ def write_comparison(results: Results, path: Path) -> None:
         panel.grid(alpha=0.25)
     over_time[3].set_xlabel(f"time since {origin_s:.3f} [s]")
     if results.truth is None:
-        over_time[3].set_ylabel(f"from {results.results[0].name} [m]")
+        over_time[3].set_ylabel(plain(f"from {results.results[0].name} [m]"))
     over_time[3].set_yscale("symlog", linthresh=0.1)
     figure.legend(loc="outside lower center", ncols=6, frameon=False, fontsize=11)
     save(figure, path)

@@ -273,6 +273,7 @@ NS = 1_706_300_000_000_000_000
             r"\(0,\) and dtype int64, .*\(4,\)",
         ),
         (("a", NS, XYZ, np.zeros(4)), unlidar.InputError, "dtype float64, expected .* int64"),
+        (("a", NS, XYZ, np.ma.zeros(4, int)), unlidar.InputError, "offsets_ns is a masked array"),
         (("a", NS, XYZ, np.full(4, 10**11)), unlidar.InputError, "time 100000000000"),
         (("a", NS + 0.5, XYZ), unlidar.InputError, "stamp_ns: a float, expected"),
         (("a", True, XYZ), unlidar.InputError, "stamp_ns: a bool, expected"),
@@ -299,6 +300,12 @@ def test_errors_name_value_and_expectation(frame, kind, said) -> None:
         ({"config": "absent.yaml"}, unlidar.ConfigError, "absent.yaml"),
         ({"config": ""}, unlidar.ConfigError, "config: '', expected the path"),
         ({"config": "a\0b"}, unlidar.ConfigError, "config: .*, expected the path"),
+        ({"config": 5}, unlidar.ConfigError, "config: 5, expected the path"),
+        ({"config": "\udcff.yaml"}, unlidar.ConfigError, "config: .*, expected the path"),
+        ({"poses": "\udcff.tum"}, unlidar.UsageError, "poses: .*, expected a TUM file"),
+        ({"poses": {"a": "b\0.tum"}}, unlidar.UsageError, "poses: .*, expected a TUM file"),
+        ({"settings": {"live.delay_s": "1\0"}}, unlidar.UsageError, "expected a text in UTF-8"),
+        ({"settings": {"live.\udcff": 1}}, unlidar.UsageError, "expected a text in UTF-8"),
         ({"settings": "live.delay_s=1"}, unlidar.UsageError, "settings: 'live.* expected keys"),
         ({"settings": {"live.delay": 1}}, unlidar.ConfigError, "live.delay"),
         (
@@ -388,6 +395,9 @@ def test_coordinates_that_are_no_metres_are_refused_as_of_a_recording() -> None:
 
 
 def test_items_that_are_no_frames_are_refused() -> None:
+    for frames in (None, 5):
+        with pytest.raises(unlidar.UsageError, match=f"frames: {frames}, expected an iterable"):
+            unlidar.track(frames)
     with pytest.raises(unlidar.UsageError, match="item 2 is a tuple of 2, expected a Frame"):
         unlidar.track([("a", NS, XYZ), ("a", NS)])
     with pytest.raises(unlidar.UsageError, match="item 1 is a ndarray, expected a Frame"):

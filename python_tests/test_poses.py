@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from unlidar.errors import UsageError
 from unlidar.pose_files import ALL, find_poses, poses_options
 from unlidar.poses import Poses, write_poses
 from unlidar.simulate import Scenario, Simulation, load_scenario, simulate
@@ -202,6 +203,24 @@ def test_the_way_of_a_car_is_free_and_has_things_beside_it_from_end_to_end():
         assert np.abs(feet[:, 1]).min() > scene.clear_m
         for x in np.arange(way[0, 0], way[-1, 0], 20):
             assert (np.abs(feet[:, 0] - x) < 25).sum() >= 3
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        ((5, np.zeros((2, 3)), Rotation.identity(2)), r"stamp_ns: 5, expected an array of shape"),
+        (
+            (np.arange(2), np.zeros((3, 3)), Rotation.identity(2)),
+            r"position_m: \(3, 3\), expected an array of shape \(2, 3\)",
+        ),
+        ((np.arange(2), np.zeros((2, 3)), Rotation.identity(3)), "rotation: .* Rotation of 2"),
+        ((np.arange(2), np.zeros((2, 3)), np.eye(3)), "rotation: .* Rotation of 2"),
+        ((np.arange(2), np.zeros((2, 3)), None), "rotation: None, expected a Rotation of 2"),
+    ],
+)
+def test_poses_of_other_shapes_are_refused(arrays, said):
+    with pytest.raises(UsageError, match=said):
+        Poses(*arrays)
 
 
 def test_poses_between_two_are_on_their_line_and_half_their_turn():

@@ -139,6 +139,7 @@ def test_errors_of_a_user_are_of_one_kind(tmp_path) -> None:
         ({"align": "foo"}, "align: 'foo', expected one of none, translation, yaw, se3"),
         ({"time_offset": "later"}, "time_offset: 'later', expected a number"),
         ({"bootstrap": -1}, "bootstrap: -1, expected a whole number from 0 on"),
+        ({"time_offset": True}, "time_offset: True, expected a number"),
         ({"block_s": 0}, "block_s: 0, expected a number above 0"),
         ({"seed": 1.5}, "seed: 1.5, expected a whole number from 0 on"),
     ],
@@ -157,6 +158,9 @@ def test_options_of_an_evaluation_are_checked(values, said) -> None:
         ({"duration_s": float("inf")}, "duration_s: inf, expected a number above 0"),
         ({"stamp": "Log"}, "stamp: 'Log', expected 'header' or 'log'"),
         ({"merge": 0}, "merge: 0, expected a whole number from 1 on"),
+        ({"merge": True}, "merge: True, expected a whole number from 1 on"),
+        ({"skip_bad": "no"}, "skip_bad: 'no', expected True or False"),
+        ({"poses_topic": 5}, "poses_topic: 5, expected the name of a topic, or None"),
         ({"rate_hz": np.zeros((9, 9))}, r"rate_hz: array\(\[.*, expected a number above 0"),
         ({"origin": (47.3, 8.5, 480)}, r"origin: \(.*\), expected an unlidar.Origin\(...\)"),
     ],
@@ -164,6 +168,37 @@ def test_options_of_an_evaluation_are_checked(values, said) -> None:
 def test_options_of_a_conversion_are_checked(values, said) -> None:
     with pytest.raises(unlidar.UsageError, match=f"^{said}$"):
         unlidar.ConvertOptions(**values)
+
+
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [
+        ((91, 0, 0), "latitude_deg: 91, expected a number from -90 to 90"),
+        ((47, 361, 0), "longitude_deg: 361, expected a number from -360 to 360"),
+        ((47, 8, float("nan")), "height_m: nan, expected a number"),
+        ((47, 8, 0, "north"), "heading_deg: 'north', expected a number"),
+    ],
+)
+def test_an_origin_is_a_place(place, said) -> None:
+    with pytest.raises(unlidar.UsageError, match=f"^{said}$"):
+        unlidar.Origin(*place)
+
+
+@pytest.mark.parametrize("path", [None, 5, b"flight.bag", "", "a\0b", ["flight.bag"], {}])
+def test_what_is_no_path_is_refused_wherever_one_is_expected(path, tmp_path) -> None:
+    file = tmp_path / "t.csv"
+    for name, call in (
+        ("recording", lambda: unlidar.read(path)),
+        ("recording", lambda: unlidar.convert(path, tmp_path / "out")),
+        ("out", lambda: unlidar.convert(tmp_path, path)),
+        ("recording", lambda: unlidar.run(path, tmp_path / "out")),
+        ("out", lambda: unlidar.run(tmp_path, path)),
+        ("truth", lambda: unlidar.evaluate(path, file)),
+        ("trajectory", lambda: unlidar.evaluate(file, [path])),
+    ):
+        with pytest.raises(unlidar.UsageError, match=f"^{name}: .*, expected a path$"):
+            call()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_arguments_are_checked_before_the_work(tmp_path) -> None:
@@ -177,6 +212,16 @@ def test_arguments_are_checked_before_the_work(tmp_path) -> None:
             read(tmp_path, sensors=["a", "a"])
         with refused(r"sensors: \[\], expected different names"):
             read(tmp_path, sensors=[])
+    with refused("force: 'no', expected True or False"):
+        unlidar.convert(tmp_path, tmp_path / "out", force="no")
+    with refused("report: 'no', expected True or False"):
+        unlidar.run(tmp_path, tmp_path / "out", report="no")
+    with refused("threads: 1.5, expected a whole number from 1 on"):
+        unlidar.run(tmp_path, tmp_path / "out", threads=1.5)
+    with refused("settings: .*, expected a text in UTF-8 without a NUL"):
+        unlidar.run(tmp_path, tmp_path / "out", settings={"method": "robust\0"})
+    with refused("trajectory: 5, expected a path"):
+        unlidar.evaluate(tmp_path / "a.csv", 5)
     with refused("settings: 'method=paper', expected keys with values"):
         unlidar.run(tmp_path, tmp_path / "out", settings="method=paper")
     with refused("options: .*, expected unlidar.EvaluateOptions"):

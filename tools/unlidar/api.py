@@ -6,7 +6,7 @@ Notes go to the logger `unlidar`, stages with the level INFO.
 
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,10 @@ from unlidar.call_checks import (
     chosen_sensors,
     config_path,
     expect,
+    expect_bool,
+    expect_whole,
     options_of,
+    path_of,
     pose_files_of,
     settings_of,
 )
@@ -141,9 +144,14 @@ def convert(
     `sensors` chooses among those of the recording, by default its LiDARs. `force` replaces an
     earlier conversion.
     """
-    out, chosen = Path(out), chosen_sensors(sensors)
+    source, out, chosen = (
+        path_of("recording", recording),
+        path_of("out", out),
+        chosen_sensors(sensors),
+    )
+    expect_bool("force", force)
     reading = options_of(ConvertOptions, "ConvertOptions", options)
-    report = conversion.convert(Path(recording), out, chosen, force, reading)
+    report = conversion.convert(source, out, chosen, force, reading)
     rows = report["truth_rows"]
     return Conversion(
         out=out,
@@ -177,6 +185,10 @@ def run(
     {"robust.off_ground_m": 0.5}, which go before the file. `options` are those of the conversion.
     `poses` is a TUM file of the way of all LiDARs, or one for each that moves, by its name.
     """
+    source, out = path_of("recording", recording), path_of("out", out)
+    expect_bool("report", report)
+    if threads is not None:
+        expect_whole("threads", threads, 1)
     values = ({"method": method} if method is not None else {}) | settings_of(settings)
     file = config_path(config)
     chosen = [] if file is None else ["--config", file]
@@ -186,9 +198,7 @@ def run(
     names = chosen_sensors(sensors)
     reading = options_of(ConvertOptions, "ConvertOptions", options)
     files = pose_files_of(poses)
-    found = pipeline.run(
-        Path(recording), Path(out), names, chosen, reading, report=report, poses=files
-    )
+    found = pipeline.run(source, out, names, chosen, reading, report=report, poses=files)
     return Run(
         out=found.out,
         frames=found.record.frames,
@@ -215,11 +225,11 @@ def evaluate(
 
     Several files are the tracks of one trajectory.
     """
-    several = [trajectory] if isinstance(trajectory, (str, os.PathLike)) else trajectory
-    files = [Path(path) for path in several]
+    is_one = isinstance(trajectory, (str, bytes)) or not isinstance(trajectory, Iterable)
+    files = [path_of("trajectory", one) for one in ([trajectory] if is_one else trajectory)]
     expect(bool(files), "trajectory", trajectory, "at least one file")
     chosen = options_of(EvaluateOptions, "EvaluateOptions", options)
-    return _measures(evaluation.evaluate_files(Path(truth), files, chosen))
+    return _measures(evaluation.evaluate_files(path_of("truth", truth), files, chosen))
 
 
 def _measures(found: dict[str, Any]) -> Measures:

@@ -21,22 +21,28 @@ def expect(holds: bool, name: str, value: object, expected: str) -> None:
         raise UsageError(f"{name}: {told}, expected {expected}")
 
 
-def expect_number(name: str, value: object, least: float = -math.inf) -> None:
-    """Throws UsageError for all but a finite number from `least` on."""
+def expect_bool(name: str, value: object) -> None:
+    """Throws UsageError for all but True and False: "no" would be true."""
+    expect(isinstance(value, bool), name, value, "True or False")
+
+
+def expect_number(
+    name: str, value: object, least: float = -math.inf, most: float = math.inf
+) -> None:
+    """Throws UsageError for all but a finite number from `least` to `most`."""
     told = "a number" if math.isinf(least) else f"a number from {least:g} on"
-    is_right = isinstance(value, Real) and math.isfinite(value) and value >= least
-    expect(is_right, name, value, told)
+    told = told if math.isinf(most) else f"a number from {least:g} to {most:g}"
+    expect(_is_number(value) and least <= value <= most, name, value, told)
 
 
 def expect_positive(name: str, value: object) -> None:
     """Throws UsageError for all but a finite number above 0."""
-    is_right = isinstance(value, Real) and math.isfinite(value) and value > 0
-    expect(is_right, name, value, "a number above 0")
+    expect(_is_number(value) and value > 0, name, value, "a number above 0")
 
 
 def expect_whole(name: str, value: object, least: int) -> None:
     """Throws UsageError for all but an integer from `least` on."""
-    is_whole = isinstance(value, Integral) and value >= least
+    is_whole = _is_number(value) and isinstance(value, Integral) and value >= least
     expect(is_whole, name, value, f"a whole number from {least} on")
 
 
@@ -68,14 +74,19 @@ def settings_of(settings: Mapping[str, object] | None) -> dict[str, object]:
     return dict(settings or {})
 
 
+def path_of(name: str, value: object) -> Path:
+    """A path that a caller gave; UsageError for what is none, and for '', which is this folder."""
+    expect(_is_path(value), name, value, "a path")
+    return Path(value)
+
+
 def config_path(config: str | os.PathLike[str] | None) -> str | None:
     """The path of a YAML file; None for none."""
     if config is None:
         return None
-    path = os.fspath(config)
-    if not isinstance(path, str) or not path or "\0" in path:
-        raise ConfigError(f"config: {path!r}, expected the path of a YAML file")
-    return path
+    if not (_is_path(config) and is_text(os.fspath(config))):
+        raise ConfigError(f"config: {config!r}, expected the path of a YAML file")
+    return os.fspath(config)
 
 
 def pose_files_of(
@@ -86,8 +97,23 @@ def pose_files_of(
         return {}
     named = {ALL: poses} if isinstance(poses, (str, os.PathLike)) else poses
     is_right = isinstance(named, Mapping) and all(
-        isinstance(name, str) and isinstance(path, (str, os.PathLike)) and os.fspath(path)
+        isinstance(name, str) and _is_path(path) and is_text(os.fspath(path))
         for name, path in named.items()
     )
     expect(is_right, "poses", poses, "a TUM file, or one for each sensor by its name")
     return {name: Path(path) for name, path in named.items()}
+
+
+def is_text(text: str) -> bool:
+    """True if the program can take a text: it is UTF-8 without a NUL."""
+    return "\0" not in text and text == text.encode(errors="replace").decode()
+
+
+def _is_path(value: object) -> bool:
+    path = os.fspath(value) if isinstance(value, (str, os.PathLike)) else ""
+    return isinstance(path, str) and path != "" and "\0" not in path
+
+
+def _is_number(value: object) -> bool:
+    is_real = isinstance(value, Real) and not isinstance(value, bool)  # which is 0 or 1
+    return is_real and math.isfinite(value)

@@ -156,7 +156,7 @@ class Engine:
         """
         with self._lock:
             stream = self._open()
-            events = stream.add(*_checked(sensor, stamp_ns, xyz), offsets_ns)
+            events = stream.add(*_checked(sensor, stamp_ns, xyz, offsets_ns))
             return self._told(stream, events)
 
     def advance(self, now_ns: SupportsIndex) -> list[Event]:
@@ -212,6 +212,7 @@ def track(
         settings = _known(frames, config_path(config)) | settings_of(settings)
         poses = frames.poses if poses is None else poses
         frames = _led(frames)
+    expect(isinstance(frames, Iterable), "frames", frames, "an iterable of Frame or tuples")
     recording = _native().Recording(*_setup(config, settings, rate_hz, poses))
     for number, frame in enumerate(frames, 1):
         if not isinstance(frame, tuple) or len(frame) not in (3, 4):
@@ -219,8 +220,7 @@ def track(
                 f"frames: item {number} is {_described(frame)}, expected a Frame or a tuple "
                 "(sensor, stamp_ns, xyz[, offsets_ns])"
             )
-        sensor, stamp_ns, xyz, offsets_ns = (*frame, None)[:4]
-        recording.add(*_checked(sensor, stamp_ns, xyz), offsets_ns)
+        recording.add(*_checked(*frame))
     tracks = [
         Track(number, np.frombuffer(rows, _ROWS), Kind(*kind))
         for number, rows, kind in recording.tracks()
@@ -297,17 +297,20 @@ def _ways_of(poses: AnyPoses | Mapping[str, AnyPoses] | None) -> dict[str, Any]:
     return ways | {name: str(file) for name, file in pose_files_of(named).items()}
 
 
-def _checked(sensor: str, stamp_ns: SupportsIndex, xyz: object) -> tuple[str, int, object]:
+def _checked(
+    sensor: str, stamp_ns: SupportsIndex, xyz: object, offsets_ns: object = None
+) -> tuple[str, int, object, object]:
     if not isinstance(sensor, str):
         raise UsageError(f"sensor: {_described(sensor)}, expected a name")
-    if isinstance(xyz, np.ma.MaskedArray):  # whose buffer has what is masked, too
-        raise InputError(
-            f"frame of {sensor}, stamp {stamp_ns} ns: xyz is a masked array of shape {xyz.shape}, "
-            "expected one without a mask, as xyz.filled(np.nan)"
-        )
+    for what, array, filled in (("xyz", xyz, "np.nan"), ("offsets_ns", offsets_ns, "0")):
+        if isinstance(array, np.ma.MaskedArray):  # whose buffer has what is masked, too
+            raise InputError(
+                f"frame of {sensor}, stamp {stamp_ns} ns: {what} is a masked array of shape "
+                f"{array.shape}, expected one without a mask, as {what}.filled({filled})"
+            )
     # The compiled module takes text that is UTF-8; what is none is no name either way.
     name = sensor.encode(errors="replace").decode()
-    return name, _nanoseconds("stamp_ns", stamp_ns), xyz
+    return name, _nanoseconds("stamp_ns", stamp_ns), xyz, offsets_ns
 
 
 def _nanoseconds(name: str, value: SupportsIndex) -> int:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from unlidar.call_checks import expect_number
+
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
@@ -23,6 +25,13 @@ class Origin:
     longitude_deg: float
     height_m: float  # above the ellipsoid
     heading_deg: float = _EAST_DEG  # compass direction of the x axis; 90: x east, y north
+
+    def __post_init__(self) -> None:
+        """Throws UsageError for a value that is none."""
+        expect_number("latitude_deg", self.latitude_deg, -90, 90)
+        expect_number("longitude_deg", self.longitude_deg, -360, 360)
+        expect_number("height_m", self.height_m)
+        expect_number("heading_deg", self.heading_deg)
 
 
 def to_geodetic(origin: Origin, xyz_m: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from unlidar.call_checks import expect
 from unlidar.csv_rows import numbered_lines
 from unlidar.errors import InputError, reason
 from unlidar.output import write_file
@@ -29,6 +30,15 @@ class Poses:
     stamp_ns: np.ndarray  # (N,) ascending
     position_m: np.ndarray  # (N, 3)
     rotation: "Rotation"  # N of them
+
+    def __post_init__(self) -> None:
+        """Throws UsageError for arrays of other shapes."""
+        (n,) = np.shape(self.stamp_ns) if np.ndim(self.stamp_ns) == 1 else (None,)
+        expect(n is not None, "stamp_ns", self.stamp_ns, "an array of shape (n,)")
+        position = np.shape(self.position_m)
+        expect(position == (n, 3), "position_m", position, f"an array of shape ({n}, 3)")
+        as_quat = getattr(self.rotation, "as_quat", lambda: None)
+        expect(np.shape(as_quat()) == (n, 4), "rotation", self.rotation, f"a Rotation of {n}")
 
     @property
     def is_still(self) -> bool:

@@ -13,7 +13,7 @@ from weakref import finalize
 
 import numpy as np
 
-from unlidar.call_checks import chosen_sensors, options_of
+from unlidar.call_checks import chosen_sensors, options_of, path_of
 from unlidar.conversion import choose_sensors, open_source
 from unlidar.conversion.kept_items import KeptItems
 from unlidar.conversion.source import Options, Source, SourceFrame
@@ -54,7 +54,7 @@ def read(
         for frame in unlidar.read("flight.bag"):
             print(frame.sensor, frame.stamp_ns, len(frame.xyz))
     """
-    path, names = Path(recording), chosen_sensors(sensors)
+    path, names = path_of("recording", recording), chosen_sensors(sensors)
     reading = options_of(Options, "ConvertOptions", options)
     with ExitStack() as opened:
         source = opened.enter_context(closing(open_source(path, reading)))

@@ -4,12 +4,16 @@ import json
 import math
 from collections.abc import Mapping
 
+from unlidar.call_checks import expect, is_text
 from unlidar.errors import UsageError
 
 
 def assignments(settings: Mapping[str, object]) -> list[str]:
     """`key=value` of each; UsageError for a value that YAML has no plain text for."""
-    return [f"{key}={_text(key, value)}" for key, value in settings.items()]
+    texts = [f"{key}={_text(key, value)}" for key, value in settings.items()]
+    for text in texts:
+        expect(is_text(text), "settings", text, "a text in UTF-8 without a NUL")
+    return texts
 
 
 def _text(key: str, value: object) -> str:

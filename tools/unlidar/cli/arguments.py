@@ -3,6 +3,7 @@
 import argparse
 import math
 
+from unlidar.errors import UsageError
 from unlidar.geodesy import Origin
 
 
@@ -44,11 +45,12 @@ def count(text: str) -> int:
 def origin(text: str) -> Origin:
     """`LAT,LON,HEIGHT` of --origin."""
     parts = [number(part) for part in text.split(",")]
-    if len(parts) != 3 or abs(parts[0]) > 90 or abs(parts[1]) > 360:
-        raise argparse.ArgumentTypeError(
-            f"'{text}', expected LAT,LON,HEIGHT in degrees (within 90 and 360) and metres"
-        )
-    return Origin(*parts)
+    if len(parts) != 3:
+        raise argparse.ArgumentTypeError(f"'{text}', expected LAT,LON,HEIGHT in degrees and metres")
+    try:
+        return Origin(*parts)
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(f"'{text}', {error}") from error
 
 
 def _whole_from(least: int, text: str) -> int:

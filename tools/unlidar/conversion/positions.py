@@ -68,6 +68,8 @@ class Positions:
         fix = (float(message.latitude), float(message.longitude), float(message.altitude))
         if not all(math.isfinite(v) for v in fix) or int(message.status.status) <= _NO_FIX:
             return None
+        if abs(fix[0]) > 90 or abs(fix[1]) > 360:  # no place on Earth
+            return None
         self.fixes += 1
         if self.origin is None:
             self.origin = Origin(*fix)

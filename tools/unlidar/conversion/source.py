@@ -9,6 +9,7 @@ import numpy as np
 
 from unlidar.call_checks import (
     expect,
+    expect_bool,
     expect_names,
     expect_number,
     expect_positive,
@@ -55,6 +56,7 @@ class Options:
         """Throws UsageError for a value that is none."""
         expect_names("topics", self.topics)
         expect_names("truths", self.truths)
+        expect_bool("skip_bad", self.skip_bad)
         expect_number("start_s", self.start_s, 0)
         if self.duration_s is not None:
             expect_positive("duration_s", self.duration_s)
@@ -62,6 +64,8 @@ class Options:
         expect_whole("merge", self.merge, 1)
         if self.rate_hz is not None:
             expect_positive("rate_hz", self.rate_hz)
+        is_topic = self.poses_topic is None or isinstance(self.poses_topic, str)
+        expect(is_topic, "poses_topic", self.poses_topic, "the name of a topic, or None")
         is_origin = self.origin is None or isinstance(self.origin, Origin)
         expect(is_origin, "origin", self.origin, "an unlidar.Origin(...)")
 

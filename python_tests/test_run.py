@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import unlidar
 from unlidar.cli import main
 from unlidar.simulate import Scenario, simulate
 from unlidar.simulate.scenario import Drone, Flight, Sensor
@@ -209,6 +210,19 @@ def test_what_the_program_refuses_is_reported_before_the_conversion(
     monkeypatch.setenv("UNLIDAR_TRACK", str(tmp_path / "nowhere"))
     fails(2, "run", source, "--out", out)
     assert not out.exists()
+
+
+def test_results_do_not_go_among_the_frames_of_their_recording(stub, tmp_path, fails):
+    stub()
+    source = make_sequence(tmp_path / "seq")
+    before = sorted(source.rglob("*"))
+    for out in (source, source / "lidar_360"):
+        assert "is a folder of the recording" in fails(2, "run", source, "--out", out)
+        with pytest.raises(unlidar.UsageError, match="choose another one for the results"):
+            unlidar.run(source, out)
+    assert sorted(source.rglob("*")) == before
+    for _ in range(2):
+        assert main(["run", str(source), "--out", str(source / "results")]) == 0
 
 
 def test_wrong_recordings_and_sensors_are_refused(stub, flight, tmp_path, fails):

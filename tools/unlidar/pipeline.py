@@ -148,6 +148,7 @@ def run(
     begin = time.perf_counter()
     check_options([*options, *poses_options(poses)])
     refuse_foreign(out)
+    _refuse_source(path, out)
     recording = prepare(path, out, chosen, reading)
     if recording.truth is not None:
         recording = _with_fitting_truth(recording, options)
@@ -217,6 +218,15 @@ def _draw(data: ReportData, out: Path) -> None:
 def is_own(name: str) -> bool:
     """True if a run, or `report` after it, writes a file or folder of this name."""
     return _UNFINISHED.sub("", name) in _OWN
+
+
+def _refuse_source(path: Path, out: Path) -> None:
+    """Refuses the folder of a recording, or one in it that has its frames, for the results."""
+    inside = out.resolve().parent == path.resolve() and out.is_dir() and not is_result(out)
+    if path.is_dir() and (out.resolve() == path.resolve() or (inside and any(out.iterdir()))):
+        raise UsageError(
+            f"{out}: is a folder of the recording {path}, choose another one for the results"
+        )
 
 
 def refuse_foreign(out: Path) -> None:

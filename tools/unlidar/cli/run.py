@@ -111,8 +111,6 @@ def _run(a: argparse.Namespace) -> None:
         _run_many(a, name)
     elif a.jobs is not None or a.scheduler is not None:
         raise UsageError(f"{first}: --jobs and --scheduler are for many recordings, this is one")
-    elif first.is_dir() and a.out.resolve() == first.resolve():
-        raise UsageError(f"--out {a.out}: is the recording itself, choose another folder")
     else:
         _run_one(a, first)
 

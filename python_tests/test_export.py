@@ -134,6 +134,23 @@ def test_dates_of_stamps_that_are_no_unix_time_are_told_of(name, begin_s, tmp_pa
     assert (said in capsys.readouterr().err) == is_told
 
 
+def test_what_is_read_is_not_replaced_by_what_is_written(tmp_path, fails):
+    (tmp_path / "traj.csv").write_text(text := "timestamp,x,y,z\n1,1,2,3\n")
+    (tmp_path / "link.csv").symlink_to("traj.csv")
+    for source in (tmp_path, tmp_path / "traj.csv", tmp_path / "link.csv"):
+        for form in ("csv", "tum"):
+            said = fails(2, "export", source, tmp_path / "traj.csv", "--format", form)
+            assert "traj.csv: is what is read, expected another name" in said
+    assert (tmp_path / "traj.csv").read_text() == text
+
+
+def test_a_heading_without_an_origin_is_refused(tmp_path, fails):
+    (tmp_path / "traj.csv").write_text("timestamp,x,y,z\n1,1,2,3\n")
+    said = fails(2, "export", tmp_path, tmp_path / "a.csv", "--heading", "30")
+    assert "--heading needs --origin" in said
+    assert not (tmp_path / "a.csv").exists()
+
+
 def test_places_are_those_of_proj():
     rng = np.random.default_rng(1)
     for lat, lon in ((1.35, 103.7), (-33.9, 18.4), (0, -180), (78.2, 15.6), (-89.99, 0), (90, 0)):

@@ -141,6 +141,13 @@ def test_stamps_that_are_no_unix_time_are_noted_where_they_become_dates(
         assert (said in capsys.readouterr().err) == (is_noted and bool(named))
 
 
+def test_a_store_is_not_replaced_by_what_it_holds(store, fails) -> None:
+    before = store.read_bytes()
+    for out in (store, store.parent / "." / ".." / store.parent.name / store.name):
+        assert "is what is read" in fails(2, "history", store, out, "--format", "csv")
+    assert store.read_bytes() == before
+
+
 def test_taking_the_same_in_again_changes_nothing(store, tmp_path) -> None:
     def content() -> list:
         with sqlite3.connect(store) as db:

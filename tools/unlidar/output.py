@@ -68,6 +68,12 @@ def write_file(path: Path, write: Callable[[Path], None]) -> None:
         work.unlink(missing_ok=True)
 
 
+def refuse_input(out: Path, *inputs: Path | None) -> None:
+    """UsageError if `out` is a file that is read: it would be replaced by what is made of it."""
+    if any(path is not None and path.resolve() == out.resolve() for path in inputs):
+        raise UsageError(f"{out}: is what is read, expected another name for what is written")
+
+
 def clear_results(out: Path, names: Iterable[str]) -> None:
     """Makes the folder `out` and removes files of an earlier run."""
     try:

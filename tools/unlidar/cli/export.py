@@ -90,7 +90,9 @@ def act(a: argparse.Namespace) -> None:
         raise UsageError(f"'{last}' is a folder, expected the name of what is to be written")
     form = a.format or guess_format(out)
     place = a.origin
-    if place is not None and a.heading is not None:
+    if a.heading is not None and place is None:
+        raise UsageError("--heading needs --origin")
+    if a.heading is not None:
         place = replace(place, heading_deg=a.heading)
     options = Options(place, a.frame_id, a.points, a.at, a.uav_type, a.geoid)
     check(len(sources), form, options)

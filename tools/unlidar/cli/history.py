@@ -69,12 +69,15 @@ def act(a: argparse.Namespace) -> None:
     """Exports the stored tracks, or lists them."""
     from unlidar.export_options import guess_format
     from unlidar.history.reader import Reader
+    from unlidar.output import refuse_input
 
     if a.heading is not None and a.origin is None:
         raise UsageError("--heading needs --origin")
     form = a.format or (None if a.out is None else guess_format(a.out))
     if form is not None and form not in FORMATS:
         raise UsageError(f"{a.out}: --format {form}, expected one of {', '.join(FORMATS)}")
+    if a.out is not None:
+        refuse_input(a.out, a.store)
     if form is not None and a.out is None and form not in _TEXTS:
         raise UsageError(f"--format {form} needs a file to be written")
     reader = Reader(a.store)

@@ -12,8 +12,9 @@ from unlidar.export.dates import DATED, note_dates
 from unlidar.export.geo import write_geojson, write_kml
 from unlidar.export.mmaud import read_stamps, write_mmaud
 from unlidar.export.text import write_csv, write_tum
-from unlidar.export.trajectory import Result, read_result
+from unlidar.export.trajectory import Result, read_result, trajectory_of
 from unlidar.export_options import Options
+from unlidar.output import refuse_input
 
 __all__ = ["Result", "export", "read_result"]
 
@@ -27,6 +28,7 @@ def export(
 
     All formats but "mmaud" take exactly one source; `export_options.check` has seen to that.
     """
+    refuse_input(out, options.at, options.points, *(trajectory_of(path) for _, path in sources))
     results = [(name, read_result(path, options.points)) for name, path in sources]
     if form == "mmaud":
         names = [name for name, _ in results]

@@ -47,9 +47,14 @@ class Result:
     kinds: dict[int, Kind] = field(default_factory=dict)  # of a folder of results, where known
 
 
+def trajectory_of(path: Path) -> Path:
+    """The trajectory itself, or that of a folder of results."""
+    return path / TRAJECTORY if path.is_dir() else path
+
+
 def read_result(path: Path, points: Path | None = None) -> Result:
     """A trajectory, or a folder of results: traj.csv, target_returns.pcd and summary.json."""
-    trajectory = path / TRAJECTORY if path.is_dir() else path
+    trajectory = trajectory_of(path)
     beside = path / TARGET_RETURNS
     if points is None and path.is_dir() and beside.is_file():
         points = beside

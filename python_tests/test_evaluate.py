@@ -243,6 +243,25 @@ def test_rmse_is_never_printed_without_coverage(tmp_path, capsys):
     assert "rows_" not in out
 
 
+def test_rows_of_several_drones_without_their_numbers_are_noted(tmp_path, capsys):
+    def rows(columns: str, *places: str) -> str:
+        lines = [f"{k},{place}" for k in range(9) for place in places]
+        return "\n".join([columns, *lines, ""])
+
+    one, two = tmp_path / "one.csv", tmp_path / "two.csv"
+    one.write_text(rows("timestamp,x,y,z", "0,0,5"))
+    for columns, places, is_noted in (
+        ("timestamp,x,y,z", ("0,0,5", "9,0,5"), True),
+        ("timestamp,x,y,z", ("0,0,5", "0.1,0,5"), False),  # stamps that were rounded
+        ("timestamp,x,y,z,target,track_id", ("0,0,5,0,0", "9,0,5,1,1"), False),
+    ):
+        two.write_text(rows(columns, *places))
+        for truth, trajectory in ((one, two), (two, one)):
+            assert main(["evaluate", str(truth), str(trajectory), "--json"]) in (0, 2)
+            said = f"{two}: 9 rows are at another place at the time of the row before, the first at"
+            assert (said in capsys.readouterr().err) == is_noted
+
+
 BROKEN = {
     "timestamp,x,y\n1,2,3\n": "has no column z",
     "": "has no column",

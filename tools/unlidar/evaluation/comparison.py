@@ -18,7 +18,11 @@ from unlidar.evaluation.alignment import (
 )
 from unlidar.evaluation.association import Coverage, OwnRows, cover, identities, own_rows
 from unlidar.evaluation.coordinates import coordinate_mismatch
-from unlidar.evaluation.plausibility import refuse_swapped, require_common_time
+from unlidar.evaluation.plausibility import (
+    refuse_swapped,
+    repeated_times,
+    require_common_time,
+)
 from unlidar.reporting import note
 from unlidar.truth import Tracks, Truth, read_all_tracks, read_truth
 
@@ -83,6 +87,12 @@ def compare_files(
     """
     refuse_swapped(truth, trajectories)
     known, tracks = read_truth(truth), read_all_tracks(trajectories)
+    for path, text in (
+        (truth, repeated_times(known.time_s, known.target, known.xyz_m)),
+        (trajectories[0], repeated_times(tracks.time_s, tracks.track_id, tracks.xyz_m)),
+    ):
+        if text is not None:
+            note(f"{path}: {text} (target of a truth, track_id of a trajectory)")
     try:
         if not one_clock:
             given_s = 0.0 if options.time_offset == AUTO else float(options.time_offset)

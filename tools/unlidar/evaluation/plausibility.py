@@ -15,6 +15,7 @@ _HOUR_S = 3600.0
 _GPS_EPOCH_S, _LEAP_S = 315_964_800.0, 18.0
 _NEAR_S = 5.0  # tolerance to a whole hour or an epoch; begins of two recordings differ by less
 _LEAST_SHARE = 0.1
+_APART_M = 1.0  # of two rows of one time; less may be stamps that were rounded
 _UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
 
 
@@ -33,6 +34,24 @@ def refuse_swapped(truth: Path, trajectories: Sequence[Path]) -> None:
             raise UsageError(
                 f"{path}: is a truth (it has {found[0]}), expected TRUTH first, then TRAJ"
             )
+
+
+def repeated_times(time_s: np.ndarray, number: np.ndarray, xyz_m: np.ndarray) -> str | None:
+    """A note on rows of one time and number that are at different places; None without any.
+
+    Those of several drones without a column of their numbers are.
+    """
+    order = np.lexsort((time_s, number))
+    time_s, number, xyz_m = time_s[order], number[order], xyz_m[order]
+    is_same = (np.diff(time_s) == 0) & (np.diff(number) == 0)
+    is_apart = is_same & (np.linalg.norm(np.diff(xyz_m, axis=0), axis=1) > _APART_M)
+    if not is_apart.any():
+        return None
+    first_s = time_s[1:][is_apart].min()
+    return (
+        f"{is_apart.sum()} rows are at another place at the time of the row before, the first at "
+        f"{first_s:.3f} s: rows of several drones need their numbers"
+    )
 
 
 def require_common_time(truth: Truth, tracks: Tracks) -> None:

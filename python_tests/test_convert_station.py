@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import unlidar
 from bags import BEGIN_NS, Message, Types, plain_cloud, random_points, write_bag
 from hypothesis import given
 from hypothesis import strategies as st
@@ -269,6 +270,21 @@ def test_station_yaml_is_read_as_it_was_written_and_named_where_it_is_wrong(tmp_
             read_station(tmp_path)
         assert said in str(error.value)
         assert "\n" not in str(error.value)
+
+
+def test_lidars_that_a_station_does_not_place_are_noted(tmp_path, monkeypatch):
+    """A name with a mistake would stand at the origin without a word."""
+    folder, notes = tmp_path / "seq", []
+    monkeypatch.setattr("unlidar.station.note", notes.append)
+    for name in ("left", "right"):
+        (folder / name).mkdir(parents=True)
+        np.save(folder / name / "1.5.npy", np.ones((4, 3)))
+    for names, is_noted in ((("left", "right"), False), (("left", "rihgt"), True), ((), False)):
+        write_station(folder, {name: Pose((1.0, 2.0, 3.0)) for name in names}, "by hand")
+        notes.clear()
+        unlidar.read(folder)
+        said = "right: taken to stand at the origin, poses are known of left, rihgt"
+        assert notes == ([said] if is_noted else [])
 
 
 def test_truth_is_taken_only_where_its_name_says_so_or_it_was_chosen(tmp_path, capsys):

@@ -13,8 +13,9 @@ from typing import Annotated
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from ruamel.yaml import YAMLError
 
-from unlidar.errors import InputError, reason
+from unlidar.errors import InputError, listed, reason
 from unlidar.limits import load_yaml
+from unlidar.reporting import note
 from unlidar.sanitize import printable
 from unlidar.settings import assignments
 
@@ -86,6 +87,11 @@ def has_sensors(config: Path) -> bool:
 def station_settings(poses: Mapping[str, Pose], sensors: Iterable[str]) -> dict[str, object]:
     """Settings of the program for these sensors; empty if all are at the origin."""
     chosen = {name: poses.get(name, Pose()) for name in sensors}
+    unplaced = [name for name in chosen if name not in poses]
+    if poses and unplaced:
+        note(
+            f"{listed(unplaced)}: taken to stand at the origin, poses are known of {listed(poses)}"
+        )
     if all(pose == Pose() for pose in chosen.values()):
         return {}
     return {

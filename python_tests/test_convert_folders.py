@@ -188,6 +188,52 @@ def test_a_table_of_stamps_has_a_stamp_for_every_file(row, tmp_path, fails):
     assert "'000000.npy'" in line
 
 
+HEAD = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+
+
+@pytest.mark.parametrize(
+    ("rest", "said"),
+    [
+        ("WIDTH 2\nDATA ascii\n1 2 3 9\n4 5 6 9\n", "a row of 4 values, expected 3"),
+        ("WIDTH 2\nDATA ascii\n1 2\n3 4 5 6\n", "a row of 2 values, expected 3"),
+        ("WIDTH 2\nDATA ascii\n1 2 3\n\n", "2 rows of 3 values announced, 1 follow"),
+        ("WIDTH 1\nDATA ascii\n1_0 2 3\n", "a value with '_', expected numbers"),
+        ("WIDTH 1\nPOINTS 2\nDATA ascii\n1 2 3\n", "WIDTH x HEIGHT is 1 and POINTS is 2"),
+    ],
+)
+def test_rows_of_a_pcd_have_the_values_that_its_header_says(rest, said, tmp_path):
+    """As the program has it; a row more of values would shift all that follow."""
+    (tmp_path / "1.5.pcd").write_text(HEAD + rest)
+    with pytest.raises(InputError, match=f"1.5.pcd: not a readable PCD file: {said}"):
+        read_pcd(tmp_path / "1.5.pcd")
+
+
+def test_rows_of_a_long_pcd_are_read_across_pieces(tmp_path):
+    xyz = np.random.default_rng(1).uniform(-9, 9, (60_000, 3)).astype(np.float32)
+    lines = "\r\n".join(" ".join(map(repr, row)) for row in xyz.tolist())
+    (tmp_path / "1.5.pcd").write_text(f"{HEAD}WIDTH {len(xyz)}\nDATA ascii\n{lines}", newline="")
+    found = read_pcd(tmp_path / "1.5.pcd")
+    np.testing.assert_array_equal(np.stack([found[axis] for axis in "xyz"], axis=1), xyz)
+
+
+@pytest.mark.parametrize("shape", [(3, 50), (6,), (4,), (2, 50, 3)])
+def test_arrays_that_are_no_rows_of_points_are_refused(shape, tmp_path, fails):
+    (tmp_path / "seq/l").mkdir(parents=True)
+    np.save(tmp_path / "seq/l/1.5.npy", np.ones(shape))
+    said = fails(4, "convert", tmp_path / "seq", tmp_path / "out")
+    assert f"1.5.npy: the array has shape {shape}, expected (N, 3)" in said
+
+
+def test_what_float32_cannot_hold_is_no_return(tmp_path, recwarn):
+    (tmp_path / "seq/l").mkdir(parents=True)
+    np.save(tmp_path / "seq/l/1.5.npy", np.array([[1e39, 1, 1], [1, 2, 3], [1e-50, 0, 0]]))
+    report = convert(tmp_path / "seq", tmp_path / "out")
+    assert report["returns"] == {"l": 1}
+    (frame,) = list_frames(tmp_path / "out/l")
+    assert read_xyz(frame.path).tolist() == [[1, 2, 3]]
+    assert not recwarn.list
+
+
 def test_frames_are_listed_by_a_whole_table_alone(tmp_path):
     folder = make_folder(tmp_path / "seq", "pcd", ("000000", "b", "c"))
     table = folder / "timestamps.csv"

@@ -1,6 +1,5 @@
 """Frame directories: `<sensor>/<stamp>.pcd`, read and written without PCL."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,6 @@ from unlidar.names import folder_names
 _NO_FIELDS: Mapping[str, np.ndarray] = MappingProxyType({})
 _MAX_HEADER_BYTES = 1 << 16
 _PIECE_BYTES = 1 << 20  # of a text parsed at a time
-_BLANK = re.compile(rb"\s")
 _HEADER_KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT",
                 "POINTS", "DATA"}  # fmt: skip
 
@@ -144,6 +142,8 @@ def _parse_pcd(content: bytes) -> dict[str, np.ndarray]:
     names = [name.lower() for name in header["FIELDS"]]
     counts = [int(n) for n in header.get("COUNT", ["1"] * len(names))]
     points = int(header["WIDTH"][0]) * int(header.get("HEIGHT", ["1"])[0])
+    if "POINTS" in header and int(header["POINTS"][0]) != points:
+        raise ValueError(f"WIDTH x HEIGHT is {points} and POINTS is {header['POINTS'][0]}")
     if points < 0:
         raise ValueError(f"negative number of points {points}")
     types = [
@@ -174,21 +174,26 @@ def _parse_pcd(content: bytes) -> dict[str, np.ndarray]:
 
 def _ascii_columns(body: bytes, points: int, counts: list[int]) -> list[np.ndarray]:
     width = sum(counts)
-    values = _numbers(body, points * width)
-    if len(values) < points * width:
-        raise ValueError(f"{points} rows of {width} values announced, {len(values)} values follow")
-    table = values[: points * width].reshape(points, width)
+    table = _rows(body, points, width)
+    if len(table) < points:
+        raise ValueError(f"{points} rows of {width} values announced, {len(table)} follow")
     return [table[:, first] for first in np.cumsum([0, *counts[:-1]])]
 
 
-def _numbers(body: bytes, most: int) -> np.ndarray:
-    """The first numbers of a text, parsed in pieces: Python objects take ten times the memory."""
-    parts, begin, left = [np.zeros(0)], 0, most
+def _rows(body: bytes, most: int, width: int) -> np.ndarray:
+    """The first lines of a text, parsed in pieces: Python objects take ten times the memory."""
+    parts, begin, left = [np.zeros((0, width))], 0, most
     while begin < len(body) and left > 0:
-        blank = _BLANK.search(body, begin + _PIECE_BYTES)
-        end = blank.start() if blank else len(body)
-        parts.append(np.array(body[begin:end].split(), dtype=float))
-        begin, left = end, left - len(parts[-1])
+        line_end = body.find(b"\n", begin + _PIECE_BYTES)
+        end = line_end if line_end >= 0 else len(body)
+        lines = (line.split() for line in body[begin:end].split(b"\n"))
+        rows = [line for line in lines if line][:left]
+        if odd := next((row for row in rows if len(row) != width), None):
+            raise ValueError(f"a row of {len(odd)} values, expected {width}")
+        if b"_" in body[begin:end]:  # Python takes 1_000 for a number
+            raise ValueError("a value with '_', expected numbers")
+        parts.append(np.array(rows, dtype=float).reshape(-1, width))
+        begin, left = end, left - len(rows)
     return np.concatenate(parts)
 
 

@@ -19,6 +19,7 @@ from unlidar.stamps import format_stamp_ns, parse_stamp_ns
 from unlidar.station import Pose, read_station
 from unlidar.truth import TRUTH_NAME
 
+_MOST_COLUMNS = 32  # of a frame; with more it is turned: (3, N)
 TRUTH_FOLDER = "ground_truth"
 Item = TypeVar("Item")
 
@@ -83,10 +84,13 @@ def load_rows(path: Path) -> np.ndarray:
         raise InputError(f"{path}: expected an array of numbers")
     if array.size == 0:
         return np.zeros((0, 3))
-    rows = np.atleast_2d(array)
-    if rows.ndim != 2 or rows.shape[1] < 3:
-        raise InputError(f"{path}: the array has shape {array.shape}, expected (N, 3)")
-    return rows[:, :3].astype(float)
+    is_one = array.shape == (3,)  # as a position of the truth
+    if not is_one and not (array.ndim == 2 and 3 <= array.shape[1] <= _MOST_COLUMNS):
+        raise InputError(
+            f"{path}: the array has shape {array.shape}, expected (N, 3), or up to "
+            f"{_MOST_COLUMNS} columns"
+        )
+    return np.atleast_2d(array)[:, :3].astype(float)
 
 
 def has_truth_folder(recording: Path) -> bool:

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from unlidar.conversion.merge import merged
 from unlidar.conversion.source import Options, SourceFrame, TruthRow, Unreadable
 from unlidar.errors import InputError
@@ -28,9 +30,11 @@ class KeptItems:
             if isinstance(item, TruthRow):
                 yield item
             elif self._is_new(item):
-                kept = is_return(item.xyz_m)
+                with np.errstate(over="ignore"):  # to what is not finite
+                    xyz_m = item.xyz_m.astype(np.float32)
+                kept = is_return(xyz_m)
                 fields = {name: column[kept] for name, column in item.fields.items()}
-                yield replace(item, xyz_m=item.xyz_m[kept], fields=fields)
+                yield replace(item, xyz_m=xyz_m[kept], fields=fields)
 
     def stamps_ns(self) -> list[int]:
         """Of the frames so far."""

@@ -213,6 +213,8 @@ def test_a_file_that_is_none_is_an_input_error(
 def test_options_of_bags_are_refused(capture: Path, tmp_path: Path, fails) -> None:
     said = fails(2, "convert", capture, tmp_path / "out", "--topic", "/a")
     assert "holds packets, --topic is for bags" in said
+    said = fails(2, "convert", capture, tmp_path / "out", "--origin", "47,8,400")
+    assert "holds packets, --origin is for bags" in said
 
 
 def test_a_capture_that_was_cut_off_keeps_what_came_before(

@@ -163,6 +163,17 @@ def test_poses_are_written_beside_the_frames_true_ones_and_noisy_ones(tmp_path):
     assert poses_options(found) == ["--poses", str(tmp_path / "a/poses.tum")]
 
 
+def test_poses_of_a_lidar_that_is_not_there_are_noted(tmp_path, monkeypatch):
+    notes = []
+    monkeypatch.setattr("unlidar.pose_files.note", notes.append)
+    (tmp_path / "right").mkdir()
+    for name in ("poses.tum", "poses_left.tum", "poses_right.tum", "poses_rihgt.tum"):
+        (tmp_path / name).write_text("")
+    found = find_poses(tmp_path, ["left"])  # right was not chosen
+    assert found == {ALL: tmp_path / "poses.tum", "left": tmp_path / "poses_left.tum"}
+    assert notes == [f"{tmp_path / 'poses_rihgt.tum'}: not taken, no LiDAR is called rihgt"]
+
+
 def test_a_sensor_beside_the_carrier_rests_and_has_no_poses(tmp_path):
     sensors = {
         "top": Sensor("mid360", position_m=PLACE, stray_returns=0),

@@ -6,6 +6,8 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from unlidar.reporting import note
+
 ALL = ""  # in place of a sensor's name: all sensors
 
 
@@ -21,6 +23,10 @@ def poses_options(poses: Mapping[str, Path]) -> list[str]:
 
 
 def find_poses(folder: Path, sensors: Iterable[str]) -> dict[str, Path]:
-    """The files of poses beside the frames of these sensors, by sensor."""
+    """The files of poses beside the frames of these sensors, by sensor; a note on those of none."""
     files = {sensor: folder / poses_name(sensor) for sensor in (ALL, *sensors)}
+    for path in sorted(folder.glob(poses_name("*"))):
+        name = path.stem.removeprefix("poses_")
+        if name not in files and not (folder / name).is_dir():
+            note(f"{path}: not taken, no LiDAR is called {name}")
     return {sensor: path for sensor, path in files.items() if path.is_file()}

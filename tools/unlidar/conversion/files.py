@@ -33,11 +33,12 @@ def refuse_bag_options(
     what: str = "is a folder of files",
     has_log_times: bool = False,
 ) -> None:
-    """UsageError for options on topics and stamps, which only bags have."""
+    """UsageError for options on topics, stamps and fixes, which only bags have."""
     asked = {
         "--topic": options.topics,
         "--truth": options.truths,
         "--poses-topic": options.poses_topic not in (None, AT_REST),
+        "--origin": options.origin is not None,
         "--stamp log": options.stamp == "log" and not has_log_times,
     }
     for option, given in asked.items():

@@ -60,6 +60,8 @@ def read_stamps(path: Path, sequences: Sequence[str]) -> Stamps:
         except ValueError as error:
             raise InputError(f"{where}: {reason(error)}") from error
         found.setdefault(name, []).append(stamp)
+    if not found:
+        raise InputError(f"{path}: asks for no position, expected a stamp for each")
     return found
 
 

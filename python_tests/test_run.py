@@ -1,5 +1,6 @@
 """`unlidar run` with a stand-in for the program: how it is called and what is made of its files."""
 
+import html
 import json
 import shlex
 import stat
@@ -210,6 +211,17 @@ def test_what_the_program_refuses_is_reported_before_the_conversion(
     monkeypatch.setenv("UNLIDAR_TRACK", str(tmp_path / "nowhere"))
     fails(2, "run", source, "--out", out)
     assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["a$x^$", "s\udcff", "[b]<b>_"])
+def test_a_recording_of_any_name_has_figure_and_page(name, stub, tmp_path):
+    stub()
+    source = make_sequence(tmp_path / name)
+    assert main(["run", str(source), "--out", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out/figure.png").is_file()
+    page = (tmp_path / "out/report.html").read_text(encoding="utf-8")
+    shown = html.escape(name).replace("\udcff", r"\udcff")
+    assert f"<h1>{shown}</h1>" in page
 
 
 def test_results_do_not_go_among_the_frames_of_their_recording(stub, tmp_path, fails):

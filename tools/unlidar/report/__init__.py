@@ -14,5 +14,7 @@ __all__ = ["PAGE", "ReportData", "judged", "load_run", "read_results", "write_pa
 def write_page(data: ReportData, run: Path) -> Path:
     """Writes `run`/report.html and returns its path."""
     text = page_of(data)
-    write_file(run / PAGE, lambda work: work.write_text(text, encoding="utf-8"))
+    # Names of the file system may be no UTF-8.
+    page = text.encode("utf-8", errors="backslashreplace")
+    write_file(run / PAGE, lambda work: work.write_bytes(page))
     return run / PAGE

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "base/format.hpp"
 
@@ -10,6 +11,9 @@ namespace {
 
 constexpr int kMinExponent = -10;
 constexpr double kStepsPerOctave = 8.0;
+// Bits of a double below those that tell its step, and these of the first step.
+constexpr int kLowerBits = 52 - 3;
+constexpr std::int64_t kFirstStep = (1023 + kMinExponent) * 8;
 
 constexpr std::uint64_t kMinReturns = 20;
 constexpr std::uint64_t kMinReturnsToRefuse = 2'000;
@@ -45,11 +49,12 @@ bool AreOfMap(const RangeStatistics& ranges, double far_m) {
 }  // namespace
 
 std::size_t RangeStatistics::StepOf(double range_m) {
-  int exponent = 0;
-  const double fraction = std::frexp(range_m, &exponent);  // in [0.5, 1)
-  const double step = (exponent - 1 - kMinExponent) * kStepsPerOctave +
-                      std::floor((2.0 * fraction - 1.0) * kStepsPerOctave);
-  return static_cast<std::size_t>(std::clamp(step, 0.0, static_cast<double>(kSteps - 1)));
+  // The exponent, and behind it the leading bits of the fraction, of an IEEE 754 double.
+  std::int64_t bits = 0;
+  std::memcpy(&bits, &range_m, sizeof bits);
+  const std::int64_t step = (bits >> kLowerBits) - kFirstStep;
+  return static_cast<std::size_t>(
+      std::clamp<std::int64_t>(step, 0, static_cast<std::int64_t>(kSteps) - 1));
 }
 
 double RangeStatistics::BeginOf(std::size_t step) {

@@ -18,6 +18,11 @@ constexpr double kExtrapolatedSigmaShare = 0.25;
 // stay for days.
 constexpr double kMaxUnreportedS = 20.0;
 constexpr double kMinClaimGain = 0.0;  // a plot above this gain is assigned to a track
+constexpr double kNearM = 1.5;         // of a target, what belongs to it
+
+bool AreNear(const Eigen::Vector3d& target_m, const Eigen::Vector3d& place_m) {
+  return (target_m - place_m).norm() < kNearM;
+}
 
 }  // namespace
 
@@ -36,7 +41,8 @@ ConfirmedTracks::ConfirmedTracks(const Config& config, const std::vector<TrackMo
 void ConfirmedTracks::SetAdaptedPlots(const std::vector<LivePlot>& plots, Track* track) {
   track->adapted_plots.assign(plots.begin(), plots.end());
   for (LivePlot& seen : track->adapted_plots) {
-    if (!seen.dwell_begin_s || !track->follower->IsNear(seen.plot.position_m, *seen.dwell_begin_s))
+    if (!seen.dwell_begin_s ||
+        !AreNear(track->follower->PlaceAtM(*seen.dwell_begin_s), seen.plot.position_m))
       continue;
     const double log_before =
         std::max(seen.log_surrounding_clutter, std::log(seen.plot.place_rate));
@@ -73,11 +79,14 @@ std::optional<int> ConfirmedTracks::TrackOf(std::size_t plot) const {
   return tracks_[claim.track].number;
 }
 
-bool ConfirmedTracks::HasTrackAt(const Eigen::Vector3d& place_m, double dwell_begin_s,
-                                 double time_s) const {
+void ConfirmedTracks::PlaceTracksAt(double time_s) {
+  for (Track& track : tracks_) track.place_m = track.follower->PlaceAtM(time_s);
+}
+
+bool ConfirmedTracks::HasTrackAt(const Eigen::Vector3d& place_m, double dwell_begin_s) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
-    return track.follower->IsNear(place_m, time_s) &&
-           track.follower->IsNear(place_m, dwell_begin_s);
+    return AreNear(track.place_m, place_m) &&
+           AreNear(track.follower->PlaceAtM(dwell_begin_s), place_m);
   });
 }
 
@@ -86,7 +95,7 @@ bool ConfirmedTracks::HasTrackOf(const Flight& flight) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
     const auto near =
         std::count_if(flight.plots.begin(), flight.plots.end(), [&](const LivePlot& seen) {
-          return track.follower->IsNear(seen.plot.position_m, seen.time_s);
+          return AreNear(track.follower->PlaceAtM(seen.time_s), seen.plot.position_m);
         });
     return 2 * static_cast<std::size_t>(near) >= flight.plots.size();
   });

@@ -174,10 +174,8 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
   frame.frames.assign(1, loaded->info);
   frame.frames[0].first_return = 0;
   frame.frames[0].last_return = static_cast<std::uint32_t>(frame.points_m.size());
-  const double time_s = SecondsOf(loaded->info.middle_ns());
   const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t dwell_begin_bin) {
-    return is_target &&
-           is_target(point_m + station.viewpoint_m, SecondsOfBin(dwell_begin_bin), time_s);
+    return is_target && is_target(point_m + station.viewpoint_m, SecondsOfBin(dwell_begin_bin));
   };
   // No allocation.
   FramePlots& found = station.scene.FindPlots(bin, std::cref(is_known_target), &workspace_);

@@ -48,10 +48,9 @@ class LiveScene {
   // May be called again for a sensor.
   void AddSensor(std::uint32_t sensor, const SensorInfo& info);
 
-  // True if a known target was at a place at `dwell_begin_s` and is there at `time_s`. May be
+  // True if a known target was at a place at `dwell_begin_s` and is there at NextTimeS(). May be
   // empty: no targets.
-  using IsTarget =
-      std::function<bool(const Eigen::Vector3f& place_m, double dwell_begin_s, double time_s)>;
+  using IsTarget = std::function<bool(const Eigen::Vector3f& place_m, double dwell_begin_s)>;
 
   // `is_blinded`: a sensor is or may be blinded, and weather affects all. From the next frame on no
   // plot is marked as floating then, because its support may be hidden.
@@ -69,6 +68,9 @@ class LiveScene {
 
   // Number of frames waiting for MakePlots().
   std::size_t num_waiting() const { return waiting_.size(); }
+
+  // Middle of the next waiting frame, since the start of the first frame; one must be waiting.
+  double NextTimeS() const { return SecondsOf(waiting_.front().first.info.middle_ns()); }
 
   // Makes the plots of the next waiting frame and returns the middle of that frame. The scene must
   // be warm and a frame must be waiting.

@@ -61,9 +61,10 @@ void LiveTracker::Predict(TimeNs newest_ns) { tracks_.Predict(newest_ns); }
 
 void LiveTracker::MakePlots(std::size_t max_frames) {
   for (; scene_.num_waiting() > 0 && max_frames > 0; --max_frames) {
+    tracks_.PlaceTracksAt(scene_.NextTimeS());
     const TimeNs middle_ns =
-        scene_.MakePlots([&](const Eigen::Vector3f& place_m, double dwell_begin_s, double time_s) {
-          return tracks_.HasTrackAt(place_m.cast<double>(), dwell_begin_s, time_s);
+        scene_.MakePlots([&](const Eigen::Vector3f& place_m, double dwell_begin_s) {
+          return tracks_.HasTrackAt(place_m.cast<double>(), dwell_begin_s);
         });
     SearchUntil(middle_ns - NsOf(kBodyHoldS));
   }

@@ -334,15 +334,12 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
   has_new_plots_ = false;
 }
 
-bool TrackFollower::IsNear(const Eigen::Vector3d& place_m, double time_s) const {
-  constexpr double kNearM = 1.5;
+Eigen::Vector3d TrackFollower::PlaceAtM(double time_s) const {
   const Node* before = &nodes_[static_cast<std::size_t>(BestLeaf())];
   while (before->h.time_s > time_s && before->parent != kNoIndex) {
     before = &nodes_[static_cast<std::size_t>(before->parent)];
   }
-  const Eigen::Vector3d at_m =
-      before->h.state.mean.col(0) + (time_s - before->h.time_s) * before->h.state.mean.col(1);
-  return (at_m - place_m).norm() < kNearM;
+  return before->h.state.mean.col(0) + (time_s - before->h.time_s) * before->h.state.mean.col(1);
 }
 
 }  // namespace unlidar

@@ -53,8 +53,8 @@ class TrackFollower {
 
   double depth_sigma_m() const { return kFacingSideSigma * body_sigma_m_; }
 
-  // True if the target was near a place at that time.
-  bool IsNear(const Eigen::Vector3d& place_m, double time_s) const;
+  // Returns where the target was at a time, or is predicted to be.
+  Eigen::Vector3d PlaceAtM(double time_s) const;
 
   double score() const;
 

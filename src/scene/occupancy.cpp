@@ -312,9 +312,6 @@ void Occupancy::GetReturnsOf(const IsWanted& is_wanted,
   places_.VisitAll([&](const Place& place) {
     if (place.is_own && is_wanted(place)) points_m->push_back(place.point_m);
   });
-  std::sort(points_m->begin(), points_m->end(), [](const auto& a, const auto& b) {
-    return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
-  });
 }
 
 void Occupancy::Sweep() {

@@ -14,6 +14,11 @@ constexpr double kCellM = 2.0;
 // Upper limit of the height of ground vehicles: lorries and buses reach 4.5 m.
 constexpr double kMaxGroundVehicleHeightM = 5.0;
 
+// An order of points: which one stands for its voxel does not depend on that in which they come.
+bool IsBefore(const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
+  return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
+}
+
 }  // namespace
 
 Support::Support(const Ground& ground, const SupportConfig& config)
@@ -38,7 +43,11 @@ void Support::Fill(const PointsView& structure_m, const ElevationRange& view,
   first_.clear();
   for (std::size_t i = 0; i < structure_m.size(); ++i) {
     const Eigen::Vector3f& point_m = structure_m[i];
-    if (seen.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM)) < points_m.size()) continue;
+    const std::uint32_t number = seen.FindOrAdd(0, VoxelOf(point_m, kSupportVoxelM));
+    if (number < points_m.size()) {
+      if (IsBefore(point_m, points_m[number])) points_m[number] = point_m;  // in the same cell
+      continue;
+    }
     points_m.push_back(point_m);
     cells.push_back(cells_.FindOrAdd(0, VoxelOf(point_m, kCellM)));
     if (cells.back() == first_.size()) first_.push_back(0);

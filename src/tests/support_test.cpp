@@ -68,6 +68,30 @@ TEST(Support, AThingOnAPoleOrNearStructureDoesNotFloat) {
   EXPECT_FALSE(BlobFloats(at_m, {Eigen::Vector3f(10.0F, 2.0F, 8.0F)}));
 }
 
+// Of the structure in a voxel one point is kept, the same one in any order.
+TEST(Support, DoesNotDependOnTheOrderOfTheStructure) {
+  Random random(7);
+  std::vector<Eigen::Vector3f> structure_m;
+  for (int i = 0; i < 200; ++i) {
+    const Eigen::Vector3d middle_m = random.NormalVector(12.0);
+    for (int k = 0; k < 20; ++k) {
+      structure_m.push_back((middle_m + random.NormalVector(0.1)).cast<float>());
+    }
+  }
+  const Ground ground;
+  const Support support(structure_m, ground, {}, SupportConfig());
+  std::reverse(structure_m.begin(), structure_m.end());
+  const Support reversed(structure_m, ground, {}, SupportConfig());
+  int num_floating = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const auto place_m = random.NormalVector(8.0).cast<float>().eval();
+    EXPECT_EQ(support.IsFloating(place_m), reversed.IsFloating(place_m)) << place_m.transpose();
+    num_floating += support.IsFloating(place_m) ? 1 : 0;
+  }
+  EXPECT_GT(num_floating, 100);
+  EXPECT_LT(num_floating, 1900);
+}
+
 // A sign whose gantry is above all that the sensor sees.
 TEST(Support, AThingThatReachesToTheEdgeOfTheViewMayHangFromWhatIsBeyond) {
   const std::vector<Eigen::Vector3f> structure_m = FlatGround();

@@ -191,6 +191,7 @@ double Occupancy::MinExposed() const {
 // judge it by: those of an earlier verdict on it count as well then, as a long hover must not
 // become structure, nor structure that a long dwell hides anything else.
 void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const {
+  const bool was_structure = place->is_structure;
   const RecentBins hits = HitsAround(point_m);
   const Dwell dwell = DwellAt(hits, age, max_break_);
   const std::int64_t dwell_before = std::exchange(place->dwell_first, newest_ - dwell.oldest);
@@ -236,9 +237,13 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
                           : static_cast<float>(RateOf(occupied - 1.0, exposed, point_m));
   if (is_among_strays) place->place_rate = static_cast<float>(rate);
   place->valid_until = newest_;
-  // Spread over bins, so that not all places are judged again at once.
+  // Structure is kept for some bins, so that not all of it is judged again at once. In a stream its
+  // dwell goes on, and with it each place is judged every `max_break_` + 2 bins: most places begin
+  // together, so the first time is drawn for each.
   if ((place->is_structure || is_among_strays) && num_observed >= kSettledBins) {
-    place->valid_until += 4 + static_cast<std::int64_t>(1e3F * place->point_m.norm()) % 8;
+    const auto chance = static_cast<std::int64_t>(1e3F * place->point_m.norm());
+    const bool is_first = place->is_structure && (!was_structure || num_observed == kSettledBins);
+    place->valid_until += is_first ? chance % (max_break_ + 2) : 4 + chance % 8;
   }
 }
 

@@ -227,6 +227,7 @@ void ConfirmedTracks::SetSource(const Track& track, const TimeInterval& presence
   source_.presence = presence;
   source_.depth_sigma_m = follower.depth_sigma_m();
   SetViewpoints(follower.fit().measurements(), &source_.viewpoints);
+  source_.covariance_inflations.clear();
   source_.max_sigma_m = max_sigma_m;
 }
 
@@ -235,6 +236,9 @@ void ConfirmedTracks::Predict(TimeNs newest_ns) {
   for (const Track& track : tracks_) {
     if (!track.is_reported) continue;
     SetSource(track, {newest_ns, newest_ns}, std::numeric_limits<double>::infinity());
+    const TimeNs fitted_ns = newest_ns - track.follower->time_bias_ns();
+    source_.covariance_inflations.push_back(
+        {newest_ns, track.follower->fit().PredictionInflationM2(fitted_ns)});
     RowSampler rows(source_, due_);
     const std::optional<TrajectoryRow> row = rows.Next();
     if (!row) continue;

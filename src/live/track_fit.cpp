@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <iterator>
 
+#include "base/square.hpp"
 #include "collection/body.hpp"
 
 namespace unlidar {
@@ -34,6 +35,7 @@ void TrackFit::AddEarlier(const LivePlot& seen, const Eigen::Vector3d& velocity_
 
 void TrackFit::Fit(TrajectoryFitter& fitter) {
   SortByTime();
+  ObservePredictionErrors();
   const TimeNs now_ns = measurements_.back().time_ns;
   if (scales_ns_ && now_ns - *scales_ns_ <= kScalesNs) {
     fitter.Refit(measurements_, trajectory_.scales, trajectory_);
@@ -41,6 +43,22 @@ void TrackFit::Fit(TrajectoryFitter& fitter) {
   }
   fitter.Fit(measurements_, trajectory_);
   scales_ns_ = now_ns;
+}
+
+// Compares the last fit with the measurements that it did not know.
+void TrackFit::ObservePredictionErrors() {
+  if (trajectory_.control_points_m.empty()) return;  // nothing was predicted
+  for (const Measurement& m : measurements_) {
+    if (m.time_ns <= trajectory_.end_ns()) continue;
+    prediction_scale_.Observe({m.time_ns, m.position_m - trajectory_.At(m.time_ns).position_m,
+                               trajectory_.CovarianceAt(m.time_ns),
+                               Square(trajectory_.scales.noise) * m.covariance_m2});
+  }
+}
+
+Eigen::Vector3d TrackFit::PredictionInflationM2(TimeNs time_ns) const {
+  return (prediction_scale_.VarianceRatioAt(time_ns) - 1.0) *
+         trajectory_.CovarianceAt(time_ns).diagonal().cwiseMax(0.0);
 }
 
 // Insertion sort: nearly sorted, except for plots of one frame or of several sensors; does not

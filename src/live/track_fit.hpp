@@ -9,6 +9,7 @@
 
 #include "base/recording.hpp"
 #include "live/live_plot.hpp"
+#include "live/prediction_scale.hpp"
 #include "scene/plots.hpp"
 #include "trajectory/trajectory.hpp"
 #include "trajectory/trajectory_fitter.hpp"
@@ -29,6 +30,10 @@ class TrackFit {
   const Trajectory& trajectory() const { return trajectory_; }
   const std::vector<Measurement>& measurements() const { return measurements_; }  // by time
 
+  // Added to the variance of the trajectory at a time it yields that of a prediction, by how far
+  // earlier ones were off: per axis, m^2, negative if they were better than stated.
+  Eigen::Vector3d PredictionInflationM2(TimeNs time_ns) const;
+
   // True if the fit uses a plot, and the measurements that it uses: all but outliers.
   bool IsInlier(const Plot& plot) const;
   std::vector<Measurement> InlierMeasurements() const;
@@ -46,6 +51,7 @@ class TrackFit {
   };
 
   void SortByTime();
+  void ObservePredictionErrors();
   bool IsOutlier(std::size_t i) const { return trajectory_.weights[i] < 0.5; }
   bool IsNewestOutlier() const;
 
@@ -53,6 +59,7 @@ class TrackFit {
   std::vector<Measurement> measurements_;
   std::vector<PlotRef> plot_refs_;   // (measurements)
   std::optional<TimeNs> scales_ns_;  // time of the last fit of scales
+  PredictionScale prediction_scale_;
 };
 
 }  // namespace unlidar

@@ -1,0 +1,49 @@
+// How far a track's predictions are off, relative to what its fit states.
+#pragma once
+
+#include <Eigen/Core>
+
+#include "unlidar/types.hpp"
+
+namespace unlidar {
+
+// Error of a prediction at a new measurement.
+struct PredictionError {
+  TimeNs time_ns = 0;                                         // of the measurement
+  Eigen::Vector3d error_m = Eigen::Vector3d::Zero();          // measured less predicted
+  Eigen::Matrix3d predicted_m2 = Eigen::Matrix3d::Zero();     // covariance that the fit states
+  Eigen::Matrix3d measured_m2 = Eigen::Matrix3d::Identity();  // covariance of the measurement
+};
+
+// Ratio lambda of the variance of a track's predictions to that stated by its fit. The fit knows
+// how agile the target was over seconds; where it stops at once, the newest velocity is wrong by
+// more than that, and where it hovers, by less. At new measurements the error e = z - x of the
+// prediction tells: e is normal with covariance lambda P + R. ln lambda is a hidden Markov chain: a
+// level is kept for a second on average, and is then drawn anew about the mean of the track, which
+// is unknown, too. The levels are marginalised over by Bayes' rule, so that a track of which little
+// was seen has the prior's. Does not allocate.
+class PredictionScale {
+ public:
+  PredictionScale();
+
+  // Errors come in order of time, more or less.
+  void Observe(const PredictionError& error);
+
+  // Posterior mean of lambda at a time. The error of the last estimate keeps its level until a
+  // measurement corrects it, so that without any the variance of a prediction never falls.
+  double VarianceRatioAt(TimeNs time_ns) const;
+
+  // Levels of lambda: from 1/16 to 256, in half octaves. Means: in octaves.
+  static constexpr int kLevels = 25;
+  static constexpr int kMeans = 5;
+
+ private:
+  using Shares = Eigen::Array<double, kLevels, kMeans>;
+
+  double ShareKept(TimeNs time_ns) const;
+
+  Shares shares_;  // posterior of level and mean at time_ns_
+  TimeNs time_ns_ = 0;
+};
+
+}  // namespace unlidar

@@ -5,9 +5,14 @@ from __future__ import annotations
 import json
 import sqlite3
 import xml.etree.ElementTree as Xml
+from pathlib import Path
 
+import numpy as np
 import pytest
+from live_program import events_of, feed
+from live_program import messages as frames_of
 from station_events import ORIGIN, now, row, square, track, write_site
+from synthetic import make_flight, truth_m, write_frames
 from unlidar.events.event import Now, decode
 from unlidar.events.site import Place, Site, load_site, load_zones
 from unlidar.events.station import Station
@@ -106,3 +111,20 @@ def test_cursor_on_target_tells_of_now_what_rows_say_it_is() -> None:
     told = messages(station, row(7, 1.0, drone=0.9), now(7, 2.0))
     remarks = [Xml.fromstring(encoder.encode(m)).findtext("detail/remarks") for m in told]
     assert all("drone 0.90" in text for text in remarks)
+
+
+def test_its_sigmas_are_as_large_as_its_errors(tmp_path: Path) -> None:
+    """Errors over sigmas, squared and summed over three axes, average 3."""
+    nees = []
+    for seed in (1, 2, 3):
+        frames = frames_of(lidar=write_frames(tmp_path / f"{seed}", make_flight(seed, 120)))
+        code, out, said = feed(b"".join(frames), tmp_path / f"{seed}.csv", "--events", "-")
+        assert code == 0, said
+        told = [event for event in events_of(out) if event["event"] == "now"]
+        errors_m = np.array([[e[axis] for axis in "xyz"] for e in told])
+        errors_m -= truth_m([e["timestamp"] for e in told])
+        sigmas_m = np.array([[e[f"sigma_{axis}"] for axis in "xyz"] for e in told])
+        nees += list(np.sum((errors_m / sigmas_m) ** 2, axis=1))
+    assert len(nees) > 200
+    assert 2 < np.mean(nees) < 4
+    assert np.mean(np.array(nees) < 7.81) > 0.9  # of chi-square with three degrees of freedom, 0.95

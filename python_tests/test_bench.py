@@ -57,6 +57,9 @@ def test_all_take_their_turn_in_each_round_and_each_is_first_as_often() -> None:
     assert all(sorted(one) == ["a", "b", "c"] for one in rounds)
     assert sorted(one[0] for one in rounds) == list("aabbcc")
     assert all(list(values) == sorted(values) and len(values) == 6 for values in found.values())
+    del order[:]
+    paired.by_turns(1, {name: lambda name=name: act(name) for name in "abc"}, first=2)
+    assert order == ["c", "a", "b"]
 
 
 @pytest.mark.skipif(not TIME.is_file(), reason="GNU time is not installed")
@@ -177,6 +180,29 @@ def test_duration_and_live_frames_are_measured(work: Path, build: Path) -> None:
     for row in rows:
         assert 0 < row["p50"] <= row["p99"] <= row["max"]
         assert row["share"] > 0 and row["returns_per_s"] > 1000
+
+
+def test_flights_are_timed_and_judged_beside_a_detector_of_what_moves(
+    work: Path, build: Path
+) -> None:
+    rows = rows_of("moving", work, build)
+    check_times(rows, "us_per_return")
+    by = {row["by"] for row in rows}
+    assert len(rows) == 4 * len(by) and {"unlidar_track", "unlidar_track, live"} <= by
+    for row in rows:
+        if not row["by"].endswith("live"):
+            assert row["of_drone"] > 0 and 0 <= row["found"] <= 1 and row["false"] >= 0
+        assert ("within1m" in row) == row["by"].startswith("unlidar_track")
+
+
+def test_swarms_are_measured_as_recordings_and_live(work: Path, build: Path) -> None:
+    rows = rows_of("swarm", work, build)
+    assert [(r["drones"], r["as"]) for r in rows] == 2 * list(
+        itertools.product(QUICK["swarms"], ("recording", "live"))
+    )
+    for row in rows:
+        assert row["cpu_s"] > 0 and row["track_frames"] >= 0
+        assert row["track_frames_per_s"] == pytest.approx(row["track_frames"] / row["cpu_s"])
 
 
 def test_a_program_that_is_not_built_is_named(tmp_path: Path) -> None:

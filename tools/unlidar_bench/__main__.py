@@ -14,7 +14,7 @@ from unlidar_bench.page import heading, machine, put
 from unlidar_bench.setting import QUICK, Setting
 from unlidar_bench.tables import markdown
 
-PARTS = ("clustering", "pcd", "spline", "whole", "duration", "live")
+PARTS = ("clustering", "pcd", "spline", "whole", "duration", "live", "moving", "swarm")
 
 
 def main(arguments: list[str]) -> int:

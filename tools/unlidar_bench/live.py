@@ -12,6 +12,7 @@ from unlidar_bench.processes import Usage, start
 from unlidar_bench.setting import Setting
 from unlidar_bench.tables import Column, digits, metres, percent, whole
 
+ROWS = "live.csv"  # of the last live run, in the folder of results
 COLUMNS = (
     Column("sensors", "sensors"),
     Column("minutes", "minutes", lambda value: f"{value:g}"),
@@ -73,7 +74,7 @@ def measure(setting: Setting) -> list[dict]:
 
 def run_live(setting: Setting, recording: Path, turns: int) -> tuple[Usage, dict]:
     """A recording, so many times, through `--stdin` as fast as it is taken; with the summary."""
-    out = setting.work / "live.csv"
+    out = setting.work / ROWS
     out.unlink(missing_ok=True)
     summary = setting.work / "live.json"
     command = [setting.program, "--stdin", "--quiet", "--out", out, "--summary", summary]

@@ -8,14 +8,17 @@ import numpy as np
 T = TypeVar("T")
 
 
-def by_turns(rounds: int, contestants: Mapping[str, Callable[[], T]]) -> dict[str, list[T]]:
+def by_turns(
+    rounds: int, contestants: Mapping[str, Callable[[], T]], first: int = 0
+) -> dict[str, list[T]]:
     """What each contestant gives in each round: all take their turn before the next round begins.
 
     The order is turned from round to round: nobody always has the machine as the same one left it.
+    `first` is how far it is turned at the begin.
     """
     found: dict[str, list[T]] = {name: [] for name in contestants}
     names = list(contestants)
-    for turn in range(rounds):
+    for turn in range(first, first + rounds):
         shift = turn % len(names)
         for name in names[shift:] + names[:shift]:
             found[name].append(contestants[name]())
@@ -25,6 +28,12 @@ def by_turns(rounds: int, contestants: Mapping[str, Callable[[], T]]) -> dict[st
 def median(values: Sequence[float]) -> float:
     """NaN of nothing."""
     return float(np.median(values)) if len(values) else float("nan")
+
+
+def mean_of_known(values: Sequence[float | None]) -> float | None:
+    """Of those that are defined; None if none is."""
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known else None
 
 
 def ratio(values: Sequence[float], reference: Sequence[float]) -> float:

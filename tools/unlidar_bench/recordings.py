@@ -5,13 +5,19 @@ from pathlib import Path
 
 from unlidar.frames_io import find_sensors, list_frames
 from unlidar.play import frames_in_order
-from unlidar.simulate import load_scenario, simulate
+from unlidar.simulate import Simulation, load_scenario, simulate
 from unlidar.simulate.scenario import Drone, Flight, Scenario, Scene, Sensor
 from unlidar.stamps import format_stamp_ns
 
 from unlidar_bench.setting import Setting
 
+FLIGHTS = {
+    "before walls and trees": ((-12.0, -12.0, -1.0), (12.0, 12.0, 3.0)),
+    "before the sky": ((-25.0, -25.0, 5.0), (25.0, 25.0, 9.0)),
+}
 STATION = {"mid360": Sensor("mid360"), "avia": Sensor("avia", start_s=0.013)}
+
+_SWARM_M = ((-30.0, -30.0, 3.0), (30.0, 30.0, 12.0))
 
 
 def scene(setting: Setting, name: str, seed: int) -> Path:
@@ -48,6 +54,29 @@ def dense(setting: Setting, beams: int) -> Path:
     """The same place for a spinning sensor of so many beams."""
     sensors = {"spinning": Sensor(f"spinning{beams}")}
     return turn(setting, f"spinning{beams}", sensors, setting.dense_turn_s)
+
+
+def flight(setting: Setting, model: str, where: str, seed: int) -> tuple[Path, Simulation]:
+    """A drone in one of the boxes of FLIGHTS, people and a car below; and what it is made of."""
+    scenario = Scenario(
+        {model: Sensor(model)},
+        drones=(Drone(Flight(box_m=FLIGHTS[where])),),
+        scene=Scene(random_buildings=8, trees=20, walkers=2, cars=1, radius_m=40.0),
+        duration_s=setting.flight_s,
+    )
+    name = f"{model}_{where.replace(' ', '_')}_{setting.flight_s:g}_{seed}"
+    return _made(setting, name, scenario, seed), Simulation(scenario, seed)
+
+
+def swarm(setting: Setting, model: str, drones: int, seed: int) -> Path:
+    """So many drones at once, each on a random way of its own through the same box."""
+    scenario = Scenario(
+        {model: Sensor(model)},
+        drones=(Drone(Flight(box_m=_SWARM_M)),) * drones,
+        scene=Scene(random_buildings=8, trees=20, radius_m=60.0),
+        duration_s=setting.swarm_s,
+    )
+    return _made(setting, f"{model}_swarm{drones}_{setting.swarm_s:g}_{seed}", scenario, seed)
 
 
 def in_order(sensors: dict[str, Path]) -> dict[str, Path]:

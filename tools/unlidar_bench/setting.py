@@ -24,6 +24,9 @@ class Setting:
     dense_minutes: float = 1.0
     dense_turn_s: float = 20.0
     live_rounds: int = 3
+    flight_s: float = 10.0  # of the flights whose returns are judged
+    swarms: tuple[int, ...] = (1, 10, 50)  # drones at once
+    swarm_s: float = 20.0
 
     @property
     def program(self) -> Path:
@@ -55,4 +58,7 @@ QUICK = {
     "dense_minutes": 0.05,
     "dense_turn_s": 1.0,
     "live_rounds": 1,
+    "flight_s": 2.0,
+    "swarms": (1, 3),
+    "swarm_s": 4.0,
 }

@@ -15,10 +15,15 @@ constexpr double kEmptySkyRate = 1e-6;
 // Extent of a static object that is a point to the sensor.
 constexpr RangeRadius kSpotRadius{0.19, 0.006};
 
+// Among strays many plots of a bin share a voxel.
+RangeGrid CachedGrid(const RangeRadius& radius) {
+  return RangeGrid(radius, RangeGrid::CountCache::kPerVoxel);
+}
+
 }  // namespace
 
 ClutterMap::Sensor::Sensor()
-    : levels{RangeGrid(kWide, true), RangeGrid(kMiddle, true), RangeGrid(kClutterNarrow, true)},
+    : levels{CachedGrid(kWide), CachedGrid(kMiddle), CachedGrid(kClutterNarrow)},
       spots(kSpotRadius) {}
 
 const ClutterMap::Sensor& ClutterMap::SensorAt(std::uint32_t sensor) const {

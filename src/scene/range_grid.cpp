@@ -65,7 +65,7 @@ template <class CountOf>
 std::uint32_t RangeGrid::SumAround(const Eigen::Vector3f& point_m, BinRange bins,
                                    Counted CountedTwice::*which, const CountOf& count_of) const {
   Counted* known = nullptr;
-  if (remembers_counts_) {
+  if (count_cache_ == CountCache::kPerVoxel) {
     if (counted_.size() < places_.size()) counted_.resize(places_.size());
     const std::uint32_t number = places_.NumberOf(point_m);
     if (number != VoxelNumbers::kNone) known = &(counted_[number].*which);

@@ -50,10 +50,12 @@ class BinSet {
 // of the total number of bins.
 class RangeGrid {
  public:
-  // `remembers_counts`: of points of one voxel, counts after the first cost little where the bins
-  // are the same and nothing was added since. It takes memory, and pays where voxels are wide.
-  explicit RangeGrid(RangeRadius radius, bool remembers_counts = false)
-      : remembers_counts_(remembers_counts), places_(radius) {}
+  // kPerVoxel: of points of one voxel, counts after the first cost little where the bins are the
+  // same and nothing was added since. It takes memory, and pays where voxels are wide.
+  enum class CountCache { kNone, kPerVoxel };
+
+  explicit RangeGrid(RangeRadius radius, CountCache count_cache = CountCache::kNone)
+      : count_cache_(count_cache), places_(radius) {}
 
   // Adds a point `count` times; a negative count takes points added before away again.
   void Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::int32_t count = 1);
@@ -104,7 +106,7 @@ class RangeGrid {
                           Counted CountedTwice::*which, const CountOf& count_of) const;
   std::uint32_t NewBinCount(const BinCount& value);
 
-  bool remembers_counts_;
+  CountCache count_cache_;
   ShellTable<Profile> places_;
   std::uint64_t version_ = 1;                  // counts up with each change
   mutable std::vector<CountedTwice> counted_;  // (voxels)

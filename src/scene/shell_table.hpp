@@ -218,7 +218,7 @@ class ShellTable {
     const std::size_t shell_index = ShellAt(static_cast<double>(point_m.norm()));
     const Voxel home = VoxelAt(point_m, shells_[shell_index].edge_m);
     const auto shell = static_cast<std::uint32_t>(shell_index);
-    // Few of them are in the cache. All are asked for before the first one is looked at.
+    // The table exceeds the cache: all slots are prefetched before the first one is read.
     std::array<VoxelKey, 27> keys{};
     auto next_key = keys.begin();
     for (int dx = -1; dx <= 1; ++dx) {

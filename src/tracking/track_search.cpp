@@ -27,7 +27,8 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
     if (history_[h].score <= 0.0 || history_[h].num_plots < min_plots) continue;
     ends_.push_back({history_[h].score, static_cast<std::int32_t>(h)});
   }
-  // Most births lead nowhere. Searches of all sigma_a are kept at once.
+  // Only the ancestors of ends stay: most births are never continued, and the searches of all
+  // sigma_a are in memory at once.
   active_.clear();
   marks_.assign(history_.size(), kNoIndex);
   for (const PathEnd& end : ends_) MarkAncestors(end.hypothesis, 0);

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <map>
@@ -40,6 +41,41 @@ std::vector<Plot> Crossings(int num_pairs) {
   }
   SortByTime(&plots);
   return plots;
+}
+
+// To the bit: what the filters know of the head is not computed again.
+TEST(PathScorer, AHeadAndATailHaveTheScoreOfTheWholePath) {
+  const std::vector<Plot> plots = Crossings(1);
+  const TrackerConfig config;
+  const ScanSchedule scan_schedule = WatchOver(plots);
+  const std::vector<double> log_births = LogBirths(plots, scan_schedule, config);
+  const PathScorer scorer(plots, log_births, scan_schedule, config);
+  Random random(5);
+  int num_of_one_frame = 0;
+  for (int draw = 0; draw < 100; ++draw) {
+    std::vector<std::uint32_t> head;
+    std::vector<std::uint32_t> tail;
+    for (std::uint32_t i = 0; i < plots.size(); ++i) {
+      std::vector<std::uint32_t>& path = random.Index(2) == 0 ? head : tail;
+      if (path.empty() || plots[path.back()].frame != plots[i].frame) path.push_back(i);
+    }
+    const PathScorer::Filtered of_head = scorer.Filter(head);
+    const PathScorer::Filtered of_tail = scorer.Filter(tail);
+    const std::size_t count = random.Index(static_cast<std::uint32_t>(head.size()) + 1);
+    const auto begin =
+        count == 0 ? tail.begin() : std::upper_bound(tail.begin(), tail.end(), head[count - 1]);
+    std::vector<std::uint32_t> whole(head.begin(),
+                                     head.begin() + static_cast<std::ptrdiff_t>(count));
+    whole.insert(whole.end(), begin, tail.end());
+    const Path path =
+        scorer.WithScore(of_head, count, of_tail, static_cast<std::size_t>(begin - tail.begin()));
+    const Path expected = scorer.WithScore(whole);
+    EXPECT_EQ(path.plots, whole);
+    EXPECT_EQ(path.score, expected.score);
+    num_of_one_frame += std::isinf(expected.score) ? 1 : 0;
+  }
+  EXPECT_GT(num_of_one_frame, 0);
+  EXPECT_LT(num_of_one_frame, 100);
 }
 
 TEST(PathExchange, TakesInProportionToTheNumberOfPlaces) {

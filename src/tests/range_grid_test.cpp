@@ -119,7 +119,9 @@ TEST(RangeGrid, WhatIsTakenAwayOrForgottenCountsNoMore) {
   const RangeRadius radius{0.35, 0.012};
   for (std::uint32_t seed = 0; seed < 10; ++seed) {
     Random random(seed);
-    RangeGrid grid(radius, seed % 2 == 0);
+    const bool is_cached = seed % 2 == 0;
+    RangeGrid grid(radius,
+                   is_cached ? RangeGrid::CountCache::kPerVoxel : RangeGrid::CountCache::kNone);
     std::vector<std::pair<Eigen::Vector3f, std::uint32_t>> points;
     std::uint32_t forgotten = 0;
     for (int i = 0; i < 3000; ++i) {

@@ -104,9 +104,7 @@ bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Pa
   double best = value(*a) + value(*b) + kMinExchangeLog;
   Path best_a;
   Path best_b;
-  const auto consider = [&](Members first, Members second) {
-    Path p = scorer.WithScore(std::move(first));
-    Path q = scorer.WithScore(std::move(second));
+  const auto consider = [&](Path p, Path q) {
     if (value(p) + value(q) <= best) return;
     best = value(p) + value(q);
     best_a = std::move(p);
@@ -115,15 +113,15 @@ bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Pa
   Members all;
   std::set_union(a->plots.begin(), a->plots.end(), b->plots.begin(), b->plots.end(),
                  std::back_inserter(all));
-  consider(all, {});
-  for (const Cut& cut : CutsOf(scorer.plots(), a->plots, b->plots, config)) {
-    const auto cut_a = a->plots.cbegin() + static_cast<std::ptrdiff_t>(cut.in_a);
-    const auto cut_b = b->plots.cbegin() + static_cast<std::ptrdiff_t>(cut.in_b);
-    Members first(a->plots.cbegin(), cut_a);
-    Members second(b->plots.cbegin(), cut_b);
-    first.insert(first.end(), cut_b, b->plots.cend());
-    second.insert(second.end(), cut_a, a->plots.cend());
-    consider(std::move(first), std::move(second));
+  consider(scorer.WithScore(std::move(all)), {});
+  const std::vector<Cut> cuts = CutsOf(scorer.plots(), a->plots, b->plots, config);
+  if (!cuts.empty()) {
+    const PathScorer::Filtered of_a = scorer.Filter(a->plots);
+    const PathScorer::Filtered of_b = scorer.Filter(b->plots);
+    for (const Cut& cut : cuts) {
+      consider(scorer.WithScore(of_a, cut.in_a, of_b, cut.in_b),
+               scorer.WithScore(of_b, cut.in_b, of_a, cut.in_a));
+    }
   }
   if (best_a.plots.empty() && best_b.plots.empty()) return false;
   *a = std::move(best_a);
@@ -147,28 +145,69 @@ PathScorer::PathScorer(const std::vector<Plot>& plots, const std::vector<double>
   }
 }
 
+Hypothesis PathScorer::BirthOf(std::size_t filter, std::uint32_t plot, const FrameTime& at) const {
+  const std::vector<double>& speeds = config_.birth_speeds_mps;
+  return ModelOf(filter).Birth(plots_[plot], log_births_[plot], at, speeds[filter % speeds.size()]);
+}
+
 Path PathScorer::WithScore(Members members) const {
   Path path;
   path.plots = std::move(members);
   if (path.plots.empty()) return path;
-  const std::size_t birth = path.plots.front();
   path.score = -std::numeric_limits<double>::infinity();
   for (std::size_t k = 1; k < path.plots.size(); ++k) {
     if (plots_[path.plots[k]].frame == plots_[path.plots[k - 1]].frame) return path;
   }
   std::vector<FrameTime> frame_times;
   frame_times.reserve(path.plots.size());
-  for (const std::uint32_t i : path.plots) {
-    frame_times.push_back(frame_time_of_(plots_[i]));
-  }
-  for (const TrackModel& model : models_) {
-    for (const double speed_mps : config_.birth_speeds_mps) {
-      Hypothesis h = model.Birth(plots_[birth], log_births_[birth], frame_times.front(), speed_mps);
-      for (std::size_t k = 1; k < path.plots.size(); ++k) {
-        h = model.PredictAndUpdate(h, plots_[path.plots[k]], frame_times[k]);
-      }
-      path.score = std::max(path.score, h.score);
+  for (const std::uint32_t i : path.plots) frame_times.push_back(frame_time_of_(plots_[i]));
+  for (std::size_t filter = 0; filter < num_filters(); ++filter) {
+    Hypothesis h = BirthOf(filter, path.plots.front(), frame_times.front());
+    for (std::size_t k = 1; k < path.plots.size(); ++k) {
+      h = ModelOf(filter).PredictAndUpdate(h, plots_[path.plots[k]], frame_times[k]);
     }
+    path.score = std::max(path.score, h.score);
+  }
+  return path;
+}
+
+PathScorer::Filtered PathScorer::Filter(const Members& members) const {
+  Filtered path;
+  path.plots = members;
+  path.hypotheses.reserve(members.size() * num_filters());
+  for (const std::uint32_t i : members) {
+    const FrameTime& at = path.frame_times.emplace_back(frame_time_of_(plots_[i]));
+    for (std::size_t filter = 0; filter < num_filters(); ++filter) {
+      path.hypotheses.push_back(
+          path.frame_times.size() == 1
+              ? BirthOf(filter, i, at)
+              : ModelOf(filter).PredictAndUpdate(
+                    path.hypotheses[path.hypotheses.size() - num_filters()], plots_[i], at));
+    }
+  }
+  return path;
+}
+
+Path PathScorer::WithScore(const Filtered& head, std::size_t num_of_head, const Filtered& tail,
+                           std::size_t num_skipped) const {
+  Path path;
+  path.plots.assign(head.plots.begin(),
+                    head.plots.begin() + static_cast<std::ptrdiff_t>(num_of_head));
+  path.plots.insert(path.plots.end(), tail.plots.begin() + static_cast<std::ptrdiff_t>(num_skipped),
+                    tail.plots.end());
+  if (num_of_head == 0) return WithScore(std::move(path.plots));
+  path.score = -std::numeric_limits<double>::infinity();
+  const bool are_joined = num_skipped < tail.plots.size();
+  if (are_joined &&
+      plots_[path.plots[num_of_head - 1]].frame == plots_[path.plots[num_of_head]].frame) {
+    return path;
+  }
+  for (std::size_t filter = 0; filter < num_filters(); ++filter) {
+    Hypothesis h = head.hypotheses[(num_of_head - 1) * num_filters() + filter];
+    for (std::size_t k = num_skipped; k < tail.plots.size(); ++k) {
+      h = ModelOf(filter).PredictAndUpdate(h, plots_[tail.plots[k]], tail.frame_times[k]);
+    }
+    path.score = std::max(path.score, h.score);
   }
   return path;
 }

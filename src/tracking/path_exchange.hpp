@@ -36,9 +36,30 @@ class PathScorer {
   // infinity if two plots are of one frame.
   Path WithScore(std::vector<std::uint32_t> members) const;
 
+  // A path with what its filters, one per sigma_a and birth speed, know after each plot.
+  struct Filtered {
+    std::vector<std::uint32_t> plots;
+    std::vector<FrameTime> frame_times;  // (plots)
+    std::vector<Hypothesis> hypotheses;  // (plots, filters)
+  };
+
+  // Filters a path whose plots are of as many frames.
+  Filtered Filter(const std::vector<std::uint32_t>& members) const;
+
+  // Same as WithScore() for the first `num_of_head` plots of one path, then those of another after
+  // its first `num_skipped`, which are later. Filters the latter only.
+  Path WithScore(const Filtered& head, std::size_t num_of_head, const Filtered& tail,
+                 std::size_t num_skipped) const;
+
   const std::vector<Plot>& plots() const { return plots_; }
 
  private:
+  std::size_t num_filters() const { return models_.size() * config_.birth_speeds_mps.size(); }
+  const TrackModel& ModelOf(std::size_t filter) const {
+    return models_[filter / config_.birth_speeds_mps.size()];
+  }
+  Hypothesis BirthOf(std::size_t filter, std::uint32_t plot, const FrameTime& at) const;
+
   const std::vector<Plot>& plots_;
   const std::vector<double>& log_births_;
   std::vector<TrackModel> models_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "base/format.hpp"
 
@@ -10,10 +11,14 @@ namespace unlidar {
 namespace {
 
 constexpr int kMinExponent = -10;
-constexpr double kStepsPerOctave = 8.0;
-// Bits of a double below those that tell its step, and these of the first step.
-constexpr int kLowerBits = 52 - 3;
-constexpr std::int64_t kFirstStep = (1023 + kMinExponent) * 8;
+constexpr int kBitsPerOctave = 3;
+constexpr double kStepsPerOctave = 1 << kBitsPerOctave;
+// Of an IEEE 754 double: the bits below those that tell its step, and the first step in those
+// above.
+static_assert(std::numeric_limits<double>::is_iec559);
+constexpr int kLowerBits = std::numeric_limits<double>::digits - 1 - kBitsPerOctave;
+constexpr std::int64_t kFirstStep = (std::numeric_limits<double>::max_exponent - 1 + kMinExponent)
+                                    << kBitsPerOctave;
 
 constexpr std::uint64_t kMinReturns = 20;
 constexpr std::uint64_t kMinReturnsToRefuse = 2'000;
@@ -49,7 +54,7 @@ bool AreOfMap(const RangeStatistics& ranges, double far_m) {
 }  // namespace
 
 std::size_t RangeStatistics::StepOf(double range_m) {
-  // The exponent, and behind it the leading bits of the fraction, of an IEEE 754 double.
+  // The exponent, and after it the leading bits of the fraction.
   std::int64_t bits = 0;
   std::memcpy(&bits, &range_m, sizeof bits);
   const std::int64_t step = (bits >> kLowerBits) - kFirstStep;

@@ -18,7 +18,7 @@ constexpr double kExtrapolatedSigmaShare = 0.25;
 // stay for days.
 constexpr double kMaxUnreportedS = 20.0;
 constexpr double kMinClaimGain = 0.0;  // a plot above this gain is assigned to a track
-constexpr double kNearM = 1.5;         // of a target, what belongs to it
+constexpr double kNearM = 1.5;         // reach within which a return belongs to a target
 
 bool AreNear(const Eigen::Vector3d& target_m, const Eigen::Vector3d& place_m) {
   return (target_m - place_m).norm() < kNearM;

@@ -15,6 +15,8 @@ namespace {
 constexpr int kEnoughBins = RecentBins::kWindow / 2;
 constexpr double kEnoughFromMoving = 1.0;  // the same of a carrier that moves
 constexpr int kSettledBins = 10;           // observed bins from which structure is kept for a while
+constexpr int kLeastKeptBins = 4;          // for so many bins
+constexpr int kMostKeptBins = 11;
 constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may be empty by chance
 // With fewer observed bins, any place that is still being hit may be a support.
 constexpr int kYoungBins = 20;
@@ -237,13 +239,14 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
                           : static_cast<float>(RateOf(occupied - 1.0, exposed, point_m));
   if (is_among_strays) place->place_rate = static_cast<float>(rate);
   place->valid_until = newest_;
-  // Structure is kept for some bins, so that not all of it is judged again at once. In a stream its
-  // dwell goes on, and with it each place is judged every `max_break_` + 2 bins: most places begin
-  // together, so the first time is drawn for each.
+  // Structure is judged again after some bins: in a stream, where its dwell goes on, after
+  // `max_break_` + 2, five by default. Most places begin together, so the first time is drawn at
+  // random; otherwise all of them would be judged in one bin.
   if ((place->is_structure || is_among_strays) && num_observed >= kSettledBins) {
     const auto chance = static_cast<std::int64_t>(1e3F * place->point_m.norm());
     const bool is_first = place->is_structure && (!was_structure || num_observed == kSettledBins);
-    place->valid_until += is_first ? chance % (max_break_ + 2) : 4 + chance % 8;
+    place->valid_until += is_first ? chance % std::min(max_break_ + 2, kMostKeptBins + 1)
+                                   : kLeastKeptBins + chance % (kMostKeptBins - kLeastKeptBins + 1);
   }
 }
 

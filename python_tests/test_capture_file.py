@@ -91,7 +91,7 @@ def test_a_capture_cut_at_any_byte_keeps_the_packets_before(
             assert error is None
         else:
             assert isinstance(error, CutOffError)
-            assert str(error) == f"{cut}: is cut off at byte {size:,}, behind packet {before}"
+            assert str(error) == f"{cut}: is cut off at byte {size:,}, after packet {before}"
 
 
 def test_the_frames_of_a_capture_cut_at_any_byte_are_kept(
@@ -113,7 +113,7 @@ def test_the_frames_of_a_capture_cut_at_any_byte_are_kept(
         cut.write_bytes(content[:size])
         before = sum(end <= size for end in ends)
         said = fails(4, "convert", cut, out, "--force")
-        assert f"{cut}: is cut off at byte {size:,}, behind packet {before}" in said
+        assert f"{cut}: is cut off at byte {size:,}, after packet {before}" in said
         assert out.exists() == (before > 0)
         assert not before or len(list_frames(out / "10-0-0-9")) == before
 
@@ -165,6 +165,9 @@ def test_nanoseconds_and_further_fields_of_a_pcap(tmp_path: Path) -> None:
         (pcapng_block(STATISTICS, b"")[:-1] + b"\1", "a block whose end has another length"),
         (pcapng_block(6, struct.pack("<IIIII", 0, 0, 0, 99, 99)), "a packet of 99 bytes in a"),
         (b"\x0a\x0d\x0d\x0a" + bytes(24), "a section of unknown byte order"),
+        (pcapng_block(6, bytes(16)), "a packet in a block of 28 bytes, expected at least 32"),
+        (pcapng_block(2, b""), "a packet in a block of 12 bytes, expected at least 32"),
+        (pcapng_block(1, bytes(4)), "an interface in a block of 16 bytes, expected at least 20"),
     ],
 )
 def test_damage_is_told_by_packet_and_byte(damage: bytes, named: str, tmp_path: Path) -> None:
@@ -173,7 +176,33 @@ def test_damage_is_told_by_packet_and_byte(damage: bytes, named: str, tmp_path: 
     found, error = read_up_to_error(file)
     assert [packet.data for packet in found] == [b"a"]
     assert f"{file}: damaged before byte" in str(error)
-    assert f"behind packet 1: {named}" in str(error)
+    assert f"after packet 1: {named}" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (option(14, struct.pack("<q", 1 << 61)), "a packet of 2.306e+18 s, expected Unix time"),
+        (option(14, struct.pack("<q", -(1 << 61))), "a packet of -2.306e+18 s, expected Unix time"),
+        (option(9, b"\x80"), "a packet of 1e+12 s, expected Unix time"),
+    ],
+)
+def test_a_time_that_is_none_is_damage(options: bytes, named: str, tmp_path: Path, fails) -> None:
+    file = tmp_path / "a.pcapng"
+    before = pcapng_interface() + pcapng_packet(1, b"a")
+    bad = pcapng_interface(options) + pcapng_packet(10**12, b"b", 1)
+    file.write_bytes(pcapng_section() + before + bad)
+    found, error = read_up_to_error(file)
+    assert [packet.data for packet in found] == [b"a"]
+    assert f"after packet 1: {named}" in str(error)
+    assert "a.pcapng: damaged before byte" in fails(4, "convert", file, tmp_path / "out")
+
+
+def test_an_option_whose_value_is_missing_is_passed_over(tmp_path: Path) -> None:
+    file = tmp_path / "a.pcapng"
+    interface = pcapng_interface(struct.pack("<HH", 9, 1))
+    file.write_bytes(pcapng_section() + interface + pcapng_packet(7, b"a"))
+    assert list(captured_packets(file)) == [(7_000, ETHERNET, b"a")]
 
 
 def test_a_pcap_of_nothing_but_zeros_behind_its_first_packet_is_damaged(tmp_path: Path) -> None:
@@ -185,4 +214,4 @@ def test_a_pcap_of_nothing_but_zeros_behind_its_first_packet_is_damaged(tmp_path
         file.write_bytes(write_pcap(tmp_path / "b.pcap", FRAMES[:1]).read_bytes() + behind)
         found, error = read_up_to_error(file)
         assert len(found) == 1
-        assert f"behind packet 1: {named}" in str(error)
+        assert f"after packet 1: {named}" in str(error)

@@ -194,7 +194,7 @@ OTHER = struct.pack("<IIII", 1, 0, 4, 4) + b"wlan"  # a packet
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (b"", "is cut off at byte 0, behind packet 0"),
+        (b"", "is cut off at byte 0, after packet 0"),
         (b"rubbish" * 20, "not a readable capture"),
         (b"\xd4\xc3\xb2\xa1\2\0\4\0" + bytes(12) + b"\1\0\0\0", "holds no points of a Livox LiDAR"),
         (b"\xd4\xc3\xb2\xa1\2\0\4\0" + bytes(12) + b"\x69\0\0\0" + OTHER, "of kind 105, "),
@@ -223,7 +223,7 @@ def test_a_capture_that_was_cut_off_keeps_what_came_before(
     file, size = tmp_path / "cut.pcap", capture.stat().st_size // 2
     file.write_bytes(capture.read_bytes()[:size])
     said = fails(4, "convert", file, tmp_path / "out")
-    assert f"{file}: is cut off at byte {size:,}, behind packet " in said
+    assert f"{file}: is cut off at byte {size:,}, after packet " in said
     assert len(list_frames(tmp_path / "out" / "192-168-1-12")) >= 29
     series = tmp_path / "series"  # of a recorder that was killed and started again
     series.mkdir()

@@ -12,6 +12,7 @@ from typing import NamedTuple, NoReturn
 
 from unlidar.errors import InputError, reason
 from unlidar.limits import BoundedFile
+from unlidar.stamps import MOST_STAMP_NS
 
 _NS_PER_S = 1_000_000_000
 _MOST_PACKET = 1 << 18  # bytes; tcpdump's bound for one packet
@@ -29,6 +30,8 @@ _PCAP_REST = 20  # bytes of its header behind these
 _SECTION = b"\x0a\x0d\x0d\x0a"  # the first bytes of a pcapng, and its type of block
 _INTERFACE, _OLD_PACKET, _PACKET = 1, 2, 6  # types of blocks
 _ORDERS = {b"\x4d\x3c\x2b\x1a": "<", b"\x1a\x2b\x3c\x4d": ">"}
+_BLOCK_ENDS = 12  # bytes of a block before and after its body
+_INTERFACE_HEAD, _PACKET_HEAD = 8, 20  # bytes of their bodies before options and data
 _RESOLUTION, _OFFSET = 9, 14  # options of an interface
 
 
@@ -77,6 +80,9 @@ class _Capture:
         for packet in self._blocks() if magic == _SECTION else self._records(magic):
             if not packet.data:  # never on a network, but a sparse file reads as empty packets
                 self._damaged("a packet of 0 bytes")
+            if not 0 <= packet.time_ns <= MOST_STAMP_NS:
+                seconds = packet.time_ns // _NS_PER_S
+                self._damaged(f"a packet of {seconds:.4g} s, expected Unix time")
             self._whole += 1
             yield packet
 
@@ -106,8 +112,10 @@ class _Capture:
             (kind,) = struct.unpack_from(order + "I", head)
             body = self._body(order, head)
             if kind == _INTERFACE:
+                self._check_whole(body, _INTERFACE_HEAD, "an interface")
                 interfaces.append(_interface(order, body))
             elif kind in (_PACKET, _OLD_PACKET):
+                self._check_whole(body, _PACKET_HEAD, "a packet")
                 number = struct.unpack_from(order + ("I" if kind == _PACKET else "H"), body)[0]
                 if number >= len(interfaces):
                     self._damaged(f"a packet of interface {number}, there are {len(interfaces)}")
@@ -125,35 +133,41 @@ class _Capture:
 
     def _packet(self, order: str, interface: _Interface, body: bytes) -> Captured:
         high, low, kept = struct.unpack_from(order + "4xIII", body)
-        data = body[20 : 20 + kept]
+        data = body[_PACKET_HEAD : _PACKET_HEAD + kept]
         if len(data) < kept:
-            self._damaged(f"a packet of {kept:,} bytes in a block of {len(body) + 12:,}")
+            self._damaged(f"a packet of {kept:,} bytes in a block of {len(body) + _BLOCK_ENDS:,}")
         time_ns = (high << 32 | low) * _NS_PER_S // interface.units_per_s
         return Captured(time_ns + interface.offset_s * _NS_PER_S, interface.link, data)
+
+    def _check_whole(self, body: bytes, least: int, what: str) -> None:
+        if len(body) < least:
+            whole = _BLOCK_ENDS + least
+            found = len(body) + _BLOCK_ENDS
+            self._damaged(f"{what} in a block of {found} bytes, expected at least {whole}")
 
     def _read(self, size: int, may_end: bool = False) -> bytes:
         data = self._file.read(size)
         if len(data) < size and not (may_end and not data):
             raise CutOffError(
-                f"{self._path}: is cut off at byte {self._file.tell():,}, behind packet "
+                f"{self._path}: is cut off at byte {self._file.tell():,}, after packet "
                 f"{self._whole:,}"
             )
         return data
 
     def _damaged(self, why: str) -> NoReturn:
         raise InputError(
-            f"{self._path}: damaged before byte {self._file.tell():,}, behind packet "
+            f"{self._path}: damaged before byte {self._file.tell():,}, after packet "
             f"{self._whole:,}: {why}"
         )
 
 
 def _interface(order: str, body: bytes) -> _Interface:
     (link,) = struct.unpack_from(order + "H", body)
-    at, units_per_s, offset_s = 8, _Interface.units_per_s, _Interface.offset_s
+    at, units_per_s, offset_s = _INTERFACE_HEAD, _Interface.units_per_s, _Interface.offset_s
     while at + 4 <= len(body):
         option, length = struct.unpack_from(order + "HH", body, at)
         value = body[at + 4 : at + 4 + length]
-        if option == _RESOLUTION and length == 1:
+        if option == _RESOLUTION and len(value) == 1:
             # The highest bit: a power of 2 instead of 10.
             units_per_s = (2 if value[0] & 0x80 else 10) ** min(value[0] & 0x7F, _MOST_UNITS)
         elif option == _OFFSET and len(value) == 8:

@@ -24,8 +24,8 @@ _FRAME_NS = 100_000_000
 _PATIENCE_NS = 10_000_000  # reordering in a network is shorter than this
 
 
-# Sensor name, capture time, packet.
-Recorded = tuple[str, int, livox.Packet]
+# Sensor name, capture time (None: not known), packet.
+Recorded = tuple[str, int | None, livox.Packet]
 
 
 class _LivoxRecording(OneFileSource):
@@ -41,7 +41,9 @@ class _LivoxRecording(OneFileSource):
         self._notes: list[str] = []
         spans: dict[str, tuple[int, int]] = {}  # numbers of the first and the last frame
         with up_to_damage(spans):
-            for name, time_ns, _ in self._packets():
+            for name, time_ns, _, _ in self._packets():
+                if time_ns is None:
+                    continue
                 number = time_ns // _FRAME_NS
                 first, last = spans.get(name, (number, number))
                 spans[name] = min(first, number), max(last, number)
@@ -58,9 +60,9 @@ class _LivoxRecording(OneFileSource):
         window = self._options.window(self._begin_ns)
         cutters = {name: _Cutter(name) for name in sensors}
         packets = BeforeDamage(self._packets())
-        for name, time_ns, packet in packets:
+        for name, time_ns, now_ns, packet in packets:
             if name in cutters:
-                cutters[name].add(time_ns, packet)
+                cutters[name].add(time_ns, now_ns, packet)
                 yield from (f for ns, f in cutters[name].over() if ns in window)
         for cutter in cutters.values():
             yield from (f for ns, f in cutter.over(at_the_end=True) if ns in window)
@@ -71,12 +73,13 @@ class _LivoxRecording(OneFileSource):
         """Notes on packets left out and captures that are missing."""
         return [*missing_captures(self._path), *self._notes]
 
-    def _packets(self) -> Iterator[tuple[str, int, livox.Packet]]:
-        """Name of the sensor, Unix time of the first ray, packet."""
+    def _packets(self) -> Iterator[tuple[str, int | None, int, livox.Packet]]:
+        """Name of the sensor, Unix time of the first ray (None: astray), sensor's time, packet."""
         clocks: dict[str, LivoxClock] = {}
         for name, recorded_ns, packet in self._recorded():
             clock = clocks.setdefault(name, LivoxClock(_FRAME_NS))
-            yield name, clock.time_ns(packet, recorded_ns), packet
+            time_ns = clock.time_ns(packet, recorded_ns)
+            yield name, time_ns, clock.now_ns, packet
 
     def _recorded(self) -> Iterator[Recorded]:
         raise NotImplementedError
@@ -133,7 +136,7 @@ class LivoxFile(_LivoxRecording):
     def _recorded(self) -> Iterator[Recorded]:
         # The file has no recording time: unsynchronised clocks stay as they are.
         for name, packet in lvx.packets(self._path):
-            yield name, packet.stamp_ns, packet
+            yield name, None, packet
 
 
 @dataclass
@@ -142,13 +145,18 @@ class _Cutter:
 
     name: str
     _open: dict[int, dict[tuple[int, int], livox.Packet]] = field(default_factory=dict)
-    _newest_ns: int = 0
+    _now_ns: int = 0
     _closed: int | None = None
     _repeated: int = 0
     _late: int = 0
+    _astray: int = 0
     _noise: int = 0
 
-    def add(self, time_ns: int, packet: livox.Packet) -> None:
+    def add(self, time_ns: int | None, now_ns: int, packet: livox.Packet) -> None:
+        self._now_ns = now_ns
+        if time_ns is None:
+            self._astray += 1
+            return
         number = time_ns // _FRAME_NS
         key = time_ns, packet.counter or 0
         if key in self._open.get(number, ()):
@@ -157,13 +165,12 @@ class _Cutter:
             self._late += 1
         else:
             self._open.setdefault(number, {})[key] = packet
-            self._newest_ns = max(self._newest_ns, time_ns)
 
     def over(self, at_the_end: bool = False) -> Iterator[tuple[int, SourceFrame]]:
         """Completed frames with their stamps in nanoseconds."""
         for number in sorted(self._open):
             stamp_ns = number * _FRAME_NS
-            if not at_the_end and stamp_ns + _FRAME_NS > self._newest_ns - _PATIENCE_NS:
+            if not at_the_end and stamp_ns + _FRAME_NS > self._now_ns - _PATIENCE_NS:
                 return
             self._closed = number
             yield stamp_ns, self._frame(stamp_ns, self._open.pop(number))
@@ -174,6 +181,7 @@ class _Cutter:
             for count, what in (
                 (self._repeated, "packets that came twice"),
                 (self._late, "packets that came too late"),
+                (self._astray, "packets more than a second from those before"),
                 (self._noise, "points whose tags call them noise"),
             )
             if count

@@ -199,6 +199,10 @@ HEAD = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
         ("WIDTH 2\nDATA ascii\n1 2 3\n\n", "2 rows of 3 values announced, 1 follow"),
         ("WIDTH 1\nDATA ascii\n1_0 2 3\n", "a value with '_', expected numbers"),
         ("WIDTH 1\nPOINTS 2\nDATA ascii\n1 2 3\n", "WIDTH x HEIGHT is 1 and POINTS is 2"),
+        ("WIDTH 1\nPOINTS\nDATA ascii\n1 2 3\n", "the header's POINTS has no value"),
+        ("WIDTH\nDATA ascii\n1 2 3\n", "the header's WIDTH has no value"),
+        ("WIDTH 1\nHEIGHT\nDATA ascii\n1 2 3\n", "the header's HEIGHT has no value"),
+        ("WIDTH 600000\nDATA ascii\n" + "1 " * 1_800_000, "a line of more than 65,536 bytes"),
     ],
 )
 def test_rows_of_a_pcd_have_the_values_that_its_header_says(rest, said, tmp_path):
@@ -216,7 +220,24 @@ def test_rows_of_a_long_pcd_are_read_across_pieces(tmp_path):
     np.testing.assert_array_equal(np.stack([found[axis] for axis in "xyz"], axis=1), xyz)
 
 
-@pytest.mark.parametrize("shape", [(3, 50), (6,), (4,), (2, 50, 3)])
+def test_what_stands_after_the_rows_of_a_pcd_is_not_read(tmp_path):
+    after = "\n\n \t4_0 end\n"
+    (tmp_path / "1.5.pcd").write_text(f"{HEAD}WIDTH 2\nDATA ascii\n\n1 2\t3\r\n \n4\v5  6 {after}")
+    found = read_pcd(tmp_path / "1.5.pcd")
+    assert [found[axis].tolist() for axis in "xyz"] == [[1, 4], [2, 5], [3, 6]]
+
+
+@pytest.mark.parametrize("columns", [3, 4, 32])
+def test_an_array_of_one_point_may_have_one_dimension(columns, tmp_path):
+    (tmp_path / "seq/l").mkdir(parents=True)
+    np.save(tmp_path / "seq/l/1.5.npy", np.arange(1.0, columns + 1))
+    np.save(tmp_path / "seq/l/1.6.npy", np.arange(1.0, columns + 1)[None])
+    convert(tmp_path / "seq", tmp_path / "out")
+    for frame in list_frames(tmp_path / "out/l"):
+        assert read_xyz(frame.path).tolist() == [[1, 2, 3]]
+
+
+@pytest.mark.parametrize("shape", [(3, 50), (2,), (33,), (5, 33), (2, 50, 3)])
 def test_arrays_that_are_no_rows_of_points_are_refused(shape, tmp_path, fails):
     (tmp_path / "seq/l").mkdir(parents=True)
     np.save(tmp_path / "seq/l/1.5.npy", np.ones(shape))

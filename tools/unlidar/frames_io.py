@@ -9,12 +9,20 @@ import numpy as np
 
 from unlidar.errors import InputError, reason
 from unlidar.frame_clock import stamps_of_table, times_of_names
-from unlidar.limits import MOST_FRAME, MOST_RECORD, TooLargeError, read_limited, require_file
+from unlidar.limits import (
+    MOST_FRAME,
+    MOST_LINE,
+    MOST_RECORD,
+    TooLargeError,
+    read_limited,
+    require_file,
+)
 from unlidar.names import folder_names
 
 _NO_FIELDS: Mapping[str, np.ndarray] = MappingProxyType({})
 _MAX_HEADER_BYTES = 1 << 16
 _PIECE_BYTES = 1 << 20  # of a text parsed at a time
+_IS_VALUE = bytes(code not in b" \t\n\r\v\f" for code in range(256))
 _HEADER_KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT",
                 "POINTS", "DATA"}  # fmt: skip
 
@@ -141,9 +149,10 @@ def _parse_pcd(content: bytes) -> dict[str, np.ndarray]:
 
     names = [name.lower() for name in header["FIELDS"]]
     counts = [int(n) for n in header.get("COUNT", ["1"] * len(names))]
-    points = int(header["WIDTH"][0]) * int(header.get("HEIGHT", ["1"])[0])
-    if "POINTS" in header and int(header["POINTS"][0]) != points:
-        raise ValueError(f"WIDTH x HEIGHT is {points} and POINTS is {header['POINTS'][0]}")
+    points = _value_of(header, "WIDTH") * _value_of(header, "HEIGHT", 1)
+    announced = _value_of(header, "POINTS", points)
+    if announced != points:
+        raise ValueError(f"WIDTH x HEIGHT is {points} and POINTS is {announced}")
     if points < 0:
         raise ValueError(f"negative number of points {points}")
     types = [
@@ -172,6 +181,14 @@ def _parse_pcd(content: bytes) -> dict[str, np.ndarray]:
     return {name: column for name, column in zip(names, columns, strict=True) if name != "_"}
 
 
+def _value_of(header: Mapping[str, list[str]], key: str, default: int | None = None) -> int:
+    if key not in header and default is not None:
+        return default
+    if not header[key]:
+        raise ValueError(f"the header's {key} has no value")
+    return int(header[key][0])
+
+
 def _ascii_columns(body: bytes, points: int, counts: list[int]) -> list[np.ndarray]:
     width = sum(counts)
     table = _rows(body, points, width)
@@ -184,17 +201,29 @@ def _rows(body: bytes, most: int, width: int) -> np.ndarray:
     """The first lines of a text, parsed in pieces: Python objects take ten times the memory."""
     parts, begin, left = [np.zeros((0, width))], 0, most
     while begin < len(body) and left > 0:
-        line_end = body.find(b"\n", begin + _PIECE_BYTES)
+        line_end = body.find(b"\n", begin + _PIECE_BYTES, begin + _PIECE_BYTES + MOST_LINE)
         end = line_end if line_end >= 0 else len(body)
-        lines = (line.split() for line in body[begin:end].split(b"\n"))
-        rows = [line for line in lines if line][:left]
-        if odd := next((row for row in rows if len(row) != width), None):
-            raise ValueError(f"a row of {len(odd)} values, expected {width}")
-        if b"_" in body[begin:end]:  # Python takes 1_000 for a number
+        if end > begin + _PIECE_BYTES + MOST_LINE:
+            raise ValueError(f"a line of more than {MOST_LINE:,} bytes")
+        piece = _lines_of(body[begin:end], left, width)
+        if b"_" in piece:  # Python takes 1_000 for a number
             raise ValueError("a value with '_', expected numbers")
-        parts.append(np.array(rows, dtype=float).reshape(-1, width))
-        begin, left = end, left - len(rows)
+        parts.append(np.array(piece.split(), dtype=float).reshape(-1, width))
+        begin, left = end, left - len(parts[-1])
     return np.concatenate(parts)
+
+
+def _lines_of(text: bytes, most: int, width: int) -> bytes:
+    """A text up to its line number `most` that is not blank; ValueError for another width."""
+    codes = np.frombuffer(text + b"\n", np.uint8)
+    is_value = np.frombuffer(text.translate(_IS_VALUE), bool)
+    begins = np.flatnonzero(np.diff(is_value, prepend=False) & is_value)
+    ends = np.flatnonzero(codes == ord("\n"))
+    widths = np.diff(np.searchsorted(begins, ends), prepend=0)
+    ends, widths = ends[widths > 0][:most], widths[widths > 0][:most]
+    if len(odd := widths[widths != width]):
+        raise ValueError(f"a row of {odd[0]} values, expected {width}")
+    return text[: ends[-1]] if len(ends) else b""
 
 
 def _compressed_columns(

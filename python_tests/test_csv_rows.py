@@ -105,7 +105,7 @@ def test_only_finite_numbers_are_numbers(text: str) -> None:
     assert row.number("y", 3.0) == 3
 
 
-@pytest.mark.parametrize("target", ["0.5", "-1", "nan", "a"])
+@pytest.mark.parametrize("target", ["0.5", "-1", "nan", "a", "1e300", "2147483648"])
 def test_targets_of_a_recording_are_whole_numbers(target: str, tmp_path: Path) -> None:
     path = table(tmp_path, "timestamp,x,y,z,target", "1,2,3,4,0", f"2,2,3,4,{target}")
     with pytest.raises(InputError, match=f"{path}:3: target is "):

@@ -20,6 +20,7 @@ from unlidar.station import Pose, read_station
 from unlidar.truth import TRUTH_NAME
 
 _MOST_COLUMNS = 32  # of a frame; with more it is turned: (3, N)
+_MOST_TARGET = (1 << 31) - 1
 TRUTH_FOLDER = "ground_truth"
 Item = TypeVar("Item")
 
@@ -85,8 +86,8 @@ def load_rows(path: Path) -> np.ndarray:
         raise InputError(f"{path}: expected an array of numbers")
     if array.size == 0:
         return np.zeros((0, 3))
-    is_one = array.shape == (3,)  # as a position of the truth
-    if not is_one and not (array.ndim == 2 and 3 <= array.shape[1] <= _MOST_COLUMNS):
+    # Of one dimension: one point, as a position of the truth.
+    if array.ndim not in (1, 2) or not 3 <= array.shape[-1] <= _MOST_COLUMNS:
         raise InputError(
             f"{path}: the array has shape {array.shape}, expected (N, 3), or up to "
             f"{_MOST_COLUMNS} columns"
@@ -230,8 +231,10 @@ def _row_of_table(row: Row) -> TruthRow:
     except ValueError as error:
         raise InputError(f"{row.where}: {reason(error)}") from error
     target = row.number("target", 0.0)
-    if target < 0 or not target.is_integer():
-        raise InputError(f"{row.where}: target is {target:g}, expected a whole number from 0")
+    if not (0 <= target <= _MOST_TARGET and target.is_integer()):
+        raise InputError(
+            f"{row.where}: target is {target:g}, expected a whole number from 0 to {_MOST_TARGET}"
+        )
     in_view = row.number("in_view", 1.0) > 0 if "in_view" in row.values else None
     xyz_m = row.number("x"), row.number("y"), row.number("z")
     return TruthRow(stamp, xyz_m, int(target), in_view)

@@ -1,11 +1,13 @@
 """Every table that is read refuses what is no table of its columns, by file and line."""
 
+import os
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from unlidar.conversion.files import truth_targets
-from unlidar.csv_rows import Row, csv_rows
+from unlidar.csv_rows import Row, csv_rows, numbered_lines
 from unlidar.errors import InputError
 from unlidar.evaluation.sequences import read_manifest
 from unlidar.export.mmaud import read_stamps
@@ -70,6 +72,21 @@ def test_a_missing_column_is_named_with_what_is_there(reader: str, tmp_path: Pat
     for other, found in (("a,b", "it has a, b"), ("1,2.5", "its first line is 2 numbers")):
         with pytest.raises(InputError, match=f"has no column {last}|no column .*, {found}"):
             read(table(tmp_path, other, "1,2"))
+
+
+def test_a_table_may_come_through_a_pipe_where_that_is_meant(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match="a pipe"):
+        next(csv_rows(pipe))
+    writer = threading.Thread(target=pipe.write_text, args=("a,b\n1,2\n \n3,4\n",))
+    writer.start()
+    rows = list(csv_rows(pipe, lines=numbered_lines(pipe, pipes=True)))
+    writer.join()
+    assert [(row.line, row.values) for row in rows] == [
+        (2, {"a": "1", "b": "2"}),
+        (4, {"a": "3", "b": "4"}),  # the line between is blank
+    ]
 
 
 @pytest.mark.parametrize("reader", READERS)

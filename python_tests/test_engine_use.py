@@ -52,6 +52,19 @@ def test_two_engines_in_two_threads_give_what_each_gives_alone() -> None:
     assert [together[0], together[1]] == alone
 
 
+def test_frames_may_be_a_sequence_without_an_iterator() -> None:
+    class Frames:
+        def __getitem__(self, number: int) -> unlidar.Frame:
+            return frames_of(1)[number]
+
+    def rows(frames: object) -> list[bytes]:
+        return [track.rows.tobytes() for track in unlidar.track(frames)]
+
+    assert rows(Frames()) == rows(frames_of(1)) != []
+    with pytest.raises(unlidar.UsageError, match="frames: 5, expected an iterable of Frame"):
+        unlidar.track(5)
+
+
 def test_an_engine_of_several_threads_takes_one_frame_after_the_other() -> None:
     frames = frames_of(1)
     engine = unlidar.Engine(settings={"live.reorder_s": 60, "live.delay_s": 61})

@@ -43,6 +43,14 @@ def test_tum_files_give_the_measures_of_the_csv_they_come_from(result) -> None:
     )
 
 
+def test_what_a_comment_of_a_tum_file_says_does_not_matter(result) -> None:
+    path, *_ = as_tum(result)
+    told = result / "told.tum"
+    told.write_text('# poses of,"drone, track_id\n' + path.read_text())
+    truth = result / "ground_truth.csv"
+    assert evaluate_files(truth, [told]) == evaluate_files(truth, [path])
+
+
 def test_a_truth_may_be_tum_whatever_its_name(result) -> None:
     truth = result / "ground_truth.csv"
     rows = [line.split(",") for line in truth.read_text().splitlines()[1:]]

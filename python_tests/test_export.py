@@ -278,7 +278,7 @@ def test_what_does_not_fit_together_is_refused(result, tmp_path, fails):
     assert "'soon'" in fails(4, "export", result, out, "--at", tmp_path / "t.csv")
     for text in ("", "\n\n", "Sequence,Timestamp\n"):
         (tmp_path / "t.csv").write_text(text)
-        assert "no position" in fails(4, "export", result, out, "--at", tmp_path / "t.csv")
+        assert "no stamp" in fails(4, "export", result, out, "--at", tmp_path / "t.csv")
     (tmp_path / "traj.csv").write_text("timestamp,track_id,x,y,z\n1,0.5,1,2,3\n")
     assert "0.5" in fails(4, "export", tmp_path / "traj.csv", tmp_path / "a.tum")
     assert not (tmp_path / "a.tum").exists()

@@ -220,6 +220,7 @@ def test_the_way_of_a_car_is_free_and_has_things_beside_it_from_end_to_end():
     ("arrays", "said"),
     [
         ((5, np.zeros((2, 3)), Rotation.identity(2)), r"stamp_ns: 5, expected an array of shape"),
+        (([[1, 2], [3]], np.zeros((2, 3)), Rotation.identity(2)), "stamp_ns: .*an array"),
         (
             (np.arange(2), np.zeros((3, 3)), Rotation.identity(2)),
             r"position_m: \(3, 3\), expected an array of shape \(2, 3\)",

@@ -159,6 +159,7 @@ def test_options_of_an_evaluation_are_checked(values, said) -> None:
         ({"stamp": "Log"}, "stamp: 'Log', expected 'header' or 'log'"),
         ({"merge": 0}, "merge: 0, expected a whole number from 1 on"),
         ({"merge": True}, "merge: True, expected a whole number from 1 on"),
+        ({"merge": 10**400}, "merge: 1000.*, expected a whole number from 1 on"),
         ({"skip_bad": "no"}, "skip_bad: 'no', expected True or False"),
         ({"poses_topic": 5}, "poses_topic: 5, expected the name of a topic, or None"),
         ({"rate_hz": np.zeros((9, 9))}, r"rate_hz: array\(\[.*, expected a number above 0"),

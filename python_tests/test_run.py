@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import unlidar
 from unlidar.cli import main
+from unlidar.frames_io import find_sensors, write_pcd
 from unlidar.simulate import Scenario, simulate
 from unlidar.simulate.scenario import Drone, Flight, Sensor
 
@@ -229,12 +230,22 @@ def test_results_do_not_go_among_the_frames_of_their_recording(stub, tmp_path, f
     source = make_sequence(tmp_path / "seq")
     before = sorted(source.rglob("*"))
     for out in (source, source / "lidar_360"):
-        assert "is a folder of the recording" in fails(2, "run", source, "--out", out)
-        with pytest.raises(unlidar.UsageError, match="choose another one for the results"):
+        assert "has files of the recording" in fails(2, "run", source, "--out", out)
+        with pytest.raises(unlidar.UsageError, match="choose another folder for the results"):
             unlidar.run(source, out)
     assert sorted(source.rglob("*")) == before
     for _ in range(2):
         assert main(["run", str(source), "--out", str(source / "results")]) == 0
+
+
+def test_results_beside_the_frames_are_no_frames(tmp_path):
+    for name in ("lidar/1700000000", "results/target_returns"):
+        (tmp_path / "seq" / name).parent.mkdir(parents=True)
+        write_pcd(tmp_path / f"seq/{name}.pcd", np.ones((9, 3)))
+    assert list(find_sensors(tmp_path / "seq")) == ["lidar", "results"]
+    (tmp_path / "seq/results/run.json").write_text("{}")
+    assert list(find_sensors(tmp_path / "seq")) == ["lidar"]
+    assert [frame.sensor for frame in unlidar.read(tmp_path / "seq")] == ["lidar"]
 
 
 def test_wrong_recordings_and_sensors_are_refused(stub, flight, tmp_path, fails):

@@ -8,6 +8,8 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from unlidar.errors import ConfigError, UsageError
 from unlidar.pose_files import ALL
 
@@ -23,7 +25,7 @@ def expect(holds: bool, name: str, value: object, expected: str) -> None:
 
 def expect_bool(name: str, value: object) -> None:
     """Throws UsageError for all but True and False: "no" would be true."""
-    expect(isinstance(value, bool), name, value, "True or False")
+    expect(isinstance(value, (bool, np.bool_)), name, value, "True or False")
 
 
 def expect_number(
@@ -75,7 +77,7 @@ def settings_of(settings: Mapping[str, object] | None) -> dict[str, object]:
 
 
 def path_of(name: str, value: object) -> Path:
-    """A path that a caller gave; UsageError for what is none, and for '', which is this folder."""
+    """A path that a caller gave; UsageError for anything else, and for '' (the current folder)."""
     expect(_is_path(value), name, value, "a path")
     return Path(value)
 
@@ -116,4 +118,7 @@ def _is_path(value: object) -> bool:
 
 def _is_number(value: object) -> bool:
     is_real = isinstance(value, Real) and not isinstance(value, bool)  # which is 0 or 1
-    return is_real and math.isfinite(value)
+    try:
+        return is_real and math.isfinite(value)
+    except OverflowError:  # a whole number beyond float
+        return False

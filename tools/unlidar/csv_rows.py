@@ -3,7 +3,7 @@
 import csv
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
@@ -37,24 +37,33 @@ class Row:
         if not text and default is not None:
             return default
         try:
-            # Python takes 1_000 for a number, too.
-            value = math.nan if "_" in text else float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise InputError(f"{self.where}: {name} is '{text[:40]}', expected a finite number")
-        return value
+            return finite_number(text)
+        except ValueError as error:
+            raise InputError(f"{self.where}: {name} is {reason(error)}") from error
+
+
+def finite_number(text: str) -> float:
+    """ValueError for all else, as for 1_000, which Python takes for a number."""
+    try:
+        value = math.nan if "_" in text else float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"'{text[:40]}', expected a finite number")
+    return value
 
 
 def numbered_lines(
-    path: Path, most: int = MOST_TABLE, most_line: int = MOST_LINE
+    path: Path, most: int = MOST_TABLE, most_line: int = MOST_LINE, pipes: bool = False
 ) -> Iterator[tuple[int, str]]:
     """The lines of a text with their numbers from 1, one at a time, in bounded memory.
 
     InputError for what is no file, no UTF-8, has a NUL, or is longer than a table or line may be.
+    With `pipes` it may be a pipe, for whose writer this waits.
     """
     try:
-        require_file(path)
+        if not pipes:
+            require_file(path)
         file = path.open(newline="", encoding="utf-8-sig", errors="surrogateescape")
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from error
@@ -78,22 +87,28 @@ def columns_of(path: Path) -> list[str]:
 
 
 def csv_rows(
-    path: Path, required: Sequence[str] = (), expected: str | None = None
+    path: Path,
+    required: Sequence[str] = (),
+    expected: str | None = None,
+    lines: Iterable[tuple[int, str]] | None = None,
 ) -> Iterator[Row]:
-    """The rows of a CSV file whose first line has the names of its columns; empty lines are none.
+    """The rows of a CSV file whose first line names its columns; blank lines are skipped.
 
-    InputError as of `numbered_lines`, for a column of `required` that is missing, a name that
-    comes twice, and a row of another number of values. `expected` describes the file in messages.
+    InputError as of `numbered_lines`, for a column of `required` that is missing, a repeated name,
+    and a row of another number of values. `expected` describes the file in messages; `lines` are
+    its lines, if they have been opened already.
     """
-    reader = csv.reader((line for _, line in numbered_lines(path)), strict=True)
+    lines = numbered_lines(path) if lines is None else lines
+    reader = csv.reader((line for _, line in lines), strict=True)
     names = _names(path, reader)
     if missing := next((name for name in required if name not in names), None):
         expected = expected or f"{','.join(required)} in its first line"
-        raise InputError(f"{path}: has no column {missing}, {_found(names)}, expected {expected}")
+        found = _found(names, reader.line_num > 0)
+        raise InputError(f"{path}: has no column {missing}, {found}, expected {expected}")
     if twice := next((name for name in names if name and names.count(name) > 1), None):
         raise InputError(f"{path}: has a second column {twice[:40]}, expected each name once")
     while (values := _next_values(path, reader)) is not None:
-        if not values:
+        if not values or (len(values) == 1 and not values[0].strip()):
             continue
         if len(values) != len(names):
             raise InputError(
@@ -123,14 +138,14 @@ def _next_values(path: Path, reader: Any) -> list[str] | None:
         ) from error
 
 
-def _found(names: Sequence[str]) -> str:
+def _found(names: Sequence[str], begins: bool) -> str:
     """A description of an unexpected first line, for messages."""
     first = ",".join(names).strip()
     words = first.replace(",", " ").replace(";", " ").split()
     if not words:
-        return "it is empty" if not names else "its first line is empty"
+        return "its first line is empty" if begins else "it is empty"
     if all(_is_number(word) for word in words):
-        return f"its first line is {len(words)} numbers"
+        return f"its first line is {'a number' if len(words) == 1 else f'{len(words)} numbers'}"
     if len(names) == 1 and len(words) > 1:
         return "its first line has no commas"
     return f"it has {listed(names)}"

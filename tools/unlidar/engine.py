@@ -212,9 +212,12 @@ def track(
         settings = _known(frames, config_path(config)) | settings_of(settings)
         poses = frames.poses if poses is None else poses
         frames = _led(frames)
-    expect(isinstance(frames, Iterable), "frames", frames, "an iterable of Frame or tuples")
+    try:
+        each = iter(frames)
+    except TypeError:
+        expect(False, "frames", frames, "an iterable of Frame or tuples")
     recording = _native().Recording(*_setup(config, settings, rate_hz, poses))
-    for number, frame in enumerate(frames, 1):
+    for number, frame in enumerate(each, 1):
         if not isinstance(frame, tuple) or len(frame) not in (3, 4):
             raise UsageError(
                 f"frames: item {number} is {_described(frame)}, expected a Frame or a tuple "

@@ -82,7 +82,7 @@ def stamps_of_table(table: Path, paths: Sequence[Path]) -> list[int]:
     stamps_ns: dict[str, int] = {}
     known = {path.name for path in paths}
     for row in csv_rows(table, ("file", "timestamp")):
-        name, text = row.values["file"], row.values["timestamp"].strip()
+        name, text = row.values["file"].strip(), row.values["timestamp"].strip()
         if name not in known:
             raise InputError(
                 f"{row.where}: '{printable(name)}' is no frame in this folder, expected the name "

@@ -18,6 +18,7 @@ from unlidar.limits import (
     require_file,
 )
 from unlidar.names import folder_names
+from unlidar.output import is_run
 
 _NO_FIELDS: Mapping[str, np.ndarray] = MappingProxyType({})
 _MAX_HEADER_BYTES = 1 << 16
@@ -38,12 +39,15 @@ class FrameFile:
 def find_sensors(recording: Path) -> dict[str, Path]:
     """The frame directories of a recording by sensor name: its subfolders that hold PCD files.
 
+    Those of runs, whose results may lie beside the frames, do not count.
+
     A folder that holds PCD files itself is a recording of one sensor. Sensors are called after
     their folders, as `folder_names` has it.
     """
     if _holds_pcd(recording):
         return {folder_names([recording.resolve().name])[0]: recording}
-    found = [d for d in sorted(recording.iterdir()) if d.is_dir() and _holds_pcd(d)]
+    folders = sorted(d for d in recording.iterdir() if d.is_dir() and not is_run(d))
+    found = [d for d in folders if _holds_pcd(d)]
     return dict(zip(folder_names(d.name for d in found), found, strict=True))
 
 

@@ -17,6 +17,11 @@ MARKERS = ("conversion.json", "scenario.json", RUN_RECORD)
 _KINDS = "partial", "old"  # of temporary directories
 
 
+def is_run(folder: Path) -> bool:
+    """True for the folder of a run: what lies in it are results, no frames."""
+    return (folder / RUN_RECORD).is_file()
+
+
 @contextmanager
 def complete_directory(
     out: Path, force: bool, source: Path | None = None, token: str = ""

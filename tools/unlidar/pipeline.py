@@ -221,11 +221,12 @@ def is_own(name: str) -> bool:
 
 
 def _refuse_source(path: Path, out: Path) -> None:
-    """Refuses the folder of a recording, or one in it that has its frames, for the results."""
+    """Refuses the folder of a recording, and one in it with files that are no results."""
     inside = out.resolve().parent == path.resolve() and out.is_dir() and not is_result(out)
     if path.is_dir() and (out.resolve() == path.resolve() or (inside and any(out.iterdir()))):
         raise UsageError(
-            f"{out}: is a folder of the recording {path}, choose another one for the results"
+            f"{out}: has files of the recording {path}, or others that are no results, choose "
+            "another folder for the results"
         )
 
 

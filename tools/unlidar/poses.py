@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unlidar.call_checks import expect
-from unlidar.csv_rows import numbered_lines
-from unlidar.errors import InputError, reason
+from unlidar.csv_rows import finite_number, numbered_lines
+from unlidar.errors import InputError, UsageError, reason
 from unlidar.output import write_file
 from unlidar.pose_files import ALL, poses_name
 from unlidar.sanitize import printable
@@ -33,9 +33,9 @@ class Poses:
 
     def __post_init__(self) -> None:
         """Throws UsageError for arrays of other shapes."""
-        (n,) = np.shape(self.stamp_ns) if np.ndim(self.stamp_ns) == 1 else (None,)
-        expect(n is not None, "stamp_ns", self.stamp_ns, "an array of shape (n,)")
-        position = np.shape(self.position_m)
+        (n, *others) = _shape("stamp_ns", self.stamp_ns) or (None,)
+        expect(n is not None and not others, "stamp_ns", self.stamp_ns, "an array of shape (n,)")
+        position = _shape("position_m", self.position_m)
         expect(position == (n, 3), "position_m", position, f"an array of shape ({n}, 3)")
         as_quat = getattr(self.rotation, "as_quat", lambda: None)
         expect(np.shape(as_quat()) == (n, 4), "rotation", self.rotation, f"a Rotation of {n}")
@@ -96,6 +96,13 @@ def write_poses(path: Path, poses: Poses, about: str) -> None:
     write_file(path, lambda work: work.write_text("\n".join(lines) + "\n", encoding="utf-8"))
 
 
+def _shape(name: str, array: object) -> tuple[int, ...]:
+    try:
+        return np.shape(array)
+    except ValueError as error:  # its rows differ in length
+        raise UsageError(f"{name}: {reason(error)}, expected an array") from error
+
+
 def read_poses(path: Path) -> Poses:
     """Reads a TUM file. InputError naming file, line and value, by the rules of the program."""
     from scipy.spatial.transform import Rotation
@@ -108,7 +115,7 @@ def read_poses(path: Path) -> Poses:
             continue
         try:
             stamps_ns.append(parse_stamp_ns(words[0]))
-            values.append([float(word) for word in words[1:]])
+            values.append([finite_number(word) for word in words[1:]])
         except ValueError as error:
             raise InputError(f"{path}:{number}: {reason(error)}, expected {_COLUMNS}") from error
         if len(words) != 8 or stamps_ns[-2:] != sorted(set(stamps_ns[-2:])):

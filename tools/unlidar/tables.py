@@ -32,10 +32,11 @@ def show(table: Table) -> None:
     if console.is_terminal:
         least = Measurement.get(console, unbounded, table).minimum
         width = max(console.width, least, _LEAST_COLUMNS)
-    console.size = width, console.height  # of a dumb terminal rich forgets a width alone
+    console.size = width, console.height  # rich ignores a width alone on a dumb terminal
     for part, style in ((title, "table.title"), (table, None), (caption, "table.caption")):
         if part is not None:
             console.print(part, style=style, soft_wrap=part is not table)
+    table.title, table.caption = title, caption
 
 
 def sequences_table(result: dict) -> Table:

@@ -1,8 +1,8 @@
 """What many drones at once cost: tracks times frames a second of the processor."""
 
-import csv
 from pathlib import Path
 
+from unlidar.csv_rows import csv_rows
 from unlidar.evaluation import evaluate_files
 from unlidar.frames_io import find_sensors
 from unlidar.truth import TRUTH_NAME
@@ -71,8 +71,7 @@ def row(runs: list[tuple[Usage, dict]], duration_s: float) -> dict:
 
 def track_frames(rows: Path) -> int:
     """Sum over the frames of the tracks that are confirmed then: a trajectory has a row of each."""
-    with rows.open(newline="") as file:
-        return sum(1 for _ in csv.DictReader(file))
+    return sum(1 for _ in csv_rows(rows))
 
 
 def _as_recording(setting: Setting, recording: Path) -> tuple[Usage, dict]:

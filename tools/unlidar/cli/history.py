@@ -120,21 +120,21 @@ def _write(reader: "Reader", form: str, a: argparse.Namespace) -> None:
 
 
 def _list(reader: "Reader", a: argparse.Namespace) -> None:
+    import numpy as np
     from rich import box
     from rich.table import Table
 
     from unlidar.export.dates import note_dates
-    from unlidar.history.export import stamps_of
     from unlidar.sanitize import cell
     from unlidar.tables import show
 
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for head in ("station", "track", "begin (UTC)", "lasts", "rows", "height", "fastest"):
         table.add_column(head, justify="left" if head in ("station", "begin (UTC)") else "right")
-    tracks = list(reader.tracks(*_span(reader, a), a.station))
-    note_dates(a.store, stamps_of(tracks), "the list")
-    for track in tracks:
+    begins_ns = []
+    for track in reader.tracks(*_span(reader, a), a.station):  # one at a time, of months of rows
         begin_ns, end_ns = track.rows[0][0], track.rows[-1][0]
+        begins_ns.append(begin_ns)
         heights = [row[3] for row in track.rows]
         speed = max((row[4] ** 2 + row[5] ** 2 + row[6] ** 2) ** 0.5 for row in track.rows)
         table.add_row(
@@ -146,6 +146,7 @@ def _list(reader: "Reader", a: argparse.Namespace) -> None:
             f"{min(heights):.0f} to {max(heights):.0f} m",
             f"{speed:.1f} m/s",
         )
+    note_dates(a.store, np.array(begins_ns, dtype=np.int64), "the list")
     show(table)
 
 

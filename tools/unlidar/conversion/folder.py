@@ -23,6 +23,7 @@ from unlidar.errors import InputError, reason
 from unlidar.frame_clock import stamps_of_table, times_of_names
 from unlidar.frames_io import is_return, read_pcd
 from unlidar.names import folder_names
+from unlidar.output import is_run
 from unlidar.point_times import OFFSET_FIELD, TIME_FIELDS, offsets_ns
 from unlidar.stamps import format_stamp_ns, parse_stamp_ns
 
@@ -150,7 +151,7 @@ def _frame_folders(path: Path) -> list[Path]:
     if _suffixes(path):
         return [path]
     found = []
-    for child in sorted(d for d in path.iterdir() if d.is_dir()):
+    for child in sorted(d for d in path.iterdir() if d.is_dir() and not is_run(d)):
         if child.name != TRUTH_FOLDER or not has_truth_folder(path):
             found += [d for d in (child, child / "data") if d.is_dir() and _suffixes(d)][:1]
     return found

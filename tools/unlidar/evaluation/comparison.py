@@ -89,7 +89,10 @@ def compare_files(
     known, tracks = read_truth(truth), read_all_tracks(trajectories)
     for path, text in (
         (truth, repeated_times(known.time_s, known.target, known.xyz_m)),
-        (trajectories[0], repeated_times(tracks.time_s, tracks.track_id, tracks.xyz_m)),
+        (
+            ", ".join(map(str, trajectories)),
+            repeated_times(tracks.time_s, tracks.track_id, tracks.xyz_m),
+        ),
     ):
         if text is not None:
             note(f"{path}: {text} (target of a truth, track_id of a trajectory)")

@@ -7,7 +7,7 @@ import numpy as np
 
 from unlidar.csv_rows import columns_of
 from unlidar.errors import InputError, UsageError
-from unlidar.truth import Tracks, Truth
+from unlidar.truth import Tracks, Truth, is_tum
 
 _OF_TRACKS = {"track_id", "support"}  # columns that only a trajectory has
 _OF_TRUTH = {"target", "in_view"}
@@ -21,7 +21,9 @@ _UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
 
 def refuse_swapped(truth: Path, trajectories: Sequence[Path]) -> None:
     """UsageError if the columns show that truth and trajectory were swapped."""
-    first, *others = [set(columns_of(path)) for path in (truth, *trajectories)]
+    first, *others = [
+        set(() if is_tum(path) else columns_of(path)) for path in (truth, *trajectories)
+    ]
     if any("track_id" in columns for columns in others):
         return  # comparing two trajectories is allowed
     if first >= _OF_TRACKS:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from unlidar.csv_rows import csv_rows
+from unlidar.csv_rows import csv_rows, numbered_lines
 from unlidar.errors import InputError, reason
 from unlidar.evaluate_options import Options
 from unlidar.evaluation.comparison import compare_files
@@ -42,7 +42,8 @@ def read_manifest(path: Path) -> list[Flight]:
     if path.suffix.lower() == ".json":
         entries = [(f"{path}: entry {n}", one) for n, one in enumerate(_objects(path), 1)]
     else:
-        entries = [(row.where, row.values) for row in csv_rows(path, _COLUMNS)]
+        lines = numbered_lines(path, pipes=True)
+        entries = [(row.where, row.values) for row in csv_rows(path, _COLUMNS, lines=lines)]
     if not entries:
         raise InputError(f"{path}: lists no sequence, expected rows with {', '.join(_COLUMNS)}")
     return [_of_entry(path.parent, where, entry) for where, entry in entries]
@@ -115,10 +116,10 @@ def _objects(path: Path) -> list:
 
 def _of_entry(folder: Path, where: str, entry: object) -> Flight:
     if not isinstance(entry, dict):
-        raise InputError(f"{where} is {entry!r}, expected truth and trajectory")
+        raise InputError(f"{where}: is {entry!r}, expected truth and trajectory")
     for name in _COLUMNS:
         if not isinstance(entry.get(name), str) or not entry[name]:
-            raise InputError(f"{where} has no {name}, expected a path")
+            raise InputError(f"{where}: has no {name}, expected a path")
     trajectory = folder / entry["trajectory"]
     return Flight(
         str(entry.get("sequence") or trajectory.resolve().parent.name),

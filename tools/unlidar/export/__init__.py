@@ -15,6 +15,7 @@ from unlidar.export.text import write_csv, write_tum
 from unlidar.export.trajectory import Result, read_result, trajectory_of
 from unlidar.export_options import Options
 from unlidar.output import refuse_input
+from unlidar.program import SUMMARY
 
 __all__ = ["Result", "export", "read_result"]
 
@@ -28,7 +29,8 @@ def export(
 
     All formats but "mmaud" take exactly one source; `export_options.check` has seen to that.
     """
-    refuse_input(out, options.at, options.points, *(trajectory_of(path) for _, path in sources))
+    read = [one for _, path in sources for one in (trajectory_of(path), path / SUMMARY)]
+    refuse_input(out, options.at, options.points, *read)
     results = [(name, read_result(path, options.points)) for name, path in sources]
     if form == "mmaud":
         names = [name for name, _ in results]

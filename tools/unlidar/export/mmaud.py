@@ -4,6 +4,7 @@ import csv
 import io
 import zipfile
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -61,18 +62,20 @@ def read_stamps(path: Path, sequences: Sequence[str]) -> Stamps:
             raise InputError(f"{where}: {reason(error)}") from error
         found.setdefault(name, []).append(stamp)
     if not found:
-        raise InputError(f"{path}: asks for no position, expected a stamp for each")
+        raise InputError(f"{path}: lists no stamp, expected one for each position")
     return found
 
 
 def _asked(path: Path, sequences: Sequence[str]) -> Iterator[tuple[str, str, str]]:
     """Where a stamp stands, its sequence, and its text."""
-    _, first = next(numbered_lines(path), (1, ""))
-    if "," in first or len(sequences) != 1:
-        for row in csv_rows(path, HEADER[:2]):
+    lines = numbered_lines(path, pipes=True)
+    first = next(lines, (1, ""))
+    lines = chain([first], lines)
+    if "," in first[1] or len(sequences) != 1:
+        for row in csv_rows(path, HEADER[:2], lines=lines):
             yield row.where, row.values["Sequence"].strip(), row.values["Timestamp"].strip()
         return
-    for number, line in numbered_lines(path):
+    for number, line in lines:
         if line.strip():
             yield f"{path}:{number}", sequences[0], line.strip()
 

@@ -14,7 +14,7 @@ def by_turns(
     """What each contestant gives in each round: all take their turn before the next round begins.
 
     The order is turned from round to round: nobody always has the machine as the same one left it.
-    `first` is how far it is turned at the begin.
+    `first` is how far it is turned at the start.
     """
     found: dict[str, list[T]] = {name: [] for name in contestants}
     names = list(contestants)

@@ -48,7 +48,7 @@ class Header:
 
 
 def read_header(raw: bytes, is_ros1: bool) -> Header:
-    """The header at the begin of a serialised message; ValueError if it is truncated."""
+    """The header at the start of a serialised message; ValueError if it is truncated."""
     view = memoryview(raw)
     try:
         # ROS 1: sequence number. ROS 2: kind of encapsulation.

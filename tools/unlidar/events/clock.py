@@ -47,7 +47,7 @@ class StreamClock:
         """`progress`: shared by streams with common ageing. The clocks are for tests."""
         self._wall_s, self._machine_s = wall_s, machine_s
         self._progress = Progress() if progress is None else progress
-        self._own_s = self._progress.seconds  # shared progress at the begin of this stream
+        self._own_s = self._progress.seconds  # shared progress at the start of this stream
         self.newest_ns = 0  # newest accepted stamp; steps back with the stream
         self._newest_heard_s: float | None = None
         self._borne_out_s: float | None = None

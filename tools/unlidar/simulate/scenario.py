@@ -59,7 +59,7 @@ class Carrier:
     """What bears LiDARs and moves: a gimbal, a mast, a vehicle, a drone. All motions add up."""
 
     start_m: Vector = (0.0, 0.0, 0.0)
-    """Its place in the world at the begin."""
+    """Its place in the world at the start."""
     velocity_mps: Vector = (0.0, 0.0, 0.0)
     pan_dps: float = 0.0
     """Turns to the left about its upright axis by this many degrees a second."""

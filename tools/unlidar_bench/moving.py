@@ -35,7 +35,6 @@ COLUMNS = (
     Column("tracks", "tracks"),
 )
 OURS = "unlidar_track"
-SENSORS = {"Mid-360": "mid360", "spinning, 64 beams": "spinning64"}
 VOXELS_M = (0.1, 0.2)  # its default, and twice that
 _MOVING = ("walker", "car")
 
@@ -55,7 +54,7 @@ def measure(setting: Setting) -> list[dict]:
     if importlib.util.find_spec("dufomap") is None:
         print("dufomap is not installed: measured without it", file=sys.stderr)
     rows = []
-    for sensor, model in SENSORS.items():
+    for sensor, model in recordings.MODELS.items():
         for where in recordings.FLIGHTS:
             found: dict[str, list[Found]] = {}
             kinds = []

@@ -15,6 +15,7 @@ FLIGHTS = {
     "before walls and trees": ((-12.0, -12.0, -1.0), (12.0, 12.0, 3.0)),
     "before the sky": ((-25.0, -25.0, 5.0), (25.0, 25.0, 9.0)),
 }
+MODELS = {"Mid-360": "mid360", "spinning, 64 beams": "spinning64"}  # by names in tables
 STATION = {"mid360": Sensor("mid360"), "avia": Sensor("avia", start_s=0.013)}
 
 _SWARM_M = ((-30.0, -30.0, 3.0), (30.0, 30.0, 12.0))

@@ -28,14 +28,13 @@ COLUMNS = (
     Column("tracks x frames", "track_frames", whole),
     Column("tracks x frames per CPU second", "track_frames_per_s", whole),
 )
-SENSORS = {"Mid-360": "mid360", "spinning, 64 beams": "spinning64"}
 _MEASURES = ("within1m", "matched", "false")
 
 
 def measure(setting: Setting) -> list[dict]:
     """A row for each sensor, number of drones and way: medians over seeds, means of measures."""
     rows = []
-    for sensor, model in SENSORS.items():
+    for sensor, model in recordings.MODELS.items():
         for drones in setting.swarms:
             found: dict[str, list[tuple[Usage, dict]]] = {}
             for turn, seed in enumerate(setting.seeds):

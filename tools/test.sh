@@ -115,7 +115,7 @@ covered() {
   local profile=$sanitize_dir/profile table=$root/out/coverage/table.txt
   local -a programs options
   mkdir -p -- "$(dirname -- "$table")"
-  mapfile -t programs < <(find "$sanitize_dir/src/tests" -maxdepth 1 -type f -name '*_test' | sort)
+  mapfile -t programs < <(find "$sanitize_dir/src/tests" -maxdepth 1 -type f -name '*_test*' -perm -u+x | sort)
   options=(-instr-profile="$profile/all.profdata" "$sanitize_dir/unlidar_track"
     "${programs[@]/#/-object=}" "$root/src" "$root/include"
     -ignore-filename-regex='/src/(tests|fuzz|bench)/')

@@ -15,7 +15,8 @@ endfunction()
 # Of everything: a sanitizer that sees a part of the program only is of no use.
 if(UNLIDAR_SANITIZE)
   add_compile_options(-fsanitize=${UNLIDAR_SANITIZE} -fno-sanitize-recover=all
-    -fno-omit-frame-pointer -D_GLIBCXX_ASSERTIONS)
+    -fno-omit-frame-pointer -D_GLIBCXX_ASSERTIONS
+    -fsanitize-ignorelist=${PROJECT_SOURCE_DIR}/cmake/foreign_headers.ignorelist)
   add_link_options(-fsanitize=${UNLIDAR_SANITIZE})
 endif()
 if(UNLIDAR_COVERAGE)
@@ -24,7 +25,8 @@ endif()
 # What is counted: the lines of the program, not those of its tests.
 function(unlidar_counted target)
   if(UNLIDAR_COVERAGE)
-    target_compile_options(${target} PRIVATE -fprofile-instr-generate -fcoverage-mapping)
+    target_compile_options(${target} PRIVATE -fprofile-instr-generate -fcoverage-mapping
+      -fprofile-list=${PROJECT_SOURCE_DIR}/cmake/foreign_headers.profilelist)
   endif()
 endfunction()
 # What a fuzzer is to see: the library and itself, not the tests. Comparisons guide it through texts

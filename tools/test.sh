@@ -47,7 +47,7 @@ cd -- "$root"
 jobs=$(nproc)
 # A file's tests share what takes long to make. Files go by their names: by their numbers of tests, the
 # longest of them all, which is one test, would begin when all others are done.
-pytest=("$venv/bin/python" -m pytest --numprocesses "$jobs" --dist loadfile --no-loadscope-reorder)
+pytest=("$venv/bin/python" -m pytest --numprocesses "$jobs" --dist loadfile --no-loadscope-reorder --durations 20)
 failed=()
 durations=()
 # took SECONDS NAME: for the table at the end.

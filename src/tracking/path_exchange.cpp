@@ -145,11 +145,6 @@ PathScorer::PathScorer(const std::vector<Plot>& plots, const std::vector<double>
   }
 }
 
-Hypothesis PathScorer::BirthOf(std::size_t filter, std::uint32_t plot, const FrameTime& at) const {
-  const std::vector<double>& speeds = config_.birth_speeds_mps;
-  return ModelOf(filter).Birth(plots_[plot], log_births_[plot], at, speeds[filter % speeds.size()]);
-}
-
 Path PathScorer::WithScore(Members members) const {
   Path path;
   path.plots = std::move(members);
@@ -158,31 +153,24 @@ Path PathScorer::WithScore(Members members) const {
   for (std::size_t k = 1; k < path.plots.size(); ++k) {
     if (plots_[path.plots[k]].frame == plots_[path.plots[k - 1]].frame) return path;
   }
-  std::vector<FrameTime> frame_times;
-  frame_times.reserve(path.plots.size());
-  for (const std::uint32_t i : path.plots) frame_times.push_back(frame_time_of_(plots_[i]));
-  for (std::size_t filter = 0; filter < num_filters(); ++filter) {
-    Hypothesis h = BirthOf(filter, path.plots.front(), frame_times.front());
-    for (std::size_t k = 1; k < path.plots.size(); ++k) {
-      h = ModelOf(filter).PredictAndUpdate(h, plots_[path.plots[k]], frame_times[k]);
-    }
-    path.score = std::max(path.score, h.score);
+  for (const std::vector<Hypothesis>& hypotheses : Filter(path.plots).hypotheses) {
+    path.score = std::max(path.score, hypotheses.back().score);
   }
   return path;
 }
 
 PathScorer::Filtered PathScorer::Filter(const Members& members) const {
   Filtered path;
-  path.plots = members;
-  path.hypotheses.reserve(members.size() * num_filters());
+  path.members = members;
   for (const std::uint32_t i : members) {
-    const FrameTime& at = path.frame_times.emplace_back(frame_time_of_(plots_[i]));
-    for (std::size_t filter = 0; filter < num_filters(); ++filter) {
-      path.hypotheses.push_back(
-          path.frame_times.size() == 1
-              ? BirthOf(filter, i, at)
-              : ModelOf(filter).PredictAndUpdate(
-                    path.hypotheses[path.hypotheses.size() - num_filters()], plots_[i], at));
+    path.plots.push_back(&plots_[i]);
+    path.frame_times.push_back(frame_time_of_(plots_[i]));
+  }
+  for (const TrackModel& model : models_) {
+    for (const double speed_mps : config_.birth_speeds_mps) {
+      const Hypothesis birth = model.Birth(*path.plots.front(), log_births_[members.front()],
+                                           path.frame_times.front(), speed_mps);
+      path.hypotheses.push_back(FilterFrom(model, birth, path.plots, path.frame_times, 1));
     }
   }
   return path;
@@ -191,23 +179,23 @@ PathScorer::Filtered PathScorer::Filter(const Members& members) const {
 Path PathScorer::WithScore(const Filtered& head, std::size_t num_of_head, const Filtered& tail,
                            std::size_t num_skipped) const {
   Path path;
-  path.plots.assign(head.plots.begin(),
-                    head.plots.begin() + static_cast<std::ptrdiff_t>(num_of_head));
-  path.plots.insert(path.plots.end(), tail.plots.begin() + static_cast<std::ptrdiff_t>(num_skipped),
-                    tail.plots.end());
+  path.plots.assign(head.members.begin(),
+                    head.members.begin() + static_cast<std::ptrdiff_t>(num_of_head));
+  path.plots.insert(path.plots.end(),
+                    tail.members.begin() + static_cast<std::ptrdiff_t>(num_skipped),
+                    tail.members.end());
   if (num_of_head == 0) return WithScore(std::move(path.plots));
   path.score = -std::numeric_limits<double>::infinity();
   const bool are_joined = num_skipped < tail.plots.size();
-  if (are_joined &&
-      plots_[path.plots[num_of_head - 1]].frame == plots_[path.plots[num_of_head]].frame) {
+  if (are_joined && head.plots[num_of_head - 1]->frame == tail.plots[num_skipped]->frame) {
     return path;
   }
-  for (std::size_t filter = 0; filter < num_filters(); ++filter) {
-    Hypothesis h = head.hypotheses[(num_of_head - 1) * num_filters() + filter];
-    for (std::size_t k = num_skipped; k < tail.plots.size(); ++k) {
-      h = ModelOf(filter).PredictAndUpdate(h, plots_[tail.plots[k]], tail.frame_times[k]);
-    }
-    path.score = std::max(path.score, h.score);
+  for (std::size_t filter = 0; filter < head.hypotheses.size(); ++filter) {
+    const TrackModel& model = models_[filter / config_.birth_speeds_mps.size()];
+    const Hypothesis& from = head.hypotheses[filter][num_of_head - 1];
+    path.score =
+        std::max(path.score,
+                 FilterFrom(model, from, tail.plots, tail.frame_times, num_skipped).back().score);
   }
   return path;
 }

@@ -38,9 +38,10 @@ class PathScorer {
 
   // A path with what its filters, one per sigma_a and birth speed, know after each plot.
   struct Filtered {
-    std::vector<std::uint32_t> plots;
-    std::vector<FrameTime> frame_times;  // (plots)
-    std::vector<Hypothesis> hypotheses;  // (plots, filters)
+    std::vector<std::uint32_t> members;
+    std::vector<const Plot*> plots;
+    std::vector<FrameTime> frame_times;               // (plots)
+    std::vector<std::vector<Hypothesis>> hypotheses;  // (filters, plots)
   };
 
   // Filters a path whose plots are of as many frames.
@@ -54,12 +55,6 @@ class PathScorer {
   const std::vector<Plot>& plots() const { return plots_; }
 
  private:
-  std::size_t num_filters() const { return models_.size() * config_.birth_speeds_mps.size(); }
-  const TrackModel& ModelOf(std::size_t filter) const {
-    return models_[filter / config_.birth_speeds_mps.size()];
-  }
-  Hypothesis BirthOf(std::size_t filter, std::uint32_t plot, const FrameTime& at) const;
-
   const std::vector<Plot>& plots_;
   const std::vector<double>& log_births_;
   std::vector<TrackModel> models_;

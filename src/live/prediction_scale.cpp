@@ -10,16 +10,16 @@ namespace unlidar {
 namespace {
 
 using Levels = Eigen::Array<double, PredictionScale::kLevels, 1>;
-using Shares = Eigen::Array<double, PredictionScale::kLevels, PredictionScale::kMeans>;
+using Shares = PredictionScale::Shares;
 
 constexpr double kLog2 = 0.693147180559945;
 constexpr int kLowestHalfOctave = -8;
-// Spread of the logarithm of the levels within a track: in windows of 5 s of nine real flights that
-// of sigma_a is 0.59 (docs/notebook/trajectory.md), and twice that of a variance.
+// Standard deviation of ln lambda within a track: that of ln sigma_a over windows of 5 s of nine
+// real flights is 0.59 (docs/notebook/trajectory.md), and a variance has twice that.
 constexpr double kLevelSpread = 1.2;
-// Means of tracks, about half an octave below what the fit states: its sigma_a is a mean over
-// levels, not their median. By the likelihood of innovations, as is the time for which a level is
-// kept; the spread of means, on which it hardly depends, by NEES (docs/notebook/streams.md).
+// Centre of the means of tracks, half an octave below what the fit states: its sigma_a is a mean
+// over levels, not their median. Centre and holding time maximise the likelihood of innovations,
+// which hardly depends on the spread of means: that is chosen by NEES (docs/notebook/streams.md).
 constexpr double kMeanCentre = -0.5 * kLog2;
 constexpr double kMeanSpread = 0.7;
 constexpr double kHoldingTimeS = 1.0;
@@ -87,7 +87,7 @@ void PredictionScale::Observe(const PredictionError& error) {
   Shares shares = kept * shares_ + (1.0 - kept) * DrawnAnew(shares_);
   shares.colwise() *= LikelihoodsOf(error);
   const double sum = shares.sum();
-  if (!(sum > 0.0) || !std::isfinite(sum)) return;  // numbers that no target has
+  if (!(sum > 0.0)) return;  // NaN, as of a fit that diverged, or all likelihoods underflow
   shares_ = shares / sum;
   time_ns_ = std::max(time_ns_, error.time_ns);
 }

@@ -15,18 +15,18 @@ struct PredictionError {
   Eigen::Matrix3d measured_m2 = Eigen::Matrix3d::Identity();  // covariance of the measurement
 };
 
-// Ratio lambda of the variance of a track's predictions to that stated by its fit. The fit knows
-// how agile the target was over seconds; where it stops at once, the newest velocity is wrong by
-// more than that, and where it hovers, by less. At new measurements the error e = z - x of the
-// prediction tells: e is normal with covariance lambda P + R. ln lambda is a hidden Markov chain: a
+// Ratio lambda of the variance of a track's predictions to that stated by its fit. The fit
+// estimates the agility of the target over seconds; where it stops at once, the newest velocity is
+// wrong by more than that, and where it hovers, by less. The error e = z - x of a prediction at a
+// new measurement is normal with covariance lambda P + R. ln lambda is a hidden Markov chain: a
 // level is kept for a second on average, and is then drawn anew about the mean of the track, which
-// is unknown, too. The levels are marginalised over by Bayes' rule, so that a track of which little
-// was seen has the prior's. Does not allocate.
+// is unknown, too. Both are marginalised over by Bayes' rule, so that a track with few measurements
+// stays close to the prior. Does not allocate.
 class PredictionScale {
  public:
   PredictionScale();
 
-  // Errors come in order of time, more or less.
+  // An error earlier than the newest one so far counts as one of the same time.
   void Observe(const PredictionError& error);
 
   // Posterior mean of lambda at a time. The error of the last estimate keeps its level until a
@@ -36,10 +36,9 @@ class PredictionScale {
   // Levels of lambda: from 1/16 to 256, in half octaves. Means: in octaves.
   static constexpr int kLevels = 25;
   static constexpr int kMeans = 5;
+  using Shares = Eigen::Array<double, kLevels, kMeans>;  // of probability
 
  private:
-  using Shares = Eigen::Array<double, kLevels, kMeans>;
-
   double ShareKept(TimeNs time_ns) const;
 
   Shares shares_;  // posterior of level and mean at time_ns_

@@ -140,13 +140,19 @@ TEST(PredictionScale, NeverFallsWhileNothingIsSeen) {
   }
 }
 
-TEST(PredictionScale, WhatIsNoNumberChangesNothing) {
-  PredictionScale scale;
-  PredictionError error;
-  error.predicted_m2 = Eigen::Matrix3d::Identity();
-  error.error_m.setConstant(std::nan(""));
-  scale.Observe(error);
-  EXPECT_EQ(scale.VarianceRatioAt(0), PriorRatio());
+TEST(PredictionScale, WhatIsNotFiniteChangesNothing) {
+  for (const double value : {std::nan(""), HUGE_VAL}) {
+    PredictionScale scale;
+    PredictionError error;
+    error.predicted_m2 = Eigen::Matrix3d::Identity();
+    error.error_m.setConstant(value);
+    scale.Observe(error);
+    EXPECT_EQ(scale.VarianceRatioAt(0), PriorRatio());
+    error.error_m.setZero();
+    error.predicted_m2 *= value;
+    scale.Observe(error);
+    EXPECT_EQ(scale.VarianceRatioAt(0), PriorRatio());
+  }
 }
 
 }  // namespace

@@ -79,15 +79,15 @@ std::optional<int> ConfirmedTracks::TrackOf(std::size_t plot) const {
   return tracks_[claim.track].number;
 }
 
-void ConfirmedTracks::PlaceTracksAt(double time_s) {
+IsTarget ConfirmedTracks::IsTargetAt(double time_s) {
   for (Track& track : tracks_) track.place_m = track.follower->PlaceAtM(time_s);
-}
-
-bool ConfirmedTracks::HasTrackAt(const Eigen::Vector3d& place_m, double dwell_begin_s) const {
-  return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
-    return AreNear(track.place_m, place_m) &&
-           AreNear(track.follower->PlaceAtM(dwell_begin_s), place_m);
-  });
+  return [this](const Eigen::Vector3f& at_m, double dwell_begin_s) {
+    const Eigen::Vector3d place_m = at_m.cast<double>();
+    return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
+      return AreNear(track.place_m, place_m) &&
+             AreNear(track.follower->PlaceAtM(dwell_begin_s), place_m);
+    });
+  };
 }
 
 // True if a track is near at least half of the plots: a drone may yield two plots in a frame.

@@ -43,11 +43,8 @@ class ConfirmedTracks {
   // tracks begin or end.
   std::optional<int> TrackOf(std::size_t plot) const;
 
-  // Sets the time of HasTrackAt(). To be called again when tracks were extended.
-  void PlaceTracksAt(double time_s);
-
-  // True if a track was at a place at `dwell_begin_s` and is predicted to be there at the time set.
-  bool HasTrackAt(const Eigen::Vector3d& place_m, double dwell_begin_s) const;
+  // Tells of the tracks as predicted at a time. Valid until the next call or until tracks change.
+  IsTarget IsTargetAt(double time_s);
 
   // kBelowThreshold: its score is below the threshold; kPartOfAnotherTrack: a track has it already.
   struct Initiation {
@@ -98,7 +95,7 @@ class ConfirmedTracks {
     int number = 0;  // in order of initiation
     int id = 0;      // as reported
     std::unique_ptr<TrackFollower> follower;
-    Eigen::Vector3d place_m = Eigen::Vector3d::Zero();  // as of PlaceTracksAt()
+    Eigen::Vector3d place_m = Eigen::Vector3d::Zero();  // as of IsTargetAt()
     std::vector<LivePlot> adapted_plots;  // plots of a frame, with clutter as for this track
     std::optional<TrackValidator::Verdict> verdict;
     KindFilter kind;

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cstddef>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -46,5 +47,8 @@ struct PathCut {
   Rejection rule = Rejection::kNone;
   std::size_t num_plots = 0;
 };
+
+// True if a known target was at a place at `dwell_begin_s` and is there in the frame at hand.
+using IsTarget = std::function<bool(const Eigen::Vector3f& place_m, double dwell_begin_s)>;
 
 }  // namespace unlidar

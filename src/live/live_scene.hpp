@@ -4,7 +4,6 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <utility>
 #include <vector>
 
@@ -48,10 +47,6 @@ class LiveScene {
   // May be called again for a sensor.
   void AddSensor(std::uint32_t sensor, const SensorInfo& info);
 
-  // True if a known target was at a place at `dwell_begin_s` and is there at NextTimeS(). May be
-  // empty: no targets.
-  using IsTarget = std::function<bool(const Eigen::Vector3f& place_m, double dwell_begin_s)>;
-
   // `is_blinded`: a sensor is or may be blinded, and weather affects all. From the next frame on no
   // plot is marked as floating then, because its support may be hidden.
   void SetBlinded(bool is_blinded) { is_blinded_ = is_blinded; }
@@ -73,7 +68,7 @@ class LiveScene {
   double NextTimeS() const { return SecondsOf(waiting_.front().first.info.middle_ns()); }
 
   // Makes the plots of the next waiting frame and returns the middle of that frame. The scene must
-  // be warm and a frame must be waiting.
+  // be warm and a frame must be waiting. `is_target`: for NextTimeS(); empty: no targets.
   TimeNs MakePlots(const IsTarget& is_target = nullptr);
 
   // Sets the next frame whose plots are made and whose middle is at most `until_ns`; returns false

@@ -145,8 +145,8 @@ TEST(ConfirmedTracks, APlaceIsATargetsWhileItIsThere) {
   ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
   const auto seconds = [](int i) { return DroneAt(i).time_s; };
   const auto has = [&](int place, int since, int until) {
-    t.tracks.PlaceTracksAt(seconds(until));
-    return t.tracks.HasTrackAt(DroneAt(place).plot.position_m, seconds(since));
+    return t.tracks.IsTargetAt(seconds(until))(DroneAt(place).plot.position_m.cast<float>(),
+                                               seconds(since));
   };
   EXPECT_TRUE(has(19, 19, 19));
   EXPECT_TRUE(has(21, 20, 21));

@@ -12,7 +12,6 @@ from unlidar.errors import InputError
 from unlidar.evaluation.sequences import read_manifest
 from unlidar.export.mmaud import read_stamps
 from unlidar.frame_clock import stamps_of_table
-from unlidar.report.data import _read_clusters
 from unlidar.truth import read_tracks, read_truth
 
 # By what is read: how, its columns, and the values of a row.
@@ -23,7 +22,7 @@ READERS: dict[str, tuple[Callable[[Path], object], str, str]] = {
     "stamps of files": (lambda p: stamps_of_table(p, [Path("1.pcd")]), "file,timestamp", "1.pcd,1"),
     "manifest": (read_manifest, "truth,trajectory", "a.csv,b.csv"),
     "stamps of a challenge": (lambda p: read_stamps(p, ["a"]), "Sequence,Timestamp", "a,1.5"),
-    "clusters": (_read_clusters, "rank,score", "1,2"),
+    "clusters": (lambda p: list(csv_rows(p)), "rank,score", "1,2"),
 }
 DAMAGE = {
     "a value less": (lambda row: row.rpartition(",")[0], "values, expected"),
@@ -69,7 +68,11 @@ def test_a_column_that_comes_twice_is_refused(reader: str, tmp_path: Path) -> No
 def test_a_missing_column_is_named_with_what_is_there(reader: str, tmp_path: Path) -> None:
     read, columns, _ = READERS[reader]
     last = columns.split(",")[-1]
-    for other, found in (("a,b", "it has a, b"), ("1,2.5", "its first line is 2 numbers")):
+    for other, found in (
+        ("a,b", "it has a, b"),
+        ("1,2.5", "its first line is 2 numbers"),
+        ("1_000,inf", "it has 1_000, inf"),
+    ):
         with pytest.raises(InputError, match=f"has no column {last}|no column .*, {found}"):
             read(table(tmp_path, other, "1,2"))
 

@@ -153,7 +153,7 @@ def _found(names: Sequence[str], begins: bool) -> str:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        finite_number(text)
     except ValueError:
         return False
     return True

@@ -20,7 +20,6 @@ from unlidar.record import RunRecord
 from unlidar.report import ReportData, load_run
 from unlidar.report import sample as sampling
 from unlidar.report.charts import errors_of, lengths_of
-from unlidar.report.data import Clusters
 from unlidar.report.lines import at_times, drawn_rows, range_sigma, speed, tube
 from unlidar.report.page import begin_of, page_of
 from unlidar.report.static import figure_data
@@ -158,7 +157,7 @@ def test_an_hour_of_data_stays_below_ten_megabytes_and_says_what_is_left_out():
         targets=90_000, frames=36_000, returns=150_000_000, far=0,
     )  # fmt: skip
     columns = ["id", "rank", *[f"psi_{i}" for i in range(10)]]
-    clusters = Clusters(columns, [["1.234567890123"] * 12] * 5000)
+    clusters = [dict.fromkeys(columns, "1.234567890123")] * 5000
     data = ReportData(
         RunRecord("hour", Path(), {}, None, [], tracking_s=1.0), {}, tracks, truth,
         evaluate(truth, tracks), clusters, sample, [],
@@ -230,7 +229,7 @@ def test_of_several_drones_each_is_compared_with_its_own_track():
     sample = sampling.sample_returns({}, tracks, np.zeros((0, 3)), 0)
     data = ReportData(
         RunRecord("two", Path(), {}, None, [], tracking_s=1.0), {}, tracks, truth,
-        evaluate(truth, tracks), Clusters([], []), sample, [],
+        evaluate(truth, tracks), [], sample, [],
     )  # fmt: skip
     errors = errors_of(data)
     assert set(errors.target) == {0.0}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unlidar.csv_rows import columns_of, csv_rows
+from unlidar.csv_rows import csv_rows
 from unlidar.evaluation import evaluate
 from unlidar.frames_io import read_returns
 from unlidar.mounting import Mounting, mounting_of
@@ -19,14 +19,6 @@ from unlidar.truth import Tracks, Truth, read_tracks, read_truth
 
 
 @dataclass(frozen=True)
-class Clusters:
-    """The program's table of cluster scores, values as written."""
-
-    columns: list[str]
-    rows: list[list[str]]  # in order of rank
-
-
-@dataclass(frozen=True)
 class ReportData:
     """All data of pages and figures. Times are Unix seconds, lengths metres."""
 
@@ -35,7 +27,7 @@ class ReportData:
     tracks: Tracks
     truth: Truth  # empty if there is none
     measures: dict | None  # of `evaluate`; None without truth
-    clusters: Clusters
+    clusters: list[dict[str, str]]  # rows of the table of scores, in order of rank
     sample: Sample
     missing_frames: list[Path]  # frame directories that no longer exist
     station_m: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))  # or its way, (N, 3)
@@ -85,7 +77,7 @@ def read_results(run: Path, record: RunRecord, tracks: Tracks, measures: dict | 
         tracks=tracks,
         truth=truth,
         measures=measures,
-        clusters=_read_clusters(run / CLUSTERS),
+        clusters=[row.values for row in csv_rows(run / CLUSTERS)],
         sample=sample,
         station_m=_way_of(sample.steps_s, mountings.values()),
         missing_frames=[path for name, path in record.frames.items() if name not in present],
@@ -99,10 +91,6 @@ def _way_of(time_s: np.ndarray, mountings: Iterable[Mounting]) -> np.ndarray:
     if moving is None or len(time_s) == 0:
         return np.zeros((1, 3))
     return moving.viewpoints_m(np.rint(time_s * 1e9).astype(np.int64))
-
-
-def _read_clusters(path: Path) -> Clusters:
-    return Clusters(columns_of(path), [list(row.values.values()) for row in csv_rows(path)])
 
 
 def _no_truth() -> Truth:

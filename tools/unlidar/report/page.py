@@ -243,11 +243,9 @@ def _about_sigmas(m: dict) -> str:
 
 
 def _cluster_rows(data: ReportData) -> tuple[list[str], list[list[str]]]:
-    known = {c: i for i, c in enumerate(data.clusters.columns)}
-    chosen = [name for name in _CLUSTER_COLUMNS if name in known]
-    rows = [
-        [_short(row[known[name]]) for name in chosen] for row in data.clusters.rows[:_MOST_CLUSTERS]
-    ]
+    best = data.clusters[:_MOST_CLUSTERS]
+    chosen = [name for name in _CLUSTER_COLUMNS if best and name in best[0]]
+    rows = [[_short(row[name]) for name in chosen] for row in best]
     return [_CLUSTER_COLUMNS[name] for name in chosen], rows
 
 
@@ -268,7 +266,7 @@ def _cluster_section(data: ReportData, head: list[str], rows: list[list[str]]) -
 
 
 def _cluster_table(data: ReportData, head: list[str], rows: list[list[str]]) -> str:
-    total = len(data.clusters.rows)
+    total = len(data.clusters)
     if total == 0:
         return "<p>The recording has no cluster that is large enough to be scored.</p>"
     heads = "".join(

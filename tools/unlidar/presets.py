@@ -1,10 +1,11 @@
 """Configurations for data sets with properties that are not in their frames."""
 
-import json
 from pathlib import Path
 
 from unlidar.configs import CONFIG_DIR
-from unlidar.limits import load_yaml, read_text
+from unlidar.errors import InputError
+from unlidar.limits import load_yaml
+from unlidar.record import read_object
 
 MMAUD = CONFIG_DIR / "mmaud.yaml"
 _HOLDS = "input.stamp"
@@ -42,7 +43,6 @@ def about_truth(truth: Path) -> dict[str, str]:
 
 def _conversion(frames: Path) -> dict:
     try:
-        known = json.loads(read_text(frames / "conversion.json"))
-    except (OSError, ValueError, RecursionError):
+        return read_object(frames / "conversion.json")
+    except InputError:
         return {}  # frames from elsewhere
-    return known if isinstance(known, dict) else {}

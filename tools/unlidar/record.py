@@ -129,13 +129,18 @@ def write_explanation(run: Path, explanation: dict) -> None:
 
 def read_object(path: Path) -> dict:
     """A JSON object from a file, else InputError."""
-    try:
-        content = json.loads(read_text(path))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: cannot be read: {reason(error)}") from error
+    content = read_json(path)
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds a {type(content).__name__}, expected a JSON object")
     return content
+
+
+def read_json(path: Path) -> object:
+    """The content of a JSON file, else InputError."""
+    try:
+        return json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read: {reason(error)}") from error
 
 
 def _write_object(path: Path, content: dict) -> None:

@@ -1,20 +1,18 @@
 """Evaluation of many sequences, from a manifest or folders of results, in groups."""
 
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from unlidar.csv_rows import csv_rows, numbered_lines
-from unlidar.errors import InputError, reason
+from unlidar.errors import InputError
 from unlidar.evaluate_options import Options
 from unlidar.evaluation.comparison import compare_files
 from unlidar.evaluation.measures import measure
-from unlidar.limits import read_text
 from unlidar.output import FRAMES, RUN_RECORD
 from unlidar.presets import about_truth
 from unlidar.program import TRAJECTORY
-from unlidar.record import MEASURES, read_record
+from unlidar.record import MEASURES, read_json, read_record
 from unlidar.reporting import note
 from unlidar.truth import TRUTH_NAME
 
@@ -105,10 +103,7 @@ def _of_results(name: str, group: str, folder: Path) -> Flight:
 
 
 def _objects(path: Path) -> list:
-    try:
-        entries = json.loads(read_text(path))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: cannot be read as a manifest: {reason(error)}") from error
+    entries = read_json(path)
     if not isinstance(entries, list):
         raise InputError(f"{path}: is no list, expected objects with {', '.join(_COLUMNS)}")
     return entries

@@ -20,7 +20,7 @@ from test_relay import Receiver, Relay, certificate
 from unlidar.events.site import Site
 from unlidar.relay.mqtt import MqttSender
 from unlidar.relay.output import Output
-from unlidar.relay.sockets import StreamSender
+from unlidar.relay.sockets import StreamSender, UdpSender
 
 RESET = struct.pack("ii", 1, 0)  # of SO_LINGER: closing says so at once, and drops what waits
 
@@ -219,6 +219,23 @@ def test_nothing_is_written_into_a_connection_that_the_other_side_has_left() -> 
 
     with serving(lambda client: None) as port:
         asyncio.run(asyncio.wait_for(check(port), PATIENCE_S))
+
+
+@pytest.mark.parametrize("host", ["fe80::1", "ff12::1"])
+def test_datagrams_go_to_the_zone_of_an_ipv6_address(host: str, monkeypatch) -> None:
+    known = []
+    monkeypatch.setattr(
+        socket.socket, "sendto", lambda own, data, to: known.append((data, to)), raising=False
+    )
+
+    async def send() -> None:
+        sender = UdpSender(f"{host}%lo", 6969)
+        await sender.connect()
+        await sender.send([b"<event/>"], lambda: None)
+        await sender.close()
+
+    asyncio.run(send())
+    assert known == [(b"<event/>", (host, 6969, 0, socket.if_nametoindex("lo")))]
 
 
 def test_a_terminal_that_is_closed_lets_it_say_its_last_words(tmp_path) -> None:

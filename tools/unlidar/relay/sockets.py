@@ -36,11 +36,16 @@ class UdpSender:
         loop = asyncio.get_running_loop()
         found = await loop.getaddrinfo(self._host, self._port, type=socket.SOCK_DGRAM)
         family, *_, address = found[0]
+        # With the zone of a link-local address of IPv6.
+        host, _ = socket.getnameinfo(address, socket.NI_NUMERICHOST | socket.NI_NUMERICSERV)
         # Unconnected socket: ICMP errors of earlier datagrams are no lost connection.
         self._transport, _ = await loop.create_datagram_endpoint(
-            asyncio.DatagramProtocol, remote_addr=address[:2], family=family, allow_broadcast=True
+            asyncio.DatagramProtocol,
+            remote_addr=(host, self._port),
+            family=family,
+            allow_broadcast=True,
         )
-        if ipaddress.ip_address(address[0].partition("%")[0]).is_multicast:
+        if ipaddress.ip_address(host).is_multicast:
             own = self._transport.get_extra_info("socket")
             if family == socket.AF_INET6:
                 own.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, _MULTICAST_HOPS)

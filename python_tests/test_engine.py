@@ -273,6 +273,11 @@ NS = 1_706_300_000_000_000_000
             r"\(0,\) and dtype int64, .*\(4,\)",
         ),
         (("a", NS, XYZ, np.zeros(4)), unlidar.InputError, "dtype float64, expected .* int64"),
+        (
+            ("a", NS, np.full((4, 3), -1e39)),
+            unlidar.InputError,
+            r"xyz has -1e\+39, expected metres",
+        ),
         (("a", NS, XYZ, np.ma.zeros(4, int)), unlidar.InputError, "offsets_ns is a masked array"),
         (("a", NS, XYZ, np.full(4, 10**11)), unlidar.InputError, "time 100000000000"),
         (("a", NS + 0.5, XYZ), unlidar.InputError, "stamp_ns: a float, expected"),

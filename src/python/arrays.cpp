@@ -1,7 +1,9 @@
 #include "python/arrays.hpp"
 
 #include <array>
+#include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "base/format.hpp"
 #include "io/pose_file.hpp"
@@ -53,12 +55,19 @@ bool IsDouble(const py::buffer_info& view) { return IsOf(view, "d", sizeof(doubl
 
 bool IsInt64(const py::buffer_info& view) { return IsOf(view, "lq", sizeof(std::int64_t)); }
 
+// Inf is no return, and what becomes Inf only here is none by mistake.
 template <typename Value>
-void CopyPoints(const py::buffer_info& view, std::vector<Eigen::Vector3f>& points_m) {
+void CopyPoints(const py::buffer_info& view, const std::string& frame,
+                std::vector<Eigen::Vector3f>& points_m) {
   const char* from = static_cast<const char*>(view.ptr);
   for (Eigen::Vector3f& point_m : points_m) {
     for (int axis = 0; axis < 3; ++axis) {
-      point_m[axis] = static_cast<float>(ValueAt<Value>(from + axis * view.strides[1]));
+      const auto value = ValueAt<Value>(from + axis * view.strides[1]);
+      if (std::isfinite(value) && std::abs(value) > std::numeric_limits<float>::max()) {
+        throw InputError(frame + ": xyz has " + ShortestText(value) +
+                         ", expected metres, which float32 can hold");
+      }
+      point_m[axis] = static_cast<float>(value);
     }
     from += view.strides[0];
   }
@@ -73,12 +82,12 @@ PointArray::PointArray(const py::object& xyz, const std::string& frame) : view_(
                    ", expected an array of shape (n, 3) and dtype float32 or float64");
 }
 
-std::vector<Eigen::Vector3f> PointArray::Copy() const {
+std::vector<Eigen::Vector3f> PointArray::Copy(const std::string& frame) const {
   std::vector<Eigen::Vector3f> points_m(size());
   if (IsDouble(view_)) {
-    CopyPoints<double>(view_, points_m);
+    CopyPoints<double>(view_, frame, points_m);
   } else {
-    CopyPoints<float>(view_, points_m);
+    CopyPoints<float>(view_, frame, points_m);
   }
   return points_m;
 }

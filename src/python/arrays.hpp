@@ -19,8 +19,9 @@ class PointArray {
   // Throws InputError, which begins with `frame`, for anything else.
   PointArray(const pybind11::object& xyz, const std::string& frame);
 
-  // Needs no interpreter lock.
-  std::vector<Eigen::Vector3f> Copy() const;
+  // Needs no interpreter lock. Throws InputError, which begins with `frame`, for a finite value
+  // that float32 cannot hold.
+  std::vector<Eigen::Vector3f> Copy(const std::string& frame) const;
 
   std::size_t size() const { return static_cast<std::size_t>(view_.shape[0]); }
 

@@ -94,7 +94,7 @@ void NamedSensors::Add(const std::string& sensor, TimeNs stamp_ns, const py::obj
   last_frame_ = name;
   try {
     const py::gil_scoped_release unlocked;
-    frame.points_m = points.Copy();
+    frame.points_m = points.Copy(name);
     frame.offsets_ns = offsets.Copy();
     engine_->Add(std::move(frame));
     NotePace(index, stamp_ns);

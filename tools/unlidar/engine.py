@@ -151,8 +151,8 @@ class Engine:
         the stamp. Frames may come late, and sensors behind each other, by `live.reorder_s`.
 
         InputError for arrays of another shape or type, a repeated stamp, point times far from it,
-        or coordinates that are no metres: the frame is left out and the next may follow.
-        UsageError for a bad name or a closed engine.
+        or coordinates that are no metres or beyond float32: the frame is left out and the next may
+        follow. UsageError for a bad name or a closed engine.
         """
         with self._lock:
             stream = self._open()

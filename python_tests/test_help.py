@@ -5,6 +5,7 @@ import shlex
 import shutil
 from pathlib import Path
 
+import pytest
 from many import StandIn
 from unlidar.cli import main
 from unlidar.configs import scenario_names
@@ -27,6 +28,12 @@ def test_every_help_shows_examples_of_its_command(capsys) -> None:
     for command in listed:
         shown = examples(capsys, command)
         assert any(words[:2] == ["unlidar", command] for words in shown), command
+
+
+@pytest.mark.parametrize("words", [("run", "a"), ("evaluate", "a", "b"), ("simulate", "a", "b")])
+def test_options_that_a_command_does_not_know_name_its_help(words: tuple[str, ...], fails) -> None:
+    said = fails(2, *words, "--no-such")
+    assert f"unrecognized arguments: --no-such (see unlidar {words[0]} --help)" in said
 
 
 def test_the_help_of_simulate_names_every_scenario(capsys) -> None:

@@ -96,17 +96,22 @@ class _Parser(argparse.ArgumentParser):
 class _Command(_Parser):
     """A sub-command whose lists of positional arguments may be split by options."""
 
-    _is_mixing = False
+    _is_parsing = False
 
     def parse_known_args(self, args=None, namespace=None):
-        # argparse takes all positional arguments before the first option for the whole list.
-        if self._is_mixing or not any(a.nargs in ("+", "*") for a in self._actions):
+        if self._is_parsing:
             return super().parse_known_args(args, namespace)
-        self._is_mixing = True
+        # argparse takes all positional arguments before the first option for the whole list.
+        is_mixing = any(a.nargs in ("+", "*") for a in self._actions)
+        parse = self.parse_known_intermixed_args if is_mixing else self.parse_known_args
+        self._is_parsing = True
         try:
-            return self.parse_known_intermixed_args(args, namespace)
+            known, unknown = parse(args, namespace)
         finally:
-            self._is_mixing = False
+            self._is_parsing = False
+        if unknown:  # argparse leaves them to the parser of all commands, with its help
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return known, unknown
 
 
 class _Version(argparse.Action):

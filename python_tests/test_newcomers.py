@@ -63,6 +63,37 @@ def test_truth_and_trajectory_that_are_swapped_are_recognised(result: Path, fail
     assert main(["evaluate", str(trajectory), str(trajectory)]) == 0
 
 
+def test_a_trajectory_given_twice_is_refused(result: Path, fails) -> None:
+    truth, trajectory = result / "ground_truth.csv", result / "traj.csv"
+    again = result.parent / result.name / ".." / result.name / "traj.csv"
+    assert f"{again}: is given twice" in fails(2, "evaluate", truth, trajectory, again)
+
+
+def with_sigma(trajectory: Path, sigma: str) -> Path:
+    """The trajectory beside itself with another sigma_x in its first row."""
+    head, first, *rows = trajectory.read_text().splitlines()
+    values = first.split(",")
+    values[head.split(",").index("sigma_x")] = sigma
+    other = trajectory.with_name("sigma.csv")
+    other.write_text("\n".join([head, ",".join(values), *rows]) + "\n")
+    return other
+
+
+def test_a_sigma_below_zero_is_refused(result: Path, fails) -> None:
+    trajectory = with_sigma(result / "traj.csv", "-0.1")
+    line = fails(4, "evaluate", result / "ground_truth.csv", trajectory)
+    assert f"{trajectory}: sigma_x is -0.1, expected at least 0" in line
+
+
+def test_sigmas_that_only_some_rows_have_are_noted(result: Path, capsys) -> None:
+    for first, said in (("0.1", False), ("", True)):
+        trajectory = with_sigma(result / "traj.csv", first)
+        assert main(["evaluate", str(result / "ground_truth.csv"), str(trajectory), "--json"]) == 0
+        shown = capsys.readouterr()
+        assert ("nees" in json.loads(shown.out)) != said
+        assert ("1 of 100 rows lack sigma_x, sigma_y, sigma_z" in shown.err) == said
+
+
 def test_a_trajectory_without_rows_is_an_answer(result: Path, capsys) -> None:
     trajectory = result / "traj.csv"
     trajectory.write_text(trajectory.read_text().splitlines()[0] + "\n")

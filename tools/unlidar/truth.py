@@ -10,6 +10,7 @@ import numpy as np
 
 from unlidar.csv_rows import Row, csv_rows, numbered_lines
 from unlidar.errors import InputError
+from unlidar.reporting import note
 from unlidar.stamps import format_stamp_ns, parse_seconds_ns, parse_stamp_ns
 
 TRUTH_NAME = "ground_truth.csv"
@@ -62,8 +63,17 @@ def read_tracks(path: Path) -> Tracks:
 
     def known(names: Sequence[str]) -> np.ndarray | None:
         columns = np.stack([table[name] for name in names], axis=1)
-        return None if np.isnan(columns).any() else columns
+        lacking = np.isnan(columns).any(axis=1)
+        if lacking.any() and not np.isnan(columns).all():
+            note(
+                f"{path}: {lacking.sum()} of {len(lacking)} rows lack {', '.join(names)}: no row's "
+                "are used"
+            )
+        return None if lacking.any() else columns
 
+    for name in _triple("sigma_{}"):
+        if (table[name] < 0).any():
+            raise InputError(f"{path}: {name} is {np.nanmin(table[name]):g}, expected at least 0")
     support = known(["support"])
     return Tracks(
         table["timestamp"],

@@ -19,6 +19,7 @@ from unlidar.evaluation.alignment import (
 from unlidar.evaluation.association import Coverage, OwnRows, cover, identities, own_rows
 from unlidar.evaluation.coordinates import coordinate_mismatch
 from unlidar.evaluation.plausibility import (
+    refuse_repeated,
     refuse_swapped,
     repeated_times,
     require_common_time,
@@ -83,9 +84,10 @@ def compare_files(
     """`compare` on files; errors and warnings name the first trajectory.
 
     Their time spans must overlap unless they are known to be of `one_clock`. UsageError if
-    truth and trajectory are swapped.
+    truth and trajectory are swapped, or a trajectory is given twice.
     """
     refuse_swapped(truth, trajectories)
+    refuse_repeated(trajectories)
     known, tracks = read_truth(truth), read_all_tracks(trajectories)
     for path, text in (
         (truth, repeated_times(known.time_s, known.target, known.xyz_m)),

@@ -38,6 +38,15 @@ def refuse_swapped(truth: Path, trajectories: Sequence[Path]) -> None:
             )
 
 
+def refuse_repeated(trajectories: Sequence[Path]) -> None:
+    """UsageError for a file that is given twice, whose tracks would count twice."""
+    known = set()
+    for path in trajectories:
+        if (resolved := path.resolve()) in known:
+            raise UsageError(f"{path}: is given twice, expected each trajectory once")
+        known.add(resolved)
+
+
 def repeated_times(time_s: np.ndarray, number: np.ndarray, xyz_m: np.ndarray) -> str | None:
     """A note on rows of one time and number that are at different places; None without any.
 

@@ -1,6 +1,7 @@
 #include "app/arguments.hpp"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstddef>
 #include <set>
 #include <sstream>
@@ -40,6 +41,13 @@ CLI::Option* AddFile(CLI::App& app, const char* option, std::string& path,
       ->type_name("FILE");
 }
 
+// CLI11 would take -1 for 2^64 - 1, as it does any longer number.
+std::string SizeProblem(const std::string& text) {
+  const std::size_t num_digits = std::min(text.find_first_not_of("0123456789"), text.size());
+  if (num_digits > 0 && num_digits < 20) return "";
+  return Quoted(text) + ", expected bytes or a size with a unit, as 500MB";
+}
+
 void AddRecordingOptions(CLI::App& app, Arguments& arguments) {
   CLI::Option* record_packets =
       AddFile(app, "--record-packets", arguments.record_packets,
@@ -50,6 +58,7 @@ void AddRecordingOptions(CLI::App& app, Arguments& arguments) {
   const auto add_size = [&](const char* option, auto& bytes, const char* description) {
     return app.add_option(option, bytes, description)
         ->transform(CLI::AsSizeValue(true).description(""))
+        ->transform(CLI::Validator(SizeProblem, ""))  // goes first
         ->needs(record_packets)
         ->type_name("SIZE");
   };

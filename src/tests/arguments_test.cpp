@@ -122,6 +122,11 @@ TEST(Arguments, CapturesOfPacketsAreBoundedAndOfLivoxOnly) {
        {"1999999", "0", "-5", "nan", "inf", "1.5GB", "4 furlongs", "1e30", ""}) {
     EXPECT_NE(ErrorOf(with({std::string("--record-packets-bytes=") + bytes})), "") << bytes;
   }
+  for (const char* bytes : {"-1", "99999999999999999999"}) {
+    const std::string error = ErrorOf(with({"--record-packets-bytes", bytes}));
+    EXPECT_NE(error.find("'" + std::string(bytes) + "', expected bytes"), std::string::npos)
+        << error;
+  }
   EXPECT_NE(ErrorOf(with({"--record-packets-file-bytes", "2GB", "--record-packets-bytes", "3GB"})),
             "");
   EXPECT_NE(ErrorOf({"--stdin", "--out", "x", "--record-packets", "d"}), "");

@@ -249,7 +249,7 @@ void LiveEngine::RemoveSway(LoadedFrame* frame) {
                              [frame](std::size_t i) { return frame->times_ns[i]; }};
   const SensorInfo& info = sensors_[frame->info.sensor].frames.info();
   sway_.Correct(sway_.Observe(info, swaying), swaying);
-  const auto warning = sway_.WarningOf(frame->info.sensor, info.name);
+  const auto warning = sway_.TakeWarning(frame->info.sensor, info.name);
   if (warning) Warn(frame->info.sensor, {*warning});
 }
 

@@ -8,6 +8,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -70,8 +71,8 @@ class Sway {
   // of the sensor swayed.
   double LargestDeg(std::uint32_t sensor) const;
 
-  // Returns the warning that a station sways, for its first sensor; empty for the others.
-  std::optional<Warning> WarningOf(std::uint32_t sensor, const std::string& name) const;
+  // Returns the warning that a station sways, once and for its first sensor.
+  std::optional<Warning> TakeWarning(std::uint32_t sensor, const std::string& name);
 
  private:
   // State of a period.
@@ -112,6 +113,7 @@ class Sway {
   Stations places_;
   std::vector<Station> stations_;
   std::map<std::uint32_t, std::size_t> station_of_;
+  std::set<std::uint32_t> warned_of_;  // sensors
   std::vector<TimedReturn> sampled_;
 };
 

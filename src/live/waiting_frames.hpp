@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -31,7 +32,7 @@ class WaitingFrames {
   void Add(TimeNs time_ns);
 
   // Time of the earliest frame, and the frame itself, valid until the next one is loaded.
-  TimeNs earliest_ns() const { return slots_.front().time_ns; }
+  TimeNs earliest_ns() const { return slots_.front()->time_ns; }
   LoadedFrame* TakeEarliest();
 
   // If over the limits, drops the newest frame of the sensor that holds the most.
@@ -51,15 +52,17 @@ class WaitingFrames {
              (time_ns == other.time_ns && frame.info.sensor < other.frame.info.sensor);
     }
   };
-  using SlotIterator = std::vector<Slot>::iterator;
+  using Slots = std::vector<std::unique_ptr<Slot>>;  // a frame without returns has 4 kB to move
 
-  static bool ComesLater(const Slot& a, const Slot& b) { return b.ComesBefore(a); }
+  static bool ComesLater(const Slots::value_type& a, const Slots::value_type& b) {
+    return b->ComesBefore(*a);
+  }
   bool IsOverfull() const;
-  SlotIterator end() { return slots_.begin() + static_cast<std::ptrdiff_t>(num_waiting_); }
-  SlotIterator NewestOfBusiestSensor();
+  Slots::iterator end() { return slots_.begin() + static_cast<std::ptrdiff_t>(num_waiting_); }
+  Slots::iterator NewestOfBusiestSensor();
 
   // The first `num_waiting_` slots are a heap, the earliest on top; the rest are spare.
-  std::vector<Slot> slots_;
+  Slots slots_;
   std::size_t num_waiting_ = 0;
   std::size_t bytes_ = 0;  // of all slots
 };

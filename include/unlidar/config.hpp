@@ -104,6 +104,7 @@ enum class Rule {
   kCrowded,          // other detections near a path at the same time count against it
   kBodies,           // people and vehicles yield no plots
   kStrays,           // strays of weather are neither structure nor parts of bodies
+  kStrayGroups,      // more returns side by side than strays group to by chance are kept
   kLocalClutter,     // the clutter intensity is estimated in narrowing neighbourhoods
   kSecondRound,      // [R] targets of a first search are left out of the clutter of a second
   kCollection,       // [R] all returns along a path are collected, not only those of its plots

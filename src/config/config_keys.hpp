@@ -98,6 +98,7 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
                        {"crowded", Rule::kCrowded},
                        {"bodies", Rule::kBodies},
                        {"strays", Rule::kStrays},
+                       {"stray_groups", Rule::kStrayGroups},
                        {"local_clutter", Rule::kLocalClutter},
                        {"second_round", Rule::kSecondRound},
                        {"collection", Rule::kCollection},

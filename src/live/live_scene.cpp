@@ -196,8 +196,10 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
     seen.plot.frame = num_frames_;
     seen.bin = held->bin;
     // In rain a stream knows a place for too short a time: its surroundings say more.
-    seen.plot.place_rate = station.scene.occupancy().RateAround(seen.plot.position_m.cast<float>(),
-                                                                bin, seen.plot.place_rate);
+    if (seen.plot.stray_rate == 0.0) {
+      seen.plot.place_rate = station.scene.occupancy().RateAround(
+          seen.plot.position_m.cast<float>(), bin, seen.plot.place_rate);
+    }
     std::optional<std::int64_t> dwell_begin_bin = bin;
     for (const std::uint32_t i : workspace_.plotter.ReturnsOf(p)) {
       const Eigen::Vector3d d = frame.points_m[i].cast<double>() - seen.plot.ray_m;

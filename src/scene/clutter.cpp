@@ -64,9 +64,8 @@ class ClutterEstimate {
     if (plot.is_floating) return std::log(rate);
     // The place of an assigned plot may have been revisited by its own target.
     const double min_rate = std::max(rate, assigned_[i] ? 0.0 : plot.place_rate);
-    const double rate_per_plot = model_.RatePerPlotAtSpot(plot);
     const auto log_rate = [&](std::uint32_t others) {
-      return std::log(std::max(min_rate, others * rate_per_plot));
+      return std::log(std::max(min_rate, model_.SpotRate(plot, others)));
     };
     const std::uint32_t num_in_dwell = NumInDwell(i);
     if (!MayBeOneDwell(i)) return log_rate(at_other_times_[i] + num_in_dwell - 1);
@@ -202,8 +201,13 @@ std::uint32_t ClutterModel::NumAtSpot(const Plot& plot) const {
   return around_.AllAtSpot(plot.sensor, PlaceM(plot));
 }
 
-double ClutterModel::RatePerPlotAtSpot(const Plot& plot) const {
-  return 1.0 / std::max(NumFrames(plot.sensor), 1U) / PlotVolumeM3(plot);
+double ClutterModel::SpotRate(const Plot& plot, double num_others) const {
+  const double num_frames = std::max(NumFrames(plot.sensor), 1U);
+  if (plot.stray_rate > 0.0) {
+    const double volume_m3 = around_.SpotVolumeM3(plot.sensor, PlaceM(plot));
+    num_others = std::max(num_others - plot.stray_rate * num_frames * volume_m3, 0.0);
+  }
+  return num_others * (1.0 / num_frames / PlotVolumeM3(plot));
 }
 
 ClutterMap::Levels ClutterModel::LevelsAt(const Plot& plot, const SameTime& same_time) const {
@@ -213,9 +217,8 @@ ClutterMap::Levels ClutterModel::LevelsAt(const Plot& plot, const SameTime& same
 ClutterModel::Intensity ClutterModel::IntensityOf(const Plot& plot, std::uint32_t bin) const {
   const double rate = SurroundingRate(plot, bin, SameTimeOf(plot, bin), 0);
   if (plot.is_floating) return {std::log(rate), std::log(rate)};
-  const double others = NumAtSpot(plot) - 1.0;
   return {std::log(rate),
-          std::log(std::max({rate, others * RatePerPlotAtSpot(plot), plot.place_rate}))};
+          std::log(std::max({rate, SpotRate(plot, NumAtSpot(plot) - 1.0), plot.place_rate}))};
 }
 
 void EstimateClutter(const std::vector<StationModel>& station_models, const RobustConfig& config,

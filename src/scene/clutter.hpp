@@ -51,8 +51,9 @@ class ClutterModel {
   // Number of plots at the spot of a plot.
   std::uint32_t NumAtSpot(const Plot& plot) const;
 
-  // Rate of its spot for each plot there: method.md (3).
-  double RatePerPlotAtSpot(const Plot& plot) const;
+  // Rate of its spot, method.md (3), given the others there, less the strays that come to it by
+  // chance.
+  double SpotRate(const Plot& plot, double num_others) const;
 
   // Number of levels in use, and those around a plot.
   std::size_t num_levels() const { return num_levels_; }

@@ -66,6 +66,10 @@ std::uint32_t ClutterMap::AllAtSpot(std::uint32_t sensor, const Eigen::Vector3f&
   return SensorAt(sensor).spots.Count(place_m);
 }
 
+double ClutterMap::SpotVolumeM3(std::uint32_t sensor, const Eigen::Vector3f& place_m) const {
+  return SensorAt(sensor).spots.VolumeM3(place_m);
+}
+
 void ClutterMap::Forget(std::uint32_t before_bin) {
   for (Sensor& sensor : sensors_) {
     for (RangeGrid& level : sensor.levels) level.Forget(before_bin);

@@ -55,6 +55,9 @@ class ClutterMap {
                                std::uint32_t bin) const;
   std::uint32_t AllAtSpot(std::uint32_t sensor, const Eigen::Vector3f& place_m) const;
 
+  // Returns the volume in which plots count to a spot.
+  double SpotVolumeM3(std::uint32_t sensor, const Eigen::Vector3f& place_m) const;
+
   // Forgets the plots of earlier bins.
   void Forget(std::uint32_t before_bin);
 

@@ -26,8 +26,6 @@ constexpr double kSupportingShare = 0.5;  // of the hits of structure
 constexpr std::array<float, 2> kSharesOfRay{0.5F, 0.75F};
 // Least share of the rate of a place that strays explain where nothing else is.
 constexpr double kMinStrayShare = 0.5;
-// Returns per frame and m^3 with one at most times within 1 m of any place.
-constexpr double kMaxStrayRate = 0.2;
 constexpr double kMaxOccupancy = 0.999;  // the rate of a place that is always hit is unbounded
 
 // Dwell around the bin of age `at`, from its youngest to its oldest bin, with breaks of at most
@@ -226,11 +224,12 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   place->is_unknown = exposed < min_exposed;
   place->is_structure = place->is_unknown || occupied > max_occupied;
   // A place among strays is clutter, not structure. Where there is one at most times and within
-  // reach of any track, returns tell nothing, and it is left at that.
+  // reach of any track, a lone return tells nothing, and it is left at that.
   const double rate = place->is_structure ? RateThroughout(hits, point_m) : 0.0;
-  const bool is_among_strays =
-      place->is_structure && rate < kMaxStrayRate && StrayRate(point_m) > kMinStrayShare * rate;
+  const bool is_of_strays = place->is_structure && StrayRate(point_m) > kMinStrayShare * rate;
+  const bool is_among_strays = is_of_strays && rate < kMaxStrayRate;
   if (is_among_strays) place->is_structure = false;
+  place->stray_rate = is_of_strays && !is_among_strays ? static_cast<float>(rate) : 0.0F;
   place->is_supporter = place->is_structure ||
                         (occupied >= kSupportingHits && occupied > kSupportingShare * max_occupied);
   // A single bin may be a passing target.
@@ -271,6 +270,7 @@ Occupancy::Verdict Occupancy::JudgeAt(Place* place, const Eigen::Vector3f& point
   if (!is_valid) JudgeAnew(point_m, static_cast<int>(newest_ - bin), place);
   verdict.is_structure = place->is_structure;
   verdict.place_rate = place->place_rate;
+  verdict.stray_rate = place->stray_rate;
   if (!IsLong(*place)) verdict.dwell_begin_bin = place->dwell_first;
   if (!verdict.is_structure) return verdict;
   if (std::exchange(place->scene, scene) != scene) place->floats = floats(point_m);

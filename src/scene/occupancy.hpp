@@ -16,6 +16,10 @@
 
 namespace unlidar {
 
+// Returns per frame and m^3 with one at most times within 1 m of any place: a lone one tells
+// nothing.
+inline constexpr double kMaxStrayRate = 0.2;
+
 // Occupancy over the last RecentBins::kWindow time bins: of a recording all, searched window by
 // window, of a stream those of a sliding window. A return is judged by the bins outside the dwell
 // of its place, before and after it as far as they are known, in which the place was not hidden.
@@ -25,6 +29,7 @@ class Occupancy {
     bool is_structure = false;                    // also where too few bins are exposed
     bool floats = false;                          // unsupported structure
     float place_rate = 0.0F;                      // see PlaceRate in method.md (3); 0 of structure
+    float stray_rate = 0.0F;                      // of structure that strays explain; otherwise 0
     std::optional<std::int64_t> dwell_begin_bin;  // first bin of the dwell, if known
   };
 
@@ -91,6 +96,7 @@ class Occupancy {
     bool is_unknown = false;  // too few bins are exposed
     bool is_supporter = false;
     float place_rate = 0.0F;
+    float stray_rate = 0.0F;
     std::int64_t valid_until = -1;
     std::int64_t dwell_first = 0;
     std::int64_t dwell_last = 0;

@@ -4,10 +4,35 @@
 #include <functional>
 #include <utility>
 
+#include "scene/stray_groups.hpp"
+
 namespace unlidar {
 namespace {
 
 constexpr std::size_t kElevationReturns = 100'000;
+
+// True if only strays make the place of a return look like structure.
+bool IsAmongDenseStrays(const Occupancy::Verdict& verdict) {
+  return verdict.stray_rate > 0.0F && !verdict.floats;
+}
+
+// Returns the mean rate of strays at these returns.
+double MeanStrayRate(const StationScene::FrameWorkspace& workspace, const IndexView& returns) {
+  const auto count = static_cast<double>(returns.size());
+  double rate = 0.0;
+  for (const std::uint32_t i : returns) {
+    const Occupancy::Verdict& verdict = workspace.verdicts[i];
+    rate += static_cast<double>(std::max(verdict.stray_rate, verdict.place_rate)) / count;
+  }
+  return rate;
+}
+
+// Returns the rate at which strays link to groups as large as one of these returns.
+double GroupRate(const StationScene::FrameWorkspace& workspace, const IndexView& returns,
+                 double radius_m) {
+  return StrayGroupRate(MeanStrayRate(workspace, returns), radius_m,
+                        static_cast<double>(returns.size()));
+}
 
 }  // namespace
 
@@ -39,7 +64,7 @@ void StationScene::Fit(FitWorkspace* workspace) {
 
 FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetSince& is_target,
                                     FrameWorkspace* workspace) {
-  auto& [frame, plotter, verdicts, candidates, num_unexplained] = *workspace;
+  auto& [frame, plotter, verdicts, candidates, linker, are_strays, num_unexplained] = *workspace;
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
     return fitted_->support.IsFloating(point_m);
   };
@@ -49,9 +74,12 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
   for (std::uint32_t i = 0; i < points_m.size(); ++i) {
     // Static objects in the air look like structure if present throughout. Distant ground is hit
     // too seldom to be structure.
-    if (verdicts[i].is_structure && !verdicts[i].floats) continue;
+    if (verdicts[i].is_structure && !verdicts[i].floats && !IsAmongDenseStrays(verdicts[i])) {
+      continue;
+    }
     if (!fitted_->ground.IsGround(points_m[i])) candidates.push_back(i);
   }
+  DropStrays(workspace);
   num_unexplained = candidates.size();
   const Eigen::Vector3f shift_m = frame.frames[0].carrier.shift_m;
   for (Eigen::Vector3f& point_m : points_m) point_m -= shift_m;
@@ -62,12 +90,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
                                    std::cref(stray_rate_at), *config_);
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
     Plot& plot = found.plots[p];
-    double rate = 0.0;
-    for (const std::uint32_t i : plotter.ReturnsOf(p)) {
-      rate += static_cast<double>(verdicts[i].place_rate);
-      plot.has_structure = plot.has_structure || verdicts[i].is_structure;
-    }
-    plot.place_rate = rate / static_cast<double>(plot.num_returns);
+    SetPlaceRate(*workspace, plotter.ReturnsOf(p), &plot);
     plot.position_m += shift_m.cast<double>();
   }
   for (BodyBox& body : found.bodies) {
@@ -75,6 +98,47 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
     body.high_m += shift_m.array();
   }
   return found;
+}
+
+// Where strays are dense, a lone return is one of them. More of them side by side than strays group
+// to by chance are something else: such groups are as rare as lone strays of thin air.
+void StationScene::DropStrays(FrameWorkspace* workspace) const {
+  std::vector<std::uint32_t>& candidates = workspace->candidates;
+  const auto is_dense = [&](std::uint32_t i) { return IsAmongDenseStrays(workspace->verdicts[i]); };
+  if (std::none_of(candidates.begin(), candidates.end(), is_dense)) return;
+  const std::vector<Eigen::Vector3f>& points_m = workspace->frame.points_m;
+  const RangeRadius& link = config_->plots.link;
+  Linker& linker = workspace->linker;
+  workspace->are_strays.assign(points_m.size(), 0);
+  linker.Link(points_m, candidates, link);
+  for (std::size_t g = 0; g < linker.size(); ++g) {
+    const double radius_m = link.At(static_cast<double>(points_m[*linker[g].begin()].norm()));
+    if (config_->Uses(Rule::kStrayGroups) &&
+        GroupRate(*workspace, linker[g], radius_m) < kMaxStrayRate) {
+      continue;
+    }
+    for (const std::uint32_t i : linker[g]) workspace->are_strays[i] = is_dense(i) ? 1 : 0;
+  }
+  candidates.erase(std::remove_if(candidates.begin(), candidates.end(),
+                                  [&](std::uint32_t i) { return workspace->are_strays[i] != 0; }),
+                   candidates.end());
+}
+
+void StationScene::SetPlaceRate(const FrameWorkspace& workspace, const IndexView& returns,
+                                Plot* plot) const {
+  double rate = 0.0;
+  bool is_among_dense_strays = false;
+  for (const std::uint32_t i : returns) {
+    const Occupancy::Verdict& verdict = workspace.verdicts[i];
+    rate += static_cast<double>(verdict.place_rate);
+    is_among_dense_strays = is_among_dense_strays || IsAmongDenseStrays(verdict);
+    plot->has_structure =
+        plot->has_structure || (verdict.is_structure && !IsAmongDenseStrays(verdict));
+  }
+  plot->place_rate = rate / static_cast<double>(plot->num_returns);
+  if (!is_among_dense_strays) return;
+  plot->stray_rate = MeanStrayRate(workspace, returns);
+  plot->place_rate = GroupRate(workspace, returns, config_->plots.link.At(plot->ray_m.norm()));
 }
 
 }  // namespace unlidar

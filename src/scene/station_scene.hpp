@@ -33,7 +33,9 @@ class StationScene {
     FramePlotter plotter;
     std::vector<Occupancy::Verdict> verdicts;  // (returns)
     std::vector<std::uint32_t> candidates;     // returns that may belong to plots or bodies
-    std::size_t num_unexplained = 0;           // number of candidates
+    Linker linker;
+    std::vector<char> are_strays;     // (returns)
+    std::size_t num_unexplained = 0;  // number of candidates
   };
 
   // `config` must outlive it.
@@ -61,6 +63,9 @@ class StationScene {
   void Sweep() { occupancy_.Sweep(); }
 
  private:
+  void DropStrays(FrameWorkspace* workspace) const;
+  void SetPlaceRate(const FrameWorkspace& workspace, const IndexView& returns, Plot* plot) const;
+
   // Ground and support as of the last fit.
   struct Fitted {
     explicit Fitted(const RobustConfig& config) : support(ground, config.support) {}

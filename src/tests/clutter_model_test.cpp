@@ -76,6 +76,14 @@ TEST(ClutterModel, WhatWasForeseenCountsOnce) {
   }
 }
 
+TEST(ClutterModel, WhatDenseStraysYieldAtASpotIsNoStaticObject) {
+  const ClutterModel clutter = Foreseen();
+  std::vector<Plot> twig = PlotsOf(6);
+  const double of_twig = Judge(twig, 6, clutter)[0];
+  twig[0].stray_rate = 10.0;
+  EXPECT_LT(Judge(twig, 6, clutter)[0], of_twig - 1.0);
+}
+
 TEST(ClutterModel, WhatIsRemovedOrForgottenIsNoClutter) {
   const RobustConfig config;
   ClutterModel removing(config);

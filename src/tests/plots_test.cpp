@@ -382,6 +382,18 @@ TEST(Plots, ADroneAmongStraysIsNoPartOfABodyThatTheyMake) {
   EXPECT_LT(share_without, 0.1);
 }
 
+TEST(Plots, WhereStraysAreDenseSeveralReturnsOfADroneAreAPlot) {
+  const RecordingMaker maker = OnGround([](double time_s, RecordingMaker* m) {
+    m->AddBlob({14.0, 3.0 * (time_s - 3.0), 9.0}, 0.1, 8, kDrone);
+    m->AddBox({4.0, -14.0, 2.0}, {20.0, 14.0, 14.0}, 2000);  // 0.37 in a cubic metre
+  });
+  RobustConfig config;
+  const Found found = FindPlots(maker.recording, config);
+  config.disabled_rules = {Rule::kStrayGroups};
+  const Found without = FindPlots(maker.recording, config);
+  EXPECT_GT(ShareInPlots(maker, found, kDrone), ShareInPlots(maker, without, kDrone) + 0.3);
+}
+
 // A sky without structure: everything would float in it.
 std::vector<Plot> PlotsInTheSky(const Recording& recording) {
   const RobustConfig config;

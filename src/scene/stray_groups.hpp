@@ -1,0 +1,24 @@
+// Strays of weather that single linkage joins by chance.
+#pragma once
+
+#include <cmath>
+#include <limits>
+
+namespace unlidar {
+
+// Returns the rate of groups of `count` strays, per m^3 and frame, of a Poisson process of `rate`
+// returns per m^3 and frame that are joined within `radius_m`: with mu others within reach of each,
+// the group of one of them is as large as the progeny of a branching process (Borel 1942),
+//
+//     rate / n exp(-mu n) (mu n)^(n - 1) / n!
+//
+// Infinite from mu = 1 on, where chains need not end.
+inline double StrayGroupRate(double rate, double radius_m, double count) {
+  const double mu = rate * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
+  if (mu >= 1.0) return std::numeric_limits<double>::infinity();
+  if (mu <= 0.0) return 0.0;
+  return rate / count *
+         std::exp(-mu * count + (count - 1.0) * std::log(mu * count) - std::lgamma(count + 1.0));
+}
+
+}  // namespace unlidar

@@ -42,7 +42,7 @@ struct Plot {
   double variance_m2 = 0.0;     // of the position, per axis, for a target at rest
   double lowest_m = 0.0;        // height of its lowest return above the ground
   double place_rate = 0.0;      // of its returns, see StationScene::FindPlots
-  double stray_rate = 0.0;      // of dense strays, of which it has more than chance makes; else 0
+  double stray_rate = 0.0;      // of the dense strays among which it is a group; otherwise 0
   double log_clutter = 0.0;     // log clutter intensity, per m^3 and frame of its sensor
   bool is_floating = false;     // static and unsupported: MarkFloating
   bool has_structure = false;   // returns at places that look like structure, unsupported

@@ -27,7 +27,7 @@ double MeanStrayRate(const StationScene::FrameWorkspace& workspace, const IndexV
   return rate;
 }
 
-// Returns the rate at which strays link to groups as large as one of these returns.
+// Returns the rate of groups of as many strays.
 double GroupRate(const StationScene::FrameWorkspace& workspace, const IndexView& returns,
                  double radius_m) {
   return StrayGroupRate(MeanStrayRate(workspace, returns), radius_m,
@@ -100,8 +100,8 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
   return found;
 }
 
-// Where strays are dense, a lone return is one of them. More of them side by side than strays group
-// to by chance are something else: such groups are as rare as lone strays of thin air.
+// Where strays are dense, a lone return is one of them. A group larger than strays form by chance
+// is something else: such groups are as rare as lone strays in thin air.
 void StationScene::DropStrays(FrameWorkspace* workspace) const {
   std::vector<std::uint32_t>& candidates = workspace->candidates;
   const auto is_dense = [&](std::uint32_t i) { return IsAmongDenseStrays(workspace->verdicts[i]); };

@@ -64,8 +64,9 @@ class ClutterEstimate {
     if (plot.is_floating) return std::log(rate);
     // The place of an assigned plot may have been revisited by its own target.
     const double min_rate = std::max(rate, assigned_[i] ? 0.0 : plot.place_rate);
+    const ClutterModel::SpotRate spot_rate = model_.SpotRateOf(plot);
     const auto log_rate = [&](std::uint32_t others) {
-      return std::log(std::max(min_rate, model_.SpotRate(plot, others)));
+      return std::log(std::max(min_rate, spot_rate.Given(others)));
     };
     const std::uint32_t num_in_dwell = NumInDwell(i);
     if (!MayBeOneDwell(i)) return log_rate(at_other_times_[i] + num_in_dwell - 1);
@@ -201,13 +202,15 @@ std::uint32_t ClutterModel::NumAtSpot(const Plot& plot) const {
   return around_.AllAtSpot(plot.sensor, PlaceM(plot));
 }
 
-double ClutterModel::SpotRate(const Plot& plot, double num_others) const {
+ClutterModel::SpotRate ClutterModel::SpotRateOf(const Plot& plot) const {
   const double num_frames = std::max(NumFrames(plot.sensor), 1U);
+  SpotRate rate;
+  rate.per_plot = 1.0 / num_frames / PlotVolumeM3(plot);
   if (plot.stray_rate > 0.0) {
-    const double volume_m3 = around_.SpotVolumeM3(plot.sensor, PlaceM(plot));
-    num_others = std::max(num_others - plot.stray_rate * num_frames * volume_m3, 0.0);
+    rate.num_strays =
+        plot.stray_rate * num_frames * around_.SpotVolumeM3(plot.sensor, PlaceM(plot));
   }
-  return num_others * (1.0 / num_frames / PlotVolumeM3(plot));
+  return rate;
 }
 
 ClutterMap::Levels ClutterModel::LevelsAt(const Plot& plot, const SameTime& same_time) const {
@@ -217,8 +220,9 @@ ClutterMap::Levels ClutterModel::LevelsAt(const Plot& plot, const SameTime& same
 ClutterModel::Intensity ClutterModel::IntensityOf(const Plot& plot, std::uint32_t bin) const {
   const double rate = SurroundingRate(plot, bin, SameTimeOf(plot, bin), 0);
   if (plot.is_floating) return {std::log(rate), std::log(rate)};
-  return {std::log(rate),
-          std::log(std::max({rate, SpotRate(plot, NumAtSpot(plot) - 1.0), plot.place_rate}))};
+  return {
+      std::log(rate),
+      std::log(std::max({rate, SpotRateOf(plot).Given(NumAtSpot(plot) - 1.0), plot.place_rate}))};
 }
 
 void EstimateClutter(const std::vector<StationModel>& station_models, const RobustConfig& config,

@@ -1,6 +1,7 @@
 // Clutter intensity at the plots of a station.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -51,9 +52,16 @@ class ClutterModel {
   // Number of plots at the spot of a plot.
   std::uint32_t NumAtSpot(const Plot& plot) const;
 
-  // Rate of its spot, method.md (3), given the others there, less the strays that come to it by
-  // chance.
-  double SpotRate(const Plot& plot, double num_others) const;
+  // Rate of the spot of a plot, given the number of others there: method.md (3).
+  struct SpotRate {
+    double per_plot = 0.0;
+    double num_strays = 0.0;  // expected at the spot of a group among dense strays
+
+    double Given(double num_others) const {
+      return std::max(num_others - num_strays, 0.0) * per_plot;
+    }
+  };
+  SpotRate SpotRateOf(const Plot& plot) const;
 
   // Number of levels in use, and those around a plot.
   std::size_t num_levels() const { return num_levels_; }

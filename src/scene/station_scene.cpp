@@ -27,13 +27,6 @@ double MeanStrayRate(const StationScene::FrameWorkspace& workspace, const IndexV
   return rate;
 }
 
-// Returns the rate of groups of as many strays.
-double GroupRate(const StationScene::FrameWorkspace& workspace, const IndexView& returns,
-                 double radius_m) {
-  return StrayGroupRate(MeanStrayRate(workspace, returns), radius_m,
-                        static_cast<double>(returns.size()));
-}
-
 }  // namespace
 
 StationScene::StationScene(const RobustConfig& config)
@@ -68,13 +61,15 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
     return fitted_->support.IsFloating(point_m);
   };
+  const bool keeps_stray_groups = config_->Uses(Rule::kStrayGroups);
   candidates.clear();
   std::vector<Eigen::Vector3f>& points_m = frame.points_m;
   occupancy_.Judge(points_m, bin, num_fits_, floats, is_target, &verdicts);
   for (std::uint32_t i = 0; i < points_m.size(); ++i) {
     // Static objects in the air look like structure if present throughout. Distant ground is hit
     // too seldom to be structure.
-    if (verdicts[i].is_structure && !verdicts[i].floats && !IsAmongDenseStrays(verdicts[i])) {
+    if (verdicts[i].is_structure && !verdicts[i].floats &&
+        !(keeps_stray_groups && IsAmongDenseStrays(verdicts[i]))) {
       continue;
     }
     if (!fitted_->ground.IsGround(points_m[i])) candidates.push_back(i);
@@ -113,10 +108,9 @@ void StationScene::DropStrays(FrameWorkspace* workspace) const {
   linker.Link(points_m, candidates, link);
   for (std::size_t g = 0; g < linker.size(); ++g) {
     const double radius_m = link.At(static_cast<double>(points_m[*linker[g].begin()].norm()));
-    if (config_->Uses(Rule::kStrayGroups) &&
-        GroupRate(*workspace, linker[g], radius_m) < kMaxStrayRate) {
-      continue;
-    }
+    const double rate = MeanStrayRate(*workspace, linker[g]);
+    const auto count = static_cast<double>(linker[g].size());
+    if (StrayGroupRate(rate, radius_m, count) < kMaxStrayRate) continue;
     for (const std::uint32_t i : linker[g]) workspace->are_strays[i] = is_dense(i) ? 1 : 0;
   }
   candidates.erase(std::remove_if(candidates.begin(), candidates.end(),
@@ -138,7 +132,8 @@ void StationScene::SetPlaceRate(const FrameWorkspace& workspace, const IndexView
   plot->place_rate = rate / static_cast<double>(plot->num_returns);
   if (!is_among_dense_strays) return;
   plot->stray_rate = MeanStrayRate(workspace, returns);
-  plot->place_rate = GroupRate(workspace, returns, config_->plots.link.At(plot->ray_m.norm()));
+  plot->place_rate = StrayGroupRate(plot->stray_rate, config_->plots.link.At(plot->ray_m.norm()),
+                                    static_cast<double>(returns.size()));
 }
 
 }  // namespace unlidar

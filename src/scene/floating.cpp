@@ -12,8 +12,8 @@
 namespace unlidar {
 namespace {
 
-// Returns, per plot, whether all its returns recur in another frame with identical coordinates: no
-// LiDAR measures the same coordinates twice, so these are replays of one frame.
+// Returns, per plot, whether it floats and all its returns recur in another frame with identical
+// coordinates: no LiDAR measures the same coordinates twice, so these are replays of one frame.
 std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot>& plots) {
   struct Hash {
     std::size_t operator()(const std::array<float, 3>& p) const {
@@ -30,19 +30,28 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
     std::uint32_t first;
     bool is_repeated;
   };
+  // Of floating plots alone: among strays all plots together have many more.
   std::unordered_map<std::array<float, 3>, Frames, Hash> frames_of;
   for (const Plot& plot : plots) {
+    if (!plot.is_floating) continue;
     for (const std::uint32_t i : plot.returns) {
-      Frames& frames = frames_of.try_emplace(key(i), Frames{plot.frame, false}).first->second;
-      frames.is_repeated = frames.is_repeated || frames.first != plot.frame;
+      frames_of.try_emplace(key(i), Frames{plot.frame, false});
+    }
+  }
+  for (const Plot& plot : plots) {
+    for (const std::uint32_t i : plot.returns) {
+      const auto known = frames_of.find(key(i));
+      if (known != frames_of.end() && known->second.first != plot.frame) {
+        known->second.is_repeated = true;
+      }
     }
   }
   std::vector<char> are_replayed;
   are_replayed.reserve(plots.size());
   for (const Plot& plot : plots) {
-    are_replayed.push_back(
-        std::all_of(plot.returns.begin(), plot.returns.end(),
-                    [&](std::uint32_t i) { return frames_of.at(key(i)).is_repeated; }));
+    const auto is_repeated = [&](std::uint32_t i) { return frames_of.at(key(i)).is_repeated; };
+    are_replayed.push_back(plot.is_floating &&
+                           std::all_of(plot.returns.begin(), plot.returns.end(), is_repeated));
   }
   return are_replayed;
 }

@@ -1,6 +1,7 @@
 #include "scene/multi_station_plots.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "base/queue.hpp"
@@ -8,6 +9,12 @@
 #include "scene/floating.hpp"
 
 namespace unlidar {
+namespace {
+
+// Room for plots beyond those expected, as their number varies from frame to frame.
+constexpr double kSpareShare = 1.1;
+
+}  // namespace
 
 MultiStationPlots::MultiStationPlots(const Recording& recording, const Stations& stations,
                                      const RobustConfig& config)
@@ -20,7 +27,7 @@ MultiStationPlots::MultiStationPlots(const Recording& recording, const Stations&
     frames[stations.StationOf(frame.sensor)].push_back(frame);
   }
   for (const std::vector<FrameInfo>& own : frames) {
-    scenes_.push_back({TimeBins(own, num_sensors_), StationScene(config), {}, {}});
+    scenes_.push_back({TimeBins(own, num_sensors_), StationScene(config), {}, {}, own.size()});
   }
   for (const FrameInfo& frame : recording.frames) {
     LoadFrame(recording, frame);
@@ -62,6 +69,8 @@ void MultiStationPlots::FindPlots(const Recording& recording, std::uint32_t fram
   num_unexplained_ += workspace_.num_unexplained;
   for (const std::uint32_t i : found.body_returns) are_bodies_[frame.first_return + i] = 1;
   station.bodies.insert(station.bodies.end(), found.bodies.begin(), found.bodies.end());
+  ++station.num_frames_done;
+  Reserve(found.plots.size(), &station);
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
     Plot& plot = found.plots[p];
     plot.frame = frame_index;
@@ -72,9 +81,22 @@ void MultiStationPlots::FindPlots(const Recording& recording, std::uint32_t fram
   }
 }
 
+// Makes room for more plots, and where there is none, for those of all frames to come as well: a
+// vector that grows by doubling has most of them in memory twice.
+void MultiStationPlots::Reserve(std::size_t num_more, Station* station) {
+  const std::size_t num_plots = station->plots.size() + num_more;
+  if (num_plots <= station->plots.capacity()) return;
+  const double per_frame =
+      static_cast<double>(num_plots) / static_cast<double>(station->num_frames_done);
+  station->plots.reserve(
+      static_cast<std::size_t>(kSpareShare * per_frame * static_cast<double>(station->num_frames)));
+}
+
 // Takes the plots of a station but those beside bodies, and marks those that float.
 void MultiStationPlots::TakePlots(const Recording& recording, std::size_t station_index) {
-  auto& [bins, scene, bodies, plots] = scenes_[station_index];
+  Station& station = scenes_[station_index];
+  std::vector<BodyBox>& bodies = station.bodies;
+  std::vector<Plot>& plots = station.plots;
   std::stable_sort(bodies.begin(), bodies.end(),
                    [](const BodyBox& a, const BodyBox& b) { return a.time_ns < b.time_ns; });
   const Queue<BodyBox> in_order(bodies.begin(), bodies.end());
@@ -82,12 +104,14 @@ void MultiStationPlots::TakePlots(const Recording& recording, std::size_t statio
                              [&](const Plot& plot) { return IsNearBody(plot, in_order); }),
               plots.end());
   SortByFrameTime(&plots);
-  MarkFloating(recording, scene.support(), config_, &plots);
+  MarkFloating(recording, station.scene.support(), config_, &plots);
   const Eigen::Vector3d viewpoint_m = stations_.ViewpointM(station_index).cast<double>();
-  plots_.reserve(plots_.size() + plots.size());
-  for (Plot& plot : plots) {
-    plot.position_m += viewpoint_m;
-    plots_.push_back(std::move(plot));
+  for (Plot& plot : plots) plot.position_m += viewpoint_m;
+  if (plots_.empty()) {
+    plots_ = std::move(plots);
+  } else {
+    plots_.insert(plots_.end(), std::make_move_iterator(plots.begin()),
+                  std::make_move_iterator(plots.end()));
   }
   plots = std::vector<Plot>();  // without its memory
 }

@@ -45,10 +45,13 @@ class MultiStationPlots {
     StationScene scene;
     std::vector<BodyBox> bodies;
     std::vector<Plot> plots;  // relative to the viewpoint
+    std::size_t num_frames = 0;
+    std::size_t num_frames_done = 0;  // whose plots have been found
   };
 
   void LoadFrame(const Recording& recording, const FrameInfo& frame);
   void FindPlots(const Recording& recording, std::uint32_t frame_index);
+  static void Reserve(std::size_t num_more, Station* station);
   void TakePlots(const Recording& recording, std::size_t station_index);
 
   const RobustConfig& config_;

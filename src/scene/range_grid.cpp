@@ -26,38 +26,75 @@ std::uint32_t RangeGrid::NewBinCount(const BinCount& value) {
   return index;
 }
 
+// Makes all counts known so far invalid.
+void RangeGrid::NoteChange() {
+  if (++version_ != 0) return;
+  counted_.clear();  // after 2^32 changes a stale count would pass for a valid one
+  version_ = 1;
+}
+
+// Frees a bin and all earlier ones of its voxel.
+void RangeGrid::Free(std::uint32_t first) {
+  for (std::uint32_t at = first; at != kNone;) {
+    const std::uint32_t earlier = std::exchange(bin_counts_[at].earlier, free_);
+    free_ = std::exchange(at, earlier);
+  }
+}
+
 void RangeGrid::Add(const Eigen::Vector3f& point_m, std::uint32_t bin, std::int32_t count) {
-  ++version_;
+  NoteChange();
   places_.VisitOverlappingShells(point_m, {}, [&](std::uint32_t, Profile& profile, bool) {
     profile.total += count;
     // Points arrive mostly in temporal order.
-    std::uint32_t later = kNone;
-    std::uint32_t at = profile.latest;
-    while (at != kNone && bin_counts_[at].bin > bin) {
-      later = at;
-      at = bin_counts_[at].earlier;
+    BinCount& latest = profile.latest;
+    if (latest.bin == bin) {
+      latest.count += count;
+    } else if (latest.bin == kNone) {
+      latest = {bin, count, kNone};
+    } else if (latest.bin < bin) {
+      const std::uint32_t before = NewBinCount(latest);
+      latest = {bin, count, before};
+    } else {
+      std::uint32_t later = kNone;
+      std::uint32_t at = latest.earlier;
+      while (at != kNone && bin_counts_[at].bin > bin) {
+        later = at;
+        at = bin_counts_[at].earlier;
+      }
+      if (at != kNone && bin_counts_[at].bin == bin) {
+        bin_counts_[at].count += count;
+        return;
+      }
+      const std::uint32_t added = NewBinCount({bin, count, at});
+      (later == kNone ? latest.earlier : bin_counts_[later].earlier) = added;
     }
-    if (at != kNone && bin_counts_[at].bin == bin) {
-      bin_counts_[at].count += count;
-      return;
-    }
-    const std::uint32_t added = NewBinCount({bin, count, at});
-    (later == kNone ? profile.latest : bin_counts_[later].earlier) = added;
   });
 }
 
 void RangeGrid::Forget(std::uint32_t before_bin) {
-  ++version_;
+  NoteChange();
   places_.EraseIf([&](Profile& profile) {
-    std::uint32_t* end = &profile.latest;
-    while (*end != kNone && bin_counts_[*end].bin >= before_bin) end = &bin_counts_[*end].earlier;
-    for (std::uint32_t at = std::exchange(*end, kNone); at != kNone;) {
-      profile.total -= bin_counts_[at].count;
-      const std::uint32_t earlier = std::exchange(bin_counts_[at].earlier, free_);
-      free_ = std::exchange(at, earlier);
+    if (profile.latest.bin < before_bin) {
+      Free(profile.latest.earlier);
+      return true;
     }
-    return profile.latest == kNone;
+    std::uint32_t* end = &profile.latest.earlier;
+    while (*end != kNone && bin_counts_[*end].bin >= before_bin) end = &bin_counts_[*end].earlier;
+    for (std::uint32_t at = *end; at != kNone; at = bin_counts_[at].earlier) {
+      profile.total -= bin_counts_[at].count;
+    }
+    Free(std::exchange(*end, kNone));
+    return false;
   });
+}
+
+// Calls visit(bin_count) for the bins of a voxel from its latest on, while it returns true.
+template <class Visit>
+void RangeGrid::VisitBins(const Profile& profile, const Visit& visit) const {
+  if (!visit(profile.latest)) return;
+  for (std::uint32_t at = profile.latest.earlier; at != kNone; at = bin_counts_[at].earlier) {
+    if (!visit(bin_counts_[at])) return;
+  }
 }
 
 // Sums `count_of(profile)` over the neighbourhood of a point, unless it is known.
@@ -87,19 +124,21 @@ std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m) const {
 std::uint32_t RangeGrid::Count(const Eigen::Vector3f& point_m, BinRange bins) const {
   return SumAround(point_m, bins, &CountedTwice::some, [&](const Profile& profile) {
     std::int32_t sum = 0;
-    for (std::uint32_t at = profile.latest; at != kNone && bin_counts_[at].bin >= bins.first;
-         at = bin_counts_[at].earlier) {
-      if (bin_counts_[at].bin < bins.last) sum += bin_counts_[at].count;
-    }
+    VisitBins(profile, [&](const BinCount& at) {
+      if (at.bin < bins.first) return false;
+      if (at.bin < bins.last) sum += at.count;
+      return true;
+    });
     return sum;
   });
 }
 
 void RangeGrid::InsertBins(const Eigen::Vector3f& point_m, BinSet* bins) const {
   places_.VisitNeighbourhood(point_m, [&](const Profile& profile) {
-    for (std::uint32_t at = profile.latest; at != kNone; at = bin_counts_[at].earlier) {
-      if (bin_counts_[at].count > 0) bins->Insert(bin_counts_[at].bin);
-    }
+    VisitBins(profile, [&](const BinCount& at) {
+      if (at.count > 0) bins->Insert(at.bin);
+      return true;
+    });
   });
 }
 

@@ -78,19 +78,20 @@ class RangeGrid {
 
   // Points of one voxel in one bin.
   struct BinCount {
-    std::uint32_t bin;
-    std::int32_t count;
-    std::uint32_t earlier;  // index of the next earlier one of the voxel
+    std::uint32_t bin = kNone;
+    std::int32_t count = 0;
+    std::uint32_t earlier = kNone;  // index of the next earlier one of the voxel
   };
 
+  // Most voxels among strays have points in one bin only.
   struct Profile {
     std::int32_t total = 0;
-    std::uint32_t latest = kNone;  // index of its last bin
+    BinCount latest;
   };
 
   // The last count of the neighbourhood of a voxel.
   struct Counted {
-    std::uint64_t version = 0;  // of the grid, for which it holds
+    std::uint32_t version = 0;  // of the grid, for which it holds
     std::int32_t count = 0;
     BinRange bins;
   };
@@ -101,16 +102,20 @@ class RangeGrid {
     Counted some;
   };
 
+  template <class Visit>
+  void VisitBins(const Profile& profile, const Visit& visit) const;
   template <class CountOf>
   std::uint32_t SumAround(const Eigen::Vector3f& point_m, BinRange bins,
                           Counted CountedTwice::*which, const CountOf& count_of) const;
   std::uint32_t NewBinCount(const BinCount& value);
+  void Free(std::uint32_t first);
+  void NoteChange();
 
   CountCache count_cache_;
   ShellTable<Profile> places_;
-  std::uint64_t version_ = 1;                  // counts up with each change
+  std::uint32_t version_ = 1;                  // counts up with each change
   mutable std::vector<CountedTwice> counted_;  // (voxels)
-  // Of all voxels: a grid that forgets as much as it adds needs no memory.
+  // All but the latest, of all voxels: a grid that forgets as much as it adds needs no memory.
   std::vector<BinCount> bin_counts_;
   std::uint32_t free_ = kNone;  // first of those that are free, linked like the bins of a voxel
 };

@@ -176,7 +176,7 @@ TEST(TrackModel, GoingUndetectedForAnyTimeIsNoLessLikelyThanBeingOutOfViewForIt)
   const TrackModel always_in_view(3.0, watched, config);
   const TrackModel model(3.0, watched, config, TimeOutOfView::kLogUniform);
   for (const Plot& plot : plots) {
-    at = FrameTimeOf(plot, plots.front(), watched);
+    at = FrameTimeOf(plot, plots.front().frame_time_ns, watched);
     h = plot.time_ns == plots.front().time_ns ? always_in_view.Birth(plot, 0.0, at, 1.0)
                                               : always_in_view.PredictAndUpdate(h, plot, at);
   }
@@ -203,7 +203,7 @@ TEST(TrackModel, AllTimesOutOfViewTogetherHaveItsProbabilityInAScoreToBeJudged) 
   config.out_of_view_probability = 0.1;
   config.return_rate_m2_per_s = 1e9;  // in view, it is never missed
   const TrackModel judged(3.0, watched, config, TimeOutOfView::kLogUniform);
-  FrameTime at = FrameTimeOf(plots[0], plots[0], watched);
+  FrameTime at = FrameTimeOf(plots[0], plots[0].frame_time_ns, watched);
   const Hypothesis h = judged.Birth(plots[0], 0.0, at, 1.0);
   double sum = 0.0;
   const int max_frames = static_cast<int>(std::round(config.max_gap_s / kPeriodS));
@@ -250,7 +250,7 @@ TEST(LogBirths, AndVisibilityAreThoseOfTheRangeFromTheSensor) {
     EXPECT_DOUBLE_EQ(LogBirthOdds(moved[i], scan_schedule, config),
                      LogBirthOdds(plots[i], scan_schedule, config));
     const auto log_detection_probability = [&](const Plot& plot) {
-      return model.Birth(plot, 0.0, FrameTimeOf(plot, plot, scan_schedule), 1.0)
+      return model.Birth(plot, 0.0, FrameTimeOf(plot, plot.frame_time_ns, scan_schedule), 1.0)
           .log_detection_probability;
     };
     EXPECT_DOUBLE_EQ(log_detection_probability(moved[i]), log_detection_probability(plots[i]));

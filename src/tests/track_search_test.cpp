@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 #include "tests/synthetic_plots.hpp"
@@ -26,7 +27,7 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
   double best = 0.0;
   for (std::size_t first = 0, last = 0; first < plots.size(); first = last) {
     while (last < plots.size() && plots[last].frame == plots[first].frame) ++last;
-    const FrameTime at = FrameTimeOf(plots[first], plots.front(), WatchOver(plots));
+    const FrameTime at = FrameTimeOf(plots[first], plots.front().frame_time_ns, WatchOver(plots));
     const std::size_t num_before = all.size();
     for (std::size_t i = first; i < last; ++i) {
       std::vector<Hypothesis> hypotheses;
@@ -63,7 +64,7 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
 Path BestOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
             const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config) {
   const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots));
-  return TrackSearch(plots, log_births, scans, free, model, config).Best();
+  return TrackSearch(plots, log_births, scans, free, 0.0, model, config).Best();
 }
 
 // Two drones in clutter, with plots that differ.
@@ -132,7 +133,7 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
   const TrackModel model(config.sigma_a_mps2[1], WatchOver({}), config);
   std::vector<char> free(plots.size(), 1);
   const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots));
-  TrackSearch search(plots, log_births, scans, free, model, config);
+  TrackSearch search(plots, log_births, scans, free, 0.0, model, config);
   double before = 1e9;
   int num_paths = 0;
   for (Path path = search.Best(); !path.plots.empty(); path = search.Best(), ++num_paths) {
@@ -147,6 +148,71 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
     EXPECT_GE(BestOf(plots, log_births, free, model, config).score, search.Best().score - 1e-9);
   }
   EXPECT_GT(num_paths, 2);
+}
+
+// Takes the paths of a search above `min_score`, the best first.
+std::vector<Path> TakePaths(const std::vector<Plot>& plots, double min_score,
+                            const TrackerConfig& config) {
+  const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), config);
+  const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots));
+  const TrackModel model(config.sigma_a_mps2[1], WatchOver({}), config);
+  std::vector<char> free(plots.size(), 1);
+  TrackSearch search(plots, log_births, scans, free, min_score, model, config);
+  std::vector<Path> paths;
+  for (Path path = search.Best(); !path.plots.empty(); path = search.Best()) {
+    for (const std::uint32_t i : path.plots) free[i] = 0;
+    paths.push_back(std::move(path));
+  }
+  return paths;
+}
+
+TEST(TrackSearch, OfPathsAboveALimitTakesThoseThatASearchForAllTakesFirst) {
+  const TrackerConfig config;
+  std::size_t num_above = 0;
+  for (std::uint32_t seed = 0; seed < 12; ++seed) {
+    const std::vector<Plot> plots = Scene(seed, 60);
+    const std::vector<Path> all = TakePaths(plots, 0.0, config);
+    const std::vector<Path> above = TakePaths(plots, 3.0, config);
+    ASSERT_LE(above.size(), all.size()) << seed;
+    for (std::size_t k = 0; k < above.size(); ++k) {
+      EXPECT_EQ(above[k].plots, all[k].plots) << seed;
+      EXPECT_GT(above[k].score, 3.0) << seed;
+    }
+    if (above.size() < all.size()) {
+      EXPECT_LE(all[above.size()].score, 3.0) << seed;
+    }
+    num_above += above.size();
+  }
+  EXPECT_GT(num_above, 24U);
+}
+
+TEST(TrackSearch, OfManyHypothesesFindsThePathThatOneThatDropsNoneFinds) {
+  Random random(3);
+  std::vector<Plot> plots;
+  AddClutter(300.0, 60, {-40, 5, 5}, {40, 60, 60}, &random, &plots);
+  AddFlight([](double t) { return Eigen::Vector3d(-9 + 4 * t, 15, 15); }, 60, 0.7, -7.0, &random,
+            &plots);
+  SortByTime(&plots);
+  const TrackerConfig config;
+  const std::vector<double> log_births = LogBirths(plots, WatchOver(plots), config);
+  const std::vector<char> free(plots.size(), 1);
+  const TrackModel model(config.sigma_a_mps2[1], WatchOver({}), config);
+  // That of a stream keeps all hypotheses until it is told to forget.
+  TrackSearch stream(plots, log_births, free, model, config);
+  Queue<Path> ends;
+  for (const Scan& scan : ScansOf(plots, log_births, WatchOver(plots))) {
+    stream.Extend(scan);
+    stream.AppendPathsToLastScan(20.0, &ends);
+  }
+  ASSERT_GT(ends.size(), 10U);
+  const auto best = std::max_element(
+      ends.begin(), ends.end(), [](const Path& a, const Path& b) { return a.score < b.score; });
+  const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots));
+  TrackSearch search(plots, log_births, scans, free, 0.0, model, config);
+  EXPECT_GT(stream.num_hypotheses(), 20 * search.num_hypotheses());
+  const Path path = search.Best();
+  EXPECT_EQ(path.plots, best->plots);
+  EXPECT_EQ(path.score, best->score);
 }
 
 TEST(TrackSearch, BirthsFarAwayDoNotCrowdOutAWeakPathNearby) {

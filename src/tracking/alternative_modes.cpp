@@ -33,39 +33,76 @@ constexpr double kMinProbability = 1e-3;
 // The times of one detection, from its plot and from all returns of the frame, differ by less.
 constexpr TimeNs kSameFrameNs = 50'000'000;
 
+// Plots in order of time, or of reversed time.
+class OrderedPlots {
+ public:
+  OrderedPlots(const std::vector<Plot>& plots, const std::vector<char>& free, bool is_reversed)
+      : plots_(plots), free_(free), is_reversed_(is_reversed) {}
+
+  std::size_t size() const { return plots_.size(); }
+  Plot At(std::size_t i) const {
+    return is_reversed_ ? TimeReversed(plots_[Index(i)]) : plots_[Index(i)];
+  }
+  char IsFree(std::size_t i) const { return free_[Index(i)]; }
+  TimeNs BeginNs() const { return At(0).frame_time_ns; }
+
+  // Indices of plots in this order, of those in order of time or the other way round.
+  std::size_t Index(std::size_t i) const { return is_reversed_ ? plots_.size() - 1 - i : i; }
+  Members MembersOf(const Path& path) const {
+    Members members;
+    for (const std::uint32_t i : path.plots) {
+      members.push_back(static_cast<std::uint32_t>(Index(i)));
+    }
+    if (is_reversed_) std::reverse(members.begin(), members.end());
+    return members;
+  }
+
+ private:
+  const std::vector<Plot>& plots_;
+  const std::vector<char>& free_;
+  bool is_reversed_;
+};
+
 // The hypotheses of how a target continued after the last plot of its path that is certain: the
 // last one behind which the path still gains kInitiationLog. The search is that for paths, but
 // without births; a target that is missed is assumed to be still present, so its missed detections
 // count.
 class AlternativePaths {
  public:
-  AlternativePaths(const std::vector<Plot>& plots, const Members& members, std::vector<char> free,
+  AlternativePaths(const OrderedPlots& ordered, const Path& reported,
                    const ScanSchedule& scan_schedule, const TrackerConfig& config)
-      : plots_(plots), scan_schedule_(scan_schedule), config_(config) {
-    std::vector<const Plot*> path;
+      : begin_ns_(ordered.BeginNs()), scan_schedule_(scan_schedule), config_(config) {
+    const Members members = ordered.MembersOf(reported);
+    std::vector<Plot> path;
+    path.reserve(members.size());
+    std::vector<const Plot*> filtered;
     std::vector<FrameTime> frame_times;
     for (const std::uint32_t i : members) {
-      path.push_back(&plots[i]);
-      frame_times.push_back(FrameTimeOf(plots[i], plots.front(), scan_schedule));
+      path.push_back(ordered.At(i));
+      filtered.push_back(&path.back());
+      frame_times.push_back(FrameTimeOf(path.back(), begin_ns_, scan_schedule));
     }
     std::vector<std::vector<Hypothesis>> own;
     std::size_t best = 0;
     for (const double sigma : config.sigma_a_mps2) {
       models_.emplace_back(sigma, scan_schedule, config);
-      own.push_back(FilterPath(models_.back(), path, frame_times, 0.0, config));
+      own.push_back(FilterPath(models_.back(), filtered, frame_times, 0.0, config));
       if (own.back().back().score > own[best].back().score) best = own.size() - 1;
     }
     std::size_t cut = members.size() - 1;
     while (cut > 0 && own[best].back().score - own[best][cut].score < kInitiationLog) --cut;
-    tail_.assign(members.begin() + static_cast<std::ptrdiff_t>(cut), members.end());
-    SetFrames();
-    for (const std::uint32_t i : members) free[i] = 1;
+    SetFrames(path[cut].frame_time_ns, path.back().frame_time_ns);
+    std::vector<char> free = TakePlots(ordered, members[cut]);
+    for (std::size_t k = cut; k < members.size(); ++k) {
+      tail_.push_back(members[k] - members[cut]);
+      free[tail_.back()] = 1;
+    }
     const double score = own[best][cut].score;
     std::vector<Hypothesis> initial_hypotheses;
     for (const std::vector<Hypothesis>& alternative : own) {
       initial_hypotheses.push_back(alternative[cut]);
       initial_hypotheses.back().score -= score;
-      initial_hypotheses.back().plot = static_cast<std::int32_t>(members[cut]);
+      initial_hypotheses.back().plot = static_cast<std::int32_t>(tail_.front());
     }
     const double min_score =
         models_[best].ScoreAfterMisses(own[best].back(), end_) - score - kNegligibleLog;
@@ -124,12 +161,11 @@ class AlternativePaths {
       searches.back().Begin(initial_hypotheses[m]);
       searches.back().AppendLatest(&hypotheses[m]);
     }
-    const Plot& first = plots_[tail_.front()];
+    const Plot& first = plots_.front();
     Scan scan;
-    for (std::size_t i = tail_.front(); i < plots_.size(); i = scan.last) {
-      SetScan(plots_, log_births, i, FrameTimeOf(plots_[i], plots_.front(), scan_schedule_), &scan);
+    for (std::size_t i = 0; i < plots_.size(); i = scan.last) {
+      SetScan(plots_, log_births, i, FrameTimeOf(plots_[i], begin_ns_, scan_schedule_), &scan);
       if (plots_[i].frame == first.frame) continue;
-      if (plots_[i].frame_time_ns > frames_ns_.back()) break;
       if (scan.at.time_s <= initial_hypotheses.front().time_s) continue;
       for (std::size_t m = 0; m < searches.size(); ++m) {
         searches[m].Extend(scan);
@@ -164,9 +200,10 @@ class AlternativePaths {
         [](const AlternativePath::Step& step, std::uint32_t i) { return step.plot == i; });
   }
 
-  void SetFrames() {
-    const TimeNs first_ns = plots_[tail_.front()].frame_time_ns;
-    const TimeNs last_ns = plots_[tail_.back()].frame_time_ns + NsOf(config_.max_gap_s);
+  // Sets the frames from that of the first plot of the tail to those in which its last one may
+  // still be missed.
+  void SetFrames(TimeNs first_ns, TimeNs tail_end_ns) {
+    const TimeNs last_ns = tail_end_ns + NsOf(config_.max_gap_s);
     for (const ScanSchedule::Sensor& sensor : scan_schedule_.sensors) {
       for (const TimeNs time_ns : sensor.frame_times_ns) {
         if (first_ns <= time_ns && time_ns <= last_ns) frames_ns_.push_back(time_ns);
@@ -179,8 +216,21 @@ class AlternativePaths {
     }
   }
 
+  // Takes the plots within these frames, from number `first` on: copies, as a recording has many
+  // more. Returns which are free.
+  std::vector<char> TakePlots(const OrderedPlots& ordered, std::size_t first) {
+    std::vector<char> free;
+    for (std::size_t i = first; i < ordered.size(); ++i) {
+      Plot plot = ordered.At(i);
+      if (plot.frame_time_ns > frames_ns_.back()) break;
+      plots_.push_back(std::move(plot));
+      free.push_back(ordered.IsFree(i));
+    }
+    return free;
+  }
+
   double Seconds(TimeNs time_ns) const {
-    return static_cast<double>(time_ns - plots_.front().frame_time_ns) * kSecondsPerNs;
+    return static_cast<double>(time_ns - begin_ns_) * kSecondsPerNs;
   }
 
   // Index of the first plot of an alternative later than a time; at least 1, as no time before its
@@ -225,10 +275,11 @@ class AlternativePaths {
             covariance(0, 0) - cross_covariance_m2 * cross_covariance_m2 / innovation_variance_m2};
   }
 
-  const std::vector<Plot>& plots_;
+  TimeNs begin_ns_;  // of the first frame with plots
   const ScanSchedule& scan_schedule_;
   const TrackerConfig& config_;
-  Members tail_;  // plots of the path from the cut on
+  std::vector<Plot> plots_;  // from the first of the tail on
+  Members tail_;             // plots of the path from the cut on
   std::vector<TimeNs> frames_ns_;
   FrameTime end_;  // of the last frame
   std::vector<TrackModel> models_;
@@ -255,19 +306,11 @@ std::vector<AlternativeMode> AlternativeModesOf(std::size_t path, const std::vec
     if (m.time_ns > plots[members.back()].time_ns + kSameFrameNs) log_ratio_after += m.log_ratio;
   }
   std::vector<AlternativeMode> alternative_modes =
-      AlternativePaths(plots, members, free, scan_schedule, config)
+      AlternativePaths(OrderedPlots(plots, free, false), paths[path], scan_schedule, config)
           .AlternativeModes(log_ratio_after);
-  std::vector<Plot> mirrored;
-  for (auto plot = plots.rbegin(); plot != plots.rend(); ++plot) {
-    mirrored.push_back(TimeReversed(*plot));
-  }
-  Members back;
-  for (auto i = members.rbegin(); i != members.rend(); ++i) {
-    back.push_back(static_cast<std::uint32_t>(plots.size()) - 1 - *i);
-  }
-  const std::vector<char> free_back(free.rbegin(), free.rend());
   const ScanSchedule time_reversed = TimeReversed(scan_schedule);
-  const AlternativePaths alternatives(mirrored, back, free_back, time_reversed, config);
+  const AlternativePaths alternatives(OrderedPlots(plots, free, true), paths[path], time_reversed,
+                                      config);
   for (AlternativeMode mode : alternatives.AlternativeModes(log_ratio_before)) {
     mode.time_ns = TimeReversed(mode.time_ns);
     alternative_modes.push_back(mode);

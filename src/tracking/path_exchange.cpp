@@ -137,7 +137,7 @@ PathScorer::PathScorer(const std::vector<Plot>& plots, const std::vector<double>
     : PathScorer(
           plots, log_births, {},
           [&plots, scan_schedule](const Plot& plot) {
-            return FrameTimeOf(plot, plots.front(), scan_schedule);
+            return FrameTimeOf(plot, plots.front().frame_time_ns, scan_schedule);
           },
           config) {
   for (const double sigma : config.sigma_a_mps2) {

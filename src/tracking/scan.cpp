@@ -37,7 +37,7 @@ std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<doub
   std::vector<Scan> scans;
   for (std::size_t i = 0; i < plots.size(); i = scans.back().last) {
     scans.emplace_back();
-    SetScan(plots, log_births, i, FrameTimeOf(plots[i], plots.front(), scan_schedule),
+    SetScan(plots, log_births, i, FrameTimeOf(plots[i], plots.front().frame_time_ns, scan_schedule),
             &scans.back());
   }
   return scans;

@@ -81,11 +81,11 @@ double LogTop(const Prediction& p, const AxisVariances& variances, const FrameBo
 
 }  // namespace
 
-FrameTime FrameTimeOf(const Plot& plot, const Plot& first, const ScanSchedule& scan_schedule) {
+FrameTime FrameTimeOf(const Plot& plot, TimeNs begin_ns, const ScanSchedule& scan_schedule) {
   FrameTime frame_time;
   frame_time.sensor = plot.sensor;
   frame_time.viewpoint_m = plot.ViewpointM();
-  frame_time.time_s = static_cast<double>(plot.frame_time_ns - first.frame_time_ns) * kSecondsPerNs;
+  frame_time.time_s = static_cast<double>(plot.frame_time_ns - begin_ns) * kSecondsPerNs;
   for (std::uint32_t s = 0; s < scan_schedule.sensors.size(); ++s) {
     frame_time.frames_before.push_back(scan_schedule.FramesBefore(s, plot.frame_time_ns));
   }

@@ -61,6 +61,7 @@ struct Hypothesis {
   std::int32_t plot = 0;
   std::int32_t node = kNoIndex;    // index into the history of its search,
   std::int32_t parent = kNoIndex;  // and that of the hypothesis that it continues
+  double peak_score = 0.0;         // highest of the paths that end on its way
 };
 
 // Variances per axis of a position and a velocity, and their covariance.
@@ -141,8 +142,8 @@ struct FrameTime {
   Eigen::Vector3d viewpoint_m = Eigen::Vector3d::Zero();
 };
 
-// Returns the time of the frame of a plot. `first`: the plot of the earliest frame.
-FrameTime FrameTimeOf(const Plot& plot, const Plot& first, const ScanSchedule& scan_schedule);
+// Returns the time of the frame of a plot. `begin_ns`: that of the earliest frame.
+FrameTime FrameTimeOf(const Plot& plot, TimeNs begin_ns, const ScanSchedule& scan_schedule);
 
 // Log of P_D / lambda at a plot: detection probability of a new target over the clutter intensity.
 double LogBirthOdds(const Plot& plot, const ScanSchedule& scan_schedule,

@@ -12,29 +12,25 @@ namespace {
 constexpr std::size_t kMaxHypothesesPerPlot = 5;
 constexpr double kUnreachable = std::numeric_limits<double>::infinity();
 constexpr std::int32_t kKept = 0;  // mark of what stays in the history
+constexpr std::size_t kMinCompactedSize = 1 << 14;
 
 }  // namespace
 
 TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
                          const std::vector<Scan>& scans, const std::vector<char>& free,
-                         const TrackModel& model, const TrackerConfig& config)
+                         double min_score, const TrackModel& model, const TrackerConfig& config)
     : TrackSearch(plots, log_births, free, model, config) {
-  // Room for the births and as many continuations; more are rare and cause a reallocation.
-  history_.reserve(plots.size() * 2 * config.birth_speeds_mps.size());
-  for (const Scan& scan : scans) Extend(scan);
-  const auto min_plots = static_cast<std::uint32_t>(kMinPathPlots);
-  for (std::size_t h = 0; h < history_.size(); ++h) {
-    if (history_[h].score <= 0.0 || history_[h].num_plots < min_plots) continue;
-    ends_.push_back({history_[h].score, static_cast<std::int32_t>(h)});
+  std::size_t full = kMinCompactedSize;
+  for (const Scan& scan : scans) {
+    Extend(scan);
+    AppendEnds(min_score);
+    if (history_.size() < full) continue;
+    Compact();
+    full = std::max(kMinCompactedSize, 2 * history_.size());
   }
-  // Only the ancestors of ends stay: most births are never continued, and the searches of all
-  // sigma_a are in memory at once.
   active_.clear();
-  marks_.assign(history_.size(), kNoIndex);
-  for (const PathEnd& end : ends_) MarkAncestors(end.hypothesis, 0);
-  DropUnmarked(0);
+  Compact();
   history_.shrink_to_fit();
-  for (PathEnd& end : ends_) end.hypothesis = marks_[static_cast<std::size_t>(end.hypothesis)];
   marks_ = std::vector<std::int32_t>();
   std::make_heap(ends_.begin(), ends_.end());
 }
@@ -43,6 +39,19 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
                          const std::vector<char>& free, const TrackModel& model,
                          const TrackerConfig& config)
     : plots_(plots), log_births_(log_births), free_(free), model_(model), config_(config) {}
+
+// Appends the paths that end in the last scan. One that scores no more than a part of it from its
+// first plot on is never the best: wherever it is free, so is that part. Among strays nearly all
+// are such.
+void TrackSearch::AppendEnds(double min_score) {
+  const auto min_plots = static_cast<std::uint32_t>(kMinPathPlots);
+  const auto count = static_cast<std::ptrdiff_t>(history_.size() - last_scan_);
+  std::for_each(active_.end() - count, active_.end(), [&](Hypothesis& h) {
+    if (h.num_plots < min_plots || h.score <= std::max(min_score, h.peak_score)) return;
+    h.peak_score = h.score;
+    ends_.push_back({h.score, h.node});
+  });
+}
 
 Path TrackSearch::Best() {
   for (; !ends_.empty(); ends_.pop_back()) {
@@ -131,8 +140,8 @@ void TrackSearch::MarkAncestors(std::int32_t node, std::size_t first_plot) {
   }
 }
 
-// Removes all nodes but those marked, whose marks become their new indices. Indices of plots shift
-// by `num_plots`.
+// Removes all nodes but those marked, whose marks become their new indices, also in the active
+// hypotheses. Indices of plots shift by `num_plots`.
 void TrackSearch::DropUnmarked(std::size_t num_plots) {
   std::size_t kept = 0;
   for (std::size_t h = 0; h < history_.size(); ++h) {
@@ -144,6 +153,22 @@ void TrackSearch::DropUnmarked(std::size_t num_plots) {
     history_[kept++] = node;
   }
   history_.resize(kept);
+  last_scan_ = kept;
+  for (Hypothesis& h : active_) {
+    h.node = marks_[static_cast<std::size_t>(h.node)];
+    const Node& node = history_[static_cast<std::size_t>(h.node)];
+    h.plot = node.plot;
+    h.parent = node.parent;
+  }
+}
+
+// Keeps only the ancestors of ends and of active hypotheses: most births are never continued.
+void TrackSearch::Compact() {
+  marks_.assign(history_.size(), kNoIndex);
+  for (const PathEnd& end : ends_) MarkAncestors(end.hypothesis, 0);
+  for (const Hypothesis& h : active_) MarkAncestors(h.node, 0);
+  DropUnmarked(0);
+  for (PathEnd& end : ends_) end.hypothesis = marks_[static_cast<std::size_t>(end.hypothesis)];
 }
 
 void TrackSearch::Forget(std::size_t num_plots) {
@@ -157,13 +182,6 @@ void TrackSearch::Forget(std::size_t num_plots) {
   marks_.assign(history_.size(), kNoIndex);
   for (const Hypothesis& leaf : active_) MarkAncestors(leaf.node, num_plots);
   DropUnmarked(num_plots);
-  last_scan_ = history_.size();
-  for (Hypothesis& h : active_) {
-    h.node = marks_[static_cast<std::size_t>(h.node)];
-    const Node& node = history_[static_cast<std::size_t>(h.node)];
-    h.plot = node.plot;
-    h.parent = node.parent;
-  }
 }
 
 void TrackSearch::Extend(const Scan& scan) {
@@ -181,6 +199,7 @@ void TrackSearch::Extend(const Scan& scan) {
       if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.parent = from.node;
+      h.peak_score = from.peak_score;
       Add(h);
     }
     if (log_births_[i] < kDeletionLog) continue;  // no birth here

@@ -14,17 +14,17 @@ namespace unlidar {
 
 class TrackSearch {
  public:
-  // Runs the search. `free` (plots) is kept by reference: plots may be taken later, before further
-  // calls of Best() and the like.
+  // Runs the search for paths above `min_score` >= 0. `free` (plots) is kept by reference: plots
+  // may be taken later, before further calls of Best().
   TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-              const std::vector<Scan>& scans, const std::vector<char>& free,
+              const std::vector<Scan>& scans, const std::vector<char>& free, double min_score,
               const TrackModel& model, const TrackerConfig& config);
 
   // For a stream: Extend() adds each frame as it arrives.
   TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
               const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config);
 
-  // Returns the best path through plots that are still free; empty if none scores above 0.
+  // Returns the best path through plots that are still free; empty, with score 0, if there is none.
   Path Best();
 
   // Extends all hypotheses to the plots of a scan, which must be later than all before.
@@ -87,6 +87,8 @@ class TrackSearch {
 
   void MarkAncestors(std::int32_t node, std::size_t first_plot);
   void DropUnmarked(std::size_t num_plots);
+  void AppendEnds(double min_score);
+  void Compact();
   void SetPathTo(std::int32_t hypothesis, Path* path) const;
   void Add(Hypothesis hypothesis);
   void Predict(const FrameTime& at);

@@ -21,17 +21,17 @@ namespace {
 constexpr int kMaxWeakPaths = 20;
 constexpr double kMinWeakPathLog = 7.0;
 
-// Searches the free plots, once per sigma_a.
+// Searches the free plots for paths above `min_score`, once per sigma_a.
 std::vector<TrackSearch> SearchPlots(const std::vector<Plot>& plots,
                                      const std::vector<double>& log_births,
                                      const std::vector<Scan>& scans, const std::vector<char>& free,
-                                     const ScanSchedule& scan_schedule,
+                                     double min_score, const ScanSchedule& scan_schedule,
                                      const TrackerConfig& config) {
   const std::vector<double>& sigmas = config.sigma_a_mps2;
   std::vector<std::optional<TrackSearch>> found(sigmas.size());
   ParallelFor(sigmas.size(), [&](std::size_t i) {
-    found[i].emplace(plots, log_births, scans, free, TrackModel(sigmas[i], scan_schedule, config),
-                     config);
+    found[i].emplace(plots, log_births, scans, free, min_score,
+                     TrackModel(sigmas[i], scan_schedule, config), config);
   });
   std::vector<TrackSearch> searches;
   searches.reserve(found.size());
@@ -81,8 +81,8 @@ class PathFinder {
     return PathScorer(plots_, log_births_, scan_schedule_, config_, time_out_of_view);
   }
 
-  std::vector<TrackSearch> Search(const std::vector<char>& free) const {
-    return SearchPlots(plots_, log_births_, scans_, free, scan_schedule_, config_);
+  std::vector<TrackSearch> Search(const std::vector<char>& free, double min_score) const {
+    return SearchPlots(plots_, log_births_, scans_, free, min_score, scan_schedule_, config_);
   }
 
   void SetFree(const Path& path, char value) {
@@ -97,10 +97,10 @@ class PathFinder {
     int num_weak = 0;
     for (bool found = true; found;) {
       found = false;
-      std::vector<TrackSearch> searches = Search(free_);
+      std::vector<TrackSearch> searches = Search(free_, kMinWeakPathLog);
       while (true) {
         Path best = BestOf(&searches);
-        if (best.score < kMinWeakPathLog) break;
+        if (best.plots.empty()) break;
         // A path hidden by a weak one is weak, too.
         const bool is_strong = IsStrong(best);
         if (!is_strong && num_weak == kMaxWeakPaths) break;
@@ -127,14 +127,14 @@ class PathFinder {
     return free;
   }
 
-  // Best path through the free plots and those of this path.
+  // Best path through the free plots and those of this path, if it scores higher.
   Path BestReplacement(const Path& path) {
     SetFree(path, 1);
     const std::vector<char> free = FreeInReach(path);
     SetFree(path, 0);
     effort_.plots_searched_again +=
         static_cast<std::size_t>(std::count(free.begin(), free.end(), 1));
-    std::vector<TrackSearch> searches = Search(free);
+    std::vector<TrackSearch> searches = Search(free, path.score);
     return BestOf(&searches);
   }
 
@@ -151,8 +151,9 @@ class PathFinder {
     }
     const ScanSchedule scan_schedule = TimeReversed(scan_schedule_);
     const std::vector<char> all(plots.size(), 1);
-    std::vector<TrackSearch> searches = SearchPlots(
-        plots, log_births, ScansOf(plots, log_births, scan_schedule), all, scan_schedule, config_);
+    std::vector<TrackSearch> searches =
+        SearchPlots(plots, log_births, ScansOf(plots, log_births, scan_schedule), all, 0.0,
+                    scan_schedule, config_);
     std::vector<std::uint32_t> members;
     for (const std::uint32_t i : BestOf(&searches).plots) members.push_back(indices[i]);
     std::reverse(members.begin(), members.end());

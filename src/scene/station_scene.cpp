@@ -74,10 +74,11 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
     }
     if (!fitted_->ground.IsGround(points_m[i])) candidates.push_back(i);
   }
-  DropStrays(workspace);
-  num_unexplained = candidates.size();
+  // From here on by the range from the LiDAR, with which radii grow, wherever it began.
   const Eigen::Vector3f shift_m = frame.frames[0].carrier.shift_m;
   for (Eigen::Vector3f& point_m : points_m) point_m -= shift_m;
+  DropStrays(workspace);
+  num_unexplained = candidates.size();
   const auto stray_rate_at = [&](const Eigen::Vector3f& point_m) {
     return occupancy_.StrayRate(point_m + shift_m);
   };

@@ -394,6 +394,22 @@ TEST(Plots, WhereStraysAreDenseSeveralReturnsOfADroneAreAPlot) {
   EXPECT_GT(ShareInPlots(maker, found, kDrone), ShareInPlots(maker, without, kDrone) + 0.3);
 }
 
+TEST(Plots, StraysGroupByTheRangeFromALiDARThatHasMovedAway) {
+  RecordingMaker maker = OnGround([](double time_s, RecordingMaker* m) {
+    m->AddBlob({14.0, 3.0 * (time_s - 3.0), 9.0}, 0.1, 8, kDrone);
+    m->AddBox({4.0, -14.0, 2.0}, {20.0, 14.0, 14.0}, 3000);  // 0.56 in a cubic metre
+  });
+  // At the range from its first position chains of strays would never end.
+  const Eigen::Vector3f shift_m(20.0F, 0.0F, 0.0F);
+  for (Eigen::Vector3f& point_m : maker.recording.points_m) point_m += shift_m;
+  for (FrameInfo& frame : maker.recording.frames) frame.carrier.shift_m = shift_m;
+  RobustConfig config;
+  const Found found = FindPlots(maker.recording, config);
+  config.disabled_rules = {Rule::kStrayGroups};
+  const Found without = FindPlots(maker.recording, config);
+  EXPECT_GT(ShareInPlots(maker, found, kDrone), ShareInPlots(maker, without, kDrone) + 0.3);
+}
+
 // A sky without structure: everything would float in it.
 std::vector<Plot> PlotsInTheSky(const Recording& recording) {
   const RobustConfig config;

@@ -27,7 +27,7 @@ _ECHO = 0.1  # of whatever fog or dirt weakens: what the data sheets state the r
 _SAMPLED_FRAMES, _SAMPLED_RETURNS = 20, 200_000
 _SURFACE_RAD, _SURFACE_RETURNS = 0.0175, 8  # so many sampled returns within a degree stop a ray
 _EDGES = (0.001, 0.999)  # of the returns within the field of view of a sensor that is not known
-_LEAST_KNOWN = 0.9  # share of the returns within the field of view of the model of that name
+_LEAST_KNOWN = 0.5  # share of the returns within the field of view of the model of that name
 
 
 @dataclass(frozen=True)

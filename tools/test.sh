@@ -101,8 +101,6 @@ tidy() {
     xargs -0 -n 2 -P "$jobs" bash -c '
       case $1 in
         */all_tests.dir/*.cxx) options=(--config-file=src/tests/.clang-tidy) ;;
-        # The analyser would not go by itself into what is included.
-        *.cxx) options=(--extra-arg-before=-{Xclang,analyzer-opt-analyze-headers}) ;;
         *) options=() ;;
       esac
       clang-tidy --quiet -p "$0" "${options[@]}" "$1" && touch -- "$2"' \

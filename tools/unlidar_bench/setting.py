@@ -58,7 +58,7 @@ QUICK = {
     "dense_minutes": 0.05,
     "dense_turn_s": 1.0,
     "live_rounds": 1,
-    "flight_s": 2.0,
+    "flight_s": 1.0,
     "swarms": (1, 3),
     "swarm_s": 4.0,
 }

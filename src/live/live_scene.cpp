@@ -196,7 +196,7 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
     seen.plot.frame = num_frames_;
     seen.bin = held->bin;
     // In rain a stream knows a place for too short a time: its surroundings say more.
-    if (seen.plot.stray_rate == 0.0) {
+    if (seen.plot.stray_group_rate == 0.0) {
       seen.plot.place_rate = station.scene.occupancy().RateAround(
           seen.plot.position_m.cast<float>(), bin, seen.plot.place_rate);
     }

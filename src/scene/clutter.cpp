@@ -206,9 +206,9 @@ ClutterModel::SpotRate ClutterModel::SpotRateOf(const Plot& plot) const {
   const double num_frames = std::max(NumFrames(plot.sensor), 1U);
   SpotRate rate;
   rate.per_plot = 1.0 / num_frames / PlotVolumeM3(plot);
-  if (plot.stray_rate > 0.0) {
+  if (plot.stray_group_rate > 0.0) {
     rate.num_strays =
-        plot.stray_rate * num_frames * around_.SpotVolumeM3(plot.sensor, PlaceM(plot));
+        plot.stray_group_rate * num_frames * around_.SpotVolumeM3(plot.sensor, PlaceM(plot));
   }
   return rate;
 }

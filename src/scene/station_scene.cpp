@@ -132,9 +132,11 @@ void StationScene::SetPlaceRate(const FrameWorkspace& workspace, const IndexView
   }
   plot->place_rate = rate / static_cast<double>(plot->num_returns);
   if (!is_among_dense_strays) return;
-  plot->stray_rate = MeanStrayRate(workspace, returns);
-  plot->place_rate = StrayGroupRate(plot->stray_rate, config_->plots.link.At(plot->ray_m.norm()),
-                                    static_cast<double>(returns.size()));
+  const double stray_rate = MeanStrayRate(workspace, returns);
+  const double radius_m = config_->plots.link.At(plot->ray_m.norm());
+  const auto count = static_cast<double>(returns.size());
+  plot->place_rate = StrayGroupRate(stray_rate, radius_m, count);
+  plot->stray_group_rate = RareStrayGroupRate(stray_rate, radius_m, kMaxStrayRate);
 }
 
 }  // namespace unlidar

@@ -1,6 +1,7 @@
 // Strays of weather that single linkage joins by chance.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -19,6 +20,19 @@ inline double StrayGroupRate(double rate, double radius_m, double count) {
   if (mu <= 0.0) return 0.0;
   return rate / count *
          std::exp(-mu * count + (count - 1.0) * std::log(mu * count) - std::lgamma(count + 1.0));
+}
+
+// Returns the rate of all groups that are each rarer than `max_rate`, per m^3 and frame. The rate
+// of groups of any size is rate (1 - mu / 2), and the larger, the rarer they are.
+inline double RareStrayGroupRate(double rate, double radius_m, double max_rate) {
+  const double mu = rate * 4.0 / 3.0 * M_PI * radius_m * radius_m * radius_m;
+  if (mu >= 1.0) return 0.0;
+  double rare = rate * (1.0 - 0.5 * mu);
+  for (double count = 1.0;; count += 1.0) {
+    const double of_count = StrayGroupRate(rate, radius_m, count);
+    if (of_count < max_rate) return std::max(rare, 0.0);
+    rare -= of_count;
+  }
 }
 
 }  // namespace unlidar

@@ -80,7 +80,7 @@ TEST(ClutterModel, WhatDenseStraysYieldAtASpotIsNoStaticObject) {
   const ClutterModel clutter = Foreseen();
   std::vector<Plot> twig = PlotsOf(6);
   const double of_twig = Judge(twig, 6, clutter)[0];
-  twig[0].stray_rate = 10.0;
+  twig[0].stray_group_rate = 10.0;
   EXPECT_LT(Judge(twig, 6, clutter)[0], of_twig - 1.0);
 }
 

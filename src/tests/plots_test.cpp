@@ -394,6 +394,26 @@ TEST(Plots, WhereStraysAreDenseSeveralReturnsOfADroneAreAPlot) {
   EXPECT_GT(ShareInPlots(maker, found, kDrone), ShareInPlots(maker, without, kDrone) + 0.3);
 }
 
+// What comes to a spot beyond that is a static object, as a crown among strays is.
+TEST(Plots, GroupsOfDenseStraysAreAsManyAsTheirPlotsSay) {
+  const Eigen::Vector3d low_m(4.0, -14.0, 2.0);
+  const Eigen::Vector3d high_m(20.0, 14.0, 14.0);
+  const RecordingMaker maker = OnGround(
+      [&](double, RecordingMaker* m) { m->AddBox(low_m, high_m, 2000); });  // 0.37 in a cubic metre
+  double num_plots = 0.0;
+  double rate = 0.0;
+  for (const Plot& plot : FindPlots(maker.recording).plots) {
+    if (plot.stray_group_rate == 0.0) continue;
+    num_plots += 1.0;
+    rate += plot.stray_group_rate;
+  }
+  const double volume_m3 = (high_m - low_m).prod();
+  const auto num_frames = static_cast<double>(maker.recording.frames.size());
+  const double expected = rate / num_plots * volume_m3 * num_frames;
+  EXPECT_GT(num_plots, 0.2 * expected);  // of lone strays and all there are 0.07; some form bodies
+  EXPECT_LT(num_plots, 2.0 * expected);
+}
+
 TEST(Plots, StraysGroupByTheRangeFromALiDARThatHasMovedAway) {
   RecordingMaker maker = OnGround([](double time_s, RecordingMaker* m) {
     m->AddBlob({14.0, 3.0 * (time_s - 3.0), 9.0}, 0.1, 8, kDrone);

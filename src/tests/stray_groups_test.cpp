@@ -29,6 +29,20 @@ TEST(StrayGroups, WhereChainsNeverEndAnyGroupMayBeOfStrays) {
   EXPECT_TRUE(std::isinf(StrayGroupRate(1.01 / kReach_m3, kRadius_m, 20.0)));
 }
 
+TEST(StrayGroups, ThoseThatAreRareAreAsManyAsTheirSizesTogether) {
+  constexpr double kMost = 0.05;
+  for (const double num_near : {0.01, 0.3, 0.7}) {
+    const double rate = num_near / kReach_m3;
+    double sum = 0.0;
+    for (int n = 1; n < 2000; ++n) {
+      const double of_size = StrayGroupRate(rate, kRadius_m, n);
+      sum += of_size < kMost ? of_size : 0.0;
+    }
+    EXPECT_NEAR(RareStrayGroupRate(rate, kRadius_m, kMost), sum, 1e-6 * rate) << num_near;
+  }
+  EXPECT_EQ(RareStrayGroupRate(1.01 / kReach_m3, kRadius_m, kMost), 0.0);  // any is frequent
+}
+
 TEST(StrayGroups, ManyStraysGroupNoMoreOftenThanSaid) {
   constexpr float kEdge_m = 40.0F;
   const double rate = 0.3 / kReach_m3;

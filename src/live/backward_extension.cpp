@@ -70,10 +70,6 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector
     }
     end = begin;
     if (plots.empty()) continue;
-    if (robust.Uses(Rule::kPause) &&
-        plots[0].plot.frame_time_ns - follower.last_evidence_ns() > NsOf(kLongPauseS)) {
-      break;
-    }
     follower.Extend(plots, std::vector<char>(plots.size(), 1),
                     FrameTimeInReverse(seen[begin].plot, frame_times, num_frames));
   }

@@ -12,9 +12,6 @@
 
 namespace unlidar {
 
-// Plots before a gap of this length do not become part of a track that begins after it.
-inline constexpr double kLongPauseS = 3.0;
-
 // Follows a flight back in time, as a track is followed forward. Plots that the search left out,
 // because they scored no better than clutter then, join it where they match the prediction.
 // `seen`: plots in order of time, including those of the flight; `are_free` (seen): true if no

@@ -10,7 +10,6 @@
 #include "scene/support.hpp"
 #include "tracking/crowding.hpp"
 #include "tracking/flight.hpp"
-#include "tracking/path_exchange.hpp"
 
 namespace unlidar {
 namespace {
@@ -21,19 +20,14 @@ constexpr double kMaxClutterUncertaintyMargin = 16.0;
 constexpr double kLearningS = 10.0;
 // The same for a path with more neighbouring plots than its own.
 constexpr double kCrowdedLearningS = 30.0;
+// Across a gap of this length a path is within reach of strays of seconds before.
+constexpr double kLongPauseS = 3.0;
 
 // True if a path moves or is unsupported. Otherwise it may be a twig that is hit more often for a
 // while: a stream does not know how often its place will be hit later.
 bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& plots) {
   const double min_move_m = kMinDisplacement.At(plots.front().ray_m.norm());
   return Floats(path) || DriftM(plots) > min_move_m;
-}
-
-// Number of plots before the last long pause of a path.
-std::size_t PausePrefix(const std::vector<LivePlot>& path) {
-  std::size_t first = path.size() - 1;
-  while (first > 0 && path[first].time_s - path[first - 1].time_s < kLongPauseS) --first;
-  return first;
 }
 
 template <class T>
@@ -139,17 +133,41 @@ bool LiveSearch::IsFree(const Path& path) const {
                      [&](std::uint32_t i) { return free_[i] != 0; });
 }
 
+PathScorer LiveSearch::Scorer(TimeOutOfView time_out_of_view) const {
+  std::vector<TrackModel> models;
+  for (const TrackModel& model : models_) models.push_back(model.With(time_out_of_view));
+  return PathScorer(
+      plots_, log_births_, std::move(models),
+      [this](const Plot& plot) { return frame_times_.At(plot.frame); }, config_.robust.tracker);
+}
+
 // As in a recording: each plot keeps few hypotheses, so what is likelier only by later plots may
 // have been displaced.
 const Path& LiveSearch::Pruned(const Path& path) {
   if (!IsFree(path)) return path;
-  const PathScorer scorer(
-      plots_, log_births_, models_, [&](const Plot& plot) { return frame_times_.At(plot.frame); },
-      config_.robust.tracker);
+  const PathScorer scorer = Scorer(TimeOutOfView::kNone);
   pruned_ = scorer.WithScore(path.plots);
   while (DropStretch(scorer, Droppable::kRunsBeforeLast, &pruned_)) {
   }
   return pruned_;
+}
+
+// Number of plots before the last long pause across which a path is not one target, as paths of a
+// recording join. A higher score is not enough for that: a few strays before a pause raise it, too,
+// though they explain themselves as well without what comes after it.
+std::size_t LiveSearch::NumBeforePause(const Path& path) const {
+  if (!config_.robust.Uses(Rule::kPause)) return 0;
+  const PathScorer scorer = Scorer(TimeOutOfView::kLogUniform);
+  std::size_t first = 0;
+  Path rest = path;
+  for (std::size_t i = 1; i < path.plots.size(); ++i) {
+    const double before_s = recent_plots_[path.plots[i - 1]].time_s;
+    if (recent_plots_[path.plots[i]].time_s - before_s < kLongPauseS) continue;
+    if (IsOneTarget(scorer, rest, i - first)) continue;
+    DropFirst(i - first, &rest.plots);
+    first = i;
+  }
+  return first;
 }
 
 Rejection LiveSearch::Judge(const Path& path) {
@@ -164,7 +182,7 @@ Rejection LiveSearch::Judge(const Path& path) {
     plots.push_back(recent_plots_[i].plot);
   }
   const RobustConfig& robust = config_.robust;
-  const std::size_t first = robust.Uses(Rule::kPause) ? PausePrefix(flight.plots) : 0;
+  const std::size_t first = NumBeforePause(path);
   if (first > 0) {
     cuts_.push_back({Rejection::kPause, first});
     DropFirst(first, &flight.plots);
@@ -229,11 +247,15 @@ double LiveSearch::ScoreThresholdOf(const Path& path) const {
          ClutterUncertaintyMargin(kCrowdedLearningS);
 }
 
-Flight LiveSearch::WithHistory(const Flight& flight) {
+Flight LiveSearch::WithHistory(const Flight& flight, const Path& path) {
   Flight whole = flight;
   if (flight.starts_new_target) return whole;
-  const std::vector<std::size_t> past = ExtendBackwards(
-      flight, recent_plots_, free_, frame_times_, frame_time_.frames_before, models_, config_);
+  std::vector<std::size_t> past = ExtendBackwards(flight, recent_plots_, free_, frame_times_,
+                                                  frame_time_.frames_before, models_, config_);
+  Path judged;
+  for (const std::size_t i : past) judged.plots.push_back(static_cast<std::uint32_t>(i));
+  judged.plots.insert(judged.plots.end(), path.plots.begin(), path.plots.end());
+  DropFirst(std::min(NumBeforePause(judged), past.size()), &past);
   std::vector<LivePlot> before;
   std::vector<FrameTime> frame_times;
   for (const std::size_t i : past) {

@@ -10,6 +10,7 @@
 #include "live/live_plot.hpp"
 #include "live/live_scene.hpp"
 #include "live/recent_frame_times.hpp"
+#include "tracking/path_exchange.hpp"
 #include "tracking/rejection.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"
@@ -68,8 +69,8 @@ class LiveSearch {
   double score_threshold() const { return score_threshold_; }
   double ScoreThresholdOf(const Path& path) const;
 
-  // Returns a flight with its earlier plots, which are taken from now on.
-  Flight WithHistory(const Flight& flight);
+  // Returns the flight of the path last judged with its earlier plots, which are taken from now on.
+  Flight WithHistory(const Flight& flight, const Path& path);
 
   // Sets `scores` (plots of the last frame) to the score of the best path to each, 0 without one.
   void GetScores(std::vector<double>* scores) const;
@@ -87,7 +88,9 @@ class LiveSearch {
   void CountPlots(const SceneFrame& frame);
   double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
-  bool IsFree(const Path& path) const;  // no track has one of its plots
+  bool IsFree(const Path& path) const;                      // no track has one of its plots
+  PathScorer Scorer(TimeOutOfView time_out_of_view) const;  // of paths of plots_
+  std::size_t NumBeforePause(const Path& path) const;
   bool IsCrowded(const Path& path) const;
   double CrowdingPenaltyOf(const Path& path) const;
 

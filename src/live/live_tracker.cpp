@@ -106,7 +106,7 @@ PathDecision LiveTracker::Decide(const Path& path) {
   if (decision.rejection != Rejection::kNone) return decision;
   const double score_threshold = search_.ScoreThresholdOf(path);
   decision.crowding_penalty = score_threshold - search_.score_threshold();
-  const auto with_history = [&](const Flight& its) { return search_.WithHistory(its); };
+  const auto with_history = [&](const Flight& its) { return search_.WithHistory(its, path); };
   const ConfirmedTracks::Initiation initiation =
       tracks_.Initiate(search_.flight(), score_threshold, with_history);
   decision.log_likelihood_ratio = initiation.score;

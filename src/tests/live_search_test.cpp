@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <set>
 #include <vector>
@@ -136,29 +137,19 @@ TEST(LiveSearch, FromTravelWhatHasOthersAboutItMustBeSurerForever) {
               LeastScoreBeside(30.0, without, kLongS, kAwayM), 1.0);
 }
 
-// Rejections of the paths of a target of 3 m/s above the threshold, after so many frames of which
-// those of a pause show nothing; and the rules that cut off their beginnings.
-struct Rules {
-  std::set<Rejection> rejections;
-  std::set<Rejection> cuts;
-};
-
-Rules RulesOf(const Config& config, double height_m = 50.0, double speed_mps = 3.0,
-              double pause_s = 0.0) {
+// Rejections of the paths of a target of 3 m/s above the threshold, after so many frames.
+std::set<Rejection> RejectionsOf(const Config& config, double height_m = 50.0,
+                                 double speed_mps = 3.0) {
   Plots plots(config);
-  Rules rules;
+  std::set<Rejection> rejections;
   constexpr int kFrames = 60;
-  const int pause = static_cast<int>(pause_s / testing::kPeriodS);
-  for (int i = 0; i < kFrames + pause; ++i) {
-    if (i >= kFrames / 2 && i < kFrames / 2 + pause) continue;
+  for (int i = 0; i < kFrames; ++i) {
     const Eigen::Vector3d place_m(speed_mps * testing::MiddleS(i) - 10.0, 0.0, kRangeM);
     for (const Path& path : plots.Add(i, place_m, height_m)) {
-      if (i + 1 < kFrames + pause) continue;
-      rules.rejections.insert(plots.search().Judge(path));
-      for (const PathCut& cut : plots.search().cuts()) rules.cuts.insert(cut.rule);
+      if (i + 1 == kFrames) rejections.insert(plots.search().Judge(path));
     }
   }
-  return rules;
+  return rejections;
 }
 
 Config Without(Rule rule) {
@@ -170,19 +161,53 @@ Config Without(Rule rule) {
 TEST(LiveSearch, EachGateIsReachedAndNamed) {
   using Names = std::set<Rejection>;
   const Config config;
-  EXPECT_EQ(RulesOf(config).rejections, Names{Rejection::kNone});
-  EXPECT_EQ(RulesOf(config).cuts, Names{});
+  EXPECT_EQ(RejectionsOf(config), Names{Rejection::kNone});
   Config few = config;
   few.robust.min_plots = 1000;
-  EXPECT_EQ(RulesOf(few).rejections, Names{Rejection::kTooFewDetections});
-  EXPECT_EQ(RulesOf(config, 0.5).rejections, Names{Rejection::kNearGround});
+  EXPECT_EQ(RejectionsOf(few), Names{Rejection::kTooFewDetections});
+  EXPECT_EQ(RejectionsOf(config, 0.5), Names{Rejection::kNearGround});
   Config strong = config;
   strong.robust.min_return_rate_m2_per_s = 1e9;
-  EXPECT_EQ(RulesOf(strong).rejections, Names{Rejection::kWeakReturn});
-  EXPECT_EQ(RulesOf(config, 50.0, 0.0).rejections, Names{Rejection::kStationary});
-  EXPECT_EQ(RulesOf(Without(Rule::kStationary), 50.0, 0.0).rejections, Names{Rejection::kNone});
-  EXPECT_EQ(RulesOf(config, 50.0, 3.0, 4.0).cuts, Names{Rejection::kPause});
-  EXPECT_EQ(RulesOf(Without(Rule::kPause), 50.0, 3.0, 4.0).cuts, Names{});
+  EXPECT_EQ(RejectionsOf(strong), Names{Rejection::kWeakReturn});
+  EXPECT_EQ(RejectionsOf(config, 50.0, 0.0), Names{Rejection::kStationary});
+  EXPECT_EQ(RejectionsOf(Without(Rule::kStationary), 50.0, 0.0), Names{Rejection::kNone});
+}
+
+// Numbers of plots cut off a path of two parts: `num_before` plots of a flight that goes on
+// `aside_m` from its way after a pause.
+std::vector<std::size_t> CutsOf(int num_before, double pause_s, double aside_m,
+                                const Config& config = Config()) {
+  Plots plots(config);
+  Path path;
+  const int pause = static_cast<int>(pause_s / testing::kPeriodS);
+  for (int i = 0; i < num_before + pause + 20; ++i) {
+    if (i >= num_before && i < num_before + pause) continue;
+    plots.Add(i, {3.0 * testing::MiddleS(i) - 10.0, i < num_before ? 0.0 : aside_m, kRangeM});
+    path.plots.push_back(static_cast<std::uint32_t>(path.plots.size()));
+  }
+  EXPECT_EQ(plots.search().Judge(path), Rejection::kNone);
+  std::vector<std::size_t> cuts;
+  for (const PathCut& cut : plots.search().cuts()) {
+    EXPECT_EQ(cut.rule, Rejection::kPause);
+    cuts.push_back(cut.num_plots);
+  }
+  EXPECT_EQ(plots.search().flight().starts_new_target, !cuts.empty());
+  return cuts;
+}
+
+// What precedes a long pause is the target's where one target is likelier than two, or than one and
+// strays.
+TEST(LiveSearch, BeforeALongPauseAFlightKeepsWhatOneTargetExplains) {
+  using Cuts = std::vector<std::size_t>;
+  for (const std::size_t num_before : {5U, 20U}) {
+    const auto count = static_cast<int>(num_before);
+    for (const double pause_s : {3.5, 6.0}) {
+      EXPECT_EQ(CutsOf(count, pause_s, 0.0), Cuts{}) << num_before << " " << pause_s;
+      EXPECT_EQ(CutsOf(count, pause_s, 60.0), Cuts{num_before}) << num_before << " " << pause_s;
+    }
+    EXPECT_EQ(CutsOf(count, 2.0, 60.0), Cuts{}) << num_before;
+    EXPECT_EQ(CutsOf(count, 6.0, 60.0, Without(Rule::kPause)), Cuts{}) << num_before;
+  }
 }
 
 TEST(LiveSearch, APathIsPrunedOfPlotsThatLowerItsScore) {

@@ -111,6 +111,31 @@ TEST(DropStretch, TakesWhatSupportsItselfTogether) {
   EXPECT_EQ(path.score, 20.0);
 }
 
+// Two parts of a flight that is seen in a third of the frames, with a pause of two seconds between
+// them, are one target's, those of two flights are not, nor what hardly tells of any target.
+TEST(IsOneTarget, IsTrueOfAFlightAndFalseOfTwo) {
+  const TrackerConfig config;
+  for (const double aside_m : {0.0, 60.0}) {
+    Random random(3);
+    std::vector<Plot> plots;
+    AddFlight([&](double t) { return Eigen::Vector3d(3.0 * t, t < 4.0 ? 0.0 : aside_m, 50.0); },
+              120, 0.35, -9.0, &random, &plots);
+    const auto is_in_pause = [](const Plot& plot) { return plot.frame >= 30 && plot.frame < 50; };
+    plots.erase(std::remove_if(plots.begin(), plots.end(), is_in_pause), plots.end());
+    const ScanSchedule scan_schedule = WatchOver(plots);
+    const std::vector<double> log_births = LogBirths(plots, scan_schedule, config);
+    const PathScorer scorer(plots, log_births, scan_schedule, config, TimeOutOfView::kLogUniform);
+    Path path;
+    path.plots.resize(plots.size());
+    std::iota(path.plots.begin(), path.plots.end(), 0U);
+    const auto num_before = static_cast<std::size_t>(
+        std::count_if(plots.begin(), plots.end(), [](const Plot& p) { return p.frame < 30; }));
+    EXPECT_EQ(IsOneTarget(scorer, path, num_before), aside_m == 0.0) << aside_m;
+    path.plots = {0, path.plots.back()};
+    EXPECT_FALSE(IsOneTarget(scorer, path, 1)) << aside_m;
+  }
+}
+
 // Scores drawn for each set of plots: the best of all stretches that begin and end at a pause or at
 // an end of the path, of at most six plots. Single runs have no pause within, several keep the last
 // plot.

@@ -94,19 +94,21 @@ bool IsTooShort(const Path& path) {
   return path.plots.size() < static_cast<std::size_t>(kMinPathPlots);
 }
 
-// Joins two paths or exchanges their tails where the sum of scores grows most. A path costs
-// kInitiationLog, an empty one nothing. Returns true if the paths changed.
+// A path costs kInitiationLog, an empty one nothing. Paths that are too short or too weak have no
+// value.
+double ValueOf(const Path& path) {
+  return IsTooShort(path) ? 0.0 : std::max(0.0, path.score - kInitiationLog);
+}
+
+// Joins two paths or exchanges their tails where the sum of their values grows most. Returns true
+// if the paths changed.
 bool Exchange(const PathScorer& scorer, const TrackerConfig& config, Path* a, Path* b) {
-  // Paths that are too short or too weak have no value.
-  const auto value = [&](const Path& path) {
-    return IsTooShort(path) ? 0.0 : std::max(0.0, path.score - kInitiationLog);
-  };
-  double best = value(*a) + value(*b) + kMinExchangeLog;
+  double best = ValueOf(*a) + ValueOf(*b) + kMinExchangeLog;
   Path best_a;
   Path best_b;
   const auto consider = [&](Path p, Path q) {
-    if (value(p) + value(q) <= best) return;
-    best = value(p) + value(q);
+    if (ValueOf(p) + ValueOf(q) <= best) return;
+    best = ValueOf(p) + ValueOf(q);
     best_a = std::move(p);
     best_b = std::move(q);
   };
@@ -230,6 +232,13 @@ bool DropStretch(const PathScorer& scorer, Droppable droppable, Path* path) {
   return DropStretch([&](std::uint32_t plot) { return scorer.plots()[plot].time_ns; },
                      [&](Members plots) { return scorer.WithScore(std::move(plots)); }, droppable,
                      path);
+}
+
+bool IsOneTarget(const PathScorer& scorer, const Path& path, std::size_t num_before) {
+  const auto middle = path.plots.begin() + static_cast<std::ptrdiff_t>(num_before);
+  const Path before = scorer.WithScore(Members(path.plots.begin(), middle));
+  const Path after = scorer.WithScore(Members(middle, path.plots.end()));
+  return ValueOf(scorer.WithScore(path.plots)) > ValueOf(before) + ValueOf(after) + kMinExchangeLog;
 }
 
 bool IsInReach(const Plot& from, const Plot& to, double slack_m, const TrackerConfig& config) {

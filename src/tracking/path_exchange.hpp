@@ -85,6 +85,10 @@ bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
 // Same, scored by `scorer`.
 bool DropStretch(const PathScorer& scorer, Droppable droppable, Path* path);
 
+// True if a path is likelier to be of one target than its first `num_before` plots and the others
+// are of two, or either of none, as where paths join: method.md (8).
+bool IsOneTarget(const PathScorer& scorer, const Path& path, std::size_t num_before);
+
 // Positions are noisy, and the initial velocity of a path is unknown.
 constexpr double kReachSlack_m = 2.0;
 

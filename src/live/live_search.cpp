@@ -156,13 +156,16 @@ const Path& LiveSearch::Pruned(const Path& path) {
 // recording join. A higher score is not enough for that: a few strays before a pause raise it, too,
 // though they explain themselves as well without what comes after it.
 std::size_t LiveSearch::NumBeforePause(const Path& path) const {
-  if (!config_.robust.Uses(Rule::kPause)) return 0;
+  std::vector<std::size_t> after_pauses;
+  for (std::size_t i = 1; i < path.plots.size() && config_.robust.Uses(Rule::kPause); ++i) {
+    const double before_s = recent_plots_[path.plots[i - 1]].time_s;
+    if (recent_plots_[path.plots[i]].time_s - before_s >= kLongPauseS) after_pauses.push_back(i);
+  }
+  if (after_pauses.empty()) return 0;
   const PathScorer scorer = Scorer(TimeOutOfView::kLogUniform);
   std::size_t first = 0;
   Path rest = path;
-  for (std::size_t i = 1; i < path.plots.size(); ++i) {
-    const double before_s = recent_plots_[path.plots[i - 1]].time_s;
-    if (recent_plots_[path.plots[i]].time_s - before_s < kLongPauseS) continue;
+  for (const std::size_t i : after_pauses) {
     if (IsOneTarget(scorer, rest, i - first)) continue;
     DropFirst(i - first, &rest.plots);
     first = i;

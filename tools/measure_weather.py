@@ -50,7 +50,7 @@ _MEASURES = {
     "false": ("false rows", percent),
     "rmse": ("RMSE, m", "{:.3f}".format),
     "nees": ("NEES", "{:.2f}".format),
-    "tracks": ("tracks", "{:g}".format),
+    "tracks": ("tracks", "{:.3g}".format),
     "blinded_s": ("blinded, s", "{:.0f}".format),
     "cpu_s": ("CPU, s", "{:.1f}".format),
     "memory_mb": ("MB", "{:.0f}".format),

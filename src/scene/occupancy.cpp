@@ -26,6 +26,8 @@ constexpr double kSupportingShare = 0.5;  // of the hits of structure
 constexpr std::array<float, 2> kSharesOfRay{0.5F, 0.75F};
 // Least share of the rate of a place that strays explain where nothing else is.
 constexpr double kMinStrayShare = 0.5;
+// The same where strays are dense, by the frames with returns: less, as a target may hover there.
+constexpr double kMinDenseStrayShare = 0.3;
 constexpr double kMaxOccupancy = 0.999;  // the rate of a place that is always hit is unbounded
 
 // Dwell around the bin of age `at`, from its youngest to its oldest bin, with breaks of at most
@@ -60,11 +62,14 @@ void Occupancy::AddFrame(PointsView points_m, std::int64_t bin, const CarrierPos
   occlusion_.Add(points_m, bin, carrier);
   const std::int64_t age = newest_ - bin;
   if (age < 0 || age >= RecentBins::kWindow) return;
+  ++frame_;
   Place unknown;
   unknown.bin = newest_;
+  unknown.last_frame = static_cast<std::uint16_t>(frame_ - 1);
   places_.VisitOverlappingShells(points_m, unknown, [&](std::size_t i, Place& place, bool is_own) {
     if (place.bin != newest_) Age(&place);
     ++place.num_returns;
+    if (std::exchange(place.last_frame, frame_) != frame_) ++place.num_frames;
     if (place.hits.Contains(static_cast<int>(age))) return;
     place.hits.Insert(static_cast<int>(age));
     place.point_m = points_m[i];
@@ -180,6 +185,23 @@ double Occupancy::StrayRate(const Eigen::Vector3f& point_m) const {
   return rate;
 }
 
+// Returns the number of frames in which the voxels of a neighbourhood are hit, in sum, per m^3.
+double Occupancy::FramesPerM3(const Eigen::Vector3f& point_m) const {
+  double num_frames = 0.0;
+  places_.VisitNeighbourhood(point_m, [&](const Place& place) { num_frames += place.num_frames; });
+  return num_frames / places_.VolumeM3(point_m);
+}
+
+// False if strays before a place are too few to explain what is there. By bins a crown behind dense
+// strays is as dense as these: both are hit in each. By frames it is not.
+bool Occupancy::MayBeDenseStrays(const Eigen::Vector3f& point_m) const {
+  const double least = kMinDenseStrayShare * FramesPerM3(point_m);
+  const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
+  return std::all_of(kSharesOfRay.begin(), kSharesOfRay.end(), [&](float share) {
+    return FramesPerM3(viewpoint_m + share * (point_m - viewpoint_m)) >= least;
+  });
+}
+
 // Number of bins outside a dwell from which its place can be judged. A moving carrier sees each
 // place for a part of the time.
 double Occupancy::MinExposed() const {
@@ -229,7 +251,8 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   const bool is_of_strays = place->is_structure && StrayRate(point_m) > kMinStrayShare * rate;
   const bool is_among_strays = is_of_strays && rate < kMaxStrayRate;
   if (is_among_strays) place->is_structure = false;
-  place->stray_rate = is_of_strays && !is_among_strays ? static_cast<float>(rate) : 0.0F;
+  const bool is_dense = is_of_strays && !is_among_strays && MayBeDenseStrays(point_m);
+  place->stray_rate = is_dense ? static_cast<float>(rate) : 0.0F;
   place->is_supporter = place->is_structure ||
                         (occupied >= kSupportingHits && occupied > kSupportingShare * max_occupied);
   // A single bin may be a passing target.

@@ -89,7 +89,8 @@ class Occupancy {
     Eigen::Vector3f point_m = Eigen::Vector3f::Zero();  // the last return
     bool is_own = false;                                // which lies in this shell
     bool floats = false;
-    int scene = -1;  // to which `floats` refers
+    std::uint16_t last_frame = 0;  // with a return, modulo 2^16
+    int scene = -1;                // to which `floats` refers
     std::uint32_t num_returns = 0;
     // The last verdict: valid for the bins of its dwell, until the newest bin is `valid_until`.
     bool is_structure = false;
@@ -97,6 +98,7 @@ class Occupancy {
     bool is_supporter = false;
     float place_rate = 0.0F;
     float stray_rate = 0.0F;
+    std::uint32_t num_frames = 0;  // with returns
     std::int64_t valid_until = -1;
     std::int64_t dwell_first = 0;
     std::int64_t dwell_last = 0;
@@ -113,6 +115,8 @@ class Occupancy {
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
   double RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const;
   double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
+  double FramesPerM3(const Eigen::Vector3f& point_m) const;
+  bool MayBeDenseStrays(const Eigen::Vector3f& point_m) const;
   bool IsLong(const Place& place) const;
   void JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const;
   template <class IsWanted>
@@ -125,6 +129,7 @@ class Occupancy {
   RecentBins observed_;                      // bins with frames
   std::vector<std::uint32_t> frame_counts_;  // (RecentBins::kWindow) by bin modulo the window
   std::uint32_t num_frames_ = 0;             // sum of these
+  std::uint16_t frame_ = 0;                  // that was added last, modulo 2^16
   Occlusion occlusion_;
   ShellTable<Place> places_;
 };

@@ -54,8 +54,10 @@ class OccupancyTest : public ::testing::Test {
   Occupancy occupancy_{BackgroundConfig()};
 };
 
-// A sky of uniform strays, as many in a cubic metre and frame.
-Occupancy AmongStrays(double per_m3, bool knows_strays) {
+const Eigen::Vector3d kCrown_m(16.0, 0.0, 1.0);
+
+// A sky of uniform strays, as many in a cubic metre and frame, and a crown with so many returns.
+Occupancy AmongStrays(double per_m3, bool knows_strays, int num_of_crown = 0) {
   Occupancy occupancy(BackgroundConfig(), knows_strays);
   Random random(5);
   const auto count = static_cast<int>(per_m3 * 18.0 * 12.0 * 12.0);
@@ -64,6 +66,9 @@ Occupancy AmongStrays(double per_m3, bool knows_strays) {
       std::vector<Eigen::Vector3f> points_m;
       for (int i = 0; i < count; ++i) {
         points_m.push_back(random.InBox({4, -6, -6}, {22, 6, 6}).cast<float>());
+      }
+      for (int i = 0; i < num_of_crown; ++i) {
+        points_m.push_back((kCrown_m + random.InBox({-1, -1, -1}, {1, 1, 1})).cast<float>());
       }
       occupancy.AddFrame(points_m, bin);
     }
@@ -101,6 +106,20 @@ TEST(Occupancy, AmongStraysAPlaceThatIsOftenHitIsClutterAndNoStructure) {
   };
   EXPECT_GE(is_structure(false), 4);
   EXPECT_LE(is_structure(true), 1);
+}
+
+// Both are hit in every bin.
+TEST(Occupancy, DenseStraysExplainEachOtherAndNoCrown) {
+  for (const double per_m3 : {0.4, 2.0}) {
+    const auto stray_rate = [&](int num_of_crown) {
+      Occupancy occupancy = AmongStrays(per_m3, true, num_of_crown);
+      const Occupancy::Verdict verdict = JudgeOne(&occupancy, kCrown_m.cast<float>(), 39);
+      EXPECT_TRUE(verdict.is_structure) << per_m3;
+      return verdict.stray_rate;
+    };
+    EXPECT_GT(stray_rate(0), 0.0) << per_m3;
+    EXPECT_EQ(stray_rate(600), 0.0) << per_m3;
+  }
 }
 
 TEST_F(OccupancyTest, WhatIsHitAtMostTimesIsStructureAndWhatComesAnewIsNot) {

@@ -11,8 +11,8 @@ namespace {
 // Hypotheses carried on in addition per plot of the frame: in rain many begin at once.
 constexpr std::size_t kMaxHypothesesPerPlot = 5;
 constexpr double kUnreachable = std::numeric_limits<double>::infinity();
-constexpr std::int32_t kKept = 0;  // mark of what stays in the history
-constexpr std::size_t kMinCompactedSize = 1 << 14;
+constexpr std::int32_t kKept = 0;                   // mark of what stays in the history
+constexpr std::size_t kMinCompactedSize = 1 << 14;  // of a history: less is not worth the time
 
 }  // namespace
 

@@ -3,10 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <utility>
-
-#include "base/poisson.hpp"
 
 namespace unlidar {
 namespace {
@@ -22,13 +19,8 @@ constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may
 constexpr int kYoungBins = 20;
 constexpr double kSupportingHits = 3.0;
 constexpr double kSupportingShare = 0.5;  // of the hits of structure
-// Places between the viewpoint and a place at which strays are looked for.
-constexpr std::array<float, 2> kSharesOfRay{0.5F, 0.75F};
 // Least share of the rate of a place that strays explain where nothing else is.
 constexpr double kMinStrayShare = 0.5;
-// The same where strays are dense, by the frames with returns: less, as a target may hover there.
-constexpr double kMinDenseStrayShare = 0.3;
-constexpr double kMaxOccupancy = 0.999;  // the rate of a place that is always hit is unbounded
 
 // Dwell around the bin of age `at`, from its youngest to its oldest bin, with breaks of at most
 // `max_break` bins.
@@ -99,51 +91,6 @@ void Occupancy::Age(Place* place) const {
   place->bin = newest_;
 }
 
-RecentBins Occupancy::HitsAround(const Eigen::Vector3f& point_m) const {
-  RecentBins hits;
-  places_.VisitNeighbourhood(point_m, [&](const Place& place) {
-    if (place.bin == newest_) {
-      hits |= place.hits;
-    } else {
-      RecentBins own = place.hits;
-      own.Age(newest_ - place.bin);
-      hits |= own;
-    }
-  });
-  return hits;
-}
-
-// Returns per frame and m^3 at a place that is hit in `occupied` of `exposed` bins, by a Poisson
-// process.
-double Occupancy::RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const {
-  const double hits_per_bin = -std::log1p(-std::min(kMaxOccupancy, occupied / exposed));
-  return hits_per_bin * observed_.Size() / num_frames_ / places_.VolumeM3(point_m);
-}
-
-double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first,
-                              std::int64_t last) const {
-  const auto age_of = [&](std::int64_t bin) {
-    return static_cast<int>(std::clamp<std::int64_t>(newest_ - bin, -1, RecentBins::kWindow));
-  };
-  const int youngest = std::max(age_of(last - 1), 0);
-  const int oldest = age_of(first);
-  RecentBins visible = observed_;
-  if (field_of_view().is_carrier_moving()) {
-    const std::int64_t bin = std::clamp(last - 1, newest_ - RecentBins::kWindow + 1, newest_);
-    visible =
-        observed_ - occlusion_.HiddenBins(place_m, std::max<std::int64_t>(bin, 0), newest_).unseen;
-  }
-  const int num_outside = visible.SizeOutside(youngest, oldest);
-  if (num_outside < MinExposed()) return -1.0;
-  double num_returns = 0.0;
-  places_.VisitNeighbourhood(place_m,
-                             [&](const Place& place) { num_returns += place.num_returns; });
-  const RecentBins hits = HitsAround(place_m);
-  const double share = hits.SizeOutside(youngest, oldest) / std::max<double>(hits.Size(), 1.0);
-  const double num_frames = static_cast<double>(num_frames_) * num_outside / observed_.Size();
-  return std::max(kJeffreysCount, share * num_returns) / (num_frames * places_.VolumeM3(place_m));
-}
-
 double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin,
                              double least_rate) const {
   const std::int64_t age = newest_ - bin;
@@ -165,41 +112,6 @@ double Occupancy::RateAround(const Eigen::Vector3f& point_m, std::int64_t bin,
   }
   std::sort(rates.begin(), rates.end());
   return rates[kMaxEmptyAdjacent];
-}
-
-double Occupancy::RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const {
-  return RateOf((hits & observed_).Size(), observed_.Size(), point_m);
-}
-
-double Occupancy::StrayRate(const Eigen::Vector3f& point_m) const {
-  if (!knows_strays_) return 0.0;
-  double rate = std::numeric_limits<double>::infinity();
-  const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
-  for (const float share : kSharesOfRay) {
-    const Eigen::Vector3f nearer_m = viewpoint_m + share * (point_m - viewpoint_m);
-    const RecentBins hits = HitsAround(nearer_m);
-    // A single bin may be a passing target.
-    if ((hits & observed_).Size() <= 1) return 0.0;
-    rate = std::min(rate, RateThroughout(hits, nearer_m));
-  }
-  return rate;
-}
-
-// Returns the number of frames in which the voxels of a neighbourhood are hit, in sum, per m^3.
-double Occupancy::FramesPerM3(const Eigen::Vector3f& point_m) const {
-  double num_frames = 0.0;
-  places_.VisitNeighbourhood(point_m, [&](const Place& place) { num_frames += place.num_frames; });
-  return num_frames / places_.VolumeM3(point_m);
-}
-
-// False if strays before a place are too few to explain what is there. By bins a crown behind dense
-// strays is as dense as these: both are hit in each. By frames it is not.
-bool Occupancy::MayBeDenseStrays(const Eigen::Vector3f& point_m) const {
-  const double least = kMinDenseStrayShare * FramesPerM3(point_m);
-  const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
-  return std::all_of(kSharesOfRay.begin(), kSharesOfRay.end(), [&](float share) {
-    return FramesPerM3(viewpoint_m + share * (point_m - viewpoint_m)) >= least;
-  });
 }
 
 // Number of bins outside a dwell from which its place can be judged. A moving carrier sees each

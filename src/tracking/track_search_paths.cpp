@@ -1,0 +1,158 @@
+// The history of a search: its paths, and the hypotheses that they need.
+#include <algorithm>
+#include <cstddef>
+
+#include "tracking/track_search.hpp"
+
+namespace unlidar {
+namespace {
+
+constexpr std::int32_t kKept = 0;  // mark of what stays in the history
+
+}  // namespace
+
+Path TrackSearch::Best() {
+  for (; !ends_.empty(); ends_.pop_back()) {
+    Path path;
+    path.score = ends_.front().score;
+    bool is_free = true;
+    for (std::int32_t at = ends_.front().hypothesis; at != kNoIndex && is_free;) {
+      const Node& node = history_[static_cast<std::size_t>(at)];
+      path.plots.push_back(static_cast<std::uint32_t>(node.plot));
+      is_free = free_[path.plots.back()] != 0;
+      at = node.parent;
+    }
+    if (is_free) {
+      std::reverse(path.plots.begin(), path.plots.end());
+      return path;
+    }
+    std::pop_heap(ends_.begin(), ends_.end());
+  }
+  return {};
+}
+
+void TrackSearch::SetPathTo(std::int32_t hypothesis, Path* path) const {
+  path->plots.clear();
+  path->score = history_[static_cast<std::size_t>(hypothesis)].score;
+  for (std::int32_t at = hypothesis; at != kNoIndex;) {
+    const Node& node = history_[static_cast<std::size_t>(at)];
+    path->plots.push_back(static_cast<std::uint32_t>(node.plot));
+    at = node.parent;
+  }
+  std::reverse(path->plots.begin(), path->plots.end());
+}
+
+void TrackSearch::AppendPathsToLastScan(double min_score, Queue<Path>* paths) const {
+  // The hypotheses of one plot are adjacent.
+  for (std::size_t first = last_scan_; first < history_.size();) {
+    std::size_t best = first;
+    std::size_t h = first;
+    for (; h < history_.size() && history_[h].plot == history_[first].plot; ++h) {
+      if (history_[h].score > history_[best].score) best = h;
+    }
+    if (history_[best].score >= min_score) {
+      SetPathTo(static_cast<std::int32_t>(best), &paths->Append());
+    }
+    first = h;
+  }
+}
+
+void TrackSearch::RaiseScores(std::size_t first, std::vector<double>* scores) const {
+  for (std::size_t h = last_scan_; h < history_.size(); ++h) {
+    if (history_[h].num_plots < static_cast<std::uint32_t>(kMinPathPlots)) continue;
+    double& score = (*scores)[static_cast<std::size_t>(history_[h].plot) - first];
+    score = std::max(score, history_[h].score);
+  }
+}
+
+void TrackSearch::AppendLatest(std::vector<Hypothesis>* hypotheses) const {
+  const auto count = static_cast<std::ptrdiff_t>(history_.size() - last_scan_);
+  hypotheses->insert(hypotheses->end(), active_.end() - count, active_.end());
+}
+
+// Appends the paths that end in the last scan. One that scores no more than a part of it from its
+// first plot on is never the best: wherever it is free, so is that part. Among strays nearly all
+// are such.
+void TrackSearch::AppendEnds(double min_score) {
+  const auto min_plots = static_cast<std::uint32_t>(kMinPathPlots);
+  const auto count = static_cast<std::ptrdiff_t>(history_.size() - last_scan_);
+  std::for_each(active_.end() - count, active_.end(), [&](Hypothesis& h) {
+    if (h.num_plots < min_plots || h.score <= std::max(min_score, h.peak_score)) return;
+    h.peak_score = h.score;
+    ends_.push_back({h.score, h.node});
+  });
+}
+
+void TrackSearch::DropAssigned() {
+  std::vector<std::int32_t>& is_assigned = marks_;
+  is_assigned.resize(history_.size());
+  for (std::size_t h = 0; h < history_.size(); ++h) {
+    const std::int32_t parent = history_[h].parent;
+    is_assigned[h] =
+        !free_[static_cast<std::size_t>(history_[h].plot)] ||
+                (parent != kNoIndex && is_assigned[static_cast<std::size_t>(parent)] != 0)
+            ? 1
+            : 0;
+  }
+  active_.erase(std::remove_if(active_.begin(), active_.end(),
+                               [&](const Hypothesis& h) {
+                                 return is_assigned[static_cast<std::size_t>(h.node)] != 0;
+                               }),
+                active_.end());
+}
+
+// Marks a node and its ancestors, back to the plot `first_plot`.
+void TrackSearch::MarkAncestors(std::int32_t node, std::size_t first_plot) {
+  for (auto h = static_cast<std::size_t>(node); marks_[h] != kKept;) {
+    if (static_cast<std::size_t>(history_[h].plot) < first_plot) return;
+    marks_[h] = kKept;
+    if (history_[h].parent == kNoIndex) return;
+    h = static_cast<std::size_t>(history_[h].parent);
+  }
+}
+
+// Removes all nodes but those marked, whose marks become their new indices, also in the active
+// hypotheses. Indices of plots shift by `num_plots`.
+void TrackSearch::DropUnmarked(std::size_t num_plots) {
+  std::size_t kept = 0;
+  for (std::size_t h = 0; h < history_.size(); ++h) {
+    if (marks_[h] != kKept) continue;
+    Node node = history_[h];
+    node.plot -= static_cast<std::int32_t>(num_plots);
+    if (node.parent != kNoIndex) node.parent = marks_[static_cast<std::size_t>(node.parent)];
+    marks_[h] = static_cast<std::int32_t>(kept);
+    history_[kept++] = node;
+  }
+  history_.resize(kept);
+  last_scan_ = kept;
+  for (Hypothesis& h : active_) {
+    h.node = marks_[static_cast<std::size_t>(h.node)];
+    const Node& node = history_[static_cast<std::size_t>(h.node)];
+    h.plot = node.plot;
+    h.parent = node.parent;
+  }
+}
+
+// Keeps only the ancestors of ends and of active hypotheses: most births are never continued.
+void TrackSearch::Compact() {
+  marks_.assign(history_.size(), kNoIndex);
+  for (const PathEnd& end : ends_) MarkAncestors(end.hypothesis, 0);
+  for (const Hypothesis& h : active_) MarkAncestors(h.node, 0);
+  DropUnmarked(0);
+  for (PathEnd& end : ends_) end.hypothesis = marks_[static_cast<std::size_t>(end.hypothesis)];
+}
+
+void TrackSearch::Forget(std::size_t num_plots) {
+  const auto is_kept_plot = [&](std::int32_t h) {
+    return static_cast<std::size_t>(history_[static_cast<std::size_t>(h)].plot) >= num_plots;
+  };
+  active_.erase(std::remove_if(active_.begin(), active_.end(),
+                               [&](const Hypothesis& h) { return !is_kept_plot(h.node); }),
+                active_.end());
+  marks_.reserve(history_.capacity());
+  marks_.assign(history_.size(), kNoIndex);
+  for (const Hypothesis& leaf : active_) MarkAncestors(leaf.node, num_plots);
+  DropUnmarked(num_plots);
+}
+
+}  // namespace unlidar

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <numeric>
 #include <utility>
 
 #include "collection/suspended.hpp"
@@ -20,6 +21,9 @@ constexpr double kMaxClutterUncertaintyMargin = 16.0;
 constexpr double kLearningS = 10.0;
 // The same for a path with more neighbouring plots than its own.
 constexpr double kCrowdedLearningS = 30.0;
+// Recent plots at most, between frames: those of ten seconds before a low sun, and of all that is
+// kept in dense rain.
+constexpr std::size_t kMaxRecentPlots = 240'000;
 // Across a gap of this length a path is within reach of strays of seconds before.
 constexpr double kLongPauseS = 3.0;
 
@@ -28,6 +32,13 @@ constexpr double kLongPauseS = 3.0;
 bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& plots) {
   const double min_move_m = kMinDisplacement.At(plots.front().ray_m.norm());
   return Floats(path) || DriftM(plots) > min_move_m;
+}
+
+// Numbers of the plots of a path within it.
+std::vector<std::uint32_t> AllOf(const Path& path) {
+  std::vector<std::uint32_t> all(path.plots.size());
+  std::iota(all.begin(), all.end(), 0U);
+  return all;
 }
 
 template <class T>
@@ -51,7 +62,7 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
     if (models_.size() <= m) models_.emplace_back(tracker.sigma_a_mps2[m], scan_schedule_, tracker);
     models_[m].SetScanSchedule(scan_schedule_);
     if (searches_.size() <= m) {
-      searches_.emplace_back(plots_, log_births_, free_, models_[m], tracker);
+      searches_.emplace_back(log_births_, free_, models_[m], tracker);
     }
     searches_[m].SetModel(models_[m]);
   }
@@ -103,17 +114,18 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
   CountPlots(frame);
   paths_.clear();
   if (frame.is_searched() && !frame.plots.empty()) {
-    const std::size_t first = plots_.size();
+    const std::size_t first = recent_plots_.size();
     frame_times_.Add(frame.plots.front().plot.frame, frame_time_);
+    frame_plots_.clear();
     for (std::size_t i = 0; i < frame.plots.size(); ++i) {
       const double uniform = config_.robust.tracker.uniform_birth_share;
       log_births_.push_back(
           std::log(uniform + (1.0 - uniform) * birth_odds_[i] * num_plots_ / odds_));
-      plots_.push_back(frame.plots[i].plot);
+      frame_plots_.push_back(frame.plots[i].plot);
       recent_plots_.push_back(frame.plots[i]);
       free_.push_back(are_free[i]);
     }
-    SetScan(plots_, log_births_, first, frame_time_, &scan_);
+    SetScan(frame_plots_.data(), frame_plots_.size(), log_births_, first, frame_time_, &scan_);
     observed_s_ = frame.observed_s;
     score_threshold_ = RecentScoreThreshold();
     for (TrackSearch& search : searches_) {
@@ -133,11 +145,18 @@ bool LiveSearch::IsFree(const Path& path) const {
                      [&](std::uint32_t i) { return free_[i] != 0; });
 }
 
-PathScorer LiveSearch::Scorer(TimeOutOfView time_out_of_view) const {
+// Scores paths of the plots of `path`, as they are numbered there. Valid until the next call.
+PathScorer LiveSearch::ScorerOf(const Path& path, TimeOutOfView time_out_of_view) {
+  path_plots_.clear();
+  path_log_births_.clear();
+  for (const std::uint32_t i : path.plots) {
+    path_plots_.push_back(recent_plots_[i].plot);
+    path_log_births_.push_back(log_births_[i]);
+  }
   std::vector<TrackModel> models;
   for (const TrackModel& model : models_) models.push_back(model.With(time_out_of_view));
   return PathScorer(
-      plots_, log_births_, std::move(models),
+      path_plots_, path_log_births_, std::move(models),
       [this](const Plot& plot) { return frame_times_.At(plot.frame); }, config_.robust.tracker);
 }
 
@@ -145,26 +164,28 @@ PathScorer LiveSearch::Scorer(TimeOutOfView time_out_of_view) const {
 // have been displaced.
 const Path& LiveSearch::Pruned(const Path& path) {
   if (!IsFree(path)) return path;
-  const PathScorer scorer = Scorer(TimeOutOfView::kNone);
-  pruned_ = scorer.WithScore(path.plots);
+  const PathScorer scorer = ScorerOf(path, TimeOutOfView::kNone);
+  pruned_ = scorer.WithScore(AllOf(path));
   while (DropStretch(scorer, Droppable::kRunsBeforeLast, &pruned_)) {
   }
+  for (std::uint32_t& plot : pruned_.plots) plot = path.plots[plot];
   return pruned_;
 }
 
 // Number of plots before the last long pause across which a path is not one target, as paths of a
 // recording join. A higher score is not enough for that: a few strays before a pause raise it, too,
 // though they explain themselves as well without what comes after it.
-std::size_t LiveSearch::NumBeforePause(const Path& path) const {
+std::size_t LiveSearch::NumBeforePause(const Path& path) {
   std::vector<std::size_t> after_pauses;
   for (std::size_t i = 1; i < path.plots.size() && config_.robust.Uses(Rule::kPause); ++i) {
     const double before_s = recent_plots_[path.plots[i - 1]].time_s;
     if (recent_plots_[path.plots[i]].time_s - before_s >= kLongPauseS) after_pauses.push_back(i);
   }
   if (after_pauses.empty()) return 0;
-  const PathScorer scorer = Scorer(TimeOutOfView::kLogUniform);
+  const PathScorer scorer = ScorerOf(path, TimeOutOfView::kLogUniform);
   std::size_t first = 0;
-  Path rest = path;
+  Path rest;
+  rest.plots = AllOf(path);
   for (const std::size_t i : after_pauses) {
     if (IsOneTarget(scorer, rest, i - first)) continue;
     DropFirst(i - first, &rest.plots);
@@ -226,9 +247,11 @@ bool LiveSearch::IsCrowded(const Path& path) const {
 
 // Penalty of the plots of the flight, which are the last of the path.
 double LiveSearch::CrowdingPenaltyOf(const Path& path) const {
+  std::vector<Plot> plots;
+  for (const LivePlot& seen : recent_plots_) plots.push_back(seen.plot);
   const auto size = static_cast<std::ptrdiff_t>(flight_.plots.size());
   const std::vector<std::uint32_t> own(path.plots.end() - size, path.plots.end());
-  return CrowdingPenalty(own, plots_, free_, [&](const Plot& plot) {
+  return CrowdingPenalty(own, plots, free_, [&](const Plot& plot) {
     const auto is_about = [&](const FrameInfo& frame) {
       return frame.sensor == plot.sensor &&
              std::abs(frame.middle_ns() - plot.frame_time_ns) <= NsOf(kCrowdingReachS);
@@ -281,16 +304,19 @@ void LiveSearch::Take(const Path& path) {
   for (TrackSearch& search : searches_) search.DropAssigned();
 }
 
+bool LiveSearch::IsFull() const { return recent_plots_.size() > kMaxRecentPlots; }
+
 std::size_t LiveSearch::Forget(TimeNs oldest_ns) {
-  const auto kept = std::find_if(plots_.begin(), plots_.end(),
-                                 [&](const Plot& plot) { return plot.frame_time_ns >= oldest_ns; });
-  const auto gone = static_cast<std::size_t>(kept - plots_.begin());
+  const auto kept =
+      std::find_if(recent_plots_.begin(), recent_plots_.end(),
+                   [&](const LivePlot& seen) { return seen.plot.frame_time_ns >= oldest_ns; });
+  auto gone = static_cast<std::size_t>(kept - recent_plots_.begin());
+  if (IsFull()) gone = std::max(gone, recent_plots_.size() - 3 * kMaxRecentPlots / 4);
   for (TrackSearch& search : searches_) search.Forget(gone);
-  DropFirst(gone, &plots_);
   DropFirst(gone, &recent_plots_);
   DropFirst(gone, &log_births_);
   DropFirst(gone, &free_);
-  if (!plots_.empty()) frame_times_.Forget(plots_.front().frame);
+  if (!recent_plots_.empty()) frame_times_.Forget(recent_plots_.front().plot.frame);
   const auto frame =
       std::find_if(recent_.frames.begin(), recent_.frames.end(),
                    [&](const FrameInfo& info) { return info.begin_ns >= oldest_ns; });

@@ -81,16 +81,20 @@ class LiveSearch {
   // Assigns the plots of the path to a track, so that no other path can use them.
   void Take(const Path& path);
 
-  // Forgets frames and plots before `oldest_ns`. Returns the number of these plots: indices shift.
+  // True if it is time to forget plots, however recent they are: weather makes thousands a second.
+  bool IsFull() const;
+
+  // Forgets frames and plots before `oldest_ns`, and the oldest quarter of the plots if it is full.
+  // Returns the number of these plots: indices shift.
   std::size_t Forget(TimeNs oldest_ns);
 
  private:
   void CountPlots(const SceneFrame& frame);
   double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
-  bool IsFree(const Path& path) const;                      // no track has one of its plots
-  PathScorer Scorer(TimeOutOfView time_out_of_view) const;  // of paths of plots_
-  std::size_t NumBeforePause(const Path& path) const;
+  bool IsFree(const Path& path) const;  // no track has one of its plots
+  PathScorer ScorerOf(const Path& path, TimeOutOfView time_out_of_view);
+  std::size_t NumBeforePause(const Path& path);
   bool IsCrowded(const Path& path) const;
   double CrowdingPenaltyOf(const Path& path) const;
 
@@ -99,16 +103,18 @@ class LiveSearch {
   Recording recent_;  // sensors and recent frames, without returns
   FrameTime frame_time_;
   std::vector<TrackModel> models_;
-  std::vector<Plot> plots_;
-  std::vector<LivePlot> recent_plots_;  // same order as plots_
-  std::vector<double> log_births_;      // (plots)
-  std::vector<char> free_;              // (plots)
+  std::vector<LivePlot> recent_plots_;
+  std::vector<double> log_births_;  // (recent plots)
+  std::vector<char> free_;          // (recent plots)
   std::vector<TrackSearch> searches_;
   RecentFrameTimes frame_times_;  // of the frames with plots
   // Buffers, reused from frame to frame.
-  std::vector<double> birth_odds_;  // (plots)
+  std::vector<double> birth_odds_;  // (plots of the frame)
+  std::vector<Plot> frame_plots_;   // of scan_
   Scan scan_;
   Queue<Path> paths_;
+  std::vector<Plot> path_plots_;
+  std::vector<double> path_log_births_;
   Path pruned_;
   Flight flight_;
   std::vector<Plot> flight_plots_;

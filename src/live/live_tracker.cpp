@@ -78,7 +78,7 @@ void LiveTracker::Search() {
   const TimeNs lost_ns = middle_ns - NsOf(config_.robust.tracker.max_gap_s);
   scene_.RemoveFromClutter(tracks_.EndLost(lost_ns, searched_ns_));
   if (trace_.is_on()) trace_.EndFrame(search_.SensorAt(frame_.info.sensor), frame_);
-  if (frame_.time_s - cleaned_up_s_ < kCleanUpIntervalS) return;
+  if (frame_.time_s - cleaned_up_s_ < kCleanUpIntervalS && !search_.IsFull()) return;
   cleaned_up_s_ = frame_.time_s;
   trace_.Forget(search_.Forget(middle_ns - NsOf(kKeepPathsS)));
   scene_.Sweep(frame_.bin);

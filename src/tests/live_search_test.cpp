@@ -19,7 +19,7 @@ using testing::Random;
 
 constexpr double kRangeM = 57.0;
 
-// Plots, one a frame, of which none floats.
+// Plots, one a frame by default, of which none floats.
 class Plots {
  public:
   explicit Plots(const Config& config = Config()) : search_(config) {
@@ -28,26 +28,29 @@ class Plots {
     search_.SetSensor(0, info);
   }
 
-  // Adds a frame with a plot at about a place. Returns the paths that reach the threshold.
-  const Queue<Path>& Add(int i, const Eigen::Vector3d& place_m, double height_m = 50.0) {
+  // Adds a frame with plots at about a place. Returns the paths that reach the threshold.
+  const Queue<Path>& Add(int i, const Eigen::Vector3d& place_m, double height_m = 50.0,
+                         std::size_t num_plots = 1) {
     SceneFrame frame;
     frame.info = testing::FrameAt(i);
     frame.time_s = testing::MiddleS(i);
     frame.observed_s = 60.0;
-    LivePlot seen;
-    seen.time_s = frame.time_s;
-    seen.stamp_ns = frame.info.stamp_ns;
-    Plot& plot = seen.plot;
-    plot.frame = static_cast<std::uint32_t>(i);
-    plot.time_ns = plot.frame_time_ns = frame.info.middle_ns();
-    plot.position_m = plot.ray_m = place_m + random_.NormalVector(0.15);
-    plot.variance_m2 = 0.03;
-    plot.lowest_m = height_m;
-    plot.log_clutter = -3.0;
-    plot.num_returns = 2;
-    frame.plots.push_back(seen);
+    for (std::size_t k = 0; k < num_plots; ++k) {
+      LivePlot seen;
+      seen.time_s = frame.time_s;
+      seen.stamp_ns = frame.info.stamp_ns;
+      Plot& plot = seen.plot;
+      plot.frame = static_cast<std::uint32_t>(i);
+      plot.time_ns = plot.frame_time_ns = frame.info.middle_ns();
+      plot.position_m = plot.ray_m = place_m + random_.NormalVector(0.15);
+      plot.variance_m2 = 0.03;
+      plot.lowest_m = height_m;
+      plot.log_clutter = -3.0;
+      plot.num_returns = 2;
+      frame.plots.push_back(seen);
+    }
     search_.Begin(frame);
-    return search_.Extend(frame, {1});
+    return search_.Extend(frame, std::vector<char>(num_plots, 1));
   }
 
   LiveSearch& search() { return search_; }
@@ -268,6 +271,31 @@ TEST(LiveSearch, ScoresOfPlotsAreThoseOfTheBestPaths) {
     reached = true;
   }
   EXPECT_TRUE(reached);
+}
+
+TEST(LiveSearch, ItsMemoryIsBoundedHoweverManyPlotsComeAndAFlightIsFoundThen) {
+  constexpr std::size_t kMost = 240'000;
+  const auto place_at = [](int i) {
+    return Eigen::Vector3d(3.0 * testing::MiddleS(i), 0.0, kRangeM);
+  };
+  Plots plots;
+  LiveSearch& search = plots.search();
+  for (int i = 0; i < 10; ++i) plots.Add(i, place_at(i));
+  EXPECT_FALSE(search.IsFull());
+  EXPECT_EQ(search.Forget(testing::FrameAt(2).begin_ns), 2U);
+  plots.Add(10, {0.0, 500.0, kRangeM}, 50.0, kMost);  // strays beyond the reach of any flight
+  EXPECT_TRUE(search.IsFull());
+  EXPECT_EQ(search.Forget(0), kMost / 4 + 8);
+  EXPECT_FALSE(search.IsFull());
+  EXPECT_EQ(search.seen().size(), 3 * kMost / 4);
+  EXPECT_EQ(search.Forget(testing::FrameAt(11).begin_ns), 3 * kMost / 4);
+  bool is_found = false;
+  for (int i = 11; i < 60 && !is_found; ++i) {
+    for (const Path& path : plots.Add(i, place_at(i))) {
+      is_found = is_found || search.Judge(path) == Rejection::kNone;
+    }
+  }
+  EXPECT_TRUE(is_found);
 }
 
 TEST(LiveSearch, WhatStandsAndDoesNotFloatIsNoFlight) {

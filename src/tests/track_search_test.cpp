@@ -64,7 +64,7 @@ double BestScoreOfAllPairs(const std::vector<Plot>& plots, const std::vector<dou
 Path BestOf(const std::vector<Plot>& plots, const std::vector<double>& log_births,
             const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config) {
   const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots));
-  return TrackSearch(plots, log_births, scans, free, 0.0, model, config).Best();
+  return TrackSearch(log_births, scans, free, 0.0, model, config).Best();
 }
 
 // Two drones in clutter, with plots that differ.
@@ -133,7 +133,7 @@ TEST(TrackSearch, TheBestPathHoldsFreePlotsOnlyAlsoIfTheyWereTakenLater) {
   const TrackModel model(config.sigma_a_mps2[1], WatchOver({}), config);
   std::vector<char> free(plots.size(), 1);
   const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots));
-  TrackSearch search(plots, log_births, scans, free, 0.0, model, config);
+  TrackSearch search(log_births, scans, free, 0.0, model, config);
   double before = 1e9;
   int num_paths = 0;
   for (Path path = search.Best(); !path.plots.empty(); path = search.Best(), ++num_paths) {
@@ -157,7 +157,7 @@ std::vector<Path> TakePaths(const std::vector<Plot>& plots, double min_score,
   const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots));
   const TrackModel model(config.sigma_a_mps2[1], WatchOver({}), config);
   std::vector<char> free(plots.size(), 1);
-  TrackSearch search(plots, log_births, scans, free, min_score, model, config);
+  TrackSearch search(log_births, scans, free, min_score, model, config);
   std::vector<Path> paths;
   for (Path path = search.Best(); !path.plots.empty(); path = search.Best()) {
     for (const std::uint32_t i : path.plots) free[i] = 0;
@@ -198,7 +198,7 @@ TEST(TrackSearch, OfManyHypothesesFindsThePathThatOneThatDropsNoneFinds) {
   const std::vector<char> free(plots.size(), 1);
   const TrackModel model(config.sigma_a_mps2[1], WatchOver({}), config);
   // That of a stream keeps all hypotheses until it is told to forget.
-  TrackSearch stream(plots, log_births, free, model, config);
+  TrackSearch stream(log_births, free, model, config);
   Queue<Path> ends;
   for (const Scan& scan : ScansOf(plots, log_births, WatchOver(plots))) {
     stream.Extend(scan);
@@ -208,7 +208,7 @@ TEST(TrackSearch, OfManyHypothesesFindsThePathThatOneThatDropsNoneFinds) {
   const auto best = std::max_element(
       ends.begin(), ends.end(), [](const Path& a, const Path& b) { return a.score < b.score; });
   const std::vector<Scan> scans = ScansOf(plots, log_births, WatchOver(plots));
-  TrackSearch search(plots, log_births, scans, free, 0.0, model, config);
+  TrackSearch search(log_births, scans, free, 0.0, model, config);
   EXPECT_GT(stream.num_hypotheses(), 20 * search.num_hypotheses());
   const Path path = search.Best();
   EXPECT_EQ(path.plots, best->plots);

@@ -82,7 +82,7 @@ Path BestOf(const std::vector<Plot>& plots, const ScanSchedule& scan_schedule,
   Path best;
   for (const double sigma_a_mps2 : config.sigma_a_mps2) {
     const TrackModel model(sigma_a_mps2, scan_schedule, config);
-    Path path = TrackSearch(plots, log_births, scans, free, 0.0, model, config).Best();
+    Path path = TrackSearch(log_births, scans, free, 0.0, model, config).Best();
     if (path.score > best.score) best = std::move(path);
   }
   return best;

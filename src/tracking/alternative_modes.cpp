@@ -157,14 +157,15 @@ class AlternativePaths {
     std::vector<TrackSearch> searches;
     std::vector<std::vector<Hypothesis>> hypotheses(models_.size());  // (models, nodes)
     for (std::size_t m = 0; m < models_.size(); ++m) {
-      searches.emplace_back(plots_, log_births, free, models_[m], config_);
+      searches.emplace_back(log_births, free, models_[m], config_);
       searches.back().Begin(initial_hypotheses[m]);
       searches.back().AppendLatest(&hypotheses[m]);
     }
     const Plot& first = plots_.front();
     Scan scan;
     for (std::size_t i = 0; i < plots_.size(); i = scan.last) {
-      SetScan(plots_, log_births, i, FrameTimeOf(plots_[i], begin_ns_, scan_schedule_), &scan);
+      SetScan(&plots_[i], plots_.size() - i, log_births, i,
+              FrameTimeOf(plots_[i], begin_ns_, scan_schedule_), &scan);
       if (plots_[i].frame == first.frame) continue;
       if (scan.at.time_s <= initial_hypotheses.front().time_s) continue;
       for (std::size_t m = 0; m < searches.size(); ++m) {

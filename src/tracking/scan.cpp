@@ -6,29 +6,31 @@
 
 namespace unlidar {
 
-void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+void SetScan(const Plot* plots, std::size_t num_plots, const std::vector<double>& log_births,
              std::size_t first, const FrameTime& at, Scan* scan) {
-  scan->first = scan->last = first;
+  scan->first = first;
+  scan->plots = plots;
   scan->at = at;
   scan->entries.clear();
   FrameBounds& bounds = scan->bounds;
   bounds = FrameBounds();
-  bounds.min_variance_m2 = plots[first].variance_m2;
-  bounds.streak_s = plots[first].streak_s;
-  std::size_t& last = scan->last;
-  for (; last < plots.size() && plots[last].frame == plots[first].frame; ++last) {
-    const Plot& plot = plots[last];
+  bounds.min_variance_m2 = plots[0].variance_m2;
+  bounds.streak_s = plots[0].streak_s;
+  std::size_t count = 0;
+  for (; count < num_plots && plots[count].frame == plots[0].frame; ++count) {
+    const Plot& plot = plots[count];
     bounds.min_variance_m2 = std::min(bounds.min_variance_m2, plot.variance_m2);
     bounds.max_variance_m2 = std::max(bounds.max_variance_m2, plot.variance_m2);
     bounds.half_span_s =
         std::max(bounds.half_span_s,
                  static_cast<double>(std::abs(plot.time_ns - plot.frame_time_ns)) * kSecondsPerNs);
   }
-  scan->positions_m.Reset(last - first, [&](std::size_t i) { return plots[first + i].position_m; });
-  for (const std::uint32_t index : scan->positions_m.indices()) {
-    const std::size_t plot = first + index;
-    scan->entries.push_back({plots[plot].log_clutter,
-                             std::max(kDeletionLog, log_births[plot] + kReinitiationLog), plot});
+  scan->last = first + count;
+  scan->positions_m.Reset(count, [&](std::size_t i) { return plots[i].position_m; });
+  for (const std::uint32_t i : scan->positions_m.indices()) {
+    scan->entries.push_back({plots[i].log_clutter,
+                             std::max(kDeletionLog, log_births[first + i] + kReinitiationLog),
+                             first + i});
   }
 }
 
@@ -37,8 +39,8 @@ std::vector<Scan> ScansOf(const std::vector<Plot>& plots, const std::vector<doub
   std::vector<Scan> scans;
   for (std::size_t i = 0; i < plots.size(); i = scans.back().last) {
     scans.emplace_back();
-    SetScan(plots, log_births, i, FrameTimeOf(plots[i], plots.front().frame_time_ns, scan_schedule),
-            &scans.back());
+    SetScan(&plots[i], plots.size() - i, log_births, i,
+            FrameTimeOf(plots[i], plots.front().frame_time_ns, scan_schedule), &scans.back());
   }
   return scans;
 }

@@ -23,16 +23,20 @@ struct Scan {
     std::size_t plot;
   };
 
-  std::size_t first = 0;  // its first plot
-  std::size_t last = 0;   // past its last plot
+  std::size_t first = 0;        // its first plot
+  std::size_t last = 0;         // past its last plot
+  const Plot* plots = nullptr;  // [first, last), of the caller
   FrameTime at;
   FrameBounds bounds;
   PointTree<double> positions_m;
   std::vector<Entry> entries;  // in the order of positions_m.points_m()
+
+  const Plot& PlotAt(std::size_t plot) const { return plots[plot - first]; }
 };
 
-// Fills `scan` with the frame whose first plot is `first`, reusing its memory.
-void SetScan(const std::vector<Plot>& plots, const std::vector<double>& log_births,
+// Fills `scan` with the frame that `plots` begin with, reusing its memory. They are those from
+// `first` on among all, of which there are `log_births`.
+void SetScan(const Plot* plots, std::size_t num_plots, const std::vector<double>& log_births,
              std::size_t first, const FrameTime& at, Scan* scan);
 
 // Scans for searches through `plots`, which are in order of frame time. `log_births`: one per plot.

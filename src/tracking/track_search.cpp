@@ -15,10 +15,10 @@ constexpr std::size_t kMinCompactedSize = 1 << 14;  // of a history: less is not
 
 }  // namespace
 
-TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                         const std::vector<Scan>& scans, const std::vector<char>& free,
-                         double min_score, const TrackModel& model, const TrackerConfig& config)
-    : TrackSearch(plots, log_births, free, model, config) {
+TrackSearch::TrackSearch(const std::vector<double>& log_births, const std::vector<Scan>& scans,
+                         const std::vector<char>& free, double min_score, const TrackModel& model,
+                         const TrackerConfig& config)
+    : TrackSearch(log_births, free, model, config) {
   std::size_t full = kMinCompactedSize;
   for (const Scan& scan : scans) {
     Extend(scan);
@@ -34,10 +34,9 @@ TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<doubl
   std::make_heap(ends_.begin(), ends_.end());
 }
 
-TrackSearch::TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-                         const std::vector<char>& free, const TrackModel& model,
-                         const TrackerConfig& config)
-    : plots_(plots), log_births_(log_births), free_(free), model_(model), config_(config) {}
+TrackSearch::TrackSearch(const std::vector<double>& log_births, const std::vector<char>& free,
+                         const TrackModel& model, const TrackerConfig& config)
+    : log_births_(log_births), free_(free), model_(model), config_(config) {}
 
 void TrackSearch::Extend(const Scan& scan) {
   last_scan_ = history_.size();
@@ -50,7 +49,7 @@ void TrackSearch::Extend(const Scan& scan) {
       const Prediction& p = predictions_[candidate.index];
       const Hypothesis& from = active_[p.hypothesis];
       Hypothesis h =
-          model_.Update(from, motions_[p.motion], p, plots_[i], scan.at, candidate.increment);
+          model_.Update(from, motions_[p.motion], p, scan.PlotAt(i), scan.at, candidate.increment);
       if (h.state.mean.col(1).norm() > config_.max_speed_mps) continue;
       h.plot = static_cast<std::int32_t>(i);
       h.parent = from.node;
@@ -59,7 +58,7 @@ void TrackSearch::Extend(const Scan& scan) {
     }
     if (log_births_[i] < kDeletionLog) continue;  // no birth here
     for (const double speed_mps : config_.birth_speeds_mps) {
-      Hypothesis h = model_.Birth(plots_[i], log_births_[i], scan.at, speed_mps);
+      Hypothesis h = model_.Birth(scan.PlotAt(i), log_births_[i], scan.at, speed_mps);
       h.plot = static_cast<std::int32_t>(i);
       Add(h);
     }
@@ -193,7 +192,7 @@ bool TrackSearch::ContinueToLeaf(std::size_t prediction, const Scan& scan,
     const Scan::Entry& entry = scan.entries[i];
     const double distance2_m2 = (scan.positions_m.points_m()[i] - p.position_m).squaredNorm();
     if (bound.At(distance2_m2) - entry.log_clutter < thresholds_[i] - kRoundingSlack) continue;
-    const ScoreIncrement increment = model_.ScoreIncrementOf(p, plots_[entry.plot]);
+    const ScoreIncrement increment = model_.ScoreIncrementOf(p, scan.PlotAt(entry.plot));
     const double score = p.score + increment.log;
     if (score < thresholds_[i]) continue;
     std::vector<Candidate>& best = candidates_[entry.plot - scan.first];

@@ -16,13 +16,13 @@ class TrackSearch {
  public:
   // Runs the search for paths above `min_score` >= 0. `free` (plots) is kept by reference: plots
   // may be taken later, before further calls of Best().
-  TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-              const std::vector<Scan>& scans, const std::vector<char>& free, double min_score,
-              const TrackModel& model, const TrackerConfig& config);
+  TrackSearch(const std::vector<double>& log_births, const std::vector<Scan>& scans,
+              const std::vector<char>& free, double min_score, const TrackModel& model,
+              const TrackerConfig& config);
 
   // For a stream: Extend() adds each frame as it arrives.
-  TrackSearch(const std::vector<Plot>& plots, const std::vector<double>& log_births,
-              const std::vector<char>& free, const TrackModel& model, const TrackerConfig& config);
+  TrackSearch(const std::vector<double>& log_births, const std::vector<char>& free,
+              const TrackModel& model, const TrackerConfig& config);
 
   // Returns the best path through plots that are still free; empty, with score 0, if there is none.
   Path Best();
@@ -100,7 +100,6 @@ class TrackSearch {
                       const ScoreBound& bound);
   void InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const;
 
-  const std::vector<Plot>& plots_;
   const std::vector<double>& log_births_;
   const std::vector<char>& free_;
   TrackModel model_;

@@ -22,15 +22,15 @@ constexpr int kMaxWeakPaths = 20;
 constexpr double kMinWeakPathLog = 7.0;
 
 // Searches the free plots for paths above `min_score`, once per sigma_a.
-std::vector<TrackSearch> SearchPlots(const std::vector<Plot>& plots,
+std::vector<TrackSearch> SearchScans(const std::vector<Scan>& scans,
                                      const std::vector<double>& log_births,
-                                     const std::vector<Scan>& scans, const std::vector<char>& free,
-                                     double min_score, const ScanSchedule& scan_schedule,
+                                     const std::vector<char>& free, double min_score,
+                                     const ScanSchedule& scan_schedule,
                                      const TrackerConfig& config) {
   const std::vector<double>& sigmas = config.sigma_a_mps2;
   std::vector<std::optional<TrackSearch>> found(sigmas.size());
   ParallelFor(sigmas.size(), [&](std::size_t i) {
-    found[i].emplace(plots, log_births, scans, free, min_score,
+    found[i].emplace(log_births, scans, free, min_score,
                      TrackModel(sigmas[i], scan_schedule, config), config);
   });
   std::vector<TrackSearch> searches;
@@ -82,7 +82,7 @@ class PathFinder {
   }
 
   std::vector<TrackSearch> Search(const std::vector<char>& free, double min_score) const {
-    return SearchPlots(plots_, log_births_, scans_, free, min_score, scan_schedule_, config_);
+    return SearchScans(scans_, log_births_, free, min_score, scan_schedule_, config_);
   }
 
   void SetFree(const Path& path, char value) {
@@ -151,9 +151,8 @@ class PathFinder {
     }
     const ScanSchedule scan_schedule = TimeReversed(scan_schedule_);
     const std::vector<char> all(plots.size(), 1);
-    std::vector<TrackSearch> searches =
-        SearchPlots(plots, log_births, ScansOf(plots, log_births, scan_schedule), all, 0.0,
-                    scan_schedule, config_);
+    std::vector<TrackSearch> searches = SearchScans(ScansOf(plots, log_births, scan_schedule),
+                                                    log_births, all, 0.0, scan_schedule, config_);
     std::vector<std::uint32_t> members;
     for (const std::uint32_t i : BestOf(&searches).plots) members.push_back(indices[i]);
     std::reverse(members.begin(), members.end());

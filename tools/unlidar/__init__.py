@@ -6,13 +6,13 @@ importing the package, and with it every command, stays fast.
 
 from functools import cache
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 
 @cache
 def _module_of() -> dict[str, str]:
     import ast
+    from pathlib import Path
 
     stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
     imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]

@@ -81,10 +81,10 @@ class Stream {
 };
 
 // Tracks when all frames are there.
-class Recording {
+class WholeRecording {
  public:
-  Recording(const std::string& config, const Assignments& assignments, std::int64_t nanohertz,
-            const py::dict& poses)
+  WholeRecording(const std::string& config, const Assignments& assignments, std::int64_t nanohertz,
+                 const py::dict& poses)
       : sensors_(config, assignments, nanohertz, PosesOf(poses), true,
                  [this](const EngineEvent& event) { std::visit(TrackCollector{tracks_}, event); }) {
   }
@@ -168,7 +168,7 @@ PYBIND11_MODULE(_engine, module) {
   Frontend<Stream>(module, "Stream", "Events frame by frame, as dictionaries. Not thread-safe.")
       .def("advance", &Stream::Advance, py::arg("now_ns"), "Advances time without a frame.")
       .def("close", &Stream::Close, "Emits all that is pending; no frame may follow.");
-  Frontend<Recording>(module, "Recording", "Tracks of a whole recording. Not thread-safe.")
-      .def("tracks", &Recording::Tracks,
+  Frontend<WholeRecording>(module, "Recording", "Tracks of a whole recording. Not thread-safe.")
+      .def("tracks", &WholeRecording::Tracks,
            "(id, packed rows, (drone, bird_like, unknown)) of each track; no frame may follow.");
 }

@@ -112,7 +112,7 @@ TEST(TrackModel, TheNoiseOfAMotionHasNoSeam) {
 TEST(PathScorer, ScoresAnySequenceAsThePlainModelDoes) {
   TrackerConfig config;
   config.max_speed_mps = 1e3;  // a limit of the search
-  for (std::uint32_t seed = 0; seed < testing::Draws(60U); ++seed) {
+  for (std::uint32_t seed = 0; seed < testing::Draws(30U); ++seed) {
     Random random(seed);
     std::vector<Plot> plots = RandomPlots(12, &random);
     const int num_sensors = 1 + static_cast<int>(seed % 3);

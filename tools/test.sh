@@ -45,9 +45,12 @@ make_venv test
 
 cd -- "$root"
 jobs=$(nproc)
-# A file's tests share what takes long to make. Files go by their names: by their numbers of tests, the
-# longest of them all, which is one test, would begin when all others are done.
-pytest=("$venv/bin/python" -m pytest --numprocesses "$jobs" --dist loadfile --no-loadscope-reorder --durations 20)
+# A file's tests share what takes long to make. They wait for clocks, servers and browsers for a third of
+# their time: half as many again as there are processors keep those busy.
+pytest=("$venv/bin/python" -m pytest --numprocesses "$(((jobs * 3 + 1) / 2))" --dist loadfile
+  --no-loadscope-reorder --durations 20)
+# First, so that none of them is the last to end.
+longest=(python_tests/test_{arm64,run_many,watch_browser,report_browser,docs,watch_soak}.py)
 failed=()
 durations=()
 # took SECONDS NAME: for the table at the end.
@@ -140,7 +143,7 @@ if does quick; then
   check "Format of Python" "$venv/bin/ruff" format --check setup.py tools python_tests docs
   check "C++ tests" ctest --test-dir "$build_dir" --output-on-failure --parallel "$jobs"
   check "Python tests" env UNLIDAR_TRACK="$build_dir/unlidar_track" \
-    "${pytest[@]}" python_tests
+    "${pytest[@]}" "${longest[@]}" python_tests/test_*.py
 fi
 if does sanitize; then
   timed "Build with sanitizers" build_sanitized all

@@ -26,6 +26,7 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
       collect_(config.collect),
       uses_frame_length_(config.Uses(Rule::kFrameLength)),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
+      first_time_s_(flight.frame_times.front().time_s),
       body_scatter_m2_(kBodyPriorReturns * collect_.extent_sigma_m * collect_.extent_sigma_m),
       body_count_(kBodyPriorReturns),
       body_sigma_m_(collect_.extent_sigma_m) {
@@ -339,7 +340,10 @@ Eigen::Vector3d TrackFollower::PlaceAtM(double time_s) const {
   while (before->h.time_s > time_s && before->parent != kNoIndex) {
     before = &nodes_[static_cast<std::size_t>(before->parent)];
   }
-  return before->h.state.mean.col(0) + (time_s - before->h.time_s) * before->h.state.mean.col(1);
+  const double since_s = time_s - before->h.time_s;
+  // Nodes before are gone.
+  if (since_s < 0.0 && time_s >= first_time_s_) return before->h.state.mean.col(0);
+  return before->h.state.mean.col(0) + since_s * before->h.state.mean.col(1);
 }
 
 }  // namespace unlidar

@@ -111,6 +111,7 @@ class TrackFollower {
   std::size_t first_plot_ = 0;    // number of the first in plots_
   std::int32_t settled_ = kNoIndex;
   TimeNs first_evidence_ns_ = 0;
+  double first_time_s_;  // of its frame
   TrackFit fit_;
   bool has_new_plots_ = true;
   double body_scatter_m2_;  // across ray and motion

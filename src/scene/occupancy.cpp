@@ -19,25 +19,57 @@ constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may
 constexpr int kYoungBins = 20;
 constexpr double kSupportingHits = 3.0;
 constexpr double kSupportingShare = 0.5;  // of the hits of structure
+// Breaks so long that a dwell would have fewer of them by chance end it, if it has so many hits
+// that their share is known.
+constexpr double kMinChanceBreaks = 0.05;
+constexpr int kEnoughDwellHits = 16;
 // Least share of the rate of a place that strays explain where nothing else is.
 constexpr double kMinStrayShare = 0.5;
 
-// Dwell around the bin of age `at`, from its youngest to its oldest bin, with breaks of at most
-// `max_break` bins.
+// A run of bins with returns.
 struct Dwell {
   int youngest;
   int oldest;
+  int num_hits;
+
+  int length() const { return oldest - youngest + 1; }
 };
 
+// Longest break, in bins, that is no end of a dwell: one that such a dwell has by chance, at least
+// `max_break`. The sparser the returns of what stays at a place, the longer they are.
+int LongestBreak(int num_hits, int length, int max_break) {
+  if (num_hits < kEnoughDwellHits || num_hits == length) return max_break;
+  const double log_empty = std::log1p(-static_cast<double>(num_hits) / length);
+  const double by_chance = std::log(kMinChanceBreaks / num_hits) / log_empty;
+  return std::max(max_break, static_cast<int>(std::min(by_chance, 1.0 * RecentBins::kWindow)));
+}
+
+// Dwell around the bin of age `at`: runs with breaks of at most `max_break` bins, and those that
+// follow each other by chance.
 Dwell DwellAt(const RecentBins& hits, int at, int max_break) {
-  Dwell dwell{at, at};
-  for (int age = at - 1; age >= 0 && dwell.youngest - age <= max_break + 1; --age) {
-    if (hits.Contains(age)) dwell.youngest = age;
+  std::array<Dwell, RecentBins::kWindow / 2 + 1> runs{};  // youngest first
+  std::size_t count = 0;
+  for (int age = 0; age < RecentBins::kWindow; ++age) {
+    if (!hits.Contains(age) && age != at) continue;
+    if (count == 0 || age - runs[count - 1].oldest > max_break + 1) runs[count++] = {age, age, 0};
+    runs[count - 1].oldest = age;
+    ++runs[count - 1].num_hits;
   }
-  for (int age = at + 1; age < RecentBins::kWindow && age - dwell.oldest <= max_break + 1; ++age) {
-    if (hits.Contains(age)) dwell.oldest = age;
+  for (std::size_t before = 0; before != count;) {
+    before = std::exchange(count, 1);
+    for (std::size_t i = 1; i < before; ++i) {
+      Dwell& last = runs[count - 1];
+      const int num_hits = last.num_hits + runs[i].num_hits;
+      const int length = last.length() + runs[i].length();
+      if (runs[i].youngest - last.oldest - 1 <= LongestBreak(num_hits, length, max_break)) {
+        last = {last.youngest, runs[i].oldest, num_hits};
+      } else {
+        runs[count++] = runs[i];
+      }
+    }
   }
-  return dwell;
+  return *std::find_if(runs.begin(), runs.end(),
+                       [&](const Dwell& run) { return at <= run.oldest; });
 }
 
 }  // namespace
@@ -130,6 +162,7 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   const Dwell dwell = DwellAt(hits, age, max_break_);
   const std::int64_t dwell_before = std::exchange(place->dwell_first, newest_ - dwell.oldest);
   place->dwell_last = newest_ - dwell.youngest;
+  place->dwell_break = LongestBreak(dwell.num_hits, dwell.length(), max_break_);
   if (place->dwell_first != dwell_before && !IsLong(*place)) {
     place->past_occupied = place->past_exposed = 0;
   }
@@ -221,7 +254,7 @@ Occupancy::Verdict Occupancy::JudgeAt(Place* place, const Eigen::Vector3f& point
 
 // True if the dwell may reach beyond the window.
 bool Occupancy::IsLong(const Place& place) const {
-  return newest_ - place.dwell_first + max_break_ + 1 >= RecentBins::kWindow;
+  return newest_ - place.dwell_first + place.dwell_break + 1 >= RecentBins::kWindow;
 }
 
 void Occupancy::JudgeAll() {

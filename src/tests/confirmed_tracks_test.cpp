@@ -562,11 +562,12 @@ TEST(ConfirmedTracks, WhatMayHaveBeenSeenSinceIsNotLost) {
 TEST(ConfirmedTracks, WhatAPlaceShowsSinceATrackCameIsNoClutterToIt) {
   for (const bool came_with_it : {true, false}) {
     Tracks t;
+    Random random(7);
     constexpr int kStops = 40;
-    constexpr int kEnd = 60;
+    constexpr int kEnd = 600;  // the track knows no longer how it came
     const auto stopping_at = [&](int i) {
       LivePlot seen = DroneAt(std::min(i, kStops));
-      seen = PlotAt(i, seen.plot.position_m);
+      seen = PlotAt(i, seen.plot.position_m + random.NormalVector(i <= kStops ? 0.0 : 0.15));
       seen.plot.num_returns = 1;
       if (i <= kStops) return seen;
       seen.log_surrounding_clutter = seen.plot.log_clutter;

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "scene/dwell.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -19,58 +21,6 @@ constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may
 constexpr int kYoungBins = 20;
 constexpr double kSupportingHits = 3.0;
 constexpr double kSupportingShare = 0.5;  // of the hits of structure
-// Breaks so long that a dwell would have fewer of them by chance end it, if it has so many hits
-// that their share is known.
-constexpr double kMinChanceBreaks = 0.05;
-constexpr int kEnoughDwellHits = 16;
-// Least share of the rate of a place that strays explain where nothing else is.
-constexpr double kMinStrayShare = 0.5;
-
-// A run of bins with returns.
-struct Dwell {
-  int youngest;
-  int oldest;
-  int num_hits;
-
-  int length() const { return oldest - youngest + 1; }
-};
-
-// Longest break, in bins, that is no end of a dwell: one that such a dwell has by chance, at least
-// `max_break`. The sparser the returns of what stays at a place, the longer they are.
-int LongestBreak(int num_hits, int length, int max_break) {
-  if (num_hits < kEnoughDwellHits || num_hits == length) return max_break;
-  const double log_empty = std::log1p(-static_cast<double>(num_hits) / length);
-  const double by_chance = std::log(kMinChanceBreaks / num_hits) / log_empty;
-  return std::max(max_break, static_cast<int>(std::min(by_chance, 1.0 * RecentBins::kWindow)));
-}
-
-// Dwell around the bin of age `at`: runs with breaks of at most `max_break` bins, and those that
-// follow each other by chance.
-Dwell DwellAt(const RecentBins& hits, int at, int max_break) {
-  std::array<Dwell, RecentBins::kWindow / 2 + 1> runs{};  // youngest first
-  std::size_t count = 0;
-  for (int age = 0; age < RecentBins::kWindow; ++age) {
-    if (!hits.Contains(age) && age != at) continue;
-    if (count == 0 || age - runs[count - 1].oldest > max_break + 1) runs[count++] = {age, age, 0};
-    runs[count - 1].oldest = age;
-    ++runs[count - 1].num_hits;
-  }
-  for (std::size_t before = 0; before != count;) {
-    before = std::exchange(count, 1);
-    for (std::size_t i = 1; i < before; ++i) {
-      Dwell& last = runs[count - 1];
-      const int num_hits = last.num_hits + runs[i].num_hits;
-      const int length = last.length() + runs[i].length();
-      if (runs[i].youngest - last.oldest - 1 <= LongestBreak(num_hits, length, max_break)) {
-        last = {last.youngest, runs[i].oldest, num_hits};
-      } else {
-        runs[count++] = runs[i];
-      }
-    }
-  }
-  return *std::find_if(runs.begin(), runs.end(),
-                       [&](const Dwell& run) { return at <= run.oldest; });
-}
 
 }  // namespace
 
@@ -86,14 +36,11 @@ void Occupancy::AddFrame(PointsView points_m, std::int64_t bin, const CarrierPos
   occlusion_.Add(points_m, bin, carrier);
   const std::int64_t age = newest_ - bin;
   if (age < 0 || age >= RecentBins::kWindow) return;
-  ++frame_;
   Place unknown;
   unknown.bin = newest_;
-  unknown.last_frame = static_cast<std::uint16_t>(frame_ - 1);
   places_.VisitOverlappingShells(points_m, unknown, [&](std::size_t i, Place& place, bool is_own) {
     if (place.bin != newest_) Age(&place);
     ++place.num_returns;
-    if (std::exchange(place.last_frame, frame_) != frame_) ++place.num_frames;
     if (place.hits.Contains(static_cast<int>(age))) return;
     place.hits.Insert(static_cast<int>(age));
     place.point_m = points_m[i];
@@ -193,11 +140,12 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   // A place among strays is clutter, not structure. Where there is one at most times and within
   // reach of any track, a lone return tells nothing, and it is left at that.
   const double rate = place->is_structure ? RateThroughout(hits, point_m) : 0.0;
-  const bool is_of_strays = place->is_structure && StrayRate(point_m) > kMinStrayShare * rate;
+  const bool may_be_strays = place->is_structure && StrayRate(point_m) > kMinStrayShare * rate;
+  const double voxel_rate = may_be_strays ? VoxelRate(point_m, age) : 0.0;
+  const bool is_of_strays = may_be_strays && AreStraysEnough(point_m, voxel_rate);
   const bool is_among_strays = is_of_strays && rate < kMaxStrayRate;
   if (is_among_strays) place->is_structure = false;
-  const bool is_dense = is_of_strays && !is_among_strays && MayBeDenseStrays(point_m);
-  place->stray_rate = is_dense ? static_cast<float>(rate) : 0.0F;
+  place->stray_rate = is_of_strays && !is_among_strays ? static_cast<float>(voxel_rate) : 0.0F;
   place->is_supporter = place->is_structure ||
                         (occupied >= kSupportingHits && occupied > kSupportingShare * max_occupied);
   // A single bin may be a passing target.

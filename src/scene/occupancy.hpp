@@ -20,6 +20,9 @@ namespace unlidar {
 // nothing.
 inline constexpr double kMaxStrayRate = 0.2;
 
+// Least share of the rate of a place that strays explain where nothing else is.
+inline constexpr double kMinStrayShare = 0.5;
+
 // Occupancy over the last RecentBins::kWindow time bins: of a recording all, searched window by
 // window, of a stream those of a sliding window. A return is judged by the bins outside the dwell
 // of its place, before and after it as far as they are known, in which the place was not hidden.
@@ -89,8 +92,7 @@ class Occupancy {
     Eigen::Vector3f point_m = Eigen::Vector3f::Zero();  // the last return
     bool is_own = false;                                // which lies in this shell
     bool floats = false;
-    std::uint16_t last_frame = 0;  // with a return, modulo 2^16
-    int scene = -1;                // to which `floats` refers
+    int scene = -1;  // to which `floats` refers
     std::uint32_t num_returns = 0;
     // The last verdict: valid for the bins of its dwell, until the newest bin is `valid_until`.
     bool is_structure = false;
@@ -98,7 +100,6 @@ class Occupancy {
     bool is_supporter = false;
     float place_rate = 0.0F;
     float stray_rate = 0.0F;
-    std::uint32_t num_frames = 0;  // with returns
     std::int64_t valid_until = -1;
     std::int64_t dwell_first = 0;
     std::int64_t dwell_last = 0;
@@ -115,9 +116,9 @@ class Occupancy {
   void Age(Place* place) const;
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
   double RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const;
+  double VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> age = {}) const;
+  bool AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rate) const;
   double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
-  double FramesPerM3(const Eigen::Vector3f& point_m) const;
-  bool MayBeDenseStrays(const Eigen::Vector3f& point_m) const;
   bool IsLong(const Place& place) const;
   void JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const;
   template <class IsWanted>
@@ -130,7 +131,6 @@ class Occupancy {
   RecentBins observed_;                      // bins with frames
   std::vector<std::uint32_t> frame_counts_;  // (RecentBins::kWindow) by bin modulo the window
   std::uint32_t num_frames_ = 0;             // sum of these
-  std::uint16_t frame_ = 0;                  // that was added last, modulo 2^16
   Occlusion occlusion_;
   ShellTable<Place> places_;
 };

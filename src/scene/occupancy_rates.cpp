@@ -5,6 +5,8 @@
 #include <limits>
 
 #include "base/poisson.hpp"
+#include "base/square.hpp"
+#include "scene/dwell.hpp"
 #include "scene/occupancy.hpp"
 
 namespace unlidar {
@@ -12,9 +14,7 @@ namespace {
 
 // Places between the viewpoint and a place at which strays are looked for.
 constexpr std::array<float, 2> kSharesOfRay{0.5F, 0.75F};
-// Least share of the frames with returns at a place that dense strays explain: less than that of
-// its rate, as a target may hover there.
-constexpr double kMinDenseStrayShare = 0.3;
+constexpr double kChanceSigmas = 2.0;
 constexpr double kMaxOccupancy = 0.999;  // the rate of a place that is always hit is unbounded
 
 }  // namespace
@@ -82,20 +82,45 @@ double Occupancy::StrayRate(const Eigen::Vector3f& point_m) const {
   return rate;
 }
 
-// Returns the number of frames in which the voxels of a neighbourhood are hit, in sum, per m^3.
-double Occupancy::FramesPerM3(const Eigen::Vector3f& point_m) const {
-  double num_frames = 0.0;
-  places_.VisitNeighbourhood(point_m, [&](const Place& place) { num_frames += place.num_frames; });
-  return num_frames / places_.VolumeM3(point_m);
+// Returns the rate of a place by how often each of its voxels is hit. Where strays and crowns both
+// fill a place in every bin, strays still hit a voxel of it seldom. A target that is in a voxel at
+// `age` is left out if that leaves enough to judge by.
+double Occupancy::VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> age) const {
+  const int num_observed = observed_.Size();
+  double hits_per_bin = 0.0;
+  places_.VisitNeighbourhood(point_m, [&](const Place& place) {
+    RecentBins hits = place.hits;
+    hits.Age(newest_ - place.bin);
+    double occupied = hits.Size();
+    double exposed = num_observed;
+    if (age) {
+      const Dwell dwell = DwellAt(hits, *age, max_break_);
+      const int outside = observed_.SizeOutside(dwell.youngest, dwell.oldest);
+      if (outside >= MinExposed()) {
+        exposed = outside;
+        occupied = hits.SizeOutside(dwell.youngest, dwell.oldest);
+      }
+    }
+    hits_per_bin -= std::log1p(-std::min(kMaxOccupancy, occupied / exposed));
+  });
+  return hits_per_bin * num_observed / num_frames_ / places_.VolumeM3(point_m);
 }
 
-// False if strays before a place are too few to explain what is there. By bins a crown behind dense
-// strays is as dense as these: both are hit in each. By frames it is not.
-bool Occupancy::MayBeDenseStrays(const Eigen::Vector3f& point_m) const {
-  const double least = kMinDenseStrayShare * FramesPerM3(point_m);
+// False if a place has a larger VoxelRate() than strays before it explain, beyond chance. Rays
+// spread, and a metre of a ray returns no more strays the farther away it is, so that their density
+// falls with the square of range at least.
+bool Occupancy::AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rate) const {
+  const auto variance = [&](const Eigen::Vector3f& at_m, double rate) {
+    return rate / (num_frames_ * places_.VolumeM3(at_m));
+  };
+  const double own_variance = Square(kMinStrayShare) * variance(point_m, voxel_rate);
   const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
   return std::all_of(kSharesOfRay.begin(), kSharesOfRay.end(), [&](float share) {
-    return FramesPerM3(viewpoint_m + share * (point_m - viewpoint_m)) >= least;
+    const Eigen::Vector3f nearer_m = viewpoint_m + share * (point_m - viewpoint_m);
+    const double nearer_rate = VoxelRate(nearer_m);
+    const double spread = Square(static_cast<double>(share));
+    const double sigma = std::sqrt(own_variance + Square(spread) * variance(nearer_m, nearer_rate));
+    return kMinStrayShare * voxel_rate - spread * nearer_rate < kChanceSigmas * sigma;
   });
 }
 

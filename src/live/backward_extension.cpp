@@ -1,7 +1,6 @@
 #include "live/backward_extension.hpp"
 
 #include <algorithm>
-#include <limits>
 #include <utility>
 
 #include "live/track_follower.hpp"
@@ -74,9 +73,9 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector
                     FrameTimeInReverse(seen[begin].plot, frame_times, num_frames));
   }
   std::vector<std::size_t> past;
-  std::vector<LivePlot> settled;
-  follower.Settle(std::numeric_limits<TimeNs>::max(), &settled);
-  for (const LivePlot& one : settled) {
+  std::vector<LivePlot> path;
+  follower.GetLikeliestPath(&path);
+  for (const LivePlot& one : path) {
     const auto is_same_plot = [&](const LivePlot& other) {
       return other.plot.frame == one.plot.frame && other.plot.position_m == one.plot.position_m;
     };

@@ -14,7 +14,6 @@ constexpr double kMaxCoastS = 1.0;  // after it a track must be reacquired
 // Log-likelihood gain, net of missed detections, needed to reacquire a track. At most one pause in
 // twenty is the end of the target; clutter alone then reaches this gain with probability <= e^-1.
 constexpr double kReacquisitionGain = 1.0;
-constexpr double kFitS = 6.0;  // length of the fit before the settled plot
 constexpr double kGateSigmas = 6.0;
 
 }  // namespace
@@ -248,9 +247,20 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
   Forget();
 }
 
+void TrackFollower::GetLikeliestPath(std::vector<LivePlot>* plots) const {
+  const auto best =
+      std::max_element(nodes_.begin(), nodes_.end(),
+                       [](const Node& a, const Node& b) { return a.h.score < b.h.score; });
+  auto at = static_cast<std::int32_t>(best - nodes_.begin());
+  for (; at != kNoIndex; at = nodes_[static_cast<std::size_t>(at)].parent) {
+    plots->push_back(PlotOf(nodes_[static_cast<std::size_t>(at)]));
+  }
+  std::reverse(plots->begin(), plots->end());
+}
+
 // Deletes settled nodes older than the fit needs.
 void TrackFollower::Forget() {
-  const double from_s = nodes_[static_cast<std::size_t>(settled_)].h.time_s - kFitS;
+  const double from_s = nodes_[static_cast<std::size_t>(settled_)].h.time_s - kTrackFitS;
   constexpr std::size_t kMinNodesToCompact = 512;
   if (nodes_.size() < kMinNodesToCompact) return;
   std::vector<std::int32_t>& moved = scratch_.moved;
@@ -282,68 +292,6 @@ void TrackFollower::Forget() {
   settled_ = moved[static_cast<std::size_t>(settled_)];
   for (; first_plot_ < first_plot; ++first_plot_) plots_.pop_front();
   frame_times_.Forget(static_cast<std::uint32_t>(first_plot));
-}
-
-void TrackFollower::UpdateFrameLength(const Node& node,
-                                      std::vector<FrameLengthEstimate>* lengths) const {
-  const Plot& plot = PlotOf(node).plot;
-  if (plot.sensor >= lengths->size()) lengths->resize(plot.sensor + 1);
-  FrameLengthEstimate& known = (*lengths)[plot.sensor];
-  known.num_returns += static_cast<int>(plot.num_returns);
-  if (!FrameLength::IsAmbiguous(plot.streak_s)) return;
-  Streak streak;
-  streak.length_s = plot.streak_s;
-  streak.stamp_s = static_cast<double>(PlotOf(node).stamp_ns - plot.frame_time_ns) * kSecondsPerNs;
-  streak.num_returns = static_cast<double>(plot.num_returns);
-  streak.scatter_m2 = PlotOf(node).scatter_m2;
-  streak.ray_m = plot.ray_m;
-  streak.velocity_mps = node.h.state.mean.col(1);
-  known.length.Add(streak, {body_sigma_m_, body_sigma_m_, body_sigma_m_});
-}
-
-// From the sensor with the most returns, as in a recording.
-void TrackFollower::UpdateTimeBias() {
-  if (!uses_frame_length_) return;
-  lengths_ = settled_lengths_;
-  for (std::int32_t k = NewestConfirmed(); k != kNoIndex && k != settled_;
-       k = nodes_[static_cast<std::size_t>(k)].parent) {
-    UpdateFrameLength(nodes_[static_cast<std::size_t>(k)], &lengths_);
-  }
-  const auto main =
-      std::max_element(lengths_.begin(), lengths_.end(),
-                       [](const FrameLengthEstimate& a, const FrameLengthEstimate& b) {
-                         return a.num_returns < b.num_returns;
-                       });
-  time_bias_ns_ = NsOf(main->length.TimeBiasS());
-}
-
-void TrackFollower::Fit(TrajectoryFitter& fitter) {
-  UpdateTimeBias();
-  fit_.Clear();
-  const std::int32_t head = NewestConfirmed();
-  const double from_s =
-      settled_ == kNoIndex
-          ? -1e300
-          : nodes_[static_cast<std::size_t>(std::min(head, settled_))].h.time_s - kFitS;
-  for (std::int32_t k = head; k != kNoIndex; k = nodes_[static_cast<std::size_t>(k)].parent) {
-    const Node& node = nodes_[static_cast<std::size_t>(k)];
-    if (node.h.time_s < from_s) break;
-    fit_.AddEarlier(PlotOf(node), node.h.state.mean.col(1), body_sigma_m_,
-                    collect_.centroid_offset);
-  }
-  fit_.Fit(fitter);
-  has_new_plots_ = false;
-}
-
-Eigen::Vector3d TrackFollower::PlaceAtM(double time_s) const {
-  const Node* before = &nodes_[static_cast<std::size_t>(BestLeaf())];
-  while (before->h.time_s > time_s && before->parent != kNoIndex) {
-    before = &nodes_[static_cast<std::size_t>(before->parent)];
-  }
-  const double since_s = time_s - before->h.time_s;
-  // Nodes before are gone.
-  if (since_s < 0.0 && time_s >= first_time_s_) return before->h.state.mean.col(0);
-  return before->h.state.mean.col(0) + since_s * before->h.state.mean.col(1);
 }
 
 }  // namespace unlidar

@@ -18,6 +18,8 @@
 
 namespace unlidar {
 
+constexpr double kTrackFitS = 6.0;  // length of the fit before the settled plot
+
 class TrackFollower {
  public:
   // Continues a flight. `models`: one for each agility; must outlive the follower.
@@ -35,6 +37,10 @@ class TrackFollower {
 
   // Makes the associations until `until_ns` final, and appends the plots that this settles.
   void Settle(TimeNs until_ns, std::vector<LivePlot>* settled);
+
+  // Appends the plots of the path with the highest score, before any are settled. A target that
+  // may be gone after any plot is not charged for missed detections behind its last one.
+  void GetLikeliestPath(std::vector<LivePlot>* plots) const;
 
   // Time of the newest confirmed plot.
   TimeNs last_evidence_ns() const;

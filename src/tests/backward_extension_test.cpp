@@ -96,6 +96,18 @@ TEST_F(PastOfTest, WhatWasClutterByAllThatIsKnownStaysClutter) {
   EXPECT_EQ(Past(), From(10));
 }
 
+// A target begins somewhere: chains of strays before it are less likely than clutter.
+TEST_F(PastOfTest, StraysBeforeItsBeginAreNotItsOwn) {
+  for (int i = 0; i < kFrames / 2; ++i) {
+    const auto k = static_cast<std::size_t>(2 * i);
+    const Eigen::Vector3d offset_m(std::sin(7 * i), std::sin(11 * i), std::sin(13 * i));
+    seen_[k] = PlotAt(i, DroneAt(i).plot.position_m + 1.2 * offset_m);
+    seen_[k].plot.log_clutter = seen_[k].log_surrounding_clutter = -2.0;
+    are_free_[k + 1] = 0;
+  }
+  EXPECT_EQ(Past(), From(kFrames / 2));
+}
+
 // What floats did so before that was known: its own plots are no clutter of its place.
 TEST_F(PastOfTest, WhatFloatsFloatedBefore) {
   for (int i = 0; i < kFrames; ++i) {

@@ -141,11 +141,10 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   // reach of any track, a lone return tells nothing, and it is left at that.
   const double rate = place->is_structure ? RateThroughout(hits, point_m) : 0.0;
   const bool may_be_strays = place->is_structure && StrayRate(point_m) > kMinStrayShare * rate;
-  const double voxel_rate = may_be_strays ? VoxelRate(point_m, age) : 0.0;
-  const bool is_of_strays = may_be_strays && AreStraysEnough(point_m, voxel_rate);
+  const bool is_of_strays = may_be_strays && AreStraysEnough(point_m, VoxelRate(point_m, age));
   const bool is_among_strays = is_of_strays && rate < kMaxStrayRate;
   if (is_among_strays) place->is_structure = false;
-  place->stray_rate = is_of_strays && !is_among_strays ? static_cast<float>(voxel_rate) : 0.0F;
+  place->stray_rate = is_of_strays && !is_among_strays ? static_cast<float>(rate) : 0.0F;
   place->is_supporter = place->is_structure ||
                         (occupied >= kSupportingHits && occupied > kSupportingShare * max_occupied);
   // A single bin may be a passing target.

@@ -9,17 +9,9 @@ namespace unlidar {
 struct Dwell {
   int youngest;
   int oldest;
-  int num_hits;  // bins with returns, that one included
-
-  int length() const { return oldest - youngest + 1; }
 };
 
-// Returns the dwell around the bin of age `at`: runs of hits with breaks of at most `max_break`
-// bins, and those that follow each other by chance: method.md section 1.
+// Returns the dwell around the bin of age `at`, with breaks of at most `max_break` bins.
 Dwell DwellAt(const RecentBins& hits, int at, int max_break);
-
-// Returns the longest break, in bins, that is no end of a dwell: one that such a dwell has by
-// chance, at least `max_break`. The sparser the returns of what stays at a place, the longer it is.
-int LongestBreak(int num_hits, int length, int max_break);
 
 }  // namespace unlidar

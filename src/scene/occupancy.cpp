@@ -109,7 +109,6 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   const Dwell dwell = DwellAt(hits, age, max_break_);
   const std::int64_t dwell_before = std::exchange(place->dwell_first, newest_ - dwell.oldest);
   place->dwell_last = newest_ - dwell.youngest;
-  place->dwell_break = LongestBreak(dwell.num_hits, dwell.length(), max_break_);
   if (place->dwell_first != dwell_before && !IsLong(*place)) {
     place->past_occupied = place->past_exposed = 0;
   }
@@ -201,7 +200,7 @@ Occupancy::Verdict Occupancy::JudgeAt(Place* place, const Eigen::Vector3f& point
 
 // True if the dwell may reach beyond the window.
 bool Occupancy::IsLong(const Place& place) const {
-  return newest_ - place.dwell_first + place.dwell_break + 1 >= RecentBins::kWindow;
+  return newest_ - place.dwell_first + max_break_ + 1 >= RecentBins::kWindow;
 }
 
 void Occupancy::JudgeAll() {

@@ -103,7 +103,6 @@ class Occupancy {
     std::int64_t valid_until = -1;
     std::int64_t dwell_first = 0;
     std::int64_t dwell_last = 0;
-    int dwell_break = 0;  // longest within it by chance, in bins
     // Bins outside this dwell, when enough were exposed.
     int past_occupied = 0;
     int past_exposed = 0;

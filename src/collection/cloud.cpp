@@ -120,15 +120,10 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
 }
 
 double Shape::SpreadM() const {
-  // Of the squared distance per axis across the motion, over radius^2: mean, root of mean square.
-  constexpr double kMeanSquareInBall = 0.2;
-  constexpr double kRmsSquareInBall = 0.24;
-  // Strays so many standard deviations more than expected are no body.
-  constexpr double kStraySigmas = 2.0;
+  constexpr double kMeanSquareInBall = 0.2;  // per axis across the motion, over radius^2
   const double strays = strays_ * Cube(kNearM) / (Cube(kStraysToM) - Cube(kStraysFromM));
   Tally body = near_;
   body.Add({1.0, kMeanSquareInBall * kNearM * kNearM}, -strays);
-  body.sum_m2 -= kStraySigmas * std::sqrt(strays) * kRmsSquareInBall * kNearM * kNearM;
   body = {std::max(body.count, 0.0), std::max(body.sum_m2, 0.0)};
   body.Add(own_);
   return body.count > 0.0 ? std::sqrt(body.sum_m2 / body.count) : 0.0;

@@ -17,6 +17,17 @@ constexpr std::array<float, 2> kSharesOfRay{0.5F, 0.75F};
 constexpr double kChanceSigmas = 2.0;
 constexpr double kMaxOccupancy = 0.999;  // the rate of a place that is always hit is unbounded
 
+// Hits per bin of a Poisson process that hits a place in `occupied` of `exposed` bins.
+double HitsPerBin(double occupied, double exposed) {
+  return -std::log1p(-std::min(kMaxOccupancy, occupied / exposed));
+}
+
+// Place at a share of the way from the viewpoint to another.
+Eigen::Vector3f NearerPlaceM(const Eigen::Vector3f& viewpoint_m, const Eigen::Vector3f& point_m,
+                             float share) {
+  return viewpoint_m + share * (point_m - viewpoint_m);
+}
+
 }  // namespace
 
 RecentBins Occupancy::HitsAround(const Eigen::Vector3f& point_m) const {
@@ -36,8 +47,7 @@ RecentBins Occupancy::HitsAround(const Eigen::Vector3f& point_m) const {
 // Returns per frame and m^3 at a place that is hit in `occupied` of `exposed` bins, by a Poisson
 // process.
 double Occupancy::RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const {
-  const double hits_per_bin = -std::log1p(-std::min(kMaxOccupancy, occupied / exposed));
-  return hits_per_bin * observed_.Size() / num_frames_ / places_.VolumeM3(point_m);
+  return HitsPerBin(occupied, exposed) * observed_.Size() / num_frames_ / places_.VolumeM3(point_m);
 }
 
 double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first,
@@ -73,7 +83,7 @@ double Occupancy::StrayRate(const Eigen::Vector3f& point_m) const {
   double rate = std::numeric_limits<double>::infinity();
   const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
   for (const float share : kSharesOfRay) {
-    const Eigen::Vector3f nearer_m = viewpoint_m + share * (point_m - viewpoint_m);
+    const Eigen::Vector3f nearer_m = NearerPlaceM(viewpoint_m, point_m, share);
     const RecentBins hits = HitsAround(nearer_m);
     // A single bin may be a passing target.
     if ((hits & observed_).Size() <= 1) return 0.0;
@@ -101,7 +111,7 @@ double Occupancy::VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> a
         occupied = hits.SizeOutside(dwell.youngest, dwell.oldest);
       }
     }
-    hits_per_bin -= std::log1p(-std::min(kMaxOccupancy, occupied / exposed));
+    hits_per_bin += HitsPerBin(occupied, exposed);
   });
   return hits_per_bin * num_observed / num_frames_ / places_.VolumeM3(point_m);
 }
@@ -116,7 +126,7 @@ bool Occupancy::AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rat
   const double own_variance = Square(kMinStrayShare) * variance(point_m, voxel_rate);
   const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
   return std::all_of(kSharesOfRay.begin(), kSharesOfRay.end(), [&](float share) {
-    const Eigen::Vector3f nearer_m = viewpoint_m + share * (point_m - viewpoint_m);
+    const Eigen::Vector3f nearer_m = NearerPlaceM(viewpoint_m, point_m, share);
     const double nearer_rate = VoxelRate(nearer_m);
     const double spread = Square(static_cast<double>(share));
     const double sigma = std::sqrt(own_variance + Square(spread) * variance(nearer_m, nearer_rate));

@@ -19,6 +19,18 @@ using testing::Random;
 
 constexpr double kRangeM = 57.0;
 
+LivePlot PlotIn(const SceneFrame& frame, int i, const Eigen::Vector3d& position_m) {
+  LivePlot seen;
+  seen.time_s = frame.time_s;
+  seen.stamp_ns = frame.info.stamp_ns;
+  Plot& plot = seen.plot;
+  plot.frame = static_cast<std::uint32_t>(i);
+  plot.time_ns = plot.frame_time_ns = frame.info.middle_ns();
+  plot.position_m = plot.ray_m = position_m;
+  plot.num_returns = 2;
+  return seen;
+}
+
 // Plots, one a frame by default, of which none floats.
 class Plots {
  public:
@@ -36,18 +48,11 @@ class Plots {
     frame.time_s = testing::MiddleS(i);
     frame.observed_s = 60.0;
     for (std::size_t k = 0; k < num_plots; ++k) {
-      LivePlot seen;
-      seen.time_s = frame.time_s;
-      seen.stamp_ns = frame.info.stamp_ns;
-      Plot& plot = seen.plot;
-      plot.frame = static_cast<std::uint32_t>(i);
-      plot.time_ns = plot.frame_time_ns = frame.info.middle_ns();
-      plot.position_m = plot.ray_m = place_m + random_.NormalVector(0.15);
+      frame.plots.push_back(PlotIn(frame, i, place_m + random_.NormalVector(0.15)));
+      Plot& plot = frame.plots.back().plot;
       plot.variance_m2 = 0.03;
       plot.lowest_m = height_m;
       plot.log_clutter = -3.0;
-      plot.num_returns = 2;
-      frame.plots.push_back(seen);
     }
     search_.Begin(frame);
     return search_.Extend(frame, std::vector<char>(num_plots, 1));
@@ -90,22 +95,14 @@ double LeastScoreBeside(double distance_m, const Config& config = Config(), doub
     frame.observed_s = observed_s;
     const Eigen::Vector3d at_m(3.0 * frame.time_s, 0.0, 20.0);
     for (int k = 0; k <= kNumOthers; ++k) {
-      LivePlot seen;
-      seen.time_s = frame.time_s;
-      seen.stamp_ns = frame.info.stamp_ns;
-      Plot& plot = seen.plot;
-      plot.frame = static_cast<std::uint32_t>(i);
-      plot.time_ns = plot.frame_time_ns = frame.info.middle_ns();
-      plot.position_m = at_m;
-      if (k > 0)
-        plot.position_m += Eigen::Vector3d(0.0, distance_m, 0.0) + random.NormalVector(0.8);
-      plot.ray_m = plot.position_m;
+      const Eigen::Vector3d apart_m(0.0, distance_m, 0.0);
+      frame.plots.push_back(
+          PlotIn(frame, i, k == 0 ? at_m : at_m + (apart_m + random.NormalVector(0.8))));
+      Plot& plot = frame.plots.back().plot;
       plot.shift_m.x() = shift_m;
       plot.variance_m2 = 0.002;
       plot.lowest_m = 20.0;
       plot.log_clutter = k == 0 ? -6.0 : 0.0;
-      plot.num_returns = 2;
-      frame.plots.push_back(seen);
     }
     search.Begin(frame);
     for (const Path& path : search.Extend(frame, {1, 1, 1, 1})) {

@@ -34,7 +34,7 @@ LivePlot PlotIn(const SceneFrame& frame, int i, const Eigen::Vector3d& position_
 // Plots, one a frame by default, of which none floats.
 class Plots {
  public:
-  explicit Plots(const Config& config = Config()) : search_(config) {
+  explicit Plots(const Config& config = Config()) : config_(config), search_(config_) {
     SensorInfo info;
     info.frame_period_ns = kPeriodNs;
     search_.SetSensor(0, info);
@@ -61,6 +61,7 @@ class Plots {
   LiveSearch& search() { return search_; }
 
  private:
+  const Config config_;  // the search keeps a reference to it
   LiveSearch search_;
   Random random_{5};
 };

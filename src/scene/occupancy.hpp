@@ -116,6 +116,7 @@ class Occupancy {
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
   double RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const;
   double VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> age = {}) const;
+  double EvenRate(const Eigen::Vector3f& point_m) const;
   bool AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rate) const;
   double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
   bool IsLong(const Place& place) const;

@@ -116,6 +116,22 @@ double Occupancy::VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> a
   return hits_per_bin * num_observed / num_frames_ / places_.VolumeM3(point_m);
 }
 
+// Same if each voxel is hit as often as the others, as strays hit them. Surfaces before a place
+// fill some voxels in every bin, and leave the rest empty: summed over these, they would explain
+// anything behind them.
+double Occupancy::EvenRate(const Eigen::Vector3f& point_m) const {
+  double num_hits = 0.0;
+  places_.VisitNeighbourhood(point_m, [&](const Place& place) {
+    RecentBins hits = place.hits;
+    hits.Age(newest_ - place.bin);
+    num_hits += hits.Size();
+  });
+  constexpr double kNumVoxels = ShellTable<Place>::kNumNeighbourhoodVoxels;
+  const double num_observed = observed_.Size();
+  return kNumVoxels * HitsPerBin(num_hits, kNumVoxels * num_observed) * num_observed / num_frames_ /
+         places_.VolumeM3(point_m);
+}
+
 // False if a place has a larger VoxelRate() than strays before it explain, beyond chance. Rays
 // spread, and a metre of a ray returns no more strays the farther away it is, so that their density
 // falls with the square of range at least.
@@ -127,7 +143,7 @@ bool Occupancy::AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rat
   const Eigen::Vector3f viewpoint_m = occlusion_.ViewpointM();
   return std::all_of(kSharesOfRay.begin(), kSharesOfRay.end(), [&](float share) {
     const Eigen::Vector3f nearer_m = NearerPlaceM(viewpoint_m, point_m, share);
-    const double nearer_rate = VoxelRate(nearer_m);
+    const double nearer_rate = EvenRate(nearer_m);
     const double spread = Square(static_cast<double>(share));
     const double sigma = std::sqrt(own_variance + Square(spread) * variance(nearer_m, nearer_rate));
     return kMinStrayShare * voxel_rate - spread * nearer_rate < kChanceSigmas * sigma;

@@ -24,6 +24,8 @@ namespace unlidar {
 template <class Value>
 class ShellTable {
  public:
+  static constexpr int kNumNeighbourhoodVoxels = 27;
+
   explicit ShellTable(RangeRadius radius) {
     constexpr double kMaxRange_m = 1e6;  // voxels stop growing beyond
     const double most = std::log2(radius.At(kMaxRange_m) / radius.constant_m);
@@ -219,7 +221,7 @@ class ShellTable {
     const Voxel home = VoxelAt(point_m, shells_[shell_index].edge_m);
     const auto shell = static_cast<std::uint32_t>(shell_index);
     // The table exceeds the cache: all slots are prefetched before the first one is read.
-    std::array<VoxelKey, 27> keys{};
+    std::array<VoxelKey, kNumNeighbourhoodVoxels> keys{};
     auto next_key = keys.begin();
     for (int dx = -1; dx <= 1; ++dx) {
       for (int dy = -1; dy <= 1; ++dy) {
@@ -229,7 +231,7 @@ class ShellTable {
         }
       }
     }
-    std::array<std::uint32_t, 27> numbers{};
+    std::array<std::uint32_t, kNumNeighbourhoodVoxels> numbers{};
     auto end = numbers.begin();
     for (const VoxelKey key : keys) {
       const std::uint32_t number = numbers_.Find(shell, key);

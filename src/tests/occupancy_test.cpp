@@ -134,6 +134,23 @@ TEST(Occupancy, DenseStraysExplainEachOtherAndNoCrown) {
   }
 }
 
+// Each is hit in every bin, and the nearer, the more often in a cubic metre.
+TEST(Occupancy, SurfacesOneBehindAnotherAreNoStrays) {
+  const Eigen::Vector3d place_m(10.0, 0.0, 1.0);
+  const auto fill = [&](std::int64_t, Random* random, std::vector<Eigen::Vector3f>* points_m) {
+    for (const double share : {0.5, 0.75, 1.0}) {
+      for (int i = 0; i < 400; ++i) {
+        const Eigen::Vector3d part_m = random->InBox({-0.05, -2.0, -2.0}, {0.05, 2.0, 2.0});
+        points_m->push_back((share * (place_m + part_m)).cast<float>());
+      }
+    }
+  };
+  Occupancy occupancy = AmongStraysAnd(0.0, true, fill);
+  const Occupancy::Verdict verdict = JudgeOne(&occupancy, place_m.cast<float>(), 39);
+  EXPECT_TRUE(verdict.is_structure);
+  EXPECT_EQ(verdict.stray_rate, 0.0);
+}
+
 TEST(Occupancy, ATargetThatHoversAmongDenseStraysLeavesItsPlaceToThem) {
   constexpr std::int64_t kCameBin = 15;
   const auto fill = [&](std::int64_t bin, Random* random, std::vector<Eigen::Vector3f>* points_m) {

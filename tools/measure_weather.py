@@ -6,6 +6,7 @@ is tracked as a recording and as a stream. Ranges of the returns, and what fog o
 takes away, are those of unlidar.simulate.weather. Their rays are even over the field of view: in
 the scan of a sensor that the simulator knows by its name, else in the azimuths and elevations that
 the scene has returns from. A ray ends where recordings of that direction do.
+In clear air the frames are tracked as they are.
 """
 
 import argparse
@@ -23,7 +24,7 @@ import numpy as np
 from unlidar.errors import report_errors
 from unlidar.evaluation import evaluate
 from unlidar.evaluation.markdown import percent, table_line
-from unlidar.frames_io import find_sensors, list_frames, read_pcd, write_pcd
+from unlidar.frames_io import FrameFile, find_sensors, list_frames, read_pcd, write_pcd
 from unlidar.play import MessageSink, frames_in_order, play
 from unlidar.point_times import TIME_FIELDS, offsets_ns
 from unlidar.pose_files import find_poses, poses_options
@@ -88,9 +89,18 @@ def flight_of(folder: Path) -> Flight:
 def put_weather(
     flight: Flight, weather: Weather, seed: int, out: Path
 ) -> tuple[dict[str, Path], Tracks]:
-    """Writes the frames to `out`, and returns their folders and what one told the returns says."""
+    """Writes the frames to `out`, and returns their folders and what one told the returns says.
+
+    In clear air nothing is written: the folders are the scene's.
+    """
     sensors, seen = {}, []
     for number, (name, folder) in enumerate(flight.sensors.items()):
+        if weather.kind == "clear":
+            sensors[name] = folder
+            for frame in list_frames(folder):
+                fields, xyz_m = cloud_of(frame.path, read_pcd(frame.path))
+                seen.append((frame.stamp_ns, _after_ns(fields, frame), xyz_m))
+            continue
         frames = list_frames(folder)
         rng = np.random.default_rng([seed, number, *weather.kind.encode()])
         air = Air(name, [frame.path for frame in frames], weather, rng)
@@ -107,10 +117,16 @@ def put_weather(
             }
             cloud_m = np.concatenate([xyz_m[left], strays])
             write_pcd(sensors[name] / frame.path.name, cloud_m, rest)
-            times = next((fields[key][left] for key in TIME_FIELDS if key in fields), None)
-            after_ns = None if times is None else offsets_ns(times, frame.stamp_ns)
-            seen.append((frame.stamp_ns, 0 if after_ns is None else after_ns, xyz_m[left]))
+            fields = {key: column[left] for key, column in fields.items()}
+            seen.append((frame.stamp_ns, _after_ns(fields, frame), xyz_m[left]))
     return sensors, told(flight.truth, seen)
+
+
+def _after_ns(fields: dict[str, np.ndarray], frame: FrameFile) -> np.ndarray | int:
+    """Times of the returns after the frame's stamp."""
+    times = next((fields[key] for key in TIME_FIELDS if key in fields), None)
+    after_ns = None if times is None else offsets_ns(times, frame.stamp_ns)
+    return 0 if after_ns is None else after_ns
 
 
 def told(truth: Truth, seen: list[tuple[int, np.ndarray | int, np.ndarray]]) -> Tracks:
@@ -227,8 +243,9 @@ def main() -> int:
         "scenes", nargs="+", type=Path, help="folders, each with a ground_truth.csv"
     )
     parser.add_argument("--weather", nargs="+", type=weather_of, default=[weather_of("clear")],
-                        help="clear, or KIND:RETURNS[:AMOUNT] with the mean number of returns a "
-                        f"frame of each LiDAR; {', '.join(KINDS)}; the amount is the visibility "
+                        help="clear (the frames as they are, without a copy), or "
+                        "KIND:RETURNS[:AMOUNT] with the mean number of returns a frame of each "
+                        f"LiDAR; {', '.join(KINDS)}; the amount is the visibility "
                         f"in fog ({VISIBILITY_M:g} m) or the dirty share of the window "
                         f"({DIRTY_SHARE:g})")  # fmt: skip
     parser.add_argument("--seed", type=int, default=1, help="of the weather (1)")

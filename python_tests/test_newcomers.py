@@ -91,7 +91,31 @@ def test_sigmas_that_only_some_rows_have_are_noted(result: Path, capsys) -> None
         assert main(["evaluate", str(result / "ground_truth.csv"), str(trajectory), "--json"]) == 0
         shown = capsys.readouterr()
         assert ("nees" in json.loads(shown.out)) != said
-        assert ("1 of 100 rows lack sigma_x, sigma_y, sigma_z" in shown.err) == said
+        assert ("1 of 100 rows lack sigma_x: no row's" in shown.err) == said
+        assert ("so there is no NEES" in shown.err) == said
+
+
+def test_no_sigma_is_left_out_of_nees_without_a_word(result: Path, capsys) -> None:
+    truth, trajectory = result / "ground_truth.csv", result / "traj.csv"
+    table = [line.split(",") for line in trajectory.read_text().splitlines()]
+    bare, flat = result / "bare.csv", result / "flat.csv"
+    sigma_z = table[0].index("sigma_z")
+    bare.write_text("".join(",".join(row[:sigma_z]) + "\n" for row in table))
+    flats = [table[0][: sigma_z + 1], *([*row[:sigma_z], "0"] for row in table[1:])]
+    flat.write_text("".join(",".join(row) + "\n" for row in flats))
+    none = result / "none.csv"
+    none.write_text("".join(",".join(row[:5]) + "\n" for row in table))
+    for files, said in (
+        ([bare], "bare.csv: 100 of 100 rows lack sigma_z: no row's sigma_x, sigma_y, sigma_z are"),
+        ([flat], "flat.csv: 100 of 100 rows have a sigma of 0: NEES is without"),
+        ([trajectory, none], "none.csv: no sigmas, which other files have, so there is no NEES"),
+        ([none], ""),
+    ):
+        assert main(["evaluate", str(truth), *map(str, files), "--json"]) == 0
+        shown = capsys.readouterr()
+        assert "nees" not in json.loads(shown.out)
+        assert said in shown.err
+        assert bool(shown.err) == bool(said), shown.err
 
 
 def test_a_trajectory_without_rows_is_an_answer(result: Path, capsys) -> None:

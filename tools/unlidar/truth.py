@@ -63,13 +63,16 @@ def read_tracks(path: Path) -> Tracks:
 
     def known(names: Sequence[str]) -> np.ndarray | None:
         columns = np.stack([table[name] for name in names], axis=1)
-        lacking = np.isnan(columns).any(axis=1)
-        if lacking.any() and not np.isnan(columns).all():
+        lacking = np.isnan(columns)
+        rows = lacking.any(axis=1)
+        if rows.any() and not lacking.all():
+            lacked = ", ".join(np.array(names)[lacking.any(axis=0)])
+            no_nees = ", so there is no NEES" if names[0].startswith("sigma") else ""
             note(
-                f"{path}: {lacking.sum()} of {len(lacking)} rows lack {', '.join(names)}: no row's "
-                "are used"
+                f"{path}: {rows.sum()} of {len(rows)} rows lack {lacked}: no row's "
+                f"{', '.join(names)} are used{no_nees}"
             )
-        return None if lacking.any() else columns
+        return None if rows.any() else columns
 
     for name in _triple("sigma_{}"):
         if (table[name] < 0).any():
@@ -99,6 +102,9 @@ def read_all_tracks(paths: Sequence[Path]) -> Tracks:
         columns = [getattr(part, name) for part in parts]
         return None if any(column is None for column in columns) else np.concatenate(columns)
 
+    without = [str(p) for p, part in zip(paths, parts, strict=True) if part.sigma_m is None]
+    if 0 < len(without) < len(parts):
+        note(f"{', '.join(without)}: no sigmas, which other files have, so there is no NEES")
     of_file = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     pairs = np.stack([of_file, joined("track_id")], axis=1)
     _, track_id = np.unique(pairs, axis=0, return_inverse=True)

@@ -98,6 +98,8 @@ def compare_files(
     ):
         if text is not None:
             note(f"{path}: {text} (target of a truth, track_id of a trajectory)")
+    if tracks.sigma_m is not None and (zeros := (tracks.sigma_m == 0).any(axis=1).sum()):
+        note(f"{trajectories[0]}: {zeros} of {len(tracks)} rows have a sigma of 0: NEES is without")
     try:
         if not one_clock:
             given_s = 0.0 if options.time_offset == AUTO else float(options.time_offset)

@@ -23,10 +23,19 @@ def preset_of(frames: Path, options: list[str]) -> Path | None:
     return MMAUD if _conversion(frames).get("kind") == _MMAUD_KIND else None
 
 
+def about_preset(name: str) -> str:
+    """A line on the configuration of this name."""
+    values = ", ".join(f"{key}={value}" for key, value in _mmaud_settings().items())
+    return f"{name}, for MMAUD folders: {values}; --config or --set takes its place"
+
+
 def preset_settings(recording: Path, kind: str) -> dict[str, object]:
     """Values of the same configuration by their keys, for a recording of this kind of source."""
-    if _MMAUD_KIND not in (kind, _conversion(recording).get("kind")):
-        return {}
+    is_mmaud = _MMAUD_KIND in (kind, _conversion(recording).get("kind"))
+    return _mmaud_settings() if is_mmaud else {}
+
+
+def _mmaud_settings() -> dict[str, object]:
     return {
         f"{section}.{name}": value
         for section, values in load_yaml(MMAUD).items()

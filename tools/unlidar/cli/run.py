@@ -118,6 +118,7 @@ def _run(a: argparse.Namespace) -> None:
 def _run_one(a: argparse.Namespace, recording: Path) -> None:
     from unlidar.conversion import Options
     from unlidar.pipeline import run
+    from unlidar.presets import about_preset
     from unlidar.tables import measures_table, show
 
     _read(a.config)
@@ -141,7 +142,7 @@ def _run_one(a: argparse.Namespace, recording: Path) -> None:
     else:
         show(measures_table(result.measures, title))
     if result.record.preset is not None:
-        print(f"settings   {_about(result.record.preset)}")
+        print(f"settings   {about_preset(result.record.preset)}")
     print(f"time       {result.record.tracking_s:.2f} s")
     print(f"trajectory {printable(result.trajectory)}")
     if a.report:
@@ -167,6 +168,7 @@ def _run_many(a: argparse.Namespace, name: str) -> None:
     from unlidar.batch import run_many
     from unlidar.batch.job import FAILED, Settings
     from unlidar.batch.table import rich_table, table_files
+    from unlidar.presets import about_preset
     from unlidar.tables import show
 
     cores = len(os.sched_getaffinity(0))
@@ -195,7 +197,7 @@ def _run_many(a: argparse.Namespace, name: str) -> None:
     for row in failed:
         print(f"failed   {printable(row.name)}: {printable(row.reason)}")
     for preset in sorted({row.preset for row in rows if row.preset}):
-        print(f"settings {_about(preset)}")
+        print(f"settings {about_preset(preset)}")
     print(f"results  {printable(a.out)}")
     print(f"table    {', '.join(printable(path) for path in tables)}")
     if failed:
@@ -227,10 +229,3 @@ def _poses(text: str) -> tuple[str, Path]:
     name, separator, file = text.partition("=")
     is_named = separator and "/" not in name  # as the program has it
     return (name, Path(file)) if is_named else (ALL, Path(text))
-
-
-def _about(preset: str) -> str:
-    return (
-        f"{preset}, for MMAUD folders: the stamp of a frame is its end, not its begin as by "
-        "default; --config or --set input.stamp=... takes its place"
-    )

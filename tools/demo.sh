@@ -13,9 +13,9 @@ coverage and draws a figure. With RECORDING (a folder of frames or any recording
     tools/demo.sh
     tools/demo.sh ../shared/data/mmaud/val/seq0001
 
-Results are written to out/run/ in the project's folder. Works from any folder. On a bare Debian 12 with two
-processors the first run takes about eight minutes, a network and 3.5 GB of disk, nearly all of it for
-packages; later ones take half a minute and no network.
+Results are written to out/run/ in the project's folder. Works from any folder. The first run takes a
+network, 3.5 GB of disk, nearly all of it for packages, and 3 to 6 minutes on a bare machine with two
+processors; later ones take half a minute and no network.
 TEXT
 }
 

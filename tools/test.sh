@@ -14,8 +14,8 @@ a minute. Exit code 0 if all of them pass.
   --quick     without sanitizers, coverage and fuzzers: while working on something
   --sanitize  only the tests with sanitizers and the line coverage
 
-Works from any folder; tests that need ../shared skip without it. A part takes seconds or minutes
-where nothing that it depends on has changed; everything, from nothing, 40 to 60 minutes on two idle processors.
+Works from any folder; tests that need ../shared skip without it. Everything takes 35 to 60 minutes on
+a bare machine with two processors, a part seconds or minutes where nothing that it depends on changed.
 TEXT
 }
 

@@ -90,7 +90,10 @@ IsTarget ConfirmedTracks::IsTargetAt(double time_s) {
   };
 }
 
-// True if a track is near at least half of the plots: a drone may yield two plots in a frame.
+double ConfirmedTracks::ScoreOf(const Flight& flight) const {
+  return TrackFollower(flight, models_, config_.robust).score();
+}
+
 bool ConfirmedTracks::HasTrackOf(const Flight& flight) const {
   return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
     const auto near =
@@ -101,20 +104,12 @@ bool ConfirmedTracks::HasTrackOf(const Flight& flight) const {
   });
 }
 
-ConfirmedTracks::Initiation ConfirmedTracks::Initiate(
-    const Flight& flight, double score_threshold,
-    const std::function<Flight(const Flight&)>& with_history) {
-  const auto follow = [&](const Flight& its) {
-    return std::make_unique<TrackFollower>(its, models_, config_.robust);
-  };
-  const double score = follow(flight)->score();
-  if (score < score_threshold) return {Rejection::kBelowThreshold, score};
-  if (HasTrackOf(flight)) return {Rejection::kPartOfAnotherTrack, score};
+int ConfirmedTracks::Initiate(const Flight& flight) {
   Track& track = tracks_.emplace_back();
-  track.follower = follow(with_history(flight));
+  track.follower = std::make_unique<TrackFollower>(flight, models_, config_.robust);
   track.number = next_number_++;
   Trace(track, TrackState::kInitiated, Rejection::kNone);
-  return {Rejection::kNone, score, track.number};
+  return track.number;
 }
 
 void ConfirmedTracks::Judge(const std::vector<LivePlot>& seen, double time_s) {

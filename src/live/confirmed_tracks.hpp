@@ -1,7 +1,6 @@
 // The confirmed tracks of a stream: assignment of plots, events and rows.
 #pragma once
 
-#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -46,16 +45,14 @@ class ConfirmedTracks {
   // Tells of the tracks as predicted at a time. Valid until the next call or until tracks change.
   IsTarget IsTargetAt(double time_s);
 
-  // kBelowThreshold: its score is below the threshold; kPartOfAnotherTrack: a track has it already.
-  struct Initiation {
-    Rejection rejection = Rejection::kNone;
-    double score = 0.0;  // of the flight
-    std::optional<int> track = {};
-  };
+  // Score of a flight as a track.
+  double ScoreOf(const Flight& flight) const;
 
-  // Starts a track from a flight. `with_history`: returns the flight with its earlier plots.
-  Initiation Initiate(const Flight& flight, double score_threshold,
-                      const std::function<Flight(const Flight&)>& with_history);
+  // True if a track is near at least half of the plots: a drone may yield two plots in a frame.
+  bool HasTrackOf(const Flight& flight) const;
+
+  // Starts a track from a flight and returns its number.
+  int Initiate(const Flight& flight);
 
   // Validates the tracks against recent plots, `seen` in order of frames. A track that may not be a
   // drone is followed without rows; a reported one that proves to be a cloud or an insect ends.
@@ -103,7 +100,6 @@ class ConfirmedTracks {
     bool is_reported = false;
   };
 
-  bool HasTrackOf(const Flight& flight) const;
   static void SetAdaptedPlots(const std::vector<LivePlot>& plots, Track* track);
   TimeInterval PresenceOf(const Track& track, TimeNs until_ns) const;
   void ReportEnd(const Track& track);

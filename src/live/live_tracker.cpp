@@ -104,19 +104,22 @@ PathDecision LiveTracker::Decide(const Path& path) {
   decision.log_likelihood_ratio = path.score;
   decision.rejection = search_.Judge(path);
   if (decision.rejection != Rejection::kNone) return decision;
+  const Flight& flight = search_.flight();
+  const double score = tracks_.ScoreOf(flight);
   const double score_threshold = search_.ScoreThresholdOf(path);
   decision.crowding_penalty = score_threshold - search_.score_threshold();
-  const auto with_history = [&](const Flight& its) { return search_.WithHistory(its, path); };
-  const ConfirmedTracks::Initiation initiation =
-      tracks_.Initiate(search_.flight(), score_threshold, with_history);
-  decision.log_likelihood_ratio = initiation.score;
-  decision.rejection = initiation.rejection;
-  decision.track = initiation.track;
-  if (decision.rejection != Rejection::kBelowThreshold) {
-    search_.Take(path);
-  } else if (initiation.score >= search_.score_threshold()) {
-    decision.rejection = Rejection::kCrowded;
+  decision.log_likelihood_ratio = score;
+  if (score < score_threshold) {
+    const bool is_crowded = score >= search_.score_threshold();
+    decision.rejection = is_crowded ? Rejection::kCrowded : Rejection::kBelowThreshold;
+    return decision;
   }
+  if (tracks_.HasTrackOf(flight)) {
+    decision.rejection = Rejection::kPartOfAnotherTrack;
+  } else {
+    decision.track = tracks_.Initiate(search_.WithHistory(flight, path));
+  }
+  search_.Take(path);
   return decision;
 }
 

@@ -22,9 +22,6 @@ using testing::kPeriodS;
 using testing::MiddleS;
 using testing::Random;
 
-Flight AsItIs(const Flight& flight) { return flight; }
-
-constexpr double kAnyScore = -1e9;
 constexpr TimeNs kEndless = std::numeric_limits<TimeNs>::max() / 2;
 
 LivePlot PlotAt(int i, const Eigen::Vector3d& position_m) {
@@ -105,13 +102,11 @@ struct Tracks {
     tracks.SetPeriod(kPeriodNs);
   }
 
-  // Begins a track with a flight as it is, and judges it.
-  bool Initiate(const Flight& flight, double least_score) {
-    const bool begins =
-        tracks.Initiate(flight, least_score, AsItIs).rejection != Rejection::kBelowThreshold;
+  // Begins a track with a flight unless one has it, and judges it.
+  void Initiate(const Flight& flight) {
+    if (!tracks.HasTrackOf(flight)) tracks.Initiate(flight);
     seen.insert(seen.end(), flight.plots.begin(), flight.plots.end());
     tracks.Judge(seen, flight.plots.back().time_s);
-    return begins;
   }
 
   // The tracks go on to a frame with a plot, are judged, and give all rows that are due.
@@ -133,8 +128,8 @@ TEST(ConfirmedTracks, WithoutOneEveryPlotIsFree) {
 
 TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
   Tracks t;
-  ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
-  ASSERT_TRUE(t.Initiate(FlightUntil(20, OtherAt), kAnyScore));
+  t.Initiate(FlightUntil(20, DroneAt));
+  t.Initiate(FlightUntil(20, OtherAt));
   const LivePlot stray = PlotAt(20, {40.0, 30.0, 10.0});
   const std::vector<LivePlot> plots = {stray, OtherAt(20), DroneAt(20)};
   EXPECT_EQ(t.tracks.Extend(plots, MomentAt(20)), (std::vector<char>{1, 0, 0}));
@@ -142,7 +137,7 @@ TEST(ConfirmedTracks, EachTakesItsOwnPlotAndLeavesTheRest) {
 
 TEST(ConfirmedTracks, APlaceIsATargetsWhileItIsThere) {
   Tracks t;
-  ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
+  t.Initiate(FlightUntil(20, DroneAt));
   const auto seconds = [](int i) { return DroneAt(i).time_s; };
   const auto has = [&](int place, int since, int until) {
     return t.tracks.IsTargetAt(seconds(until))(DroneAt(place).plot.position_m.cast<float>(),
@@ -161,7 +156,7 @@ TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
   Flight flight;
   for (int i = 0; i < 100; i += 5) Append(far_at(i), &flight);
   for (int i = 0; i < kEnd; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Initiate(flight, kAnyScore));
+  t.Initiate(flight);
   for (int i = 100; i < kEnd; ++i) {
     const bool is_seen = i == 115 || i == 130 || i == 145 || i == 160;
     t.tracks.Extend(is_seen ? std::vector<LivePlot>{far_at(i)} : std::vector<LivePlot>(),
@@ -172,14 +167,12 @@ TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
   EXPECT_EQ(t.ended[0].last_evidence_ns, far_at(160).plot.time_ns);
 }
 
-TEST(ConfirmedTracks, AFlightIsATrackOnceAndOnlyIfItIsWorthIt) {
+TEST(ConfirmedTracks, AFlightIsATrackOnce) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
   const Flight flight = FlightUntil(20, DroneAt);
-  EXPECT_FALSE(t.Initiate(flight, 1e9));
-  EXPECT_TRUE(t.Initiate(flight, kAnyScore));
-  EXPECT_TRUE(t.Initiate(flight, kAnyScore));
-  EXPECT_FALSE(t.Initiate(flight, 1e9));
+  t.Initiate(flight);
+  t.Initiate(flight);
   t.tracks.Close(kEndless);
   ASSERT_EQ(t.confirmed.size(), 1U);
   EXPECT_EQ(t.confirmed[0].track_id, 0);
@@ -191,7 +184,7 @@ TEST(ConfirmedTracks, AFlightIsATrackOnceAndOnlyIfItIsWorthIt) {
 TEST(ConfirmedTracks, EveryRowIsGivenOnceInOrderWhereTheDroneIs) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
+  t.Initiate(FlightUntil(20, DroneAt));
   std::size_t num_settled = 0;
   for (int i = 20; i < 60; ++i) {
     const LivePlot seen = DroneAt(i);
@@ -232,7 +225,7 @@ TEST(ConfirmedTracks, RowsFollowADroneThatSetsOff) {
     return PlotAt(i, truth_m(i) + random.NormalVector(0.03));
   };
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Initiate(FlightUntil(20, setting_off_at), kAnyScore));
+  t.Initiate(FlightUntil(20, setting_off_at));
   for (int i = 20; i < kHovers + 30; ++i) {
     const LivePlot seen = setting_off_at(i);
     t.tracks.AddInstants(FrameAt(i));
@@ -289,7 +282,7 @@ TEST(ConfirmedTracks, RowsOfFramesThatComeSeldomAreWhereTheDroneWasThen) {
       flight.frame_times.push_back(moment_at(i));
       t.tracks.AddInstants(FrameAt(5 * i));
     }
-    ASSERT_TRUE(t.Initiate(flight, kAnyScore));
+    t.Initiate(flight);
     for (int i = 12; i < 30; ++i) {
       const LivePlot seen = SeldomAt(i, measured_s, &random);
       t.tracks.AddInstants(FrameAt(5 * i));
@@ -316,7 +309,7 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
     Flight flight;
     for (int i = 0; i <= kLast; i += 6) Append(CirclingAt(i), &flight);
     for (int i = 0; i <= kLast; ++i) t.tracks.AddInstants(FrameAt(i));
-    ASSERT_TRUE(t.Initiate(flight, kAnyScore));
+    t.Initiate(flight);
     const auto go_to = [&](int i, const std::vector<LivePlot>& plots) {
       t.tracks.AddInstants(FrameAt(i));
       t.tracks.Extend(plots, MomentAt(i));
@@ -343,8 +336,8 @@ TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
 TEST(ConfirmedTracks, OneThatIsSeenNoMoreEndsAlone) {
   Tracks t;
   for (int i = 0; i < 40; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
-  ASSERT_TRUE(t.Initiate(FlightUntil(40, OtherAt), kAnyScore));
+  t.Initiate(FlightUntil(20, DroneAt));
+  t.Initiate(FlightUntil(40, OtherAt));
   const TimeNs middle_ns = FrameAt(39).middle_ns();
   t.tracks.EndLost(FrameAt(19).middle_ns(), middle_ns);
   EXPECT_TRUE(t.ended.empty());
@@ -389,7 +382,7 @@ std::vector<std::pair<TrackState, Rejection>> StatesOf(LivePlot (*plot_at)(int),
                                                        const Config& config = Config()) {
   Tracks t(config);
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  t.Initiate(FlightUntil(20, plot_at), kAnyScore);
+  t.Initiate(FlightUntil(20, plot_at));
   for (int i = 20; i < 60; ++i) t.GoTo(i, plot_at(i));
   t.tracks.Close(kEndless);
   for (const TracedTrack& one : t.traced) {
@@ -402,7 +395,7 @@ std::vector<std::pair<TrackState, Rejection>> StatesOf(LivePlot (*plot_at)(int),
 void ExpectFollowedWithoutARow(LivePlot (*plot_at)(int)) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Initiate(FlightUntil(20, plot_at), kAnyScore));
+  t.Initiate(FlightUntil(20, plot_at));
   for (int i = 20; i < 60; ++i) t.GoTo(i, plot_at(i));
   EXPECT_EQ(t.tracks.Extend({plot_at(60)}, MomentAt(60)), (std::vector<char>{0}));
   t.tracks.Close(kEndless);
@@ -438,24 +431,22 @@ TEST(ConfirmedTracks, TheTraceNamesTheRuleForWhichATrackHasNoRows) {
   }
 }
 
-TEST(ConfirmedTracks, TheTraceHasTheScoreOfAnInitiationAndItsTrack) {
+TEST(ConfirmedTracks, AFlightScoresTheSameBeforeAndAfterATrackHasIt) {
   Tracks t;
   const Flight flight = FlightUntil(20, DroneAt);
-  const ConfirmedTracks::Initiation first = t.tracks.Initiate(flight, kAnyScore, AsItIs);
-  EXPECT_EQ(first.rejection, Rejection::kNone);
-  EXPECT_EQ(first.track, 0);
-  const ConfirmedTracks::Initiation again = t.tracks.Initiate(flight, first.score, AsItIs);
-  EXPECT_EQ(again.rejection, Rejection::kPartOfAnotherTrack);
-  EXPECT_EQ(again.score, first.score);
-  const ConfirmedTracks::Initiation more = t.tracks.Initiate(flight, first.score + 0.1, AsItIs);
-  EXPECT_EQ(more.rejection, Rejection::kBelowThreshold);
-  EXPECT_FALSE(again.track || more.track);
+  EXPECT_FALSE(t.tracks.HasTrackOf(flight));
+  const double score = t.tracks.ScoreOf(flight);
+  EXPECT_GT(score, t.tracks.ScoreOf(FlightUntil(10, DroneAt)));
+  EXPECT_EQ(t.tracks.Initiate(flight), 0);
+  EXPECT_TRUE(t.tracks.HasTrackOf(flight));
+  EXPECT_FALSE(t.tracks.HasTrackOf(FlightUntil(20, OtherAt)));
+  EXPECT_EQ(t.tracks.ScoreOf(flight), score);
 }
 
 TEST(ConfirmedTracks, APlotIsOfTheTrackToWhichItWasAssigned) {
   Tracks t;
-  ASSERT_TRUE(t.Initiate(FlightUntil(20, DroneAt), kAnyScore));
-  ASSERT_TRUE(t.Initiate(FlightUntil(20, OtherAt), kAnyScore));
+  t.Initiate(FlightUntil(20, DroneAt));
+  t.Initiate(FlightUntil(20, OtherAt));
   t.tracks.Extend({PlotAt(20, {40.0, 30.0, 10.0}), OtherAt(20), DroneAt(20)}, MomentAt(20));
   EXPECT_EQ(t.tracks.TrackOf(0), std::nullopt);
   EXPECT_EQ(t.tracks.TrackOf(1), 1);
@@ -467,7 +458,7 @@ TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {
   constexpr int kGrows = 40;
   const auto growing_at = [](int i) { return i < kGrows ? DroneAt(i) : PuffAt(i); };
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-  ASSERT_TRUE(t.Initiate(FlightUntil(20, growing_at), kAnyScore));
+  t.Initiate(FlightUntil(20, growing_at));
   for (int i = 20; i < 120; ++i) t.GoTo(i, growing_at(i));
   ASSERT_EQ(t.confirmed.size(), 1U);
   ASSERT_EQ(t.ended.size(), 1U);
@@ -483,8 +474,8 @@ TEST(ConfirmedTracks, WhatProvesToBeACloudEndsAndWhatGoesItsWayIsNoDrone) {
     Append(OtherAt(kLater + i), &drone);
     t.tracks.AddInstants(FrameAt(kLater + i));
   }
-  ASSERT_TRUE(t.Initiate(piece, kAnyScore));
-  ASSERT_TRUE(t.Initiate(drone, kAnyScore));
+  t.Initiate(piece);
+  t.Initiate(drone);
   t.rows.clear();
   t.tracks.Close(kEndless);
   ASSERT_EQ(t.confirmed.size(), 2U);
@@ -505,7 +496,7 @@ TEST(ConfirmedTracks, WhatStandsFarAwayHasNoRowUntilItGoesAway) {
       return PlotAt(i, Eigen::Vector3d(range_m, away_m, 6.0) + random.NormalVector(0.08));
     };
     for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-    ASSERT_TRUE(t.Initiate(FlightUntil(20, standing_at), kAnyScore));
+    t.Initiate(FlightUntil(20, standing_at));
     for (int i = 20; i < kStands; ++i) t.GoTo(i, standing_at(i));
     EXPECT_EQ(t.confirmed.empty(), range_m > 25.0) << range_m;
     EXPECT_EQ(t.rows.empty(), range_m > 25.0) << range_m;
@@ -526,7 +517,7 @@ TEST(ConfirmedTracks, WhatGoesOnFarAwayHasRowsBeforeItHasGoneFar) {
       return PlotAt(i, place_m + random.NormalVector(0.08));
     };
     for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-    ASSERT_TRUE(t.Initiate(FlightUntil(20, at), kAnyScore));
+    t.Initiate(FlightUntil(20, at));
     for (int i = 20; i < 50; ++i) t.GoTo(i, at(i));
     EXPECT_EQ(t.confirmed.empty(), speed_mps == 0.0) << speed_mps;
   }
@@ -540,7 +531,7 @@ TEST(ConfirmedTracks, WhatMayHaveBeenSeenSinceIsNotLost) {
   constexpr int kLast = 300;
   Flight flight;
   for (int i = 0; i < 100; i += 5) Append(far_at(i), &flight);
-  ASSERT_TRUE(t.Initiate(flight, kAnyScore));
+  t.Initiate(flight);
   int end = 0;
   for (int i = 100; t.ended.empty() && i < kLast + 150; ++i) {
     t.tracks.AddInstants(FrameAt(i));
@@ -576,7 +567,7 @@ TEST(ConfirmedTracks, WhatAPlaceShowsSinceATrackCameIsNoClutterToIt) {
       return seen;
     };
     for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));
-    ASSERT_TRUE(t.Initiate(FlightUntil(20, stopping_at), kAnyScore));
+    t.Initiate(FlightUntil(20, stopping_at));
     for (int i = 20; i < kEnd; ++i) t.GoTo(i, stopping_at(i));
     const TrajectoryRow& last = t.rows.back();
     const bool has_stopped = (last.position_m - DroneAt(kStops).plot.position_m).norm() < 0.3 &&

@@ -112,7 +112,7 @@ Nees NeesOf(const Path& path) {
       if (i < 10) {
         flight.plots.push_back(plots.front());
         flight.frame_times.push_back(at);
-        if (i == 9) tracks.Initiate(flight, -1e9, [](const Flight& its) { return its; });
+        if (i == 9) tracks.Initiate(flight);
       } else {
         tracks.Extend(plots, at);
       }

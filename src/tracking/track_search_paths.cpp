@@ -12,20 +12,10 @@ constexpr std::int32_t kKept = 0;  // mark of what stays in the history
 }  // namespace
 
 Path TrackSearch::Best() {
-  for (; !ends_.empty(); ends_.pop_back()) {
-    Path path;
-    path.score = ends_.front().score;
-    bool is_free = true;
-    for (std::int32_t at = ends_.front().hypothesis; at != kNoIndex && is_free;) {
-      const Node& node = history_[static_cast<std::size_t>(at)];
-      path.plots.push_back(static_cast<std::uint32_t>(node.plot));
-      is_free = free_[path.plots.back()] != 0;
-      at = node.parent;
-    }
-    if (is_free) {
-      std::reverse(path.plots.begin(), path.plots.end());
-      return path;
-    }
+  const auto is_free = [&](std::uint32_t plot) { return free_[plot] != 0; };
+  for (Path path; !ends_.empty(); ends_.pop_back()) {
+    SetPathTo(ends_.front().hypothesis, &path);
+    if (std::all_of(path.plots.begin(), path.plots.end(), is_free)) return path;
     std::pop_heap(ends_.begin(), ends_.end());
   }
   return {};

@@ -1,5 +1,6 @@
 #include "app/live_trace_output.hpp"
 
+#include <array>
 #include <cstddef>
 #include <string_view>
 #include <utility>
@@ -15,19 +16,8 @@ namespace {
 constexpr std::size_t kMaxLineBytes = std::size_t{1} << 26;
 
 const char* NameOf(TrackState state) {
-  switch (state) {
-    case TrackState::kInitiated:
-      return "initiated";
-    case TrackState::kWaiting:
-      return "waiting";
-    case TrackState::kConfirmed:
-      return "confirmed";
-    case TrackState::kRejected:
-      return "rejected";
-    case TrackState::kDeleted:
-      break;
-  }
-  return "deleted";
+  constexpr std::array kNames = {"initiated", "waiting", "confirmed", "rejected", "deleted"};
+  return kNames[static_cast<std::size_t>(state)];
 }
 
 TraceJson DetectionJson(const Plot& plot, const PlotVerdict& verdict) {

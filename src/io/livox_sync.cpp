@@ -1,5 +1,7 @@
 #include "io/livox_sync.hpp"
 
+#include <array>
+#include <cstddef>
 #include <cstdlib>
 
 #include "base/recording.hpp"
@@ -12,15 +14,8 @@ constexpr int kSecondsToSynchronise = 10;
 }  // namespace
 
 const char* SyncStateName(SyncState state) {
-  switch (state) {
-    case SyncState::kSynchronised:
-      return "synchronised";
-    case SyncState::kLost:
-      return "lost";
-    case SyncState::kUnsynchronised:
-      break;
-  }
-  return "unsynchronised";
+  constexpr std::array kNames = {"synchronised", "lost", "unsynchronised"};
+  return kNames[static_cast<std::size_t>(state)];
 }
 
 void LivoxSync::Take(LivoxClock clock, TimeNs time_ns) {

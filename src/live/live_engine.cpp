@@ -280,6 +280,18 @@ void LiveEngine::Release(TimeNs until_ns) {
   }
 }
 
+// False for a frame that is left out and counted: a bad one, or one without a pose.
+bool LiveEngine::Finish(LoadedFrame* frame) {
+  try {
+    if (sensors_[frame->info.sensor].frames.Finish(*frame)) return true;
+    ++counts_.unplaced_frames;
+  } catch (const InputError&) {
+    if (!config_.input.skip_bad_frames) throw;
+    ++counts_.bad_frames;
+  }
+  return false;
+}
+
 void LiveEngine::PassToTracker(TimeNs until_ns, LoadedFrame* frame) {
   const std::uint32_t index = frame->info.sensor;
   Sensor& sensor = sensors_[index];
@@ -290,15 +302,8 @@ void LiveEngine::PassToTracker(TimeNs until_ns, LoadedFrame* frame) {
                   std::find_if(stamps_ns.begin(), stamps_ns.end(), may_come_twice));
   sensor.frames.NoteStamp(frame->file.stamp_ns);
   const TimeNs now_ns = frame->file.stamp_ns + offset_ns + NsOf(config_.live.reorder_s);
-  try {
-    if (!sensor.frames.Finish(*frame)) {
-      ++counts_.unplaced_frames;
-      Warn(index, {*sensor.frames.PoseWarning()});
-      return;
-    }
-  } catch (const InputError&) {
-    if (!config_.input.skip_bad_frames) throw;
-    ++counts_.bad_frames;
+  if (!Finish(frame)) {
+    if (const auto warning = sensor.frames.PoseWarning()) Warn(index, {*warning});
     return;
   }
   const SensorInfo& info = sensor.frames.info();
@@ -324,17 +329,9 @@ void LiveEngine::TrackAsRecording() {
   }
   std::vector<LoadedFrame> frames;
   for (LoadedFrame& loaded : waiting_.TakeAll()) {
-    try {
-      if (!sensors_[loaded.info.sensor].frames.Finish(loaded)) {
-        ++counts_.unplaced_frames;
-        continue;
-      }
-      UpdateSensorHealth(loaded);
-      frames.push_back(std::move(loaded));
-    } catch (const InputError&) {
-      if (!config_.input.skip_bad_frames) throw;
-      ++counts_.bad_frames;
-    }
+    if (!Finish(&loaded)) continue;
+    UpdateSensorHealth(loaded);
+    frames.push_back(std::move(loaded));
   }
   for (const Sensor& sensor : sensors_) {
     sensor.frames.AppendWarnings(are_metres_, &recording.warnings);

@@ -8,7 +8,6 @@
 #include <optional>
 #include <set>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -133,6 +132,7 @@ class LiveEngine {
   void RemoveSway(LoadedFrame* frame);
   void UpdateSensorHealth(const LoadedFrame& frame);
   void Warn(std::uint32_t sensor, std::vector<Warning> warnings);
+  bool Finish(LoadedFrame* frame);
   void PassToTracker(TimeNs until_ns, LoadedFrame* frame);
   void Release(TimeNs until_ns);
   void TrackAsRecording();

@@ -268,19 +268,15 @@ NamedPath ParseNamedPath(const std::string& option, const std::string& text, con
 
 std::vector<FrameSource> ParseSources(const std::vector<std::string>& texts) {
   std::vector<FrameSource> sources;
-  std::set<std::string> names;
   std::set<std::string> directories;
   for (const std::string& text : texts) {
     NamedPath named = ParseNamedPath("--frames", text, "directory");
     sources.push_back({std::move(named.name), std::move(named.path)});
-    const FrameSource& source = sources.back();
-    if (!source.name.empty() && !names.insert(source.name).second) {
-      throw UsageError("--frames " + text + ": the name is taken, expected one per LiDAR");
-    }
-    if (!directories.insert(ResolvedPath(source.directory)).second) {
+    if (!directories.insert(ResolvedPath(sources.back().directory)).second) {
       throw UsageError("--frames " + text + ": given twice, expected one directory per LiDAR");
     }
   }
+  CheckNames(sources);
   return sources;
 }
 

@@ -40,9 +40,7 @@ std::optional<std::uint64_t> NumberOf(std::string_view name) {
   if (!std::equal(time.begin(), time.end(), kTimeShape.begin(), has_shape)) return std::nullopt;
   const std::string_view digits =
       name.substr(kPrefix.size(), name.size() - kPrefix.size() - kTimeShape.size());
-  if (digits.size() > kMaxDigits || !std::all_of(digits.begin(), digits.end(), IsDigit)) {
-    return std::nullopt;
-  }
+  if (digits.size() > kMaxDigits) return std::nullopt;
   return ParseNumber<std::uint64_t>(digits);
 }
 

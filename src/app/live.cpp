@@ -23,7 +23,6 @@
 #include "base/recording.hpp"
 #include "io/arrival.hpp"
 #include "io/frame_directory.hpp"
-#include "io/frames.hpp"
 #include "io/livox_receiver.hpp"
 #include "unlidar/error.hpp"
 
@@ -267,7 +266,6 @@ std::string TrackLive(const Arguments& arguments, const OutputTimes& output_time
     throw ConfigError("live.delay_s: 'inf', expected a finite delay with --trace");
   }
   CheckReplacedFiles(arguments);
-  CheckNames(arguments.sources);
   std::unique_ptr<CaptureFiles> captures;
   if (!arguments.record_packets.empty()) {
     captures = std::make_unique<CaptureFiles>(

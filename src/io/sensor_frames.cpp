@@ -59,7 +59,7 @@ SensorFrames::SensorFrames(std::uint32_t index, const std::string& name, const I
                            const SensorMount& mount, Source source,
                            std::optional<TimeReading> reading)
     : sensor_(mount.sensor),
-      offset_ns_(OffsetNs(name, mount.sensor)),
+      offset_ns_(OffsetNs(mount.sensor)),
       input_(input),
       index_(index),
       source_(source),
@@ -280,13 +280,8 @@ const SensorInfo& SensorFrames::info() const {
   return info_;
 }
 
-TimeNs OffsetNs(const std::string& name, const SensorConfig& sensor) {
-  const double offset_ns = sensor.time_offset_s / kSecondsPerNs;
-  if (!(std::abs(offset_ns) < static_cast<double>(kMaxStampNs))) {
-    throw ConfigError("sensors." + name + ".time_offset_s: '" +
-                      std::to_string(sensor.time_offset_s) + "', expected seconds below 4e9");
-  }
-  return std::llround(offset_ns);
+TimeNs OffsetNs(const SensorConfig& sensor) {
+  return std::llround(sensor.time_offset_s / kSecondsPerNs);
 }
 
 void AddCounts(const InputCounts& from, InputCounts& to) {

@@ -3,9 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -129,8 +127,8 @@ class SensorFrames {
   mutable bool is_period_known_ = false;  // false: to be computed from stamps_ns_
 };
 
-// Returns the time offset of a sensor. Throws ConfigError if it exceeds the range of stamps.
-TimeNs OffsetNs(const std::string& name, const SensorConfig& sensor);
+// Returns the time offset of a sensor, which is checked (config_keys.hpp).
+TimeNs OffsetNs(const SensorConfig& sensor);
 
 // Adds the row counts of one frame; `frames` and `bad_frames` are counted elsewhere.
 void AddCounts(const InputCounts& from, InputCounts& to);

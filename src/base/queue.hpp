@@ -52,11 +52,6 @@ class Queue {
     if (++first_ == last_) clear();
   }
 
-  void Erase(Iterator at) {
-    std::move(at + 1, end(), at);
-    --last_;
-  }
-
   void clear() { first_ = last_ = 0; }
 
   // Frees unused memory.

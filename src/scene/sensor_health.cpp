@@ -140,8 +140,8 @@ void SensorHealth::Update(OccupancyModel* model) const {
 }
 
 void SensorHealth::EndSnapshot() {
-  snapshot_ = CompareWith(reference_);
-  const bool is_degraded = IsDegraded(snapshot_);
+  const Snapshot snapshot = CompareWith(reference_);
+  const bool is_degraded = IsDegraded(snapshot);
   contrary_snapshots_ = is_degraded == is_blinded_ ? 0 : contrary_snapshots_ + 1;
   if (contrary_snapshots_ >= kSnapshotsToChange) {
     is_blinded_ = is_degraded;
@@ -153,12 +153,12 @@ void SensorHealth::EndSnapshot() {
     Update(&candidate_);
     const double num_expected = CompareWith(candidate_).expected;
     if (candidate_.snapshots >= kMinSnapshotsAnew && num_expected >= kMinStructure &&
-        num_expected >= kMinStructureRatio * snapshot_.expected) {
+        num_expected >= kMinStructureRatio * snapshot.expected) {
       reference_ = std::exchange(candidate_, {std::vector<float>(hits_.size(), 0.0F), 0.0});
     }
   } else if (!is_degraded) {
     Update(&reference_);
-    mean_returns_ += (snapshot_.returns - mean_returns_) / reference_.snapshots;
+    mean_returns_ += (snapshot.returns - mean_returns_) / reference_.snapshots;
   }
   hits_before_.swap(hits_);
   std::fill(hits_.begin(), hits_.end(), 0);

@@ -26,15 +26,6 @@ namespace unlidar {
 // much of it as before, the sensor is not blinded.
 class SensorHealth {
  public:
-  struct Snapshot {
-    double expected = 0.0;    // expected number of structure places hit
-    double seen = 0.0;        // number of structure places hit
-    int directions = 0;       // with returns or known structure
-    int near_directions = 0;  // of these, with returns from the window alone
-    int strays = 0;           // places in the air whose state changed since the last one
-    int returns = 0;
-  };
-
   SensorHealth();
 
   // Adds the returns of a frame; no effect if the sensor is on a carrier. A frame older than the
@@ -50,10 +41,16 @@ class SensorHealth {
   // Total time blinded, s.
   double blinded_s() const { return static_cast<double>(blinded_ns_) * kSecondsPerNs; }
 
-  // The last completed snapshot.
-  const Snapshot& snapshot() const { return snapshot_; }
-
  private:
+  struct Snapshot {
+    double expected = 0.0;    // expected number of structure places hit
+    double seen = 0.0;        // number of structure places hit
+    int directions = 0;       // with returns or known structure
+    int near_directions = 0;  // of these, with returns from the window alone
+    int strays = 0;           // places in the air whose state changed since the last one
+    int returns = 0;
+  };
+
   // Hit rate of each place, as a fraction of `snapshots`.
   struct OccupancyModel {
     std::vector<float> rates;
@@ -76,8 +73,7 @@ class SensorHealth {
   std::vector<char> hits_;          // by place
   std::vector<char> hits_before_;   // of the previous snapshot
   std::vector<char> has_returned_;  // by direction: others are skipped
-  Snapshot snapshot_;
-  int contrary_snapshots_ = 0;  // consecutive ones that contradict is_blinded_
+  int contrary_snapshots_ = 0;      // consecutive ones that contradict is_blinded_
   bool is_blinded_ = false;
   TimeNs blinded_ns_ = 0;
 };

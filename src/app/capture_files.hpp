@@ -1,7 +1,6 @@
 // A folder of captured packets that keeps within a size: the files of --record-packets.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <deque>
 #include <memory>

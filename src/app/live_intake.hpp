@@ -1,7 +1,6 @@
 // Intake of frames into the engine of a live run, from any source.
 #pragma once
 
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <optional>

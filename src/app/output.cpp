@@ -1,6 +1,5 @@
 #include "app/output.hpp"
 
-#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <queue>

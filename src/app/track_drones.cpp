@@ -18,7 +18,6 @@
 #include "config/config.hpp"
 #include "io/stamp.hpp"
 #include "recording/pipeline.hpp"
-#include "trajectory/output_times.hpp"
 #include "unlidar/error.hpp"
 
 namespace unlidar {

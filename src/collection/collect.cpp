@@ -1,6 +1,5 @@
 #include "collection/collect.hpp"
 
-#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>

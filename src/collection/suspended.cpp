@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "collection/body.hpp"
-#include "scene/range_grid.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,8 +1,6 @@
 #include "io/livox_frames.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <cstdlib>
 #include <utility>
 
 #include "io/input_limits.hpp"

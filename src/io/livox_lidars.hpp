@@ -1,7 +1,6 @@
 // LiDARs that send packets to one port: admission and sensor slots.
 #pragma once
 
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <map>

@@ -2,7 +2,6 @@
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
-#include <limits>
 
 #include "base/format.hpp"
 #include "io/pcd_format.hpp"

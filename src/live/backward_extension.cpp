@@ -1,7 +1,6 @@
 #include "live/backward_extension.hpp"
 
 #include <algorithm>
-#include <utility>
 
 #include "live/track_follower.hpp"
 #include "scene/support.hpp"

@@ -1,5 +1,4 @@
 // Fit of a followed track, and the frame length that it uses.
-#include <Eigen/Geometry>
 #include <algorithm>
 
 #include "live/track_follower.hpp"

@@ -78,7 +78,6 @@ bool TrackValidator::IsCloud(int number, double time_s) {
   return shape_.IsCloud(recent_clouds_);
 }
 
-// Sets shape_ to that of a track.
 void TrackValidator::SetShape(const TrackFollower& follower, const std::vector<LivePlot>& seen) {
   const Trajectory& trajectory = follower.fit().trajectory();
   shape_.Clear();

@@ -1,7 +1,6 @@
 #include "recording/robust.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <utility>
 

@@ -1,7 +1,6 @@
 // Measurements and decisions of a search, for --trace.
 #pragma once
 
-#include <cstdint>
 #include <functional>
 #include <vector>
 

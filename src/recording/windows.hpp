@@ -2,7 +2,6 @@
 #pragma once
 
 #include <functional>
-#include <vector>
 
 #include "base/recording.hpp"
 #include "recording/robust.hpp"

@@ -49,7 +49,6 @@ class ClutterModel {
   double SurroundingRate(const Plot& plot, std::uint32_t bin, const SameTime& same_time,
                          std::uint32_t num_excluded) const;
 
-  // Number of plots at the spot of a plot.
   std::uint32_t NumAtSpot(const Plot& plot) const;
 
   // Rate of the spot of a plot, given the number of others there: method.md (3).

@@ -6,7 +6,6 @@
 #include <array>
 #include <bitset>
 #include <cmath>
-#include <cstddef>
 #include <vector>
 
 #include "base/angles.hpp"
@@ -39,7 +38,6 @@ class FieldOfView {
  public:
   FieldOfView();
 
-  // Adds the returns of a frame.
   void AddFrame(PointsView points_m, const CarrierPose& carrier);
 
   // True once the carrier has moved.

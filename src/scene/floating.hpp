@@ -1,7 +1,6 @@
 // Detects static plots without support.
 #pragma once
 
-#include <Eigen/Core>
 #include <cstdint>
 #include <vector>
 

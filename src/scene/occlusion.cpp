@@ -1,7 +1,6 @@
 #include "scene/occlusion.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 namespace unlidar {
 namespace {

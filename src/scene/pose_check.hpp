@@ -20,7 +20,6 @@ namespace unlidar {
 //   sensor_moves  the sensor moves, but has no poses
 class PoseCheck {
  public:
-  // Adds the returns of a frame.
   void AddFrame(const SensorInfo& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
                 const Eigen::Vector3f* end_m);
 

@@ -1,6 +1,5 @@
 #include "scene/range_grid.hpp"
 
-#include <algorithm>
 #include <utility>
 
 namespace unlidar {

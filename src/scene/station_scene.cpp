@@ -16,7 +16,6 @@ bool IsAmongDenseStrays(const Occupancy::Verdict& verdict) {
   return verdict.stray_rate > 0.0F && !verdict.floats;
 }
 
-// Returns the mean rate of strays at these returns.
 double MeanStrayRate(const StationScene::FrameWorkspace& workspace, const IndexView& returns) {
   const auto count = static_cast<double>(returns.size());
   double rate = 0.0;

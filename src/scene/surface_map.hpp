@@ -3,8 +3,6 @@
 
 #include <Eigen/Core>
 #include <array>
-#include <cstddef>
-#include <cstdint>
 #include <vector>
 
 #include "base/voxel_numbers.hpp"

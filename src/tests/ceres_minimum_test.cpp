@@ -1,16 +1,13 @@
 // The minimum that Ceres finds for what is written of a recording, against that of the banded
 // solver, and what both minimise.
-#include "trajectory/ceres_minimum.hpp"
 
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
 #include <Eigen/LU>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <string>
 #include <vector>
 

@@ -1,7 +1,6 @@
 // Test-only program: prints the label of each point read from standard input ("x y z" a line).
 //   cluster_labels euclidean|dbscan grid|pcl TOLERANCE_M MIN_NEIGHBOURS MIN_CLUSTER_SIZE
 // It lets Python tests compare the clustering with scikit-learn.
-#include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <string>

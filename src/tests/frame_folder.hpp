@@ -1,7 +1,6 @@
 // Test-only: frame directories with few returns, and reading them.
 #pragma once
 
-#include <map>
 #include <string>
 #include <vector>
 

@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <filesystem>
 #include <limits>

@@ -8,7 +8,6 @@
 
 #include "io/input_limits.hpp"
 #include "tests/livox_packet_writer.hpp"
-#include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {

@@ -7,7 +7,6 @@
 #include <sys/socket.h>
 
 #include <string>
-#include <vector>
 
 #include "io/descriptor.hpp"
 #include "unlidar/error.hpp"

@@ -2,11 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cstdlib>
-#include <functional>
 #include <random>
-#include <vector>
 
 #include "io/frame_directory.hpp"
 

@@ -17,7 +17,6 @@
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
 #include "trajectory/sampling.hpp"
-#include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {

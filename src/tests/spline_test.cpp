@@ -1,7 +1,6 @@
 // The pieces below a trajectory: banded matrices and B-splines.
 #include <gtest/gtest.h>
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <Eigen/QR>
 #include <algorithm>

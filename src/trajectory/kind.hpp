@@ -8,7 +8,6 @@
 #include <Eigen/Core>
 #include <array>
 #include <optional>
-#include <vector>
 
 #include "trajectory/flight_models.hpp"
 #include "trajectory/trajectory.hpp"

@@ -15,7 +15,6 @@ namespace {
 constexpr TimeNs kPathStepNs = 20'000'000;  // 50 Hz: finer than any manoeuvre
 constexpr TimeNs kMaxPathSteps = 100'000;
 
-// Returns the frame that contains a return.
 const FrameInfo& FrameOf(const Recording& recording, std::uint32_t index) {
   // Frames are contiguous in the recording: the first one that ends behind the return.
   return *std::upper_bound(

@@ -32,7 +32,7 @@ FrameTime FrameTimeInReverse(const Plot& plot, const RecentFrameTimes& frame_tim
 
 }  // namespace
 
-std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector<LivePlot>& seen,
+std::vector<std::size_t> ExtendBackwards(const Flight& flight, const RecentPlots& seen,
                                          const std::vector<char>& are_free,
                                          const RecentFrameTimes& frame_times,
                                          const std::vector<std::uint32_t>& num_frames,

@@ -17,7 +17,7 @@ namespace unlidar {
 // `seen`: plots in order of time, including those of the flight; `are_free` (seen): true if no
 // track has the plot; `frame_times`: of their frames; `num_frames` (sensors): up to now. Returns
 // the indices of plots before the flight, in order of time.
-std::vector<std::size_t> ExtendBackwards(const Flight& flight, const std::vector<LivePlot>& seen,
+std::vector<std::size_t> ExtendBackwards(const Flight& flight, const RecentPlots& seen,
                                          const std::vector<char>& are_free,
                                          const RecentFrameTimes& frame_times,
                                          const std::vector<std::uint32_t>& num_frames,

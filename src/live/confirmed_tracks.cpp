@@ -112,7 +112,7 @@ int ConfirmedTracks::Initiate(const Flight& flight) {
   return track.number;
 }
 
-void ConfirmedTracks::Judge(const std::vector<LivePlot>& seen, double time_s) {
+void ConfirmedTracks::Judge(const RecentPlots& seen, double time_s) {
   for (auto track = tracks_.begin(); track != tracks_.end();) {
     TrackFollower& follower = *track->follower;
     if (!track->verdict || time_s >= track->verdict->next_judgement_s) {

@@ -56,7 +56,7 @@ class ConfirmedTracks {
 
   // Validates the tracks against recent plots, `seen` in order of frames. A track that may not be a
   // drone is followed without rows; a reported one that proves to be a cloud or an insect ends.
-  void Judge(const std::vector<LivePlot>& seen, double time_s);
+  void Judge(const RecentPlots& seen, double time_s);
 
   // Emits the rows that are due when `newest_ns` is the newest stamp and frames were searched until
   // `searched_ns`. Returns the plots that are now settled in a track, valid until the next call.

@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/block_queue.hpp"
 #include "scene/plots.hpp"
 #include "tracking/rejection.hpp"
 #include "tracking/track_model.hpp"
@@ -26,6 +27,9 @@ struct LivePlot {
       0.0;  // log_clutter from the neighbourhood alone, without spot and place
   Eigen::Matrix3d scatter_m2 = Eigen::Matrix3d::Zero();  // sum over its returns about their mean
 };
+
+// Plots of the last frames, in order of time.
+using RecentPlots = BlockQueue<LivePlot>;
 
 // True if at least half of the plots of a path float.
 inline bool Floats(const std::vector<LivePlot>& path) {

@@ -247,11 +247,22 @@ bool LiveSearch::IsCrowded(const Path& path) const {
 
 // Penalty of the plots of the flight, which are the last of the path.
 double LiveSearch::CrowdingPenaltyOf(const Path& path) const {
+  const TimeNs reach_ns = NsOf(kCrowdingReachS);
+  const TimeNs begin_ns = flight_plots_.front().frame_time_ns - reach_ns;
+  const TimeNs end_ns = flight_plots_.back().frame_time_ns + reach_ns;
+  const auto first = std::partition_point(
+      recent_plots_.begin(), recent_plots_.end(),
+      [&](const LivePlot& seen) { return seen.plot.frame_time_ns < begin_ns; });
   std::vector<Plot> plots;
-  for (const LivePlot& seen : recent_plots_) plots.push_back(seen.plot);
+  for (auto at = first; at != recent_plots_.end() && at->plot.frame_time_ns <= end_ns; ++at) {
+    plots.push_back(at->plot);
+  }
+  const std::ptrdiff_t num_before = first - recent_plots_.begin();
+  const std::vector<char> are_free(free_.begin() + num_before, free_.end());
   const auto size = static_cast<std::ptrdiff_t>(flight_.plots.size());
-  const std::vector<std::uint32_t> own(path.plots.end() - size, path.plots.end());
-  return CrowdingPenalty(own, plots, free_, [&](const Plot& plot) {
+  std::vector<std::uint32_t> own(path.plots.end() - size, path.plots.end());
+  for (std::uint32_t& plot : own) plot -= static_cast<std::uint32_t>(num_before);
+  return CrowdingPenalty(own, plots, are_free, [&](const Plot& plot) {
     const auto is_about = [&](const FrameInfo& frame) {
       return frame.sensor == plot.sensor &&
              std::abs(frame.middle_ns() - plot.frame_time_ns) <= NsOf(kCrowdingReachS);
@@ -313,7 +324,7 @@ std::size_t LiveSearch::Forget(TimeNs oldest_ns) {
   auto gone = static_cast<std::size_t>(kept - recent_plots_.begin());
   if (IsFull()) gone = std::max(gone, recent_plots_.size() - 3 * kMaxRecentPlots / 4);
   for (TrackSearch& search : searches_) search.Forget(gone);
-  DropFirst(gone, &recent_plots_);
+  recent_plots_.DropFirst(gone);
   DropFirst(gone, &log_births_);
   DropFirst(gone, &free_);
   if (!recent_plots_.empty()) frame_times_.Forget(recent_plots_.front().plot.frame);

@@ -76,7 +76,7 @@ class LiveSearch {
   void GetScores(std::vector<double>* scores) const;
 
   // Recent plots, in order of time.
-  const std::vector<LivePlot>& seen() const { return recent_plots_; }
+  const RecentPlots& seen() const { return recent_plots_; }
 
   // Assigns the plots of the path to a track, so that no other path can use them.
   void Take(const Path& path);
@@ -103,7 +103,7 @@ class LiveSearch {
   Recording recent_;  // sensors and recent frames, without returns
   FrameTime frame_time_;
   std::vector<TrackModel> models_;
-  std::vector<LivePlot> recent_plots_;
+  RecentPlots recent_plots_;
   std::vector<double> log_births_;  // (recent plots)
   std::vector<char> free_;          // (recent plots)
   std::vector<TrackSearch> searches_;

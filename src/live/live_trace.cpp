@@ -4,7 +4,7 @@
 
 namespace unlidar {
 
-void LiveTrace::BeginFrame(const SceneFrame& frame, const std::vector<LivePlot>& seen,
+void LiveTrace::BeginFrame(const SceneFrame& frame, const RecentPlots& seen,
                            const std::vector<double>& scores, double score_threshold) {
   at_ns_ = frame.info.stamp_ns;
   seen_ = &seen;

@@ -43,8 +43,8 @@ struct PathDecision {
 
 struct TracedPath {
   const Path& path;
-  const std::vector<LivePlot>& seen;  // recent plots, which it indexes
-  const std::vector<PathCut>& cuts;   // of its plots, from the first on
+  const RecentPlots& seen;           // recent plots, which it indexes
+  const std::vector<PathCut>& cuts;  // of its plots, from the first on
   const PathDecision& decision;
   double score_threshold;
 };
@@ -76,7 +76,7 @@ class LiveTrace {
 
   // Begins a frame. `seen`: recent plots; those of a frame that is searched are the last ones.
   // `scores` (plots): of the best path to each; empty without a search.
-  void BeginFrame(const SceneFrame& frame, const std::vector<LivePlot>& seen,
+  void BeginFrame(const SceneFrame& frame, const RecentPlots& seen,
                   const std::vector<double>& scores, double score_threshold);
   void SetTrack(std::size_t plot, std::optional<int> track) { verdicts_[plot].track = track; }
   void AddPath(const Path& path, const std::vector<PathCut>& cuts, const PathDecision& decision);
@@ -97,7 +97,7 @@ class LiveTrace {
 
   LiveTraceSink sink_;
   TimeNs at_ns_ = 0;
-  const std::vector<LivePlot>* seen_ = nullptr;
+  const RecentPlots* seen_ = nullptr;
   std::size_t first_ = 0;  // index in seen_ of the first plot of the frame
   double score_threshold_ = 0.0;
   std::vector<PlotVerdict> verdicts_;  // (plots of the frame)

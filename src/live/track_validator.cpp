@@ -30,7 +30,7 @@ bool MayBeSuspendedFor(const std::vector<Measurement>& measurements, double seen
 }  // namespace
 
 TrackValidator::Verdict TrackValidator::Judge(int number, const TrackFollower& follower,
-                                              bool is_reported, const std::vector<LivePlot>& seen,
+                                              bool is_reported, const RecentPlots& seen,
                                               double time_s, const std::optional<Verdict>& before) {
   const double seen_s =
       static_cast<double>(follower.last_evidence_ns() - follower.first_evidence_ns()) *
@@ -78,7 +78,7 @@ bool TrackValidator::IsCloud(int number, double time_s) {
   return shape_.IsCloud(recent_clouds_);
 }
 
-void TrackValidator::SetShape(const TrackFollower& follower, const std::vector<LivePlot>& seen) {
+void TrackValidator::SetShape(const TrackFollower& follower, const RecentPlots& seen) {
   const Trajectory& trajectory = follower.fit().trajectory();
   shape_.Clear();
   for (auto end = seen.end(); end != seen.begin();) {

@@ -32,8 +32,7 @@ class TrackValidator {
   // Judges a track by its fit. `number`: unique to the track; `is_reported`: it has rows; `seen`:
   // recent plots, in order of frames; `before`: its last verdict, if any.
   Verdict Judge(int number, const TrackFollower& follower, bool is_reported,
-                const std::vector<LivePlot>& seen, double time_s,
-                const std::optional<Verdict>& before);
+                const RecentPlots& seen, double time_s, const std::optional<Verdict>& before);
 
  private:
   struct Cloud {
@@ -43,7 +42,7 @@ class TrackValidator {
   };
 
   void Forget(int number);
-  void SetShape(const TrackFollower& follower, const std::vector<LivePlot>& seen);
+  void SetShape(const TrackFollower& follower, const RecentPlots& seen);
   bool IsCloud(int number, double time_s);
   Rejection ShapeRejection(int number, double time_s);
 

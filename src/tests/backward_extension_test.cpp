@@ -51,8 +51,10 @@ class PastOfTest : public ::testing::Test {
   // Numbers of the frames whose plot of the drone is in the past of the flight, and nothing else.
   std::vector<int> Past() const {
     std::vector<int> frames;
+    RecentPlots seen;
+    for (const LivePlot& one : seen_) seen.push_back(one);
     for (const std::size_t i :
-         ExtendBackwards(flight_, seen_, are_free_, moments_, num_frames_, models_, config_)) {
+         ExtendBackwards(flight_, seen, are_free_, moments_, num_frames_, models_, config_)) {
       EXPECT_EQ(i % 2, 1U) << "a stray";
       frames.push_back(static_cast<int>(i / 2));
     }

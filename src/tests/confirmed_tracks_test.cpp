@@ -105,7 +105,7 @@ struct Tracks {
   // Begins a track with a flight unless one has it, and judges it.
   void Initiate(const Flight& flight) {
     if (!tracks.HasTrackOf(flight)) tracks.Initiate(flight);
-    seen.insert(seen.end(), flight.plots.begin(), flight.plots.end());
+    for (const LivePlot& plot : flight.plots) seen.push_back(plot);
     tracks.Judge(seen, flight.plots.back().time_s);
   }
 
@@ -118,7 +118,7 @@ struct Tracks {
     tracks.EmitRows(FrameAt(i).middle_ns(), FrameAt(i).stamp_ns);
   }
 
-  std::vector<LivePlot> seen;
+  RecentPlots seen;
 };
 
 TEST(ConfirmedTracks, WithoutOneEveryPlotIsFree) {

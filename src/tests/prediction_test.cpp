@@ -100,7 +100,7 @@ Nees NeesOf(const Path& path) {
     ConfirmedTracks tracks(config, models, FirstSensorStamps{}, judge, trace);
     tracks.SetPeriod(kPeriodNs);
     Flight flight;
-    std::vector<LivePlot> all;
+    RecentPlots all;
     for (; i < kEnd; ++i) {
       const FrameTime at{MiddleS(i), {static_cast<std::uint32_t>(i)}};
       tracks.AddInstants(FrameAt(i));
@@ -108,7 +108,7 @@ Nees NeesOf(const Path& path) {
       if (i < 10 || random.Uniform(0.0, 1.0) < kHit) {
         plots.push_back(PlotOf(i, path(MiddleS(i)), &random));
       }
-      all.insert(all.end(), plots.begin(), plots.end());
+      for (const LivePlot& seen : plots) all.push_back(seen);
       if (i < 10) {
         flight.plots.push_back(plots.front());
         flight.frame_times.push_back(at);

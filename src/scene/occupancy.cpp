@@ -56,7 +56,7 @@ void Occupancy::CountFrame(std::int64_t bin) {
           std::exchange(frame_counts_[static_cast<std::size_t>(b % RecentBins::kWindow)], 0U);
     }
     observed_.Age(bin - newest_);
-    newest_ = bin;
+    newest_ = static_cast<std::int32_t>(bin);
   }
   const std::int64_t age = newest_ - bin;
   if (age >= RecentBins::kWindow) return;
@@ -107,7 +107,7 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   const bool was_structure = place->is_structure;
   const RecentBins hits = HitsAround(point_m);
   const Dwell dwell = DwellAt(hits, age, max_break_);
-  const std::int64_t dwell_before = std::exchange(place->dwell_first, newest_ - dwell.oldest);
+  const std::int32_t dwell_before = std::exchange(place->dwell_first, newest_ - dwell.oldest);
   place->dwell_last = newest_ - dwell.youngest;
   if (place->dwell_first != dwell_before && !IsLong(*place)) {
     place->past_occupied = place->past_exposed = 0;
@@ -127,11 +127,11 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   int occupied = (hits & observed_).SizeOutside(dwell.youngest, dwell.oldest);
   const int num_in_dwell = num_observed - observed_.SizeOutside(dwell.youngest, dwell.oldest);
   if (IsLong(*place) || exposed < min_exposed || 2 * num_in_dwell > num_observed) {
-    exposed = std::max(exposed, place->past_exposed);
-    occupied = std::max(occupied, place->past_occupied);
+    exposed = std::max<int>(exposed, place->past_exposed);
+    occupied = std::max<int>(occupied, place->past_occupied);
   } else {
-    place->past_exposed = exposed;
-    place->past_occupied = occupied;
+    place->past_exposed = static_cast<std::int16_t>(exposed);
+    place->past_occupied = static_cast<std::int16_t>(occupied);
   }
   const double max_occupied = config_.max_occupancy * exposed;
   place->is_unknown = exposed < min_exposed;
@@ -156,7 +156,7 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   // `max_break_` + 2, five by default. Most places begin together, so the first time is drawn at
   // random; otherwise all of them would be judged in one bin.
   if ((place->is_structure || is_among_strays) && num_observed >= kSettledBins) {
-    const auto chance = static_cast<std::int64_t>(1e3F * place->point_m.norm());
+    const auto chance = static_cast<int>(1e3F * place->point_m.norm());
     const bool is_first = place->is_structure && (!was_structure || num_observed == kSettledBins);
     place->valid_until += is_first ? chance % std::min(max_break_ + 2, kMostKeptBins + 1)
                                    : kLeastKeptBins + chance % (kMostKeptBins - kLeastKeptBins + 1);

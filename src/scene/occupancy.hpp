@@ -86,26 +86,27 @@ class Occupancy {
   void Sweep();
 
  private:
+  // Dense strays hit hundreds of thousands: bins take 32 bits, those of thirty years.
   struct Place {
     RecentBins hits;  // in the voxel, up to `bin`
-    std::int64_t bin = 0;
+    std::int32_t bin = 0;
     Eigen::Vector3f point_m = Eigen::Vector3f::Zero();  // the last return
-    bool is_own = false;                                // which lies in this shell
-    bool floats = false;
-    int scene = -1;  // to which `floats` refers
     std::uint32_t num_returns = 0;
+    int scene = -1;  // to which `floats` refers
     // The last verdict: valid for the bins of its dwell, until the newest bin is `valid_until`.
+    std::int32_t valid_until = -1;
+    std::int32_t dwell_first = 0;
+    std::int32_t dwell_last = 0;
+    float place_rate = 0.0F;
+    float stray_rate = 0.0F;
+    // Bins outside this dwell, when enough were exposed.
+    std::int16_t past_occupied = 0;
+    std::int16_t past_exposed = 0;
+    bool is_own = false;  // `point_m` lies in this shell
+    bool floats = false;
     bool is_structure = false;
     bool is_unknown = false;  // too few bins are exposed
     bool is_supporter = false;
-    float place_rate = 0.0F;
-    float stray_rate = 0.0F;
-    std::int64_t valid_until = -1;
-    std::int64_t dwell_first = 0;
-    std::int64_t dwell_last = 0;
-    // Bins outside this dwell, when enough were exposed.
-    int past_occupied = 0;
-    int past_exposed = 0;
   };
 
   void CountFrame(std::int64_t bin);
@@ -127,7 +128,7 @@ class Occupancy {
   BackgroundConfig config_;
   bool knows_strays_;
   int max_break_;
-  std::int64_t newest_ = 0;
+  std::int32_t newest_ = 0;
   RecentBins observed_;                      // bins with frames
   std::vector<std::uint32_t> frame_counts_;  // (RecentBins::kWindow) by bin modulo the window
   std::uint32_t num_frames_ = 0;             // sum of these

@@ -59,7 +59,8 @@ double Occupancy::RateOutside(const Eigen::Vector3f& place_m, std::int64_t first
   const int oldest = age_of(first);
   RecentBins visible = observed_;
   if (field_of_view().is_carrier_moving()) {
-    const std::int64_t bin = std::clamp(last - 1, newest_ - RecentBins::kWindow + 1, newest_);
+    const std::int64_t bin =
+        std::clamp<std::int64_t>(last - 1, newest_ - RecentBins::kWindow + 1, newest_);
     visible =
         observed_ - occlusion_.HiddenBins(place_m, std::max<std::int64_t>(bin, 0), newest_).unseen;
   }

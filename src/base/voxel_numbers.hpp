@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <new>
 #include <vector>
 
 #include "base/voxel_grid.hpp"
@@ -11,23 +12,29 @@
 namespace unlidar {
 
 // Numbers voxels from 0 in order of first use. Open addressing with linear probing, since nearly
-// every return is looked up here. A voxel is identified by its key and by its grid, one of several.
+// every return is looked up here. A voxel is identified by its key and by its grid, one of kGrids.
+// Dense strays occupy hundreds of thousands: slots are small, and tables grow in small steps.
 class VoxelNumbers {
  public:
   static constexpr std::uint32_t kNone = ~std::uint32_t{0};
+  static constexpr std::uint32_t kGrids = 64;
 
   std::uint32_t size() const { return size_; }
 
   // Returns the number of a voxel; kNone if it was never added.
   std::uint32_t Find(std::uint32_t grid, VoxelKey key) const {
-    return slots_.empty() ? kNone : slots_[SlotOf(grid, key)].number;
+    if (slots_.empty()) return kNone;
+    const Slot& slot = slots_[SlotOf(grid, key)];
+    return slot.IsFree() ? kNone : slot.number;
   }
 
   std::uint32_t FindOrAdd(std::uint32_t grid, VoxelKey key) {
     if (2 * (static_cast<std::size_t>(size_) + 1) > slots_.size()) Grow();
     Slot& slot = slots_[SlotOf(grid, key)];
-    if (slot.number == kNone) slot = {key, grid, size_++};
-    return slot.number;
+    if (!slot.IsFree()) return slot.number;
+    if (size_ == Slot::kFree) throw std::bad_alloc();
+    slot = Slot(grid, key, size_);
+    return size_++;
   }
 
   // Removes all voxels; keeps the memory.
@@ -48,47 +55,62 @@ class VoxelNumbers {
     size_ = size;
     // Reinserts each voxel, starting behind a free slot, which no probe sequence crosses. Voxels
     // reinserted earlier can be found, and each voxel finds its old slot free at the latest.
-    const auto is_free = [](const Slot& slot) { return slot.number == kNone; };
+    const auto is_free = [](const Slot& slot) { return slot.IsFree(); };
     const auto first = static_cast<std::size_t>(
         std::find_if(slots_.begin(), slots_.end(), is_free) - slots_.begin());
+    std::size_t at = first;
     for (std::size_t i = 1; i < slots_.size(); ++i) {
-      Slot& slot = slots_[(first + i) & (slots_.size() - 1)];
-      if (is_free(slot)) continue;
-      Slot moved = slot;
-      moved.number = numbers[slot.number];
-      slot.number = kNone;
-      if (!is_free(moved)) slots_[SlotOf(moved.grid, moved.key)] = moved;
+      at = Next(at);
+      Slot& slot = slots_[at];
+      if (slot.IsFree()) continue;
+      const Slot old = slot;
+      slot = Slot();
+      const std::uint32_t number = numbers[old.number];
+      if (number == kNone) continue;
+      slots_[SlotOf(old.grid, old.Key())] = Slot(old.grid, old.Key(), number);
     }
-    if (const std::size_t enough = PowerAbove(size_); kShrinkFactor * enough <= slots_.size()) {
+    if (const std::size_t enough = NumSlotsFor(size_); kShrinkFactor * enough <= slots_.size()) {
       MoveTo(enough);
     }
   }
 
  private:
   static constexpr std::size_t kMinSlots = 64;
-  static constexpr std::size_t kShrinkFactor = 4;
+  static constexpr std::size_t kShrinkFactor = 3;
 
+  // 12 bytes, as a voxel has 63 bits.
   struct Slot {
-    VoxelKey key = 0;
-    std::uint32_t grid = 0;
-    std::uint32_t number = kNone;
+    static constexpr std::uint32_t kFree = (1U << 26U) - 1;
+
+    Slot() : grid(0), number(kFree) {}
+    Slot(std::uint32_t its_grid, VoxelKey key, std::uint32_t its_number)
+        : low(static_cast<std::uint32_t>(key)),
+          high(static_cast<std::uint32_t>(key >> 32U)),
+          grid(its_grid % kGrids),
+          number(its_number & kFree) {}
+
+    VoxelKey Key() const { return (VoxelKey{high} << 32U) | low; }
+    bool IsFree() const { return number == kFree; }
+
+    std::uint32_t low = 0;
+    std::uint32_t high = 0;
+    std::uint32_t grid : 6;
+    std::uint32_t number : 26;
   };
 
-  // Returns a table size that is between a quarter and half full.
-  static std::size_t PowerAbove(std::size_t size) {
-    std::size_t power = kMinSlots;
-    while (power < 2 * (size + 1)) power *= 2;
-    return power;
+  // Returns the size of a table that is nearly half full.
+  static std::size_t NumSlotsFor(std::size_t size) {
+    return std::max(kMinSlots, 9 * (size + 1) / 4);
   }
 
-  void Grow() { MoveTo(std::max(kMinSlots, 2 * slots_.size())); }
+  void Grow() { MoveTo(std::max(kMinSlots, 5 * slots_.size() / 4)); }
 
   // Rehashes into a table of another size.
   void MoveTo(std::size_t num_slots) {
     std::vector<Slot> old(num_slots);
     old.swap(slots_);
     for (const Slot& slot : old) {
-      if (slot.number != kNone) slots_[SlotOf(slot.grid, slot.key)] = slot;
+      if (!slot.IsFree()) slots_[SlotOf(slot.grid, slot.Key())] = slot;
     }
   }
 
@@ -98,21 +120,21 @@ class VoxelNumbers {
     std::uint64_t hash = (key ^ (static_cast<std::uint64_t>(grid) << 58U)) * 0x9E3779B97F4A7C15ULL;
     hash ^= hash >> 32U;
     hash *= 0xD6E8FEB86659FD93ULL;
-    hash ^= hash >> 32U;
-    return hash & (slots_.size() - 1);
+    return ((hash >> 32U) * slots_.size()) >> 32U;
   }
+
+  std::size_t Next(std::size_t at) const { return at + 1 == slots_.size() ? 0 : at + 1; }
 
   // Returns the slot of a voxel, or the free slot for it.
   std::size_t SlotOf(std::uint32_t grid, VoxelKey key) const {
-    const std::size_t mask = slots_.size() - 1;
     std::size_t at = FirstSlotOf(grid, key);
-    while (slots_[at].number != kNone && (slots_[at].key != key || slots_[at].grid != grid)) {
-      at = (at + 1) & mask;
+    while (!slots_[at].IsFree() && (slots_[at].Key() != key || slots_[at].grid != grid)) {
+      at = Next(at);
     }
     return at;
   }
 
-  std::vector<Slot> slots_;  // size is a power of two, at most half occupied
+  std::vector<Slot> slots_;  // at most half occupied
   std::uint32_t size_ = 0;
 };
 

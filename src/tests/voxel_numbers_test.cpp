@@ -15,8 +15,10 @@ namespace {
 
 using testing::Random;
 
-constexpr std::uint32_t kGrids = 3;
-constexpr std::uint32_t kKeys = 2'000;
+constexpr std::uint32_t kGrids = VoxelNumbers::kGrids;
+constexpr std::uint32_t kGridStep = 21;
+constexpr VoxelKey kKeys = VoxelKey{1} << 63U;
+constexpr VoxelKey kKeyStep = kKeys / 2'000;
 
 // Voxels come and go, few or many at once.
 TEST(VoxelNumbers, AreThoseOfATreeWhateverIsDropped) {
@@ -26,8 +28,8 @@ TEST(VoxelNumbers, AreThoseOfATreeWhateverIsDropped) {
     std::map<std::pair<std::uint32_t, VoxelKey>, std::uint32_t> expected;
     for (int round = 0; round < 60; ++round) {
       for (std::uint32_t i = random.Index(1'000); i > 0; --i) {
-        const std::uint32_t grid = random.Index(kGrids);
-        const VoxelKey key = random.Index(kKeys);
+        const std::uint32_t grid = kGridStep * random.Index(kGrids / kGridStep);
+        const VoxelKey key = kKeyStep * random.Index(kKeys / kKeyStep);
         const auto next = static_cast<std::uint32_t>(expected.size());
         ASSERT_EQ(numbers.FindOrAdd(grid, key),
                   expected.emplace(std::make_pair(grid, key), next).first->second);
@@ -45,8 +47,8 @@ TEST(VoxelNumbers, AreThoseOfATreeWhateverIsDropped) {
         at = at->second == VoxelNumbers::kNone ? expected.erase(at) : std::next(at);
       }
       ASSERT_EQ(numbers.size(), expected.size());
-      for (std::uint32_t grid = 0; grid < kGrids; ++grid) {
-        for (VoxelKey key = 0; key < kKeys; ++key) {
+      for (std::uint32_t grid = 0; grid < kGrids; grid += kGridStep) {
+        for (VoxelKey key = 0; key < kKeys; key += kKeyStep) {
           const auto at = expected.find({grid, key});
           ASSERT_EQ(numbers.Find(grid, key),
                     at == expected.end() ? VoxelNumbers::kNone : at->second);

@@ -1,4 +1,6 @@
 // The program: arguments in, files out, every error one line and an exit code.
+#include <malloc.h>
+
 #include <csignal>
 #include <cstdlib>
 #include <exception>
@@ -62,6 +64,9 @@ int Main(int argc, char** argv) {
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
   std::set_terminate(Terminate);
+  // Tables that grow are copied; what they leave is otherwise kept, in holes of the heap.
+  constexpr int kLargeBytes = 1 << 20;
+  mallopt(M_MMAP_THRESHOLD, kLargeBytes);
 #ifdef UNLIDAR_WITH_PCL
   UsePclClustering();
 #endif

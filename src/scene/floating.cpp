@@ -196,7 +196,6 @@ void MarkFloating(const Recording& recording, const Support& support, const Robu
 }
 
 BinRange FloatingPlots::RecentBins(std::uint32_t bin) {
-  constexpr std::uint32_t kRecentBins = 6;
   return {bin + 1 - std::min(bin + 1, kRecentBins), bin + 1};
 }
 
@@ -204,6 +203,10 @@ void FloatingPlots::Add(const Support& support, std::uint32_t bin, std::uint32_t
                         Plot* plot) {
   constexpr double kPersistentShare = 0.2;  // of the recent frames of its sensor with a plot there
   const Eigen::Vector3f place_m = plot->PlaceM().cast<float>();
+  if (bin >= first_bin_ + 2 * kKeptBins) {
+    first_bin_ = bin - kKeptBins;
+    for (RangeGrid& places : places_) places.Forget(first_bin_);
+  }
   while (places_.size() <= plot->sensor) places_.emplace_back(place_);
   RangeGrid& own_places = places_[plot->sensor];
   static_places_.Add(place_m, bin);
@@ -217,7 +220,7 @@ void FloatingPlots::Add(const Support& support, std::uint32_t bin, std::uint32_t
 
 void FloatingPlots::Forget(std::uint32_t before_bin) {
   static_places_.Forget(before_bin);
-  for (RangeGrid& places : places_) places.Forget(before_bin);
+  for (RangeGrid& places : places_) places.Forget(std::max(before_bin, first_bin_));
 }
 
 }  // namespace unlidar

@@ -39,8 +39,12 @@ class FloatingPlots {
   static BinRange RecentBins(std::uint32_t bin);
 
  private:
+  static constexpr std::uint32_t kRecentBins = 6;
+  static constexpr std::uint32_t kKeptBins = 2 * kRecentBins;  // frames may come out of order
+
   RangeRadius place_;
-  std::vector<RangeGrid> places_;  // (sensors) their plots
+  std::vector<RangeGrid> places_;  // (sensors) their recent plots
+  std::uint32_t first_bin_ = 0;    // earlier ones of these are forgotten
   StaticPlaces static_places_;
 };
 

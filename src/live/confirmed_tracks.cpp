@@ -80,6 +80,7 @@ std::optional<int> ConfirmedTracks::TrackOf(std::size_t plot) const {
 }
 
 IsTarget ConfirmedTracks::IsTargetAt(double time_s) {
+  if (tracks_.empty()) return nullptr;
   for (Track& track : tracks_) track.place_m = track.follower->PlaceAtM(time_s);
   return [this](const Eigen::Vector3f& at_m, double dwell_begin_s) {
     const Eigen::Vector3d place_m = at_m.cast<double>();

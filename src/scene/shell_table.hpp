@@ -46,7 +46,10 @@ class ShellTable {
   template <class Visit>
   void VisitOverlappingShells(const Eigen::Vector3f& point_m, const Value& initial,
                               const Visit& visit) {
-    VisitOverlappingShells(point_m, HomeOf(point_m), initial, visit);
+    VisitVoxelsOf(point_m, [&](std::uint32_t shell, VoxelKey key, bool is_own) {
+      const std::uint32_t number = NumberOrNew(shell, key, initial);
+      visit(number, values_[number], is_own);
+    });
   }
 
   // Calls visit(i, value, is_own) in the same way for each point i, ahead of which its voxels are
@@ -55,14 +58,16 @@ class ShellTable {
   void VisitOverlappingShells(PointsView points_m, const Value& initial, const Visit& visit) {
     for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
       const std::size_t end = std::min(begin + kPartSize, points_m.size());
-      FindHomes(points_m, begin, end);
       touched_.clear();
       for (std::size_t i = begin; i < end; ++i) {
-        VisitOverlappingShells(points_m[i], homes_[i - begin], initial,
-                               [&](std::uint32_t number, const Value&, bool is_own) {
-                                 PrefetchValue(number);
-                                 touched_.push_back({i, number, is_own});
-                               });
+        VisitVoxelsOf(points_m[i], [&](std::uint32_t shell, VoxelKey key, bool is_own) {
+          numbers_.Prefetch(shell, key);
+          touched_.push_back({i, key, shell, VoxelNumbers::kNone, is_own});
+        });
+      }
+      for (Touched& touched : touched_) {
+        touched.number = NumberOrNew(touched.shell, touched.key, initial);
+        PrefetchValue(touched.number);
       }
       for (const Touched& touched : touched_) {
         visit(touched.point, values_[touched.number], touched.is_own);
@@ -76,15 +81,19 @@ class ShellTable {
   void VisitOwn(PointsView points_m, const Visit& visit) {
     for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
       const std::size_t end = std::min(begin + kPartSize, points_m.size());
-      FindHomes(points_m, begin, end);
       touched_.clear();
       for (std::size_t i = begin; i < end; ++i) {
-        const std::uint32_t number = numbers_.Find(homes_[i - begin].shell, homes_[i - begin].key);
-        if (number == VoxelNumbers::kNone) continue;
-        PrefetchValue(number);
-        touched_.push_back({i, number, true});
+        const Home home = HomeOf(points_m[i]);
+        numbers_.Prefetch(home.shell, home.key);
+        touched_.push_back({i, home.key, home.shell, VoxelNumbers::kNone, true});
       }
-      for (const Touched& touched : touched_) visit(touched.point, values_[touched.number]);
+      for (Touched& touched : touched_) {
+        touched.number = numbers_.Find(touched.shell, touched.key);
+        if (touched.number != VoxelNumbers::kNone) PrefetchValue(touched.number);
+      }
+      for (const Touched& touched : touched_) {
+        if (touched.number != VoxelNumbers::kNone) visit(touched.point, values_[touched.number]);
+      }
     }
   }
 
@@ -148,6 +157,8 @@ class ShellTable {
   // A voxel of a point, of its own shell or another.
   struct Touched {
     std::size_t point;
+    VoxelKey key;
+    std::uint32_t shell;
     std::uint32_t number;
     bool is_own;
   };
@@ -178,19 +189,17 @@ class ShellTable {
     return {range_m, static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m)};
   }
 
-  // Sets `homes_` to those of the points [begin, end) and prefetches their numbers.
-  void FindHomes(PointsView points_m, std::size_t begin, std::size_t end) {
-    homes_.clear();
-    for (std::size_t i = begin; i < end; ++i) {
-      homes_.push_back(HomeOf(points_m[i]));
-      numbers_.Prefetch(homes_.back().shell, homes_.back().key);
-    }
+  std::uint32_t NumberOrNew(std::uint32_t shell, VoxelKey key, const Value& initial) {
+    const std::uint32_t number = numbers_.FindOrAdd(shell, key);
+    if (number == values_.size()) values_.push_back(initial);
+    return number;
   }
 
+  // Calls visit(shell, key, is_own) for the voxel of a point in each shell with a place near
+  // enough.
   template <class Visit>
-  void VisitOverlappingShells(const Eigen::Vector3f& point_m, const Home& home,
-                              const Value& initial, const Visit& visit) {
-    // Shells with a place near enough.
+  void VisitVoxelsOf(const Eigen::Vector3f& point_m, const Visit& visit) const {
+    const Home home = HomeOf(point_m);
     std::size_t first = home.shell;
     std::size_t last = home.shell;
     while (first > 0 && home.range_m - shells_[first].begin_m <= shells_[first - 1].reach_m) {
@@ -203,9 +212,7 @@ class ShellTable {
     for (std::size_t shell = first; shell <= last; ++shell) {
       const bool is_own = shell == home.shell;
       const VoxelKey key = is_own ? home.key : VoxelOf(point_m, shells_[shell].edge_m);
-      const std::uint32_t number = numbers_.FindOrAdd(static_cast<std::uint32_t>(shell), key);
-      if (number == values_.size()) values_.push_back(initial);
-      visit(number, values_[number], is_own);
+      visit(static_cast<std::uint32_t>(shell), key, is_own);
     }
   }
 
@@ -246,8 +253,7 @@ class ShellTable {
   VoxelNumbers numbers_;
   std::vector<Value> values_;         // by number
   std::vector<std::uint32_t> moved_;  // new number of each voxel, during EraseIf()
-  std::vector<Home> homes_;           // of a part of the points
-  std::vector<Touched> touched_;      // by them
+  std::vector<Touched> touched_;      // by a part of the points
 };
 
 }  // namespace unlidar

@@ -5,15 +5,18 @@
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
+#include <iterator>
 #include <numeric>
 #include <set>
 #include <sstream>
 #include <string_view>
+#include <utility>
 
 #include "base/format.hpp"
 #include "config/config_consistency.hpp"
 #include "config/config_keys.hpp"
 #include "config/config_values.hpp"
+#include "config/former_keys.hpp"
 #include "io/input_file.hpp"
 #include "unlidar/error.hpp"
 
@@ -81,7 +84,7 @@ class Overlay {
       known = true;
       if (!Read(node, field, constraint)) {
         throw ConfigError(location + ": " + Shortened(key) + ": " + Quote(node) + ", expected " +
-                          Expected(field, constraint));
+                          Expected(field, constraint) + FormerRuleHint(key, node));
       }
       locations_[key] = location;
     };
@@ -130,14 +133,31 @@ class Overlay {
     ApplyMap(key, node, where);
   }
 
+  // Returns a hint for the message about a list that names a rule of an earlier version.
+  static std::string FormerRuleHint(const std::string& key, const YAML::Node& node) {
+    if (key != "robust.disabled_rules" || !node.IsSequence()) return "";
+    for (const std::string_view rule : kFormerRules) {
+      for (const YAML::Node& name : node) {
+        if (name.IsScalar() && name.Scalar() == rule)
+          return "; the method has no rule " + std::string(rule) + " any more";
+      }
+    }
+    return "";
+  }
+
   SensorConfig& SensorOf(const std::string& key, const std::string& location) {
     const std::string name = key.substr(kSensorPrefix.size());
     CheckSensorName(location + ": ", name);
     return config_.sensors[name];
   }
 
-  // Returns a hint for the message: the nearest key if one is close.
+  // Returns a hint for the message: what became of a former key, or the nearest key if one is
+  // close.
   std::string Suggestion(const std::string& key) {
+    if (const FormerKey* const former = FindFormerKey(key)) {
+      return former->now.empty() ? "; the method has no such setting any more"
+                                 : "; it is " + std::string(former->now) + " now";
+    }
     std::string best;
     std::size_t best_distance = std::max<std::size_t>(3, key.size() / 3);
     const auto consider = [&](const std::string& name, const auto&, const auto&) {

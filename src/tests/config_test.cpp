@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "config/config_keys.hpp"
+#include "config/former_keys.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
@@ -321,6 +322,25 @@ TEST(ConfigErrors, NameTheNearestKeyForAnUnknownOne) {
   EXPECT_CONTAINS(ReasonOfSet("sensors.time_offset_s=3"), "unknown key");
 }
 
+TEST(ConfigErrors, TellWhatBecameOfAFormerKey) {
+  EXPECT_EQ(ReasonOfFile("robust:\n  min_echo_m2_per_s: 150\n"),
+            ":2: robust.min_echo_m2_per_s: unknown key; it is robust.min_return_rate_m2_per_s now");
+  EXPECT_EQ(ReasonOfFile("robust:\n  ground:\n    cell_m: 4\n"),
+            ":2: robust.ground: unknown key; the method has no such setting any more");
+  EXPECT_EQ(ReasonOfSet("robust.plots.spot.slope=0"),
+            "--set robust.plots.spot.slope=0: robust.plots.spot.slope: unknown key; the "
+            "method has no such setting any more");
+  EXPECT_CONTAINS(ReasonOfSet("robust.plots.spots=0"), "unknown key; configs/default.yaml");
+  std::set<std::string> keys;
+  for (const ConfigEntry& entry : ListConfig(Config())) keys.insert(entry.key);
+  for (const FormerKey& former : kFormerKeys) {
+    EXPECT_TRUE(former.now.empty() || keys.count(std::string(former.now)) > 0) << former.now;
+    EXPECT_CONTAINS(ReasonOfSet(std::string(former.key) + "=1"),
+                    former.now.empty() ? "unknown key; the method has no such setting any more"
+                                       : "unknown key; it is " + std::string(former.now) + " now");
+  }
+}
+
 TEST(ConfigErrors, RefuseARepeatedOrDottedKey) {
   EXPECT_CONTAINS(ReasonOfFile("input:\n  max_range_m: 5\n  max_range_m: 5\n"),
                   ":3: input.max_range_m: repeated");
@@ -481,6 +501,14 @@ TEST(ConfigErrors, ARuleThatIsNoneOrIsNamedTwiceIsRefused) {
     EXPECT_CONTAINS(ReasonOfSet("robust.disabled_rules=" + std::string(rules)),
                     "expected a list of different ones, of transient, dwell, ");
   }
+}
+
+TEST(ConfigErrors, TellThatAFormerRuleIsGone) {
+  for (const std::string_view rule : kFormerRules) {
+    EXPECT_CONTAINS(ReasonOfSet("robust.disabled_rules=[cloud, " + std::string(rule) + "]"),
+                    "; the method has no rule " + std::string(rule) + " any more");
+  }
+  EXPECT_EQ(ReasonOfSet("robust.disabled_rules=[clouds]").find("any more"), std::string::npos);
 }
 
 TEST(ConfigErrors, AnAssignmentWithoutKeyOrValueIsWrongUsage) {

@@ -11,9 +11,12 @@ namespace {
 
 constexpr std::size_t kMaxLeaves = 24;
 constexpr double kMaxCoastS = 1.0;  // after it a track must be reacquired
-// Log-likelihood gain, net of missed detections, needed to reacquire a track. At most one pause in
-// twenty is the end of the target; clutter alone then reaches this gain with probability <= e^-1.
+// Log-likelihood gain over the newest confirmed detection, net of missed ones, needed to confirm a
+// later one. To reacquire a track: at most one pause in twenty is the end of the target; clutter
+// alone then reaches this gain with probability <= e^-1. Before that: a target that was seen in
+// every frame and from now on only once in several has rather ended, and strays are seen.
 constexpr double kReacquisitionGain = 1.0;
+constexpr double kContinuationGain = -1.0;
 constexpr double kGateSigmas = 6.0;
 
 }  // namespace
@@ -116,8 +119,8 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
       const std::int32_t confirmed = ConfirmedAt(association.leaf);
       const Hypothesis& last = nodes_[static_cast<std::size_t>(confirmed)].h;
       const bool has_coasted = at.time_s - last.time_s > kMaxCoastS;
-      const bool is_confirmed = (confirmed == association.leaf && !has_coasted) ||
-                                node.h.score - last.score >= kReacquisitionGain;
+      const bool is_confirmed =
+          node.h.score - last.score >= (has_coasted ? kReacquisitionGain : kContinuationGain);
       if (is_confirmed && has_coasted) Rejoin(confirmed, &node);
       node.current_score = node.h.score;
       const auto index_of_node = static_cast<std::int32_t>(nodes_.size());

@@ -167,6 +167,29 @@ TEST(ConfirmedTracks, WhatIsSightedNowAndThenGoesOn) {
   EXPECT_EQ(t.ended[0].last_evidence_ns, far_at(160).plot.time_ns);
 }
 
+// Returns the frame of the last evidence of a drone that is seen in every frame, and from frame 60
+// on in no more, but for a stray on its way in every fifth.
+int LastFrameWithEvidence(double log_clutter) {
+  Tracks t;
+  constexpr int kEnd = 100;
+  for (int i = 0; i < kEnd; ++i) t.tracks.AddInstants(FrameAt(i));
+  t.Initiate(FlightUntil(60, DroneAt));
+  for (int i = 60; i < kEnd; ++i) {
+    LivePlot stray = DroneAt(i);
+    stray.plot.position_m += Eigen::Vector3d(0.0, 0.2, 0.3);
+    stray.plot.log_clutter = log_clutter;
+    t.tracks.Extend(i % 5 == 4 ? std::vector{stray} : std::vector<LivePlot>(), MomentAt(i));
+  }
+  t.tracks.Close(kEndless);
+  EXPECT_EQ(t.ended.size(), 1U);
+  return static_cast<int>((t.ended[0].last_evidence_ns - FrameAt(0).middle_ns()) / kPeriodNs);
+}
+
+TEST(ConfirmedTracks, OneThatWasSeenInEveryFrameDoesNotGoOnByStrays) {
+  EXPECT_EQ(LastFrameWithEvidence(-2.0), 59);
+  EXPECT_EQ(LastFrameWithEvidence(-14.0), 99);  // in open air it is the drone
+}
+
 TEST(ConfirmedTracks, AFlightIsATrackOnce) {
   Tracks t;
   for (int i = 0; i < 20; ++i) t.tracks.AddInstants(FrameAt(i));

@@ -12,7 +12,7 @@ from synthetic import decimal_name, make_flight, seconds, truth_m, write_frames,
 from unlidar.cli import main
 from unlidar.errors import InputError
 from unlidar.explain.evidence import Collector, SensorFrames
-from unlidar.explain.stages import runs_of, stage_of
+from unlidar.explain.stages import measured, runs_of, stage_of
 from unlidar.explain.targets import Reach, named_place
 from unlidar.explain.trace import read_trace
 from unlidar.mounting import Mounting
@@ -93,6 +93,16 @@ def test_each_detection_has_the_decision_of_its_frame(stream: Stream) -> None:
     runs = runs_of(stream.collector().found[0])
     assert runs[2].evidence.path.log_likelihood_ratio == 12.5
     assert runs[3].evidence.path.detections == PER_SECOND
+
+
+def test_clutter_without_bound_is_no_number_and_is_said(stream: Stream) -> None:
+    stream.second(0, log_clutter=None)
+    stream.second(1)
+    unbounded, bounded = (
+        measured(stream.collector().found[0][BEGIN_NS + k * SECOND_NS], "detection") for k in (0, 1)
+    )
+    assert unbounded == "4 detections (4 unsupported), 4 amid clutter without bound, no path"
+    assert bounded == "4 detections (4 unsupported), mean log clutter -10.5, no path"
 
 
 def test_what_a_rule_cut_off_is_told_by_this_rule_and_the_rest_by_that_of_the_path(

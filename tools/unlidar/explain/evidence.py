@@ -44,7 +44,8 @@ class Evidence:
     bodies: int = 0  # returns taken for people and vehicles
     detections: int = 0
     unsearched: int = 0  # of these detections
-    log_clutter: float = 0.0  # sum over these detections
+    unbounded: int = 0  # of these detections: amid strays that form groups of any size
+    log_clutter: float = 0.0  # sum over the others
     unsupported: int = 0  # of these detections
     rows: int = 0  # row times with a known position of the target
     rows_near: int = 0
@@ -150,7 +151,9 @@ class Collector:
             for index in np.flatnonzero(where.is_near(at_m)):
                 evidence.detections += 1
                 evidence.unsearched += frame.rejection is not None
-                evidence.log_clutter += frame.detections[index].log_clutter
+                log_clutter = frame.detections[index].log_clutter
+                evidence.unbounded += log_clutter is None
+                evidence.log_clutter += log_clutter or 0.0
                 evidence.unsupported += frame.detections[index].unsupported
                 evidence.take(self._path_to(frame, frame.detections[index], evidence))
 

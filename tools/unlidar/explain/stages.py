@@ -215,11 +215,12 @@ def measured(evidence: Evidence, stage: str) -> str:
     if stage == UNSEARCHED:
         return f"{_count(evidence.detections, 'detection')}, none searched"
     if stage == DETECTION:
-        clutter = evidence.log_clutter / evidence.detections
-        return (
-            f"{_count(evidence.detections, 'detection')} ({evidence.unsupported} unsupported), "
-            f"mean log clutter {clutter:.1f}, no path"
-        )
+        notes = [f"{_count(evidence.detections, 'detection')} ({evidence.unsupported} unsupported)"]
+        if bounded := evidence.detections - evidence.unbounded:
+            notes.append(f"mean log clutter {evidence.log_clutter / bounded:.1f}")
+        if evidence.unbounded:
+            notes.append(f"{evidence.unbounded} amid clutter without bound")
+        return ", ".join([*notes, "no path"])
     if stage in (FOUND, TRACK):
         rows = f"{evidence.rows_near} of {evidence.rows} rows there"
         if evidence.rows_near:

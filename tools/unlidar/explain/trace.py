@@ -39,7 +39,9 @@ class TracedDetection:
     z: _Metres
     returns: _Count
     height_m: _Finite  # above the ground
-    log_clutter: _Finite  # of the expected number of clutter detections per m^3 and frame
+    # Of the expected number of clutter detections per m^3 and frame; None where strays are so dense
+    # that there is no bound to the groups they form.
+    log_clutter: _Finite | None
     unsupported: bool  # nothing holds it up
     # Of streams:
     log_likelihood_ratio: _Finite | None = None  # of the best path to it

@@ -13,9 +13,9 @@ constexpr std::size_t kMaxLeaves = 24;
 constexpr double kMaxCoastS = 1.0;  // after it a track must be reacquired
 // Log-likelihood gain over the newest confirmed detection, net of missed ones, needed to confirm a
 // later one. To reacquire a track: at most one pause in twenty is the end of the target; clutter
-// alone then reaches this gain with probability <= e^-1. Before that: a target that was seen in
+// alone then reaches this gain with probability <= e^-2. Before that: a target that was seen in
 // every frame and from now on only once in several has rather ended, and strays are seen.
-constexpr double kReacquisitionGain = 1.0;
+constexpr double kReacquisitionGain = 2.0;
 constexpr double kContinuationGain = -1.0;
 constexpr double kGateSigmas = 6.0;
 

@@ -24,10 +24,13 @@ constexpr double kCertainDroneM = 0.25;
 // 10,000.
 constexpr double kNarrowestDroneM = 0.02;
 constexpr double kEnoughReturns = 8.0;
-// Returns within kNearM of a target may be part of it. Strays are counted between the other two.
+// Returns within kNearM of a target may be part of it. Strays are counted between the other two:
+// all about it, and before it on the rays that go on to what is near. The edge of the view, ground
+// and trees take some of the former, but at most as many as to leave this share of them.
 constexpr double kNearM = 1.6;
 constexpr double kStraysFromM = 3.0;
 constexpr double kStraysToM = 6.0;
+constexpr double kLeastShareInView = 1.0 / 3.0;
 // Cap on the weight of a frame: returns beside a target in a single frame are no part of it,
 // however many there are.
 constexpr double kMaxReturnsOfFrame = 5.0;
@@ -81,10 +84,13 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
                 const std::vector<ReturnCluster>& clusters) {
   const Eigen::Vector3d along = at.velocity_mps.stableNormalized();
   const Eigen::Vector3d ray_m = at.position_m - viewpoint_m;
-  const double beam_m2 = kBeamSigmaRad * kBeamSigmaRad * ray_m.squaredNorm();
+  const double range_m = ray_m.norm();
+  const Eigen::Vector3d ray = ray_m.stableNormalized();
+  const double beam_m2 = kBeamSigmaRad * kBeamSigmaRad * range_m * range_m;
   Tally own;
   Tally near;
   double strays = 0.0;
+  double strays_before = 0.0;
   Tally centred;  // own returns, about their mean
   Eigen::Vector3d own_sum_m = Eigen::Vector3d::Zero();
   for (const ReturnCluster& cluster : clusters) {
@@ -106,6 +112,12 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
       returns_.push_back({cluster.position_m, at.velocity_mps});
     } else if (distance_m > kStraysFromM && distance_m < kStraysToM) {
       strays += cluster.num_returns;
+      const double depth_m = offset_m.dot(ray);
+      const double beside_m = (offset_m - depth_m * ray).norm();
+      // Rays spread: nearer to the viewpoint they are closer together.
+      if (depth_m < -kStraysFromM && beside_m < kNearM * (1.0 + depth_m / range_m)) {
+        strays_before += cluster.num_returns;
+      }
     }
   }
   if (centred.count > 1.0) {
@@ -116,14 +128,21 @@ void Shape::Add(const TrajectoryRow& at, const Eigen::Vector3d& viewpoint_m,
   own_.Add(own, weight);
   near_.Add(near, weight);
   strays_ += weight * strays;
+  strays_before_ += weight * strays_before;
   path_.push_back({at.position_m, at.velocity_mps});
+}
+
+double Shape::NumStraysNear() const {
+  const double all_about = strays_ * Cube(kNearM) / (Cube(kStraysToM) - Cube(kStraysFromM));
+  // As many on each metre of a ray, of which the mean chord of the ball has 4/3 of its radius.
+  const double on_rays = strays_before_ * 4.0 / 3.0 * kNearM / (kStraysToM - kStraysFromM);
+  return std::clamp(on_rays, all_about, all_about / kLeastShareInView);
 }
 
 double Shape::SpreadM() const {
   constexpr double kMeanSquareInBall = 0.2;  // per axis across the motion, over radius^2
-  const double strays = strays_ * Cube(kNearM) / (Cube(kStraysToM) - Cube(kStraysFromM));
   Tally body = near_;
-  body.Add({1.0, kMeanSquareInBall * kNearM * kNearM}, -strays);
+  body.Add({1.0, kMeanSquareInBall * kNearM * kNearM}, -NumStraysNear());
   body = {std::max(body.count, 0.0), std::max(body.sum_m2, 0.0)};
   body.Add(own_);
   return body.count > 0.0 ? std::sqrt(body.sum_m2 / body.count) : 0.0;
@@ -154,7 +173,7 @@ bool Shape::MayBeCloud() const { return SpreadM() > kCertainDroneM; }
 
 void Shape::Clear() {
   own_ = near_ = within_ = Tally();
-  strays_ = 0.0;
+  strays_ = strays_before_ = 0.0;
   path_.clear();
   returns_.clear();
 }

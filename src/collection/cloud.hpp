@@ -62,6 +62,9 @@ class Shape {
     Eigen::Vector3d velocity_mps;
   };
 
+  // Returns how many of the returns near the target are strays, as those farther about it tell.
+  double NumStraysNear() const;
+
   // Standard deviation per axis, across the motion, of all returns about the target, corrected for
   // strays.
   double SpreadM() const;
@@ -70,10 +73,11 @@ class Shape {
   bool IsPartOf(const std::vector<const Shape*>& clouds) const;
 
   Tally own_;
-  Tally near_;    // other returns near it
-  Tally within_;  // own returns less one per frame, about the means of the frames
-  double strays_ = 0.0;
-  std::vector<MotionState> path_;     // in the frames with returns about it
+  Tally near_;                     // other returns near it
+  Tally within_;                   // own returns less one per frame, about the means of the frames
+  double strays_ = 0.0;            // all about it
+  double strays_before_ = 0.0;     // of these, on the rays to what is near
+  std::vector<MotionState> path_;  // in the frames with returns about it
   std::vector<MotionState> returns_;  // own returns and those near it
 };
 

@@ -38,10 +38,15 @@ Thing Drone(const Eigen::Vector3d& from_m, const Eigen::Vector3d& velocity_mps) 
           [=](double time_s) { return Eigen::Vector3d(from_m + time_s * velocity_mps); }};
 }
 
-// The sky with some things, three returns each, and `strays` a frame about the chimney.
+// The sky with some things, three returns each, and `strays` a frame about the chimney, as many on
+// each metre of a ray, up to this slope above and below the chimney.
 class Sky {
  public:
-  explicit Sky(const std::vector<Thing>& things, int strays = 0) : maker_(3) {
+  explicit Sky(const std::vector<Thing>& things, int strays = 0, double max_slope = 0.65)
+      : maker_(3) {
+    const Eigen::Vector3d half(10.0, 0.7, max_slope);
+    const Eigen::Vector3d middle(kChimneyM.x(), kChimneyM.y() / kChimneyM.x(),
+                                 kChimneyM.z() / kChimneyM.x());
     for (int i = 0; i < kFrames; ++i) {
       maker_.BeginFrame(i * kPeriodS);
       const double time_s = MiddleS(i);
@@ -49,8 +54,10 @@ class Sky {
         if (time_s < things[k].from_s || time_s > things[k].to_s) continue;
         maker_.AddBlob(things[k].at(time_s), things[k].spread_m, 3, static_cast<int>(k));
       }
-      maker_.AddBox(kChimneyM - Eigen::Vector3d::Constant(10.0),
-                    kChimneyM + Eigen::Vector3d::Constant(10.0), strays, kStray);
+      for (int k = 0; k < strays; ++k) {
+        const Eigen::Vector3d at = maker_.random.InBox(middle - half, middle + half);
+        maker_.Add({at.x(), at.x() * at.y(), at.x() * at.z()}, kStray);
+      }
     }
     for (std::size_t k = 0; k < things.size(); ++k)
       targets_.push_back(TargetOf(static_cast<int>(k)));
@@ -166,6 +173,12 @@ TEST(ShapeRejections, ADroneThatPassesACloudIsKept) {
 TEST(ShapeRejections, StraysAllAboutADroneDoNotWidenIt) {
   const Sky sky({Drone(kChimneyM - Eigen::Vector3d(0.0, 4.0, 0.0), {0.0, 1.0, 0.0})}, 400);
   EXPECT_EQ(sky.Kept(), std::vector<double>({0}));
+}
+
+TEST(ShapeRejections, StraysInANarrowViewDoNotWidenADrone) {
+  const Thing drone = Drone(kChimneyM - Eigen::Vector3d(0.0, 4.0, 0.0), {0.0, 1.0, 0.0});
+  EXPECT_EQ(Sky({drone}, 400, 0.13).Kept(), std::vector<double>({0}));
+  EXPECT_TRUE(Sky({Puff(0.0, 0.6)}, 400, 0.13).Kept().empty());
 }
 
 }  // namespace

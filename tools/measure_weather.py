@@ -95,13 +95,13 @@ def put_weather(
     """
     sensors, seen = {}, []
     for number, (name, folder) in enumerate(flight.sensors.items()):
+        frames = list_frames(folder)
         if weather.kind == "clear":
             sensors[name] = folder
-            for frame in list_frames(folder):
+            for frame in frames:
                 fields, xyz_m = cloud_of(frame.path, read_pcd(frame.path))
                 seen.append((frame.stamp_ns, _after_ns(fields, frame), xyz_m))
             continue
-        frames = list_frames(folder)
         rng = np.random.default_rng([seed, number, *weather.kind.encode()])
         air = Air(name, [frame.path for frame in frames], weather, rng)
         sensors[name] = out / name

@@ -114,6 +114,7 @@ class Occupancy {
   Verdict JudgeAt(Place* place, const Eigen::Vector3f& point_m, std::int64_t bin, int scene,
                   const FloatsIn& floats, const IsTargetSince& is_target);
   void Age(Place* place) const;
+  RecentBins HitsOf(const Place& place) const;  // up to the newest bin
   RecentBins HitsAround(const Eigen::Vector3f& point_m) const;
   double RateThroughout(const RecentBins& hits, const Eigen::Vector3f& point_m) const;
   double VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> age = {}) const;

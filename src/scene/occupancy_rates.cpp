@@ -30,15 +30,19 @@ Eigen::Vector3f NearerPlaceM(const Eigen::Vector3f& viewpoint_m, const Eigen::Ve
 
 }  // namespace
 
+RecentBins Occupancy::HitsOf(const Place& place) const {
+  RecentBins hits = place.hits;
+  hits.Age(newest_ - place.bin);
+  return hits;
+}
+
 RecentBins Occupancy::HitsAround(const Eigen::Vector3f& point_m) const {
   RecentBins hits;
   places_.VisitNeighbourhood(point_m, [&](const Place& place) {
     if (place.bin == newest_) {
       hits |= place.hits;
     } else {
-      RecentBins own = place.hits;
-      own.Age(newest_ - place.bin);
-      hits |= own;
+      hits |= HitsOf(place);
     }
   });
   return hits;
@@ -100,8 +104,7 @@ double Occupancy::VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> a
   const int num_observed = observed_.Size();
   double hits_per_bin = 0.0;
   places_.VisitNeighbourhood(point_m, [&](const Place& place) {
-    RecentBins hits = place.hits;
-    hits.Age(newest_ - place.bin);
+    const RecentBins hits = HitsOf(place);
     double occupied = hits.Size();
     double exposed = num_observed;
     if (age) {
@@ -122,15 +125,10 @@ double Occupancy::VoxelRate(const Eigen::Vector3f& point_m, std::optional<int> a
 // anything behind them.
 double Occupancy::EvenRate(const Eigen::Vector3f& point_m) const {
   double num_hits = 0.0;
-  places_.VisitNeighbourhood(point_m, [&](const Place& place) {
-    RecentBins hits = place.hits;
-    hits.Age(newest_ - place.bin);
-    num_hits += hits.Size();
-  });
+  places_.VisitNeighbourhood(point_m,
+                             [&](const Place& place) { num_hits += HitsOf(place).Size(); });
   constexpr double kNumVoxels = ShellTable<Place>::kNumNeighbourhoodVoxels;
-  const double num_observed = observed_.Size();
-  return kNumVoxels * HitsPerBin(num_hits, kNumVoxels * num_observed) * num_observed / num_frames_ /
-         places_.VolumeM3(point_m);
+  return kNumVoxels * RateOf(num_hits, kNumVoxels * observed_.Size(), point_m);
 }
 
 // False if a place has a larger VoxelRate() than strays before it explain, beyond chance. Rays

@@ -9,6 +9,10 @@
 namespace unlidar {
 namespace {
 
+// More than a track carries on: a flight is followed back once, and across a pause of seconds among
+// strays the true one is likelier than the others only by the plots before it.
+constexpr std::size_t kMaxHypothesesBack = 400;
+
 // Reverses the time of a plot about 0.
 LivePlot InReverse(LivePlot seen) {
   seen.plot = TimeReversed(seen.plot);
@@ -46,7 +50,7 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const RecentPlots
   }
   const Plot& first = flight.plots.front().plot;
   const RobustConfig& robust = config.robust;
-  TrackFollower follower(back, models, robust);
+  TrackFollower follower(back, models, robust, kMaxHypothesesBack);
   const bool floats = Floats(flight.plots);
   const auto is_before = [&](const LivePlot& one) {
     return one.plot.frame_time_ns < first.frame_time_ns;
@@ -58,7 +62,7 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const RecentPlots
     while (begin > 0 && seen[begin - 1].plot.frame == seen[end - 1].plot.frame) --begin;
     std::vector<LivePlot> plots;
     for (std::size_t i = begin; i < end; ++i) {
-      if (!are_free[i] || seen[i].plot.lowest_m <= robust.off_ground_m) continue;
+      if (!are_free[i]) continue;
       plots.push_back(InReverse(seen[i]));
       const double apart_m = (seen[i].plot.position_m - first.position_m).norm();
       // An unsupported target was unsupported before that was known.

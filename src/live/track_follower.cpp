@@ -9,7 +9,6 @@
 namespace unlidar {
 namespace {
 
-constexpr std::size_t kMaxLeaves = 24;
 constexpr double kMaxCoastS = 1.0;  // after it a track must be reacquired
 // Log-likelihood gain over the newest confirmed detection, net of missed ones, needed to confirm a
 // later one. To reacquire a track: at most one pause in twenty is the end of the target; clutter
@@ -22,11 +21,12 @@ constexpr double kGateSigmas = 6.0;
 }  // namespace
 
 TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>& models,
-                             const RobustConfig& config)
+                             const RobustConfig& config, std::size_t max_hypotheses)
     : models_(&models),
       tracker_(config.tracker),
       collect_(config.collect),
       uses_frame_length_(config.Uses(Rule::kFrameLength)),
+      max_hypotheses_(max_hypotheses),
       first_evidence_ns_(flight.plots.front().plot.time_ns),
       first_time_s_(flight.frame_times.front().time_s),
       body_scatter_m2_(kBodyPriorReturns * collect_.extent_sigma_m * collect_.extent_sigma_m),
@@ -135,7 +135,7 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
     const double score_b = nodes_[static_cast<std::size_t>(b)].current_score;
     return score_a > score_b || (score_a == score_b && a < b);
   });
-  next.resize(std::min(next.size(), kMaxLeaves));
+  next.resize(std::min(next.size(), max_hypotheses_));
   std::swap(leaves_, next);
 }
 

@@ -20,11 +20,14 @@ namespace unlidar {
 
 constexpr double kTrackFitS = 6.0;  // length of the fit before the settled plot
 
+// Association hypotheses that a track carries from frame to frame.
+constexpr std::size_t kMaxHypotheses = 24;
+
 class TrackFollower {
  public:
   // Continues a flight. `models`: one for each agility; must outlive the follower.
   TrackFollower(const Flight& flight, const std::vector<TrackModel>& models,
-                const RobustConfig& config);
+                const RobustConfig& config, std::size_t max_hypotheses = kMaxHypotheses);
 
   // Sets `gains` (plots): track score of the best hypothesis with each plot of a frame at `at`,
   // less its score with a missed detection.
@@ -110,6 +113,7 @@ class TrackFollower {
   TrackerConfig tracker_;
   CollectConfig collect_;
   bool uses_frame_length_;
+  std::size_t max_hypotheses_;
   std::vector<Node> nodes_;           // parents first
   std::vector<std::int32_t> leaves_;  // that can be extended
   Queue<LivePlot> plots_;

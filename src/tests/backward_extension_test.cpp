@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <numeric>
+#include <random>
 #include <vector>
 
 namespace unlidar {
@@ -48,13 +49,16 @@ class PastOfTest : public ::testing::Test {
     }
   }
 
+  std::vector<std::size_t> PastPlots() const {
+    RecentPlots seen;
+    for (const LivePlot& one : seen_) seen.push_back(one);
+    return ExtendBackwards(flight_, seen, are_free_, moments_, num_frames_, models_, config_);
+  }
+
   // Numbers of the frames whose plot of the drone is in the past of the flight, and nothing else.
   std::vector<int> Past() const {
     std::vector<int> frames;
-    RecentPlots seen;
-    for (const LivePlot& one : seen_) seen.push_back(one);
-    for (const std::size_t i :
-         ExtendBackwards(flight_, seen, are_free_, moments_, num_frames_, models_, config_)) {
+    for (const std::size_t i : PastPlots()) {
       EXPECT_EQ(i % 2, 1U) << "a stray";
       frames.push_back(static_cast<int>(i / 2));
     }
@@ -87,10 +91,45 @@ TEST_F(PastOfTest, SensorsThatAreHeardLaterChangeNothing) {
   EXPECT_EQ(Past(), From(0));
 }
 
-TEST_F(PastOfTest, WhatAnotherTrackHasOrIsLowIsNotItsOwn) {
-  for (std::size_t i = 1; i < 12; i += 2) are_free_[i] = 0;
-  for (std::size_t i = 13; i < 20; i += 2) seen_[i].plot.lowest_m = 0.5;
+TEST_F(PastOfTest, WhatAnotherTrackHasIsNotItsOwn) {
+  for (std::size_t i = 1; i < 20; i += 2) are_free_[i] = 0;
   EXPECT_EQ(Past(), From(10));
+}
+
+// It takes off: what rises so high is no person, and was none below.
+TEST_F(PastOfTest, WhatIsNearTheGroundIsItsOwn) {
+  for (std::size_t i = 1; i < 20; i += 2) seen_[i].plot.lowest_m = 0.5;
+  EXPECT_EQ(Past(), From(0));
+}
+
+// In a pause many ways among strays score alike; before it one of them goes on.
+TEST_F(PastOfTest, AcrossAPauseAmongStraysItsFirstPlotsAreItsOwn) {
+  constexpr int kStrays = 20;
+  constexpr int kPauseBegin = 8;
+  constexpr int kEvery = 3;  // frames per sighting
+  flight_ = Flight();
+  for (int i = kFrames / 2; i < kFrames; i += kEvery) {
+    flight_.plots.push_back(DroneAt(i));
+    flight_.frame_times.push_back(MomentAt(i));
+  }
+  seen_.clear();
+  std::mt19937 random(3);
+  std::normal_distribution<double> offset_m(0.0, 4.0);
+  std::vector<std::size_t> expected;
+  for (int i = 0; i < kFrames / 2; ++i) {
+    if (i < kPauseBegin) {
+      expected.push_back(seen_.size());
+      seen_.push_back(DroneAt(i));
+      continue;
+    }
+    for (int k = 0; k < kStrays; ++k) {
+      const Eigen::Vector3d apart_m(offset_m(random), offset_m(random), offset_m(random));
+      seen_.push_back(PlotAt(i, DroneAt(i).plot.position_m + apart_m));
+      seen_.back().plot.log_clutter = seen_.back().log_surrounding_clutter = -5.0;
+    }
+  }
+  are_free_.assign(seen_.size(), 1);
+  EXPECT_EQ(PastPlots(), expected);
 }
 
 TEST_F(PastOfTest, WhatWasClutterByAllThatIsKnownStaysClutter) {

@@ -79,16 +79,20 @@ std::optional<int> ConfirmedTracks::TrackOf(std::size_t plot) const {
   return tracks_[claim.track].number;
 }
 
-IsTarget ConfirmedTracks::IsTargetAt(double time_s) {
-  if (tracks_.empty()) return nullptr;
-  for (Track& track : tracks_) track.place_m = track.follower->PlaceAtM(time_s);
-  return [this](const Eigen::Vector3f& at_m, double dwell_begin_s) {
-    const Eigen::Vector3d place_m = at_m.cast<double>();
+KnownTargets ConfirmedTracks::TargetsAt(double time_s) {
+  KnownTargets targets;
+  const Eigen::Vector3d near_m = Eigen::Vector3d::Constant(kNearM);
+  for (Track& track : tracks_) {
+    track.place_m = track.follower->PlaceAtM(time_s);
+    targets.box_m.extend(track.place_m - near_m).extend(track.place_m + near_m);
+  }
+  targets.are_at = [this](const Eigen::Vector3d& place_m, double dwell_begin_s) {
     return std::any_of(tracks_.begin(), tracks_.end(), [&](const Track& track) {
       return AreNear(track.place_m, place_m) &&
              AreNear(track.follower->PlaceAtM(dwell_begin_s), place_m);
     });
   };
+  return targets;
 }
 
 double ConfirmedTracks::ScoreOf(const Flight& flight) const {

@@ -43,7 +43,7 @@ class ConfirmedTracks {
   std::optional<int> TrackOf(std::size_t plot) const;
 
   // Tells of the tracks as predicted at a time. Valid until the next call or until tracks change.
-  IsTarget IsTargetAt(double time_s);
+  KnownTargets TargetsAt(double time_s);
 
   // Score of a flight as a track.
   double ScoreOf(const Flight& flight) const;
@@ -92,7 +92,7 @@ class ConfirmedTracks {
     int number = 0;  // in order of initiation
     int id = 0;      // as reported
     std::unique_ptr<TrackFollower> follower;
-    Eigen::Vector3d place_m = Eigen::Vector3d::Zero();  // as of IsTargetAt()
+    Eigen::Vector3d place_m = Eigen::Vector3d::Zero();  // as of TargetsAt()
     std::vector<LivePlot> adapted_plots;  // plots of a frame, with clutter as for this track
     std::optional<TrackValidator::Verdict> verdict;
     KindFilter kind;

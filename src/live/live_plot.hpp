@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cstddef>
 #include <functional>
@@ -52,7 +53,11 @@ struct PathCut {
   std::size_t num_plots = 0;
 };
 
-// True if a known target was at a place at `dwell_begin_s` and is there in the frame at hand.
-using IsTarget = std::function<bool(const Eigen::Vector3f& place_m, double dwell_begin_s)>;
+// Known targets in the frame at hand.
+struct KnownTargets {
+  Eigen::AlignedBox3d box_m;  // around them and all places at which one may be; empty: none
+  // True if a target is at a place within the box and was there at `dwell_begin_s`.
+  std::function<bool(const Eigen::Vector3d& place_m, double dwell_begin_s)> are_at;
+};
 
 }  // namespace unlidar

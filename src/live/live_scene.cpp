@@ -138,10 +138,10 @@ void LiveScene::RefitAll() {
   snapshot_ns_ = front_ns_;
 }
 
-TimeNs LiveScene::MakePlots(const IsTarget& is_target) {
+TimeNs LiveScene::MakePlots(const KnownTargets& targets) {
   auto& [frame, bin] = waiting_.front();
   const TimeNs middle_ns = frame.info.middle_ns();
-  MakePlotsOf(&frame, bin, is_target, &held_.Append());
+  MakePlotsOf(&frame, bin, targets, &held_.Append());
   // The queue is never again as long as in the warm-up.
   if (num_warm_up_frames_ > 0) frame = LoadedFrame();
   waiting_.pop_front();
@@ -164,7 +164,7 @@ void LiveScene::AddToClutter(const SceneFrame& frame, Station* station) {
   for (const LivePlot& seen : frame.plots) station->clutter.Add(seen.plot, frame.bin);
 }
 
-void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarget& is_target,
+void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTargets& targets,
                             SceneFrame* held) {
   Station& station = StationOf(loaded->info.sensor);
   Recording& frame = workspace_.frame;
@@ -175,7 +175,10 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarge
   frame.frames[0].first_return = 0;
   frame.frames[0].last_return = static_cast<std::uint32_t>(frame.points_m.size());
   const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t dwell_begin_bin) {
-    return is_target && is_target(point_m + station.viewpoint_m, SecondsOfBin(dwell_begin_bin));
+    // Asked for nearly each return of the first two minutes.
+    const Eigen::Vector3d place_m = (point_m + station.viewpoint_m).cast<double>();
+    return targets.box_m.contains(place_m) &&
+           targets.are_at(place_m, SecondsOfBin(dwell_begin_bin));
   };
   // No allocation.
   FramePlots& found = station.scene.FindPlots(bin, std::cref(is_known_target), &workspace_);

@@ -68,8 +68,8 @@ class LiveScene {
   double NextTimeS() const { return SecondsOf(waiting_.front().first.info.middle_ns()); }
 
   // Makes the plots of the next waiting frame and returns the middle of that frame. The scene must
-  // be warm and a frame must be waiting. `is_target`: for NextTimeS(); empty: no targets.
-  TimeNs MakePlots(const IsTarget& is_target = nullptr);
+  // be warm and a frame must be waiting. `targets`: at NextTimeS().
+  TimeNs MakePlots(const KnownTargets& targets = {});
 
   // Sets the next frame whose plots are made and whose middle is at most `until_ns`; returns false
   // if there is none. Bodies found later no longer remove its plots. The memory of `frame` is
@@ -119,7 +119,7 @@ class LiveScene {
   void WarmUp();
   void WarmUpLate(Station* station);
   void RefitAll();
-  void MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const IsTarget& is_target,
+  void MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTargets& targets,
                    SceneFrame* held);
   void AddLookahead();
   static void AddToClutter(const SceneFrame& frame, Station* station);

@@ -61,7 +61,7 @@ void LiveTracker::Predict(TimeNs newest_ns) { tracks_.Predict(newest_ns); }
 
 void LiveTracker::MakePlots(std::size_t max_frames) {
   for (; scene_.num_waiting() > 0 && max_frames > 0; --max_frames) {
-    const TimeNs middle_ns = scene_.MakePlots(tracks_.IsTargetAt(scene_.NextTimeS()));
+    const TimeNs middle_ns = scene_.MakePlots(tracks_.TargetsAt(scene_.NextTimeS()));
     SearchUntil(middle_ns - NsOf(kBodyHoldS));
   }
 }

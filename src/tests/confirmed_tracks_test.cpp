@@ -140,8 +140,9 @@ TEST(ConfirmedTracks, APlaceIsATargetsWhileItIsThere) {
   t.Initiate(FlightUntil(20, DroneAt));
   const auto seconds = [](int i) { return DroneAt(i).time_s; };
   const auto has = [&](int place, int since, int until) {
-    return t.tracks.IsTargetAt(seconds(until))(DroneAt(place).plot.position_m.cast<float>(),
-                                               seconds(since));
+    const Eigen::Vector3d place_m = DroneAt(place).plot.position_m;
+    const KnownTargets targets = t.tracks.TargetsAt(seconds(until));
+    return targets.box_m.contains(place_m) && targets.are_at(place_m, seconds(since));
   };
   EXPECT_TRUE(has(19, 19, 19));
   EXPECT_TRUE(has(21, 20, 21));

@@ -14,8 +14,8 @@ namespace {
 constexpr int kEnoughBins = RecentBins::kWindow / 2;
 constexpr double kEnoughFromMoving = 1.0;  // the same of a carrier that moves
 constexpr int kSettledBins = 10;           // observed bins from which structure is kept for a while
-constexpr int kLeastKeptBins = 4;          // for so many bins
-constexpr int kMostKeptBins = 11;
+constexpr int kKeptBins = 5;               // judged again after so many bins
+constexpr int kJudgingTurns = 64;          // of which a bin has enough to spread places evenly
 constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may be empty by chance
 // With fewer observed bins, any place that is still being hit may be a support.
 constexpr int kYoungBins = 20;
@@ -23,6 +23,11 @@ constexpr double kSupportingHits = 3.0;
 constexpr double kSupportingShare = 0.5;  // of the hits of structure
 
 }  // namespace
+
+// Evenly distributed, and the same for all returns of a place in one bin.
+int Occupancy::ChanceOf(const Place& place) {
+  return static_cast<int>(1e3F * place.point_m.norm());
+}
 
 Occupancy::Occupancy(const BackgroundConfig& config, bool knows_strays)
     : config_(config),
@@ -63,6 +68,13 @@ void Occupancy::CountFrame(std::int64_t bin) {
   observed_.Insert(static_cast<int>(age));
   ++frame_counts_[static_cast<std::size_t>(bin % RecentBins::kWindow)];
   ++num_frames_;
+  // As if it had as many frames as the bin before.
+  const auto count_of = [this](std::int64_t of_bin) {
+    return frame_counts_[static_cast<std::size_t>(of_bin % RecentBins::kWindow)];
+  };
+  const std::uint32_t expected = newest_ > 0 ? count_of(newest_ - 1) : 0;
+  turns_ = expected == 0 ? kJudgingTurns
+                         : static_cast<int>(kJudgingTurns * count_of(newest_) / expected);
 }
 
 void Occupancy::Age(Place* place) const {
@@ -139,7 +151,9 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   // A place among strays is clutter, not structure. Where there is one at most times and within
   // reach of any track, a lone return tells nothing, and it is left at that.
   const double rate = place->is_structure ? RateThroughout(hits, point_m) : 0.0;
-  const bool may_be_strays = place->is_structure && StrayRate(point_m) > kMinStrayShare * rate;
+  const double stray_rate = place->is_structure ? StrayRate(point_m) : 0.0;
+  place->is_behind_strays = stray_rate > 0.0;
+  const bool may_be_strays = place->is_structure && stray_rate > kMinStrayShare * rate;
   const bool is_of_strays = may_be_strays && AreStraysEnough(point_m, VoxelRate(point_m, age));
   const bool is_among_strays = is_of_strays && rate < kMaxStrayRate;
   if (is_among_strays) place->is_structure = false;
@@ -152,15 +166,22 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
                           : static_cast<float>(RateOf(occupied - 1.0, exposed, point_m));
   if (is_among_strays) place->place_rate = static_cast<float>(rate);
   place->valid_until = newest_;
-  // Structure is judged again after some bins: in a stream, where its dwell goes on, after
-  // `max_break_` + 2, five by default. Most places begin together, so the first time is drawn at
-  // random; otherwise all of them would be judged in one bin.
+  // Structure is judged again after some bins. Most places begin together, so the first time is
+  // drawn at random; otherwise all of them would be judged in one bin.
   if ((place->is_structure || is_among_strays) && num_observed >= kSettledBins) {
-    const auto chance = static_cast<int>(1e3F * place->point_m.norm());
     const bool is_first = place->is_structure && (!was_structure || num_observed == kSettledBins);
-    place->valid_until += is_first ? chance % std::min(max_break_ + 2, kMostKeptBins + 1)
-                                   : kLeastKeptBins + chance % (kMostKeptBins - kLeastKeptBins + 1);
+    place->valid_until += is_first ? ChanceOf(*place) % kKeptBins : kKeptBins - 1;
   }
+}
+
+// True if the last verdict on a place holds for a return in `bin`. Structure that is due is judged
+// in turns by all frames of a bin, not by the first alone: in clear air, and once the scene is
+// settled, as the verdicts of some frames before tell of strays too late.
+bool Occupancy::IsValid(const Place& place, std::int64_t bin) const {
+  if (bin < place.dwell_first || bin > place.dwell_last + max_break_ + 1) return false;
+  if (newest_ <= place.valid_until) return true;
+  return place.is_structure && !place.is_behind_strays && newest_ == place.valid_until + 1 &&
+         observed_.Size() > kSettledBins && ChanceOf(place) / kKeptBins % kJudgingTurns >= turns_;
 }
 
 void Occupancy::Judge(PointsView points_m, std::int64_t bin, int scene, const FloatsIn& floats,
@@ -179,15 +200,19 @@ Occupancy::Verdict Occupancy::JudgeAt(Place* place, const Eigen::Vector3f& point
                                       std::int64_t bin, int scene, const FloatsIn& floats,
                                       const IsTargetSince& is_target) {
   Verdict verdict;
-  const bool is_valid = newest_ <= place->valid_until && place->dwell_first <= bin &&
-                        bin <= place->dwell_last + max_break_ + 1;
+  const bool is_valid = IsValid(*place, bin);
   if (!is_valid) JudgeAnew(point_m, static_cast<int>(newest_ - bin), place);
+  // In a stream it goes on.
+  place->dwell_last = std::max(place->dwell_last, static_cast<std::int32_t>(bin));
   verdict.is_structure = place->is_structure;
   verdict.place_rate = place->place_rate;
   verdict.stray_rate = place->stray_rate;
   if (!IsLong(*place)) verdict.dwell_begin_bin = place->dwell_first;
   if (!verdict.is_structure) return verdict;
-  if (std::exchange(place->scene, scene) != scene) place->floats = floats(point_m);
+  // With the verdict, as a new scene is one for all places.
+  if ((!is_valid || place->scene == kNoScene) && std::exchange(place->scene, scene) != scene) {
+    place->floats = floats(point_m);
+  }
   verdict.floats = place->floats;
   // A dwell that began with a known target is the target.
   if (place->is_unknown && !verdict.floats && verdict.dwell_begin_bin && is_target &&

@@ -36,7 +36,7 @@ class Occupancy {
     std::optional<std::int64_t> dwell_begin_bin;  // first bin of the dwell, if known
   };
 
-  // True if a place is unsupported. Called once for each place and scene.
+  // True if a place is unsupported. Called at most once for each place and scene.
   using FloatsIn = std::function<bool(const Eigen::Vector3f&)>;
 
   // True if a known target has been at a place since a bin. May be empty: no targets.
@@ -86,14 +86,17 @@ class Occupancy {
   void Sweep();
 
  private:
+  static constexpr int kNoScene = -1;
+
   // Dense strays hit hundreds of thousands: bins take 32 bits, those of thirty years.
   struct Place {
     RecentBins hits;  // in the voxel, up to `bin`
     std::int32_t bin = 0;
     Eigen::Vector3f point_m = Eigen::Vector3f::Zero();  // the last return
     std::uint32_t num_returns = 0;
-    int scene = -1;  // to which `floats` refers
-    // The last verdict: valid for the bins of its dwell, until the newest bin is `valid_until`.
+    int scene = kNoScene;  // to which `floats` refers
+    // The last verdict: valid for the bins of its dwell, until the newest bin is `valid_until`, or
+    // until its turn in the next one.
     std::int32_t valid_until = -1;
     std::int32_t dwell_first = 0;
     std::int32_t dwell_last = 0;
@@ -107,6 +110,7 @@ class Occupancy {
     bool is_structure = false;
     bool is_unknown = false;  // too few bins are exposed
     bool is_supporter = false;
+    bool is_behind_strays = false;
   };
 
   void CountFrame(std::int64_t bin);
@@ -122,6 +126,8 @@ class Occupancy {
   bool AreStraysEnough(const Eigen::Vector3f& point_m, double voxel_rate) const;
   double RateOf(double occupied, double exposed, const Eigen::Vector3f& point_m) const;
   bool IsLong(const Place& place) const;
+  bool IsValid(const Place& place, std::int64_t bin) const;
+  static int ChanceOf(const Place& place);
   void JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place) const;
   template <class IsWanted>
   void GetReturnsOf(const IsWanted& is_wanted, std::vector<Eigen::Vector3f>* points_m) const;
@@ -133,6 +139,7 @@ class Occupancy {
   RecentBins observed_;                      // bins with frames
   std::vector<std::uint32_t> frame_counts_;  // (RecentBins::kWindow) by bin modulo the window
   std::uint32_t num_frames_ = 0;             // sum of these
+  int turns_ = 0;                            // of the newest bin that have come
   Occlusion occlusion_;
   ShellTable<Place> places_;
 };

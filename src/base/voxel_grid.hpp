@@ -19,16 +19,19 @@ struct Voxel {
   std::int64_t z = 0;
 };
 
+// Its floor: processors from before 2008, for which packages are built, have none.
+inline std::int64_t FloorOf(double number) {
+  const auto truncated = static_cast<std::int64_t>(number);
+  return truncated - (static_cast<double>(truncated) > number ? 1 : 0);
+}
+
 // Returns the voxel of a point: floor(coordinate / size) along each axis, clamped to +-(2^20 - 2)
 // (210 km for voxels of 0.2 m) so that every voxel has neighbours.
 inline Voxel VoxelAt(const Eigen::Vector3f& point_m, double voxel_size_m) {
   constexpr double kOutermost = (1 << 20) - 2;
   const auto number = [&](float coordinate_m) {
-    const double voxel =
-        std::clamp(static_cast<double>(coordinate_m) / voxel_size_m, -kOutermost, kOutermost);
-    // Its floor: processors from before 2008, for which packages are built, have none.
-    const auto truncated = static_cast<std::int64_t>(voxel);
-    return truncated - (static_cast<double>(truncated) > voxel ? 1 : 0);
+    return FloorOf(
+        std::clamp(static_cast<double>(coordinate_m) / voxel_size_m, -kOutermost, kOutermost));
   };
   return {number(point_m.x()), number(point_m.y()), number(point_m.z())};
 }

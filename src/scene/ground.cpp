@@ -56,20 +56,23 @@ void Ground::Fit(const PointsView& points_m, Workspace* workspace) {
 
 void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
   std::vector<float>& heights_m = workspace->heights_m;
+  std::vector<std::uint32_t>& cell_of = workspace->cell_of;
   std::vector<std::uint32_t>& known = workspace->known;
   numbers_.Clear();
   cells_.clear();
+  cell_of.clear();
   for (std::size_t i = 0; i < points_m.size(); ++i) {
     const Cell cell = CellOf(points_m[i]);
     const std::uint32_t number = numbers_.FindOrAdd(0, KeyOf(cell));
     if (number == cells_.size()) cells_.push_back(cell);
     ++cells_[number].end;
+    cell_of.push_back(number);
   }
   std::uint32_t end = 0;
   for (Cell& cell : cells_) end += std::exchange(cell.end, end);
   heights_m.resize(points_m.size());
   for (std::size_t i = 0; i < points_m.size(); ++i) {
-    heights_m[cells_[numbers_.Find(0, KeyOf(CellOf(points_m[i])))].end++] = points_m[i].z();
+    heights_m[cells_[cell_of[i]].end++] = points_m[i].z();
   }
   known.clear();
   std::uint32_t begin = 0;
@@ -190,7 +193,7 @@ double Ground::FlatSupport(double band_m, Workspace* workspace) const {
 
 Ground::Cell Ground::CellOf(const Eigen::Vector3f& point_m) const {
   const auto number = [&](float coordinate_m) {
-    return static_cast<int>(std::floor(static_cast<double>(coordinate_m) / kGroundCellM));
+    return static_cast<int>(FloorOf(static_cast<double>(coordinate_m) / kGroundCellM));
   };
   Cell cell;
   cell.x = number(point_m.x());

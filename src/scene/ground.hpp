@@ -22,6 +22,7 @@ class Ground {
  public:
   // Buffers of Fit(), kept for reuse.
   struct Workspace {
+    std::vector<std::uint32_t> cell_of;  // (points)
     std::vector<float> heights_m;        // of the points, by cell
     std::vector<std::uint32_t> known;    // cells with a height, ordered by x, then y
     std::vector<double> lowest_m;        // heights of these, or of those near the station

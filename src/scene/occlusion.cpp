@@ -41,11 +41,18 @@ void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& ca
     carriers_[SlotOf(bin_)] = carrier;
   }
   const std::size_t step = 1 + points_m.size() / kEnoughReturns;
+  const auto num_sorted = static_cast<std::ptrdiff_t>(returns_.size());
   for (std::size_t i = 0; i < points_m.size(); i += step) {
     const Eigen::Vector3f ray_m = points_m[i] - carrier.shift_m;
     returns_.push_back(static_cast<std::uint32_t>(cells_.CellOf(ray_m)) << kRangeBits |
                        QuantaOf(ray_m.norm()));
   }
+  // With each frame: together they would take the first frame of the next bin too long.
+  std::sort(returns_.begin() + num_sorted, returns_.end());
+  merged_.resize(returns_.size());
+  std::merge(returns_.begin(), returns_.begin() + num_sorted, returns_.begin() + num_sorted,
+             returns_.end(), merged_.begin());
+  returns_.swap(merged_);
 }
 
 // Replaces the depths of the bin that left the window.
@@ -54,7 +61,6 @@ void Occlusion::FinishBin() {
   const std::size_t slot = SlotOf(bin_);
   for (std::size_t at = slot; at < depths_.size(); at += RecentBins::kWindow)
     depths_[at] = kNothing;
-  std::sort(returns_.begin(), returns_.end());
   for (auto begin = returns_.begin(); begin != returns_.end();) {
     const std::uint32_t cell = *begin >> kRangeBits;
     const auto end = std::find_if(begin, returns_.end(),

@@ -48,7 +48,8 @@ class Occlusion {
 
   DirectionCells cells_;
   std::int64_t bin_ = -1;
-  std::vector<std::uint32_t> returns_;  // of that bin: cell and quantised range
+  std::vector<std::uint32_t> returns_;  // of that bin: cell and quantised range, ascending
+  std::vector<std::uint32_t> merged_;   // buffer of Add()
   // Quantised, by row, then by bin modulo the window: a place is compared with all bins of its
   // direction.
   std::vector<std::uint16_t> depths_;

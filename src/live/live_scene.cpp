@@ -181,7 +181,8 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTa
            targets.are_at(place_m, SecondsOfBin(dwell_begin_bin));
   };
   // No allocation.
-  FramePlots& found = station.scene.FindPlots(bin, std::cref(is_known_target), &workspace_);
+  FramePlots& found =
+      station.scene.FindPlots(bin, waiting_.size() == 1, std::cref(is_known_target), &workspace_);
   held->info = frame.frames[0];
   held->bin = static_cast<std::uint32_t>(bin);
   held->plots.clear();

@@ -65,7 +65,7 @@ void MultiStationPlots::FindPlots(const Recording& recording, std::uint32_t fram
   }
   Station& station = scenes_[stations_.StationOf(frame.sensor)];
   FramePlots& found =
-      station.scene.FindPlots(station.bins.BinOf(frame.middle_ns()), nullptr, &workspace_);
+      station.scene.FindPlots(station.bins.BinOf(frame.middle_ns()), false, nullptr, &workspace_);
   num_unexplained_ += workspace_.num_unexplained;
   for (const std::uint32_t i : found.body_returns) are_bodies_[frame.first_return + i] = 1;
   station.bodies.insert(station.bodies.end(), found.bodies.begin(), found.bodies.end());

@@ -184,16 +184,19 @@ bool Occupancy::IsValid(const Place& place, std::int64_t bin) const {
          observed_.Size() > kSettledBins && ChanceOf(place) / kKeptBins % kJudgingTurns >= turns_;
 }
 
-void Occupancy::Judge(PointsView points_m, std::int64_t bin, int scene, const FloatsIn& floats,
-                      const IsTargetSince& is_target, std::vector<Verdict>* verdicts) {
+void Occupancy::Judge(PointsView points_m, std::int64_t bin, bool is_newest, int scene,
+                      const FloatsIn& floats, const IsTargetSince& is_target,
+                      std::vector<Verdict>* verdicts) {
   Verdict structure;
   structure.is_structure = true;
   verdicts->assign(points_m.size(), structure);
   const std::int64_t age = newest_ - bin;
   if (age < 0 || age >= RecentBins::kWindow) return;
-  places_.VisitOwn(points_m, [&](std::size_t i, Place& place) {
+  const auto judge = [&](std::size_t i, Place& place) {
     (*verdicts)[i] = JudgeAt(&place, points_m[i], bin, scene, floats, is_target);
-  });
+  };
+  if (is_newest && places_.VisitOwnAgain(judge)) return;
+  places_.VisitOwn(points_m, judge);
 }
 
 Occupancy::Verdict Occupancy::JudgeAt(Place* place, const Eigen::Vector3f& point_m,

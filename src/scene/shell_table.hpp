@@ -56,6 +56,7 @@ class ShellTable {
   // prefetched.
   template <class Visit>
   void VisitOverlappingShells(PointsView points_m, const Value& initial, const Visit& visit) {
+    own_numbers_.clear();
     for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {
       const std::size_t end = std::min(begin + kPartSize, points_m.size());
       touched_.clear();
@@ -68,6 +69,7 @@ class ShellTable {
       for (Touched& touched : touched_) {
         touched.number = NumberOrNew(touched.shell, touched.key, initial);
         PrefetchValue(touched.number);
+        if (touched.is_own) own_numbers_.push_back(touched.number);
       }
       for (const Touched& touched : touched_) {
         visit(touched.point, values_[touched.number], touched.is_own);
@@ -95,6 +97,18 @@ class ShellTable {
         if (touched.number != VoxelNumbers::kNone) visit(touched.point, values_[touched.number]);
       }
     }
+  }
+
+  // Same for all points of the last VisitOverlappingShells(), whose voxels need not be looked up
+  // again. Returns false if voxels were erased since.
+  template <class Visit>
+  bool VisitOwnAgain(const Visit& visit) {
+    for (std::size_t begin = 0; begin < own_numbers_.size(); begin += kPartSize) {
+      const std::size_t end = std::min(begin + kPartSize, own_numbers_.size());
+      for (std::size_t i = begin; i < end; ++i) PrefetchValue(own_numbers_[i]);
+      for (std::size_t i = begin; i < end; ++i) visit(i, values_[own_numbers_[i]]);
+    }
+    return !own_numbers_.empty();
   }
 
   // Returns the number of the voxel of a point in its own shell; VoxelNumbers::kNone if it is not
@@ -135,6 +149,7 @@ class ShellTable {
     }
     if (kept == values_.size()) return;
     values_.erase(values_.begin() + kept, values_.end());
+    own_numbers_.clear();
     numbers_.Renumber(moved_, kept);
   }
 
@@ -251,9 +266,10 @@ class ShellTable {
 
   std::vector<Shell> shells_;
   VoxelNumbers numbers_;
-  std::vector<Value> values_;         // by number
-  std::vector<std::uint32_t> moved_;  // new number of each voxel, during EraseIf()
-  std::vector<Touched> touched_;      // by a part of the points
+  std::vector<Value> values_;               // by number
+  std::vector<std::uint32_t> moved_;        // new number of each voxel, during EraseIf()
+  std::vector<Touched> touched_;            // by a part of the points
+  std::vector<std::uint32_t> own_numbers_;  // of the points visited last
 };
 
 }  // namespace unlidar

@@ -54,7 +54,8 @@ void StationScene::Fit(FitWorkspace* workspace) {
   ++num_fits_;
 }
 
-FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetSince& is_target,
+FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
+                                    const Occupancy::IsTargetSince& is_target,
                                     FrameWorkspace* workspace) {
   auto& [frame, plotter, verdicts, candidates, linker, are_strays, num_unexplained] = *workspace;
   const Occupancy::FloatsIn floats = [&](const Eigen::Vector3f& point_m) {
@@ -63,7 +64,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, const Occupancy::IsTargetS
   const bool keeps_stray_groups = config_->Uses(Rule::kStrayGroups);
   candidates.clear();
   std::vector<Eigen::Vector3f>& points_m = frame.points_m;
-  occupancy_.Judge(points_m, bin, num_fits_, floats, is_target, &verdicts);
+  occupancy_.Judge(points_m, bin, is_newest, num_fits_, floats, is_target, &verdicts);
   for (std::uint32_t i = 0; i < points_m.size(); ++i) {
     // Static objects in the air look like structure if present throughout. Distant ground is hit
     // too seldom to be structure.

@@ -53,7 +53,7 @@ class StationScene {
   // Returns the plots and bodies of the frame in the workspace, one that was learned; valid until
   // the next call. Sets the place rates of the plots. Its returns are relative to the viewpoint of
   // the frame then.
-  FramePlots& FindPlots(std::int64_t bin, const Occupancy::IsTargetSince& is_target,
+  FramePlots& FindPlots(std::int64_t bin, bool is_newest, const Occupancy::IsTargetSince& is_target,
                         FrameWorkspace* workspace);
 
   const Occupancy& occupancy() const { return occupancy_; }

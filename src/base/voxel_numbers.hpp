@@ -21,16 +21,33 @@ class VoxelNumbers {
 
   std::uint32_t size() const { return size_; }
 
+  // Returns the hash of a voxel, which those who prefetch keep until they look it up. Adjacent
+  // voxels have adjacent keys, so the bits are mixed.
+  static std::uint32_t HashOf(std::uint32_t grid, VoxelKey key) {
+    std::uint64_t hash = (key ^ (static_cast<std::uint64_t>(grid) << 58U)) * 0x9E3779B97F4A7C15ULL;
+    hash ^= hash >> 32U;
+    hash *= 0xD6E8FEB86659FD93ULL;
+    return static_cast<std::uint32_t>(hash >> 32U);
+  }
+
   // Returns the number of a voxel; kNone if it was never added.
   std::uint32_t Find(std::uint32_t grid, VoxelKey key) const {
+    return Find(grid, key, HashOf(grid, key));
+  }
+
+  std::uint32_t Find(std::uint32_t grid, VoxelKey key, std::uint32_t hash) const {
     if (slots_.empty()) return kNone;
-    const Slot& slot = slots_[SlotOf(grid, key)];
+    const Slot& slot = slots_[SlotOf(grid, key, hash)];
     return slot.IsFree() ? kNone : slot.number;
   }
 
   std::uint32_t FindOrAdd(std::uint32_t grid, VoxelKey key) {
+    return FindOrAdd(grid, key, HashOf(grid, key));
+  }
+
+  std::uint32_t FindOrAdd(std::uint32_t grid, VoxelKey key, std::uint32_t hash) {
     if (2 * (static_cast<std::size_t>(size_) + 1) > slots_.size()) Grow();
-    Slot& slot = slots_[SlotOf(grid, key)];
+    Slot& slot = slots_[SlotOf(grid, key, hash)];
     if (!slot.IsFree()) return slot.number;
     if (size_ == Slot::kFree) throw std::bad_alloc();
     slot = Slot(grid, key, size_);
@@ -44,8 +61,8 @@ class VoxelNumbers {
   }
 
   // Prefetches the slot of a voxel that will be looked up soon.
-  void Prefetch(std::uint32_t grid, VoxelKey key) const {
-    if (!slots_.empty()) __builtin_prefetch(&slots_[FirstSlotOf(grid, key)]);
+  void Prefetch(std::uint32_t hash) const {
+    if (!slots_.empty()) __builtin_prefetch(&slots_[FirstSlotOf(hash)]);
   }
 
   // Replaces each number n by numbers[n]; kNone removes the voxel. `size`: number of voxels that
@@ -67,7 +84,7 @@ class VoxelNumbers {
       slot = Slot();
       const std::uint32_t number = numbers[old.number];
       if (number == kNone) continue;
-      slots_[SlotOf(old.grid, old.Key())] = Slot(old.grid, old.Key(), number);
+      slots_[SlotOf(old)] = Slot(old.grid, old.Key(), number);
     }
     if (const std::size_t enough = NumSlotsFor(size_); kShrinkFactor * enough <= slots_.size()) {
       MoveTo(enough);
@@ -110,28 +127,29 @@ class VoxelNumbers {
     std::vector<Slot> old(num_slots);
     old.swap(slots_);
     for (const Slot& slot : old) {
-      if (!slot.IsFree()) slots_[SlotOf(slot.grid, slot.Key())] = slot;
+      if (!slot.IsFree()) slots_[SlotOf(slot)] = slot;
     }
   }
 
-  // Returns the first slot of the probe sequence. Adjacent voxels have adjacent keys, so the bits
-  // are mixed.
-  std::size_t FirstSlotOf(std::uint32_t grid, VoxelKey key) const {
-    std::uint64_t hash = (key ^ (static_cast<std::uint64_t>(grid) << 58U)) * 0x9E3779B97F4A7C15ULL;
-    hash ^= hash >> 32U;
-    hash *= 0xD6E8FEB86659FD93ULL;
-    return ((hash >> 32U) * slots_.size()) >> 32U;
+  // Returns the first slot of the probe sequence.
+  std::size_t FirstSlotOf(std::uint32_t hash) const {
+    return (static_cast<std::uint64_t>(hash) * slots_.size()) >> 32U;
   }
 
   std::size_t Next(std::size_t at) const { return at + 1 == slots_.size() ? 0 : at + 1; }
 
   // Returns the slot of a voxel, or the free slot for it.
-  std::size_t SlotOf(std::uint32_t grid, VoxelKey key) const {
-    std::size_t at = FirstSlotOf(grid, key);
+  std::size_t SlotOf(std::uint32_t grid, VoxelKey key, std::uint32_t hash) const {
+    std::size_t at = FirstSlotOf(hash);
     while (!slots_[at].IsFree() && (slots_[at].Key() != key || slots_[at].grid != grid)) {
       at = Next(at);
     }
     return at;
+  }
+
+  std::size_t SlotOf(const Slot& slot) const {
+    const VoxelKey key = slot.Key();
+    return SlotOf(slot.grid, key, HashOf(slot.grid, key));
   }
 
   std::vector<Slot> slots_;  // at most half occupied

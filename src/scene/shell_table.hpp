@@ -47,7 +47,8 @@ class ShellTable {
   void VisitOverlappingShells(const Eigen::Vector3f& point_m, const Value& initial,
                               const Visit& visit) {
     VisitVoxelsOf(point_m, [&](std::uint32_t shell, VoxelKey key, bool is_own) {
-      const std::uint32_t number = NumberOrNew(shell, key, initial);
+      const std::uint32_t hash = VoxelNumbers::HashOf(shell, key);
+      const std::uint32_t number = NumberOrNew(shell, key, hash, initial);
       visit(number, values_[number], is_own);
     });
   }
@@ -62,12 +63,13 @@ class ShellTable {
       touched_.clear();
       for (std::size_t i = begin; i < end; ++i) {
         VisitVoxelsOf(points_m[i], [&](std::uint32_t shell, VoxelKey key, bool is_own) {
-          numbers_.Prefetch(shell, key);
-          touched_.push_back({i, key, shell, VoxelNumbers::kNone, is_own});
+          const std::uint32_t hash = VoxelNumbers::HashOf(shell, key);
+          numbers_.Prefetch(hash);
+          touched_.push_back({key, static_cast<std::uint32_t>(i), shell, hash, is_own});
         });
       }
       for (Touched& touched : touched_) {
-        touched.number = NumberOrNew(touched.shell, touched.key, initial);
+        touched.number = NumberOrNew(touched.shell, touched.key, touched.hash, initial);
         PrefetchValue(touched.number);
         if (touched.is_own) own_numbers_.push_back(touched.number);
       }
@@ -86,11 +88,12 @@ class ShellTable {
       touched_.clear();
       for (std::size_t i = begin; i < end; ++i) {
         const Home home = HomeOf(points_m[i]);
-        numbers_.Prefetch(home.shell, home.key);
-        touched_.push_back({i, home.key, home.shell, VoxelNumbers::kNone, true});
+        const std::uint32_t hash = VoxelNumbers::HashOf(home.shell, home.key);
+        numbers_.Prefetch(hash);
+        touched_.push_back({home.key, static_cast<std::uint32_t>(i), home.shell, hash, true});
       }
       for (Touched& touched : touched_) {
-        touched.number = numbers_.Find(touched.shell, touched.key);
+        touched.number = numbers_.Find(touched.shell, touched.key, touched.hash);
         if (touched.number != VoxelNumbers::kNone) PrefetchValue(touched.number);
       }
       for (const Touched& touched : touched_) {
@@ -171,11 +174,12 @@ class ShellTable {
 
   // A voxel of a point, of its own shell or another.
   struct Touched {
-    std::size_t point;
     VoxelKey key;
+    std::uint32_t point;
     std::uint32_t shell;
-    std::uint32_t number;
+    std::uint32_t hash;
     bool is_own;
+    std::uint32_t number = VoxelNumbers::kNone;
   };
 
   // The voxel of a point in its own shell.
@@ -204,8 +208,9 @@ class ShellTable {
     return {range_m, static_cast<std::uint32_t>(shell), VoxelOf(point_m, shells_[shell].edge_m)};
   }
 
-  std::uint32_t NumberOrNew(std::uint32_t shell, VoxelKey key, const Value& initial) {
-    const std::uint32_t number = numbers_.FindOrAdd(shell, key);
+  std::uint32_t NumberOrNew(std::uint32_t shell, VoxelKey key, std::uint32_t hash,
+                            const Value& initial) {
+    const std::uint32_t number = numbers_.FindOrAdd(shell, key, hash);
     if (number == values_.size()) values_.push_back(initial);
     return number;
   }
@@ -243,20 +248,25 @@ class ShellTable {
     const Voxel home = VoxelAt(point_m, shells_[shell_index].edge_m);
     const auto shell = static_cast<std::uint32_t>(shell_index);
     // The table exceeds the cache: all slots are prefetched before the first one is read.
-    std::array<VoxelKey, kNumNeighbourhoodVoxels> keys{};
-    auto next_key = keys.begin();
+    struct Slot {
+      VoxelKey key;
+      std::uint32_t hash;
+    };
+    std::array<Slot, kNumNeighbourhoodVoxels> slots;
+    auto next = slots.begin();
     for (int dx = -1; dx <= 1; ++dx) {
       for (int dy = -1; dy <= 1; ++dy) {
         for (int dz = -1; dz <= 1; ++dz) {
-          *next_key = KeyOf({home.x + dx, home.y + dy, home.z + dz});
-          numbers_.Prefetch(shell, *next_key++);
+          const VoxelKey key = KeyOf({home.x + dx, home.y + dy, home.z + dz});
+          *next = {key, VoxelNumbers::HashOf(shell, key)};
+          numbers_.Prefetch((next++)->hash);
         }
       }
     }
     std::array<std::uint32_t, kNumNeighbourhoodVoxels> numbers{};
     auto end = numbers.begin();
-    for (const VoxelKey key : keys) {
-      const std::uint32_t number = numbers_.Find(shell, key);
+    for (const Slot& slot : slots) {
+      const std::uint32_t number = numbers_.Find(shell, slot.key, slot.hash);
       if (number == VoxelNumbers::kNone) continue;
       PrefetchValue(number);
       *end++ = number;

@@ -92,7 +92,7 @@ bool LiveScene::Take(LoadedFrame* frame) {
     if (front_ns_ - station.begin_ns >= kWarmUpNs) WarmUpLate(&station);
     return false;
   }
-  if (front_ns_ - snapshot_ns_ >= snapshot_interval_ns_) RefitAll();
+  Refit();
   enqueue();
   return true;
 }
@@ -102,7 +102,11 @@ void LiveScene::Close() {
 }
 
 void LiveScene::WarmUp() {
-  RefitAll();
+  is_warm_ = true;
+  snapshot_ns_ = front_ns_;
+  for (Station& station : scenes_) {
+    if (station.has_begun) station.scene.Fit(&fit_workspace_);
+  }
   num_warm_up_frames_ = waiting_.size();
   if (front_ns_ - begin_ns_ < kWarmUpNs) return;
   for (Station& station : scenes_) {
@@ -119,23 +123,26 @@ void LiveScene::WarmUpLate(Station* station) {
   station->scene.Fit(&fit_workspace_);
 }
 
-void LiveScene::RefitAll() {
-  if (std::exchange(is_warm_, true)) {
+// If a refit is due fits the grounds, and with the next frame the supports: together they would
+// take one frame too long.
+void LiveScene::Refit() {
+  const bool are_grounds_new = std::exchange(are_grounds_new_, false);
+  if (!are_grounds_new) {
+    if (front_ns_ - snapshot_ns_ < snapshot_interval_ns_) return;
     // Frees the memory of the warm-up queues.
     if (snapshot_interval_ns_ < kLastRefitNs) {
       waiting_.ShrinkToFit();
       held_.ShrinkToFit();
     }
     snapshot_interval_ns_ = std::min(2 * snapshot_interval_ns_, kLastRefitNs);
-    for (Station& station : scenes_) {
-      if (station.scene.is_fitted()) station.scene.Fit(&fit_workspace_);
-    }
-  } else {
-    for (Station& station : scenes_) {
-      if (station.has_begun) station.scene.Fit(&fit_workspace_);
-    }
+    snapshot_ns_ = front_ns_;
+    are_grounds_new_ = true;
   }
-  snapshot_ns_ = front_ns_;
+  for (Station& station : scenes_) {
+    StationScene& scene = station.scene;
+    if (!scene.is_fitted()) continue;
+    are_grounds_new ? scene.FillSupport(&fit_workspace_) : scene.FitGround(&fit_workspace_);
+  }
 }
 
 TimeNs LiveScene::MakePlots(const KnownTargets& targets) {

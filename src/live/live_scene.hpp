@@ -118,7 +118,7 @@ class LiveScene {
   Station& StationOf(std::uint32_t sensor);
   void WarmUp();
   void WarmUpLate(Station* station);
-  void RefitAll();
+  void Refit();
   void MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTargets& targets,
                    SceneFrame* held);
   void AddLookahead();
@@ -145,6 +145,7 @@ class LiveScene {
   TimeNs learning_since_ns_ = 0;  // start of the youngest station, or the last surge
   TimeNs snapshot_ns_ = 0;
   TimeNs snapshot_interval_ns_;
+  bool are_grounds_new_ = false;  // supports are due
   StationScene::FitWorkspace fit_workspace_;
 
   // Frames in progress.

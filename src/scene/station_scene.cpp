@@ -46,11 +46,19 @@ void StationScene::Fit(FitWorkspace* workspace) {
   if (!first_returns_m_.empty()) {
     lowest_elevation_rad_ = LowestElevationRad(std::exchange(first_returns_m_, {}));
   }
-  auto& [points_m, ground, support] = *workspace;
-  occupancy_.GetStructure(&points_m);
-  fitted_->ground.Fit(points_m, &ground);
-  occupancy_.GetSupporters(&points_m);
-  fitted_->support.Fill(points_m, occupancy_.field_of_view().Edges(), &support);
+  FitGround(workspace);
+  FillSupport(workspace);
+}
+
+void StationScene::FitGround(FitWorkspace* workspace) {
+  occupancy_.GetStructure(&workspace->points_m);
+  fitted_->ground.Fit(workspace->points_m, &workspace->ground);
+}
+
+void StationScene::FillSupport(FitWorkspace* workspace) {
+  occupancy_.GetSupporters(&workspace->points_m);
+  fitted_->support.Fill(workspace->points_m, occupancy_.field_of_view().Edges(),
+                        &workspace->support);
   ++num_fits_;
 }
 

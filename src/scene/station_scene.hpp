@@ -47,6 +47,10 @@ class StationScene {
   // Fits ground and support to the places learned so far.
   void Fit(FitWorkspace* workspace);
 
+  // The same in two halves, to be called one after the other once it is fitted.
+  void FitGround(FitWorkspace* workspace);
+  void FillSupport(FitWorkspace* workspace);
+
   // True after Fit().
   bool is_fitted() const { return fitted_ != nullptr; }
 

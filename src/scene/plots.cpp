@@ -120,9 +120,8 @@ void Columns::Sort() {
 }
 
 bool Columns::IsIn(const Eigen::Vector3d& point_m, const Column& column) {
-  constexpr double kBelowM = 0.4;
   const Eigen::Vector3d below_m = column.plot->position_m - point_m;
-  return below_m.z() > kBelowM && below_m.z() < column.plot->column_m &&
+  return below_m.z() > kBelowPlotM && below_m.z() < column.plot->column_m &&
          below_m.head<2>().norm() < column.radius_m;
 }
 

@@ -28,6 +28,12 @@ inline double ClutterRate(double count, double exposure, double prior_rate) {
 // What is lower may be a person or stand on the ground.
 constexpr double kPersonHeightM = 2.0;
 
+// What a body shows of itself where a part of it is seen, in height.
+constexpr double kBodyPartM = 0.6;
+
+// Returns so far below a plot are not its own: half the height of a drone plus noise.
+constexpr double kBelowPlotM = 0.4;
+
 // A body excludes the plots beside it for this long before and after.
 constexpr double kBodyMarginS = 0.35;
 
@@ -47,6 +53,7 @@ struct Plot {
   bool is_floating = false;       // static and unsupported: MarkFloating
   bool has_structure = false;     // returns at places that look like structure, unsupported
   double column_m = 0.0;          // length of the column below it in which returns may be a body's
+  double watched_below = 1.0;     // share of that column that has rays, over its own; at most 1
   std::uint32_t num_below = 0;    // returns of its frame in that column
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;

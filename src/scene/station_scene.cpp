@@ -33,6 +33,7 @@ StationScene::StationScene(const RobustConfig& config)
 
 void StationScene::Learn(PointsView points_m, std::int64_t bin, const CarrierPose& carrier) {
   occupancy_.AddFrame(points_m, bin, carrier);
+  watched_.AddFrame(points_m, carrier);
   if (is_fitted()) return;
   const std::size_t count = std::min(points_m.size(), kElevationReturns - first_returns_m_.size());
   for (std::size_t i = 0; i < count; ++i) first_returns_m_.push_back(points_m[i] - carrier.shift_m);
@@ -59,6 +60,7 @@ void StationScene::FillSupport(FitWorkspace* workspace) {
   occupancy_.GetSupporters(&workspace->points_m);
   fitted_->support.Fill(workspace->points_m, occupancy_.field_of_view().Edges(),
                         &workspace->support);
+  watched_.Update();
   ++num_fits_;
 }
 
@@ -95,6 +97,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
     Plot& plot = found.plots[p];
     SetPlaceRate(*workspace, plotter.ReturnsOf(p), &plot);
+    SetWatchedBelow(frame.frames[0].carrier, &plot);
     plot.position_m += shift_m.cast<double>();
   }
   for (BodyBox& body : found.bodies) {
@@ -125,6 +128,18 @@ void StationScene::DropStrays(FrameWorkspace* workspace) const {
   candidates.erase(std::remove_if(candidates.begin(), candidates.end(),
                                   [&](std::uint32_t i) { return workspace->are_strays[i] != 0; }),
                    candidates.end());
+}
+
+void StationScene::SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const {
+  if (plot->column_m <= kBelowPlotM) return;
+  const Eigen::Matrix3d to_carrier = carrier.rotation.conjugate().toRotationMatrix().cast<double>();
+  const auto share_between = [&](double low_m, double high_m) {
+    return watched_.Share(to_carrier * (plot->ray_m + low_m * Eigen::Vector3d::UnitZ()),
+                          to_carrier * (plot->ray_m + high_m * Eigen::Vector3d::UnitZ()));
+  };
+  const double own = share_between(-kBodyPartM / 2, kBodyPartM / 2);
+  const double below = share_between(-plot->column_m, -kBelowPlotM);
+  plot->watched_below = below < own ? below / own : (below > 0.0 ? 1.0 : 0.0);
 }
 
 void StationScene::SetPlaceRate(const FrameWorkspace& workspace, const IndexView& returns,

@@ -12,6 +12,7 @@
 #include "scene/occupancy.hpp"
 #include "scene/plots.hpp"
 #include "scene/support.hpp"
+#include "scene/watched_elevations.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {
@@ -68,6 +69,7 @@ class StationScene {
 
  private:
   void DropStrays(FrameWorkspace* workspace) const;
+  void SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const;
   void SetPlaceRate(const FrameWorkspace& workspace, const IndexView& returns, Plot* plot) const;
 
   // Ground and support as of the last fit.
@@ -84,6 +86,7 @@ class StationScene {
   Occupancy occupancy_;
   std::vector<Eigen::Vector3f> first_returns_m_;  // for the lowest elevation, until fitted
   double lowest_elevation_rad_ = 0.0;
+  WatchedElevations watched_;
   std::unique_ptr<Fitted> fitted_;
   int num_fits_ = 0;
 };

@@ -62,6 +62,16 @@ TEST(Flight, WhatStandsOnTheGroundIsNeverInTheAir) {
   }
 }
 
+// Between two beams of a spinning sensor there may be the lower part of a car.
+TEST(Flight, WhatNoBeamLooksBelowIsNotKnownToBeInTheAir) {
+  std::vector<Plot> path = PathAt(1.4, 8, 3);
+  for (Plot& plot : path) plot.watched_below = 0.5;
+  EXPECT_TRUE(IsKnownToBeInTheAir(path));
+  path = PathAt(1.4, 300, 3);
+  for (Plot& plot : path) plot.watched_below = 0.0;
+  EXPECT_FALSE(IsKnownToBeInTheAir(path));
+}
+
 TEST(Flight, ACarThatPassesBelowOnceDoesNotMakeABody) {
   std::vector<Plot> path = PathAt(1.4, 10, 3);
   path[4].num_below = 60;

@@ -217,6 +217,35 @@ TEST(Plots, CountWhatIsBelowThem) {
   EXPECT_GT(num_all, 2 * num_plots);
 }
 
+// The top of a car 20 m away, 1.2 m above the ground, on one of the cones that spinning beams
+// sweep.
+TEST(Plots, SayWhetherAnyBeamLooksBelowThem) {
+  for (const double step_deg : {0.1, 4.0}) {
+    RecordingMaker maker(1);
+    for (int i = 0; i < 60; ++i) {
+      maker.BeginFrame(i * kPeriodS);
+      const double top_deg = std::atan2(-0.3, 20.0) * 180.0 / M_PI;
+      for (double down_deg = top_deg - step_deg; down_deg > -40.0; down_deg -= step_deg) {
+        const double range_m = kGround_m / std::tan(down_deg * M_PI / 180.0);
+        for (int k = 0; k < (step_deg < 1.0 ? 10 : 400); ++k) {
+          const double azimuth = maker.random.Uniform(-M_PI, M_PI);
+          maker.Add({range_m * std::cos(azimuth), range_m * std::sin(azimuth), kGround_m});
+        }
+      }
+      const double azimuth = 0.04 * i - 1.2;
+      for (const double beside : {0.0, 0.005, 0.01, 0.015}) {
+        maker.Add({20.0 * std::cos(azimuth + beside), 20.0 * std::sin(azimuth + beside), -0.3},
+                  kDrone);
+      }
+    }
+    const Found found = FindPlots(maker.recording);
+    ASSERT_GT(found.plots.size(), 50U) << step_deg;
+    for (const Plot& plot : found.plots) {
+      EXPECT_NEAR(plot.watched_below, step_deg < 1.0 ? 1.0 : 0.0, 0.1) << step_deg;
+    }
+  }
+}
+
 TEST(Plots, ComeFrameByFrameAlsoWhereFramesOfTwoSensorsOverlap) {
   RecordingMaker maker(9, 2);
   for (int i = 0; i < 120; ++i) {

@@ -86,11 +86,10 @@ std::vector<double> OccupancyBelowWhileAway(const Recording& recording,
 // True if nothing stands below a path. A body that stands on the ground and is seen at some height
 // returns proportionally more from the room below it (plots count returns beyond half a drone's
 // height and the roughness of the ground). So each plot with nothing below makes a body less
-// likely, the more the higher it is and the more returns it has, unless the rest is hidden. A plot
-// with returns below makes a body more likely, the more the less often there are returns at other
-// times: from a bollard there always are.
+// likely, the more the higher it is and the more returns it has, unless the rest is hidden, or lies
+// between the beams of a spinning sensor. A plot with returns below makes a body more likely, the
+// more the less often there are returns at other times: from a bollard there always are.
 bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, double chance) {
-  constexpr double kOwnHeightM = 0.6;
   constexpr double kNotCountedM = 0.55;
   constexpr double kHidden = 0.02;
   double log_ratio = 0.0;  // body over drone
@@ -101,8 +100,8 @@ bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, 
       continue;
     }
     // method.md (10)
-    const double room_m = std::max(plot.lowest_m - kNotCountedM, 0.0);
-    const double own_share = kOwnHeightM / (kOwnHeightM + room_m);
+    const double room_m = plot.watched_below * std::max(plot.lowest_m - kNotCountedM, 0.0);
+    const double own_share = kBodyPartM / (kBodyPartM + room_m);
     const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);
     log_ratio += std::log(nothing) - std::log1p(-kMinOccupancyBelow);
   }

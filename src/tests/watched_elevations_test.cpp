@@ -1,0 +1,88 @@
+#include "scene/watched_elevations.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "tests/synthetic_recording.hpp"
+
+namespace unlidar {
+namespace {
+
+using testing::Random;
+
+constexpr double kDegree_rad = M_PI / 180.0;
+
+Eigen::Vector3d At(double azimuth_rad, double elevation_deg, double range_m) {
+  const double elevation_rad = elevation_deg * kDegree_rad;
+  return range_m * Eigen::Vector3d(std::cos(azimuth_rad) * std::cos(elevation_rad),
+                                   std::sin(azimuth_rad) * std::cos(elevation_rad),
+                                   std::sin(elevation_rad));
+}
+
+// Returns of beams 1.5 degrees apart from -15 to 15 degrees, or of rays anywhere between.
+std::vector<Eigen::Vector3f> Frame(bool has_rings, Random* random) {
+  std::vector<Eigen::Vector3f> points_m;
+  for (int i = 0; i < 40'000; ++i) {
+    const double ring = -15.0 + 1.5 * random->Index(21);
+    const double elevation_deg = has_rings ? ring : random->Uniform(-15.0, 15.0);
+    points_m.push_back(
+        At(random->Uniform(-3.0, 3.0), elevation_deg, random->Uniform(5.0, 80.0)).cast<float>());
+  }
+  return points_m;
+}
+
+double ShareOf(const WatchedElevations& watched, double low_deg, double high_deg) {
+  return watched.Share(At(0.5, low_deg, 30.0), At(0.5, high_deg, 30.0));
+}
+
+WatchedElevations Watched(const std::vector<Eigen::Vector3f>& points_m,
+                          const CarrierPose& carrier = {}) {
+  WatchedElevations watched;
+  watched.AddFrame(points_m, carrier);
+  watched.Update();
+  return watched;
+}
+
+TEST(WatchedElevations, AllAreUntilReturnsTell) {
+  WatchedElevations watched;
+  EXPECT_NEAR(ShareOf(watched, -40.0, 60.0), 1.0, 1e-6);
+}
+
+TEST(WatchedElevations, BetweenBeamsNothingIs) {
+  Random random(1);
+  const WatchedElevations watched = Watched(Frame(true, &random));
+  EXPECT_EQ(ShareOf(watched, -2.8, -1.7), 0.0);
+  EXPECT_NEAR(ShareOf(watched, -3.5, -2.5), 0.1, 0.05);
+  EXPECT_NEAR(ShareOf(watched, -14.0, 14.0), 0.1 / 1.5, 0.03);
+}
+
+TEST(WatchedElevations, OfOtherScansAllAreThatTheFieldOfViewHolds) {
+  Random random(1);
+  const WatchedElevations watched = Watched(Frame(false, &random));
+  EXPECT_NEAR(ShareOf(watched, -14.0, 14.0), 1.0, 1e-6);
+  EXPECT_EQ(ShareOf(watched, -40.0, -16.0), 0.0);
+}
+
+// Rain and snow have the rays of the sensor; what joins frames of another place has not.
+TEST(WatchedElevations, AFewReturnsDoNotMakeABeam) {
+  Random random(1);
+  std::vector<Eigen::Vector3f> points_m = Frame(true, &random);
+  const std::vector<Eigen::Vector3f> others_m = Frame(false, &random);
+  points_m.insert(points_m.end(), others_m.begin(), others_m.begin() + 300);
+  EXPECT_EQ(ShareOf(Watched(points_m), -2.8, -1.7), 0.0);
+}
+
+TEST(WatchedElevations, BeamsTiltWithTheirCarrier) {
+  Random random(1);
+  CarrierPose carrier;
+  carrier.rotation = Eigen::AngleAxisf(0.4F, Eigen::Vector3f::UnitX());
+  carrier.shift_m = {3.0F, 0.0F, 1.0F};
+  std::vector<Eigen::Vector3f> points_m = Frame(true, &random);
+  for (Eigen::Vector3f& p : points_m) p = carrier.rotation * p + carrier.shift_m;
+  EXPECT_EQ(ShareOf(Watched(points_m, carrier), -2.8, -1.7), 0.0);
+}
+
+}  // namespace
+}  // namespace unlidar

@@ -72,6 +72,14 @@ TEST(Flight, WhatNoBeamLooksBelowIsNotKnownToBeInTheAir) {
   EXPECT_FALSE(IsKnownToBeInTheAir(path));
 }
 
+// They may be strays that join two cars.
+TEST(Flight, WhatIsHigherThanABodySaysNothingOfWhatIsLower) {
+  std::vector<Plot> path = PathAt(1.4, 5, 1);
+  const std::vector<Plot> high = PathAt(30.0, 100, 3);
+  path.insert(path.end(), high.begin(), high.end());
+  EXPECT_FALSE(IsKnownToBeInTheAir(path));
+}
+
 TEST(Flight, ACarThatPassesBelowOnceDoesNotMakeABody) {
   std::vector<Plot> path = PathAt(1.4, 10, 3);
   path[4].num_below = 60;

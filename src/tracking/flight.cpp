@@ -88,13 +88,17 @@ std::vector<double> OccupancyBelowWhileAway(const Recording& recording,
 // height and the roughness of the ground). So each plot with nothing below makes a body less
 // likely, the more the higher it is and the more returns it has, unless the rest is hidden, or lies
 // between the beams of a spinning sensor. A plot with returns below makes a body more likely, the
-// more the less often there are returns at other times: from a bollard there always are.
-bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, double chance) {
+// more the less often there are returns at other times: from a bollard there always are. What is
+// higher than a body is no part of one, but it may be strays that join two cars: it tells nothing
+// about what is lower.
+bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path,
+                     const RobustConfig& config) {
   constexpr double kNotCountedM = 0.55;
   constexpr double kHidden = 0.02;
   double log_ratio = 0.0;  // body over drone
   std::vector<const Plot*> above_something;
   for (const Plot& plot : path) {
+    if (plot.lowest_m > config.off_ground_m) continue;
     if (plot.num_below > 0) {
       above_something.push_back(&plot);
       continue;
@@ -105,7 +109,7 @@ bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path, 
     const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);
     log_ratio += std::log(nothing) - std::log1p(-kMinOccupancyBelow);
   }
-  const double log_chance = std::log(chance);
+  const double log_chance = std::log(config.false_alarms_per_recording);
   // For most paths of bodies the pass over all frames is not needed.
   if (above_something.empty() || log_ratio >= log_chance) return log_ratio < log_chance;
   for (const double share : OccupancyBelowWhileAway(recording, path, above_something)) {
@@ -176,9 +180,8 @@ double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& pat
                         const RobustConfig& config) {
   // Above vegetation and objects on the ground, and the error of the ground height.
   constexpr double kClearM = 0.75;
-  return HasNothingBelow(recording, path, config.false_alarms_per_recording)
-             ? std::min(kClearM, config.off_ground_m)
-             : config.off_ground_m;
+  return HasNothingBelow(recording, path, config) ? std::min(kClearM, config.off_ground_m)
+                                                  : config.off_ground_m;
 }
 
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,

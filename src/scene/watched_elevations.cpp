@@ -10,6 +10,7 @@ namespace {
 // there makes some bands richer than others, but not by as much as beams those between them.
 constexpr std::ptrdiff_t kBandsBeside = 20;
 constexpr double kMinShareOfMean = 0.05;
+constexpr double kLeastRangeM = 1e-6;  // what is nearer has no direction
 constexpr std::uint32_t kMaxReturns = 1U << 30U;
 
 }  // namespace
@@ -22,7 +23,9 @@ void WatchedElevations::AddFrame(PointsView points_m, const CarrierPose& carrier
   const Eigen::Vector3f up = carrier.rotation * Eigen::Vector3f::UnitZ();
   for (std::size_t i = 0; i < points_m.size(); ++i) {
     const Eigen::Vector3f ray_m = points_m[i] - carrier.shift_m;
-    const float share = (1.0F + up.dot(ray_m) / ray_m.norm()) / 2.0F;
+    const float range_m = ray_m.norm();
+    if (range_m < kLeastRangeM) continue;
+    const float share = (1.0F + up.dot(ray_m) / range_m) / 2.0F;
     const auto band = static_cast<std::size_t>(share * static_cast<float>(kBands));
     ++returns_[std::min(band, kBands - 1)];
   }
@@ -47,7 +50,8 @@ void WatchedElevations::Update() {
 
 double WatchedElevations::Share(const Eigen::Vector3d& from_m, const Eigen::Vector3d& to_m) const {
   const auto at = [](const Eigen::Vector3d& ray_m) {
-    return (1.0 + ray_m.z() / ray_m.norm()) / 2.0 * static_cast<double>(kBands);
+    const double range_m = std::max(ray_m.norm(), kLeastRangeM);
+    return (1.0 + ray_m.z() / range_m) / 2.0 * static_cast<double>(kBands);
   };
   const auto below = [this](double bands) {
     const std::size_t band = std::min(static_cast<std::size_t>(bands), kBands - 1);

@@ -74,6 +74,13 @@ TEST(WatchedElevations, AFewReturnsDoNotMakeABeam) {
   EXPECT_EQ(ShareOf(Watched(points_m), -2.8, -1.7), 0.0);
 }
 
+TEST(WatchedElevations, WhatIsAtTheViewpointHasNone) {
+  const std::vector<Eigen::Vector3f> points_m(100, Eigen::Vector3f::Zero());
+  const WatchedElevations watched = Watched(points_m);
+  EXPECT_EQ(ShareOf(watched, -90.0, 90.0), 0.0);
+  EXPECT_EQ(watched.Share(Eigen::Vector3d::Zero(), Eigen::Vector3d::UnitZ()), 0.0);
+}
+
 TEST(WatchedElevations, BeamsTiltWithTheirCarrier) {
   Random random(1);
   CarrierPose carrier;

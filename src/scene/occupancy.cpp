@@ -14,8 +14,8 @@ namespace {
 constexpr int kEnoughBins = RecentBins::kWindow / 2;
 constexpr double kEnoughFromMoving = 1.0;  // the same of a carrier that moves
 constexpr int kSettledBins = 10;           // observed bins from which structure is kept for a while
-constexpr int kKeptBins = 5;               // judged again after so many bins
-constexpr int kJudgingTurns = 64;          // of which a bin has enough to spread places evenly
+constexpr int kKeptBins = 5;               // bins after which structure is judged again
+constexpr int kJudgingTurns = 64;          // turns of a bin: more than it has frames
 constexpr std::size_t kMaxEmptyAdjacent = 2;  // of the six adjacent places, may be empty by chance
 // With fewer observed bins, any place that is still being hit may be a support.
 constexpr int kYoungBins = 20;

@@ -48,9 +48,9 @@ class Occupancy {
   // Adds a frame. Bins count up; frames may come out of order by a few bins.
   void AddFrame(PointsView points_m, std::int64_t bin, const CarrierPose& carrier = {});
 
-  // Judges each return measured in `bin`; outside the window it is structure. `is_newest`: they are
-  // those of the last frame added. `scene`: number of
-  // the scene that `floats` refers to.
+  // Judges each return measured in `bin`; outside the window it is structure. `is_newest`: the
+  // returns are those of the last AddFrame(), all of them and in their order, so that their voxels
+  // need not be looked up. `scene`: number of the scene that `floats` refers to.
   void Judge(PointsView points_m, std::int64_t bin, bool is_newest, int scene,
              const FloatsIn& floats, const IsTargetSince& is_target,
              std::vector<Verdict>* verdicts);

@@ -44,7 +44,6 @@ struct Flight {
   std::vector<LivePlot> plots;
   std::vector<FrameTime> frame_times;  // (plots)
   double log_birth = 0.0;              // of the first plot, same as LogBirths
-  bool starts_new_target = false;      // earlier plots belong to another object
 };
 
 // Leading plots of a path that a rule cuts off: they belong to no flight.

@@ -3,14 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <numeric>
-#include <utility>
-
-#include "collection/suspended.hpp"
-#include "live/backward_extension.hpp"
-#include "scene/support.hpp"
-#include "tracking/crowding.hpp"
-#include "tracking/flight.hpp"
 
 namespace unlidar {
 namespace {
@@ -24,27 +16,6 @@ constexpr double kCrowdedLearningS = 30.0;
 // Recent plots at most, between frames: those of ten seconds before a low sun, and of all that is
 // kept in dense rain.
 constexpr std::size_t kMaxRecentPlots = 240'000;
-// Across a gap of this length a path is within reach of strays of seconds before.
-constexpr double kLongPauseS = 3.0;
-
-// True if a path moves or is unsupported. Otherwise it may be a twig that is hit more often for a
-// while: a stream does not know how often its place will be hit later.
-bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& plots) {
-  const double min_move_m = kMinDisplacement.At(plots.front().ray_m.norm());
-  return Floats(path) || DriftM(plots) > min_move_m;
-}
-
-// Numbers of the plots of a path within it.
-std::vector<std::uint32_t> AllOf(const Path& path) {
-  std::vector<std::uint32_t> all(path.plots.size());
-  std::iota(all.begin(), all.end(), 0U);
-  return all;
-}
-
-template <class T>
-void DropFirst(std::size_t count, std::vector<T>* values) {
-  values->erase(values->begin(), values->begin() + static_cast<std::ptrdiff_t>(count));
-}
 
 }  // namespace
 
@@ -140,169 +111,16 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
   return paths_;
 }
 
-bool LiveSearch::IsFree(const Path& path) const {
-  return std::all_of(path.plots.begin(), path.plots.end(),
-                     [&](std::uint32_t i) { return free_[i] != 0; });
-}
-
-// Scores paths of the plots of `path`, as they are numbered there. Valid until the next call.
-PathScorer LiveSearch::ScorerOf(const Path& path, TimeOutOfView time_out_of_view) {
-  path_plots_.clear();
-  path_log_births_.clear();
-  for (const std::uint32_t i : path.plots) {
-    path_plots_.push_back(recent_plots_[i].plot);
-    path_log_births_.push_back(log_births_[i]);
-  }
-  std::vector<TrackModel> models;
-  for (const TrackModel& model : models_) models.push_back(model.With(time_out_of_view));
-  return PathScorer(
-      path_plots_, path_log_births_, std::move(models),
-      [this](const Plot& plot) { return frame_times_.At(plot.frame); }, config_.robust.tracker);
-}
-
-// As in a recording: each plot keeps few hypotheses, so what is likelier only by later plots may
-// have been displaced.
-const Path& LiveSearch::Pruned(const Path& path) {
-  if (!IsFree(path)) return path;
-  const PathScorer scorer = ScorerOf(path, TimeOutOfView::kNone);
-  pruned_ = scorer.WithScore(AllOf(path));
-  while (DropStretch(scorer, Droppable::kRunsBeforeLast, &pruned_)) {
-  }
-  for (std::uint32_t& plot : pruned_.plots) plot = path.plots[plot];
-  return pruned_;
-}
-
-// Number of plots before the last long pause across which a path is not one target, as paths of a
-// recording join. A higher score is not enough for that: a few strays before a pause raise it, too,
-// though they explain themselves as well without what comes after it.
-std::size_t LiveSearch::NumBeforePause(const Path& path) {
-  std::vector<std::size_t> after_pauses;
-  for (std::size_t i = 1; i < path.plots.size() && config_.robust.Uses(Rule::kPause); ++i) {
-    const double before_s = recent_plots_[path.plots[i - 1]].time_s;
-    if (recent_plots_[path.plots[i]].time_s - before_s >= kLongPauseS) after_pauses.push_back(i);
-  }
-  if (after_pauses.empty()) return 0;
-  const PathScorer scorer = ScorerOf(path, TimeOutOfView::kLogUniform);
-  std::size_t first = 0;
-  Path rest;
-  rest.plots = AllOf(path);
-  for (const std::size_t i : after_pauses) {
-    if (IsOneTarget(scorer, rest, i - first)) continue;
-    DropFirst(i - first, &rest.plots);
-    first = i;
-  }
-  return first;
-}
-
-Rejection LiveSearch::Judge(const Path& path) {
-  Flight& flight = flight_;
-  std::vector<Plot>& plots = flight_plots_;
-  flight.plots.clear();
-  plots.clear();
-  cuts_.clear();
-  if (!IsFree(path)) return Rejection::kSharesReturns;
-  for (const std::uint32_t i : path.plots) {
-    flight.plots.push_back(recent_plots_[i]);
-    plots.push_back(recent_plots_[i].plot);
-  }
-  const RobustConfig& robust = config_.robust;
-  const std::size_t first = NumBeforePause(path);
-  if (first > 0) {
-    cuts_.push_back({Rejection::kPause, first});
-    DropFirst(first, &flight.plots);
-    DropFirst(first, &plots);
-  }
-  const Rejection rejection = FlightRejection(recent_, plots, robust);
-  if (rejection != Rejection::kNone) return rejection;
-  if (robust.Uses(Rule::kStationary) && !MovesOrFloats(flight.plots, plots)) {
-    return Rejection::kStationary;
-  }
-  flight.frame_times.clear();
-  for (const Plot& plot : plots) flight.frame_times.push_back(frame_times_.At(plot.frame));
-  flight.log_birth = log_births_[path.plots[first]];
-  flight.starts_new_target = first > 0;
-  return Rejection::kNone;
-}
-
-// True if more other plots lie within reach of the flight than it has itself.
-bool LiveSearch::IsCrowded(const Path& path) const {
-  const std::vector<LivePlot>& flight = flight_.plots;
-  const auto is_about = [&](const LivePlot& other) {
-    return std::any_of(flight.begin(), flight.end(), [&](const LivePlot& seen) {
-      const double reach_m = SupportReachM(seen.plot.ray_m.norm(), config_.robust.support);
-      return (other.plot.position_m - seen.plot.position_m).squaredNorm() < reach_m * reach_m;
-    });
-  };
-  std::size_t others = 0;
-  auto own = path.plots.begin();
-  for (std::uint32_t i = 0; i < recent_plots_.size(); ++i) {
-    if (own != path.plots.end() && *own == i) {
-      ++own;
-    } else if (is_about(recent_plots_[i]) && ++others > flight.size()) {
-      return true;
-    }
-  }
-  return false;
-}
-
-// Penalty of the plots of the flight, which are the last of the path.
-double LiveSearch::CrowdingPenaltyOf(const Path& path) const {
-  const TimeNs reach_ns = NsOf(kCrowdingReachS);
-  const TimeNs begin_ns = flight_plots_.front().frame_time_ns - reach_ns;
-  const TimeNs end_ns = flight_plots_.back().frame_time_ns + reach_ns;
-  const auto first = std::partition_point(
-      recent_plots_.begin(), recent_plots_.end(),
-      [&](const LivePlot& seen) { return seen.plot.frame_time_ns < begin_ns; });
-  std::vector<Plot> plots;
-  for (auto at = first; at != recent_plots_.end() && at->plot.frame_time_ns <= end_ns; ++at) {
-    plots.push_back(at->plot);
-  }
-  const std::ptrdiff_t num_before = first - recent_plots_.begin();
-  const std::vector<char> are_free(free_.begin() + num_before, free_.end());
-  const auto size = static_cast<std::ptrdiff_t>(flight_.plots.size());
-  std::vector<std::uint32_t> own(path.plots.end() - size, path.plots.end());
-  for (std::uint32_t& plot : own) plot -= static_cast<std::uint32_t>(num_before);
-  return CrowdingPenalty(own, plots, are_free, [&](const Plot& plot) {
-    const auto is_about = [&](const FrameInfo& frame) {
-      return frame.sensor == plot.sensor &&
-             std::abs(frame.middle_ns() - plot.frame_time_ns) <= NsOf(kCrowdingReachS);
-    };
-    return static_cast<std::uint32_t>(
-        std::count_if(recent_.frames.begin(), recent_.frames.end(), is_about));
-  });
-}
-
 // Unsupported detections have no neighbours by definition. To a sensor that travels the clutter of
 // most places never becomes known at other times, so what is there at the time counts as that of a
 // recording does.
-double LiveSearch::ScoreThresholdOf(const Path& path) const {
+double LiveSearch::ScoreThresholdOfFlight() const {
   if (!config_.robust.Uses(Rule::kCrowded)) return score_threshold_;
   if (Floats(flight_.plots)) return score_threshold_;
-  if (flight_plots_.back().IsFromTravel()) return score_threshold_ + CrowdingPenaltyOf(path);
-  if (!IsCrowded(path)) return score_threshold_;
+  if (flight_plots_.back().IsFromTravel()) return score_threshold_ + CrowdingPenaltyOfFlight();
+  if (!IsCrowded()) return score_threshold_;
   return score_threshold_ - ClutterUncertaintyMargin(kLearningS) +
          ClutterUncertaintyMargin(kCrowdedLearningS);
-}
-
-Flight LiveSearch::WithHistory(const Flight& flight, const Path& path) {
-  Flight whole = flight;
-  if (flight.starts_new_target) return whole;
-  std::vector<std::size_t> past = ExtendBackwards(flight, recent_plots_, free_, frame_times_,
-                                                  frame_time_.frames_before, models_, config_);
-  Path judged;
-  for (const std::size_t i : past) judged.plots.push_back(static_cast<std::uint32_t>(i));
-  judged.plots.insert(judged.plots.end(), path.plots.begin(), path.plots.end());
-  DropFirst(std::min(NumBeforePause(judged), past.size()), &past);
-  std::vector<LivePlot> before;
-  std::vector<FrameTime> frame_times;
-  for (const std::size_t i : past) {
-    before.push_back(recent_plots_[i]);
-    frame_times.push_back(frame_times_.At(recent_plots_[i].plot.frame));
-    free_[i] = 0;
-  }
-  whole.plots.insert(whole.plots.begin(), before.begin(), before.end());
-  whole.frame_times.insert(whole.frame_times.begin(), frame_times.begin(), frame_times.end());
-  return whole;
 }
 
 void LiveSearch::GetScores(std::vector<double>* scores) const {

@@ -65,12 +65,11 @@ class LiveSearch {
   const std::vector<PathCut>& cuts() const { return cuts_; }
 
   // Score threshold of the last frame searched, and that of a track that starts from flight().
-  // `path`: the one last judged.
   double score_threshold() const { return score_threshold_; }
-  double ScoreThresholdOf(const Path& path) const;
+  double ScoreThresholdOfFlight() const;
 
   // Returns the flight of the path last judged with its earlier plots, which are taken from now on.
-  Flight WithHistory(const Flight& flight, const Path& path);
+  Flight WithHistory();
 
   // Sets `scores` (plots of the last frame) to the score of the best path to each, 0 without one.
   void GetScores(std::vector<double>* scores) const;
@@ -94,9 +93,13 @@ class LiveSearch {
   double ClutterUncertaintyMargin(double learning_s) const;
   bool IsFree(const Path& path) const;  // no track has one of its plots
   PathScorer ScorerOf(const Path& path, TimeOutOfView time_out_of_view);
+  std::vector<std::size_t> AfterLongPauses(const std::vector<std::uint32_t>& members) const;
   std::size_t NumBeforePause(const Path& path);
-  bool IsCrowded(const Path& path) const;
-  double CrowdingPenaltyOf(const Path& path) const;
+  void Cut(Rejection rule, std::size_t count);
+  Flight FlightOf(const std::vector<std::uint32_t>& members) const;
+  Path FollowedBack(const std::vector<std::uint32_t>& members);
+  bool IsCrowded() const;
+  double CrowdingPenaltyOfFlight() const;
 
   const Config& config_;
   ScanSchedule scan_schedule_;
@@ -116,6 +119,7 @@ class LiveSearch {
   std::vector<Plot> path_plots_;
   std::vector<double> path_log_births_;
   Path pruned_;
+  std::vector<std::uint32_t> flight_members_;  // recent plots of flight_
   Flight flight_;
   std::vector<Plot> flight_plots_;
   std::vector<PathCut> cuts_;

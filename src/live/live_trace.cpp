@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "base/queue.hpp"
+
 namespace unlidar {
 
 void LiveTrace::BeginFrame(const SceneFrame& frame, const RecentPlots& seen,
@@ -65,7 +67,7 @@ void LiveTrace::AddTrack(TracedTrack track) {
 
 void LiveTrace::Forget(std::size_t num_plots) {
   if (!is_on()) return;
-  rules_.erase(rules_.begin(), rules_.begin() + static_cast<std::ptrdiff_t>(num_plots));
+  DropFirst(num_plots, &rules_);
 }
 
 }  // namespace unlidar

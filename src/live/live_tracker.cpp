@@ -106,7 +106,7 @@ PathDecision LiveTracker::Decide(const Path& path) {
   if (decision.rejection != Rejection::kNone) return decision;
   const Flight& flight = search_.flight();
   const double score = tracks_.ScoreOf(flight);
-  const double score_threshold = search_.ScoreThresholdOf(path);
+  const double score_threshold = search_.ScoreThresholdOfFlight();
   decision.crowding_penalty = score_threshold - search_.score_threshold();
   decision.log_likelihood_ratio = score;
   if (score < score_threshold) {
@@ -117,7 +117,7 @@ PathDecision LiveTracker::Decide(const Path& path) {
   if (tracks_.HasTrackOf(flight)) {
     decision.rejection = Rejection::kPartOfAnotherTrack;
   } else {
-    decision.track = tracks_.Initiate(search_.WithHistory(flight, path));
+    decision.track = tracks_.Initiate(search_.WithHistory());
   }
   search_.Take(path);
   return decision;

@@ -9,6 +9,8 @@
 #include <set>
 #include <utility>
 
+#include "base/queue.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -156,7 +158,7 @@ class WindowSearch {
     const std::uint32_t gone = first == window_.frames.begin() ? 0 : std::prev(first)->last_return;
     first_frame_ += static_cast<std::uint64_t>(first - window_.frames.begin());
     window_.frames.erase(window_.frames.begin(), first);
-    window_.points_m.erase(window_.points_m.begin(), window_.points_m.begin() + gone);
+    DropFirst(gone, &window_.points_m);
     window_.times_ns.DropFirst(gone);
     for (FrameInfo& frame : window_.frames) {
       frame.first_return -= gone;

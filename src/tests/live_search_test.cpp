@@ -105,7 +105,7 @@ double LeastScoreBeside(double distance_m, const Config& config = Config(), doub
     }
     search.Begin(frame);
     for (const Path& path : search.Extend(frame, {1, 1, 1, 1})) {
-      if (search.Judge(path) == Rejection::kNone) return search.ScoreThresholdOf(path);
+      if (search.Judge(path) == Rejection::kNone) return search.ScoreThresholdOfFlight();
     }
   }
   ADD_FAILURE() << "no flight";
@@ -190,7 +190,6 @@ std::vector<std::size_t> CutsOf(int num_before, double pause_s, double aside_m,
     EXPECT_EQ(cut.rule, Rejection::kPause);
     cuts.push_back(cut.num_plots);
   }
-  EXPECT_EQ(plots.search().flight().starts_new_target, !cuts.empty());
   return cuts;
 }
 
@@ -206,6 +205,61 @@ TEST(LiveSearch, BeforeALongPauseAFlightKeepsWhatOneTargetExplains) {
     }
     EXPECT_EQ(CutsOf(count, 2.0, 60.0), Cuts{}) << num_before;
     EXPECT_EQ(CutsOf(count, 6.0, 60.0, Without(Rule::kPause)), Cuts{}) << num_before;
+  }
+}
+
+// Numbers of plots cut off a path of `num_low` plots on the ground and `num_high` above it.
+std::vector<std::size_t> CutsOfTakeOff(int num_low, int num_high, Rejection expected) {
+  Plots plots;
+  Path path;
+  for (int i = 0; i < num_low + num_high; ++i) {
+    plots.Add(i, {3.0 * testing::MiddleS(i) - 10.0, 0.0, kRangeM}, i < num_low ? 0.6 : 4.0);
+    path.plots.push_back(static_cast<std::uint32_t>(i));
+  }
+  EXPECT_EQ(plots.search().Judge(path), expected);
+  std::vector<std::size_t> cuts;
+  for (const PathCut& cut : plots.search().cuts()) {
+    EXPECT_EQ(cut.rule, Rejection::kNearGround);
+    cuts.push_back(cut.num_plots);
+  }
+  if (expected == Rejection::kNone) {
+    EXPECT_EQ(plots.search().flight().plots.size(), static_cast<std::size_t>(num_high));
+    EXPECT_EQ(plots.search().WithHistory().plots.size(), path.plots.size());
+  }
+  return cuts;
+}
+
+TEST(LiveSearch, ADroneThatTakesOffIsJudgedByWhatIsHigh) {
+  using Cuts = std::vector<std::size_t>;
+  EXPECT_EQ(CutsOfTakeOff(30, 16, Rejection::kNone), Cuts{30});
+  EXPECT_EQ(CutsOfTakeOff(30, 4, Rejection::kNearGround), Cuts{});
+}
+
+// A path that came across a pause from strays, though the target was seen before them.
+TEST(LiveSearch, AFlightIsFollowedBackTheLikelierWay) {
+  const auto place_at = [](int i) {
+    return Eigen::Vector3d(3.0 * testing::MiddleS(i) - 10.0, 0.0, kRangeM);
+  };
+  constexpr int kNumBefore = 20;
+  constexpr int kNumAfter = 12;
+  for (const double aside_m : {0.0, 12.0}) {
+    Plots plots;
+    Path path;
+    for (int i = 0; i < kNumBefore; ++i) plots.Add(i, place_at(i));
+    for (int i = kNumBefore; i < kNumBefore + 3; ++i) {
+      plots.Add(i, place_at(i) + Eigen::Vector3d(0.0, aside_m, 0.0));
+      path.plots.push_back(static_cast<std::uint32_t>(i));
+    }
+    for (int k = 0; k < kNumAfter; ++k) {
+      const int i = kNumBefore + k + static_cast<int>(4.0 / testing::kPeriodS);
+      plots.Add(i, place_at(i));
+      path.plots.push_back(static_cast<std::uint32_t>(kNumBefore + 3 + k));
+    }
+    EXPECT_EQ(plots.search().Judge(path), Rejection::kNone);
+    const Flight whole = plots.search().WithHistory();
+    EXPECT_EQ(whole.plots.size(),
+              static_cast<std::size_t>(kNumBefore + kNumAfter) + (aside_m == 0.0 ? 3U : 0U));
+    EXPECT_EQ(whole.plots.front().plot.frame, 0U);
   }
 }
 

@@ -184,6 +184,11 @@ double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& pat
                                                   : config.off_ground_m;
 }
 
+std::size_t NumToLastLow(const std::vector<Plot>& path, const RobustConfig& config) {
+  const auto is_low = [&](const Plot& plot) { return plot.lowest_m <= config.off_ground_m; };
+  return static_cast<std::size_t>(path.rend() - std::find_if(path.rbegin(), path.rend(), is_low));
+}
+
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
                           const RobustConfig& config) {
   if (!HasMinFrames(path, config.min_plots)) return Rejection::kTooFewDetections;

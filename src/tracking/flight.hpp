@@ -1,6 +1,7 @@
 // Gates on a path beyond its score: detections, height and return rate.
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 #include "base/recording.hpp"
@@ -20,6 +21,9 @@ bool HasMinFrames(const std::vector<Plot>& path, int min_frames);
 // recording, if it keeps them.
 double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& path,
                         const RobustConfig& config);
+
+// Returns the number of plots up to the last one that is as low as people and cars.
+std::size_t NumToLastLow(const std::vector<Plot>& path, const RobustConfig& config);
 
 // A target that moves farther does not stand or hang.
 constexpr RangeRadius kMinDisplacement{0.8, 0.02};

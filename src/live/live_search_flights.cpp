@@ -1,0 +1,216 @@
+// The paths of a search as flights: judged, and followed back.
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <numeric>
+#include <utility>
+
+#include "collection/suspended.hpp"
+#include "live/backward_extension.hpp"
+#include "live/live_search.hpp"
+#include "scene/support.hpp"
+#include "tracking/crowding.hpp"
+#include "tracking/flight.hpp"
+
+namespace unlidar {
+namespace {
+
+// Across a gap of this length a path is within reach of strays of seconds before.
+constexpr double kLongPauseS = 3.0;
+
+// True if a path moves or is unsupported. Otherwise it may be a twig that is hit more often for a
+// while: a stream does not know how often its place will be hit later.
+bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& plots) {
+  const double min_move_m = kMinDisplacement.At(plots.front().ray_m.norm());
+  return Floats(path) || DriftM(plots) > min_move_m;
+}
+
+// Numbers of the plots of a path within it.
+std::vector<std::uint32_t> AllOf(const Path& path) {
+  std::vector<std::uint32_t> all(path.plots.size());
+  std::iota(all.begin(), all.end(), 0U);
+  return all;
+}
+
+}  // namespace
+
+bool LiveSearch::IsFree(const Path& path) const {
+  return std::all_of(path.plots.begin(), path.plots.end(),
+                     [&](std::uint32_t i) { return free_[i] != 0; });
+}
+
+// Scores paths of the plots of `path`, as they are numbered there. Valid until the next call.
+PathScorer LiveSearch::ScorerOf(const Path& path, TimeOutOfView time_out_of_view) {
+  path_plots_.clear();
+  path_log_births_.clear();
+  for (const std::uint32_t i : path.plots) {
+    path_plots_.push_back(recent_plots_[i].plot);
+    path_log_births_.push_back(log_births_[i]);
+  }
+  std::vector<TrackModel> models;
+  for (const TrackModel& model : models_) models.push_back(model.With(time_out_of_view));
+  return PathScorer(
+      path_plots_, path_log_births_, std::move(models),
+      [this](const Plot& plot) { return frame_times_.At(plot.frame); }, config_.robust.tracker);
+}
+
+// As in a recording: each plot keeps few hypotheses, so what is likelier only by later plots may
+// have been displaced.
+const Path& LiveSearch::Pruned(const Path& path) {
+  if (!IsFree(path)) return path;
+  const PathScorer scorer = ScorerOf(path, TimeOutOfView::kNone);
+  pruned_ = scorer.WithScore(AllOf(path));
+  while (DropStretch(scorer, Droppable::kRunsBeforeLast, &pruned_)) {
+  }
+  for (std::uint32_t& plot : pruned_.plots) plot = path.plots[plot];
+  return pruned_;
+}
+
+// Numbers of the first plots after each long pause.
+std::vector<std::size_t> LiveSearch::AfterLongPauses(
+    const std::vector<std::uint32_t>& members) const {
+  std::vector<std::size_t> after_pauses;
+  for (std::size_t i = 1; i < members.size(); ++i) {
+    const double before_s = recent_plots_[members[i - 1]].time_s;
+    if (recent_plots_[members[i]].time_s - before_s >= kLongPauseS) after_pauses.push_back(i);
+  }
+  return after_pauses;
+}
+
+// Number of plots before the last long pause across which a path is not one target, as paths of a
+// recording join. A higher score is not enough for that: a few strays before a pause raise it, too,
+// though they explain themselves as well without what comes after it.
+std::size_t LiveSearch::NumBeforePause(const Path& path) {
+  const std::vector<std::size_t> after_pauses = AfterLongPauses(path.plots);
+  if (after_pauses.empty() || !config_.robust.Uses(Rule::kPause)) return 0;
+  const PathScorer scorer = ScorerOf(path, TimeOutOfView::kLogUniform);
+  std::size_t first = 0;
+  Path rest;
+  rest.plots = AllOf(path);
+  for (const std::size_t i : after_pauses) {
+    if (IsOneTarget(scorer, rest, i - first)) continue;
+    DropFirst(i - first, &rest.plots);
+    first = i;
+  }
+  return first;
+}
+
+// The flight of these recent plots.
+Flight LiveSearch::FlightOf(const std::vector<std::uint32_t>& members) const {
+  Flight flight;
+  for (const std::uint32_t i : members) {
+    flight.plots.push_back(recent_plots_[i]);
+    flight.frame_times.push_back(frame_times_.At(recent_plots_[i].plot.frame));
+  }
+  flight.log_birth = log_births_[members.front()];
+  return flight;
+}
+
+// Drops the first `count` plots of the flight.
+void LiveSearch::Cut(Rejection rule, std::size_t count) {
+  if (count == 0) return;
+  cuts_.push_back({rule, count});
+  DropFirst(count, &flight_members_);
+  DropFirst(count, &flight_plots_);
+}
+
+Rejection LiveSearch::Judge(const Path& path) {
+  cuts_.clear();
+  flight_members_ = path.plots;
+  flight_plots_.clear();
+  if (!IsFree(path)) return Rejection::kSharesReturns;
+  for (const std::uint32_t i : path.plots) flight_plots_.push_back(recent_plots_[i].plot);
+  const RobustConfig& robust = config_.robust;
+  Cut(Rejection::kPause, NumBeforePause(path));
+  Rejection rejection = FlightRejection(recent_, flight_plots_, robust);
+  if (rejection == Rejection::kNearGround) {
+    // A drone that takes off need not wait until most of its path is high. It is followed back.
+    const std::size_t num_low = NumToLastLow(flight_plots_, robust);
+    if (flight_plots_.size() - num_low >= static_cast<std::size_t>(robust.min_plots)) {
+      Cut(Rejection::kNearGround, num_low);
+      rejection = FlightRejection(recent_, flight_plots_, robust);
+    }
+  }
+  if (rejection != Rejection::kNone) return rejection;
+  flight_ = FlightOf(flight_members_);
+  if (robust.Uses(Rule::kStationary) && !MovesOrFloats(flight_.plots, flight_plots_)) {
+    return Rejection::kStationary;
+  }
+  return Rejection::kNone;
+}
+
+// True if more other plots lie within reach of the flight than it has itself.
+bool LiveSearch::IsCrowded() const {
+  const std::vector<LivePlot>& flight = flight_.plots;
+  const auto is_about = [&](const LivePlot& other) {
+    return std::any_of(flight.begin(), flight.end(), [&](const LivePlot& seen) {
+      const double reach_m = SupportReachM(seen.plot.ray_m.norm(), config_.robust.support);
+      return (other.plot.position_m - seen.plot.position_m).squaredNorm() < reach_m * reach_m;
+    });
+  };
+  std::size_t others = 0;
+  auto own = flight_members_.begin();
+  for (std::uint32_t i = 0; i < recent_plots_.size(); ++i) {
+    if (own != flight_members_.end() && *own == i) {
+      ++own;
+    } else if (is_about(recent_plots_[i]) && ++others > flight.size()) {
+      return true;
+    }
+  }
+  return false;
+}
+
+double LiveSearch::CrowdingPenaltyOfFlight() const {
+  const TimeNs reach_ns = NsOf(kCrowdingReachS);
+  const TimeNs begin_ns = flight_plots_.front().frame_time_ns - reach_ns;
+  const TimeNs end_ns = flight_plots_.back().frame_time_ns + reach_ns;
+  const auto first = std::partition_point(
+      recent_plots_.begin(), recent_plots_.end(),
+      [&](const LivePlot& seen) { return seen.plot.frame_time_ns < begin_ns; });
+  std::vector<Plot> plots;
+  for (auto at = first; at != recent_plots_.end() && at->plot.frame_time_ns <= end_ns; ++at) {
+    plots.push_back(at->plot);
+  }
+  const std::ptrdiff_t num_before = first - recent_plots_.begin();
+  const std::vector<char> are_free(free_.begin() + num_before, free_.end());
+  std::vector<std::uint32_t> own = flight_members_;
+  for (std::uint32_t& plot : own) plot -= static_cast<std::uint32_t>(num_before);
+  return CrowdingPenalty(own, plots, are_free, [&](const Plot& plot) {
+    const auto is_about = [&](const FrameInfo& frame) {
+      return frame.sensor == plot.sensor &&
+             std::abs(frame.middle_ns() - plot.frame_time_ns) <= NsOf(kCrowdingReachS);
+    };
+    return static_cast<std::uint32_t>(
+        std::count_if(recent_.frames.begin(), recent_.frames.end(), is_about));
+  });
+}
+
+// Plots of a flight and those before it, back to a pause across which it is not one target.
+Path LiveSearch::FollowedBack(const std::vector<std::uint32_t>& members) {
+  Path whole;
+  for (const std::size_t i : ExtendBackwards(FlightOf(members), recent_plots_, free_, frame_times_,
+                                             frame_time_.frames_before, models_, config_)) {
+    whole.plots.push_back(static_cast<std::uint32_t>(i));
+  }
+  const std::size_t num_past = whole.plots.size();
+  whole.plots.insert(whole.plots.end(), members.begin(), members.end());
+  DropFirst(std::min(NumBeforePause(whole), num_past), &whole.plots);
+  whole.score = ScorerOf(whole, TimeOutOfView::kLogUniform).WithScore(AllOf(whole)).score;
+  return whole;
+}
+
+// A search keeps few hypotheses across a pause, so what a flight has before its last one may be
+// another's plots: it is followed back from behind it, too.
+Flight LiveSearch::WithHistory() {
+  Path whole = FollowedBack(flight_members_);
+  const std::vector<std::size_t> after_pauses = AfterLongPauses(flight_members_);
+  if (!after_pauses.empty()) {
+    DropFirst(after_pauses.back(), &flight_members_);
+    Path other = FollowedBack(flight_members_);
+    if (other.score > whole.score) whole = std::move(other);
+  }
+  for (const std::uint32_t i : whole.plots) free_[i] = 0;
+  return FlightOf(whole.plots);
+}
+
+}  // namespace unlidar

@@ -222,12 +222,10 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTa
     held->plots.push_back(seen);
   }
   ++num_frames_;
+  held->bodies.clear();
   for (const BodyBox& body : found.bodies) {
-    Queue<BodyBox>& bodies = station.bodies;
-    const auto at =
-        std::upper_bound(bodies.begin(), bodies.end(), body.time_ns,
-                         [](TimeNs time_ns, const BodyBox& box) { return time_ns < box.time_ns; });
-    bodies.Insert(at, body);
+    InsertInOrder(body, &station.bodies);
+    held->bodies.push_back(body.Moved(station.viewpoint_m));
   }
 }
 

@@ -29,6 +29,7 @@ struct SceneFrame {
   // kWarmUp, kSurge: used for clutter only, its station is still learning; otherwise it is searched
   Rejection rejection = Rejection::kNone;
   std::vector<LivePlot> plots;            // in common coordinates, with clutter intensity
+  std::vector<BodyBox> bodies;            // in common coordinates
   std::vector<Eigen::Vector3f> bodies_m;  // if traced: returns of bodies, and plots beside them
 
   bool is_searched() const { return rejection == Rejection::kNone; }

@@ -41,6 +41,7 @@ void LiveSearch::SetSensor(std::uint32_t sensor, const SensorInfo& info) {
 
 const FrameTime& LiveSearch::Begin(const SceneFrame& frame) {
   recent_.frames.push_back(frame.info);
+  for (const BodyBox& body : frame.bodies) InsertInOrder(body, &recent_bodies_);
   frame_time_.time_s = frame.time_s;
   frame_time_.sensor = frame.info.sensor;
   frame_time_.viewpoint_m = frame.viewpoint_m;
@@ -150,6 +151,9 @@ std::size_t LiveSearch::Forget(TimeNs oldest_ns) {
       std::find_if(recent_.frames.begin(), recent_.frames.end(),
                    [&](const FrameInfo& info) { return info.begin_ns >= oldest_ns; });
   recent_.frames.erase(recent_.frames.begin(), frame);
+  while (!recent_bodies_.empty() && recent_bodies_.front().time_ns < oldest_ns) {
+    recent_bodies_.pop_front();
+  }
   return gone;
 }
 

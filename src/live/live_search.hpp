@@ -107,6 +107,7 @@ class LiveSearch {
   FrameTime frame_time_;
   std::vector<TrackModel> models_;
   RecentPlots recent_plots_;
+  Queue<BodyBox> recent_bodies_;    // in order of time
   std::vector<double> log_births_;  // (recent plots)
   std::vector<char> free_;          // (recent plots)
   std::vector<TrackSearch> searches_;

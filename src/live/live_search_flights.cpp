@@ -122,13 +122,13 @@ Rejection LiveSearch::Judge(const Path& path) {
   for (const std::uint32_t i : path.plots) flight_plots_.push_back(recent_plots_[i].plot);
   const RobustConfig& robust = config_.robust;
   Cut(Rejection::kPause, NumBeforePause(path));
-  Rejection rejection = FlightRejection(recent_, flight_plots_, robust);
+  Rejection rejection = FlightRejection(recent_, flight_plots_, recent_bodies_, robust);
   if (rejection == Rejection::kNearGround) {
     // A drone that takes off need not wait until most of its path is high. It is followed back.
     const std::size_t num_low = NumToLastLow(flight_plots_, robust);
     if (flight_plots_.size() - num_low >= static_cast<std::size_t>(robust.min_plots)) {
       Cut(Rejection::kNearGround, num_low);
-      rejection = FlightRejection(recent_, flight_plots_, robust);
+      rejection = FlightRejection(recent_, flight_plots_, recent_bodies_, robust);
     }
   }
   if (rejection != Rejection::kNone) return rejection;

@@ -195,7 +195,8 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
         verdict.rejection = Rejection::kBelowThreshold;
         continue;
       }
-      verdict.rejection = FlightRejection(recording, PlotsOf(path, plots), config);
+      verdict.rejection =
+          FlightRejection(recording, PlotsOf(path, plots), multi_station_plots.bodies(), config);
       if (verdict.rejection != Rejection::kNone) continue;
       if (config.Uses(Rule::kCrowded)) {
         verdict.crowding_penalty = CrowdingPenalty(path.plots, plots, are_free, num_frames_about);

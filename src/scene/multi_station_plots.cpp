@@ -68,7 +68,11 @@ void MultiStationPlots::FindPlots(const Recording& recording, std::uint32_t fram
       station.scene.FindPlots(station.bins.BinOf(frame.middle_ns()), false, nullptr, &workspace_);
   num_unexplained_ += workspace_.num_unexplained;
   for (const std::uint32_t i : found.body_returns) are_bodies_[frame.first_return + i] = 1;
-  station.bodies.insert(station.bodies.end(), found.bodies.begin(), found.bodies.end());
+  const Eigen::Vector3f& viewpoint_m = stations_.ViewpointM(stations_.StationOf(frame.sensor));
+  for (const BodyBox& body : found.bodies) {
+    InsertInOrder(body, &station.bodies);
+    InsertInOrder(body.Moved(viewpoint_m), &bodies_);
+  }
   ++station.num_frames_done;
   Reserve(found.plots.size(), &station);
   for (std::size_t p = 0; p < found.plots.size(); ++p) {
@@ -95,13 +99,9 @@ void MultiStationPlots::Reserve(std::size_t num_more, Station* station) {
 // Takes the plots of a station but those beside bodies, and marks those that float.
 void MultiStationPlots::TakePlots(const Recording& recording, std::size_t station_index) {
   Station& station = scenes_[station_index];
-  std::vector<BodyBox>& bodies = station.bodies;
   std::vector<Plot>& plots = station.plots;
-  std::stable_sort(bodies.begin(), bodies.end(),
-                   [](const BodyBox& a, const BodyBox& b) { return a.time_ns < b.time_ns; });
-  const Queue<BodyBox> in_order(bodies.begin(), bodies.end());
   plots.erase(std::remove_if(plots.begin(), plots.end(),
-                             [&](const Plot& plot) { return IsNearBody(plot, in_order); }),
+                             [&](const Plot& plot) { return IsNearBody(plot, station.bodies); }),
               plots.end());
   SortByFrameTime(&plots);
   MarkFloating(recording, station.scene.support(), config_, &plots);

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/queue.hpp"
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
 #include "scene/station_model.hpp"
@@ -28,6 +29,9 @@ class MultiStationPlots {
   // Plots of all stations, in the common coordinate frame, frame by frame in order of time.
   const std::vector<Plot>& plots() const { return plots_; }
 
+  // Bodies of all stations, in the common coordinate frame and in order of time.
+  const Queue<BodyBox>& bodies() const { return bodies_; }
+
   // (returns) 1 for returns of bodies.
   const std::vector<char>& are_bodies() const { return are_bodies_; }
 
@@ -43,7 +47,7 @@ class MultiStationPlots {
   struct Station {
     TimeBins bins;
     StationScene scene;
-    std::vector<BodyBox> bodies;
+    Queue<BodyBox> bodies;    // in order of time, relative to the viewpoint
     std::vector<Plot> plots;  // relative to the viewpoint
     std::size_t num_frames = 0;
     std::size_t num_frames_done = 0;  // whose plots have been found
@@ -60,6 +64,7 @@ class MultiStationPlots {
   std::vector<Station> scenes_;  // (stations)
   StationScene::FrameWorkspace workspace_;
   std::vector<Plot> plots_;
+  Queue<BodyBox> bodies_;
   std::vector<char> are_bodies_;
   std::size_t num_unexplained_ = 0;
 };

@@ -101,9 +101,8 @@ bool HasAnyOf(const Plot& plot, const std::vector<char>& returns) {
 }
 
 void Columns::Add(const Plot& plot) {
-  constexpr RangeRadius kRadius{0.6, 0.005};
   constexpr double kRoundingM = 0.01;  // of coordinates in float
-  const double radius_m = kRadius.At(plot.ray_m.norm());
+  const double radius_m = kColumnRadius.At(plot.ray_m.norm());
   columns_.push_back({plot.position_m.x(), radius_m, &plot, columns_.size()});
   const Eigen::Vector3d across_m(radius_m + kRoundingM, radius_m + kRoundingM, 0.0);
   const Eigen::Vector3d down_m(0.0, 0.0, std::max(plot.column_m, 0.0) + kRoundingM);
@@ -219,6 +218,13 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
   }
   CountBelow(recording, frame);
   return found_;
+}
+
+void InsertInOrder(const BodyBox& body, Queue<BodyBox>* bodies) {
+  const auto at =
+      std::upper_bound(bodies->begin(), bodies->end(), body.time_ns,
+                       [](TimeNs time_ns, const BodyBox& box) { return time_ns < box.time_ns; });
+  bodies->Insert(at, body);
 }
 
 bool IsNearBody(const Plot& plot, const Queue<BodyBox>& bodies) {

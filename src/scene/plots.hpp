@@ -34,6 +34,9 @@ constexpr double kBodyPartM = 0.6;
 // Returns so far below a plot are not its own: half the height of a drone plus noise.
 constexpr double kBelowPlotM = 0.4;
 
+// Returns so far from a plot, horizontally, are above or below it.
+constexpr RangeRadius kColumnRadius{0.6, 0.005};
+
 // A body excludes the plots beside it for this long before and after.
 constexpr double kBodyMarginS = 0.35;
 
@@ -123,7 +126,14 @@ struct BodyBox {
   TimeNs time_ns = 0;
   Eigen::Array3f low_m = Eigen::Array3f::Zero();
   Eigen::Array3f high_m = Eigen::Array3f::Zero();
+
+  BodyBox Moved(const Eigen::Vector3f& by_m) const {
+    return {time_ns, low_m + by_m.array(), high_m + by_m.array()};
+  }
 };
+
+// Inserts a body behind those that are not later.
+void InsertInOrder(const BodyBox& body, Queue<BodyBox>* bodies);
 
 // Plots and bodies of one frame.
 struct FramePlots {

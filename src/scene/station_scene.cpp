@@ -100,10 +100,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
     SetWatchedBelow(frame.frames[0].carrier, &plot);
     plot.position_m += shift_m.cast<double>();
   }
-  for (BodyBox& body : found.bodies) {
-    body.low_m += shift_m.array();
-    body.high_m += shift_m.array();
-  }
+  for (BodyBox& body : found.bodies) body = body.Moved(shift_m);
   return found;
 }
 

@@ -27,8 +27,15 @@ std::vector<Plot> PathAt(double height_m, int num_frames, std::uint32_t returns_
   return std::vector<Plot>(static_cast<std::size_t>(num_frames), plot);
 }
 
-bool IsKnownToBeInTheAir(const std::vector<Plot>& path, const Recording& recording = {}) {
-  return MinFlightHeightM(recording, path, Config()) < kHigh_m;
+bool IsKnownToBeInTheAir(const std::vector<Plot>& path, const Recording& recording = {},
+                         const Queue<BodyBox>& bodies = {}) {
+  return MinFlightHeightM(recording, path, bodies, Config()) < kHigh_m;
+}
+
+void SetPeriod(TimeNs period_ns, std::vector<Plot>* path) {
+  for (std::size_t i = 0; i < path->size(); ++i) {
+    (*path)[i].time_ns = (*path)[i].frame_time_ns = static_cast<TimeNs>(i) * period_ns;
+  }
 }
 
 TEST(Flight, WhatHasNothingBelowItInEnoughReturnsIsInTheAir) {
@@ -70,6 +77,40 @@ TEST(Flight, WhatNoBeamLooksBelowIsNotKnownToBeInTheAir) {
   path = PathAt(1.4, 300, 3);
   for (Plot& plot : path) plot.watched_below = 0.0;
   EXPECT_FALSE(IsKnownToBeInTheAir(path));
+}
+
+// The line on which a sensor draws a car is high in one frame and low in the next.
+TEST(Flight, WhatIsSeenLowASplitSecondLaterIsNotKnownToBeInTheAir) {
+  std::vector<Plot> path = PathAt(1.4, 30, 3);
+  for (std::size_t i = 0; i < path.size(); i += 3) path[i].lowest_m = 0.4;
+  SetPeriod(100'000'000, &path);
+  EXPECT_FALSE(IsKnownToBeInTheAir(path));
+  SetPeriod(500'000'000, &path);  // a drone climbs and sinks so fast
+  EXPECT_TRUE(IsKnownToBeInTheAir(path));
+}
+
+// Where legs are seen as well as a head, they are a body, and the path has no plot.
+TEST(Flight, WhatIsABodyBetweenItsPlotsIsNotKnownToBeInTheAir) {
+  std::vector<Plot> path = PathAt(1.4, 8, 3);
+  SetPeriod(800'000'000, &path);
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    path[i].position_m = Eigen::Vector3d(10.0, static_cast<double>(i), 0.0);
+  }
+  const auto bodies_at = [&](const Eigen::Vector3f& top_m) {
+    Queue<BodyBox> bodies;
+    for (std::size_t i = 0; i + 1 < path.size(); ++i) {
+      const Eigen::Vector3f at_m = top_m + Eigen::Vector3f(0, static_cast<float>(i) + 0.5F, 0);
+      bodies.push_back({path[i].time_ns + 400'000'000, at_m.array() - Eigen::Array3f(0.2, 0.2, 1.3),
+                        at_m.array() + Eigen::Array3f(0.2, 0.2, 0.0)});
+    }
+    return bodies;
+  };
+  EXPECT_TRUE(IsKnownToBeInTheAir(path));
+  EXPECT_FALSE(IsKnownToBeInTheAir(path, {}, bodies_at({10.0F, 0.0F, 0.1F})));
+  EXPECT_TRUE(IsKnownToBeInTheAir(path, {}, bodies_at({14.0F, 0.0F, 0.1F})));  // beside it
+  EXPECT_TRUE(IsKnownToBeInTheAir(path, {}, bodies_at({10.0F, 0.0F, 1.1F})));  // no lower
+  SetPeriod(1'600'000'000, &path);  // by then it may be anywhere
+  EXPECT_TRUE(IsKnownToBeInTheAir(path, {}, bodies_at({10.0F, 0.0F, 0.1F})));
 }
 
 // They may be strays that join two cars.
@@ -207,7 +248,7 @@ Rejection RejectionOf(const Eigen::Vector3d& step_m, bool travels) {
     plot.num_returns = 5;
     path.push_back(plot);
   }
-  return FlightRejection(recording, path, Config());
+  return FlightRejection(recording, path, {}, Config());
 }
 
 TEST(Flight, WhatStandsStillIsNoneWhereItsSensorPassesBy) {

@@ -12,24 +12,32 @@
 namespace unlidar {
 namespace {
 
-// Share of the plots above a height over ground. The lower parts of people and cars are not hit in
-// every frame, so the lowest plot within the window counts.
-double ShareAbove(const std::vector<Plot>& path, double height_m) {
-  constexpr TimeNs kWindowNs = 750'000'000;
-  std::size_t num_high = 0;
+// Height of the lowest plot within a time of each: the lower parts of people and cars are not hit
+// in every frame.
+std::vector<double> LowestM(const std::vector<Plot>& path, TimeNs window_ns) {
+  std::vector<double> lowest_m;
   std::deque<std::size_t> lowest;  // candidates for the lowest in the window, by rising height
   std::size_t next = 0;
   for (const Plot& plot : path) {
-    for (; next < path.size() && path[next].frame_time_ns <= plot.frame_time_ns + kWindowNs;
+    for (; next < path.size() && path[next].frame_time_ns <= plot.frame_time_ns + window_ns;
          ++next) {
       while (!lowest.empty() && path[lowest.back()].lowest_m >= path[next].lowest_m) {
         lowest.pop_back();
       }
       lowest.push_back(next);
     }
-    while (path[lowest.front()].frame_time_ns < plot.frame_time_ns - kWindowNs) lowest.pop_front();
-    if (path[lowest.front()].lowest_m > height_m) ++num_high;
+    while (path[lowest.front()].frame_time_ns < plot.frame_time_ns - window_ns) lowest.pop_front();
+    lowest_m.push_back(path[lowest.front()].lowest_m);
   }
+  return lowest_m;
+}
+
+// Share of the plots above a height over ground.
+double ShareAbove(const std::vector<Plot>& path, double height_m) {
+  constexpr TimeNs kWindowNs = 750'000'000;
+  const std::vector<double> lowest_m = LowestM(path, kWindowNs);
+  const auto num_high = std::count_if(lowest_m.begin(), lowest_m.end(),
+                                      [=](double lowest) { return lowest > height_m; });
   return static_cast<double>(num_high) / static_cast<double>(path.size());
 }
 
@@ -83,6 +91,34 @@ std::vector<double> OccupancyBelowWhileAway(const Recording& recording,
   return shares;
 }
 
+// Number of bodies that reach up to a path from below. Where legs are seen as well as a head, they
+// are a body and no plot: the plots alone are those of the frames in which nothing is seen below.
+std::size_t NumBodiesBelow(const std::vector<Plot>& path, const Queue<BodyBox>& bodies,
+                           const RobustConfig& config) {
+  // A path is straight for so long, to the radius of a column: it may bend by a few m/s^2.
+  constexpr TimeNs kMaxGapNs = 1'000'000'000;
+  std::size_t num_below = 0;
+  for (std::size_t i = 1; i < path.size(); ++i) {
+    const Plot& last = path[i - 1];
+    const Plot& next = path[i];
+    if (next.frame_time_ns - last.frame_time_ns > kMaxGapNs) continue;
+    if (std::min(last.lowest_m, next.lowest_m) > config.off_ground_m) continue;
+    auto body =
+        std::lower_bound(bodies.begin(), bodies.end(), last.frame_time_ns,
+                         [](const BodyBox& box, TimeNs time_ns) { return box.time_ns < time_ns; });
+    for (; body != bodies.end() && body->time_ns < next.frame_time_ns; ++body) {
+      const Eigen::Vector3f at_m = PositionM(path, body->time_ns).cast<float>();
+      const auto radius_m = static_cast<float>(kColumnRadius.At(last.ray_m.norm()));
+      const Eigen::Array3f reach_m(radius_m, radius_m, -static_cast<float>(kBelowPlotM));
+      if ((at_m.array() > body->low_m - reach_m).all() &&
+          (at_m.array() < body->high_m + reach_m).head<2>().all()) {
+        ++num_below;
+      }
+    }
+  }
+  return num_below;
+}
+
 // True if nothing stands below a path. A body that stands on the ground and is seen at some height
 // returns proportionally more from the room below it (plots count returns beyond half a drone's
 // height and the roughness of the ground). So each plot with nothing below makes a body less
@@ -92,24 +128,30 @@ std::vector<double> OccupancyBelowWhileAway(const Recording& recording,
 // higher than a body is no part of one, but it may be strays that join two cars: it tells nothing
 // about what is lower.
 bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path,
-                     const RobustConfig& config) {
+                     const Queue<BodyBox>& bodies, const RobustConfig& config) {
   constexpr double kNotCountedM = 0.55;
   constexpr double kHidden = 0.02;
   double log_ratio = 0.0;  // body over drone
   std::vector<const Plot*> above_something;
-  for (const Plot& plot : path) {
+  const std::vector<double> lowest_m = LowestM(path, NsOf(kBodyMarginS));
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    const Plot& plot = path[i];
     if (plot.lowest_m > config.off_ground_m) continue;
     if (plot.num_below > 0) {
       above_something.push_back(&plot);
       continue;
     }
     // method.md (10)
-    const double room_m = plot.watched_below * std::max(plot.lowest_m - kNotCountedM, 0.0);
+    const double room_m = plot.watched_below * std::max(lowest_m[i] - kNotCountedM, 0.0);
     const double own_share = kBodyPartM / (kBodyPartM + room_m);
     const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);
     log_ratio += std::log(nothing) - std::log1p(-kMinOccupancyBelow);
   }
   const double log_chance = std::log(config.false_alarms_per_recording);
+  if (log_ratio < log_chance) {
+    log_ratio -=
+        static_cast<double>(NumBodiesBelow(path, bodies, config)) * std::log(kMinOccupancyBelow);
+  }
   // For most paths of bodies the pass over all frames is not needed.
   if (above_something.empty() || log_ratio >= log_chance) return log_ratio < log_chance;
   for (const double share : OccupancyBelowWhileAway(recording, path, above_something)) {
@@ -177,11 +219,11 @@ bool HasMinFrames(const std::vector<Plot>& path, int min_frames) {
 }
 
 double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& path,
-                        const RobustConfig& config) {
+                        const Queue<BodyBox>& bodies, const RobustConfig& config) {
   // Above vegetation and objects on the ground, and the error of the ground height.
   constexpr double kClearM = 0.75;
-  return HasNothingBelow(recording, path, config) ? std::min(kClearM, config.off_ground_m)
-                                                  : config.off_ground_m;
+  return HasNothingBelow(recording, path, bodies, config) ? std::min(kClearM, config.off_ground_m)
+                                                          : config.off_ground_m;
 }
 
 std::size_t NumToLastLow(const std::vector<Plot>& path, const RobustConfig& config) {
@@ -190,9 +232,10 @@ std::size_t NumToLastLow(const std::vector<Plot>& path, const RobustConfig& conf
 }
 
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
-                          const RobustConfig& config) {
+                          const Queue<BodyBox>& bodies, const RobustConfig& config) {
   if (!HasMinFrames(path, config.min_plots)) return Rejection::kTooFewDetections;
-  if (ShareAbove(path, MinFlightHeightM(recording, path, config)) <= config.off_ground_share) {
+  if (ShareAbove(path, MinFlightHeightM(recording, path, bodies, config)) <=
+      config.off_ground_share) {
     return Rejection::kNearGround;
   }
   if (ReturnRateM2PerS(recording, path) <= config.min_return_rate_m2_per_s)

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "base/queue.hpp"
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
 #include "tracking/rejection.hpp"
@@ -18,9 +19,9 @@ bool HasMinFrames(const std::vector<Plot>& path, int min_frames);
 // Returns the height above ground that people and cars do not reach and a path must exceed. It is
 // lower if the returns show that the path is no part of a body that stands below it. Objects that
 // are there at other times as well are no evidence of a body: judged by the returns of the
-// recording, if it keeps them.
+// recording, if it keeps them. `bodies`: in order of time.
 double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& path,
-                        const RobustConfig& config);
+                        const Queue<BodyBox>& bodies, const RobustConfig& config);
 
 // Returns the number of plots up to the last one that is as low as people and cars.
 std::size_t NumToLastLow(const std::vector<Plot>& path, const RobustConfig& config);
@@ -36,6 +37,6 @@ double DriftM(const std::vector<Plot>& path);
 // stands still comes into range and leaves it, each height by itself, like what comes and goes.
 // Uses the sensors and frames of the recording, which may be only those about the path.
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
-                          const RobustConfig& config);
+                          const Queue<BodyBox>& bodies, const RobustConfig& config);
 
 }  // namespace unlidar

@@ -62,26 +62,20 @@ struct Recording {
   std::vector<Warning> warnings;        // about the meaning of frame names and coordinates
 };
 
-// View of points or of an indexed subset. Copies of most returns would take as much memory as the
-// recording.
+// Non-owning view of consecutive points; valid until their owner changes or frees them.
 class PointsView {
  public:
-  PointsView() = default;
+  PointsView(const Eigen::Vector3f* points_m, std::size_t size)
+      : points_m_(points_m), size_(size) {}
   PointsView(const std::vector<Eigen::Vector3f>& points_m)  // NOLINT(google-explicit-constructor)
-      : points_m_(points_m.data()), size_(points_m.size()) {}
-  PointsView(const std::vector<Eigen::Vector3f>& points_m,
-             const std::vector<std::uint32_t>& indices)
-      : points_m_(points_m.data()), indices_(indices.data()), size_(indices.size()) {}
+      : PointsView(points_m.data(), points_m.size()) {}
 
   std::size_t size() const { return size_; }
-  const Eigen::Vector3f& operator[](std::size_t i) const {
-    return points_m_[indices_ == nullptr ? i : indices_[i]];
-  }
+  const Eigen::Vector3f& operator[](std::size_t i) const { return points_m_[i]; }
 
  private:
-  const Eigen::Vector3f* points_m_ = nullptr;
-  const std::uint32_t* indices_ = nullptr;  // null: all points
-  std::size_t size_ = 0;
+  const Eigen::Vector3f* points_m_;
+  std::size_t size_;
 };
 
 // Non-owning view of indices; valid until their owner changes or frees them.

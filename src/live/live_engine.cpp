@@ -256,12 +256,10 @@ void LiveEngine::RemoveSway(LoadedFrame* frame) {
 // Updates blinding and pose checks of a sensor from a frame.
 void LiveEngine::UpdateSensorHealth(const LoadedFrame& frame) {
   Sensor& sensor = sensors_[frame.info.sensor];
-  const Eigen::Vector3f* const begin_m = frame.points_m.data();
-  const Eigen::Vector3f* const end_m = begin_m + frame.points_m.size();
   const SensorInfo& info = sensor.frames.info();
-  sensor.sensor_health.AddFrame(info, frame.info.begin_ns, begin_m, end_m);
+  sensor.sensor_health.AddFrame(info, frame.info.begin_ns, frame.points_m);
   if (is_endless_) return;  // the recording is checked at the end
-  sensor.pose.AddFrame(info, frame.info.begin_ns, begin_m, end_m);
+  sensor.pose.AddFrame(info, frame.info.begin_ns, frame.points_m);
   Warn(frame.info.sensor, sensor.pose.TakeWarnings());
 }
 

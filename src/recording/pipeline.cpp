@@ -154,11 +154,11 @@ FrameFeed Monitored(const FrameFeed& feed, std::vector<SensorMonitor>* monitors)
     for (std::size_t i = known; i < recording->frames.size(); ++i) {
       const FrameInfo& frame = recording->frames[i];
       const SensorInfo& sensor = recording->sensors[frame.sensor];
-      const Eigen::Vector3f* const begin_m = recording->points_m.data() + frame.first_return;
-      const Eigen::Vector3f* const end_m = recording->points_m.data() + frame.last_return;
+      const PointsView points_m(recording->points_m.data() + frame.first_return,
+                                frame.last_return - frame.first_return);
       SensorMonitor& monitor = (*monitors)[frame.sensor];
-      monitor.sensor_health.AddFrame(sensor, frame.begin_ns, begin_m, end_m);
-      monitor.pose.AddFrame(sensor, frame.begin_ns, begin_m, end_m);
+      monitor.sensor_health.AddFrame(sensor, frame.begin_ns, points_m);
+      monitor.pose.AddFrame(sensor, frame.begin_ns, points_m);
     }
     return next_ns;
   };

@@ -24,7 +24,7 @@ constexpr float kUprightM = 0.5F;  // more than any ground rises across a cell
 constexpr int kShift = 16;
 constexpr int kTurns = 15;  // to either side
 constexpr double kTurnDeg = 2.0;
-constexpr int kRasterReach = 40 + kShift + 3;  // of turned and shifted cells
+constexpr int kRasterReach = EgoMotion::kReach + kShift + 3;  // of turned and shifted cells
 constexpr int kRasterSide = 2 * kRasterReach;
 
 constexpr std::size_t kMinSharedCells = 30;
@@ -56,12 +56,10 @@ EgoMotion::EgoMotion()
       raster_(static_cast<std::size_t>(kRasterSide) * kRasterSide) {
   sampled_.reserve(2 * kMaxCells);
   transformed_.reserve(2 * kMaxCells);
-  matches_.reserve(kLagsNs.size());
   ResetHeights();
 }
 
-void EgoMotion::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
-                         const Eigen::Vector3f* end_m, const Eigen::Vector3f& origin_m) {
+void EgoMotion::AddFrame(TimeNs time_ns, PointsView points_m, const Eigen::Vector3f& origin_m) {
   if (found_) return;
   if (last_ns_ && (time_ns < *last_ns_ || time_ns - *last_ns_ > kMaxPauseNs)) {
     ResetHeights();
@@ -78,7 +76,7 @@ void EgoMotion::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
     is_recording_ = true;
     snapshot_begin_ns_ = time_ns;
   }
-  if (is_recording_) Collect(begin_m, end_m, origin_m);
+  if (is_recording_) Collect(points_m, origin_m);
 }
 
 void EgoMotion::ResetHeights() {
@@ -86,11 +84,10 @@ void EgoMotion::ResetHeights() {
   std::fill(highest_m_.begin(), highest_m_.end(), -std::numeric_limits<float>::infinity());
 }
 
-void EgoMotion::Collect(const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
-                        const Eigen::Vector3f& origin_m) {
-  const std::ptrdiff_t step = SampleStep(end_m - begin_m, kWatchedReturns);
-  for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
-    const Eigen::Vector3f relative_m = begin_m[i] - origin_m;
+void EgoMotion::Collect(PointsView points_m, const Eigen::Vector3f& origin_m) {
+  const std::size_t step = SampleStep(points_m.size(), kWatchedReturns);
+  for (std::size_t i = 0; i < points_m.size(); i += step) {
+    const Eigen::Vector3f relative_m = points_m[i] - origin_m;
     const float level_m = relative_m.head<2>().norm();
     if (!(level_m >= kOwnRangeM && level_m < static_cast<float>(kReach))) continue;
     const std::size_t cell = CellAt(static_cast<int>(std::floor(relative_m.x())),
@@ -108,14 +105,12 @@ void EgoMotion::EndSnapshot() {
     snapshot.cells[i] = highest_m_[i] - lowest_m_[i] > kUprightM;
   }
   ResetHeights();
-  matches_.clear();
   std::optional<Motion> motion;
   for (const TimeNs lag_ns : kLagsNs) {
     const Snapshot* const earlier = SnapshotBefore(snapshot.time_ns - lag_ns, lag_ns / 5);
     if (earlier == nullptr || motion) continue;
     if (std::min(snapshot.cells.count(), earlier->cells.count()) < kMinSharedCells) continue;
-    matches_.push_back(MatchOf(snapshot, *earlier));
-    const Match& match = matches_.back();
+    const Match match = MatchOf(snapshot, *earlier);
     if (match.moved >= kMinMatch && match.moved - match.stationary >= kMinMatchGain) {
       motion = match.motion;
     }

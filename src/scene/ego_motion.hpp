@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/recording.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {
@@ -23,11 +24,23 @@ namespace unlidar {
 // fog, carry no evidence, nor do long uniform walls beside the sensor.
 class EgoMotion {
  public:
+  static constexpr int kReach = 40;  // of cells, around the sensor
+
   struct Motion {
     Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();
     double turn_deg_per_s = 0.0;
   };
 
+  EgoMotion();
+
+  // Adds the returns of a frame; `origin_m`: position of the sensor. A frame older than the last,
+  // or more than 10 s later, resets the state.
+  void AddFrame(TimeNs time_ns, PointsView points_m, const Eigen::Vector3f& origin_m);
+
+  // Set once the sensor was found to move.
+  const std::optional<Motion>& found() const { return found_; }
+
+ private:
   // Match of a snapshot with an earlier one: shares of its cells that coincide.
   struct Match {
     double stationary = 0.0;
@@ -35,22 +48,7 @@ class EgoMotion {
     Motion motion;       // that yields `moved`
   };
 
-  EgoMotion();
-
-  // Adds the returns of a frame; `origin_m`: position of the sensor. A frame older than the last,
-  // or more than 10 s later, resets the state.
-  void AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
-                const Eigen::Vector3f& origin_m);
-
-  // Set once the sensor was found to move.
-  const std::optional<Motion>& found() const { return found_; }
-
-  // Matches of the last snapshot, for the lags that could be tried.
-  const std::vector<Match>& matches() const { return matches_; }
-
- private:
-  // Cells of 1 m, seen from above, from -kReach to kReach around the sensor.
-  static constexpr int kReach = 40;
+  // Cells of 1 m, seen from above.
   static constexpr int kSide = 2 * kReach;
   using Cells = std::bitset<static_cast<std::size_t>(kSide) * kSide>;
 
@@ -67,8 +65,7 @@ class EgoMotion {
     return static_cast<std::size_t>((x + kReach) * kSide + y + kReach);
   }
 
-  void Collect(const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
-               const Eigen::Vector3f& origin_m);
+  void Collect(PointsView points_m, const Eigen::Vector3f& origin_m);
   void ResetHeights();
   void EndSnapshot();
   const Snapshot* SnapshotBefore(TimeNs time_ns, TimeNs tolerance_ns) const;
@@ -85,9 +82,8 @@ class EgoMotion {
   std::vector<char> raster_;         // (cells and a margin) of an earlier snapshot, dilated
   std::vector<Cell> sampled_;        // evenly drawn cells of a snapshot
   std::vector<Cell> transformed_;    // the same after rotation
-  std::vector<Match> matches_;
-  int moving_snapshots_ = 0;  // consecutive ones with a consistent motion
-  Motion motion_;             // of the last of them
+  int moving_snapshots_ = 0;         // consecutive ones with a consistent motion
+  Motion motion_;                    // of the last of them
   std::optional<Motion> found_;
 };
 

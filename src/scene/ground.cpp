@@ -42,11 +42,6 @@ double Quantile(Number* begin, Number* end, double share) {
 
 }  // namespace
 
-Ground::Ground(const PointsView& points_m) : Ground() {
-  Workspace workspace;
-  Fit(points_m, &workspace);
-}
-
 void Ground::Fit(const PointsView& points_m, Workspace* workspace) {
   exists_ = false;
   plane_.setZero();

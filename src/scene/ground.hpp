@@ -32,8 +32,6 @@ class Ground {
   // No ground until Fit().
   explicit Ground(double max_slope = kMaxTerrainSlope) : max_slope_(max_slope) {}
 
-  explicit Ground(const PointsView& points_m);
-
   // Replaces the ground, reusing memory.
   void Fit(const PointsView& points_m, Workspace* workspace);
 

@@ -30,10 +30,9 @@ Warning WarningOf(const std::string& sensor, const EgoMotion::Motion& motion) {
 
 }  // namespace
 
-void PoseCheck::AddFrame(const SensorInfo& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
-                         const Eigen::Vector3f* end_m) {
-  up_.AddFrame(time_ns, begin_m, end_m, sensor.origin_m);
-  if (sensor.carrier == nullptr) motion_.AddFrame(time_ns, begin_m, end_m, sensor.origin_m);
+void PoseCheck::AddFrame(const SensorInfo& sensor, TimeNs time_ns, PointsView points_m) {
+  up_.AddFrame(time_ns, points_m, sensor.origin_m);
+  if (sensor.carrier == nullptr) motion_.AddFrame(time_ns, points_m, sensor.origin_m);
   Warn(sensor.name);
 }
 

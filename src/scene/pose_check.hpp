@@ -20,8 +20,7 @@ namespace unlidar {
 //   sensor_moves  the sensor moves, but has no poses
 class PoseCheck {
  public:
-  void AddFrame(const SensorInfo& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
-                const Eigen::Vector3f* end_m);
+  void AddFrame(const SensorInfo& sensor, TimeNs time_ns, PointsView points_m);
 
   // Completes the checks after the last frame.
   void Finish(const std::string& sensor);

@@ -1,17 +1,17 @@
-// The returns of a frame that watch over its sensor, where all would tell no more.
+// Subsampling of frames for the checks of a sensor: its health, pose and sway.
 #pragma once
 
 #include <cstddef>
 
 namespace unlidar {
 
-// Enough of a frame to watch over a sensor.
-constexpr std::ptrdiff_t kWatchedReturns = 8192;
+// Returns of a frame that suffice for these checks.
+constexpr std::size_t kWatchedReturns = 8192;
 
 constexpr float kOwnRangeM = 1.0F;  // returns nearer than this are of the station itself
 
 // Returns the step at which at most `most` of `count` are visited.
-constexpr std::ptrdiff_t SampleStep(std::ptrdiff_t count, std::ptrdiff_t most) {
+constexpr std::size_t SampleStep(std::size_t count, std::size_t most) {
   return count <= most ? 1 : (count + most - 1) / most;
 }
 

@@ -64,8 +64,7 @@ SensorHealth::SensorHealth()
   reference_.rates.resize(hits_.size(), 0.0F);
 }
 
-void SensorHealth::AddFrame(const SensorInfo& sensor, TimeNs time_ns,
-                            const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m) {
+void SensorHealth::AddFrame(const SensorInfo& sensor, TimeNs time_ns, PointsView points_m) {
   if (sensor.carrier != nullptr) return;
   const TimeNs passed_ns = time_ns - std::exchange(last_ns_, time_ns);
   if (is_blinded_ && passed_ns > 0) blinded_ns_ += std::min(passed_ns, 2 * kBinNs);
@@ -76,9 +75,9 @@ void SensorHealth::AddFrame(const SensorInfo& sensor, TimeNs time_ns,
     snapshot_begin_ns_ = is_contiguous ? snapshot_begin_ns_ + kBinNs : time_ns;
   }
   ++frames_;
-  const std::ptrdiff_t step = SampleStep(end_m - begin_m, kWatchedReturns);
-  for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
-    const std::size_t place = PlaceOf(begin_m[i] - sensor.origin_m);
+  const std::size_t step = SampleStep(points_m.size(), kWatchedReturns);
+  for (std::size_t i = 0; i < points_m.size(); i += step) {
+    const std::size_t place = PlaceOf(points_m[i] - sensor.origin_m);
     hits_[place] = 1;
     has_returned_[place / kRanges] = 1;
     ++returns_;

@@ -30,8 +30,7 @@ class SensorHealth {
 
   // Adds the returns of a frame; no effect if the sensor is on a carrier. A frame older than the
   // last one starts a new snapshot and keeps the model.
-  void AddFrame(const SensorInfo& sensor, TimeNs time_ns, const Eigen::Vector3f* begin_m,
-                const Eigen::Vector3f* end_m);
+  void AddFrame(const SensorInfo& sensor, TimeNs time_ns, PointsView points_m);
 
   bool is_blinded() const { return is_blinded_; }
 

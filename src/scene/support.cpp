@@ -13,7 +13,7 @@ constexpr double kCellM = 2.0;
 // Upper limit of the height of ground vehicles: lorries and buses reach 4.5 m.
 constexpr double kMaxGroundVehicleHeightM = 5.0;
 
-// An order of points: which one stands for its voxel does not depend on that in which they come.
+// Orders points, so that the choice of one per voxel does not depend on their sequence.
 bool IsBefore(const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
   return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
 }
@@ -22,13 +22,6 @@ bool IsBefore(const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
 
 Support::Support(const Ground& ground, const SupportConfig& config)
     : ground_(ground), config_(config), depth_(kHidingCellDeg) {}
-
-Support::Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
-                 const SupportConfig& config)
-    : Support(ground, config) {
-  Workspace workspace;
-  Fill(structure_m, view, &workspace);
-}
 
 void Support::Fill(const PointsView& structure_m, const ElevationRange& view,
                    Workspace* workspace) {

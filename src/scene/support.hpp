@@ -45,9 +45,6 @@ class Support {
   // Starts without structure.
   Support(const Ground& ground, const SupportConfig& config);
 
-  Support(const PointsView& structure_m, const Ground& ground, const ElevationRange& view,
-          const SupportConfig& config);
-
   // Replaces the structure; reuses the allocated memory.
   void Fill(const PointsView& structure_m, const ElevationRange& view, Workspace* workspace);
 

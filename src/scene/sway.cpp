@@ -12,8 +12,8 @@ namespace unlidar {
 namespace {
 
 // Returns of a frame that are matched, evenly drawn; more of a station that sways.
-constexpr std::ptrdiff_t kSampled = 800;
-constexpr std::ptrdiff_t kManySampled = 2048;
+constexpr std::size_t kSampled = 800;
+constexpr std::size_t kManySampled = 2048;
 constexpr TimeNs kFirstNs = kNsPerSecond;  // of a look, in which a map only grows
 
 // A look lasts so long; then the station is left alone for so long.
@@ -54,11 +54,10 @@ Vector6d MeanOf(const Queue<Vector6d>& poses) {
 }
 
 // Draws at most so many returns of a frame evenly.
-void Sample(const SwayingFrame& frame, const Eigen::Vector3d& viewpoint_m, std::ptrdiff_t most,
+void Sample(const SwayingFrame& frame, const Eigen::Vector3d& viewpoint_m, std::size_t most,
             std::vector<TimedReturn>* sampled) {
   sampled->clear();
-  const auto step =
-      static_cast<std::size_t>(SampleStep(static_cast<std::ptrdiff_t>(frame.size), most));
+  const std::size_t step = SampleStep(frame.size, most);
   for (std::size_t i = 0; i < frame.size; i += step) {
     const Eigen::Vector3d ray_m = frame.points_m[i].cast<double>() - viewpoint_m;
     if (ray_m.squaredNorm() < kOwnRangeM * kOwnRangeM) continue;

@@ -8,7 +8,7 @@ namespace unlidar {
 namespace {
 
 constexpr TimeNs kCollectNs = 5'000'000'000;
-constexpr std::ptrdiff_t kMaxPointsOfFrame = 1024;
+constexpr std::size_t kMaxPointsOfFrame = 1024;
 constexpr std::size_t kMaxPoints = 40'000;
 constexpr std::size_t kMinPoints = 500;
 // Steeper than any ground, so that directions 45 degrees apart cover every orientation.
@@ -43,16 +43,15 @@ UpDirection::UpDirection() : ground_(kMaxGroundSlope) {
   }
 }
 
-void UpDirection::AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m,
-                           const Eigen::Vector3f* end_m, const Eigen::Vector3f& origin_m) {
+void UpDirection::AddFrame(TimeNs time_ns, PointsView points_m, const Eigen::Vector3f& origin_m) {
   if (IsDone()) return;
-  if (begin_m != end_m && !begin_ns_) begin_ns_ = time_ns;
+  if (points_m.size() > 0 && !begin_ns_) begin_ns_ = time_ns;
   const bool is_over =
       begin_ns_ && time_ns - *begin_ns_ >= kCollectNs && points_m_.size() >= kMinPoints;
   if (is_over || points_m_.size() >= kMaxPoints) return TryNext();
-  const std::ptrdiff_t step = std::max<std::ptrdiff_t>(1, (end_m - begin_m) / kMaxPointsOfFrame);
-  for (std::ptrdiff_t i = 0; i < end_m - begin_m; i += step) {
-    points_m_.push_back(begin_m[i] - origin_m);
+  const std::size_t step = std::max<std::size_t>(1, points_m.size() / kMaxPointsOfFrame);
+  for (std::size_t i = 0; i < points_m.size(); i += step) {
+    points_m_.push_back(points_m[i] - origin_m);
   }
 }
 

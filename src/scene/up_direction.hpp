@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/recording.hpp"
 #include "scene/ground.hpp"
 #include "unlidar/types.hpp"
 
@@ -25,8 +26,7 @@ class UpDirection {
   UpDirection();
 
   // Adds the returns of a frame. `origin_m`: position of the sensor.
-  void AddFrame(TimeNs time_ns, const Eigen::Vector3f* begin_m, const Eigen::Vector3f* end_m,
-                const Eigen::Vector3f& origin_m);
+  void AddFrame(TimeNs time_ns, PointsView points_m, const Eigen::Vector3f& origin_m);
 
   // Tests the remaining directions after the last frame.
   void Finish();

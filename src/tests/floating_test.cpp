@@ -7,6 +7,7 @@
 #include <cmath>
 #include <vector>
 
+#include "tests/fitted_scene.hpp"
 #include "tests/range_grid_oracle.hpp"
 #include "tests/synthetic_recording.hpp"
 
@@ -20,7 +21,7 @@ using testing::RecordingMaker;
 // Nothing is held by anything seen.
 struct Sky {
   Ground ground;
-  Support support{{}, ground, {}, SupportConfig()};
+  Support support{ground, SupportConfig()};
 };
 
 // Plots of a single return each, in order of time.
@@ -126,9 +127,9 @@ std::size_t NumFloatingOfThingSeenEvery(double apart_s, int num_frames = 600) {
   RecordingMaker scene(4);
   scene.BeginFrame(0.0);
   scene.AddGround(-1.5, 60.0, 20000);
-  const Ground ground(scene.recording.points_m);
+  const Ground ground = GroundOf(scene.recording.points_m);
   scene.AddBox({15, -8, 2}, {15.2, -0.3, 20}, 20000);
-  const Support support(scene.recording.points_m, ground, {}, SupportConfig());
+  const Support support = SupportBy(scene.recording.points_m, ground, SupportConfig());
   std::vector<Plot> plots = PlotsOf(maker.recording);
   EXPECT_EQ(plots.size(), 4U);
   MarkFloating(maker.recording, support, RobustConfig(), &plots);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "tests/fitted_scene.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -49,7 +50,7 @@ constexpr double kNoise_m = 0.15;
 
 TEST(Ground, ASlopeIsFoundUnderWhatStandsOnIt) {
   Random random(1);
-  const Ground ground(SlopeUnderClutter(&random));
+  const Ground ground = GroundOf(SlopeUnderClutter(&random));
   for (int i = 0; i < 500; ++i) {
     const Eigen::Vector3d p = random.InBox({-kHalf_m, -kHalf_m, -2.0}, {kHalf_m, kHalf_m, 30.0});
     const double height_m = p.z() - SlopeAt(p.x(), p.y());
@@ -61,7 +62,7 @@ TEST(Ground, ASlopeIsFoundUnderWhatStandsOnIt) {
 
 TEST(Ground, GoesOnAsAPlaneBeyondWhatWasSeen) {
   Random random(2);
-  const Ground ground(SlopeUnderClutter(&random));
+  const Ground ground = GroundOf(SlopeUnderClutter(&random));
   for (const double x : {-40.0, 0.0, 40.0}) {
     for (const double y : {-40.0, 40.0}) {
       const double found_m = ground.HeightAbove(Eigen::Vector3d(x, y, 10.0).cast<float>());
@@ -74,23 +75,23 @@ TEST(Ground, GoesOnAsAPlaneBeyondWhatWasSeen) {
 TEST(Ground, ABushOrATruckDoesNotRaiseIt) {
   for (const double top_m : {-0.5, 0.0, 1.5}) {
     Random random(3);
-    const Ground ground(LevelButForAPatch(&random, top_m));
+    const Ground ground = GroundOf(LevelButForAPatch(&random, top_m));
     EXPECT_NEAR(ground.HeightAbove(kAbovePatch), 5.5, 0.6) << top_m;
   }
 }
 
 TEST(Ground, FollowsHollowsButNoHoles) {
   Random random(4);
-  const Ground hollow(LevelButForAPatch(&random, -2.5));
+  const Ground hollow = GroundOf(LevelButForAPatch(&random, -2.5));
   EXPECT_NEAR(hollow.HeightAbove(kAbovePatch), 6.5, 0.15);
   // Returns far below the ground are reflections.
-  const Ground hole(LevelButForAPatch(&random, -8.0));
+  const Ground hole = GroundOf(LevelButForAPatch(&random, -8.0));
   EXPECT_NEAR(hole.HeightAbove(kAbovePatch), 5.5, 0.15);
 }
 
 TEST(Ground, HoldsWhatIsNoHigherThanItIsThick) {
   Random random(7);
-  const Ground ground(SlopeUnderClutter(&random));
+  const Ground ground = GroundOf(SlopeUnderClutter(&random));
   int num_held = 0;
   for (int i = 0; i < 500; ++i) {
     Eigen::Vector3d p = random.InBox({-kHalf_m, -kHalf_m, 0}, {kHalf_m, kHalf_m, 0});
@@ -123,7 +124,7 @@ TEST(Ground, OfASensorThatLooksUpIsInfinitelyFarBelow) {
                             .cast<float>());
   }
   for (const auto& points_m : {std::vector<Eigen::Vector3f>(), few, narrow_wall, crowns}) {
-    const Ground ground(points_m);
+    const Ground ground = GroundOf(points_m);
     EXPECT_EQ(ground.HeightAbove({3.0F, 4.0F, -100.0F}), std::numeric_limits<double>::infinity())
         << points_m.size() << " points";
   }
@@ -138,7 +139,7 @@ TEST(Ground, OfAStationOnABankIsTheBank) {
     p.z() = (std::abs(p.y()) < 24.0 ? -3.5 : -6.5) + random.Normal(0.03);
     points_m.emplace_back(p.cast<float>());
   }
-  const Ground ground(points_m);
+  const Ground ground = GroundOf(points_m);
   for (const float x : {-18.0F, -5.0F, 12.0F}) {
     EXPECT_NEAR(ground.HeightAbove({x, 3.0F, -2.0F}), 1.5, kNoise_m);
   }
@@ -147,11 +148,11 @@ TEST(Ground, OfAStationOnABankIsTheBank) {
 TEST(Ground, DoesNotDependOnTheOrderOfTheReturns) {
   Random random(6);
   std::vector<Eigen::Vector3f> points_m = SlopeUnderClutter(&random);
-  const Ground ground(points_m);
+  const Ground ground = GroundOf(points_m);
   for (std::size_t i = points_m.size(); i > 1; --i) {
     std::swap(points_m[i - 1], points_m[random.Index(i)]);
   }
-  const Ground shuffled(points_m);
+  const Ground shuffled = GroundOf(points_m);
   for (int i = 0; i < 100; ++i) {
     const Eigen::Vector3f p = random.InBox({-40, -40, -2}, {40, 40, 30}).cast<float>();
     EXPECT_EQ(ground.HeightAbove(p), shuffled.HeightAbove(p));

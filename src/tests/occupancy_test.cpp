@@ -29,7 +29,8 @@ class OccupancyTest : public ::testing::Test {
  protected:
   // A bin of five frames in which a place is hit or not.
   void Bin(std::int64_t bin, bool is_hit, const Eigen::Vector3f& place_m = {10, 5, 3}) {
-    for (int frame = 0; frame < 4; ++frame) occupancy_.AddFrame({}, bin);
+    for (int frame = 0; frame < 4; ++frame)
+      occupancy_.AddFrame(std::vector<Eigen::Vector3f>(), bin);
     std::vector<Eigen::Vector3f> points_m;
     if (is_hit) points_m.push_back(place_m);
     occupancy_.AddFrame(points_m, bin);

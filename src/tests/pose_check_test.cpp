@@ -101,8 +101,7 @@ std::vector<std::string> CodesOf(const std::function<Points(double)>& frame_at, 
   };
   for (int i = 0; i * 0.1 < seconds; ++i) {
     const Points points_m = frame_at(i * 0.1);
-    check.AddFrame(sensor, kBeginNs + i * kPeriodNs, points_m.data(),
-                   points_m.data() + points_m.size());
+    check.AddFrame(sensor, kBeginNs + i * kPeriodNs, points_m);
     take();
   }
   check.Finish("roof");

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "tests/draws.hpp"
+#include "tests/fitted_scene.hpp"
 #include "tests/learned_occupancy.hpp"
 #include "tests/synthetic_recording.hpp"
 #include "trajectory/trajectory.hpp"
@@ -342,7 +343,7 @@ TEST(FindTargetsRobust, CountsWhatItMet) {
   testing::LearnedOccupancy learned(maker.recording);
   std::vector<Eigen::Vector3f> structure_m;
   learned.occupancy().GetStructure(&structure_m);
-  const Ground ground(structure_m);
+  const Ground ground = GroundOf(structure_m);
   // Ground is none of it, whether known by its occupancy or not. No structure floats here.
   std::size_t num_free = 0;
   for (std::size_t i = 0; i < maker.labels.size(); ++i) {

@@ -86,7 +86,7 @@ class Watched {
     for (int i = 0; i < count; ++i, time_ns_ += testing::kPeriodNs) {
       Points points_m = frame();
       for (Eigen::Vector3f& point_m : points_m) point_m += sensor.origin_m;
-      sensor_health.AddFrame(sensor, time_ns_, points_m.data(), points_m.data() + points_m.size());
+      sensor_health.AddFrame(sensor, time_ns_, points_m);
       blinded += sensor_health.is_blinded() ? 1 : 0;
     }
     return 0.1 * blinded;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/voxel_grid.hpp"
+#include "tests/fitted_scene.hpp"
 #include "tests/synthetic_recording.hpp"
 
 namespace unlidar {
@@ -39,11 +40,11 @@ std::vector<Eigen::Vector3f> Blob(const Eigen::Vector3d& centre_m) {
 bool BlobFloats(const Eigen::Vector3d& centre_m, const std::vector<Eigen::Vector3f>& more_m = {},
                 const SupportConfig& config = SupportConfig()) {
   std::vector<Eigen::Vector3f> structure_m = FlatGround();
-  const Ground ground(structure_m);
+  const Ground ground = GroundOf(structure_m);
   const std::vector<Eigen::Vector3f> blob_m = Blob(centre_m);
   structure_m.insert(structure_m.end(), blob_m.begin(), blob_m.end());
   structure_m.insert(structure_m.end(), more_m.begin(), more_m.end());
-  return Support(structure_m, ground, {}, config).IsFloating(centre_m.cast<float>());
+  return SupportBy(structure_m, ground, config).IsFloating(centre_m.cast<float>());
 }
 
 std::vector<Eigen::Vector3f> Pole(double x_m, double y_m, double top_m) {
@@ -78,9 +79,9 @@ TEST(Support, DoesNotDependOnTheOrderOfTheStructure) {
     }
   }
   const Ground ground;
-  const Support support(structure_m, ground, {}, SupportConfig());
+  const Support support = SupportBy(structure_m, ground, SupportConfig());
   std::reverse(structure_m.begin(), structure_m.end());
-  const Support reversed(structure_m, ground, {}, SupportConfig());
+  const Support reversed = SupportBy(structure_m, ground, SupportConfig());
   int num_floating = 0;
   for (int i = 0; i < 2000; ++i) {
     const auto place_m = random.NormalVector(8.0).cast<float>().eval();
@@ -94,10 +95,10 @@ TEST(Support, DoesNotDependOnTheOrderOfTheStructure) {
 // A sign whose gantry is above all that the sensor sees.
 TEST(Support, AThingThatReachesToTheEdgeOfTheViewMayHangFromWhatIsBeyond) {
   const std::vector<Eigen::Vector3f> structure_m = FlatGround();
-  const Ground ground(structure_m);
+  const Ground ground = GroundOf(structure_m);
   const Eigen::Vector3f sign_m(20.0F, 0.0F, 4.0F);  // at 11 degrees, the reach is 10
   const auto floats = [&](const ElevationRange& view) {
-    return Support(structure_m, ground, view, SupportConfig()).IsFloating(sign_m);
+    return SupportBy(structure_m, ground, SupportConfig(), view).IsFloating(sign_m);
   };
   EXPECT_TRUE(floats({}));
   EXPECT_FALSE(floats({-M_PI / 2, 0.22}));
@@ -123,7 +124,7 @@ TEST(Support, AThingLowAboveTheGroundStandsOnIt) {
 
 TEST(Support, AThingNextToTheStationIsHeldByIt) {
   const Ground ground;  // none in view
-  const Support support({}, ground, {}, SupportConfig());
+  const Support support(ground, SupportConfig());
   EXPECT_FALSE(support.IsFloating({0.6F, 0.3F, 0.8F}));
   EXPECT_TRUE(support.IsFloating({1.2F, 0.6F, 1.8F}));
 }
@@ -179,10 +180,10 @@ TEST(Support, AThingOfWhoseSurroundingsTooMuchIsHiddenDoesNotFloat) {
 TEST(Support, WhatHasComeHighAboveTheGroundIsHeldByNothingThatIsHiddenOrFarAway) {
   const SupportConfig config;
   std::vector<Eigen::Vector3f> structure_m = FlatGround();
-  const Ground ground(structure_m);
+  const Ground ground = GroundOf(structure_m);
   const std::vector<Eigen::Vector3f> wall_m = WallAhead(-8.0, -0.4);
   structure_m.insert(structure_m.end(), wall_m.begin(), wall_m.end());
-  const Support support(structure_m, ground, {}, config);
+  const Support support = SupportBy(structure_m, ground, config);
   const Eigen::Vector3f beside_the_wall_m(20.0F, 0.0F, 8.0F);
   EXPECT_FALSE(support.IsFloating(beside_the_wall_m));
   EXPECT_TRUE(support.IsFloating(beside_the_wall_m, true));
@@ -191,14 +192,14 @@ TEST(Support, WhatHasComeHighAboveTheGroundIsHeldByNothingThatIsHiddenOrFarAway)
   EXPECT_FALSE(support.IsFloating(low_m, true));
   // and who knows how high the sky is without a ground?
   const Ground none;
-  const Support up(wall_m, none, {}, config);
+  const Support up = SupportBy(wall_m, none, config);
   EXPECT_FALSE(up.IsFloating(beside_the_wall_m, true));
   // Farther away than the far reach begins.
   const Eigen::Vector3d far_m(50, 0, 30);
   const std::vector<Eigen::Vector3f> thing_m = Blob(far_m + Eigen::Vector3d(0, 12, 0));
   structure_m = FlatGround();
   structure_m.insert(structure_m.end(), thing_m.begin(), thing_m.end());
-  const Support beside_a_thing(structure_m, ground, {}, config);
+  const Support beside_a_thing = SupportBy(structure_m, ground, config);
   EXPECT_FALSE(beside_a_thing.IsFloating(far_m.cast<float>()));
   EXPECT_TRUE(beside_a_thing.IsFloating(far_m.cast<float>(), true));
   // What is near enough to be tied to it holds it in any case.
@@ -208,7 +209,7 @@ TEST(Support, WhatHasComeHighAboveTheGroundIsHeldByNothingThatIsHiddenOrFarAway)
 
 TEST(Support, WithoutStructureEverythingInRangeFloats) {
   const Ground ground;
-  const Support support({}, ground, {}, SupportConfig());
+  const Support support(ground, SupportConfig());
   EXPECT_TRUE(support.IsFloating({1.0F, 2.0F, 3.0F}));
   EXPECT_FALSE(support.IsFloating({101.0F, 2.0F, 3.0F}));
 }
@@ -270,13 +271,13 @@ TEST(Support, OfRandomStructureIsThatOfAllItsPoints) {
     Random random(seed);
     const std::vector<Eigen::Vector3f> structure_m = RandomStructure(&random);
     // With and without a ground.
-    const Ground ground(seed % 2 == 0 ? FlatGround() : std::vector<Eigen::Vector3f>());
+    const Ground ground = GroundOf(seed % 2 == 0 ? FlatGround() : std::vector<Eigen::Vector3f>());
     SupportConfig config;
     config.reach = {random.Uniform(0.5, 4.0), random.Uniform(0.0, 0.15)};
     config.max_range_m = 55.0;
     const std::vector<Eigen::Vector3f> thinned_m = Thinned(structure_m);
-    const Support support(structure_m, ground, {}, config);
-    const Support thinned_support(thinned_m, ground, {}, config);
+    const Support support = SupportBy(structure_m, ground, config);
+    const Support thinned_support = SupportBy(thinned_m, ground, config);
     const DepthMap depth = DepthOf(structure_m);
     const DepthMap thinned_depth = DepthOf(thinned_m);
     const double diagonal_m = std::sqrt(3.0) * kSupportVoxelM;

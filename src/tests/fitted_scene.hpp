@@ -1,0 +1,27 @@
+// Ground and support of given points in one call, for tests.
+#pragma once
+
+#include "base/recording.hpp"
+#include "scene/field_of_view.hpp"
+#include "scene/ground.hpp"
+#include "scene/support.hpp"
+#include "unlidar/config.hpp"
+
+namespace unlidar {
+
+inline Ground GroundOf(const PointsView& points_m) {
+  Ground ground;
+  Ground::Workspace workspace;
+  ground.Fit(points_m, &workspace);
+  return ground;
+}
+
+inline Support SupportBy(const PointsView& structure_m, const Ground& ground,
+                         const SupportConfig& config, const ElevationRange& view = {}) {
+  Support support(ground, config);
+  Support::Workspace workspace;
+  support.Fill(structure_m, view, &workspace);
+  return support;
+}
+
+}  // namespace unlidar

@@ -2,15 +2,10 @@
 
 #include <algorithm>
 
-#include "base/poisson.hpp"
+#include "base/maths.hpp"
+#include "scene/plots.hpp"
 
 namespace unlidar {
-namespace {
-
-double PerM2(const Eigen::Vector3d& ray_m) { return 1.0 / std::max(ray_m.squaredNorm(), 1.0); }
-
-}  // namespace
-
 Visibility::Visibility(const Recording& recording, const std::vector<StationModel>& station_models,
                        const Trajectory& trajectory, const std::vector<std::uint32_t>& returns)
     : sensors_(station_models.size()) {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <iterator>
 
-#include "base/square.hpp"
+#include "base/maths.hpp"
 #include "collection/body.hpp"
 
 namespace unlidar {

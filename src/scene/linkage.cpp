@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/maths.hpp"
+
 namespace unlidar {
 namespace {
 
 using Tree = PointTree<float>;
-
-float Square(float x) { return x * x; }
 
 // Coincident points of a leaf differ in their pairs with another point only by whether they come
 // before or after it, so the first and the last represent all.

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <utility>
 
-#include "scene/dwell.hpp"
-
 namespace unlidar {
 namespace {
 

@@ -4,9 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "base/poisson.hpp"
-#include "base/square.hpp"
-#include "scene/dwell.hpp"
+#include "base/maths.hpp"
 #include "scene/occupancy.hpp"
 
 namespace unlidar {

@@ -9,7 +9,7 @@
 #include <functional>
 #include <vector>
 
-#include "base/poisson.hpp"
+#include "base/maths.hpp"
 #include "base/queue.hpp"
 #include "base/recording.hpp"
 #include "scene/ground.hpp"
@@ -25,13 +25,18 @@ inline double ClutterRate(double count, double exposure, double prior_rate) {
   return (count + kJeffreysCount) / (exposure + kJeffreysCount / prior_rate);
 }
 
-// What is lower may be a person or stand on the ground.
+// Returns the rays per m^2 across a target, up to a factor: they thin out with the square of range.
+inline double PerM2(const Eigen::Vector3d& ray_m) {
+  return 1.0 / std::max(ray_m.squaredNorm(), 1.0);
+}
+
+// A plot with a lower lowest return may be a person or stand on the ground.
 constexpr double kPersonHeightM = 2.0;
 
-// What a body shows of itself where a part of it is seen, in height.
+// Height of the visible part of a body of which a part is seen.
 constexpr double kBodyPartM = 0.6;
 
-// Returns so far below a plot are not its own: half the height of a drone plus noise.
+// Returns farther below a plot are not its own: half the height of a drone plus noise.
 constexpr double kBelowPlotM = 0.4;
 
 // Returns so far from a plot, horizontally, are above or below it.

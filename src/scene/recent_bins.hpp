@@ -1,4 +1,4 @@
-// Sets of the most recent time bins, as bits.
+// Sets of the most recent time bins, as bits, and the dwells in them.
 #pragma once
 
 #include <algorithm>
@@ -85,5 +85,23 @@ class RecentBins {
 
   std::array<std::uint64_t, kWords> words_{};
 };
+
+// Bins around one, from the youngest to the oldest: how long a place has been occupied.
+struct Dwell {
+  int youngest;
+  int oldest;
+};
+
+// Returns the dwell around the bin of age `at`, with breaks of at most `max_break` bins.
+inline Dwell DwellAt(const RecentBins& hits, int at, int max_break) {
+  Dwell dwell{at, at};
+  for (int age = at - 1; age >= 0 && dwell.youngest - age <= max_break + 1; --age) {
+    if (hits.Contains(age)) dwell.youngest = age;
+  }
+  for (int age = at + 1; age < RecentBins::kWindow && age - dwell.oldest <= max_break + 1; ++age) {
+    if (hits.Contains(age)) dwell.oldest = age;
+  }
+  return dwell;
+}
 
 }  // namespace unlidar

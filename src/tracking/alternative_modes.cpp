@@ -7,7 +7,7 @@
 #include <limits>
 #include <utility>
 
-#include "base/negligible.hpp"
+#include "base/maths.hpp"
 #include "tracking/time_reversed.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"

@@ -55,8 +55,6 @@ double LogProbabilityOfNoReturn(double shape, double rate, double exposure) {
   return -shape * std::log1p(exposure / rate);
 }
 
-double PerM2(const Eigen::Vector3d& ray_m) { return 1.0 / std::max(ray_m.squaredNorm(), 1.0); }
-
 double LogDetectionProbability(double log_miss_probability) {
   return std::log(std::max(-std::expm1(log_miss_probability), 1e-6));
 }

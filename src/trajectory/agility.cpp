@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "base/square.hpp"
+#include "base/maths.hpp"
 #include "trajectory/banded.hpp"
 
 namespace unlidar {

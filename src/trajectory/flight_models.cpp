@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/square.hpp"
+#include "base/maths.hpp"
 
 namespace unlidar {
 namespace {

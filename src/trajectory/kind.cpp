@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "base/square.hpp"
+#include "base/maths.hpp"
 
 namespace unlidar {
 namespace {

@@ -7,7 +7,7 @@
 #include <optional>
 #include <utility>
 
-#include "base/square.hpp"
+#include "base/maths.hpp"
 
 namespace unlidar {
 namespace {

@@ -7,8 +7,7 @@
 #include <limits>
 #include <utility>
 
-#include "base/negligible.hpp"
-#include "base/square.hpp"
+#include "base/maths.hpp"
 #include "trajectory/banded.hpp"
 #include "trajectory/bspline.hpp"
 

@@ -1,7 +1,0 @@
-#pragma once
-
-namespace unlidar {
-
-inline double Square(double x) { return x * x; }
-
-}  // namespace unlidar

@@ -29,8 +29,6 @@ constexpr std::string_view kTimeShape = "_00000000T000000Z.pcap";  // 0: any dig
 constexpr std::size_t kMinDigits = 8;
 constexpr std::size_t kMaxDigits = 15;
 
-bool IsDigit(char c) { return c >= '0' && c <= '9'; }
-
 // Of a name that NameOf() gives; others are somebody else's.
 std::optional<std::uint64_t> NumberOf(std::string_view name) {
   const std::size_t least = kPrefix.size() + kMinDigits + kTimeShape.size();
@@ -71,10 +69,6 @@ std::uint64_t WholeBytes(int fd, std::uint64_t bytes) {
   return whole;
 }
 
-[[noreturn]] void FailToRecord(const std::string& path, const std::string& reason) {
-  throw OutputError(path + ": cannot be written: " + reason);
-}
-
 int OpenFolder(const std::string& directory) {
   ::mkdir(directory.c_str(), 0777);
   return ::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
@@ -89,10 +83,10 @@ bool IsRemoved(int fd) {
 
 CaptureFiles::CaptureFiles(std::string directory, CaptureLimits limits)
     : directory_(std::move(directory)), limits_(limits), lock_(OpenFolder(directory_)) {
-  if (lock_.get() < 0) FailToRecord(directory_, std::strerror(errno));
+  if (lock_.get() < 0) FailToWrite(directory_);
   CheckWritable(directory_ + "/" + NameOf(next_number_));
   if (::flock(lock_.get(), LOCK_EX | LOCK_NB) != 0) {
-    FailToRecord(directory_, "another process records to it, expected a folder of its own");
+    FailToWrite(directory_, "another process records to it, expected a folder of its own");
   }
   FindEarlierFiles();
 }
@@ -107,7 +101,7 @@ void CaptureFiles::FindEarlierFiles() {
     const std::uint64_t bytes = entry->file_size(unknown);
     if (!unknown) files_.push_back({*number, entry->path().string(), bytes});
   }
-  if (error) FailToRecord(directory_, error.message());
+  if (error) FailToWrite(directory_, error.message());
   if (files_.empty()) return;
   std::sort(files_.begin(), files_.end(),
             [](const File& a, const File& b) { return a.number < b.number; });
@@ -119,12 +113,12 @@ void CaptureFiles::FindEarlierFiles() {
 void CaptureFiles::CutOffPartOfRecord() {
   File& file = files_.back();
   const Descriptor earlier(::open(file.path.c_str(), O_RDWR | O_CLOEXEC));
-  if (earlier.get() < 0) FailToRecord(file.path, std::strerror(errno));
+  if (earlier.get() < 0) FailToWrite(file.path);
   const std::uint64_t whole = WholeBytes(earlier.get(), file.bytes);
   if (whole == 0) return RemoveLast();
   if (whole == file.bytes) return;
   if (::ftruncate(earlier.get(), static_cast<off_t>(whole)) != 0) {
-    FailToRecord(file.path, std::strerror(errno));
+    FailToWrite(file.path);
   }
   file.bytes = whole;
 }
@@ -156,7 +150,7 @@ void CaptureFiles::OpenNext() {
   const std::string path = directory_ + "/" + NameOf(next_number_);
   auto file = std::make_unique<Descriptor>(
       ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666));
-  if (file->get() < 0) FailToRecord(path, std::strerror(errno));
+  if (file->get() < 0) FailToWrite(path);
   files_.push_back({next_number_++, path, 0});
   open_ = std::move(file);
   Append(CaptureHeader(), 0);
@@ -165,20 +159,15 @@ void CaptureFiles::OpenNext() {
 void CaptureFiles::Append(std::string_view records, std::uint64_t packets) {
   MakeRoom(records.size());
   File& file = files_.back();
-  for (std::string_view rest = records; !rest.empty();) {
-    const ssize_t written =
-        Uninterrupted([&] { return ::write(open_->get(), rest.data(), rest.size()); });
-    if (written < 0) {
-      const std::string reason = std::strerror(errno);
-      const std::string path = file.path;
-      if (file.bytes == 0) {  // no header
-        RemoveLast();
-      } else if (::ftruncate(open_->get(), static_cast<off_t>(file.bytes)) != 0) {
-        open_.reset();  // what follows goes to another file
-      }
-      FailToRecord(path, reason);
+  try {
+    WriteAll(open_->get(), records, file.path);
+  } catch (const OutputError&) {
+    if (file.bytes == 0) {  // no header
+      RemoveLast();
+    } else if (::ftruncate(open_->get(), static_cast<off_t>(file.bytes)) != 0) {
+      open_.reset();  // the next records go to another file
     }
-    rest.remove_prefix(static_cast<std::size_t>(written));
+    throw;
   }
   file.bytes += records.size();
   total_bytes_ += records.size();
@@ -196,7 +185,7 @@ void CaptureFiles::MakeRoom(std::uint64_t bytes) {
   while (total_bytes_ + bytes > limits_.total_bytes && files_.size() > (open_ ? 1 : 0)) {
     const File& oldest = files_.front();
     if (::unlink(oldest.path.c_str()) != 0 && errno != ENOENT) {
-      FailToRecord(oldest.path, std::string("cannot be removed: ") + std::strerror(errno));
+      FailToWrite(oldest.path, std::string("cannot be removed: ") + std::strerror(errno));
     }
     total_bytes_ -= oldest.bytes;
     files_.pop_front();

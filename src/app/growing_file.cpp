@@ -12,10 +12,8 @@
 #include <cstring>
 #include <utility>
 
-#include "app/output_files.hpp"
 #include "base/format.hpp"
 #include "io/descriptor.hpp"
-#include "unlidar/error.hpp"
 
 namespace unlidar {
 namespace {
@@ -34,13 +32,13 @@ ssize_t WriteOnce(int fd, std::string_view bytes) {
 
 }  // namespace
 
-GrowingFile::GrowingFile(std::string path, Format format, Signals& signals, LineCallback on_line,
-                         NoteCallback note)
+GrowingFile::GrowingFile(std::string path, Format format, Signals& signals, NoteCallback note,
+                         LineCallback on_line)
     : path_(std::move(path)),
       format_(std::move(format)),
       signals_(signals),
-      on_line_(std::move(on_line)),
-      note_(std::move(note)) {
+      note_(std::move(note)),
+      on_line_(std::move(on_line)) {
   Open();
   if (!is_regular_) {
     WriteSpecial();
@@ -158,7 +156,7 @@ void GrowingFile::ReadLines() {
       whole += static_cast<off_t>(line.size());
       if (++number > 1 || format_.header.empty()) {
         line.pop_back();
-        on_line_(line, number);
+        if (on_line_) on_line_(line, number);
       }
       line.clear();
     }
@@ -219,7 +217,7 @@ void GrowingFile::DropOldest() {
 }
 
 void GrowingFile::Fail(const std::string& reason) const {
-  throw OutputError((path_ == "-" ? "stdout" : path_) + ": cannot be written: " + reason);
+  FailToWrite(path_ == "-" ? "stdout" : path_, reason);
 }
 
 void GrowingFile::FailWithErrno() const { Fail(std::strerror(errno)); }

@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "app/output_files.hpp"
 #include "app/signals.hpp"
 
 namespace unlidar {
@@ -25,7 +26,6 @@ class GrowingFile {
   static constexpr std::size_t kMaxWaitingBytes = std::size_t{1} << 22;
 
   using LineCallback = std::function<void(std::string_view line, std::uint64_t number)>;
-  using NoteCallback = std::function<void(const std::string&)>;
 
   struct Format {
     std::string header;      // first line of a new file, with its newline; may be empty
@@ -35,8 +35,8 @@ class GrowingFile {
 
   // `path`: `-` is stdout. `on_line` gets each line that is there but the header, with its number,
   // here and in Reopen().
-  GrowingFile(std::string path, Format format, Signals& signals, LineCallback on_line,
-              NoteCallback note);
+  GrowingFile(std::string path, Format format, Signals& signals, NoteCallback note,
+              LineCallback on_line = nullptr);
   ~GrowingFile();
   GrowingFile(const GrowingFile&) = delete;
   GrowingFile& operator=(const GrowingFile&) = delete;
@@ -69,8 +69,8 @@ class GrowingFile {
   std::string path_;
   Format format_;
   Signals& signals_;
-  LineCallback on_line_;
   NoteCallback note_;
+  LineCallback on_line_;
   int fd_ = -1;
   bool is_regular_ = false;
   bool is_full_ = false;  // the disk

@@ -48,7 +48,7 @@ RowTimes EarlierRows(const Config& config) {
 }
 
 std::optional<LiveTraceOutput> TraceOutputOf(const Arguments& arguments, Signals& signals,
-                                             const std::function<void(const std::string&)>& note) {
+                                             const NoteCallback& note) {
   if (arguments.trace.empty()) return std::nullopt;
   return std::optional<LiveTraceOutput>(std::in_place, arguments.trace, signals, note);
 }
@@ -57,7 +57,7 @@ std::optional<LiveTraceOutput> TraceOutputOf(const Arguments& arguments, Signals
 class LiveRun {
  public:
   LiveRun(const Arguments& arguments, const OutputTimes& output_times, const Config& config,
-          CaptureFiles* captures, const std::function<void(const std::string&)>& note)
+          CaptureFiles* captures, const NoteCallback& note)
       : arguments_(arguments),
         config_(config),
         captures_(captures),
@@ -95,11 +95,7 @@ class LiveRun {
   LiveSummary Summary() const {
     LiveSummary summary = intake_.Summary();
     if (source_) source_->AddTo(&summary);
-    summary.num_tracks = output_.tracks().size();
-    summary.num_rows = output_.num_rows();
-    summary.tracks_left_out = output_.tracks_left_out();
-    summary.left_out_rows = output_.left_out_rows();
-    summary.unwritable_rows = output_.unwritable_rows();
+    summary.output = output_.counts();
     return summary;
   }
 
@@ -175,10 +171,11 @@ class LiveRun {
 };
 
 void NoteLosses(const LiveSummary& summary, const std::vector<LiveTrack>& tracks,
-                const std::function<void(const std::string&)>& note) {
-  const auto say = [&](std::uint64_t count, const char* what) {
-    if (count > 0) note(Count(count, "frame") + what);
+                const NoteCallback& note) {
+  const auto say = [&](std::uint64_t count, const char* noun, const char* fate) {
+    if (count > 0) note(Count(count, noun) + fate);
   };
+  const auto say_frames = [&](std::uint64_t count, const char* fate) { say(count, "frame", fate); };
   for (const LiveInput& input : summary.inputs) {
     if (!input.packets) continue;
     const LivoxCounts& packets = *input.packets;
@@ -191,30 +188,26 @@ void NoteLosses(const LiveSummary& summary, const std::vector<LiveTrack>& tracks
          counted(packets.astray, "of a time far from the others") +
          counted(packets.excess, "more than a frame holds"));
   }
-  if (summary.refused_packets > 0) note(Count(summary.refused_packets, "packet") + " refused");
+  say(summary.refused_packets, "packet", " refused");
   for (const LiveInput& input : summary.inputs) {
     if (input.sync && input.sync->losses() > 0) {
       note(input.name + ": lost its time synchronisation " + Count(input.sync->losses(), "time"));
     }
   }
-  if (summary.recording && summary.recording->lost_packets > 0) {
-    note(Count(summary.recording->lost_packets, "packet") + " not recorded (--record-packets)");
+  if (summary.recording) {
+    say(summary.recording->lost_packets, "packet", " not recorded (--record-packets)");
   }
-  say(summary.counts.bad_frames, " could not be parsed and skipped (input.skip_bad_frames)");
-  say(summary.late_frames, " came later than live.reorder_s and dropped");
-  say(summary.astray_frames,
-      " astray and left out: neither this clock nor most LiDARs bear them out");
-  say(summary.overflow_frames, kOverflowText);
-  say(summary.overload_frames, " left out while overloaded");
-  say(summary.followed.vanished, kVanishedText);
-  say(summary.followed.passed_over, kPassedOverText);
-  say(summary.followed.already_processed, kAlreadyProcessedText);
-  if (summary.left_out_rows > 0) {
-    note(Count(summary.left_out_rows, "row") + " left out: --out held them already");
-  }
-  if (summary.unwritable_rows > 0) {
-    note(Count(summary.unwritable_rows, "row") + kUnwritableText);
-  }
+  say_frames(summary.counts.bad_frames, kUnparsedText);
+  say_frames(summary.late_frames, " came later than live.reorder_s and dropped");
+  say_frames(summary.astray_frames,
+             " astray and left out: neither this clock nor most LiDARs bear them out");
+  say_frames(summary.overflow_frames, kOverflowText);
+  say_frames(summary.overload_frames, " left out while overloaded");
+  say_frames(summary.followed.vanished, kVanishedText);
+  say_frames(summary.followed.passed_over, kPassedOverText);
+  say_frames(summary.followed.already_processed, kAlreadyProcessedText);
+  say(summary.output.left_out_rows, "row", " left out: --out held them already");
+  say(summary.output.unwritable_rows, "row", kUnwritableText);
   for (const LiveInput& input : summary.inputs) {
     if (input.blinded_s > 0.0) note(BlindedText(input.name, input.blinded_s));
   }
@@ -223,11 +216,8 @@ void NoteLosses(const LiveSummary& summary, const std::vector<LiveTrack>& tracks
       note(NotConvergedText(track.id, *track.minimum));
     }
   }
-  if (summary.tracks_left_out > 0) note(TracksLeftOutText(summary.tracks_left_out));
-  if (tracks.empty()) {
-    note("no drone found in " + Count(summary.counts.frames, "frame") + " with " +
-         Count(summary.counts.returns, "return"));
-  }
+  if (summary.output.tracks_left_out > 0) note(TracksLeftOutText(summary.output.tracks_left_out));
+  if (tracks.empty()) note(NothingFoundText(summary.counts));
 }
 
 // Finds what the receiver would refuse before an output is opened.
@@ -255,7 +245,7 @@ void CheckReplacedFiles(const Arguments& arguments) {
 }  // namespace
 
 std::string TrackLive(const Arguments& arguments, const OutputTimes& output_times,
-                      const Config& config, const std::function<void(const std::string&)>& note) {
+                      const Config& config, const NoteCallback& note) {
   if (!arguments.livox.empty()) CheckLivox(arguments.livox, config);
   CheckLive(config);
   if (arguments.events == "-" && ResolvedPath(arguments.out) == ResolvedPath("/dev/stdout")) {
@@ -279,9 +269,8 @@ std::string TrackLive(const Arguments& arguments, const OutputTimes& output_time
     WriteFiles({{arguments.summary, Content(LiveSummaryJson(summary, run.tracks(), config))}});
   }
   NoteLosses(summary, run.tracks(), note);
-  return arguments.out + ": " + Count(summary.num_tracks, "track") + ", " +
-         Count(summary.num_rows, "row") + ", from " + Count(summary.counts.frames, "frame") +
-         " of " + Count(summary.inputs.size(), "LiDAR");
+  return ResultText(arguments.out, summary.output.tracks, summary.output.rows,
+                    summary.counts.frames, summary.inputs.size());
 }
 
 }  // namespace unlidar

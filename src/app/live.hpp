@@ -1,10 +1,10 @@
 // Tracking while frames come: --follow, --stdin and --livox.
 #pragma once
 
-#include <functional>
 #include <string>
 
 #include "app/arguments.hpp"
+#include "app/output_files.hpp"
 #include "unlidar/config.hpp"
 #include "unlidar/types.hpp"
 
@@ -14,6 +14,6 @@ namespace unlidar {
 // with an InputError. `note` gets lines for the user. Returns what was done, in a line.
 // Throws UsageError, InputError, ConfigError, OutputError.
 std::string TrackLive(const Arguments& arguments, const OutputTimes& output_times,
-                      const Config& config, const std::function<void(const std::string&)>& note);
+                      const Config& config, const NoteCallback& note);
 
 }  // namespace unlidar

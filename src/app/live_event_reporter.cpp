@@ -27,9 +27,9 @@ void LiveEventReporter::Take(const EngineEvent& event, const LiveProgress& now) 
   if (const auto* confirmed = std::get_if<TrackConfirmed>(&event)) {
     output_.Confirm(*confirmed);
   } else if (const auto* given = std::get_if<RowGiven>(&event)) {
-    const std::uint64_t unwritable = output_.unwritable_rows();
+    const std::uint64_t unwritable = output_.counts().unwritable_rows;
     output_.AddRow(now.newest_ns, *given);
-    NoteCount(unwritable, output_.unwritable_rows(), "row", kUnwritableText);
+    NoteCount(unwritable, output_.counts().unwritable_rows, "row", kUnwritableText);
   } else if (const auto* predicted = std::get_if<TrackPredicted>(&event)) {
     output_.AddPrediction(now.newest_ns, *predicted);
   } else if (const auto* ended = std::get_if<TrackEnded>(&event)) {

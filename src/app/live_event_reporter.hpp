@@ -4,12 +4,12 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "app/live_output.hpp"
+#include "app/output_files.hpp"
 #include "app/returns_view.hpp"
 #include "app/service_notify.hpp"
 #include "io/livox_sync.hpp"
@@ -31,8 +31,6 @@ struct LiveProgress {
 // Sensors and tracks are reported again only after a change.
 class LiveEventReporter {
  public:
-  using NoteCallback = std::function<void(const std::string&)>;
-
   // All of them outlive it.
   LiveEventReporter(LiveOutput& output, const ServiceNotifier& service, const NoteCallback& note)
       : output_(output), service_(service), note_(note) {}

@@ -68,12 +68,10 @@ LiveOutput::LiveOutput(const std::string& trajectory, const std::string& events,
                        const RowTimes& rows, Signals& signals, const NoteCallback& note)
     : path_(trajectory),
       row_times_(rows),
-      trajectory_(
-          trajectory, {kTrajectoryHeader, kTrajectoryHeader}, signals,
-          [this](std::string_view line, std::uint64_t number) { ReadRow(line, number); }, note) {
+      trajectory_(trajectory, {kTrajectoryHeader, kTrajectoryHeader}, signals, note,
+                  [this](std::string_view line, std::uint64_t number) { ReadRow(line, number); }) {
   if (events.empty()) return;
-  const auto ignore = [](std::string_view, std::uint64_t) {};
-  events_.emplace(events, GrowingFile::Format{"", "{\"event\":"}, signals, ignore, note);
+  events_.emplace(events, GrowingFile::Format{"", "{\"event\":"}, signals, note);
 }
 
 // A track is reported with its first row: after a kill, readers of the rows must know all numbers.
@@ -85,11 +83,11 @@ void LiveOutput::Confirm(const TrackConfirmed& track) {
 void LiveOutput::AddRow(TimeNs at_ns, const RowGiven& given) {
   const TrajectoryRow& row = given.row;
   if (!IsWritable(row)) {
-    ++unwritable_rows_;
+    ++counts_.unwritable_rows;
     return;
   }
   if (IsSkipped(row.time_ns)) {
-    ++left_out_rows_;
+    ++counts_.left_out_rows;
     return;
   }
   Confirmed& confirmed = open_tracks_[row.track_id];
@@ -124,7 +122,7 @@ void LiveOutput::Hold(const TrajectoryRow& row, Confirmed& confirmed) const {
 void LiveOutput::Write(TimeNs at_ns, const RowGiven& given, LiveTrack& track) {
   const TrajectoryRow& row = given.row;
   ++track.rows;
-  ++num_rows_;
+  ++counts_.rows;
   track.kind = given.kind;
   std::string text;
   AppendTrajectoryRow(row, track.id, text);
@@ -141,7 +139,7 @@ void LiveOutput::End(TimeNs at_ns, const TrackEnded& track) {
   const Confirmed confirmed = std::exchange(open_tracks_[track.track_id], {});
   open_tracks_.erase(track.track_id);
   if (!confirmed.track) {
-    if (!confirmed.held.empty()) ++tracks_left_out_;
+    if (!confirmed.held.empty()) ++counts_.tracks_left_out;
     return;
   }
   LiveTrack& ended = tracks_[*confirmed.track];
@@ -244,6 +242,7 @@ void LiveOutput::ReadRow(std::string_view line, std::uint64_t number) {
 LiveTrack& LiveOutput::AnnouncedTrack(TimeNs at_ns, const Kind& kind, Confirmed& confirmed) {
   if (!confirmed.track) {
     confirmed.track = tracks_.size();
+    ++counts_.tracks;
     tracks_.push_back(
         {next_id_++, confirmed.first_evidence_ns, confirmed.first_evidence_ns, 0, kind});
     std::string fields = ",\"track\":" + std::to_string(tracks_.back().id) +

@@ -11,6 +11,7 @@
 
 #include "app/growing_file.hpp"
 #include "app/newest_lines.hpp"
+#include "app/output_files.hpp"
 #include "app/returns_view.hpp"
 #include "app/row_times.hpp"
 #include "app/signals.hpp"
@@ -49,13 +50,19 @@ struct CurrentTrack {
 inline constexpr const char* kUnwritableText =
     " left out: a number in it is none, or beyond 1e9, which no output takes";
 
+struct OutputCounts {
+  std::uint64_t tracks = 0;
+  std::uint64_t tracks_left_out = 0;  // surely a bird throughout (--only-drones)
+  std::uint64_t rows = 0;             // written, of all tracks
+  std::uint64_t left_out_rows = 0;    // held by the file already
+  std::uint64_t unwritable_rows = 0;  // with numbers that no output takes
+};
+
 // The engine numbers tracks from 0 in each run; numbers in a file continue across runs. After a
 // restart that reads frames again, rows up to the last one of the file are already there and are
 // skipped, and so is a track without any other rows.
 class LiveOutput {
  public:
-  using NoteCallback = GrowingFile::NoteCallback;
-
   // `events`: a path, `-` for stdout, or empty for none. `rows`: to be extended by the rows of
   // earlier runs. Throws OutputError.
   LiveOutput(const std::string& trajectory, const std::string& events, const RowTimes& rows,
@@ -115,15 +122,7 @@ class LiveOutput {
   // Those of them that have not ended.
   std::vector<CurrentTrack> CurrentTracks() const;
 
-  // Rows of all of them.
-  std::uint64_t num_rows() const { return num_rows_; }
-
-  // Rows that are in the file already, and those whose numbers cannot be written.
-  std::uint64_t left_out_rows() const { return left_out_rows_; }
-  std::uint64_t unwritable_rows() const { return unwritable_rows_; }
-
-  // Tracks that were surely a bird throughout.
-  std::uint64_t tracks_left_out() const { return tracks_left_out_; }
+  const OutputCounts& counts() const { return counts_; }
 
  private:
   struct Confirmed {
@@ -149,10 +148,7 @@ class LiveOutput {
   std::optional<TimeNs> first_after_ns_;  // until the first row, or the file was moved away
   double max_bird_probability_ = 1.0;
   TimeNs hold_ns_ = 0;
-  std::uint64_t tracks_left_out_ = 0;
-  std::uint64_t num_rows_ = 0;
-  std::uint64_t left_out_rows_ = 0;
-  std::uint64_t unwritable_rows_ = 0;
+  OutputCounts counts_;
   std::map<int, Confirmed> open_tracks_;  // by the engine's number
   std::vector<LiveTrack> tracks_;
   GrowingFile trajectory_;

@@ -137,9 +137,9 @@ void AddTracks(const LiveStatus& status, Metrics& metrics) {
   metrics.Begin("unlidar_tracks", "gauge", "Tracks that have begun and not ended.");
   metrics.Add("", std::uint64_t{status.tracks.size()});
   metrics.Begin("unlidar_tracks_total", "counter", "Tracks that have begun.");
-  metrics.Add("", std::uint64_t{summary.num_tracks});
+  metrics.Add("", summary.output.tracks);
   metrics.Begin("unlidar_rows_total", "counter", "Rows of the trajectory that were written.");
-  metrics.Add("", summary.num_rows);
+  metrics.Add("", summary.output.rows);
 }
 
 void AddLoad(const LiveStatus& status, Metrics& metrics) {

@@ -11,6 +11,7 @@
 
 #include "app/arguments.hpp"
 #include "app/live_output.hpp"
+#include "app/output_files.hpp"
 #include "app/summary.hpp"
 #include "base/recording.hpp"
 #include "unlidar/engine.hpp"
@@ -37,8 +38,6 @@ std::string MetricsText(const LiveStatus& status);
 // The files, replaced once a second by the clock of this computer.
 class LiveStatusFiles {
  public:
-  using NoteCallback = std::function<void(const std::string&)>;
-
   // `arguments`, `note`: must outlive it.
   LiveStatusFiles(const Arguments& arguments, const NoteCallback& note)
       : arguments_(arguments), note_(note) {}

@@ -36,10 +36,8 @@ TraceJson DetectionJson(const Plot& plot, const PlotVerdict& verdict) {
 }  // namespace
 
 LiveTraceOutput::LiveTraceOutput(const std::string& path, Signals& signals,
-                                 const GrowingFile::NoteCallback& note)
-    : file_(
-          path, {"", "{\"trace\":", kMaxLineBytes}, signals, [](std::string_view, std::uint64_t) {},
-          note) {
+                                 const NoteCallback& note)
+    : file_(path, {"", "{\"trace\":", kMaxLineBytes}, signals, note) {
   AddHeader();
 }
 

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "app/growing_file.hpp"
+#include "app/output_files.hpp"
 #include "app/signals.hpp"
 #include "live/live_trace.hpp"
 
@@ -14,7 +15,7 @@ namespace unlidar {
 class LiveTraceOutput {
  public:
   // Throws OutputError, as all of them do.
-  LiveTraceOutput(const std::string& path, Signals& signals, const GrowingFile::NoteCallback& note);
+  LiveTraceOutput(const std::string& path, Signals& signals, const NoteCallback& note);
 
   // Writes each event; must not outlive this.
   LiveTraceSink Sink();

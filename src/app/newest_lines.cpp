@@ -1,14 +1,10 @@
 #include "app/newest_lines.hpp"
 
 #include <fcntl.h>
-#include <unistd.h>
 
-#include <cerrno>
 #include <cstdio>
-#include <cstring>
 #include <utility>
 
-#include "app/output_files.hpp"
 #include "app/temporary_path.hpp"
 #include "unlidar/error.hpp"
 
@@ -22,7 +18,8 @@ NewestLines::NewestLines(const std::string& path, NoteCallback note)
 void NewestLines::Append(std::string_view line) {
   try {
     if (!file_ || bytes_ + line.size() > kMaxBytes) BeginAnew();
-    Write(line);
+    bytes_ += line.size();
+    WriteAll(file_->get(), line, path_);
     has_failed_ = false;
   } catch (const OutputError& error) {
     file_.reset();  // its last line may be torn
@@ -35,20 +32,10 @@ void NewestLines::BeginAnew() {
   auto file = std::make_unique<Descriptor>(Uninterrupted(
       [&] { return ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666); }));
   if (file->get() < 0 || std::rename(temporary.c_str(), path_.c_str()) != 0) {
-    throw OutputError(path_ + ": cannot be written: " + std::strerror(errno));
+    FailToWrite(path_);
   }
   file_ = std::move(file);
   bytes_ = 0;
-}
-
-void NewestLines::Write(std::string_view line) {
-  bytes_ += line.size();
-  while (!line.empty()) {
-    const ssize_t written =
-        Uninterrupted([&] { return ::write(file_->get(), line.data(), line.size()); });
-    if (written < 0) throw OutputError(path_ + ": cannot be written: " + std::strerror(errno));
-    line.remove_prefix(static_cast<std::size_t>(written));
-  }
 }
 
 }  // namespace unlidar

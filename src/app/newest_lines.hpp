@@ -2,11 +2,11 @@
 #pragma once
 
 #include <cstddef>
-#include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
 
+#include "app/output_files.hpp"
 #include "io/descriptor.hpp"
 
 namespace unlidar {
@@ -18,8 +18,6 @@ class NewestLines {
  public:
   static constexpr std::size_t kMaxBytes = std::size_t{1} << 20;
 
-  using NoteCallback = std::function<void(const std::string&)>;
-
   // Throws OutputError if the file cannot be made.
   NewestLines(const std::string& path, NoteCallback note);
 
@@ -28,7 +26,6 @@ class NewestLines {
 
  private:
   void BeginAnew();
-  void Write(std::string_view line);
 
   std::string path_;  // without links, which would be replaced
   NoteCallback note_;

@@ -25,6 +25,17 @@ std::string BlindedText(const std::string& name, double blinded_s) {
          " s: it did not see what it should (fog, snow, a covered window?)";
 }
 
+std::string NothingFoundText(const InputCounts& counts) {
+  return "no drone found in " + Count(counts.frames, "frame") + " with " +
+         Count(counts.returns, "return");
+}
+
+std::string ResultText(const std::string& path, std::uint64_t tracks, std::uint64_t rows,
+                       std::uint64_t frames, std::size_t lidars) {
+  return path + ": " + Count(tracks, "track") + ", " + Count(rows, "row") + ", from " +
+         Count(frames, "frame") + " of " + Count(lidars, "LiDAR");
+}
+
 std::string TracksLeftOutText(std::size_t count) {
   return Count(count, "track") + " left out: surely a bird, by --only-drones";
 }

@@ -35,6 +35,17 @@ std::string TargetPointsPcd(const Recording& recording, const std::vector<Fitted
 // Message about a LiDAR that was blinded for this long.
 std::string BlindedText(const std::string& name, double blinded_s);
 
+// End of a message that begins with a number of frames.
+inline constexpr const char* kUnparsedText =
+    " could not be parsed and skipped (input.skip_bad_frames)";
+
+// Message about a run without tracks.
+std::string NothingFoundText(const InputCounts& counts);
+
+// Last line of a run.
+std::string ResultText(const std::string& path, std::uint64_t tracks, std::uint64_t rows,
+                       std::uint64_t frames, std::size_t lidars);
+
 // Message about tracks that --only-drones leaves out.
 std::string TracksLeftOutText(std::size_t count);
 

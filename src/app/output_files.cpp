@@ -30,24 +30,12 @@ constexpr mode_t kRights = 0777;
 constexpr mode_t kGroupRights = 0070;
 constexpr uid_t kNoChange = static_cast<uid_t>(-1);
 
-[[noreturn]] void Fail(const std::string& path, const std::string& reason) {
-  throw OutputError(path + ": cannot be written: " + reason);
-}
-
 [[noreturn]] void FailWith(int error, const std::string& path) {
   if (error == ENOMEM) throw std::bad_alloc();  // of the library, which reports it like this
-  Fail(path, std::strerror(error));
+  FailToWrite(path, std::strerror(error));
 }
 
 [[noreturn]] void FailWithErrno(const std::string& path) { FailWith(errno, path); }
-
-void WriteAll(int fd, std::string_view bytes, const std::string& path) {
-  while (!bytes.empty()) {
-    const ssize_t written = Uninterrupted([&] { return ::write(fd, bytes.data(), bytes.size()); });
-    if (written < 0) FailWithErrno(path);
-    bytes.remove_prefix(static_cast<std::size_t>(written));
-  }
-}
 
 // Hands everything over in blocks.
 void WriteContent(int fd, const OutputFile& file) {
@@ -169,7 +157,7 @@ bool IsSpecialFile(const std::string& path) {
 void CheckWritable(const std::string& path) {
   const auto status = Status(path);
   if (!fs::path(path).has_filename() || (status && S_ISDIR(status->st_mode))) {
-    Fail(path, "it names a directory, expected a file");
+    FailToWrite(path, "it names a directory, expected a file");
   }
   if (IsSpecialFile(path)) {
     if (::access(path.c_str(), W_OK) != 0) FailWithErrno(path);
@@ -182,7 +170,7 @@ void CheckWritable(const std::string& path) {
     FailWith(error.value(), path);
   }
   if (!is_directory) {
-    Fail(path, "'" + directory.string() + "' is no directory, expected an existing one");
+    FailToWrite(path, "'" + directory.string() + "' is no directory, expected an existing one");
   }
   const TemporaryFile probe(path);
 }
@@ -197,6 +185,20 @@ void WriteFiles(const std::vector<OutputFile>& files) {
     if (IsSpecialFile(file.path)) WriteInPlace(file);
   }
   for (TemporaryFile& temporary : temporaries) temporary.Commit();
+}
+
+void FailToWrite(const std::string& path, const std::string& reason) {
+  throw OutputError(path + ": cannot be written: " + reason);
+}
+
+void FailToWrite(const std::string& path) { FailToWrite(path, std::strerror(errno)); }
+
+void WriteAll(int fd, std::string_view bytes, const std::string& path) {
+  while (!bytes.empty()) {
+    const ssize_t written = Uninterrupted([&] { return ::write(fd, bytes.data(), bytes.size()); });
+    if (written < 0) FailToWrite(path);
+    bytes.remove_prefix(static_cast<std::size_t>(written));
+  }
 }
 
 void WriteToStdout(std::string_view text) { WriteAll(STDOUT_FILENO, text, "stdout"); }

@@ -42,6 +42,16 @@ void CheckWritable(const std::string& path);
 // leaves is in no later run's way.
 void WriteFiles(const std::vector<OutputFile>& files);
 
+// Takes a line about what happens, without the newline.
+using NoteCallback = std::function<void(const std::string&)>;
+
+// Throws the OutputError of a file that cannot be written; without `reason`, that of errno.
+[[noreturn]] void FailToWrite(const std::string& path, const std::string& reason);
+[[noreturn]] void FailToWrite(const std::string& path);
+
+// Writes all bytes, or throws OutputError with `path` in its text.
+void WriteAll(int fd, std::string_view bytes, const std::string& path);
+
 // Throws OutputError.
 void WriteToStdout(std::string_view text);
 

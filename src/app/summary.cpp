@@ -163,11 +163,11 @@ Json LiveCountsJson(const LiveSummary& summary) {
                  {"passed_over_frames", summary.followed.passed_over},
                  {"worked_off_frames", summary.followed.already_processed},
                  {"refused_packets", summary.refused_packets},
-                 {"tracks", summary.num_tracks},
-                 {"tracks_left_out", summary.tracks_left_out},
-                 {"trajectory_rows", summary.num_rows},
-                 {"left_out_rows", summary.left_out_rows},
-                 {"unwritable_rows", summary.unwritable_rows}});
+                 {"tracks", summary.output.tracks},
+                 {"tracks_left_out", summary.output.tracks_left_out},
+                 {"trajectory_rows", summary.output.rows},
+                 {"left_out_rows", summary.output.left_out_rows},
+                 {"unwritable_rows", summary.output.unwritable_rows}});
   return counts;
 }
 

@@ -1,4 +1,4 @@
-// What a run counts, and its --summary as JSON: version, effective config, inputs, counts, tracks.
+// Counts of a run, and its --summary as JSON: version, effective config, inputs, counts, tracks.
 #pragma once
 
 #include <cstdint>
@@ -41,11 +41,7 @@ struct LiveSummary {
   ProcessingTimes processing_times;   // of the processor, in the engine
   std::uint64_t refused_packets = 0;  // that are none of a Livox sensor
   std::optional<RecordingCounts> recording;
-  std::uint64_t num_tracks = 0;
-  std::uint64_t tracks_left_out = 0;  // as of --only-drones
-  std::uint64_t num_rows = 0;         // of all tracks
-  std::uint64_t left_out_rows = 0;    // the file held them already
-  std::uint64_t unwritable_rows = 0;  // of numbers that no output takes
+  OutputCounts output;
   std::vector<Warning> warnings;
 };
 

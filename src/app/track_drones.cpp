@@ -142,8 +142,7 @@ void PrintFindings(const std::vector<std::string>& trajectory_paths, const Pipel
   const InputCounts& counts = result.recording.counts;
   for (const Warning& warning : result.warnings) PrintNote("warning: " + warning.text);
   if (counts.bad_frames > 0) {
-    PrintNote(Count(counts.bad_frames, "frame") +
-              " could not be parsed and skipped (input.skip_bad_frames)");
+    PrintNote(Count(counts.bad_frames, "frame") + kUnparsedText);
   }
   if (counts.unplaced_frames > 0) {
     PrintNote(Count(counts.unplaced_frames, "frame") + " left out for want of a pose");
@@ -158,18 +157,14 @@ void PrintFindings(const std::vector<std::string>& trajectory_paths, const Pipel
     if (!minimum.converged) PrintNote(NotConvergedText(track.id, minimum));
   }
   if (result.tracks_left_out > 0) PrintNote(TracksLeftOutText(result.tracks_left_out));
-  if (result.tracks.empty()) {
-    PrintNote("no drone found in " + Count(counts.frames, "frame") + " with " +
-              Count(counts.returns, "return"));
-  }
+  if (result.tracks.empty()) PrintNote(NothingFoundText(counts));
   std::size_t rows = 0;
   for (const FittedTrack& track : result.tracks) rows += track.num_rows;
   for (std::size_t i = 1; i < trajectory_paths.size(); ++i) {
     PrintNote("a further track is in " + trajectory_paths[i]);
   }
-  PrintResult(trajectory_paths.front() + ": " + Count(result.tracks.size(), "track") + ", " +
-              Count(rows, "row") + ", from " + Count(counts.frames, "frame") + " of " +
-              Count(result.recording.sensors.size(), "LiDAR"));
+  PrintResult(ResultText(trajectory_paths.front(), result.tracks.size(), rows, counts.frames,
+                         result.recording.sensors.size()));
 }
 
 void TrackRecorded(const Arguments& arguments, const PipelineRequest& request,

@@ -10,6 +10,9 @@
 
 namespace unlidar {
 
+// Same as std::isdigit(), in no locale.
+inline bool IsDigit(char c) { return c >= '0' && c <= '9'; }
+
 // Returns the value with `digits` decimals; "nan" if it is not finite, never "-0.000".
 std::string FixedText(double value, int digits);
 

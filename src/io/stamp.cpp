@@ -14,8 +14,6 @@ namespace {
 
 constexpr int kNsDigits = 9;
 
-bool IsDigit(char c) { return c >= '0' && c <= '9'; }
-
 // Returns round(0.digits * 10^point); digits has no leading zero.
 std::optional<TimeNs> RoundedInteger(std::string digits, int point) {
   if (point < 0) return 0;

@@ -31,11 +31,10 @@ std::string Content(const std::string& path) {
 struct Output {
   explicit Output(const std::string& path, const GrowingFile::Format& format = kFormat)
       : file(
-            path, format, signals,
+            path, format, signals, [this](const std::string& note) { notes.push_back(note); },
             [this](std::string_view line, std::uint64_t number) {
               lines.push_back(std::to_string(number) + ": " + std::string(line));
-            },
-            [this](const std::string& note) { notes.push_back(note); }) {}
+            }) {}
 
   void Write(const std::string& text) {
     file.Append(text);

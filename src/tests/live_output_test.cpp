@@ -64,19 +64,19 @@ class OnlyDrones : public ::testing::Test {
 TEST_F(OnlyDrones, RowsOfABirdWaitAndFollowWhenItIsNoneAfterAll) {
   output_.LeaveOutBirds(0.7, 60 * kSecondNs);
   EXPECT_EQ(WrittenOf({0.2, 0.29, 0.31, 0.9}), Text({1, 2, 3, 4}));
-  EXPECT_EQ(output_.tracks_left_out(), 0U);
+  EXPECT_EQ(output_.counts().tracks_left_out, 0U);
 }
 
 TEST_F(OnlyDrones, ATrackIsWrittenAtOnceAndNoLongerWhenItIsSurelyABird) {
   output_.LeaveOutBirds(0.7, 60 * kSecondNs);
   EXPECT_EQ(WrittenOf({0.5, 0.4, 0.1, 0.0}), Text({1, 2}));
-  EXPECT_EQ(output_.tracks_left_out(), 0U);
+  EXPECT_EQ(output_.counts().tracks_left_out, 0U);
 }
 
 TEST_F(OnlyDrones, WhatIsSurelyABirdThroughoutIsLeftOutAndTakesNoNumber) {
   output_.LeaveOutBirds(0.7, 60 * kSecondNs);
   EXPECT_EQ(WrittenOf({0.2, 0.1, 0.29}), Text({}));
-  EXPECT_EQ(output_.tracks_left_out(), 1U);
+  EXPECT_EQ(output_.counts().tracks_left_out, 1U);
   EXPECT_TRUE(output_.tracks().empty());
   EXPECT_EQ(WrittenOf({0.9}, 1), Text({1}, 0));
 }
@@ -106,7 +106,7 @@ TEST(LiveOutput, NumbersThatJsonDoesNotHaveAreNeverWritten) {
   }
   output.Flush();
   EXPECT_EQ(ReadFile(path), Text({1}));
-  EXPECT_EQ(output.unwritable_rows(), 8U);
+  EXPECT_EQ(output.counts().unwritable_rows, 8U);
 }
 
 TEST(LiveOutput, RowsThatTheFileHoldsAreLeftOutAndCounted) {
@@ -117,7 +117,7 @@ TEST(LiveOutput, RowsThatTheFileHoldsAreLeftOutAndCounted) {
   LiveOutput output(path, "", kRows, signals, [](const std::string&) {});
   output.SkipRows(std::nullopt, *output.row_times().latest_ns());
   for (const int second : {2, 3, 4}) output.AddRow(second * kSecondNs, Row(second, 0.5));
-  EXPECT_EQ(output.left_out_rows(), 2U);
+  EXPECT_EQ(output.counts().left_out_rows, 2U);
 }
 
 TEST(RowTimes, TheLatestIsThatOfTheClockOfTheEnd) {

@@ -56,7 +56,7 @@ TrackFollower::TrackFollower(const Flight& flight, const std::vector<TrackModel>
 void TrackFollower::SetGains(const std::vector<LivePlot>& plots, const FrameTime& at,
                              std::vector<double>* gains) const {
   gains->clear();
-  const Node& best = nodes_[static_cast<std::size_t>(BestLeaf())];
+  const Node& best = NodeAt(BestLeaf());
   const TrackModel& model = (*models_)[best.model];
   const double score_if_missed = model.ScoreAfterMisses(best.h, at);
   const Prediction p = model.Predict(best.h, model.PredictedScore(best.h, at),
@@ -66,20 +66,20 @@ void TrackFollower::SetGains(const std::vector<LivePlot>& plots, const FrameTime
   }
 }
 
-void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector<char>& is_allowed,
-                           const FrameTime& at) {
+// Predicts all leaves and sets the best association of each plot and model.
+void TrackFollower::Associate(const std::vector<LivePlot>& plots,
+                              const std::vector<char>& is_allowed, const FrameTime& at) {
   const std::size_t num_models = models_->size();
-  auto& [associations, predicted, next, moved] = scratch_;
+  std::vector<Association>& associations = scratch_.associations;
   associations.assign(plots.size() * num_models, Association());
-  predicted.clear();
-  for (const std::int32_t leaf : leaves_) {
-    const Node& node = nodes_[static_cast<std::size_t>(leaf)];
+  scratch_.predictions.clear();
+  for (std::size_t leaf = 0; leaf < leaves_.size(); ++leaf) {
+    const Node& node = NodeAt(leaves_[leaf]);
     const TrackModel& model = (*models_)[node.model];
     const double dt_s = at.time_s - node.h.time_s;
     const Motion motion = model.MotionOver(dt_s);
-    predicted.emplace_back(motion,
-                           model.Predict(node.h, model.PredictedScore(node.h, at), motion, at));
-    const Prediction& p = predicted.back().second;
+    const Prediction p = model.Predict(node.h, model.PredictedScore(node.h, at), motion, at);
+    scratch_.predictions.emplace_back(motion, p);
     for (std::size_t i = 0; i < plots.size(); ++i) {
       if (!is_allowed[i]) continue;
       const Plot& plot = plots[i].plot;
@@ -91,33 +91,38 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
       if (p.score + gain.log > association.score) association = {p.score + gain.log, leaf, gain};
     }
   }
+}
+
+void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector<char>& is_allowed,
+                           const FrameTime& at) {
+  Associate(plots, is_allowed, at);
+  const std::size_t num_models = models_->size();
+  std::vector<std::int32_t>& next = scratch_.leaves;
   next.clear();
-  for (std::size_t k = 0; k < leaves_.size(); ++k) {
-    Node& node = nodes_[static_cast<std::size_t>(leaves_[k])];
+  for (const std::int32_t leaf : leaves_) {
+    Node& node = NodeAt(leaf);
     node.current_score = (*models_)[node.model].ScoreAfterMisses(node.h, at);
-    if (at.time_s - node.h.time_s <= tracker_.max_gap_s) next.push_back(leaves_[k]);
+    if (at.time_s - node.h.time_s <= tracker_.max_gap_s) next.push_back(leaf);
   }
   for (std::size_t i = 0; i < plots.size(); ++i) {
     bool is_taken = false;
     for (std::size_t m = 0; m < num_models; ++m) {
-      const Association& association = associations[i * num_models + m];
-      if (association.leaf == kNoIndex) continue;
-      const auto index = static_cast<std::size_t>(
-          std::find(leaves_.begin(), leaves_.end(), association.leaf) - leaves_.begin());
-      const Node from = nodes_[static_cast<std::size_t>(association.leaf)];
-      Node node = from;
-      node.h =
-          (*models_)[from.model].Update(from.h, predicted[index].first, predicted[index].second,
-                                        plots[i].plot, at, association.gain);
+      const Association& association = scratch_.associations[i * num_models + m];
+      if (!association.exists()) continue;
+      const std::int32_t leaf = leaves_[association.leaf];
+      const auto& [motion, prediction] = scratch_.predictions[association.leaf];
+      Node node = NodeAt(leaf);
+      node.h = (*models_)[node.model].Update(node.h, motion, prediction, plots[i].plot, at,
+                                             association.gain);
       if (node.h.state.mean.col(1).norm() > tracker_.max_speed_mps) continue;
       if (!is_taken) {
         AddPlot(plots[i], at);
         is_taken = has_new_plots_ = true;
       }
       node.plot = first_plot_ + plots_.size() - 1;
-      node.parent = association.leaf;
-      const std::int32_t confirmed = ConfirmedAt(association.leaf);
-      const Hypothesis& last = nodes_[static_cast<std::size_t>(confirmed)].h;
+      node.parent = leaf;
+      const std::int32_t confirmed = ConfirmedAt(leaf);
+      const Hypothesis& last = NodeAt(confirmed).h;
       const bool has_coasted = at.time_s - last.time_s > kMaxCoastS;
       const bool is_confirmed =
           node.h.score - last.score >= (has_coasted ? kReacquisitionGain : kContinuationGain);
@@ -131,8 +136,8 @@ void TrackFollower::Extend(const std::vector<LivePlot>& plots, const std::vector
   }
   if (next.empty()) return;  // no hypothesis is left: the track ends
   std::sort(next.begin(), next.end(), [&](std::int32_t a, std::int32_t b) {
-    const double score_a = nodes_[static_cast<std::size_t>(a)].current_score;
-    const double score_b = nodes_[static_cast<std::size_t>(b)].current_score;
+    const double score_a = NodeAt(a).current_score;
+    const double score_b = NodeAt(b).current_score;
     return score_a > score_b || (score_a == score_b && a < b);
   });
   next.resize(std::min(next.size(), max_hypotheses_));
@@ -148,9 +153,8 @@ void TrackFollower::AddPlot(const LivePlot& seen, const FrameTime& at) {
 // it.
 void TrackFollower::Rejoin(std::int32_t confirmed, Node* node) {
   std::vector<std::size_t> plots = {node->plot};
-  for (std::int32_t k = node->parent; k != confirmed;
-       k = nodes_[static_cast<std::size_t>(k)].parent) {
-    plots.push_back(nodes_[static_cast<std::size_t>(k)].plot);
+  for (std::int32_t k = node->parent; k != confirmed; k = NodeAt(k).parent) {
+    plots.push_back(NodeAt(k).plot);
   }
   std::reverse(plots.begin(), plots.end());
   std::vector<FollowedPlot> followed;
@@ -161,9 +165,9 @@ void TrackFollower::Rejoin(std::int32_t confirmed, Node* node) {
   }
   const std::size_t last = plots.size() - 1;
   std::int32_t parent = confirmed;
-  for (const auto& [i, hypothesis] : RejoinedPlots(
-           (*models_)[node->model], nodes_[static_cast<std::size_t>(confirmed)].h, followed)) {
-    Node next = nodes_[static_cast<std::size_t>(parent)];
+  for (const auto& [i, hypothesis] :
+       RejoinedPlots((*models_)[node->model], NodeAt(confirmed).h, followed)) {
+    Node next = NodeAt(parent);
     next.h = hypothesis;
     next.model = node->model;
     next.parent = parent;
@@ -180,30 +184,25 @@ void TrackFollower::Rejoin(std::int32_t confirmed, Node* node) {
 
 std::int32_t TrackFollower::BestLeaf() const {
   return *std::max_element(leaves_.begin(), leaves_.end(), [&](std::int32_t a, std::int32_t b) {
-    return nodes_[static_cast<std::size_t>(a)].current_score <
-           nodes_[static_cast<std::size_t>(b)].current_score;
+    return NodeAt(a).current_score < NodeAt(b).current_score;
   });
 }
 
 // Settled nodes are confirmed.
 std::int32_t TrackFollower::ConfirmedAt(std::int32_t leaf) const {
-  return std::max(settled_, nodes_[static_cast<std::size_t>(leaf)].confirmed);
+  return std::max(settled_, NodeAt(leaf).confirmed);
 }
 
-std::int32_t TrackFollower::NewestConfirmed() const { return ConfirmedAt(BestLeaf()); }
-
-double TrackFollower::score() const { return nodes_[static_cast<std::size_t>(BestLeaf())].h.score; }
-
 TimeNs TrackFollower::last_evidence_ns() const {
-  return PlotOf(nodes_[static_cast<std::size_t>(NewestConfirmed())]).plot.time_ns;
+  return PlotOf(NodeAt(NewestConfirmed())).plot.time_ns;
 }
 
 // Plot of the best hypothesis, unless a new target explains the plots since the confirmed one as
 // well.
 TimeNs TrackFollower::last_tentative_ns() const {
   const std::int32_t leaf = BestLeaf();
-  const Node& best = nodes_[static_cast<std::size_t>(leaf)];
-  const Node& confirmed = nodes_[static_cast<std::size_t>(ConfirmedAt(leaf))];
+  const Node& best = NodeAt(leaf);
+  const Node& confirmed = NodeAt(ConfirmedAt(leaf));
   const bool is_unlikely = best.current_score < confirmed.h.score - kInitiationLog;
   return PlotOf(is_unlikely ? confirmed : best).plot.time_ns;
 }
@@ -211,16 +210,15 @@ TimeNs TrackFollower::last_tentative_ns() const {
 void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
   std::int32_t at = NewestConfirmed();
   while (at != kNoIndex) {
-    const Node& node = nodes_[static_cast<std::size_t>(at)];
+    const Node& node = NodeAt(at);
     if (PlotOf(node).plot.frame_time_ns <= until_ns) break;
     at = node.parent;
   }
   if (at == kNoIndex || at == settled_) return;
   const auto first = static_cast<std::ptrdiff_t>(settled->size());
-  for (std::int32_t k = at; k != kNoIndex && k != settled_;
-       k = nodes_[static_cast<std::size_t>(k)].parent) {
-    settled->push_back(PlotOf(nodes_[static_cast<std::size_t>(k)]));
-    UpdateFrameLength(nodes_[static_cast<std::size_t>(k)], &settled_lengths_);
+  for (std::int32_t k = at; k != kNoIndex && k != settled_; k = NodeAt(k).parent) {
+    settled->push_back(PlotOf(NodeAt(k)));
+    UpdateFrameLength(NodeAt(k), &settled_lengths_);
   }
   std::reverse(settled->begin() + first, settled->end());
   settled_ = at;
@@ -229,7 +227,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
                                [&](std::int32_t leaf) {
                                  std::int32_t k = leaf;
                                  while (k != kNoIndex && k > settled_) {
-                                   k = nodes_[static_cast<std::size_t>(k)].parent;
+                                   k = NodeAt(k).parent;
                                  }
                                  return k != settled_;
                                }),
@@ -240,8 +238,7 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
     const auto n = static_cast<double>(seen.plot.num_returns);
     if (n < 2.0) continue;
     const Eigen::Vector3d across =
-        seen.plot.ray_m.cross(nodes_[static_cast<std::size_t>(at)].h.state.mean.col(1))
-            .stableNormalized();
+        seen.plot.ray_m.cross(NodeAt(at).h.state.mean.col(1)).stableNormalized();
     if (across.squaredNorm() < 0.5) continue;
     body_scatter_m2_ += across.dot(seen.scatter_m2 * across);
     body_count_ += n - 1.0;
@@ -255,15 +252,15 @@ void TrackFollower::GetLikeliestPath(std::vector<LivePlot>* plots) const {
       std::max_element(nodes_.begin(), nodes_.end(),
                        [](const Node& a, const Node& b) { return a.h.score < b.h.score; });
   auto at = static_cast<std::int32_t>(best - nodes_.begin());
-  for (; at != kNoIndex; at = nodes_[static_cast<std::size_t>(at)].parent) {
-    plots->push_back(PlotOf(nodes_[static_cast<std::size_t>(at)]));
+  for (; at != kNoIndex; at = NodeAt(at).parent) {
+    plots->push_back(PlotOf(NodeAt(at)));
   }
   std::reverse(plots->begin(), plots->end());
 }
 
 // Deletes settled nodes older than the fit needs.
 void TrackFollower::Forget() {
-  const double from_s = nodes_[static_cast<std::size_t>(settled_)].h.time_s - kTrackFitS;
+  const double from_s = NodeAt(settled_).h.time_s - kTrackFitS;
   constexpr std::size_t kMinNodesToCompact = 512;
   if (nodes_.size() < kMinNodesToCompact) return;
   std::vector<std::int32_t>& moved = scratch_.moved;
@@ -273,7 +270,7 @@ void TrackFollower::Forget() {
   std::size_t first_plot = first_plot_ + plots_.size() - 1;
   for (const std::int32_t leaf : leaves_) {
     for (std::int32_t k = leaf; k != kNoIndex;) {
-      const Node& node = nodes_[static_cast<std::size_t>(k)];
+      const Node& node = NodeAt(k);
       if (k < settled_ && node.h.time_s < from_s) break;
       first_plot = std::min(first_plot, node.plot);
       if (moved[static_cast<std::size_t>(k)] == kWanted) break;

@@ -65,7 +65,7 @@ class TrackFollower {
   // Returns where the target was at a time, or is predicted to be.
   Eigen::Vector3d PlaceAtM(double time_s) const;
 
-  double score() const;
+  double score() const { return NodeAt(BestLeaf()).h.score; }
 
  private:
   struct Node {
@@ -80,25 +80,31 @@ class TrackFollower {
   // The best predecessor of a plot, for a model.
   struct Association {
     double score = -1e300;
-    std::int32_t leaf = kNoIndex;
+    std::size_t leaf = 0;  // its position in leaves_
     ScoreIncrement gain;
+
+    bool exists() const { return score > -1e300; }
   };
 
   // Buffers, reused from frame to frame.
   struct Scratch {
     std::vector<Association> associations;                   // (plots, models)
-    std::vector<std::pair<Motion, Prediction>> predictions;  // (leaves)
-    std::vector<std::int32_t> leaves;
-    std::vector<std::int32_t> moved;  // (nodes) new indices
+    std::vector<std::pair<Motion, Prediction>> predictions;  // (leaves_)
+    std::vector<std::int32_t> leaves;                        // of the next frame
+    std::vector<std::int32_t> moved;                         // (nodes) new indices
   };
 
+  Node& NodeAt(std::int32_t index) { return nodes_[static_cast<std::size_t>(index)]; }
+  const Node& NodeAt(std::int32_t index) const { return nodes_[static_cast<std::size_t>(index)]; }
   const LivePlot& PlotOf(const Node& node) const { return plots_[node.plot - first_plot_]; }
   void AddPlot(const LivePlot& seen, const FrameTime& at);
+  void Associate(const std::vector<LivePlot>& plots, const std::vector<char>& is_allowed,
+                 const FrameTime& at);
   void Rejoin(std::int32_t confirmed, Node* node);
   std::int32_t BestLeaf() const;
   // The newest confirmed node on the path to a leaf, and on the path to the best leaf.
   std::int32_t ConfirmedAt(std::int32_t leaf) const;
-  std::int32_t NewestConfirmed() const;
+  std::int32_t NewestConfirmed() const { return ConfirmedAt(BestLeaf()); }
   void Forget();
 
   // Estimate of the frame length of a sensor, from this many returns of the target.

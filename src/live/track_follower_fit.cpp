@@ -26,9 +26,8 @@ void TrackFollower::UpdateFrameLength(const Node& node,
 void TrackFollower::UpdateTimeBias() {
   if (!uses_frame_length_) return;
   lengths_ = settled_lengths_;
-  for (std::int32_t k = NewestConfirmed(); k != kNoIndex && k != settled_;
-       k = nodes_[static_cast<std::size_t>(k)].parent) {
-    UpdateFrameLength(nodes_[static_cast<std::size_t>(k)], &lengths_);
+  for (std::int32_t k = NewestConfirmed(); k != kNoIndex && k != settled_; k = NodeAt(k).parent) {
+    UpdateFrameLength(NodeAt(k), &lengths_);
   }
   const auto main =
       std::max_element(lengths_.begin(), lengths_.end(),
@@ -43,11 +42,9 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
   fit_.Clear();
   const std::int32_t head = NewestConfirmed();
   const double from_s =
-      settled_ == kNoIndex
-          ? -1e300
-          : nodes_[static_cast<std::size_t>(std::min(head, settled_))].h.time_s - kTrackFitS;
-  for (std::int32_t k = head; k != kNoIndex; k = nodes_[static_cast<std::size_t>(k)].parent) {
-    const Node& node = nodes_[static_cast<std::size_t>(k)];
+      settled_ == kNoIndex ? -1e300 : NodeAt(std::min(head, settled_)).h.time_s - kTrackFitS;
+  for (std::int32_t k = head; k != kNoIndex; k = NodeAt(k).parent) {
+    const Node& node = NodeAt(k);
     if (node.h.time_s < from_s) break;
     fit_.AddEarlier(PlotOf(node), node.h.state.mean.col(1), body_sigma_m_,
                     collect_.centroid_offset);
@@ -57,9 +54,9 @@ void TrackFollower::Fit(TrajectoryFitter& fitter) {
 }
 
 Eigen::Vector3d TrackFollower::PlaceAtM(double time_s) const {
-  const Node* before = &nodes_[static_cast<std::size_t>(BestLeaf())];
+  const Node* before = &NodeAt(BestLeaf());
   while (before->h.time_s > time_s && before->parent != kNoIndex) {
-    before = &nodes_[static_cast<std::size_t>(before->parent)];
+    before = &NodeAt(before->parent);
   }
   const double since_s = time_s - before->h.time_s;
   // Nodes before are gone.

@@ -7,14 +7,14 @@
 namespace unlidar {
 namespace {
 
-constexpr double kShortest_s = 1e-6;
+constexpr double kShortestS = 1e-6;
 constexpr double kStep = 1.02;
 
 }  // namespace
 
 void ProcessingTimes::Add(double seconds) {
   const double steps =
-      std::ceil(std::log(std::max(seconds, kShortest_s) / kShortest_s) / std::log(kStep));
+      std::ceil(std::log(std::max(seconds, kShortestS) / kShortestS) / std::log(kStep));
   ++counts_[std::min(static_cast<std::size_t>(steps), kSteps - 1)];
   ++frames_;
   max_s_ = std::max(max_s_, seconds);
@@ -27,7 +27,7 @@ double ProcessingTimes::Quantile(double share) const {
   for (std::size_t i = 0; i + 1 < kSteps; ++i) {
     frames += counts_[i];
     if (frames > 0 && static_cast<double>(frames) >= wanted) {
-      return std::min(max_s_, kShortest_s * std::pow(kStep, static_cast<double>(i)));
+      return std::min(max_s_, kShortestS * std::pow(kStep, static_cast<double>(i)));
     }
   }
   return max_s_;

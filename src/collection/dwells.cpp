@@ -14,18 +14,18 @@ namespace unlidar {
 namespace {
 
 // A dwell lies within this distance of the end of the path.
-constexpr float kReach_m = 3.0F;
+constexpr float kDwellReachM = 3.0F;
 // Gate about its last position from frame to frame.
-constexpr float kStep_m = 1.0F;
+constexpr float kDwellStepM = 1.0F;
 constexpr float kSmoothing = 0.3F;  // weight of a frame in its position
 // Close to the ground, low objects hide a target for seconds.
-constexpr TimeNs kMaxGap_ns = 3'000'000'000;
+constexpr TimeNs kMaxGapNs = 3'000'000'000;
 // Returns with others this close at other times are background, such as the ground.
-constexpr float kPlace_m = 0.3F;
+constexpr float kPlaceM = 0.3F;
 constexpr std::size_t kMinFrames = 5;
 // Maximum standard deviation of the returns per axis about the position: people are taller, rain is
 // scattered.
-constexpr float kMaxSpread_m = 0.3F;
+constexpr float kMaxSpreadM = 0.3F;
 
 struct Return {
   std::uint32_t index;
@@ -48,9 +48,11 @@ class PathEnd {
       if (!is_beyond && !IsTargetAway(path, time_ns)) continue;
       num_away_frames_ += is_beyond ? 0U : 1U;
       for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
-        if ((recording.points_m[i] - place_m_).squaredNorm() > kReach_m * kReach_m) continue;
+        if ((recording.points_m[i] - place_m_).squaredNorm() > kDwellReachM * kDwellReachM) {
+          continue;
+        }
         if (!is_beyond) {
-          away_returns_[VoxelOf(recording.points_m[i], kPlace_m)].push_back(recording.points_m[i]);
+          away_returns_[VoxelOf(recording.points_m[i], kPlaceM)].push_back(recording.points_m[i]);
         } else if (taken[i] == 0) {
           beyond_.push_back({i, f, time_ns});
         }
@@ -69,12 +71,12 @@ class PathEnd {
     Eigen::Array3f square_sum_m2 = Eigen::Array3f::Zero();
     float num_returns = 0.0F;
     for (auto first = beyond_.begin(); first != beyond_.end();) {
-      if (std::abs(first->time_ns - time_ns) > kMaxGap_ns) break;
+      if (std::abs(first->time_ns - time_ns) > kMaxGapNs) break;
       const auto next = std::find_if(first, beyond_.end(),
                                      [&](const Return& one) { return one.frame != first->frame; });
       std::vector<std::uint32_t> returns;
       for (auto one = first; one != next; ++one) {
-        if ((PointM(*one) - at_m).norm() > kStep_m || IsBackground(*one)) continue;
+        if ((PointM(*one) - at_m).norm() > kDwellStepM || IsBackground(*one)) continue;
         returns.push_back(one->index);
         square_sum_m2 += (PointM(*one) - at_m).array().square();
         num_returns += 1.0F;
@@ -86,7 +88,7 @@ class PathEnd {
       }
       first = next;
     }
-    const bool is_wide = (square_sum_m2 > num_returns * kMaxSpread_m * kMaxSpread_m).any();
+    const bool is_wide = (square_sum_m2 > num_returns * kMaxSpreadM * kMaxSpreadM).any();
     if (is_wide || dwell.size() < kMinFrames || !HasEnoughBackground(dwell)) dwell.clear();
     return dwell;
   }
@@ -112,19 +114,19 @@ class PathEnd {
         path.begin(), path.end(), time_ns,
         [](const Plot& plot, TimeNs then_ns) { return plot.frame_time_ns < then_ns; });
     const auto is_away = [&](const Plot& plot) {
-      return (plot.position_m.cast<float>() - place_m_).norm() > 2.0F * kReach_m;
+      return (plot.position_m.cast<float>() - place_m_).norm() > 2.0F * kDwellReachM;
     };
     return next != path.end() && next != path.begin() && is_away(*next) && is_away(*(next - 1));
   }
 
   bool IsBackground(const Return& one) const {
-    const Voxel voxel = VoxelAt(PointM(one), kPlace_m);
+    const Voxel voxel = VoxelAt(PointM(one), kPlaceM);
     for (int k = 0; k < 27; ++k) {
       const auto cell = away_returns_.find(
           KeyOf({voxel.x + k % 3 - 1, voxel.y + k / 3 % 3 - 1, voxel.z + k / 9 - 1}));
       if (cell == away_returns_.end()) continue;
       for (const Eigen::Vector3f& other_m : cell->second) {
-        if ((other_m - PointM(one)).squaredNorm() < kPlace_m * kPlace_m) return true;
+        if ((other_m - PointM(one)).squaredNorm() < kPlaceM * kPlaceM) return true;
       }
     }
     return false;

@@ -12,8 +12,6 @@
 namespace unlidar {
 namespace {
 
-constexpr std::uint64_t kMinUnixS = 100'000'000;
-constexpr std::uint64_t kMaxUnixS = 100'000'000'000;  // same as in NsPerUnitByMagnitude
 constexpr std::uint64_t kHourS = 3600;
 
 struct NumberUnit {
@@ -42,7 +40,9 @@ std::uint64_t MedianStep(const std::vector<std::uint64_t>& numbers) {
 
 bool AreNumbers(const std::vector<std::uint64_t>& numbers) {
   if (numbers.front() < kMinUnixS) return true;
-  return numbers.back() < kMaxUnixS && MedianStep(numbers) > kHourS;
+  const bool are_seconds =
+      NsPerUnitByMagnitude(static_cast<double>(numbers.back())) == kNsPerSecond;
+  return are_seconds && MedianStep(numbers) > kHourS;
 }
 
 }  // namespace

@@ -14,6 +14,9 @@
 
 namespace unlidar {
 
+// 3 March 1973: names that would be earlier Unix times are numbers.
+inline constexpr std::uint64_t kMinUnixS = 100'000'000;
+
 // Returns the entry of a sensor; the default without one.
 SensorConfig SensorConfigOf(const std::map<std::string, SensorConfig>& sensors,
                             const std::string& name);
@@ -21,11 +24,10 @@ SensorConfig SensorConfigOf(const std::map<std::string, SensorConfig>& sensors,
 // Returns the configured rate of a sensor's frame names, in numbers per second; 0 if none.
 double FrameRateHz(const InputConfig& input, const SensorConfig& sensor);
 
-// Names are numbers if all are whole and the least is below 1e8, which as Unix time (3 March 1973)
-// is before this program existed; or if, by their magnitude, they would be whole seconds that
-// mostly lie more than an hour apart (microseconds since a sensor was switched on). All other names
-// are stamps, read by ParseStamp(); if a rate is configured for them nevertheless and some are
-// whole, a warning states that it is not used.
+// Names are numbers if all are whole and the least is below kMinUnixS; or if, by their magnitude,
+// they would be whole seconds that mostly lie more than an hour apart (microseconds since a sensor
+// was switched on). All other names are stamps, read by ParseStamp(); if a rate is configured for
+// them nevertheless and some are whole, a warning states that it is not used.
 //
 // Number n is the time n / rate. Without a configured rate, the rate follows from the median
 // difference of the numbers, and a warning states it:

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/format.hpp"
+#include "io/frame_clock.hpp"
 #include "recording/windows.hpp"
 #include "scene/pose_check.hpp"
 #include "scene/sensor_health.hpp"
@@ -13,9 +14,6 @@
 
 namespace unlidar {
 namespace {
-
-// 1973: smaller values are no Unix times, see FrameClock.
-constexpr TimeNs kMinUnixNs = 100'000'000 * kNsPerSecond;
 
 // Measures the times of consecutive stages.
 class StageTimer {
@@ -250,7 +248,9 @@ void MakeTracks(const PipelineRequest& request, const Config& config,
 // If the first sensor's frames are numbered, small whole output times are frame numbers.
 OutputTimes TimesOf(const PipelineRequest& request, const FrameClock& clock) {
   const auto* const list = std::get_if<std::vector<TimeNs>>(&request.output_times);
-  const auto is_number = [](TimeNs time_ns) { return 0 <= time_ns && time_ns < kMinUnixNs; };
+  const auto is_number = [](TimeNs time_ns) {
+    return 0 <= time_ns && time_ns < TimeNs{kMinUnixS} * kNsPerSecond;
+  };
   if (list == nullptr || !request.are_times_whole || !clock.counts() ||
       !std::all_of(list->begin(), list->end(), is_number)) {
     return request.output_times;

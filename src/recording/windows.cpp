@@ -77,8 +77,8 @@ class WindowSearch {
   void Search(const FrameFeed& feed, TimeNs begin_ns, TimeNs end_ns, double false_alarms) {
     DropBefore(begin_ns - margin_ns_);  // before more is read: never more than a window is held
     const std::size_t known = window_.frames.size();
-    constexpr TimeNs kEnd = std::numeric_limits<TimeNs>::max();
-    next_stamp_ns_ = feed(end_ns == kEnd ? kEnd : end_ns + margin_ns_, &window_);
+    const bool is_last = end_ns == std::numeric_limits<TimeNs>::max();
+    next_stamp_ns_ = feed(is_last ? end_ns : end_ns + margin_ns_, &window_);
     frames_.insert(frames_.end(), window_.frames.begin() + static_cast<std::ptrdiff_t>(known),
                    window_.frames.end());
     RobustConfig config = config_;

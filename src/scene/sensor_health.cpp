@@ -26,8 +26,7 @@ constexpr std::size_t kRanges = 48;
 constexpr float kNearestM = 0.5F;
 const float kRangesPerLog2 = 1.0F / std::log2(1.15F);
 
-constexpr float kWindowM = 1.0F;  // nearer returns come from the window and dirt on it
-constexpr float kAirM = 30.0F;    // flakes and drops return nothing from beyond
+constexpr float kAirM = 30.0F;  // flakes and drops return nothing from beyond
 constexpr float kStructureRate = 0.6F;
 // Minimum numbers of places and directions for a decision: with fewer, a person may hide most.
 constexpr double kMinStructure = 40.0;
@@ -54,7 +53,7 @@ std::size_t PlaceOf(const Eigen::Vector3f& relative_m) {
   return (row * kAzimuthColumns + AzimuthColumn(relative_m)) * kRanges + RangeOf(range_m);
 }
 
-const std::size_t kWindowRange = RangeOf(kWindowM);
+const std::size_t kWindowRange = RangeOf(kOwnRangeM);
 const std::size_t kAirRange = RangeOf(kAirM);
 
 }  // namespace

@@ -27,8 +27,8 @@ class ShellTable {
   static constexpr int kNumNeighbourhoodVoxels = 27;
 
   explicit ShellTable(RangeRadius radius) {
-    constexpr double kMaxRange_m = 1e6;  // voxels stop growing beyond
-    const double most = std::log2(radius.At(kMaxRange_m) / radius.constant_m);
+    constexpr double kFarthestM = 1e6;  // voxels stop growing beyond
+    const double most = std::log2(radius.At(kFarthestM) / radius.constant_m);
     for (int shell = 0; shell <= static_cast<int>(std::floor(2.0 * most + 0.5)); ++shell) {
       const double edge_m = 2.0 / 3.0 * radius.constant_m * std::pow(2.0, 0.5 * shell);
       // A block extends at most two edges along each axis.

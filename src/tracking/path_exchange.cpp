@@ -41,7 +41,7 @@ Extent ExtentOf(const std::vector<Plot>& plots, const Path& path) {
 bool MayInteract(const Extent& a, const Extent& b, const TrackerConfig& config) {
   const TimeNs max_interval_ns = std::max(a.last_ns - b.first_ns, b.last_ns - a.first_ns);
   const double reach_m =
-      config.max_speed_mps * static_cast<double>(max_interval_ns) * kSecondsPerNs + kReachSlack_m;
+      config.max_speed_mps * static_cast<double>(max_interval_ns) * kSecondsPerNs + kReachSlackM;
   const Eigen::Array3d gap_m = (a.low_m - b.high_m).max(b.low_m - a.high_m).max(0.0);
   return gap_m.matrix().squaredNorm() <= reach_m * reach_m;
 }
@@ -57,7 +57,7 @@ struct Cut {
 bool IsReachable(const std::vector<Plot>& plots, const Members& from, std::size_t num_before,
                  const Members& to, std::size_t num_skipped, const TrackerConfig& config) {
   if (num_before == 0 || num_skipped == to.size()) return true;
-  return IsInReach(plots[from[num_before - 1]], plots[to[num_skipped]], kReachSlack_m, config);
+  return IsInReach(plots[from[num_before - 1]], plots[to[num_skipped]], kReachSlackM, config);
 }
 
 // Times at which two paths may exchange tails: those near a change from plots of one path to plots
@@ -204,12 +204,12 @@ Path PathScorer::WithScore(const Filtered& head, std::size_t num_of_head, const 
 
 bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
                  const std::function<Path(Members)>& with_score, Droppable droppable, Path* path) {
-  constexpr TimeNs kPause_ns = 500'000'000;
+  constexpr TimeNs kPauseNs = 500'000'000;
   constexpr std::size_t kMaxPlots = 6;
   const Members& plots = path->plots;
   const std::size_t end = plots.size() - (droppable == Droppable::kRun ? 0 : 1);
   const auto begins_run = [&](std::size_t i) {
-    return i == 0 || i == plots.size() || time_of(plots[i]) - time_of(plots[i - 1]) >= kPause_ns;
+    return i == 0 || i == plots.size() || time_of(plots[i]) - time_of(plots[i - 1]) >= kPauseNs;
   };
   Path best = *path;
   for (std::size_t first = 0; first < plots.size(); ++first) {

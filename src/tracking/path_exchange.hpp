@@ -90,7 +90,7 @@ bool DropStretch(const PathScorer& scorer, Droppable droppable, Path* path);
 bool IsOneTarget(const PathScorer& scorer, const Path& path, std::size_t num_before);
 
 // Positions are noisy, and the initial velocity of a path is unknown.
-constexpr double kReachSlack_m = 2.0;
+constexpr double kReachSlackM = 2.0;
 
 // True if a target can fly from one plot to a later one within `max_speed_mps`, with position
 // errors of `slack_m` in sum.

@@ -117,12 +117,12 @@ class PathFinder {
   std::vector<char> FreeInReach(const Path& path) const {
     const Plot& first = plots_[path.plots.front()];
     const Plot& last = plots_[path.plots.back()];
-    constexpr double kSlack_m = 3.0 * kReachSlack_m;  // errors of three positions
+    constexpr double kSlackM = 3.0 * kReachSlackM;  // errors of three positions
     // Any plot of the path is reachable from the first one and reaches the last one.
     std::vector<char> free(plots_.size());
     for (std::size_t i = 0; i < plots_.size(); ++i) {
-      free[i] = free_[i] && (IsInReach(first, plots_[i], kSlack_m, config_) ||
-                             IsInReach(plots_[i], last, kSlack_m, config_));
+      free[i] = free_[i] && (IsInReach(first, plots_[i], kSlackM, config_) ||
+                             IsInReach(plots_[i], last, kSlackM, config_));
     }
     return free;
   }

@@ -14,7 +14,7 @@ namespace unlidar {
 namespace {
 
 constexpr int kLowestLevel = -6;
-constexpr double kHoldingTime_s = 0.5;
+constexpr double kHoldingTimeS = 0.5;
 constexpr std::array<double, 3> kSpreads = {0.25, 0.5, 1.0};  // of the logarithm of sigma_a
 
 using Levels = AgilityMemory::Levels;
@@ -168,7 +168,7 @@ void AdaptAgility(const SplineFit& fit, const TrajectoryScales& scales,
         -0.5 * (measured * log_variances + fitted * (-log_variances).exp());
     memory.likelihoods[i] = (log_likelihood - log_likelihood.maxCoeff()).exp();
     const double step_s = 0.5 * (model.knots_s[i + 4] - model.knots_s[i + 2]);
-    memory.stay_probabilities[i] = std::exp(-step_s / kHoldingTime_s);
+    memory.stay_probabilities[i] = std::exp(-step_s / kHoldingTimeS);
   }
   std::array<double, kSpreads.size()> shares;
   for (std::size_t s = 0; s < shares.size(); ++s) shares[s] = ForwardBackward(memory, s);

@@ -197,15 +197,15 @@ double StyleLikelihoods::LogRatio() const {
 }
 
 std::array<double, kNumCues> StyleLikelihoods::LogRatios() const {
-  constexpr Logs<kNumClimbs> kNoClimbs = {};
-  constexpr Logs<kNumLevels* kNumDirections> kNoAccelerations = {};
+  const Logs<kNumClimbs> no_climbs = {};
+  const Logs<kNumLevels* kNumDirections> no_accelerations = {};
   const auto ratio_of = [](const auto& log_of) { return log_of(kDrone) - log_of(kBirdLike); };
   return {ratio_of([&](const FlightClass& of) { return SpeedLog(speed_logs_, of); }),
           ratio_of([&](const FlightClass& of) {
-            return AccelerationLog(kNoAccelerations, of, climb_logs_);
+            return AccelerationLog(no_accelerations, of, climb_logs_);
           }),
           ratio_of([&](const FlightClass& of) {
-            return AccelerationLog(acceleration_logs_, of, kNoClimbs);
+            return AccelerationLog(acceleration_logs_, of, no_climbs);
           })};
 }
 

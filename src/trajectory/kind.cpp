@@ -9,7 +9,6 @@
 namespace unlidar {
 namespace {
 
-constexpr TimeNs kStepNs = kNsPerSecond;
 constexpr double kHoverMps = 1.0;
 constexpr double kKindSteps = 10'000.0;  // resolution of probabilities
 
@@ -53,40 +52,39 @@ void KindFilter::Observe(const Trajectory& trajectory, TimeNs until_ns) {
     last_ = InstantAt(trajectory, trajectory.begin_ns());
     if (seconds_ == 0.0) first_m_ = last_->position_m;
   }
-  if (last_->time_ns + kStepNs > end_ns) return;
-  while (last_->time_ns + kStepNs <= end_ns) {
-    Update(InstantAt(trajectory, last_->time_ns + kStepNs));
+  if (last_->time_ns + kNsPerSecond > end_ns) return;
+  while (last_->time_ns + kNsPerSecond <= end_ns) {
+    Update(InstantAt(trajectory, last_->time_ns + kNsPerSecond));
   }
   kind_ = KindOf(styles_.LogRatio());
 }
 
+// Steps are of one second, so that differences of positions are velocities.
 void KindFilter::Update(const Instant& next) {
-  constexpr double kStepS = static_cast<double>(kStepNs) * kSecondsPerNs;
-  const Eigen::Vector3d velocity_mps = (next.position_m - last_->position_m) / kStepS;
+  const Eigen::Vector3d velocity_mps = next.position_m - last_->position_m;
   const double speed_mps = velocity_mps.head<2>().norm();
-  styles_.AddSpeed(speed_mps, (next.across_m2 + last_->across_m2) / Square(kStepS));
-  styles_.AddClimb(velocity_mps.z(), (next.height_m2 + last_->height_m2) / Square(kStepS));
+  styles_.AddSpeed(speed_mps, next.across_m2 + last_->across_m2);
+  styles_.AddClimb(velocity_mps.z(), next.height_m2 + last_->height_m2);
   if (before_) {
-    const Eigen::Vector3d earlier_mps = (last_->position_m - before_->position_m) / kStepS;
+    const Eigen::Vector3d earlier_mps = last_->position_m - before_->position_m;
     const Eigen::Vector2d mean_mps = 0.5 * (velocity_mps + earlier_mps).head<2>();
-    const Eigen::Vector2d change_mps2 = (velocity_mps - earlier_mps).head<2>() / kStepS;
+    const Eigen::Vector2d change_mps2 = (velocity_mps - earlier_mps).head<2>();
     Eigen::Vector2d along = Eigen::Vector2d::UnitX();  // of a target that stands still, any
     if (mean_mps.norm() > 0.0) along = mean_mps.normalized();
     const double turn_mps2 = along.x() * change_mps2.y() - along.y() * change_mps2.x();
-    styles_.AddAcceleration(
-        along.dot(change_mps2), turn_mps2,
-        (before_->across_m2 + 4.0 * last_->across_m2 + next.across_m2) / Square(Square(kStepS)));
+    styles_.AddAcceleration(along.dot(change_mps2), turn_mps2,
+                            before_->across_m2 + 4.0 * last_->across_m2 + next.across_m2);
     turn_sum_ += Square(turn_mps2);
     turns_ += 1.0;
   }
-  const double step_m = velocity_mps.norm() * kStepS;
+  const double step_m = velocity_mps.norm();
   if (speed_mps < kHoverMps) {
-    hover_s_ += kStepS;
+    hover_s_ += 1.0;
     hover_sum_m2_ += Square(step_m);
   }
-  seconds_ += kStepS;
-  speed_sum_mps_ += speed_mps * kStepS;
-  climb_sum_ += Square(velocity_mps.z()) * kStepS;
+  seconds_ += 1.0;
+  speed_sum_mps_ += speed_mps;
+  climb_sum_ += Square(velocity_mps.z());
   path_length_m_ += step_m;
   before_ = std::exchange(last_, next);
 }

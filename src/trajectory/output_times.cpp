@@ -11,7 +11,6 @@ namespace {
 // A time in nanoseconds times a rate in nanohertz has up to 114 bits.
 __extension__ using Wide = unsigned __int128;
 
-constexpr Wide kGiga = 1'000'000'000;
 constexpr double kMaxInstants = 1e7;
 
 struct InstantsOf {
@@ -53,7 +52,9 @@ OutputInstants::OutputInstants(const Rate& rate, TimeNs begin_ns, TimeNs end_ns)
                      std::to_string(span_s) + " s gives over 10 million output times, expected " +
                      "fewer");
   }
-  size_ = static_cast<std::size_t>(((Wide{span_ns} + 1) * nanohertz_ - 1) / (kGiga * kGiga)) + 1;
+  size_ = static_cast<std::size_t>(((Wide{span_ns} + 1) * nanohertz_ - 1) /
+                                   (Wide{kNsPerSecond} * kNsPerSecond)) +
+          1;
 }
 
 TimeNs OutputInstants::operator[](std::size_t k) const {
@@ -76,7 +77,7 @@ std::size_t OutputInstants::CountBefore(TimeNs time_ns) const {
 }
 
 std::uint64_t OutputInstants::ElapsedNs(std::uint64_t k) const {
-  return static_cast<std::uint64_t>(kGiga * kGiga * k / nanohertz_);
+  return static_cast<std::uint64_t>(Wide{kNsPerSecond} * kNsPerSecond * k / nanohertz_);
 }
 
 OutputInstants ResolveOutputTimes(const OutputTimes& times, const Recording& recording) {

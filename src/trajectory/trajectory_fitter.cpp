@@ -9,14 +9,14 @@ namespace unlidar {
 
 void TrajectoryFitter::Fit(const std::vector<Measurement>& measurements, Trajectory& trajectory) {
   // Scales and outliers depend on each other: several starts, the most likely pair wins.
-  constexpr std::array<double, 3> kStarts_mps2 = {1.0, 5.0, 25.0};
+  constexpr std::array<double, 3> kStartsMps2 = {1.0, 5.0, 25.0};
   BuildSplineModel(measurements, config_, model_);
   SetAccelerationTime(kTypicalAccelerationTimeS);
   ScaleSearch best;
-  for (const double start_mps2 : kStarts_mps2) {
+  for (const double start_mps2 : kStartsMps2) {
     FitRobust(model_, {start_mps2, 1.0}, memory_, fit_);
     const ScaleSearch found = SearchScales(model_, fit_, config_, memory_);
-    if (start_mps2 == kStarts_mps2.front() || found.log_evidence > best.log_evidence) best = found;
+    if (start_mps2 == kStartsMps2.front() || found.log_evidence > best.log_evidence) best = found;
   }
   FitRobust(model_, best.scales, memory_, fit_);
   if (config_.Uses(MotionRule::kAccelerationTime)) best = SearchAccelerationTimes();

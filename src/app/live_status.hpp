@@ -1,4 +1,4 @@
-// What a live run is doing now, for those who watch it: --state and --metrics.
+// Present state of a live run for those who watch it: --state and --metrics.
 #pragma once
 
 #include <chrono>

@@ -10,7 +10,7 @@
 
 namespace unlidar {
 
-// What a capture begins with.
+// Returns the file header of a capture.
 std::string CaptureHeader();
 
 inline constexpr std::size_t kCaptureHeaderBytes = 24;

@@ -9,8 +9,9 @@
 namespace unlidar {
 namespace {
 
-// More than a track carries on: a flight is followed back once, and across a pause of seconds among
-// strays the true one is likelier than the others only by the plots before it.
+// A flight is followed back only once, so more hypotheses are affordable than kMaxHypotheses. They
+// are needed across a pause of seconds among strays, where only the plots before the pause make the
+// true hypothesis likelier than the others.
 constexpr std::size_t kMaxHypothesesBack = 400;
 
 // Reverses the time of a plot about 0.

@@ -182,7 +182,7 @@ void ConfirmedTracks::ReportEnd(const Track& track) {
   on_event_(TrackEnded{track.id, track.follower->last_evidence_ns(), track.kind.kind()});
 }
 
-// Unless it is that of `before`.
+// Traces the verdict on a track if it differs from `before`, the one that preceded it.
 void ConfirmedTracks::TraceVerdict(const Track& track,
                                    const std::optional<TrackValidator::Verdict>& before) {
   const Rejection rejection = track.verdict->rejection;

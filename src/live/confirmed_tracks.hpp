@@ -42,7 +42,7 @@ class ConfirmedTracks {
   // tracks begin or end.
   std::optional<int> TrackOf(std::size_t plot) const;
 
-  // Tells of the tracks as predicted at a time. Valid until the next call or until tracks change.
+  // Returns the tracks, as predicted at a time. Valid until the next call or until tracks change.
   KnownTargets TargetsAt(double time_s);
 
   // Score of a flight as a track.

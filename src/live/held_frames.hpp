@@ -27,7 +27,7 @@ struct CloudFrame {
 
 class HeldFrames {
  public:
-  // Of all sensors together: about 20 MB, and more than any clock needs for confirmation.
+  // Limits for all sensors together: about 20 MB, and more than any clock needs for confirmation.
   static constexpr std::size_t kMaxFrames = 256;
   static constexpr std::size_t kMaxPoints = std::size_t{1} << 20;
 

@@ -102,7 +102,7 @@ bool LiveEngine::CameBefore(const Sensor& sensor, const CloudFrame& frame, TimeN
          held_.Has(frame.sensor, stamp_ns);
 }
 
-// In order of stamps: no frame may be passed on after a newer one.
+// Passes held frames on in order of their stamps, so that none follows a newer one.
 void LiveEngine::TakeHeld() {
   const auto is_due = [this](std::uint32_t sensor, TimeNs time_ns) {
     return stamps_.IsConfirmed(sensor, time_ns);
@@ -226,7 +226,7 @@ void LiveEngine::Restart() {
   stamps_.Begin();
 }
 
-// Earlier frames are late.
+// Frames with stamps before this time are too late.
 TimeNs LiveEngine::SettledNs() const { return newest_ns() - NsOf(config_.live.reorder_s); }
 
 // `heard`: the sensor of the frame just taken.
@@ -263,7 +263,7 @@ void LiveEngine::UpdateSensorHealth(const LoadedFrame& frame) {
   Warn(frame.info.sensor, sensor.pose.TakeWarnings());
 }
 
-// Each code once per sensor, also across restarts.
+// Keeps the first warning of each code and sensor, also across restarts.
 void LiveEngine::Warn(std::uint32_t sensor, std::vector<Warning> warnings) {
   for (Warning& warning : warnings) {
     if (warned_of_.emplace(sensor, warning.code).second) warnings_.push_back(std::move(warning));

@@ -182,12 +182,12 @@ void LiveScene::MakePlotsOf(LoadedFrame* loaded, std::int64_t bin, const KnownTa
   frame.frames[0].first_return = 0;
   frame.frames[0].last_return = static_cast<std::uint32_t>(frame.points_m.size());
   const auto is_known_target = [&](const Eigen::Vector3f& point_m, std::int64_t dwell_begin_bin) {
-    // Asked for nearly each return of the first two minutes.
+    // Called for nearly every return of the first two minutes, so the cheap box is tested first.
     const Eigen::Vector3d place_m = (point_m + station.viewpoint_m).cast<double>();
     return targets.box_m.contains(place_m) &&
            targets.are_at(place_m, SecondsOfBin(dwell_begin_bin));
   };
-  // No allocation.
+  // By reference: a std::function would copy the lambda to the heap.
   FramePlots& found =
       station.scene.FindPlots(bin, waiting_.size() == 1, std::cref(is_known_target), &workspace_);
   held->info = frame.frames[0];

@@ -1,4 +1,4 @@
-// How far a track's predictions are off, relative to what its fit states.
+// Errors of a track's predictions, relative to the covariance that its fit states.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,4 +1,4 @@
-// The way of a reacquired target across a gap.
+// Path of a reacquired target across the gap before it.
 #pragma once
 
 #include <cstddef>
@@ -16,10 +16,10 @@ struct FollowedPlot {
   FrameTime at;  // of its frame
 };
 
-// Returns the plots, by their numbers in `plots`, by which a target came from its last confirmed
-// plot to the last of these, and its hypothesis after each of them. As for a path of a recording,
-// it may have been out of view, and short stretches of plots that lower the score are left out: the
-// target was followed across the gap by whatever was there, and beyond max_gap_s by nothing else.
+// Returns the path from the last confirmed plot of a target to the last of `plots`: the numbers of
+// its plots in `plots`, and the hypothesis after each. As in a recording, the target may have been
+// out of view, and short stretches of plots that lower the score are left out: the follower had to
+// use some plot at least every max_gap_s, whether or not it was of the target.
 std::vector<std::pair<std::size_t, Hypothesis>> RejoinedPlots(
     const TrackModel& model, const Hypothesis& confirmed, const std::vector<FollowedPlot>& plots);
 

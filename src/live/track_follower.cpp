@@ -149,8 +149,8 @@ void TrackFollower::AddPlot(const LivePlot& seen, const FrameTime& at) {
   plots_.push_back(seen);
 }
 
-// Lets a reacquired target reach its new node from the newest confirmed one as RejoinedPlots() has
-// it.
+// Replaces the path of a reacquired target from the newest confirmed node to the new one by that of
+// RejoinedPlots().
 void TrackFollower::Rejoin(std::int32_t confirmed, Node* node) {
   std::vector<std::size_t> plots = {node->plot};
   for (std::int32_t k = node->parent; k != confirmed; k = NodeAt(k).parent) {

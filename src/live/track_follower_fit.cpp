@@ -22,7 +22,7 @@ void TrackFollower::UpdateFrameLength(const Node& node,
   known.length.Add(streak, {body_sigma_m_, body_sigma_m_, body_sigma_m_});
 }
 
-// From the sensor with the most returns, as in a recording.
+// Sets the bias of the sensor with the most returns, as for a track of a recording.
 void TrackFollower::UpdateTimeBias() {
   if (!uses_frame_length_) return;
   lengths_ = settled_lengths_;
@@ -59,7 +59,7 @@ Eigen::Vector3d TrackFollower::PlaceAtM(double time_s) const {
     before = &NodeAt(before->parent);
   }
   const double since_s = time_s - before->h.time_s;
-  // Nodes before are gone.
+  // The path began earlier, but its older nodes were forgotten: no extrapolation to before them.
   if (since_s < 0.0 && time_s >= first_time_s_) return before->h.state.mean.col(0);
   return before->h.state.mean.col(0) + since_s * before->h.state.mean.col(1);
 }

@@ -15,8 +15,8 @@ namespace unlidar {
 // Memory of removed frames is reused.
 class WaitingFrames {
  public:
-  // Of all sensors together: far more than LiDARs send in live.reorder_s, within the memory of the
-  // service.
+  // Limits for all sensors together: far more than LiDARs send in live.reorder_s, within the memory
+  // of the service.
   static constexpr std::size_t kMaxFrames = 4096;
   static constexpr std::size_t kMaxBytes = std::size_t{192} << 20;
 

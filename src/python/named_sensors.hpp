@@ -33,7 +33,7 @@ class NamedSensors {
   // Frames that came and were not used.
   std::uint64_t num_dropped() const;
 
-  // What a user should know, since the last call.
+  // Warnings since the last call.
   std::vector<std::string> TakeNotes();
 
  private:

@@ -40,7 +40,7 @@ class ClutterMap {
            std::int32_t count = 1);
 
   // Returns the plots of the bins excluded for a plot of this bin, from the widest neighbourhood to
-  // the narrowest. Costs the less the fewer later bins there are.
+  // the narrowest. Faster, the fewer later bins there are.
   LevelCounts ExcludedAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
                          std::uint32_t bin) const;
 

@@ -47,7 +47,7 @@ void Occlusion::Add(PointsView points_m, std::int64_t bin, const CarrierPose& ca
     returns_.push_back(static_cast<std::uint32_t>(cells_.CellOf(ray_m)) << kRangeBits |
                        QuantaOf(ray_m.norm()));
   }
-  // With each frame: together they would take the first frame of the next bin too long.
+  // Sorted frame by frame: to sort them all at the end of the bin would delay one frame too much.
   std::sort(returns_.begin() + num_sorted, returns_.end());
   merged_.resize(returns_.size());
   std::merge(returns_.begin(), returns_.begin() + num_sorted, returns_.begin() + num_sorted,

@@ -8,7 +8,7 @@
 namespace unlidar {
 namespace {
 
-// Of so many a place must be exposed for a share, however many more there are.
+// The number of bins that must be exposed, a share of those observed, grows up to this many.
 constexpr int kEnoughBins = RecentBins::kWindow / 2;
 constexpr double kEnoughFromMoving = 1.0;  // the same of a carrier that moves
 constexpr int kSettledBins = 10;           // observed bins from which structure is kept for a while
@@ -66,7 +66,7 @@ void Occupancy::CountFrame(std::int64_t bin) {
   observed_.Insert(static_cast<int>(age));
   ++frame_counts_[static_cast<std::size_t>(bin % RecentBins::kWindow)];
   ++num_frames_;
-  // As if it had as many frames as the bin before.
+  // The newest bin is expected to get as many frames as the one before.
   const auto count_of = [this](std::int64_t of_bin) {
     return frame_counts_[static_cast<std::size_t>(of_bin % RecentBins::kWindow)];
   };
@@ -203,14 +203,14 @@ Occupancy::Verdict Occupancy::JudgeAt(Place* place, const Eigen::Vector3f& point
   Verdict verdict;
   const bool is_valid = IsValid(*place, bin);
   if (!is_valid) JudgeAnew(point_m, static_cast<int>(newest_ - bin), place);
-  // In a stream it goes on.
+  // The verdict may be older than this return, which extends the dwell.
   place->dwell_last = std::max(place->dwell_last, static_cast<std::int32_t>(bin));
   verdict.is_structure = place->is_structure;
   verdict.place_rate = place->place_rate;
   verdict.stray_rate = place->stray_rate;
   if (!IsLong(*place)) verdict.dwell_begin_bin = place->dwell_first;
   if (!verdict.is_structure) return verdict;
-  // With the verdict, as a new scene is one for all places.
+  // Tested with each new verdict only: a new scene would have all places tested at once.
   if ((!is_valid || place->scene == kNoScene) && std::exchange(place->scene, scene) != scene) {
     place->floats = floats(point_m);
   }

@@ -16,11 +16,11 @@
 
 namespace unlidar {
 
-// Returns per frame and m^3 with one at most times within 1 m of any place: a lone one tells
-// nothing.
+// Rate of strays, in returns per frame and m^3, from which one is within 1 m of any place at most
+// times: there, a single return carries no evidence.
 inline constexpr double kMaxStrayRate = 0.2;
 
-// Least share of the rate of a place that strays explain where nothing else is.
+// Strays may explain the returns of a place if their rate exceeds this share of its own.
 inline constexpr double kMinStrayShare = 0.5;
 
 // Occupancy over the last RecentBins::kWindow time bins: of a recording all, searched window by

@@ -96,7 +96,7 @@ class RangeGrid {
     BinRange bins;
   };
 
-  // Those asked for last: of all bins and of some.
+  // Last counts that were computed: of all bins and of some.
   struct CountedTwice {
     Counted all;
     Counted some;

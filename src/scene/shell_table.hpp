@@ -53,8 +53,7 @@ class ShellTable {
     });
   }
 
-  // Calls visit(i, value, is_own) in the same way for each point i, ahead of which its voxels are
-  // prefetched.
+  // Calls visit(i, value, is_own) for the same voxels of each point i, which are prefetched.
   template <class Visit>
   void VisitOverlappingShells(PointsView points_m, const Value& initial, const Visit& visit) {
     own_numbers_.clear();
@@ -79,8 +78,7 @@ class ShellTable {
     }
   }
 
-  // Calls visit(i, value) for each point i whose own voxel is known, ahead of which it is
-  // prefetched.
+  // Calls visit(i, value) for each point i whose own voxel is known; voxels are prefetched.
   template <class Visit>
   void VisitOwn(PointsView points_m, const Visit& visit) {
     for (std::size_t begin = 0; begin < points_m.size(); begin += kPartSize) {

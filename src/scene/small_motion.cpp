@@ -17,13 +17,13 @@ constexpr double kTurnNoise = 4.0 * kRadPerDeg;  // rad/s^1.5
 constexpr double kShiftNoise = 0.4;              // m/s^1.5, horizontally
 // A mast that tilts keeps its height to within a millimetre.
 constexpr double kLiftShare = 0.05;
-// Prior of each frame about the pose at rest, for what no surface tells of.
+// Prior of each frame about the pose at rest, for motions that no surface constrains.
 constexpr double kTurnRad = 0.7 * kRadPerDeg;
 constexpr double kShiftM = 0.1;
 constexpr double kFirstTurnRadPerS = 3.0 * kRadPerDeg;
 constexpr double kFirstShiftMps = 0.3;
 
-// Residuals beyond so many standard deviations weigh little (Geman and McClure), from large to
+// Residuals beyond this many standard deviations weigh little (Geman and McClure), from large to
 // small.
 constexpr std::array<double, 4> kScales = {8.0, 4.0, 3.0, 3.0};
 // Errors of returns on one surface are not independent.

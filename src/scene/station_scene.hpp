@@ -56,8 +56,8 @@ class StationScene {
   bool is_fitted() const { return fitted_ != nullptr; }
 
   // Returns the plots and bodies of the frame in the workspace, one that was learned; valid until
-  // the next call. Sets the place rates of the plots. Its returns are relative to the viewpoint of
-  // the frame then.
+  // the next call. Sets the place rates of the plots, and makes the returns of the frame relative
+  // to its own viewpoint.
   FramePlots& FindPlots(std::int64_t bin, bool is_newest, const Occupancy::IsTargetSince& is_target,
                         FrameWorkspace* workspace);
 

@@ -16,9 +16,9 @@ constexpr std::size_t kSampled = 800;
 constexpr std::size_t kManySampled = 2048;
 constexpr TimeNs kFirstNs = kNsPerSecond;  // of a look, in which a map only grows
 
-// A look lasts so long; then the station is left alone for so long.
+// Duration of a look, and of the pause after it.
 constexpr TimeNs kLookNs = 5 * kNsPerSecond;
-constexpr TimeNs kShortLookNs = 3 * kNsPerSecond;  // if there is no sign of a sway by then
+constexpr TimeNs kShortLookNs = 3 * kNsPerSecond;  // without a sign of a sway by then
 constexpr TimeNs kRestNs = 20 * kNsPerSecond;
 constexpr TimeNs kMaxBreakNs = kNsPerSecond;  // of frames; a longer one ends the period
 
@@ -33,7 +33,7 @@ constexpr double kMaxFrames = 50.0;  // over which means are taken
 constexpr double kMinFrames = 20.0;
 constexpr double kMinSwayRad = 0.05 * kRadPerDeg;  // rms; less costs no accuracy
 constexpr double kCalmRad = 0.03 * kRadPerDeg;     // rms of a sway that has ended
-// Share of the errors at rest that a motion must explain in returns that did not tell of it.
+// Share of the errors at rest that a motion must explain in returns that were not used for it.
 constexpr double kMinExplained = 0.06;
 // Where too little stands around, correction would shake the scene: a simulated mast with 0.11 has
 // a pole as a drone in streams; where enough does it is 0.03 to 0.073.

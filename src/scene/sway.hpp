@@ -48,15 +48,15 @@ struct SwayEstimate {
 // the motion that one half of each frame tells of brings the returns of the other half, which are
 // seen in other directions, nearer to the surfaces than they are at rest. In maps that are made of
 // returns that are moved, a sensor that sees one band at a time agrees with any motion, so these
-// come only then. Removed are motions from 0.05 degrees rms to excursions of 3 degrees, or 0.5 m;
-// what goes beyond is no sway.
+// come only then. Motions from 0.05 degrees rms to excursions of 3 degrees or 0.5 m are removed;
+// larger ones are no sway.
 class Sway {
  public:
   // Adds a frame. Frames are in order of (stamp, sensor).
   SwayEstimate Observe(const SensorInfo& sensor, const SwayingFrame& frame);
 
-  // Returns the motion at an observed frame by what was learned since: maps that are made of more
-  // frames, and of returns that are moved. Frames are in order.
+  // Estimates the motion at an observed frame again, with maps that by now hold more frames, whose
+  // returns are corrected. Frames are in order.
   SwayEstimate Refine(const SwayEstimate& estimate, const SwayingFrame& frame);
 
   // Moves the returns of the frame to where they would be with the station at rest, and sets the

@@ -1,4 +1,4 @@
-// Crowding: what else is detected about a path while it lasts.
+// Crowding: other plots near a path while it lasts.
 #pragma once
 
 #include <cstdint>

@@ -36,7 +36,7 @@ class PathScorer {
   // infinity if two plots are of one frame.
   Path WithScore(std::vector<std::uint32_t> members) const;
 
-  // A path with what its filters, one per sigma_a and birth speed, know after each plot.
+  // A path with the states of its filters, one per sigma_a and birth speed, after each plot.
   struct Filtered {
     std::vector<std::uint32_t> members;
     std::vector<const Plot*> plots;
@@ -65,12 +65,11 @@ class PathScorer {
 // Stretches of a path that DropStretch() may drop: at most six plots, between two pauses or before
 // or after one.
 enum class Droppable {
-  // A single run of plots without a pause. The sparse beginning of a flight, before a long pause,
-  // may
-  // score less than none and be true: a recording keeps what several runs tell together.
+  // A single run of plots without a pause. Several runs are kept together in a recording: the
+  // sparse beginning of a flight, before a long pause, may be true though it lowers the score.
   kRun,
-  // Several runs, but not the last plot: in a stream the clutter of its first seconds is hardly
-  // known, what is wrong is written at once, and a path ends at the present frame.
+  // Several runs, but not the last plot: in a stream the clutter of the first seconds is hardly
+  // known, wrong rows cannot be taken back, and a path ends at the present frame.
   kRunsBeforeLast
 };
 

@@ -1,4 +1,4 @@
-// When each sensor looked.
+// Times of the frames of each sensor.
 #pragma once
 
 #include <cstdint>

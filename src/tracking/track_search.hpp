@@ -60,8 +60,8 @@ class TrackSearch {
   std::size_t num_hypotheses() const { return history_.size(); }
 
  private:
-  // What the paths of a hypothesis need after its last continuation. Most hypotheses lead nowhere,
-  // and a recording has many: only those that are extended keep their state.
+  // Part of a hypothesis that its paths need after its last continuation. Only hypotheses that can
+  // be extended keep their state, to save memory: a recording has many, and most lead nowhere.
   struct Node {
     double score;
     std::int32_t plot;

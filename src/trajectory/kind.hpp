@@ -15,7 +15,7 @@
 
 namespace unlidar {
 
-// What is said where nothing is known.
+// Kind of a track without evidence.
 inline constexpr Kind kPriorKind = {0.25, 0.25, 0.5};
 
 // Statistics of the flight of a track, and its kind.

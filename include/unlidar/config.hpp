@@ -38,8 +38,8 @@ struct SensorConfig {
 // Radius of a neighbourhood as a function of range: constant_m + slope * range. The constant is the
 // size of objects, the slope the spacing of rays, which limits the resolution of places.
 struct RangeRadius {
-  double constant_m = 0.35;
-  double slope = 0.012;
+  double constant_m = 0.0;
+  double slope = 0.0;
 
   double At(double range_m) const { return constant_m + slope * range_m; }
 };
@@ -222,7 +222,7 @@ struct PaperConfig {
 
 enum class Method { kRobust, kPaper };
 
-// Poses of what carries a sensor, in order of time, by the name of the sensor; empty name: of all
+// Poses of the carrier of a sensor, in order of time, by the name of the sensor; empty name: of all
 // others.
 using PosesByName = std::map<std::string, std::shared_ptr<const std::vector<Pose>>>;
 

@@ -35,9 +35,9 @@ struct RowGiven {
   Kind kind;             // of its track, as judged so far
 };
 
-// Where a track is at the newest stamp, predicted from its detections so far: of each confirmed
-// track at each frame that is the newest. Sigmas are those of the prediction. Not emitted if
-// live.delay_s is infinite.
+// State of a track at the newest stamp, predicted from its detections so far. Emitted for each
+// confirmed track at each frame that is the newest. Sigmas are those of the prediction. Not emitted
+// if live.delay_s is infinite.
 struct TrackPredicted {
   TrajectoryRow row;      // support: 0
   double unseen_s = 0.0;  // since its last evidence

@@ -15,7 +15,7 @@ using TimeNs = std::int64_t;
 inline constexpr double kSecondsPerNs = 1e-9;
 
 // One frame of one sensor, in the sensor's own axes and clock; `sensors` of the config has its pose
-// and time offset, `poses` the way of what carries it.
+// and time offset, `poses` those of its carrier.
 struct Frame {
   std::uint32_t sensor = 0;  // index into the sensor names
   TimeNs stamp_ns = 0;       // instant of the frame chosen by input.stamp of the config
@@ -26,7 +26,7 @@ struct Frame {
   std::vector<std::int64_t> offsets_ns;
 };
 
-// Pose of what carries sensors: p_world = R(rotation) p_carrier + position_m.
+// Pose of a carrier of sensors: p_world = R(rotation) p_carrier + position_m.
 struct Pose {
   TimeNs time_ns = 0;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();

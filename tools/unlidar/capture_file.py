@@ -12,9 +12,8 @@ from typing import NamedTuple, NoReturn
 
 from unlidar.errors import InputError, reason
 from unlidar.limits import BoundedFile
-from unlidar.stamps import MOST_STAMP_NS
+from unlidar.stamps import MOST_STAMP_NS, NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _MOST_PACKET = 1 << 18  # bytes; tcpdump's bound for one packet
 _MOST_UNITS = 64  # of 2: times count at most 2**64 in a second
 # By the first bytes of a pcap: order of bytes, ns in a unit of time, bytes of a packet's head.
@@ -81,7 +80,7 @@ class _Capture:
             if not packet.data:  # never on a network, but a sparse file reads as empty packets
                 self._damaged("a packet of 0 bytes")
             if not 0 <= packet.time_ns <= MOST_STAMP_NS:
-                seconds = packet.time_ns // _NS_PER_S
+                seconds = packet.time_ns // NS_PER_S
                 self._damaged(f"a packet of {seconds:.4g} s, expected Unix time")
             self._whole += 1
             yield packet
@@ -95,7 +94,7 @@ class _Capture:
             seconds, units, kept = struct.unpack_from(order + "III", head)
             if kept > _MOST_PACKET:
                 self._damaged(f"a packet of {kept:,} bytes, expected at most {_MOST_PACKET:,}")
-            yield Captured(seconds * _NS_PER_S + units * unit_ns, link, self._read(kept))
+            yield Captured(seconds * NS_PER_S + units * unit_ns, link, self._read(kept))
 
     def _blocks(self) -> Iterator[Captured]:
         """Of a pcapng, whose first four bytes have been read."""
@@ -136,8 +135,8 @@ class _Capture:
         data = body[_PACKET_HEAD : _PACKET_HEAD + kept]
         if len(data) < kept:
             self._damaged(f"a packet of {kept:,} bytes in a block of {len(body) + _BLOCK_ENDS:,}")
-        time_ns = (high << 32 | low) * _NS_PER_S // interface.units_per_s
-        return Captured(time_ns + interface.offset_s * _NS_PER_S, interface.link, data)
+        time_ns = (high << 32 | low) * NS_PER_S // interface.units_per_s
+        return Captured(time_ns + interface.offset_s * NS_PER_S, interface.link, data)
 
     def _check_whole(self, body: bytes, least: int, what: str) -> None:
         if len(body) < least:

@@ -9,10 +9,9 @@ from pathlib import Path
 from unlidar.csv_rows import csv_rows
 from unlidar.errors import InputError
 from unlidar.sanitize import printable
-from unlidar.stamps import parse_stamp_ns
+from unlidar.stamps import NS_PER_S, parse_stamp_ns
 
 _RATES_HZ = 1e-3, 1e9  # up to numbers that are nanoseconds
-_NS_PER_S = 1_000_000_000
 _LEAST_UNIX_S = 10**8  # 1973: smaller integers are frame numbers
 _MOST_UNIX_S = 10**11  # larger numbers are no seconds
 _HOUR_S = 3600
@@ -68,7 +67,7 @@ def times_of_names(where: object, names: Sequence[str], rate_hz: float | None = 
             "--rate says how many make a second"
         )
     stamps_ns = [
-        _nearest(int(name) * _NS_PER_S / rate) if name.isdecimal() else None for name in names
+        _nearest(int(name) * NS_PER_S / rate) if name.isdecimal() else None for name in names
     ]
     return NamedTimes(stamps_ns, True, note)
 

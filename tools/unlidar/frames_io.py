@@ -11,6 +11,7 @@ from unlidar.errors import InputError, reason
 from unlidar.frame_clock import stamps_of_table, times_of_names
 from unlidar.limits import (
     MOST_FRAME,
+    MOST_HEADER,
     MOST_LINE,
     MOST_RECORD,
     TooLargeError,
@@ -21,7 +22,6 @@ from unlidar.names import folder_names
 from unlidar.output import is_run
 
 _NO_FIELDS: Mapping[str, np.ndarray] = MappingProxyType({})
-_MAX_HEADER_BYTES = 1 << 16
 _PIECE_BYTES = 1 << 20  # of a text parsed at a time
 _IS_VALUE = bytes(code not in b" \t\n\r\v\f" for code in range(256))
 _HEADER_KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT",
@@ -141,7 +141,7 @@ def _parse_pcd(content: bytes) -> dict[str, np.ndarray]:
     header: dict[str, list[str]] = {}
     offset = 0
     while "DATA" not in header:
-        end = content.find(b"\n", offset, _MAX_HEADER_BYTES)
+        end = content.find(b"\n", offset, MOST_HEADER)
         if end < 0:
             raise ValueError("the header has no DATA line")
         words = content[offset:end].decode("ascii", "replace").split()

@@ -17,7 +17,9 @@ MOST_FRAME = 256 * MEGABYTE  # of the file of one frame
 MOST_TABLE = 256 * MEGABYTE  # of a trajectory, a truth or another table
 MOST_TEXT = 16 * MEGABYTE  # of a description: YAML, JSON, a list of times
 MOST_LINE = 64 * 1024  # characters of a line of a table
+MOST_HEADER = 64 * 1024  # bytes of the header of a frame
 MOST_TRACE, MOST_TRACE_LINE = 16384 * MEGABYTE, 16 * MEGABYTE  # of an hour, and of one frame in it
+MOST_STATIONS = 64  # in one picture
 MOST_YAML_NODES = 1_000_000  # nodes of a YAML file with aliases expanded
 # Largest expansion of a recording compressed as a whole file, and the size that is always allowed.
 MOST_RATIO, ALWAYS_UNPACKED = 200, 1024 * MEGABYTE

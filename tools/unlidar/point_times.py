@@ -6,13 +6,14 @@ others in seconds), Unix time in that unit, or Unix time in the unit of its magn
 
 import numpy as np
 
+from unlidar.stamps import NS_PER_S
+
 TIME_FIELDS = ("t", "time", "timestamp", "offset_time")
 OFFSET_FIELD = "offset_time"
-_NS_PER_S = 1_000_000_000
 # The reading is chosen on this many points; all points of a message share one.
 _SAMPLE = 200
 # Longest scan; times farther from the frame's stamp belong to another clock.
-_FARTHEST_NS = _NS_PER_S
+_FARTHEST_NS = NS_PER_S
 
 
 def offsets_ns(times: np.ndarray, stamp_ns: int) -> np.ndarray | None:
@@ -22,7 +23,7 @@ def offsets_ns(times: np.ndarray, stamp_ns: int) -> np.ndarray | None:
     sample = times[:: max(1, len(times) // _SAMPLE)]
     if not np.isfinite(sample).all():
         return None
-    base_ns = _NS_PER_S if times.dtype.kind == "f" else 1
+    base_ns = NS_PER_S if times.dtype.kind == "f" else 1
     by_magnitude_ns = _unit_ns(float(np.median(np.abs(sample.astype(float)))))
     readings = ((base_ns, 0), (base_ns, stamp_ns), (by_magnitude_ns, stamp_ns))
     distances = [
@@ -52,7 +53,7 @@ def _ns_after(times: np.ndarray, unit_ns: int, epoch_ns: int) -> np.ndarray:
 
 
 def _unit_ns(magnitude: float) -> int:
-    for limit, unit_ns in ((1e11, _NS_PER_S), (1e14, 10**6), (1e17, 10**3)):
+    for limit, unit_ns in ((1e11, NS_PER_S), (1e14, 10**6), (1e17, 10**3)):
         if magnitude < limit:
             return unit_ns
     return 1

@@ -5,7 +5,7 @@ from decimal import ROUND_HALF_UP, Decimal
 
 _UNSIGNED = r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?"
 _STAMP, _SECONDS = re.compile(f"-?{_UNSIGNED}"), re.compile(f"[+-]?{_UNSIGNED}")
-_NS_PER_S = 1_000_000_000
+NS_PER_S = 1_000_000_000
 _LIMIT_NS = 1 << 63
 MOST_STAMP_NS = 4 * 10**18  # the program's limit: 126 years before and after 1970
 
@@ -18,10 +18,10 @@ def parse_stamp_ns(text: str) -> int:
     """
     if not _STAMP.fullmatch(text):
         raise ValueError(f"'{text}' is not a time stamp")
-    ns_per_unit = _NS_PER_S
+    ns_per_unit = NS_PER_S
     if text.lstrip("-").isdigit():
         magnitude = len(text.lstrip("-0"))
-        limits = ((11, _NS_PER_S), (14, 10**6), (17, 10**3))
+        limits = ((11, NS_PER_S), (14, 10**6), (17, 10**3))
         ns_per_unit = next((unit for digits, unit in limits if magnitude <= digits), 1)
     return _to_ns(text, ns_per_unit)
 
@@ -30,7 +30,7 @@ def parse_seconds_ns(text: str) -> int:
     """Decimal seconds to the nearest nanosecond; ValueError if not a number."""
     if not _SECONDS.fullmatch(text.strip()):
         raise ValueError(f"'{text}' is not a number of seconds")
-    return _to_ns(text.strip(), _NS_PER_S)
+    return _to_ns(text.strip(), NS_PER_S)
 
 
 def format_stamp(stamp_ns: int) -> str:
@@ -41,7 +41,7 @@ def format_stamp(stamp_ns: int) -> str:
 
 def format_stamp_ns(stamp_ns: int) -> str:
     """Decimal seconds with all nine digits."""
-    seconds, rest = divmod(abs(stamp_ns), _NS_PER_S)
+    seconds, rest = divmod(abs(stamp_ns), NS_PER_S)
     return f"{'-' if stamp_ns < 0 else ''}{seconds}.{rest:09d}"
 
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from unlidar.benchmark.job import Result
 from unlidar.benchmark.variants import Variant
+from unlidar.evaluation.bootstrap import LEVEL
 
 MEASURES = ("within1m", "coverage", "matched", "matched_rmse", "rmse", "dx", "dy", "dz", "false")
-LEVEL = 0.95
 ALL = "all"  # the name of the rows over all scenes
 _RESAMPLES = 2000
 _SEED = 1

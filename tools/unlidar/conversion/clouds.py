@@ -14,10 +14,10 @@ from unlidar.conversion.message_types import LIVOX_CLOUDS, known_types
 from unlidar.errors import listed, reason
 from unlidar.frames_io import is_return
 from unlidar.point_times import TIME_FIELDS
+from unlidar.stamps import NS_PER_S
 
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 CLOUD_TYPES = (POINT_CLOUD, *LIVOX_CLOUDS)
-_NS_PER_S = 1_000_000_000
 # sensor_msgs/PointField.msg
 _FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 _LIVOX_POINT = [
@@ -62,7 +62,7 @@ def read_header(raw: bytes, is_ros1: bool) -> Header:
     if not is_ros1 and seconds >= 1 << 31:  # seconds are an int32 in ROS 2
         seconds -= 1 << 32
     text = name.rstrip(b"\0").decode(errors="replace")
-    return Header(seconds * _NS_PER_S + ns, text, order, 16 + length)
+    return Header(seconds * NS_PER_S + ns, text, order, 16 + length)
 
 
 def decode_cloud(raw: bytes, msgtype: str, store: Typestore, is_ros1: bool) -> Cloud:
@@ -85,7 +85,7 @@ def stamp_ns(message: Any) -> int:
 
 def header_ns(header: Any) -> int:
     """The stamp of a std_msgs/Header in ns."""
-    return int(header.stamp.sec) * _NS_PER_S + int(header.stamp.nanosec)
+    return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
 
 
 def _decode_point_cloud(message: Any) -> Cloud:

@@ -25,9 +25,8 @@ from unlidar.frames_io import is_return, read_pcd
 from unlidar.names import folder_names
 from unlidar.output import is_run
 from unlidar.point_times import OFFSET_FIELD, TIME_FIELDS, offsets_ns
-from unlidar.stamps import format_stamp_ns, parse_stamp_ns
+from unlidar.stamps import NS_PER_S, format_stamp_ns, parse_stamp_ns
 
-_NS_PER_S = 1_000_000_000
 _KITTI_ROW = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
 _KITTI_TIMES = ("timestamps.txt", "times.txt")
 _KITTI_STAMP = re.compile(r"(\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d)\.(\d{1,9})")
@@ -215,4 +214,4 @@ def _kitti_stamp_ns(text: str) -> int:
     if not (match := _KITTI_STAMP.fullmatch(text)):
         return parse_stamp_ns(text)
     seconds = int(datetime.fromisoformat(match[1]).replace(tzinfo=UTC).timestamp())
-    return seconds * _NS_PER_S + int(match[2].ljust(9, "0"))
+    return seconds * NS_PER_S + int(match[2].ljust(9, "0"))

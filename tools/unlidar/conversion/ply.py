@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from unlidar.errors import InputError, reason
-from unlidar.limits import MOST_FRAME, read_limited
+from unlidar.limits import MOST_FRAME, MOST_HEADER, read_limited
 
-_MAX_HEADER_BYTES = 1 << 16
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
     "short": "i2", "int16": "i2", "ushort": "u2", "uint16": "u2",
@@ -37,7 +36,7 @@ def read_ply(path: Path) -> dict[str, np.ndarray]:
 
 
 def _parse(content: bytes) -> dict[str, np.ndarray]:
-    end = content.find(b"end_header", 0, _MAX_HEADER_BYTES)
+    end = content.find(b"end_header", 0, MOST_HEADER)
     if not content.startswith(b"ply") or end < 0:
         raise ValueError("it has no header from 'ply' to 'end_header'")
     body = content[content.index(b"\n", end) + 1 :]

@@ -17,9 +17,8 @@ from unlidar.call_checks import (
 )
 from unlidar.geodesy import Origin
 from unlidar.poses import Poses
+from unlidar.stamps import NS_PER_S
 from unlidar.station import Pose
-
-_NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -71,10 +70,10 @@ class Options:
 
     def window(self, begin_ns: int) -> Window:
         """The time window of a recording that begins at `begin_ns`."""
-        start_ns = begin_ns + round(self.start_s * _NS_PER_S)
+        start_ns = begin_ns + round(self.start_s * NS_PER_S)
         stop_ns = None
         if self.duration_s is not None:
-            stop_ns = start_ns + round(self.duration_s * _NS_PER_S)
+            stop_ns = start_ns + round(self.duration_s * NS_PER_S)
         return Window(start_ns if self.start_s else None, stop_ns)
 
 

@@ -30,6 +30,7 @@ from unlidar.events.lines import QUIET_S, SKY, Published, check_station
 from unlidar.events.site import Place, Site, Zone
 from unlidar.events.station import INSTANCE, SILENT_S, Message, Station
 from unlidar.geodesy import from_geodetic, turn_between
+from unlidar.limits import MOST_STATIONS
 from unlidar.names import check_name
 from unlidar.reporting import RateLimitedNote
 from unlidar.stamps import format_stamp_ns
@@ -38,7 +39,6 @@ _SURVEY_SIGMA_M = 0.5
 _STEP_NS = 50_000_000  # shortest interval of a drone's rows, for any number of stations
 _PLACE = TypeAdapter(Place)
 _PLACE_KEYS = "latitude_deg", "longitude_deg", "height_m", "heading_deg"
-_MOST_STATIONS = 64
 _MOST_NAMES = 16_384  # remembered sender names, as names are free to invent
 _MOST_PLACES = 4096
 _MOST_INSTANCES = 8  # remembered relays of a station
@@ -93,7 +93,7 @@ class Many:
         self.bad = RateLimitedNote(f"{source}: a message is left out")
         self._twins = RateLimitedNote(f"{source}: two relays have one name, give each its own")
         self._crowded = RateLimitedNote(
-            f"{source}: more than {_MOST_STATIONS} stations, one is forgotten"
+            f"{source}: more than {MOST_STATIONS} stations, one is forgotten"
         )
 
     def take(self, line: bytes | Published) -> list[Told]:
@@ -171,7 +171,7 @@ class Many:
 
     def _make_room(self) -> list[Told]:
         """Evicts a station: gone ones first, then silent or trackless ones, then the newest."""
-        if len(self._stations) < _MOST_STATIONS:
+        if len(self._stations) < MOST_STATIONS:
             return []
         names = list(self._stations)
 

@@ -5,8 +5,8 @@ from scipy.spatial.transform import Rotation
 
 from unlidar.poses import Poses
 from unlidar.simulate.scenario import Carrier
+from unlidar.stamps import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _MARGIN_S = 0.5  # poses begin before the first ray and end after the last
 # Shares of the reach and frequencies of two waves, whose sum never exceeds the reach.
 _DRIFT = ((0.75, 0.06), (0.25, 0.27))  # Hz
@@ -49,7 +49,7 @@ class Motion:
 def exact_poses(motion: Motion, rate_hz: float, begin_ns: int, duration_s: float) -> Poses:
     """Poses over a recording that begins at `begin_ns`, and a little before and after it."""
     steps = np.arange(int(-_MARGIN_S * rate_hz), int((duration_s + _MARGIN_S) * rate_hz) + 1)
-    offsets_ns = np.rint(steps * (_NS_PER_S / rate_hz)).astype(np.int64)
+    offsets_ns = np.rint(steps * (NS_PER_S / rate_hz)).astype(np.int64)
     return Poses(begin_ns + offsets_ns, *motion.at(offsets_ns * 1e-9))
 
 

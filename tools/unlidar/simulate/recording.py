@@ -27,12 +27,11 @@ from unlidar.simulate.sensors import (
 )
 from unlidar.simulate.weather import Window, fog_transmission, stray_kinds
 from unlidar.simulate.world import SceneObject, cast, is_hidden
-from unlidar.stamps import format_stamp
+from unlidar.stamps import NS_PER_S, format_stamp
 from unlidar.station import Pose, write_station
 from unlidar.truth import TRUTH_NAME
 
 _TRUTH_STEP_NS = 20_000_000
-_NS_PER_S = 1_000_000_000
 _WORLD_STREAM = 0  # random stream of the world; the sensors' follow
 _MOTION_STREAM, _NOISE_STREAM = 1, 2  # within that of the world
 TRUE_POSES_NAME = "true_poses.tum"
@@ -79,7 +78,7 @@ class Simulation:
     def frame_count(self, sensor: str) -> int:
         """Number of frames of a sensor."""
         frame_ns = MODELS[self.scenario.sensors[sensor].model].frame_ns
-        return round(self.scenario.duration_s * _NS_PER_S / frame_ns)
+        return round(self.scenario.duration_s * NS_PER_S / frame_ns)
 
     def frames(self, sensor: str) -> Iterator[SimulatedFrame]:
         """The frames of a sensor in order of time."""
@@ -102,7 +101,7 @@ class Simulation:
         assert carrier is not None
         assert motion is not None
         latest_s = max(sensor.start_s for sensor in self.scenario.sensors.values())
-        begin_ns = self.scenario.start_time_s * _NS_PER_S
+        begin_ns = self.scenario.start_time_s * NS_PER_S
         duration_s = self.scenario.duration_s + latest_s
         poses = exact_poses(motion, carrier.pose_rate_hz, begin_ns, duration_s)
         rng = np.random.default_rng([self.seed, _WORLD_STREAM, _NOISE_STREAM])
@@ -114,7 +113,7 @@ class Simulation:
         A drone is in view where the field of view of a sensor holds its centre and neither the
         ground nor a building stands before it, nor as many leaves as stop nine of ten rays.
         """
-        steps = np.arange(0, round(self.scenario.duration_s * _NS_PER_S), _TRUTH_STEP_NS)
+        steps = np.arange(0, round(self.scenario.duration_s * NS_PER_S), _TRUTH_STEP_NS)
         for target, drone in enumerate(self.drones):
             positions = drone.centres(steps * 1e-9)
             in_view = np.zeros(len(steps), dtype=bool)
@@ -125,7 +124,7 @@ class Simulation:
                 seen = in_field_of_view(MODELS[sensor.model], relative)
                 in_view |= seen & ~is_hidden(self.things, origin, positions, steps * 1e-9)
             for time_ns, position, seen in zip(steps, positions, in_view, strict=True):
-                stamp_ns = self.scenario.start_time_s * _NS_PER_S + int(time_ns)
+                stamp_ns = self.scenario.start_time_s * NS_PER_S + int(time_ns)
                 yield TruthRow(stamp_ns, target, position, bool(seen))
 
     def _placed(self, spec: Sensor, time_s: np.ndarray) -> tuple[np.ndarray, Rotation | None]:
@@ -146,7 +145,7 @@ class Simulation:
         window: Window,
         rng: np.random.Generator,
     ) -> SimulatedFrame:
-        begin_ns = round(spec.start_s * _NS_PER_S) + index * model.frame_ns
+        begin_ns = round(spec.start_s * NS_PER_S) + index * model.frame_ns
         direction, time_ns = scan(model, index, phase)
         time_s = (begin_ns + time_ns) * 1e-9
         origin, axes = self._placed(spec, time_s)
@@ -171,10 +170,10 @@ class Simulation:
             rays = rays[comes]
             distance[rays], thing[rays], returned[rays] = at[comes], STRAY, True
 
-        offset_ns = round((spec.time_offset_s + spec.clock_error_s) * _NS_PER_S)
+        offset_ns = round((spec.time_offset_s + spec.clock_error_s) * NS_PER_S)
         return SimulatedFrame(
             sensor=name,
-            stamp_ns=self.scenario.start_time_s * _NS_PER_S + begin_ns - offset_ns,
+            stamp_ns=self.scenario.start_time_s * NS_PER_S + begin_ns - offset_ns,
             begin_ns=begin_ns,
             xyz_m=direction[returned] * distance[returned, None],
             time_ns=time_ns[returned],

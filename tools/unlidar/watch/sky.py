@@ -22,6 +22,7 @@ from unlidar.events.event import (
     extended,
 )
 from unlidar.events.station import ALARM, RAISED, Message
+from unlidar.limits import MOST_STATIONS
 from unlidar.reporting import RateLimitedNote
 
 TAIL_S = 60.0
@@ -29,7 +30,6 @@ FORGET_S = 600.0  # tracks, with their alarms, are dropped after this silence
 MOST_TRACKS = 256
 _MOST_ROWS = 20_000  # of all tails; thinned beyond
 _MOST_ALARMS = 256
-_MOST_STATIONS = 64
 _MOST_SENSORS = 16  # per station, so that none displaces another's
 _MOST_TEXT = 1000  # characters of a state; longer ones are cut to the page's keys
 _TAIL_STEP_NS = 100_000_000
@@ -90,7 +90,7 @@ class Sky:
         with self._lock:
             heard = self._hear(message, old)
             if by_itself(message):
-                _keep(self._stations, message.station, heard, _MOST_STATIONS)
+                _keep(self._stations, message.station, heard, MOST_STATIONS)
             if shown:
                 self._take(message, heard)
 
@@ -108,13 +108,13 @@ class Sky:
                 for key in [key for key in self._alarms if key[:2] == (station, event.track)]:
                     del self._alarms[key]
             case SensorState():
-                if station in self._sensors or len(self._sensors) < _MOST_STATIONS:
+                if station in self._sensors or len(self._sensors) < MOST_STATIONS:
                     sensors = self._sensors.setdefault(station, {})
                     told = _Told(_brief(message), heard, event)
                     self._crowded(_keep(sensors, event.name, told, _MOST_SENSORS))
             case EngineState():
                 told = _Told(_brief(message), heard, event)
-                _keep(self._engines, station, told, _MOST_STATIONS)
+                _keep(self._engines, station, told, MOST_STATIONS)
         if message.kind == ALARM and message.alarm is not None:
             key = station, message.alarm.track, message.alarm.zone
             if message.alarm_state == RAISED:

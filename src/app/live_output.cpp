@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "app/output.hpp"
+#include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "io/frame_directory.hpp"
 #include "unlidar/error.hpp"
@@ -204,7 +205,7 @@ void LiveOutput::Close() {
 std::vector<int> LiveOutput::reader_fds() const {
   std::vector<int> fds = {trajectory_.reader_fd()};
   if (events_) fds.push_back(events_->reader_fd());
-  fds.erase(std::remove(fds.begin(), fds.end(), -1), fds.end());
+  EraseIf(&fds, [](int fd) { return fd == -1; });
   return fds;
 }
 

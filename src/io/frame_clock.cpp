@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "io/frame_directory.hpp"
 #include "io/stamp.hpp"
@@ -28,21 +29,12 @@ constexpr std::array<NumberUnit, 4> kUnits = {{
     {20'000'000, 2'000'000'000, 1e9, "nanoseconds"},
 }};
 
-// Returns the median difference of ascending numbers; 0 for fewer than two.
-std::uint64_t MedianStep(const std::vector<std::uint64_t>& numbers) {
-  if (numbers.size() < 2) return 0;
-  std::vector<std::uint64_t> steps;
-  for (std::size_t i = 1; i < numbers.size(); ++i) steps.push_back(numbers[i] - numbers[i - 1]);
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>((steps.size() - 1) / 2);
-  std::nth_element(steps.begin(), middle, steps.end());
-  return *middle;
-}
-
-bool AreNumbers(const std::vector<std::uint64_t>& numbers) {
+// `numbers`: ascending; `median_step`: of these, 0 for a single one.
+bool AreNumbers(const std::vector<std::uint64_t>& numbers, std::uint64_t median_step) {
   if (numbers.front() < kMinUnixS) return true;
   const bool are_seconds =
       NsPerUnitByMagnitude(static_cast<double>(numbers.back())) == kNsPerSecond;
-  return are_seconds && MedianStep(numbers) > kHourS;
+  return are_seconds && median_step > kHourS;
 }
 
 }  // namespace
@@ -67,14 +59,15 @@ void FrameClock::Settle(const std::vector<std::string_view>& names) {
     if (number) numbers.push_back(*number);
   }
   std::sort(numbers.begin(), numbers.end());
-  if (numbers.empty() || !are_whole || !AreNumbers(numbers)) {
+  std::vector<std::uint64_t> steps;
+  const std::uint64_t step = numbers.size() < 2 ? 0 : MedianStep(numbers, &steps);
+  if (numbers.empty() || !are_whole || !AreNumbers(numbers, step)) {
     SetStamps(numbers.empty() ? std::nullopt : std::make_optional(numbers.front()));
     return;
   }
   if (numbers.size() == 1) return;  // no difference to judge by: TimeOf() assumes frame numbers
-  SetNumbers(MedianStep(numbers), std::to_string(numbers.front()) + " to " +
-                                      std::to_string(numbers.back()) + ", " +
-                                      std::to_string(MedianStep(numbers)) + " apart");
+  SetNumbers(step, std::to_string(numbers.front()) + " to " + std::to_string(numbers.back()) +
+                       ", " + std::to_string(step) + " apart");
 }
 
 // `whole`: a name that may have been meant as a number, if any.

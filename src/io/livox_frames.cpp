@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "io/input_limits.hpp"
 
 namespace unlidar {
@@ -127,9 +128,8 @@ void LivoxFrameCutter::Close(std::int64_t index, const OpenFrame& frame) {
   }
   TimeNs spacing_ns = 0;
   if (!spacings_ns.empty()) {
-    const auto middle = spacings_ns.begin() + static_cast<std::ptrdiff_t>(spacings_ns.size() / 2);
-    std::nth_element(spacings_ns.begin(), middle, spacings_ns.end());
-    spacing_ns = *middle;
+    spacing_ns = NthSmallest(spacings_ns.begin(), spacings_ns.end(),
+                             static_cast<std::ptrdiff_t>(spacings_ns.size() / 2));
   }
   CountGaps(frame, spacing_ns);
 

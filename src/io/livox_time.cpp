@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "io/frame_directory.hpp"
 
 namespace unlidar {
@@ -16,9 +17,7 @@ template <class Packets, class Value>
 TimeNs MedianOf(const Packets& packets, const Value& value) {
   std::array<TimeNs, LivoxTime::kLastPackets> values{};
   const auto end = std::transform(packets.begin(), packets.end(), values.begin(), value);
-  const auto middle = values.begin() + (end - values.begin()) / 2;
-  std::nth_element(values.begin(), middle, end);
-  return *middle;
+  return NthSmallest(values.begin(), end, (end - values.begin()) / 2);
 }
 
 }  // namespace

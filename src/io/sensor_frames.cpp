@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "base/format.hpp"
 #include "io/frame_clock.hpp"
 #include "unlidar/error.hpp"
@@ -269,14 +270,7 @@ const SensorInfo& SensorFrames::info() const {
   if (std::exchange(is_period_known_, true)) return info_;
   info_.frame_period_ns = kSingleFramePeriodNs;
   if (stamps_ns_.size() < 2) return info_;
-  periods_ns_.clear();
-  for (std::size_t i = 1; i < stamps_ns_.size(); ++i) {
-    periods_ns_.push_back(stamps_ns_[i] - stamps_ns_[i - 1]);
-  }
-  const auto middle =
-      periods_ns_.begin() + static_cast<std::ptrdiff_t>((periods_ns_.size() - 1) / 2);
-  std::nth_element(periods_ns_.begin(), middle, periods_ns_.end());
-  info_.frame_period_ns = std::min(*middle, kMaxPeriodNs);
+  info_.frame_period_ns = std::min(MedianStep(stamps_ns_, &periods_ns_), kMaxPeriodNs);
   return info_;
 }
 

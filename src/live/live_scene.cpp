@@ -5,6 +5,8 @@
 #include <functional>
 #include <optional>
 
+#include "base/algorithms.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -248,7 +250,7 @@ void LiveScene::RemoveBodies(SceneFrame* frame) {
     }
     return true;
   };
-  plots.erase(std::remove_if(plots.begin(), plots.end(), is_near_body), plots.end());
+  EraseIf(&plots, is_near_body);
 }
 
 // True if the number of plots has risen so much that the clutter model no longer holds, as when

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/algorithms.hpp"
 #include "live/rejoin.hpp"
 
 namespace unlidar {
@@ -223,15 +224,13 @@ void TrackFollower::Settle(TimeNs until_ns, std::vector<LivePlot>* settled) {
   std::reverse(settled->begin() + first, settled->end());
   settled_ = at;
   // Deletes the hypotheses that do not pass through the settled node.
-  leaves_.erase(std::remove_if(leaves_.begin(), leaves_.end(),
-                               [&](std::int32_t leaf) {
-                                 std::int32_t k = leaf;
-                                 while (k != kNoIndex && k > settled_) {
-                                   k = NodeAt(k).parent;
-                                 }
-                                 return k != settled_;
-                               }),
-                leaves_.end());
+  EraseIf(&leaves_, [&](std::int32_t leaf) {
+    std::int32_t k = leaf;
+    while (k != kNoIndex && k > settled_) {
+      k = NodeAt(k).parent;
+    }
+    return k != settled_;
+  });
   // Spread of the returns across the ray and the motion, for the size of the body.
   for (auto its = settled->begin() + first; its != settled->end(); ++its) {
     const LivePlot& seen = *its;

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "collection/suspended.hpp"
 
 namespace unlidar {
@@ -63,9 +64,7 @@ Rejection TrackValidator::ShapeRejection(int number, double time_s) {
 }
 
 void TrackValidator::Forget(int number) {
-  clouds_.erase(std::remove_if(clouds_.begin(), clouds_.end(),
-                               [&](const Cloud& cloud) { return cloud.number == number; }),
-                clouds_.end());
+  EraseIf(&clouds_, [&](const Cloud& cloud) { return cloud.number == number; });
 }
 
 // True by its own shape and those of recent clouds. Its previous verdict is discarded.

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include "base/algorithms.hpp"
 #include "base/voxel_grid.hpp"
 
 namespace unlidar {
@@ -66,10 +67,7 @@ void KeepLargest(const std::vector<std::int32_t>& labels, std::vector<std::uint3
   for (const auto& [label, size] : sizes) {
     if (largest == kNoise || size > sizes[largest]) largest = label;
   }
-  returns.erase(
-      std::remove_if(returns.begin(), returns.end(),
-                     [&](std::uint32_t i) { return largest == kNoise || labels[i] != largest; }),
-      returns.end());
+  EraseIf(&returns, [&](std::uint32_t i) { return largest == kNoise || labels[i] != largest; });
 }
 
 Clusters FindClusters(const Recording& recording, const PaperConfig& config) {

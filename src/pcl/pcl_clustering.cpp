@@ -16,6 +16,7 @@
 #include <pcl/search/impl/search.hpp>
 #include <pcl/segmentation/impl/extract_clusters.hpp>
 
+#include "base/algorithms.hpp"
 #include "paper/clustering_engines.hpp"
 
 namespace unlidar {
@@ -61,12 +62,9 @@ Clustering ClusterDbscan(const std::vector<Eigen::Vector3f>& points_m, const Clo
   const auto find_neighbours = [&](std::size_t i) {
     // Exceeds the radius by more than the tree's rounding errors.
     tree.radiusSearch((*cloud)[i], config.tolerance_m * (1.0 + 1e-5), found, squared_distances);
-    found.erase(std::remove_if(found.begin(), found.end(),
-                               [&](pcl::index_t j) {
-                                 return !rule.Near(points_m[i],
-                                                   points_m[static_cast<std::size_t>(j)]);
-                               }),
-                found.end());
+    EraseIf(&found, [&](pcl::index_t j) {
+      return !rule.Near(points_m[i], points_m[static_cast<std::size_t>(j)]);
+    });
   };
 
   const auto min_neighbours = static_cast<std::size_t>(config.min_neighbours);

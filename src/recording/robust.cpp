@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "collection/cloud.hpp"
 #include "collection/dwells.hpp"
 #include "collection/suspended.hpp"
@@ -75,9 +76,7 @@ class TargetCollector {
   // Returns the plots of a path without excluded returns.
   std::vector<Plot> FreePlotsOf(const Path& path) const {
     std::vector<Plot> members = PlotsOf(path, plots_);
-    members.erase(std::remove_if(members.begin(), members.end(),
-                                 [&](const Plot& plot) { return HasAnyOf(plot, excluded_); }),
-                  members.end());
+    EraseIf(&members, [&](const Plot& plot) { return HasAnyOf(plot, excluded_); });
     return members;
   }
 

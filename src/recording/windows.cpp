@@ -9,6 +9,7 @@
 #include <set>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "base/queue.hpp"
 
 namespace unlidar {
@@ -52,9 +53,7 @@ void Cut(TimeNs at_ns, bool keeps_before, Tracklet* tracklet) {
   const auto goes = [&](TimeNs time_ns) { return (time_ns < at_ns) != keeps_before; };
   const auto all = static_cast<double>(tracklet->returns.size());
   const auto cut = [&](auto* items, const auto& time_of) {
-    items->erase(std::remove_if(items->begin(), items->end(),
-                                [&](const auto& item) { return goes(time_of(item)); }),
-                 items->end());
+    EraseIf(items, [&](const auto& item) { return goes(time_of(item)); });
   };
   cut(&tracklet->returns, [](const KeptReturn& kept) { return kept.stamp_ns; });
   cut(&tracklet->target.measurements, [](const Measurement& m) { return m.time_ns; });
@@ -113,9 +112,7 @@ class WindowSearch {
     std::set<KeptReturn> all;
     for (Tracklet& tracklet : tracklets_) {
       auto& returns = tracklet.returns;
-      returns.erase(std::remove_if(returns.begin(), returns.end(),
-                                   [&](const KeptReturn& kept) { return all.count(kept) > 0; }),
-                    returns.end());
+      EraseIf(&returns, [&](const KeptReturn& kept) { return all.count(kept) > 0; });
       all.insert(returns.begin(), returns.end());
     }
     recording->sensors = std::move(window_.sensors);
@@ -232,12 +229,9 @@ class WindowSearch {
           !found[k].returns.empty() && found[k].returns.back().stamp_ns >= border_ns;
       if (is_behind && !is_joined[k]) tracklets_.push_back(std::move(found[k]));
     }
-    tracklets_.erase(std::remove_if(tracklets_.begin(), tracklets_.end(),
-                                    [](const Tracklet& tracklet) {
-                                      return tracklet.returns.empty() ||
-                                             tracklet.target.measurements.empty();
-                                    }),
-                     tracklets_.end());
+    EraseIf(&tracklets_, [](const Tracklet& tracklet) {
+      return tracklet.returns.empty() || tracklet.target.measurements.empty();
+    });
   }
 
   const RobustConfig& config_;

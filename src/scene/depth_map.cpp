@@ -5,6 +5,8 @@
 #include <limits>
 #include <numeric>
 
+#include "base/algorithms.hpp"
+
 namespace unlidar {
 
 DepthMap::DepthMap(double cell_deg)
@@ -32,9 +34,8 @@ void DepthMap::Fill(const PointsView& points_m, Workspace* workspace) {
   auto begin = ranges_m.begin();
   for (std::size_t cell = 0; cell < medians_m_.size(); ++cell) {
     const auto end = ranges_m.begin() + static_cast<std::ptrdiff_t>(ends[cell]);
-    const auto middle = begin + (end - begin) / 2;
-    std::nth_element(begin, middle, end);
-    medians_m_[cell] = begin == end ? std::numeric_limits<float>::infinity() : *middle;
+    medians_m_[cell] = begin == end ? std::numeric_limits<float>::infinity()
+                                    : NthSmallest(begin, end, (end - begin) / 2);
     begin = end;
   }
 }

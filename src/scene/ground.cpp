@@ -7,6 +7,8 @@
 #include <cstddef>
 #include <utility>
 
+#include "base/algorithms.hpp"
+
 namespace unlidar {
 namespace {
 
@@ -34,10 +36,8 @@ constexpr double kFlatShare = 0.25;
 
 template <class Number>
 double Quantile(Number* begin, Number* end, double share) {
-  Number* const at =
-      begin + static_cast<std::ptrdiff_t>(share * static_cast<double>(end - begin - 1));
-  std::nth_element(begin, at, end);
-  return static_cast<double>(*at);
+  const auto n = static_cast<std::ptrdiff_t>(share * static_cast<double>(end - begin - 1));
+  return static_cast<double>(NthSmallest(begin, end, n));
 }
 
 }  // namespace
@@ -182,7 +182,7 @@ double Ground::FlatSupport(double band_m, Workspace* workspace) const {
         begin, end, [&](float height_m) { return height_m < cells_[number].height_m + rise_m; });
     return static_cast<double>(low) < kFlatShare * static_cast<double>(end - begin);
   };
-  inliers.erase(std::remove_if(inliers.begin(), inliers.end(), is_not_flat), inliers.end());
+  EraseIf(&inliers, is_not_flat);
   return SupportOf(inliers);
 }
 

@@ -4,6 +4,7 @@
 #include <iterator>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "base/queue.hpp"
 #include "scene/clutter.hpp"
 #include "scene/floating.hpp"
@@ -100,9 +101,7 @@ void MultiStationPlots::Reserve(std::size_t num_more, Station* station) {
 void MultiStationPlots::TakePlots(const Recording& recording, std::size_t station_index) {
   Station& station = scenes_[station_index];
   std::vector<Plot>& plots = station.plots;
-  plots.erase(std::remove_if(plots.begin(), plots.end(),
-                             [&](const Plot& plot) { return IsNearBody(plot, station.bodies); }),
-              plots.end());
+  EraseIf(&plots, [&](const Plot& plot) { return IsNearBody(plot, station.bodies); });
   SortByFrameTime(&plots);
   MarkFloating(recording, station.scene.support(), config_, &plots);
   const Eigen::Vector3d viewpoint_m = stations_.ViewpointM(station_index).cast<double>();

@@ -6,6 +6,7 @@
 #include <limits>
 #include <tuple>
 
+#include "base/algorithms.hpp"
 #include "scene/field_of_view.hpp"
 
 namespace unlidar {
@@ -187,10 +188,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
       }
     }
   }
-  candidates->erase(
-      std::remove_if(candidates->begin(), candidates->end(),
-                     [&](std::uint32_t i) { return is_body_[i - frame.first_return] != 0; }),
-      candidates->end());
+  EraseIf(candidates, [&](std::uint32_t i) { return is_body_[i - frame.first_return] != 0; });
   linker_.Link(recording.points_m, *candidates, config.plots.link);
   for (std::size_t g = 0; g < linker_.size(); ++g) {
     const IndexView returns = linker_[g];

@@ -4,6 +4,7 @@
 #include <functional>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "scene/stray_groups.hpp"
 
 namespace unlidar {
@@ -122,9 +123,7 @@ void StationScene::DropStrays(FrameWorkspace* workspace) const {
     if (StrayGroupRate(rate, radius_m, count) < kMaxStrayRate) continue;
     for (const std::uint32_t i : linker[g]) workspace->are_strays[i] = is_dense(i) ? 1 : 0;
   }
-  candidates.erase(std::remove_if(candidates.begin(), candidates.end(),
-                                  [&](std::uint32_t i) { return workspace->are_strays[i] != 0; }),
-                   candidates.end());
+  EraseIf(&candidates, [&](std::uint32_t i) { return workspace->are_strays[i] != 0; });
 }
 
 void StationScene::SetWatchedBelow(const CarrierPose& carrier, Plot* plot) const {

@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "tracking/track_model.hpp"
 
 namespace unlidar {
@@ -283,7 +284,7 @@ std::size_t ImprovePaths(const PathScorer& scorer, const TrackerConfig& config,
     }
     is_done = now == before;
   }
-  paths->erase(std::remove_if(paths->begin(), paths->end(), IsTooShort), paths->end());
+  EraseIf(paths, IsTooShort);
   return num_compared;
 }
 

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstddef>
 
+#include "base/algorithms.hpp"
 #include "tracking/track_search.hpp"
 
 namespace unlidar {
@@ -84,11 +85,8 @@ void TrackSearch::DropAssigned() {
             ? 1
             : 0;
   }
-  active_.erase(std::remove_if(active_.begin(), active_.end(),
-                               [&](const Hypothesis& h) {
-                                 return is_assigned[static_cast<std::size_t>(h.node)] != 0;
-                               }),
-                active_.end());
+  EraseIf(&active_,
+          [&](const Hypothesis& h) { return is_assigned[static_cast<std::size_t>(h.node)] != 0; });
 }
 
 // Marks a node and its ancestors, back to the plot `first_plot`.
@@ -136,9 +134,7 @@ void TrackSearch::Forget(std::size_t num_plots) {
   const auto is_kept_plot = [&](std::int32_t h) {
     return static_cast<std::size_t>(history_[static_cast<std::size_t>(h)].plot) >= num_plots;
   };
-  active_.erase(std::remove_if(active_.begin(), active_.end(),
-                               [&](const Hypothesis& h) { return !is_kept_plot(h.node); }),
-                active_.end());
+  EraseIf(&active_, [&](const Hypothesis& h) { return !is_kept_plot(h.node); });
   marks_.reserve(history_.capacity());
   marks_.assign(history_.size(), kNoIndex);
   for (const Hypothesis& leaf : active_) MarkAncestors(leaf.node, num_plots);

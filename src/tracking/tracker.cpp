@@ -7,6 +7,7 @@
 #include <set>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "base/parallel.hpp"
 #include "tracking/path_exchange.hpp"
 #include "tracking/time_reversed.hpp"
@@ -220,13 +221,10 @@ class PathFinder {
     }
     if (!found) return false;
     // Weak paths that lost a plot are removed.
-    paths->erase(std::remove_if(paths->begin(), paths->end(),
-                                [&](const Path& path) {
-                                  return !IsStrong(path) &&
-                                         std::any_of(path.plots.begin(), path.plots.end(),
-                                                     [&](std::uint32_t i) { return !free_[i]; });
-                                }),
-                 paths->end());
+    EraseIf(paths, [&](const Path& path) {
+      return !IsStrong(path) && std::any_of(path.plots.begin(), path.plots.end(),
+                                            [&](std::uint32_t i) { return !free_[i]; });
+    });
     return true;
   }
 

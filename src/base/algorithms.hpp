@@ -1,0 +1,33 @@
+// Algorithms that the standard library of C++17 lacks.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+namespace unlidar {
+
+// Same as std::erase_if() of C++20: erases the values for which the predicate holds.
+template <class Values, class Predicate>
+void EraseIf(Values* values, const Predicate& predicate) {
+  values->erase(std::remove_if(values->begin(), values->end(), predicate), values->end());
+}
+
+// Returns the value that sorting would put at `begin` + n. Reorders the values.
+template <class Iterator>
+auto NthSmallest(Iterator begin, Iterator end, std::ptrdiff_t n) {
+  std::nth_element(begin, begin + n, end);
+  return begin[n];
+}
+
+// Returns the median step between consecutive values, of at least two; the lower one of an even
+// number of steps. `steps`: buffer.
+template <class Number>
+Number MedianStep(const std::vector<Number>& values, std::vector<Number>* steps) {
+  steps->clear();
+  for (std::size_t i = 1; i < values.size(); ++i) steps->push_back(values[i] - values[i - 1]);
+  const auto size = static_cast<std::ptrdiff_t>(steps->size());
+  return NthSmallest(steps->begin(), steps->end(), (size - 1) / 2);
+}
+
+}  // namespace unlidar

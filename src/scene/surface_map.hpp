@@ -1,4 +1,4 @@
-// Surfaces of what stands still about a sensor, to register its frames against.
+// Surfaces of the static structure around a sensor, against which its frames are registered.
 #pragma once
 
 #include <Eigen/Core>

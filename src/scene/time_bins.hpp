@@ -13,7 +13,7 @@ namespace unlidar {
 // Length of a time bin.
 constexpr TimeNs kBinNs = 500'000'000;
 constexpr double kBinS = static_cast<double>(kBinNs) * kSecondsPerNs;
-// A pause between frames takes at most as many bins as end every dwell.
+// Longer pauses between frames are shortened to this many bins, which end every dwell.
 constexpr std::int64_t kMaxPauseBins = 5;
 
 // Bins of the frames of a recording, numbered in order of time.

@@ -18,23 +18,23 @@ bool HasMinFrames(const std::vector<Plot>& path, int min_frames);
 
 // Returns the height above ground that people and cars do not reach and a path must exceed. It is
 // lower if the returns show that the path is no part of a body that stands below it. Objects that
-// are there at other times as well are no evidence of a body: judged by the returns of the
-// recording, if it keeps them. `bodies`: in order of time.
+// are there at other times as well, by the returns that the recording keeps, are no evidence of a
+// body. `bodies`: in order of time.
 double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& path,
                         const Queue<BodyBox>& bodies, const RobustConfig& config);
 
 // Returns the number of plots up to the last one that is as low as people and cars.
 std::size_t NumToLastLow(const std::vector<Plot>& path, const RobustConfig& config);
 
-// A target that moves farther does not stand or hang.
+// A target that moves farther is neither at rest nor suspended.
 constexpr RangeRadius kMinDisplacement{0.8, 0.02};
 
 // Returns the distance between the means of the first and the last third of the plots.
 double DriftM(const std::vector<Plot>& path);
 
-// Returns kNone for a path that has enough detections, is off the ground, has the return rate of
-// a drone and, seen from a carrier that travels meanwhile, moves itself, over the ground: what
-// stands still comes into range and leaves it, each height by itself, like what comes and goes.
+// Returns kNone for a path that has enough detections, is off the ground and has the return rate of
+// a drone. Seen from a carrier that travels meanwhile, it must also move over the ground: static
+// objects come into range and leave it height by height, and so look like transient ones.
 // Uses the sensors and frames of the recording, which may be only those about the path.
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
                           const Queue<BodyBox>& bodies, const RobustConfig& config);

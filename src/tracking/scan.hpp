@@ -34,8 +34,8 @@ struct Scan {
   const Plot& PlotAt(std::size_t plot) const { return plots[plot - first]; }
 };
 
-// Fills `scan` with the frame that `plots` begin with, reusing its memory. They are those from
-// `first` on among all, of which there are `log_births`.
+// Fills `scan` with the first frame of `plots`, reusing its memory. They are all plots from number
+// `first` on; `log_births` has one value for each of all plots.
 void SetScan(const Plot* plots, std::size_t num_plots, const std::vector<double>& log_births,
              std::size_t first, const FrameTime& at, Scan* scan);
 

@@ -61,7 +61,7 @@ struct Hypothesis {
   std::int32_t plot = 0;
   std::int32_t node = kNoIndex;    // index into the history of its search,
   std::int32_t parent = kNoIndex;  // and that of the hypothesis that it continues
-  double peak_score = 0.0;         // highest of the paths that end on its way
+  double peak_score = 0.0;         // highest of the paths that end at its plots
 };
 
 // Variances per axis of a position and a velocity, and their covariance.
@@ -157,8 +157,8 @@ std::vector<double> LogBirths(const std::vector<Plot>& plots, const ScanSchedule
 
 // Prior of the number of frames that a target is out of view between two plots: log uniform up to
 // the longest gap, so that all numbers together have the probability of being out of view and the
-// score stays a likelihood ratio. The search supposes that it is always in view: what lies behind a
-// gap is not yet known, and strays would continue its paths.
+// score stays a likelihood ratio. The search supposes that it is always in view: plots behind a gap
+// are not known yet, and strays would continue its paths.
 enum class TimeOutOfView { kNone, kLogUniform };
 
 class TrackModel {

@@ -1,8 +1,8 @@
 // Classification of a track by its flight alone, with models of multicopters, birds and bats.
 //
 // Each whole second of a track, with the sigmas of its trajectory, is weighed by the styles of
-// flight (flight_models.hpp); Bayes' rule yields how much likelier a drone is than a bird, and what
-// that leaves open is unknown. docs/kinds.md has the accuracy on real flights.
+// flight (flight_models.hpp); Bayes' rule yields the probabilities of a drone and of a bird, the
+// rest is unknown. docs/kinds.md has the accuracy on real flights.
 #pragma once
 
 #include <Eigen/Core>

@@ -3,7 +3,6 @@
 #include <array>
 #include <charconv>
 #include <utility>
-#include <variant>
 
 #include "api/recording_events.hpp"
 #include "base/format.hpp"

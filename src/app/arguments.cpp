@@ -1,7 +1,6 @@
 #include "app/arguments.hpp"
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <cstddef>
 #include <set>
 #include <sstream>

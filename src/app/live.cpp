@@ -15,7 +15,6 @@
 #include "app/live_status.hpp"
 #include "app/live_trace_output.hpp"
 #include "app/output.hpp"
-#include "app/output_files.hpp"
 #include "app/service_notify.hpp"
 #include "app/signals.hpp"
 #include "app/summary.hpp"

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "app/output.hpp"
-#include "app/output_files.hpp"
 #include "app/version.hpp"
 #include "base/format.hpp"
 #include "io/arrival.hpp"

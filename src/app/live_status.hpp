@@ -13,8 +13,8 @@
 #include "app/live_output.hpp"
 #include "app/output_files.hpp"
 #include "app/summary.hpp"
-#include "base/recording.hpp"
 #include "unlidar/engine.hpp"
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 

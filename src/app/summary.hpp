@@ -9,11 +9,11 @@
 #include "app/live_output.hpp"
 #include "app/packet_recorder.hpp"
 #include "app/processing_times.hpp"
-#include "base/recording.hpp"
 #include "io/followed_folders.hpp"
 #include "io/livox_frames.hpp"
 #include "recording/pipeline.hpp"
 #include "unlidar/config.hpp"
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 

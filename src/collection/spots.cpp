@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cstddef>
 
 #include "base/voxel_grid.hpp"
 #include "base/voxel_numbers.hpp"

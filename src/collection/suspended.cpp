@@ -5,9 +5,9 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <vector>
 
 #include "collection/body.hpp"
+#include "tracking/flight.hpp"
 
 namespace unlidar {
 namespace {

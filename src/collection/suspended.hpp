@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "tracking/flight.hpp"
 
 namespace unlidar {
 

@@ -5,12 +5,10 @@
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
-#include <iterator>
 #include <numeric>
 #include <set>
 #include <sstream>
 #include <string_view>
-#include <utility>
 
 #include "base/format.hpp"
 #include "config/config_consistency.hpp"

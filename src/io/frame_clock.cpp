@@ -6,6 +6,7 @@
 
 #include "base/algorithms.hpp"
 #include "base/format.hpp"
+#include "base/recording.hpp"
 #include "io/frame_directory.hpp"
 #include "io/stamp.hpp"
 #include "unlidar/error.hpp"

@@ -8,8 +8,6 @@
 #include <map>
 #include <memory>
 #include <new>
-#include <optional>
-#include <string_view>
 #include <system_error>
 
 #include "base/format.hpp"

@@ -6,8 +6,8 @@
 #include <string_view>
 #include <vector>
 
-#include "base/recording.hpp"
 #include "io/frame_clock.hpp"
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 

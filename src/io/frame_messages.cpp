@@ -1,8 +1,5 @@
 #include "io/frame_messages.hpp"
 
-#include <utility>
-#include <vector>
-
 #include "base/format.hpp"
 #include "io/frame_directory.hpp"
 #include "io/frames.hpp"

@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "base/recording.hpp"
 #include "io/frame_clock.hpp"
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 

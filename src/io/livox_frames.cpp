@@ -1,7 +1,6 @@
 #include "io/livox_frames.hpp"
 
 #include <algorithm>
-#include <utility>
 
 #include "base/algorithms.hpp"
 #include "io/input_limits.hpp"

@@ -4,7 +4,6 @@
 #include <boost/crc.hpp>
 #include <cmath>
 #include <cstddef>
-#include <cstring>
 #include <string>
 
 #include "base/format.hpp"

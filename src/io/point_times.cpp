@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/recording.hpp"
 #include "io/frame_directory.hpp"
 #include "io/stamp.hpp"
 

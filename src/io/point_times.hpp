@@ -1,4 +1,4 @@
-// Interpretation of the time field of a frame, see ReadRecording().
+// Interpretation of the time field of a frame, see FrameReader.
 #pragma once
 
 #include <array>
@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <optional>
 
-#include "base/recording.hpp"
 #include "io/pcd.hpp"
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 

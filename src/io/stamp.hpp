@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "base/recording.hpp"
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 

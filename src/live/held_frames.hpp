@@ -10,8 +10,8 @@
 #include <utility>
 #include <vector>
 
+#include "io/arrival.hpp"
 #include "io/pcd.hpp"
-#include "live/stamp_validator.hpp"
 #include "unlidar/types.hpp"
 
 namespace unlidar {

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdlib>
 #include <limits>
-#include <utility>
 
 #include "io/frame_directory.hpp"
 #include "unlidar/error.hpp"

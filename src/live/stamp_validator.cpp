@@ -1,6 +1,5 @@
 #include "live/stamp_validator.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 

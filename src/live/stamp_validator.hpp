@@ -7,10 +7,10 @@
 #include <optional>
 #include <vector>
 
-#include "base/recording.hpp"
 #include "io/arrival.hpp"
 #include "io/frame_directory.hpp"
 #include "unlidar/config.hpp"
+#include "unlidar/types.hpp"
 
 namespace unlidar {
 

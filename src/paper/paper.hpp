@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "paper/clustering.hpp"
 #include "trajectory/target.hpp"
 #include "unlidar/config.hpp"
 

@@ -1,11 +1,11 @@
 #include "recording/robust.hpp"
 
 #include <algorithm>
-#include <cstddef>
 #include <utility>
 
 #include "base/algorithms.hpp"
 #include "collection/cloud.hpp"
+#include "collection/collect.hpp"
 #include "collection/dwells.hpp"
 #include "collection/suspended.hpp"
 #include "scene/multi_station_plots.hpp"

@@ -14,12 +14,7 @@
 #include <vector>
 
 #include "base/recording.hpp"
-#include "collection/collect.hpp"
 #include "recording/trace.hpp"
-#include "scene/ground.hpp"
-#include "scene/plots.hpp"
-#include "scene/support.hpp"
-#include "tracking/tracker.hpp"
 #include "trajectory/target.hpp"
 #include "unlidar/config.hpp"
 

@@ -1,6 +1,5 @@
 #include "scene/clutter.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <numeric>
 

@@ -1,7 +1,5 @@
 #include "scene/clutter_map.hpp"
 
-#include <algorithm>
-
 #include "scene/plots.hpp"
 
 namespace unlidar {

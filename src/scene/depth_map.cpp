@@ -1,6 +1,5 @@
 #include "scene/depth_map.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>

@@ -7,7 +7,6 @@
 #include <unordered_map>
 
 #include "base/point_tree.hpp"
-#include "scene/static_places.hpp"
 
 namespace unlidar {
 namespace {

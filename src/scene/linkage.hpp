@@ -9,7 +9,7 @@
 #include "base/disjoint_sets.hpp"
 #include "base/point_tree.hpp"
 #include "base/recording.hpp"
-#include "scene/range_grid.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "scene/time_bins.hpp"
+
 namespace unlidar {
 namespace {
 

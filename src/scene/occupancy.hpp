@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -11,7 +10,6 @@
 #include "scene/occlusion.hpp"
 #include "scene/recent_bins.hpp"
 #include "scene/shell_table.hpp"
-#include "scene/time_bins.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

@@ -1,7 +1,6 @@
 #include "scene/plots.hpp"
 
 #include <Eigen/Eigenvalues>
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <tuple>

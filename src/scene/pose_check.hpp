@@ -1,7 +1,6 @@
 // Checks the pose that tracking requires of a sensor: at rest, or with known poses, and z up.
 #pragma once
 
-#include <Eigen/Core>
 #include <string>
 #include <utility>
 #include <vector>

@@ -2,7 +2,6 @@
 // the air around the sensor is full of returns.
 #pragma once
 
-#include <Eigen/Core>
 #include <vector>
 
 #include "base/recording.hpp"

@@ -10,7 +10,6 @@
 #include "scene/depth_map.hpp"
 #include "scene/field_of_view.hpp"
 #include "scene/ground.hpp"
-#include "scene/range_grid.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

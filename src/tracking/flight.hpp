@@ -8,7 +8,6 @@
 #include "base/recording.hpp"
 #include "scene/plots.hpp"
 #include "tracking/rejection.hpp"
-#include "tracking/tracker.hpp"
 #include "unlidar/config.hpp"
 
 namespace unlidar {

@@ -2,13 +2,10 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <cstddef>
 #include <iterator>
 #include <limits>
-#include <utility>
 
 #include "base/algorithms.hpp"
-#include "tracking/track_model.hpp"
 
 namespace unlidar {
 namespace {

@@ -1,7 +1,8 @@
 // Reversal of time, for searches from the end to the beginning.
 #pragma once
 
-#include "tracking/tracker.hpp"
+#include "scene/plots.hpp"
+#include "tracking/scan_schedule.hpp"
 
 namespace unlidar {
 

@@ -1,7 +1,5 @@
 #include "tracking/track_model.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <limits>
 
 namespace unlidar {

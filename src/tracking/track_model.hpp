@@ -7,7 +7,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "tracking/tracker.hpp"
+#include "scene/plots.hpp"
+#include "tracking/scan_schedule.hpp"
+#include "unlidar/config.hpp"
 
 namespace unlidar {
 

@@ -1,9 +1,7 @@
 #include "tracking/track_search.hpp"
 
 #include <algorithm>
-#include <cstddef>
 #include <limits>
-#include <utility>
 
 namespace unlidar {
 namespace {

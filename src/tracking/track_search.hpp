@@ -9,6 +9,7 @@
 #include "base/queue.hpp"
 #include "tracking/scan.hpp"
 #include "tracking/track_model.hpp"
+#include "tracking/tracker.hpp"
 
 namespace unlidar {
 

@@ -2,10 +2,8 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
 #include "base/maths.hpp"
 #include "trajectory/banded.hpp"

@@ -1,7 +1,6 @@
 #include "trajectory/banded.hpp"
 
 #include <cmath>
-#include <cstddef>
 
 namespace unlidar {
 namespace {

@@ -1,7 +1,6 @@
 #include "trajectory/output_times.hpp"
 
 #include <algorithm>
-#include <utility>
 
 #include "unlidar/error.hpp"
 

@@ -1,7 +1,6 @@
 #include "trajectory/trajectory.hpp"
 
 #include <cstddef>
-#include <vector>
 
 #include "trajectory/banded.hpp"
 #include "trajectory/bspline.hpp"

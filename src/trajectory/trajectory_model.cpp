@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "base/maths.hpp"
-#include "trajectory/banded.hpp"
 #include "trajectory/bspline.hpp"
 
 namespace unlidar {

@@ -11,6 +11,7 @@
 #include "io/frames.hpp"
 #include "paper/clustering.hpp"
 #include "pcl/pcl_clustering.hpp"
+#include "tests/read_recording.hpp"
 
 namespace unlidar {
 namespace {

@@ -8,6 +8,7 @@
 #include "fuzz/fuzz.hpp"
 #include "io/frames.hpp"
 #include "io/pcd.hpp"
+#include "tests/read_recording.hpp"
 
 namespace unlidar::fuzz {
 namespace {

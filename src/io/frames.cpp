@@ -255,13 +255,4 @@ TimeNs FrameReader::ReadUntil(TimeNs until_ns, Recording* recording) {
   return NextStampNs();
 }
 
-Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& config,
-                        const std::map<std::string, SensorConfig>& sensors,
-                        const PosesByName& poses) {
-  Recording recording;
-  FrameReader(sources, config, sensors, poses)
-      .ReadUntil(std::numeric_limits<TimeNs>::max(), &recording);
-  return recording;
-}
-
 }  // namespace unlidar

@@ -28,10 +28,10 @@ std::string SourceName(const FrameSource& source);
 // Throws UsageError if two sources have the same name.
 void CheckNames(const std::vector<FrameSource>& sources);
 
-// Reads every frame of every source: the files `*.pcd` of its directory, in order of stamp. A
-// sensor that is not in `sensors` is at the origin of the common frame. If `poses` has it or what
-// carries it, its returns are moved to where its carrier was at their times; a frame for which that
-// is not known is left out and counted.
+// Reads every frame of every source, in parts: the files `*.pcd` of its directory, in order of
+// stamp. A sensor that is not in `sensors` is at the origin of the common frame. If `poses` has it
+// or its carrier, its returns are moved by the poses of the carrier at their times; a frame without
+// these is left out and counted.
 //
 // Stamps: the rows of `timestamps.csv` (`file,timestamp`) if the directory has one, then for every
 // file, read by ParseStamp(); otherwise the file names, read by FrameClock. With and without the
@@ -40,8 +40,9 @@ void CheckNames(const std::vector<FrameSource>& sources);
 // Point times: a field for point times is read in one of three ways, the same for all frames of a
 // sensor: as an offset from the frame's stamp (whole numbers in nanoseconds, others in seconds), as
 // Unix time in that unit, or as Unix time in the unit of its magnitude (NsPerUnitByMagnitude). Each
-// return votes for the reading that is nearest to its frame's stamp. A return farther from the
-// stamp than the larger of 1 s and 10 frame periods is an error.
+// return of the first seconds with frames that have any votes for the reading that is nearest to
+// its frame's stamp. A return farther from the stamp than the larger of 1 s and 10 frame periods is
+// an error.
 //
 // The interval of a frame spans its point times; without them it is one frame period long, but at
 // most 1 s, is placed about the stamp by config.stamp, and its middle is the time of all returns.
@@ -57,12 +58,6 @@ void CheckNames(const std::vector<FrameSource>& sources);
 // and a frame that cannot be read or has invalid point times. With config.skip_bad_frames such
 // frames are counted and listed in Recording::bad_frames. Throws UnitError if the coordinates of a
 // sensor cannot be metres.
-Recording ReadRecording(const std::vector<FrameSource>& sources, const InputConfig& config,
-                        const std::map<std::string, SensorConfig>& sensors,
-                        const PosesByName& poses = {});
-
-// Same as ReadRecording() in parts, for recordings longer than one processing window. The reading
-// of point times is settled by the first seconds with frames that have any.
 class FrameReader {
  public:
   FrameReader(const std::vector<FrameSource>& sources, const InputConfig& config,

@@ -1,5 +1,5 @@
 // Steps from the rows of a frame to its returns in the common frame, shared by recordings and live
-// sources. See ReadRecording() for their definition.
+// sources. See FrameReader for their definition.
 #pragma once
 
 #include <Eigen/Core>

@@ -7,6 +7,7 @@
 #include "io/frames.hpp"
 #include "io/pcd.hpp"
 #include "tests/pcd_writer.hpp"
+#include "tests/read_recording.hpp"
 #include "tests/temporary_folder.hpp"
 #include "unlidar/error.hpp"
 

@@ -12,6 +12,7 @@
 
 #include "io/pcd.hpp"
 #include "tests/frame_folder.hpp"
+#include "tests/read_recording.hpp"
 #include "tests/several_threads.hpp"
 #include "tests/temporary_folder.hpp"
 #include "tests/times_of.hpp"

@@ -7,6 +7,7 @@
 #include "io/frames.hpp"
 #include "tests/frame_folder.hpp"
 #include "tests/pcd_writer.hpp"
+#include "tests/read_recording.hpp"
 #include "tests/temporary_folder.hpp"
 #include "tests/times_of.hpp"
 

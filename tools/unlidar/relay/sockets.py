@@ -12,6 +12,8 @@ import struct
 import termios
 from collections.abc import Callable, Sequence
 
+from unlidar.relay.deadline import deadline
+
 _DIAL_S = 10.0
 _LOOK_S = 0.005
 # Data acknowledged by TCP may be unread by the program; a reset within this time reveals that.
@@ -86,14 +88,11 @@ class StreamSender:
     async def connect(self) -> None:
         """Connects. OSError, also for TLS."""
         dial = asyncio.open_connection(self._host, self._port, ssl=self._tls)
-        try:
-            async with asyncio.timeout(_DIAL_S):
-                self._reader, self._writer = await dial
-            # Not 0: the low mark of TLS would be negative.
-            self._writer.transport.set_write_buffer_limits(high=1)
-            self._wire = os.dup(self._writer.get_extra_info("socket").fileno())
-        except TimeoutError as error:
-            raise ConnectionError(f"no answer within {_DIAL_S:g} s") from error
+        async with deadline(_DIAL_S, "no answer within"):
+            self._reader, self._writer = await dial
+        # Not 0: the low mark of TLS would be negative.
+        self._writer.transport.set_write_buffer_limits(high=1)
+        self._wire = os.dup(self._writer.get_extra_info("socket").fileno())
 
     async def send(self, messages: Sequence[bytes], arrived: Callable[[], None]) -> None:
         """Sends events; returns when the peer's TCP has acknowledged them without a later reset.
@@ -105,11 +104,8 @@ class StreamSender:
             raise ConnectionError("the connection was closed")
         for message in messages:
             self._writer.write(message)
-            try:
-                async with asyncio.timeout(_DIAL_S):
-                    await self._writer.drain()
-            except TimeoutError as error:
-                raise ConnectionError(f"took nothing for {_DIAL_S:g} s") from error
+            async with deadline(_DIAL_S, "took nothing for"):
+                await self._writer.drain()
         await self._acknowledged(self._wire)
         for _ in messages:
             arrived()

@@ -12,6 +12,7 @@ from google.protobuf.message import DecodeError, Message
 from sapient_msg.bsi_flex_335_v2_0.error_pb2 import Error
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 
+from unlidar.relay.deadline import deadline
 from unlidar.relay.sapient.rules import faults
 from unlidar.reporting import RateLimitedNote
 
@@ -39,11 +40,8 @@ class Connection:
 
     async def open(self, host: str, port: int) -> None:
         """Connects. OSError, also if nobody answers."""
-        try:
-            async with asyncio.timeout(_DIAL_S):
-                self._reader, self._writer = await asyncio.open_connection(host, port)
-        except TimeoutError as error:
-            raise ConnectionError(f"no answer within {_DIAL_S:g} s") from error
+        async with deadline(_DIAL_S, "no answer within"):
+            self._reader, self._writer = await asyncio.open_connection(host, port)
         self._writer.transport.set_write_buffer_limits(high=0)  # what is sent survives a SIGKILL
         wire = self._writer.get_extra_info("socket")
         # A middleware without power would be missed by the system after a quarter of an hour.
@@ -78,11 +76,8 @@ class Connection:
                     message.destination_id = to
                 data = message.SerializeToString()
                 self._writer.write(_LENGTH.pack(len(data)) + data)
-            try:
-                async with asyncio.timeout(_DIAL_S):
-                    await self._writer.drain()
-            except TimeoutError as error:
-                raise ConnectionError(f"took nothing for {_DIAL_S:g} s") from error
+            async with deadline(_DIAL_S, "took nothing for"):
+                await self._writer.drain()
 
     async def receive(self) -> SapientMessage:
         """The next valid message; others are answered with their faults."""

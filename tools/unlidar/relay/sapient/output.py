@@ -10,6 +10,7 @@ from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from unlidar.addresses import Address
 from unlidar.events.site import Place
 from unlidar.events.station import Message
+from unlidar.relay.deadline import deadline
 from unlidar.relay.output import Backoff
 from unlidar.relay.sapient.connection import Connection
 from unlidar.relay.sapient.ids import lasting_node_id
@@ -113,14 +114,9 @@ class SapientOutput:
     async def _register(self) -> None:
         """Registers and waits for the answer. ConnectionError if it is refused."""
         await self._send("registration", registration(self._station))
-        try:
-            async with asyncio.timeout(_ANSWER_S):
-                while not (message := await self._connection.receive()).HasField(
-                    "registration_ack"
-                ):
-                    self._complain(message)
-        except TimeoutError as error:
-            raise ConnectionError(f"no answer within {_ANSWER_S:g} s") from error
+        async with deadline(_ANSWER_S, "no answer within"):
+            while not (message := await self._connection.receive()).HasField("registration_ack"):
+                self._complain(message)
         _check(message.registration_ack)
         self._status, self._scan_ns = None, 0
         self._picture.tell_again()

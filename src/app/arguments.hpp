@@ -49,7 +49,7 @@ struct Arguments {
   bool is_live() const { return follow || has_no_folders(); }
   // A track above it is left out: never below a half, so that none is for being unknown.
   double max_bird_probability() const { return 1.0 - 0.5 * only_drones; }
-  // By default so that the captures of packets are 40, of no less than a megabyte.
+  // Size of one capture of packets: by default a fortieth of all, but no less than a megabyte.
   std::uint64_t capture_file_bytes() const {
     return record_packets_file_bytes.value_or(
         std::max(kMinCaptureBytes, record_packets_bytes / 40));

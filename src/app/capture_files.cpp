@@ -29,7 +29,7 @@ constexpr std::string_view kTimeShape = "_00000000T000000Z.pcap";  // 0: any dig
 constexpr std::size_t kMinDigits = 8;
 constexpr std::size_t kMaxDigits = 15;
 
-// Of a name that NameOf() gives; others are somebody else's.
+// Returns the number in a name that NameOf() gives; files with other names are somebody else's.
 std::optional<std::uint64_t> NumberOf(std::string_view name) {
   const std::size_t least = kPrefix.size() + kMinDigits + kTimeShape.size();
   if (name.size() < least || name.substr(0, kPrefix.size()) != kPrefix) return std::nullopt;

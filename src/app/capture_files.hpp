@@ -29,10 +29,10 @@ class CaptureFiles {
   // before it are, and the following calls try again.
   void Write(std::string_view records);
 
-  // Since construction.
+  // Packets written since construction.
   std::uint64_t packets() const { return packets_; }
 
-  // Of all files that are there.
+  // Size of all files that are there.
   std::uint64_t total_bytes() const { return total_bytes_; }
 
  private:

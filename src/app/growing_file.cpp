@@ -189,8 +189,8 @@ bool GrowingFile::WriteRegular() {
   return true;
 }
 
-// In pieces that a pipe with room for something takes at once: so that a signal is seen while its
-// reader sleeps.
+// Writes pieces that a pipe with room for anything takes at once, so that a signal is seen while
+// its reader sleeps.
 void GrowingFile::WriteSpecial() {
   std::string_view rest = waiting_;
   while (!rest.empty()) {

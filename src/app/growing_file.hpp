@@ -52,7 +52,7 @@ class GrowingFile {
   // The last Flush(). Throws OutputError if the disk is still full.
   void Close();
 
-  // To learn that its reader has left; -1 for a regular file.
+  // Descriptor by which a poll learns that its reader has left; -1 for a regular file.
   int reader_fd() const { return is_regular_ ? -1 : fd_; }
 
  private:

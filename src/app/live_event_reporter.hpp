@@ -52,11 +52,11 @@ class LiveEventReporter {
   void Take(const EngineEvent& event, const LiveProgress& now);
 
   void ReportSensor(std::size_t index, SensorState state, TimeNs newest_ns);
-  // Of a sensor that tells of its synchronisation, also before its first frame.
+  // Reports the clock of a sensor that tells of its synchronisation, also before its first frame.
   void ReportClock(std::size_t index, SyncState clock, TimeNs newest_ns);
   bool HasReported(std::size_t sensor) const { return sensors_[sensor].state.has_value(); }
 
-  // At most `max_returns` returns of a frame that is due for a view of them.
+  // Reports at most `max_returns` returns of a frame if a view of them is due.
   void ReportReturns(std::size_t sensor, TimeNs stamp_ns,
                      const std::vector<Eigen::Vector3f>& points_m, std::size_t max_returns,
                      TimeNs newest_ns);
@@ -70,7 +70,7 @@ class LiveEventReporter {
   // stopped engine.
   void SendHeartbeat(const LiveProgress& now);
 
-  // As last reported.
+  // State as last reported.
   LiveState state() const { return is_overloaded() ? LiveState::kOverloaded : state_; }
   std::uint64_t one_in() const { return one_in_; }
   std::vector<std::optional<SensorState>> SensorStates() const;

@@ -26,7 +26,7 @@ class LiveIntake {
  public:
   using Clock = FramePace::Clock;
 
-  // With folders the sensors are those of the arguments, otherwise they are added as they appear.
+  // The sensors are those of the arguments with folders, otherwise they are added as they appear.
   // All arguments but `trace`, which may be empty, must outlive it. Throws ConfigError.
   LiveIntake(const Arguments& arguments, const OutputTimes& output_times, const Config& config,
              LiveEventReporter& reporter, LiveTraceSink trace);

@@ -98,7 +98,7 @@ class LiveOutput {
   void Confirm(const TrackConfirmed& track);
   // Throws OutputError for a row that is refused.
   void AddRow(TimeNs at_ns, const RowGiven& given);
-  // To the events alone; the last one of each track is kept.
+  // Written to the events alone; the last one of each track is kept.
   void AddPrediction(TimeNs at_ns, const TrackPredicted& predicted);
   void End(TimeNs at_ns, const TrackEnded& track);
   // `clock`: of a sensor that tells of its synchronisation.
@@ -119,7 +119,7 @@ class LiveOutput {
   // Tracks of this run, in order of their numbers.
   const std::vector<LiveTrack>& tracks() const { return tracks_; }
 
-  // Those of them that have not ended.
+  // Tracks that have not ended.
   std::vector<CurrentTrack> CurrentTracks() const;
 
   const OutputCounts& counts() const { return counts_; }

@@ -28,7 +28,7 @@ namespace {
 
 using Clock = LiveIntake::Clock;
 
-// By both clocks of this computer.
+// Returns an instant by both clocks of this computer.
 Arrival ArrivalAt(Clock::time_point at) {
   const auto unix = std::chrono::system_clock::now() - (Clock::now() - at);
   return {NsSinceEpoch(unix), NsSinceEpoch(at)};
@@ -126,7 +126,7 @@ class PacketSource : public LiveSource {
     }
   }
 
-  // In the order of addresses, whichever of them was first.
+  // Adds the LiDARs in the order of their addresses, not of their first packets.
   void AddTo(LiveSummary* summary) const override {
     std::vector<LiveInput> by_address;
     for (const auto& [identity, lidar] : lidars_.lidars()) {
@@ -136,7 +136,7 @@ class PacketSource : public LiveSource {
       input.sync = lidar.cutter.sync();
       by_address.push_back(std::exchange(input, {}));
     }
-    // Those that have given up their place have no packets any more, but frames.
+    // Inputs that have given up their place have no packets any more, but frames.
     for (LiveInput& input : summary->inputs) {
       if (!input.name.empty()) by_address.push_back(std::move(input));
     }

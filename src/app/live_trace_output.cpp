@@ -11,7 +11,7 @@
 namespace unlidar {
 namespace {
 
-// Of a frame in which every return of a dense sensor is a detection.
+// Room for a frame in which every return of a dense sensor is a detection.
 constexpr std::size_t kMaxLineBytes = std::size_t{1} << 26;
 
 const char* NameOf(TrackState state) {

@@ -20,7 +20,7 @@
 namespace unlidar {
 namespace {
 
-// Where an exception cannot be passed on: destructors of some libraries allocate.
+// Called where an exception cannot be passed on: destructors of some libraries allocate.
 [[noreturn]] void Terminate() {
   TemporaryPath::RemoveAll();
   const char* text = "unlidar_track: error: internal: an exception without a handler\n";

@@ -19,7 +19,7 @@ struct OutputFile {
   ContentWriter write;
 };
 
-// Of bytes that are already there.
+// Returns a writer of these bytes.
 ContentWriter Content(std::string bytes);
 
 // The path with symbolic links (also those to nothing) and `.` and `..` resolved: what a write to

@@ -39,7 +39,7 @@ class PacketRecorder {
   std::optional<std::string> TakeFailure();
 
  private:
-  // More waits for a disk that is slower than the packets: five seconds of a Mid-360.
+  // Packets beyond this are lost, as the disk is slower than they come: five seconds of a Mid-360.
   static constexpr std::size_t kMaxWaitingBytes = std::size_t{1} << 24;
   static constexpr std::size_t kMaxWriteBytes = std::size_t{1} << 20;
 

@@ -1,4 +1,4 @@
-// How long frames take, for the --summary of a live run.
+// Processor times of frames, for the --summary of a live run.
 #pragma once
 
 #include <array>

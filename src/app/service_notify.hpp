@@ -17,8 +17,8 @@ class ServiceNotifier {
  public:
   ServiceNotifier();
 
-  // For the loop that does the work, each time round. The first call says that the service has
-  // started. Later ones feed the watchdog, four times in $WATCHDOG_USEC and not more often.
+  // To be called in each turn of the loop that does the work. The first call says that the service
+  // has started. Later ones feed the watchdog, four times in $WATCHDOG_USEC and not more often.
   void SendHeartbeat();
 
   // A line for people, in `systemctl status`.

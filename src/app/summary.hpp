@@ -57,7 +57,7 @@ inline constexpr const char* kAlreadyProcessedText =
 inline constexpr const char* kOverflowText =
     " left out: more than may wait for live.reorder_s (4,096, or 192 MB)";
 
-// Of a recording, with the times of the stages, which stand in this output only.
+// Returns the summary of a recording, with the times of its stages, which no other output has.
 std::string SummaryJson(const std::vector<FrameSource>& sources, const Config& config,
                         const PipelineResult& result);
 

@@ -15,7 +15,7 @@ namespace unlidar {
 
 using TraceJson = nlohmann::ordered_json;
 
-// To the millimetre, or a thousandth; null if it is not finite.
+// Rounds to a thousandth, a millimetre of lengths; null if the value is not finite.
 TraceJson TraceNumber(double value);
 
 TraceJson TracePlace(const Eigen::Vector3d& place_m);
@@ -43,7 +43,8 @@ class TracePathDetections {
   TraceJson detections_ = TraceJson::array();
 };
 
-// With the newline. Bytes that are no UTF-8, as names of folders may be, are replaced.
+// Returns the line with its newline. Bytes that are no UTF-8, as names of folders may be, are
+// replaced.
 std::string TraceLine(const TraceJson& json);
 
 }  // namespace unlidar

@@ -23,7 +23,8 @@ class TraceOutput {
 
   void Add(const Recording& recording, const SearchTrace& trace);
 
-  // To be called when all is added. Throws OutputError where it cannot be read back.
+  // Writes the trace, to be called when all is added. Throws OutputError where it cannot be read
+  // back.
   void Write(const Sink& sink) const;
 
  private:

@@ -289,7 +289,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
     target = std::move(next);
     if (is_settled && round > 0) break;
   }
-  // From the facing side to the centre.
+  // Measurements are moved from the facing side to the centre of the body.
   for (Measurement& m : target.measurements) {
     m.position_m += facing.DepthM(m.time_ns, m.position_m, body.width_m);
   }

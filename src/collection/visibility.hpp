@@ -19,7 +19,8 @@ class Visibility {
   Visibility(const Recording& recording, const std::vector<StationModel>& station_models,
              const Trajectory& trajectory, const std::vector<std::uint32_t>& returns);
 
-  // Constant beyond the ends of the trajectory, apart from range.
+  // Returns the expected returns per frame, constant beyond the ends of the trajectory but for
+  // range.
   double ReturnsPerFrame(std::uint32_t sensor_index, TimeNs time_ns,
                          const Eigen::Vector3d& ray_m) const;
 

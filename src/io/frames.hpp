@@ -66,7 +66,7 @@ class FrameReader {
   FrameReader(const FrameReader&) = delete;
   FrameReader& operator=(const FrameReader&) = delete;
 
-  // With the time offsets of the sensors applied.
+  // Stamps have the time offsets of the sensors applied.
   TimeNs first_stamp_ns() const;
   TimeNs last_stamp_ns() const;
 

@@ -58,7 +58,7 @@ std::size_t RayBytes(const Layout& layout) {
   return angles + layout.returns_per_ray * ReturnBytes(layout);
 }
 
-// By data type.
+// Layouts of protocol 1 by data type.
 constexpr std::array<Layout, 9> kLayouts1 = {{{Coordinates::kMillimetres, 1, false, 100},
                                               {Coordinates::kSpherical, 1, false, 100},
                                               {Coordinates::kMillimetres, 1, true, 96},

@@ -60,7 +60,7 @@ class LivoxReceiver {
   // Queues the packets that have arrived so far and stops receiving.
   void Stop();
 
-  // With the port that the system chose.
+  // Address and port, also where the system chose it.
   const LivoxEndpoint& endpoint() const { return endpoint_; }
 
   // The same as ADDRESS:PORT.

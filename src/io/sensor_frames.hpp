@@ -107,7 +107,7 @@ class SensorFrames {
   void SetTimes(TimeReading reading, LoadedFrame& frame) const;
   bool Place(LoadedFrame* frame);
 
-  // From large to small: no gaps between them.
+  // Members in order of size, so that none is padded.
   SensorConfig sensor_;
   std::optional<PoseHistory> poses_;  // of its carrier, if it moves
   TimeNs offset_ns_;

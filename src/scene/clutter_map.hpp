@@ -22,8 +22,8 @@ constexpr RangeRadius kClutterNarrow{1.5, 0.04};
 class ClutterMap {
  public:
   static constexpr std::size_t kNumLevels = 3;
-  // Those of a map in the axes of a carrier that travels: what lies along its way comes by again,
-  // but no spot does.
+  // Levels of a map in the axes of a carrier that travels: clutter of the same kind comes by again
+  // along its way, but no spot does.
   static constexpr std::size_t kNumAlongLevels = 2;
   static constexpr std::uint32_t kExclusionBins = 2;
 
@@ -46,7 +46,7 @@ class ClutterMap {
 
   using Levels = std::array<Level, kNumLevels>;
 
-  // From the widest to the narrowest. `excluded`: result of ExcludedAt().
+  // Returns the levels from the widest to the narrowest. `excluded`: result of ExcludedAt().
   Levels LevelsAt(std::uint32_t sensor, const Eigen::Vector3f& place_m,
                   const LevelCounts& excluded) const;
 

@@ -15,7 +15,7 @@ constexpr TimeNs kSnapshotSpanNs = 200'000'000;
 constexpr std::array<TimeNs, 3> kLagsNs = {kBinNs, 4 * kBinNs, 16 * kBinNs};
 constexpr TimeNs kMaxPauseNs = 10'000'000'000;  // a longer pause resets the state
 
-// More than the longest lag spans.
+// Snapshots that are kept: more than the longest lag spans.
 constexpr auto kNumSnapshots = static_cast<std::size_t>(kLagsNs.back() / kBinNs) + 4;
 
 constexpr float kUprightM = 0.5F;  // more than any ground rises across a cell

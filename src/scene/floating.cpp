@@ -29,7 +29,7 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
     std::uint32_t first;
     bool is_repeated;
   };
-  // Of floating plots alone: among strays all plots together have many more.
+  // Holds floating plots alone, as strays would add many more.
   std::unordered_map<std::array<float, 3>, Frames, Hash> frames_of;
   for (const Plot& plot : plots) {
     if (!plot.is_floating) continue;
@@ -55,7 +55,7 @@ std::vector<char> AreReplayed(const Recording& recording, const std::vector<Plot
   return are_replayed;
 }
 
-// How often, and when, the place of a plot is occupied.
+// Frequency and time with which the place of a plot is occupied.
 enum class Persistence : char {
   kIncidental,  // no more often than its surroundings
   kPersistent,  // repeatedly

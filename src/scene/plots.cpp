@@ -30,7 +30,7 @@ constexpr double kBodyEdgeRad = 0.05;
 // of it: its far side is hidden, the rest sparse.
 constexpr double kBodyMargin = 0.5;
 constexpr double kMinBodyMarginM = 0.75;
-// Of the ground: lower returns are not legs.
+// Roughness of the ground: lower returns are not legs.
 constexpr double kRoughnessM = 0.25;
 
 bool IsBody(const Recording& recording, const FrameInfo& frame, const IndexView& returns,

@@ -68,7 +68,7 @@ struct Plot {
   std::uint32_t num_returns = 0;
   std::vector<std::uint32_t> returns;  // indices into the recording; empty in a stream
 
-  // From where it was seen.
+  // Returns the place from which it was seen.
   Eigen::Vector3d ViewpointM() const { return position_m - ray_m; }
 
   // Its place in the scene of its station.

@@ -85,7 +85,7 @@ FramePlots& StationScene::FindPlots(std::int64_t bin, bool is_newest,
     }
     if (!fitted_->ground.IsGround(points_m[i])) candidates.push_back(i);
   }
-  // From here on by the range from the LiDAR, with which radii grow, wherever it began.
+  // Ranges, with which radii grow, are those from the present place of the LiDAR from here on.
   const Eigen::Vector3f shift_m = frame.frames[0].carrier.shift_m;
   for (Eigen::Vector3f& point_m : points_m) point_m -= shift_m;
   DropStrays(workspace);

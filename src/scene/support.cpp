@@ -79,7 +79,7 @@ bool Support::IsFloating(const Eigen::Vector3f& place_m, bool is_transient) cons
     return distance_m > body_m && distance_m < reach_m;
   };
   const Voxel home = VoxelAt(place_m, kCellM);
-  // From near to far: most places are next to structure and return early.
+  // Rings are searched from near to far: most places are next to structure and return early.
   const auto last_ring =
       static_cast<std::int64_t>(std::ceil(static_cast<double>(reach_m) / kCellM));
   for (std::int64_t ring = 0; ring <= last_ring; ++ring) {

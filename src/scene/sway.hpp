@@ -82,7 +82,7 @@ class Sway {
     std::optional<TimeNs> matched_ns;  // last frame with enough returns on surfaces
     // Means over frames, at most the last ones.
     double weight = 0.0;
-    // Of the rotations of the halves from rest: their variance, without noise.
+    // Product of the rotations of the halves from rest: their variance, without noise.
     double product_rad2 = 0.0;
     Eigen::Vector3d turn_rad = Eigen::Vector3d::Zero();  // of the rotation from rest
     double rest_error = 0.0;                             // see SmallMotionFilter::Fit
@@ -96,7 +96,7 @@ class Sway {
     TimeNs rest_until_ns = 0;
     std::optional<Following> following;
     std::optional<SmallMotionFilter> refining;  // of the last period
-    // Of the last period; their memory serves the next.
+    // State of the last period, whose memory serves the next.
     SmallMotionFilter filter;
     std::shared_ptr<SwayPeriod> period;
     std::map<std::uint32_t, SurfaceMap> maps;  // of sensors

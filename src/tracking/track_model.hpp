@@ -95,7 +95,7 @@ struct Prediction {
   double log_detection_probability = 0.0;
   double speed_mps = 0.0;    // of the hypothesis
   std::uint32_t sensor = 0;  // of the last plot
-  // At the middle of the frame; a plot may be earlier or later.
+  // State at the middle of the frame; a plot may be earlier or later.
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
   AxisVariances steady;

@@ -114,8 +114,8 @@ class TrackSearch {
   std::vector<std::pair<double, std::size_t>> ranking_;  // (-highest steady score, prediction)
   std::vector<char> is_kept_;
   std::vector<std::int32_t> marks_;  // (history) scratch: kKept or the new index, or kNoIndex
-  // Of the current frame, in the order of its entries and of the nodes of its tree: the least score
-  // with which a plot is taken, and the least bound of a score before its clutter.
+  // Least score with which a plot of the current frame is taken, by entry, and least bound of a
+  // score before its clutter, by node of the tree of the frame.
   std::vector<double> thresholds_;
   std::vector<double> least_bounds_;
   std::vector<std::vector<Candidate>> candidates_;  // per plot of the current frame, best first

@@ -13,6 +13,12 @@ void EraseIf(Values* values, const Predicate& predicate) {
   values->erase(std::remove_if(values->begin(), values->end(), predicate), values->end());
 }
 
+// Erases the first `count` values.
+template <class T>
+void DropFirst(std::size_t count, std::vector<T>* values) {
+  values->erase(values->begin(), values->begin() + static_cast<std::ptrdiff_t>(count));
+}
+
 // Returns the value that sorting would put at `begin` + n. Reorders the values.
 template <class Iterator>
 auto NthSmallest(Iterator begin, Iterator end, std::ptrdiff_t n) {

@@ -81,10 +81,4 @@ class Queue {
   std::size_t last_ = 0;
 };
 
-// Erases the first `count` values.
-template <class T>
-void DropFirst(std::size_t count, std::vector<T>* values) {
-  values->erase(values->begin(), values->begin() + static_cast<std::ptrdiff_t>(count));
-}
-
 }  // namespace unlidar

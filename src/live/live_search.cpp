@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include "base/algorithms.hpp"
+
 namespace unlidar {
 namespace {
 

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <utility>
 
+#include "base/algorithms.hpp"
 #include "collection/suspended.hpp"
 #include "live/backward_extension.hpp"
 #include "live/live_search.hpp"

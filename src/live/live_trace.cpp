@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "base/queue.hpp"
+#include "base/algorithms.hpp"
 
 namespace unlidar {
 

@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "base/algorithms.hpp"
-#include "base/queue.hpp"
 
 namespace unlidar {
 namespace {

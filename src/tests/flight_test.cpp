@@ -100,8 +100,9 @@ TEST(Flight, WhatIsABodyBetweenItsPlotsIsNotKnownToBeInTheAir) {
     Queue<BodyBox> bodies;
     for (std::size_t i = 0; i + 1 < path.size(); ++i) {
       const Eigen::Vector3f at_m = top_m + Eigen::Vector3f(0, static_cast<float>(i) + 0.5F, 0);
-      bodies.push_back({path[i].time_ns + 400'000'000, at_m.array() - Eigen::Array3f(0.2, 0.2, 1.3),
-                        at_m.array() + Eigen::Array3f(0.2, 0.2, 0.0)});
+      bodies.push_back({path[i].time_ns + 400'000'000,
+                        at_m.array() - Eigen::Array3f(0.2F, 0.2F, 1.3F),
+                        at_m.array() + Eigen::Array3f(0.2F, 0.2F, 0.0F)});
     }
     return bodies;
   };

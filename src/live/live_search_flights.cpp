@@ -206,8 +206,9 @@ Flight LiveSearch::WithHistory() {
   Path whole = FollowedBack(flight_members_);
   const std::vector<std::size_t> after_pauses = AfterLongPauses(flight_members_);
   if (!after_pauses.empty()) {
-    DropFirst(after_pauses.back(), &flight_members_);
-    Path other = FollowedBack(flight_members_);
+    std::vector<std::uint32_t> last_run = flight_members_;
+    DropFirst(after_pauses.back(), &last_run);
+    Path other = FollowedBack(last_run);
     if (other.score > whole.score) whole = std::move(other);
   }
   for (const std::uint32_t i : whole.plots) free_[i] = 0;

@@ -37,12 +37,12 @@ FrameTime FrameTimeInReverse(const Plot& plot, const RecentFrameTimes& frame_tim
 
 }  // namespace
 
-std::vector<std::size_t> ExtendBackwards(const Flight& flight, const RecentPlots& seen,
-                                         const std::vector<char>& are_free,
-                                         const RecentFrameTimes& frame_times,
-                                         const std::vector<std::uint32_t>& num_frames,
-                                         const std::vector<TrackModel>& models,
-                                         const Config& config) {
+std::vector<std::uint32_t> ExtendBackwards(const Flight& flight, const RecentPlots& seen,
+                                           const std::vector<char>& are_free,
+                                           const RecentFrameTimes& frame_times,
+                                           const std::vector<std::uint32_t>& num_frames,
+                                           const std::vector<TrackModel>& models,
+                                           const Config& config) {
   Flight back;
   back.log_birth = flight.log_birth;
   for (auto plot = flight.plots.rbegin(); plot != flight.plots.rend(); ++plot) {
@@ -76,7 +76,7 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const RecentPlots
     follower.Extend(plots, std::vector<char>(plots.size(), 1),
                     FrameTimeInReverse(seen[begin].plot, frame_times, num_frames));
   }
-  std::vector<std::size_t> past;
+  std::vector<std::uint32_t> past;
   std::vector<LivePlot> path;
   follower.GetLikeliestPath(&path);
   for (const LivePlot& one : path) {
@@ -85,7 +85,7 @@ std::vector<std::size_t> ExtendBackwards(const Flight& flight, const RecentPlots
     };
     const auto at = std::find_if(seen.begin(), seen.end(), is_same_plot);
     if (at == seen.end() || !is_before(*at)) continue;
-    past.push_back(static_cast<std::size_t>(at - seen.begin()));
+    past.push_back(static_cast<std::uint32_t>(at - seen.begin()));
   }
   std::sort(past.begin(), past.end());
   return past;

@@ -1,7 +1,6 @@
 // The history of a flight from before the search found it.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -17,11 +16,11 @@ namespace unlidar {
 // `seen`: plots in order of time, including those of the flight; `are_free` (seen): true if no
 // track has the plot; `frame_times`: of their frames; `num_frames` (sensors): up to now. Returns
 // the indices of plots before the flight, in order of time.
-std::vector<std::size_t> ExtendBackwards(const Flight& flight, const RecentPlots& seen,
-                                         const std::vector<char>& are_free,
-                                         const RecentFrameTimes& frame_times,
-                                         const std::vector<std::uint32_t>& num_frames,
-                                         const std::vector<TrackModel>& models,
-                                         const Config& config);
+std::vector<std::uint32_t> ExtendBackwards(const Flight& flight, const RecentPlots& seen,
+                                           const std::vector<char>& are_free,
+                                           const RecentFrameTimes& frame_times,
+                                           const std::vector<std::uint32_t>& num_frames,
+                                           const std::vector<TrackModel>& models,
+                                           const Config& config);
 
 }  // namespace unlidar

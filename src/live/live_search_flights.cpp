@@ -125,7 +125,8 @@ Rejection LiveSearch::Judge(const Path& path) {
   Cut(Rejection::kPause, NumBeforePause(path));
   Rejection rejection = FlightRejection(recent_, flight_plots_, recent_bodies_, robust);
   if (rejection == Rejection::kNearGround) {
-    // A drone that takes off need not wait until most of its path is high. It is followed back.
+    // A drone that takes off need not wait until most of its path is high: WithHistory() finds its
+    // low part again.
     const std::size_t num_low = NumToLastLow(flight_plots_, robust);
     if (flight_plots_.size() - num_low >= static_cast<std::size_t>(robust.min_plots)) {
       Cut(Rejection::kNearGround, num_low);
@@ -189,10 +190,8 @@ double LiveSearch::CrowdingPenaltyOfFlight() const {
 // Plots of a flight and those before it, back to a pause across which it is not one target.
 Path LiveSearch::FollowedBack(const std::vector<std::uint32_t>& members) {
   Path whole;
-  for (const std::size_t i : ExtendBackwards(FlightOf(members), recent_plots_, free_, frame_times_,
-                                             frame_time_.frames_before, models_, config_)) {
-    whole.plots.push_back(static_cast<std::uint32_t>(i));
-  }
+  whole.plots = ExtendBackwards(FlightOf(members), recent_plots_, free_, frame_times_,
+                                frame_time_.frames_before, models_, config_);
   const std::size_t num_past = whole.plots.size();
   whole.plots.insert(whole.plots.end(), members.begin(), members.end());
   DropFirst(std::min(NumBeforePause(whole), num_past), &whole.plots);

@@ -113,6 +113,7 @@ void MultiStationPlots::TakePlots(const Recording& recording, std::size_t statio
                   std::make_move_iterator(plots.end()));
   }
   plots = std::vector<Plot>();  // without its memory
+  station.bodies = Queue<BodyBox>();
 }
 
 void MultiStationPlots::EstimateClutter(const std::vector<char>& assigned) {

@@ -42,7 +42,7 @@ constexpr double kBelowPlotM = 0.4;
 // Returns so far from a plot, horizontally, are above or below it.
 constexpr RangeRadius kColumnRadius{0.6, 0.005};
 
-// A body excludes the plots beside it for this long before and after.
+// A body hides what is beside it, and excludes the plots there, for this long before and after.
 constexpr double kBodyMarginS = 0.35;
 
 struct Plot {

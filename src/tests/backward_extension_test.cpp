@@ -49,7 +49,7 @@ class PastOfTest : public ::testing::Test {
     }
   }
 
-  std::vector<std::size_t> PastPlots() const {
+  std::vector<std::uint32_t> PastPlots() const {
     RecentPlots seen;
     for (const LivePlot& one : seen_) seen.push_back(one);
     return ExtendBackwards(flight_, seen, are_free_, moments_, num_frames_, models_, config_);
@@ -58,7 +58,7 @@ class PastOfTest : public ::testing::Test {
   // Numbers of the frames whose plot of the drone is in the past of the flight, and nothing else.
   std::vector<int> Past() const {
     std::vector<int> frames;
-    for (const std::size_t i : PastPlots()) {
+    for (const std::uint32_t i : PastPlots()) {
       EXPECT_EQ(i % 2, 1U) << "a stray";
       frames.push_back(static_cast<int>(i / 2));
     }
@@ -115,10 +115,10 @@ TEST_F(PastOfTest, AcrossAPauseAmongStraysItsFirstPlotsAreItsOwn) {
   seen_.clear();
   std::mt19937 random(3);
   std::normal_distribution<double> offset_m(0.0, 4.0);
-  std::vector<std::size_t> expected;
+  std::vector<std::uint32_t> expected;
   for (int i = 0; i < kFrames / 2; ++i) {
     if (i < kPauseBegin) {
-      expected.push_back(seen_.size());
+      expected.push_back(static_cast<std::uint32_t>(seen_.size()));
       seen_.push_back(DroneAt(i));
       continue;
     }

@@ -103,13 +103,13 @@ std::size_t NumBodiesBelow(const std::vector<Plot>& path, const Queue<BodyBox>& 
     const Plot& next = path[i];
     if (next.frame_time_ns - last.frame_time_ns > kMaxGapNs) continue;
     if (std::min(last.lowest_m, next.lowest_m) > config.off_ground_m) continue;
+    const auto radius_m = static_cast<float>(kColumnRadius.At(last.ray_m.norm()));
+    const Eigen::Array3f reach_m(radius_m, radius_m, -static_cast<float>(kBelowPlotM));
     auto body =
         std::lower_bound(bodies.begin(), bodies.end(), last.frame_time_ns,
                          [](const BodyBox& box, TimeNs time_ns) { return box.time_ns < time_ns; });
     for (; body != bodies.end() && body->time_ns < next.frame_time_ns; ++body) {
       const Eigen::Vector3f at_m = PositionM(path, body->time_ns).cast<float>();
-      const auto radius_m = static_cast<float>(kColumnRadius.At(last.ray_m.norm()));
-      const Eigen::Array3f reach_m(radius_m, radius_m, -static_cast<float>(kBelowPlotM));
       if ((at_m.array() > body->low_m - reach_m).all() &&
           (at_m.array() < body->high_m + reach_m).head<2>().all()) {
         ++num_below;
@@ -124,9 +124,10 @@ std::size_t NumBodiesBelow(const std::vector<Plot>& path, const Queue<BodyBox>& 
 // height and the roughness of the ground). So each plot with nothing below makes a body less
 // likely, the more the higher it is and the more returns it has, unless the rest is hidden, or lies
 // between the beams of a spinning sensor. A plot with returns below makes a body more likely, the
-// more the less often there are returns at other times: from a bollard there always are. What is
-// higher than a body is no part of one, but it may be strays that join two cars: it tells nothing
-// about what is lower.
+// more the less often there are returns at other times: from a bollard there always are. Room is
+// counted from the lowest plot close in time, as the lines of a sensor hit the top of a body in one
+// frame and its foot in the next. What is higher than a body is no part of one, but it may be
+// strays that join two cars: it tells nothing about what is lower.
 bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path,
                      const Queue<BodyBox>& bodies, const RobustConfig& config) {
   constexpr double kNotCountedM = 0.55;

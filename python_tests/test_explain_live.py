@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rejections import NEAR_GROUND
 from synthetic import BEGIN_NS as FLIGHT_NS
 from synthetic import decimal_name, make_flight, seconds, truth_m, write_frames, write_pcd
 from unlidar.cli import main
@@ -185,8 +186,8 @@ def test_the_program_explains_a_flight_as_a_stream_and_leaves_the_page_alone(
 @pytest.mark.parametrize(
     ("options", "stage"),
     [
-        ("robust.min_plots=1000", "gate too_few_detections"),
-        ("robust.off_ground_share=1", "gate near_ground"),
+        (("--set", "robust.min_plots=1000"), "gate too_few_detections"),
+        (NEAR_GROUND, "gate near_ground"),
     ],
 )
 def test_the_rule_by_which_a_stream_loses_the_drone_is_named(
@@ -194,8 +195,7 @@ def test_the_rule_by_which_a_stream_loses_the_drone_is_named(
 ) -> None:
     monkeypatch.setenv("UNLIDAR_TRACK", str(program))
     out = tmp_path / "out"
-    set_ = ["--set", options]
-    assert main(["run", str(recording), "--out", str(out), "--no-report", *set_]) == 0
+    assert main(["run", str(recording), "--out", str(out), "--no-report", *options]) == 0
     (target,) = explained(out, "--live")
     assert target["shares"].get(stage, 0) > 0.7, target["shares"]
 

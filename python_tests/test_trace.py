@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rejections import rejections
+from rejections import NEAR_GROUND, rejections
 from synthetic import (
     Flight,
     make_flight,
@@ -116,13 +116,13 @@ def test_a_sky_without_a_return_has_frames_and_no_path(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "rejection"),
     [
-        (["--set", "robust.off_ground_share=1"], "near_ground"),
-        (["--set", "robust.min_return_rate_m2_per_s=1e9"], "weak_return"),
-        (["--set", "robust.min_plots=1000"], "too_few_detections"),
+        (NEAR_GROUND, "near_ground"),
+        (("--set", "robust.min_return_rate_m2_per_s=1e9"), "weak_return"),
+        (("--set", "robust.min_plots=1000"), "too_few_detections"),
     ],
 )
 def test_the_gate_that_refuses_the_drone_is_named(
-    frames: Path, tmp_path: Path, options: list[str], rejection: str
+    frames: Path, tmp_path: Path, options: tuple[str, ...], rejection: str
 ) -> None:
     best = traced(frames, tmp_path)["path"][0]
     kinds = traced(frames, tmp_path, *options)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_program import Live, events_of, feed, messages, wait_until
-from rejections import rejections
+from rejections import NEAR_GROUND, rejections
 from synthetic import (
     BEGIN_NS,
     PERIOD_NS,
@@ -119,15 +119,15 @@ def test_a_track_is_told_from_its_initiation_to_its_end(
 @pytest.mark.parametrize(
     ("options", "rejection"),
     [
-        ("robust.off_ground_share=1", "near_ground"),
-        ("robust.min_return_rate_m2_per_s=1e9", "weak_return"),
-        ("robust.min_plots=1000", "too_few_detections"),
+        (NEAR_GROUND, "near_ground"),
+        (("--set", "robust.min_return_rate_m2_per_s=1e9"), "weak_return"),
+        (("--set", "robust.min_plots=1000"), "too_few_detections"),
     ],
 )
 def test_the_gate_that_refuses_the_drone_is_named_once_a_path_and_at_each_detection(
-    frames: Path, tmp_path: Path, options: str, rejection: str
+    frames: Path, tmp_path: Path, options: tuple[str, ...], rejection: str
 ) -> None:
-    kinds = traced(frames, tmp_path, "--set", options)
+    kinds = traced(frames, tmp_path, *options)
     assert kinds["track"] == []
     refused = [path for path in kinds["path"] if path["rejection"] == rejection]
     assert 1 <= len(refused) <= 3  # not one a frame

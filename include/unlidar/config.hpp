@@ -122,9 +122,8 @@ struct RobustConfig {
   // Longer recordings are searched in windows with this margin on each side.
   double window_s = 90.0;
   double window_margin_s = 5.0;
-  int min_plots = 5;               // frames with evidence: clutter that repeats is not independent
-  double off_ground_m = 2.0;       // a target is higher above ground,
-  double off_ground_share = 0.42;  // for this share of its plots
+  int min_plots = 5;          // frames with evidence: clutter that repeats is not independent
+  double off_ground_m = 2.0;  // people and vehicles are no higher above ground
   double min_return_rate_m2_per_s = 150.0;  // an insect returns less
   std::vector<Rule> disabled_rules;         // for ablations
   BackgroundConfig background;

@@ -87,7 +87,6 @@ void VisitKeys(Visitor&& visit, AnyConfig& config) {
   visit("robust.window_margin_s", robust.window_margin_s, Range{0, 15});
   visit("robust.min_plots", robust.min_plots, Range{2, 1000});
   visit("robust.off_ground_m", robust.off_ground_m, Range{0, 1e3});
-  visit("robust.off_ground_share", robust.off_ground_share, Range{0, 1});
   visit("robust.min_return_rate_m2_per_s", robust.min_return_rate_m2_per_s, Range{0, 1e9});
   visit("robust.disabled_rules", robust.disabled_rules,
         Subset<Rule>{{{{"transient", Rule::kTransient},

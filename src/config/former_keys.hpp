@@ -9,10 +9,10 @@ namespace unlidar {
 
 struct FormerKey {
   std::string_view key;  // or a section, with all keys in it
-  std::string_view now;  // the key that replaces it; empty: a constant
+  std::string_view now;  // the key that replaces it; empty: none does
 };
 
-inline constexpr std::array<FormerKey, 39> kFormerKeys{{
+inline constexpr std::array<FormerKey, 40> kFormerKeys{{
     {"robust.background.max_break_s", "robust.background.max_dwell_gap_s"},
     {"robust.collect.body_sigma_m", "robust.collect.extent_sigma_m"},
     {"robust.collect.facing_side", "robust.collect.centroid_offset"},
@@ -32,6 +32,7 @@ inline constexpr std::array<FormerKey, 39> kFormerKeys{{
     {"robust.plots.clutter_middle", ""},
     {"robust.plots.clutter_narrow", ""},
     {"robust.plots.spot", ""},
+    {"robust.off_ground_share", ""},
     {"robust.rounds", ""},
     {"robust.support.body_m", ""},
     {"robust.support.far_m", ""},

@@ -95,7 +95,6 @@ class LiveSearch {
   PathScorer ScorerOf(const Path& path, TimeOutOfView time_out_of_view);
   std::vector<std::size_t> AfterLongPauses(const std::vector<std::uint32_t>& members) const;
   std::size_t NumBeforePause(const Path& path);
-  void Cut(Rejection rule, std::size_t count);
   Flight FlightOf(const std::vector<std::uint32_t>& members) const;
   Path FollowedBack(const std::vector<std::uint32_t>& members);
   bool IsCrowded() const;

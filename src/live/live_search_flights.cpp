@@ -107,14 +107,6 @@ Flight LiveSearch::FlightOf(const std::vector<std::uint32_t>& members) const {
   return flight;
 }
 
-// Drops the first `count` plots of the flight.
-void LiveSearch::Cut(Rejection rule, std::size_t count) {
-  if (count == 0) return;
-  cuts_.push_back({rule, count});
-  DropFirst(count, &flight_members_);
-  DropFirst(count, &flight_plots_);
-}
-
 Rejection LiveSearch::Judge(const Path& path) {
   cuts_.clear();
   flight_members_ = path.plots;
@@ -122,17 +114,19 @@ Rejection LiveSearch::Judge(const Path& path) {
   if (!IsFree(path)) return Rejection::kSharesReturns;
   for (const std::uint32_t i : path.plots) flight_plots_.push_back(recent_plots_[i].plot);
   const RobustConfig& robust = config_.robust;
-  Cut(Rejection::kPause, NumBeforePause(path));
-  Rejection rejection = FlightRejection(recent_, flight_plots_, recent_bodies_, robust);
-  if (rejection == Rejection::kNearGround) {
-    // A drone that takes off need not wait until most of its path is high: WithHistory() finds its
-    // low part again.
-    const std::size_t num_low = NumToLastLow(flight_plots_, robust);
-    if (flight_plots_.size() - num_low >= static_cast<std::size_t>(robust.min_plots)) {
-      Cut(Rejection::kNearGround, num_low);
-      rejection = FlightRejection(recent_, flight_plots_, recent_bodies_, robust);
-    }
+  const std::size_t num_before = NumBeforePause(path);
+  if (num_before > 0) {
+    cuts_.push_back({Rejection::kPause, num_before});
+    DropFirst(num_before, &flight_members_);
+    DropFirst(num_before, &flight_plots_);
   }
+  const auto reaches_threshold = [&](const std::vector<std::uint32_t>& numbers) {
+    Path whole;
+    whole.plots = flight_members_;
+    return ScorerOf(whole, TimeOutOfView::kNone).WithScore(numbers).score >= score_threshold_;
+  };
+  const Rejection rejection =
+      FlightRejection(recent_, flight_plots_, recent_bodies_, reaches_threshold, robust);
   if (rejection != Rejection::kNone) return rejection;
   flight_ = FlightOf(flight_members_);
   if (robust.Uses(Rule::kStationary) && !MovesOrFloats(flight_.plots, flight_plots_)) {

@@ -12,6 +12,8 @@
 #include "tracking/alternative_modes.hpp"
 #include "tracking/crowding.hpp"
 #include "tracking/flight.hpp"
+#include "tracking/path_exchange.hpp"
+#include "tracking/track_model.hpp"
 
 namespace unlidar {
 namespace {
@@ -188,14 +190,20 @@ RobustResult FindTargetsRobust(const Recording& recording, const RobustConfig& c
   const auto verdicts_of = [&](const std::vector<Path>& paths) {
     std::vector<PathVerdict> verdicts;
     std::vector<char> are_free(plots.size(), 1);
+    const std::vector<double> log_births = LogBirths(plots, scan_schedule, config.tracker);
+    const PathScorer scorer(plots, log_births, scan_schedule, config.tracker);
     for (const Path& path : paths) {
       PathVerdict& verdict = verdicts.emplace_back();
       if (path.score < threshold) {
         verdict.rejection = Rejection::kBelowThreshold;
         continue;
       }
-      verdict.rejection =
-          FlightRejection(recording, PlotsOf(path, plots), multi_station_plots.bodies(), config);
+      const auto reaches_threshold = [&](std::vector<std::uint32_t> numbers) {
+        for (std::uint32_t& i : numbers) i = path.plots[i];
+        return scorer.WithScore(std::move(numbers)).score >= threshold;
+      };
+      verdict.rejection = FlightRejection(recording, PlotsOf(path, plots),
+                                          multi_station_plots.bodies(), reaches_threshold, config);
       if (verdict.rejection != Rejection::kNone) continue;
       if (config.Uses(Rule::kCrowded)) {
         verdict.crowding_penalty = CrowdingPenalty(path.plots, plots, are_free, num_frames_about);

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -29,7 +30,7 @@ std::vector<Plot> PathAt(double height_m, int num_frames, std::uint32_t returns_
 
 bool IsKnownToBeInTheAir(const std::vector<Plot>& path, const Recording& recording = {},
                          const Queue<BodyBox>& bodies = {}) {
-  return MinFlightHeightM(recording, path, bodies, Config()) < kHigh_m;
+  return HasNothingBelow(recording, path, bodies, Config());
 }
 
 void SetPeriod(TimeNs period_ns, std::vector<Plot>* path) {
@@ -228,12 +229,19 @@ TEST(Flight, WhatIsOnTheGroundOrAboveThePathIsNoLegs) {
   EXPECT_FALSE(is_below({0.5, 0.5, 0.45}));
 }
 
-// Twenty frames of a path, one a metre of the way of its sensor, if that travels.
-Rejection RejectionOf(const Eigen::Vector3d& step_m, bool travels) {
+constexpr std::uint32_t kNumPlots = 20;
+
+bool Never(const std::vector<std::uint32_t>& /*numbers*/) { return false; }
+
+// Twenty frames of a path, one a metre of the way of its sensor, if that travels. `height_m`: of
+// each plot over ground.
+Rejection RejectionOf(const Eigen::Vector3d& step_m, bool travels,
+                      const std::vector<double>& height_m = std::vector<double>(kNumPlots, 10.0),
+                      const ReachesThreshold& reaches_threshold = Never) {
   Recording recording;
   recording.sensors.resize(1);
   std::vector<Plot> path;
-  for (std::uint32_t k = 0; k < 20; ++k) {
+  for (std::uint32_t k = 0; k < kNumPlots; ++k) {
     FrameInfo frame;
     frame.begin_ns = k * NsOf(0.1);
     frame.end_ns = frame.begin_ns + NsOf(0.1);
@@ -245,11 +253,35 @@ Rejection RejectionOf(const Eigen::Vector3d& step_m, bool travels) {
     plot.shift_m = frame.carrier.shift_m;
     plot.position_m = Eigen::Vector3d(30.0, 5.0, 10.0) + k * step_m;
     plot.ray_m = plot.position_m - plot.shift_m.cast<double>();
-    plot.lowest_m = 10.0;
+    plot.lowest_m = height_m[k];
     plot.num_returns = 5;
     path.push_back(plot);
   }
-  return FlightRejection(recording, path, {}, Config());
+  return FlightRejection(recording, path, {}, reaches_threshold, Config());
+}
+
+// A car whose path goes on along strays is none of theirs.
+TEST(Flight, WhatIsHighMustBeAPathByItself) {
+  const Eigen::Vector3d step_m(0, 0.3, 0);
+  std::vector<double> height_m(kNumPlots, 0.6);  // no room below for what would be missed
+  std::fill(height_m.begin() + 6, height_m.end(), 10.0);
+  std::vector<std::uint32_t> high;  // seven frames are 0.7 s: what is so near the lowest is low
+  for (std::uint32_t k = 13; k < kNumPlots; ++k) high.push_back(k);
+  const auto accepts = [&](const std::vector<std::uint32_t>& numbers) {
+    EXPECT_EQ(numbers, high);
+    return true;
+  };
+  EXPECT_EQ(RejectionOf(step_m, false, height_m), Rejection::kNearGround);
+  EXPECT_EQ(RejectionOf(step_m, false, height_m, accepts), Rejection::kNone);
+  std::fill(height_m.begin() + 6, height_m.end() - 11, 0.6);  // two plots are high, in few frames
+  EXPECT_EQ(RejectionOf(step_m, false, height_m, accepts), Rejection::kNearGround);
+}
+
+TEST(Flight, WhatHasNothingBelowItNeedOnlyBeClearOfTheGround) {
+  const Eigen::Vector3d step_m(0, 0.3, 0);
+  EXPECT_EQ(RejectionOf(step_m, false, std::vector<double>(kNumPlots, 1.4)), Rejection::kNone);
+  EXPECT_EQ(RejectionOf(step_m, false, std::vector<double>(kNumPlots, 0.7)),
+            Rejection::kNearGround);
 }
 
 TEST(Flight, WhatStandsStillIsNoneWhereItsSensorPassesBy) {

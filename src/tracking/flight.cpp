@@ -32,13 +32,15 @@ std::vector<double> LowestM(const std::vector<Plot>& path, TimeNs window_ns) {
   return lowest_m;
 }
 
-// Share of the plots above a height over ground.
-double ShareAbove(const std::vector<Plot>& path, double height_m) {
+// Numbers of the plots above a height over ground, as are all others close in time.
+std::vector<std::uint32_t> NumbersAbove(const std::vector<Plot>& path, double height_m) {
   constexpr TimeNs kWindowNs = 750'000'000;
   const std::vector<double> lowest_m = LowestM(path, kWindowNs);
-  const auto num_high = std::count_if(lowest_m.begin(), lowest_m.end(),
-                                      [=](double lowest) { return lowest > height_m; });
-  return static_cast<double>(num_high) / static_cast<double>(path.size());
+  std::vector<std::uint32_t> numbers;
+  for (std::uint32_t i = 0; i < path.size(); ++i) {
+    if (lowest_m[i] > height_m) numbers.push_back(i);
+  }
+  return numbers;
 }
 
 constexpr double kMinOccupancyBelow = 0.05;  // of any place below a drone, at least
@@ -119,48 +121,6 @@ std::size_t NumBodiesBelow(const std::vector<Plot>& path, const Queue<BodyBox>& 
   return num_below;
 }
 
-// True if nothing stands below a path. A body that stands on the ground and is seen at some height
-// returns proportionally more from the room below it (plots count returns beyond half a drone's
-// height and the roughness of the ground). So each plot with nothing below makes a body less
-// likely, the more the higher it is and the more returns it has, unless the rest is hidden, or lies
-// between the beams of a spinning sensor. A plot with returns below makes a body more likely, the
-// more the less often there are returns at other times: from a bollard there always are. Room is
-// counted from the lowest plot close in time, as the lines of a sensor hit the top of a body in one
-// frame and its foot in the next. What is higher than a body is no part of one, but it may be
-// strays that join two cars: it tells nothing about what is lower.
-bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path,
-                     const Queue<BodyBox>& bodies, const RobustConfig& config) {
-  constexpr double kNotCountedM = 0.55;
-  constexpr double kHidden = 0.02;
-  double log_ratio = 0.0;  // body over drone
-  std::vector<const Plot*> above_something;
-  const std::vector<double> lowest_m = LowestM(path, NsOf(kBodyMarginS));
-  for (std::size_t i = 0; i < path.size(); ++i) {
-    const Plot& plot = path[i];
-    if (plot.lowest_m > config.off_ground_m) continue;
-    if (plot.num_below > 0) {
-      above_something.push_back(&plot);
-      continue;
-    }
-    // method.md (10)
-    const double room_m = plot.watched_below * std::max(lowest_m[i] - kNotCountedM, 0.0);
-    const double own_share = kBodyPartM / (kBodyPartM + room_m);
-    const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);
-    log_ratio += std::log(nothing) - std::log1p(-kMinOccupancyBelow);
-  }
-  const double log_chance = std::log(config.false_alarms_per_recording);
-  if (log_ratio < log_chance) {
-    log_ratio -=
-        static_cast<double>(NumBodiesBelow(path, bodies, config)) * std::log(kMinOccupancyBelow);
-  }
-  // For most paths of bodies the pass over all frames is not needed.
-  if (above_something.empty() || log_ratio >= log_chance) return log_ratio < log_chance;
-  for (const double share : OccupancyBelowWhileAway(recording, path, above_something)) {
-    log_ratio -= std::log(share);
-  }
-  return log_ratio < log_chance;
-}
-
 // Return rate: returns per second times range^2, of the sensor with the highest rate. A target may
 // be hidden during pauses, so only frames close in time to a plot count.
 double ReturnRateM2PerS(const Recording& recording, const std::vector<Plot>& path) {
@@ -219,24 +179,62 @@ bool HasMinFrames(const std::vector<Plot>& path, int min_frames) {
   return static_cast<int>(frames.size()) >= min_frames;
 }
 
-double MinFlightHeightM(const Recording& recording, const std::vector<Plot>& path,
-                        const Queue<BodyBox>& bodies, const RobustConfig& config) {
-  // Above vegetation and objects on the ground, and the error of the ground height.
-  constexpr double kClearM = 0.75;
-  return HasNothingBelow(recording, path, bodies, config) ? std::min(kClearM, config.off_ground_m)
-                                                          : config.off_ground_m;
-}
-
-std::size_t NumToLastLow(const std::vector<Plot>& path, const RobustConfig& config) {
-  const auto is_low = [&](const Plot& plot) { return plot.lowest_m <= config.off_ground_m; };
-  return static_cast<std::size_t>(path.rend() - std::find_if(path.rbegin(), path.rend(), is_low));
+// A body that stands on the ground and is seen at some height returns proportionally more from the
+// room below it (plots count returns beyond half a drone's height and the roughness of the ground).
+// So each plot with nothing below makes a body less likely, the more the higher it is and the more
+// returns it has, unless the rest is hidden, or lies between the beams of a spinning sensor. A plot
+// with returns below makes a body more likely, the more the less often there are returns at other
+// times: from a bollard there always are. Room is counted from the lowest plot close in time, as
+// the lines of a sensor hit the top of a body in one frame and its foot in the next. What is higher
+// than a body is no part of one, but it may be strays that join two cars: it tells nothing about
+// what is lower.
+bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path,
+                     const Queue<BodyBox>& bodies, const RobustConfig& config) {
+  constexpr double kNotCountedM = 0.55;
+  constexpr double kHidden = 0.02;
+  double log_ratio = 0.0;  // body over drone
+  std::vector<const Plot*> above_something;
+  const std::vector<double> lowest_m = LowestM(path, NsOf(kBodyMarginS));
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    const Plot& plot = path[i];
+    if (plot.lowest_m > config.off_ground_m) continue;
+    if (plot.num_below > 0) {
+      above_something.push_back(&plot);
+      continue;
+    }
+    // method.md (10)
+    const double room_m = plot.watched_below * std::max(lowest_m[i] - kNotCountedM, 0.0);
+    const double own_share = kBodyPartM / (kBodyPartM + room_m);
+    const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);
+    log_ratio += std::log(nothing) - std::log1p(-kMinOccupancyBelow);
+  }
+  const double log_chance = std::log(config.false_alarms_per_recording);
+  if (log_ratio < log_chance) {
+    log_ratio -=
+        static_cast<double>(NumBodiesBelow(path, bodies, config)) * std::log(kMinOccupancyBelow);
+  }
+  // For most paths of bodies the pass over all frames is not needed.
+  if (above_something.empty() || log_ratio >= log_chance) return log_ratio < log_chance;
+  for (const double share : OccupancyBelowWhileAway(recording, path, above_something)) {
+    log_ratio -= std::log(share);
+  }
+  return log_ratio < log_chance;
 }
 
 Rejection FlightRejection(const Recording& recording, const std::vector<Plot>& path,
-                          const Queue<BodyBox>& bodies, const RobustConfig& config) {
+                          const Queue<BodyBox>& bodies, const ReachesThreshold& reaches_threshold,
+                          const RobustConfig& config) {
   if (!HasMinFrames(path, config.min_plots)) return Rejection::kTooFewDetections;
-  if (ShareAbove(path, MinFlightHeightM(recording, path, bodies, config)) <=
-      config.off_ground_share) {
+  const auto is_path_above = [&](double height_m) {
+    const std::vector<std::uint32_t> high = NumbersAbove(path, height_m);
+    return high.size() == path.size() ||
+           (static_cast<int>(high.size()) >= config.min_plots && reaches_threshold(high));
+  };
+  // Above vegetation and objects on the ground, and the error of the ground height.
+  constexpr double kClearM = 0.75;
+  if (!is_path_above(config.off_ground_m) &&
+      !(HasNothingBelow(recording, path, bodies, config) &&
+        is_path_above(std::min(kClearM, config.off_ground_m)))) {
     return Rejection::kNearGround;
   }
   if (ReturnRateM2PerS(recording, path) <= config.min_return_rate_m2_per_s)

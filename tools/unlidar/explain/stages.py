@@ -86,8 +86,8 @@ GATES = {
         "method.md#6-decision",
     ),
     "near_ground": Meaning(
-        "A path flies no higher than people and vehicles for too large a share of its detections.",
-        ("robust.off_ground_m", "robust.off_ground_share"),
+        "Too little of a path is higher than people and vehicles, and something may stand below.",
+        ("robust.off_ground_m",),
         "method.md#6-decision",
     ),
     "stationary": Meaning(

@@ -6,7 +6,6 @@ import re
 
 from synthetic import PROJECT
 
-
 # For all that flies is as low as people, and that nothing stands below it is never sure enough.
 NEAR_GROUND = (
     "--set", "robust.off_ground_m=1000", "--set", "robust.false_alarms_per_recording=1e-300",

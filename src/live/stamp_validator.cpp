@@ -3,6 +3,8 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "base/recording.hpp"
+
 namespace unlidar {
 namespace {
 

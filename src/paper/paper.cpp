@@ -7,6 +7,7 @@
 
 #include "base/algorithms.hpp"
 #include "base/voxel_grid.hpp"
+#include "paper/clustering.hpp"
 
 namespace unlidar {
 namespace {

@@ -15,14 +15,15 @@ class Column:
     text: Callable[[Any], str] = str
 
 
+def cell(column: Column, row: dict) -> str:
+    """The text of a value; a dash where the row has none, or None or NaN."""
+    value = row.get(column.key)
+    missing = value is None or (isinstance(value, float) and math.isnan(value))
+    return "-" if missing else column.text(value)
+
+
 def markdown(columns: Sequence[Column], rows: Sequence[dict]) -> str:
-    """A table; a value that a row has not, or that is None or NaN, is a dash."""
-
-    def cell(column: Column, row: dict) -> str:
-        value = row.get(column.key)
-        missing = value is None or (isinstance(value, float) and math.isnan(value))
-        return "-" if missing else column.text(value)
-
+    """A table, a line for each row."""
     lines = [
         [column.title for column in columns],
         ["---" if column.text is str else "---:" for column in columns],

@@ -28,6 +28,7 @@ _JUDGED = (
 # Of a result. `once_live` is within1m from the first right row of the stream on.
 MEASURES = (
     *_JUDGED,
+    Column("coverage", "coverage", percent),
     Column("told", "told", percent),
     Column("once live", "once_live", percent),
     Column("NEES", "nees", "{:.2f}".format),

@@ -115,6 +115,36 @@ class SpinningRings:
         return _elevation_within(direction, self.elevation_rad)
 
 
+@dataclass(frozen=True)
+class Raster:
+    """A grid of directions, the same in every frame, at one instant: a flash LiDAR."""
+
+    half_width_rad: float
+    half_height_rad: float
+    columns: int
+    lines: int
+
+    @property
+    def beams(self) -> int:
+        """See Pattern."""
+        return self.columns * self.lines
+
+    def rays(self, seconds: np.ndarray, beam: np.ndarray, phase: tuple[float, float]) -> np.ndarray:
+        """See Pattern."""
+        line, column = np.divmod(beam, self.columns)
+        azimuth = self.half_width_rad * ((2 * column + 1) / self.columns - 1)
+        elevation = self.half_height_rad * ((2 * line + 1) / self.lines - 1)
+        cosine = np.cos(elevation)
+        flat = [cosine * np.cos(azimuth), cosine * np.sin(azimuth), np.sin(elevation)]
+        return np.stack(flat, axis=1)
+
+    def holds(self, direction: np.ndarray) -> np.ndarray:
+        """See Pattern."""
+        azimuth = np.arctan2(direction[:, 1], direction[:, 0])
+        height = (-self.half_height_rad, self.half_height_rad)
+        return (np.abs(azimuth) <= self.half_width_rad) & _elevation_within(direction, height)
+
+
 def _elevation_within(direction: np.ndarray, limits_rad: tuple[float, float]) -> np.ndarray:
     elevation = np.arctan2(direction[:, 2], np.hypot(direction[:, 0], direction[:, 1]))
     return (elevation >= limits_rad[0]) & (elevation <= limits_rad[1])

@@ -182,18 +182,24 @@ class Simulation:
 
 
 def simulate(scenario: Scenario, out: Path, seed: int, force: bool = False) -> dict:
+    """`write_recording` of a scenario with a seed."""
+    return write_recording(Simulation(scenario, seed), out, force)
+
+
+def write_recording(simulation: Simulation, out: Path, force: bool = False) -> dict:
     """Writes frames, truth, poses and scenario.json to the folder `out` and returns the latter."""
-    simulation = Simulation(scenario, seed)
+    scenario = simulation.scenario
     point_times = scenario.point_times
-    counts = {name: simulation.frame_count(name) for name in scenario.sensors}
-    returns = dict.fromkeys(scenario.sensors, 0)
+    expected = sum(map(simulation.frame_count, scenario.sensors))
+    counts, returns = dict.fromkeys(scenario.sensors, 0), dict.fromkeys(scenario.sensors, 0)
     with complete_directory(out, force) as work:
         for name in scenario.sensors:
             (work / name).mkdir()
         frames = (frame for name in scenario.sensors for frame in simulation.frames(name))
-        for frame in with_progress(frames, sum(counts.values()), "Simulating"):
+        for frame in with_progress(frames, expected, "Simulating"):
             path = work / frame.sensor / f"{format_stamp(frame.stamp_ns)}.pcd"
             write_pcd(path, frame.xyz_m, {"t": frame.time_ns.astype("u4")} if point_times else {})
+            counts[frame.sensor] += 1
             returns[frame.sensor] += len(frame.xyz_m)
         _write_truth(work / TRUTH_NAME, simulation.truth())
         poses = {
@@ -206,7 +212,7 @@ def simulate(scenario: Scenario, out: Path, seed: int, force: bool = False) -> d
             _write_poses(work, simulation)
         report = {
             "version": __version__,
-            "seed": seed,
+            "seed": simulation.seed,
             "frames": counts,
             "returns": returns,
             "scenario": dataclasses.asdict(scenario),

@@ -21,7 +21,7 @@ class SensorModel:
     blind_m: float = 0.3
 
 
-_UPRIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+UPRIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _ON_ITS_BACK = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 
 
@@ -34,7 +34,7 @@ def _spinning(beams: int) -> SensorModel:
         pattern=SpinningRings(_degrees(-22.5, 22.5), beams, turn_hz=10.0),
         rays_per_frame=beams * 1024,
         frame_ns=100_000_000,
-        axes=_UPRIGHT,
+        axes=UPRIGHT,
         range_at_10_percent_m=90.0,
         divergence_rad=0.003,
     )
@@ -46,7 +46,7 @@ MODELS: dict[str, SensorModel] = {
         pattern=TurningMirror(_degrees(-7, 52), beams=4, turn_hz=97.3606798, rise_hz=6.1803399),
         rays_per_frame=20_000,
         frame_ns=100_000_000,
-        axes=_UPRIGHT,
+        axes=UPRIGHT,
         range_at_10_percent_m=40.0,
         divergence_rad=0.0044,
     ),

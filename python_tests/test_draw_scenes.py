@@ -151,6 +151,21 @@ def test_every_sensor_has_a_flight_within_its_range_over_any_ground(sensor: str)
         assert set() < set(suited(sensor, kind.scene.ground_z_m)) < set(FLIGHTS)
 
 
+@pytest.mark.parametrize("kind", ["crane", "bridge", "overhead"])
+@pytest.mark.parametrize("sensor", ["rings32_up", "rosette_up"])
+def test_no_drone_flies_through_a_pole_and_each_is_in_view_for_long(kind, sensor) -> None:
+    times_s, seen = np.linspace(0, 20, 1000), []
+    for seed in range(5):
+        _, scene = next(draw(kind, sensor, seed))
+        way = scene.drones[0].centres(times_s)
+        for pole in (thing for thing in scene.things if thing.kind == "pole"):
+            away_m = np.abs(way - pole.centre_m)
+            is_inside = np.hypot(away_m[:, 0], away_m[:, 1]) < pole.size_m[0] / 2
+            assert not np.any(is_inside & (away_m[:, 2] < pole.size_m[2] / 2))
+        seen.append(np.mean([row.in_view for row in scene.truth()]))
+    assert min(seen) >= 0.4
+
+
 def test_leaves_come_down_from_crowns_and_stay_on_the_ground() -> None:
     _, scene = drawn("leaves", "rings32_up", duration_s=20.0)
     times_s = np.linspace(-10, 60, 500)

@@ -124,9 +124,8 @@ def mirrored(
     is_above &= _is_kind(simulation, frame, lambda kind: kind != "ground")
     rays = np.flatnonzero(is_above & (rng.random(len(is_above)) < 0.15))
     images = frame.xyz_m[rays] * [1, 1, -1] + [0, 0, 2 * ground_m]
-    road_m = (
-        np.linalg.norm(images, axis=1) * ground_m / images[:, 2]
-    )  # where the ray to one meets it
+    # Distance at which the ray to an image meets the road.
+    road_m = np.linalg.norm(images, axis=1) * ground_m / images[:, 2]
     model = MODELS[simulation.scenario.sensors[frame.sensor].model]
     shown = (road_m > 3) & (road_m < 35) & in_field_of_view(model, images)
     return _with(frame, images[shown], rays[shown], STRAY)

@@ -66,19 +66,16 @@ def test_a_scene_has_the_same_bytes_for_its_seed_and_others_for_another(
     tool, tmp_path, monkeypatch
 ) -> None:
     words = ["--sensors", "rings16", "--duration", 0.3]
-    assert run(tool, monkeypatch, tmp_path / "a", "dust", *words, "--seed", 5) == 0
-    assert run(tool, monkeypatch, tmp_path / "b", "calm", "dust", *words, "--seed", 5) == 0
-    assert run(tool, monkeypatch, tmp_path / "c", "dust", *words, "--seed", 6) == 0
-    one = contents(tmp_path / "a")
-    both = contents(tmp_path / "b")
-    assert {name.split("_")[0] for name in both} == {"calm", "dust"}
-    assert one == {name: data for name, data in both.items() if name.startswith("dust")}
-    frames = [
-        {data for name, data in contents(tmp_path / run_).items() if name.endswith(".pcd")}
-        for run_ in "ac"
-    ]
-    assert len(frames[0]) == len(frames[1]) == 6
-    assert frames[0].isdisjoint(frames[1])
+    kinds = ["dust", "wet"]  # things and frames of random numbers
+    assert run(tool, monkeypatch, tmp_path / "a", *kinds, *words, "--seed", 5) == 0
+    assert run(tool, monkeypatch, tmp_path / "b", "calm", *kinds[::-1], *words, "--seed", 5) == 0
+    assert run(tool, monkeypatch, tmp_path / "c", *kinds, *words, "--seed", 6) == 0
+    one, more, other = (contents(tmp_path / name) for name in "abc")
+    assert {name.split("_")[0] for name in more} == {"calm", *kinds}
+    assert one == {name: data for name, data in more.items() if not name.startswith("calm")}
+    clouds = [{data for name, data in all_.items() if ".pcd" in name} for all_ in (one, other)]
+    assert len(clouds[0]) == len(clouds[1]) == 12
+    assert clouds[0].isdisjoint(clouds[1])
 
 
 def test_scenes_are_read_as_they_are_measured_and_nobody_has_an_empty_truth(

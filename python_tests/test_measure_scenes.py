@@ -286,6 +286,10 @@ def test_arguments_that_do_not_go_together_are_refused(
     assert f"{results}: is what is read" in capsys.readouterr().err
     assert run(tool, monkeypatch, scene, "--json", tmp_path / "no/results") == 5
     assert "no/results: cannot be written" in capsys.readouterr().err
+    (tmp_path / "ground_truth.csv").write_text("timestamp,x,y,z\n")
+    (tmp_path / "cmd.txt").write_text("--frames 'mid360=no end")
+    assert run(tool, monkeypatch, tmp_path) == 4
+    assert "cmd.txt: No closing quotation, expected options" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         run(tool, monkeypatch, scene, "--jobs", "0")
     assert "'0', expected a whole number from 1 on" in capsys.readouterr().err

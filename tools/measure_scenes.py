@@ -79,8 +79,9 @@ def results_of(
         for mode in arguments.modes:
             usage, tracks, blinded_s = track(mode, sensors, options, out / f"{rule}")
             comparisons[mode] = compare(flight.truth, tracks, Options())
-            used[mode] = {"cpu_s": usage.cpu_s, "memory_mb": usage.memory_mb}
-            used[mode]["blinded_s"] = blinded_s
+            used[mode] = {
+                "cpu_s": usage.cpu_s, "memory_mb": usage.memory_mb, "blinded_s": blinded_s,
+            }  # fmt: skip
         confirmed = once_live(comparisons) if len(comparisons) == len(MODES) else {}
         results += [
             {"scene": flight.name, "weather": str(weather), "mode": mode, "without": rule or ""}

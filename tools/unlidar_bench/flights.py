@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from unlidar.errors import InputError, reason
 from unlidar.frames_io import FrameFile, find_sensors, list_frames, read_pcd, write_pcd
 from unlidar.point_times import TIME_FIELDS, offsets_ns
 from unlidar.pose_files import find_poses, poses_options
@@ -42,7 +43,11 @@ def flight_of(folder: Path) -> Flight:
         return Flight(name, sensors, options, truth)
     parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument("--frames", action="append", default=[])
-    known, options = parser.parse_known_args(shlex.split(command.read_text()))
+    try:
+        words = shlex.split(command.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{command}: {reason(error)}, expected options of a command") from error
+    known, options = parser.parse_known_args(words)
     pairs = [frames.rpartition("=") for frames in known.frames]
     return Flight(name, {n or Path(d).name: Path(d) for n, _, d in pairs}, options, truth)
 

@@ -98,7 +98,7 @@ def results_of(
 def results_in_order(
     flights: Sequence[Flight], folder: Path, arguments: argparse.Namespace
 ) -> Iterator[dict]:
-    """Those of each flight in each weather, as many side by side as there are jobs."""
+    """Results of each flight in each weather, with as many at a time as there are jobs."""
     with ThreadPoolExecutor(arguments.jobs) as pool:  # threads, as the program does the work
         works = itertools.product(flights, dict.fromkeys(arguments.weather))
         for results in pool.map(lambda work: results_of(*work, folder, arguments), works):
@@ -106,7 +106,7 @@ def results_in_order(
 
 
 def flights_of(scenes: Sequence[Path]) -> list[Flight]:
-    """UsageError for two of one name, by which results are told apart."""
+    """Flights of the scenes. UsageError for two of one name, by which results are told apart."""
     flights: dict[str, Flight] = {}
     for scene in scenes:
         flight = flight_of(scene)

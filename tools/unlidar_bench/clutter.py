@@ -25,7 +25,7 @@ Alter = Callable[[Simulation, SimulatedFrame, np.random.Generator], SimulatedFra
 
 @dataclass(frozen=True)
 class Kind:
-    """What a scene has beside the drone."""
+    """Surroundings, further things and altered frames of a scene."""
 
     scene: Scene
     things: Things = lambda simulation, rng: []
@@ -224,7 +224,7 @@ def _is_kind(
     simulation: Simulation, frame: SimulatedFrame, holds: Callable[[str], bool]
 ) -> np.ndarray:
     """(N,) bool: returns of things of such kinds."""
-    # The last is for strays, whose index is -1.
+    # The last value is that of strays, whose index is -1.
     of_thing = np.array([*(holds(thing.kind) for thing in simulation.things), False])
     return of_thing[frame.thing]
 

@@ -56,7 +56,7 @@ class Drawn(Simulation):
         self.things += kind.things(self, np.random.default_rng([seed, _THINGS]))
 
     def frames(self, sensor: str) -> Iterator[SimulatedFrame]:
-        """Those that come, as the sensor hands them over."""
+        """Frames as the sensor hands them over, without those that are lost."""
         rng = np.random.default_rng([self.seed, _FRAMES])
         for frame in super().frames(sensor):
             altered = self._kind.alter(self, frame, rng)
@@ -64,7 +64,7 @@ class Drawn(Simulation):
                 yield altered
 
     def shows_its_drone(self) -> bool:
-        """True if it is in view for long, and flies through nothing that stands there."""
+        """True if the drone is in view for long and flies through nothing that stands there."""
         (drone,) = self.drones
         standing = [one for one in self.things if one.kind in ("building", "pole", "crown")]
         width_m, duration_s = float(drone.size_m.max()), self.scenario.duration_s

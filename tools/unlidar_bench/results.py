@@ -25,7 +25,7 @@ _JUDGED = (
     Column("RMSE, m", "rmse", "{:.3f}".format),
     Column("tracks", "tracks", "{:.4g}".format),
 )
-# Of a result. `once_live` is within1m from the first right row of the stream on.
+# Measures of a result; `once_live` is within1m from the first right row of the stream on.
 MEASURES = (
     *_JUDGED,
     Column("coverage", "coverage", percent),
@@ -36,7 +36,7 @@ MEASURES = (
     Column("CPU, s", "cpu_s", "{:.1f}".format),
     Column("MB", "memory_mb", "{:.0f}".format),
 )
-# Of the scenes in which nobody flies.
+# Sums over the scenes in which nobody flies.
 _EMPTY = (
     Column("nobody flies", "empty", "{:.0f}".format),
     Column("with a track", "alarmed", "{:.0f}".format),
@@ -49,8 +49,8 @@ _SUMMARY = (Column("flights", "flights", "{:.0f}".format), *MEASURES, *_EMPTY)
 def once_live(comparisons: Mapping[str, Comparison]) -> dict[str, float]:
     """By mode, the share within 1 m of the truth that is in view once a stream has found its drone.
 
-    That is from the first instant on at which the stream has an estimate within 1 m of a target.
-    Empty where it never has. All modes are compared with the same truth.
+    A target counts from the first instant on at which the stream has an estimate within 1 m of it.
+    Empty without such a one. All modes are compared with the same truth.
     """
     stream = comparisons["stream"]
     right = stream.seen & (stream.nearest.distance_m < WITHIN_M)
@@ -98,7 +98,7 @@ def name_of(result: dict) -> str:
 
 
 def line_of(result: dict) -> str:
-    """All of a result."""
+    """Name and values of a result."""
     values = (f"{column.title} {cell(column, result)}" for column in MEASURES)
     return f"{name_of(result)}: {', '.join(values)}"
 
@@ -117,7 +117,7 @@ def report(results: Sequence[dict]) -> str:
 
 
 def report_changes(before: Sequence[dict], after: Sequence[dict], name: str) -> str:
-    """What differs from the results before, which are those of the file of this name."""
+    """Differences from the results before, which are those of the file of this name."""
     earlier, later = ({_key(one): one for one in results} for results in (before, after))
     pairs = [(earlier[key], one) for key, one in later.items() if key in earlier]
     different = [

@@ -90,22 +90,25 @@ def bridge(simulation: Simulation, rng: np.random.Generator) -> list[SceneObject
     middle, away = _ahead(simulation, 30.0, rng)
     along = np.array([-away[1], away[0], 0.0])
     yaw = float(np.arctan2(along[1], along[0]))
-    deck_m, duration_s = 6.0, simulation.scenario.duration_s
+    height_m, deck_m, duration_s = 6.0, 120.0, simulation.scenario.duration_s
 
-    def box(kind: str, size: tuple[float, ...], aside_m: float, **more) -> SceneObject:
-        place = middle + aside_m * away + (deck_m + size[2] / 2) * _UP
-        return SceneObject(kind, place, np.array(size), 0.4, yaw, **more)
+    def box(kind: str, size: tuple[float, ...], aside_m: float) -> SceneObject:
+        """A thing that stands on the deck."""
+        place = middle + aside_m * away + (height_m + 0.3 + size[2] / 2) * _UP
+        return SceneObject(kind, place, np.array(size), 0.4, yaw)
 
     def passing(kind: str, size: tuple[float, ...], aside_m: float, mps: float) -> SceneObject:
-        crosses_s = rng.uniform(0, duration_s)
+        crosses_s, reach_s = rng.uniform(0, duration_s), (deck_m / 2 - 3) / abs(mps)
         here = box(kind, size, aside_m)
-        way = _moving(here.centre_m - mps * crosses_s * along, mps * along, 0.0, np.inf)
+        begin_m = here.centre_m - mps * reach_s * along
+        way = _moving(begin_m, mps * along, crosses_s - reach_s, 2 * reach_s)  # from end to end
         return dataclasses.replace(here, path=way)
 
-    found = [box("building", (120.0, 9.0, 0.5), 0.0), box("building", (120.0, 0.2, 1.0), -4.3)]
+    deck = SceneObject("building", middle + height_m * _UP, np.array([deck_m, 9.0, 0.6]), 0.4, yaw)
+    found = [deck, box("building", (deck_m, 0.2, 1.0), -4.3)]
     for out_m in (-30.0, 0.0, 30.0):
-        pillar = middle + out_m * along + deck_m / 2 * _UP
-        found.append(SceneObject("pole", pillar, np.array([1.0, 1.0, deck_m]), 0.4))
+        pillar = middle + out_m * along + height_m / 2 * _UP
+        found.append(SceneObject("pole", pillar, np.array([1.0, 1.0, height_m]), 0.4))
     for _ in range(6):
         mps = rng.choice([-1, 1]) * rng.uniform(6, 14)
         found.append(passing("car", (4.2, 1.8, 1.5), 1.5 * np.sign(mps), mps))

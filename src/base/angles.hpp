@@ -16,15 +16,6 @@ inline double AzimuthRad(const Eigen::Vector3f& p) {
   return std::atan2(static_cast<double>(p.y()), static_cast<double>(p.x()));
 }
 
-// Azimuths of 5 degrees each, from -pi on.
-constexpr std::size_t kAzimuthColumns = 72;
-
-inline std::size_t AzimuthColumn(const Eigen::Vector3f& p) {
-  const double turns = (AzimuthRad(p) + M_PI) / (2.0 * M_PI);
-  const auto column = static_cast<std::size_t>(turns * static_cast<double>(kAzimuthColumns));
-  return std::min(column, kAzimuthColumns - 1);
-}
-
 // Returns the elevation in [-pi / 2, pi / 2].
 inline double ElevationRad(const Eigen::Vector3f& p) {
   return std::atan2(static_cast<double>(p.z()), p.head<2>().cast<double>().norm());
@@ -45,6 +36,32 @@ inline double ApproximateAtan2(double y, double x) {
   if (height > width) rad = M_PI / 2 - rad;
   if (x < 0.0) rad = M_PI - rad;
   return y < 0.0 ? -rad : rad;
+}
+
+// Returns the number of the cell of an angle from 0 on, of which exact_rad() is computed only where
+// the approximate one is near the edge of a cell.
+template <class ExactRad>
+std::size_t CellOfAngle(double approximate_rad, double cell_rad, const ExactRad& exact_rad) {
+  const double from = (approximate_rad - kApproximateAtan2ErrorRad) / cell_rad;
+  const double to = (approximate_rad + kApproximateAtan2ErrorRad) / cell_rad;
+  const double number = from > 0.0 ? static_cast<double>(static_cast<std::size_t>(from)) : -1.0;
+  return static_cast<std::size_t>(number >= 0.0 && to < number + 1.0 ? number
+                                                                     : exact_rad() / cell_rad);
+}
+
+// Returns the number of the cell of the azimuth of a point, from -pi on.
+inline std::size_t AzimuthCell(const Eigen::Vector3f& p, double cell_rad) {
+  return CellOfAngle(
+      ApproximateAtan2(static_cast<double>(p.y()), static_cast<double>(p.x())) + M_PI, cell_rad,
+      [&] { return AzimuthRad(p) + M_PI; });
+}
+
+// Azimuths of 5 degrees each, from -pi on.
+constexpr std::size_t kAzimuthColumns = 72;
+
+inline std::size_t AzimuthColumn(const Eigen::Vector3f& p) {
+  constexpr double kColumnRad = 2.0 * M_PI / static_cast<double>(kAzimuthColumns);
+  return std::min(AzimuthCell(p, kColumnRad), kAzimuthColumns - 1);
 }
 
 }  // namespace unlidar

@@ -21,20 +21,12 @@ double DirectionCells::AzimuthRad(std::size_t column) const {
   return (static_cast<double>(column) + 0.5) * column_rad_ - M_PI;
 }
 
-// Exact angles are computed only near the edges of cells.
 std::size_t DirectionCells::CellOf(const Eigen::Vector3f& p) const {
-  const auto number_of = [](double approximate_rad, double cell_rad, const auto& exact_rad) {
-    const double from = (approximate_rad - kApproximateAtan2ErrorRad) / cell_rad;
-    const double to = (approximate_rad + kApproximateAtan2ErrorRad) / cell_rad;
-    const double number = from > 0.0 ? static_cast<double>(static_cast<std::size_t>(from)) : -1.0;
-    return static_cast<std::size_t>(number >= 0.0 && to < number + 1.0 ? number
-                                                                       : exact_rad() / cell_rad);
-  };
+  const std::size_t column = AzimuthCell(p, column_rad_);
   const Eigen::Vector3d q = p.cast<double>();
-  const std::size_t column = number_of(ApproximateAtan2(q.y(), q.x()) + M_PI, column_rad_,
-                                       [&] { return unlidar::AzimuthRad(p) + M_PI; });
-  const std::size_t row = number_of(ApproximateAtan2(q.z(), q.head<2>().norm()) + M_PI / 2,
-                                    row_rad_, [&] { return unlidar::ElevationRad(p) + M_PI / 2; });
+  const std::size_t row =
+      CellOfAngle(ApproximateAtan2(q.z(), q.head<2>().norm()) + M_PI / 2, row_rad_,
+                  [&] { return unlidar::ElevationRad(p) + M_PI / 2; });
   return std::min(row, rows_ - 1) * columns_ + std::min(column, columns_ - 1);
 }
 

@@ -56,12 +56,16 @@ void Ground::SetHeights(const PointsView& points_m, Workspace* workspace) {
   numbers_.Clear();
   cells_.clear();
   cell_of.clear();
+  std::uint32_t last = 0;
   for (std::size_t i = 0; i < points_m.size(); ++i) {
     const Cell cell = CellOf(points_m[i]);
-    const std::uint32_t number = numbers_.FindOrAdd(0, KeyOf(cell));
-    if (number == cells_.size()) cells_.push_back(cell);
-    ++cells_[number].end;
-    cell_of.push_back(number);
+    // Most returns lie in the cell of the one before.
+    if (i == 0 || cell.x != cells_[last].x || cell.y != cells_[last].y) {
+      last = numbers_.FindOrAdd(0, KeyOf(cell));
+      if (last == cells_.size()) cells_.push_back(cell);
+    }
+    ++cells_[last].end;
+    cell_of.push_back(last);
   }
   std::uint32_t end = 0;
   for (Cell& cell : cells_) end += std::exchange(cell.end, end);

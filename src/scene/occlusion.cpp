@@ -84,11 +84,11 @@ Occlusion::Hidden Occlusion::HiddenBins(const Eigen::Vector3f& place_m, std::int
     if (row == kNone) return hidden;
     const std::uint16_t* const depths = depths_.data() + row;
     const float range_m = place_m.norm();
+    const auto num_used = static_cast<int>(std::min<std::int64_t>(bin_, RecentBins::kWindow));
     std::uint16_t nearest = kNothing;
-    for (int slot = 0; slot < RecentBins::kWindow; ++slot)
-      nearest = std::min(nearest, depths[slot]);
+    for (int slot = 0; slot < num_used; ++slot) nearest = std::min(nearest, depths[slot]);
     if (!IsNearer(nearest, range_m)) return hidden;
-    for (int slot = 0; slot < RecentBins::kWindow; ++slot) {
+    for (int slot = 0; slot < num_used; ++slot) {
       if (IsNearer(depths[slot], range_m)) Insert(slot, newest, &hidden.behind);
     }
     return hidden;

@@ -150,10 +150,10 @@ void Occupancy::JudgeAnew(const Eigen::Vector3f& point_m, int age, Place* place)
   place->is_structure = place->is_unknown || occupied > max_occupied;
   // A place among strays is clutter, not structure. Where there is one at most times and within
   // reach of any track, a lone return tells nothing, and it is left at that.
-  const double rate = place->is_structure ? RateThroughout(hits, point_m) : 0.0;
   const double stray_rate = place->is_structure ? StrayRate(point_m) : 0.0;
   place->is_behind_strays = stray_rate > 0.0;
-  const bool may_be_strays = place->is_structure && stray_rate > kMinStrayShare * rate;
+  const double rate = place->is_behind_strays ? RateThroughout(hits, point_m) : 0.0;
+  const bool may_be_strays = place->is_behind_strays && stray_rate > kMinStrayShare * rate;
   const bool is_of_strays = may_be_strays && AreStraysEnough(point_m, VoxelRate(point_m, age));
   const bool is_among_strays = is_of_strays && rate < kMaxStrayRate;
   if (is_among_strays) place->is_structure = false;

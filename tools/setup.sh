@@ -195,12 +195,11 @@ build_sanitized() {
 }
 
 # build_for_threads TARGET...: with the sanitizer for data races, in build-threads/. The library is
-# built of the folders that the tests of what runs on several threads need, file by file: elsewhere it
-# would not show that one lacks an include.
+# built file by file: elsewhere it would not show that one lacks an include.
 build_for_threads() {
   build_in "$threads_dir" "$@" -- -DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ \
     -DCMAKE_BUILD_TYPE=Debug '-DCMAKE_CXX_FLAGS_DEBUG=-O2 -gline-tables-only' \
-    -DUNLIDAR_SANITIZE=thread '-DUNLIDAR_CORE=base|io|scene|tracking' \
+    -DUNLIDAR_SANITIZE=thread \
     -DUNLIDAR_BUILD_BENCHMARKS=OFF -DUNLIDAR_BUILD_PYTHON=OFF
 }
 

@@ -278,6 +278,8 @@ TEST(PathScorer, TheEmptyPathIsWorthNothing) {
 }
 
 struct PredictedPlot {
+  Hypothesis from;
+  Motion motion;
   Prediction prediction;
   Plot plot;
 };
@@ -302,9 +304,22 @@ PredictedPlot RandomPrediction(const TrackModel& model, Random* random) {
   }
   const double dt_s = random->Uniform(0.05, 3.0);
   move_on(dt_s);
-  const Prediction p = model.Predict(h, model.PredictedScore(h, at), model.MotionOver(dt_s), at);
+  const Motion motion = model.MotionOver(dt_s);
+  const Prediction p = model.Predict(h, model.PredictedScore(h, at), motion, at);
   const double spread_m = std::sqrt(p.steady.position_m2) * random->Uniform(0.0, 10.0);
-  return {p, RandomPlot(kBeginNs, p.position_m + random->NormalVector(spread_m), random)};
+  return {h, motion, p,
+          RandomPlot(kBeginNs, p.position_m + random->NormalVector(spread_m), random)};
+}
+
+ScoreBound BoundOf(const TrackModel& model, const PredictedPlot& at, const FrameBounds& frame) {
+  const Prediction& p = at.prediction;
+  const double score = p.score + p.log_detection_probability;
+  ScoreBound bound = model.BoundOf(at.from.state, at.motion, p.steady, p.agile, frame,
+                                   TopOf(score, p.steady, frame));
+  const double agile_top = model.AgileTopOf(score, p.agile, frame);
+  EXPECT_LE(agile_top, bound.agile_top + kRoundingSlack);
+  bound.agile_top = agile_top;
+  return bound;
 }
 
 TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
@@ -323,8 +338,7 @@ TEST(ScoreBound, IsNeverLessThanTheScoreAndNearToItForASimplePlot) {
         const double offset_s =
             std::abs(static_cast<double>(plot.time_ns - plot.frame_time_ns)) * 1e-9;
         const auto slack_of = [&](const FrameBounds& frame) {
-          return model.BoundOf(p, frame, model.SteadyTopOf(p, frame)).At(distance2_m2) -
-                 plot.log_clutter - score;
+          return BoundOf(model, at, frame).At(distance2_m2) - plot.log_clutter - score;
         };
         EXPECT_GE(slack_of({0.5 * plot.variance_m2, 2.0 * plot.variance_m2, plot.streak_s,
                             offset_s + random.Uniform(0.0, 0.05)}),
@@ -347,8 +361,7 @@ TEST(ScoreBound, FallsWithDistance) {
     const PredictedPlot at = RandomPrediction(model, &random);
     const double half_span_s = i % 2 == 0 ? 0.0 : 0.05;
     const FrameBounds frame{0.01, 0.2, kPeriodS, half_span_s};
-    const ScoreBound bound =
-        model.BoundOf(at.prediction, frame, model.SteadyTopOf(at.prediction, frame));
+    const ScoreBound bound = BoundOf(model, at, frame);
     const double distance_m = random.Uniform(0.0, 20.0);
     EXPECT_LE(bound.At(1.01 * distance_m * distance_m), bound.At(distance_m * distance_m));
     EXPECT_LT(bound.At(1e4), bound.At(0.0));

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/maths.hpp"
+#include "tracking/path_filter.hpp"
 #include "tracking/time_reversed.hpp"
 #include "tracking/track_model.hpp"
 #include "tracking/track_search.hpp"

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "base/algorithms.hpp"
+#include "tracking/path_filter.hpp"
 
 namespace unlidar {
 namespace {

@@ -69,13 +69,43 @@ double LogOutOfView(TimeOutOfView time_out_of_view, const TrackerConfig& config)
                                                   : std::log(config.out_of_view_probability);
 }
 
-// Log of the density of a plot exactly at a prediction, at most.
-double LogTop(const Prediction& p, const AxisVariances& variances, const FrameBounds& frame) {
-  return p.score + p.log_detection_probability -
-         1.5 * std::log(2.0 * M_PI * (variances.Min(frame.half_span_s) + frame.min_variance_m2));
+AxisVariances WithNoise(const AxisVariances& variances, double factor, const Motion& motion) {
+  return {variances.position_m2 + factor * motion.noise(0, 0),
+          variances.covariance_m2_per_s + factor * motion.noise(0, 1),
+          variances.velocity_m2_per_s2 + factor * motion.noise(1, 1)};
+}
+
+Eigen::Vector3d VelocityAfter(const State& state, const Motion& motion) {
+  return state.mean.col(1) + motion.transition(1, 2) * state.mean.col(2);
 }
 
 }  // namespace
+
+Eigen::Vector3d PositionAfter(const State& state, const Motion& motion) {
+  return state.mean.col(0) + (motion.transition(0, 1) * state.mean.col(1) +
+                              motion.transition(0, 2) * state.mean.col(2));
+}
+
+AxisVariances SteadyVariancesOf(const State& state, const Motion& motion) {
+  const Eigen::Matrix3d& before = state.covariance;
+  const double dt = motion.transition(0, 1);
+  const double da = motion.transition(0, 2);
+  const double va = motion.transition(1, 2);
+  const Eigen::Vector3d position = before.col(0) + (dt * before.col(1) + da * before.col(2));
+  const Eigen::Vector3d velocity = before.row(1) + va * before.row(2);
+  return WithNoise({position[0] + (dt * position[1] + da * position[2]),
+                    position[1] + va * position[2], velocity[1] + va * velocity[2]},
+                   1.0, motion);
+}
+
+AxisVariances AgileVariancesOf(const AxisVariances& steady, const Motion& motion) {
+  return WithNoise(steady, kManoeuvreNoiseFactor, motion);
+}
+
+double TopOf(double score, const AxisVariances& variances, const FrameBounds& frame) {
+  return score -
+         1.5 * std::log(2.0 * M_PI * (variances.Min(frame.half_span_s) + frame.min_variance_m2));
+}
 
 FrameTime FrameTimeOf(const Plot& plot, TimeNs begin_ns, const ScanSchedule& scan_schedule) {
   FrameTime frame_time;
@@ -177,28 +207,13 @@ Prediction TrackModel::Predict(const Hypothesis& from, double score, const Motio
                                const FrameTime& at) const {
   Prediction p;
   p.score = score;
-  p.log_detection_probability = at.sensor == from.sensor ? from.log_detection_probability
-                                : at.sensor == from.other_sensor
-                                    ? from.other_log_detection_probability
-                                    : LogOtherDetectionProbability(at, from.state);
+  p.log_detection_probability = LogDetectionProbabilityOf(from, at);
   p.sensor = from.sensor;
-  p.speed_mps = std::min(from.state.mean.col(1).norm(), config_->max_speed_mps);
-  const auto onto_position = motion.transition.row(0);
-  const auto onto_velocity = motion.transition.row(1);
-  p.position_m = from.state.mean * onto_position.transpose();
-  p.velocity_mps = from.state.mean * onto_velocity.transpose();
-  const Eigen::Matrix3d& covariance = from.state.covariance;
-  const Eigen::Vector3d with_position = covariance * onto_position.transpose();
-  p.steady = {onto_position * with_position, onto_velocity * with_position,
-              onto_velocity * covariance * onto_velocity.transpose()};
-  const auto add_noise = [&](double factor, AxisVariances* variances) {
-    variances->position_m2 += factor * motion.noise(0, 0);
-    variances->covariance_m2_per_s += factor * motion.noise(0, 1);
-    variances->velocity_m2_per_s2 += factor * motion.noise(1, 1);
-  };
-  add_noise(1.0, &p.steady);
-  p.agile = p.steady;
-  add_noise(ManoeuvreNoiseFactor(), &p.agile);
+  p.speed_mps = SpeedOf(from.state);
+  p.position_m = PositionAfter(from.state, motion);
+  p.velocity_mps = VelocityAfter(from.state, motion);
+  p.steady = SteadyVariancesOf(from.state, motion);
+  p.agile = AgileVariancesOf(p.steady, motion);
   return p;
 }
 
@@ -228,7 +243,7 @@ Hypothesis TrackModel::Update(const Hypothesis& from, const Motion& motion, cons
                               const ScoreIncrement& increment) const {
   Eigen::Matrix3d covariance =
       motion.transition * from.state.covariance * motion.transition.transpose() + motion.noise;
-  if (increment.is_agile) covariance += ManoeuvreNoiseFactor() * motion.noise;
+  if (increment.is_agile) covariance += kManoeuvreNoiseFactor * motion.noise;
   // The plot measures position + offset_s * velocity at the middle of the frame.
   const double offset_s = OffsetS(plot);
   const Eigen::Vector3d seen = covariance.col(0) + offset_s * covariance.col(1);
@@ -264,20 +279,25 @@ Hypothesis TrackModel::PredictAndUpdate(const Hypothesis& from, const Plot& plot
   return Update(from, motion, p, plot, at, ScoreIncrementOf(p, plot));
 }
 
-double TrackModel::SteadyTopOf(const Prediction& p, const FrameBounds& frame) const {
-  return LogTop(p, p.steady, frame);
-}
-
-ScoreBound TrackModel::BoundOf(const Prediction& p, const FrameBounds& frame,
-                               double steady_top) const {
-  const double streak_m = p.speed_mps * frame.streak_s;
+ScoreBound TrackModel::BoundOf(const State& state, const Motion& motion,
+                               const AxisVariances& steady, const AxisVariances& agile,
+                               const FrameBounds& frame, double steady_top) const {
+  const double streak_m = frame.streak_s > 0.0 ? SpeedOf(state) * frame.streak_s : 0.0;
+  const double travel_m =
+      frame.half_span_s > 0.0 ? frame.half_span_s * VelocityAfter(state, motion).norm() : 0.0;
   const double max_m2 = frame.max_variance_m2 + streak_m * streak_m / 36.0;
   const auto slope = [&](const AxisVariances& variances) {
     return 0.5 / (variances.Max(frame.half_span_s) + max_m2);
   };
-  return {steady_top, slope(p.steady),
-          LogTop(p, p.agile, frame) + config_->manoeuvre_log_probability, slope(p.agile),
-          frame.half_span_s * p.velocity_mps.norm()};
+  // A manoeuvre only widens the density: at its top it is no likelier than its prior.
+  return {steady_top, slope(steady), steady_top + config_->manoeuvre_log_probability, slope(agile),
+          travel_m};
+}
+
+double TrackModel::LogDetectionProbabilityOf(const Hypothesis& from, const FrameTime& at) const {
+  if (at.sensor == from.sensor) return from.log_detection_probability;
+  return at.sensor == from.other_sensor ? from.other_log_detection_probability
+                                        : LogOtherDetectionProbability(at, from.state);
 }
 
 double TrackModel::LogOtherDetectionProbability(const FrameTime& at, const State& state) const {
@@ -313,32 +333,8 @@ void TrackModel::SetDetectionProbability(const FrameTime& at, Hypothesis* h) con
       LogDetectionProbability(LogMissProbability(*h, h->frame_exposure_s_per_m2));
 }
 
-double TrackModel::ManoeuvreNoiseFactor() const {
-  return kManoeuvreFactor * kManoeuvreFactor - 1.0;
-}
-
-std::vector<Hypothesis> FilterFrom(const TrackModel& model, const Hypothesis& from,
-                                   const std::vector<const Plot*>& plots,
-                                   const std::vector<FrameTime>& frame_times, std::size_t first) {
-  std::vector<Hypothesis> hypotheses;
-  hypotheses.reserve(plots.size() - first + 1);
-  hypotheses.push_back(from);
-  for (std::size_t k = first; k < plots.size(); ++k) {
-    hypotheses.push_back(model.PredictAndUpdate(hypotheses.back(), *plots[k], frame_times[k]));
-  }
-  return hypotheses;
-}
-
-std::vector<Hypothesis> FilterPath(const TrackModel& model, const std::vector<const Plot*>& plots,
-                                   const std::vector<FrameTime>& frame_times, double log_birth,
-                                   const TrackerConfig& config) {
-  std::vector<Hypothesis> best;
-  for (const double speed_mps : config.birth_speeds_mps) {
-    const Hypothesis birth = model.Birth(*plots.front(), log_birth, frame_times.front(), speed_mps);
-    std::vector<Hypothesis> hypotheses = FilterFrom(model, birth, plots, frame_times, 1);
-    if (best.empty() || hypotheses.back().score > best.back().score) best = std::move(hypotheses);
-  }
-  return best;
+double TrackModel::SpeedOf(const State& state) const {
+  return std::min(state.mean.col(1).norm(), config_->max_speed_mps);
 }
 
 }  // namespace unlidar

@@ -22,6 +22,7 @@ constexpr double kRoundingSlack = 1e-9;
 // Standard deviation of acceleration in a manoeuvre, relative to the motion that it interrupts:
 // about the ratio between the successive values of sigma_a in the search.
 constexpr double kManoeuvreFactor = 3.0;
+constexpr double kManoeuvreNoiseFactor = kManoeuvreFactor * kManoeuvreFactor - 1.0;  // in addition
 
 // Shape of the gamma prior of a target's return rate: its standard deviation is 0.8 of its mean, as
 // drones differ in size and aspect.
@@ -42,6 +43,7 @@ struct State {
 
 // Singer's model: acceleration decays with time constant tau and standard deviation sigma.
 struct Motion {
+  // Upper triangular, 1 for position and velocity on the diagonal.
   Eigen::Matrix3d transition = Eigen::Matrix3d::Identity();
   Eigen::Matrix3d noise = Eigen::Matrix3d::Zero();
 };
@@ -119,7 +121,7 @@ struct FrameBounds {
 // Upper bound of the score of a prediction and a plot at some distance, without the terms that
 // depend on the plot alone. It saves a logarithm per pair.
 struct ScoreBound {
-  double steady_top = 0.0;    // that of TrackModel::SteadyTopOf()
+  double steady_top = 0.0;
   double steady_slope = 0.0;  // per squared distance
   double agile_top = 0.0;
   double agile_slope = 0.0;
@@ -135,6 +137,16 @@ struct ScoreBound {
                     agile_top - agile_slope * distance2_m2);
   }
 };
+
+// Position of a state after a motion, and its variances if it did not manoeuvre and if it did.
+Eigen::Vector3d PositionAfter(const State& state, const Motion& motion);
+AxisVariances SteadyVariancesOf(const State& state, const Motion& motion);
+AxisVariances AgileVariancesOf(const AxisVariances& steady, const Motion& motion);
+
+// Returns the highest score of a plot of a frame exactly at a prediction with these variances,
+// without the terms that depend on the plot alone. `score`: of the hypothesis, with the log of its
+// detection probability.
+double TopOf(double score, const AxisVariances& variances, const FrameBounds& frame);
 
 // Middle of a frame, from where it was seen, and the number of earlier frames of each sensor.
 struct FrameTime {
@@ -187,6 +199,9 @@ class TrackModel {
 
   Motion MotionOver(double dt_s) const;
 
+  // Log of the probability that a hypothesis is seen in the frame at `at`.
+  double LogDetectionProbabilityOf(const Hypothesis& from, const FrameTime& at) const;
+
   // `score`: PredictedScore() of the hypothesis at `at`. `motion`: from its last plot to `at`.
   Prediction Predict(const Hypothesis& from, double score, const Motion& motion,
                      const FrameTime& at) const;
@@ -200,10 +215,14 @@ class TrackModel {
   // Same, including the prediction; the frames until `at` are missed detections.
   Hypothesis PredictAndUpdate(const Hypothesis& from, const Plot& plot, const FrameTime& at) const;
 
-  // Returns the highest score of a plot exactly at a prediction, without the terms that depend on
-  // the plot alone, if it did not manoeuvre; then the whole bound.
-  double SteadyTopOf(const Prediction& p, const FrameBounds& frame) const;
-  ScoreBound BoundOf(const Prediction& p, const FrameBounds& frame, double steady_top) const;
+  // Bound of the scores of a state after a motion, of which `steady` and `steady_top` are
+  // SteadyVariancesOf() and TopOf(). Its agile top has the density of the steady one, which costs
+  // no logarithm; AgileTopOf() is lower.
+  ScoreBound BoundOf(const State& state, const Motion& motion, const AxisVariances& steady,
+                     const AxisVariances& agile, const FrameBounds& frame, double steady_top) const;
+  double AgileTopOf(double score, const AxisVariances& agile, const FrameBounds& frame) const {
+    return TopOf(score, agile, frame) + config_->manoeuvre_log_probability;
+  }
 
   // Sets the detection probability in frames of another sensor than that of the last plot, seen
   // from where this frame was. It hardly depends on time: a hypothesis that is extended often needs
@@ -215,7 +234,7 @@ class TrackModel {
 
  private:
   void SetDetectionProbability(const FrameTime& at, Hypothesis* h) const;
-  double ManoeuvreNoiseFactor() const;  // additional noise of a manoeuvre
+  double SpeedOf(const State& state) const;  // no more than targets fly
   double LogMissProbability(const Hypothesis& from, double exposure_s_per_m2) const;
   double LogOutOfViewProbability(double missed, std::uint32_t sensor) const;
   double LogPriorMissProbability(double exposure_s_per_m2) const;  // without detections so far
@@ -229,17 +248,5 @@ class TrackModel {
   double log_out_of_view_;  // log probability of being out of view; minus infinity if it never is
   const TrackerConfig* config_;
 };
-
-// Returns a hypothesis, then that after each further plot of a path, from number `first` on.
-// `frame_times` (plots): of their frames.
-std::vector<Hypothesis> FilterFrom(const TrackModel& model, const Hypothesis& from,
-                                   const std::vector<const Plot*>& plots,
-                                   const std::vector<FrameTime>& frame_times, std::size_t first);
-
-// Filters a path: returns the hypothesis after each plot (plots), for the initial speed with the
-// highest final score.
-std::vector<Hypothesis> FilterPath(const TrackModel& model, const std::vector<const Plot*>& plots,
-                                   const std::vector<FrameTime>& frame_times, double log_birth,
-                                   const TrackerConfig& config);
 
 }  // namespace unlidar

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 namespace unlidar {
 namespace {
@@ -10,6 +11,9 @@ namespace {
 constexpr std::size_t kMaxHypothesesPerPlot = 5;
 constexpr double kUnreachable = std::numeric_limits<double>::infinity();
 constexpr std::size_t kMinCompactedSize = 1 << 14;  // of a history: less is not worth the time
+
+// True if what bounds the scores of pairs of hypothesis and plot is worth a ranking and logarithms.
+bool HasManyPlots(const Scan& scan) { return scan.last - scan.first > 8; }
 
 }  // namespace
 
@@ -38,7 +42,7 @@ TrackSearch::TrackSearch(const std::vector<double>& log_births, const std::vecto
 
 void TrackSearch::Extend(const Scan& scan) {
   last_scan_ = history_.size();
-  Predict(scan.at);
+  LookAhead(scan);
   PruneHypotheses(scan);
   FindCandidates(scan);
   for (std::size_t i = scan.first; i < scan.last; ++i) {
@@ -69,38 +73,38 @@ void TrackSearch::Add(Hypothesis hypothesis) {
   active_.push_back(hypothesis);
 }
 
-// Predicts all active hypotheses at a time. Drops those that are too old or too unlikely.
-void TrackSearch::Predict(const FrameTime& at) {
-  predictions_.clear();
+// Sets the outlooks of the active hypotheses that are neither too old nor too unlikely by now.
+void TrackSearch::LookAhead(const Scan& scan) {
+  outlooks_.clear();
   motions_.clear();
   double motion_dt = -1.0;
   for (Hypothesis& from : active_) {
-    const double dt = at.time_s - from.time_s;
+    const double dt = scan.at.time_s - from.time_s;
     if (dt > config_.max_gap_s) continue;
-    const double score = model_.PredictedScore(from, at);
+    const double score = model_.PredictedScore(from, scan.at);
     if (score < kDeletionLog) continue;
     if (dt != motion_dt) {
       motions_.push_back(model_.MotionOver(dt));
       motion_dt = dt;
     }
-    if (at.sensor != from.sensor && at.sensor != from.other_sensor) {
-      model_.SetOtherSensor(at, &from);
+    if (scan.at.sensor != from.sensor && scan.at.sensor != from.other_sensor) {
+      model_.SetOtherSensor(scan.at, &from);
     }
-    predictions_.push_back(model_.Predict(from, score, motions_.back(), at));
-    predictions_.back().hypothesis = static_cast<std::uint32_t>(&from - active_.data());
-    predictions_.back().motion = static_cast<std::uint32_t>(motions_.size() - 1);
+    const AxisVariances steady = SteadyVariancesOf(from.state, motions_.back());
+    const double top =
+        TopOf(score + model_.LogDetectionProbabilityOf(from, scan.at), steady, scan.bounds);
+    outlooks_.push_back({score, top, steady, static_cast<std::uint32_t>(&from - active_.data()),
+                         static_cast<std::uint32_t>(motions_.size() - 1)});
   }
 }
 
-// In rain most plots are births that lead nowhere, so only the best hypotheses are kept, ranked by
-// the highest score that a plot exactly at their prediction could reach. A distant birth, whose
-// missed detections cost almost nothing as it would hardly ever be seen, does not displace nearby
-// hypotheses.
+// Drops the active hypotheses without an outlook. In rain most plots are births that lead nowhere,
+// so only the best hypotheses are kept, ranked by the highest score that a plot exactly at their
+// prediction could reach. A distant birth, whose missed detections cost almost nothing as it would
+// hardly ever be seen, does not displace nearby hypotheses.
 void TrackSearch::PruneHypotheses(const Scan& scan) {
   ranking_.clear();
-  for (const Prediction& p : predictions_) {
-    ranking_.emplace_back(-model_.SteadyTopOf(p, scan.bounds), ranking_.size());
-  }
+  for (std::size_t k = outlooks_.size(); k-- > 0;) ranking_.emplace_back(-outlooks_[k].top, k);
   const auto move_best_to_front = [&](std::size_t count) {
     if (ranking_.size() <= count) return;
     std::nth_element(ranking_.begin(), ranking_.begin() + static_cast<std::ptrdiff_t>(count),
@@ -111,15 +115,15 @@ void TrackSearch::PruneHypotheses(const Scan& scan) {
   move_best_to_front(most);
   ranking_.resize(std::min(ranking_.size(), most));
   // The most promising are evaluated first, as their scores bound the others; the order does not
-  // change the result.
+  // change the result. Among few plots the latest, which come first, are promising enough.
   constexpr std::size_t kNumRankedFirst = 64;
-  move_best_to_front(kNumRankedFirst);
-  is_kept_.assign(predictions_.size(), 0);
+  if (HasManyPlots(scan)) move_best_to_front(kNumRankedFirst);
+  is_kept_.assign(outlooks_.size(), 0);
   for (const auto& [negated_top, k] : ranking_) is_kept_[k] = 1;
   std::uint32_t num_kept = 0;
-  for (std::size_t k = 0; k < predictions_.size(); ++k) {
+  for (std::size_t k = 0; k < outlooks_.size(); ++k) {
     if (!is_kept_[k]) continue;
-    const std::uint32_t from = std::exchange(predictions_[k].hypothesis, num_kept);
+    const std::uint32_t from = std::exchange(outlooks_[k].hypothesis, num_kept);
     if (from != num_kept) active_[num_kept] = active_[from];
     ++num_kept;
   }
@@ -142,8 +146,10 @@ void TrackSearch::FindCandidates(const Scan& scan) {
   for (std::size_t node = least_bounds_.size(); node-- > 0;) {  // children before their parent
     SetLeastBound(scan, static_cast<std::uint32_t>(node));
   }
+  predictions_.clear();
   for (const auto& [negated_top, k] : ranking_) {
-    Continue(k, scan, model_.BoundOf(predictions_[k], scan.bounds, -negated_top));
+    const bool reaches_no_plot = -negated_top < least_bounds_.front() - kRoundingSlack;
+    if (!reaches_no_plot) Continue(outlooks_[k], scan);
   }
 }
 
@@ -161,9 +167,20 @@ bool TrackSearch::SetLeastBound(const Scan& scan, std::uint32_t id) {
   return std::exchange(least_bounds_[id], least) != least;
 }
 
-void TrackSearch::Continue(std::size_t prediction, const Scan& scan, const ScoreBound& bound) {
-  const Eigen::Vector3d& position_m = predictions_[prediction].position_m;
+// Continues a hypothesis to the plots in its reach.
+void TrackSearch::Continue(const Outlook& outlook, const Scan& scan) {
+  const Hypothesis& from = active_[outlook.hypothesis];
+  const Motion& motion = motions_[outlook.motion];
+  const Eigen::Vector3d position_m = PositionAfter(from.state, motion);
+  const AxisVariances agile = AgileVariancesOf(outlook.steady, motion);
+  ScoreBound bound =
+      model_.BoundOf(from.state, motion, outlook.steady, agile, scan.bounds, outlook.top);
+  if (HasManyPlots(scan)) {
+    bound.agile_top = model_.AgileTopOf(
+        outlook.score + model_.LogDetectionProbabilityOf(from, scan.at), agile, scan.bounds);
+  }
   const std::vector<PointTree<double>::Node>& nodes = scan.positions_m.nodes();
+  bool is_predicted = false;
   for (std::uint32_t id = 0; id < nodes.size();) {
     const PointTree<double>::Node& node = nodes[id];
     const Eigen::Vector3d nearest_m = position_m.cwiseMax(node.low_m).cwiseMin(node.high_m);
@@ -172,19 +189,26 @@ void TrackSearch::Continue(std::size_t prediction, const Scan& scan, const Score
       id = node.next;
       continue;
     }
-    if (node.IsLeaf() && ContinueToLeaf(prediction, scan, node, bound)) {
-      for (std::uint32_t raised = id; SetLeastBound(scan, raised) && raised > 0;) {
-        raised = nodes[raised].parent;
+    if (node.IsLeaf()) {
+      if (!std::exchange(is_predicted, true)) {
+        predictions_.push_back(model_.Predict(from, outlook.score, motion, scan.at));
+        predictions_.back().hypothesis = outlook.hypothesis;
+        predictions_.back().motion = outlook.motion;
+      }
+      if (ContinueToLeaf(scan, node, bound)) {
+        for (std::uint32_t raised = id; SetLeastBound(scan, raised) && raised > 0;) {
+          raised = nodes[raised].parent;
+        }
       }
     }
     ++id;
   }
 }
 
-// Returns true if the threshold of a plot was raised.
-bool TrackSearch::ContinueToLeaf(std::size_t prediction, const Scan& scan,
-                                 const PointTree<double>::Node& leaf, const ScoreBound& bound) {
-  const Prediction& p = predictions_[prediction];
+// Continues the last prediction. Returns true if the threshold of a plot was raised.
+bool TrackSearch::ContinueToLeaf(const Scan& scan, const PointTree<double>::Node& leaf,
+                                 const ScoreBound& bound) {
+  const Prediction& p = predictions_.back();
   bool is_raised = false;
   for (std::uint32_t i = leaf.begin; i < leaf.end; ++i) {
     const Scan::Entry& entry = scan.entries[i];
@@ -194,7 +218,7 @@ bool TrackSearch::ContinueToLeaf(std::size_t prediction, const Scan& scan,
     const double score = p.score + increment.log;
     if (score < thresholds_[i]) continue;
     std::vector<Candidate>& best = candidates_[entry.plot - scan.first];
-    InsertCandidate({score, increment, prediction}, &best);
+    InsertCandidate({score, increment, p.hypothesis, predictions_.size() - 1}, &best);
     if (best.size() < static_cast<std::size_t>(config_.hypotheses_per_plot)) continue;
     thresholds_[i] = best.back().score;
     is_raised = true;
@@ -205,7 +229,7 @@ bool TrackSearch::ContinueToLeaf(std::size_t prediction, const Scan& scan,
 void TrackSearch::InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const {
   const auto at = std::upper_bound(
       best->begin(), best->end(), candidate, [](const Candidate& a, const Candidate& b) {
-        return a.score > b.score || (a.score == b.score && a.index < b.index);
+        return a.score > b.score || (a.score == b.score && a.hypothesis < b.hypothesis);
       });
   best->insert(at, candidate);
   if (best->size() > static_cast<std::size_t>(config_.hypotheses_per_plot)) best->pop_back();

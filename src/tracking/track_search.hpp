@@ -70,9 +70,20 @@ class TrackSearch {
     std::uint32_t num_plots;
   };
 
+  // What an active hypothesis may score in the current frame. Most reach none of its plots, so that
+  // no more of their predictions is needed.
+  struct Outlook {
+    double score;  // including missed detections up to the frame
+    double top;    // TopOf()
+    AxisVariances steady;
+    std::uint32_t hypothesis;  // index of the active hypothesis
+    std::uint32_t motion;      // index of the motion since its last plot
+  };
+
   struct Candidate {
     double score;
     ScoreIncrement increment;
+    std::uint32_t hypothesis;
     std::size_t index;  // of the prediction
   };
 
@@ -92,12 +103,12 @@ class TrackSearch {
   void Compact();
   void SetPathTo(std::int32_t hypothesis, Path* path) const;
   void Add(Hypothesis hypothesis);
-  void Predict(const FrameTime& at);
+  void LookAhead(const Scan& scan);
   void PruneHypotheses(const Scan& scan);
   void FindCandidates(const Scan& scan);
   bool SetLeastBound(const Scan& scan, std::uint32_t id);
-  void Continue(std::size_t prediction, const Scan& scan, const ScoreBound& bound);
-  bool ContinueToLeaf(std::size_t prediction, const Scan& scan, const PointTree<double>::Node& leaf,
+  void Continue(const Outlook& outlook, const Scan& scan);
+  bool ContinueToLeaf(const Scan& scan, const PointTree<double>::Node& leaf,
                       const ScoreBound& bound);
   void InsertCandidate(const Candidate& candidate, std::vector<Candidate>* best) const;
 
@@ -109,9 +120,10 @@ class TrackSearch {
   std::size_t last_scan_ = 0;            // index of its first hypothesis in the history
   std::vector<PathEnd> ends_;            // heap; their plots may have been taken since
   std::vector<Hypothesis> active_;       // to extend, in order of their nodes
-  std::vector<Prediction> predictions_;  // of the active hypotheses, at the current frame
   std::vector<Motion> motions_;          // one per time of a last plot
-  std::vector<std::pair<double, std::size_t>> ranking_;  // (-highest steady score, prediction)
+  std::vector<Outlook> outlooks_;        // of the active hypotheses, at the current frame
+  std::vector<Prediction> predictions_;  // of those that reach a leaf of the tree of its plots
+  std::vector<std::pair<double, std::size_t>> ranking_;  // (-top, outlook)
   std::vector<char> is_kept_;
   std::vector<std::int32_t> marks_;  // (history) scratch: kKept or the new index, or kNoIndex
   // Least score with which a plot of the current frame is taken, by entry, and least bound of a

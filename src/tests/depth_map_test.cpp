@@ -168,5 +168,16 @@ TEST(Angles, TheApproximateArcTangentIsWithinItsBound) {
   EXPECT_EQ(ApproximateAtan2(0.0, 0.0), 0.0);
 }
 
+TEST(Angles, AColumnOfAzimuthsIsThatOfTheExactAngleAlsoAtItsEdges) {
+  for (int edge = -36; edge <= 36; ++edge) {
+    for (const double off_rad : {-1e-3, -1e-5, -1e-7, 0.0, 1e-7, 1e-5, 1e-3}) {
+      const Eigen::Vector3f p = Towards(edge * 5.0 * kDegree_rad + off_rad, 0.3, 20.0);
+      const double turns = (AzimuthRad(p) + M_PI) / (2.0 * M_PI);
+      const auto column = std::min<std::size_t>(static_cast<std::size_t>(72.0 * turns), 71);
+      EXPECT_EQ(AzimuthColumn(p), column) << edge << ' ' << off_rad;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace unlidar

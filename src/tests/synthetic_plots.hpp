@@ -82,4 +82,16 @@ inline void AddClutter(double per_frame, int num_frames, const Eigen::Vector3d& 
   }
 }
 
+// A plot of one of three sensors, with or without times of its points.
+inline Plot RandomPlot(TimeNs time_ns, const Eigen::Vector3d& position_m, Random* random) {
+  Plot plot = MakePlot(time_ns, position_m, random->Uniform(-10.0, 0.0), 1 + random->Index(20));
+  plot.variance_m2 = random->Uniform(0.005, 0.2);
+  plot.sensor = random->Index(3);
+  if (random->Index(2) == 0) {
+    plot.time_ns += static_cast<TimeNs>(random->Index(100'000'000)) - kPeriodNs / 2;
+    plot.streak_s = 0.0;
+  }
+  return plot;
+}
+
 }  // namespace unlidar::testing

@@ -12,8 +12,11 @@ constexpr std::size_t kMaxHypothesesPerPlot = 5;
 constexpr double kUnreachable = std::numeric_limits<double>::infinity();
 constexpr std::size_t kMinCompactedSize = 1 << 14;  // of a history: less is not worth the time
 
-// True if what bounds the scores of pairs of hypothesis and plot is worth a ranking and logarithms.
-bool HasManyPlots(const Scan& scan) { return scan.last - scan.first > 8; }
+// A frame of more plots is worth a ranking and logarithms that bound the scores of its pairs of
+// hypothesis and plot. Neither changes the result.
+constexpr std::size_t kFewPlots = 8;
+
+bool HasManyPlots(const Scan& scan) { return scan.last - scan.first > kFewPlots; }
 
 }  // namespace
 

@@ -228,9 +228,14 @@ bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
 }
 
 bool DropStretch(const PathScorer& scorer, Droppable droppable, Path* path) {
+  const PathScorer::Filtered whole = scorer.Filter(path->plots);
+  const auto without_stretch = [&](const Members& rest) {
+    const auto first = static_cast<std::size_t>(
+        std::mismatch(rest.begin(), rest.end(), whole.members.begin()).first - rest.begin());
+    return scorer.WithScore(whole, first, whole, first + whole.members.size() - rest.size());
+  };
   return DropStretch([&](std::uint32_t plot) { return scorer.plots()[plot].time_ns; },
-                     [&](Members plots) { return scorer.WithScore(std::move(plots)); }, droppable,
-                     path);
+                     without_stretch, droppable, path);
 }
 
 bool IsOneTarget(const PathScorer& scorer, const Path& path, std::size_t num_before) {

@@ -92,7 +92,7 @@ class LiveSearch {
   double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
   bool IsFree(const Path& path) const;  // no track has one of its plots
-  PathScorer ScorerOf(const Path& path, TimeOutOfView time_out_of_view);
+  PathScorer ScorerOf(const std::vector<std::uint32_t>& members, TimeOutOfView time_out_of_view);
   std::vector<std::size_t> AfterLongPauses(const std::vector<std::uint32_t>& members) const;
   std::size_t NumBeforePause(const Path& path);
   Flight FlightOf(const std::vector<std::uint32_t>& members) const;

@@ -40,11 +40,12 @@ bool LiveSearch::IsFree(const Path& path) const {
                      [&](std::uint32_t i) { return free_[i] != 0; });
 }
 
-// Scores paths of the plots of `path`, as they are numbered there. Valid until the next call.
-PathScorer LiveSearch::ScorerOf(const Path& path, TimeOutOfView time_out_of_view) {
+// Scores paths of these recent plots, as they are numbered there. Valid until the next call.
+PathScorer LiveSearch::ScorerOf(const std::vector<std::uint32_t>& members,
+                                TimeOutOfView time_out_of_view) {
   path_plots_.clear();
   path_log_births_.clear();
-  for (const std::uint32_t i : path.plots) {
+  for (const std::uint32_t i : members) {
     path_plots_.push_back(recent_plots_[i].plot);
     path_log_births_.push_back(log_births_[i]);
   }
@@ -59,7 +60,7 @@ PathScorer LiveSearch::ScorerOf(const Path& path, TimeOutOfView time_out_of_view
 // have been displaced.
 const Path& LiveSearch::Pruned(const Path& path) {
   if (!IsFree(path)) return path;
-  const PathScorer scorer = ScorerOf(path, TimeOutOfView::kNone);
+  const PathScorer scorer = ScorerOf(path.plots, TimeOutOfView::kNone);
   pruned_ = scorer.WithScore(AllOf(path));
   while (DropStretch(scorer, Droppable::kRunsBeforeLast, &pruned_)) {
   }
@@ -84,7 +85,7 @@ std::vector<std::size_t> LiveSearch::AfterLongPauses(
 std::size_t LiveSearch::NumBeforePause(const Path& path) {
   const std::vector<std::size_t> after_pauses = AfterLongPauses(path.plots);
   if (after_pauses.empty() || !config_.robust.Uses(Rule::kPause)) return 0;
-  const PathScorer scorer = ScorerOf(path, TimeOutOfView::kLogUniform);
+  const PathScorer scorer = ScorerOf(path.plots, TimeOutOfView::kLogUniform);
   std::size_t first = 0;
   Path rest;
   rest.plots = AllOf(path);
@@ -121,9 +122,8 @@ Rejection LiveSearch::Judge(const Path& path) {
     DropFirst(num_before, &flight_plots_);
   }
   const auto reaches_threshold = [&](const std::vector<std::uint32_t>& numbers) {
-    Path whole;
-    whole.plots = flight_members_;
-    return ScorerOf(whole, TimeOutOfView::kNone).WithScore(numbers).score >= score_threshold_;
+    return ScorerOf(flight_members_, TimeOutOfView::kNone).WithScore(numbers).score >=
+           score_threshold_;
   };
   const Rejection rejection =
       FlightRejection(recent_, flight_plots_, recent_bodies_, reaches_threshold, robust);
@@ -189,7 +189,7 @@ Path LiveSearch::FollowedBack(const std::vector<std::uint32_t>& members) {
   const std::size_t num_past = whole.plots.size();
   whole.plots.insert(whole.plots.end(), members.begin(), members.end());
   DropFirst(std::min(NumBeforePause(whole), num_past), &whole.plots);
-  whole.score = ScorerOf(whole, TimeOutOfView::kLogUniform).WithScore(AllOf(whole)).score;
+  whole.score = ScorerOf(whole.plots, TimeOutOfView::kLogUniform).WithScore(AllOf(whole)).score;
   return whole;
 }
 

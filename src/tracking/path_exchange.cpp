@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <iterator>
 #include <limits>
+#include <optional>
 
 #include "base/algorithms.hpp"
 #include "tracking/path_filter.hpp"
@@ -228,8 +229,10 @@ bool DropStretch(const std::function<TimeNs(std::uint32_t)>& time_of,
 }
 
 bool DropStretch(const PathScorer& scorer, Droppable droppable, Path* path) {
-  const PathScorer::Filtered whole = scorer.Filter(path->plots);
+  std::optional<PathScorer::Filtered> filtered;  // most paths have no stretch to drop
   const auto without_stretch = [&](const Members& rest) {
+    if (!filtered) filtered = scorer.Filter(path->plots);
+    const PathScorer::Filtered& whole = *filtered;
     const auto first = static_cast<std::size_t>(
         std::mismatch(rest.begin(), rest.end(), whole.members.begin()).first - rest.begin());
     return scorer.WithScore(whole, first, whole, first + whole.members.size() - rest.size());

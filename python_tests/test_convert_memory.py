@@ -1,10 +1,10 @@
 """A long bag needs no more memory than a short one. For big ones: tools/measure_convert.py."""
 
-import importlib.util
 from pathlib import Path
 
 import pytest
 from bags import BEGIN_NS, plain_cloud, random_points, text, write_bag
+from scripts import load_script
 from unlidar.conversion import list_streams
 
 TOOL = Path(__file__).parents[1] / "tools/measure_convert.py"
@@ -12,10 +12,7 @@ TOOL = Path(__file__).parents[1] / "tools/measure_convert.py"
 
 @pytest.fixture(scope="module")
 def tool():
-    spec = importlib.util.spec_from_file_location("measure_convert", TOOL)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script(TOOL)
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scripts import load_script
 from unlidar.frames_io import list_frames, read_returns
 from unlidar.simulate import Simulation
 from unlidar.simulate.recording import SimulatedFrame
@@ -33,10 +33,7 @@ def known_sensors() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def tool():
-    spec = importlib.util.spec_from_file_location("draw_scenes", TOOL)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script(TOOL)
 
 
 def run(tool, monkeypatch, *words: object) -> int:

@@ -1,12 +1,12 @@
 """`unlidar evaluate` against the measures' definitions and an independent implementation."""
 
-import importlib.util
 import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scripts import load_script
 from unlidar.cli import main
 from unlidar.evaluation import Options, evaluate, evaluate_files
 from unlidar.truth import Tracks, Truth
@@ -56,11 +56,7 @@ def write(folder: Path, truth: Truth, tracks: Tracks) -> tuple[Path, Path]:
 @pytest.fixture(scope="module")
 def judge(shared):
     """The outside implementation of the same measures."""
-    path = shared / "scenes/score.py"
-    spec = importlib.util.spec_from_file_location("outside_score", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.score
+    return load_script(shared / "scenes/score.py").score
 
 
 def assert_agree(judge, truth: Path, tracks: Path) -> dict:
@@ -95,10 +91,7 @@ def test_every_measure_agrees_with_the_outside_judge_on_random_tracks(seed, judg
 
 @pytest.mark.parametrize("scene", ["near", "two", "none"])
 def test_every_measure_agrees_with_the_outside_judge_on_scenes(scene, shared, judge, tmp_path):
-    path = shared / "scenes/make_scenes.py"
-    spec = importlib.util.spec_from_file_location("outside_scenes", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = load_script(shared / "scenes/make_scenes.py")
     no_clutter = {sensor: [np.zeros((0, 3))] for sensor in ("mid360", "avia")}
     module.make(scene, tmp_path, no_clutter, 3)
     truth = tmp_path / scene / "ground_truth.csv"

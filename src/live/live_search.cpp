@@ -98,6 +98,7 @@ const Queue<Path>& LiveSearch::Extend(const SceneFrame& frame, const std::vector
       frame_plots_.push_back(frame.plots[i].plot);
       recent_plots_.push_back(frame.plots[i]);
       free_.push_back(are_free[i]);
+      verdicts_.emplace_back();
     }
     SetScan(frame_plots_.data(), frame_plots_.size(), log_births_, first, frame_time_, &scan_);
     observed_s_ = frame.observed_s;
@@ -148,6 +149,7 @@ std::size_t LiveSearch::Forget(TimeNs oldest_ns) {
   recent_plots_.DropFirst(gone);
   DropFirst(gone, &log_births_);
   DropFirst(gone, &free_);
+  DropFirst(gone, &verdicts_);
   if (!recent_plots_.empty()) frame_times_.Forget(recent_plots_.front().plot.frame);
   const auto frame =
       std::find_if(recent_.frames.begin(), recent_.frames.end(),

@@ -51,6 +51,13 @@ class LiveSearch {
   // until the next call.
   const Queue<Path>& Extend(const SceneFrame& frame, const std::vector<char>& are_free);
 
+  // Returns the rule that refused such a path before it grew to what it is, while its verdict
+  // stands: kNone if it is to be judged (again).
+  Rejection StandingRejection(const Path& path);
+
+  // Lets the verdict on such a path stand for what extends it, until it has grown by a good part.
+  void LetStand(Rejection rejection, const Path& path);
+
   // Returns such a path without the short stretches of plots that lower its score, valid until the
   // next call.
   const Path& Pruned(const Path& path);
@@ -88,6 +95,12 @@ class LiveSearch {
   std::size_t Forget(TimeNs oldest_ns);
 
  private:
+  // A verdict on the paths to a plot that stands for so many more plots.
+  struct Verdict {
+    Rejection rejection = Rejection::kNone;
+    std::size_t num_plots = 0;
+  };
+
   void CountPlots(const SceneFrame& frame);
   double RecentScoreThreshold() const;
   double ClutterUncertaintyMargin(double learning_s) const;
@@ -109,6 +122,7 @@ class LiveSearch {
   Queue<BodyBox> recent_bodies_;    // in order of time
   std::vector<double> log_births_;  // (recent plots)
   std::vector<char> free_;          // (recent plots)
+  std::vector<Verdict> verdicts_;   // (recent plots)
   std::vector<TrackSearch> searches_;
   RecentFrameTimes frame_times_;  // of the frames with plots
   // Buffers, reused from frame to frame.

@@ -19,6 +19,10 @@ namespace {
 // Across a gap of this length a path is within reach of strays of seconds before.
 constexpr double kLongPauseS = 3.0;
 
+// A verdict stands until a path has grown by this share of its plots. A flight that goes on from a
+// path of something else waits for no more than a flight of its own would need.
+constexpr double kStandingShare = 0.1;
+
 // True if a path moves or is unsupported. Otherwise it may be a twig that is hit more often for a
 // while: a stream does not know how often its place will be hit later.
 bool MovesOrFloats(const std::vector<LivePlot>& path, const std::vector<Plot>& plots) {
@@ -54,6 +58,21 @@ PathScorer LiveSearch::ScorerOf(const std::vector<std::uint32_t>& members,
   return PathScorer(
       path_plots_, path_log_births_, std::move(models),
       [this](const Plot& plot) { return frame_times_.At(plot.frame); }, config_.robust.tracker);
+}
+
+Rejection LiveSearch::StandingRejection(const Path& path) {
+  if (path.plots.size() < 2) return Rejection::kNone;
+  const Verdict& before = verdicts_[*(path.plots.end() - 2)];
+  if (before.num_plots == 0) return Rejection::kNone;
+  verdicts_[path.plots.back()] = {before.rejection, before.num_plots - 1};
+  return before.rejection;
+}
+
+void LiveSearch::LetStand(Rejection rejection, const Path& path) {
+  const auto share =
+      static_cast<std::size_t>(kStandingShare * static_cast<double>(path.plots.size()));
+  const auto most = static_cast<std::size_t>(config_.robust.min_plots);
+  verdicts_[path.plots.back()] = {rejection, std::min(share, most)};
 }
 
 // As in a recording: each plot keeps few hypotheses, so what is likelier only by later plots may

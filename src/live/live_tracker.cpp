@@ -92,8 +92,14 @@ void LiveTracker::Confirm() {
   const Queue<Path>& paths = search_.Extend(frame_, are_free);
   if (trace_.is_on()) TraceFrame();
   for (const Path& found : paths) {
+    const Rejection standing = search_.StandingRejection(found);
+    if (standing != Rejection::kNone) {
+      if (trace_.is_on()) trace_.AddPath(found, {}, {found.score, 0.0, standing});
+      continue;
+    }
     const Path& path = search_.Pruned(found);
     const PathDecision decision = Decide(path);
+    search_.LetStand(decision.rejection, found);
     if (trace_.is_on()) trace_.AddPath(path, search_.cuts(), decision);
   }
 }

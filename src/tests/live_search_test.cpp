@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <set>
@@ -275,6 +276,33 @@ TEST(LiveSearch, APathIsPrunedOfPlotsThatLowerItsScore) {
   flight.plots.push_back(static_cast<std::uint32_t>(whole.plots.size()));
   whole.plots.push_back(flight.plots.back());
   EXPECT_EQ(plots.search().Pruned(whole).plots, flight.plots);
+}
+
+TEST(LiveSearch, AVerdictStandsUntilAPathHasGrownByATenthOrByAPath) {
+  const Config config;
+  Plots plots(config);
+  const auto most = static_cast<std::size_t>(config.robust.min_plots);
+  std::size_t left = 0;  // plots for which the last verdict stands
+  std::size_t num_judged = 0;
+  for (int i = 0; i < 120; ++i) {
+    // The first plots of a path are forgotten, the verdict on it is not.
+    if (i == 90) {
+      EXPECT_EQ(plots.search().Forget(testing::FrameAt(40).begin_ns), 40U);
+    }
+    const Queue<Path>& paths = plots.Add(i, {3.0 * testing::MiddleS(i) - 10.0, 0.0, kRangeM}, 0.6);
+    if (paths.empty()) continue;
+    const Path& path = paths.front();
+    const Rejection standing = plots.search().StandingRejection(path);
+    ASSERT_EQ(standing, left > 0 ? Rejection::kNearGround : Rejection::kNone) << i;
+    if (left > 0) {
+      --left;
+      continue;
+    }
+    plots.search().LetStand(Rejection::kNearGround, path);
+    left = std::min(path.plots.size() / 10, most);
+    ++num_judged;
+  }
+  EXPECT_GT(num_judged, 20U);
 }
 
 TEST(LiveSearch, APathWithAPlotOfATrackIsRefusedForThat) {

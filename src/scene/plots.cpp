@@ -136,6 +136,35 @@ void FramePlotter::CountBelow(const Recording& recording, const FrameInfo& frame
   }
 }
 
+// Counts the returns in line with the empty column below each low plot: what is before it hides
+// what may be there.
+void FramePlotter::CountInLineBelow(const Recording& recording, const FrameInfo& frame,
+                                    double off_ground_m) {
+  sights_.clear();
+  for (Plot& plot : found_.plots) {
+    if (plot.num_below > 0 || plot.lowest_m > off_ground_m || plot.column_m <= kBelowPlotM)
+      continue;
+    const Eigen::Vector3f ray_m = plot.ray_m.cast<float>();
+    const float range_m = ray_m.head<2>().norm();
+    const auto radius_m = static_cast<float>(kColumnRadius.At(plot.ray_m.norm()));
+    sights_.push_back({&plot, ray_m.head<2>() / range_m, range_m, radius_m,
+                       (ray_m.z() - static_cast<float>(plot.column_m)) / range_m,
+                       (ray_m.z() - static_cast<float>(kBelowPlotM)) / range_m});
+  }
+  if (sights_.empty()) return;
+  for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+    const Eigen::Vector3f& p = recording.points_m[i];
+    for (const Sight& sight : sights_) {
+      const float along_m = p.head<2>().dot(sight.toward);
+      const float across_m = p.x() * sight.toward.y() - p.y() * sight.toward.x();
+      if (std::abs(across_m) * sight.range_m >= sight.radius_m * along_m) continue;
+      if (p.z() <= sight.lowest * along_m || p.z() >= sight.highest * along_m) continue;
+      if (along_m < sight.range_m - sight.radius_m) ++sight.plot->num_before_below;
+      if (along_m > sight.range_m + sight.radius_m) ++sight.plot->num_behind_below;
+    }
+  }
+}
+
 // Returns the linkage radius of bodies at which strays seldom join the returns of a group:
 // kBodyLink, or less where the air is full of them.
 RangeRadius FramePlotter::BodyLinkAmongStrays(const Recording& recording, const IndexView& returns,
@@ -214,6 +243,7 @@ FramePlots& FramePlotter::Find(const Recording& recording, std::uint32_t frame_i
     found_.plots.push_back(plot);
   }
   CountBelow(recording, frame);
+  CountInLineBelow(recording, frame, config.off_ground_m);
   return found_;
 }
 

@@ -63,6 +63,9 @@ struct Plot {
   double column_m = 0.0;          // length of the column below it in which returns may be a body's
   double watched_below = 1.0;     // share of that column that has rays, over its own; at most 1
   std::uint32_t num_below = 0;    // returns of its frame in that column
+  // Returns of its frame in line with that column, nearer and farther, if it is low and has none.
+  std::uint32_t num_before_below = 0;
+  std::uint32_t num_behind_below = 0;
   std::uint32_t frame = 0;
   std::uint32_t sensor = 0;
   std::uint32_t num_returns = 0;
@@ -166,7 +169,18 @@ class FramePlotter {
   IndexView ReturnsOf(std::size_t plot) const { return linker_[plot]; }
 
  private:
+  // Direction in which the empty column below a low plot is seen.
+  struct Sight {
+    Plot* plot;
+    Eigen::Vector2f toward;  // horizontal
+    float range_m;           // horizontal
+    float radius_m;
+    float lowest;  // slopes
+    float highest;
+  };
+
   void CountBelow(const Recording& recording, const FrameInfo& frame);
+  void CountInLineBelow(const Recording& recording, const FrameInfo& frame, double off_ground_m);
   RangeRadius BodyLinkAmongStrays(const Recording& recording, const IndexView& returns,
                                   const StrayRateAt& stray_rate_at) const;
   void AddBody(const Recording& recording, std::uint32_t first_return, const IndexView& returns);
@@ -176,6 +190,7 @@ class FramePlotter {
   std::vector<std::uint32_t> group_;  // its returns
   std::vector<char> is_body_;         // (returns of the frame)
   Columns columns_;                   // of the plots found
+  std::vector<Sight> sights_;
   FramePlots found_;
 };
 

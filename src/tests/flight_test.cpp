@@ -80,6 +80,17 @@ TEST(Flight, WhatNoBeamLooksBelowIsNotKnownToBeInTheAir) {
   EXPECT_FALSE(IsKnownToBeInTheAir(path));
 }
 
+// A wall hides the lower part of a car all along its path, wherever a frame shows the wall.
+TEST(Flight, WhatIsSeenAboveAWallIsNotKnownToBeInTheAir) {
+  std::vector<Plot> path = PathAt(1.4, 20, 10);
+  for (std::size_t i = 0; i < path.size(); i += 2) path[i].num_before_below = 4;
+  EXPECT_FALSE(IsKnownToBeInTheAir(path));
+  for (std::size_t i = 1; i < path.size(); i += 2) path[i].num_behind_below = 4;  // a gap
+  EXPECT_TRUE(IsKnownToBeInTheAir(path));
+  for (Plot& plot : path) plot.num_behind_below = 40;  // wires
+  EXPECT_TRUE(IsKnownToBeInTheAir(path));
+}
+
 // The line on which a sensor draws a car is high in one frame and low in the next.
 TEST(Flight, WhatIsSeenLowASplitSecondLaterIsNotKnownToBeInTheAir) {
   std::vector<Plot> path = PathAt(1.4, 30, 3);

@@ -246,6 +246,49 @@ TEST(Plots, SayWhetherAnyBeamLooksBelowThem) {
   }
 }
 
+// A low drone 20 m away, before a wall 30 m away, once it has passed one 10 m away.
+TEST(Plots, CountWhatIsInLineWithTheEmptyColumnsBelowThem) {
+  constexpr double kDroneRangeM = 20.0;
+  constexpr double kHeightM = 1.4;
+  const RecordingMaker maker = OnGround([&](double time_s, RecordingMaker* scene) {
+    const double y_m = 2.0 * time_s - 6.0;
+    scene->AddBlob({kDroneRangeM, y_m, kGround_m + kHeightM}, 0.05, 4, kDrone);
+    scene->AddBox({30.0, -30.0, kGround_m}, {30.1, 30.0, kGround_m + 3.0}, 400);
+    scene->AddBox({10.0, -30.0, kGround_m}, {10.1, 0.0, kGround_m + 1.5}, 400);
+  });
+  const Recording& recording = maker.recording;
+  const Found found = FindPlots(recording);
+  std::size_t num_before = 0;
+  std::size_t num_behind = 0;
+  for (const Plot& plot : found.plots) {
+    if (std::abs(plot.position_m.x() - kDroneRangeM) > 0.5 || plot.num_below > 0) continue;
+    const FrameInfo& frame = recording.frames[plot.frame];
+    const double radius_m = 0.6 + 0.005 * plot.position_m.norm();
+    const double range_m = plot.position_m.head<2>().norm();
+    std::uint32_t before = 0;
+    std::uint32_t behind = 0;
+    for (std::uint32_t i = frame.first_return; i < frame.last_return; ++i) {
+      // The line of sight through the return, where it is as far as the plot.
+      const Eigen::Vector3d point_m = recording.points_m[i].cast<double>();
+      const Eigen::Vector2d toward = plot.position_m.head<2>() / range_m;
+      const double along_m = point_m.head<2>().dot(toward);
+      if (along_m <= 0.0) continue;
+      const Eigen::Vector3d at_m = point_m * range_m / along_m;
+      if ((at_m - plot.position_m).head<2>().norm() >= radius_m) continue;
+      const double height_m = at_m.z() - kGround_m;
+      if (at_m.z() > plot.position_m.z() - 0.4 || height_m < 0.25) continue;
+      before += along_m < range_m - radius_m ? 1 : 0;
+      behind += along_m > range_m + radius_m ? 1 : 0;
+    }
+    EXPECT_NEAR(plot.num_before_below, before, 2.0);  // the ground is estimated
+    EXPECT_NEAR(plot.num_behind_below, behind, 2.0);
+    num_before += before;
+    num_behind += behind;
+  }
+  EXPECT_GT(num_before, 50U);
+  EXPECT_GT(num_behind, 50U);
+}
+
 TEST(Plots, ComeFrameByFrameAlsoWhereFramesOfTwoSensorsOverlap) {
   RecordingMaker maker(9, 2);
   for (int i = 0; i < 120; ++i) {

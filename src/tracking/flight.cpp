@@ -121,6 +121,25 @@ std::size_t NumBodiesBelow(const std::vector<Plot>& path, const Queue<BodyBox>& 
   return num_below;
 }
 
+// Share of the lines of sight to the room below a plot that end before it, where `expected` is that
+// of its path.
+double HiddenShare(double num_before, double num_behind, double expected) {
+  constexpr double kMinHidden = 0.02;  // by what has no returns, and by the body's own shape
+  return std::max((num_before + expected) / (num_before + num_behind + 1.0), kMinHidden);
+}
+
+// The same below all plots of a path: many sensors have few returns there in a frame, and a wall or
+// a hedge is longer than a car.
+double HiddenShareBelow(const std::vector<Plot>& path) {
+  double num_before = 0.0;
+  double num_behind = 0.0;
+  for (const Plot& plot : path) {
+    num_before += plot.num_before_below;
+    num_behind += plot.num_behind_below;
+  }
+  return HiddenShare(num_before, num_behind, 0.0);
+}
+
 // Return rate: returns per second times range^2, of the sensor with the highest rate. A target may
 // be hidden during pauses, so only frames close in time to a plot count.
 double ReturnRateM2PerS(const Recording& recording, const std::vector<Plot>& path) {
@@ -191,7 +210,7 @@ bool HasMinFrames(const std::vector<Plot>& path, int min_frames) {
 bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path,
                      const Queue<BodyBox>& bodies, const RobustConfig& config) {
   constexpr double kNotCountedM = 0.55;
-  constexpr double kHidden = 0.02;
+  const double hidden_below = HiddenShareBelow(path);
   double log_ratio = 0.0;  // body over drone
   std::vector<const Plot*> above_something;
   const std::vector<double> lowest_m = LowestM(path, NsOf(kBodyMarginS));
@@ -205,7 +224,8 @@ bool HasNothingBelow(const Recording& recording, const std::vector<Plot>& path,
     // method.md (10)
     const double room_m = plot.watched_below * std::max(lowest_m[i] - kNotCountedM, 0.0);
     const double own_share = kBodyPartM / (kBodyPartM + room_m);
-    const double nothing = std::max(std::pow(own_share, plot.num_returns), kHidden);
+    const double hidden = HiddenShare(plot.num_before_below, plot.num_behind_below, hidden_below);
+    const double nothing = std::max(std::pow(own_share, plot.num_returns), hidden);
     log_ratio += std::log(nothing) - std::log1p(-kMinOccupancyBelow);
   }
   const double log_chance = std::log(config.false_alarms_per_recording);

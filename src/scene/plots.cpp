@@ -26,6 +26,8 @@ constexpr int kMinSpreadReturns = 6;
 // The lower edge of the field of view cuts off legs: a return within a few rays of it, and no
 // higher than a person, counts as ground contact.
 constexpr double kBodyEdgeRad = 0.05;
+// Where no ground is in view the station may stand on it, and a body reaches down to the very edge.
+constexpr double kBodyUnknownEdgeRad = 0.01;
 // Plots nearer to the box of a body than this share of its size (at least kMinBodyMarginM) are part
 // of it: its far side is hidden, the rest sparse.
 constexpr double kBodyMargin = 0.5;
@@ -33,19 +35,26 @@ constexpr double kMinBodyMarginM = 0.75;
 // Roughness of the ground: lower returns are not legs.
 constexpr double kRoughnessM = 0.25;
 
+// True if a return is at the ground, or where the field of view may cut off what reaches there.
+bool IsAtGround(const Eigen::Vector3f& ray_m, double height_m, double lowest_elevation_rad) {
+  if (height_m < kBodyContactM) return true;
+  const bool is_known = std::isfinite(height_m);
+  const double edge_rad =
+      std::asin(static_cast<double>(ray_m.z() / ray_m.norm())) - lowest_elevation_rad;
+  return edge_rad < (is_known ? kBodyEdgeRad : kBodyUnknownEdgeRad) &&
+         (is_known ? height_m : static_cast<double>(ray_m.z())) < kPersonHeightM;
+}
+
 bool IsBody(const Recording& recording, const FrameInfo& frame, const IndexView& returns,
             const Ground& ground, double lowest_elevation_rad, const PlotConfig& config) {
   const int n = static_cast<int>(returns.size());
   if (n >= kMinContactReturns) {
-    for (const std::uint32_t i : returns) {
-      const Eigen::Vector3f& p = recording.points_m[i];
-      const double height_m = ground.HeightAbove(p + frame.carrier.shift_m);
-      if (height_m < kBodyContactM) return true;
-      const double elevation_rad = std::asin(static_cast<double>(p.z() / p.norm()));
-      if (height_m < kPersonHeightM && elevation_rad < lowest_elevation_rad + kBodyEdgeRad) {
-        return true;
-      }
-    }
+    const auto is_at_ground = [&](std::uint32_t i) {
+      const Eigen::Vector3f& ray_m = recording.points_m[i];
+      return IsAtGround(ray_m, ground.HeightAbove(ray_m + frame.carrier.shift_m),
+                        lowest_elevation_rad);
+    };
+    if (std::any_of(returns.begin(), returns.end(), is_at_ground)) return true;
   }
   if (n < kMinSpreadReturns) return false;
   const Eigen::Vector3d mean = MeanOf(recording, returns);

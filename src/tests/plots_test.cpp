@@ -246,6 +246,30 @@ TEST(Plots, SayWhetherAnyBeamLooksBelowThem) {
   }
 }
 
+// A sensor that looks up from 2 degrees below the horizon at a wall, beyond which there is no
+// ground, and at the head of a walker, or a drone three degrees above that edge.
+TEST(Plots, OfWhatTheEdgeOfTheViewCutsOffWhereNoGroundIsSeenAreABody) {
+  constexpr double kEdgeRad = -0.035;
+  for (const double from_edge_rad : {0.0, 0.05}) {
+    RecordingMaker maker(3);
+    for (int i = 0; i < 60; ++i) {
+      maker.BeginFrame(i * kPeriodS);
+      for (int k = 0; k < 1500; ++k) {
+        const double azimuth_rad = maker.random.Uniform(-0.25, 0.25);
+        const double elevation_rad = maker.random.Uniform(kEdgeRad, 0.4);
+        maker.Add(25.0 * Eigen::Vector3d(std::cos(azimuth_rad) * std::cos(elevation_rad),
+                                         std::sin(azimuth_rad) * std::cos(elevation_rad),
+                                         std::sin(elevation_rad)));
+      }
+      const double low_m = 10.0 * std::tan(kEdgeRad + from_edge_rad);
+      const double y_m = MiddleS(i) - 2.0;
+      maker.AddBox({10.0, y_m - 0.2, low_m}, {10.1, y_m + 0.2, low_m + 0.3}, 30, kBody);
+    }
+    const Found found = FindPlots(maker.recording);
+    EXPECT_NEAR(ShareOfBodies(maker, found, kBody), from_edge_rad == 0.0 ? 1.0 : 0.0, 0.1);
+  }
+}
+
 // A low drone 20 m away, before a wall 30 m away, once it has passed one 10 m away.
 TEST(Plots, CountWhatIsInLineWithTheEmptyColumnsBelowThem) {
   constexpr double kDroneRangeM = 20.0;

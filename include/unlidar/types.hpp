@@ -22,7 +22,8 @@ struct Frame {
   // (N) All rays or those with a return; points with NaN or Inf and (0, 0, 0) are counted and
   // skipped.
   std::vector<Eigen::Vector3f> points_m;
-  // (N) Measurement time of each ray, in nanoseconds from the stamp; empty if unknown.
+  // (N) Measurement time of each ray, in nanoseconds from the stamp; empty if unknown: then the
+  // order of the points may tell (those of a LiDAR that turns, in the order in which it fires).
   std::vector<std::int64_t> offsets_ns;
 };
 

@@ -23,6 +23,10 @@ inline TimeNs NsOf(double seconds) {
   return std::llround(seconds * static_cast<double>(kNsPerSecond));
 }
 
+// LiDARs emit 5 to 20 frames per second. Those that lie farther apart may be every n-th of what was
+// measured, and last less than until the next.
+inline constexpr double kLongestFrameS = 0.2;
+
 // Pose of the carrier of a sensor at the middle of a frame. At rest: the identity.
 struct CarrierPose {
   Eigen::Vector3f shift_m = Eigen::Vector3f::Zero();  // of the sensor from its first position
@@ -37,7 +41,7 @@ struct FrameInfo {
   TimeNs end_ns = 0;
   std::uint32_t first_return = 0;
   std::uint32_t last_return = 0;
-  bool is_timed = false;  // with per-point times
+  bool is_timed = false;  // with the times of its points, given or told by their order
   CarrierPose carrier;
 
   TimeNs middle_ns() const { return begin_ns + (end_ns - begin_ns) / 2; }

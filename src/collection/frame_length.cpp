@@ -5,12 +5,12 @@
 namespace unlidar {
 namespace {
 
-// LiDARs emit 5 to 20 frames per second, most of them 10.
+// Most LiDARs emit 10 frames per second.
 constexpr double kRevolutionS = 0.1;
 
 }  // namespace
 
-bool FrameLength::IsAmbiguous(double length_s) { return length_s > 2.0 * kRevolutionS; }
+bool FrameLength::IsAmbiguous(double length_s) { return length_s > kLongestFrameS; }
 
 void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
   // The stamp lies at the same fraction of the frame for either duration.

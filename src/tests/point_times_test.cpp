@@ -3,6 +3,8 @@
 
 #include <cmath>
 #include <limits>
+#include <string>
+#include <vector>
 
 #include "io/frames.hpp"
 #include "tests/frame_folder.hpp"
@@ -124,6 +126,50 @@ TEST(PointTimes, OfRowsWithoutAReturnNeedNotBeSound) {
   EXPECT_EQ(testing::TimesOf(recording.times_ns), (std::vector<TimeNs>{kUnix + 20 * kMs}));
   EXPECT_EQ(recording.frames[0].begin_ns, kUnix + 20 * kMs);
   EXPECT_EQ(recording.frames[0].end_ns, kUnix + 60 * kMs);
+}
+
+// One turn of a single beam, from x over -y.
+std::string TurnPcd() {
+  constexpr int kReturns = 1000;
+  std::vector<Eigen::Vector3f> rows;
+  for (int i = 0; i < kReturns; ++i) {
+    const double rad = -2.0 * M_PI * i / kReturns;
+    rows.push_back(Eigen::Vector3d(10.0 * std::cos(rad), 10.0 * std::sin(rad), 0.0).cast<float>());
+  }
+  return BinaryPcd(rows);
+}
+
+TEST(PointTimes, OfALidarThatTurnsFollowFromTheOrderOfItsReturns) {
+  const TemporaryFolder folder;
+  for (const char* const stamp : {"1.0", "1.1", "1.2"}) {
+    folder.Write(std::string(stamp) + ".pcd", TurnPcd());
+  }
+  SensorConfig sensor;
+  sensor.translation_m = {100.0, 50.0, 3.0};  // the order is that of the sensor's own axes
+  sensor.rotation_xyzw = {std::sqrt(0.5), 0.0, 0.0, std::sqrt(0.5)};
+  const Recording recording = Read(folder, {}, sensor);
+  for (const FrameInfo& frame : recording.frames) {
+    EXPECT_TRUE(frame.is_timed);
+    EXPECT_EQ(frame.begin_ns, frame.stamp_ns);
+    EXPECT_EQ(frame.end_ns, frame.stamp_ns + 100 * kMs);
+    for (std::uint32_t i = 0; i < 1000; i += 37) {
+      const TimeNs time_ns = recording.times_ns[frame.first_return + i] - frame.begin_ns;
+      EXPECT_NEAR(static_cast<double>(time_ns) / kMs, 100.0 * i / 999.0, 0.01);
+    }
+  }
+}
+
+// Every third frame of a LiDAR that turns ten times a second holds a turn as well.
+TEST(PointTimes, DoNotFollowFromTheOrderWhereFramesMayBeMissing) {
+  const TemporaryFolder folder;
+  for (const char* const stamp : {"1.0", "1.3", "1.6"}) {
+    folder.Write(std::string(stamp) + ".pcd", TurnPcd());
+  }
+  const Recording recording = Read(folder);
+  for (const FrameInfo& frame : recording.frames) {
+    EXPECT_FALSE(frame.is_timed);
+    EXPECT_EQ(recording.times_ns[frame.first_return], frame.middle_ns());
+  }
 }
 
 }  // namespace

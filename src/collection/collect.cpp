@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "collection/body.hpp"
+#include "collection/common_time_error.hpp"
 #include "collection/dwell_intervals.hpp"
 #include "collection/frame_length.hpp"
 #include "collection/sensor_biases.hpp"
@@ -216,6 +217,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
 
   std::vector<SensorBias> sensor_biases(recording.sensors.size());
   std::vector<FrameLength> lengths(recording.sensors.size());
+  std::vector<CommonTimeError> time_errors(recording.sensors.size());
   const int num_rounds = robust.Uses(Rule::kCollection) ? kMaxRounds : 0;
   TrajectoryScales scales;
   for (int round = 0; round < num_rounds; ++round) {
@@ -229,6 +231,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
     std::vector<SensorMeasurement> sensor_measurements;
     BodySpread spread(config.extent_sigma_m);
     lengths.assign(recording.sensors.size(), FrameLength());
+    time_errors.assign(recording.sensors.size(), CommonTimeError());
     std::vector<GatedFrame> gated_frames;
     for (const FrameInfo& frame : recording.frames) {
       const TimeNs middle_ns = (frame.begin_ns + frame.end_ns) / 2;
@@ -262,7 +265,11 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
       const Eigen::Vector3d& velocity_mps = gated.expected.velocity_mps;
       const Eigen::Vector3d viewpoint_m = ViewpointM(station, frame);
       spread.Add(recording, frame, viewpoint_m, members, gated.expected);
-      lengths[frame.sensor].Add(recording, frame, viewpoint_m, members, velocity_mps, body);
+      if (!frame.is_timed) {
+        const Streak streak = StreakOf(recording, frame, viewpoint_m, members, velocity_mps);
+        lengths[frame.sensor].Add(streak, body);
+        time_errors[frame.sensor].Add(streak);
+      }
       sensor_measurements.push_back(
           {Measure(recording, frame, station, members, velocity_mps, body), frame.sensor,
            velocity_mps});
@@ -296,6 +303,7 @@ Target CollectTarget(const Recording& recording, const std::vector<StationModel>
   target.depth_sigma_m = kFacingSideSigma * body.width_m;
   // All delays are relative to the main sensor.
   target.time_bias_ns = NsOf(lengths[main_sensor].TimeBiasS());
+  target.time_sigma_s = std::sqrt(time_errors[main_sensor].VarianceS2());
   return target;
 }
 

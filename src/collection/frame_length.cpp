@@ -13,6 +13,7 @@ constexpr double kRevolutionS = 0.1;
 bool FrameLength::IsAmbiguous(double length_s) { return length_s > kLongestFrameS; }
 
 void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
+  if (!IsAmbiguous(streak.length_s)) return;
   // The stamp lies at the same fraction of the frame for either duration.
   time_bias_s_ = streak.stamp_s * (1.0 - kRevolutionS / streak.length_s);
   const Eigen::Vector3d along = streak.velocity_mps.stableNormalized();
@@ -28,12 +29,11 @@ void FrameLength::Add(const Streak& streak, const BodySigmas& body) {
   log_short_ += log_likelihood(kRevolutionS) - log_likelihood(streak.length_s);
 }
 
-void FrameLength::Add(const Recording& recording, const FrameInfo& frame,
-                      const Eigen::Vector3d& viewpoint_m, const std::vector<std::uint32_t>& returns,
-                      const Eigen::Vector3d& velocity_mps, const BodySigmas& body) {
+Streak StreakOf(const Recording& recording, const FrameInfo& frame,
+                const Eigen::Vector3d& viewpoint_m, const std::vector<std::uint32_t>& returns,
+                const Eigen::Vector3d& velocity_mps) {
   Streak streak;
   streak.length_s = static_cast<double>(frame.end_ns - frame.begin_ns) * kSecondsPerNs;
-  if (frame.is_timed || !IsAmbiguous(streak.length_s)) return;
   streak.stamp_s =
       static_cast<double>(frame.stamp_ns - frame.begin_ns) * kSecondsPerNs - 0.5 * streak.length_s;
   streak.num_returns = static_cast<double>(returns.size());
@@ -47,7 +47,7 @@ void FrameLength::Add(const Recording& recording, const FrameInfo& frame,
     streak.scatter_m2 += offset_m * offset_m.transpose();
   }
   streak.ray_m = mean_m - viewpoint_m;
-  Add(streak, body);
+  return streak;
 }
 
 double FrameLength::TimeBiasS() const { return time_bias_s_ / (1.0 + std::exp(-log_short_)); }

@@ -20,6 +20,11 @@ struct Streak {
   Eigen::Vector3d velocity_mps = Eigen::Vector3d::Zero();
 };
 
+// `returns`: those of the target in one frame, as indices into the recording.
+Streak StreakOf(const Recording& recording, const FrameInfo& frame,
+                const Eigen::Vector3d& viewpoint_m, const std::vector<std::uint32_t>& returns,
+                const Eigen::Vector3d& velocity_mps);
+
 // Many recordings keep only every n-th frame of a LiDAR with about 10 frames per second; a target
 // is then seen only at the beginning of the interval between two frames. The streak tells the two
 // cases apart: over an interval of 0.5 s it would be as long as the distance flown.
@@ -29,11 +34,6 @@ class FrameLength {
   static bool IsAmbiguous(double length_s);
 
   void Add(const Streak& streak, const BodySigmas& body);
-
-  // `returns`: those of the target in one frame, as indices into the recording.
-  void Add(const Recording& recording, const FrameInfo& frame, const Eigen::Vector3d& viewpoint_m,
-           const std::vector<std::uint32_t>& returns, const Eigen::Vector3d& velocity_mps,
-           const BodySigmas& body);
 
   // Expected time of the returns after the middle of the frame, given the streaks so far. Zero for
   // frames with point times or at the frame rate of a LiDAR.

@@ -9,6 +9,7 @@
 
 #include "base/queue.hpp"
 #include "collection/collect.hpp"
+#include "collection/common_time_error.hpp"
 #include "collection/frame_length.hpp"
 #include "live/live_plot.hpp"
 #include "live/recent_frame_times.hpp"
@@ -60,6 +61,8 @@ class TrackFollower {
   // Time of the returns less their stamped time, same as Target::time_bias_ns.
   TimeNs time_bias_ns() const { return time_bias_ns_; }
 
+  // Errors common to all rows, same as those of Target.
+  double time_sigma_s() const { return time_sigma_s_; }
   double depth_sigma_m() const { return kFacingSideSigma * body_sigma_m_; }
 
   // Returns where the target was at a time, or is predicted to be.
@@ -111,9 +114,10 @@ class TrackFollower {
   struct FrameLengthEstimate {
     int num_returns = 0;
     FrameLength length;
+    CommonTimeError time_error;
   };
   void UpdateFrameLength(const Node& node, std::vector<FrameLengthEstimate>* lengths) const;
-  void UpdateTimeBias();
+  void UpdateTiming();
 
   const std::vector<TrackModel>* models_;
   TrackerConfig tracker_;
@@ -136,6 +140,7 @@ class TrackFollower {
   std::vector<FrameLengthEstimate> settled_lengths_;  // (sensors) from settled plots,
   std::vector<FrameLengthEstimate> lengths_;          // and from all confirmed ones
   TimeNs time_bias_ns_ = 0;
+  double time_sigma_s_ = 0.0;
   Scratch scratch_;
 };
 

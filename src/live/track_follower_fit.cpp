@@ -1,5 +1,6 @@
 // Fit of a followed track, and the frame length that it uses.
 #include <algorithm>
+#include <cmath>
 
 #include "live/track_follower.hpp"
 
@@ -11,7 +12,7 @@ void TrackFollower::UpdateFrameLength(const Node& node,
   if (plot.sensor >= lengths->size()) lengths->resize(plot.sensor + 1);
   FrameLengthEstimate& known = (*lengths)[plot.sensor];
   known.num_returns += static_cast<int>(plot.num_returns);
-  if (!FrameLength::IsAmbiguous(plot.streak_s)) return;
+  if (plot.streak_s == 0.0) return;
   Streak streak;
   streak.length_s = plot.streak_s;
   streak.stamp_s = static_cast<double>(PlotOf(node).stamp_ns - plot.frame_time_ns) * kSecondsPerNs;
@@ -20,11 +21,12 @@ void TrackFollower::UpdateFrameLength(const Node& node,
   streak.ray_m = plot.ray_m;
   streak.velocity_mps = node.h.state.mean.col(1);
   known.length.Add(streak, {body_sigma_m_, body_sigma_m_, body_sigma_m_});
+  known.time_error.Add(streak);
 }
 
-// Sets the bias of the sensor with the most returns, as for a track of a recording.
-void TrackFollower::UpdateTimeBias() {
-  if (!uses_frame_length_) return;
+// Sets bias and common error of the times of the sensor with the most returns, as for a track of a
+// recording.
+void TrackFollower::UpdateTiming() {
   lengths_ = settled_lengths_;
   for (std::int32_t k = NewestConfirmed(); k != kNoIndex && k != settled_; k = NodeAt(k).parent) {
     UpdateFrameLength(NodeAt(k), &lengths_);
@@ -34,11 +36,12 @@ void TrackFollower::UpdateTimeBias() {
                        [](const FrameLengthEstimate& a, const FrameLengthEstimate& b) {
                          return a.num_returns < b.num_returns;
                        });
-  time_bias_ns_ = NsOf(main->length.TimeBiasS());
+  if (uses_frame_length_) time_bias_ns_ = NsOf(main->length.TimeBiasS());
+  time_sigma_s_ = std::sqrt(main->time_error.VarianceS2());
 }
 
 void TrackFollower::Fit(TrajectoryFitter& fitter) {
-  UpdateTimeBias();
+  UpdateTiming();
   fit_.Clear();
   const std::int32_t head = NewestConfirmed();
   const double from_s =

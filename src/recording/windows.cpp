@@ -211,6 +211,7 @@ class WindowSearch {
       before.target.score += behind.target.score;
       before.target.depth_sigma_m =
           std::max(before.target.depth_sigma_m, behind.target.depth_sigma_m);
+      before.target.time_sigma_s = std::max(before.target.time_sigma_s, behind.target.time_sigma_s);
       const auto append = [](const auto& from, auto* to) {
         to->insert(to->end(), from.begin(), from.end());
       };

@@ -497,6 +497,29 @@ TEST(CollectTarget, FramesOfALidarThatGivesTenASecondAreNotLate) {
   EXPECT_EQ(Collect(maker, PathOf(maker, 0, kFrames - 1)).time_bias_ns, 0);
 }
 
+// A drone that speeds up to 9 m/s, all returns of a frame of one instant or each of its own.
+RecordingMaker FastFrames(bool is_instant, bool is_timed) {
+  RecordingMaker maker(26);
+  for (int i = 0; i < 60; ++i) {
+    maker.BeginFrame(i * kPeriodS);
+    maker.recording.frames.back().is_timed = is_timed;
+    for (int k = 0; k < 6; ++k) {
+      const double time_s = (i + (is_instant ? 0.8 : maker.random.Uniform(0.0, 1.0))) * kPeriodS;
+      maker.AddBlob({15.0, 0.75 * time_s * time_s - 12.0, 8.0}, 0.1, 1, kDrone);
+    }
+  }
+  return maker;
+}
+
+TEST(CollectTarget, WhetherADroneIsHitAtOneInstantOfEachFrameTellsTheErrorOfItsTimes) {
+  const auto sigma_s = [](const RecordingMaker& maker) {
+    return Collect(maker, PathOf(maker, 0, 59)).time_sigma_s;
+  };
+  EXPECT_NEAR(sigma_s(FastFrames(true, false)), 0.1 / std::sqrt(12.0), 0.001);
+  EXPECT_NEAR(sigma_s(FastFrames(false, false)), 0.0, 0.001);
+  EXPECT_EQ(sigma_s(FastFrames(true, true)), 0.0);
+}
+
 // Its stamps stand at the end of what was measured, wherever that began.
 TEST(CollectTarget, AStampAtTheEndOfASlowFrameIsNearWhatWasMeasured) {
   RecordingMaker maker = SlowFrames(25, 0.1);

@@ -324,6 +324,42 @@ TEST(ConfirmedTracks, RowsOfFramesThatComeSeldomAreWhereTheDroneWasThen) {
   }
 }
 
+// A drone that speeds up, of frames without point times; the scatter of its returns along its way
+// is that of its body, or has the way flown in a frame.
+std::vector<TrajectoryRow> RowsOfOneThatSpeedsUp(double streak_s, bool has_streak) {
+  const auto plot_at = [&](int i) {
+    const double time_s = MiddleS(i);
+    LivePlot seen = PlotAt(i, {15.0, 0.75 * time_s * time_s - 10.0, 8.0});
+    seen.plot.streak_s = streak_s;
+    seen.plot.num_returns = 6;
+    const double way_m = 1.5 * time_s * kPeriodS;
+    const double along_m2 = has_streak ? way_m * way_m / 12.0 : 0.0;
+    seen.scatter_m2 = 5.0 * Eigen::Vector3d(0.01, 0.01 + along_m2, 0.01).asDiagonal();
+    return seen;
+  };
+  Tracks t;
+  constexpr int kEnd = 60;
+  for (int i = 0; i < kEnd; ++i) t.tracks.AddInstants(FrameAt(i));
+  t.Initiate(FlightUntil(kEnd, plot_at));
+  t.tracks.Close(kEndless);
+  return t.rows;
+}
+
+TEST(ConfirmedTracks, WhetherADroneIsHitAtOneInstantOfEachFrameTellsTheErrorOfItsTimes) {
+  const std::vector<TrajectoryRow> timed = RowsOfOneThatSpeedsUp(0.0, false);
+  const std::vector<TrajectoryRow> instant = RowsOfOneThatSpeedsUp(kPeriodS, false);
+  const std::vector<TrajectoryRow> streak = RowsOfOneThatSpeedsUp(kPeriodS, true);
+  ASSERT_GT(timed.size(), 50U);
+  ASSERT_EQ(instant.size(), timed.size());
+  ASSERT_EQ(streak.size(), timed.size());
+  const std::size_t last = timed.size() - 5;
+  const double error_m = timed[last].velocity_mps.y() * kPeriodS / std::sqrt(12.0);
+  EXPECT_GT(error_m, 0.2);
+  EXPECT_GT(instant[last].sigma_m.y(), error_m);
+  EXPECT_LT(instant[last].sigma_m.y(), error_m + 0.1);
+  EXPECT_LT(streak[last].sigma_m.y(), 0.6 * error_m);
+}
+
 // Beyond the last sighting a row is a guess: a poor one waits for the next sighting, or the end.
 TEST(ConfirmedTracks, PoorGuessesWaitForASightingOrTheEnd) {
   for (const bool is_seen_again : {true, false}) {

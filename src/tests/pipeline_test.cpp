@@ -330,6 +330,21 @@ TEST(SampleRows, AllRowsShareAnErrorOfDepthAlongTheRay) {
   EXPECT_EQ(Sampled(source, times_ns).size(), 2U);
 }
 
+TEST(SampleRows, AllRowsShareAnErrorOfTheTimesAlongTheWay) {
+  const std::vector<TimeNs> times_ns = {2 * kPeriodNs, 10 * kPeriodNs};
+  RowSource source = SourceOf({kPeriodNs, 19 * kPeriodNs});
+  const auto plain = Sampled(source, times_ns);
+  source.time_sigma_s = 0.02;
+  const auto rows = Sampled(source, times_ns);
+  ASSERT_EQ(rows.size(), 2U);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    EXPECT_EQ(rows[i].position_m, plain[i].position_m);
+    const Eigen::Vector3d added_m2 = rows[i].sigma_m.cwiseAbs2() - plain[i].sigma_m.cwiseAbs2();
+    EXPECT_LT((added_m2 - 0.0004 * rows[i].velocity_mps.cwiseAbs2()).norm(), 1e-12);
+    EXPECT_GT(added_m2.norm(), 1e-5);
+  }
+}
+
 // Of what is elsewhere with some probability, as much lies within so many sigmas of a row as of any
 // other; what is hardly likely changes little, however far away it is.
 TEST(SampleRows, SigmasHoldWhatIsDoubtedAsWell) {

@@ -198,8 +198,10 @@ std::optional<TrajectoryRow> RowSampler::Sample() {
     row.track_id = source_.track_id;
     const Eigen::Vector3d ray_m = row.position_m - NearestViewpointM(source_.viewpoints, time_ns);
     const Eigen::Vector3d depth_m = source_.depth_sigma_m * ray_m.stableNormalized();
-    row.sigma_m =
-        (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2() + VarianceInflationAt(time_ns)).cwiseSqrt();
+    const Eigen::Vector3d late_m = source_.time_sigma_s * row.velocity_mps;
+    row.sigma_m = (row.sigma_m.cwiseAbs2() + depth_m.cwiseAbs2() + late_m.cwiseAbs2() +
+                   VarianceInflationAt(time_ns))
+                      .cwiseSqrt();
     if (IsFinite(row) && row.sigma_m.maxCoeff() <= source_.max_sigma_m) return row;
   }
   return std::nullopt;
